@@ -1,9 +1,46 @@
-//! What hardware must offer: device traits, device nouns, time, and the stamped link between two threads.
+//! What hardware must offer: device traits, device nouns, time, and the stamped link between two
+//! threads.
 //!
-//! A board splits into input halves (`sample`, once a cycle) and output halves (`commit`, once a cycle, and `safe`). Both take the
-//! *logical* time of the job that calls them. This crate refuses to contain a device: implementations are drivers and the simulator.
+//! A board splits into input halves (`sample`, once a cycle) and output halves (`commit`, once a
+//! cycle, and `safe`). Both take the *logical* time of the job that calls them. This crate refuses
+//! to contain a device: implementations are drivers and the simulator.
+//!
+//! # What every half promises
+//!
+//! - **Bounded.** `sample`, `commit` and `safe` return within a time the driver can state. They
+//!   neither allocate, lock, log, format nor wait for a partner; retries are bounded by a named
+//!   constant. System calls are allowed only where the driver lists them.
+//! - **Logical time.** `release` is the instant at which the calling job was released, not the
+//!   reading of a clock. It never runs backwards on one half. What a half answers depends on its
+//!   device and on `release` alone, so that a run can be repeated.
+//! - **Once a cycle.** A half is sampled or committed once per release. A second `sample` with the
+//!   same `release` gives the same reading again, however often the device has moved on since.
+//! - **Nothing from the future.** `acquired` is never later than `release`, and never earlier than
+//!   the `acquired` of the reading before it.
+//! - **No panics.** Bad values are refused with [`Kind::OutOfRange`]; a device that is gone answers
+//!   [`Kind::Lost`].
+//! - **Safe.** Each output half names its safe value, goes there on `safe` and on drop, and names
+//!   the longest silence after which the device goes there *by itself*, with no software alive.
+//!
+//! The feature `conformance` holds functions that check these promises on any implementor.
 
+pub mod analog;
+pub mod devices;
+pub mod digital;
+pub mod encoder;
+pub mod error;
+pub mod force_torque;
 pub mod link;
+pub mod reading;
+pub mod tactile;
 pub mod time;
 
+pub use analog::{AdcCode, AnalogIn, AnalogOut, DacCode};
+pub use devices::Devices;
+pub use digital::{DigitalIn, DigitalOut, LinesIn, LinesOut};
+pub use encoder::{Counts, Encoders};
+pub use error::{Error, Kind};
+pub use force_torque::{AXES, ForceTorque};
+pub use reading::{CHANNELS, Reading};
+pub use tactile::{Arrival, MAX_ROWS, MAX_TACTELS, TactileArray, TactileFrame};
 pub use time::{Clock, Nanos};

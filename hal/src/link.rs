@@ -1,8 +1,10 @@
-//! A bounded, lock-free exchange between two threads in which a value becomes visible at a declared instant, never earlier.
+//! A bounded, lock-free exchange between two threads in which a value becomes visible at a declared
+//! instant, never earlier.
 //!
-//! One producer, one consumer, no waiting on either side. It carries values between lanes, and between device halves and whatever
-//! serves them (a simulated world, a thread that talks to a slow bus). It refuses to overwrite: when the ring is full the newest
-//! value is dropped and counted, so that nothing already promised to the consumer can vanish.
+//! One producer, one consumer, no waiting on either side. It carries values between lanes, and
+//! between device halves and whatever serves them (a simulated world, a thread that talks to a slow
+//! bus). It refuses to overwrite: when the ring is full the newest value is dropped and counted, so
+//! that nothing already promised to the consumer can vanish.
 
 use crate::time::Nanos;
 
@@ -69,7 +71,8 @@ impl<T: Copy> Receiver<T> {
         }
     }
 
-    /// The newest value visible at `now`; older ones are passed over. Bounded by the ring's capacity.
+    /// The newest value visible at `now`; older ones are passed over. Bounded by the ring's
+    /// capacity.
     pub fn newest(&mut self, now: Nanos) -> Option<Stamped<T>> {
         let mut found = None;
         while let Some(entry) = self.next(now) {

@@ -1,4 +1,5 @@
-//! Time as an integer number of nanoseconds, and the clock as a device. Refuses floating-point time and ambient clocks.
+//! Time as an integer number of nanoseconds, and the clock as a device. Refuses floating-point time
+//! and ambient clocks.
 
 use core::fmt;
 use core::ops::{Add, AddAssign, Mul, Sub, SubAssign};
@@ -33,7 +34,10 @@ impl Nanos {
 
     /// The span in seconds, for arithmetic of laws and plots; never fed back into a schedule.
     #[must_use]
-    #[expect(clippy::cast_precision_loss, reason = "spans of a run stay far below 2^53 ns = 104 days")]
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "spans of a run stay far below 2^53 ns = 104 days"
+    )]
     pub fn as_secs_f64(self) -> f64 {
         self.0 as f64 * 1e-9
     }
@@ -88,7 +92,8 @@ impl fmt::Display for Nanos {
     }
 }
 
-/// A source of time. Two exist: the kernel's monotonic clock and the virtual one, which only moves when told to.
+/// A source of time. Two exist: the kernel's monotonic clock and the virtual one, which only moves
+/// when told to.
 pub trait Clock {
     /// Nanoseconds since the start of the run; negative before it.
     fn now(&self) -> Nanos;

@@ -1,0 +1,28 @@
+//! Incremental encoders: counts per joint. Refuses radians; the transmission turns counts into
+//! angles.
+
+use crate::error::Error;
+use crate::reading::{CHANNELS, Reading};
+use crate::time::Nanos;
+
+/// Encoder counts of one joint, signed, as if the counter had never wrapped: a driver unfolds a
+/// counter narrower than 32 bits. At the ends of `i32` it wraps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Counts(pub i32);
+
+/// The input half of a bank of encoder counters.
+pub trait Encoders: Send {
+    /// How many joints are wired, 1 to [`CHANNELS`]; constant.
+    fn joints(&self) -> usize;
+
+    /// All joints' counts, latched together: no two of them from different instants.
+    ///
+    /// Entries from [`Encoders::joints`] on are 0. A second call with the same `release` gives the
+    /// same reading. A count is never half of one value and half of another.
+    ///
+    /// # Errors
+    /// [`Transient`](crate::Kind::Transient): the latch did not settle within the driver's bounded
+    /// retries. [`Stale`](crate::Kind::Stale): the counters come over a link that has fallen
+    /// silent. [`Lost`](crate::Kind::Lost): the board is gone.
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error>;
+}

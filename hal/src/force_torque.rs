@@ -1,0 +1,23 @@
+//! A six-axis force/torque sensor's raw gauges. Refuses newtons: the calibration matrix belongs to
+//! software above.
+
+use crate::analog::AdcCode;
+use crate::error::Error;
+use crate::reading::Reading;
+use crate::time::Nanos;
+
+/// How many gauge channels a six-axis sensor has.
+pub const AXES: usize = 6;
+
+/// The input half of a force/torque sensor.
+pub trait ForceTorque: Send {
+    /// All gauges' codes, from one conversion, before any calibration.
+    ///
+    /// A second call with the same `release` gives the same reading.
+    ///
+    /// # Errors
+    /// [`Transient`](crate::Kind::Transient): no untorn set within the driver's bounded retries.
+    /// [`Stale`](crate::Kind::Stale): the sensor's link has fallen silent.
+    /// [`Lost`](crate::Kind::Lost): the board is gone.
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error>;
+}

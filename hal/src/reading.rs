@@ -1,0 +1,16 @@
+//! A value and when it was acquired. Refuses a value without its stamp.
+
+use crate::time::Nanos;
+
+/// How many channels one half carries at most: the width of the boards' register blocks.
+pub const CHANNELS: usize = 8;
+
+/// What an input half hands out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Reading<T> {
+    /// The value, in the device's own units.
+    pub value: T,
+    /// When the device latched it, in logical time: never later than the release that asked for
+    /// it, never earlier than the reading before it.
+    pub acquired: Nanos,
+}
