@@ -1,1 +1,19 @@
-//! Stub.
+//! When things happen and how values move: schedule, lanes, ports, links, modes, faults, records, and the two executors.
+//!
+//! A *lane* is one thread at one rate; it runs its tasks in order. The same lane code runs live (one thread a lane, absolute
+//! sleeps on the monotonic clock) and in virtual time (all lanes on one thread, no waiting). This crate knows no robot.
+
+pub mod fault;
+pub mod mode;
+pub mod payload;
+pub mod port;
+pub mod record;
+pub mod status;
+pub mod task;
+
+pub use fault::{FaultCode, FaultSet};
+pub use mode::Mode;
+pub use payload::Payload;
+pub use port::{Freshness, Input, Io, Output, Ports, Sample};
+pub use taktil_hal::Nanos;
+pub use task::{Cycle, Invalid, Task};

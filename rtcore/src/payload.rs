@@ -1,0 +1,293 @@
+//! What may flow through a port: plain, fixed-size values with named fields, encoded the same way everywhere.
+//!
+//! [`payload!`](crate::payload) declares such a struct and derives its field table, so that a log's schema, a report's columns and the bytes that
+//! are hashed all come from one declaration. The encoding is the body of a little-endian CDR message (each primitive aligned to
+//! its own size from the start of the body), which is what `ros2msg` readers of MCAP files expect. Refuses strings, lists,
+//! pointers and anything else that would need the heap.
+
+use core::fmt::Debug;
+
+/// The primitive types a field may consist of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the names are the types")]
+pub enum Kind {
+    F64,
+    F32,
+    I64,
+    U64,
+    I32,
+    U32,
+    I16,
+    U16,
+    U8,
+}
+
+impl Kind {
+    /// Bytes of one element, which is also its alignment.
+    #[must_use]
+    pub const fn size(self) -> usize {
+        match self {
+            Kind::F64 | Kind::I64 | Kind::U64 => 8,
+            Kind::F32 | Kind::I32 | Kind::U32 => 4,
+            Kind::I16 | Kind::U16 => 2,
+            Kind::U8 => 1,
+        }
+    }
+
+    /// The name in a `ros2msg` schema.
+    #[must_use]
+    pub const fn ros_name(self) -> &'static str {
+        match self {
+            Kind::F64 => "float64",
+            Kind::F32 => "float32",
+            Kind::I64 => "int64",
+            Kind::U64 => "uint64",
+            Kind::I32 => "int32",
+            Kind::U32 => "uint32",
+            Kind::I16 => "int16",
+            Kind::U16 => "uint16",
+            Kind::U8 => "uint8",
+        }
+    }
+}
+
+/// One field of a payload: name (with its unit last), element type, number of elements (1 for a scalar).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Name, unit last.
+    pub name: &'static str,
+    /// Element type.
+    pub kind: Kind,
+    /// Elements; 1 for a scalar.
+    pub count: usize,
+    /// True for `[T; N]`, also when N is 1.
+    pub array: bool,
+}
+
+impl Field {
+    /// The offset just after this field when it starts at or after `offset`.
+    #[must_use]
+    pub const fn end_after(&self, offset: usize) -> usize {
+        offset.next_multiple_of(self.kind.size()) + self.kind.size() * self.count
+    }
+}
+
+/// A value that may flow through a port.
+pub trait Payload: Copy + Debug + Send + 'static {
+    /// Type name in schemas, `CamelCase`.
+    const NAME: &'static str;
+    /// Fields in order.
+    const FIELDS: &'static [Field];
+    /// Bytes of the encoded body.
+    const SIZE: usize;
+    /// All fields zero: what a reader holds before the first value arrives.
+    const ZERO: Self;
+    /// Writes the body; `out` holds exactly [`Payload::SIZE`] bytes, padding included.
+    fn encode(&self, out: &mut [u8]);
+    /// Reads a body back; `None` when the length is wrong.
+    fn decode(body: &[u8]) -> Option<Self>;
+    /// False when a floating-point field is NaN or infinite.
+    fn is_finite(&self) -> bool;
+}
+
+/// A field type: a primitive or an array of one. Sealed in practice by the primitives listed in [`Kind`].
+pub trait FieldType: Copy {
+    /// Element type.
+    const KIND: Kind;
+    /// Number of elements.
+    const COUNT: usize;
+    /// Whether it is an array.
+    const ARRAY: bool;
+    /// All zero.
+    const ZERO: Self;
+    /// Writes the elements at `out[0..]`, little-endian.
+    fn put(&self, out: &mut [u8]);
+    /// Reads the elements from `body[0..]`.
+    fn get(body: &[u8]) -> Self;
+    /// No NaN, no infinity.
+    fn finite(&self) -> bool;
+}
+
+macro_rules! primitive {
+    ($($ty:ty => $kind:ident, $size:literal, |$v:ident| $finite:expr;)*) => {$(
+        impl FieldType for $ty {
+            const KIND: Kind = Kind::$kind;
+            const COUNT: usize = 1;
+            const ARRAY: bool = false;
+            const ZERO: Self = 0 as $ty;
+            fn put(&self, out: &mut [u8]) {
+                out[..$size].copy_from_slice(&self.to_le_bytes());
+            }
+            fn get(body: &[u8]) -> Self {
+                let mut bytes = [0; $size];
+                bytes.copy_from_slice(&body[..$size]);
+                <$ty>::from_le_bytes(bytes)
+            }
+            fn finite(&self) -> bool {
+                let $v = self;
+                $finite
+            }
+        }
+    )*};
+}
+
+primitive! {
+    f64 => F64, 8, |v| v.is_finite();
+    f32 => F32, 4, |v| v.is_finite();
+    i64 => I64, 8, |_v| true;
+    u64 => U64, 8, |_v| true;
+    i32 => I32, 4, |_v| true;
+    u32 => U32, 4, |_v| true;
+    i16 => I16, 2, |_v| true;
+    u16 => U16, 2, |_v| true;
+    u8 => U8, 1, |_v| true;
+}
+
+impl<T: FieldType, const N: usize> FieldType for [T; N] {
+    const KIND: Kind = T::KIND;
+    const COUNT: usize = N;
+    const ARRAY: bool = true;
+    const ZERO: Self = [T::ZERO; N];
+    fn put(&self, out: &mut [u8]) {
+        for (value, chunk) in self.iter().zip(out.chunks_exact_mut(T::KIND.size())) {
+            value.put(chunk);
+        }
+    }
+    fn get(body: &[u8]) -> Self {
+        let mut all = Self::ZERO;
+        for (value, chunk) in all.iter_mut().zip(body.chunks_exact(T::KIND.size())) {
+            *value = T::get(chunk);
+        }
+        all
+    }
+    fn finite(&self) -> bool {
+        self.iter().all(FieldType::finite)
+    }
+}
+
+/// Total bytes of a body with these fields.
+#[must_use]
+pub const fn body_size(fields: &[Field]) -> usize {
+    let mut offset = 0;
+    let mut i = 0;
+    while i < fields.len() {
+        offset = fields[i].end_after(offset);
+        i += 1;
+    }
+    offset
+}
+
+/// Declares a payload struct.
+///
+/// ```
+/// taktil_rtcore::payload! {
+///     /// Torque that a law asks for.
+///     pub struct Torque {
+///         /// Joint torque, N m.
+///         pub tau_nm: [f64; 6],
+///         /// 1 when a limit was hit.
+///         pub limited: u32,
+///     }
+/// }
+/// use taktil_rtcore::Payload;
+/// assert_eq!(Torque::SIZE, 6 * 8 + 4);
+/// ```
+#[macro_export]
+macro_rules! payload {
+    ($(#[$meta:meta])* pub struct $name:ident { $($(#[$fmeta:meta])* pub $field:ident : $ty:ty),+ $(,)? }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct $name { $($(#[$fmeta])* pub $field: $ty),+ }
+
+        impl $crate::Payload for $name {
+            const NAME: &'static str = stringify!($name);
+            const FIELDS: &'static [$crate::payload::Field] = &[$($crate::payload::Field {
+                name: stringify!($field),
+                kind: <$ty as $crate::payload::FieldType>::KIND,
+                count: <$ty as $crate::payload::FieldType>::COUNT,
+                array: <$ty as $crate::payload::FieldType>::ARRAY,
+            }),+];
+            const SIZE: usize = $crate::payload::body_size(Self::FIELDS);
+            const ZERO: Self = $name { $($field: <$ty as $crate::payload::FieldType>::ZERO),+ };
+
+            fn encode(&self, out: &mut [u8]) {
+                let mut end = 0usize;
+                $(
+                    let size = <$ty as $crate::payload::FieldType>::KIND.size();
+                    let start = end.next_multiple_of(size);
+                    out[end..start].fill(0);
+                    end = start + size * <$ty as $crate::payload::FieldType>::COUNT;
+                    $crate::payload::FieldType::put(&self.$field, &mut out[start..end]);
+                )+
+                let _ = end;
+            }
+
+            fn decode(body: &[u8]) -> Option<Self> {
+                if body.len() != Self::SIZE {
+                    return None;
+                }
+                let mut end = 0usize;
+                $(
+                    let size = <$ty as $crate::payload::FieldType>::KIND.size();
+                    let start = end.next_multiple_of(size);
+                    end = start + size * <$ty as $crate::payload::FieldType>::COUNT;
+                    let $field = <$ty as $crate::payload::FieldType>::get(&body[start..end]);
+                )+
+                let _ = end;
+                Some($name { $($field),+ })
+            }
+
+            fn is_finite(&self) -> bool {
+                true $(&& $crate::payload::FieldType::finite(&self.$field))+
+            }
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                <Self as $crate::Payload>::ZERO
+            }
+        }
+    };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    crate::payload! {
+        /// Mixed alignments.
+        pub struct Mixed {
+            /// a
+            pub flag: u8,
+            /// b
+            pub angles_rad: [f64; 2],
+            /// c
+            pub pixels: [f32; 3],
+            /// d
+            pub last: u16,
+        }
+    }
+
+    #[test]
+    fn fields_are_aligned_as_cdr_wants_and_read_back() {
+        assert_eq!(Mixed::SIZE, 8 + 16 + 12 + 2);
+        let value = Mixed { flag: 3, angles_rad: [0.5, -1.0], pixels: [1.0, 2.0, 4.0], last: 0xBEEF };
+        let mut body = [0xAA; Mixed::SIZE];
+        value.encode(&mut body);
+        assert_eq!(&body[..8], &[3, 0, 0, 0, 0, 0, 0, 0], "padding is zero, so that hashes repeat");
+        assert_eq!(body[8..16], 0.5f64.to_le_bytes());
+        assert_eq!(Mixed::decode(&body), Some(value));
+        assert_eq!(Mixed::decode(&body[1..]), None);
+    }
+
+    #[test]
+    fn not_a_number_is_seen_in_any_element() {
+        let mut value = Mixed::ZERO;
+        assert!(value.is_finite());
+        value.pixels[2] = f32::NAN;
+        assert!(!value.is_finite());
+        value.pixels[2] = 0.0;
+        value.angles_rad[1] = f64::INFINITY;
+        assert!(!value.is_finite());
+    }
+}

@@ -1,0 +1,278 @@
+//! Typed ports: how a task declares what it reads and writes, and how it does so in a job.
+//!
+//! Inside a lane a value is visible to the next task in order. Between lanes it becomes visible at its producer's release plus
+//! the declared delivery time, never earlier, never later. Every read says whether the value is new, held or stale. Values that
+//! are not finite are refused at the port: the last good one stays and the lane raises a fault.
+
+use core::any::{Any, TypeId};
+use core::marker::PhantomData;
+
+use taktil_hal::Nanos;
+use taktil_hal::link::{Receiver, Sender, link};
+
+use crate::payload::Payload;
+
+/// How fresh a value is that was read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Freshness {
+    /// Nothing has arrived yet; the value is all zero.
+    Absent,
+    /// Arrived since this input was last read.
+    New,
+    /// Read before, and not older than the input's limit.
+    Held,
+    /// Older than the input's limit.
+    Stale,
+}
+
+/// A value that was read, with its age in logical time.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample<T> {
+    /// The value; zero when absent.
+    pub value: T,
+    /// Release of the job that produced it.
+    pub stamp: Nanos,
+    /// Release of the reading job minus `stamp`.
+    pub age: Nanos,
+    /// New, held, stale or absent.
+    pub freshness: Freshness,
+}
+
+impl<T> Sample<T> {
+    /// The value, unless nothing has arrived yet or it is too old.
+    pub fn usable(self) -> Option<T> {
+        match self.freshness {
+            Freshness::New | Freshness::Held => Some(self.value),
+            Freshness::Absent | Freshness::Stale => None,
+        }
+    }
+
+    /// The value, only when it was not read before.
+    pub fn fresh(self) -> Option<T> {
+        (self.freshness == Freshness::New).then_some(self.value)
+    }
+}
+
+/// A task's handle on an input; valid in the lane that the task was built for.
+#[derive(Debug)]
+pub struct Input<T> {
+    index: usize,
+    of: PhantomData<fn() -> T>,
+}
+
+/// A task's handle on an output; valid in the lane that the task was built for.
+#[derive(Debug)]
+pub struct Output<T> {
+    cell: usize,
+    of: PhantomData<fn(T)>,
+}
+
+/// The newest value of one signal as one lane sees it, and the links that carry it to or from other lanes.
+struct Cell<T> {
+    value: T,
+    stamp: Nanos,
+    version: u64,
+    written: bool,
+    to: Vec<Sender<T>>,
+    from: Option<Receiver<T>>,
+}
+
+/// What a lane does with its cells without knowing their types.
+pub(crate) trait AnyCell: Send {
+    fn as_any(&self) -> &dyn Any;
+    fn as_any_mut(&mut self) -> &mut dyn Any;
+    /// Takes what has become visible at `release`.
+    fn receive(&mut self, release: Nanos);
+    /// If written in this job: sends it to the other lanes and encodes it; returns the body's length.
+    fn publish(&mut self, visible: Nanos, scratch: &mut [u8]) -> Option<usize>;
+    /// Values lost to full rings.
+    fn dropped(&self) -> u64;
+}
+
+impl<T: Payload> Cell<T> {
+    fn new(from: Option<Receiver<T>>) -> Cell<T> {
+        Cell { value: T::ZERO, stamp: Nanos::ZERO, version: 0, written: false, to: Vec::new(), from }
+    }
+}
+
+impl<T: Payload> AnyCell for Cell<T> {
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+
+    fn as_any_mut(&mut self) -> &mut dyn Any {
+        self
+    }
+
+    fn receive(&mut self, release: Nanos) {
+        if let Some(arrived) = self.from.as_mut().and_then(|ring| ring.newest(release)) {
+            self.value = arrived.value;
+            self.stamp = arrived.stamp;
+            self.version += 1;
+        }
+    }
+
+    fn publish(&mut self, visible: Nanos, scratch: &mut [u8]) -> Option<usize> {
+        if !self.written {
+            return None;
+        }
+        self.written = false;
+        for ring in &mut self.to {
+            // A full ring is counted by the sender and reported with the lane's figures.
+            let _ = ring.send(self.value, self.stamp, visible);
+        }
+        self.value.encode(&mut scratch[..T::SIZE]);
+        Some(T::SIZE)
+    }
+
+    fn dropped(&self) -> u64 {
+        self.to.iter().map(Sender::dropped).sum()
+    }
+}
+
+/// An input as declared by a task, before it is bound.
+pub(crate) struct InputDeclaration {
+    pub(crate) name: &'static str,
+    pub(crate) type_id: TypeId,
+    pub(crate) type_name: &'static str,
+    pub(crate) delayed: bool,
+    pub(crate) stale_after: Nanos,
+    /// Adds a link from the producer's cell; returns the consumer's.
+    pub(crate) connect: fn(&mut dyn AnyCell, usize) -> Option<Box<dyn AnyCell>>,
+}
+
+/// An output as declared by a task.
+pub(crate) struct OutputDeclaration {
+    pub(crate) name: &'static str,
+    pub(crate) type_id: TypeId,
+    pub(crate) type_name: &'static str,
+    pub(crate) fields: &'static [crate::payload::Field],
+    pub(crate) size: usize,
+    pub(crate) cell: Box<dyn AnyCell>,
+}
+
+/// Where an input finds its value in the lane, and what it has seen.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Binding {
+    pub(crate) cell: usize,
+    pub(crate) seen: u64,
+    pub(crate) stale_after: Nanos,
+}
+
+fn connect<T: Payload>(producer: &mut dyn AnyCell, capacity: usize) -> Option<Box<dyn AnyCell>> {
+    let cell = producer.as_any_mut().downcast_mut::<Cell<T>>()?;
+    let (sender, receiver) = link(capacity);
+    cell.to.push(sender);
+    Some(Box::new(Cell::<T>::new(Some(receiver))))
+}
+
+/// What a task's constructor declares its ports on.
+pub struct Ports {
+    first_input: usize,
+    first_cell: usize,
+    pub(crate) inputs: Vec<InputDeclaration>,
+    pub(crate) outputs: Vec<OutputDeclaration>,
+}
+
+impl Ports {
+    pub(crate) fn new(first_input: usize, first_cell: usize) -> Ports {
+        Ports { first_input, first_cell, inputs: Vec::new(), outputs: Vec::new() }
+    }
+
+    /// Declares an input; the configuration binds its name to a signal. Never called stale.
+    pub fn input<T: Payload>(&mut self, name: &'static str) -> Input<T> {
+        self.declare(name, false, Nanos::MAX)
+    }
+
+    /// Declares an input whose value is called stale when it is older than `limit`.
+    pub fn input_within<T: Payload>(&mut self, name: &'static str, limit: Nanos) -> Input<T> {
+        self.declare(name, false, limit)
+    }
+
+    /// Declares a feedback input: its producer may stand later in the lane, so the value may be one tick old.
+    pub fn input_delayed<T: Payload>(&mut self, name: &'static str) -> Input<T> {
+        self.declare(name, true, Nanos::MAX)
+    }
+
+    fn declare<T: Payload>(
+        &mut self,
+        name: &'static str,
+        delayed: bool,
+        stale_after: Nanos,
+    ) -> Input<T> {
+        let index = self.first_input + self.inputs.len();
+        self.inputs.push(InputDeclaration {
+            name,
+            type_id: TypeId::of::<T>(),
+            type_name: T::NAME,
+            delayed,
+            stale_after,
+            connect: connect::<T>,
+        });
+        Input { index, of: PhantomData }
+    }
+
+    /// Declares an output; its signal is called `task.name`.
+    pub fn output<T: Payload>(&mut self, name: &'static str) -> Output<T> {
+        let cell = self.first_cell + self.outputs.len();
+        self.outputs.push(OutputDeclaration {
+            name,
+            type_id: TypeId::of::<T>(),
+            type_name: T::NAME,
+            fields: T::FIELDS,
+            size: T::SIZE,
+            cell: Box::new(Cell::<T>::new(None)),
+        });
+        Output { cell, of: PhantomData }
+    }
+}
+
+/// A task's access to its ports during one job.
+pub struct Io<'a> {
+    pub(crate) cells: &'a mut [Box<dyn AnyCell>],
+    pub(crate) inputs: &'a mut [Binding],
+    pub(crate) release: Nanos,
+    pub(crate) refused: bool,
+}
+
+impl Io<'_> {
+    /// The newest visible value of an input.
+    pub fn read<T: Payload>(&mut self, input: &Input<T>) -> Sample<T> {
+        let release = self.release;
+        let absent =
+            Sample { value: T::ZERO, stamp: release, age: Nanos::ZERO, freshness: Freshness::Absent };
+        let Some(binding) = self.inputs.get_mut(input.index) else { return absent };
+        let Some(cell) = self.cells.get(binding.cell) else { return absent };
+        let Some(cell) = cell.as_any().downcast_ref::<Cell<T>>() else { return absent };
+        if cell.version == 0 {
+            return absent;
+        }
+        let age = release - cell.stamp;
+        let freshness = if age > binding.stale_after {
+            Freshness::Stale
+        } else if binding.seen == cell.version {
+            Freshness::Held
+        } else {
+            Freshness::New
+        };
+        binding.seen = cell.version;
+        Sample { value: cell.value, stamp: cell.stamp, age, freshness }
+    }
+
+    /// Writes an output; the last write of a job counts. A value that is not finite is refused and raises a fault.
+    pub fn write<T: Payload>(&mut self, output: &Output<T>, value: T) {
+        if !value.is_finite() {
+            self.refused = true;
+            return;
+        }
+        let release = self.release;
+        if let Some(cell) =
+            self.cells.get_mut(output.cell).and_then(|cell| cell.as_any_mut().downcast_mut::<Cell<T>>())
+        {
+            cell.value = value;
+            cell.stamp = release;
+            cell.version += 1;
+            cell.written = true;
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! The two payloads that the core itself speaks: the mode, and the health of a lane.
+
+use crate::payload;
+
+payload! {
+    /// The mode machine's word, written by the supervisor and read by every lane before each task.
+    pub struct ModeStatus {
+        /// Latched faults, a [`crate::FaultSet`].
+        pub faults: u64,
+        /// A [`crate::Mode`].
+        pub mode: u32,
+        /// The action in force, as [`crate::mode::Action`] in order: 0 none, 1 degrade, 2 controlled stop, 3 drive off.
+        pub action: u32,
+    }
+}
+
+payload! {
+    /// What a lane says of itself after each job: the signal `lane.health`.
+    pub struct LaneHealth {
+        /// Jobs run so far.
+        pub jobs: u64,
+        /// Faults raised by tasks of this lane in this job, a [`crate::FaultSet`].
+        pub faults: u64,
+        /// Position in the lane of the first task that raised one in this job, plus 1; 0 when none.
+        pub faulty_task: u32,
+        /// Tasks taken out of the lane after a panic, one bit each.
+        pub disabled: u32,
+    }
+}

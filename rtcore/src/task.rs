@@ -1,0 +1,79 @@
+//! What a task is and what it is told. Refuses ambient knowledge: time, mode and values all arrive as arguments.
+
+use core::fmt;
+
+use taktil_hal::Nanos;
+
+use crate::fault::FaultCode;
+use crate::mode::Mode;
+use crate::port::Io;
+
+/// All that a task is told about one job besides its ports.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cycle {
+    /// Number of the job: 0, 1, 2 ... A skipped job leaves a gap.
+    pub tick: u64,
+    /// Logical time of the job: phase + tick * period.
+    pub release: Nanos,
+    /// The lane's period.
+    pub dt: Nanos,
+    /// Whether torque is allowed, as last decided.
+    pub mode: Mode,
+}
+
+/// One unit of work in a lane. Created (may allocate, may fail) by a constructor that declares its ports on [`crate::Ports`].
+pub trait Task: Send {
+    /// Called once before the first job, outside real time.
+    ///
+    /// # Errors
+    /// A fault refuses the start of the whole machine.
+    fn start(&mut self) -> Result<(), FaultCode> {
+        Ok(())
+    }
+
+    /// One job. Must not allocate, lock, log, format, block or touch new memory.
+    ///
+    /// # Errors
+    /// A fault is latched in the lane's health and reaches the supervisor at the next tick; the task goes on being called.
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode>;
+
+    /// Called once after the last job, also after a fault: leave outputs at their safe value.
+    fn stop(&mut self) {}
+}
+
+/// A configuration that cannot be used: where, what and the way out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Invalid {
+    /// Dotted path inside the configuration, such as `joint_servo.bandwidth_rad_s[2]`; empty for the whole.
+    pub place: String,
+    /// What is wrong, with the value found.
+    pub what: String,
+    /// What to do about it.
+    pub remedy: String,
+}
+
+impl Invalid {
+    /// Puts the three parts together.
+    pub fn new(place: impl Into<String>, what: impl Into<String>, remedy: impl Into<String>) -> Invalid {
+        Invalid { place: place.into(), what: what.into(), remedy: remedy.into() }
+    }
+
+    /// The same complaint seen from an enclosing table: `place` is put in front of the path.
+    #[must_use]
+    pub fn within(mut self, outer: &str) -> Invalid {
+        self.place = match (outer.is_empty(), self.place.is_empty()) {
+            (true, _) => self.place,
+            (false, true) => outer.to_owned(),
+            (false, false) => format!("{outer}.{}", self.place),
+        };
+        self
+    }
+}
+
+impl fmt::Display for Invalid {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}; {}", self.place, self.what, self.remedy)
+    }
+}
+
+impl std::error::Error for Invalid {}

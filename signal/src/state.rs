@@ -1,0 +1,196 @@
+//! The states of the robot control program (figure 6.2 of the thesis) and what may be asked of it.
+
+use taktil_rtcore::payload;
+
+/// What the machine does. Which transitions exist is the supervisor's table.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u32)]
+pub enum State {
+    /// Counts, desired counts and torques are zero; waiting for drive power.
+    #[default]
+    Start = 0,
+    /// Holds where it is; joint zeros unknown.
+    IdleUncalibrated = 1,
+    /// Joint by joint jog to the home pose.
+    ManualUncalibrated = 2,
+    /// Holds where it is; joint zeros known.
+    IdleCalibrated = 3,
+    /// Jog in joint space.
+    ManualJoint = 4,
+    /// Jog in Cartesian space.
+    ManualCartesian = 5,
+    /// Carries out the queue of pre-programmed moves.
+    Trajectory = 6,
+    /// Carries out moves typed in on-line.
+    TrajectoryUser = 7,
+    /// Follows touch.
+    TactileServo = 8,
+}
+
+impl State {
+    /// Every state.
+    pub const ALL: [State; 9] = [
+        State::Start,
+        State::IdleUncalibrated,
+        State::ManualUncalibrated,
+        State::IdleCalibrated,
+        State::ManualJoint,
+        State::ManualCartesian,
+        State::Trajectory,
+        State::TrajectoryUser,
+        State::TactileServo,
+    ];
+
+    /// The state with this number.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<State> {
+        State::ALL.get(code as usize).copied()
+    }
+
+    /// The name as the thesis writes it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            State::Start => "START",
+            State::IdleUncalibrated => "IDLE/UNCALIBRATED",
+            State::ManualUncalibrated => "MANUAL/UNCALIBRATED",
+            State::IdleCalibrated => "IDLE/CALIBRATED",
+            State::ManualJoint => "MANUAL/JOINT",
+            State::ManualCartesian => "MANUAL/CARTESIAN",
+            State::Trajectory => "TRAJECTORY",
+            State::TrajectoryUser => "TRAJECTORY/USER",
+            State::TactileServo => "TACTILE-SERVO",
+        }
+    }
+}
+
+/// What an operator may ask for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u32)]
+pub enum Verb {
+    /// Nothing.
+    #[default]
+    None = 0,
+    /// Let the drives be checked and switched on: START to IDLE/UNCALIBRATED.
+    Enable = 1,
+    /// Declare that the arm stands in its home pose: the counts are initialised there.
+    Calibrate = 2,
+    /// Give back and hold: to IDLE.
+    Idle = 3,
+    /// Jog joint by joint without calibration.
+    ManualUncalibrated = 4,
+    /// Jog in joint space.
+    ManualJoint = 5,
+    /// Jog in Cartesian space.
+    ManualCartesian = 6,
+    /// Carry out the programmed moves.
+    Trajectory = 7,
+    /// Carry out moves typed in on-line.
+    TrajectoryUser = 8,
+    /// Follow touch.
+    TactileServo = 9,
+    /// Decelerate, then drives off.
+    Stop = 10,
+    /// Acknowledge a latched fault.
+    Reset = 11,
+}
+
+impl Verb {
+    /// Every verb.
+    pub const ALL: [Verb; 12] = [
+        Verb::None,
+        Verb::Enable,
+        Verb::Calibrate,
+        Verb::Idle,
+        Verb::ManualUncalibrated,
+        Verb::ManualJoint,
+        Verb::ManualCartesian,
+        Verb::Trajectory,
+        Verb::TrajectoryUser,
+        Verb::TactileServo,
+        Verb::Stop,
+        Verb::Reset,
+    ];
+
+    /// The verb with this number.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<Verb> {
+        Verb::ALL.get(code as usize).copied()
+    }
+
+    /// The name as it stands in a scene's script.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Verb::None => "none",
+            Verb::Enable => "enable",
+            Verb::Calibrate => "calibrate",
+            Verb::Idle => "idle",
+            Verb::ManualUncalibrated => "manual_uncalibrated",
+            Verb::ManualJoint => "manual_joint",
+            Verb::ManualCartesian => "manual_cartesian",
+            Verb::Trajectory => "trajectory",
+            Verb::TrajectoryUser => "trajectory_user",
+            Verb::TactileServo => "tactile_servo",
+            Verb::Stop => "stop",
+            Verb::Reset => "reset",
+        }
+    }
+
+    /// The verb with this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Verb> {
+        Verb::ALL.iter().copied().find(|verb| verb.name() == name)
+    }
+}
+
+payload! {
+    /// A request by an operator or a script. Counts as one request while `sequence` stays the same.
+    pub struct Request {
+        /// A [`Verb`].
+        pub verb: u32,
+        /// Increases with every request.
+        pub sequence: u32,
+    }
+}
+
+payload! {
+    /// What the supervisor decided.
+    pub struct ControlState {
+        /// Release at which this state was entered.
+        pub entered_ns: i64,
+        /// Latched faults, a [`taktil_rtcore::FaultSet`].
+        pub faults: u64,
+        /// A [`State`].
+        pub state: u32,
+        /// A [`taktil_rtcore::Mode`].
+        pub mode: u32,
+        /// The first fault since the last reset, 0 when none.
+        pub first_fault: u32,
+        /// Sequence of the newest request that was looked at.
+        pub request: u32,
+        /// How many requests were refused because the tables do not allow them.
+        pub refused: u32,
+        /// 1 during the tick in which the joint counts are to be initialised at the home pose.
+        pub calibrate: u32,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_and_names_read_back() {
+        for state in State::ALL {
+            assert_eq!(State::from_code(state as u32), Some(state));
+        }
+        for verb in Verb::ALL {
+            assert_eq!(Verb::from_code(verb as u32), Some(verb));
+            assert_eq!(Verb::from_name(verb.name()), Some(verb));
+        }
+        assert_eq!(State::from_code(9), None);
+        assert_eq!(Verb::from_code(12), None);
+        assert_eq!(Verb::from_name("fly"), None);
+    }
+}

@@ -1,0 +1,66 @@
+//! Payloads of the tactile side: the image and the features taken from it.
+
+use taktil_rtcore::payload;
+
+/// Most tactels an image can carry.
+pub const MAX_TACTELS: usize = 256;
+
+/// Bits of [`Features::defined`].
+pub mod defined {
+    /// There is enough load for the features to mean anything.
+    pub const CONTACT: u32 = 1;
+    /// `x_c` and `y_c` mean something.
+    pub const CENTROID: u32 = 2;
+    /// `theta_z_rad` means something (the image is not round).
+    pub const THETA_Z: u32 = 4;
+}
+
+payload! {
+    /// One tactile frame after its baseline was taken away, from `tactile_scan`.
+    pub struct TactileImage {
+        /// When the frame was acquired, ns since the start of the run.
+        pub acquired_ns: i64,
+        /// Number of the frame; stays while nothing new arrives.
+        pub sequence: u32,
+        /// Rows in use.
+        pub rows: u16,
+        /// Columns in use.
+        pub cols: u16,
+        /// Counts above the baseline, row by row: index row * cols + column. Negative values are noise and stay.
+        pub counts: [f32; 256],
+        /// 1 where the tactel may be believed.
+        pub valid: [u8; 256],
+        /// Acquisition time of each row relative to `acquired_ns`.
+        pub row_offset_ns: [i32; 16],
+        /// 1 once the baseline is known; before that `counts` are all zero.
+        pub baseline_ready: u32,
+    }
+}
+
+payload! {
+    /// Features of the newest image, from `tactile_servo`.
+    pub struct Features {
+        /// When the image was acquired, ns since the start of the run.
+        pub acquired_ns: i64,
+        /// Sum of the counts.
+        pub m0: f64,
+        /// First moment about the middle line of the rows: sum of (y - 8.5) counts. 0 for a symmetric load.
+        pub m_x: f64,
+        /// Centroid along x in column numbers; 0 while undefined.
+        pub x_c: f64,
+        /// Centroid along y in row numbers; 0 while undefined.
+        pub y_c: f64,
+        /// Direction of the long axis, 0 along the sensor's y axis, positive from y towards -x; 0 while undefined.
+        pub theta_z_rad: f64,
+        /// The x_c that the law is heading for.
+        pub x_c_desired: f64,
+        /// Bits of [`defined`].
+        pub defined: u32,
+        /// Number of the image.
+        pub sequence: u32,
+        /// How often the direction of rolling was reversed.
+        pub reversals: u32,
+        /// 1 while the law drives the arm.
+        pub active: u32,
+    }
+}
