@@ -1,0 +1,109 @@
+//! Joint speeds from a twist by damped least squares, and what goes with it near singularities.
+//! Refuses an undamped singular system.
+//!
+//! Nakamura and Hanafusa (1986), Wampler (1986); damping that grows as a singularity comes near:
+//! Chiaverini, Siciliano and Egeland (1994).
+
+use crate::spatial::{Joints, Matrix6};
+use nalgebra::Vector6;
+
+/// The speeds that minimise `|J qd - x|^2 + lambda^2 |qd|^2`, that is `qd = J^T (J J^T + lambda^2
+/// I)^-1 x`, without row weights. `twist` is `[v; w]` in the frame of the Jacobian, `lambda` in its
+/// mixed units, its sign does not matter.
+///
+/// Solved by Householder reflections on `[J; lambda I]`, which does not square the condition number.
+/// `None` when the stack is singular (lambda = 0 at a singularity) or a number is not finite.
+#[must_use]
+pub fn damped_least_squares(
+    jacobian: &Matrix6,
+    twist: &Vector6<f64>,
+    lambda: f64,
+) -> Option<Joints> {
+    let mut a = [[0.0; 12]; 6];
+    let mut b = [0.0; 12];
+    for (column, stack) in a.iter_mut().enumerate() {
+        for (row, value) in stack.iter_mut().take(6).enumerate() {
+            *value = jacobian[(row, column)];
+        }
+        stack[6 + column] = lambda;
+    }
+    b[..6].copy_from_slice(twist.as_slice());
+    let largest = jacobian.amax().max(lambda.abs());
+    let mut diagonal = [0.0; 6];
+    for (k, pivot) in diagonal.iter_mut().enumerate() {
+        *pivot = reflect(&mut a, &mut b, k);
+        if pivot.is_nan() || pivot.abs() <= 1e-15 * largest {
+            return None;
+        }
+    }
+    let mut qd = Joints::zeros();
+    for k in (0..6).rev() {
+        let mut sum = b[k];
+        for j in k + 1..6 {
+            sum -= a[j][k] * qd[j];
+        }
+        qd[k] = sum / diagonal[k];
+    }
+    qd.iter().all(|x| x.is_finite()).then_some(qd)
+}
+
+/// One Householder step on column `k` (columns are stored as rows of `a`); returns the new diagonal.
+fn reflect(a: &mut [[f64; 12]; 6], b: &mut [f64; 12], k: usize) -> f64 {
+    let norm = a[k][k..].iter().map(|x| x * x).sum::<f64>().sqrt();
+    if norm == 0.0 {
+        return 0.0;
+    }
+    let alpha = if a[k][k] > 0.0 { -norm } else { norm };
+    let mut v = [0.0; 12];
+    v[k..].copy_from_slice(&a[k][k..]);
+    v[k] -= alpha;
+    let scale = 1.0 / (norm * (norm + a[k][k].abs()));
+    let apply = |target: &mut [f64; 12]| {
+        let along = scale * (k..12).map(|i| v[i] * target[i]).sum::<f64>();
+        for i in k..12 {
+            target[i] -= along * v[i];
+        }
+    };
+    for column in a.iter_mut().skip(k + 1) {
+        apply(column);
+    }
+    apply(b);
+    alpha
+}
+
+/// The squared damping near a singularity: 0 where `distance` (a scaled singular distance or the
+/// smallest singular value) is at least `threshold`, `lambda_max^2 (1 - (distance/threshold)^2)`
+/// below. NaN counts as distance 0; a threshold that is not positive means no damping.
+#[must_use]
+pub fn damping_squared(distance: f64, threshold: f64, lambda_max: f64) -> f64 {
+    let ratio = if distance.is_nan() { 0.0 } else { distance.abs() / threshold };
+    if threshold.is_nan() || threshold <= 0.0 || ratio >= 1.0 {
+        return 0.0;
+    }
+    lambda_max * lambda_max * (1.0 - ratio * ratio)
+}
+
+/// `qd` scaled as a whole so that no joint is faster than `limit` (both rad/s), and the factor
+/// (1 = untouched). A vector that is not finite becomes rest, factor 0.
+#[must_use]
+pub fn limit_speed(qd: &Joints, limit: &Joints) -> (Joints, f64) {
+    if !qd.iter().all(|x| x.is_finite()) {
+        return (Joints::zeros(), 0.0);
+    }
+    let mut factor: f64 = 1.0;
+    for i in 0..6 {
+        if qd[i].abs() * factor > limit[i] {
+            factor = limit[i] / qd[i].abs();
+        }
+    }
+    (qd * factor, factor)
+}
+
+/// Singular values of a Jacobian, largest first (mixed units).
+#[must_use]
+pub fn singular_values(jacobian: &Matrix6) -> [f64; 6] {
+    if !jacobian.iter().all(|x| x.is_finite()) {
+        return [f64::NAN; 6];
+    }
+    jacobian.singular_values().into()
+}

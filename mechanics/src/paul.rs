@@ -1,0 +1,280 @@
+//! Paul's joint motion: straight segments between points, rounded at the corners by a quartic that
+//! keeps speed and acceleration continuous (Paul 1981, chapter 5; Paul 1979). Refuses, at
+//! construction, paths it could not follow; evaluation refuses nothing.
+//!
+//! Motion starts at t = 0. Corner i is at `c_i = tau + T_1 + .. + T_i`; within tau of a corner the
+//! transition runs, elsewhere the segment; the move ends at `c_n + tau`. Inner points are rounded,
+//! not hit: at the corner the path is 3/16 tau dv away, dv being the change of speed.
+
+use crate::spatial::Joints;
+use core::fmt;
+
+/// Most points of a path.
+pub const MAX_POINTS: usize = 32;
+
+/// A setpoint of the joints.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Setpoint {
+    /// Joint angles (rad).
+    pub q: Joints,
+    /// Joint speeds (rad/s).
+    pub qd: Joints,
+    /// Joint accelerations (rad/s^2).
+    pub qdd: Joints,
+}
+
+impl Setpoint {
+    /// At rest at `q`.
+    #[must_use]
+    pub fn rest(q: &Joints) -> Setpoint {
+        Setpoint { q: *q, qd: Joints::zeros(), qdd: Joints::zeros() }
+    }
+}
+
+/// Why a path was refused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum PathError {
+    /// Fewer than two points.
+    TooFewPoints {
+        /// How many there were.
+        points: usize,
+    },
+    /// More than [`MAX_POINTS`].
+    TooManyPoints {
+        /// How many there were.
+        points: usize,
+    },
+    /// The number of segment times is not one less than the number of points.
+    SegmentCount {
+        /// Times wanted.
+        wanted: usize,
+        /// Times given.
+        given: usize,
+    },
+    /// A joint of a point is NaN or infinite.
+    PointNotFinite {
+        /// Index of the point.
+        point: usize,
+        /// Index of the joint.
+        joint: usize,
+    },
+    /// A segment time is NaN, infinite, zero or negative.
+    SegmentTime {
+        /// Index of the segment.
+        segment: usize,
+        /// The time (s).
+        time_s: f64,
+    },
+    /// The transition half time tau is NaN, infinite, zero or negative.
+    TransitionTime {
+        /// The time (s).
+        tau_s: f64,
+    },
+    /// tau is longer than half a segment, its transitions would overlap.
+    TransitionsOverlap {
+        /// Index of the segment.
+        segment: usize,
+        /// The segment's time (s).
+        time_s: f64,
+        /// tau (s).
+        tau_s: f64,
+    },
+}
+
+impl fmt::Display for PathError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            PathError::TooFewPoints { points } => {
+                write!(f, "a path needs two points, there are {points}")
+            }
+            PathError::TooManyPoints { points } => {
+                write!(f, "a path holds {MAX_POINTS} points, there are {points}")
+            }
+            PathError::SegmentCount { wanted, given } => {
+                write!(f, "the points make {wanted} segments, there are {given} times")
+            }
+            PathError::PointNotFinite { point, joint } => {
+                write!(f, "joint {} of point {point} is not a finite number", joint + 1)
+            }
+            PathError::SegmentTime { segment, time_s } => {
+                write!(f, "segment {segment} takes {time_s} s; it must be positive and finite")
+            }
+            PathError::TransitionTime { tau_s } => {
+                write!(f, "tau is {tau_s} s; it must be positive and finite")
+            }
+            PathError::TransitionsOverlap { segment, time_s, tau_s } => {
+                write!(
+                    f,
+                    "tau of {tau_s} s is more than half of the {time_s} s of segment {segment}"
+                )
+            }
+        }
+    }
+}
+
+impl std::error::Error for PathError {}
+
+/// A path of joint motion, of fixed size.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointPath {
+    points: [Joints; MAX_POINTS],
+    /// Segment i leads from point i to point i + 1 (s).
+    times_s: [f64; MAX_POINTS],
+    /// When each corner is (s).
+    corners_s: [f64; MAX_POINTS],
+    count: usize,
+    tau_s: f64,
+}
+
+impl JointPath {
+    /// A path through `points` (rad), segment i taking `t_s[i]` (s), transitions of half time
+    /// `tau_s` (s) at every point, rest before the first and after the last.
+    ///
+    /// # Errors
+    /// See [`PathError`]. A segment of no length is allowed: it is a wait.
+    pub fn new(points: &[Joints], t_s: &[f64], tau_s: f64) -> Result<JointPath, PathError> {
+        check(points, t_s, tau_s)?;
+        let mut path = JointPath {
+            points: [Joints::zeros(); MAX_POINTS],
+            times_s: [0.0; MAX_POINTS],
+            corners_s: [0.0; MAX_POINTS],
+            count: points.len(),
+            tau_s,
+        };
+        path.points[..points.len()].copy_from_slice(points);
+        path.times_s[..t_s.len()].copy_from_slice(t_s);
+        path.corners_s[0] = tau_s;
+        for (i, time_s) in t_s.iter().enumerate() {
+            path.corners_s[i + 1] = path.corners_s[i] + time_s;
+        }
+        Ok(path)
+    }
+
+    /// How long the move takes (s): all segments and two tau.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.corners_s[self.count - 1] + self.tau_s
+    }
+
+    /// The half time of the transitions (s).
+    #[must_use]
+    pub fn tau_s(&self) -> f64 {
+        self.tau_s
+    }
+
+    /// The points (rad).
+    #[must_use]
+    pub fn points(&self) -> &[Joints] {
+        &self.points[..self.count]
+    }
+
+    /// The setpoint at `t_s`: the first point at rest before the start (NaN counts as before), the last
+    /// point at rest from the end on.
+    #[must_use]
+    pub fn at(&self, t_s: f64) -> Setpoint {
+        if t_s.is_nan() || t_s <= 0.0 {
+            return Setpoint::rest(&self.points[0]);
+        }
+        if t_s >= self.duration_s() {
+            return Setpoint::rest(&self.points[self.count - 1]);
+        }
+        let mut corner = 0;
+        while corner + 1 < self.count && t_s >= self.corners_s[corner + 1] - self.tau_s {
+            corner += 1;
+        }
+        let since = t_s - self.corners_s[corner];
+        if since <= self.tau_s || corner + 1 == self.count {
+            return self.transition(corner, since);
+        }
+        let qd = self.speed_after(corner);
+        Setpoint { q: self.points[corner] + qd * since, qd, qdd: Joints::zeros() }
+    }
+
+    /// The quartic about a corner, `since` from -tau to tau after it.
+    fn transition(&self, corner: usize, since: f64) -> Setpoint {
+        let tau = self.tau_s;
+        let b = &self.points[corner];
+        let h = (since + tau) / (2.0 * tau);
+        let before = self.speed_before(corner) * -tau;
+        let after = self.speed_after(corner) * tau;
+        let change = after + before;
+        Setpoint {
+            q: (change * ((2.0 - h) * h * h) - before * 2.0) * h + b + before,
+            qd: (change * ((1.5 - h) * 2.0 * h * h) - before) / tau,
+            qdd: change * ((1.0 - h) * 3.0 * h / (tau * tau)),
+        }
+    }
+
+    /// Speed of the segment that ends at a corner (rad/s); 0 at the first.
+    fn speed_before(&self, corner: usize) -> Joints {
+        if corner == 0 { Joints::zeros() } else { self.speed_after(corner - 1) }
+    }
+
+    /// Speed of the segment that starts at a corner (rad/s); 0 at the last.
+    fn speed_after(&self, corner: usize) -> Joints {
+        if corner + 1 >= self.count {
+            return Joints::zeros();
+        }
+        (self.points[corner + 1] - self.points[corner]) / self.times_s[corner]
+    }
+
+    /// Largest speed of each joint on the whole path (rad/s): that of its fastest segment.
+    #[must_use]
+    pub fn peak_speed(&self) -> Joints {
+        (0..self.count).fold(Joints::zeros(), |top, i| top.sup(&self.speed_after(i).abs()))
+    }
+
+    /// Largest acceleration of each joint on the whole path (rad/s^2): 3/4 dv/tau at its sharpest
+    /// corner.
+    #[must_use]
+    pub fn peak_acceleration(&self) -> Joints {
+        (0..self.count).fold(Joints::zeros(), |top, i| {
+            top.sup(&((self.speed_after(i) - self.speed_before(i)).abs() * (0.75 / self.tau_s)))
+        })
+    }
+}
+
+/// The shortest time (s) of a segment whose joints stay within `speed_max` (rad/s) and that leaves room
+/// for two transitions. Infinite when a speed is not positive and its joint moves.
+#[must_use]
+pub fn segment_time_s(from: &Joints, to: &Joints, speed_max: &Joints, tau_s: f64) -> f64 {
+    let mut time = 2.0 * tau_s;
+    for i in 0..6 {
+        let distance = (to[i] - from[i]).abs();
+        if distance > 0.0 {
+            let limit = speed_max[i];
+            time = time.max(if limit > 0.0 { distance / limit } else { f64::INFINITY });
+        }
+    }
+    time
+}
+
+fn check(points: &[Joints], t_s: &[f64], tau_s: f64) -> Result<(), PathError> {
+    if points.len() < 2 {
+        return Err(PathError::TooFewPoints { points: points.len() });
+    }
+    if points.len() > MAX_POINTS {
+        return Err(PathError::TooManyPoints { points: points.len() });
+    }
+    if t_s.len() != points.len() - 1 {
+        return Err(PathError::SegmentCount { wanted: points.len() - 1, given: t_s.len() });
+    }
+    for (point, q) in points.iter().enumerate() {
+        if let Some(joint) = q.iter().position(|x| !x.is_finite()) {
+            return Err(PathError::PointNotFinite { point, joint });
+        }
+    }
+    if !(tau_s > 0.0 && tau_s.is_finite()) {
+        return Err(PathError::TransitionTime { tau_s });
+    }
+    for (segment, &time_s) in t_s.iter().enumerate() {
+        if !(time_s > 0.0 && time_s.is_finite()) {
+            return Err(PathError::SegmentTime { segment, time_s });
+        }
+        if tau_s > 0.5 * time_s {
+            return Err(PathError::TransitionsOverlap { segment, time_s, tau_s });
+        }
+    }
+    Ok(())
+}

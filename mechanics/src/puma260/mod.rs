@@ -1,0 +1,230 @@
+//! Closed-form kinematics of the PUMA 260: forward, Jacobian, named singularities, limits; the
+//! inverse is in [`inverse`]. Refuses other arms: a chain with other twists is another module.
+//!
+//! Distal Denavit-Hartenberg frames with the twists of Paul and Zhang (1986), `A_i = Rz(theta_i)
+//! Tz(d_i) Tx(a_i) Rx(alpha_i)`, alpha = (+90, 0, -90, +90, -90, 0) deg; only a2, d3 and d4 are not
+//! zero. The base frame sits where the axes of joints 1 and 2 cross, z up. T6 has its origin at the
+//! wrist centre and z6 as approach; the tool point is `T6 * Trans(0, 0, tool_z)`. At q = 0 the upper
+//! arm lies along +x0, the forearm stands along +z0 and T6 is not turned.
+
+mod inverse;
+
+pub use inverse::{Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, WRIST_SINGULAR};
+
+use crate::spatial::{Joints, Matrix6, Pose};
+use glam::{DMat3, DVec3};
+
+/// Dimensions and limits of one arm. `f64` fields are lengths in m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Puma260 {
+    /// Shoulder to elbow (m).
+    pub a2_m: f64,
+    /// Shoulder offset along the axis of joint 2 (m).
+    pub d3_m: f64,
+    /// Elbow to wrist centre (m).
+    pub d4_m: f64,
+    /// Wrist centre to tool point along z6 (m).
+    pub tool_z_m: f64,
+    /// Lower joint limits (rad).
+    pub q_min_rad: Joints,
+    /// Upper joint limits (rad).
+    pub q_max_rad: Joints,
+    /// Largest joint speeds (rad/s).
+    pub speed_max_rad_s: Joints,
+    /// Largest joint accelerations for planning (rad/s^2).
+    pub acceleration_max_rad_s2: Joints,
+}
+
+/// How far a pose is from each of the three singularities: the scaled factors of the determinant of
+/// the Jacobian, signed, 0 at the singularity, at most 1 in size.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SingularDistance {
+    /// Distance of the wrist centre from the plane of the first axis, over the longest reach:
+    /// `(a2 c2 - d4 s23) / (a2 + d4)`.
+    pub shoulder: f64,
+    /// `cos theta3`: 0 with the arm stretched or folded.
+    pub elbow: f64,
+    /// `sin theta5`: 0 with the axes of joints 4 and 6 in line.
+    pub wrist: f64,
+}
+
+impl SingularDistance {
+    /// The smallest of the three in size.
+    #[must_use]
+    pub fn smallest(&self) -> f64 {
+        self.shoulder.abs().min(self.elbow.abs()).min(self.wrist.abs())
+    }
+}
+
+/// Sines and cosines of a joint vector and what every formula of the arm makes of them.
+struct Sines {
+    s: [f64; 6],
+    c: [f64; 6],
+    s23: f64,
+    c23: f64,
+    /// Reach of the wrist centre in the plane of the arm (m): `a2 c2 - d4 s23`.
+    reach: f64,
+}
+
+impl Puma260 {
+    /// The reference arm: a2 = d4 = 8.0 in and d3 = 5.0 in (teaching material of the University of
+    /// Pennsylvania for its PUMA 260; another source has 4.9 in for d3), tool length of a flange,
+    /// force sensor and finger (estimate); limits from the maker's ranges 318, 332, 248, 578, 244,
+    /// 534 deg moved into this zero; speeds of 1500 motor rev/min and accelerations that reach them
+    /// in 0.2 s (estimates).
+    #[must_use]
+    pub fn reference() -> Puma260 {
+        Puma260 {
+            a2_m: 0.2032,
+            d3_m: 0.1270,
+            d4_m: 0.2032,
+            tool_z_m: 0.2,
+            q_min_rad: radians([-159.0, -76.0, -214.0, -194.0, -122.0, -267.0]),
+            q_max_rad: radians([159.0, 256.0, 34.0, 384.0, 122.0, 267.0]),
+            speed_max_rad_s: radians([190.0, 125.0, 205.0, 205.0, 225.0, 280.0]),
+            acceleration_max_rad_s2: radians([950.0, 625.0, 1025.0, 1025.0, 1125.0, 1400.0]),
+        }
+    }
+
+    fn sines(&self, q: &Joints) -> Sines {
+        let mut s = [0.0; 6];
+        let mut c = [0.0; 6];
+        for i in 0..6 {
+            (s[i], c[i]) = libm::sincos(q[i]);
+        }
+        let s23 = s[1] * c[2] + c[1] * s[2];
+        let c23 = c[1] * c[2] - s[1] * s[2];
+        Sines { s, c, s23, c23, reach: self.a2_m * c[1] - self.d4_m * s23 }
+    }
+
+    /// T6 (wrist centre) in the base frame.
+    #[must_use]
+    pub fn wrist_pose(&self, q: &Joints) -> Pose {
+        self.wrist_pose_of(&self.sines(q))
+    }
+
+    fn wrist_pose_of(&self, k: &Sines) -> Pose {
+        let rotation = arm_rotation(k) * wrist_rotation(k);
+        let translation = DVec3::new(
+            k.c[0] * k.reach + k.s[0] * self.d3_m,
+            k.s[0] * k.reach - k.c[0] * self.d3_m,
+            self.a2_m * k.s[1] + self.d4_m * k.c23,
+        );
+        Pose { rotation, translation }
+    }
+
+    /// The tool frame in the base frame: axes of T6, origin at the tool point.
+    #[must_use]
+    pub fn tool_pose(&self, q: &Joints) -> Pose {
+        let wrist = self.wrist_pose(q);
+        let translation = wrist.translation + self.tool_z_m * wrist.rotation.z_axis;
+        Pose { rotation: wrist.rotation, translation }
+    }
+
+    /// T6 of a tool pose.
+    #[must_use]
+    pub fn tool_to_wrist(&self, tool: &Pose) -> Pose {
+        let translation = tool.translation - self.tool_z_m * tool.rotation.z_axis;
+        Pose { rotation: tool.rotation, translation }
+    }
+
+    /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the base frame.
+    #[must_use]
+    pub fn jacobian_base(&self, q: &Joints) -> Matrix6 {
+        let (linear, angular, _) = self.jacobian_columns(q);
+        columns(&linear, &angular)
+    }
+
+    /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the tool frame.
+    #[must_use]
+    pub fn jacobian_tool(&self, q: &Joints) -> Matrix6 {
+        let (mut linear, mut angular, tool) = self.jacobian_columns(q);
+        let back = tool.transpose();
+        for i in 0..6 {
+            linear[i] = back * linear[i];
+            angular[i] = back * angular[i];
+        }
+        columns(&linear, &angular)
+    }
+
+    fn jacobian_columns(&self, q: &Joints) -> ([DVec3; 6], [DVec3; 6], DMat3) {
+        let k = self.sines(q);
+        let pose = self.wrist_pose_of(&k);
+        let arm = arm_rotation(&k);
+        let approach = pose.rotation.z_axis;
+        let tool = pose.translation + self.tool_z_m * approach;
+        let elbow = DVec3::new(
+            k.c[0] * self.a2_m * k.c[1],
+            k.s[0] * self.a2_m * k.c[1],
+            self.a2_m * k.s[1],
+        );
+        let z1 = DVec3::new(k.s[0], -k.c[0], 0.0);
+        let z4 = arm * DVec3::new(k.s[3], -k.c[3], 0.0);
+        let to_tool = self.tool_z_m * approach;
+        let angular = [DVec3::Z, z1, z1, arm.z_axis, z4, approach];
+        let linear = [
+            DVec3::new(-tool.y, tool.x, 0.0),
+            z1.cross(tool),
+            z1.cross(tool - elbow),
+            arm.z_axis.cross(to_tool),
+            z4.cross(to_tool),
+            DVec3::ZERO,
+        ];
+        (linear, angular, pose.rotation)
+    }
+
+    /// Determinant of the Jacobian (m^3), the same for every tool on z6 and in both frames, from
+    /// its factors: `a2 (d4 c3) (a2 c2 - d4 s23) s5`.
+    #[must_use]
+    pub fn determinant(&self, q: &Joints) -> f64 {
+        let k = self.sines(q);
+        self.a2_m * (self.d4_m * k.c[2]) * k.reach * k.s[4]
+    }
+
+    /// The three factors of the determinant, scaled.
+    #[must_use]
+    pub fn singular_distance(&self, q: &Joints) -> SingularDistance {
+        let k = self.sines(q);
+        let shoulder = k.reach / (self.a2_m + self.d4_m);
+        SingularDistance { shoulder, elbow: k.c[2], wrist: k.s[4] }
+    }
+
+    /// Whether every joint lies inside its limits as it stands; NaN does not.
+    #[must_use]
+    pub fn within_limits(&self, q: &Joints) -> bool {
+        (0..6).all(|i| self.q_min_rad[i] <= q[i] && q[i] <= self.q_max_rad[i])
+    }
+}
+
+/// R03 of the notes above: turns of the first three joints.
+fn arm_rotation(k: &Sines) -> DMat3 {
+    let (s1, c1) = (k.s[0], k.c[0]);
+    DMat3::from_cols(
+        DVec3::new(c1 * k.c23, s1 * k.c23, k.s23),
+        DVec3::new(-s1, c1, 0.0),
+        DVec3::new(-c1 * k.s23, -s1 * k.s23, k.c23),
+    )
+}
+
+/// `Rz(theta4) Ry(-theta5) Rz(theta6)`.
+fn wrist_rotation(k: &Sines) -> DMat3 {
+    let (s4, c4, s5, c5, s6, c6) = (k.s[3], k.c[3], k.s[4], k.c[4], k.s[5], k.c[5]);
+    DMat3::from_cols(
+        DVec3::new(c4 * c5 * c6 - s4 * s6, s4 * c5 * c6 + c4 * s6, s5 * c6),
+        DVec3::new(-c4 * c5 * s6 - s4 * c6, -s4 * c5 * s6 + c4 * c6, -s5 * s6),
+        DVec3::new(-c4 * s5, -s4 * s5, c5),
+    )
+}
+
+fn columns(linear: &[DVec3; 6], angular: &[DVec3; 6]) -> Matrix6 {
+    let mut j = Matrix6::zeros();
+    for i in 0..6 {
+        let (v, w) = (linear[i], angular[i]);
+        j.column_mut(i).copy_from_slice(&[v.x, v.y, v.z, w.x, w.y, w.z]);
+    }
+    j
+}
+
+fn radians(degrees: [f64; 6]) -> Joints {
+    Joints::from(degrees.map(f64::to_radians))
+}

@@ -1,0 +1,262 @@
+//! Frames, twists and wrenches, and the only place where `glam` and `nalgebra` meet. Refuses every
+//! parametrisation of rotations by angles.
+//!
+//! Six-vectors are stacked `[linear; angular]`: a twist is (velocity in m/s, angular velocity in
+//! rad/s), a wrench is (force in N, moment in N m).
+
+use glam::{DMat3, DQuat, DVec3};
+use nalgebra::{Matrix3, Vector3, Vector6};
+
+/// One number per joint (rad, rad/s, rad/s^2 or N m), joint 1 first.
+pub type Joints = nalgebra::Vector6<f64>;
+/// Six by six numbers: a Jacobian (rows vx vy vz wx wy wz) or a mass matrix.
+pub type Matrix6 = nalgebra::Matrix6<f64>;
+
+/// A frame seen from another: `x_outer = rotation * x_inner + translation` (m).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Columns are the inner axes n, o, a in the outer frame.
+    pub rotation: DMat3,
+    /// Origin of the inner frame in the outer one (m).
+    pub translation: DVec3,
+}
+
+impl Default for Pose {
+    fn default() -> Pose {
+        Pose::IDENTITY
+    }
+}
+
+impl Pose {
+    /// The frame itself.
+    pub const IDENTITY: Pose = Pose { rotation: DMat3::IDENTITY, translation: DVec3::ZERO };
+
+    /// A pose of its two parts.
+    #[must_use]
+    pub const fn new(rotation: DMat3, translation: DVec3) -> Pose {
+        Pose { rotation, translation }
+    }
+
+    /// A pose of a rotation matrix listed row by row (`r11 r12 r13 r21 ..`) and an origin (m).
+    #[must_use]
+    pub const fn from_rows(r: &[f64; 9], p: &[f64; 3]) -> Pose {
+        let rotation = DMat3::from_cols(
+            DVec3::new(r[0], r[3], r[6]),
+            DVec3::new(r[1], r[4], r[7]),
+            DVec3::new(r[2], r[5], r[8]),
+        );
+        Pose { rotation, translation: DVec3::new(p[0], p[1], p[2]) }
+    }
+
+    /// The rotation matrix row by row.
+    #[must_use]
+    pub fn rotation_rows(&self) -> [f64; 9] {
+        let (n, o, a) = (self.rotation.x_axis, self.rotation.y_axis, self.rotation.z_axis);
+        [n.x, o.x, a.x, n.y, o.y, a.y, n.z, o.z, a.z]
+    }
+
+    /// The rotation as a unit quaternion w, x, y, z with w >= 0.
+    #[must_use]
+    pub fn quaternion_wxyz(&self) -> [f64; 4] {
+        let q = DQuat::from_mat3(&self.rotation);
+        let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+        [sign * q.w, sign * q.x, sign * q.y, sign * q.z]
+    }
+
+    /// `self` then `inner`: the pose of a frame given in `self`, seen from outside.
+    #[must_use]
+    pub fn compose(&self, inner: &Pose) -> Pose {
+        Pose {
+            rotation: self.rotation * inner.rotation,
+            translation: self.rotation * inner.translation + self.translation,
+        }
+    }
+
+    /// The outer frame seen from the inner one. The rotation is taken as orthonormal.
+    #[must_use]
+    pub fn inverse(&self) -> Pose {
+        let rotation = self.rotation.transpose();
+        Pose { rotation, translation: -(rotation * self.translation) }
+    }
+
+    /// A point of the inner frame in the outer one (m).
+    #[must_use]
+    pub fn apply(&self, point: DVec3) -> DVec3 {
+        self.rotation * point + self.translation
+    }
+
+    /// A direction, velocity or force of the inner frame in the outer one.
+    #[must_use]
+    pub fn apply_direction(&self, direction: DVec3) -> DVec3 {
+        self.rotation * direction
+    }
+
+    /// Whether all twelve numbers are finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.rotation.is_finite() && self.translation.is_finite()
+    }
+}
+
+/// The turn by `angle_rad` about x.
+#[must_use]
+pub fn rotation_x(angle_rad: f64) -> DMat3 {
+    let (s, c) = libm::sincos(angle_rad);
+    DMat3::from_cols(DVec3::X, DVec3::new(0.0, c, s), DVec3::new(0.0, -s, c))
+}
+
+/// The turn by `angle_rad` about y.
+#[must_use]
+pub fn rotation_y(angle_rad: f64) -> DMat3 {
+    let (s, c) = libm::sincos(angle_rad);
+    DMat3::from_cols(DVec3::new(c, 0.0, -s), DVec3::Y, DVec3::new(s, 0.0, c))
+}
+
+/// The turn by `angle_rad` about z.
+#[must_use]
+pub fn rotation_z(angle_rad: f64) -> DMat3 {
+    let (s, c) = libm::sincos(angle_rad);
+    DMat3::from_cols(DVec3::new(c, s, 0.0), DVec3::new(-s, c, 0.0), DVec3::Z)
+}
+
+/// The turn about `axis` (unit length) by `angle_rad`, Rodrigues' formula.
+#[must_use]
+pub fn rotation_about(axis: DVec3, angle_rad: f64) -> DMat3 {
+    let (s, c) = libm::sincos(angle_rad);
+    let v = axis * (1.0 - c);
+    DMat3::from_cols(
+        v.x * axis + DVec3::new(c, s * axis.z, -s * axis.y),
+        v.y * axis + DVec3::new(-s * axis.z, c, s * axis.x),
+        v.z * axis + DVec3::new(s * axis.y, -s * axis.x, c),
+    )
+}
+
+/// The angle in `[-pi, pi)` that differs from a finite `angle_rad` by whole turns; exact when it
+/// already lies there. NaN and infinities give NaN.
+#[must_use]
+pub fn wrap_angle(angle_rad: f64) -> f64 {
+    use core::f64::consts::{PI, TAU};
+    if (-PI..PI).contains(&angle_rad) {
+        return angle_rad;
+    }
+    let turned = if (-3.0 * PI..3.0 * PI).contains(&angle_rad) {
+        if angle_rad < 0.0 { angle_rad + TAU } else { angle_rad - TAU }
+    } else {
+        libm::remainder(angle_rad, TAU)
+    };
+    if turned >= PI { turned - TAU } else { turned.clamp(-PI, PI) }
+}
+
+/// `glam` to `nalgebra`.
+#[must_use]
+pub fn vector(v: DVec3) -> Vector3<f64> {
+    Vector3::new(v.x, v.y, v.z)
+}
+
+/// `nalgebra` to `glam`.
+#[must_use]
+pub fn dvec3(v: &Vector3<f64>) -> DVec3 {
+    DVec3::new(v.x, v.y, v.z)
+}
+
+/// `glam` to `nalgebra`.
+#[must_use]
+pub fn matrix(m: &DMat3) -> Matrix3<f64> {
+    Matrix3::from_columns(&[vector(m.x_axis), vector(m.y_axis), vector(m.z_axis)])
+}
+
+/// `nalgebra` to `glam`.
+#[must_use]
+pub fn dmat3(m: &Matrix3<f64>) -> DMat3 {
+    DMat3::from_cols_array(&[m.m11, m.m21, m.m31, m.m12, m.m22, m.m32, m.m13, m.m23, m.m33])
+}
+
+/// Stacks a twist or wrench.
+#[must_use]
+pub fn stack(linear: DVec3, angular: DVec3) -> Vector6<f64> {
+    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+}
+
+/// The linear and the angular half of a twist or wrench.
+#[must_use]
+pub fn split(v: &Vector6<f64>) -> (DVec3, DVec3) {
+    (DVec3::new(v[0], v[1], v[2]), DVec3::new(v[3], v[4], v[5]))
+}
+
+/// A twist or wrench of the inner frame in the axes of the outer one; the point stays.
+#[must_use]
+pub fn turn(rotation: &DMat3, v: &Vector6<f64>) -> Vector6<f64> {
+    let (linear, angular) = split(v);
+    stack(*rotation * linear, *rotation * angular)
+}
+
+/// The wrench about a point `shift` away from the one it is given about (same axes):
+/// the moment becomes `m - shift x f`.
+#[must_use]
+pub fn move_wrench(wrench: &Vector6<f64>, shift: DVec3) -> Vector6<f64> {
+    let (force, moment) = split(wrench);
+    stack(force, moment - shift.cross(force))
+}
+
+/// The twist of the point `shift` away from the one it is given of (same body, same axes):
+/// the velocity becomes `v + w x shift`.
+#[must_use]
+pub fn move_twist(twist: &Vector6<f64>, shift: DVec3) -> Vector6<f64> {
+    let (linear, angular) = split(twist);
+    stack(linear + angular.cross(shift), angular)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::f64::consts::{PI, TAU};
+
+    #[test]
+    fn a_pose_and_its_inverse_cancel() {
+        let pose = Pose::new(
+            rotation_z(0.3) * rotation_y(-1.1) * rotation_x(2.0),
+            DVec3::new(0.1, -2.0, 3.0),
+        );
+        let back = pose.compose(&pose.inverse());
+        assert!(back.translation.length() < 1e-15);
+        assert!(back.rotation.abs_diff_eq(DMat3::IDENTITY, 1e-15));
+        let p = DVec3::new(1.0, 2.0, 3.0);
+        assert!((pose.inverse().apply(pose.apply(p)) - p).length() < 1e-14);
+        let rows = pose.rotation_rows();
+        assert_eq!(Pose::from_rows(&rows, &pose.translation.to_array()), pose);
+        assert!((rows[1] - pose.rotation.y_axis.x).abs() < f64::EPSILON);
+    }
+
+    #[test]
+    fn quaternions_have_a_positive_scalar_and_the_right_axis() {
+        let q = Pose::new(rotation_z(-3.0), DVec3::ZERO).quaternion_wxyz();
+        assert!((q[0] - libm::cos(1.5)).abs() < 1e-15 && (q[3] + libm::sin(1.5)).abs() < 1e-15);
+        let about = rotation_about(DVec3::new(0.6, 0.0, 0.8), 1.25);
+        let q = Pose::new(about, DVec3::ZERO).quaternion_wxyz();
+        assert!((q[1] - 0.6 * libm::sin(0.625)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn angles_wrap_into_the_half_open_turn() {
+        assert!(wrap_angle(PI) == -PI && wrap_angle(-PI) == -PI);
+        assert!((wrap_angle(1.0 + TAU) - 1.0).abs() < 1e-15);
+        assert!((wrap_angle(-1.0 - 5.0 * TAU) + 1.0).abs() < 1e-14);
+        for big in [1e6, -1e9, 1e300, 7.0 * PI, -3.0 * PI, 3.0 * PI] {
+            assert!((-PI..PI).contains(&wrap_angle(big)), "{big}");
+        }
+        assert!(wrap_angle(f64::NAN).is_nan() && wrap_angle(f64::INFINITY).is_nan());
+    }
+
+    #[test]
+    fn power_does_not_depend_on_the_point() {
+        let twist = stack(DVec3::new(0.1, -0.2, 0.3), DVec3::new(1.0, 2.0, -0.5));
+        let wrench = stack(DVec3::new(4.0, 5.0, 6.0), DVec3::new(-0.1, 0.7, 0.2));
+        let shift = DVec3::new(0.3, -0.1, 0.9);
+        let moved = move_twist(&twist, shift).dot(&move_wrench(&wrench, shift));
+        assert!((moved - twist.dot(&wrench)).abs() < 1e-14);
+        let r = rotation_x(0.7);
+        assert!((turn(&r, &twist).dot(&turn(&r, &wrench)) - twist.dot(&wrench)).abs() < 1e-14);
+        assert_eq!(dmat3(&matrix(&r)), r);
+        assert_eq!(dvec3(&vector(shift)), shift);
+    }
+}

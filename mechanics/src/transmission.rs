@@ -1,0 +1,175 @@
+//! Between joints and motors: encoder counts, gears with the coupling of the wrist, torques and the
+//! codes of the converters that set motor currents. Refuses to know which device reads or writes.
+
+use crate::spatial::{Joints, Matrix6};
+use core::f64::consts::TAU;
+
+/// Motor revolutions per joint revolution (published for the PUMA 260 of the Babybot robot; tooth
+/// ratios 1168/25, 5248/75, 3224/75, 1958/45, 512/13, 413/13).
+pub const GEAR_RATIO: [f64; 6] = [46.72, 69.9733, 42.9867, 43.5111, 39.3846, 31.7692];
+/// Encoder counts per motor revolution after quadrature (same source).
+pub const COUNTS_PER_REV: [f64; 6] = [1000.0, 1000.0, 1000.0, 800.0, 800.0, 800.0];
+/// Revolutions of motor 5 per revolution of joint 4 (same source).
+pub const COUPLING_54: f64 = -9.8462;
+/// Revolutions of motor 6 per revolution of joint 4 (same source).
+pub const COUPLING_64: f64 = 1.0;
+/// Revolutions of motor 6 per revolution of joint 5 (same source).
+pub const COUPLING_65: f64 = -5.6;
+
+/// The gears: `motor angle = G joint angle`, G lower triangular in its last three rows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transmission {
+    gear: Matrix6,
+    gear_inverse: Matrix6,
+    counts_per_motor_rad: Joints,
+}
+
+impl Transmission {
+    /// The reference gears; zero counts at q = 0.
+    #[must_use]
+    pub fn reference() -> Transmission {
+        let mut gear = Matrix6::from_diagonal(&Joints::from(GEAR_RATIO));
+        gear[(4, 3)] = COUPLING_54;
+        gear[(5, 3)] = COUPLING_64;
+        gear[(5, 4)] = COUPLING_65;
+        Transmission {
+            gear,
+            gear_inverse: lower_inverse(&gear),
+            counts_per_motor_rad: Joints::from(COUNTS_PER_REV) / TAU,
+        }
+    }
+
+    /// Encoder counts of joint angles (rad), not rounded.
+    #[must_use]
+    pub fn counts_f64(&self, q: &Joints) -> Joints {
+        (self.gear * q).component_mul(&self.counts_per_motor_rad)
+    }
+
+    /// Encoder counts of joint angles (rad), nearest whole numbers, halves away from zero. Counts
+    /// beyond 32 bits stay at the end of the range, NaN becomes 0.
+    #[must_use]
+    pub fn counts(&self, q: &Joints) -> [i32; 6] {
+        let exact = self.counts_f64(q);
+        core::array::from_fn(|i| saturate(exact[i].round()))
+    }
+
+    /// Joint angles (rad) of encoder counts.
+    #[must_use]
+    pub fn joints(&self, counts: &[i32; 6]) -> Joints {
+        let counts = Joints::from(counts.map(f64::from));
+        self.gear_inverse * counts.component_div(&self.counts_per_motor_rad)
+    }
+
+    /// Motor torques that make joint torques (N m): `G^-T tau`.
+    #[must_use]
+    pub fn motor_torque(&self, joint_nm: &Joints) -> Joints {
+        self.gear_inverse.tr_mul(joint_nm)
+    }
+
+    /// Joint torques that motor torques make (N m): `G^T tau`.
+    #[must_use]
+    pub fn joint_torque(&self, motor_nm: &Joints) -> Joints {
+        self.gear.tr_mul(motor_nm)
+    }
+
+    /// Motor speeds of joint speeds (rad/s), or motor angles of joint angles (rad).
+    #[must_use]
+    pub fn motor_speed(&self, qd: &Joints) -> Joints {
+        self.gear * qd
+    }
+
+    /// G itself (motor rad per joint rad).
+    #[must_use]
+    pub fn gear(&self) -> &Matrix6 {
+        &self.gear
+    }
+}
+
+/// The current amplifiers and the converter in front of them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drive {
+    /// Torque constants (N m/A).
+    pub torque_constant_nm_a: Joints,
+    /// Current at full scale of the converter (A).
+    pub current_max_a: Joints,
+    /// Width of the two's complement code; values outside 2..=24 are taken as the nearer end.
+    pub dac_bits: u32,
+}
+
+impl Drive {
+    /// Estimates: torque constants near the PUMA 560's scaled, 5 A amplifiers of a documented
+    /// retrofit of the 260, 12 bit converter of the class of the thesis's eight-channel board.
+    #[must_use]
+    pub fn reference() -> Drive {
+        Drive {
+            torque_constant_nm_a: Joints::new(0.055, 0.055, 0.055, 0.030, 0.030, 0.030),
+            current_max_a: Joints::new(5.0, 5.0, 5.0, 2.0, 2.0, 2.0),
+            dac_bits: 12,
+        }
+    }
+
+    /// Codes per full scale: 2048 for 12 bit.
+    fn half_range(&self) -> f64 {
+        f64::from(1_i32 << (self.dac_bits.clamp(2, 24) - 1))
+    }
+
+    /// Lowest and highest code: -2048 and 2047 for 12 bit.
+    #[must_use]
+    pub fn code_range(&self) -> (i32, i32) {
+        let half = 1_i32 << (self.dac_bits.clamp(2, 24) - 1);
+        (-half, half - 1)
+    }
+
+    /// Torque of the motor of `joint` (0..6) at full scale (N m); 0 for other joints.
+    #[must_use]
+    pub fn full_scale_nm(&self, joint: usize) -> f64 {
+        if joint < 6 { self.torque_constant_nm_a[joint] * self.current_max_a[joint] } else { 0.0 }
+    }
+
+    /// The code nearest to a motor torque (N m), clamped to the range. NaN, a joint outside 0..6 and a
+    /// drive without torque give 0, the code of no current.
+    #[must_use]
+    pub fn code(&self, motor_nm: f64, joint: usize) -> i32 {
+        let full = self.full_scale_nm(joint);
+        if motor_nm.is_nan() || full.is_nan() || full <= 0.0 {
+            return 0;
+        }
+        let (low, high) = self.code_range();
+        saturate((motor_nm / full * self.half_range()).round()).clamp(low, high)
+    }
+
+    /// The motor torque (N m) of a code, clamped to the range.
+    #[must_use]
+    pub fn torque(&self, code: i32, joint: usize) -> f64 {
+        let (low, high) = self.code_range();
+        f64::from(code.clamp(low, high)) / self.half_range() * self.full_scale_nm(joint)
+    }
+
+    /// Largest torque at each joint (N m) with its own motor at full scale and the others idle.
+    #[must_use]
+    pub fn peak_joint_torque(&self, gears: &Transmission) -> Joints {
+        Joints::from_fn(|i, _| self.full_scale_nm(i) * gears.gear[(i, i)].abs())
+    }
+}
+
+/// Inverse of a lower triangular matrix by forward substitution.
+fn lower_inverse(l: &Matrix6) -> Matrix6 {
+    let mut inverse = Matrix6::zeros();
+    for column in 0..6 {
+        inverse[(column, column)] = 1.0 / l[(column, column)];
+        for row in column + 1..6 {
+            let mut sum = 0.0;
+            for k in column..row {
+                sum -= l[(row, k)] * inverse[(k, column)];
+            }
+            inverse[(row, column)] = sum / l[(row, row)];
+        }
+    }
+    inverse
+}
+
+/// A rounded number as an integer; `as` saturates and sends NaN to 0.
+#[expect(clippy::cast_possible_truncation, reason = "saturating is what is wanted")]
+fn saturate(x: f64) -> i32 {
+    x as i32
+}
