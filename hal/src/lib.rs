@@ -25,6 +25,8 @@
 //! The feature `conformance` holds functions that check these promises on any implementor.
 
 pub mod analog;
+#[cfg(any(test, feature = "conformance"))]
+pub mod conformance;
 pub mod devices;
 pub mod digital;
 pub mod encoder;

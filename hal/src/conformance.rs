@@ -1,0 +1,150 @@
+//! The suite that every implementor of the device traits passes: it drives a half through its trait
+//! and lists the promises that it broke. Refuses to run on a lane (it allocates text) and refuses to
+//! guess at electronics: what is wired behind an output can only be seen through an observer that
+//! the caller lends it.
+//!
+//! **Never on a powered robot**: the output checks drive every channel over its whole range.
+//!
+//! ```
+//! # use taktil_hal::{AXES, AdcCode, Error, ForceTorque, Nanos, Reading};
+//! use taktil_hal::conformance::{Bench, check_force_torque};
+//!
+//! struct Still;
+//! impl ForceTorque for Still {
+//!     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
+//!         Ok(Reading { value: [AdcCode(0); AXES], acquired: release })
+//!     }
+//! }
+//! assert_eq!(check_force_torque(&mut Still, &mut Bench::still()), []);
+//! ```
+
+use std::fmt;
+
+use crate::devices::Devices;
+use crate::error::Error;
+use crate::time::Nanos;
+
+mod inputs;
+mod outputs;
+#[cfg(test)]
+mod tests;
+
+pub use inputs::{
+    check_analog_in, check_digital_in, check_encoders, check_force_torque, check_tactile,
+};
+pub use outputs::{
+    check_analog_out, check_analog_out_drop, check_analog_out_observed, check_digital_out,
+    check_digital_out_drop, check_digital_out_observed,
+};
+
+/// A promise that a half broke.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Violation {
+    /// The promise, by a fixed name such as `"range-refused"`.
+    pub rule: &'static str,
+    /// What was seen and what was due.
+    pub text: String,
+}
+
+impl fmt::Display for Violation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.rule, self.text)
+    }
+}
+
+/// The cycle in which a half is exercised: releases one period apart, and whatever must move on
+/// before each of them. Releases never run backwards, also from one check to the next.
+pub struct Bench<'a> {
+    next: Nanos,
+    period: Nanos,
+    cycles: usize,
+    advance: Box<dyn FnMut(Nanos) + 'a>,
+}
+
+impl<'a> Bench<'a> {
+    /// Cycles of a check unless told otherwise.
+    pub const CYCLES: usize = 40;
+
+    /// A bench for a device that needs no help: 2.5 ms, from time zero.
+    #[must_use]
+    pub fn still() -> Bench<'a> {
+        Bench::new(Nanos::ZERO, Nanos::from_micros(2_500), |_| {})
+    }
+
+    /// A bench whose first release is `first`; `advance` is called with each release before the
+    /// half is, to move a simulated world or a model of the board up to it.
+    ///
+    /// # Panics
+    /// When `period` is not positive.
+    #[must_use]
+    pub fn new(first: Nanos, period: Nanos, advance: impl FnMut(Nanos) + 'a) -> Bench<'a> {
+        assert!(period > Nanos::ZERO, "a bench needs a positive period, not {period}");
+        Bench { next: first, period, cycles: Bench::CYCLES, advance: Box::new(advance) }
+    }
+
+    /// The same bench with `cycles` cycles a check, at least 2.
+    #[must_use]
+    pub fn with_cycles(mut self, cycles: usize) -> Bench<'a> {
+        self.cycles = cycles.max(2);
+        self
+    }
+
+    /// How many cycles an input check takes.
+    #[must_use]
+    pub fn cycles(&self) -> usize {
+        self.cycles
+    }
+
+    /// Moves everything to the next release and returns it.
+    pub fn release(&mut self) -> Nanos {
+        let release = self.next;
+        self.next += self.period;
+        (self.advance)(release);
+        release
+    }
+}
+
+impl fmt::Debug for Bench<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Bench")
+            .field("next", &self.next)
+            .field("period", &self.period)
+            .field("cycles", &self.cycles)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Exercises all seven halves: the inputs side by side in the same cycles, then each output, which
+/// is left at its safe value.
+pub fn check_devices(devices: &mut Devices, bench: &mut Bench<'_>) -> Vec<Violation> {
+    let mut found = inputs::check_together(devices, bench);
+    found.extend(check_analog_out(devices.analog_out.as_mut(), bench));
+    found.extend(check_digital_out(devices.digital_out.as_mut(), bench));
+    found
+}
+
+/// Collects violations, the first one of each rule.
+#[derive(Debug, Default)]
+struct Report {
+    found: Vec<Violation>,
+}
+
+impl Report {
+    fn add(&mut self, rule: &'static str, text: String) {
+        if self.found.iter().all(|known| known.rule != rule) {
+            self.found.push(Violation { rule, text });
+        }
+    }
+
+    fn require(&mut self, kept: bool, rule: &'static str, text: impl FnOnce() -> String) {
+        if !kept {
+            self.add(rule, text());
+        }
+    }
+
+    fn error(&mut self, error: &Error) {
+        self.require(!error.device.is_empty(), "error-names-device", || {
+            format!("an error ({error}) does not name its device")
+        });
+    }
+}

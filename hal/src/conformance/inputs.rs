@@ -1,0 +1,324 @@
+//! Checks of the input halves: stamps, repeatability, unused channels, ranges, frames. Refuses to
+//! judge whether a value is right.
+
+use std::fmt::Debug;
+
+use super::{Bench, Report, Violation};
+use crate::analog::{AdcCode, AnalogIn};
+use crate::devices::Devices;
+use crate::digital::{DigitalIn, LinesIn};
+use crate::encoder::{Counts, Encoders};
+use crate::error::{Error, Kind};
+use crate::force_torque::{AXES, ForceTorque};
+use crate::reading::{CHANNELS, Reading};
+use crate::tactile::{Arrival, MAX_ROWS, MAX_TACTELS, TactileArray, TactileFrame};
+use crate::time::Nanos;
+
+/// Exercises an encoder half.
+pub fn check_encoders(device: &mut dyn Encoders, bench: &mut Bench<'_>) -> Vec<Violation> {
+    let mut watch = EncodersWatch::default();
+    watch_cycles(bench, |release| watch.cycle(device, release));
+    watch.0.finish()
+}
+
+/// Exercises an A/D half.
+pub fn check_analog_in(device: &mut dyn AnalogIn, bench: &mut Bench<'_>) -> Vec<Violation> {
+    let mut watch = AnalogInWatch::default();
+    watch_cycles(bench, |release| watch.cycle(device, release));
+    watch.0.finish()
+}
+
+/// Exercises a force/torque half.
+pub fn check_force_torque(device: &mut dyn ForceTorque, bench: &mut Bench<'_>) -> Vec<Violation> {
+    let mut watch = Watch::<[AdcCode; AXES]>::default();
+    watch_cycles(bench, |release| watch.cycle(release, |at| device.sample(at)));
+    watch.finish()
+}
+
+/// Exercises the input half of the digital lines.
+pub fn check_digital_in(device: &mut dyn DigitalIn, bench: &mut Bench<'_>) -> Vec<Violation> {
+    let mut watch = Watch::<LinesIn>::default();
+    watch_cycles(bench, |release| watch.cycle(release, |at| device.sample(at)));
+    watch.finish()
+}
+
+/// Exercises a tactile half; at least one frame must come up within the bench's cycles.
+pub fn check_tactile(device: &mut dyn TactileArray, bench: &mut Bench<'_>) -> Vec<Violation> {
+    let mut watch = TactileWatch::default();
+    watch_cycles(bench, |release| watch.cycle(device, release));
+    watch.finish()
+}
+
+/// All input halves in the same cycles.
+pub(super) fn check_together(devices: &mut Devices, bench: &mut Bench<'_>) -> Vec<Violation> {
+    let mut encoders = EncodersWatch::default();
+    let mut analog = AnalogInWatch::default();
+    let mut force = Watch::<[AdcCode; AXES]>::default();
+    let mut lines = Watch::<LinesIn>::default();
+    let mut tactile = TactileWatch::default();
+    watch_cycles(bench, |release| {
+        encoders.cycle(devices.encoders.as_mut(), release);
+        analog.cycle(devices.analog_in.as_mut(), release);
+        force.cycle(release, |at| devices.force_torque.sample(at));
+        lines.cycle(release, |at| devices.digital_in.sample(at));
+        tactile.cycle(devices.tactile.as_mut(), release);
+    });
+    let halves = [
+        ("encoders", encoders.0.finish()),
+        ("analog_in", analog.0.finish()),
+        ("force_torque", force.finish()),
+        ("digital_in", lines.finish()),
+        ("tactile", tactile.finish()),
+    ];
+    let named = |(half, found): (&str, Vec<Violation>)| {
+        let half = half.to_owned();
+        found
+            .into_iter()
+            .map(move |v| Violation { rule: v.rule, text: format!("{half}: {}", v.text) })
+    };
+    halves.into_iter().flat_map(named).collect()
+}
+
+fn watch_cycles<R>(bench: &mut Bench<'_>, mut cycle: impl FnMut(Nanos) -> R) {
+    for _ in 0..bench.cycles() {
+        cycle(bench.release());
+    }
+}
+
+/// What holds for every reading, whatever is inside.
+#[derive(Debug)]
+struct Watch<T> {
+    report: Report,
+    first: Option<Nanos>,
+    last: Option<Reading<T>>,
+    readings: usize,
+    lost: bool,
+}
+
+impl<T> Default for Watch<T> {
+    fn default() -> Watch<T> {
+        Watch { report: Report::default(), first: None, last: None, readings: 0, lost: false }
+    }
+}
+
+impl<T: Copy + PartialEq + Debug> Watch<T> {
+    fn cycle(
+        &mut self,
+        release: Nanos,
+        mut sample: impl FnMut(Nanos) -> Result<Reading<T>, Error>,
+    ) -> Option<T> {
+        match sample(release) {
+            Ok(reading) => {
+                self.reading(release, reading);
+                let again = sample(release);
+                self.report.require(again == Ok(reading), "same-release-same-reading", || {
+                    format!("at {release} first {reading:?}, then {again:?}")
+                });
+                Some(reading.value)
+            }
+            Err(error) => {
+                self.report.error(&error);
+                self.lost |= error.kind == Kind::Lost;
+                None
+            }
+        }
+    }
+
+    fn reading(&mut self, release: Nanos, reading: Reading<T>) {
+        let acquired = reading.acquired;
+        self.report.require(acquired <= release, "acquired-not-in-future", || {
+            format!("acquired {acquired} at release {release}")
+        });
+        if let Some(last) = self.last {
+            self.report.require(acquired >= last.acquired, "acquired-not-backwards", || {
+                format!("acquired {acquired} after {}", last.acquired)
+            });
+        }
+        self.report.require(!self.lost, "lost-is-final", || {
+            format!("a reading at {release} after the half had reported itself lost")
+        });
+        self.first.get_or_insert(acquired);
+        self.last = Some(reading);
+        self.readings += 1;
+    }
+
+    fn finish(mut self) -> Vec<Violation> {
+        self.report
+            .require(self.readings > 0, "delivers", || "not one reading in all cycles".to_owned());
+        let stuck = self.readings > 1 && self.first == self.last.map(|last| last.acquired);
+        self.report.require(!stuck, "moves-on", || {
+            format!("{} readings, all stamped {}", self.readings, self.first.unwrap_or_default())
+        });
+        self.report.found
+    }
+}
+
+#[derive(Debug, Default)]
+struct EncodersWatch(Watch<[Counts; CHANNELS]>);
+
+impl EncodersWatch {
+    fn cycle(&mut self, device: &mut dyn Encoders, release: Nanos) {
+        let joints = device.joints();
+        let value = self.0.cycle(release, |at| device.sample(at));
+        let report = &mut self.0.report;
+        check_channels(report, joints, device.joints());
+        for (joint, counts) in value.iter().flatten().enumerate().skip(joints) {
+            report.require(*counts == Counts(0), "unused-channels-zero", || {
+                format!("joint {joint} of {joints} reads {counts:?}")
+            });
+        }
+    }
+}
+
+#[derive(Debug, Default)]
+struct AnalogInWatch(Watch<[AdcCode; CHANNELS]>);
+
+impl AnalogInWatch {
+    fn cycle(&mut self, device: &mut dyn AnalogIn, release: Nanos) {
+        let (channels, (low, high)) = (device.channels(), device.code_range());
+        let value = self.0.cycle(release, |at| device.sample(at));
+        let report = &mut self.0.report;
+        check_channels(report, channels, device.channels());
+        report.require(low < high, "range-ordered", || format!("code range {low:?} to {high:?}"));
+        report.require(device.code_range() == (low, high), "constants-constant", || {
+            format!("code range was {low:?} to {high:?}, is {:?}", device.code_range())
+        });
+        for (channel, code) in value.iter().flatten().enumerate() {
+            if channel >= channels {
+                report.require(*code == AdcCode(0), "unused-channels-zero", || {
+                    format!("channel {channel} of {channels} reads {code:?}")
+                });
+            } else {
+                report.require((low..=high).contains(code), "code-in-range", || {
+                    format!("channel {channel} reads {code:?}, range {low:?} to {high:?}")
+                });
+            }
+        }
+    }
+}
+
+/// A count of channels must fit the arrays and stay what it is.
+pub(super) fn check_channels(report: &mut Report, before: usize, after: usize) {
+    report.require((1..=CHANNELS).contains(&before), "channels-in-bounds", || {
+        format!("{before} channels; 1 to {CHANNELS} are possible")
+    });
+    report.require(before == after, "constants-constant", || {
+        format!("{before} channels became {after}")
+    });
+}
+
+#[derive(Debug, Default)]
+struct TactileWatch {
+    report: Report,
+    last: Option<TactileFrame>,
+    lost: bool,
+}
+
+impl TactileWatch {
+    fn cycle(&mut self, device: &mut dyn TactileArray, release: Nanos) {
+        let shape = (device.rows(), device.cols(), device.full_scale());
+        self.shape(shape);
+        let mut frame = poisoned();
+        match device.sample(release, &mut frame) {
+            Ok(Arrival::New) => {
+                self.frame(release, shape, &frame);
+                self.same_release(device, release);
+                self.last = Some(frame);
+            }
+            Ok(Arrival::Held) => self.untouched(&frame, "Held"),
+            Err(error) => {
+                self.report.error(&error);
+                self.lost |= error.kind == Kind::Lost;
+                self.untouched(&frame, "an error");
+            }
+        }
+        let after = (device.rows(), device.cols(), device.full_scale());
+        self.report.require(after == shape, "constants-constant", || {
+            format!("rows, columns, full scale were {shape:?}, are {after:?}")
+        });
+    }
+
+    fn shape(&mut self, (rows, cols, full_scale): (usize, usize, u16)) {
+        let fits = (1..=MAX_ROWS).contains(&rows) && (1..=MAX_TACTELS / rows).contains(&cols);
+        self.report.require(fits, "channels-in-bounds", || {
+            format!("{rows} rows x {cols} columns; {MAX_ROWS} rows, {MAX_TACTELS} tactels fit")
+        });
+        self.report.require(full_scale > 0, "range-ordered", || "full scale is 0".to_owned());
+    }
+
+    fn frame(&mut self, release: Nanos, shape: (usize, usize, u16), frame: &TactileFrame) {
+        let (rows, cols, full_scale) = shape;
+        let report = &mut self.report;
+        let dims = (usize::from(frame.rows), usize::from(frame.cols));
+        report.require(dims == (rows, cols), "frame-dimensions", || {
+            format!("frame of {dims:?}, device of {:?}", (rows, cols))
+        });
+        report.require(frame.acquired <= release, "acquired-not-in-future", || {
+            format!("frame acquired {} at release {release}", frame.acquired)
+        });
+        for (row, acquired) in frame.row_acquired.iter().enumerate().take(rows) {
+            report.require(*acquired <= frame.acquired, "rows-before-frame", || {
+                format!("row {row} read {acquired}, frame complete {}", frame.acquired)
+            });
+        }
+        let used = rows.saturating_mul(cols).min(MAX_TACTELS);
+        for (tactel, value) in frame.values.iter().enumerate().take(used) {
+            report.require(*value <= full_scale, "code-in-range", || {
+                format!("tactel {tactel} reads {value}, full scale {full_scale}")
+            });
+        }
+        let quiet = frame.values[used..].iter().all(|value| *value == 0)
+            && frame.valid[used..].iter().all(|valid| !valid);
+        report.require(quiet, "unused-channels-zero", || {
+            format!("tactels from {used} on carry values or validity")
+        });
+        report.require(!self.lost, "lost-is-final", || {
+            format!("a frame at {release} after the half had reported itself lost")
+        });
+        if let Some(last) = &self.last {
+            report.require(frame.acquired >= last.acquired, "acquired-not-backwards", || {
+                format!("frame acquired {} after {}", frame.acquired, last.acquired)
+            });
+            let ahead = frame.sequence.wrapping_sub(last.sequence);
+            report.require((1..1 << 31).contains(&ahead), "sequence-monotone", || {
+                format!("frame {} after frame {}", frame.sequence, last.sequence)
+            });
+        }
+    }
+
+    fn same_release(&mut self, device: &mut dyn TactileArray, release: Nanos) {
+        let mut again = poisoned();
+        let answer = device.sample(release, &mut again);
+        self.report.require(answer == Ok(Arrival::Held), "held-when-nothing-new", || {
+            format!("second call at {release} after a new frame answered {answer:?}")
+        });
+        if answer != Ok(Arrival::New) {
+            self.untouched(&again, "Held");
+        }
+    }
+
+    fn untouched(&mut self, frame: &TactileFrame, answer: &str) {
+        self.report.require(*frame == poisoned(), "frame-untouched", || {
+            format!("the caller's frame was changed together with {answer}")
+        });
+    }
+
+    fn finish(mut self) -> Vec<Violation> {
+        self.report
+            .require(self.last.is_some(), "delivers", || "not one frame in all cycles".to_owned());
+        self.report.found
+    }
+}
+
+/// A frame that no device may leave behind: every field a device forgets to write breaks a rule.
+fn poisoned() -> TactileFrame {
+    TactileFrame {
+        rows: 0xaaaa,
+        cols: 0xaaaa,
+        sequence: 0xaaaa_aaaa,
+        acquired: Nanos::MAX,
+        values: [0xaaaa; MAX_TACTELS],
+        valid: [true; MAX_TACTELS],
+        row_acquired: [Nanos::MAX; MAX_ROWS],
+    }
+}
