@@ -4,16 +4,26 @@
 //! sleeps on the monotonic clock) and in virtual time (all lanes on one thread, no waiting). This crate knows no robot.
 
 pub mod fault;
+pub mod guard;
+mod lane;
+pub mod linux;
+pub mod live;
+pub mod machine;
 pub mod mode;
 pub mod payload;
 pub mod port;
 pub mod record;
+pub mod schedule;
 pub mod status;
 pub mod task;
+pub mod virtual_time;
 
 pub use fault::{FaultCode, FaultSet};
+pub use lane::{Figures, Misses};
+pub use machine::{Builder, LaneId, Machine};
 pub use mode::Mode;
 pub use payload::Payload;
 pub use port::{Freshness, Input, Io, Output, Ports, Sample};
+pub use schedule::{LaneSpec, Late};
 pub use taktil_hal::Nanos;
 pub use task::{Cycle, Invalid, Task};

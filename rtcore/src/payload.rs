@@ -197,6 +197,7 @@ macro_rules! payload {
     ($(#[$meta:meta])* pub struct $name:ident { $($(#[$fmeta:meta])* pub $field:ident : $ty:ty),+ $(,)? }) => {
         $(#[$meta])*
         #[derive(Clone, Copy, Debug, PartialEq)]
+        #[allow(unreachable_pub, reason = "the payload may be declared in a private module")]
         pub struct $name { $($(#[$fmeta])* pub $field: $ty),+ }
 
         impl $crate::Payload for $name {
@@ -271,7 +272,8 @@ mod tests {
     #[test]
     fn fields_are_aligned_as_cdr_wants_and_read_back() {
         assert_eq!(Mixed::SIZE, 8 + 16 + 12 + 2);
-        let value = Mixed { flag: 3, angles_rad: [0.5, -1.0], pixels: [1.0, 2.0, 4.0], last: 0xBEEF };
+        let value =
+            Mixed { flag: 3, angles_rad: [0.5, -1.0], pixels: [1.0, 2.0, 4.0], last: 0xBEEF };
         let mut body = [0xAA; Mixed::SIZE];
         value.encode(&mut body);
         assert_eq!(&body[..8], &[3, 0, 0, 0, 0, 0, 0, 0], "padding is zero, so that hashes repeat");

@@ -91,7 +91,14 @@ pub(crate) trait AnyCell: Send {
 
 impl<T: Payload> Cell<T> {
     fn new(from: Option<Receiver<T>>) -> Cell<T> {
-        Cell { value: T::ZERO, stamp: Nanos::ZERO, version: 0, written: false, to: Vec::new(), from }
+        Cell {
+            value: T::ZERO,
+            stamp: Nanos::ZERO,
+            version: 0,
+            written: false,
+            to: Vec::new(),
+            from,
+        }
     }
 }
 
@@ -164,6 +171,11 @@ fn connect<T: Payload>(producer: &mut dyn AnyCell, capacity: usize) -> Option<Bo
     let (sender, receiver) = link(capacity);
     cell.to.push(sender);
     Some(Box::new(Cell::<T>::new(Some(receiver))))
+}
+
+/// A placeholder that carries nothing, left where a cell was moved out.
+pub(crate) fn hollow() -> Box<dyn AnyCell> {
+    Box::new(Cell::<crate::status::LaneHealth>::new(None))
 }
 
 /// What a task's constructor declares its ports on.
@@ -239,8 +251,12 @@ impl Io<'_> {
     /// The newest visible value of an input.
     pub fn read<T: Payload>(&mut self, input: &Input<T>) -> Sample<T> {
         let release = self.release;
-        let absent =
-            Sample { value: T::ZERO, stamp: release, age: Nanos::ZERO, freshness: Freshness::Absent };
+        let absent = Sample {
+            value: T::ZERO,
+            stamp: release,
+            age: Nanos::ZERO,
+            freshness: Freshness::Absent,
+        };
         let Some(binding) = self.inputs.get_mut(input.index) else { return absent };
         let Some(cell) = self.cells.get(binding.cell) else { return absent };
         let Some(cell) = cell.as_any().downcast_ref::<Cell<T>>() else { return absent };
@@ -266,8 +282,10 @@ impl Io<'_> {
             return;
         }
         let release = self.release;
-        if let Some(cell) =
-            self.cells.get_mut(output.cell).and_then(|cell| cell.as_any_mut().downcast_mut::<Cell<T>>())
+        if let Some(cell) = self
+            .cells
+            .get_mut(output.cell)
+            .and_then(|cell| cell.as_any_mut().downcast_mut::<Cell<T>>())
         {
             cell.value = value;
             cell.stamp = release;

@@ -54,7 +54,11 @@ pub struct Invalid {
 
 impl Invalid {
     /// Puts the three parts together.
-    pub fn new(place: impl Into<String>, what: impl Into<String>, remedy: impl Into<String>) -> Invalid {
+    pub fn new(
+        place: impl Into<String>,
+        what: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Invalid {
         Invalid { place: place.into(), what: what.into(), remedy: remedy.into() }
     }
 

@@ -1,0 +1,81 @@
+//! The allocation guard: a global allocator that counts what is allocated or freed inside a job, on the thread that does it.
+//!
+//! A binary installs it with `#[global_allocator]`; then every lane reports how many heap calls its jobs made, and a test can ask
+//! for an abort at the first one. Outside jobs it passes everything through. Refuses to guess: without the allocator installed
+//! the count is unknown, not zero.
+#![allow(unsafe_code)]
+
+use core::cell::Cell;
+use core::sync::atomic::{AtomicBool, Ordering};
+use std::alloc::{GlobalAlloc, Layout, System};
+
+thread_local! {
+    static INSIDE: Cell<bool> = const { Cell::new(false) };
+    static CALLS: Cell<u64> = const { Cell::new(0) };
+}
+
+static INSTALLED: AtomicBool = AtomicBool::new(false);
+static ABORT: AtomicBool = AtomicBool::new(false);
+
+/// The counting allocator over the system's.
+#[derive(Debug, Default, Clone, Copy)]
+pub struct CountingAllocator;
+
+fn note() {
+    // Relaxed: INSTALLED only ever goes from false to true, ABORT is set before lanes run.
+    INSTALLED.store(true, Ordering::Relaxed);
+    if INSIDE.try_with(Cell::get) == Ok(true) {
+        let _ = CALLS.try_with(|calls| calls.set(calls.get() + 1));
+        if ABORT.load(Ordering::Relaxed) {
+            std::process::abort();
+        }
+    }
+}
+
+// SAFETY: every method passes its arguments unchanged to the system allocator, which upholds the contract; `note` does not
+// allocate: its thread-locals are constant-initialised and have no destructor.
+unsafe impl GlobalAlloc for CountingAllocator {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        note();
+        // SAFETY: the caller's promise on `layout` is passed on.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
+        note();
+        // SAFETY: `block` came from `System` with this `layout`, because all four methods use `System`.
+        unsafe { System.dealloc(block, layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        note();
+        // SAFETY: the caller's promise on `layout` is passed on.
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        note();
+        // SAFETY: as for `dealloc`; `size` is the caller's promise.
+        unsafe { System.realloc(block, layout, size) }
+    }
+}
+
+/// Whether this process runs on [`CountingAllocator`].
+#[must_use]
+pub fn installed() -> bool {
+    INSTALLED.load(Ordering::Relaxed)
+}
+
+/// Asks for an abort at the first heap call inside a job, for tests.
+pub fn abort_on_allocation(yes: bool) {
+    ABORT.store(yes, Ordering::Relaxed);
+}
+
+/// Runs `job` as a guarded section; returns its result and the number of heap calls it made.
+pub fn guarded<R>(job: impl FnOnce() -> R) -> (R, u64) {
+    let before = CALLS.with(Cell::get);
+    INSIDE.with(|inside| inside.set(true));
+    let result = job();
+    INSIDE.with(|inside| inside.set(false));
+    (result, CALLS.with(Cell::get) - before)
+}

@@ -1,0 +1,197 @@
+//! A lane at run time: its tasks in order, its cells, and what it counts. Both executors run exactly this code. Refuses to know
+//! what time it really is: a job is told its release.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use hdrhistogram::Histogram;
+use taktil_hal::Nanos;
+
+use crate::fault::{FaultCode, FaultSet};
+use crate::guard;
+use crate::mode::Mode;
+use crate::port::{AnyCell, Binding, Input, Io, Output};
+use crate::record::{HEADER_BYTES, Tap};
+use crate::schedule::LaneSpec;
+use crate::status::{LaneHealth, ModeStatus};
+use crate::task::{Cycle, Task};
+
+/// A task and its place in the lane.
+pub(crate) struct Seat {
+    pub(crate) name: String,
+    pub(crate) task: Box<dyn Task>,
+    pub(crate) disabled: bool,
+}
+
+/// One lane, ready to run jobs.
+pub(crate) struct Lane {
+    pub(crate) spec: LaneSpec,
+    pub(crate) seats: Vec<Seat>,
+    pub(crate) cells: Vec<Box<dyn AnyCell>>,
+    pub(crate) inputs: Vec<Binding>,
+    /// Cells that other lanes feed.
+    pub(crate) remote: Vec<usize>,
+    /// Cells written here, with the number of their signal in the catalog.
+    pub(crate) signals: Vec<(usize, u16)>,
+    pub(crate) mode: Option<Input<ModeStatus>>,
+    pub(crate) health: Output<LaneHealth>,
+    pub(crate) tap: Tap,
+    pub(crate) scratch: Box<[u8]>,
+    pub(crate) next_tick: u64,
+    pub(crate) figures: Figures,
+    pub(crate) stopped: bool,
+}
+
+/// Why jobs ended after their deadline.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Misses {
+    /// The thread was woken too late to make it.
+    pub late_wake: u64,
+    /// The job itself used more processor time than its deadline.
+    pub overrun: u64,
+    /// Another thread took the processor.
+    pub preempted: u64,
+    /// The job waited for something.
+    pub blocked: u64,
+    /// The job touched memory that was not there.
+    pub page_fault: u64,
+    /// The kernel's real-time throttling took the processor.
+    pub throttled: u64,
+}
+
+impl Misses {
+    /// All of them.
+    #[must_use]
+    pub fn total(&self) -> u64 {
+        self.late_wake
+            + self.overrun
+            + self.preempted
+            + self.blocked
+            + self.page_fault
+            + self.throttled
+    }
+}
+
+/// What a lane counted.
+#[derive(Clone, Debug)]
+pub struct Figures {
+    /// Jobs that were run.
+    pub jobs: u64,
+    /// Jobs left out because the lane was more than a period late.
+    pub skipped: u64,
+    /// Actual start minus release, ns. In virtual time all zero.
+    pub lateness_ns: Histogram<u64>,
+    /// Start to end of a job on the clock, ns.
+    pub execution_ns: Histogram<u64>,
+    /// Jobs that ended after their deadline, by cause.
+    pub misses: Misses,
+    /// Heap calls inside jobs; meaningful when [`guard::installed`].
+    pub allocations: u64,
+    /// Page faults of the lane's thread during jobs.
+    pub page_faults: u64,
+    /// Records lost because the observer was slow.
+    pub records_dropped: u64,
+    /// Values lost because another lane stood still.
+    pub values_dropped: u64,
+    /// Every fault that a task of this lane raised.
+    pub faults: FaultSet,
+}
+
+impl Figures {
+    pub(crate) fn new() -> Figures {
+        // 0.1 us to 0.1 s at two digits: 1 920 counters, allocated here and never again.
+        let histogram =
+            || Histogram::new_with_bounds(100, 100_000_000, 2).expect("constant bounds are valid");
+        Figures {
+            jobs: 0,
+            skipped: 0,
+            lateness_ns: histogram(),
+            execution_ns: histogram(),
+            misses: Misses::default(),
+            allocations: 0,
+            page_faults: 0,
+            records_dropped: 0,
+            values_dropped: 0,
+            faults: FaultSet::NONE,
+        }
+    }
+}
+
+impl Lane {
+    /// Runs job `tick` from taking its inputs to publishing its outputs.
+    pub(crate) fn job(&mut self, tick: u64) {
+        let ((), allocations) = guard::guarded(|| self.run(tick));
+        self.figures.jobs += 1;
+        self.figures.allocations += allocations;
+        self.next_tick = tick + 1;
+    }
+
+    fn run(&mut self, tick: u64) {
+        let release = self.spec.release(tick);
+        for &cell in &self.remote {
+            self.cells[cell].receive(release);
+        }
+        let mut faults = FaultSet::NONE;
+        let mut faulty_task = 0;
+        let mut disabled = 0;
+        let mut cycle = Cycle { tick, release, dt: self.spec.period, mode: Mode::Off };
+        let mut io =
+            Io { cells: &mut self.cells, inputs: &mut self.inputs, release, refused: false };
+        for (position, seat) in (1u32..).zip(self.seats.iter_mut()) {
+            if seat.disabled {
+                disabled |= 1u32.checked_shl(position - 1).unwrap_or(0);
+                continue;
+            }
+            if let Some(input) = &self.mode {
+                let word = io.read(input).value.mode;
+                cycle.mode =
+                    u8::try_from(word).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault);
+            }
+            let outcome = catch_unwind(AssertUnwindSafe(|| seat.task.step(&cycle, &mut io)));
+            let fault = match outcome {
+                Ok(Ok(())) => None,
+                Ok(Err(fault)) => Some(fault),
+                Err(_) => {
+                    seat.disabled = true;
+                    Some(FaultCode::TaskPanicked)
+                }
+            };
+            let refused = core::mem::take(&mut io.refused).then_some(FaultCode::NotFinite);
+            for fault in [fault, refused].into_iter().flatten() {
+                faults.insert(fault);
+                if faulty_task == 0 {
+                    faulty_task = position;
+                }
+            }
+        }
+        let health =
+            LaneHealth { jobs: self.figures.jobs + 1, faults: faults.0, faulty_task, disabled };
+        io.write(&self.health, health);
+        self.figures.faults = self.figures.faults.union(faults);
+        self.publish(tick, release);
+    }
+
+    fn publish(&mut self, tick: u64, release: Nanos) {
+        let visible = release + self.spec.delivery;
+        for &(cell, signal) in &self.signals {
+            if let Some(length) =
+                self.cells[cell].publish(visible, &mut self.scratch[HEADER_BYTES..])
+            {
+                self.tap.put(signal, tick, release, &mut self.scratch[..HEADER_BYTES + length]);
+            }
+        }
+    }
+
+    /// After the last job: tasks leave their outputs safe, counters are gathered.
+    /// A second call does nothing.
+    pub(crate) fn stop(&mut self) {
+        if core::mem::replace(&mut self.stopped, true) {
+            return;
+        }
+        for seat in &mut self.seats {
+            // A task that panics while stopping must not keep the others from doing so.
+            let _ = catch_unwind(AssertUnwindSafe(|| seat.task.stop()));
+        }
+        self.figures.records_dropped = self.tap.dropped();
+        self.figures.values_dropped = self.cells.iter().map(|cell| cell.dropped()).sum();
+    }
+}

@@ -1,0 +1,442 @@
+//! Putting a machine together: lanes, tasks, bindings. Everything that can be wrong with a wiring is found here, before the first
+//! job, with the place in the configuration. Refuses to run anything.
+
+use core::any::TypeId;
+use std::collections::BTreeMap;
+
+use taktil_hal::Nanos;
+
+use crate::fault::FaultCode;
+use crate::lane::{Figures, Lane, Seat};
+use crate::port::{Binding, InputDeclaration, OutputDeclaration, Ports};
+use crate::record::{Catalog, Drain, HEADER_BYTES, LaneInfo, Signal, tap};
+use crate::schedule::LaneSpec;
+use crate::status::{LaneHealth, ModeStatus};
+use crate::task::{Invalid, Task};
+
+/// How long a lane or an observer may stand still before values or records are lost.
+const STALL: Nanos = Nanos::from_millis(500);
+/// More seats than bits in a health word cannot be reported.
+const SEATS_MAX: usize = 32;
+
+/// A lane's number in its machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LaneId(usize);
+
+struct Draft {
+    spec: LaneSpec,
+    seats: Vec<Seat>,
+    inputs: Vec<(usize, InputDeclaration)>,
+    outputs: Vec<(usize, OutputDeclaration)>,
+}
+
+/// Collects lanes, tasks and bindings, then checks and joins them.
+#[derive(Default)]
+pub struct Builder {
+    lanes: Vec<Draft>,
+    bindings: BTreeMap<String, String>,
+    mode: Option<String>,
+}
+
+/// A machine that can be run by an executor.
+pub struct Machine {
+    pub(crate) lanes: Vec<Lane>,
+    pub(crate) drains: Vec<Drain>,
+    catalog: Catalog,
+}
+
+impl Machine {
+    /// Every signal and lane.
+    #[must_use]
+    pub fn catalog(&self) -> &Catalog {
+        &self.catalog
+    }
+
+    /// What each lane counted, with its specification, in order.
+    pub fn figures(&self) -> impl Iterator<Item = (&LaneSpec, &Figures)> {
+        self.lanes.iter().map(|lane| (&lane.spec, &lane.figures))
+    }
+
+    /// Starts every task in order; the first refusal is returned with the task's name.
+    pub(crate) fn start(&mut self) -> Result<(), (String, FaultCode)> {
+        for lane in &mut self.lanes {
+            for seat in &mut lane.seats {
+                seat.task.start().map_err(|fault| (seat.name.clone(), fault))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Stops every lane that has not been stopped by its own thread.
+    pub(crate) fn stop(&mut self) {
+        for lane in &mut self.lanes {
+            lane.stop();
+        }
+    }
+
+    /// The names of the tasks of each lane, in order.
+    pub fn seats(&self) -> impl Iterator<Item = Vec<&str>> {
+        self.lanes.iter().map(|lane| lane.seats.iter().map(|seat| seat.name.as_str()).collect())
+    }
+}
+
+impl Builder {
+    /// An empty machine.
+    #[must_use]
+    pub fn new() -> Builder {
+        Builder::default()
+    }
+
+    /// Adds a lane.
+    ///
+    /// # Errors
+    /// A specification out of range, or a name that is taken. The place is `lane.NAME.field`.
+    pub fn lane(&mut self, spec: LaneSpec) -> Result<LaneId, Invalid> {
+        let outer = format!("lane.{}", spec.name);
+        spec.check().map_err(|invalid| invalid.within(&outer))?;
+        if self.lanes.iter().any(|draft| draft.spec.name == spec.name) {
+            return Err(Invalid::new(
+                format!("{outer}.name"),
+                format!("two lanes are called `{}`", spec.name),
+                "give each lane its own name",
+            ));
+        }
+        let mut draft = Draft { spec, seats: Vec::new(), inputs: Vec::new(), outputs: Vec::new() };
+        // A lane's own health is its first output, at seat number usize::MAX: it belongs to no task.
+        let mut own = Ports::new(0, 0);
+        let _ = own.output::<LaneHealth>("health");
+        draft.outputs.extend(own.outputs.into_iter().map(|output| (usize::MAX, output)));
+        self.lanes.push(draft);
+        Ok(LaneId(self.lanes.len() - 1))
+    }
+
+    /// Adds a task at the end of a lane; `make` declares its ports and builds it.
+    ///
+    /// # Errors
+    /// Whatever `make` refuses, or a name that another task has: then each of its signals would have two producers.
+    pub fn task(
+        &mut self,
+        lane: LaneId,
+        name: &str,
+        make: impl FnOnce(&mut Ports) -> Result<Box<dyn Task>, Invalid>,
+    ) -> Result<(), Invalid> {
+        if let Some(other) =
+            self.lanes.iter().find(|draft| draft.seats.iter().any(|seat| seat.name == name))
+        {
+            let signal = other
+                .outputs
+                .iter()
+                .find(|(seat, _)| other.seats.get(*seat).is_some_and(|seat| seat.name == name));
+            let of = signal
+                .map_or_else(String::new, |(_, output)| format!(" of `{name}.{}`", output.name));
+            return Err(Invalid::new(
+                format!("lane.{}.tasks.{name}", self.lanes[lane.0].spec.name),
+                format!(
+                    "task `{name}` stands in lane `{}` already: two producers{of}",
+                    other.spec.name
+                ),
+                "name each task once",
+            ));
+        }
+        let draft = &mut self.lanes[lane.0];
+        if draft.seats.len() == SEATS_MAX {
+            return Err(Invalid::new(
+                format!("lane.{}.tasks.{name}", draft.spec.name),
+                format!("a lane has at most {SEATS_MAX} tasks"),
+                "move some to another lane",
+            ));
+        }
+        let mut ports = Ports::new(draft.inputs.len(), draft.outputs.len());
+        let task = make(&mut ports)?;
+        let seat = draft.seats.len();
+        draft.inputs.extend(ports.inputs.into_iter().map(|input| (seat, input)));
+        draft.outputs.extend(ports.outputs.into_iter().map(|output| (seat, output)));
+        draft.seats.push(Seat { name: name.to_owned(), task, disabled: false });
+        Ok(())
+    }
+
+    /// Binds input `task.port` to signal `task.port` (or `lane.health`).
+    pub fn bind(&mut self, input: impl Into<String>, signal: impl Into<String>) {
+        self.bindings.insert(input.into(), signal.into());
+    }
+
+    /// Names the signal of type [`ModeStatus`] from which every lane takes [`crate::Cycle::mode`].
+    pub fn mode_from(&mut self, signal: impl Into<String>) {
+        self.mode = Some(signal.into());
+    }
+
+    /// Joins everything.
+    ///
+    /// # Errors
+    /// An input without a binding or whose signal nobody produces, a wrong type, a loop without a declared delay, a binding of
+    /// an input that does not exist. The place is `wiring.TASK.PORT`.
+    pub fn build(mut self) -> Result<Machine, Invalid> {
+        let catalog = self.catalog();
+        if catalog.signals.len() > usize::from(u16::MAX) {
+            return Err(Invalid::new("", "too many signals", "use fewer tasks"));
+        }
+        self.check_bindings()?;
+        let homes = self.homes();
+        let mut lanes: Vec<Lane> = Vec::new();
+        let mut drains = Vec::new();
+        for (index, draft) in self.lanes.iter_mut().enumerate() {
+            let (lane, drain) = take_lane(draft, index, &catalog, &homes);
+            lanes.push(lane);
+            drains.push(drain);
+        }
+        let mut links = BTreeMap::new();
+        for index in 0..self.lanes.len() {
+            for (seat, input) in &self.lanes[index].inputs {
+                let place = format!("{}.{}", lanes[index].seats[*seat].name, input.name);
+                let signal = &self.bindings[&place];
+                let home =
+                    homes.get(signal).ok_or_else(|| unknown(&place, signal, input, &catalog))?;
+                check_edge(&place, signal, input, *seat, index, home)?;
+                // Two inputs of one lane on one signal share a link.
+                let key = (index, home.lane, home.cell);
+                let cell = match links.get(&key) {
+                    Some(cell) => *cell,
+                    None => join(&mut lanes, index, home, input.connect)
+                        .ok_or_else(|| mismatch(&place, signal, input, home))?,
+                };
+                links.insert(key, cell);
+                lanes[index].inputs.push(Binding { cell, seen: 0, stale_after: input.stale_after });
+            }
+        }
+        if let Some(signal) = &self.mode {
+            bind_mode(&mut lanes, signal, &homes, &catalog)?;
+        }
+        Ok(Machine { lanes, drains, catalog })
+    }
+
+    fn catalog(&self) -> Catalog {
+        let mut catalog = Catalog::default();
+        for (lane, draft) in self.lanes.iter().enumerate() {
+            catalog.lanes.push(LaneInfo {
+                name: draft.spec.name.clone(),
+                period: draft.spec.period,
+                phase: draft.spec.phase,
+            });
+            for (seat, output) in &draft.outputs {
+                catalog.signals.push(Signal {
+                    name: signal_name(draft, *seat, output.name),
+                    lane,
+                    type_name: output.type_name,
+                    fields: output.fields,
+                    size: output.size,
+                });
+            }
+        }
+        catalog
+    }
+
+    fn check_bindings(&self) -> Result<(), Invalid> {
+        let mut inputs = Vec::new();
+        for draft in &self.lanes {
+            for (seat, input) in &draft.inputs {
+                inputs.push(format!("{}.{}", draft.seats[*seat].name, input.name));
+            }
+        }
+        for name in &inputs {
+            if !self.bindings.contains_key(name) {
+                return Err(Invalid::new(
+                    format!("wiring.{name}"),
+                    format!("input `{name}` is bound to nothing: missing producer"),
+                    format!("add `\"{name}\" = \"task.port\"` to [wiring]"),
+                ));
+            }
+        }
+        for name in self.bindings.keys() {
+            if !inputs.contains(name) {
+                return Err(Invalid::new(
+                    format!("wiring.{name}"),
+                    format!("there is no input `{name}`"),
+                    nearest(name, &inputs),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn homes(&self) -> BTreeMap<String, Home> {
+        let mut homes = BTreeMap::new();
+        for (lane, draft) in self.lanes.iter().enumerate() {
+            for (cell, (seat, output)) in draft.outputs.iter().enumerate() {
+                let home = Home {
+                    lane,
+                    cell,
+                    seat: *seat,
+                    type_id: output.type_id,
+                    type_name: output.type_name,
+                };
+                homes.insert(signal_name(draft, *seat, output.name), home);
+            }
+        }
+        homes
+    }
+}
+
+/// Where a signal is produced.
+struct Home {
+    lane: usize,
+    cell: usize,
+    seat: usize,
+    type_id: TypeId,
+    type_name: &'static str,
+}
+
+fn signal_name(draft: &Draft, seat: usize, port: &str) -> String {
+    let owner = draft.seats.get(seat).map_or(draft.spec.name.as_str(), |seat| seat.name.as_str());
+    format!("{owner}.{port}")
+}
+
+fn take_lane(
+    draft: &mut Draft,
+    index: usize,
+    catalog: &Catalog,
+    homes: &BTreeMap<String, Home>,
+) -> (Lane, Drain) {
+    let mine =
+        || catalog.signals.iter().enumerate().filter(move |(_, signal)| signal.lane == index);
+    let job_bytes: usize = mine().map(|(_, signal)| HEADER_BYTES + signal.size).sum();
+    let body = mine().map(|(_, signal)| signal.size).max().unwrap_or(0);
+    let jobs = usize::try_from((STALL.0 / draft.spec.period.0).max(4)).unwrap_or(4);
+    let (tap, drain) = tap(job_bytes * jobs, body);
+    let signals = mine()
+        .filter_map(|(number, signal)| {
+            let cell = homes.get(&signal.name)?.cell;
+            Some((cell, u16::try_from(number).ok()?))
+        })
+        .collect();
+    // The lane's own health was declared first: it is output cell 0.
+    let health = Ports::new(0, 0).output::<LaneHealth>("health");
+    let mut cells = Vec::new();
+    for (_, output) in &mut draft.outputs {
+        cells.push(std::mem::replace(&mut output.cell, crate::port::hollow()));
+    }
+    let lane = Lane {
+        spec: draft.spec.clone(),
+        seats: std::mem::take(&mut draft.seats),
+        cells,
+        inputs: Vec::new(),
+        remote: Vec::new(),
+        signals,
+        mode: None,
+        health,
+        tap,
+        scratch: vec![0; HEADER_BYTES + body].into_boxed_slice(),
+        next_tick: 0,
+        figures: Figures::new(),
+        stopped: false,
+    };
+    (lane, drain)
+}
+
+/// The cell in lane `reader` through which the signal at `home` is seen; links the lanes when they differ.
+fn join(
+    lanes: &mut [Lane],
+    reader: usize,
+    home: &Home,
+    connect: fn(&mut dyn crate::port::AnyCell, usize) -> Option<Box<dyn crate::port::AnyCell>>,
+) -> Option<usize> {
+    if reader == home.lane {
+        return Some(home.cell);
+    }
+    let (from, to) = (&lanes[home.lane].spec, &lanes[reader].spec);
+    let in_flight = (to.period + from.delivery + STALL).0 / from.period.0 + 2;
+    let capacity = usize::try_from(in_flight).ok()?;
+    let cell = connect(lanes[home.lane].cells[home.cell].as_mut(), capacity)?;
+    let lane = &mut lanes[reader];
+    lane.cells.push(cell);
+    lane.remote.push(lane.cells.len() - 1);
+    Some(lane.cells.len() - 1)
+}
+
+fn bind_mode(
+    lanes: &mut [Lane],
+    signal: &str,
+    homes: &BTreeMap<String, Home>,
+    catalog: &Catalog,
+) -> Result<(), Invalid> {
+    for index in 0..lanes.len() {
+        let mut ports = Ports::new(lanes[index].inputs.len(), 0);
+        let input = ports.input::<ModeStatus>("mode");
+        let declaration = &ports.inputs[0];
+        let home =
+            homes.get(signal).ok_or_else(|| unknown("mode", signal, declaration, catalog))?;
+        let cell = (declaration.type_id == home.type_id)
+            .then(|| join(lanes, index, home, declaration.connect))
+            .flatten()
+            .ok_or_else(|| mismatch("mode", signal, declaration, home))?;
+        lanes[index].inputs.push(Binding { cell, seen: 0, stale_after: Nanos::MAX });
+        lanes[index].mode = Some(input);
+    }
+    Ok(())
+}
+
+fn check_edge(
+    place: &str,
+    signal: &str,
+    input: &InputDeclaration,
+    seat: usize,
+    lane: usize,
+    home: &Home,
+) -> Result<(), Invalid> {
+    if input.type_id != home.type_id {
+        return Err(mismatch(place, signal, input, home));
+    }
+    let later = home.lane == lane && home.seat != usize::MAX && home.seat >= seat;
+    let own_health = home.lane == lane && home.seat == usize::MAX;
+    if (later || own_health) && !input.delayed {
+        return Err(Invalid::new(
+            format!("wiring.{place}"),
+            format!("`{signal}` is written after `{place}` reads it in the same lane: a loop"),
+            "put the producer earlier in the lane, or bind an input that is declared one tick delayed",
+        ));
+    }
+    Ok(())
+}
+
+fn mismatch(place: &str, signal: &str, input: &InputDeclaration, home: &Home) -> Invalid {
+    Invalid::new(
+        format!("wiring.{place}"),
+        format!(
+            "input `{place}` takes {}, but `{signal}` carries {}",
+            input.type_name, home.type_name
+        ),
+        format!("bind it to a signal of type {}", input.type_name),
+    )
+}
+
+fn unknown(place: &str, signal: &str, input: &InputDeclaration, catalog: &Catalog) -> Invalid {
+    let fitting: Vec<String> = catalog
+        .signals
+        .iter()
+        .filter(|candidate| candidate.type_name == input.type_name)
+        .map(|candidate| candidate.name.clone())
+        .collect();
+    let remedy = if fitting.is_empty() {
+        format!("add a task that produces {} to a lane", input.type_name)
+    } else {
+        format!("signals of type {}: {}", input.type_name, fitting.join(", "))
+    };
+    Invalid::new(
+        format!("wiring.{place}"),
+        format!("nobody produces `{signal}`: missing producer of `{place}`"),
+        remedy,
+    )
+}
+
+fn nearest(name: &str, known: &[String]) -> String {
+    let task = name.split('.').next().unwrap_or(name);
+    let same: Vec<&str> = known
+        .iter()
+        .filter(|input| input.split('.').next() == Some(task))
+        .map(String::as_str)
+        .collect();
+    if same.is_empty() {
+        format!("no task `{task}` with inputs stands in a lane; remove the line or add the task")
+    } else {
+        format!("inputs of `{task}`: {}", same.join(", "))
+    }
+}

@@ -1,0 +1,182 @@
+//! When jobs are released: integers only. Job k of a lane is released at phase + k * period, for ever. Refuses schedules that
+//! cannot keep the promise of logical delivery.
+
+use taktil_hal::Nanos;
+
+use crate::task::Invalid;
+
+/// What a lane does when it finds itself later than a whole period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Late {
+    /// Goes on with the newest job that is due; the ones in between are skipped and counted. Phase is never lost.
+    #[default]
+    Skip,
+    /// Runs every job, however late: for a simulated world, in which no time may be left out.
+    CatchUp,
+}
+
+/// One lane: one thread, one rate.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LaneSpec {
+    /// Name, unique in the machine.
+    pub name: String,
+    /// Time between releases.
+    pub period: Nanos,
+    /// Release of job 0, less than one period.
+    pub phase: Nanos,
+    /// Values written by job k become visible to other lanes at its release plus this; more than zero, at most one period.
+    pub delivery: Nanos,
+    /// A job that ends later than its release plus this has missed; at most `delivery`.
+    pub deadline: Nanos,
+    /// `SCHED_FIFO` priority, 1..=99.
+    pub priority: u8,
+    /// CPU to run on; any when absent.
+    pub cpu: Option<usize>,
+    /// What to do when more than a period late.
+    pub late: Late,
+}
+
+/// Shortest period that is accepted: below it a general-purpose kernel cannot follow.
+pub const SHORTEST_PERIOD: Nanos = Nanos::from_micros(20);
+/// Longest period that is accepted.
+pub const LONGEST_PERIOD: Nanos = Nanos::from_secs(10);
+
+impl LaneSpec {
+    /// A lane that starts at phase 0 and delivers after one period.
+    pub fn new(name: impl Into<String>, period: Nanos, priority: u8) -> LaneSpec {
+        LaneSpec {
+            name: name.into(),
+            period,
+            phase: Nanos::ZERO,
+            delivery: period,
+            deadline: period,
+            priority,
+            cpu: None,
+            late: Late::Skip,
+        }
+    }
+
+    /// Release of job `tick`.
+    #[must_use]
+    pub fn release(&self, tick: u64) -> Nanos {
+        self.phase + self.period * i64::try_from(tick).unwrap_or(i64::MAX / self.period.0.max(1))
+    }
+
+    /// Number of jobs released before `until`.
+    #[must_use]
+    pub fn jobs_before(&self, until: Nanos) -> u64 {
+        let span = (until - self.phase).0;
+        if span <= 0 { 0 } else { (span as u64).div_ceil(self.period.0 as u64) }
+    }
+
+    /// The newest job released at or before `now`; job 0 before the first release.
+    #[must_use]
+    pub fn newest_released(&self, now: Nanos) -> u64 {
+        let span = (now - self.phase).0;
+        if span <= 0 { 0 } else { span as u64 / self.period.0 as u64 }
+    }
+
+    /// Refuses what no executor could keep. Places are relative to the lane.
+    ///
+    /// # Errors
+    /// The first field that is out of its range.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let bad =
+            |place: &str, what: String, remedy: String| Err(Invalid::new(place, what, remedy));
+        if self.name.is_empty()
+            || !self.name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
+        {
+            return bad(
+                "name",
+                format!("`{}` is not a lane name", self.name),
+                "use letters, digits and underscores".into(),
+            );
+        }
+        if self.period < SHORTEST_PERIOD || self.period > LONGEST_PERIOD {
+            return bad(
+                "period_us",
+                format!("a period of {} is out of range", self.period),
+                format!("give between {SHORTEST_PERIOD} and {LONGEST_PERIOD}"),
+            );
+        }
+        if self.phase < Nanos::ZERO || self.phase >= self.period {
+            return bad(
+                "phase_us",
+                format!("a phase of {} does not lie in one period of {}", self.phase, self.period),
+                "give 0 up to, not including, the period".into(),
+            );
+        }
+        if self.delivery <= Nanos::ZERO || self.delivery > self.period {
+            return bad(
+                "delivery_us",
+                format!(
+                    "a delivery of {} is not within one period of {}",
+                    self.delivery, self.period
+                ),
+                "give more than 0 and at most the period".into(),
+            );
+        }
+        if self.deadline <= Nanos::ZERO || self.deadline > self.delivery {
+            return bad(
+                "deadline_us",
+                format!(
+                    "a deadline of {} lies after the delivery at {}",
+                    self.deadline, self.delivery
+                ),
+                "give more than 0 and at most the delivery".into(),
+            );
+        }
+        if !(1..=99).contains(&self.priority) {
+            return bad(
+                "priority",
+                format!("{} is not a SCHED_FIFO priority", self.priority),
+                "give 1 (lowest) to 99 (highest)".into(),
+            );
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn releases_are_exact_after_ten_million_jobs() {
+        let mut lane = LaneSpec::new("servo", Nanos(2_500_001), 80);
+        lane.phase = Nanos(7);
+        assert_eq!(lane.release(10_000_000), Nanos(25_000_010_000_007));
+        assert_eq!(lane.newest_released(Nanos(25_000_010_000_007)), 10_000_000);
+        assert_eq!(lane.newest_released(Nanos(25_000_010_000_006)), 9_999_999);
+        assert_eq!(lane.newest_released(Nanos(-5)), 0);
+    }
+
+    #[test]
+    fn jobs_before_counts_half_open() {
+        let lane = LaneSpec::new("servo", Nanos::from_micros(2500), 80);
+        assert_eq!(lane.jobs_before(Nanos::from_secs(10)), 4000);
+        assert_eq!(lane.jobs_before(Nanos(1)), 1);
+        assert_eq!(lane.jobs_before(Nanos::ZERO), 0);
+        assert_eq!(lane.jobs_before(Nanos(-1)), 0);
+    }
+
+    #[test]
+    fn each_bad_field_is_named() {
+        let good = LaneSpec::new("servo", Nanos::from_micros(2500), 80);
+        assert_eq!(good.check(), Ok(()));
+        let place = |change: &dyn Fn(&mut LaneSpec)| {
+            let mut lane = good.clone();
+            change(&mut lane);
+            lane.check().unwrap_err().place
+        };
+        assert_eq!(place(&|l| l.name = "a b".into()), "name");
+        assert_eq!(place(&|l| l.period = Nanos(-1)), "period_us");
+        assert_eq!(place(&|l| l.period = Nanos::from_secs(11)), "period_us");
+        assert_eq!(place(&|l| l.phase = l.period), "phase_us");
+        assert_eq!(place(&|l| l.delivery = Nanos::ZERO), "delivery_us");
+        assert_eq!(place(&|l| l.delivery = l.period + Nanos(1)), "delivery_us");
+        assert_eq!(place(&|l| l.deadline = l.delivery + Nanos(1)), "deadline_us");
+        assert_eq!(place(&|l| l.priority = 0), "priority");
+        assert_eq!(place(&|l| l.priority = 100), "priority");
+    }
+}
