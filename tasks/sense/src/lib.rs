@@ -1,1 +1,216 @@
-//! Stub.
+//! Reads the encoder board and the digital inputs once a job and says where the joints are. Owns the zero offsets: it sets
+//! them when the supervisor says that the arm stands in its home pose. Refuses to invent: a failed read publishes nothing,
+//! so that readers see the old value as held.
+
+pub mod law;
+
+use serde::Deserialize;
+use taktil_hal::{Counts, DigitalIn, Encoders, LinesIn};
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::transmission::Transmission;
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Ports, Task};
+use taktil_signal::{ControlState, JointState, Lines};
+
+use law::{Angles, Patience, Verdict};
+
+/// Number of joints of the arm.
+const JOINTS: usize = 6;
+
+/// Settings of [`Sense`].
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Joint angles of the home pose, deg. Default: 0, 0, -180, 0, 90, 0 (upper arm and hand level, forearm hanging).
+    pub home_deg: [f64; 6],
+    /// Fastest speed of each joint, deg/s, as a measure for jumps. Default: that of the reference arm.
+    pub v_max_deg_s: [f64; 6],
+    /// Failed reads in a row that are let pass with the last value held. Default: 1.
+    pub failures_allowed: u32,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        Config {
+            home_deg: [0.0, 0.0, -180.0, 0.0, 90.0, 0.0],
+            v_max_deg_s: Puma260::reference().speed_max_rad_s.map(f64::to_degrees).into(),
+            failures_allowed: 1,
+        }
+    }
+}
+
+impl Config {
+    /// Refuses angles that are not finite or beyond a few turns, and speeds that are not positive.
+    ///
+    /// # Errors
+    /// The place, what is wrong there, and the way out.
+    pub fn check(&self) -> Result<(), Invalid> {
+        for (i, angle) in self.home_deg.iter().enumerate() {
+            if !(angle.abs() <= 1000.0) {
+                return Err(Invalid::new(
+                    format!("home_deg[{i}]"),
+                    format!("{angle} is not a joint angle"),
+                    "give the angle of the home pose in degrees, within +-1000",
+                ));
+            }
+        }
+        for (i, speed) in self.v_max_deg_s.iter().enumerate() {
+            if !(*speed > 0.0 && *speed <= 1e5) {
+                return Err(Invalid::new(
+                    format!("v_max_deg_s[{i}]"),
+                    format!("{speed} is not a largest speed"),
+                    "give a positive speed in deg/s, at most 100000",
+                ));
+            }
+        }
+        if self.failures_allowed > 100 {
+            return Err(Invalid::new(
+                "failures_allowed",
+                format!(
+                    "{} failed reads in a row would let a dead board pass",
+                    self.failures_allowed
+                ),
+                "give a number from 0 to 100; 1 is usual",
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// The task.
+pub struct Sense {
+    encoders: Box<dyn Encoders>,
+    digital: Box<dyn DigitalIn>,
+    angles: Angles,
+    encoder_patience: Patience,
+    digital_patience: Patience,
+    lines_arrived: bool,
+    /// Calibration was asked for and waits for a sample that can be believed.
+    calibrate: bool,
+    control: Input<ControlState>,
+    joints: Output<JointState>,
+    lines: Output<Lines>,
+}
+
+impl Sense {
+    /// Declares the ports: in `control` (delayed), out `joints`, `lines`.
+    ///
+    /// # Errors
+    /// What [`Config::check`] refuses, and an encoder board with fewer than six joints.
+    pub fn new(
+        config: Config,
+        encoders: Box<dyn Encoders>,
+        digital: Box<dyn DigitalIn>,
+        ports: &mut Ports,
+    ) -> Result<Sense, Invalid> {
+        config.check()?;
+        if encoders.joints() < JOINTS {
+            return Err(Invalid::new(
+                "",
+                format!("the encoder board has {} joints", encoders.joints()),
+                "wire a board with six encoders",
+            ));
+        }
+        let radians = |degrees: [f64; 6]| Joints::from(degrees.map(f64::to_radians));
+        let angles = Angles::new(
+            Transmission::reference(),
+            radians(config.v_max_deg_s),
+            radians(config.home_deg),
+        );
+        Ok(Sense {
+            encoders,
+            digital,
+            angles,
+            encoder_patience: Patience::new(config.failures_allowed),
+            digital_patience: Patience::new(config.failures_allowed),
+            lines_arrived: false,
+            calibrate: false,
+            control: ports.input_delayed("control"),
+            joints: ports.output("joints"),
+            lines: ports.output("lines"),
+        })
+    }
+
+    fn read_joints(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        match self.encoders.sample(cycle.release) {
+            Ok(reading) => {
+                self.encoder_patience.good();
+                let mut counts = [0; JOINTS];
+                for (count, Counts(read)) in counts.iter_mut().zip(reading.value) {
+                    *count = read;
+                }
+                let state = self.angles.take(counts, reading.acquired, self.calibrate)?;
+                self.calibrate = false;
+                io.write(&self.joints, state);
+                Ok(())
+            }
+            Err(error) => match self.encoder_patience.bad(error.kind, self.angles.arrived()) {
+                Verdict::Hold => Ok(()),
+                Verdict::Gone => Err(FaultCode::EncoderLost),
+            },
+        }
+    }
+
+    fn read_lines(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        match self.digital.sample(cycle.release) {
+            Ok(reading) => {
+                self.digital_patience.good();
+                self.lines_arrived = true;
+                io.write(&self.lines, lines(reading.value));
+                Ok(())
+            }
+            Err(error) => match self.digital_patience.bad(error.kind, self.lines_arrived) {
+                Verdict::Hold => Ok(()),
+                Verdict::Gone => {
+                    io.write(&self.lines, lines(LinesIn::default()));
+                    Err(FaultCode::DigitalLost)
+                }
+            },
+        }
+    }
+}
+
+fn lines(read: LinesIn) -> Lines {
+    Lines {
+        drive_power: u32::from(read.drive_power),
+        estop_a_closed: u32::from(read.estop_a_closed),
+        estop_b_closed: u32::from(read.estop_b_closed),
+    }
+}
+
+impl Task for Sense {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        if io.read(&self.control).fresh().is_some_and(|control| control.calibrate == 1) {
+            self.calibrate = true;
+        }
+        let joints = self.read_joints(cycle, io);
+        let lines = self.read_lines(cycle, io);
+        joints.and(lines)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_configuration_is_sound() {
+        assert_eq!(Config::default().check(), Ok(()));
+    }
+
+    #[test]
+    fn unusable_settings_are_refused_with_their_place() {
+        for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0, 2e5] {
+            let mut config = Config::default();
+            config.v_max_deg_s[3] = bad;
+            assert_eq!(config.check().unwrap_err().place, "v_max_deg_s[3]", "{bad}");
+        }
+        for bad in [f64::NAN, f64::NEG_INFINITY, 1001.0] {
+            let mut config = Config::default();
+            config.home_deg[5] = bad;
+            assert_eq!(config.check().unwrap_err().place, "home_deg[5]", "{bad}");
+        }
+        let config = Config { failures_allowed: 101, ..Config::default() };
+        assert_eq!(config.check().unwrap_err().place, "failures_allowed");
+    }
+}

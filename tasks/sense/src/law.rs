@@ -1,0 +1,269 @@
+//! From counts to joint angles and speeds: gears, zero offset, speed by differencing, the check for jumps. Refuses devices
+//! and ports; what a failed read means is decided here too, as a function of the error's kind.
+
+use taktil_hal::{Kind, Nanos};
+use taktil_mechanics::Joints;
+use taktil_mechanics::transmission::Transmission;
+use taktil_rtcore::FaultCode;
+use taktil_signal::JointState;
+
+/// A joint that moved faster than this multiple of its largest speed did not move: its encoder jumped.
+pub const JUMP_MARGIN: f64 = 1.5;
+
+/// The newest sample that was believed, as a base for differences.
+#[derive(Clone, Copy, Debug)]
+struct Last {
+    /// Joint angles without the zero offset, rad.
+    raw_rad: Joints,
+    acquired: Nanos,
+    qd_rad_s: Joints,
+}
+
+/// Turns samples of the encoder board into joint states.
+#[derive(Clone, Debug)]
+pub struct Angles {
+    transmission: Transmission,
+    v_max_rad_s: Joints,
+    home_rad: Joints,
+    offset_rad: Joints,
+    datum: u32,
+    calibrated: bool,
+    last: Option<Last>,
+}
+
+impl Angles {
+    /// Uncalibrated: angles are those of the counts, zero where the counters were at power-up.
+    #[must_use]
+    pub fn new(transmission: Transmission, v_max_rad_s: Joints, home_rad: Joints) -> Angles {
+        Angles {
+            transmission,
+            v_max_rad_s,
+            home_rad,
+            offset_rad: Joints::zeros(),
+            datum: 0,
+            calibrated: false,
+            last: None,
+        }
+    }
+
+    /// True once a sample was believed.
+    #[must_use]
+    pub fn arrived(&self) -> bool {
+        self.last.is_some()
+    }
+
+    /// Takes one sample; with `calibrate` the arm stands in its home pose, and the zero offset is set so that the angles of
+    /// these very counts are the home angles.
+    ///
+    /// Speeds are differences over the time between the two acquisitions, so they act half of it late; the first is zero,
+    /// and a second sample of the same instant keeps the speed.
+    ///
+    /// # Errors
+    /// [`FaultCode::EncoderJump`] when a joint moved more than [`JUMP_MARGIN`] * v_max * (time between the acquisitions). The
+    /// zero is lost then, a calibration asked for does not happen, and differences start anew from this sample.
+    pub fn take(
+        &mut self,
+        counts: [i32; 6],
+        acquired: Nanos,
+        calibrate: bool,
+    ) -> Result<JointState, FaultCode> {
+        let raw_rad = self.transmission.joints(&counts);
+        let mut qd_rad_s = Joints::zeros();
+        if let Some(last) = self.last {
+            let span_s = (acquired - last.acquired).as_secs_f64().max(0.0);
+            let moved_rad = raw_rad - last.raw_rad;
+            if (0..6).any(|i| moved_rad[i].abs() > JUMP_MARGIN * self.v_max_rad_s[i] * span_s) {
+                self.last = Some(Last { raw_rad, acquired, qd_rad_s });
+                self.calibrated = false;
+                return Err(FaultCode::EncoderJump);
+            }
+            qd_rad_s = if span_s > 0.0 { moved_rad / span_s } else { last.qd_rad_s };
+        }
+        self.last = Some(Last { raw_rad, acquired, qd_rad_s });
+        if calibrate {
+            self.offset_rad = self.home_rad - raw_rad;
+            self.datum = self.datum.wrapping_add(1);
+            self.calibrated = true;
+        }
+        Ok(JointState {
+            q_rad: (raw_rad + self.offset_rad).into(),
+            qd_rad_s: qd_rad_s.into(),
+            counts,
+            datum: self.datum,
+            calibrated: u32::from(self.calibrated),
+        })
+    }
+}
+
+/// What to do about a read that failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// The last value stands a little longer.
+    Hold,
+    /// The device is to be taken as gone.
+    Gone,
+}
+
+/// Counts failed reads in a row.
+#[derive(Clone, Copy, Debug)]
+pub struct Patience {
+    /// Failures in a row that are let pass.
+    allowed: u32,
+    failed: u32,
+}
+
+impl Patience {
+    /// Lets `allowed` failures in a row pass.
+    #[must_use]
+    pub fn new(allowed: u32) -> Patience {
+        Patience { allowed, failed: 0 }
+    }
+
+    /// A read succeeded.
+    pub fn good(&mut self) {
+        self.failed = 0;
+    }
+
+    /// A read failed; `arrived` says whether a value was ever there.
+    ///
+    /// A lost device is gone at once. A stale one has already been silent for longer than it promises: gone, unless it has
+    /// never spoken. Transient failures and impossible values are let pass as long as patience lasts.
+    pub fn bad(&mut self, kind: Kind, arrived: bool) -> Verdict {
+        match kind {
+            Kind::Lost => Verdict::Gone,
+            Kind::Stale | Kind::Transient | Kind::OutOfRange if !arrived => Verdict::Hold,
+            Kind::Stale => Verdict::Gone,
+            Kind::Transient | Kind::OutOfRange => {
+                self.failed = self.failed.saturating_add(1);
+                if self.failed > self.allowed { Verdict::Gone } else { Verdict::Hold }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taktil_mechanics::transmission::{COUNTS_PER_REV, GEAR_RATIO};
+
+    const TICK: Nanos = Nanos(2_500_000);
+
+    fn angles() -> Angles {
+        let v_max = Joints::repeat(2.0);
+        let home = Joints::new(0.1, 0.2, -3.0, 0.0, 1.5, -0.25);
+        Angles::new(Transmission::reference(), v_max, home)
+    }
+
+    fn joint_1_rad(counts: f64) -> f64 {
+        counts * core::f64::consts::TAU / COUNTS_PER_REV[0] / GEAR_RATIO[0]
+    }
+
+    #[test]
+    fn before_calibration_angles_are_those_of_the_counts() {
+        let mut law = angles();
+        assert!(!law.arrived());
+        let first = law.take([1000, 0, 0, 0, 0, 0], Nanos(7), false).unwrap();
+        assert!(law.arrived());
+        assert!((first.q_rad[0] - joint_1_rad(1000.0)).abs() < 1e-15);
+        assert_eq!(first.qd_rad_s, [0.0; 6], "no speed from one sample");
+        assert_eq!((first.calibrated, first.datum), (0, 0));
+        assert_eq!(first.counts[0], 1000);
+    }
+
+    #[test]
+    fn the_wrist_is_decoupled() {
+        let mut law = angles();
+        let q = Joints::new(0.0, 0.0, 0.0, 0.5, 0.0, 0.0);
+        let counts = Transmission::reference().counts(&q);
+        assert_ne!(counts[4], 0, "motor 5 turns when joint 4 does");
+        let state = law.take(counts, Nanos(0), false).unwrap();
+        assert!((Joints::from(state.q_rad) - q).amax() < 2e-3);
+        assert!(state.q_rad[4].abs() < 1e-3);
+    }
+
+    #[test]
+    fn calibration_moves_the_zero_and_not_the_speed() {
+        let mut law = angles();
+        let _ = law.take([50, -20, 3, 4, 5, 6], Nanos(0), false).unwrap();
+        let home = law.take([52, -20, 3, 4, 5, 6], TICK, true).unwrap();
+        let expected = [0.1, 0.2, -3.0, 0.0, 1.5, -0.25];
+        for (found, wanted) in home.q_rad.iter().zip(expected) {
+            assert!((found - wanted).abs() < 1e-15);
+        }
+        assert_eq!((home.calibrated, home.datum), (1, 1));
+        assert!((home.qd_rad_s[0] - joint_1_rad(2.0) / 0.0025).abs() < 1e-12);
+        let next = law.take([52, -20, 3, 4, 5, 6], TICK + TICK, false).unwrap();
+        assert_eq!(next.q_rad, home.q_rad);
+        assert_eq!((next.calibrated, next.datum, next.qd_rad_s), (1, 1, [0.0; 6]));
+        let again = law.take([52, -20, 3, 4, 5, 6], TICK * 3, true).unwrap();
+        assert_eq!(again.datum, 2, "each new zero is a new datum");
+    }
+
+    #[test]
+    fn speed_is_over_the_stamps_whatever_the_tick() {
+        let mut law = angles();
+        let _ = law.take([0; 6], Nanos(1_000), false).unwrap();
+        let state = law.take([6, 0, 0, 0, 0, 0], Nanos(3_001_000), false).unwrap();
+        assert!((state.qd_rad_s[0] - joint_1_rad(6.0) / 0.003).abs() < 1e-12);
+        let same = law.take([6, 0, 0, 0, 0, 0], Nanos(3_001_000), false).unwrap();
+        assert_eq!(same.qd_rad_s, state.qd_rad_s, "the same instant again keeps the speed");
+    }
+
+    #[test]
+    fn a_jump_is_more_than_the_margin_over_the_fastest_joint() {
+        let limit = JUMP_MARGIN * 2.0 * 0.0025;
+        let most = (limit / joint_1_rad(1.0)).floor();
+        let count = |n: f64| [n as i32, 0, 0, 0, 0, 0];
+        for sign in [-1.0, 1.0] {
+            let mut law = angles();
+            let _ = law.take([0; 6], Nanos(0), false).unwrap();
+            assert!(law.take(count(sign * most), TICK, false).is_ok());
+            let mut law = angles();
+            let _ = law.take([0; 6], Nanos(0), true).unwrap();
+            let jump = law.take(count(sign * (most + 1.0)), TICK, true);
+            assert_eq!(jump, Err(FaultCode::EncoderJump));
+            let after = law.take(count(sign * (most + 1.0)), TICK + TICK, false).unwrap();
+            assert_eq!(after.qd_rad_s, [0.0; 6], "differences start anew");
+            assert_eq!((after.calibrated, after.datum), (0, 1), "the zero is not known any more");
+        }
+    }
+
+    #[test]
+    fn the_allowance_grows_with_the_time_that_passed() {
+        let step = (JUMP_MARGIN * 2.0 * 0.0075 / joint_1_rad(1.0)).floor() as i32;
+        let mut law = angles();
+        let _ = law.take([0; 6], Nanos(0), false).unwrap();
+        assert!(law.take([step, 0, 0, 0, 0, 0], TICK * 3, false).is_ok());
+        let mut law = angles();
+        let _ = law.take([0; 6], Nanos(0), false).unwrap();
+        assert!(law.take([step, 0, 0, 0, 0, 0], TICK + TICK, false).is_err());
+    }
+
+    #[test]
+    fn extreme_counts_and_stamps_are_a_jump_and_no_panic() {
+        let mut law = angles();
+        let _ = law.take([i32::MIN; 6], Nanos(0), false).unwrap();
+        assert_eq!(law.take([i32::MAX; 6], TICK, false), Err(FaultCode::EncoderJump));
+        assert_eq!(
+            law.take([0; 6], Nanos(-1), false),
+            Err(FaultCode::EncoderJump),
+            "moved back in time"
+        );
+        let mut law = angles();
+        let _ = law.take([0; 6], TICK, false).unwrap();
+        assert_eq!(law.take([1; 6], TICK, false), Err(FaultCode::EncoderJump), "moved in no time");
+    }
+
+    #[test]
+    fn patience_ends_after_the_allowed_failures_in_a_row() {
+        let mut patience = Patience::new(1);
+        assert_eq!(patience.bad(Kind::Transient, true), Verdict::Hold);
+        patience.good();
+        assert_eq!(patience.bad(Kind::OutOfRange, true), Verdict::Hold);
+        assert_eq!(patience.bad(Kind::Transient, true), Verdict::Gone);
+        assert_eq!(Patience::new(0).bad(Kind::Transient, true), Verdict::Gone);
+        assert_eq!(Patience::new(9).bad(Kind::Lost, false), Verdict::Gone);
+        assert_eq!(Patience::new(9).bad(Kind::Stale, true), Verdict::Gone);
+        assert_eq!(Patience::new(0).bad(Kind::Stale, false), Verdict::Hold, "has never spoken");
+    }
+}
