@@ -1,1 +1,320 @@
-//! Stub.
+//! The last gate before the boards: torque limits, finite check, mode gate, the window of the following error, enable and
+//! brake lines, the watchdog's feed. Refuses to pass anything on that did not arrive in this very job, and leaves the boards
+//! safe when it stops, is dropped, or loses one of them.
+
+pub mod law;
+
+use serde::Deserialize;
+use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Kind, LinesOut};
+use taktil_mechanics::Joints;
+use taktil_mechanics::transmission::{Drive, Transmission};
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Mode, Output, Ports, Task};
+use taktil_signal::{Applied, ControlState, JointState, Torque};
+
+use law::{Command, Gate, Law, Window, gate};
+
+/// Number of joints of the arm.
+const JOINTS: usize = 6;
+
+/// Settings of [`Actuate`].
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Largest torque at each joint, N m. Default: what the reference drives can make.
+    pub torque_limit_nm: [f64; 6],
+    /// Half width at rest of the window in which each joint has to follow, deg. Default: 5.
+    pub following_floor_deg: [f64; 6],
+    /// Growth of that half width with the measured speed, s. Default: 0.05.
+    pub following_gain_s: f64,
+    /// Failed writes in a row that are let pass. Default: 1.
+    pub failures_allowed: u32,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        let peak = Drive::reference().peak_joint_torque(&Transmission::reference());
+        Config {
+            torque_limit_nm: peak.into(),
+            following_floor_deg: [5.0; 6],
+            following_gain_s: 0.05,
+            failures_allowed: 1,
+        }
+    }
+}
+
+impl Config {
+    /// Refuses limits and windows that are not positive and finite.
+    ///
+    /// # Errors
+    /// The place, what is wrong there, and the way out.
+    pub fn check(&self) -> Result<(), Invalid> {
+        for (i, limit) in self.torque_limit_nm.iter().enumerate() {
+            if !(*limit > 0.0 && *limit <= 1e4) {
+                return Err(Invalid::new(
+                    format!("torque_limit_nm[{i}]"),
+                    format!("{limit} is not a torque limit"),
+                    "give a positive torque in N m, at most 10000",
+                ));
+            }
+        }
+        for (i, floor) in self.following_floor_deg.iter().enumerate() {
+            if !(*floor > 0.0 && *floor <= 360.0) {
+                return Err(Invalid::new(
+                    format!("following_floor_deg[{i}]"),
+                    format!("{floor} is not a window"),
+                    "give a positive angle in degrees, at most 360",
+                ));
+            }
+        }
+        if !(0.0..=10.0).contains(&self.following_gain_s) {
+            return Err(Invalid::new(
+                "following_gain_s",
+                format!("{} is not a gain", self.following_gain_s),
+                "give seconds from 0 to 10",
+            ));
+        }
+        if self.failures_allowed > 100 {
+            return Err(Invalid::new(
+                "failures_allowed",
+                format!(
+                    "{} failed writes in a row would let a dead board pass",
+                    self.failures_allowed
+                ),
+                "give a number from 0 to 100; 1 is usual",
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// Counts failed writes in a row.
+#[derive(Clone, Copy, Debug)]
+struct Patience {
+    allowed: u32,
+    failed: u32,
+}
+
+impl Patience {
+    /// False when the board has to be taken as gone.
+    fn bears(&mut self, written: Result<(), taktil_hal::Error>) -> bool {
+        match written {
+            Ok(()) => {
+                self.failed = 0;
+                true
+            }
+            Err(error) => {
+                self.failed = self.failed.saturating_add(1);
+                error.kind == Kind::Transient && self.failed <= self.allowed
+            }
+        }
+    }
+}
+
+/// The task.
+pub struct Actuate {
+    analog: Box<dyn AnalogOut>,
+    digital: Box<dyn DigitalOut>,
+    law: Law,
+    window: Window,
+    safe: Command,
+    analog_patience: Patience,
+    digital_patience: Patience,
+    feed: bool,
+    torque: Input<Torque>,
+    control: Input<ControlState>,
+    joints: Input<JointState>,
+    applied: Output<Applied>,
+}
+
+impl Actuate {
+    /// Declares the ports: in `torque`, `control`, `joints`, out `applied`.
+    ///
+    /// # Errors
+    /// What [`Config::check`] refuses, and a D/A board with fewer than six channels or a narrower range than the drives' codes.
+    pub fn new(
+        config: Config,
+        analog: Box<dyn AnalogOut>,
+        digital: Box<dyn DigitalOut>,
+        ports: &mut Ports,
+    ) -> Result<Actuate, Invalid> {
+        config.check()?;
+        let drive = Drive::reference();
+        check_board(analog.as_ref(), &drive)?;
+        let limit_nm = Joints::from(config.torque_limit_nm);
+        let law = Law::new(Transmission::reference(), drive, limit_nm);
+        let DacCode(safe_code) = analog.safe_value();
+        let safe =
+            Command { codes: [safe_code; JOINTS], tau_nm: law.torque_of(safe_code), limited: 0 };
+        let patience = Patience { allowed: config.failures_allowed, failed: 0 };
+        Ok(Actuate {
+            analog,
+            digital,
+            law,
+            window: Window {
+                floor_rad: config.following_floor_deg.map(f64::to_radians),
+                gain_s: config.following_gain_s,
+            },
+            safe,
+            analog_patience: patience,
+            digital_patience: patience,
+            feed: false,
+            torque: ports.input("torque"),
+            control: ports.input("control"),
+            joints: ports.input("joints"),
+            applied: ports.output("applied"),
+        })
+    }
+
+    /// Writes both boards; a board that fails takes the other one to its safe value with it.
+    fn commit(
+        &mut self,
+        cycle: &Cycle,
+        command: &Command,
+        lines: &LinesOut,
+    ) -> Result<(), FaultCode> {
+        let mut codes = [self.analog.safe_value(); CHANNELS];
+        for (channel, code) in codes.iter_mut().zip(command.codes) {
+            *channel = DacCode(code);
+        }
+        let analog = self.analog.commit(cycle.release, &codes);
+        let analog_lives = self.analog_patience.bears(analog);
+        let safe = LinesOut { enable: false, brake_release: false, ..*lines };
+        let lines = if analog_lives { lines } else { &safe };
+        let digital = self.digital.commit(cycle.release, lines);
+        if !self.digital_patience.bears(digital) {
+            // Whether this arrives or not, there is nothing left to do but to say so.
+            let _ = self.analog.safe();
+            return Err(FaultCode::DigitalLost);
+        }
+        if analog_lives { Ok(()) } else { Err(FaultCode::AnalogOutLost) }
+    }
+
+    fn make_safe(&mut self) {
+        // A board that does not answer any more has its own watchdog.
+        let _ = self.analog.safe();
+        let _ = self.digital.safe();
+    }
+}
+
+fn check_board(analog: &dyn AnalogOut, drive: &Drive) -> Result<(), Invalid> {
+    if analog.channels() < JOINTS {
+        return Err(Invalid::new(
+            "",
+            format!("the D/A board has {} channels", analog.channels()),
+            "wire a board with six outputs",
+        ));
+    }
+    let (DacCode(low), DacCode(high)) = analog.code_range();
+    let (drive_low, drive_high) = drive.code_range();
+    if low > drive_low || high < drive_high {
+        return Err(Invalid::new(
+            "",
+            format!(
+                "the D/A board takes codes {low}..={high}, the drives need {drive_low}..={drive_high}"
+            ),
+            "wire a board of at least the drives' width",
+        ));
+    }
+    Ok(())
+}
+
+impl Task for Actuate {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let control = io.read(&self.control).fresh();
+        let torque = io.read(&self.torque).fresh();
+        let joints = io.read(&self.joints);
+        let own = control.map(|control| {
+            u8::try_from(control.mode).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault)
+        });
+        let gate = gate(own, cycle.mode, torque.is_some());
+        let mut fault = Ok(());
+        let mut command = self.safe;
+        let mut lines = LinesOut::SAFE;
+        match (gate, torque) {
+            (Gate::Open, Some(torque)) => {
+                match self.law.command(&torque.tau_nm) {
+                    Ok(allowed) => command = allowed,
+                    Err(code) => fault = Err(code),
+                }
+                let qd_rad_s = joints.value.qd_rad_s;
+                if fault.is_ok() && !self.window.holds(&torque.error_rad, &qd_rad_s) {
+                    fault = Err(FaultCode::FollowingError);
+                }
+                let mode = own.unwrap_or(Mode::Fault);
+                lines.enable = true;
+                lines.brake_release = mode.brakes_released() && cycle.mode.brakes_released();
+            }
+            (Gate::Silent, _) => fault = Err(FaultCode::LaneSilent),
+            (Gate::Open | Gate::Shut, _) => {}
+        }
+        // A sign of life only while everything that torque depends on comes anew in each job.
+        if control.is_some() && joints.fresh().is_some() && gate != Gate::Silent {
+            self.feed = !self.feed;
+        }
+        lines.watchdog_feed = self.feed;
+        let committed = self.commit(cycle, &command, &lines);
+        let mut dac = [self.analog.safe_value().0; CHANNELS];
+        dac[..JOINTS].copy_from_slice(&command.codes);
+        let applied = Applied {
+            tau_nm: command.tau_nm,
+            dac,
+            gate_open: u32::from(gate == Gate::Open),
+            limited: command.limited,
+        };
+        io.write(&self.applied, applied);
+        committed.and(fault)
+    }
+
+    fn stop(&mut self) {
+        self.make_safe();
+    }
+}
+
+impl Drop for Actuate {
+    fn drop(&mut self) {
+        self.make_safe();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taktil_hal::Error;
+
+    #[test]
+    fn the_default_configuration_is_sound_and_at_the_drives_peak() {
+        let config = Config::default();
+        assert_eq!(config.check(), Ok(()));
+        assert!((config.torque_limit_nm[0] - 12.848).abs() < 1e-3);
+    }
+
+    #[test]
+    fn unusable_settings_are_refused_with_their_place() {
+        for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
+            let mut config = Config::default();
+            config.torque_limit_nm[2] = bad;
+            assert_eq!(config.check().unwrap_err().place, "torque_limit_nm[2]", "{bad}");
+            let mut config = Config::default();
+            config.following_floor_deg[5] = bad;
+            assert_eq!(config.check().unwrap_err().place, "following_floor_deg[5]", "{bad}");
+        }
+        for bad in [f64::NAN, -0.1, 10.1] {
+            let config = Config { following_gain_s: bad, ..Config::default() };
+            assert_eq!(config.check().unwrap_err().place, "following_gain_s", "{bad}");
+        }
+        let config = Config { failures_allowed: 101, ..Config::default() };
+        assert_eq!(config.check().unwrap_err().place, "failures_allowed");
+    }
+
+    #[test]
+    fn one_transient_failure_is_borne_and_nothing_else() {
+        let mut patience = Patience { allowed: 1, failed: 0 };
+        let transient = Err(Error::whole(Kind::Transient, "test"));
+        assert!(patience.bears(transient) && patience.bears(Ok(())));
+        assert!(patience.bears(transient) && !patience.bears(transient));
+        for kind in [Kind::Lost, Kind::OutOfRange, Kind::Stale] {
+            let mut patience = Patience { allowed: 1, failed: 0 };
+            assert!(!patience.bears(Err(Error::whole(kind, "test"))), "{kind:?}");
+        }
+    }
+}

@@ -46,7 +46,7 @@ impl Config {
     /// The place, what is wrong there, and the way out.
     pub fn check(&self) -> Result<(), Invalid> {
         for (i, angle) in self.home_deg.iter().enumerate() {
-            if !(angle.abs() <= 1000.0) {
+            if !(-1000.0..=1000.0).contains(angle) {
                 return Err(Invalid::new(
                     format!("home_deg[{i}]"),
                     format!("{angle} is not a joint angle"),

@@ -1,0 +1,216 @@
+//! From joint torque to converter codes, and the windows that watch the way there. Refuses devices and ports, and refuses to
+//! decide whether torque is allowed: that is the mode's word.
+
+use taktil_mechanics::Joints;
+use taktil_mechanics::transmission::{Drive, Transmission};
+use taktil_rtcore::{FaultCode, Mode};
+
+/// What the converters are told for one torque, and what it stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Command {
+    /// Codes of the six motors.
+    pub codes: [i32; 6],
+    /// Joint torques (N m) that these codes make, after all limits and rounding.
+    pub tau_nm: [f64; 6],
+    /// Bit j is set when the torque asked of joint j, or the motor of joint j, was limited.
+    pub limited: u32,
+}
+
+/// Limits, gears and amplifiers.
+#[derive(Clone, Debug)]
+pub struct Law {
+    transmission: Transmission,
+    drive: Drive,
+    torque_limit_nm: Joints,
+}
+
+impl Law {
+    /// Limits are at the joints, N m, positive.
+    #[must_use]
+    pub fn new(transmission: Transmission, drive: Drive, torque_limit_nm: Joints) -> Law {
+        Law { transmission, drive, torque_limit_nm }
+    }
+
+    /// Codes for a joint torque (N m): clamp at the joints, through the gears, round and clamp at the converter.
+    ///
+    /// # Errors
+    /// [`FaultCode::NotFinite`] when any joint's torque is NaN or infinite.
+    pub fn command(&self, tau_nm: &[f64; 6]) -> Result<Command, FaultCode> {
+        if !tau_nm.iter().all(|tau| tau.is_finite()) {
+            return Err(FaultCode::NotFinite);
+        }
+        let mut limited = 0;
+        let mut joint_nm = Joints::zeros();
+        for (i, tau) in tau_nm.iter().enumerate() {
+            let limit = self.torque_limit_nm[i];
+            joint_nm[i] = tau.clamp(-limit, limit);
+            if tau.abs() > limit {
+                limited |= 1 << i;
+            }
+        }
+        let asked_nm = self.transmission.motor_torque(&joint_nm);
+        let mut codes = [0; 6];
+        let mut motor_nm = Joints::zeros();
+        for (i, code) in codes.iter_mut().enumerate() {
+            *code = self.drive.code(asked_nm[i], i);
+            motor_nm[i] = self.drive.torque(*code, i);
+            // Rounding moves a torque by at most half a step; more than that was cut off at the end of the range.
+            if (asked_nm[i] - motor_nm[i]).abs() > 0.6 * self.drive.torque(1, i) {
+                limited |= 1 << i;
+            }
+        }
+        Ok(Command { codes, tau_nm: self.joint_torque(&motor_nm), limited })
+    }
+
+    /// What a code on all channels stands for at the joints, N m: for the safe value.
+    #[must_use]
+    pub fn torque_of(&self, code: i32) -> [f64; 6] {
+        self.joint_torque(&Joints::from_fn(|i, _| self.drive.torque(code, i)))
+    }
+
+    fn joint_torque(&self, motor_nm: &Joints) -> [f64; 6] {
+        self.transmission.joint_torque(motor_nm).into()
+    }
+}
+
+/// The window in which a joint has to follow: half width `floor + gain * |speed|`.
+#[derive(Clone, Copy, Debug)]
+pub struct Window {
+    /// Half width at rest, rad.
+    pub floor_rad: [f64; 6],
+    /// Growth with the measured speed, s.
+    pub gain_s: f64,
+}
+
+impl Window {
+    /// True when every joint is inside; the edge belongs to the window, NaN is outside.
+    #[must_use]
+    pub fn holds(&self, error_rad: &[f64; 6], qd_rad_s: &[f64; 6]) -> bool {
+        (0..6).all(|i| error_rad[i].abs() <= self.floor_rad[i] + self.gain_s * qd_rad_s[i].abs())
+    }
+}
+
+/// Why codes other than the safe value may not leave, or that they may.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Gate {
+    /// Torque may leave.
+    Open,
+    /// The mode does not allow torque.
+    Shut,
+    /// The mode allows it, but what should come each job has stopped coming.
+    Silent,
+}
+
+/// The gate for a mode, given whether this job's torque and control state are there.
+///
+/// `own` is the mode that came with this job's control state (`None`: it did not come), `told` the mode that the machine
+/// told this task. Both have to allow torque.
+#[must_use]
+pub fn gate(own: Option<Mode>, told: Mode, torque_fresh: bool) -> Gate {
+    match own {
+        None if told.torque_allowed() => Gate::Silent,
+        None => Gate::Shut,
+        Some(own) if !(own.torque_allowed() && told.torque_allowed()) => Gate::Shut,
+        Some(_) if torque_fresh => Gate::Open,
+        Some(_) => Gate::Silent,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn law(limit: f64) -> Law {
+        Law::new(Transmission::reference(), Drive::reference(), Joints::repeat(limit))
+    }
+
+    #[test]
+    fn a_moderate_torque_arrives_within_half_a_step_per_motor() {
+        let asked = [1.0, -2.0, 0.5, 0.3, -0.2, 0.1];
+        let command = law(5.0).command(&asked).unwrap();
+        assert_eq!(command.limited, 0);
+        for (made, wanted) in command.tau_nm.iter().zip(asked) {
+            assert!((made - wanted).abs() < 0.006, "{command:?}");
+        }
+        assert!(command.codes[0] > 0 && command.codes[1] < 0);
+    }
+
+    #[test]
+    fn the_coupling_of_the_wrist_is_in_the_torque_map() {
+        let command = law(5.0).command(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.5]).unwrap();
+        assert_ne!(command.codes[5], 0);
+        assert_ne!(command.codes[4], 0, "motor 5 has to balance what motor 6 does to joint 5");
+        assert!((command.tau_nm[5] - 0.5).abs() < 2e-3 && command.tau_nm[4].abs() < 2e-3);
+    }
+
+    #[test]
+    fn each_joint_is_clamped_at_its_limit_and_says_so() {
+        let law = law(0.8);
+        let at = law.command(&[0.8, -0.8, 0.8, 0.0, 0.0, 0.0]).unwrap();
+        assert_eq!(at.limited, 0, "the limit itself is allowed");
+        let over = law.command(&[1e300, -0.8000001, 0.0, 0.0, f64::MAX, 0.0]).unwrap();
+        assert_eq!(over.limited & 0b01_0011, 0b01_0011);
+        let same = law.command(&[0.8, -0.8, 0.0, 0.0, 0.8, 0.0]).unwrap();
+        assert_eq!(over.codes, same.codes);
+    }
+
+    #[test]
+    fn a_motor_at_the_end_of_its_range_is_limited_too() {
+        let drive = Drive::reference();
+        let peak = drive.peak_joint_torque(&Transmission::reference());
+        let law = Law::new(Transmission::reference(), drive, Joints::repeat(1e6));
+        let command = law.command(&[2.0 * peak[0], 0.0, -2.0 * peak[2], 0.0, 0.0, 0.0]).unwrap();
+        assert_eq!((command.codes[0], command.codes[2]), (2047, -2048));
+        assert_eq!(command.limited, 0b101);
+        assert!((command.tau_nm[0] - peak[0]).abs() < 0.01 * peak[0]);
+        let negative_end = law.command(&[-peak[0], 0.0, 0.0, 0.0, 0.0, 0.0]).unwrap();
+        assert_eq!((negative_end.codes[0], negative_end.limited), (-2048, 0));
+    }
+
+    #[test]
+    fn what_is_not_finite_is_refused_on_every_joint() {
+        for i in 0..6 {
+            for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                let mut tau = [0.0; 6];
+                tau[i] = bad;
+                assert_eq!(law(1.0).command(&tau), Err(FaultCode::NotFinite));
+            }
+        }
+    }
+
+    #[test]
+    fn zero_asks_for_no_current() {
+        let command = law(1.0).command(&[0.0, -0.0, 0.0, -0.0, 0.0, 0.0]).unwrap();
+        assert_eq!((command.codes, command.limited), ([0; 6], 0));
+        assert_eq!(law(1.0).torque_of(0), [0.0; 6]);
+    }
+
+    #[test]
+    fn the_window_grows_with_speed_and_includes_its_edge() {
+        let window = Window { floor_rad: [0.25; 6], gain_s: 0.5 };
+        let one = |i: usize, x: f64| core::array::from_fn(|k| if k == i { x } else { 0.0 });
+        for i in 0..6 {
+            assert!(window.holds(&one(i, -0.25), &[0.0; 6]));
+            assert!(!window.holds(&one(i, -0.250_001), &[0.0; 6]));
+            assert!(window.holds(&one(i, 0.75), &one(i, -1.0)));
+            assert!(!window.holds(&one(i, 0.75), &one((i + 1) % 6, -1.0)), "its own speed counts");
+            assert!(!window.holds(&one(i, f64::NAN), &[0.0; 6]));
+            assert!(!window.holds(&[0.0; 6], &one(i, f64::NAN)));
+        }
+        assert!(!window.holds(&[f64::INFINITY; 6], &[1.0; 6]));
+    }
+
+    #[test]
+    fn torque_leaves_only_when_both_modes_and_a_fresh_torque_say_so() {
+        for own in Mode::ALL {
+            for told in Mode::ALL {
+                let both = own.torque_allowed() && told.torque_allowed();
+                let open = gate(Some(own), told, true);
+                assert_eq!(open == Gate::Open, both, "{own:?} {told:?}");
+                assert_eq!(gate(Some(own), told, false) == Gate::Silent, both, "{own:?} {told:?}");
+            }
+            assert_ne!(gate(None, own, true), Gate::Open);
+            assert_eq!(gate(None, own, true) == Gate::Silent, own.torque_allowed());
+        }
+    }
+}
