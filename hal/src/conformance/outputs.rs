@@ -209,11 +209,12 @@ fn digital_out(
     let mut report = Report::default();
     let silence = device.longest_silence();
     safe_lines(&mut report, device, &mut observe, "before the first commit");
-    for bits in 0..8 {
+    // Every combination, the feed line changing from each to the next: a watchdog stays fed.
+    for step in 0..8 {
         let lines = LinesOut {
-            enable: bits & 1 != 0,
-            brake_release: bits & 2 != 0,
-            watchdog_feed: bits & 4 != 0,
+            enable: step & 2 != 0,
+            brake_release: step & 4 != 0,
+            watchdog_feed: step & 1 == 0,
         };
         accepted(&mut report, "lines-accepted", device.commit(bench.release(), &lines));
         if let Some(observe) = observe.as_mut() {

@@ -1,0 +1,91 @@
+//! Reading what the board publishes under a number: untorn, fresh, once per release. Refuses to
+//! wait: retries are counted, and a board that is busy all the time gives a transient error.
+
+use taktil_hal::{Error, Kind, Nanos, Reading};
+
+use crate::io::RegisterFile;
+use crate::registers::{Block, ID, ID_VALUE};
+
+/// How often a block is read again when the board published another one meanwhile.
+pub const TORN_RETRIES: usize = 3;
+
+/// Reads a block until its numbers agree, at most [`TORN_RETRIES`] times again; the number, or
+/// `None` when every attempt was torn. What `copy` took from a torn attempt is worthless.
+pub(crate) fn untorn(
+    registers: &RegisterFile,
+    block: Block,
+    mut copy: impl FnMut(&RegisterFile),
+) -> Option<u16> {
+    for _ in 0..=TORN_RETRIES {
+        let end = registers.read(block.end);
+        registers.order_reads();
+        copy(registers);
+        registers.order_reads();
+        if registers.read(block.begin) == end {
+            return Some(end);
+        }
+    }
+    None
+}
+
+/// Whether the board is there; once it was not, this half stays lost.
+#[derive(Debug, Default)]
+pub(crate) struct Presence {
+    lost: bool,
+}
+
+impl Presence {
+    pub(crate) fn check(
+        &mut self,
+        registers: &RegisterFile,
+        device: &'static str,
+    ) -> Result<(), Error> {
+        self.lost |= registers.read(ID) != ID_VALUE;
+        if self.lost { Err(Error::whole(Kind::Lost, device)) } else { Ok(()) }
+    }
+}
+
+/// Turns numbered values into readings: stamped with the release that first saw their number, one
+/// per release, stale when the number stands still.
+#[derive(Debug)]
+pub(crate) struct Numbered<T> {
+    device: &'static str,
+    stale_after: Nanos,
+    presence: Presence,
+    /// The number last seen and the release that saw it first.
+    beat: Option<(u16, Nanos)>,
+    last: Option<(Nanos, Reading<T>)>,
+}
+
+impl<T: Copy> Numbered<T> {
+    pub(crate) fn new(device: &'static str, stale_after: Nanos) -> Numbered<T> {
+        Numbered { device, stale_after, presence: Presence::default(), beat: None, last: None }
+    }
+
+    /// The reading for `release`; `read` gives the value and its number.
+    pub(crate) fn sample(
+        &mut self,
+        registers: &RegisterFile,
+        release: Nanos,
+        read: impl FnOnce(&RegisterFile) -> Result<(u16, T), Error>,
+    ) -> Result<Reading<T>, Error> {
+        if let Some((at, reading)) = self.last
+            && at == release
+        {
+            return Ok(reading);
+        }
+        self.presence.check(registers, self.device)?;
+        let (number, value) = read(registers)?;
+        let acquired = match self.beat {
+            Some((seen, since)) if seen == number => since,
+            _ => release,
+        };
+        self.beat = Some((number, acquired));
+        if release - acquired > self.stale_after {
+            return Err(Error::whole(Kind::Stale, self.device));
+        }
+        let reading = Reading { value, acquired };
+        self.last = Some((release, reading));
+        Ok(reading)
+    }
+}

@@ -1,0 +1,96 @@
+//! What the bits of a register mean as a number: offset binary and counters of limited width.
+//! Refuses volts and radians.
+
+/// Narrowest and widest converter and counter words.
+pub(crate) const CONVERTER_BITS: (u32, u32) = (2, 16);
+pub(crate) const COUNTER_BITS: (u32, u32) = (8, 32);
+
+/// Offset binary of a given width: 0 is the most negative code, half scale is code 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct OffsetBinary {
+    half: i32,
+}
+
+impl OffsetBinary {
+    /// `bits` is 2 to 16, checked with the config.
+    pub(crate) const fn new(bits: u32) -> OffsetBinary {
+        OffsetBinary { half: 1 << (bits - 1) }
+    }
+
+    /// Lowest and highest code.
+    pub(crate) const fn range(self) -> (i32, i32) {
+        (-self.half, self.half - 1)
+    }
+
+    /// The word of a code; `None` outside the range.
+    pub(crate) fn word(self, code: i32) -> Option<u16> {
+        let (low, high) = self.range();
+        let inside = (low..=high).contains(&code);
+        if inside { u16::try_from(code + self.half).ok() } else { None }
+    }
+
+    /// The code of a word; `None` when bits above the converter's width are set.
+    pub(crate) fn code(self, word: u16) -> Option<i32> {
+        let code = i32::from(word) - self.half;
+        if code <= self.range().1 { Some(code) } else { None }
+    }
+}
+
+/// A counter `bits` wide (8 to 32), carried on from `last`: the nearest count with that raw value.
+/// Right as long as the counter moves less than half its range between two calls.
+pub(crate) fn unfold(last: i32, raw: u32, bits: u32) -> i32 {
+    let shift = 32 - bits;
+    let step = (raw << shift).wrapping_sub(last.cast_unsigned() << shift).cast_signed() >> shift;
+    last.wrapping_add(step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn offset_binary_at_its_corners() {
+        let twelve = OffsetBinary::new(12);
+        assert_eq!(twelve.range(), (-2048, 2047));
+        let words =
+            [-2049, -2048, -1, 0, 1, 2047, 2048, i32::MIN, i32::MAX].map(|c| twelve.word(c));
+        let due = [None, Some(0), Some(2047), Some(2048), Some(2049), Some(4095), None, None, None];
+        assert_eq!(words, due);
+        assert_eq!([0, 2048, 4095].map(|w| twelve.code(w)), [Some(-2048), Some(0), Some(2047)]);
+        assert_eq!([4096, u16::MAX].map(|w| twelve.code(w)), [None, None]);
+        let sixteen = OffsetBinary::new(16);
+        assert_eq!(sixteen.code(u16::MAX), Some(32767));
+        assert_eq!(sixteen.word(-32768), Some(0));
+    }
+
+    #[test]
+    fn every_word_survives_the_round_trip() {
+        for bits in CONVERTER_BITS.0..=CONVERTER_BITS.1 {
+            let coding = OffsetBinary::new(bits);
+            for code in coding.range().0..=coding.range().1 {
+                assert_eq!(coding.word(code).and_then(|word| coding.code(word)), Some(code));
+            }
+        }
+    }
+
+    #[test]
+    fn counters_are_carried_across_their_wrap() {
+        assert_eq!(unfold(0, 0xffff, 16), -1);
+        assert_eq!(unfold(32_767, 0x8000, 16), 32_768);
+        assert_eq!(unfold(32_768 + 65_536, 0x7fff, 16), 32_767 + 65_536);
+        assert_eq!(unfold(-1, 0x000000, 24), 0);
+        assert_eq!(unfold(0x7f_ffff, 0x80_0000, 24), 0x80_0000);
+        assert_eq!(unfold(i32::MAX, 0x8000_0000, 32), i32::MIN);
+        assert_eq!(unfold(i32::MIN, 0x7fff_ffff, 32), i32::MAX);
+        assert_eq!(unfold(123, 0xffff_fff0, 32), -16);
+    }
+
+    #[test]
+    fn a_long_run_in_one_direction_is_counted_whole() {
+        let mut count = 0;
+        for step in 1..=1_000u32 {
+            count = unfold(count, (step * 30_000) & 0xffff, 16);
+        }
+        assert_eq!(count, 30_000_000);
+    }
+}

@@ -1,0 +1,134 @@
+//! What a machine file says about a register-file board. Refuses signs and scales: they belong to
+//! whoever knows what is wired.
+
+use std::path::PathBuf;
+
+use serde::Deserialize;
+use taktil_hal::CHANNELS;
+
+use crate::codes::{CONVERTER_BITS, COUNTER_BITS};
+use crate::error::Invalid;
+use crate::registers::BLOCK_BYTES;
+
+/// A register-file board. Only `path` has no default.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// A UIO device such as `/dev/uio0`, or a plain file that a model of the board serves.
+    pub path: PathBuf,
+    /// Which of a UIO device's memory maps holds the block; 0 for a plain file. Default 0.
+    pub map: u8,
+    /// Where the block starts in the map or file, in bytes, even. Default 0.
+    pub offset_bytes: usize,
+    /// How many bytes to map from there, at least and by default [`BLOCK_BYTES`].
+    pub length_bytes: usize,
+    /// Encoders wired, 1 to 8. Default 6.
+    pub joints: usize,
+    /// D/A channels wired, 1 to 8. Default 8.
+    pub dac_channels: usize,
+    /// A/D channels wired, 1 to 8. Default 8.
+    pub adc_channels: usize,
+    /// Width of the D/A converters, 2 to 16 bits. Default 12.
+    pub dac_bits: u32,
+    /// Width of the A/D converters, 2 to 16 bits. Default 12.
+    pub adc_bits: u32,
+    /// Width of the force/torque gauges' converters, 2 to 16 bits. Default 12.
+    pub gauge_bits: u32,
+    /// Width of the encoder counters, 8 to 32 bits; narrower ones are carried across their wrap.
+    /// Default 32.
+    pub counter_bits: u32,
+    /// Width of a tactel's count, 2 to 16 bits. Default 12.
+    pub tactile_bits: u32,
+    /// How long a scan of the tactile array takes, in microseconds, 1 to 1 000 000: the rows of a
+    /// frame are stamped evenly over it. Default 5000.
+    pub tactile_scan_us: u32,
+    /// After how long without a commit (D/A) or a change of the feed line (digital lines) the board
+    /// goes safe by itself, in milliseconds, 1 to 10 000. Default 10: four cycles of 2.5 ms.
+    pub watchdog_ms: u16,
+    /// After how long without a new number on a block its readings count as stale, in milliseconds,
+    /// 1 to 10 000. Default 10.
+    pub stale_ms: u16,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        Config {
+            path: PathBuf::new(),
+            map: 0,
+            offset_bytes: 0,
+            length_bytes: BLOCK_BYTES,
+            joints: 6,
+            dac_channels: CHANNELS,
+            adc_channels: CHANNELS,
+            dac_bits: 12,
+            adc_bits: 12,
+            gauge_bits: 12,
+            counter_bits: 32,
+            tactile_bits: 12,
+            tactile_scan_us: 5_000,
+            watchdog_ms: 10,
+            stale_ms: 10,
+        }
+    }
+}
+
+/// The longest watchdog, staleness, in ms.
+const LONGEST_MS: u16 = 10_000;
+/// The longest scan, in microseconds.
+const LONGEST_SCAN_US: u32 = 1_000_000;
+
+impl Config {
+    /// Refuses what cannot be meant.
+    ///
+    /// # Errors
+    /// The first value that is outside the bounds its field states.
+    pub fn check(&self) -> Result<(), Invalid> {
+        if self.path.as_os_str().is_empty() {
+            return Err(Invalid {
+                place: "path",
+                what: "no path is given".to_owned(),
+                remedy: "name a UIO device such as /dev/uio0, or a file".to_owned(),
+            });
+        }
+        self.check_window()?;
+        self.check_board()
+    }
+
+    /// Everything but where the board is.
+    pub(crate) fn check_board(&self) -> Result<(), Invalid> {
+        within("joints", self.joints, (1, CHANNELS))?;
+        within("dac_channels", self.dac_channels, (1, CHANNELS))?;
+        within("adc_channels", self.adc_channels, (1, CHANNELS))?;
+        within("dac_bits", self.dac_bits, CONVERTER_BITS)?;
+        within("adc_bits", self.adc_bits, CONVERTER_BITS)?;
+        within("gauge_bits", self.gauge_bits, CONVERTER_BITS)?;
+        within("tactile_bits", self.tactile_bits, CONVERTER_BITS)?;
+        within("counter_bits", self.counter_bits, COUNTER_BITS)?;
+        within("tactile_scan_us", self.tactile_scan_us, (1, LONGEST_SCAN_US))?;
+        within("watchdog_ms", self.watchdog_ms, (1, LONGEST_MS))?;
+        within("stale_ms", self.stale_ms, (1, LONGEST_MS))
+    }
+
+    fn check_window(&self) -> Result<(), Invalid> {
+        within("length_bytes", self.length_bytes, (BLOCK_BYTES, isize::MAX.cast_unsigned()))?;
+        if !self.offset_bytes.is_multiple_of(2) {
+            return Err(Invalid {
+                place: "offset_bytes",
+                what: format!("{} is odd", self.offset_bytes),
+                remedy: "registers are 16-bit words: give an even offset".to_owned(),
+            });
+        }
+        within("offset_bytes", self.offset_bytes, (0, isize::MAX as usize - self.length_bytes))
+    }
+}
+
+fn within<T>(place: &'static str, value: T, (low, high): (T, T)) -> Result<(), Invalid>
+where
+    T: PartialOrd + std::fmt::Display,
+{
+    if value >= low && value <= high {
+        return Ok(());
+    }
+    let remedy = format!("give {low} to {high}");
+    Err(Invalid { place, what: format!("{value} is out of bounds"), remedy })
+}

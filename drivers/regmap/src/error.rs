@@ -1,0 +1,74 @@
+//! Why a board could not be opened, with the place in the config and a remedy. Refuses to be needed
+//! once a board is open: from then on it is `taktil_hal::Error`.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// A value of the config that cannot be meant.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Invalid {
+    /// Dotted path inside [`Config`](crate::Config).
+    pub place: &'static str,
+    /// What is wrong.
+    pub what: String,
+    /// What to do about it.
+    pub remedy: String,
+}
+
+impl fmt::Display for Invalid {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}; {}", self.place, self.what, self.remedy)
+    }
+}
+
+impl std::error::Error for Invalid {}
+
+/// Why a board could not be opened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum OpenError {
+    /// The config is refused.
+    Invalid(Invalid),
+    /// The file or device behind the path is not a board that can be used.
+    Device {
+        /// The path as configured.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+        /// What to do about it.
+        remedy: String,
+    },
+}
+
+impl OpenError {
+    pub(crate) fn device(path: &Path, what: impl Into<String>, remedy: &str) -> OpenError {
+        OpenError::Device { path: path.to_owned(), what: what.into(), remedy: remedy.to_owned() }
+    }
+
+    /// The dotted path inside [`Config`](crate::Config) that a message should point at.
+    #[must_use]
+    pub fn place(&self) -> &'static str {
+        match self {
+            OpenError::Invalid(invalid) => invalid.place,
+            OpenError::Device { .. } => "path",
+        }
+    }
+}
+
+impl From<Invalid> for OpenError {
+    fn from(invalid: Invalid) -> OpenError {
+        OpenError::Invalid(invalid)
+    }
+}
+
+impl fmt::Display for OpenError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            OpenError::Invalid(invalid) => invalid.fmt(f),
+            OpenError::Device { path, what, remedy } => {
+                write!(f, "{}: {what}; {remedy}", path.display())
+            }
+        }
+    }
+}
+
+impl std::error::Error for OpenError {}

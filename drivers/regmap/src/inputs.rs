@@ -1,0 +1,199 @@
+//! The input halves that give readings: encoders, A/D, force/torque, lines. They refuse words with
+//! bits set that the board does not have.
+
+use std::sync::Arc;
+
+use taktil_hal::{
+    AXES, AdcCode, AnalogIn, CHANNELS, Counts, DigitalIn, Encoders, Error, ForceTorque, Kind,
+    LinesIn, Nanos, Reading,
+};
+
+use crate::block::{Numbered, untorn};
+use crate::codes::{OffsetBinary, unfold};
+use crate::config::Config;
+use crate::io::RegisterFile;
+use crate::registers::{
+    ADC, Block, DIGITAL_IN, ENCODER_LATCH, ENCODERS, FORCE_TORQUE, IN_BEAT_SHIFT, IN_DRIVE_POWER,
+    IN_ESTOP_A_CLOSED, IN_ESTOP_B_CLOSED, IN_RESERVED,
+};
+
+const ENCODERS_NAME: &str = "regmap.encoders";
+const ANALOG_IN_NAME: &str = "regmap.analog_in";
+const FORCE_TORQUE_NAME: &str = "regmap.force_torque";
+const DIGITAL_IN_NAME: &str = "regmap.digital_in";
+
+fn stale_after(config: &Config) -> Nanos {
+    Nanos::from_millis(i64::from(config.stale_ms))
+}
+
+/// Encoder counters.
+#[derive(Debug)]
+pub struct RegisterEncoders {
+    registers: Arc<RegisterFile>,
+    joints: usize,
+    counter_bits: u32,
+    latch: u16,
+    counts: [i32; CHANNELS],
+    readings: Numbered<[Counts; CHANNELS]>,
+}
+
+impl RegisterEncoders {
+    pub(crate) fn new(registers: Arc<RegisterFile>, config: &Config) -> RegisterEncoders {
+        RegisterEncoders {
+            latch: registers.read(ENCODER_LATCH),
+            registers,
+            joints: config.joints,
+            counter_bits: config.counter_bits,
+            counts: [0; CHANNELS],
+            readings: Numbered::new(ENCODERS_NAME, stale_after(config)),
+        }
+    }
+}
+
+impl Encoders for RegisterEncoders {
+    fn joints(&self) -> usize {
+        self.joints
+    }
+
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
+        let RegisterEncoders { latch, counts, joints, counter_bits, .. } = self;
+        self.readings.sample(&self.registers, release, |registers| {
+            *latch = latch.wrapping_add(1);
+            registers.write(ENCODER_LATCH, *latch);
+            let mut raw = [0u32; CHANNELS];
+            let number = untorn(registers, ENCODERS, |registers| {
+                let mut halves = ENCODERS.words.iter();
+                for raw in &mut raw {
+                    let mut half = || halves.next().map_or(0, |r| u32::from(registers.read(r)));
+                    *raw = (half() << 16) | half();
+                }
+            });
+            let number = number.ok_or(Error::whole(Kind::Transient, ENCODERS_NAME))?;
+            for (count, raw) in counts.iter_mut().zip(raw).take(*joints) {
+                *count = unfold(*count, raw, *counter_bits);
+            }
+            Ok((number, counts.map(Counts)))
+        })
+    }
+}
+
+/// A/D converters.
+#[derive(Debug)]
+pub struct RegisterAnalogIn {
+    registers: Arc<RegisterFile>,
+    channels: usize,
+    coding: OffsetBinary,
+    readings: Numbered<[AdcCode; CHANNELS]>,
+}
+
+impl RegisterAnalogIn {
+    pub(crate) fn new(registers: Arc<RegisterFile>, config: &Config) -> RegisterAnalogIn {
+        RegisterAnalogIn {
+            registers,
+            channels: config.adc_channels,
+            coding: OffsetBinary::new(config.adc_bits),
+            readings: Numbered::new(ANALOG_IN_NAME, stale_after(config)),
+        }
+    }
+}
+
+impl AnalogIn for RegisterAnalogIn {
+    fn channels(&self) -> usize {
+        self.channels
+    }
+
+    fn code_range(&self) -> (AdcCode, AdcCode) {
+        let (low, high) = self.coding.range();
+        (AdcCode(low), AdcCode(high))
+    }
+
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; CHANNELS]>, Error> {
+        let (channels, coding) = (self.channels, self.coding);
+        self.readings.sample(&self.registers, release, |registers| {
+            codes(registers, ADC, ANALOG_IN_NAME, channels, coding)
+        })
+    }
+}
+
+/// A six-axis force/torque sensor's gauges.
+#[derive(Debug)]
+pub struct RegisterForceTorque {
+    registers: Arc<RegisterFile>,
+    coding: OffsetBinary,
+    readings: Numbered<[AdcCode; AXES]>,
+}
+
+impl RegisterForceTorque {
+    pub(crate) fn new(registers: Arc<RegisterFile>, config: &Config) -> RegisterForceTorque {
+        RegisterForceTorque {
+            registers,
+            coding: OffsetBinary::new(config.gauge_bits),
+            readings: Numbered::new(FORCE_TORQUE_NAME, stale_after(config)),
+        }
+    }
+}
+
+impl ForceTorque for RegisterForceTorque {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
+        let coding = self.coding;
+        self.readings.sample(&self.registers, release, |registers| {
+            codes(registers, FORCE_TORQUE, FORCE_TORQUE_NAME, AXES, coding)
+        })
+    }
+}
+
+/// One untorn block of offset binary words; words from `channels` on are not looked at.
+fn codes<const N: usize>(
+    registers: &RegisterFile,
+    block: Block,
+    device: &'static str,
+    channels: usize,
+    coding: OffsetBinary,
+) -> Result<(u16, [AdcCode; N]), Error> {
+    let mut words = [0u16; N];
+    let number = untorn(registers, block, |registers| {
+        for (word, register) in words.iter_mut().zip(block.words.iter()) {
+            *word = registers.read(register);
+        }
+    });
+    let number = number.ok_or(Error::whole(Kind::Transient, device))?;
+    let mut codes = [AdcCode(0); N];
+    for (channel, (code, word)) in (0u16..).zip(codes.iter_mut().zip(words).take(channels)) {
+        let refused = Error::on_channel(Kind::OutOfRange, device, channel);
+        *code = AdcCode(coding.code(word).ok_or(refused)?);
+    }
+    Ok((number, codes))
+}
+
+/// Lines from the cell. Line bits and beat share a word, so they are never torn.
+#[derive(Debug)]
+pub struct RegisterDigitalIn {
+    registers: Arc<RegisterFile>,
+    readings: Numbered<LinesIn>,
+}
+
+impl RegisterDigitalIn {
+    pub(crate) fn new(registers: Arc<RegisterFile>, config: &Config) -> RegisterDigitalIn {
+        RegisterDigitalIn {
+            registers,
+            readings: Numbered::new(DIGITAL_IN_NAME, stale_after(config)),
+        }
+    }
+}
+
+impl DigitalIn for RegisterDigitalIn {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error> {
+        self.readings.sample(&self.registers, release, |registers| {
+            let word = registers.read(DIGITAL_IN);
+            if word & IN_RESERVED != 0 {
+                return Err(Error::whole(Kind::OutOfRange, DIGITAL_IN_NAME));
+            }
+            let lines = LinesIn {
+                drive_power: word & IN_DRIVE_POWER != 0,
+                estop_a_closed: word & IN_ESTOP_A_CLOSED != 0,
+                estop_b_closed: word & IN_ESTOP_B_CLOSED != 0,
+            };
+            Ok((word >> IN_BEAT_SHIFT, lines))
+        })
+    }
+}

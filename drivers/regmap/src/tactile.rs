@@ -1,0 +1,108 @@
+//! The tactile array's half: a whole frame or none. Refuses frames that were overwritten while they
+//! were read.
+
+use std::sync::Arc;
+
+use taktil_hal::{Arrival, Error, Kind, MAX_ROWS, MAX_TACTELS, Nanos, TactileArray, TactileFrame};
+
+use crate::block::{Presence, untorn};
+use crate::config::Config;
+use crate::io::RegisterFile;
+use crate::registers::{TACTILE, TACTILE_COLS, TACTILE_ROWS};
+
+const NAME: &str = "regmap.tactile";
+const _: () = assert!(TACTILE_ROWS <= MAX_ROWS && TACTILE_ROWS * TACTILE_COLS <= MAX_TACTELS);
+
+/// The tactile frame buffer. Its number is 0 until the board has scanned for the first time.
+///
+/// The board does not time its rows: a frame is stamped with the release that found it, and its
+/// rows evenly over the scan time before that, the last row at the stamp.
+#[derive(Debug)]
+pub struct RegisterTactile {
+    registers: Arc<RegisterFile>,
+    full_scale: u16,
+    row_period: Nanos,
+    presence: Presence,
+    /// The number of the frame handed out last, carried on beyond 16 bits.
+    sequence: Option<u32>,
+    last_new: Option<Nanos>,
+    words: [u16; MAX_TACTELS],
+}
+
+impl RegisterTactile {
+    pub(crate) fn new(registers: Arc<RegisterFile>, config: &Config) -> RegisterTactile {
+        RegisterTactile {
+            registers,
+            full_scale: u16::MAX >> (16 - config.tactile_bits),
+            row_period: Nanos(i64::from(config.tactile_scan_us) * 1_000 / TACTILE_ROWS as i64),
+            presence: Presence::default(),
+            sequence: None,
+            last_new: None,
+            words: [0; MAX_TACTELS],
+        }
+    }
+
+    /// The number of a frame that was not handed out before, if there is one.
+    fn newer(&self, number: u16) -> Option<u32> {
+        let last = self.sequence.unwrap_or(0);
+        // The low half is all that the board counts.
+        let ahead = number.wrapping_sub(last as u16);
+        if ahead == 0 { None } else { Some(last.wrapping_add(u32::from(ahead))) }
+    }
+
+    fn fill(&self, release: Nanos, sequence: u32, frame: &mut TactileFrame) {
+        frame.rows = TACTILE_ROWS as u16;
+        frame.cols = TACTILE_COLS as u16;
+        frame.sequence = sequence;
+        frame.acquired = release;
+        frame.values = self.words;
+        frame.valid = [true; MAX_TACTELS];
+        frame.row_acquired = [release; MAX_ROWS];
+        let mut acquired = release;
+        for row in frame.row_acquired.iter_mut().take(TACTILE_ROWS).rev() {
+            *row = acquired;
+            acquired -= self.row_period;
+        }
+    }
+}
+
+impl TactileArray for RegisterTactile {
+    fn rows(&self) -> usize {
+        TACTILE_ROWS
+    }
+
+    fn cols(&self) -> usize {
+        TACTILE_COLS
+    }
+
+    fn full_scale(&self) -> u16 {
+        self.full_scale
+    }
+
+    fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
+        if self.last_new == Some(release) {
+            return Ok(Arrival::Held);
+        }
+        self.presence.check(&self.registers, NAME)?;
+        if self.newer(self.registers.read(TACTILE.end)).is_none() {
+            return Ok(Arrival::Held);
+        }
+        let words = &mut self.words;
+        let number = untorn(&self.registers, TACTILE, |registers| {
+            for (word, register) in words.iter_mut().zip(TACTILE.words.iter()) {
+                *word = registers.read(register);
+            }
+        });
+        let number = number.ok_or(Error::whole(Kind::Transient, NAME))?;
+        let Some(sequence) = self.newer(number) else {
+            return Ok(Arrival::Held);
+        };
+        if let Some(tactel) = self.words.iter().position(|word| *word > self.full_scale) {
+            return Err(Error::on_channel(Kind::OutOfRange, NAME, tactel as u16));
+        }
+        self.fill(release, sequence, frame);
+        self.sequence = Some(sequence);
+        self.last_new = Some(release);
+        Ok(Arrival::New)
+    }
+}

@@ -1,0 +1,275 @@
+//! The board through its halves, with the model behind the registers: loop-back, torn and stuck
+//! frames, counters that wrap, boards that vanish, and the dead-man.
+
+use std::sync::Arc;
+
+use taktil_drivers_regmap::registers::{
+    ADC, DAC_STROBE, DIGITAL_IN, ENCODERS, FORCE_TORQUE, ID, ID_VALUE, TACTILE,
+};
+use taktil_drivers_regmap::{Board, Config, Loopback, RegisterFile};
+use taktil_hal::{
+    Arrival, CHANNELS, DacCode, Devices, Error, Kind, LinesIn, LinesOut, MAX_TACTELS, Nanos,
+    TactileFrame,
+};
+
+fn rig(config: &Config) -> (Arc<RegisterFile>, Loopback, Devices) {
+    let registers = Arc::new(RegisterFile::anonymous().unwrap());
+    let model = Loopback::new(registers.clone(), config).unwrap();
+    let devices = Board::attach(registers.clone(), config).unwrap();
+    (registers, model, devices)
+}
+
+fn ms(n: i64) -> Nanos {
+    Nanos::from_millis(n)
+}
+
+const DRIVE: LinesOut = LinesOut { enable: true, brake_release: true, watchdog_feed: true };
+
+#[test]
+fn analog_in_reads_what_analog_out_puts_out() {
+    for (dac_bits, adc_bits) in [(12, 12), (12, 16), (16, 12)] {
+        let config = Config { dac_bits, adc_bits, ..Config::default() };
+        let (_, mut model, mut devices) = rig(&config);
+        let (low, high) = devices.analog_out.code_range();
+        let codes = [low.0, -16, 0, 16, 32, 48, 64, high.0 & !15].map(DacCode);
+        devices.analog_out.commit(ms(0), &codes).unwrap();
+        model.tick(ms(0));
+        let scale = f64::from(1 << adc_bits) / f64::from(1 << dac_bits);
+        let read = devices.analog_in.sample(ms(0)).unwrap().value;
+        let due = codes.map(|code| f64::from(code.0) * scale);
+        assert_eq!(read.map(|code| f64::from(code.0)), due, "{dac_bits} to {adc_bits} bits");
+    }
+}
+
+#[test]
+fn counters_wrap_and_go_on() {
+    let config = Config { counter_bits: 16, ..Config::default() };
+    let (_, mut model, mut devices) = rig(&config);
+    for step in 0..100i32 {
+        let count = step * 20_000;
+        model.turn([count; CHANNELS]);
+        model.tick(ms(i64::from(step)));
+        let read = devices.encoders.sample(ms(i64::from(step))).unwrap().value;
+        assert_eq!(read[5].0, count);
+    }
+    let (_, mut model, mut devices) = rig(&Config::default());
+    for (step, count) in [i32::MAX, i32::MIN, -1, 0, 0x1_0000, 0xffff].into_iter().enumerate() {
+        let now = ms(step as i64);
+        model.turn([count; CHANNELS]);
+        model.tick(now);
+        assert_eq!(devices.encoders.sample(now).unwrap().value[0].0, count);
+    }
+}
+
+#[test]
+fn a_torn_block_is_a_transient_error_and_the_next_whole_one_is_read() {
+    let (registers, mut model, mut devices) = rig(&Config::default());
+    model.tick(ms(0));
+    model.scan(&[7; MAX_TACTELS]);
+    let mut frame = TactileFrame::empty();
+    for block in [ENCODERS, ADC, FORCE_TORQUE, TACTILE] {
+        registers.write(block.begin, registers.read(block.begin).wrapping_add(1));
+    }
+    let kind = |error: Error| (error.kind, error.channel);
+    let torn = (Kind::Transient, Error::ALL_CHANNELS);
+    assert_eq!(devices.encoders.sample(ms(1)).map_err(kind), Err(torn));
+    assert_eq!(devices.analog_in.sample(ms(1)).map_err(kind), Err(torn));
+    assert_eq!(devices.force_torque.sample(ms(1)).map_err(kind), Err(torn));
+    assert_eq!(devices.tactile.sample(ms(1), &mut frame).map_err(kind), Err(torn));
+    assert_eq!(frame, TactileFrame::empty());
+    model.tick(ms(2));
+    model.scan(&[8; MAX_TACTELS]);
+    assert!(devices.encoders.sample(ms(2)).is_ok());
+    assert!(devices.analog_in.sample(ms(2)).is_ok());
+    assert!(devices.force_torque.sample(ms(2)).is_ok());
+    assert_eq!(devices.tactile.sample(ms(2), &mut frame), Ok(Arrival::New));
+    assert_eq!(frame.values, [8; MAX_TACTELS]);
+}
+
+#[test]
+fn no_frame_is_ever_a_mixture_while_another_thread_scans() {
+    let (_, mut model, mut devices) = rig(&Config { tactile_bits: 16, ..Config::default() });
+    let scanner = std::thread::spawn(move || {
+        for number in 0..20_000u16 {
+            model.scan(&[number; MAX_TACTELS]);
+            for _ in 0..number % 1_000 {
+                std::hint::spin_loop();
+            }
+        }
+        model
+    });
+    let (mut frame, mut frames, mut release, mut last) = (TactileFrame::empty(), 0, 0, None);
+    let mut done = false;
+    while !done {
+        done = scanner.is_finished();
+        release += 1;
+        match devices.tactile.sample(Nanos(release), &mut frame) {
+            Ok(Arrival::New) => {
+                frames += 1;
+                assert!(frame.values.iter().all(|v| *v == frame.values[0]), "{:?}", frame.values);
+                assert_eq!(frame.sequence, u32::from(frame.values[0]) + 1);
+                assert!(last.is_none_or(|last| last < frame.sequence));
+                last = Some(frame.sequence);
+            }
+            Ok(Arrival::Held) => {}
+            Err(error) => assert_eq!(error.kind, Kind::Transient),
+        }
+    }
+    assert!(frames > 0);
+    assert_eq!(last, Some(20_000), "the last scan stands still and must be had");
+}
+
+#[test]
+fn a_stuck_scanner_is_held_and_its_number_wraps_beyond_16_bits() {
+    let (registers, mut model, mut devices) = rig(&Config::default());
+    let mut frame = TactileFrame::empty();
+    assert_eq!(devices.tactile.sample(ms(0), &mut frame), Ok(Arrival::Held), "never scanned");
+    model.scan(&[1; MAX_TACTELS]);
+    assert_eq!(devices.tactile.sample(ms(1), &mut frame), Ok(Arrival::New));
+    for n in 2..1_000 {
+        assert_eq!(devices.tactile.sample(ms(n), &mut frame), Ok(Arrival::Held));
+    }
+    assert_eq!((frame.sequence, frame.acquired), (1, ms(1)));
+    for (n, number) in (1_000..).zip([0xffff, 0, 2]) {
+        registers.write(TACTILE.begin, number);
+        registers.write(TACTILE.end, number);
+        assert_eq!(devices.tactile.sample(ms(n), &mut frame), Ok(Arrival::New));
+    }
+    assert_eq!(frame.sequence, 0x1_0002);
+}
+
+#[test]
+fn words_that_the_board_cannot_mean_are_out_of_range() {
+    let (registers, mut model, mut devices) = rig(&Config { adc_channels: 7, ..Config::default() });
+    model.tick(ms(0));
+    model.scan(&[4095; MAX_TACTELS]);
+    let kind = |error: Error| (error.kind, error.channel);
+    registers.write(ADC.words.get(7).unwrap(), 0xffff);
+    assert!(devices.analog_in.sample(ms(0)).is_ok(), "channel 7 is not wired");
+    registers.write(ADC.words.get(6).unwrap(), 0x1000);
+    assert_eq!(devices.analog_in.sample(ms(1)).map_err(kind), Err((Kind::OutOfRange, 6)));
+    registers.write(FORCE_TORQUE.words.get(0).unwrap(), 0x8000);
+    assert_eq!(devices.force_torque.sample(ms(1)).map_err(kind), Err((Kind::OutOfRange, 0)));
+    registers.write(TACTILE.words.get(200).unwrap(), 4096);
+    let answer = devices.tactile.sample(ms(1), &mut TactileFrame::empty());
+    assert_eq!(answer.map_err(kind), Err((Kind::OutOfRange, 200)));
+    registers.write(DIGITAL_IN, 0xffff);
+    assert_eq!(devices.digital_in.sample(ms(1)).map_err(|e| e.kind), Err(Kind::OutOfRange));
+}
+
+#[test]
+fn a_board_that_stands_still_goes_stale_and_comes_back() {
+    let (_, mut model, mut devices) = rig(&Config { stale_ms: 5, ..Config::default() });
+    model.tick(ms(0));
+    for now in 0..=5 {
+        assert_eq!(devices.encoders.sample(ms(now)).unwrap().acquired, ms(0));
+        assert_eq!(devices.digital_in.sample(ms(now)).unwrap().acquired, ms(0));
+    }
+    assert_eq!(devices.encoders.sample(ms(6)).map_err(|e| e.kind).unwrap_err(), Kind::Stale);
+    assert_eq!(devices.digital_in.sample(ms(6)).map_err(|e| e.kind).unwrap_err(), Kind::Stale);
+    model.set_lines(LinesIn { drive_power: true, estop_a_closed: true, estop_b_closed: false });
+    model.tick(ms(7));
+    assert_eq!(devices.encoders.sample(ms(7)).unwrap().acquired, ms(7));
+    assert!(!devices.digital_in.sample(ms(7)).unwrap().value.estop_b_closed);
+}
+
+#[test]
+fn a_board_that_vanishes_is_lost_for_good() {
+    let (registers, mut model, mut devices) = rig(&Config::default());
+    model.tick(ms(0));
+    devices.encoders.sample(ms(0)).unwrap();
+    registers.write(ID, 0xffff);
+    let mut frame = TactileFrame::empty();
+    for now in 1..4 {
+        let found = [
+            devices.encoders.sample(ms(now)).map(drop),
+            devices.analog_in.sample(ms(now)).map(drop),
+            devices.force_torque.sample(ms(now)).map(drop),
+            devices.digital_in.sample(ms(now)).map(drop),
+            devices.tactile.sample(ms(now), &mut frame).map(drop),
+            devices.analog_out.commit(ms(now), &[DacCode(1); CHANNELS]),
+            devices.digital_out.commit(ms(now), &DRIVE),
+            devices.analog_out.safe(),
+            devices.digital_out.safe(),
+        ];
+        assert_eq!(found.map(|answer| answer.map_err(|e| e.kind)), [Err(Kind::Lost); 9]);
+        registers.write(ID, ID_VALUE);
+    }
+}
+
+/// Drives at full scale with brakes up.
+fn driven() -> (Loopback, Devices) {
+    let (_, mut model, mut devices) = rig(&Config::default());
+    devices.analog_out.commit(ms(0), &[DacCode(2047); CHANNELS]).unwrap();
+    devices.digital_out.commit(ms(0), &DRIVE).unwrap();
+    model.tick(ms(0));
+    assert_eq!((model.volts(), model.lines_out()), ([DacCode(2047); CHANNELS], DRIVE));
+    (model, devices)
+}
+
+fn is_safe(model: &Loopback) -> bool {
+    let lines = model.lines_out();
+    model.volts() == [DacCode(0); CHANNELS] && !lines.enable && !lines.brake_release
+}
+
+#[test]
+fn dropped_or_panicked_the_board_is_safe_at_once() {
+    let (mut model, devices) = driven();
+    drop(devices);
+    model.tick(ms(1));
+    assert!(is_safe(&model));
+    let (mut model, devices) = driven();
+    let thread = std::thread::spawn(move || {
+        let _devices = devices;
+        std::panic::resume_unwind(Box::new("a lane that fell over"));
+    });
+    assert!(thread.join().is_err());
+    model.tick(ms(1));
+    assert!(is_safe(&model));
+}
+
+#[test]
+fn killed_without_a_last_word_the_board_is_safe_within_its_longest_silence() {
+    let (mut model, devices) = driven();
+    let silence = devices.analog_out.longest_silence();
+    assert_eq!(silence, ms(10));
+    assert_eq!(devices.digital_out.longest_silence(), silence);
+    std::mem::forget(devices);
+    model.tick(silence);
+    assert!(!is_safe(&model));
+    model.tick(silence + Nanos(1));
+    assert!(is_safe(&model));
+}
+
+#[test]
+fn a_feed_line_that_stands_still_is_no_sign_of_life() {
+    let (mut model, mut devices) = driven();
+    for now in 1..=11 {
+        devices.digital_out.commit(ms(now), &DRIVE).unwrap();
+        devices.analog_out.commit(ms(now), &[DacCode(5); CHANNELS]).unwrap();
+        model.tick(ms(now));
+    }
+    assert_eq!(model.volts(), [DacCode(5); CHANNELS], "the D/A group was committed to");
+    assert!(!model.lines_out().enable && !model.lines_out().brake_release);
+    devices.digital_out.commit(ms(12), &LinesOut { watchdog_feed: false, ..DRIVE }).unwrap();
+    model.tick(ms(12));
+    assert!(model.lines_out().enable);
+}
+
+#[test]
+fn words_left_by_a_crashed_process_are_not_put_out_when_the_board_is_opened_again() {
+    let config = Config::default();
+    let (registers, _model, devices) = rig(&config);
+    std::mem::forget(devices);
+    for register in taktil_drivers_regmap::registers::DAC.iter() {
+        registers.write(register, 0x0fff);
+    }
+    let mut model = Loopback::new(registers.clone(), &config).unwrap();
+    model.tick(ms(0));
+    assert!(is_safe(&model), "power-up alone drives nothing");
+    let strobe = registers.read(DAC_STROBE);
+    let _devices = Board::attach(registers.clone(), &config).unwrap();
+    assert_eq!(registers.read(DAC_STROBE), strobe.wrapping_add(1));
+    model.tick(ms(1));
+    assert!(is_safe(&model));
+}
