@@ -1,60 +1,328 @@
 //! A rigid cylinder on the bonded layer, per unit length of the contact line.
+//!
+//! The normal problem is frictionless: the pressure vanishes at both edges of the contact and the
+//! surface inside has the shape of the exact circle. It is solved for a grid of penetrations when a
+//! [`LineContact`] is made; reading it afterwards neither allocates nor panics and costs tens of
+//! nanoseconds. Between the grid's points the load is the cubic with the exact loads and the exact
+//! stiffnesses (that of the flat punch of the same width), so load and stiffness belong to one
+//! potential energy. Beyond the largest penetration the load goes on linearly with the last
+//! stiffness, while width, base share and tangential stiffness stay as they were there.
+//!
+//! It refuses penetrations of the layer's thickness or more, contacts wider than 0.95 of the
+//! cylinder's diameter, and contacts more than 80 times as wide as the layer is thick.
 
+use super::collocation::{Collocation, points_for};
+use super::kernel::{BaseKernel, SurfaceKernel};
 use super::layer::Layer;
+pub use super::share::BaseShares;
+use super::share::{ShareTable, Strip, hermite, hermite_slope};
+use super::stick::Stick;
 use super::{Invalid, positive};
+use core::f64::consts::PI;
+
+/// Grid cells over penetration; point i stands at (i/CELLS)^4 of the largest penetration.
+const CELLS: usize = 96;
+/// The tangential stiffness is solved at every such point of the grid; divides `CELLS`.
+const STRIDE: usize = 4;
+/// Largest half-width in thicknesses.
+const WIDEST: f64 = 40.0;
+/// Largest half-width in radii.
+const STEEPEST: f64 = 0.95;
+/// Solutions that the search for one half-width may take.
+const SEARCH: usize = 30;
 
 /// A frictionless rigid cylinder pressed into a [`Layer`], solved once and tabulated.
 #[derive(Clone, Debug)]
 pub struct LineContact {
-    placeholder_stiffness: f64,
-    radius_mm: f64,
+    penetration_max_mm: f64,
+    delta_mm: Vec<f64>,
+    /// Load and stiffness at the grid's points.
+    load: Vec<[f64; 2]>,
+    /// Half-width over (i/CELLS)^2.
+    width_mm: Vec<f64>,
+    tangential: Vec<f64>,
+    share: ShareTable,
 }
 
 impl LineContact {
     /// Solves the contact for penetrations up to `penetration_max_mm`; allocates.
+    ///
+    /// # Errors
+    /// A layer that [`Layer::check`] refuses; a radius or penetration that is not finite and above
+    /// zero; geometry outside the bounds of this module.
     pub fn new(layer: &Layer, radius_mm: f64, penetration_max_mm: f64) -> Result<Self, Invalid> {
         layer.check()?;
         positive("radius_mm", radius_mm)?;
         positive("penetration_max_mm", penetration_max_mm)?;
-        Ok(Self { placeholder_stiffness: 100.0, radius_mm })
+        if penetration_max_mm >= layer.thickness_mm {
+            let what = format!("{penetration_max_mm} mm is the layer's thickness or more");
+            return Err(Invalid::new("penetration_max_mm", what, "give less than the thickness"));
+        }
+        let problem = Problem::new(layer, radius_mm);
+        let mut solved = Vec::with_capacity(CELLS);
+        let mut guess = (1.5 * radius_mm * penetration_max_mm).sqrt() / layer.thickness_mm;
+        for i in (1..=CELLS).rev() {
+            let solution = problem.search(guess, grid(i) * penetration_max_mm)?;
+            let step = grid(i - 1) / grid(i);
+            guess = solution.half_width * step.sqrt();
+            solved.push(solution);
+        }
+        solved.reverse();
+        Ok(Self::tabulate(layer, &problem, &solved, penetration_max_mm))
+    }
+
+    fn tabulate(layer: &Layer, problem: &Problem, solved: &[Solution], max_mm: f64) -> Self {
+        let t = layer.thickness_mm;
+        let base = BaseKernel::new(&layer.transfer());
+        let stick = Stick::new(&layer.transfer(), &problem.normal);
+        let mut share = ShareTable::new();
+        share.push(&base, &Strip { half_width: 0.0, places: &[0.0], weights: &[1.0] }, t);
+        let mut contact = Self {
+            penetration_max_mm: max_mm,
+            delta_mm: (0..=CELLS).map(|i| grid(i) * max_mm).collect(),
+            load: vec![[0.0, 0.0]],
+            width_mm: vec![0.0],
+            tangential: vec![0.0],
+            share,
+        };
+        for (i, solution) in solved.iter().enumerate() {
+            let part = (i + 1) as f64 / CELLS as f64;
+            contact.load.push([solution.load_n_mm, solution.stiffness_n_mm2]);
+            contact.width_mm.push(solution.half_width * t / (part * part));
+            if (i + 1) % STRIDE == 0 {
+                let stiffness = stick.stiffness(solution.half_width);
+                contact.tangential.push(stiffness * problem.modulus_mpa);
+            }
+            let strip = Strip {
+                half_width: solution.half_width,
+                places: &solution.places,
+                weights: &solution.weights,
+            };
+            contact.share.push(&base, &strip, t);
+        }
+        contact.width_mm[0] = contact.width_mm[1];
+        contact
+    }
+
+    /// Place of a penetration on the grid, 0 to `CELLS`; 0 for NaN.
+    fn index(&self, delta_mm: f64) -> f64 {
+        let part = (delta_mm / self.penetration_max_mm).max(0.0).min(1.0);
+        part.sqrt().sqrt() * CELLS as f64
+    }
+
+    /// The grid cell of a penetration, the load and slope per cell at its ends, the place in it and
+    /// its width.
+    fn cell(&self, delta_mm: f64) -> ([f64; 2], [f64; 2], f64, f64) {
+        let i = (self.index(delta_mm) as usize).min(CELLS - 1);
+        let width = self.delta_mm[i + 1] - self.delta_mm[i];
+        let end = |k: usize| [self.load[k][0], self.load[k][1] * width];
+        (end(i), end(i + 1), (delta_mm - self.delta_mm[i]) / width, width)
+    }
+
+    /// Largest penetration of the solution; beyond it the load is linear.
+    #[must_use]
+    pub fn penetration_max_mm(&self) -> f64 {
+        self.penetration_max_mm
     }
 
     /// Line load in N/mm at a penetration of the cylinder's lowest point; 0 at and below 0, and for
     /// NaN.
     #[must_use]
     pub fn load_n_mm(&self, delta_mm: f64) -> f64 {
-        self.placeholder_stiffness * delta_mm.max(0.0)
+        if delta_mm > self.penetration_max_mm {
+            let [load, stiffness] = self.load[CELLS];
+            return load + stiffness * (delta_mm - self.penetration_max_mm);
+        }
+        if delta_mm > 0.0 {
+            let (left, right, s, _) = self.cell(delta_mm);
+            hermite(left, right, s)
+        } else {
+            0.0
+        }
     }
 
-    /// Derivative of [`Self::load_n_mm`], N/mm per mm.
+    /// Derivative of [`Self::load_n_mm`], N/mm per mm; 0 at and below 0, and for NaN.
     #[must_use]
     pub fn stiffness_n_mm2(&self, delta_mm: f64) -> f64 {
-        if delta_mm > 0.0 { self.placeholder_stiffness } else { 0.0 }
+        if delta_mm > self.penetration_max_mm {
+            return self.load[CELLS][1];
+        }
+        if delta_mm > 0.0 {
+            let (left, right, s, width) = self.cell(delta_mm);
+            hermite_slope(left, right, s) / width
+        } else {
+            0.0
+        }
     }
 
-    /// Half the width of the contact in mm.
+    /// Half the width of the contact in mm; 0 at and below 0, and for NaN.
     #[must_use]
     pub fn half_width_mm(&self, delta_mm: f64) -> f64 {
-        (2.0 * self.radius_mm * delta_mm.max(0.0)).sqrt()
+        let index = self.index(delta_mm);
+        let part = index / CELLS as f64;
+        part * part * smooth(&self.width_mm, index)
     }
 
-    /// Penetration in mm under a line load: the inverse of [`Self::load_n_mm`].
+    /// Penetration in mm under a line load: the inverse of [`Self::load_n_mm`]; 0 at and below 0,
+    /// and for NaN.
     #[must_use]
     pub fn penetration_mm(&self, load_n_mm: f64) -> f64 {
-        load_n_mm.max(0.0) / self.placeholder_stiffness
+        let [last, stiffness] = self.load[CELLS];
+        if load_n_mm >= last {
+            return self.penetration_max_mm + (load_n_mm - last) / stiffness;
+        }
+        if load_n_mm > 0.0 { self.invert(load_n_mm) } else { 0.0 }
+    }
+
+    /// Newton's method on one cell's cubic, kept inside a bracket; the load rises strictly.
+    fn invert(&self, load_n_mm: f64) -> f64 {
+        let above = self.load.partition_point(|[load, _]| *load <= load_n_mm).clamp(1, CELLS);
+        let (start, width) =
+            (self.delta_mm[above - 1], self.delta_mm[above] - self.delta_mm[above - 1]);
+        let end = |k: usize| [self.load[k][0], self.load[k][1] * width];
+        let (left, right) = (end(above - 1), end(above));
+        let (mut low, mut high) = (0.0, 1.0);
+        let mut s = (load_n_mm - left[0]) / (right[0] - left[0]);
+        for _ in 0..60 {
+            let excess = hermite(left, right, s) - load_n_mm;
+            if excess > 0.0 {
+                high = s
+            } else {
+                low = s
+            }
+            let newton = s - excess / hermite_slope(left, right, s);
+            let next = if newton >= low && newton <= high { newton } else { 0.5 * (low + high) };
+            let step = (next - s).abs();
+            s = next;
+            if step <= 1e-15 {
+                break;
+            }
+        }
+        start + s * width
     }
 
     /// Part of the line load that the base carries left of `u_mm` from the contact line: 0 far to
-    /// the left, 1 far to the right.
+    /// the left, 1 far to the right, both exactly beyond 20 thicknesses from the contact. It falls
+    /// slightly where the base is in tension. At and below zero penetration, and for a NaN one, it is
+    /// the share of a line load; NaN for a NaN place.
     #[must_use]
     pub fn base_share(&self, delta_mm: f64, u_mm: f64) -> f64 {
-        let _ = delta_mm;
-        (0.5 + 0.25 * u_mm).clamp(0.0, 1.0)
+        self.base_shares(delta_mm).left_of(u_mm)
     }
 
-    /// Tangential stiffness in N/mm per mm of a contact that sticks over its whole width.
+    /// [`Self::base_share`] at one penetration for many places, three times as fast.
+    #[must_use]
+    pub fn base_shares(&self, delta_mm: f64) -> BaseShares<'_> {
+        self.share.row(self.index(delta_mm))
+    }
+
+    /// Tangential stiffness dQ/dx in N/mm per mm of a contact that sticks over its whole width; 0 at
+    /// and below 0, and for NaN. Both tractions act, with the surface inside the contact moved along
+    /// x alone; the width is that of the frictionless contact.
     #[must_use]
     pub fn tangential_stiffness_n_mm2(&self, delta_mm: f64) -> f64 {
-        0.1 * self.stiffness_n_mm2(delta_mm)
+        smooth(&self.tangential, self.index(delta_mm) / STRIDE as f64)
+    }
+}
+
+fn grid(i: usize) -> f64 {
+    let part = i as f64 / CELLS as f64;
+    part * part * part * part
+}
+
+/// Catmull and Rom's cubic through `values` at 0, 1, 2 ..., inside the table.
+fn smooth(values: &[f64], index: f64) -> f64 {
+    let last = values.len() - 1;
+    let i = (index as usize).min(last - 1);
+    let slope = |k: usize| {
+        let (low, high) = (k.saturating_sub(1), (k + 1).min(last));
+        (values[high] - values[low]) / (high - low) as f64
+    };
+    hermite([values[i], slope(i)], [values[i + 1], slope(i + 1)], index - i as f64)
+}
+
+/// One solved contact; half-width and places in thicknesses.
+struct Solution {
+    half_width: f64,
+    delta_mm: f64,
+    load_n_mm: f64,
+    stiffness_n_mm2: f64,
+    places: Vec<f64>,
+    weights: Vec<f64>,
+}
+
+/// Layer and cylinder, lengths in thicknesses.
+struct Problem {
+    thickness_mm: f64,
+    radius: f64,
+    /// pi G/(1 - nu) in MPa: traction per unit of the kernels.
+    modulus_mpa: f64,
+    normal: SurfaceKernel,
+}
+
+impl Problem {
+    fn new(layer: &Layer, radius_mm: f64) -> Self {
+        let transfer = layer.transfer();
+        Self {
+            thickness_mm: layer.thickness_mm,
+            radius: radius_mm / layer.thickness_mm,
+            modulus_mpa: PI * layer.shear_mpa() / (1.0 - layer.poisson),
+            normal: SurfaceKernel::new(|a| transfer.normal_compliance(a)),
+        }
+    }
+
+    /// Contact of half-width `b`.
+    fn solve(&self, b: f64) -> Solution {
+        let points = Collocation::new(points_for(b));
+        let places: Vec<f64> = points.cosines.iter().map(|c| b * c).collect();
+        let r = self.radius;
+        let height = |x: &f64| x * x / (r + (r * r - x * x).sqrt());
+        let mut sides = [vec![1.0; places.len()], places.iter().map(height).collect()];
+        points.even_matrix(&self.normal, b).solve(&mut sides);
+        let [punch, shape] = &sides;
+        let delta = points.edge(shape) / points.edge(punch);
+        let phi: Vec<f64> = punch.iter().zip(shape).map(|(p, s)| delta * p - s).collect();
+        let sum: f64 = phi.iter().sum();
+        Solution {
+            half_width: b,
+            delta_mm: delta * self.thickness_mm,
+            load_n_mm: points.total(&phi) * self.modulus_mpa * self.thickness_mm,
+            stiffness_n_mm2: points.total(punch) * self.modulus_mpa,
+            places,
+            weights: phi.iter().map(|p| p / sum).collect(),
+        }
+    }
+
+    /// Contact of penetration `delta_mm`, from a guess of its half-width.
+    fn search(&self, guess: f64, delta_mm: f64) -> Result<Solution, Invalid> {
+        let widest = WIDEST.min(STEEPEST * self.radius);
+        let mut b = guess.min(widest);
+        let mut slope = 2.0;
+        let mut before: Option<(f64, f64)> = None;
+        for _ in 0..SEARCH {
+            let mut solution = self.solve(b);
+            let miss = libm::log(solution.delta_mm / delta_mm);
+            if let Some((b_before, miss_before)) = before {
+                let run = libm::log(b / b_before);
+                if run != 0.0 {
+                    slope = ((miss - miss_before) / run).clamp(0.7, 6.0);
+                }
+            }
+            if miss.abs() < 1e-6 {
+                // What is left is of second order in the miss.
+                let rest = delta_mm - solution.delta_mm;
+                solution.load_n_mm += solution.stiffness_n_mm2 * rest;
+                solution.half_width *= libm::exp(-miss / slope);
+                solution.delta_mm = delta_mm;
+                return Ok(solution);
+            }
+            if miss < 0.0 && b >= widest {
+                break;
+            }
+            before = Some((b, miss));
+            b = (b * libm::exp(-miss / slope)).min(widest);
+        }
+        let what = format!("{delta_mm} mm needs a contact too wide for the layer or the cylinder");
+        Err(Invalid::new("penetration_max_mm", what, "give a smaller penetration"))
     }
 }

@@ -2,26 +2,39 @@
 //!
 //! Units in this module are mm, N and MPa (line loads N/mm), as in the literature on tactile
 //! sensors; callers convert at its door. Frame: x along the surface, z up out of the layer, surface
-//! at z = 0, base at z = -t; depths are positive downwards; compression is negative.
+//! at z = 0, base at z = -t; depths are positive downwards; compression is negative; a normal load
+//! P > 0 pushes the layer down, a tangential load Q > 0 pushes it along +x.
 //!
-//! - [`layer`]: the elastic layer and the exact transfer functions of its line loads.
+//! - [`layer`]: the elastic layer and the exact transfer functions at its surface and its base.
+//! - [`field`]: stresses and displacements of a line load at any depth, layer or half plane.
 //! - [`cylinder`]: a rigid cylinder rolling on it, tabulated for use inside a control period.
 //!
 //! What it refuses: everything not finite and positive, and geometry outside the theory's reach.
 //! What it does not know: friction with slip, finite strain, viscosity, free ends of the layer.
 
+mod collocation;
 pub mod cylinder;
+pub mod field;
+mod kernel;
 pub mod layer;
+mod share;
+mod stick;
 
 /// A parameter that the theory cannot take: where it stands, what is wrong, what would help.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Invalid {
     /// Name of the parameter.
-    pub place: &'static str,
+    pub place: String,
     /// What is wrong with it, with its value.
     pub what: String,
     /// What to write instead.
     pub remedy: String,
+}
+
+impl Invalid {
+    pub(crate) fn new(place: &str, what: String, remedy: &str) -> Self {
+        Self { place: place.to_owned(), what, remedy: remedy.to_owned() }
+    }
 }
 
 impl core::fmt::Display for Invalid {
@@ -33,13 +46,18 @@ impl core::fmt::Display for Invalid {
 impl std::error::Error for Invalid {}
 
 /// Refuses what is not finite and above zero.
-pub(crate) fn positive(place: &'static str, value: f64) -> Result<(), Invalid> {
+pub(crate) fn positive(place: &str, value: f64) -> Result<(), Invalid> {
     if value.is_finite() && value > 0.0 {
         return Ok(());
     }
-    Err(Invalid {
-        place,
-        what: format!("{value} is not a finite number above zero"),
-        remedy: "give a finite number above zero".to_owned(),
-    })
+    let what = format!("{value} is not a finite number above zero");
+    Err(Invalid::new(place, what, "give a finite number above zero"))
+}
+
+/// Refuses what is not finite.
+pub(crate) fn finite(place: &str, value: f64) -> Result<(), Invalid> {
+    if value.is_finite() {
+        return Ok(());
+    }
+    Err(Invalid::new(place, format!("{value} is not a finite number"), "give a finite number"))
 }

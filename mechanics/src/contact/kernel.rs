@@ -1,0 +1,174 @@
+//! Fourier integrals of the layer's transfer functions and tables of their kernels in real space.
+//! Lengths are in layer thicknesses here.
+//!
+//! The transfer functions used are even and analytic in a strip about the real axis and die
+//! exponentially, so the trapezoidal rule converges exponentially: cut off where the integrand has
+//! died, with a step whose period lies so far beyond the points wanted that the images have died.
+
+use super::layer::Transfer;
+
+/// Where the base functions (about a exp(-a)) have fallen under 1e-15.
+pub(crate) const BASE_CUTOFF: f64 = 40.0;
+/// Where the remainders at the surface (about a^2 exp(-2a)) have fallen under 1e-15.
+pub(crate) const SURFACE_CUTOFF: f64 = 21.0;
+/// Distance at which a field has died to about 1e-13 (decay at least exp(-0.739 x)).
+pub(crate) const REACH: f64 = 40.0;
+/// Table points per thickness.
+const DENSITY: f64 = 32.0;
+
+/// A transfer function sampled for the trapezoidal rule: (a, weight times value).
+pub(crate) struct Sampled {
+    samples: Vec<(f64, f64)>,
+}
+
+impl Sampled {
+    /// Samples `transfer` for points up to `reach` thicknesses from the origin.
+    pub(crate) fn new(transfer: impl Fn(f64) -> f64, reach: f64, cutoff: f64) -> Self {
+        let step = 2.0 * core::f64::consts::PI / (reach + 1.2 * REACH);
+        let count = libm::ceil(cutoff / step) as usize;
+        let weight = |i: usize| if i == 0 { 0.5 * step } else { step };
+        let sample = |i: usize| (i as f64 * step, weight(i) * transfer(i as f64 * step));
+        Self { samples: (0..=count).map(sample).collect() }
+    }
+
+    /// (1/pi) times the integral of f(a) cos(a x) over a from 0.
+    pub(crate) fn cosine(&self, x: f64) -> f64 {
+        let sum: f64 = self.samples.iter().map(|(a, f)| f * libm::cos(a * x)).sum();
+        sum / core::f64::consts::PI
+    }
+
+    /// (1/pi) times the integrals of f cos(a x) and of f sin(a x)/a at x = 0, 1, 2 ... `spacing`.
+    fn tabulate(&self, spacing: f64, count: usize) -> Vec<[f64; 2]> {
+        let mut table = vec![[0.0, 0.0]; count];
+        for &(a, f) in &self.samples {
+            let (sine, cosine) = (libm::sin(a * spacing), libm::cos(a * spacing));
+            let (mut s, mut c) = (0.0, 1.0);
+            let over = if a > 0.0 { 1.0 / a } else { 0.0 };
+            for (i, entry) in table.iter_mut().enumerate() {
+                entry[0] += f * c;
+                entry[1] += f * if a > 0.0 { s * over } else { i as f64 * spacing };
+                (s, c) = (s * cosine + c * sine, c * cosine - s * sine);
+            }
+        }
+        let scale = 1.0 / core::f64::consts::PI;
+        table.iter().map(|[c, s]| [c * scale, s * scale]).collect()
+    }
+}
+
+/// (1/pi) times the integral of f(a) cos(a x) over a from 0.
+pub(crate) fn cosine_integral(f: impl Fn(f64) -> f64, x: f64, cutoff: f64) -> f64 {
+    // Beyond the reach the field is under the error of the sum.
+    if x > 2.0 * REACH { 0.0 } else { Sampled::new(f, x, cutoff).cosine(x) }
+}
+
+/// A function on a uniform grid from 0, read by six-point interpolation.
+struct Uniform {
+    /// Values at -2, -1, 0, 1 ... grid spacings.
+    values: Vec<f64>,
+}
+
+impl Uniform {
+    /// `values` at 0, 1, 2 ... spacings of a function with f(-x) = `parity` f(x).
+    fn new(values: impl Iterator<Item = f64> + Clone, parity: f64) -> Self {
+        let mirrored: Vec<f64> = values.clone().skip(1).take(2).map(|v| parity * v).collect();
+        Self { values: mirrored.iter().rev().copied().chain(values).collect() }
+    }
+
+    /// The function at `place` grid spacings from 0; the caller stays inside the table.
+    fn at(&self, place: f64) -> f64 {
+        let cell = (place as usize).min(self.values.len() - 6);
+        let x = place - cell as f64;
+        let v = &self.values[cell..cell + 6];
+        let (d0, d1, d2, d3, d4, d5) = (x + 2.0, x + 1.0, x, x - 1.0, x - 2.0, x - 3.0);
+        let (low, high) = (d0 * d1 * d2, d3 * d4 * d5);
+        let left = d1 * d2 * v[0] / -120.0 + d0 * d2 * v[1] / 24.0 - d0 * d1 * v[2] / 12.0;
+        let right = d4 * d5 * v[3] / 12.0 - d3 * d5 * v[4] / 24.0 + d3 * d4 * v[5] / 120.0;
+        high * left + low * right
+    }
+}
+
+/// The logarithmic kernel of a surface displacement, K(x) = integral of f(a) cos(a x) over a from 0
+/// with a f(a) going to 1: kept as S(x) = K(x) + ln x, which is smooth and even.
+pub(crate) struct SurfaceKernel {
+    smooth: Uniform,
+}
+
+impl SurfaceKernel {
+    /// Tabulates the kernel of a compliance f(a).
+    pub(crate) fn new(compliance: impl Fn(f64) -> f64) -> Self {
+        // The integral of tanh(a)/a cos(a x) is ln coth(pi x/4); the rest dies as exp(-2a).
+        let rest = |a: f64| {
+            let tanh_over = if a > 0.0 { libm::tanh(a) / a } else { 1.0 };
+            core::f64::consts::PI * (compliance(a) - tanh_over)
+        };
+        let count = (REACH * DENSITY) as usize + 8;
+        let table = Sampled::new(rest, REACH, SURFACE_CUTOFF).tabulate(1.0 / DENSITY, count);
+        let values = table.iter().enumerate().map(|(i, [cosine, _])| {
+            let y = core::f64::consts::FRAC_PI_4 * i as f64 / DENSITY;
+            let scaled = if y < 1e-4 { 1.0 - y * y / 3.0 } else { libm::tanh(y) / y };
+            cosine - libm::log(core::f64::consts::FRAC_PI_4 * scaled)
+        });
+        let values: Vec<f64> = values.collect();
+        Self { smooth: Uniform::new(values.iter().copied(), 1.0) }
+    }
+
+    /// S at a distance of `x` >= 0 thicknesses.
+    pub(crate) fn smooth(&self, x: f64) -> f64 {
+        if x >= REACH { libm::log(x) } else { self.smooth.at(x * DENSITY) }
+    }
+}
+
+/// The odd kernel that couples the two surface displacements, integral of N(a) sin(a x)/a over a
+/// from 0, kept without its step (n pi/2) sign(x).
+pub(crate) struct CouplingKernel {
+    smooth: Uniform,
+    far: f64,
+}
+
+impl CouplingKernel {
+    /// Tabulates the kernel.
+    pub(crate) fn new(transfer: &Transfer) -> Self {
+        let rest = |a: f64| core::f64::consts::PI * (transfer.coupling(a) - transfer.n);
+        let count = (REACH * DENSITY) as usize + 8;
+        let table = Sampled::new(rest, REACH, SURFACE_CUTOFF).tabulate(1.0 / DENSITY, count);
+        let far = -transfer.n * core::f64::consts::FRAC_PI_2;
+        Self { smooth: Uniform::new(table.iter().map(|entry| entry[1]), -1.0), far }
+    }
+
+    /// The kernel less its step at `x` thicknesses, of either sign.
+    pub(crate) fn smooth(&self, x: f64) -> f64 {
+        let distance = x.abs();
+        let value = if distance >= REACH { self.far } else { self.smooth.at(distance * DENSITY) };
+        if x < 0.0 { -value } else { value }
+    }
+}
+
+/// What the base carries of a unit normal line load at 0: its part left of x and its density.
+pub(crate) struct BaseKernel {
+    density: Uniform,
+    half_share: Uniform,
+}
+
+impl BaseKernel {
+    /// Tabulates the kernel.
+    pub(crate) fn new(transfer: &Transfer) -> Self {
+        let count = (REACH * DENSITY) as usize + 8;
+        let sampled = Sampled::new(|a| transfer.base_normal(a), REACH, BASE_CUTOFF);
+        let table = sampled.tabulate(1.0 / DENSITY, count);
+        let density = Uniform::new(table.iter().map(|entry| entry[0]), 1.0);
+        Self { density, half_share: Uniform::new(table.iter().map(|entry| entry[1]), -1.0) }
+    }
+
+    /// Part of the load carried left of `x` thicknesses.
+    pub(crate) fn share(&self, x: f64) -> f64 {
+        let distance = x.abs();
+        let half = if distance >= REACH { 0.5 } else { self.half_share.at(distance * DENSITY) };
+        if x < 0.0 { 0.5 - half } else { 0.5 + half }
+    }
+
+    /// Load per thickness of the base at `x` thicknesses.
+    pub(crate) fn density(&self, x: f64) -> f64 {
+        let distance = x.abs();
+        if distance >= REACH { 0.0 } else { self.density.at(distance * DENSITY) }
+    }
+}

@@ -1,0 +1,105 @@
+//! How the base carries the load of a contact line: cumulative shares, tabulated over penetration
+//! and place. Reading a table neither allocates nor panics.
+
+use super::kernel::BaseKernel;
+
+/// Columns from the contact line out to where the share is 1.
+const COLUMNS: usize = 160;
+/// What a row reaches beyond the contact's edge, in thicknesses; exp(-0.739 * 20) is 4e-7.
+const BEYOND: f64 = 20.0;
+
+/// Pressure of a strip: points at +-`place` (in thicknesses), with the share of the load that each
+/// pair carries.
+pub(crate) struct Strip<'a> {
+    pub(crate) half_width: f64,
+    pub(crate) places: &'a [f64],
+    pub(crate) weights: &'a [f64],
+}
+
+/// Rows over an index of penetration, columns over |u| as a part of the row's reach.
+#[derive(Clone, Debug)]
+pub(crate) struct ShareTable {
+    /// Share left of u and its slope per column, row after row.
+    entries: Vec<[f64; 2]>,
+    /// Reach of each row in mm.
+    reach_mm: Vec<f64>,
+}
+
+impl ShareTable {
+    /// The table without rows.
+    pub(crate) fn new() -> Self {
+        Self { entries: Vec::new(), reach_mm: Vec::new() }
+    }
+
+    /// Adds the row of a strip, by convolving its pressure with the base kernel.
+    pub(crate) fn push(&mut self, kernel: &BaseKernel, strip: &Strip<'_>, thickness_mm: f64) {
+        let reach = strip.half_width + BEYOND;
+        let width = reach / COLUMNS as f64;
+        self.reach_mm.push(reach * thickness_mm);
+        for column in 0..COLUMNS {
+            let u = column as f64 * width;
+            let mut entry = [0.0, 0.0];
+            for (place, weight) in strip.places.iter().zip(strip.weights) {
+                entry[0] += 0.5 * weight * (kernel.share(u - place) + kernel.share(u + place));
+                entry[1] += 0.5 * weight * (kernel.density(u - place) + kernel.density(u + place));
+            }
+            self.entries.push([entry[0], entry[1] * width]);
+        }
+        self.entries.push([1.0, 0.0]);
+    }
+
+    /// The shares at a row index that need not be whole; indices outside are taken at the nearest
+    /// row.
+    pub(crate) fn row(&self, index: f64) -> BaseShares<'_> {
+        let last = self.reach_mm.len().saturating_sub(2);
+        let row = (index as usize).min(last);
+        let part = (index - row as f64).clamp(0.0, 1.0);
+        let reach = self.reach_mm[row] + part * (self.reach_mm[row + 1] - self.reach_mm[row]);
+        let (start, width) = (row * (COLUMNS + 1), COLUMNS + 1);
+        let (low, rest) = self.entries[start..start + 2 * width].split_at(width);
+        BaseShares { low, high: rest, part, columns_per_mm: COLUMNS as f64 / reach }
+    }
+}
+
+/// How the base carries the load of a contact line at one penetration.
+#[derive(Clone, Copy, Debug)]
+pub struct BaseShares<'a> {
+    low: &'a [[f64; 2]],
+    high: &'a [[f64; 2]],
+    part: f64,
+    columns_per_mm: f64,
+}
+
+impl BaseShares<'_> {
+    /// Part of the line load that the base carries left of `u_mm` from the contact line; NaN for
+    /// NaN.
+    #[must_use]
+    pub fn left_of(&self, u_mm: f64) -> f64 {
+        let place = u_mm.abs() * self.columns_per_mm;
+        if place >= COLUMNS as f64 {
+            return if u_mm > 0.0 { 1.0 } else { 0.0 };
+        }
+        let column = (place as usize).min(COLUMNS - 1);
+        let entry = |k: usize| {
+            let (low, high) = (self.low[k], self.high[k]);
+            [low[0] + self.part * (high[0] - low[0]), low[1] + self.part * (high[1] - low[1])]
+        };
+        let share = hermite(entry(column), entry(column + 1), place - column as f64);
+        if u_mm < 0.0 { 1.0 - share } else { share }
+    }
+}
+
+/// Cubic through two values with their slopes per cell, at 0 <= s <= 1.
+pub(crate) fn hermite(left: [f64; 2], right: [f64; 2], s: f64) -> f64 {
+    let rise = right[0] - left[0];
+    let (bend_left, bend_right) = (left[1] - rise, rise - right[1]);
+    let r = 1.0 - s;
+    left[0] + s * (rise + r * (r * bend_left + s * bend_right))
+}
+
+/// Derivative of [`hermite`] with respect to s.
+pub(crate) fn hermite_slope(left: [f64; 2], right: [f64; 2], s: f64) -> f64 {
+    let rise = right[0] - left[0];
+    let r = 1.0 - s;
+    6.0 * rise * s * r + left[1] * r * (r - 2.0 * s) + right[1] * s * (s - 2.0 * r)
+}
