@@ -1,0 +1,160 @@
+//! `[joint_servo]`: gains and options, checked. Refuses gains that are not positive and finite.
+
+use serde::Deserialize;
+use taktil_mechanics::Joints;
+use taktil_mechanics::dynamics::Dynamics;
+use taktil_rtcore::Invalid;
+
+use crate::law::Gains;
+
+/// Gains and options. Every key has a default.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Natural frequency of each joint (rad/s). Default 60: at 400 Hz with half a tick of actuation
+    /// delay it keeps a phase margin against stiff contact.
+    pub bandwidth_rad_s: [f64; 6],
+    /// Damping ratio of each joint. Default 1.
+    pub damping: [f64; 6],
+    /// Inertia that the gains are computed for (kg m^2). Default: the diagonal of the arm's mass
+    /// matrix, rotors included, at `inertia_pose_deg`.
+    pub inertia_kg_m2: Option<[f64; 6]>,
+    /// Pose of that mass matrix (deg). Default (0, 40, -153, -180, 67, 180): the finger over a pin.
+    pub inertia_pose_deg: [f64; 6],
+    /// Torque per angle (N m/rad); replaces what bandwidth and inertia give.
+    pub kp_nm_rad: Option<[f64; 6]>,
+    /// Torque per rate of the error (N m s/rad); replaces what bandwidth, damping and inertia give.
+    pub kd_nms_rad: Option<[f64; 6]>,
+    /// Corner of the low-pass on the rate of the error (Hz). Default 60.
+    pub derivative_filter_hz: f64,
+    /// Adds the torque that holds the arm against gravity at the desired joints, once they are
+    /// calibrated. Default true; false is the thesis's plain PD, whose finger droops by millimetres.
+    pub gravity: bool,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        Config {
+            bandwidth_rad_s: [60.0; 6],
+            damping: [1.0; 6],
+            inertia_kg_m2: None,
+            inertia_pose_deg: [0.0, 40.0, -153.0, -180.0, 67.0, 180.0],
+            kp_nm_rad: None,
+            kd_nms_rad: None,
+            derivative_filter_hz: 60.0,
+            gravity: true,
+        }
+    }
+}
+
+/// Above this no number of the table can be meant.
+const HUGE: f64 = 1e6;
+
+impl Config {
+    /// # Errors
+    /// A number that is not finite, not positive or huge.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let lists = [
+            ("bandwidth_rad_s", Some(&self.bandwidth_rad_s)),
+            ("damping", Some(&self.damping)),
+            ("inertia_kg_m2", self.inertia_kg_m2.as_ref()),
+            ("kp_nm_rad", self.kp_nm_rad.as_ref()),
+            ("kd_nms_rad", self.kd_nms_rad.as_ref()),
+        ];
+        for (name, list) in lists {
+            for (joint, value) in list.into_iter().flatten().enumerate() {
+                positive(&format!("{name}[{joint}]"), *value)?;
+            }
+        }
+        for (joint, value) in self.inertia_pose_deg.iter().enumerate() {
+            if !(value.is_finite() && value.abs() <= 720.0) {
+                return Err(Invalid::new(
+                    format!("inertia_pose_deg[{joint}]"),
+                    format!("{value} is no joint angle"),
+                    "give degrees between -720 and 720",
+                ));
+            }
+        }
+        positive("derivative_filter_hz", self.derivative_filter_hz)
+    }
+
+    /// The gains that the table stands for.
+    #[must_use]
+    pub fn gains(&self, dynamics: &Dynamics) -> Gains {
+        let inertia = self.inertia_kg_m2.map_or_else(
+            || {
+                let pose = Joints::from(self.inertia_pose_deg.map(f64::to_radians));
+                dynamics.mass_matrix(&pose).diagonal()
+            },
+            Joints::from,
+        );
+        let placed = Gains::placed(
+            &inertia,
+            &Joints::from(self.bandwidth_rad_s),
+            &Joints::from(self.damping),
+        );
+        Gains {
+            kp_nm_rad: self.kp_nm_rad.map_or(placed.kp_nm_rad, Joints::from),
+            kd_nms_rad: self.kd_nms_rad.map_or(placed.kd_nms_rad, Joints::from),
+        }
+    }
+}
+
+fn positive(place: &str, value: f64) -> Result<(), Invalid> {
+    if value > 0.0 && value <= HUGE {
+        return Ok(());
+    }
+    Err(Invalid::new(
+        place,
+        format!("{value} is not a positive, finite number of sensible size"),
+        format!("give more than 0 and at most {HUGE}"),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(change: impl FnOnce(&mut Config)) -> String {
+        let mut config = Config::default();
+        change(&mut config);
+        config.check().unwrap_err().place
+    }
+
+    #[test]
+    fn bad_numbers_are_refused_with_their_place() {
+        assert_eq!(Config::default().check(), Ok(()));
+        for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e7] {
+            assert_eq!(refused(|c| c.bandwidth_rad_s[2] = bad), "bandwidth_rad_s[2]");
+            assert_eq!(refused(|c| c.damping[0] = bad), "damping[0]");
+            assert_eq!(refused(|c| c.derivative_filter_hz = bad), "derivative_filter_hz");
+            assert_eq!(
+                refused(|c| c.kp_nm_rad = Some([1.0, 1.0, 1.0, 1.0, 1.0, bad])),
+                "kp_nm_rad[5]"
+            );
+            assert_eq!(refused(|c| c.kd_nms_rad = Some([bad; 6])), "kd_nms_rad[0]");
+            assert_eq!(refused(|c| c.inertia_kg_m2 = Some([bad; 6])), "inertia_kg_m2[0]");
+        }
+        assert_eq!(refused(|c| c.inertia_pose_deg[1] = f64::NAN), "inertia_pose_deg[1]");
+    }
+
+    #[test]
+    fn gains_come_from_the_mass_matrix_unless_given() {
+        let arm = Dynamics::reference();
+        let gains = Config::default().gains(&arm);
+        for joint in 0..6 {
+            let inertia = gains.kp_nm_rad[joint] / 3600.0;
+            assert!(inertia > arm.reflected_kg_m2[joint], "joint {joint}: {inertia}");
+            let kd = gains.kd_nms_rad[joint];
+            assert!((kd - 120.0 * inertia).abs() < 1e-12 * kd);
+        }
+        let given = Config {
+            kp_nm_rad: Some([7.0; 6]),
+            inertia_kg_m2: Some([2.0; 6]),
+            ..Config::default()
+        };
+        let gains = given.gains(&arm);
+        assert_eq!(gains.kp_nm_rad, Joints::repeat(7.0));
+        assert_eq!(gains.kd_nms_rad, Joints::repeat(240.0));
+    }
+}
