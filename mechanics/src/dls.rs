@@ -8,11 +8,12 @@ use crate::spatial::{Joints, Matrix6};
 use nalgebra::Vector6;
 
 /// The speeds that minimise `|J qd - x|^2 + lambda^2 |qd|^2`, that is `qd = J^T (J J^T + lambda^2
-/// I)^-1 x`, without row weights. `twist` is `[v; w]` in the frame of the Jacobian, `lambda` in its
-/// mixed units, its sign does not matter.
+/// I)^-1 x`, without row weights. `twist` is `[v; w]` in the frame of the Jacobian, `lambda` in
+/// its mixed units, its sign does not matter.
 ///
-/// Solved by Householder reflections on `[J; lambda I]`, which does not square the condition number.
-/// `None` when the stack is singular (lambda = 0 at a singularity) or a number is not finite.
+/// Solved by Householder reflections on `[J; lambda I]`, which does not square the condition
+/// number. `None` when the stack is singular (lambda = 0 at a singularity) or a number is not
+/// finite.
 #[must_use]
 pub fn damped_least_squares(
     jacobian: &Matrix6,
@@ -47,7 +48,8 @@ pub fn damped_least_squares(
     qd.iter().all(|x| x.is_finite()).then_some(qd)
 }
 
-/// One Householder step on column `k` (columns are stored as rows of `a`); returns the new diagonal.
+/// One Householder step on column `k` (columns are stored as rows of `a`); returns the new
+/// diagonal.
 fn reflect(a: &mut [[f64; 12]; 6], b: &mut [f64; 12], k: usize) -> f64 {
     let norm = a[k][k..].iter().map(|x| x * x).sum::<f64>().sqrt();
     if norm == 0.0 {
@@ -99,11 +101,16 @@ pub fn limit_speed(qd: &Joints, limit: &Joints) -> (Joints, f64) {
     (qd * factor, factor)
 }
 
-/// Singular values of a Jacobian, largest first (mixed units).
+/// Most sweeps of the singular value iteration; a Jacobian needs about ten.
+const MAX_SWEEPS: usize = 200;
+
+/// Singular values of a Jacobian, largest first (mixed units). All NaN when a number is not finite
+/// or so large that the iteration does not settle.
 #[must_use]
 pub fn singular_values(jacobian: &Matrix6) -> [f64; 6] {
     if !jacobian.iter().all(|x| x.is_finite()) {
         return [f64::NAN; 6];
     }
-    jacobian.singular_values().into()
+    let svd = jacobian.try_svd(false, false, 5.0 * f64::EPSILON, MAX_SWEEPS);
+    svd.map_or([f64::NAN; 6], |svd| svd.singular_values.into())
 }

@@ -169,8 +169,8 @@ impl JointPath {
         &self.points[..self.count]
     }
 
-    /// The setpoint at `t_s`: the first point at rest before the start (NaN counts as before), the last
-    /// point at rest from the end on.
+    /// The setpoint at `t_s`: the first point at rest before the start (NaN counts as before), the
+    /// last point at rest from the end on.
     #[must_use]
     pub fn at(&self, t_s: f64) -> Setpoint {
         if t_s.is_nan() || t_s <= 0.0 {
@@ -235,8 +235,8 @@ impl JointPath {
     }
 }
 
-/// The shortest time (s) of a segment whose joints stay within `speed_max` (rad/s) and that leaves room
-/// for two transitions. Infinite when a speed is not positive and its joint moves.
+/// The shortest time (s) of a segment whose joints stay within `speed_max` (rad/s) and that leaves
+/// room for two transitions. Infinite when a speed is not positive and its joint moves.
 #[must_use]
 pub fn segment_time_s(from: &Joints, to: &Joints, speed_max: &Joints, tau_s: f64) -> f64 {
     let mut time = 2.0 * tau_s;

@@ -2,8 +2,8 @@
 //! 5.3.2). Refuses images of the wrong length; tactels marked invalid or not finite are left out.
 //!
 //! Coordinates are tactel numbers: x = column number 1..=cols, y = row number 1..=rows. Values are
-//! counts after the baseline, positive under compression. In the thesis's names the subscript is the
-//! axis *about* which the moment is taken: `m_x = sum y s`, `m_xx = sum y^2 s`.
+//! counts after the baseline, positive under compression. In the thesis's names the subscript is
+//! the axis *about* which the moment is taken: `m_x = sum y s`, `m_xx = sum y^2 s`.
 
 use core::fmt;
 
@@ -110,8 +110,8 @@ pub struct Moments {
     pub m_x_centred: f64,
 }
 
-/// Sums of an image over the valid tactels whose value is at least `threshold` (counts); the others
-/// count 0. `f64::NEG_INFINITY` lets every value in, a threshold of NaN none.
+/// Sums of an image over the valid tactels whose value is at least `threshold` (counts); the
+/// others count 0. `f64::NEG_INFINITY` lets every value in, a threshold of NaN none.
 #[must_use]
 #[expect(clippy::cast_precision_loss, reason = "row and column numbers are small")]
 pub fn moments<T: Copy + Into<f64>>(image: &Image<'_, T>, threshold: f64) -> Moments {
@@ -142,15 +142,16 @@ pub fn moments<T: Copy + Into<f64>>(image: &Image<'_, T>, threshold: f64) -> Mom
     m
 }
 
-/// What the servo reads from an image. Nothing here is NaN; what an image does not define is absent.
+/// What the servo reads from an image. Nothing here is NaN; what an image does not define is
+/// absent.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Features {
     /// Column number of the centroid; absent without contact (`m0 <= 0`).
     pub x_c: Option<f64>,
     /// Row number of the centroid; absent without contact.
     pub y_c: Option<f64>,
-    /// Direction of the long axis in `(-pi/2, pi/2]` (rad): 0 along y, positive from y towards -x, so
-    /// that an axis `(-sin a, cos a)` gives a. Absent without contact and for a round image.
+    /// Direction of the long axis in `(-pi/2, pi/2]` (rad): 0 along y, positive from y towards -x,
+    /// so that an axis `(-sin a, cos a)` gives a. Absent without contact and for a round image.
     pub theta_z_rad: Option<f64>,
     /// Sum of the values (counts).
     pub m0: f64,

@@ -1,5 +1,6 @@
-//! Between joints and motors: encoder counts, gears with the coupling of the wrist, torques and the
-//! codes of the converters that set motor currents. Refuses to know which device reads or writes.
+//! Between joints and motors: encoder counts, gears with the coupling of the wrist, torques and
+//! the codes of the converters that set motor currents. Refuses to know which device reads or
+//! writes.
 
 use crate::spatial::{Joints, Matrix6};
 use core::f64::consts::TAU;
@@ -46,7 +47,8 @@ impl Transmission {
     }
 
     /// Encoder counts of joint angles (rad), nearest whole numbers, halves away from zero. Counts
-    /// beyond 32 bits stay at the end of the range, NaN becomes 0.
+    /// beyond 32 bits stay at the end of the range; with a joint that is not finite, counts that
+    /// are NaN become 0.
     #[must_use]
     pub fn counts(&self, q: &Joints) -> [i32; 6] {
         let exact = self.counts_f64(q);
@@ -126,8 +128,8 @@ impl Drive {
         if joint < 6 { self.torque_constant_nm_a[joint] * self.current_max_a[joint] } else { 0.0 }
     }
 
-    /// The code nearest to a motor torque (N m), clamped to the range. NaN, a joint outside 0..6 and a
-    /// drive without torque give 0, the code of no current.
+    /// The code nearest to a motor torque (N m), clamped to the range. NaN, a joint outside 0..6
+    /// and a drive without torque give 0, the code of no current.
     #[must_use]
     pub fn code(&self, motor_nm: f64, joint: usize) -> i32 {
         let full = self.full_scale_nm(joint);

@@ -1,10 +1,10 @@
-//! Rigid-body dynamics of the PUMA 260: inverse dynamics, gravity, mass matrix, forward dynamics and
-//! energies, all of fixed size. Friction is listed here but enters only where the caller adds it;
-//! contact forces are refused: they arrive as joint torques (`J^T` wrench).
+//! Rigid-body dynamics of the PUMA 260: inverse dynamics, gravity, mass matrix, forward dynamics
+//! and energies, all of fixed size. Friction is listed here but enters only where the caller adds
+//! it; contact forces are refused: they arrive as joint torques (`J^T` wrench).
 //!
-//! Recursive Newton-Euler after Luh, Walker and Paul (1980) in the link frames, composite bodies after
-//! Walker and Orin (1982). The motors' rotors appear as `J G^2` on the diagonal of the mass matrix;
-//! the inertia that the coupling of the wrist's gears adds off the diagonal is left out.
+//! Recursive Newton-Euler after Luh, Walker and Paul (1980) in the link frames, composite bodies
+//! after Walker and Orin (1982). The motors' rotors appear as `J G^2` on the diagonal of the mass
+//! matrix; the inertia that the coupling of the wrist's gears adds off the diagonal is left out.
 //! Numbers that are not finite come out as NaN torques or accelerations, never as a panic.
 
 mod motion;
@@ -65,9 +65,9 @@ fn steiner(m: f64, r: DVec3) -> DMat3 {
     )
 }
 
-/// Links 1 to 6 of the PUMA 260. Estimate: the PUMA 560 of Armstrong, Khatib and Burdick (1986) scaled
-/// with k = 0.2032/0.4318, length k, mass k^2, inertia k^4. The moment about z of link 3 is raised so
-/// that it obeys the triangle inequality, which the published value breaks.
+/// Links 1 to 6 of the PUMA 260. Estimate: the PUMA 560 of Armstrong, Khatib and Burdick (1986)
+/// scaled with k = 0.2032/0.4318, length k, mass k^2, inertia k^4. The moment about z of link 3 is
+/// raised so that it obeys the triangle inequality, which the published value breaks.
 pub const LINKS: [Body; 6] = [
     Body::diagonal(2.0, [0.0, -0.05, 0.0], [0.012, 0.017165, 0.012]),
     Body::diagonal(3.853, [-0.1712, 0.0028235, 0.10706], [0.0063754, 0.025698, 0.026433]),
@@ -187,8 +187,8 @@ pub struct Friction {
 }
 
 impl Friction {
-    /// Estimate: joint-side values of the PUMA 560 (Armstrong, Khatib and Burdick 1986) times 0.104,
-    /// the cube of the ratio of lengths.
+    /// Estimate: joint-side values of the PUMA 560 (Armstrong, Khatib and Burdick 1986) times
+    /// 0.104, the cube of the ratio of lengths.
     #[must_use]
     pub fn reference() -> Friction {
         Friction {

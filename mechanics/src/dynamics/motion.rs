@@ -16,8 +16,8 @@ pub struct State {
 /// Most steps that one call of [`free_motion`] takes.
 pub const MAX_STEPS: u32 = 10_000_000;
 
-/// One step of `step_s` from `state` at `t_s`. `torque_nm(t, q, qd)` is everything that acts on the
-/// joints beside gravity, friction with its sign included; it is asked four times.
+/// One step of `step_s` from `state` at `t_s`. `torque_nm(t, q, qd)` is everything that acts on
+/// the joints beside gravity, friction with its sign included; it is asked four times.
 #[must_use]
 pub fn rk4_step(
     arm: &Dynamics,
@@ -43,8 +43,8 @@ pub fn rk4_step(
     }
 }
 
-/// The state after `span_s`, in equal steps none longer than `step_s`. Spans and steps that are not
-/// positive and finite, and more than [`MAX_STEPS`] steps, leave the state as it is.
+/// The state after `span_s`, in equal steps none longer than `step_s`. Spans and steps that are
+/// not positive and finite, and more than [`MAX_STEPS`] steps, leave the state as it is.
 #[must_use]
 pub fn free_motion(
     arm: &Dynamics,

@@ -140,7 +140,8 @@ pub(super) fn composite(arm: &Dynamics, q: &Joints) -> Matrix6 {
     let turn = turns(q);
     let offset = offsets(arm);
     let mut out = Matrix6::zeros();
-    // Everything from link i outwards: mass, first moment and inertia about the origin of frame i-1.
+    // Everything from link i outwards: mass, first moment and inertia about the origin of frame
+    // i-1.
     let (mut mass, mut first, mut inertia) = (0.0, DVec3::ZERO, DMat3::ZERO);
     for i in (0..6).rev() {
         let (body, p) = (&arm.bodies[i], offset[i]);

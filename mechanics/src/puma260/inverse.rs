@@ -1,9 +1,10 @@
-//! Closed-form inverse of the PUMA 260: all eight branches, their limits and the one nearest to the
-//! joints before. Refuses poses out of reach (no branch) and poses that hold a NaN (no branch).
+//! Closed-form inverse of the PUMA 260: all eight branches, their limits and the one nearest to
+//! the joints before. Refuses poses out of reach (no branch) and poses that hold a NaN (no
+//! branch).
 //!
-//! Every angle comes from `atan2` of quantities formed without cancellation, and theta5, theta6 are
-//! taken after theta4 is fixed (premultiplication, Paul and Zhang 1986), so that the pose is met to
-//! rounding even where a joint itself is badly determined.
+//! Every angle comes from `atan2` of quantities formed without cancellation, and theta5, theta6
+//! are taken after theta4 is fixed (premultiplication, Paul and Zhang 1986), so that the pose is
+//! met to rounding even where a joint itself is badly determined.
 
 use super::Puma260;
 use crate::spatial::{Joints, Pose, wrap_angle};
@@ -143,12 +144,16 @@ impl Puma260 {
         if outside {
             return out;
         }
+        let azimuth = libm::atan2(p.y, p.x);
+        let opening = self.elbow_opening(l2);
         for shoulder in [1_i8, -1] {
+            let reach = f64::from(shoulder) * ((r - d3) * (r + d3)).max(0.0).sqrt();
+            let theta1 = wrap_angle(azimuth + libm::atan2(self.d3_m, reach));
+            let turn = libm::sincos(theta1);
             for elbow in [1_i8, -1] {
-                let root = self.arm_root(p, r, shoulder, elbow, previous);
-                for sign in [1_i8, -1] {
-                    out.push(self.complete(&wrist.rotation, &root, sign, previous));
-                }
+                let theta3 = wrap_angle(-FRAC_PI_2 + f64::from(elbow) * opening);
+                let root = self.arm_root(shoulder, elbow, [theta1, theta3], reach, p.z, previous);
+                self.complete(&wrist.rotation, &root, turn, previous, &mut out);
             }
         }
         out
@@ -159,91 +164,108 @@ impl Puma260 {
         2.0 * (self.a2_m.abs() + self.d3_m.abs() + self.d4_m.abs())
     }
 
-    fn arm_root(
-        &self,
-        p: DVec3,
-        r: f64,
-        shoulder: i8,
-        elbow: i8,
-        previous: Option<&Joints>,
-    ) -> ArmRoot {
-        let (a2, d3, d4) = (self.a2_m, self.d3_m, self.d4_m);
-        let x2 = (r - d3.abs()) * (r + d3.abs());
-        let reach = f64::from(shoulder) * x2.max(0.0).sqrt();
-        let theta1 = libm::atan2(p.y, p.x) + libm::atan2(d3, reach);
-
-        let l2 = x2.max(0.0) + p.z * p.z;
+    /// Angle of the elbow from stretched, in `[0, pi]`, for the square of the distance from the
+    /// shoulder to the wrist centre (m^2): an arc cosine without loss near either end.
+    fn elbow_opening(&self, l2: f64) -> f64 {
+        let (a2, d4) = (self.a2_m, self.d4_m);
         let below = (((a2 + d4) * (a2 + d4) - l2) / (2.0 * a2)).max(0.0);
         let above = ((l2 - (a2 - d4) * (a2 - d4)) / (2.0 * a2)).max(0.0);
-        let opening = 2.0 * libm::atan2(below.sqrt(), above.sqrt());
-        let theta3 = -FRAC_PI_2 + f64::from(elbow) * opening;
+        2.0 * libm::atan2(below.sqrt(), above.sqrt())
+    }
 
+    /// Joint 2 for joints 1 and 3, the reach in the plane of the arm and the height (m).
+    fn arm_root(
+        &self,
+        shoulder: i8,
+        elbow: i8,
+        [theta1, theta3]: [f64; 2],
+        reach: f64,
+        height: f64,
+        previous: Option<&Joints>,
+    ) -> ArmRoot {
         let (s3, c3) = libm::sincos(theta3);
-        let (x, y) = (a2 - d4 * s3, d4 * c3);
-        let theta2 = if l2 < FOLDED_M * FOLDED_M {
+        let (x, y) = (self.a2_m - self.d4_m * s3, self.d4_m * c3);
+        let theta2 = if reach * reach + height * height < FOLDED_M * FOLDED_M {
             previous.map_or(0.0, |q| q[1])
         } else {
-            libm::atan2(p.z * x - reach * y, reach * x + p.z * y)
+            libm::atan2(height * x - reach * y, reach * x + height * y)
         };
-
         let mut flags = 0;
-        if reach.abs() < DOUBLE_ROOT * (a2 + d4) {
+        if reach.abs() < DOUBLE_ROOT * (self.a2_m + self.d4_m) {
             flags |= SHOULDER_SINGULAR;
         }
         if c3.abs() < DOUBLE_ROOT {
             flags |= ELBOW_SINGULAR;
         }
-        ArmRoot { shoulder, elbow, theta: [theta1, theta2, theta3].map(wrap_angle), flags }
+        ArmRoot { shoulder, elbow, theta: [theta1, wrap_angle(theta2), theta3], flags }
     }
 
+    /// Both wrists of an arm; `turn` is sine and cosine of theta1.
     fn complete(
         &self,
         rotation: &DMat3,
         root: &ArmRoot,
-        wrist: i8,
+        (s1, c1): (f64, f64),
         previous: Option<&Joints>,
-    ) -> Branch {
-        let (s1, c1) = libm::sincos(root.theta[0]);
-        let (s23, c23) = libm::sincos(root.theta[1] + root.theta[2]);
+        out: &mut Branches,
+    ) {
+        let [t1, t2, t3] = root.theta;
+        let (s23, c23) = libm::sincos(t2 + t3);
         let arm = DMat3::from_cols(
             DVec3::new(c1 * c23, s1 * c23, s23),
             DVec3::new(-s1, c1, 0.0),
             DVec3::new(-c1 * s23, -s1 * s23, c23),
         );
         let w = arm.transpose() * *rotation;
-        let sign = f64::from(wrist);
-        let mut flags = root.flags;
-        let theta4 = if (w.z_axis.x * w.z_axis.x + w.z_axis.y * w.z_axis.y).sqrt() < WRIST_HOLD {
-            flags |= WRIST_SINGULAR;
-            held_theta4(sign, previous)
-        } else {
-            libm::atan2(-sign * w.z_axis.y, -sign * w.z_axis.x)
-        };
+        let (wx, wy) = (w.z_axis.x, w.z_axis.y);
+        let singular = wx * wx + wy * wy < WRIST_HOLD * WRIST_HOLD;
+        let theta4 = if singular { held_theta4(previous) } else { libm::atan2(-wy, -wx) };
         let (s4, c4) = libm::sincos(theta4);
-        let theta5 = libm::atan2(-(c4 * w.z_axis.x + s4 * w.z_axis.y), w.z_axis.z);
+        let theta5 = libm::atan2(-(c4 * wx + s4 * wy), w.z_axis.z);
         let theta6 =
             libm::atan2(-s4 * w.x_axis.x + c4 * w.x_axis.y, -s4 * w.y_axis.x + c4 * w.y_axis.y);
-        let [t1, t2, t3] = root.theta;
-        let q = Joints::new(t1, t2, t3, theta4, theta5, theta6).map(wrap_angle);
-        Branch {
-            shoulder: root.shoulder,
-            elbow: root.elbow,
-            wrist,
-            q,
-            in_limits: (0..6).all(|i| self.some_turn_inside(i, q[i])),
-            singular_flags: flags,
+        let inside = (self.some_turn_inside(0, t1) & self.some_turn_inside(1, t2))
+            & self.some_turn_inside(2, t3);
+        let flags = root.flags | if singular { WRIST_SINGULAR } else { 0 };
+        // The other wrist: half a turn of axes 4 and 6, joint 5 mirrored.
+        for (wrist, last) in
+            [(1, [theta4, theta5, theta6]), (-1, [half_turn(theta4), -theta5, half_turn(theta6)])]
+        {
+            let [t4, t5, t6] = last.map(wrap_angle);
+            out.push(Branch {
+                shoulder: root.shoulder,
+                elbow: root.elbow,
+                wrist,
+                q: Joints::new(t1, t2, t3, t4, t5, t6),
+                in_limits: inside
+                    && self.some_turn_inside(3, t4)
+                    && self.some_turn_inside(4, t5)
+                    && self.some_turn_inside(5, t6),
+                singular_flags: flags,
+            });
         }
     }
 
     fn some_turn_inside(&self, joint: usize, angle_rad: f64) -> bool {
         let (low, high) = (self.q_min_rad[joint], self.q_max_rad[joint]);
-        let lowest = angle_rad + TAU * ((low - angle_rad) / TAU).ceil();
-        lowest <= high || (low <= angle_rad && angle_rad <= high)
+        if angle_rad < low {
+            // The first turn at or above the lower limit; one is enough for this arm's limits.
+            let once = angle_rad + TAU;
+            let first = if once >= low { once } else { once + TAU * ((low - once) / TAU).ceil() };
+            return first <= high;
+        }
+        if angle_rad > high {
+            let once = angle_rad - TAU;
+            let first = if once <= high { once } else { once - TAU * ((once - high) / TAU).ceil() };
+            return low <= first;
+        }
+        true
     }
 
-    /// The branch nearest to `previous` and its joints, expanded by whole turns: of all shifts inside
-    /// the limits the one whose largest joint distance is smallest. The first of equals wins. `None`
-    /// when no branch is inside the limits or `previous` holds a number that is not finite.
+    /// The branch nearest to `previous` and its joints, expanded by whole turns: of all shifts
+    /// inside the limits the one whose largest joint distance is smallest. The first of equals
+    /// wins. `None` when no branch is inside the limits or `previous` holds a number that is not
+    /// finite.
     #[must_use]
     pub fn nearest(&self, branches: &Branches, previous: &Joints) -> Option<(usize, Joints)> {
         let mut best: Option<(usize, Joints, f64)> = None;
@@ -266,26 +288,34 @@ impl Puma260 {
             if !wish.is_finite() {
                 return None;
             }
-            let turns = ((wish.clamp(low, high) - q[i]) / TAU).round();
-            let candidate = [turns, turns - 1.0, turns + 1.0]
-                .map(|n| q[i] + TAU * n)
-                .into_iter()
-                .filter(|x| low <= *x && *x <= high)
-                .min_by(|a, b| (a - wish).abs().total_cmp(&(b - wish).abs()))?;
-            out[i] = candidate;
-            distance = distance.max((candidate - wish).abs());
+            let away = wish.max(low).min(high) - q[i];
+            let near = if away.abs() <= PI { q[i] } else { q[i] + TAU * (away / TAU).round() };
+            let turned = if near < low {
+                near + TAU
+            } else if near > high {
+                near - TAU
+            } else {
+                near
+            };
+            if turned < low || turned > high {
+                return None;
+            }
+            out[i] = turned;
+            distance = distance.max((turned - wish).abs());
         }
         Some((out, distance))
     }
 }
 
-fn held_theta4(sign: f64, previous: Option<&Joints>) -> f64 {
+fn half_turn(angle_rad: f64) -> f64 {
+    if angle_rad < 0.0 { angle_rad + PI } else { angle_rad - PI }
+}
+
+/// theta4 of the branch with wrist +1 where it is free; the other branch is half a turn away.
+fn held_theta4(previous: Option<&Joints>) -> f64 {
     match previous {
-        None if sign > 0.0 => 0.0,
-        None => PI,
-        Some(q) => {
-            let same_side = (q[4] >= 0.0) == (sign > 0.0);
-            if same_side { wrap_angle(q[3]) } else { wrap_angle(q[3] + PI) }
-        }
+        None => 0.0,
+        Some(q) if q[4] < 0.0 => wrap_angle(q[3] + PI),
+        Some(q) => wrap_angle(q[3]),
     }
 }

@@ -2,10 +2,10 @@
 //! inverse is in [`inverse`]. Refuses other arms: a chain with other twists is another module.
 //!
 //! Distal Denavit-Hartenberg frames with the twists of Paul and Zhang (1986), `A_i = Rz(theta_i)
-//! Tz(d_i) Tx(a_i) Rx(alpha_i)`, alpha = (+90, 0, -90, +90, -90, 0) deg; only a2, d3 and d4 are not
-//! zero. The base frame sits where the axes of joints 1 and 2 cross, z up. T6 has its origin at the
-//! wrist centre and z6 as approach; the tool point is `T6 * Trans(0, 0, tool_z)`. At q = 0 the upper
-//! arm lies along +x0, the forearm stands along +z0 and T6 is not turned.
+//! Tz(d_i) Tx(a_i) Rx(alpha_i)`, alpha = (+90, 0, -90, +90, -90, 0) deg; only a2, d3 and d4 are
+//! not zero. The base frame sits where the axes of joints 1 and 2 cross, z up. T6 has its origin
+//! at the wrist centre and z6 as approach; the tool point is `T6 * Trans(0, 0, tool_z)`. At q = 0
+//! the upper arm lies along +x0, the forearm stands along +z0 and T6 is not turned.
 
 mod inverse;
 
@@ -35,8 +35,8 @@ pub struct Puma260 {
     pub acceleration_max_rad_s2: Joints,
 }
 
-/// How far a pose is from each of the three singularities: the scaled factors of the determinant of
-/// the Jacobian, signed, 0 at the singularity, at most 1 in size.
+/// How far a pose is from each of the three singularities: the scaled factors of the determinant
+/// of the Jacobian, signed, 0 at the singularity, at most 1 in size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SingularDistance {
     /// Distance of the wrist centre from the plane of the first axis, over the longest reach:
@@ -70,8 +70,8 @@ impl Puma260 {
     /// The reference arm: a2 = d4 = 8.0 in and d3 = 5.0 in (teaching material of the University of
     /// Pennsylvania for its PUMA 260; another source has 4.9 in for d3), tool length of a flange,
     /// force sensor and finger (estimate); limits from the maker's ranges 318, 332, 248, 578, 244,
-    /// 534 deg moved into this zero; speeds of 1500 motor rev/min and accelerations that reach them
-    /// in 0.2 s (estimates).
+    /// 534 deg moved into this zero; speeds of 1500 motor rev/min and accelerations that reach
+    /// them in 0.2 s (estimates).
     #[must_use]
     pub fn reference() -> Puma260 {
         Puma260 {

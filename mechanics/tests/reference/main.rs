@@ -1,0 +1,11 @@
+//! The mathematics against reference data computed elsewhere, and against itself on many random
+//! poses. Refuses tolerances wider than the data's own.
+
+mod arm;
+mod draws;
+mod drives;
+mod inverse;
+mod motion;
+mod paths;
+mod table;
+mod touch;
