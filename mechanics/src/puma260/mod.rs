@@ -1,5 +1,5 @@
 //! Closed-form kinematics of the PUMA 260: forward, Jacobian, named singularities, limits; the
-//! inverse is in [`inverse`]. Refuses other arms: a chain with other twists is another module.
+//! inverse is [`Puma260::inverse`]. Refuses other arms: a chain with other twists is another module.
 //!
 //! Distal Denavit-Hartenberg frames with the twists of Paul and Zhang (1986), `A_i = Rz(theta_i)
 //! Tz(d_i) Tx(a_i) Rx(alpha_i)`, alpha = (+90, 0, -90, +90, -90, 0) deg; only a2, d3 and d4 are
@@ -14,7 +14,7 @@ pub use inverse::{Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, WRIST_SIN
 use crate::spatial::{Joints, Matrix6, Pose};
 use glam::{DMat3, DVec3};
 
-/// Dimensions and limits of one arm. `f64` fields are lengths in m.
+/// Dimensions and limits of one arm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Puma260 {
     /// Shoulder to elbow (m).
@@ -196,7 +196,7 @@ impl Puma260 {
     }
 }
 
-/// R03 of the notes above: turns of the first three joints.
+/// R03: the turns of the first three joints.
 fn arm_rotation(k: &Sines) -> DMat3 {
     let (s1, c1) = (k.s[0], k.c[0]);
     DMat3::from_cols(
