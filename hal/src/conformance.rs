@@ -1,7 +1,7 @@
 //! The suite that every implementor of the device traits passes: it drives a half through its trait
-//! and lists the promises that it broke. Refuses to run on a lane (it allocates text) and refuses to
-//! guess at electronics: what is wired behind an output can only be seen through an observer that
-//! the caller lends it.
+//! and lists the promises that it broke. Refuses to run on a lane (it allocates text) and to guess
+//! at electronics: what is wired behind an output can only be seen through an observer that the
+//! caller lends it.
 //!
 //! **Never on a powered robot**: the output checks drive every channel over its whole range.
 //!

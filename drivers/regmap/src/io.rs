@@ -107,7 +107,8 @@ impl RegisterFile {
         unsafe { self.word(register).write_volatile(word.to_be()) }
     }
 
-    /// Everything read before is done before anything read after.
+    /// Everything read before is done before anything read after. Between single accesses to device
+    /// memory the machine keeps that order anyway; to a plain file's memory it may not.
     pub fn order_reads(&self) {
         fence(Ordering::Acquire);
     }

@@ -62,6 +62,27 @@ fn counters_wrap_and_go_on() {
 }
 
 #[test]
+fn one_release_has_one_answer_however_far_the_board_has_moved_on() {
+    let (_, mut model, mut devices) = rig(&Config::default());
+    let mut frame = TactileFrame::empty();
+    for now in [ms(0), ms(2)] {
+        model.turn([now.0 as i32; CHANNELS]);
+        model.tick(now);
+        model.scan(&[1; MAX_TACTELS]);
+        let counts = devices.encoders.sample(now).unwrap();
+        let lines = devices.digital_in.sample(now).unwrap();
+        assert_eq!(devices.tactile.sample(now, &mut frame), Ok(Arrival::New));
+        model.turn([-1; CHANNELS]);
+        model.set_lines(LinesIn::default());
+        model.tick(now + Nanos(1));
+        model.scan(&[2; MAX_TACTELS]);
+        assert_eq!(devices.encoders.sample(now), Ok(counts));
+        assert_eq!(devices.digital_in.sample(now), Ok(lines));
+        assert_eq!(devices.tactile.sample(now, &mut frame), Ok(Arrival::Held));
+    }
+}
+
+#[test]
 fn a_torn_block_is_a_transient_error_and_the_next_whole_one_is_read() {
     let (registers, mut model, mut devices) = rig(&Config::default());
     model.tick(ms(0));
