@@ -12,10 +12,10 @@ use taktil_mechanics::{Joints, Pose};
 const SAMPLES: usize = 1024;
 const ROUNDS: usize = 40;
 
+#[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
 fn measure<T>(name: &str, inputs: &[T], mut call: impl FnMut(&T)) {
     let mut best = f64::INFINITY;
     for _ in 0..ROUNDS {
-        #[allow(clippy::disallowed_methods, reason = "a stopwatch for people")]
         let start = Instant::now();
         for input in inputs {
             call(black_box(input));

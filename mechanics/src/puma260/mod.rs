@@ -1,5 +1,5 @@
 //! Closed-form kinematics of the PUMA 260: forward, Jacobian, named singularities, limits; the
-//! inverse is [`Puma260::inverse`]. Refuses other arms: a chain with other twists is another module.
+//! inverse is [`Puma260::inverse`]. Refuses other arms: a chain of other twists is another module.
 //!
 //! Distal Denavit-Hartenberg frames with the twists of Paul and Zhang (1986), `A_i = Rz(theta_i)
 //! Tz(d_i) Tx(a_i) Rx(alpha_i)`, alpha = (+90, 0, -90, +90, -90, 0) deg; only a2, d3 and d4 are
