@@ -1,0 +1,247 @@
+//! Which source may say where the joints should be, and what is refused of it. Refuses ports, and refuses to find a way: a
+//! goal is taken as it is or not at all.
+//!
+//! ```text
+//!   mode without torque ──> desired := measured
+//!   STOPPING ────────────> slow down to rest
+//!   any other mode:
+//!     START, IDLE, MANUAL ───────────> slow down to rest, hold
+//!     TRAJECTORY, TRAJECTORY/USER ───> goal of the trajectory ─┐  none, stale, refused:
+//!     TACTILE-SERVO ─────────────────> goal of the tactile servo ┴> slow down to rest, hold
+//! ```
+
+use taktil_mechanics::Joints;
+use taktil_rtcore::{FaultCode, Mode};
+use taktil_signal::{Desired, Goal, JointState, State};
+
+/// A goal may step by this multiple of the largest speed times the time that passed.
+pub const STEP_MARGIN: f64 = 1.5;
+
+/// A source of desired joints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// Nobody: stand still.
+    Hold,
+    /// The goal of `trajectory`.
+    Trajectory,
+    /// The goal of `tactile_servo`.
+    Tactile,
+}
+
+/// The source of each state. The MANUAL states hold: jogging is no source yet.
+#[must_use]
+pub const fn source(state: State) -> Source {
+    match state {
+        State::Start | State::IdleUncalibrated | State::IdleCalibrated => Source::Hold,
+        State::ManualUncalibrated | State::ManualJoint | State::ManualCartesian => Source::Hold,
+        State::Trajectory | State::TrajectoryUser => Source::Trajectory,
+        State::TactileServo => Source::Tactile,
+    }
+}
+
+/// Bounds that a goal has to keep, rad, rad/s, s.
+#[derive(Clone, Debug)]
+pub struct Bounds {
+    /// Lower joint limits.
+    pub q_min_rad: Joints,
+    /// Upper joint limits.
+    pub q_max_rad: Joints,
+    /// Largest speeds.
+    pub v_max_rad_s: Joints,
+    /// How far the first goal of a source may be from the desired joints.
+    pub bumpless_rad: f64,
+    /// How far desired joints may be from the measured ones.
+    pub lead_max_rad: f64,
+    /// Time in which motion without a source comes to rest.
+    pub stop_time_s: f64,
+}
+
+/// What one job has to go by.
+#[derive(Clone, Copy, Debug)]
+pub struct Facts {
+    /// Newest measured joints.
+    pub measured: JointState,
+    /// What the supervisor decided.
+    pub state: State,
+    /// Whether torque may flow.
+    pub mode: Mode,
+    /// Goal of the trajectory, unless absent or stale.
+    pub trajectory: Option<Goal>,
+    /// Goal of the tactile servo, unless absent or stale.
+    pub tactile: Option<Goal>,
+    /// Time since the last job, s.
+    pub dt_s: f64,
+}
+
+/// The source that was accepted, with the goal last taken from it.
+#[derive(Clone, Copy, Debug)]
+struct Accepted {
+    source: Source,
+    goal_rad: Joints,
+}
+
+/// The desired joints and what is needed to move them on.
+#[derive(Clone, Debug)]
+pub struct Law {
+    bounds: Bounds,
+    q_rad: Joints,
+    qd_rad_s: Joints,
+    /// Deceleration under way, rad/s^2, not negative.
+    brake_rad_s2: Joints,
+    measured_rad: Joints,
+    datum: Option<u32>,
+    accepted: Option<Accepted>,
+}
+
+impl Law {
+    /// Nothing is desired before the first [`Law::step`].
+    #[must_use]
+    pub fn new(bounds: Bounds) -> Law {
+        let zero = Joints::zeros();
+        Law {
+            bounds,
+            q_rad: zero,
+            qd_rad_s: zero,
+            brake_rad_s2: zero,
+            measured_rad: zero,
+            datum: None,
+            accepted: None,
+        }
+    }
+
+    /// One job: the desired joints, and the fault for which a goal was refused; a refused goal is as good as none.
+    ///
+    /// Faults: [`FaultCode::NotBumpless`], [`FaultCode::SetpointJump`], [`FaultCode::SoftLimit`].
+    pub fn step(&mut self, facts: &Facts) -> (Desired, Result<(), FaultCode>) {
+        self.rebase(&facts.measured);
+        let mut fault = Ok(());
+        if !facts.mode.torque_allowed() {
+            self.q_rad = self.measured_rad;
+            self.rest();
+        } else {
+            let source =
+                if facts.mode == Mode::Stopping { Source::Hold } else { source(facts.state) };
+            let goal = match source {
+                Source::Hold => None,
+                Source::Trajectory => facts.trajectory,
+                Source::Tactile => facts.tactile,
+            };
+            let taken = match goal.filter(|goal| goal.valid == 1) {
+                Some(goal) => self.take(source, &goal, facts),
+                None => {
+                    self.accepted = None;
+                    Ok(false)
+                }
+            };
+            if taken != Ok(true) {
+                self.slow_down(facts);
+            }
+            fault = taken.map(|_| ());
+        }
+        let desired = Desired {
+            q_rad: self.q_rad.into(),
+            qd_rad_s: self.qd_rad_s.into(),
+            source: facts.state as u32,
+            valid: 1,
+        };
+        (desired, fault)
+    }
+
+    /// Takes the measurement; when the zero of the angles has moved, the desired angles move with it.
+    fn rebase(&mut self, measured: &JointState) {
+        let now_rad = Joints::from(measured.q_rad);
+        match self.datum {
+            None => self.q_rad = now_rad,
+            Some(datum) if datum != measured.datum => {
+                let shift_rad = now_rad - self.measured_rad;
+                self.q_rad += shift_rad;
+                // A goal in the old angles is no goal any more.
+                self.accepted = None;
+            }
+            Some(_) => {}
+        }
+        self.datum = Some(measured.datum);
+        self.measured_rad = now_rad;
+    }
+
+    fn rest(&mut self) {
+        self.qd_rad_s = Joints::zeros();
+        self.brake_rad_s2 = Joints::zeros();
+        self.accepted = None;
+    }
+
+    /// Takes a goal over if it keeps every bound; `Err` leaves everything as it was but the acceptance.
+    fn take(&mut self, source: Source, goal: &Goal, facts: &Facts) -> Result<bool, FaultCode> {
+        let goal_rad = Joints::from(goal.q_rad);
+        let goal_rad_s = Joints::from(goal.qd_rad_s);
+        let accepted = self.accepted.filter(|accepted| accepted.source == source);
+        self.accepted = None;
+        let bounds = &self.bounds;
+        match accepted {
+            None => within(&(goal_rad - self.q_rad), |_| bounds.bumpless_rad)
+                .then_some(())
+                .ok_or(FaultCode::NotBumpless)?,
+            Some(last) => {
+                let step = |i: usize| STEP_MARGIN * bounds.v_max_rad_s[i] * facts.dt_s;
+                within(&(goal_rad - last.goal_rad), step)
+                    .then_some(())
+                    .ok_or(FaultCode::SetpointJump)?;
+            }
+        }
+        within(&goal_rad_s, |i| STEP_MARGIN * bounds.v_max_rad_s[i])
+            .then_some(())
+            .ok_or(FaultCode::SetpointJump)?;
+        if facts.measured.calibrated == 1 && self.leaves_limits(&goal_rad) {
+            return Err(FaultCode::SoftLimit);
+        }
+        let lead_rad = self.bounds.lead_max_rad;
+        self.q_rad = led(&goal_rad, &self.measured_rad, lead_rad);
+        self.qd_rad_s = goal_rad_s;
+        self.brake_rad_s2 = goal_rad_s.abs() / self.bounds.stop_time_s;
+        self.accepted = Some(Accepted { source, goal_rad });
+        Ok(true)
+    }
+
+    /// True when a goal is beyond a limit, unless it leads back from further outside.
+    fn leaves_limits(&self, goal_rad: &Joints) -> bool {
+        (0..6).any(|i| {
+            let low = self.bounds.q_min_rad[i].min(self.q_rad[i]);
+            let high = self.bounds.q_max_rad[i].max(self.q_rad[i]);
+            !(low..=high).contains(&goal_rad[i])
+        })
+    }
+
+    /// Without a source: every joint's speed falls evenly to zero, within the time to stop of the speed last taken over.
+    fn slow_down(&mut self, facts: &Facts) {
+        if self.qd_rad_s == Joints::zeros() {
+            return;
+        }
+        for i in 0..6 {
+            let old = self.qd_rad_s[i];
+            let new = (old.abs() - self.brake_rad_s2[i] * facts.dt_s).max(0.0).copysign(old);
+            let mut way = 0.5 * (old + new) * facts.dt_s;
+            if facts.measured.calibrated == 1 {
+                let back = (self.bounds.q_min_rad[i] - self.q_rad[i]).min(0.0);
+                let forth = (self.bounds.q_max_rad[i] - self.q_rad[i]).max(0.0);
+                way = way.clamp(back, forth);
+            }
+            self.q_rad[i] += way;
+            self.qd_rad_s[i] = if new == 0.0 { 0.0 } else { new };
+        }
+        self.q_rad = led(&self.q_rad, &self.measured_rad, self.bounds.lead_max_rad);
+    }
+}
+
+/// Every joint within its bound, which belongs to it; NaN is not.
+fn within(x: &Joints, bound: impl Fn(usize) -> f64) -> bool {
+    (0..6).all(|i| x[i].abs() <= bound(i))
+}
+
+/// `q_rad` moved to at most `lead_rad` from the measured joints.
+fn led(q_rad: &Joints, measured_rad: &Joints, lead_rad: f64) -> Joints {
+    // `max` and `min` instead of `clamp`: a measured NaN bounds nothing and panics nowhere.
+    Joints::from_fn(|i, _| q_rad[i].max(measured_rad[i] - lead_rad).min(measured_rad[i] + lead_rad))
+}
+
+#[cfg(test)]
+mod tests;
