@@ -1,1 +1,45 @@
-//! Stub.
+//! A deterministic twin of the bench: a PUMA 260 with its motors, a fingertip with a 16 x 16 tactile
+//! array, a pin between the fingertip's rubber and the table's, a table that pans, tilts, slides and
+//! rises. Refuses to know that it is being scheduled: [`World::advance`] moves it, the
+//! [`taktil_hal::Devices`] halves are all that a controller sees of it, and one seed gives one run.
+//!
+//! ```
+//! use taktil_hal::Nanos;
+//! use taktil_sim::{Timing, WorldConfig, build};
+//!
+//! let (mut world, mut devices) = build(&WorldConfig::default(), &Timing::default(), 1).unwrap();
+//! world.advance(Nanos::from_millis(10));
+//! let counts = devices.encoders.sample(world.now()).unwrap();
+//! assert_eq!(counts.acquired, Nanos::from_millis(10));
+//! assert!(!world.truth().in_contact);
+//! ```
+//!
+//! What the first version leaves out: spread of the load between rows and the shift of the base
+//! pressure by tangential forces, viscoelastic memory, rows read one after the other within a scan,
+//! contact of the finger with the table itself, edges of the table, inertial loads on the gauges.
+
+mod arm;
+mod bench;
+mod carriage;
+mod contact;
+mod devices;
+mod electronics;
+mod hand;
+mod hash;
+mod pin;
+mod prng;
+mod rubber;
+pub mod scene;
+mod table;
+mod truth;
+mod world;
+
+pub use bench::{RATED_LOAD_N, build, build_with_carriage};
+pub use carriage::{Carriage, Float};
+pub use contact::{PAD_HALF_M, PITCH_M, SLICES, Surface};
+pub use devices::{ADC_MAX, LONGEST_SILENCE};
+pub use electronics::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM};
+pub use scene::{Invalid, Timing, WorldConfig};
+pub use table::TablePose;
+pub use truth::Truth;
+pub use world::World;

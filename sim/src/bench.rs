@@ -1,0 +1,185 @@
+//! Puts a bench together from its description: checks it, solves the contacts, sets the pin on the
+//! table in static balance, connects the devices, latches the first samples. Refuses scenes whose
+//! stiffness the integration step cannot follow.
+
+use glam::{DMat3, DVec3};
+use taktil_hal::{CHANNELS, Devices, LinesOut, Nanos};
+use taktil_mechanics::dynamics::GRAVITY_M_S2;
+use taktil_mechanics::spatial::rotation_z;
+use taktil_mechanics::transmission::Drive;
+
+use crate::arm::Arm;
+use crate::carriage::{Carriage, Riding};
+use crate::contact::{PAD_HALF_M, Patch, Reaction, Surface, strips_of_pin};
+use crate::devices::connect;
+use crate::electronics::Converter;
+use crate::hand::Hand;
+use crate::pin::Pin;
+use crate::prng::{Prng, Stream};
+use crate::rubber::Rubber;
+use crate::scene::{Invalid, PinConfig, Timing, WorldConfig, invalid};
+use crate::table::Table;
+use crate::world::{Finger, Rolling, World};
+
+/// Load at which the stability of the integration is judged (N): four times the rolling task's.
+/// Sixteen times the stiffness at this load is where the integration would break.
+pub const RATED_LOAD_N: f64 = 60.0;
+/// Largest product of step and natural frequency that is accepted.
+const STEP_FREQUENCY_MAX: f64 = 0.5;
+/// Largest share of a step's stability that contact damping may take.
+const STEP_DAMPING_MAX: f64 = 1.0;
+
+/// Builds the bench with the arm.
+///
+/// # Errors
+/// [`Invalid`] with the place inside the configuration: see [`WorldConfig::check`]; also a contact
+/// that cannot be solved, a start outside the joints' ranges, a step too long for the stiffness.
+pub fn build(
+    config: &WorldConfig,
+    timing: &Timing,
+    seed: u64,
+) -> Result<(World, Devices), Invalid> {
+    config.check()?;
+    timing.check()?;
+    let arm = Arm::new(&config.arm, config.arm_every)?;
+    let mass_kg = Some(arm.mass_at_tool_kg());
+    assemble(config, timing, seed, Finger::Arm(Box::new(arm)), mass_kg)
+}
+
+/// Builds the bench with a finger on rails instead of the arm; the encoders read zero.
+///
+/// # Errors
+/// As [`build`]; `carriage` when its path or its float is not finite or not in order.
+pub fn build_with_carriage(
+    config: &WorldConfig,
+    timing: &Timing,
+    seed: u64,
+    carriage: Carriage,
+) -> Result<(World, Devices), Invalid> {
+    config.check()?;
+    timing.check()?;
+    carriage.check()?;
+    let riding = Riding::new(carriage);
+    let mass_kg = riding.mass_kg();
+    assemble(config, timing, seed, Finger::Carriage(Box::new(riding)), mass_kg)
+}
+
+fn assemble(
+    config: &WorldConfig,
+    timing: &Timing,
+    seed: u64,
+    finger: Finger,
+    finger_kg: Option<f64>,
+) -> Result<(World, Devices), Invalid> {
+    let table = Table::new(&config.table);
+    let rolling = if config.pin.present {
+        let rolling = put_pin(config, &table, finger.pose().translation)?;
+        check_step(config, &rolling, finger_kg)?;
+        Some(Box::new(rolling))
+    } else {
+        None
+    };
+    let converter = Converter::new(&config.tactile);
+    let (ends, devices) =
+        connect(timing.actuation_delay, Drive::reference().code_range(), converter.full_scale());
+    let mut world = World {
+        t: Nanos::ZERO,
+        timing: *timing,
+        substep: Nanos((1e3 * config.substep_us).round() as i64),
+        power_on: Nanos((1e9 * config.arm.power_on_s).round() as i64),
+        finger,
+        rolling,
+        table,
+        converter,
+        noise: Prng::new(seed, Stream::TactileNoise),
+        ends,
+        next_control: Nanos::ZERO,
+        next_scan: Nanos::ZERO,
+        sequence: 0,
+        codes: [0; CHANNELS],
+        orders: LinesOut::SAFE,
+        last_word: Nanos::ZERO,
+        last_feed: Nanos::ZERO,
+    };
+    world.latch();
+    Ok((world, devices))
+}
+
+/// The pin on the table, sunk in until the rubber carries its weight.
+fn put_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolling, Invalid> {
+    let c = &config.pin;
+    let (radius_m, length_m) = (1e-3 * c.radius_mm, 1e-3 * c.length_mm);
+    let rolling_m = 1e-3 * c.rolling_resistance_mm;
+    let on_finger = Rubber::new(&config.finger.rubber, c.radius_mm, "finger.rubber")?;
+    let on_table = Rubber::new(&config.table.rubber, c.radius_mm, "table.rubber")?;
+    let (_, axes, surface) = table.at(0.0);
+    let weight_n = c.mass_kg * GRAVITY_M_S2 * surface.normal.z;
+    let sunk_m = on_table.penetration_m(weight_n / length_m);
+    let centre = centre_above(c, finger, &surface, radius_m - sunk_m);
+    let turned: DMat3 = axes * rotation_z(c.yaw_deg.to_radians());
+    let pin = Pin::at_rest(centre, &turned, (radius_m, length_m), c.mass_kg);
+    let mut hand = Hand::new(&pin, &axes, &surface, c.steady_until_n);
+    hand.holding = c.steadied;
+    Ok(Rolling {
+        pin,
+        pad: Patch::new(on_finger, config.finger.friction, rolling_m),
+        bed: Patch::new(on_table, config.table.friction, rolling_m),
+        bed_strips: strips_of_pin(length_m),
+        hand,
+        released: None,
+        by_finger: Reaction::default(),
+        by_table: Reaction::default(),
+        across: 1.0,
+    })
+}
+
+/// The point over the wanted x and y at a distance from the surface.
+fn centre_above(c: &PinConfig, finger: DVec3, surface: &Surface, distance_m: f64) -> DVec3 {
+    let (x, y) = (finger.x + 1e-3 * c.x_mm, finger.y + 1e-3 * c.y_mm);
+    let (n, o) = (surface.normal, surface.origin);
+    let z = o.z + (distance_m - n.x * (x - o.x) - n.y * (y - o.y)) / n.z;
+    DVec3::new(x, y, z)
+}
+
+/// Judges the step against the fastest oscillation of the pin between its rubbers.
+fn check_step(
+    config: &WorldConfig,
+    rolling: &Rolling,
+    finger_kg: Option<f64>,
+) -> Result<(), Invalid> {
+    let (pin, pad, bed) = (&rolling.pin, &rolling.pad.rubber, &rolling.bed.rubber);
+    let pad_m = (2.0 * PAD_HALF_M).min(pin.length_m);
+    let on_pad = pad.at(pad.penetration_m(RATED_LOAD_N / pad_m));
+    let on_bed = bed.at(bed.penetration_m(RATED_LOAD_N / pin.length_m));
+    let finger_mobility = finger_kg.map_or(0.0, |m| 1.0 / m);
+    // Bound of the largest eigenvalue; across its axis a rolling pin is three times as mobile.
+    let square = |pad_n_m2: f64, bed_n_m2: f64, mobility: f64| {
+        mobility * (pad_n_m2 * pad_m + bed_n_m2 * pin.length_m) + finger_mobility * pad_n_m2 * pad_m
+    };
+    let light = 1.0 / pin.mass_kg;
+    let normal = square(on_pad.stiffness_n_m2, on_bed.stiffness_n_m2, light);
+    let shear = square(on_pad.shear_n_m2, on_bed.shear_n_m2, 3.0 * light);
+    let square = normal.max(shear);
+    let h = 1e-6 * config.substep_us;
+    let step_frequency = h * square.sqrt();
+    let relaxation = pad.relaxation_s.max(bed.relaxation_s);
+    let damping = h * square * (0.5 * h + relaxation);
+    if step_frequency <= STEP_FREQUENCY_MAX && damping <= STEP_DAMPING_MAX {
+        return Ok(());
+    }
+    let longest_s = (STEP_FREQUENCY_MAX / square.sqrt())
+        .min(STEP_DAMPING_MAX / square / (relaxation + 0.5 * h));
+    let what = format!(
+        "is {}, too long for a pin of {} kg between these rubbers: {:.0} rad/s at {RATED_LOAD_N} N, \
+         step x frequency {step_frequency:.2} (at most {STEP_FREQUENCY_MAX}), damping {damping:.2} \
+         (at most {STEP_DAMPING_MAX})",
+        config.substep_us,
+        config.pin.mass_kg,
+        square.sqrt(),
+    );
+    let remedy = format!(
+        "use {:.0} or less, a softer or thicker rubber, less relaxation or a heavier pin",
+        (1e6 * longest_s).floor().max(1.0)
+    );
+    Err(invalid("substep_us", what, &remedy))
+}

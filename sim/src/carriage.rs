@@ -1,0 +1,142 @@
+//! A finger on rails instead of the arm: its place along a path is prescribed, so that the contact
+//! can be studied and checked without a servo. Optionally it floats along z0 under a constant load.
+//! Refuses turning: the orientation is fixed.
+
+use glam::{DMat3, DVec3};
+use taktil_mechanics::Pose;
+use taktil_mechanics::spatial::stack;
+
+use crate::hash::Hash;
+use crate::scene::{Invalid, invalid};
+
+/// What carries the finger when it floats along z0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Float {
+    /// Moving mass (kg), weightless: its weight counts in the load.
+    pub mass_kg: f64,
+    /// Force along -z0 (N).
+    pub load_n: f64,
+    /// Viscous damping of the guide (N s/m).
+    pub damping_n_s_m: f64,
+}
+
+/// The prescribed motion.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Carriage {
+    /// Axes of the sensor frame as columns.
+    pub axes: DMat3,
+    /// Instants (s, increasing) and places of the sensor's centre (m); between them the finger moves
+    /// with a smooth start and stop, outside them it rests.
+    pub knots: Vec<(f64, DVec3)>,
+    /// With it z of the knots is only the start.
+    pub float: Option<Float>,
+}
+
+/// A carriage on its way.
+#[derive(Clone, Debug)]
+pub(crate) struct Riding {
+    plan: Carriage,
+    t_s: f64,
+    pose: Pose,
+    velocity: DVec3,
+}
+
+impl Carriage {
+    /// Refuses paths and guides that are not finite, not in order or not positive.
+    pub(crate) fn check(&self) -> Result<(), Invalid> {
+        let refuse = |place: &str, what: &str, remedy: &str| {
+            Err(invalid(&format!("carriage.{place}"), what.to_owned(), remedy))
+        };
+        let turn = self.axes * self.axes.transpose();
+        if !turn.abs_diff_eq(DMat3::IDENTITY, 1e-9) {
+            return refuse("axes", "are not orthonormal", "give a rotation matrix");
+        }
+        let finite = self.knots.iter().all(|(t, p)| t.is_finite() && p.is_finite());
+        let ordered = self.knots.windows(2).all(|pair| pair[0].0 < pair[1].0);
+        if self.knots.is_empty() || !finite || !ordered {
+            return refuse("knots", "are empty, not finite or not in order", "order them by time");
+        }
+        if let Some(float) = self.float {
+            let sound = float.mass_kg >= 1e-3
+                && float.mass_kg.is_finite()
+                && float.load_n.is_finite()
+                && (0.0..1e6).contains(&float.damping_n_s_m);
+            if !sound {
+                return refuse("float", "has a figure that is not physical", "see its fields");
+            }
+        }
+        Ok(())
+    }
+
+    /// Place and velocity at an instant (s), floating aside.
+    fn at(&self, t_s: f64) -> (DVec3, DVec3) {
+        let knots = &self.knots;
+        let after = knots.iter().position(|(t, _)| *t > t_s);
+        match (after, knots.first(), knots.last()) {
+            (Some(i), Some(_), Some(_)) if i > 0 => {
+                let ((t0, p0), (t1, p1)) = (knots[i - 1], knots[i]);
+                let (span, u) = (t1 - t0, (t_s - t0) / (t1 - t0));
+                let place = p0 + u * u * (3.0 - 2.0 * u) * (p1 - p0);
+                (place, 6.0 * u * (1.0 - u) / span * (p1 - p0))
+            }
+            (Some(_), Some((_, first)), _) => (*first, DVec3::ZERO),
+            (None, _, Some((_, last))) => (*last, DVec3::ZERO),
+            _ => (DVec3::ZERO, DVec3::ZERO),
+        }
+    }
+}
+
+impl Riding {
+    pub(crate) fn new(plan: Carriage) -> Riding {
+        let (place, velocity) = plan.at(0.0);
+        let pose = Pose::new(plan.axes, place);
+        Riding { plan, t_s: 0.0, pose, velocity }
+    }
+
+    pub(crate) fn pose(&self) -> &Pose {
+        &self.pose
+    }
+
+    pub(crate) fn twist(&self) -> taktil_mechanics::Joints {
+        stack(self.velocity, DVec3::ZERO)
+    }
+
+    /// Mass that follows the finger along its normal (kg); none when the place is prescribed.
+    pub(crate) fn mass_kg(&self) -> Option<f64> {
+        self.plan.float.map(|float| float.mass_kg)
+    }
+
+    pub(crate) fn step(&mut self, h: f64, force: DVec3) {
+        self.t_s += h;
+        let (mut place, mut velocity) = self.plan.at(self.t_s);
+        if let Some(float) = self.plan.float {
+            let push = force.z - float.load_n - float.damping_n_s_m * self.velocity.z;
+            velocity.z = self.velocity.z + h * push / float.mass_kg;
+            place.z = self.pose.translation.z + h * velocity.z;
+        }
+        self.pose.translation = place;
+        self.velocity = velocity;
+    }
+
+    pub(crate) fn digest(&self, hash: &mut Hash) {
+        hash.number(self.t_s);
+        hash.vector(self.pose.translation);
+        hash.vector(self.velocity);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_rests_outside_the_path_and_moves_smoothly_inside() {
+        let knots = vec![(1.0, DVec3::ZERO), (3.0, DVec3::X), (4.0, DVec3::X + DVec3::Y)];
+        let carriage = Carriage { axes: DMat3::IDENTITY, knots, float: None };
+        assert_eq!(carriage.at(0.0), (DVec3::ZERO, DVec3::ZERO));
+        assert_eq!(carriage.at(2.0), (0.5 * DVec3::X, 0.75 * DVec3::X));
+        assert_eq!(carriage.at(9.0), (DVec3::X + DVec3::Y, DVec3::ZERO));
+        let empty = Carriage { axes: DMat3::IDENTITY, knots: Vec::new(), float: None };
+        assert_eq!(empty.at(1.0), (DVec3::ZERO, DVec3::ZERO));
+    }
+}

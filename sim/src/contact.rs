@@ -1,0 +1,306 @@
+//! Line contact between the pin and a flat rubber surface, in slices along the pin's axis: normal
+//! load with Kelvin-Voigt damping that never pulls, and per slice a brush against tangential
+//! motion. Rolling, slip, yaw torque and tilting moments are what comes out of it; none of them is
+//! written anywhere. Refuses pins that stand on end (axis within 11.5 deg of the normal).
+//!
+//! Brush (Kalker's simplified theory in its one-point form): bristles enter the contact unstressed
+//! at its leading edge and are carried through its width `2b`, so their mean deflection `xi` obeys
+//! `d xi/dt = v - (u / b) xi`, with `v` the velocity of the pin's surface over the rubber and `u`
+//! the speed at which the contact line travels over it. Growing contact adds unstressed bristles
+//! (the force stays, `xi` shrinks); the force is returned to Coulomb's cone when it leaves it.
+
+use glam::DVec3;
+use taktil_mechanics::Pose;
+
+use crate::hash::Hash;
+use crate::pin::Pin;
+use crate::rubber::Rubber;
+
+/// Slices of either contact; on the finger they are the tactile array's rows.
+pub const SLICES: usize = 16;
+/// Tactel pitch (m).
+pub const PITCH_M: f64 = 1.5875e-3;
+/// Half the tactile pad's side (m): 16 tactels, 25.4 mm.
+pub const PAD_HALF_M: f64 = 0.5 * SLICES as f64 * PITCH_M;
+
+/// Over this distance the load fades out as the contact line leaves the pad (m).
+const EDGE_M: f64 = 0.5e-3;
+/// Smallest sine between axis and normal for which there is a contact line.
+const SINE_MIN: f64 = 0.2;
+/// Spin at which rolling resistance has come up fully (rad/s).
+const ROLLING_SPIN_RAD_S: f64 = 0.1;
+
+/// A plane of rubber that moves as a rigid body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// A point of the undeformed surface (m, base frame).
+    pub origin: DVec3,
+    /// Unit normal out of the rubber.
+    pub normal: DVec3,
+    /// Velocity of the material at the origin (m/s).
+    pub velocity: DVec3,
+    /// Angular velocity (rad/s).
+    pub spin: DVec3,
+}
+
+/// The pin's generatrix nearest to a surface and everything that varies linearly along it: pairs of
+/// (value at s = 0, change per metre of s), s along the pin's axis from its centre.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Line {
+    /// The generatrix at s = 0 (m).
+    pub(crate) foot: DVec3,
+    /// From the pin's centre to there (m).
+    radius: DVec3,
+    pub(crate) axis: DVec3,
+    normal: DVec3,
+    /// Rolling direction in the surface.
+    pub(crate) across: DVec3,
+    /// The axis laid into the surface.
+    along: DVec3,
+    height: (f64, f64),
+    closing: (f64, f64),
+    creep_across: (f64, f64),
+    creep_along: (f64, f64),
+    travel: (f64, f64),
+    /// Spin of the pin over the surface about `along` (rad/s).
+    roll: f64,
+}
+
+impl Line {
+    pub(crate) fn between(pin: &Pin, axis: DVec3, surface: &Surface) -> Option<Line> {
+        let normal = surface.normal;
+        let dip = axis.dot(normal);
+        let sine2 = 1.0 - dip * dip;
+        if sine2 < SINE_MIN * SINE_MIN {
+            return None;
+        }
+        let inverse = 1.0 / sine2.sqrt();
+        let along = (axis - dip * normal) * inverse;
+        let across = along.cross(normal);
+        let radius = (dip * axis - normal) * (inverse * pin.radius_m);
+        let foot = pin.position + radius;
+        let lever = foot - surface.origin;
+        let rubber = surface.velocity + surface.spin.cross(lever);
+        let relative = pin.velocity + pin.spin.cross(radius) - rubber;
+        let slope = (pin.spin - surface.spin).cross(axis);
+        // The line follows the pin's axis and, when the surface turns, walks round the pin.
+        let walk = pin.velocity - rubber - pin.radius_m * surface.spin.cross(normal);
+        Some(Line {
+            foot,
+            radius,
+            axis,
+            normal,
+            across,
+            along,
+            height: (lever.dot(normal), dip),
+            closing: (-relative.dot(normal), -slope.dot(normal)),
+            creep_across: (relative.dot(across), slope.dot(across)),
+            creep_along: (relative.dot(along), slope.dot(along)),
+            travel: (walk.dot(across), slope.dot(across)),
+            roll: (pin.spin - surface.spin).dot(along),
+        })
+    }
+}
+
+fn linear(pair: (f64, f64), s: f64) -> f64 {
+    pair.0 + pair.1 * s
+}
+
+/// Where a slice lies along the pin and how much of it there is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Strip {
+    /// Middle, along the pin's axis (m).
+    pub(crate) s_m: f64,
+    /// Width, along the pin's axis (m).
+    pub(crate) width_m: f64,
+    /// Part that is there: 0 off the pad or off the pin, 1 wholly on both.
+    pub(crate) cover: f64,
+    /// On the pad: where the contact line crosses the row, along the sensor's x (m).
+    pub(crate) x_m: f64,
+}
+
+/// Slices over the whole length of a pin.
+pub(crate) fn strips_of_pin(length_m: f64) -> [Strip; SLICES] {
+    let width_m = length_m / SLICES as f64;
+    core::array::from_fn(|i| Strip {
+        s_m: (i as f64 + 0.5) * width_m - 0.5 * length_m,
+        width_m,
+        cover: 1.0,
+        x_m: 0.0,
+    })
+}
+
+/// Middle of a tactel row or column (m) from the pad's centre.
+pub(crate) fn tactel_middle_m(index: usize) -> f64 {
+    (index as f64 - 0.5 * (SLICES - 1) as f64) * PITCH_M
+}
+
+/// Slices at the pad's rows. A pin across the rows has none.
+pub(crate) fn strips_of_pad(line: &Line, pad: &Pose, pin_length_m: f64) -> [Strip; SLICES] {
+    let mut strips = [Strip::default(); SLICES];
+    let (x_axis, y_axis) = (pad.rotation.x_axis, pad.rotation.y_axis);
+    let per_row = line.axis.dot(y_axis);
+    if per_row.abs() < SINE_MIN {
+        return strips;
+    }
+    let lever = line.foot - pad.translation;
+    let (x0, y0) = (lever.dot(x_axis), lever.dot(y_axis));
+    let (per_y, dx) = (1.0 / per_row, line.axis.dot(x_axis));
+    let width_m = PITCH_M * per_y.abs();
+    let (per_width, half) = (1.0 / width_m, 0.5 * pin_length_m);
+    for (row, strip) in strips.iter_mut().enumerate() {
+        let s_m = (tactel_middle_m(row) - y0) * per_y;
+        let x_m = x0 + s_m * dx;
+        let on_pin = ((half - s_m.abs()) * per_width + 0.5).clamp(0.0, 1.0);
+        let on_pad = ((PAD_HALF_M - x_m.abs()) * (1.0 / EDGE_M)).clamp(0.0, 1.0);
+        *strip = Strip { s_m, width_m, cover: on_pin * on_pad, x_m };
+    }
+    strips
+}
+
+/// One slice's memory and its latest forces.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Slice {
+    /// Mean deflection of the bristles, across and along (m).
+    brush: (f64, f64),
+    /// Their stiffness (N/m).
+    shear_n_m: f64,
+    /// Normal force (N).
+    pub(crate) load_n: f64,
+    /// Penetration (m).
+    pub(crate) delta_m: f64,
+    /// Where it was.
+    pub(crate) strip: Strip,
+}
+
+/// What a contact does to the pin; the surface feels the opposite.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Reaction {
+    /// Force on the pin (N).
+    pub(crate) force: DVec3,
+    /// Moment on the pin about its centre (N m).
+    pub(crate) moment: DVec3,
+    /// Sum of the normal forces (N).
+    pub(crate) normal_n: f64,
+    /// Tangential force on the pin across and along its axis (N).
+    pub(crate) tangential_n: (f64, f64),
+    /// Fastest motion of a slice that slides (m/s), 0 when all stick.
+    pub(crate) slip_m_s: f64,
+}
+
+impl Reaction {
+    /// The moment about another point (N m).
+    pub(crate) fn moment_about(&self, point: DVec3, pin_centre: DVec3) -> DVec3 {
+        self.moment + (pin_centre - point).cross(self.force)
+    }
+}
+
+/// The contact of the pin with one rubber.
+#[derive(Clone, Debug)]
+pub(crate) struct Patch {
+    pub(crate) rubber: Rubber,
+    friction: f64,
+    rolling_m: f64,
+    pub(crate) slices: [Slice; SLICES],
+}
+
+/// Sums over the slices: force and first moment along the axis, each as (normal, across, along).
+#[derive(Default)]
+struct Sums {
+    force: [f64; 3],
+    lever: [f64; 3],
+    slip_m_s: f64,
+}
+
+impl Patch {
+    pub(crate) fn new(rubber: Rubber, friction: f64, rolling_m: f64) -> Patch {
+        Patch { rubber, friction, rolling_m, slices: [Slice::default(); SLICES] }
+    }
+
+    /// Nothing touches: bristles spring back.
+    pub(crate) fn release(&mut self) -> Reaction {
+        self.slices = [Slice::default(); SLICES];
+        Reaction::default()
+    }
+
+    /// Moves the bristles on by `h` seconds and returns the forces. With `h` = 0 only the forces.
+    pub(crate) fn act(&mut self, line: &Line, strips: &[Strip; SLICES], h: f64) -> Reaction {
+        let mut sums = Sums::default();
+        for (slice, strip) in self.slices.iter_mut().zip(strips) {
+            let delta_m = -linear(line.height, strip.s_m);
+            if delta_m <= 0.0 || strip.cover <= 0.0 {
+                *slice = Slice { strip: *strip, ..Slice::default() };
+                continue;
+            }
+            slice.strip = *strip;
+            slice.press(&self.rubber, line, delta_m);
+            slice.shear(&self.rubber, line, h, self.friction, &mut sums);
+        }
+        let [normal, across, along] = sums.force;
+        let resistance =
+            self.rolling_m * normal * (line.roll / ROLLING_SPIN_RAD_S).clamp(-1.0, 1.0);
+        let frame = |v: [f64; 3]| v[0] * line.normal + v[1] * line.across + v[2] * line.along;
+        let force = frame(sums.force);
+        let moment = line.radius.cross(force) + line.axis.cross(frame(sums.lever));
+        Reaction {
+            force,
+            moment: moment - resistance * line.along,
+            normal_n: normal,
+            tangential_n: (across, along),
+            slip_m_s: sums.slip_m_s,
+        }
+    }
+
+    pub(crate) fn digest(&self, hash: &mut Hash) {
+        for slice in &self.slices {
+            hash.numbers(&[slice.brush.0, slice.brush.1, slice.shear_n_m, slice.load_n]);
+        }
+    }
+}
+
+impl Slice {
+    /// Normal load and the stiffness of the bristles at a penetration.
+    fn press(&mut self, rubber: &Rubber, line: &Line, delta_m: f64) {
+        let response = rubber.at(delta_m);
+        let length_m = self.strip.width_m * self.strip.cover;
+        let rate = linear(line.closing, self.strip.s_m);
+        let damping_n_m = response.stiffness_n_m2 * rubber.relaxation_s * rate;
+        self.delta_m = delta_m;
+        self.load_n = ((response.load_n_m + damping_n_m) * length_m).max(0.0);
+        let shear_n_m = response.shear_n_m2 * length_m;
+        if shear_n_m > self.shear_n_m {
+            let kept = self.shear_n_m / shear_n_m;
+            self.brush = (self.brush.0 * kept, self.brush.1 * kept);
+        }
+        self.shear_n_m = shear_n_m;
+    }
+
+    /// Tangential force of the bristles.
+    fn shear(&mut self, rubber: &Rubber, line: &Line, h: f64, friction: f64, sums: &mut Sums) {
+        let s = self.strip.s_m;
+        let creep = (linear(line.creep_across, s), linear(line.creep_along, s));
+        let travel = linear(line.travel, s).abs();
+        let half_width = rubber.at(self.delta_m).half_width_m.max(1e-9);
+        let keep = 1.0 / (1.0 + h * travel / half_width);
+        self.brush = ((self.brush.0 + h * creep.0) * keep, (self.brush.1 + h * creep.1) * keep);
+        let damping = rubber.relaxation_s;
+        let mut force = (
+            -self.shear_n_m * (self.brush.0 + damping * creep.0),
+            -self.shear_n_m * (self.brush.1 + damping * creep.1),
+        );
+        let limit = friction * self.load_n;
+        let size2 = force.0 * force.0 + force.1 * force.1;
+        if size2 > limit * limit {
+            let scale = limit / size2.sqrt();
+            force = (force.0 * scale, force.1 * scale);
+            let per_force = if self.shear_n_m > 0.0 { -1.0 / self.shear_n_m } else { 0.0 };
+            self.brush = (force.0 * per_force, force.1 * per_force);
+            let speed2 = creep.0 * creep.0 + creep.1 * creep.1;
+            sums.slip_m_s = sums.slip_m_s.max(speed2.sqrt());
+        }
+        for (i, f) in [self.load_n, force.0, force.1].into_iter().enumerate() {
+            sums.force[i] += f;
+            sums.lever[i] += s * f;
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! The hand that keeps the pin in its place on the table until the finger has it. A spring and a
+//! damper against sliding in the table's plane, against turning about its normal and against
+//! rolling; never along the normal. It follows a moving table. Refuses to come back once it let go.
+
+use glam::{DMat3, DQuat, DVec3};
+
+use crate::contact::Surface;
+use crate::pin::Pin;
+
+/// Natural frequency of the pin in the hand (rad/s), critically damped.
+const GRIP_RAD_S: f64 = 100.0;
+
+/// Where the pin was put down, seen from the table.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Hand {
+    place: DVec3,
+    orientation: DQuat,
+    until_n: f64,
+    pub(crate) holding: bool,
+}
+
+impl Hand {
+    pub(crate) fn new(pin: &Pin, axes: &DMat3, surface: &Surface, until_n: f64) -> Hand {
+        let back = DQuat::from_mat3(axes).normalize().conjugate();
+        Hand {
+            place: back * (pin.position - surface.origin),
+            orientation: back * pin.orientation,
+            until_n,
+            holding: true,
+        }
+    }
+
+    /// Lets go when the finger presses hard enough.
+    pub(crate) fn feel(&mut self, finger_n: f64) {
+        self.holding &= finger_n < self.until_n;
+    }
+
+    /// Force and moment (about the centre) on the pin.
+    pub(crate) fn grip(&self, pin: &Pin, axes: &DMat3, surface: &Surface) -> (DVec3, DVec3) {
+        let stiffness = pin.mass_kg * GRIP_RAD_S * GRIP_RAD_S;
+        let damping = 2.0 * pin.mass_kg * GRIP_RAD_S;
+        let place = surface.origin + *axes * self.place;
+        let carried = surface.velocity + surface.spin.cross(place - surface.origin);
+        let pull = -stiffness * (pin.position - place) - damping * (pin.velocity - carried);
+        let force = pull - pull.dot(surface.normal) * surface.normal;
+
+        let due = DQuat::from_mat3(axes).normalize() * self.orientation;
+        let off = pin.orientation * due.conjugate();
+        let sign = if off.w < 0.0 { -2.0 } else { 2.0 };
+        let turned = sign * DVec3::new(off.x, off.y, off.z);
+        let lever2 = pin.radius_m * pin.radius_m;
+        let twist = -lever2 * (stiffness * turned + damping * (pin.spin - surface.spin));
+        // The direction of rolling is left alone: about it the rubber decides.
+        let across = pin.axis().cross(surface.normal);
+        (force, twist - twist.dot(across) / across.length_squared() * across)
+    }
+}

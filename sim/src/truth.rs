@@ -1,0 +1,95 @@
+//! What really happens on the bench, for reports and tests. Refuses to reach the controller: none of
+//! it goes through a device.
+
+use glam::DVec3;
+use taktil_hal::Nanos;
+use taktil_mechanics::{Joints, Pose};
+
+use crate::contact::{PITCH_M, Patch, SLICES};
+use crate::pin::Pin;
+use crate::table::TablePose;
+
+/// One instant of the bench; base frame unless stated. Contact values are those of the latest
+/// evaluation: the instant itself where devices were sampled, else at most one step earlier.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Truth {
+    /// The instant.
+    pub t: Nanos,
+    /// Joint angles (rad); zero with a carriage.
+    pub q: Joints,
+    /// Joint speeds (rad/s).
+    pub qd: Joints,
+    /// Tool point: the centre of the sensor's face (m).
+    pub tool: DVec3,
+    /// The sensor's x axis.
+    pub tool_x: DVec3,
+    /// The sensor's z axis, out of its face.
+    pub tool_z: DVec3,
+    /// Velocity of the tool point (m/s).
+    pub tool_velocity: DVec3,
+    /// Pin's centre (m).
+    pub pin: DVec3,
+    /// Pin's axis (unit vector).
+    pub pin_axis: DVec3,
+    /// Angle the pin has turned about its axis since the start (rad).
+    pub pin_roll_rad: f64,
+    /// Velocity of the pin's centre (m/s).
+    pub pin_velocity: DVec3,
+    /// Normal force between finger and pin (N).
+    pub finger_normal_n: f64,
+    /// Normal force between table and pin (N).
+    pub table_normal_n: f64,
+    /// Force of the finger on the pin along the rolling direction and along its axis (N).
+    pub finger_tangential_n: (f64, f64),
+    /// Force of the table on the pin, likewise (N).
+    pub table_tangential_n: (f64, f64),
+    /// Wrench on the tool about the tool point in tool axes (N, N m).
+    pub tool_wrench: Joints,
+    /// Load-weighted place of the contact line on the pad in tactel numbers (1 to 16 are the
+    /// columns' centres); none without contact.
+    pub contact_x_tactels: Option<f64>,
+    /// Direction of the pin's axis about the sensor's z, from its y towards -x (rad): 0 along y.
+    pub pin_yaw_rad: f64,
+    /// Turn of the finger against the pin about the sensor's x (rad): 0 with the axis in the face's
+    /// plane, positive when rows of high number are pressed more.
+    pub tilt_rad: f64,
+    /// Fastest sliding motion between finger and pin (m/s), 0 when every slice sticks.
+    pub finger_slip_m_s: f64,
+    /// Fastest sliding motion between table and pin (m/s).
+    pub table_slip_m_s: f64,
+    /// Finger and pin touch.
+    pub in_contact: bool,
+    /// A slice is pressed deeper than the theory of small strain covers.
+    pub beyond_small_strain: bool,
+    /// The table's coordinates.
+    pub table: TablePose,
+    /// The hand still holds the pin.
+    pub steadied: bool,
+    /// When the hand let go.
+    pub released: Option<Nanos>,
+    /// The drives can put current into the motors.
+    pub enabled: bool,
+    /// The brakes are on.
+    pub braked: bool,
+    /// Kinetic and gravitational energy of arm and pin, without the rubbers' (J).
+    pub energy_j: f64,
+}
+
+/// Load-weighted place along the sensor's x in tactel numbers.
+pub(crate) fn contact_x_tactels(pad: &Patch) -> Option<f64> {
+    let (mut load, mut moment) = (0.0, 0.0);
+    for slice in &pad.slices {
+        load += slice.load_n;
+        moment += slice.load_n * slice.strip.x_m;
+    }
+    (load > 0.0).then(|| moment / load / PITCH_M + 0.5 * (SLICES + 1) as f64)
+}
+
+/// Yaw and tilt of a pin seen from the sensor, see [`Truth`].
+pub(crate) fn yaw_and_tilt(pin: &Pin, pad: &Pose) -> (f64, f64) {
+    let axis = pin.axis();
+    let [x, y, z] = [pad.rotation.x_axis, pad.rotation.y_axis, pad.rotation.z_axis];
+    let (x, y, z) = (axis.dot(x), axis.dot(y), axis.dot(z));
+    let sign = if y < 0.0 { -1.0 } else { 1.0 };
+    (libm::atan2(-sign * x, sign * y), libm::atan2(-sign * z, sign * y))
+}

@@ -1,0 +1,397 @@
+//! The bench in time: integrates everything in sub-steps between events, lets each committed word
+//! act from its own instant, latches the devices at theirs. Refuses to know who calls it and when:
+//! `advance(to)` is all that moves it.
+//!
+//! Events are the multiples of the control and scan periods, the instants from which words act, the
+//! supply coming on and the watchdogs. An interval between two events (or the end of an `advance`)
+//! is divided evenly into steps of at most `substep_us`; the state therefore depends on how time
+//! is divided among the calls, in the last bits only, and repeats exactly when they repeat.
+
+use glam::{DMat3, DVec3};
+use taktil_hal::{CHANNELS, Counts, LinesIn, LinesOut, Nanos};
+use taktil_mechanics::spatial::{split, stack};
+use taktil_mechanics::{Joints, Pose, dynamics::GRAVITY_M_S2};
+
+use crate::arm::Arm;
+use crate::carriage::Riding;
+use crate::contact::{Line, Patch, Reaction, SLICES, Strip, Surface, strips_of_pad};
+use crate::devices::{LONGEST_SILENCE, Scan, WorldEnds};
+use crate::electronics::{Converter, base_forces, currents, gauges};
+use crate::hand::Hand;
+use crate::hash::Hash;
+use crate::pin::Pin;
+use crate::prng::Prng;
+use crate::scene::Timing;
+use crate::table::Table;
+use crate::truth::{Truth, contact_x_tactels, yaw_and_tilt};
+
+/// What holds the fingertip.
+#[derive(Clone, Debug)]
+pub(crate) enum Finger {
+    Arm(Box<Arm>),
+    Carriage(Box<Riding>),
+}
+
+impl Finger {
+    pub(crate) fn pose(&self) -> &Pose {
+        match self {
+            Finger::Arm(arm) => arm.pose(),
+            Finger::Carriage(riding) => riding.pose(),
+        }
+    }
+
+    fn twist(&self) -> Joints {
+        match self {
+            Finger::Arm(arm) => arm.twist(),
+            Finger::Carriage(riding) => riding.twist(),
+        }
+    }
+
+    fn step(&mut self, h: f64, wrench: &Joints) {
+        match self {
+            Finger::Arm(arm) => arm.step(h, wrench),
+            Finger::Carriage(riding) => riding.step(h, split(wrench).0),
+        }
+    }
+
+    fn surface(&self) -> Surface {
+        let (pose, (velocity, spin)) = (self.pose(), split(&self.twist()));
+        Surface { origin: pose.translation, normal: pose.rotation.z_axis, velocity, spin }
+    }
+}
+
+/// The pin with both its contacts.
+#[derive(Clone, Debug)]
+pub(crate) struct Rolling {
+    pub(crate) pin: Pin,
+    pub(crate) pad: Patch,
+    pub(crate) bed: Patch,
+    pub(crate) bed_strips: [Strip; SLICES],
+    pub(crate) hand: Hand,
+    pub(crate) released: Option<Nanos>,
+    /// Latest forces of finger and table on the pin.
+    pub(crate) by_finger: Reaction,
+    pub(crate) by_table: Reaction,
+    /// Cosine between the sensor's x and the rolling direction at the latest evaluation.
+    pub(crate) across: f64,
+}
+
+impl Rolling {
+    /// Evaluates both contacts and moves their bristles on by `h` seconds.
+    fn touch(&mut self, table: &Surface, pad: &Pose, finger: &Surface, h: f64) {
+        let axis = self.pin.axis();
+        self.by_table = match Line::between(&self.pin, axis, table) {
+            Some(line) => self.bed.act(&line, &self.bed_strips, h),
+            None => self.bed.release(),
+        };
+        self.by_finger = match Line::between(&self.pin, axis, finger) {
+            Some(line) => {
+                self.across = line.across.dot(pad.rotation.x_axis).abs();
+                let strips = strips_of_pad(&line, pad, self.pin.length_m);
+                self.pad.act(&line, &strips, h)
+            }
+            None => self.pad.release(),
+        };
+    }
+
+    /// Moves the pin on and returns the wrench on the tool about the tool point (base axes).
+    fn step(&mut self, axes: &DMat3, table: &Surface, tool: DVec3, h: f64) -> Joints {
+        let (finger, bed) = (&self.by_finger, &self.by_table);
+        let weight = DVec3::new(0.0, 0.0, -self.pin.mass_kg * GRAVITY_M_S2);
+        let (mut force, mut moment) =
+            (finger.force + bed.force + weight, finger.moment + bed.moment);
+        if self.hand.holding {
+            let (grip, twist) = self.hand.grip(&self.pin, axes, table);
+            force += grip;
+            moment += twist;
+        }
+        let wrench = self.wrench(tool);
+        let axis = self.pin.axis();
+        self.pin.step(h, axis, force, moment);
+        wrench
+    }
+
+    fn wrench(&self, tool: DVec3) -> Joints {
+        let moment = self.by_finger.moment_about(tool, self.pin.position);
+        stack(-self.by_finger.force, -moment)
+    }
+}
+
+/// Everything that stands on the bench. Built by [`build`](crate::build).
+#[derive(Debug)]
+pub struct World {
+    pub(crate) t: Nanos,
+    pub(crate) timing: Timing,
+    pub(crate) substep: Nanos,
+    pub(crate) power_on: Nanos,
+    pub(crate) finger: Finger,
+    pub(crate) rolling: Option<Box<Rolling>>,
+    pub(crate) table: Table,
+    pub(crate) converter: Converter,
+    pub(crate) noise: Prng,
+    pub(crate) ends: WorldEnds,
+    pub(crate) next_control: Nanos,
+    pub(crate) next_scan: Nanos,
+    pub(crate) sequence: u32,
+    pub(crate) codes: [i32; CHANNELS],
+    pub(crate) orders: LinesOut,
+    pub(crate) last_word: Nanos,
+    pub(crate) last_feed: Nanos,
+}
+
+impl World {
+    /// Where the bench stands in time.
+    #[must_use]
+    pub fn now(&self) -> Nanos {
+        self.t
+    }
+
+    /// Integrates up to `to`; an instant that has passed changes nothing. Allocates nothing, waits
+    /// for nothing.
+    pub fn advance(&mut self, to: Nanos) {
+        while self.t < to {
+            self.take_words();
+            let next = self.next_event().min(to);
+            self.integrate(next);
+            self.t = next;
+            self.latch();
+        }
+    }
+
+    /// The codes on the D/A outputs.
+    #[must_use]
+    pub fn analog_out(&self) -> [i32; CHANNELS] {
+        self.codes
+    }
+
+    /// The lines on the digital outputs.
+    #[must_use]
+    pub fn digital_out(&self) -> LinesOut {
+        self.orders
+    }
+
+    /// Values that could not be handed to the devices because nobody took the earlier ones.
+    #[must_use]
+    pub fn dropped(&self) -> u64 {
+        let ends = &self.ends;
+        ends.counts.dropped()
+            + ends.currents.dropped()
+            + ends.gauges.dropped()
+            + ends.lines.dropped()
+            + ends.scans.dropped()
+    }
+
+    /// Takes every word that acts by now, then sees to the watchdogs and the drives.
+    fn take_words(&mut self) {
+        while let Some(word) = self.ends.codes.next(self.t) {
+            self.codes = word.value;
+            self.last_word = self.t;
+        }
+        while let Some(word) = self.ends.orders.next(self.t) {
+            if word.value.watchdog_feed != self.orders.watchdog_feed {
+                self.last_feed = self.t;
+            }
+            self.orders = word.value;
+        }
+        if self.t - self.last_word >= LONGEST_SILENCE {
+            self.codes = [0; CHANNELS];
+        }
+        if self.t - self.last_feed >= LONGEST_SILENCE {
+            let watchdog_feed = self.orders.watchdog_feed;
+            self.orders = LinesOut { watchdog_feed, ..LinesOut::SAFE };
+        }
+        let powered = self.powered();
+        if let Finger::Arm(arm) = &mut self.finger {
+            arm.enabled = self.orders.enable && powered;
+            arm.braked = !(self.orders.brake_release && powered);
+            arm.drive(self.codes);
+        }
+    }
+
+    fn powered(&self) -> bool {
+        self.t >= self.power_on
+    }
+
+    /// The next instant at which something other than motion happens, after now.
+    fn next_event(&self) -> Nanos {
+        let events = [
+            Some(self.next_control),
+            Some(self.next_scan),
+            Some(self.power_on),
+            Some(self.last_word + LONGEST_SILENCE),
+            Some(self.last_feed + LONGEST_SILENCE),
+            self.ends.codes.next_visible(),
+            self.ends.orders.next_visible(),
+        ];
+        let later = events.into_iter().flatten().filter(|instant| *instant > self.t);
+        later.min().unwrap_or(Nanos::MAX)
+    }
+
+    fn integrate(&mut self, to: Nanos) {
+        let span = to - self.t;
+        let steps = (span.0 + self.substep.0 - 1) / self.substep.0;
+        let h = span.as_secs_f64() / steps as f64;
+        let start_s = self.t.as_secs_f64();
+        for i in 0..steps {
+            self.step(start_s + h * i as f64, h);
+        }
+    }
+
+    fn step(&mut self, t_s: f64, h: f64) {
+        let mut wrench = Joints::zeros();
+        if let Some(rolling) = &mut self.rolling {
+            let (_, axes, table) = self.table.at(t_s);
+            let surface = self.finger.surface();
+            rolling.touch(&table, self.finger.pose(), &surface, h);
+            let held = rolling.hand.holding;
+            rolling.hand.feel(rolling.by_finger.normal_n);
+            if held && !rolling.hand.holding {
+                rolling.released = Some(self.t);
+            }
+            wrench = rolling.step(&axes, &table, surface.origin, h);
+        }
+        self.finger.step(h, &wrench);
+    }
+
+    /// Samples whatever is due now.
+    pub(crate) fn latch(&mut self) {
+        let (control, scan) = (self.t >= self.next_control, self.t >= self.next_scan);
+        if !control && !scan {
+            return;
+        }
+        if let Some(rolling) = &mut self.rolling {
+            let (_, _, table) = self.table.at(self.t.as_secs_f64());
+            rolling.touch(&table, self.finger.pose(), &self.finger.surface(), 0.0);
+        }
+        if control {
+            self.latch_control();
+            self.next_control += self.timing.control_period;
+        }
+        if scan {
+            self.latch_scan();
+            self.next_scan += self.timing.scan_period;
+        }
+    }
+
+    fn latch_control(&mut self) {
+        let mut counts = [Counts(0); CHANNELS];
+        let mut flowing = [0; CHANNELS];
+        if let Finger::Arm(arm) = &self.finger {
+            for (slot, count) in counts.iter_mut().zip(arm.counts()) {
+                *slot = Counts(count);
+            }
+            flowing = arm.current_codes();
+        }
+        let lines =
+            LinesIn { drive_power: self.powered(), estop_a_closed: true, estop_b_closed: true };
+        let t = self.t;
+        // A full link counts what it drops; see `dropped`.
+        let _ = self.ends.counts.send(counts, t, t);
+        let _ = self.ends.currents.send(currents(&flowing), t, t);
+        let _ = self.ends.gauges.send(gauges(&self.tool_wrench()), t, t);
+        let _ = self.ends.lines.send(lines, t, t);
+    }
+
+    fn latch_scan(&mut self) {
+        let forces = match &self.rolling {
+            Some(rolling) => base_forces(&rolling.pad, rolling.across),
+            None => [0.0; taktil_hal::MAX_TACTELS],
+        };
+        let values = self.converter.scan(&forces, &mut self.noise);
+        let scan = Scan { sequence: self.sequence, values };
+        self.sequence = self.sequence.wrapping_add(1);
+        let _ = self.ends.scans.send(scan, self.t, self.t);
+    }
+
+    /// Wrench on the tool about the tool point in tool axes.
+    fn tool_wrench(&self) -> Joints {
+        let Some(rolling) = &self.rolling else {
+            return Joints::zeros();
+        };
+        let pose = self.finger.pose();
+        let (force, moment) = split(&rolling.wrench(pose.translation));
+        let back = pose.rotation.transpose();
+        stack(back * force, back * moment)
+    }
+
+    /// What really happens now.
+    #[must_use]
+    pub fn truth(&self) -> Truth {
+        let (pose, twist) = (self.finger.pose(), split(&self.finger.twist()));
+        let (arm_q, arm_qd, arm_j, enabled, braked) = match &self.finger {
+            Finger::Arm(arm) => (arm.q, arm.qd, arm.energy_j(), arm.enabled, arm.braked),
+            Finger::Carriage(_) => (Joints::zeros(), Joints::zeros(), 0.0, false, true),
+        };
+        let rolling = self.rolling.as_deref();
+        let pin = rolling.map(|r| &r.pin);
+        let finger = rolling.map_or(Reaction::default(), |r| r.by_finger);
+        let bed = rolling.map_or(Reaction::default(), |r| r.by_table);
+        let (pin_yaw_rad, tilt_rad) = pin.map_or((0.0, 0.0), |pin| yaw_and_tilt(pin, pose));
+        let deep = |patch: &Patch| {
+            let deepest = patch.rubber.deepest_m();
+            patch.slices.iter().any(|slice| slice.delta_m > deepest)
+        };
+        let fall = |pin: &Pin| pin.mass_kg * GRAVITY_M_S2 * pin.position.z;
+        Truth {
+            t: self.t,
+            q: arm_q,
+            qd: arm_qd,
+            tool: pose.translation,
+            tool_x: pose.rotation.x_axis,
+            tool_z: pose.rotation.z_axis,
+            tool_velocity: twist.0,
+            pin: pin.map_or(DVec3::ZERO, |pin| pin.position),
+            pin_axis: pin.map_or(DVec3::Y, Pin::axis),
+            pin_roll_rad: pin.map_or(0.0, |pin| pin.roll_rad),
+            pin_velocity: pin.map_or(DVec3::ZERO, |pin| pin.velocity),
+            finger_normal_n: finger.normal_n,
+            table_normal_n: bed.normal_n,
+            finger_tangential_n: finger.tangential_n,
+            table_tangential_n: bed.tangential_n,
+            tool_wrench: self.tool_wrench(),
+            contact_x_tactels: rolling.and_then(|r| contact_x_tactels(&r.pad)),
+            pin_yaw_rad,
+            tilt_rad,
+            finger_slip_m_s: finger.slip_m_s,
+            table_slip_m_s: bed.slip_m_s,
+            in_contact: finger.normal_n > 0.0,
+            beyond_small_strain: rolling.is_some_and(|r| deep(&r.pad) || deep(&r.bed)),
+            table: self.table.at(self.t.as_secs_f64()).0,
+            steadied: rolling.is_some_and(|r| r.hand.holding),
+            released: rolling.and_then(|r| r.released),
+            enabled,
+            braked,
+            energy_j: arm_j + pin.map_or(0.0, |pin| pin.kinetic_j() + fall(pin)),
+        }
+    }
+
+    /// A digest of everything that decides what happens next.
+    #[must_use]
+    pub fn state_hash(&self) -> u64 {
+        let mut hash = Hash::default();
+        hash.word(self.t.0.cast_unsigned());
+        match &self.finger {
+            Finger::Arm(arm) => arm.digest(&mut hash),
+            Finger::Carriage(riding) => riding.digest(&mut hash),
+        }
+        if let Some(rolling) = &self.rolling {
+            rolling.pin.digest(&mut hash);
+            rolling.pad.digest(&mut hash);
+            rolling.bed.digest(&mut hash);
+            hash.word(u64::from(rolling.hand.holding));
+        }
+        for code in self.codes {
+            hash.word(u64::from(code.cast_unsigned()));
+        }
+        let lines = self.orders;
+        let bits = [lines.enable, lines.brake_release, lines.watchdog_feed];
+        for bit in bits {
+            hash.word(u64::from(bit));
+        }
+        hash.word(self.last_word.0.cast_unsigned());
+        hash.word(self.last_feed.0.cast_unsigned());
+        hash.word(u64::from(self.sequence));
+        hash.word(self.noise.position());
+        hash.value()
+    }
+}
