@@ -89,3 +89,29 @@ impl<T: Copy> Numbered<T> {
         Ok(reading)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::registers::ADC;
+
+    /// Tears every attempt before the `whole`-th, counted from 1; the number and the attempts.
+    fn torn_until(whole: usize) -> (Option<u16>, usize) {
+        let registers = RegisterFile::anonymous().unwrap();
+        let mut attempts = 0;
+        let number = untorn(&registers, ADC, |registers| {
+            attempts += 1;
+            let number = registers.read(ADC.end);
+            let begun = if attempts < whole { number.wrapping_add(1) } else { number };
+            registers.write(ADC.begin, begun);
+        });
+        (number, attempts)
+    }
+
+    #[test]
+    fn a_torn_block_is_read_again_and_not_for_ever() {
+        assert_eq!(torn_until(1), (Some(0), 1));
+        assert_eq!(torn_until(TORN_RETRIES + 1), (Some(0), TORN_RETRIES + 1));
+        assert_eq!(torn_until(usize::MAX), (None, TORN_RETRIES + 1));
+    }
+}
