@@ -1,0 +1,381 @@
+//! Reads a recording back, also one whose end is missing or damaged: everything before the first bad byte. Refuses directories,
+//! empty files, other formats and chunked MCAP files, each with a sentence that says so.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+
+use anyhow::{Context, bail};
+use mcap::records::{Record, op};
+use taktil_rtcore::payload::Kind;
+
+use super::schema::{FieldInfo, parse_schema};
+use super::{CDR_HEADER, CRC, STAMP};
+use crate::series::{Column, Series};
+
+/// Bytes of opcode and length in front of a record.
+const RECORD_HEADER: usize = 9;
+/// Bytes of channel, sequence and two times in front of a message's data.
+const MESSAGE_HEADER: usize = 22;
+
+/// One signal of a log.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Channel {
+    /// Topic, `/task/port`.
+    pub topic: String,
+    /// Signal, `task.port`.
+    pub signal: String,
+    /// Payload type name.
+    pub type_name: String,
+    /// Lane that wrote it; empty when the file does not say.
+    pub lane: String,
+    /// Period of that lane in ns; 0 when the file does not say.
+    pub period_ns: i64,
+    /// Every field of a message: stamp, payload, CRC.
+    pub fields: Vec<FieldInfo>,
+}
+
+impl Channel {
+    /// The payload's own fields.
+    #[must_use]
+    pub fn payload_fields(&self) -> &[FieldInfo] {
+        let end = self.fields.len().saturating_sub(1);
+        self.fields.get(2..end).unwrap_or_default()
+    }
+
+    /// Bytes of a body, from the stamp up to the CRC.
+    fn body_size(&self) -> usize {
+        self.fields.last().map_or(0, |crc| crc.offset)
+    }
+}
+
+/// Where the readable part of a log ends, and why.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Damage {
+    /// Byte in the file from which nothing was used.
+    pub offset: usize,
+    /// What was found there.
+    pub what: String,
+}
+
+impl fmt::Display for Damage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "readable up to byte {}: {}", self.offset, self.what)
+    }
+}
+
+/// One message as it lies in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Message<'a> {
+    /// Index into [`Log::channels`].
+    pub channel: usize,
+    /// Job that wrote it.
+    pub tick: u64,
+    /// Logical time of that job.
+    pub release_ns: i64,
+    /// The encoded payload, with the padding in front of the CRC.
+    pub body: &'a [u8],
+    /// Stamp, payload and CRC: what has to be the same in two runs of one seed.
+    pub data: &'a [u8],
+}
+
+/// A log in memory, checked message by message.
+pub struct Log {
+    bytes: Vec<u8>,
+    channels: Vec<Channel>,
+    /// Channel and offset of the stamp of each message, in the order of the file.
+    order: Vec<(usize, usize)>,
+    metadata: BTreeMap<String, BTreeMap<String, String>>,
+    damage: Option<Damage>,
+    foreign: u64,
+}
+
+impl fmt::Debug for Log {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Log")
+            .field("channels", &self.channels.len())
+            .field("messages", &self.order.len())
+            .field("damage", &self.damage)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Log {
+    /// Reads a file. A file that was cut or damaged is no error: see [`Log::damage`].
+    ///
+    /// # Errors
+    /// A directory, a missing, unreadable or empty file, another format, a chunked MCAP file.
+    pub fn open(path: &Path) -> anyhow::Result<Log> {
+        let shown = path.display();
+        if path.is_dir() {
+            bail!("{shown} is a directory; name the log file in it");
+        }
+        let bytes = std::fs::read(path).with_context(|| format!("cannot read the log {shown}"))?;
+        Log::from_bytes(bytes).with_context(|| format!("cannot use {shown} as a log"))
+    }
+
+    /// As [`Log::open`], from memory.
+    ///
+    /// # Errors
+    /// As [`Log::open`].
+    pub fn from_bytes(bytes: Vec<u8>) -> anyhow::Result<Log> {
+        if bytes.is_empty() {
+            bail!("it is empty: the run ended before anything was written");
+        }
+        let magic = &mcap::MAGIC[..mcap::MAGIC.len().min(bytes.len())];
+        if !bytes.starts_with(magic) {
+            bail!("it is not an MCAP file; logs are written by `taktil run --log FILE`");
+        }
+        let mut log = Log {
+            bytes: Vec::new(),
+            channels: Vec::new(),
+            order: Vec::new(),
+            metadata: BTreeMap::new(),
+            damage: None,
+            foreign: 0,
+        };
+        Scan { log: &mut log, bytes: &bytes, schemas: BTreeMap::new(), ids: BTreeMap::new() }
+            .run()?;
+        log.bytes = bytes;
+        Ok(log)
+    }
+
+    /// The signals, in the order in which they stand in the file.
+    #[must_use]
+    pub fn channels(&self) -> &[Channel] {
+        &self.channels
+    }
+
+    /// A signal by its name (`task.port`) or its topic (`/task/port`).
+    #[must_use]
+    pub fn find(&self, name: &str) -> Option<usize> {
+        self.channels.iter().position(|channel| channel.signal == name || channel.topic == name)
+    }
+
+    /// Key-value records by their name.
+    #[must_use]
+    pub fn metadata(&self) -> &BTreeMap<String, BTreeMap<String, String>> {
+        &self.metadata
+    }
+
+    /// Where the readable part ends; `None` for a complete file.
+    #[must_use]
+    pub fn damage(&self) -> Option<&Damage> {
+        self.damage.as_ref()
+    }
+
+    /// Messages on channels that Taktil did not write; they are left out.
+    #[must_use]
+    pub fn foreign(&self) -> u64 {
+        self.foreign
+    }
+
+    /// Every message in the order of the file.
+    pub fn messages(&self) -> impl Iterator<Item = Message<'_>> {
+        self.order.iter().filter_map(|&(channel, offset)| self.message(channel, offset))
+    }
+
+    fn message(&self, channel: usize, offset: usize) -> Option<Message<'_>> {
+        let size = self.channels.get(channel)?.body_size();
+        let data = self.bytes.get(offset..offset + size + CRC)?;
+        Some(Message {
+            channel,
+            tick: u64::from_le_bytes(word(data, 0)),
+            release_ns: i64::from_le_bytes(word(data, 8)),
+            body: data.get(STAMP..size)?,
+            data,
+        })
+    }
+
+    /// A signal as columns; `None` when the log has no such signal, an empty series when it was never written.
+    #[must_use]
+    pub fn series(&self, name: &str) -> Option<Series> {
+        let wanted = self.find(name)?;
+        let fields = self.channels[wanted].payload_fields();
+        let mut columns: Vec<Column> = fields
+            .iter()
+            .map(|field| Column {
+                name: field.name.clone(),
+                width: field.count,
+                array: field.array,
+                values: Vec::new(),
+            })
+            .collect();
+        let mut series = Series::default();
+        for &(channel, offset) in self.order.iter().filter(|(channel, _)| *channel == wanted) {
+            let Some(message) = self.message(channel, offset) else { continue };
+            series.t_s.push(message.release_ns as f64 / 1e9);
+            series.tick.push(message.tick);
+            for (column, field) in columns.iter_mut().zip(fields) {
+                for element in 0..field.count {
+                    let at = field.offset + element * field.kind.size();
+                    column.values.push(number(field.kind, message.data, at));
+                }
+            }
+        }
+        series.columns = columns;
+        Some(series)
+    }
+
+    /// Logical time of the newest message in s; 0 when there is none.
+    #[must_use]
+    pub fn end_s(&self) -> f64 {
+        self.messages().map(|message| message.release_ns).max().unwrap_or(0) as f64 / 1e9
+    }
+}
+
+fn word<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
+    let mut out = [0; N];
+    if let Some(source) = bytes.get(at..at + N) {
+        out.copy_from_slice(source);
+    }
+    out
+}
+
+fn number(kind: Kind, bytes: &[u8], at: usize) -> f64 {
+    match kind {
+        Kind::F64 => f64::from_le_bytes(word(bytes, at)),
+        Kind::F32 => f64::from(f32::from_le_bytes(word(bytes, at))),
+        Kind::I64 => i64::from_le_bytes(word(bytes, at)) as f64,
+        Kind::U64 => u64::from_le_bytes(word(bytes, at)) as f64,
+        Kind::I32 => f64::from(i32::from_le_bytes(word(bytes, at))),
+        Kind::U32 => f64::from(u32::from_le_bytes(word(bytes, at))),
+        Kind::I16 => f64::from(i16::from_le_bytes(word(bytes, at))),
+        Kind::U16 => f64::from(u16::from_le_bytes(word(bytes, at))),
+        Kind::U8 => f64::from(u8::from_le_bytes(word(bytes, at))),
+    }
+}
+
+/// One pass over the records of a file.
+struct Scan<'a> {
+    log: &'a mut Log,
+    bytes: &'a [u8],
+    schemas: BTreeMap<u16, (String, Vec<FieldInfo>)>,
+    /// File's channel number to index in the log; `None` for channels of others.
+    ids: BTreeMap<u16, Option<usize>>,
+}
+
+impl Scan<'_> {
+    fn run(&mut self) -> anyhow::Result<()> {
+        let mut at = mcap::MAGIC.len().min(self.bytes.len());
+        let mut ended = false;
+        while !ended {
+            let rest = &self.bytes[at..];
+            if rest.is_empty() {
+                self.damage(at, "the file ends here without its footer: the run was cut short");
+                return Ok(());
+            }
+            let length = usize::try_from(u64::from_le_bytes(word(rest, 1))).unwrap_or(usize::MAX);
+            let whole = rest.len() >= RECORD_HEADER && length <= rest.len() - RECORD_HEADER;
+            if rest[0] == 0 || !whole {
+                let what = match rest[0] {
+                    0 if rest.iter().all(|byte| *byte == 0) => "only zeros follow",
+                    0 => "no record starts here",
+                    _ => "the last record is cut",
+                };
+                self.damage(at, what);
+                return Ok(());
+            }
+            let body = at + RECORD_HEADER;
+            let next = body + length;
+            if let Err(what) = self.record(rest[0], body, next)? {
+                self.damage(at, &what);
+                return Ok(());
+            }
+            // What follows DataEnd is an index of what was read already.
+            ended = rest[0] == op::DATA_END;
+            at = next;
+        }
+        if !self.bytes.ends_with(mcap::MAGIC) {
+            self.damage(at, "all messages are there, the closing summary is cut");
+        }
+        Ok(())
+    }
+
+    fn damage(&mut self, offset: usize, what: &str) {
+        self.log.damage = Some(Damage { offset, what: what.to_owned() });
+    }
+
+    /// Takes one record in; the outer error refuses the file, the inner one ends the readable part.
+    fn record(
+        &mut self,
+        opcode: u8,
+        start: usize,
+        end: usize,
+    ) -> anyhow::Result<Result<(), String>> {
+        if opcode == op::CHUNK {
+            bail!("its messages are packed in chunks; Taktil reads only unchunked MCAP files");
+        }
+        if opcode == op::MESSAGE {
+            return Ok(self.message(start, end));
+        }
+        if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::METADATA) {
+            return Ok(Ok(()));
+        }
+        let record = match mcap::parse_record(opcode, &self.bytes[start..end]) {
+            Ok(record) => record,
+            Err(error) => return Ok(Err(format!("a record cannot be read: {error}"))),
+        };
+        match record {
+            Record::Schema { header, data } => {
+                let text = std::str::from_utf8(&data).ok().filter(|_| header.encoding == "ros2msg");
+                if let Some(fields) = text.and_then(|text| parse_schema(text).ok()) {
+                    let name = header.name.rsplit('/').next().unwrap_or_default().to_owned();
+                    self.schemas.insert(header.id, (name, fields));
+                }
+            }
+            Record::Channel(channel) => self.channel(channel),
+            Record::Metadata(metadata) => {
+                self.log.metadata.insert(metadata.name, metadata.metadata);
+            }
+            _ => {}
+        }
+        Ok(Ok(()))
+    }
+
+    fn channel(&mut self, channel: mcap::records::Channel) {
+        let schema = self.schemas.get(&channel.schema_id);
+        let Some((type_name, fields)) = schema.filter(|_| channel.message_encoding == "cdr") else {
+            self.ids.insert(channel.id, None);
+            return;
+        };
+        let about = |key: &str| channel.metadata.get(key).cloned();
+        let from_topic = || channel.topic.trim_start_matches('/').replace('/', ".");
+        let described = Channel {
+            signal: about("signal").unwrap_or_else(from_topic),
+            lane: about("lane").unwrap_or_default(),
+            period_ns: about("period_ns").and_then(|text| text.parse().ok()).unwrap_or(0),
+            type_name: type_name.clone(),
+            fields: fields.clone(),
+            topic: channel.topic,
+        };
+        self.ids.insert(channel.id, Some(self.log.channels.len()));
+        self.log.channels.push(described);
+    }
+
+    fn message(&mut self, start: usize, end: usize) -> Result<(), String> {
+        let record = &self.bytes[start..end];
+        if record.len() < MESSAGE_HEADER {
+            return Err("a message is shorter than its header".to_owned());
+        }
+        let id = u16::from_le_bytes(word(record, 0));
+        let Some(index) = self.ids.get(&id).copied().flatten() else {
+            self.log.foreign += 1;
+            return Ok(());
+        };
+        let channel = &self.log.channels[index];
+        let data = &record[MESSAGE_HEADER..];
+        let size = channel.body_size();
+        let tick = u64::from_le_bytes(word(data, CDR_HEADER));
+        let place = |what: &str| format!("{what} on {} at tick {tick}", channel.topic);
+        if data.len() != CDR_HEADER + size + CRC {
+            return Err(place("a message of the wrong length"));
+        }
+        let (body, crc) = data[CDR_HEADER..].split_at(size);
+        if crc32fast::hash(body) != u32::from_le_bytes(word(crc, 0)) {
+            return Err(place("a message fails its CRC"));
+        }
+        self.log.order.push((index, start + MESSAGE_HEADER + CDR_HEADER));
+        Ok(())
+    }
+}

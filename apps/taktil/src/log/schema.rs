@@ -1,0 +1,209 @@
+//! The text form of a payload's field table (`ros2msg`), both ways. Refuses strings, lists and nested types: a payload has none.
+
+use std::fmt;
+
+use taktil_rtcore::payload::{Field, Kind};
+
+/// One field of a logged message, with its place in the body.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FieldInfo {
+    /// Name, unit last.
+    pub name: String,
+    /// Element type.
+    pub kind: Kind,
+    /// Elements; 1 for a scalar.
+    pub count: usize,
+    /// True for `type[N]`.
+    pub array: bool,
+    /// Bytes from the start of the body (after the encapsulation header) to the first element.
+    pub offset: usize,
+}
+
+/// Why a schema text was refused.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SchemaError {
+    /// Line, from 1; 0 when the text as a whole is wrong.
+    pub line: usize,
+    /// What is wrong.
+    pub what: String,
+}
+
+impl fmt::Display for SchemaError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.line {
+            0 => write!(f, "{}", self.what),
+            line => write!(f, "line {line}: {}", self.what),
+        }
+    }
+}
+
+impl std::error::Error for SchemaError {}
+
+const KINDS: [Kind; 9] = [
+    Kind::F64,
+    Kind::F32,
+    Kind::I64,
+    Kind::U64,
+    Kind::I32,
+    Kind::U32,
+    Kind::I16,
+    Kind::U16,
+    Kind::U8,
+];
+
+/// No body is longer (bytes): keeps a damaged schema from asking for the whole memory.
+const BODY_MAX: usize = 1 << 24;
+
+/// The topic of a signal: `task.port` becomes `/task/port`; what ROS 2 does not allow in a name becomes `_`.
+#[must_use]
+pub fn topic(signal: &str) -> String {
+    let mut out = String::with_capacity(signal.len() + 1);
+    out.push('/');
+    for c in signal.chars() {
+        out.push(match c {
+            '.' => '/',
+            c if c.is_ascii_alphanumeric() || c == '_' => c,
+            _ => '_',
+        });
+    }
+    out
+}
+
+/// The `ros2msg` text of a payload as it is logged: stamp, fields, CRC.
+#[must_use]
+pub fn schema_text(fields: &[Field]) -> String {
+    let mut out = String::from("uint64 tick\nint64 release_ns\n");
+    for field in fields {
+        out.push_str(field.kind.ros_name());
+        if field.array {
+            out.push_str(&format!("[{}]", field.count));
+        }
+        out.push_str(&format!(" {}\n", field.name));
+    }
+    out.push_str("uint32 crc\n");
+    out
+}
+
+/// Reads a schema text back, with the offsets that CDR gives the fields.
+///
+/// # Errors
+/// A type that no payload has, an array without a length, a name twice, a first pair or last field that is not the stamp
+/// or the CRC.
+pub fn parse_schema(text: &str) -> Result<Vec<FieldInfo>, SchemaError> {
+    let mut fields: Vec<FieldInfo> = Vec::new();
+    let mut end = 0;
+    for (index, raw) in text.lines().enumerate() {
+        let line = raw.split('#').next().unwrap_or_default().trim();
+        if line.is_empty() {
+            continue;
+        }
+        let field = parse_line(line, end).map_err(|what| SchemaError { line: index + 1, what })?;
+        if fields.iter().any(|other| other.name == field.name) {
+            let what = format!("field `{}` stands there twice", field.name);
+            return Err(SchemaError { line: index + 1, what });
+        }
+        end = field.offset + field.kind.size() * field.count;
+        fields.push(field);
+    }
+    let is = |field: Option<&FieldInfo>, name: &str, kind: Kind| {
+        field.is_some_and(|f| f.name == name && f.kind == kind && !f.array)
+    };
+    let stamped = is(fields.first(), "tick", Kind::U64)
+        && is(fields.get(1), "release_ns", Kind::I64)
+        && fields.len() > 2
+        && is(fields.last(), "crc", Kind::U32);
+    if !stamped {
+        let what = "a Taktil message starts with `uint64 tick`, `int64 release_ns` and ends with \
+                    `uint32 crc`"
+            .to_owned();
+        return Err(SchemaError { line: 0, what });
+    }
+    Ok(fields)
+}
+
+fn parse_line(line: &str, end: usize) -> Result<FieldInfo, String> {
+    let mut words = line.split_whitespace();
+    let (Some(kind_text), Some(name), None) = (words.next(), words.next(), words.next()) else {
+        return Err(format!("`{line}` is not `type name`"));
+    };
+    let (base, count, array) = match kind_text.split_once('[') {
+        None => (kind_text, 1, false),
+        Some((base, rest)) => {
+            let count = rest.strip_suffix(']').and_then(|digits| digits.parse::<usize>().ok());
+            let count = count.filter(|n| (1..=BODY_MAX).contains(n));
+            (base, count.ok_or_else(|| format!("`{kind_text}` has no fixed length"))?, true)
+        }
+    };
+    let kind = KINDS.into_iter().find(|kind| kind.ros_name() == base);
+    let kind = kind.ok_or_else(|| format!("type `{base}` is not a number of fixed size"))?;
+    let offset = end.next_multiple_of(kind.size());
+    if offset + kind.size() * count > BODY_MAX {
+        return Err(format!("the message is longer than {BODY_MAX} bytes"));
+    }
+    Ok(FieldInfo { name: name.to_owned(), kind, count, array, offset })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taktil_rtcore::Payload;
+
+    taktil_rtcore::payload! {
+        /// Mixed alignments.
+        pub struct Mixed {
+            /// a
+            pub flag: u8,
+            /// b
+            pub angles_rad: [f64; 2],
+            /// c
+            pub pixel: [f32; 1],
+            /// d
+            pub last: u16,
+        }
+    }
+
+    #[test]
+    fn text_reads_back_with_the_offsets_of_the_encoder() {
+        let text = schema_text(Mixed::FIELDS);
+        let fields = parse_schema(&text).unwrap();
+        let inner = &fields[2..fields.len() - 1];
+        let mut end = 0;
+        for (ours, theirs) in inner.iter().zip(Mixed::FIELDS) {
+            assert_eq!((ours.name.as_str(), ours.kind), (theirs.name, theirs.kind));
+            assert_eq!((ours.count, ours.array), (theirs.count, theirs.array));
+            end = theirs.end_after(end);
+            let bytes = ours.kind.size() * ours.count;
+            assert_eq!(ours.offset, 16 + end - bytes, "{}", ours.name);
+        }
+        assert_eq!(inner.len(), Mixed::FIELDS.len());
+        assert_eq!(fields.last().unwrap().offset, 16 + 40, "the CRC is aligned to 4");
+    }
+
+    #[test]
+    fn topics_are_names_that_ros_accepts() {
+        assert_eq!(topic("joint_servo.torque"), "/joint_servo/torque");
+        assert_eq!(topic("a b-c.\u{e9}"), "/a_b_c/_");
+    }
+
+    #[test]
+    fn wrong_texts_are_refused_with_their_line() {
+        let frame = |line: &str| format!("uint64 tick\nint64 release_ns\n{line}\nuint32 crc\n");
+        for bad in [
+            "string name",
+            "float64[] q",
+            "float64[0] q",
+            "float64[99999999999999999999] q",
+            "float64[4000000] q",
+            "float64",
+            "float64 a b",
+            "uint8 tick",
+            "float64[3 q",
+        ] {
+            let error = parse_schema(&frame(bad)).unwrap_err();
+            assert_eq!(error.line, 3, "{bad}: {error}");
+        }
+        assert_eq!(parse_schema("").unwrap_err().line, 0);
+        assert_eq!(parse_schema("uint64 tick\nint64 release_ns\nuint8 a\n").unwrap_err().line, 0);
+        assert!(parse_schema(&frame("uint8 a # remark")).is_ok());
+    }
+}

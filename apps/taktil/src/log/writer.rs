@@ -1,0 +1,218 @@
+//! Writes a recording while the machine runs, on the observer's thread. Refuses to stop the machine: a write that fails is
+//! kept and told by [`McapLog::finish`], later records are dropped and counted.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{WriteOptions, Writer};
+use taktil_rtcore::record::{Catalog, Observer, Record};
+
+use super::{
+    CDR_HEADER, CRC, METADATA_RESULT, METADATA_RUN, STAMP, schema::schema_text, schema::topic,
+};
+
+/// Encapsulation: plain CDR, little endian.
+const CDR_LITTLE_ENDIAN: [u8; CDR_HEADER] = [0x00, 0x01, 0x00, 0x00];
+/// Bytes collected before they go to the kernel.
+const BUFFER: usize = 1 << 16;
+
+/// What a channel needs while records come in.
+#[derive(Clone, Copy)]
+struct Slot {
+    channel: u16,
+    size: usize,
+}
+
+/// A recording that is being written; give it to the executor as its observer.
+pub struct McapLog {
+    writer: Writer<BufWriter<File>>,
+    path: PathBuf,
+    slots: Vec<Slot>,
+    message: Vec<u8>,
+    written: u64,
+    lost: u64,
+    failed: Option<String>,
+}
+
+impl McapLog {
+    /// Starts a recording of every signal of `catalog`. `metadata` (seed, scene text, versions, command line) is written first, so
+    /// that a run cut short still explains itself. An existing file is replaced.
+    ///
+    /// # Errors
+    /// When the file cannot be created or written; the text names the path.
+    pub fn create(
+        path: &Path,
+        catalog: &Catalog,
+        metadata: &BTreeMap<String, String>,
+    ) -> anyhow::Result<McapLog> {
+        if path.is_dir() {
+            bail!("cannot write a log to {}: it is a directory; name a file in it", path.display());
+        }
+        let file = File::create(path).with_context(|| {
+            format!("cannot create the log {}; does its directory exist?", path.display())
+        })?;
+        McapLog::start(file, path, catalog, metadata)
+            .with_context(|| format!("cannot write the log {}", path.display()))
+    }
+
+    fn start(
+        file: File,
+        path: &Path,
+        catalog: &Catalog,
+        metadata: &BTreeMap<String, String>,
+    ) -> anyhow::Result<McapLog> {
+        let options = WriteOptions::new()
+            .profile("ros2")
+            .library(concat!("taktil ", env!("CARGO_PKG_VERSION")))
+            .compression(None)
+            .use_chunks(false);
+        let mut writer = options.create(BufWriter::with_capacity(BUFFER, file))?;
+        writer
+            .write_metadata(&Metadata { name: METADATA_RUN.into(), metadata: metadata.clone() })?;
+        let mut slots = Vec::with_capacity(catalog.signals.len());
+        let mut longest = 0;
+        for signal in &catalog.signals {
+            let name = format!("taktil/msg/{}", signal.type_name);
+            let text = schema_text(signal.fields);
+            let schema = writer.add_schema(&name, "ros2msg", text.as_bytes())?;
+            let mut about = BTreeMap::from([("signal".to_owned(), signal.name.clone())]);
+            if let Some(lane) = catalog.lanes.get(signal.lane) {
+                about.insert("lane".to_owned(), lane.name.clone());
+                about.insert("period_ns".to_owned(), lane.period.0.to_string());
+                about.insert("phase_ns".to_owned(), lane.phase.0.to_string());
+            }
+            let channel = writer.add_channel(schema, &topic(&signal.name), "cdr", &about)?;
+            slots.push(Slot { channel, size: signal.size });
+            longest = longest.max(signal.size);
+        }
+        writer.flush()?;
+        Ok(McapLog {
+            writer,
+            path: path.to_owned(),
+            slots,
+            message: Vec::with_capacity(CDR_HEADER + STAMP + longest.next_multiple_of(CRC) + CRC),
+            written: 0,
+            lost: 0,
+            failed: None,
+        })
+    }
+
+    /// Messages written so far.
+    #[must_use]
+    pub fn written(&self) -> u64 {
+        self.written
+    }
+
+    /// Records that were not written: after a failed write, or because they did not fit the catalog.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Why writing stopped, if it did.
+    #[must_use]
+    pub fn failure(&self) -> Option<&str> {
+        self.failed.as_deref()
+    }
+
+    /// Hands everything collected so far to the kernel; worth doing a few times a second in a live run.
+    pub fn flush(&mut self) {
+        if self.failed.is_none()
+            && let Err(error) = self.writer.flush()
+        {
+            self.failed = Some(error.to_string());
+        }
+    }
+
+    /// Writes summary and footer and closes the file.
+    ///
+    /// # Errors
+    /// When any write since the start failed; the text names the path and how many records are missing.
+    pub fn finish(self) -> anyhow::Result<()> {
+        self.finish_with(&BTreeMap::new())
+    }
+
+    /// As [`McapLog::finish`], with closing metadata (digest, closing table) unless it is empty.
+    ///
+    /// # Errors
+    /// As [`McapLog::finish`].
+    pub fn finish_with(mut self, result: &BTreeMap<String, String>) -> anyhow::Result<()> {
+        if self.failed.is_none()
+            && let Err(error) = self.close(result)
+        {
+            self.failed = Some(error.to_string());
+        }
+        if let Some(failure) = &self.failed {
+            bail!(
+                "the log {} is incomplete: {failure}; {} messages were written, {} were lost; \
+                 what was written can be read",
+                self.path.display(),
+                self.written,
+                self.lost
+            );
+        }
+        if self.lost > 0 {
+            bail!(
+                "{} records did not fit the catalog and are not in {}",
+                self.lost,
+                self.path.display()
+            );
+        }
+        Ok(())
+    }
+
+    fn close(&mut self, result: &BTreeMap<String, String>) -> mcap::McapResult<()> {
+        if !result.is_empty() {
+            let record = Metadata { name: METADATA_RESULT.into(), metadata: result.clone() };
+            self.writer.write_metadata(&record)?;
+        }
+        // This also flushes what lies underneath.
+        self.writer.finish().map(drop)
+    }
+}
+
+impl Observer for McapLog {
+    fn record(&mut self, record: &Record<'_>) {
+        let slot = self.slots.get(record.signal).copied();
+        let Some(slot) = slot.filter(|slot| slot.size == record.body.len()) else {
+            self.lost += 1;
+            return;
+        };
+        if self.failed.is_some() {
+            self.lost += 1;
+            return;
+        }
+        let message = &mut self.message;
+        message.clear();
+        message.extend_from_slice(&CDR_LITTLE_ENDIAN);
+        message.extend_from_slice(&record.tick.to_le_bytes());
+        message.extend_from_slice(&record.release.0.to_le_bytes());
+        message.extend_from_slice(record.body);
+        message.resize(message.len().next_multiple_of(CRC), 0);
+        let crc = crc32fast::hash(&message[CDR_HEADER..]);
+        message.extend_from_slice(&crc.to_le_bytes());
+        let time = u64::try_from(record.release.0).unwrap_or(0);
+        let header = MessageHeader {
+            channel_id: slot.channel,
+            sequence: sequence(record.tick),
+            log_time: time,
+            publish_time: time,
+        };
+        match self.writer.write_to_known_channel(&header, message) {
+            Ok(()) => self.written += 1,
+            Err(error) => {
+                self.lost += 1;
+                self.failed = Some(error.to_string());
+            }
+        }
+    }
+}
+
+/// The low 32 bits of a tick: what the format has room for.
+fn sequence(tick: u64) -> u32 {
+    (tick & u64::from(u32::MAX)) as u32
+}
