@@ -101,12 +101,16 @@ impl LineContact {
             contact.share.push(&base, &strip, t);
         }
         contact.width_mm[0] = contact.width_mm[1];
+        // In the first cell, 1e-8 of the whole, the exact stiffness falls to 0 like 1/ln: take it as
+        // linear with the exact mean, so that it stays monotone.
+        let [load, stiffness] = contact.load[1];
+        contact.load[0][1] = (2.0 * load / contact.delta_mm[1] - stiffness).max(0.0);
         contact
     }
 
     /// Place of a penetration on the grid, 0 to `CELLS`; 0 for NaN.
     fn index(&self, delta_mm: f64) -> f64 {
-        let part = (delta_mm / self.penetration_max_mm).max(0.0).min(1.0);
+        let part = if delta_mm > 0.0 { (delta_mm / self.penetration_max_mm).min(1.0) } else { 0.0 };
         part.sqrt().sqrt() * CELLS as f64
     }
 
@@ -210,7 +214,7 @@ impl LineContact {
         self.base_shares(delta_mm).left_of(u_mm)
     }
 
-    /// [`Self::base_share`] at one penetration for many places, three times as fast.
+    /// [`Self::base_share`] at one penetration for many places: faster than one by one.
     #[must_use]
     pub fn base_shares(&self, delta_mm: f64) -> BaseShares<'_> {
         self.share.row(self.index(delta_mm))

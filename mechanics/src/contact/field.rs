@@ -11,7 +11,7 @@ use super::{Invalid, finite, positive};
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 /// Smallest depth above 0, in thicknesses.
-const SHALLOWEST: f64 = 1.0 / 2000.0;
+const SHALLOWEST: f64 = 1.0 / 500.0;
 
 /// A load on a line across the layer, per unit length of the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -42,7 +42,7 @@ pub struct LinePoint {
 ///
 /// # Errors
 /// A layer that [`Layer::check`] refuses; anything not finite; a depth below 0, above the thickness,
-/// or between 0 and 1/2000 of the thickness.
+/// or between 0 and 1/500 of the thickness.
 pub fn line(
     layer: &Layer,
     load: &LineLoad,
@@ -54,7 +54,7 @@ pub fn line(
     let depth = depth_mm / layer.thickness_mm;
     if depth > 1.0 || (depth > 0.0 && depth < SHALLOWEST) {
         let what = format!("{depth_mm} is outside the layer or too close under its surface");
-        return Err(Invalid::new("depth_mm", what, "give 0, or t/2000 to t"));
+        return Err(Invalid::new("depth_mm", what, "give 0, or t/500 to t"));
     }
     let nearest = |x: &f64| (x / layer.thickness_mm).abs();
     let reach = x_mm.iter().map(nearest).filter(|x| *x <= 2.0 * REACH).fold(0.0, f64::max);

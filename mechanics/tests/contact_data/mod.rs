@@ -1,0 +1,10 @@
+//! Reading the reference tables.
+
+/// The numbers of a table, one row a line, without its heading.
+pub(crate) fn rows(text: &str) -> Vec<Vec<f64>> {
+    let number = |cell: &str| cell.trim().parse::<f64>().expect("a number in the table");
+    let row = |line: &str| line.split(',').map(number).collect();
+    let rows: Vec<Vec<f64>> = text.lines().skip(1).map(row).collect();
+    assert!(!rows.is_empty(), "an empty table checks nothing");
+    rows
+}
