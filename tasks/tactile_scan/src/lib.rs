@@ -1,1 +1,105 @@
-//! Stub.
+//! Reads the tactile array at its own pace and publishes images: counts above an explicit baseline,
+//! validity of every tactel, time of every row. Refuses to publish anything twice: a held frame writes
+//! nothing, so that a reader sees it as held.
+//!
+//! Faults: damaged frames are dropped ([`FaultCode::TactileGarbled`]); no new frame for longer than
+//! the limit, or a device that says so, is [`FaultCode::TactileStale`] in every job until one comes; a
+//! device that is gone, or of whose tactels more than half cannot be believed, is
+//! [`FaultCode::TactileLost`]: a blind finger must not be pushed at anything.
+
+pub mod config;
+pub mod law;
+
+pub use config::Config;
+
+use law::{Baseline, Rails};
+use taktil_hal::{Arrival, Kind, TactileArray, TactileFrame};
+use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, Task};
+use taktil_signal::TactileImage;
+
+/// The task.
+pub struct TactileScan {
+    image: Output<TactileImage>,
+    array: Box<dyn TactileArray>,
+    frame: TactileFrame,
+    baseline: Baseline,
+    stale_after: Nanos,
+    /// When the newest frame was acquired; before the first one, when the task was first called.
+    newest: Option<Nanos>,
+}
+
+impl TactileScan {
+    /// Declares `image`.
+    ///
+    /// # Errors
+    /// What [`Config::check`] and [`Config::dead_mask`] refuse, and an array without tactels.
+    pub fn new(
+        config: Config,
+        array: Box<dyn TactileArray>,
+        ports: &mut Ports,
+    ) -> Result<TactileScan, Invalid> {
+        config.check()?;
+        let (rows, cols) = (array.rows(), array.cols());
+        if rows == 0 || cols == 0 {
+            return Err(Invalid::new(
+                "",
+                format!("the tactile array says it has {rows} x {cols} tactels"),
+                "choose a device with at least one",
+            ));
+        }
+        let rails = Rails {
+            low_counts: config.rest_min_counts,
+            high_counts: config.rest_max_share * f64::from(array.full_scale()),
+        };
+        let dead = config.dead_mask(rows, cols)?;
+        Ok(TactileScan {
+            image: ports.output("image"),
+            array,
+            frame: TactileFrame::empty(),
+            baseline: Baseline::new(config.baseline_frames, dead, rails),
+            stale_after: config.stale_after(),
+            newest: None,
+        })
+    }
+
+    fn take(&mut self, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let (rows, cols) = (self.array.rows(), self.array.cols());
+        if usize::from(self.frame.rows) != rows || usize::from(self.frame.cols) != cols {
+            return Err(FaultCode::TactileGarbled);
+        }
+        self.newest = Some(self.frame.acquired);
+        self.baseline.learn(&self.frame);
+        io.write(&self.image, self.baseline.image(&self.frame));
+        let tactels = self.frame.tactels();
+        if self.baseline.ready() && 2 * self.baseline.trusted(tactels) < tactels {
+            return Err(FaultCode::TactileLost);
+        }
+        Ok(())
+    }
+}
+
+impl Task for TactileScan {
+    fn start(&mut self) -> Result<(), FaultCode> {
+        self.baseline.rearm();
+        self.newest = None;
+        Ok(())
+    }
+
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let newest = *self.newest.get_or_insert(cycle.release);
+        let outcome = match self.array.sample(cycle.release, &mut self.frame) {
+            Ok(Arrival::New) => return self.take(io),
+            Ok(Arrival::Held) => Ok(()),
+            Err(error) => Err(match error.kind {
+                Kind::Transient | Kind::OutOfRange => FaultCode::TactileGarbled,
+                Kind::Stale => FaultCode::TactileStale,
+                Kind::Lost => FaultCode::TactileLost,
+            }),
+        };
+        let stale = cycle.release - newest > self.stale_after;
+        if stale && outcome != Err(FaultCode::TactileLost) {
+            return Err(FaultCode::TactileStale);
+        }
+        outcome
+    }
+}

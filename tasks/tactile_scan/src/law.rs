@@ -1,0 +1,250 @@
+//! From raw frames to images: the rest level of every tactel as an explicit baseline, and which
+//! tactels may be believed. Refuses clipping at zero (it would turn noise into load), thresholds and
+//! features.
+//!
+//! A tactel is believed when the device vouches for it, the configuration does not list it as dead and
+//! its rest level lies between the rails. A tactel at full scale stays valid: it carries at least that
+//! load, and leaving it out would take the heaviest tactel out of every sum; what saturation does to
+//! the features is a matter of the load, not of validity.
+
+use taktil_hal::{MAX_ROWS, MAX_TACTELS, TactileFrame};
+use taktil_rtcore::Payload;
+use taktil_signal::TactileImage;
+
+/// What the rest level of a tactel must lie in (counts).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rails {
+    /// Below this a tactel is stuck low.
+    pub low_counts: f64,
+    /// Above this it is stuck high or was pressed.
+    pub high_counts: f64,
+}
+
+/// Collects frames of the free finger, then holds their mean.
+#[derive(Clone, Debug)]
+pub struct Baseline {
+    wanted: u32,
+    seen: u32,
+    /// Sums of valid readings, exact in integers, and their numbers.
+    sums: [u64; MAX_TACTELS],
+    numbers: [u32; MAX_TACTELS],
+    means: [f64; MAX_TACTELS],
+    trusted: [bool; MAX_TACTELS],
+    dead: [bool; MAX_TACTELS],
+    rails: Rails,
+}
+
+impl Baseline {
+    /// A baseline of `frames` frames (at least 1); tactels marked in `dead` are never believed.
+    #[must_use]
+    pub fn new(frames: u32, dead: [bool; MAX_TACTELS], rails: Rails) -> Baseline {
+        Baseline {
+            wanted: frames.max(1),
+            seen: 0,
+            sums: [0; MAX_TACTELS],
+            numbers: [0; MAX_TACTELS],
+            means: [0.0; MAX_TACTELS],
+            trusted: [false; MAX_TACTELS],
+            dead,
+            rails,
+        }
+    }
+
+    /// Begins anew: the next frames must show the free finger.
+    pub fn rearm(&mut self) {
+        self.seen = 0;
+        self.sums = [0; MAX_TACTELS];
+        self.numbers = [0; MAX_TACTELS];
+        self.trusted = [false; MAX_TACTELS];
+    }
+
+    /// Whether enough frames were seen.
+    #[must_use]
+    pub fn ready(&self) -> bool {
+        self.seen >= self.wanted
+    }
+
+    /// Rest level of a tactel (counts); 0 before [`Baseline::ready`].
+    #[must_use]
+    pub fn mean_counts(&self, index: usize) -> f64 {
+        if self.ready() { self.means.get(index).copied().unwrap_or(0.0) } else { 0.0 }
+    }
+
+    /// How many tactels of the first `tactels` may be believed.
+    #[must_use]
+    pub fn trusted(&self, tactels: usize) -> usize {
+        self.trusted.iter().take(tactels).filter(|trusted| **trusted).count()
+    }
+
+    /// Takes one more frame; without effect once [`Baseline::ready`].
+    pub fn learn(&mut self, frame: &TactileFrame) {
+        if self.ready() {
+            return;
+        }
+        for index in 0..frame.tactels() {
+            if frame.valid[index] {
+                self.sums[index] += u64::from(frame.values[index]);
+                self.numbers[index] += 1;
+            }
+        }
+        self.seen += 1;
+        if self.ready() {
+            self.close(frame.tactels());
+        }
+    }
+
+    #[expect(clippy::cast_precision_loss, reason = "sums of 16-bit counts stay far below 2^53")]
+    fn close(&mut self, tactels: usize) {
+        for index in 0..tactels {
+            let number = self.numbers[index];
+            // A tactel that was valid less than half of the time has no rest level.
+            if self.dead[index] || 2 * u64::from(number) < u64::from(self.wanted) {
+                continue;
+            }
+            let mean = self.sums[index] as f64 / f64::from(number);
+            self.means[index] = mean;
+            self.trusted[index] = (self.rails.low_counts..=self.rails.high_counts).contains(&mean);
+        }
+    }
+
+    /// The image of a frame: counts above the rest level, 0 where the tactel is not believed. All
+    /// zero and nothing believed before [`Baseline::ready`].
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "f32 holds a count to 1/256 of a count")]
+    pub fn image(&self, frame: &TactileFrame) -> TactileImage {
+        let mut image = TactileImage {
+            acquired_ns: frame.acquired.0,
+            sequence: frame.sequence,
+            rows: frame.rows,
+            cols: frame.cols,
+            baseline_ready: u32::from(self.ready()),
+            ..TactileImage::ZERO
+        };
+        let rows = usize::from(frame.rows).min(MAX_ROWS);
+        for (offset, row) in image.row_offset_ns.iter_mut().zip(&frame.row_acquired[..rows]) {
+            let nanos = row.0.saturating_sub(frame.acquired.0);
+            *offset = nanos.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
+        }
+        if !self.ready() {
+            return image;
+        }
+        for index in 0..frame.tactels() {
+            if frame.valid[index] && self.trusted[index] {
+                image.counts[index] = (f64::from(frame.values[index]) - self.means[index]) as f32;
+                image.valid[index] = 1;
+            }
+        }
+        image
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taktil_hal::Nanos;
+
+    const RAILS: Rails = Rails { low_counts: 1.0, high_counts: 2000.0 };
+
+    fn frame(level: u16) -> TactileFrame {
+        let mut frame = TactileFrame::empty();
+        frame.rows = 16;
+        frame.cols = 16;
+        frame.values = [level; MAX_TACTELS];
+        frame.valid = [true; MAX_TACTELS];
+        frame
+    }
+
+    fn learnt(frames: &[TactileFrame]) -> Baseline {
+        let number = u32::try_from(frames.len()).unwrap();
+        let mut baseline = Baseline::new(number, [false; MAX_TACTELS], RAILS);
+        for frame in frames {
+            baseline.learn(frame);
+        }
+        baseline
+    }
+
+    #[test]
+    fn the_baseline_is_the_mean_of_exactly_the_first_frames() {
+        let mut baseline = Baseline::new(3, [false; MAX_TACTELS], RAILS);
+        for (level, ready) in [(100, false), (101, false), (103, true), (4000, true)] {
+            baseline.learn(&frame(level));
+            assert_eq!(baseline.ready(), ready);
+        }
+        assert!((baseline.mean_counts(255) - 304.0 / 3.0).abs() < 1e-12);
+        baseline.rearm();
+        assert!(!baseline.ready() && baseline.mean_counts(0) == 0.0);
+        (0..3).for_each(|_| baseline.learn(&frame(50)));
+        assert!((baseline.mean_counts(0) - 50.0).abs() < f64::EPSILON);
+    }
+
+    #[test]
+    fn counts_below_the_rest_level_stay_negative() {
+        let baseline = learnt(&[frame(300), frame(300)]);
+        let mut pressed = frame(300);
+        pressed.values[17] = 1300;
+        pressed.values[18] = 250;
+        pressed.values[19] = 4095;
+        let image = baseline.image(&pressed);
+        assert_eq!(image.counts[16..20], [0.0, 1000.0, -50.0, 3795.0]);
+        assert_eq!((image.valid[19], image.baseline_ready), (1, 1), "full scale stays valid");
+    }
+
+    #[test]
+    fn before_the_baseline_an_image_shows_nothing() {
+        let baseline = Baseline::new(2, [false; MAX_TACTELS], RAILS);
+        let image = baseline.image(&frame(3000));
+        assert!(image.counts.iter().all(|count| *count == 0.0));
+        assert!(image.valid.iter().all(|valid| *valid == 0));
+        assert_eq!(image.baseline_ready, 0);
+    }
+
+    #[test]
+    fn dead_stuck_and_doubtful_tactels_are_not_believed() {
+        let mut odd = frame(300);
+        odd.values[1] = 0;
+        odd.values[2] = 4095;
+        odd.valid[3] = false;
+        let mut dead = [false; MAX_TACTELS];
+        dead[0] = true;
+        let mut baseline = Baseline::new(2, dead, RAILS);
+        baseline.learn(&odd);
+        baseline.learn(&odd);
+        let mut now = frame(400);
+        now.valid[4] = false;
+        let image = baseline.image(&now);
+        assert_eq!(image.valid[..6], [0, 0, 0, 0, 0, 1]);
+        assert_eq!(image.counts[..6], [0.0, 0.0, 0.0, 0.0, 0.0, 100.0]);
+        assert_eq!(baseline.trusted(256), 252);
+    }
+
+    #[test]
+    fn limits_of_the_rails_are_inside() {
+        for (level, valid) in [(0, 0), (1, 1), (2000, 1), (2001, 0)] {
+            assert_eq!(learnt(&[frame(level)]).image(&frame(level)).valid[7], valid, "{level}");
+        }
+    }
+
+    #[test]
+    fn times_of_rows_are_carried_relative_to_the_frame() {
+        let mut frame = frame(300);
+        frame.acquired = Nanos(10_000_000);
+        for (row, at) in frame.row_acquired.iter_mut().enumerate() {
+            *at = Nanos(5_000_000 + 312_500 * i64::try_from(row + 1).unwrap());
+        }
+        frame.row_acquired[1] = Nanos(i64::MIN);
+        frame.sequence = 77;
+        let image = learnt(&[frame.clone()]).image(&frame);
+        assert_eq!((image.acquired_ns, image.sequence), (10_000_000, 77));
+        assert_eq!(image.row_offset_ns[0], -4_687_500);
+        assert_eq!(image.row_offset_ns[15], 0);
+        assert_eq!(image.row_offset_ns[1], i32::MIN);
+    }
+
+    #[test]
+    fn a_frame_of_absurd_size_does_no_harm() {
+        let mut absurd = frame(300);
+        (absurd.rows, absurd.cols) = (u16::MAX, u16::MAX);
+        let image = learnt(&[absurd.clone()]).image(&absurd);
+        assert_eq!(image.valid[255], 1);
+    }
+}
