@@ -1,0 +1,327 @@
+//! `[trajectory]`: the queue of moves. Refuses, at load, moves that no arm could make: angles outside
+//! the limits, tool poses out of reach, speeds above the arm's.
+
+use serde::Deserialize;
+use taktil_mechanics::paul::MAX_POINTS;
+use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
+use taktil_mechanics::{Joints, Pose};
+use taktil_rtcore::Invalid;
+
+/// Most moves of a queue: one point of the path is where the arm stands.
+pub const MAX_MOVES: usize = MAX_POINTS - 1;
+
+/// The queue and how it is run. Every key has a default; without moves the state is left at once.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Moves in order, at most [`MAX_MOVES`]. Points between two moves are rounded, not hit, unless
+    /// the same goal is given twice.
+    pub moves: Vec<Move>,
+    /// Half the time of each transition (s). Default 0.1.
+    pub tau_s: f64,
+    /// Share of the joints' largest speeds for moves without `t_s`. Default 0.3.
+    pub speed: f64,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        Config { moves: Vec::new(), tau_s: 0.1, speed: 0.3 }
+    }
+}
+
+/// One move: its goal is either `joints_deg` or `tool`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Move {
+    /// Goal as joint angles (deg).
+    #[serde(default)]
+    pub joints_deg: Option<[f64; 6]>,
+    /// Goal as a pose of the tool.
+    #[serde(default)]
+    pub tool: Option<ToolGoal>,
+    /// Time of the segment, corner to corner (s). Default: what `speed` allows.
+    #[serde(default)]
+    pub t_s: Option<f64>,
+}
+
+/// A pose of the tool frame in the base frame. Without `rotation` the sensor looks down,
+/// `R = Rz(yaw) Ry(pitch) Rx(roll) diag(-1, 1, -1)`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ToolGoal {
+    /// Tool point (mm).
+    pub p_mm: [f64; 3],
+    /// Rotation matrix row by row.
+    #[serde(default)]
+    pub rotation: Option<[f64; 9]>,
+    /// Turn of the downward sensor about z0 (deg), applied last. Default 0.
+    #[serde(default)]
+    pub yaw_deg: f64,
+    /// Turn about y0 (deg), applied second. Default 0.
+    #[serde(default)]
+    pub pitch_deg: f64,
+    /// Turn about x0 (deg), applied first. Default 0.
+    #[serde(default)]
+    pub roll_deg: f64,
+}
+
+/// A goal that was found sound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Goal {
+    /// Joint angles (rad).
+    Joints(Joints),
+    /// Tool pose in the base frame.
+    Tool(Pose),
+}
+
+/// A move that was found sound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Where to.
+    pub goal: Goal,
+    /// In which time (s); by speed when absent.
+    pub t_s: Option<f64>,
+}
+
+impl ToolGoal {
+    /// The pose.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        let p = self.p_mm.map(|x| x * 1e-3);
+        if let Some(rows) = &self.rotation {
+            return Pose::from_rows(rows, &p);
+        }
+        let down = Pose::from_rows(&[-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0], &p);
+        let turn = rotation_z(self.yaw_deg.to_radians())
+            * rotation_y(self.pitch_deg.to_radians())
+            * rotation_x(self.roll_deg.to_radians());
+        Pose::new(turn * down.rotation, down.translation)
+    }
+
+    fn check(&self) -> Result<(), Invalid> {
+        for (axis, value) in self.p_mm.iter().enumerate() {
+            if !value.is_finite() {
+                return Err(Invalid::new(format!("p_mm[{axis}]"), format!("is {value}"), "give mm"));
+            }
+        }
+        let angles =
+            [("yaw_deg", self.yaw_deg), ("pitch_deg", self.pitch_deg), ("roll_deg", self.roll_deg)];
+        for (name, value) in angles {
+            if !(value.abs() <= 360.0) {
+                return Err(Invalid::new(name, format!("is {value}"), "give -360 to 360 degrees"));
+            }
+            if self.rotation.is_some() && value != 0.0 {
+                let what = "stands beside a rotation matrix";
+                return Err(Invalid::new(name, what, "give either the matrix or the angles"));
+            }
+        }
+        let Some(rows) = &self.rotation else { return Ok(()) };
+        let r = self.pose().rotation;
+        let unit = (r.transpose() * r).abs_diff_eq(taktil_mechanics::Pose::IDENTITY.rotation, 1e-6);
+        if !(unit && r.determinant() > 0.0) {
+            return Err(Invalid::new(
+                "rotation",
+                format!("{rows:?} is no rotation matrix"),
+                "give nine numbers row by row, orthonormal to 1e-6, determinant +1",
+            ));
+        }
+        Ok(())
+    }
+}
+
+impl Move {
+    fn check(&self, arm: &Puma260) -> Result<Step, Invalid> {
+        if let Some(t_s) = self.t_s.filter(|t_s| !(*t_s > 0.0 && *t_s <= 3600.0)) {
+            return Err(Invalid::new("t_s", format!("is {t_s}"), "give more than 0, up to 3600 s"));
+        }
+        let goal = match (&self.joints_deg, &self.tool) {
+            (Some(degrees), None) => Goal::Joints(check_joints(degrees, arm)?),
+            (None, Some(tool)) => {
+                tool.check().map_err(|invalid| invalid.within("tool"))?;
+                let pose = tool.pose();
+                let branches = arm.inverse(&arm.tool_to_wrist(&pose), None);
+                if !branches.iter().any(|branch| branch.in_limits) {
+                    return Err(Invalid::new(
+                        "tool",
+                        format!("{:?} mm cannot be reached within the joint limits", tool.p_mm),
+                        "choose a pose nearer to the arm",
+                    ));
+                }
+                Goal::Tool(pose)
+            }
+            _ => {
+                let what = "has not exactly one goal";
+                return Err(Invalid::new("", what, "give either joints_deg or tool"));
+            }
+        };
+        Ok(Step { goal, t_s: self.t_s })
+    }
+}
+
+fn check_joints(degrees: &[f64; 6], arm: &Puma260) -> Result<Joints, Invalid> {
+    let q = Joints::from(degrees.map(f64::to_radians));
+    for joint in 0..6 {
+        let (low, high) = (arm.q_min_rad[joint], arm.q_max_rad[joint]);
+        if !(low <= q[joint] && q[joint] <= high) {
+            return Err(Invalid::new(
+                format!("joints_deg[{joint}]"),
+                format!("{} is outside the limits of joint {}", degrees[joint], joint + 1),
+                format!("give {:.1} to {:.1} degrees", low.to_degrees(), high.to_degrees()),
+            ));
+        }
+    }
+    Ok(q)
+}
+
+impl Config {
+    /// # Errors
+    /// See [`Config::steps`].
+    pub fn check(&self) -> Result<(), Invalid> {
+        self.steps(&Puma260::reference()).map(|_| ())
+    }
+
+    /// The queue, checked against an arm.
+    ///
+    /// # Errors
+    /// Too many moves; a move without exactly one goal, with an angle outside the limits, with a pose
+    /// out of reach or no rotation; times that are not positive; a `t_s` below two `tau_s`; a speed outside 0 to
+    /// 1; a `tau_s` in which a joint could not turn round at that speed.
+    pub fn steps(&self, arm: &Puma260) -> Result<Vec<Step>, Invalid> {
+        if self.moves.len() > MAX_MOVES {
+            let what = format!("has {} moves", self.moves.len());
+            return Err(Invalid::new("moves", what, format!("give at most {MAX_MOVES}")));
+        }
+        if !(self.speed > 0.0 && self.speed <= 1.0) {
+            let what = format!("{} is no share of the largest speed", self.speed);
+            return Err(Invalid::new("speed", what, "give more than 0 and at most 1"));
+        }
+        // At a via point a joint may turn round: 3/4 of twice its speed over tau.
+        let turn_round = arm.speed_max_rad_s.component_div(&arm.acceleration_max_rad_s2).max();
+        let shortest = 1.5 * self.speed * turn_round;
+        if !(self.tau_s >= shortest && self.tau_s <= 60.0) {
+            return Err(Invalid::new(
+                "tau_s",
+                format!("{} s does not suit a speed of {}", self.tau_s, self.speed),
+                format!("give {shortest:.4} to 60 s, or less speed"),
+            ));
+        }
+        let mut steps = Vec::with_capacity(self.moves.len());
+        for (index, one) in self.moves.iter().enumerate() {
+            let place = format!("moves[{index}]");
+            let step = one.check(arm).map_err(|invalid| invalid.within(&place))?;
+            if let Some(t_s) = step.t_s.filter(|t_s| *t_s < 2.0 * self.tau_s) {
+                return Err(Invalid::new(
+                    format!("{place}.t_s"),
+                    format!("{t_s} s leaves no room for two transitions of {} s", self.tau_s),
+                    "give at least 2 tau_s",
+                ));
+            }
+            steps.push(step);
+        }
+        Ok(steps)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tool(p_mm: [f64; 3]) -> ToolGoal {
+        ToolGoal { p_mm, rotation: None, yaw_deg: 0.0, pitch_deg: 0.0, roll_deg: 0.0 }
+    }
+
+    fn to_tool(tool: ToolGoal) -> Config {
+        let one = Move { joints_deg: None, tool: Some(tool), t_s: None };
+        Config { moves: vec![one], ..Config::default() }
+    }
+
+    fn to_joints(joints_deg: [f64; 6]) -> Config {
+        let one = Move { joints_deg: Some(joints_deg), tool: None, t_s: None };
+        Config { moves: vec![one], ..Config::default() }
+    }
+
+    fn place(config: &Config) -> String {
+        config.check().unwrap_err().place
+    }
+
+    #[test]
+    fn sound_queues_are_taken() {
+        assert_eq!(Config::default().check(), Ok(()));
+        assert_eq!(to_tool(tool([342.0, -127.0, -149.0])).check(), Ok(()));
+        assert_eq!(to_joints([0.0, 40.0, -153.0, -180.0, 67.0, 180.0]).check(), Ok(()));
+    }
+
+    #[test]
+    fn the_nominal_sensor_looks_down_and_turns_about_the_base_axes() {
+        let rows = tool([1.0, 2.0, 3.0]).pose().rotation_rows();
+        assert_eq!(rows, [-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0]);
+        let yawed = ToolGoal { yaw_deg: 90.0, ..tool([0.0; 3]) }.pose().rotation;
+        assert!((yawed.x_axis.y + 1.0).abs() < 1e-15, "x_s = -x0 turned to -y0");
+        let pitched = ToolGoal { pitch_deg: 10.0, ..tool([0.0; 3]) }.pose().rotation;
+        assert!(pitched.z_axis.x < -0.17 && pitched.y_axis.y > 1.0 - 1e-15);
+        let rolled = ToolGoal { roll_deg: 10.0, ..tool([0.0; 3]) }.pose().rotation;
+        assert!(rolled.z_axis.y > 0.17 && rolled.x_axis.x < -1.0 + 1e-15);
+    }
+
+    #[test]
+    fn goals_that_cannot_be_reached_are_refused() {
+        assert_eq!(place(&to_joints([0.0, 0.0, 0.0, 0.0, 123.0, 0.0])), "moves[0].joints_deg[4]");
+        assert_eq!(place(&to_joints([f64::NAN; 6])), "moves[0].joints_deg[0]");
+        assert_eq!(place(&to_tool(tool([900.0, 0.0, 0.0]))), "moves[0].tool");
+        assert_eq!(place(&to_tool(tool([0.0, f64::NAN, 0.0]))), "moves[0].tool.p_mm[1]");
+        let angle = ToolGoal { pitch_deg: f64::INFINITY, ..tool([342.0, -127.0, -149.0]) };
+        assert_eq!(place(&to_tool(angle)), "moves[0].tool.pitch_deg");
+    }
+
+    #[test]
+    fn rotations_must_be_rotations() {
+        let with = |rotation: [f64; 9]| {
+            to_tool(ToolGoal { rotation: Some(rotation), ..tool([342.0, -127.0, -149.0]) })
+        };
+        assert_eq!(with([-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0]).check(), Ok(()));
+        for bad in [
+            [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0],
+            [0.0; 9],
+            [f64::NAN; 9],
+            [2.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 1.0],
+        ] {
+            assert_eq!(place(&with(bad)), "moves[0].tool.rotation");
+        }
+        let both = ToolGoal {
+            rotation: Some([-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0]),
+            yaw_deg: 1.0,
+            ..tool([342.0, -127.0, -149.0])
+        };
+        assert_eq!(place(&to_tool(both)), "moves[0].tool.yaw_deg");
+    }
+
+    #[test]
+    fn a_move_has_exactly_one_goal() {
+        let none = Move { joints_deg: None, tool: None, t_s: None };
+        let config = Config { moves: vec![none], ..Config::default() };
+        assert_eq!(place(&config), "moves[0]");
+        let mut both = to_tool(tool([342.0, -127.0, -149.0]));
+        both.moves[0].joints_deg = Some([0.0; 6]);
+        assert_eq!(place(&both), "moves[0]");
+    }
+
+    #[test]
+    fn times_and_speeds_are_checked() {
+        let mut config = to_joints([0.0, 40.0, -153.0, -180.0, 67.0, 180.0]);
+        for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, 0.19] {
+            config.moves[0].t_s = Some(bad);
+            assert_eq!(place(&config), "moves[0].t_s", "{bad}");
+        }
+        config.moves[0].t_s = Some(0.2);
+        assert_eq!(config.check(), Ok(()));
+        for bad in [0.0, 1.1, f64::NAN] {
+            assert_eq!(place(&Config { speed: bad, ..Config::default() }), "speed");
+        }
+        for bad in [0.0, 0.089, f64::NAN, f64::INFINITY] {
+            assert_eq!(place(&Config { tau_s: bad, ..Config::default() }), "tau_s");
+        }
+        let many = vec![config.moves[0].clone(); MAX_MOVES + 1];
+        assert_eq!(place(&Config { moves: many, ..Config::default() }), "moves");
+    }
+}
