@@ -44,7 +44,7 @@ fn load_width_and_base_stress_are_those_of_the_reference() {
             let miss = load * rise / (2.0 * h) + szz;
             assert!(miss.abs() < 3e-4 * row[7].abs(), "szz at {u} of {row:?}: {miss}");
         }
-        // Second moment of the base stress, by parts: the integral of u times what is not left of u.
+        // Second moment of the base stress, by parts.
         let step = 0.02;
         let beyond = |i: i32| {
             let u = (f64::from(i) + 0.5) * step;
@@ -139,8 +139,8 @@ fn everything_rises_with_penetration() {
                 contact.tangential_stiffness_n_mm2(delta),
             ];
             assert!(now[0] > before[0], "load at {delta} of t {t}");
-            // The grid is coarse, cell over cell, in the first millionth of the penetrations.
-            let slack = if delta < 1e-6 * most { 1e-4 } else { 1e-12 };
+            // The grid is coarse, cell over cell, in the smallest penetrations.
+            let slack = if delta < 2e-5 * most { 3e-5 } else { 1e-12 };
             for (k, (now, before)) in now.iter().zip(&before).enumerate().skip(1) {
                 assert!(*now >= before - slack * before, "{k} at {delta} of t {t}: {now} {before}");
             }

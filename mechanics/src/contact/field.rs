@@ -37,12 +37,12 @@ pub struct LinePoint {
     pub ux_mm: Option<f64>,
 }
 
-/// Stresses and displacements at `depth_mm` under the surface and `x_mm` from the line, one for each
-/// x. Allocates; the error is about 1e-13 of 1/t per unit load, more for depths far under t.
+/// Stresses and displacements at `depth_mm` under the surface and `x_mm` from the line, one for
+/// each x. Allocates; the error is about 1e-13 of 1/t per unit load, more for depths far under t.
 ///
 /// # Errors
-/// A layer that [`Layer::check`] refuses; anything not finite; a depth below 0, above the thickness,
-/// or between 0 and 1/500 of the thickness.
+/// A layer that [`Layer::check`] refuses; anything not finite; a depth below 0, above the
+/// thickness, or between 0 and 1/500 of the thickness.
 pub fn line(
     layer: &Layer,
     load: &LineLoad,
@@ -250,8 +250,8 @@ impl Mode {
         Self { a, f, h, u }
     }
 
-    /// At depth 0 without what the load itself is (a concentrated stress) and without the parts that
-    /// do not die with a: 2 tanh a in sxx per Q, tanh(a)/a and n in the coupled displacements.
+    /// At depth 0 without what the load itself is (a concentrated stress) and without the parts
+    /// that do not die with a: 2 tanh a in sxx per Q, tanh(a)/a and n in the coupled displacements.
     fn surface(transfer: &Transfer, a: f64) -> Self {
         let Transfer { m, n, kap } = *transfer;
         let q = libm::exp(-2.0 * a);

@@ -3,9 +3,9 @@
 //!
 //! With wave number k and a = k t, the Airy function that vanishes with its displacements at the
 //! base has the determinant E(a) = a^2 + m^2 + kap sinh^2 a, m = 2(1 - nu), n = 1 - 2 nu,
-//! kap = 3 - 4 nu. It has no real zero, its first zero is imaginary (0.748 i at nu = 0.49), so every
-//! field dies at least as exp(-0.739 |x|/t) along the layer. Numerators and E are both taken times
-//! exp(-2a): nothing overflows, and nu = 0.5 is an ordinary value.
+//! kap = 3 - 4 nu. It has no real zero, its first zero is imaginary (0.748 i at nu = 0.49), so
+//! every field dies at least as exp(-0.739 |x|/t) along the layer. Numerators and E are both taken
+//! times exp(-2a): nothing overflows, and nu = 0.5 is an ordinary value.
 //!
 //! Stresses and displacements at any depth are in [`super::field`].
 
@@ -62,8 +62,9 @@ impl Layer {
         Transfer::new(self.poisson)
     }
 
-    /// Normal stress at the base per unit normal line load (1/mm, negative under the load) at `x_mm`
-    /// from the line, exact to about 1e-14; NaN for NaN. A Fourier sum of several hundred terms.
+    /// Normal stress at the base per unit normal line load (1/mm, negative under the load) at
+    /// `x_mm` from the line, exact to about 1e-14; NaN for NaN. A Fourier sum of several hundred
+    /// terms.
     #[must_use]
     pub fn base_szz_line(&self, x_mm: f64) -> f64 {
         let transfer = self.transfer();
@@ -72,7 +73,7 @@ impl Layer {
             / self.thickness_mm
     }
 
-    /// [`Layer::base_szz_line`] at many places, by the trapezoidal rule with its samples taken once.
+    /// [`Layer::base_szz_line`] at many places, with the samples of the sum taken once. Allocates.
     #[must_use]
     pub fn base_szz_lines(&self, x_mm: &[f64]) -> Vec<f64> {
         let transfer = self.transfer();
@@ -83,8 +84,8 @@ impl Layer {
     }
 }
 
-/// The constants of the layer's transfer functions; they depend on Poisson's ratio alone, and on the
-/// wave number through a = k t.
+/// The layer's transfer functions; they depend on Poisson's ratio alone, and on the wave number
+/// through a = k t.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transfer {
     /// m = 2(1 - nu).
@@ -138,8 +139,8 @@ impl Transfer {
         numerator / (2.0 * a * self.determinant_scaled(a))
     }
 
-    /// T(a)/a with T = (kap sinh 2a + 2a)/(2E): surface displacement along x per tangential traction
-    /// is (1 - nu) t/G times this.
+    /// T(a)/a with T = (kap sinh 2a + 2a)/(2E): surface displacement along x per tangential
+    /// traction is (1 - nu) t/G times this.
     #[must_use]
     pub fn tangential_compliance(&self, a: f64) -> f64 {
         let numerator = if a < 0.25 {

@@ -19,8 +19,8 @@ pub(crate) struct Stick<'a> {
 }
 
 /// Sums over the cosine series, by the difference or the sum of two points' numbers. The points are
-/// theta_i = (2 i + 1) pi/(4 half); theta_i - theta_j and theta_i + theta_j are whole multiples k of
-/// pi/(2 half), k = i - j and i + j + 1.
+/// theta_i = (2 i + 1) pi/(4 half); theta_i - theta_j and theta_i + theta_j are whole multiples k
+/// of pi/(2 half), k = i - j and i + j + 1.
 struct Series {
     /// sum over odd n of cos(n k pi/(2 half))/n.
     cosines: Vec<f64>,
