@@ -168,6 +168,9 @@ fn transfer_functions_keep_their_limits() {
     for nu in [1e-6, 0.3, 0.49, 0.4999, 0.5] {
         let transfer = layer(1.0, nu).transfer();
         assert!((transfer.base_normal(0.0) - 1.0).abs() < 1e-15);
+        // A tangential line load has the first moment t at the base.
+        let slope = transfer.base_normal_from_tangential(1e-6) / 1e-6;
+        assert!((slope - 1.0).abs() < 1e-9, "nu {nu}: {slope}");
         let at_zero = (transfer.kap - 1.0) / (transfer.m * transfer.m);
         assert!((transfer.normal_compliance(0.0) - at_zero).abs() < 1e-15);
         assert!((transfer.tangential_compliance(0.0) - 2.0 / transfer.m).abs() < 1e-14);
