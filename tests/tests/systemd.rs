@@ -1,0 +1,184 @@
+//! The service's unit as systemd reads it, without installing anything. Refuses to claim more: that
+//! the service starts under its restrictions is not shown here.
+
+use std::fs;
+use std::io::Write;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use taktil_tests::root;
+
+const UNIT: &str = "taktild.service";
+/// Everything a unit is ordered against by name or by default.
+const STAND_INS: &[&str] = &[
+    "sysinit.target",
+    "basic.target",
+    "shutdown.target",
+    "local-fs.target",
+    "multi-user.target",
+    "system.slice",
+    "-.mount",
+    "systemd-udevd.service",
+    "systemd-journald.socket",
+    "systemd-tmpfiles-setup.service",
+];
+/// Tenths of a point of exposure that `systemd-analyze security` may find.
+const EXPOSURE_MAX: &str = "20";
+
+/// Runs a tool; `None`, said aloud, when this machine does not have it.
+fn run(tool: &str, arguments: &[&str]) -> Option<Output> {
+    let output = Command::new(tool).args(arguments).env("SYSTEMD_COLORS", "0").output();
+    match output {
+        Ok(output) => Some(output),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            // Past the harness, which would swallow it.
+            let _ = writeln!(std::io::stderr(), "SKIPPED: {tool} is not on this machine");
+            None
+        }
+        Err(error) => panic!("{tool}: {error}"),
+    }
+}
+
+fn unit() -> String {
+    let path = root().join("systemd").join(UNIT);
+    fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+fn put(path: &Path, text: &str) {
+    fs::create_dir_all(path.parent().expect("a file has a folder")).expect("folders can be made");
+    fs::write(path, text).expect("the build folder can be written");
+}
+
+/// A root of a file system that holds the unit, stand-ins and nothing else.
+fn stage(name: &str, unit: &str) -> PathBuf {
+    let stage = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    if stage.exists() {
+        fs::remove_dir_all(&stage).expect("an old stage can be removed");
+    }
+    let units = stage.join("usr/lib/systemd/system");
+    for stand_in in STAND_INS {
+        let text = match stand_in.rsplit_once('.').map(|(_, kind)| kind) {
+            Some("service") => "[Service]\nExecStart=/usr/bin/taktild\n",
+            Some("socket") => "[Socket]\nListenStream=/run/x\n",
+            Some("mount") => "[Mount]\nWhat=/dev/x\nWhere=/\n",
+            _ => "[Unit]\nDescription=stand-in\n",
+        };
+        put(&units.join(stand_in), text);
+    }
+    put(&units.join("systemd-journald.service"), "[Service]\nExecStart=/usr/bin/taktild\n");
+    put(&units.join(UNIT), unit);
+    let binary = stage.join("usr/bin/taktild");
+    put(&binary, "#!/bin/sh\n");
+    fs::set_permissions(&binary, fs::Permissions::from_mode(0o755)).expect("it can be executable");
+    stage
+}
+
+/// Every complaint of `systemd-analyze verify`: some keep its exit code at 0.
+fn verify(name: &str, unit: &str) -> Option<String> {
+    let stage = stage(name, unit);
+    let root = format!("--root={}", stage.display());
+    let output = run("systemd-analyze", &["verify", "--man=no", &root, UNIT])?;
+    let mut said = String::from_utf8_lossy(&output.stderr).into_owned();
+    if !output.status.success() {
+        said.push_str(&output.status.to_string());
+    }
+    Some(said)
+}
+
+fn exposure_is_small(name: &str, unit: &str) -> Option<bool> {
+    let path = stage(name, unit).join("usr/lib/systemd/system").join(UNIT);
+    let threshold = format!("--threshold={EXPOSURE_MAX}");
+    let file = path.to_str().expect("the build folder has a plain name");
+    let output = run("systemd-analyze", &["security", "--offline=true", &threshold, file])?;
+    assert!(!output.stdout.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+    Some(output.status.success())
+}
+
+#[test]
+fn systemd_finds_nothing_wrong_with_the_unit() {
+    if let Some(said) = verify("good", &unit()) {
+        assert!(said.is_empty(), "systemd-analyze verify says:\n{said}");
+    }
+}
+
+#[test]
+fn systemd_would_find_a_spoiled_line() {
+    for (name, good, bad) in [
+        ("key", "WatchdogSec=1", "WatchdogSecs=1"),
+        ("value", "Restart=on-failure", "Restart=on-mondays"),
+        ("binary", "ExecStart=/usr/bin/taktild", "ExecStart=/usr/bin/taktile"),
+    ] {
+        let spoiled = unit().replace(good, bad);
+        assert_ne!(spoiled, unit(), "`{good}` is not in the unit");
+        if let Some(said) = verify(name, &spoiled) {
+            assert!(!said.is_empty(), "{bad} goes unseen");
+        }
+    }
+}
+
+#[test]
+fn little_is_exposed() {
+    if let Some(small) = exposure_is_small("exposed", &unit()) {
+        assert!(small, "more than {EXPOSURE_MAX} tenths: systemd-analyze security --offline=true");
+    }
+    let open = "[Service]\nExecStart=/usr/bin/taktild\n";
+    if let Some(small) = exposure_is_small("open", open) {
+        assert!(!small, "a unit without any restriction passes: the threshold means nothing");
+    }
+}
+
+#[test]
+fn the_unit_asks_for_what_real_time_needs_and_no_capability() {
+    let unit = unit();
+    let has = |line: &str| unit.lines().any(|found| found == line);
+    for line in [
+        "Type=notify",
+        "User=taktil",
+        "LimitRTPRIO=90",
+        "LimitMEMLOCK=infinity",
+        "CapabilityBoundingSet=",
+        "AmbientCapabilities=",
+        "PrivateNetwork=yes",
+        "DevicePolicy=closed",
+        "MemoryDenyWriteExecute=yes",
+        "ProtectSystem=strict",
+    ] {
+        assert!(has(line), "the unit has no line `{line}`");
+    }
+}
+
+#[test]
+fn every_block_of_the_unit_says_why() {
+    let unit = unit();
+    let silent: Vec<&str> = unit
+        .split("\n\n")
+        .filter(|block| {
+            block.contains('=') && !block.contains("# ") && !block.contains("[Install]")
+        })
+        .collect();
+    assert!(silent.is_empty(), "no comment in: {silent:?}");
+}
+
+/// Complaints of `systemd-sysusers` about a file of users.
+fn sysusers(name: &str, text: &str) -> Option<String> {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    put(&path, text);
+    let file = path.to_str().expect("the build folder has a plain name");
+    let output = run("systemd-sysusers", &["--dry-run", file])?;
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let noise = |line: &&str| !line.starts_with("Would ") && !line.starts_with("Creating ");
+    let bad: Vec<&str> = said.lines().filter(noise).collect();
+    Some(if output.status.success() { bad.join("\n") } else { format!("refused: {said}") })
+}
+
+#[test]
+fn the_user_can_be_made() {
+    let good = fs::read_to_string(root().join("systemd/taktil.sysusers")).expect("it is there");
+    if let Some(said) = sysusers("good.sysusers", &good) {
+        assert!(said.is_empty(), "{said}");
+    }
+    if let Some(said) = sysusers("bad.sysusers", &good.replace("\nu ", "\nusr ")) {
+        assert!(!said.is_empty(), "a line of an unknown kind goes unseen");
+    }
+}
