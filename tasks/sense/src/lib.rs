@@ -161,10 +161,7 @@ impl Sense {
             }
             Err(error) => match self.digital_patience.bad(error.kind, self.lines_arrived) {
                 Verdict::Hold => Ok(()),
-                Verdict::Gone => {
-                    io.write(&self.lines, lines(LinesIn::default()));
-                    Err(FaultCode::DigitalLost)
-                }
+                Verdict::Gone => Err(FaultCode::DigitalLost),
             },
         }
     }

@@ -1,1 +1,211 @@
-//! Stub.
+//! Decides what the machine does and steps the mode machine that decides whether it may: collects the lanes' faults, watches
+//! power, emergency stop and the arrival of what everything depends on, grants or refuses requests. The only writer of mode
+//! and state. Refuses silently nothing: a refused request is counted.
+
+pub mod decide;
+pub mod law;
+pub mod watch;
+
+use serde::Deserialize;
+use taktil_rtcore::status::{LaneHealth, ModeStatus};
+use taktil_rtcore::{
+    Cycle, FaultCode, FaultSet, Input, Invalid, Io, Nanos, Output, Ports, Sample, Task,
+};
+use taktil_signal::{ControlState, Goal, JointState, Lines, Request};
+
+use decide::{Core, Facts, Times, Word};
+
+/// Settings of [`Supervisor`].
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Shortest time under servo with the brakes on before they are released, s. Default: 0.05.
+    pub enable_time_s: f64,
+    /// Band that no joint may leave for the arm to count as standing still, deg. Default: 0.05.
+    pub still_deg: f64,
+    /// How long it must not leave it, s. Default: 0.04.
+    pub still_time_s: f64,
+    /// Longest time that a stop may take before the drives go off, still or not, s. Default: 1.
+    pub stop_time_max_s: f64,
+    /// How long the channels of the emergency stop may disagree, s. Default: 0.02.
+    pub estop_disagree_s: f64,
+    /// How long touch may be missing before TACTILE-SERVO is left for IDLE/CALIBRATED, s. Default: 0.02.
+    pub tactile_hold_s: f64,
+    /// Age at which the touch lane's health means that the lane is silent, s. Default: 0.1.
+    pub touch_silent_s: f64,
+    /// Age at which joints and lines have stopped coming, s. Default: 0.01.
+    pub input_stale_s: f64,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        Config {
+            enable_time_s: 0.05,
+            still_deg: 0.05,
+            still_time_s: 0.04,
+            stop_time_max_s: 1.0,
+            estop_disagree_s: 0.02,
+            tactile_hold_s: 0.02,
+            touch_silent_s: 0.1,
+            input_stale_s: 0.01,
+        }
+    }
+}
+
+impl Config {
+    /// Refuses times and bands that are not positive and finite, or absurdly long.
+    ///
+    /// # Errors
+    /// The place, what is wrong there, and the way out.
+    pub fn check(&self) -> Result<(), Invalid> {
+        positive("enable_time_s", self.enable_time_s, 10.0)?;
+        positive("still_deg", self.still_deg, 10.0)?;
+        positive("still_time_s", self.still_time_s, 10.0)?;
+        positive("stop_time_max_s", self.stop_time_max_s, 60.0)?;
+        positive("estop_disagree_s", self.estop_disagree_s, 10.0)?;
+        positive("tactile_hold_s", self.tactile_hold_s, 10.0)?;
+        positive("touch_silent_s", self.touch_silent_s, 10.0)?;
+        positive("input_stale_s", self.input_stale_s, 10.0)?;
+        if self.still_time_s > self.stop_time_max_s {
+            return Err(Invalid::new(
+                "still_time_s",
+                format!(
+                    "standing still takes {} s to be seen, longer than the longest stop",
+                    self.still_time_s
+                ),
+                format!("give less than stop_time_max_s, which is {}", self.stop_time_max_s),
+            ));
+        }
+        Ok(())
+    }
+
+    fn times(&self) -> Times {
+        Times {
+            enable: span(self.enable_time_s),
+            still: span(self.still_time_s),
+            still_rad: self.still_deg.to_radians(),
+            stop_max: span(self.stop_time_max_s),
+            estop_disagree: span(self.estop_disagree_s),
+            tactile_hold: span(self.tactile_hold_s),
+        }
+    }
+}
+
+fn positive(place: &str, value: f64, most: f64) -> Result<(), Invalid> {
+    if value > 0.0 && value <= most {
+        return Ok(());
+    }
+    Err(Invalid::new(
+        place,
+        format!("{value} is not positive or is larger than {most}"),
+        format!("give a number above 0, at most {most}"),
+    ))
+}
+
+/// A checked number of seconds in whole nanoseconds.
+#[expect(clippy::cast_possible_truncation, reason = "at most a minute")]
+fn span(seconds: f64) -> Nanos {
+    Nanos((seconds * 1e9).round() as i64)
+}
+
+/// The task.
+pub struct Supervisor {
+    core: Core,
+    request: Input<Request>,
+    lines: Input<Lines>,
+    joints: Input<JointState>,
+    trajectory: Input<Goal>,
+    tactile: Input<Goal>,
+    servo_health: Input<LaneHealth>,
+    touch_health: Input<LaneHealth>,
+    control: Output<ControlState>,
+    mode: Output<ModeStatus>,
+}
+
+impl Supervisor {
+    /// Declares the ports: in `request`, `lines`, `joints`, `trajectory` (delayed), `tactile` (delayed), `servo_health`
+    /// (delayed), `touch_health`, out `control`, `mode`.
+    ///
+    /// # Errors
+    /// What [`Config::check`] refuses.
+    pub fn new(config: Config, ports: &mut Ports) -> Result<Supervisor, Invalid> {
+        config.check()?;
+        let stale = span(config.input_stale_s);
+        Ok(Supervisor {
+            core: Core::new(config.times()),
+            request: ports.input("request"),
+            lines: ports.input_within("lines", stale),
+            joints: ports.input_within("joints", stale),
+            trajectory: ports.input_delayed("trajectory"),
+            tactile: ports.input_delayed("tactile"),
+            servo_health: ports.input_delayed("servo_health"),
+            touch_health: ports.input_within("touch_health", span(config.touch_silent_s)),
+            control: ports.output("control"),
+            mode: ports.output("mode"),
+        })
+    }
+}
+
+/// A source's word. The tactile servo is done only while it is at work; an empty trajectory is done too.
+fn word(goal: &Sample<Goal>, only_when_valid: bool) -> Word {
+    let done = goal.value.done == 1 && (goal.value.valid == 1 || !only_when_valid);
+    Word { stamp: goal.stamp, done }
+}
+
+impl Task for Supervisor {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let servo = io.read(&self.servo_health);
+        let touch = io.read(&self.touch_health);
+        let raised = |health: Sample<LaneHealth>| health.fresh().map_or(0, |word| word.faults);
+        let facts = Facts {
+            release: cycle.release,
+            lines: io.read(&self.lines).usable(),
+            joints: io.read(&self.joints).usable(),
+            raised: FaultSet(raised(servo) | raised(touch)),
+            present: FaultSet(servo.value.faults | touch.value.faults),
+            touch_silent: touch.usable().is_none(),
+            trajectory: word(&io.read(&self.trajectory), false),
+            tactile: word(&io.read(&self.tactile), true),
+            request: io.read(&self.request).usable(),
+        };
+        let (control, mode) = self.core.decide(&facts);
+        io.write(&self.control, control);
+        io.write(&self.mode, mode);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_configuration_is_sound() {
+        assert_eq!(Config::default().check(), Ok(()));
+        assert_eq!(Config::default().times().enable, Nanos::from_millis(50));
+    }
+
+    #[test]
+    fn unusable_settings_are_refused_with_their_place() {
+        type Set = fn(&mut Config, f64);
+        let places: [(&str, Set); 8] = [
+            ("enable_time_s", |c, x| c.enable_time_s = x),
+            ("still_deg", |c, x| c.still_deg = x),
+            ("still_time_s", |c, x| c.still_time_s = x),
+            ("stop_time_max_s", |c, x| c.stop_time_max_s = x),
+            ("estop_disagree_s", |c, x| c.estop_disagree_s = x),
+            ("tactile_hold_s", |c, x| c.tactile_hold_s = x),
+            ("touch_silent_s", |c, x| c.touch_silent_s = x),
+            ("input_stale_s", |c, x| c.input_stale_s = x),
+        ];
+        for (place, set) in places {
+            for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0, 1e9] {
+                let mut config = Config::default();
+                set(&mut config, bad);
+                assert_eq!(config.check().unwrap_err().place, place, "{bad}");
+            }
+        }
+        let config = Config { still_time_s: 1.1, ..Config::default() };
+        assert_eq!(config.check().unwrap_err().place, "still_time_s");
+    }
+}

@@ -1,0 +1,297 @@
+//! What the machine does: the states of the robot control program (figure 6.2 of the thesis) as a pure table over the mode
+//! machine, which alone says whether anything may move. Refuses time, ports and memory.
+//!
+//! ```text
+//!                           ┌────────────────────────────────────────────┐
+//!   drive power, checks,    │                   START                    │ <── drives off, from every state:
+//!   `enable`: the mode goes │ mode OFF, CHECKING, READY, ENABLING, FAULT │     a stop has ended, a fault
+//!   READY, ENABLING, HOLD   └────────────────────┬───────────────────────┘
+//!                                                │ by itself, in HOLD
+//!                                                v
+//!   ┌──────────────────────┐ manual_uncalibrated ┌──────────────────────┐
+//!   │ MANUAL/UNCALIBRATED  │ <────────────────── │  IDLE/UNCALIBRATED   │
+//!   │        MOVING        │ ──────────────────> │         HOLD         │
+//!   └──────────────────────┘        idle         └───────────┬──────────┘
+//!                                                            │ calibrate (the arm stands in its home pose)
+//!                                                            v
+//!                                                ┌──────────────────────┐
+//!                                                │   IDLE/CALIBRATED    │
+//!                                                │         HOLD         │
+//!                                                └─┬──────────────────┬─┘
+//!        manual_joint, manual_cartesian,           │                  ^  idle;
+//!        trajectory, trajectory_user,              │                  │  TRAJECTORY by itself when done;
+//!        tactile_servo                             v                  │  TACTILE-SERVO by itself when done or blind
+//!   ┌──────────────┬──────────────────┬────────────┴───────┬─────────────────┬───────────────┐
+//!   │ MANUAL/JOINT │ MANUAL/CARTESIAN │     TRAJECTORY     │ TRAJECTORY/USER │ TACTILE-SERVO │
+//!   └──────────────┴──────────────────┴─ MOVING, all of them ────────────────┴───────────────┘
+//! ```
+//! `stop` (in ENABLING, HOLD, MOVING) and `reset` (in FAULT) go to the mode machine and leave the state where it is; the state
+//! falls back to START when the drives are off. A state stays through STOPPING, in which nothing but that happens.
+
+use taktil_rtcore::fault::Class;
+use taktil_rtcore::mode::{Event, next as next_mode};
+use taktil_rtcore::{FaultSet, Mode};
+use taktil_signal::{State, Verb};
+
+/// What a transition depends on besides state and verb.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Guard {
+    /// The mode in force.
+    pub mode: Mode,
+    /// The latched faults.
+    pub faults: FaultSet,
+    /// The zero of the joint angles is known.
+    pub calibrated: bool,
+    /// The source of motion of the present state has nothing left to do.
+    pub done: bool,
+    /// Touch has been missing for longer than can be bridged.
+    pub blind: bool,
+}
+
+impl Guard {
+    /// Nothing is latched that stops the machine.
+    #[must_use]
+    pub fn clear(&self) -> bool {
+        self.faults.worst() < Some(Class::ControlledStop)
+    }
+}
+
+/// The table of the diagram. `Some` is the state that follows, which may be the same one; `None` means that the verb is
+/// refused, or, for [`Verb::None`], that nothing happens by itself.
+#[must_use]
+pub fn next(state: State, verb: Verb, guard: &Guard) -> Option<State> {
+    use State as S;
+    let hold = guard.mode == Mode::Hold;
+    let moving = guard.mode == Mode::Moving;
+    let known = hold && guard.calibrated;
+    match (state, verb) {
+        (_, Verb::None) => by_itself(state, guard),
+        (S::Start, Verb::Enable) => (guard.mode == Mode::Ready && guard.clear()).then_some(state),
+        (_, Verb::Stop) => next_mode(guard.mode, Event::Stop).map(|_| state),
+        (_, Verb::Reset) => resettable(guard).then_some(state),
+        (S::IdleUncalibrated, Verb::Calibrate) => hold.then_some(S::IdleCalibrated),
+        (S::IdleUncalibrated, Verb::ManualUncalibrated) => hold.then_some(S::ManualUncalibrated),
+        (S::ManualUncalibrated, Verb::Idle) => moving.then_some(S::IdleUncalibrated),
+        (S::IdleCalibrated, Verb::ManualJoint) => known.then_some(S::ManualJoint),
+        (S::IdleCalibrated, Verb::ManualCartesian) => known.then_some(S::ManualCartesian),
+        (S::IdleCalibrated, Verb::Trajectory) => known.then_some(S::Trajectory),
+        (S::IdleCalibrated, Verb::TrajectoryUser) => known.then_some(S::TrajectoryUser),
+        (S::IdleCalibrated, Verb::TactileServo) => {
+            (known && !guard.blind).then_some(S::TactileServo)
+        }
+        (
+            S::ManualJoint
+            | S::ManualCartesian
+            | S::Trajectory
+            | S::TrajectoryUser
+            | S::TactileServo,
+            Verb::Idle,
+        ) => moving.then_some(S::IdleCalibrated),
+        _ => None,
+    }
+}
+
+/// The transitions that nobody asks for.
+fn by_itself(state: State, guard: &Guard) -> Option<State> {
+    let moving = guard.mode == Mode::Moving;
+    match state {
+        State::Start => (guard.mode == Mode::Hold).then_some(State::IdleUncalibrated),
+        _ if !guard.mode.brakes_released() => Some(State::Start),
+        State::Trajectory => (moving && guard.done).then_some(State::IdleCalibrated),
+        State::TactileServo => {
+            (moving && (guard.done || guard.blind)).then_some(State::IdleCalibrated)
+        }
+        _ => None,
+    }
+}
+
+/// A latched fault is acknowledged in FAULT; elsewhere when there is one, and no stop for its sake is under way.
+fn resettable(guard: &Guard) -> bool {
+    match guard.mode {
+        Mode::Fault => true,
+        Mode::Stopping => false,
+        _ => !guard.faults.is_empty(),
+    }
+}
+
+/// The mode that a state needs while nothing is being stopped; START needs none.
+#[must_use]
+pub const fn needs(state: State) -> Option<Mode> {
+    match state {
+        State::Start => None,
+        State::IdleUncalibrated | State::IdleCalibrated => Some(Mode::Hold),
+        State::ManualUncalibrated
+        | State::ManualJoint
+        | State::ManualCartesian
+        | State::Trajectory
+        | State::TrajectoryUser
+        | State::TactileServo => Some(Mode::Moving),
+    }
+}
+
+/// What the mode machine has to be told so that its mode fits a new state.
+#[must_use]
+pub fn event(from: State, to: State) -> Option<Event> {
+    match (needs(from), needs(to)) {
+        (Some(Mode::Hold), Some(Mode::Moving)) => Some(Event::Move),
+        (Some(Mode::Moving), Some(Mode::Hold)) => Some(Event::Settle),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use State as S;
+    use Verb as V;
+    use taktil_rtcore::FaultCode;
+
+    fn set(fault: Option<FaultCode>) -> FaultSet {
+        let mut faults = FaultSet::NONE;
+        if let Some(fault) = fault {
+            faults.insert(fault);
+        }
+        faults
+    }
+
+    /// Every guard that the table can tell apart.
+    fn guards() -> Vec<Guard> {
+        let faults = [None, Some(FaultCode::TactileStale), Some(FaultCode::SoftLimit)];
+        let mut all = Vec::new();
+        for mode in Mode::ALL {
+            for fault in faults {
+                for bits in 0..8 {
+                    all.push(Guard {
+                        mode,
+                        faults: set(fault),
+                        calibrated: bits & 1 != 0,
+                        done: bits & 2 != 0,
+                        blind: bits & 4 != 0,
+                    });
+                }
+            }
+        }
+        all
+    }
+
+    /// The arrows of figure 6.2 that a verb draws: from, verb, to, whether the zero must be known.
+    const ARROWS: [(State, Verb, State, bool); 13] = [
+        (S::IdleUncalibrated, V::Calibrate, S::IdleCalibrated, false),
+        (S::IdleUncalibrated, V::ManualUncalibrated, S::ManualUncalibrated, false),
+        (S::ManualUncalibrated, V::Idle, S::IdleUncalibrated, false),
+        (S::IdleCalibrated, V::ManualJoint, S::ManualJoint, true),
+        (S::IdleCalibrated, V::ManualCartesian, S::ManualCartesian, true),
+        (S::IdleCalibrated, V::Trajectory, S::Trajectory, true),
+        (S::IdleCalibrated, V::TrajectoryUser, S::TrajectoryUser, true),
+        (S::IdleCalibrated, V::TactileServo, S::TactileServo, true),
+        (S::ManualJoint, V::Idle, S::IdleCalibrated, false),
+        (S::ManualCartesian, V::Idle, S::IdleCalibrated, false),
+        (S::Trajectory, V::Idle, S::IdleCalibrated, false),
+        (S::TrajectoryUser, V::Idle, S::IdleCalibrated, false),
+        (S::TactileServo, V::Idle, S::IdleCalibrated, false),
+    ];
+
+    #[test]
+    fn every_state_verb_and_guard_is_as_drawn() {
+        let mut granted = 0;
+        for state in State::ALL {
+            for verb in Verb::ALL {
+                for guard in guards() {
+                    let expected = match verb {
+                        V::None => continue,
+                        V::Enable => {
+                            let may = guard.mode == Mode::Ready && guard.clear();
+                            (state == S::Start && may).then_some(state)
+                        }
+                        V::Stop => matches!(guard.mode, Mode::Enabling | Mode::Hold | Mode::Moving)
+                            .then_some(state),
+                        V::Reset => (guard.mode == Mode::Fault
+                            || (guard.mode != Mode::Stopping && !guard.faults.is_empty()))
+                        .then_some(state),
+                        _ => ARROWS
+                            .iter()
+                            .find(|arrow| (arrow.0, arrow.1) == (state, verb))
+                            .filter(|arrow| needs(arrow.0) == Some(guard.mode))
+                            .filter(|arrow| guard.calibrated || !arrow.3)
+                            .filter(|_| verb != V::TactileServo || !guard.blind)
+                            .map(|arrow| arrow.2),
+                    };
+                    assert_eq!(next(state, verb, &guard), expected, "{state:?} {verb:?} {guard:?}");
+                    granted += usize::from(expected.is_some());
+                }
+            }
+        }
+        assert!(granted > 500, "the test would pass on an empty table: {granted}");
+    }
+
+    #[test]
+    fn what_happens_by_itself_is_as_drawn() {
+        for state in State::ALL {
+            for guard in guards() {
+                let off = !matches!(guard.mode, Mode::Hold | Mode::Moving | Mode::Stopping);
+                let moving = guard.mode == Mode::Moving;
+                let expected = if state == S::Start {
+                    (guard.mode == Mode::Hold).then_some(S::IdleUncalibrated)
+                } else if off {
+                    Some(S::Start)
+                } else {
+                    let over = match state {
+                        S::Trajectory => guard.done,
+                        S::TactileServo => guard.done || guard.blind,
+                        _ => false,
+                    };
+                    (moving && over).then_some(S::IdleCalibrated)
+                };
+                assert_eq!(next(state, V::None, &guard), expected, "{state:?} {guard:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_verb_moves_anything_while_torque_is_off_or_being_taken_away() {
+        for state in State::ALL {
+            for verb in Verb::ALL {
+                for guard in guards() {
+                    if guard.mode == Mode::Stopping || !guard.mode.torque_allowed() {
+                        let to = next(state, verb, &guard);
+                        assert!(
+                            to.is_none_or(|to| to == state || to == S::Start),
+                            "{state:?} {verb:?} {guard:?} -> {to:?}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn each_transition_tells_the_mode_machine_what_the_new_state_needs() {
+        for state in State::ALL {
+            for verb in Verb::ALL {
+                for guard in guards() {
+                    let Some(to) = next(state, verb, &guard) else { continue };
+                    let fits = needs(state).is_none_or(|mode| mode == guard.mode);
+                    if to == state || to == S::Start || !fits {
+                        continue;
+                    }
+                    let mode = match event(state, to) {
+                        Some(event) => next_mode(guard.mode, event),
+                        None => Some(guard.mode),
+                    };
+                    assert_eq!(mode, needs(to), "{state:?} {verb:?} -> {to:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn tactile_servo_is_reached_from_start_only_through_calibration() {
+        let ready = Guard { mode: Mode::Hold, calibrated: true, ..Guard::default() };
+        for state in State::ALL.into_iter().filter(|state| *state != S::IdleCalibrated) {
+            assert_eq!(next(state, V::TactileServo, &ready), None, "{state:?}");
+        }
+        assert_eq!(next(S::IdleCalibrated, V::TactileServo, &ready), Some(S::TactileServo));
+        let unknown = Guard { calibrated: false, ..ready };
+        assert_eq!(next(S::IdleCalibrated, V::TactileServo, &unknown), None);
+    }
+}

@@ -1,0 +1,178 @@
+//! Conditions that need a little memory: standing still, something lasting, faults latched in order. Refuses to react: it says
+//! what is so, and since when.
+
+use taktil_rtcore::fault::Class;
+use taktil_rtcore::{FaultCode, FaultSet, Nanos};
+
+/// Sees whether the arm stands still: no joint has left a small band for a while. Counts that flicker do not matter, and
+/// neither does a slow speed estimate.
+#[derive(Clone, Debug)]
+pub struct Standstill {
+    band_rad: f64,
+    time: Nanos,
+    around: Option<([f64; 6], Nanos)>,
+}
+
+impl Standstill {
+    /// Still means: within `band_rad` of one place for `time`.
+    #[must_use]
+    pub fn new(band_rad: f64, time: Nanos) -> Standstill {
+        Standstill { band_rad, time, around: None }
+    }
+
+    /// Takes the joints as they are at `now`; `None` when they are not known.
+    pub fn watch(&mut self, now: Nanos, q_rad: Option<[f64; 6]>) -> bool {
+        let Some(q_rad) = q_rad else {
+            self.around = None;
+            return false;
+        };
+        let near = |place: &[f64; 6]| (0..6).all(|i| (q_rad[i] - place[i]).abs() <= self.band_rad);
+        match &self.around {
+            Some((place, since)) if near(place) => now - *since >= self.time,
+            _ => {
+                self.around = Some((q_rad, now));
+                false
+            }
+        }
+    }
+}
+
+/// Sees whether something has been so for longer than a limit.
+#[derive(Clone, Debug)]
+pub struct Lasting {
+    limit: Nanos,
+    since: Option<Nanos>,
+}
+
+impl Lasting {
+    /// True only after more than `limit`.
+    #[must_use]
+    pub fn new(limit: Nanos) -> Lasting {
+        Lasting { limit, since: None }
+    }
+
+    /// Takes whether it is so at `now`.
+    pub fn watch(&mut self, now: Nanos, so: bool) -> bool {
+        if !so {
+            self.since = None;
+            return false;
+        }
+        now - *self.since.get_or_insert(now) > self.limit
+    }
+}
+
+/// Faults that have happened since the last reset, and the first of them. Notes are not kept.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Latch {
+    faults: FaultSet,
+    first: Option<FaultCode>,
+}
+
+impl Latch {
+    /// Adds faults; of several at once the one with the strongest reaction counts as first, then the one with the lowest code.
+    pub fn add(&mut self, raised: FaultSet) {
+        let mut strongest: Option<FaultCode> = None;
+        for fault in raised.iter().filter(|fault| fault.class() > Class::Note) {
+            self.faults.insert(fault);
+            if strongest.is_none_or(|before| fault.class() > before.class()) {
+                strongest = Some(fault);
+            }
+        }
+        self.first = self.first.or(strongest);
+    }
+
+    /// All that is latched.
+    #[must_use]
+    pub fn faults(&self) -> FaultSet {
+        self.faults
+    }
+
+    /// The part that stops the machine.
+    #[must_use]
+    pub fn stopping(&self) -> FaultSet {
+        of_class(self.faults, |class| class >= Class::ControlledStop)
+    }
+
+    /// Code of the first fault, 0 when none.
+    #[must_use]
+    pub fn first_code(&self) -> u32 {
+        self.first.map_or(0, |fault| fault as u32)
+    }
+
+    /// Forgets everything.
+    pub fn reset(&mut self) {
+        *self = Latch::default();
+    }
+}
+
+/// The members whose class is wanted.
+#[must_use]
+pub fn of_class(faults: FaultSet, wanted: impl Fn(Class) -> bool) -> FaultSet {
+    let mut some = FaultSet::NONE;
+    for fault in faults.iter().filter(|fault| wanted(fault.class())) {
+        some.insert(fault);
+    }
+    some
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn still_is_a_band_kept_for_a_time() {
+        let mut still = Standstill::new(0.01, Nanos(100));
+        assert!(!still.watch(Nanos(0), Some([0.0; 6])));
+        assert!(!still.watch(Nanos(99), Some([0.01; 6])), "the edge of the band belongs to it");
+        assert!(still.watch(Nanos(100), Some([-0.01; 6])));
+        assert!(!still.watch(Nanos(110), Some([0.0, 0.0, 0.0, 0.0, 0.0, 0.011])));
+        assert!(!still.watch(Nanos(209), Some([0.0, 0.0, 0.0, 0.0, 0.0, 0.011])));
+        assert!(still.watch(Nanos(210), Some([0.0, 0.0, 0.0, 0.0, 0.0, 0.011])));
+        assert!(!still.watch(Nanos(220), None), "unknown joints are not still");
+        assert!(!still.watch(Nanos(230), Some([0.0; 6])));
+        assert!(!still.watch(Nanos(900), Some([f64::NAN; 6])));
+    }
+
+    #[test]
+    fn a_slow_creep_is_not_still() {
+        let mut still = Standstill::new(0.01, Nanos(100));
+        for step in 0..1000 {
+            let q = [1e-3 * f64::from(step); 6];
+            assert!(!still.watch(Nanos(9 * i64::from(step)), Some(q)), "0.11 rad in 1000 ns");
+        }
+    }
+
+    #[test]
+    fn lasting_is_longer_than_the_limit_without_a_break() {
+        let mut lasting = Lasting::new(Nanos(20));
+        assert!(!lasting.watch(Nanos(5), true));
+        assert!(!lasting.watch(Nanos(25), true), "exactly the limit is not longer");
+        assert!(lasting.watch(Nanos(26), true));
+        assert!(!lasting.watch(Nanos(27), false));
+        assert!(!lasting.watch(Nanos(28), true));
+        assert!(!lasting.watch(Nanos(48), true));
+        assert!(lasting.watch(Nanos(49), true));
+    }
+
+    #[test]
+    fn the_first_fault_stays_first_and_notes_do_not_count() {
+        let set = |faults: &[FaultCode]| {
+            let mut all = FaultSet::NONE;
+            faults.iter().for_each(|fault| all.insert(*fault));
+            all
+        };
+        let mut latch = Latch::default();
+        latch.add(set(&[FaultCode::Overrun]));
+        assert_eq!((latch.faults(), latch.first_code()), (FaultSet::NONE, 0));
+        latch.add(set(&[FaultCode::FollowingError, FaultCode::EmergencyStop, FaultCode::Overrun]));
+        assert_eq!(latch.first_code(), FaultCode::EmergencyStop as u32);
+        latch.add(set(&[FaultCode::EncoderJump, FaultCode::TactileStale]));
+        assert_eq!(latch.first_code(), FaultCode::EmergencyStop as u32);
+        assert!(latch.faults().contains(FaultCode::EncoderJump));
+        assert!(latch.faults().contains(FaultCode::TactileStale));
+        assert!(!latch.stopping().contains(FaultCode::TactileStale));
+        assert!(latch.stopping().contains(FaultCode::FollowingError));
+        latch.reset();
+        assert_eq!((latch.faults(), latch.first_code()), (FaultSet::NONE, 0));
+    }
+}
