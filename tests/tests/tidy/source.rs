@@ -71,7 +71,8 @@ fn walk(folder: &Path, prefix: &str, found: &mut Vec<Text>) {
         let path = format!("{prefix}{name}");
         let kind = entry.file_type().expect("a file has a type");
         if kind.is_dir() {
-            if !skipped(&name) {
+            // Cargo marks its output folders, whatever they are called.
+            if !skipped(&name) && !entry.path().join("CACHEDIR.TAG").exists() {
                 walk(&entry.path(), &format!("{path}/"), found);
             }
         } else if kind.is_file()
