@@ -85,6 +85,15 @@ impl core::fmt::Display for LiveError {
 
 impl std::error::Error for LiveError {}
 
+/// Who is told how a live run goes, on the carrying thread.
+pub trait Audience: Observer {
+    /// What the kernel granted, before the first job.
+    fn attested(&mut self, _attestation: &Attestation) {}
+
+    /// The logical time, every few milliseconds.
+    fn passed(&mut self, _now: Nanos) {}
+}
+
 /// What the lanes' threads share with the carrying thread.
 struct Shared<'a> {
     stop: &'a AtomicBool,
@@ -100,8 +109,7 @@ const WAIT: u8 = 0;
 const GO: u8 = 1;
 const ABANDON: u8 = 2;
 
-/// Runs the machine on the kernel's clock until `until` or until `stop` is set. `progress` is called every few milliseconds with
-/// the logical time, on the calling thread.
+/// Runs the machine on the kernel's clock until `until` or until `stop` is set.
 ///
 /// # Errors
 /// A task that refuses to start, a hard contract that is not met, no threads.
@@ -110,8 +118,7 @@ pub fn run(
     until: Nanos,
     contract: Contract,
     stop: &AtomicBool,
-    observer: &mut dyn Observer,
-    progress: &mut dyn FnMut(Nanos),
+    audience: &mut dyn Audience,
 ) -> Result<Attestation, LiveError> {
     machine.start().map_err(|(task, fault)| LiveError::TaskRefused(task, fault))?;
     let (preempt_rt, virtual_machine) = kernel();
@@ -119,7 +126,7 @@ pub fn run(
     if let Err(why) = lock_memory() {
         attestation.missing.push(why);
     }
-    let outcome = run_threads(machine, until, contract, stop, observer, progress, &mut attestation);
+    let outcome = run_threads(machine, until, contract, stop, audience, &mut attestation);
     unlock_memory();
     machine.stop();
     outcome.map(|()| attestation)
@@ -130,8 +137,7 @@ fn run_threads(
     until: Nanos,
     contract: Contract,
     stop: &AtomicBool,
-    observer: &mut dyn Observer,
-    progress: &mut dyn FnMut(Nanos),
+    audience: &mut dyn Audience,
     attestation: &mut Attestation,
 ) -> Result<(), LiveError> {
     let count = machine.lanes.len();
@@ -163,14 +169,15 @@ fn run_threads(
             shared.signal.store(ABANDON, Ordering::Release);
             return Err(LiveError::NotGranted(attestation.clone()));
         }
+        audience.attested(attestation);
         let epoch = *clock.get_or_init(|| MonotonicClock::starting_in(LEAD));
         shared.signal.store(GO, Ordering::Release);
         while shared.running.load(Ordering::Acquire) > 0 {
-            carry(drains, observer);
-            progress(epoch.now());
+            carry(drains, audience);
+            audience.passed(epoch.now());
             thread::sleep(CARRY_PAUSE);
         }
-        carry(drains, observer);
+        carry(drains, audience);
         Ok(())
     })
 }

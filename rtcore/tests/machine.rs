@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use taktil_rtcore::guard::CountingAllocator;
-use taktil_rtcore::live::{self, Contract};
+use taktil_rtcore::live::{self, Audience, Contract};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, FaultSet, Freshness, Input, Invalid, Io, LaneId, LaneSpec, Machine,
@@ -111,6 +111,8 @@ impl Observer for Keep {
         self.0.push((record.signal, record.tick, record.release.0, record.body.to_vec()));
     }
 }
+
+impl Audience for Keep {}
 
 impl Keep {
     fn of(&self, machine: &Machine, signal: &str) -> Vec<(i64, Number)> {
@@ -319,7 +321,7 @@ fn live_and_virtual_write_the_same_values_at_the_same_ticks() {
         let mut machine = two_lanes(None);
         let mut seen = Keep::default();
         let stop = AtomicBool::new(false);
-        live::run(&mut machine, until, Contract::Soft, &stop, &mut seen, &mut |_| {}).unwrap();
+        live::run(&mut machine, until, Contract::Soft, &stop, &mut seen).unwrap();
         // On a shared machine a job may miss; then nothing is promised and the run says so.
         if machine.figures().any(|(_, f)| f.misses.total() + f.skipped > 0) {
             continue;

@@ -1,1 +1,7 @@
-//! Stub.
+//! The service's parts that others use too: the machine file, the wiring, and complaints that name file and line. The shipped
+//! service cannot contain a simulator: this crate does not know one.
+
+pub mod config;
+pub mod service;
+pub mod source;
+pub mod wiring;

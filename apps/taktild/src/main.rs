@@ -1,1 +1,45 @@
-fn main() {}
+//! The service's process: arguments, exit codes, nothing else.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+use taktil_rtcore::guard::CountingAllocator;
+use taktild::service::Service;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// Robot control over real boards, as a systemd service. It comes up with the drives off and waits in READY.
+#[derive(Parser, Debug)]
+#[command(name = "taktild", version, about)]
+struct Arguments {
+    /// Configuration file: machine, board, contract with the kernel
+    #[arg(long, value_name = "FILE", default_value = "/etc/taktil/taktild.toml")]
+    config: PathBuf,
+    /// Read the configuration, open the board, print what would run, and end
+    #[arg(long)]
+    check: bool,
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let mut service = match Service::load(&arguments.config) {
+        Ok(service) => service,
+        Err(located) => {
+            eprintln!("{located}");
+            return ExitCode::from(2);
+        }
+    };
+    if arguments.check {
+        print!("{}", service.describe());
+        return ExitCode::SUCCESS;
+    }
+    match service.run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(1)
+        }
+    }
+}

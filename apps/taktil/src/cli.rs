@@ -1,0 +1,104 @@
+//! The command line: what can be asked, and the exit codes: 0 ok, 1 failed, 2 bad input. Refuses to do the work itself.
+
+use std::io::{BufReader, BufWriter};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use taktild::source::Located;
+
+use crate::run::{self, BadOption, Options};
+
+/// Exit code for input that cannot be used.
+const BAD_INPUT: u8 = 2;
+
+/// Hard real-time robot control with touch: run the stack on a simulated robot, look at what happened, use its mathematics.
+#[derive(Parser, Debug)]
+#[command(name = "taktil", version, about, after_help = "\
+Start here:
+  taktil run sim/scenes/roll-pin.toml                 a PUMA 260 rolls a pin by touch, live, 10 s
+  taktil run sim/scenes/roll-pin.toml --fast          the same in virtual time, bit for bit repeatable
+  taktil run sim/scenes/roll-pin.toml --report out    and a page with pictures: out/report.html
+  echo '{\"op\":\"fk\",\"q\":[0,0.7,-2.7,-3.1,1.2,3.1]}' | taktil calc
+
+Exit codes: 0 ok, 1 the run failed or a fault was latched, 2 bad input.")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand, Debug)]
+enum Command {
+    /// Run the whole stack on the simulated robot of a scene.
+    ///
+    /// Live by default: one SCHED_FIFO thread a lane, on the kernel's clock. Where the right to SCHED_FIFO is missing the run says so,
+    /// marks every timing figure and goes on. With --fast all lanes share one thread in virtual time: same values, same digest.
+    Run {
+        /// Scene file (TOML); see sim/scenes
+        scene: PathBuf,
+        /// Virtual time: as fast as the processor allows, repeatable bit for bit
+        #[arg(long)]
+        fast: bool,
+        /// Seed of all noise, instead of the scene's
+        #[arg(long, value_name = "N")]
+        seed: Option<u64>,
+        /// Simulated seconds, instead of the scene's
+        #[arg(long = "for", value_name = "S", allow_negative_numbers = true)]
+        for_s: Option<f64>,
+        /// Record every port value to this MCAP file
+        #[arg(long, value_name = "F.mcap")]
+        log: Option<PathBuf>,
+        /// Write report.html with figures into this folder (and run.mcap unless --log says where)
+        #[arg(long, value_name = "DIR")]
+        report: Option<PathBuf>,
+        /// One JSON object on standard output instead of the table
+        #[arg(long)]
+        json: bool,
+    },
+    /// Draw a log as SVG figures, or write its signals as CSV.
+    Plot(crate::plot::Arguments),
+    /// The mathematics as a filter: one JSON request a line on stdin, one JSON answer a line on stdout.
+    Calc {
+        /// Print every operation with its fields, units and defaults
+        #[arg(long)]
+        list: bool,
+    },
+}
+
+/// Runs the command line of this process.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match dispatch(cli.command) {
+        Ok(code) => code,
+        Err(error) => complain(&error),
+    }
+}
+
+fn complain(error: &anyhow::Error) -> ExitCode {
+    if let Some(located) = error.downcast_ref::<Located>() {
+        eprintln!("{located}");
+        return ExitCode::from(BAD_INPUT);
+    }
+    eprintln!("error: {error:#}");
+    let bad_input = error.is::<BadOption>() || error.is::<crate::plot::BadInput>();
+    ExitCode::from(if bad_input { BAD_INPUT } else { 1 })
+}
+
+fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
+    match command {
+        Command::Run { scene, fast, seed, for_s, log, report, json } => {
+            run::run(&Options { scene, fast, seed, for_s, log, report, json })
+        }
+        Command::Plot(arguments) => crate::plot::run(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Calc { list: true } => {
+            print!("{}", crate::calc::list());
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Calc { list: false } => {
+            let mut input = BufReader::new(std::io::stdin().lock());
+            let mut output = BufWriter::new(std::io::stdout().lock());
+            crate::calc::filter(&mut input, &mut output).map(|()| ExitCode::SUCCESS)
+        }
+    }
+}

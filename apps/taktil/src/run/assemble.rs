@@ -1,0 +1,103 @@
+//! The whole stack over the simulated robot: scene in, machine out. Refuses to know whether it will run live or in virtual time.
+
+use taktil_rtcore::{Builder, Invalid, Late, LaneSpec, Machine, Nanos};
+use taktil_sim::Timing;
+use taktild::source::Located;
+use taktild::wiring;
+
+use super::operator::Operator;
+use super::scene::{Scene, foreign};
+use super::world::Simulation;
+
+/// The lane that simulates the world.
+const WORLD: &str = "world";
+
+/// Builds the machine of a scene over a world with this seed.
+///
+/// # Errors
+/// Whatever the scene, the machine file or the wiring got wrong, located.
+pub fn assemble(scene: &Scene, seed: u64) -> Result<Machine, Located> {
+    build(scene, seed).map_err(|invalid| scene.locate(invalid))
+}
+
+fn build(scene: &Scene, seed: u64) -> Result<Machine, Invalid> {
+    let mut machine = scene.machine.clone();
+    let timing = timing(scene)?;
+    // The lane that writes D/A words must be done before they act; that is its deadline.
+    for (name, lane) in &mut machine.lane {
+        if lane.tasks.iter().any(|task| task == "actuate") {
+            let spec = lane.spec(name).map_err(|invalid| invalid.within(&format!("lane.{name}")))?;
+            let latest = wiring::deadline_by(timing.actuation_delay, spec.period)?;
+            lane.deadline_us = Some(spec.deadline.min(latest).0 / 1000);
+        }
+    }
+    let (world, devices) = taktil_sim::build(&scene.world, &timing, seed)
+        .map_err(|bad| foreign(bad).within("world"))?;
+    let script = scene.script.clone();
+    let operator: wiring::MakeOperator<'_> =
+        Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?)));
+    let mut builder = wiring::assemble(machine, devices, operator)?;
+    add_world(&mut builder, scene, &timing, world)?;
+    builder.build()
+}
+
+/// The instants that the simulated boards go by: those of the lanes that read and write them.
+fn timing(scene: &Scene) -> Result<Timing, Invalid> {
+    let period_of = |task: &str| {
+        let lane = scene.machine.lane.iter().find(|(_, lane)| lane.tasks.iter().any(|t| t == task));
+        let Some((name, lane)) = lane else { return Ok(None) };
+        let spec = lane.spec(name).and_then(|spec| spec.check().map(|()| spec));
+        spec.map(|spec| Some(spec.period)).map_err(|bad| bad.within(&format!("lane.{name}")))
+    };
+    let missing = |task: &str| {
+        Invalid::new(
+            "lane",
+            format!("no lane runs `{task}`: the simulated robot needs it to keep time"),
+            format!("add \"{task}\" to the tasks of a lane"),
+        )
+    };
+    let control_period = period_of("actuate")?.ok_or_else(|| missing("actuate"))?;
+    let scan_period = period_of("tactile_scan")?.unwrap_or(control_period * 2);
+    wiring::deadline_by(scene.actuation_delay, control_period)?;
+    Ok(Timing { control_period, actuation_delay: scene.actuation_delay, scan_period })
+}
+
+fn add_world(
+    builder: &mut Builder,
+    scene: &Scene,
+    timing: &Timing,
+    world: taktil_sim::World,
+) -> Result<(), Invalid> {
+    let period = timing.control_period;
+    // A word of the job released at r acts from r + delay: the world starts there and integrates one period ahead, passing
+    // the next sampling instant, at which its answer must be visible.
+    let phase = if timing.actuation_delay == period { Nanos::ZERO } else { timing.actuation_delay };
+    let delivery = period - phase;
+    let priority = u8::try_from(scene.world_priority).map_err(|_| {
+        Invalid::new(
+            "world_priority",
+            format!("{} is not a SCHED_FIFO priority", scene.world_priority),
+            "give 1 (lowest) to 99 (highest)",
+        )
+    })?;
+    let lane = builder
+        .lane(LaneSpec {
+            name: WORLD.to_owned(),
+            period,
+            phase,
+            delivery,
+            deadline: delivery,
+            priority,
+            cpu: scene.world_cpu,
+            late: Late::CatchUp,
+        })
+        .map_err(|bad| match bad.place.as_str() {
+            "lane.world.priority" => Invalid { place: "world_priority".into(), ..bad },
+            _ => bad,
+        })?;
+    let (radius_mm, table) = (scene.world.pin.radius_mm, &scene.world.table);
+    let pivot_mm = [table.pivot_x_mm, table.pivot_y_mm];
+    builder.task(lane, WORLD, |ports| {
+        Ok(Box::new(Simulation::new(world, radius_mm, pivot_mm, ports)))
+    })
+}

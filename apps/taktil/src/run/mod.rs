@@ -1,0 +1,231 @@
+//! `taktil run`: the whole stack on the simulated robot, live on `SCHED_FIFO` threads or in virtual time. Refuses to end without
+//! saying what happened.
+
+pub mod assemble;
+pub mod digest;
+mod interrupt;
+pub mod operator;
+mod progress;
+pub mod scene;
+pub mod score;
+pub mod summary;
+pub mod table;
+pub mod world;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, bail};
+use serde_json::Value;
+use taktil_rtcore::live::{Attestation, Audience, Contract};
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{Machine, Nanos, linux, live, virtual_time};
+
+use crate::log::McapLog;
+use digest::Digest;
+use progress::Progress;
+use scene::Scene;
+use score::{Score, Targets};
+use summary::Ending;
+
+/// What the command line says.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Scene file.
+    pub scene: PathBuf,
+    /// Virtual time instead of live.
+    pub fast: bool,
+    /// Seed instead of the scene's.
+    pub seed: Option<u64>,
+    /// Seconds instead of the scene's.
+    pub for_s: Option<f64>,
+    /// Log file to write.
+    pub log: Option<PathBuf>,
+    /// Folder for the report.
+    pub report: Option<PathBuf>,
+    /// JSON on standard output instead of the table.
+    pub json: bool,
+}
+
+/// Everything that watches a run.
+struct Watch {
+    digest: Digest,
+    score: Score,
+    log: Option<McapLog>,
+    progress: Progress,
+    now: Nanos,
+}
+
+impl Audience for Watch {
+    fn attested(&mut self, attestation: &Attestation) {
+        if !attestation.granted() {
+            let missing = attestation.missing.join("; ");
+            eprintln!("not real time: {missing}; timing figures are marked, the simulated robot runs");
+        }
+    }
+
+    fn passed(&mut self, now: Nanos) {
+        self.now = now;
+        if let Some(log) = &mut self.log {
+            log.flush();
+        }
+    }
+}
+
+impl Observer for Watch {
+    fn record(&mut self, record: &Record<'_>) {
+        self.digest.record(record);
+        self.score.record(record);
+        if let Some(log) = &mut self.log {
+            log.record(record);
+        }
+        self.progress.record(record);
+    }
+}
+
+/// Runs a scene and says how it went; exit 0 without faults, 1 with one.
+///
+/// # Errors
+/// Bad input as [`taktild::source::Located`] or [`BadOption`]; anything else is a failure of the run.
+pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
+    let scene = Scene::load(&options.scene)?;
+    let seed = options.seed.unwrap_or(scene.seed);
+    let until = match options.for_s {
+        None => scene.duration,
+        Some(seconds) => scene::duration(seconds, "--for").map_err(|bad| {
+            BadOption(format!("--for {seconds}: {}; {}", bad.what, bad.remedy))
+        })?,
+    };
+    let log_path = log_path(options)?;
+    let mut machine = assemble::assemble(&scene, seed)?;
+    let targets = targets(&scene);
+    let catalog = machine.catalog().clone();
+    let log = match &log_path {
+        None => None,
+        Some(path) => Some(McapLog::create(path, &catalog, &metadata(&scene, seed, options))?),
+    };
+    let mut watch = Watch {
+        digest: Digest::new(&catalog),
+        score: Score::new(&catalog, targets),
+        log,
+        progress: Progress::new(&catalog, until, options.json),
+        now: Nanos::ZERO,
+    };
+    let stop = interrupt::watch()?;
+    let begin = linux::monotonic();
+    let (reached, attestation) = execute(&mut machine, options.fast, until, &stop, &mut watch)?;
+    let wall = linux::monotonic() - begin;
+    watch.progress.finish();
+    let ending = Ending {
+        scene: options.scene.display().to_string(),
+        title: &scene.title,
+        seed,
+        attestation: attestation.as_ref(),
+        sim_s: reached.as_secs_f64(),
+        wall_s: wall.as_secs_f64(),
+        digest: watch.digest.hex(),
+        figures: &watch.score.figures,
+        force_set_point_n: targets.m0 / targets.counts_per_n,
+        lanes: machine.figures().collect(),
+        log: log_path.as_ref().map(|path| path.display().to_string()),
+        interrupted: stop.load(Ordering::SeqCst),
+        repeat: repeat(options, seed, until, &scene),
+    };
+    let summary = ending.json();
+    if let Some(log) = watch.log.take() {
+        log.finish_with(&BTreeMap::from([("summary".to_owned(), summary.to_string())]))?;
+    }
+    finish(options, log_path.as_deref(), &summary)?;
+    Ok(if ending.ok() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// An option of the command line that cannot be used.
+#[derive(Debug)]
+pub struct BadOption(pub String);
+
+impl std::fmt::Display for BadOption {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for BadOption {}
+
+fn execute(
+    machine: &mut Machine,
+    fast: bool,
+    until: Nanos,
+    stop: &AtomicBool,
+    watch: &mut Watch,
+) -> anyhow::Result<(Nanos, Option<Attestation>)> {
+    if fast {
+        let reached = virtual_time::run(machine, until, stop, watch).map_err(|(task, fault)| {
+            anyhow::anyhow!("task `{task}` refused to start: {}", fault.text())
+        })?;
+        return Ok((reached, None));
+    }
+    let attestation = live::run(machine, until, Contract::Soft, stop, watch)?;
+    Ok((watch.now.min(until), Some(attestation)))
+}
+
+fn finish(options: &Options, log: Option<&Path>, summary: &Value) -> anyhow::Result<()> {
+    if let (Some(folder), Some(log)) = (&options.report, log) {
+        crate::report::write(folder, log, summary)
+            .with_context(|| format!("cannot write the report into {}", folder.display()))?;
+    }
+    if options.json {
+        println!("{summary}");
+        return Ok(());
+    }
+    print!("{}", table::table(summary));
+    match (&options.report, log) {
+        (Some(folder), _) => println!("  report                     {}/report.html", folder.display()),
+        (None, Some(log)) => println!("  next                       taktil plot {}", log.display()),
+        (None, None) => println!("  next                       add --report out to see it drawn"),
+    }
+    Ok(())
+}
+
+/// A report is drawn from a log: without `--log` it lies beside the report.
+fn log_path(options: &Options) -> anyhow::Result<Option<PathBuf>> {
+    if let Some(folder) = &options.report {
+        if folder.exists() && !folder.is_dir() {
+            bail!(BadOption(format!("--report {}: is a file; name a folder", folder.display())));
+        }
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    }
+    let beside = options.report.as_ref().map(|folder| folder.join("run.mcap"));
+    Ok(options.log.clone().or(beside))
+}
+
+fn targets(scene: &Scene) -> Targets {
+    let servo = scene.machine.tactile_servo.clone().unwrap_or_default();
+    let tactile = &scene.world.tactile;
+    let full_scale_counts = f64::from((1u32 << tactile.bits.min(31)) - 1);
+    Targets { m0: servo.m0_desired, counts_per_n: full_scale_counts / tactile.full_scale_n }
+}
+
+fn metadata(scene: &Scene, seed: u64, options: &Options) -> BTreeMap<String, String> {
+    BTreeMap::from([
+        ("scene".to_owned(), options.scene.display().to_string()),
+        ("scene_text".to_owned(), scene.source.text.clone()),
+        ("machine_text".to_owned(), scene.machine_text().to_owned()),
+        ("seed".to_owned(), seed.to_string()),
+        ("mode".to_owned(), if options.fast { "fast" } else { "live" }.to_owned()),
+        ("taktil".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+    ])
+}
+
+fn repeat(options: &Options, seed: u64, until: Nanos, scene: &Scene) -> String {
+    let mut words = format!("taktil run {} --seed {seed}", options.scene.display());
+    if until != scene.duration {
+        words += &format!(" --for {}", until.as_secs_f64());
+    }
+    if options.fast {
+        words += " --fast";
+    }
+    words
+}

@@ -1,0 +1,276 @@
+//! A scene: what is simulated, on which machine, who asks for what, for how long. Reads the scene file and the machine file that
+//! it names; every complaint is placed in the file where the value stands. Refuses anything it does not know.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DVec3};
+use serde::Deserialize;
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::{Pose, rotation_x, rotation_y, rotation_z};
+use taktil_rtcore::{Invalid, Nanos};
+use taktil_signal::Verb;
+use taktil_sim::scene::WorldConfig;
+use taktild::config::MachineConfig;
+use taktild::source::{Located, Source};
+
+/// Longest run, s: a day.
+const LONGEST_S: f64 = 86_400.0;
+
+/// The scene file.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SceneFile {
+    title: String,
+    machine: Option<String>,
+    #[serde(default = "default_duration_s")]
+    duration_s: f64,
+    #[serde(default = "default_seed")]
+    seed: u64,
+    #[serde(default = "default_delay_us")]
+    actuation_delay_us: i64,
+    #[serde(default = "default_world_priority")]
+    world_priority: i64,
+    world_cpu: Option<usize>,
+    start: Option<Start>,
+    #[serde(default)]
+    operator: Vec<StepFile>,
+    #[serde(default)]
+    world: WorldConfig,
+    #[serde(default)]
+    robot: MachineConfig,
+}
+
+fn default_duration_s() -> f64 {
+    10.0
+}
+
+fn default_seed() -> u64 {
+    1
+}
+
+fn default_delay_us() -> i64 {
+    1250
+}
+
+fn default_world_priority() -> i64 {
+    70
+}
+
+/// Where the finger stands when power comes on, which is also the home pose in which the counts are initialised.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Start {
+    /// Tool point in the base frame, mm.
+    finger_mm: [f64; 3],
+    /// Turn of the finger about y0, deg; the table's own tilt when absent, because touch cannot feel this angle and someone has
+    /// to set it. 0 is level.
+    pitch_deg: Option<f64>,
+    /// Turn about x0, deg.
+    #[serde(default)]
+    roll_deg: f64,
+    /// Turn about z0, deg.
+    #[serde(default)]
+    yaw_deg: f64,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StepFile {
+    verb: String,
+    #[serde(default)]
+    at_s: f64,
+}
+
+/// One line of the operator's script.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Step {
+    /// What is asked for.
+    pub verb: Verb,
+    /// Not before this instant.
+    pub at: Nanos,
+}
+
+/// A scene, checked and complete.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// The scene file, for complaints that come later and for the log.
+    pub source: Source,
+    machine_source: Option<Source>,
+    /// One line for people.
+    pub title: String,
+    /// How long it runs.
+    pub duration: Nanos,
+    /// Seed when the command line gives none.
+    pub seed: u64,
+    /// A D/A word acts this long after the release of the job that wrote it.
+    pub actuation_delay: Nanos,
+    /// Priority of the lane that simulates the world.
+    pub world_priority: i64,
+    /// CPU of that lane.
+    pub world_cpu: Option<usize>,
+    /// The operator's script, in order.
+    pub script: Vec<Step>,
+    /// What is simulated.
+    pub world: WorldConfig,
+    /// The machine that controls it.
+    pub machine: MachineConfig,
+}
+
+impl Scene {
+    /// Reads a scene and its machine.
+    ///
+    /// # Errors
+    /// Anything wrong, located in the file where it stands.
+    pub fn load(path: &Path) -> Result<Scene, Located> {
+        let source = Source::read(path)?;
+        let file: SceneFile = source.parse()?;
+        let machine_source = match &file.machine {
+            None => None,
+            Some(name) => Some(read_machine(&source, path, name)?),
+        };
+        let base = match &machine_source {
+            None => MachineConfig::default(),
+            Some(machine) => machine.parse()?,
+        };
+        let script = script(&file.operator).map_err(|invalid| source.locate(invalid))?;
+        let mut scene = Scene {
+            machine: base.overridden_by(file.robot.clone()),
+            machine_source,
+            title: file.title.clone(),
+            duration: Nanos::ZERO,
+            seed: file.seed,
+            actuation_delay: Nanos::from_micros(file.actuation_delay_us.clamp(-1, 1_000_000)),
+            world_priority: file.world_priority,
+            world_cpu: file.world_cpu,
+            script,
+            world: file.world.clone(),
+            source,
+        };
+        scene.complete(&file).map_err(|invalid| scene.locate(invalid))?;
+        Ok(scene)
+    }
+
+    fn complete(&mut self, file: &SceneFile) -> Result<(), Invalid> {
+        self.duration = duration(file.duration_s, "duration_s")?;
+        self.world.check().map_err(|bad| foreign(bad).within("world"))?;
+        if let Some(start) = &file.start {
+            let home_deg = home(start, &self.world)?;
+            self.world.arm.home_deg = home_deg;
+        }
+        // The machine is told where the arm stands unless its own file insists on something else.
+        if self.machine.sense.is_none() {
+            self.machine.sense = Some(taktil_tasks_sense::Config {
+                home_deg: self.world.arm.home_deg,
+                ..taktil_tasks_sense::Config::default()
+            });
+        }
+        Ok(())
+    }
+
+    /// The text of the machine file; empty when the scene names none.
+    #[must_use]
+    pub fn machine_text(&self) -> &str {
+        self.machine_source.as_ref().map_or("", |source| &source.text)
+    }
+
+    /// Puts a complaint at its place in the scene or in the machine file.
+    #[must_use]
+    pub fn locate(&self, invalid: Invalid) -> Located {
+        if self.source.holds(&invalid.place) {
+            return self.source.locate(invalid);
+        }
+        let in_scene = invalid.clone().within("robot");
+        match &self.machine_source {
+            Some(machine) if !self.source.holds(&in_scene.place) => machine.locate(invalid),
+            Some(_) => self.source.locate(in_scene),
+            None if self.source.holds("robot") => self.source.locate(in_scene),
+            None => self.source.locate(invalid),
+        }
+    }
+}
+
+/// A complaint of the simulator in the core's words.
+#[must_use]
+pub fn foreign(bad: taktil_sim::scene::Invalid) -> Invalid {
+    Invalid { place: bad.place, what: bad.what, remedy: bad.remedy }
+}
+
+/// Seconds from a person into an exact span.
+///
+/// # Errors
+/// Not finite, not positive, longer than a day.
+pub fn duration(seconds: f64, place: &str) -> Result<Nanos, Invalid> {
+    if seconds.is_finite() && seconds > 0.0 && seconds <= LONGEST_S {
+        #[expect(clippy::cast_possible_truncation, reason = "at most a day of nanoseconds")]
+        return Ok(Nanos((seconds * 1e9).round() as i64));
+    }
+    let remedy = format!("give more than 0 and at most {LONGEST_S} seconds");
+    Err(Invalid::new(place, format!("{seconds} s is not a duration"), remedy))
+}
+
+fn read_machine(scene: &Source, path: &Path, name: &str) -> Result<Source, Located> {
+    let machine: PathBuf = path.parent().unwrap_or(Path::new("")).join(name);
+    Source::read(&machine).map_err(|error| {
+        let located = scene.locate(Invalid::new("machine", error.what, error.remedy));
+        Located { what: located.what, ..located }
+    })
+}
+
+fn script(steps: &[StepFile]) -> Result<Vec<Step>, Invalid> {
+    let mut script = Vec::new();
+    for (index, step) in steps.iter().enumerate() {
+        let place = format!("operator[{index}]");
+        let verb = Verb::from_name(&step.verb).filter(|verb| *verb != Verb::None).ok_or_else(|| {
+            let verbs: Vec<&str> = Verb::ALL[1..].iter().map(|verb| verb.name()).collect();
+            Invalid::new(
+                format!("{place}.verb"),
+                format!("there is no verb `{}`", step.verb),
+                format!("verbs are: {}", verbs.join(", ")),
+            )
+        })?;
+        if !(step.at_s.is_finite() && (0.0..=LONGEST_S).contains(&step.at_s)) {
+            return Err(Invalid::new(
+                format!("{place}.at_s"),
+                format!("{} s is not an instant of a run", step.at_s),
+                "give 0 or more seconds",
+            ));
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "at most a day of nanoseconds")]
+        let at = Nanos((step.at_s * 1e9).round() as i64);
+        script.push(Step { verb, at });
+    }
+    Ok(script)
+}
+
+/// Joint angles (deg) of the start pose, on the branch of the thesis's rolling posture.
+fn home(start: &Start, world: &WorldConfig) -> Result<[f64; 6], Invalid> {
+    let pitch_deg = start.pitch_deg.unwrap_or(world.table.tilt_y_deg);
+    let all = start.finger_mm.iter().chain([&pitch_deg, &start.roll_deg, &start.yaw_deg]);
+    if all.clone().any(|value| !value.is_finite()) {
+        let remedy = "give finite millimetres and degrees";
+        return Err(Invalid::new("start", "a number is not finite", remedy));
+    }
+    // The table's own order of turns: positive pitch follows a surface that rises towards +x0.
+    let tilt = rotation_z(start.yaw_deg.to_radians())
+        * rotation_y(-pitch_deg.to_radians())
+        * rotation_x(start.roll_deg.to_radians());
+    let level = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
+    let tool =
+        Pose { rotation: tilt * level, translation: DVec3::from_array(start.finger_mm) * 1e-3 };
+    let arm = Puma260::reference();
+    let near = Joints::from_row_slice(&WorldConfig::default().arm.home_deg) * (1f64.to_radians());
+    let branches = arm.inverse(&arm.tool_to_wrist(&tool), Some(&near));
+    let (_, q) = arm.nearest(&branches, &near).ok_or_else(|| {
+        Invalid::new(
+            "start.finger_mm",
+            format!("the arm cannot put its finger at {:?} mm like this", start.finger_mm),
+            "the rolling place is about [325, -127, -149]",
+        )
+    })?;
+    let mut deg = [0.0; 6];
+    for (out, angle) in deg.iter_mut().zip(q.iter()) {
+        *out = angle.to_degrees();
+    }
+    Ok(deg)
+}

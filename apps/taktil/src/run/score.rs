@@ -1,0 +1,364 @@
+//! What a run is judged by: strokes, spans, feature errors against set point, and the simulator's truth. Computed while records
+//! pass, in constant memory. Refuses to judge what did not happen: a span without a sample is absent, not zero.
+
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
+use taktil_rtcore::record::{Catalog, Observer, Record};
+use taktil_rtcore::{FaultSet, Mode, Payload};
+use taktil_signal::{ControlState, Desired, Features, JointState, State, Torque, defined};
+
+use super::world::WorldTruth;
+
+/// Rolling counts from when the force first reaches this share of its set point.
+const PRESSED: f64 = 0.9;
+/// Holding still is judged from this long after the state was entered, ns.
+const SETTLING_NS: i64 = 500_000_000;
+
+/// Smallest and largest value seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Span(pub Option<(f64, f64)>);
+
+impl Span {
+    /// Takes a value in.
+    pub fn add(&mut self, value: f64) {
+        let (low, high) = self.0.unwrap_or((value, value));
+        self.0 = Some((low.min(value), high.max(value)));
+    }
+
+    /// Largest minus smallest.
+    #[must_use]
+    pub fn width(&self) -> Option<f64> {
+        self.0.map(|(low, high)| high - low)
+    }
+}
+
+/// Mean, root mean square, peak and the last value of an error.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Spread {
+    n: u64,
+    sum: f64,
+    squares: f64,
+    peak: f64,
+    recent: f64,
+}
+
+/// Weight of a new value in the slow average that stands for the steady state: 1 s at 400 Hz.
+const RECENT: f64 = 1.0 / 400.0;
+
+impl Spread {
+    /// Takes a value in.
+    pub fn add(&mut self, value: f64) {
+        self.recent += if self.n == 0 { value } else { (value - self.recent) * RECENT };
+        self.n += 1;
+        self.sum += value;
+        self.squares += value * value;
+        self.peak = self.peak.max(value.abs());
+    }
+
+    fn of(&self, value: f64) -> Option<f64> {
+        (self.n > 0).then_some(value)
+    }
+
+    /// Mean.
+    #[must_use]
+    #[expect(clippy::cast_precision_loss, reason = "counts of samples")]
+    pub fn mean(&self) -> Option<f64> {
+        self.of(self.sum / self.n.max(1) as f64)
+    }
+
+    /// Root mean square.
+    #[must_use]
+    #[expect(clippy::cast_precision_loss, reason = "counts of samples")]
+    pub fn rms(&self) -> Option<f64> {
+        self.of((self.squares / self.n.max(1) as f64).sqrt())
+    }
+
+    /// Largest magnitude.
+    #[must_use]
+    pub fn peak(&self) -> Option<f64> {
+        self.of(self.peak)
+    }
+
+    /// Average over about the last second.
+    #[must_use]
+    pub fn steady(&self) -> Option<f64> {
+        self.of(self.recent)
+    }
+}
+
+/// Set points of the features, and the electronics' scale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Targets {
+    /// Desired sum of counts.
+    pub m0: f64,
+    /// Counts that one newton makes.
+    pub counts_per_n: f64,
+}
+
+/// Everything that is judged.
+#[derive(Clone, Debug, Default)]
+pub struct Figures {
+    /// Reversals of the rolling direction.
+    pub strokes: u32,
+    /// Measured centroid in column numbers while rolling.
+    pub x_c: Span,
+    /// Finger position along x0 and z0 while rolling, mm, from the encoders.
+    pub p_x_mm: Span,
+    /// Along z0.
+    pub p_z_mm: Span,
+    /// Angle of the sensor's x axis about z0 while rolling, deg, in [0, 360).
+    pub theta_xx_deg: Span,
+    /// Angle of the sensor's z axis about x0 while rolling, deg, in [0, 360).
+    pub theta_zz_deg: Span,
+    /// M0 while rolling.
+    pub m0: Spread,
+    /// M0 minus its set point.
+    pub m0_error: Spread,
+    /// Centroid minus the simulator's contact line, tactels.
+    pub x_c_error: Spread,
+    /// M_x, whose set point is 0.
+    pub m_x_error: Spread,
+    /// theta_z, whose set point is 0, deg.
+    pub theta_z_error_deg: Spread,
+    /// True normal force, N.
+    pub force_n: Spread,
+    /// True force minus its set point.
+    pub force_error_n: Spread,
+    /// True yaw of the pin on the sensor, deg.
+    pub yaw_error_deg: Spread,
+    /// True tilt of the finger against the pin, deg.
+    pub tilt_error_deg: Spread,
+    /// True compression minus its mean, mm: see [`Figures::height_error_mm`].
+    pub gap_mm: Spread,
+    gap_span_mm: Span,
+    /// Fastest sliding at either side while rolling, mm/s.
+    pub slip_mm_s: f64,
+    /// How often finger and pin parted while rolling.
+    pub contact_lost: u32,
+    /// Desired minus measured angle per joint while torque was allowed, deg.
+    pub tracking_deg: [Spread; 6],
+    /// True tool point minus the desired one while holding in IDLE/CALIBRATED, mm.
+    pub hold_error_mm: Spread,
+    /// Desired minus true angle per joint while holding, deg.
+    pub hold_error_deg: [Spread; 6],
+    /// Latched faults at the end.
+    pub faults: FaultSet,
+    /// The first fault's code.
+    pub first_fault: u32,
+    /// Requests that the supervisor refused.
+    pub refused: u32,
+    /// State at the end.
+    pub state: State,
+    /// Rolling took place.
+    pub rolled: bool,
+}
+
+impl Figures {
+    /// Root mean square and peak of the finger's height about its mean, mm.
+    #[must_use]
+    pub fn height_error_mm(&self) -> Option<(f64, f64)> {
+        let (mean, rms) = (self.gap_mm.mean()?, self.gap_mm.rms()?);
+        let (low, high) = self.gap_span_mm.0?;
+        Some(((rms * rms - mean * mean).max(0.0).sqrt(), (high - mean).max(mean - low)))
+    }
+}
+
+struct Ids {
+    features: Option<usize>,
+    joints: Option<usize>,
+    desired: Option<usize>,
+    torque: Option<usize>,
+    control: Option<usize>,
+    truth: Option<usize>,
+}
+
+/// Watches records and keeps [`Figures`].
+pub struct Score {
+    ids: Ids,
+    targets: Targets,
+    arm: Puma260,
+    control: ControlState,
+    desired: Option<Joints>,
+    truth: Option<WorldTruth>,
+    active: bool,
+    /// What has been found.
+    pub figures: Figures,
+}
+
+impl Score {
+    /// For the signals of a machine.
+    #[must_use]
+    pub fn new(catalog: &Catalog, targets: Targets) -> Score {
+        let ids = Ids {
+            features: catalog.find("tactile_servo.features"),
+            joints: catalog.find("sense.joints"),
+            desired: catalog.find("setpoint.desired"),
+            torque: catalog.find("joint_servo.torque"),
+            control: catalog.find("supervisor.control"),
+            truth: catalog.find("world.truth"),
+        };
+        Score {
+            ids,
+            targets,
+            arm: Puma260::reference(),
+            control: ControlState::default(),
+            desired: None,
+            truth: None,
+            active: false,
+            figures: Figures::default(),
+        }
+    }
+
+    fn rolling(&self) -> bool {
+        self.active && self.figures.rolled
+    }
+
+    fn features(&mut self, features: &Features) {
+        self.active = features.active != 0;
+        let contact = features.defined & defined::CONTACT != 0;
+        if !self.active || !contact {
+            return;
+        }
+        let figures = &mut self.figures;
+        figures.rolled |= features.m0 >= PRESSED * self.targets.m0;
+        if !figures.rolled {
+            return;
+        }
+        figures.strokes = features.reversals;
+        figures.m0.add(features.m0);
+        figures.m0_error.add(features.m0 - self.targets.m0);
+        figures.m_x_error.add(features.m_x);
+        if features.defined & defined::CENTROID != 0 {
+            figures.x_c.add(features.x_c);
+            if let Some(truth) = self.truth.filter(|truth| truth.in_contact != 0) {
+                figures.x_c_error.add(features.x_c - truth.contact_x);
+            }
+        }
+        if features.defined & defined::THETA_Z != 0 {
+            figures.theta_z_error_deg.add(features.theta_z_rad.to_degrees());
+        }
+    }
+
+    fn joints(&mut self, joints: &JointState) {
+        if !self.rolling() {
+            return;
+        }
+        let tool = self.arm.tool_pose(&Joints::from(joints.q_rad));
+        let circle = |radians: f64| {
+            let deg = radians.to_degrees();
+            if deg < 0.0 { deg + 360.0 } else { deg }
+        };
+        let (x, z) = (tool.rotation.x_axis, tool.rotation.z_axis);
+        let figures = &mut self.figures;
+        figures.p_x_mm.add(tool.translation.x * 1e3);
+        figures.p_z_mm.add(tool.translation.z * 1e3);
+        figures.theta_xx_deg.add(circle(libm::atan2(x.y, x.x)));
+        figures.theta_zz_deg.add(circle(libm::atan2(z.y, z.z)));
+    }
+
+    fn truth(&mut self, truth: WorldTruth) {
+        let before = self.truth.replace(truth);
+        if self.rolling() {
+            let set_point_n = self.targets.m0 / self.targets.counts_per_n;
+            let figures = &mut self.figures;
+            figures.force_n.add(truth.finger_normal_n);
+            figures.force_error_n.add(truth.finger_normal_n - set_point_n);
+            figures.yaw_error_deg.add(truth.pin_yaw_rad.to_degrees());
+            figures.tilt_error_deg.add(truth.pin_tilt_rad.to_degrees());
+            figures.gap_mm.add(truth.gap_m * 1e3);
+            figures.gap_span_mm.add(truth.gap_m * 1e3);
+            let slip = truth.finger_slip_m_s.max(truth.table_slip_m_s) * 1e3;
+            figures.slip_mm_s = figures.slip_mm_s.max(slip);
+            if before.is_some_and(|before| before.in_contact != 0) && truth.in_contact == 0 {
+                figures.contact_lost += 1;
+            }
+        }
+        let holding = self.control.state == State::IdleCalibrated as u32
+            && self.control.mode == Mode::Hold as u32
+            && truth.t_ns > self.control.entered_ns + SETTLING_NS;
+        if let (true, Some(desired)) = (holding, self.desired) {
+            let wanted = self.arm.tool_pose(&desired).translation;
+            let found = glam::DVec3::from_array(truth.tool_m);
+            self.figures.hold_error_mm.add((found - wanted).length() * 1e3);
+            for (j, error) in self.figures.hold_error_deg.iter_mut().enumerate() {
+                error.add((desired[j] - truth.q_rad[j]).to_degrees());
+            }
+        }
+    }
+
+    fn torque(&mut self, torque: &Torque) {
+        let mode = u8::try_from(self.control.mode).ok().and_then(Mode::from_code);
+        if mode.is_some_and(Mode::brakes_released) {
+            for (spread, error) in self.figures.tracking_deg.iter_mut().zip(torque.error_rad) {
+                spread.add(error.to_degrees());
+            }
+        }
+    }
+
+    fn control(&mut self, control: ControlState) {
+        self.control = control;
+        self.figures.faults = FaultSet(control.faults);
+        self.figures.first_fault = control.first_fault;
+        self.figures.refused = control.refused;
+        self.figures.state = State::from_code(control.state).unwrap_or_default();
+    }
+}
+
+impl Observer for Score {
+    fn record(&mut self, record: &Record<'_>) {
+        let id = Some(record.signal);
+        if id == self.ids.truth {
+            if let Some(truth) = WorldTruth::decode(record.body) {
+                self.truth(truth);
+            }
+        } else if id == self.ids.joints {
+            if let Some(joints) = JointState::decode(record.body) {
+                self.joints(&joints);
+            }
+        } else if id == self.ids.desired {
+            self.desired = Desired::decode(record.body).map(|desired| Joints::from(desired.q_rad));
+        } else if id == self.ids.torque {
+            if let Some(torque) = Torque::decode(record.body) {
+                self.torque(&torque);
+            }
+        } else if id == self.ids.control {
+            if let Some(control) = ControlState::decode(record.body) {
+                self.control(control);
+            }
+        } else if id == self.ids.features
+            && let Some(features) = Features::decode(record.body)
+        {
+            self.features(&features);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_span_without_a_sample_is_absent() {
+        let mut span = Span::default();
+        assert_eq!(span.width(), None);
+        span.add(3.0);
+        span.add(-1.0);
+        assert_eq!((span.0, span.width()), (Some((-1.0, 3.0)), Some(4.0)));
+        assert_eq!(Spread::default().mean(), None);
+    }
+
+    #[test]
+    fn a_spread_gives_mean_rms_peak_and_the_steady_value() {
+        let mut spread = Spread::default();
+        for value in [3.0, -4.0] {
+            spread.add(value);
+        }
+        assert_eq!(spread.mean(), Some(-0.5));
+        assert_eq!(spread.rms(), Some(12.5f64.sqrt()));
+        assert_eq!(spread.peak(), Some(4.0));
+        for _ in 0..4000 {
+            spread.add(7.0);
+        }
+        assert!((spread.steady().unwrap() - 7.0).abs() < 1e-3);
+    }
+}

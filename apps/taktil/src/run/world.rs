@@ -1,0 +1,123 @@
+//! The simulated world in a lane of its own. It integrates ahead to the next instant at which a D/A word can change, and says what
+//! really happened. Refuses to give the controller anything but the device halves.
+
+use glam::DVec3;
+use taktil_rtcore::{Cycle, FaultCode, Io, Output, Ports, Task, payload};
+use taktil_sim::{Truth, World};
+
+payload! {
+    /// What the simulator knows, base frame unless stated: the signal `world.truth`.
+    pub struct WorldTruth {
+        /// The instant that the world has reached, ns.
+        pub t_ns: i64,
+        /// Hash of the whole simulated state.
+        pub state_hash: u64,
+        /// Joint angles.
+        pub q_rad: [f64; 6],
+        /// Joint speeds.
+        pub qd_rad_s: [f64; 6],
+        /// Tool point.
+        pub tool_m: [f64; 3],
+        /// Centre of the pin.
+        pub pin_m: [f64; 3],
+        /// Axis of the pin.
+        pub pin_axis: [f64; 3],
+        /// Turn of the pin about its axis since the start.
+        pub pin_roll_rad: f64,
+        /// Normal force between finger and pin.
+        pub finger_normal_n: f64,
+        /// Normal force between table and pin.
+        pub table_normal_n: f64,
+        /// Place of the contact line on the sensor in column numbers; 0 without contact.
+        pub contact_x: f64,
+        /// Direction of the pin's axis on the sensor, 0 along y, positive from y towards -x.
+        pub pin_yaw_rad: f64,
+        /// Turn of the finger against the pin about the sensor's x axis.
+        pub pin_tilt_rad: f64,
+        /// Distance of the finger from the table along its normal, minus the pin's diameter: minus the total compression.
+        pub gap_m: f64,
+        /// Fastest sliding between finger and pin.
+        pub finger_slip_m_s: f64,
+        /// Fastest sliding between table and pin.
+        pub table_slip_m_s: f64,
+        /// Tilt of the table about its x axis.
+        pub table_tilt_x_rad: f64,
+        /// Rise of the table towards +x.
+        pub table_tilt_y_rad: f64,
+        /// Turn of the table about z0.
+        pub table_pan_rad: f64,
+        /// 1 while finger and pin touch.
+        pub in_contact: u32,
+        /// 1 while a hand steadies the pin.
+        pub steadied: u32,
+        /// 1 while the drives are enabled.
+        pub enabled: u32,
+        /// 1 while the brakes are on.
+        pub braked: u32,
+    }
+}
+
+/// The task of the lane `world`; writes `truth`.
+pub struct Simulation {
+    world: World,
+    pin_radius_m: f64,
+    pivot: DVec3,
+    truth: Output<WorldTruth>,
+}
+
+impl Simulation {
+    /// Declares its port. `pivot_mm` is the table's pivot at rest.
+    pub fn new(
+        world: World,
+        pin_radius_mm: f64,
+        pivot_mm: [f64; 2],
+        ports: &mut Ports,
+    ) -> Simulation {
+        let pivot = DVec3::new(pivot_mm[0], pivot_mm[1], 0.0) * 1e-3;
+        Simulation { world, pin_radius_m: pin_radius_mm * 1e-3, pivot, truth: ports.output("truth") }
+    }
+
+    fn gap_m(&self, truth: &Truth) -> f64 {
+        let table = &truth.table;
+        let normal = taktil_mechanics::spatial::rotation_z(table.pan_rad)
+            * taktil_mechanics::spatial::rotation_y(-table.tilt_y_rad)
+            * taktil_mechanics::spatial::rotation_x(table.tilt_x_rad)
+            * DVec3::Z;
+        let pivot = self.pivot + DVec3::new(table.slide_m, 0.0, table.height_m);
+        (truth.tool - pivot).dot(normal) - 2.0 * self.pin_radius_m
+    }
+}
+
+impl Task for Simulation {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        self.world.advance(cycle.release + cycle.dt);
+        let truth = self.world.truth();
+        let value = WorldTruth {
+            t_ns: truth.t.0,
+            state_hash: self.world.state_hash(),
+            q_rad: truth.q.into(),
+            qd_rad_s: truth.qd.into(),
+            tool_m: truth.tool.to_array(),
+            pin_m: truth.pin.to_array(),
+            pin_axis: truth.pin_axis.to_array(),
+            pin_roll_rad: truth.pin_roll_rad,
+            finger_normal_n: truth.finger_normal_n,
+            table_normal_n: truth.table_normal_n,
+            contact_x: truth.contact_x_tactels.unwrap_or(0.0),
+            pin_yaw_rad: truth.pin_yaw_rad,
+            pin_tilt_rad: truth.tilt_rad,
+            gap_m: self.gap_m(&truth),
+            finger_slip_m_s: truth.finger_slip_m_s,
+            table_slip_m_s: truth.table_slip_m_s,
+            table_tilt_x_rad: truth.table.tilt_x_rad,
+            table_tilt_y_rad: truth.table.tilt_y_rad,
+            table_pan_rad: truth.table.pan_rad,
+            in_contact: u32::from(truth.in_contact),
+            steadied: u32::from(truth.steadied),
+            enabled: u32::from(truth.enabled),
+            braked: u32::from(truth.braked),
+        };
+        io.write(&self.truth, value);
+        Ok(())
+    }
+}

@@ -1,0 +1,212 @@
+//! The service: the machine over real boards, under systemd. It says READY only after the kernel's grants were read back, feeds the
+//! watchdog only while the lanes beat, and comes up with the drives off. Refuses to move anything by itself: nobody is connected
+//! yet, so the machine checks itself and waits in READY.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use nix::sys::signal::{SigSet, Signal};
+use sd_notify::NotifyState;
+use serde::Deserialize;
+use taktil_drivers_regmap::{Board, Config as BoardConfig, OpenError};
+use taktil_rtcore::live::{self, Attestation, Audience, Contract};
+use taktil_rtcore::record::{Catalog, Observer, Record};
+use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Machine, Nanos, Output, Ports, Task};
+use taktil_signal::Request;
+
+use crate::config::MachineConfig;
+use crate::source::{Located, Source};
+use crate::wiring;
+
+/// Longest run of the service: ten years, so that every release fits its integer.
+const FOREVER: Nanos = Nanos::from_secs(10 * 365 * 86_400);
+/// Time between two words to systemd.
+const PING: Nanos = Nanos::from_millis(100);
+
+/// The service's configuration file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ServiceFile {
+    /// Machine file, relative to this one.
+    machine: String,
+    /// Whether missing real-time rights refuse the start.
+    #[serde(default)]
+    contract: ContractName,
+    /// The register-file board.
+    board: BoardConfig,
+    /// Sections that replace those of the machine file.
+    #[serde(default)]
+    robot: MachineConfig,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum ContractName {
+    #[default]
+    Hard,
+    Soft,
+}
+
+/// A service ready to run.
+pub struct Service {
+    machine: Machine,
+    contract: Contract,
+    board: PathBuf,
+}
+
+/// An operator who never asks for anything.
+struct Nobody {
+    request: Output<Request>,
+}
+
+impl Task for Nobody {
+    fn step(&mut self, _cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        io.write(&self.request, Request::default());
+        Ok(())
+    }
+}
+
+impl Service {
+    /// Reads the configuration, opens the board, assembles the machine. Opening writes the safe values.
+    ///
+    /// # Errors
+    /// Anything wrong, located in the file where it stands.
+    pub fn load(path: &Path) -> Result<Service, Located> {
+        let source = Source::read(path)?;
+        let file: ServiceFile = source.parse()?;
+        let machine_path = path.parent().unwrap_or(Path::new("")).join(&file.machine);
+        let machine = Source::read(&machine_path)
+            .map_err(|bad| source.locate(Invalid::new("machine", bad.what, bad.remedy)))?;
+        let mut config = machine.parse::<MachineConfig>()?.overridden_by(file.robot);
+        // Without an operator the script's feedback has no reader.
+        config.wiring.remove("operator.control");
+        let devices = Board::open(&file.board).map_err(|bad| source.locate(board_error(bad)))?;
+        let operator: wiring::MakeOperator<'_> =
+            Box::new(|ports: &mut Ports| Ok(Box::new(Nobody { request: ports.output("request") })));
+        let built = wiring::assemble(config, devices, operator).and_then(|builder| builder.build());
+        let machine = built.map_err(|bad| {
+            let here = bad.clone().within("robot");
+            if source.holds(&here.place) { source.locate(here) } else { machine.locate(bad) }
+        })?;
+        let contract = match file.contract {
+            ContractName::Hard => Contract::Hard,
+            ContractName::Soft => Contract::Soft,
+        };
+        Ok(Service { machine, contract, board: file.board.path })
+    }
+
+    /// What was assembled, in a few lines.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        let mut text = format!("board {}\n", self.board.display());
+        for ((spec, _), seats) in self.machine.figures().zip(self.machine.seats()) {
+            text += &format!(
+                "lane {}: every {}, priority {}: {}\n",
+                spec.name,
+                spec.period,
+                spec.priority,
+                seats.join(" > ")
+            );
+        }
+        text
+    }
+
+    /// Runs until SIGTERM or SIGINT.
+    ///
+    /// # Errors
+    /// What the kernel did not grant under a hard contract, or a task that refused to start.
+    pub fn run(&mut self) -> anyhow::Result<()> {
+        let stop = stop_on_signals()?;
+        let mut heart = Heart::new(self.machine.catalog());
+        let outcome = live::run(&mut self.machine, FOREVER, self.contract, &stop, &mut heart);
+        tell(&[NotifyState::Stopping]);
+        outcome?;
+        for (spec, figures) in self.machine.figures() {
+            let (jobs, missed) = (figures.jobs, figures.misses.total());
+            eprintln!("lane {}: {jobs} jobs, {missed} missed, {} skipped", spec.name, figures.skipped);
+        }
+        Ok(())
+    }
+}
+
+fn board_error(bad: OpenError) -> Invalid {
+    let place = format!("board.{}", bad.place());
+    match bad {
+        OpenError::Invalid(invalid) => Invalid::new(place, invalid.what, invalid.remedy),
+        OpenError::Device { what, remedy, .. } => Invalid::new(place, what, remedy),
+    }
+}
+
+/// Watches the lanes' health and passes their beat on to systemd.
+struct Heart {
+    health: Vec<usize>,
+    beats: Vec<u64>,
+    told: Vec<u64>,
+    next: Nanos,
+}
+
+impl Heart {
+    fn new(catalog: &Catalog) -> Heart {
+        let health: Vec<usize> = catalog
+            .lanes
+            .iter()
+            .filter_map(|lane| catalog.find(&format!("{}.health", lane.name)))
+            .collect();
+        let beats = vec![0; health.len()];
+        Heart { health, told: beats.clone(), beats, next: Nanos::ZERO }
+    }
+}
+
+impl Observer for Heart {
+    fn record(&mut self, record: &Record<'_>) {
+        if let Some(lane) = self.health.iter().position(|signal| *signal == record.signal) {
+            self.beats[lane] += 1;
+        }
+    }
+}
+
+impl Audience for Heart {
+    fn attested(&mut self, attestation: &Attestation) {
+        if !attestation.granted() {
+            eprintln!("degraded: {}", attestation.missing.join("; "));
+        }
+        let status =
+            if attestation.granted() { "lanes granted" } else { "degraded: not real time" };
+        tell(&[NotifyState::Ready, NotifyState::Status(status)]);
+    }
+
+    fn passed(&mut self, now: Nanos) {
+        if now < self.next {
+            return;
+        }
+        self.next = now + PING;
+        // One silent lane is enough to let the watchdog bite.
+        if self.beats.iter().zip(&self.told).all(|(beats, told)| beats > told) {
+            tell(&[NotifyState::Watchdog]);
+        }
+        self.told.clone_from(&self.beats);
+    }
+}
+
+/// Says it to systemd; without systemd nobody listens, and that is no error.
+fn tell(states: &[NotifyState<'_>]) {
+    if let Err(error) = sd_notify::notify(states) {
+        eprintln!("systemd could not be told: {error}");
+    }
+}
+
+fn stop_on_signals() -> anyhow::Result<Arc<AtomicBool>> {
+    let mut signals = SigSet::empty();
+    signals.add(Signal::SIGINT);
+    signals.add(Signal::SIGTERM);
+    signals.thread_block()?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    std::thread::Builder::new().name("signals".into()).spawn(move || {
+        while signals.wait().is_ok() {
+            flag.store(true, Ordering::SeqCst);
+        }
+    })?;
+    Ok(stop)
+}

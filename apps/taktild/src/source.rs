@@ -1,0 +1,347 @@
+//! Configuration text and complaints about it: every error names the file, the line, what is wrong and what to do, and shows the
+//! line with a mark under the place. Refuses to continue past the first error of a file.
+
+use std::fmt;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use taktil_rtcore::Invalid;
+use toml::de::{DeTable, DeValue};
+
+/// Largest configuration file that is read: anything bigger is not one.
+const LARGEST_BYTES: u64 = 4 << 20;
+
+/// A configuration file, read.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// Where it came from.
+    pub path: PathBuf,
+    /// Its text.
+    pub text: String,
+}
+
+/// A complaint about a place in a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Located {
+    /// The file.
+    pub path: PathBuf,
+    /// Line, column (both from 1), the line's text, and how many characters to mark; absent when the file could not be read.
+    pub mark: Option<Mark>,
+    /// What is wrong.
+    pub what: String,
+    /// What to do about it.
+    pub remedy: String,
+}
+
+/// A place in a text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Mark {
+    /// Line number from 1.
+    pub line: usize,
+    /// Column from 1, in characters.
+    pub column: usize,
+    /// The line itself.
+    pub text: String,
+    /// Characters to mark, at least 1.
+    pub width: usize,
+}
+
+impl fmt::Display for Located {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "error: {}", self.what)?;
+        match &self.mark {
+            None => writeln!(f, "  --> {}", self.path.display())?,
+            Some(mark) => {
+                let number = mark.line.to_string();
+                let margin = " ".repeat(number.len());
+                writeln!(f, "{margin} --> {}:{}:{}", self.path.display(), mark.line, mark.column)?;
+                writeln!(f, "{margin} |")?;
+                writeln!(f, "{number} | {}", mark.text)?;
+                let indent = " ".repeat(mark.column - 1);
+                writeln!(f, "{margin} | {indent}{}", "^".repeat(mark.width))?;
+            }
+        }
+        write!(f, "  = {}", self.remedy)
+    }
+}
+
+impl std::error::Error for Located {}
+
+impl Source {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// Missing, a directory, too big, not UTF-8, empty.
+    pub fn read(path: &Path) -> Result<Source, Located> {
+        let complain = |what: String, remedy: &str| {
+            Err(Located { path: path.to_owned(), mark: None, what, remedy: remedy.to_owned() })
+        };
+        let shown = path.display();
+        let about = match std::fs::metadata(path) {
+            Ok(about) => about,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                return complain(format!("there is no file `{shown}`"), &suggest(path));
+            }
+            Err(error) => {
+                return complain(format!("`{shown}` cannot be read: {error}"), "check its rights");
+            }
+        };
+        if about.is_dir() {
+            return complain(format!("`{shown}` is a directory"), &suggest(path));
+        }
+        if about.len() > LARGEST_BYTES {
+            return complain(
+                format!("`{shown}` has {} bytes: too big for a configuration", about.len()),
+                "name the TOML file",
+            );
+        }
+        match std::fs::read(path).map(String::from_utf8) {
+            Ok(Ok(text)) if text.trim().is_empty() => {
+                complain(format!("`{shown}` is empty"), "start from a scene in sim/scenes")
+            }
+            Ok(Ok(text)) => Ok(Source { path: path.to_owned(), text }),
+            Ok(Err(_)) => complain(format!("`{shown}` is not text"), "name the TOML file"),
+            Err(error) => complain(format!("`{shown}` cannot be read: {error}"), "check its rights"),
+        }
+    }
+
+    /// Parses the text.
+    ///
+    /// # Errors
+    /// Syntax, unknown keys, wrong types, missing keys: located.
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, Located> {
+        toml::from_str(&self.text).map_err(|error| {
+            let span = error.span().unwrap_or(0..0);
+            let what = error.message().replace('\n', " ");
+            let remedy = remedy_for(&what);
+            Located { path: self.path.clone(), mark: Some(self.mark(&span)), what, remedy }
+        })
+    }
+
+    /// Whether a place (a dotted path) is written in this file, to its full depth.
+    #[must_use]
+    pub fn holds(&self, place: &str) -> bool {
+        self.find(place).is_some_and(|(_, complete)| complete)
+    }
+
+    /// Puts a complaint at its place in this file, or at the deepest enclosing table that is there.
+    #[must_use]
+    pub fn locate(&self, invalid: Invalid) -> Located {
+        let span = self.find(&invalid.place).map_or(0..0, |(span, _)| span);
+        let what = if invalid.place.is_empty() {
+            invalid.what
+        } else {
+            format!("{}: {}", invalid.place, invalid.what)
+        };
+        let (path, mark) = (self.path.clone(), Some(self.mark(&span)));
+        Located { path, mark, what, remedy: invalid.remedy }
+    }
+
+    fn find(&self, place: &str) -> Option<(Range<usize>, bool)> {
+        let table = DeTable::parse(&self.text).ok()?;
+        let span = table.span();
+        let value = DeValue::Table(table.into_inner());
+        Some(descend(&value, place, span.start..span.start))
+    }
+
+    fn mark(&self, span: &Range<usize>) -> Mark {
+        let start = span.start.min(self.text.len());
+        let before = &self.text[..floor(&self.text, start)];
+        let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+        let line_end = self.text[line_start..].find('\n').map_or(self.text.len(), |n| line_start + n);
+        let end = floor(&self.text, span.end.clamp(start, line_end.max(start)));
+        let text = self.text[line_start..line_end].trim_end().to_owned();
+        let width = self.text.get(start..end).map_or(1, |marked| marked.chars().count()).max(1);
+        Mark {
+            line: before.matches('\n').count() + 1,
+            column: self.text[line_start..before.len()].chars().count() + 1,
+            text,
+            width,
+        }
+    }
+}
+
+fn floor(text: &str, mut at: usize) -> usize {
+    while !text.is_char_boundary(at) {
+        at -= 1;
+    }
+    at
+}
+
+/// Follows a dotted path; keys may contain dots themselves, so the longest key that fits is tried first.
+fn descend(value: &DeValue<'_>, place: &str, here: Range<usize>) -> (Range<usize>, bool) {
+    if place.is_empty() {
+        return (here, true);
+    }
+    match value {
+        DeValue::Table(table) => {
+            let ends = place.len()..=place.len();
+            let cuts = place.char_indices().filter(|(_, c)| matches!(c, '.' | '[')).map(|(at, _)| at);
+            for cut in ends.chain(cuts.collect::<Vec<_>>().into_iter().rev()) {
+                if let Some((key, inner)) =
+                    table.iter().find(|(key, _)| key.get_ref().as_ref() == &place[..cut])
+                {
+                    let rest = place[cut..].trim_start_matches('.');
+                    let span = if rest.is_empty() && !matches!(inner.get_ref(), DeValue::Table(_)) {
+                        inner.span()
+                    } else {
+                        key.span()
+                    };
+                    return descend(inner.get_ref(), rest, span);
+                }
+            }
+            (here, false)
+        }
+        DeValue::Array(array) => {
+            let (index, rest) = match place.strip_prefix('[').and_then(|p| p.split_once(']')) {
+                Some((index, rest)) => (index.parse::<usize>().ok(), rest.trim_start_matches('.')),
+                None => {
+                    let named = array.iter().position(
+                        |item| matches!(item.get_ref(), DeValue::String(text) if text.as_ref() == place),
+                    );
+                    (named, "")
+                }
+            };
+            match index.and_then(|index| array.get(index)) {
+                Some(item) => descend(item.get_ref(), rest, item.span()),
+                None => (here, false),
+            }
+        }
+        _ => (here, false),
+    }
+}
+
+/// Files that may have been meant.
+fn suggest(path: &Path) -> String {
+    let folder = if path.is_dir() { Some(path) } else { path.parent() };
+    let folder = folder.filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut names: Vec<String> = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|ext| ext == "toml"))
+        .map(|path| path.display().to_string())
+        .collect();
+    names.sort();
+    names.truncate(8);
+    if names.is_empty() {
+        "name a scene, such as sim/scenes/roll-pin.toml".to_owned()
+    } else {
+        format!("name one of: {}", names.join(", "))
+    }
+}
+
+/// What to do about a complaint of the TOML reader.
+fn remedy_for(what: &str) -> String {
+    if let Some(rest) = what.strip_prefix("unknown field `")
+        && let Some((found, expected)) = rest.split_once('`')
+    {
+        let mut known: Vec<&str> = expected.split('`').skip(1).step_by(2).collect();
+        known.sort_by_key(|candidate| distance(found, candidate));
+        return match known.first() {
+            Some(best) if distance(found, best) <= found.len().max(best.len()) / 2 => {
+                format!("did you mean `{best}`? otherwise take the key out")
+            }
+            Some(_) => format!("known keys: {}", known.join(", ")),
+            None => "take the key out".to_owned(),
+        };
+    }
+    if let Some(missing) = what.strip_prefix("missing field `") {
+        return format!("add `{} = ...`", missing.trim_end_matches('`'));
+    }
+    if what.starts_with("invalid type") {
+        return "give a value of the expected type; keys end in their unit".to_owned();
+    }
+    "correct the TOML text here".to_owned()
+}
+
+/// Levenshtein distance.
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, ca) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, cb) in b.iter().enumerate() {
+            let substitution = diagonal + usize::from(ca != *cb);
+            diagonal = row[j + 1];
+            row[j + 1] = substitution.min(row[j] + 1).min(row[j + 1] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn source(text: &str) -> Source {
+        Source { path: PathBuf::from("a.toml"), text: text.to_owned() }
+    }
+
+    #[derive(serde::Deserialize, Debug)]
+    #[serde(deny_unknown_fields)]
+    struct Pin {
+        #[expect(dead_code)]
+        radius_mm: f64,
+    }
+
+    #[test]
+    fn a_complaint_shows_its_line_and_marks_the_place() {
+        let s = source("[pin]\nradius_mm = -3.0\n[wiring]\n\"a.b\" = \"c.d\"\n");
+        let shown = s.locate(Invalid::new("pin.radius_mm", "is negative", "give more than 0")).to_string();
+        assert_eq!(
+            shown,
+            "error: pin.radius_mm: is negative\n  --> a.toml:2:13\n  |\n2 | radius_mm = -3.0\n  \
+             |             ^^^^\n  = give more than 0"
+        );
+        let mark = s.locate(Invalid::new("wiring.a.b", "x", "y")).mark.unwrap();
+        assert_eq!((mark.line, mark.column, mark.width), (4, 9, 5));
+    }
+
+    #[test]
+    fn arrays_are_found_by_index_and_by_content_and_what_is_absent_by_its_table() {
+        let s = source("[lane.servo]\ntasks = [\"sense\", \"actuate\"]\nq_deg = [1.0,\n 2.0]\n");
+        let at = |place: &str| {
+            let mark = s.locate(Invalid::new(place, "", "")).mark.unwrap();
+            (mark.line, mark.column)
+        };
+        assert_eq!(at("lane.servo.tasks.actuate"), (2, 19));
+        assert_eq!(at("lane.servo.q_deg[1]"), (4, 2));
+        assert_eq!(at("lane.servo.missing"), (1, 7));
+        assert!(s.holds("lane.servo.q_deg") && !s.holds("lane.servo.missing"));
+        assert_eq!(at("nowhere"), (1, 1));
+    }
+
+    #[test]
+    fn the_reader_s_own_complaints_get_a_remedy() {
+        let unknown = source("radius_m = 1.0\n").parse::<Pin>().unwrap_err();
+        assert!(unknown.remedy.contains("did you mean `radius_mm`?"), "{unknown}");
+        assert_eq!(unknown.mark.as_ref().map(|m| m.line), Some(1));
+        let wrong = source("radius_mm = \"wide\"\n").parse::<Pin>().unwrap_err();
+        assert!(wrong.what.starts_with("invalid type"), "{wrong}");
+        let broken = source("radius_mm = \n").parse::<Pin>().unwrap_err();
+        assert_eq!(broken.mark.map(|m| m.line), Some(1));
+        let missing = source("# nothing\n").parse::<Pin>().unwrap_err();
+        assert_eq!(missing.remedy, "add `radius_mm = ...`");
+    }
+
+    #[test]
+    fn files_that_are_none_are_refused_in_words() {
+        let gone = Source::read(Path::new("no/such/file.toml")).unwrap_err();
+        assert!(gone.what.contains("there is no file"), "{gone}");
+        let folder = Source::read(Path::new("src")).unwrap_err();
+        assert!(folder.what.contains("is a directory"), "{folder}");
+        let device = Source::read(Path::new("/dev/null")).unwrap_err();
+        assert!(device.what.contains("is empty"), "{device}");
+    }
+
+    #[test]
+    fn marks_survive_characters_of_several_bytes() {
+        let s = source("# Gr\u{f6}\u{df}e\n\u{fc} = 1\n");
+        let error = s.parse::<Pin>().unwrap_err();
+        assert_eq!(error.mark.map(|m| m.line), Some(2));
+    }
+}

@@ -1,0 +1,165 @@
+//! The machine assembled: which task gets which device half. The only place that knows all tasks; it does not know which devices
+//! these are. Robot, rehearsal and tests assemble the same machine here.
+
+use taktil_hal::{AnalogOut, DigitalIn, DigitalOut, Encoders, TactileArray};
+use taktil_hal::{AnalogIn, Devices, ForceTorque};
+use taktil_rtcore::{Builder, Invalid, Nanos, Ports, Task};
+use taktil_tasks_actuate::Actuate;
+use taktil_tasks_joint_servo::JointServo;
+use taktil_tasks_sense::Sense;
+use taktil_tasks_setpoint::Setpoint;
+use taktil_tasks_supervisor::Supervisor;
+use taktil_tasks_tactile_scan::TactileScan;
+use taktil_tasks_tactile_servo::TactileServo;
+use taktil_tasks_trajectory::Trajectory;
+
+use crate::config::MachineConfig;
+
+/// Builds the operator's task: a script, a socket, or nobody.
+pub type MakeOperator<'a> = Box<dyn FnOnce(&mut Ports) -> Result<Box<dyn Task>, Invalid> + 'a>;
+
+/// Device halves that have not been given to a task yet.
+struct Shelf {
+    encoders: Option<Box<dyn Encoders>>,
+    analog_out: Option<Box<dyn AnalogOut>>,
+    tactile: Option<Box<dyn TactileArray>>,
+    digital_in: Option<Box<dyn DigitalIn>>,
+    digital_out: Option<Box<dyn DigitalOut>>,
+    // No task reads these yet; they stay open, and their drivers' own safe states with them, until the machine is dropped.
+    _analog_in: Box<dyn AnalogIn>,
+    _force_torque: Box<dyn ForceTorque>,
+}
+
+fn taken<T>(half: &mut Option<T>, task: &str) -> Result<T, Invalid> {
+    half.take().ok_or_else(|| {
+        let what = format!("`{task}` stands in more than one lane: two producers, one device");
+        Invalid::new("", what, "name each task once")
+    })
+}
+
+/// Assembles a machine from its description and a set of devices.
+///
+/// # Errors
+/// The first thing wrong, placed at its dotted path in the description.
+pub fn assemble(
+    config: MachineConfig,
+    devices: Devices,
+    operator: MakeOperator<'_>,
+) -> Result<Builder, Invalid> {
+    let mut shelf = Shelf {
+        encoders: Some(devices.encoders),
+        analog_out: Some(devices.analog_out),
+        tactile: Some(devices.tactile),
+        digital_in: Some(devices.digital_in),
+        digital_out: Some(devices.digital_out),
+        _analog_in: devices.analog_in,
+        _force_torque: devices.force_torque,
+    };
+    if config.lane.is_empty() {
+        return Err(Invalid::new(
+            "lane",
+            "the machine has no lanes: nothing would run",
+            "name a machine file with `machine = \"...\"`, or write [lane.NAME] sections",
+        ));
+    }
+    let mut builder = Builder::new();
+    let mut operator = Some(operator);
+    for (name, lane) in &config.lane {
+        let outer = format!("lane.{name}");
+        let spec = lane.spec(name).map_err(|invalid| invalid.within(&outer))?;
+        let id = builder.lane(spec)?;
+        for task in &lane.tasks {
+            let place = format!("{outer}.tasks.{task}");
+            let make = |ports: &mut Ports| make(task, &config, &mut shelf, &mut operator, ports);
+            builder.task(id, task, make).map_err(|invalid| {
+                if invalid.place.is_empty() { invalid.within(&place) } else { invalid }
+            })?;
+        }
+    }
+    for (input, signal) in &config.wiring {
+        builder.bind(input, signal);
+    }
+    builder.mode_from("supervisor.mode");
+    Ok(builder)
+}
+
+/// The names that a lane's `tasks` may hold.
+pub const TASKS: [&str; 9] = [
+    "operator",
+    "sense",
+    "supervisor",
+    "trajectory",
+    "tactile_servo",
+    "setpoint",
+    "joint_servo",
+    "actuate",
+    "tactile_scan",
+];
+
+fn make(
+    task: &str,
+    config: &MachineConfig,
+    shelf: &mut Shelf,
+    operator: &mut Option<MakeOperator<'_>>,
+    ports: &mut Ports,
+) -> Result<Box<dyn Task>, Invalid> {
+    // Named afterwards, so that a complaint about a section is placed in that section.
+    let made: Result<Box<dyn Task>, Invalid> = match task {
+        "operator" => return taken(operator, task)?(ports),
+        "sense" => {
+            let (encoders, lines) =
+                (taken(&mut shelf.encoders, task)?, taken(&mut shelf.digital_in, task)?);
+            Sense::new(config.sense.clone().unwrap_or_default(), encoders, lines, ports).map(boxed)
+        }
+        "actuate" => {
+            let (analog, digital) =
+                (taken(&mut shelf.analog_out, task)?, taken(&mut shelf.digital_out, task)?);
+            let config = config.actuate.clone().unwrap_or_default();
+            Actuate::new(config, analog, digital, ports).map(boxed)
+        }
+        "tactile_scan" => {
+            let array = taken(&mut shelf.tactile, task)?;
+            TactileScan::new(config.tactile_scan.clone().unwrap_or_default(), array, ports).map(boxed)
+        }
+        "supervisor" => {
+            Supervisor::new(config.supervisor.clone().unwrap_or_default(), ports).map(boxed)
+        }
+        "trajectory" => {
+            Trajectory::new(config.trajectory.clone().unwrap_or_default(), ports).map(boxed)
+        }
+        "tactile_servo" => {
+            TactileServo::new(config.tactile_servo.clone().unwrap_or_default(), ports).map(boxed)
+        }
+        "setpoint" => Setpoint::new(config.setpoint.clone().unwrap_or_default(), ports).map(boxed),
+        "joint_servo" => {
+            JointServo::new(config.joint_servo.clone().unwrap_or_default(), ports).map(boxed)
+        }
+        _ => {
+            return Err(Invalid::new(
+                "",
+                format!("there is no task `{task}`"),
+                format!("tasks are: {}", TASKS.join(", ")),
+            ));
+        }
+    };
+    made.map_err(|invalid| invalid.within(task))
+}
+
+fn boxed<T: Task + 'static>(task: T) -> Box<dyn Task> {
+    Box::new(task)
+}
+
+/// The tightest deadline that an actuation delay leaves to the lane that writes the D/A words.
+///
+/// # Errors
+/// A delay outside (0, period]; the place is `actuation_delay_us`.
+pub fn deadline_by(delay: Nanos, period: Nanos) -> Result<Nanos, Invalid> {
+    if delay > Nanos::ZERO && delay <= period {
+        return Ok(delay);
+    }
+    Err(Invalid::new(
+        "actuation_delay_us",
+        format!("a delay of {delay} is not within one period of {period}"),
+        "give more than 0 and at most the period of the lane that actuates",
+    ))
+}
