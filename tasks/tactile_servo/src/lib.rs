@@ -1,1 +1,209 @@
-//! Stub.
+//! Follows touch: features of every new tactile image, and in TACTILE-SERVO the law of figure 6.4 of
+//! the thesis on them, integrated into desired joints. Refuses to start from joints that are not
+//! calibrated, to move on an image that is not new or cannot be believed, and to act near a
+//! singularity.
+//!
+//! ```text
+//! image -> features -> dX = J_s^-1 (F_d - F_a), limited -> dtheta = J_tool^-1 dX -> desired joints
+//!          (always)    ([`law`])                          ([`follow`], at the desired joints)
+//! ```
+//! Images come at 200 Hz, jobs at 400 Hz: the step of an image is spread evenly over the jobs until
+//! the next one, so the position servo sees a steady set point.
+
+pub mod config;
+pub mod follow;
+pub mod law;
+
+pub use config::Config;
+
+use follow::{Follower, joint_step, within_lead};
+use law::{Heading, Law, Touch, tool_motion, touch};
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Payload, Ports, Task};
+use taktil_signal::{
+    ControlState, Desired, Features, Goal, JointState, State, TactileImage, defined,
+};
+
+/// Whether the law has the arm.
+#[derive(Clone, Copy, Debug)]
+enum Stay {
+    /// Another state has it.
+    Away,
+    /// The law drives, from joints with this datum.
+    Driving { follower: Follower, datum: u32 },
+    /// The stay in the state could not begin, or the zero of the joints moved.
+    Refused,
+}
+
+/// The task.
+pub struct TactileServo {
+    control: Input<ControlState>,
+    desired: Input<Desired>,
+    joints: Input<JointState>,
+    image: Input<TactileImage>,
+    goal: Output<Goal>,
+    features: Output<Features>,
+    arm: Puma260,
+    config: Config,
+    law: Law,
+    heading: Heading,
+    stay: Stay,
+    /// When the present stay in TACTILE-SERVO began.
+    entered_ns: i64,
+    /// Way made without contact (mm).
+    sought_mm: f64,
+}
+
+impl TactileServo {
+    /// Declares `control`, `desired`, `joints`, `image`, `goal` and `features`.
+    ///
+    /// # Errors
+    /// What [`Config::check`] refuses.
+    pub fn new(config: Config, ports: &mut Ports) -> Result<TactileServo, Invalid> {
+        config.check()?;
+        Ok(TactileServo {
+            control: ports.input("control"),
+            desired: ports.input_delayed("desired"),
+            joints: ports.input("joints"),
+            image: ports.input("image"),
+            goal: ports.output("goal"),
+            features: ports.output("features"),
+            arm: Puma260::reference(),
+            law: Law::new(&config),
+            heading: Heading::new(&config),
+            config,
+            stay: Stay::Away,
+            entered_ns: 0,
+            sought_mm: 0.0,
+        })
+    }
+
+    fn settle(
+        &mut self,
+        control: Option<ControlState>,
+        desired: Option<Desired>,
+        joints: Option<&JointState>,
+    ) -> Result<(), FaultCode> {
+        let Some(control) = control.filter(|c| c.state == State::TactileServo as u32) else {
+            self.stay = Stay::Away;
+            return Ok(());
+        };
+        let stays = !matches!(self.stay, Stay::Away) && control.entered_ns == self.entered_ns;
+        if stays {
+            let moved = matches!(self.stay, Stay::Driving { datum, .. }
+                if joints.is_none_or(|joints| joints.datum != datum));
+            if moved {
+                self.stay = Stay::Refused;
+                return Err(FaultCode::MoveRefused);
+            }
+            return Ok(());
+        }
+        self.entered_ns = control.entered_ns;
+        self.heading = Heading::new(&self.config);
+        self.sought_mm = 0.0;
+        let start = desired.filter(|desired| desired.valid == 1);
+        match (start, joints.filter(|joints| joints.calibrated == 1)) {
+            (Some(start), Some(joints)) => {
+                let follower = Follower::new(&Joints::from(start.q_rad));
+                self.stay = Stay::Driving { follower, datum: joints.datum };
+                Ok(())
+            }
+            _ => {
+                self.stay = Stay::Refused;
+                Err(FaultCode::MoveRefused)
+            }
+        }
+    }
+
+    /// Adds the step of one new image.
+    fn drive(
+        &mut self,
+        touch: &Touch,
+        joints: &JointState,
+        jobs_per_image: u32,
+    ) -> Result<(), FaultCode> {
+        let Stay::Driving { follower, .. } = &mut self.stay else { return Ok(()) };
+        self.heading.update(touch.x_c);
+        let mut displacement = self.law.displacement(touch, self.heading.x_c());
+        if touch.contact {
+            self.sought_mm = 0.0;
+        } else if self.sought_mm < self.config.seek_max_mm {
+            self.sought_mm += displacement[1];
+        } else {
+            displacement = [0.0; 4];
+        }
+        let target = *follower.target();
+        let motion = tool_motion(&displacement);
+        let step = joint_step(&self.arm, &target, &motion, self.config.singular_distance_min)?;
+        let measured = Joints::from(joints.q_rad);
+        let step = within_lead(&target, &measured, &step, self.config.max_lead_deg.to_radians());
+        follower.add(&step, jobs_per_image);
+        Ok(())
+    }
+
+    fn report(&self, image: &TactileImage, touch: &Touch) -> Features {
+        let bit = |set: bool, bit: u32| if set { bit } else { 0 };
+        let centroid = touch.x_c.is_some() && touch.y_c.is_some();
+        Features {
+            acquired_ns: image.acquired_ns,
+            m0: touch.m0,
+            m_x: touch.m_x,
+            x_c: touch.x_c.filter(|_| centroid).unwrap_or(0.0),
+            y_c: touch.y_c.filter(|_| centroid).unwrap_or(0.0),
+            theta_z_rad: touch.theta_z_rad.unwrap_or(0.0),
+            x_c_desired: self.heading.x_c(),
+            defined: bit(touch.contact, defined::CONTACT)
+                | bit(centroid, defined::CENTROID)
+                | bit(touch.theta_z_rad.is_some(), defined::THETA_Z),
+            sequence: image.sequence,
+            reversals: self.heading.reversals(),
+            active: u32::from(matches!(self.stay, Stay::Driving { .. })),
+        }
+    }
+
+    fn next_goal(&mut self, dt_s: f64) -> Goal {
+        match &mut self.stay {
+            Stay::Away => Goal::ZERO,
+            Stay::Refused => Goal { done: 1, ..Goal::ZERO },
+            Stay::Driving { follower, .. } => {
+                let (q, step) = follower.advance();
+                let qd = if dt_s > 0.0 { step / dt_s } else { Joints::zeros() };
+                Goal { q_rad: q.into(), qd_rad_s: qd.into(), valid: 1, done: 0 }
+            }
+        }
+    }
+
+    /// Jobs until the next image, at least 1.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped first")]
+    fn jobs_per_image(&self, dt_s: f64) -> u32 {
+        let jobs = self.config.image_period_ms * 1e-3 / dt_s;
+        if jobs.is_finite() { jobs.round().clamp(1.0, 1e4) as u32 } else { 1 }
+    }
+}
+
+impl Task for TactileServo {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let control = io.read(&self.control).usable();
+        let desired = io.read(&self.desired).usable();
+        let joints = io.read(&self.joints).usable();
+        let image = io.read(&self.image).fresh();
+        let dt_s = cycle.dt.as_secs_f64();
+        let mut outcome = self.settle(control, desired, joints.as_ref());
+        if let Some(image) = image {
+            let config = &self.config;
+            let touch = touch(&image, config.threshold_counts, config.contact_counts);
+            if let Some(joints) = joints {
+                outcome = outcome.and(self.drive(&touch, &joints, self.jobs_per_image(dt_s)));
+            }
+            io.write(&self.features, self.report(&image, &touch));
+        }
+        let goal = self.next_goal(dt_s);
+        io.write(&self.goal, goal);
+        outcome
+    }
+
+    fn stop(&mut self) {
+        self.stay = Stay::Away;
+    }
+}

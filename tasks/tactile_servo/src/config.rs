@@ -1,0 +1,158 @@
+//! `[tactile_servo]`: set points, feature Jacobian, limits. Refuses a Jacobian or limit that is not
+//! positive and finite, and set points that lie outside the array.
+
+use serde::Deserialize;
+use taktil_rtcore::Invalid;
+
+/// Every key has a default: the rolling task of the thesis.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Lower turning point of the centroid (column number). Default 2; it is headed for first.
+    pub x_c_low: f64,
+    /// Upper turning point (column number). Default 15.
+    pub x_c_high: f64,
+    /// A turning point counts as reached within this (columns). Default 0.5.
+    pub x_c_tolerance: f64,
+    /// Desired sum of the counts. Default 15000, about 15 N at 4095 counts for 4 N.
+    pub m0_counts: f64,
+    /// Desired first moment about the middle line (counts x rows). Default 0.
+    pub m_x_counts: f64,
+    /// Desired direction of the pin's axis (mrad). Default 0.
+    pub theta_z_mrad: f64,
+    /// Sizes of the diagonal of the feature Jacobian, for (x_c, M0, M_x, theta_z) over (dx, dz,
+    /// dtheta_x, dtheta_z) in columns/mm, counts/mm, counts x rows/mrad, mrad/mrad. Default the
+    /// thesis's (20, 20000, 200000, 1000); the signs are [`crate::law::SIGNS`].
+    pub feature_jacobian: [f64; 4],
+    /// Tactels below this count as 0 (counts). Default 150: three standard deviations of the noise;
+    /// 0 lets every value in, as the thesis did.
+    pub threshold_counts: f64,
+    /// There is contact when the sum of the counts is above this. Default 500.
+    pub contact_counts: f64,
+    /// The pin is rolled only while the sum of the counts is at least this: before, friction could not
+    /// carry it. Default 6000; 0 rolls from first contact, as the thesis did.
+    pub roll_from_counts: f64,
+    /// Largest speed along the sensor's x (mm/s). Default 11.
+    pub roll_mm_s: f64,
+    /// Largest speed along the sensor's z in contact (mm/s). Default 4.
+    pub press_mm_s: f64,
+    /// Largest turn about the sensor's x (mrad/s). Default 100.
+    pub tilt_mrad_s: f64,
+    /// Largest turn about the sensor's z (mrad/s). Default 100.
+    pub turn_mrad_s: f64,
+    /// Speed along the sensor's z while nothing is touched (mm/s). Default 6.
+    pub seek_mm_s: f64,
+    /// Without contact the finger stops after this way (mm). Default 60.
+    pub seek_max_mm: f64,
+    /// Time between two images (ms). Default 5.
+    pub image_period_ms: f64,
+    /// Smallest distance from a singularity, as [`taktil_mechanics::puma260::SingularDistance`] counts
+    /// it (0 to 1), at which the law acts. Default 0.05.
+    pub singular_distance_min: f64,
+    /// Most that a desired joint may be ahead of the measured one (deg). Default 3.
+    pub max_lead_deg: f64,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        Config {
+            x_c_low: 2.0,
+            x_c_high: 15.0,
+            x_c_tolerance: 0.5,
+            m0_counts: 15_000.0,
+            m_x_counts: 0.0,
+            theta_z_mrad: 0.0,
+            feature_jacobian: [20.0, 20_000.0, 200_000.0, 1_000.0],
+            threshold_counts: 150.0,
+            contact_counts: 500.0,
+            roll_from_counts: 6_000.0,
+            roll_mm_s: 11.0,
+            press_mm_s: 4.0,
+            tilt_mrad_s: 100.0,
+            turn_mrad_s: 100.0,
+            seek_mm_s: 6.0,
+            seek_max_mm: 60.0,
+            image_period_ms: 5.0,
+            singular_distance_min: 0.05,
+            max_lead_deg: 3.0,
+        }
+    }
+}
+
+impl Config {
+    /// # Errors
+    /// A value outside the range that its message states; NaN is outside every range.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let counts = 4.2e6;
+        let rows = [
+            ("x_c_low", self.x_c_low, 1.0, 16.0),
+            ("x_c_high", self.x_c_high, 1.0, 16.0),
+            ("m0_counts", self.m0_counts, 1.0, counts),
+            ("m_x_counts", self.m_x_counts, -1e7, 1e7),
+            ("theta_z_mrad", self.theta_z_mrad, -1570.0, 1570.0),
+            ("feature_jacobian[0]", self.feature_jacobian[0], 1e-6, 1e9),
+            ("feature_jacobian[1]", self.feature_jacobian[1], 1e-6, 1e9),
+            ("feature_jacobian[2]", self.feature_jacobian[2], 1e-6, 1e9),
+            ("feature_jacobian[3]", self.feature_jacobian[3], 1e-6, 1e9),
+            ("threshold_counts", self.threshold_counts, 0.0, 65_535.0),
+            ("contact_counts", self.contact_counts, 1.0, self.m0_counts),
+            ("roll_from_counts", self.roll_from_counts, 0.0, self.m0_counts),
+            ("roll_mm_s", self.roll_mm_s, 1e-3, 500.0),
+            ("press_mm_s", self.press_mm_s, 1e-3, 100.0),
+            ("tilt_mrad_s", self.tilt_mrad_s, 1e-3, 3_000.0),
+            ("turn_mrad_s", self.turn_mrad_s, 1e-3, 3_000.0),
+            ("seek_mm_s", self.seek_mm_s, 1e-3, 100.0),
+            ("seek_max_mm", self.seek_max_mm, 1e-3, 500.0),
+            ("image_period_ms", self.image_period_ms, 0.1, 1_000.0),
+            ("singular_distance_min", self.singular_distance_min, 1e-3, 0.9),
+            ("max_lead_deg", self.max_lead_deg, 1e-3, 45.0),
+        ];
+        for (place, value, low, high) in rows {
+            if !(low <= value && value <= high) {
+                let remedy = format!("give {low} to {high}");
+                return Err(Invalid::new(place, format!("is {value}"), remedy));
+            }
+        }
+        let stroke = self.x_c_high - self.x_c_low;
+        if !(stroke > 0.0) {
+            let what = format!("is {}, below x_c_low {}", self.x_c_high, self.x_c_low);
+            return Err(Invalid::new("x_c_high", what, "give the larger column number here"));
+        }
+        if !(self.x_c_tolerance > 0.0 && 2.0 * self.x_c_tolerance < stroke) {
+            return Err(Invalid::new(
+                "x_c_tolerance",
+                format!("is {}", self.x_c_tolerance),
+                format!("give more than 0 and less than half the stroke of {stroke}"),
+            ));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_is_sound_and_bad_numbers_are_refused_with_their_place() {
+        assert_eq!(Config::default().check(), Ok(()));
+        let place = |change: &dyn Fn(&mut Config)| {
+            let mut config = Config::default();
+            change(&mut config);
+            config.check().unwrap_err().place
+        };
+        for bad in [f64::NAN, f64::INFINITY, -1.0] {
+            assert_eq!(place(&|c| c.feature_jacobian[2] = bad), "feature_jacobian[2]");
+            assert_eq!(place(&|c| c.x_c_low = bad), "x_c_low");
+            assert_eq!(place(&|c| c.threshold_counts = bad), "threshold_counts");
+            assert_eq!(place(&|c| c.roll_mm_s = bad), "roll_mm_s");
+            assert_eq!(place(&|c| c.max_lead_deg = bad), "max_lead_deg");
+            assert_eq!(place(&|c| c.x_c_tolerance = bad), "x_c_tolerance");
+        }
+        assert_eq!(place(&|c| c.feature_jacobian[0] = 0.0), "feature_jacobian[0]");
+        assert_eq!(place(&|c| c.contact_counts = 15_001.0), "contact_counts");
+        assert_eq!(place(&|c| c.x_c_tolerance = 6.5), "x_c_tolerance");
+        assert_eq!(place(&|c| (c.x_c_low, c.x_c_high) = (15.0, 2.0)), "x_c_high");
+        assert_eq!(place(&|c| (c.x_c_low, c.x_c_high) = (3.0, 3.0)), "x_c_high");
+    }
+}

@@ -1,0 +1,198 @@
+//! From displacements of the sensor to desired joints: the inverse of the manipulator Jacobian, the
+//! integration of the *desired* angles, the even spreading of each step over the jobs until the next
+//! image. Refuses steps near a singularity, and steps that would lead the arm further than the bound.
+//!
+//! The thesis adds the step to the current angles. Added to the measured ones, the position servo would
+//! never see an error and the arm would sink under its own weight; so the angles integrated here are
+//! the desired ones, and their lead over the measured ones is bounded.
+
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
+use taktil_rtcore::FaultCode;
+
+/// The joint step `J_tool(q)^-1 motion` (rad) for a small motion of the tool frame (m, rad).
+///
+/// # Errors
+/// [`FaultCode::Singular`] when `q` is nearer to a singularity than `distance_min`, or when the step
+/// is not finite.
+pub fn joint_step(
+    arm: &Puma260,
+    q: &Joints,
+    motion: &Joints,
+    distance_min: f64,
+) -> Result<Joints, FaultCode> {
+    let distance = arm.singular_distance(q).smallest();
+    if !(distance >= distance_min) {
+        return Err(FaultCode::Singular);
+    }
+    let step = arm.jacobian_tool(q).lu().solve(motion).ok_or(FaultCode::Singular)?;
+    if step.iter().all(|x| x.is_finite()) { Ok(step) } else { Err(FaultCode::Singular) }
+}
+
+/// As much of `step` as keeps `|target + step - measured|` of every joint within `lead_max` (rad).
+///
+/// All joints are shortened alike, so that the finger keeps its direction: one frozen joint alone
+/// would turn it aside. A joint already ahead by more freezes every step that takes it further; steps
+/// that bring it back pass whole. Nothing passes when a number is not finite.
+#[must_use]
+pub fn within_lead(target: &Joints, measured: &Joints, step: &Joints, lead_max: f64) -> Joints {
+    let mut share: f64 = 1.0;
+    for i in 0..6 {
+        let lead = target[i] - measured[i];
+        let after = lead + step[i];
+        if !after.is_finite() {
+            return Joints::zeros();
+        }
+        if after.abs() > lead_max && after.abs() > lead.abs() {
+            let room = (lead_max - lead * step[i].signum()).max(0.0);
+            share = share.min(room / step[i].abs());
+        }
+    }
+    step * share.clamp(0.0, 1.0)
+}
+
+/// The integrated desired joints.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Follower {
+    /// Where the steps so far lead to (rad).
+    target: Joints,
+    /// What was last published (rad).
+    goal: Joints,
+    /// Jobs until the goal is at the target.
+    jobs_left: u32,
+}
+
+impl Follower {
+    /// Starts where the arm is wanted now.
+    #[must_use]
+    pub fn new(desired: &Joints) -> Follower {
+        Follower { target: *desired, goal: *desired, jobs_left: 0 }
+    }
+
+    /// Where the steps so far lead to (rad).
+    #[must_use]
+    pub fn target(&self) -> &Joints {
+        &self.target
+    }
+
+    /// Adds a step (rad), to be carried out within the next `jobs` jobs (at least 1) together with
+    /// whatever is left of the one before.
+    pub fn add(&mut self, step: &Joints, jobs: u32) {
+        self.target += step;
+        self.jobs_left = jobs.max(1);
+    }
+
+    /// The goal of the next job (rad), and how far it is from the one before.
+    pub fn advance(&mut self) -> (Joints, Joints) {
+        let before = self.goal;
+        match self.jobs_left {
+            0 => {}
+            1 => self.goal = self.target,
+            jobs => self.goal += (self.target - self.goal) / f64::from(jobs),
+        }
+        self.jobs_left = self.jobs_left.saturating_sub(1);
+        (self.goal, self.goal - before)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taktil_mechanics::spatial::split;
+
+    fn rolling() -> Joints {
+        Joints::from([0.0, 40.2, -153.4, -180.0, 66.8, 180.0].map(f64::to_radians))
+    }
+
+    #[test]
+    fn a_joint_step_moves_the_tool_as_asked_in_its_own_frame() {
+        let arm = Puma260::reference();
+        let motion = Joints::new(1e-6, 0.0, -2e-6, 3e-6, 0.0, 4e-6);
+        let q = rolling();
+        let step = joint_step(&arm, &q, &motion, 0.05).unwrap();
+        let (before, after) = (arm.tool_pose(&q), arm.tool_pose(&(q + step)));
+        let moved = before.rotation.transpose() * (after.translation - before.translation);
+        let (linear, angular) = split(&motion);
+        assert!((moved - linear).length() < 1e-10, "{moved}");
+        let turned = before.rotation.transpose() * after.rotation;
+        assert!((turned.y_axis.z - angular.x).abs() < 1e-10);
+        assert!((turned.z_axis.x - angular.y).abs() < 1e-10);
+        assert!((turned.x_axis.y - angular.z).abs() < 1e-10);
+    }
+
+    #[test]
+    fn near_a_singularity_and_for_numbers_that_are_none_there_is_no_step() {
+        let arm = Puma260::reference();
+        let motion = Joints::new(1e-4, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let mut q = rolling();
+        let distance = arm.singular_distance(&q).smallest();
+        assert!(joint_step(&arm, &q, &motion, distance).is_ok(), "the limit itself is far enough");
+        assert_eq!(joint_step(&arm, &q, &motion, distance * 1.000_001), Err(FaultCode::Singular));
+        q[4] = 0.02;
+        assert_eq!(joint_step(&arm, &q, &motion, 0.05), Err(FaultCode::Singular));
+        q[4] = f64::NAN;
+        assert_eq!(joint_step(&arm, &q, &motion, 0.05), Err(FaultCode::Singular));
+        let nan = Joints::repeat(f64::NAN);
+        assert_eq!(joint_step(&arm, &rolling(), &nan, 0.05), Err(FaultCode::Singular));
+        assert_eq!(joint_step(&arm, &Joints::zeros(), &motion, 0.05), Err(FaultCode::Singular));
+    }
+
+    #[test]
+    fn the_lead_is_bounded_and_may_shrink_freely() {
+        let measured = Joints::zeros();
+        let ahead = |x: f64| Joints::new(x, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let step = Joints::new(0.02, 0.01, 0.0, 0.0, 0.0, 0.0);
+        let all = |target: f64, step: &Joints| within_lead(&ahead(target), &measured, step, 0.05);
+        assert_eq!(all(0.0, &step), step);
+        assert_eq!(all(0.05, &step), Joints::zeros(), "frozen as a whole");
+        let half = all(0.04, &step);
+        assert!((half[0] - 0.01).abs() < 1e-15 && (half[1] - 0.005).abs() < 1e-15);
+        assert_eq!(all(0.05, &-step), -step);
+        assert_eq!(all(0.9, &-step), -step, "already beyond: back is free");
+        assert_eq!(all(0.9, &step), Joints::zeros());
+        assert_eq!(all(-0.9, &-step), Joints::zeros());
+        assert_eq!(all(-0.9, &step), step);
+        let across = Joints::new(-0.2, 0.0, 0.0, 0.0, 0.0, 0.0);
+        assert!((all(0.05, &across)[0] + 0.1).abs() < 1e-15, "through to the other bound");
+        for bad in [f64::NAN, f64::INFINITY] {
+            assert_eq!(within_lead(&ahead(bad), &measured, &step, 0.05), Joints::zeros());
+            assert_eq!(within_lead(&measured, &ahead(bad), &step, 0.05), Joints::zeros());
+            assert_eq!(within_lead(&measured, &measured, &ahead(bad), 0.05), Joints::zeros());
+        }
+    }
+
+    #[test]
+    fn steps_are_spread_evenly_and_none_of_them_is_lost() {
+        let start = rolling();
+        let mut follower = Follower::new(&start);
+        assert_eq!(follower.advance(), (start, Joints::zeros()), "bumpless");
+        let step = Joints::repeat(1e-3);
+        follower.add(&step, 2);
+        let (first, moved) = follower.advance();
+        assert!((moved - step * 0.5).amax() < 1e-15);
+        assert!((first - start - step * 0.5).amax() < 1e-15);
+        assert_eq!(follower.advance().0, start + step, "to the bit");
+        assert_eq!(follower.advance(), (start + step, Joints::zeros()));
+    }
+
+    #[test]
+    fn an_early_or_a_late_image_changes_no_total() {
+        let start = Joints::zeros();
+        let mut follower = Follower::new(&start);
+        let mut total = Joints::zeros();
+        for jobs in [1, 2, 1, 3, 2, 5, 1, 1] {
+            let step = Joints::repeat(0.001 * f64::from(jobs));
+            follower.add(&step, 2);
+            total += step;
+            for _ in 0..jobs {
+                follower.advance();
+            }
+        }
+        follower.advance();
+        assert_eq!(follower.advance(), (total, Joints::zeros()));
+        assert_eq!(follower.target(), &total);
+        let mut follower = Follower::new(&start);
+        follower.add(&total, 0);
+        assert_eq!(follower.advance().0, total, "no jobs counts as one");
+    }
+}
