@@ -28,7 +28,8 @@ pub struct Config {
     /// Corner of the low-pass on the rate of the error (Hz). Default 60.
     pub derivative_filter_hz: f64,
     /// Adds the torque that holds the arm against gravity at the desired joints, once they are
-    /// calibrated. Default true; false is the thesis's plain PD, whose finger droops by millimetres.
+    /// calibrated. Default true; false is the thesis's plain PD, whose finger droops by
+    /// millimetres.
     pub gravity: bool,
 }
 

@@ -2,10 +2,10 @@
 //! filtered rate of that error. Refuses limits, modes and the sign of anything else: torque limits
 //! belong to `actuate`.
 //!
-//! The rate is taken of the *error*, not of the measured angle: with a smooth set point the law then
-//! follows a ramp without lag. One encoder count per tick is 0.036 to 0.1 rad/s at 400 Hz, so the rate
-//! goes through a first-order low-pass first (backward Euler: `r += a ((e - e_last)/dt - r)` with
-//! `a = w dt/(1 + w dt)`, stable for every dt).
+//! The rate is taken of the *error*, not of the measured angle: with a smooth set point the law
+//! then follows a ramp without lag. One encoder count per tick is 0.036 to 0.1 rad/s at 400 Hz, so
+//! the rate goes through a first-order low-pass first (backward Euler: `r += a ((e - e_last)/dt -
+//! r)` with `a = w dt/(1 + w dt)`, stable for every dt).
 
 use taktil_mechanics::Joints;
 
@@ -70,10 +70,11 @@ impl Pd {
         self.rate_rad_s = Joints::zeros();
     }
 
-    /// Torque (N m) for an error of `error_rad` (desired minus measured), `dt_s` after the last call.
+    /// Torque (N m) for an error of `error_rad` (desired minus measured), `dt_s` after the last
+    /// call.
     ///
-    /// `None`, and a forgotten past, when the torque would not be finite. With `dt_s` not positive the
-    /// rate stays as it is.
+    /// `None`, and a forgotten past, when the torque would not be finite. With `dt_s` not positive
+    /// the rate stays as it is.
     pub fn torque_nm(&mut self, error_rad: &Joints, dt_s: f64) -> Option<Joints> {
         if let Some(last) = self.last_rad.filter(|_| dt_s > 0.0) {
             let share = self.corner_rad_s * dt_s / (1.0 + self.corner_rad_s * dt_s);
@@ -173,7 +174,8 @@ mod tests {
         }
     }
 
-    /// A joint of inertia 1 with one tick of latency, counts of 1/7435.7 rad and the 60 rad/s gains.
+    /// A joint of inertia 1 with one tick of latency, counts of 1/7435.7 rad and the 60 rad/s
+    /// gains.
     #[test]
     fn a_quantised_joint_with_latency_settles_without_ringing() {
         let gains =

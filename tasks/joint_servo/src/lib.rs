@@ -3,8 +3,8 @@
 //! allow any, while nothing is desired, or when a number is not finite; refuses limits, which are
 //! `actuate`'s.
 //!
-//! The filter of the rate is forgotten while the servo is idle and when the zero of the joints moves,
-//! so that neither shows up as a rate.
+//! The filter of the rate is forgotten while the servo is idle and when the zero of the joints
+//! moves, so that neither shows up as a rate.
 
 pub mod config;
 pub mod law;
@@ -52,8 +52,8 @@ impl JointServo {
         })
     }
 
-    /// The gravity term (N m): all of it when the servo starts calibrated, ramped in when the joints
-    /// become calibrated under torque, none before.
+    /// The gravity term (N m): all of it when the servo starts calibrated, ramped in when the
+    /// joints become calibrated under torque, none before.
     fn gravity_nm(&mut self, q_desired: &Joints, calibrated: bool, dt_s: f64) -> Joints {
         let Some(dynamics) = self.dynamics.as_ref().filter(|_| calibrated) else {
             self.gravity_share = 0.0;

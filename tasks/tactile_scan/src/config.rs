@@ -8,8 +8,8 @@ use taktil_rtcore::{Invalid, Nanos};
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// New frames whose mean is the rest level; the finger must be free while they come. Default 40:
-    /// 0.2 s at 200 Hz.
+    /// New frames whose mean is the rest level; the finger must be free while they come. Default
+    /// 40: 0.2 s at 200 Hz.
     pub baseline_frames: u32,
     /// Dead tactels as [row, column], numbers from 1. Default none.
     pub dead: Vec<[u16; 2]>,
@@ -18,7 +18,8 @@ pub struct Config {
     /// A tactel whose rest level is above this share of the full scale is stuck high or was pressed
     /// while the baseline was taken. Default 0.5.
     pub rest_max_share: f64,
-    /// Without a new frame for longer than this the array counts as stale (ms). Default 20: four scans.
+    /// Without a new frame for longer than this the array counts as stale (ms). Default 20: four
+    /// scans.
     pub stale_ms: f64,
 }
 

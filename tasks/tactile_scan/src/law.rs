@@ -1,11 +1,11 @@
 //! From raw frames to images: the rest level of every tactel as an explicit baseline, and which
-//! tactels may be believed. Refuses clipping at zero (it would turn noise into load), thresholds and
-//! features.
+//! tactels may be believed. Refuses clipping at zero (it would turn noise into load), thresholds
+//! and features.
 //!
-//! A tactel is believed when the device vouches for it, the configuration does not list it as dead and
-//! its rest level lies between the rails. A tactel at full scale stays valid: it carries at least that
-//! load, and leaving it out would take the heaviest tactel out of every sum; what saturation does to
-//! the features is a matter of the load, not of validity.
+//! A tactel is believed when the device vouches for it, the configuration does not list it as dead
+//! and its rest level lies between the rails. A tactel at full scale stays valid: it carries at
+//! least that load, and leaving it out would take the heaviest tactel out of every sum; what
+//! saturation does to the features is a matter of the load, not of validity.
 
 use taktil_hal::{MAX_ROWS, MAX_TACTELS, TactileFrame};
 use taktil_rtcore::Payload;

@@ -1,10 +1,10 @@
 //! Reads the tactile array at its own pace and publishes images: counts above an explicit baseline,
-//! validity of every tactel, time of every row. Refuses to publish anything twice: a held frame writes
-//! nothing, so that a reader sees it as held.
+//! validity of every tactel, time of every row. Refuses to publish anything twice: a held frame
+//! writes nothing, so that a reader sees it as held.
 //!
 //! Faults: damaged frames are dropped ([`FaultCode::TactileGarbled`]); no new frame for longer than
-//! the limit, or a device that says so, is [`FaultCode::TactileStale`] in every job until one comes; a
-//! device that is gone, or of whose tactels more than half cannot be believed, is
+//! the limit, or a device that says so, is [`FaultCode::TactileStale`] in every job until one
+//! comes; a device that is gone, or of whose tactels more than half cannot be believed, is
 //! [`FaultCode::TactileLost`]: a blind finger must not be pushed at anything.
 
 pub mod config;

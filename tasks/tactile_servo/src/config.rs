@@ -29,8 +29,8 @@ pub struct Config {
     pub threshold_counts: f64,
     /// There is contact when the sum of the counts is above this. Default 500.
     pub contact_counts: f64,
-    /// The pin is rolled only while the sum of the counts is at least this: before, friction could not
-    /// carry it. Default 6000; 0 rolls from first contact, as the thesis did.
+    /// The pin is rolled only while the sum of the counts is at least this: before, friction could
+    /// not carry it. Default 6000; 0 rolls from first contact, as the thesis did.
     pub roll_from_counts: f64,
     /// Largest speed along the sensor's x (mm/s). Default 11.
     pub roll_mm_s: f64,
@@ -46,8 +46,8 @@ pub struct Config {
     pub seek_max_mm: f64,
     /// Time between two images (ms). Default 5.
     pub image_period_ms: f64,
-    /// Smallest distance from a singularity, as [`taktil_mechanics::puma260::SingularDistance`] counts
-    /// it (0 to 1), at which the law acts. Default 0.05.
+    /// Smallest distance from a singularity, as [`taktil_mechanics::puma260::SingularDistance`]
+    /// counts it (0 to 1), at which the law acts. Default 0.05.
     pub singular_distance_min: f64,
     /// Most that a desired joint may be ahead of the measured one (deg). Default 3.
     pub max_lead_deg: f64,
@@ -114,7 +114,7 @@ impl Config {
             }
         }
         let stroke = self.x_c_high - self.x_c_low;
-        if !(stroke > 0.0) {
+        if stroke <= 0.0 {
             let what = format!("is {}, below x_c_low {}", self.x_c_high, self.x_c_low);
             return Err(Invalid::new("x_c_high", what, "give the larger column number here"));
         }

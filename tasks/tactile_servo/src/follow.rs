@@ -1,10 +1,11 @@
 //! From displacements of the sensor to desired joints: the inverse of the manipulator Jacobian, the
-//! integration of the *desired* angles, the even spreading of each step over the jobs until the next
-//! image. Refuses steps near a singularity, and steps that would lead the arm further than the bound.
+//! integration of the *desired* angles, the even spreading of each step over the jobs until the
+//! next image. Refuses steps near a singularity, and steps that would lead the arm further than the
+//! bound.
 //!
-//! The thesis adds the step to the current angles. Added to the measured ones, the position servo would
-//! never see an error and the arm would sink under its own weight; so the angles integrated here are
-//! the desired ones, and their lead over the measured ones is bounded.
+//! The thesis adds the step to the current angles. Added to the measured ones, the position servo
+//! would never see an error and the arm would sink under its own weight; so the angles integrated
+//! here are the desired ones, and their lead over the measured ones is bounded.
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
@@ -13,8 +14,8 @@ use taktil_rtcore::FaultCode;
 /// The joint step `J_tool(q)^-1 motion` (rad) for a small motion of the tool frame (m, rad).
 ///
 /// # Errors
-/// [`FaultCode::Singular`] when `q` is nearer to a singularity than `distance_min`, or when the step
-/// is not finite.
+/// [`FaultCode::Singular`] when `q` is nearer to a singularity than `distance_min`, or when the
+/// step is not finite.
 pub fn joint_step(
     arm: &Puma260,
     q: &Joints,
@@ -22,7 +23,7 @@ pub fn joint_step(
     distance_min: f64,
 ) -> Result<Joints, FaultCode> {
     let distance = arm.singular_distance(q).smallest();
-    if !(distance >= distance_min) {
+    if distance.is_nan() || distance < distance_min {
         return Err(FaultCode::Singular);
     }
     let step = arm.jacobian_tool(q).lu().solve(motion).ok_or(FaultCode::Singular)?;
@@ -32,8 +33,8 @@ pub fn joint_step(
 /// As much of `step` as keeps `|target + step - measured|` of every joint within `lead_max` (rad).
 ///
 /// All joints are shortened alike, so that the finger keeps its direction: one frozen joint alone
-/// would turn it aside. A joint already ahead by more freezes every step that takes it further; steps
-/// that bring it back pass whole. Nothing passes when a number is not finite.
+/// would turn it aside. A joint already ahead by more freezes every step that takes it further;
+/// steps that bring it back pass whole. Nothing passes when a number is not finite.
 #[must_use]
 pub fn within_lead(target: &Joints, measured: &Joints, step: &Joints, lead_max: f64) -> Joints {
     let mut share: f64 = 1.0;

@@ -1,18 +1,18 @@
-//! Figure 6.4 of the thesis: from the features of an image to a displacement of the sensor,
-//! `dX = J_s^-1 (F_d - F_a)`, for F = (x_c, M0, M_x, theta_z) and X = (x, z, theta_x, theta_z) of the
-//! sensor frame. Refuses to move while the image cannot be believed, and every component whose feature
-//! the image does not define.
+//! Figure 6.4 of the thesis: from the features of an image to a displacement of the sensor, `dX =
+//! J_s^-1 (F_d - F_a)`, for F = (x_c, M0, M_x, theta_z) and X = (x, z, theta_x, theta_z) of the
+//! sensor frame. Refuses to move while the image cannot be believed, and every component whose
+//! feature the image does not define.
 //!
-//! The thesis gives `J_s = diag(20, 20000, 200000, 1000)`, found by trial, without units or signs. Taken
-//! here, as an assumption: X in (mm, mm, mrad, mrad), theta_z in mrad, x_c in columns, M_x in counts x
-//! rows about the middle line. In millimetres its 20000 counts/mm is near the stiffness of the
-//! position servo at the finger, and its 1000 makes the turn follow with a time constant of 5 s, which
-//! is the weak loop that the thesis reports. Signs follow from geometry ([`SIGNS`]):
+//! The thesis gives `J_s = diag(20, 20000, 200000, 1000)`, found by trial, without units or signs.
+//! Taken here, as an assumption: X in (mm, mm, mrad, mrad), theta_z in mrad, x_c in columns, M_x in
+//! counts x rows about the middle line. In millimetres its 20000 counts/mm is near the stiffness of
+//! the position servo at the finger, and its 1000 makes the turn follow with a time constant of 5
+//! s, which is the weak loop that the thesis reports. Signs follow from geometry ([`SIGNS`]):
 //! - x: a sensor that moves by +x over a pin that rolls takes the pin along by half of it, so the
 //!   contact moves by -1/2 in the sensor: x_c falls.
 //! - z: points out of the face; +z presses and M0 grows.
-//! - theta_x: a turn about x moves the face at +y along +z (x cross y = z), so the load grows there:
-//!   M_x grows.
+//! - theta_x: a turn about x moves the face at +y along +z (x cross y = z), so the load grows
+//!   there: M_x grows.
 //! - theta_z: a turn of the sensor by +a about z turns the image by -a: theta_z falls.
 
 use taktil_mechanics::Joints;
@@ -157,8 +157,8 @@ impl Law {
     /// The displacement (dx, dz, dtheta_x, dtheta_z) of the sensor for one new image (mm, mm, mrad,
     /// mrad), towards column `x_c_desired`.
     ///
-    /// Each component is cut off at its speed limit by itself. Without contact only z moves, towards
-    /// the surface; with an image that cannot be believed nothing does.
+    /// Each component is cut off at its speed limit by itself. Without contact only z moves,
+    /// towards the surface; with an image that cannot be believed nothing does.
     #[must_use]
     pub fn displacement(&self, touch: &Touch, x_c_desired: f64) -> [f64; 4] {
         if !touch.trusted {

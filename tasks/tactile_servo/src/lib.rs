@@ -1,5 +1,5 @@
-//! Follows touch: features of every new tactile image, and in TACTILE-SERVO the law of figure 6.4 of
-//! the thesis on them, integrated into desired joints. Refuses to start from joints that are not
+//! Follows touch: features of every new tactile image, and in TACTILE-SERVO the law of figure 6.4
+//! of the thesis on them, integrated into desired joints. Refuses to start from joints that are not
 //! calibrated, to move on an image that is not new or cannot be believed, and to act near a
 //! singularity.
 //!
