@@ -10,6 +10,8 @@ use taktil_rtcore::Invalid;
 
 /// Most moves of a queue: one point of the path is where the arm stands.
 pub const MAX_MOVES: usize = MAX_POINTS - 1;
+/// Longest displacement of `by_mm`: more than the arm's reach.
+const LONGEST_MM: f64 = 1500.0;
 
 /// The queue and how it is run. Every key has a default; without moves the state is left at once.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -30,7 +32,7 @@ impl Default for Config {
     }
 }
 
-/// One move: its goal is either `joints_deg` or `tool`.
+/// One move: its goal is `joints_deg`, `tool` or `by_mm`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Move {
@@ -40,6 +42,10 @@ pub struct Move {
     /// Goal as a pose of the tool.
     #[serde(default)]
     pub tool: Option<ToolGoal>,
+    /// Goal as a displacement of the tool point along the tool's own axes (mm) from where the move before it ends; the
+    /// orientation stays. `[0, 0, 5]` goes 5 mm the way the sensor looks.
+    #[serde(default)]
+    pub by_mm: Option<[f64; 3]>,
     /// Time of the segment, corner to corner (s). Default: what `speed` allows.
     #[serde(default)]
     pub t_s: Option<f64>,
@@ -73,6 +79,8 @@ pub enum Goal {
     Joints(Joints),
     /// Tool pose in the base frame.
     Tool(Pose),
+    /// Displacement in the tool's axes (m).
+    By([f64; 3]),
 }
 
 /// A move that was found sound.
@@ -102,13 +110,17 @@ impl ToolGoal {
     fn check(&self) -> Result<(), Invalid> {
         for (axis, value) in self.p_mm.iter().enumerate() {
             if !value.is_finite() {
-                return Err(Invalid::new(format!("p_mm[{axis}]"), format!("is {value}"), "give mm"));
+                return Err(Invalid::new(
+                    format!("p_mm[{axis}]"),
+                    format!("is {value}"),
+                    "give mm",
+                ));
             }
         }
         let angles =
             [("yaw_deg", self.yaw_deg), ("pitch_deg", self.pitch_deg), ("roll_deg", self.roll_deg)];
         for (name, value) in angles {
-            if !(value.abs() <= 360.0) {
+            if value.is_nan() || value.abs() > 360.0 {
                 return Err(Invalid::new(name, format!("is {value}"), "give -360 to 360 degrees"));
             }
             if self.rotation.is_some() && value != 0.0 {
@@ -135,9 +147,9 @@ impl Move {
         if let Some(t_s) = self.t_s.filter(|t_s| !(*t_s > 0.0 && *t_s <= 3600.0)) {
             return Err(Invalid::new("t_s", format!("is {t_s}"), "give more than 0, up to 3600 s"));
         }
-        let goal = match (&self.joints_deg, &self.tool) {
-            (Some(degrees), None) => Goal::Joints(check_joints(degrees, arm)?),
-            (None, Some(tool)) => {
+        let goal = match (&self.joints_deg, &self.tool, &self.by_mm) {
+            (Some(degrees), None, None) => Goal::Joints(check_joints(degrees, arm)?),
+            (None, Some(tool), None) => {
                 tool.check().map_err(|invalid| invalid.within("tool"))?;
                 let pose = tool.pose();
                 let branches = arm.inverse(&arm.tool_to_wrist(&pose), None);
@@ -150,9 +162,17 @@ impl Move {
                 }
                 Goal::Tool(pose)
             }
+            (None, None, Some(by_mm)) => {
+                if let Some(axis) = by_mm.iter().position(|x| !(x.abs() <= LONGEST_MM)) {
+                    let what = format!("is {}", by_mm[axis]);
+                    let remedy = format!("give -{LONGEST_MM} to {LONGEST_MM} mm");
+                    return Err(Invalid::new(format!("by_mm[{axis}]"), what, remedy));
+                }
+                Goal::By(by_mm.map(|x| x * 1e-3))
+            }
             _ => {
                 let what = "has not exactly one goal";
-                return Err(Invalid::new("", what, "give either joints_deg or tool"));
+                return Err(Invalid::new("", what, "give one of joints_deg, tool and by_mm"));
             }
         };
         Ok(Step { goal, t_s: self.t_s })
@@ -232,12 +252,12 @@ mod tests {
     }
 
     fn to_tool(tool: ToolGoal) -> Config {
-        let one = Move { joints_deg: None, tool: Some(tool), t_s: None };
+        let one = Move { joints_deg: None, tool: Some(tool), by_mm: None, t_s: None };
         Config { moves: vec![one], ..Config::default() }
     }
 
     fn to_joints(joints_deg: [f64; 6]) -> Config {
-        let one = Move { joints_deg: Some(joints_deg), tool: None, t_s: None };
+        let one = Move { joints_deg: Some(joints_deg), tool: None, by_mm: None, t_s: None };
         Config { moves: vec![one], ..Config::default() }
     }
 
@@ -298,12 +318,19 @@ mod tests {
 
     #[test]
     fn a_move_has_exactly_one_goal() {
-        let none = Move { joints_deg: None, tool: None, t_s: None };
+        let none = Move { joints_deg: None, tool: None, by_mm: None, t_s: None };
         let config = Config { moves: vec![none], ..Config::default() };
         assert_eq!(place(&config), "moves[0]");
         let mut both = to_tool(tool([342.0, -127.0, -149.0]));
         both.moves[0].joints_deg = Some([0.0; 6]);
         assert_eq!(place(&both), "moves[0]");
+        let mut by = to_joints([0.0; 6]);
+        by.moves[0].by_mm = Some([0.0; 3]);
+        assert_eq!(place(&by), "moves[0]");
+        by.moves[0].joints_deg = None;
+        assert_eq!(by.check(), Ok(()));
+        by.moves[0].by_mm = Some([0.0, f64::NAN, 0.0]);
+        assert_eq!(place(&by), "moves[0].by_mm[1]");
     }
 
     #[test]

@@ -1,9 +1,10 @@
 //! From a queue of goals to a path: Paul's joint motion from where the arm is wanted now. Refuses
 //! paths that leave the limits of angle, speed or acceleration, before the first step is made.
 
-use taktil_mechanics::Joints;
+use glam::DVec3;
 use taktil_mechanics::paul::{JointPath, MAX_POINTS, segment_time_s};
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::{Joints, Pose};
 
 use crate::config::{Goal, Step};
 
@@ -48,9 +49,11 @@ pub fn plan(
         let before = points[index];
         let point = match &step.goal {
             Goal::Joints(q) => *q,
-            Goal::Tool(pose) => {
-                let branches = arm.inverse(&arm.tool_to_wrist(pose), Some(&before));
-                arm.nearest(&branches, &before).ok_or(Refusal::Unreachable { index })?.1
+            Goal::Tool(pose) => reach(arm, pose, &before).ok_or(Refusal::Unreachable { index })?,
+            Goal::By(shift) => {
+                let mut pose = arm.tool_pose(&before);
+                pose.translation += pose.rotation * DVec3::from_array(*shift);
+                reach(arm, &pose, &before).ok_or(Refusal::Unreachable { index })?
             }
         };
         points[index + 1] = point;
@@ -66,6 +69,12 @@ pub fn plan(
     if inside { Ok(path) } else { Err(Refusal::Limits) }
 }
 
+/// The solution nearest to `before` within the limits.
+fn reach(arm: &Puma260, tool: &Pose, before: &Joints) -> Option<Joints> {
+    let branches = arm.inverse(&arm.tool_to_wrist(tool), Some(before));
+    Some(arm.nearest(&branches, before)?.1)
+}
+
 fn below(values: &Joints, limits: &Joints) -> bool {
     (0..6).all(|i| values[i] <= limits[i] * (1.0 + SLACK))
 }
@@ -73,7 +82,6 @@ fn below(values: &Joints, limits: &Joints) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use taktil_mechanics::Pose;
     use taktil_mechanics::spatial::rotation_y;
 
     fn rolling() -> Joints {
@@ -115,6 +123,18 @@ mod tests {
     }
 
     #[test]
+    fn a_displacement_goes_along_the_tool_s_own_axes_and_keeps_the_orientation() {
+        let arm = Puma260::reference();
+        let here = arm.tool_pose(&rolling());
+        let step = Step { goal: Goal::By([0.003, 0.0, 0.012]), t_s: None };
+        let path = plan(&arm, &rolling(), &[step, step], 0.1, 0.3).unwrap();
+        let got = arm.tool_pose(&path.at(path.duration_s()).q);
+        let wanted = here.apply(DVec3::new(0.006, 0.0, 0.024));
+        assert!((got.translation - wanted).length() < 1e-12);
+        assert!(got.rotation.abs_diff_eq(here.rotation, 1e-12));
+    }
+
+    #[test]
     fn an_empty_queue_and_a_goal_where_the_arm_is_stand_still() {
         let arm = Puma260::reference();
         for steps in [&[][..], &[to(rolling())][..]] {
@@ -129,10 +149,8 @@ mod tests {
     fn what_the_arm_cannot_do_is_refused() {
         let arm = Puma260::reference();
         let limits = Err(Refusal::Limits);
-        let far = Pose::from_rows(
-            &[-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0],
-            &[0.9, 0.0, 0.0],
-        );
+        let far =
+            Pose::from_rows(&[-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0], &[0.9, 0.0, 0.0]);
         let steps = [to(rolling()), Step { goal: Goal::Tool(far), t_s: None }];
         assert_eq!(
             plan(&arm, &rolling(), &steps, 0.1, 0.3),
