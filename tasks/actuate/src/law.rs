@@ -1,5 +1,5 @@
-//! From joint torque to converter codes, and the windows that watch the way there. Refuses devices and ports, and refuses to
-//! decide whether torque is allowed: that is the mode's word.
+//! From joint torque to converter codes, and the windows that watch the way there. Refuses devices
+//! and ports, and refuses to decide whether torque is allowed: that is the mode's word.
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::transmission::{Drive, Transmission};
@@ -31,7 +31,8 @@ impl Law {
         Law { transmission, drive, torque_limit_nm }
     }
 
-    /// Codes for a joint torque (N m): clamp at the joints, through the gears, round and clamp at the converter.
+    /// Codes for a joint torque (N m): clamp at the joints, through the gears, round and clamp at
+    /// the converter.
     ///
     /// # Errors
     /// [`FaultCode::NotFinite`] when any joint's torque is NaN or infinite.
@@ -54,7 +55,8 @@ impl Law {
         for (i, code) in codes.iter_mut().enumerate() {
             *code = self.drive.code(asked_nm[i], i);
             motor_nm[i] = self.drive.torque(*code, i);
-            // Rounding moves a torque by at most half a step; more than that was cut off at the end of the range.
+            // Rounding moves a torque by at most half a step; more than that was cut off at the end
+            // of the range.
             if (asked_nm[i] - motor_nm[i]).abs() > 0.6 * self.drive.torque(1, i) {
                 limited |= 1 << i;
             }
@@ -103,8 +105,8 @@ pub enum Gate {
 
 /// The gate for a mode, given whether this job's torque and control state are there.
 ///
-/// `own` is the mode that came with this job's control state (`None`: it did not come), `told` the mode that the machine
-/// told this task. Both have to allow torque.
+/// `own` is the mode that came with this job's control state (`None`: it did not come), `told` the
+/// mode that the machine told this task. Both have to allow torque.
 #[must_use]
 pub fn gate(own: Option<Mode>, told: Mode, torque_fresh: bool) -> Gate {
     match own {

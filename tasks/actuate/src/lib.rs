@@ -1,6 +1,7 @@
-//! The last gate before the boards: torque limits, finite check, mode gate, the window of the following error, enable and
-//! brake lines, the watchdog's feed. Refuses to pass anything on that did not arrive in this very job, and leaves the boards
-//! safe when it stops, is dropped, or loses one of them.
+//! The last gate before the boards: torque limits, finite check, mode gate, the window of the
+//! following error, enable and brake lines, the watchdog's feed. Refuses to pass anything on that
+//! did not arrive in this very job, and leaves the boards safe when it stops, is dropped, or loses
+//! one of them.
 
 pub mod law;
 
@@ -130,7 +131,8 @@ impl Actuate {
     /// Declares the ports: in `torque`, `control`, `joints`, out `applied`.
     ///
     /// # Errors
-    /// What [`Config::check`] refuses, and a D/A board with fewer than six channels or a narrower range than the drives' codes.
+    /// What [`Config::check`] refuses, and a D/A board with fewer than six channels or a narrower
+    /// range than the drives' codes.
     pub fn new(
         config: Config,
         analog: Box<dyn AnalogOut>,
@@ -210,7 +212,7 @@ fn check_board(analog: &dyn AnalogOut, drive: &Drive) -> Result<(), Invalid> {
         return Err(Invalid::new(
             "",
             format!(
-                "the D/A board takes codes {low}..={high}, the drives need {drive_low}..={drive_high}"
+                "the D/A board takes {low}..={high}, the drives need {drive_low}..={drive_high}"
             ),
             "wire a board of at least the drives' width",
         ));

@@ -1,5 +1,6 @@
-//! From counts to joint angles and speeds: gears, zero offset, speed by differencing, the check for jumps. Refuses devices
-//! and ports; what a failed read means is decided here too, as a function of the error's kind.
+//! From counts to joint angles and speeds: gears, zero offset, speed by differencing, the check for
+//! jumps. Refuses devices and ports; what a failed read means is decided here too, as a function of
+//! the error's kind.
 
 use taktil_hal::{Kind, Nanos};
 use taktil_mechanics::Joints;
@@ -7,7 +8,8 @@ use taktil_mechanics::transmission::Transmission;
 use taktil_rtcore::FaultCode;
 use taktil_signal::JointState;
 
-/// A joint that moved faster than this multiple of its largest speed did not move: its encoder jumped.
+/// A joint that moved faster than this multiple of its largest speed did not move: its encoder
+/// jumped.
 pub const JUMP_MARGIN: f64 = 1.5;
 
 /// The newest sample that was believed, as a base for differences.
@@ -52,15 +54,16 @@ impl Angles {
         self.last.is_some()
     }
 
-    /// Takes one sample; with `calibrate` the arm stands in its home pose, and the zero offset is set so that the angles of
-    /// these very counts are the home angles.
+    /// Takes one sample; with `calibrate` the arm stands in its home pose, and the zero offset is
+    /// set so that the angles of these very counts are the home angles.
     ///
-    /// Speeds are differences over the time between the two acquisitions, so they act half of it late; the first is zero,
-    /// and a second sample of the same instant keeps the speed.
+    /// Speeds are differences over the time between the two acquisitions, so they act half of it
+    /// late; the first is zero, and a second sample of the same instant keeps the speed.
     ///
     /// # Errors
-    /// [`FaultCode::EncoderJump`] when a joint moved more than [`JUMP_MARGIN`] * v_max * (time between the acquisitions). The
-    /// zero is lost then, a calibration asked for does not happen, and differences start anew from this sample.
+    /// [`FaultCode::EncoderJump`] when a joint moved more than [`JUMP_MARGIN`] * v_max * (time
+    /// between the acquisitions). The zero is lost then, a calibration asked for does not happen,
+    /// and differences start anew from this sample.
     pub fn take(
         &mut self,
         counts: [i32; 6],
@@ -126,8 +129,9 @@ impl Patience {
 
     /// A read failed; `arrived` says whether a value was ever there.
     ///
-    /// A lost device is gone at once. A stale one has already been silent for longer than it promises: gone, unless it has
-    /// never spoken. Transient failures and impossible values are let pass as long as patience lasts.
+    /// A lost device is gone at once. A stale one has already been silent for longer than it
+    /// promises: gone, unless it has never spoken. Transient failures and impossible values are let
+    /// pass as long as patience lasts.
     pub fn bad(&mut self, kind: Kind, arrived: bool) -> Verdict {
         match kind {
             Kind::Lost => Verdict::Gone,

@@ -1,6 +1,6 @@
-//! Reads the encoder board and the digital inputs once a job and says where the joints are. Owns the zero offsets: it sets
-//! them when the supervisor says that the arm stands in its home pose. Refuses to invent: a failed read publishes nothing,
-//! so that readers see the old value as held.
+//! Reads the encoder board and the digital inputs once a job and says where the joints are. Owns
+//! the zero offsets: it sets them when the supervisor says that the arm stands in its home pose.
+//! Refuses to invent: a failed read publishes nothing, so that readers see the old value as held.
 
 pub mod law;
 
@@ -21,9 +21,11 @@ const JOINTS: usize = 6;
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Joint angles of the home pose, deg. Default: 0, 0, -180, 0, 90, 0 (upper arm and hand level, forearm hanging).
+    /// Joint angles of the home pose, deg. Default: 0, 0, -180, 0, 90, 0 (upper arm and hand level,
+    /// forearm hanging).
     pub home_deg: [f64; 6],
-    /// Fastest speed of each joint, deg/s, as a measure for jumps. Default: that of the reference arm.
+    /// Fastest speed of each joint, deg/s, as a measure for jumps. Default: that of the reference
+    /// arm.
     pub v_max_deg_s: [f64; 6],
     /// Failed reads in a row that are let pass with the last value held. Default: 1.
     pub failures_allowed: u32,

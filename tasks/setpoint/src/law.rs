@@ -1,5 +1,5 @@
-//! Which source may say where the joints should be, and what is refused of it. Refuses ports, and refuses to find a way: a
-//! goal is taken as it is or not at all.
+//! Which source may say where the joints should be, and what is refused of it. Refuses ports, and
+//! refuses to find a way: a goal is taken as it is or not at all.
 //!
 //! ```text
 //!   mode without torque ──> desired := measured
@@ -109,7 +109,8 @@ impl Law {
         }
     }
 
-    /// One job: the desired joints, and the fault for which a goal was refused; a refused goal is as good as none.
+    /// One job: the desired joints, and the fault for which a goal was refused; a refused goal is
+    /// as good as none.
     ///
     /// Faults: [`FaultCode::NotBumpless`], [`FaultCode::SetpointJump`], [`FaultCode::SoftLimit`].
     pub fn step(&mut self, facts: &Facts) -> (Desired, Result<(), FaultCode>) {
@@ -147,7 +148,8 @@ impl Law {
         (desired, fault)
     }
 
-    /// Takes the measurement; when the zero of the angles has moved, the desired angles move with it.
+    /// Takes the measurement; when the zero of the angles has moved, the desired angles move with
+    /// it.
     fn rebase(&mut self, measured: &JointState) {
         let now_rad = Joints::from(measured.q_rad);
         match self.datum {
@@ -170,7 +172,8 @@ impl Law {
         self.accepted = None;
     }
 
-    /// Takes a goal over if it keeps every bound; `Err` leaves everything as it was but the acceptance.
+    /// Takes a goal over if it keeps every bound; `Err` leaves everything as it was but the
+    /// acceptance.
     fn take(&mut self, source: Source, goal: &Goal, facts: &Facts) -> Result<bool, FaultCode> {
         let goal_rad = Joints::from(goal.q_rad);
         let goal_rad_s = Joints::from(goal.qd_rad_s);
@@ -211,7 +214,8 @@ impl Law {
         })
     }
 
-    /// Without a source: every joint's speed falls evenly to zero, within the time to stop of the speed last taken over.
+    /// Without a source: every joint's speed falls evenly to zero, within the time to stop of the
+    /// speed last taken over.
     fn slow_down(&mut self, facts: &Facts) {
         if self.qd_rad_s == Joints::zeros() {
             return;

@@ -1,6 +1,7 @@
-//! The only producer of the desired joints: chooses the source of motion by state, takes it over without a bump, checks every
-//! goal against speed, limits and the measured joints, and brings the arm to rest when there is none. Refuses to smooth: a goal
-//! that breaks a bound is refused whole, and the arm holds.
+//! The only producer of the desired joints: chooses the source of motion by state, takes it over
+//! without a bump, checks every goal against speed, limits and the measured joints, and brings the
+//! arm to rest when there is none. Refuses to smooth: a goal that breaks a bound is refused whole,
+//! and the arm holds.
 
 pub mod law;
 
@@ -20,7 +21,8 @@ pub struct Config {
     pub q_min_deg: [f64; 6],
     /// Upper joint limits, deg. Default: those of the reference arm.
     pub q_max_deg: [f64; 6],
-    /// Fastest speed of each joint, deg/s; a goal may step by 1.5 times it. Default: that of the reference arm.
+    /// Fastest speed of each joint, deg/s; a goal may step by 1.5 times it. Default: that of the
+    /// reference arm.
     pub v_max_deg_s: [f64; 6],
     /// How far the first goal of a source may be from the desired joints, deg. Default: 0.2.
     pub bumpless_deg: f64,

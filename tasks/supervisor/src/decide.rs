@@ -1,5 +1,5 @@
-//! One decision a job: faults first, then what the lines and time have changed, then what happens by itself, then the
-//! operator's request. Refuses ports; everything it goes by is in [`Facts`].
+//! One decision a job: faults first, then what the lines and time have changed, then what happens
+//! by itself, then the operator's request. Refuses ports; everything it goes by is in [`Facts`].
 
 use taktil_rtcore::fault::Class;
 use taktil_rtcore::mode::{Action, Event, after, after_stop, next as next_mode, react};

@@ -1,32 +1,35 @@
-//! What the machine does: the states of the robot control program (figure 6.2 of the thesis) as a pure table over the mode
-//! machine, which alone says whether anything may move. Refuses time, ports and memory.
+//! What the machine does: the states of the robot control program (figure 6.2 of the thesis) as a
+//! pure table over the mode machine, which alone says whether anything may move. Refuses time,
+//! ports and memory.
 //!
 //! ```text
-//!                           ┌────────────────────────────────────────────┐
-//!   drive power, checks,    │                   START                    │ <── drives off, from every state:
-//!   `enable`: the mode goes │ mode OFF, CHECKING, READY, ENABLING, FAULT │     a stop has ended, a fault
-//!   READY, ENABLING, HOLD   └────────────────────┬───────────────────────┘
-//!                                                │ by itself, in HOLD
-//!                                                v
-//!   ┌──────────────────────┐ manual_uncalibrated ┌──────────────────────┐
-//!   │ MANUAL/UNCALIBRATED  │ <────────────────── │  IDLE/UNCALIBRATED   │
-//!   │        MOVING        │ ──────────────────> │         HOLD         │
-//!   └──────────────────────┘        idle         └───────────┬──────────┘
-//!                                                            │ calibrate (the arm stands in its home pose)
-//!                                                            v
-//!                                                ┌──────────────────────┐
-//!                                                │   IDLE/CALIBRATED    │
-//!                                                │         HOLD         │
-//!                                                └─┬──────────────────┬─┘
-//!        manual_joint, manual_cartesian,           │                  ^  idle;
-//!        trajectory, trajectory_user,              │                  │  TRAJECTORY by itself when done;
-//!        tactile_servo                             v                  │  TACTILE-SERVO by itself when done or blind
-//!   ┌──────────────┬──────────────────┬────────────┴───────┬─────────────────┬───────────────┐
-//!   │ MANUAL/JOINT │ MANUAL/CARTESIAN │     TRAJECTORY     │ TRAJECTORY/USER │ TACTILE-SERVO │
-//!   └──────────────┴──────────────────┴─ MOVING, all of them ────────────────┴───────────────┘
+//!                       ┌────────────────────────────────────────────┐
+//!   drive power, then   │                   START                    │  drives off, from every
+//!   `enable`: the mode  │ mode OFF, CHECKING, READY, ENABLING, FAULT │<── state: a stop has ended,
+//!   goes to HOLD        └───────────────────┬────────────────────────┘    or a fault
+//!                                           │ by itself, in HOLD
+//!                                           v
+//! ┌─────────────────────┐ manual_uncalibrated ┌───────────────────┐
+//! │ MANUAL/UNCALIBRATED │ <────────────────── │ IDLE/UNCALIBRATED │
+//! │       MOVING        │ ──────────────────> │       HOLD        │
+//! └─────────────────────┘        idle         └─────────┬─────────┘
+//!                                                       │ calibrate (in the home pose)
+//!                                                       v
+//!                                             ┌───────────────────┐
+//!                                             │  IDLE/CALIBRATED  │
+//!                                             │       HOLD        │
+//!                                             └───┬───────────────┘
+//!      manual_joint, manual_cartesian,            │           ^ idle;
+//!      trajectory, trajectory_user,               │           │ TRAJECTORY by itself: done;
+//!      tactile_servo                              v           │ TACTILE-SERVO: done or blind
+//! ┌──────────────┬──────────────────┬────────────┬────────────┴────┬───────────────┐
+//! │ MANUAL/JOINT │ MANUAL/CARTESIAN │ TRAJECTORY │ TRAJECTORY/USER │ TACTILE-SERVO │
+//! │    MOVING    │      MOVING      │   MOVING   │     MOVING      │    MOVING     │
+//! └──────────────┴──────────────────┴────────────┴─────────────────┴───────────────┘
 //! ```
-//! `stop` (in ENABLING, HOLD, MOVING) and `reset` (in FAULT) go to the mode machine and leave the state where it is; the state
-//! falls back to START when the drives are off. A state stays through STOPPING, in which nothing but that happens.
+//! `stop` (in ENABLING, HOLD, MOVING) and `reset` (in FAULT) go to the mode machine and leave the
+//! state where it is; the state falls back to START when the drives are off. A state stays through
+//! STOPPING, in which nothing but that happens.
 
 use taktil_rtcore::fault::Class;
 use taktil_rtcore::mode::{Event, next as next_mode};
@@ -56,8 +59,8 @@ impl Guard {
     }
 }
 
-/// The table of the diagram. `Some` is the state that follows, which may be the same one; `None` means that the verb is
-/// refused, or, for [`Verb::None`], that nothing happens by itself.
+/// The table of the diagram. `Some` is the state that follows, which may be the same one; `None`
+/// means that the verb is refused, or, for [`Verb::None`], that nothing happens by itself.
 #[must_use]
 pub fn next(state: State, verb: Verb, guard: &Guard) -> Option<State> {
     use State as S;
@@ -105,7 +108,8 @@ fn by_itself(state: State, guard: &Guard) -> Option<State> {
     }
 }
 
-/// A latched fault is acknowledged in FAULT; elsewhere when there is one, and no stop for its sake is under way.
+/// A latched fault is acknowledged in FAULT; elsewhere when there is one, and no stop for its sake
+/// is under way.
 fn resettable(guard: &Guard) -> bool {
     match guard.mode {
         Mode::Fault => true,

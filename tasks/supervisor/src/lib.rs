@@ -1,6 +1,7 @@
-//! Decides what the machine does and steps the mode machine that decides whether it may: collects the lanes' faults, watches
-//! power, emergency stop and the arrival of what everything depends on, grants or refuses requests. The only writer of mode
-//! and state. Refuses silently nothing: a refused request is counted.
+//! Decides what the machine does and steps the mode machine that decides whether it may: collects
+//! the lanes' faults, watches power, emergency stop and the arrival of what everything depends on,
+//! grants or refuses requests. The only writer of mode and state. Refuses silently nothing: a
+//! refused request is counted.
 
 pub mod decide;
 pub mod law;
@@ -29,7 +30,8 @@ pub struct Config {
     pub stop_time_max_s: f64,
     /// How long the channels of the emergency stop may disagree, s. Default: 0.02.
     pub estop_disagree_s: f64,
-    /// How long touch may be missing before TACTILE-SERVO is left for IDLE/CALIBRATED, s. Default: 0.02.
+    /// How long touch may be missing before TACTILE-SERVO is left for IDLE/CALIBRATED, s. Default:
+    /// 0.02.
     pub tactile_hold_s: f64,
     /// Age at which the touch lane's health means that the lane is silent, s. Default: 0.1.
     pub touch_silent_s: f64,
@@ -123,8 +125,8 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// Declares the ports: in `request`, `lines`, `joints`, `trajectory` (delayed), `tactile` (delayed), `servo_health`
-    /// (delayed), `touch_health`, out `control`, `mode`.
+    /// Declares the ports: in `request`, `lines`, `joints`, `trajectory` (delayed), `tactile`
+    /// (delayed), `servo_health` (delayed), `touch_health`, out `control`, `mode`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses.
@@ -146,7 +148,8 @@ impl Supervisor {
     }
 }
 
-/// A source's word. The tactile servo is done only while it is at work; an empty trajectory is done too.
+/// A source's word. The tactile servo is done only while it is at work; an empty trajectory is done
+/// too.
 fn word(goal: &Sample<Goal>, only_when_valid: bool) -> Word {
     let done = goal.value.done == 1 && (goal.value.valid == 1 || !only_when_valid);
     Word { stamp: goal.stamp, done }

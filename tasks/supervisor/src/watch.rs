@@ -1,11 +1,11 @@
-//! Conditions that need a little memory: standing still, something lasting, faults latched in order. Refuses to react: it says
-//! what is so, and since when.
+//! Conditions that need a little memory: standing still, something lasting, faults latched in
+//! order. Refuses to react: it says what is so, and since when.
 
 use taktil_rtcore::fault::Class;
 use taktil_rtcore::{FaultCode, FaultSet, Nanos};
 
-/// Sees whether the arm stands still: no joint has left a small band for a while. Counts that flicker do not matter, and
-/// neither does a slow speed estimate.
+/// Sees whether the arm stands still: no joint has left a small band for a while. Counts that
+/// flicker do not matter, and neither does a slow speed estimate.
 #[derive(Clone, Debug)]
 pub struct Standstill {
     band_rad: f64,
@@ -69,7 +69,8 @@ pub struct Latch {
 }
 
 impl Latch {
-    /// Adds faults; of several at once the one with the strongest reaction counts as first, then the one with the lowest code.
+    /// Adds faults; of several at once the one with the strongest reaction counts as first, then
+    /// the one with the lowest code.
     pub fn add(&mut self, raised: FaultSet) {
         let mut strongest: Option<FaultCode> = None;
         for fault in raised.iter().filter(|fault| fault.class() > Class::Note) {

@@ -1,4 +1,5 @@
-//! Whole stories: switching on, moving, stopping, each fault, and long random runs that may break no rule.
+//! Whole stories: switching on, moving, stopping, each fault, and long random runs that may break
+//! no rule.
 
 use super::*;
 use taktil_rtcore::Payload;
