@@ -103,17 +103,17 @@ pub enum Gate {
     Silent,
 }
 
-/// The gate for a mode, given whether this job's torque and control state are there.
+/// The gate for a mode, given whether a torque and this job's control state are there.
 ///
 /// `own` is the mode that came with this job's control state (`None`: it did not come), `told` the
 /// mode that the machine told this task. Both have to allow torque.
 #[must_use]
-pub fn gate(own: Option<Mode>, told: Mode, torque_fresh: bool) -> Gate {
+pub fn gate(own: Option<Mode>, told: Mode, torque: bool) -> Gate {
     match own {
         None if told.torque_allowed() => Gate::Silent,
         None => Gate::Shut,
         Some(own) if !(own.torque_allowed() && told.torque_allowed()) => Gate::Shut,
-        Some(_) if torque_fresh => Gate::Open,
+        Some(_) if torque => Gate::Open,
         Some(_) => Gate::Silent,
     }
 }
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn torque_leaves_only_when_both_modes_and_a_fresh_torque_say_so() {
+    fn torque_leaves_only_when_both_modes_and_a_torque_say_so() {
         for own in Mode::ALL {
             for told in Mode::ALL {
                 let both = own.torque_allowed() && told.torque_allowed();

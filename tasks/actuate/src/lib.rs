@@ -1,6 +1,6 @@
 //! The last gate before the boards: torque limits, finite check, mode gate, the window of the
-//! following error, enable and brake lines, the watchdog's feed. Refuses to pass anything on that
-//! did not arrive in this very job, and leaves the boards safe when it stops, is dropped, or loses
+//! following error, enable and brake lines, the watchdog's feed. Refuses to pass on
+//! a torque that is more than one job old, and leaves the boards safe when it stops, is dropped, or loses
 //! one of them.
 
 pub mod law;
@@ -9,7 +9,7 @@ use serde::Deserialize;
 use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Kind, LinesOut};
 use taktil_mechanics::Joints;
 use taktil_mechanics::transmission::{Drive, Transmission};
-use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Mode, Output, Ports, Task};
+use taktil_rtcore::{Cycle, FaultCode, Freshness, Input, Invalid, Io, Mode, Output, Ports, Task};
 use taktil_signal::{Applied, ControlState, JointState, Torque};
 
 use law::{Command, Gate, Law, Window, gate};
@@ -223,11 +223,14 @@ fn check_board(analog: &dyn AnalogOut, drive: &Drive) -> Result<(), Invalid> {
 impl Task for Actuate {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let control = io.read(&self.control).fresh();
-        let torque = io.read(&self.torque).fresh();
+        let torque = io.read(&self.torque);
+        let torque_fresh = torque.freshness == Freshness::New;
         let joints = io.read(&self.joints);
         let own = control.map(|control| {
             u8::try_from(control.mode).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault)
         });
+        // A torque that the port refused leaves the last good one for one job.
+        let torque = torque.usable().filter(|_| torque.age <= cycle.dt);
         let gate = gate(own, cycle.mode, torque.is_some());
         let mut fault = Ok(());
         let mut command = self.safe;
@@ -250,7 +253,8 @@ impl Task for Actuate {
             (Gate::Open | Gate::Shut, _) => {}
         }
         // A sign of life only while everything that torque depends on comes anew in each job.
-        if control.is_some() && joints.fresh().is_some() && gate != Gate::Silent {
+        let fresh = control.is_some() && joints.fresh().is_some();
+        if fresh && (torque_fresh || gate == Gate::Shut) {
             self.feed = !self.feed;
         }
         lines.watchdog_feed = self.feed;

@@ -1,0 +1,197 @@
+//! `sense` in a machine in virtual time, with scripted boards.
+
+use std::sync::atomic::AtomicBool;
+
+use taktil_hal::{CHANNELS, Counts, DigitalIn, Encoders, Error, Kind, LinesIn, Reading};
+use taktil_rtcore::guard::CountingAllocator;
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{
+    Builder, Cycle, FaultCode, Invalid, Io, LaneSpec, Nanos, Output, Payload, Task, virtual_time,
+};
+use taktil_signal::{ControlState, JointState, Lines};
+use taktil_tasks_sense::{Config, Sense};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+const PERIOD: Nanos = Nanos::from_micros(2500);
+/// Boards latch a little before they are asked.
+const LATCHED_BEFORE: Nanos = Nanos::from_micros(100);
+
+/// Answers by the number of the job.
+struct Script<T> {
+    answer: fn(i64) -> Result<T, Kind>,
+    joints: usize,
+}
+
+impl<T> Script<T> {
+    fn sample(&self, release: Nanos) -> Result<Reading<T>, Error> {
+        let value = (self.answer)(release.0 / PERIOD.0);
+        let acquired = release - LATCHED_BEFORE;
+        value
+            .map(|value| Reading { value, acquired })
+            .map_err(|kind| Error::whole(kind, "test.board"))
+    }
+}
+
+impl Encoders for Script<[Counts; CHANNELS]> {
+    fn joints(&self) -> usize {
+        self.joints
+    }
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
+        Script::sample(self, release)
+    }
+}
+
+impl DigitalIn for Script<LinesIn> {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error> {
+        Script::sample(self, release)
+    }
+}
+
+/// Says in job 10 that the arm stands in its home pose.
+struct Supervisor(Output<ControlState>);
+
+impl Task for Supervisor {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let calibrate = u32::from(cycle.tick == 10);
+        io.write(&self.0, ControlState { calibrate, ..ControlState::ZERO });
+        Ok(())
+    }
+}
+
+/// What came out, with the number of the job.
+#[derive(Default)]
+struct Seen {
+    joints: Vec<(u64, JointState)>,
+    lines: Vec<(u64, Lines)>,
+}
+
+impl Observer for Seen {
+    fn record(&mut self, record: &Record<'_>) {
+        // Signals in order: servo.health, sense.joints, sense.lines, supervisor.control.
+        match record.signal {
+            1 => self.joints.extend(JointState::decode(record.body).map(|j| (record.tick, j))),
+            2 => self.lines.extend(Lines::decode(record.body).map(|l| (record.tick, l))),
+            _ => {}
+        }
+    }
+}
+
+impl Seen {
+    fn joints_at(&self, tick: u64) -> Option<JointState> {
+        self.joints.iter().find(|(at, _)| *at == tick).map(|(_, joints)| *joints)
+    }
+}
+
+const POWERED: LinesIn = LinesIn { drive_power: true, estop_a_closed: true, estop_b_closed: false };
+
+/// Runs 100 jobs; returns what came out and the faults that the lane saw.
+fn run(
+    encoders: fn(i64) -> Result<[Counts; CHANNELS], Kind>,
+    lines: fn(i64) -> Result<LinesIn, Kind>,
+) -> (Seen, Vec<FaultCode>) {
+    let mut builder = Builder::new();
+    let lane = builder.lane(LaneSpec::new("servo", PERIOD, 80)).unwrap();
+    builder
+        .task(lane, "sense", |ports| {
+            let encoders = Box::new(Script { answer: encoders, joints: 6 });
+            let lines = Box::new(Script { answer: lines, joints: 0 });
+            Ok(Box::new(Sense::new(Config::default(), encoders, lines, ports)?))
+        })
+        .unwrap();
+    builder
+        .task(lane, "supervisor", |ports| Ok(Box::new(Supervisor(ports.output("control")))))
+        .unwrap();
+    builder.bind("sense.control", "supervisor.control");
+    let mut machine = builder.build().unwrap();
+    let mut seen = Seen::default();
+    let stop = AtomicBool::new(false);
+    virtual_time::run(&mut machine, PERIOD * 100, &stop, &mut seen).unwrap();
+    let (_, figures) = machine.figures().next().unwrap();
+    assert_eq!((figures.jobs, figures.allocations), (100, 0));
+    (seen, figures.faults.iter().collect())
+}
+
+fn steady(job: i64) -> [Counts; CHANNELS] {
+    [Counts(2 * i32::try_from(job).unwrap()); CHANNELS]
+}
+
+#[test]
+fn joints_and_lines_come_in_every_job_and_the_zero_one_job_after_the_word() {
+    let (seen, faults) = run(|job| Ok(steady(job)), |_| Ok(POWERED));
+    assert_eq!((seen.joints.len(), seen.lines.len(), faults.len()), (100, 100, 0));
+    let expected = Lines { drive_power: 1, estop_a_closed: 1, estop_b_closed: 0 };
+    assert!(seen.lines.iter().all(|(_, lines)| *lines == expected));
+    for (tick, joints) in &seen.joints {
+        let datum = u32::from(*tick >= 11);
+        assert_eq!((joints.datum, joints.calibrated), (datum, datum), "job {tick}");
+        assert_eq!(joints.counts, [2 * i32::try_from(*tick).unwrap(); 6]);
+        let speed = if *tick == 0 { 0.0 } else { 2.0 / 7435.7 / 0.0025 };
+        assert!((joints.qd_rad_s[0] - speed).abs() < 1e-4, "job {tick}");
+    }
+    let home = seen.joints_at(11).unwrap();
+    assert!((home.q_rad[2].to_degrees() + 180.0).abs() < 1e-9);
+    assert!((home.q_rad[4].to_degrees() - 90.0).abs() < 1e-9);
+}
+
+#[test]
+fn one_failed_read_holds_two_are_a_lost_board() {
+    let (seen, faults) = run(
+        |job| if job == 20 { Err(Kind::Transient) } else { Ok(steady(job)) },
+        |job| if job == 30 { Err(Kind::Transient) } else { Ok(POWERED) },
+    );
+    assert_eq!(faults, []);
+    assert!(seen.joints_at(20).is_none(), "nothing is invented");
+    let speed = seen.joints_at(21).unwrap().qd_rad_s[0];
+    assert!((speed - 2.0 / 7435.7 / 0.0025).abs() < 1e-4, "over two periods");
+    let (_, faults) = run(
+        |job| if (20..22).contains(&job) { Err(Kind::Transient) } else { Ok(steady(job)) },
+        |job| if job == 30 { Err(Kind::Lost) } else { Ok(POWERED) },
+    );
+    assert_eq!(faults, [FaultCode::EncoderLost, FaultCode::DigitalLost]);
+}
+
+#[test]
+fn a_calibration_waits_for_a_sample_that_can_be_believed() {
+    let (seen, _) =
+        run(|job| if job == 11 { Err(Kind::Transient) } else { Ok(steady(job)) }, |_| Ok(POWERED));
+    assert_eq!(seen.joints_at(10).unwrap().calibrated, 0);
+    let home = seen.joints_at(12).unwrap();
+    assert_eq!((home.calibrated, home.datum), (1, 1));
+    assert!((home.q_rad[2].to_degrees() + 180.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_jump_is_a_fault_and_is_not_published() {
+    let (seen, faults) = run(
+        |job| Ok(if job >= 50 { [Counts(5000); CHANNELS] } else { steady(0) }),
+        |_| Ok(POWERED),
+    );
+    assert_eq!(faults, [FaultCode::EncoderJump]);
+    assert!(seen.joints_at(50).is_none());
+    assert_eq!(seen.joints_at(51).unwrap().calibrated, 0);
+}
+
+#[test]
+fn boards_that_have_nothing_to_say_yet_are_waited_for() {
+    let (seen, faults) = run(
+        |job| if job < 5 { Err(Kind::Stale) } else { Ok(steady(job)) },
+        |job| if job < 9 { Err(Kind::Transient) } else { Ok(POWERED) },
+    );
+    assert_eq!(faults, []);
+    assert_eq!((seen.joints[0].0, seen.lines[0].0), (5, 9));
+}
+
+#[test]
+fn a_board_with_too_few_encoders_is_refused() {
+    let mut builder = Builder::new();
+    let lane = builder.lane(LaneSpec::new("servo", PERIOD, 80)).unwrap();
+    let refused = builder.task(lane, "sense", |ports| {
+        let encoders = Box::new(Script { answer: |job| Ok(steady(job)), joints: 5 });
+        let lines = Box::new(Script { answer: |_| Ok(POWERED), joints: 0 });
+        Ok(Box::new(Sense::new(Config::default(), encoders, lines, ports)?))
+    });
+    let Err(Invalid { what, .. }) = refused else { panic!("five encoders were accepted") };
+    assert!(what.contains('5'), "{what}");
+}
