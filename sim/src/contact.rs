@@ -14,7 +14,7 @@ use taktil_mechanics::Pose;
 
 use crate::hash::Hash;
 use crate::pin::Pin;
-use crate::rubber::Rubber;
+use crate::rubber::{Response, Rubber};
 
 /// Slices of either contact; on the finger they are the tactile array's rows.
 pub const SLICES: usize = 16;
@@ -27,6 +27,8 @@ pub const PAD_HALF_M: f64 = 0.5 * SLICES as f64 * PITCH_M;
 const EDGE_M: f64 = 0.5e-3;
 /// Smallest sine between axis and normal for which there is a contact line.
 const SINE_MIN: f64 = 0.2;
+/// Narrowest contact through which bristles travel (m).
+const HALF_WIDTH_MIN_M: f64 = 1e-9;
 /// Spin at which rolling resistance has come up fully (rad/s).
 const ROLLING_SPIN_RAD_S: f64 = 0.1;
 
@@ -204,6 +206,13 @@ pub(crate) struct Patch {
     pub(crate) slices: [Slice; SLICES],
 }
 
+/// What the bristles of one slice obey.
+struct Grip {
+    half_width_m: f64,
+    relaxation_s: f64,
+    friction: f64,
+}
+
 /// Sums over the slices: force and first moment along the axis, each as (normal, across, along).
 #[derive(Default)]
 struct Sums {
@@ -233,8 +242,15 @@ impl Patch {
                 continue;
             }
             slice.strip = *strip;
-            slice.press(&self.rubber, line, delta_m);
-            slice.shear(&self.rubber, line, h, self.friction, &mut sums);
+            let response = self.rubber.at(delta_m);
+            slice.delta_m = delta_m;
+            slice.press(&response, self.rubber.relaxation_s, line);
+            let grip = Grip {
+                half_width_m: response.half_width_m.max(HALF_WIDTH_MIN_M),
+                relaxation_s: self.rubber.relaxation_s,
+                friction: self.friction,
+            };
+            slice.shear(&grip, line, h, &mut sums);
         }
         let [normal, across, along] = sums.force;
         let resistance =
@@ -260,12 +276,10 @@ impl Patch {
 
 impl Slice {
     /// Normal load and the stiffness of the bristles at a penetration.
-    fn press(&mut self, rubber: &Rubber, line: &Line, delta_m: f64) {
-        let response = rubber.at(delta_m);
+    fn press(&mut self, response: &Response, relaxation_s: f64, line: &Line) {
         let length_m = self.strip.width_m * self.strip.cover;
         let rate = linear(line.closing, self.strip.s_m);
-        let damping_n_m = response.stiffness_n_m2 * rubber.relaxation_s * rate;
-        self.delta_m = delta_m;
+        let damping_n_m = response.stiffness_n_m2 * relaxation_s * rate;
         self.load_n = ((response.load_n_m + damping_n_m) * length_m).max(0.0);
         let shear_n_m = response.shear_n_m2 * length_m;
         if shear_n_m > self.shear_n_m {
@@ -276,19 +290,18 @@ impl Slice {
     }
 
     /// Tangential force of the bristles.
-    fn shear(&mut self, rubber: &Rubber, line: &Line, h: f64, friction: f64, sums: &mut Sums) {
+    fn shear(&mut self, grip: &Grip, line: &Line, h: f64, sums: &mut Sums) {
         let s = self.strip.s_m;
         let creep = (linear(line.creep_across, s), linear(line.creep_along, s));
         let travel = linear(line.travel, s).abs();
-        let half_width = rubber.at(self.delta_m).half_width_m.max(1e-9);
-        let keep = 1.0 / (1.0 + h * travel / half_width);
+        let keep = 1.0 / (1.0 + h * travel / grip.half_width_m);
         self.brush = ((self.brush.0 + h * creep.0) * keep, (self.brush.1 + h * creep.1) * keep);
-        let damping = rubber.relaxation_s;
+        let damping = grip.relaxation_s;
         let mut force = (
             -self.shear_n_m * (self.brush.0 + damping * creep.0),
             -self.shear_n_m * (self.brush.1 + damping * creep.1),
         );
-        let limit = friction * self.load_n;
+        let limit = grip.friction * self.load_n;
         let size2 = force.0 * force.0 + force.1 * force.1;
         if size2 > limit * limit {
             let scale = limit / size2.sqrt();

@@ -5,6 +5,8 @@
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
+use crate::hash::Hash;
+
 /// Who draws; each has numbers of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
@@ -47,11 +49,14 @@ impl Prng {
         radius * cos
     }
 
-    /// Where in the stream it stands, for a state hash.
-    #[must_use]
-    pub(crate) fn position(&self) -> u64 {
-        let words = self.chacha.get_word_pos();
-        (words as u64) ^ u64::from(self.spare.is_some())
+    /// Adds seed and place in the stream.
+    pub(crate) fn digest(&self, hash: &mut Hash) {
+        for byte in self.chacha.get_seed() {
+            hash.word(u64::from(byte));
+        }
+        hash.word(self.chacha.get_stream());
+        hash.word(self.chacha.get_word_pos() as u64);
+        hash.number(self.spare.unwrap_or(f64::INFINITY));
     }
 }
 

@@ -127,10 +127,10 @@ fn relaxation_ms_default() -> f64 {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FingerConfig {
-    /// Layer over the tactels. Default 0.8 mm, 3 MPa, 0.49. The thesis's finite elements use
+    /// Layer over the tactels. Default 0.8 mm, 2 MPa, 0.49. The thesis's finite elements use
     /// 27.58 MPa (4000 psi), ten times a rubber that one would put on a fingertip: 15 N would press
-    /// a 23 mm pin in by 7 um, and steps of 50 us would be needed. That value is allowed, with a
-    /// heavier pin or a shorter step.
+    /// a 23 mm pin in by 7 um only, and steps would have to be much shorter. That value is allowed,
+    /// with a heavier pin or a shorter step.
     pub rubber: RubberConfig,
     /// Coulomb coefficient against the pin. Default 0.8.
     pub friction: f64,
@@ -278,7 +278,7 @@ impl Default for ArmConfig {
 impl Default for FingerConfig {
     fn default() -> FingerConfig {
         let rubber =
-            RubberConfig { thickness_mm: 0.8, youngs_mpa: 3.0, poisson: 0.49, relaxation_ms: 0.3 };
+            RubberConfig { thickness_mm: 0.8, youngs_mpa: 2.0, poisson: 0.49, relaxation_ms: 0.3 };
         FingerConfig { rubber, friction: 0.8 }
     }
 }

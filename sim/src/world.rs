@@ -391,7 +391,7 @@ impl World {
         hash.word(self.last_word.0.cast_unsigned());
         hash.word(self.last_feed.0.cast_unsigned());
         hash.word(u64::from(self.sequence));
-        hash.word(self.noise.position());
+        self.noise.digest(&mut hash);
         hash.value()
     }
 }

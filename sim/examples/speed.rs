@@ -1,0 +1,60 @@
+//! Speed of the simulated bench against real time on one core, everything at its defaults: the best
+//! of five runs of 20 simulated seconds for each scene.
+
+#![expect(clippy::disallowed_methods, reason = "a speed needs a clock")]
+
+use std::time::Instant;
+
+use glam::{DMat3, DVec3};
+use taktil_hal::{Devices, LinesOut, Nanos, TactileFrame};
+use taktil_sim::{Carriage, Float, Timing, World, WorldConfig, build, build_with_carriage};
+
+const SECONDS: i64 = 20;
+const RUNS: u32 = 5;
+
+fn main() {
+    let mut resting = WorldConfig::default();
+    resting.pin.present = false;
+    let mut pressing = WorldConfig::default();
+    // The finger starts on the pin and leans on it with the arm's weight.
+    pressing.table.height_mm = -180.1;
+    let arm = |config: &WorldConfig| build(config, &Timing::default(), 1).expect("a sound scene");
+    report("arm, no pin", || arm(&resting));
+    report("arm over the pin", || arm(&WorldConfig::default()));
+    report("arm pressing on the pin", || arm(&pressing));
+    report("finger on rails rolling the pin", rolling);
+}
+
+fn report(name: &str, build: impl Fn() -> (World, Devices)) {
+    let speed = (0..RUNS).map(|_| run(build())).fold(0.0, f64::max);
+    println!("{name:32} {speed:6.0} x real time");
+}
+
+/// One run with the traffic of a controller: simulated seconds per second.
+fn run((mut world, mut devices): (World, Devices)) -> f64 {
+    let timing = Timing::default();
+    let mut frame = TactileFrame::empty();
+    let (mut t, mut feed) = (Nanos::ZERO, false);
+    let start = Instant::now();
+    while t < Nanos::from_secs(SECONDS) {
+        feed = !feed;
+        let lines = LinesOut { enable: true, brake_release: true, watchdog_feed: feed };
+        devices.digital_out.commit(t, &lines).expect("the link has room");
+        devices.encoders.sample(t).expect("a reading is there");
+        devices.tactile.sample(t, &mut frame).expect("no fault");
+        world.advance(t + timing.actuation_delay);
+        t += timing.control_period;
+    }
+    SECONDS as f64 / start.elapsed().as_secs_f64()
+}
+
+fn rolling() -> (World, Devices) {
+    let place = |x: f64| DVec3::new(x, -0.127, -0.1489);
+    let knots =
+        (0..=SECONDS).map(|i| (i as f64, place(if i % 2 == 0 { 0.325 } else { 0.335 }))).collect();
+    let axes = DMat3::from_cols(-DVec3::X, DVec3::Y, -DVec3::Z);
+    let float = Some(Float { mass_kg: 1.0, load_n: 15.0, damping_n_s_m: 100.0 });
+    let carriage = Carriage { axes, knots, float };
+    build_with_carriage(&WorldConfig::default(), &Timing::default(), 1, carriage)
+        .expect("a sound scene")
+}

@@ -1,0 +1,152 @@
+//! The arm behind its codes: gravity, friction that sticks, energy, counts; and one seed, one run.
+
+use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, Nanos};
+use taktil_mechanics::Joints;
+use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::transmission::{Drive, Transmission};
+use taktil_sim::{Timing, World, WorldConfig, build};
+
+const PERIOD: Nanos = Nanos::from_micros(2_500);
+
+fn free_of_pin() -> WorldConfig {
+    let mut config = WorldConfig::default();
+    config.pin.present = false;
+    config
+}
+
+/// Runs `cycles` control periods; `law` sees the world and gives the codes.
+fn run(
+    world: &mut World,
+    devices: &mut Devices,
+    cycles: i64,
+    mut law: impl FnMut(&World) -> [DacCode; CHANNELS],
+) {
+    for k in 0..cycles {
+        let t = PERIOD * k;
+        let order = LinesOut { enable: true, brake_release: true, watchdog_feed: k % 2 == 0 };
+        devices.digital_out.commit(t, &order).unwrap();
+        devices.analog_out.commit(t, &law(world)).unwrap();
+        devices.encoders.sample(t).unwrap();
+        world.advance(t + PERIOD);
+    }
+}
+
+fn codes_of(torque: &Joints) -> [DacCode; CHANNELS] {
+    let motor = Transmission::reference().motor_torque(torque);
+    let drive = Drive::reference();
+    let mut codes = [DacCode(0); CHANNELS];
+    for i in 0..6 {
+        codes[i] = DacCode(drive.code(motor[i], i));
+    }
+    codes
+}
+
+#[test]
+fn braked_it_does_not_move() {
+    let (mut world, _devices) = build(&WorldConfig::default(), &Timing::default(), 1).unwrap();
+    let start = world.truth().q;
+    world.advance(Nanos::from_secs(1));
+    assert_eq!(world.truth().q, start);
+}
+
+#[test]
+fn gravity_torque_and_friction_hold_it_dead_still() {
+    let (mut world, mut devices) = build(&free_of_pin(), &Timing::default(), 1).unwrap();
+    let start = world.truth();
+    let gravity = Dynamics::reference().gravity(&start.q);
+    // 4 s under a constant word that is off by half a code at most: friction takes the rest.
+    run(&mut world, &mut devices, 1600, |_| codes_of(&gravity));
+    let end = world.truth();
+    assert!((end.tool - start.tool).length() < 1e-4, "{}", end.tool - start.tool);
+    assert!(end.qd.norm() < 1e-6, "{}", end.qd.norm());
+    let counts = devices.encoders.sample(PERIOD * 1600).unwrap().value;
+    assert!(counts.iter().all(|c| c.0.abs() <= 2), "{counts:?}");
+}
+
+#[test]
+fn without_torque_it_falls_onto_its_stops_and_stays_finite() {
+    let (mut world, mut devices) = build(&free_of_pin(), &Timing::default(), 1).unwrap();
+    run(&mut world, &mut devices, 1200, |_| [DacCode(0); CHANNELS]);
+    let truth = world.truth();
+    assert!(truth.tool.z < -0.3 && truth.tool.is_finite(), "{}", truth.tool);
+    assert!(truth.qd.norm() < 1.0, "{}", truth.qd.norm());
+}
+
+#[test]
+fn free_of_friction_it_keeps_its_energy() {
+    let mut config = free_of_pin();
+    (config.arm.coulomb_scale, config.arm.viscous_scale) = (0.0, 0.0);
+    let drift = |substep_us: f64| {
+        let config = WorldConfig { substep_us, arm_every: 1, ..config.clone() };
+        let (mut world, mut devices) = build(&config, &Timing::default(), 1).unwrap();
+        let start = world.truth();
+        run(&mut world, &mut devices, 80, |_| [DacCode(0); CHANNELS]);
+        let end = world.truth();
+        let fallen = end.tool.z - start.tool.z;
+        assert!(fallen < -0.05, "it swings: {fallen}");
+        (end.energy_j - start.energy_j).abs()
+    };
+    let (coarse, fine) = (drift(125.0), drift(31.25));
+    println!("energy drift (J) over 0.2 s of fall: {coarse:.2e} at 125 us, {fine:.2e} at 31 us");
+    assert!(coarse < 5e-3 && fine < 0.4 * coarse, "{coarse} {fine}");
+}
+
+#[test]
+fn torques_move_the_joints_in_their_direction_and_counts_follow() {
+    for joint in 0..6 {
+        let (mut world, mut devices) = build(&free_of_pin(), &Timing::default(), 1).unwrap();
+        let start = world.truth().q;
+        let model = Dynamics::reference();
+        let push = Drive::reference().peak_joint_torque(&Transmission::reference())[joint] * 0.4;
+        run(&mut world, &mut devices, 60, |world| {
+            let mut torque = model.gravity(&world.truth().q);
+            torque[joint] += push;
+            codes_of(&torque)
+        });
+        let end = world.truth().q;
+        assert!(end[joint] - start[joint] > 0.005, "joint {}: {}", joint + 1, end - start);
+        let gears = Transmission::reference();
+        let (now, then) = (gears.counts(&end), gears.counts(&start));
+        let seen = devices.encoders.sample(PERIOD * 60).unwrap().value;
+        for i in 0..6 {
+            assert_eq!(seen[i].0, now[i] - then[i], "joint {}", i + 1);
+        }
+    }
+}
+
+#[test]
+fn currents_are_echoed_on_the_analog_inputs() {
+    let (mut world, mut devices) = build(&free_of_pin(), &Timing::default(), 1).unwrap();
+    let gravity = Dynamics::reference().gravity(&world.truth().q);
+    let codes = codes_of(&gravity);
+    run(&mut world, &mut devices, 4, |_| codes);
+    let seen = devices.analog_in.sample(PERIOD * 4).unwrap().value;
+    assert!((0..CHANNELS).all(|i| seen[i].0 == codes[i].0), "{seen:?}");
+}
+
+#[test]
+fn one_seed_is_one_run() {
+    let hash = |seed: u64| {
+        let (mut world, mut devices) =
+            build(&WorldConfig::default(), &Timing::default(), seed).unwrap();
+        let mut frame = taktil_hal::TactileFrame::empty();
+        let gravity = Dynamics::reference().gravity(&world.truth().q);
+        run(&mut world, &mut devices, 200, |_| codes_of(&(0.7 * gravity)));
+        devices.tactile.sample(world.now(), &mut frame).unwrap();
+        (world.state_hash(), frame.values)
+    };
+    let (one, again, other) = (hash(1), hash(1), hash(2));
+    assert_eq!(one, again);
+    assert_ne!(one.0, other.0);
+    assert_ne!(one.1, other.1);
+}
+
+#[test]
+fn the_pinned_digest_does_not_depend_on_build_or_machine() {
+    let (mut world, mut devices) = build(&WorldConfig::default(), &Timing::default(), 1).unwrap();
+    // The arm sags onto the pin.
+    let gravity = Dynamics::reference().gravity(&world.truth().q);
+    run(&mut world, &mut devices, 400, |_| codes_of(&(0.5 * gravity)));
+    assert!(world.truth().in_contact);
+    println!("digest {:#018x}", world.state_hash());
+}

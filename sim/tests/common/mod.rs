@@ -1,0 +1,56 @@
+//! What the tests of the bench share: fingers on rails and ways to ride them.
+#![allow(dead_code, unreachable_pub, reason = "every test file uses a part of it")]
+
+use glam::{DMat3, DVec3};
+use taktil_hal::{Devices, Nanos};
+use taktil_sim::{
+    Carriage, Float, PITCH_M, Timing, Truth, World, WorldConfig, build_with_carriage,
+};
+
+/// Sensor axes of the nominal rolling pose.
+pub fn nominal() -> DMat3 {
+    DMat3::from_cols(-DVec3::X, DVec3::Y, -DVec3::Z)
+}
+
+/// The finger over the middle of the default table at a height (m).
+pub fn over(z: f64) -> DVec3 {
+    DVec3::new(0.325, -0.127, z)
+}
+
+/// Height at which an unpressed finger parallel to the table just meets the pin (m).
+pub fn meeting_height(config: &WorldConfig) -> f64 {
+    let slope = libm::cos(config.table.tilt_y_deg.to_radians());
+    1e-3 * (config.table.height_mm + 2.0 * config.pin.radius_mm / slope)
+}
+
+pub fn load_of(load_n: f64) -> Option<Float> {
+    Some(Float { mass_kg: 1.0, load_n, damping_n_s_m: 200.0 })
+}
+
+pub fn bench(config: &WorldConfig, carriage: Carriage) -> (World, Devices) {
+    build_with_carriage(config, &Timing::default(), 1, carriage).expect("the scene is sound")
+}
+
+pub fn seconds(s: f64) -> Nanos {
+    Nanos((s * 1e9).round() as i64)
+}
+
+pub fn at(world: &mut World, t_s: f64) -> Truth {
+    world.advance(seconds(t_s));
+    world.truth()
+}
+
+/// Presses with 15 N for half a second, then moves the finger by `dx` (m) in two seconds and waits.
+/// Gives the truth before and after.
+pub fn stroke(config: &WorldConfig, axes: DMat3, dx: f64) -> (Truth, Truth) {
+    let z = meeting_height(config) + 1e-4;
+    let knots = vec![(0.5, over(z)), (2.5, over(z) + DVec3::new(dx, 0.0, 0.0))];
+    let (mut world, _devices) = bench(config, Carriage { axes, knots, float: load_of(15.0) });
+    (at(&mut world, 0.5), at(&mut world, 3.0))
+}
+
+/// Motion of the contact over the pad (m).
+pub fn contact_travel(before: &Truth, after: &Truth) -> f64 {
+    let x = |t: &Truth| t.contact_x_tactels.expect("finger and pin touch");
+    (x(after) - x(before)) * PITCH_M
+}

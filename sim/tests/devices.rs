@@ -1,0 +1,166 @@
+//! The hal halves of the bench against the suite that every implementor passes, and the watchdogs.
+
+use std::cell::{Cell, RefCell};
+
+use taktil_hal::conformance::{
+    Bench, check_analog_out_drop, check_analog_out_observed, check_devices, check_digital_out_drop,
+    check_digital_out_observed,
+};
+use taktil_hal::{CHANNELS, Counts, DacCode, Devices, LinesOut, Nanos};
+use taktil_sim::{LONGEST_SILENCE, Timing, World, WorldConfig, build};
+
+const PERIOD: Nanos = Nanos::from_micros(2_500);
+const DELAY: Nanos = Nanos::from_micros(1_250);
+
+fn bench() -> (World, Devices) {
+    build(&WorldConfig::default(), &Timing::default(), 3).unwrap()
+}
+
+fn lines(enable: bool, brake_release: bool, watchdog_feed: bool) -> LinesOut {
+    LinesOut { enable, brake_release, watchdog_feed }
+}
+
+#[test]
+fn all_halves_keep_the_promises() {
+    let (mut world, mut devices) = bench();
+    let found =
+        check_devices(&mut devices, &mut Bench::new(Nanos::ZERO, PERIOD, |t| world.advance(t)));
+    assert_eq!(found, []);
+}
+
+#[test]
+fn outputs_reach_the_world_and_go_safe() {
+    let (world, mut devices) = bench();
+    let (world, last) = (RefCell::new(world), Cell::new(Nanos::ZERO));
+    let advance = |t: Nanos| {
+        last.set(t);
+        world.borrow_mut().advance(t);
+    };
+    // A word acts one delay after its release, a safe value at once; a moment later it is taken.
+    let settle = || {
+        let mut world = world.borrow_mut();
+        let due = world.now().max(last.get() + DELAY);
+        world.advance(due + Nanos(1));
+    };
+    let mut codes = || {
+        settle();
+        world.borrow().analog_out().map(DacCode)
+    };
+    let mut orders = || {
+        settle();
+        world.borrow().digital_out()
+    };
+    let mut feed = Bench::new(Nanos::ZERO, PERIOD, advance);
+    let found = check_analog_out_observed(devices.analog_out.as_mut(), &mut feed, &mut codes);
+    assert_eq!(found, []);
+    let found = check_analog_out_drop(devices.analog_out, &mut feed, &mut codes);
+    assert_eq!(found, []);
+
+    let (fresh, mut devices) = bench();
+    *world.borrow_mut() = fresh;
+    let mut feed = Bench::new(Nanos::ZERO, PERIOD, advance);
+    let found = check_digital_out_observed(devices.digital_out.as_mut(), &mut feed, &mut orders);
+    assert_eq!(found, []);
+    let found = check_digital_out_drop(devices.digital_out, &mut feed, &mut orders);
+    assert_eq!(found, []);
+}
+
+#[test]
+fn encoders_read_zero_at_power_up() {
+    let (_world, mut devices) = bench();
+    let reading = devices.encoders.sample(Nanos::ZERO).unwrap();
+    assert_eq!((reading.value, reading.acquired), ([Counts(0); CHANNELS], Nanos::ZERO));
+    assert!(devices.encoders.sample(Nanos(-1)).is_ok(), "what was read once is held");
+    let (_world, mut devices) = bench();
+    assert!(devices.encoders.sample(Nanos(-1)).is_err(), "nothing exists before the start");
+}
+
+#[test]
+fn readings_carry_the_instants_of_the_world() {
+    let (mut world, mut devices) = bench();
+    world.advance(Nanos::from_millis(20));
+    let at = |us| Nanos::from_micros(us);
+    assert_eq!(devices.encoders.sample(at(7_400)).unwrap().acquired, at(5_000));
+    assert_eq!(devices.encoders.sample(at(7_500)).unwrap().acquired, at(7_500));
+    assert_eq!(devices.encoders.sample(at(90_000)).unwrap().acquired, at(20_000));
+    let mut frame = taktil_hal::TactileFrame::empty();
+    devices.tactile.sample(at(14_999), &mut frame).unwrap();
+    assert_eq!((frame.acquired, frame.sequence), (at(10_000), 2));
+    assert_eq!(world.dropped(), 0);
+}
+
+#[test]
+fn words_act_from_their_own_instants() {
+    let run = |instants: &[i64]| {
+        let (mut world, mut devices) = bench();
+        devices.digital_out.commit(Nanos::ZERO, &lines(true, true, true)).unwrap();
+        let mut codes = [DacCode(0); CHANNELS];
+        codes[0] = DacCode(1000);
+        devices.analog_out.commit(Nanos::ZERO, &codes).unwrap();
+        devices.analog_out.commit(PERIOD, &[DacCode(0); CHANNELS]).unwrap();
+        for us in instants {
+            world.advance(Nanos::from_micros(*us));
+        }
+        world.truth().qd[0]
+    };
+    // Pushed from 1.25 to 3.75 ms, however the advance is cut.
+    let (whole, cut) = (run(&[20_000]), run(&[1_250, 3_750, 20_000]));
+    assert!(whole > 0.0 && (whole - cut).abs() < 1e-12, "{whole} {cut}");
+    assert!(run(&[1_250]).abs() < 1e-12, "nothing acts before its instant");
+}
+
+#[test]
+fn silence_drops_the_drives_and_sets_the_brakes() {
+    let (mut world, mut devices) = bench();
+    let codes = [DacCode(1500), DacCode(0), DacCode(0), DacCode(0), DacCode(0), DacCode(0)];
+    let mut word = [DacCode(0); CHANNELS];
+    word[..6].copy_from_slice(&codes);
+    let mut feed = false;
+    for k in 0..40 {
+        feed = !feed;
+        let t = PERIOD * k;
+        devices.digital_out.commit(t, &lines(true, true, feed)).unwrap();
+        devices.analog_out.commit(t, &word).unwrap();
+        world.advance(t + PERIOD);
+    }
+    let running = world.truth();
+    assert!(running.enabled && !running.braked && running.qd[0].abs() > 0.1);
+    // The last word acted at 39 periods + delay; 50 ms later everything is off.
+    let last = PERIOD * 39 + DELAY;
+    world.advance(last + LONGEST_SILENCE);
+    assert_eq!(world.analog_out()[0], 1500, "not a moment too early");
+    world.advance(last + LONGEST_SILENCE + Nanos(1));
+    let dead = world.truth();
+    assert_eq!(world.analog_out(), [0; CHANNELS]);
+    assert!(!dead.enabled && dead.braked && dead.qd.norm() == 0.0);
+    let place = dead.q;
+    world.advance(last + LONGEST_SILENCE + Nanos::from_secs(1));
+    assert_eq!(world.truth().q, place);
+}
+
+#[test]
+fn a_feed_line_that_does_not_toggle_is_no_sign_of_life() {
+    let (mut world, mut devices) = bench();
+    for k in 0..40 {
+        let t = PERIOD * k;
+        devices.digital_out.commit(t, &lines(true, true, true)).unwrap();
+        devices.analog_out.commit(t, &[DacCode(0); CHANNELS]).unwrap();
+        world.advance(t + PERIOD);
+    }
+    assert!(world.truth().braked && !world.truth().enabled);
+}
+
+#[test]
+fn power_comes_when_the_scene_says() {
+    let mut config = WorldConfig::default();
+    config.arm.power_on_s = 0.02;
+    let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
+    devices.digital_out.commit(Nanos::ZERO, &lines(true, true, true)).unwrap();
+    world.advance(Nanos::from_millis(15));
+    assert!(!devices.digital_in.sample(Nanos::from_millis(15)).unwrap().value.drive_power);
+    assert!(world.truth().braked);
+    world.advance(Nanos::from_millis(21));
+    let seen = devices.digital_in.sample(Nanos::from_millis(21)).unwrap().value;
+    assert!(seen.drive_power && seen.estop_a_closed && seen.estop_b_closed);
+    assert!(!world.truth().braked);
+}
