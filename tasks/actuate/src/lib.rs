@@ -1,7 +1,7 @@
 //! The last gate before the boards: torque limits, finite check, mode gate, the window of the
-//! following error, enable and brake lines, the watchdog's feed. Refuses to pass on
-//! a torque that is more than one job old, and leaves the boards safe when it stops, is dropped, or loses
-//! one of them.
+//! following error, enable and brake lines, the watchdog's feed. Refuses to pass on a torque that
+//! is more than one job old, and leaves the boards safe when it stops, is dropped, or loses one of
+//! them.
 
 pub mod law;
 
