@@ -1,5 +1,5 @@
-//! `[trajectory]`: the queue of moves. Refuses, at load, moves that no arm could make: angles outside
-//! the limits, tool poses out of reach, speeds above the arm's.
+//! `[trajectory]`: the queue of moves. Refuses, at load, moves that no arm could make: angles
+//! outside the limits, tool poses out of reach, speeds above the arm's.
 
 use serde::Deserialize;
 use taktil_mechanics::paul::MAX_POINTS;
@@ -42,8 +42,8 @@ pub struct Move {
     /// Goal as a pose of the tool.
     #[serde(default)]
     pub tool: Option<ToolGoal>,
-    /// Goal as a displacement of the tool point along the tool's own axes (mm) from where the move before it ends; the
-    /// orientation stays. `[0, 0, 5]` goes 5 mm the way the sensor looks.
+    /// Goal as a displacement of the tool point along the tool's own axes (mm) from where the move
+    /// before it ends; the orientation stays. `[0, 0, 5]` goes 5 mm the way the sensor looks.
     #[serde(default)]
     pub by_mm: Option<[f64; 3]>,
     /// Time of the segment, corner to corner (s). Default: what `speed` allows.
@@ -163,7 +163,7 @@ impl Move {
                 Goal::Tool(pose)
             }
             (None, None, Some(by_mm)) => {
-                if let Some(axis) = by_mm.iter().position(|x| !(x.abs() <= LONGEST_MM)) {
+                if let Some(axis) = by_mm.iter().position(|x| x.is_nan() || x.abs() > LONGEST_MM) {
                     let what = format!("is {}", by_mm[axis]);
                     let remedy = format!("give -{LONGEST_MM} to {LONGEST_MM} mm");
                     return Err(Invalid::new(format!("by_mm[{axis}]"), what, remedy));
@@ -204,9 +204,9 @@ impl Config {
     /// The queue, checked against an arm.
     ///
     /// # Errors
-    /// Too many moves; a move without exactly one goal, with an angle outside the limits, with a pose
-    /// out of reach or no rotation; times that are not positive; a `t_s` below two `tau_s`; a speed outside 0 to
-    /// 1; a `tau_s` in which a joint could not turn round at that speed.
+    /// Too many moves; a move without exactly one goal, with an angle outside the limits, with a
+    /// pose out of reach or no rotation; times that are not positive; a `t_s` below two `tau_s`; a
+    /// speed outside 0 to 1; a `tau_s` in which a joint could not turn round at that speed.
     pub fn steps(&self, arm: &Puma260) -> Result<Vec<Step>, Invalid> {
         if self.moves.len() > MAX_MOVES {
             let what = format!("has {} moves", self.moves.len());

@@ -16,8 +16,8 @@ pub enum Refusal {
         /// Position in the queue.
         index: usize,
     },
-    /// The start, an angle, a speed or an acceleration is outside the arm's limits, or there are too
-    /// many moves.
+    /// The start, an angle, a speed or an acceleration is outside the arm's limits, or there are
+    /// too many moves.
     Limits,
 }
 

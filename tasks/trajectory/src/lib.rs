@@ -1,10 +1,11 @@
-//! Carries out the queue of pre-programmed moves: Paul's joint motion, evaluated at 400 Hz. Refuses to
-//! start from joints that are not calibrated, and a queue that would leave the arm's limits; refuses
-//! Cartesian motion between goals (goals may be tool poses, the way there is in joint space).
+//! Carries out the queue of pre-programmed moves: Paul's joint motion, evaluated at 400 Hz. Refuses
+//! to start from joints that are not calibrated, and a queue that would leave the arm's limits;
+//! refuses Cartesian motion between goals (goals may be tool poses, the way there is in joint
+//! space).
 //!
-//! When the state becomes TRAJECTORY the path is laid from the joints desired at that moment and then
-//! only followed; when the state is left early the goal becomes invalid, and the next entry starts
-//! anew. A queue that cannot be run ends at once: the goal is invalid and done.
+//! When the state becomes TRAJECTORY the path is laid from the joints desired at that moment and
+//! then only followed; when the state is left early the goal becomes invalid, and the next entry
+//! starts anew. A queue that cannot be run ends at once: the goal is invalid and done.
 
 pub mod config;
 pub mod law;
@@ -21,6 +22,7 @@ use taktil_signal::{ControlState, Desired, Goal, JointState, State};
 
 /// Where the task is with its queue.
 #[derive(Clone, Copy, Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is one, and the lane has no heap")]
 enum Progress {
     /// Another state has the arm.
     Idle,
