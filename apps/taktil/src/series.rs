@@ -1,5 +1,5 @@
-//! Columns of numbers over time, as they come out of a log. Refuses types: every number is an `f64`, which is exact for all
-//! fields but integers beyond 2^53.
+//! Columns of numbers over time, as they come out of a log. Refuses types: every number is an
+//! `f64`, which is exact for all fields but integers beyond 2^53.
 
 /// One field of a signal over time.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,13 +62,15 @@ impl Series {
         self.columns.iter().find(|column| column.name == name)
     }
 
-    /// A scalar field, or element `index` of an array field, over all rows; empty when there is none.
+    /// A scalar field, or element `index` of an array field, over all rows; empty when there is
+    /// none.
     #[must_use]
     pub fn values(&self, name: &str, index: usize) -> Vec<f64> {
         self.column(name).map(|column| column.element(index)).unwrap_or_default()
     }
 
-    /// The last row at or before `t_s`; the first row when all are later; `None` when there is no row.
+    /// The last row at or before `t_s`; the first row when all are later; `None` when there is no
+    /// row.
     #[must_use]
     pub fn row_at(&self, t_s: f64) -> Option<usize> {
         let after = self.t_s.partition_point(|t| *t <= t_s);

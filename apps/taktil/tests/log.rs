@@ -1,4 +1,5 @@
-//! Recordings: what is written reads back bit for bit, also when the file was cut anywhere, damaged or left with zeros.
+//! Recordings: what is written reads back bit for bit, also when the file was cut anywhere, damaged
+//! or left with zeros.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,8 +1,10 @@
-//! Recordings: MCAP files with one channel a signal, readable by ROS 2 tools and by the Python `mcap` reader. Refuses
-//! compression and chunks (a run that is cut short loses nothing but the record being cut) and files of other programs.
+//! Recordings: MCAP files with one channel a signal, readable by ROS 2 tools and by the Python
+//! `mcap` reader. Refuses compression and chunks (a run that is cut short loses nothing but the
+//! record being cut) and files of other programs.
 //!
-//! Every message is `tick`, `release_ns`, the payload's fields and a CRC-32 of the bytes before it. Times in a file are logical
-//! releases in ns since the start of the run, so that two runs of one seed write the same messages bit for bit.
+//! Every message is `tick`, `release_ns`, the payload's fields and a CRC-32 of the bytes before it.
+//! Times in a file are logical releases in ns since the start of the run, so that two runs of one
+//! seed write the same messages bit for bit.
 
 mod reader;
 mod schema;

@@ -1,5 +1,6 @@
-//! Reads a recording back, also one whose end is missing or damaged: everything before the first bad byte. Refuses directories,
-//! empty files, other formats and chunked MCAP files, each with a sentence that says so.
+//! Reads a recording back, also one whose end is missing or damaged: everything before the first
+//! bad byte. Refuses directories, empty files, other formats and chunked MCAP files, each with a
+//! sentence that says so.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -187,7 +188,8 @@ impl Log {
         })
     }
 
-    /// A signal as columns; `None` when the log has no such signal, an empty series when it was never written.
+    /// A signal as columns; `None` when the log has no such signal, an empty series when it was
+    /// never written.
     #[must_use]
     pub fn series(&self, name: &str) -> Option<Series> {
         let wanted = self.find(name)?;

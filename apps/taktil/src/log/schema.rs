@@ -1,4 +1,5 @@
-//! The text form of a payload's field table (`ros2msg`), both ways. Refuses strings, lists and nested types: a payload has none.
+//! The text form of a payload's field table (`ros2msg`), both ways. Refuses strings, lists and
+//! nested types: a payload has none.
 
 use std::fmt;
 
@@ -54,7 +55,8 @@ const KINDS: [Kind; 9] = [
 /// No body is longer (bytes): keeps a damaged schema from asking for the whole memory.
 const BODY_MAX: usize = 1 << 24;
 
-/// The topic of a signal: `task.port` becomes `/task/port`; what ROS 2 does not allow in a name becomes `_`.
+/// The topic of a signal: `task.port` becomes `/task/port`; what ROS 2 does not allow in a name
+/// becomes `_`.
 #[must_use]
 pub fn topic(signal: &str) -> String {
     let mut out = String::with_capacity(signal.len() + 1);
@@ -87,8 +89,8 @@ pub fn schema_text(fields: &[Field]) -> String {
 /// Reads a schema text back, with the offsets that CDR gives the fields.
 ///
 /// # Errors
-/// A type that no payload has, an array without a length, a name twice, a first pair or last field that is not the stamp
-/// or the CRC.
+/// A type that no payload has, an array without a length, a name twice, a first pair or last field
+/// that is not the stamp or the CRC.
 pub fn parse_schema(text: &str) -> Result<Vec<FieldInfo>, SchemaError> {
     let mut fields: Vec<FieldInfo> = Vec::new();
     let mut end = 0;
@@ -176,7 +178,7 @@ mod tests {
             assert_eq!(ours.offset, 16 + end - bytes, "{}", ours.name);
         }
         assert_eq!(inner.len(), Mixed::FIELDS.len());
-        assert_eq!(fields.last().unwrap().offset, 16 + 40, "the CRC is aligned to 4");
+        assert_eq!(fields.last().unwrap().offset, 48, "46 bytes, aligned to 4");
     }
 
     #[test]

@@ -1,5 +1,6 @@
-//! Writes a recording while the machine runs, on the observer's thread. Refuses to stop the machine: a write that fails is
-//! kept and told by [`McapLog::finish`], later records are dropped and counted.
+//! Writes a recording while the machine runs, on the observer's thread. Refuses to stop the
+//! machine: a write that fails is kept and told by [`McapLog::finish`], later records are dropped
+//! and counted.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -39,8 +40,9 @@ pub struct McapLog {
 }
 
 impl McapLog {
-    /// Starts a recording of every signal of `catalog`. `metadata` (seed, scene text, versions, command line) is written first, so
-    /// that a run cut short still explains itself. An existing file is replaced.
+    /// Starts a recording of every signal of `catalog`. `metadata` (seed, scene text, versions,
+    /// command line) is written first, so that a run cut short still explains itself. An existing
+    /// file is replaced.
     ///
     /// # Errors
     /// When the file cannot be created or written; the text names the path.
@@ -107,7 +109,8 @@ impl McapLog {
         self.written
     }
 
-    /// Records that were not written: after a failed write, or because they did not fit the catalog.
+    /// Records that were not written: after a failed write, or because they did not fit the
+    /// catalog.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost
@@ -119,7 +122,8 @@ impl McapLog {
         self.failed.as_deref()
     }
 
-    /// Hands everything collected so far to the kernel; worth doing a few times a second in a live run.
+    /// Hands everything collected so far to the kernel; worth doing a few times a second in a live
+    /// run.
     pub fn flush(&mut self) {
         if self.failed.is_none()
             && let Err(error) = self.writer.flush()
@@ -131,7 +135,8 @@ impl McapLog {
     /// Writes summary and footer and closes the file.
     ///
     /// # Errors
-    /// When any write since the start failed; the text names the path and how many records are missing.
+    /// When any write since the start failed; the text names the path and how many records are
+    /// missing.
     pub fn finish(self) -> anyhow::Result<()> {
         self.finish_with(&BTreeMap::new())
     }

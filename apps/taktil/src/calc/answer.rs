@@ -1,0 +1,111 @@
+//! Answers of the calc filter, in the order in which they were put in. Refuses numbers that are not
+//! finite unless a field is declared to have gaps, which are null.
+
+use serde_json::{Map, Value, json};
+
+use super::field::Failure;
+
+/// The results of one request.
+#[derive(Debug, Default)]
+pub(super) struct Answer {
+    entries: Vec<(&'static str, Value)>,
+    overflowed: Option<&'static str>,
+}
+
+impl Answer {
+    pub(super) fn new() -> Answer {
+        Answer::default()
+    }
+
+    fn number_value(&mut self, name: &'static str, x: f64) -> Value {
+        if !x.is_finite() {
+            self.overflowed.get_or_insert(name);
+        }
+        Value::from(x)
+    }
+
+    fn list_value<'a>(
+        &mut self,
+        name: &'static str,
+        list: impl IntoIterator<Item = &'a f64>,
+    ) -> Value {
+        Value::Array(list.into_iter().map(|x| self.number_value(name, *x)).collect())
+    }
+
+    /// A number that has to be finite.
+    pub(super) fn number(&mut self, name: &'static str, x: f64) {
+        let value = self.number_value(name, x);
+        self.entries.push((name, value));
+    }
+
+    /// A number that may be undefined.
+    pub(super) fn maybe(&mut self, name: &'static str, x: Option<f64>) {
+        match x {
+            Some(x) => self.number(name, x),
+            None => self.entries.push((name, Value::Null)),
+        }
+    }
+
+    /// A whole number.
+    pub(super) fn whole(&mut self, name: &'static str, n: u64) {
+        self.entries.push((name, Value::from(n)));
+    }
+
+    /// Numbers that have to be finite.
+    pub(super) fn list<'a>(&mut self, name: &'static str, list: impl IntoIterator<Item = &'a f64>) {
+        let value = self.list_value(name, list);
+        self.entries.push((name, value));
+    }
+
+    /// Numbers that may be undefined one by one.
+    pub(super) fn gaps(&mut self, name: &'static str, list: impl IntoIterator<Item = Option<f64>>) {
+        let one = |x: Option<f64>| x.map_or(Value::Null, |x| self.number_value(name, x));
+        let value = Value::Array(list.into_iter().map(one).collect());
+        self.entries.push((name, value));
+    }
+
+    /// Rows of numbers that have to be finite.
+    pub(super) fn rows<'a, R: IntoIterator<Item = &'a f64>>(
+        &mut self,
+        name: &'static str,
+        rows: impl IntoIterator<Item = R>,
+    ) {
+        let value = Value::Array(rows.into_iter().map(|row| self.list_value(name, row)).collect());
+        self.entries.push((name, value));
+    }
+
+    /// An inner object of numbers that have to be finite.
+    pub(super) fn numbers_of(&mut self, name: &'static str, inner: &[(&'static str, f64)]) {
+        let fields: Map<String, Value> = inner
+            .iter()
+            .map(|(field, x)| ((*field).to_owned(), self.number_value(name, *x)))
+            .collect();
+        self.entries.push((name, Value::Object(fields)));
+    }
+
+    /// Anything else; the caller answers for its numbers.
+    pub(super) fn value(&mut self, name: &'static str, value: Value) {
+        self.entries.push((name, value));
+    }
+
+    /// The first result that should be finite and is not.
+    pub(super) fn overflowed(&self) -> Option<&'static str> {
+        self.overflowed
+    }
+}
+
+/// The line of a request that was answered.
+pub(super) fn success(id: &Value, answer: &Answer) -> String {
+    let mut out = format!("{{\"id\":{id},\"ok\":true");
+    for (name, value) in &answer.entries {
+        out.push_str(&format!(",\"{name}\":{value}"));
+    }
+    out.push('}');
+    out
+}
+
+/// The line of a request that was refused.
+pub(super) fn refusal(id: &Value, failure: &Failure) -> String {
+    let error = json!({"code": failure.code, "message": failure.message, "field": failure.field});
+    format!("{{\"id\":{id},\"ok\":false,\"error\":{error}}}")
+}

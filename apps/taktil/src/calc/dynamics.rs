@@ -1,0 +1,180 @@
+//! Calc operations on the arm's dynamics: `rnea`, `free_motion`. Refuses runs that would not end in
+//! reasonable time.
+
+use core::f64::consts::TAU;
+
+use taktil_mechanics::Joints;
+use taktil_mechanics::dynamics::{Dynamics, Friction, State, free_motion as integrate};
+
+use super::Operation;
+use super::answer::Answer;
+use super::field::{Failure, Field, Kind, Need};
+use super::request::Args;
+
+/// Most integration steps of one request.
+const STEPS_MAX: f64 = 1e6;
+/// Most rows of one answer.
+const SAMPLES_MAX: f64 = 1e5;
+
+const fn joint_field(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
+    Field::new(name, Kind::Vector(6), unit, Need::Required, doc)
+}
+
+const TORQUE: &[Field] = &[
+    joint_field("hold", "N m", "Constant part."),
+    joint_field("amp", "N m", "Amplitude."),
+    joint_field("freq", "Hz", "Frequency."),
+    joint_field("phase", "rad", "Phase at t = 0, where the oscillation is made to start at 0."),
+];
+
+/// What this subject offers.
+pub(super) const OPERATIONS: &[Operation] = &[
+    Operation {
+        name: "rnea",
+        doc: "Joint torques for a motion, by recursive Newton-Euler.",
+        fields: &[
+            joint_field("q", "rad", "Joint angles."),
+            joint_field("qd", "rad/s", "Joint speeds."),
+            joint_field("qdd", "rad/s^2", "Joint accelerations."),
+            Field::new(
+                "terms",
+                Kind::Choice(&["rigid", "grav", "full"]),
+                "",
+                Need::Default("\"rigid\""),
+                "Links and tool; gravity alone; with rotors and friction.",
+            ),
+        ],
+        answers: &[("tau_nm", "[6] N m")],
+        run: rnea,
+    },
+    Operation {
+        name: "free_motion",
+        doc: "Motion under torques: hold + amp (sin(2 pi freq t + phase) - sin phase) - viscous qd; \
+              without `torque` none and no friction.",
+        fields: &[
+            joint_field("q", "rad", "Joint angles at the start."),
+            joint_field("qd", "rad/s", "Joint speeds at the start."),
+            Field::new(
+                "torque",
+                Kind::Table(TORQUE),
+                "",
+                Need::Optional,
+                "What drives the joints.",
+            ),
+            Field::new("t_end_s", Kind::Number, "s", Need::Required, "Time of the last row."),
+            Field::new("sample_s", Kind::Number, "s", Need::Required, "Time between rows."),
+            Field::new("step_s", Kind::Number, "s", Need::Default("0.001"), "Longest step."),
+            Field::new(
+                "method",
+                Kind::Choice(&["rk4"]),
+                "",
+                Need::Default("\"rk4\""),
+                "Fixed steps of fourth order.",
+            ),
+        ],
+        answers: &[
+            ("t_s", "[n] s"),
+            ("q", "[n][6] rad"),
+            ("qd", "[n][6] rad/s"),
+            ("kinetic_j", "[n] J, rotors included"),
+            ("potential_j", "[n] J, 0 at the height of the base frame"),
+        ],
+        run: free_motion,
+    },
+];
+
+fn rnea(args: &Args) -> Result<Answer, Failure> {
+    let arm = Dynamics::reference();
+    let friction = Friction::reference();
+    let (q, qd, qdd) = (args.joints("q")?, args.joints("qd")?, args.joints("qdd")?);
+    let terms = args.choice("terms")?;
+    let tau = args.timed(|| match terms {
+        "grav" => arm.gravity(&q),
+        "full" => {
+            let rotors = arm.reflected_kg_m2.component_mul(&qdd);
+            arm.inverse(&q, &qd, &qdd) + rotors + friction.torque_nm(&qd)
+        }
+        _ => arm.inverse(&q, &qd, &qdd),
+    });
+    let mut out = Answer::new();
+    out.list("tau_nm", tau.as_slice());
+    Ok(out)
+}
+
+/// The torque of a request at a time and speed (N m).
+#[derive(Clone, Copy)]
+struct Drive {
+    hold: Joints,
+    amp: Joints,
+    freq_hz: Joints,
+    phase_rad: Joints,
+    viscous: Joints,
+}
+
+impl Drive {
+    fn of(table: Option<&Args>) -> Result<Drive, Failure> {
+        let zero = Joints::zeros();
+        let Some(table) = table else {
+            let none =
+                Drive { hold: zero, amp: zero, freq_hz: zero, phase_rad: zero, viscous: zero };
+            return Ok(none);
+        };
+        Ok(Drive {
+            hold: table.joints("hold")?,
+            amp: table.joints("amp")?,
+            freq_hz: table.joints("freq")?,
+            phase_rad: table.joints("phase")?,
+            viscous: Friction::reference().viscous_nms_rad,
+        })
+    }
+
+    fn torque_nm(&self, t_s: f64, qd: &Joints) -> Joints {
+        Joints::from_fn(|i, _| {
+            let phase = self.phase_rad[i];
+            let swing = libm::sin(TAU * self.freq_hz[i] * t_s + phase) - libm::sin(phase);
+            self.hold[i] + self.amp[i] * swing - self.viscous[i] * qd[i]
+        })
+    }
+}
+
+fn free_motion(args: &Args) -> Result<Answer, Failure> {
+    let arm = Dynamics::reference();
+    let start = State { q: args.joints("q")?, qd: args.joints("qd")? };
+    let drive = Drive::of(args.table("torque"))?;
+    let _ = args.choice("method")?;
+    let (end_s, sample_s) = (args.positive("t_end_s")?, args.positive("sample_s")?);
+    let step_s = args.positive("step_s")?;
+    // A hair of slack: an end that is a whole number of samples must not lose its last row.
+    let samples = (end_s / sample_s * (1.0 + 1e-12)).floor();
+    if samples > SAMPLES_MAX {
+        let what = format!("{samples} rows; at most {SAMPLES_MAX} are answered");
+        return Err(Failure::range("sample_s", what));
+    }
+    if (sample_s / step_s).max(1.0) * samples > STEPS_MAX {
+        let what = format!("more than {STEPS_MAX} steps; lengthen `step_s` or shorten `t_end_s`");
+        return Err(Failure::range("step_s", what));
+    }
+    let run = || {
+        let mut states = vec![(0.0, start)];
+        let (mut state, mut row) = (start, 0.0);
+        while row < samples {
+            let (t_s, next_s) = (row * sample_s, (row + 1.0) * sample_s);
+            let mut torque = |t: f64, _: &Joints, qd: &Joints| drive.torque_nm(t, qd);
+            state = integrate(&arm, &state, t_s, sample_s, step_s, &mut torque);
+            states.push((next_s, state));
+            row += 1.0;
+        }
+        states
+    };
+    let states = args.timed(run);
+    let mut out = Answer::new();
+    let times: Vec<f64> = states.iter().map(|(t_s, _)| *t_s).collect();
+    out.list("t_s", &times);
+    out.rows("q", states.iter().map(|(_, s)| s.q.as_slice()));
+    out.rows("qd", states.iter().map(|(_, s)| s.qd.as_slice()));
+    let kinetic: Vec<f64> = states.iter().map(|(_, s)| arm.kinetic_j(&s.q, &s.qd)).collect();
+    let potential: Vec<f64> = states.iter().map(|(_, s)| arm.potential_j(&s.q)).collect();
+    out.list("kinetic_j", &kinetic);
+    out.list("potential_j", &potential);
+    Ok(out)
+}

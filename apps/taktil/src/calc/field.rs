@@ -1,0 +1,140 @@
+//! Fields of the calc filter's requests: what each may hold, its unit and default, and how a
+//! request is refused. One table of these a subject drives parsing and the printed list. Refuses
+//! values: checking them is the request's business.
+
+/// Most runs that `repeat` may ask for.
+const REPEAT_MAX: usize = 1_000_000;
+
+/// What a field holds.
+#[derive(Clone, Copy)]
+pub(super) enum Kind {
+    /// A finite number.
+    Number,
+    /// A finite number, or the text "inf".
+    NumberOrInfinity,
+    /// A whole number from 1 to this.
+    Size(usize),
+    /// True or false.
+    Switch,
+    /// One of these texts.
+    Choice(&'static [&'static str]),
+    /// So many finite numbers.
+    Vector(usize),
+    /// Any number of finite numbers.
+    Numbers,
+    /// Any number of rows of so many finite numbers.
+    Rows(usize),
+    /// Six whole numbers of 32 bits.
+    Counts,
+    /// An object with these fields.
+    Table(&'static [Field]),
+    /// Any JSON value; not kept.
+    Any,
+}
+
+/// Whether a field may be left out.
+#[derive(Clone, Copy)]
+pub(super) enum Need {
+    /// It must be there.
+    Required,
+    /// It may be absent or null.
+    Optional,
+    /// It may be absent and then has this value (JSON).
+    Default(&'static str),
+}
+
+/// One field of a request.
+pub(super) struct Field {
+    pub(super) name: &'static str,
+    pub(super) kind: Kind,
+    pub(super) unit: &'static str,
+    pub(super) need: Need,
+    pub(super) doc: &'static str,
+}
+
+impl Field {
+    pub(super) const fn new(
+        name: &'static str,
+        kind: Kind,
+        unit: &'static str,
+        need: Need,
+        doc: &'static str,
+    ) -> Field {
+        Field { name, kind, unit, need, doc }
+    }
+}
+
+/// Fields that every operation takes.
+pub(super) const COMMON: &[Field] = &[
+    Field::new("op", Kind::Any, "", Need::Required, "Name of the operation."),
+    Field::new("id", Kind::Any, "", Need::Default("null"), "Comes back with the answer."),
+    Field::new(
+        "timing",
+        Kind::Switch,
+        "",
+        Need::Default("false"),
+        "Adds `ns`, the time of the computation alone.",
+    ),
+    Field::new(
+        "repeat",
+        Kind::Size(REPEAT_MAX),
+        "",
+        Need::Default("1"),
+        "With `timing`: runs, of which the best counts.",
+    ),
+];
+
+impl Kind {
+    /// The type as people read it.
+    pub(super) fn shown(self) -> String {
+        match self {
+            Kind::Number => "number".to_owned(),
+            Kind::NumberOrInfinity => "number or \"inf\"".to_owned(),
+            Kind::Size(most) => format!("whole number 1..{most}"),
+            Kind::Switch => "true or false".to_owned(),
+            Kind::Choice(texts) => {
+                let quoted: Vec<String> = texts.iter().map(|text| format!("\"{text}\"")).collect();
+                quoted.join(" or ")
+            }
+            Kind::Vector(n) => format!("[{n}]"),
+            Kind::Numbers => "[...]".to_owned(),
+            Kind::Rows(n) => format!("[[{n}]...]"),
+            Kind::Counts => "[6] whole".to_owned(),
+            Kind::Table(_) => "object".to_owned(),
+            Kind::Any => "anything".to_owned(),
+        }
+    }
+}
+
+impl Need {
+    /// The default as people read it.
+    pub(super) fn shown(self) -> String {
+        match self {
+            Need::Required => "required".to_owned(),
+            Need::Optional => "optional".to_owned(),
+            Need::Default(text) => format!("default {text}"),
+        }
+    }
+}
+
+/// Why a request was refused.
+#[derive(Debug)]
+pub(super) struct Failure {
+    pub(super) code: &'static str,
+    pub(super) field: Option<String>,
+    pub(super) message: String,
+}
+
+impl Failure {
+    pub(super) fn new(
+        code: &'static str,
+        field: Option<&str>,
+        message: impl Into<String>,
+    ) -> Failure {
+        Failure { code, field: field.map(str::to_owned), message: message.into() }
+    }
+
+    pub(super) fn range(field: &str, message: impl Into<String>) -> Failure {
+        Failure::new("out_of_range", Some(field), message)
+    }
+}

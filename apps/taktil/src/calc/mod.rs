@@ -1,0 +1,194 @@
+//! The mathematics as a filter: JSON lines in, JSON lines out, one answer a request, in order.
+//! Refuses guessing: an operation or a field it does not know, a wrong type or length is an error
+//! that names it; a bad line never stops the filter.
+//!
+//! Numbers are printed so that they read back bit for bit, and read with correct rounding. One
+//! table a subject names every field with its type, unit and default; parsing, checking and
+//! [`list`] all come from it.
+
+mod answer;
+mod contact;
+mod dynamics;
+mod field;
+mod kinematics;
+mod motion;
+mod request;
+mod touch;
+
+use std::io::{BufRead, ErrorKind, Read, Write};
+
+use serde_json::Value;
+
+use answer::Answer;
+use field::{COMMON, Failure, Field, Kind};
+use request::Args;
+
+/// A longer request line is refused (bytes).
+const LINE_MAX: u64 = 64 << 20;
+
+/// One operation of the filter.
+struct Operation {
+    name: &'static str,
+    doc: &'static str,
+    fields: &'static [Field],
+    /// Name, shape and unit of each answer.
+    answers: &'static [(&'static str, &'static str)],
+    run: fn(&Args) -> Result<Answer, Failure>,
+}
+
+/// Every operation, subject by subject.
+fn operations() -> impl Iterator<Item = &'static Operation> {
+    [kinematics::OPERATIONS, dynamics::OPERATIONS, motion::OPERATIONS]
+        .into_iter()
+        .chain([touch::OPERATIONS, contact::OPERATIONS])
+        .flatten()
+}
+
+/// Answers every request line of `input` on `output` until the input ends, or until nobody reads
+/// the answers any more.
+///
+/// # Errors
+/// Only when reading or writing itself fails.
+pub fn filter(input: &mut dyn BufRead, output: &mut dyn Write) -> anyhow::Result<()> {
+    let mut line = Vec::new();
+    loop {
+        line.clear();
+        if Read::take(&mut *input, LINE_MAX + 1).read_until(b'\n', &mut line)? == 0 {
+            return Ok(());
+        }
+        let text = line.trim_ascii();
+        let too_long = line.len() as u64 > LINE_MAX;
+        if text.is_empty() && !too_long {
+            continue;
+        }
+        let mut reply = if too_long {
+            if !line.ends_with(b"\n") {
+                input.skip_until(b'\n')?;
+            }
+            let what = format!("a request line may have {LINE_MAX} bytes");
+            answer::refusal(&Value::Null, &Failure::new("line_too_long", None, what))
+        } else {
+            answer(text)
+        };
+        reply.push('\n');
+        // Flushed at once: the other end may wait for this answer before it asks again.
+        match output.write_all(reply.as_bytes()).and_then(|()| output.flush()) {
+            Ok(()) => {}
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => return Ok(()),
+            Err(error) => return Err(error.into()),
+        }
+    }
+}
+
+/// The answer to one request, without a line end.
+fn answer(text: &[u8]) -> String {
+    let request: Value = match serde_json::from_slice(text) {
+        Ok(request) => request,
+        Err(error) => {
+            let failure = Failure::new("bad_json", None, format!("not a JSON value: {error}"));
+            return answer::refusal(&Value::Null, &failure);
+        }
+    };
+    let id = request.get("id").cloned().unwrap_or(Value::Null);
+    match evaluate(&request) {
+        Ok(body) => answer::success(&id, &body),
+        Err(failure) => answer::refusal(&id, &failure),
+    }
+}
+
+fn evaluate(request: &Value) -> Result<Answer, Failure> {
+    let object = request.as_object().ok_or_else(|| {
+        Failure::new("not_an_object", None, "a request is an object {\"op\": ..., ...}")
+    })?;
+    let name = match object.get("op") {
+        Some(Value::String(name)) => name.as_str(),
+        Some(_) => return Err(Failure::new("wrong_type", Some("op"), "`op` is a text")),
+        None => return Err(Failure::new("missing_field", Some("op"), "`op` is missing")),
+    };
+    let operation = operations().find(|operation| operation.name == name).ok_or_else(|| {
+        let known: Vec<&str> = operations().map(|operation| operation.name).collect();
+        let what = format!("unknown operation `{name}`; known: {}", known.join(", "));
+        Failure::new("unknown_op", Some("op"), what)
+    })?;
+    let args = Args::of_request(object, operation.fields)?;
+    let mut body = (operation.run)(&args)?;
+    if let Some(field) = body.overflowed() {
+        let what = format!("`{field}` is not a finite number: the request is too large");
+        return Err(Failure::new("not_finite", None, what));
+    }
+    if let Some(ns) = args.best_ns() {
+        body.whole("ns", ns);
+    }
+    Ok(body)
+}
+
+/// What `taktil calc --list` prints: every operation with its fields, types, units and defaults.
+#[must_use]
+pub fn list() -> String {
+    let mut out = String::from(
+        "One JSON object a line on stdin, one a line on stdout.\n\
+         Units: m, rad, s, kg, N m; contact: mm, N/mm, MPa.\n\
+         \nevery operation\n",
+    );
+    let name_width = |fields: &[Field]| fields.iter().map(|f| f.name.len()).max().unwrap_or(0);
+    push_fields(&mut out, COMMON, name_width(COMMON));
+    for operation in operations() {
+        out.push_str(&format!("\n{}: {}\n", operation.name, operation.doc));
+        push_fields(&mut out, operation.fields, name_width(operation.fields));
+        out.push_str("  answers: ");
+        let answers: Vec<String> =
+            operation.answers.iter().map(|(name, about)| format!("{name} {about}")).collect();
+        out.push_str(&answers.join(", "));
+        out.push('\n');
+    }
+    out
+}
+
+fn push_fields(out: &mut String, fields: &'static [Field], width: usize) {
+    for field in fields {
+        let (kind, unit) = (field.kind.shown(), field.unit);
+        let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+        let need = field.need.shown();
+        out.push_str(&format!("  {:width$}  {kind}{unit}; {need}. {}\n", field.name, field.doc));
+        if let Kind::Table(inner) = field.kind {
+            for field in inner {
+                let (kind, need) = (field.kind.shown(), field.need.shown());
+                let doc = field.doc;
+                out.push_str(&format!(
+                    "    .{}  {kind} {}; {need}. {doc}\n",
+                    field.name, field.unit
+                ));
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_unique_and_every_default_passes_its_own_check() {
+        let mut names: Vec<&str> = operations().map(|operation| operation.name).collect();
+        let count = names.len();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), count);
+        for operation in operations() {
+            for field in operation.fields.iter().chain(COMMON) {
+                assert!(request::default_is_sound(field), "{}.{}", operation.name, field.name);
+            }
+        }
+    }
+
+    #[test]
+    fn the_list_names_every_field() {
+        let text = list();
+        for operation in operations() {
+            assert!(text.contains(&format!("\n{}: ", operation.name)));
+            for field in operation.fields {
+                assert!(text.contains(&format!("  {}", field.name)), "{}", field.name);
+            }
+        }
+    }
+}

@@ -1,0 +1,7 @@
+//! The calc filter: every row of the reference data through it, and everything a request can get
+//! wrong.
+
+mod ask;
+mod goldens;
+mod refusals;
+mod touch;

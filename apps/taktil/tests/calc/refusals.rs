@@ -1,0 +1,261 @@
+//! What a request can get wrong, and that the filter goes on after it.
+
+use serde_json::{Value, json};
+
+use crate::ask::{ask, ask_text};
+
+fn one(request: &Value) -> Value {
+    let mut answers = ask_text(format!("{request}\n").as_bytes());
+    assert_eq!(answers.len(), 1);
+    answers.remove(0)
+}
+
+/// The request is refused with this code and field, and its id comes back.
+fn refused(mut request: Value, code: &str, field: Option<&str>) {
+    request["id"] = json!({"any": [1, "thing", null]});
+    let answer = one(&request);
+    assert_eq!(answer["ok"], false, "{request} was taken: {answer}");
+    assert_eq!(answer["id"], request["id"]);
+    let error = &answer["error"];
+    assert_eq!(
+        (error["code"].as_str(), error["field"].as_str()),
+        (Some(code), field),
+        "{request}: {error}"
+    );
+    assert!(error["message"].as_str().is_some_and(|message| message.len() > 10), "{error}");
+}
+
+fn fk_with(key: &str, value: Value) -> Value {
+    let mut request = json!({"op": "fk", "q": [0, 0, 0, 0, 0, 0]});
+    request[key] = value;
+    request
+}
+
+#[test]
+fn bad_lines_are_answered_and_do_not_stop_the_filter() {
+    let text: &[u8] = b"\n   \r\n{\"op\": \"fk\", \"q\": [0,0,0,0,0,0], \"id\": 1}\r\nnot json\n{\"op\": \n\
+        [1, 2]\nnull\n\"fk\"\n\xFF\xFE\n{\"op\": \"fk\", \"q\": [NaN,0,0,0,0,0], \"id\": 2}\n\
+        {\"op\": \"fk\", \"q\": [1e999,0,0,0,0,0], \"id\": 3}\n\n{\"op\": \"fk\", \"q\": [0,0,0,0,0,0], \"id\": 4}";
+    let answers = ask_text(text);
+    let codes: Vec<Value> = answers.iter().map(|a| a["error"]["code"].clone()).collect();
+    let bad = "bad_json";
+    let shape = "not_an_object";
+    assert_eq!(json!(codes), json!([null, bad, bad, shape, shape, shape, bad, bad, bad, null]));
+    assert_eq!(answers[0]["id"], 1);
+    assert_eq!(answers[9]["id"], 4, "a last line without its end counts");
+    assert!(ask_text(b"").is_empty());
+    assert!(ask_text(b"\n\n  \n").is_empty());
+}
+
+#[test]
+fn deep_and_long_lines_are_survived() {
+    let deep = format!("{}{}\n", "[".repeat(100_000), "]".repeat(100_000));
+    let long = format!("{{\"op\": \"{}\"}}\n", "x".repeat(1 << 20));
+    let too_long = " ".repeat((64 << 20) + 5) + "{\"op\": \"fk\"}\n";
+    let good = "{\"op\": \"encoder\", \"counts\": [0, 0, 0, 0, 0, 0]}\n";
+    let text = [&deep, &long, &too_long, good].concat();
+    let answers = ask_text(text.as_bytes());
+    let codes: Vec<&Value> = answers.iter().map(|a| &a["error"]["code"]).collect();
+    assert_eq!(json!(codes), json!(["bad_json", "unknown_op", "line_too_long", null]));
+}
+
+#[test]
+fn what_is_unknown_missing_or_of_the_wrong_type_is_named() {
+    refused(json!({}), "missing_field", Some("op"));
+    refused(json!({"op": 3}), "wrong_type", Some("op"));
+    refused(json!({"op": "fly"}), "unknown_op", Some("op"));
+    refused(json!({"op": "FK", "q": [0, 0, 0, 0, 0, 0]}), "unknown_op", Some("op"));
+    refused(json!({"op": "fk"}), "missing_field", Some("q"));
+    refused(fk_with("Q", json!(1)), "unknown_field", Some("Q"));
+    refused(fk_with("q", json!(null)), "wrong_type", Some("q"));
+    refused(fk_with("q", json!("0 0 0 0 0 0")), "wrong_type", Some("q"));
+    refused(fk_with("q", json!({"0": 1})), "wrong_type", Some("q"));
+    refused(fk_with("q", json!([])), "wrong_length", Some("q"));
+    refused(fk_with("q", json!([0, 0, 0, 0, 0])), "wrong_length", Some("q"));
+    refused(fk_with("q", json!([0, 0, 0, 0, 0, 0, 0])), "wrong_length", Some("q"));
+    refused(fk_with("q", json!([0, 0, null, 0, 0, 0])), "wrong_type", Some("q[2]"));
+    refused(fk_with("q", json!([0, 0, 0, 0, 0, "1"])), "wrong_type", Some("q[5]"));
+    refused(fk_with("q", json!([[0], 0, 0, 0, 0, 0])), "wrong_type", Some("q[0]"));
+    refused(fk_with("tool_z_m", json!(null)), "wrong_type", Some("tool_z_m"));
+    refused(fk_with("tool_z_m", json!("long")), "wrong_type", Some("tool_z_m"));
+    refused(fk_with("tool_z_m", json!(1e300)), "out_of_range", Some("tool_z_m"));
+    refused(fk_with("model", json!("puma560")), "unknown_value", Some("model"));
+    refused(fk_with("model", json!(260)), "wrong_type", Some("model"));
+    refused(fk_with("timing", json!("yes")), "wrong_type", Some("timing"));
+    refused(fk_with("timing", json!(null)), "wrong_type", Some("timing"));
+    for repeat in [json!(0), json!(-1), json!(1.5), json!(1e12)] {
+        refused(fk_with("repeat", repeat), "out_of_range", Some("repeat"));
+    }
+    refused(fk_with("repeat", json!("many")), "wrong_type", Some("repeat"));
+}
+
+#[test]
+fn each_operation_refuses_what_it_cannot_do() {
+    let q = json!([0, 0, 0, 0, 0, 0]);
+    let eye = json!([1, 0, 0, 0, 1, 0, 0, 0, 1]);
+    refused(json!({"op": "jacobian", "q": q, "frame": "world"}), "unknown_value", Some("frame"));
+    for r in [[0; 9], [1, 0, 0, 0, 1, 0, 0, 0, -1], [2, 0, 0, 0, 2, 0, 0, 0, 2]] {
+        refused(json!({"op": "ik", "r": r, "p": [0.3, 0, 0]}), "not_a_rotation", Some("r"));
+    }
+    refused(json!({"op": "ik", "r": eye, "p": [0.3, 0]}), "wrong_length", Some("p"));
+    refused(
+        json!({"op": "ik", "r": eye, "p": [0.3, 0, 0], "previous": [0]}),
+        "wrong_length",
+        Some("previous"),
+    );
+    refused(json!({"op": "dls", "q": q, "twist": q, "lambda": 0}), "singular", Some("lambda"));
+    refused(json!({"op": "encoder"}), "missing_field", Some("q"));
+    refused(json!({"op": "encoder", "q": q, "counts": q}), "too_many_fields", Some("q"));
+    refused(json!({"op": "encoder", "q": [1e9, 0, 0, 0, 0, 0]}), "out_of_range", Some("q[0]"));
+    refused(
+        json!({"op": "encoder", "counts": [0.5, 0, 0, 0, 0, 0]}),
+        "wrong_type",
+        Some("counts[0]"),
+    );
+    refused(
+        json!({"op": "encoder", "counts": [0, 3_000_000_000_u32, 0, 0, 0, 0]}),
+        "wrong_type",
+        Some("counts[1]"),
+    );
+    let huge = json!([1e200, 1e200, 0, 0, 0, 0]);
+    refused(json!({"op": "rnea", "q": q, "qd": huge, "qdd": q}), "not_finite", None);
+    refused(
+        json!({"op": "rnea", "q": q, "qd": q, "qdd": q, "terms": "all"}),
+        "unknown_value",
+        Some("terms"),
+    );
+    refused(json!({"op": "features", "image": []}), "wrong_length", Some("image"));
+    refused(
+        json!({"op": "features", "image": [1, 2, 3], "rows": 2, "cols": 2}),
+        "wrong_length",
+        Some("image"),
+    );
+    refused(
+        json!({"op": "features", "image": [1], "rows": 0, "cols": 1}),
+        "out_of_range",
+        Some("rows"),
+    );
+    refused(
+        json!({"op": "features", "image": [1], "rows": 1, "cols": 1, "threshold": -1}),
+        "out_of_range",
+        Some("threshold"),
+    );
+    refused(
+        json!({"op": "features", "image": [1e308], "rows": 1, "cols": 1, "baseline": -1e308}),
+        "out_of_range",
+        Some("image[0]"),
+    );
+    refused(
+        json!({"op": "features", "image": [1, null], "rows": 1, "cols": 2}),
+        "wrong_type",
+        Some("image[1]"),
+    );
+}
+
+#[test]
+fn paths_and_motions_are_checked() {
+    let base = json!({"op": "paul_joint", "t_s": [1], "tau_s": 0.1,
+        "points": [[0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0]]});
+    let with = |key: &str, value: Value| {
+        let mut request = base.clone();
+        request[key] = value;
+        request
+    };
+    ask(std::slice::from_ref(&base));
+    refused(with("points", json!([])), "wrong_length", Some("points"));
+    refused(with("points", json!([[0, 0, 0, 0, 0, 0]])), "wrong_length", Some("points"));
+    refused(with("points", json!([[0, 0, 0, 0, 0, 0], [1]])), "wrong_length", Some("points[1]"));
+    refused(with("points", json!([[0, 0, 0, 0, 0, 0], 7])), "wrong_type", Some("points[1]"));
+    refused(
+        with("points", json!([[0, 0, 0, 0, 0, 0], [0, 0, 0, 0, null, 0]])),
+        "wrong_type",
+        Some("points[1][4]"),
+    );
+    refused(with("t_s", json!([1, 1])), "wrong_length", Some("t_s"));
+    refused(with("t_s", json!([0])), "out_of_range", Some("t_s[0]"));
+    refused(with("t_s", json!([1e300])), "out_of_range", Some("rate_hz"));
+    refused(with("tau_s", json!(0.6)), "out_of_range", Some("tau_s"));
+    refused(with("tau_s", json!(-0.1)), "out_of_range", Some("tau_s"));
+    refused(with("rate_hz", json!(0)), "out_of_range", Some("rate_hz"));
+    refused(with("rate_hz", json!(1e9)), "out_of_range", Some("rate_hz"));
+    let q = json!([0, 0, 0, 0, 0, 0]);
+    let motion = json!({"op": "free_motion", "q": q, "qd": q, "t_end_s": 0.01, "sample_s": 0.01});
+    let with = |key: &str, value: Value| {
+        let mut request = motion.clone();
+        request[key] = value;
+        request
+    };
+    ask(&[motion.clone(), with("torque", json!(null)), with("t_end_s", json!(0.001))]);
+    refused(with("t_end_s", json!(0)), "out_of_range", Some("t_end_s"));
+    refused(with("sample_s", json!(-1)), "out_of_range", Some("sample_s"));
+    refused(with("step_s", json!(1e-12)), "out_of_range", Some("step_s"));
+    refused(with("t_end_s", json!(1e300)), "out_of_range", Some("sample_s"));
+    refused(with("method", json!("euler")), "unknown_value", Some("method"));
+    refused(with("torque", json!([1])), "wrong_type", Some("torque"));
+    refused(with("torque", json!({"hold": q})), "missing_field", Some("torque.amp"));
+    let table = json!({"hold": q, "amp": q, "freq": q, "phase": q, "power": 1});
+    refused(with("torque", table), "unknown_field", Some("torque.power"));
+    refused(with("qd", json!([1e200, 0, 0, 0, 0, 0])), "not_finite", None);
+}
+
+#[test]
+fn layers_are_checked_under_the_names_of_the_request() {
+    let base = json!({"op": "layer_line", "t_mm": 0.8, "nu": 0.49, "p_n_mm": 1, "q_n_mm": 0,
+        "depth_mm": 0.8, "x_mm": [0]});
+    let with = |key: &str, value: Value| {
+        let mut request = base.clone();
+        request[key] = value;
+        request
+    };
+    ask(&[base.clone(), with("x_mm", json!([])), with("t_mm", json!("inf"))]);
+    refused(with("t_mm", json!("thick")), "wrong_type", Some("t_mm"));
+    refused(with("t_mm", json!(0)), "out_of_range", Some("t_mm"));
+    refused(with("nu", json!(0.6)), "out_of_range", Some("nu"));
+    refused(with("youngs_mpa", json!(-1)), "out_of_range", Some("youngs_mpa"));
+    refused(with("depth_mm", json!(1.0)), "out_of_range", Some("depth_mm"));
+    refused(with("depth_mm", json!(-0.1)), "out_of_range", Some("depth_mm"));
+    refused(with("x_mm", json!(0)), "wrong_type", Some("x_mm"));
+    refused(with("x_mm", json!([0, null])), "wrong_type", Some("x_mm[1]"));
+    ask(&[with("x_mm", json!([1e300, -1e300]))]);
+}
+
+#[test]
+fn numbers_read_back_bit_for_bit() {
+    let q = [0.1 + 0.2, -1.0 / 3.0, f64::MIN_POSITIVE, 5e-324, 1e22, -0.0];
+    let answer = one(&json!({"op": "fk", "q": q, "id": [q[0], 12_345_678_901_234_567_u64]}));
+    assert_eq!(answer["id"], json!([q[0], 12_345_678_901_234_567_u64]));
+    let arm = taktil_mechanics::puma260::Puma260::reference();
+    let want = arm.tool_pose(&q.into()).translation.to_array();
+    for (i, want) in want.iter().enumerate() {
+        assert_eq!(answer["p_tool"][i].as_f64().unwrap().to_bits(), want.to_bits());
+    }
+}
+
+#[test]
+fn timing_is_told_when_asked() {
+    let zero = [0.0; 6];
+    let request = json!({"op": "rnea", "q": zero, "qd": zero, "qdd": zero});
+    let plain = &ask(std::slice::from_ref(&request))[0];
+    assert!(plain.get("ns").is_none());
+    let mut timed = request;
+    timed["timing"] = true.into();
+    timed["repeat"] = 1000.into();
+    let timed = &ask(&[timed])[0];
+    assert!(timed["ns"].as_u64().is_some_and(|ns| ns < 1_000_000_000), "{timed}");
+    assert_eq!(plain["tau_nm"], timed["tau_nm"]);
+}
+
+#[test]
+fn an_end_that_nobody_reads_is_no_error() {
+    struct Closed;
+    impl std::io::Write for Closed {
+        fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
+            Err(std::io::ErrorKind::BrokenPipe.into())
+        }
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+    let text = b"{\"op\": \"fk\"}\n{\"op\": \"fk\"}\n";
+    taktil::calc::filter(&mut &text[..], &mut Closed).unwrap();
+}
