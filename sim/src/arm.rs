@@ -1,5 +1,5 @@
-//! The arm behind its motors: codes to currents to torques, friction that sticks, brakes, rigid-body
-//! motion, encoder counts. Refuses to servo: it does what the codes say.
+//! The arm behind its motors: codes to currents to torques, friction that sticks, brakes, motion
+//! of rigid bodies, encoder counts. Refuses to servo: it does what the codes say.
 //!
 //! Friction is an elasto-plastic bristle per joint: stiffness `fc / 1e-4 rad`, damped, yielding at
 //! the Coulomb torque, so that a joint at rest really rests; viscous friction is added.
@@ -127,8 +127,8 @@ impl Arm {
         self.age = 0;
     }
 
-    /// One semi-implicit Euler step of `h` seconds under a wrench on the tool (N, N m about the tool
-    /// point, base frame).
+    /// One semi-implicit Euler step of `h` seconds under a wrench on the tool (N, N m about the
+    /// tool point, base frame).
     pub(crate) fn step(&mut self, h: f64, wrench: &Joints) {
         if self.braked {
             self.qd = Joints::zeros();

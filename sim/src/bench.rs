@@ -170,12 +170,16 @@ fn check_step(
     let longest_s = (STEP_FREQUENCY_MAX / square.sqrt())
         .min(STEP_DAMPING_MAX / square / (relaxation + 0.5 * h));
     let what = format!(
-        "is {}, too long for a pin of {} kg between these rubbers: {:.0} rad/s at {RATED_LOAD_N} N, \
-         step x frequency {step_frequency:.2} (at most {STEP_FREQUENCY_MAX}), damping {damping:.2} \
-         (at most {STEP_DAMPING_MAX})",
+        "is {}, too long for a pin of {} kg between these rubbers: {:.0} rad/s at {} N, \
+         step x frequency {:.2} (at most {}), damping {:.2} (at most {})",
         config.substep_us,
         config.pin.mass_kg,
         square.sqrt(),
+        RATED_LOAD_N,
+        step_frequency,
+        STEP_FREQUENCY_MAX,
+        damping,
+        STEP_DAMPING_MAX,
     );
     let remedy = format!(
         "use {:.0} or less, a softer or thicker rubber, less relaxation or a heavier pin",

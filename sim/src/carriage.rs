@@ -25,8 +25,8 @@ pub struct Float {
 pub struct Carriage {
     /// Axes of the sensor frame as columns.
     pub axes: DMat3,
-    /// Instants (s, increasing) and places of the sensor's centre (m); between them the finger moves
-    /// with a smooth start and stop, outside them it rests.
+    /// Instants (s, increasing) and places of the sensor's centre (m); between them the finger
+    /// moves with a smooth start and stop, outside them it rests.
     pub knots: Vec<(f64, DVec3)>,
     /// With it z of the knots is only the start.
     pub float: Option<Float>,

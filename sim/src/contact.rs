@@ -294,7 +294,7 @@ impl Slice {
         let s = self.strip.s_m;
         let creep = (linear(line.creep_across, s), linear(line.creep_along, s));
         let travel = linear(line.travel, s).abs();
-        let keep = 1.0 / (1.0 + h * travel / grip.half_width_m);
+        let keep = grip.half_width_m / (grip.half_width_m + h * travel);
         self.brush = ((self.brush.0 + h * creep.0) * keep, (self.brush.1 + h * creep.1) * keep);
         let damping = grip.relaxation_s;
         let mut force = (

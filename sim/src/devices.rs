@@ -1,6 +1,6 @@
 //! The hal halves of the simulated bench: each holds one end of a stamped link to the world and the
-//! newest value that was visible when it was asked. Refuses to know physics, and refuses to be ahead
-//! of its release.
+//! newest value that was visible when it was asked. Refuses to know physics, and refuses to be
+//! ahead of its release.
 
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{

@@ -152,7 +152,7 @@ pub struct PinConfig {
     pub x_mm: f64,
     /// Start along y0, counted from the finger's start (mm). Default 0.
     pub y_mm: f64,
-    /// Start of the axis about the table's normal, counted from the table's y axis (deg). Default 0.
+    /// Start of the axis about the table's normal, from the table's y axis (deg). Default 0.
     pub yaw_deg: f64,
     /// A hand holds the pin to its place on the table (spring and damper in the table's plane and
     /// against rolling) until the finger has first pressed with `steady_until_n`. Default true.

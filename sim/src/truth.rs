@@ -1,5 +1,5 @@
-//! What really happens on the bench, for reports and tests. Refuses to reach the controller: none of
-//! it goes through a device.
+//! What really happens on the bench, for reports and tests. Refuses to reach the controller: none
+//! of it goes through a device.
 
 use glam::DVec3;
 use taktil_hal::Nanos;

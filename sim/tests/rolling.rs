@@ -1,4 +1,4 @@
-//! Rolling, slipping and climbing come out of the contact forces: ratios and slopes against geometry.
+//! Rolling, slipping and climbing come out of the contact forces: ratios and slopes by geometry.
 
 mod common;
 
@@ -153,6 +153,33 @@ fn a_finger_that_turns_about_its_axis_turns_the_pin_by_friction_alone() {
     };
     assert!((yaw(0.8) - 0.003).abs() < 2e-4, "dragged along its axis: {}", yaw(0.8));
     assert!(yaw(0.0).abs() < 1e-6, "left behind: {}", yaw(0.0));
+}
+
+#[test]
+fn a_pressed_pin_on_a_panned_table_is_torn_between_table_and_finger() {
+    let turned = |friction: f64| {
+        let mut config = WorldConfig::default();
+        config.finger.friction = friction;
+        config.table.motion = vec![Ramp {
+            axis: Axis::Pan,
+            rate_deg_s: Some(2.0),
+            rate_mm_s: None,
+            from_s: 0.5,
+            to_s: 1.5,
+        }];
+        let z = meeting_height(&config) + 1e-4;
+        let knots = vec![(0.0, over(z))];
+        let carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
+        let (mut world, _devices) = bench(&config, carriage);
+        let truth = at(&mut world, 2.0);
+        (-truth.pin_yaw_rad.to_degrees(), truth.tool_wrench[5])
+    };
+    let ((free, no_moment), (held, moment)) = (turned(0.0), turned(0.8));
+    println!("panned by 2 deg: pin {free:.3} deg on its own, {held:.3} deg held, {moment:.4} N m");
+    assert!((free - 2.0).abs() < 0.02 && no_moment.abs() < 1e-6, "{free} {no_moment}");
+    assert!(held < 1.98 && held > 0.2, "{held}");
+    // The pin turns the finger along with the table: about +z0, that is -z_s.
+    assert!(moment < -1e-3, "{moment}");
 }
 
 #[test]
