@@ -1,0 +1,174 @@
+//! The task in a machine, in virtual time, fed by scripts.
+
+use std::sync::atomic::AtomicBool;
+
+use taktil_mechanics::Joints;
+use taktil_mechanics::dynamics::Dynamics;
+use taktil_rtcore::guard::CountingAllocator;
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{
+    Builder, Cycle, FaultCode, FaultSet, Io, LaneSpec, Mode, Nanos, Output, Payload, Task,
+    virtual_time,
+};
+use taktil_signal::{ControlState, Desired, JointState, Torque};
+use taktil_tasks_joint_servo::{Config, JointServo};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// Writes what a function of the tick says.
+struct Feed<T> {
+    out: Output<T>,
+    at: fn(u64) -> T,
+}
+
+impl<T: Payload> Task for Feed<T> {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        io.write(&self.out, (self.at)(cycle.tick));
+        Ok(())
+    }
+}
+
+/// Keeps the torques.
+struct Keep {
+    signal: usize,
+    torques: Vec<Torque>,
+}
+
+impl Observer for Keep {
+    fn record(&mut self, record: &Record<'_>) {
+        if record.signal == self.signal {
+            self.torques.push(Torque::decode(record.body).unwrap());
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Script {
+    control: fn(u64) -> ControlState,
+    desired: fn(u64) -> Desired,
+    joints: fn(u64) -> JointState,
+}
+
+fn run(config: Config, script: &Script, ticks: i64) -> (Vec<Torque>, FaultSet) {
+    let mut builder = Builder::new();
+    let lane = builder.lane(LaneSpec::new("servo", Nanos::from_micros(2_500), 80)).unwrap();
+    let Script { control, desired, joints } = *script;
+    let feed = &mut builder;
+    feed.task(lane, "control", |p| Ok(Box::new(Feed { out: p.output("out"), at: control })))
+        .unwrap();
+    feed.task(lane, "desired", |p| Ok(Box::new(Feed { out: p.output("out"), at: desired })))
+        .unwrap();
+    feed.task(lane, "joints", |p| Ok(Box::new(Feed { out: p.output("out"), at: joints }))).unwrap();
+    feed.task(lane, "joint_servo", |p| Ok(Box::new(JointServo::new(config, p)?))).unwrap();
+    for port in ["control", "desired", "joints"] {
+        builder.bind(format!("joint_servo.{port}"), format!("{port}.out"));
+    }
+    let mut machine = builder.build().unwrap();
+    let signal = machine.catalog().find("joint_servo.torque").unwrap();
+    let mut keep = Keep { signal, torques: Vec::new() };
+    let until = Nanos::from_micros(2_500) * ticks;
+    virtual_time::run(&mut machine, until, &AtomicBool::new(false), &mut keep).unwrap();
+    let (_, figures) = machine.figures().next().unwrap();
+    assert_eq!(figures.allocations, 0);
+    (keep.torques, figures.faults)
+}
+
+const POSE: [f64; 6] = [0.0, 0.7, -2.68, -3.14, 1.17, 3.14];
+
+fn in_mode(mode: Mode) -> ControlState {
+    ControlState { mode: mode as u32, ..ControlState::ZERO }
+}
+
+fn at(q_rad: [f64; 6]) -> JointState {
+    JointState { q_rad, calibrated: 1, ..JointState::ZERO }
+}
+
+fn wanted(q_rad: [f64; 6]) -> Desired {
+    Desired { q_rad, valid: 1, ..Desired::ZERO }
+}
+
+fn plain() -> Config {
+    Config { gravity: false, kp_nm_rad: Some([100.0; 6]), ..Config::default() }
+}
+
+#[test]
+fn torque_flows_only_while_the_mode_allows_it_and_something_is_desired() {
+    let script = Script {
+        control: |tick| in_mode(if tick < 3 { Mode::Ready } else { Mode::Hold }),
+        desired: |tick| Desired { valid: u32::from(tick != 6), ..wanted([0.01; 6]) },
+        joints: |_| at([0.0; 6]),
+    };
+    let (torques, faults) = run(plain(), &script, 9);
+    assert!(faults.is_empty());
+    for (tick, torque) in torques.iter().enumerate() {
+        let flows = tick >= 3 && tick != 6;
+        assert_eq!(torque.tau_nm, if flows { [1.0; 6] } else { [0.0; 6] }, "tick {tick}");
+        let error = if tick == 6 { 0.0 } else { 0.01 };
+        assert_eq!(torque.error_rad, [error; 6], "tick {tick}");
+    }
+}
+
+#[test]
+fn a_zero_that_moves_is_no_rate() {
+    let script = Script {
+        control: |_| in_mode(Mode::Hold),
+        desired: |tick| wanted(if tick < 5 { [0.01; 6] } else { [1.02; 6] }),
+        joints: |tick| {
+            let moved = tick >= 5;
+            JointState { datum: u32::from(moved), ..at([if moved { 1.0 } else { 0.0 }; 6]) }
+        },
+    };
+    let (torques, _) = run(plain(), &script, 8);
+    for torque in &torques[5..] {
+        assert!((torque.tau_nm[2] - 2.0).abs() < 1e-12, "{:?}", torque.tau_nm);
+    }
+}
+
+#[test]
+fn gravity_is_whole_at_once_when_calibrated_and_comes_in_slowly_otherwise() {
+    let script = Script {
+        control: |tick| in_mode(if tick == 0 { Mode::Ready } else { Mode::Enabling }),
+        desired: |_| wanted(POSE),
+        joints: |_| at(POSE),
+    };
+    let weight = Dynamics::reference().gravity(&Joints::from(POSE));
+    let (torques, _) = run(Config::default(), &script, 3);
+    assert_eq!(torques[0].tau_nm, [0.0; 6]);
+    assert_eq!(Joints::from(torques[1].tau_nm), weight);
+    let script = Script {
+        joints: |tick| JointState { calibrated: u32::from(tick >= 10), ..at(POSE) },
+        ..script
+    };
+    let (torques, _) = run(Config::default(), &script, 150);
+    assert_eq!(torques[9].tau_nm, [0.0; 6]);
+    let half = Joints::from(torques[59].tau_nm);
+    assert!((half - weight * 0.5).amax() < 1e-9, "0.125 s later: {half}");
+    assert!((Joints::from(torques[149].tau_nm) - weight).amax() < 1e-12);
+    let off = Config { gravity: false, ..Config::default() };
+    assert_eq!(run(off, &script, 150).0[149].tau_nm, [0.0; 6]);
+}
+
+#[test]
+fn an_error_beyond_all_numbers_gives_no_torque_and_a_fault() {
+    let script = Script {
+        control: |_| in_mode(Mode::Moving),
+        desired: |tick| wanted([if tick == 2 { 1e308 } else { 0.01 }; 6]),
+        joints: |tick| at([if tick == 2 { -1e308 } else { 0.0 }; 6]),
+    };
+    let (torques, faults) = run(plain(), &script, 4);
+    assert!(faults.contains(FaultCode::NotFinite));
+    assert_eq!((torques[2].tau_nm, torques[2].error_rad), ([0.0; 6], [0.0; 6]));
+    assert_eq!(torques[3].tau_nm, [1.0; 6]);
+}
+
+#[test]
+fn a_bad_table_builds_no_task() {
+    let mut builder = Builder::new();
+    let lane = builder.lane(LaneSpec::new("servo", Nanos::from_micros(2_500), 80)).unwrap();
+    let config = Config { bandwidth_rad_s: [60.0, f64::NAN, 60.0, 60.0, 60.0, 60.0], ..plain() };
+    let refused = builder
+        .task(lane, "joint_servo", |p| Ok(Box::new(JointServo::new(config, p)?)))
+        .unwrap_err();
+    assert_eq!(refused.place, "bandwidth_rad_s[1]");
+}
