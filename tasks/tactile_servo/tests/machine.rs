@@ -1,0 +1,288 @@
+//! The task in a machine of two lanes, in virtual time, fed by scripts: images at 200 Hz, servo jobs
+//! at 400 Hz.
+
+use std::sync::atomic::AtomicBool;
+
+use taktil_mechanics::Joints;
+use taktil_rtcore::guard::CountingAllocator;
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{
+    Builder, Cycle, FaultCode, FaultSet, Io, LaneSpec, Nanos, Output, Payload, Task, virtual_time,
+};
+use taktil_signal::{
+    ControlState, Desired, Features, Goal, JointState, State, TactileImage, defined,
+};
+use taktil_tasks_tactile_servo::{Config, TactileServo};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// Writes what a function of the tick says, or nothing.
+struct Feed<T> {
+    out: Output<T>,
+    at: fn(u64) -> Option<T>,
+}
+
+impl<T: Payload> Task for Feed<T> {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        if let Some(value) = (self.at)(cycle.tick) {
+            io.write(&self.out, value);
+        }
+        Ok(())
+    }
+}
+
+/// Keeps goals and features, with their ticks.
+struct Keep {
+    signals: [usize; 2],
+    goals: Vec<Goal>,
+    features: Vec<(u64, Features)>,
+    faults: FaultSet,
+}
+
+impl Observer for Keep {
+    fn record(&mut self, record: &Record<'_>) {
+        if record.signal == self.signals[0] {
+            self.goals.push(Goal::decode(record.body).unwrap());
+        } else if record.signal == self.signals[1] {
+            self.features.push((record.tick, Features::decode(record.body).unwrap()));
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Script {
+    control: fn(u64) -> Option<ControlState>,
+    desired: fn(u64) -> Option<Desired>,
+    joints: fn(u64) -> Option<JointState>,
+    /// By job of the touch lane.
+    image: fn(u64) -> Option<TactileImage>,
+}
+
+fn run(config: Config, script: &Script, ticks: i64) -> Keep {
+    let mut builder = Builder::new();
+    let period = Nanos::from_micros(2_500);
+    let servo = builder.lane(LaneSpec::new("servo", period, 80)).unwrap();
+    let touch = LaneSpec { delivery: period, ..LaneSpec::new("touch", period * 2, 75) };
+    let touch = builder.lane(LaneSpec { deadline: period, ..touch }).unwrap();
+    let Script { control, desired, joints, image } = *script;
+    let feed = &mut builder;
+    feed.task(servo, "control", |p| Ok(Box::new(Feed { out: p.output("out"), at: control })))
+        .unwrap();
+    feed.task(servo, "joints", |p| Ok(Box::new(Feed { out: p.output("out"), at: joints })))
+        .unwrap();
+    feed.task(servo, "tactile_servo", |p| Ok(Box::new(TactileServo::new(config, p)?))).unwrap();
+    feed.task(servo, "desired", |p| Ok(Box::new(Feed { out: p.output("out"), at: desired })))
+        .unwrap();
+    feed.task(touch, "image", |p| Ok(Box::new(Feed { out: p.output("out"), at: image }))).unwrap();
+    for port in ["control", "desired", "joints", "image"] {
+        builder.bind(format!("tactile_servo.{port}"), format!("{port}.out"));
+    }
+    let mut machine = builder.build().unwrap();
+    let find = |name: &str| machine.catalog().find(name).unwrap();
+    let signals = [find("tactile_servo.goal"), find("tactile_servo.features")];
+    let faults = FaultSet::NONE;
+    let mut keep = Keep { signals, goals: Vec::new(), features: Vec::new(), faults };
+    virtual_time::run(&mut machine, period * ticks, &AtomicBool::new(false), &mut keep).unwrap();
+    for (_, figures) in machine.figures() {
+        assert_eq!(figures.allocations, 0);
+        keep.faults = keep.faults.union(figures.faults);
+    }
+    keep
+}
+
+const START: [f64; 6] = [0.0, 0.7, -2.68, -3.14, 1.17, 3.14];
+
+fn in_touch_from_ten(tick: u64) -> Option<ControlState> {
+    let state = if tick < 10 { State::IdleCalibrated } else { State::TactileServo };
+    let entered_ns = if tick < 10 { 0 } else { 25_000_000 };
+    Some(ControlState { state: state as u32, entered_ns, ..ControlState::ZERO })
+}
+
+fn calibrated(_: u64) -> Option<JointState> {
+    Some(JointState { q_rad: START, calibrated: 1, ..JointState::ZERO })
+}
+
+fn still(_: u64) -> Option<Desired> {
+    Some(Desired { q_rad: START, valid: 1, ..Desired::ZERO })
+}
+
+fn free(job: u64) -> TactileImage {
+    TactileImage {
+        sequence: u32::try_from(job).unwrap(),
+        rows: 16,
+        cols: 16,
+        valid: [1; 256],
+        baseline_ready: 1,
+        ..TactileImage::ZERO
+    }
+}
+
+/// A line of 16 x 500 counts in column 8 or, with `turned`, in row 8.
+fn line(job: u64, turned: bool) -> TactileImage {
+    let mut image = free(job);
+    for i in 0..16 {
+        image.counts[if turned { 7 * 16 + i } else { i * 16 + 7 }] = 500.0;
+    }
+    image
+}
+
+const FREE: Script = Script {
+    control: in_touch_from_ten,
+    desired: still,
+    joints: calibrated,
+    image: |job| Some(free(job)),
+};
+
+fn q(goal: &Goal) -> Joints {
+    Joints::from(goal.q_rad)
+}
+
+#[test]
+fn it_starts_without_a_bump_and_seeks_along_the_approach_at_an_even_speed() {
+    let keep = run(Config::default(), &FREE, 100);
+    assert!(keep.faults.is_empty());
+    assert!(keep.goals[..10].iter().all(|goal| *goal == Goal::ZERO));
+    assert_eq!((keep.goals[10].q_rad, keep.goals[10].valid), (START, 1));
+    let arm = taktil_mechanics::puma260::Puma260::reference();
+    let from = arm.tool_pose(&Joints::from(START));
+    let to = arm.tool_pose(&q(&keep.goals[99]));
+    let way = from.rotation.transpose() * (to.translation - from.translation);
+    // The image of job 5 of the touch lane is the first one read after the entry, at tick 11; 89
+    // jobs of 6 mm/s.
+    assert!((way.z - 89.0 * 6e-3 * 0.0025).abs() < 1e-7, "{way}");
+    assert!(way.x.abs() < 1e-7 && way.y.abs() < 1e-7);
+    assert!(to.rotation.abs_diff_eq(from.rotation, 1e-6));
+    for pair in keep.goals[11..].windows(2) {
+        let step = q(&pair[1]) - q(&pair[0]);
+        assert!((step / 0.0025 - Joints::from(pair[1].qd_rad_s)).amax() < 1e-12);
+        let before = Joints::from(pair[0].qd_rad_s);
+        assert!((Joints::from(pair[1].qd_rad_s) - before).amax() < 1e-4, "no 200 Hz steps");
+    }
+}
+
+#[test]
+fn features_are_published_for_every_image_also_when_it_has_not_the_arm() {
+    let script = Script { image: |job| Some(line(job, false)), ..FREE };
+    let keep = run(Config::default(), &script, 40);
+    // Image k of the touch lane is released at tick 2k and visible from tick 2k + 1.
+    let ticks: Vec<u64> = keep.features.iter().map(|(tick, _)| *tick).collect();
+    assert_eq!(ticks, (0..20).map(|k| 2 * k + 1).collect::<Vec<u64>>());
+    for (tick, features) in &keep.features {
+        assert_eq!(u64::from(features.sequence), (tick - 1) / 2);
+        assert_eq!(
+            (features.m0, features.x_c, features.y_c, features.m_x),
+            (8000.0, 8.0, 8.5, 0.0)
+        );
+        assert_eq!(features.defined, defined::CONTACT | defined::CENTROID | defined::THETA_Z);
+        assert_eq!((features.theta_z_rad, features.x_c_desired), (0.0, 2.0));
+        assert_eq!(features.active, u32::from(*tick >= 10));
+    }
+}
+
+#[test]
+fn without_new_images_the_arm_stands_still() {
+    let script = Script { image: |job| (job < 8).then(|| line(job, false)), ..FREE };
+    let keep = run(Config::default(), &script, 60);
+    // Job 7 is read at tick 15 and carried out by tick 16.
+    assert_ne!(keep.goals[16].q_rad, keep.goals[15].q_rad);
+    for goal in &keep.goals[17..] {
+        assert_eq!((goal.q_rad, goal.qd_rad_s), (keep.goals[16].q_rad, [0.0; 6]));
+    }
+}
+
+#[test]
+fn nothing_in_an_image_can_harm() {
+    let script = Script {
+        image: |job| {
+            let mut image = line(job, job % 2 == 0);
+            let odd = [f32::MIN_POSITIVE, f32::MAX, f32::MIN, 1e30, -0.0];
+            image.counts[usize::try_from(job % 256).unwrap()] =
+                odd[usize::try_from(job % 5).unwrap()];
+            (image.rows, image.cols) = match job % 7 {
+                0 => (u16::MAX, u16::MAX),
+                1 => (0, 0),
+                2 => (4, 64),
+                _ => (16, 16),
+            };
+            image.baseline_ready = u32::from(job % 11 != 0);
+            Some(image)
+        },
+        ..FREE
+    };
+    let keep = run(Config::default(), &script, 2_000);
+    assert!(keep.faults.is_empty(), "{:?}", keep.faults);
+    assert_eq!((keep.goals.len(), keep.features.len()), (2_000, 1_000));
+}
+
+#[test]
+fn the_lead_over_the_measured_joints_is_bounded() {
+    // The joints never move; the seek goes on for 2 s.
+    let config = Config { max_lead_deg: 0.5, ..Config::default() };
+    let keep = run(config, &FREE, 800);
+    let lead = |goal: &Goal| (q(goal) - Joints::from(START)).amax().to_degrees();
+    assert!(lead(&keep.goals[799]) > 0.499);
+    assert!(keep.goals[10..].iter().all(|goal| lead(goal) <= 0.5 + 1e-9));
+    // The bound of the way without contact.
+    let config = Config { seek_max_mm: 1.0, ..Config::default() };
+    let keep = run(config, &FREE, 800);
+    let arm = taktil_mechanics::puma260::Puma260::reference();
+    let height = |goal: &Goal| arm.tool_pose(&q(goal)).translation.z;
+    let way = height(&keep.goals[10]) - height(&keep.goals[799]);
+    assert!((way - 1e-3).abs() < 0.04e-3, "{way}");
+}
+
+/// The wrist's axes almost in line.
+const STRAIGHT: [f64; 6] = [0.0, 0.7, -2.68, -3.14, 0.01, 3.14];
+
+#[test]
+fn near_a_singularity_it_holds_and_says_so() {
+    let script = Script {
+        desired: |_| Some(Desired { q_rad: STRAIGHT, valid: 1, ..Desired::ZERO }),
+        joints: |_| Some(JointState { q_rad: STRAIGHT, calibrated: 1, ..JointState::ZERO }),
+        ..FREE
+    };
+    let keep = run(Config::default(), &script, 60);
+    assert!(keep.faults.contains(FaultCode::Singular));
+    assert!(keep.goals[10..].iter().all(|goal| goal.q_rad == STRAIGHT && goal.valid == 1));
+}
+
+#[test]
+fn it_starts_only_calibrated_and_stops_when_the_zero_moves() {
+    let uncalibrated = Script {
+        joints: |tick| calibrated(tick).map(|joints| JointState { calibrated: 0, ..joints }),
+        ..FREE
+    };
+    let keep = run(Config::default(), &uncalibrated, 30);
+    assert!(keep.faults.contains(FaultCode::MoveRefused));
+    assert_eq!(keep.goals[10], Goal { done: 1, ..Goal::ZERO });
+    assert!(keep.features.iter().all(|(_, features)| features.active == 0));
+    let moved = Script {
+        joints: |tick| {
+            calibrated(tick).map(|joints| JointState { datum: u32::from(tick > 20), ..joints })
+        },
+        ..FREE
+    };
+    let keep = run(Config::default(), &moved, 30);
+    assert!(keep.faults.contains(FaultCode::MoveRefused));
+    assert_eq!((keep.goals[20].valid, keep.goals[21].valid, keep.goals[29].done), (1, 0, 1));
+}
+
+#[test]
+fn the_turning_points_are_counted() {
+    let script = Script {
+        image: |job| {
+            let mut image = line(job, false);
+            let col = [7, 1, 14, 1][usize::try_from(job / 10 % 4).unwrap()];
+            for row in 0..16 {
+                image.counts.swap(row * 16 + 7, row * 16 + col);
+            }
+            Some(image)
+        },
+        ..FREE
+    };
+    let keep = run(Config::default(), &script, 80);
+    let at = |job: usize| (keep.features[job].1.x_c_desired, keep.features[job].1.reversals);
+    assert_eq!((at(9), at(10), at(19)), ((2.0, 0), (15.0, 1), (15.0, 1)));
+    assert_eq!((at(20), at(29), at(30)), ((2.0, 2), (2.0, 2), (15.0, 3)));
+}
