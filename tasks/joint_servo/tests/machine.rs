@@ -74,7 +74,7 @@ fn run(config: Config, script: &Script, ticks: i64) -> (Vec<Torque>, FaultSet) {
     (keep.torques, figures.faults)
 }
 
-const POSE: [f64; 6] = [0.0, 0.7, -2.68, -3.14, 1.17, 3.14];
+const POSE: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
 
 fn in_mode(mode: Mode) -> ControlState {
     ControlState { mode: mode as u32, ..ControlState::ZERO }

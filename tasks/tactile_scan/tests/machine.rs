@@ -15,8 +15,8 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 const PERIOD: Nanos = Nanos::from_millis(5);
 
-/// What the array answers in one job: a frame with this level on every tactel, nothing, an error, or
-/// a frame of another size.
+/// What the array answers in one job: a frame with this level on every tactel, nothing, an error,
+/// or a frame of another size.
 #[derive(Clone, Copy)]
 enum Answer {
     Level(u16),

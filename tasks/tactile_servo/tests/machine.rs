@@ -1,5 +1,5 @@
-//! The task in a machine of two lanes, in virtual time, fed by scripts: images at 200 Hz, servo jobs
-//! at 400 Hz.
+//! The task in a machine of two lanes, in virtual time, fed by scripts: images at 200 Hz, servo
+//! jobs at 400 Hz.
 
 use std::sync::atomic::AtomicBool;
 
@@ -91,7 +91,7 @@ fn run(config: Config, script: &Script, ticks: i64) -> Keep {
     keep
 }
 
-const START: [f64; 6] = [0.0, 0.7, -2.68, -3.14, 1.17, 3.14];
+const START: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
 
 fn in_touch_from_ten(tick: u64) -> Option<ControlState> {
     let state = if tick < 10 { State::IdleCalibrated } else { State::TactileServo };
@@ -233,7 +233,7 @@ fn the_lead_over_the_measured_joints_is_bounded() {
 }
 
 /// The wrist's axes almost in line.
-const STRAIGHT: [f64; 6] = [0.0, 0.7, -2.68, -3.14, 0.01, 3.14];
+const STRAIGHT: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 0.01, 3.13];
 
 #[test]
 fn near_a_singularity_it_holds_and_says_so() {

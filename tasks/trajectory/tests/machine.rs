@@ -73,7 +73,7 @@ fn run(config: Config, script: &Script, ticks: i64) -> (Vec<Goal>, FaultSet) {
     (keep.goals, figures.faults)
 }
 
-const START: [f64; 6] = [0.0, 0.7, -2.68, -3.14, 1.17, 3.14];
+const START: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
 const GOAL_DEG: [f64; 6] = [5.0, 42.0, -150.0, -175.0, 65.0, 170.0];
 
 fn queue() -> Config {
