@@ -68,8 +68,7 @@ fn under_load_the_table_carries_finger_and_pin() {
 
 #[test]
 fn a_dropped_pin_bounces_lower_and_lower() {
-    // Without damping the scheme keeps the energy to its order: 1 % of the 2 mm drop.
-    for (relaxation_ms, slack) in [(0.0, 2e-5), (0.3, 0.0)] {
+    for relaxation_ms in [0.0, 0.3] {
         let mut config = WorldConfig::default();
         config.pin.steadied = false;
         config.table.rubber.relaxation_ms = relaxation_ms;
@@ -82,7 +81,7 @@ fn a_dropped_pin_bounces_lower_and_lower() {
             to_s: 0.002,
         }];
         let (mut world, _devices) = bench(&config, lifted());
-        let (start, mut top, mut falling) = (world.truth().pin.z, f64::MAX, true);
+        let (start, mut falling, mut tops) = (world.truth().pin.z, true, Vec::new());
         for i in 1..4000 {
             let truth = at(&mut world, 5e-4 * f64::from(i));
             let up = truth.pin_velocity.z > 0.0;
@@ -90,32 +89,46 @@ fn a_dropped_pin_bounces_lower_and_lower() {
                 falling = false;
             } else if !falling && !up {
                 falling = true;
-                assert!(truth.pin.z <= top.min(start) + slack, "{top} {}", truth.pin.z);
-                top = truth.pin.z;
+                tops.push(start - truth.pin.z);
             }
         }
-        assert!(top < start, "it bounced");
+        assert!(tops.len() > 5, "it bounces: {tops:?}");
+        if relaxation_ms > 0.0 {
+            assert!(tops.windows(2).all(|two| two[1] >= two[0]), "lower and lower: {tops:?}");
+        } else {
+            // Without damping each bounce keeps the energy to the order of the scheme, and the
+            // errors do not add up: 3 % of the 2 mm drop over some fifty bounces.
+            assert!(tops.iter().all(|depth| *depth > -6e-5), "{tops:?}");
+        }
     }
 }
 
 #[test]
 fn a_rolling_pin_left_alone_does_not_speed_up() {
-    let config = WorldConfig::default();
-    let z = meeting_height(&config) + 1e-4;
-    let mut knots = vec![(0.2, over(z)), (0.6, over(z) + DVec3::new(0.010, 0.0, 0.0))];
-    knots.push((0.7, over(z) + DVec3::new(0.010, 0.0, 0.03)));
-    // Lift in full motion: the pin rolls on over the table.
-    knots.remove(1);
-    knots[1].1.x += 0.004;
-    let (mut world, _devices) = bench(&config, Carriage { axes: nominal(), knots, float: None });
+    // The table tilts, the pin starts to roll, the table is level again.
+    let tilt = |rate, from_s| taktil_sim::scene::Ramp {
+        axis: taktil_sim::scene::Axis::TiltY,
+        rate_deg_s: Some(rate),
+        rate_mm_s: None,
+        from_s,
+        to_s: from_s + 0.1,
+    };
+    let mut config = WorldConfig::default();
+    config.pin.steadied = false;
+    config.table.motion = vec![tilt(50.0, 0.1), tilt(-50.0, 0.5)];
+    let (mut world, _devices) = bench(&config, lifted());
+    let start = at(&mut world, 0.8);
+    assert!(start.pin_velocity.x < -0.05, "it rolls: {}", start.pin_velocity);
+    let rim = start.pin_velocity.x * 0.8;
     let mut energy = f64::MAX;
     for i in 0..60 {
         let truth = at(&mut world, 0.8 + 0.05 * f64::from(i));
-        assert!(!truth.in_contact);
         let now = truth.energy_j;
         assert!(now <= energy + 1e-9, "{energy} grew to {now}");
         energy = now;
     }
+    // And rubber takes little from it.
+    assert!(world.truth().pin_velocity.x < rim, "{}", world.truth().pin_velocity);
 }
 
 #[test]
