@@ -165,6 +165,8 @@ mod tests {
         assert_eq!((command.codes[0], command.codes[2]), (2047, -2048));
         assert_eq!(command.limited, 0b101);
         assert!((command.tau_nm[0] - peak[0]).abs() < 0.01 * peak[0]);
+        let slightly = law.command(&[peak[0] + 0.02, 0.0, 0.0, 0.0, 0.0, 0.0]).unwrap();
+        assert_eq!((slightly.codes[0], slightly.limited), (2047, 1), "three steps too much");
         let negative_end = law.command(&[-peak[0], 0.0, 0.0, 0.0, 0.0, 0.0]).unwrap();
         assert_eq!((negative_end.codes[0], negative_end.limited), (-2048, 0));
     }

@@ -349,6 +349,22 @@ fn lost_lines_take_the_torque_with_them_in_the_same_job() {
 }
 
 #[test]
+fn a_task_that_is_dropped_leaves_the_boards_safe() {
+    let (analog, codes) = board(never, 2048);
+    let (digital, lines) = board(never, 2048);
+    let mut builder = Builder::new();
+    let lane = builder.lane(LaneSpec::new("servo", PERIOD, 80)).unwrap();
+    builder
+        .task(lane, "actuate", |ports| {
+            Ok(Box::new(Actuate::new(Config::default(), analog, digital, ports)?))
+        })
+        .unwrap();
+    drop(builder);
+    assert_eq!(drained(codes), [(Nanos::ZERO, Told::Safe)]);
+    assert_eq!(drained(lines), [(Nanos::ZERO, Told::Safe)]);
+}
+
+#[test]
 fn a_converter_narrower_than_the_drives_is_refused() {
     let (analog, _codes) = board(never, 1024);
     let (digital, _lines) = board(never, 2048);

@@ -139,9 +139,14 @@ fn span(seconds: f64) -> Nanos {
     Nanos((seconds * 1e9).round() as i64)
 }
 
+/// Time since the last job: the period, or more when jobs were skipped.
+fn elapsed(last: Option<Nanos>, cycle: &Cycle) -> Nanos {
+    last.map_or(cycle.dt, |last| cycle.release - last).max(cycle.dt)
+}
+
 impl Task for Setpoint {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        let elapsed = self.last.map_or(cycle.dt, |last| cycle.release - last).max(cycle.dt);
+        let elapsed = elapsed(self.last, cycle);
         self.last = Some(cycle.release);
         let control = io.read(&self.control).value;
         let joints = io.read(&self.joints).usable();
@@ -196,6 +201,15 @@ mod tests {
         assert_eq!(config.check().unwrap_err().place, "q_min_deg[2]");
         config.q_max_deg[2] = f64::NAN;
         assert_eq!(config.check().unwrap_err().place, "q_max_deg[2]");
+    }
+
+    #[test]
+    fn skipped_jobs_count_as_time() {
+        let dt = Nanos::from_micros(2500);
+        let cycle = Cycle { tick: 7, release: dt * 7, dt, mode: Mode::Moving };
+        assert_eq!(elapsed(None, &cycle), dt);
+        assert_eq!(elapsed(Some(dt * 6), &cycle), dt);
+        assert_eq!(elapsed(Some(dt * 4), &cycle), dt * 3);
     }
 
     #[test]

@@ -25,6 +25,7 @@ struct Around {
     lines: Option<Lines>,
     joints: bool,
     done: bool,
+    valid: bool,
     /// Raised by a task of the servo lane, before the supervisor.
     servo: Option<FaultCode>,
     panics: bool,
@@ -35,6 +36,7 @@ const QUIET: Around = Around {
     lines: Some(Lines { drive_power: 1, estop_a_closed: 1, estop_b_closed: 1 }),
     joints: true,
     done: false,
+    valid: true,
     servo: None,
     panics: false,
 };
@@ -77,7 +79,8 @@ impl Task for Others {
         if now.joints {
             io.write(&self.joints, JointState { calibrated: self.calibrated, ..JointState::ZERO });
         }
-        io.write(&self.goal, Goal { valid: 1, done: u32::from(now.done), ..Goal::ZERO });
+        let (valid, done) = (u32::from(now.valid), u32::from(now.done));
+        io.write(&self.goal, Goal { valid, done, ..Goal::ZERO });
         now.servo.map_or(Ok(()), Err)
     }
 }
@@ -181,6 +184,38 @@ fn the_way_to_a_trajectory_and_back_takes_the_states_of_the_figure() {
     assert_eq!(seen.at(100), (State::IdleCalibrated, Mode::Hold));
     let last = seen.control[399];
     assert_eq!((last.faults, last.refused, last.request), (0, 0, 3));
+}
+
+#[test]
+fn an_empty_trajectory_is_done_a_tactile_servo_without_goal_is_not() {
+    let seen =
+        run(|tick| Around { done: true, valid: false, ..started(tick, Verb::Trajectory) }, None);
+    assert_eq!(seen.at(60), (State::Trajectory, Mode::Moving));
+    assert_eq!(seen.at(61), (State::IdleCalibrated, Mode::Hold));
+    let seen = run(
+        |tick| Around { done: true, valid: tick >= 200, ..started(tick, Verb::TactileServo) },
+        None,
+    );
+    assert_eq!(seen.at(199), (State::TactileServo, Mode::Moving));
+    assert_eq!(seen.at(200), (State::IdleCalibrated, Mode::Hold));
+}
+
+#[test]
+fn a_fault_that_was_reset_does_not_come_back_from_an_old_word() {
+    // Job 50 of the touch lane is seen by jobs 102 and 103 of the servo lane: new, then held.
+    let seen = run(
+        |tick| {
+            let mut now = started(tick, Verb::Trajectory);
+            if tick == 103 {
+                now.verb = Verb::Reset;
+            }
+            now
+        },
+        Some((FaultCode::DigitalLost, 50, 1)),
+    );
+    assert_eq!(seen.at(102), (State::Start, Mode::Fault));
+    assert_eq!(seen.at(103), (State::Start, Mode::Checking));
+    assert_eq!((seen.at(104), seen.control[104].faults), ((State::Start, Mode::Ready), 0));
 }
 
 #[test]

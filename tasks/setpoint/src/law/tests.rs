@@ -172,17 +172,16 @@ fn limits_hold_once_they_mean_something() {
 
 #[test]
 fn from_outside_the_limits_the_way_leads_in_only() {
-    let (mut law, mut facts) = {
+    for sign in [-1.0, 1.0] {
         let mut law = law();
-        let mut facts = facts(State::Trajectory, Mode::Ready, 1.05);
+        let mut facts = facts(State::Trajectory, Mode::Ready, sign * 1.05);
         let _ = law.step(&facts);
         facts.mode = Mode::Moving;
-        facts.trajectory = goal(1.049, 0.0);
+        facts.trajectory = goal(sign * 1.049, 0.0);
         assert_eq!(law.step(&facts).1, Ok(()), "inwards");
-        (law, facts)
-    };
-    facts.trajectory = goal(1.0495, 0.0);
-    assert_eq!(law.step(&facts).1, Err(FaultCode::SoftLimit), "outwards again");
+        facts.trajectory = goal(sign * 1.0495, 0.0);
+        assert_eq!(law.step(&facts).1, Err(FaultCode::SoftLimit), "outwards again");
+    }
 }
 
 #[test]

@@ -389,6 +389,9 @@ fn lost_power_lines_joints_and_lanes_take_the_drives() {
     story.lines().drive_power = 0;
     story.tick();
     assert_eq!((story.at(), story.control.faults), ((State::Start, Mode::Off), 0), "by intent");
+    story.lines().estop_a_closed = 0;
+    story.ticks(20);
+    assert_eq!(story.control.faults, 0, "without power there is nothing to stop");
 }
 
 /// A small generator (Steele, Lea & Flood 2014, SplitMix64): the same story for the same seed.
