@@ -206,16 +206,16 @@ fn a_fault_that_was_reset_does_not_come_back_from_an_old_word() {
     let seen = run(
         |tick| {
             let mut now = started(tick, Verb::Trajectory);
-            if tick == 103 {
+            if tick == 102 {
                 now.verb = Verb::Reset;
             }
             now
         },
         Some((FaultCode::DigitalLost, 50, 1)),
     );
-    assert_eq!(seen.at(102), (State::Start, Mode::Fault));
-    assert_eq!(seen.at(103), (State::Start, Mode::Checking));
-    assert_eq!((seen.at(104), seen.control[104].faults), ((State::Start, Mode::Ready), 0));
+    assert_eq!(seen.at(101), (State::Trajectory, Mode::Moving));
+    assert_eq!(seen.at(102), (State::Start, Mode::Checking), "reset in the very job");
+    assert_eq!((seen.at(103), seen.control[103].faults), ((State::Start, Mode::Ready), 0));
 }
 
 #[test]
