@@ -1,7 +1,7 @@
 //! The live executor: one thread a lane, `SCHED_FIFO`, released by absolute sleeps on the monotonic clock. The calling thread stays
 //! ordinary and carries records to the observer. Refuses to hide what the kernel did not grant: it is read back per lane.
 
-use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicI64, AtomicU8, AtomicUsize, Ordering};
 use std::sync::OnceLock;
 use std::thread;
 
@@ -58,6 +58,36 @@ pub enum Contract {
     Soft,
 }
 
+/// What happens to logical time when a lane is woken later than its deadline leaves room for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// Nothing: the world outside goes on, jobs are skipped or caught up as each lane says. For real boards.
+    Fixed,
+    /// The whole schedule slips by the stall, for every lane alike, and no job is skipped: the world is simulated and can wait.
+    /// Misses are counted all the same, and the slip is reported.
+    Slip,
+}
+
+/// How a live run is to be done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Terms {
+    /// Jobs released before this instant are run.
+    pub until: Nanos,
+    /// Whether missing rights refuse the run.
+    pub contract: Contract,
+    /// What a stall does to logical time.
+    pub pace: Pace,
+}
+
+/// How a live run went, besides what each lane counted.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Account {
+    /// What the kernel granted.
+    pub attestation: Attestation,
+    /// By how much the schedule slipped in all; zero at a fixed pace.
+    pub slipped: Nanos,
+}
+
 /// Why a live run did not take place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LiveError {
@@ -103,49 +133,50 @@ struct Shared<'a> {
     signal: AtomicU8,
     /// Threads that have not ended.
     running: AtomicUsize,
+    /// Wall time minus logical time that stalls have cost so far, ns.
+    slip: AtomicI64,
 }
 
 const WAIT: u8 = 0;
 const GO: u8 = 1;
 const ABANDON: u8 = 2;
 
-/// Runs the machine on the kernel's clock until `until` or until `stop` is set.
+/// Runs the machine on the kernel's clock until the terms say so or until `stop` is set.
 ///
 /// # Errors
 /// A task that refuses to start, a hard contract that is not met, no threads.
 pub fn run(
     machine: &mut Machine,
-    until: Nanos,
-    contract: Contract,
+    terms: Terms,
     stop: &AtomicBool,
     audience: &mut dyn Audience,
-) -> Result<Attestation, LiveError> {
+) -> Result<Account, LiveError> {
     machine.start().map_err(|(task, fault)| LiveError::TaskRefused(task, fault))?;
     let (preempt_rt, virtual_machine) = kernel();
     let mut attestation = Attestation { missing: Vec::new(), preempt_rt, virtual_machine };
     if let Err(why) = lock_memory() {
         attestation.missing.push(why);
     }
-    let outcome = run_threads(machine, until, contract, stop, audience, &mut attestation);
+    let outcome = run_threads(machine, terms, stop, audience, &mut attestation);
     unlock_memory();
     machine.stop();
-    outcome.map(|()| attestation)
+    outcome.map(|slipped| Account { attestation, slipped })
 }
 
 fn run_threads(
     machine: &mut Machine,
-    until: Nanos,
-    contract: Contract,
+    terms: Terms,
     stop: &AtomicBool,
     audience: &mut dyn Audience,
     attestation: &mut Attestation,
-) -> Result<(), LiveError> {
+) -> Result<Nanos, LiveError> {
     let count = machine.lanes.len();
     let shared = Shared {
         stop,
         ready: AtomicUsize::new(0),
         signal: AtomicU8::new(WAIT),
         running: AtomicUsize::new(count),
+        slip: AtomicI64::new(0),
     };
     let (lanes, drains) = (&mut machine.lanes, &mut machine.drains);
     let clock = OnceLock::new();
@@ -155,7 +186,7 @@ fn run_threads(
             let (shared, clock) = (&shared, &clock);
             let builder =
                 thread::Builder::new().name(lane.spec.name.clone()).stack_size(STACK_BYTES);
-            let body = move || lane_thread(lane, until, shared, clock, grant);
+            let body = move || lane_thread(lane, terms, shared, clock, grant);
             if let Err(why) = builder.spawn_scoped(scope, body) {
                 shared.signal.store(ABANDON, Ordering::Release);
                 return Err(LiveError::NoThread(why.to_string()));
@@ -165,7 +196,7 @@ fn run_threads(
             thread::sleep(CARRY_PAUSE);
         }
         attestation.missing.extend(granted.iter().filter_map(OnceLock::get).flatten().cloned());
-        if contract == Contract::Hard && !attestation.granted() {
+        if terms.contract == Contract::Hard && !attestation.granted() {
             shared.signal.store(ABANDON, Ordering::Release);
             return Err(LiveError::NotGranted(attestation.clone()));
         }
@@ -174,11 +205,11 @@ fn run_threads(
         shared.signal.store(GO, Ordering::Release);
         while shared.running.load(Ordering::Acquire) > 0 {
             carry(drains, audience);
-            audience.passed(epoch.now());
+            audience.passed(epoch.now() - Nanos(shared.slip.load(Ordering::Relaxed)));
             thread::sleep(CARRY_PAUSE);
         }
         carry(drains, audience);
-        Ok(())
+        Ok(Nanos(shared.slip.load(Ordering::Relaxed)))
     })
 }
 
@@ -190,7 +221,7 @@ fn carry(drains: &mut [Drain], observer: &mut dyn Observer) {
 
 fn lane_thread(
     lane: &mut Lane,
-    until: Nanos,
+    terms: Terms,
     shared: &Shared<'_>,
     clock: &OnceLock<MonotonicClock>,
     grant: &OnceLock<Vec<String>>,
@@ -209,34 +240,49 @@ fn lane_thread(
         thread::sleep(CARRY_PAUSE);
     }
     if let (GO, Some(clock)) = (shared.signal.load(Ordering::Acquire), clock.get()) {
-        beat(lane, until, shared.stop, clock);
+        beat(lane, terms, shared, clock);
     }
     lane.stop();
     shared.running.fetch_sub(1, Ordering::AcqRel);
 }
 
 /// The beat itself: sleep to the release, run, account, choose the next job.
-fn beat(lane: &mut Lane, until: Nanos, stop: &AtomicBool, clock: &MonotonicClock) {
-    let jobs = lane.spec.jobs_before(until);
+fn beat(lane: &mut Lane, terms: Terms, shared: &Shared<'_>, clock: &MonotonicClock) {
+    let jobs = lane.spec.jobs_before(terms.until);
     while lane.next_tick < jobs {
         let tick = lane.next_tick;
-        let release = lane.spec.release(tick);
-        clock.sleep_until(release);
-        if stop.load(Ordering::Relaxed) {
+        let release = sleep_to(lane.spec.release(tick), shared, clock);
+        if shared.stop.load(Ordering::Relaxed) {
             break;
         }
         let before = thread_counters();
         let cpu_before = thread_cpu_time();
         let begin = clock.now();
+        let lateness = begin - release;
+        if terms.pace == Pace::Slip && lateness * 2 > lane.spec.deadline {
+            // Every lane that was held up by the same stall finds about the same figure: the largest stands for all.
+            shared.slip.fetch_max((begin - lane.spec.release(tick)).0, Ordering::Relaxed);
+        }
         lane.job(tick);
         let end = clock.now();
         let cpu = thread_cpu_time() - cpu_before;
         let after = thread_counters();
         account(lane, release, begin, end, cpu, before, after);
         let newest = lane.spec.newest_released(end);
-        if lane.spec.late == Late::Skip && newest > lane.next_tick {
+        if terms.pace == Pace::Fixed && lane.spec.late == Late::Skip && newest > lane.next_tick {
             lane.figures.skipped += newest - lane.next_tick;
             lane.next_tick = newest;
+        }
+    }
+}
+
+/// Sleeps to a logical release, also when the schedule slips meanwhile; returns the release on the wall.
+fn sleep_to(release: Nanos, shared: &Shared<'_>, clock: &MonotonicClock) -> Nanos {
+    loop {
+        let wall = release + Nanos(shared.slip.load(Ordering::Relaxed));
+        clock.sleep_until(wall);
+        if release + Nanos(shared.slip.load(Ordering::Relaxed)) == wall {
+            return wall;
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use taktil_rtcore::guard::CountingAllocator;
-use taktil_rtcore::live::{self, Audience, Contract};
+use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, FaultSet, Freshness, Input, Invalid, Io, LaneId, LaneSpec, Machine,
@@ -321,7 +321,8 @@ fn live_and_virtual_write_the_same_values_at_the_same_ticks() {
         let mut machine = two_lanes(None);
         let mut seen = Keep::default();
         let stop = AtomicBool::new(false);
-        live::run(&mut machine, until, Contract::Soft, &stop, &mut seen).unwrap();
+        let terms = Terms { until, contract: Contract::Soft, pace: Pace::Fixed };
+        live::run(&mut machine, terms, &stop, &mut seen).unwrap();
         // On a shared machine a job may miss; then nothing is promised and the run says so.
         if machine.figures().any(|(_, f)| f.misses.total() + f.skipped > 0) {
             continue;

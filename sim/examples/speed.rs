@@ -14,7 +14,7 @@ fn main() {
     resting.pin.present = false;
     let mut pressing = WorldConfig::default();
     // The finger starts on the pin and leans on it with the arm's weight.
-    pressing.table.height_mm = -180.1;
+    pressing.table.height_mm = Some(-180.1);
     let arm = |config: &WorldConfig| build(config, &Timing::default(), 1).expect("a sound scene");
     report("arm, no pin", || arm(&resting));
     report("arm over the pin", || arm(&WorldConfig::default()));

@@ -71,7 +71,7 @@ fn assemble(
     finger: Finger,
     finger_kg: Option<f64>,
 ) -> Result<(World, Devices), Invalid> {
-    let table = Table::new(&config.table);
+    let table = Table::new(&config.table, config.table_height_mm());
     let rolling = if config.pin.present {
         let rolling = put_pin(config, &table, finger.pose().translation)?;
         check_step(config, &rolling, finger_kg)?;

@@ -83,7 +83,7 @@ pub struct WorldConfig {
     /// The tactile array's electronics.
     pub tactile: TactileConfig,
     /// Longest integration step (us); each interval between two events is divided evenly into
-    /// steps no longer than this. Default 125.
+    /// steps no longer than this. Default 80.
     pub substep_us: f64,
     /// Inertia, bias torques and Jacobian of the arm are evaluated every so many steps. Default 4.
     pub arm_every: u32,
@@ -169,9 +169,9 @@ pub struct PinConfig {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TableConfig {
-    /// Height of the surface at the pivot (mm, base frame). Default -195: a 23 mm pin meets the
-    /// finger at p_z = -149 mm.
-    pub height_mm: f64,
+    /// Height of the surface at the pivot (mm, base frame). Default: [`PIN_TOP_MM`] less the pin's
+    /// diameter, so that a pin of any radius meets the finger where the thesis's did.
+    pub height_mm: Option<f64>,
     /// Turn about x (deg). Default 0.
     pub tilt_x_deg: f64,
     /// Tilt about y (deg): the surface rises towards +x. Default 0.
@@ -184,7 +184,8 @@ pub struct TableConfig {
     pub pivot_x_mm: f64,
     /// Pivot along y0 (mm). Default -127.
     pub pivot_y_mm: f64,
-    /// Layer on the table. Default 3 mm, 1 MPa, 0.49.
+    /// Layer on the table. Default 6 mm, 0.6 MPa, 0.49, 0.7 ms: soft enough that a position servo at
+    /// 400 Hz is stable in contact, which is why the thesis put rubber there.
     pub rubber: RubberConfig,
     /// Coulomb coefficient against the pin. Default 0.8.
     pub friction: f64,
@@ -258,7 +259,7 @@ impl Default for WorldConfig {
             pin: PinConfig::default(),
             table: TableConfig::default(),
             tactile: TactileConfig::default(),
-            substep_us: 125.0,
+            substep_us: 80.0,
             arm_every: 4,
         }
     }
@@ -303,7 +304,7 @@ impl Default for PinConfig {
 impl Default for TableConfig {
     fn default() -> TableConfig {
         TableConfig {
-            height_mm: -195.0,
+            height_mm: None,
             tilt_x_deg: 0.0,
             tilt_y_deg: 0.0,
             pan_deg: 0.0,
@@ -311,10 +312,10 @@ impl Default for TableConfig {
             pivot_x_mm: 325.0,
             pivot_y_mm: -127.0,
             rubber: RubberConfig {
-                thickness_mm: 3.0,
-                youngs_mpa: 1.0,
+                thickness_mm: 6.0,
+                youngs_mpa: 0.6,
                 poisson: 0.49,
-                relaxation_ms: 0.3,
+                relaxation_ms: 0.7,
             },
             friction: 0.8,
             motion: Vec::new(),
@@ -325,6 +326,17 @@ impl Default for TableConfig {
 impl Default for TactileConfig {
     fn default() -> TactileConfig {
         TactileConfig { noise_counts: 50.0, rest_counts: 300.0, bits: 12, full_scale_n: 4.0 }
+    }
+}
+
+/// Height at which the top of the pin stands by default (mm, base frame): the thesis's p_z in contact.
+pub const PIN_TOP_MM: f64 = -149.0;
+
+impl WorldConfig {
+    /// Height of the table's surface at its pivot (mm, base frame), also when the scene gives none.
+    #[must_use]
+    pub fn table_height_mm(&self) -> f64 {
+        self.table.height_mm.unwrap_or(PIN_TOP_MM - 2.0 * self.pin.radius_mm)
     }
 }
 
@@ -395,7 +407,9 @@ impl PinConfig {
 
 impl TableConfig {
     fn check(&self) -> Result<(), Invalid> {
-        within("table.height_mm", self.height_mm, -2000.0, 2000.0)?;
+        if let Some(height_mm) = self.height_mm {
+            within("table.height_mm", height_mm, -2000.0, 2000.0)?;
+        }
         within("table.tilt_x_deg", self.tilt_x_deg, -60.0, 60.0)?;
         within("table.tilt_y_deg", self.tilt_y_deg, -60.0, 60.0)?;
         within("table.pan_deg", self.pan_deg, -180.0, 180.0)?;

@@ -50,13 +50,13 @@ pub(crate) struct Table {
 }
 
 impl Table {
-    pub(crate) fn new(config: &TableConfig) -> Table {
+    pub(crate) fn new(config: &TableConfig, height_mm: f64) -> Table {
         let start = TablePose {
             tilt_x_rad: config.tilt_x_deg.to_radians(),
             tilt_y_rad: config.tilt_y_deg.to_radians(),
             pan_rad: config.pan_deg.to_radians(),
             slide_m: 1e-3 * config.slide_mm,
-            height_m: 1e-3 * config.height_mm,
+            height_m: 1e-3 * height_mm,
         };
         let pivot = 1e-3 * DVec3::new(config.pivot_x_mm, config.pivot_y_mm, 0.0);
         let mut ramps = [None; MOTIONS_MAX];
@@ -115,18 +115,18 @@ mod tests {
     #[test]
     fn positive_tilts_raise_the_positive_sides() {
         let mut config = TableConfig { tilt_y_deg: 8.0, ..TableConfig::default() };
-        let table = Table::new(&config);
+        let table = Table::new(&config, -195.0);
         let rise = height_at(&table, 0.0, 0.425, -0.127) - height_at(&table, 0.0, 0.325, -0.127);
         assert!((rise - 0.1 * libm::tan(8.0_f64.to_radians())).abs() < 1e-12);
         config = TableConfig { tilt_x_deg: 4.0, ..TableConfig::default() };
-        let table = Table::new(&config);
+        let table = Table::new(&config, -195.0);
         let rise = height_at(&table, 0.0, 0.325, -0.027) - height_at(&table, 0.0, 0.325, -0.127);
         assert!((rise - 0.1 * libm::tan(4.0_f64.to_radians())).abs() < 1e-12);
     }
 
     #[test]
     fn pan_turns_x_towards_y() {
-        let table = Table::new(&TableConfig { pan_deg: 22.0, ..TableConfig::default() });
+        let table = Table::new(&TableConfig { pan_deg: 22.0, ..TableConfig::default() }, -195.0);
         let (_, axes, _) = table.at(3.0);
         assert!((libm::atan2(axes.x_axis.y, axes.x_axis.x) - 22.0_f64.to_radians()).abs() < 1e-12);
         assert!((axes.z_axis - DVec3::Z).length() < 1e-15);
@@ -150,7 +150,7 @@ mod tests {
         ];
         let config =
             TableConfig { tilt_x_deg: 4.0, tilt_y_deg: 6.0, motion, ..TableConfig::default() };
-        let table = Table::new(&config);
+        let table = Table::new(&config, -195.0);
         let (h, local) = (1e-6, DVec3::new(0.05, -0.03, 0.0));
         let point = |t: f64| {
             let (_, axes, s) = table.at(t);

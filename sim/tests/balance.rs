@@ -142,14 +142,14 @@ fn halving_the_step_halves_the_error() {
         world.advance(seconds(0.15));
         world.truth()
     };
-    let exact = run(125.0 / 64.0);
+    let exact = run(80.0 / 64.0);
     let error = |us: f64| {
         let truth = run(us);
         let place = (truth.pin - exact.pin).length();
         (place, (truth.finger_normal_n - exact.finger_normal_n).abs())
     };
-    let errors = [125.0, 62.5, 31.25, 15.625].map(error);
-    println!("step error: place (m), force (N) at 125, 62.5, 31.25, 15.6 us: {errors:?}");
+    let errors = [80.0, 40.0, 20.0, 10.0].map(error);
+    println!("step error: place (m), force (N) at 80, 40, 20, 10 us: {errors:?}");
     for pair in errors.windows(2) {
         let order = pair[0].0 / pair[1].0;
         assert!((1.6..2.8).contains(&order), "place: {errors:?}");

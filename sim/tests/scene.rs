@@ -110,7 +110,7 @@ fn every_number_is_refused_when_it_is_no_number_or_out_of_range() {
         ("pin.yaw_deg", |c| &mut c.pin.yaw_deg, false),
         ("pin.steady_until_n", |c| &mut c.pin.steady_until_n, true),
         ("pin.rolling_resistance_mm", |c| &mut c.pin.rolling_resistance_mm, true),
-        ("table.height_mm", |c| &mut c.table.height_mm, false),
+        ("table.height_mm", |c| c.table.height_mm.get_or_insert(-195.0), false),
         ("table.tilt_x_deg", |c| &mut c.table.tilt_x_deg, false),
         ("table.tilt_y_deg", |c| &mut c.table.tilt_y_deg, false),
         ("table.pan_deg", |c| &mut c.table.pan_deg, false),

@@ -10,7 +10,7 @@ use nix::sys::signal::{SigSet, Signal};
 use sd_notify::NotifyState;
 use serde::Deserialize;
 use taktil_drivers_regmap::{Board, Config as BoardConfig, OpenError};
-use taktil_rtcore::live::{self, Attestation, Audience, Contract};
+use taktil_rtcore::live::{self, Attestation, Audience, Contract, Pace, Terms};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Machine, Nanos, Output, Ports, Task};
 use taktil_signal::Request;
@@ -119,7 +119,8 @@ impl Service {
     pub fn run(&mut self) -> anyhow::Result<()> {
         let stop = stop_on_signals()?;
         let mut heart = Heart::new(self.machine.catalog());
-        let outcome = live::run(&mut self.machine, FOREVER, self.contract, &stop, &mut heart);
+        let terms = Terms { until: FOREVER, contract: self.contract, pace: Pace::Fixed };
+        let outcome = live::run(&mut self.machine, terms, &stop, &mut heart);
         tell(&[NotifyState::Stopping]);
         outcome?;
         for (spec, figures) in self.machine.figures() {

@@ -20,7 +20,7 @@ pub fn over(z: f64) -> DVec3 {
 /// Height at which an unpressed finger parallel to the table just meets the pin (m).
 pub fn meeting_height(config: &WorldConfig) -> f64 {
     let slope = libm::cos(config.table.tilt_y_deg.to_radians());
-    1e-3 * (config.table.height_mm + 2.0 * config.pin.radius_mm / slope)
+    1e-3 * (config.table_height_mm() + 2.0 * config.pin.radius_mm / slope)
 }
 
 pub fn load_of(load_n: f64) -> Option<Float> {

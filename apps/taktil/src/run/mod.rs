@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, bail};
 use serde_json::Value;
-use taktil_rtcore::live::{Attestation, Audience, Contract};
+use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Pace, Terms};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Machine, Nanos, linux, live, virtual_time};
 
@@ -115,14 +115,14 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     };
     let stop = interrupt::watch()?;
     let begin = linux::monotonic();
-    let (reached, attestation) = execute(&mut machine, options.fast, until, &stop, &mut watch)?;
+    let (reached, account) = execute(&mut machine, options.fast, until, &stop, &mut watch)?;
     let wall = linux::monotonic() - begin;
     watch.progress.finish();
     let ending = Ending {
         scene: options.scene.display().to_string(),
         title: &scene.title,
         seed,
-        attestation: attestation.as_ref(),
+        account: account.as_ref(),
         sim_s: reached.as_secs_f64(),
         wall_s: wall.as_secs_f64(),
         digest: watch.digest.hex(),
@@ -159,15 +159,16 @@ fn execute(
     until: Nanos,
     stop: &AtomicBool,
     watch: &mut Watch,
-) -> anyhow::Result<(Nanos, Option<Attestation>)> {
+) -> anyhow::Result<(Nanos, Option<Account>)> {
     if fast {
         let reached = virtual_time::run(machine, until, stop, watch).map_err(|(task, fault)| {
             anyhow::anyhow!("task `{task}` refused to start: {}", fault.text())
         })?;
         return Ok((reached, None));
     }
-    let attestation = live::run(machine, until, Contract::Soft, stop, watch)?;
-    Ok((watch.now.min(until), Some(attestation)))
+    let terms = Terms { until, contract: Contract::Soft, pace: Pace::Slip };
+    let account = live::run(machine, terms, stop, watch)?;
+    Ok((watch.now.min(until), Some(account)))
 }
 
 fn finish(options: &Options, log: Option<&Path>, summary: &Value) -> anyhow::Result<()> {
@@ -205,7 +206,7 @@ fn targets(scene: &Scene) -> Targets {
     let servo = scene.machine.tactile_servo.clone().unwrap_or_default();
     let tactile = &scene.world.tactile;
     let full_scale_counts = f64::from((1u32 << tactile.bits.min(31)) - 1);
-    Targets { m0: servo.m0_desired, counts_per_n: full_scale_counts / tactile.full_scale_n }
+    Targets { m0: servo.m0_counts, counts_per_n: full_scale_counts / tactile.full_scale_n }
 }
 
 fn metadata(scene: &Scene, seed: u64, options: &Options) -> BTreeMap<String, String> {

@@ -1,7 +1,7 @@
 //! The scripted operator: asks for one thing after the other, each when the machine stands idle. Refuses to hurry: a request is
 //! made once, and the next one only after the supervisor has looked at it.
 
-use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Mode, Output, Ports, Task};
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, Task};
 use taktil_signal::{ControlState, Request, State, Verb};
 
 use super::scene::Step;
@@ -27,8 +27,14 @@ impl Operator {
     }
 }
 
+/// Nobody asks sooner than this after a state was entered.
+const REACTION: Nanos = Nanos::from_millis(20);
+
 /// Whether the machine waits for someone to ask.
-fn idle(control: &ControlState) -> bool {
+fn idle(control: &ControlState, now: Nanos) -> bool {
+    if now < Nanos(control.entered_ns) + REACTION {
+        return false;
+    }
     match State::from_code(control.state) {
         Some(State::Start) => control.mode == Mode::Ready as u32,
         Some(State::IdleUncalibrated | State::IdleCalibrated) => control.mode == Mode::Hold as u32,
@@ -48,7 +54,7 @@ impl Task for Operator {
         if let Some(step) = self.script.get(self.next)
             && answered
             && cycle.release >= step.at
-            && (interrupts(step.verb) || idle(&control))
+            && (interrupts(step.verb) || idle(&control, cycle.release))
         {
             self.next += 1;
             self.last = Request { verb: step.verb as u32, sequence: self.last.sequence + 1 };

@@ -63,8 +63,8 @@ fn default_world_priority() -> i64 {
 struct Start {
     /// Tool point in the base frame, mm.
     finger_mm: [f64; 3],
-    /// Turn of the finger about y0, deg; the table's own tilt when absent, because touch cannot feel this angle and someone has
-    /// to set it. 0 is level.
+    /// Turn of the finger about y0, deg; along the table's own slope when absent, because touch cannot feel this angle and
+    /// someone has to set it. 0 is level; a slope that rises towards +x0 is a negative turn.
     pitch_deg: Option<f64>,
     /// Turn about x0, deg.
     #[serde(default)]
@@ -177,15 +177,13 @@ impl Scene {
     /// Puts a complaint at its place in the scene or in the machine file.
     #[must_use]
     pub fn locate(&self, invalid: Invalid) -> Located {
-        if self.source.holds(&invalid.place) {
-            return self.source.locate(invalid);
-        }
+        let section = invalid.place.split(['.', '[']).next().unwrap_or_default();
         let in_scene = invalid.clone().within("robot");
         match &self.machine_source {
-            Some(machine) if !self.source.holds(&in_scene.place) => machine.locate(invalid),
-            Some(_) => self.source.locate(in_scene),
-            None if self.source.holds("robot") => self.source.locate(in_scene),
-            None => self.source.locate(invalid),
+            _ if self.source.holds(&invalid.place) => self.source.locate(invalid),
+            _ if self.source.holds(&in_scene.place) => self.source.locate(in_scene),
+            Some(machine) if machine.holds(section) => machine.locate(invalid),
+            _ => self.source.locate(invalid),
         }
     }
 }
@@ -245,15 +243,14 @@ fn script(steps: &[StepFile]) -> Result<Vec<Step>, Invalid> {
 
 /// Joint angles (deg) of the start pose, on the branch of the thesis's rolling posture.
 fn home(start: &Start, world: &WorldConfig) -> Result<[f64; 6], Invalid> {
-    let pitch_deg = start.pitch_deg.unwrap_or(world.table.tilt_y_deg);
+    let pitch_deg = start.pitch_deg.unwrap_or(-world.table.tilt_y_deg);
     let all = start.finger_mm.iter().chain([&pitch_deg, &start.roll_deg, &start.yaw_deg]);
     if all.clone().any(|value| !value.is_finite()) {
         let remedy = "give finite millimetres and degrees";
         return Err(Invalid::new("start", "a number is not finite", remedy));
     }
-    // The table's own order of turns: positive pitch follows a surface that rises towards +x0.
     let tilt = rotation_z(start.yaw_deg.to_radians())
-        * rotation_y(-pitch_deg.to_radians())
+        * rotation_y(pitch_deg.to_radians())
         * rotation_x(start.roll_deg.to_radians());
     let level = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
     let tool =

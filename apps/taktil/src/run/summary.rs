@@ -3,7 +3,7 @@
 
 use hdrhistogram::Histogram;
 use serde_json::{Value, json};
-use taktil_rtcore::live::Attestation;
+use taktil_rtcore::live::{Account, Attestation};
 use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
 
 use super::score::{Figures, Span, Spread};
@@ -17,7 +17,7 @@ pub struct Ending<'a> {
     /// Seed.
     pub seed: u64,
     /// None in virtual time.
-    pub attestation: Option<&'a Attestation>,
+    pub account: Option<&'a Account>,
     /// Simulated seconds that were run.
     pub sim_s: f64,
     /// Wall seconds from the first job to the last.
@@ -52,24 +52,26 @@ impl Ending<'_> {
     #[must_use]
     pub fn json(&self) -> Value {
         let f = self.figures;
+        let attestation = self.account.map(|account| &account.attestation);
         let faults: Vec<Value> = f.faults.iter().map(fault_json).collect();
         json!({
             "ok": self.ok(),
             "scene": self.scene,
             "title": self.title,
             "seed": self.seed,
-            "mode": if self.attestation.is_some() { "live" } else { "fast" },
+            "mode": if attestation.is_some() { "live" } else { "fast" },
             "sim_s": self.sim_s,
             "wall_s": self.wall_s,
+            "slipped_s": self.account.map(|account| account.slipped.as_secs_f64()),
             "digest": self.digest,
             "interrupted": self.interrupted,
             "attested": {
-                "granted": self.attestation.map(Attestation::granted),
-                "missing": self.attestation.map_or(&[][..], |a| &a.missing),
-                "preempt_rt": self.attestation.map(|a| a.preempt_rt),
-                "virtual_machine": self.attestation.map(|a| a.virtual_machine),
+                "granted": attestation.map(Attestation::granted),
+                "missing": attestation.map_or(&[][..], |a| &a.missing),
+                "preempt_rt": attestation.map(|a| a.preempt_rt),
+                "virtual_machine": attestation.map(|a| a.virtual_machine),
             },
-            "representative_timing": self.attestation.is_some_and(Attestation::representative),
+            "representative_timing": attestation.is_some_and(Attestation::representative),
             "strokes": f.strokes,
             "x_c": span(f.x_c),
             "p_x_mm": span(f.p_x_mm),

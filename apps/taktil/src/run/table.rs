@@ -142,6 +142,10 @@ fn lanes(out: &mut String, s: &Value) {
         );
         causes(out, lane);
     }
+    if s["slipped_s"].as_f64().is_some_and(|slipped| slipped > 0.0) {
+        let slipped = number(&s["slipped_s"], 4);
+        let _ = writeln!(out, "  the machine stalled: {slipped} s in all, for which the simulated world waited");
+    }
     if marked {
         let why = if s["mode"] == "live" {
             "no PREEMPT_RT kernel, a virtual machine, or rights not granted"
