@@ -31,6 +31,10 @@ pub struct Config {
     /// calibrated. Default true; false is the thesis's plain PD, whose finger droops by
     /// millimetres.
     pub gravity: bool,
+    /// Pose in which the arm is taken to stand at power-up (deg): before calibration the gravity
+    /// term is that of this pose plus the motion since. Default none: no gravity term before
+    /// calibration. Give it only where the arm is posed by hand before power comes on.
+    pub assumed_pose_deg: Option<[f64; 6]>,
 }
 
 impl Default for Config {
@@ -44,6 +48,7 @@ impl Default for Config {
             kd_nms_rad: None,
             derivative_filter_hz: 60.0,
             gravity: true,
+            assumed_pose_deg: None,
         }
     }
 }
@@ -67,10 +72,17 @@ impl Config {
                 positive(&format!("{name}[{joint}]"), *value)?;
             }
         }
-        for (joint, value) in self.inertia_pose_deg.iter().enumerate() {
+        let poses = [
+            ("inertia_pose_deg", Some(&self.inertia_pose_deg)),
+            ("assumed_pose_deg", self.assumed_pose_deg.as_ref()),
+        ];
+        let angles = poses.into_iter().flat_map(|(name, pose)| {
+            pose.into_iter().flatten().enumerate().map(move |(joint, value)| (name, joint, value))
+        });
+        for (name, joint, value) in angles {
             if !(value.is_finite() && value.abs() <= 720.0) {
                 return Err(Invalid::new(
-                    format!("inertia_pose_deg[{joint}]"),
+                    format!("{name}[{joint}]"),
                     format!("{value} is no joint angle"),
                     "give degrees between -720 and 720",
                 ));

@@ -28,6 +28,7 @@ pub struct JointServo {
     torque: Output<Torque>,
     law: Pd,
     dynamics: Option<Dynamics>,
+    assumed: Option<Joints>,
     gravity_share: f64,
     datum: u32,
 }
@@ -47,25 +48,31 @@ impl JointServo {
             torque: ports.output("torque"),
             law: Pd::new(config.gains(&dynamics), config.derivative_filter_hz),
             dynamics: config.gravity.then_some(dynamics),
+            assumed: config.assumed_pose_deg.map(|deg| Joints::from(deg.map(f64::to_radians))),
             gravity_share: 0.0,
             datum: 0,
         })
     }
 
-    /// The gravity term (N m): all of it when the servo starts calibrated, ramped in when the
-    /// joints become calibrated under torque, none before.
+    /// The gravity term (N m): all of it when the servo starts calibrated or from an assumed pose,
+    /// ramped in when the joints become calibrated under torque, none before.
     fn gravity_nm(&mut self, q_desired: &Joints, calibrated: bool, dt_s: f64) -> Joints {
-        let Some(dynamics) = self.dynamics.as_ref().filter(|_| calibrated) else {
+        let q = match self.assumed {
+            _ if calibrated => Some(*q_desired),
+            Some(pose) => Some(pose + q_desired),
+            None => None,
+        };
+        let (Some(dynamics), Some(q)) = (&self.dynamics, q) else {
             self.gravity_share = 0.0;
             return Joints::zeros();
         };
         self.gravity_share = (self.gravity_share + dt_s / GRAVITY_RAMP_S).min(1.0);
-        dynamics.gravity(q_desired) * self.gravity_share
+        dynamics.gravity(&q) * self.gravity_share
     }
 
     fn rest(&mut self, calibrated: bool) {
         self.law.reset();
-        self.gravity_share = if calibrated { 1.0 } else { 0.0 };
+        self.gravity_share = if calibrated || self.assumed.is_some() { 1.0 } else { 0.0 };
     }
 }
 

@@ -44,6 +44,9 @@ pub struct Config {
     pub seek_mm_s: f64,
     /// Without contact the finger stops after this way (mm). Default 60.
     pub seek_max_mm: f64,
+    /// Rate at which drift along and about the sensor's y, which touch cannot see, is taken back by
+    /// the encoders (1/s). Default 4; 0 leaves it, as the thesis did.
+    pub hold_unfelt_per_s: f64,
     /// Time between two images (ms). Default 5.
     pub image_period_ms: f64,
     /// Smallest distance from a singularity, as [`taktil_mechanics::puma260::SingularDistance`]
@@ -72,6 +75,7 @@ impl Default for Config {
             turn_mrad_s: 100.0,
             seek_mm_s: 6.0,
             seek_max_mm: 60.0,
+            hold_unfelt_per_s: 4.0,
             image_period_ms: 5.0,
             singular_distance_min: 0.05,
             max_lead_deg: 3.0,
@@ -103,6 +107,7 @@ impl Config {
             ("turn_mrad_s", self.turn_mrad_s, 1e-3, 3_000.0),
             ("seek_mm_s", self.seek_mm_s, 1e-3, 100.0),
             ("seek_max_mm", self.seek_max_mm, 1e-3, 500.0),
+            ("hold_unfelt_per_s", self.hold_unfelt_per_s, 0.0, 50.0),
             ("image_period_ms", self.image_period_ms, 0.1, 1_000.0),
             ("singular_distance_min", self.singular_distance_min, 1e-3, 0.9),
             ("max_lead_deg", self.max_lead_deg, 1e-3, 45.0),

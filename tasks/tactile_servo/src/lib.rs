@@ -8,11 +8,13 @@
 //!          (always)    ([`law`])                          ([`follow`], at the desired joints)
 //! ```
 //! Images come at 200 Hz, jobs at 400 Hz: the step of an image is spread evenly over the jobs until
-//! the next one, so the position servo sees a steady set point.
+//! the next one, so the position servo sees a steady set point. The two motions that touch cannot
+//! see are held by the encoders ([`unfelt`]).
 
 pub mod config;
 pub mod follow;
 pub mod law;
+pub mod unfelt;
 
 pub use config::Config;
 
@@ -24,6 +26,7 @@ use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Payload, Ports
 use taktil_signal::{
     ControlState, Desired, Features, Goal, JointState, State, TactileImage, defined,
 };
+use unfelt::Drift;
 
 /// Whether the law has the arm.
 #[derive(Clone, Copy, Debug)]
@@ -31,7 +34,7 @@ enum Stay {
     /// Another state has it.
     Away,
     /// The law drives, from joints with this datum.
-    Driving { follower: Follower, datum: u32 },
+    Driving { follower: Follower, datum: u32, drift: Drift },
     /// The stay in the state could not begin, or the zero of the joints moved.
     Refused,
 }
@@ -106,7 +109,8 @@ impl TactileServo {
         match (start, joints.filter(|joints| joints.calibrated == 1)) {
             (Some(start), Some(joints)) => {
                 let follower = Follower::new(&Joints::from(start.q_rad));
-                self.stay = Stay::Driving { follower, datum: joints.datum };
+                self.stay =
+                    Stay::Driving { follower, datum: joints.datum, drift: Drift::default() };
                 Ok(())
             }
             _ => {
@@ -123,7 +127,7 @@ impl TactileServo {
         joints: &JointState,
         jobs_per_image: u32,
     ) -> Result<(), FaultCode> {
-        let Stay::Driving { follower, .. } = &mut self.stay else { return Ok(()) };
+        let Stay::Driving { follower, drift, .. } = &mut self.stay else { return Ok(()) };
         self.heading.update(touch.x_c);
         let mut displacement = self.law.displacement(touch, self.heading.x_c());
         if touch.contact {
@@ -134,9 +138,12 @@ impl TactileServo {
             displacement = [0.0; 4];
         }
         let target = *follower.target();
-        let motion = tool_motion(&displacement);
-        let step = joint_step(&self.arm, &target, &motion, self.config.singular_distance_min)?;
         let measured = Joints::from(joints.q_rad);
+        drift.watch(&self.arm.tool_pose(&measured));
+        let mut motion = tool_motion(&displacement);
+        let image_s = self.config.image_period_ms * 1e-3;
+        (motion[1], motion[4]) = drift.correction(self.config.hold_unfelt_per_s, image_s);
+        let step = joint_step(&self.arm, &target, &motion, self.config.singular_distance_min)?;
         let step = within_lead(&target, &measured, &step, self.config.max_lead_deg.to_radians());
         follower.add(&step, jobs_per_image);
         Ok(())

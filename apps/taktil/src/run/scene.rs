@@ -159,6 +159,8 @@ impl Scene {
             self.world.arm.home_deg = home_deg;
         }
         // The machine is told where the arm stands unless its own file insists on something else.
+        let servo = self.machine.joint_servo.get_or_insert_default();
+        servo.assumed_pose_deg.get_or_insert(self.world.arm.home_deg);
         if self.machine.sense.is_none() {
             self.machine.sense = Some(taktil_tasks_sense::Config {
                 home_deg: self.world.arm.home_deg,
