@@ -1,0 +1,228 @@
+//! The few SVG elements that pictures are made of, and how numbers stand in them. Refuses anything
+//! that differs between two runs: coordinates have one decimal, colours have class names.
+//!
+//! A picture in a file of its own carries its colours and a white ground; inside a report the page
+//! gives the colours, also dark ones.
+
+use std::fmt::Write;
+
+/// Number of colours for lines and bars, classes `s0`.. and `f0`...
+pub const COLOURS: usize = 6;
+
+/// Colours of a picture on white. Lines and bars after Okabe and Ito (2008): told apart by people
+/// who see red and green alike.
+pub const LIGHT: &str = "\
+.fig text{font:12px system-ui,'Segoe UI',Helvetica,Arial,sans-serif;fill:#1a1a1a}\
+.fig .paper{fill:#ffffff}.fig .head{font-weight:600;font-size:13px}.fig .name{font-weight:600}\
+.fig .dim{fill:#595959}.fig .small{font-size:11px}.fig .strip{font-size:10px}\
+.fig .axis{stroke:#4d4d4d;fill:none}.fig .grid{stroke:#e4e4e4;fill:none}\
+.fig .level{stroke:#6b6b6b;stroke-dasharray:5 4;fill:none}\
+.fig .band{fill:#e69f00;fill-opacity:.16}.fig .cell{fill:#8a8a8a}\
+.fig .state0{fill:#ececec}.fig .state1{fill:#d6e6f2}\
+.fig .mark{stroke:#ffffff;stroke-width:2;fill:none}\
+.fig .markback{stroke:#000000;stroke-width:4;fill:none}\
+.fig .tile{shape-rendering:crispEdges}\
+.fig .line{fill:none;stroke-width:1.2;stroke-linejoin:round}\
+.fig .s0{stroke:#0072b2}.fig .s1{stroke:#d55e00}.fig .s2{stroke:#009e73}.fig .s3{stroke:#b8558f}\
+.fig .s4{stroke:#c98500}.fig .s5{stroke:#3a9bd9}\
+.fig .f0{fill:#0072b2}.fig .f1{fill:#d55e00}.fig .f2{fill:#009e73}.fig .f3{fill:#b8558f}\
+.fig .f4{fill:#c98500}.fig .f5{fill:#3a9bd9}.fig .dash{stroke-dasharray:6 3}\
+.fig .key{stroke-width:2}";
+
+/// What changes in a dark page.
+pub const DARK: &str = "\
+.fig text{fill:#e8e8e8}.fig .paper{fill:#16181c}.fig .dim{fill:#a9adb3}.fig .axis{stroke:#9a9ea5}\
+.fig .grid{stroke:#2b2f36}.fig .level{stroke:#9a9ea5}.fig .band{fill-opacity:.2}\
+.fig .state0{fill:#24272d}.fig .state1{fill:#1d3a50}\
+.fig .s0{stroke:#56b4e9}.fig .s1{stroke:#ff8a4c}.fig .s2{stroke:#2fc79b}.fig .s3{stroke:#e79ac6}\
+.fig .s4{stroke:#f0b73f}.fig .s5{stroke:#9bd3f5}\
+.fig .f0{fill:#56b4e9}.fig .f1{fill:#ff8a4c}.fig .f2{fill:#2fc79b}.fig .f3{fill:#e79ac6}\
+.fig .f4{fill:#f0b73f}.fig .f5{fill:#9bd3f5}";
+
+/// Where a text hangs on its point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Anchor {
+    /// The point is its left end.
+    Start,
+    /// The point is its middle.
+    Middle,
+    /// The point is its right end.
+    End,
+}
+
+/// A picture in the making; lengths in px, y downwards.
+#[derive(Clone, Debug)]
+pub struct Figure {
+    width: f64,
+    height: f64,
+    about: String,
+    body: String,
+}
+
+impl Figure {
+    /// An empty picture; `about` is read out to people who cannot see it.
+    #[must_use]
+    pub fn new(width: f64, height: f64, about: &str) -> Figure {
+        let mut figure = Figure { width, height, about: about.to_owned(), body: String::new() };
+        figure.rect(0.0, 0.0, width, height, "paper");
+        figure
+    }
+
+    /// Width (px).
+    #[must_use]
+    pub fn width(&self) -> f64 {
+        self.width
+    }
+
+    /// A filled rectangle.
+    pub fn rect(&mut self, x: f64, y: f64, width: f64, height: f64, class: &str) {
+        let (x, y, width, height) = (coord(x), coord(y), coord(width), coord(height));
+        self.put(&format!(
+            "<rect class=\"{class}\" x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\"/>\n"
+        ));
+    }
+
+    /// A filled rectangle of a colour of its own (`#rrggbb`).
+    pub fn tile(&mut self, x: f64, y: f64, width: f64, height: f64, colour: &str) {
+        let (x, y, width, height) = (coord(x), coord(y), coord(width), coord(height));
+        self.put(&format!(
+            "<rect class=\"tile\" x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" \
+             fill=\"{colour}\"/>\n"
+        ));
+    }
+
+    /// A straight line.
+    pub fn line(&mut self, from: (f64, f64), to: (f64, f64), class: &str) {
+        let (x1, y1, x2, y2) = (coord(from.0), coord(from.1), coord(to.0), coord(to.1));
+        self.put(&format!(
+            "<line class=\"{class}\" x1=\"{x1}\" y1=\"{y1}\" x2=\"{x2}\" y2=\"{y2}\"/>\n"
+        ));
+    }
+
+    /// A circle.
+    pub fn circle(&mut self, x: f64, y: f64, radius: f64, class: &str) {
+        let (x, y, radius) = (coord(x), coord(y), coord(radius));
+        self.put(&format!("<circle class=\"{class}\" cx=\"{x}\" cy=\"{y}\" r=\"{radius}\"/>\n"));
+    }
+
+    /// A text on one line.
+    pub fn text(&mut self, x: f64, y: f64, anchor: Anchor, class: &str, text: &str) {
+        let anchor = match anchor {
+            Anchor::Start => "start",
+            Anchor::Middle => "middle",
+            Anchor::End => "end",
+        };
+        let (x, y, text) = (coord(x), coord(y), escape(text));
+        self.put(&format!(
+            "<text class=\"{class}\" x=\"{x}\" y=\"{y}\" text-anchor=\"{anchor}\">{text}</text>\n"
+        ));
+    }
+
+    /// Line strips through points; a point that is not finite ends a strip.
+    pub fn strips(&mut self, points: &[(f64, f64)], class: &str) {
+        let mut d = String::new();
+        let mut pen_down = false;
+        for &(x, y) in points {
+            if !(x.is_finite() && y.is_finite()) {
+                pen_down = false;
+                continue;
+            }
+            let letter = if pen_down { 'L' } else { 'M' };
+            // Writing to a String cannot fail.
+            let _ = write!(d, "{letter}{} {}", coord(x), coord(y));
+            pen_down = true;
+        }
+        if !d.is_empty() {
+            self.put(&format!("<path class=\"{class}\" d=\"{d}\"/>\n"));
+        }
+    }
+
+    /// Another picture, its top left corner here.
+    pub fn place(&mut self, x: f64, y: f64, figure: &Figure) {
+        let (x, y, body) = (coord(x), coord(y), &figure.body);
+        self.put(&format!("<g transform=\"translate({x} {y})\">\n{body}</g>\n"));
+    }
+
+    fn put(&mut self, element: &str) {
+        self.body.push_str(element);
+    }
+
+    fn open(&self) -> String {
+        let (width, height) = (coord(self.width), coord(self.height));
+        let about = escape(&self.about);
+        format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"fig\" \
+             viewBox=\"0 0 {width} {height}\" \
+             width=\"{width}\" height=\"{height}\" role=\"img\">\n<title>{about}</title>\n"
+        )
+    }
+
+    /// The picture as a file of its own.
+    #[must_use]
+    pub fn file(&self) -> String {
+        let (open, body) = (self.open(), &self.body);
+        format!(
+            "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n{open}<style>{LIGHT}</style>\n\
+             {body}</svg>\n"
+        )
+    }
+
+    /// The picture as a part of a page that has [`LIGHT`] and [`DARK`] in its style sheet.
+    #[must_use]
+    pub fn part(&self) -> String {
+        let (open, body) = (self.open(), &self.body);
+        format!("{open}{body}</svg>\n")
+    }
+}
+
+/// A coordinate with at most one decimal; what is not finite becomes 0.
+fn coord(x: f64) -> String {
+    let tenths = if x.is_finite() { (x * 10.0).round() } else { 0.0 };
+    let rounded = tenths / 10.0;
+    // Adding 0 turns -0 into 0.
+    format!("{}", rounded + 0.0)
+}
+
+/// Text safe between tags and inside quotes; control characters, which XML refuses, become spaces.
+#[must_use]
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            '\n' | '\t' => out.push(c),
+            c if c.is_control() || matches!(c, '\u{FFFE}' | '\u{FFFF}') => out.push(' '),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coordinates_are_short_and_never_minus_zero() {
+        assert_eq!(coord(12.0), "12");
+        assert_eq!(coord(12.345), "12.3");
+        assert_eq!(coord(-0.01), "0");
+        assert_eq!(coord(f64::NAN), "0");
+    }
+
+    #[test]
+    fn strips_break_where_a_point_is_missing() {
+        let mut figure = Figure::new(10.0, 10.0, "a < b");
+        figure.strips(&[(0.0, 0.0), (1.0, 1.0), (2.0, f64::NAN), (3.0, 3.0)], "line s0");
+        figure.strips(&[(f64::NAN, 0.0)], "line s1");
+        let text = figure.file();
+        assert!(text.contains("d=\"M0 0L1 1M3 3\""));
+        assert!(!text.contains("line s1"));
+        assert!(text.contains("<title>a &lt; b</title>"));
+        assert_eq!(escape("\u{1}x\u{0}"), " x ");
+    }
+}
