@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use taktild::source::Located;
 
+use crate::plot::{self, PlotArgs};
 use crate::run::{self, BadOption, Options};
 
 /// Exit code for input that cannot be used.
@@ -14,14 +15,19 @@ const BAD_INPUT: u8 = 2;
 
 /// Hard real-time robot control with touch: run the stack on a simulated robot, look at what happened, use its mathematics.
 #[derive(Parser, Debug)]
-#[command(name = "taktil", version, about, after_help = "\
+#[command(
+    name = "taktil",
+    version,
+    about,
+    after_help = "\
 Start here:
   taktil run sim/scenes/roll-pin.toml                 a PUMA 260 rolls a pin by touch, live, 10 s
   taktil run sim/scenes/roll-pin.toml --fast          the same in virtual time, bit for bit repeatable
   taktil run sim/scenes/roll-pin.toml --report out    and a page with pictures: out/report.html
   echo '{\"op\":\"fk\",\"q\":[0,0.7,-2.7,-3.1,1.2,3.1]}' | taktil calc
 
-Exit codes: 0 ok, 1 the run failed or a fault was latched, 2 bad input.")]
+Exit codes: 0 ok, 1 the run failed or a fault was latched, 2 bad input."
+)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -56,7 +62,22 @@ enum Command {
         json: bool,
     },
     /// Draw a log as SVG figures, or write its signals as CSV.
-    Plot(crate::plot::Arguments),
+    ///
+    /// Without --what every view that the log allows is made. Views: features, positions, angles, joints, torques, image, timing and
+    /// others (a wrong name lists them all); a signal such as sense.joints or sense.joints.q_rad is a view too.
+    Plot {
+        /// Log file (MCAP) of a run
+        log: PathBuf,
+        /// Views or signals, separated by commas
+        #[arg(long, value_name = "NAME", value_delimiter = ',')]
+        what: Vec<String>,
+        /// Tables (t_s and one column a signal) instead of pictures
+        #[arg(long)]
+        csv: bool,
+        /// Folder to write to, `-` for standard output; a folder beside the log when absent
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+    },
     /// The mathematics as a filter: one JSON request a line on stdin, one JSON answer a line on stdout.
     Calc {
         /// Print every operation with its fields, units and defaults
@@ -81,8 +102,7 @@ fn complain(error: &anyhow::Error) -> ExitCode {
         return ExitCode::from(BAD_INPUT);
     }
     eprintln!("error: {error:#}");
-    let bad_input = error.is::<BadOption>() || error.is::<crate::plot::BadInput>();
-    ExitCode::from(if bad_input { BAD_INPUT } else { 1 })
+    ExitCode::from(if error.is::<BadOption>() { BAD_INPUT } else { 1 })
 }
 
 fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
@@ -90,7 +110,13 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         Command::Run { scene, fast, seed, for_s, log, report, json } => {
             run::run(&Options { scene, fast, seed, for_s, log, report, json })
         }
-        Command::Plot(arguments) => crate::plot::run(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Plot { log, what, csv, out } => {
+            let arguments = PlotArgs { log, what, csv, out };
+            // What can go wrong here is the log, a name or the place to write to: all of it input.
+            plot::run(&arguments, &mut std::io::stdout().lock())
+                .map_err(|error| BadOption(format!("{error:#}")))?;
+            Ok(ExitCode::SUCCESS)
+        }
         Command::Calc { list: true } => {
             print!("{}", crate::calc::list());
             Ok(ExitCode::SUCCESS)

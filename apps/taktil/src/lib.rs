@@ -1,5 +1,10 @@
-//! The command line's rooms: mathematics as a filter, recordings, pictures of them. Refuses to be a library for others.
+//! The command line's rooms: running a scene, mathematics as a filter, recordings, pictures of them.
+//! Refuses to decide anything about the robot: that is the tasks' affair.
 
 pub mod calc;
+pub mod cli;
 pub mod log;
+pub mod plot;
+pub mod report;
+pub mod run;
 pub mod series;

@@ -1,1 +1,12 @@
-fn main() {}
+//! The `taktil` process: the counting allocator and the command line, nothing else.
+
+use std::process::ExitCode;
+
+use taktil_rtcore::guard::CountingAllocator;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+fn main() -> ExitCode {
+    taktil::cli::main()
+}

@@ -125,7 +125,10 @@ impl Service {
         outcome?;
         for (spec, figures) in self.machine.figures() {
             let (jobs, missed) = (figures.jobs, figures.misses.total());
-            eprintln!("lane {}: {jobs} jobs, {missed} missed, {} skipped", spec.name, figures.skipped);
+            eprintln!(
+                "lane {}: {jobs} jobs, {missed} missed, {} skipped",
+                spec.name, figures.skipped
+            );
         }
         Ok(())
     }

@@ -102,7 +102,9 @@ impl Source {
             }
             Ok(Ok(text)) => Ok(Source { path: path.to_owned(), text }),
             Ok(Err(_)) => complain(format!("`{shown}` is not text"), "name the TOML file"),
-            Err(error) => complain(format!("`{shown}` cannot be read: {error}"), "check its rights"),
+            Err(error) => {
+                complain(format!("`{shown}` cannot be read: {error}"), "check its rights")
+            }
         }
     }
 
@@ -149,7 +151,8 @@ impl Source {
         let start = span.start.min(self.text.len());
         let before = &self.text[..floor(&self.text, start)];
         let line_start = before.rfind('\n').map_or(0, |at| at + 1);
-        let line_end = self.text[line_start..].find('\n').map_or(self.text.len(), |n| line_start + n);
+        let line_end =
+            self.text[line_start..].find('\n').map_or(self.text.len(), |n| line_start + n);
         let end = floor(&self.text, span.end.clamp(start, line_end.max(start)));
         let text = self.text[line_start..line_end].trim_end().to_owned();
         let width = self.text.get(start..end).map_or(1, |marked| marked.chars().count()).max(1);
@@ -177,7 +180,8 @@ fn descend(value: &DeValue<'_>, place: &str, here: Range<usize>) -> (Range<usize
     match value {
         DeValue::Table(table) => {
             let ends = place.len()..=place.len();
-            let cuts = place.char_indices().filter(|(_, c)| matches!(c, '.' | '[')).map(|(at, _)| at);
+            let cuts =
+                place.char_indices().filter(|(_, c)| matches!(c, '.' | '[')).map(|(at, _)| at);
             for cut in ends.chain(cuts.collect::<Vec<_>>().into_iter().rev()) {
                 if let Some((key, inner)) =
                     table.iter().find(|(key, _)| key.get_ref().as_ref() == &place[..cut])
@@ -291,7 +295,8 @@ mod tests {
     #[test]
     fn a_complaint_shows_its_line_and_marks_the_place() {
         let s = source("[pin]\nradius_mm = -3.0\n[wiring]\n\"a.b\" = \"c.d\"\n");
-        let shown = s.locate(Invalid::new("pin.radius_mm", "is negative", "give more than 0")).to_string();
+        let shown =
+            s.locate(Invalid::new("pin.radius_mm", "is negative", "give more than 0")).to_string();
         assert_eq!(
             shown,
             "error: pin.radius_mm: is negative\n  --> a.toml:2:13\n  |\n2 | radius_mm = -3.0\n  \

@@ -1,8 +1,8 @@
 //! The machine assembled: which task gets which device half. The only place that knows all tasks; it does not know which devices
 //! these are. Robot, rehearsal and tests assemble the same machine here.
 
-use taktil_hal::{AnalogOut, DigitalIn, DigitalOut, Encoders, TactileArray};
 use taktil_hal::{AnalogIn, Devices, ForceTorque};
+use taktil_hal::{AnalogOut, DigitalIn, DigitalOut, Encoders, TactileArray};
 use taktil_rtcore::{Builder, Invalid, Nanos, Ports, Task};
 use taktil_tasks_actuate::Actuate;
 use taktil_tasks_joint_servo::JointServo;
@@ -119,7 +119,8 @@ fn make(
         }
         "tactile_scan" => {
             let array = taken(&mut shelf.tactile, task)?;
-            TactileScan::new(config.tactile_scan.clone().unwrap_or_default(), array, ports).map(boxed)
+            TactileScan::new(config.tactile_scan.clone().unwrap_or_default(), array, ports)
+                .map(boxed)
         }
         "supervisor" => {
             Supervisor::new(config.supervisor.clone().unwrap_or_default(), ports).map(boxed)

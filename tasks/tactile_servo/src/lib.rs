@@ -29,6 +29,7 @@ use taktil_signal::{
 use unfelt::Drift;
 
 /// Whether the law has the arm.
+#[expect(clippy::large_enum_variant, reason = "one of it exists, and the lane path has no heap")]
 #[derive(Clone, Copy, Debug)]
 enum Stay {
     /// Another state has it.

@@ -1,6 +1,6 @@
 //! The whole stack over the simulated robot: scene in, machine out. Refuses to know whether it will run live or in virtual time.
 
-use taktil_rtcore::{Builder, Invalid, Late, LaneSpec, Machine, Nanos};
+use taktil_rtcore::{Builder, Invalid, LaneSpec, Late, Machine, Nanos};
 use taktil_sim::Timing;
 use taktild::source::Located;
 use taktild::wiring;
@@ -26,7 +26,8 @@ fn build(scene: &Scene, seed: u64) -> Result<Machine, Invalid> {
     // The lane that writes D/A words must be done before they act; that is its deadline.
     for (name, lane) in &mut machine.lane {
         if lane.tasks.iter().any(|task| task == "actuate") {
-            let spec = lane.spec(name).map_err(|invalid| invalid.within(&format!("lane.{name}")))?;
+            let spec =
+                lane.spec(name).map_err(|invalid| invalid.within(&format!("lane.{name}")))?;
             let latest = wiring::deadline_by(timing.actuation_delay, spec.period)?;
             lane.deadline_us = Some(spec.deadline.min(latest).0 / 1000);
         }
@@ -97,7 +98,6 @@ fn add_world(
         })?;
     let (radius_mm, table) = (scene.world.pin.radius_mm, &scene.world.table);
     let pivot_mm = [table.pivot_x_mm, table.pivot_y_mm];
-    builder.task(lane, WORLD, |ports| {
-        Ok(Box::new(Simulation::new(world, radius_mm, pivot_mm, ports)))
-    })
+    builder
+        .task(lane, WORLD, |ports| Ok(Box::new(Simulation::new(world, radius_mm, pivot_mm, ports))))
 }

@@ -23,7 +23,7 @@ use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Pace, Terms}
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Machine, Nanos, linux, live, virtual_time};
 
-use crate::log::McapLog;
+use crate::log::{Log, McapLog};
 use digest::Digest;
 use progress::Progress;
 use scene::Scene;
@@ -62,7 +62,9 @@ impl Audience for Watch {
     fn attested(&mut self, attestation: &Attestation) {
         if !attestation.granted() {
             let missing = attestation.missing.join("; ");
-            eprintln!("not real time: {missing}; timing figures are marked, the simulated robot runs");
+            eprintln!(
+                "not real time: {missing}; timing figures are marked, the simulated robot runs"
+            );
         }
     }
 
@@ -94,9 +96,8 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let seed = options.seed.unwrap_or(scene.seed);
     let until = match options.for_s {
         None => scene.duration,
-        Some(seconds) => scene::duration(seconds, "--for").map_err(|bad| {
-            BadOption(format!("--for {seconds}: {}; {}", bad.what, bad.remedy))
-        })?,
+        Some(seconds) => scene::duration(seconds, "--for")
+            .map_err(|bad| BadOption(format!("--for {seconds}: {}; {}", bad.what, bad.remedy)))?,
     };
     let log_path = log_path(options)?;
     let mut machine = assemble::assemble(&scene, seed)?;
@@ -173,8 +174,7 @@ fn execute(
 
 fn finish(options: &Options, log: Option<&Path>, summary: &Value) -> anyhow::Result<()> {
     if let (Some(folder), Some(log)) = (&options.report, log) {
-        crate::report::write(folder, log, summary)
-            .with_context(|| format!("cannot write the report into {}", folder.display()))?;
+        crate::report::write(folder, &Log::open(log)?, summary)?;
     }
     if options.json {
         println!("{summary}");
@@ -182,7 +182,9 @@ fn finish(options: &Options, log: Option<&Path>, summary: &Value) -> anyhow::Res
     }
     print!("{}", table::table(summary));
     match (&options.report, log) {
-        (Some(folder), _) => println!("  report                     {}/report.html", folder.display()),
+        (Some(folder), _) => {
+            println!("  report                     {}/report.html", folder.display())
+        }
         (None, Some(log)) => println!("  next                       taktil plot {}", log.display()),
         (None, None) => println!("  next                       add --report out to see it drawn"),
     }

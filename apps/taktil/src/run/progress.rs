@@ -14,7 +14,7 @@ const STEP: Nanos = Nanos::from_millis(50);
 const LINE: Nanos = Nanos::from_secs(1);
 
 /// The progress display.
-pub struct Progress {
+pub(super) struct Progress {
     bar: Option<ProgressBar>,
     lines: bool,
     until: Nanos,
@@ -28,7 +28,7 @@ pub struct Progress {
 impl Progress {
     /// A display for a run until `until`; `quiet` shows nothing.
     #[must_use]
-    pub fn new(catalog: &Catalog, until: Nanos, quiet: bool) -> Progress {
+    pub(super) fn new(catalog: &Catalog, until: Nanos, quiet: bool) -> Progress {
         let terminal = std::io::stderr().is_terminal();
         let bar = (terminal && !quiet).then(|| {
             let bar = ProgressBar::with_draw_target(
@@ -71,7 +71,7 @@ impl Progress {
     }
 
     /// Takes the bar away.
-    pub fn finish(&self) {
+    pub(super) fn finish(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }

@@ -221,14 +221,15 @@ fn script(steps: &[StepFile]) -> Result<Vec<Step>, Invalid> {
     let mut script = Vec::new();
     for (index, step) in steps.iter().enumerate() {
         let place = format!("operator[{index}]");
-        let verb = Verb::from_name(&step.verb).filter(|verb| *verb != Verb::None).ok_or_else(|| {
-            let verbs: Vec<&str> = Verb::ALL[1..].iter().map(|verb| verb.name()).collect();
-            Invalid::new(
-                format!("{place}.verb"),
-                format!("there is no verb `{}`", step.verb),
-                format!("verbs are: {}", verbs.join(", ")),
-            )
-        })?;
+        let verb =
+            Verb::from_name(&step.verb).filter(|verb| *verb != Verb::None).ok_or_else(|| {
+                let verbs: Vec<&str> = Verb::ALL[1..].iter().map(|verb| verb.name()).collect();
+                Invalid::new(
+                    format!("{place}.verb"),
+                    format!("there is no verb `{}`", step.verb),
+                    format!("verbs are: {}", verbs.join(", ")),
+                )
+            })?;
         if !(step.at_s.is_finite() && (0.0..=LONGEST_S).contains(&step.at_s)) {
             return Err(Invalid::new(
                 format!("{place}.at_s"),

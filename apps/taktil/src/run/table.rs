@@ -81,8 +81,9 @@ fn rolling(out: &mut String, s: &Value) {
     let force = &t["normal_force_n"];
     let mean = format!("{} of {}", number(&force["mean"], 2), number(&force["set_point"], 2));
     row(out, "true normal force, N", &mean, &errors(force, 2));
-    let spread =
-        |e: &Value, d: usize| format!("rms {}, peak {}", number(&e["rms"], d), number(&e["peak"], d));
+    let spread = |e: &Value, d: usize| {
+        format!("rms {}, peak {}", number(&e["rms"], d), number(&e["peak"], d))
+    };
     row(out, "pin yaw on sensor, deg", &spread(&t["pin_yaw_error_deg"], 2), "");
     row(out, "finger tilt on pin, deg", &spread(&t["pin_tilt_error_deg"], 3), "");
     row(out, "height about its mean, mm", &spread(&t["height_error_mm"], 3), "");
@@ -119,7 +120,13 @@ fn lanes(out: &mut String, s: &Value) {
     let _ = writeln!(
         out,
         "lanes{:<8} {:>6}  {:>33}  {:>26}  {:>6} {:>5} {:>5}",
-        "", "jobs", "release late us p50 / p99 / max", "job us p50 / p99 / max", "misses", "alloc", "fault"
+        "",
+        "jobs",
+        "release late us p50 / p99 / max",
+        "job us p50 / p99 / max",
+        "misses",
+        "alloc",
+        "fault"
     );
     for lane in array(&s["lanes"]) {
         let three = |h: &Value| {
@@ -144,7 +151,10 @@ fn lanes(out: &mut String, s: &Value) {
     }
     if s["slipped_s"].as_f64().is_some_and(|slipped| slipped > 0.0) {
         let slipped = number(&s["slipped_s"], 4);
-        let _ = writeln!(out, "  the machine stalled: {slipped} s in all, for which the simulated world waited");
+        let _ = writeln!(
+            out,
+            "  the machine stalled: {slipped} s in all, for which the simulated world waited"
+        );
     }
     if marked {
         let why = if s["mode"] == "live" {
@@ -181,12 +191,7 @@ fn causes(out: &mut String, lane: &Value) {
 fn ending(out: &mut String, s: &Value) {
     for fault in array(&s["faults"]) {
         let (name, text) = (fault["name"].as_str(), fault["text"].as_str());
-        let _ = writeln!(
-            out,
-            "FAULT {}: {}",
-            name.unwrap_or_default(),
-            text.unwrap_or_default()
-        );
+        let _ = writeln!(out, "FAULT {}: {}", name.unwrap_or_default(), text.unwrap_or_default());
     }
     if s["faults"].as_array().is_some_and(Vec::is_empty) {
         row(out, "faults", "none", "");
@@ -197,6 +202,11 @@ fn ending(out: &mut String, s: &Value) {
     if s["interrupted"] == true {
         row(out, "ended by", "Ctrl-C, outputs left safe", "");
     }
-    row(out, "seed", &s["seed"].to_string(), &format!("digest {}", s["digest"].as_str().unwrap_or("-")));
+    row(
+        out,
+        "seed",
+        &s["seed"].to_string(),
+        &format!("digest {}", s["digest"].as_str().unwrap_or("-")),
+    );
     row(out, "repeat", s["repeat"].as_str().unwrap_or("-"), "");
 }

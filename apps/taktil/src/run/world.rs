@@ -74,7 +74,12 @@ impl Simulation {
         ports: &mut Ports,
     ) -> Simulation {
         let pivot = DVec3::new(pivot_mm[0], pivot_mm[1], 0.0) * 1e-3;
-        Simulation { world, pin_radius_m: pin_radius_mm * 1e-3, pivot, truth: ports.output("truth") }
+        Simulation {
+            world,
+            pin_radius_m: pin_radius_mm * 1e-3,
+            pivot,
+            truth: ports.output("truth"),
+        }
     }
 
     fn gap_m(&self, truth: &Truth) -> f64 {
