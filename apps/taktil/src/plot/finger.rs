@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn angles_stay_in_one_turn() {
-        assert_eq!(turn_deg(-1.0, -1e-9) > 179.0, true);
+        assert!(turn_deg(-1.0, -1e-9) > 179.0);
         assert!(turn_deg(-1.0, -1e-9) < 181.0);
         assert_eq!(turn_deg(0.0, -1.0), 270.0);
     }
