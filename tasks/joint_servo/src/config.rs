@@ -149,6 +149,8 @@ mod tests {
             assert_eq!(refused(|c| c.inertia_kg_m2 = Some([bad; 6])), "inertia_kg_m2[0]");
         }
         assert_eq!(refused(|c| c.inertia_pose_deg[1] = f64::NAN), "inertia_pose_deg[1]");
+        let far = Some([0.0, 0.0, 0.0, 0.0, 0.0, -721.0]);
+        assert_eq!(refused(|c| c.assumed_pose_deg = far), "assumed_pose_deg[5]");
     }
 
     #[test]

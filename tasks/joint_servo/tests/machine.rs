@@ -145,6 +145,20 @@ fn gravity_is_whole_at_once_when_calibrated_and_comes_in_slowly_otherwise() {
     let half = Joints::from(torques[59].tau_nm);
     assert!((half - weight * 0.5).amax() < 1e-9, "0.125 s later: {half}");
     assert!((Joints::from(torques[149].tau_nm) - weight).amax() < 1e-12);
+    // From an assumed pose the weight is known at once, and calibrating there changes nothing.
+    let assumed = Config { assumed_pose_deg: Some(POSE.map(f64::to_degrees)), ..Config::default() };
+    let relative = Script {
+        desired: |tick| wanted(if tick < 10 { [0.0; 6] } else { POSE }),
+        joints: |tick| {
+            let known = u32::from(tick >= 10);
+            let q_rad = if tick < 10 { [0.0; 6] } else { POSE };
+            JointState { calibrated: known, datum: known, ..at(q_rad) }
+        },
+        ..script
+    };
+    for torque in &run(assumed, &relative, 20).0[1..] {
+        assert!((Joints::from(torque.tau_nm) - weight).amax() < 1e-9, "{:?}", torque.tau_nm);
+    }
     let off = Config { gravity: false, ..Config::default() };
     assert_eq!(run(off, &script, 150).0[149].tau_nm, [0.0; 6]);
 }

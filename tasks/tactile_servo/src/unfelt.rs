@@ -1,6 +1,7 @@
-//! The two motions of the sensor that touch cannot see on a rolling pin: along its axis (y) and about it (theta_y). The law
-//! commands neither, but the arm gives way in both under load; the encoders see that, and a slow correction takes it back.
-//! Refuses to steer: it only undoes what nobody asked for.
+//! The two motions of the sensor that touch cannot see on a rolling pin: along its axis (y) and
+//! about it (theta_y). The law commands neither, but the arm gives way in both under load; the
+//! encoders see that, and a slow correction takes it back. Refuses to steer: it only undoes what
+//! nobody asked for.
 
 use taktil_mechanics::spatial::Pose;
 
@@ -18,8 +19,8 @@ pub struct Drift {
 }
 
 impl Drift {
-    /// Takes in the measured pose of the tool: the parts of its motion since the last call that lie along and about its own
-    /// y axis add up.
+    /// Takes in the measured pose of the tool: the parts of its motion since the last call that lie
+    /// along and about its own y axis add up.
     pub fn watch(&mut self, tool: &Pose) {
         if !tool.is_finite() {
             return;
