@@ -28,6 +28,12 @@ fn bins(lane: &Value, key: &str) -> Vec<(f64, f64)> {
     list.map(|bins| bins.iter().filter_map(pair).collect()).unwrap_or_default()
 }
 
+/// Whether jobs waited for their time: not in virtual time.
+#[must_use]
+pub fn waits(summary: &Value) -> bool {
+    summary.get("mode").and_then(Value::as_str) != Some("fast")
+}
+
 /// Lateness and execution of one lane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LaneTiming {
@@ -75,13 +81,17 @@ pub fn lanes(summary: &Value) -> Vec<LaneTiming> {
 const WIDTH: f64 = 430.0;
 const HEIGHT: f64 = 190.0;
 
-/// Two pictures a lane: lateness and execution.
+/// Two pictures a lane: lateness and execution. In virtual time no job waits: execution alone.
 #[must_use]
 pub fn figures(summary: &Value) -> Vec<Figure> {
-    let pair = |lane: LaneTiming| {
-        [lane.late, lane.execution].map(|histogram| log_histogram(&histogram, WIDTH, HEIGHT))
+    let waits = waits(summary);
+    let drawn = |lane: LaneTiming| {
+        let late = waits.then_some(lane.late);
+        late.into_iter()
+            .chain([lane.execution])
+            .map(|histogram| log_histogram(&histogram, WIDTH, HEIGHT))
     };
-    lanes(summary).into_iter().flat_map(pair).collect()
+    lanes(summary).into_iter().flat_map(drawn).collect()
 }
 
 /// All histograms of a log in one picture, or as a table; `None` when it has none.

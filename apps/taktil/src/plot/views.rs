@@ -69,10 +69,11 @@ fn panel(title: &str, lines: Vec<Line>) -> Panel {
 }
 
 impl Panel {
-    /// The same panel with a range that the thesis states.
+    /// The same panel with a range that the thesis states; a range without width is a set point.
     #[must_use]
     pub fn stated(mut self, low: f64, high: f64) -> Panel {
-        self.note = format!("thesis: {}", shown(low, high));
+        let what = if low == high { "set point" } else { "thesis" };
+        self.note = format!("{what}: {}", shown(low, high));
         self.bands.push(Band { low, high });
         self
     }

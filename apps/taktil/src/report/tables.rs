@@ -6,6 +6,7 @@ use serde_json::Value;
 use crate::plot::axis::plain;
 use crate::plot::chart::shown;
 use crate::plot::svg::escape;
+use crate::plot::timing::waits;
 use crate::plot::views::Stated;
 
 const DASH: &str = "\u{2013}";
@@ -158,7 +159,7 @@ pub(super) fn closing(summary: &Value, thesis: &Stated) -> String {
 
 /// What keeps timing figures from being representative; empty when nothing does.
 pub(super) fn timing_caution(summary: &Value) -> String {
-    if summary.get("mode").and_then(Value::as_str) == Some("fast") {
+    if !waits(summary) {
         return "<p class=\"dim\">Virtual time: no job waits, so none is late; execution times are \
                 those of this machine.</p>\n"
             .to_owned();
@@ -204,6 +205,7 @@ pub(super) fn lanes(summary: &Value) -> String {
         let name = escape(lane.get("name").and_then(Value::as_str).unwrap_or("?"));
         out.push_str(&format!("<tr><td>{name}</td>"));
         let at = |path: &str| or_dash(number(lane, path).map(plain));
+        let late = |path: &str| if waits(summary) { at(path) } else { DASH.to_owned() };
         let misses: Option<u64> = lane
             .get("misses")
             .and_then(Value::as_object)
@@ -211,10 +213,10 @@ pub(super) fn lanes(summary: &Value) -> String {
         let cells = [
             or_dash(number(lane, "/period_ns").map(|ns| plain(ns / 1e6))),
             at("/jobs"),
-            at("/release_late_us/p50"),
-            at("/release_late_us/p99"),
-            at("/release_late_us/p99_9"),
-            at("/release_late_us/max"),
+            late("/release_late_us/p50"),
+            late("/release_late_us/p99"),
+            late("/release_late_us/p99_9"),
+            late("/release_late_us/max"),
             at("/exec_us/p50"),
             at("/exec_us/p99"),
             at("/exec_us/max"),

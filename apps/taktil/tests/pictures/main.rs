@@ -154,6 +154,19 @@ fn the_report_is_one_well_formed_page_with_everything_in_it() {
 }
 
 #[test]
+fn virtual_time_shows_no_lateness() {
+    let place = directory("virtual");
+    let log = Log::open(&made_up::log(&place, 0.1)).unwrap();
+    let mut summary = made_up::summary();
+    assert!(report::html(&log, &summary).contains("servo: release lateness"));
+    summary["mode"] = "fast".into();
+    let text = report::html(&log, &summary);
+    xml::check_html(&text);
+    assert!(text.contains("Virtual time") && text.contains("servo: execution"));
+    assert!(!text.contains("release lateness") && !text.contains("240.5"));
+}
+
+#[test]
 fn a_report_is_made_of_whatever_there_is() {
     let place = directory("bare");
     let log = Log::open(&made_up::bare_log(&place)).unwrap();
