@@ -19,6 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, bail};
 use serde_json::Value;
+use taktil_mechanics::dynamics::Dynamics;
 use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Pace, Terms};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Machine, Nanos, linux, live, virtual_time};
@@ -208,7 +209,13 @@ fn targets(scene: &Scene) -> Targets {
     let servo = scene.machine.tactile_servo.clone().unwrap_or_default();
     let tactile = &scene.world.tactile;
     let full_scale_counts = f64::from((1u32 << tactile.bits.min(31)) - 1);
-    Targets { m0: servo.m0_counts, counts_per_n: full_scale_counts / tactile.full_scale_n }
+    let joint_servo = scene.machine.joint_servo.clone().unwrap_or_default();
+    let gains = joint_servo.gains(&Dynamics::reference());
+    Targets {
+        m0: servo.m0_counts,
+        counts_per_n: full_scale_counts / tactile.full_scale_n,
+        plain_kp_nm_rad: (!joint_servo.gravity).then_some(gains.kp_nm_rad),
+    }
 }
 
 fn metadata(scene: &Scene, seed: u64, options: &Options) -> BTreeMap<String, String> {

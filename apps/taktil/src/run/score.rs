@@ -2,6 +2,7 @@
 //! pass, in constant memory. Refuses to judge what did not happen: a span without a sample is absent, not zero.
 
 use taktil_mechanics::Joints;
+use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{FaultSet, Mode, Payload};
@@ -93,6 +94,8 @@ pub struct Targets {
     pub m0: f64,
     /// Counts that one newton makes.
     pub counts_per_n: f64,
+    /// Torque per angle of a servo without a gravity term, N m/rad; absent with one.
+    pub plain_kp_nm_rad: Option<Joints>,
 }
 
 /// Everything that is judged.
@@ -139,8 +142,11 @@ pub struct Figures {
     pub tracking_deg: [Spread; 6],
     /// True tool point minus the desired one while holding in IDLE/CALIBRATED, mm.
     pub hold_error_mm: Spread,
-    /// Desired minus true angle per joint while holding, deg.
+    /// Desired minus measured angle per joint while holding, deg.
     pub hold_error_deg: [Spread; 6],
+    /// What plain PD has to give way by there: gravity torque over Kp, deg; absent with a gravity
+    /// term or without holding.
+    pub droop_expected_deg: Option<[f64; 6]>,
     /// Latched faults at the end.
     pub faults: FaultSet,
     /// The first fault's code.
@@ -181,6 +187,8 @@ pub struct Score {
     desired: Option<Joints>,
     truth: Option<WorldTruth>,
     active: bool,
+    holding: bool,
+    dynamics: Dynamics,
     /// What has been found.
     pub figures: Figures,
 }
@@ -205,6 +213,8 @@ impl Score {
             desired: None,
             truth: None,
             active: false,
+            holding: false,
+            dynamics: Dynamics::reference(),
             figures: Figures::default(),
         }
     }
@@ -280,13 +290,21 @@ impl Score {
             let wanted = self.arm.tool_pose(&desired).translation;
             let found = glam::DVec3::from_array(truth.tool_m);
             self.figures.hold_error_mm.add((found - wanted).length() * 1e3);
-            for (j, error) in self.figures.hold_error_deg.iter_mut().enumerate() {
-                error.add((desired[j] - truth.q_rad[j]).to_degrees());
-            }
         }
+        self.holding = holding;
     }
 
     fn torque(&mut self, torque: &Torque) {
+        if let (true, Some(desired)) = (self.holding, self.desired) {
+            let error = Joints::from(torque.error_rad);
+            for (spread, error) in self.figures.hold_error_deg.iter_mut().zip(error.iter()) {
+                spread.add(error.to_degrees());
+            }
+            self.figures.droop_expected_deg = self.targets.plain_kp_nm_rad.map(|kp| {
+                let droop = self.dynamics.gravity(&(desired - error)).component_div(&kp);
+                droop.map(f64::to_degrees).into()
+            });
+        }
         let mode = u8::try_from(self.control.mode).ok().and_then(Mode::from_code);
         if mode.is_some_and(Mode::brakes_released) {
             for (spread, error) in self.figures.tracking_deg.iter_mut().zip(torque.error_rad) {

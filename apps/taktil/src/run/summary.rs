@@ -98,6 +98,7 @@ impl Ending<'_> {
                     "steady": f.hold_error_mm.steady(),
                 },
                 "joint_error_deg": f.hold_error_deg.map(|joint| joint.steady()),
+                "gravity_over_kp_deg": f.droop_expected_deg,
             },
             "lanes": self.lanes.iter().map(|(spec, lane)| lane_json(spec, lane)).collect::<Vec<_>>(),
             "faults": faults,

@@ -98,6 +98,11 @@ fn hold(out: &mut String, s: &Value) {
     row(out, "finger off its place, mm", &text, "");
     let joints: Vec<String> = array(&s["hold"]["joint_error_deg"]).map(|j| number(j, 4)).collect();
     row(out, "joint droop, deg", &joints.join(" "), "");
+    let expected: Vec<String> =
+        array(&s["hold"]["gravity_over_kp_deg"]).map(|j| number(j, 4)).collect();
+    if !expected.is_empty() {
+        row(out, "gravity / Kp, deg", &expected.join(" "), "");
+    }
 }
 
 fn array(value: &Value) -> impl Iterator<Item = &Value> {
