@@ -75,7 +75,13 @@ pub struct Core {
     request: Option<u32>,
     refused: u32,
     calibrate: bool,
+    datum: Option<u32>,
+    settling: u8,
 }
+
+/// Jobs after a calibration, or after the zero of the joints moved, in which requests wait: until
+/// everybody's feedback, one job old, counts from the new zero.
+const SETTLING_JOBS: u8 = 4;
 
 /// The lines as the decisions need them; what does not come is the unsafe side.
 #[derive(Clone, Copy, Debug)]
@@ -103,6 +109,8 @@ impl Core {
             request: None,
             refused: 0,
             calibrate: false,
+            datum: None,
+            settling: 0,
         }
     }
 
@@ -110,6 +118,12 @@ impl Core {
     pub fn decide(&mut self, facts: &Facts) -> (ControlState, ModeStatus) {
         let now = facts.release;
         self.state_since.get_or_insert(now);
+        self.settling = self.settling.saturating_sub(1);
+        let datum = facts.joints.map(|joints| joints.datum);
+        if self.calibrate || (datum.is_some() && datum != self.datum && self.datum.is_some()) {
+            self.settling = SETTLING_JOBS;
+        }
+        self.datum = datum.or(self.datum);
         self.calibrate = false;
         let still = self.standstill.watch(now, facts.joints.map(|joints| joints.q_rad));
         let lines = facts.lines.unwrap_or_default();
@@ -197,14 +211,18 @@ impl Core {
         }
     }
 
-    /// The operator's request, once.
+    /// The operator's request, once. While the zero of the joints settles only stop and reset are
+    /// heard; the others wait.
     fn hear(&mut self, facts: &Facts) {
         let Some(request) = facts.request else { return };
         if self.request == Some(request.sequence) {
             return;
         }
-        self.request = Some(request.sequence);
         let verb = Verb::from_code(request.verb);
+        if self.settling > 0 && !matches!(verb, Some(Verb::Stop | Verb::Reset)) {
+            return;
+        }
+        self.request = Some(request.sequence);
         if verb == Some(Verb::None) {
             return;
         }

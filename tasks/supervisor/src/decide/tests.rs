@@ -68,12 +68,17 @@ impl Story {
         }
     }
 
-    /// Asks for a verb; says whether it was granted.
+    /// Asks for a verb and waits until it is heard; says whether it was granted.
     fn ask(&mut self, verb: Verb) -> bool {
         let refused = self.control.refused;
         self.sequence += 1;
         self.facts.request = Some(Request { verb: verb as u32, sequence: self.sequence });
-        self.tick();
+        for _ in 0..=2 * SETTLING_JOBS {
+            self.tick();
+            if self.control.request == self.sequence {
+                break;
+            }
+        }
         assert_eq!(self.control.request, self.sequence);
         self.control.refused == refused
     }
@@ -120,6 +125,7 @@ impl Story {
         for verb in verbs {
             assert!(story.ask(*verb), "{verb:?}");
         }
+        story.ticks(usize::from(SETTLING_JOBS));
         assert_eq!(story.at().0, state);
         story
     }
@@ -188,6 +194,25 @@ fn calibration_is_told_in_exactly_one_job() {
     assert_eq!(story.control.calibrate, 0);
     assert!(!story.ask(Verb::Calibrate), "the figure has no way back");
     assert_eq!(story.control.calibrate, 0);
+}
+
+#[test]
+fn motion_asked_for_right_after_calibration_waits_until_the_zero_has_settled() {
+    let mut story = Story::in_state(State::IdleUncalibrated);
+    assert!(story.ask(Verb::Calibrate));
+    let heard = story.control.request;
+    story.facts.request = Some(Request { verb: Verb::Trajectory as u32, sequence: heard + 1 });
+    for _ in 0..SETTLING_JOBS {
+        story.tick();
+        assert_eq!((story.at().0, story.control.request), (State::IdleCalibrated, heard));
+    }
+    story.ticks(2);
+    assert_eq!((story.at().0, story.control.refused), (State::Trajectory, 0));
+    let mut story = Story::in_state(State::IdleUncalibrated);
+    assert!(story.ask(Verb::Calibrate));
+    story.facts.request = Some(Request { verb: Verb::Stop as u32, sequence: heard + 1 });
+    story.tick();
+    assert_eq!(story.at().1, Mode::Stopping, "a stop never waits");
 }
 
 #[test]
