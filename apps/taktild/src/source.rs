@@ -225,7 +225,7 @@ fn suggest(path: &Path) -> String {
         .flatten()
         .flatten()
         .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|ext| ext == "toml"))
+        .filter(|path| path.extension().is_some_and(|ext| ext == "toml") && is_scene(path))
         .map(|path| path.display().to_string())
         .collect();
     names.sort();
@@ -235,6 +235,13 @@ fn suggest(path: &Path) -> String {
     } else {
         format!("name one of: {}", names.join(", "))
     }
+}
+
+/// Whether a file looks like a scene: it has a title.
+fn is_scene(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|about| about.len() <= LARGEST_BYTES)
+        && std::fs::read_to_string(path)
+            .is_ok_and(|text| text.lines().any(|line| line.starts_with("title")))
 }
 
 /// What to do about a complaint of the TOML reader.
