@@ -1,6 +1,6 @@
 //! The command line: what can be asked, and the exit codes: 0 ok, 1 failed, 2 bad input. Refuses to do the work itself.
 
-use std::io::{BufReader, BufWriter};
+use std::io::{BufReader, BufWriter, IsTerminal};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -122,6 +122,9 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
         Command::Calc { list: false } => {
+            if std::io::stdin().is_terminal() {
+                eprintln!("one JSON request a line, then Ctrl-D; `taktil calc --list` shows them");
+            }
             let mut input = BufReader::new(std::io::stdin().lock());
             let mut output = BufWriter::new(std::io::stdout().lock());
             crate::calc::filter(&mut input, &mut output).map(|()| ExitCode::SUCCESS)
