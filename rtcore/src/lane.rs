@@ -1,5 +1,6 @@
 //! A lane at run time: its tasks in order, its cells, and what it counts. Both executors run exactly this code. Refuses to know
-//! what time it really is: a job is told its release.
+//! what time it really is: a job is told its release. The clock is read to time tasks, if that is
+//! wanted, and decides nothing.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -8,6 +9,7 @@ use taktil_hal::Nanos;
 
 use crate::fault::{FaultCode, FaultSet};
 use crate::guard;
+use crate::linux::monotonic;
 use crate::mode::Mode;
 use crate::port::{AnyCell, Binding, Input, Io, Output};
 use crate::record::{HEADER_BYTES, Tap};
@@ -94,13 +96,34 @@ pub struct Figures {
     pub values_dropped: u64,
     /// Every fault that a task of this lane raised.
     pub faults: FaultSet,
+    /// Task by task in order; empty when the lane declares no budgets and nobody asked.
+    pub tasks: Vec<TaskFigures>,
+}
+
+/// What a task took.
+#[derive(Clone, Debug)]
+pub struct TaskFigures {
+    /// Its name.
+    pub name: String,
+    /// What it declared.
+    pub budget: Option<Nanos>,
+    /// From the end of the task before to its own end on the clock, ns: also what preempted it.
+    pub execution_ns: Histogram<u64>,
+}
+
+impl TaskFigures {
+    pub(crate) fn new(name: &str, budget: Option<Nanos>) -> TaskFigures {
+        TaskFigures { name: name.to_owned(), budget, execution_ns: histogram() }
+    }
+}
+
+/// 0.1 us to 0.1 s at two digits: 1 920 counters, allocated here and never again.
+fn histogram() -> Histogram<u64> {
+    Histogram::new_with_bounds(100, 100_000_000, 2).expect("constant bounds are valid")
 }
 
 impl Figures {
     pub(crate) fn new() -> Figures {
-        // 0.1 us to 0.1 s at two digits: 1 920 counters, allocated here and never again.
-        let histogram =
-            || Histogram::new_with_bounds(100, 100_000_000, 2).expect("constant bounds are valid");
         Figures {
             jobs: 0,
             skipped: 0,
@@ -112,6 +135,7 @@ impl Figures {
             records_dropped: 0,
             values_dropped: 0,
             faults: FaultSet::NONE,
+            tasks: Vec::new(),
         }
     }
 }
@@ -136,6 +160,7 @@ impl Lane {
         let mut cycle = Cycle { tick, release, dt: self.spec.period, mode: Mode::Off };
         let mut io =
             Io { cells: &mut self.cells, inputs: &mut self.inputs, release, refused: false };
+        let mut clock = (!self.figures.tasks.is_empty()).then(monotonic);
         for (position, seat) in (1u32..).zip(self.seats.iter_mut()) {
             if seat.disabled {
                 disabled |= 1u32.checked_shl(position - 1).unwrap_or(0);
@@ -155,6 +180,14 @@ impl Lane {
                     Some(FaultCode::TaskPanicked)
                 }
             };
+            if let Some(before) = &mut clock {
+                let after = monotonic();
+                if let Some(task) = self.figures.tasks.get_mut(position as usize - 1) {
+                    let took = (after - *before).0.unsigned_abs();
+                    task.execution_ns.saturating_record(took);
+                }
+                *before = after;
+            }
             let refused = core::mem::take(&mut io.refused).then_some(FaultCode::NotFinite);
             for fault in [fault, refused].into_iter().flatten() {
                 faults.insert(fault);

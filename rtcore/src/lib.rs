@@ -3,8 +3,10 @@
 //! A *lane* is one thread at one rate; it runs its tasks in order. The same lane code runs live (one thread a lane, absolute
 //! sleeps on the monotonic clock) and in virtual time (all lanes on one thread, no waiting). This crate knows no robot.
 
+pub mod analysis;
 pub mod fault;
 pub mod guard;
+pub mod hyperperiod;
 mod lane;
 pub mod linux;
 pub mod live;
@@ -18,8 +20,9 @@ pub mod status;
 pub mod task;
 pub mod virtual_time;
 
+pub use analysis::{Allowance, Analysis};
 pub use fault::{FaultCode, FaultSet};
-pub use lane::{Figures, Misses};
+pub use lane::{Figures, Misses, TaskFigures};
 pub use machine::{Builder, LaneId, Machine};
 pub use mode::Mode;
 pub use payload::Payload;

@@ -2,17 +2,22 @@
 //! job, with the place in the configuration. Refuses to run anything.
 
 use core::any::TypeId;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use taktil_hal::Nanos;
 
+use crate::analysis::{Allowance, Analysis, Demand, analyse};
 use crate::fault::FaultCode;
-use crate::lane::{Figures, Lane, Seat};
+use crate::lane::{Figures, Lane, Seat, TaskFigures};
 use crate::port::{Binding, InputDeclaration, OutputDeclaration, Ports};
 use crate::record::{Catalog, Drain, HEADER_BYTES, LaneInfo, Signal, tap};
 use crate::schedule::LaneSpec;
 use crate::status::{LaneHealth, ModeStatus};
 use crate::task::{Invalid, Task};
+
+mod complaint;
+
+use complaint::{mismatch, nearest, unknown};
 
 /// How long a lane or an observer may stand still before values or records are lost.
 const STALL: Nanos = Nanos::from_millis(500);
@@ -36,6 +41,9 @@ pub struct Builder {
     lanes: Vec<Draft>,
     bindings: BTreeMap<String, String>,
     mode: Option<String>,
+    allowance: Allowance,
+    cpus: Option<BTreeSet<usize>>,
+    time_tasks: bool,
 }
 
 /// A machine that can be run by an executor.
@@ -43,9 +51,16 @@ pub struct Machine {
     pub(crate) lanes: Vec<Lane>,
     pub(crate) drains: Vec<Drain>,
     catalog: Catalog,
+    analysis: Analysis,
 }
 
 impl Machine {
+    /// Whether the lanes can meet their deadlines, as far as budgets are declared.
+    #[must_use]
+    pub fn analysis(&self) -> &Analysis {
+        &self.analysis
+    }
+
     /// Every signal and lane.
     #[must_use]
     pub fn catalog(&self) -> &Catalog {
@@ -165,10 +180,31 @@ impl Builder {
         self.mode = Some(signal.into());
     }
 
+    /// What the schedule allows for besides the budgets.
+    ///
+    /// # Errors
+    /// An allowance out of range. The place is `schedule.FIELD`.
+    pub fn allowance(&mut self, allowance: Allowance) -> Result<(), Invalid> {
+        allowance.check().map_err(|invalid| invalid.within("schedule"))?;
+        self.allowance = allowance;
+        Ok(())
+    }
+
+    /// Names the CPUs that there are; a lane on another one is then refused.
+    pub fn cpus(&mut self, present: BTreeSet<usize>) {
+        self.cpus = Some(present);
+    }
+
+    /// Times every task, also in lanes that declare no budgets: one more clock reading a task.
+    pub fn time_tasks(&mut self) {
+        self.time_tasks = true;
+    }
+
     /// Joins everything.
     ///
     /// # Errors
-    /// An input without a binding or whose signal nobody produces, a wrong type, a loop without a declared delay, a binding of
+    /// A schedule that cannot hold, a CPU that does not exist, a budget of a task that is not there:
+    /// the place is `lane.NAME` and below. An input without a binding or whose signal nobody produces, a wrong type, a loop without a declared delay, a binding of
     /// an input that does not exist. The place is `wiring.TASK.PORT`.
     pub fn build(mut self) -> Result<Machine, Invalid> {
         let catalog = self.catalog();
@@ -176,11 +212,13 @@ impl Builder {
             return Err(Invalid::new("", "too many signals", "use fewer tasks"));
         }
         self.check_bindings()?;
+        let analysis = self.check_schedule()?;
         let homes = self.homes();
         let mut lanes: Vec<Lane> = Vec::new();
         let mut drains = Vec::new();
         for (index, draft) in self.lanes.iter_mut().enumerate() {
-            let (lane, drain) = take_lane(draft, index, &catalog, &homes);
+            let timed = self.time_tasks || !draft.spec.budgets.is_empty();
+            let (lane, drain) = take_lane(draft, index, &catalog, &homes, timed);
             lanes.push(lane);
             drains.push(drain);
         }
@@ -206,7 +244,22 @@ impl Builder {
         if let Some(signal) = &self.mode {
             bind_mode(&mut lanes, signal, &homes, &catalog)?;
         }
-        Ok(Machine { lanes, drains, catalog })
+        Ok(Machine { lanes, drains, catalog, analysis })
+    }
+
+    fn check_schedule(&self) -> Result<Analysis, Invalid> {
+        let mut demands = Vec::new();
+        for Draft { spec, seats, .. } in &self.lanes {
+            let outer = format!("lane.{}", spec.name);
+            let tasks: Vec<&str> = seats.iter().map(|seat| seat.name.as_str()).collect();
+            spec.check_budget_names(&tasks).map_err(|invalid| invalid.within(&outer))?;
+            if let Some(present) = &self.cpus {
+                spec.check_cpu(present).map_err(|invalid| invalid.within(&outer))?;
+            }
+            demands.push(Demand { spec: spec.clone(), budget: spec.budget(tasks) });
+        }
+        let analysis = analyse(&demands, self.allowance);
+        analysis.refusal().cloned().map_or(Ok(analysis), Err)
     }
 
     fn catalog(&self) -> Catalog {
@@ -295,6 +348,7 @@ fn take_lane(
     index: usize,
     catalog: &Catalog,
     homes: &BTreeMap<String, Home>,
+    timed: bool,
 ) -> (Lane, Drain) {
     let mine =
         || catalog.signals.iter().enumerate().filter(move |(_, signal)| signal.lane == index);
@@ -314,6 +368,12 @@ fn take_lane(
     for (_, output) in &mut draft.outputs {
         cells.push(std::mem::replace(&mut output.cell, crate::port::hollow()));
     }
+    let mut figures = Figures::new();
+    if timed {
+        let task =
+            |seat: &Seat| TaskFigures::new(&seat.name, draft.spec.budgets.get(&seat.name).copied());
+        figures.tasks = draft.seats.iter().map(task).collect();
+    }
     let lane = Lane {
         spec: draft.spec.clone(),
         seats: std::mem::take(&mut draft.seats),
@@ -326,7 +386,7 @@ fn take_lane(
         tap,
         scratch: vec![0; HEADER_BYTES + body].into_boxed_slice(),
         next_tick: 0,
-        figures: Figures::new(),
+        figures,
         stopped: false,
     };
     (lane, drain)
@@ -395,48 +455,4 @@ fn check_edge(
         ));
     }
     Ok(())
-}
-
-fn mismatch(place: &str, signal: &str, input: &InputDeclaration, home: &Home) -> Invalid {
-    Invalid::new(
-        format!("wiring.{place}"),
-        format!(
-            "input `{place}` takes {}, but `{signal}` carries {}",
-            input.type_name, home.type_name
-        ),
-        format!("bind it to a signal of type {}", input.type_name),
-    )
-}
-
-fn unknown(place: &str, signal: &str, input: &InputDeclaration, catalog: &Catalog) -> Invalid {
-    let fitting: Vec<String> = catalog
-        .signals
-        .iter()
-        .filter(|candidate| candidate.type_name == input.type_name)
-        .map(|candidate| candidate.name.clone())
-        .collect();
-    let remedy = if fitting.is_empty() {
-        format!("add a task that produces {} to a lane", input.type_name)
-    } else {
-        format!("signals of type {}: {}", input.type_name, fitting.join(", "))
-    };
-    Invalid::new(
-        format!("wiring.{place}"),
-        format!("nobody produces `{signal}`: missing producer of `{place}`"),
-        remedy,
-    )
-}
-
-fn nearest(name: &str, known: &[String]) -> String {
-    let task = name.split('.').next().unwrap_or(name);
-    let same: Vec<&str> = known
-        .iter()
-        .filter(|input| input.split('.').next() == Some(task))
-        .map(String::as_str)
-        .collect();
-    if same.is_empty() {
-        format!("no task `{task}` with inputs stands in a lane; remove the line or add the task")
-    } else {
-        format!("inputs of `{task}`: {}", same.join(", "))
-    }
 }

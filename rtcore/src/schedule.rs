@@ -1,6 +1,8 @@
 //! When jobs are released: integers only. Job k of a lane is released at phase + k * period, for ever. Refuses schedules that
 //! cannot keep the promise of logical delivery.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use taktil_hal::Nanos;
 
 use crate::task::Invalid;
@@ -34,6 +36,9 @@ pub struct LaneSpec {
     pub cpu: Option<usize>,
     /// What to do when more than a period late.
     pub late: Late,
+    /// Longest processor time of one step of each task, by the task's name. All tasks or none: a
+    /// lane with gaps is not analysed.
+    pub budgets: BTreeMap<String, Nanos>,
 }
 
 /// Shortest period that is accepted: below it a general-purpose kernel cannot follow.
@@ -53,7 +58,76 @@ impl LaneSpec {
             priority,
             cpu: None,
             late: Late::Skip,
+            budgets: BTreeMap::new(),
         }
+    }
+
+    /// The declared time of one job of these tasks; `None` when one of them declares none.
+    pub fn budget<'a>(&self, tasks: impl IntoIterator<Item = &'a str>) -> Option<Nanos> {
+        let mut sum = None;
+        for task in tasks {
+            sum = Some(sum.unwrap_or(Nanos::ZERO) + *self.budgets.get(task)?);
+        }
+        sum
+    }
+
+    /// Refuses budgets of tasks that do not stand in the lane. The place is `budget_us.TASK`.
+    ///
+    /// # Errors
+    /// The first name that is not among `tasks`.
+    pub fn check_budget_names(&self, tasks: &[&str]) -> Result<(), Invalid> {
+        for name in self.budgets.keys() {
+            if !tasks.contains(&name.as_str()) {
+                return Err(Invalid::new(
+                    format!("budget_us.{name}"),
+                    format!("no task `{name}` stands in lane `{}`", self.name),
+                    format!("tasks of this lane: {}", tasks.join(", ")),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses a CPU that is not among `present`. The place is `cpu`.
+    ///
+    /// # Errors
+    /// The CPU and those that there are.
+    pub fn check_cpu(&self, present: &BTreeSet<usize>) -> Result<(), Invalid> {
+        match self.cpu {
+            Some(cpu) if !present.contains(&cpu) => {
+                let there: Vec<String> = present.iter().map(ToString::to_string).collect();
+                Err(Invalid::new(
+                    "cpu",
+                    format!("CPU {cpu} does not exist here or is offline"),
+                    format!("CPUs of this machine: {}; or leave `cpu` out", there.join(", ")),
+                ))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Budgets are positive and leave the deadline possible.
+    fn check_budgets(&self) -> Result<(), Invalid> {
+        let mut sum = Nanos::ZERO;
+        for (task, budget) in &self.budgets {
+            if *budget <= Nanos::ZERO || *budget > self.deadline {
+                return Err(Invalid::new(
+                    format!("budget_us.{task}"),
+                    format!("a budget of {budget} is not within the deadline of {}", self.deadline),
+                    "give more than 0 and less than the deadline",
+                ));
+            }
+            sum = sum + *budget;
+        }
+        if sum > self.deadline {
+            let (deadline, over) = (self.deadline, sum - self.deadline);
+            return Err(Invalid::new(
+                "budget_us",
+                format!("the budgets are {sum} in all, and the deadline is {deadline}"),
+                format!("take {over} out, or move a task to another lane"),
+            ));
+        }
+        Ok(())
     }
 
     /// Release of job `tick`.
@@ -133,7 +207,7 @@ impl LaneSpec {
                 "give 1 (lowest) to 99 (highest)".into(),
             );
         }
-        Ok(())
+        self.check_budgets()
     }
 }
 
@@ -178,5 +252,39 @@ mod tests {
         assert_eq!(place(&|l| l.deadline = l.delivery + Nanos(1)), "deadline_us");
         assert_eq!(place(&|l| l.priority = 0), "priority");
         assert_eq!(place(&|l| l.priority = 100), "priority");
+        let budget = |l: &mut LaneSpec, task: &str, us| {
+            l.budgets.insert(task.into(), Nanos::from_micros(us));
+        };
+        assert_eq!(place(&|l| budget(l, "sense", 0)), "budget_us.sense");
+        assert_eq!(place(&|l| budget(l, "sense", -1)), "budget_us.sense");
+        assert_eq!(place(&|l| budget(l, "sense", 2501)), "budget_us.sense");
+        let sum = |l: &mut LaneSpec| {
+            budget(l, "sense", 1500);
+            budget(l, "actuate", 1001);
+        };
+        assert_eq!(place(&sum), "budget_us");
+        let mut lane = good;
+        budget(&mut lane, "sense", 1500);
+        budget(&mut lane, "actuate", 1000);
+        assert_eq!(lane.check(), Ok(()), "budgets may fill the deadline");
+        assert_eq!(lane.budget(["actuate", "sense"]), Some(Nanos::from_micros(2500)));
+        assert_eq!(lane.budget(["actuate", "sense", "other"]), None, "a gap is no budget");
+        assert_eq!(lane.budget([]), None);
+        assert_eq!(lane.check_budget_names(&["sense", "actuate"]), Ok(()));
+        let stranger = lane.check_budget_names(&["sense"]).unwrap_err();
+        assert_eq!(stranger.place, "budget_us.actuate");
+    }
+
+    #[test]
+    fn a_cpu_that_does_not_exist_is_refused_with_those_that_do() {
+        let mut lane = LaneSpec::new("servo", Nanos::from_micros(2500), 80);
+        let present = BTreeSet::from([0, 1, 5]);
+        assert_eq!(lane.check_cpu(&present), Ok(()), "any CPU will do");
+        lane.cpu = Some(5);
+        assert_eq!(lane.check_cpu(&present), Ok(()));
+        lane.cpu = Some(2);
+        let refused = lane.check_cpu(&present).unwrap_err();
+        assert_eq!(refused.place, "cpu");
+        assert!(refused.what.contains("CPU 2") && refused.remedy.contains("0, 1, 5"), "{refused}");
     }
 }

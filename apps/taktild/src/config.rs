@@ -88,6 +88,7 @@ impl LaneConfig {
             priority,
             cpu: self.cpu,
             late: Late::Skip,
+            budgets: BTreeMap::new(),
         })
     }
 }

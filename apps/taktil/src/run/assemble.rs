@@ -83,14 +83,12 @@ fn add_world(
     })?;
     let lane = builder
         .lane(LaneSpec {
-            name: WORLD.to_owned(),
-            period,
             phase,
             delivery,
             deadline: delivery,
-            priority,
             cpu: scene.world_cpu,
             late: Late::CatchUp,
+            ..LaneSpec::new(WORLD, period, priority)
         })
         .map_err(|bad| match bad.place.as_str() {
             "lane.world.priority" => Invalid { place: "world_priority".into(), ..bad },

@@ -1,0 +1,389 @@
+//! Whether the schedule can hold: the longest response of each lane against its deadline, before
+//! the first job. Fixed priorities, preemptive, integers only. Refuses to judge a lane whose tasks
+//! declare no budgets, and says so.
+//!
+//! A lane's response is the smallest `w = C + sum over lanes first of ceil((w + J) / T) C`, plus J
+//! (M. Joseph and P. Pandya, "Finding response times in a real-time system", The Computer Journal
+//! 29(5), 1986; release jitter J: N. Audsley, A. Burns, M. Richardson, K. Tindell and A. Wellings,
+//! "Applying new scheduling theory to static priority pre-emptive scheduling", Software Engineering
+//! Journal 8(5), 1993). It ignores phases and is safe. Where the hyperperiod is short the phases
+//! are taken into account too, and that response decides.
+//!
+//! - Lanes of equal priority are taken to come first of each other: `SCHED_FIFO` queues them.
+//! - A lane with a CPU meets the lanes of that CPU and all lanes without one. A lane without a CPU
+//!   meets every lane, as if there were one CPU. More CPUs cannot make it later than that.
+//! - Lanes share nothing that blocks, so there is no blocking term.
+
+use taktil_hal::Nanos;
+
+use crate::schedule::{LONGEST_PERIOD, LaneSpec};
+use crate::task::Invalid;
+
+mod phases;
+
+/// Most rounds of the fixed-point iteration; each round adds at least one job. What has not settled
+/// by then counts as beyond its bound.
+pub const ROUNDS_MAX: usize = 10_000;
+/// One million parts are a whole CPU.
+pub const WHOLE_PPM: u64 = 1_000_000;
+
+/// What is allowed for besides the declared budgets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Allowance {
+    /// A job starts at most this long after its release when nobody else runs: wake-up latency.
+    pub release_jitter: Nanos,
+    /// The executor's own work in each job: switching, delivery, records.
+    pub overhead: Nanos,
+}
+
+impl Default for Allowance {
+    fn default() -> Allowance {
+        Allowance { release_jitter: Nanos::from_micros(100), overhead: Nanos::from_micros(5) }
+    }
+}
+
+impl Allowance {
+    /// Refuses what is negative or absurdly long. Places are `release_jitter_us`, `overhead_us`.
+    ///
+    /// # Errors
+    /// The first of the two that is out of range.
+    pub fn check(&self) -> Result<(), Invalid> {
+        for (place, span) in
+            [("release_jitter_us", self.release_jitter), ("overhead_us", self.overhead)]
+        {
+            if span < Nanos::ZERO || span > LONGEST_PERIOD {
+                let what = format!("an allowance of {span} is out of range");
+                let remedy = format!("give 0 to {LONGEST_PERIOD}; 0 trusts the kernel to be exact");
+                return Err(Invalid::new(place, what, remedy));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A lane as the analysis sees it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Demand {
+    /// Name, period, phase, deadline, priority and CPU.
+    pub spec: LaneSpec,
+    /// Processor time of one job, tasks only; `None` when a task declares none.
+    pub budget: Option<Nanos>,
+}
+
+/// A recurring piece of work.
+#[derive(Clone, Copy, Debug)]
+struct Periodic {
+    cost: Nanos,
+    period: Nanos,
+    phase: Nanos,
+}
+
+/// A longest response.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bound {
+    /// Never longer than this.
+    Within(Nanos),
+    /// At least this long; the search ended there, beyond the lane's period.
+    Beyond(Nanos),
+}
+
+impl Bound {
+    /// The length, whatever it bounds.
+    #[must_use]
+    pub fn span(self) -> Nanos {
+        match self {
+            Bound::Within(span) | Bound::Beyond(span) => span,
+        }
+    }
+
+    /// Whether it is certain that `deadline` is met.
+    #[must_use]
+    pub fn meets(self, deadline: Nanos) -> bool {
+        matches!(self, Bound::Within(span) if span <= deadline)
+    }
+}
+
+/// What the analysis says of a lane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Ends by its deadline, always.
+    Meets,
+    /// May end after its deadline.
+    Misses,
+    /// Ends by its deadline if the lanes that declare nothing and come first took no time.
+    Unknown,
+    /// Declares no budgets.
+    NotAnalysed,
+}
+
+impl Verdict {
+    /// One or two words.
+    #[must_use]
+    pub fn text(self) -> &'static str {
+        match self {
+            Verdict::Meets => "meets",
+            Verdict::Misses => "misses",
+            Verdict::Unknown => "unknown",
+            Verdict::NotAnalysed => "not analysed",
+        }
+    }
+}
+
+/// One lane's result.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LaneResponse {
+    /// Its name.
+    pub name: String,
+    /// Declared budget of a job plus the overhead.
+    pub cost: Option<Nanos>,
+    /// Its deadline.
+    pub deadline: Nanos,
+    /// Longest response from the release, whatever the phases.
+    pub any_phase: Option<Bound>,
+    /// Longest response with these phases; `None` when the hyperperiod is too long to walk.
+    pub with_phases: Option<Bound>,
+    /// Lanes that come first and declare their budgets.
+    pub interfering: Vec<String>,
+    /// Lanes that come first and declare none: left out of the responses.
+    pub undeclared: Vec<String>,
+    /// What follows.
+    pub verdict: Verdict,
+}
+
+impl LaneResponse {
+    /// The response that decides: with phases where it is known.
+    #[must_use]
+    pub fn response(&self) -> Option<Bound> {
+        self.with_phases.or(self.any_phase)
+    }
+}
+
+/// How much of a CPU is spoken for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Load {
+    /// The CPU; `None` for all lanes together when some have none.
+    pub cpu: Option<usize>,
+    /// Declared share, rounded up, of [`WHOLE_PPM`].
+    pub ppm: u64,
+    /// Lanes that may run there and declare nothing.
+    pub undeclared: Vec<String>,
+}
+
+/// The whole result.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Analysis {
+    /// What was allowed for.
+    pub allowance: Allowance,
+    /// Lane by lane, in order.
+    pub lanes: Vec<LaneResponse>,
+    /// CPU by CPU, ascending; lanes without a CPU last.
+    pub loads: Vec<Load>,
+    refusal: Option<Invalid>,
+}
+
+impl Analysis {
+    /// The complaint about the first lane that may miss its deadline. The place is `lane.NAME`.
+    #[must_use]
+    pub fn refusal(&self) -> Option<&Invalid> {
+        self.refusal.as_ref()
+    }
+}
+
+/// Analyses all lanes of a machine.
+#[must_use]
+pub fn analyse(lanes: &[Demand], allowance: Allowance) -> Analysis {
+    let mut responses = Vec::new();
+    let mut refusal = None;
+    for index in 0..lanes.len() {
+        let judged = judge(lanes, index, allowance);
+        if judged.verdict == Verdict::Misses && refusal.is_none() {
+            refusal = Some(complaint(lanes, index, &judged, allowance));
+        }
+        responses.push(judged);
+    }
+    Analysis { allowance, lanes: responses, loads: loads(lanes, allowance), refusal }
+}
+
+/// Whether two lanes can want the same CPU.
+fn meet(a: &LaneSpec, b: &LaneSpec) -> bool {
+    a.cpu.is_none() || b.cpu.is_none() || a.cpu == b.cpu
+}
+
+/// The other lanes that can hold lane `index` up.
+fn first_of(lanes: &[Demand], index: usize) -> impl Iterator<Item = &Demand> {
+    let me = &lanes[index].spec;
+    lanes.iter().enumerate().filter_map(move |(other, lane)| {
+        let first = other != index && lane.spec.priority >= me.priority && meet(me, &lane.spec);
+        first.then_some(lane)
+    })
+}
+
+fn periodic(lane: &Demand, allowance: Allowance) -> Option<Periodic> {
+    let cost = lane.budget? + allowance.overhead;
+    Some(Periodic { cost, period: lane.spec.period, phase: lane.spec.phase })
+}
+
+fn judge(lanes: &[Demand], index: usize, allowance: Allowance) -> LaneResponse {
+    let spec = &lanes[index].spec;
+    let names = |declared: bool| {
+        first_of(lanes, index)
+            .filter(|lane| lane.budget.is_some() == declared)
+            .map(|lane| lane.spec.name.clone())
+            .collect::<Vec<_>>()
+    };
+    let mut judged = LaneResponse {
+        name: spec.name.clone(),
+        cost: None,
+        deadline: spec.deadline,
+        any_phase: None,
+        with_phases: None,
+        interfering: names(true),
+        undeclared: names(false),
+        verdict: Verdict::NotAnalysed,
+    };
+    let Some(own) = periodic(&lanes[index], allowance) else { return judged };
+    let over: Vec<Periodic> =
+        first_of(lanes, index).filter_map(|lane| periodic(lane, allowance)).collect();
+    judged.cost = Some(own.cost);
+    judged.any_phase = Some(settle(&own, &over, allowance.release_jitter));
+    judged.with_phases = phases::longest(&own, &over, allowance.release_jitter);
+    judged.verdict = match judged.response() {
+        Some(bound) if !bound.meets(spec.deadline) => Verdict::Misses,
+        _ if !judged.undeclared.is_empty() => Verdict::Unknown,
+        _ => Verdict::Meets,
+    };
+    judged
+}
+
+/// The fixed point of Joseph and Pandya with the release jitter of Audsley et al. It holds up to
+/// one period: beyond that a lane holds itself up, and the search ends.
+fn settle(own: &Periodic, over: &[Periodic], jitter: Nanos) -> Bound {
+    let mut window = own.cost;
+    for _ in 0..ROUNDS_MAX {
+        let mut next = own.cost;
+        for lane in over {
+            next += lane.cost * jobs_in(window + jitter, lane.period);
+        }
+        if next + jitter > own.period {
+            return Bound::Beyond(next + jitter);
+        }
+        if next == window {
+            return Bound::Within(window + jitter);
+        }
+        window = next;
+    }
+    Bound::Beyond(window + jitter)
+}
+
+/// Most releases in a window that is open at its end: the quotient rounded up.
+fn jobs_in(window: Nanos, period: Nanos) -> i64 {
+    (window.0 + period.0 - 1) / period.0.max(1)
+}
+
+fn loads(lanes: &[Demand], allowance: Allowance) -> Vec<Load> {
+    let mut cpus: Vec<usize> = lanes.iter().filter_map(|lane| lane.spec.cpu).collect();
+    cpus.sort_unstable();
+    cpus.dedup();
+    let mut places: Vec<Option<usize>> = cpus.into_iter().map(Some).collect();
+    if lanes.iter().any(|lane| lane.spec.cpu.is_none()) {
+        places.push(None);
+    }
+    let load = |cpu: Option<usize>| {
+        let here =
+            |lane: &&Demand| cpu.is_none() || lane.spec.cpu.is_none() || lane.spec.cpu == cpu;
+        let share = |lane: &Demand| {
+            let work = periodic(lane, allowance)?;
+            let whole = i128::from(work.period.0.max(1));
+            let parts = i128::from(work.cost.0) * i128::from(WHOLE_PPM);
+            u64::try_from((parts + whole - 1) / whole).ok()
+        };
+        Load {
+            cpu,
+            ppm: lanes.iter().filter(here).filter_map(share).sum(),
+            undeclared: lanes
+                .iter()
+                .filter(here)
+                .filter(|lane| lane.budget.is_none())
+                .map(|lane| lane.spec.name.clone())
+                .collect(),
+        }
+    };
+    places.into_iter().map(load).collect()
+}
+
+/// The refusal of lane `index`, which may miss: the numbers, and what would make it fit.
+fn complaint(
+    lanes: &[Demand],
+    index: usize,
+    judged: &LaneResponse,
+    allowance: Allowance,
+) -> Invalid {
+    let spec = &lanes[index].spec;
+    let response = match judged.response() {
+        Some(Bound::Within(span)) => format!("{span}"),
+        Some(Bound::Beyond(span)) => format!("{span} or more"),
+        None => String::new(),
+    };
+    let first: Vec<String> = first_of(lanes, index)
+        .filter_map(|lane| {
+            let work = periodic(lane, allowance)?;
+            let (name, priority) = (&lane.spec.name, lane.spec.priority);
+            Some(format!("`{name}` ({} every {}, priority {priority})", work.cost, work.period))
+        })
+        .collect();
+    let held_up = if first.is_empty() {
+        String::new()
+    } else {
+        let place =
+            spec.cpu.map_or("without a CPU of its own".into(), |cpu| format!("on CPU {cpu}"));
+        format!("; first come, {place}: {}", first.join(", "))
+    };
+    let what = format!(
+        "lane `{}` may end {response} after its release, and its deadline is {}: {} of its own \
+         with overhead, {} release jitter{held_up}",
+        spec.name,
+        spec.deadline,
+        judged.cost.unwrap_or(Nanos::ZERO),
+        allowance.release_jitter,
+    );
+    Invalid::new(format!("lane.{}", spec.name), what, remedy(lanes, index, judged, allowance))
+}
+
+fn remedy(lanes: &[Demand], index: usize, judged: &LaneResponse, allowance: Allowance) -> String {
+    let spec = &lanes[index].spec;
+    let mut ways = Vec::new();
+    match fitting_budget(lanes, index, allowance) {
+        Some(budget) => ways.push(format!("cut its budgets to {budget} in all")),
+        None => ways.push("cut the budgets of the lanes that come first".into()),
+    }
+    if !judged.interfering.is_empty() {
+        ways.push("give it a CPU that it shares with none of them (`cpu`)".into());
+    }
+    if let Some(Bound::Within(span)) = judged.response()
+        && span <= spec.period
+    {
+        ways.push(format!("allow a deadline and a delivery of {span}"));
+    }
+    let tail = "or measure again: the table after a run suggests budgets";
+    format!("{}, {tail}", ways.join(", "))
+}
+
+/// The largest budget, in whole microseconds, with which lane `index` would meet its deadline.
+fn fitting_budget(lanes: &[Demand], index: usize, allowance: Allowance) -> Option<Nanos> {
+    let mut trial = lanes.to_vec();
+    let mut fits = |us: i64| {
+        trial[index].budget = Some(Nanos::from_micros(us));
+        judge(&trial, index, allowance).verdict != Verdict::Misses
+    };
+    let (mut low, mut high) = (0, lanes[index].budget?.0 / 1000 + 1);
+    // Bisection: the response grows with the budget.
+    while high - low > 1 {
+        let middle = low + (high - low) / 2;
+        if fits(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    (low > 0).then(|| Nanos::from_micros(low))
+}
