@@ -117,7 +117,7 @@ impl LaneSpec {
                     "give more than 0 and less than the deadline",
                 ));
             }
-            sum = sum + *budget;
+            sum += *budget;
         }
         if sum > self.deadline {
             let (deadline, over) = (self.deadline, sum - self.deadline);

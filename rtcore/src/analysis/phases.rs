@@ -58,7 +58,7 @@ fn pattern(own: &Periodic, over: &[Periodic], length: i64) -> Vec<Arrival> {
 }
 
 /// The longest response of an own job inside the busy period from release `start` on, and whether
-/// the busy period of the other lanes came to an end.
+/// the busy period came to an end.
 fn busy_period(
     pattern: &[Arrival],
     length: i64,
@@ -71,11 +71,11 @@ fn busy_period(
         let arrival = &pattern[index % pattern.len()];
         (arrival.at + turn * length, arrival.cost, arrival.own)
     };
-    // Longer than two turns of the pattern means for ever.
-    let last = start + 2 * pattern.len();
+    // Longer than two turns of the pattern is longer than any period.
+    let turns = 2 * pattern.len() + 1;
     let begin = arrival(start).0 + jitter;
     let (mut end, mut worst) = (begin, 0);
-    for index in start..last {
+    for index in start..start + turns {
         let (at, other_cost, own) = arrival(index);
         if at > begin && at >= end {
             return (worst, true);
@@ -86,14 +86,19 @@ fn busy_period(
         }
         // This job ends when everything that came meanwhile has been done.
         let mut done = end + cost;
-        for later in index + 1..last {
+        let mut settled = false;
+        for later in index + 1..index + turns {
             let (at_later, cost_later, own_later) = arrival(later);
             if at_later > begin && at_later >= done {
+                settled = true;
                 break;
             }
             if !own_later {
                 done += cost_later;
             }
+        }
+        if !settled {
+            return (done - at, false);
         }
         worst = worst.max(done - at);
     }
