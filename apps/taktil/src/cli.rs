@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use taktild::source::Located;
 
+use crate::diff;
 use crate::plot::{self, PlotArgs};
 use crate::run::{self, BadOption, Options};
 
@@ -78,6 +79,19 @@ enum Command {
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
     },
+    /// Compare two logs and show the first place where they part: tick, time, task, field, values.
+    ///
+    /// Signals are compared message by message and bit for bit. Exit code 0: equal; 1: different, or
+    /// equal only as far as a damaged file can be read; 2: not a log.
+    Diff {
+        /// First log (MCAP)
+        a: PathBuf,
+        /// Second log
+        b: PathBuf,
+        /// One JSON object instead of sentences
+        #[arg(long)]
+        json: bool,
+    },
     /// The mathematics as a filter: one JSON request a line on stdin, one JSON answer a line on stdout.
     Calc {
         /// Print every operation with its fields, units and defaults
@@ -117,6 +131,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
                 .map_err(|error| BadOption(format!("{error:#}")))?;
             Ok(ExitCode::SUCCESS)
         }
+        Command::Diff { a, b, json } => diff::run(&diff::Options { a, b, json }),
         Command::Calc { list: true } => {
             print!("{}", crate::calc::list());
             Ok(ExitCode::SUCCESS)

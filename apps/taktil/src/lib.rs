@@ -3,6 +3,7 @@
 
 pub mod calc;
 pub mod cli;
+pub mod diff;
 pub mod log;
 pub mod plot;
 pub mod report;
