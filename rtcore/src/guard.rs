@@ -71,6 +71,12 @@ pub fn abort_on_allocation(yes: bool) {
     ABORT.store(yes, Ordering::Relaxed);
 }
 
+/// Whether the calling thread is inside a job now.
+#[must_use]
+pub fn inside() -> bool {
+    INSIDE.try_with(Cell::get) == Ok(true)
+}
+
 /// Runs `job` as a guarded section; returns its result and the number of heap calls it made.
 pub fn guarded<R>(job: impl FnOnce() -> R) -> (R, u64) {
     let before = CALLS.with(Cell::get);

@@ -4,6 +4,7 @@
 //! sleeps on the monotonic clock) and in virtual time (all lanes on one thread, no waiting). This crate knows no robot.
 
 pub mod analysis;
+pub mod attest;
 pub mod fault;
 pub mod guard;
 pub mod hyperperiod;
@@ -15,7 +16,9 @@ pub mod mode;
 pub mod payload;
 pub mod port;
 pub mod record;
+pub mod release;
 pub mod schedule;
+mod silence;
 pub mod status;
 pub mod task;
 pub mod virtual_time;
@@ -27,6 +30,7 @@ pub use machine::{Builder, LaneId, Machine};
 pub use mode::Mode;
 pub use payload::Payload;
 pub use port::{Freshness, Input, Io, Output, Ports, Sample};
+pub use release::{Guard, GuardFigures};
 pub use schedule::{LaneSpec, Late};
 pub use taktil_hal::Nanos;
 pub use task::{Cycle, Invalid, Task};

@@ -1,5 +1,6 @@
-//! The kernel: monotonic time, absolute sleeps, scheduling policy, locked memory, fault counters. The only file of the core that
-//! names any of them. Refuses to assume: what was asked for is read back.
+//! The kernel: monotonic time, absolute sleeps, scheduling policy, locked memory, fault counters,
+//! and what it says of itself. The only file of the core that names any of them. Refuses to
+//! assume: what was asked for is read back.
 
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall, munlockall};
@@ -12,6 +13,8 @@ use thread_priority::{
     RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
     set_thread_priority_and_policy, thread_native_id, thread_schedule_policy_param,
 };
+
+use crate::attest::{Facts, LaneGrant, Limit, status_kib};
 
 /// The kernel's monotonic clock, counted from a chosen instant.
 #[derive(Clone, Copy, Debug)]
@@ -164,4 +167,94 @@ pub fn kernel() -> (bool, bool) {
     let processor = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let flags = processor.lines().find(|line| line.starts_with("flags")).unwrap_or_default();
     (version.contains("PREEMPT_RT"), flags.split_whitespace().any(|flag| flag == "hypervisor"))
+}
+
+/// What the calling thread runs with: policy, priority and CPUs, read back.
+#[must_use]
+pub fn thread_grant(lane: &str) -> LaneGrant {
+    let (policy, priority) = match thread_schedule_policy_param(thread_native_id()) {
+        Ok((ThreadSchedulePolicy::Realtime(policy), param)) => {
+            let name = match policy {
+                RealtimeThreadSchedulePolicy::Fifo => "SCHED_FIFO".to_owned(),
+                RealtimeThreadSchedulePolicy::RoundRobin => "SCHED_RR".to_owned(),
+                other => format!("{other:?}"),
+            };
+            (name, param.sched_priority)
+        }
+        Ok((ThreadSchedulePolicy::Normal(_), _)) => ("SCHED_OTHER".to_owned(), 0),
+        Err(_) => ("unknown".to_owned(), 0),
+    };
+    let cpus = sched_getaffinity(Pid::from_raw(0)).map_or_else(
+        |_| Vec::new(),
+        |set| (0..CpuSet::count()).filter(|cpu| set.is_set(*cpu).unwrap_or(false)).collect(),
+    );
+    LaneGrant { lane: lane.to_owned(), policy, priority, cpus }
+}
+
+/// Keeps the kernel's power management from deep sleep for as long as it lives.
+#[derive(Debug)]
+pub struct AwakeCpus {
+    _held_open: std::fs::File,
+}
+
+impl AwakeCpus {
+    /// Writes a latency of 0 us to `/dev/cpu_dma_latency`; the wish ends with the descriptor.
+    #[must_use]
+    pub fn hold() -> Option<AwakeCpus> {
+        let path = "/dev/cpu_dma_latency";
+        let mut file = std::fs::OpenOptions::new().write(true).open(path).ok()?;
+        std::io::Write::write_all(&mut file, &0i32.to_ne_bytes()).ok()?;
+        Some(AwakeCpus { _held_open: file })
+    }
+}
+
+/// A text of the kernel without the white space around it.
+fn says(path: &str) -> Option<String> {
+    std::fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
+}
+
+fn limit(resource: Resource) -> Option<Limit> {
+    let (soft, _) = getrlimit(resource).ok()?;
+    Some((soft != nix::libc::RLIM_INFINITY).then_some(soft))
+}
+
+/// What the machine and this process are like now; `dma_latency_held` is the caller's affair.
+#[must_use]
+pub fn facts() -> Facts {
+    let status = says("/proc/self/status").unwrap_or_default();
+    let number = |path: &str| says(path).and_then(|text| text.parse().ok());
+    let cpus = "/sys/devices/system/cpu";
+    let mut governors: Vec<String> = std::fs::read_dir(cpus)
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| says(entry.ok()?.path().join("cpufreq/scaling_governor").to_str()?))
+        .collect();
+    governors.sort();
+    governors.dedup();
+    Facts {
+        kernel: says("/proc/sys/kernel/osrelease"),
+        locked_kib: status_kib(&status, "VmLck"),
+        resident_kib: status_kib(&status, "VmRSS"),
+        rtprio: limit(Resource::RLIMIT_RTPRIO),
+        memlock_bytes: limit(Resource::RLIMIT_MEMLOCK),
+        rttime_us: limit(Resource::RLIMIT_RTTIME),
+        rt_runtime_us: number("/proc/sys/kernel/sched_rt_runtime_us"),
+        rt_period_us: number("/proc/sys/kernel/sched_rt_period_us"),
+        group_rt_runtime_us: group_rt_budget(),
+        clocksource: says("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
+        governors,
+        isolated: says(&format!("{cpus}/isolated")),
+        dma_latency_held: false,
+    }
+}
+
+/// The real-time budget of this process's control group; none where groups have no such thing.
+fn group_rt_budget() -> Option<i64> {
+    let groups = says("/proc/self/cgroup")?;
+    let cpu = groups.lines().find_map(|line| {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let controllers = parts.next()?;
+        controllers.split(',').any(|name| name == "cpu").then(|| parts.next()).flatten()
+    })?;
+    says(&format!("/sys/fs/cgroup/cpu{cpu}/cpu.rt_runtime_us"))?.parse().ok()
 }

@@ -1,5 +1,8 @@
-//! The live executor: one thread a lane, `SCHED_FIFO`, released by absolute sleeps on the monotonic clock. The calling thread stays
-//! ordinary and carries records to the observer. Refuses to hide what the kernel did not grant: it is read back per lane.
+//! The live executor: one thread a lane, `SCHED_FIFO`, released by absolute sleeps on the monotonic
+//! clock. The calling thread stays ordinary and carries records to the observer. Refuses to hide
+//! what the kernel did not grant: it is read back per lane.
+
+mod beat;
 
 use core::sync::atomic::{AtomicBool, AtomicI64, AtomicU8, AtomicUsize, Ordering};
 use std::sync::OnceLock;
@@ -7,15 +10,17 @@ use std::thread;
 
 use taktil_hal::{Clock, Nanos};
 
+pub use crate::attest::{Attestation, Facts, LaneGrant};
 use crate::fault::FaultCode;
 use crate::lane::Lane;
 use crate::linux::{
-    MonotonicClock, ThreadCounters, become_fifo, kernel, lock_memory, pin_to, thread_counters,
-    thread_cpu_time, touch_stack, unlock_memory,
+    AwakeCpus, MonotonicClock, become_fifo, facts, kernel, lock_memory, pin_to, thread_grant,
+    touch_stack, unlock_memory,
 };
 use crate::machine::Machine;
 use crate::record::{Drain, Observer};
-use crate::schedule::Late;
+use crate::silence;
+use beat::beat;
 
 /// Stack of a lane's thread: all of it is locked in memory.
 const STACK_BYTES: usize = 1024 * 1024;
@@ -23,31 +28,6 @@ const STACK_BYTES: usize = 1024 * 1024;
 const LEAD: Nanos = Nanos::from_millis(50);
 /// Pause of the carrying thread between two looks at the rings.
 const CARRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(2);
-
-/// What the kernel granted.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Attestation {
-    /// What was asked for and not granted, one sentence each.
-    pub missing: Vec<String>,
-    /// The kernel is built with PREEMPT_RT.
-    pub preempt_rt: bool,
-    /// It runs in a virtual machine.
-    pub virtual_machine: bool,
-}
-
-impl Attestation {
-    /// Policy, priority, processor and memory are as asked for.
-    #[must_use]
-    pub fn granted(&self) -> bool {
-        self.missing.is_empty()
-    }
-
-    /// Timing figures of this run say something about the machine's real-time abilities.
-    #[must_use]
-    pub fn representative(&self) -> bool {
-        self.granted() && self.preempt_rt && !self.virtual_machine
-    }
-}
 
 /// Whether a run may go on with less than it asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,6 +66,8 @@ pub struct Account {
     pub attestation: Attestation,
     /// By how much the schedule slipped in all; zero at a fixed pace.
     pub slipped: Nanos,
+    /// Where jobs panicked, the first place of each lane.
+    pub panics: Vec<String>,
 }
 
 /// Why a live run did not take place.
@@ -94,7 +76,7 @@ pub enum LiveError {
     /// A task refused to start.
     TaskRefused(String, FaultCode),
     /// The contract was hard and this is missing.
-    NotGranted(Attestation),
+    NotGranted(Box<Attestation>),
     /// The operating system gave no thread.
     NoThread(String),
 }
@@ -137,6 +119,15 @@ struct Shared<'a> {
     slip: AtomicI64,
 }
 
+/// What a lane's thread answers, each once: before the first job and after the last.
+#[derive(Default)]
+struct Answers {
+    /// What it did not get, and what it runs with.
+    granted: OnceLock<(Vec<String>, LaneGrant)>,
+    /// Where it panicked first.
+    panicked: OnceLock<String>,
+}
+
 const WAIT: u8 = 0;
 const GO: u8 = 1;
 const ABANDON: u8 = 2;
@@ -152,15 +143,19 @@ pub fn run(
     audience: &mut dyn Audience,
 ) -> Result<Account, LiveError> {
     machine.start().map_err(|(task, fault)| LiveError::TaskRefused(task, fault))?;
+    silence::install();
     let (preempt_rt, virtual_machine) = kernel();
-    let mut attestation = Attestation { missing: Vec::new(), preempt_rt, virtual_machine };
+    let mut attestation = Attestation { preempt_rt, virtual_machine, ..Attestation::default() };
     if let Err(why) = lock_memory() {
         attestation.missing.push(why);
     }
+    let awake = AwakeCpus::hold();
+    attestation.facts.dma_latency_held = awake.is_some();
     let outcome = run_threads(machine, terms, stop, audience, &mut attestation);
+    drop(awake);
     unlock_memory();
     machine.stop();
-    outcome.map(|slipped| Account { attestation, slipped })
+    outcome.map(|(slipped, panics)| Account { attestation, slipped, panics })
 }
 
 fn run_threads(
@@ -169,7 +164,7 @@ fn run_threads(
     stop: &AtomicBool,
     audience: &mut dyn Audience,
     attestation: &mut Attestation,
-) -> Result<Nanos, LiveError> {
+) -> Result<(Nanos, Vec<String>), LiveError> {
     let count = machine.lanes.len();
     let shared = Shared {
         stop,
@@ -180,13 +175,13 @@ fn run_threads(
     };
     let (lanes, drains) = (&mut machine.lanes, &mut machine.drains);
     let clock = OnceLock::new();
-    let granted: Vec<OnceLock<Vec<String>>> = (0..count).map(|_| OnceLock::new()).collect();
+    let answers: Vec<Answers> = (0..count).map(|_| Answers::default()).collect();
     thread::scope(|scope| {
-        for (lane, grant) in lanes.iter_mut().zip(&granted) {
+        for (lane, answers) in lanes.iter_mut().zip(&answers) {
             let (shared, clock) = (&shared, &clock);
             let builder =
                 thread::Builder::new().name(lane.spec.name.clone()).stack_size(STACK_BYTES);
-            let body = move || lane_thread(lane, terms, shared, clock, grant);
+            let body = move || lane_thread(lane, terms, shared, clock, answers);
             if let Err(why) = builder.spawn_scoped(scope, body) {
                 shared.signal.store(ABANDON, Ordering::Release);
                 return Err(LiveError::NoThread(why.to_string()));
@@ -195,10 +190,10 @@ fn run_threads(
         while shared.ready.load(Ordering::Acquire) < count {
             thread::sleep(CARRY_PAUSE);
         }
-        attestation.missing.extend(granted.iter().filter_map(OnceLock::get).flatten().cloned());
+        complete(attestation, &answers);
         if terms.contract == Contract::Hard && !attestation.granted() {
             shared.signal.store(ABANDON, Ordering::Release);
-            return Err(LiveError::NotGranted(attestation.clone()));
+            return Err(LiveError::NotGranted(Box::new(attestation.clone())));
         }
         audience.attested(attestation);
         let epoch = *clock.get_or_init(|| MonotonicClock::starting_in(LEAD));
@@ -209,8 +204,20 @@ fn run_threads(
             thread::sleep(CARRY_PAUSE);
         }
         carry(drains, audience);
-        Ok(Nanos(shared.slip.load(Ordering::Relaxed)))
+        let panics = answers.iter().filter_map(|answers| answers.panicked.get()).cloned();
+        Ok((Nanos(shared.slip.load(Ordering::Relaxed)), panics.collect()))
     })
+}
+
+/// Adds what the lanes' threads and the kernel say, once all threads stand.
+fn complete(attestation: &mut Attestation, answers: &[Answers]) {
+    for (missing, grant) in answers.iter().filter_map(|answers| answers.granted.get()) {
+        attestation.missing.extend(missing.iter().cloned());
+        attestation.lanes.push(grant.clone());
+    }
+    let dma_latency_held = attestation.facts.dma_latency_held;
+    attestation.facts = Facts { dma_latency_held, ..facts() };
+    attestation.annotate();
 }
 
 fn carry(drains: &mut [Drain], observer: &mut dyn Observer) {
@@ -224,7 +231,7 @@ fn lane_thread(
     terms: Terms,
     shared: &Shared<'_>,
     clock: &OnceLock<MonotonicClock>,
-    grant: &OnceLock<Vec<String>>,
+    answers: &Answers,
 ) {
     let mut missing = Vec::new();
     if let Some(cpu) = lane.spec.cpu {
@@ -234,7 +241,7 @@ fn lane_thread(
         become_fifo(lane.spec.priority).err().map(|why| format!("lane {}: {why}", lane.spec.name)),
     );
     touch_stack();
-    let _ = grant.set(missing);
+    let _ = answers.granted.set((missing, thread_grant(&lane.spec.name)));
     shared.ready.fetch_add(1, Ordering::AcqRel);
     while shared.signal.load(Ordering::Acquire) == WAIT {
         thread::sleep(CARRY_PAUSE);
@@ -243,83 +250,8 @@ fn lane_thread(
         beat(lane, terms, shared, clock);
     }
     lane.stop();
+    if let Some(site) = silence::take() {
+        let _ = answers.panicked.set(format!("lane {}: panicked at {site}", lane.spec.name));
+    }
     shared.running.fetch_sub(1, Ordering::AcqRel);
-}
-
-/// The beat itself: sleep to the release, run, account, choose the next job.
-fn beat(lane: &mut Lane, terms: Terms, shared: &Shared<'_>, clock: &MonotonicClock) {
-    let jobs = lane.spec.jobs_before(terms.until);
-    while lane.next_tick < jobs {
-        let tick = lane.next_tick;
-        let release = sleep_to(lane.spec.release(tick), shared, clock);
-        if shared.stop.load(Ordering::Relaxed) {
-            break;
-        }
-        let before = thread_counters();
-        let cpu_before = thread_cpu_time();
-        let begin = clock.now();
-        let lateness = begin - release;
-        if terms.pace == Pace::Slip && lateness * 2 > lane.spec.deadline {
-            // Every lane that was held up by the same stall finds about the same figure: the largest stands for all.
-            shared.slip.fetch_max((begin - lane.spec.release(tick)).0, Ordering::Relaxed);
-        }
-        lane.job(tick);
-        let end = clock.now();
-        let cpu = thread_cpu_time() - cpu_before;
-        let after = thread_counters();
-        account(lane, release, begin, end, cpu, before, after);
-        let newest = lane.spec.newest_released(end);
-        if terms.pace == Pace::Fixed && lane.spec.late == Late::Skip && newest > lane.next_tick {
-            lane.figures.skipped += newest - lane.next_tick;
-            lane.next_tick = newest;
-        }
-    }
-}
-
-/// Sleeps to a logical release, also when the schedule slips meanwhile; returns the release on the wall.
-fn sleep_to(release: Nanos, shared: &Shared<'_>, clock: &MonotonicClock) -> Nanos {
-    loop {
-        let wall = release + Nanos(shared.slip.load(Ordering::Relaxed));
-        clock.sleep_until(wall);
-        if release + Nanos(shared.slip.load(Ordering::Relaxed)) == wall {
-            return wall;
-        }
-    }
-}
-
-fn account(
-    lane: &mut Lane,
-    release: Nanos,
-    begin: Nanos,
-    end: Nanos,
-    cpu: Nanos,
-    before: ThreadCounters,
-    after: ThreadCounters,
-) {
-    let deadline = lane.spec.deadline;
-    let figures = &mut lane.figures;
-    let lateness = begin - release;
-    let faults = after.page_faults - before.page_faults;
-    figures.lateness_ns.saturating_record(u64::try_from(lateness.0).unwrap_or(0));
-    figures.execution_ns.saturating_record(u64::try_from((end - begin).0).unwrap_or(0));
-    figures.page_faults += faults;
-    if end - release <= deadline {
-        return;
-    }
-    let misses = &mut figures.misses;
-    // In order of how much each can explain: had the wake been on time, would the job have made it?
-    if end - begin <= deadline {
-        misses.late_wake += 1;
-    } else if cpu > deadline {
-        misses.overrun += 1;
-    } else if faults > 0 {
-        misses.page_fault += 1;
-    } else if after.preemptions > before.preemptions {
-        misses.preempted += 1;
-    } else if after.waits > before.waits {
-        misses.blocked += 1;
-    } else {
-        // The thread never left its processor, and yet time passed: the host or throttling took it.
-        misses.throttled += 1;
-    }
 }

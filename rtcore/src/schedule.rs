@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use taktil_hal::Nanos;
 
+use crate::release::Guard;
 use crate::task::Invalid;
 
 /// What a lane does when it finds itself later than a whole period.
@@ -39,6 +40,8 @@ pub struct LaneSpec {
     /// Longest processor time of one step of each task, by the task's name. All tasks or none: a
     /// lane with gaps is not analysed.
     pub budgets: BTreeMap<String, Nanos>,
+    /// Wakes early and spins to the release; none sleeps to the release.
+    pub guard: Option<Guard>,
 }
 
 /// Shortest period that is accepted: below it a general-purpose kernel cannot follow.
@@ -59,6 +62,7 @@ impl LaneSpec {
             cpu: None,
             late: Late::Skip,
             budgets: BTreeMap::new(),
+            guard: None,
         }
     }
 

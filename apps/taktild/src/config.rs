@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
-use taktil_rtcore::{Invalid, LaneSpec, Late, Nanos};
+use taktil_rtcore::{Guard, Invalid, LaneSpec, Late, Nanos};
 
 /// A machine file, or the part of a scene that replaces some of its sections.
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -49,8 +49,18 @@ pub struct LaneConfig {
     pub priority: i64,
     /// CPU to run on; any when absent.
     pub cpu: Option<usize>,
+    /// Wakes early and spins to the release; none sleeps to the release.
+    pub guard: Option<GuardConfig>,
     /// Tasks in the order in which they run.
     pub tasks: Vec<String>,
+}
+
+/// The release guard of a lane.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GuardConfig {
+    /// Largest share of a processor that may be spent spinning, above 0 and at most 0.5.
+    pub cpu_share_max: f64,
 }
 
 /// Microseconds beyond this are refused before they could overflow.
@@ -79,6 +89,8 @@ impl LaneConfig {
                 "give 1 (lowest) to 99 (highest)",
             )
         })?;
+        let guard = self.guard.map(|guard| Guard::of_share(guard.cpu_share_max, period));
+        let guard = guard.transpose().map_err(|invalid| invalid.within("guard"))?;
         Ok(LaneSpec {
             name: name.to_owned(),
             period,
@@ -89,6 +101,7 @@ impl LaneConfig {
             cpu: self.cpu,
             late: Late::Skip,
             budgets: BTreeMap::new(),
+            guard,
         })
     }
 }

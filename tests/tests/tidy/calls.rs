@@ -83,7 +83,7 @@ pub(crate) const BANS: &[Ban] = &[
         rooms: ALL,
         except: &[
             ("rtcore/src/guard.rs", "two switches that any thread may read"),
-            ("rtcore/src/live.rs", "start and stop of the lanes' threads"),
+            ("rtcore/src/live", "start and stop of the lanes' threads"),
             ("rtcore/src/virtual_time.rs", "the flag that stops a run"),
             ("drivers/regmap/src/io.rs", "a register file is shared with a device"),
             ("apps/taktil/src/run/", "a signal sets the flag that ends a run"),

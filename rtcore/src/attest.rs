@@ -1,0 +1,232 @@
+//! What the kernel granted, read back and not assumed: per lane its policy, priority and CPUs, and
+//! for the process memory, limits, throttling, clock and power. Refuses to judge a robot: what was
+//! asked for and is missing stands apart from what is merely so.
+
+/// What one lane's thread runs with, read back.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LaneGrant {
+    /// Name of the lane.
+    pub lane: String,
+    /// Scheduling policy, such as `SCHED_FIFO`.
+    pub policy: String,
+    /// Its priority; 0 for ordinary policies.
+    pub priority: i32,
+    /// CPUs that it may run on.
+    pub cpus: Vec<usize>,
+}
+
+/// A limit of the process; `None` is no limit.
+pub type Limit = Option<u64>;
+
+/// What the kernel says of the machine and of this process. A `None` could not be read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Facts {
+    /// Release of the running kernel.
+    pub kernel: Option<String>,
+    /// Locked memory (VmLck), KiB.
+    pub locked_kib: Option<u64>,
+    /// Resident memory (VmRSS), KiB.
+    pub resident_kib: Option<u64>,
+    /// RLIMIT_RTPRIO.
+    pub rtprio: Option<Limit>,
+    /// RLIMIT_MEMLOCK, bytes.
+    pub memlock_bytes: Option<Limit>,
+    /// RLIMIT_RTTIME, us of processor time without a wait.
+    pub rttime_us: Option<Limit>,
+    /// sched_rt_runtime_us: real-time threads get this much of each period; -1 is all.
+    pub rt_runtime_us: Option<i64>,
+    /// sched_rt_period_us.
+    pub rt_period_us: Option<i64>,
+    /// cpu.rt_runtime_us of the control group, where groups have such a budget.
+    pub group_rt_runtime_us: Option<i64>,
+    /// Current clock source.
+    pub clocksource: Option<String>,
+    /// Frequency governors in use, one word each; empty without frequency scaling.
+    pub governors: Vec<String>,
+    /// Isolated CPUs as the kernel lists them; empty when there are none.
+    pub isolated: Option<String>,
+    /// `/dev/cpu_dma_latency` is held open at 0 during the run.
+    pub dma_latency_held: bool,
+}
+
+/// What the kernel granted.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Attestation {
+    /// What was asked for and not granted, one sentence each.
+    pub missing: Vec<String>,
+    /// What was not asked for and costs real time all the same, one sentence each.
+    pub notes: Vec<String>,
+    /// The kernel is built with PREEMPT_RT.
+    pub preempt_rt: bool,
+    /// It runs in a virtual machine.
+    pub virtual_machine: bool,
+    /// Each lane's thread.
+    pub lanes: Vec<LaneGrant>,
+    /// The machine and the process.
+    pub facts: Facts,
+}
+
+impl Attestation {
+    /// Policy, priority, processor and memory are as asked for.
+    #[must_use]
+    pub fn granted(&self) -> bool {
+        self.missing.is_empty()
+    }
+
+    /// Timing figures of this run say something about the machine's real-time abilities.
+    #[must_use]
+    pub fn representative(&self) -> bool {
+        self.granted() && self.preempt_rt && !self.virtual_machine
+    }
+
+    /// Puts what the facts mean into words, once they are complete.
+    pub(crate) fn annotate(&mut self) {
+        if !self.preempt_rt {
+            self.notes.push("the kernel is built without PREEMPT_RT".to_owned());
+        }
+        if self.virtual_machine {
+            self.notes.push("a virtual machine: its host may take the processor".to_owned());
+        }
+        let facts = &self.facts;
+        self.notes.extend(facts.notes());
+        if let Some(shortfall) = facts.unlocked() {
+            self.missing.push(shortfall);
+        }
+    }
+}
+
+/// Resident memory that no lock covers: pages of the kernel's own, mapped into every process.
+const UNLOCKED_KIB: u64 = 256;
+
+impl Facts {
+    /// A memory lock that the kernel confirmed and that does not cover the process.
+    fn unlocked(&self) -> Option<String> {
+        let (locked, resident) = (self.locked_kib?, self.resident_kib?);
+        // Nothing locked at all was said by the refusal itself.
+        (locked > 0 && locked + UNLOCKED_KIB < resident)
+            .then(|| format!("memory: {locked} KiB locked of {resident} KiB resident"))
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if let (Some(runtime), Some(period)) = (self.rt_runtime_us, self.rt_period_us)
+            && runtime >= 0
+            && runtime < period
+        {
+            notes.push(format!(
+                "real-time threads are throttled to {runtime} us of every {period} us \
+                 (sched_rt_runtime_us; -1 ends it)"
+            ));
+        }
+        if let Some(0) = self.group_rt_runtime_us {
+            notes.push("this control group has no real-time budget (cpu.rt_runtime_us = 0)".into());
+        }
+        if let Some(Some(limit)) = self.rttime_us {
+            notes.push(format!("a lane that computes for {limit} us is killed (RLIMIT_RTTIME)"));
+        }
+        match self.clocksource.as_deref() {
+            Some("tsc" | "kvm-clock" | "arch_sys_counter") | None => {}
+            Some(other) => notes.push(format!("clock source {other}: slow to read")),
+        }
+        for governor in self.governors.iter().filter(|name| *name != "performance") {
+            notes.push(format!("frequency governor {governor}: clock speed varies"));
+        }
+        if !self.dma_latency_held {
+            notes.push("/dev/cpu_dma_latency is not held: processors may sleep deeply".to_owned());
+        }
+        notes
+    }
+
+    /// Names and values for people.
+    #[must_use]
+    pub fn rows(&self) -> Vec<(&'static str, String)> {
+        let number = |value: Option<u64>| value.map_or("unknown".into(), |n| n.to_string());
+        let signed = |value: Option<i64>| value.map_or("unknown".into(), |n| n.to_string());
+        let limit = |value: Option<Limit>| match value {
+            None => "unknown".to_owned(),
+            Some(None) => "unlimited".to_owned(),
+            Some(Some(n)) => n.to_string(),
+        };
+        let word = |value: &Option<String>| value.clone().unwrap_or_else(|| "unknown".into());
+        let governors =
+            if self.governors.is_empty() { "none".to_owned() } else { self.governors.join(" ") };
+        vec![
+            ("kernel", word(&self.kernel)),
+            ("VmLck KiB", number(self.locked_kib)),
+            ("VmRSS KiB", number(self.resident_kib)),
+            ("RLIMIT_RTPRIO", limit(self.rtprio)),
+            ("RLIMIT_MEMLOCK bytes", limit(self.memlock_bytes)),
+            ("RLIMIT_RTTIME us", limit(self.rttime_us)),
+            ("sched_rt_runtime_us", signed(self.rt_runtime_us)),
+            ("sched_rt_period_us", signed(self.rt_period_us)),
+            ("group rt_runtime_us", signed(self.group_rt_runtime_us)),
+            ("clocksource", word(&self.clocksource)),
+            ("governors", governors),
+            ("isolated CPUs", word(&self.isolated)),
+            ("cpu_dma_latency held", self.dma_latency_held.to_string()),
+        ]
+    }
+}
+
+/// A number behind a key such as `VmLck:` in `/proc/self/status`.
+pub(crate) fn status_kib(status: &str, key: &str) -> Option<u64> {
+    let line = status.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':'))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn status_lines_are_found_by_their_whole_key() {
+        let status = "Name:\tx\nVmPeak:\t  9 kB\nVmLck:\t    1234 kB\nVmRSS:\tgarbage kB\n";
+        assert_eq!(status_kib(status, "VmLck"), Some(1234));
+        assert_eq!(status_kib(status, "VmRSS"), None);
+        assert_eq!(status_kib(status, "Vm"), None);
+        assert_eq!(status_kib("", "VmLck"), None);
+    }
+
+    #[test]
+    fn a_lock_that_does_not_cover_is_missing() {
+        let facts = |locked, resident| Facts {
+            locked_kib: locked,
+            resident_kib: resident,
+            ..Facts::default()
+        };
+        let missing = |facts: Facts| {
+            let mut attestation = Attestation { facts, ..Attestation::default() };
+            attestation.annotate();
+            attestation.missing
+        };
+        assert_eq!(missing(facts(Some(9000), Some(9000))).len(), 0);
+        assert_eq!(missing(facts(Some(4000), Some(9000))).len(), 1);
+        assert_eq!(missing(facts(None, Some(9000))).len(), 0, "unknown is not missing");
+    }
+
+    #[test]
+    fn what_costs_real_time_is_noted_and_what_does_not_is_not() {
+        let good = Facts {
+            rt_runtime_us: Some(-1),
+            rt_period_us: Some(1_000_000),
+            rttime_us: Some(None),
+            clocksource: Some("tsc".into()),
+            governors: vec!["performance".into()],
+            dma_latency_held: true,
+            ..Facts::default()
+        };
+        assert_eq!(good.notes(), Vec::<String>::new());
+        let bad = Facts {
+            rt_runtime_us: Some(950_000),
+            rttime_us: Some(Some(200_000)),
+            clocksource: Some("hpet".into()),
+            governors: vec!["powersave".into()],
+            group_rt_runtime_us: Some(0),
+            dma_latency_held: false,
+            ..good.clone()
+        };
+        assert_eq!(bad.notes().len(), 6, "{:?}", bad.notes());
+        let full = Facts { rt_runtime_us: Some(1_000_000), ..good };
+        assert_eq!(full.notes(), Vec::<String>::new(), "all of the period is no throttle");
+    }
+}

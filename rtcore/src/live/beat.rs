@@ -1,0 +1,126 @@
+//! The beat of one lane's thread: wait for the release, run the job, account for it, choose the
+//! next. Refuses to call the kernel between a release and the end of its job: evidence is read
+//! once a job, after its outputs are out, and compared with the reading before.
+
+use core::sync::atomic::Ordering;
+
+use taktil_hal::{Clock, Nanos};
+
+use super::{Pace, Shared, Terms};
+use crate::lane::{Figures, Lane};
+use crate::linux::{MonotonicClock, ThreadCounters, thread_counters, thread_cpu_time};
+use crate::release::{GuardFigures, Margin, Wait, wait};
+use crate::schedule::Late;
+
+/// What the kernel counted for this thread up to an instant.
+#[derive(Clone, Copy)]
+struct Evidence {
+    counters: ThreadCounters,
+    cpu: Nanos,
+}
+
+impl Evidence {
+    fn read() -> Evidence {
+        Evidence { counters: thread_counters(), cpu: thread_cpu_time() }
+    }
+
+    /// What belongs to one job: the sleeps of the wait in front of it were meant, its spin is not
+    /// the job's.
+    fn of_job(self, before: Evidence, wait: &Wait) -> Evidence {
+        let (now, then) = (self.counters, before.counters);
+        let waits = (now.waits - then.waits).saturating_sub(u64::from(wait.sleeps));
+        Evidence {
+            counters: ThreadCounters {
+                page_faults: now.page_faults - then.page_faults,
+                preemptions: now.preemptions - then.preemptions,
+                waits,
+            },
+            cpu: self.cpu - before.cpu - wait.spun,
+        }
+    }
+}
+
+/// Runs the lane's jobs until the terms say so or the stop flag is set.
+pub(super) fn beat(lane: &mut Lane, terms: Terms, shared: &Shared<'_>, clock: &MonotonicClock) {
+    let jobs = lane.spec.jobs_before(terms.until);
+    // Without a guard the margin is bounded by zero, and nothing is learnt.
+    let bound = lane.spec.guard.map_or(Nanos::ZERO, |guard| guard.spin_max);
+    let mut margin = Margin::new(bound);
+    lane.figures.guard = lane.spec.guard.map(|_| GuardFigures::default());
+    let slip = || Nanos(shared.slip.load(Ordering::Relaxed));
+    let mut before = Evidence::read();
+    let started = clock.now();
+    let mut awake_since = None;
+    while lane.next_tick < jobs {
+        let tick = lane.next_tick;
+        let waited = wait(clock, lane.spec.release(tick), margin.get(), slip);
+        if let Some(since) = awake_since {
+            let awake = waited.entered - since;
+            lane.figures.awake_ns.saturating_record(awake.0.unsigned_abs());
+        }
+        awake_since = Some(waited.begin);
+        if shared.stop.load(Ordering::Relaxed) {
+            break;
+        }
+        let begin = waited.begin;
+        if terms.pace == Pace::Slip && (begin - waited.release) * 2 > lane.spec.deadline {
+            // Lanes held up by the same stall find about the same figure: the largest stands.
+            shared.slip.fetch_max((begin - lane.spec.release(tick)).0, Ordering::Relaxed);
+        }
+        lane.job(tick);
+        let end = clock.now();
+        let after = Evidence::read();
+        account(lane, &waited, end, after.of_job(before, &waited));
+        before = after;
+        note_wait(&mut lane.figures, &mut margin, &waited, started);
+        let newest = lane.spec.newest_released(end);
+        if terms.pace == Pace::Fixed && lane.spec.late == Late::Skip && newest > lane.next_tick {
+            lane.figures.skipped += newest - lane.next_tick;
+            lane.next_tick = newest;
+        }
+    }
+}
+
+/// Learns from a wait and counts what it cost.
+fn note_wait(figures: &mut Figures, margin: &mut Margin, waited: &Wait, started: Nanos) {
+    if let Some(latency) = waited.latency {
+        figures.wake_ns.saturating_record(u64::try_from(latency.0).unwrap_or(0));
+    }
+    let Some(guard) = &mut figures.guard else { return };
+    if let Some(latency) = waited.latency {
+        margin.learn(latency);
+    }
+    guard.spun += waited.spun;
+    guard.over = waited.begin - started;
+    guard.margin = margin.get();
+    guard.early += u64::from(waited.begin < waited.release);
+}
+
+fn account(lane: &mut Lane, waited: &Wait, end: Nanos, job: Evidence) {
+    let deadline = lane.spec.deadline;
+    let figures = &mut lane.figures;
+    let (release, begin) = (waited.release, waited.begin);
+    let lateness = u64::try_from((begin - release).0).unwrap_or(0);
+    figures.lateness_ns.saturating_record(lateness);
+    figures.execution_ns.saturating_record(u64::try_from((end - begin).0).unwrap_or(0));
+    figures.page_faults += job.counters.page_faults;
+    if end - release <= deadline {
+        return;
+    }
+    let misses = &mut figures.misses;
+    // In order of how much each can explain: had the wake been on time, would it have made it?
+    if end - begin <= deadline {
+        misses.late_wake += 1;
+    } else if job.cpu > deadline {
+        misses.overrun += 1;
+    } else if job.counters.page_faults > 0 {
+        misses.page_fault += 1;
+    } else if job.counters.preemptions > 0 {
+        misses.preempted += 1;
+    } else if job.counters.waits > 0 {
+        misses.blocked += 1;
+    } else {
+        // The thread never left its processor, and yet time passed: the host or throttling did.
+        misses.throttled += 1;
+    }
+}

@@ -1,0 +1,83 @@
+//! Panics inside jobs: caught by the lane, and silent there. The process's hook for panics would
+//! format, lock and print on the lane's thread; inside a job ours only keeps the place and returns.
+//! Refuses to silence anything outside jobs.
+
+use core::cell::Cell;
+use std::panic::PanicHookInfo;
+use std::sync::Once;
+
+use crate::guard;
+
+/// Characters of a file's path that are kept.
+const PATH_BYTES: usize = 120;
+
+/// Where a job panicked: the end of the file's path, and the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Site {
+    path: [u8; PATH_BYTES],
+    length: usize,
+    line: u32,
+}
+
+impl core::fmt::Display for Site {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let path = String::from_utf8_lossy(&self.path[..self.length]);
+        write!(f, "{path}:{}", self.line)
+    }
+}
+
+thread_local! {
+    static FIRST: Cell<Option<Site>> = const { Cell::new(None) };
+}
+
+static INSTALL: Once = Once::new();
+
+/// Puts our hook in front of the one that is there; a second call does nothing.
+pub(crate) fn install() {
+    INSTALL.call_once(|| {
+        let before = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            if guard::inside() {
+                keep(info);
+            } else {
+                before(info);
+            }
+        }));
+    });
+}
+
+/// The place of the first panic inside a job of this thread since the last call.
+pub(crate) fn take() -> Option<Site> {
+    FIRST.with(Cell::take)
+}
+
+fn keep(info: &PanicHookInfo<'_>) {
+    let Some(location) = info.location() else { return };
+    let _ = FIRST.try_with(|first| {
+        if first.get().is_none() {
+            first.set(Some(site(location.file().as_bytes(), location.line())));
+        }
+    });
+}
+
+fn site(file: &[u8], line: u32) -> Site {
+    let tail = &file[file.len().saturating_sub(PATH_BYTES)..];
+    let mut path = [0; PATH_BYTES];
+    path[..tail.len()].copy_from_slice(tail);
+    Site { path, length: tail.len(), line }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_path_keeps_its_end() {
+        assert_eq!(site(b"a/b.rs", 7).to_string(), "a/b.rs:7");
+        assert_eq!(site(b"", 0).to_string(), ":0");
+        let long = format!("{}/end.rs", "x".repeat(500));
+        let text = site(long.as_bytes(), u32::MAX).to_string();
+        assert!(text.ends_with("x/end.rs:4294967295"), "{text}");
+        assert_eq!(text.len(), PATH_BYTES + ":4294967295".len());
+    }
+}

@@ -1,0 +1,156 @@
+//! The live executor on the kernel of this machine: what is shown is order and counts, never how
+//! fast anything is.
+
+use std::process::Command;
+use std::sync::atomic::AtomicBool;
+
+use taktil_rtcore::live::{self, Account, Audience, Contract, Pace, Terms};
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{
+    Builder, Cycle, FaultCode, Guard, Io, LaneSpec, Machine, Nanos, Output, Task, payload,
+};
+
+payload! {
+    /// A number.
+    pub struct Number {
+        /// value
+        pub value: u64,
+    }
+}
+
+/// Writes its tick; panics at one.
+struct Counter {
+    out: Output<Number>,
+    panic_at: Option<u64>,
+}
+
+/// A payload whose end is a panic of its own.
+struct Spiteful;
+
+impl Drop for Spiteful {
+    fn drop(&mut self) {
+        panic!("on purpose, once more");
+    }
+}
+
+impl Task for Counter {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        if self.panic_at == Some(cycle.tick) {
+            std::panic::panic_any(Spiteful);
+        }
+        io.write(&self.out, Number { value: cycle.tick });
+        Ok(())
+    }
+}
+
+/// Counts records.
+#[derive(Default)]
+struct Count(u64);
+
+impl Observer for Count {
+    fn record(&mut self, _record: &Record<'_>) {
+        self.0 += 1;
+    }
+}
+
+impl Audience for Count {}
+
+fn machine(guard: Option<Guard>, panics: &[Option<u64>]) -> Machine {
+    let mut builder = Builder::new();
+    let spec = LaneSpec { guard, ..LaneSpec::new("lane", Nanos::from_millis(1), 50) };
+    let lane = builder.lane(spec).unwrap();
+    for (index, panic_at) in panics.iter().enumerate() {
+        builder
+            .task(lane, &format!("counter{index}"), |ports| {
+                Ok(Box::new(Counter { out: ports.output("number"), panic_at: *panic_at }))
+            })
+            .unwrap();
+    }
+    builder.build().unwrap()
+}
+
+fn run(machine: &mut Machine, pace: Pace) -> Account {
+    let terms = Terms { until: Nanos::from_millis(300), contract: Contract::Soft, pace };
+    live::run(machine, terms, &AtomicBool::new(false), &mut Count::default()).unwrap()
+}
+
+#[test]
+fn a_guard_never_releases_early_and_stays_in_its_bound() {
+    let period = Nanos::from_millis(1);
+    let guard = Guard::of_share(0.2, period).unwrap();
+    for pace in [Pace::Fixed, Pace::Slip] {
+        let mut machine = machine(Some(guard), &[None]);
+        run(&mut machine, pace);
+        let (_, figures) = machine.figures().next().unwrap();
+        let found = figures.guard.expect("the lane has a guard");
+        assert_eq!(found.early, 0);
+        assert!(figures.jobs > 0);
+        // Jobs were waited for by spinning, and the margin is what the bound allows.
+        assert!(found.spun > Nanos::ZERO, "{found:?}");
+        assert!(found.margin <= guard.spin_max, "{found:?}");
+        assert_eq!(figures.allocations, 0);
+        if pace == Pace::Slip {
+            assert_eq!(figures.jobs, 300, "a slipping schedule leaves no job out");
+        }
+    }
+}
+
+#[test]
+fn without_a_guard_nothing_spins() {
+    let mut machine = machine(None, &[None]);
+    run(&mut machine, Pace::Slip);
+    let (_, figures) = machine.figures().next().unwrap();
+    assert_eq!(figures.guard, None);
+    assert_eq!(figures.jobs, 300);
+    assert_eq!(figures.lateness_ns.len(), 300);
+    assert_eq!(figures.awake_ns.len(), 299, "from the second wait on");
+}
+
+#[test]
+fn what_a_lane_runs_with_is_read_back() {
+    let mut machine = machine(None, &[None]);
+    let attestation = run(&mut machine, Pace::Slip).attestation;
+    let lane = &attestation.lanes[0];
+    assert_eq!(attestation.lanes.len(), 1);
+    assert_eq!(lane.lane, "lane");
+    assert!(!lane.cpus.is_empty());
+    let refused = attestation.missing.iter().any(|line| line.contains("SCHED_FIFO"));
+    let found = (lane.policy.as_str(), lane.priority);
+    assert_eq!(found == ("SCHED_FIFO", 50), !refused, "{attestation:?}");
+    assert!(attestation.facts.resident_kib.is_some_and(|kib| kib > 0));
+    assert!(attestation.facts.rtprio.is_some());
+    assert_eq!(attestation.facts.rows().len(), 13);
+}
+
+const CHILD: &str = "TAKTIL_PANIC_CHILD";
+
+/// The child of the next test; alone it does nothing.
+#[test]
+fn child_that_panics_in_a_job() {
+    if std::env::var_os(CHILD).is_none() {
+        return;
+    }
+    let mut machine = machine(None, &[Some(20), Some(30), None]);
+    let account = run(&mut machine, Pace::Slip);
+    let (_, figures) = machine.figures().next().unwrap();
+    assert_eq!(figures.jobs, 300, "the lane goes on");
+    assert!(figures.faults.contains(FaultCode::TaskPanicked));
+    assert_eq!(account.panics.len(), 1, "the first place of the lane");
+    assert!(account.panics[0].contains("tests/live.rs:"), "{:?}", account.panics);
+    // Outside jobs a panic still speaks.
+    assert!(std::panic::catch_unwind(|| panic!("words outside jobs")).is_err());
+}
+
+#[test]
+fn a_panic_in_a_job_is_silent_and_the_lane_goes_on() {
+    let output = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "child_that_panics_in_a_job", "--nocapture"])
+        .env(CHILD, "1")
+        .output()
+        .unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{stderr}\n{}", String::from_utf8_lossy(&output.stdout));
+    assert_eq!(stderr.matches("panicked").count(), 1, "{stderr}");
+    assert!(stderr.contains("words outside jobs"), "{stderr}");
+    assert!(!stderr.contains("on purpose"), "{stderr}");
+}
