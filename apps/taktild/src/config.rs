@@ -12,6 +12,8 @@ use taktil_rtcore::{Guard, Invalid, LaneSpec, Late, Nanos};
 pub struct MachineConfig {
     /// Lanes by name; a section of a scene replaces the lane of that name.
     pub lane: BTreeMap<String, LaneConfig>,
+    /// What the analysis of the schedule allows for.
+    pub schedule: Option<ScheduleConfig>,
     /// Which signal each input reads: `"task.port" = "task.port"`.
     pub wiring: BTreeMap<String, String>,
     /// Counts to joint angles.
@@ -30,6 +32,40 @@ pub struct MachineConfig {
     pub tactile_servo: Option<taktil_tasks_tactile_servo::Config>,
     /// The state machine.
     pub supervisor: Option<taktil_tasks_supervisor::Config>,
+}
+
+/// What is allowed for when the schedule is analysed, besides the declared budgets.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ScheduleConfig {
+    /// From a release to the start of its job at most, when nobody else runs, us. Default 100.
+    pub release_jitter_us: i64,
+    /// The executor's own work in each job, us. Default 5.
+    pub overhead_us: i64,
+}
+
+impl Default for ScheduleConfig {
+    fn default() -> ScheduleConfig {
+        let Allowance { release_jitter, overhead } = Allowance::default();
+        ScheduleConfig {
+            release_jitter_us: release_jitter.0 / 1000,
+            overhead_us: overhead.0 / 1000,
+        }
+    }
+}
+
+impl ScheduleConfig {
+    /// The allowance of the analysis.
+    ///
+    /// # Errors
+    /// A number that cannot be meant. The place is `schedule.FIELD`.
+    pub fn allowance(&self) -> Result<Allowance, Invalid> {
+        let span = |place: &str, us: i64| span(place, us).map_err(|bad| bad.within("schedule"));
+        Ok(Allowance {
+            release_jitter: span("release_jitter_us", self.release_jitter_us)?,
+            overhead: span("overhead_us", self.overhead_us)?,
+        })
+    }
 }
 
 /// One lane in a machine file.
@@ -53,6 +89,10 @@ pub struct LaneConfig {
     pub guard: Option<GuardConfig>,
     /// Tasks in the order in which they run.
     pub tasks: Vec<String>,
+    /// Longest processor time of one step of each task, us. All tasks or none: a lane with gaps is
+    /// not analysed.
+    #[serde(default)]
+    pub budget_us: BTreeMap<String, i64>,
 }
 
 /// The release guard of a lane.
@@ -66,20 +106,20 @@ pub struct GuardConfig {
 /// Microseconds beyond this are refused before they could overflow.
 const LONGEST_US: i64 = 1_000_000_000_000;
 
+fn span(place: &str, us: i64) -> Result<Nanos, Invalid> {
+    if (-LONGEST_US..=LONGEST_US).contains(&us) {
+        return Ok(Nanos::from_micros(us));
+    }
+    let remedy = "give microseconds that a robot could mean";
+    Err(Invalid::new(place, format!("{us} us is out of range"), remedy))
+}
+
 impl LaneConfig {
     /// The lane's specification.
     ///
     /// # Errors
     /// A number that cannot be meant; places are relative to the lane.
     pub fn spec(&self, name: &str) -> Result<LaneSpec, Invalid> {
-        let span = |place: &str, us: i64| {
-            if (-LONGEST_US..=LONGEST_US).contains(&us) {
-                Ok(Nanos::from_micros(us))
-            } else {
-                let remedy = "give microseconds that a robot could mean";
-                Err(Invalid::new(place, format!("{us} us is out of range"), remedy))
-            }
-        };
         let period = span("period_us", self.period_us)?;
         let delivery = self.delivery_us.map_or(Ok(period), |us| span("delivery_us", us))?;
         let priority = u8::try_from(self.priority).map_err(|_| {
@@ -91,6 +131,10 @@ impl LaneConfig {
         })?;
         let guard = self.guard.map(|guard| Guard::of_share(guard.cpu_share_max, period));
         let guard = guard.transpose().map_err(|invalid| invalid.within("guard"))?;
+        let mut budgets = BTreeMap::new();
+        for (task, us) in &self.budget_us {
+            budgets.insert(task.clone(), span(&format!("budget_us.{task}"), *us)?);
+        }
         Ok(LaneSpec {
             name: name.to_owned(),
             period,
@@ -100,7 +144,7 @@ impl LaneConfig {
             priority,
             cpu: self.cpu,
             late: Late::Skip,
-            budgets: BTreeMap::new(),
+            budgets,
             guard,
         })
     }
@@ -114,6 +158,7 @@ impl MachineConfig {
         self.wiring.extend(over.wiring);
         MachineConfig {
             lane: self.lane,
+            schedule: over.schedule.or(self.schedule),
             wiring: self.wiring,
             sense: over.sense.or(self.sense),
             actuate: over.actuate.or(self.actuate),

@@ -2,6 +2,7 @@
 //! service cannot contain a simulator: this crate does not know one.
 
 pub mod config;
+pub mod cpus;
 pub mod service;
 pub mod source;
 pub mod wiring;

@@ -14,6 +14,7 @@ use taktil_tasks_tactile_servo::TactileServo;
 use taktil_tasks_trajectory::Trajectory;
 
 use crate::config::MachineConfig;
+use crate::cpus;
 
 /// Builds the operator's task: a script, a socket, or nobody.
 pub type MakeOperator<'a> = Box<dyn FnOnce(&mut Ports) -> Result<Box<dyn Task>, Invalid> + 'a>;
@@ -63,6 +64,11 @@ pub fn assemble(
         ));
     }
     let mut builder = Builder::new();
+    builder.allowance(config.schedule.unwrap_or_default().allowance()?)?;
+    // Where the kernel does not say which CPUs there are, the read-back at the start decides.
+    if let Some(online) = cpus::online() {
+        builder.cpus(online);
+    }
     let mut operator = Some(operator);
     for (name, lane) in &config.lane {
         let outer = format!("lane.{name}");

@@ -39,7 +39,18 @@ fn build(scene: &Scene, seed: u64) -> Result<Machine, Invalid> {
         Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?)));
     let mut builder = wiring::assemble(machine, devices, operator)?;
     add_world(&mut builder, scene, &timing, world)?;
-    builder.build()
+    builder.build().map_err(of_world)
+}
+
+/// The place of a complaint about the world's lane is in the scene, not under `lane`.
+fn of_world(bad: Invalid) -> Invalid {
+    let place = match bad.place.as_str() {
+        "lane.world.priority" => "world_priority",
+        "lane.world.cpu" => "world_cpu",
+        "lane.world" | "lane.world.budget_us" | "lane.world.budget_us.world" => "world_budget_us",
+        _ => return bad,
+    };
+    Invalid { place: place.into(), ..bad }
 }
 
 /// The instants that the simulated boards go by: those of the lanes that read and write them.
@@ -81,6 +92,7 @@ fn add_world(
             "give 1 (lowest) to 99 (highest)",
         )
     })?;
+    let budgets = scene.world_budget.map(|budget| (WORLD.to_owned(), budget));
     let lane = builder
         .lane(LaneSpec {
             phase,
@@ -88,12 +100,10 @@ fn add_world(
             deadline: delivery,
             cpu: scene.world_cpu,
             late: Late::CatchUp,
+            budgets: budgets.into_iter().collect(),
             ..LaneSpec::new(WORLD, period, priority)
         })
-        .map_err(|bad| match bad.place.as_str() {
-            "lane.world.priority" => Invalid { place: "world_priority".into(), ..bad },
-            _ => bad,
-        })?;
+        .map_err(of_world)?;
     let (radius_mm, table) = (scene.world.pin.radius_mm, &scene.world.table);
     let pivot_mm = [table.pivot_x_mm, table.pivot_y_mm];
     builder

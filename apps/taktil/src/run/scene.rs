@@ -32,6 +32,7 @@ struct SceneFile {
     #[serde(default = "default_world_priority")]
     world_priority: i64,
     world_cpu: Option<usize>,
+    world_budget_us: Option<i64>,
     start: Option<Start>,
     #[serde(default)]
     operator: Vec<StepFile>,
@@ -109,6 +110,8 @@ pub struct Scene {
     pub world_priority: i64,
     /// CPU of that lane.
     pub world_cpu: Option<usize>,
+    /// Declared time of one job of that lane; it is not analysed when absent.
+    pub world_budget: Option<Nanos>,
     /// The operator's script, in order.
     pub script: Vec<Step>,
     /// What is simulated.
@@ -143,6 +146,10 @@ impl Scene {
             actuation_delay: Nanos::from_micros(file.actuation_delay_us.clamp(-1, 1_000_000)),
             world_priority: file.world_priority,
             world_cpu: file.world_cpu,
+            // Clamped beyond what any deadline allows, so that it is refused and cannot overflow.
+            world_budget: file
+                .world_budget_us
+                .map(|us| Nanos::from_micros(us.clamp(-1, 1_000_000_000))),
             script,
             world: file.world.clone(),
             source,
