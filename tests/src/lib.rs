@@ -3,6 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
+pub mod bench;
+
 /// The root of the repository.
 ///
 /// # Panics

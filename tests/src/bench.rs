@@ -1,0 +1,185 @@
+//! Scenes changed by key, runs kept record by record, folders that vanish: what tests of the whole
+//! stack share. Refuses to judge: that is the tests' affair. It panics on everything unexpected.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+use taktil::run::assemble::assemble;
+use taktil::run::scene::Scene;
+use taktil_rtcore::live::Audience;
+use taktil_rtcore::record::{Catalog, Observer, Record};
+use taktil_rtcore::{Machine, Nanos, Payload, virtual_time};
+use taktil_signal::ControlState;
+use toml::{Table, Value};
+
+/// A folder of one test, removed at its end.
+pub struct Folder(PathBuf);
+
+impl Folder {
+    /// A new one under the system's folder for temporary files.
+    #[must_use]
+    #[expect(clippy::new_without_default, reason = "making it has an effect")]
+    pub fn new() -> Folder {
+        static NUMBER: AtomicU32 = AtomicU32::new(0);
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let name = format!("taktil-stack-{}-{number}", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        std::fs::create_dir_all(&path).unwrap();
+        Folder(path)
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A scene of the repository as a table whose keys can be changed.
+pub struct Draft(Table);
+
+impl Draft {
+    /// `sim/scenes/NAME`, with its machine found from anywhere.
+    #[must_use]
+    pub fn of(name: &str) -> Draft {
+        let scenes = crate::root().join("sim/scenes");
+        let text = std::fs::read_to_string(scenes.join(name)).unwrap();
+        let mut table: Table = text.parse().unwrap();
+        let machine = scenes.join(table["machine"].as_str().unwrap());
+        table.insert("machine".into(), machine.display().to_string().into());
+        Draft(table)
+    }
+
+    /// The rolling experiment.
+    #[must_use]
+    pub fn roll_pin() -> Draft {
+        Draft::of("roll-pin.toml")
+    }
+
+    /// Sets the value at a dotted key, making the tables on the way.
+    #[must_use]
+    pub fn set(mut self, key: &str, value: impl Into<Value>) -> Draft {
+        let (tables, last) = key.rsplit_once('.').unwrap_or(("", key));
+        let mut table = &mut self.0;
+        for name in tables.split('.').filter(|name| !name.is_empty()) {
+            let inner = table.entry(name).or_insert_with(|| Value::Table(Table::new()));
+            table = inner.as_table_mut().unwrap();
+        }
+        table.insert(last.to_owned(), value.into());
+        self
+    }
+
+    /// Keeps the operator's first `count` requests.
+    #[must_use]
+    pub fn first_requests(mut self, count: usize) -> Draft {
+        let steps = self.0["operator"].as_array_mut().unwrap();
+        assert!(steps.len() >= count);
+        steps.truncate(count);
+        self
+    }
+
+    /// The scene that this text stands for, read as the program reads it.
+    #[must_use]
+    pub fn scene(&self) -> Scene {
+        let folder = Folder::new();
+        let path = folder.path().join("scene.toml");
+        std::fs::write(&path, toml::to_string(&self.0).unwrap()).unwrap();
+        Scene::load(&path).unwrap_or_else(|bad| panic!("{bad}"))
+    }
+}
+
+struct Row {
+    signal: usize,
+    tick: u64,
+    release: Nanos,
+    body: Vec<u8>,
+}
+
+/// Every record of a run.
+pub struct Kept {
+    catalog: Catalog,
+    rows: Vec<Row>,
+}
+
+impl Observer for Kept {
+    fn record(&mut self, record: &Record<'_>) {
+        let (signal, tick, release) = (record.signal, record.tick, record.release);
+        self.rows.push(Row { signal, tick, release, body: record.body.to_vec() });
+    }
+}
+
+impl Audience for Kept {}
+
+impl Kept {
+    /// Nothing yet.
+    #[must_use]
+    pub fn new(machine: &Machine) -> Kept {
+        Kept { catalog: machine.catalog().clone(), rows: Vec::new() }
+    }
+
+    /// All values of a signal with the releases that wrote them.
+    #[must_use]
+    pub fn of<T: Payload>(&self, signal: &str) -> Vec<(Nanos, T)> {
+        let id = self.catalog.find(signal).unwrap_or_else(|| panic!("there is no `{signal}`"));
+        let rows = self.rows.iter().filter(|row| row.signal == id);
+        let values: Vec<_> = rows.map(|row| (row.release, T::decode(&row.body).unwrap())).collect();
+        assert!(!values.is_empty(), "`{signal}` was never written");
+        values
+    }
+
+    /// What the supervisor said last.
+    #[must_use]
+    pub fn last_control(&self) -> ControlState {
+        self.of::<ControlState>("supervisor.control").pop().unwrap().1
+    }
+
+    /// Where two runs differ first among the jobs released before `until`, signal by signal, as a
+    /// person wants to read it.
+    #[must_use]
+    pub fn difference(&self, other: &Kept, until: Nanos) -> Option<String> {
+        assert_eq!(self.catalog, other.catalog);
+        for (id, signal) in self.catalog.signals.iter().enumerate() {
+            let of = |kept: &Kept| -> Vec<(u64, Nanos, Vec<u8>)> {
+                let rows = kept.rows.iter();
+                let rows = rows.filter(|row| row.signal == id && row.release < until);
+                rows.map(|row| (row.tick, row.release, row.body.clone())).collect()
+            };
+            let (ours, theirs) = (of(self), of(other));
+            if ours.is_empty() || ours.len() != theirs.len() {
+                let (a, b) = (ours.len(), theirs.len());
+                return Some(format!("{}: {a} records and {b}", signal.name));
+            }
+            if let Some((a, _)) = ours.iter().zip(&theirs).find(|(a, b)| a != b) {
+                return Some(format!("{} at tick {}", signal.name, a.0));
+            }
+        }
+        None
+    }
+}
+
+/// Builds the machine of a scene.
+#[must_use]
+pub fn machine(scene: &Scene, seed: u64) -> Machine {
+    assemble(scene, seed).unwrap_or_else(|bad| panic!("{bad}"))
+}
+
+/// Runs a scene in virtual time to its end and keeps every record.
+#[must_use]
+pub fn run(scene: &Scene, seed: u64) -> Kept {
+    let mut machine = machine(scene, seed);
+    let mut kept = Kept::new(&machine);
+    let stop = AtomicBool::new(false);
+    let reached = virtual_time::run(&mut machine, scene.duration, &stop, &mut kept).unwrap();
+    assert_eq!(reached, scene.duration);
+    for (spec, figures) in machine.figures() {
+        let lost = (figures.records_dropped, figures.values_dropped, figures.skipped);
+        assert_eq!(lost, (0, 0, 0), "lane {}", spec.name);
+    }
+    kept
+}

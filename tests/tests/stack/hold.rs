@@ -1,0 +1,111 @@
+//! Holding still: with the gravity term the finger stays, without it every joint gives way by what
+//! gravity and Kp say, less what friction bears. Refuses gains of its own: they are those that the
+//! configuration stands for.
+
+use glam::DVec3;
+use taktil::run::scene::Scene;
+use taktil::run::world::WorldTruth;
+use taktil_mechanics::Joints;
+use taktil_mechanics::dynamics::{Dynamics, Friction};
+use taktil_rtcore::Nanos;
+use taktil_signal::{ControlState, State, Torque};
+
+use taktil_tests::bench::{Draft, Kept, run};
+
+/// After the state was entered, how long settling may take.
+const SETTLING: Nanos = Nanos::from_secs(1);
+
+/// The machine stands in IDLE for at least 10 s, a hand's breadth over the pin.
+fn standing() -> Scene {
+    Draft::of("hold.toml").set("duration_s", 12.0).scene()
+}
+
+fn plain(coulomb_scale: f64) -> Scene {
+    let mut scene = standing();
+    scene.machine.joint_servo.get_or_insert_default().gravity = false;
+    scene.world.arm.coulomb_scale = coulomb_scale;
+    scene
+}
+
+/// When the machine came to stand in IDLE/CALIBRATED, checked to hold for 10 s from there.
+fn settled(kept: &Kept) -> Nanos {
+    let control = kept.last_control();
+    assert_eq!((control.state, control.faults), (State::IdleCalibrated as u32, 0));
+    let last = kept.of::<ControlState>("supervisor.control").last().unwrap().0;
+    assert!(last - Nanos(control.entered_ns) > Nanos::from_secs(10), "held for less than 10 s");
+    Nanos(control.entered_ns) + SETTLING
+}
+
+/// Mean error of each joint, desired minus measured, and mean measured angles (rad).
+#[expect(clippy::cast_precision_loss, reason = "counts of samples")]
+fn mean_error(kept: &Kept) -> (Joints, Joints) {
+    let since = settled(kept);
+    let torque = kept.of::<Torque>("joint_servo.torque");
+    let errors: Vec<Joints> =
+        torque.iter().filter(|row| row.0 >= since).map(|row| row.1.error_rad.into()).collect();
+    let angles: Vec<Joints> = kept
+        .of::<taktil_signal::JointState>("sense.joints")
+        .iter()
+        .filter(|row| row.0 >= since)
+        .map(|row| row.1.q_rad.into())
+        .collect();
+    let mean = |list: &[Joints]| list.iter().sum::<Joints>() / list.len() as f64;
+    (mean(&errors), mean(&angles))
+}
+
+#[test]
+fn with_the_gravity_term_the_finger_keeps_its_place() {
+    let kept = run(&standing(), 1);
+    let since = settled(&kept);
+    let truth: Vec<(Nanos, WorldTruth)> = kept.of("world.truth");
+    // Its place is where it stood with the brakes on.
+    let place = DVec3::from_array(truth[0].1.tool_m);
+    let far = truth.iter().filter(|row| row.0 >= since);
+    let far = far.map(|row| (DVec3::from_array(row.1.tool_m) - place).length() * 1e3);
+    let far = far.fold(0.0, f64::max);
+    assert!(far < 0.1, "the finger left its place by {far} mm");
+}
+
+#[test]
+fn without_it_and_without_friction_the_droop_is_gravity_over_kp() {
+    let scene = plain(0.0);
+    let kept = run(&scene, 1);
+    let (error, q) = mean_error(&kept);
+    let dynamics = Dynamics::reference();
+    let kp = scene.machine.joint_servo.clone().unwrap().gains(&dynamics).kp_nm_rad;
+    let gravity = dynamics.gravity(&q);
+    let due = gravity.component_div(&kp);
+    let mut loaded = 0;
+    for joint in 0..6 {
+        let (found, due) = (error[joint].to_degrees(), due[joint].to_degrees());
+        // A joint carries load when its droop is far more than one encoder count.
+        if due.abs() > 0.1 {
+            loaded += 1;
+            let share = found / due;
+            assert!((share - 1.0).abs() < 0.02, "joint {}: {found} of {due} deg", joint + 1);
+        } else {
+            assert!((found - due).abs() < 0.01, "joint {}: {found} for {due} deg", joint + 1);
+        }
+    }
+    assert!(loaded >= 2, "shoulder and elbow carry the arm, {loaded} joints did");
+}
+
+#[test]
+fn without_it_friction_bears_a_part_of_the_load() {
+    let scene = plain(1.0);
+    let kept = run(&scene, 1);
+    let (error, q) = mean_error(&kept);
+    let dynamics = Dynamics::reference();
+    let kp = scene.machine.joint_servo.clone().unwrap().gains(&dynamics).kp_nm_rad;
+    let band = Friction::reference().coulomb_nm;
+    let left = dynamics.gravity(&q) - kp.component_mul(&error);
+    for joint in 0..6 {
+        // The 2 % is what rounding to encoder counts and D/A words may add.
+        let most = band[joint] * 1.02;
+        assert!(left[joint].abs() <= most, "joint {}: {} N m of {most}", joint + 1, left[joint]);
+    }
+    // And the load is there to be borne: the finger did sink.
+    let truth: Vec<(Nanos, WorldTruth)> = kept.of("world.truth");
+    let sunk = (truth[0].1.tool_m[2] - truth.last().unwrap().1.tool_m[2]) * 1e3;
+    assert!(sunk > 1.0, "the finger sank by {sunk} mm only");
+}

@@ -1,0 +1,8 @@
+//! The whole stack over the simulated robot, in virtual time: what it promises about physics and
+//! repeatability. Refuses anything that depends on how fast this machine is.
+
+mod determinism;
+mod hold;
+mod physics;
+mod rolling;
+mod stop;
