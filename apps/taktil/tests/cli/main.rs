@@ -1,0 +1,10 @@
+//! The program as people start it: exit codes, what it says, what it leaves behind. Refuses to look
+//! inside: everything goes through arguments, pipes, signals and files.
+
+mod calc;
+mod interrupt;
+mod options;
+mod process;
+mod rights;
+mod run;
+mod scenes;

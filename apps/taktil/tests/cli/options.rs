@@ -1,0 +1,113 @@
+//! Options that cannot be used: exit 2, a word on what and why, nothing left behind. Refuses
+//! options that are silently ignored.
+
+use crate::process::{Folder, Said, scenes, taktil};
+
+fn run(folder: &Folder, options: &[&str]) -> Said {
+    let scene = scenes().join("roll-pin.toml");
+    let mut arguments = vec!["run", scene.to_str().unwrap(), "--fast"];
+    arguments.extend(options);
+    taktil(folder.path(), &arguments)
+}
+
+#[test]
+fn numbers_that_cannot_be_meant_are_refused() {
+    let folder = Folder::new();
+    for options in [
+        &["--for", "0"][..],
+        &["--for", "-1"],
+        &["--for", "nan"],
+        &["--for", "inf"],
+        &["--for", "1e300"],
+        &["--for", "soon"],
+        &["--for", ""],
+        &["--for"],
+        &["--seed", "-1"],
+        &["--seed", "abc"],
+        &["--seed", "1.5"],
+        &["--seed", "18446744073709551616"],
+        &["--fasst"],
+    ] {
+        let said = run(&folder, options).ended(2);
+        assert!(said.err.starts_with("error: "), "{options:?}: {}", said.err);
+        assert!(said.err.contains(options[0]) || said.err.contains("'-1'"), "{}", said.err);
+        assert_eq!(said.out, "", "{options:?}");
+    }
+    assert_eq!(folder.listing(), []);
+}
+
+#[test]
+fn a_report_onto_a_file_is_refused_and_the_file_stays() {
+    let folder = Folder::new();
+    let file = folder.write("out", "precious");
+    let said = run(&folder, &["--for", "0.05", "--report", "out"]).ended(2);
+    assert!(said.err.contains("--report out: is a file"), "{}", said.err);
+    assert_eq!(std::fs::read_to_string(file).unwrap(), "precious");
+}
+
+#[test]
+fn places_that_cannot_be_written_end_the_run_before_it_starts() {
+    let folder = Folder::new();
+    folder.write("file", "");
+    for options in
+        [&["--log", "no/such/folder/run.mcap"][..], &["--log", "."], &["--report", "file/under"]]
+    {
+        let mut all = vec!["--for", "0.05"];
+        all.extend(options);
+        let said = run(&folder, &all);
+        assert!(said.code.is_some_and(|code| code != 0), "{options:?}: {}", said.err);
+        assert!(said.err.starts_with("error: ") && said.err.contains(options[1]), "{}", said.err);
+        assert_eq!(said.out, "", "{options:?}: it ran all the same");
+    }
+}
+
+#[test]
+#[ignore = "a log or report that cannot be written ends with 1; it is bad input, which is 2"]
+fn places_that_cannot_be_written_are_bad_input() {
+    let folder = Folder::new();
+    folder.write("file", "");
+    for options in [["--log", "no/such/run.mcap"], ["--log", "."], ["--report", "file/under"]] {
+        run(&folder, &options).ended(2);
+    }
+}
+
+#[test]
+#[ignore = "--log onto the scene replaces the scene"]
+fn a_log_does_not_replace_the_scene() {
+    let folder = Folder::new();
+    let machine = scenes().join("machine/puma260.toml").display().to_string();
+    let text = format!("title = \"precious\"\nmachine = \"{machine}\"\nduration_s = 0.05\n");
+    let scene = folder.write("scene.toml", &text);
+    let path = scene.to_str().unwrap();
+    taktil(folder.path(), &["run", path, "--fast", "--log", path]).ended(2);
+    assert_eq!(std::fs::read_to_string(&scene).unwrap(), text);
+}
+
+#[test]
+#[ignore = "the report's folder is made before the wiring is looked at"]
+fn a_bad_wiring_makes_no_folder_for_its_report() {
+    let folder = Folder::new();
+    let machine = scenes().join("machine/puma260.toml").display().to_string();
+    let text = format!(
+        "title = \"x\"\nmachine = \"{machine}\"\n[robot.wiring]\n\"setpoint.joints\" = \"a.b\"\n"
+    );
+    let scene = folder.write("scene.toml", text);
+    let arguments = ["run", scene.to_str().unwrap(), "--fast", "--report", "out"];
+    taktil(folder.path(), &arguments).ended(2);
+    assert!(!folder.join("out").exists());
+}
+
+#[test]
+fn what_is_asked_wrongly_is_answered_with_usage() {
+    let folder = Folder::new();
+    for arguments in [&[][..], &["run"], &["walk"], &["plot"]] {
+        let said = taktil(folder.path(), arguments).ended(2);
+        assert!(said.err.contains("Usage:"), "{arguments:?}: {}", said.err);
+    }
+    let help = taktil(folder.path(), &["--help"]).ended(0);
+    for word in ["run", "plot", "calc", "--fast", "Exit codes: 0 ok"] {
+        assert!(help.out.contains(word), "`{word}` is not in the help");
+    }
+    let version = taktil(folder.path(), &["--version"]).ended(0);
+    assert_eq!(version.out, format!("taktil {}\n", env!("CARGO_PKG_VERSION")));
+}

@@ -1,0 +1,117 @@
+//! A run as people ask for it: figures, exit code, recording, and the command that repeats it.
+//! Refuses to look at wall time.
+
+use serde_json::Value;
+use taktil::log::Log;
+
+use crate::process::{Folder, scenes, taktil};
+
+fn json(folder: &Folder, options: &[&str]) -> Value {
+    let scene = scenes().join("roll-pin.toml");
+    let mut arguments = vec!["run", scene.to_str().unwrap(), "--fast", "--json"];
+    arguments.extend(options);
+    let said = taktil(folder.path(), &arguments).ended(0);
+    assert_eq!(said.out.lines().count(), 1, "one object on one line: {}", said.out);
+    serde_json::from_str(&said.out).unwrap()
+}
+
+fn width(span: &Value) -> f64 {
+    span[1].as_f64().unwrap() - span[0].as_f64().unwrap()
+}
+
+#[test]
+fn the_pin_rolls_and_the_figures_say_so() {
+    let folder = Folder::new();
+    let s = json(&folder, &[]);
+    assert_eq!((&s["ok"], &s["mode"], &s["seed"]), (&true.into(), &"fast".into(), &1.into()));
+    assert!(s["strokes"].as_u64().unwrap() >= 3, "{}", s["strokes"]);
+    let (low, high) = (s["x_c"][0].as_f64().unwrap(), s["x_c"][1].as_f64().unwrap());
+    assert!(low > 2.0 && high < 15.0, "x_c from {low} to {high}");
+    let p_x = width(&s["p_x_mm"]);
+    assert!((30.0..=40.0).contains(&p_x), "p_x spans {p_x} mm");
+    let ratio = p_x / ((high - low) * 25.4 / 16.0);
+    assert!((ratio - 2.0).abs() <= 0.1, "{ratio}");
+    assert!((s["rolling_ratio"].as_f64().unwrap() - ratio).abs() < 1e-9);
+    assert_eq!(s["faults"], Value::Array(Vec::new()));
+    assert_eq!(s["representative_timing"], false, "virtual time says nothing about timing");
+    let lanes = s["lanes"].as_array().unwrap();
+    assert_eq!(lanes.len(), 3);
+    for lane in lanes {
+        assert_eq!(lane["allocations"], 0, "{}", lane["name"]);
+        assert_eq!((&lane["skipped"], &lane["records_dropped"]), (&0.into(), &0.into()));
+    }
+    assert_eq!(folder.listing(), [], "a run without --log and --report writes nothing");
+}
+
+#[test]
+fn one_seed_gives_one_recording_and_another_seed_another() {
+    let folder = Folder::new();
+    let run = |name: &str, seed: &str| {
+        let summary = json(&folder, &["--for", "1.5", "--seed", seed, "--log", name]);
+        let log = Log::open(&folder.join(name)).unwrap();
+        assert!(log.damage().is_none());
+        (summary["digest"].as_str().unwrap().to_owned(), log)
+    };
+    let (a, b, c) = (run("a.mcap", "7"), run("b.mcap", "7"), run("c.mcap", "8"));
+    let same = |a: &Log, b: &Log| {
+        let mut pairs = a.messages().zip(b.messages());
+        let equal = |(a, b): (taktil::log::Message<'_>, taktil::log::Message<'_>)| {
+            (a.channel, a.tick, a.release_ns, a.data) == (b.channel, b.tick, b.release_ns, b.data)
+        };
+        a.messages().count() == b.messages().count() && pairs.all(equal)
+    };
+    assert!(a.0 == b.0 && same(&a.1, &b.1), "one seed, two recordings");
+    assert!(a.0 != c.0 && !same(&a.1, &c.1), "two seeds, one recording");
+    assert!(a.1.messages().count() > 5_000);
+}
+
+#[test]
+fn the_command_that_repeats_a_run_repeats_it() {
+    let folder = Folder::new();
+    let first = json(&folder, &["--for", "0.4", "--seed", "11"]);
+    let repeat = first["repeat"].as_str().unwrap();
+    let mut words = repeat.split(' ');
+    assert_eq!(words.next(), Some("taktil"));
+    let mut arguments: Vec<&str> = words.collect();
+    arguments.push("--json");
+    let again = taktil(folder.path(), &arguments).ended(0);
+    let again: Value = serde_json::from_str(&again.out).unwrap();
+    assert_eq!(first["digest"], again["digest"], "{repeat}");
+}
+
+#[test]
+fn the_table_says_what_a_person_asks() {
+    let folder = Folder::new();
+    let scene = scenes().join("roll-pin.toml");
+    let said = taktil(folder.path(), &["run", scene.to_str().unwrap(), "--fast"]).ended(0);
+    for word in [
+        "strokes (reversals)",
+        "x_c, column",
+        "p_x, mm",
+        "finger / contact travel",
+        "M0, counts",
+        "theta_xx, deg",
+        "theta_zz, deg",
+        "joint tracking error",
+        "x real time",
+        "misses alloc fault",
+        "faults                     none",
+        "seed                       1",
+        "digest",
+        "repeat                     taktil run",
+    ] {
+        assert!(said.out.contains(word), "`{word}` is not in the table:\n{}", said.out);
+    }
+}
+
+#[test]
+fn a_report_is_one_page_beside_its_log() {
+    let folder = Folder::new();
+    let summary = json(&folder, &["--for", "1", "--report", "out"]);
+    let page = std::fs::read_to_string(folder.join("out/report.html")).unwrap();
+    assert!(page.contains("<svg") && page.contains(summary["digest"].as_str().unwrap()));
+    for foreign in ["src=\"http", "href=\"http", "@import", "<script src"] {
+        assert!(!page.contains(foreign), "the page asks for something else: {foreign}");
+    }
+    assert!(Log::open(&folder.join("out/run.mcap")).unwrap().damage().is_none());
+}
