@@ -1,0 +1,308 @@
+//! The service as systemd sees it: configuration refused with its place, `--check`, readiness and
+//! watchdog, the end by SIGTERM and by SIGKILL, and what the board's registers hold then. Refuses a
+//! robot: the board's model only loops back.
+
+use std::io::{BufRead, BufReader};
+use std::os::unix::net::UnixDatagram;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::time::Duration;
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use taktil_drivers_regmap::registers::{
+    BLOCK_BYTES, DAC, DAC_STROBE, DIGITAL_OUT, OUT_BRAKE_RELEASE, OUT_ENABLE, OUT_WATCHDOG_FEED,
+    WATCHDOG_MS,
+};
+use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
+use taktil_hal::{CHANNELS, DacCode, MAX_TACTELS, Nanos};
+
+/// Zero volts in offset binary of 12 bits.
+const ZERO_VOLTS: u16 = 2048;
+/// Words that a board may hold from before, and that drive.
+const DRIVING: u16 = 4095;
+
+/// A folder of one test, removed at its end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Folder {
+        static NUMBER: AtomicU32 = AtomicU32::new(0);
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let name = format!("taktild-{}-{number}", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        std::fs::create_dir_all(&path).unwrap();
+        Folder(path)
+    }
+
+    fn join(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+
+    /// The service's configuration over `board.bin` in this folder.
+    fn config(&self, contract: &str) -> PathBuf {
+        let machine = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../sim/scenes/machine/puma260.toml")
+            .canonicalize()
+            .unwrap();
+        let text = format!(
+            "machine = \"{}\"\ncontract = \"{contract}\"\n\n[board]\npath = \"{}\"\n",
+            machine.display(),
+            self.join("board.bin").display()
+        );
+        let path = self.join("taktild.toml");
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A register file with the board's model ticking behind it, as a board that was left driving.
+struct Rig {
+    registers: Arc<RegisterFile>,
+    stop: Arc<AtomicBool>,
+    model: Option<std::thread::JoinHandle<Loopback>>,
+}
+
+impl Rig {
+    fn new(folder: &Folder) -> Rig {
+        let config = Config { path: folder.join("board.bin"), ..Config::default() };
+        std::fs::write(&config.path, vec![0; BLOCK_BYTES]).unwrap();
+        let registers = Arc::new(RegisterFile::open(&config).unwrap());
+        let mut model = Loopback::new(registers.clone(), &config).unwrap();
+        for register in DAC.iter() {
+            registers.write(register, DRIVING);
+        }
+        registers.write(DIGITAL_OUT, OUT_ENABLE | OUT_BRAKE_RELEASE);
+        let stop = Arc::new(AtomicBool::new(false));
+        let flag = stop.clone();
+        let model = std::thread::spawn(move || {
+            let mut ms = 0;
+            while !flag.load(Ordering::SeqCst) {
+                model.tick(Nanos::from_millis(ms));
+                model.scan(&[300; MAX_TACTELS]);
+                ms += 1;
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            model
+        });
+        Rig { registers, stop, model: Some(model) }
+    }
+
+    fn words(&self) -> Vec<u16> {
+        DAC.iter().map(|register| self.registers.read(register)).collect()
+    }
+
+    fn assert_registers_are_safe(&self) {
+        assert_eq!(self.words(), [ZERO_VOLTS; CHANNELS], "D/A words");
+        let lines = self.registers.read(DIGITAL_OUT);
+        assert_eq!(lines & (OUT_ENABLE | OUT_BRAKE_RELEASE), 0, "lines {lines:#06x}");
+    }
+
+    fn stop(&mut self) -> Option<Loopback> {
+        self.stop.store(true, Ordering::SeqCst);
+        self.model.take().and_then(|model| model.join().ok())
+    }
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+fn command(config: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_taktild"));
+    command.arg("--config").arg(config).stdin(Stdio::null()).env_remove("NOTIFY_SOCKET");
+    command
+}
+
+fn check(config: &Path) -> Output {
+    command(config).arg("--check").output().unwrap()
+}
+
+/// A service that ends with its test, and the socket on which it talks to systemd.
+struct Service {
+    child: Child,
+    socket: UnixDatagram,
+}
+
+impl Service {
+    fn start(folder: &Folder, config: &Path) -> Service {
+        let path = folder.join("notify");
+        let socket = UnixDatagram::bind(&path).unwrap();
+        socket.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+        let child = command(config).env("NOTIFY_SOCKET", &path).stderr(Stdio::piped()).spawn();
+        Service { child: child.unwrap(), socket }
+    }
+
+    /// Waits for a word to systemd.
+    fn heard(&self, word: &str) {
+        let mut buffer = [0; 4096];
+        for _ in 0..1_000 {
+            let length = self.socket.recv(&mut buffer).unwrap_or_else(|e| panic!("{word}: {e}"));
+            let text = String::from_utf8_lossy(&buffer[..length]).into_owned();
+            if text.lines().any(|line| line == word) {
+                return;
+            }
+        }
+        panic!("`{word}` was never said");
+    }
+
+    fn signal(&self, signal: Signal) {
+        let id = i32::try_from(self.child.id()).unwrap();
+        kill(Pid::from_raw(id), signal).unwrap();
+    }
+
+    /// What it said on standard error, and its exit code.
+    fn end(mut self) -> (Option<i32>, Vec<String>) {
+        let lines = BufReader::new(self.child.stderr.take().unwrap()).lines();
+        let lines: Vec<String> = lines.map_while(Result::ok).collect();
+        (self.child.wait().unwrap().code(), lines)
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn check_prints_what_would_run_and_leaves_the_board_safe() {
+    let folder = Folder::new();
+    let rig = Rig::new(&folder);
+    let output = check(&folder.config("hard"));
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(text.starts_with("board ") && text.contains("board.bin"), "{text}");
+    for word in
+        ["lane servo: every 2500 us, priority 80: operator > sense", "lane touch: every 5 ms"]
+    {
+        assert!(text.contains(word), "not `{word}` in\n{text}");
+    }
+    rig.assert_registers_are_safe();
+}
+
+#[test]
+fn it_says_ready_feeds_the_watchdog_and_ends_safe_on_sigterm() {
+    let folder = Folder::new();
+    let mut rig = Rig::new(&folder);
+    let service = Service::start(&folder, &folder.config("soft"));
+    service.heard("READY=1");
+    for _ in 0..5 {
+        service.heard("WATCHDOG=1");
+    }
+    assert_ne!(rig.registers.read(WATCHDOG_MS), 0, "the board's own watchdog is not set");
+    service.signal(Signal::SIGTERM);
+    service.heard("STOPPING=1");
+    let (code, lines) = service.end();
+    assert_eq!(code, Some(0), "{lines:?}");
+    assert!(lines.iter().any(|line| line.starts_with("lane servo: ")), "{lines:?}");
+    assert!(lines.iter().all(|line| !line.contains("panicked")), "{lines:?}");
+    rig.assert_registers_are_safe();
+    let model = rig.stop().unwrap();
+    assert_eq!(model.volts(), [DacCode(0); CHANNELS]);
+    assert!(!model.lines_out().enable && !model.lines_out().brake_release);
+}
+
+#[test]
+fn it_drives_the_registers_while_it_lives_and_comes_up_with_the_drives_off() {
+    let folder = Folder::new();
+    let rig = Rig::new(&folder);
+    let service = Service::start(&folder, &folder.config("soft"));
+    service.heard("WATCHDOG=1");
+    rig.assert_registers_are_safe();
+    let strobe = || rig.registers.read(DAC_STROBE);
+    let (before, feed) = (strobe(), rig.registers.read(DIGITAL_OUT) & OUT_WATCHDOG_FEED);
+    service.heard("WATCHDOG=1");
+    assert_ne!(strobe(), before, "the D/A words are not refreshed");
+    let fed = (0..1_000).any(|_| {
+        std::thread::sleep(Duration::from_micros(500));
+        rig.registers.read(DIGITAL_OUT) & OUT_WATCHDOG_FEED != feed
+    });
+    assert!(fed, "the feed line does not change");
+}
+
+#[test]
+fn a_killed_service_leaves_the_rest_to_the_board() {
+    // Nobody can write anything after SIGKILL: the board's own watchdog, which the service has set,
+    // makes the outputs safe. The model does what the board would.
+    let folder = Folder::new();
+    let mut rig = Rig::new(&folder);
+    let service = Service::start(&folder, &folder.config("soft"));
+    service.heard("WATCHDOG=1");
+    service.signal(Signal::SIGKILL);
+    let (code, _) = service.end();
+    assert_eq!(code, None, "it was killed, it did not exit");
+    let strobe = rig.registers.read(DAC_STROBE);
+    // As if the last words had driven.
+    for register in DAC.iter() {
+        rig.registers.write(register, DRIVING);
+    }
+    let feed = rig.registers.read(DIGITAL_OUT) & OUT_WATCHDOG_FEED;
+    rig.registers.write(DIGITAL_OUT, feed | OUT_ENABLE | OUT_BRAKE_RELEASE);
+    let silence = rig.registers.read(WATCHDOG_MS);
+    assert!((1..=100).contains(&silence), "{silence} ms");
+    let mut model = rig.stop().unwrap();
+    model.tick(Nanos::from_secs(1_000_000));
+    assert_eq!(rig.registers.read(DAC_STROBE), strobe, "somebody still writes");
+    assert_eq!(model.volts(), [DacCode(0); CHANNELS]);
+    assert!(!model.lines_out().enable && !model.lines_out().brake_release);
+}
+
+#[test]
+fn a_second_service_is_refused_the_board() {
+    let folder = Folder::new();
+    let _rig = Rig::new(&folder);
+    let config = folder.config("soft");
+    let service = Service::start(&folder, &config);
+    service.heard("READY=1");
+    let output = check(&config);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains("another process drives this board"), "{text}");
+}
+
+#[test]
+fn a_configuration_that_cannot_be_used_ends_with_2_and_its_place() {
+    let folder = Folder::new();
+    let _rig = Rig::new(&folder);
+    let path = folder.config("soft");
+    let good = std::fs::read_to_string(&path).unwrap();
+    assert_eq!(check(&path).status.code(), Some(0));
+    for (from, to, says, line) in [
+        ("contract", "contrakt", "unknown field `contrakt`", 2),
+        ("\"soft\"", "\"firm\"", "unknown variant `firm`", 2),
+        ("[board]\npath", "[board]\njoints = 9\npath", "board.joints: 9", 5),
+        ("[board]\npath", "[board]\nwatchdog_ms = 0\npath", "board.watchdog_ms: 0", 5),
+        ("board.bin", "nothing.bin", "board.path", 5),
+        ("puma260.toml", "puma999.toml", "machine: there is no file", 1),
+        ("[board]", "[robot.sense]\nspeed = 1\n[board]", "unknown field `speed`", 5),
+        (
+            "[board]",
+            "[robot.joint_servo]\nderivative_filter_hz = nan\n[board]",
+            "robot.joint_servo.derivative_filter_hz: NaN",
+            5,
+        ),
+    ] {
+        assert_eq!(good.matches(from).count(), 1, "`{from}` is not unique");
+        std::fs::write(&path, good.replacen(from, to, 1)).unwrap();
+        let output = check(&path);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{to}\n{text}");
+        assert!(text.contains(says), "not `{says}` in\n{text}");
+        assert!(text.contains(&format!("--> {}:{line}:", path.display())), "line {line}:\n{text}");
+        assert!(!text.contains("panicked"), "{text}");
+    }
+    let output = check(&folder.join("nowhere.toml"));
+    assert_eq!(output.status.code(), Some(2));
+}
