@@ -8,6 +8,7 @@ use clap::{Parser, Subcommand};
 use taktild::source::Located;
 
 use crate::diff;
+use crate::doctor;
 use crate::plot::{self, PlotArgs};
 use crate::run::{self, BadOption, Options};
 
@@ -79,10 +80,10 @@ enum Command {
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
     },
-    /// Compare two logs and show the first place where they part: tick, time, task, field, values.
+    /// Compare two logs: the first place where they part, with tick, time, task, field, values.
     ///
-    /// Signals are compared message by message and bit for bit. Exit code 0: equal; 1: different, or
-    /// equal only as far as a damaged file can be read; 2: not a log.
+    /// Signals are compared message by message and bit for bit. Exit code 0: equal; 1: different,
+    /// or equal only as far as a damaged file can be read; 2: not a log.
     Diff {
         /// First log (MCAP)
         a: PathBuf,
@@ -91,6 +92,23 @@ enum Command {
         /// One JSON object instead of sentences
         #[arg(long)]
         json: bool,
+    },
+    /// Whether this host is fit for real time: what is expected, what was found, what helps.
+    ///
+    /// Changes nothing. Exit code 0: fine; 1: warnings; 2: not fit for motion.
+    Doctor {
+        /// One JSON object instead of the table
+        #[arg(long)]
+        json: bool,
+        /// Judge a recorded tree of /proc and /sys instead of this host; nothing is tried
+        #[arg(long, value_name = "DIR")]
+        root: Option<PathBuf>,
+        /// CPUs that the lanes are to use, such as 2,3; without it the isolated ones
+        #[arg(long, value_name = "LIST")]
+        cpus: Option<String>,
+        /// Print a shell script of the remedies instead of the table; it is never run
+        #[arg(long, conflicts_with = "json")]
+        fix_script: bool,
     },
     /// The mathematics as a filter: one JSON request a line on stdin, one JSON answer a line on stdout.
     Calc {
@@ -130,6 +148,9 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
             plot::run(&arguments, &mut std::io::stdout().lock())
                 .map_err(|error| BadOption(format!("{error:#}")))?;
             Ok(ExitCode::SUCCESS)
+        }
+        Command::Doctor { json, root, cpus, fix_script } => {
+            doctor::run(&doctor::Options { json, root, cpus, fix_script })
         }
         Command::Diff { a, b, json } => diff::run(&diff::Options { a, b, json }),
         Command::Calc { list: true } => {

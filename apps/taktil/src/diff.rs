@@ -1,6 +1,6 @@
 //! `taktil diff`: two logs, signal by signal and tick by tick, and the first place where they part:
 //! tick, time, task, port, field, element, both values. Compares bytes, so that -0.0 is not 0.0 and
-//! one NaN is not another. Refuses to call two logs equal of which one could not be read to its end.
+//! one NaN is not another. Refuses to call two logs equal unless both were read to their end.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;

@@ -1,0 +1,186 @@
+//! One line of the doctor's answer: what was expected, what was found, how much it matters, what
+//! helps. Refuses control characters: what a file says goes to a terminal and into a script.
+
+use serde_json::{Value, json};
+
+/// Longest text of a cell in characters.
+const CELL_MAX: usize = 200;
+
+/// How much it matters to motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// Without it nothing may move.
+    High,
+    /// It shows in the worst latencies.
+    Medium,
+    /// Good to know.
+    Low,
+}
+
+impl Severity {
+    /// The word.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Severity::High => "high",
+            Severity::Medium => "medium",
+            Severity::Low => "low",
+        }
+    }
+}
+
+/// How it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// As expected.
+    Ok,
+    /// Worse than expected; motion is possible.
+    Warn,
+    /// Not fit for motion.
+    Bad,
+    /// Could not be told.
+    Unknown,
+}
+
+impl Verdict {
+    /// The word.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Verdict::Ok => "ok",
+            Verdict::Warn => "warn",
+            Verdict::Bad => "bad",
+            Verdict::Unknown => "unknown",
+        }
+    }
+}
+
+/// What would help: commands for a root shell, and parameters of the kernel's command line.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Fix {
+    /// Commands, each a line of `sh`. Never made of text that was read from the host.
+    pub commands: Vec<String>,
+    /// Boot parameters.
+    pub boot: Vec<String>,
+}
+
+impl Fix {
+    /// Commands only.
+    pub fn run<S: Into<String>>(commands: impl IntoIterator<Item = S>) -> Fix {
+        Fix { commands: commands.into_iter().map(Into::into).collect(), boot: Vec::new() }
+    }
+
+    /// Boot parameters only.
+    pub fn boot<S: Into<String>>(parameters: impl IntoIterator<Item = S>) -> Fix {
+        Fix { commands: Vec::new(), boot: parameters.into_iter().map(Into::into).collect() }
+    }
+}
+
+/// One check.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Row {
+    /// What was looked at.
+    pub name: &'static str,
+    /// What should be.
+    pub expectation: String,
+    /// What is.
+    pub found: String,
+    /// How much it matters.
+    pub severity: Severity,
+    /// How it is.
+    pub verdict: Verdict,
+    /// What to do, in a sentence; empty when all is well.
+    pub remedy: String,
+    /// What to do, for a shell.
+    pub fix: Fix,
+}
+
+impl Row {
+    /// A check that has not been made.
+    #[must_use]
+    pub fn new(name: &'static str, severity: Severity, expectation: &str) -> Row {
+        Row {
+            name,
+            expectation: expectation.to_owned(),
+            found: String::new(),
+            severity,
+            verdict: Verdict::Unknown,
+            remedy: String::new(),
+            fix: Fix::default(),
+        }
+    }
+
+    fn with(mut self, verdict: Verdict, found: &str, remedy: &str) -> Row {
+        self.verdict = verdict;
+        self.found = clean(found);
+        self.remedy = clean(remedy);
+        self
+    }
+
+    /// As expected.
+    #[must_use]
+    pub fn ok(self, found: impl AsRef<str>) -> Row {
+        self.with(Verdict::Ok, found.as_ref(), "")
+    }
+
+    /// Worse than expected.
+    #[must_use]
+    pub fn warn(self, found: impl AsRef<str>, remedy: impl AsRef<str>) -> Row {
+        self.with(Verdict::Warn, found.as_ref(), remedy.as_ref())
+    }
+
+    /// Not fit for motion.
+    #[must_use]
+    pub fn bad(self, found: impl AsRef<str>, remedy: impl AsRef<str>) -> Row {
+        self.with(Verdict::Bad, found.as_ref(), remedy.as_ref())
+    }
+
+    /// Could not be told; `found` says why.
+    #[must_use]
+    pub fn unknown(self, found: impl ToString) -> Row {
+        self.with(Verdict::Unknown, &found.to_string(), "")
+    }
+
+    /// Adds commands or boot parameters.
+    #[must_use]
+    pub fn fix(mut self, fix: Fix) -> Row {
+        self.fix = fix;
+        self
+    }
+
+    /// The row for programs.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        json!({
+            "name": self.name,
+            "expectation": self.expectation,
+            "found": self.found,
+            "severity": self.severity.word(),
+            "verdict": self.verdict.word(),
+            "remedy": self.remedy,
+        })
+    }
+}
+
+/// One line of printable characters, of bounded length.
+fn clean(text: &str) -> String {
+    let printable = |c: char| if c.is_control() || c == '\u{fffd}' { '?' } else { c };
+    let mut out: String = text.trim().chars().take(CELL_MAX).map(printable).collect();
+    if text.trim().chars().count() > CELL_MAX {
+        out.push_str("...");
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_file_says_cannot_leave_its_cell() {
+        let row = Row::new("x", Severity::Low, "").ok("a\nrm -rf\u{1b}[2J\0");
+        assert_eq!(row.found, "a?rm -rf?[2J?");
+        let long = Row::new("x", Severity::Low, "").unknown("y".repeat(5000));
+        assert_eq!(long.found.chars().count(), CELL_MAX + 3);
+    }
+}

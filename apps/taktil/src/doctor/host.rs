@@ -1,0 +1,155 @@
+//! What a host says of itself in files: the running one, or a recorded tree of `/proc`, `/sys` and
+//! `/dev`. Refuses to write, to follow a link out of a recorded tree, to wait for a pipe and to
+//! read without a bound. Why something could not be read is an answer too.
+
+use std::fmt;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use crate::run::BadOption;
+
+/// No file that is asked for is longer (bytes).
+const FILE_MAX: u64 = 4 << 20;
+
+/// Why there is no text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Gap {
+    /// File, from the root of the tree.
+    pub path: String,
+    /// Why.
+    pub why: Why,
+}
+
+/// The kinds of [`Gap`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Why {
+    /// There is no such file.
+    Absent,
+    /// The file has no byte.
+    Empty,
+    /// The file is there and cannot be read or understood.
+    Unreadable(String),
+}
+
+impl fmt::Display for Gap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.why {
+            Why::Absent => write!(f, "/{} is not there", self.path),
+            Why::Empty => write!(f, "/{} is empty", self.path),
+            Why::Unreadable(why) => write!(f, "/{}: {why}", self.path),
+        }
+    }
+}
+
+impl Gap {
+    /// A file whose text makes no sense.
+    #[must_use]
+    pub fn garbage(path: &str) -> Gap {
+        Gap { path: path.to_owned(), why: Why::Unreadable("makes no sense".to_owned()) }
+    }
+}
+
+/// Where facts are read from.
+#[derive(Clone, Debug)]
+pub struct Host {
+    root: PathBuf,
+    live: bool,
+}
+
+impl Host {
+    /// The running host.
+    #[must_use]
+    pub fn live() -> Host {
+        Host { root: PathBuf::from("/"), live: true }
+    }
+
+    /// A recorded tree with `proc` or `sys` in it.
+    ///
+    /// # Errors
+    /// A folder that is not there or holds neither: a typing mistake would otherwise look like a
+    /// host of which nothing is known.
+    pub fn recorded(root: &Path) -> Result<Host, BadOption> {
+        let complain = |what: &str| Err(BadOption(format!("--root {}: {what}", root.display())));
+        let Ok(root) = root.canonicalize() else {
+            return complain("there is no such folder");
+        };
+        if !root.join("proc").is_dir() && !root.join("sys").is_dir() {
+            return complain("holds neither `proc` nor `sys`; name the folder above them");
+        }
+        Ok(Host { root, live: false })
+    }
+
+    /// True for the running host, where things may be tried.
+    #[must_use]
+    pub fn is_live(&self) -> bool {
+        self.live
+    }
+
+    fn place(&self, path: &str) -> Result<PathBuf, Gap> {
+        let gap = |why| Gap { path: path.to_owned(), why };
+        let whole = self.root.join(path);
+        if self.live {
+            return Ok(whole);
+        }
+        let real = whole.canonicalize().map_err(|error| gap(why(&error)))?;
+        if real.starts_with(&self.root) {
+            return Ok(real);
+        }
+        Err(gap(Why::Unreadable("a link out of the recorded tree".to_owned())))
+    }
+
+    /// The bytes of a file, at most [`FILE_MAX`] of them; `path` without the leading slash.
+    ///
+    /// # Errors
+    /// The gap.
+    pub fn bytes(&self, path: &str) -> Result<Vec<u8>, Gap> {
+        let gap = |why| Gap { path: path.to_owned(), why };
+        let place = self.place(path)?;
+        if !self.live && !place.is_file() {
+            return Err(gap(Why::Unreadable("not a file".to_owned())));
+        }
+        let mut out = Vec::new();
+        let file = std::fs::File::open(place).map_err(|error| gap(why(&error)))?;
+        file.take(FILE_MAX).read_to_end(&mut out).map_err(|error| gap(why(&error)))?;
+        if out.is_empty() { Err(gap(Why::Empty)) } else { Ok(out) }
+    }
+
+    /// The text of a file without white space at its ends; what is no UTF-8 is replaced.
+    ///
+    /// # Errors
+    /// The gap. A file with nothing but a line feed is no gap: that is how the kernel says "none".
+    pub fn text(&self, path: &str) -> Result<String, Gap> {
+        Ok(String::from_utf8_lossy(&self.bytes(path)?).trim().to_owned())
+    }
+
+    /// The entries of a folder in order of their names; none when it cannot be read.
+    #[must_use]
+    pub fn names(&self, path: &str) -> Vec<String> {
+        let Ok(entries) = self.place(path).and_then(|place| {
+            std::fs::read_dir(place)
+                .map_err(|error| Gap { path: path.to_owned(), why: why(&error) })
+        }) else {
+            return Vec::new();
+        };
+        let mut names: Vec<String> =
+            entries.flatten().map(|entry| entry.file_name().to_string_lossy().into()).collect();
+        names.sort_unstable();
+        names
+    }
+
+    /// True when there is something at `path`.
+    #[must_use]
+    pub fn has(&self, path: &str) -> bool {
+        self.place(path).is_ok_and(|place| place.exists())
+    }
+}
+
+fn why(error: &std::io::Error) -> Why {
+    match error.kind() {
+        std::io::ErrorKind::NotFound | std::io::ErrorKind::NotADirectory => Why::Absent,
+        std::io::ErrorKind::PermissionDenied => {
+            Why::Unreadable("reading it is not permitted".to_owned())
+        }
+        _ => Why::Unreadable("cannot be read".to_owned()),
+    }
+}

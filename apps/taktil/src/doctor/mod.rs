@@ -1,0 +1,159 @@
+//! `taktil doctor`: is this host fit for real time? A table of expectation, finding and remedy.
+//! Refuses to change anything: remedies are printed, never run, and what has to be tried is undone.
+//!
+//! Everything that the kernel tells in files is read below a root, so that a recorded tree is
+//! judged as the host would be. What is missing, empty or senseless is `unknown`, never a failure.
+
+mod cpulist;
+mod cpus;
+mod facts;
+mod finding;
+mod host;
+mod inflate;
+mod kernel;
+mod print;
+mod rights;
+mod traffic;
+
+pub use cpulist::CpuList;
+pub use finding::{Fix, Row, Severity, Verdict};
+pub use host::{Gap, Host, Why};
+pub use print::{script, table, to_json};
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use crate::run::BadOption;
+use facts::Facts;
+
+/// What the command line says.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// JSON instead of the table.
+    pub json: bool,
+    /// A script of remedies instead of the table.
+    pub fix_script: bool,
+    /// A recorded tree instead of the running host.
+    pub root: Option<PathBuf>,
+    /// CPUs that the lanes are to use.
+    pub cpus: Option<String>,
+}
+
+/// Everything that was found out about a host.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Report {
+    /// The running host, not a recorded tree.
+    pub live: bool,
+    /// One row a check, always the same in the same order.
+    pub rows: Vec<Row>,
+}
+
+impl Report {
+    /// The exit code: 0 fine, 1 warnings, 2 not fit for motion. A check of high severity that could
+    /// not be made counts as a warning.
+    #[must_use]
+    pub fn exit(&self) -> u8 {
+        if self.count(Verdict::Bad) > 0 {
+            return 2;
+        }
+        let open = |row: &Row| row.verdict == Verdict::Unknown && row.severity == Severity::High;
+        u8::from(self.rows.iter().any(|row| row.verdict == Verdict::Warn || open(row)))
+    }
+
+    /// Rows with a verdict.
+    #[must_use]
+    pub fn count(&self, verdict: Verdict) -> usize {
+        self.rows.iter().filter(|row| row.verdict == verdict).count()
+    }
+
+    /// A row by its name.
+    #[must_use]
+    pub fn row(&self, name: &str) -> Option<&Row> {
+        self.rows.iter().find(|row| row.name == name)
+    }
+
+    /// The last line: one sentence.
+    #[must_use]
+    pub fn verdict(&self) -> String {
+        let names = |wanted: &dyn Fn(&Row) -> bool| {
+            let rows = self.rows.iter().filter(|row| wanted(row));
+            rows.map(|row| row.name).collect::<Vec<_>>().join(", ")
+        };
+        let open = names(&|row| row.verdict == Verdict::Unknown);
+        let open = if open.is_empty() { open } else { format!("; could not tell: {open}") };
+        match self.exit() {
+            2 => format!("not fit for motion: {}", names(&|row| row.verdict == Verdict::Bad)),
+            1 if self.count(Verdict::Warn) == 0 => format!("nothing found against motion{open}"),
+            1 => {
+                let list = names(&|row| row.verdict == Verdict::Warn);
+                format!("fit for motion with warnings: {list}{open}")
+            }
+            _ => format!(
+                "fit for motion: {} of {} checks as expected{open}",
+                self.count(Verdict::Ok),
+                self.rows.len()
+            ),
+        }
+    }
+}
+
+/// Makes every check. `cpus` are the CPUs that the lanes are to use; without them the isolated ones
+/// are taken.
+#[must_use]
+pub fn examine(host: &Host, cpus: Option<&CpuList>) -> Report {
+    let facts = Facts::gather(host, cpus);
+    let rows = vec![
+        kernel::real_time(host, &facts),
+        kernel::virtual_machine(host),
+        rights::fifo(host, &facts),
+        rights::group_budget(host, &facts),
+        rights::priority_limit(&facts),
+        rights::memory_limit(&facts),
+        rights::memory_lock(host, &facts),
+        kernel::clocksource(host),
+        kernel::debug_options(&facts),
+        rights::throttling(host, &facts),
+        rights::time_limit(&facts),
+        cpus::isolated(&facts),
+        traffic::interrupts(host, &facts),
+        cpus::siblings(host, &facts),
+        cpus::governor(host, &facts),
+        cpus::idle_states(host, &facts),
+        kernel::huge_pages(host),
+        kernel::numa_balancing(host),
+        cpus::tickless(host, &facts),
+        cpus::latency_device(host),
+        kernel::swap(host),
+        traffic::movers(host),
+        traffic::disk(host),
+    ];
+    Report { live: host.is_live(), rows }
+}
+
+/// Examines a host and prints what was found; exit 0 fine, 1 warnings, 2 not fit for motion.
+///
+/// # Errors
+/// A root that is no recorded tree, a list of CPUs that is none, as [`BadOption`].
+pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
+    let host = match &options.root {
+        None => Host::live(),
+        Some(root) => Host::recorded(root)?,
+    };
+    let cpus = match &options.cpus {
+        None => None,
+        Some(text) => {
+            Some(CpuList::parse(text).filter(|list| !list.is_empty()).ok_or_else(|| {
+                BadOption(format!("--cpus {text}: is no list of CPUs such as 2,3 or 4-7"))
+            })?)
+        }
+    };
+    let report = examine(&host, cpus.as_ref());
+    if options.json {
+        println!("{}", to_json(&report));
+    } else if options.fix_script {
+        print!("{}", script(&report));
+    } else {
+        print!("{}", table(&report));
+    }
+    Ok(ExitCode::from(report.exit()))
+}

@@ -1,0 +1,312 @@
+//! Checks of what the kernel grants this process: SCHED_FIFO, a share of real-time for its control
+//! group, limits, locked memory. On the running host grants are tried and read back. Refuses to
+//! keep what it tried: the thread ends, the memory is unlocked.
+
+use taktil_rtcore::linux;
+
+use super::facts::{CAP_IPC_LOCK, CAP_SYS_NICE, Facts, Limit};
+use super::finding::{Fix, Row, Severity};
+use super::host::{Gap, Host, Why};
+
+/// The priority that is tried: above threaded interrupts (50), below the kernel's own threads (99).
+pub(super) const PRIORITY: u8 = 80;
+/// Below this share of real time per period, throttling is a matter of time.
+const SHARE_MIN: f64 = 0.9;
+
+const SERVICE: &str = "in a service";
+const CONF: &str = "/etc/security/limits.d/60-taktil.conf";
+
+/// Whether a thread may have SCHED_FIFO: tried in a thread of its own, deduced in a recorded tree.
+#[must_use]
+pub(super) fn fifo(host: &Host, facts: &Facts) -> Row {
+    let row = Row::new("SCHED_FIFO", Severity::High, "granted at priority 80");
+    if host.is_live() {
+        let tried = std::thread::Builder::new().spawn(|| linux::become_fifo(PRIORITY));
+        return match tried.map(std::thread::JoinHandle::join) {
+            Ok(Ok(Ok(()))) => row.ok("granted and read back"),
+            Ok(Ok(Err(why))) => row.bad(
+                why,
+                "see the rows on the limit and on the control group: one of them says why",
+            ),
+            _ => row.unknown("no thread could be started to try it"),
+        };
+    }
+    let skipped = "not tried, a recorded tree";
+    if facts.may(CAP_SYS_NICE) {
+        return row.ok(format!("{skipped}; CAP_SYS_NICE is held"));
+    }
+    match facts.limit("Max realtime priority") {
+        Ok(limit) if reaches(limit) => row.ok(format!("{skipped}; the limit allows it")),
+        Ok(_) => row.bad(format!("{skipped}; the limit forbids it"), "see the row on the limit"),
+        Err(gap) => row.unknown(format!("{skipped}; {gap}")),
+    }
+}
+
+fn reaches(limit: Limit) -> bool {
+    match limit {
+        Limit::Unlimited => true,
+        Limit::Value(value) => value >= u64::from(PRIORITY),
+    }
+}
+
+/// The limit on priorities.
+#[must_use]
+pub(super) fn priority_limit(facts: &Facts) -> Row {
+    let row = Row::new("RLIMIT_RTPRIO", Severity::High, "80 or more, or CAP_SYS_NICE");
+    let limit = facts.limit("Max realtime priority");
+    match limit {
+        _ if facts.may(CAP_SYS_NICE) => row.ok("CAP_SYS_NICE is held"),
+        Err(gap) => row.unknown(gap),
+        Ok(limit) if reaches(limit) => row.ok(shown(limit, "")),
+        Ok(limit) => row
+            .bad(
+                shown(limit, ""),
+                format!(
+                    "`@realtime - rtprio {PRIORITY}` in {CONF}, join the group, log in again; \
+                     {SERVICE} `LimitRTPRIO={PRIORITY}`"
+                ),
+            )
+            .fix(grant(&format!("@realtime - rtprio {PRIORITY}"))),
+    }
+}
+
+/// A line of the limits' configuration, written once.
+fn grant(line: &str) -> Fix {
+    Fix::run([
+        "groupadd -f realtime".to_owned(),
+        format!("grep -qsxF '{line}' {CONF} || echo '{line}' >> {CONF}"),
+    ])
+}
+
+fn shown(limit: Limit, unit: &str) -> String {
+    match limit {
+        Limit::Unlimited => "unlimited".to_owned(),
+        Limit::Value(value) => format!("{value}{unit}"),
+    }
+}
+
+/// The limit on locked memory.
+#[must_use]
+pub(super) fn memory_limit(facts: &Facts) -> Row {
+    let row = Row::new("RLIMIT_MEMLOCK", Severity::High, "unlimited, or CAP_IPC_LOCK");
+    match facts.limit("Max locked memory") {
+        _ if facts.may(CAP_IPC_LOCK) => row.ok("CAP_IPC_LOCK is held"),
+        Err(gap) => row.unknown(gap),
+        Ok(Limit::Unlimited) => row.ok("unlimited"),
+        Ok(Limit::Value(bytes)) => row
+            .bad(
+                format!("{} KiB", bytes / 1024),
+                format!(
+                    "`@realtime - memlock unlimited` in {CONF}, join the group, log in again; \
+                     {SERVICE} `LimitMEMLOCK=infinity`"
+                ),
+            )
+            .fix(grant("@realtime - memlock unlimited")),
+    }
+}
+
+/// The limit on uninterrupted real-time work.
+#[must_use]
+pub(super) fn time_limit(facts: &Facts) -> Row {
+    let row = Row::new("RLIMIT_RTTIME", Severity::Medium, "unlimited");
+    match facts.limit("Max realtime timeout") {
+        Err(gap) => row.unknown(gap),
+        Ok(Limit::Unlimited) => row.ok("unlimited"),
+        Ok(limit) => row.warn(
+            shown(limit, " us without a sleep"),
+            format!(
+                "a lane that works longer is killed: find who sets the limit (PAM, a session \
+                     daemon) and lift it; {SERVICE} `LimitRTTIME=infinity`"
+            ),
+        ),
+    }
+}
+
+/// Whether all memory can be locked: tried and undone, deduced in a recorded tree.
+#[must_use]
+pub(super) fn memory_lock(host: &Host, facts: &Facts) -> Row {
+    let row = Row::new("memory lock", Severity::High, "all memory of the process stays in RAM");
+    let remedy = "see the row on RLIMIT_MEMLOCK";
+    if host.is_live() {
+        let tried = linux::lock_memory();
+        let locked = kib(host, "VmLck:");
+        linux::unlock_memory();
+        return match (tried, locked) {
+            (Err(why), _) => row.bad(why, remedy),
+            (Ok(()), Some(0)) => row.bad("granted, yet nothing is locked", remedy),
+            (Ok(()), Some(kib)) => row.ok(format!("granted and read back: {} MiB", kib / 1024)),
+            (Ok(()), None) => row.ok("granted; /proc/self/status does not tell how much"),
+        };
+    }
+    let skipped = "not tried, a recorded tree";
+    let limit = facts.limit("Max locked memory");
+    if facts.may(CAP_IPC_LOCK) || limit == Ok(Limit::Unlimited) {
+        return row.ok(format!("{skipped}; the limit allows it"));
+    }
+    match limit {
+        Ok(_) => row.bad(format!("{skipped}; the limit forbids it"), remedy),
+        Err(gap) => row.unknown(format!("{skipped}; {gap}")),
+    }
+}
+
+fn kib(host: &Host, name: &str) -> Option<u64> {
+    let text = host.text("proc/self/status").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+fn number(host: &Host, path: &str) -> Result<i64, Gap> {
+    host.text(path)?.parse().map_err(|_| Gap::garbage(path))
+}
+
+/// The kernel's brake on all real-time threads together.
+#[must_use]
+pub(super) fn throttling(host: &Host, facts: &Facts) -> Row {
+    let row = Row::new("RT throttling", Severity::Medium, "at least 90 % of each period, or off");
+    let share = (
+        number(host, "proc/sys/kernel/sched_rt_runtime_us"),
+        number(host, "proc/sys/kernel/sched_rt_period_us"),
+    );
+    let (runtime_us, period_us) = match share {
+        (Ok(runtime), Ok(period)) if runtime >= -1 && period > 0 => (runtime, period),
+        (Err(gap), _) | (_, Err(gap)) => return row.unknown(gap),
+        (Ok(runtime), Ok(period)) => {
+            return row.unknown(format!("{runtime} us of {period} us makes no sense"));
+        }
+    };
+    let found = format!("{runtime_us} us of {period_us} us");
+    let fix = || Fix::run(["sysctl -w kernel.sched_rt_runtime_us=950000"]);
+    match runtime_us {
+        -1 if facts.lanes.is_empty() => row.warn(
+            "off, and no CPU is isolated",
+            "a lane that never sleeps takes the machine with it: isolate a CPU, or \
+             kernel.sched_rt_runtime_us=950000",
+        ),
+        -1 => row.ok("off; keep a watchdog on the boards"),
+        0 => row
+            .bad(found, "no real-time thread may run at all: kernel.sched_rt_runtime_us=950000")
+            .fix(fix()),
+        _ if (runtime_us as f64) < SHARE_MIN * period_us as f64 => row
+            .warn(
+                found,
+                "lanes stop for the rest of each period once they used their share: \
+                 kernel.sched_rt_runtime_us=950000",
+            )
+            .fix(fix()),
+        _ => row.ok(format!("{found}; lanes that use more are stopped for the rest")),
+    }
+}
+
+/// The share of real time that this process's control group has.
+#[must_use]
+pub(super) fn group_budget(host: &Host, facts: &Facts) -> Row {
+    let row = Row::new("RT group budget", Severity::High, "none needed, or above 0");
+    if let Ok(config) = &facts.config
+        && !config.on("RT_GROUP_SCHED")
+    {
+        return row.ok("none needed: CONFIG_RT_GROUP_SCHED is off");
+    }
+    let line = host.text("proc/cmdline").unwrap_or_default();
+    let switch =
+        line.split_whitespace().rev().find_map(|word| word.strip_prefix("rt_group_sched="));
+    let by_default = facts.config.as_ref().is_ok_and(|c| c.on("RT_GROUP_SCHED_DEFAULT_DISABLED"));
+    if switch == Some("0") || (switch.is_none() && by_default) {
+        return row.ok("none needed: group scheduling is switched off at boot");
+    }
+    match group(host) {
+        Err(gap) => row.unknown(gap),
+        Ok(Group::V1(folder)) => v1_budget(row, host, facts, &folder),
+        Ok(Group::V2(path)) => v2_budget(row, host, facts, &path),
+    }
+}
+
+/// Where a process stands.
+enum Group {
+    /// Folder of the group in the hierarchy of the controller `cpu`.
+    V1(String),
+    /// Path in the unified hierarchy, and the folder where that is mounted.
+    V2((String, String)),
+}
+
+fn group(host: &Host) -> Result<Group, Gap> {
+    let own = "proc/self/cgroup";
+    let strange = || Gap {
+        path: own.to_owned(),
+        why: Why::Unreadable("an unknown layout of control groups".to_owned()),
+    };
+    let text = host.text(own)?;
+    let mounts = host.text("proc/self/mounts").or_else(|_| host.text("proc/mounts"))?;
+    let mounted = |kind: &str, option: Option<&str>| {
+        mounts.lines().find_map(|line| {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let [_, place, found, options, ..] = words[..] else { return None };
+            let with = option.is_none_or(|option| options.split(',').any(|o| o == option));
+            (found == kind && with).then(|| place.trim_matches('/').to_owned())
+        })
+    };
+    let mut unified = None;
+    for line in text.lines() {
+        let parts: Vec<&str> = line.splitn(3, ':').collect();
+        let [number, controllers, path] = parts[..] else { return Err(strange()) };
+        if !path.starts_with('/') || path.split('/').any(|part| part == "..") {
+            return Err(strange());
+        }
+        if controllers.split(',').any(|controller| controller == "cpu") {
+            let place = mounted("cgroup", Some("cpu")).ok_or_else(strange)?;
+            return Ok(Group::V1(format!("{place}{}", path.trim_end_matches('/'))));
+        }
+        if number == "0" && controllers.is_empty() {
+            unified = Some(path.trim_end_matches('/').to_owned());
+        }
+    }
+    let place = mounted("cgroup2", None).ok_or_else(strange)?;
+    unified.map(|path| Group::V2((path, place))).ok_or_else(strange)
+}
+
+const FORBIDDEN: &str = "0 us: SCHED_FIFO is refused here, even to root";
+
+fn v1_budget(row: Row, host: &Host, facts: &Facts, folder: &str) -> Row {
+    let file = format!("{folder}/cpu.rt_runtime_us");
+    match number(host, &file) {
+        Ok(-1) => row.ok("without bound"),
+        Ok(budget_us) if budget_us > 0 => row.ok(format!("{budget_us} us in /{file}")),
+        Ok(0) => row
+            .bad(
+                FORBIDDEN,
+                format!(
+                    "give the group a budget (echo 900000 > /{file}, parents first), or boot with \
+                     rt_group_sched=0"
+                ),
+            )
+            .fix(Fix::boot(["rt_group_sched=0"])),
+        Ok(strange) => row.unknown(format!("{strange} us makes no sense")),
+        // Without the file, and without a configuration that asks for it, there is no such thing.
+        Err(gap) if gap.why == Why::Absent && facts.config.is_err() && host.has(folder) => {
+            row.ok("none needed: the group has no budget file")
+        }
+        Err(gap) => row.unknown(gap),
+    }
+}
+
+fn v2_budget(row: Row, host: &Host, facts: &Facts, (path, place): &(String, String)) -> Row {
+    if path.is_empty() {
+        return row.ok("the root group has all");
+    }
+    if let Err(gap) = &facts.config {
+        return row.unknown(format!("whether groups need one is not known: {gap}"));
+    }
+    let file = format!("{place}{path}/cgroup.controllers");
+    match host.text(&file) {
+        Ok(text) if text.split_whitespace().any(|controller| controller == "cpu") => row
+            .bad(
+                FORBIDDEN,
+                "cgroup v2 gives no budgets: boot with rt_group_sched=0, or a kernel without \
+                 CONFIG_RT_GROUP_SCHED",
+            )
+            .fix(Fix::boot(["rt_group_sched=0"])),
+        Ok(_) => row.ok("the group is not under the controller `cpu`"),
+        // A file without a byte is how the kernel lists no controllers.
+        Err(gap) if gap.why == Why::Empty => row.ok("the group is not under the controller `cpu`"),
+        Err(gap) => row.unknown(gap),
+    }
+}

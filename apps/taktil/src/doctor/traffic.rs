@@ -1,0 +1,141 @@
+//! Checks of what comes across lanes from outside: interrupts, programs that move them about, a
+//! disk that fills. Refuses to measure: counts are those since boot.
+
+use std::collections::BTreeMap;
+
+use super::cpulist::CpuList;
+use super::facts::{Facts, cpus};
+use super::finding::{Fix, Row, Severity};
+use super::host::{Gap, Host, Why};
+
+/// Interrupts that every CPU has for itself and that cannot be moved (ARM numbers them).
+const PER_CPU: [&str; 4] = ["arch_timer", "arm-pmu", "vtimer", "ipi"];
+/// Offenders that are named; the rest is counted.
+const NAMED_MAX: usize = 4;
+/// Processes that are looked at, so that a garbage tree cannot keep us.
+const PROCESSES_MAX: usize = 100_000;
+/// Less free space than this is a warning (bytes): a few minutes of a full recording.
+const FREE_MIN: u64 = 2 << 30;
+
+/// Interrupts that the lanes' CPUs serve.
+#[must_use]
+pub(super) fn interrupts(host: &Host, facts: &Facts) -> Row {
+    let row = Row::new("IRQ affinity", Severity::Medium, "no device interrupts a lane's CPU");
+    if facts.lanes.is_empty() {
+        return row.unknown("which CPUs the lanes use is not known; say --cpus LIST");
+    }
+    let active = match active(host) {
+        Ok(active) => active,
+        Err(gap) => return row.unknown(gap),
+    };
+    let mut offenders: Vec<(u32, String)> = Vec::new();
+    let mut untold = 0;
+    for (number, device) in active {
+        match affinity(host, number) {
+            Some(list) if list.common(&facts.lanes).is_empty() => {}
+            Some(_) => offenders.push((number, device)),
+            None => untold += 1,
+        }
+    }
+    let others = facts.others();
+    if !offenders.is_empty() {
+        let named: Vec<String> = offenders
+            .iter()
+            .take(NAMED_MAX)
+            .map(|(number, device)| format!("{number} {device}"))
+            .collect();
+        let more = offenders.len().saturating_sub(NAMED_MAX);
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        let fix = offenders
+            .iter()
+            .filter(|_| !others.is_empty())
+            .map(|(number, _)| format!("echo {others} > /proc/irq/{number}/smp_affinity_list"));
+        return row
+            .warn(
+                format!("on CPUs {}: {}{more}", facts.lanes, named.join(", ")),
+                format!("echo {others} into /proc/irq/N/smp_affinity_list; see --fix-script"),
+            )
+            .fix(Fix::run(fix));
+    }
+    if untold > 0 {
+        return row.unknown(format!("the affinity of {untold} interrupts is not readable"));
+    }
+    row.ok(format!("none on CPUs {}", facts.lanes))
+}
+
+/// Numbers and devices of the interrupts in use.
+fn active(host: &Host) -> Result<BTreeMap<u32, String>, Gap> {
+    let path = "proc/interrupts";
+    let text = host.text(path)?;
+    let mut lines = text.lines();
+    let columns = lines
+        .next()
+        .map_or(0, |head| head.split_whitespace().filter(|word| word.starts_with("CPU")).count());
+    if columns == 0 {
+        return Err(Gap::garbage(path));
+    }
+    let mut out = BTreeMap::new();
+    for line in lines {
+        let Some((number, rest)) = line.split_once(':') else { continue };
+        // Lines with names instead of numbers are the CPUs' own interrupts.
+        let Ok(number) = number.trim().parse() else { continue };
+        let device = rest.split_whitespace().skip(columns).last().unwrap_or("?");
+        if !PER_CPU.contains(&device) {
+            out.insert(number, device.to_owned());
+        }
+    }
+    Ok(out)
+}
+
+/// Where an interrupt is served: where the hardware really sends it, else where it may.
+fn affinity(host: &Host, number: u32) -> Option<CpuList> {
+    let list = |file: &str| cpus(host, &format!("proc/irq/{number}/{file}")).ok();
+    list("effective_affinity_list")
+        .filter(|list| !list.is_empty())
+        .or_else(|| list("smp_affinity_list").filter(|list| !list.is_empty()))
+}
+
+/// Programs that move interrupts or memory while lanes run.
+#[must_use]
+pub(super) fn movers(host: &Host) -> Row {
+    let row = Row::new("irqbalance/numad", Severity::Low, "neither runs");
+    let mut seen = 0;
+    let mut found: Vec<String> = Vec::new();
+    for name in host.names("proc").into_iter().take(PROCESSES_MAX) {
+        if !name.bytes().all(|byte| byte.is_ascii_digit()) {
+            continue;
+        }
+        let Ok(program) = host.text(&format!("proc/{name}/comm")) else { continue };
+        seen += 1;
+        if matches!(program.as_str(), "irqbalance" | "numad") && !found.contains(&program) {
+            found.push(program);
+        }
+    }
+    if found.is_empty() {
+        return if seen == 0 { row.unknown("no process is listed") } else { row.ok("neither") };
+    }
+    let fix = found.iter().map(|program| format!("systemctl disable --now {program}"));
+    let fix = Fix::run(fix);
+    let names = found.join(", ");
+    row.warn(names, "they move interrupts and memory under running lanes: stop them").fix(fix)
+}
+
+/// Room for recordings where we stand.
+#[must_use]
+pub(super) fn disk(host: &Host) -> Row {
+    let row = Row::new("disk space", Severity::Low, "2 GiB free in this folder");
+    if !host.is_live() {
+        return row.unknown("not looked at, a recorded tree");
+    }
+    let Ok(status) = nix::sys::statvfs::statvfs(".") else {
+        let why = Why::Unreadable("the file system does not answer".to_owned());
+        return row.unknown(Gap { path: "this folder".to_owned(), why });
+    };
+    // Widths of these fields differ between platforms.
+    let free = u128::from(status.blocks_available()) * u128::from(status.fragment_size());
+    let found = format!("{:.1} GiB free", free as f64 / f64::from(1 << 30));
+    if free < u128::from(FREE_MIN) {
+        return row.warn(found, "a recording that runs full ends early: make room");
+    }
+    row.ok(found)
+}
