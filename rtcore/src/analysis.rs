@@ -12,6 +12,7 @@
 //! - Lanes of equal priority are taken to come first of each other: `SCHED_FIFO` queues them.
 //! - A lane with a CPU meets the lanes of that CPU and all lanes without one. A lane without a CPU
 //!   meets every lane, as if there were one CPU. More CPUs cannot make it later than that.
+//! - What a lane's guard spins before a release is taken from the lanes that come after it.
 //! - Lanes share nothing that blocks, so there is no blocking term.
 
 use taktil_hal::Nanos;
@@ -223,6 +224,13 @@ fn periodic(lane: &Demand, allowance: Allowance) -> Option<Periodic> {
     Some(Periodic { cost, period: lane.spec.period, phase: lane.spec.phase })
 }
 
+/// What a lane takes from those that come after it: its jobs, and the longest spin before each.
+fn interference(lane: &Demand, allowance: Allowance) -> Option<Periodic> {
+    let own = periodic(lane, allowance)?;
+    let spin = lane.spec.guard.map_or(Nanos::ZERO, |guard| guard.spin_max);
+    Some(Periodic { cost: own.cost + spin, phase: own.phase - spin, ..own })
+}
+
 fn judge(lanes: &[Demand], index: usize, allowance: Allowance) -> LaneResponse {
     let spec = &lanes[index].spec;
     let names = |declared: bool| {
@@ -243,7 +251,7 @@ fn judge(lanes: &[Demand], index: usize, allowance: Allowance) -> LaneResponse {
     };
     let Some(own) = periodic(&lanes[index], allowance) else { return judged };
     let over: Vec<Periodic> =
-        first_of(lanes, index).filter_map(|lane| periodic(lane, allowance)).collect();
+        first_of(lanes, index).filter_map(|lane| interference(lane, allowance)).collect();
     judged.cost = Some(own.cost);
     judged.any_phase = Some(settle(&own, &over, allowance.release_jitter));
     judged.with_phases = phases::longest(&own, &over, allowance.release_jitter);
@@ -292,7 +300,7 @@ fn loads(lanes: &[Demand], allowance: Allowance) -> Vec<Load> {
         let here =
             |lane: &&Demand| cpu.is_none() || lane.spec.cpu.is_none() || lane.spec.cpu == cpu;
         let share = |lane: &Demand| {
-            let work = periodic(lane, allowance)?;
+            let work = interference(lane, allowance)?;
             let whole = i128::from(work.period.0.max(1));
             let parts = i128::from(work.cost.0) * i128::from(WHOLE_PPM);
             u64::try_from((parts + whole - 1) / whole).ok()
@@ -326,7 +334,7 @@ fn complaint(
     };
     let first: Vec<String> = first_of(lanes, index)
         .filter_map(|lane| {
-            let work = periodic(lane, allowance)?;
+            let work = interference(lane, allowance)?;
             let (name, priority) = (&lane.spec.name, lane.spec.priority);
             Some(format!("`{name}` ({} every {}, priority {priority})", work.cost, work.period))
         })

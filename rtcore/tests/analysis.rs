@@ -8,8 +8,8 @@ use taktil_rtcore::analysis::{Bound, Demand, LaneResponse, Verdict, analyse};
 use taktil_rtcore::guard::CountingAllocator;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
-    Allowance, Builder, Cycle, FaultCode, Invalid, Io, LaneSpec, Machine, Nanos, Task, linux,
-    virtual_time,
+    Allowance, Builder, Cycle, FaultCode, Guard, Invalid, Io, LaneSpec, Machine, Nanos, Task,
+    linux, virtual_time,
 };
 
 #[global_allocator]
@@ -241,6 +241,21 @@ fn lanes_meet_on_their_cpu_and_lanes_without_one_meet_everybody() {
     let pinned = analyse(&lanes, exact(0));
     assert_eq!(pinned.refusal(), None);
     assert_eq!(within(pinned.lanes[2].any_phase), 8);
+}
+
+#[test]
+fn a_guard_costs_its_spin_to_those_after_it_and_not_to_its_own_lane() {
+    let mut lanes = [demand(0, 20, 4, 30), demand(1, 20, 4, 20), demand(2, 20, 4, 40)];
+    lanes[0].spec.guard = Some(Guard { spin_max: Nanos(3) });
+    let responses = |lanes: &[Demand]| {
+        let analysis = analyse(lanes, exact(0));
+        let both = |l: &LaneResponse| (within(l.any_phase), within(l.with_phases));
+        (analysis.lanes.iter().map(both).collect::<Vec<_>>(), analysis.loads[0].ppm)
+    };
+    // With phases the spin is over at instant 0 and does not delay what is released then.
+    assert_eq!(responses(&lanes), (vec![(8, 8), (15, 12), (4, 4)], 750_000));
+    lanes[1].spec.phase = Nanos(18);
+    assert_eq!(responses(&lanes).0[1], (15, 14));
 }
 
 #[test]

@@ -62,6 +62,9 @@ enum Command {
         /// One JSON object on standard output instead of the table
         #[arg(long)]
         json: bool,
+        /// Do not run: print when each lane is released and whether it can meet its deadline
+        #[arg(long)]
+        plan: bool,
     },
     /// Draw a log as SVG figures, or write its signals as CSV.
     ///
@@ -139,8 +142,8 @@ fn complain(error: &anyhow::Error) -> ExitCode {
 
 fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Run { scene, fast, seed, for_s, log, report, json } => {
-            run::run(&Options { scene, fast, seed, for_s, log, report, json })
+        Command::Run { scene, fast, seed, for_s, log, report, json, plan } => {
+            run::run(&Options { scene, fast, seed, for_s, log, report, json, plan })
         }
         Command::Plot { log, what, csv, out } => {
             let arguments = PlotArgs { log, what, csv, out };

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
-use taktil_rtcore::{Guard, Invalid, LaneSpec, Late, Nanos};
+use taktil_rtcore::{Allowance, Guard, Invalid, LaneSpec, Late, Nanos};
 
 /// A machine file, or the part of a scene that replaces some of its sections.
 #[derive(Clone, Debug, Default, Deserialize)]

@@ -2,9 +2,11 @@
 //! saying what happened.
 
 pub mod assemble;
+mod budgets;
 pub mod digest;
 mod interrupt;
 pub mod operator;
+pub mod plan;
 mod progress;
 pub mod scene;
 pub mod score;
@@ -48,6 +50,8 @@ pub struct Options {
     pub report: Option<PathBuf>,
     /// JSON on standard output instead of the table.
     pub json: bool,
+    /// The analysis of the schedule and its releases, instead of a run.
+    pub plan: bool,
 }
 
 /// Everything that watches a run.
@@ -100,6 +104,11 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         Some(seconds) => scene::duration(seconds, "--for")
             .map_err(|bad| BadOption(format!("--for {seconds}: {}; {}", bad.what, bad.remedy)))?,
     };
+    if options.plan {
+        let machine = assemble::assemble(&scene, seed)?;
+        print!("{}", if options.json { plan::json(&machine) } else { plan::text(&machine) });
+        return Ok(ExitCode::SUCCESS);
+    }
     let log_path = log_path(options)?;
     let mut machine = assemble::assemble(&scene, seed)?;
     let targets = targets(&scene);

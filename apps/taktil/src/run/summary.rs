@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use taktil_rtcore::live::{Account, Attestation};
 use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
 
+use super::budgets;
 use super::score::{Figures, Span, Spread};
 
 /// Where the figures of one run come from.
@@ -100,13 +101,17 @@ impl Ending<'_> {
                 "joint_error_deg": f.hold_error_deg.map(|joint| joint.steady()),
                 "gravity_over_kp_deg": f.droop_expected_deg,
             },
-            "lanes": self.lanes.iter().map(|(spec, lane)| lane_json(spec, lane)).collect::<Vec<_>>(),
+            "lanes": self.lanes_json(attestation.is_some_and(Attestation::representative)),
             "faults": faults,
             "state": f.state.name(),
             "refused_requests": f.refused,
             "log": self.log,
             "repeat": self.repeat,
         })
+    }
+
+    fn lanes_json(&self, representative: bool) -> Vec<Value> {
+        self.lanes.iter().map(|(spec, lane)| lane_json(spec, lane, representative)).collect()
     }
 
     fn truth_json(&self) -> Value {
@@ -159,7 +164,7 @@ fn fault_json(fault: FaultCode) -> Value {
     json!({ "code": fault as u16, "name": format!("{fault:?}"), "text": fault.text() })
 }
 
-fn percentiles_us(histogram: &Histogram<u64>) -> Value {
+pub(super) fn percentiles_us(histogram: &Histogram<u64>) -> Value {
     let at = |quantile: f64| micros(histogram.value_at_quantile(quantile));
     json!({
         "p50": at(0.5),
@@ -195,7 +200,7 @@ fn bins(histogram: &Histogram<u64>) -> Value {
     Value::Array(bins)
 }
 
-fn lane_json(spec: &LaneSpec, lane: &LaneFigures) -> Value {
+fn lane_json(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> Value {
     let misses = &lane.misses;
     json!({
         "name": spec.name,
@@ -206,6 +211,7 @@ fn lane_json(spec: &LaneSpec, lane: &LaneFigures) -> Value {
         "skipped": lane.skipped,
         "release_late_us": percentiles_us(&lane.lateness_ns),
         "exec_us": percentiles_us(&lane.execution_ns),
+        "tasks": budgets::json(lane, representative),
         "release_late_bins": bins(&lane.lateness_ns),
         "exec_bins": bins(&lane.execution_ns),
         "misses": {

@@ -5,6 +5,8 @@ use std::fmt::Write;
 
 use serde_json::Value;
 
+use super::budgets;
+
 /// The mark at every timing figure of a run whose timing is not representative.
 const MARK: &str = " *";
 
@@ -153,6 +155,7 @@ fn lanes(out: &mut String, s: &Value) {
             lane["page_faults"].to_string(),
         );
         causes(out, lane);
+        budgets::lines(out, lane, mark);
     }
     if s["slipped_s"].as_f64().is_some_and(|slipped| slipped > 0.0) {
         let slipped = number(&s["slipped_s"], 4);
