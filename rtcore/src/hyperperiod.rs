@@ -76,7 +76,7 @@ pub fn table(lanes: &[&LaneSpec]) -> Result<Table, Invalid> {
     let releases = count(length, periods());
     if releases > RELEASES_MAX {
         let what = format!(
-            "the periods meet only after {length}, {releases} releases (at most {RELEASES_MAX}): {}",
+            "the periods meet after {length}, {releases} releases (at most {RELEASES_MAX}): {}",
             listed()
         );
         return Err(Invalid::new("lane", what, remedy));

@@ -64,8 +64,8 @@ struct Job {
 }
 
 /// The longest response of each lane in three hyperperiods, nanosecond by nanosecond: at each one
-/// the highest priority that has arrived runs; among equals the one that arrived first. What has not
-/// ended by then counts with its age.
+/// the highest priority that has arrived runs; among equals the one that arrived first. What has
+/// not ended by then counts with its age.
 fn simulate(lanes: &[Demand], mut late: impl FnMut(usize, i64) -> i64) -> Vec<i64> {
     let horizon = 3 * HYPERPERIOD;
     let mut jobs = Vec::new();
@@ -148,7 +148,8 @@ fn with_phases_the_longest_response_is_found_exactly() {
     assert!(met > 300 && tighter > 100, "{met} met, {tighter} tighter");
 }
 
-/// The largest response when for each instant all releases of the last `jitter` are held back to it.
+/// The largest response when, for each instant, the releases of the last `jitter` are held back
+/// to it.
 fn held_back_together(lanes: &[Demand], jitter: i64) -> Vec<i64> {
     let mut worst = vec![0; lanes.len()];
     for start in HYPERPERIOD..2 * HYPERPERIOD {

@@ -1,5 +1,5 @@
-//! `taktil run --plan`: when each lane is released, and whether it can meet its deadline. Refuses to
-//! run anything; a schedule that cannot hold does not get here, it is refused at load.
+//! `taktil run --plan`: when each lane is released, and whether it can meet its deadline. Refuses
+//! to run anything; a schedule that cannot hold does not get here, it is refused at load.
 
 use std::fmt::Write;
 
