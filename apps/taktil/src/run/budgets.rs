@@ -8,6 +8,8 @@ use taktil_rtcore::Figures;
 
 use super::summary::percentiles_us;
 
+/// From so many steps on, one stall of a host in a thousand does not decide the suggestion.
+const ENOUGH_STEPS: u64 = 10_000;
 /// Tasks on one line of the table.
 const PER_LINE: usize = 4;
 
@@ -16,6 +18,8 @@ pub(super) fn json(lane: &Figures, representative: bool) -> Value {
     let task = |task: &taktil_rtcore::TaskFigures| {
         let (basis_ns, from) = if representative {
             (task.execution_ns.max(), "max x 1.5")
+        } else if task.execution_ns.len() < ENOUGH_STEPS {
+            (task.execution_ns.value_at_quantile(0.99), "p99 x 1.5")
         } else {
             (task.execution_ns.value_at_quantile(0.999), "p99.9 x 1.5")
         };

@@ -13,7 +13,11 @@ fn specs(machine: &Machine) -> Vec<&LaneSpec> {
 }
 
 fn us(span: Option<Nanos>) -> String {
-    span.map_or_else(|| "-".into(), |span| span.as_micros_f64().to_string())
+    let exact = |Nanos(ns)| match ns % 1000 {
+        0 => (ns / 1000).to_string(),
+        rest => format!("{}.{:03}", ns / 1000, rest.abs()),
+    };
+    span.map_or_else(|| "-".into(), exact)
 }
 
 fn bound(bound: Option<Bound>) -> String {
