@@ -3,6 +3,7 @@
 //! what the kernel did not grant: it is read back per lane.
 
 mod beat;
+mod ledger;
 
 use core::sync::atomic::{AtomicBool, AtomicI64, AtomicU8, AtomicUsize, Ordering};
 use std::sync::OnceLock;
@@ -21,6 +22,7 @@ use crate::machine::Machine;
 use crate::record::{Drain, Observer};
 use crate::silence;
 use beat::beat;
+use ledger::Ledger;
 
 /// Stack of a lane's thread: all of it is locked in memory.
 const STACK_BYTES: usize = 1024 * 1024;
@@ -43,8 +45,10 @@ pub enum Contract {
 pub enum Pace {
     /// Nothing: the world outside goes on, jobs are skipped or caught up as each lane says. For real boards.
     Fixed,
-    /// The whole schedule slips by the stall, for every lane alike, and no job is skipped: the world is simulated and can wait.
-    /// Misses are counted all the same, and the slip is reported.
+    /// The whole schedule slips by the stall, for every lane alike; no job is skipped, and none
+    /// begins before the values that are due at its release have been sent: the world is simulated
+    /// and can wait. Such a run carries the same bits as one in virtual time. Misses are counted
+    /// all the same, and the slip is reported.
     Slip,
 }
 
@@ -117,6 +121,15 @@ struct Shared<'a> {
     running: AtomicUsize,
     /// Wall time minus logical time that stalls have cost so far, ns.
     slip: AtomicI64,
+    /// Which lane has finished which job.
+    ledger: Ledger,
+}
+
+impl Shared<'_> {
+    /// Nobody will run another job.
+    fn over(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.signal.load(Ordering::Acquire) == ABANDON
+    }
 }
 
 /// What a lane's thread answers, each once: before the first job and after the last.
@@ -172,16 +185,17 @@ fn run_threads(
         signal: AtomicU8::new(WAIT),
         running: AtomicUsize::new(count),
         slip: AtomicI64::new(0),
+        ledger: Ledger::new(machine.lanes.iter().map(|lane| &lane.spec), terms.until),
     };
     let (lanes, drains) = (&mut machine.lanes, &mut machine.drains);
     let clock = OnceLock::new();
     let answers: Vec<Answers> = (0..count).map(|_| Answers::default()).collect();
     thread::scope(|scope| {
-        for (lane, answers) in lanes.iter_mut().zip(&answers) {
+        for (index, (lane, answers)) in lanes.iter_mut().zip(&answers).enumerate() {
             let (shared, clock) = (&shared, &clock);
             let builder =
                 thread::Builder::new().name(lane.spec.name.clone()).stack_size(STACK_BYTES);
-            let body = move || lane_thread(lane, terms, shared, clock, answers);
+            let body = move || lane_thread((index, lane), terms, shared, clock, answers);
             if let Err(why) = builder.spawn_scoped(scope, body) {
                 shared.signal.store(ABANDON, Ordering::Release);
                 return Err(LiveError::NoThread(why.to_string()));
@@ -227,7 +241,7 @@ fn carry(drains: &mut [Drain], observer: &mut dyn Observer) {
 }
 
 fn lane_thread(
-    lane: &mut Lane,
+    (index, lane): (usize, &mut Lane),
     terms: Terms,
     shared: &Shared<'_>,
     clock: &OnceLock<MonotonicClock>,
@@ -247,7 +261,11 @@ fn lane_thread(
         thread::sleep(CARRY_PAUSE);
     }
     if let (GO, Some(clock)) = (shared.signal.load(Ordering::Acquire), clock.get()) {
-        beat(lane, terms, shared, clock);
+        beat((index, lane), terms, shared, clock);
+    }
+    // A simulated world sees the run to its end before the outputs are made safe; a board does not.
+    while terms.pace == Pace::Slip && !shared.ledger.all_done() && !shared.over() {
+        thread::sleep(CARRY_PAUSE);
     }
     lane.stop();
     if let Some(site) = silence::take() {

@@ -1,6 +1,5 @@
-//! The live executor over the whole stack: the same values as virtual time when no deadline was
-//! missed, and not one heap call inside a job. Refuses to judge timing: a busy machine only makes a
-//! comparison impossible, and that is said.
+//! The live executor over the whole stack: the same bits as virtual time, misses or not, because the
+//! simulated world waits; and not one heap call inside a job. Refuses to judge timing.
 
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
@@ -8,14 +7,14 @@ use std::sync::atomic::AtomicBool;
 use taktil::run::scene::Scene;
 use taktil_rtcore::guard::{self, CountingAllocator};
 use taktil_rtcore::live::{self, Contract, Pace, Terms};
-use taktil_rtcore::{Machine, Nanos, virtual_time};
+use taktil_rtcore::{Machine, virtual_time};
 use taktil_tests::bench::{Draft, Kept, machine};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
-/// Runs that may be spoiled by misses before the comparison is given up.
-const TRIES: usize = 30;
+/// Live runs that are compared.
+const RUNS: usize = 4;
 
 fn short() -> Scene {
     Draft::roll_pin().set("duration_s", 0.5).scene()
@@ -27,22 +26,12 @@ fn allocations(machine: &Machine) -> Vec<(String, u64)> {
     found.map(|(spec, figures)| (spec.name.clone(), figures.allocations)).collect()
 }
 
-/// What spoiled a run: misses, lost records, a schedule that slipped.
-fn spoiled(machine: &Machine, account: &live::Account) -> Vec<String> {
-    let mut found = Vec::new();
-    for (spec, figures) in machine.figures() {
-        let lost = figures.records_dropped + figures.values_dropped + figures.skipped;
-        if figures.misses.total() + lost > 0 {
-            found.push(format!("{}: {:?}, {lost} lost", spec.name, figures.misses));
-        }
-    }
-    if account.slipped.0 > 0 {
-        found.push(format!("slipped by {}", account.slipped));
-    }
-    found
+/// Records that the observer was too slow to take; without them nothing can be compared.
+fn lost(machine: &Machine) -> u64 {
+    machine.figures().map(|(_, f)| f.records_dropped + f.values_dropped).sum()
 }
 
-fn run_live(scene: &Scene) -> (Kept, Vec<String>) {
+fn run_live(scene: &Scene) -> (Kept, u64) {
     let mut machine = machine(scene, 1);
     let mut kept = Kept::new(&machine);
     let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
@@ -53,48 +42,33 @@ fn run_live(scene: &Scene) -> (Kept, Vec<String>) {
     for (spec, figures) in machine.figures() {
         assert_eq!(figures.jobs, spec.jobs_before(scene.duration), "lane {}", spec.name);
     }
-    (kept, spoiled(&machine, &account))
-}
-
-/// Compares clean live runs with virtual time, up to some instant.
-fn compare(until: Nanos) {
-    let scene = short();
-    let mut machine = machine(&scene, 1);
-    let mut expected = Kept::new(&machine);
-    let stop = AtomicBool::new(false);
-    virtual_time::run(&mut machine, scene.duration, &stop, &mut expected).unwrap();
-    let mut equal_all_the_same = 0;
-    for attempt in 1..=TRIES {
-        let (kept, spoiled) = run_live(&scene);
-        let difference = kept.difference(&expected, until);
-        if spoiled.is_empty() {
-            println!("run {attempt} was clean, {equal_all_the_same} spoiled ones were equal too");
-            assert_eq!(difference, None, "a clean live run differs from virtual time");
-            return;
-        }
-        equal_all_the_same += usize::from(difference.is_none());
-        println!("run {attempt} was spoiled ({}): {difference:?}", spoiled.join("; "));
-    }
-    println!(
-        "SKIPPED: {TRIES} live runs of 0.5 s, none without a miss ({equal_all_the_same} gave the \
-         values of virtual time all the same); this machine is too busy to compare"
-    );
+    let misses: u64 = machine.figures().map(|(_, figures)| figures.misses.total()).sum();
+    println!("live: {misses} misses, slipped by {}", account.slipped);
+    (kept, lost(&machine))
 }
 
 /// Two live machines at once would spoil each other.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 #[test]
-fn live_and_virtual_time_give_the_same_values() {
+fn live_and_virtual_time_give_the_same_bits_whatever_the_host_does() {
     let _alone = ONE_AT_A_TIME.lock();
-    compare(short().duration - Nanos::from_micros(2_500));
-}
-
-#[test]
-#[ignore = "live, the servo lane makes its outputs safe before the world's last job"]
-fn live_and_virtual_time_give_the_same_values_in_the_last_period_too() {
-    let _alone = ONE_AT_A_TIME.lock();
-    compare(short().duration);
+    let scene = short();
+    let mut machine = machine(&scene, 1);
+    let mut expected = Kept::new(&machine);
+    let stop = AtomicBool::new(false);
+    virtual_time::run(&mut machine, scene.duration, &stop, &mut expected).unwrap();
+    let mut compared = 0;
+    for _ in 0..RUNS {
+        let (kept, lost) = run_live(&scene);
+        if lost > 0 {
+            println!("SKIPPED: {lost} records were lost to a busy machine");
+            continue;
+        }
+        assert_eq!(kept.difference(&expected, scene.duration), None);
+        compared += 1;
+    }
+    println!("{compared} of {RUNS} live runs compared");
 }
 
 #[test]

@@ -90,6 +90,9 @@ impl Source {
         if about.is_dir() {
             return complain(format!("`{shown}` is a directory"), &suggest(path));
         }
+        if !about.is_file() {
+            return complain(format!("`{shown}` is not a regular file"), &suggest(path));
+        }
         if about.len() > LARGEST_BYTES {
             return complain(
                 format!("`{shown}` has {} bytes: too big for a configuration", about.len()),
@@ -154,7 +157,9 @@ impl Source {
         let line_end =
             self.text[line_start..].find('\n').map_or(self.text.len(), |n| line_start + n);
         let end = floor(&self.text, span.end.clamp(start, line_end.max(start)));
-        let text = self.text[line_start..line_end].trim_end().to_owned();
+        // What a terminal would obey is shown as a dot.
+        let visible = |c: char| if c.is_control() { '\u{b7}' } else { c };
+        let text = self.text[line_start..line_end].trim_end().chars().map(visible).collect();
         let width = self.text.get(start..end).map_or(1, |marked| marked.chars().count()).max(1);
         Mark {
             line: before.matches('\n').count() + 1,
@@ -346,8 +351,8 @@ mod tests {
         assert!(gone.what.contains("there is no file"), "{gone}");
         let folder = Source::read(Path::new("src")).unwrap_err();
         assert!(folder.what.contains("is a directory"), "{folder}");
-        let device = Source::read(Path::new("/dev/null")).unwrap_err();
-        assert!(device.what.contains("is empty"), "{device}");
+        let device = Source::read(Path::new("/dev/zero")).unwrap_err();
+        assert!(device.what.contains("is not a regular file"), "{device}");
     }
 
     #[test]

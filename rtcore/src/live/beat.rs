@@ -12,6 +12,9 @@ use crate::linux::{MonotonicClock, ThreadCounters, thread_counters, thread_cpu_t
 use crate::release::{GuardFigures, Margin, Wait, wait};
 use crate::schedule::Late;
 
+/// Pause of a lane between two looks at what it waits for, when the world is simulated.
+const WORLD_PAUSE: std::time::Duration = std::time::Duration::from_micros(50);
+
 /// What the kernel counted for this thread up to an instant.
 #[derive(Clone, Copy)]
 struct Evidence {
@@ -41,7 +44,12 @@ impl Evidence {
 }
 
 /// Runs the lane's jobs until the terms say so or the stop flag is set.
-pub(super) fn beat(lane: &mut Lane, terms: Terms, shared: &Shared<'_>, clock: &MonotonicClock) {
+pub(super) fn beat(
+    (index, lane): (usize, &mut Lane),
+    terms: Terms,
+    shared: &Shared<'_>,
+    clock: &MonotonicClock,
+) {
     let jobs = lane.spec.jobs_before(terms.until);
     // Without a guard the margin is bounded by zero, and nothing is learnt.
     let bound = lane.spec.guard.map_or(Nanos::ZERO, |guard| guard.spin_max);
@@ -53,7 +61,12 @@ pub(super) fn beat(lane: &mut Lane, terms: Terms, shared: &Shared<'_>, clock: &M
     let mut awake_since = None;
     while lane.next_tick < jobs {
         let tick = lane.next_tick;
-        let waited = wait(clock, lane.spec.release(tick), margin.get(), slip);
+        let mut waited = wait(clock, lane.spec.release(tick), margin.get(), slip);
+        if terms.pace == Pace::Slip {
+            let pauses = await_due(index, lane.spec.release(tick), shared);
+            waited.sleeps += pauses;
+            waited.begin = if pauses > 0 { clock.now() } else { waited.begin };
+        }
         if let Some(since) = awake_since {
             let awake = waited.entered - since;
             lane.figures.awake_ns.saturating_record(awake.0.unsigned_abs());
@@ -68,6 +81,7 @@ pub(super) fn beat(lane: &mut Lane, terms: Terms, shared: &Shared<'_>, clock: &M
             shared.slip.fetch_max((begin - lane.spec.release(tick)).0, Ordering::Relaxed);
         }
         lane.job(tick);
+        shared.ledger.finished(index, tick + 1);
         let end = clock.now();
         let after = Evidence::read();
         account(lane, &waited, end, after.of_job(before, &waited));
@@ -79,6 +93,16 @@ pub(super) fn beat(lane: &mut Lane, terms: Terms, shared: &Shared<'_>, clock: &M
             lane.next_tick = newest;
         }
     }
+}
+
+/// Waits until everything due at `release` has been sent; says how many pauses that took.
+fn await_due(lane: usize, release: Nanos, shared: &Shared<'_>) -> u32 {
+    let mut pauses = 0;
+    while !shared.ledger.due_is_done(lane, release) && !shared.over() {
+        std::thread::sleep(WORLD_PAUSE);
+        pauses += 1;
+    }
+    pauses
 }
 
 /// Learns from a wait and counts what it cost.

@@ -27,7 +27,8 @@ pub struct Config {
     /// Tactels below this count as 0 (counts). Default 150: three standard deviations of the noise;
     /// 0 lets every value in, as the thesis did.
     pub threshold_counts: f64,
-    /// There is contact when the sum of the counts is above this. Default 500.
+    /// There is contact when the sum of the counts is above this. Default 1000: what noise alone
+    /// leaves above the threshold stays below it.
     pub contact_counts: f64,
     /// The pin is rolled only while the sum of the counts is at least this: before, friction could
     /// not carry it. Default 6000; 0 rolls from first contact, as the thesis did.
@@ -67,7 +68,7 @@ impl Default for Config {
             theta_z_mrad: 0.0,
             feature_jacobian: [20.0, 20_000.0, 200_000.0, 1_000.0],
             threshold_counts: 150.0,
-            contact_counts: 500.0,
+            contact_counts: 1_000.0,
             roll_from_counts: 6_000.0,
             roll_mm_s: 11.0,
             press_mm_s: 4.0,

@@ -13,7 +13,7 @@ const KILLED: i32 = 130;
 ///
 /// # Errors
 /// The kernel's refusal.
-pub(super) fn watch() -> anyhow::Result<Arc<AtomicBool>> {
+pub(crate) fn watch() -> anyhow::Result<Arc<AtomicBool>> {
     let mut signals = SigSet::empty();
     signals.add(Signal::SIGINT);
     signals.add(Signal::SIGTERM);

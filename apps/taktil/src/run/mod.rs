@@ -4,7 +4,7 @@
 pub mod assemble;
 mod budgets;
 pub mod digest;
-mod interrupt;
+pub(crate) mod interrupt;
 pub mod operator;
 pub mod plan;
 mod progress;
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use serde_json::Value;
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Pace, Terms};
@@ -109,13 +109,16 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         print!("{}", if options.json { plan::json(&machine) } else { plan::text(&machine) });
         return Ok(ExitCode::SUCCESS);
     }
-    let log_path = log_path(options)?;
     let mut machine = assemble::assemble(&scene, seed)?;
+    let log_path = log_path(options, &scene)?;
     let targets = targets(&scene);
     let catalog = machine.catalog().clone();
     let log = match &log_path {
         None => None,
-        Some(path) => Some(McapLog::create(path, &catalog, &metadata(&scene, seed, options))?),
+        Some(path) => {
+            let log = McapLog::create(path, &catalog, &metadata(&scene, seed, options));
+            Some(log.map_err(|error| BadOption(format!("{error:#}")))?)
+        }
     };
     let mut watch = Watch {
         digest: Digest::new(&catalog),
@@ -201,17 +204,24 @@ fn finish(options: &Options, log: Option<&Path>, summary: &Value) -> anyhow::Res
     Ok(())
 }
 
-/// A report is drawn from a log: without `--log` it lies beside the report.
-fn log_path(options: &Options) -> anyhow::Result<Option<PathBuf>> {
+/// A report is drawn from a log: without `--log` it lies beside the report. Places that cannot be
+/// written, and the run's own input, are refused before anything is written.
+fn log_path(options: &Options, scene: &Scene) -> anyhow::Result<Option<PathBuf>> {
     if let Some(folder) = &options.report {
-        if folder.exists() && !folder.is_dir() {
-            bail!(BadOption(format!("--report {}: is a file; name a folder", folder.display())));
-        }
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        std::fs::create_dir_all(folder).map_err(|error| {
+            let shown = folder.display();
+            BadOption(format!("--report {shown}: {error}; name a folder that can be made"))
+        })?;
     }
     let beside = options.report.as_ref().map(|folder| folder.join("run.mcap"));
-    Ok(options.log.clone().or(beside))
+    let path = options.log.clone().or(beside);
+    let real = |path: &Path| std::fs::canonicalize(path).ok();
+    if let Some(log) = path.as_deref().and_then(real)
+        && scene.files().any(|file| real(file).as_ref() == Some(&log))
+    {
+        bail!(BadOption(format!("{} is what this run reads; name another log", log.display())));
+    }
+    Ok(path)
 }
 
 fn targets(scene: &Scene) -> Targets {

@@ -14,6 +14,8 @@ use taktil_sim::scene::WorldConfig;
 use taktild::config::MachineConfig;
 use taktild::source::{Located, Source};
 
+/// Shortest run, s.
+const SHORTEST_S: f64 = 1e-3;
 /// Longest run, s: a day.
 const LONGEST_S: f64 = 86_400.0;
 
@@ -143,7 +145,7 @@ impl Scene {
             title: file.title.clone(),
             duration: Nanos::ZERO,
             seed: file.seed,
-            actuation_delay: Nanos::from_micros(file.actuation_delay_us.clamp(-1, 1_000_000)),
+            actuation_delay: Nanos::ZERO,
             world_priority: file.world_priority,
             world_cpu: file.world_cpu,
             // Clamped beyond what any deadline allows, so that it is refused and cannot overflow.
@@ -160,6 +162,14 @@ impl Scene {
 
     fn complete(&mut self, file: &SceneFile) -> Result<(), Invalid> {
         self.duration = duration(file.duration_s, "duration_s")?;
+        if !(1..=1_000_000).contains(&file.actuation_delay_us) {
+            return Err(Invalid::new(
+                "actuation_delay_us",
+                format!("{} us is no actuation delay", file.actuation_delay_us),
+                "give more than 0 and at most the period of the lane that actuates",
+            ));
+        }
+        self.actuation_delay = Nanos::from_micros(file.actuation_delay_us);
         self.world.check().map_err(|bad| foreign(bad).within("world"))?;
         if let Some(start) = &file.start {
             let home_deg = home(start, &self.world)?;
@@ -175,6 +185,12 @@ impl Scene {
             });
         }
         Ok(())
+    }
+
+    /// The files that were read.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        let machine = self.machine_source.as_ref().map(|source| source.path.as_path());
+        [self.source.path.as_path()].into_iter().chain(machine)
     }
 
     /// The text of the machine file; empty when the scene names none.
@@ -208,12 +224,12 @@ pub fn foreign(bad: taktil_sim::scene::Invalid) -> Invalid {
 /// # Errors
 /// Not finite, not positive, longer than a day.
 pub fn duration(seconds: f64, place: &str) -> Result<Nanos, Invalid> {
-    if seconds.is_finite() && seconds > 0.0 && seconds <= LONGEST_S {
+    if (SHORTEST_S..=LONGEST_S).contains(&seconds) {
         #[expect(clippy::cast_possible_truncation, reason = "at most a day of nanoseconds")]
         return Ok(Nanos((seconds * 1e9).round() as i64));
     }
-    let remedy = format!("give more than 0 and at most {LONGEST_S} seconds");
-    Err(Invalid::new(place, format!("{seconds} s is not a duration"), remedy))
+    let remedy = format!("give {SHORTEST_S} to {LONGEST_S} seconds");
+    Err(Invalid::new(place, format!("{seconds:e} s is not a duration"), remedy))
 }
 
 fn read_machine(scene: &Source, path: &Path, name: &str) -> Result<Source, Located> {

@@ -155,7 +155,9 @@ pub struct Figures {
     pub refused: u32,
     /// State at the end.
     pub state: State,
-    /// Rolling took place.
+    /// Touch had the arm at some time.
+    pub touched: bool,
+    /// The force reached its set point: rolling took place.
     pub rolled: bool,
 }
 
@@ -225,6 +227,7 @@ impl Score {
 
     fn features(&mut self, features: &Features) {
         self.active = features.active != 0;
+        self.figures.touched |= self.active;
         let contact = features.defined & defined::CONTACT != 0;
         if !self.active || !contact {
             return;

@@ -73,6 +73,8 @@ impl Ending<'_> {
                 "virtual_machine": attestation.map(|a| a.virtual_machine),
             },
             "representative_timing": attestation.is_some_and(Attestation::representative),
+            "touched": f.touched,
+            "rolled": f.rolled,
             "strokes": f.strokes,
             "x_c": span(f.x_c),
             "p_x_mm": span(f.p_x_mm),

@@ -33,8 +33,11 @@ fn width(value: &Value, digits: usize) -> String {
 pub fn table(summary: &Value) -> String {
     let mut out = String::new();
     head(&mut out, summary);
-    if !summary["x_c"].is_null() {
+    if summary["rolled"] == true {
         rolling(&mut out, summary);
+    } else if summary["touched"] == true {
+        let _ = writeln!(out, "rolling by touch");
+        row(&mut out, "strokes (reversals)", "0", "the force never reached its set point");
     }
     if !summary["hold"]["finger_error_mm"]["mean"].is_null() {
         hold(&mut out, summary);

@@ -62,7 +62,6 @@ fn places_that_cannot_be_written_end_the_run_before_it_starts() {
 }
 
 #[test]
-#[ignore = "a log or report that cannot be written ends with 1; it is bad input, which is 2"]
 fn places_that_cannot_be_written_are_bad_input() {
     let folder = Folder::new();
     folder.write("file", "");
@@ -72,7 +71,6 @@ fn places_that_cannot_be_written_are_bad_input() {
 }
 
 #[test]
-#[ignore = "--log onto the scene replaces the scene"]
 fn a_log_does_not_replace_the_scene() {
     let folder = Folder::new();
     let machine = scenes().join("machine/puma260.toml").display().to_string();
@@ -84,7 +82,6 @@ fn a_log_does_not_replace_the_scene() {
 }
 
 #[test]
-#[ignore = "the report's folder is made before the wiring is looked at"]
 fn a_bad_wiring_makes_no_folder_for_its_report() {
     let folder = Folder::new();
     let machine = scenes().join("machine/puma260.toml").display().to_string();

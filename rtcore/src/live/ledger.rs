@@ -1,0 +1,109 @@
+//! Which lane has finished which job. At the pace of a simulated world a lane does not begin a job before every value
+//! that is due at its release has been sent: a stall on one processor then costs time and no value, and a live run
+//! carries the same bits as one in virtual time. Refuses to be used on boards, where the world does not wait.
+
+use core::sync::atomic::{AtomicU64, Ordering};
+
+use taktil_hal::Nanos;
+
+use crate::schedule::LaneSpec;
+
+/// One lane's row.
+struct Row {
+    spec: LaneSpec,
+    /// Jobs that the lane will run in all.
+    jobs: u64,
+    /// Jobs finished so far.
+    done: AtomicU64,
+}
+
+/// All lanes' rows.
+pub(super) struct Ledger {
+    rows: Vec<Row>,
+}
+
+impl Ledger {
+    /// Nothing is finished yet; jobs released before `until` will be run.
+    pub(super) fn new<'a>(specs: impl Iterator<Item = &'a LaneSpec>, until: Nanos) -> Ledger {
+        let row = |spec: &LaneSpec| Row {
+            spec: spec.clone(),
+            jobs: spec.jobs_before(until),
+            done: AtomicU64::new(0),
+        };
+        Ledger { rows: specs.map(row).collect() }
+    }
+
+    /// Lane `lane` has sent everything of its first `jobs` jobs.
+    pub(super) fn finished(&self, lane: usize, jobs: u64) {
+        // Release: whoever sees the number sees the values in the rings.
+        self.rows[lane].done.store(jobs, Ordering::Release);
+    }
+
+    /// Whether every other lane has finished the jobs whose values are due at `release`.
+    pub(super) fn due_is_done(&self, lane: usize, release: Nanos) -> bool {
+        self.rows.iter().enumerate().all(|(other, row)| {
+            let due = jobs_due(&row.spec, release).min(row.jobs);
+            other == lane || row.done.load(Ordering::Acquire) >= due
+        })
+    }
+
+    /// Whether every lane has run all its jobs.
+    pub(super) fn all_done(&self) -> bool {
+        self.rows.iter().all(|row| row.done.load(Ordering::Acquire) >= row.jobs)
+    }
+}
+
+/// How many jobs of a lane have their deadline, by which their values are out, at or before `now`.
+fn jobs_due(spec: &LaneSpec, now: Nanos) -> u64 {
+    let latest = now - spec.deadline;
+    if latest < spec.phase { 0 } else { spec.newest_released(latest) + 1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spec(name: &str, phase_us: i64, deadline_us: i64) -> LaneSpec {
+        let mut spec = LaneSpec::new(name, Nanos::from_micros(2500), 50);
+        spec.phase = Nanos::from_micros(phase_us);
+        spec.delivery = Nanos::from_micros(deadline_us);
+        spec.deadline = spec.delivery;
+        spec
+    }
+
+    #[test]
+    fn a_job_waits_for_exactly_the_jobs_whose_values_are_due() {
+        let (servo, world) = (spec("servo", 0, 1250), spec("world", 1250, 1250));
+        let ledger = Ledger::new([&servo, &world].into_iter(), Nanos::from_micros(5000));
+        assert!(ledger.due_is_done(0, Nanos::ZERO), "nothing is due at the start");
+        assert!(!ledger.due_is_done(1, world.release(0)), "the first D/A word is");
+        ledger.finished(0, 1);
+        assert!(ledger.due_is_done(1, world.release(0)));
+        assert!(!ledger.due_is_done(0, servo.release(1)));
+        ledger.finished(1, 1);
+        assert!(ledger.due_is_done(0, servo.release(1)));
+        ledger.finished(0, 2);
+        assert!(ledger.due_is_done(1, world.release(1)));
+        assert!(ledger.due_is_done(1, world.release(9)), "no more jobs come than the run has");
+    }
+
+    #[test]
+    fn nobody_waits_in_a_circle() {
+        // In order of release there is always a lane that may go on.
+        let specs = [spec("a", 0, 2500), spec("b", 1250, 700), spec("c", 0, 100)];
+        let until = Nanos::from_millis(50);
+        let ledger = Ledger::new(specs.iter(), until);
+        let mut next = [0u64; 3];
+        while (0..3).any(|lane| next[lane] < specs[lane].jobs_before(until)) {
+            let able: Vec<usize> = (0..3)
+                .filter(|&lane| next[lane] < specs[lane].jobs_before(until))
+                .filter(|&lane| ledger.due_is_done(lane, specs[lane].release(next[lane])))
+                .collect();
+            let lane = *able.last().expect("somebody can go on");
+            assert!(!ledger.all_done());
+            next[lane] += 1;
+            ledger.finished(lane, next[lane]);
+        }
+        assert!(ledger.all_done());
+    }
+}
