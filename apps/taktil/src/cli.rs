@@ -9,6 +9,7 @@ use taktild::source::Located;
 
 use crate::diff;
 use crate::doctor;
+use crate::jitter::{self, JitterArgs};
 use crate::plot::{self, PlotArgs};
 use crate::run::{self, BadOption, Options};
 
@@ -48,7 +49,7 @@ enum Command {
         #[arg(long)]
         fast: bool,
         /// Seed of all noise, instead of the scene's
-        #[arg(long, value_name = "N")]
+        #[arg(long, value_name = "N", allow_negative_numbers = true)]
         seed: Option<u64>,
         /// Simulated seconds, instead of the scene's
         #[arg(long = "for", value_name = "S", allow_negative_numbers = true)]
@@ -113,6 +114,10 @@ enum Command {
         #[arg(long, conflicts_with = "json")]
         fix_script: bool,
     },
+    /// How late this machine releases jobs: empty lanes on the real executor, beside cyclictest.
+    ///
+    /// Exit code 0 however late it is; 2: an option that cannot be used, or no cyclictest.
+    Jitter(JitterArgs),
     /// The mathematics as a filter: one JSON request a line on stdin, one JSON answer a line on stdout.
     Calc {
         /// Print every operation with its fields, units and defaults
@@ -156,6 +161,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
             doctor::run(&doctor::Options { json, root, cpus, fix_script })
         }
         Command::Diff { a, b, json } => diff::run(&diff::Options { a, b, json }),
+        Command::Jitter(arguments) => jitter::run(&arguments),
         Command::Calc { list: true } => {
             print!("{}", crate::calc::list());
             Ok(ExitCode::SUCCESS)

@@ -5,6 +5,7 @@ pub mod calc;
 pub mod cli;
 pub mod diff;
 pub mod doctor;
+pub mod jitter;
 pub mod log;
 pub mod plot;
 pub mod report;

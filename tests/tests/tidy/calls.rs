@@ -87,6 +87,7 @@ pub(crate) const BANS: &[Ban] = &[
             ("rtcore/src/virtual_time.rs", "the flag that stops a run"),
             ("drivers/regmap/src/io.rs", "a register file is shared with a device"),
             ("apps/taktil/src/run/", "a signal sets the flag that ends a run"),
+            ("apps/taktil/src/jitter/", "a flag ends the load's threads and a measurement"),
             ("apps/taktild/src/service.rs", "a signal sets the flag that ends the service"),
         ],
         tests: false,

@@ -1,0 +1,134 @@
+//! Two instruments in neighbouring slices of one run: ratios of adjacent pairs and their medians,
+//! with the yardstick against itself as the control. Refuses to compare sums: a host that takes
+//! the processor in one slice would decide them.
+
+use hdrhistogram::Histogram;
+
+use super::measure::{add, histogram};
+
+/// What is compared: name and quantile.
+pub const QUANTILES: [(&str, f64); 5] =
+    [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0)];
+
+/// One ratio for each of [`QUANTILES`].
+pub type Ratios = [f64; 5];
+
+/// The pairs of a run.
+#[derive(Clone, Debug)]
+pub struct Comparison {
+    /// All latencies of cyclictest, ns.
+    pub theirs: Histogram<u64>,
+    /// Ours over cyclictest's, pair by pair.
+    pub ratios: Vec<Ratios>,
+    /// Cyclictest's over its own of the slice before.
+    pub control: Vec<Ratios>,
+    last: Option<Histogram<u64>>,
+}
+
+/// Where the middle of some ratios lies, and how far they scatter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Middle {
+    /// Median.
+    pub median: f64,
+    /// First quartile.
+    pub low: f64,
+    /// Third quartile.
+    pub high: f64,
+}
+
+impl Default for Comparison {
+    fn default() -> Comparison {
+        Comparison::new()
+    }
+}
+
+impl Comparison {
+    /// No pair yet.
+    #[must_use]
+    pub fn new() -> Comparison {
+        let (ratios, control) = (Vec::new(), Vec::new());
+        Comparison { theirs: histogram(), ratios, control, last: None }
+    }
+
+    /// Takes in a pair, ours and theirs; pairs come in the order ours, theirs, theirs, ours, so
+    /// the slices of cyclictest in pairs 2k and 2k + 1 are neighbours.
+    pub fn pair(&mut self, ours: &Histogram<u64>, theirs: &Histogram<u64>) {
+        self.ratios.push(ratios(ours, theirs));
+        if let Some(before) = self.last.take() {
+            self.control.push(ratios(theirs, &before));
+        } else {
+            self.last = Some(theirs.clone());
+        }
+        add(&mut self.theirs, theirs);
+    }
+}
+
+fn ratios(over: &Histogram<u64>, under: &Histogram<u64>) -> Ratios {
+    #[expect(clippy::cast_precision_loss, reason = "nanoseconds of a latency")]
+    QUANTILES.map(|(_, quantile)| {
+        over.value_at_quantile(quantile) as f64 / under.value_at_quantile(quantile).max(1) as f64
+    })
+}
+
+/// The middle of one column of ratios; none of none.
+#[must_use]
+pub fn middle(ratios: &[Ratios], column: usize) -> Option<Middle> {
+    let mut values: Vec<f64> = ratios.iter().map(|row| row[column]).collect();
+    values.sort_by(f64::total_cmp);
+    let at = |quarters: usize| {
+        // Linear between the two values next to the place.
+        let place = (values.len() - 1) * quarters;
+        let (index, rest) = (place / 4, (place % 4) as f64 / 4.0);
+        let next = values[(index + 1).min(values.len() - 1)];
+        values[index] + rest * (next - values[index])
+    };
+    (!values.is_empty()).then(|| Middle { median: at(2), low: at(1), high: at(3) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn all(value: u64) -> Histogram<u64> {
+        let mut found = histogram();
+        found.record_n(value, 100).unwrap();
+        found
+    }
+
+    #[test]
+    fn the_middle_is_between_its_neighbours() {
+        let rows = |values: &[f64]| values.iter().map(|v| [*v; 5]).collect::<Vec<Ratios>>();
+        assert_eq!(middle(&[], 0), None);
+        let one = middle(&rows(&[2.0]), 4).unwrap();
+        assert_eq!((one.median, one.low, one.high), (2.0, 2.0, 2.0));
+        let two = middle(&rows(&[3.0, 1.0]), 0).unwrap();
+        assert_eq!((two.median, two.low, two.high), (2.0, 1.5, 2.5));
+        let five = middle(&rows(&[5.0, 1.0, 100.0, 2.0, 3.0]), 0).unwrap();
+        assert_eq!((five.median, five.low, five.high), (3.0, 2.0, 5.0));
+    }
+
+    #[test]
+    fn pairs_and_controls_are_neighbours_only() {
+        let mut comparison = Comparison::new();
+        // The machine becomes ten times slower between pair 1 and pair 2: no ratio sees it.
+        for (ours, theirs) in [(100, 200), (110, 220), (1000, 2000), (1100, 2200)] {
+            comparison.pair(&all(ours), &all(theirs));
+        }
+        assert_eq!(comparison.ratios.len(), 4);
+        assert_eq!(comparison.control.len(), 2, "slices 0 and 1, 2 and 3");
+        for row in comparison.ratios.iter().flatten() {
+            assert!((row - 0.5).abs() < 0.01, "{row}");
+        }
+        for row in comparison.control.iter().flatten() {
+            assert!((row - 1.1).abs() < 0.01, "{row}");
+        }
+        assert_eq!(comparison.theirs.len(), 400);
+    }
+
+    #[test]
+    fn a_yardstick_of_zero_does_not_divide() {
+        let mut comparison = Comparison::new();
+        comparison.pair(&all(100), &histogram());
+        assert!(comparison.ratios[0].iter().all(|ratio| ratio.is_finite()));
+    }
+}

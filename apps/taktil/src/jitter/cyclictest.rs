@@ -1,0 +1,163 @@
+//! cyclictest of rt-tests as a yardstick: the same period, priority and CPU, for one slice, and its
+//! histogram. Refuses a binary that is not there or that does not say what it measured.
+
+use std::io::{ErrorKind, Read};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use anyhow::{Context, anyhow, bail};
+use hdrhistogram::Histogram;
+use taktil_rtcore::{Nanos, linux};
+
+use super::measure::{Lanes, histogram};
+use crate::run::BadOption;
+
+/// The binary, found on the PATH.
+const BINARY: &str = "cyclictest";
+/// Latencies up to this are counted one by one, us; longer ones all together.
+const LONGEST_US: u32 = 20_000;
+/// Pause between two looks at the child.
+const LOOK: Duration = Duration::from_millis(50);
+/// A slice that takes this much longer than it should is ended.
+const PATIENCE: Nanos = Nanos::from_secs(20);
+
+/// How to call it.
+#[derive(Clone, Debug)]
+pub struct Cyclictest {
+    arguments: Vec<String>,
+    period: Nanos,
+}
+
+impl Cyclictest {
+    /// Makes sure that it is there.
+    ///
+    /// # Errors
+    /// [`BadOption`] with the package to install.
+    pub fn find(lanes: &Lanes) -> anyhow::Result<Cyclictest> {
+        let spec = lanes.specs.first().context("no lane")?;
+        match Command::new(BINARY).arg("--help").output() {
+            Ok(_) => {}
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                let what = "--cyclictest: no `cyclictest` on the PATH; \
+                            install the package rt-tests, or leave --cyclictest out";
+                return Err(BadOption(what.to_owned()).into());
+            }
+            Err(error) => return Err(anyhow!("cyclictest cannot be run: {error}")),
+        }
+        let interval_us = spec.period.0 / 1000;
+        let mut arguments: Vec<String> = ["-q", "-m", "-t", "1"].map(String::from).to_vec();
+        arguments.extend(["-p".into(), spec.priority.to_string()]);
+        arguments.extend(["-i".into(), interval_us.to_string()]);
+        arguments.extend(["-h".into(), LONGEST_US.to_string()]);
+        if let Some(cpu) = spec.cpu {
+            arguments.extend(["-a".into(), cpu.to_string()]);
+        }
+        Ok(Cyclictest { arguments, period: spec.period })
+    }
+
+    /// Runs it for one slice; its latencies, ns.
+    ///
+    /// # Errors
+    /// It failed, hung or printed no histogram.
+    pub fn slice(&self, long: Nanos, stop: &AtomicBool) -> anyhow::Result<Histogram<u64>> {
+        let loops = (long.0 / self.period.0).max(1);
+        let mut child = Command::new(BINARY)
+            .args(&self.arguments)
+            .args(["-l", &loops.to_string()])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .context("cyclictest does not start")?;
+        let mut stdout = child.stdout.take().context("cyclictest has no output")?;
+        let reader = std::thread::spawn(move || {
+            let mut text = String::new();
+            stdout.read_to_string(&mut text).map(|_| text)
+        });
+        let latest = linux::monotonic() + long * 2 + PATIENCE;
+        let status = loop {
+            if let Some(status) = child.try_wait()? {
+                break status;
+            }
+            let late = linux::monotonic() > latest;
+            if late || stop.load(Ordering::SeqCst) {
+                child.kill()?;
+                child.wait()?;
+                if late {
+                    bail!("cyclictest did not end in time and was ended");
+                }
+                return Ok(histogram());
+            }
+            std::thread::sleep(LOOK);
+        };
+        let text = reader.join().map_err(|_| anyhow!("reading cyclictest failed"))??;
+        if !status.success() {
+            let mut why = String::new();
+            if let Some(stderr) = &mut child.stderr {
+                stderr.read_to_string(&mut why)?;
+            }
+            bail!("cyclictest failed ({status}): {}", why.trim());
+        }
+        parse(&text)
+    }
+}
+
+/// Reads the histogram that `-h` prints. cyclictest cuts latencies to whole microseconds, so a
+/// count is put into the middle of its microsecond; what overflowed stands at the largest latency.
+fn parse(text: &str) -> anyhow::Result<Histogram<u64>> {
+    let mut found = histogram();
+    let (mut overflows, mut largest_us) = (0, 0);
+    for line in text.lines() {
+        let last = || line.split_whitespace().last().and_then(|word| word.parse::<u64>().ok());
+        if line.starts_with("# Histogram Overflows:") {
+            overflows = last().unwrap_or(0);
+        } else if line.starts_with("# Max Latencies:") {
+            largest_us = last().unwrap_or(0);
+        } else if !line.starts_with(['#', 'T']) {
+            let mut words = line.split_whitespace().map(str::parse::<u64>);
+            if let (Some(Ok(us)), Some(Ok(count)), None) =
+                (words.next(), words.next(), words.next())
+            {
+                record(&mut found, us, count);
+            }
+        }
+    }
+    record(&mut found, largest_us, overflows);
+    if found.is_empty() {
+        bail!("cyclictest printed no histogram");
+    }
+    Ok(found)
+}
+
+fn record(found: &mut Histogram<u64>, us: u64, count: u64) {
+    // A count of nothing would still move the smallest and the largest value.
+    if count > 0 {
+        found.saturating_record_n(us.saturating_mul(1000).saturating_add(500), count);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PRINTED: &str = "# /dev/cpu_dma_latency set to 0us\nT: 0 ( 912) P:80 I:2500 C:  7\n\
+        # Histogram\n000000 000000\n000018 000004\n000019 000002\n# Total: 000000006\n\
+        # Min Latencies: 00018\n# Avg Latencies: 00043\n# Max Latencies: 05727\n\
+        # Histogram Overflows: 00001\n# Histogram Overflow at cycle number:\n# Thread 0: 3\n";
+
+    #[test]
+    fn its_histogram_is_read() {
+        let found = parse(PRINTED).unwrap();
+        assert_eq!(found.len(), 7);
+        assert!(found.equivalent(found.min(), 18_500), "{}", found.min());
+        assert!(found.equivalent(found.value_at_quantile(0.5), 18_500));
+        assert!(found.equivalent(found.max(), 5_727_500), "{}", found.max());
+    }
+
+    #[test]
+    fn no_histogram_is_a_failure() {
+        assert!(parse("").is_err());
+        assert!(parse("000018 000000\nnonsense 3\n1 2 3\n").is_err());
+    }
+}

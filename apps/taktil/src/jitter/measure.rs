@@ -1,0 +1,250 @@
+//! Empty lanes on the real executor, slice by slice, and what they counted in all. Refuses rates
+//! that no lane can have.
+
+use std::sync::atomic::AtomicBool;
+
+use anyhow::anyhow;
+use hdrhistogram::Histogram;
+use taktil_rtcore::live::{self, Attestation, Audience, Contract, Pace, Terms};
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{
+    Builder, Cycle, FaultCode, Figures, Guard, GuardFigures, Invalid, Io, LaneSpec, Machine,
+    Misses, Nanos, Task,
+};
+
+use crate::run::BadOption;
+
+/// A task that does nothing: all that is measured is the executor.
+struct Empty;
+
+impl Task for Empty {
+    fn step(&mut self, _cycle: &Cycle, _io: &mut Io<'_>) -> Result<(), FaultCode> {
+        Ok(())
+    }
+}
+
+/// Nobody watches.
+struct Nobody;
+
+impl Observer for Nobody {
+    fn record(&mut self, _record: &Record<'_>) {}
+}
+
+impl Audience for Nobody {}
+
+/// The lanes to be measured.
+#[derive(Clone, Debug)]
+pub struct Lanes {
+    /// In order of priority.
+    pub specs: Vec<LaneSpec>,
+}
+
+/// Rates a lane may have, Hz.
+const RATES_HZ: core::ops::RangeInclusive<f64> = 1.0..=20_000.0;
+
+impl Lanes {
+    /// One lane a rate, their phases apart, so that none waits for another's job.
+    ///
+    /// # Errors
+    /// [`BadOption`] with the option's name.
+    pub fn new(
+        rates_hz: &[f64],
+        priority: u8,
+        cpu: Option<usize>,
+        guard: Option<f64>,
+    ) -> Result<Lanes, BadOption> {
+        let bad = |what: String| Err(BadOption(what));
+        if rates_hz.is_empty() || rates_hz.len() > usize::from(priority) {
+            return bad(format!("--rate-hz: {} lanes at priority {priority}", rates_hz.len()));
+        }
+        if let Some(rate) = rates_hz.iter().find(|rate| !RATES_HZ.contains(rate)) {
+            let (low, high) = (RATES_HZ.start(), RATES_HZ.end());
+            return bad(format!("--rate-hz {rate}: give {low} to {high}"));
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "at most 1e9")]
+        let period = |rate: f64| Nanos((1e9 / rate).round() as i64);
+        let shortest = rates_hz.iter().map(|rate| period(*rate).0).min().unwrap_or(1);
+        let step = shortest / i64::try_from(rates_hz.len()).unwrap_or(1);
+        let mut specs = Vec::new();
+        for (index, rate) in (0u8..).zip(rates_hz) {
+            let period = period(*rate);
+            let guard = guard.map(|share| Guard::of_share(share, period)).transpose();
+            let guard =
+                guard.map_err(|invalid| BadOption(format!("--guard: {}", text(&invalid))))?;
+            let mut spec = LaneSpec::new(format!("lane{index}"), period, priority - index);
+            spec.phase = Nanos(step * i64::from(index));
+            spec.cpu = cpu;
+            spec.guard = guard;
+            spec.check().map_err(|invalid| BadOption(format!("--rate-hz: {}", text(&invalid))))?;
+            specs.push(spec);
+        }
+        Ok(Lanes { specs })
+    }
+
+    fn machine(&self) -> Result<Machine, Invalid> {
+        let mut builder = Builder::new();
+        for (index, spec) in self.specs.iter().enumerate() {
+            let lane = builder.lane(spec.clone())?;
+            builder.task(lane, &format!("empty{index}"), |_ports| Ok(Box::new(Empty)))?;
+        }
+        builder.build()
+    }
+}
+
+fn text(invalid: &Invalid) -> String {
+    format!("{}; {}", invalid.what, invalid.remedy)
+}
+
+/// Nanoseconds, 1 ns to 100 s at three digits.
+#[must_use]
+pub fn histogram() -> Histogram<u64> {
+    Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds are valid")
+}
+
+/// What one lane counted in all slices.
+#[derive(Clone, Debug)]
+pub struct LaneSum {
+    /// As it was run.
+    pub spec: LaneSpec,
+    /// Begin of a job minus its release, ns.
+    pub late: Histogram<u64>,
+    /// How late sleeps ended, ns.
+    pub wake: Histogram<u64>,
+    /// Release to sleep without the spin, ns: with an empty task that is the executor itself.
+    pub awake: Histogram<u64>,
+    /// The job alone, ns.
+    pub execution: Histogram<u64>,
+    /// Jobs run.
+    pub jobs: u64,
+    /// Jobs left out.
+    pub skipped: u64,
+    /// Jobs that missed, by cause.
+    pub misses: Misses,
+    /// Page faults from one job's end to the next.
+    pub page_faults: u64,
+    /// Heap calls inside jobs.
+    pub allocations: u64,
+    /// What the guard did.
+    pub guard: Option<GuardFigures>,
+}
+
+impl LaneSum {
+    fn new(spec: &LaneSpec) -> LaneSum {
+        LaneSum {
+            spec: spec.clone(),
+            late: histogram(),
+            wake: histogram(),
+            awake: histogram(),
+            execution: histogram(),
+            jobs: 0,
+            skipped: 0,
+            misses: Misses::default(),
+            page_faults: 0,
+            allocations: 0,
+            guard: None,
+        }
+    }
+
+    fn absorb(&mut self, figures: &Figures) {
+        add(&mut self.late, &figures.lateness_ns);
+        add(&mut self.wake, &figures.wake_ns);
+        add(&mut self.awake, &figures.awake_ns);
+        add(&mut self.execution, &figures.execution_ns);
+        self.jobs += figures.jobs;
+        self.skipped += figures.skipped;
+        self.page_faults += figures.page_faults;
+        self.allocations += figures.allocations;
+        let (mine, new) = (&mut self.misses, &figures.misses);
+        mine.late_wake += new.late_wake;
+        mine.overrun += new.overrun;
+        mine.preempted += new.preempted;
+        mine.blocked += new.blocked;
+        mine.page_fault += new.page_fault;
+        mine.throttled += new.throttled;
+        if let Some(new) = figures.guard {
+            let sum = self.guard.get_or_insert_default();
+            sum.spun += new.spun;
+            sum.over += new.over;
+            sum.early += new.early;
+            sum.margin = new.margin;
+        }
+    }
+}
+
+/// Adds counts value by value; both sides may differ in grain.
+pub(super) fn add(to: &mut Histogram<u64>, from: &Histogram<u64>) {
+    for step in from.iter_recorded() {
+        to.saturating_record_n(step.value_iterated_to(), step.count_at_value());
+    }
+}
+
+/// All slices together.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// Lane by lane.
+    pub lanes: Vec<LaneSum>,
+    /// What the kernel granted in the last slice.
+    pub attestation: Attestation,
+}
+
+impl Measured {
+    /// Nothing yet.
+    #[must_use]
+    pub fn new(lanes: &Lanes) -> Measured {
+        let sums = lanes.specs.iter().map(LaneSum::new).collect();
+        Measured { lanes: sums, attestation: Attestation::default() }
+    }
+
+    /// Runs the lanes for a while; returns how late the first of them released its jobs, ns.
+    ///
+    /// # Errors
+    /// No thread for a lane.
+    pub fn slice(
+        &mut self,
+        lanes: &Lanes,
+        long: Nanos,
+        stop: &AtomicBool,
+    ) -> anyhow::Result<Histogram<u64>> {
+        let mut machine = lanes.machine().map_err(|invalid| anyhow!("{invalid}"))?;
+        let terms = Terms { until: long, contract: Contract::Soft, pace: Pace::Fixed };
+        let account = live::run(&mut machine, terms, stop, &mut Nobody)?;
+        self.attestation = account.attestation;
+        let mut first = histogram();
+        for (index, (_, figures)) in machine.figures().enumerate() {
+            self.lanes[index].absorb(figures);
+            if index == 0 {
+                add(&mut first, &figures.lateness_ns);
+            }
+        }
+        Ok(first)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lanes_descend_in_priority_and_stand_apart() {
+        let lanes = Lanes::new(&[400.0, 200.0], 80, Some(0), Some(0.1)).unwrap();
+        let (fast, slow) = (&lanes.specs[0], &lanes.specs[1]);
+        assert_eq!((fast.period, slow.period), (Nanos(2_500_000), Nanos(5_000_000)));
+        assert_eq!((fast.priority, slow.priority), (80, 79));
+        assert_eq!((fast.phase, slow.phase), (Nanos::ZERO, Nanos(1_250_000)));
+        assert_eq!(fast.guard.unwrap().spin_max, Nanos(250_000));
+        assert_eq!(slow.cpu, Some(0));
+        assert!(Lanes::new(&[400.0, 200.0], 1, None, None).is_err(), "priorities run out");
+    }
+
+    #[test]
+    fn sums_keep_every_count() {
+        let mut from = Histogram::new_with_bounds(1, 1_000_000, 2).unwrap();
+        from.record_n(10, 3).unwrap();
+        from.record(500_000).unwrap();
+        let mut to = histogram();
+        add(&mut to, &from);
+        add(&mut to, &from);
+        assert_eq!(to.len(), 8);
+        assert_eq!(to.value_at_quantile(0.5), 10);
+    }
+}

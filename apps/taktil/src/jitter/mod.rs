@@ -1,0 +1,232 @@
+//! `taktil jitter`: how late this machine releases jobs, measured on the real executor with empty
+//! lanes, and beside cyclictest if wanted. Refuses to let figures of a virtual machine, of a kernel
+//! without PREEMPT_RT or of an ordinary thread pass for a robot's.
+
+pub mod compare;
+pub mod cyclictest;
+mod load;
+pub mod measure;
+mod picture;
+mod words;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::Context;
+use serde_json::Value;
+use taktil_rtcore::Nanos;
+
+use crate::run::{BadOption, interrupt};
+use compare::Comparison;
+use cyclictest::Cyclictest;
+use load::Load;
+use measure::{Lanes, Measured};
+
+/// What the command line says.
+#[derive(Clone, Debug, clap::Args)]
+pub struct JitterArgs {
+    /// Rates of the lanes; several are separated by commas, the first has the highest priority
+    #[arg(long, value_name = "HZ", value_delimiter = ',', default_value = "400")]
+    pub rate_hz: Vec<f64>,
+    /// SCHED_FIFO priority of the first lane
+    #[arg(long, value_name = "N", default_value_t = 80,
+          value_parser = clap::value_parser!(u8).range(1..=99))]
+    pub priority: u8,
+    /// CPU to run on; any when absent
+    #[arg(long, value_name = "N")]
+    pub cpu: Option<usize>,
+    /// Seconds in all
+    #[arg(long = "for", value_name = "S", default_value_t = 10.0)]
+    pub for_s: f64,
+    /// Wake early and spin to the release; the value is the largest share of a CPU to burn
+    #[arg(long, value_name = "SHARE", num_args = 0..=1, default_missing_value = "0.1")]
+    pub guard: Option<f64>,
+    /// Load the machine meanwhile: CPU, memory and disk, at ordinary priority
+    #[arg(long)]
+    pub load: bool,
+    /// Alternate with cyclictest (package rt-tests) on the same CPU at the same priority
+    #[arg(long)]
+    pub cyclictest: bool,
+    /// Seconds of one slice with --cyclictest; --for holds as many pairs as fit
+    #[arg(long = "slice", value_name = "S", default_value_t = 5.0)]
+    pub slice_s: f64,
+    /// Draw the histogram to this file
+    #[arg(long, value_name = "F.svg")]
+    pub svg: Option<PathBuf>,
+    /// One JSON object on standard output instead of the table
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Longest measurement: a day.
+const LONGEST_S: f64 = 86_400.0;
+/// Shortest slice: fewer jobs have no percentiles.
+const SHORTEST_S: f64 = 0.1;
+
+/// Everything that was found.
+pub(crate) struct Findings<'a> {
+    pub(crate) arguments: &'a JitterArgs,
+    pub(crate) ours: Measured,
+    pub(crate) comparison: Option<Comparison>,
+    pub(crate) interrupted: bool,
+}
+
+/// Measures and says what was found; exit 0 however late the machine is.
+///
+/// # Errors
+/// [`BadOption`] for what cannot be used, also for a cyclictest that is not there.
+pub fn run(arguments: &JitterArgs) -> anyhow::Result<ExitCode> {
+    let lanes = lanes(arguments)?;
+    let pairs = pairs(arguments)?;
+    let theirs = if arguments.cyclictest { Some(Cyclictest::find(&lanes)?) } else { None };
+    let stop = interrupt::watch()?;
+    let load = if arguments.load { Some(Load::start()?) } else { None };
+    let mut ours = Measured::new(&lanes);
+    let comparison = match &theirs {
+        None => {
+            ours.slice(&lanes, seconds(arguments.for_s), &stop)?;
+            None
+        }
+        Some(theirs) => Some(alternate(arguments, pairs, &lanes, theirs, &mut ours, &stop)?),
+    };
+    drop(load);
+    let interrupted = stop.load(Ordering::SeqCst);
+    let findings = Findings { arguments, ours, comparison, interrupted };
+    if let Some(path) = &arguments.svg {
+        std::fs::write(path, picture::draw(&findings))
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    let found: Value = words::json(&findings);
+    if arguments.json {
+        println!("{found}");
+    } else {
+        print!("{}", words::table(&findings));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Slices in the order ours, theirs, theirs, ours, ours ...: each pair stands side by side, drift
+/// falls on both alike, and every second pair of neighbours is cyclictest against itself.
+fn alternate(
+    arguments: &JitterArgs,
+    pairs: usize,
+    lanes: &Lanes,
+    theirs: &Cyclictest,
+    ours: &mut Measured,
+    stop: &AtomicBool,
+) -> anyhow::Result<Comparison> {
+    let slice = seconds(arguments.slice_s);
+    let mut comparison = Comparison::new();
+    for pair in 0..pairs {
+        let ours_first = pair % 2 == 0;
+        let first = ours_first.then(|| ours.slice(lanes, slice, stop)).transpose()?;
+        if stop.load(Ordering::SeqCst) {
+            break;
+        }
+        let cyclictest = theirs.slice(slice, stop)?;
+        if stop.load(Ordering::SeqCst) {
+            break;
+        }
+        let lateness = match first {
+            Some(lateness) => lateness,
+            None => ours.slice(lanes, slice, stop)?,
+        };
+        if stop.load(Ordering::SeqCst) {
+            break;
+        }
+        comparison.pair(&lateness, &cyclictest);
+        eprint!("\rpair {} of {pairs}", pair + 1);
+    }
+    eprintln!();
+    Ok(comparison)
+}
+
+fn seconds(s: f64) -> Nanos {
+    #[expect(clippy::cast_possible_truncation, reason = "checked: at most a day")]
+    let ns = (s * 1e9).round() as i64;
+    Nanos(ns)
+}
+
+fn lanes(arguments: &JitterArgs) -> anyhow::Result<Lanes> {
+    if arguments.cyclictest && arguments.rate_hz.len() != 1 {
+        let what = "--cyclictest compares one lane; give one --rate-hz";
+        return Err(BadOption(what.to_owned()).into());
+    }
+    if let Some(cpu) = arguments.cpu {
+        let present = PathBuf::from(format!("/sys/devices/system/cpu/cpu{cpu}")).exists();
+        if !present {
+            return Err(BadOption(format!("--cpu {cpu}: this machine has no such CPU")).into());
+        }
+    }
+    let lanes = Lanes::new(&arguments.rate_hz, arguments.priority, arguments.cpu, arguments.guard)?;
+    Ok(lanes)
+}
+
+/// How many pairs of slices fit.
+fn pairs(arguments: &JitterArgs) -> anyhow::Result<usize> {
+    for (name, s) in [("--for", arguments.for_s), ("--slice", arguments.slice_s)] {
+        if !(SHORTEST_S..=LONGEST_S).contains(&s) {
+            let what = format!("{name} {s}: give {SHORTEST_S} to {LONGEST_S} seconds");
+            return Err(BadOption(what).into());
+        }
+    }
+    let pair = 2 * seconds(arguments.slice_s).0;
+    let pairs = usize::try_from(seconds(arguments.for_s).0 / pair).unwrap_or(0);
+    if arguments.cyclictest && pairs == 0 {
+        let (all, slice) = (arguments.for_s, arguments.slice_s);
+        let what = format!(
+            "--for {all} holds no pair of {slice} s slices; give --for {} or a shorter --slice",
+            2.0 * slice
+        );
+        return Err(BadOption(what).into());
+    }
+    Ok(pairs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn arguments() -> JitterArgs {
+        JitterArgs {
+            rate_hz: vec![400.0],
+            priority: 80,
+            cpu: None,
+            for_s: 60.0,
+            guard: None,
+            load: false,
+            cyclictest: true,
+            slice_s: 5.0,
+            svg: None,
+            json: false,
+        }
+    }
+
+    #[test]
+    fn pairs_fit_into_the_time() {
+        assert_eq!(pairs(&arguments()).unwrap(), 6);
+        let tenths = JitterArgs { for_s: 1.2, slice_s: 0.2, ..arguments() };
+        assert_eq!(pairs(&tenths).unwrap(), 3, "decimal fractions are not cut");
+        assert_eq!(pairs(&JitterArgs { for_s: 19.9, ..arguments() }).unwrap(), 1);
+        for (for_s, slice_s) in
+            [(9.0, 5.0), (f64::NAN, 5.0), (60.0, f64::NAN), (-1.0, 5.0), (60.0, 0.0), (1e9, 5.0)]
+        {
+            assert!(pairs(&JitterArgs { for_s, slice_s, ..arguments() }).is_err(), "{for_s}");
+        }
+        let alone = JitterArgs { cyclictest: false, for_s: 1.0, ..arguments() };
+        assert_eq!(pairs(&alone).unwrap(), 0, "one slice of its own needs no pair");
+    }
+
+    #[test]
+    fn what_cannot_be_measured_is_refused() {
+        for rate in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e9] {
+            assert!(lanes(&JitterArgs { rate_hz: vec![rate], ..arguments() }).is_err(), "{rate}");
+        }
+        assert!(lanes(&JitterArgs { rate_hz: vec![400.0, 200.0], ..arguments() }).is_err());
+        assert!(lanes(&JitterArgs { rate_hz: vec![], ..arguments() }).is_err());
+        assert!(lanes(&JitterArgs { cpu: Some(100_000), ..arguments() }).is_err());
+        assert!(lanes(&JitterArgs { guard: Some(0.9), ..arguments() }).is_err());
+        assert!(lanes(&arguments()).is_ok());
+    }
+}

@@ -1,0 +1,263 @@
+//! The findings in words and as JSON: table, grade, and the banner of what they do not show.
+//! Refuses to grade without saying where the figures are from.
+
+use std::io::IsTerminal;
+
+use hdrhistogram::Histogram;
+use serde_json::{Value, json};
+use taktil_rtcore::guard;
+
+use super::Findings;
+use super::compare::{QUANTILES, Ratios, middle};
+use super::measure::LaneSum;
+
+/// What a machine is good for, by its worst lateness; after the latency test of LinuxCNC.
+const GRADES: [(u64, &str); 5] = [
+    (20_000, "excellent: fit for fast servo loops and for step pulses made in software"),
+    (50_000, "good: fit for servo loops of some kHz"),
+    (100_000, "fair: fit for servo loops up to about 1 kHz"),
+    (1_000_000, "poor: slow servo loops with care"),
+    (u64::MAX, "unfit: a control loop may stand still for more than 1 ms"),
+];
+
+/// The grade of a worst lateness, ns.
+pub(super) fn grade(worst_ns: u64) -> &'static str {
+    GRADES.iter().find(|(most, _)| worst_ns <= *most).map_or("", |(_, words)| *words)
+}
+
+/// Why the figures say little about a robot's computer; empty when they do.
+pub(super) fn banner(found: &Findings<'_>) -> Vec<String> {
+    let attestation = &found.ours.attestation;
+    let mut lines = Vec::new();
+    if attestation.virtual_machine {
+        lines.push("virtual machine: its host takes the processor when it likes".to_owned());
+    }
+    if !attestation.preempt_rt {
+        lines.push("kernel without PREEMPT_RT".to_owned());
+    }
+    lines.extend(attestation.missing.iter().map(|line| format!("not granted: {line}")));
+    lines
+}
+
+/// What was measured, in one line.
+pub(super) fn headline(found: &Findings<'_>) -> String {
+    let arguments = found.arguments;
+    let rates: Vec<String> = arguments.rate_hz.iter().map(f64::to_string).collect();
+    let cpu = arguments.cpu.map_or("any CPU".to_owned(), |cpu| format!("CPU {cpu}"));
+    let guard = arguments.guard.map_or("plain sleep".to_owned(), |share| format!("guard {share}"));
+    let load = if arguments.load { "under load" } else { "no load of ours" };
+    format!("{} Hz, priority {}, {cpu}, {guard}, {load}", rates.join(" + "), arguments.priority)
+}
+
+#[expect(clippy::cast_precision_loss, reason = "nanoseconds for people")]
+fn micros(ns: u64) -> f64 {
+    ns as f64 / 1000.0
+}
+
+/// Name and value (us) of each column.
+fn columns(histogram: &Histogram<u64>) -> [(&'static str, f64); 8] {
+    let at = |quantile| micros(histogram.value_at_quantile(quantile));
+    [
+        ("min", micros(histogram.min())),
+        ("avg", histogram.mean() / 1000.0),
+        ("p50", at(0.5)),
+        ("p90", at(0.9)),
+        ("p99", at(0.99)),
+        ("p99.9", at(0.999)),
+        ("p99.99", at(0.9999)),
+        ("max", micros(histogram.max())),
+    ]
+}
+
+fn row(out: &mut String, name: &str, histogram: &Histogram<u64>) {
+    if histogram.is_empty() {
+        return;
+    }
+    *out += &format!("  {name:<22} {:>8}", histogram.len());
+    for (_, us) in columns(histogram) {
+        *out += &format!(" {us:>9.2}");
+    }
+    *out += "\n";
+}
+
+/// The table for people.
+pub(super) fn table(found: &Findings<'_>) -> String {
+    let mut out = format!("taktil jitter: {}\n", headline(found));
+    let (red, plain) =
+        if std::io::stdout().is_terminal() { ("\x1b[41;97m", "\x1b[0m") } else { ("", "") };
+    for line in banner(found) {
+        out += &format!("{red} NOT A ROBOT'S FIGURES {plain} {line}\n");
+    }
+    for note in &found.ours.attestation.notes {
+        out += &format!("  note: {note}\n");
+    }
+    out += &format!("\n  {:<22} {:>8}", "us", "count");
+    for (name, _) in columns(&Histogram::new(1).expect("one digit is valid")) {
+        out += &format!(" {name:>9}");
+    }
+    out += "\n";
+    for (lane, hz) in found.ours.lanes.iter().zip(&found.arguments.rate_hz) {
+        row(&mut out, &format!("{hz} Hz: release late"), &lane.late);
+        if lane.guard.is_some() {
+            row(&mut out, "  wake late", &lane.wake);
+        }
+        row(&mut out, "  executor, a cycle", &lane.awake);
+    }
+    if let Some(comparison) = &found.comparison {
+        row(&mut out, "cyclictest", &comparison.theirs);
+    }
+    out += "\n";
+    for (lane, hz) in found.ours.lanes.iter().zip(&found.arguments.rate_hz) {
+        out += &counts(lane, *hz);
+    }
+    if let Some(comparison) = &found.comparison {
+        let pairs = comparison.ratios.len();
+        out += &format!("\n  ratios of {pairs} adjacent pairs: median (quartiles)\n");
+        out += &ratios("ours / cyclictest", &comparison.ratios);
+        out += &ratios("cyclictest / itself", &comparison.control);
+    }
+    let worst = found.ours.lanes.iter().map(|lane| lane.late.max()).max().unwrap_or(0);
+    out += &format!("\n  grade: {}\n", grade(worst));
+    if found.interrupted {
+        out += "  interrupted\n";
+    }
+    out
+}
+
+fn counts(lane: &LaneSum, hz: f64) -> String {
+    let mut out = format!(
+        "  {hz} Hz: {} jobs, {} missed, {} left out, {} page faults",
+        lane.jobs,
+        lane.misses.total(),
+        lane.skipped,
+        lane.page_faults
+    );
+    if guard::installed() {
+        out += &format!(", {} heap calls in jobs", lane.allocations);
+    }
+    if let Some(figures) = lane.guard {
+        let (share, margin) = (100.0 * figures.share(), figures.margin);
+        out += &format!("; guard: margin {margin}, {share:.1} % of one CPU spun");
+    }
+    out + "\n"
+}
+
+fn ratios(name: &str, rows: &[Ratios]) -> String {
+    let mut out = format!("  {name:<22}");
+    for (column, (quantile, _)) in QUANTILES.iter().enumerate() {
+        out += &match middle(rows, column) {
+            None => format!("  {quantile} -"),
+            Some(m) => format!("  {quantile} {:.3} ({:.3}..{:.3})", m.median, m.low, m.high),
+        };
+    }
+    out + "\n"
+}
+
+fn object(histogram: &Histogram<u64>) -> Value {
+    if histogram.is_empty() {
+        return Value::Null;
+    }
+    let mut out = serde_json::Map::new();
+    out.insert("count".into(), histogram.len().into());
+    for (name, us) in columns(histogram) {
+        out.insert(name.replace('.', "_"), us.into());
+    }
+    Value::Object(out)
+}
+
+fn ratios_json(rows: &[Ratios]) -> Value {
+    let mut out = serde_json::Map::new();
+    for (column, (name, _)) in QUANTILES.iter().enumerate() {
+        let value = middle(rows, column)
+            .map_or(Value::Null, |m| json!({ "median": m.median, "q1": m.low, "q3": m.high }));
+        out.insert(name.replace('.', "_"), value);
+    }
+    json!({ "pairs": rows.len(), "of": out })
+}
+
+fn lane_json(lane: &LaneSum, rate_hz: f64) -> Value {
+    let misses = &lane.misses;
+    json!({
+        "rate_hz": rate_hz,
+        "period_ns": lane.spec.period.0,
+        "priority": lane.spec.priority,
+        "release_late_us": object(&lane.late),
+        "wake_late_us": object(&lane.wake),
+        "executor_us": object(&lane.awake),
+        "job_us": object(&lane.execution),
+        "jobs": lane.jobs,
+        "skipped": lane.skipped,
+        "misses": {
+            "late_wake": misses.late_wake,
+            "overrun": misses.overrun,
+            "preempted": misses.preempted,
+            "blocked": misses.blocked,
+            "page_fault": misses.page_fault,
+            "throttled": misses.throttled,
+        },
+        "page_faults": lane.page_faults,
+        "allocations": guard::installed().then_some(lane.allocations),
+        "guard": lane.guard.map(|figures| json!({
+            "margin_us": figures.margin.0 as f64 / 1000.0,
+            "cpu_share": figures.share(),
+            "early": figures.early,
+        })),
+    })
+}
+
+/// One JSON object: the contract of `taktil jitter --json`.
+pub(super) fn json(found: &Findings<'_>) -> Value {
+    let attestation = &found.ours.attestation;
+    let lanes = found.ours.lanes.iter().zip(&found.arguments.rate_hz);
+    let worst = found.ours.lanes.iter().map(|lane| lane.late.max()).max().unwrap_or(0);
+    let facts: serde_json::Map<String, Value> = attestation
+        .facts
+        .rows()
+        .into_iter()
+        .map(|(name, value)| (name.to_owned(), value.into()))
+        .collect();
+    let granted: Vec<Value> = attestation
+        .lanes
+        .iter()
+        .map(|lane| {
+            let (policy, priority) = (&lane.policy, lane.priority);
+            json!({ "lane": lane.lane, "policy": policy, "priority": priority, "cpus": lane.cpus })
+        })
+        .collect();
+    json!({
+        "measured": headline(found),
+        "representative_timing": attestation.representative(),
+        "banner": banner(found),
+        "attested": {
+            "granted": attestation.granted(),
+            "missing": attestation.missing,
+            "notes": attestation.notes,
+            "lanes": granted,
+            "facts": facts,
+        },
+        "lanes": lanes.map(|(lane, hz)| lane_json(lane, *hz)).collect::<Vec<_>>(),
+        "cyclictest": found.comparison.as_ref().map(|comparison| json!({
+            "late_us": object(&comparison.theirs),
+            "ours_over_theirs": ratios_json(&comparison.ratios),
+            "theirs_over_itself": ratios_json(&comparison.control),
+        })),
+        "grade": grade(worst),
+        "interrupted": found.interrupted,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn grades_get_worse_with_the_worst_lateness() {
+        assert!(grade(0).starts_with("excellent"));
+        assert!(grade(20_000).starts_with("excellent"));
+        assert!(grade(20_001).starts_with("good"));
+        assert!(grade(99_000).starts_with("fair"));
+        assert!(grade(1_000_000).starts_with("poor"));
+        assert!(grade(1_000_001).starts_with("unfit"));
+        assert!(grade(u64::MAX).starts_with("unfit"));
+    }
+}
