@@ -91,7 +91,8 @@ pub fn thread_counters() -> ThreadCounters {
 pub fn lock_memory() -> Result<(), String> {
     let (soft, _) = getrlimit(Resource::RLIMIT_MEMLOCK).unwrap_or((0, 0));
     let unlimited = soft == nix::libc::RLIM_INFINITY || nix::unistd::geteuid().is_root();
-    // With a finite limit, locking the future would make a later allocation fail: lock only what is there.
+    // With a finite limit, locking the future would make a later allocation fail: lock only what
+    // is there.
     let flags = if unlimited {
         MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE
     } else {

@@ -43,7 +43,8 @@ pub enum Contract {
 /// What happens to logical time when a lane is woken later than its deadline leaves room for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
-    /// Nothing: the world outside goes on, jobs are skipped or caught up as each lane says. For real boards.
+    /// Nothing: the world outside goes on, jobs are skipped or caught up as each lane says. For
+    /// real boards.
     Fixed,
     /// The whole schedule slips by the stall, for every lane alike; no job is skipped, and none
     /// begins before the values that are due at its release have been sent: the world is simulated

@@ -58,6 +58,10 @@ fn two_lanes_are_measured_and_nothing_is_left_out_of_the_account() {
         assert_eq!(lane["allocations"], 0);
     }
     assert_eq!(found["cyclictest"], Value::Null);
+    let grants = found["attested"]["lanes"].as_array().unwrap();
+    assert_eq!(grants.len(), 2);
+    assert!(grants.iter().all(|lane| lane["policy"].is_string()));
+    assert!(found["attested"]["facts"]["VmRSS KiB"].is_string());
     let trusted = found["representative_timing"].as_bool().unwrap();
     let banner = found["banner"].as_array().unwrap();
     assert_eq!(trusted, banner.is_empty(), "figures are either representative or marked");

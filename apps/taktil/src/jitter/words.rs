@@ -10,6 +10,7 @@ use taktil_rtcore::guard;
 use super::Findings;
 use super::compare::{QUANTILES, Ratios, middle};
 use super::measure::LaneSum;
+use crate::run::summary::attested;
 
 /// What a machine is good for, by its worst lateness; after the latency test of LinuxCNC.
 const GRADES: [(u64, &str); 5] = [
@@ -210,31 +211,11 @@ pub(super) fn json(found: &Findings<'_>) -> Value {
     let attestation = &found.ours.attestation;
     let lanes = found.ours.lanes.iter().zip(&found.arguments.rate_hz);
     let worst = found.ours.lanes.iter().map(|lane| lane.late.max()).max().unwrap_or(0);
-    let facts: serde_json::Map<String, Value> = attestation
-        .facts
-        .rows()
-        .into_iter()
-        .map(|(name, value)| (name.to_owned(), value.into()))
-        .collect();
-    let granted: Vec<Value> = attestation
-        .lanes
-        .iter()
-        .map(|lane| {
-            let (policy, priority) = (&lane.policy, lane.priority);
-            json!({ "lane": lane.lane, "policy": policy, "priority": priority, "cpus": lane.cpus })
-        })
-        .collect();
     json!({
         "measured": headline(found),
         "representative_timing": attestation.representative(),
         "banner": banner(found),
-        "attested": {
-            "granted": attestation.granted(),
-            "missing": attestation.missing,
-            "notes": attestation.notes,
-            "lanes": granted,
-            "facts": facts,
-        },
+        "attested": attested(Some(attestation)),
         "lanes": lanes.map(|(lane, hz)| lane_json(lane, *hz)).collect::<Vec<_>>(),
         "cyclictest": found.comparison.as_ref().map(|comparison| json!({
             "late_us": object(&comparison.theirs),

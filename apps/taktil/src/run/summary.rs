@@ -3,7 +3,7 @@
 
 use hdrhistogram::Histogram;
 use serde_json::{Value, json};
-use taktil_rtcore::live::{Account, Attestation};
+use taktil_rtcore::live::{Account, Attestation, LaneGrant};
 use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
 
 use super::budgets;
@@ -54,6 +54,8 @@ impl Ending<'_> {
     pub fn json(&self) -> Value {
         let f = self.figures;
         let attestation = self.account.map(|account| &account.attestation);
+        let lanes: Vec<Value> =
+            self.lanes.iter().map(|(spec, lane)| lane_json(spec, lane)).collect();
         let faults: Vec<Value> = f.faults.iter().map(fault_json).collect();
         json!({
             "ok": self.ok(),
@@ -63,15 +65,11 @@ impl Ending<'_> {
             "mode": if attestation.is_some() { "live" } else { "fast" },
             "sim_s": self.sim_s,
             "wall_s": self.wall_s,
+            "panics": self.account.map_or(&[][..], |account| &account.panics),
             "slipped_s": self.account.map(|account| account.slipped.as_secs_f64()),
             "digest": self.digest,
             "interrupted": self.interrupted,
-            "attested": {
-                "granted": attestation.map(Attestation::granted),
-                "missing": attestation.map_or(&[][..], |a| &a.missing),
-                "preempt_rt": attestation.map(|a| a.preempt_rt),
-                "virtual_machine": attestation.map(|a| a.virtual_machine),
-            },
+            "attested": attested(attestation),
             "representative_timing": attestation.is_some_and(Attestation::representative),
             "touched": f.touched,
             "rolled": f.rolled,
@@ -135,6 +133,31 @@ impl Ending<'_> {
             "contact_lost": f.contact_lost,
         })
     }
+}
+
+/// What was granted and read back; nulls and empty lists in virtual time.
+#[must_use]
+pub fn attested(attestation: Option<&Attestation>) -> Value {
+    let granted = |a: &Attestation| {
+        let lane = |lane: &LaneGrant| {
+            let (policy, priority) = (&lane.policy, lane.priority);
+            json!({ "lane": lane.lane, "policy": policy, "priority": priority, "cpus": lane.cpus })
+        };
+        a.lanes.iter().map(lane).collect::<Vec<_>>()
+    };
+    let facts = |a: &Attestation| {
+        let row = |(name, value): (&str, String)| (name.to_owned(), Value::from(value));
+        Value::Object(a.facts.rows().into_iter().map(row).collect())
+    };
+    json!({
+        "granted": attestation.map(Attestation::granted),
+        "missing": attestation.map_or(&[][..], |a| &a.missing),
+        "notes": attestation.map_or(&[][..], |a| &a.notes),
+        "preempt_rt": attestation.map(|a| a.preempt_rt),
+        "virtual_machine": attestation.map(|a| a.virtual_machine),
+        "lanes": attestation.map(granted),
+        "facts": attestation.map(facts),
+    })
 }
 
 /// Finger travel over contact travel: 2 when nothing slips.
@@ -213,6 +236,11 @@ fn lane_json(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> Value
         "skipped": lane.skipped,
         "release_late_us": percentiles_us(&lane.lateness_ns),
         "exec_us": percentiles_us(&lane.execution_ns),
+        "awake_us": percentiles_us(&lane.awake_ns),
+        "guard": lane.guard.map(|guard| json!({
+            "margin_ns": guard.margin.0,
+            "cpu_share": guard.share(),
+        })),
         "tasks": budgets::json(lane, representative),
         "release_late_bins": bins(&lane.lateness_ns),
         "exec_bins": bins(&lane.execution_ns),
