@@ -1,5 +1,5 @@
-//! The end of a run in numbers: one JSON object, the contract of `taktil run --json`. The table and the report are drawn from it.
-//! Refuses to round and to invent: what was not measured is null.
+//! The end of a run in numbers: one JSON object, the contract of `taktil run --json`. The table and
+//! the report are drawn from it. Refuses to round and to invent: what was not measured is null.
 
 use hdrhistogram::Histogram;
 use serde_json::{Value, json};
@@ -54,8 +54,6 @@ impl Ending<'_> {
     pub fn json(&self) -> Value {
         let f = self.figures;
         let attestation = self.account.map(|account| &account.attestation);
-        let lanes: Vec<Value> =
-            self.lanes.iter().map(|(spec, lane)| lane_json(spec, lane)).collect();
         let faults: Vec<Value> = f.faults.iter().map(fault_json).collect();
         json!({
             "ok": self.ok(),
