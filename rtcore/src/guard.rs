@@ -1,8 +1,9 @@
-//! The allocation guard: a global allocator that counts what is allocated or freed inside a job, on the thread that does it.
+//! The allocation guard: a global allocator that counts what is allocated or freed inside a job, on
+//! the thread that does it.
 //!
-//! A binary installs it with `#[global_allocator]`; then every lane reports how many heap calls its jobs made, and a test can ask
-//! for an abort at the first one. Outside jobs it passes everything through. Refuses to guess: without the allocator installed
-//! the count is unknown, not zero.
+//! A binary installs it with `#[global_allocator]`; then every lane reports how many heap calls its
+//! jobs made, and a test can ask for an abort at the first one. Outside jobs it passes everything
+//! through. Refuses to guess: without the allocator installed the count is unknown, not zero.
 #![allow(unsafe_code)]
 
 use core::cell::Cell;
@@ -32,8 +33,9 @@ fn note() {
     }
 }
 
-// SAFETY: every method passes its arguments unchanged to the system allocator, which upholds the contract; `note` does not
-// allocate: its thread-locals are constant-initialised and have no destructor.
+// SAFETY: every method passes its arguments unchanged to the system allocator, which upholds the
+// contract; `note` does not allocate: its thread-locals are constant-initialised and have no
+// destructor.
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         note();
@@ -43,7 +45,8 @@ unsafe impl GlobalAlloc for CountingAllocator {
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
         note();
-        // SAFETY: `block` came from `System` with this `layout`, because all four methods use `System`.
+        // SAFETY: `block` came from `System` with this `layout`, because all four methods use
+        // `System`.
         unsafe { System.dealloc(block, layout) }
     }
 

@@ -1,6 +1,6 @@
-//! A lane at run time: its tasks in order, its cells, and what it counts. Both executors run exactly this code. Refuses to know
-//! what time it really is: a job is told its release. The clock is read to time tasks, if that is
-//! wanted, and decides nothing.
+//! A lane at run time: its tasks in order, its cells, and what it counts. Both executors run
+//! exactly this code. Refuses to know what time it really is: a job is told its release. The clock
+//! is read to time tasks, if that is wanted, and decides nothing.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 

@@ -1,7 +1,9 @@
-//! When things happen and how values move: schedule, lanes, ports, links, modes, faults, records, and the two executors.
+//! When things happen and how values move: schedule, lanes, ports, links, modes, faults, records,
+//! and the two executors.
 //!
-//! A *lane* is one thread at one rate; it runs its tasks in order. The same lane code runs live (one thread a lane, absolute
-//! sleeps on the monotonic clock) and in virtual time (all lanes on one thread, no waiting). This crate knows no robot.
+//! A *lane* is one thread at one rate; it runs its tasks in order. The same lane code runs live
+//! (one thread a lane, absolute sleeps on the monotonic clock) and in virtual time (all lanes on
+//! one thread, no waiting). This crate knows no robot.
 
 pub mod analysis;
 pub mod attest;

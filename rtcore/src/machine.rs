@@ -1,5 +1,6 @@
-//! Putting a machine together: lanes, tasks, bindings. Everything that can be wrong with a wiring is found here, before the first
-//! job, with the place in the configuration. Refuses to run anything.
+//! Putting a machine together: lanes, tasks, bindings. Everything that can be wrong with a wiring
+//! is found here, before the first job, with the place in the configuration. Refuses to run
+//! anything.
 
 use core::any::TypeId;
 use std::collections::{BTreeMap, BTreeSet};
@@ -117,7 +118,8 @@ impl Builder {
             ));
         }
         let mut draft = Draft { spec, seats: Vec::new(), inputs: Vec::new(), outputs: Vec::new() };
-        // A lane's own health is its first output, at seat number usize::MAX: it belongs to no task.
+        // A lane's own health is its first output, at seat number usize::MAX: it belongs to no
+        // task.
         let mut own = Ports::new(0, 0);
         let _ = own.output::<LaneHealth>("health");
         draft.outputs.extend(own.outputs.into_iter().map(|output| (usize::MAX, output)));
@@ -128,7 +130,8 @@ impl Builder {
     /// Adds a task at the end of a lane; `make` declares its ports and builds it.
     ///
     /// # Errors
-    /// Whatever `make` refuses, or a name that another task has: then each of its signals would have two producers.
+    /// Whatever `make` refuses, or a name that another task has: then each of its signals would
+    /// have two producers.
     pub fn task(
         &mut self,
         lane: LaneId,
@@ -203,9 +206,10 @@ impl Builder {
     /// Joins everything.
     ///
     /// # Errors
-    /// A schedule that cannot hold, a CPU that does not exist, a budget of a task that is not there:
-    /// the place is `lane.NAME` and below. An input without a binding or whose signal nobody produces, a wrong type, a loop without a declared delay, a binding of
-    /// an input that does not exist. The place is `wiring.TASK.PORT`.
+    /// A schedule that cannot hold, a CPU that does not exist, a budget of a task that is not
+    /// there: the place is `lane.NAME` and below. An input without a binding or whose signal nobody
+    /// produces, a wrong type, a loop without a declared delay, a binding of an input that does not
+    /// exist. The place is `wiring.TASK.PORT`.
     pub fn build(mut self) -> Result<Machine, Invalid> {
         let catalog = self.catalog();
         if catalog.signals.len() > usize::from(u16::MAX) {
@@ -392,7 +396,8 @@ fn take_lane(
     (lane, drain)
 }
 
-/// The cell in lane `reader` through which the signal at `home` is seen; links the lanes when they differ.
+/// The cell in lane `reader` through which the signal at `home` is seen; links the lanes when they
+/// differ.
 fn join(
     lanes: &mut [Lane],
     reader: usize,
@@ -451,7 +456,7 @@ fn check_edge(
         return Err(Invalid::new(
             format!("wiring.{place}"),
             format!("`{signal}` is written after `{place}` reads it in the same lane: a loop"),
-            "put the producer earlier in the lane, or bind an input that is declared one tick delayed",
+            "put the producer earlier, or bind an input that is declared one tick delayed",
         ));
     }
     Ok(())

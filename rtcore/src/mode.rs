@@ -1,5 +1,5 @@
-//! Whether the machine may move: the mode machine. What it does while it may is the supervisor's table. Refuses robots: it knows
-//! drives, stops and faults, nothing of joints or touch.
+//! Whether the machine may move: the mode machine. What it does while it may is the supervisor's
+//! table. Refuses robots: it knows drives, stops and faults, nothing of joints or touch.
 //!
 //! ```text
 //!            PowerOn         ChecksPassed       Enable         Enabled
@@ -13,8 +13,8 @@
 //!                            ^   Stopped, fault latched        (also HOLD) │
 //!                            └─── any mode: a fault of class DriveOff ─────┘
 //! ```
-//! FAULT is latched: it ends only by `Reset`, which leads to CHECKING and never to motion; moving again takes a second,
-//! separate act.
+//! FAULT is latched: it ends only by `Reset`, which leads to CHECKING and never to motion; moving
+//! again takes a second, separate act.
 
 use crate::fault::{Class, FaultSet};
 
@@ -175,7 +175,8 @@ pub const fn after(mode: Mode, action: Action) -> Mode {
     }
 }
 
-/// Where a finished stop leads: to FAULT when something is latched that called for it, else to READY.
+/// Where a finished stop leads: to FAULT when something is latched that called for it, else to
+/// READY.
 #[must_use]
 pub fn after_stop(latched: FaultSet) -> Mode {
     match latched.worst() {

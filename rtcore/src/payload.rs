@@ -1,9 +1,11 @@
-//! What may flow through a port: plain, fixed-size values with named fields, encoded the same way everywhere.
+//! What may flow through a port: plain, fixed-size values with named fields, encoded the same way
+//! everywhere.
 //!
-//! [`payload!`](crate::payload) declares such a struct and derives its field table, so that a log's schema, a report's columns and the bytes that
-//! are hashed all come from one declaration. The encoding is the body of a little-endian CDR message (each primitive aligned to
-//! its own size from the start of the body), which is what `ros2msg` readers of MCAP files expect. Refuses strings, lists,
-//! pointers and anything else that would need the heap.
+//! [`payload!`](macro@crate::payload) declares such a struct and derives its field table, so that a log's
+//! schema, a report's columns and the bytes that are hashed all come from one declaration. The
+//! encoding is the body of a little-endian CDR message (each primitive aligned to its own size from
+//! the start of the body), which is what `ros2msg` readers of MCAP files expect. Refuses strings,
+//! lists, pointers and anything else that would need the heap.
 
 use core::fmt::Debug;
 
@@ -51,7 +53,8 @@ impl Kind {
     }
 }
 
-/// One field of a payload: name (with its unit last), element type, number of elements (1 for a scalar).
+/// One field of a payload: name (with its unit last), element type, number of elements (1 for a
+/// scalar).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
     /// Name, unit last.
@@ -90,7 +93,8 @@ pub trait Payload: Copy + Debug + Send + 'static {
     fn is_finite(&self) -> bool;
 }
 
-/// A field type: a primitive or an array of one. Sealed in practice by the primitives listed in [`Kind`].
+/// A field type: a primitive or an array of one. Sealed in practice by the primitives listed in
+/// [`Kind`].
 pub trait FieldType: Copy {
     /// Element type.
     const KIND: Kind;
@@ -194,7 +198,12 @@ pub const fn body_size(fields: &[Field]) -> usize {
 /// ```
 #[macro_export]
 macro_rules! payload {
-    ($(#[$meta:meta])* pub struct $name:ident { $($(#[$fmeta:meta])* pub $field:ident : $ty:ty),+ $(,)? }) => {
+    (
+        $(#[$meta:meta])*
+        pub struct $name:ident {
+            $($(#[$fmeta:meta])* pub $field:ident : $ty:ty),+ $(,)?
+        }
+    ) => {
         $(#[$meta])*
         #[derive(Clone, Copy, Debug, PartialEq)]
         #[allow(unreachable_pub, reason = "the payload may be declared in a private module")]

@@ -1,8 +1,9 @@
 //! Typed ports: how a task declares what it reads and writes, and how it does so in a job.
 //!
-//! Inside a lane a value is visible to the next task in order. Between lanes it becomes visible at its producer's release plus
-//! the declared delivery time, never earlier, never later. Every read says whether the value is new, held or stale. Values that
-//! are not finite are refused at the port: the last good one stays and the lane raises a fault.
+//! Inside a lane a value is visible to the next task in order. Between lanes it becomes visible at
+//! its producer's release plus the declared delivery time, never earlier, never later. Every read
+//! says whether the value is new, held or stale. Values that are not finite are refused at the
+//! port: the last good one stays and the lane raises a fault.
 
 use core::any::{Any, TypeId};
 use core::marker::PhantomData;
@@ -67,7 +68,8 @@ pub struct Output<T> {
     of: PhantomData<fn(T)>,
 }
 
-/// The newest value of one signal as one lane sees it, and the links that carry it to or from other lanes.
+/// The newest value of one signal as one lane sees it, and the links that carry it to or from other
+/// lanes.
 struct Cell<T> {
     value: T,
     stamp: Nanos,
@@ -83,7 +85,8 @@ pub(crate) trait AnyCell: Send {
     fn as_any_mut(&mut self) -> &mut dyn Any;
     /// Takes what has become visible at `release`.
     fn receive(&mut self, release: Nanos);
-    /// If written in this job: sends it to the other lanes and encodes it; returns the body's length.
+    /// If written in this job: sends it to the other lanes and encodes it; returns the body's
+    /// length.
     fn publish(&mut self, visible: Nanos, scratch: &mut [u8]) -> Option<usize>;
     /// Values lost to full rings.
     fn dropped(&self) -> u64;
@@ -201,7 +204,8 @@ impl Ports {
         self.declare(name, false, limit)
     }
 
-    /// Declares a feedback input: its producer may stand later in the lane, so the value may be one tick old.
+    /// Declares a feedback input: its producer may stand later in the lane, so the value may be one
+    /// tick old.
     pub fn input_delayed<T: Payload>(&mut self, name: &'static str) -> Input<T> {
         self.declare(name, true, Nanos::MAX)
     }
@@ -275,7 +279,8 @@ impl Io<'_> {
         Sample { value: cell.value, stamp: cell.stamp, age, freshness }
     }
 
-    /// Writes an output; the last write of a job counts. A value that is not finite is refused and raises a fault.
+    /// Writes an output; the last write of a job counts. A value that is not finite is refused and
+    /// raises a fault.
     pub fn write<T: Payload>(&mut self, output: &Output<T>, value: T) {
         if !value.is_finite() {
             self.refused = true;

@@ -1,5 +1,6 @@
-//! What leaves a lane for observers: one record per value written, through a lock-free byte ring. Refuses to slow a lane down:
-//! when the ring is full the record is dropped and counted, and the gap is visible to the observer.
+//! What leaves a lane for observers: one record per value written, through a lock-free byte ring.
+//! Refuses to slow a lane down: when the ring is full the record is dropped and counted, and the
+//! gap is visible to the observer.
 
 use taktil_hal::Nanos;
 

@@ -1,5 +1,5 @@
-//! When jobs are released: integers only. Job k of a lane is released at phase + k * period, for ever. Refuses schedules that
-//! cannot keep the promise of logical delivery.
+//! When jobs are released: integers only. Job k of a lane is released at phase + k * period, for
+//! ever. Refuses schedules that cannot keep the promise of logical delivery.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,7 +11,8 @@ use crate::task::Invalid;
 /// What a lane does when it finds itself later than a whole period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Late {
-    /// Goes on with the newest job that is due; the ones in between are skipped and counted. Phase is never lost.
+    /// Goes on with the newest job that is due; the ones in between are skipped and counted. Phase
+    /// is never lost.
     #[default]
     Skip,
     /// Runs every job, however late: for a simulated world, in which no time may be left out.
@@ -27,7 +28,8 @@ pub struct LaneSpec {
     pub period: Nanos,
     /// Release of job 0, less than one period.
     pub phase: Nanos,
-    /// Values written by job k become visible to other lanes at its release plus this; more than zero, at most one period.
+    /// Values written by job k become visible to other lanes at its release plus this; more than
+    /// zero, at most one period.
     pub delivery: Nanos,
     /// A job that ends later than its release plus this has missed; at most `delivery`.
     pub deadline: Nanos,

@@ -9,7 +9,8 @@ payload! {
         pub faults: u64,
         /// A [`crate::Mode`].
         pub mode: u32,
-        /// The action in force, as [`crate::mode::Action`] in order: 0 none, 1 degrade, 2 controlled stop, 3 drive off.
+        /// The action in force, as [`crate::mode::Action`] in order: 0 none, 1 degrade, 2
+        /// controlled stop, 3 drive off.
         pub action: u32,
     }
 }

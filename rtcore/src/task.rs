@@ -1,4 +1,5 @@
-//! What a task is and what it is told. Refuses ambient knowledge: time, mode and values all arrive as arguments.
+//! What a task is and what it is told. Refuses ambient knowledge: time, mode and values all arrive
+//! as arguments.
 
 use core::fmt;
 
@@ -21,7 +22,8 @@ pub struct Cycle {
     pub mode: Mode,
 }
 
-/// One unit of work in a lane. Created (may allocate, may fail) by a constructor that declares its ports on [`crate::Ports`].
+/// One unit of work in a lane. Created (may allocate, may fail) by a constructor that declares its
+/// ports on [`crate::Ports`].
 pub trait Task: Send {
     /// Called once before the first job, outside real time.
     ///
@@ -34,7 +36,8 @@ pub trait Task: Send {
     /// One job. Must not allocate, lock, log, format, block or touch new memory.
     ///
     /// # Errors
-    /// A fault is latched in the lane's health and reaches the supervisor at the next tick; the task goes on being called.
+    /// A fault is latched in the lane's health and reaches the supervisor at the next tick; the
+    /// task goes on being called.
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode>;
 
     /// Called once after the last job, also after a fault: leave outputs at their safe value.
@@ -44,7 +47,8 @@ pub trait Task: Send {
 /// A configuration that cannot be used: where, what and the way out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Invalid {
-    /// Dotted path inside the configuration, such as `joint_servo.bandwidth_rad_s[2]`; empty for the whole.
+    /// Dotted path inside the configuration, such as `joint_servo.bandwidth_rad_s[2]`; empty for
+    /// the whole.
     pub place: String,
     /// What is wrong, with the value found.
     pub what: String,

@@ -1,5 +1,6 @@
-//! The executor in virtual time: every lane on the calling thread, each job at its release, nobody waits. The order of jobs
-//! released at the same instant does not matter to any value, because values cross lanes only later. Refuses to skip a job.
+//! The executor in virtual time: every lane on the calling thread, each job at its release, nobody
+//! waits. The order of jobs released at the same instant does not matter to any value, because
+//! values cross lanes only later. Refuses to skip a job.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -10,8 +11,8 @@ use crate::linux::{monotonic, thread_counters};
 use crate::machine::Machine;
 use crate::record::Observer;
 
-/// Runs all jobs released before `until`, or until `stop` is set. Records reach `observer` after each job, so none is lost.
-/// Returns the instant that was reached.
+/// Runs all jobs released before `until`, or until `stop` is set. Records reach `observer` after
+/// each job, so none is lost. Returns the instant that was reached.
 ///
 /// # Errors
 /// A task that refused to start, with its name.

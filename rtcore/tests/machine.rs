@@ -180,7 +180,8 @@ fn a_value_that_stays_away_goes_stale() {
         .filter(|(_, seen)| seen.freshness == 3)
         .map(|(release, _)| release / 1_000_000)
         .collect();
-    // Job 1 (release 6 ms) is 12 ms old at 18 ms, over the limit of 11; job 3 is visible from 19 on.
+    // Job 1 (release 6 ms) is 12 ms old at 18 ms, over the limit of 11; job 3 is visible from 19
+    // on.
     assert_eq!(stale, [18]);
     let mut machine = two_lanes(Some((0, Trouble::Silent)));
     let keep = run_virtual(&mut machine, Nanos::from_millis(9));

@@ -14,7 +14,8 @@ payload! {
         pub qd_rad_s: [f64; 6],
         /// Motor counts as read from the board.
         pub counts: [i32; 6],
-        /// Increases by one each time the zero of `q_rad` moves: followers re-base instead of jumping.
+        /// Increases by one each time the zero of `q_rad` moves: followers re-base instead of
+        /// jumping.
         pub datum: u32,
         /// 1 once the counts were initialised at the home pose.
         pub calibrated: u32,
@@ -48,7 +49,8 @@ payload! {
 }
 
 payload! {
-    /// Where one source of motion wants the joints to be, from `trajectory`, `tactile_servo` and later jog.
+    /// Where one source of motion wants the joints to be, from `trajectory`, `tactile_servo` and
+    /// later jog.
     pub struct Goal {
         /// Joint angles.
         pub q_rad: [f64; 6],

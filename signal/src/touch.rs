@@ -26,7 +26,8 @@ payload! {
         pub rows: u16,
         /// Columns in use.
         pub cols: u16,
-        /// Counts above the baseline, row by row: index row * cols + column. Negative values are noise and stay.
+        /// Counts above the baseline, row by row: index row * cols + column. Negative values are
+        /// noise and stay.
         pub counts: [f32; 256],
         /// 1 where the tactel may be believed.
         pub valid: [u8; 256],
@@ -44,13 +45,15 @@ payload! {
         pub acquired_ns: i64,
         /// Sum of the counts.
         pub m0: f64,
-        /// First moment about the middle line of the rows: sum of (y - 8.5) counts. 0 for a symmetric load.
+        /// First moment about the middle line of the rows: sum of (y - 8.5) counts. 0 for a
+        /// symmetric load.
         pub m_x: f64,
         /// Centroid along x in column numbers; 0 while undefined.
         pub x_c: f64,
         /// Centroid along y in row numbers; 0 while undefined.
         pub y_c: f64,
-        /// Direction of the long axis, 0 along the sensor's y axis, positive from y towards -x; 0 while undefined.
+        /// Direction of the long axis, 0 along the sensor's y axis, positive from y towards -x; 0
+        /// while undefined.
         pub theta_z_rad: f64,
         /// The x_c that the law is heading for.
         pub x_c_desired: f64,

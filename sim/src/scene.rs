@@ -184,8 +184,8 @@ pub struct TableConfig {
     pub pivot_x_mm: f64,
     /// Pivot along y0 (mm). Default -127.
     pub pivot_y_mm: f64,
-    /// Layer on the table. Default 6 mm, 0.6 MPa, 0.49, 0.7 ms: soft enough that a position servo at
-    /// 400 Hz is stable in contact, which is why the thesis put rubber there.
+    /// Layer on the table. Default 6 mm, 0.6 MPa, 0.49, 0.7 ms: soft enough that a position servo
+    /// at 400 Hz is stable in contact, which is why the thesis put rubber there.
     pub rubber: RubberConfig,
     /// Coulomb coefficient against the pin. Default 0.8.
     pub friction: f64,
@@ -329,7 +329,8 @@ impl Default for TactileConfig {
     }
 }
 
-/// Height at which the top of the pin stands by default (mm, base frame): the thesis's p_z in contact.
+/// Height at which the top of the pin stands by default (mm, base frame): the thesis's p_z in
+/// contact.
 pub const PIN_TOP_MM: f64 = -149.0;
 
 impl WorldConfig {

@@ -1,5 +1,5 @@
-//! The live executor over the whole stack: the same bits as virtual time, misses or not, because the
-//! simulated world waits; and not one heap call inside a job. Refuses to judge timing.
+//! The live executor over the whole stack: the same bits as virtual time, misses or not, because
+//! the simulated world waits; and not one heap call inside a job. Refuses to judge timing.
 
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;

@@ -1,4 +1,5 @@
-//! The command line: what can be asked, and the exit codes: 0 ok, 1 failed, 2 bad input. Refuses to do the work itself.
+//! The command line: what can be asked, and the exit codes: 0 ok, 1 failed, 2 bad input. Refuses to
+//! do the work itself.
 
 use std::io::{BufReader, BufWriter, IsTerminal};
 use std::path::PathBuf;
@@ -16,7 +17,8 @@ use crate::run::{self, BadOption, Options};
 /// Exit code for input that cannot be used.
 const BAD_INPUT: u8 = 2;
 
-/// Hard real-time robot control with touch: run the stack on a simulated robot, look at what happened, use its mathematics.
+/// Hard real-time robot control with touch: run the stack on a simulated robot, look at what
+/// happened, use its mathematics.
 #[derive(Parser, Debug)]
 #[command(
     name = "taktil",
@@ -24,9 +26,9 @@ const BAD_INPUT: u8 = 2;
     about,
     after_help = "\
 Start here:
-  taktil run sim/scenes/roll-pin.toml                 a PUMA 260 rolls a pin by touch, live, 10 s
-  taktil run sim/scenes/roll-pin.toml --fast          the same in virtual time, bit for bit repeatable
-  taktil run sim/scenes/roll-pin.toml --report out    and a page with pictures: out/report.html
+  taktil run sim/scenes/roll-pin.toml                a PUMA 260 rolls a pin by touch, live, 10 s
+  taktil run sim/scenes/roll-pin.toml --fast         in virtual time, repeatable bit for bit
+  taktil run sim/scenes/roll-pin.toml --report out   and a page with pictures: out/report.html
   echo '{\"op\":\"fk\",\"q\":[0,0.7,-2.7,-3.1,1.2,3.1]}' | taktil calc
 
 Exit codes: 0 ok, 1 the run failed or a fault was latched, 2 bad input."
@@ -40,8 +42,9 @@ struct Cli {
 enum Command {
     /// Run the whole stack on the simulated robot of a scene.
     ///
-    /// Live by default: one SCHED_FIFO thread a lane, on the kernel's clock. Where the right to SCHED_FIFO is missing the run says so,
-    /// marks every timing figure and goes on. With --fast all lanes share one thread in virtual time: same values, same digest.
+    /// Live by default: one SCHED_FIFO thread a lane, on the kernel's clock. Where the right to
+    /// SCHED_FIFO is missing the run says so, marks every timing figure and goes on. With --fast
+    /// all lanes share one thread in virtual time: same values, same digest.
     Run {
         /// Scene file (TOML); see sim/scenes
         scene: PathBuf,
@@ -69,8 +72,9 @@ enum Command {
     },
     /// Draw a log as SVG figures, or write its signals as CSV.
     ///
-    /// Without --what every view that the log allows is made. Views: features, positions, angles, joints, torques, image, timing and
-    /// others (a wrong name lists them all); a signal such as sense.joints or sense.joints.q_rad is a view too.
+    /// Without --what every view that the log allows is made. Views: features, positions, angles,
+    /// joints, torques, image, timing and others (a wrong name lists them all); a signal such as
+    /// sense.joints or sense.joints.q_rad is a view too.
     Plot {
         /// Log file (MCAP) of a run
         log: PathBuf,
@@ -118,7 +122,8 @@ enum Command {
     ///
     /// Exit code 0 however late it is; 2: an option that cannot be used, or no cyclictest.
     Jitter(JitterArgs),
-    /// The mathematics as a filter: one JSON request a line on stdin, one JSON answer a line on stdout.
+    /// The mathematics as a filter: one JSON request a line on stdin, one JSON answer a line on
+    /// stdout.
     Calc {
         /// Print every operation with its fields, units and defaults
         #[arg(long)]

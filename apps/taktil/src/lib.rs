@@ -1,5 +1,5 @@
-//! The command line's rooms: running a scene, mathematics as a filter, recordings, pictures of them.
-//! Refuses to decide anything about the robot: that is the tasks' affair.
+//! The command line's rooms: running a scene, mathematics as a filter, recordings, pictures of
+//! them. Refuses to decide anything about the robot: that is the tasks' affair.
 
 pub mod calc;
 pub mod cli;

@@ -1,5 +1,5 @@
-//! The description of a machine: lanes, wiring, and the configuration of each task. One readable file. Refuses devices and
-//! scenes: those come from whoever assembles the machine.
+//! The description of a machine: lanes, wiring, and the configuration of each task. One readable
+//! file. Refuses devices and scenes: those come from whoever assembles the machine.
 
 use std::collections::BTreeMap;
 
@@ -77,7 +77,8 @@ pub struct LaneConfig {
     /// Release of job 0, us.
     #[serde(default)]
     pub phase_us: i64,
-    /// From release to the instant at which other lanes see this lane's values, us; one period when absent.
+    /// From release to the instant at which other lanes see this lane's values, us; one period when
+    /// absent.
     pub delivery_us: Option<i64>,
     /// From release to the latest end that is not a miss, us; `delivery_us` when absent.
     pub deadline_us: Option<i64>,
@@ -151,7 +152,8 @@ impl LaneConfig {
 }
 
 impl MachineConfig {
-    /// This machine with every section that `over` has put in its place; wiring is merged line by line.
+    /// This machine with every section that `over` has put in its place; wiring is merged line by
+    /// line.
     #[must_use]
     pub fn overridden_by(mut self, over: MachineConfig) -> MachineConfig {
         self.lane.extend(over.lane);

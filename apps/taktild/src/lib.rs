@@ -1,5 +1,5 @@
-//! The service's parts that others use too: the machine file, the wiring, and complaints that name file and line. The shipped
-//! service cannot contain a simulator: this crate does not know one.
+//! The service's parts that others use too: the machine file, the wiring, and complaints that name
+//! file and line. The shipped service cannot contain a simulator: this crate does not know one.
 
 pub mod config;
 pub mod cpus;

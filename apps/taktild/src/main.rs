@@ -10,7 +10,8 @@ use taktild::service::Service;
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
-/// Robot control over real boards, as a systemd service. It comes up with the drives off and waits in READY.
+/// Robot control over real boards, as a systemd service. It comes up with the drives off and waits
+/// in READY.
 #[derive(Parser, Debug)]
 #[command(name = "taktild", version, about)]
 struct Arguments {

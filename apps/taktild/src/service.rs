@@ -1,6 +1,7 @@
-//! The service: the machine over real boards, under systemd. It says READY only after the kernel's grants were read back, feeds the
-//! watchdog only while the lanes beat, and comes up with the drives off. Refuses to move anything by itself: nobody is connected
-//! yet, so the machine checks itself and waits in READY.
+//! The service: the machine over real boards, under systemd. It says READY only after the kernel's
+//! grants were read back, feeds the watchdog only while the lanes beat, and comes up with the
+//! drives off. Refuses to move anything by itself: nobody is connected yet, so the machine checks
+//! itself and waits in READY.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -68,7 +69,8 @@ impl Task for Nobody {
 }
 
 impl Service {
-    /// Reads the configuration, opens the board, assembles the machine. Opening writes the safe values.
+    /// Reads the configuration, opens the board, assembles the machine. Opening writes the safe
+    /// values.
     ///
     /// # Errors
     /// Anything wrong, located in the file where it stands.

@@ -1,5 +1,6 @@
-//! Configuration text and complaints about it: every error names the file, the line, what is wrong and what to do, and shows the
-//! line with a mark under the place. Refuses to continue past the first error of a file.
+//! Configuration text and complaints about it: every error names the file, the line, what is wrong
+//! and what to do, and shows the line with a mark under the place. Refuses to continue past the
+//! first error of a file.
 
 use std::fmt;
 use std::ops::Range;
@@ -26,7 +27,8 @@ pub struct Source {
 pub struct Located {
     /// The file.
     pub path: PathBuf,
-    /// Line, column (both from 1), the line's text, and how many characters to mark; absent when the file could not be read.
+    /// Line, column (both from 1), the line's text, and how many characters to mark; absent when
+    /// the file could not be read.
     pub mark: Option<Mark>,
     /// What is wrong.
     pub what: String,
@@ -177,7 +179,8 @@ fn floor(text: &str, mut at: usize) -> usize {
     at
 }
 
-/// Follows a dotted path; keys may contain dots themselves, so the longest key that fits is tried first.
+/// Follows a dotted path; keys may contain dots themselves, so the longest key that fits is tried
+/// first.
 fn descend(value: &DeValue<'_>, place: &str, here: Range<usize>) -> (Range<usize>, bool) {
     if place.is_empty() {
         return (here, true);
@@ -206,9 +209,11 @@ fn descend(value: &DeValue<'_>, place: &str, here: Range<usize>) -> (Range<usize
             let (index, rest) = match place.strip_prefix('[').and_then(|p| p.split_once(']')) {
                 Some((index, rest)) => (index.parse::<usize>().ok(), rest.trim_start_matches('.')),
                 None => {
-                    let named = array.iter().position(
-                        |item| matches!(item.get_ref(), DeValue::String(text) if text.as_ref() == place),
-                    );
+                    let holds = |item: &DeValue<'_>| match item {
+                        DeValue::String(text) => text.as_ref() == place,
+                        _ => false,
+                    };
+                    let named = array.iter().position(|item| holds(item.get_ref()));
                     (named, "")
                 }
             };

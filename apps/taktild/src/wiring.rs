@@ -1,5 +1,6 @@
-//! The machine assembled: which task gets which device half. The only place that knows all tasks; it does not know which devices
-//! these are. Robot, rehearsal and tests assemble the same machine here.
+//! The machine assembled: which task gets which device half. The only place that knows all tasks;
+//! it does not know which devices these are. Robot, rehearsal and tests assemble the same machine
+//! here.
 
 use taktil_hal::{AnalogIn, Devices, ForceTorque};
 use taktil_hal::{AnalogOut, DigitalIn, DigitalOut, Encoders, TactileArray};
@@ -26,7 +27,8 @@ struct Shelf {
     tactile: Option<Box<dyn TactileArray>>,
     digital_in: Option<Box<dyn DigitalIn>>,
     digital_out: Option<Box<dyn DigitalOut>>,
-    // No task reads these yet; they stay open, and their drivers' own safe states with them, until the machine is dropped.
+    // No task reads these yet; they stay open, and their drivers' own safe states with them, until
+    // the machine is dropped.
     _analog_in: Box<dyn AnalogIn>,
     _force_torque: Box<dyn ForceTorque>,
 }

@@ -1,6 +1,7 @@
-//! Which lane has finished which job. At the pace of a simulated world a lane does not begin a job before every value
-//! that is due at its release has been sent: a stall on one processor then costs time and no value, and a live run
-//! carries the same bits as one in virtual time. Refuses to be used on boards, where the world does not wait.
+//! Which lane has finished which job. At the pace of a simulated world a lane does not begin a job
+//! before every value that is due at its release has been sent: a stall on one processor then costs
+//! time and no value, and a live run carries the same bits as one in virtual time. Refuses to be
+//! used on boards, where the world does not wait.
 
 use core::sync::atomic::{AtomicU64, Ordering};
 

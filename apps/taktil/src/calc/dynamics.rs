@@ -49,7 +49,8 @@ pub(super) const OPERATIONS: &[Operation] = &[
     },
     Operation {
         name: "free_motion",
-        doc: "Motion under torques: hold + amp (sin(2 pi freq t + phase) - sin phase) - viscous qd; \
+        doc: "Motion under torques: \
+              hold + amp (sin(2 pi freq t + phase) - sin phase) - viscous qd; \
               without `torque` none and no friction.",
         fields: &[
             joint_field("q", "rad", "Joint angles at the start."),

@@ -16,7 +16,8 @@ const TICKS_MAX: f64 = 1e6;
 pub(super) const OPERATIONS: &[Operation] = &[
     Operation {
         name: "encoder",
-        doc: "Encoder counts of joint angles, or joint angles of counts, with the wrist's coupling. \
+        doc: "Encoder counts of joint angles, or joint angles of counts, \
+              with the wrist's coupling. \
               Give one of the two.",
         fields: &[
             Field::new("q", Kind::Vector(6), "rad", Need::Optional, "Joint angles."),

@@ -1,4 +1,5 @@
-//! The whole stack over the simulated robot: scene in, machine out. Refuses to know whether it will run live or in virtual time.
+//! The whole stack over the simulated robot: scene in, machine out. Refuses to know whether it will
+//! run live or in virtual time.
 
 use taktil_rtcore::{Builder, Invalid, LaneSpec, Late, Machine, Nanos};
 use taktil_sim::Timing;
@@ -81,8 +82,8 @@ fn add_world(
     world: taktil_sim::World,
 ) -> Result<(), Invalid> {
     let period = timing.control_period;
-    // A word of the job released at r acts from r + delay: the world starts there and integrates one period ahead, passing
-    // the next sampling instant, at which its answer must be visible.
+    // A word of the job released at r acts from r + delay: the world starts there and integrates
+    // one period ahead, passing the next sampling instant, at which its answer must be visible.
     let phase = if timing.actuation_delay == period { Nanos::ZERO } else { timing.actuation_delay };
     let delivery = period - phase;
     let priority = u8::try_from(scene.world_priority).map_err(|_| {

@@ -1,9 +1,11 @@
-//! The digest of a run: one number that two runs share when every port carried the same bits at the same ticks. Refuses anything
-//! that depends on how lanes interleave: each signal is hashed by itself, then the hashes in the catalog's order.
+//! The digest of a run: one number that two runs share when every port carried the same bits at the
+//! same ticks. Refuses anything that depends on how lanes interleave: each signal is hashed by
+//! itself, then the hashes in the catalog's order.
 
 use taktil_rtcore::record::{Catalog, Observer, Record};
 
-/// Odd constants with well-mixed bits (the fractional part of the golden ratio, and of pi, times 2^64).
+/// Odd constants with well-mixed bits (the fractional part of the golden ratio, and of pi, times
+/// 2^64).
 const MIX_A: u64 = 0x9E37_79B9_7F4A_7C15;
 const MIX_B: u64 = 0x243F_6A88_85A3_08D3 | 1;
 

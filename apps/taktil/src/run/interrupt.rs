@@ -1,5 +1,6 @@
-//! Ctrl-C and SIGTERM as a request to end the run: outputs safe, log closed, table printed. A second one ends the process at once.
-//! Refuses to do anything inside a signal handler: a thread waits for the signals instead.
+//! Ctrl-C and SIGTERM as a request to end the run: outputs safe, log closed, table printed. A
+//! second one ends the process at once. Refuses to do anything inside a signal handler: a thread
+//! waits for the signals instead.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,7 +10,8 @@ use nix::sys::signal::{SigSet, Signal};
 /// Exit code of a process ended by the second Ctrl-C, as a shell would report SIGINT.
 const KILLED: i32 = 130;
 
-/// Blocks both signals for this thread and all it starts, and sets the returned flag when one arrives.
+/// Blocks both signals for this thread and all it starts, and sets the returned flag when one
+/// arrives.
 ///
 /// # Errors
 /// The kernel's refusal.

@@ -1,5 +1,5 @@
-//! `taktil run`: the whole stack on the simulated robot, live on `SCHED_FIFO` threads or in virtual time. Refuses to end without
-//! saying what happened.
+//! `taktil run`: the whole stack on the simulated robot, live on `SCHED_FIFO` threads or in virtual
+//! time. Refuses to end without saying what happened.
 
 pub mod assemble;
 mod budgets;
@@ -95,7 +95,8 @@ impl Observer for Watch {
 /// Runs a scene and says how it went; exit 0 without faults, 1 with one.
 ///
 /// # Errors
-/// Bad input as [`taktild::source::Located`] or [`BadOption`]; anything else is a failure of the run.
+/// Bad input as [`taktild::source::Located`] or [`BadOption`]; anything else is a failure of the
+/// run.
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let scene = Scene::load(&options.scene)?;
     let seed = options.seed.unwrap_or(scene.seed);

@@ -1,5 +1,6 @@
-//! The scripted operator: asks for one thing after the other, each when the machine stands idle. Refuses to hurry: a request is
-//! made once, and the next one only after the supervisor has looked at it.
+//! The scripted operator: asks for one thing after the other, each when the machine stands idle.
+//! Refuses to hurry: a request is made once, and the next one only after the supervisor has looked
+//! at it.
 
 use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, Task};
 use taktil_signal::{ControlState, Request, State, Verb};

@@ -1,5 +1,5 @@
-//! What a person sees while a run goes on: a bar on a terminal, plain lines elsewhere, always on standard error. Refuses to cost
-//! more than a few updates a second.
+//! What a person sees while a run goes on: a bar on a terminal, plain lines elsewhere, always on
+//! standard error. Refuses to cost more than a few updates a second.
 
 use std::io::IsTerminal;
 

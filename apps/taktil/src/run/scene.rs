@@ -1,5 +1,6 @@
-//! A scene: what is simulated, on which machine, who asks for what, for how long. Reads the scene file and the machine file that
-//! it names; every complaint is placed in the file where the value stands. Refuses anything it does not know.
+//! A scene: what is simulated, on which machine, who asks for what, for how long. Reads the scene
+//! file and the machine file that it names; every complaint is placed in the file where the value
+//! stands. Refuses anything it does not know.
 
 use std::path::{Path, PathBuf};
 
@@ -60,14 +61,16 @@ fn default_world_priority() -> i64 {
     70
 }
 
-/// Where the finger stands when power comes on, which is also the home pose in which the counts are initialised.
+/// Where the finger stands when power comes on, which is also the home pose in which the counts are
+/// initialised.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Start {
     /// Tool point in the base frame, mm.
     finger_mm: [f64; 3],
-    /// Turn of the finger about y0, deg; along the table's own slope when absent, because touch cannot feel this angle and
-    /// someone has to set it. 0 is level; a slope that rises towards +x0 is a negative turn.
+    /// Turn of the finger about y0, deg; along the table's own slope when absent, because touch
+    /// cannot feel this angle and someone has to set it. 0 is level; a slope that rises towards +x0
+    /// is a negative turn.
     pitch_deg: Option<f64>,
     /// Turn about x0, deg.
     #[serde(default)]

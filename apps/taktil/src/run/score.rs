@@ -1,5 +1,6 @@
-//! What a run is judged by: strokes, spans, feature errors against set point, and the simulator's truth. Computed while records
-//! pass, in constant memory. Refuses to judge what did not happen: a span without a sample is absent, not zero.
+//! What a run is judged by: strokes, spans, feature errors against set point, and the simulator's
+//! truth. Computed while records pass, in constant memory. Refuses to judge what did not happen: a
+//! span without a sample is absent, not zero.
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::Dynamics;

@@ -1,5 +1,6 @@
-//! The closing table: what a person reads when a run has ended, drawn from the summary. Refuses to hide what is missing: a dash
-//! stands for what did not happen, a mark for timing that says nothing about the machine.
+//! The closing table: what a person reads when a run has ended, drawn from the summary. Refuses to
+//! hide what is missing: a dash stands for what did not happen, a mark for timing that says nothing
+//! about the machine.
 
 use std::fmt::Write;
 

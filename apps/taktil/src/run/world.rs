@@ -1,5 +1,6 @@
-//! The simulated world in a lane of its own. It integrates ahead to the next instant at which a D/A word can change, and says what
-//! really happened. Refuses to give the controller anything but the device halves.
+//! The simulated world in a lane of its own. It integrates ahead to the next instant at which a D/A
+//! word can change, and says what really happened. Refuses to give the controller anything but the
+//! device halves.
 
 use glam::DVec3;
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Ports, Task, payload};
@@ -34,7 +35,8 @@ payload! {
         pub pin_yaw_rad: f64,
         /// Turn of the finger against the pin about the sensor's x axis.
         pub pin_tilt_rad: f64,
-        /// Distance of the finger from the table along its normal, minus the pin's diameter: minus the total compression.
+        /// Distance of the finger from the table along its normal, minus the pin's diameter: minus
+        /// the total compression.
         pub gap_m: f64,
         /// Fastest sliding between finger and pin.
         pub finger_slip_m_s: f64,

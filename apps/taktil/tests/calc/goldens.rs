@@ -194,7 +194,9 @@ fn rnea() {
         let requests: Vec<Value> = (0..table.len())
             .map(|row| {
                 json!({"op": "rnea", "q": table.numbers(row, "q1", 6),
-                    "qd": table.numbers(row, "qd1", 6), "qdd": table.numbers(row, "qdd1", 6), "terms": terms})
+                    "qd": table.numbers(row, "qd1", 6),
+                    "qdd": table.numbers(row, "qdd1", 6),
+                    "terms": terms})
             })
             .collect();
         for (row, answer) in ask(&requests).iter().enumerate() {

@@ -33,9 +33,11 @@ fn fk_with(key: &str, value: Value) -> Value {
 
 #[test]
 fn bad_lines_are_answered_and_do_not_stop_the_filter() {
-    let text: &[u8] = b"\n   \r\n{\"op\": \"fk\", \"q\": [0,0,0,0,0,0], \"id\": 1}\r\nnot json\n{\"op\": \n\
+    let text: &[u8] = b"\n   \r\n{\"op\": \"fk\", \"q\": [0,0,0,0,0,0], \"id\": 1}\r\n\
+        not json\n{\"op\": \n\
         [1, 2]\nnull\n\"fk\"\n\xFF\xFE\n{\"op\": \"fk\", \"q\": [NaN,0,0,0,0,0], \"id\": 2}\n\
-        {\"op\": \"fk\", \"q\": [1e999,0,0,0,0,0], \"id\": 3}\n\n{\"op\": \"fk\", \"q\": [0,0,0,0,0,0], \"id\": 4}";
+        {\"op\": \"fk\", \"q\": [1e999,0,0,0,0,0], \"id\": 3}\n\n\
+        {\"op\": \"fk\", \"q\": [0,0,0,0,0,0], \"id\": 4}";
     let answers = ask_text(text);
     let codes: Vec<Value> = answers.iter().map(|a| a["error"]["code"].clone()).collect();
     let bad = "bad_json";

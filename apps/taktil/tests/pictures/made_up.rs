@@ -231,13 +231,15 @@ pub(crate) fn summary() -> Value {
             "theta_z": {"rms_error": 2.1, "peak_error": 5.9},
         },
         "truth": {
-            "normal_force_n": {"mean": 14.7, "rms_error": 0.3, "peak_error": 1.4, "set_point": 14.65},
+            "normal_force_n": {"mean": 14.7, "rms_error": 0.3, "peak_error": 1.4,
+                "set_point": 14.65},
             "pin_yaw_error_deg": {"rms": 0.2, "peak": 0.9, "steady": 0.1},
             "pin_tilt_error_deg": {"rms": 0.1, "peak": 0.3, "steady": null},
             "height_error_mm": {"rms": null, "peak": null},
             "contact_lost": 0,
         },
-        "tracking_deg": [{"rms_error": 0.05, "peak_error": 0.2}, {"rms_error": 0.07, "peak_error": 0.3}],
+        "tracking_deg": [{"rms_error": 0.05, "peak_error": 0.2},
+            {"rms_error": 0.07, "peak_error": 0.3}],
         "lanes": [servo, touch], "faults": [], "log": "run.mcap",
         "repeat": "taktil run sim/scenes/roll-pin.toml --seed 7",
     })
