@@ -209,6 +209,9 @@ fn finish(options: &Options, log: Option<&Path>, summary: &Value) -> anyhow::Res
 /// written, and the run's own input, are refused before anything is written.
 fn log_path(options: &Options, scene: &Scene) -> anyhow::Result<Option<PathBuf>> {
     if let Some(folder) = &options.report {
+        if folder.exists() && !folder.is_dir() {
+            bail!(BadOption(format!("--report {}: is a file; name a folder", folder.display())));
+        }
         std::fs::create_dir_all(folder).map_err(|error| {
             let shown = folder.display();
             BadOption(format!("--report {shown}: {error}; name a folder that can be made"))

@@ -232,7 +232,9 @@ pub fn duration(seconds: f64, place: &str) -> Result<Nanos, Invalid> {
         return Ok(Nanos((seconds * 1e9).round() as i64));
     }
     let remedy = format!("give {SHORTEST_S} to {LONGEST_S} seconds");
-    Err(Invalid::new(place, format!("{seconds:e} s is not a duration"), remedy))
+    let plain = seconds == 0.0 || (1e-6..1e9).contains(&seconds.abs()) || !seconds.is_finite();
+    let shown = if plain { format!("{seconds}") } else { format!("{seconds:e}") };
+    Err(Invalid::new(place, format!("{shown} s is not a duration"), remedy))
 }
 
 fn read_machine(scene: &Source, path: &Path, name: &str) -> Result<Source, Located> {

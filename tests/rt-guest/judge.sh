@@ -1,0 +1,114 @@
+# Judges what a guest wrote: one line of key=value words for each check and each lane, the last word the verdict. Sourced by `run`.
+# Refuses to call a guest that ended early, counted too few jobs or answered something unreadable a success.
+# shellcheck shell=bash
+# `out` is set by `run`, `reference_p99` by `judge`.
+# shellcheck disable=SC2154
+
+# A reference later than this is no reference: measured 12 to 21 us with PREEMPT_RT, 48 us and more without.
+readonly REFERENCE_LIMIT_US=40
+# What the executor may add to cyclictest's worst release.
+readonly MARGIN_US=5
+# Longest job of a lane, 40000 instructions; measured 51 us (servo) and 52 us (touch).
+readonly JOB_LIMIT_US=80
+
+# The part of a result between `@check NAME code` and `@stderr`.
+answer() { # RESULT NAME
+    awk -v name="$2" '$1 == "@check" { on = $2 == name; next } $1 == "@stderr" { on = 0 } on' "$1"
+}
+
+# samples p50 p99 p99.9 max (us) of all cyclictest checks of a result taken together.
+reference() { # RESULT
+    { answer "$1" cyclictest-1; answer "$1" cyclictest-2; } | awk '
+        /^[0-9]+ [0-9]+$/ { count[$1 + 0] += $2; n += $2 }
+        /^# Max Latencies:/ { if ($4 + 0 > max) max = $4 + 0 }
+        END {
+            if (!n) exit 1
+            for (us = 0; us <= max; us++) {
+                sum += count[us]
+                if (p50 == "" && sum >= 0.5 * n) p50 = us
+                if (p99 == "" && sum >= 0.99 * n) p99 = us
+                if (p999 == "" && sum >= 0.999 * n) p999 = us
+            }
+            print n, p50 + 0, p99 + 0, (p999 == "" ? max : p999), max
+        }'
+}
+
+# Lanes of a `taktil` answer, one line each: name period_ns jobs skipped misses page_faults allocations, late p50 p99 p99.9 max,
+# job p50 max. Allocations that nobody counted are -1.
+lanes() { # RESULT NAME
+    answer "$1" "$2" | jq -r '.lanes[] | [(.name // "\(.rate_hz)Hz"), .period_ns, .jobs, .skipped, ([.misses[]] | add), .page_faults,
+        (.allocations // -1), (.release_late_us | .p50, .p99, .p99_9, .max), ((.exec_us // .job_us) | .p50, .max)] | join(" ")'
+}
+
+at_most() { awk -v a="$1" -v b="$2" 'BEGIN { exit !(a <= b) }'; }
+
+# Judges the lanes of one check against `reference_p99` and a limit of the maximum; returns 1 when any gate is open. Sets `late` when a gated lane was later than the limit.
+judge_lanes() { # KERNEL CHECK SECONDS LIMIT_US
+    local name period jobs skipped misses faults allocations p50 p99 p999 max job_p50 job_max
+    local seen=0 failed=0 verdict want
+    while read -r name period jobs skipped misses faults allocations p50 p99 p999 max job_p50 job_max; do
+        seen=1 verdict=pass
+        want=$(($3 * 1000000000 / period))
+        ((jobs == want && skipped == 0)) || verdict="jobs"
+        ((misses == 0)) || verdict=misses
+        ((faults == 0)) || verdict=page_faults
+        ((allocations == 0)) || verdict=allocations
+        # The lane that simulates the world is not part of what runs on a robot: its lateness is told, not judged.
+        if [[ $name != world ]]; then
+            at_most "$job_max" "$JOB_LIMIT_US" || verdict=job_too_long
+            at_most "$p99" $((reference_p99 + MARGIN_US)) || verdict=late_p99
+            at_most "$max" "$4" || { verdict=late; late=1; }
+        fi
+        [[ $verdict == pass ]] || failed=1
+        echo "rt-guest kernel=$1 check=$2 lane=$name period_us=$((period / 1000)) jobs=$jobs late_p50_us=$p50" \
+            "late_p99_us=$p99 late_p999_us=$p999 late_max_us=$max limit_us=$4 job_p50_us=$job_p50 job_max_us=$job_max" \
+            "job_max_instructions=$(awk -v us="$job_max" 'BEGIN { printf "%d", us * 500 }')" \
+            "misses=$misses skipped=$skipped page_faults=$faults allocations=$allocations verdict=$verdict"
+    done < <(lanes "$out/$1.result" "$2")
+    ((seen && !failed))
+}
+
+# Judges one guest. For PREEMPT_RT every gate has to hold; the control has to be late, and only that is asked of it.
+judge() { # KERNEL SECONDS
+    local result=$out/$1.result failed=0 code host_s n p50 p99 p999 max limit check realtime
+    read -r code host_s <"$out/$1.ended"
+    if [[ $code != 0 ]] || ! grep -q '^@done ' "$result"; then
+        # 124: the guest did not end in its time.
+        echo "rt-guest kernel=$1 check=guest qemu_exit=$code host_s=$host_s verdict=broken"
+        tail -n 15 "$out/$1.qemu" "$out/$1.console" >&2
+        return 1
+    fi
+    realtime=$(sed -n 's/^@kernel realtime=\([01]\).*/\1/p' "$result")
+    read -r n p50 p99 p999 max < <(reference "$result") || { echo "rt-guest kernel=$1 check=cyclictest verdict=broken"; return 1; }
+    late=0 reference_p99=$p99
+    # The control is held to what PREEMPT_RT gave when both were run.
+    limit=${reference_max:-$REFERENCE_LIMIT_US}
+    [[ $1 == plain ]] || limit=$max
+    limit=$((limit + MARGIN_US))
+    local cyclictest=pass
+    at_most "$max" "$REFERENCE_LIMIT_US" || failed=1 cyclictest=late
+    echo "rt-guest kernel=$1 check=cyclictest samples=$n late_p50_us=$p50 late_p99_us=$p99 late_p999_us=$p999 late_max_us=$max" \
+        "limit_us=$REFERENCE_LIMIT_US verdict=$cyclictest"
+    while read -r check; do
+        judge_lanes "$1" "$check" "$2" "$limit" || failed=1
+        grep -q "^@check $check 0\$" "$result" ||
+            { failed=1; echo "rt-guest kernel=$1 check=$check verdict=failed"; complaint "$result" "$check"; }
+    done < <(awk '$1 == "@check" && $2 !~ /^cyclictest/ { print $2 }' "$result")
+    local verdict=pass
+    if [[ $1 == plain ]]; then
+        # The control: cyclictest and our lanes must both be seen to be late, or the gate could not fail.
+        verdict=fails_as_it_must failed=1
+        [[ $realtime != 0 || $late == 0 ]] || at_most "$max" "$REFERENCE_LIMIT_US" || failed=0
+    else
+        reference_max=$max
+        [[ $realtime == 1 ]] || failed=1
+    fi
+    ((!failed)) || verdict=fail
+    echo "rt-guest kernel=$1 check=all realtime=$realtime seconds=$2 host_s=$host_s verdict=$verdict"
+    ((!failed))
+}
+
+# What a check that ended with an error said.
+complaint() { # RESULT NAME
+    awk -v name="$2" '$1 == "@check" { mine = $2 == name } $1 == "@end" { on = 0 } on && mine; $1 == "@stderr" { on = 1 }' "$1" >&2
+}
