@@ -98,7 +98,7 @@ impl Host {
         Err(gap(Why::Unreadable("a link out of the recorded tree".to_owned())))
     }
 
-    /// The bytes of a file, at most [`FILE_MAX`] of them; `path` without the leading slash.
+    /// The bytes of a file, at most `FILE_MAX` of them; `path` without the leading slash.
     ///
     /// # Errors
     /// The gap.

@@ -165,7 +165,7 @@ impl Scene {
 
     fn complete(&mut self, file: &SceneFile) -> Result<(), Invalid> {
         self.duration = duration(file.duration_s, "duration_s")?;
-        if !(1..=1_000_000).contains(&file.actuation_delay_us) {
+        if !(-1_000_000..=1_000_000).contains(&file.actuation_delay_us) {
             return Err(Invalid::new(
                 "actuation_delay_us",
                 format!("{} us is no actuation delay", file.actuation_delay_us),
