@@ -66,7 +66,7 @@ pub fn line(
     Ok(x_mm.iter().map(|x| modes.point(layer, load, x / layer.thickness_mm)).collect())
 }
 
-/// [`line`] for the half plane: stresses only.
+/// [`line`](fn@line) for the half plane: stresses only.
 ///
 /// # Errors
 /// Anything not finite; a depth below 0.
