@@ -1,8 +1,8 @@
 //! What may flow through a port: plain, fixed-size values with named fields, encoded the same way
 //! everywhere.
 //!
-//! [`payload!`](macro@crate::payload) declares such a struct and derives its field table, so that a
-//! log's schema, a report's columns and the bytes that are hashed all come from one declaration. The
+//! [`payload!`](macro@crate::payload) declares such a struct and derives its field table, so that
+//! a log's schema, a report's columns and the bytes that are hashed come from one declaration. The
 //! encoding is the body of a little-endian CDR message (each primitive aligned to its own size from
 //! the start of the body), which is what `ros2msg` readers of MCAP files expect. Refuses strings,
 //! lists, pointers and anything else that would need the heap.
