@@ -90,7 +90,7 @@ pub fn thread_counters() -> ThreadCounters {
 /// The kernel's refusal in words, with the way out.
 pub fn lock_memory() -> Result<(), String> {
     let (soft, _) = getrlimit(Resource::RLIMIT_MEMLOCK).unwrap_or((0, 0));
-    let unlimited = soft == nix::libc::RLIM_INFINITY || nix::unistd::geteuid().is_root();
+    let unlimited = soft == libc::RLIM_INFINITY || nix::unistd::geteuid().is_root();
     // With a finite limit, locking the future would make a later allocation fail: lock only what
     // is there.
     let flags = if unlimited {
@@ -216,7 +216,7 @@ fn says(path: &str) -> Option<String> {
 
 fn limit(resource: Resource) -> Option<Limit> {
     let (soft, _) = getrlimit(resource).ok()?;
-    Some((soft != nix::libc::RLIM_INFINITY).then_some(soft))
+    Some((soft != libc::RLIM_INFINITY).then_some(soft))
 }
 
 /// What the machine and this process are like now; `dma_latency_held` is the caller's affair.
