@@ -66,7 +66,7 @@ fn files_functions_and_lines_stay_short() {
 }
 
 #[test]
-fn no_text_speaks_of_a_workplace() {
+fn no_text_speaks_of_one_machine() {
     none("words", &text::foreign_words(&Tree::read().text));
 }
 
