@@ -43,7 +43,7 @@ pub(crate) fn junk_drawers(files: &[Text]) -> Vec<String> {
     found
 }
 
-/// Words that belong to one machine or one desk and not to the project. In pieces, so that this file is clean.
+/// Words of one machine or one desk, not of the project. In pieces, so that this file is clean.
 const FOREIGN: &[(&str, &str)] = &[
     (concat!("/wo", "rk/"), "a path of one machine"),
     (concat!("/tm", "p/"), "a path of one machine; use the system's temporary folder"),
