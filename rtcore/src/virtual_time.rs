@@ -2,14 +2,31 @@
 //! waits. The order of jobs released at the same instant does not matter to any value, because
 //! values cross lanes only later. Refuses to skip a job.
 
+use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use taktil_hal::Nanos;
+use taktil_hal::{Clock, Nanos};
 
 use crate::fault::FaultCode;
 use crate::linux::{monotonic, thread_counters};
 use crate::machine::Machine;
 use crate::record::Observer;
+
+/// A clock that shows the last instant somebody slept until; it never runs backwards.
+#[derive(Debug, Default)]
+pub struct VirtualClock {
+    now: Cell<Nanos>,
+}
+
+impl Clock for VirtualClock {
+    fn now(&self) -> Nanos {
+        self.now.get()
+    }
+
+    fn sleep_until(&self, instant: Nanos) {
+        self.now.set(self.now.get().max(instant));
+    }
+}
 
 /// Runs all jobs released before `until`, or until `stop` is set. Records reach `observer` after
 /// each job, so none is lost. Returns the instant that was reached.
@@ -23,7 +40,7 @@ pub fn run(
     observer: &mut dyn Observer,
 ) -> Result<Nanos, (String, FaultCode)> {
     machine.start()?;
-    let mut reached = Nanos::ZERO;
+    let clock = VirtualClock::default();
     while !stop.load(Ordering::Relaxed) {
         // Few lanes: a scan beats a heap.
         let next = machine
@@ -33,9 +50,10 @@ pub fn run(
             .map(|(index, lane)| (lane.spec.release(lane.next_tick), index))
             .min();
         let Some((release, index)) = next.filter(|(release, _)| *release < until) else {
-            reached = until;
+            clock.sleep_until(until);
             break;
         };
+        clock.sleep_until(release);
         let lane = &mut machine.lanes[index];
         let faults_before = thread_counters().page_faults;
         let begin = monotonic();
@@ -45,8 +63,21 @@ pub fn run(
         lane.figures.lateness_ns.saturating_record(0);
         lane.figures.execution_ns.saturating_record(took.0.unsigned_abs());
         machine.drains[index].drain(observer);
-        reached = release;
     }
     machine.stop();
-    Ok(reached)
+    Ok(clock.now())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_clock_moves_only_when_somebody_sleeps_and_never_backwards() {
+        let clock = VirtualClock::default();
+        assert_eq!(clock.now(), Nanos::ZERO);
+        clock.sleep_until(Nanos(7));
+        clock.sleep_until(Nanos(3));
+        assert_eq!(clock.now(), Nanos(7));
+    }
 }
