@@ -6,8 +6,14 @@
 //! transition runs, elsewhere the segment; the move ends at `c_n + tau`. Inner points are rounded,
 //! not hit: at the corner the path is 3/16 tau dv away, dv being the change of speed.
 
-use crate::spatial::Joints;
+pub mod cartesian;
+mod timing;
+mod turn;
+
 use core::fmt;
+
+use crate::spatial::Joints;
+use timing::{Piece, Timing};
 
 /// Most points of a path.
 pub const MAX_POINTS: usize = 32;
@@ -59,6 +65,11 @@ pub enum PathError {
         /// Index of the joint.
         joint: usize,
     },
+    /// A pose is not finite, or its rotation is none.
+    NotAPose {
+        /// Index of the point.
+        point: usize,
+    },
     /// A segment time is NaN, infinite, zero or negative.
     SegmentTime {
         /// Index of the segment.
@@ -97,6 +108,13 @@ impl fmt::Display for PathError {
             PathError::PointNotFinite { point, joint } => {
                 write!(f, "joint {} of point {point} is not a finite number", joint + 1)
             }
+            PathError::NotAPose { point } => {
+                write!(
+                    f,
+                    "point {point} is not a pose: its rotation has columns that are not of length \
+                     1, square to each other and right-handed, or a number is not finite"
+                )
+            }
             PathError::SegmentTime { segment, time_s } => {
                 write!(f, "segment {segment} takes {time_s} s; it must be positive and finite")
             }
@@ -119,12 +137,7 @@ impl std::error::Error for PathError {}
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointPath {
     points: [Joints; MAX_POINTS],
-    /// Segment i leads from point i to point i + 1 (s).
-    times_s: [f64; MAX_POINTS],
-    /// When each corner is (s).
-    corners_s: [f64; MAX_POINTS],
-    count: usize,
-    tau_s: f64,
+    timing: Timing,
 }
 
 impl JointPath {
@@ -134,66 +147,53 @@ impl JointPath {
     /// # Errors
     /// See [`PathError`]. A segment of no length is allowed: it is a wait.
     pub fn new(points: &[Joints], t_s: &[f64], tau_s: f64) -> Result<JointPath, PathError> {
-        check(points, t_s, tau_s)?;
-        let mut path = JointPath {
-            points: [Joints::zeros(); MAX_POINTS],
-            times_s: [0.0; MAX_POINTS],
-            corners_s: [0.0; MAX_POINTS],
-            count: points.len(),
-            tau_s,
-        };
-        path.points[..points.len()].copy_from_slice(points);
-        path.times_s[..t_s.len()].copy_from_slice(t_s);
-        path.corners_s[0] = tau_s;
-        for (i, time_s) in t_s.iter().enumerate() {
-            path.corners_s[i + 1] = path.corners_s[i] + time_s;
+        let timing = Timing::new(points.len(), t_s, tau_s)?;
+        for (point, q) in points.iter().enumerate() {
+            if let Some(joint) = q.iter().position(|x| !x.is_finite()) {
+                return Err(PathError::PointNotFinite { point, joint });
+            }
         }
+        let mut path = JointPath { points: [Joints::zeros(); MAX_POINTS], timing };
+        path.points[..points.len()].copy_from_slice(points);
         Ok(path)
     }
 
     /// How long the move takes (s): all segments and two tau.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
-        self.corners_s[self.count - 1] + self.tau_s
+        self.timing.duration_s()
     }
 
     /// The half time of the transitions (s).
     #[must_use]
     pub fn tau_s(&self) -> f64 {
-        self.tau_s
+        self.timing.tau_s()
     }
 
     /// The points (rad).
     #[must_use]
     pub fn points(&self) -> &[Joints] {
-        &self.points[..self.count]
+        &self.points[..self.timing.count()]
     }
 
     /// The setpoint at `t_s`: the first point at rest before the start (NaN counts as before), the
     /// last point at rest from the end on.
     #[must_use]
     pub fn at(&self, t_s: f64) -> Setpoint {
-        if t_s.is_nan() || t_s <= 0.0 {
-            return Setpoint::rest(&self.points[0]);
+        match self.timing.piece(t_s) {
+            Piece::Start => Setpoint::rest(&self.points[0]),
+            Piece::End => Setpoint::rest(&self.points[self.timing.count() - 1]),
+            Piece::Transition(corner, since) => self.transition(corner, since),
+            Piece::Segment(corner, since) => {
+                let qd = self.speed_after(corner);
+                Setpoint { q: self.points[corner] + qd * since, qd, qdd: Joints::zeros() }
+            }
         }
-        if t_s >= self.duration_s() {
-            return Setpoint::rest(&self.points[self.count - 1]);
-        }
-        let mut corner = 0;
-        while corner + 1 < self.count && t_s >= self.corners_s[corner + 1] - self.tau_s {
-            corner += 1;
-        }
-        let since = t_s - self.corners_s[corner];
-        if since <= self.tau_s || corner + 1 == self.count {
-            return self.transition(corner, since);
-        }
-        let qd = self.speed_after(corner);
-        Setpoint { q: self.points[corner] + qd * since, qd, qdd: Joints::zeros() }
     }
 
     /// The quartic about a corner, `since` from -tau to tau after it.
     fn transition(&self, corner: usize, since: f64) -> Setpoint {
-        let tau = self.tau_s;
+        let tau = self.timing.tau_s();
         let b = &self.points[corner];
         let h = (since + tau) / (2.0 * tau);
         let before = self.speed_before(corner) * -tau;
@@ -213,24 +213,27 @@ impl JointPath {
 
     /// Speed of the segment that starts at a corner (rad/s); 0 at the last.
     fn speed_after(&self, corner: usize) -> Joints {
-        if corner + 1 >= self.count {
+        if corner + 1 >= self.timing.count() {
             return Joints::zeros();
         }
-        (self.points[corner + 1] - self.points[corner]) / self.times_s[corner]
+        (self.points[corner + 1] - self.points[corner]) / self.timing.time_s(corner)
     }
 
     /// Largest speed of each joint on the whole path (rad/s): that of its fastest segment.
     #[must_use]
     pub fn peak_speed(&self) -> Joints {
-        (0..self.count).fold(Joints::zeros(), |top, i| top.sup(&self.speed_after(i).abs()))
+        (0..self.timing.count()).fold(Joints::zeros(), |top, i| top.sup(&self.speed_after(i).abs()))
     }
 
     /// Largest acceleration of each joint on the whole path (rad/s^2): 3/4 dv/tau at its sharpest
     /// corner.
     #[must_use]
     pub fn peak_acceleration(&self) -> Joints {
-        (0..self.count).fold(Joints::zeros(), |top, i| {
-            top.sup(&((self.speed_after(i) - self.speed_before(i)).abs() * (0.75 / self.tau_s)))
+        (0..self.timing.count()).fold(Joints::zeros(), |top, i| {
+            top.sup(
+                &((self.speed_after(i) - self.speed_before(i)).abs()
+                    * (0.75 / self.timing.tau_s())),
+            )
         })
     }
 }
@@ -248,33 +251,4 @@ pub fn segment_time_s(from: &Joints, to: &Joints, speed_max: &Joints, tau_s: f64
         }
     }
     time
-}
-
-fn check(points: &[Joints], t_s: &[f64], tau_s: f64) -> Result<(), PathError> {
-    if points.len() < 2 {
-        return Err(PathError::TooFewPoints { points: points.len() });
-    }
-    if points.len() > MAX_POINTS {
-        return Err(PathError::TooManyPoints { points: points.len() });
-    }
-    if t_s.len() != points.len() - 1 {
-        return Err(PathError::SegmentCount { wanted: points.len() - 1, given: t_s.len() });
-    }
-    for (point, q) in points.iter().enumerate() {
-        if let Some(joint) = q.iter().position(|x| !x.is_finite()) {
-            return Err(PathError::PointNotFinite { point, joint });
-        }
-    }
-    if !(tau_s > 0.0 && tau_s.is_finite()) {
-        return Err(PathError::TransitionTime { tau_s });
-    }
-    for (segment, &time_s) in t_s.iter().enumerate() {
-        if !(time_s > 0.0 && time_s.is_finite()) {
-            return Err(PathError::SegmentTime { segment, time_s });
-        }
-        if tau_s > 0.5 * time_s {
-            return Err(PathError::TransitionsOverlap { segment, time_s, tau_s });
-        }
-    }
-    Ok(())
 }

@@ -5,6 +5,7 @@ mod arm;
 mod draws;
 mod drives;
 mod inverse;
+mod lines;
 mod motion;
 mod paths;
 mod table;

@@ -1,0 +1,298 @@
+//! Paul's Cartesian motion: the tool runs straight lines between poses, rounded at the corners by
+//! the same quartic as joint paths; its orientation turns by Paul's two-angle drive or about one
+//! axis (Paul 1981, chapter 5). Refuses, at construction, paths it could not follow; whether an arm
+//! can is not its question.
+//!
+//! With Paul's own blend the direction psi of the turn moves at a constant rate through a corner,
+//! so that the angular velocity steps by `2 sin(theta/2) dpsi / (2 tau)` where a transition begins
+//! and ends. [`Blend::Smooth`] and [`Blend::So3`] do not step.
+
+use glam::{DMat3, DVec3};
+
+use super::timing::{Piece, Timing};
+use super::turn::{Drive, align, rotation_of, rotation_vector};
+use super::{MAX_POINTS, PathError};
+use crate::spatial::Pose;
+
+/// How far `R R^T` of a point may be from the identity.
+const ROTATION_TOLERANCE: f64 = 1e-6;
+
+/// How the orientation passes a corner.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Blend {
+    /// As published: psi moves linearly through the transition; the angular velocity steps.
+    Paul,
+    /// psi moves with `h^3 (10 - 15 h + 6 h^2)`: no step.
+    #[default]
+    Smooth,
+    /// Rotation vectors before and after the corner fade out and in; segments turn about one axis.
+    /// Twice continuously differentiable, and it never turns further than needed.
+    So3,
+}
+
+/// A setpoint of the tool, all in the base frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseSetpoint {
+    /// Where the tool is to be.
+    pub pose: Pose,
+    /// Velocity of its origin (m/s).
+    pub velocity_m_s: DVec3,
+    /// Its angular velocity (rad/s).
+    pub angular_rad_s: DVec3,
+}
+
+impl PoseSetpoint {
+    /// At rest at `pose`.
+    #[must_use]
+    pub fn rest(pose: &Pose) -> PoseSetpoint {
+        PoseSetpoint { pose: *pose, velocity_m_s: DVec3::ZERO, angular_rad_s: DVec3::ZERO }
+    }
+}
+
+/// How the orientation goes through one corner, seen from the corner's own frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Corner {
+    /// psi from where it starts by a sweep; theta and phi before the corner, and after it per tau.
+    Drives { psi: f64, sweep: f64, before: Drive, after: Drive },
+    /// Rotation vectors to the point tau before the corner and to the one tau after it.
+    Vectors { before: DVec3, after: DVec3 },
+}
+
+/// How the orientation goes along one segment, seen from its first point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Turn {
+    Drive(Drive),
+    Vector(DVec3),
+}
+
+/// A path of the tool, of fixed size.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CartesianPath {
+    points: [Pose; MAX_POINTS],
+    corners: [Corner; MAX_POINTS],
+    turns: [Turn; MAX_POINTS],
+    timing: Timing,
+    blend: Blend,
+}
+
+/// The quartic of a transition: the parts of the way from before and to after the corner, and
+/// their rates (1/s).
+struct Fade {
+    h: f64,
+    part_in: f64,
+    part_out: f64,
+    rate_in: f64,
+    rate_out: f64,
+}
+
+impl Fade {
+    fn at(since: f64, tau: f64) -> Fade {
+        let h = (since + tau) / (2.0 * tau);
+        let part_in = (2.0 - h) * h * h * h;
+        let rate_in = (3.0 - 2.0 * h) * h * h / tau;
+        Fade {
+            h,
+            part_in,
+            part_out: 1.0 - 2.0 * h + part_in,
+            rate_in,
+            rate_out: rate_in - 1.0 / tau,
+        }
+    }
+}
+
+impl CartesianPath {
+    /// A path through tool `poses`, segment i taking `t_s[i]` (s), transitions of half time `tau_s`
+    /// (s) at every point, rest before the first and after the last.
+    ///
+    /// # Errors
+    /// See [`PathError`]. A segment of no length is allowed: it is a wait or a turn on the spot.
+    pub fn new(
+        poses: &[Pose],
+        t_s: &[f64],
+        tau_s: f64,
+        blend: Blend,
+    ) -> Result<CartesianPath, PathError> {
+        let timing = Timing::new(poses.len(), t_s, tau_s)?;
+        if let Some(point) = poses.iter().position(|pose| !is_rigid(pose)) {
+            return Err(PathError::NotAPose { point });
+        }
+        let none = Corner::Vectors { before: DVec3::ZERO, after: DVec3::ZERO };
+        let mut path = CartesianPath {
+            points: [Pose::IDENTITY; MAX_POINTS],
+            corners: [none; MAX_POINTS],
+            turns: [Turn::Vector(DVec3::ZERO); MAX_POINTS],
+            timing,
+            blend,
+        };
+        path.points[..poses.len()].copy_from_slice(poses);
+        for segment in 0..poses.len() - 1 {
+            path.turns[segment] = path.turn(segment);
+        }
+        for corner in 0..poses.len() {
+            path.corners[corner] = path.corner(corner);
+        }
+        Ok(path)
+    }
+
+    fn turn(&self, segment: usize) -> Turn {
+        let (from, to) = (&self.points[segment].rotation, &self.points[segment + 1].rotation);
+        match self.blend {
+            Blend::Paul | Blend::Smooth => Turn::Drive(Drive::between(from, to)),
+            Blend::So3 => Turn::Vector(rotation_vector(from, to)),
+        }
+    }
+
+    fn corner(&self, corner: usize) -> Corner {
+        let tau = self.timing.tau_s();
+        let here = &self.points[corner].rotation;
+        let share = |segment: usize| tau / self.timing.time_s(segment);
+        let (first, last) = (corner == 0, corner + 1 == self.timing.count());
+        if self.blend == Blend::So3 {
+            let before = |segment| {
+                let from = &self.points[corner - 1].rotation;
+                rotation_vector(from, here) * -share(segment)
+            };
+            let after = |segment| {
+                let to = &self.points[corner + 1].rotation;
+                rotation_vector(here, to) * share(segment)
+            };
+            return Corner::Vectors {
+                before: if first { DVec3::ZERO } else { before(corner - 1) },
+                after: if last { DVec3::ZERO } else { after(corner) },
+            };
+        }
+        let mut before = (!first).then(|| {
+            let reached = self.along(corner - 1, 1.0 - share(corner - 1)).0;
+            Drive::between(here, &reached)
+        });
+        let after = (!last).then(|| Drive::between(here, &self.points[corner + 1].rotation));
+        let (psi, sweep) = align(before.as_mut(), after.as_ref());
+        let mut after = after.unwrap_or_default();
+        if !last {
+            after.theta *= share(corner);
+            after.phi *= share(corner);
+        }
+        Corner::Drives { psi, sweep, before: before.unwrap_or_default(), after }
+    }
+
+    /// Orientation at the part `r` of a segment, and its change over the whole segment as a vector
+    /// in the base frame (rad).
+    fn along(&self, segment: usize, r: f64) -> (DMat3, DVec3) {
+        let from = &self.points[segment].rotation;
+        match &self.turns[segment] {
+            Turn::Drive(drive) => {
+                let now = Drive { psi: drive.psi, theta: drive.theta * r, phi: drive.phi * r };
+                let rate = Drive { psi: 0.0, ..*drive };
+                (*from * now.rotation(), *from * now.angular_velocity(&rate))
+            }
+            Turn::Vector(vector) => (*from * rotation_of(*vector * r), *from * *vector),
+        }
+    }
+
+    /// How long the move takes (s): all segments and two tau.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.timing.duration_s()
+    }
+
+    /// The half time of the transitions (s).
+    #[must_use]
+    pub fn tau_s(&self) -> f64 {
+        self.timing.tau_s()
+    }
+
+    /// The poses.
+    #[must_use]
+    pub fn points(&self) -> &[Pose] {
+        &self.points[..self.timing.count()]
+    }
+
+    /// The setpoint at `t_s`: the first pose at rest before the start (NaN counts as before), the
+    /// last pose at rest from the end on.
+    #[must_use]
+    pub fn at(&self, t_s: f64) -> PoseSetpoint {
+        match self.timing.piece(t_s) {
+            Piece::Start => PoseSetpoint::rest(&self.points[0]),
+            Piece::End => PoseSetpoint::rest(&self.points[self.timing.count() - 1]),
+            Piece::Transition(corner, since) => self.transition(corner, since),
+            Piece::Segment(corner, since) => self.segment(corner, since),
+        }
+    }
+
+    fn segment(&self, corner: usize, since: f64) -> PoseSetpoint {
+        let time = self.timing.time_s(corner);
+        let (rotation, change) = self.along(corner, since / time);
+        let velocity_m_s = self.speed_after(corner);
+        let translation = self.points[corner].translation + velocity_m_s * since;
+        PoseSetpoint {
+            pose: Pose::new(rotation, translation),
+            velocity_m_s,
+            angular_rad_s: change / time,
+        }
+    }
+
+    fn transition(&self, corner: usize, since: f64) -> PoseSetpoint {
+        let tau = self.timing.tau_s();
+        let fade = Fade::at(since, tau);
+        let here = &self.points[corner];
+        let speed_before = if corner == 0 { DVec3::ZERO } else { self.speed_after(corner - 1) };
+        let (before, after) = (speed_before * -tau, self.speed_after(corner) * tau);
+        let (turn, rate) = orientation(&self.corners[corner], &fade, tau, self.blend);
+        PoseSetpoint {
+            pose: Pose::new(
+                here.rotation * turn,
+                here.translation + before * fade.part_out + after * fade.part_in,
+            ),
+            velocity_m_s: before * fade.rate_out + after * fade.rate_in,
+            angular_rad_s: here.rotation * rate,
+        }
+    }
+
+    /// Velocity of the segment that starts at a corner (m/s); 0 at the last.
+    fn speed_after(&self, corner: usize) -> DVec3 {
+        if corner + 1 >= self.timing.count() {
+            return DVec3::ZERO;
+        }
+        let way = self.points[corner + 1].translation - self.points[corner].translation;
+        way / self.timing.time_s(corner)
+    }
+}
+
+/// The turn inside a transition and its angular velocity (rad/s), in the corner's frame.
+fn orientation(corner: &Corner, fade: &Fade, tau: f64, blend: Blend) -> (DMat3, DVec3) {
+    match corner {
+        Corner::Vectors { before, after } => {
+            let out = rotation_of(*before * fade.part_out);
+            let angular = *before * fade.rate_out + out * (*after * fade.rate_in);
+            (out * rotation_of(*after * fade.part_in), angular)
+        }
+        Corner::Drives { psi, sweep, before, after } => {
+            let h = fade.h;
+            let (part, rate) = match blend {
+                Blend::Paul => (h, 0.5 / tau),
+                Blend::Smooth | Blend::So3 => {
+                    let rest = h * (1.0 - h);
+                    (h * h * h * (10.0 - 15.0 * h + 6.0 * h * h), 15.0 * rest * rest / tau)
+                }
+            };
+            let now = Drive {
+                psi: psi + sweep * part,
+                theta: before.theta * fade.part_out + after.theta * fade.part_in,
+                phi: before.phi * fade.part_out + after.phi * fade.part_in,
+            };
+            let rates = Drive {
+                psi: sweep * rate,
+                theta: before.theta * fade.rate_out + after.theta * fade.rate_in,
+                phi: before.phi * fade.rate_out + after.phi * fade.rate_in,
+            };
+            (now.rotation(), now.angular_velocity(&rates))
+        }
+    }
+}
+
+fn is_rigid(pose: &Pose) -> bool {
+    let r = pose.rotation;
+    let off = r.transpose() * r - DMat3::IDENTITY;
+    let small = off.to_cols_array().iter().all(|x| x.abs() <= ROTATION_TOLERANCE);
+    pose.is_finite() && small && r.determinant() > 0.0
+}

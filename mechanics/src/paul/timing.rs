@@ -1,0 +1,107 @@
+//! The clock of a path: where its corners are and which piece of it runs at an instant. Shared by
+//! joint and Cartesian paths. Refuses times that leave no room for the transitions.
+
+use super::{MAX_POINTS, PathError};
+
+/// Segment times, corners and the half time of the transitions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Timing {
+    /// Segment i leads from point i to point i + 1 (s).
+    times_s: [f64; MAX_POINTS],
+    /// When each corner is (s).
+    corners_s: [f64; MAX_POINTS],
+    count: usize,
+    tau_s: f64,
+}
+
+/// The piece of a path that runs at an instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Piece {
+    /// Before the start, at rest in the first point.
+    Start,
+    /// The transition about a corner, from -tau to tau after it (s).
+    Transition(usize, f64),
+    /// The segment that leaves a corner, so long after it (s).
+    Segment(usize, f64),
+    /// After the end, at rest in the last point.
+    End,
+}
+
+impl Timing {
+    /// A clock for so many points.
+    pub(super) fn new(points: usize, t_s: &[f64], tau_s: f64) -> Result<Timing, PathError> {
+        check(points, t_s, tau_s)?;
+        let mut timing = Timing {
+            times_s: [0.0; MAX_POINTS],
+            corners_s: [0.0; MAX_POINTS],
+            count: points,
+            tau_s,
+        };
+        timing.times_s[..t_s.len()].copy_from_slice(t_s);
+        timing.corners_s[0] = tau_s;
+        for (i, time_s) in t_s.iter().enumerate() {
+            timing.corners_s[i + 1] = timing.corners_s[i] + time_s;
+        }
+        Ok(timing)
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+
+    pub(super) fn tau_s(&self) -> f64 {
+        self.tau_s
+    }
+
+    pub(super) fn time_s(&self, segment: usize) -> f64 {
+        self.times_s[segment]
+    }
+
+    pub(super) fn duration_s(&self) -> f64 {
+        self.corners_s[self.count - 1] + self.tau_s
+    }
+
+    /// What runs at `t_s`; NaN counts as before the start.
+    pub(super) fn piece(&self, t_s: f64) -> Piece {
+        if t_s.is_nan() || t_s <= 0.0 {
+            return Piece::Start;
+        }
+        if t_s >= self.duration_s() {
+            return Piece::End;
+        }
+        let mut corner = 0;
+        while corner + 1 < self.count && t_s >= self.corners_s[corner + 1] - self.tau_s {
+            corner += 1;
+        }
+        let since = t_s - self.corners_s[corner];
+        if since <= self.tau_s || corner + 1 == self.count {
+            Piece::Transition(corner, since)
+        } else {
+            Piece::Segment(corner, since)
+        }
+    }
+}
+
+fn check(points: usize, t_s: &[f64], tau_s: f64) -> Result<(), PathError> {
+    if points < 2 {
+        return Err(PathError::TooFewPoints { points });
+    }
+    if points > MAX_POINTS {
+        return Err(PathError::TooManyPoints { points });
+    }
+    if t_s.len() != points - 1 {
+        return Err(PathError::SegmentCount { wanted: points - 1, given: t_s.len() });
+    }
+    if !(tau_s > 0.0 && tau_s.is_finite()) {
+        return Err(PathError::TransitionTime { tau_s });
+    }
+    for (segment, &time_s) in t_s.iter().enumerate() {
+        if !(time_s > 0.0 && time_s.is_finite()) {
+            return Err(PathError::SegmentTime { segment, time_s });
+        }
+        if tau_s > 0.5 * time_s {
+            return Err(PathError::TransitionsOverlap { segment, time_s, tau_s });
+        }
+    }
+    Ok(())
+}

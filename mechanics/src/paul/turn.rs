@@ -1,0 +1,174 @@
+//! Turns between two orientations: Paul's two-angle drive (Paul 1981, chapter 5) and the rotation
+//! vector. Refuses translations: those are straight lines.
+
+use core::f64::consts::{FRAC_PI_2, PI};
+
+use glam::{DMat3, DQuat, DVec3};
+
+use crate::spatial::{rotation_about, rotation_y, rotation_z, wrap_angle};
+
+/// Below this a turn of the approach axis has no direction (rad).
+const NO_TURN_RAD: f64 = 1e-9;
+
+/// Paul's drive: the approach axis turns by `theta` about the axis (-sin psi, cos psi, 0) of the
+/// first frame, then the hand by `phi` about it. In Euler's terms z-y-z with
+/// (psi, theta, phi - psi). All in rad.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Drive {
+    pub(super) psi: f64,
+    pub(super) theta: f64,
+    pub(super) phi: f64,
+}
+
+impl Drive {
+    /// The drive that turns `from` into `to`.
+    pub(super) fn between(from: &DMat3, to: &DMat3) -> Drive {
+        let seen = from.transpose() * *to;
+        let (nx, ny, nz) = (seen.z_axis.x, seen.z_axis.y, seen.z_axis.z);
+        let psi = libm::atan2(ny, nx);
+        let theta = libm::atan2(libm::hypot(nx, ny), nz);
+        let (sin_psi, cos_psi) = libm::sincos(psi);
+        let (sin_theta, cos_theta) = libm::sincos(theta);
+        let versine = 1.0 - cos_theta;
+        // The second axis of the frame turned by theta alone; phi is measured from it.
+        let second = DVec3::new(
+            -sin_psi * cos_psi * versine,
+            cos_psi * cos_psi * versine + cos_theta,
+            -sin_psi * sin_theta,
+        );
+        let phi = libm::atan2(second.dot(seen.x_axis), second.dot(seen.y_axis));
+        Drive { psi, theta, phi }
+    }
+
+    /// The rotation of the drive.
+    pub(super) fn rotation(&self) -> DMat3 {
+        rotation_z(self.psi) * rotation_y(self.theta) * rotation_z(self.phi - self.psi)
+    }
+
+    /// Angular velocity (rad/s) in the axes of the first frame, for rates in rad/s.
+    pub(super) fn angular_velocity(&self, rate: &Drive) -> DVec3 {
+        let swung = rotation_z(self.psi);
+        DVec3::Z * rate.psi
+            + swung.y_axis * rate.theta
+            + (swung * rotation_y(self.theta)).z_axis * (rate.phi - rate.psi)
+    }
+
+    /// Whether theta is too small for psi to mean anything.
+    fn is_undirected(&self) -> bool {
+        self.theta.abs() < NO_TURN_RAD
+    }
+}
+
+/// Brings the directions of the drives before and after a corner together, so that psi sweeps less
+/// than a quarter turn: wrap, then turn one of them round, then wrap again. Returns the sweep of
+/// psi from `before.psi`. `None` is a rest: that side takes the other's direction.
+pub(super) fn align(before: Option<&mut Drive>, after: Option<&Drive>) -> (f64, f64) {
+    match (before, after) {
+        (Some(before), Some(after)) => {
+            if before.is_undirected() {
+                return (after.psi, 0.0);
+            }
+            if after.is_undirected() {
+                return (before.psi, 0.0);
+            }
+            let mut sweep = wrap_angle(after.psi - before.psi);
+            if sweep.abs() > FRAC_PI_2 {
+                before.psi += PI;
+                before.theta = -before.theta;
+                sweep = wrap_angle(after.psi - before.psi);
+            }
+            (before.psi, sweep)
+        }
+        (Some(one), None) => (one.psi, 0.0),
+        (None, Some(one)) => (one.psi, 0.0),
+        (None, None) => (0.0, 0.0),
+    }
+}
+
+/// The rotation vector (axis times angle in [0, pi], rad) that turns `from` into `to`, in the axes
+/// of `from`.
+pub(super) fn rotation_vector(from: &DMat3, to: &DMat3) -> DVec3 {
+    let q = DQuat::from_mat3(&(from.transpose() * *to));
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    let v = DVec3::new(q.x, q.y, q.z) * sign;
+    let sine = v.length();
+    if sine == 0.0 {
+        return DVec3::ZERO;
+    }
+    v * (2.0 * libm::atan2(sine, q.w * sign) / sine)
+}
+
+/// The rotation of a rotation vector (rad).
+pub(super) fn rotation_of(vector: DVec3) -> DMat3 {
+    let angle = vector.length();
+    if angle == 0.0 { DMat3::IDENTITY } else { rotation_about(vector / angle, angle) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spatial::rotation_x;
+
+    fn near(a: &DMat3, b: &DMat3, tolerance: f64) -> bool {
+        a.abs_diff_eq(*b, tolerance)
+    }
+
+    fn some_rotations() -> Vec<DMat3> {
+        let mut list = vec![DMat3::IDENTITY, rotation_x(PI), rotation_y(PI), rotation_z(PI)];
+        for n in 0..200 {
+            let n = f64::from(n);
+            list.push(rotation_z(1.7 * n) * rotation_y(0.9 * n) * rotation_x(2.3 * n));
+        }
+        list.extend([1e-12, 1e-9, 1e-7].map(rotation_x));
+        list.extend([1e-12, 1e-7].map(|off| rotation_y(PI - off)));
+        list
+    }
+
+    #[test]
+    fn a_drive_and_a_vector_lead_from_one_to_the_other() {
+        let from = rotation_z(0.4) * rotation_x(-1.0);
+        for to in some_rotations() {
+            let drive = Drive::between(&from, &to);
+            assert!(near(&(from * drive.rotation()), &to, 4e-15), "{drive:?}");
+            let vector = rotation_vector(&from, &to);
+            assert!(near(&(from * rotation_of(vector)), &to, 4e-15), "{vector:?}");
+            assert!(vector.length() <= PI + 1e-15);
+        }
+    }
+
+    #[test]
+    fn angular_velocity_is_the_rate_of_the_rotation() {
+        let (at, rate) =
+            (Drive { psi: 0.7, theta: -1.2, phi: 2.0 }, Drive { psi: 0.3, theta: 0.5, phi: -0.9 });
+        let step = 1e-5;
+        let after = |s: f64| Drive {
+            psi: at.psi + rate.psi * s,
+            theta: at.theta + rate.theta * s,
+            phi: at.phi + rate.phi * s,
+        };
+        let (a, b) = (after(-step).rotation(), after(step).rotation());
+        // In the axes of the first frame: dR R^T = skew(w).
+        let skew = (b - a) * at.rotation().transpose() * (0.5 / step);
+        let seen = DVec3::new(skew.y_axis.z, skew.z_axis.x, skew.x_axis.y);
+        assert!((seen - at.angular_velocity(&rate)).length() < 1e-9);
+    }
+
+    #[test]
+    fn directions_are_wrapped_before_and_after_they_are_tested() {
+        let drive = |psi: f64| Drive { psi, theta: 0.4, phi: 0.0 };
+        // 3.1 and -3.1 are 0.08 apart, not 6.2: no reversal.
+        let mut before = drive(3.1);
+        let (_, sweep) = align(Some(&mut before), Some(&drive(-3.1)));
+        assert!((sweep - (2.0 * PI - 6.2)).abs() < 1e-14 && before == drive(3.1));
+        // Opposite directions: the drive before turns round.
+        let mut before = drive(0.0);
+        let (psi, sweep) = align(Some(&mut before), Some(&drive(3.0)));
+        assert!((psi - PI).abs() < 1e-15 && (sweep - (3.0 - PI)).abs() < 1e-15);
+        assert!((before.theta + 0.4).abs() < 1e-15);
+        // No turn on one side: the other's direction.
+        let mut still = Drive { psi: 1.0, theta: 1e-10, phi: 0.2 };
+        assert_eq!(align(Some(&mut still), Some(&drive(2.0))), (2.0, 0.0));
+        assert_eq!(align(Some(&mut drive(2.0)), Some(&still)), (2.0, 0.0));
+        assert_eq!(align(None, Some(&drive(2.0))), (2.0, 0.0));
+    }
+}
