@@ -1,12 +1,14 @@
 //! Paul's Cartesian moves and their blends.
 
+use core::f64::consts::TAU;
+
 use crate::table::{list, number, rows, toml};
 use glam::DVec3;
-use taktil_mechanics::Pose;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath, PoseSetpoint};
 use taktil_mechanics::paul::{MAX_POINTS, PathError};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::{rotation_about, rotation_x, rotation_y, rotation_z, wrap_angle};
+use taktil_mechanics::{Joints, Pose};
 
 const TICK_S: f64 = 0.0025;
 
@@ -35,6 +37,17 @@ fn angle_between(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     2.0 * off.sqrt()
 }
 
+/// Largest distance of two joint vectors, whole turns apart (rad).
+fn turned(a: &Joints, b: &Joints) -> f64 {
+    (a - b).map(wrap_angle).amax()
+}
+
+/// The whole turn of an angle that lies within a joint's limits (rad).
+fn inside(angle: f64, arm: &Puma260, joint: usize) -> f64 {
+    let fits = |q: &f64| (arm.q_min_rad[joint]..=arm.q_max_rad[joint]).contains(q);
+    [angle, angle + TAU, angle - TAU].into_iter().find(fits).expect("some turn lies within")
+}
+
 #[test]
 fn moves_match_the_reference() {
     let files = [
@@ -61,11 +74,11 @@ fn moves_match_the_reference() {
             }
             let wanted = row.joints("q");
             let branches = arm.inverse(&arm.tool_to_wrist(&got), previous.as_ref());
-            let from = previous.unwrap_or(wanted);
-            let (_, joints) =
-                arm.nearest(&branches, &from).expect("the reference lies within limits");
+            let start = Joints::from_fn(|i, _| inside(wanted[i], &arm, i));
+            let from = previous.unwrap_or(start);
+            let (_, joints) = arm.nearest(&branches, &from).expect("the path is within the limits");
             // The file's angles lie in [-pi, pi), ours within the limits.
-            let off = (joints - wanted).map(wrap_angle).amax();
+            let off = turned(&joints, &wanted);
             assert!(off < 5e-9, "{file} tick {tick}: {off}");
             previous = Some(joints);
         }
