@@ -10,6 +10,7 @@ pub mod contact;
 pub mod dls;
 pub mod dynamics;
 pub mod paul;
+pub mod preview;
 pub mod puma260;
 pub mod spatial;
 pub mod tactile;

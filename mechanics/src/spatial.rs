@@ -131,6 +131,27 @@ pub fn rotation_about(axis: DVec3, angle_rad: f64) -> DMat3 {
     )
 }
 
+/// The rotation vector (axis times angle in [0, pi], rad) that turns `from` into `to`, in the axes
+/// of `from`.
+#[must_use]
+pub fn rotation_vector(from: &DMat3, to: &DMat3) -> DVec3 {
+    let q = DQuat::from_mat3(&(from.transpose() * *to));
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    let v = DVec3::new(q.x, q.y, q.z) * sign;
+    let sine = v.length();
+    if sine == 0.0 {
+        return DVec3::ZERO;
+    }
+    v * (2.0 * libm::atan2(sine, q.w * sign) / sine)
+}
+
+/// The rotation of a rotation vector (rad).
+#[must_use]
+pub fn rotation_of(vector: DVec3) -> DMat3 {
+    let angle = vector.length();
+    if angle == 0.0 { DMat3::IDENTITY } else { rotation_about(vector / angle, angle) }
+}
+
 /// The angle in `[-pi, pi)` that differs from a finite `angle_rad` by whole turns; exact when it
 /// already lies there. NaN and infinities give NaN.
 #[must_use]

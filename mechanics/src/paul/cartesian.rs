@@ -10,9 +10,9 @@
 use glam::{DMat3, DVec3};
 
 use super::timing::{Piece, Timing};
-use super::turn::{Drive, align, rotation_of, rotation_vector};
+use super::turn::{Drive, align};
 use super::{MAX_POINTS, PathError};
-use crate::spatial::Pose;
+use crate::spatial::{Pose, rotation_of, rotation_vector};
 
 /// How far `R R^T` of a point may be from the identity.
 const ROTATION_TOLERANCE: f64 = 1e-6;

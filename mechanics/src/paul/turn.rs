@@ -1,11 +1,11 @@
-//! Turns between two orientations: Paul's two-angle drive (Paul 1981, chapter 5) and the rotation
-//! vector. Refuses translations: those are straight lines.
+//! Turns between two orientations by Paul's two-angle drive (Paul 1981, chapter 5). Refuses
+//! translations: those are straight lines.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DVec3};
 
-use crate::spatial::{rotation_about, rotation_y, rotation_z, wrap_angle};
+use crate::spatial::{rotation_y, rotation_z, wrap_angle};
 
 /// Below this a turn of the approach axis has no direction (rad).
 const NO_TURN_RAD: f64 = 1e-9;
@@ -85,29 +85,10 @@ pub(super) fn align(before: Option<&mut Drive>, after: Option<&Drive>) -> (f64, 
     }
 }
 
-/// The rotation vector (axis times angle in [0, pi], rad) that turns `from` into `to`, in the axes
-/// of `from`.
-pub(super) fn rotation_vector(from: &DMat3, to: &DMat3) -> DVec3 {
-    let q = DQuat::from_mat3(&(from.transpose() * *to));
-    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-    let v = DVec3::new(q.x, q.y, q.z) * sign;
-    let sine = v.length();
-    if sine == 0.0 {
-        return DVec3::ZERO;
-    }
-    v * (2.0 * libm::atan2(sine, q.w * sign) / sine)
-}
-
-/// The rotation of a rotation vector (rad).
-pub(super) fn rotation_of(vector: DVec3) -> DMat3 {
-    let angle = vector.length();
-    if angle == 0.0 { DMat3::IDENTITY } else { rotation_about(vector / angle, angle) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spatial::rotation_x;
+    use crate::spatial::{rotation_of, rotation_vector, rotation_x};
 
     fn near(a: &DMat3, b: &DMat3, tolerance: f64) -> bool {
         a.abs_diff_eq(*b, tolerance)

@@ -210,20 +210,11 @@ impl Puma260 {
         out: &mut Branches,
     ) {
         let [t1, t2, t3] = root.theta;
-        let (s23, c23) = libm::sincos(t2 + t3);
-        let arm = DMat3::from_cols(
-            DVec3::new(c1 * c23, s1 * c23, s23),
-            DVec3::new(-s1, c1, 0.0),
-            DVec3::new(-c1 * s23, -s1 * s23, c23),
-        );
-        let w = arm.transpose() * *rotation;
+        let w = forearm((s1, c1), t2 + t3).transpose() * *rotation;
         let (wx, wy) = (w.z_axis.x, w.z_axis.y);
         let singular = wx * wx + wy * wy < WRIST_HOLD * WRIST_HOLD;
         let theta4 = if singular { held_theta4(previous) } else { libm::atan2(-wy, -wx) };
-        let (s4, c4) = libm::sincos(theta4);
-        let theta5 = libm::atan2(-(c4 * wx + s4 * wy), w.z_axis.z);
-        let theta6 =
-            libm::atan2(-s4 * w.x_axis.x + c4 * w.x_axis.y, -s4 * w.y_axis.x + c4 * w.y_axis.y);
+        let (theta5, theta6) = last_two(&w, theta4);
         let inside = (self.some_turn_inside(0, t1) & self.some_turn_inside(1, t2))
             & self.some_turn_inside(2, t3);
         let flags = root.flags | if singular { WRIST_SINGULAR } else { 0 };
@@ -280,7 +271,7 @@ impl Puma260 {
 
     /// The whole-turn shift of `q` inside the limits nearest to `previous`, and the largest joint
     /// distance. Joints are independent, so each takes its own nearest turn.
-    fn expand(&self, q: &Joints, previous: &Joints) -> Option<(Joints, f64)> {
+    pub(super) fn expand(&self, q: &Joints, previous: &Joints) -> Option<(Joints, f64)> {
         let mut out = *q;
         let mut distance: f64 = 0.0;
         for i in 0..6 {
@@ -305,6 +296,26 @@ impl Puma260 {
         }
         Some((out, distance))
     }
+}
+
+/// Rotation of the forearm's frame in the base, for sine and cosine of theta1 and theta2 + theta3.
+pub(super) fn forearm((s1, c1): (f64, f64), theta23: f64) -> DMat3 {
+    let (s23, c23) = libm::sincos(theta23);
+    DMat3::from_cols(
+        DVec3::new(c1 * c23, s1 * c23, s23),
+        DVec3::new(-s1, c1, 0.0),
+        DVec3::new(-c1 * s23, -s1 * s23, c23),
+    )
+}
+
+/// theta5 and theta6 that come nearest to the wrist's rotation `w` with this theta4; they meet it
+/// but for the part of the approach that lies out of the plane of theta4.
+pub(super) fn last_two(w: &DMat3, theta4: f64) -> (f64, f64) {
+    let (s4, c4) = libm::sincos(theta4);
+    let theta5 = libm::atan2(-(c4 * w.z_axis.x + s4 * w.z_axis.y), w.z_axis.z);
+    let theta6 =
+        libm::atan2(-s4 * w.x_axis.x + c4 * w.x_axis.y, -s4 * w.y_axis.x + c4 * w.y_axis.y);
+    (theta5, theta6)
 }
 
 fn half_turn(angle_rad: f64) -> f64 {

@@ -8,5 +8,6 @@ mod inverse;
 mod lines;
 mod motion;
 mod paths;
+mod previews;
 mod table;
 mod touch;

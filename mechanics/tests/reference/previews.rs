@@ -1,0 +1,219 @@
+//! Following tool paths past the wrist singularity, and whole moves checked before they start.
+
+use glam::DVec3;
+use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::paul::JointPath;
+use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
+use taktil_mechanics::preview::{Preview, Refusal, Terms};
+use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::follow::{Follower, Lost};
+use taktil_mechanics::spatial::{rotation_about, rotation_y};
+use taktil_mechanics::transmission::{Drive, Transmission};
+use taktil_mechanics::{Joints, Pose};
+
+const TICK_S: f64 = 0.0025;
+
+fn terms() -> Terms {
+    Terms {
+        arm: Puma260::reference(),
+        dynamics: Dynamics::reference(),
+        torque_max_nm: Drive::reference().peak_joint_torque(&Transmission::reference()),
+        off_max_m: 0.03,
+        off_max_rad: 0.15,
+        tick_s: TICK_S,
+    }
+}
+
+fn degrees(q: [f64; 6]) -> Joints {
+    Joints::from(q.map(f64::to_radians))
+}
+
+/// A pose in mid range whose wrist is bent by 40 degrees.
+fn bent() -> Joints {
+    degrees([10.0, 40.0, -150.0, 20.0, 40.0, 10.0])
+}
+
+/// A line that leads the approach axis past the forearm's at an angle of `miss_rad`, from theta5 of
+/// about -40 to about 40 degrees.
+fn past_the_singularity(arm: &Puma260, miss_rad: f64, t_s: f64) -> (CartesianPath, Joints) {
+    let straight = degrees([10.0, 40.0, -150.0, 0.0, 0.0, 30.0]);
+    let middle = arm.wrist_pose(&straight);
+    let axis = middle.rotation * DVec3::new(0.6, 0.8, 0.0);
+    let across = middle.rotation.z_axis.cross(axis);
+    let tilted = rotation_about(across, miss_rad) * middle.rotation;
+    let tool = DVec3::Z * arm.tool_z_m;
+    let at = |angle: f64| {
+        let rotation = rotation_about(axis, angle) * tilted;
+        Pose::new(rotation, middle.translation + rotation * tool)
+    };
+    let span = 40.0f64.to_radians();
+    let points = [at(-span), at(0.0), at(span)];
+    let path = CartesianPath::new(&points, &[t_s, t_s], 0.1, Blend::So3).unwrap();
+    let branches = arm.inverse(&arm.tool_to_wrist(&points[0]), None);
+    let start = arm.nearest(&branches, &straight).unwrap().1;
+    (path, start)
+}
+
+#[test]
+fn away_from_the_singularity_following_is_the_inverse() {
+    let arm = Puma260::reference();
+    let here = arm.tool_pose(&bent());
+    let there = Pose::new(
+        rotation_y(-0.2) * here.rotation,
+        here.translation + DVec3::new(0.02, -0.03, 0.01),
+    );
+    let path = CartesianPath::new(&[here, there], &[1.0], 0.1, Blend::Smooth).unwrap();
+    let mut follower = Follower::new(&arm, &bent());
+    for tick in 0..500 {
+        let pose = path.at(f64::from(tick) * TICK_S).pose;
+        let got = follower.step(&pose, TICK_S).unwrap();
+        assert_eq!((got.off_m, got.off_rad), (0.0, 0.0));
+        let reached = arm.tool_pose(&got.q);
+        assert!((reached.translation - pose.translation).length() < 1e-14);
+        assert!(reached.rotation.abs_diff_eq(pose.rotation, 1e-14));
+    }
+}
+
+#[test]
+fn a_line_past_the_wrist_singularity_keeps_every_joint_within_its_speed() {
+    let terms = terms();
+    let mut worst = 0.0f64;
+    for miss in [0.0, 1e-12, 1e-9, 1e-6, 1e-4, 1e-3, 0.01, 0.03, 0.1, 0.15, 0.2, 0.3] {
+        let (path, start) = past_the_singularity(&terms.arm, miss, 0.8);
+        let preview = Preview::of_tool(&path, &start, &terms)
+            .unwrap_or_else(|refusal| panic!("miss {miss}: {refusal}"));
+        for joint in preview.speed {
+            assert!(joint.value <= 1.0 + 1e-9, "miss {miss}: {preview:?}");
+        }
+        // What is missed is the angle by which the path misses the singularity, never more than
+        // half of the rate (0.87 rad/s) over the speed of joint 4 (3.6 rad/s).
+        let bound = (1.05 * miss + 1e-3).min(0.12);
+        assert!(preview.off_rad.value <= bound, "miss {miss}: {:?}", preview.off_rad);
+        assert!(preview.off_m.value <= 0.2 * preview.off_rad.value + 1e-12, "about the wrist");
+        assert!(preview.singular[2].value <= miss.sin() + 0.02, "{:?}", preview.singular);
+        // At the end it is back on the path.
+        let end = terms.arm.tool_pose(&preview.end);
+        assert!(end.rotation.abs_diff_eq(path.points()[2].rotation, 1e-9), "miss {miss}");
+        worst = worst.max(preview.off_rad.value);
+        if miss >= 0.3 {
+            assert_eq!(preview.off_rad.value, 0.0, "far enough away nothing is missed");
+        }
+    }
+    assert!(worst > 0.05, "the case is hard: somewhere the path cannot be met, {worst}");
+}
+
+#[test]
+fn straight_through_the_singularity_joint_5_changes_its_sign_and_nothing_is_missed() {
+    let arm = Puma260::reference();
+    let straight = degrees([10.0, 40.0, -150.0, 35.0, 0.0, -5.0]);
+    let bent_by = |angle: f64| {
+        let mut q = straight;
+        q[4] = angle;
+        q
+    };
+    let mut follower = Follower::new(&arm, &bent_by(-0.5));
+    for tick in 0..=400 {
+        let angle = -0.5 + f64::from(tick) / 400.0;
+        let pose = arm.tool_pose(&bent_by(angle));
+        let got = follower.step(&pose, TICK_S).unwrap();
+        assert!(got.off_rad < 1e-9 && got.off_m < 1e-9, "{tick}: {got:?}");
+        assert!((got.q[3] - straight[3]).abs() < 1e-6, "joint 4 need not move: {got:?}");
+        assert!((got.q[4] - angle).abs() < 1e-6, "{tick}: {got:?}");
+    }
+}
+
+#[test]
+fn a_move_that_would_miss_its_path_by_too_much_is_refused() {
+    let strict = Terms { off_max_rad: 1e-4, ..terms() };
+    let (path, start) = past_the_singularity(&strict.arm, 0.03, 0.8);
+    let refusal = Preview::of_tool(&path, &start, &strict).unwrap_err();
+    let Refusal::Off { off_rad, t_s, .. } = refusal else { panic!("{refusal}") };
+    assert!(off_rad > 1e-4 && t_s > 0.3 && t_s < 1.2, "{refusal}");
+    assert!(refusal.to_string().contains("wrist singularity"));
+}
+
+#[test]
+fn a_move_that_must_cross_a_limit_names_joint_and_time() {
+    let terms = terms();
+    let arm = &terms.arm;
+    // About the vertical through the base, beyond what joint 1 can turn.
+    let start = degrees([140.0, 40.0, -150.0, 20.0, 40.0, 10.0]);
+    let here = arm.tool_pose(&start);
+    let around = |angle: f64| {
+        let turn = rotation_about(DVec3::Z, angle);
+        Pose::new(turn * here.rotation, turn * here.translation)
+    };
+    let points: Vec<Pose> = (0..=8).map(|n| around(0.08 * f64::from(n))).collect();
+    let path = CartesianPath::new(&points, &[0.5; 8], 0.1, Blend::So3).unwrap();
+    let refusal = Preview::of_tool(&path, &start, &terms).unwrap_err();
+    let Refusal::Lost { why: Lost::Limit { joint: 0 }, t_s } = refusal else { panic!("{refusal}") };
+    // 19 degrees further at about 0.16 rad/s.
+    assert!((t_s - 2.17).abs() < 0.1, "{t_s}");
+    assert!(refusal.to_string().contains("joint 1"), "{refusal}");
+}
+
+#[test]
+fn what_is_out_of_reach_too_fast_too_heavy_or_elsewhere_is_refused() {
+    let terms = terms();
+    let here = terms.arm.tool_pose(&bent());
+    let line = |dx: f64, t_s: f64| {
+        let to = Pose::new(here.rotation, here.translation + DVec3::new(dx, 0.0, 0.0));
+        CartesianPath::new(&[here, to], &[t_s], 0.1, Blend::So3).unwrap()
+    };
+    let of = |path: &CartesianPath| Preview::of_tool(path, &bent(), &terms).unwrap_err();
+    // Stretching, the elbow would have to be infinitely fast just before the end of its reach.
+    let stretched = of(&line(0.8, 5.0));
+    let fits = |why: &Lost| matches!(why, Lost::OutOfReach | Lost::TooFast { joint: 1 | 2, .. });
+    assert!(matches!(&stretched, Refusal::Lost { why, .. } if fits(why)), "{stretched}");
+    let hasty = of(&line(0.05, 0.2));
+    assert!(
+        matches!(hasty, Refusal::Torque { .. } | Refusal::Lost { why: Lost::TooFast { .. }, .. }),
+        "{hasty}"
+    );
+    let weak = Terms { torque_max_nm: terms.torque_max_nm * 1e-3, ..terms.clone() };
+    let refusal = Preview::of_tool(&line(0.01, 1.0), &bent(), &weak).unwrap_err();
+    assert!(matches!(refusal, Refusal::Torque { .. }), "{refusal}");
+    let elsewhere = Preview::of_tool(&line(0.01, 1.0), &degrees([0.0; 6]), &terms).unwrap_err();
+    assert!(matches!(elsewhere, Refusal::Start { off } if off > 0.01));
+    for tick_s in [0.0, -1.0, f64::NAN, 1e-12] {
+        let bad = Terms { tick_s, ..terms.clone() };
+        let refused = Preview::of_tool(&line(0.01, 1.0), &bent(), &bad);
+        assert_eq!(refused, Err(Refusal::Tick), "{tick_s}");
+    }
+    let nan = Preview::of_tool(&line(0.01, 1.0), &Joints::repeat(f64::NAN), &terms);
+    assert!(matches!(nan, Err(Refusal::Start { .. })));
+}
+
+#[test]
+fn joint_moves_are_looked_at_too() {
+    let terms = terms();
+    let there = bent() + degrees([20.0, 10.0, -15.0, 30.0, -20.0, 40.0]);
+    let path = JointPath::new(&[bent(), there], &[1.0], 0.2).unwrap();
+    let preview = Preview::of_joints(&path, &bent(), &terms).unwrap();
+    assert!((preview.end - there).amax() < 1e-15);
+    let wanted = path.peak_speed();
+    for joint in 0..6 {
+        let share = wanted[joint] / terms.arm.speed_max_rad_s[joint];
+        assert!((preview.speed[joint].value - share).abs() < 1e-12);
+        assert!(preview.torque[joint].value > 0.0);
+    }
+    assert_eq!((preview.off_m.value, preview.off_rad.value), (0.0, 0.0));
+    let far = JointPath::new(&[bent(), degrees([200.0, 0.0, 0.0, 0.0, 0.0, 0.0])], &[4.0], 0.2);
+    let refusal = Preview::of_joints(&far.unwrap(), &bent(), &terms).unwrap_err();
+    assert!(matches!(refusal, Refusal::Lost { why: Lost::Limit { joint: 0 }, .. }), "{refusal}");
+    let elsewhere = Preview::of_joints(&path, &there, &terms).unwrap_err();
+    assert!(matches!(elsewhere, Refusal::Start { .. }));
+}
+
+#[test]
+fn the_branch_is_kept_and_nan_is_out_of_reach() {
+    let arm = Puma260::reference();
+    let mut follower = Follower::new(&arm, &bent());
+    let mut pose = arm.tool_pose(&bent());
+    pose.translation.x = f64::NAN;
+    assert_eq!(follower.step(&pose, TICK_S), Err(Lost::OutOfReach));
+    assert_eq!(follower.joints(), &bent(), "nothing moved");
+    // A jump of the target is too fast, not another branch.
+    let other = arm.tool_pose(&degrees([60.0, 40.0, -150.0, 20.0, 40.0, 10.0]));
+    assert!(matches!(follower.step(&other, TICK_S), Err(Lost::TooFast { joint: 0, .. })));
+}
