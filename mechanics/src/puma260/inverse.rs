@@ -269,6 +269,26 @@ impl Puma260 {
         best.map(|(index, q, _)| (index, q))
     }
 
+    /// The joints that reach tool pose `tool` (base frame) nearest to `previous`, on its turns,
+    /// whether inside the limits or not: for drawing a motion, not for making it. `None` out of
+    /// reach or where a number is not finite.
+    #[must_use]
+    pub fn continued(&self, tool: &Pose, previous: &Joints) -> Option<Joints> {
+        if previous.iter().any(|x| !x.is_finite()) {
+            return None;
+        }
+        let branches = self.inverse(&self.tool_to_wrist(tool), Some(previous));
+        let mut best: Option<(Joints, f64)> = None;
+        for branch in &branches {
+            let shift = (branch.q - previous).map(wrap_angle);
+            let distance = shift.amax();
+            if best.as_ref().is_none_or(|best| distance < best.1) {
+                best = Some((previous + shift, distance));
+            }
+        }
+        best.map(|(q, _)| q)
+    }
+
     /// The whole-turn shift of `q` inside the limits nearest to `previous`, and the largest joint
     /// distance. Joints are independent, so each takes its own nearest turn.
     pub(super) fn expand(&self, q: &Joints, previous: &Joints) -> Option<(Joints, f64)> {

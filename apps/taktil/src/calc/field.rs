@@ -28,6 +28,8 @@ pub(super) enum Kind {
     Counts,
     /// An object with these fields.
     Table(&'static [Field]),
+    /// Any number of objects with these fields.
+    Tables(&'static [Field]),
     /// Any JSON value; not kept.
     Any,
 }
@@ -101,6 +103,7 @@ impl Kind {
             Kind::Rows(n) => format!("[[{n}]...]"),
             Kind::Counts => "[6] whole".to_owned(),
             Kind::Table(_) => "object".to_owned(),
+            Kind::Tables(_) => "[object...]".to_owned(),
             Kind::Any => "anything".to_owned(),
         }
     }

@@ -142,22 +142,25 @@ fn jacobian(args: &Args) -> Result<Answer, Failure> {
     Ok(out)
 }
 
-fn refuse_no_rotation(pose: &Pose) -> Result<(), Failure> {
+/// Refuses a pose whose rotation, given as field `place`, is none.
+pub(super) fn refuse_no_rotation(pose: &Pose, place: &str) -> Result<(), Failure> {
     let r = pose.rotation;
     let off = (r.transpose() * r - Pose::IDENTITY.rotation).abs();
     let worst = off.to_cols_array().into_iter().fold(0.0, f64::max);
     if worst <= ROTATION_TOLERANCE && r.determinant() > 0.0 {
         return Ok(());
     }
-    let what = "`r` is not a rotation: its columns are not of length 1, square to each other and \
-                right-handed";
-    Err(Failure::new("not_a_rotation", Some("r"), what))
+    let what = format!(
+        "`{place}` is not a rotation: its columns are not of length 1, square to each other and \
+         right-handed"
+    );
+    Err(Failure::new("not_a_rotation", Some(place), what))
 }
 
 fn ik(args: &Args) -> Result<Answer, Failure> {
     let arm = Puma260::reference();
     let pose = Pose::from_rows(&args.array("r")?, &args.array("p")?);
-    refuse_no_rotation(&pose)?;
+    refuse_no_rotation(&pose, "r")?;
     let previous = if args.has("previous") { Some(args.joints("previous")?) } else { None };
     let branches = args.timed(|| arm.inverse(&pose, previous.as_ref()));
     let mut list = Vec::new();

@@ -150,7 +150,7 @@ fn push_fields(out: &mut String, fields: &'static [Field], width: usize) {
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
         let need = field.need.shown();
         out.push_str(&format!("  {:width$}  {kind}{unit}; {need}. {}\n", field.name, field.doc));
-        if let Kind::Table(inner) = field.kind {
+        if let Kind::Table(inner) | Kind::Tables(inner) = field.kind {
             for field in inner {
                 let (kind, need) = (field.kind.shown(), field.need.shown());
                 let doc = field.doc;

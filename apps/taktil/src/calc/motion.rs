@@ -1,16 +1,30 @@
-//! Calc operations between joints, motors and time: `encoder`, `paul_joint`. Refuses paths that
-//! mechanics refuses, and tables of setpoints without end.
+//! Calc operations between joints, motors and time: `encoder`, `paul_joint`, `paul_cartesian`.
+//! Refuses paths that mechanics refuses, and tables of setpoints without end.
 
+use taktil_mechanics::Pose;
+use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 use taktil_mechanics::paul::{JointPath, PathError};
+use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::transmission::Transmission;
 
 use super::Operation;
 use super::answer::Answer;
 use super::field::{Failure, Field, Kind, Need};
+use super::kinematics::refuse_no_rotation;
 use super::request::Args;
 
 /// Most ticks of one answer.
 const TICKS_MAX: f64 = 1e6;
+
+const T_S: Field = Field::new("t_s", Kind::Numbers, "s", Need::Required, "Time of each segment.");
+const TAU_S: Field =
+    Field::new("tau_s", Kind::Number, "s", Need::Required, "Half time of each transition.");
+const RATE_HZ: Field =
+    Field::new("rate_hz", Kind::Number, "Hz", Need::Default("400"), "Setpoints a second.");
+const POSE: &[Field] = &[
+    Field::new("r", Kind::Vector(9), "", Need::Required, "Rotation of the tool row by row."),
+    Field::new("p", Kind::Vector(3), "m", Need::Required, "Tool point."),
+];
 
 /// What this subject offers.
 pub(super) const OPERATIONS: &[Operation] = &[
@@ -37,12 +51,50 @@ pub(super) const OPERATIONS: &[Operation] = &[
                 Need::Required,
                 "From the start to the goal.",
             ),
-            Field::new("t_s", Kind::Numbers, "s", Need::Required, "Time of each segment."),
-            Field::new("tau_s", Kind::Number, "s", Need::Required, "Half time of each transition."),
-            Field::new("rate_hz", Kind::Number, "Hz", Need::Default("400"), "Setpoints a second."),
+            T_S,
+            TAU_S,
+            RATE_HZ,
         ],
         answers: &[("q", "[n][6] rad"), ("qd", "[n][6] rad/s"), ("qdd", "[n][6] rad/s^2")],
         run: paul_joint,
+    },
+    Operation {
+        name: "paul_cartesian",
+        doc: "Straight move of the tool through poses with rounded corners, setpoint by setpoint; \
+              ends at rest.",
+        fields: &[
+            Field::new(
+                "poses",
+                Kind::Tables(POSE),
+                "",
+                Need::Required,
+                "From the start to the goal, base frame.",
+            ),
+            T_S,
+            TAU_S,
+            RATE_HZ,
+            Field::new(
+                "blend",
+                Kind::Choice(&["paul", "smooth", "so3"]),
+                "",
+                Need::Default("\"paul\""),
+                "How the orientation passes a corner.",
+            ),
+            Field::new(
+                "start_q",
+                Kind::Vector(6),
+                "rad",
+                Need::Optional,
+                "Joints before the first setpoint: each takes the solution nearest to the last, limits or \
+                 not.",
+            ),
+        ],
+        answers: &[
+            ("p", "[n][3] m"),
+            ("quaternion", "[n][4] w x y z, w >= 0"),
+            ("q", "[n][6] rad, with start_q"),
+        ],
+        run: paul_cartesian,
     },
 ];
 
@@ -82,6 +134,7 @@ fn path_failure(error: PathError) -> Failure {
             ("wrong_length", "points".to_owned())
         }
         PathError::SegmentCount { .. } => ("wrong_length", "t_s".to_owned()),
+        PathError::NotAPose { point } => ("not_a_rotation", format!("poses[{point}].r")),
         PathError::PointNotFinite { point, joint } => {
             ("wrong_type", format!("points[{point}][{joint}]"))
         }
@@ -91,30 +144,82 @@ fn path_failure(error: PathError) -> Failure {
     Failure::new(code, Some(&field), error.to_string())
 }
 
+/// The instants of a move that are answered.
+struct Ticks {
+    last: u32,
+    rate_hz: f64,
+}
+
+impl Ticks {
+    fn of(args: &Args, duration_s: f64) -> Result<Ticks, Failure> {
+        let rate_hz = args.positive("rate_hz")?;
+        // A hair of slack: an end that falls on a tick must not get another one for its rounding.
+        let last = (duration_s * rate_hz - 1e-6).ceil().max(0.0);
+        if last >= TICKS_MAX {
+            let what = format!("{last} ticks; at most {TICKS_MAX} are answered");
+            return Err(Failure::range("rate_hz", what));
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1e6")]
+        let last = last as u32;
+        Ok(Ticks { last, rate_hz })
+    }
+
+    fn times(&self) -> impl Iterator<Item = f64> {
+        (0..=self.last).map(|tick| f64::from(tick) / self.rate_hz)
+    }
+}
+
 fn paul_joint(args: &Args) -> Result<Answer, Failure> {
     let points = args.joint_rows("points")?;
     let path = JointPath::new(&points, args.numbers("t_s")?, args.number("tau_s")?)
         .map_err(path_failure)?;
-    let rate_hz = args.positive("rate_hz")?;
-    // A hair of slack: an end that falls on a tick must not get another one for its rounding.
-    let last = (path.duration_s() * rate_hz - 1e-6).ceil().max(0.0);
-    if last >= TICKS_MAX {
-        let what = format!("{last} ticks; at most {TICKS_MAX} are answered");
-        return Err(Failure::range("rate_hz", what));
-    }
-    let run = || {
-        let mut setpoints = Vec::new();
-        let mut tick = 0.0;
-        while tick <= last {
-            setpoints.push(path.at(tick / rate_hz));
-            tick += 1.0;
-        }
-        setpoints
-    };
-    let setpoints = args.timed(run);
+    let ticks = Ticks::of(args, path.duration_s())?;
+    let setpoints = args.timed(|| ticks.times().map(|t_s| path.at(t_s)).collect::<Vec<_>>());
     let mut out = Answer::new();
     out.rows("q", setpoints.iter().map(|s| s.q.as_slice()));
     out.rows("qd", setpoints.iter().map(|s| s.qd.as_slice()));
     out.rows("qdd", setpoints.iter().map(|s| s.qdd.as_slice()));
+    Ok(out)
+}
+
+fn paul_cartesian(args: &Args) -> Result<Answer, Failure> {
+    let mut poses = Vec::new();
+    for (index, table) in args.tables("poses")?.iter().enumerate() {
+        let pose = Pose::from_rows(&table.array("r")?, &table.array("p")?);
+        refuse_no_rotation(&pose, &format!("poses[{index}].r"))?;
+        poses.push(pose);
+    }
+    let blend = match args.choice("blend")? {
+        "smooth" => Blend::Smooth,
+        "so3" => Blend::So3,
+        _ => Blend::Paul,
+    };
+    let path = CartesianPath::new(&poses, args.numbers("t_s")?, args.number("tau_s")?, blend)
+        .map_err(|error| match error {
+            PathError::TooFewPoints { .. } | PathError::TooManyPoints { .. } => {
+                Failure::new("wrong_length", Some("poses"), error.to_string())
+            }
+            other => path_failure(other),
+        })?;
+    let ticks = Ticks::of(args, path.duration_s())?;
+    let setpoints = args.timed(|| ticks.times().map(|t_s| path.at(t_s)).collect::<Vec<_>>());
+    let mut out = Answer::new();
+    let places: Vec<[f64; 3]> = setpoints.iter().map(|s| s.pose.translation.to_array()).collect();
+    let turns: Vec<[f64; 4]> = setpoints.iter().map(|s| s.pose.quaternion_wxyz()).collect();
+    out.rows("p", places.iter());
+    out.rows("quaternion", turns.iter());
+    if args.has("start_q") {
+        let arm = Puma260::reference();
+        let mut joints = vec![args.joints("start_q")?];
+        for (t_s, setpoint) in ticks.times().zip(&setpoints) {
+            let before = joints[joints.len() - 1];
+            let q = arm.continued(&setpoint.pose, &before).ok_or_else(|| {
+                let what = format!("no joints reach the tool pose at {t_s} s");
+                Failure::new("unreachable", Some("poses"), what)
+            })?;
+            joints.push(q);
+        }
+        out.rows("q", joints[1..].iter().map(|q| q.as_slice()));
+    }
     Ok(out)
 }

@@ -23,6 +23,7 @@ enum Parsed {
     Rows(Vec<Vec<f64>>),
     Counts([i32; 6]),
     Table(Args),
+    Tables(Vec<Args>),
     Other,
 }
 
@@ -189,6 +190,14 @@ impl Args {
         }
     }
 
+    /// Inner tables, one after another.
+    pub(super) fn tables(&self, name: &str) -> Result<&[Args], Failure> {
+        match self.get(name)? {
+            Parsed::Tables(list) => Ok(list),
+            _ => Err(internal(name)),
+        }
+    }
+
     /// Runs the computation; with `timing` as often as asked, keeping the best time.
     pub(super) fn timed<T>(&self, mut compute: impl FnMut() -> T) -> T {
         let Some(repeat) = self.repeat else { return compute() };
@@ -289,6 +298,19 @@ fn parse(field: &Field, place: &str, value: &Value) -> Result<Option<Parsed>, Fa
         Kind::Table(fields) => {
             let object = value.as_object().ok_or_else(wrong)?;
             Parsed::Table(Args::of_table(object, fields, place)?)
+        }
+        Kind::Tables(fields) => {
+            let items = value.as_array().ok_or_else(wrong)?;
+            refuse_long(items.len(), place)?;
+            let table = |(i, item): (usize, &Value)| {
+                let place = format!("{place}[{i}]");
+                let object = item.as_object().ok_or_else(|| {
+                    let what = format!("`{place}` is {}; wanted: object", kind_name(item));
+                    Failure::new("wrong_type", Some(&place), what)
+                })?;
+                Args::of_table(object, fields, &place)
+            };
+            Parsed::Tables(items.iter().enumerate().map(table).collect::<Result<_, _>>()?)
         }
         Kind::Any => Parsed::Other,
     }))

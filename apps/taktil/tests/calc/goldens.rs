@@ -172,6 +172,45 @@ fn paul_joint_moves_with_their_derivatives() {
 }
 
 #[test]
+fn paul_cartesian_moves_and_blends() {
+    let moves = toml_table("kinematics/moves.toml");
+    let cases = [
+        ("cart_move_1", "cart_move_1", "paul", 400),
+        ("cart_move_2", "cart_move_2", "paul", 480),
+        ("cart_blend", "cart_blend_paul", "paul", 620),
+        ("cart_blend", "cart_blend_smooth", "smooth", 310),
+        ("cart_blend", "cart_blend_so3", "so3", 310),
+    ];
+    for (name, file, blend, ticks) in cases {
+        let of = |key: &str| serde_json::to_value(&moves[name][key]).unwrap();
+        let poses: Vec<Value> = of("via")
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|via| json!({"r": &via.as_array().unwrap()[..9], "p": &via.as_array().unwrap()[9..]}))
+            .collect();
+        let table = Table::read(&format!("kinematics/{file}.csv"), ticks + 1);
+        let mut request = json!({"op": "paul_cartesian", "poses": poses, "t_s": of("T"),
+            "tau_s": of("tau"), "blend": blend});
+        let with_joints = blend == "paul";
+        if with_joints {
+            request["start_q"] = json!(table.numbers(0, "q1", 6));
+        }
+        let answer = &ask(&[request])[0];
+        for row in 0..table.len() {
+            let tick = table.number(row, "tick") as usize;
+            assert_near(&flat(&answer["p"][tick]), &table.numbers(row, "px", 3), 2e-9, file);
+            let turn = flat(&answer["quaternion"][tick]);
+            assert_near(&turn, &table.numbers(row, "qw", 4), 5e-9, file);
+            if with_joints {
+                assert_near(&flat(&answer["q"][tick]), &table.numbers(row, "q1", 6), 5e-9, file);
+            }
+        }
+        assert_eq!(answer.get("q").is_some(), with_joints);
+    }
+}
+
+#[test]
 fn dls() {
     let table = Table::read("kinematics/dls.csv", 30);
     let requests: Vec<Value> = (0..table.len())

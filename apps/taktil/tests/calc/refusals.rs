@@ -155,6 +155,36 @@ fn each_operation_refuses_what_it_cannot_do() {
 }
 
 #[test]
+fn tool_paths_are_checked() {
+    let pose = |x: f64| json!({"r": [-1, 0, 0, 0, 1, 0, 0, 0, -1], "p": [x, -0.06, -0.1]});
+    let base = json!({"op": "paul_cartesian", "poses": [pose(0.32), pose(0.3)], "t_s": [1],
+        "tau_s": 0.1});
+    let with = |key: &str, value: Value| {
+        let mut request = base.clone();
+        request[key] = value;
+        request
+    };
+    ask(std::slice::from_ref(&base));
+    refused(with("poses", json!([])), "wrong_length", Some("poses"));
+    refused(with("poses", json!([pose(0.3)])), "wrong_length", Some("poses"));
+    refused(with("poses", json!([pose(0.3), 7])), "wrong_type", Some("poses[1]"));
+    refused(with("poses", json!(7)), "wrong_type", Some("poses"));
+    let lost = json!({"r": [1, 0, 0, 0, 1, 0, 0, 0, 1]});
+    refused(with("poses", json!([pose(0.3), lost])), "missing_field", Some("poses[1].p"));
+    let stretched = json!({"r": [2, 0, 0, 0, 1, 0, 0, 0, 1], "p": [0, 0, 0]});
+    refused(with("poses", json!([pose(0.3), stretched])), "not_a_rotation", Some("poses[1].r"));
+    let odd = json!({"r": [1, 0, 0, 0, 1, 0, 0, 0, 1], "p": [0, 0, 0], "t": 1});
+    refused(with("poses", json!([odd, pose(0.3)])), "unknown_field", Some("poses[0].t"));
+    refused(with("blend", json!("rough")), "unknown_value", Some("blend"));
+    refused(with("tau_s", json!(0.6)), "out_of_range", Some("tau_s"));
+    refused(with("t_s", json!([1e300])), "out_of_range", Some("rate_hz"));
+    let start = json!([0, 0.7, -2.6, 0, 0.6, 0]);
+    let mut far = with("poses", json!([pose(0.32), pose(9.0)]));
+    far["start_q"] = start;
+    refused(far, "unreachable", Some("poses"));
+}
+
+#[test]
 fn paths_and_motions_are_checked() {
     let base = json!({"op": "paul_joint", "t_s": [1], "tau_s": 0.1,
         "points": [[0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0]]});
