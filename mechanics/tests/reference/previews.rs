@@ -90,7 +90,7 @@ fn a_line_past_the_wrist_singularity_keeps_every_joint_within_its_speed() {
         let bound = (1.05 * miss + 1e-3).min(0.12);
         assert!(preview.off_rad.value <= bound, "miss {miss}: {:?}", preview.off_rad);
         assert!(preview.off_m.value <= 0.2 * preview.off_rad.value + 1e-12, "about the wrist");
-        assert!(preview.singular[2].value <= miss.sin() + 0.02, "{:?}", preview.singular);
+        assert!(preview.singular[2].value <= miss + 0.02, "{:?}", preview.singular);
         // At the end it is back on the path.
         let end = terms.arm.tool_pose(&preview.end);
         assert!(end.rotation.abs_diff_eq(path.points()[2].rotation, 1e-9), "miss {miss}");

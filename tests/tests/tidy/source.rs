@@ -76,6 +76,8 @@ fn walk(folder: &Path, prefix: &str, found: &mut Vec<Text>) {
                 walk(&entry.path(), &format!("{path}/"), found);
             }
         } else if kind.is_file()
+            // In a linked work tree this is a file with a path of the machine.
+            && name != ".git"
             && let Ok(raw) = fs::read_to_string(entry.path())
         {
             found.push(Text { path, raw });

@@ -85,8 +85,8 @@ pub(super) const OPERATIONS: &[Operation] = &[
                 Kind::Vector(6),
                 "rad",
                 Need::Optional,
-                "Joints before the first setpoint: each takes the solution nearest to the last, limits or \
-                 not.",
+                "Joints before the first setpoint: each takes the solution nearest to the last, \
+                 within limits or not.",
             ),
         ],
         answers: &[

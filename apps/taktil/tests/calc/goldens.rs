@@ -187,7 +187,10 @@ fn paul_cartesian_moves_and_blends() {
             .as_array()
             .unwrap()
             .iter()
-            .map(|via| json!({"r": &via.as_array().unwrap()[..9], "p": &via.as_array().unwrap()[9..]}))
+            .map(|via| {
+                let (r, p) = via.as_array().unwrap().split_at(9);
+                json!({"r": r, "p": p})
+            })
             .collect();
         let table = Table::read(&format!("kinematics/{file}.csv"), ticks + 1);
         let mut request = json!({"op": "paul_cartesian", "poses": poses, "t_s": of("T"),
