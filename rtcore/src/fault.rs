@@ -85,6 +85,8 @@ faults! {
     MoveRefused = 21, Note, "a move was refused before it started";
     /// The heartbeat of a lane stood still.
     LaneSilent = 22, DriveOff, "a lane stopped answering";
+    /// A job of a lane that may not miss ended after its deadline, or was left out.
+    DeadlineMissed = 23, ControlledStop, "a lane that may not miss a deadline missed one";
 }
 
 impl FaultCode {

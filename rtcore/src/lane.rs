@@ -3,6 +3,7 @@
 //! is read to time tasks, if that is wanted, and decides nothing.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 
 use hdrhistogram::Histogram;
 use taktil_hal::Nanos;
@@ -10,8 +11,10 @@ use taktil_hal::Nanos;
 use crate::fault::{FaultCode, FaultSet};
 use crate::guard;
 use crate::linux::monotonic;
+use crate::misses::{Misses, Notice};
 use crate::mode::Mode;
 use crate::port::{AnyCell, Binding, Input, Io, Output};
+use crate::pulse::Pulse;
 use crate::record::{HEADER_BYTES, Tap};
 use crate::release::GuardFigures;
 use crate::schedule::LaneSpec;
@@ -37,6 +40,9 @@ pub(crate) struct Lane {
     pub(crate) signals: Vec<(usize, u16)>,
     pub(crate) mode: Option<Input<ModeStatus>>,
     pub(crate) health: Output<LaneHealth>,
+    pub(crate) latch: Latch,
+    pub(crate) missed: u32,
+    pub(crate) pulse: Arc<Pulse>,
     pub(crate) tap: Tap,
     pub(crate) scratch: Box<[u8]>,
     pub(crate) next_tick: u64,
@@ -44,33 +50,44 @@ pub(crate) struct Lane {
     pub(crate) stopped: bool,
 }
 
-/// Why jobs ended after their deadline.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Misses {
-    /// The thread was woken too late to make it.
-    pub late_wake: u64,
-    /// The job itself used more processor time than its deadline.
-    pub overrun: u64,
-    /// Another thread took the processor.
-    pub preempted: u64,
-    /// The job waited for something.
-    pub blocked: u64,
-    /// The job touched memory that was not there.
-    pub page_fault: u64,
-    /// The kernel's real-time throttling took the processor.
-    pub throttled: u64,
+/// Keeps each fault in the lane's health until the slowest lane that reads it has had a job.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Latch {
+    hold: Nanos,
+    faults: FaultSet,
+    task: u32,
+    until: [Nanos; 64],
 }
 
-impl Misses {
-    /// All of them.
-    #[must_use]
-    pub fn total(&self) -> u64 {
-        self.late_wake
-            + self.overrun
-            + self.preempted
-            + self.blocked
-            + self.page_fault
-            + self.throttled
+impl Latch {
+    /// Faults are held for `hold` after the job that raised them.
+    pub(crate) fn new(hold: Nanos) -> Latch {
+        Latch { hold, faults: FaultSet::NONE, task: 0, until: [Nanos::ZERO; 64] }
+    }
+
+    /// A reader with this period must not miss any fault.
+    pub(crate) fn hold_for(&mut self, period: Nanos) {
+        self.hold = self.hold.max(period);
+    }
+
+    /// What the health says at `release`, after `faults` of which `task` raised the first.
+    fn hold(&mut self, release: Nanos, faults: FaultSet, task: u32) -> (FaultSet, u32) {
+        if faults.is_empty() && self.faults.is_empty() {
+            return (FaultSet::NONE, 0);
+        }
+        for (bit, until) in self.until.iter_mut().enumerate() {
+            let mask = 1 << bit;
+            if faults.0 & mask != 0 {
+                *until = release + self.hold;
+            } else if *until <= release {
+                self.faults.0 &= !mask;
+            }
+        }
+        if self.faults.is_empty() || self.task == 0 {
+            self.task = task;
+        }
+        self.faults = self.faults.union(faults);
+        (self.faults, if self.faults.is_empty() { 0 } else { self.task })
     }
 }
 
@@ -87,6 +104,8 @@ pub struct Figures {
     pub execution_ns: Histogram<u64>,
     /// Jobs that ended after their deadline, by cause.
     pub misses: Misses,
+    /// Misses at which the bucket was full: where the world does not wait, each stops the machine.
+    pub storms: u64,
     /// Heap calls inside jobs; meaningful when [`guard::installed`].
     pub allocations: u64,
     /// Page faults of the lane's thread during jobs.
@@ -137,6 +156,7 @@ impl Figures {
             lateness_ns: histogram(),
             execution_ns: histogram(),
             misses: Misses::default(),
+            storms: 0,
             allocations: 0,
             page_faults: 0,
             records_dropped: 0,
@@ -151,20 +171,21 @@ impl Figures {
 }
 
 impl Lane {
-    /// Runs job `tick` from taking its inputs to publishing its outputs.
-    pub(crate) fn job(&mut self, tick: u64) {
-        let ((), allocations) = guard::guarded(|| self.run(tick));
+    /// Runs job `tick` from taking its inputs to publishing its outputs; `notice` is what the
+    /// schedule has to say about the jobs before.
+    pub(crate) fn job(&mut self, tick: u64, notice: Notice) {
+        let ((), allocations) = guard::guarded(|| self.run(tick, notice));
         self.figures.jobs += 1;
         self.figures.allocations += allocations;
         self.next_tick = tick + 1;
     }
 
-    fn run(&mut self, tick: u64) {
+    fn run(&mut self, tick: u64, notice: Notice) {
         let release = self.spec.release(tick);
         for &cell in &self.remote {
             self.cells[cell].receive(release);
         }
-        let mut faults = FaultSet::NONE;
+        let mut faults = notice.faults;
         let mut faulty_task = 0;
         let mut disabled = 0;
         let mut cycle = Cycle { tick, release, dt: self.spec.period, mode: Mode::Off };
@@ -181,6 +202,7 @@ impl Lane {
                 cycle.mode =
                     u8::try_from(word).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault);
             }
+            self.pulse.enter(position);
             let outcome = catch_unwind(AssertUnwindSafe(|| seat.task.step(&cycle, &mut io)));
             let fault = match outcome {
                 Ok(Ok(())) => None,
@@ -208,8 +230,17 @@ impl Lane {
                 }
             }
         }
-        let health =
-            LaneHealth { jobs: self.figures.jobs + 1, faults: faults.0, faulty_task, disabled };
+        self.pulse.enter(0);
+        self.missed = self.missed.saturating_add(notice.missed);
+        let (held, faulty_task) = self.latch.hold(release, faults, faulty_task);
+        let health = LaneHealth {
+            jobs: self.figures.jobs + 1,
+            faults: held.0,
+            faulty_task,
+            disabled,
+            missed: self.missed,
+            silent: notice.silent,
+        };
         io.write(&self.health, health);
         self.figures.faults = self.figures.faults.union(faults);
         self.publish(tick, release);

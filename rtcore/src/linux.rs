@@ -66,6 +66,8 @@ impl Clock for MonotonicClock {
 pub struct ThreadCounters {
     /// Page faults, with and without disk.
     pub page_faults: u64,
+    /// Those that waited for a disk.
+    pub disk_faults: u64,
     /// Times that the processor was taken away.
     pub preemptions: u64,
     /// Times that the thread gave the processor up to wait.
@@ -79,6 +81,7 @@ pub fn thread_counters() -> ThreadCounters {
     let count = |n: i64| u64::try_from(n).unwrap_or(0);
     ThreadCounters {
         page_faults: count(usage.minor_page_faults()) + count(usage.major_page_faults()),
+        disk_faults: count(usage.major_page_faults()),
         preemptions: count(usage.involuntary_context_switches()),
         waits: count(usage.voluntary_context_switches()),
     }
@@ -251,11 +254,79 @@ pub fn facts() -> Facts {
 
 /// The real-time budget of this process's control group; none where groups have no such thing.
 fn group_rt_budget() -> Option<i64> {
-    let groups = says("/proc/self/cgroup")?;
-    let cpu = groups.lines().find_map(|line| {
-        let mut parts = line.splitn(3, ':').skip(1);
-        let controllers = parts.next()?;
-        controllers.split(',').any(|name| name == "cpu").then(|| parts.next()).flatten()
-    })?;
+    let cpu = group_of("cpu")?;
     says(&format!("/sys/fs/cgroup/cpu{cpu}/cpu.rt_runtime_us"))?.parse().ok()
+}
+
+/// The control group of this process under a controller; an empty name stands for the unified tree.
+fn group_of(controller: &str) -> Option<String> {
+    let groups = says("/proc/self/cgroup")?;
+    groups.lines().find_map(|line| {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let found = parts.next()?.split(',').any(|name| name == controller);
+        found.then(|| parts.next()).flatten().map(str::to_owned)
+    })
+}
+
+/// The part of each period for which the kernel takes the processor from real-time threads that
+/// use all of it; none when it does not throttle, or when the calling thread is not one of them.
+#[must_use]
+pub fn throttle_gap() -> Option<Nanos> {
+    let (policy, _) = thread_schedule_policy_param(thread_native_id()).ok()?;
+    if !matches!(policy, ThreadSchedulePolicy::Realtime(_)) {
+        return None;
+    }
+    let number = |path: &str| says(path).and_then(|text| text.parse::<i64>().ok());
+    let runtime = number("/proc/sys/kernel/sched_rt_runtime_us").filter(|us| *us >= 0)?;
+    let period = number("/proc/sys/kernel/sched_rt_period_us")?;
+    (runtime < period).then(|| Nanos::from_micros(period - runtime))
+}
+
+/// Whether the control group's processor quota runs out: the kernel counts the times.
+#[derive(Debug)]
+pub struct Quota {
+    stat: std::fs::File,
+    seen: u64,
+}
+
+impl Quota {
+    /// Opens the group's statistics; none where groups have no quota.
+    #[must_use]
+    pub fn watch() -> Option<Quota> {
+        let first = group_of("cpu").map(|group| format!("/sys/fs/cgroup/cpu{group}/cpu.stat"));
+        let unified = group_of("").map(|group| format!("/sys/fs/cgroup{group}/cpu.stat"));
+        let stat = [first, unified].into_iter().flatten();
+        let stat = stat.filter_map(|path| std::fs::File::open(path).ok()).next()?;
+        let mut quota = Quota { stat, seen: 0 };
+        quota.ran_out();
+        Some(quota)
+    }
+
+    /// Whether it has run out since the last call. One read into a buffer on the stack.
+    pub fn ran_out(&mut self) -> bool {
+        let mut text = [0; 1024];
+        let read = std::os::unix::fs::FileExt::read_at(&self.stat, &mut text, 0).unwrap_or(0);
+        let Some(times) = stat_number(&text[..read], b"nr_throttled ") else { return false };
+        core::mem::replace(&mut self.seen, times) < times
+    }
+}
+
+/// The number behind a key at the start of a line.
+fn stat_number(text: &[u8], key: &[u8]) -> Option<u64> {
+    let line = text.split(|byte| *byte == b'\n').find_map(|line| line.strip_prefix(key))?;
+    core::str::from_utf8(line).ok()?.trim().parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_found_by_their_whole_key() {
+        let text = b"nr_periods 9\nnr_throttled 12\nthrottled_time 5\n";
+        assert_eq!(stat_number(text, b"nr_throttled "), Some(12));
+        assert_eq!(stat_number(text, b"throttled "), None);
+        assert_eq!(stat_number(b"nr_throttled x", b"nr_throttled "), None);
+        assert_eq!(stat_number(b"", b"nr_throttled "), None);
+    }
 }

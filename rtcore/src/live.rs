@@ -4,9 +4,10 @@
 
 mod beat;
 mod ledger;
+mod watch;
 
 use core::sync::atomic::{AtomicBool, AtomicI64, AtomicU8, AtomicUsize, Ordering};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 use std::thread;
 
 use taktil_hal::{Clock, Nanos};
@@ -19,15 +20,23 @@ use crate::linux::{
     touch_stack, unlock_memory,
 };
 use crate::machine::Machine;
+use crate::pulse::Pulse;
 use crate::record::{Drain, Observer};
 use crate::silence;
 use beat::beat;
 use ledger::Ledger;
+pub(crate) use watch::LANES_MAX;
+use watch::Watch;
 
 /// Stack of a lane's thread: all of it is locked in memory.
 const STACK_BYTES: usize = 1024 * 1024;
 /// From the start of the threads to the release of the first job.
 const LEAD: Nanos = Nanos::from_millis(50);
+/// A task that has not returned for twice the time after which its lane is silent, and for this
+/// long at least, is taken to hang: others act on silence long before.
+const HANG_MIN: Nanos = Nanos::from_secs(1);
+/// From stopping the other lanes to saying that a task hangs: time to carry their last records.
+const HANG_GRACE_LOOKS: u32 = 50;
 /// Pause of the carrying thread between two looks at the rings.
 const CARRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(2);
 
@@ -84,6 +93,23 @@ pub enum LiveError {
     NotGranted(Box<Attestation>),
     /// The operating system gave no thread.
     NoThread(String),
+    /// A task did not return for longer than its lane may stand still; it has returned since.
+    Hung(Hang),
+}
+
+/// A task that does not return.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Hang {
+    /// The lane whose thread it holds.
+    pub lane: String,
+    /// The task.
+    pub task: String,
+}
+
+impl core::fmt::Display for Hang {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "task `{}` in lane {} does not return", self.task, self.lane)
+    }
 }
 
 impl core::fmt::Display for LiveError {
@@ -96,6 +122,7 @@ impl core::fmt::Display for LiveError {
                 write!(f, "the kernel did not grant: {}", attestation.missing.join("; "))
             }
             LiveError::NoThread(why) => write!(f, "no thread for a lane: {why}"),
+            LiveError::Hung(hang) => hang.fmt(f),
         }
     }
 }
@@ -109,6 +136,12 @@ pub trait Audience: Observer {
 
     /// The logical time, every few milliseconds.
     fn passed(&mut self, _now: Nanos) {}
+
+    /// A task does not return. The other lanes have been stopped, their outputs made safe, and all
+    /// their records carried; those of the lane that hangs end safe by their driver's longest
+    /// silence. A thread cannot be ended from outside, so the run waits for the task: who cannot
+    /// wait ends the process here.
+    fn hung(&mut self, _hang: &Hang) {}
 }
 
 /// What the lanes' threads share with the carrying thread.
@@ -188,6 +221,7 @@ fn run_threads(
         slip: AtomicI64::new(0),
         ledger: Ledger::new(machine.lanes.iter().map(|lane| &lane.spec), terms.until),
     };
+    let mut hangs = Hangs::new(&machine.lanes);
     let (lanes, drains) = (&mut machine.lanes, &mut machine.drains);
     let clock = OnceLock::new();
     let answers: Vec<Answers> = (0..count).map(|_| Answers::default()).collect();
@@ -215,13 +249,66 @@ fn run_threads(
         shared.signal.store(GO, Ordering::Release);
         while shared.running.load(Ordering::Acquire) > 0 {
             carry(drains, audience);
-            audience.passed(epoch.now() - Nanos(shared.slip.load(Ordering::Relaxed)));
+            let now = epoch.now();
+            audience.passed(now - Nanos(shared.slip.load(Ordering::Relaxed)));
+            hangs.look(now, &shared, audience);
             thread::sleep(CARRY_PAUSE);
         }
         carry(drains, audience);
+        if let Some(hang) = hangs.found {
+            return Err(LiveError::Hung(hang));
+        }
         let panics = answers.iter().filter_map(|answers| answers.panicked.get()).cloned();
         Ok((Nanos(shared.slip.load(Ordering::Relaxed)), panics.collect()))
     })
+}
+
+/// Looks for tasks that do not return, on the carrying thread.
+struct Hangs {
+    watch: Watch,
+    /// Name, tasks and pulse of each lane.
+    lanes: Vec<(String, Vec<String>, Arc<Pulse>)>,
+    found: Option<Hang>,
+    grace: u32,
+}
+
+impl Hangs {
+    fn new(lanes: &[Lane]) -> Hangs {
+        let limit = |lane: &Lane| Some((lane.spec.silent_after * 2).max(HANG_MIN));
+        let about = |lane: &Lane| {
+            let tasks = lane.seats.iter().map(|seat| seat.name.clone()).collect();
+            (lane.spec.name.clone(), tasks, Arc::clone(&lane.pulse))
+        };
+        let step = Nanos::from_micros(i64::try_from(CARRY_PAUSE.as_micros()).unwrap_or(1));
+        Hangs {
+            watch: Watch::new(step, lanes.iter().map(limit)),
+            lanes: lanes.iter().map(about).collect(),
+            found: None,
+            grace: HANG_GRACE_LOOKS,
+        }
+    }
+
+    /// Finds one, stops the other lanes, and tells the audience once they have ended.
+    fn look(&mut self, now: Nanos, shared: &Shared<'_>, audience: &mut dyn Audience) {
+        if let Some(hang) = &self.found {
+            self.grace = self.grace.saturating_sub(1);
+            if self.grace == 1 {
+                audience.hung(hang);
+            }
+            return;
+        }
+        // A lane between two jobs is late or waits, which the others see; it does not hang.
+        let busy =
+            |lane: usize| self.lanes[lane].2.seat().and_then(|_| shared.ledger.progress(lane));
+        let silent = self.watch.look(now, busy);
+        let Some((lane, tasks, pulse)) = self.lanes.get(silent.trailing_zeros() as usize) else {
+            return;
+        };
+        let task = pulse.seat().and_then(|seat| tasks.get(seat));
+        let Some(task) = task else { return };
+        self.found = Some(Hang { lane: lane.clone(), task: task.clone() });
+        shared.signal.store(ABANDON, Ordering::Release);
+    }
 }
 
 /// Adds what the lanes' threads and the kernel say, once all threads stand.

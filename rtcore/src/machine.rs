@@ -4,12 +4,14 @@
 
 use core::any::TypeId;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use taktil_hal::Nanos;
 
 use crate::analysis::{Allowance, Analysis, Demand, analyse};
 use crate::fault::FaultCode;
-use crate::lane::{Figures, Lane, Seat, TaskFigures};
+use crate::lane::{Figures, Lane, Latch, Seat, TaskFigures};
+use crate::live::LANES_MAX;
 use crate::port::{Binding, InputDeclaration, OutputDeclaration, Ports};
 use crate::record::{Catalog, Drain, HEADER_BYTES, LaneInfo, Signal, tap};
 use crate::schedule::LaneSpec;
@@ -115,6 +117,13 @@ impl Builder {
                 format!("{outer}.name"),
                 format!("two lanes are called `{}`", spec.name),
                 "give each lane its own name",
+            ));
+        }
+        if self.lanes.len() == LANES_MAX {
+            return Err(Invalid::new(
+                outer,
+                format!("a machine has at most {LANES_MAX} lanes"),
+                "put tasks of one rate into one lane",
             ));
         }
         let mut draft = Draft { spec, seats: Vec::new(), inputs: Vec::new(), outputs: Vec::new() };
@@ -234,6 +243,10 @@ impl Builder {
                 let home =
                     homes.get(signal).ok_or_else(|| unknown(&place, signal, input, &catalog))?;
                 check_edge(&place, signal, input, *seat, index, home)?;
+                let period = self.lanes[index].spec.period;
+                if home.is_health() && period > self.lanes[home.lane].spec.period {
+                    lanes[home.lane].latch.hold_for(period);
+                }
                 // Two inputs of one lane on one signal share a link.
                 let key = (index, home.lane, home.cell);
                 let cell = match links.get(&key) {
@@ -342,6 +355,13 @@ struct Home {
     type_name: &'static str,
 }
 
+impl Home {
+    /// A lane's own health was declared first.
+    fn is_health(&self) -> bool {
+        self.cell == 0
+    }
+}
+
 fn signal_name(draft: &Draft, seat: usize, port: &str) -> String {
     let owner = draft.seats.get(seat).map_or(draft.spec.name.as_str(), |seat| seat.name.as_str());
     format!("{owner}.{port}")
@@ -387,6 +407,9 @@ fn take_lane(
         signals,
         mode: None,
         health,
+        latch: Latch::new(Nanos::ZERO),
+        missed: 0,
+        pulse: Arc::default(),
         tap,
         scratch: vec![0; HEADER_BYTES + body].into_boxed_slice(),
         next_tick: 0,

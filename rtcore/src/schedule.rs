@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use taktil_hal::Nanos;
 
+use crate::misses::Bucket;
 use crate::release::Guard;
 use crate::task::Invalid;
 
@@ -15,8 +16,14 @@ pub enum Late {
     /// is never lost.
     #[default]
     Skip,
-    /// Runs every job, however late: for a simulated world, in which no time may be left out.
-    CatchUp,
+    /// Runs up to so many superseded jobs back to back, then skips the rest: for tasks that count
+    /// jobs. Unbounded for a simulated world, in which no time may be left out.
+    CatchUp {
+        /// Superseded jobs in a row that are still run.
+        at_most: u32,
+    },
+    /// As `Skip`, and any miss raises [`crate::FaultCode::DeadlineMissed`]: a controlled stop.
+    Fault,
 }
 
 /// One lane: one thread, one rate.
@@ -39,6 +46,11 @@ pub struct LaneSpec {
     pub cpu: Option<usize>,
     /// What to do when more than a period late.
     pub late: Late,
+    /// How many misses the lane bears.
+    pub misses: Bucket,
+    /// Standing still for longer than this, by another lane's progress and by the clock, means that
+    /// the lane is silent.
+    pub silent_after: Nanos,
     /// Longest processor time of one step of each task, by the task's name. All tasks or none: a
     /// lane with gaps is not analysed.
     pub budgets: BTreeMap<String, Nanos>,
@@ -50,6 +62,15 @@ pub struct LaneSpec {
 pub const SHORTEST_PERIOD: Nanos = Nanos::from_micros(20);
 /// Longest period that is accepted.
 pub const LONGEST_PERIOD: Nanos = Nanos::from_secs(10);
+
+/// Ten periods and at least 50 ms: how long a lane may stand still unless it is told otherwise.
+#[must_use]
+pub fn silent_after(period: Nanos) -> Nanos {
+    (period * 10).max(Nanos::from_millis(50))
+}
+
+/// Longest time for which a lane may stand still unseen.
+const LONGEST_SILENCE: Nanos = Nanos::from_secs(1000);
 
 impl LaneSpec {
     /// A lane that starts at phase 0 and delivers after one period.
@@ -63,6 +84,8 @@ impl LaneSpec {
             priority,
             cpu: None,
             late: Late::Skip,
+            misses: Bucket::default(),
+            silent_after: silent_after(period),
             budgets: BTreeMap::new(),
             guard: None,
         }
@@ -213,6 +236,17 @@ impl LaneSpec {
                 "give 1 (lowest) to 99 (highest)".into(),
             );
         }
+        if self.silent_after < self.period * 2 || self.silent_after > LONGEST_SILENCE {
+            return bad(
+                "silent_after_us",
+                format!(
+                    "a lane with a period of {} is not silent by {}",
+                    self.period, self.silent_after
+                ),
+                format!("give from two periods to {LONGEST_SILENCE}; ten periods are usual"),
+            );
+        }
+        self.misses.check().map_err(|invalid| invalid.within("misses"))?;
         self.check_budgets()
     }
 }

@@ -20,11 +20,17 @@ payload! {
     pub struct LaneHealth {
         /// Jobs run so far.
         pub jobs: u64,
-        /// Faults raised by tasks of this lane in this job, a [`crate::FaultSet`].
+        /// Faults raised by tasks of this lane in this job and by the schedule since the job
+        /// before, a [`crate::FaultSet`]; kept long enough that no reader of this signal can miss
+        /// them.
         pub faults: u64,
-        /// Position in the lane of the first task that raised one in this job, plus 1; 0 when none.
+        /// Position in the lane of the first task that raised one of them, plus 1; 0 when none did.
         pub faulty_task: u32,
         /// Tasks taken out of the lane after a panic, one bit each.
         pub disabled: u32,
+        /// Jobs that missed their deadline or were left out so far; always 0 where the world waits.
+        pub missed: u32,
+        /// Other lanes that stand still, one bit each in the machine's order.
+        pub silent: u32,
     }
 }

@@ -10,6 +10,7 @@ use taktil_hal::{Clock, Nanos};
 use crate::fault::FaultCode;
 use crate::linux::{monotonic, thread_counters};
 use crate::machine::Machine;
+use crate::misses::Notice;
 use crate::record::Observer;
 
 /// A clock that shows the last instant somebody slept until; it never runs backwards.
@@ -57,7 +58,7 @@ pub fn run(
         let lane = &mut machine.lanes[index];
         let faults_before = thread_counters().page_faults;
         let begin = monotonic();
-        lane.job(lane.next_tick);
+        lane.job(lane.next_tick, Notice::default());
         let took = monotonic() - begin;
         lane.figures.page_faults += thread_counters().page_faults - faults_before;
         lane.figures.lateness_ns.saturating_record(0);

@@ -4,7 +4,8 @@
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
-use taktil_rtcore::{Allowance, Guard, Invalid, LaneSpec, Late, Nanos};
+use taktil_rtcore::schedule::silent_after;
+use taktil_rtcore::{Allowance, Bucket, Guard, Invalid, LaneSpec, Late, Nanos};
 
 /// A machine file, or the part of a scene that replaces some of its sections.
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -88,12 +89,58 @@ pub struct LaneConfig {
     pub cpu: Option<usize>,
     /// Wakes early and spins to the release; none sleeps to the release.
     pub guard: Option<GuardConfig>,
+    /// What the lane does about superseded jobs: `skip` (default), `catch_up` or `fault`.
+    #[serde(default)]
+    pub late: LateName,
+    /// Superseded jobs in a row that a lane that catches up still runs; then it skips the rest.
+    pub catch_up_max: Option<u32>,
+    /// How many misses the lane bears before the machine is stopped.
+    #[serde(default)]
+    pub misses: BucketConfig,
+    /// Standing still for longer than this means that the lane is silent, us; ten periods and at
+    /// least 50 ms when absent.
+    pub silent_after_us: Option<i64>,
     /// Tasks in the order in which they run.
     pub tasks: Vec<String>,
     /// Longest processor time of one step of each task, us. All tasks or none: a lane with gaps is
     /// not analysed.
     #[serde(default)]
     pub budget_us: BTreeMap<String, i64>,
+}
+
+/// What a lane does about superseded jobs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LateName {
+    /// Leaves them out.
+    #[default]
+    Skip,
+    /// Runs up to `catch_up_max` of them in a row, then leaves out the rest.
+    CatchUp,
+    /// Leaves them out and stops the machine.
+    Fault,
+}
+
+/// Superseded jobs that a lane catches up with unless it says otherwise.
+const CATCH_UP_MAX: u32 = 4;
+/// More of them cannot be meant: bounded is the point.
+const CATCH_UP_LARGEST: u32 = 1000;
+
+/// The bucket of a lane: `full` misses stop the machine.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BucketConfig {
+    /// Misses that fill it. Default 5.
+    pub bucket: u32,
+    /// Jobs in a row without a miss that take one out. Default 100.
+    pub leak_jobs: u32,
+}
+
+impl Default for BucketConfig {
+    fn default() -> BucketConfig {
+        let Bucket { full, leak_jobs } = Bucket::default();
+        BucketConfig { bucket: full, leak_jobs }
+    }
 }
 
 /// The release guard of a lane.
@@ -144,10 +191,34 @@ impl LaneConfig {
             deadline: self.deadline_us.map_or(Ok(delivery), |us| span("deadline_us", us))?,
             priority,
             cpu: self.cpu,
-            late: Late::Skip,
+            late: self.late()?,
+            misses: Bucket { full: self.misses.bucket, leak_jobs: self.misses.leak_jobs },
+            silent_after: self
+                .silent_after_us
+                .map_or(Ok(silent_after(period)), |us| span("silent_after_us", us))?,
             budgets,
             guard,
         })
+    }
+}
+
+impl LaneConfig {
+    fn late(&self) -> Result<Late, Invalid> {
+        let bad = |what: String, remedy: &str| Err(Invalid::new("catch_up_max", what, remedy));
+        match (self.late, self.catch_up_max) {
+            (LateName::Skip, None) => Ok(Late::Skip),
+            (LateName::Fault, None) => Ok(Late::Fault),
+            (LateName::CatchUp, most) => match most.unwrap_or(CATCH_UP_MAX) {
+                at_most @ 1..=CATCH_UP_LARGEST => Ok(Late::CatchUp { at_most }),
+                most => {
+                    bad(format!("{most} jobs are no bounded catching up"), "give 1 to 1000 jobs")
+                }
+            },
+            (_, Some(most)) => bad(
+                format!("{most} jobs are to be caught up by a lane that leaves them out"),
+                "take the line away, or write late = \"catch_up\"",
+            ),
+        }
     }
 }
 
@@ -170,6 +241,55 @@ impl MachineConfig {
             tactile_scan: over.tactile_scan.or(self.tactile_scan),
             tactile_servo: over.tactile_servo.or(self.tactile_servo),
             supervisor: over.supervisor.or(self.supervisor),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spec(more: &str) -> Result<LaneSpec, Invalid> {
+        let text = format!("period_us = 2500\npriority = 80\ntasks = []\n{more}");
+        let lane: LaneConfig = toml::from_str(&text).unwrap();
+        lane.spec("servo").and_then(|spec| spec.check().map(|()| spec))
+    }
+
+    #[test]
+    fn a_lane_says_what_it_does_about_lateness() {
+        let plain = spec("").unwrap();
+        assert_eq!((plain.late, plain.misses), (Late::Skip, Bucket { full: 5, leak_jobs: 100 }));
+        assert_eq!(plain.silent_after, Nanos::from_millis(50));
+        let own = spec(
+            "late = \"catch_up\"\ncatch_up_max = 9\nmisses = { bucket = 2, leak_jobs = 7 }\n\
+             silent_after_us = 5000",
+        )
+        .unwrap();
+        assert_eq!(own.late, Late::CatchUp { at_most: 9 });
+        assert_eq!((own.misses.full, own.misses.leak_jobs), (2, 7));
+        assert_eq!(own.silent_after, Nanos::from_millis(5));
+        assert_eq!(spec("late = \"catch_up\"").unwrap().late, Late::CatchUp { at_most: 4 });
+        assert_eq!(spec("late = \"fault\"").unwrap().late, Late::Fault);
+    }
+
+    #[test]
+    fn lateness_that_cannot_be_meant_is_refused_with_its_place() {
+        for (line, place) in [
+            ("late = \"catch_up\"\ncatch_up_max = 0", "catch_up_max"),
+            ("late = \"catch_up\"\ncatch_up_max = 1001", "catch_up_max"),
+            ("catch_up_max = 3", "catch_up_max"),
+            ("late = \"fault\"\ncatch_up_max = 3", "catch_up_max"),
+            ("misses = { bucket = 0 }", "misses.bucket"),
+            ("misses = { leak_jobs = 4000000000 }", "misses.leak_jobs"),
+            ("silent_after_us = 4999", "silent_after_us"),
+            ("silent_after_us = -1", "silent_after_us"),
+            ("silent_after_us = 9223372036854775807", "silent_after_us"),
+        ] {
+            assert_eq!(spec(line).unwrap_err().place, place, "{line}");
+        }
+        for line in ["late = \"never\"", "catch_up_max = -1", "misses = { buckets = 5 }"] {
+            let text = format!("period_us = 2500\npriority = 80\ntasks = []\n{line}");
+            assert!(toml::from_str::<LaneConfig>(&text).is_err(), "{line}");
         }
     }
 }

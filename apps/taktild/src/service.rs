@@ -11,7 +11,7 @@ use nix::sys::signal::{SigSet, Signal};
 use sd_notify::NotifyState;
 use serde::Deserialize;
 use taktil_drivers_regmap::{Board, Config as BoardConfig, OpenError};
-use taktil_rtcore::live::{self, Attestation, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Attestation, Audience, Contract, Hang, Pace, Terms};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Machine, Nanos, Output, Ports, Task};
 use taktil_signal::Request;
@@ -49,6 +49,9 @@ enum ContractName {
     Soft,
 }
 
+/// Exit code of a service one of whose tasks does not return.
+pub const EXIT_HUNG: i32 = 3;
+
 /// A service ready to run.
 pub struct Service {
     machine: Machine,
@@ -75,6 +78,20 @@ impl Service {
     /// # Errors
     /// Anything wrong, located in the file where it stands.
     pub fn load(path: &Path) -> Result<Service, Located> {
+        Service::with_operator(
+            path,
+            Box::new(|ports: &mut Ports| Ok(Box::new(Nobody { request: ports.output("request") }))),
+        )
+    }
+
+    /// As [`Service::load`], with somebody who asks: a task that writes `operator.request`.
+    ///
+    /// # Errors
+    /// As [`Service::load`].
+    pub fn with_operator(
+        path: &Path,
+        operator: wiring::MakeOperator<'_>,
+    ) -> Result<Service, Located> {
         let source = Source::read(path)?;
         let file: ServiceFile = source.parse()?;
         let machine_path = path.parent().unwrap_or(Path::new("")).join(&file.machine);
@@ -84,8 +101,6 @@ impl Service {
         // Without an operator the script's feedback has no reader.
         config.wiring.remove("operator.control");
         let devices = Board::open(&file.board).map_err(|bad| source.locate(board_error(bad)))?;
-        let operator: wiring::MakeOperator<'_> =
-            Box::new(|ports: &mut Ports| Ok(Box::new(Nobody { request: ports.output("request") })));
         let built = wiring::assemble(config, devices, operator).and_then(|builder| builder.build());
         let machine = built.map_err(|bad| {
             let here = bad.clone().within("robot");
@@ -192,6 +207,15 @@ impl Audience for Heart {
             tell(&[NotifyState::Watchdog]);
         }
         self.told.clone_from(&self.beats);
+    }
+
+    fn hung(&mut self, hang: &Hang) {
+        eprintln!(
+            "error: {hang}; the other lanes have ended safe, the board's watchdog does the rest"
+        );
+        tell(&[NotifyState::Stopping, NotifyState::Status(&hang.to_string())]);
+        // Its thread cannot be joined, and what it holds cannot be dropped.
+        std::process::exit(EXIT_HUNG);
     }
 }
 

@@ -18,6 +18,8 @@ use taktil_drivers_regmap::registers::{
 };
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
 use taktil_hal::{CHANNELS, DacCode, MAX_TACTELS, Nanos};
+use taktil_rtcore::{Cycle, FaultCode, Io, Output as Port, Task};
+use taktil_signal::Request;
 
 /// Zero volts in offset binary of 12 bits.
 const ZERO_VOLTS: u16 = 2048;
@@ -134,12 +136,29 @@ struct Service {
     socket: UnixDatagram,
 }
 
+/// Where the child of this test finds its configuration.
+const CHILD: &str = "TAKTILD_TEST_HANGS";
+
 impl Service {
     fn start(folder: &Folder, config: &Path) -> Service {
+        Service::spawn(folder, command(config))
+    }
+
+    /// This test's own program as a service whose operator stops returning after half a second.
+    fn that_hangs(folder: &Folder, config: &Path) -> Service {
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["--exact", "the_service_whose_operator_hangs", "--nocapture"]);
+        Service::spawn(folder, {
+            command.env(CHILD, config).stdout(Stdio::null());
+            command
+        })
+    }
+
+    fn spawn(folder: &Folder, mut command: Command) -> Service {
         let path = folder.join("notify");
         let socket = UnixDatagram::bind(&path).unwrap();
         socket.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-        let child = command(config).env("NOTIFY_SOCKET", &path).stderr(Stdio::piped()).spawn();
+        let child = command.env("NOTIFY_SOCKET", &path).stderr(Stdio::piped()).spawn();
         Service { child: child.unwrap(), socket }
     }
 
@@ -305,4 +324,55 @@ fn a_configuration_that_cannot_be_used_ends_with_2_and_its_place() {
     }
     let output = check(&folder.join("nowhere.toml"));
     assert_eq!(output.status.code(), Some(2));
+}
+
+/// Asks for nothing, and from job 200 on does not return.
+struct Hanging {
+    request: Port<Request>,
+}
+
+impl Task for Hanging {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        while cycle.tick >= 200 {
+            std::thread::sleep(Duration::from_secs(1));
+        }
+        io.write(&self.request, Request::default());
+        Ok(())
+    }
+}
+
+#[test]
+fn the_service_whose_operator_hangs() {
+    let Some(config) = std::env::var_os(CHILD) else {
+        println!("nothing to do: this is the child of another test");
+        return;
+    };
+    let service = taktild::service::Service::with_operator(
+        Path::new(&config),
+        Box::new(|ports| Ok(Box::new(Hanging { request: ports.output("request") }))),
+    );
+    let ended = service.unwrap().run();
+    panic!("it cannot end by itself: {ended:?}");
+}
+
+#[test]
+fn a_task_that_does_not_return_is_named_and_ends_the_service_and_the_board_is_safe() {
+    let folder = Folder::new();
+    let mut rig = Rig::new(&folder);
+    let service = Service::that_hangs(&folder, &folder.config("soft"));
+    service.heard("WATCHDOG=1");
+    service.heard("STATUS=task `operator` in lane servo does not return");
+    // The lane that hangs holds the outputs: nobody strobes any more, the board's watchdog acts.
+    let strobe = rig.registers.read(DAC_STROBE);
+    for register in DAC.iter() {
+        rig.registers.write(register, DRIVING);
+    }
+    let (code, lines) = service.end();
+    assert_eq!(code, Some(taktild::service::EXIT_HUNG), "{lines:?}");
+    assert!(lines.iter().any(|line| line.contains("task `operator` in lane servo")), "{lines:?}");
+    assert_eq!(rig.registers.read(DAC_STROBE), strobe, "somebody still writes");
+    let mut model = rig.stop().unwrap();
+    model.tick(Nanos::from_secs(1_000_000));
+    assert_eq!(model.volts(), [DacCode(0); CHANNELS]);
+    assert!(!model.lines_out().enable && !model.lines_out().brake_release);
 }

@@ -7,10 +7,13 @@ use core::sync::atomic::Ordering;
 use taktil_hal::{Clock, Nanos};
 
 use super::{Pace, Shared, Terms};
+use crate::fault::FaultCode;
 use crate::lane::{Figures, Lane};
-use crate::linux::{MonotonicClock, ThreadCounters, thread_counters, thread_cpu_time};
+use crate::linux::{
+    MonotonicClock, Quota, ThreadCounters, kernel, thread_counters, thread_cpu_time, throttle_gap,
+};
+use crate::misses::{Discipline, Ground, Notice, Trace, cause};
 use crate::release::{GuardFigures, Margin, Wait, wait};
-use crate::schedule::Late;
 
 /// Pause of a lane between two looks at what it waits for, when the world is simulated.
 const WORLD_PAUSE: std::time::Duration = std::time::Duration::from_micros(50);
@@ -35,11 +38,32 @@ impl Evidence {
         Evidence {
             counters: ThreadCounters {
                 page_faults: now.page_faults - then.page_faults,
+                disk_faults: now.disk_faults - then.disk_faults,
                 preemptions: now.preemptions - then.preemptions,
                 waits,
             },
             cpu: self.cpu - before.cpu - wait.spun,
         }
+    }
+}
+
+/// What explains a miss and does not change from job to job.
+struct Circumstances {
+    ground: Ground,
+    quota: Option<Quota>,
+}
+
+impl Circumstances {
+    fn read() -> Circumstances {
+        let (_, virtual_machine) = kernel();
+        let ground = Ground { throttle_gap: throttle_gap(), quota_used: false, virtual_machine };
+        Circumstances { ground, quota: Quota::watch() }
+    }
+
+    /// Asked only after a miss: one more read.
+    fn now(&mut self) -> Ground {
+        let quota_used = self.quota.as_mut().is_some_and(Quota::ran_out);
+        Ground { quota_used, ..self.ground }
     }
 }
 
@@ -56,6 +80,10 @@ pub(super) fn beat(
     let mut margin = Margin::new(bound);
     lane.figures.guard = lane.spec.guard.map(|_| GuardFigures::default());
     let slip = || Nanos(shared.slip.load(Ordering::Relaxed));
+    let mut circumstances = Circumstances::read();
+    let mut discipline = Discipline::new(lane.spec.late, lane.spec.misses);
+    let mut notice = Notice::default();
+    let mut watch = shared.ledger.watch(index);
     let mut before = Evidence::read();
     let started = clock.now();
     let mut awake_since = None;
@@ -72,7 +100,7 @@ pub(super) fn beat(
             lane.figures.awake_ns.saturating_record(awake.0.unsigned_abs());
         }
         awake_since = Some(waited.begin);
-        if shared.stop.load(Ordering::Relaxed) {
+        if shared.over() {
             break;
         }
         let begin = waited.begin;
@@ -80,17 +108,27 @@ pub(super) fn beat(
             // Lanes held up by the same stall find about the same figure: the largest stands.
             shared.slip.fetch_max((begin - lane.spec.release(tick)).0, Ordering::Relaxed);
         }
-        lane.job(tick);
+        lane.job(tick, notice);
         shared.ledger.finished(index, tick + 1);
         let end = clock.now();
         let after = Evidence::read();
-        account(lane, &waited, end, after.of_job(before, &waited));
+        let missed = account(lane, &waited, end, after.of_job(before, &waited), &mut circumstances);
         before = after;
         note_wait(&mut lane.figures, &mut margin, &waited, started);
-        let newest = lane.spec.newest_released(end);
-        if terms.pace == Pace::Fixed && lane.spec.late == Late::Skip && newest > lane.next_tick {
-            lane.figures.skipped += newest - lane.next_tick;
-            lane.next_tick = newest;
+        // Where the world waits nothing is left out, and no value may depend on lateness.
+        let fixed = terms.pace == Pace::Fixed;
+        let newest = if fixed { lane.spec.newest_released(end) } else { 0 };
+        let behind = newest.saturating_sub(lane.next_tick);
+        let (left_out, said) = discipline.after(missed, behind);
+        lane.figures.skipped += left_out;
+        lane.figures.storms = discipline.storms();
+        lane.next_tick += left_out;
+        if fixed {
+            notice =
+                Notice { silent: watch.look(end, |lane| shared.ledger.progress(lane)), ..said };
+            if notice.silent != 0 {
+                notice.faults.insert(FaultCode::LaneSilent);
+            }
         }
     }
 }
@@ -120,7 +158,14 @@ fn note_wait(figures: &mut Figures, margin: &mut Margin, waited: &Wait, started:
     guard.early += u64::from(waited.begin < waited.release);
 }
 
-fn account(lane: &mut Lane, waited: &Wait, end: Nanos, job: Evidence) {
+/// Counts a job; true when it missed its deadline.
+fn account(
+    lane: &mut Lane,
+    waited: &Wait,
+    end: Nanos,
+    job: Evidence,
+    circumstances: &mut Circumstances,
+) -> bool {
     let deadline = lane.spec.deadline;
     let figures = &mut lane.figures;
     let (release, begin) = (waited.release, waited.begin);
@@ -128,23 +173,12 @@ fn account(lane: &mut Lane, waited: &Wait, end: Nanos, job: Evidence) {
     figures.lateness_ns.saturating_record(lateness);
     figures.execution_ns.saturating_record(u64::try_from((end - begin).0).unwrap_or(0));
     figures.page_faults += job.counters.page_faults;
-    if end - release <= deadline {
-        return;
+    let missed = end - release > deadline;
+    if missed {
+        let ThreadCounters { page_faults, disk_faults, preemptions, waits } = job.counters;
+        let trace =
+            Trace { took: end - begin, cpu: job.cpu, page_faults, disk_faults, preemptions, waits };
+        figures.misses.add(cause(deadline, &trace, &circumstances.now()));
     }
-    let misses = &mut figures.misses;
-    // In order of how much each can explain: had the wake been on time, would it have made it?
-    if end - begin <= deadline {
-        misses.late_wake += 1;
-    } else if job.cpu > deadline {
-        misses.overrun += 1;
-    } else if job.counters.page_faults > 0 {
-        misses.page_fault += 1;
-    } else if job.counters.preemptions > 0 {
-        misses.preempted += 1;
-    } else if job.counters.waits > 0 {
-        misses.blocked += 1;
-    } else {
-        // The thread never left its processor, and yet time passed: the host or throttling did.
-        misses.throttled += 1;
-    }
+    missed
 }

@@ -7,6 +7,7 @@ use core::sync::atomic::{AtomicU64, Ordering};
 
 use taktil_hal::Nanos;
 
+use super::watch::Watch;
 use crate::schedule::LaneSpec;
 
 /// One lane's row.
@@ -46,6 +47,18 @@ impl Ledger {
             let due = jobs_due(&row.spec, release).min(row.jobs);
             other == lane || row.done.load(Ordering::Acquire) >= due
         })
+    }
+
+    /// How far a lane has come; `None` when it has run all its jobs.
+    pub(super) fn progress(&self, lane: usize) -> Option<u64> {
+        let row = self.rows.get(lane)?;
+        Some(row.done.load(Ordering::Relaxed)).filter(|done| *done < row.jobs)
+    }
+
+    /// With what lane `lane` watches all others, once in each of its jobs.
+    pub(super) fn watch(&self, lane: usize) -> Watch {
+        let limit = |(other, row): (usize, &Row)| (other != lane).then_some(row.spec.silent_after);
+        Watch::new(self.rows[lane].spec.period, self.rows.iter().enumerate().map(limit))
     }
 
     /// Whether every lane has run all its jobs.

@@ -84,6 +84,7 @@ pub(crate) const BANS: &[Ban] = &[
         except: &[
             ("rtcore/src/guard.rs", "two switches that any thread may read"),
             ("rtcore/src/live", "start and stop of the lanes' threads"),
+            ("rtcore/src/pulse.rs", "the task that runs now, for whoever looks from outside"),
             ("rtcore/src/virtual_time.rs", "the flag that stops a run"),
             ("drivers/regmap/src/io.rs", "a register file is shared with a device"),
             ("apps/taktil/src/run/", "a signal sets the flag that ends a run"),

@@ -154,13 +154,7 @@ impl LaneSum {
         self.skipped += figures.skipped;
         self.page_faults += figures.page_faults;
         self.allocations += figures.allocations;
-        let (mine, new) = (&mut self.misses, &figures.misses);
-        mine.late_wake += new.late_wake;
-        mine.overrun += new.overrun;
-        mine.preempted += new.preempted;
-        mine.blocked += new.blocked;
-        mine.page_fault += new.page_fault;
-        mine.throttled += new.throttled;
+        self.misses = self.misses.plus(&figures.misses);
         if let Some(new) = figures.guard {
             let sum = self.guard.get_or_insert_default();
             sum.spun += new.spun;

@@ -10,7 +10,7 @@ use taktil_rtcore::guard;
 use super::Findings;
 use super::compare::{QUANTILES, Ratios, middle};
 use super::measure::LaneSum;
-use crate::run::summary::attested;
+use crate::run::summary::{attested, misses_json};
 
 /// What a machine is good for, by its worst lateness; after the latency test of LinuxCNC.
 const GRADES: [(u64, &str); 5] = [
@@ -177,7 +177,6 @@ fn ratios_json(rows: &[Ratios]) -> Value {
 }
 
 fn lane_json(lane: &LaneSum, rate_hz: f64) -> Value {
-    let misses = &lane.misses;
     json!({
         "rate_hz": rate_hz,
         "period_ns": lane.spec.period.0,
@@ -188,14 +187,7 @@ fn lane_json(lane: &LaneSum, rate_hz: f64) -> Value {
         "job_us": object(&lane.execution),
         "jobs": lane.jobs,
         "skipped": lane.skipped,
-        "misses": {
-            "late_wake": misses.late_wake,
-            "overrun": misses.overrun,
-            "preempted": misses.preempted,
-            "blocked": misses.blocked,
-            "page_fault": misses.page_fault,
-            "throttled": misses.throttled,
-        },
+        "misses": misses_json(&lane.misses),
         "page_faults": lane.page_faults,
         "allocations": guard::installed().then_some(lane.allocations),
         "guard": lane.guard.map(|figures| json!({

@@ -22,7 +22,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::bail;
 use serde_json::Value;
 use taktil_mechanics::dynamics::Dynamics;
-use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Hang, Pace, Terms};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Machine, Nanos, linux, live, virtual_time};
 
@@ -79,6 +79,25 @@ impl Audience for Watch {
             log.flush();
         }
     }
+
+    fn hung(&mut self, hang: &Hang) {
+        self.progress.finish();
+        eprintln!("error: {hang}; the run is over, outputs are safe");
+        if let Err(error) = close_hung(self.log.take(), hang) {
+            eprintln!("error: {error:#}");
+        }
+        // Its thread cannot be joined.
+        std::process::exit(1);
+    }
+}
+
+/// Closes the log of a run that cannot end, with what is known about its end.
+///
+/// # Errors
+/// As [`McapLog::finish`].
+pub fn close_hung(log: Option<McapLog>, hang: &Hang) -> anyhow::Result<()> {
+    let Some(log) = log else { return Ok(()) };
+    log.finish_with(&BTreeMap::from([("hung".to_owned(), hang.to_string())]))
 }
 
 impl Observer for Watch {

@@ -4,7 +4,7 @@
 use hdrhistogram::Histogram;
 use serde_json::{Value, json};
 use taktil_rtcore::live::{Account, Attestation, LaneGrant};
-use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
+use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, Misses, guard};
 
 use super::budgets;
 use super::score::{Figures, Span, Spread};
@@ -223,8 +223,14 @@ fn bins(histogram: &Histogram<u64>) -> Value {
     Value::Array(bins)
 }
 
+/// Counts by cause.
+#[must_use]
+pub fn misses_json(misses: &Misses) -> Value {
+    let row = |(name, count): (&str, u64)| (name.to_owned(), Value::from(count));
+    Value::Object(misses.rows().into_iter().map(row).collect())
+}
+
 fn lane_json(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> Value {
-    let misses = &lane.misses;
     json!({
         "name": spec.name,
         "period_ns": spec.period.0,
@@ -242,14 +248,8 @@ fn lane_json(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> Value
         "tasks": budgets::json(lane, representative),
         "release_late_bins": bins(&lane.lateness_ns),
         "exec_bins": bins(&lane.execution_ns),
-        "misses": {
-            "late_wake": misses.late_wake,
-            "overrun": misses.overrun,
-            "preempted": misses.preempted,
-            "blocked": misses.blocked,
-            "page_fault": misses.page_fault,
-            "throttled": misses.throttled,
-        },
+        "misses": misses_json(&lane.misses),
+        "storms": lane.storms,
         "allocations": guard::installed().then_some(lane.allocations),
         "page_faults": lane.page_faults,
         "records_dropped": lane.records_dropped,

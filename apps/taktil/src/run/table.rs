@@ -195,6 +195,9 @@ fn causes(out: &mut String, lane: &Value) {
             words.push(format!("{} {text}", lane[key]));
         }
     }
+    if lane["storms"].as_u64().is_some_and(|n| n > 0) {
+        words.push("on a board these misses would have stopped the machine".to_owned());
+    }
     if !words.is_empty() {
         let _ = writeln!(out, "    {}", words.join(", "));
     }

@@ -1,0 +1,283 @@
+//! Jobs that end after their deadline: why they did, how many of them a lane bears, what it does
+//! about being late, and what its next job is told. Pure: readings come in as arguments. Refuses to
+//! lose a lane's phase: a job that is left out is left out whole.
+
+use taktil_hal::Nanos;
+
+use crate::fault::{FaultCode, FaultSet};
+use crate::schedule::Late;
+use crate::task::Invalid;
+
+/// Why jobs ended after their deadline.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Misses {
+    /// The thread was woken too late to make it.
+    pub late_wake: u64,
+    /// The job itself used more processor time than its deadline.
+    pub overrun: u64,
+    /// Another thread took the processor.
+    pub preempted: u64,
+    /// The job waited for something.
+    pub blocked: u64,
+    /// The job touched memory that was not there.
+    pub page_fault: u64,
+    /// The kernel took the processor because a quota was used up: that of all real-time threads,
+    /// or that of the control group.
+    pub throttled: u64,
+    /// The thread kept its processor, and time passed: the host of this virtual machine took it.
+    pub host: u64,
+    /// As `host`, on a machine that has none: firmware, a hot processor, or what is not known.
+    pub unexplained: u64,
+}
+
+/// Why one job ended after its deadline.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields of `Misses` say what they mean")]
+pub enum Cause {
+    LateWake,
+    Overrun,
+    Preempted,
+    Blocked,
+    PageFault,
+    Throttled,
+    Host,
+    Unexplained,
+}
+
+impl Misses {
+    /// Names and counts in a fixed order, for whoever shows or adds them.
+    #[must_use]
+    pub const fn rows(&self) -> [(&'static str, u64); 8] {
+        [
+            ("late_wake", self.late_wake),
+            ("overrun", self.overrun),
+            ("preempted", self.preempted),
+            ("blocked", self.blocked),
+            ("page_fault", self.page_fault),
+            ("throttled", self.throttled),
+            ("host", self.host),
+            ("unexplained", self.unexplained),
+        ]
+    }
+
+    /// All of them.
+    #[must_use]
+    pub fn total(&self) -> u64 {
+        self.rows().iter().map(|(_, count)| count).sum()
+    }
+
+    /// Counts one.
+    pub fn add(&mut self, cause: Cause) {
+        let count = match cause {
+            Cause::LateWake => &mut self.late_wake,
+            Cause::Overrun => &mut self.overrun,
+            Cause::Preempted => &mut self.preempted,
+            Cause::Blocked => &mut self.blocked,
+            Cause::PageFault => &mut self.page_fault,
+            Cause::Throttled => &mut self.throttled,
+            Cause::Host => &mut self.host,
+            Cause::Unexplained => &mut self.unexplained,
+        };
+        *count += 1;
+    }
+
+    /// Both together.
+    #[must_use]
+    pub fn plus(mut self, other: &Misses) -> Misses {
+        self.late_wake += other.late_wake;
+        self.overrun += other.overrun;
+        self.preempted += other.preempted;
+        self.blocked += other.blocked;
+        self.page_fault += other.page_fault;
+        self.throttled += other.throttled;
+        self.host += other.host;
+        self.unexplained += other.unexplained;
+        self
+    }
+}
+
+/// What was read about one job that ended too late.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Trace {
+    /// Begin to end on the clock.
+    pub took: Nanos,
+    /// Processor time of the thread between them.
+    pub cpu: Nanos,
+    /// Page faults, with and without disk.
+    pub page_faults: u64,
+    /// Those that waited for a disk.
+    pub disk_faults: u64,
+    /// Times that the processor was taken away.
+    pub preemptions: u64,
+    /// Times that the thread gave it up to wait.
+    pub waits: u64,
+}
+
+/// What the kernel may do to a lane's thread, and what it has done to its group.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Ground {
+    /// The part of each period for which real-time threads are throttled; none when they are not,
+    /// or when the thread is not one of them.
+    pub throttle_gap: Option<Nanos>,
+    /// The control group's quota has run out since the last miss.
+    pub quota_used: bool,
+    /// There is a host that may take the processor unseen.
+    pub virtual_machine: bool,
+}
+
+/// Processor time that a page fault without disk takes at least, entry and zeroing included.
+const FAULT_COST: Nanos = Nanos::from_micros(1);
+
+/// The cause that explains most: without it the job would have made its deadline.
+#[must_use]
+pub fn cause(deadline: Nanos, trace: &Trace, ground: &Ground) -> Cause {
+    if trace.took <= deadline {
+        return Cause::LateWake;
+    }
+    let in_faults = FAULT_COST * i64::try_from(trace.page_faults).unwrap_or(i64::MAX / 1_000_000);
+    if trace.cpu > deadline {
+        let without = trace.cpu - in_faults;
+        return if without <= deadline { Cause::PageFault } else { Cause::Overrun };
+    }
+    if trace.disk_faults > 0 {
+        return Cause::PageFault;
+    }
+    let away = trace.took - trace.cpu;
+    if trace.preemptions > 0 {
+        // A throttle takes the processor for its whole gap; what is much shorter was a thread.
+        if ground.quota_used || ground.throttle_gap.is_some_and(|gap| away * 2 >= gap) {
+            return Cause::Throttled;
+        }
+        // Who gave the processor up to wait is also preempted now and then; not the other way.
+        if trace.preemptions > trace.waits {
+            return Cause::Preempted;
+        }
+    }
+    if trace.waits > 0 {
+        return Cause::Blocked;
+    }
+    if trace.page_faults > 0 {
+        return Cause::PageFault;
+    }
+    if ground.virtual_machine { Cause::Host } else { Cause::Unexplained }
+}
+
+/// How many misses a lane bears: each adds one, and one leaks away with so many jobs without a
+/// miss. Full is a storm, which stops the machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bucket {
+    /// Misses that fill it.
+    pub full: u32,
+    /// Jobs in a row without a miss that take one out.
+    pub leak_jobs: u32,
+}
+
+impl Default for Bucket {
+    /// Five misses, one forgiven for every 100 good jobs.
+    fn default() -> Bucket {
+        Bucket { full: 5, leak_jobs: 100 }
+    }
+}
+
+/// Larger numbers cannot be meant: they would never stop anything.
+const LARGEST: u32 = 1_000_000;
+
+impl Bucket {
+    /// Refuses a bucket that is always full or never leaks, and one that is none.
+    ///
+    /// # Errors
+    /// The number out of range. The place is relative to the bucket.
+    pub fn check(&self) -> Result<(), Invalid> {
+        for (place, number) in [("bucket", self.full), ("leak_jobs", self.leak_jobs)] {
+            if !(1..=LARGEST).contains(&number) {
+                return Err(Invalid::new(
+                    place,
+                    format!("{number} is out of range"),
+                    format!("give 1 to {LARGEST}; 5 misses and 100 jobs are usual"),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What the schedule tells a job about the jobs before it: an input like any other, so that a
+/// record of it replays.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Notice {
+    /// Faults of the schedule since the job before.
+    pub faults: FaultSet,
+    /// Jobs that missed their deadline or were left out since the job before.
+    pub missed: u32,
+    /// Other lanes that stand still, one bit each in the machine's order.
+    pub silent: u32,
+}
+
+/// A lane's lateness from job to job: its policy and its bucket.
+#[derive(Clone, Debug)]
+pub struct Discipline {
+    late: Late,
+    bucket: Bucket,
+    level: u32,
+    calm: u32,
+    caught_up: u32,
+    storms: u64,
+}
+
+impl Discipline {
+    /// Nothing has been missed yet.
+    #[must_use]
+    pub fn new(late: Late, bucket: Bucket) -> Discipline {
+        Discipline { late, bucket, level: 0, calm: 0, caught_up: 0, storms: 0 }
+    }
+
+    /// A job has ended, after its deadline or not, when `behind` jobs after it had been superseded
+    /// by newer ones. Returns how many of these are left out, and the notice for the next job.
+    pub fn after(&mut self, missed: bool, behind: u64) -> (u64, Notice) {
+        let left_out = match self.late {
+            Late::Skip | Late::Fault => behind,
+            Late::CatchUp { at_most } if behind > 0 && self.caught_up < at_most => {
+                self.caught_up += 1;
+                0
+            }
+            Late::CatchUp { .. } => {
+                self.caught_up = 0;
+                behind
+            }
+        };
+        let lost = u32::try_from(left_out).unwrap_or(u32::MAX).saturating_add(u32::from(missed));
+        let mut faults = FaultSet::NONE;
+        if lost == 0 {
+            self.leak();
+        } else {
+            faults.insert(FaultCode::Overrun);
+            if self.late == Late::Fault {
+                faults.insert(FaultCode::DeadlineMissed);
+            }
+            self.calm = 0;
+            self.level = self.level.saturating_add(lost).min(self.bucket.full);
+            if self.level == self.bucket.full {
+                faults.insert(FaultCode::OverrunStorm);
+                self.storms += 1;
+            }
+        }
+        (left_out, Notice { faults, missed: lost, silent: 0 })
+    }
+
+    fn leak(&mut self) {
+        self.calm = if self.level == 0 { 0 } else { self.calm + 1 };
+        if self.calm >= self.bucket.leak_jobs {
+            self.calm = 0;
+            self.level -= 1;
+        }
+    }
+
+    /// Misses that found or made the bucket full.
+    #[must_use]
+    pub fn storms(&self) -> u64 {
+        self.storms
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,148 @@
+//! Causes from made-up readings, the bucket and the three policies.
+
+use super::*;
+
+const DEADLINE: Nanos = Nanos::from_micros(2500);
+
+fn us(us: i64) -> Nanos {
+    Nanos::from_micros(us)
+}
+
+fn of(took_us: i64, cpu_us: i64, change: impl FnOnce(&mut Trace)) -> Trace {
+    let mut trace = Trace { took: us(took_us), cpu: us(cpu_us), ..Trace::default() };
+    change(&mut trace);
+    trace
+}
+
+fn why(trace: &Trace) -> Cause {
+    cause(DEADLINE, trace, &Ground::default())
+}
+
+#[test]
+fn each_cause_has_its_own_evidence() {
+    assert_eq!(why(&of(2500, 100, |t| t.preemptions = 3)), Cause::LateWake, "it took no longer");
+    assert_eq!(why(&of(9000, 2501, |t| t.waits = 1)), Cause::Overrun);
+    assert_eq!(why(&of(9000, 100, |t| t.preemptions = 1)), Cause::Preempted);
+    assert_eq!(why(&of(9000, 100, |t| t.waits = 1)), Cause::Blocked);
+    assert_eq!(why(&of(9000, 100, |t| (t.waits, t.disk_faults) = (1, 1))), Cause::PageFault);
+    assert_eq!(why(&of(9000, 100, |t| t.page_faults = 1)), Cause::PageFault);
+    assert_eq!(why(&of(9000, 100, |_| ())), Cause::Unexplained);
+    let guest = Ground { virtual_machine: true, ..Ground::default() };
+    assert_eq!(cause(DEADLINE, &of(9000, 100, |_| ()), &guest), Cause::Host);
+}
+
+#[test]
+fn faults_that_made_the_time_are_told_from_faults_beside_it() {
+    let many = of(4000, 3900, |t| t.page_faults = 1400);
+    assert_eq!(why(&many), Cause::PageFault, "1400 us of them at least");
+    let few = of(4000, 3900, |t| t.page_faults = 10);
+    assert_eq!(why(&few), Cause::Overrun);
+    let beside = of(9000, 100, |t| (t.page_faults, t.preemptions) = (10, 1));
+    assert_eq!(why(&beside), Cause::Preempted, "a fault without disk never leaves the processor");
+    assert_eq!(why(&of(9000, 2600, |t| t.page_faults = u64::MAX)), Cause::PageFault);
+}
+
+#[test]
+fn throttling_is_asked_for_and_not_assumed() {
+    let gone = |away_us: i64| of(100 + away_us, 100, |t| t.preemptions = 1);
+    let throttled = Ground { throttle_gap: Some(us(50_000)), ..Ground::default() };
+    assert_eq!(cause(DEADLINE, &gone(49_000), &throttled), Cause::Throttled);
+    assert_eq!(cause(DEADLINE, &gone(24_000), &throttled), Cause::Preempted, "too short for it");
+    assert_eq!(cause(DEADLINE, &gone(49_000), &Ground::default()), Cause::Preempted);
+    let quota = Ground { quota_used: true, ..Ground::default() };
+    assert_eq!(cause(DEADLINE, &gone(9_000), &quota), Cause::Throttled);
+    let waited = of(90_000, 100, |t| t.waits = 1);
+    assert_eq!(cause(DEADLINE, &waited, &throttled), Cause::Blocked);
+}
+
+#[test]
+fn counts_add_up() {
+    let mut misses = Misses::default();
+    let causes = [
+        Cause::LateWake,
+        Cause::Overrun,
+        Cause::Preempted,
+        Cause::Blocked,
+        Cause::PageFault,
+        Cause::Throttled,
+        Cause::Host,
+        Cause::Unexplained,
+    ];
+    for (index, cause) in causes.into_iter().enumerate() {
+        misses.add(cause);
+        assert_eq!(misses.rows()[index].1, 1, "{cause:?}");
+    }
+    assert_eq!(misses.total(), 8);
+    assert!(misses.plus(&misses).rows().iter().all(|(_, count)| *count == 2));
+}
+
+fn discipline(late: Late) -> Discipline {
+    Discipline::new(late, Bucket { full: 3, leak_jobs: 4 })
+}
+
+fn storm(notice: Notice) -> bool {
+    notice.faults.contains(FaultCode::OverrunStorm)
+}
+
+#[test]
+fn the_bucket_fills_by_misses_and_leaks_by_good_jobs() {
+    let mut lane = discipline(Late::Skip);
+    assert!(!storm(lane.after(true, 0).1) && !storm(lane.after(true, 0).1));
+    for _ in 0..4 {
+        assert_eq!(lane.after(false, 0).1, Notice::default());
+    }
+    assert!(!storm(lane.after(true, 0).1), "one has leaked");
+    for _ in 0..3 {
+        lane.after(false, 0);
+    }
+    let third = lane.after(true, 0).1;
+    assert!(storm(third), "three good jobs are not enough");
+    assert!(third.faults.contains(FaultCode::Overrun));
+    assert!(storm(lane.after(true, 0).1), "full stays full");
+    assert_eq!(lane.storms(), 2);
+    for _ in 0..1000 {
+        assert!(lane.after(false, 0).1.faults.is_empty());
+    }
+    assert!(!storm(lane.after(true, 0).1) && !storm(lane.after(true, 0).1), "it ran empty");
+}
+
+#[test]
+fn a_job_that_is_left_out_weighs_as_much_as_a_late_one() {
+    let mut lane = discipline(Late::Skip);
+    let (left_out, notice) = lane.after(true, 2);
+    assert_eq!((left_out, notice.missed), (2, 3));
+    assert!(storm(notice));
+    assert_eq!(lane.after(true, u64::MAX), (u64::MAX, Notice { missed: u32::MAX, ..notice }));
+}
+
+#[test]
+fn catching_up_is_bounded_and_then_gives_up_the_rest() {
+    let mut lane = discipline(Late::CatchUp { at_most: 2 });
+    assert_eq!(lane.after(true, 7).0, 0);
+    assert_eq!(lane.after(true, 6).0, 0);
+    assert_eq!(lane.after(true, 5).0, 5, "two were caught up, the rest is left out");
+    assert_eq!(lane.after(true, 1).0, 0, "and again");
+    lane.after(false, 0);
+    assert_eq!((lane.after(true, 3).0, lane.after(true, 2).0), (0, 0), "the count begins anew");
+    let mut world = discipline(Late::CatchUp { at_most: u32::MAX });
+    assert!((0..10_000).all(|_| world.after(true, 50).0 == 0));
+}
+
+#[test]
+fn a_lane_that_may_not_miss_raises_a_fault_at_once() {
+    let mut lane = discipline(Late::Fault);
+    assert!(lane.after(false, 0).1.faults.is_empty());
+    let (left_out, notice) = lane.after(true, 4);
+    assert_eq!(left_out, 4, "the phase is kept");
+    assert!(notice.faults.contains(FaultCode::DeadlineMissed));
+    assert!(!discipline(Late::Skip).after(true, 0).1.faults.contains(FaultCode::DeadlineMissed));
+}
+
+#[test]
+fn a_bucket_that_cannot_be_meant_is_refused() {
+    assert_eq!(Bucket::default().check(), Ok(()));
+    for bad in [0, LARGEST + 1, u32::MAX] {
+        assert_eq!(Bucket { full: bad, leak_jobs: 1 }.check().unwrap_err().place, "bucket");
+        assert_eq!(Bucket { full: 1, leak_jobs: bad }.check().unwrap_err().place, "leak_jobs");
+    }
+}
