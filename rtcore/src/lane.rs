@@ -11,6 +11,7 @@ use taktil_hal::Nanos;
 use crate::fault::{FaultCode, FaultSet};
 use crate::guard;
 use crate::linux::monotonic;
+use crate::machine::Recording;
 use crate::misses::{Misses, Notice};
 use crate::mode::Mode;
 use crate::port::{AnyCell, Binding, Input, Io, Output};
@@ -43,6 +44,7 @@ pub(crate) struct Lane {
     pub(crate) latch: Latch,
     pub(crate) missed: u32,
     pub(crate) pulse: Arc<Pulse>,
+    pub(crate) recording: Recording,
     pub(crate) tap: Tap,
     pub(crate) scratch: Box<[u8]>,
     pub(crate) next_tick: u64,
@@ -246,12 +248,21 @@ impl Lane {
         self.publish(tick, release);
     }
 
+    /// Without recording only what other lanes read has to be looked at after a job.
+    pub(crate) fn record(&mut self, recording: Recording) {
+        self.recording = recording;
+        if recording == Recording::Off {
+            let cells = &self.cells;
+            self.signals.retain(|&(cell, _)| cells[cell].linked());
+        }
+    }
+
     fn publish(&mut self, tick: u64, release: Nanos) {
         let visible = release + self.spec.delivery;
         for &(cell, signal) in &self.signals {
-            if let Some(length) =
-                self.cells[cell].publish(visible, &mut self.scratch[HEADER_BYTES..])
-            {
+            let scratch =
+                (self.recording == Recording::Full).then_some(&mut self.scratch[HEADER_BYTES..]);
+            if let Some(length) = self.cells[cell].publish(visible, scratch) {
                 self.tap.put(signal, tick, release, &mut self.scratch[..HEADER_BYTES + length]);
             }
         }

@@ -7,6 +7,7 @@
 
 pub mod analysis;
 pub mod attest;
+pub mod bare;
 pub mod fault;
 pub mod guard;
 pub mod hyperperiod;
@@ -30,7 +31,7 @@ pub mod virtual_time;
 pub use analysis::{Allowance, Analysis};
 pub use fault::{FaultCode, FaultSet};
 pub use lane::{Figures, TaskFigures};
-pub use machine::{Builder, LaneId, Machine};
+pub use machine::{Builder, LaneId, Machine, Recording};
 pub use misses::{Bucket, Misses, Notice};
 pub use mode::Mode;
 pub use payload::Payload;

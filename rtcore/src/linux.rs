@@ -38,11 +38,20 @@ pub fn thread_cpu_time() -> Nanos {
     read(ClockId::CLOCK_THREAD_CPUTIME_ID)
 }
 
+/// Epochs stand on whole multiples of this: of the kernel's tick at 50, 100, 250 and 1000 Hz alike.
+/// The tick stands on whole multiples of its period too, so a lane's phase also says how its
+/// releases stand to the tick, and every start finds them standing the same way.
+const EPOCH_GRAIN: Nanos = Nanos::from_millis(20);
+
 impl MonotonicClock {
-    /// A clock that shows zero at `lead` from now.
+    /// A clock that shows zero at `lead` from now or up to 20 ms later, on a whole multiple of
+    /// 20 ms of the kernel's monotonic time.
     #[must_use]
     pub fn starting_in(lead: Nanos) -> MonotonicClock {
-        MonotonicClock { origin: monotonic() + lead }
+        let earliest = (monotonic() + lead).0;
+        let past = earliest.rem_euclid(EPOCH_GRAIN.0);
+        let wait = if past == 0 { 0 } else { EPOCH_GRAIN.0 - past };
+        MonotonicClock { origin: Nanos(earliest + wait) }
     }
 }
 

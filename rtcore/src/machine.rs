@@ -38,6 +38,16 @@ struct Draft {
     outputs: Vec<(usize, OutputDeclaration)>,
 }
 
+/// What leaves the lanes for observers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Recording {
+    /// Every value that is written.
+    #[default]
+    Full,
+    /// Nothing: values reach other lanes only.
+    Off,
+}
+
 /// Collects lanes, tasks and bindings, then checks and joins them.
 #[derive(Default)]
 pub struct Builder {
@@ -47,6 +57,7 @@ pub struct Builder {
     allowance: Allowance,
     cpus: Option<BTreeSet<usize>>,
     time_tasks: bool,
+    recording: Recording,
 }
 
 /// A machine that can be run by an executor.
@@ -212,6 +223,11 @@ impl Builder {
         self.time_tasks = true;
     }
 
+    /// Chooses what leaves the lanes for observers; [`Recording::Full`] unless said otherwise.
+    pub fn recording(&mut self, recording: Recording) {
+        self.recording = recording;
+    }
+
     /// Joins everything.
     ///
     /// # Errors
@@ -260,6 +276,9 @@ impl Builder {
         }
         if let Some(signal) = &self.mode {
             bind_mode(&mut lanes, signal, &homes, &catalog)?;
+        }
+        for lane in &mut lanes {
+            lane.record(self.recording);
         }
         Ok(Machine { lanes, drains, catalog, analysis })
     }
@@ -410,6 +429,7 @@ fn take_lane(
         latch: Latch::new(Nanos::ZERO),
         missed: 0,
         pulse: Arc::default(),
+        recording: Recording::Full,
         tap,
         scratch: vec![0; HEADER_BYTES + body].into_boxed_slice(),
         next_tick: 0,

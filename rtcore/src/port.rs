@@ -86,8 +86,10 @@ pub(crate) trait AnyCell: Send {
     /// Takes what has become visible at `release`.
     fn receive(&mut self, release: Nanos);
     /// If written in this job: sends it to the other lanes and encodes it; returns the body's
-    /// length.
-    fn publish(&mut self, visible: Nanos, scratch: &mut [u8]) -> Option<usize>;
+    /// length. With nowhere to encode it only sends.
+    fn publish(&mut self, visible: Nanos, scratch: Option<&mut [u8]>) -> Option<usize>;
+    /// Whether other lanes read it.
+    fn linked(&self) -> bool;
     /// Values lost to full rings.
     fn dropped(&self) -> u64;
 }
@@ -122,7 +124,7 @@ impl<T: Payload> AnyCell for Cell<T> {
         }
     }
 
-    fn publish(&mut self, visible: Nanos, scratch: &mut [u8]) -> Option<usize> {
+    fn publish(&mut self, visible: Nanos, scratch: Option<&mut [u8]>) -> Option<usize> {
         if !self.written {
             return None;
         }
@@ -131,8 +133,12 @@ impl<T: Payload> AnyCell for Cell<T> {
             // A full ring is counted by the sender and reported with the lane's figures.
             let _ = ring.send(self.value, self.stamp, visible);
         }
-        self.value.encode(&mut scratch[..T::SIZE]);
+        self.value.encode(&mut scratch?[..T::SIZE]);
         Some(T::SIZE)
+    }
+
+    fn linked(&self) -> bool {
+        !self.to.is_empty()
     }
 
     fn dropped(&self) -> u64 {

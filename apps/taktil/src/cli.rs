@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use taktild::source::Located;
 
+use crate::bench::{self, Bench};
 use crate::diff;
 use crate::doctor;
 use crate::jitter::{self, JitterArgs};
@@ -122,6 +123,9 @@ enum Command {
     ///
     /// Exit code 0 however late it is; 2: an option that cannot be used, or no cyclictest.
     Jitter(JitterArgs),
+    /// What parts of this program cost, in time and instructions.
+    #[command(subcommand)]
+    Bench(Bench),
     /// The mathematics as a filter: one JSON request a line on stdin, one JSON answer a line on
     /// stdout.
     Calc {
@@ -167,6 +171,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         }
         Command::Diff { a, b, json } => diff::run(&diff::Options { a, b, json }),
         Command::Jitter(arguments) => jitter::run(&arguments),
+        Command::Bench(bench) => bench::run(&bench),
         Command::Calc { list: true } => {
             print!("{}", crate::calc::list());
             Ok(ExitCode::SUCCESS)

@@ -50,6 +50,8 @@ impl Cyclictest {
         arguments.extend(["-p".into(), spec.priority.to_string()]);
         arguments.extend(["-i".into(), interval_us.to_string()]);
         arguments.extend(["-h".into(), LONGEST_US.to_string()]);
+        // The same phase to the kernel's tick as ours: after a whole second.
+        arguments.push(format!("--secaligned={}", spec.phase.0 / 1000));
         if let Some(cpu) = spec.cpu {
             arguments.extend(["-a".into(), cpu.to_string()]);
         }

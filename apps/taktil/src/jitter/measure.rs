@@ -43,13 +43,15 @@ pub struct Lanes {
 const RATES_HZ: core::ops::RangeInclusive<f64> = 1.0..=20_000.0;
 
 impl Lanes {
-    /// One lane a rate, their phases apart, so that none waits for another's job.
+    /// One lane a rate, their phases apart from that of the first, so that none waits for another's
+    /// job.
     ///
     /// # Errors
     /// [`BadOption`] with the option's name.
     pub fn new(
         rates_hz: &[f64],
         priority: u8,
+        phase: Nanos,
         cpu: Option<usize>,
         guard: Option<f64>,
     ) -> Result<Lanes, BadOption> {
@@ -72,10 +74,12 @@ impl Lanes {
             let guard =
                 guard.map_err(|invalid| BadOption(format!("--guard: {}", text(&invalid))))?;
             let mut spec = LaneSpec::new(format!("lane{index}"), period, priority - index);
-            spec.phase = Nanos(step * i64::from(index));
+            spec.phase = phase + Nanos(step * i64::from(index));
             spec.cpu = cpu;
             spec.guard = guard;
-            spec.check().map_err(|invalid| BadOption(format!("--rate-hz: {}", text(&invalid))))?;
+            let option = |place: &str| if place == "phase_us" { "--phase-us" } else { "--rate-hz" };
+            spec.check()
+                .map_err(|bad| BadOption(format!("{}: {}", option(&bad.place), text(&bad))))?;
             specs.push(spec);
         }
         Ok(Lanes { specs })
@@ -220,14 +224,14 @@ mod tests {
 
     #[test]
     fn lanes_descend_in_priority_and_stand_apart() {
-        let lanes = Lanes::new(&[400.0, 200.0], 80, Some(0), Some(0.1)).unwrap();
+        let lanes = Lanes::new(&[400.0, 200.0], 80, Nanos::ZERO, Some(0), Some(0.1)).unwrap();
         let (fast, slow) = (&lanes.specs[0], &lanes.specs[1]);
         assert_eq!((fast.period, slow.period), (Nanos(2_500_000), Nanos(5_000_000)));
         assert_eq!((fast.priority, slow.priority), (80, 79));
         assert_eq!((fast.phase, slow.phase), (Nanos::ZERO, Nanos(1_250_000)));
         assert_eq!(fast.guard.unwrap().spin_max, Nanos(250_000));
         assert_eq!(slow.cpu, Some(0));
-        assert!(Lanes::new(&[400.0, 200.0], 1, None, None).is_err(), "priorities run out");
+        assert!(Lanes::new(&[400.0, 200.0], 1, Nanos::ZERO, None, None).is_err(), "none left");
     }
 
     #[test]

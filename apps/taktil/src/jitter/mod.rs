@@ -36,6 +36,10 @@ pub struct JitterArgs {
     /// CPU to run on; any when absent
     #[arg(long, value_name = "N")]
     pub cpu: Option<usize>,
+    /// Phase of the first lane after a whole 20 ms of the kernel's time, and cyclictest's: how
+    /// releases stand to the kernel's tick
+    #[arg(long, value_name = "US")]
+    pub phase_us: Option<u32>,
     /// Seconds in all
     #[arg(long = "for", value_name = "S", default_value_t = 10.0)]
     pub for_s: f64,
@@ -159,8 +163,9 @@ fn lanes(arguments: &JitterArgs) -> anyhow::Result<Lanes> {
             return Err(BadOption(format!("--cpu {cpu}: this machine has no such CPU")).into());
         }
     }
-    let lanes = Lanes::new(&arguments.rate_hz, arguments.priority, arguments.cpu, arguments.guard)?;
-    Ok(lanes)
+    let phase = Nanos::from_micros(i64::from(arguments.phase_us.unwrap_or(0)));
+    let (rates, priority) = (&arguments.rate_hz, arguments.priority);
+    Ok(Lanes::new(rates, priority, phase, arguments.cpu, arguments.guard)?)
 }
 
 /// How many pairs of slices fit.
@@ -193,6 +198,7 @@ mod tests {
             rate_hz: vec![400.0],
             priority: 80,
             cpu: None,
+            phase_us: None,
             for_s: 60.0,
             guard: None,
             load: false,

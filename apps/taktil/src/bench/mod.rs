@@ -1,0 +1,89 @@
+//! `taktil bench executor`: what the executor costs a cycle and a hop, in time and in
+//! instructions. Refuses to time tasks: those of the chain do nothing.
+
+pub mod chain;
+pub mod measure;
+
+use std::process::ExitCode;
+
+use taktil_rtcore::machine::Recording;
+
+use crate::run::BadOption;
+use chain::{Chain, Flow, Shape};
+use measure::{Contest, Contestant, Plan};
+
+/// What can be measured.
+#[derive(Clone, Debug, clap::Subcommand)]
+pub enum Bench {
+    /// The executor: a chain of tasks that do nothing, time and instructions a cycle and a hop.
+    ///
+    /// The same program beside cu29 (copper-rs): `cargo run --release` in tests/bench-executor.
+    Executor(Plan),
+}
+
+/// Measures and prints.
+///
+/// # Errors
+/// [`BadOption`] for what cannot be used.
+pub fn run(bench: &Bench) -> anyhow::Result<ExitCode> {
+    let Bench::Executor(plan) = bench;
+    executor(plan, Vec::new())
+}
+
+/// Our chains and, beside them, those of others.
+///
+/// # Errors
+/// [`BadOption`] for what cannot be used.
+pub fn executor(plan: &Plan, others: Vec<Contestant>) -> anyhow::Result<ExitCode> {
+    plan.check().map_err(BadOption)?;
+    let mut contestants = ours()?;
+    contestants.extend(others);
+    if let Some(place) = plan.only {
+        // A child under the instruction counter: one contestant, no clock, no answer.
+        let one = contestants.get_mut(place).ok_or_else(|| BadOption("--only: no such".into()))?;
+        (one.run)(plan.cycles);
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut contest = Contest::new(contestants);
+    contest.time(plan);
+    if plan.instructions {
+        contest.count()?;
+    }
+    if plan.json {
+        println!("{}", contest.json());
+    } else {
+        print!("{}", contest.table());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Hops of the long chain.
+pub const HOPS: usize = 6;
+
+fn ours() -> anyhow::Result<Vec<Contestant>> {
+    let mut all = Vec::new();
+    let ways = [
+        ("recording off", Recording::Off, false),
+        ("each task timed", Recording::Off, true),
+        ("every value recorded", Recording::Full, false),
+    ];
+    for flow in [Flow::I32, Flow::F64x6] {
+        for (way, recording, time_tasks) in ways {
+            for hops in [0, HOPS] {
+                let mut chain = Chain::new(Shape { hops, flow, recording, time_tasks })?;
+                all.push(Contestant {
+                    who: "taktil",
+                    flow: flow.name(),
+                    way,
+                    hops,
+                    run: Box::new(move |cycles| {
+                        let mut watch = measure::Watch::default();
+                        chain.run(cycles, |begin| watch.lap(begin));
+                        watch.total()
+                    }),
+                });
+            }
+        }
+    }
+    Ok(all)
+}

@@ -1,0 +1,34 @@
+//! Jobs of one lane back to back, without release, wait or clock: what a benchmark times and an
+//! instruction counter counts. Refuses to be an executor: values cross lanes only as far as the
+//! caller runs both, and nothing is accounted.
+
+use crate::fault::FaultCode;
+use crate::machine::Machine;
+use crate::record::Observer;
+
+/// Starts every task, as an executor does before the first job.
+///
+/// # Errors
+/// A task that refused, with its name.
+pub fn start(machine: &mut Machine) -> Result<(), (String, FaultCode)> {
+    machine.start()
+}
+
+/// Runs the next `jobs` jobs of lane number `lane`, in the order in which lanes were added; without
+/// such a lane nothing. The lane's ring holds the records of half a second at least: drain it before.
+pub fn jobs(machine: &mut Machine, lane: usize, jobs: u64) {
+    let Some(lane) = machine.lanes.get_mut(lane) else { return };
+    for _ in 0..jobs {
+        lane.job(lane.next_tick);
+    }
+}
+
+/// Hands the records of every lane to `observer`; returns how many.
+pub fn drain(machine: &mut Machine, observer: &mut dyn Observer) -> usize {
+    machine.drains.iter_mut().map(|drain| drain.drain(observer)).sum()
+}
+
+/// Stops every task; lanes gather what they lost.
+pub fn stop(machine: &mut Machine) {
+    machine.stop();
+}
