@@ -4,6 +4,7 @@
 
 use crate::fault::FaultCode;
 use crate::machine::Machine;
+use crate::misses::Notice;
 use crate::record::Observer;
 
 /// Starts every task, as an executor does before the first job.
@@ -15,11 +16,12 @@ pub fn start(machine: &mut Machine) -> Result<(), (String, FaultCode)> {
 }
 
 /// Runs the next `jobs` jobs of lane number `lane`, in the order in which lanes were added; without
-/// such a lane nothing. The lane's ring holds the records of half a second at least: drain it before.
+/// such a lane nothing. The lane's ring holds the records of half a second at least: drain it
+/// before.
 pub fn jobs(machine: &mut Machine, lane: usize, jobs: u64) {
     let Some(lane) = machine.lanes.get_mut(lane) else { return };
     for _ in 0..jobs {
-        lane.job(lane.next_tick);
+        lane.job(lane.next_tick, Notice::default());
     }
 }
 

@@ -80,9 +80,7 @@ struct Cell<T> {
 }
 
 /// What a lane does with its cells without knowing their types.
-pub(crate) trait AnyCell: Send {
-    fn as_any(&self) -> &dyn Any;
-    fn as_any_mut(&mut self) -> &mut dyn Any;
+pub(crate) trait AnyCell: Any + Send {
     /// Takes what has become visible at `release`.
     fn receive(&mut self, release: Nanos);
     /// If written in this job: sends it to the other lanes and encodes it; returns the body's
@@ -108,14 +106,6 @@ impl<T: Payload> Cell<T> {
 }
 
 impl<T: Payload> AnyCell for Cell<T> {
-    fn as_any(&self) -> &dyn Any {
-        self
-    }
-
-    fn as_any_mut(&mut self) -> &mut dyn Any {
-        self
-    }
-
     fn receive(&mut self, release: Nanos) {
         if let Some(arrived) = self.from.as_mut().and_then(|ring| ring.newest(release)) {
             self.value = arrived.value;
@@ -176,7 +166,8 @@ pub(crate) struct Binding {
 }
 
 fn connect<T: Payload>(producer: &mut dyn AnyCell, capacity: usize) -> Option<Box<dyn AnyCell>> {
-    let cell = producer.as_any_mut().downcast_mut::<Cell<T>>()?;
+    let producer: &mut dyn Any = producer;
+    let cell = producer.downcast_mut::<Cell<T>>()?;
     let (sender, receiver) = link(capacity);
     cell.to.push(sender);
     Some(Box::new(Cell::<T>::new(Some(receiver))))
@@ -269,7 +260,8 @@ impl Io<'_> {
         };
         let Some(binding) = self.inputs.get_mut(input.index) else { return absent };
         let Some(cell) = self.cells.get(binding.cell) else { return absent };
-        let Some(cell) = cell.as_any().downcast_ref::<Cell<T>>() else { return absent };
+        let cell: &dyn Any = cell.as_ref();
+        let Some(cell) = cell.downcast_ref::<Cell<T>>() else { return absent };
         if cell.version == 0 {
             return absent;
         }
@@ -293,11 +285,9 @@ impl Io<'_> {
             return;
         }
         let release = self.release;
-        if let Some(cell) = self
-            .cells
-            .get_mut(output.cell)
-            .and_then(|cell| cell.as_any_mut().downcast_mut::<Cell<T>>())
-        {
+        let Some(cell) = self.cells.get_mut(output.cell) else { return };
+        let cell: &mut dyn Any = cell.as_mut();
+        if let Some(cell) = cell.downcast_mut::<Cell<T>>() {
             cell.value = value;
             cell.stamp = release;
             cell.version += 1;

@@ -91,6 +91,8 @@ fn every_dependency_has_its_reason() {
     let root = source::read("Cargo.toml");
     let record = source::read(records::DEPENDENCIES);
     none("dependencies", &records::unexplained(&root, &record));
+    let outside = source::read(records::OUTSIDE);
+    none("outside", &records::unexplained_outside(&Tree::read().text, &root, &outside));
 }
 
 #[test]

@@ -8,6 +8,8 @@ use crate::source::{Text, read, root};
 
 /// The decision record that explains each dependency.
 pub(crate) const DEPENDENCIES: &str = "docs/decisions/0003-dependencies.md";
+/// Reasons of what crates outside the workspace take besides.
+pub(crate) const OUTSIDE: &str = "docs/decisions/0014-crates-outside.md";
 
 /// The index of decisions and the records that exist: name and text.
 pub(crate) fn decisions() -> (String, Vec<(String, String)>) {
@@ -66,7 +68,30 @@ pub(crate) fn unexplained(manifest: &str, record: &str) -> Vec<String> {
     missing.chain(stale).collect()
 }
 
-/// Complaints about members that fix a version of their own.
+/// Complaints about dependencies of crates outside the workspace that no row of the record names,
+/// and that the workspace does not have anyway.
+pub(crate) fn unexplained_outside(files: &[Text], root: &str, record: &str) -> Vec<String> {
+    let root: toml::Table = root.parse().expect("Cargo.toml is TOML");
+    let mut found = Vec::new();
+    for file in files.iter().filter(|file| file.path.ends_with("/Cargo.toml")) {
+        let manifest: toml::Table = file.raw.parse().unwrap_or_default();
+        for part in ["dependencies", "dev-dependencies", "build-dependencies"] {
+            let entries = manifest.get(part).and_then(toml::Value::as_table);
+            for (name, value) in entries.into_iter().flatten() {
+                let known = root["workspace"]["dependencies"].get(name).is_some()
+                    || value.get("path").is_some()
+                    || record.contains(&format!("| `{name}` |"));
+                if manifest.contains_key("workspace") && !known {
+                    found.push(format!("{}: `{name}` has no row", file.path));
+                }
+            }
+        }
+    }
+    found
+}
+
+/// Complaints about members that fix a version of their own. Crates outside the workspace have one
+/// of their own, and nothing to take versions from.
 pub(crate) fn own_versions(files: &[Text]) -> Vec<String> {
     let mut found = Vec::new();
     for file in files {
@@ -80,6 +105,9 @@ pub(crate) fn own_versions(files: &[Text]) -> Vec<String> {
                 continue;
             }
         };
+        if manifest.contains_key("workspace") {
+            continue;
+        }
         for part in ["dependencies", "dev-dependencies", "build-dependencies"] {
             let entries = manifest.get(part).and_then(toml::Value::as_table);
             for (name, value) in entries.into_iter().flatten() {
@@ -204,6 +232,17 @@ fn a_version_of_ones_own_is_seen() {
     assert_eq!(own_versions(&file("[dependencies]\nnix = \"1\"")).len(), 1);
     assert_eq!(own_versions(&file("[dev-dependencies]\nnix = { version = \"1\" }")).len(), 1);
     assert!(own_versions(&file("[dependencies]\nnix.workspace = true")).is_empty());
+}
+
+#[test]
+fn an_unexplained_dependency_outside_the_workspace_is_seen() {
+    let file = |raw: &str| [Text { path: "tests/x/Cargo.toml".to_string(), raw: raw.to_string() }];
+    let (root, record) = ("[workspace.dependencies]\nnix = \"1\"", "| `loom` | why |");
+    let seen = |raw: &str| unexplained_outside(&file(raw), root, record).len();
+    assert_eq!(seen("[workspace]\n[dependencies]\nodd = \"1\""), 1);
+    assert_eq!(seen("[workspace]\n[dev-dependencies]\nodd = { version = \"1\" }"), 1);
+    let good = "[workspace]\n[dependencies]\nloom = \"1\"\nnix = \"1\"\nown = { path = \"..\" }";
+    assert_eq!(seen(good), 0);
 }
 
 #[test]

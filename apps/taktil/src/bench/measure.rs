@@ -23,9 +23,9 @@ pub struct Plan {
     /// One JSON object instead of the table
     #[arg(long)]
     pub json: bool,
-    /// Run one chain alone and say nothing: what the counter calls
-    #[arg(long, value_name = "N", hide = true)]
-    pub only: Option<usize>,
+    /// Run one chain alone for so many cycles and say nothing: what the counter calls
+    #[arg(long, num_args = 2, value_names = ["CHAIN", "CYCLES"], hide = true)]
+    pub only: Option<Vec<u64>>,
 }
 
 impl Plan {
@@ -204,7 +204,7 @@ fn count_one(place: usize, cycles: u64) -> anyhow::Result<u64> {
     let program = std::env::current_exe().context("this program's own path")?;
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     arguments.retain(|argument| argument != "--instructions");
-    arguments.extend(["--only".into(), place.to_string(), "--cycles".into(), cycles.to_string()]);
+    arguments.extend(["--only".into(), place.to_string(), cycles.to_string()]);
     let output = Command::new("valgrind")
         .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
         .arg(program)

@@ -38,10 +38,11 @@ pub fn executor(plan: &Plan, others: Vec<Contestant>) -> anyhow::Result<ExitCode
     plan.check().map_err(BadOption)?;
     let mut contestants = ours()?;
     contestants.extend(others);
-    if let Some(place) = plan.only {
-        // A child under the instruction counter: one contestant, no clock, no answer.
-        let one = contestants.get_mut(place).ok_or_else(|| BadOption("--only: no such".into()))?;
-        (one.run)(plan.cycles);
+    if let Some([place, cycles]) = plan.only.as_deref() {
+        // A child under the instruction counter: one contestant, no answer.
+        let one = usize::try_from(*place).ok().and_then(|place| contestants.get_mut(place));
+        let one = one.ok_or_else(|| BadOption(format!("--only {place}: no such chain")))?;
+        (one.run)(*cycles);
         return Ok(ExitCode::SUCCESS);
     }
     let mut contest = Contest::new(contestants);

@@ -1,0 +1,27 @@
+//! `taktil bench executor` with cu29 beside it: the same chains, the same slices, the same counter.
+//! Refuses to judge: it prints both.
+
+mod copper;
+mod tasks;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use taktil::bench::{self, measure::Plan};
+use taktil_rtcore::guard::CountingAllocator;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// The executor beside cu29: a chain of tasks that do nothing.
+#[derive(Parser)]
+struct Arguments {
+    #[command(flatten)]
+    plan: Plan,
+}
+
+fn main() -> anyhow::Result<ExitCode> {
+    let arguments = Arguments::parse();
+    let folder = copper::Folder::new()?;
+    bench::executor(&arguments.plan, copper::all(folder.path())?)
+}
