@@ -13,7 +13,7 @@ use crate::fault::FaultCode;
 use crate::lane::{Figures, Lane, Latch, Seat, TaskFigures};
 use crate::live::LANES_MAX;
 use crate::port::{Binding, InputDeclaration, OutputDeclaration, Ports};
-use crate::record::{Catalog, Drain, HEADER_BYTES, LaneInfo, Signal, tap};
+use crate::record::{Catalog, Drain, HEADER_BYTES, LaneInfo, Recording, Signal, tap};
 use crate::schedule::LaneSpec;
 use crate::status::{LaneHealth, ModeStatus};
 use crate::task::{Invalid, Task};
@@ -36,16 +36,6 @@ struct Draft {
     seats: Vec<Seat>,
     inputs: Vec<(usize, InputDeclaration)>,
     outputs: Vec<(usize, OutputDeclaration)>,
-}
-
-/// What leaves the lanes for observers.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Recording {
-    /// Every value that is written.
-    #[default]
-    Full,
-    /// Nothing: values reach other lanes only.
-    Off,
 }
 
 /// Collects lanes, tasks and bindings, then checks and joins them.

@@ -6,6 +6,16 @@ use taktil_hal::Nanos;
 
 use crate::payload::Field;
 
+/// What leaves the lanes for observers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Recording {
+    /// Every value that is written.
+    #[default]
+    Full,
+    /// Nothing: values reach other lanes only.
+    Off,
+}
+
 /// One signal of a machine: an output port of a task, or a lane's own health.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Signal {

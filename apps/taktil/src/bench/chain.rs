@@ -3,7 +3,7 @@
 
 use core::hint::black_box;
 
-use taktil_rtcore::machine::Recording;
+use taktil_rtcore::Recording;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, Input, Invalid, Io, LaneSpec, Machine, Nanos, Output, Payload,

@@ -6,7 +6,7 @@ pub mod measure;
 
 use std::process::ExitCode;
 
-use taktil_rtcore::machine::Recording;
+use taktil_rtcore::Recording;
 
 use crate::run::BadOption;
 use chain::{Chain, Flow, Shape};
