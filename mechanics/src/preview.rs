@@ -1,6 +1,9 @@
 //! The check of a whole move before it starts: the arm is led along it tick by tick, and the first
 //! thing that it could not do is named with joint and time. Refuses nothing for being slow: what a
 //! move costs (speed, torque, distance from singularities, deviation) comes back as figures.
+//!
+//! [`Inspection`] does so a few ticks at a time, for a lane that has a deadline; [`Preview::of`]
+//! does it at once.
 
 use core::fmt;
 
@@ -127,16 +130,54 @@ impl core::error::Error for Refusal {}
 /// How far the start of a move may be from the arm (m, rad).
 const START_TOLERANCE: f64 = 1e-6;
 
+/// A path of either kind.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a lane has no heap")]
+pub enum Route {
+    /// Through joint angles.
+    Joints(JointPath),
+    /// Along straight lines of the tool.
+    Tool(CartesianPath),
+}
+
+impl Route {
+    /// How long it takes (s).
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        match self {
+            Route::Joints(path) => path.duration_s(),
+            Route::Tool(path) => path.duration_s(),
+        }
+    }
+
+    /// Refuses to start anywhere but at joints `start` (rad).
+    fn check_start(&self, start: &Joints, arm: &Puma260) -> Result<(), Refusal> {
+        let (off, turned) = match self {
+            Route::Joints(path) => ((path.points()[0] - start).amax(), false),
+            Route::Tool(path) => {
+                let (wanted, here) = (path.points()[0], arm.tool_pose(start));
+                let turn = wanted.rotation.transpose() * here.rotation;
+                let square = turn.abs_diff_eq(glam::DMat3::IDENTITY, START_TOLERANCE);
+                ((wanted.translation - here.translation).length(), !square)
+            }
+        };
+        if off.is_nan() || off > START_TOLERANCE || turned {
+            return Err(Refusal::Start { off });
+        }
+        Ok(())
+    }
+}
+
 /// Gathers figures along the way.
-struct Walk<'a> {
-    terms: &'a Terms,
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Walk {
     preview: Preview,
     /// Joints one and two ticks ago (rad).
     last: [Joints; 2],
 }
 
-impl<'a> Walk<'a> {
-    fn new(terms: &'a Terms, start: &Joints, duration_s: f64) -> Walk<'a> {
+impl Walk {
+    fn new(start: &Joints, duration_s: f64) -> Walk {
         let least = Peak { value: 0.0, t_s: 0.0 };
         let preview = Preview {
             duration_s,
@@ -147,12 +188,12 @@ impl<'a> Walk<'a> {
             off_rad: least,
             end: *start,
         };
-        Walk { terms, preview, last: [*start; 2] }
+        Walk { preview, last: [*start; 2] }
     }
 
     /// Takes in the joints at `t_s`: speed since the last tick, torque at the last tick.
-    fn step(&mut self, q: &Joints, t_s: f64) -> Result<(), Refusal> {
-        let Terms { arm, dynamics, torque_max_nm, tick_s, .. } = self.terms;
+    fn step(&mut self, q: &Joints, t_s: f64, terms: &Terms) -> Result<(), Refusal> {
+        let Terms { arm, dynamics, torque_max_nm, tick_s, .. } = terms;
         let before = self.last[0];
         let speed = (q - before) / *tick_s;
         let velocity = (q - self.last[1]) / (2.0 * tick_s);
@@ -201,59 +242,95 @@ fn ticks(duration_s: f64, tick_s: f64) -> Result<u32, Refusal> {
     Ok(ticks + 2)
 }
 
-impl Preview {
-    /// Walks a joint path from `start` (rad).
+/// How far an inspection is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Verdict {
+    /// There is more to look at.
+    Open,
+    /// The move can be made, at this cost.
+    Passed(Preview),
+    /// It cannot.
+    Refused(Refusal),
+}
+
+/// A move that is being looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inspection {
+    route: Route,
+    walk: Walk,
+    follower: Follower,
+    tick: u32,
+    ticks: u32,
+}
+
+impl Inspection {
+    /// Begins to look at `route` from joints `start` (rad), a tool path on the branch of `start`.
     ///
     /// # Errors
-    /// The first thing that the arm cannot do.
-    pub fn of_joints(path: &JointPath, start: &Joints, terms: &Terms) -> Result<Preview, Refusal> {
-        let off = (path.points()[0] - start).amax();
-        if off.is_nan() || off > START_TOLERANCE {
-            return Err(Refusal::Start { off });
-        }
-        let mut walk = Walk::new(terms, start, path.duration_s());
-        let (low, high) = (&terms.arm.q_min_rad, &terms.arm.q_max_rad);
-        for tick in 1..=ticks(path.duration_s(), terms.tick_s)? {
-            let t_s = f64::from(tick) * terms.tick_s;
-            let q = path.at(t_s).q;
-            if let Some(joint) = (0..6).find(|&i| q[i] < low[i] || q[i] > high[i]) {
-                return Err(Refusal::Lost { why: Lost::Limit { joint }, t_s });
-            }
-            walk.step(&q, t_s)?;
-        }
-        Ok(walk.preview)
+    /// A route that starts elsewhere, and a tick that does not fit it.
+    pub fn new(route: &Route, start: &Joints, terms: &Terms) -> Result<Inspection, Refusal> {
+        route.check_start(start, &terms.arm)?;
+        Ok(Inspection {
+            route: *route,
+            walk: Walk::new(start, route.duration_s()),
+            follower: Follower::new(&terms.arm, start),
+            tick: 0,
+            ticks: ticks(route.duration_s(), terms.tick_s)?,
+        })
     }
 
-    /// Walks a path of the tool from `start` (rad) on the branch of `start`.
+    /// Looks at so many more ticks; `terms` are those of the beginning.
+    pub fn advance(&mut self, ticks: u32, terms: &Terms) -> Verdict {
+        let end = self.ticks.min(self.tick.saturating_add(ticks));
+        while self.tick < end {
+            self.tick += 1;
+            if let Err(refusal) = self.look(f64::from(self.tick) * terms.tick_s, terms) {
+                return Verdict::Refused(refusal);
+            }
+        }
+        if self.tick == self.ticks { Verdict::Passed(self.walk.preview) } else { Verdict::Open }
+    }
+
+    fn look(&mut self, t_s: f64, terms: &Terms) -> Result<(), Refusal> {
+        let lost = |why| Refusal::Lost { why, t_s };
+        let q = match &self.route {
+            Route::Joints(path) => {
+                let q = path.at(t_s).q;
+                let (low, high) = (&terms.arm.q_min_rad, &terms.arm.q_max_rad);
+                match (0..6).find(|&i| q[i] < low[i] || q[i] > high[i]) {
+                    Some(joint) => return Err(lost(Lost::Limit { joint })),
+                    None => q,
+                }
+            }
+            Route::Tool(path) => {
+                let pose = path.at(t_s).pose;
+                let got = self.follower.step(&pose, terms.tick_s).map_err(lost)?;
+                let (off_m, off_rad) = (got.off_m, got.off_rad);
+                raise(&mut self.walk.preview.off_m, off_m, t_s);
+                raise(&mut self.walk.preview.off_rad, off_rad, t_s);
+                if off_m > terms.off_max_m || off_rad > terms.off_max_rad {
+                    return Err(Refusal::Off { off_m, off_rad, t_s });
+                }
+                got.q
+            }
+        };
+        self.walk.step(&q, t_s, terms)
+    }
+}
+
+impl Preview {
+    /// Walks a whole route from joints `start` (rad).
     ///
     /// # Errors
     /// The first thing that the arm cannot do.
-    pub fn of_tool(
-        path: &CartesianPath,
-        start: &Joints,
-        terms: &Terms,
-    ) -> Result<Preview, Refusal> {
-        let here = terms.arm.tool_pose(start);
-        let off = (path.points()[0].translation - here.translation).length();
-        let turned = path.points()[0].rotation.transpose() * here.rotation;
-        let square = turned.abs_diff_eq(glam::DMat3::IDENTITY, START_TOLERANCE);
-        if !(off <= START_TOLERANCE && square) {
-            return Err(Refusal::Start { off });
-        }
-        let mut walk = Walk::new(terms, start, path.duration_s());
-        let mut follower = Follower::new(&terms.arm, start);
-        for tick in 1..=ticks(path.duration_s(), terms.tick_s)? {
-            let t_s = f64::from(tick) * terms.tick_s;
-            let lost = |why| Refusal::Lost { why, t_s };
-            let got = follower.step(&path.at(t_s).pose, terms.tick_s).map_err(lost)?;
-            let (off_m, off_rad) = (got.off_m, got.off_rad);
-            raise(&mut walk.preview.off_m, off_m, t_s);
-            raise(&mut walk.preview.off_rad, off_rad, t_s);
-            if off_m > terms.off_max_m || off_rad > terms.off_max_rad {
-                return Err(Refusal::Off { off_m, off_rad, t_s });
+    pub fn of(route: &Route, start: &Joints, terms: &Terms) -> Result<Preview, Refusal> {
+        let mut inspection = Inspection::new(route, start, terms)?;
+        loop {
+            match inspection.advance(u32::MAX, terms) {
+                Verdict::Open => {}
+                Verdict::Passed(preview) => return Ok(preview),
+                Verdict::Refused(refusal) => return Err(refusal),
             }
-            walk.step(&got.q, t_s)?;
         }
-        Ok(walk.preview)
     }
 }

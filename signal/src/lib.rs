@@ -9,6 +9,6 @@ pub mod motion;
 pub mod state;
 pub mod touch;
 
-pub use motion::{Applied, Desired, Goal, JointState, Lines, Torque};
+pub use motion::{Applied, Desired, Goal, JointState, Lines, MoveCheck, Torque};
 pub use state::{ControlState, Request, State, Verb};
 pub use touch::{Features, MAX_TACTELS, TactileImage, defined};

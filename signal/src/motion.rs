@@ -64,6 +64,39 @@ payload! {
 }
 
 payload! {
+    /// How the whole-move check of `trajectory` stands: written once a job while it looks, and once
+    /// with its verdict.
+    pub struct MoveCheck {
+        /// 1 while it looks, 2 passed, 3 refused.
+        pub verdict: u32,
+        /// Number of the move with which the refused leg begins, 1 for the first; else moves looked
+        /// at so far.
+        pub moves: u32,
+        /// Why it was refused: 1 a limit, 2 out of reach, 3 too fast, 4 too much torque, 5 too far
+        /// off the path past a wrist singularity, 6 it cannot be planned or does not start here.
+        pub reason: u32,
+        /// The joint that could not follow, 1 to 6; 0 for none.
+        pub joint: u32,
+        /// When, from the start of the refused leg (s); 0 with reason 6.
+        pub t_s: f64,
+        /// Speed or torque wanted over what there is, with reasons 3 and 4.
+        pub ratio: f64,
+        /// Time that all legs looked at take (s).
+        pub duration_s: f64,
+        /// Largest share of a joint's speed that is used.
+        pub speed_share: f64,
+        /// Largest share of a joint's torque that is used, friction left out.
+        pub torque_share: f64,
+        /// Smallest scaled distances from the singularities of shoulder, elbow and wrist.
+        pub singular: [f64; 3],
+        /// Largest distance of the tool from its path (m).
+        pub off_path_m: f64,
+        /// Largest angle of the tool to its path (rad).
+        pub off_path_rad: f64,
+    }
+}
+
+payload! {
     /// Joint torque asked for by the servo.
     pub struct Torque {
         /// Torque at the joints.

@@ -24,11 +24,43 @@ pub struct Config {
     pub tau_s: f64,
     /// Share of the joints' largest speeds for moves without `t_s`. Default 0.3.
     pub speed: f64,
+    /// Speed of the tool point in straight moves without `t_s` (mm/s). Default 50.
+    pub line_mm_s: f64,
+    /// Speed at which the tool turns in straight moves without `t_s` (deg/s). Default 30.
+    pub turn_deg_s: f64,
+    /// How the orientation passes the points between straight moves. Default `smooth`.
+    pub blend: BlendName,
+    /// How far the tool may leave a straight path past a wrist singularity (mm). Default 5.
+    pub off_path_mm: f64,
+    /// The same for its orientation (deg). Default 2.
+    pub off_path_deg: f64,
+}
+
+/// How the orientation passes a point between two straight moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BlendName {
+    /// As Paul published it: the angular velocity steps.
+    Paul,
+    /// Paul's two angles without a step.
+    #[default]
+    Smooth,
+    /// About one axis, without a step.
+    So3,
 }
 
 impl Default for Config {
     fn default() -> Config {
-        Config { moves: Vec::new(), tau_s: 0.1, speed: 0.3 }
+        Config {
+            moves: Vec::new(),
+            tau_s: 0.1,
+            speed: 0.3,
+            line_mm_s: 50.0,
+            turn_deg_s: 30.0,
+            blend: BlendName::Smooth,
+            off_path_mm: 5.0,
+            off_path_deg: 2.0,
+        }
     }
 }
 
@@ -46,7 +78,12 @@ pub struct Move {
     /// before it ends; the orientation stays. `[0, 0, 5]` goes 5 mm the way the sensor looks.
     #[serde(default)]
     pub by_mm: Option<[f64; 3]>,
-    /// Time of the segment, corner to corner (s). Default: what `speed` allows.
+    /// Whether the tool runs straight to its goal, which is `tool` or `by_mm` then; else the way is
+    /// straight in joint space. Between a straight move and another the arm rests. Default false.
+    #[serde(default)]
+    pub straight: bool,
+    /// Time of the segment, corner to corner (s). Default: what `speed`, or for straight moves
+    /// `line_mm_s` and `turn_deg_s`, allow.
     #[serde(default)]
     pub t_s: Option<f64>,
 }
@@ -88,6 +125,8 @@ pub enum Goal {
 pub struct Step {
     /// Where to.
     pub goal: Goal,
+    /// Whether the tool runs straight to it.
+    pub straight: bool,
     /// In which time (s); by speed when absent.
     pub t_s: Option<f64>,
 }
@@ -148,6 +187,11 @@ impl Move {
             return Err(Invalid::new("t_s", format!("is {t_s}"), "give more than 0, up to 3600 s"));
         }
         let goal = match (&self.joints_deg, &self.tool, &self.by_mm) {
+            (Some(_), None, None) if self.straight => {
+                let what = "a straight move to joint angles";
+                let remedy = "give the goal as tool or by_mm, or leave `straight` out";
+                return Err(Invalid::new("straight", what, remedy));
+            }
             (Some(degrees), None, None) => Goal::Joints(check_joints(degrees, arm)?),
             (None, Some(tool), None) => {
                 tool.check().map_err(|invalid| invalid.within("tool"))?;
@@ -175,7 +219,7 @@ impl Move {
                 return Err(Invalid::new("", what, "give one of joints_deg, tool and by_mm"));
             }
         };
-        Ok(Step { goal, t_s: self.t_s })
+        Ok(Step { goal, straight: self.straight, t_s: self.t_s })
     }
 }
 
@@ -216,6 +260,18 @@ impl Config {
             let what = format!("{} is no share of the largest speed", self.speed);
             return Err(Invalid::new("speed", what, "give more than 0 and at most 1"));
         }
+        let positive = [
+            ("line_mm_s", self.line_mm_s, 2000.0),
+            ("turn_deg_s", self.turn_deg_s, 720.0),
+            ("off_path_mm", self.off_path_mm, 100.0),
+            ("off_path_deg", self.off_path_deg, 90.0),
+        ];
+        for (name, value, most) in positive {
+            if !(value > 0.0 && value <= most) {
+                let remedy = format!("give more than 0 and at most {most}");
+                return Err(Invalid::new(name, format!("is {value}"), remedy));
+            }
+        }
         // At a via point a joint may turn round: 3/4 of twice its speed over tau.
         let turn_round = arm.speed_max_rad_s.component_div(&arm.acceleration_max_rad_s2).max();
         let shortest = 1.5 * self.speed * turn_round;
@@ -252,12 +308,19 @@ mod tests {
     }
 
     fn to_tool(tool: ToolGoal) -> Config {
-        let one = Move { joints_deg: None, tool: Some(tool), by_mm: None, t_s: None };
+        let one =
+            Move { joints_deg: None, tool: Some(tool), by_mm: None, straight: false, t_s: None };
         Config { moves: vec![one], ..Config::default() }
     }
 
     fn to_joints(joints_deg: [f64; 6]) -> Config {
-        let one = Move { joints_deg: Some(joints_deg), tool: None, by_mm: None, t_s: None };
+        let one = Move {
+            joints_deg: Some(joints_deg),
+            tool: None,
+            by_mm: None,
+            straight: false,
+            t_s: None,
+        };
         Config { moves: vec![one], ..Config::default() }
     }
 
@@ -318,7 +381,7 @@ mod tests {
 
     #[test]
     fn a_move_has_exactly_one_goal() {
-        let none = Move { joints_deg: None, tool: None, by_mm: None, t_s: None };
+        let none = Move { joints_deg: None, tool: None, by_mm: None, straight: false, t_s: None };
         let config = Config { moves: vec![none], ..Config::default() };
         assert_eq!(place(&config), "moves[0]");
         let mut both = to_tool(tool([342.0, -127.0, -149.0]));

@@ -1,12 +1,17 @@
-//! From a queue of goals to a path: Paul's joint motion from where the arm is wanted now. Refuses
-//! paths that leave the limits of angle, speed or acceleration, before the first step is made.
+//! From a queue of goals to legs: Paul's joint motion, or his straight motion of the tool, from
+//! where the arm is wanted now. Refuses paths that leave the limits of angle, speed or acceleration
+//! of the joints' own planning, before the first step is made; whether the arm can follow a leg is
+//! then looked at tick by tick ([`crate::program`]).
 
 use glam::DVec3;
+use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 use taktil_mechanics::paul::{JointPath, MAX_POINTS, segment_time_s};
+use taktil_mechanics::preview::Route;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::rotation_vector;
 use taktil_mechanics::{Joints, Pose};
 
-use crate::config::{Goal, Step};
+use crate::config::{BlendName, Config, Goal, Step};
 
 /// Why a queue cannot be run from here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,11 +29,109 @@ pub enum Refusal {
 /// Rounding that a limit forgives, relative.
 const SLACK: f64 = 1e-9;
 
+/// How fast moves without a time are, and how they pass the points between.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pace {
+    /// Half the time of each transition (s).
+    pub tau_s: f64,
+    /// Share of the joints' largest speeds.
+    pub speed: f64,
+    /// Speed of the tool point in straight moves (m/s).
+    pub line_m_s: f64,
+    /// Speed of turning in straight moves (rad/s).
+    pub turn_rad_s: f64,
+    /// How the orientation passes a point.
+    pub blend: Blend,
+}
+
+impl Pace {
+    /// What a configuration says.
+    #[must_use]
+    pub fn of(config: &Config) -> Pace {
+        Pace {
+            tau_s: config.tau_s,
+            speed: config.speed,
+            line_m_s: config.line_mm_s * 1e-3,
+            turn_rad_s: config.turn_deg_s.to_radians(),
+            blend: match config.blend {
+                BlendName::Paul => Blend::Paul,
+                BlendName::Smooth => Blend::Smooth,
+                BlendName::So3 => Blend::So3,
+            },
+        }
+    }
+}
+
+/// The leg that starts at rest at `start` (rad) with step `first`: it goes on as long as steps are
+/// of the same kind, and ends at rest. Returns the route and the number of its steps; an empty rest
+/// of the queue is a wait of two tau.
+///
+/// # Errors
+/// [`Refusal`], its index counted from the beginning of the queue.
+pub fn leg(
+    arm: &Puma260,
+    start: &Joints,
+    steps: &[Step],
+    first: usize,
+    pace: &Pace,
+) -> Result<(Route, usize), Refusal> {
+    let rest = steps.get(first..).unwrap_or_default();
+    let straight = rest.first().is_some_and(|step| step.straight);
+    let count = rest.iter().take_while(|step| step.straight == straight).count();
+    let route = if straight {
+        lines(arm, start, &rest[..count], pace).map(Route::Tool)
+    } else {
+        plan(arm, start, &rest[..count], pace).map(Route::Joints)
+    };
+    let placed = route.map_err(|refusal| match refusal {
+        Refusal::Unreachable { index } => Refusal::Unreachable { index: first + index },
+        Refusal::Limits => Refusal::Limits,
+    });
+    Ok((placed?, count))
+}
+
+/// Straight motion of the tool from joints `start` (rad) through all `steps`, to rest.
+fn lines(
+    arm: &Puma260,
+    start: &Joints,
+    steps: &[Step],
+    pace: &Pace,
+) -> Result<CartesianPath, Refusal> {
+    let mut poses = [arm.tool_pose(start); MAX_POINTS];
+    let mut times = [2.0 * pace.tau_s; MAX_POINTS];
+    if steps.len() >= MAX_POINTS || !arm.within_limits(start) {
+        return Err(Refusal::Limits);
+    }
+    for (index, step) in steps.iter().enumerate() {
+        let before = poses[index];
+        let pose = match &step.goal {
+            Goal::Tool(pose) => *pose,
+            Goal::By(shift) => shifted(&before, shift),
+            Goal::Joints(q) => arm.tool_pose(q),
+        };
+        if arm.inverse(&arm.tool_to_wrist(&pose), None).is_empty() {
+            return Err(Refusal::Unreachable { index });
+        }
+        let way = (pose.translation - before.translation).length() / pace.line_m_s;
+        let turn = rotation_vector(&before.rotation, &pose.rotation).length() / pace.turn_rad_s;
+        poses[index + 1] = pose;
+        times[index] = step.t_s.unwrap_or(way.max(turn).max(2.0 * pace.tau_s));
+    }
+    let segments = steps.len().max(1);
+    CartesianPath::new(&poses[..=segments], &times[..segments], pace.tau_s, pace.blend)
+        .map_err(|_| Refusal::Limits)
+}
+
+/// A pose displaced along its own axes (m).
+fn shifted(pose: &Pose, shift: &[f64; 3]) -> Pose {
+    Pose::new(pose.rotation, pose.apply(DVec3::from_array(*shift)))
+}
+
 /// The path from rest at `start` (rad) through all `steps` to rest at the last one.
 ///
 /// A tool goal takes the branch of the inverse kinematics nearest to the point before it. Segments
-/// without a time get the shortest at which no joint is faster than `speed` times its limit, and at
-/// least two `tau_s`. An empty queue is a wait of two `tau_s`.
+/// without a time get the shortest at which no joint is faster than its share of its limit, and at
+/// least two tau. An empty queue is a wait of two tau.
 ///
 /// # Errors
 /// [`Refusal`]; nothing moves then.
@@ -36,9 +139,9 @@ pub fn plan(
     arm: &Puma260,
     start: &Joints,
     steps: &[Step],
-    tau_s: f64,
-    speed: f64,
+    pace: &Pace,
 ) -> Result<JointPath, Refusal> {
+    let Pace { tau_s, speed, .. } = *pace;
     let mut points = [*start; MAX_POINTS];
     let mut times = [2.0 * tau_s; MAX_POINTS];
     if steps.len() >= MAX_POINTS || !arm.within_limits(start) {
@@ -51,8 +154,7 @@ pub fn plan(
             Goal::Joints(q) => *q,
             Goal::Tool(pose) => reach(arm, pose, &before).ok_or(Refusal::Unreachable { index })?,
             Goal::By(shift) => {
-                let mut pose = arm.tool_pose(&before);
-                pose.translation += pose.rotation * DVec3::from_array(*shift);
+                let pose = shifted(&arm.tool_pose(&before), shift);
                 reach(arm, &pose, &before).ok_or(Refusal::Unreachable { index })?
             }
         };
@@ -88,15 +190,19 @@ mod tests {
         Joints::from([0.0, 40.2, -153.4, -180.0, 66.8, 180.0].map(f64::to_radians))
     }
 
+    fn pace(tau_s: f64, speed: f64) -> Pace {
+        Pace { tau_s, speed, ..Pace::of(&Config::default()) }
+    }
+
     fn to(q: Joints) -> Step {
-        Step { goal: Goal::Joints(q), t_s: None }
+        Step { goal: Goal::Joints(q), straight: false, t_s: None }
     }
 
     #[test]
     fn a_path_starts_and_ends_at_rest_and_keeps_the_speed() {
         let arm = Puma260::reference();
         let goal = rolling() + Joints::new(0.5, 0.1, 0.2, 0.0, -0.3, 0.4);
-        let path = plan(&arm, &rolling(), &[to(goal), to(rolling())], 0.1, 0.3).unwrap();
+        let path = plan(&arm, &rolling(), &[to(goal), to(rolling())], &pace(0.1, 0.3)).unwrap();
         assert_eq!(path.at(0.0).q, rolling());
         assert_eq!(path.at(0.0).qd, Joints::zeros());
         let end = path.at(path.duration_s());
@@ -113,8 +219,8 @@ mod tests {
             rotation_y(0.1) * here.rotation,
             here.translation + Pose::from_rows(&[0.0; 9], &[-0.02, 0.01, 0.015]).translation,
         );
-        let step = Step { goal: Goal::Tool(there), t_s: Some(1.0) };
-        let path = plan(&arm, &rolling(), &[step], 0.1, 0.3).unwrap();
+        let step = Step { goal: Goal::Tool(there), straight: false, t_s: Some(1.0) };
+        let path = plan(&arm, &rolling(), &[step], &pace(0.1, 0.3)).unwrap();
         let q = path.at(10.0).q;
         let got = arm.tool_pose(&q);
         assert!((got.translation - there.translation).length() < 1e-12);
@@ -126,8 +232,8 @@ mod tests {
     fn a_displacement_goes_along_the_tool_s_own_axes_and_keeps_the_orientation() {
         let arm = Puma260::reference();
         let here = arm.tool_pose(&rolling());
-        let step = Step { goal: Goal::By([0.003, 0.0, 0.012]), t_s: None };
-        let path = plan(&arm, &rolling(), &[step, step], 0.1, 0.3).unwrap();
+        let step = Step { goal: Goal::By([0.003, 0.0, 0.012]), straight: false, t_s: None };
+        let path = plan(&arm, &rolling(), &[step, step], &pace(0.1, 0.3)).unwrap();
         let got = arm.tool_pose(&path.at(path.duration_s()).q);
         let wanted = here.apply(DVec3::new(0.006, 0.0, 0.024));
         assert!((got.translation - wanted).length() < 1e-12);
@@ -138,7 +244,7 @@ mod tests {
     fn an_empty_queue_and_a_goal_where_the_arm_is_stand_still() {
         let arm = Puma260::reference();
         for steps in [&[][..], &[to(rolling())][..]] {
-            let path = plan(&arm, &rolling(), steps, 0.1, 0.3).unwrap();
+            let path = plan(&arm, &rolling(), steps, &pace(0.1, 0.3)).unwrap();
             for tick in 0..200 {
                 assert_eq!(path.at(0.0025 * f64::from(tick)).q, rolling());
             }
@@ -151,24 +257,25 @@ mod tests {
         let limits = Err(Refusal::Limits);
         let far =
             Pose::from_rows(&[-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0], &[0.9, 0.0, 0.0]);
-        let steps = [to(rolling()), Step { goal: Goal::Tool(far), t_s: None }];
+        let steps = [to(rolling()), Step { goal: Goal::Tool(far), straight: false, t_s: None }];
         assert_eq!(
-            plan(&arm, &rolling(), &steps, 0.1, 0.3),
+            plan(&arm, &rolling(), &steps, &pace(0.1, 0.3)),
             Err(Refusal::Unreachable { index: 1 })
         );
-        let hasty = Step { goal: Goal::Joints(rolling().add_scalar(0.3)), t_s: Some(0.2) };
-        assert_eq!(plan(&arm, &rolling(), &[hasty], 0.1, 0.3), limits, "acceleration");
-        let fast = Step { goal: Goal::Joints(arm.q_max_rad), t_s: Some(1.0) };
-        assert_eq!(plan(&arm, &rolling(), &[fast], 0.5, 0.3), limits, "speed");
+        let hasty =
+            Step { goal: Goal::Joints(rolling().add_scalar(0.3)), straight: false, t_s: Some(0.2) };
+        assert_eq!(plan(&arm, &rolling(), &[hasty], &pace(0.1, 0.3)), limits, "acceleration");
+        let fast = Step { goal: Goal::Joints(arm.q_max_rad), straight: false, t_s: Some(1.0) };
+        assert_eq!(plan(&arm, &rolling(), &[fast], &pace(0.5, 0.3)), limits, "speed");
         let outside = to(arm.q_max_rad.add_scalar(0.01));
-        assert_eq!(plan(&arm, &rolling(), &[outside], 0.1, 0.3), limits);
-        assert_eq!(plan(&arm, &Joints::repeat(f64::NAN), &[], 0.1, 0.3), limits);
-        assert_eq!(plan(&arm, &Joints::repeat(9.0), &[], 0.1, 0.3), limits);
+        assert_eq!(plan(&arm, &rolling(), &[outside], &pace(0.1, 0.3)), limits);
+        assert_eq!(plan(&arm, &Joints::repeat(f64::NAN), &[], &pace(0.1, 0.3)), limits);
+        assert_eq!(plan(&arm, &Joints::repeat(9.0), &[], &pace(0.1, 0.3)), limits);
         let many = [to(rolling()); MAX_POINTS];
-        assert_eq!(plan(&arm, &rolling(), &many, 0.1, 0.3), limits);
-        assert!(plan(&arm, &rolling(), &many[1..], 0.1, 0.3).is_ok(), "exactly full");
+        assert_eq!(plan(&arm, &rolling(), &many, &pace(0.1, 0.3)), limits);
+        assert!(plan(&arm, &rolling(), &many[1..], &pace(0.1, 0.3)).is_ok(), "exactly full");
         for tau_s in [0.0, -1.0, f64::NAN] {
-            assert_eq!(plan(&arm, &rolling(), &[to(rolling())], tau_s, 0.3), limits);
+            assert_eq!(plan(&arm, &rolling(), &[to(rolling())], &pace(tau_s, 0.3)), limits);
         }
     }
 
@@ -177,7 +284,36 @@ mod tests {
         let arm = Puma260::reference();
         let there = rolling() + Joints::new(-2.5, 1.5, -0.4, 0.9, -0.7, 0.5);
         let steps = [to(there), to(rolling()), to(there)];
-        assert!(plan(&arm, &rolling(), &steps, 0.3, 1.0).is_ok());
-        assert!(plan(&arm, &rolling(), &steps, 0.29, 1.0).is_err());
+        assert!(plan(&arm, &rolling(), &steps, &pace(0.3, 1.0)).is_ok());
+        assert!(plan(&arm, &rolling(), &steps, &pace(0.29, 1.0)).is_err());
+    }
+
+    #[test]
+    fn legs_are_of_one_kind_and_join_at_rest() {
+        let arm = Puma260::reference();
+        let by = |x: f64| Step { goal: Goal::By([x, 0.0, 0.0]), straight: true, t_s: None };
+        let aside = to(rolling() + Joints::new(0.1, 0.0, 0.0, 0.0, 0.0, 0.0));
+        let steps = [aside, by(0.01), by(-0.02), aside];
+        let pace = pace(0.1, 0.3);
+        let (route, count) = leg(&arm, &rolling(), &steps, 0, &pace).unwrap();
+        assert!(matches!(route, Route::Joints(_)) && count == 1);
+        let start = aside_joints();
+        let (route, count) = leg(&arm, &start, &steps, 1, &pace).unwrap();
+        let Route::Tool(path) = route else { panic!("a straight leg") };
+        assert_eq!((count, path.points().len()), (2, 3));
+        assert_eq!(path.points()[0], arm.tool_pose(&start));
+        let span = path.points()[2].translation - path.points()[0].translation;
+        assert!((span.length() - 0.01).abs() < 1e-12);
+        // 10 mm and 20 mm at 50 mm/s, and two tau.
+        assert!((path.duration_s() - 0.8).abs() < 1e-9, "{}", path.duration_s());
+        assert_eq!(leg(&arm, &start, &steps, 3, &pace).unwrap().1, 1);
+        assert_eq!(leg(&arm, &start, &steps, 4, &pace).unwrap().1, 0, "a wait");
+        let far = [aside, by(0.01), by(0.9)];
+        let refused = leg(&arm, &start, &far, 1, &pace);
+        assert_eq!(refused, Err(Refusal::Unreachable { index: 2 }));
+    }
+
+    fn aside_joints() -> Joints {
+        rolling() + Joints::new(0.1, 0.0, 0.0, 0.0, 0.0, 0.0)
     }
 }

@@ -1,24 +1,24 @@
-//! Carries out the queue of pre-programmed moves: Paul's joint motion, evaluated at 400 Hz. Refuses
-//! to start from joints that are not calibrated, and a queue that would leave the arm's limits;
-//! refuses Cartesian motion between goals (goals may be tool poses, the way there is in joint
-//! space).
+//! Carries out the queue of pre-programmed moves at 400 Hz: Paul's joint motion, and his straight
+//! motion of the tool. Refuses to start from joints that are not calibrated, and a queue that the
+//! arm could not follow: the whole of it is looked at first, and `check` says which move, joint and
+//! time.
 //!
-//! When the state becomes TRAJECTORY the path is laid from the joints desired at that moment and
-//! then only followed; when the state is left early the goal becomes invalid, and the next entry
-//! starts anew. A queue that cannot be run ends at once: the goal is invalid and done.
+//! When the state becomes TRAJECTORY the path is laid from the joints desired at that moment,
+//! looked at for as many jobs as that takes, and then only followed; when the state is left early
+//! the goal becomes invalid, and the next entry starts anew. A queue that cannot be run ends at
+//! once: the goal is invalid and done.
 
 pub mod config;
 pub mod law;
+pub mod program;
 
-pub use config::{Config, Move, ToolGoal};
+pub use config::{BlendName, Config, Move, ToolGoal};
 
-use config::Step;
-use law::{Refusal, plan};
+use program::{Outcome, Plan, Program};
 use taktil_mechanics::Joints;
-use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Payload, Ports, Task};
-use taktil_signal::{ControlState, Desired, Goal, JointState, State};
+use taktil_signal::{ControlState, Desired, Goal, JointState, MoveCheck, State};
 
 /// Where the task is with its queue.
 #[derive(Clone, Copy, Debug)]
@@ -26,8 +26,8 @@ use taktil_signal::{ControlState, Desired, Goal, JointState, State};
 enum Progress {
     /// Another state has the arm.
     Idle,
-    /// On the way since the job with number `since`.
-    Running { path: JointPath, since: u64, datum: u32 },
+    /// Looking at the queue or on the way.
+    Under { program: Program, datum: u32 },
     /// The queue was refused in this stay.
     Refused,
 }
@@ -38,79 +38,79 @@ pub struct Trajectory {
     desired: Input<Desired>,
     joints: Input<JointState>,
     goal: Output<Goal>,
-    arm: Puma260,
-    steps: Vec<Step>,
-    tau_s: f64,
-    speed: f64,
+    check: Output<MoveCheck>,
+    plan: Plan,
     progress: Progress,
     /// When the present stay in TRAJECTORY began.
     entered_ns: i64,
 }
 
+const REFUSED: Goal = Goal { done: 1, ..Goal::ZERO };
+
 impl Trajectory {
-    /// Declares `control`, `desired`, `joints` and `goal`.
+    /// Declares `control`, `desired`, `joints`, `goal` and `check`.
     ///
     /// # Errors
     /// What [`Config::steps`] refuses.
     pub fn new(config: Config, ports: &mut Ports) -> Result<Trajectory, Invalid> {
         let arm = Puma260::reference();
+        let steps = config.steps(&arm)?;
         Ok(Trajectory {
-            steps: config.steps(&arm)?,
-            tau_s: config.tau_s,
-            speed: config.speed,
-            arm,
+            plan: Plan::new(&config, &arm, steps),
             control: ports.input("control"),
             desired: ports.input_delayed("desired"),
             joints: ports.input("joints"),
             goal: ports.output("goal"),
+            check: ports.output("check"),
             progress: Progress::Idle,
             entered_ns: 0,
         })
     }
 
-    /// Lays the path of a stay that begins in this job.
+    /// Begins with the queue of a stay that begins in this job.
     fn enter(
         &mut self,
-        tick: u64,
+        tick_s: f64,
         desired: Option<Desired>,
         joints: Option<JointState>,
-    ) -> Result<(), FaultCode> {
+    ) -> Result<(), (FaultCode, Option<MoveCheck>)> {
         self.progress = Progress::Refused;
         let start = desired.filter(|desired| desired.valid == 1);
         let (Some(start), Some(joints)) = (start, joints.filter(|j| j.calibrated == 1)) else {
-            return Err(FaultCode::MoveRefused);
+            return Err((FaultCode::MoveRefused, None));
         };
         let start = Joints::from(start.q_rad);
-        let path = plan(&self.arm, &start, &self.steps, self.tau_s, self.speed);
-        let path = path.map_err(|refusal| match refusal {
-            Refusal::Unreachable { .. } => FaultCode::Unreachable,
-            Refusal::Limits => FaultCode::MoveRefused,
-        })?;
-        self.progress = Progress::Running { path, since: tick, datum: joints.datum };
+        let program = Program::new(&mut self.plan, &start, tick_s)
+            .map_err(|check| (fault_of(&check), Some(check)))?;
+        self.progress = Progress::Under { program, datum: joints.datum };
         Ok(())
     }
 
-    fn goal(&self, cycle: &Cycle) -> Goal {
-        match &self.progress {
-            Progress::Idle => Goal::ZERO,
-            Progress::Refused => Goal { done: 1, ..Goal::ZERO },
-            Progress::Running { path, since, .. } => {
-                let t_s = seconds(cycle, cycle.tick - since);
-                let at = path.at(t_s);
-                Goal {
-                    q_rad: at.q.into(),
-                    qd_rad_s: at.qd.into(),
-                    valid: 1,
-                    done: u32::from(t_s >= path.duration_s()),
-                }
+    /// The goal of this job, and what the check says if it has something to say.
+    fn proceed(&mut self, tick: u64) -> (Goal, Option<MoveCheck>, Result<(), FaultCode>) {
+        let Progress::Under { program, .. } = &mut self.progress else {
+            let goal = if matches!(self.progress, Progress::Idle) { Goal::ZERO } else { REFUSED };
+            return (goal, None, Ok(()));
+        };
+        let looking = program.check().verdict == 1;
+        let outcome = program.step(&self.plan, tick);
+        let check = *program.check();
+        match outcome {
+            Outcome::At(at, done) => {
+                let (q_rad, qd_rad_s) = (at.q.into(), at.qd.into());
+                let goal = Goal { q_rad, qd_rad_s, valid: 1, done: u32::from(done) };
+                (goal, looking.then_some(check), Ok(()))
+            }
+            Outcome::Refused => {
+                self.progress = Progress::Refused;
+                (REFUSED, Some(check), Err(fault_of(&check)))
             }
         }
     }
 }
 
-#[expect(clippy::cast_precision_loss, reason = "jobs of a run stay far below 2^53")]
-fn seconds(cycle: &Cycle, ticks: u64) -> f64 {
-    ticks as f64 * cycle.dt.as_secs_f64()
+fn fault_of(check: &MoveCheck) -> FaultCode {
+    if check.reason == 2 { FaultCode::Unreachable } else { FaultCode::MoveRefused }
 }
 
 impl Task for Trajectory {
@@ -119,16 +119,21 @@ impl Task for Trajectory {
         let desired = io.read(&self.desired).usable();
         let joints = io.read(&self.joints).usable();
         let mut outcome = Ok(());
+        let mut check = None;
         match control.filter(|control| control.state == State::Trajectory as u32) {
             None => self.progress = Progress::Idle,
             Some(control) => {
                 let stays = !matches!(self.progress, Progress::Idle)
                     && control.entered_ns == self.entered_ns;
-                let moved = matches!(self.progress, Progress::Running { datum, .. }
+                let moved = matches!(self.progress, Progress::Under { datum, .. }
                     if joints.is_none_or(|joints| joints.datum != datum));
                 if !stays {
                     self.entered_ns = control.entered_ns;
-                    outcome = self.enter(cycle.tick, desired, joints);
+                    let entered = self.enter(cycle.dt.as_secs_f64(), desired, joints);
+                    outcome = entered.map_err(|(fault, said)| {
+                        check = said;
+                        fault
+                    });
                 } else if moved {
                     // The zero of the joints moved under the path.
                     self.progress = Progress::Refused;
@@ -136,8 +141,12 @@ impl Task for Trajectory {
                 }
             }
         }
-        io.write(&self.goal, self.goal(cycle));
-        outcome
+        let (goal, said, proceeded) = self.proceed(cycle.tick);
+        io.write(&self.goal, goal);
+        if let Some(check) = said.or(check) {
+            io.write(&self.check, check);
+        }
+        outcome.and(proceeded)
     }
 
     fn stop(&mut self) {
