@@ -279,7 +279,7 @@ fn a_queue_that_cannot_be_run_is_refused_before_anything_moves() {
         refused(vec![by_mm([5.0, 0.0, 0.0], false), turn])
     };
     let verdicts = [about(100.0), about(-100.0)];
-    let [Some((check, faults)), None] | [None, Some((check, faults))] = verdicts else {
+    let ([Some((check, faults)), None] | [None, Some((check, faults))]) = verdicts else {
         panic!("{verdicts:?}")
     };
     assert_eq!((check.moves, check.reason, check.joint), (2, 1, 6), "{check:?}");
