@@ -3,6 +3,7 @@
 
 mod determinism;
 mod hold;
+mod lines;
 mod physics;
 mod rolling;
 mod stop;

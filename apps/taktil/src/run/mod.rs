@@ -5,6 +5,7 @@ pub mod assemble;
 mod budgets;
 pub mod digest;
 pub(crate) mod interrupt;
+mod moves;
 pub mod operator;
 pub mod plan;
 mod progress;

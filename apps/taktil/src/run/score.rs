@@ -7,7 +7,9 @@ use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{FaultSet, Mode, Payload};
-use taktil_signal::{ControlState, Desired, Features, JointState, State, Torque, defined};
+use taktil_signal::{
+    ControlState, Desired, Features, JointState, MoveCheck, State, Torque, defined,
+};
 
 use super::world::WorldTruth;
 
@@ -156,6 +158,8 @@ pub struct Figures {
     pub refused: u32,
     /// State at the end.
     pub state: State,
+    /// What the check of the queue of moves said last.
+    pub moves: Option<MoveCheck>,
     /// Touch had the arm at some time.
     pub touched: bool,
     /// The force reached its set point: rolling took place.
@@ -179,6 +183,7 @@ struct Ids {
     torque: Option<usize>,
     control: Option<usize>,
     truth: Option<usize>,
+    check: Option<usize>,
 }
 
 /// Watches records and keeps [`Figures`].
@@ -207,6 +212,7 @@ impl Score {
             torque: catalog.find("joint_servo.torque"),
             control: catalog.find("supervisor.control"),
             truth: catalog.find("world.truth"),
+            check: catalog.find("trajectory.check"),
         };
         Score {
             ids,
@@ -347,6 +353,8 @@ impl Observer for Score {
             if let Some(control) = ControlState::decode(record.body) {
                 self.control(control);
             }
+        } else if id == self.ids.check {
+            self.figures.moves = MoveCheck::decode(record.body);
         } else if id == self.ids.features
             && let Some(features) = Features::decode(record.body)
         {

@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 use taktil_rtcore::live::{Account, Attestation, LaneGrant};
 use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, Misses, guard};
 
-use super::budgets;
 use super::score::{Figures, Span, Spread};
+use super::{budgets, moves};
 
 /// Where the figures of one run come from.
 pub struct Ending<'a> {
@@ -103,6 +103,7 @@ impl Ending<'_> {
             "faults": faults,
             "state": f.state.name(),
             "refused_requests": f.refused,
+            "moves": f.moves.as_ref().map(moves::json),
             "log": self.log,
             "repeat": self.repeat,
         })

@@ -6,7 +6,7 @@ use std::fmt::Write;
 
 use serde_json::Value;
 
-use super::budgets;
+use super::{budgets, moves};
 
 /// The mark at every timing figure of a run whose timing is not representative.
 const MARK: &str = " *";
@@ -210,6 +210,9 @@ fn ending(out: &mut String, s: &Value) {
     }
     if s["faults"].as_array().is_some_and(Vec::is_empty) {
         row(out, "faults", "none", "");
+    }
+    if let Some((what, note)) = moves::words(&s["moves"]) {
+        row(out, "moves", &what, &note);
     }
     if s["refused_requests"].as_u64().is_some_and(|n| n > 0) {
         row(out, "refused requests", &s["refused_requests"].to_string(), "");
