@@ -244,6 +244,7 @@ fn ticks(duration_s: f64, tick_s: f64) -> Result<u32, Refusal> {
 
 /// How far an inspection is.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a lane has no heap")]
 pub enum Verdict {
     /// There is more to look at.
     Open,

@@ -25,7 +25,7 @@ fn the_true_tool_runs_straight_lines() {
     let side: Vec<&DVec3> = tools
         .iter()
         .map(|row| &row.1)
-        .filter(|p| (312.0..338.0).contains(&p.x) && (p.y + 127.0).abs() < 3.0 && p.z < -107.0)
+        .filter(|p| (312.0..338.0).contains(&p.x) && (p.y + 127.0).abs() < 3.0 && p.z > -112.0)
         .collect();
     assert!(side.len() > 100, "the side was run: {}", side.len());
     for p in &side {
