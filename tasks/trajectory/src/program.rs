@@ -2,7 +2,9 @@
 //! run one after another. Refuses to move before the last leg was looked at, and to go on where the
 //! arm cannot follow.
 
+use core::ops::ControlFlow;
 use taktil_mechanics::Joints;
+
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::paul::Setpoint;
 use taktil_mechanics::preview::{Inspection, Preview, Refusal, Route, Terms, Verdict};
@@ -122,7 +124,7 @@ impl Program {
                 Verdict::Open => return Outcome::At(Setpoint::rest(&self.q), false),
                 Verdict::Refused(why) => return self.refuse(plan, &Why::Cannot(why)),
                 Verdict::Passed(preview) => {
-                    if let Err(outcome) = self.passed(plan, &preview, tick) {
+                    if let ControlFlow::Break(outcome) = self.passed(plan, &preview, tick) {
                         return outcome;
                     }
                 }
@@ -132,7 +134,7 @@ impl Program {
     }
 
     /// A leg was found good: looks at the next, or starts the first.
-    fn passed(&mut self, plan: &Plan, preview: &Preview, tick: u64) -> Result<(), Outcome> {
+    fn passed(&mut self, plan: &Plan, preview: &Preview, tick: u64) -> ControlFlow<Outcome> {
         note(&mut self.check, preview);
         self.check.moves = self.next_step as u32;
         self.legs += 1;
@@ -142,9 +144,9 @@ impl Program {
             match look(plan, &begin.q, begin.step) {
                 Ok((inspection, next_step)) => {
                     (self.stage, self.next_step) = (Stage::Looking(inspection), next_step);
-                    return Err(Outcome::At(Setpoint::rest(&self.q), false));
+                    return ControlFlow::Break(Outcome::At(Setpoint::rest(&self.q), false));
                 }
-                Err(why) => return Err(self.refuse_at(begin.step, &why)),
+                Err(why) => return ControlFlow::Break(self.refuse_at(begin.step, &why)),
             }
         }
         self.check.verdict = 2;
@@ -152,7 +154,7 @@ impl Program {
     }
 
     /// Starts a leg in this job.
-    fn enter(&mut self, plan: &Plan, number: usize, tick: u64) -> Result<(), Outcome> {
+    fn enter(&mut self, plan: &Plan, number: usize, tick: u64) -> ControlFlow<Outcome> {
         let begin = self.begins[number];
         match leg(&plan.arm, &begin.q, &plan.steps, begin.step, &plan.pace) {
             Ok((route, count)) => {
@@ -160,9 +162,9 @@ impl Program {
                 (self.leg, self.next_step) = (number, begin.step + count);
                 self.q = begin.q;
                 self.stage = Stage::Running { route, follower, since: tick, last: tick };
-                Ok(())
+                ControlFlow::Continue(())
             }
-            Err(why) => Err(self.refuse_at(begin.step, &Why::Planned(why))),
+            Err(why) => ControlFlow::Break(self.refuse_at(begin.step, &Why::Planned(why))),
         }
     }
 
@@ -175,7 +177,7 @@ impl Program {
         };
         if over
             && self.leg + 1 < self.legs
-            && let Err(outcome) = self.enter(plan, self.leg + 1, tick)
+            && let ControlFlow::Break(outcome) = self.enter(plan, self.leg + 1, tick)
         {
             return outcome;
         }
