@@ -2,6 +2,8 @@
 //! for the process memory, limits, throttling, clock and power. Refuses to judge a robot: what was
 //! asked for and is missing stands apart from what is merely so.
 
+use crate::contract::{Demands, Item, Shortfall, Weight, shortfalls};
+
 /// What one lane's thread runs with, read back.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LaneGrant {
@@ -52,7 +54,9 @@ pub struct Facts {
 /// What the kernel granted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Attestation {
-    /// What was asked for and not granted, one sentence each.
+    /// Everything that is not as demanded, weighed; also what weighs nothing.
+    pub shortfalls: Vec<Shortfall>,
+    /// What was asked for or demanded and not granted, one sentence each.
     pub missing: Vec<String>,
     /// What was not asked for and costs real time all the same, one sentence each.
     pub notes: Vec<String>,
@@ -67,30 +71,43 @@ pub struct Attestation {
 }
 
 impl Attestation {
-    /// Policy, priority, processor and memory are as asked for.
+    /// Policy, priority, processor and memory are as asked for, and nothing demanded is missing.
     #[must_use]
     pub fn granted(&self) -> bool {
         self.missing.is_empty()
     }
 
-    /// Timing figures of this run say something about the machine's real-time abilities.
-    #[must_use]
-    pub fn representative(&self) -> bool {
-        self.granted() && self.preempt_rt && !self.virtual_machine
+    /// What was demanded and is missing: a run that drives a board is refused.
+    pub fn refused(&self) -> impl Iterator<Item = &Shortfall> {
+        self.shortfalls.iter().filter(|short| short.weight == Weight::Hard)
     }
 
-    /// Puts what the facts mean into words, once they are complete.
-    pub(crate) fn annotate(&mut self) {
-        if !self.preempt_rt {
-            self.notes.push("the kernel is built without PREEMPT_RT".to_owned());
-        }
+    /// Timing figures of this run say something about the machine's real-time abilities, whatever
+    /// was demanded.
+    #[must_use]
+    pub fn representative(&self) -> bool {
+        let core = self.shortfalls.iter().any(|short| short.item.core());
+        self.granted() && !core && self.preempt_rt && !self.virtual_machine
+    }
+
+    /// Weighs what was asked for and not granted, and what the facts fall short of, once they are
+    /// complete.
+    pub(crate) fn judge(&mut self, asked: Vec<Shortfall>, demands: &Demands) {
+        let facts = &self.facts;
+        self.shortfalls = asked;
+        self.shortfalls.extend(facts.unlocked());
+        self.shortfalls.extend(shortfalls(facts, self.preempt_rt, &self.lanes, demands));
         if self.virtual_machine {
             self.notes.push("a virtual machine: its host may take the processor".to_owned());
         }
-        let facts = &self.facts;
-        self.notes.extend(facts.notes());
-        if let Some(shortfall) = facts.unlocked() {
-            self.missing.push(shortfall);
+        for short in &mut self.shortfalls {
+            short.weight = demands.of(short.item);
+            let asked = short.item.core() || short.weight == Weight::Hard;
+            match short.weight {
+                Weight::None => {}
+                _ if asked => self.missing.push(short.found.clone()),
+                _ => self.notes.push(short.found.clone()),
+            }
         }
     }
 }
@@ -100,41 +117,12 @@ const UNLOCKED_KIB: u64 = 256;
 
 impl Facts {
     /// A memory lock that the kernel confirmed and that does not cover the process.
-    fn unlocked(&self) -> Option<String> {
+    fn unlocked(&self) -> Option<Shortfall> {
         let (locked, resident) = (self.locked_kib?, self.resident_kib?);
         // Nothing locked at all was said by the refusal itself.
         (locked > 0 && locked + UNLOCKED_KIB < resident)
             .then(|| format!("memory: {locked} KiB locked of {resident} KiB resident"))
-    }
-
-    fn notes(&self) -> Vec<String> {
-        let mut notes = Vec::new();
-        if let (Some(runtime), Some(period)) = (self.rt_runtime_us, self.rt_period_us)
-            && runtime >= 0
-            && runtime < period
-        {
-            notes.push(format!(
-                "real-time threads are throttled to {runtime} us of every {period} us \
-                 (sched_rt_runtime_us; -1 ends it)"
-            ));
-        }
-        if let Some(0) = self.group_rt_runtime_us {
-            notes.push("this control group has no real-time budget (cpu.rt_runtime_us = 0)".into());
-        }
-        if let Some(Some(limit)) = self.rttime_us {
-            notes.push(format!("a lane that computes for {limit} us is killed (RLIMIT_RTTIME)"));
-        }
-        match self.clocksource.as_deref() {
-            Some("tsc" | "kvm-clock" | "arch_sys_counter") | None => {}
-            Some(other) => notes.push(format!("clock source {other}: slow to read")),
-        }
-        for governor in self.governors.iter().filter(|name| *name != "performance") {
-            notes.push(format!("frequency governor {governor}: clock speed varies"));
-        }
-        if !self.dma_latency_held {
-            notes.push("/dev/cpu_dma_latency is not held: processors may sleep deeply".to_owned());
-        }
-        notes
+            .map(|found| Shortfall::new(Item::Memory, found))
     }
 
     /// Names and values for people.
@@ -196,7 +184,7 @@ mod tests {
         };
         let missing = |facts: Facts| {
             let mut attestation = Attestation { facts, ..Attestation::default() };
-            attestation.annotate();
+            attestation.judge(Vec::new(), &Demands::SOFT);
             attestation.missing
         };
         assert_eq!(missing(facts(Some(9000), Some(9000))).len(), 0);
@@ -205,28 +193,31 @@ mod tests {
     }
 
     #[test]
-    fn what_costs_real_time_is_noted_and_what_does_not_is_not() {
-        let good = Facts {
-            rt_runtime_us: Some(-1),
-            rt_period_us: Some(1_000_000),
-            rttime_us: Some(None),
-            clocksource: Some("tsc".into()),
-            governors: vec!["performance".into()],
-            dma_latency_held: true,
-            ..Facts::default()
+    fn the_weight_of_an_item_decides_what_missing_it_means() {
+        let judged = |demands: &Demands| {
+            let mut attestation = Attestation { preempt_rt: true, ..Attestation::default() };
+            attestation.judge(vec![Shortfall::new(Item::Fifo, "no priority")], demands);
+            attestation
         };
-        assert_eq!(good.notes(), Vec::<String>::new());
-        let bad = Facts {
-            rt_runtime_us: Some(950_000),
-            rttime_us: Some(Some(200_000)),
-            clocksource: Some("hpet".into()),
-            governors: vec!["powersave".into()],
-            group_rt_runtime_us: Some(0),
-            dma_latency_held: false,
-            ..good.clone()
-        };
-        assert_eq!(bad.notes().len(), 6, "{:?}", bad.notes());
-        let full = Facts { rt_runtime_us: Some(1_000_000), ..good };
-        assert_eq!(full.notes(), Vec::<String>::new(), "all of the period is no throttle");
+        let soft = judged(&Demands::SOFT);
+        assert_eq!(
+            (soft.refused().count(), soft.missing.as_slice()),
+            (0, &["no priority".into()][..])
+        );
+        assert_eq!(soft.notes.len(), 1, "dma latency");
+        assert!(!soft.granted());
+        let board = judged(&Demands::BOARD);
+        assert_eq!(board.refused().map(|short| short.item).collect::<Vec<_>>(), [Item::Fifo]);
+        let none =
+            Demands::SOFT.with(Item::Fifo, Weight::None).with(Item::DmaLatency, Weight::None);
+        let silent = judged(&none);
+        assert!(silent.granted() && silent.notes.is_empty() && silent.refused().count() == 0);
+        assert!(!silent.representative(), "silence grants nothing");
+        let strict = judged(&none.with(Item::DmaLatency, Weight::Hard));
+        assert_eq!(
+            strict.refused().map(|short| short.item).collect::<Vec<_>>(),
+            [Item::DmaLatency]
+        );
+        assert_eq!(strict.missing.len(), 1, "what is demanded and missing is no mere note");
     }
 }

@@ -8,6 +8,7 @@
 pub mod analysis;
 pub mod attest;
 pub mod bare;
+pub mod contract;
 pub mod fault;
 pub mod guard;
 pub mod hyperperiod;

@@ -3,6 +3,7 @@
 //! what the kernel did not grant: it is read back per lane.
 
 mod beat;
+mod grant;
 mod ledger;
 mod watch;
 
@@ -13,17 +14,17 @@ use std::thread;
 use taktil_hal::{Clock, Nanos};
 
 pub use crate::attest::{Attestation, Facts, LaneGrant};
+use crate::contract::{Demands, Item, Shortfall};
 use crate::fault::FaultCode;
 use crate::lane::Lane;
-use crate::linux::{
-    AwakeCpus, MonotonicClock, become_fifo, facts, kernel, lock_memory, pin_to, thread_grant,
-    touch_stack, unlock_memory,
-};
+use crate::linux::{AwakeCpus, MonotonicClock, kernel, lock_memory, touch_stack, unlock_memory};
 use crate::machine::Machine;
 use crate::pulse::Pulse;
 use crate::record::{Drain, Observer};
 use crate::silence;
 use beat::beat;
+pub use grant::rehearse;
+use grant::{ask, complete};
 use ledger::Ledger;
 pub(crate) use watch::LANES_MAX;
 use watch::Watch;
@@ -43,10 +44,25 @@ const CARRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(2);
 /// Whether a run may go on with less than it asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Contract {
-    /// Anything missing refuses the run before the first job.
+    /// A priority, CPU or memory that is missing refuses the run before the first job; what else
+    /// is missing is reported. The short form of [`Demands::BOARD`].
     Hard,
     /// Anything missing is reported and every timing figure marked.
     Soft,
+    /// Item by item.
+    Items(Demands),
+}
+
+impl Contract {
+    /// The weight of every item.
+    #[must_use]
+    pub const fn demands(self) -> Demands {
+        match self {
+            Contract::Hard => Demands::BOARD,
+            Contract::Soft => Demands::SOFT,
+            Contract::Items(demands) => demands,
+        }
+    }
 }
 
 /// What happens to logical time when a lane is woken later than its deadline leaves room for.
@@ -67,7 +83,7 @@ pub enum Pace {
 pub struct Terms {
     /// Jobs released before this instant are run.
     pub until: Nanos,
-    /// Whether missing rights refuse the run.
+    /// What missing rights mean.
     pub contract: Contract,
     /// What a stall does to logical time.
     pub pace: Pace,
@@ -89,7 +105,7 @@ pub struct Account {
 pub enum LiveError {
     /// A task refused to start.
     TaskRefused(String, FaultCode),
-    /// The contract was hard and this is missing.
+    /// Something that the contract demands is missing.
     NotGranted(Box<Attestation>),
     /// The operating system gave no thread.
     NoThread(String),
@@ -119,7 +135,8 @@ impl core::fmt::Display for LiveError {
                 write!(f, "task `{task}` refused to start: {}", fault.text())
             }
             LiveError::NotGranted(attestation) => {
-                write!(f, "the kernel did not grant: {}", attestation.missing.join("; "))
+                write!(f, "the contract does not hold, no output was armed")?;
+                attestation.refused().try_for_each(|short| write!(f, "\n  {short}"))
             }
             LiveError::NoThread(why) => write!(f, "no thread for a lane: {why}"),
             LiveError::Hung(hang) => hang.fmt(f),
@@ -170,7 +187,7 @@ impl Shared<'_> {
 #[derive(Default)]
 struct Answers {
     /// What it did not get, and what it runs with.
-    granted: OnceLock<(Vec<String>, LaneGrant)>,
+    granted: OnceLock<(Vec<Shortfall>, LaneGrant)>,
     /// Where it panicked first.
     panicked: OnceLock<String>,
 }
@@ -193,12 +210,10 @@ pub fn run(
     silence::install();
     let (preempt_rt, virtual_machine) = kernel();
     let mut attestation = Attestation { preempt_rt, virtual_machine, ..Attestation::default() };
-    if let Err(why) = lock_memory() {
-        attestation.missing.push(why);
-    }
+    let asked = Vec::from_iter(lock_memory().err().map(|why| Shortfall::new(Item::Memory, why)));
     let awake = AwakeCpus::hold();
     attestation.facts.dma_latency_held = awake.is_some();
-    let outcome = run_threads(machine, terms, stop, audience, &mut attestation);
+    let outcome = run_threads(machine, terms, stop, audience, (&mut attestation, asked));
     drop(awake);
     unlock_memory();
     machine.stop();
@@ -210,7 +225,7 @@ fn run_threads(
     terms: Terms,
     stop: &AtomicBool,
     audience: &mut dyn Audience,
-    attestation: &mut Attestation,
+    (attestation, asked): (&mut Attestation, Vec<Shortfall>),
 ) -> Result<(Nanos, Vec<String>), LiveError> {
     let count = machine.lanes.len();
     let shared = Shared {
@@ -239,8 +254,9 @@ fn run_threads(
         while shared.ready.load(Ordering::Acquire) < count {
             thread::sleep(CARRY_PAUSE);
         }
-        complete(attestation, &answers);
-        if terms.contract == Contract::Hard && !attestation.granted() {
+        let answers_granted = answers.iter().filter_map(|answers| answers.granted.get().cloned());
+        complete(attestation, asked, answers_granted, &terms.contract.demands());
+        if attestation.refused().next().is_some() {
             shared.signal.store(ABANDON, Ordering::Release);
             return Err(LiveError::NotGranted(Box::new(attestation.clone())));
         }
@@ -311,17 +327,6 @@ impl Hangs {
     }
 }
 
-/// Adds what the lanes' threads and the kernel say, once all threads stand.
-fn complete(attestation: &mut Attestation, answers: &[Answers]) {
-    for (missing, grant) in answers.iter().filter_map(|answers| answers.granted.get()) {
-        attestation.missing.extend(missing.iter().cloned());
-        attestation.lanes.push(grant.clone());
-    }
-    let dma_latency_held = attestation.facts.dma_latency_held;
-    attestation.facts = Facts { dma_latency_held, ..facts() };
-    attestation.annotate();
-}
-
 fn carry(drains: &mut [Drain], observer: &mut dyn Observer) {
     for drain in drains {
         drain.drain(observer);
@@ -335,15 +340,9 @@ fn lane_thread(
     clock: &OnceLock<MonotonicClock>,
     answers: &Answers,
 ) {
-    let mut missing = Vec::new();
-    if let Some(cpu) = lane.spec.cpu {
-        missing.extend(pin_to(cpu).err().map(|why| format!("lane {}: {why}", lane.spec.name)));
-    }
-    missing.extend(
-        become_fifo(lane.spec.priority).err().map(|why| format!("lane {}: {why}", lane.spec.name)),
-    );
+    let answer = ask(&lane.spec);
     touch_stack();
-    let _ = answers.granted.set((missing, thread_grant(&lane.spec.name)));
+    let _ = answers.granted.set(answer);
     shared.ready.fetch_add(1, Ordering::AcqRel);
     while shared.signal.load(Ordering::Acquire) == WAIT {
         thread::sleep(CARRY_PAUSE);

@@ -4,6 +4,7 @@
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
+use taktil_rtcore::contract::{Demands, Weight};
 use taktil_rtcore::live::{self, Account, Audience, Contract, Pace, Terms};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
@@ -120,6 +121,26 @@ fn what_a_lane_runs_with_is_read_back() {
     assert!(attestation.facts.resident_kib.is_some_and(|kib| kib > 0));
     assert!(attestation.facts.rtprio.is_some());
     assert_eq!(attestation.facts.rows().len(), 13);
+}
+
+#[test]
+fn an_item_that_is_demanded_and_missing_refuses_the_run_before_the_first_job() {
+    let mut machine = machine(None, &[None]);
+    let found = live::rehearse(&machine, Contract::Soft);
+    assert_eq!(found.lanes.len(), 1);
+    assert!(found.refused().next().is_none(), "soft refuses nothing");
+    let Some(short) = found.shortfalls.iter().find(|short| !short.item.core()) else {
+        println!("SKIPPED: nothing is missing on this machine");
+        return;
+    };
+    let contract = Contract::Items(Demands::SOFT.with(short.item, Weight::Hard));
+    let terms = Terms { until: Nanos::from_millis(50), contract, pace: Pace::Fixed };
+    let mut count = Count::default();
+    let outcome = live::run(&mut machine, terms, &AtomicBool::new(false), &mut count);
+    let text = outcome.unwrap_err().to_string();
+    let line = format!("\n  {}: {}; wanted ", short.item.name(), short.found);
+    assert!(text.contains("no output was armed") && text.contains(&line), "{text}");
+    assert_eq!((count.0, machine.figures().next().unwrap().1.jobs), (0, 0));
 }
 
 const CHILD: &str = "TAKTIL_PANIC_CHILD";

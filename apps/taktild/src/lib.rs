@@ -2,6 +2,7 @@
 //! file and line. The shipped service cannot contain a simulator: this crate does not know one.
 
 pub mod config;
+pub mod contract;
 pub mod cpus;
 pub mod service;
 pub mod source;

@@ -11,12 +11,14 @@ use nix::sys::signal::{SigSet, Signal};
 use sd_notify::NotifyState;
 use serde::Deserialize;
 use taktil_drivers_regmap::{Board, Config as BoardConfig, OpenError};
+use taktil_rtcore::contract::Item;
 use taktil_rtcore::live::{self, Attestation, Audience, Contract, Hang, Pace, Terms};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Machine, Nanos, Output, Ports, Task};
 use taktil_signal::Request;
 
 use crate::config::MachineConfig;
+use crate::contract::ContractConfig;
 use crate::source::{Located, Source};
 use crate::wiring;
 
@@ -31,22 +33,14 @@ const PING: Nanos = Nanos::from_millis(100);
 struct ServiceFile {
     /// Machine file, relative to this one.
     machine: String,
-    /// Whether missing real-time rights refuse the start.
-    #[serde(default)]
-    contract: ContractName,
+    /// Which missing real-time rights refuse the start.
+    #[serde(default = "hard")]
+    contract: ContractConfig,
     /// The register-file board.
     board: BoardConfig,
     /// Sections that replace those of the machine file.
     #[serde(default)]
     robot: MachineConfig,
-}
-
-#[derive(Clone, Copy, Debug, Default, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum ContractName {
-    #[default]
-    Hard,
-    Soft,
 }
 
 /// Exit code of a service one of whose tasks does not return.
@@ -106,27 +100,55 @@ impl Service {
             let here = bad.clone().within("robot");
             if source.holds(&here.place) { source.locate(here) } else { machine.locate(bad) }
         })?;
-        let contract = match file.contract {
-            ContractName::Hard => Contract::Hard,
-            ContractName::Soft => Contract::Soft,
-        };
-        Ok(Service { machine, contract, board: file.board.path })
+        Ok(Service { machine, contract: file.contract.contract(), board: file.board.path })
     }
 
-    /// What was assembled, in a few lines.
+    /// What was assembled, whether its schedule can hold, and what the kernel would grant it now,
+    /// which is asked for and given back.
     #[must_use]
     pub fn describe(&self) -> String {
         let mut text = format!("board {}\n", self.board.display());
-        for ((spec, _), seats) in self.machine.figures().zip(self.machine.seats()) {
+        let lanes = self.machine.figures().zip(self.machine.seats());
+        for (((spec, _), seats), found) in lanes.zip(&self.machine.analysis().lanes) {
+            let response = found.response().map_or_else(
+                || "response unknown".to_owned(),
+                |bound| format!("response {}", bound.span()),
+            );
             text += &format!(
-                "lane {}: every {}, priority {}: {}\n",
+                "lane {}: every {}, priority {}: {}\n  {}, deadline {}: {}\n",
                 spec.name,
                 spec.period,
                 spec.priority,
-                seats.join(" > ")
+                seats.join(" > "),
+                response,
+                found.deadline,
+                found.verdict.text(),
             );
         }
-        text
+        text + &self.rights()
+    }
+
+    /// The contract, item by item, against what the kernel would grant now.
+    fn rights(&self) -> String {
+        let attestation = live::rehearse(&self.machine, self.contract);
+        let demands = self.contract.demands();
+        let mut text = String::new();
+        for item in Item::ALL {
+            let short: Vec<_> =
+                attestation.shortfalls.iter().filter(|short| short.item == item).collect();
+            let (name, weight) = (item.name(), demands.of(item).name());
+            if short.is_empty() {
+                text += &format!("contract {name} ({weight}): holds\n");
+            }
+            for short in short {
+                text += &format!("contract {name} ({weight}): {}", short.found);
+                text += &format!("; wanted {}; {}\n", short.wanted(), short.remedy());
+            }
+        }
+        text + match attestation.refused().count() {
+            0 => "it would start\n",
+            _ => "it would be refused: an item that is hard does not hold\n",
+        }
     }
 
     /// Runs until SIGTERM or SIGINT.
@@ -149,6 +171,10 @@ impl Service {
         }
         Ok(())
     }
+}
+
+fn hard() -> ContractConfig {
+    ContractConfig::HARD
 }
 
 fn board_error(bad: OpenError) -> Invalid {

@@ -45,12 +45,16 @@ impl Folder {
 
     /// The service's configuration over `board.bin` in this folder.
     fn config(&self, contract: &str) -> PathBuf {
+        self.config_with(&format!("contract = \"{contract}\""))
+    }
+
+    fn config_with(&self, contract: &str) -> PathBuf {
         let machine = Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("../../sim/scenes/machine/puma260.toml")
             .canonicalize()
             .unwrap();
         let text = format!(
-            "machine = \"{}\"\ncontract = \"{contract}\"\n\n[board]\npath = \"{}\"\n",
+            "machine = \"{}\"\n{contract}\n\n[board]\npath = \"{}\"\n",
             machine.display(),
             self.join("board.bin").display()
         );
@@ -208,6 +212,59 @@ fn check_prints_what_would_run_and_leaves_the_board_safe() {
     {
         assert!(text.contains(word), "not `{word}` in\n{text}");
     }
+    for word in ["deadline 2500 us: meets", "contract fifo (hard): ", "contract governor (soft): "]
+    {
+        assert!(text.contains(word), "not `{word}` in\n{text}");
+    }
+    let (start, refused) = (text.contains("it would start\n"), text.contains("would be refused"));
+    assert!(start != refused, "{text}");
+    rig.assert_registers_are_safe();
+}
+
+/// Reads the registers without a pause; counts how often they were unsafe after they had been safe.
+fn unsafe_words(rig: &Rig, stop: &AtomicBool) -> u64 {
+    let (mut armed, mut unsafe_seen) = (false, 0);
+    while !stop.load(Ordering::SeqCst) {
+        let lines = rig.registers.read(DIGITAL_OUT) & (OUT_ENABLE | OUT_BRAKE_RELEASE);
+        let safe = lines == 0 && rig.words().iter().all(|word| *word == ZERO_VOLTS);
+        unsafe_seen += u64::from(armed && !safe);
+        armed |= safe;
+    }
+    assert!(armed, "it was never safe");
+    unsafe_seen
+}
+
+#[test]
+fn an_item_that_is_hard_and_missing_is_refused_before_any_output_is_armed() {
+    let folder = Folder::new();
+    let rig = Rig::new(&folder);
+    let config =
+        folder.config_with("contract = { fifo = \"none\", rttime = \"hard\", memory = \"none\" }");
+    // A limit that any process may set for itself, so that the item is missing on every host.
+    let mut limited = Command::new("prlimit");
+    limited.args(["--rttime=10000000:10000000", env!("CARGO_BIN_EXE_taktild"), "--config"]);
+    limited.arg(&config).env_remove("NOTIFY_SOCKET");
+    let (stop, strobe) = (AtomicBool::new(false), rig.registers.read(DAC_STROBE));
+    let (output, seen) = std::thread::scope(|scope| {
+        let watcher = scope.spawn(|| unsafe_words(&rig, &stop));
+        let output = limited.output();
+        stop.store(true, Ordering::SeqCst);
+        (output, watcher.join())
+    });
+    let Ok(output) = output else {
+        println!("SKIPPED: there is no `prlimit` (util-linux) here");
+        return;
+    };
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    for word in ["no output was armed", "rttime: a lane that computes for 10000000 us is killed"] {
+        assert!(text.contains(word), "not `{word}` in\n{text}");
+    }
+    assert!(text.contains("wanted RLIMIT_RTTIME = unlimited; LimitRTTIME=infinity"), "{text}");
+    assert!(!text.contains("fifo: "), "{text}");
+    assert_eq!(seen.unwrap(), 0, "a word that drives was written");
+    let writes = rig.registers.read(DAC_STROBE).wrapping_sub(strobe);
+    assert!(writes < 16, "{writes} writes: jobs have run");
     rig.assert_registers_are_safe();
 }
 

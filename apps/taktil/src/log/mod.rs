@@ -16,6 +16,8 @@ pub use writer::McapLog;
 
 /// Name of the metadata record that is written before the first message.
 pub const METADATA_RUN: &str = "taktil.run";
+/// Name of the metadata record that holds what the kernel granted; it precedes the first message.
+pub const METADATA_ATTESTATION: &str = "taktil.attestation";
 /// Name of the metadata record that [`McapLog::finish_with`] writes after the last message.
 pub const METADATA_RESULT: &str = "taktil.result";
 

@@ -103,6 +103,15 @@ impl McapLog {
         })
     }
 
+    /// Writes a metadata record with one value, `json`, where the recording stands now.
+    pub fn note(&mut self, name: &str, json: &str) {
+        if self.failed.is_none() {
+            let metadata = BTreeMap::from([("json".to_owned(), json.to_owned())]);
+            let written = self.writer.write_metadata(&Metadata { name: name.into(), metadata });
+            self.failed = written.err().map(|error| error.to_string());
+        }
+    }
+
     /// Messages written so far.
     #[must_use]
     pub fn written(&self) -> u64 {

@@ -195,6 +195,7 @@ fn timing_section(out: &mut String, summary: &Value) {
     out.push_str("<h2>Timing</h2>\n");
     out.push_str(&tables::timing_caution(summary));
     out.push_str(&table);
+    out.push_str(&tables::contract(summary));
     let figures = timing::figures(summary);
     if !figures.is_empty() {
         out.push_str("<div class=\"pair\">\n");

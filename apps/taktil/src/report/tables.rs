@@ -180,6 +180,27 @@ pub(super) fn timing_caution(summary: &Value) -> String {
     )
 }
 
+/// What was not as the contract has it; empty when everything was, and in virtual time.
+pub(super) fn contract(summary: &Value) -> String {
+    let rows = summary.pointer("/attested/shortfalls").and_then(Value::as_array);
+    let mut out = String::new();
+    for short in rows.into_iter().flatten() {
+        out.push_str("<tr>");
+        for key in ["item", "weight", "found", "wanted", "remedy"] {
+            let text = short.get(key).and_then(Value::as_str).unwrap_or(DASH);
+            out.push_str(&format!("<td>{}</td>", escape(text)));
+        }
+        out.push_str("</tr>\n");
+    }
+    if out.is_empty() {
+        return out;
+    }
+    format!(
+        "<table>\n<tr><th>asked of the kernel</th><th>weight</th><th>found</th><th>wanted</th>\
+         <th>remedy</th></tr>\n{out}</table>\n"
+    )
+}
+
 /// Heading of the table of lanes, two rows.
 const LANE_HEAD: &str = "<div class=\"wide\"><table class=\"tight\">\n\
     <tr><th rowspan=\"2\">lane</th><th class=\"num\" rowspan=\"2\">period<br/>(ms)</th>\

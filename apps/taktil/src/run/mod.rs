@@ -27,12 +27,12 @@ use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Hang, Pace, 
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Machine, Nanos, linux, live, virtual_time};
 
-use crate::log::{Log, McapLog};
+use crate::log::{Log, METADATA_ATTESTATION, McapLog};
 use digest::Digest;
 use progress::Progress;
 use scene::Scene;
 use score::{Score, Targets};
-use summary::Ending;
+use summary::{Ending, attested};
 
 /// What the command line says.
 #[derive(Clone, Debug, Default)]
@@ -66,6 +66,9 @@ struct Watch {
 
 impl Audience for Watch {
     fn attested(&mut self, attestation: &Attestation) {
+        if let Some(log) = &mut self.log {
+            log.note(METADATA_ATTESTATION, &attested(Some(attestation)).to_string());
+        }
         if !attestation.granted() {
             let missing = attestation.missing.join("; ");
             eprintln!(
@@ -150,7 +153,8 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     };
     let stop = interrupt::watch()?;
     let begin = linux::monotonic();
-    let (reached, account) = execute(&mut machine, options.fast, until, &stop, &mut watch)?;
+    let (reached, account) =
+        execute(&mut machine, (options.fast, scene.contract.contract()), until, &stop, &mut watch)?;
     let wall = linux::monotonic() - begin;
     watch.progress.finish();
     let ending = Ending {
@@ -190,7 +194,7 @@ impl std::error::Error for BadOption {}
 
 fn execute(
     machine: &mut Machine,
-    fast: bool,
+    (fast, contract): (bool, Contract),
     until: Nanos,
     stop: &AtomicBool,
     watch: &mut Watch,
@@ -201,7 +205,7 @@ fn execute(
         })?;
         return Ok((reached, None));
     }
-    let terms = Terms { until, contract: Contract::Soft, pace: Pace::Slip };
+    let terms = Terms { until, contract, pace: Pace::Slip };
     let account = live::run(machine, terms, stop, watch)?;
     Ok((watch.now.min(until), Some(account)))
 }

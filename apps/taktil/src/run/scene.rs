@@ -13,6 +13,7 @@ use taktil_rtcore::{Invalid, Nanos};
 use taktil_signal::Verb;
 use taktil_sim::scene::WorldConfig;
 use taktild::config::MachineConfig;
+use taktild::contract::ContractConfig;
 use taktild::source::{Located, Source};
 
 /// Shortest run, s.
@@ -36,6 +37,8 @@ struct SceneFile {
     world_priority: i64,
     world_cpu: Option<usize>,
     world_budget_us: Option<i64>,
+    #[serde(default = "soft")]
+    contract: ContractConfig,
     start: Option<Start>,
     #[serde(default)]
     operator: Vec<StepFile>,
@@ -43,6 +46,10 @@ struct SceneFile {
     world: WorldConfig,
     #[serde(default)]
     robot: MachineConfig,
+}
+
+fn soft() -> ContractConfig {
+    ContractConfig::SOFT
 }
 
 fn default_duration_s() -> f64 {
@@ -117,6 +124,8 @@ pub struct Scene {
     pub world_cpu: Option<usize>,
     /// Declared time of one job of that lane; it is not analysed when absent.
     pub world_budget: Option<Nanos>,
+    /// Which missing real-time rights refuse a live run.
+    pub contract: ContractConfig,
     /// The operator's script, in order.
     pub script: Vec<Step>,
     /// What is simulated.
@@ -155,6 +164,7 @@ impl Scene {
             world_budget: file
                 .world_budget_us
                 .map(|us| Nanos::from_micros(us.clamp(-1, 1_000_000_000))),
+            contract: file.contract,
             script,
             world: file.world.clone(),
             source,

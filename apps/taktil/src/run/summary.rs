@@ -3,6 +3,7 @@
 
 use hdrhistogram::Histogram;
 use serde_json::{Value, json};
+use taktil_rtcore::contract::Shortfall;
 use taktil_rtcore::live::{Account, Attestation, LaneGrant};
 use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, Misses, guard};
 
@@ -151,12 +152,26 @@ pub fn attested(attestation: Option<&Attestation>) -> Value {
     json!({
         "granted": attestation.map(Attestation::granted),
         "missing": attestation.map_or(&[][..], |a| &a.missing),
+        "shortfalls": attestation.map(shortfalls),
         "notes": attestation.map_or(&[][..], |a| &a.notes),
         "preempt_rt": attestation.map(|a| a.preempt_rt),
         "virtual_machine": attestation.map(|a| a.virtual_machine),
         "lanes": attestation.map(granted),
         "facts": attestation.map(facts),
     })
+}
+
+fn shortfalls(attestation: &Attestation) -> Vec<Value> {
+    let row = |short: &Shortfall| {
+        json!({
+            "item": short.item.name(),
+            "weight": short.weight.name(),
+            "found": short.found,
+            "wanted": short.wanted(),
+            "remedy": short.remedy(),
+        })
+    };
+    attestation.shortfalls.iter().map(row).collect()
 }
 
 /// Finger travel over contact travel: 2 when nothing slips.

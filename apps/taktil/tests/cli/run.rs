@@ -115,3 +115,53 @@ fn a_report_is_one_page_beside_its_log() {
     }
     assert!(Log::open(&folder.join("out/run.mcap")).unwrap().damage().is_none());
 }
+
+#[test]
+fn a_live_log_and_its_report_say_what_the_kernel_granted() {
+    let folder = Folder::new();
+    let scene = scenes().join("roll-pin.toml");
+    let live = ["run", scene.to_str().unwrap(), "--for", "0.1", "--json", "--report", "out"];
+    let said = taktil(folder.path(), &live).ended(0);
+    let summary: Value = serde_json::from_str(&said.out).unwrap();
+    let log = Log::open(&folder.join("out/run.mcap")).unwrap();
+    let granted: Value =
+        serde_json::from_str(&log.metadata()["taktil.attestation"]["json"]).unwrap();
+    assert_eq!(granted, summary["attested"]);
+    assert_eq!(granted["lanes"].as_array().unwrap().len(), 3);
+    assert!(granted["facts"]["VmLck KiB"].is_string());
+    let page = std::fs::read_to_string(folder.join("out/report.html")).unwrap();
+    for short in granted["shortfalls"].as_array().unwrap() {
+        assert!(page.contains(&format!("<td>{}</td>", short["item"].as_str().unwrap())), "{short}");
+    }
+    // It stands before the first message: a log cut right behind it still holds it.
+    let bytes = std::fs::read(folder.join("out/run.mcap")).unwrap();
+    let name = b"taktil.attestation";
+    let at = bytes.windows(name.len()).position(|window| window == name).unwrap();
+    let cut = Log::from_bytes(bytes[..at + 100_000.min(bytes.len() - at)].to_vec()).unwrap();
+    let before = Log::from_bytes(bytes[..at].to_vec()).unwrap();
+    assert!(cut.metadata().contains_key("taktil.attestation"));
+    assert_eq!(before.messages().count(), 0, "no message in front of it");
+}
+
+#[test]
+fn a_contract_that_does_not_hold_refuses_a_live_run_with_the_item() {
+    let folder = Folder::new();
+    let text = std::fs::read_to_string(scenes().join("roll-pin.toml")).unwrap();
+    let machine = scenes().join("machine/puma260.toml");
+    let text = text.replace("machine/puma260.toml", machine.to_str().unwrap());
+    let with = |contract: &str| {
+        text.replacen("seed = 1\n", &format!("seed = 1\ncontract = {contract}\n"), 1)
+    };
+    folder.write("firm.toml", with("\"firm\""));
+    let said = taktil(folder.path(), &["run", "firm.toml"]).ended(2);
+    assert!(said.err.contains("unknown variant `firm`"), "{}", said.err);
+    folder.write("strict.toml", with("{ preempt_rt = \"hard\" }"));
+    let said = taktil(folder.path(), &["run", "strict.toml", "--fast", "--for", "0.01"]);
+    said.ended(0);
+    if std::fs::read_to_string("/proc/version").unwrap().contains("PREEMPT_RT") {
+        println!("SKIPPED: this kernel has what the scene demands");
+        return;
+    }
+    let said = taktil(folder.path(), &["run", "strict.toml", "--for", "0.1"]).ended(1);
+    assert!(said.err.contains("preempt_rt: the kernel is built without PREEMPT_RT; wanted"));
+}

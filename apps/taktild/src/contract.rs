@@ -1,0 +1,160 @@
+//! The contract with the kernel in a configuration: one word for all, or a table of items. Refuses
+//! items and weights that it does not know.
+
+use core::fmt;
+
+use serde::de::{Error, MapAccess, Visitor, value::MapAccessDeserializer};
+use serde::{Deserialize, Deserializer};
+use taktil_rtcore::contract::{Demands, Item, Weight};
+use taktil_rtcore::live::Contract;
+
+/// `contract = "hard"`, `contract = "soft"`, or `[contract]` with some items.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ContractConfig(Contract);
+
+impl ContractConfig {
+    /// Priority, CPU and memory or nothing: for boards.
+    pub const HARD: ContractConfig = ContractConfig(Contract::Hard);
+    /// Everything is reported: for a simulated robot.
+    pub const SOFT: ContractConfig = ContractConfig(Contract::Soft);
+
+    /// For the executor.
+    #[must_use]
+    pub fn contract(self) -> Contract {
+        self.0
+    }
+}
+
+/// The weight of one item.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum WeightName {
+    Hard,
+    Soft,
+    None,
+}
+
+impl WeightName {
+    fn weight(self) -> Weight {
+        match self {
+            WeightName::Hard => Weight::Hard,
+            WeightName::Soft => Weight::Soft,
+            WeightName::None => Weight::None,
+        }
+    }
+}
+
+/// The table; what is absent keeps a board's weight.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Items {
+    fifo: Option<WeightName>,
+    cpu: Option<WeightName>,
+    memory: Option<WeightName>,
+    preempt_rt: Option<WeightName>,
+    throttling: Option<WeightName>,
+    rttime: Option<WeightName>,
+    cgroup: Option<WeightName>,
+    governor: Option<WeightName>,
+    isolation: Option<WeightName>,
+    clocksource: Option<WeightName>,
+    dma_latency: Option<WeightName>,
+}
+
+impl Items {
+    fn demands(&self) -> Demands {
+        let named = |item| match item {
+            Item::Fifo => self.fifo,
+            Item::Cpu => self.cpu,
+            Item::Memory => self.memory,
+            Item::PreemptRt => self.preempt_rt,
+            Item::Throttling => self.throttling,
+            Item::Rttime => self.rttime,
+            Item::Cgroup => self.cgroup,
+            Item::Governor => self.governor,
+            Item::Isolation => self.isolation,
+            Item::Clocksource => self.clocksource,
+            Item::DmaLatency => self.dma_latency,
+        };
+        Item::ALL.into_iter().fold(Demands::BOARD, |demands, item| {
+            named(item).map_or(demands, |name| demands.with(item, name.weight()))
+        })
+    }
+}
+
+/// Reads a word or a table; written by hand so that a complaint names the word or the key.
+struct WordOrTable;
+
+impl<'de> Visitor<'de> for WordOrTable {
+    type Value = ContractConfig;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("`hard`, `soft` or a table of items")
+    }
+
+    fn visit_str<E: Error>(self, word: &str) -> Result<ContractConfig, E> {
+        match word {
+            "hard" => Ok(ContractConfig::HARD),
+            "soft" => Ok(ContractConfig::SOFT),
+            other => Err(E::unknown_variant(other, &["hard", "soft"])),
+        }
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<ContractConfig, A::Error> {
+        let items = Items::deserialize(MapAccessDeserializer::new(table))?;
+        Ok(ContractConfig(Contract::Items(items.demands())))
+    }
+}
+
+impl<'de> Deserialize<'de> for ContractConfig {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<ContractConfig, D::Error> {
+        from.deserialize_any(WordOrTable)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Deserialize)]
+    struct File {
+        contract: ContractConfig,
+    }
+
+    fn read(text: &str) -> Result<Contract, String> {
+        let file: Result<File, _> = toml::from_str(text);
+        file.map(|file| file.contract.contract()).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn one_word_or_item_by_item() {
+        assert_eq!(read("contract = \"hard\""), Ok(Contract::Hard));
+        assert_eq!(read("contract = \"soft\""), Ok(Contract::Soft));
+        let mut text = "[contract]\n".to_owned();
+        for item in Item::ALL {
+            text += &format!("{} = \"none\"\n", item.name());
+        }
+        let all = read(&text).unwrap().demands();
+        assert!(Item::ALL.iter().all(|item| all.of(*item) == Weight::None));
+        let some = read("[contract]\npreempt_rt = \"hard\"\ncpu = \"soft\"").unwrap().demands();
+        assert_eq!(some.of(Item::PreemptRt), Weight::Hard);
+        assert_eq!(some.of(Item::Cpu), Weight::Soft);
+        assert_eq!(some.of(Item::Fifo), Weight::Hard, "a board's weight where nothing is said");
+        assert_eq!(some.of(Item::Governor), Weight::Soft);
+    }
+
+    #[test]
+    fn what_is_no_contract_is_refused_by_name() {
+        for (text, says) in [
+            ("contract = \"firm\"", "unknown variant `firm`"),
+            ("contract = 1", "`hard`, `soft` or a table"),
+            ("contract = []", "`hard`, `soft` or a table"),
+            ("[contract]\nfifi = \"hard\"", "unknown field `fifi`"),
+            ("[contract]\nfifo = \"firm\"", "unknown variant `firm`"),
+            ("[contract]\nfifo = true", "fifo"),
+        ] {
+            let found = read(text).unwrap_err();
+            assert!(found.contains(says), "not `{says}` in {found}");
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! Asking the kernel for what lanes need, and reading back what it gave. Refuses to start a task:
+//! the same can be asked without running anything.
+
+use std::thread;
+
+use super::Contract;
+use crate::attest::{Attestation, Facts, LaneGrant};
+use crate::contract::{Demands, Item, Shortfall};
+use crate::linux::{
+    AwakeCpus, become_fifo, facts, kernel, lock_memory, pin_to, thread_grant, unlock_memory,
+};
+use crate::machine::Machine;
+use crate::schedule::LaneSpec;
+
+/// Adds what the lanes' threads and the kernel say, once all threads stand.
+pub(super) fn complete(
+    attestation: &mut Attestation,
+    mut asked: Vec<Shortfall>,
+    answers: impl Iterator<Item = (Vec<Shortfall>, LaneGrant)>,
+    demands: &Demands,
+) {
+    for (short, grant) in answers {
+        asked.extend(short);
+        attestation.lanes.push(grant);
+    }
+    let dma_latency_held = attestation.facts.dma_latency_held;
+    attestation.facts = Facts { dma_latency_held, ..facts() };
+    attestation.judge(asked, demands);
+}
+
+/// Asks the kernel for everything that a lane needs, for the calling thread.
+pub(super) fn ask(spec: &LaneSpec) -> (Vec<Shortfall>, LaneGrant) {
+    let mut short = Vec::new();
+    let mut note = |item, outcome: Result<(), String>| {
+        short.extend(
+            outcome.err().map(|why| Shortfall::new(item, format!("lane {}: {why}", spec.name))),
+        );
+    };
+    if let Some(cpu) = spec.cpu {
+        note(Item::Cpu, pin_to(cpu));
+    }
+    note(Item::Fifo, become_fifo(spec.priority));
+    (short, thread_grant(&spec.name))
+}
+
+/// What the kernel would grant the machine now: everything is asked for and given back, no task is
+/// started and no job is run.
+#[must_use]
+pub fn rehearse(machine: &Machine, contract: Contract) -> Attestation {
+    let (preempt_rt, virtual_machine) = kernel();
+    let mut attestation = Attestation { preempt_rt, virtual_machine, ..Attestation::default() };
+    let mut asked =
+        Vec::from_iter(lock_memory().err().map(|why| Shortfall::new(Item::Memory, why)));
+    attestation.facts.dma_latency_held = AwakeCpus::hold().is_some();
+    let mut answers = Vec::new();
+    for lane in &machine.lanes {
+        let answer = thread::scope(|scope| {
+            let spec = &lane.spec;
+            let thread = thread::Builder::new().spawn_scoped(scope, move || ask(spec)).ok()?;
+            thread.join().ok()
+        });
+        let nobody = || Shortfall::new(Item::Fifo, format!("lane {}: no thread", lane.spec.name));
+        match answer {
+            Some(answer) => answers.push(answer),
+            None => asked.push(nobody()),
+        }
+    }
+    complete(&mut attestation, asked, answers.into_iter(), &contract.demands());
+    unlock_memory();
+    attestation
+}
