@@ -18,14 +18,37 @@ use crate::pulse::Pulse;
 use crate::record::{HEADER_BYTES, Recording, Tap};
 use crate::release::GuardFigures;
 use crate::schedule::LaneSpec;
+use crate::state::StateHash;
 use crate::status::{LaneHealth, ModeStatus};
 use crate::task::{Cycle, Task};
+use crate::trace::Trace;
 
 /// A task and its place in the lane.
 pub(crate) struct Seat {
     pub(crate) name: String,
     pub(crate) task: Box<dyn Task>,
     pub(crate) disabled: bool,
+    /// Hash of the task's state after its last step.
+    pub(crate) state: u64,
+}
+
+impl Seat {
+    pub(crate) fn new(name: &str, task: Box<dyn Task>) -> Seat {
+        Seat { name: name.to_owned(), task, disabled: false, state: 0 }
+    }
+
+    /// One step, and the state that it left.
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>, hashed: bool) -> Result<(), FaultCode> {
+        // A step that panics leaves no state.
+        self.state = 0;
+        let outcome = self.task.step(cycle, io);
+        if hashed {
+            let mut hash = StateHash::new();
+            self.task.fold(&mut hash);
+            self.state = hash.value();
+        }
+        outcome
+    }
 }
 
 /// One lane, ready to run jobs.
@@ -34,8 +57,8 @@ pub(crate) struct Lane {
     pub(crate) seats: Vec<Seat>,
     pub(crate) cells: Vec<Box<dyn AnyCell>>,
     pub(crate) inputs: Vec<Binding>,
-    /// Cells that other lanes feed.
-    pub(crate) remote: Vec<usize>,
+    /// What is recorded about jobs besides their values, and the cells that other lanes feed.
+    pub(crate) trace: Trace,
     /// Cells written here, with the number of their signal in the catalog.
     pub(crate) signals: Vec<(usize, u16)>,
     pub(crate) mode: Option<Input<ModeStatus>>,
@@ -183,9 +206,8 @@ impl Lane {
 
     fn run(&mut self, tick: u64, notice: Notice) {
         let release = self.spec.release(tick);
-        for &cell in &self.remote {
-            self.cells[cell].receive(release);
-        }
+        let notice = self.trace.take((tick, release), notice, &mut self.cells);
+        let hashed = self.trace.state.is_some();
         let mut faults = notice.faults;
         let mut faulty_task = 0;
         let mut disabled = 0;
@@ -204,7 +226,7 @@ impl Lane {
                     u8::try_from(word).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault);
             }
             self.pulse.enter(position);
-            let outcome = catch_unwind(AssertUnwindSafe(|| seat.task.step(&cycle, &mut io)));
+            let outcome = catch_unwind(AssertUnwindSafe(|| seat.step(&cycle, &mut io, hashed)));
             let fault = match outcome {
                 Ok(Ok(())) => None,
                 Ok(Err(fault)) => Some(fault),
@@ -253,18 +275,22 @@ impl Lane {
         if recording == Recording::Off {
             let cells = &self.cells;
             self.signals.retain(|&(cell, _)| cells[cell].linked());
+            self.trace.tapes.clear();
         }
     }
 
     fn publish(&mut self, tick: u64, release: Nanos) {
         let visible = release + self.spec.delivery;
+        self.trace.publish_tapes(tick, &mut self.tap, &mut self.scratch);
         for &(cell, signal) in &self.signals {
             let scratch =
-                (self.recording == Recording::Full).then_some(&mut self.scratch[HEADER_BYTES..]);
+                (self.recording > Recording::Off).then_some(&mut self.scratch[HEADER_BYTES..]);
             if let Some(length) = self.cells[cell].publish(visible, scratch) {
                 self.tap.put(signal, tick, release, &mut self.scratch[..HEADER_BYTES + length]);
             }
         }
+        let states = self.seats.iter().map(|seat| seat.state);
+        self.trace.publish((tick, release), states, &mut self.tap, &mut self.scratch);
     }
 
     /// After the last job: tasks leave their outputs safe, counters are gathered.
@@ -277,7 +303,7 @@ impl Lane {
             // A task that panics while stopping must not keep the others from doing so.
             let _ = catch_unwind(AssertUnwindSafe(|| seat.task.stop()));
         }
-        self.figures.records_dropped = self.tap.dropped();
+        self.figures.records_dropped = self.tap.dropped() + self.trace.tape_lost();
         self.figures.values_dropped = self.cells.iter().map(|cell| cell.dropped()).sum();
     }
 }

@@ -16,13 +16,15 @@ use crate::port::{Binding, InputDeclaration, OutputDeclaration, Ports};
 use crate::record::{Catalog, Drain, HEADER_BYTES, LaneInfo, Recording, Signal, tap};
 use crate::schedule::LaneSpec;
 use crate::status::{LaneHealth, ModeStatus};
+use crate::tape::TapeDeclaration;
 use crate::task::{Invalid, Task};
+use crate::trace::{self, Remote, Trace};
 
 mod complaint;
 
-use complaint::{mismatch, nearest, unknown};
+use complaint::{check_bindings, check_catalog, check_edge, check_remotes, mismatch, unknown};
 
-/// How long a lane or an observer may stand still before values or records are lost.
+/// How long a lane or an observer may stand still before values or records are lost, unless told.
 const STALL: Nanos = Nanos::from_millis(500);
 /// More seats than bits in a health word cannot be reported.
 const SEATS_MAX: usize = 32;
@@ -36,6 +38,7 @@ struct Draft {
     seats: Vec<Seat>,
     inputs: Vec<(usize, InputDeclaration)>,
     outputs: Vec<(usize, OutputDeclaration)>,
+    tapes: Vec<TapeDeclaration>,
 }
 
 /// Collects lanes, tasks and bindings, then checks and joins them.
@@ -48,6 +51,7 @@ pub struct Builder {
     cpus: Option<BTreeSet<usize>>,
     time_tasks: bool,
     recording: Recording,
+    stall: Option<Nanos>,
 }
 
 /// A machine that can be run by an executor.
@@ -127,7 +131,8 @@ impl Builder {
                 "put tasks of one rate into one lane",
             ));
         }
-        let mut draft = Draft { spec, seats: Vec::new(), inputs: Vec::new(), outputs: Vec::new() };
+        let (seats, inputs) = (Vec::new(), Vec::new());
+        let mut draft = Draft { spec, seats, inputs, outputs: Vec::new(), tapes: Vec::new() };
         // A lane's own health is its first output, at seat number usize::MAX: it belongs to no
         // task.
         let mut own = Ports::new(0, 0);
@@ -179,7 +184,8 @@ impl Builder {
         let seat = draft.seats.len();
         draft.inputs.extend(ports.inputs.into_iter().map(|input| (seat, input)));
         draft.outputs.extend(ports.outputs.into_iter().map(|output| (seat, output)));
-        draft.seats.push(Seat { name: name.to_owned(), task, disabled: false });
+        draft.tapes.extend(ports.tapes);
+        draft.seats.push(Seat::new(name, task));
         Ok(())
     }
 
@@ -213,9 +219,15 @@ impl Builder {
         self.time_tasks = true;
     }
 
-    /// Chooses what leaves the lanes for observers; [`Recording::Full`] unless said otherwise.
+    /// Chooses what leaves the lanes for observers; [`Recording::Full`] unless told otherwise.
     pub fn recording(&mut self, recording: Recording) {
         self.recording = recording;
+    }
+
+    /// For how long a lane or an observer may stand still before values or records are lost: 500 ms
+    /// unless told otherwise.
+    pub fn stall(&mut self, stall: Nanos) {
+        self.stall = Some(stall);
     }
 
     /// Joins everything.
@@ -227,17 +239,22 @@ impl Builder {
     /// exist. The place is `wiring.TASK.PORT`.
     pub fn build(mut self) -> Result<Machine, Invalid> {
         let catalog = self.catalog();
-        if catalog.signals.len() > usize::from(u16::MAX) {
-            return Err(Invalid::new("", "too many signals", "use fewer tasks"));
-        }
-        self.check_bindings()?;
+        check_catalog(&catalog)?;
+        let inputs = self.lanes.iter().flat_map(|draft| {
+            let name = |(seat, input): &(usize, InputDeclaration)| {
+                format!("{}.{}", draft.seats[*seat].name, input.name)
+            };
+            draft.inputs.iter().map(name)
+        });
+        check_bindings(&inputs.collect::<Vec<_>>(), &self.bindings)?;
         let analysis = self.check_schedule()?;
         let homes = self.homes();
+        let stall = self.stall.unwrap_or(STALL);
         let mut lanes: Vec<Lane> = Vec::new();
         let mut drains = Vec::new();
         for (index, draft) in self.lanes.iter_mut().enumerate() {
             let timed = self.time_tasks || !draft.spec.budgets.is_empty();
-            let (lane, drain) = take_lane(draft, index, &catalog, &homes, timed);
+            let (lane, drain) = take_lane(draft, index, &catalog, &homes, (timed, stall));
             lanes.push(lane);
             drains.push(drain);
         }
@@ -257,7 +274,7 @@ impl Builder {
                 let key = (index, home.lane, home.cell);
                 let cell = match links.get(&key) {
                     Some(cell) => *cell,
-                    None => join(&mut lanes, index, home, input.connect)
+                    None => join(&mut lanes, index, home, input.connect, stall)
                         .ok_or_else(|| mismatch(&place, signal, input, home))?,
                 };
                 links.insert(key, cell);
@@ -265,8 +282,9 @@ impl Builder {
             }
         }
         if let Some(signal) = &self.mode {
-            bind_mode(&mut lanes, signal, &homes, &catalog)?;
+            bind_mode(&mut lanes, signal, &homes, &catalog, stall)?;
         }
+        check_remotes(&lanes)?;
         for lane in &mut lanes {
             lane.record(self.recording);
         }
@@ -296,6 +314,13 @@ impl Builder {
                 period: draft.spec.period,
                 phase: draft.spec.phase,
             });
+            catalog.signals.extend(draft.tapes.iter().map(|tape| Signal {
+                name: tape.name.clone(),
+                lane,
+                type_name: tape.type_name,
+                fields: tape.fields,
+                size: tape.size,
+            }));
             for (seat, output) in &draft.outputs {
                 catalog.signals.push(Signal {
                     name: signal_name(draft, *seat, output.name),
@@ -305,36 +330,10 @@ impl Builder {
                     size: output.size,
                 });
             }
+            let traced = trace::signals(lane, &draft.spec, draft.seats.len(), self.recording);
+            catalog.signals.extend(traced);
         }
         catalog
-    }
-
-    fn check_bindings(&self) -> Result<(), Invalid> {
-        let mut inputs = Vec::new();
-        for draft in &self.lanes {
-            for (seat, input) in &draft.inputs {
-                inputs.push(format!("{}.{}", draft.seats[*seat].name, input.name));
-            }
-        }
-        for name in &inputs {
-            if !self.bindings.contains_key(name) {
-                return Err(Invalid::new(
-                    format!("wiring.{name}"),
-                    format!("input `{name}` is bound to nothing: missing producer"),
-                    format!("add `\"{name}\" = \"task.port\"` to [wiring]"),
-                ));
-            }
-        }
-        for name in self.bindings.keys() {
-            if !inputs.contains(name) {
-                return Err(Invalid::new(
-                    format!("wiring.{name}"),
-                    format!("there is no input `{name}`"),
-                    nearest(name, &inputs),
-                ));
-            }
-        }
-        Ok(())
     }
 
     fn homes(&self) -> BTreeMap<String, Home> {
@@ -381,13 +380,16 @@ fn take_lane(
     index: usize,
     catalog: &Catalog,
     homes: &BTreeMap<String, Home>,
-    timed: bool,
+    (timed, stall): (bool, Nanos),
 ) -> (Lane, Drain) {
     let mine =
         || catalog.signals.iter().enumerate().filter(move |(_, signal)| signal.lane == index);
+    // A device may be asked twice in a job.
+    let tapes: usize = draft.tapes.iter().map(|tape| HEADER_BYTES + tape.size).sum();
     let job_bytes: usize = mine().map(|(_, signal)| HEADER_BYTES + signal.size).sum();
+    let job_bytes = job_bytes + tapes;
     let body = mine().map(|(_, signal)| signal.size).max().unwrap_or(0);
-    let jobs = usize::try_from((STALL.0 / draft.spec.period.0).max(4)).unwrap_or(4);
+    let jobs = usize::try_from((stall.0 / draft.spec.period.0).max(4)).unwrap_or(4);
     let (tap, drain) = tap(job_bytes * jobs, body);
     let signals = mine()
         .filter_map(|(number, signal)| {
@@ -407,12 +409,20 @@ fn take_lane(
             |seat: &Seat| TaskFigures::new(&seat.name, draft.spec.budgets.get(&seat.name).copied());
         figures.tasks = draft.seats.iter().map(task).collect();
     }
+    let number = |name: &str| catalog.find(name).and_then(|number| u16::try_from(number).ok());
+    let mut trace = Trace::default();
+    for tape in std::mem::take(&mut draft.tapes) {
+        trace.tapes.extend(number(&tape.name).map(|number| (tape.spool, number)));
+    }
+    trace.decisions = number(&format!("{}.decision", draft.spec.name));
+    trace.state = number(&format!("{}.state", draft.spec.name))
+        .map(|number| (number, catalog.signals[usize::from(number)].size / 8));
     let lane = Lane {
         spec: draft.spec.clone(),
         seats: std::mem::take(&mut draft.seats),
         cells,
         inputs: Vec::new(),
-        remote: Vec::new(),
+        trace,
         signals,
         mode: None,
         health,
@@ -436,17 +446,19 @@ fn join(
     reader: usize,
     home: &Home,
     connect: fn(&mut dyn crate::port::AnyCell, usize) -> Option<Box<dyn crate::port::AnyCell>>,
+    stall: Nanos,
 ) -> Option<usize> {
     if reader == home.lane {
         return Some(home.cell);
     }
     let (from, to) = (&lanes[home.lane].spec, &lanes[reader].spec);
-    let in_flight = (to.period + from.delivery + STALL).0 / from.period.0 + 2;
+    let in_flight = (to.period + from.delivery + stall).0 / from.period.0 + 2;
     let capacity = usize::try_from(in_flight).ok()?;
     let cell = connect(lanes[home.lane].cells[home.cell].as_mut(), capacity)?;
+    let remote = Remote::new(lanes[reader].cells.len(), &lanes[home.lane].spec);
     let lane = &mut lanes[reader];
     lane.cells.push(cell);
-    lane.remote.push(lane.cells.len() - 1);
+    lane.trace.remote.push(remote);
     Some(lane.cells.len() - 1)
 }
 
@@ -455,6 +467,7 @@ fn bind_mode(
     signal: &str,
     homes: &BTreeMap<String, Home>,
     catalog: &Catalog,
+    stall: Nanos,
 ) -> Result<(), Invalid> {
     for index in 0..lanes.len() {
         let mut ports = Ports::new(lanes[index].inputs.len(), 0);
@@ -463,34 +476,11 @@ fn bind_mode(
         let home =
             homes.get(signal).ok_or_else(|| unknown("mode", signal, declaration, catalog))?;
         let cell = (declaration.type_id == home.type_id)
-            .then(|| join(lanes, index, home, declaration.connect))
+            .then(|| join(lanes, index, home, declaration.connect, stall))
             .flatten()
             .ok_or_else(|| mismatch("mode", signal, declaration, home))?;
         lanes[index].inputs.push(Binding { cell, seen: 0, stale_after: Nanos::MAX });
         lanes[index].mode = Some(input);
-    }
-    Ok(())
-}
-
-fn check_edge(
-    place: &str,
-    signal: &str,
-    input: &InputDeclaration,
-    seat: usize,
-    lane: usize,
-    home: &Home,
-) -> Result<(), Invalid> {
-    if input.type_id != home.type_id {
-        return Err(mismatch(place, signal, input, home));
-    }
-    let later = home.lane == lane && home.seat != usize::MAX && home.seat >= seat;
-    let own_health = home.lane == lane && home.seat == usize::MAX;
-    if (later || own_health) && !input.delayed {
-        return Err(Invalid::new(
-            format!("wiring.{place}"),
-            format!("`{signal}` is written after `{place}` reads it in the same lane: a loop"),
-            "put the producer earlier, or bind an input that is declared one tick delayed",
-        ));
     }
     Ok(())
 }

@@ -252,6 +252,12 @@ macro_rules! payload {
             }
         }
 
+        impl $crate::state::Fold for $name {
+            fn fold(&self, hash: &mut $crate::StateHash) {
+                $($crate::state::Fold::fold(&self.$field, hash);)+
+            }
+        }
+
         impl Default for $name {
             fn default() -> Self {
                 <Self as $crate::Payload>::ZERO

@@ -12,6 +12,7 @@ use taktil_hal::Nanos;
 use taktil_hal::link::{Receiver, Sender, link};
 
 use crate::payload::Payload;
+use crate::tape::{Tape, TapeDeclaration, tape};
 
 /// How fresh a value is that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,8 +82,10 @@ struct Cell<T> {
 
 /// What a lane does with its cells without knowing their types.
 pub(crate) trait AnyCell: Any + Send {
-    /// Takes what has become visible at `release`.
-    fn receive(&mut self, release: Nanos);
+    /// Takes what has become visible at `release`; says from when it is.
+    fn receive(&mut self, release: Nanos) -> Option<Nanos>;
+    /// Writes an encoded value as if a task had; false when the length is wrong.
+    fn inject(&mut self, body: &[u8], release: Nanos) -> bool;
     /// If written in this job: sends it to the other lanes and encodes it; returns the body's
     /// length. With nowhere to encode it only sends.
     fn publish(&mut self, visible: Nanos, scratch: Option<&mut [u8]>) -> Option<usize>;
@@ -106,12 +109,21 @@ impl<T: Payload> Cell<T> {
 }
 
 impl<T: Payload> AnyCell for Cell<T> {
-    fn receive(&mut self, release: Nanos) {
-        if let Some(arrived) = self.from.as_mut().and_then(|ring| ring.newest(release)) {
-            self.value = arrived.value;
-            self.stamp = arrived.stamp;
-            self.version += 1;
-        }
+    fn receive(&mut self, release: Nanos) -> Option<Nanos> {
+        let arrived = self.from.as_mut()?.newest(release)?;
+        self.value = arrived.value;
+        self.stamp = arrived.stamp;
+        self.version += 1;
+        Some(arrived.stamp)
+    }
+
+    fn inject(&mut self, body: &[u8], release: Nanos) -> bool {
+        let Some(value) = T::decode(body) else { return false };
+        self.value = value;
+        self.stamp = release;
+        self.version += 1;
+        self.written = true;
+        true
     }
 
     fn publish(&mut self, visible: Nanos, scratch: Option<&mut [u8]>) -> Option<usize> {
@@ -184,11 +196,21 @@ pub struct Ports {
     first_cell: usize,
     pub(crate) inputs: Vec<InputDeclaration>,
     pub(crate) outputs: Vec<OutputDeclaration>,
+    pub(crate) tapes: Vec<TapeDeclaration>,
 }
 
 impl Ports {
     pub(crate) fn new(first_input: usize, first_cell: usize) -> Ports {
-        Ports { first_input, first_cell, inputs: Vec::new(), outputs: Vec::new() }
+        let (inputs, outputs, tapes) = (Vec::new(), Vec::new(), Vec::new());
+        Ports { first_input, first_cell, inputs, outputs, tapes }
+    }
+
+    /// Declares a tape: what a device half of this task answers is recorded as the signal `name`,
+    /// such as `hal.encoders`. No task can read it.
+    pub fn tape<T: Payload>(&mut self, name: &str) -> Tape<T> {
+        let (tape, declaration) = tape(name);
+        self.tapes.push(declaration);
+        tape
     }
 
     /// Declares an input; the configuration binds its name to a signal. Never called stale.
@@ -275,6 +297,12 @@ impl Io<'_> {
         };
         binding.seen = cell.version;
         Sample { value: cell.value, stamp: cell.stamp, age, freshness }
+    }
+
+    /// Writes an encoded value to a cell of this lane; a body of another length is refused.
+    pub(crate) fn inject(&mut self, cell: usize, body: &[u8]) {
+        let written = self.cells.get_mut(cell).map(|cell| cell.inject(body, self.release));
+        self.refused |= written != Some(true);
     }
 
     /// Writes an output; the last write of a job counts. A value that is not finite is refused and

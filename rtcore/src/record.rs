@@ -6,20 +6,24 @@ use taktil_hal::Nanos;
 
 use crate::payload::Field;
 
-/// What leaves the lanes for observers.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What leaves the lanes for observers, each level with all of the ones before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Recording {
-    /// Every value that is written.
-    #[default]
-    Full,
     /// Nothing: values reach other lanes only.
     Off,
+    /// Every value that is written, and what stands on tapes.
+    Values,
+    /// How each job came about: enough to replay the run.
+    Decisions,
+    /// The hash of each task's state after each job.
+    #[default]
+    Full,
 }
 
-/// One signal of a machine: an output port of a task, or a lane's own health.
+/// One signal of a machine: an output port of a task, a tape, or one of a lane's own.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Signal {
-    /// `task.port`, or `lane.health`.
+    /// `task.port`, the name of a tape, or `lane.health`, `lane.state`, `lane.decision`.
     pub name: String,
     /// Index into [`Catalog::lanes`] of the lane that writes it.
     pub lane: usize,
@@ -45,7 +49,8 @@ pub struct LaneInfo {
 /// Everything that a machine can record. A record's `signal` is an index into `signals`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Catalog {
-    /// Signals in a fixed order: by lane, then by task, then as declared.
+    /// Signals in a fixed order: by lane; there its tapes, its health, the ports by task and as
+    /// declared, its states, its decisions.
     pub signals: Vec<Signal>,
     /// Lanes in order.
     pub lanes: Vec<LaneInfo>,

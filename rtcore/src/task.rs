@@ -8,6 +8,7 @@ use taktil_hal::Nanos;
 use crate::fault::FaultCode;
 use crate::mode::Mode;
 use crate::port::Io;
+use crate::state::StateHash;
 
 /// All that a task is told about one job besides its ports.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,6 +40,12 @@ pub trait Task: Send {
     /// A fault is latched in the lane's health and reaches the supervisor at the next tick; the
     /// task goes on being called.
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode>;
+
+    /// Folds everything that the next steps depend on besides inputs and configuration, so that two
+    /// runs can be compared task by task. Called after each step; must be as cheap as it is
+    /// complete: a few ns a number. The default folds nothing: such a task is compared by its
+    /// outputs alone.
+    fn fold(&self, _hash: &mut StateHash) {}
 
     /// Called once after the last job, also after a fault: leave outputs at their safe value.
     fn stop(&mut self) {}

@@ -40,17 +40,26 @@ pub fn run(
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<Nanos, (String, FaultCode)> {
+    run_chosen(machine, until, stop, observer, |machine| {
+        // Few lanes: a scan beats a heap.
+        let lanes = machine.lanes.iter().enumerate();
+        lanes.map(|(index, lane)| (lane.spec.release(lane.next_tick), index)).min()
+    })
+}
+
+/// As [`run`], with the next job chosen by `choose`: its release and its lane, whose `next_tick` is
+/// the job's.
+pub(crate) fn run_chosen(
+    machine: &mut Machine,
+    until: Nanos,
+    stop: &AtomicBool,
+    observer: &mut dyn Observer,
+    mut choose: impl FnMut(&mut Machine) -> Option<(Nanos, usize)>,
+) -> Result<Nanos, (String, FaultCode)> {
     machine.start()?;
     let clock = VirtualClock::default();
     while !stop.load(Ordering::Relaxed) {
-        // Few lanes: a scan beats a heap.
-        let next = machine
-            .lanes
-            .iter()
-            .enumerate()
-            .map(|(index, lane)| (lane.spec.release(lane.next_tick), index))
-            .min();
-        let Some((release, index)) = next.filter(|(release, _)| *release < until) else {
+        let Some((release, index)) = choose(machine).filter(|(release, _)| *release < until) else {
             clock.sleep_until(until);
             break;
         };

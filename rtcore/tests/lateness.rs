@@ -93,7 +93,8 @@ impl Observer for Keep {
             Some(lane) => {
                 self.health.push((lane, record.tick, LaneHealth::decode(record.body).unwrap()));
             }
-            None => self.seen.push(Seen::decode(record.body).unwrap().faults),
+            // States and decisions are of other lengths.
+            None => self.seen.extend(Seen::decode(record.body).map(|seen| seen.faults)),
         }
     }
 }

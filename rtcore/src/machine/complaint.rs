@@ -1,10 +1,14 @@
 //! What is wrong with a binding, in words: the place, and which bindings would fit. Refuses nothing
 //! itself.
 
+use std::collections::BTreeMap;
+
 use super::Home;
+use crate::lane::Lane;
 use crate::port::InputDeclaration;
 use crate::record::Catalog;
 use crate::task::Invalid;
+use crate::trace::REMOTE_MAX;
 
 pub(super) fn mismatch(
     place: &str,
@@ -46,7 +50,7 @@ pub(super) fn unknown(
     )
 }
 
-pub(super) fn nearest(name: &str, known: &[String]) -> String {
+fn nearest(name: &str, known: &[String]) -> String {
     let task = name.split('.').next().unwrap_or(name);
     let same: Vec<&str> = known
         .iter()
@@ -58,4 +62,81 @@ pub(super) fn nearest(name: &str, known: &[String]) -> String {
     } else {
         format!("inputs of `{task}`: {}", same.join(", "))
     }
+}
+
+/// Refuses an input that is bound to nothing, and a binding of an input that there is not.
+pub(super) fn check_bindings(
+    inputs: &[String],
+    bindings: &BTreeMap<String, String>,
+) -> Result<(), Invalid> {
+    if let Some(name) = inputs.iter().find(|name| !bindings.contains_key(*name)) {
+        return Err(Invalid::new(
+            format!("wiring.{name}"),
+            format!("input `{name}` is bound to nothing: missing producer"),
+            format!("add `\"{name}\" = \"task.port\"` to [wiring]"),
+        ));
+    }
+    match bindings.keys().find(|name| !inputs.contains(name)) {
+        None => Ok(()),
+        Some(name) => Err(Invalid::new(
+            format!("wiring.{name}"),
+            format!("there is no input `{name}`"),
+            nearest(name, inputs),
+        )),
+    }
+}
+
+/// Refuses two signals of one name: a task's port beside a tape or a lane's own record.
+pub(super) fn check_catalog(catalog: &Catalog) -> Result<(), Invalid> {
+    if catalog.signals.len() > usize::from(u16::MAX) {
+        return Err(Invalid::new("", "too many signals", "use fewer tasks"));
+    }
+    for (index, signal) in catalog.signals.iter().enumerate() {
+        if catalog.signals[..index].iter().any(|other| other.name == signal.name) {
+            return Err(Invalid::new(
+                format!("lane.{}", catalog.lanes[signal.lane].name),
+                format!("two signals are called `{}`: two producers", signal.name),
+                "a lane's own are `health`, `state` and `decision`; rename the task or the lane",
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a lane that reads more signals of other lanes than a decision has room for.
+pub(super) fn check_remotes(lanes: &[Lane]) -> Result<(), Invalid> {
+    for lane in lanes {
+        let remote = lane.trace.remote.len();
+        if remote > REMOTE_MAX {
+            return Err(Invalid::new(
+                format!("lane.{}", lane.spec.name),
+                format!("it reads {remote} signals of other lanes; {REMOTE_MAX} can be recorded"),
+                "put tasks that talk much to each other into one lane",
+            ));
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn check_edge(
+    place: &str,
+    signal: &str,
+    input: &InputDeclaration,
+    seat: usize,
+    lane: usize,
+    home: &Home,
+) -> Result<(), Invalid> {
+    if input.type_id != home.type_id {
+        return Err(mismatch(place, signal, input, home));
+    }
+    let later = home.lane == lane && home.seat != usize::MAX && home.seat >= seat;
+    let own_health = home.lane == lane && home.seat == usize::MAX;
+    if (later || own_health) && !input.delayed {
+        return Err(Invalid::new(
+            format!("wiring.{place}"),
+            format!("`{signal}` is written after `{place}` reads it in the same lane: a loop"),
+            "put the producer earlier, or bind an input that is declared one tick delayed",
+        ));
+    }
+    Ok(())
 }

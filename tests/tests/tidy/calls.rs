@@ -86,6 +86,7 @@ pub(crate) const BANS: &[Ban] = &[
             ("rtcore/src/live", "start and stop of the lanes' threads"),
             ("rtcore/src/pulse.rs", "the task that runs now, for whoever looks from outside"),
             ("rtcore/src/virtual_time.rs", "the flag that stops a run"),
+            ("rtcore/src/replay.rs", "the flag that stops a replay"),
             ("drivers/regmap/src/io.rs", "a register file is shared with a device"),
             ("apps/taktil/src/run/", "a signal sets the flag that ends a run"),
             ("apps/taktil/src/jitter/", "a flag ends the load's threads and a measurement"),

@@ -193,14 +193,14 @@ mod tests {
 
     #[test]
     fn every_value_is_recorded_or_none() {
-        for (recording, flow) in [(Recording::Full, Flow::I32), (Recording::Off, Flow::F64x6)] {
+        for (recording, flow) in [(Recording::Values, Flow::I32), (Recording::Off, Flow::F64x6)] {
             let shape = Shape { hops: 6, flow, recording, time_tasks: false };
             let mut chain = Chain::new(shape).unwrap();
             let mut laps = 0;
             chain.run(1000, |_| laps += 1);
             assert_eq!(laps, 2 * 1000 / BATCH);
             // Source, six hops and the lane's health.
-            let expected = if recording == Recording::Full { 8 * 1000 } else { 0 };
+            let expected = if recording == Recording::Values { 8 * 1000 } else { 0 };
             assert_eq!(chain.records(), expected);
         }
     }

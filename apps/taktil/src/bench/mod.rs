@@ -66,7 +66,7 @@ fn ours() -> anyhow::Result<Vec<Contestant>> {
     let ways = [
         ("recording off", Recording::Off, false),
         ("each task timed", Recording::Off, true),
-        ("every value recorded", Recording::Full, false),
+        ("every value recorded", Recording::Values, false),
     ];
     for flow in [Flow::I32, Flow::F64x6] {
         for (way, recording, time_tasks) in ways {
