@@ -3,6 +3,7 @@
 //! what the kernel did not grant: it is read back per lane.
 
 mod beat;
+mod evidence;
 mod grant;
 mod ledger;
 mod watch;

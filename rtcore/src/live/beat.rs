@@ -1,51 +1,21 @@
 //! The beat of one lane's thread: wait for the release, run the job, account for it, choose the
 //! next. Refuses to call the kernel between a release and the end of its job: evidence is read
-//! once a job, after its outputs are out, and compared with the reading before.
+//! after the outputs are out, and seldom (`evidence.rs`).
 
 use core::sync::atomic::Ordering;
 
 use taktil_hal::{Clock, Nanos};
 
+use super::evidence::{Evidence, Reading};
 use super::{Pace, Shared, Terms};
 use crate::fault::FaultCode;
 use crate::lane::{Figures, Lane};
-use crate::linux::{
-    MonotonicClock, Quota, ThreadCounters, kernel, thread_counters, thread_cpu_time, throttle_gap,
-};
+use crate::linux::{MonotonicClock, Quota, ThreadCounters, kernel, throttle_gap};
 use crate::misses::{Discipline, Ground, Notice, Trace, cause};
 use crate::release::{GuardFigures, Margin, Wait, wait};
 
 /// Pause of a lane between two looks at what it waits for, when the world is simulated.
 const WORLD_PAUSE: std::time::Duration = std::time::Duration::from_micros(50);
-
-/// What the kernel counted for this thread up to an instant.
-#[derive(Clone, Copy)]
-struct Evidence {
-    counters: ThreadCounters,
-    cpu: Nanos,
-}
-
-impl Evidence {
-    fn read() -> Evidence {
-        Evidence { counters: thread_counters(), cpu: thread_cpu_time() }
-    }
-
-    /// What belongs to one job: the sleeps of the wait in front of it were meant, its spin is not
-    /// the job's.
-    fn of_job(self, before: Evidence, wait: &Wait) -> Evidence {
-        let (now, then) = (self.counters, before.counters);
-        let waits = (now.waits - then.waits).saturating_sub(u64::from(wait.sleeps));
-        Evidence {
-            counters: ThreadCounters {
-                page_faults: now.page_faults - then.page_faults,
-                disk_faults: now.disk_faults - then.disk_faults,
-                preemptions: now.preemptions - then.preemptions,
-                waits,
-            },
-            cpu: self.cpu - before.cpu - wait.spun,
-        }
-    }
-}
 
 /// What explains a miss and does not change from job to job.
 struct Circumstances {
@@ -84,7 +54,7 @@ pub(super) fn beat(
     let mut discipline = Discipline::new(lane.spec.late, lane.spec.misses);
     let mut notice = Notice::default();
     let mut watch = shared.ledger.watch(index);
-    let mut before = Evidence::read();
+    let mut evidence = Evidence::new(Reading::take());
     let started = clock.now();
     let mut awake_since = None;
     while lane.next_tick < jobs {
@@ -98,6 +68,7 @@ pub(super) fn beat(
         if let Some(since) = awake_since {
             let awake = waited.entered - since;
             lane.figures.awake_ns.saturating_record(awake.0.unsigned_abs());
+            evidence.cycle(awake);
         }
         awake_since = Some(waited.begin);
         if shared.over() {
@@ -111,9 +82,10 @@ pub(super) fn beat(
         lane.job(tick, notice);
         shared.ledger.finished(index, tick + 1);
         let end = clock.now();
-        let after = Evidence::read();
-        let missed = account(lane, &waited, end, after.of_job(before, &waited), &mut circumstances);
-        before = after;
+        let missed = account(lane, &waited, end);
+        if let Some(job) = evidence.job(&waited, end - begin, missed, Reading::take) {
+            explain(lane, end - begin, job, &circumstances.now());
+        }
         note_wait(&mut lane.figures, &mut margin, &waited, started);
         // Where the world waits nothing is left out, and no value may depend on lateness.
         let fixed = terms.pace == Pace::Fixed;
@@ -131,6 +103,14 @@ pub(super) fn beat(
             }
         }
     }
+    lane.figures.page_faults += evidence.page_faults(Reading::take());
+}
+
+/// Counts a miss by its cause.
+fn explain(lane: &mut Lane, took: Nanos, job: Reading, ground: &Ground) {
+    let ThreadCounters { page_faults, disk_faults, preemptions, waits } = job.counters;
+    let trace = Trace { took, cpu: job.cpu, page_faults, disk_faults, preemptions, waits };
+    lane.figures.misses.add(cause(lane.spec.deadline, &trace, ground));
 }
 
 /// Waits until everything due at `release` has been sent; says how many pauses that took.
@@ -159,26 +139,11 @@ fn note_wait(figures: &mut Figures, margin: &mut Margin, waited: &Wait, started:
 }
 
 /// Counts a job; true when it missed its deadline.
-fn account(
-    lane: &mut Lane,
-    waited: &Wait,
-    end: Nanos,
-    job: Evidence,
-    circumstances: &mut Circumstances,
-) -> bool {
-    let deadline = lane.spec.deadline;
+fn account(lane: &mut Lane, waited: &Wait, end: Nanos) -> bool {
     let figures = &mut lane.figures;
     let (release, begin) = (waited.release, waited.begin);
     let lateness = u64::try_from((begin - release).0).unwrap_or(0);
     figures.lateness_ns.saturating_record(lateness);
     figures.execution_ns.saturating_record(u64::try_from((end - begin).0).unwrap_or(0));
-    figures.page_faults += job.counters.page_faults;
-    let missed = end - release > deadline;
-    if missed {
-        let ThreadCounters { page_faults, disk_faults, preemptions, waits } = job.counters;
-        let trace =
-            Trace { took: end - begin, cpu: job.cpu, page_faults, disk_faults, preemptions, waits };
-        figures.misses.add(cause(deadline, &trace, &circumstances.now()));
-    }
-    missed
+    end - release > lane.spec.deadline
 }

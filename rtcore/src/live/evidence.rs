@@ -1,0 +1,224 @@
+//! What the kernel counted for a lane's thread, read seldom: two system calls a job would cost more
+//! than everything else the executor does. Counts are read every few jobs, after a job that was not
+//! like the others, and after a miss; what the ordinary jobs since the last reading used is known
+//! from the clock and taken off. Pure, save for the reading that the caller hands in. Refuses to let
+//! a job be judged by what happened long before it.
+
+use taktil_hal::Nanos;
+
+use crate::linux::{ThreadCounters, thread_counters, thread_cpu_time};
+use crate::release::Wait;
+
+/// What the kernel counted for this thread up to an instant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Reading {
+    pub(super) counters: ThreadCounters,
+    pub(super) cpu: Nanos,
+}
+
+impl Reading {
+    /// Two system calls.
+    pub(super) fn take() -> Reading {
+        Reading { counters: thread_counters(), cpu: thread_cpu_time() }
+    }
+}
+
+/// Jobs between two readings at most.
+const SELDOM: u32 = 16;
+/// A job that took longer than usual by half and by this is read after: it was held up.
+const ODD: Nanos = Nanos::from_micros(20);
+/// The usual time follows each job by one part in so many.
+const FOLLOW: i64 = 8;
+
+/// One lane's readings.
+#[derive(Clone, Debug)]
+pub(super) struct Evidence {
+    last: Reading,
+    /// Page faults since the first reading.
+    page_faults: u64,
+    /// Jobs since the last reading, their own included.
+    jobs: u32,
+    /// Sleeps that were meant and time that was spun since then.
+    sleeps: u64,
+    spun: Nanos,
+    /// Awake time of whole cycles since then, on the clock.
+    awake: Nanos,
+    /// What a job usually takes, on the clock.
+    usual: Nanos,
+    /// Processor time of a cycle that its awake time does not show: falling asleep and waking.
+    hidden: Nanos,
+}
+
+impl Evidence {
+    pub(super) fn new(now: Reading) -> Evidence {
+        Evidence {
+            last: now,
+            page_faults: 0,
+            jobs: 0,
+            sleeps: 0,
+            spun: Nanos::ZERO,
+            awake: Nanos::ZERO,
+            usual: Nanos::ZERO,
+            hidden: Nanos::ZERO,
+        }
+    }
+
+    /// A cycle without its wait ended: from waking to the next sleep.
+    pub(super) fn cycle(&mut self, awake: Nanos) {
+        // The cycle in which the reading was taken is over with it.
+        if self.jobs > 0 {
+            self.awake += awake;
+        }
+    }
+
+    /// A job that took `took` after `wait`. When it `missed` its deadline: what was counted for it
+    /// alone, as far as that can be told.
+    pub(super) fn job(
+        &mut self,
+        wait: &Wait,
+        took: Nanos,
+        missed: bool,
+        read: impl FnOnce() -> Reading,
+    ) -> Option<Reading> {
+        self.jobs += 1;
+        self.sleeps += u64::from(wait.sleeps);
+        self.spun += wait.spun;
+        let odd = took > self.usual + Nanos(self.usual.0 / 2) + ODD;
+        self.usual += Nanos((took - self.usual).0 / FOLLOW);
+        if !(missed || odd || self.jobs >= SELDOM) {
+            return None;
+        }
+        let now = read();
+        let (new, old) = (now.counters, self.last.counters);
+        let page_faults = new.page_faults - old.page_faults;
+        self.page_faults += page_faults;
+        // All jobs since the last reading but the last, which is the one in question.
+        let others = self.awake + self.spun + self.hidden * i64::from(self.jobs);
+        let cpu = now.cpu - self.last.cpu - others;
+        let found = Reading {
+            counters: ThreadCounters {
+                page_faults,
+                disk_faults: new.disk_faults - old.disk_faults,
+                preemptions: new.preemptions - old.preemptions,
+                waits: (new.waits - old.waits).saturating_sub(self.sleeps),
+            },
+            cpu: cpu.max(Nanos::ZERO).min(took),
+        };
+        if !odd && !missed {
+            let extra = cpu - took + self.hidden * i64::from(self.jobs);
+            self.hidden = Nanos(extra.0 / i64::from(self.jobs)).max(Nanos::ZERO);
+        }
+        (self.last, self.jobs, self.sleeps) = (now, 0, 0);
+        (self.spun, self.awake) = (Nanos::ZERO, Nanos::ZERO);
+        missed.then_some(found)
+    }
+
+    /// Page faults in all, up to now.
+    pub(super) fn page_faults(&self, now: Reading) -> u64 {
+        self.page_faults + now.counters.page_faults - self.last.counters.page_faults
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const US: fn(i64) -> Nanos = Nanos::from_micros;
+
+    fn wait(spun: Nanos) -> Wait {
+        let zero = Nanos::ZERO;
+        Wait { release: zero, entered: zero, begin: zero, sleeps: 1, spun, latency: None }
+    }
+
+    /// A kernel: what a thread has used, told when asked.
+    struct Thread {
+        now: Reading,
+        reads: u32,
+    }
+
+    impl Thread {
+        fn new() -> Thread {
+            Thread {
+                now: Reading { counters: ThreadCounters::default(), cpu: Nanos(77) },
+                reads: 0,
+            }
+        }
+
+        /// One cycle: a job, 2 us of accounting, 3 us to fall asleep and wake that no clock shows.
+        fn cycle(
+            &mut self,
+            evidence: &mut Evidence,
+            (took, cpu): (Nanos, Nanos),
+            missed: bool,
+            spun: Nanos,
+        ) -> Option<Reading> {
+            self.now.counters.waits += 1;
+            self.now.cpu += spun + cpu;
+            let mut read = 0;
+            let now = self.now;
+            let found = evidence.job(&wait(spun), took, missed, || {
+                read += 1;
+                now
+            });
+            self.reads += read;
+            self.now.cpu += US(5);
+            evidence.cycle(took + US(2));
+            found
+        }
+    }
+
+    #[test]
+    fn ordinary_jobs_are_read_once_in_sixteen() {
+        let mut thread = Thread::new();
+        let mut evidence = Evidence::new(thread.now);
+        for _ in 0..1600 {
+            assert_eq!(thread.cycle(&mut evidence, (US(10), US(10)), false, US(0)), None);
+        }
+        assert_eq!(thread.reads, 100);
+    }
+
+    #[test]
+    fn a_miss_is_judged_by_its_own_time_wherever_it_falls_between_two_readings() {
+        for ordinary in 0..40 {
+            for spun in [US(0), US(150)] {
+                let mut thread = Thread::new();
+                let mut evidence = Evidence::new(thread.now);
+                for _ in 0..64 + ordinary {
+                    thread.cycle(&mut evidence, (US(30), US(30)), false, spun);
+                }
+                // Half of the time on the processor, once taken away, once gave it up.
+                thread.now.counters.preemptions += 1;
+                thread.now.counters.waits += 1;
+                let found = thread.cycle(&mut evidence, (US(3000), US(1500)), true, spun).unwrap();
+                assert_eq!((found.counters.preemptions, found.counters.waits), (1, 1));
+                let error = (found.cpu - US(1500)).0.abs();
+                assert!(error <= US(16).0, "{ordinary}: {error} ns");
+            }
+        }
+    }
+
+    #[test]
+    fn a_job_that_was_held_up_does_not_burden_the_next() {
+        let mut thread = Thread::new();
+        let mut evidence = Evidence::new(thread.now);
+        for _ in 0..50 {
+            thread.cycle(&mut evidence, (US(30), US(30)), false, US(0));
+        }
+        thread.now.counters.preemptions += 3;
+        thread.now.counters.page_faults += 2;
+        thread.cycle(&mut evidence, (US(900), US(30)), false, US(0));
+        let found = thread.cycle(&mut evidence, (US(3000), US(2990)), true, US(0)).unwrap();
+        assert_eq!(found.counters, ThreadCounters::default());
+        assert!((found.cpu - US(2990)).0.abs() <= US(16).0, "{}", found.cpu);
+        assert_eq!(evidence.page_faults(thread.now), 2, "counted in all");
+    }
+
+    #[test]
+    fn the_first_job_can_be_judged() {
+        let mut thread = Thread::new();
+        let mut evidence = Evidence::new(thread.now);
+        thread.now.counters.page_faults += 9;
+        let found = thread.cycle(&mut evidence, (US(3000), US(2000)), true, US(0)).unwrap();
+        assert_eq!((found.counters.page_faults, found.cpu), (9, US(2000)));
+    }
+}
