@@ -1,0 +1,250 @@
+//! Every cause of a miss, provoked on purpose on real `SCHED_FIFO` threads, is told apart by the
+//! executor. Refuses to judge a machine: what else happened meanwhile is counted beside and does
+//! not matter. Needs the right to `SCHED_FIFO`; without it the test says so and shows nothing.
+//!
+//! ```sh
+//! cargo test --release -p taktil-tests --test causes -- --nocapture
+//! TAKTIL_WRITE=docs/measurements/miss-causes.md cargo test --release -p taktil-tests --test causes
+//! ```
+
+use std::hint::black_box;
+use std::io::{PipeReader, PipeWriter, Read, Write, pipe};
+use std::process::{Command, Stdio};
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use nix::sys::signal::{Signal, kill, raise};
+use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
+use nix::unistd::Pid;
+use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{Builder, Cycle, FaultCode, Io, LaneSpec, Misses, Nanos, Task, linux};
+
+/// Long enough that a host's stall seldom fills it.
+const PERIOD: Nanos = Nanos::from_millis(20);
+const DEADLINE: Nanos = Nanos::from_millis(4);
+/// What a provocation costs: more than the deadline, less than the period.
+const TROUBLE: Nanos = Nanos::from_millis(8);
+/// One job in so many is troubled, from this one on.
+const EVERY: u64 = 3;
+/// Troubled jobs of a run.
+const TROUBLED: u64 = 10;
+/// Priority of the lane and of who takes its processor.
+const PRIORITY: u8 = 50;
+const ABOVE: u8 = 60;
+const CPU: usize = 0;
+/// Touched in one job: at half a microsecond each they take longer than the deadline; so much
+/// memory at once comes fresh from the kernel, always.
+const PAGES: usize = 9_000;
+const PAGE: usize = 4096;
+
+/// How a job is troubled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Provocation {
+    Overrun,
+    Sleep,
+    BlockingRead,
+    UnlockedPages,
+    SpinnerInTheJob,
+    SpinnerAtTheRelease,
+    StopInTheJob,
+    StopAtTheRelease,
+}
+
+use Provocation::{
+    BlockingRead, Overrun, Sleep, SpinnerAtTheRelease, SpinnerInTheJob, StopAtTheRelease,
+    StopInTheJob, UnlockedPages,
+};
+
+/// Name, what is done, the cause that has to be found.
+const ALL: [(Provocation, &str, &str, &str); 8] = [
+    (Overrun, "overrun", "the task computes for 8 ms", "overrun"),
+    (Sleep, "sleep", "the task sleeps for 8 ms", "blocked"),
+    (BlockingRead, "read", "the task reads a pipe that is written 8 ms later", "blocked"),
+    (UnlockedPages, "pages", "memory is unlocked, the task touches 9000 new pages", "page_fault"),
+    (SpinnerInTheJob, "spinner", "a thread of higher priority spins during the job", "preempted"),
+    (SpinnerAtTheRelease, "late", "the same thread spins over the release", "late_wake"),
+    (StopInTheJob, "stop", "SIGSTOP in the job, SIGCONT 8 ms later", "blocked"),
+    (StopAtTheRelease, "stop-late", "SIGSTOP before a release, SIGCONT 8 ms later", "late_wake"),
+];
+
+/// Troubles one job in [`EVERY`].
+struct Troubled {
+    provocation: Provocation,
+    ask: PipeWriter,
+    answer: PipeReader,
+    pages: Vec<u8>,
+}
+
+fn burn(how_long: Nanos) {
+    let end = linux::thread_cpu_time() + how_long;
+    while linux::thread_cpu_time() < end {
+        std::hint::spin_loop();
+    }
+}
+
+impl Task for Troubled {
+    fn step(&mut self, cycle: &Cycle, _io: &mut Io<'_>) -> Result<(), FaultCode> {
+        if self.provocation == UnlockedPages && cycle.tick == 0 {
+            // Pages of 4 KiB, as a small robot's computer has them.
+            nix::sys::prctl::set_thp_disable(true).expect("a process may choose its pages");
+            linux::unlock_memory();
+        }
+        if cycle.tick % EVERY != EVERY - 1 {
+            self.pages = Vec::new();
+            return Ok(());
+        }
+        match self.provocation {
+            Overrun => burn(TROUBLE),
+            Sleep => std::thread::sleep(Duration::from_nanos(TROUBLE.0.unsigned_abs())),
+            BlockingRead => {
+                self.ask.write_all(&[1]).expect("the helper lives");
+                self.answer.read_exact(&mut [0]).expect("the helper answers");
+            }
+            UnlockedPages => {
+                self.pages = vec![0; PAGES * PAGE];
+                for page in self.pages.chunks_mut(PAGE) {
+                    page[0] = 1;
+                }
+                black_box(&self.pages);
+            }
+            SpinnerInTheJob | SpinnerAtTheRelease | StopAtTheRelease => {
+                self.ask.write_all(&[1]).expect("the helper lives");
+            }
+            StopInTheJob => raise(Signal::SIGSTOP).expect("a process may stop itself"),
+        }
+        Ok(())
+    }
+}
+
+/// Waits for the task's word and does what the provocation needs from outside the lane.
+fn helper(provocation: Provocation, mut asked: PipeReader, mut answer: PipeWriter) {
+    if matches!(provocation, SpinnerInTheJob | SpinnerAtTheRelease | StopAtTheRelease) {
+        linux::pin_to(CPU).unwrap();
+        linux::become_fifo(ABOVE).unwrap();
+    }
+    let to_the_release = Duration::from_nanos((PERIOD - Nanos::from_millis(1)).0.unsigned_abs());
+    while asked.read_exact(&mut [0]).is_ok() {
+        match provocation {
+            BlockingRead => {
+                std::thread::sleep(Duration::from_nanos(TROUBLE.0.unsigned_abs()));
+                answer.write_all(&[1]).unwrap();
+            }
+            SpinnerInTheJob => burn(TROUBLE),
+            SpinnerAtTheRelease => {
+                std::thread::sleep(to_the_release);
+                burn(TROUBLE);
+            }
+            StopAtTheRelease => {
+                std::thread::sleep(to_the_release);
+                raise(Signal::SIGSTOP).unwrap();
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Nobody watches.
+struct Nobody;
+
+impl Observer for Nobody {
+    fn record(&mut self, _record: &Record<'_>) {}
+}
+
+impl Audience for Nobody {}
+
+fn provoke(provocation: Provocation) -> Misses {
+    let (asked, ask) = pipe().unwrap();
+    let (answered, answer) = pipe().unwrap();
+    let helper = std::thread::spawn(move || helper(provocation, asked, answer));
+    let mut builder = Builder::new();
+    let mut spec = LaneSpec::new("lane", PERIOD, PRIORITY);
+    (spec.deadline, spec.cpu) = (DEADLINE, Some(CPU));
+    let lane = builder.lane(spec).unwrap();
+    let task = Troubled { provocation, ask, answer: answered, pages: Vec::new() };
+    builder.task(lane, "troubled", |_| Ok(Box::new(task))).unwrap();
+    let mut machine = builder.build().unwrap();
+    let jobs = i64::try_from(EVERY * TROUBLED + 1).unwrap();
+    let terms = Terms { until: PERIOD * jobs, contract: Contract::Soft, pace: Pace::Fixed };
+    live::run(&mut machine, terms, &AtomicBool::new(false), &mut Nobody).unwrap();
+    let misses = machine.figures().next().unwrap().1.misses;
+    drop(machine);
+    helper.join().unwrap();
+    misses
+}
+
+const CHILD: &str = "TAKTIL_PROVOKE";
+
+/// The child of the test below: provokes one cause and prints what was counted. Alone it does
+/// nothing.
+#[test]
+fn child_that_is_troubled() {
+    let Ok(name) = std::env::var(CHILD) else { return };
+    let (provocation, ..) = ALL.iter().find(|row| row.1 == name).expect("a known provocation");
+    for (cause, count) in provoke(*provocation).rows() {
+        println!("found {cause} {count}");
+    }
+}
+
+/// Runs one provocation in a process of its own, which may be stopped and is then continued.
+fn ask_child(name: &str) -> Vec<(String, u64)> {
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .args(["child_that_is_troubled", "--exact", "--nocapture"])
+        .env(CHILD, name)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let pid = Pid::from_raw(i32::try_from(child.id()).unwrap());
+    while let Ok(WaitStatus::Stopped(..)) = waitpid(pid, Some(WaitPidFlag::WUNTRACED)) {
+        std::thread::sleep(Duration::from_nanos(TROUBLE.0.unsigned_abs()));
+        kill(pid, Signal::SIGCONT).unwrap();
+    }
+    let mut text = String::new();
+    child.stdout.take().unwrap().read_to_string(&mut text).unwrap();
+    let rows = text.lines().filter_map(|line| line.split_once("found "));
+    let parsed = rows.filter_map(|(_, row)| row.split_once(' '));
+    parsed.map(|(cause, count)| (cause.to_owned(), count.parse().unwrap())).collect()
+}
+
+fn may_be_fifo() -> bool {
+    std::thread::spawn(|| linux::become_fifo(ABOVE).is_ok()).join().unwrap()
+}
+
+#[test]
+fn each_cause_is_told_when_it_is_provoked() {
+    if std::env::var_os(CHILD).is_some() {
+        return;
+    }
+    if !may_be_fifo() {
+        println!("SKIPPED: causes of misses: no right to SCHED_FIFO here; run it as root");
+        return;
+    }
+    let mut table =
+        String::from("| provoked | expected | found in 10 troubled jobs |\n|---|---|---|\n");
+    let mut wrong = Vec::new();
+    for (_, name, what, expected) in ALL {
+        // A shared machine may take the processor away for longer than any provocation: once more.
+        let mut found = ask_child(name);
+        let told = |found: &[(String, u64)]| {
+            let most = found.iter().max_by_key(|(_, count)| *count).cloned();
+            most.is_some_and(|(cause, count)| cause == expected && count * 10 >= TROUBLED * 8)
+        };
+        if !told(&found) {
+            println!("once more: {name}: {found:?}");
+            found = ask_child(name);
+        }
+        if !told(&found) {
+            wrong.push(format!("{name}: expected {expected}, found {found:?}"));
+        }
+        let counts = found.iter().filter(|(_, count)| *count > 0);
+        let counts: Vec<_> = counts.map(|(cause, count)| format!("{cause} {count}")).collect();
+        table += &format!("| {what} | {expected} | {} |\n", counts.join(", "));
+    }
+    println!("{table}");
+    if let Some(path) = std::env::var_os("TAKTIL_WRITE") {
+        let page = include_str!("../fixtures/miss-causes.md").replace("{table}\n", &table);
+        std::fs::write(taktil_tests::root().join(path), page).unwrap();
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
