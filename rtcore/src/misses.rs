@@ -126,8 +126,8 @@ pub struct Ground {
 }
 
 /// Processor time that a page fault without disk may take, entry and zeroing included: 1.8 us in a
-/// virtual machine, more where the kernel's locks sleep. A huge page takes far longer and is told as
-/// an overrun when nothing else is seen.
+/// virtual machine, more where the kernel's locks sleep. A huge page takes far longer and is told
+/// as an overrun when nothing else is seen.
 const FAULT_COST: Nanos = Nanos::from_micros(4);
 
 /// The cause that explains most: without it the job would have made its deadline.

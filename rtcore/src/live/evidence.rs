@@ -1,8 +1,8 @@
 //! What the kernel counted for a lane's thread, read seldom: two system calls a job would cost more
 //! than everything else the executor does. Counts are read every few jobs, after a job that was not
 //! like the others, and after a miss; what the ordinary jobs since the last reading used is known
-//! from the clock and taken off. Pure, save for the reading that the caller hands in. Refuses to let
-//! a job be judged by what happened long before it.
+//! from the clock and taken off. Pure, save for the reading that the caller hands in. Refuses to
+//! let a job be judged by what happened long before it.
 
 use taktil_hal::Nanos;
 

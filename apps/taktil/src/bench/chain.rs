@@ -110,7 +110,7 @@ pub struct Shape {
 }
 
 /// Jobs between two looks at the ring; it holds more.
-const BATCH: u64 = 250;
+pub(super) const BATCH: u64 = 250;
 
 /// A chain, ready to run.
 pub struct Chain {
@@ -168,16 +168,26 @@ impl Chain {
     /// it: what lies between is the lane's time.
     pub fn run(&mut self, cycles: u64, mut lap: impl FnMut(bool)) {
         let mut left = cycles;
+        let mut count = Count(0);
         while left > 0 {
             let jobs = left.min(BATCH);
             lap(true);
             bare::jobs(&mut self.machine, 0, jobs);
             lap(false);
-            let mut count = Count(0);
-            bare::drain(&mut self.machine, &mut count);
-            self.records += count.0;
+            self.drain(&mut count);
             left -= jobs;
         }
+        self.records += count.0;
+    }
+
+    /// Runs jobs and leaves their records in the ring.
+    pub(super) fn run_undrained(&mut self, jobs: u64) {
+        bare::jobs(&mut self.machine, 0, jobs);
+    }
+
+    /// Hands what is in the ring to an observer.
+    pub(super) fn drain(&mut self, observer: &mut dyn Observer) {
+        bare::drain(&mut self.machine, observer);
     }
 
     /// Records that came out so far.

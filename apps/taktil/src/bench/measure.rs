@@ -201,17 +201,23 @@ impl Contest {
 
 /// Instructions of a run of so many cycles, start and end included.
 fn count_one(place: usize, cycles: u64) -> anyhow::Result<u64> {
-    let program = std::env::current_exe().context("this program's own path")?;
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     arguments.retain(|argument| argument != "--instructions");
     arguments.extend(["--only".into(), place.to_string(), cycles.to_string()]);
+    count(&[], &arguments)
+}
+
+/// Instructions of this program with other arguments, under callgrind.
+pub(super) fn count(options: &[&str], arguments: &[String]) -> anyhow::Result<u64> {
+    let program = std::env::current_exe().context("this program's own path")?;
     let output = Command::new("valgrind")
         .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
+        .args(options)
         .arg(program)
         .args(arguments)
         .stdin(Stdio::null())
         .output()
-        .context("--instructions needs callgrind: install the package valgrind")?;
+        .context("instructions are counted by callgrind: install the package valgrind")?;
     let said = String::from_utf8_lossy(&output.stderr);
     if !output.status.success() {
         bail!("callgrind failed ({}): {}", output.status, said.trim());

@@ -3,6 +3,7 @@
 
 pub mod chain;
 pub mod measure;
+pub mod readers;
 
 use std::process::ExitCode;
 
@@ -19,6 +20,9 @@ pub enum Bench {
     ///
     /// The same program beside cu29 (copper-rs): `cargo run --release` in tests/bench-executor.
     Executor(Plan),
+    /// Whether a lane does the same work whoever reads its records: instructions of a job with no
+    /// reader and with eight, counted by callgrind (package valgrind).
+    Readers(readers::Plan),
 }
 
 /// Measures and prints.
@@ -26,8 +30,10 @@ pub enum Bench {
 /// # Errors
 /// [`BadOption`] for what cannot be used.
 pub fn run(bench: &Bench) -> anyhow::Result<ExitCode> {
-    let Bench::Executor(plan) = bench;
-    executor(plan, Vec::new())
+    match bench {
+        Bench::Executor(plan) => executor(plan, Vec::new()),
+        Bench::Readers(plan) => readers::run(plan),
+    }
 }
 
 /// Our chains and, beside them, those of others.

@@ -1,0 +1,68 @@
+//! `taktil bench` as a person calls it. Instructions are counted and judged, times are not. Skips
+//! aloud where there is no callgrind.
+
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn bench(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_taktil")).arg("bench").args(arguments).output().unwrap()
+}
+
+fn parsed(output: &Output) -> Value {
+    let text = String::from_utf8_lossy(&output.stdout);
+    serde_json::from_str(&text).unwrap_or_else(|error| {
+        panic!("{error}: {text}\n{}", String::from_utf8_lossy(&output.stderr))
+    })
+}
+
+fn counter() -> bool {
+    let there = Command::new("valgrind").arg("--version").output().is_ok();
+    if !there {
+        println!("SKIPPED: instructions of a job: no valgrind here");
+    }
+    there
+}
+
+#[test]
+fn a_job_does_the_same_work_for_no_reader_and_for_eight() {
+    if !counter() {
+        return;
+    }
+    let output = bench(&["readers", "--json"]);
+    assert!(output.status.success(), "{output:?}");
+    let found = parsed(&output);
+    let count = |name: &str| found["instructions_a_job"][name].as_f64().unwrap();
+    assert!(count("none") > 100.0, "{found}");
+    assert!((count("eight") - count("none")).abs() <= 0.01 * count("none"), "{found}");
+    // The count could differ: a ring that nobody empties shows.
+    assert!((count("abandoned") - count("none")).abs() > 0.01 * count("none"), "{found}");
+}
+
+#[test]
+fn every_chain_is_timed_and_a_hop_costs_something() {
+    let output = bench(&["executor", "--cycles", "500", "--slices", "3", "--json"]);
+    assert!(output.status.success(), "{output:?}");
+    let found = parsed(&output);
+    let chains = found["chains"].as_array().unwrap();
+    assert_eq!(chains.len(), 12);
+    for chain in chains {
+        assert_eq!(chain["slices"], 3);
+        assert!(chain["cycle_ns"]["p50"].as_f64().unwrap() > 0.0, "{chain}");
+        assert_eq!(chain["hop_ns"].is_null(), chain["hops"] == 0, "{chain}");
+        assert!(chain["cycle_instructions"].is_null(), "nobody asked");
+    }
+}
+
+#[test]
+fn what_cannot_be_measured_is_refused() {
+    for arguments in [
+        ["executor", "--cycles", "0"],
+        ["executor", "--slices", "0"],
+        ["executor", "--cycles", "99999999"],
+        ["executor", "--cycles", "many"],
+        ["executor", "--cycles", "-1"],
+    ] {
+        assert_eq!(bench(&arguments).status.code(), Some(2), "{arguments:?}");
+    }
+}
