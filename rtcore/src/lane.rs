@@ -13,6 +13,7 @@ use crate::guard;
 use crate::linux::monotonic;
 use crate::misses::{Misses, Notice};
 use crate::mode::Mode;
+use crate::parameter::{Edit, Knobs};
 use crate::port::{AnyCell, Binding, Input, Io, Output};
 use crate::pulse::Pulse;
 use crate::record::{HEADER_BYTES, Recording, Tap};
@@ -64,6 +65,8 @@ pub(crate) struct Lane {
     pub(crate) mode: Option<Input<ModeStatus>>,
     pub(crate) health: Output<LaneHealth>,
     pub(crate) latch: Latch,
+    pub(crate) knobs: Knobs,
+    pub(crate) edit: Option<Output<Edit>>,
     pub(crate) missed: u32,
     pub(crate) pulse: Arc<Pulse>,
     pub(crate) recording: Recording,
@@ -212,8 +215,17 @@ impl Lane {
         let mut faulty_task = 0;
         let mut disabled = 0;
         let mut cycle = Cycle { tick, release, dt: self.spec.period, mode: Mode::Off };
-        let mut io =
-            Io { cells: &mut self.cells, inputs: &mut self.inputs, release, refused: false };
+        let edit = self.knobs.apply(release);
+        let mut io = Io {
+            cells: &mut self.cells,
+            inputs: &mut self.inputs,
+            parameters: &self.knobs.values,
+            release,
+            refused: false,
+        };
+        if let (Some(output), Some(edit)) = (&self.edit, edit) {
+            io.write(output, edit);
+        }
         let mut clock = (!self.figures.tasks.is_empty()).then(monotonic);
         for (position, seat) in (1u32..).zip(self.seats.iter_mut()) {
             if seat.disabled {

@@ -12,17 +12,21 @@ use crate::analysis::{Allowance, Analysis, Demand, analyse};
 use crate::fault::FaultCode;
 use crate::lane::{Figures, Lane, Latch, Seat, TaskFigures};
 use crate::live::LANES_MAX;
+use crate::parameter::{Declaration, Desk, Knobs, Part};
 use crate::port::{Binding, InputDeclaration, OutputDeclaration, Ports};
 use crate::record::{Catalog, Drain, HEADER_BYTES, LaneInfo, Recording, Signal, tap};
 use crate::schedule::LaneSpec;
-use crate::status::{LaneHealth, ModeStatus};
+use crate::status::LaneHealth;
 use crate::tape::TapeDeclaration;
 use crate::task::{Invalid, Task};
-use crate::trace::{self, Remote, Trace};
+use crate::trace::{self, Trace};
 
 mod complaint;
+mod join;
+mod parameters;
 
 use complaint::{check_bindings, check_catalog, check_edge, check_remotes, mismatch, unknown};
+use join::{bind_mode, join};
 
 /// How long a lane or an observer may stand still before values or records are lost, unless told.
 const STALL: Nanos = Nanos::from_millis(500);
@@ -39,6 +43,8 @@ struct Draft {
     inputs: Vec<(usize, InputDeclaration)>,
     outputs: Vec<(usize, OutputDeclaration)>,
     tapes: Vec<TapeDeclaration>,
+    /// By the name of the task.
+    parameters: Vec<(String, Declaration)>,
 }
 
 /// Collects lanes, tasks and bindings, then checks and joins them.
@@ -60,6 +66,8 @@ pub struct Machine {
     pub(crate) drains: Vec<Drain>,
     catalog: Catalog,
     analysis: Analysis,
+    desk: Desk,
+    edit_rings: Vec<rtrb::Producer<Part>>,
 }
 
 impl Machine {
@@ -131,8 +139,9 @@ impl Builder {
                 "put tasks of one rate into one lane",
             ));
         }
-        let (seats, inputs) = (Vec::new(), Vec::new());
-        let mut draft = Draft { spec, seats, inputs, outputs: Vec::new(), tapes: Vec::new() };
+        let (inputs, outputs, parameters) = (Vec::new(), Vec::new(), Vec::new());
+        let (seats, tapes) = (Vec::new(), Vec::new());
+        let mut draft = Draft { spec, seats, inputs, outputs, tapes, parameters };
         // A lane's own health is its first output, at seat number usize::MAX: it belongs to no
         // task.
         let mut own = Ports::new(0, 0);
@@ -180,8 +189,13 @@ impl Builder {
             ));
         }
         let mut ports = Ports::new(draft.inputs.len(), draft.outputs.len());
+        ports.first_parameter = draft.parameters.len();
         let task = make(&mut ports)?;
         let seat = draft.seats.len();
+        for declared in ports.parameters {
+            declared.check().map_err(|invalid| invalid.within(name))?;
+            draft.parameters.push((name.to_owned(), declared));
+        }
         draft.inputs.extend(ports.inputs.into_iter().map(|input| (seat, input)));
         draft.outputs.extend(ports.outputs.into_iter().map(|output| (seat, output)));
         draft.tapes.extend(ports.tapes);
@@ -238,6 +252,8 @@ impl Builder {
     /// produces, a wrong type, a loop without a declared delay, a binding of an input that does not
     /// exist. The place is `wiring.TASK.PORT`.
     pub fn build(mut self) -> Result<Machine, Invalid> {
+        let mut edits: Vec<_> = self.lanes.iter_mut().map(parameters::declare_edit).collect();
+        let desk = parameters::desk(&self.lanes);
         let catalog = self.catalog();
         check_catalog(&catalog)?;
         let inputs = self.lanes.iter().flat_map(|draft| {
@@ -251,12 +267,15 @@ impl Builder {
         let homes = self.homes();
         let stall = self.stall.unwrap_or(STALL);
         let mut lanes: Vec<Lane> = Vec::new();
-        let mut drains = Vec::new();
+        let (mut drains, mut edit_rings) = (Vec::new(), Vec::new());
         for (index, draft) in self.lanes.iter_mut().enumerate() {
             let timed = self.time_tasks || !draft.spec.budgets.is_empty();
-            let (lane, drain) = take_lane(draft, index, &catalog, &homes, (timed, stall));
+            let (mut lane, drain) = take_lane(draft, index, &catalog, &homes, (timed, stall));
+            let (knobs, ring) = parameters::knobs(draft);
+            (lane.knobs, lane.edit) = (knobs, edits[index].take());
             lanes.push(lane);
             drains.push(drain);
+            edit_rings.push(ring);
         }
         let mut links = BTreeMap::new();
         for index in 0..self.lanes.len() {
@@ -288,7 +307,7 @@ impl Builder {
         for lane in &mut lanes {
             lane.record(self.recording);
         }
-        Ok(Machine { lanes, drains, catalog, analysis })
+        Ok(Machine { lanes, drains, catalog, analysis, desk, edit_rings })
     }
 
     fn check_schedule(&self) -> Result<Analysis, Invalid> {
@@ -427,6 +446,8 @@ fn take_lane(
         mode: None,
         health,
         latch: Latch::new(Nanos::ZERO),
+        knobs: Knobs::new(Box::default()).0,
+        edit: None,
         missed: 0,
         pulse: Arc::default(),
         recording: Recording::Full,
@@ -437,50 +458,4 @@ fn take_lane(
         stopped: false,
     };
     (lane, drain)
-}
-
-/// The cell in lane `reader` through which the signal at `home` is seen; links the lanes when they
-/// differ.
-fn join(
-    lanes: &mut [Lane],
-    reader: usize,
-    home: &Home,
-    connect: fn(&mut dyn crate::port::AnyCell, usize) -> Option<Box<dyn crate::port::AnyCell>>,
-    stall: Nanos,
-) -> Option<usize> {
-    if reader == home.lane {
-        return Some(home.cell);
-    }
-    let (from, to) = (&lanes[home.lane].spec, &lanes[reader].spec);
-    let in_flight = (to.period + from.delivery + stall).0 / from.period.0 + 2;
-    let capacity = usize::try_from(in_flight).ok()?;
-    let cell = connect(lanes[home.lane].cells[home.cell].as_mut(), capacity)?;
-    let remote = Remote::new(lanes[reader].cells.len(), &lanes[home.lane].spec);
-    let lane = &mut lanes[reader];
-    lane.cells.push(cell);
-    lane.trace.remote.push(remote);
-    Some(lane.cells.len() - 1)
-}
-
-fn bind_mode(
-    lanes: &mut [Lane],
-    signal: &str,
-    homes: &BTreeMap<String, Home>,
-    catalog: &Catalog,
-    stall: Nanos,
-) -> Result<(), Invalid> {
-    for index in 0..lanes.len() {
-        let mut ports = Ports::new(lanes[index].inputs.len(), 0);
-        let input = ports.input::<ModeStatus>("mode");
-        let declaration = &ports.inputs[0];
-        let home =
-            homes.get(signal).ok_or_else(|| unknown("mode", signal, declaration, catalog))?;
-        let cell = (declaration.type_id == home.type_id)
-            .then(|| join(lanes, index, home, declaration.connect, stall))
-            .flatten()
-            .ok_or_else(|| mismatch("mode", signal, declaration, home))?;
-        lanes[index].inputs.push(Binding { cell, seen: 0, stale_after: Nanos::MAX });
-        lanes[index].mode = Some(input);
-    }
-    Ok(())
 }

@@ -7,10 +7,12 @@
 
 use core::any::{Any, TypeId};
 use core::marker::PhantomData;
+use core::ops::RangeInclusive;
 
 use taktil_hal::Nanos;
 use taktil_hal::link::{Receiver, Sender, link};
 
+use crate::parameter::{Declaration, Param};
 use crate::payload::Payload;
 use crate::tape::{Tape, TapeDeclaration, tape};
 
@@ -197,12 +199,15 @@ pub struct Ports {
     pub(crate) inputs: Vec<InputDeclaration>,
     pub(crate) outputs: Vec<OutputDeclaration>,
     pub(crate) tapes: Vec<TapeDeclaration>,
+    pub(crate) first_parameter: usize,
+    pub(crate) parameters: Vec<Declaration>,
 }
 
 impl Ports {
     pub(crate) fn new(first_input: usize, first_cell: usize) -> Ports {
         let (inputs, outputs, tapes) = (Vec::new(), Vec::new(), Vec::new());
-        Ports { first_input, first_cell, inputs, outputs, tapes }
+        let (first_parameter, parameters) = (0, Vec::new());
+        Ports { first_input, first_cell, inputs, outputs, tapes, first_parameter, parameters }
     }
 
     /// Declares a tape: what a device half of this task answers is recorded as the signal `name`,
@@ -247,6 +252,37 @@ impl Ports {
         Input { index, of: PhantomData }
     }
 
+    /// Declares a number that may be edited while the machine runs, called `task.name`, with its
+    /// first value and its range. A first value outside the range refuses the machine at load.
+    pub fn parameter(&mut self, name: &str, initial: f64, range: RangeInclusive<f64>) -> Param {
+        let index = self.first_parameter + self.parameters.len();
+        let (low, high) = (*range.start(), *range.end());
+        self.parameters.push(Declaration { name: name.to_owned(), initial, low, high });
+        Param(index)
+    }
+
+    /// As [`Ports::parameter`], with a range from a tenth of the first value to four times it: what
+    /// may be tuned on a machine that runs, and no other order of magnitude.
+    pub fn tunable(&mut self, name: &str, initial: f64) -> Param {
+        let ends = (initial * 0.1, initial * 4.0);
+        self.parameter(name, initial, ends.0.min(ends.1)..=ends.0.max(ends.1))
+    }
+
+    /// As [`Ports::tunable`], several of one kind.
+    pub fn tunables<const N: usize>(&mut self, name: &str, initial: [f64; N]) -> [Param; N] {
+        core::array::from_fn(|i| self.tunable(&format!("{name}[{i}]"), initial[i]))
+    }
+
+    /// Declares several of one kind, called `task.name[i]`; `task.name` edits all of them.
+    pub fn parameters<const N: usize>(
+        &mut self,
+        name: &str,
+        initial: [f64; N],
+        range: RangeInclusive<f64>,
+    ) -> [Param; N] {
+        core::array::from_fn(|i| self.parameter(&format!("{name}[{i}]"), initial[i], range.clone()))
+    }
+
     /// Declares an output; its signal is called `task.name`.
     pub fn output<T: Payload>(&mut self, name: &'static str) -> Output<T> {
         let cell = self.first_cell + self.outputs.len();
@@ -266,6 +302,7 @@ impl Ports {
 pub struct Io<'a> {
     pub(crate) cells: &'a mut [Box<dyn AnyCell>],
     pub(crate) inputs: &'a mut [Binding],
+    pub(crate) parameters: &'a [f64],
     pub(crate) release: Nanos,
     pub(crate) refused: bool,
 }
@@ -303,6 +340,18 @@ impl Io<'_> {
     pub(crate) fn inject(&mut self, cell: usize, body: &[u8]) {
         let written = self.cells.get_mut(cell).map(|cell| cell.inject(body, self.release));
         self.refused |= written != Some(true);
+    }
+
+    /// The value of a parameter in this job: the first one, or that of the last edit.
+    #[must_use]
+    pub fn parameter(&self, parameter: Param) -> f64 {
+        self.parameters.get(parameter.0).copied().unwrap_or(f64::NAN)
+    }
+
+    /// The values of several parameters in this job.
+    #[must_use]
+    pub fn parameters<const N: usize>(&self, parameters: &[Param; N]) -> [f64; N] {
+        parameters.map(|parameter| self.parameter(parameter))
     }
 
     /// Writes an output; the last write of a job counts. A value that is not finite is refused and

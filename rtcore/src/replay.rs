@@ -11,6 +11,7 @@ use taktil_hal::Nanos;
 
 use crate::fault::FaultCode;
 use crate::machine::Machine;
+use crate::parameter::Edit;
 use crate::payload::Payload;
 use crate::port::Io;
 use crate::record::{Catalog, Observer, Record};
@@ -68,7 +69,7 @@ pub struct Script {
     lanes: Vec<Vec<(u64, Decision)>>,
     /// Lane of each signal that is a decision.
     decisions: BTreeMap<usize, usize>,
-    /// Records of fed tasks and of their lanes' states, by signal.
+    /// Records of fed tasks, of their lanes' states and of edits, by signal.
     kept: BTreeMap<usize, Rows>,
 }
 
@@ -85,7 +86,7 @@ impl Script {
             }
             let owner = signal.name.rsplit_once('.').map_or("", |(owner, _)| owner);
             let state = signal.name == format!("{}.state", catalog.lanes[signal.lane].name);
-            if fed.contains(&owner) || state {
+            if fed.contains(&owner) || state || signal.type_name == Edit::NAME {
                 script.kept.insert(number, VecDeque::new());
             }
         }
@@ -205,6 +206,7 @@ pub fn run(
     if let Some(lane) = machine.lanes.iter().find(|lane| lane.trace.decisions.is_none()) {
         return Err(ReplayError::NoDecisions(lane.spec.name.clone()));
     }
+    repeat_edits(machine, script);
     let mut next = vec![0; machine.lanes.len()];
     let choose = |machine: &mut Machine| {
         let jobs = script.lanes.iter().zip(&next).map(|(jobs, next)| jobs.get(*next));
@@ -222,6 +224,20 @@ pub fn run(
     };
     virtual_time::run_chosen(machine, until, stop, observer, choose)
         .map_err(|(task, fault)| ReplayError::TaskRefused(task, fault))
+}
+
+/// Gives every lane the edits that it took.
+fn repeat_edits(machine: &mut Machine, script: &Script) {
+    for index in 0..machine.lanes.len() {
+        let name = format!("{}.edit", machine.lanes[index].spec.name);
+        let rows = machine.catalog().find(&name).and_then(|signal| script.kept.get(&signal));
+        let Some(rows) = rows else { continue };
+        let lane = &mut machine.lanes[index];
+        let spec = &lane.spec;
+        let taken =
+            rows.iter().filter_map(|(tick, body)| Some((spec.release(*tick), Edit::decode(body)?)));
+        lane.knobs.repeat(taken);
+    }
 }
 
 /// Puts a stand-in on the seat of `task`.

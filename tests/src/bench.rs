@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use taktil::run::assemble::assemble;
 use taktil::run::scene::Scene;
 use taktil_rtcore::live::Audience;
+use taktil_rtcore::parameter::Edit;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Machine, Nanos, Payload, virtual_time};
 use taktil_signal::ControlState;
@@ -151,7 +152,9 @@ impl Kept {
                 rows.map(|row| (row.tick, row.release, row.body.clone())).collect()
             };
             let (ours, theirs) = (of(self), of(other));
-            if ours.is_empty() || ours.len() != theirs.len() {
+            // Everything speaks in every run, save edits, which somebody has to ask for.
+            let silent = ours.is_empty() && signal.type_name != Edit::NAME;
+            if silent || ours.len() != theirs.len() {
                 let (a, b) = (ours.len(), theirs.len());
                 return Some(format!("{}: {a} records and {b}", signal.name));
             }

@@ -9,13 +9,17 @@ use serde::Deserialize;
 use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Kind, LinesOut};
 use taktil_mechanics::Joints;
 use taktil_mechanics::transmission::{Drive, Transmission};
-use taktil_rtcore::{Cycle, FaultCode, Freshness, Input, Invalid, Io, Mode, Output, Ports, Task};
+use taktil_rtcore::{
+    Cycle, FaultCode, Freshness, Input, Invalid, Io, Mode, Output, Param, Ports, Task,
+};
 use taktil_signal::{Applied, ControlState, JointState, Torque};
 
 use law::{Command, Gate, Law, Window, gate};
 
 /// Number of joints of the arm.
 const JOINTS: usize = 6;
+/// The window's growth may be edited up to this at least, s.
+const FOLLOWING_GAIN_MAX_S: f64 = 0.2;
 
 /// Settings of [`Actuate`].
 #[derive(Clone, Debug, Deserialize, PartialEq)]
@@ -88,6 +92,36 @@ impl Config {
     }
 }
 
+/// The window of the following error as parameters.
+#[derive(Clone, Copy, Debug)]
+struct WindowKnobs {
+    floor_deg: [Param; JOINTS],
+    gain_s: Param,
+    /// Values at the last look.
+    seen: ([f64; JOINTS], f64),
+}
+
+impl WindowKnobs {
+    fn new(config: &Config, ports: &mut Ports) -> WindowKnobs {
+        let gain_max_s = (4.0 * config.following_gain_s).max(FOLLOWING_GAIN_MAX_S);
+        WindowKnobs {
+            floor_deg: ports.tunables("following_floor_deg", config.following_floor_deg),
+            gain_s: ports.parameter("following_gain_s", config.following_gain_s, 0.0..=gain_max_s),
+            seen: (config.following_floor_deg, config.following_gain_s),
+        }
+    }
+
+    /// The window after an edit; nothing when there was none.
+    fn edited(&mut self, io: &Io<'_>) -> Option<Window> {
+        let now = (io.parameters(&self.floor_deg), io.parameter(self.gain_s));
+        if now == self.seen {
+            return None;
+        }
+        self.seen = now;
+        Some(Window { floor_rad: now.0.map(f64::to_radians), gain_s: now.1 })
+    }
+}
+
 /// Counts failed writes in a row.
 #[derive(Clone, Copy, Debug)]
 struct Patience {
@@ -117,6 +151,7 @@ pub struct Actuate {
     digital: Box<dyn DigitalOut>,
     law: Law,
     window: Window,
+    window_knobs: WindowKnobs,
     safe: Command,
     analog_patience: Patience,
     digital_patience: Patience,
@@ -128,7 +163,8 @@ pub struct Actuate {
 }
 
 impl Actuate {
-    /// Declares the ports: in `torque`, `control`, `joints`, out `applied`.
+    /// Declares the ports: in `torque`, `control`, `joints`, out `applied`; the parameters
+    /// `following_floor_deg` (six) and `following_gain_s`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses, and a D/A board with fewer than six channels or a narrower
@@ -148,7 +184,9 @@ impl Actuate {
         let safe =
             Command { codes: [safe_code; JOINTS], tau_nm: law.torque_of(safe_code), limited: 0 };
         let patience = Patience { allowed: config.failures_allowed, failed: 0 };
+        let window_knobs = WindowKnobs::new(&config, ports);
         Ok(Actuate {
+            window_knobs,
             analog,
             digital,
             law,
@@ -222,6 +260,7 @@ fn check_board(analog: &dyn AnalogOut, drive: &Drive) -> Result<(), Invalid> {
 
 impl Task for Actuate {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        self.window = self.window_knobs.edited(io).unwrap_or(self.window);
         let control = io.read(&self.control).fresh();
         let torque = io.read(&self.torque);
         let torque_fresh = torque.freshness == Freshness::New;

@@ -94,15 +94,26 @@ impl Config {
     /// The gains that the table stands for.
     #[must_use]
     pub fn gains(&self, dynamics: &Dynamics) -> Gains {
-        let inertia = self.inertia_kg_m2.map_or_else(
+        self.gains_for(&self.inertia(dynamics))
+    }
+
+    /// The inertia that the gains are computed for (kg m^2).
+    #[must_use]
+    pub fn inertia(&self, dynamics: &Dynamics) -> Joints {
+        self.inertia_kg_m2.map_or_else(
             || {
                 let pose = Joints::from(self.inertia_pose_deg.map(f64::to_radians));
                 dynamics.mass_matrix(&pose).diagonal()
             },
             Joints::from,
-        );
+        )
+    }
+
+    /// The gains for this inertia.
+    #[must_use]
+    pub fn gains_for(&self, inertia: &Joints) -> Gains {
         let placed = Gains::placed(
-            &inertia,
+            inertia,
             &Joints::from(self.bandwidth_rad_s),
             &Joints::from(self.damping),
         );

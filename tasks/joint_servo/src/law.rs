@@ -52,6 +52,13 @@ impl Pd {
         }
     }
 
+    /// Goes on with other gains and another filter: what it remembers stays, so the torque changes
+    /// by what the gains change and by nothing else.
+    pub fn retune(&mut self, gains: Gains, filter_hz: f64) {
+        self.gains = gains;
+        self.corner_rad_s = core::f64::consts::TAU * filter_hz;
+    }
+
     /// The gains in use.
     #[must_use]
     pub fn gains(&self) -> &Gains {
@@ -138,6 +145,23 @@ mod tests {
             assert!((tau[3] - (100.0 * e + 10.0 * expected)).abs() < 1e-9);
         }
         assert!((law.rate_rad_s()[0] - slope).abs() < 1e-9);
+    }
+
+    #[test]
+    fn other_gains_change_the_torque_by_what_they_change_and_no_more() {
+        let (mut law, mut still) = (unit(), unit());
+        for tick in 0..50 {
+            let e = Joints::repeat(0.001 * f64::from(tick));
+            law.torque_nm(&e, DT_S);
+            still.torque_nm(&e, DT_S);
+        }
+        let (e, ones) = (Joints::repeat(0.05), Joints::repeat(1.0));
+        law.retune(Gains { kp_nm_rad: ones * 100.0, kd_nms_rad: ones * 12.0 }, 60.0);
+        let (edited, plain) = (law.torque_nm(&e, DT_S), still.torque_nm(&e, DT_S));
+        let rate = *still.rate_rad_s();
+        assert_eq!(law.rate_rad_s(), &rate, "the filter goes on");
+        let step = edited.unwrap() - plain.unwrap();
+        assert!((step - rate * 2.0).amax() < 1e-12, "{step}");
     }
 
     #[test]

@@ -11,10 +11,10 @@ pub mod law;
 
 pub use config::Config;
 
-use law::Pd;
+use law::{Gains, Pd};
 use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::Dynamics;
-use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Mode, Output, Ports, Task};
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Mode, Output, Param, Ports, Task};
 use taktil_signal::{ControlState, Desired, JointState, Torque};
 
 /// Time over which the gravity term comes in when the joints become calibrated under torque (s).
@@ -31,16 +31,69 @@ pub struct JointServo {
     assumed: Option<Joints>,
     gravity_share: f64,
     datum: u32,
+    knobs: Knobs,
+}
+
+/// What may be edited while the servo runs: what the configuration gives its gains by.
+struct Knobs {
+    config: Config,
+    inertia_kg_m2: Joints,
+    stiffness: [Param; 6],
+    damping: [Param; 6],
+    filter: Param,
+    /// Values at the last look.
+    seen: ([f64; 6], [f64; 6], f64),
+}
+
+impl Knobs {
+    fn new(config: &Config, dynamics: &Dynamics, ports: &mut Ports) -> Knobs {
+        let (stiffness_name, stiffness) = match config.kp_nm_rad {
+            Some(kp) => ("kp_nm_rad", kp),
+            None => ("bandwidth_rad_s", config.bandwidth_rad_s),
+        };
+        let (damping_name, damping) = match config.kd_nms_rad {
+            Some(kd) => ("kd_nms_rad", kd),
+            None => ("damping", config.damping),
+        };
+        Knobs {
+            inertia_kg_m2: config.inertia(dynamics),
+            config: config.clone(),
+            stiffness: ports.tunables(stiffness_name, stiffness),
+            damping: ports.tunables(damping_name, damping),
+            filter: ports.tunable("derivative_filter_hz", config.derivative_filter_hz),
+            seen: (stiffness, damping, config.derivative_filter_hz),
+        }
+    }
+
+    /// Gains and filter after an edit; nothing when there was none.
+    fn edited(&mut self, io: &Io<'_>) -> Option<(Gains, f64)> {
+        let now = (
+            io.parameters(&self.stiffness),
+            io.parameters(&self.damping),
+            io.parameter(self.filter),
+        );
+        if now == self.seen {
+            return None;
+        }
+        self.seen = now;
+        let config = &mut self.config;
+        *config.kp_nm_rad.as_mut().unwrap_or(&mut config.bandwidth_rad_s) = now.0;
+        *config.kd_nms_rad.as_mut().unwrap_or(&mut config.damping) = now.1;
+        Some((config.gains_for(&self.inertia_kg_m2), now.2))
+    }
 }
 
 impl JointServo {
-    /// Declares `desired`, `joints`, `control` and `torque`.
+    /// Declares `desired`, `joints`, `control` and `torque`, and as parameters `bandwidth_rad_s` or
+    /// `kp_nm_rad`, `damping` or `kd_nms_rad` (six each, whichever the gains are given by) and
+    /// `derivative_filter_hz`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses.
     pub fn new(config: Config, ports: &mut Ports) -> Result<JointServo, Invalid> {
         config.check()?;
         let dynamics = Dynamics::reference();
+        let knobs = Knobs::new(&config, &dynamics, ports);
         Ok(JointServo {
             desired: ports.input("desired"),
             joints: ports.input("joints"),
@@ -51,6 +104,7 @@ impl JointServo {
             assumed: config.assumed_pose_deg.map(|deg| Joints::from(deg.map(f64::to_radians))),
             gravity_share: 0.0,
             datum: 0,
+            knobs,
         })
     }
 
@@ -78,6 +132,9 @@ impl JointServo {
 
 impl Task for JointServo {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        if let Some((gains, filter_hz)) = self.knobs.edited(io) {
+            self.law.retune(gains, filter_hz);
+        }
         let control = io.read(&self.control).usable();
         let desired = io.read(&self.desired).usable().filter(|desired| desired.valid == 1);
         let joints = io.read(&self.joints).usable();

@@ -57,6 +57,9 @@ pub struct Config {
     pub max_lead_deg: f64,
 }
 
+/// Sum of the counts of the largest array that a message holds, at full scale.
+pub(crate) const M0_MAX: f64 = 4.2e6;
+
 impl Default for Config {
     fn default() -> Config {
         Config {
@@ -88,7 +91,7 @@ impl Config {
     /// # Errors
     /// A value outside the range that its message states; NaN is outside every range.
     pub fn check(&self) -> Result<(), Invalid> {
-        let counts = 4.2e6;
+        let counts = M0_MAX;
         let rows = [
             ("x_c_low", self.x_c_low, 1.0, 16.0),
             ("x_c_high", self.x_c_high, 1.0, 16.0),

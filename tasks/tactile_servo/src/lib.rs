@@ -18,11 +18,12 @@ pub mod unfelt;
 
 pub use config::Config;
 
+use config::M0_MAX;
 use follow::{Follower, joint_step, within_lead};
 use law::{Heading, Law, Touch, tool_motion, touch};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
-use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Payload, Ports, Task};
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Param, Payload, Ports, Task};
 use taktil_signal::{
     ControlState, Desired, Features, Goal, JointState, State, TactileImage, defined,
 };
@@ -57,15 +58,47 @@ pub struct TactileServo {
     entered_ns: i64,
     /// Way made without contact (mm).
     sought_mm: f64,
+    knobs: Knobs,
+}
+
+/// What may be edited while the servo runs.
+#[derive(Clone, Copy, Debug)]
+struct Knobs {
+    m0: Param,
+    roll: Param,
+    press: Param,
+}
+
+impl Knobs {
+    fn new(config: &Config, ports: &mut Ports) -> Knobs {
+        // Below these the load would never count as contact, or never roll.
+        let least = config.contact_counts.max(config.roll_from_counts);
+        let m0 = config.m0_counts;
+        Knobs {
+            m0: ports.parameter("m0_counts", m0, least..=(4.0 * m0).min(M0_MAX)),
+            roll: ports.tunable("roll_mm_s", config.roll_mm_s),
+            press: ports.tunable("press_mm_s", config.press_mm_s),
+        }
+    }
+
+    /// Puts edited values into the configuration; true when there were any.
+    fn take(&self, io: &Io<'_>, config: &mut Config) -> bool {
+        let now = io.parameters(&[self.m0, self.roll, self.press]);
+        let before = [config.m0_counts, config.roll_mm_s, config.press_mm_s];
+        [config.m0_counts, config.roll_mm_s, config.press_mm_s] = now;
+        now != before
+    }
 }
 
 impl TactileServo {
-    /// Declares `control`, `desired`, `joints`, `image`, `goal` and `features`.
+    /// Declares `control`, `desired`, `joints`, `image`, `goal` and `features`, and the parameters
+    /// `m0_counts`, `roll_mm_s` and `press_mm_s`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses.
     pub fn new(config: Config, ports: &mut Ports) -> Result<TactileServo, Invalid> {
         config.check()?;
+        let knobs = Knobs::new(&config, ports);
         Ok(TactileServo {
             control: ports.input("control"),
             desired: ports.input_delayed("desired"),
@@ -80,6 +113,7 @@ impl TactileServo {
             stay: Stay::Away,
             entered_ns: 0,
             sought_mm: 0.0,
+            knobs,
         })
     }
 
@@ -192,6 +226,9 @@ impl TactileServo {
 
 impl Task for TactileServo {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        if self.knobs.take(io, &mut self.config) {
+            self.law = Law::new(&self.config);
+        }
         let control = io.read(&self.control).usable();
         let desired = io.read(&self.desired).usable();
         let joints = io.read(&self.joints).usable();

@@ -2,6 +2,7 @@
 //! repeatability. Refuses anything that depends on how fast this machine is.
 
 mod determinism;
+mod edits;
 mod hold;
 mod lines;
 mod physics;

@@ -40,7 +40,12 @@ fn build(scene: &Scene, seed: u64) -> Result<Machine, Invalid> {
         Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?)));
     let mut builder = wiring::assemble(machine, devices, operator)?;
     add_world(&mut builder, scene, &timing, world)?;
-    builder.build().map_err(of_world)
+    let mut machine = builder.build().map_err(of_world)?;
+    machine.plan_edits(&scene.edits).map_err(|bad| match bad.place.strip_suffix(".at") {
+        Some(edit) => Invalid { place: format!("{edit}.at_s"), ..bad },
+        None => bad,
+    })?;
+    Ok(machine)
 }
 
 /// The place of a complaint about the world's lane is in the scene, not under `lane`.

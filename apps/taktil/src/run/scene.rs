@@ -2,6 +2,7 @@
 //! file and the machine file that it names; every complaint is placed in the file where the value
 //! stands. Refuses anything it does not know.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
@@ -9,7 +10,7 @@ use serde::Deserialize;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::{Pose, rotation_x, rotation_y, rotation_z};
-use taktil_rtcore::{Invalid, Nanos};
+use taktil_rtcore::{Invalid, Nanos, Transaction};
 use taktil_signal::Verb;
 use taktil_sim::scene::WorldConfig;
 use taktild::config::MachineConfig;
@@ -42,6 +43,8 @@ struct SceneFile {
     start: Option<Start>,
     #[serde(default)]
     operator: Vec<StepFile>,
+    #[serde(default)]
+    edit: Vec<EditFile>,
     #[serde(default)]
     world: WorldConfig,
     #[serde(default)]
@@ -89,6 +92,13 @@ struct Start {
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+struct EditFile {
+    at_s: f64,
+    set: BTreeMap<String, f64>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
 struct StepFile {
     verb: String,
     #[serde(default)]
@@ -128,6 +138,8 @@ pub struct Scene {
     pub contract: ContractConfig,
     /// The operator's script, in order.
     pub script: Vec<Step>,
+    /// Edits of parameters, in order of time.
+    pub edits: Vec<Transaction>,
     /// What is simulated.
     pub world: WorldConfig,
     /// The machine that controls it.
@@ -151,6 +163,7 @@ impl Scene {
             Some(machine) => machine.parse()?,
         };
         let script = script(&file.operator).map_err(|invalid| source.locate(invalid))?;
+        let edits = edits(&file.edit).map_err(|invalid| source.locate(invalid))?;
         let mut scene = Scene {
             machine: base.overridden_by(file.robot.clone()),
             machine_source,
@@ -166,6 +179,7 @@ impl Scene {
                 .map(|us| Nanos::from_micros(us.clamp(-1, 1_000_000_000))),
             contract: file.contract,
             script,
+            edits,
             world: file.world.clone(),
             source,
         };
@@ -280,6 +294,23 @@ fn script(steps: &[StepFile]) -> Result<Vec<Step>, Invalid> {
         script.push(Step { verb, at });
     }
     Ok(script)
+}
+
+fn edits(files: &[EditFile]) -> Result<Vec<Transaction>, Invalid> {
+    let one = |(index, file): (usize, &EditFile)| {
+        if !(file.at_s.is_finite() && (0.0..=LONGEST_S).contains(&file.at_s)) {
+            return Err(Invalid::new(
+                format!("edit[{index}].at_s"),
+                format!("{} s is not an instant of a run", file.at_s),
+                "give 0 or more seconds",
+            ));
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "at most a day of nanoseconds")]
+        let at = Nanos((file.at_s * 1e9).round() as i64);
+        let set = file.set.iter().map(|(name, value)| (name.clone(), *value)).collect();
+        Ok(Transaction { at, set })
+    };
+    files.iter().enumerate().map(one).collect()
 }
 
 /// Joint angles (deg) of the start pose, on the branch of the thesis's rolling posture.
