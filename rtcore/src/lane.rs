@@ -50,6 +50,19 @@ impl Seat {
         }
         outcome
     }
+
+    /// One step whose panic goes no further: the task is taken out of the lane.
+    fn contained(&mut self, cycle: &Cycle, io: &mut Io<'_>, hashed: bool) -> Option<FaultCode> {
+        match catch_unwind(AssertUnwindSafe(|| self.step(cycle, io, hashed))) {
+            Ok(outcome) => outcome.err(),
+            Err(payload) => {
+                // Dropping it would free memory here, and could panic once more.
+                core::mem::forget(payload);
+                self.disabled = true;
+                Some(FaultCode::TaskPanicked)
+            }
+        }
+    }
 }
 
 /// One lane, ready to run jobs.
@@ -238,17 +251,7 @@ impl Lane {
                     u8::try_from(word).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault);
             }
             self.pulse.enter(position);
-            let outcome = catch_unwind(AssertUnwindSafe(|| seat.step(&cycle, &mut io, hashed)));
-            let fault = match outcome {
-                Ok(Ok(())) => None,
-                Ok(Err(fault)) => Some(fault),
-                Err(payload) => {
-                    // Dropping it would free memory here, and could panic once more.
-                    core::mem::forget(payload);
-                    seat.disabled = true;
-                    Some(FaultCode::TaskPanicked)
-                }
-            };
+            let fault = seat.contained(&cycle, &mut io, hashed);
             if let Some(before) = &mut clock {
                 let after = monotonic();
                 if let Some(task) = self.figures.tasks.get_mut(position as usize - 1) {

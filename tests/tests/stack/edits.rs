@@ -45,7 +45,7 @@ fn an_edit_changes_what_it_says_from_its_instant_on_and_is_recorded() {
     assert_eq!(at, [Nanos::from_millis(400), Nanos::from_millis(450)]);
     let first = edits[0].1;
     assert_eq!(first.count, 8);
-    assert!(first.old[..6].iter().filter(|old| **old == 0.5).count() == 6, "{first:?}");
+    assert!(first.old[..8].iter().filter(|old| **old == 0.5).count() == 6, "{first:?}");
     assert_eq!((edits[1].1.old[0], edits[1].1.new[0]), (0.6, 0.4));
     let plain = run(&Draft::roll_pin().set("duration_s", 0.6).scene(), 1);
     let torque = |kept: &Kept| kept.of::<Torque>("joint_servo.torque");
