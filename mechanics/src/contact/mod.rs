@@ -14,10 +14,12 @@
 
 mod collocation;
 pub mod cylinder;
+pub mod features;
 pub mod field;
 mod kernel;
 pub mod layer;
 mod share;
+pub mod space;
 mod stick;
 
 /// A parameter that the theory cannot take: where it stands, what is wrong, what would help.

@@ -1,0 +1,252 @@
+//! Feature Jacobians of an indenter: how the features of its image change as it is moved and
+//! turned, by central differences at two steps, extrapolated, with the difference of the two as the
+//! error's estimate.
+//!
+//! Motions are about the indenter's origin on the surface: dx, dy along the array, dz into the
+//! layer, right-handed rotations about x, y (which tilt a long indenter, positive about x lowering
+//! the side towards -y) and z (up). A sphere does not know rotations, nor a cylinder its own roll:
+//! those columns are 0. What a motion or a feature does not define (dz of a line load, the roll of
+//! a bar, the axis of a round image) is absent, and so is then the condition number.
+
+use super::super::Invalid;
+use super::super::features::{ImageFeatures, Part, image_features};
+use super::Drive;
+use super::scene::{Pose, Scene, Shape, Touch};
+
+/// A feature of the image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Feature {
+    /// Sum of szz times area, N.
+    M0,
+    /// Sum of x szz times area, N mm.
+    My,
+    /// Sum of y szz times area, N mm.
+    Mx,
+    /// Centroid's x, mm.
+    Xc,
+    /// Centroid's y, mm.
+    Yc,
+    /// Central second moment along x, N mm^2.
+    MuXx,
+    /// Mixed central second moment, N mm^2.
+    MuXy,
+    /// Central second moment along y, N mm^2.
+    MuYy,
+    /// Angle of the long axis from +x, rad.
+    ThetaLong,
+}
+
+impl Feature {
+    fn of(self, features: &ImageFeatures) -> Option<f64> {
+        match self {
+            Self::M0 => Some(features.m0),
+            Self::My => Some(features.my),
+            Self::Mx => Some(features.mx),
+            Self::Xc => features.xc,
+            Self::Yc => features.yc,
+            Self::MuXx => features.mu_xx,
+            Self::MuXy => features.mu_xy,
+            Self::MuYy => features.mu_yy,
+            Self::ThetaLong => features.theta_long_rad,
+        }
+    }
+}
+
+/// A motion of the indenter; mm and rad.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// Along x.
+    X,
+    /// Along y.
+    Y,
+    /// Into the layer.
+    Z,
+    /// About x.
+    RotX,
+    /// About y.
+    RotY,
+    /// About z.
+    RotZ,
+}
+
+/// Derivatives of features with respect to motions.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FeatureJacobian {
+    /// Number of motions: entries a row.
+    pub motions: usize,
+    /// Derivatives, feature after feature.
+    pub values: Vec<Option<f64>>,
+    /// Estimated error of each.
+    pub errors: Vec<Option<f64>>,
+    /// Largest over smallest singular value, in the units of the rows and columns as they are;
+    /// absent when an entry is, and for a matrix without full rank.
+    pub condition: Option<f64>,
+    /// The contact at which they were taken.
+    pub touch: Touch,
+}
+
+/// Smallest part of the largest singular value that counts as rank.
+const RANK: f64 = 1e-10;
+
+/// Differentiates the features of a scene at a contact. With a force the penetration found for it
+/// is what the motions start from. Allocates.
+///
+/// # Errors
+/// What pressing refuses there and nearby; no feature or no motion.
+pub fn feature_jacobian(
+    scene: &mut Scene,
+    drive: Drive,
+    pose: Pose,
+    features: &[Feature],
+    motions: &[Motion],
+) -> Result<FeatureJacobian, Invalid> {
+    for (place, empty) in [("features", features.is_empty()), ("motions", motions.is_empty())] {
+        if empty {
+            return Err(Invalid::new(place, "the list is empty".to_owned(), "name at least one"));
+        }
+    }
+    let touch = scene.press(drive, pose)?;
+    let drive = touch.penetration_mm.map_or(drive, Drive::PenetrationMm);
+    let count = features.len() * motions.len();
+    let mut out = FeatureJacobian {
+        motions: motions.len(),
+        values: vec![None; count],
+        errors: vec![None; count],
+        condition: None,
+        touch,
+    };
+    for (column, motion) in motions.iter().enumerate() {
+        let Some(effect) = effect(scene.shape(), pose, *motion) else { continue };
+        let step = scene.step(*motion, touch.penetration_mm);
+        let mut at = |amount: f64| {
+            let (drive, pose) = effect.moved(drive, pose, amount);
+            measured(scene, drive, pose)
+        };
+        let wide = [at(step)?, at(-step)?];
+        let narrow = [at(0.5 * step)?, at(-0.5 * step)?];
+        for (row, feature) in features.iter().enumerate() {
+            let slope = |pair: &[ImageFeatures; 2], step: f64| {
+                let mut rise = feature.of(&pair[0])? - feature.of(&pair[1])?;
+                if *feature == Feature::ThetaLong {
+                    // An axis turned by half a turn is the same axis.
+                    rise -= core::f64::consts::PI * (rise / core::f64::consts::PI).round();
+                }
+                Some(rise / (2.0 * step))
+            };
+            let (Some(coarse), Some(fine)) = (slope(&wide, step), slope(&narrow, 0.5 * step))
+            else {
+                continue;
+            };
+            out.values[row * motions.len() + column] = Some((4.0 * fine - coarse) / 3.0);
+            out.errors[row * motions.len() + column] = Some((fine - coarse).abs() / 3.0);
+        }
+    }
+    // The scene is left at the contact asked for.
+    scene.press(drive, pose)?;
+    out.condition = condition(&out.values, motions.len());
+    Ok(out)
+}
+
+fn measured(scene: &mut Scene, drive: Drive, pose: Pose) -> Result<ImageFeatures, Invalid> {
+    scene.press(drive, pose)?;
+    let mut image = vec![0.0; scene.array().len()];
+    scene.image(&mut image)?;
+    image_features(scene.array(), &image, Part::Full)
+}
+
+/// What one unit of a motion changes.
+#[derive(Clone, Copy, Debug, Default)]
+struct Effect {
+    x: f64,
+    y: f64,
+    deeper: f64,
+    rot: f64,
+    tilt: f64,
+}
+
+impl Effect {
+    fn moved(self, drive: Drive, mut pose: Pose, amount: f64) -> (Drive, Pose) {
+        pose.stand.x_mm += self.x * amount;
+        pose.stand.y_mm += self.y * amount;
+        pose.stand.rot_rad += self.rot * amount;
+        pose.tilt_rad += self.tilt * amount;
+        let drive = match drive {
+            Drive::PenetrationMm(delta) => Drive::PenetrationMm(delta + self.deeper * amount),
+            Drive::ForceN(force) => Drive::ForceN(force),
+        };
+        (drive, pose)
+    }
+}
+
+fn effect(shape: Shape, pose: Pose, motion: Motion) -> Option<Effect> {
+    let none = Effect::default();
+    let (s, c) = (libm::sin(pose.stand.rot_rad), libm::cos(pose.stand.rot_rad));
+    let round = matches!(shape, Shape::Sphere { .. });
+    let line = matches!(shape, Shape::Edge { .. });
+    // A rotation about x raises the place (x, y) by y: the axis (-s, c) by c a length.
+    let tilt = |part: f64, roll: f64| {
+        if round {
+            return Some(none);
+        }
+        let bar = matches!(shape, Shape::Bar { .. });
+        let undefined = line && part != 0.0 || bar && roll.abs() > 1e-12;
+        (!undefined).then_some(Effect { tilt: -part, ..none })
+    };
+    match motion {
+        Motion::X => Some(Effect { x: 1.0, ..none }),
+        Motion::Y => Some(Effect { y: 1.0, ..none }),
+        Motion::Z => (!line).then_some(Effect { deeper: 1.0, ..none }),
+        Motion::RotX => tilt(c, s),
+        Motion::RotY => tilt(s, c),
+        Motion::RotZ => Some(Effect { rot: if round { 0.0 } else { 1.0 }, ..none }),
+    }
+}
+
+/// Ratio of the largest and the smallest singular value of rows of `columns` numbers.
+#[must_use]
+pub fn condition(values: &[Option<f64>], columns: usize) -> Option<f64> {
+    let known: Option<Vec<f64>> = values.iter().copied().collect();
+    let known = known.filter(|known| columns > 0 && !known.is_empty())?;
+    let rows = known.len() / columns;
+    // One-sided rotations on the shorter set of vectors.
+    let (count, length) = (rows.min(columns), rows.max(columns));
+    let entry = |vector: usize, place: usize| {
+        if rows <= columns {
+            known[vector * columns + place]
+        } else {
+            known[place * columns + vector]
+        }
+    };
+    let mut vectors: Vec<Vec<f64>> =
+        (0..count).map(|v| (0..length).map(|p| entry(v, p)).collect()).collect();
+    let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(x, y)| x * y).sum() };
+    for _ in 0..60 {
+        let mut turned = false;
+        for i in 0..count {
+            for j in i + 1..count {
+                let (p, q) = (dot(&vectors[i], &vectors[i]), dot(&vectors[j], &vectors[j]));
+                let r = dot(&vectors[i], &vectors[j]);
+                if r.abs() <= 1e-15 * (p * q).sqrt() {
+                    continue;
+                }
+                turned = true;
+                let zeta = (q - p) / (2.0 * r);
+                let size = zeta.abs() + (1.0 + zeta * zeta).sqrt();
+                let tangent = if zeta < 0.0 { -1.0 / size } else { 1.0 / size };
+                let c = 1.0 / (1.0 + tangent * tangent).sqrt();
+                let s = c * tangent;
+                let (low, high) = vectors.split_at_mut(j);
+                for (x, y) in low[i].iter_mut().zip(&mut high[0]) {
+                    (*x, *y) = (c * *x - s * *y, s * *x + c * *y);
+                }
+            }
+        }
+        if !turned {
+            break;
+        }
+    }
+    let sizes: Vec<f64> = vectors.iter().map(|v| dot(v, v).sqrt()).collect();
+    let largest = sizes.iter().fold(0.0_f64, |most, size| most.max(*size));
+    let smallest = sizes.iter().fold(f64::INFINITY, |least, size| least.min(*size));
+    (smallest > RANK * largest).then(|| largest / smallest)
+}

@@ -1,0 +1,439 @@
+//! The contact of a pin: free-boundary steps around conjugate gradients on the coupled slices.
+
+use super::super::super::{Invalid, finite};
+use super::super::Drive;
+use super::super::quadrature::{factor, solve};
+use super::strip::Places;
+use super::{Pin, PinState};
+use core::f64::consts::PI;
+
+/// Steepest tilt in rad: beyond it the sections are not those of a cylinder any more.
+const TILT_MAX: f64 = 0.2;
+/// Most iterations of conjugate gradients in one step.
+const GRADIENTS_MAX: usize = 200;
+/// Parts of the table's penetration tried when a force asks for a first guess.
+const GUESSES: usize = 40;
+
+/// Memory of the solver; everything is slice after slice.
+#[derive(Clone, Debug)]
+pub(crate) struct Work {
+    places: Places,
+    transform: usize,
+    /// Penetration that each slice's width belongs to; 0 or less: no contact.
+    effective: Vec<f64>,
+    /// Penetration of the rigid pin.
+    given: Vec<f64>,
+    widths: Vec<f64>,
+    active: Vec<bool>,
+    rows: Vec<f64>,
+    transforms: Vec<f64>,
+    blocks: Vec<f64>,
+    /// Cosines of the pressure, and the vectors of conjugate gradients.
+    a: Vec<f64>,
+    residual: Vec<f64>,
+    cured: Vec<f64>,
+    direction: Vec<f64>,
+    image: Vec<f64>,
+    warm: bool,
+}
+
+impl Work {
+    pub(crate) fn new(slices: usize, places: Places, transform: usize) -> Self {
+        let n = places.cosines;
+        let per = |count: usize| vec![0.0; slices * count];
+        Self {
+            places,
+            transform,
+            effective: per(1),
+            given: per(1),
+            widths: per(1),
+            active: vec![false; slices],
+            rows: per(places.len()),
+            transforms: per(transform),
+            blocks: per(n * n),
+            a: per(n),
+            residual: per(n),
+            cured: per(n),
+            direction: per(n),
+            image: per(n),
+            warm: false,
+        }
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.warm = false;
+        self.active.fill(false);
+        self.a.fill(0.0);
+    }
+
+    pub(crate) fn touches(&self, slice: usize) -> bool {
+        self.active[slice]
+    }
+
+    /// Half-width in thicknesses and cosines of a slice.
+    pub(crate) fn slice(&self, slice: usize) -> (f64, &[f64]) {
+        let n = self.places.cosines;
+        (self.widths[slice], &self.a[slice * n..(slice + 1) * n])
+    }
+
+    fn row(&self, slice: usize) -> &[f64] {
+        let width = self.places.len();
+        &self.rows[slice * width..(slice + 1) * width]
+    }
+}
+
+impl Pin {
+    pub(super) fn try_press(&mut self, drive: Drive, tilt_rad: f64) -> Result<PinState, Invalid> {
+        let t = self.layer.thickness_mm;
+        let target = drive.check(t)?;
+        finite("tilt_rad", tilt_rad)?;
+        if tilt_rad.abs() > TILT_MAX {
+            let what = format!("{tilt_rad} rad");
+            return Err(Invalid::new("tilt_rad", what, "give at most 0.2 rad either way"));
+        }
+        let slope = libm::tan(tilt_rad);
+        let scale = self.modulus_mpa() * t * t;
+        let wanted = match drive {
+            Drive::ForceN(_) if target == 0.0 => {
+                self.release();
+                return Ok(self.state);
+            }
+            Drive::ForceN(force) => Some(force / scale),
+            Drive::PenetrationMm(_) => None,
+        };
+        let start = match wanted {
+            Some(_) if self.work.warm => self.work.given[0] - slope * self.along[0],
+            Some(force) => self.first_guess(force, slope)?,
+            None => target / t,
+        };
+        let (penetration, residual, steps) = self.iterate(start, slope, wanted)?;
+        let n = self.work.places.cosines;
+        let mut state = PinState {
+            penetration_mm: penetration * t,
+            tilt_rad,
+            residual,
+            steps,
+            ..PinState::default()
+        };
+        for (j, v) in self.along.iter().enumerate() {
+            if self.work.active[j] {
+                let force = PI * self.work.a[j * n] * self.h * scale;
+                state.force_n += force;
+                state.moment_n_mm += force * v * t;
+                state.half_width_mm = state.half_width_mm.max(self.work.widths[j] * t);
+                state.length_mm += self.h * t;
+            }
+        }
+        self.work.warm = state.force_n > 0.0;
+        self.state = state;
+        Ok(state)
+    }
+
+    /// Penetration at which independent plane slices carry a force.
+    fn first_guess(&mut self, force: f64, slope: f64) -> Result<f64, Invalid> {
+        let places = self.work.places;
+        let deepest = self.along.iter().fold(f64::NEG_INFINITY, |most, v| most.max(v * slope));
+        let mut row = core::mem::take(&mut self.work.residual);
+        let strips = &self.strips;
+        let mut carried = |penetration: f64| {
+            let mut sum = 0.0;
+            for v in &self.along {
+                let own = penetration + v * slope;
+                if own > 0.0 {
+                    let b = strips.half_width(own);
+                    let row = &mut row[..places.len()];
+                    strips.row(b, row);
+                    let punch = own - row[places.penetration()];
+                    let load = row[places.contact(0)] + punch * row[places.punch(0)];
+                    sum += PI * load * self.h;
+                }
+            }
+            sum
+        };
+        // The penetration of the deepest slice, from none to the table's end.
+        let (mut low, mut high) = (0.0, strips.deepest());
+        let reached = carried(high - deepest);
+        let mut guess = 0.0;
+        for _ in 0..GUESSES {
+            guess = 0.5 * (low + high);
+            if carried(guess - deepest) < force {
+                low = guess
+            } else {
+                high = guess
+            }
+            if high - low < 0.01 * high {
+                break;
+            }
+        }
+        self.work.residual = row;
+        if reached < 0.8 * force {
+            return Err(unreached());
+        }
+        Ok(guess - deepest)
+    }
+
+    /// Free-boundary steps; the penetration at the origin, what is left, and the number of steps.
+    fn iterate(
+        &mut self,
+        start: f64,
+        slope: f64,
+        wanted: Option<f64>,
+    ) -> Result<(f64, f64, usize), Invalid> {
+        let mut penetration = start;
+        let mut shift = 0.0;
+        let warm = self.work.warm;
+        let mut deepest: f64 = 0.0;
+        for (j, v) in self.along.iter().enumerate() {
+            let given = penetration + slope * v;
+            let work = &mut self.work;
+            let keep = warm && work.active[j];
+            work.effective[j] =
+                if keep { work.effective[j] + given - work.given[j] } else { given };
+            work.active[j] = work.effective[j] > 0.0;
+            work.given[j] = given;
+            deepest = deepest.max(given);
+        }
+        if deepest <= 0.0 && wanted.is_none() {
+            self.work.clear();
+            return Ok((penetration, 0.0, 0));
+        }
+        let mut known: Option<(f64, f64)> = None;
+        let mut left = f64::INFINITY;
+        let mut fresh = !warm;
+        for step in 1..=self.fineness.steps {
+            for given in &mut self.work.given {
+                *given += shift;
+            }
+            self.prepare(fresh)?;
+            fresh = false;
+            // Loose while the widths are wrong; nothing is accepted but at the last tolerance.
+            let tightest = 0.2 * self.fineness.tolerance;
+            let loosest = if warm || !self.strips.is_free() { tightest } else { 0.03 };
+            let limit = (0.1 * left).min(loosest).max(tightest);
+            self.gradients(limit);
+            let deepest = self.work.given.iter().fold(0.0_f64, |most, given| most.max(*given));
+            left = self.adjust() / deepest.max(f64::MIN_POSITIVE);
+            shift = 0.0;
+            if let Some(force) = wanted {
+                let (carried, own) = self.totals();
+                let stiffness = match known.filter(|(_, at)| *at != penetration) {
+                    Some((before, at)) => {
+                        ((carried - before) / (penetration - at)).clamp(0.5 * own, 2.0 * own)
+                    }
+                    None => own,
+                };
+                known = Some((carried, penetration));
+                left = left.max((carried / force - 1.0).abs());
+                if left > self.fineness.tolerance {
+                    shift = (force - carried) / stiffness.max(f64::MIN_POSITIVE);
+                    shift = shift.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6);
+                    penetration += shift;
+                    for j in 0..self.along.len() {
+                        if self.work.active[j] {
+                            self.work.effective[j] += shift;
+                        }
+                    }
+                }
+            }
+            if left <= self.fineness.tolerance && limit <= self.fineness.tolerance {
+                return Ok((penetration, left, step));
+            }
+        }
+        Ok((penetration, left, self.fineness.steps))
+    }
+
+    /// Force in units of the kernels, and what independent slices would add per penetration.
+    fn totals(&self) -> (f64, f64) {
+        let places = self.work.places;
+        let (mut force, mut stiffness) = (0.0, 0.0);
+        for j in 0..self.along.len() {
+            if self.work.active[j] {
+                force += PI * self.h * self.work.a[j * places.cosines];
+                stiffness += PI * self.h * self.work.row(j)[places.punch(0)];
+            }
+        }
+        (force, stiffness)
+    }
+
+    /// Widths, tables and blocks of all slices; `fresh` starts from the plane contacts.
+    fn prepare(&mut self, fresh: bool) -> Result<(), Invalid> {
+        let work = &mut self.work;
+        let (places, n) = (work.places, work.places.cosines);
+        for j in 0..self.along.len() {
+            if !work.active[j] || work.effective[j] <= 0.0 {
+                work.active[j] = false;
+                work.a[j * n..(j + 1) * n].fill(0.0);
+                continue;
+            }
+            if !self.strips.reaches(work.effective[j]) {
+                return Err(unreached());
+            }
+            let b = self.strips.half_width(work.effective[j]);
+            let started = fresh || work.a[j * n] == 0.0;
+            let row = &mut work.rows[j * places.len()..(j + 1) * places.len()];
+            let transform = &mut work.transforms[j * work.transform..(j + 1) * work.transform];
+            let block = &mut work.blocks[j * n * n..(j + 1) * n * n];
+            if b != work.widths[j] || started {
+                work.widths[j] = b;
+                self.strips.row(b, row);
+                self.coupling.transform(b, transform);
+                for k in 0..n {
+                    for l in 0..=k {
+                        block[k * n + l] = row[places.matrix(k, l)];
+                    }
+                }
+                self.coupling.add_block(transform, block);
+                if !factor(block, n) {
+                    let what = "the slices' system is not positive".to_owned();
+                    return Err(Invalid::new("penetration_mm", what, "press less"));
+                }
+            }
+            if started {
+                let rest = work.effective[j] - row[places.penetration()];
+                for k in 0..n {
+                    work.a[j * n + k] = row[places.contact(k)] + rest * row[places.punch(k)];
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// out = the exact layer's matrix times input, on the active slices.
+    fn apply(&mut self, of_direction: bool) {
+        let work = &mut self.work;
+        let (places, n) = (work.places, work.places.cosines);
+        let input = if of_direction { &work.direction } else { &work.a };
+        work.image.fill(0.0);
+        self.coupling.act(&work.transforms, input, &mut work.image);
+        for j in 0..work.active.len() {
+            let out = &mut work.image[j * n..(j + 1) * n];
+            if !work.active[j] {
+                out.fill(0.0);
+                continue;
+            }
+            let row = &work.rows[j * places.len()..(j + 1) * places.len()];
+            let own = &input[j * n..(j + 1) * n];
+            for k in 0..n {
+                out[k] += row[places.matrix(k, k)] * own[k];
+                for l in 0..k {
+                    let entry = row[places.matrix(k, l)];
+                    out[k] += entry * own[l];
+                    out[l] += entry * own[k];
+                }
+            }
+        }
+    }
+
+    /// Preconditioned conjugate gradients for the pressure at the present widths.
+    fn gradients(&mut self, tolerance: f64) {
+        let (places, n) = (self.work.places, self.work.places.cosines);
+        self.apply(false);
+        let work = &mut self.work;
+        let mut size = 0.0;
+        for j in 0..work.active.len() {
+            let span = j * n..(j + 1) * n;
+            if !work.active[j] {
+                work.residual[span].fill(0.0);
+                continue;
+            }
+            let row = &work.rows[j * places.len()..(j + 1) * places.len()];
+            for k in 0..n {
+                let given = if k == 0 { PI * work.given[j] } else { 0.0 };
+                work.residual[j * n + k] = given - row[places.shape(k)] - work.image[j * n + k];
+            }
+            size += (PI * work.given[j]) * work.a[j * n];
+        }
+        let limit = (tolerance * tolerance * size).abs();
+        let mut before = self.cure();
+        self.work.direction.copy_from_slice(&self.work.cured);
+        for _ in 0..GRADIENTS_MAX {
+            if before <= limit {
+                return;
+            }
+            self.apply(true);
+            let work = &mut self.work;
+            let curvature: f64 = work.direction.iter().zip(&work.image).map(|(a, b)| a * b).sum();
+            if curvature.is_nan() || curvature <= 0.0 {
+                return;
+            }
+            let length = before / curvature;
+            for (a, d) in work.a.iter_mut().zip(&work.direction) {
+                *a += length * d;
+            }
+            for (r, i) in work.residual.iter_mut().zip(&work.image) {
+                *r -= length * i;
+            }
+            let after = self.cure();
+            let factor = after / before;
+            let work = &mut self.work;
+            for (d, z) in work.direction.iter_mut().zip(&work.cured) {
+                *d = z + factor * *d;
+            }
+            before = after;
+        }
+    }
+
+    /// Solves each slice alone for the residual; the residual's size in that norm.
+    fn cure(&mut self) -> f64 {
+        let work = &mut self.work;
+        let n = work.places.cosines;
+        work.cured.copy_from_slice(&work.residual);
+        for j in 0..work.active.len() {
+            if work.active[j] {
+                let block = &work.blocks[j * n * n..(j + 1) * n * n];
+                solve(block, n, &mut work.cured[j * n..(j + 1) * n]);
+            }
+        }
+        work.cured.iter().zip(&work.residual).map(|(a, b)| a * b).sum()
+    }
+
+    /// New penetrations of the slices' widths from what the pressure leaves at their edges; the
+    /// largest change.
+    fn adjust(&mut self) -> f64 {
+        let slices = self.along.len();
+        let free = self.strips.is_free();
+        let work = &mut self.work;
+        let (places, n) = (work.places, work.places.cosines);
+        let mut largest: f64 = 0.0;
+        let mut opened = false;
+        for j in 0..slices {
+            if !work.active[j] {
+                opened = true;
+                continue;
+            }
+            let row = &work.rows[j * places.len()..(j + 1) * places.len()];
+            let own = &work.a[j * n..(j + 1) * n];
+            let edge: f64 = own.iter().sum();
+            let new =
+                if free { row[places.penetration()] + edge / row[places.edge()] } else { own[0] };
+            if free || new <= 0.0 {
+                largest = largest.max((new - work.effective[j]).abs());
+            }
+            work.effective[j] = new;
+            if new <= 0.0 {
+                work.active[j] = false;
+            }
+        }
+        if opened {
+            // The layer's shape under lifted slices; those that it reaches come back.
+            self.coupling.act(&self.work.transforms, &self.work.a, &mut self.work.image);
+            for j in 0..slices {
+                let work = &mut self.work;
+                if !work.active[j] && work.a[j * n] == 0.0 {
+                    let gap = work.given[j] - self.coupling.middle(j, slices);
+                    if gap > 0.0 {
+                        work.active[j] = true;
+                        work.effective[j] = gap;
+                        largest = largest.max(gap);
+                    }
+                }
+            }
+        }
+        largest
+    }
+}
+
+fn unreached() -> Invalid {
+    let what = super::super::BEYOND_TABLE.to_owned();
+    Invalid::new("force_n", what, "press less, or tabulate a larger penetration")
+}

@@ -1,0 +1,288 @@
+//! The plane problem of one slice of a pin: pressure of a strip of half-width b as a cosine series
+//! over the square root's singularity, p = modulus psi(theta)/(b sin theta), x = b cos theta, psi =
+//! sum a_k cos(2 k theta). Tabulated over b: Galerkin's matrix of the layer's plane kernel, the
+//! moments of the shape, and the two plane solutions that start and steer the solver in space.
+//!
+//! Lengths are in thicknesses. It refuses contacts beyond its bounds; a row once made cannot fail.
+
+use super::super::super::Invalid;
+use super::super::super::kernel::SurfaceKernel;
+use super::super::super::layer::Transfer;
+use super::super::quadrature::{factor, solve};
+use core::f64::consts::{LN_2, PI};
+
+/// Rows of the table over the half-width.
+const ROWS: usize = 96;
+/// Most cosines.
+pub(crate) const COSINES_MAX: usize = 24;
+/// Largest half-width in thicknesses.
+const WIDEST: f64 = 40.0;
+/// Largest half-width in radii.
+const STEEPEST: f64 = 0.95;
+
+/// Cross-section of a pin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Section {
+    /// The exact circle of this radius.
+    Circle(f64),
+    /// A flat bar of this half-width.
+    Flat(f64),
+}
+
+/// Where the parts of a row stand, for a number of cosines.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Places {
+    pub(crate) cosines: usize,
+}
+
+impl Places {
+    /// Entry (k, l <= k) of the matrix.
+    pub(crate) fn matrix(self, k: usize, l: usize) -> usize {
+        k * (k + 1) / 2 + l
+    }
+    /// Moment k of the shape.
+    pub(crate) fn shape(self, k: usize) -> usize {
+        self.matrix(self.cosines, 0) + k
+    }
+    /// Coefficient k of the plane contact of this width.
+    pub(crate) fn contact(self, k: usize) -> usize {
+        self.shape(self.cosines) + k
+    }
+    /// Coefficient k of the flat punch of this width, per unit penetration.
+    pub(crate) fn punch(self, k: usize) -> usize {
+        self.contact(self.cosines) + k
+    }
+    /// Penetration of the plane contact.
+    pub(crate) fn penetration(self) -> usize {
+        self.punch(self.cosines)
+    }
+    /// Sum of the punch's coefficients: its strength at the edge.
+    pub(crate) fn edge(self) -> usize {
+        self.penetration() + 1
+    }
+    /// Numbers in a row.
+    pub(crate) fn len(self) -> usize {
+        self.edge() + 1
+    }
+}
+
+/// Plane problems of one section over the half-width.
+#[derive(Clone, Debug)]
+pub(crate) struct Strips {
+    pub(crate) places: Places,
+    section: Section,
+    /// Half-width of the last row; all rows are one for a flat bar.
+    widest: f64,
+    rows: Vec<f64>,
+}
+
+impl Strips {
+    /// Tables up to a penetration (thicknesses).
+    pub(crate) fn new(
+        transfer: &Transfer,
+        section: Section,
+        penetration: f64,
+        cosines: impl Fn(f64) -> usize,
+    ) -> Result<Self, Invalid> {
+        let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
+        let widest = match section {
+            Section::Flat(half) if half > WIDEST => {
+                let what = format!("{half} thicknesses on each side");
+                return Err(Invalid::new("width_mm", what, "give a narrower bar"));
+            }
+            Section::Flat(half) => half,
+            Section::Circle(radius) => widest(&kernel, section, radius, penetration)?,
+        };
+        let places = Places { cosines: cosines(widest).min(COSINES_MAX) };
+        let mut rows = vec![0.0; places.len() * (ROWS + 1)];
+        for (i, row) in rows.chunks_exact_mut(places.len()).enumerate() {
+            let b = match section {
+                Section::Circle(_) => widest * (i as f64).max(0.01) / ROWS as f64,
+                Section::Flat(_) => widest,
+            };
+            fill(&kernel, section, b, places, row);
+            if matches!(section, Section::Flat(_)) {
+                let own = row.to_vec();
+                rows.truncate(0);
+                rows.extend_from_slice(&own);
+                break;
+            }
+        }
+        Ok(Self { places, section, widest, rows })
+    }
+
+    /// First coefficient of the last row's punch.
+    pub(crate) fn stiffness(&self) -> f64 {
+        self.rows[self.rows.len() - self.places.len() + self.places.punch(0)]
+    }
+
+    /// Largest half-width of the table.
+    pub(crate) fn widest(&self) -> f64 {
+        self.widest
+    }
+
+    /// Whether the width of the contact is free.
+    pub(crate) fn is_free(&self) -> bool {
+        matches!(self.section, Section::Circle(_))
+    }
+
+    /// Writes the row of half-width `b` above 0; the logarithm is in its place.
+    pub(crate) fn row(&self, b: f64, out: &mut [f64]) {
+        let width = self.places.len();
+        if !self.is_free() {
+            out.copy_from_slice(&self.rows);
+            return;
+        }
+        let place = (b / self.widest).clamp(0.0, 1.0) * ROWS as f64;
+        let cell = (place as usize).min(ROWS - 1);
+        let s = place - cell as f64;
+        let at = |i: isize| {
+            let i = i.unsigned_abs().min(ROWS);
+            &self.rows[i * width..(i + 1) * width]
+        };
+        let cell = cell as isize;
+        // Even at the lower end, one-sided at the upper one.
+        let shift = if cell as usize == ROWS - 1 { 1 } else { 0 };
+        let w = cubic(s + shift as f64);
+        let parts = [-1, 0, 1, 2].map(|k| at(cell - shift + k));
+        for (i, value) in out.iter_mut().enumerate() {
+            *value =
+                w[0] * parts[0][i] + w[1] * parts[1][i] + w[2] * parts[2][i] + w[3] * parts[3][i];
+        }
+        out[self.places.matrix(0, 0)] -= PI * PI * libm::log(b);
+    }
+
+    /// Half-width of the plane contact of a penetration above 0, at most the table's.
+    pub(crate) fn half_width(&self, penetration: f64) -> f64 {
+        if !self.is_free() {
+            return self.widest;
+        }
+        let (width, place) = (self.places.len(), self.places.penetration());
+        let at = |i: usize| if i == 0 { 0.0 } else { self.rows[i * width + place] };
+        if penetration.is_nan() || penetration >= at(ROWS) {
+            return self.widest;
+        }
+        let (mut low, mut high) = (0, ROWS);
+        while high - low > 1 {
+            let middle = usize::midpoint(low, high);
+            if at(middle) <= penetration { low = middle } else { high = middle }
+        }
+        let part = (penetration - at(low)) / (at(high) - at(low));
+        let (low, high) = (low as f64, high as f64);
+        // The penetration goes nearly as the square of the width.
+        self.widest / ROWS as f64 * (low * low + part * (high * high - low * low)).sqrt()
+    }
+
+    /// Largest penetration of the table; without end for a flat bar.
+    pub(crate) fn deepest(&self) -> f64 {
+        let last = self.rows.len() - self.places.len();
+        if self.is_free() { self.rows[last + self.places.penetration()] } else { 1.0 }
+    }
+
+    /// Whether a penetration is within the table.
+    pub(crate) fn reaches(&self, penetration: f64) -> bool {
+        let last = self.rows.len() - self.places.len();
+        !self.is_free() || penetration <= self.rows[last + self.places.penetration()]
+    }
+}
+
+/// Weights of the cubic through the values at -1, 0, 1, 2.
+pub(crate) fn cubic(s: f64) -> [f64; 4] {
+    let (a, b, c) = (s + 1.0, s - 1.0, s - 2.0);
+    [-s * b * c / 6.0, a * b * c / 2.0, -a * s * c / 2.0, a * s * b / 6.0]
+}
+
+/// Half-width that a little more than `penetration` needs.
+fn widest(
+    kernel: &SurfaceKernel,
+    section: Section,
+    radius: f64,
+    penetration: f64,
+) -> Result<f64, Invalid> {
+    let places = Places { cosines: 12 };
+    let mut row = vec![0.0; places.len()];
+    let mut reached = |b: f64| {
+        fill(kernel, section, b, places, &mut row);
+        row[places.penetration()]
+    };
+    let wanted = 1.02 * penetration;
+    let (mut low, mut high) = (0.0, WIDEST.min(STEEPEST * radius));
+    if reached(high) < wanted {
+        let what = format!("{penetration} thicknesses need a contact too wide");
+        return Err(Invalid::new("penetration_max_mm", what, "press less"));
+    }
+    for _ in 0..30 {
+        let middle = 0.5 * (low + high);
+        if reached(middle) < wanted {
+            low = middle
+        } else {
+            high = middle
+        }
+        if high - low < 1e-3 * high {
+            break;
+        }
+    }
+    Ok(high)
+}
+
+/// Writes the row of half-width `b`, its matrix without the logarithm of b.
+fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &mut [f64]) {
+    let n = places.cosines;
+    let half = n + 6 + libm::ceil(3.0 * b) as usize;
+    let angle = |i: usize| PI * (2 * i + 1) as f64 / (4 * half) as f64;
+    let cosines: Vec<f64> =
+        (0..n * half).map(|m| libm::cos(2.0 * (m / half) as f64 * angle(m % half))).collect();
+    let x: Vec<f64> = (0..half).map(|i| b * libm::cos(angle(i))).collect();
+    let weight = PI / half as f64;
+    row.fill(0.0);
+    let mut acted = vec![0.0; n];
+    for i in 0..half {
+        acted.fill(0.0);
+        for j in 0..half {
+            let near = kernel.smooth((x[i] - x[j]).abs());
+            let s = 0.5 * weight * weight * (near + kernel.smooth(x[i] + x[j]));
+            for (l, sum) in acted.iter_mut().enumerate() {
+                *sum += s * cosines[l * half + j];
+            }
+        }
+        let height = match section {
+            Section::Circle(r) => x[i] * x[i] / (r + (r * r - x[i] * x[i]).sqrt()),
+            Section::Flat(_) => 0.0,
+        };
+        for k in 0..n {
+            row[places.shape(k)] += weight * cosines[k * half + i] * height;
+            for l in 0..=k {
+                row[places.matrix(k, l)] += cosines[k * half + i] * acted[l];
+            }
+        }
+    }
+    row[places.matrix(0, 0)] += PI * PI * LN_2;
+    for k in 1..n {
+        row[places.matrix(k, k)] += PI * PI / (4 * k) as f64;
+    }
+    let logarithm = PI * PI * libm::log(b);
+    let mut matrix = vec![0.0; n * n];
+    for k in 0..n {
+        for l in 0..=k {
+            matrix[k * n + l] = row[places.matrix(k, l)];
+        }
+    }
+    matrix[0] -= logarithm;
+    let mut punch = vec![0.0; n];
+    punch[0] = PI;
+    let mut shape: Vec<f64> = (0..n).map(|k| row[places.shape(k)]).collect();
+    factor(&mut matrix, n);
+    solve(&matrix, n, &mut punch);
+    solve(&matrix, n, &mut shape);
+    let edge: f64 = punch.iter().sum();
+    let penetration = shape.iter().sum::<f64>() / edge;
+    for k in 0..n {
+        row[places.contact(k)] = penetration * punch[k] - shape[k];
+        row[places.punch(k)] = punch[k];
+    }
+    row[places.penetration()] = penetration;
+    row[places.edge()] = edge;
+    if !matches!(section, Section::Circle(_)) {
+        row[places.matrix(0, 0)] -= logarithm;
+    }
+}

@@ -1,0 +1,233 @@
+//! What a normal point load does to the bonded layer: displacement of the surface and normal stress
+//! at the base, as functions of the distance alone.
+//!
+//! Both are Hankel transforms of the layer's transfer functions of k = |k|: w_hat = (1 - nu)/(G k)
+//! M(k t) p_hat and szz_hat = -B(k t) p_hat with B = F/E of [`super::super::layer`]. A radial
+//! function is the inverse Abel transform of its projection, and the projection's transform is that
+//! of the plane problem; so both tables come from cosine sums of even analytic functions and one
+//! trapezoidal rule along the line of sight, all exponentially convergent. The singular part of the
+//! displacement, 1/r and its images 2 (-1)^n/sqrt(r^2 + 4 n^2 t^2) (those of tanh(k t)/k), is
+//! taken exactly.
+//!
+//! Cells are integrated: the singular part in closed form (Love, 1929), the rest by Gauss's rule.
+//! Nothing special happens at nu = 0.5, nor far away, where both die at least as exp(-0.739 r/t).
+
+use super::super::Invalid;
+use super::super::layer::{Layer, Transfer};
+use super::table::Even;
+use core::f64::consts::PI;
+
+/// Distance in thicknesses at which the fields have died to about 1e-13.
+pub(crate) const REACH: f64 = 40.0;
+/// Table points per thickness.
+const DENSITY: f64 = 32.0;
+/// Step along the line of sight; the integrands are analytic in a strip of half-width 1, so the
+/// rule's error is exp(-2 pi/0.25).
+const SIGHT: f64 = 0.25;
+/// Image terms summed one by one before the tail is averaged.
+const IMAGES: usize = 56;
+/// Where the base function and the displacement's remainder have fallen under 1e-15.
+const CUTOFFS: [f64; 2] = [40.0, 21.0];
+
+/// The two kernels of one Poisson's ratio, lengths in thicknesses.
+#[derive(Clone, Debug)]
+pub(crate) struct Radial {
+    /// integral of (M(a) - 1) J0(a r) over a from 0.
+    rest: Even,
+    /// (1/2 pi) integral of a B(a) J0(a r) over a from 0.
+    base: Even,
+    /// integral of B(a) a^2 sinc(a x) over a from 0.
+    base_slope: Even,
+}
+
+impl Radial {
+    /// Tabulates both kernels: a few milliseconds.
+    pub(crate) fn new(transfer: &Transfer) -> Self {
+        let count = (REACH * DENSITY) as usize + 8;
+        let slope = slopes(|a| transfer.base_normal(a), CUTOFFS[0], count);
+        let base = sight(&slope, count);
+        let compliance = |a: f64| {
+            let tanh_over = if a > 0.0 { libm::tanh(a) / a } else { 1.0 };
+            transfer.normal_compliance(a) - tanh_over
+        };
+        let remainder = sight(&slopes(compliance, CUTOFFS[1], count), count);
+        let rest = |i: usize| images(i as f64 / DENSITY) + 2.0 * remainder[i];
+        let rest: Vec<f64> = (0..count).map(rest).collect();
+        let base: Vec<f64> = base.iter().map(|b| b / PI).collect();
+        Self { rest: Even::new(&rest, DENSITY), base: Even::new(&base, DENSITY), base_slope: slope }
+    }
+
+    /// The displacement's kernel less 1/r.
+    pub(crate) fn rest(&self, r: f64) -> f64 {
+        if r < self.rest.end() { self.rest.at(r) } else { -1.0 / r }
+    }
+
+    /// Base pressure under a unit load, per square thickness.
+    pub(crate) fn base(&self, r: f64) -> f64 {
+        self.base.at(r)
+    }
+
+    /// Slope of the base pressure under a unit line load at `x` >= 0, times -pi/x.
+    pub(crate) fn base_slope(&self, x: f64) -> f64 {
+        self.base_slope.at(x)
+    }
+}
+
+/// 2 sum over n >= 1 of (-1)^n/sqrt(r^2 + 4 n^2): partial sums, the last ones averaged.
+fn images(r: f64) -> f64 {
+    let term = |n: usize| {
+        let n2 = (2 * n) as f64;
+        let size = 2.0 / (r * r + n2 * n2).sqrt();
+        if n % 2 == 0 { size } else { -size }
+    };
+    let mut sum: f64 = (1..IMAGES).map(term).sum();
+    let mut last = [0.0; 10];
+    for (i, slot) in last.iter_mut().enumerate() {
+        sum += term(IMAGES + i);
+        *slot = sum;
+    }
+    for width in (1..last.len()).rev() {
+        for i in 0..width {
+            last[i] = 0.5 * (last[i] + last[i + 1]);
+        }
+    }
+    last[0]
+}
+
+/// q(x) = integral over a from 0 of g(a) a^2 sinc(a x), for an even g that dies exponentially.
+fn slopes(g: impl Fn(f64) -> f64, cutoff: f64, count: usize) -> Even {
+    let period = 2.2 * REACH;
+    let step = 2.0 * PI / period;
+    let samples = libm::ceil(cutoff / step) as usize;
+    let mut q = vec![0.0; count];
+    for k in 1..=samples {
+        let a = k as f64 * step;
+        let weight = step * a * g(a);
+        let (sine, cosine) = (libm::sin(a / DENSITY), libm::cos(a / DENSITY));
+        let (mut s, mut c) = (0.0, 1.0);
+        for (i, value) in q.iter_mut().enumerate() {
+            *value += if i == 0 { weight * a } else { weight * s * DENSITY / i as f64 };
+            (s, c) = (s * cosine + c * sine, c * cosine - s * sine);
+        }
+    }
+    Even::new(&q, DENSITY)
+}
+
+/// (1/pi) integral over v from 0 of q(sqrt(r^2 + v^2)) at r = 0, 1, 2 ... table spacings. With q of
+/// [`slopes`] it is half the integral of a g(a) J0(a r).
+fn sight(q: &Even, count: usize) -> Vec<f64> {
+    let along = |i: usize| {
+        let r = i as f64 / DENSITY;
+        let steps = libm::ceil(REACH / SIGHT) as usize;
+        let point = |k: usize| {
+            let v = k as f64 * SIGHT;
+            let weight = if k == 0 { 0.5 } else { 1.0 };
+            weight * q.at((r * r + v * v).sqrt())
+        };
+        SIGHT / PI * (0..=steps).map(point).sum::<f64>()
+    };
+    (0..count).map(along).collect()
+}
+
+/// Points and weights of Gauss's rule with three points on (-1, 1).
+const GAUSS: [(f64, f64); 3] =
+    [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
+
+/// Influence of normal loads on a [`Layer`] in three dimensions, in mm, N and MPa.
+#[derive(Clone, Debug)]
+pub struct Influence {
+    layer: Layer,
+    radial: Radial,
+}
+
+impl Influence {
+    /// Tabulates the kernels of a layer; allocates.
+    ///
+    /// # Errors
+    /// A layer that [`Layer::check`] refuses.
+    pub fn new(layer: &Layer) -> Result<Self, Invalid> {
+        layer.check()?;
+        Ok(Self { layer: *layer, radial: Radial::new(&layer.transfer()) })
+    }
+
+    /// The layer.
+    #[must_use]
+    pub fn layer(&self) -> &Layer {
+        &self.layer
+    }
+
+    pub(crate) fn radial(&self) -> &Radial {
+        &self.radial
+    }
+
+    /// (1 - nu)/(2 pi G) in 1/MPa: a half space's displacement times distance per load.
+    fn compliance(&self) -> f64 {
+        (1.0 - self.layer.poisson) / (2.0 * PI * self.layer.shear_mpa())
+    }
+
+    /// Downward displacement of the surface per unit point load, mm/N, at a distance above 0;
+    /// infinite at 0 and NaN for NaN.
+    #[must_use]
+    pub fn surface_point(&self, r_mm: f64) -> f64 {
+        let t = self.layer.thickness_mm;
+        let r = r_mm.abs() / t;
+        self.compliance() / t * (1.0 / r + self.radial.rest(r))
+    }
+
+    /// Normal stress at the base per unit point load, 1/mm^2, negative under the load; 0 for NaN.
+    #[must_use]
+    pub fn base_point(&self, r_mm: f64) -> f64 {
+        let t = self.layer.thickness_mm;
+        -self.radial.base(r_mm.abs() / t) / (t * t)
+    }
+
+    /// Downward displacement at (x, y) per unit pressure on a rectangle of half-sides `half_mm`
+    /// about the origin, mm/MPa.
+    #[must_use]
+    pub fn surface_cell(&self, [x, y]: [f64; 2], [a, b]: [f64; 2]) -> f64 {
+        let t = self.layer.thickness_mm;
+        let rest = self.over_cell([x, y], [a, b], |r| self.radial.rest(r));
+        self.compliance() * (love([x, y], [a, b]) + rest / t)
+    }
+
+    /// Normal stress at the base under (x, y) per unit pressure on such a rectangle, negative.
+    #[must_use]
+    pub fn base_cell(&self, place: [f64; 2], half_mm: [f64; 2]) -> f64 {
+        let t = self.layer.thickness_mm;
+        -self.over_cell(place, half_mm, |r| self.radial.base(r)) / (t * t)
+    }
+
+    /// Integral of a smooth kernel over the rectangle, in mm^2.
+    fn over_cell(&self, [x, y]: [f64; 2], [a, b]: [f64; 2], of: impl Fn(f64) -> f64) -> f64 {
+        let t = self.layer.thickness_mm;
+        let parts = |half: f64| libm::ceil(4.0 * half / t).clamp(1.0, 1000.0);
+        let (nx, ny) = (parts(a), parts(b));
+        let (hx, hy) = (a / nx, b / ny);
+        let mut sum = 0.0;
+        for i in 0..nx as usize {
+            for j in 0..ny as usize {
+                let cx = x - a + hx * (2 * i + 1) as f64;
+                let cy = y - b + hy * (2 * j + 1) as f64;
+                for (gx, wx) in GAUSS {
+                    for (gy, wy) in GAUSS {
+                        let (u, v) = (cx + gx * hx, cy + gy * hy);
+                        sum += wx * wy * of((u * u + v * v).sqrt() / t);
+                    }
+                }
+            }
+        }
+        sum * hx * hy
+    }
+}
+
+/// Integral of 1/r over a rectangle of half-sides (a, b) about the origin, seen from (x, y), in mm:
+/// Love's closed form.
+#[must_use]
+pub(crate) fn love([x, y]: [f64; 2], [a, b]: [f64; 2]) -> f64 {
+    // The antiderivative u asinh(v/|u|) + v asinh(u/|v|) is odd in both.
+    let corner = |u: f64, v: f64| {
+        let part = |p: f64, q: f64| if p == 0.0 { 0.0 } else { p * libm::asinh(q / p.abs()) };
+        part(u, v) + part(v, u)
+    };
+    corner(x + a, y + b) - corner(x - a, y + b) - corner(x + a, y - b) + corner(x - a, y - b)
+}

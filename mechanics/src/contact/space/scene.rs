@@ -1,0 +1,444 @@
+//! One rigid indenter over one array: shape, layer, array and accuracy put together, pressed and
+//! turned into an image by whatever solver of this module fits.
+//!
+//! A scene is made for penetrations near the first one asked for: the tables grow when more is
+//! needed, which allocates. It refuses what the solvers refuse, with the indenter's own field
+//! names.
+
+use super::super::layer::Layer;
+use super::super::{Invalid, finite, positive};
+use super::infinite::InfiniteCylinder;
+use super::jacobian::Motion;
+use super::pin::{Pin, Profile, Stand};
+use super::radial::Influence;
+use super::sphere::Sphere;
+use super::tactels::{Array, Fineness, Sampling, Shares};
+use super::{Drive, Level};
+
+/// How far beyond the array an endless edge or bar is carried on, in thicknesses.
+const BEYOND: f64 = 24.0;
+/// Largest part of the thickness that tables are made for.
+const DEEPEST: f64 = 0.98;
+
+/// A rigid indenter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// A sphere; its penetration is that of the lowest point.
+    Sphere {
+        /// Radius, mm.
+        radius_mm: f64,
+    },
+    /// A cylinder with flat ends; its penetration is that of the lowest line at the middle.
+    Cylinder {
+        /// Radius, mm.
+        radius_mm: f64,
+        /// Length, mm; absent without ends. A tilted one without ends is cut at the array.
+        length_mm: Option<f64>,
+    },
+    /// A knife edge: an even line load. It has no penetration: a line sinks without end.
+    Edge {
+        /// Length, mm; absent without ends.
+        length_mm: Option<f64>,
+    },
+    /// A bar with a flat face.
+    Bar {
+        /// Width of the face, mm.
+        width_mm: f64,
+        /// Length, mm; absent without ends.
+        length_mm: Option<f64>,
+    },
+}
+
+/// Where the indenter stands and how its axis slopes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pose {
+    /// Place and direction over the array.
+    pub stand: Stand,
+    /// Slope of the axis: deeper towards its end.
+    pub tilt_rad: f64,
+}
+
+/// What a pressed indenter says.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Touch {
+    /// Normal force, N; N per mm for indenters without ends.
+    pub force_n: f64,
+    /// Penetration, mm; absent for an edge.
+    pub penetration_mm: Option<f64>,
+    /// What the solver left unsolved, relative; see the solver of the shape.
+    pub residual: f64,
+}
+
+/// The solver behind a scene.
+#[derive(Clone, Debug)]
+enum Solver {
+    Empty,
+    Sphere(Box<Sphere>),
+    Endless(Box<InfiniteCylinder>),
+    Pin(Box<Pin>),
+}
+
+/// An indenter, a layer and an array.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    layer: Layer,
+    shape: Shape,
+    sampling: Sampling,
+    level: Level,
+    array: Array,
+    shares: Option<Shares>,
+    solver: Solver,
+    /// Largest penetration and ends that the solver was made for.
+    room: (f64, [f64; 2]),
+    pose: Pose,
+    touch: Touch,
+}
+
+impl Scene {
+    /// Puts a scene together and takes the tables of the array; allocates.
+    ///
+    /// # Errors
+    /// A layer, an array or a size of the shape that cannot be.
+    pub fn new(
+        layer: &Layer,
+        shape: Shape,
+        array: &Array,
+        sampling: Sampling,
+        level: Level,
+    ) -> Result<Self, Invalid> {
+        layer.check()?;
+        array.check()?;
+        let length = |length: Option<f64>| length.map_or(Ok(()), |l| positive("length_mm", l));
+        let solver = match shape {
+            Shape::Sphere { radius_mm } => {
+                Solver::Sphere(Box::new(Sphere::new(layer, radius_mm, level)?))
+            }
+            Shape::Cylinder { radius_mm, length_mm } => {
+                positive("radius_mm", radius_mm)?;
+                length(length_mm)?;
+                Solver::Empty
+            }
+            Shape::Bar { width_mm, length_mm } => {
+                positive("width_mm", width_mm)?;
+                length(length_mm)?;
+                Solver::Empty
+            }
+            Shape::Edge { length_mm } => {
+                length(length_mm)?;
+                Solver::Empty
+            }
+        };
+        let fineness = match level {
+            Level::Fast => Fineness::FAST,
+            Level::Default => Fineness::DEFAULT,
+            Level::Fine => Fineness::FINE,
+        };
+        let direct = matches!(shape, Shape::Sphere { .. });
+        let shares = if direct {
+            None
+        } else {
+            Some(Shares::new(&Influence::new(layer)?, array, sampling, fineness)?)
+        };
+        Ok(Self {
+            layer: *layer,
+            shape,
+            sampling,
+            level,
+            array: *array,
+            shares,
+            solver,
+            room: (0.0, [0.0; 2]),
+            pose: Pose::default(),
+            touch: Touch::default(),
+        })
+    }
+
+    /// The array.
+    #[must_use]
+    pub fn array(&self) -> &Array {
+        &self.array
+    }
+
+    /// The indenter.
+    #[must_use]
+    pub fn shape(&self) -> Shape {
+        self.shape
+    }
+
+    /// A step for differences along a motion: a small part of what the contact spans.
+    pub(crate) fn step(&self, motion: Motion, penetration_mm: Option<f64>) -> f64 {
+        let t = self.layer.thickness_mm;
+        let depth = penetration_mm.unwrap_or(0.1 * t).abs().max(1e-6 * t);
+        match motion {
+            Motion::X | Motion::Y => 0.05 * t.min(self.array.pitch_mm),
+            Motion::Z => 0.05 * depth,
+            Motion::RotX | Motion::RotY => {
+                let [from, to] = self.ends();
+                0.02 * depth / (0.5 * (to - from)).max(t)
+            }
+            Motion::RotZ => 0.01,
+        }
+    }
+
+    /// Presses the indenter; [`Scene::image`] then shows this contact.
+    ///
+    /// # Errors
+    /// What the solver of the shape refuses; a tilt of what has none; a penetration of an edge.
+    pub fn press(&mut self, drive: Drive, pose: Pose) -> Result<Touch, Invalid> {
+        for (place, value) in [("x_mm", pose.stand.x_mm), ("y_mm", pose.stand.y_mm)] {
+            finite(place, value)?;
+        }
+        finite("rot_rad", pose.stand.rot_rad)?;
+        finite("tilt_rad", pose.tilt_rad)?;
+        self.pose = pose;
+        self.touch = Touch::default();
+        self.touch = match self.shape {
+            Shape::Sphere { .. } => self.press_sphere(drive)?,
+            Shape::Edge { .. } => self.press_edge(drive)?,
+            Shape::Cylinder { radius_mm, length_mm: None } if pose.tilt_rad == 0.0 => {
+                self.press_endless(drive, radius_mm)?
+            }
+            Shape::Bar { length_mm: None, .. } => self.press_long_bar(drive)?,
+            Shape::Cylinder { .. } | Shape::Bar { .. } => self.press_pin(drive)?,
+        };
+        Ok(self.touch)
+    }
+
+    fn press_sphere(&mut self, drive: Drive) -> Result<Touch, Invalid> {
+        let Solver::Sphere(sphere) = &mut self.solver else { return Ok(Touch::default()) };
+        let state = sphere.press(drive)?;
+        Ok(Touch {
+            force_n: state.force_n,
+            penetration_mm: Some(lifted(drive).unwrap_or(state.penetration_mm)),
+            residual: state.residual,
+        })
+    }
+
+    fn press_edge(&mut self, drive: Drive) -> Result<Touch, Invalid> {
+        if self.pose.tilt_rad != 0.0 {
+            let what = format!("{} rad for a line load", self.pose.tilt_rad);
+            return Err(Invalid::new("tilt_rad", what, "an edge lies flat: give 0"));
+        }
+        let Drive::ForceN(force) = drive else {
+            let what = "a line load sinks without end".to_owned();
+            return Err(Invalid::new("penetration_mm", what, "give `force_n` for an edge"));
+        };
+        drive.check(self.layer.thickness_mm)?;
+        Ok(Touch { force_n: force, penetration_mm: None, residual: 0.0 })
+    }
+
+    fn press_endless(&mut self, drive: Drive, radius_mm: f64) -> Result<Touch, Invalid> {
+        let first = match drive {
+            Drive::PenetrationMm(delta) => 1.1 * delta,
+            Drive::ForceN(_) => 0.1 * self.layer.thickness_mm,
+        };
+        drive.check(self.layer.thickness_mm)?;
+        let layer = self.layer;
+        self.grow(drive, first, [0.0; 2], |solver, most, fresh| {
+            if fresh {
+                let made = InfiniteCylinder::new(&layer, radius_mm, most)?;
+                *solver = Solver::Endless(Box::new(made));
+            }
+            let Solver::Endless(cylinder) = solver else { return Ok(Touch::default()) };
+            let state = cylinder.press(drive)?;
+            Ok(Touch {
+                force_n: state.force_n_mm,
+                penetration_mm: Some(lifted(drive).unwrap_or(state.penetration_mm)),
+                residual: state.residual,
+            })
+        })
+    }
+
+    fn press_pin(&mut self, drive: Drive) -> Result<Touch, Invalid> {
+        let tilt = self.pose.tilt_rad;
+        let profile = self.profile();
+        let ends = self.ends();
+        drive.check(self.layer.thickness_mm)?;
+        let reach = ends[0].abs().max(ends[1].abs());
+        let more = libm::tan(tilt).abs() * reach;
+        let first = match drive {
+            Drive::PenetrationMm(delta) => 1.1 * (delta + more),
+            Drive::ForceN(_) => 0.1 * self.layer.thickness_mm + more,
+        };
+        let (layer, level) = (self.layer, self.level);
+        self.grow(drive, first, ends, |solver, most, fresh| {
+            if fresh {
+                *solver = Solver::Pin(Box::new(Pin::new(&layer, profile, ends, most, level)?));
+            }
+            let Solver::Pin(pin) = solver else { return Ok(Touch::default()) };
+            let state = pin.press(drive, tilt)?;
+            Ok(Touch {
+                force_n: state.force_n,
+                penetration_mm: Some(state.penetration_mm),
+                residual: state.residual,
+            })
+        })
+    }
+
+    /// A bar without ends: cut far beyond the array, driven by the plane problem's penetration.
+    fn press_long_bar(&mut self, drive: Drive) -> Result<Touch, Invalid> {
+        if self.pose.tilt_rad != 0.0 {
+            let what = format!("{} rad without ends", self.pose.tilt_rad);
+            return Err(Invalid::new("tilt_rad", what, "give the bar a `length_mm`"));
+        }
+        let target = drive.check(self.layer.thickness_mm)?;
+        let ends = self.ends();
+        if !matches!(&self.solver, Solver::Pin(_)) || self.room.1 != ends {
+            let most = DEEPEST * self.layer.thickness_mm;
+            let pin = Pin::new(&self.layer, self.profile(), ends, most, self.level)?;
+            self.solver = Solver::Pin(Box::new(pin));
+            self.room = (most, ends);
+        }
+        let Solver::Pin(pin) = &mut self.solver else { return Ok(Touch::default()) };
+        let stiffness = pin.plane_stiffness_n_mm2();
+        let delta = match drive {
+            Drive::ForceN(force) => force / stiffness,
+            Drive::PenetrationMm(_) => target,
+        };
+        if delta >= DEEPEST * self.layer.thickness_mm {
+            let what = format!("the bar would sink by {delta} mm");
+            return Err(Invalid::new(drive.place(), what, "press less"));
+        }
+        let state = pin.press(Drive::PenetrationMm(delta), 0.0)?;
+        Ok(Touch {
+            force_n: stiffness * delta.max(0.0),
+            penetration_mm: Some(delta),
+            residual: state.residual,
+        })
+    }
+
+    /// Presses with tables that reach deeper and deeper until they suffice.
+    fn grow(
+        &mut self,
+        drive: Drive,
+        first_mm: f64,
+        ends: [f64; 2],
+        mut press: impl FnMut(&mut Solver, f64, bool) -> Result<Touch, Invalid>,
+    ) -> Result<Touch, Invalid> {
+        let t = self.layer.thickness_mm;
+        let same = self.room.1 == ends && !matches!(self.solver, Solver::Empty);
+        let fits = same && (matches!(drive, Drive::ForceN(_)) || first_mm <= 1.1 * self.room.0);
+        if fits {
+            match press(&mut self.solver, self.room.0, false) {
+                Err(error) if !is_room(&error) => return Err(error),
+                Ok(touch) => return Ok(touch),
+                Err(_) => {}
+            }
+        }
+        let mut most = first_mm.max(0.02 * t).min(DEEPEST * t);
+        loop {
+            self.room = (most, ends);
+            match press(&mut self.solver, most, true) {
+                Err(error) if is_room(&error) && most < DEEPEST * t => {}
+                Err(error) => return Err(renamed(error, drive)),
+                Ok(touch) => return Ok(touch),
+            }
+            most = (2.0 * most).min(DEEPEST * t);
+        }
+    }
+
+    fn profile(&self) -> Profile {
+        match self.shape {
+            Shape::Bar { width_mm, .. } => Profile::Bar { width_mm },
+            Shape::Cylinder { radius_mm, .. } | Shape::Sphere { radius_mm } => {
+                Profile::Cylinder { radius_mm }
+            }
+            Shape::Edge { .. } => Profile::Bar { width_mm: 0.0 },
+        }
+    }
+
+    /// Where the indenter ends along its axis, mm from its origin.
+    fn ends(&self) -> [f64; 2] {
+        let half = match self.shape {
+            Shape::Cylinder { length_mm, .. }
+            | Shape::Edge { length_mm }
+            | Shape::Bar { length_mm, .. } => length_mm.map(|length| 0.5 * length),
+            Shape::Sphere { .. } => Some(0.0),
+        };
+        if let Some(half) = half {
+            return [-half, half];
+        }
+        if matches!(self.shape, Shape::Cylinder { .. }) {
+            // A cylinder that passes by leaves nothing on the array: any piece of it will do.
+            return self.array.chord_mm(self.pose.stand).unwrap_or([-0.5, 0.5]);
+        }
+        let Stand { x_mm, y_mm, .. } = self.pose.stand;
+        // In steps, so that small motions keep the tables.
+        let array = self.array.half_diagonal_mm();
+        let away = array * libm::ceil((x_mm * x_mm + y_mm * y_mm).sqrt() / array);
+        let half = array + away + BEYOND * self.layer.thickness_mm;
+        [-half, half]
+    }
+
+    /// Writes the image of the contact, row by row (row = y, column = x, both ascending), stresses
+    /// in MPa, negative under compression.
+    ///
+    /// # Errors
+    /// An image that has not one value a tactel.
+    pub fn image(&self, image: &mut [f64]) -> Result<(), Invalid> {
+        self.array.fits(image)?;
+        image.fill(0.0);
+        if self.touch.force_n <= 0.0 {
+            return Ok(());
+        }
+        let stand = self.pose.stand;
+        if let Shape::Edge { .. } = self.shape {
+            self.edge_image(image);
+            return Ok(());
+        }
+        match (&self.solver, &self.shares) {
+            (Solver::Sphere(sphere), _) => {
+                sphere.image(&self.array, self.sampling, [stand.x_mm, stand.y_mm], image)
+            }
+            (Solver::Endless(cylinder), _) => {
+                cylinder.image(&self.array, self.sampling, stand, image)
+            }
+            (Solver::Pin(pin), Some(shares)) => {
+                pin.image(shares, stand, image);
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Gauss's two points on short pieces of the line.
+    fn edge_image(&self, image: &mut [f64]) {
+        let (Some(shares), Shape::Edge { length_mm }) = (&self.shares, self.shape) else { return };
+        let [from, to] = self.ends();
+        let length = to - from;
+        let pieces = libm::ceil(3.0 * length / self.layer.thickness_mm).max(1.0);
+        let piece = length / pieces;
+        let per_mm = self.touch.force_n / length_mm.unwrap_or(1.0);
+        let Stand { x_mm, y_mm, rot_rad } = self.pose.stand;
+        let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
+        let gauss = 0.5 / 3.0_f64.sqrt();
+        for n in 0..pieces as usize {
+            for offset in [-gauss, gauss] {
+                let v = from + piece * (n as f64 + 0.5 + offset);
+                shares.add(image, [x_mm - v * s, y_mm + v * c], 0.5 * piece * per_mm);
+            }
+        }
+    }
+}
+
+/// The penetration of an indenter that does not touch.
+fn lifted(drive: Drive) -> Option<f64> {
+    match drive {
+        Drive::PenetrationMm(delta) if delta <= 0.0 => Some(delta),
+        _ => None,
+    }
+}
+
+/// Whether a larger table would help.
+fn is_room(error: &Invalid) -> bool {
+    error.what == super::BEYOND_TABLE
+}
+
+/// Complaints about tables are complaints about what was asked for.
+fn renamed(error: Invalid, drive: Drive) -> Invalid {
+    if is_room(&error) || error.place == "penetration_max_mm" {
+        let what = "no contact of this layer and indenter reaches it".to_owned();
+        return Invalid::new(drive.place(), what, "press less, or use a larger indenter");
+    }
+    error
+}

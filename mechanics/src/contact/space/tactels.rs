@@ -1,0 +1,329 @@
+//! A rectangular array of square tactels at the base of the layer, and its image of point loads: the
+//! normal stress integrated over each tactel's area, not sampled.
+//!
+//! The share of one point load that a tactel sees depends on their offset alone. It is tabulated on
+//! a grid finer than the layer is thick, arranged by the load's place within a tactel, so that one
+//! load costs one weighted sum of blocks whatever its place. A distribution of pressure reaches
+//! this file as point loads (Gauss points of its own representation). Adding loads neither
+//! allocates nor panics; loads off the array count with what they leave on it.
+
+use super::super::{Invalid, positive};
+use super::pin::Stand;
+use super::radial::Influence;
+
+/// Most tactels of an array.
+const TACTELS_MAX: usize = 1 << 20;
+/// Most numbers in a table of shares.
+const TABLE_MAX: usize = 1 << 24;
+/// Most grid points across one tactel.
+const PHASES_MAX: usize = 256;
+
+/// Loads further from the array than this many of its widths leave nothing on it.
+const WIDTHS: f64 = 8.0;
+
+/// What a tactel reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sampling {
+    /// The mean over its square: what a sensor measures.
+    Area,
+    /// The value under its centre.
+    Centre,
+}
+
+/// How finely offsets are tabulated and read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fineness {
+    /// Grid points per thickness.
+    pub per_thickness: f64,
+    /// What lies beyond is left out, in thicknesses.
+    pub reach: f64,
+    /// Read by cubics over the grid, or by straight lines.
+    pub cubic: bool,
+}
+
+impl Fineness {
+    /// About 1e-5 of a load's largest share.
+    pub const DEFAULT: Self = Self { per_thickness: 10.0, reach: 14.0, cubic: true };
+    /// About 3e-3 of it, several times faster.
+    pub const FAST: Self = Self { per_thickness: 10.0, reach: 6.0, cubic: false };
+    /// About 1e-7 of it.
+    pub const FINE: Self = Self { per_thickness: 32.0, reach: 24.0, cubic: true };
+}
+
+/// Tactels in rows (along y) and columns (along x), both ascending, centred on the origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Array {
+    /// Number of rows.
+    pub rows: usize,
+    /// Number of columns.
+    pub cols: usize,
+    /// Side of a tactel and distance of neighbours, mm.
+    pub pitch_mm: f64,
+}
+
+impl Array {
+    /// The 16 by 16 tactels on one square inch of the thesis, pitch 25.4/16 mm.
+    pub const THESIS: Self = Self { rows: 16, cols: 16, pitch_mm: 1.5875 };
+
+    /// # Errors
+    /// No row, no column, more than 2^20 tactels, or a pitch that is not finite and above zero.
+    pub fn check(&self) -> Result<(), Invalid> {
+        positive("pitch_mm", self.pitch_mm)?;
+        let tactels = self.rows.saturating_mul(self.cols);
+        if (1..=TACTELS_MAX).contains(&tactels) {
+            return Ok(());
+        }
+        let what = format!("{} rows of {} tactels", self.rows, self.cols);
+        Err(Invalid::new("rows", what, "give 1 to 2^20 tactels"))
+    }
+
+    /// # Errors
+    /// As [`Array::check`], and an image that has not one value a tactel.
+    pub(crate) fn fits(&self, image: &[f64]) -> Result<(), Invalid> {
+        self.check()?;
+        if image.len() == self.len() {
+            return Ok(());
+        }
+        let what = format!("{} values for {} tactels", image.len(), self.len());
+        Err(Invalid::new("image", what, "give one value a tactel"))
+    }
+
+    /// Number of tactels.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.rows * self.cols
+    }
+
+    /// Whether there is no tactel.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// x of a column's centre, mm.
+    #[must_use]
+    pub fn x_mm(&self, column: usize) -> f64 {
+        (column as f64 - 0.5 * (self.cols as f64 - 1.0)) * self.pitch_mm
+    }
+
+    /// y of a row's centre, mm.
+    #[must_use]
+    pub fn y_mm(&self, row: usize) -> f64 {
+        (row as f64 - 0.5 * (self.rows as f64 - 1.0)) * self.pitch_mm
+    }
+
+    /// The stretch of a line over the array, mm along its direction (-sin, cos) from its origin;
+    /// absent when it passes by.
+    #[must_use]
+    pub fn chord_mm(&self, stand: Stand) -> Option<[f64; 2]> {
+        let (s, c) = (libm::sin(stand.rot_rad), libm::cos(stand.rot_rad));
+        let half = [self.cols, self.rows].map(|n| 0.5 * n as f64 * self.pitch_mm);
+        let mut chord = [f64::NEG_INFINITY, f64::INFINITY];
+        for (place, direction, half) in [(stand.x_mm, -s, half[0]), (stand.y_mm, c, half[1])] {
+            if direction.abs() < 1e-12 {
+                if place.abs() >= half {
+                    return None;
+                }
+                continue;
+            }
+            let ends = [(-half - place) / direction, (half - place) / direction];
+            chord[0] = chord[0].max(ends[0].min(ends[1]));
+            chord[1] = chord[1].min(ends[0].max(ends[1]));
+        }
+        (chord[0] < chord[1]).then_some(chord)
+    }
+
+    /// Half the diagonal of the whole array, mm.
+    #[must_use]
+    pub fn half_diagonal_mm(&self) -> f64 {
+        let (x, y) = (self.cols as f64 * self.pitch_mm, self.rows as f64 * self.pitch_mm);
+        0.5 * (x * x + y * y).sqrt()
+    }
+}
+
+/// The image that a [`Shares`] makes of point loads, for one array and one layer.
+#[derive(Clone, Debug)]
+pub struct Shares {
+    array: Array,
+    /// Grid points across one tactel.
+    phases: usize,
+    /// Tactels of a block along each axis; the load lies in the middle cell.
+    side: usize,
+    /// Offset blocks by the phase along y, then along x; within a block rows along y.
+    blocks: Vec<f64>,
+    cubic: bool,
+}
+
+impl Shares {
+    /// Tabulates the shares; allocates.
+    ///
+    /// # Errors
+    /// An array that [`Array::check`] refuses; a table that would not fit in memory.
+    pub fn new(
+        influence: &Influence,
+        array: &Array,
+        sampling: Sampling,
+        fineness: Fineness,
+    ) -> Result<Self, Invalid> {
+        array.check()?;
+        let t = influence.layer().thickness_mm;
+        let wanted = libm::ceil(0.5 * fineness.per_thickness * array.pitch_mm / t).max(1.0);
+        let phases = 2 * (wanted as usize).min(PHASES_MAX / 2);
+        let most = WIDTHS * array.rows.max(array.cols) as f64;
+        let half = libm::ceil(fineness.reach * t / array.pitch_mm + 0.5).min(most) as usize + 1;
+        let side = 2 * half;
+        let stride = phases + 3;
+        if (stride * stride).saturating_mul(side * side) > TABLE_MAX {
+            let what = format!("{} mm on tactels of {} mm", t, array.pitch_mm);
+            return Err(Invalid::new("thickness_mm", what, "give tactels nearer to the thickness"));
+        }
+        let offsets = Offsets::new(influence, array, sampling, phases, half);
+        let mut blocks = Vec::with_capacity(stride * stride * side * side);
+        // Phase p is the place (p - 1)/phases of the load in its tactel, from its left edge.
+        for p_y in 0..stride {
+            for p_x in 0..stride {
+                for row in 0..side {
+                    for column in 0..side {
+                        let along = |index: usize, phase: usize| {
+                            let tactels = index as isize - (half as isize - 1);
+                            let (n, p) = (phases as isize, phase as isize - 1);
+                            (tactels * n + n / 2 - p).unsigned_abs()
+                        };
+                        blocks.push(offsets.share(along(column, p_x), along(row, p_y)));
+                    }
+                }
+            }
+        }
+        Ok(Self { array: *array, phases, side, blocks, cubic: fineness.cubic })
+    }
+
+    /// The array.
+    #[must_use]
+    pub fn array(&self) -> &Array {
+        &self.array
+    }
+
+    /// Adds the stress (MPa, negative) of a load of `force_n` at `place_mm` to an image, row by row.
+    /// Loads that are not finite, or further off the array than the table reaches, add nothing; so
+    /// does an image of the wrong length.
+    pub fn add(&self, image: &mut [f64], [x, y]: [f64; 2], force_n: f64) {
+        let Array { rows, cols, pitch_mm } = self.array;
+        // Places in tactels from the lower left corner of the array.
+        let (u, v) = (x / pitch_mm + 0.5 * cols as f64, y / pitch_mm + 0.5 * rows as f64);
+        let half = (self.side / 2) as f64;
+        let near = |place: f64, count: usize| place > -half && place < count as f64 + half;
+        let sound = near(u, cols) && near(v, rows) && force_n.is_finite();
+        if !sound || force_n == 0.0 || image.len() != rows * cols {
+            return;
+        }
+        let first = |place: f64| libm::floor(place) as isize - (self.side as isize / 2 - 1);
+        let (left, low) = (first(u), first(v));
+        let span = |first: isize, count: usize| {
+            let from = (-first).clamp(0, self.side as isize);
+            let to = (count as isize - first).clamp(from, self.side as isize);
+            (from as usize, to as usize)
+        };
+        let ((from_x, to_x), (from_y, to_y)) = (span(left, cols), span(low, rows));
+        let mut weights = [(0, 0.0); 16];
+        let used = self.weights([u - libm::floor(u), v - libm::floor(v)], &mut weights);
+        for row in from_y..to_y {
+            let start = (low + row as isize) as usize * cols + (left + from_x as isize) as usize;
+            let target = &mut image[start..start + to_x - from_x];
+            // Four blocks at a time; unused ones weigh nothing.
+            for four in weights[..used].chunks_exact(4) {
+                let [a, b, c, d] = [0, 1, 2, 3].map(|k| {
+                    let start = four[k].0 + row * self.side;
+                    &self.blocks[start + from_x..start + to_x]
+                });
+                let [wa, wb, wc, wd] = [0, 1, 2, 3].map(|k| -force_n * four[k].1);
+                let sources = a.iter().zip(b).zip(c.iter().zip(d));
+                for (value, ((a, b), (c, d))) in target.iter_mut().zip(sources) {
+                    *value += (wa * a + wb * b) + (wc * c + wd * d);
+                }
+            }
+        }
+    }
+
+    /// Starts of the blocks that a load at a place within its tactel is read from, and their
+    /// weights; how many there are.
+    fn weights(&self, place: [f64; 2], out: &mut [(usize, f64); 16]) -> usize {
+        let [(cell_x, w_x), (cell_y, w_y)] = place.map(|part| {
+            let p = part * self.phases as f64;
+            let cell = (p as usize).min(self.phases - 1);
+            let s = p - cell as f64;
+            (cell, if self.cubic { cubic(s) } else { [0.0, 1.0 - s, s, 0.0] })
+        });
+        let (area, stride) = (self.side * self.side, self.phases + 3);
+        let taps = if self.cubic { 0..4 } else { 1..3 };
+        let mut used = 0;
+        for j in taps.clone() {
+            for i in taps.clone() {
+                out[used] = (((cell_y + j) * stride + cell_x + i) * area, w_x[i] * w_y[j]);
+                used += 1;
+            }
+        }
+        used
+    }
+}
+
+/// Weights of the cubic through the values at -1, 0, 1, 2 for 0 <= s <= 1.
+fn cubic(s: f64) -> [f64; 4] {
+    let (a, b, c) = (s + 1.0, s - 1.0, s - 2.0);
+    [-s * b * c / 6.0, a * b * c / 2.0, -a * s * c / 2.0, a * s * b / 6.0]
+}
+
+/// Shares over offsets that are whole multiples of the grid's spacing, both at least 0.
+struct Offsets {
+    width: usize,
+    shares: Vec<f64>,
+}
+
+impl Offsets {
+    fn new(
+        influence: &Influence,
+        array: &Array,
+        sampling: Sampling,
+        phases: usize,
+        half: usize,
+    ) -> Self {
+        let spacing = array.pitch_mm / phases as f64;
+        let width = (half + 1) * phases + 2;
+        let pressure = |i: usize, j: usize| {
+            let (x, y) = (i as f64 * spacing, j as f64 * spacing);
+            -influence.base_point((x * x + y * y).sqrt())
+        };
+        if sampling == Sampling::Centre {
+            let shares = (0..width * width).map(|n| pressure(n % width, n / width)).collect();
+            return Self { width, shares };
+        }
+        // Integrals from the origin to each grid point, by cells and running sums.
+        let reach = width + phases / 2;
+        let mut sums = vec![0.0; (reach + 1) * (reach + 1)];
+        for j in 0..reach {
+            let mut row = 0.0;
+            for i in 0..reach {
+                let at = |k: usize| (k as f64 + 0.5) * spacing;
+                let cell = influence.base_cell([at(i), at(j)], [0.5 * spacing; 2]);
+                row -= cell;
+                let below = sums[j * (reach + 1) + i + 1];
+                sums[(j + 1) * (reach + 1) + i + 1] = below + row;
+            }
+        }
+        // Odd in both, so that a tactel across the origin needs nothing special.
+        let sum = |i: isize, j: isize| {
+            let value = sums[j.unsigned_abs() * (reach + 1) + i.unsigned_abs()];
+            if (i < 0) == (j < 0) { value } else { -value }
+        };
+        let (h, area) = (phases as isize / 2, array.pitch_mm * array.pitch_mm);
+        let share = |n: usize| {
+            let (i, j) = ((n % width) as isize, (n / width) as isize);
+            let whole = sum(i + h, j + h) - sum(i - h, j + h);
+            (whole - sum(i + h, j - h) + sum(i - h, j - h)) / area
+        };
+        Self { width, shares: (0..width * width).map(share).collect() }
+    }
+
+    fn share(&self, i: usize, j: usize) -> f64 {
+        if i < self.width && j < self.width { self.shares[j * self.width + i] } else { 0.0 }
+    }
+}
