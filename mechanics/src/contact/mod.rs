@@ -1,4 +1,5 @@
-//! Contact of rigid bodies with rubber bonded to a rigid base: small strain, plane strain.
+//! Contact of rigid bodies with rubber bonded to a rigid base: small strain, in plane strain and in
+//! three dimensions.
 //!
 //! Units in this module are mm, N and MPa (line loads N/mm), as in the literature on tactile
 //! sensors; callers convert at its door. Frame: x along the surface, z up out of the layer, surface
@@ -8,6 +9,8 @@
 //! - [`layer`]: the elastic layer and the exact transfer functions at its surface and its base.
 //! - [`field`]: stresses and displacements of a line load at any depth, layer or half plane.
 //! - [`cylinder`]: a rigid cylinder rolling on it, tabulated for use inside a control period.
+//! - [`space`]: contact in three dimensions and the image that an array of tactels makes of it.
+//! - [`features`]: features of stress distributions and of images.
 //!
 //! What it refuses: everything not finite and positive, and geometry outside the theory's reach.
 //! What it does not know: friction with slip, finite strain, viscosity, free ends of the layer.

@@ -18,6 +18,10 @@ pub(super) enum Kind {
     Switch,
     /// One of these texts.
     Choice(&'static [&'static str]),
+    /// Any number of these texts.
+    Names(&'static [&'static str]),
+    /// The object of another operation.
+    Request,
     /// So many finite numbers.
     Vector(usize),
     /// Any number of finite numbers.
@@ -98,6 +102,8 @@ impl Kind {
                 let quoted: Vec<String> = texts.iter().map(|text| format!("\"{text}\"")).collect();
                 quoted.join(" or ")
             }
+            Kind::Names(texts) => format!("[{} ...]", Kind::Choice(texts).shown()),
+            Kind::Request => "request".to_owned(),
             Kind::Vector(n) => format!("[{n}]"),
             Kind::Numbers => "[...]".to_owned(),
             Kind::Rows(n) => format!("[[{n}]...]"),

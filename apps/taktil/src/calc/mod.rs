@@ -13,6 +13,7 @@ mod field;
 mod kinematics;
 mod motion;
 mod request;
+mod space;
 mod touch;
 
 use std::io::{BufRead, ErrorKind, Read, Write};
@@ -40,7 +41,7 @@ struct Operation {
 fn operations() -> impl Iterator<Item = &'static Operation> {
     [kinematics::OPERATIONS, dynamics::OPERATIONS, motion::OPERATIONS]
         .into_iter()
-        .chain([touch::OPERATIONS, contact::OPERATIONS])
+        .chain([touch::OPERATIONS, contact::OPERATIONS, space::OPERATIONS])
         .flatten()
 }
 

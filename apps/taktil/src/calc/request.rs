@@ -19,6 +19,8 @@ enum Parsed {
     Number(f64),
     Size(usize),
     Text(&'static str),
+    Names(Vec<&'static str>),
+    Request(Map<String, Value>),
     Numbers(Vec<f64>),
     Rows(Vec<Vec<f64>>),
     Counts([i32; 6]),
@@ -151,6 +153,36 @@ impl Args {
         }
     }
 
+    /// A list of texts of a choice.
+    pub(super) fn names(&self, name: &str) -> Result<&[&'static str], Failure> {
+        match self.get(name)? {
+            Parsed::Names(list) => Ok(list),
+            _ => Err(internal(name)),
+        }
+    }
+
+    /// An inner request, checked against the table of one of the operations it may be.
+    pub(super) fn request(
+        &self,
+        name: &str,
+        known: &[(&'static str, &'static [Field])],
+    ) -> Result<(&'static str, Args), Failure> {
+        let Parsed::Request(object) = self.get(name)? else { return Err(internal(name)) };
+        let within = |failure: Failure| Failure {
+            field: Some(failure.field.map_or(name.to_owned(), |field| format!("{name}.{field}"))),
+            ..failure
+        };
+        let default = known.first().map(|(op, _)| Value::from(*op)).unwrap_or_default();
+        let op = object.get("op").unwrap_or(&default);
+        let found = known.iter().find(|(known, _)| op == known);
+        let Some((op, fields)) = found else {
+            let names: Vec<&str> = known.iter().map(|(op, _)| *op).collect();
+            let what = format!("`{name}.op` is {op}; wanted: {}", names.join(" or "));
+            return Err(within(Failure::new("unknown_op", Some("op"), what)));
+        };
+        Ok((op, Args::of_request(object, fields).map_err(within)?))
+    }
+
     /// A list of so many numbers.
     pub(super) fn array<const N: usize>(&self, name: &str) -> Result<[f64; N], Failure> {
         <[f64; N]>::try_from(self.numbers(name)?).map_err(|_| internal(name))
@@ -196,6 +228,27 @@ impl Args {
             Parsed::Tables(list) => Ok(list),
             _ => Err(internal(name)),
         }
+    }
+
+    /// [`Args::timed`], with something done before each run that does not count.
+    pub(super) fn timed_after<S, T>(
+        &self,
+        state: &mut S,
+        mut prepare: impl FnMut(&mut S),
+        mut compute: impl FnMut(&mut S) -> T,
+    ) -> T {
+        prepare(state);
+        let Some(repeat) = self.repeat else { return compute(state) };
+        let (mut result, mut best) = clocked(&mut || compute(state));
+        for _ in 1..repeat {
+            prepare(state);
+            let (again, ns) = clocked(&mut || compute(state));
+            if ns < best {
+                (result, best) = (again, ns);
+            }
+        }
+        self.best_ns.set(Some(best));
+        result
     }
 
     /// Runs the computation; with `timing` as often as asked, keeping the best time.
@@ -294,6 +347,8 @@ fn parse(field: &Field, place: &str, value: &Value) -> Result<Option<Parsed>, Fa
             };
             Parsed::Rows(rows.iter().enumerate().map(row).collect::<Result<_, _>>()?)
         }
+        Kind::Names(texts) => Parsed::Names(names(texts, place, value, &wrong)?),
+        Kind::Request => Parsed::Request(value.as_object().ok_or_else(wrong)?.clone()),
         Kind::Counts => Parsed::Counts(counts(value, place, &wrong)?),
         Kind::Table(fields) => {
             let object = value.as_object().ok_or_else(wrong)?;
@@ -314,6 +369,24 @@ fn parse(field: &Field, place: &str, value: &Value) -> Result<Option<Parsed>, Fa
         }
         Kind::Any => Parsed::Other,
     }))
+}
+
+fn names(
+    texts: &'static [&'static str],
+    place: &str,
+    value: &Value,
+    wrong: &dyn Fn() -> Failure,
+) -> Result<Vec<&'static str>, Failure> {
+    let items = value.as_array().ok_or_else(wrong)?;
+    let name = |(i, item): (usize, &Value)| {
+        let place = format!("{place}[{i}]");
+        let found = texts.iter().copied().find(|text| item == text);
+        found.ok_or_else(|| {
+            let what = format!("`{place}` is {item}; wanted: {}", Kind::Choice(texts).shown());
+            Failure::new("unknown_value", Some(&place), what)
+        })
+    };
+    items.iter().enumerate().map(name).collect()
 }
 
 fn finite(value: &Value) -> Option<f64> {

@@ -1,5 +1,5 @@
-//! A rigid cylinder without ends on the bonded layer, in any direction over the array: the plane
-//! contact and its base stress, integrated over each tactel in closed form.
+//! A rigid cylinder or flat bar without ends on the bonded layer, in any direction over the array:
+//! the plane contact and its base stress, integrated over each tactel in closed form.
 //!
 //! A tactel's square, seen along the axis, is the convolution of two boxes. The base pressure of a
 //! line load has its first and second integrals tabulated, so the mean over a square is a second
@@ -12,8 +12,8 @@
 use super::super::layer::{Layer, Transfer};
 use super::super::{Invalid, finite, positive};
 use super::Drive;
-use super::pin::Stand;
-use super::pin::strip::{Section, Strips};
+use super::pin::strip::Strips;
+use super::pin::{Profile, Stand};
 use super::quadrature::{factor, solve};
 use super::radial::REACH;
 use super::table::Even;
@@ -29,7 +29,7 @@ const NARROW: f64 = 0.02;
 /// Solutions that one search may take.
 const SEARCH: usize = 40;
 
-/// What a pressed cylinder says.
+/// What a pressed indenter says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LineState {
     /// Load per mm of length, N/mm.
@@ -38,13 +38,13 @@ pub struct LineState {
     pub penetration_mm: f64,
     /// Half the width of the contact, mm.
     pub half_width_mm: f64,
-    /// Strength of the singularity left at the edges, over that of a flat punch.
+    /// Strength of the singularity left at the edges, over that of a flat punch; 0 for a bar.
     pub residual: f64,
 }
 
-/// The solver of one cylinder on one layer, with its memory.
+/// The solver of one indenter on one layer, with its memory.
 #[derive(Clone, Debug)]
-pub struct InfiniteCylinder {
+pub struct Endless {
     layer: Layer,
     strips: Strips,
     base: Base,
@@ -56,15 +56,15 @@ pub struct InfiniteCylinder {
     state: LineState,
 }
 
-impl InfiniteCylinder {
+impl Endless {
     /// Tabulates contacts up to a penetration; allocates.
     ///
     /// # Errors
-    /// A layer that [`Layer::check`] refuses, a radius or penetration that is not finite and above
+    /// A layer that [`Layer::check`] refuses, a size or penetration that is not finite and above
     /// zero, and what this module refuses.
-    pub fn new(layer: &Layer, radius_mm: f64, penetration_max_mm: f64) -> Result<Self, Invalid> {
+    pub fn new(layer: &Layer, profile: Profile, penetration_max_mm: f64) -> Result<Self, Invalid> {
         layer.check()?;
-        positive("radius_mm", radius_mm)?;
+        let section = profile.section(layer.thickness_mm)?;
         positive("penetration_max_mm", penetration_max_mm)?;
         let t = layer.thickness_mm;
         if penetration_max_mm >= t {
@@ -72,7 +72,6 @@ impl InfiniteCylinder {
             return Err(Invalid::new("penetration_max_mm", what, "give less than the thickness"));
         }
         let transfer = layer.transfer();
-        let section = Section::Circle(radius_mm / t);
         let count = |b: f64| 10 + libm::ceil(1.5 * b) as usize;
         let strips = Strips::new(&transfer, section, penetration_max_mm / t, count)?;
         let n = strips.places.cosines;
@@ -89,7 +88,7 @@ impl InfiniteCylinder {
         })
     }
 
-    /// Presses the cylinder to a load per mm or a penetration; penetrations of 0 or less are no
+    /// Presses the indenter to a load per mm or a penetration; penetrations of 0 or less are no
     /// contact.
     ///
     /// # Errors
@@ -128,12 +127,16 @@ impl InfiniteCylinder {
             force_n_mm: PI * psi[0] * modulus * t,
             penetration_mm: delta * t,
             half_width_mm: b * t,
-            residual: (edges[1] / (delta * edges[0])).abs(),
+            residual: if self.strips.is_free() {
+                (edges[1] / (delta * edges[0])).abs()
+            } else {
+                0.0
+            },
         };
         Ok(self.state)
     }
 
-    /// Lifts the cylinder off.
+    /// Lifts the indenter off.
     pub fn release(&mut self) {
         self.state = LineState::default();
     }
@@ -148,6 +151,15 @@ impl InfiniteCylinder {
     /// `sides`.
     fn search(&mut self, by_force: bool, wanted: f64, drive: Drive) -> Result<(f64, f64), Invalid> {
         let widest = self.strips.widest();
+        if !self.strips.is_free() {
+            let stiffness = self.plane(widest).map_or(f64::NAN, |(_, _, stiffness)| stiffness);
+            let delta = if by_force { wanted / stiffness } else { wanted };
+            if delta < 1.0 {
+                return Ok((widest, delta));
+            }
+            let what = format!("the bar would sink by {delta} thicknesses");
+            return Err(Invalid::new(drive.place(), what, "press less"));
+        }
         let start = if by_force { wanted.sqrt() } else { self.strips.half_width(wanted) };
         let (mut b, mut slope) = (start.min(widest), 2.0);
         let mut before: Option<(f64, f64)> = None;

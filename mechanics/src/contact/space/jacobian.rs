@@ -107,6 +107,7 @@ pub fn feature_jacobian(
     }
     let touch = scene.press(drive, pose)?;
     let drive = touch.penetration_mm.map_or(drive, Drive::PenetrationMm);
+    let here = measured(scene, drive, pose)?;
     let count = features.len() * motions.len();
     let mut out = FeatureJacobian {
         motions: motions.len(),
@@ -133,10 +134,8 @@ pub fn feature_jacobian(
                 }
                 Some(rise / (2.0 * step))
             };
-            let (Some(coarse), Some(fine)) = (slope(&wide, step), slope(&narrow, 0.5 * step))
-            else {
-                continue;
-            };
+            let slopes = (feature.of(&here), slope(&wide, step), slope(&narrow, 0.5 * step));
+            let (Some(_), Some(coarse), Some(fine)) = slopes else { continue };
             out.values[row * motions.len() + column] = Some((4.0 * fine - coarse) / 3.0);
             out.errors[row * motions.len() + column] = Some((fine - coarse).abs() / 3.0);
         }

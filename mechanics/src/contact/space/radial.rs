@@ -78,7 +78,7 @@ fn images(r: f64) -> f64 {
     let term = |n: usize| {
         let n2 = (2 * n) as f64;
         let size = 2.0 / (r * r + n2 * n2).sqrt();
-        if n % 2 == 0 { size } else { -size }
+        if n.is_multiple_of(2) { size } else { -size }
     };
     let mut sum: f64 = (1..IMAGES).map(term).sum();
     let mut last = [0.0; 10];
@@ -154,10 +154,6 @@ impl Influence {
     #[must_use]
     pub fn layer(&self) -> &Layer {
         &self.layer
-    }
-
-    pub(crate) fn radial(&self) -> &Radial {
-        &self.radial
     }
 
     /// (1 - nu)/(2 pi G) in 1/MPa: a half space's displacement times distance per load.

@@ -7,7 +7,7 @@
 
 use super::super::layer::Layer;
 use super::super::{Invalid, finite, positive};
-use super::infinite::InfiniteCylinder;
+use super::infinite::Endless;
 use super::jacobian::Motion;
 use super::pin::{Pin, Profile, Stand};
 use super::radial::Influence;
@@ -15,7 +15,7 @@ use super::sphere::Sphere;
 use super::tactels::{Array, Fineness, Sampling, Shares};
 use super::{Drive, Level};
 
-/// How far beyond the array an endless edge or bar is carried on, in thicknesses.
+/// How far beyond the array an endless edge is carried on, in thicknesses.
 const BEYOND: f64 = 24.0;
 /// Largest part of the thickness that tables are made for.
 const DEEPEST: f64 = 0.98;
@@ -44,7 +44,7 @@ pub enum Shape {
     Bar {
         /// Width of the face, mm.
         width_mm: f64,
-        /// Length, mm; absent without ends.
+        /// Length, mm; absent without ends. A tilted one without ends is cut at the array.
         length_mm: Option<f64>,
     },
 }
@@ -74,7 +74,7 @@ pub struct Touch {
 enum Solver {
     Empty,
     Sphere(Box<Sphere>),
-    Endless(Box<InfiniteCylinder>),
+    Endless(Box<Endless>),
     Pin(Box<Pin>),
 }
 
@@ -159,6 +159,17 @@ impl Scene {
         &self.array
     }
 
+    /// Lifts the indenter off and forgets the contact; the tables stay.
+    pub fn release(&mut self) {
+        self.touch = Touch::default();
+        match &mut self.solver {
+            Solver::Empty => {}
+            Solver::Sphere(sphere) => sphere.release(),
+            Solver::Endless(cylinder) => cylinder.release(),
+            Solver::Pin(pin) => pin.release(),
+        }
+    }
+
     /// The indenter.
     #[must_use]
     pub fn shape(&self) -> Shape {
@@ -195,10 +206,11 @@ impl Scene {
         self.touch = match self.shape {
             Shape::Sphere { .. } => self.press_sphere(drive)?,
             Shape::Edge { .. } => self.press_edge(drive)?,
-            Shape::Cylinder { radius_mm, length_mm: None } if pose.tilt_rad == 0.0 => {
-                self.press_endless(drive, radius_mm)?
+            Shape::Cylinder { length_mm: None, .. } | Shape::Bar { length_mm: None, .. }
+                if pose.tilt_rad == 0.0 =>
+            {
+                self.press_endless(drive)?
             }
-            Shape::Bar { length_mm: None, .. } => self.press_long_bar(drive)?,
             Shape::Cylinder { .. } | Shape::Bar { .. } => self.press_pin(drive)?,
         };
         Ok(self.touch)
@@ -227,20 +239,20 @@ impl Scene {
         Ok(Touch { force_n: force, penetration_mm: None, residual: 0.0 })
     }
 
-    fn press_endless(&mut self, drive: Drive, radius_mm: f64) -> Result<Touch, Invalid> {
+    fn press_endless(&mut self, drive: Drive) -> Result<Touch, Invalid> {
         let first = match drive {
             Drive::PenetrationMm(delta) => 1.1 * delta,
             Drive::ForceN(_) => 0.1 * self.layer.thickness_mm,
         };
         drive.check(self.layer.thickness_mm)?;
-        let layer = self.layer;
+        let (layer, profile) = (self.layer, self.profile());
         self.grow(drive, first, [0.0; 2], |solver, most, fresh| {
             if fresh {
-                let made = InfiniteCylinder::new(&layer, radius_mm, most)?;
+                let made = Endless::new(&layer, profile, most)?;
                 *solver = Solver::Endless(Box::new(made));
             }
-            let Solver::Endless(cylinder) = solver else { return Ok(Touch::default()) };
-            let state = cylinder.press(drive)?;
+            let Solver::Endless(endless) = solver else { return Ok(Touch::default()) };
+            let state = endless.press(drive)?;
             Ok(Touch {
                 force_n: state.force_n_mm,
                 penetration_mm: Some(lifted(drive).unwrap_or(state.penetration_mm)),
@@ -272,38 +284,6 @@ impl Scene {
                 penetration_mm: Some(state.penetration_mm),
                 residual: state.residual,
             })
-        })
-    }
-
-    /// A bar without ends: cut far beyond the array, driven by the plane problem's penetration.
-    fn press_long_bar(&mut self, drive: Drive) -> Result<Touch, Invalid> {
-        if self.pose.tilt_rad != 0.0 {
-            let what = format!("{} rad without ends", self.pose.tilt_rad);
-            return Err(Invalid::new("tilt_rad", what, "give the bar a `length_mm`"));
-        }
-        let target = drive.check(self.layer.thickness_mm)?;
-        let ends = self.ends();
-        if !matches!(&self.solver, Solver::Pin(_)) || self.room.1 != ends {
-            let most = DEEPEST * self.layer.thickness_mm;
-            let pin = Pin::new(&self.layer, self.profile(), ends, most, self.level)?;
-            self.solver = Solver::Pin(Box::new(pin));
-            self.room = (most, ends);
-        }
-        let Solver::Pin(pin) = &mut self.solver else { return Ok(Touch::default()) };
-        let stiffness = pin.plane_stiffness_n_mm2();
-        let delta = match drive {
-            Drive::ForceN(force) => force / stiffness,
-            Drive::PenetrationMm(_) => target,
-        };
-        if delta >= DEEPEST * self.layer.thickness_mm {
-            let what = format!("the bar would sink by {delta} mm");
-            return Err(Invalid::new(drive.place(), what, "press less"));
-        }
-        let state = pin.press(Drive::PenetrationMm(delta), 0.0)?;
-        Ok(Touch {
-            force_n: stiffness * delta.max(0.0),
-            penetration_mm: Some(delta),
-            residual: state.residual,
         })
     }
 
@@ -358,8 +338,8 @@ impl Scene {
         if let Some(half) = half {
             return [-half, half];
         }
-        if matches!(self.shape, Shape::Cylinder { .. }) {
-            // A cylinder that passes by leaves nothing on the array: any piece of it will do.
+        if !matches!(self.shape, Shape::Edge { .. }) {
+            // A pin that passes by leaves nothing on the array: any piece of it will do.
             return self.array.chord_mm(self.pose.stand).unwrap_or([-0.5, 0.5]);
         }
         let Stand { x_mm, y_mm, .. } = self.pose.stand;

@@ -1,5 +1,5 @@
-//! A rectangular array of square tactels at the base of the layer, and its image of point loads: the
-//! normal stress integrated over each tactel's area, not sampled.
+//! A rectangular array of square tactels at the base of the layer, and its image of point loads:
+//! the normal stress integrated over each tactel's area, not sampled.
 //!
 //! The share of one point load that a tactel sees depends on their offset alone. It is tabulated on
 //! a grid finer than the layer is thick, arranged by the load's place within a tactel, so that one
@@ -203,9 +203,9 @@ impl Shares {
         &self.array
     }
 
-    /// Adds the stress (MPa, negative) of a load of `force_n` at `place_mm` to an image, row by row.
-    /// Loads that are not finite, or further off the array than the table reaches, add nothing; so
-    /// does an image of the wrong length.
+    /// Adds the stress (MPa, negative) of a load of `force_n` at `place_mm` to an image, row by
+    /// row. Loads that are not finite, or further off the array than the table reaches, add
+    /// nothing; so does an image of the wrong length.
     pub fn add(&self, image: &mut [f64], [x, y]: [f64; 2], force_n: f64) {
         let Array { rows, cols, pitch_mm } = self.array;
         // Places in tactels from the lower left corner of the array.

@@ -68,7 +68,7 @@ impl Coupling {
             // One point before 0, for the cubic.
             let z = (i as f64 - 1.0) / BESSEL_DENSITY;
             for k in 0..cosines {
-                let sign = if k % 2 == 0 { PI } else { -PI };
+                let sign = if k.is_multiple_of(2) { PI } else { -PI };
                 bessel.push(sign * libm::jn(2 * k as i32, z.abs()));
             }
         }

@@ -9,9 +9,9 @@
 //! it. Lifted slices leave the contact and come back when the layer would touch them. A contact is
 //! the guess of the next one; pressing allocates nothing.
 //!
-//! Ends: strips of constant pressure see an end inside of its place, by a fixed part of their length
-//! (0.115 for a face of fixed width, which follows from the logarithmic kernel; 0.057 where the
-//! width is free, measured by halving the strips). The slices are laid out for it.
+//! Ends: strips of constant pressure see an end inside of its place, by a fixed part of their
+//! length (0.115 for a face of fixed width, which follows from the logarithmic kernel; 0.057 where
+//! the width is free, measured by halving the strips). The slices are laid out for it.
 //!
 //! It refuses what its tables do not cover: see [`Pin::new`] and [`Pin::press`].
 
@@ -47,6 +47,22 @@ pub enum Profile {
         /// Width of the face, mm.
         width_mm: f64,
     },
+}
+
+impl Profile {
+    /// In thicknesses, checked.
+    pub(super) fn section(self, thickness_mm: f64) -> Result<Section, Invalid> {
+        match self {
+            Self::Cylinder { radius_mm } => {
+                positive("radius_mm", radius_mm)?;
+                Ok(Section::Circle(radius_mm / thickness_mm))
+            }
+            Self::Bar { width_mm } => {
+                positive("width_mm", width_mm)?;
+                Ok(Section::Flat(0.5 * width_mm / thickness_mm))
+            }
+        }
+    }
 }
 
 /// Where the pin stands over the array.
@@ -115,7 +131,7 @@ impl Fineness {
                 fewest: 64.0,
                 modes: modes(12.0, 10.0, 12.0),
                 cosines: (4.0, 0.5),
-                points: 9.0,
+                points: 11.0,
                 tolerance: 1e-4,
                 steps: 25,
             },
@@ -165,16 +181,7 @@ impl Pin {
     ) -> Result<Self, Invalid> {
         layer.check()?;
         let t = layer.thickness_mm;
-        let section = match profile {
-            Profile::Cylinder { radius_mm } => {
-                positive("radius_mm", radius_mm)?;
-                Section::Circle(radius_mm / t)
-            }
-            Profile::Bar { width_mm } => {
-                positive("width_mm", width_mm)?;
-                Section::Flat(0.5 * width_mm / t)
-            }
-        };
+        let section = profile.section(t)?;
         let [from, to] = ends_mm;
         finite("length_mm", from)?;
         finite("length_mm", to)?;
@@ -234,13 +241,6 @@ impl Pin {
             self.release();
         }
         outcome
-    }
-
-    /// Load per mm of length and penetration of a flat bar without ends; of a cylinder, that of the
-    /// widest contact of the table.
-    #[must_use]
-    pub fn plane_stiffness_n_mm2(&self) -> f64 {
-        PI * self.strips.stiffness() * self.modulus_mpa()
     }
 
     /// Lifts the pin off and forgets the contact.

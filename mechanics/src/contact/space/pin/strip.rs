@@ -14,7 +14,7 @@ use core::f64::consts::{LN_2, PI};
 /// Rows of the table over the half-width.
 const ROWS: usize = 96;
 /// Most cosines.
-pub(crate) const COSINES_MAX: usize = 24;
+pub(crate) const COSINES_MAX: usize = 96;
 /// Largest half-width in thicknesses.
 const WIDEST: f64 = 40.0;
 /// Largest half-width in radii.
@@ -109,11 +109,6 @@ impl Strips {
             }
         }
         Ok(Self { places, section, widest, rows })
-    }
-
-    /// First coefficient of the last row's punch.
-    pub(crate) fn stiffness(&self) -> f64 {
-        self.rows[self.rows.len() - self.places.len() + self.places.punch(0)]
     }
 
     /// Largest half-width of the table.

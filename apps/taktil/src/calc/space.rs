@@ -1,0 +1,369 @@
+//! Calc operations on contact in three dimensions: `contact_3d`, `feature_jacobian`. Refuses
+//! unknown shapes, what the solvers refuse, and forces that no penetration reaches.
+
+use serde_json::{Map, Value};
+use taktil_mechanics::contact::Invalid;
+use taktil_mechanics::contact::features::{ImageFeatures, Part, image_features};
+use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::space::jacobian::{Feature, Motion, feature_jacobian};
+use taktil_mechanics::contact::space::pin::Stand;
+use taktil_mechanics::contact::space::scene::{Pose, Scene, Shape, Touch};
+use taktil_mechanics::contact::space::tactels::{Array, Sampling};
+use taktil_mechanics::contact::space::{Drive, Level};
+
+use super::Operation;
+use super::answer::Answer;
+use super::field::{Failure, Field, Kind, Need};
+use super::request::Args;
+
+/// Most rows or columns.
+const SIDE_MAX: usize = 1024;
+/// How far from the contact asked for a warm solution starts.
+const NEIGHBOUR: f64 = 1.01;
+
+const fn number(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
+    Field::new(name, Kind::Number, unit, Need::Required, doc)
+}
+
+const fn default(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
+    Field::new(name, Kind::Number, unit, Need::Default("0"), doc)
+}
+
+const X: Field = default("x_mm", "mm", "Place of its origin.");
+const Y: Field = default("y_mm", "mm", "Place of its origin.");
+const ROT: Field = default("rot_rad", "rad", "Direction of the axis: (-sin, cos).");
+const TILT: Field = default("tilt_rad", "rad", "Slope of the axis, deeper towards its end.");
+const LENGTH: Field =
+    Field::new("length_mm", Kind::Number, "mm", Need::Optional, "Absent: without ends.");
+const RADIUS: Field = number("radius_mm", "mm", "Radius.");
+
+const SPHERE: &[Field] = &[RADIUS, X, Y];
+const CYLINDER: &[Field] = &[RADIUS, LENGTH, X, Y, ROT, TILT];
+const EDGE: &[Field] = &[LENGTH, X, Y, ROT];
+const BAR: &[Field] = &[number("width_mm", "mm", "Width."), LENGTH, X, Y, ROT, TILT];
+
+const SHAPES: &[Field] = &[
+    Field::new(
+        "sphere",
+        Kind::Table(SPHERE),
+        "",
+        Need::Optional,
+        "The exact sphere {radius_mm, x_mm, y_mm}.",
+    ),
+    Field::new(
+        "cylinder",
+        Kind::Table(CYLINDER),
+        "",
+        Need::Optional,
+        "Lying, with flat ends {radius_mm, length_mm, x_mm, y_mm, rot_rad, tilt_rad}; without \
+         `length_mm` endless, and cut at the array when tilted.",
+    ),
+    Field::new(
+        "edge",
+        Kind::Table(EDGE),
+        "",
+        Need::Optional,
+        "An even line load {length_mm, x_mm, y_mm, rot_rad}; by force only.",
+    ),
+    Field::new(
+        "bar",
+        Kind::Table(BAR),
+        "",
+        Need::Optional,
+        "A flat face {width_mm, length_mm, x_mm, y_mm, rot_rad, tilt_rad}.",
+    ),
+];
+
+const CONTACT: &[Field] = &[
+    Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "Exactly one of its fields."),
+    number("t_mm", "mm", "Thickness of the layer."),
+    number("nu", "", "Poisson's ratio, in (0, 0.5]."),
+    Field::new("youngs_mpa", Kind::Number, "MPa", Need::Default("27.58"), "Young's modulus."),
+    Field::new(
+        "force_n",
+        Kind::Number,
+        "N",
+        Need::Optional,
+        "Force of the whole indenter (N/mm for one without ends); this or `penetration_mm`.",
+    ),
+    Field::new("penetration_mm", Kind::Number, "mm", Need::Optional, "At the origin."),
+    Field::new("rows", Kind::Size(SIDE_MAX), "", Need::Default("16"), "Rows, along y."),
+    Field::new("cols", Kind::Size(SIDE_MAX), "", Need::Default("16"), "Columns, along x."),
+    Field::new("pitch_mm", Kind::Number, "mm", Need::Default("1.5875"), "Side of a tactel."),
+    Field::new(
+        "sampling",
+        Kind::Choice(&["area", "centre"]),
+        "",
+        Need::Default("\"area\""),
+        "Mean over the tactel, or the value under its centre.",
+    ),
+    Field::new(
+        "level",
+        Kind::Choice(&["fast", "default", "fine"]),
+        "",
+        Need::Default("\"default\""),
+        "Error of about 1e-2, 1e-3, 1e-4 of the peak or better; sphere: 1e-4, 1e-6, 1e-8.",
+    ),
+    Field::new(
+        "start",
+        Kind::Choice(&["cold", "warm"]),
+        "",
+        Need::Default("\"cold\""),
+        "With `timing`: from nothing, or from a contact of 1 % more; tables are built.",
+    ),
+];
+
+const FEATURES: &[&str] = &[
+    "M0",
+    "My",
+    "Mx",
+    "xc",
+    "yc",
+    "mu_xx",
+    "mu_xy",
+    "mu_yy",
+    "theta_long_rad",
+    "m0",
+    "m_y",
+    "m_x",
+    "x_c",
+    "y_c",
+    "theta_z",
+];
+const MOTIONS: &[&str] = &["dx", "dy", "dz", "rx", "ry", "rz"];
+
+/// What this subject offers.
+pub(super) const OPERATIONS: &[Operation] = &[
+    Operation {
+        name: "contact_3d",
+        doc: "A rigid indenter, without friction, on a bonded layer over an array of tactels.",
+        fields: CONTACT,
+        answers: &[
+            ("image", "[rows*cols] MPa, szz at the base, row by row, x and y ascending"),
+            ("force_n", "N, or N/mm without ends"),
+            ("delta_mm", "mm, null for an edge"),
+            (
+                "features",
+                "{M0, My, Mx, xc, yc, mu_xx, mu_xy, mu_yy, theta_long_rad, the same with _c of \
+                 the compressive part}; null where undefined",
+            ),
+            ("residual", "relative"),
+        ],
+        run: contact_3d,
+    },
+    Operation {
+        name: "feature_jacobian",
+        doc: "Derivatives of an image's features with respect to motions of the indenter, at the \
+              contact of a `contact_3d` request.",
+        fields: &[
+            Field::new("contact", Kind::Request, "", Need::Required, "A contact_3d request."),
+            Field::new(
+                "features",
+                Kind::Names(FEATURES),
+                "",
+                Need::Default("[\"xc\", \"M0\", \"Mx\", \"theta_long_rad\"]"),
+                "Rows; names of the thesis mean the same.",
+            ),
+            Field::new(
+                "motions",
+                Kind::Names(MOTIONS),
+                "mm, rad",
+                Need::Default("[\"dx\", \"dz\", \"rx\", \"rz\"]"),
+                "Columns: dx, dy along the array, dz into the layer, turns about x, y, z (up).",
+            ),
+        ],
+        answers: &[
+            ("j", "[features*motions] row by row; null where undefined"),
+            ("condition", "largest over smallest singular value, or null"),
+            ("error_estimate", "[features*motions]"),
+            ("force_n", "N, or N/mm without ends"),
+            ("delta_mm", "mm, null for an edge"),
+        ],
+        run: jacobian,
+    },
+];
+
+/// A request as the solvers take it.
+struct Request {
+    scene: Scene,
+    drive: Drive,
+    pose: Pose,
+    shape: &'static str,
+}
+
+impl Request {
+    fn of(args: &Args) -> Result<Self, Failure> {
+        let (name, shape, pose) = shape_of(args)?;
+        let layer = Layer {
+            thickness_mm: args.number("t_mm")?,
+            youngs_mpa: args.number("youngs_mpa")?,
+            poisson: args.number("nu")?,
+        };
+        let array = Array {
+            rows: args.size("rows")?,
+            cols: args.size("cols")?,
+            pitch_mm: args.number("pitch_mm")?,
+        };
+        let sampling =
+            if args.choice("sampling")? == "area" { Sampling::Area } else { Sampling::Centre };
+        let level = match args.choice("level")? {
+            "fast" => Level::Fast,
+            "fine" => Level::Fine,
+            _ => Level::Default,
+        };
+        let drive = match (args.has("force_n"), args.has("penetration_mm")) {
+            (true, false) => Drive::ForceN(args.number("force_n")?),
+            (false, true) => Drive::PenetrationMm(args.number("penetration_mm")?),
+            _ => {
+                let what = "give either `force_n` or `penetration_mm`";
+                return Err(Failure::new("missing_field", Some("force_n"), what));
+            }
+        };
+        let scene = Scene::new(&layer, shape, &array, sampling, level)
+            .map_err(|invalid| failure(&invalid, name))?;
+        Ok(Self { scene, drive, pose, shape: name })
+    }
+}
+
+fn shape_of(args: &Args) -> Result<(&'static str, Shape, Pose), Failure> {
+    let bad = || {
+        let what = "`shape` has exactly one of the fields sphere, cylinder, edge, bar";
+        Failure::new("wrong_type", Some("shape"), what)
+    };
+    let table = args.table("shape").ok_or_else(bad)?;
+    let mut given = ["sphere", "cylinder", "edge", "bar"]
+        .into_iter()
+        .filter_map(|name| table.table(name).map(|inner| (name, inner)));
+    let (Some((name, inner)), None) = (given.next(), given.next()) else { return Err(bad()) };
+    let length_mm = if inner.has("length_mm") { Some(inner.number("length_mm")?) } else { None };
+    let shape = match name {
+        "sphere" => Shape::Sphere { radius_mm: inner.number("radius_mm")? },
+        "cylinder" => Shape::Cylinder { radius_mm: inner.number("radius_mm")?, length_mm },
+        "edge" => Shape::Edge { length_mm },
+        _ => Shape::Bar { width_mm: inner.number("width_mm")?, length_mm },
+    };
+    let angle = |name: &str| if inner.has(name) { inner.number(name) } else { Ok(0.0) };
+    let stand = Stand {
+        x_mm: inner.number("x_mm")?,
+        y_mm: inner.number("y_mm")?,
+        rot_rad: angle("rot_rad")?,
+    };
+    Ok((name, shape, Pose { stand, tilt_rad: angle("tilt_rad")? }))
+}
+
+fn failure(invalid: &Invalid, shape: &str) -> Failure {
+    let field = match invalid.place.as_str() {
+        "thickness_mm" => "t_mm".to_owned(),
+        "poisson" => "nu".to_owned(),
+        "penetration_max_mm" => "penetration_mm".to_owned(),
+        inner @ ("radius_mm" | "length_mm" | "width_mm" | "tilt_rad" | "rot_rad" | "x_mm"
+        | "y_mm") => format!("shape.{shape}.{inner}"),
+        other => other.to_owned(),
+    };
+    Failure::range(&field, format!("`{field}`: {}; {}", invalid.what, invalid.remedy))
+}
+
+fn contact_3d(args: &Args) -> Result<Answer, Failure> {
+    let Request { scene, drive, pose, shape } = Request::of(args)?;
+    let array = *scene.array();
+    let mut state = (scene, vec![0.0; array.len()]);
+    let refused = |invalid: Invalid| failure(&invalid, shape);
+    // Once before the clock starts: the tables.
+    state.0.press(drive, pose).map_err(refused)?;
+    let warm = args.choice("start")? == "warm";
+    let neighbour = match drive {
+        Drive::ForceN(force) => Drive::ForceN(NEIGHBOUR * force),
+        Drive::PenetrationMm(delta) => Drive::PenetrationMm(NEIGHBOUR * delta),
+    };
+    let prepare = |(scene, _): &mut (Scene, Vec<f64>)| {
+        // A neighbour that is refused only means a cold start.
+        if !warm || scene.press(neighbour, pose).is_err() {
+            scene.release();
+        }
+    };
+    let compute = |(scene, image): &mut (Scene, Vec<f64>)| -> Result<Touch, Invalid> {
+        let touch = scene.press(drive, pose)?;
+        scene.image(image)?;
+        Ok(touch)
+    };
+    let touch = args.timed_after(&mut state, prepare, compute).map_err(refused)?;
+    let image = state.1;
+    let features = |part: Part| image_features(&array, &image, part).map_err(refused);
+    let mut named = Map::new();
+    push_features(&mut named, &features(Part::Full)?, "");
+    push_features(&mut named, &features(Part::Compressive)?, "_c");
+    let mut out = Answer::new();
+    out.list("image", &image);
+    out.number("force_n", touch.force_n);
+    out.maybe("delta_mm", touch.penetration_mm);
+    out.value("features", Value::Object(named));
+    out.number("residual", touch.residual);
+    Ok(out)
+}
+
+/// Features under the reference's names; finite, since the image is.
+fn push_features(out: &mut Map<String, Value>, f: &ImageFeatures, ending: &str) {
+    let all = [
+        ("M0", Some(f.m0)),
+        ("My", Some(f.my)),
+        ("Mx", Some(f.mx)),
+        ("xc", f.xc),
+        ("yc", f.yc),
+        ("mu_xx", f.mu_xx),
+        ("mu_xy", f.mu_xy),
+        ("mu_yy", f.mu_yy),
+        ("theta_long_rad", f.theta_long_rad),
+    ];
+    for (name, value) in all {
+        out.insert(format!("{name}{ending}"), value.map_or(Value::Null, Value::from));
+    }
+}
+
+fn jacobian(args: &Args) -> Result<Answer, Failure> {
+    let (_, contact) = args.request("contact", &[("contact_3d", CONTACT)])?;
+    let within = |failure: Failure| Failure {
+        field: failure.field.map(|field| format!("contact.{field}")),
+        ..failure
+    };
+    let Request { mut scene, drive, pose, shape } = Request::of(&contact).map_err(within)?;
+    let features: Vec<Feature> = args.names("features")?.iter().map(|n| feature(n)).collect();
+    let motions: Vec<Motion> = args.names("motions")?.iter().map(|n| motion(n)).collect();
+    let found = args
+        .timed(|| feature_jacobian(&mut scene, drive, pose, &features, &motions))
+        .map_err(|invalid| match invalid.place.as_str() {
+            "features" | "motions" => failure(&invalid, shape),
+            _ => within(failure(&invalid, shape)),
+        })?;
+    let mut out = Answer::new();
+    out.gaps("j", found.values);
+    out.maybe("condition", found.condition);
+    out.gaps("error_estimate", found.errors);
+    out.number("force_n", found.touch.force_n);
+    out.maybe("delta_mm", found.touch.penetration_mm);
+    Ok(out)
+}
+
+fn feature(name: &str) -> Feature {
+    match name {
+        "My" | "m_y" => Feature::My,
+        "Mx" | "m_x" => Feature::Mx,
+        "xc" | "x_c" => Feature::Xc,
+        "yc" | "y_c" => Feature::Yc,
+        "mu_xx" => Feature::MuXx,
+        "mu_xy" => Feature::MuXy,
+        "mu_yy" => Feature::MuYy,
+        "theta_long_rad" | "theta_z" => Feature::ThetaLong,
+        _ => Feature::M0,
+    }
+}
+
+fn motion(name: &str) -> Motion {
+    match name {
+        "dy" => Motion::Y,
+        "dz" => Motion::Z,
+        "rx" => Motion::RotX,
+        "ry" => Motion::RotY,
+        "rz" => Motion::RotZ,
+        _ => Motion::X,
+    }
+}

@@ -1,0 +1,154 @@
+//! Features of distributions and images, and their Jacobians: closed forms, identities, and what is
+//! undefined.
+
+use crate::layer;
+use core::f64::consts::FRAC_PI_2;
+use taktil_mechanics::contact::features::{Part, image_features, line_features, width_above};
+use taktil_mechanics::contact::space::jacobian::{Feature, Motion, condition, feature_jacobian};
+use taktil_mechanics::contact::space::pin::Stand;
+use taktil_mechanics::contact::space::scene::{Pose, Scene, Shape};
+use taktil_mechanics::contact::space::sphere::Sphere;
+use taktil_mechanics::contact::space::tactels::{Array, Sampling};
+use taktil_mechanics::contact::space::{Drive, Level};
+
+#[test]
+fn moments_of_a_polygon_are_exact() {
+    // A triangle of height 2 on (1, 3) with its tip at 2: area 2, second moment about 2: 1/3.
+    let (x, s) = ([0.0, 1.0, 2.0, 3.0, 5.0], [0.0, 0.0, -2.0, 0.0, 0.0]);
+    let f = line_features(&x, &s, Part::Full).unwrap();
+    let wanted = [-2.0, -4.0, -2.0 * 4.0 - 1.0 / 3.0, -2.0 * 8.0 - 3.0 * 2.0 / 3.0];
+    for (got, wanted) in f.moments.iter().zip(wanted) {
+        assert!((got - wanted).abs() < 1e-13, "{got} {wanted}");
+    }
+    assert!((f.x_c.unwrap() - 2.0).abs() < 1e-14);
+    assert!((f.x_m.unwrap() - 2.0).abs() < 1e-14);
+    assert!((width_above(&x, &s, 1.0).unwrap().unwrap() - 1.0).abs() < 1e-14);
+    assert_eq!(width_above(&x, &s, 2.0).unwrap(), None);
+    // The vertex of a parabola is found between its samples.
+    let x = [0.0, 0.3, 0.5, 1.0];
+    let s: Vec<f64> = x.iter().map(|x| (x - 0.42) * (x - 0.42) - 1.0).collect();
+    let f = line_features(&x, &s, Part::Compressive).unwrap();
+    assert!((f.x_m.unwrap() - 0.42).abs() < 1e-14 && (f.szz_peak.unwrap() + 1.0).abs() < 1e-14);
+}
+
+#[test]
+fn what_is_undefined_is_absent_and_never_nan() {
+    let x = [0.0, 1.0, 2.0];
+    let none = line_features(&x, &[0.0; 3], Part::Full).unwrap();
+    assert_eq!((none.x_c, none.x_m, none.szz_peak), (None, None, None));
+    let tension = line_features(&x, &[1.0; 3], Part::Compressive).unwrap();
+    assert_eq!((tension.moments, tension.x_c), ([0.0; 4], None));
+    assert!(line_features(&x, &[1.0, f64::NAN, 0.0], Part::Full).is_err());
+    assert!(line_features(&[0.0, 2.0, 1.0], &[0.0; 3], Part::Full).is_err());
+    assert!(line_features(&x[..2], &[0.0; 2], Part::Full).is_err());
+    assert!(line_features(&x, &[0.0; 2], Part::Full).is_err());
+    assert!(width_above(&x, &[-1.0; 3], 0.0).is_err());
+    assert_eq!(width_above(&x, &[-1.0; 3], 0.5).unwrap(), Some(2.0));
+    let array = Array { rows: 2, cols: 2, pitch_mm: 1.0 };
+    let f = image_features(&array, &[0.0; 4], Part::Full).unwrap();
+    assert_eq!((f.xc, f.mu_xx, f.theta_long_rad), (None, None, None));
+    // As much tension as compression has moments, but no centroid.
+    let f = image_features(&array, &[1.0, -1.0, 1.0, -1.0], Part::Full).unwrap();
+    assert_eq!((f.m0, f.xc), (0.0, None));
+    assert!(f.my != 0.0);
+    let f = image_features(&array, &[-1.0; 4], Part::Full).unwrap();
+    assert_eq!((f.xc, f.theta_long_rad), (Some(0.0), None));
+    let f = image_features(&array, &[-1.0, 0.0, -1.0, 0.0], Part::Full).unwrap();
+    assert!((f.theta_long_rad.unwrap() - FRAC_PI_2).abs() < 1e-15);
+    assert!(image_features(&array, &[f64::NAN; 4], Part::Full).is_err());
+    assert!(image_features(&array, &[0.0; 3], Part::Full).is_err());
+}
+
+#[test]
+fn condition_numbers_of_known_matrices() {
+    let some = |values: &[f64]| values.iter().map(|v| Some(*v)).collect::<Vec<_>>();
+    let near = |got: Option<f64>, wanted: f64| (got.unwrap() / wanted - 1.0).abs() < 1e-12;
+    assert!(near(condition(&some(&[3.0, 0.0, 0.0, -0.5]), 2), 6.0));
+    // Singular values of a shear by 1: the golden ratio and its inverse.
+    let golden = 0.5 * (1.0 + 5.0_f64.sqrt());
+    assert!(near(condition(&some(&[1.0, 1.0, 0.0, 1.0]), 2), golden * golden));
+    assert!(near(condition(&some(&[1.0, 0.0, 0.0, 0.0, 2.0, 0.0]), 3), 2.0));
+    assert!(near(condition(&some(&[1.0, 0.0, 0.0, 2.0, 0.0, 0.0]), 2), 2.0));
+    assert_eq!(condition(&some(&[1.0, 2.0, 2.0, 4.0]), 2), None);
+    assert_eq!(condition(&[Some(1.0), None, None, Some(1.0)], 2), None);
+    assert_eq!(condition(&[], 2), None);
+}
+
+fn scene(shape: Shape, array: &Array) -> Scene {
+    Scene::new(&layer(0.8, 0.49), shape, array, Sampling::Area, Level::Default).unwrap()
+}
+
+#[test]
+fn a_spheres_jacobian_is_its_stiffness_and_its_motion() {
+    let wide = Array { rows: 40, cols: 40, pitch_mm: 0.8 };
+    let mut scene = scene(Shape::Sphere { radius_mm: 10.0 }, &wide);
+    let features = [Feature::M0, Feature::Xc, Feature::Yc, Feature::ThetaLong];
+    let motions = [Motion::X, Motion::Y, Motion::Z, Motion::RotX, Motion::RotY, Motion::RotZ];
+    let found =
+        feature_jacobian(&mut scene, Drive::ForceN(5.0), Pose::default(), &features, &motions)
+            .unwrap();
+    // Slope of the force over a small change of penetration, both ways.
+    let mut sphere = Sphere::new(&layer(0.8, 0.49), 10.0, Level::Default).unwrap();
+    let delta = found.touch.penetration_mm.unwrap();
+    let mut force = |delta| sphere.press(Drive::PenetrationMm(delta)).unwrap().force_n;
+    let slope = (force(delta + 1e-5) - force(delta - 1e-5)) / 2e-5;
+    let at = |row: usize, column: usize| found.values[row * 6 + column].unwrap();
+    assert!((at(0, 2) / -slope - 1.0).abs() < 2e-4, "{} {slope}", at(0, 2));
+    assert!((at(1, 0) - 1.0).abs() < 5e-3 && (at(2, 1) - 1.0).abs() < 5e-3, "{found:?}");
+    assert!(at(1, 1).abs() < 1e-6 && at(0, 0).abs() < 1e-3, "{found:?}");
+    for row in 0..3 {
+        for column in 3..6 {
+            assert!(at(row, column).abs() < 1e-9);
+        }
+    }
+    // A sphere's image has no axis, so its derivatives are not there, nor a condition number.
+    assert!(found.values[18..].iter().all(Option::is_none));
+    assert_eq!(found.condition, None);
+}
+
+#[test]
+fn a_pins_jacobian_of_the_thesis_has_four_by_four_entries() {
+    let shape = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(50.0) };
+    let mut scene = scene(shape, &Array::THESIS);
+    let features = [Feature::Xc, Feature::M0, Feature::Mx, Feature::ThetaLong];
+    let motions = [Motion::X, Motion::Z, Motion::RotX, Motion::RotZ];
+    let drive = Drive::PenetrationMm(0.03);
+    let found = feature_jacobian(&mut scene, drive, Pose::default(), &features, &motions).unwrap();
+    let at = |row: usize, column: usize| found.values[row * 4 + column].unwrap();
+    let error = |row: usize, column: usize| found.errors[row * 4 + column].unwrap();
+    // Strips of the same width: slope of force and moment over the array's length.
+    let stiffness = at(1, 1) / 25.4;
+    let cubed = 25.4 * 25.4 * 25.4;
+    assert!((at(2, 2) / (-stiffness * cubed / 12.0) - 1.0).abs() < 0.02, "{found:?}");
+    assert!((at(0, 0) - 1.0).abs() < 0.1, "the image follows the pin: {found:?}");
+    assert!((at(3, 3) - 1.0).abs() < 0.1, "and turns with it: {found:?}");
+    // By symmetry the rest of the columns dx, dz, rx is nought.
+    assert!(at(1, 0).abs() < 1e-4 * at(1, 1).abs() && at(2, 1).abs() < 1e-3 * at(2, 2).abs());
+    for (row, column) in [(0, 0), (1, 1), (2, 2), (3, 3)] {
+        assert!(error(row, column) < 1e-3 * at(row, column).abs(), "{found:?}");
+    }
+    assert!(found.condition.unwrap() > 1e3);
+}
+
+#[test]
+fn a_line_load_has_no_depth_and_a_bar_no_roll() {
+    let stand = Stand { x_mm: 0.2, y_mm: 0.1, rot_rad: 0.0 };
+    let pose = Pose { stand, tilt_rad: 0.0 };
+    let features = [Feature::M0, Feature::ThetaLong, Feature::Xc];
+    let motions = [Motion::X, Motion::Z, Motion::RotY, Motion::RotZ];
+    let mut edge = scene(Shape::Edge { length_mm: Some(10.0) }, &Array::THESIS);
+    let found = feature_jacobian(&mut edge, Drive::ForceN(2.0), pose, &features, &motions).unwrap();
+    assert_eq!(found.values[1], None);
+    // Near the border of two columns a narrow line's image runs ahead of the line, and turns ahead
+    // of it by as much.
+    let ahead = found.values[8].unwrap();
+    assert!(ahead > 1.2, "{found:?}");
+    assert!((found.values[7].unwrap() / ahead - 1.0).abs() < 0.05, "{found:?}");
+    let mut bar = scene(Shape::Bar { width_mm: 4.0, length_mm: Some(12.0) }, &Array::THESIS);
+    let found = feature_jacobian(&mut bar, Drive::ForceN(20.0), pose, &features, &motions).unwrap();
+    assert!(found.values[1].unwrap() < 0.0);
+    assert_eq!(found.values[2], None);
+    assert!((found.values[7].unwrap() - 1.0).abs() < 0.05);
+    let empty = feature_jacobian(&mut bar, Drive::ForceN(20.0), pose, &[], &motions);
+    assert_eq!(empty.expect_err("refused").place, "features");
+}

@@ -1,0 +1,279 @@
+//! Where contact solvers break: incompressible rubber, layers far thinner or thicker than the
+//! contact, one tactel, nothing, off the array, a touch in a point, a thousand makes and breaks,
+//! and numbers that are none.
+
+use crate::{apart, layer, peak};
+use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::space::infinite::Endless;
+use taktil_mechanics::contact::space::pin::{Pin, Profile, Stand};
+use taktil_mechanics::contact::space::radial::Influence;
+use taktil_mechanics::contact::space::scene::{Pose, Scene, Shape};
+use taktil_mechanics::contact::space::sphere::Sphere;
+use taktil_mechanics::contact::space::surface::{Cells, Surface};
+use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
+use taktil_mechanics::contact::space::{Drive, Level};
+
+const PIN: Shape = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(20.0) };
+
+fn scene(layer: &Layer, shape: Shape) -> Scene {
+    Scene::new(layer, shape, &Array::THESIS, Sampling::Area, Level::Default).unwrap()
+}
+
+fn image(scene: &Scene) -> Vec<f64> {
+    let mut image = vec![0.0; scene.array().len()];
+    scene.image(&mut image).unwrap();
+    image
+}
+
+#[test]
+fn incompressible_rubber_is_the_limit_of_nearly_incompressible_rubber() {
+    let press = |nu: f64, shape: Shape, drive: Drive| {
+        let mut scene = scene(&layer(0.8, nu), shape);
+        let touch = scene.press(drive, Pose::default()).unwrap();
+        assert!(touch.residual < 1e-3, "nu {nu}: {touch:?}");
+        (touch.force_n, touch.penetration_mm.unwrap(), image(&scene))
+    };
+    let sphere = Shape::Sphere { radius_mm: 10.0 };
+    for (shape, drive) in [(sphere, Drive::ForceN(5.0)), (PIN, Drive::PenetrationMm(0.02))] {
+        let found = [0.4999, 0.499_999, 0.5].map(|nu| press(nu, shape, drive));
+        let size = peak(&found[2].2);
+        assert!(apart(&found[0].2, &found[2].2) < 5e-3 * size, "{shape:?}");
+        assert!(apart(&found[1].2, &found[2].2) < 5e-5 * size, "{shape:?}");
+        assert!((found[1].0 / found[2].0 - 1.0).abs() < 5e-5, "{shape:?}");
+        assert!((found[1].1 / found[2].1 - 1.0).abs() < 5e-5, "{shape:?}");
+    }
+}
+
+#[test]
+fn layers_a_hundred_times_thinner_and_thicker_than_the_contact() {
+    for nu in [0.3, 0.5] {
+        // Contact radius about 1 mm on 0.01 mm of rubber.
+        let thin = layer(0.01, nu);
+        let mut sphere = Sphere::new(&thin, 200.0, Level::Default).unwrap();
+        let state = sphere.press(Drive::PenetrationMm(0.0015)).unwrap();
+        assert!(state.contact_radius_mm > 75.0 * 0.01, "{state:?}");
+        if nu == 0.3 {
+            // Compressible and thin: springs of the confined modulus.
+            let confined = thin.youngs_mpa * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu));
+            let springs = core::f64::consts::PI * 200.0 * 0.0015 * 0.0015 * confined / 0.01;
+            assert!((state.force_n / springs - 1.0).abs() < 0.05, "{state:?} {springs}");
+        }
+        let mut image = vec![0.0; 256];
+        sphere.image(&Array::THESIS, Sampling::Area, [0.3, 0.4], &mut image).unwrap();
+        let sum = image.iter().sum::<f64>() * 1.5875 * 1.5875;
+        assert!((sum / -state.force_n - 1.0).abs() < 1e-5, "{sum} {state:?}");
+        // Contact radius about 1 mm on 100 mm of rubber.
+        let mut sphere = Sphere::new(&layer(100.0, nu), 10.0, Level::Default).unwrap();
+        let state = sphere.press(Drive::PenetrationMm(0.1)).unwrap();
+        assert!(state.contact_radius_mm < 1.1, "{state:?}");
+        sphere.image(&Array::THESIS, Sampling::Area, [0.0; 2], &mut image).unwrap();
+        assert!(image.iter().all(|value| value.is_finite() && *value < 0.0));
+    }
+    for (t, delta) in [(0.02, 0.001), (50.0, 0.05)] {
+        let profile = Profile::Cylinder { radius_mm: 200.0 };
+        let mut cylinder = Endless::new(&layer(t, 0.49), profile, delta).unwrap();
+        let state = cylinder.press(Drive::PenetrationMm(0.5 * delta)).unwrap();
+        assert!(state.force_n_mm > 0.0 && state.residual < 1e-6, "{state:?}");
+        let mut image = vec![0.0; 256];
+        let stand = Stand { x_mm: 0.2, y_mm: 0.0, rot_rad: 0.4 };
+        cylinder.image(&Array::THESIS, Sampling::Area, stand, &mut image).unwrap();
+        assert!(image.iter().all(|value| value.is_finite()));
+    }
+}
+
+#[test]
+fn a_contact_within_one_tactel_loads_that_tactel() {
+    let layer = layer(0.05, 0.49);
+    let mut sphere = Sphere::new(&layer, 2.0, Level::Default).unwrap();
+    let state = sphere.press(Drive::ForceN(0.05)).unwrap();
+    assert!(state.contact_radius_mm < 0.2, "{state:?}");
+    let place = [Array::THESIS.x_mm(5), Array::THESIS.y_mm(11)];
+    let mut image = vec![0.0; 256];
+    sphere.image(&Array::THESIS, Sampling::Area, place, &mut image).unwrap();
+    let area = 1.5875 * 1.5875;
+    assert!((image[11 * 16 + 5] * area + 0.05).abs() < 1e-6);
+    assert!(image.iter().enumerate().all(|(n, v)| n == 11 * 16 + 5 || v.abs() * area < 1e-7));
+    let one = Array { rows: 1, cols: 1, pitch_mm: 25.4 };
+    let mut image = [0.0];
+    sphere.image(&one, Sampling::Area, place, &mut image).unwrap();
+    assert!((image[0] * 25.4 * 25.4 + 0.05).abs() < 1e-6);
+}
+
+#[test]
+fn nothing_pressed_is_an_empty_image_and_unloading_is_complete() {
+    let layer = layer(0.8, 0.49);
+    let shapes = [
+        Shape::Sphere { radius_mm: 10.0 },
+        PIN,
+        Shape::Cylinder { radius_mm: 23.0, length_mm: None },
+        Shape::Bar { width_mm: 6.0, length_mm: Some(10.0) },
+        Shape::Bar { width_mm: 6.0, length_mm: None },
+    ];
+    for shape in shapes {
+        let mut scene = scene(&layer, shape);
+        for drive in [
+            Drive::ForceN(0.0),
+            Drive::PenetrationMm(0.0),
+            Drive::PenetrationMm(-0.3),
+            Drive::PenetrationMm(0.01),
+            Drive::PenetrationMm(-1e-9),
+            Drive::ForceN(0.0),
+        ] {
+            let touch = scene.press(drive, Pose::default()).unwrap();
+            let pressed = drive == Drive::PenetrationMm(0.01);
+            assert_eq!(touch.force_n > 0.0, pressed, "{shape:?} {drive:?}: {touch:?}");
+            assert_eq!(peak(&image(&scene)) > 0.0, pressed, "{shape:?} {drive:?}");
+        }
+        let pull = scene.press(Drive::ForceN(-1.0), Pose::default()).expect_err("refused");
+        assert_eq!(pull.place, "force_n");
+    }
+}
+
+#[test]
+fn spheres_at_the_arrays_edge_and_off_it() {
+    let mut sphere = Sphere::new(&layer(0.8, 0.49), 10.0, Level::Default).unwrap();
+    sphere.press(Drive::ForceN(5.0)).unwrap();
+    let sum_at = |place: [f64; 2]| {
+        let mut image = vec![0.0; 256];
+        sphere.image(&Array::THESIS, Sampling::Area, place, &mut image).unwrap();
+        assert!(image.iter().all(|value| value.is_finite()));
+        image.iter().sum::<f64>() * 1.5875 * 1.5875
+    };
+    assert!((sum_at([0.0; 2]) + 5.0).abs() < 1e-3);
+    // On the edge the array sees half of it, on the corner a quarter.
+    assert!((sum_at([12.7, 0.0]) + 2.5).abs() < 1e-3);
+    assert!((sum_at([-12.7, 12.7]) + 1.25).abs() < 1e-3);
+    assert!(sum_at([20.0, 0.0]).abs() < 0.05);
+    assert!(sum_at([1e6, -1e9]).abs() < 1e-9);
+    sphere.press(Drive::ForceN(5.0)).unwrap();
+    let shares = Influence::new(&layer(0.8, 0.49))
+        .and_then(|i| Shares::new(&i, &Array::THESIS, Sampling::Area, Fineness::DEFAULT))
+        .unwrap();
+    let mut image = vec![0.0; 256];
+    for bad in [f64::NAN, f64::INFINITY, 1e300, -1e300] {
+        shares.add(&mut image, [bad, 0.0], 1.0);
+        shares.add(&mut image, [0.0, bad], 1.0);
+    }
+    shares.add(&mut image, [0.0; 2], f64::NAN);
+    shares.add(&mut [], [0.0; 2], 1.0);
+    assert_eq!(peak(&image), 0.0);
+    shares.add(&mut image, [0.0; 2], 1.0);
+    assert!((image.iter().sum::<f64>() * 1.5875 * 1.5875 + 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn a_pin_tilted_until_it_touches_in_a_point() {
+    let mut scene = scene(&layer(0.8, 0.49), PIN);
+    let mut before = f64::INFINITY;
+    // The origin lifts while the end stays 0.02 mm deep.
+    for tilt_rad in [0.0, 0.001, 0.002, 0.005, 0.01, 0.03, 0.1] {
+        let lowest = 10.0 * libm::tan(tilt_rad);
+        let drive = Drive::PenetrationMm(0.02 - lowest);
+        let touch = scene.press(drive, Pose { tilt_rad, ..Pose::default() }).unwrap();
+        assert!(touch.force_n > 0.0 && touch.force_n < before, "{tilt_rad}: {touch:?}");
+        before = touch.force_n;
+        let image = image(&scene);
+        assert!(image.iter().all(|value| value.is_finite()), "{tilt_rad}");
+    }
+    // By then it is the corner of the end that touches: a hundredth of the pin's force.
+    let whole = scene.press(Drive::PenetrationMm(0.02), Pose::default()).unwrap().force_n;
+    assert!(before < 0.02 * whole, "{before} {whole}");
+    let drive = Drive::PenetrationMm(-1.1);
+    let touch = scene.press(drive, Pose { tilt_rad: 0.1, ..Pose::default() }).unwrap();
+    assert_eq!(touch.force_n, 0.0);
+    let steep = scene.press(drive, Pose { tilt_rad: 0.3, ..Pose::default() });
+    assert_eq!(steep.expect_err("refused").place, "tilt_rad");
+}
+
+#[test]
+fn a_thousand_makes_and_breaks_end_where_a_cold_start_ends() {
+    let layer = layer(0.8, 0.49);
+    let profile = Profile::Cylinder { radius_mm: 23.0 };
+    let make = || Pin::new(&layer, profile, [-6.0, 6.0], 0.1, Level::Fast).unwrap();
+    let mut warm = make();
+    let mut seed = 7_u64;
+    let mut draw = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (seed >> 33) as f64 / (1_u64 << 31) as f64
+    };
+    for n in 0..1000 {
+        let delta = 0.08 * draw() - 0.02;
+        let tilt = 0.004 * draw() - 0.002;
+        let by_force = n % 5 == 4;
+        let drive =
+            if by_force { Drive::ForceN(60.0 * draw()) } else { Drive::PenetrationMm(delta) };
+        let state = warm.press(drive, tilt).unwrap_or_else(|error| panic!("{n}: {error}"));
+        if n % 50 != 0 {
+            continue;
+        }
+        let cold = make().press(drive, tilt).unwrap();
+        let off = (state.force_n - cold.force_n).abs();
+        assert!(off < 5e-3 * cold.force_n + 1e-9, "{n}: {state:?} {cold:?}");
+    }
+    let mut sphere = Sphere::new(&layer, 10.0, Level::Fast).unwrap();
+    for n in 0..1000 {
+        let force = if n % 2 == 0 { 20.0 * draw() } else { 0.0 };
+        assert!((sphere.press(Drive::ForceN(force)).unwrap().force_n - force).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn what_is_no_number_is_refused_and_leaves_no_contact() {
+    let layer = layer(0.8, 0.49);
+    let mut scene = scene(&layer, PIN);
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        for drive in [Drive::ForceN(bad), Drive::PenetrationMm(bad)] {
+            scene.press(Drive::PenetrationMm(0.02), Pose::default()).unwrap();
+            assert!(scene.press(drive, Pose::default()).is_err(), "{drive:?}");
+            assert_eq!(peak(&image(&scene)), 0.0);
+        }
+        let stand = Stand { x_mm: bad, ..Stand::default() };
+        let pose = Pose { stand, tilt_rad: 0.0 };
+        assert_eq!(scene.press(Drive::ForceN(1.0), pose).expect_err("refused").place, "x_mm");
+        let pose = Pose { tilt_rad: bad, ..Pose::default() };
+        assert_eq!(scene.press(Drive::ForceN(1.0), pose).expect_err("refused").place, "tilt_rad");
+    }
+    for huge in [1e6, 1e30, 1e300] {
+        assert_eq!(
+            scene.press(Drive::ForceN(huge), Pose::default()).expect_err("refused").place,
+            "force_n"
+        );
+        assert!(scene.press(Drive::PenetrationMm(huge), Pose::default()).is_err());
+    }
+    // And after all that it still works.
+    assert!(scene.press(Drive::ForceN(10.0), Pose::default()).is_ok());
+    for (rows, cols, pitch_mm) in
+        [(0, 16, 1.0), (16, 0, 1.0), (16, 16, f64::NAN), (1 << 11, 1 << 11, 1.0)]
+    {
+        let array = Array { rows, cols, pitch_mm };
+        assert!(Scene::new(&layer, PIN, &array, Sampling::Area, Level::Fast).is_err());
+    }
+    for radius_mm in [0.0, -1.0, f64::NAN] {
+        let shape = Shape::Sphere { radius_mm };
+        let refused = Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, Level::Fast);
+        assert_eq!(refused.expect_err("refused").place, "radius_mm");
+    }
+}
+
+#[test]
+fn cells_refuse_what_they_cannot_resolve() {
+    let influence = Influence::new(&layer(0.8, 0.49)).unwrap();
+    let cells = |columns, spacing_mm| Cells { columns, rows: 16, spacing_mm };
+    assert_eq!(Surface::new(&influence, &cells(16, 0.5)).expect_err("").place, "spacing_mm");
+    assert_eq!(Surface::new(&influence, &cells(3, 0.1)).expect_err("").place, "columns");
+    assert_eq!(Surface::new(&influence, &cells(9999, 0.1)).expect_err("").place, "columns");
+    let mut surface = Surface::new(&influence, &cells(16, 0.1)).unwrap();
+    let flat = vec![0.0; 256];
+    let border = surface.press(&flat, Drive::PenetrationMm(0.01)).expect_err("refused");
+    assert_eq!(border.place, "columns");
+    assert_eq!(peak(surface.pressure_mpa()), 0.0);
+    assert!(surface.press(&flat[..9], Drive::PenetrationMm(0.01)).is_err());
+    assert!(surface.press(&[f64::NAN; 256], Drive::PenetrationMm(0.01)).is_err());
+    assert!(surface.press(&[f64::INFINITY; 256], Drive::PenetrationMm(0.01)).is_err());
+    // A body of one cell.
+    let mut heights = vec![f64::INFINITY; 256];
+    heights[8 * 16 + 8] = 0.0;
+    let state = surface.press(&heights, Drive::ForceN(0.01)).unwrap();
+    assert!((state.force_n - 0.01).abs() < 1e-12 && state.area_mm2 < 0.011, "{state:?}");
+    assert_eq!(surface.press(&heights, Drive::ForceN(0.0)).unwrap().force_n, 0.0);
+}
