@@ -4,4 +4,5 @@
 mod ask;
 mod goldens;
 mod refusals;
+mod space;
 mod touch;

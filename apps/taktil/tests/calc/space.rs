@@ -1,0 +1,189 @@
+//! Contact in three dimensions through the filter: reference images, features, Jacobians, and one
+//! error line for each thing that cannot be.
+
+use serde_json::{Value, json};
+
+use crate::ask::{Table, ask, ask_text, flat};
+
+fn request(table: &Table, row: usize) -> Value {
+    let number = |name: &str| table.number(row, name);
+    let (x, y) = (number("x0"), number("y0"));
+    let radius = number("R_mm");
+    let rot = number("rot_deg").to_radians();
+    let mut request = json!({
+        "op": "contact_3d", "t_mm": number("t_mm"), "nu": number("nu"),
+        "sampling": if table.word(row, "sampling") == "average" { "area" } else { "centre" },
+    });
+    match table.word(row, "shape") {
+        "sphere" => {
+            request["shape"] = json!({"sphere": {"radius_mm": radius, "x_mm": x, "y_mm": y}});
+            request["force_n"] = json!(number("F_or_P"));
+        }
+        "inf_cylinder" => {
+            request["shape"] =
+                json!({"cylinder": {"radius_mm": radius, "x_mm": x, "y_mm": y, "rot_rad": rot}});
+            request["force_n"] = json!(number("F_or_P"));
+        }
+        _ => {
+            request["shape"] = json!({"cylinder": {
+                "radius_mm": radius, "length_mm": number("L_mm"), "x_mm": x, "y_mm": y,
+                "rot_rad": rot, "tilt_rad": number("tilt_rad"),
+            }});
+            request["penetration_mm"] = json!(number("delta_mm"));
+        }
+    }
+    request
+}
+
+#[test]
+fn every_reference_contact_comes_out_of_the_filter() {
+    let table = Table::read("contact/tactile3d_features.csv", 52);
+    let requests: Vec<Value> = (0..table.len()).map(|row| request(&table, row)).collect();
+    for (row, answer) in ask(&requests).iter().enumerate() {
+        let name = format!("{} {}", table.word(row, "case"), table.word(row, "sampling"));
+        assert_eq!(flat(&answer["image"]).len(), 256, "{name}");
+        let pin = table.word(row, "shape") == "cylinder";
+        let bar = if pin { 1e-3 } else { 1e-7 };
+        let near = |got: f64, wanted: f64, bar: f64| {
+            assert!((got / wanted - 1.0).abs() < bar, "{name}: {got} for {wanted}");
+        };
+        near(answer["force_n"].as_f64().unwrap(), table.number(row, "F_or_P"), bar);
+        near(answer["delta_mm"].as_f64().unwrap(), table.number(row, "delta_mm"), bar);
+        assert!(answer["residual"].as_f64().unwrap() < 2e-4, "{name}");
+        // Sums over the image; the short pin's ends are the reference's own error.
+        let short = pin && table.number(row, "L_mm") < 20.0;
+        let bar = if short { 6e-3 } else { 5e-4 };
+        for column in ["M0", "M0_c"] {
+            let got = answer["features"][column].as_f64().unwrap();
+            near(got, table.number(row, column), bar);
+        }
+        for column in ["xc", "yc", "xc_c", "yc_c"] {
+            let off = answer["features"][column].as_f64().unwrap() - table.number(row, column);
+            assert!(off.abs() < if short { 5e-3 } else { 1e-3 }, "{name} {column}: {off}");
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
+    let good = json!({
+        "op": "contact_3d", "shape": {"sphere": {"radius_mm": 10}}, "t_mm": 0.8, "nu": 0.49,
+        "force_n": 5, "rows": 2, "cols": 2,
+    });
+    let with = |key: &str, value: Value| {
+        let mut request = good.clone();
+        request[key] = value;
+        request
+    };
+    let both = with("penetration_mm", json!(0.01));
+    let bad = [
+        (with("shape", json!({"cone": {}})), "unknown_field", "shape.cone"),
+        (with("shape", json!({})), "wrong_type", "shape"),
+        (with("shape", json!({"sphere": {}})), "missing_field", "shape.sphere.radius_mm"),
+        (
+            with("shape", json!({"sphere": {"radius_mm": -1}})),
+            "out_of_range",
+            "shape.sphere.radius_mm",
+        ),
+        (with("t_mm", json!(-0.8)), "out_of_range", "t_mm"),
+        (with("nu", json!(0.500_001)), "out_of_range", "nu"),
+        (with("nu", json!(0.0)), "out_of_range", "nu"),
+        (with("youngs_mpa", json!(0)), "out_of_range", "youngs_mpa"),
+        (with("force_n", json!(1e9)), "out_of_range", "force_n"),
+        (with("force_n", json!(-1)), "out_of_range", "force_n"),
+        (with("pitch_mm", json!(0)), "out_of_range", "pitch_mm"),
+        (with("sampling", json!("mean")), "unknown_value", "sampling"),
+        (with("level", json!("best")), "unknown_value", "level"),
+        (with("shape", json!({"edge": {"tilt_rad": 0.1}})), "unknown_field", "shape.edge.tilt_rad"),
+        (both, "missing_field", "force_n"),
+        (
+            json!({"op": "contact_3d", "shape": {"edge": {}}, "t_mm": 0.8, "nu": 0.49,
+                "penetration_mm": 0.1}),
+            "out_of_range",
+            "penetration_mm",
+        ),
+        (
+            json!({"op": "contact_3d", "t_mm": 0.8, "nu": 0.49, "penetration_mm": 0.01,
+                "shape": {"cylinder": {"radius_mm": 9, "length_mm": 9, "tilt_rad": 0.5}}}),
+            "out_of_range",
+            "shape.cylinder.tilt_rad",
+        ),
+        (
+            json!({"op": "feature_jacobian", "contact": with("nu", json!(0.6))}),
+            "out_of_range",
+            "contact.nu",
+        ),
+        (json!({"op": "feature_jacobian", "contact": {"op": "fk"}}), "unknown_op", "contact.op"),
+        (
+            json!({"op": "feature_jacobian", "contact": good, "motions": ["dx", "up"]}),
+            "unknown_value",
+            "motions[1]",
+        ),
+        (
+            json!({"op": "feature_jacobian", "contact": good, "features": []}),
+            "out_of_range",
+            "features",
+        ),
+    ];
+    let mut text = String::new();
+    for (request, _, _) in &bad {
+        text.push_str(&format!("{request}\n{good}\n"));
+    }
+    let answers = ask_text(text.as_bytes());
+    assert_eq!(answers.len(), 2 * bad.len());
+    for ((request, code, field), pair) in bad.iter().zip(answers.chunks_exact(2)) {
+        let error = &pair[0]["error"];
+        let found = (error["code"].as_str().unwrap_or(""), error["field"].as_str().unwrap_or(""));
+        assert_eq!(found, (*code, *field), "{request}: {}", pair[0]);
+        assert_eq!(pair[1]["ok"], true);
+    }
+}
+
+#[test]
+fn nothing_pressed_has_no_centroid_and_tables_do_not_tick() {
+    let mut request = json!({
+        "op": "contact_3d", "shape": {"cylinder": {"radius_mm": 23, "length_mm": 10}},
+        "t_mm": 0.8, "nu": 0.49, "penetration_mm": -0.1, "rows": 3, "cols": 5,
+    });
+    let empty = &ask(&[request.clone()])[0];
+    assert_eq!(flat(&empty["image"]), vec![0.0; 15]);
+    assert_eq!(empty["features"]["xc"], Value::Null);
+    assert_eq!(empty["force_n"], 0.0);
+    request["penetration_mm"] = json!(0.02);
+    request["timing"] = json!(true);
+    request["repeat"] = json!(3);
+    for start in ["cold", "warm"] {
+        request["start"] = json!(start);
+        let answer = &ask(&[request.clone()])[0];
+        assert!(answer["ns"].as_u64().unwrap() > 0);
+        assert!(answer["force_n"].as_f64().unwrap() > 1.0);
+    }
+}
+
+#[test]
+fn a_jacobian_of_the_thesis_through_the_filter() {
+    let contact = json!({
+        "shape": {"cylinder": {"radius_mm": 23, "length_mm": 50}}, "t_mm": 0.8, "nu": 0.49,
+        "penetration_mm": 0.03,
+    });
+    let six = json!(["dx", "dy", "dz", "rx", "ry", "rz"]);
+    let answers = ask(&[
+        json!({"op": "feature_jacobian", "contact": contact}),
+        json!({"op": "feature_jacobian", "contact": contact, "features": ["m0", "x_c"],
+            "motions": six}),
+        json!({"op": "feature_jacobian", "motions": ["dx", "dz"], "features": ["M0", "xc"],
+            "contact": {"shape": {"edge": {}}, "t_mm": 0.8, "nu": 0.49, "force_n": 1}}),
+    ]);
+    let j = flat(&answers[0]["j"]);
+    assert_eq!(j.len(), 16);
+    assert!(answers[0]["condition"].as_f64().unwrap() > 1e3);
+    let error = flat(&answers[0]["error_estimate"]);
+    assert!(error[5] < 1e-3 * j[5].abs());
+    let wide = flat(&answers[1]["j"]);
+    assert_eq!(wide.len(), 12);
+    assert!((wide[2] / j[5] - 1.0).abs() < 1e-3, "dM0/dz is the same in both");
+    // A line load sinks without end: its depth has no derivative.
+    assert_eq!(answers[2]["j"][1], Value::Null);
+    assert_eq!(answers[2]["condition"], Value::Null);
+    assert!(answers[2]["j"][2].as_f64().unwrap() > 0.5);
+}

@@ -1,0 +1,61 @@
+//! Contact in three dimensions inside a lane: pressing and taking images makes no heap call once
+//! its tables stand, warm or cold. Refuses to judge how long it takes.
+
+use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::space::infinite::Endless;
+use taktil_mechanics::contact::space::pin::{Pin, Profile, Stand};
+use taktil_mechanics::contact::space::radial::Influence;
+use taktil_mechanics::contact::space::sphere::Sphere;
+use taktil_mechanics::contact::space::surface::{Cells, Surface};
+use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
+use taktil_mechanics::contact::space::{Drive, Level};
+use taktil_rtcore::guard::{self, CountingAllocator};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// Forces of a contact that comes, stays, goes and comes again, N.
+const FORCES: [f64; 7] = [5.0, 5.1, 20.0, 0.0, 0.3, 40.0, 4.0];
+
+#[test]
+fn pressing_and_imaging_make_no_heap_call() {
+    let layer = Layer::new(0.8, 27.58, 0.49).unwrap();
+    let influence = Influence::new(&layer).unwrap();
+    let shares = Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::FAST).unwrap();
+    let cylinder = Profile::Cylinder { radius_mm: 23.0 };
+    let mut pin = Pin::new(&layer, cylinder, [-15.0, 15.0], 0.1, Level::Fast).unwrap();
+    let bar = Profile::Bar { width_mm: 4.0 };
+    let mut bar = Pin::new(&layer, bar, [-5.0, 5.0], 0.1, Level::Fast).unwrap();
+    let mut endless = Endless::new(&layer, cylinder, 0.2).unwrap();
+    let mut sphere = Sphere::new(&layer, 10.0, Level::Default).unwrap();
+    let cells = Cells { columns: 48, rows: 48, spacing_mm: 0.1 };
+    let mut surface = Surface::new(&influence, &cells).unwrap();
+    let heights: Vec<f64> = (0..48 * 48)
+        .map(|cell| {
+            let [x, y] = cells.place_mm(cell);
+            10.0 - (100.0 - x * x - y * y).sqrt()
+        })
+        .collect();
+    let mut image = vec![0.0; Array::THESIS.len()];
+    for (n, force) in FORCES.into_iter().enumerate() {
+        let tilt = 1e-3 * (n as f64 - 2.0);
+        let stand = Stand { x_mm: 0.3, y_mm: 0.1 * n as f64, rot_rad: 0.2 };
+        let ((), calls) = guard::guarded(|| {
+            image.fill(0.0);
+            pin.press(Drive::ForceN(force), tilt).unwrap();
+            pin.image(&shares, stand, &mut image);
+            bar.press(Drive::ForceN(force), 0.01 * tilt).unwrap();
+            bar.image(&shares, stand, &mut image);
+            surface.press(&heights, Drive::ForceN(force)).unwrap();
+            surface.image(&shares, [0.3, 0.2], &mut image);
+            endless.press(Drive::ForceN(0.1 * force)).unwrap();
+            endless.image(&Array::THESIS, Sampling::Area, stand, &mut image).unwrap();
+            sphere.press(Drive::ForceN(force)).unwrap();
+            sphere.image(&Array::THESIS, Sampling::Area, [1.0, 2.0], &mut image).unwrap();
+        });
+        assert_eq!(calls, 0, "force {force}");
+    }
+    assert!(guard::installed());
+    let ((), calls) = guard::guarded(|| drop(std::hint::black_box(vec![1.0; 9])));
+    assert!(calls > 0, "the guard counts");
+}
