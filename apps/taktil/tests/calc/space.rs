@@ -64,12 +64,33 @@ fn every_reference_contact_comes_out_of_the_filter() {
     }
 }
 
-#[test]
-fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
-    let good = json!({
+/// A request that can be answered.
+fn good() -> Value {
+    json!({
         "op": "contact_3d", "shape": {"sphere": {"radius_mm": 10}}, "t_mm": 0.8, "nu": 0.49,
         "force_n": 5, "rows": 2, "cols": 2,
-    });
+    })
+}
+
+/// Each request is refused with this code and field, and the good one after it is answered.
+fn all_refused(good: &Value, bad: &[(Value, &str, &str)]) {
+    let mut text = String::new();
+    for (request, _, _) in bad {
+        text.push_str(&format!("{request}\n{good}\n"));
+    }
+    let answers = ask_text(text.as_bytes());
+    assert_eq!(answers.len(), 2 * bad.len());
+    for ((request, code, field), pair) in bad.iter().zip(answers.chunks_exact(2)) {
+        let error = &pair[0]["error"];
+        let found = (error["code"].as_str().unwrap_or(""), error["field"].as_str().unwrap_or(""));
+        assert_eq!(found, (*code, *field), "{request}: {}", pair[0]);
+        assert_eq!(pair[1]["ok"], true);
+    }
+}
+
+#[test]
+fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
+    let good = good();
     let with = |key: &str, value: Value| {
         let mut request = good.clone();
         request[key] = value;
@@ -108,11 +129,17 @@ fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
             "out_of_range",
             "shape.cylinder.tilt_rad",
         ),
-        (
-            json!({"op": "feature_jacobian", "contact": with("nu", json!(0.6))}),
-            "out_of_range",
-            "contact.nu",
-        ),
+    ];
+    all_refused(&good, &bad);
+}
+
+#[test]
+fn jacobians_that_cannot_be_are_refused() {
+    let good = good();
+    let mut wrong = good.clone();
+    wrong["nu"] = json!(0.6);
+    let bad = [
+        (json!({"op": "feature_jacobian", "contact": wrong}), "out_of_range", "contact.nu"),
         (json!({"op": "feature_jacobian", "contact": {"op": "fk"}}), "unknown_op", "contact.op"),
         (
             json!({"op": "feature_jacobian", "contact": good, "motions": ["dx", "up"]}),
@@ -125,18 +152,7 @@ fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
             "features",
         ),
     ];
-    let mut text = String::new();
-    for (request, _, _) in &bad {
-        text.push_str(&format!("{request}\n{good}\n"));
-    }
-    let answers = ask_text(text.as_bytes());
-    assert_eq!(answers.len(), 2 * bad.len());
-    for ((request, code, field), pair) in bad.iter().zip(answers.chunks_exact(2)) {
-        let error = &pair[0]["error"];
-        let found = (error["code"].as_str().unwrap_or(""), error["field"].as_str().unwrap_or(""));
-        assert_eq!(found, (*code, *field), "{request}: {}", pair[0]);
-        assert_eq!(pair[1]["ok"], true);
-    }
+    all_refused(&good, &bad);
 }
 
 #[test]
