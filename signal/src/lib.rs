@@ -10,5 +10,5 @@ pub mod state;
 pub mod touch;
 
 pub use motion::{Applied, Desired, Goal, JointState, Lines, MoveCheck, Torque};
-pub use state::{ControlState, Request, State, Verb};
+pub use state::{ControlState, JogCommand, JogFrame, Request, State, Verb};
 pub use touch::{Features, MAX_TACTELS, TactileImage, defined};

@@ -154,6 +154,52 @@ payload! {
     }
 }
 
+/// The axes that a jog is along or about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u32)]
+pub enum JogFrame {
+    /// The six joints.
+    #[default]
+    Joints = 0,
+    /// The axes of the base, at the tool point: three translations, three turns.
+    Base = 1,
+    /// The axes of the tool.
+    Tool = 2,
+}
+
+impl JogFrame {
+    /// Every frame.
+    pub const ALL: [JogFrame; 3] = [JogFrame::Joints, JogFrame::Base, JogFrame::Tool];
+
+    /// The frame with this number.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<JogFrame> {
+        JogFrame::ALL.get(code as usize).copied()
+    }
+
+    /// The name as it stands in a scene's script.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            JogFrame::Joints => "joints",
+            JogFrame::Base => "base",
+            JogFrame::Tool => "tool",
+        }
+    }
+}
+
+payload! {
+    /// The keys that an operator holds. Hold to run: whoever holds them says so again and again.
+    pub struct JogCommand {
+        /// How far each axis is pushed, -1 to 1; 0 is released.
+        pub axes: [f64; 6],
+        /// A [`JogFrame`].
+        pub frame: u32,
+        /// Increases as long as the keys are seen to be held; when it stands still the motion ends.
+        pub sequence: u32,
+    }
+}
+
 payload! {
     /// What the supervisor decided.
     pub struct ControlState {

@@ -137,7 +137,8 @@ pub(crate) fn tactel_middle_m(index: usize) -> f64 {
     (index as f64 - 0.5 * (SLICES - 1) as f64) * PITCH_M
 }
 
-/// Slices at the pad's rows. A pin across the rows has none.
+/// Slices at the pad's rows. A pin across the rows has none, and neither has one whose middle is
+/// behind the face: the plane of the face goes on for ever, the finger does not.
 pub(crate) fn strips_of_pad(line: &Line, pad: &Pose, pin_length_m: f64) -> [Strip; SLICES] {
     let mut strips = [Strip::default(); SLICES];
     let (x_axis, y_axis) = (pad.rotation.x_axis, pad.rotation.y_axis);
@@ -150,12 +151,15 @@ pub(crate) fn strips_of_pad(line: &Line, pad: &Pose, pin_length_m: f64) -> [Stri
     let (per_y, dx) = (1.0 / per_row, line.axis.dot(x_axis));
     let width_m = PITCH_M * per_y.abs();
     let (per_width, half) = (1.0 / width_m, 0.5 * pin_length_m);
+    let behind_m = -line.radius.length();
     for (row, strip) in strips.iter_mut().enumerate() {
         let s_m = (tactel_middle_m(row) - y0) * per_y;
         let x_m = x0 + s_m * dx;
         let on_pin = ((half - s_m.abs()) * per_width + 0.5).clamp(0.0, 1.0);
         let on_pad = ((PAD_HALF_M - x_m.abs()) * (1.0 / EDGE_M)).clamp(0.0, 1.0);
-        *strip = Strip { s_m, width_m, cover: on_pin * on_pad, x_m };
+        let before = linear(line.height, s_m) > behind_m;
+        let cover = if before { on_pin * on_pad } else { 0.0 };
+        *strip = Strip { s_m, width_m, cover, x_m };
     }
     strips
 }

@@ -25,6 +25,8 @@ pub struct MachineConfig {
     pub setpoint: Option<taktil_tasks_setpoint::Config>,
     /// Position servo.
     pub joint_servo: Option<taktil_tasks_joint_servo::Config>,
+    /// Motion by hand.
+    pub jog: Option<taktil_tasks_jog::Config>,
     /// Programmed moves.
     pub trajectory: Option<taktil_tasks_trajectory::Config>,
     /// Tactile frames to images.
@@ -237,6 +239,7 @@ impl MachineConfig {
             actuate: over.actuate.or(self.actuate),
             setpoint: over.setpoint.or(self.setpoint),
             joint_servo: over.joint_servo.or(self.joint_servo),
+            jog: over.jog.or(self.jog),
             trajectory: over.trajectory.or(self.trajectory),
             tactile_scan: over.tactile_scan.or(self.tactile_scan),
             tactile_servo: over.tactile_servo.or(self.tactile_servo),

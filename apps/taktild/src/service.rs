@@ -15,7 +15,7 @@ use taktil_rtcore::contract::Item;
 use taktil_rtcore::live::{self, Attestation, Audience, Contract, Hang, Pace, Terms};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Machine, Nanos, Output, Ports, Task};
-use taktil_signal::Request;
+use taktil_signal::{JogCommand, Request};
 
 use crate::config::MachineConfig;
 use crate::contract::ContractConfig;
@@ -56,11 +56,19 @@ pub struct Service {
 /// An operator who never asks for anything.
 struct Nobody {
     request: Output<Request>,
+    jog: Output<JogCommand>,
+}
+
+impl Nobody {
+    fn new(ports: &mut Ports) -> Nobody {
+        Nobody { request: ports.output("request"), jog: ports.output("jog") }
+    }
 }
 
 impl Task for Nobody {
     fn step(&mut self, _cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         io.write(&self.request, Request::default());
+        io.write(&self.jog, JogCommand::default());
         Ok(())
     }
 }
@@ -72,13 +80,11 @@ impl Service {
     /// # Errors
     /// Anything wrong, located in the file where it stands.
     pub fn load(path: &Path) -> Result<Service, Located> {
-        Service::with_operator(
-            path,
-            Box::new(|ports: &mut Ports| Ok(Box::new(Nobody { request: ports.output("request") }))),
-        )
+        Service::with_operator(path, Box::new(|ports: &mut Ports| Ok(Box::new(Nobody::new(ports)))))
     }
 
-    /// As [`Service::load`], with somebody who asks: a task that writes `operator.request`.
+    /// As [`Service::load`], with somebody who asks: a task that writes `operator.request` and
+    /// `operator.jog`.
     ///
     /// # Errors
     /// As [`Service::load`].

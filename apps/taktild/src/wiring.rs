@@ -6,6 +6,7 @@ use taktil_hal::{AnalogIn, Devices, ForceTorque};
 use taktil_hal::{AnalogOut, DigitalIn, DigitalOut, Encoders, TactileArray};
 use taktil_rtcore::{Builder, Invalid, Nanos, Ports, Task};
 use taktil_tasks_actuate::Actuate;
+use taktil_tasks_jog::Jog;
 use taktil_tasks_joint_servo::JointServo;
 use taktil_tasks_sense::Sense;
 use taktil_tasks_setpoint::Setpoint;
@@ -92,10 +93,11 @@ pub fn assemble(
 }
 
 /// The names that a lane's `tasks` may hold.
-pub const TASKS: [&str; 9] = [
+pub const TASKS: [&str; 10] = [
     "operator",
     "sense",
     "supervisor",
+    "jog",
     "trajectory",
     "tactile_servo",
     "setpoint",
@@ -133,6 +135,7 @@ fn make(
         "supervisor" => {
             Supervisor::new(config.supervisor.clone().unwrap_or_default(), ports).map(boxed)
         }
+        "jog" => Jog::new(config.jog.clone().unwrap_or_default(), ports).map(boxed),
         "trajectory" => {
             Trajectory::new(config.trajectory.clone().unwrap_or_default(), ports).map(boxed)
         }

@@ -5,8 +5,9 @@
 //!   mode without torque ──> desired := measured
 //!   STOPPING ────────────> slow down to rest
 //!   any other mode:
-//!     START, IDLE, MANUAL ───────────> slow down to rest, hold
-//!     TRAJECTORY, TRAJECTORY/USER ───> goal of the trajectory ─┐  none, stale, refused:
+//!     START, IDLE ───────────────────> slow down to rest, hold
+//!     MANUAL ────────────────────────> goal of the jog ────────┐
+//!     TRAJECTORY, TRAJECTORY/USER ───> goal of the trajectory ─┤  none, stale, refused:
 //!     TACTILE-SERVO ─────────────────> goal of the tactile servo ┴> slow down to rest, hold
 //! ```
 
@@ -22,18 +23,20 @@ pub const STEP_MARGIN: f64 = 1.5;
 pub enum Source {
     /// Nobody: stand still.
     Hold,
+    /// The goal of `jog`.
+    Jog,
     /// The goal of `trajectory`.
     Trajectory,
     /// The goal of `tactile_servo`.
     Tactile,
 }
 
-/// The source of each state. The MANUAL states hold: jogging is no source yet.
+/// The source of each state.
 #[must_use]
 pub const fn source(state: State) -> Source {
     match state {
         State::Start | State::IdleUncalibrated | State::IdleCalibrated => Source::Hold,
-        State::ManualUncalibrated | State::ManualJoint | State::ManualCartesian => Source::Hold,
+        State::ManualUncalibrated | State::ManualJoint | State::ManualCartesian => Source::Jog,
         State::Trajectory | State::TrajectoryUser => Source::Trajectory,
         State::TactileServo => Source::Tactile,
     }
@@ -65,6 +68,8 @@ pub struct Facts {
     pub state: State,
     /// Whether torque may flow.
     pub mode: Mode,
+    /// Goal of the jog, unless absent or stale.
+    pub jog: Option<Goal>,
     /// Goal of the trajectory, unless absent or stale.
     pub trajectory: Option<Goal>,
     /// Goal of the tactile servo, unless absent or stale.
@@ -124,6 +129,7 @@ impl Law {
                 if facts.mode == Mode::Stopping { Source::Hold } else { source(facts.state) };
             let goal = match source {
                 Source::Hold => None,
+                Source::Jog => facts.jog,
                 Source::Trajectory => facts.trajectory,
                 Source::Tactile => facts.tactile,
             };

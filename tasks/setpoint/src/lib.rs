@@ -100,13 +100,15 @@ pub struct Setpoint {
     last: Option<Nanos>,
     control: Input<ControlState>,
     joints: Input<JointState>,
+    jog: Input<Goal>,
     trajectory: Input<Goal>,
     tactile: Input<Goal>,
     desired: Output<Desired>,
 }
 
 impl Setpoint {
-    /// Declares the ports: in `control`, `joints`, `trajectory`, `tactile`, out `desired`.
+    /// Declares the ports: in `control`, `joints`, `jog`, `trajectory`, `tactile`, out
+    /// `desired`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses.
@@ -126,6 +128,7 @@ impl Setpoint {
             last: None,
             control: ports.input("control"),
             joints: ports.input("joints"),
+            jog: ports.input_within("jog", stale),
             trajectory: ports.input_within("trajectory", stale),
             tactile: ports.input_within("tactile", stale),
             desired: ports.output("desired"),
@@ -150,6 +153,7 @@ impl Task for Setpoint {
         self.last = Some(cycle.release);
         let control = io.read(&self.control).value;
         let joints = io.read(&self.joints).usable();
+        let jog = io.read(&self.jog).usable();
         let trajectory = io.read(&self.trajectory).usable();
         let tactile = io.read(&self.tactile).usable();
         let Some(measured) = joints else {
@@ -160,6 +164,7 @@ impl Task for Setpoint {
             measured,
             state: State::from_code(control.state).unwrap_or(State::Start),
             mode: u8::try_from(control.mode).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault),
+            jog,
             trajectory,
             tactile,
             dt_s: elapsed.as_secs_f64(),

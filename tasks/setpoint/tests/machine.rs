@@ -45,6 +45,7 @@ struct Others {
     joints: Output<JointState>,
     trajectory: Output<Goal>,
     tactile: Output<Goal>,
+    _jog: Output<Goal>,
 }
 
 impl Task for Others {
@@ -69,8 +70,8 @@ struct Seen(Vec<Desired>);
 
 impl Observer for Seen {
     fn record(&mut self, record: &Record<'_>) {
-        // Signals in order: servo.health, four of `others`, setpoint.desired.
-        if record.signal == 5 {
+        // Signals in order: servo.health, five of `others`, setpoint.desired.
+        if record.signal == 6 {
             self.0.extend(Desired::decode(record.body));
         }
     }
@@ -88,6 +89,7 @@ fn run(script: fn(u64) -> Before) -> (Vec<Desired>, Vec<FaultCode>) {
                 joints: ports.output("joints"),
                 trajectory: ports.output("trajectory"),
                 tactile: ports.output("tactile"),
+                _jog: ports.output("jog"),
             }))
         })
         .unwrap();
@@ -97,6 +99,8 @@ fn run(script: fn(u64) -> Before) -> (Vec<Desired>, Vec<FaultCode>) {
     for port in ["control", "joints", "trajectory", "tactile"] {
         builder.bind(format!("setpoint.{port}"), format!("others.{port}"));
     }
+    // Nobody jogs here; the port says nothing.
+    builder.bind("setpoint.jog", "others.jog");
     let mut machine = builder.build().unwrap();
     let mut seen = Seen::default();
     let stop = AtomicBool::new(false);

@@ -4,6 +4,7 @@
 mod determinism;
 mod edits;
 mod hold;
+mod jog;
 mod lines;
 mod physics;
 mod rolling;

@@ -11,11 +11,15 @@ use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::{Pose, rotation_x, rotation_y, rotation_z};
 use taktil_rtcore::{Invalid, Nanos, Transaction};
-use taktil_signal::Verb;
 use taktil_sim::scene::WorldConfig;
 use taktild::config::MachineConfig;
 use taktild::contract::ContractConfig;
 use taktild::source::{Located, Source};
+
+mod script;
+
+pub use script::{Act, Step};
+use script::{StepFile, script};
 
 /// Shortest run, s.
 const SHORTEST_S: f64 = 1e-3;
@@ -95,23 +99,6 @@ struct Start {
 struct EditFile {
     at_s: f64,
     set: BTreeMap<String, f64>,
-}
-
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct StepFile {
-    verb: String,
-    #[serde(default)]
-    at_s: f64,
-}
-
-/// One line of the operator's script.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Step {
-    /// What is asked for.
-    pub verb: Verb,
-    /// Not before this instant.
-    pub at: Nanos,
 }
 
 /// A scene, checked and complete.
@@ -267,33 +254,6 @@ fn read_machine(scene: &Source, path: &Path, name: &str) -> Result<Source, Locat
         let located = scene.locate(Invalid::new("machine", error.what, error.remedy));
         Located { what: located.what, ..located }
     })
-}
-
-fn script(steps: &[StepFile]) -> Result<Vec<Step>, Invalid> {
-    let mut script = Vec::new();
-    for (index, step) in steps.iter().enumerate() {
-        let place = format!("operator[{index}]");
-        let verb =
-            Verb::from_name(&step.verb).filter(|verb| *verb != Verb::None).ok_or_else(|| {
-                let verbs: Vec<&str> = Verb::ALL[1..].iter().map(|verb| verb.name()).collect();
-                Invalid::new(
-                    format!("{place}.verb"),
-                    format!("there is no verb `{}`", step.verb),
-                    format!("verbs are: {}", verbs.join(", ")),
-                )
-            })?;
-        if !(step.at_s.is_finite() && (0.0..=LONGEST_S).contains(&step.at_s)) {
-            return Err(Invalid::new(
-                format!("{place}.at_s"),
-                format!("{} s is not an instant of a run", step.at_s),
-                "give 0 or more seconds",
-            ));
-        }
-        #[expect(clippy::cast_possible_truncation, reason = "at most a day of nanoseconds")]
-        let at = Nanos((step.at_s * 1e9).round() as i64);
-        script.push(Step { verb, at });
-    }
-    Ok(script)
 }
 
 fn edits(files: &[EditFile]) -> Result<Vec<Transaction>, Invalid> {

@@ -24,6 +24,7 @@ fn facts(state: State, mode: Mode, measured: f64) -> Facts {
         measured: JointState { q_rad: [measured; 6], calibrated: 1, ..JointState::ZERO },
         state,
         mode,
+        jog: None,
         trajectory: None,
         tactile: None,
         dt_s: DT_S,
@@ -49,6 +50,7 @@ fn each_state_has_the_source_that_the_table_names() {
         let expected = match state {
             State::Trajectory | State::TrajectoryUser => Source::Trajectory,
             State::TactileServo => Source::Tactile,
+            State::ManualUncalibrated | State::ManualJoint | State::ManualCartesian => Source::Jog,
             _ => Source::Hold,
         };
         assert_eq!(source(state), expected, "{state:?}");
@@ -56,12 +58,14 @@ fn each_state_has_the_source_that_the_table_names() {
         let mut facts = facts(state, Mode::Moving, 0.0);
         facts.trajectory = goal(0.001, 0.0);
         facts.tactile = goal(0.002, 0.0);
+        facts.jog = goal(0.003, 0.0);
         let (desired, fault) = law.step(&facts);
         assert_eq!(fault, Ok(()));
         let wanted = match expected {
             Source::Hold => 0.0,
             Source::Trajectory => 0.001,
             Source::Tactile => 0.002,
+            Source::Jog => 0.003,
         };
         assert_eq!(desired.q_rad, [wanted; 6], "{state:?}");
         assert_eq!((desired.source, desired.valid), (state as u32, 1));

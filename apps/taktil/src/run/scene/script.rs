@@ -1,0 +1,160 @@
+//! `[[operator]]`: what the operator of a scene asks for and which keys are held, one thing after
+//! the other. Refuses verbs and frames that there are not, and keys that nobody can hold.
+
+use serde::Deserialize;
+use taktil_rtcore::{Invalid, Nanos};
+use taktil_signal::{JogFrame, Verb};
+
+use super::LONGEST_S;
+
+/// Longest time for which keys are held, s.
+const LONGEST_HOLD_S: f64 = 3600.0;
+
+/// One entry of the list: `verb`, or `jog` with `for_s`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct StepFile {
+    /// What is asked for.
+    verb: Option<String>,
+    /// How far the six axes are pushed, -1 to 1.
+    jog: Option<[f64; 6]>,
+    /// What the axes are: "joints", "base" or "tool".
+    frame: Option<String>,
+    /// How long the keys are held, s.
+    for_s: Option<f64>,
+    /// Not before this instant, s.
+    #[serde(default)]
+    at_s: f64,
+}
+
+/// One line of the operator's script.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// What is done.
+    pub act: Act,
+    /// Not before this instant.
+    pub at: Nanos,
+}
+
+/// What an operator does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Act {
+    /// Asks for something.
+    Ask(Verb),
+    /// Holds keys, as soon as and as long as the machine is in a MANUAL state.
+    Hold {
+        /// How far the axes are pushed, -1 to 1.
+        axes: [f64; 6],
+        /// What the axes are.
+        frame: JogFrame,
+        /// For how long.
+        span: Nanos,
+    },
+}
+
+/// The list, checked.
+pub(super) fn script(steps: &[StepFile]) -> Result<Vec<Step>, Invalid> {
+    let step = |(index, step): (usize, &StepFile)| {
+        step.check().map_err(|bad| bad.within(&format!("operator[{index}]")))
+    };
+    steps.iter().enumerate().map(step).collect()
+}
+
+impl StepFile {
+    fn check(&self) -> Result<Step, Invalid> {
+        let at = instant(self.at_s, "at_s", 0.0, LONGEST_S)?;
+        let act = match (&self.verb, &self.jog) {
+            (Some(verb), None) => {
+                if self.frame.is_some() || self.for_s.is_some() {
+                    let what = "`frame` and `for_s` belong to a jog";
+                    return Err(Invalid::new("verb", what, "leave them out"));
+                }
+                Act::Ask(verb_named(verb)?)
+            }
+            (None, Some(axes)) => self.hold(axes)?,
+            _ => {
+                let what = "a step is a verb or a jog";
+                return Err(Invalid::new("", what, "give exactly one of `verb` and `jog`"));
+            }
+        };
+        Ok(Step { act, at })
+    }
+
+    fn hold(&self, axes: &[f64; 6]) -> Result<Act, Invalid> {
+        if let Some(axis) = axes.iter().position(|axis| !(-1.0..=1.0).contains(axis)) {
+            let what = format!("is {}", axes[axis]);
+            return Err(Invalid::new(format!("jog[{axis}]"), what, "give -1 to 1"));
+        }
+        let name = self.frame.as_deref().unwrap_or("joints");
+        let frame = JogFrame::ALL.into_iter().find(|frame| frame.name() == name);
+        let frame = frame.ok_or_else(|| {
+            let what = format!("there is no frame `{name}`");
+            Invalid::new("frame", what, "frames are: joints, base, tool")
+        })?;
+        let for_s = self.for_s.ok_or_else(|| {
+            Invalid::new("for_s", "a jog without a time", "say how many seconds the keys are held")
+        })?;
+        let span = instant(for_s, "for_s", 1e-3, LONGEST_HOLD_S)?;
+        Ok(Act::Hold { axes: *axes, frame, span })
+    }
+}
+
+fn verb_named(name: &str) -> Result<Verb, Invalid> {
+    Verb::from_name(name).filter(|verb| *verb != Verb::None).ok_or_else(|| {
+        let verbs: Vec<&str> = Verb::ALL[1..].iter().map(|verb| verb.name()).collect();
+        let remedy = format!("verbs are: {}", verbs.join(", "));
+        Invalid::new("verb", format!("there is no verb `{name}`"), remedy)
+    })
+}
+
+fn instant(seconds: f64, place: &str, least: f64, most: f64) -> Result<Nanos, Invalid> {
+    if !(least..=most).contains(&seconds) {
+        let what = format!("{seconds} s does not fit a run");
+        return Err(Invalid::new(place, what, format!("give {least} to {most} seconds")));
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "at most a day of nanoseconds")]
+    let nanos = Nanos((seconds * 1e9).round() as i64);
+    Ok(nanos)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Step, Invalid> {
+        let step: StepFile = toml::from_str(text).unwrap();
+        script(&[step]).map(|list| list[0])
+    }
+
+    #[test]
+    fn verbs_and_keys_are_read() {
+        let ask = read("verb = \"enable\"\nat_s = 1.5").unwrap();
+        assert_eq!(ask, Step { act: Act::Ask(Verb::Enable), at: Nanos::from_millis(1500) });
+        let hold = read("jog = [0, 0, -1, 0, 0, 0.5]\nframe = \"tool\"\nfor_s = 2").unwrap();
+        let axes = [0.0, 0.0, -1.0, 0.0, 0.0, 0.5];
+        let span = Nanos::from_secs(2);
+        assert_eq!(hold.act, Act::Hold { axes, frame: JogFrame::Tool, span });
+    }
+
+    #[test]
+    fn what_nobody_can_do_is_refused_with_its_place() {
+        let keys = "jog = [0, 0, 1, 0, 0, 0]";
+        for (text, place) in [
+            ("at_s = 1.0".to_owned(), "operator[0]"),
+            (format!("verb = \"stop\"\n{keys}"), "operator[0]"),
+            ("verb = \"fly\"".to_owned(), "operator[0].verb"),
+            ("verb = \"none\"".to_owned(), "operator[0].verb"),
+            ("verb = \"stop\"\nfor_s = 1".to_owned(), "operator[0].verb"),
+            ("verb = \"stop\"\nat_s = -1".to_owned(), "operator[0].at_s"),
+            ("verb = \"stop\"\nat_s = nan".to_owned(), "operator[0].at_s"),
+            (keys.to_owned(), "operator[0].for_s"),
+            (format!("{keys}\nfor_s = 0"), "operator[0].for_s"),
+            (format!("{keys}\nfor_s = inf"), "operator[0].for_s"),
+            (format!("{keys}\nfor_s = 1\nframe = \"world\""), "operator[0].frame"),
+            ("jog = [0, 0, 2, 0, 0, 0]\nfor_s = 1".to_owned(), "operator[0].jog[2]"),
+            ("jog = [nan, 0, 0, 0, 0, 0]\nfor_s = 1".to_owned(), "operator[0].jog[0]"),
+        ] {
+            assert_eq!(read(&text).unwrap_err().place, place, "{text}");
+        }
+    }
+}

@@ -1,0 +1,265 @@
+//! Motion under an operator's hand: joint by joint, or the tool along and about the axes of base or
+//! tool. Refuses to run without a hand: keys that are not seen to be held any more, for a tenth of
+//! a second at most, are released keys.
+//!
+//! At work in the MANUAL states only. Each stay begins at rest from the joints desired at that
+//! moment; in MANUAL/UNCALIBRATED only joints move, slowly, and no limit is known.
+
+pub mod law;
+
+use law::{Law, Push, Rates};
+use serde::Deserialize;
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Payload, Ports, Task};
+use taktil_signal::{ControlState, Desired, Goal, JogCommand, JogFrame, JointState, State};
+
+/// Settings of [`Jog`].
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Share of the joints' largest speeds at full push. Default 0.15.
+    pub speed: f64,
+    /// The same before the counts were initialised. Default 0.05.
+    pub speed_uncalibrated: f64,
+    /// Speed of the tool point at full push (mm/s). Default 40.
+    pub line_mm_s: f64,
+    /// Speed of turning the tool at full push (deg/s). Default 20.
+    pub turn_deg_s: f64,
+    /// Time from rest to full speed and back (s). Default 0.05.
+    pub ramp_s: f64,
+    /// Keys that were not confirmed for so long are released (s), at most 0.1. Default 0.04: the
+    /// arm stands less than 0.1 s after the last word of the hand.
+    pub dead_man_s: f64,
+    /// How far the tool may be off its way past a wrist singularity (deg). Default 1.
+    pub off_path_deg: f64,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        Config {
+            speed: 0.15,
+            speed_uncalibrated: 0.05,
+            line_mm_s: 40.0,
+            turn_deg_s: 20.0,
+            ramp_s: 0.05,
+            dead_man_s: 0.04,
+            off_path_deg: 1.0,
+        }
+    }
+}
+
+impl Config {
+    /// Refuses what is not positive, not finite or faster than a hand can guide.
+    ///
+    /// # Errors
+    /// The place, what is wrong there, and the way out.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let bounded = [
+            ("speed", self.speed, 0.5),
+            ("speed_uncalibrated", self.speed_uncalibrated, 0.2),
+            ("line_mm_s", self.line_mm_s, 250.0),
+            ("turn_deg_s", self.turn_deg_s, 90.0),
+            ("ramp_s", self.ramp_s, 0.5),
+            ("dead_man_s", self.dead_man_s, 0.1),
+            ("off_path_deg", self.off_path_deg, 10.0),
+        ];
+        for (place, value, most) in bounded {
+            if !(value > 0.0 && value <= most) {
+                let remedy = format!("give more than 0 and at most {most}");
+                return Err(Invalid::new(place, format!("is {value}"), remedy));
+            }
+        }
+        Ok(())
+    }
+
+    fn rates(&self, arm: &Puma260, calibrated: bool) -> Rates {
+        let share = if calibrated { self.speed } else { self.speed_uncalibrated };
+        Rates {
+            joints_rad_s: arm.speed_max_rad_s * share,
+            ramp_s: self.ramp_s,
+            line_m_s: self.line_mm_s * 1e-3,
+            turn_rad_s: self.turn_deg_s.to_radians(),
+            off_max_rad: self.off_path_deg.to_radians(),
+        }
+    }
+}
+
+/// A stay in one of the MANUAL states.
+#[derive(Clone, Copy, Debug)]
+struct Stay {
+    law: Law,
+    /// When it began.
+    entered_ns: i64,
+    /// The zero of the angles that it counts from.
+    datum: u32,
+}
+
+/// The task.
+pub struct Jog {
+    config: Config,
+    arm: Puma260,
+    dead_man: Nanos,
+    control: Input<ControlState>,
+    desired: Input<Desired>,
+    joints: Input<JointState>,
+    command: Input<JogCommand>,
+    goal: Output<Goal>,
+    stay: Option<Stay>,
+    /// Sequence of the newest command, and when it was first seen.
+    seen: Option<(u32, Nanos)>,
+    last: Option<Nanos>,
+}
+
+impl Jog {
+    /// Declares `control`, `desired`, `joints`, `command` and `goal`.
+    ///
+    /// # Errors
+    /// What [`Config::check`] refuses.
+    pub fn new(config: Config, ports: &mut Ports) -> Result<Jog, Invalid> {
+        config.check()?;
+        #[expect(clippy::cast_possible_truncation, reason = "at most a tenth of a second")]
+        let dead_man = Nanos((config.dead_man_s * 1e9).round() as i64);
+        Ok(Jog {
+            config,
+            arm: Puma260::reference(),
+            dead_man,
+            control: ports.input("control"),
+            desired: ports.input_delayed("desired"),
+            joints: ports.input("joints"),
+            command: ports.input("command"),
+            goal: ports.output("goal"),
+            stay: None,
+            seen: None,
+            last: None,
+        })
+    }
+
+    /// The keys, as long as somebody says that they are held. The first command of all counts from
+    /// its next confirmation on: a key may have been held before anybody looked.
+    fn push(&mut self, command: Option<JogCommand>, now: Nanos) -> Push {
+        let Some(command) = command else { return Push::NONE };
+        match self.seen {
+            Some((sequence, since)) if sequence == command.sequence => {
+                if now - since > self.dead_man {
+                    return Push::NONE;
+                }
+            }
+            Some(_) => self.seen = Some((command.sequence, now)),
+            None => {
+                self.seen = Some((command.sequence, now - self.dead_man - Nanos(1)));
+                return Push::NONE;
+            }
+        }
+        match JogFrame::from_code(command.frame) {
+            Some(frame) => Push { axes: command.axes, frame },
+            None => Push::NONE,
+        }
+    }
+
+    /// Keeps the stay in step with the state; `None` outside the MANUAL states and without a place
+    /// to start from.
+    fn stay(
+        &mut self,
+        control: Option<ControlState>,
+        desired: Option<Desired>,
+        joints: Option<JointState>,
+    ) -> Option<State> {
+        let control = control?;
+        let state = State::from_code(control.state)?;
+        let manual = matches!(
+            state,
+            State::ManualUncalibrated | State::ManualJoint | State::ManualCartesian
+        );
+        let joints = joints.filter(|_| manual)?;
+        if self
+            .stay
+            .is_some_and(|stay| stay.entered_ns == control.entered_ns && stay.datum == joints.datum)
+        {
+            return Some(state);
+        }
+        let start = desired.filter(|desired| desired.valid == 1)?;
+        let calibrated = joints.calibrated == 1;
+        if state != State::ManualUncalibrated && !calibrated {
+            return None;
+        }
+        let rates = self.config.rates(&self.arm, state != State::ManualUncalibrated);
+        let limited = state != State::ManualUncalibrated;
+        let law = Law::new(&self.arm, &rates, &Joints::from(start.q_rad), limited);
+        self.stay = Some(Stay { law, entered_ns: control.entered_ns, datum: joints.datum });
+        Some(state)
+    }
+}
+
+/// What a state lets through: joints in the joint states, the tool in the Cartesian one.
+fn allowed(state: State, push: Push) -> Push {
+    let joints = push.frame == JogFrame::Joints;
+    if joints == (state == State::ManualCartesian) { Push::NONE } else { push }
+}
+
+impl Task for Jog {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let elapsed = self.last.map_or(cycle.dt, |last| cycle.release - last).max(cycle.dt);
+        self.last = Some(cycle.release);
+        let control = io.read(&self.control).usable();
+        let desired = io.read(&self.desired).usable();
+        let joints = io.read(&self.joints).usable();
+        let command = io.read(&self.command).usable();
+        let push = self.push(command, cycle.release);
+        let state = self.stay(control, desired, joints);
+        let goal = match (state, &mut self.stay) {
+            (Some(state), Some(stay)) => {
+                let step = stay.law.step(&allowed(state, push), elapsed.as_secs_f64());
+                Goal { q_rad: step.q.into(), qd_rad_s: step.qd.into(), valid: 1, done: 0 }
+            }
+            _ => {
+                self.stay = None;
+                Goal::ZERO
+            }
+        };
+        io.write(&self.goal, goal);
+        Ok(())
+    }
+
+    fn stop(&mut self) {
+        self.stay = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unusable_settings_are_refused_with_their_place() {
+        assert_eq!(Config::default().check(), Ok(()));
+        type Set = fn(&mut Config, f64);
+        let all: [(&str, Set); 7] = [
+            ("speed", |c, x| c.speed = x),
+            ("speed_uncalibrated", |c, x| c.speed_uncalibrated = x),
+            ("line_mm_s", |c, x| c.line_mm_s = x),
+            ("turn_deg_s", |c, x| c.turn_deg_s = x),
+            ("ramp_s", |c, x| c.ramp_s = x),
+            ("dead_man_s", |c, x| c.dead_man_s = x),
+            ("off_path_deg", |c, x| c.off_path_deg = x),
+        ];
+        for (place, set) in all {
+            for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0, 1e9] {
+                let mut config = Config::default();
+                set(&mut config, bad);
+                assert_eq!(config.check().unwrap_err().place, place, "{bad}");
+            }
+        }
+    }
+
+    #[test]
+    fn joints_and_tool_have_states_of_their_own() {
+        let of = |frame| Push { axes: [1.0; 6], frame };
+        for state in [State::ManualUncalibrated, State::ManualJoint] {
+            assert_eq!(allowed(state, of(JogFrame::Joints)), of(JogFrame::Joints));
+            assert_eq!(allowed(state, of(JogFrame::Base)), Push::NONE);
+        }
+        assert_eq!(allowed(State::ManualCartesian, of(JogFrame::Tool)), of(JogFrame::Tool));
+        assert_eq!(allowed(State::ManualCartesian, of(JogFrame::Joints)), Push::NONE);
+    }
+}

@@ -1,0 +1,179 @@
+//! The task in a machine, in virtual time: hands that hold, let go, fall silent and come back.
+
+use std::sync::atomic::AtomicBool;
+
+use taktil_mechanics::puma260::Puma260;
+use taktil_rtcore::guard::CountingAllocator;
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{
+    Builder, Cycle, FaultCode, Io, LaneSpec, Nanos, Output, Payload, Task, virtual_time,
+};
+use taktil_signal::{ControlState, Desired, Goal, JogCommand, JogFrame, JointState, State};
+use taktil_tasks_jog::{Config, Jog};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+const START: [f64; 6] = [0.1, 0.7, -2.6, 0.35, 0.7, 0.2];
+const PERIOD: Nanos = Nanos::from_micros(2_500);
+
+/// Writes what a function of the tick says; `None`: nothing.
+struct Feed<T> {
+    out: Output<T>,
+    at: fn(u64) -> Option<T>,
+}
+
+impl<T: Payload> Task for Feed<T> {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        if let Some(value) = (self.at)(cycle.tick) {
+            io.write(&self.out, value);
+        }
+        Ok(())
+    }
+}
+
+struct Keep {
+    signal: usize,
+    goals: Vec<Goal>,
+}
+
+impl Observer for Keep {
+    fn record(&mut self, record: &Record<'_>) {
+        if record.signal == self.signal {
+            self.goals.push(Goal::decode(record.body).unwrap());
+        }
+    }
+}
+
+fn run(
+    state: fn(u64) -> Option<ControlState>,
+    keys: fn(u64) -> Option<JogCommand>,
+    joints: fn(u64) -> Option<JointState>,
+    ticks: i64,
+) -> Vec<Goal> {
+    let mut builder = Builder::new();
+    let lane = builder.lane(LaneSpec::new("servo", PERIOD, 80)).unwrap();
+    let desired = |_| Some(Desired { q_rad: START, valid: 1, ..Desired::ZERO });
+    let feed = &mut builder;
+    feed.task(lane, "control", |p| Ok(Box::new(Feed { out: p.output("out"), at: state }))).unwrap();
+    feed.task(lane, "command", |p| Ok(Box::new(Feed { out: p.output("out"), at: keys }))).unwrap();
+    feed.task(lane, "joints", |p| Ok(Box::new(Feed { out: p.output("out"), at: joints }))).unwrap();
+    feed.task(lane, "jog", |p| Ok(Box::new(Jog::new(Config::default(), p)?))).unwrap();
+    feed.task(lane, "desired", |p| Ok(Box::new(Feed { out: p.output("out"), at: desired })))
+        .unwrap();
+    for port in ["control", "desired", "joints", "command"] {
+        builder.bind(format!("jog.{port}"), format!("{port}.out"));
+    }
+    let mut machine = builder.build().unwrap();
+    let signal = machine.catalog().find("jog.goal").unwrap();
+    let mut keep = Keep { signal, goals: Vec::new() };
+    virtual_time::run(&mut machine, PERIOD * ticks, &AtomicBool::new(false), &mut keep).unwrap();
+    let (_, figures) = machine.figures().next().unwrap();
+    assert_eq!((figures.allocations, figures.faults.is_empty()), (0, true));
+    keep.goals
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "a feed may be silent")]
+fn manual_joint(tick: u64) -> Option<ControlState> {
+    let state = if tick < 10 { State::IdleCalibrated } else { State::ManualJoint };
+    Some(ControlState { state: state as u32, entered_ns: 25_000_000, ..ControlState::ZERO })
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "a feed may be silent")]
+fn calibrated(_: u64) -> Option<JointState> {
+    Some(JointState { q_rad: START, calibrated: 1, ..JointState::ZERO })
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "small ticks")]
+fn held(tick: u64) -> JogCommand {
+    JogCommand {
+        axes: [0.0, 1.0, 0.0, 0.0, 0.0, -1.0],
+        frame: JogFrame::Joints as u32,
+        sequence: tick as u32,
+    }
+}
+
+/// Held from tick 20 on; silent from tick 300 on.
+fn first_half(tick: u64) -> Option<JogCommand> {
+    (tick < 300).then(|| if tick < 20 { JogCommand::ZERO } else { held(tick) })
+}
+
+/// Jobs from `from` until the goal rests.
+fn rests_after(goals: &[Goal], from: usize) -> usize {
+    goals[from..].iter().position(|goal| goal.qd_rad_s == [0.0; 6]).expect("it rests")
+}
+
+#[test]
+fn a_held_key_moves_its_axis_and_a_silent_hand_stops_it_within_a_tenth_of_a_second() {
+    // Held from tick 20 to 300, and then the reader of the keys is gone, its last word a held key.
+    let goals = run(manual_joint, first_half, calibrated, 400);
+    assert_eq!(goals[9], Goal::ZERO, "no stay, no goal");
+    assert_eq!((goals[10].valid, goals[10].q_rad), (1, START), "begins at rest where it stands");
+    let full = Puma260::reference().speed_max_rad_s * Config::default().speed;
+    assert!((goals[200].qd_rad_s[1] - full[1]).abs() < 1e-12);
+    assert!((goals[200].qd_rad_s[5] + full[5]).abs() < 1e-12);
+    assert_eq!(goals[200].qd_rad_s[0], 0.0);
+    let jobs = rests_after(&goals, 300);
+    assert!(jobs * 25 <= 1000, "{jobs} jobs of 2.5 ms after the last word");
+    assert_eq!(goals[399].q_rad, goals[300 + jobs].q_rad);
+}
+
+#[test]
+fn a_hand_that_hangs_on_one_word_stops_it_too_and_going_on_takes_a_new_word() {
+    let stuck = |tick: u64| {
+        let sequence = if tick < 600 { held(tick.min(300)).sequence } else { held(tick).sequence };
+        Some(JogCommand { sequence, ..held(0) })
+    };
+    let goals = run(manual_joint, stuck, calibrated, 700);
+    let jobs = rests_after(&goals, 301);
+    assert!(jobs * 25 <= 1000, "{jobs}");
+    assert!(goals[450..600].iter().all(|goal| goal.qd_rad_s == [0.0; 6]));
+    assert!(goals[650].qd_rad_s[1] > 0.0, "the hand is back");
+}
+
+#[test]
+fn a_key_held_before_anybody_looked_does_nothing() {
+    let old = |_| Some(JogCommand { sequence: 7, ..held(0) });
+    let goals = run(manual_joint, old, calibrated, 200);
+    assert!(goals.iter().all(|goal| goal.qd_rad_s == [0.0; 6]));
+}
+
+#[test]
+fn another_state_or_a_moved_zero_ends_the_stay() {
+    let state = |tick| {
+        let state = match tick {
+            0..10 | 150.. => State::IdleCalibrated,
+            _ => State::ManualJoint,
+        };
+        Some(ControlState { state: state as u32, entered_ns: 25_000_000, ..ControlState::ZERO })
+    };
+    let goals = run(state, |tick| Some(held(tick)), calibrated, 200);
+    assert!(goals[149].qd_rad_s[1] > 0.0);
+    assert_eq!(goals[150], Goal::ZERO);
+    let moved = |tick| {
+        calibrated(tick).map(|joints| JointState { datum: u32::from(tick >= 100), ..joints })
+    };
+    let goals = run(manual_joint, |tick| Some(held(tick)), moved, 105);
+    assert!(goals[99].qd_rad_s[1] > 0.0);
+    let start = goals[100].q_rad;
+    let near = |a: [f64; 6], b: [f64; 6]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
+    assert!(near(start, START), "anew from where it is wanted, {start:?}");
+}
+
+#[test]
+fn without_zeros_joints_move_slowly_and_the_tool_not_at_all() {
+    let state = |_| {
+        let state = State::ManualUncalibrated as u32;
+        Some(ControlState { state, ..ControlState::ZERO })
+    };
+    let raw = |tick| calibrated(tick).map(|joints| JointState { calibrated: 0, ..joints });
+    let goals = run(state, |tick| Some(held(tick)), raw, 200);
+    let slow = Puma260::reference().speed_max_rad_s * Config::default().speed_uncalibrated;
+    assert!((goals[199].qd_rad_s[1] - slow[1]).abs() < 1e-12);
+    let tool = |tick| Some(JogCommand { frame: JogFrame::Tool as u32, ..held(tick) });
+    let goals = run(state, tool, raw, 200);
+    assert!(goals.iter().all(|goal| goal.qd_rad_s == [0.0; 6]));
+    let unknown = |tick| Some(JogCommand { frame: 99, ..held(tick) });
+    let goals = run(state, unknown, raw, 200);
+    assert!(goals.iter().all(|goal| goal.qd_rad_s == [0.0; 6]));
+}
