@@ -280,6 +280,12 @@ impl Inspection {
         })
     }
 
+    /// The joints at the last tick looked at (rad).
+    #[must_use]
+    pub fn joints(&self) -> &Joints {
+        &self.walk.preview.end
+    }
+
     /// Looks at so many more ticks; `terms` are those of the beginning.
     pub fn advance(&mut self, ticks: u32, terms: &Terms) -> Verdict {
         let end = self.ticks.min(self.tick.saturating_add(ticks));

@@ -11,7 +11,9 @@ use law::{Law, Push, Rates};
 use serde::Deserialize;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
-use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Payload, Ports, Task};
+use taktil_rtcore::{
+    Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Payload, Ports, StateHash, Task,
+};
 use taktil_signal::{ControlState, Desired, Goal, JogCommand, JogFrame, JointState, State};
 
 /// Settings of [`Jog`].
@@ -219,6 +221,14 @@ impl Task for Jog {
         };
         io.write(&self.goal, goal);
         Ok(())
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.seen).add(&self.last).word(u64::from(self.stay.is_some()));
+        if let Some(stay) = &self.stay {
+            hash.add(&stay.entered_ns).add(&stay.datum);
+            stay.law.fold(hash);
+        }
     }
 
     fn stop(&mut self) {

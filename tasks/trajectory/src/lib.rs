@@ -17,7 +17,9 @@ pub use config::{BlendName, Config, Move, ToolGoal};
 use program::{Outcome, Plan, Program};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
-use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Payload, Ports, Task};
+use taktil_rtcore::{
+    Cycle, FaultCode, Input, Invalid, Io, Output, Payload, Ports, StateHash, Task,
+};
 use taktil_signal::{ControlState, Desired, Goal, JointState, MoveCheck, State};
 
 /// Where the task is with its queue.
@@ -147,6 +149,22 @@ impl Task for Trajectory {
             io.write(&self.check, check);
         }
         outcome.and(proceeded)
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.entered_ns);
+        match &self.progress {
+            Progress::Idle => {
+                hash.word(0);
+            }
+            Progress::Under { program, datum } => {
+                hash.word(1).add(datum);
+                program.fold(hash);
+            }
+            Progress::Refused => {
+                hash.word(2);
+            }
+        }
     }
 
     fn stop(&mut self) {

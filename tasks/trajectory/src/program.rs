@@ -11,7 +11,7 @@ use taktil_mechanics::preview::{Inspection, Preview, Refusal, Route, Terms, Verd
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::puma260::follow::{Follower, Lost};
 use taktil_mechanics::transmission::{Drive, Transmission};
-use taktil_rtcore::Payload;
+use taktil_rtcore::{Payload, StateHash};
 use taktil_signal::MoveCheck;
 
 use crate::config::{Config, MAX_MOVES, Step};
@@ -115,6 +115,18 @@ impl Program {
     #[must_use]
     pub fn check(&self) -> &MoveCheck {
         &self.check
+    }
+
+    /// Folds what the next job depends on.
+    pub fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.legs).add(&self.leg).add(&self.next_step).add(self.q.as_slice());
+        hash.add(&self.check);
+        match &self.stage {
+            Stage::Looking(inspection) => hash.word(0).add(inspection.joints().as_slice()),
+            Stage::Running { follower, since, last, .. } => {
+                hash.word(1).add(follower.joints().as_slice()).add(since).add(last)
+            }
+        };
     }
 
     /// One job, number `tick`.

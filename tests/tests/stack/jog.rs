@@ -6,7 +6,7 @@ use taktil::run::world::WorldTruth;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{FaultSet, Nanos};
-use taktil_signal::{Desired, JogFrame, JointState, State, Verb};
+use taktil_signal::{ControlState, Desired, JogFrame, JointState, State, Verb};
 
 use taktil_tests::bench::{Draft, Kept, run};
 
@@ -55,9 +55,11 @@ fn check_setpoints(kept: &Kept) -> f64 {
     let arm = Puma260::reference();
     let mut before: Option<Joints> = None;
     let mut farthest = 0.0f64;
-    let first = kept.of::<Desired>("setpoint.desired")[400].1.q_rad;
-    // From 1 s on the zeros are known.
-    for (release, desired) in kept.of::<Desired>("setpoint.desired").iter().skip(400) {
+    let joints = kept.of::<JointState>("sense.joints");
+    // From when the zeros are known, and everybody counts from them.
+    let known = joints.iter().position(|row| row.1.calibrated == 1).unwrap() + 4;
+    let first = kept.of::<Desired>("setpoint.desired")[known].1.q_rad;
+    for (release, desired) in kept.of::<Desired>("setpoint.desired").iter().skip(known) {
         let q = Joints::from(desired.q_rad);
         if let Some(before) = before {
             let share = (q - before).abs().component_div(&(arm.speed_max_rad_s * 0.0025)).amax();
@@ -134,4 +136,38 @@ fn the_home_pose_is_jogged_to_before_the_zeros_are_known() {
     // 5 % of the sixth joint's 280 deg/s for 1 s, in counts before they were initialised.
     let before = joints.iter().rposition(|row| row.1.calibrated == 0).unwrap();
     assert_ne!(counts(0), counts(before), "the sixth joint was turned");
+}
+
+#[test]
+fn the_tour_goes_through_the_states_in_order_without_a_fault() {
+    let kept = run(&Draft::of("tour.toml").scene(), 1);
+    let mut states = Vec::new();
+    for (_, control) in kept.of::<ControlState>("supervisor.control") {
+        let state = State::from_code(control.state).unwrap();
+        if states.last() != Some(&state) {
+            states.push(state);
+        }
+    }
+    assert_eq!(
+        states,
+        [
+            State::Start,
+            State::IdleUncalibrated,
+            State::ManualUncalibrated,
+            State::IdleUncalibrated,
+            State::IdleCalibrated,
+            State::ManualJoint,
+            State::IdleCalibrated,
+            State::ManualCartesian,
+            State::IdleCalibrated,
+            State::Trajectory,
+            State::IdleCalibrated,
+            State::TactileServo,
+        ]
+    );
+    let last = kept.last_control();
+    assert_eq!((last.faults, last.refused), (0, 0));
+    check_setpoints(&kept);
+    let truth = kept.of::<WorldTruth>("world.truth").last().unwrap().1;
+    assert_eq!(truth.in_contact, 1, "it ends at the pin");
 }
