@@ -19,7 +19,7 @@ use taktil_drivers_regmap::registers::{
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
 use taktil_hal::{CHANNELS, DacCode, MAX_TACTELS, Nanos};
 use taktil_rtcore::{Cycle, FaultCode, Io, Output as Port, Task};
-use taktil_signal::Request;
+use taktil_signal::{JogCommand, Request};
 
 /// Zero volts in offset binary of 12 bits.
 const ZERO_VOLTS: u16 = 2048;
@@ -386,6 +386,7 @@ fn a_configuration_that_cannot_be_used_ends_with_2_and_its_place() {
 /// Asks for nothing, and from job 200 on does not return.
 struct Hanging {
     request: Port<Request>,
+    jog: Port<JogCommand>,
 }
 
 impl Task for Hanging {
@@ -396,6 +397,7 @@ impl Task for Hanging {
             }
         }
         io.write(&self.request, Request::default());
+        io.write(&self.jog, JogCommand::default());
         Ok(())
     }
 }
@@ -408,7 +410,10 @@ fn the_service_whose_operator_hangs() {
     };
     let service = taktild::service::Service::with_operator(
         Path::new(&config),
-        Box::new(|ports| Ok(Box::new(Hanging { request: ports.output("request") }))),
+        Box::new(|ports| {
+            let (request, jog) = (ports.output("request"), ports.output("jog"));
+            Ok(Box::new(Hanging { request, jog }))
+        }),
     );
     let ended = service.unwrap().run();
     panic!("it cannot end by itself: {ended:?}");
