@@ -220,6 +220,8 @@ impl Lane {
         self.next_tick = tick + 1;
     }
 
+    /// Everything that a job does. The sanitizer's lane sees each call in it that may block.
+    #[cfg_attr(taktil_rtsan, sanitize(realtime = "nonblocking"))]
     fn run(&mut self, tick: u64, notice: Notice) {
         let release = self.spec.release(tick);
         let notice = self.trace.take((tick, release), notice, &mut self.cells);

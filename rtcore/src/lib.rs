@@ -4,6 +4,7 @@
 //! A *lane* is one thread at one rate; it runs its tasks in order. The same lane code runs live
 //! (one thread a lane, absolute sleeps on the monotonic clock) and in virtual time (all lanes on
 //! one thread, no waiting). This crate knows no robot.
+#![cfg_attr(taktil_rtsan, feature(sanitize))]
 
 pub mod analysis;
 pub mod attest;

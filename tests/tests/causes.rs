@@ -187,6 +187,7 @@ fn child_that_is_troubled() {
 }
 
 /// Runs one provocation in a process of its own, which may be stopped and is then continued.
+#[expect(clippy::zombie_processes, reason = "waited for by its number, which also tells of a stop")]
 fn ask_child(name: &str) -> Vec<(String, u64)> {
     let mut child = Command::new(std::env::current_exe().unwrap())
         .args(["child_that_is_troubled", "--exact", "--nocapture"])

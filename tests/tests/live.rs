@@ -1,5 +1,6 @@
 //! The live executor over the whole stack: the same bits as virtual time, misses or not, because
 //! the simulated world waits; and not one heap call inside a job. Refuses to judge timing.
+#![expect(clippy::disallowed_types, reason = "a test keeps others away from the processors")]
 
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;

@@ -8,6 +8,7 @@ use crate::source::Rust;
 pub(crate) const LISTED: &[(&str, &str)] = &[
     ("rtcore/src/guard.rs", "a global allocator that counts is an unsafe trait"),
     ("drivers/regmap/src/io.rs", "a mapped register file is volatile memory"),
+    ("tests/sanitizers/src/race.rs", "a race on purpose, which the sanitizer has to find"),
 ];
 
 /// Lines above a use in which its argument may stand.

@@ -1,0 +1,134 @@
+//! `taktil-sanitizers clean | malloc | open | thread | link | live | race`: one thing each, under a
+//! sanitizer that has to find it or has to stay silent. Refuses to judge: `run` does.
+
+mod race;
+
+use std::process::ExitCode;
+use std::sync::atomic::AtomicBool;
+use std::thread;
+
+use taktil_hal::Nanos;
+use taktil_hal::link::link;
+use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{
+    Builder, Cycle, FaultCode, Input, Io, LaneSpec, Machine, Output, Task, payload, virtual_time,
+};
+
+payload! {
+    /// What flows between the lanes.
+    pub struct Numbers {
+        /// Any.
+        pub x: [f64; 6],
+    }
+}
+
+/// What a job does wrong.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Sin {
+    None,
+    Malloc,
+    Open,
+    Thread,
+}
+
+struct Passer {
+    sin: Sin,
+    from: Input<Numbers>,
+    to: Output<Numbers>,
+}
+
+impl Task for Passer {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let mut value = io.read(&self.from).value;
+        value.x[0] += 1.0;
+        match self.sin {
+            Sin::None => {}
+            Sin::Malloc => drop(std::hint::black_box(vec![cycle.tick; 3])),
+            Sin::Open => drop(std::fs::File::open("/dev/null")),
+            Sin::Thread => drop(thread::spawn(|| ()).join()),
+        }
+        io.write(&self.to, value);
+        Ok(())
+    }
+}
+
+struct Sum(f64);
+
+impl Observer for Sum {
+    fn record(&mut self, record: &Record<'_>) {
+        self.0 += f64::from(record.body[0]);
+    }
+}
+
+impl Audience for Sum {}
+
+/// Two lanes in a ring, each with two tasks, so that every kind of link is used.
+fn machine(sin: Sin) -> Machine {
+    let mut builder = Builder::new();
+    for (name, period_us, other) in [("fast", 1000, "slow0.x"), ("slow", 2000, "fast0.x")] {
+        let lane = builder.lane(LaneSpec::new(name, Nanos::from_micros(period_us), 40)).unwrap();
+        for (n, signal) in [(0, other.to_owned()), (1, format!("{name}0.x"))] {
+            let task = format!("{name}{n}");
+            builder
+                .task(lane, &task, |ports| {
+                    let (from, to) = (ports.input("in"), ports.output("x"));
+                    Ok(Box::new(Passer { sin, from, to }))
+                })
+                .unwrap();
+            builder.bind(format!("{task}.in"), signal);
+        }
+    }
+    builder.time_tasks();
+    builder.build().unwrap()
+}
+
+fn in_virtual_time(sin: Sin) {
+    let stop = AtomicBool::new(false);
+    let mut sum = Sum(0.0);
+    virtual_time::run(&mut machine(sin), Nanos::from_millis(100), &stop, &mut sum).unwrap();
+    println!("ran: {}", sum.0);
+}
+
+fn on_threads(pace: Pace) {
+    let terms = Terms { until: Nanos::from_millis(500), contract: Contract::Soft, pace };
+    let mut sum = Sum(0.0);
+    live::run(&mut machine(Sin::None), terms, &AtomicBool::new(false), &mut sum).unwrap();
+    println!("ran: {}", sum.0);
+}
+
+/// Two threads and the exchange between them.
+fn over_a_link() {
+    let (mut sender, mut receiver) = link(64);
+    let all = Nanos(200_000);
+    let writer = thread::spawn(move || {
+        for n in 0..all.0 {
+            while sender.send([n; 6], Nanos(n), Nanos(n)).is_err() {
+                thread::yield_now();
+            }
+        }
+    });
+    let mut last = -1;
+    while last + 1 < all.0 {
+        if let Some(found) = receiver.newest(all) {
+            assert!(found.value[5] > last && found.value[0] == found.value[5]);
+            last = found.value[5];
+        }
+    }
+    writer.join().unwrap();
+    println!("ran: {last}");
+}
+
+fn main() -> ExitCode {
+    match std::env::args().nth(1).as_deref() {
+        Some("clean") => in_virtual_time(Sin::None),
+        Some("malloc") => in_virtual_time(Sin::Malloc),
+        Some("open") => in_virtual_time(Sin::Open),
+        Some("thread") => in_virtual_time(Sin::Thread),
+        Some("link") => over_a_link(),
+        Some("live") => [Pace::Slip, Pace::Fixed].into_iter().for_each(on_threads),
+        Some("race") => race::run(),
+        _ => return ExitCode::from(2),
+    }
+    ExitCode::SUCCESS
+}
