@@ -4,11 +4,12 @@
 
 mod beat;
 mod evidence;
+mod flags;
 mod grant;
 mod ledger;
 mod watch;
 
-use core::sync::atomic::{AtomicBool, AtomicI64, AtomicU8, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread;
 
@@ -24,11 +25,17 @@ use crate::pulse::Pulse;
 use crate::record::{Drain, Observer};
 use crate::silence;
 use beat::beat;
+use flags::{Roll, Slip, Start, Word};
 pub use grant::rehearse;
 use grant::{ask, complete};
 use ledger::Ledger;
 pub(crate) use watch::LANES_MAX;
 use watch::Watch;
+
+/// What `flags.rs` is made of; loom puts its own in this place.
+mod sync {
+    pub(super) use core::sync::atomic::{AtomicI64, AtomicU8, AtomicU64, AtomicUsize, Ordering};
+}
 
 /// Stack of a lane's thread: all of it is locked in memory.
 const STACK_BYTES: usize = 1024 * 1024;
@@ -166,13 +173,12 @@ pub trait Audience: Observer {
 struct Shared<'a> {
     stop: &'a AtomicBool,
     /// Threads that have asked the kernel for everything.
-    ready: AtomicUsize,
-    /// [`WAIT`], [`GO`] or [`ABANDON`].
-    signal: AtomicU8,
-    /// Threads that have not ended.
-    running: AtomicUsize,
+    ready: Roll,
+    start: Start,
+    /// Threads that have ended.
+    ended: Roll,
     /// Wall time minus logical time that stalls have cost so far, ns.
-    slip: AtomicI64,
+    slip: Slip,
     /// Which lane has finished which job.
     ledger: Ledger,
 }
@@ -180,7 +186,7 @@ struct Shared<'a> {
 impl Shared<'_> {
     /// Nobody will run another job.
     fn over(&self) -> bool {
-        self.stop.load(Ordering::Relaxed) || self.signal.load(Ordering::Acquire) == ABANDON
+        self.stop.load(Ordering::Relaxed) || self.start.word() == Word::Abandon
     }
 }
 
@@ -192,10 +198,6 @@ struct Answers {
     /// Where it panicked first.
     panicked: OnceLock<String>,
 }
-
-const WAIT: u8 = 0;
-const GO: u8 = 1;
-const ABANDON: u8 = 2;
 
 /// Runs the machine on the kernel's clock until the terms say so or until `stop` is set.
 ///
@@ -231,10 +233,10 @@ fn run_threads(
     let count = machine.lanes.len();
     let shared = Shared {
         stop,
-        ready: AtomicUsize::new(0),
-        signal: AtomicU8::new(WAIT),
-        running: AtomicUsize::new(count),
-        slip: AtomicI64::new(0),
+        ready: Roll::new(),
+        start: Start::new(),
+        ended: Roll::new(),
+        slip: Slip::new(),
         ledger: Ledger::new(machine.lanes.iter().map(|lane| &lane.spec), terms.until),
     };
     let mut hangs = Hangs::new(&machine.lanes);
@@ -248,26 +250,26 @@ fn run_threads(
                 thread::Builder::new().name(lane.spec.name.clone()).stack_size(STACK_BYTES);
             let body = move || lane_thread((index, lane), terms, shared, clock, answers);
             if let Err(why) = builder.spawn_scoped(scope, body) {
-                shared.signal.store(ABANDON, Ordering::Release);
+                shared.start.say(Word::Abandon);
                 return Err(LiveError::NoThread(why.to_string()));
             }
         }
-        while shared.ready.load(Ordering::Acquire) < count {
+        while shared.ready.count() < count {
             thread::sleep(CARRY_PAUSE);
         }
         let answers_granted = answers.iter().filter_map(|answers| answers.granted.get().cloned());
         complete(attestation, asked, answers_granted, &terms.contract.demands());
         if attestation.refused().next().is_some() {
-            shared.signal.store(ABANDON, Ordering::Release);
+            shared.start.say(Word::Abandon);
             return Err(LiveError::NotGranted(Box::new(attestation.clone())));
         }
         audience.attested(attestation);
         let epoch = *clock.get_or_init(|| MonotonicClock::starting_in(LEAD));
-        shared.signal.store(GO, Ordering::Release);
-        while shared.running.load(Ordering::Acquire) > 0 {
+        shared.start.say(Word::Go);
+        while shared.ended.count() < count {
             carry(drains, audience);
             let now = epoch.now();
-            audience.passed(now - Nanos(shared.slip.load(Ordering::Relaxed)));
+            audience.passed(now - Nanos(shared.slip.ns()));
             hangs.look(now, &shared, audience);
             thread::sleep(CARRY_PAUSE);
         }
@@ -276,7 +278,7 @@ fn run_threads(
             return Err(LiveError::Hung(hang));
         }
         let panics = answers.iter().filter_map(|answers| answers.panicked.get()).cloned();
-        Ok((Nanos(shared.slip.load(Ordering::Relaxed)), panics.collect()))
+        Ok((Nanos(shared.slip.ns()), panics.collect()))
     })
 }
 
@@ -324,7 +326,7 @@ impl Hangs {
         let task = pulse.seat().and_then(|seat| tasks.get(seat));
         let Some(task) = task else { return };
         self.found = Some(Hang { lane: lane.clone(), task: task.clone() });
-        shared.signal.store(ABANDON, Ordering::Release);
+        shared.start.say(Word::Abandon);
     }
 }
 
@@ -344,11 +346,11 @@ fn lane_thread(
     let answer = ask(&lane.spec);
     touch_stack();
     let _ = answers.granted.set(answer);
-    shared.ready.fetch_add(1, Ordering::AcqRel);
-    while shared.signal.load(Ordering::Acquire) == WAIT {
+    shared.ready.come();
+    while shared.start.word() == Word::Wait {
         thread::sleep(CARRY_PAUSE);
     }
-    if let (GO, Some(clock)) = (shared.signal.load(Ordering::Acquire), clock.get()) {
+    if let (Word::Go, Some(clock)) = (shared.start.word(), clock.get()) {
         beat((index, lane), terms, shared, clock);
     }
     // A simulated world sees the run to its end before the outputs are made safe; a board does not.
@@ -359,5 +361,5 @@ fn lane_thread(
     if let Some(site) = silence::take() {
         let _ = answers.panicked.set(format!("lane {}: panicked at {site}", lane.spec.name));
     }
-    shared.running.fetch_sub(1, Ordering::AcqRel);
+    shared.ended.come();
 }

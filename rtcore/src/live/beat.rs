@@ -2,8 +2,6 @@
 //! next. Refuses to call the kernel between a release and the end of its job: evidence is read
 //! after the outputs are out, and seldom (`evidence.rs`).
 
-use core::sync::atomic::Ordering;
-
 use taktil_hal::{Clock, Nanos};
 
 use super::evidence::{Evidence, Reading};
@@ -49,7 +47,7 @@ pub(super) fn beat(
     let bound = lane.spec.guard.map_or(Nanos::ZERO, |guard| guard.spin_max);
     let mut margin = Margin::new(bound);
     lane.figures.guard = lane.spec.guard.map(|_| GuardFigures::default());
-    let slip = || Nanos(shared.slip.load(Ordering::Relaxed));
+    let slip = || Nanos(shared.slip.ns());
     let mut circumstances = Circumstances::read();
     let mut discipline = Discipline::new(lane.spec.late, lane.spec.misses);
     let mut notice = Notice::default();
@@ -76,8 +74,7 @@ pub(super) fn beat(
         }
         let begin = waited.begin;
         if terms.pace == Pace::Slip && (begin - waited.release) * 2 > lane.spec.deadline {
-            // Lanes held up by the same stall find about the same figure: the largest stands.
-            shared.slip.fetch_max((begin - lane.spec.release(tick)).0, Ordering::Relaxed);
+            shared.slip.reach((begin - lane.spec.release(tick)).0);
         }
         lane.job(tick, notice);
         shared.ledger.finished(index, tick + 1);

@@ -3,10 +3,9 @@
 //! time and no value, and a live run carries the same bits as one in virtual time. Refuses to be
 //! used on boards, where the world does not wait.
 
-use core::sync::atomic::{AtomicU64, Ordering};
-
 use taktil_hal::Nanos;
 
+use super::flags::Done;
 use super::watch::Watch;
 use crate::schedule::LaneSpec;
 
@@ -16,7 +15,7 @@ struct Row {
     /// Jobs that the lane will run in all.
     jobs: u64,
     /// Jobs finished so far.
-    done: AtomicU64,
+    done: Done,
 }
 
 /// All lanes' rows.
@@ -30,29 +29,28 @@ impl Ledger {
         let row = |spec: &LaneSpec| Row {
             spec: spec.clone(),
             jobs: spec.jobs_before(until),
-            done: AtomicU64::new(0),
+            done: Done::new(),
         };
         Ledger { rows: specs.map(row).collect() }
     }
 
     /// Lane `lane` has sent everything of its first `jobs` jobs.
     pub(super) fn finished(&self, lane: usize, jobs: u64) {
-        // Release: whoever sees the number sees the values in the rings.
-        self.rows[lane].done.store(jobs, Ordering::Release);
+        self.rows[lane].done.publish(jobs);
     }
 
     /// Whether every other lane has finished the jobs whose values are due at `release`.
     pub(super) fn due_is_done(&self, lane: usize, release: Nanos) -> bool {
         self.rows.iter().enumerate().all(|(other, row)| {
             let due = jobs_due(&row.spec, release).min(row.jobs);
-            other == lane || row.done.load(Ordering::Acquire) >= due
+            other == lane || row.done.seen() >= due
         })
     }
 
     /// How far a lane has come; `None` when it has run all its jobs.
     pub(super) fn progress(&self, lane: usize) -> Option<u64> {
         let row = self.rows.get(lane)?;
-        Some(row.done.load(Ordering::Relaxed)).filter(|done| *done < row.jobs)
+        Some(row.done.glance()).filter(|done| *done < row.jobs)
     }
 
     /// With what lane `lane` watches all others, once in each of its jobs.
@@ -63,7 +61,7 @@ impl Ledger {
 
     /// Whether every lane has run all its jobs.
     pub(super) fn all_done(&self) -> bool {
-        self.rows.iter().all(|row| row.done.load(Ordering::Acquire) >= row.jobs)
+        self.rows.iter().all(|row| row.done.seen() >= row.jobs)
     }
 }
 

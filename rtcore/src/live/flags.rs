@@ -1,0 +1,115 @@
+//! The words through which the threads of a live run speak to each other: jobs done, the start, how
+//! many are there, and the slip. Each operation's order of memory is argued where it stands; loom
+//! tries them all in every order (`tests/loom`), also with the orders weakened. Refuses to carry
+//! values: those go through links, and these words say when they are there.
+
+use super::sync::{AtomicI64, AtomicU8, AtomicU64, AtomicUsize, Ordering};
+
+/// How many jobs of a lane are done.
+pub(super) struct Done(AtomicU64);
+
+impl Done {
+    /// None yet.
+    pub(super) fn new() -> Done {
+        Done(AtomicU64::new(0))
+    }
+
+    /// The lane has sent everything of its first `jobs` jobs.
+    pub(super) fn publish(&self, jobs: u64) {
+        // Release: whoever sees the number sees the values in the rings.
+        self.0.store(jobs, Ordering::Release);
+    }
+
+    /// Jobs whose values can be taken.
+    pub(super) fn seen(&self) -> u64 {
+        // Acquire: with the store above.
+        self.0.load(Ordering::Acquire)
+    }
+
+    /// Jobs done, for whoever takes no values.
+    pub(super) fn glance(&self) -> u64 {
+        // Relaxed: only the number itself is used.
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Whether the lanes may begin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Word {
+    /// Not yet.
+    Wait,
+    /// The epoch is set: begin.
+    Go,
+    /// No further job.
+    Abandon,
+}
+
+/// The start of all lanes.
+pub(super) struct Start(AtomicU8);
+
+impl Start {
+    /// Nobody begins.
+    pub(super) fn new() -> Start {
+        Start(AtomicU8::new(Word::Wait as u8))
+    }
+
+    /// Says `word` to all lanes.
+    pub(super) fn say(&self, word: Word) {
+        // Release: whoever sees `Go` sees the epoch that was set before.
+        self.0.store(word as u8, Ordering::Release);
+    }
+
+    /// What was said last.
+    pub(super) fn word(&self) -> Word {
+        // Acquire: with the store above.
+        match self.0.load(Ordering::Acquire) {
+            0 => Word::Wait,
+            1 => Word::Go,
+            _ => Word::Abandon,
+        }
+    }
+}
+
+/// How many threads have come to a place.
+pub(super) struct Roll(AtomicUsize);
+
+impl Roll {
+    /// None.
+    pub(super) fn new() -> Roll {
+        Roll(AtomicUsize::new(0))
+    }
+
+    /// One more has come; what it left behind may be looked at.
+    pub(super) fn come(&self) {
+        // Release: whoever counts it sees its answers, and through it those of all before, because
+        // each addition continues the release of the one before.
+        self.0.fetch_add(1, Ordering::Release);
+    }
+
+    /// How many have come.
+    pub(super) fn count(&self) -> usize {
+        // Acquire: with the additions above.
+        self.0.load(Ordering::Acquire)
+    }
+}
+
+/// By how much logical time has slipped behind the wall's, ns: it only grows.
+pub(super) struct Slip(AtomicI64);
+
+impl Slip {
+    /// Not at all.
+    pub(super) fn new() -> Slip {
+        Slip(AtomicI64::new(0))
+    }
+
+    /// Lanes held up by the same stall find about the same figure: the largest stands.
+    pub(super) fn reach(&self, ns: i64) {
+        // Relaxed: only the number itself is used; a maximum needs no order to be right.
+        self.0.fetch_max(ns, Ordering::Relaxed);
+    }
+
+    /// The slip so far.
+    pub(super) fn ns(&self) -> i64 {
+        self.0.load(Ordering::Relaxed)
+    }
+}

@@ -1,0 +1,67 @@
+//! Makes wrong variants of the executor's own file by changing one word each. Refuses a change that
+//! finds nothing to change: the file has moved on, and the variant would be the right one.
+
+use std::path::Path;
+
+const SOURCE: &str = "../../rtcore/src/live/flags.rs";
+
+/// Name of the variant, what stands in the file, what stands there instead.
+const WRONG: [(&str, &str, &str); 7] = [
+    (
+        "done_relaxed_store",
+        "self.0.store(jobs, Ordering::Release)",
+        "self.0.store(jobs, Ordering::Relaxed)",
+    ),
+    (
+        "done_relaxed_load",
+        "// Acquire: with the store above.\n        self.0.load(Ordering::Acquire)",
+        "self.0.load(Ordering::Relaxed)",
+    ),
+    (
+        "start_relaxed_store",
+        "self.0.store(word as u8, Ordering::Release)",
+        "self.0.store(word as u8, Ordering::Relaxed)",
+    ),
+    (
+        "start_relaxed_load",
+        "match self.0.load(Ordering::Acquire)",
+        "match self.0.load(Ordering::Relaxed)",
+    ),
+    (
+        "roll_relaxed_come",
+        "self.0.fetch_add(1, Ordering::Release)",
+        "self.0.fetch_add(1, Ordering::Relaxed)",
+    ),
+    (
+        "roll_load_and_store",
+        "self.0.fetch_add(1, Ordering::Release)",
+        "self.0.store(self.0.load(Ordering::Acquire) + 1, Ordering::Release)",
+    ),
+    (
+        "slip_load_and_store",
+        "self.0.fetch_max(ns, Ordering::Relaxed)",
+        "if ns > self.0.load(Ordering::Relaxed) { self.0.store(ns, Ordering::Relaxed) }",
+    ),
+];
+
+fn main() {
+    println!("cargo::rerun-if-changed={SOURCE}");
+    println!("cargo::rerun-if-changed=build.rs");
+    let source = std::fs::read_to_string(SOURCE).expect("the executor's file is there");
+    // An included file may not begin with a comment on the module around it, and stands deeper here.
+    let body: String = source
+        .lines()
+        .filter(|line| !line.starts_with("//!"))
+        .map(|line| format!("{}\n", line.replace("pub(super)", "pub(crate)")))
+        .collect();
+    let out = std::env::var("OUT_DIR").expect("cargo says where");
+    let write = |name: &str, text: &str| {
+        std::fs::write(Path::new(&out).join(format!("{name}.rs")), text)
+            .expect("it can be written");
+    };
+    write("right", &body);
+    for (name, from, to) in WRONG {
+        assert!(body.contains(from), "{name}: `{from}` does not stand in {SOURCE}");
+        write(name, &body.replacen(from, to, 1));
+    }
+}
