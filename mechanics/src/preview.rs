@@ -198,7 +198,9 @@ impl Walk {
         let speed = (q - before) / *tick_s;
         let velocity = (q - self.last[1]) / (2.0 * tick_s);
         let acceleration = (q - before * 2.0 + self.last[1]) / (tick_s * tick_s);
-        let torque = dynamics.inverse(&before, &velocity, &acceleration);
+        // Not plain inverse dynamics of the links: the motors' own inertia counts too.
+        let torque =
+            dynamics.mass_matrix(&before) * acceleration + dynamics.bias(&before, &velocity);
         for joint in 0..6 {
             let share = speed[joint].abs() / arm.speed_max_rad_s[joint];
             raise(&mut self.preview.speed[joint], share, t_s);

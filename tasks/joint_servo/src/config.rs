@@ -31,6 +31,15 @@ pub struct Config {
     /// calibrated. Default true; false is the thesis's plain PD, whose finger droops by
     /// millimetres.
     pub gravity: bool,
+    /// Share of the friction model that is added along the desired motion, 0 to 1. Default 0. Less
+    /// than all of it leaves room for what the model does not know.
+    pub friction: f64,
+    /// Desired speed at which half of Coulomb's friction is added (rad/s): below it the direction
+    /// of the motion is in doubt. Default 0.01.
+    pub friction_speed_rad_s: f64,
+    /// Share of the torque that the desired acceleration takes, inertia and Coriolis, 0 to 1.
+    /// Default 0.
+    pub acceleration: f64,
     /// Pose in which the arm is taken to stand at power-up (deg): before calibration the gravity
     /// term is that of this pose plus the motion since. Default none: no gravity term before
     /// calibration. Give it only where the arm is posed by hand before power comes on.
@@ -48,6 +57,9 @@ impl Default for Config {
             kd_nms_rad: None,
             derivative_filter_hz: 60.0,
             gravity: true,
+            friction: 0.0,
+            friction_speed_rad_s: 0.01,
+            acceleration: 0.0,
             assumed_pose_deg: None,
         }
     }
@@ -88,6 +100,13 @@ impl Config {
                 ));
             }
         }
+        for (name, share) in [("friction", self.friction), ("acceleration", self.acceleration)] {
+            if !(0.0..=1.0).contains(&share) {
+                let what = format!("{share} is no share of a model");
+                return Err(Invalid::new(name, what, "give 0 (none) to 1 (all of it)"));
+            }
+        }
+        positive("friction_speed_rad_s", self.friction_speed_rad_s)?;
         positive("derivative_filter_hz", self.derivative_filter_hz)
     }
 
@@ -148,6 +167,11 @@ mod tests {
     #[test]
     fn bad_numbers_are_refused_with_their_place() {
         assert_eq!(Config::default().check(), Ok(()));
+        for bad in [f64::NAN, -0.1, 1.1, f64::INFINITY] {
+            assert_eq!(refused(|c| c.friction = bad), "friction");
+            assert_eq!(refused(|c| c.acceleration = bad), "acceleration");
+        }
+        assert_eq!(refused(|c| c.friction_speed_rad_s = 0.0), "friction_speed_rad_s");
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e7] {
             assert_eq!(refused(|c| c.bandwidth_rad_s[2] = bad), "bandwidth_rad_s[2]");
             assert_eq!(refused(|c| c.damping[0] = bad), "damping[0]");

@@ -8,6 +8,7 @@
 //! r)` with `a = w dt/(1 + w dt)`, stable for every dt).
 
 use taktil_mechanics::Joints;
+use taktil_mechanics::dynamics::{Dynamics, Friction};
 
 /// Gains of the six joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,6 +29,73 @@ impl Gains {
             kp_nm_rad: inertia_kg_m2.component_mul(&bandwidth_rad_s.component_mul(bandwidth_rad_s)),
             kd_nms_rad: kd_over_damping.component_mul(damping),
         }
+    }
+}
+
+/// Torque that the desired motion takes by the model, before any error: friction along it, inertia
+/// and Coriolis of it. Gravity is apart, because it is wanted at rest too.
+#[derive(Clone, Debug)]
+pub struct Ahead {
+    /// Share of the friction that is added.
+    pub friction_share: f64,
+    /// Speed at which half of Coulomb's friction is added (rad/s).
+    pub friction_speed_rad_s: f64,
+    /// Share of inertia and Coriolis that is added.
+    pub acceleration_share: f64,
+    /// The arm's friction.
+    pub friction: Friction,
+    /// The arm's links and motors.
+    pub dynamics: Dynamics,
+    /// Speed desired in the last job (rad/s).
+    last_rad_s: Option<Joints>,
+}
+
+impl Ahead {
+    /// Nothing was desired before.
+    #[must_use]
+    pub fn new(friction_share: f64, friction_speed_rad_s: f64, acceleration_share: f64) -> Ahead {
+        Ahead {
+            friction_share,
+            friction_speed_rad_s,
+            acceleration_share,
+            friction: Friction::reference(),
+            dynamics: Dynamics::reference(),
+            last_rad_s: None,
+        }
+    }
+
+    /// Forgets the past: the next acceleration is 0.
+    pub fn reset(&mut self) {
+        self.last_rad_s = None;
+    }
+
+    /// The speed desired in the last job (rad/s).
+    #[must_use]
+    pub fn last_rad_s(&self) -> Option<&Joints> {
+        self.last_rad_s.as_ref()
+    }
+
+    /// Torque (N m) for desired angles (rad) and speeds (rad/s), `dt_s` after the last call.
+    /// Coulomb's part is `share coulomb qd / (|qd| + half)`: smooth where the direction is in
+    /// doubt, all of it where it is not.
+    pub fn torque_nm(&mut self, q: &Joints, qd: &Joints, dt_s: f64) -> Joints {
+        let mut torque = Joints::zeros();
+        if self.friction_share > 0.0 {
+            let Friction { coulomb_nm, viscous_nms_rad } = &self.friction;
+            let direction = qd.map(|v| v / (v.abs() + self.friction_speed_rad_s));
+            torque += (viscous_nms_rad.component_mul(qd) + coulomb_nm.component_mul(&direction))
+                * self.friction_share;
+        }
+        if self.acceleration_share > 0.0 {
+            let last = self.last_rad_s.unwrap_or(*qd);
+            let qdd = if dt_s > 0.0 { (qd - last) / dt_s } else { Joints::zeros() };
+            // The motors' inertia with the links'; gravity is somebody else's.
+            let dynamics = &self.dynamics;
+            let moving = dynamics.mass_matrix(q) * qdd + dynamics.bias(q, qd) - dynamics.gravity(q);
+            torque += moving * self.acceleration_share;
+        }
+        self.last_rad_s = Some(*qd);
+        torque
     }
 }
 
@@ -107,6 +175,44 @@ mod tests {
     fn unit() -> Pd {
         let ones = Joints::repeat(1.0);
         Pd::new(Gains { kp_nm_rad: ones * 100.0, kd_nms_rad: ones * 10.0 }, 60.0)
+    }
+
+    #[test]
+    fn the_model_ahead_moves_links_and_motors_and_leaves_gravity_out() {
+        let mut ahead = Ahead::new(0.0, 0.01, 1.0);
+        let dynamics = Dynamics::reference();
+        let q = Joints::new(0.1, 0.7, -2.6, 0.3, 0.7, 0.2);
+        let (before, qd) = (Joints::repeat(0.1), Joints::new(0.2, -0.1, 0.4, 0.1, 0.0, 0.3));
+        let coriolis = dynamics.bias(&q, &before) - dynamics.gravity(&q);
+        assert!((ahead.torque_nm(&q, &before, DT_S) - coriolis).amax() < 1e-12, "no past");
+        let qdd = (qd - before) / DT_S;
+        let wanted = dynamics.mass_matrix(&q) * qdd + dynamics.bias(&q, &qd) - dynamics.gravity(&q);
+        let got = ahead.torque_nm(&q, &qd, DT_S);
+        assert!((got - wanted).amax() < 1e-9, "{got} {wanted}");
+        assert_eq!(ahead.last_rad_s(), Some(&qd));
+        ahead.reset();
+        assert_eq!(ahead.last_rad_s(), None);
+        for dt_s in [0.0, -1.0, f64::NAN] {
+            assert!(ahead.torque_nm(&q, &qd, dt_s).iter().all(|x| x.is_finite()));
+        }
+    }
+
+    #[test]
+    fn friction_ahead_has_the_sign_of_the_motion_and_is_smooth_at_rest() {
+        let mut ahead = Ahead::new(0.5, 0.01, 0.0);
+        let full = Friction::reference();
+        let at = |ahead: &mut Ahead, speed: f64| {
+            ahead.torque_nm(&Joints::zeros(), &Joints::repeat(speed), DT_S)
+        };
+        assert_eq!(at(&mut ahead, 0.0), Joints::zeros());
+        let (there, back) = (at(&mut ahead, 0.01), at(&mut ahead, -0.01));
+        assert_eq!(there, -back);
+        let half = full.coulomb_nm * 0.25 + full.viscous_nms_rad * 0.005;
+        assert!((there - half).amax() < 1e-15, "half of half of Coulomb's");
+        let fast = at(&mut ahead, 5.0);
+        let bound = full.torque_nm(&Joints::repeat(5.0)) * 0.5;
+        assert!((0..6).all(|i| fast[i] < bound[i] && fast[i] > 0.99 * bound[i]), "never more");
+        assert_eq!(at(&mut Ahead::new(0.0, 0.01, 0.0), 5.0), Joints::zeros());
     }
 
     #[test]

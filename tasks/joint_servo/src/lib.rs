@@ -1,5 +1,5 @@
 //! The position servo of the joints at 400 Hz: PD on the error between desired and measured angles,
-//! with the torque against gravity as an option. Refuses to ask for torque while the mode does not
+//! with the torques against gravity and along the desired motion as options. Refuses to ask for torque while the mode does not
 //! allow any, while nothing is desired, or when a number is not finite; refuses limits, which are
 //! `actuate`'s.
 //!
@@ -11,7 +11,7 @@ pub mod law;
 
 pub use config::Config;
 
-use law::{Gains, Pd};
+use law::{Ahead, Gains, Pd};
 use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Mode, Output, Param, Ports, Task};
@@ -27,6 +27,7 @@ pub struct JointServo {
     control: Input<ControlState>,
     torque: Output<Torque>,
     law: Pd,
+    ahead: Ahead,
     dynamics: Option<Dynamics>,
     assumed: Option<Joints>,
     gravity_share: f64,
@@ -100,6 +101,7 @@ impl JointServo {
             control: ports.input("control"),
             torque: ports.output("torque"),
             law: Pd::new(config.gains(&dynamics), config.derivative_filter_hz),
+            ahead: Ahead::new(config.friction, config.friction_speed_rad_s, config.acceleration),
             dynamics: config.gravity.then_some(dynamics),
             assumed: config.assumed_pose_deg.map(|deg| Joints::from(deg.map(f64::to_radians))),
             gravity_share: 0.0,
@@ -126,6 +128,7 @@ impl JointServo {
 
     fn rest(&mut self, calibrated: bool) {
         self.law.reset();
+        self.ahead.reset();
         self.gravity_share = if calibrated || self.assumed.is_some() { 1.0 } else { 0.0 };
     }
 }
@@ -151,6 +154,7 @@ impl Task for JointServo {
         if joints.datum != self.datum {
             self.datum = joints.datum;
             self.law.reset();
+            self.ahead.reset();
         }
         let goal = Joints::from(desired.q_rad);
         let error = goal - Joints::from(joints.q_rad);
@@ -163,8 +167,11 @@ impl Task for JointServo {
             return Ok(());
         }
         let dt_s = cycle.dt.as_secs_f64();
-        let gravity = self.gravity_nm(&goal, calibrated, dt_s);
-        let torque = self.law.torque_nm(&error, dt_s).map(|torque| torque + gravity);
+        let mut model = self.gravity_nm(&goal, calibrated, dt_s);
+        if calibrated {
+            model += self.ahead.torque_nm(&goal, &Joints::from(desired.qd_rad_s), dt_s);
+        }
+        let torque = self.law.torque_nm(&error, dt_s).map(|torque| torque + model);
         let finite = torque.filter(|torque| torque.iter().all(|x| x.is_finite()));
         out.tau_nm = finite.map_or([0.0; 6], Into::into);
         io.write(&self.torque, out);
@@ -173,5 +180,6 @@ impl Task for JointServo {
 
     fn stop(&mut self) {
         self.law.reset();
+        self.ahead.reset();
     }
 }

@@ -29,7 +29,7 @@ fn the_true_tool_runs_straight_lines() {
         .collect();
     assert!(side.len() > 100, "the side was run: {}", side.len());
     for p in &side {
-        assert!((p.y + 127.0).abs() < 1.2 && (p.z + 109.0).abs() < 1.2, "{p}");
+        assert!((p.y + 127.0).abs() < 0.3 && (p.z + 109.0).abs() < 0.3, "{p}");
     }
     // All corners but the rounded ones are passed, and the end is reached.
     let near = |corner: DVec3| {
@@ -39,7 +39,7 @@ fn the_true_tool_runs_straight_lines() {
         assert!(near(DVec3::from_array(corner)) < 3.0, "{corner:?}: {}", near(corner.into()));
     }
     let end = tools.last().unwrap().1;
-    assert!((end - DVec3::new(325.0, -127.0, -124.0)).length() < 1.2, "{end}");
+    assert!((end - DVec3::new(325.0, -127.0, -124.0)).length() < 0.5, "{end}");
 }
 
 #[test]
