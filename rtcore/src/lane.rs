@@ -230,6 +230,7 @@ impl Lane {
         let mut faulty_task = 0;
         let mut disabled = 0;
         let mut cycle = Cycle { tick, release, dt: self.spec.period, mode: Mode::Off };
+        self.tap.begin(tick);
         let edit = self.knobs.apply(release);
         let mut io = Io {
             cells: &mut self.cells,
@@ -253,6 +254,7 @@ impl Lane {
                     u8::try_from(word).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault);
             }
             self.pulse.enter(position);
+            self.tap.enter(position);
             let fault = seat.contained(&cycle, &mut io, hashed);
             if let Some(before) = &mut clock {
                 let after = monotonic();
@@ -284,6 +286,7 @@ impl Lane {
         io.write(&self.health, health);
         self.figures.faults = self.figures.faults.union(faults);
         self.publish(tick, release);
+        self.tap.enter(0);
     }
 
     /// Without recording only what other lanes read has to be looked at after a job.

@@ -32,6 +32,12 @@ pub fn monotonic() -> Nanos {
     read(ClockId::CLOCK_MONOTONIC)
 }
 
+/// Nanoseconds since 1970, for people: a clock that may be set.
+#[must_use]
+pub fn wall_clock() -> Nanos {
+    read(ClockId::CLOCK_REALTIME)
+}
+
 /// Processor time that this thread has used.
 #[must_use]
 pub fn thread_cpu_time() -> Nanos {

@@ -42,8 +42,11 @@ const STACK_BYTES: usize = 1024 * 1024;
 /// From the start of the threads to the release of the first job.
 const LEAD: Nanos = Nanos::from_millis(50);
 /// A task that has not returned for twice the time after which its lane is silent, and for this
-/// long at least, is taken to hang: others act on silence long before.
-const HANG_MIN: Nanos = Nanos::from_secs(1);
+/// long at least, is taken to hang: others act on silence long before, a watchdog of a second
+/// after.
+const HANG_MIN: Nanos = Nanos::from_millis(500);
+/// The same where the world waits: nothing is at stake, and the machine may be very busy.
+const HANG_MIN_SLIP: Nanos = Nanos::from_secs(2);
 /// From stopping the other lanes to saying that a task hangs: time to carry their last records.
 const HANG_GRACE_LOOKS: u32 = 50;
 /// Pause of the carrying thread between two looks at the rings.
@@ -239,7 +242,7 @@ fn run_threads(
         slip: Slip::new(),
         ledger: Ledger::new(machine.lanes.iter().map(|lane| &lane.spec), terms.until),
     };
-    let mut hangs = Hangs::new(&machine.lanes);
+    let mut hangs = Hangs::new(&machine.lanes, terms.pace);
     let (lanes, drains) = (&mut machine.lanes, &mut machine.drains);
     let clock = OnceLock::new();
     let answers: Vec<Answers> = (0..count).map(|_| Answers::default()).collect();
@@ -292,8 +295,9 @@ struct Hangs {
 }
 
 impl Hangs {
-    fn new(lanes: &[Lane]) -> Hangs {
-        let limit = |lane: &Lane| Some((lane.spec.silent_after * 2).max(HANG_MIN));
+    fn new(lanes: &[Lane], pace: Pace) -> Hangs {
+        let least = if pace == Pace::Fixed { HANG_MIN } else { HANG_MIN_SLIP };
+        let limit = |lane: &Lane| Some((lane.spec.silent_after * 2).max(least));
         let about = |lane: &Lane| {
             let tasks = lane.seats.iter().map(|seat| seat.name.clone()).collect();
             (lane.spec.name.clone(), tasks, Arc::clone(&lane.pulse))

@@ -10,6 +10,7 @@ use taktil_hal::Nanos;
 
 use crate::analysis::{Allowance, Analysis, Demand, analyse};
 use crate::fault::FaultCode;
+use crate::flight::Recorder;
 use crate::lane::{Figures, Lane, Latch, Seat, TaskFigures};
 use crate::live::LANES_MAX;
 use crate::parameter::{Declaration, Desk, Knobs, Part};
@@ -75,6 +76,13 @@ impl Machine {
     #[must_use]
     pub fn analysis(&self) -> &Analysis {
         &self.analysis
+    }
+
+    /// Keeps every record of the lanes in a flight recorder too.
+    pub fn keep(&mut self, recorder: Recorder) {
+        for (lane, flight) in self.lanes.iter_mut().zip(recorder.into_lanes()) {
+            lane.tap.keep(flight);
+        }
     }
 
     /// Every signal and lane.

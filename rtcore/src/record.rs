@@ -4,6 +4,7 @@
 
 use taktil_hal::Nanos;
 
+use crate::flight::Flight;
 use crate::payload::Field;
 
 /// What leaves the lanes for observers, each level with all of the ones before.
@@ -90,6 +91,7 @@ const HEADER: usize = 24;
 pub(crate) struct Tap {
     ring: rtrb::Producer<u8>,
     dropped: u64,
+    flight: Option<Flight>,
 }
 
 /// The observer's end of the ring.
@@ -101,7 +103,10 @@ pub(crate) struct Drain {
 /// A ring of `bytes` bytes for records whose bodies are at most `body` bytes.
 pub(crate) fn tap(bytes: usize, body: usize) -> (Tap, Drain) {
     let (producer, consumer) = rtrb::RingBuffer::new(bytes);
-    (Tap { ring: producer, dropped: 0 }, Drain { ring: consumer, scratch: vec![0; HEADER + body] })
+    (
+        Tap { ring: producer, dropped: 0, flight: None },
+        Drain { ring: consumer, scratch: vec![0; HEADER + body] },
+    )
 }
 
 impl Tap {
@@ -115,6 +120,28 @@ impl Tap {
         message[16..24].copy_from_slice(&release.0.to_le_bytes());
         if self.ring.push_entire_slice(message).is_err() {
             self.dropped += 1;
+        }
+        if let Some(flight) = &mut self.flight {
+            flight.put(message);
+        }
+    }
+
+    /// From now on keeps every record in a flight recorder's ring too.
+    pub(crate) fn keep(&mut self, flight: Flight) {
+        self.flight = Some(flight);
+    }
+
+    /// Job `tick` begins.
+    pub(crate) fn begin(&self, tick: u64) {
+        if let Some(flight) = &self.flight {
+            flight.begin(tick);
+        }
+    }
+
+    /// The task at `position`, counted from 1, begins; 0: the job is over.
+    pub(crate) fn enter(&self, position: u32) {
+        if let Some(flight) = &self.flight {
+            flight.enter(position);
         }
     }
 

@@ -13,6 +13,7 @@ use crate::diff;
 use crate::doctor;
 use crate::jitter::{self, JitterArgs};
 use crate::plot::{self, PlotArgs};
+use crate::postmortem;
 use crate::run::{self, BadOption, Options};
 
 /// Exit code for input that cannot be used.
@@ -64,6 +65,9 @@ enum Command {
         /// Write report.html with figures into this folder (and run.mcap unless --log says where)
         #[arg(long, value_name = "DIR")]
         report: Option<PathBuf>,
+        /// Keep the newest ten seconds of every lane in this file in memory (/dev/shm, /run)
+        #[arg(long, value_name = "FILE")]
+        flight: Option<PathBuf>,
         /// One JSON object on standard output instead of the table
         #[arg(long)]
         json: bool,
@@ -98,6 +102,20 @@ enum Command {
         a: PathBuf,
         /// Second log
         b: PathBuf,
+        /// One JSON object instead of sentences
+        #[arg(long)]
+        json: bool,
+    },
+    /// What a flight recorder kept of a process that has ended, however it ended.
+    ///
+    /// Last jobs and the task that was running, mode, faults, last values. Exit code 0: read; 2: no
+    /// flight recording.
+    Postmortem {
+        /// The recorder's file, or a copy of it
+        file: PathBuf,
+        /// Write all its records as a log too, for plot and diff
+        #[arg(long, value_name = "F.mcap")]
+        log: Option<PathBuf>,
         /// One JSON object instead of sentences
         #[arg(long)]
         json: bool,
@@ -156,8 +174,8 @@ fn complain(error: &anyhow::Error) -> ExitCode {
 
 fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Run { scene, fast, seed, for_s, log, report, json, plan } => {
-            run::run(&Options { scene, fast, seed, for_s, log, report, json, plan })
+        Command::Run { scene, fast, seed, for_s, log, report, flight, json, plan } => {
+            run::run(&Options { scene, fast, seed, for_s, log, report, flight, json, plan })
         }
         Command::Plot { log, what, csv, out } => {
             let arguments = PlotArgs { log, what, csv, out };
@@ -170,6 +188,9 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
             doctor::run(&doctor::Options { json, root, cpus, fix_script })
         }
         Command::Diff { a, b, json } => diff::run(&diff::Options { a, b, json }),
+        Command::Postmortem { file, log, json } => {
+            postmortem::run(&postmortem::Options { file, log, json })
+        }
         Command::Jitter(arguments) => jitter::run(&arguments),
         Command::Bench(bench) => bench::run(&bench),
         Command::Calc { list: true } => {

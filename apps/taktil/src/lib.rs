@@ -9,6 +9,7 @@ pub mod doctor;
 pub mod jitter;
 pub mod log;
 pub mod plot;
+pub mod postmortem;
 pub mod report;
 pub mod run;
 pub mod series;

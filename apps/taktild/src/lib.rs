@@ -4,6 +4,7 @@
 pub mod config;
 pub mod contract;
 pub mod cpus;
+pub mod flight;
 pub mod service;
 pub mod source;
 pub mod wiring;

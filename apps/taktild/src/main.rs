@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use taktil_rtcore::guard::CountingAllocator;
 use taktild::service::Service;
+use taktild::source::Located;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -38,9 +39,15 @@ fn main() -> ExitCode {
     }
     match service.run() {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::from(1)
-        }
+        Err(error) => match error.downcast_ref::<Located>() {
+            Some(located) => {
+                eprintln!("{located}");
+                ExitCode::from(2)
+            }
+            None => {
+                eprintln!("error: {error:#}");
+                ExitCode::from(1)
+            }
+        },
     }
 }

@@ -19,6 +19,7 @@ use taktil_signal::{JogCommand, Request};
 
 use crate::config::MachineConfig;
 use crate::contract::ContractConfig;
+use crate::flight::{FlightConfig, Keeper};
 use crate::source::{Located, Source};
 use crate::wiring;
 
@@ -36,6 +37,9 @@ struct ServiceFile {
     /// Which missing real-time rights refuse the start.
     #[serde(default = "hard")]
     contract: ContractConfig,
+    /// The flight recorder.
+    #[serde(default)]
+    flight: FlightConfig,
     /// The register-file board.
     board: BoardConfig,
     /// Sections that replace those of the machine file.
@@ -51,6 +55,9 @@ pub struct Service {
     machine: Machine,
     contract: Contract,
     board: PathBuf,
+    flight: FlightConfig,
+    source: Source,
+    machine_text: String,
 }
 
 /// An operator who never asks for anything.
@@ -95,18 +102,21 @@ impl Service {
         let source = Source::read(path)?;
         let file: ServiceFile = source.parse()?;
         let machine_path = path.parent().unwrap_or(Path::new("")).join(&file.machine);
-        let machine = Source::read(&machine_path)
+        let described = Source::read(&machine_path)
             .map_err(|bad| source.locate(Invalid::new("machine", bad.what, bad.remedy)))?;
-        let mut config = machine.parse::<MachineConfig>()?.overridden_by(file.robot);
+        let mut config = described.parse::<MachineConfig>()?.overridden_by(file.robot);
         // Without an operator the script's feedback has no reader.
         config.wiring.remove("operator.control");
         let devices = Board::open(&file.board).map_err(|bad| source.locate(board_error(bad)))?;
         let built = wiring::assemble(config, devices, operator).and_then(|builder| builder.build());
         let machine = built.map_err(|bad| {
             let here = bad.clone().within("robot");
-            if source.holds(&here.place) { source.locate(here) } else { machine.locate(bad) }
+            if source.holds(&here.place) { source.locate(here) } else { described.locate(bad) }
         })?;
-        Ok(Service { machine, contract: file.contract.contract(), board: file.board.path })
+        let machine_text = described.text;
+        let contract = file.contract.contract();
+        let (board, flight) = (file.board.path, file.flight);
+        Ok(Service { machine, contract, board, flight, source, machine_text })
     }
 
     /// What was assembled, whether its schedule can hold, and what the kernel would grant it now,
@@ -157,6 +167,18 @@ impl Service {
         }
     }
 
+    /// Starts the flight recorder, unless the configuration has none.
+    fn record_flight(&mut self) -> Result<Option<Keeper>, Located> {
+        if !self.flight.enabled {
+            return Ok(None);
+        }
+        let texts = [("config_text", &*self.source.text), ("machine_text", &*self.machine_text)];
+        let path = self.flight.place();
+        Keeper::start(&mut self.machine, &path, self.flight.seconds, &texts)
+            .map(Some)
+            .map_err(|bad| self.source.locate(bad.within("flight")))
+    }
+
     /// Runs until SIGTERM or SIGINT.
     ///
     /// # Errors
@@ -164,6 +186,7 @@ impl Service {
     pub fn run(&mut self) -> anyhow::Result<()> {
         let stop = stop_on_signals()?;
         let mut heart = Heart::new(self.machine.catalog());
+        heart.keeper = self.record_flight()?;
         let terms = Terms { until: FOREVER, contract: self.contract, pace: Pace::Fixed };
         let outcome = live::run(&mut self.machine, terms, &stop, &mut heart);
         tell(&[NotifyState::Stopping]);
@@ -197,6 +220,7 @@ struct Heart {
     beats: Vec<u64>,
     told: Vec<u64>,
     next: Nanos,
+    keeper: Option<Keeper>,
 }
 
 impl Heart {
@@ -207,7 +231,7 @@ impl Heart {
             .filter_map(|lane| catalog.find(&format!("{}.health", lane.name)))
             .collect();
         let beats = vec![0; health.len()];
-        Heart { health, told: beats.clone(), beats, next: Nanos::ZERO }
+        Heart { health, told: beats.clone(), beats, next: Nanos::ZERO, keeper: None }
     }
 }
 
@@ -221,6 +245,9 @@ impl Observer for Heart {
 
 impl Audience for Heart {
     fn attested(&mut self, attestation: &Attestation) {
+        if let Some(keeper) = &mut self.keeper {
+            keeper.attested(attestation);
+        }
         if !attestation.granted() {
             eprintln!("degraded: {}", attestation.missing.join("; "));
         }
@@ -230,6 +257,9 @@ impl Audience for Heart {
     }
 
     fn passed(&mut self, now: Nanos) {
+        if let Some(keeper) = &mut self.keeper {
+            keeper.passed(now);
+        }
         if now < self.next {
             return;
         }

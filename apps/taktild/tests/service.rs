@@ -26,6 +26,9 @@ const ZERO_VOLTS: u16 = 2048;
 /// Words that a board may hold from before, and that drive.
 const DRIVING: u16 = 4095;
 
+/// Services of tests keep no flight recording unless they are about it.
+const NO_FLIGHT: &str = "\n[flight]\nenabled = false\n";
+
 /// A folder of one test, removed at its end.
 struct Folder(PathBuf);
 
@@ -45,16 +48,16 @@ impl Folder {
 
     /// The service's configuration over `board.bin` in this folder.
     fn config(&self, contract: &str) -> PathBuf {
-        self.config_with(&format!("contract = \"{contract}\""))
+        self.config_with(&format!("contract = \"{contract}\""), NO_FLIGHT)
     }
 
-    fn config_with(&self, contract: &str) -> PathBuf {
+    fn config_with(&self, contract: &str, flight: &str) -> PathBuf {
         let machine = Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("../../sim/scenes/machine/puma260.toml")
             .canonicalize()
             .unwrap();
         let text = format!(
-            "machine = \"{}\"\n{contract}\n\n[board]\npath = \"{}\"\n",
+            "machine = \"{}\"\n{contract}\n\n[board]\npath = \"{}\"\n{flight}",
             machine.display(),
             self.join("board.bin").display()
         );
@@ -238,8 +241,10 @@ fn unsafe_words(rig: &Rig, stop: &AtomicBool) -> u64 {
 fn an_item_that_is_hard_and_missing_is_refused_before_any_output_is_armed() {
     let folder = Folder::new();
     let rig = Rig::new(&folder);
-    let config =
-        folder.config_with("contract = { fifo = \"none\", rttime = \"hard\", memory = \"none\" }");
+    let config = folder.config_with(
+        "contract = { fifo = \"none\", rttime = \"hard\", memory = \"none\" }",
+        NO_FLIGHT,
+    );
     // A limit that any process may set for itself, so that the item is missing on every host.
     let mut limited = Command::new("prlimit");
     limited.args(["--rttime=10000000:10000000", env!("CARGO_BIN_EXE_taktild"), "--config"]);
@@ -439,4 +444,49 @@ fn a_task_that_does_not_return_is_named_and_ends_the_service_and_the_board_is_sa
     model.tick(Nanos::from_secs(1_000_000));
     assert_eq!(model.volts(), [DacCode(0); CHANNELS]);
     assert!(!model.lines_out().enable && !model.lines_out().brake_release);
+}
+
+#[test]
+fn the_flight_recorder_outlives_a_killed_service() {
+    let folder = Folder::new();
+    let _rig = Rig::new(&folder);
+    let memory = PathBuf::from(format!("/dev/shm/taktild-test-{}.flight", std::process::id()));
+    let previous = memory.with_extension("flight.previous");
+    let flight = format!("\n[flight]\npath = \"{}\"\nseconds = 2\n", memory.display());
+    let config = folder.config_with("contract = \"soft\"", &flight);
+    let mut ticks = Vec::new();
+    for _ in 0..2 {
+        let sockets = Folder::new();
+        let service = Service::start(&sockets, &config);
+        for _ in 0..5 {
+            service.heard("WATCHDOG=1");
+        }
+        service.signal(Signal::SIGKILL);
+        service.end();
+        let found = taktil_rtcore::flight::read(&std::fs::read(&memory).unwrap()).unwrap();
+        assert!(found.about.contains("machine_text") && found.granted.contains("zero_unix_ns"));
+        assert_eq!(found.lanes.len(), 2);
+        for lane in &found.lanes {
+            let last = lane.records().next_back().expect("the lane ran").tick;
+            assert_eq!(lane.damage, None);
+            // The job that ran last, or the one before when it was killed amid a job.
+            assert!(lane.tick >= last, "{} and {last}", lane.tick);
+        }
+        ticks.push(found.lanes[0].tick);
+    }
+    assert!(ticks.iter().all(|tick| *tick > 100), "half a second at 400 Hz: {ticks:?}");
+    assert!(taktil_rtcore::flight::read(&std::fs::read(&previous).unwrap()).is_ok());
+    std::fs::write(&memory, "somebody's notes").unwrap();
+    let output = command(&config).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains("flight.path: ") && text.contains("is no flight recording"), "{text}");
+    std::fs::remove_file(&memory).unwrap();
+    std::fs::remove_file(&previous).unwrap();
+    let disk = flight.replace("/dev/shm/", "/proc/");
+    let config = folder.config_with("contract = \"soft\"", &disk);
+    let output = command(&config).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(text.contains("writes back to a disk"), "{text}");
+    assert!(text.contains("name a file in /run or /dev/shm"), "{text}");
 }

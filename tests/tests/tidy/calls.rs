@@ -84,6 +84,7 @@ pub(crate) const BANS: &[Ban] = &[
         except: &[
             ("rtcore/src/guard.rs", "two switches that any thread may read"),
             ("rtcore/src/live", "start and stop of the lanes' threads"),
+            ("rtcore/src/mapping.rs", "a reader after the end must find writes in their order"),
             ("rtcore/src/pulse.rs", "the task that runs now, for whoever looks from outside"),
             ("rtcore/src/virtual_time.rs", "the flag that stops a run"),
             ("rtcore/src/replay.rs", "the flag that stops a replay"),
@@ -144,6 +145,7 @@ pub(crate) const BANS: &[Ban] = &[
             ("apps/", "applications know files and formats"),
             ("drivers/regmap/src/io.rs", "a register file is a device node"),
             ("rtcore/src/linux.rs", "what the kernel says of itself, before the first job"),
+            ("rtcore/src/mapping.rs", "a flight recorder is a file in memory, made before a run"),
         ],
         tests: false,
         remedy: "take a value; applications read and parse",

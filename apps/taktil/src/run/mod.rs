@@ -25,7 +25,8 @@ use serde_json::Value;
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Hang, Pace, Terms};
 use taktil_rtcore::record::{Observer, Record};
-use taktil_rtcore::{Machine, Nanos, linux, live, virtual_time};
+use taktil_rtcore::{Invalid, Machine, Nanos, linux, live, virtual_time};
+use taktild::flight::Keeper;
 
 use crate::log::{Log, METADATA_ATTESTATION, McapLog};
 use digest::Digest;
@@ -49,6 +50,8 @@ pub struct Options {
     pub log: Option<PathBuf>,
     /// Folder for the report.
     pub report: Option<PathBuf>,
+    /// Flight recorder's file.
+    pub flight: Option<PathBuf>,
     /// JSON on standard output instead of the table.
     pub json: bool,
     /// The analysis of the schedule and its releases, instead of a run.
@@ -60,12 +63,16 @@ struct Watch {
     digest: Digest,
     score: Score,
     log: Option<McapLog>,
+    keeper: Option<Keeper>,
     progress: Progress,
     now: Nanos,
 }
 
 impl Audience for Watch {
     fn attested(&mut self, attestation: &Attestation) {
+        if let Some(keeper) = &mut self.keeper {
+            keeper.attested(attestation);
+        }
         if let Some(log) = &mut self.log {
             log.note(METADATA_ATTESTATION, &attested(Some(attestation)).to_string());
         }
@@ -79,6 +86,9 @@ impl Audience for Watch {
 
     fn passed(&mut self, now: Nanos) {
         self.now = now;
+        if let Some(keeper) = &mut self.keeper {
+            keeper.passed(now);
+        }
         if let Some(log) = &mut self.log {
             log.flush();
         }
@@ -148,6 +158,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         digest: Digest::new(&catalog),
         score: Score::new(&catalog, targets),
         log,
+        keeper: flight(&mut machine, &scene, options)?,
         progress: Progress::new(&catalog, until, options.json),
         now: Nanos::ZERO,
     };
@@ -178,6 +189,19 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     }
     finish(options, log_path.as_deref(), &summary)?;
     Ok(if ending.ok() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// Starts the flight recorder where `--flight` says.
+fn flight(
+    machine: &mut Machine,
+    scene: &Scene,
+    options: &Options,
+) -> anyhow::Result<Option<Keeper>> {
+    let Some(path) = &options.flight else { return Ok(None) };
+    let texts = [("scene_text", &*scene.source.text), ("machine_text", scene.machine_text())];
+    let started = Keeper::start(machine, path, taktild::flight::SECONDS, &texts);
+    let bad = |bad: Invalid| BadOption(format!("--flight: {}; {}", bad.what, bad.remedy));
+    Ok(Some(started.map_err(bad)?))
 }
 
 /// An option of the command line that cannot be used.

@@ -4,6 +4,7 @@
 mod calc;
 mod interrupt;
 mod options;
+mod postmortem;
 mod process;
 mod rights;
 mod run;

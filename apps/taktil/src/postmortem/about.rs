@@ -1,0 +1,149 @@
+//! The text that explains a recording, read back into a catalog; and bodies into numbers. Refuses
+//! fields that do not fill the bodies that they are said to describe.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+use serde_json::{Value, json};
+use taktil_rtcore::Nanos;
+use taktil_rtcore::flight::Read;
+use taktil_rtcore::payload::{Field, Kind, body_size};
+use taktil_rtcore::record::{Catalog, LaneInfo, Signal};
+
+/// What a recording says of itself.
+pub(super) struct About {
+    pub(super) taktil: String,
+    pub(super) process: u32,
+    pub(super) catalog: Catalog,
+    /// Tasks of each lane in order.
+    pub(super) tasks: Vec<Vec<String>>,
+    pub(super) texts: BTreeMap<String, String>,
+}
+
+#[derive(Deserialize)]
+struct Text {
+    taktil: String,
+    process: u32,
+    lanes: Vec<LaneText>,
+    signals: Vec<SignalText>,
+    texts: BTreeMap<String, String>,
+}
+
+#[derive(Deserialize)]
+struct LaneText {
+    name: String,
+    period_ns: i64,
+    phase_ns: i64,
+    tasks: Vec<String>,
+}
+
+#[derive(Deserialize)]
+struct SignalText {
+    name: String,
+    lane: usize,
+    #[serde(rename = "type")]
+    type_name: String,
+    size: usize,
+    fields: Vec<FieldText>,
+}
+
+#[derive(Deserialize)]
+struct FieldText {
+    name: String,
+    kind: String,
+    count: usize,
+    array: bool,
+}
+
+const KINDS: [Kind; 9] = [
+    Kind::F64,
+    Kind::F32,
+    Kind::I64,
+    Kind::U64,
+    Kind::I32,
+    Kind::U32,
+    Kind::I16,
+    Kind::U16,
+    Kind::U8,
+];
+
+/// A catalog's words live as long as the program that declared them; here that is this command.
+fn kept(text: String) -> &'static str {
+    Box::leak(text.into_boxed_str())
+}
+
+impl About {
+    /// From the text in a recording.
+    pub(super) fn parse(found: &Read) -> Result<About, String> {
+        let text: Text = serde_json::from_str(&found.about)
+            .map_err(|error| format!("the text that explains it is damaged: {error}"))?;
+        if text.lanes.len() != found.lanes.len() {
+            return Err("the text that explains it is about another machine".to_owned());
+        }
+        let lane = |lane: &LaneText| LaneInfo {
+            name: lane.name.clone(),
+            period: Nanos(lane.period_ns),
+            phase: Nanos(lane.phase_ns),
+        };
+        let lanes: Vec<LaneInfo> = text.lanes.iter().map(lane).collect();
+        let mut signals = Vec::new();
+        for signal in text.signals {
+            signals.push(signal_of(signal, lanes.len())?);
+        }
+        Ok(About {
+            taktil: text.taktil,
+            process: text.process,
+            catalog: Catalog { signals, lanes },
+            tasks: text.lanes.into_iter().map(|lane| lane.tasks).collect(),
+            texts: text.texts,
+        })
+    }
+}
+
+fn signal_of(signal: SignalText, lanes: usize) -> Result<Signal, String> {
+    let SignalText { name, lane, type_name, size, fields } = signal;
+    let damaged = || format!("the description of `{name}` in it is damaged");
+    let mut table = Vec::new();
+    for FieldText { name: field, kind, count, array } in fields {
+        let kind = KINDS.into_iter().find(|known| known.ros_name() == kind).ok_or_else(damaged)?;
+        if count == 0 || count > size {
+            return Err(damaged());
+        }
+        table.push(Field { name: kept(field), kind, count, array });
+    }
+    if lane >= lanes || body_size(&table) != size {
+        return Err(damaged());
+    }
+    let (type_name, fields) = (kept(type_name), Box::leak(table.into_boxed_slice()));
+    Ok(Signal { name, lane, type_name, fields, size })
+}
+
+/// The fields of a body by name.
+pub(super) fn values(signal: &Signal, body: &[u8]) -> Value {
+    let mut object = serde_json::Map::new();
+    let mut end = 0usize;
+    for field in signal.fields {
+        let size = field.kind.size();
+        let start = end.next_multiple_of(size);
+        end = field.end_after(end);
+        let Some(bytes) = body.get(start..end) else { break };
+        let mut all: Vec<Value> =
+            bytes.chunks_exact(size).map(|bytes| element(field.kind, bytes)).collect();
+        let value = if field.array { Value::Array(all) } else { all.pop().unwrap_or_default() };
+        object.insert(field.name.to_owned(), value);
+    }
+    Value::Object(object)
+}
+
+fn element(kind: Kind, bytes: &[u8]) -> Value {
+    let mut word = [0; 8];
+    word[..bytes.len()].copy_from_slice(bytes);
+    let unsigned = u64::from_le_bytes(word);
+    let unused = 64 - 8 * u32::try_from(bytes.len()).unwrap_or(8);
+    match kind {
+        Kind::F64 => json!(f64::from_bits(unsigned)),
+        Kind::F32 => json!(f32::from_bits(unsigned as u32)),
+        Kind::I64 | Kind::I32 | Kind::I16 => json!((unsigned << unused).cast_signed() >> unused),
+        Kind::U64 | Kind::U32 | Kind::U16 | Kind::U8 => json!(unsigned),
+    }
+}

@@ -1,0 +1,221 @@
+//! The flight recorder: the newest records of every lane in a file in memory, which outlives the
+//! process and explains itself. A lane copies each record that it hands to observers into its own
+//! ring, without a call of the kernel and without the heap. Refuses a disk, and a reader's trust:
+//! [`read`] takes whatever bytes it is given and says what is wrong with them.
+//!
+//! The file, little-endian: a page of header, two texts, then for each lane a block of words and
+//! its ring.
+//!
+//! | at | header |
+//! |---|---|
+//! | 0 | `TAKTILFR` |
+//! | 8 | version, number of lanes (u32 each) |
+//! | 16 | first byte and room of the text `about` (u64 each), then of the text `granted` |
+//! | 48 + 16 k | first byte of lane k's block, bytes of its ring (u64 each) |
+//!
+//! A text is its length (u64) and UTF-8. A block is 64 bytes: `tail` and `head`, positions in the
+//! endless stream of records (position modulo ring size is the place), then the job and the place
+//! in the lane plus 1 of the task that runs, 0 between jobs. A record is its number (u64), signal
+//! (u16), two zeros, length of the body (u32), tick (u64), release (i64), body, zeros up to a
+//! multiple of 8. Before a record overwrites others `tail` is moved behind them, after it is
+//! complete `head` is: whenever the process is killed, what lies between the two is whole.
+
+use std::path::Path;
+
+use crate::mapping::{Part, create};
+use crate::record::{Catalog, HEADER_BYTES, Record};
+use crate::task::Invalid;
+
+const MAGIC: &[u8; 8] = b"TAKTILFR";
+const VERSION: u32 = 1;
+/// Bytes of the header.
+const PAGE: usize = 4096;
+/// Bytes of a lane's words.
+const BLOCK: usize = 64;
+/// Lanes that the header has room for.
+const LANES: usize = (PAGE - TABLE) / 16;
+/// Where the table of lanes starts.
+const TABLE: usize = 48;
+/// Room for what the kernel granted, which is known later.
+const GRANTED: usize = 1 << 16;
+/// Bytes in front of a body: number, then what a record carries to observers.
+const HEAD: usize = 8 + HEADER_BYTES;
+/// Places of a lane's words in its block.
+const TAIL_AT: usize = 0;
+const NEXT_AT: usize = 8;
+const TICK_AT: usize = 16;
+const SEAT_AT: usize = 24;
+/// Most that all rings may take.
+const LARGEST: usize = 1 << 28;
+
+/// A recorder that has not been given to a machine yet.
+pub struct Recorder {
+    lanes: Vec<Flight>,
+}
+
+/// Where the second text goes, once it is known.
+pub struct Notebook {
+    texts: Part,
+    granted_at: usize,
+}
+
+/// One lane's ring, written by that lane only.
+pub(crate) struct Flight {
+    words: Part,
+    ring: Part,
+    tail: u64,
+    head: u64,
+    number: u64,
+}
+
+/// Creates the file for a machine with this catalog: rings for the last `seconds` of each lane, and
+/// `about`, a text that explains them.
+///
+/// # Errors
+/// Seconds that are none or too many, and a file that cannot be had in memory. The place is
+/// `seconds` or `path`.
+pub fn record(
+    path: &Path,
+    catalog: &Catalog,
+    seconds: f64,
+    about: &str,
+) -> Result<(Recorder, Notebook), Invalid> {
+    if !(0.01..=3600.0).contains(&seconds) {
+        let what = format!("{seconds} s is no time to record");
+        return Err(Invalid::new("seconds", what, "give 0.01 to 3600 seconds"));
+    }
+    let rings: Vec<usize> =
+        (0..catalog.lanes.len()).map(|lane| ring_bytes(catalog, lane, seconds)).collect();
+    if catalog.lanes.len() > LANES
+        || rings.iter().fold(0, |a: usize, b| a.saturating_add(*b)) > LARGEST
+    {
+        let what = format!("{seconds} s of this machine are more than {} MiB", LARGEST >> 20);
+        return Err(Invalid::new("seconds", what, "record fewer seconds"));
+    }
+    let about_bytes = (8 + about.len()).next_multiple_of(64);
+    let mut sizes = vec![PAGE, about_bytes + GRANTED];
+    for ring in &rings {
+        sizes.extend([BLOCK, *ring]);
+    }
+    let mut parts = create(path, &sizes)?.into_iter();
+    let (Some(mut header), Some(mut texts)) = (parts.next(), parts.next()) else {
+        return Err(Invalid::new("path", "no memory", "name a file in /run or /dev/shm"));
+    };
+    put_text(&mut texts, 0, about);
+    let mut page = vec![0; PAGE];
+    let mut word = |at: usize, word: u64| page[at..at + 8].copy_from_slice(&word.to_le_bytes());
+    word(16, PAGE as u64);
+    word(24, about_bytes as u64);
+    word(32, (PAGE + about_bytes) as u64);
+    word(40, GRANTED as u64);
+    let mut at = PAGE + about_bytes + GRANTED;
+    for (lane, ring) in rings.iter().enumerate() {
+        word(TABLE + 16 * lane, at as u64);
+        word(TABLE + 16 * lane + 8, *ring as u64);
+        at += BLOCK + ring;
+    }
+    page[8..12].copy_from_slice(&VERSION.to_le_bytes());
+    page[12..16].copy_from_slice(&u32::try_from(rings.len()).unwrap_or(0).to_le_bytes());
+    header.write(8, &page[8..]);
+    // Last, so that a file with its mark is complete.
+    header.publish(0, u64::from_le_bytes(*MAGIC));
+    let mut lanes = Vec::new();
+    while let (Some(words), Some(ring)) = (parts.next(), parts.next()) {
+        lanes.push(Flight { words, ring, tail: 0, head: 0, number: 0 });
+    }
+    Ok((Recorder { lanes }, Notebook { texts, granted_at: about_bytes }))
+}
+
+/// What a lane writes in `seconds`, and at least four jobs of it.
+fn ring_bytes(catalog: &Catalog, lane: usize, seconds: f64) -> usize {
+    let size = |size: usize| (HEAD + size).next_multiple_of(8);
+    let own = catalog.signals.iter().filter(|signal| signal.lane == lane);
+    let job: usize = own.map(|signal| size(signal.size)).sum();
+    let jobs = (seconds / catalog.lanes[lane].period.as_secs_f64()).ceil().clamp(4.0, 1e9);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "4 to 1e9")]
+    let jobs = jobs as usize;
+    job.max(BLOCK).saturating_mul(jobs).min(LARGEST + 64).next_multiple_of(64)
+}
+
+fn put_text(part: &mut Part, at: usize, text: &str) {
+    part.write(at + 8, text.as_bytes());
+    part.publish(at, text.len() as u64);
+}
+
+impl Recorder {
+    /// The rings, one a lane.
+    pub(crate) fn into_lanes(self) -> Vec<Flight> {
+        self.lanes
+    }
+}
+
+impl Notebook {
+    /// Writes what the kernel granted; a text that is too long is left out.
+    pub fn granted(&mut self, text: &str) {
+        if text.len() + 8 <= GRANTED {
+            put_text(&mut self.texts, self.granted_at, text);
+        }
+    }
+}
+
+impl Flight {
+    /// Job `tick` begins.
+    pub(crate) fn begin(&self, tick: u64) {
+        self.words.mark(TICK_AT, tick);
+    }
+
+    /// The task at `position`, counted from 1, begins; 0: the job is over.
+    pub(crate) fn enter(&self, position: u32) {
+        self.words.mark(SEAT_AT, u64::from(position));
+    }
+
+    /// Keeps one record as the lane hands it to observers.
+    pub(crate) fn put(&mut self, message: &[u8]) {
+        let size = (8 + message.len()).next_multiple_of(8) as u64;
+        let capacity = self.ring.len() as u64;
+        if size > capacity {
+            return;
+        }
+        // At most one ring full of records is passed over, a record at a time.
+        while self.head + size > self.tail + capacity {
+            self.tail += self.size_at(self.tail);
+        }
+        self.words.publish(TAIL_AT, self.tail);
+        self.copy(self.head, &self.number.to_le_bytes());
+        self.copy(self.head + 8, message);
+        self.head += size;
+        self.number += 1;
+        self.words.publish(NEXT_AT, self.head);
+    }
+
+    /// Bytes of the record at a position: its length stands in the word behind its number.
+    fn size_at(&self, position: u64) -> u64 {
+        let mut word = [0; 8];
+        self.ring.read(self.place(position + 8), &mut word);
+        let [_, _, _, _, a, b, c, d] = word;
+        record_size(u32::from_le_bytes([a, b, c, d]))
+    }
+
+    fn place(&self, position: u64) -> usize {
+        (position % (self.ring.len() as u64)) as usize
+    }
+
+    /// Copies into the ring, around its end if need be.
+    fn copy(&mut self, position: u64, bytes: &[u8]) {
+        let place = self.place(position);
+        let (first, second) = bytes.split_at(bytes.len().min(self.ring.len() - place));
+        self.ring.write(place, first);
+        self.ring.write(0, second);
+    }
+}
+
+fn record_size(body: u32) -> u64 {
+    (HEAD as u64 + u64::from(body)).next_multiple_of(8)
+}
+
+mod reader;
+
+pub use reader::{LaneTrace, Read, read};
+
+#[cfg(test)]
+mod tests;

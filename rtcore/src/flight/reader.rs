@@ -1,0 +1,138 @@
+//! Reads what a flight recorder left behind. Every number in the file is doubted: nothing is taken
+//! that does not fit the file and its neighbours.
+
+use taktil_hal::Nanos;
+
+use super::{BLOCK, HEAD, LANES, MAGIC, NEXT_AT, PAGE, SEAT_AT, TABLE, TAIL_AT, TICK_AT, VERSION};
+use super::{Record, record_size};
+
+/// What was found in a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Read {
+    /// What explains the records.
+    pub about: String,
+    /// What the kernel granted; empty when the process ended before that was known.
+    pub granted: String,
+    /// Each lane, in the machine's order.
+    pub lanes: Vec<LaneTrace>,
+}
+
+/// What one lane left.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LaneTrace {
+    /// The job that ran last.
+    pub tick: u64,
+    /// The task, counted from 0, that was running when the process ended.
+    pub running: Option<usize>,
+    /// Why records at its end could not be used, if so.
+    pub damage: Option<String>,
+    bytes: Vec<u8>,
+    records: Vec<usize>,
+}
+
+impl LaneTrace {
+    /// Its records from the oldest on.
+    pub fn records(&self) -> impl DoubleEndedIterator<Item = Record<'_>> {
+        self.records.iter().map(|at| {
+            let head = &self.bytes[*at..];
+            Record {
+                signal: usize::from(u16::from_le_bytes([head[8], head[9]])),
+                tick: word(head, 16),
+                release: Nanos(word(head, 24).cast_signed()),
+                body: &head[HEAD..HEAD + length(head)],
+            }
+        })
+    }
+}
+
+/// Reads a whole file.
+///
+/// # Errors
+/// In words, why it is no recording of a flight: empty, something else, another version, cut.
+pub fn read(file: &[u8]) -> Result<Read, String> {
+    if file.is_empty() {
+        return Err("it is empty".to_owned());
+    }
+    if file.len() < PAGE || !file.starts_with(MAGIC) {
+        return Err("it is no flight recording; `--flight FILE` writes one".to_owned());
+    }
+    let version = u32::from_le_bytes([file[8], file[9], file[10], file[11]]);
+    if version != VERSION {
+        return Err(format!(
+            "it has version {version} of the format, this program reads {VERSION}"
+        ));
+    }
+    let count = u32::from_le_bytes([file[12], file[13], file[14], file[15]]) as usize;
+    if count > LANES {
+        return Err(format!("its header is damaged: {count} lanes"));
+    }
+    let about = text(file, 16, "explains")?;
+    let granted = text(file, 32, "says what was granted")?;
+    let mut lanes = Vec::new();
+    for lane in 0..count {
+        let (first, ring) = (word(file, TABLE + 16 * lane), word(file, TABLE + 16 * lane + 8));
+        let block = slice(file, first, BLOCK as u64);
+        let bytes = slice(file, first.saturating_add(BLOCK as u64), ring);
+        let (Some(block), Some(bytes)) = (block, bytes) else {
+            return Err(format!("it is cut: {} bytes, and lane {lane} lies behind", file.len()));
+        };
+        lanes.push(trace(block, bytes));
+    }
+    Ok(Read { about, granted, lanes })
+}
+
+fn word(bytes: &[u8], at: usize) -> u64 {
+    let mut word = [0; 8];
+    word.copy_from_slice(&bytes[at..at + 8]);
+    u64::from_le_bytes(word)
+}
+
+fn length(head: &[u8]) -> usize {
+    u32::from_le_bytes([head[12], head[13], head[14], head[15]]) as usize
+}
+
+fn slice(file: &[u8], first: u64, bytes: u64) -> Option<&[u8]> {
+    let first = usize::try_from(first).ok()?;
+    file.get(first..first.checked_add(usize::try_from(bytes).ok()?)?)
+}
+
+fn text(file: &[u8], at: usize, what: &str) -> Result<String, String> {
+    let room = slice(file, word(file, at), word(file, at + 8)).filter(|room| room.len() >= 8);
+    let room = room.ok_or_else(|| format!("it is cut before the text that {what}"))?;
+    let bytes = slice(room, 8, word(room, 0));
+    let text = bytes.and_then(|bytes| core::str::from_utf8(bytes).ok());
+    text.map(str::to_owned).ok_or_else(|| format!("the text that {what} is damaged"))
+}
+
+/// Walks a ring from its tail to its head.
+fn trace(block: &[u8], ring: &[u8]) -> LaneTrace {
+    let (tail, head) = (word(block, TAIL_AT), word(block, NEXT_AT));
+    let running = usize::try_from(word(block, SEAT_AT)).ok().and_then(|seat| seat.checked_sub(1));
+    let mut lane = LaneTrace { tick: word(block, TICK_AT), running, ..LaneTrace::default() };
+    let capacity = ring.len() as u64;
+    if capacity == 0 || head < tail || head - tail > capacity {
+        lane.damage = Some(format!("its ends {tail} and {head} do not fit a ring of {capacity}"));
+        return lane;
+    }
+    // Unrolled, so that a record is one piece.
+    let start = (tail % capacity) as usize;
+    lane.bytes = ring[start..].iter().chain(&ring[..start]).copied().collect();
+    let used = (head - tail) as usize;
+    let (mut at, mut number) = (0, None);
+    while at < used {
+        let here = &lane.bytes[at..used];
+        let size = if here.len() < HEAD { None } else { u32::try_from(length(here)).ok() };
+        let size = size.map(|body| record_size(body) as usize).filter(|size| *size <= here.len());
+        let follows = size.is_some() && number.is_none_or(|number| word(here, 0) == number + 1);
+        let (Some(size), true) = (size, follows) else {
+            let whole = lane.records.len();
+            lane.damage =
+                Some(format!("{} bytes behind its record {whole} are damaged", used - at));
+            break;
+        };
+        number = Some(word(here, 0));
+        lane.records.push(at);
+        at += size;
+    }
+    lane
+}
