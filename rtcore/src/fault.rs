@@ -87,6 +87,8 @@ faults! {
     LaneSilent = 22, DriveOff, "a lane stopped answering";
     /// A job of a lane that may not miss ended after its deadline, or was left out.
     DeadlineMissed = 23, ControlledStop, "a lane that may not miss a deadline missed one";
+    /// A task wrote a value that its output was declared not to take; the last good one was kept.
+    OutOfRange = 24, ControlledStop, "a task wrote a value out of its output's range";
 }
 
 impl FaultCode {

@@ -237,7 +237,7 @@ impl Lane {
             inputs: &mut self.inputs,
             parameters: &self.knobs.values,
             release,
-            refused: false,
+            refused: None,
         };
         if let (Some(output), Some(edit)) = (&self.edit, edit) {
             io.write(output, edit);
@@ -264,7 +264,7 @@ impl Lane {
                 }
                 *before = after;
             }
-            let refused = core::mem::take(&mut io.refused).then_some(FaultCode::NotFinite);
+            let refused = core::mem::take(&mut io.refused);
             for fault in [fault, refused].into_iter().flatten() {
                 faults.insert(fault);
                 if faulty_task == 0 {

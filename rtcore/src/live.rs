@@ -349,6 +349,7 @@ fn lane_thread(
 ) {
     let answer = ask(&lane.spec);
     touch_stack();
+    silence::rehearse();
     let _ = answers.granted.set(answer);
     shared.ready.come();
     while shared.start.word() == Word::Wait {

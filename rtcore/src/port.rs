@@ -2,7 +2,8 @@
 //!
 //! Inside a lane a value is visible to the next task in order. Between lanes it becomes visible at
 //! its producer's release plus the declared delivery time, never earlier, never later. Every read
-//! says whether the value is new, held or stale. Values that are not finite are refused at the
+//! says whether the value is new, held or stale. Values that are not finite, or out of the range
+//! that their output was declared with, are refused at the
 //! port: the last good one stays and the lane raises a fault.
 
 use core::any::{Any, TypeId};
@@ -12,6 +13,7 @@ use core::ops::RangeInclusive;
 use taktil_hal::Nanos;
 use taktil_hal::link::{Receiver, Sender, link};
 
+use crate::fault::FaultCode;
 use crate::parameter::{Declaration, Param};
 use crate::payload::Payload;
 use crate::tape::{Tape, TapeDeclaration, tape};
@@ -78,6 +80,7 @@ struct Cell<T> {
     stamp: Nanos,
     version: u64,
     written: bool,
+    within: Option<fn(&T) -> bool>,
     to: Vec<Sender<T>>,
     from: Option<Receiver<T>>,
 }
@@ -104,6 +107,7 @@ impl<T: Payload> Cell<T> {
             stamp: Nanos::ZERO,
             version: 0,
             written: false,
+            within: None,
             to: Vec::new(),
             from,
         }
@@ -285,6 +289,24 @@ impl Ports {
 
     /// Declares an output; its signal is called `task.name`.
     pub fn output<T: Payload>(&mut self, name: &'static str) -> Output<T> {
+        self.declare_output(name, None)
+    }
+
+    /// As [`Ports::output`], for values that can be told to be wrong: what is not `within` never
+    /// leaves the task.
+    pub fn output_within<T: Payload>(
+        &mut self,
+        name: &'static str,
+        within: fn(&T) -> bool,
+    ) -> Output<T> {
+        self.declare_output(name, Some(within))
+    }
+
+    fn declare_output<T: Payload>(
+        &mut self,
+        name: &'static str,
+        within: Option<fn(&T) -> bool>,
+    ) -> Output<T> {
         let cell = self.first_cell + self.outputs.len();
         self.outputs.push(OutputDeclaration {
             name,
@@ -292,7 +314,7 @@ impl Ports {
             type_name: T::NAME,
             fields: T::FIELDS,
             size: T::SIZE,
-            cell: Box::new(Cell::<T>::new(None)),
+            cell: Box::new(Cell { within, ..Cell::<T>::new(None) }),
         });
         Output { cell, of: PhantomData }
     }
@@ -304,7 +326,8 @@ pub struct Io<'a> {
     pub(crate) inputs: &'a mut [Binding],
     pub(crate) parameters: &'a [f64],
     pub(crate) release: Nanos,
-    pub(crate) refused: bool,
+    /// Why a value was not taken since this was looked at last.
+    pub(crate) refused: Option<FaultCode>,
 }
 
 impl Io<'_> {
@@ -339,7 +362,9 @@ impl Io<'_> {
     /// Writes an encoded value to a cell of this lane; a body of another length is refused.
     pub(crate) fn inject(&mut self, cell: usize, body: &[u8]) {
         let written = self.cells.get_mut(cell).map(|cell| cell.inject(body, self.release));
-        self.refused |= written != Some(true);
+        if written != Some(true) {
+            self.refused = Some(FaultCode::NotFinite);
+        }
     }
 
     /// The value of a parameter in this job: the first one, or that of the last edit.
@@ -354,17 +379,21 @@ impl Io<'_> {
         parameters.map(|parameter| self.parameter(parameter))
     }
 
-    /// Writes an output; the last write of a job counts. A value that is not finite is refused and
-    /// raises a fault.
+    /// Writes an output; the last write of a job counts. A value that is not finite, or not within
+    /// what the output was declared with, is refused and raises a fault; the last good one stays.
     pub fn write<T: Payload>(&mut self, output: &Output<T>, value: T) {
         if !value.is_finite() {
-            self.refused = true;
+            self.refused = Some(FaultCode::NotFinite);
             return;
         }
         let release = self.release;
         let Some(cell) = self.cells.get_mut(output.cell) else { return };
         let cell: &mut dyn Any = cell.as_mut();
         if let Some(cell) = cell.downcast_mut::<Cell<T>>() {
+            if cell.within.is_some_and(|within| !within(&value)) {
+                self.refused = Some(FaultCode::OutOfRange);
+                return;
+            }
             cell.value = value;
             cell.stamp = release;
             cell.version += 1;

@@ -46,6 +46,11 @@ pub(crate) fn install() {
     });
 }
 
+/// Unwinds once on this thread, outside jobs: what unwinding needs is then found and in memory.
+pub(crate) fn rehearse() {
+    let _ = std::panic::catch_unwind(|| std::panic::resume_unwind(Box::new(())));
+}
+
 /// The place of the first panic inside a job of this thread since the last call.
 pub(crate) fn take() -> Option<Site> {
     FIRST.with(Cell::take)

@@ -5,11 +5,15 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use taktil_rtcore::contract::{Demands, Weight};
+use taktil_rtcore::guard::{self, CountingAllocator};
 use taktil_rtcore::live::{self, Account, Audience, Contract, Pace, Terms};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, Guard, Io, LaneSpec, Machine, Nanos, Output, Task, payload,
 };
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 payload! {
     /// A number.
@@ -143,6 +147,9 @@ fn an_item_that_is_demanded_and_missing_refuses_the_run_before_the_first_job() {
     assert_eq!((count.0, machine.figures().next().unwrap().1.jobs), (0, 0));
 }
 
+/// Heap calls that one panic may cost.
+const PANIC_HEAP_CALLS: u64 = 2;
+
 const CHILD: &str = "TAKTIL_PANIC_CHILD";
 
 /// The child of the next test; alone it does nothing.
@@ -155,6 +162,11 @@ fn child_that_panics_in_a_job() {
     let account = run(&mut machine, Pace::Slip);
     let (_, figures) = machine.figures().next().unwrap();
     assert_eq!(figures.jobs, 300, "the lane goes on");
+    // A panic of the language takes its payload and its exception from the heap, and nothing more:
+    // no text is made of it, nothing is printed, no trace is taken.
+    assert!(guard::installed());
+    assert!(figures.allocations <= 2 * PANIC_HEAP_CALLS, "{} heap calls", figures.allocations);
+    println!("longest job, a panic or not: {} us", figures.execution_ns.max() / 1000);
     assert!(figures.faults.contains(FaultCode::TaskPanicked));
     assert_eq!(account.panics.len(), 1, "the first place of the lane");
     assert!(account.panics[0].contains("tests/live.rs:"), "{:?}", account.panics);

@@ -46,6 +46,7 @@ enum Trouble {
     Fault,
     Silent,
     Allocate,
+    OutOfRange,
 }
 
 impl Task for Source {
@@ -53,6 +54,7 @@ impl Task for Source {
         let mut value = cycle.tick as f64;
         match self.trouble.filter(|(tick, _)| *tick == cycle.tick).map(|t| t.1) {
             Some(Trouble::NotANumber) => value = f64::NAN,
+            Some(Trouble::OutOfRange) => value = -1e300,
             Some(Trouble::Panic) => panic!("on purpose"),
             Some(Trouble::Fault) => return Err(FaultCode::TactileLost),
             Some(Trouble::Silent) => return Ok(()),
@@ -86,8 +88,12 @@ impl Task for Echo {
 }
 
 fn source(b: &mut Builder, lane: LaneId, name: &str, trouble: Option<(u64, Trouble)>) {
-    b.task(lane, name, |ports| Ok(Box::new(Source { out: ports.output("number"), trouble })))
-        .unwrap();
+    b.task(lane, name, |ports| {
+        // Ticks are small and not negative.
+        let out = ports.output_within("number", |n: &Number| (0.0..1e9).contains(&n.value));
+        Ok(Box::new(Source { out, trouble }))
+    })
+    .unwrap();
 }
 
 fn echo(b: &mut Builder, lane: LaneId, name: &str, delayed: bool) {
@@ -273,6 +279,18 @@ fn what_is_not_finite_never_passes_a_port() {
     assert_eq!(values, [0.0, 1.0, 2.0, 4.0, 5.0, 6.0, 7.0]);
     let faults = machine.figures().next().unwrap().1.faults;
     assert!(faults.contains(FaultCode::NotFinite));
+}
+
+#[test]
+fn what_is_out_of_an_output_s_range_never_passes_it_and_the_last_good_value_stays() {
+    let mut machine = two_lanes(Some((3, Trouble::OutOfRange)));
+    let keep = run_virtual(&mut machine, Nanos::from_millis(40));
+    let values: Vec<f64> = keep.of(&machine, "source.number").iter().map(|s| s.1.value).collect();
+    assert_eq!(values, [0.0, 1.0, 2.0, 4.0, 5.0, 6.0, 7.0]);
+    let faults = machine.figures().next().unwrap().1.faults;
+    assert!(faults.contains(FaultCode::OutOfRange) && !faults.contains(FaultCode::NotFinite));
+    let seen = keep.of(&machine, "echo.number");
+    assert!(seen.iter().all(|(_, seen)| seen.value >= 0.0), "the other lane kept the good one");
 }
 
 #[test]

@@ -20,6 +20,15 @@ use taktil_signal::{ControlState, Desired, JointState, Torque};
 /// Time over which the gravity term comes in when the joints become calibrated under torque (s).
 const GRAVITY_RAMP_S: f64 = 0.25;
 
+/// A torque beyond this at any joint is a mistake of the law and no wish of it (N m): what the
+/// drives can do is `actuate`'s affair, and less.
+const ABSURD_NM: f64 = 1e4;
+
+/// A torque that a law can mean.
+fn sound(torque: &Torque) -> bool {
+    torque.tau_nm.iter().all(|tau| tau.abs() <= ABSURD_NM)
+}
+
 /// The task.
 pub struct JointServo {
     desired: Input<Desired>,
@@ -99,7 +108,7 @@ impl JointServo {
             desired: ports.input("desired"),
             joints: ports.input("joints"),
             control: ports.input("control"),
-            torque: ports.output("torque"),
+            torque: ports.output_within("torque", sound),
             law: Pd::new(config.gains(&dynamics), config.derivative_filter_hz),
             ahead: Ahead::new(config.friction, config.friction_speed_rad_s, config.acceleration),
             dynamics: config.gravity.then_some(dynamics),

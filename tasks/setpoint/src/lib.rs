@@ -94,6 +94,16 @@ fn positive(place: &str, value: f64, most: f64) -> Result<(), Invalid> {
     ))
 }
 
+/// Joint angles beyond four turns, or speeds beyond 100 rad/s, are no wish of anybody.
+const ABSURD_RAD: f64 = 8.0 * core::f64::consts::PI;
+const ABSURD_RAD_S: f64 = 100.0;
+
+/// Joints that somebody can desire.
+fn sound(desired: &Desired) -> bool {
+    desired.q_rad.iter().all(|q| q.abs() <= ABSURD_RAD)
+        && desired.qd_rad_s.iter().all(|qd| qd.abs() <= ABSURD_RAD_S)
+}
+
 /// The task.
 pub struct Setpoint {
     law: Law,
@@ -131,7 +141,7 @@ impl Setpoint {
             jog: ports.input_within("jog", stale),
             trajectory: ports.input_within("trajectory", stale),
             tactile: ports.input_within("tactile", stale),
-            desired: ports.output("desired"),
+            desired: ports.output_within("desired", sound),
         })
     }
 }

@@ -10,7 +10,7 @@ pub mod watch;
 use serde::Deserialize;
 use taktil_rtcore::status::{LaneHealth, ModeStatus};
 use taktil_rtcore::{
-    Cycle, FaultCode, FaultSet, Input, Invalid, Io, Nanos, Output, Ports, Sample, Task,
+    Cycle, FaultCode, FaultSet, Input, Invalid, Io, Mode, Nanos, Output, Ports, Sample, Task,
 };
 use taktil_signal::{ControlState, Goal, JointState, Lines, Request};
 
@@ -110,6 +110,11 @@ fn span(seconds: f64) -> Nanos {
     Nanos((seconds * 1e9).round() as i64)
 }
 
+/// A word that says a mode.
+fn is_mode(word: &ModeStatus) -> bool {
+    u8::try_from(word.mode).ok().and_then(Mode::from_code).is_some()
+}
+
 /// The task.
 pub struct Supervisor {
     core: Core,
@@ -143,7 +148,7 @@ impl Supervisor {
             servo_health: ports.input_delayed("servo_health"),
             touch_health: ports.input_within("touch_health", span(config.touch_silent_s)),
             control: ports.output("control"),
-            mode: ports.output("mode"),
+            mode: ports.output_within("mode", is_mode),
         })
     }
 }
