@@ -170,7 +170,10 @@ impl Shares {
         let wanted = libm::ceil(0.5 * fineness.per_thickness * array.pitch_mm / t).max(1.0);
         let phases = 2 * (wanted as usize).min(PHASES_MAX / 2);
         let most = WIDTHS * array.rows.max(array.cols) as f64;
-        let half = libm::ceil(fineness.reach * t / array.pitch_mm + 0.5).min(most) as usize + 1;
+        // On a layer thick against a tactel few loads make an image: they may reach further.
+        let more = if !fineness.cubic && t > 0.7 * array.pitch_mm { 2.0 } else { 1.0 };
+        let reach = more * fineness.reach * t / array.pitch_mm;
+        let half = libm::ceil(reach + 0.5).min(most) as usize + 1;
         let side = 2 * half;
         let stride = phases + 3;
         if (stride * stride).saturating_mul(side * side) > TABLE_MAX {

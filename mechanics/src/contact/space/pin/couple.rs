@@ -15,7 +15,7 @@ use core::f64::consts::PI;
 /// Table points per unit of the Bessel functions' argument.
 const BESSEL_DENSITY: f64 = 8.0;
 /// The integral along the pin is cut at this over h; the tail is added in closed form.
-const CUT: f64 = 400.0;
+const CUT: f64 = 120.0;
 
 /// How finely the coupling is resolved.
 #[derive(Clone, Copy, Debug)]

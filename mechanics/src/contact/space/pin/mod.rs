@@ -119,7 +119,7 @@ impl Fineness {
         match level {
             Level::Fast => Self {
                 slice: 1.0,
-                fewest: 16.0,
+                fewest: 24.0,
                 modes: modes(10.0, 5.0, 7.0),
                 cosines: (3.0, 0.0),
                 points: 5.0,
@@ -128,7 +128,7 @@ impl Fineness {
             },
             Level::Default => Self {
                 slice: 0.5,
-                fewest: 64.0,
+                fewest: 96.0,
                 modes: modes(12.0, 10.0, 12.0),
                 cosines: (4.0, 0.5),
                 points: 11.0,
