@@ -4,6 +4,7 @@
 pub mod chain;
 pub mod measure;
 pub mod readers;
+pub mod space;
 
 use std::process::ExitCode;
 
@@ -23,6 +24,9 @@ pub enum Bench {
     /// Whether a lane does the same work whoever reads its records: instructions of a job with no
     /// reader and with eight, counted by callgrind (package valgrind).
     Readers(readers::Plan),
+    /// Contact in three dimensions: time against error of every solver, and the images of a pin
+    /// under each of its motions.
+    Contact3d(space::Plan),
 }
 
 /// Measures and prints.
@@ -33,6 +37,7 @@ pub fn run(bench: &Bench) -> anyhow::Result<ExitCode> {
     match bench {
         Bench::Executor(plan) => executor(plan, Vec::new()),
         Bench::Readers(plan) => readers::run(plan),
+        Bench::Contact3d(plan) => space::run(plan),
     }
 }
 

@@ -61,6 +61,12 @@ const FOOT: f64 = 44.0;
 /// Images side by side on one scale of counts.
 #[must_use]
 pub fn heat_maps(title: &str, images: &[Touch]) -> Figure {
+    heat_maps_of(title, "counts", images)
+}
+
+/// [`heat_maps`] of another unit.
+#[must_use]
+pub fn heat_maps_of(title: &str, unit: &str, images: &[Touch]) -> Figure {
     let most = images.iter().flat_map(|image| &image.counts).copied();
     let most = most.filter(|count| count.is_finite()).fold(1.0, f64::max);
     let wide = |image: &Touch| CELL * image.cols as f64;
@@ -82,7 +88,7 @@ pub fn heat_maps(title: &str, images: &[Touch]) -> Figure {
     }
     figure.text(left + 16.0, bottom, Anchor::Start, "small", "0");
     figure.text(left + 16.0, TOP + 9.0, Anchor::Start, "small", &plain(most));
-    figure.text(left, bottom + 16.0, Anchor::Start, "small dim", "counts");
+    figure.text(left, bottom + 16.0, Anchor::Start, "small dim", unit);
     figure
 }
 
