@@ -112,7 +112,8 @@ pub fn table(rounds: u32) -> anyhow::Result<String> {
         let Row { problem, method, image_error, force_error, .. } = row;
         writeln!(
             out,
-            "| {problem} | {method} | {image_error:.1e} | {force_error:.1e} | {:.1e} | {:.0} | {:.0} |",
+            "| {problem} | {method} | {image_error:.1e} | {force_error:.1e} | \
+             {:.1e} | {:.0} | {:.0} |",
             row.centroid_mm, row.cold_us, row.warm_us
         )?;
     }
