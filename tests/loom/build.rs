@@ -48,7 +48,8 @@ fn main() {
     println!("cargo::rerun-if-changed={SOURCE}");
     println!("cargo::rerun-if-changed=build.rs");
     let source = std::fs::read_to_string(SOURCE).expect("the executor's file is there");
-    // An included file may not begin with a comment on the module around it, and stands deeper here.
+    // An included file may not begin with a comment on the module around it, and stands deeper
+    // here.
     let body: String = source
         .lines()
         .filter(|line| !line.starts_with("//!"))

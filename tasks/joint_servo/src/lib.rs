@@ -1,7 +1,7 @@
 //! The position servo of the joints at 400 Hz: PD on the error between desired and measured angles,
-//! with the torques against gravity and along the desired motion as options. Refuses to ask for torque while the mode does not
-//! allow any, while nothing is desired, or when a number is not finite; refuses limits, which are
-//! `actuate`'s.
+//! with the torques against gravity and along the desired motion as options. Refuses to ask for
+//! torque while the mode does not allow any, while nothing is desired, or when a number is not
+//! finite; refuses limits, which are `actuate`'s.
 //!
 //! The filter of the rate is forgotten while the servo is idle and when the zero of the joints
 //! moves, so that neither shows up as a rate.
