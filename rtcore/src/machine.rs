@@ -29,7 +29,7 @@ mod parameters;
 use complaint::{check_bindings, check_catalog, check_edge, check_remotes, mismatch, unknown};
 use join::{bind_mode, join};
 
-/// How long a lane or an observer may stand still before values or records are lost, unless told.
+/// How long a lane or an observer may stand still before values or records are lost.
 const STALL: Nanos = Nanos::from_millis(500);
 /// More seats than bits in a health word cannot be reported.
 const SEATS_MAX: usize = 32;
@@ -58,7 +58,8 @@ pub struct Builder {
     cpus: Option<BTreeSet<usize>>,
     time_tasks: bool,
     recording: Recording,
-    stall: Option<Nanos>,
+    /// For how much longer than usual values are held.
+    longer: Nanos,
 }
 
 /// A machine that can be run by an executor.
@@ -246,10 +247,10 @@ impl Builder {
         self.recording = recording;
     }
 
-    /// For how long a lane or an observer may stand still before values or records are lost: 500 ms
-    /// unless told otherwise.
-    pub fn stall(&mut self, stall: Nanos) {
-        self.stall = Some(stall);
+    /// Makes a machine that repeats a run ([`crate::replay`]): lanes may name CPUs that are not
+    /// here, and values are held for `stall`, the longest that a lane stood still. Call it last.
+    pub fn for_replay(&mut self, stall: Nanos) {
+        (self.cpus, self.longer) = (None, stall);
     }
 
     /// Joins everything.
@@ -262,7 +263,7 @@ impl Builder {
     pub fn build(mut self) -> Result<Machine, Invalid> {
         let mut edits: Vec<_> = self.lanes.iter_mut().map(parameters::declare_edit).collect();
         let desk = parameters::desk(&self.lanes);
-        let catalog = self.catalog();
+        let mut catalog = self.catalog();
         check_catalog(&catalog)?;
         let inputs = self.lanes.iter().flat_map(|draft| {
             let name = |(seat, input): &(usize, InputDeclaration)| {
@@ -273,7 +274,7 @@ impl Builder {
         check_bindings(&inputs.collect::<Vec<_>>(), &self.bindings)?;
         let analysis = self.check_schedule()?;
         let homes = self.homes();
-        let stall = self.stall.unwrap_or(STALL);
+        let stall = STALL + self.longer;
         let mut lanes: Vec<Lane> = Vec::new();
         let (mut drains, mut edit_rings) = (Vec::new(), Vec::new());
         for (index, draft) in self.lanes.iter_mut().enumerate() {
@@ -304,12 +305,18 @@ impl Builder {
                     None => join(&mut lanes, index, home, input.connect, stall)
                         .ok_or_else(|| mismatch(&place, signal, input, home))?,
                 };
-                links.insert(key, cell);
+                if home.lane != index && links.insert(key, cell).is_none() {
+                    catalog.lanes[index].reads.push(signal.clone());
+                }
                 lanes[index].inputs.push(Binding { cell, seen: 0, stale_after: input.stale_after });
             }
         }
         if let Some(signal) = &self.mode {
             bind_mode(&mut lanes, signal, &homes, &catalog, stall)?;
+            for (lane, info) in lanes.iter().zip(&mut catalog.lanes) {
+                let known = info.reads.len();
+                info.reads.extend((known..lane.trace.remote.len()).map(|_| signal.clone()));
+            }
         }
         check_remotes(&lanes)?;
         for lane in &mut lanes {
@@ -340,6 +347,8 @@ impl Builder {
                 name: draft.spec.name.clone(),
                 period: draft.spec.period,
                 phase: draft.spec.phase,
+                tasks: draft.seats.iter().map(|seat| seat.name.clone()).collect(),
+                reads: Vec::new(),
             });
             catalog.signals.extend(draft.tapes.iter().map(|tape| Signal {
                 name: tape.name.clone(),

@@ -37,7 +37,7 @@ pub struct Signal {
 }
 
 /// One lane as seen by an observer.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LaneInfo {
     /// Name.
     pub name: String,
@@ -45,6 +45,10 @@ pub struct LaneInfo {
     pub period: Nanos,
     /// Phase of job 0.
     pub phase: Nanos,
+    /// Its tasks in order, as the elements of `lane.state`.
+    pub tasks: Vec<String>,
+    /// The signals of other lanes that it reads, as the lags of `lane.decision`.
+    pub reads: Vec<String>,
 }
 
 /// Everything that a machine can record. A record's `signal` is an index into `signals`.

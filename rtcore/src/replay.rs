@@ -114,7 +114,7 @@ impl Script {
     }
 
     /// The longest that one of `specs` went without a job: for so long a machine that repeats the
-    /// run must hold values, see [`crate::Builder::stall`].
+    /// run must hold values, see [`crate::Builder::for_replay`].
     #[must_use]
     pub fn longest_pause<'a>(&self, specs: impl Iterator<Item = &'a LaneSpec>) -> Nanos {
         let pauses = specs.zip(&self.lanes).flat_map(|(spec, jobs)| {

@@ -14,6 +14,7 @@ use crate::doctor;
 use crate::jitter::{self, JitterArgs};
 use crate::plot::{self, PlotArgs};
 use crate::postmortem;
+use crate::replay;
 use crate::run::{self, BadOption, Options};
 
 /// Exit code for input that cannot be used.
@@ -120,6 +121,21 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Run what a log records again, and compare every value, decision and state bit for bit.
+    ///
+    /// Devices answer from the log, and lanes do what they did then: jobs left out and values that
+    /// came late included. Exit code 0: equal; 1: different, with the first place; 2: not a log
+    /// that can be replayed, or one that is not whole.
+    Replay {
+        /// Log file (MCAP) of `taktil run --log` or `taktild --log`
+        log: PathBuf,
+        /// One JSON object instead of sentences
+        #[arg(long)]
+        json: bool,
+        /// Write the repeated run to this MCAP file
+        #[arg(long, value_name = "F.mcap")]
+        out: Option<PathBuf>,
+    },
     /// Whether this host is fit for real time: what is expected, what was found, what helps.
     ///
     /// Changes nothing. Exit code 0: fine; 1: warnings; 2: not fit for motion.
@@ -191,6 +207,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         Command::Postmortem { file, log, json } => {
             postmortem::run(&postmortem::Options { file, log, json })
         }
+        Command::Replay { log, json, out } => replay::run(&replay::Options { log, json, out }),
         Command::Jitter(arguments) => jitter::run(&arguments),
         Command::Bench(bench) => bench::run(&bench),
         Command::Calc { list: true } => {

@@ -4,18 +4,19 @@
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use serde_json::{Value, json};
 use taktil_rtcore::payload::Kind;
 
 use crate::log::{Channel, FieldInfo, Log, METADATA_RUN, Message};
 use crate::run::BadOption;
 
-/// Signals that are listed one by one for people; JSON has them all.
-const LISTED_MAX: usize = 20;
+mod print;
+
+pub(crate) use print::{first_text, seconds};
+pub use print::{text, to_json};
+
 /// What the logs may say of themselves that explains why they differ.
 const ORIGIN: [&str; 4] = ["scene", "seed", "mode", "taktil"];
 
@@ -55,6 +56,10 @@ pub enum Change {
 pub struct Divergence {
     /// Signal, `task.port`.
     pub signal: String,
+    /// Lane whose job it was; empty when the logs do not say.
+    pub lane: String,
+    /// What the element of an array stands for: a task of a lane's state, a signal of its decision.
+    pub of: Option<String>,
     /// Job.
     pub tick: u64,
     /// Logical time of that job; the earlier one where the logs disagree.
@@ -64,10 +69,35 @@ pub struct Divergence {
 }
 
 impl Divergence {
-    /// Task and port; the whole name is the task when there is no port.
+    /// Task and port; the whole name is the task when there is no port. A lane's state names the
+    /// task whose state it is.
     #[must_use]
     pub fn task_and_port(&self) -> (&str, &str) {
-        self.signal.rsplit_once('.').unwrap_or((&self.signal, ""))
+        let (task, port) = self.signal.rsplit_once('.').unwrap_or((&self.signal, ""));
+        match &self.of {
+            Some(task) if port == "state" => (task, port),
+            _ => (task, port),
+        }
+    }
+
+    /// The same with A and B in each other's place.
+    fn turned(mut self) -> Divergence {
+        if let Change::Field { a, b, .. } = &mut self.change {
+            std::mem::swap(a, b);
+        }
+        self
+    }
+
+    /// Of two differences at one instant the cause comes first: what was read and decided, then
+    /// what tasks wrote, then their states, then what the lane says of itself.
+    fn rank(&self) -> u8 {
+        match self.signal.rsplit_once('.') {
+            Some(("hal", _)) => 0,
+            Some((lane, "decision")) if lane == self.lane => 0,
+            Some((lane, "state")) if lane == self.lane => 2,
+            Some((lane, "health")) if lane == self.lane => 3,
+            _ => 1,
+        }
     }
 }
 
@@ -99,6 +129,8 @@ pub struct Comparison {
     pub other_fields: Vec<String>,
     /// Where A and B stop being readable, in words.
     pub damage: [Option<String>; 2],
+    /// What is different about the message at which one of them stops being readable.
+    pub broken: Option<Divergence>,
     /// Remarks that decide nothing: other seeds, messages of other programs.
     pub remarks: Vec<String>,
 }
@@ -115,6 +147,7 @@ impl Comparison {
             only_b: Vec::new(),
             other_fields: Vec::new(),
             damage: [a, b].map(|log| log.damage().map(ToString::to_string)),
+            broken: broken(a, b, &by_b).or_else(|| broken(b, a, &by_a).map(Divergence::turned)),
             remarks: remarks(a, b),
         };
         for (at, key) in keys_a.iter().enumerate() {
@@ -135,14 +168,14 @@ impl Comparison {
         found
     }
 
-    /// The first divergence in logical time; of several at one instant the first in A's catalog.
+    /// The message that cannot be trusted, if there is one; otherwise the first divergence in
+    /// logical time, of several at one instant the likeliest cause.
     #[must_use]
     pub fn first(&self) -> Option<&Divergence> {
         // `min_by_key` keeps the first of equals, which is the order of the catalog.
-        self.compared
-            .iter()
-            .filter_map(|signal| signal.first.as_ref())
-            .min_by_key(|divergence| divergence.release_ns)
+        let all = self.compared.iter().filter_map(|signal| signal.first.as_ref());
+        let first = all.min_by_key(|divergence| (divergence.release_ns, divergence.rank()));
+        self.broken.as_ref().or(first)
     }
 
     /// True when what can be read is the same on both sides.
@@ -246,10 +279,35 @@ fn compare(channel: &Channel, a: &[Message<'_>], b: &[Message<'_>]) -> Compared 
         }
         // Ticks ascend, but a damaged clock may not: what counts is logical time.
         if found.first.as_ref().is_none_or(|first| release_ns < first.release_ns) {
-            let signal = channel.signal.clone();
-            found.first = Some(Divergence { signal, tick, release_ns, change });
+            found.first = Some(divergence_of(channel, (tick, release_ns), change));
         }
     }
+}
+
+fn divergence_of(channel: &Channel, (tick, release_ns): (u64, i64), change: Change) -> Divergence {
+    let of = match &change {
+        Change::Field { index: Some(index), .. } => channel.elements.get(*index).cloned(),
+        _ => None,
+    };
+    let (signal, lane) = (channel.signal.clone(), channel.lane.clone());
+    Divergence { signal, lane, of, tick, release_ns, change }
+}
+
+/// The message at which `damaged` fails its CRC beside its twin in `other`, whose values come
+/// second.
+fn broken(damaged: &Log, other: &Log, by_other: &[Vec<Message<'_>>]) -> Option<Divergence> {
+    let suspect = damaged.suspect()?;
+    let channel = &damaged.channels()[suspect.channel];
+    let to = other.find(&channel.signal)?;
+    // Its number in the channel: the tick may be what is broken.
+    let before = damaged.messages().filter(|message| message.channel == suspect.channel).count();
+    let twin = by_other[to].iter().find(|message| message.tick == suspect.tick);
+    let twin = twin.or(by_other[to].get(before))?;
+    if other.channels()[to].fields != channel.fields || twin.data == suspect.data {
+        return None;
+    }
+    let change = first_change(channel, suspect.data, twin.data);
+    Some(divergence_of(channel, (twin.tick, twin.release_ns), change))
 }
 
 /// The first field, in the order of the schema, whose bytes differ.
@@ -273,7 +331,9 @@ fn first_change(channel: &Channel, a: &[u8], b: &[u8]) -> Change {
     // Every field agrees: the bytes between them, or the sum over them, do not.
     let at = a.iter().zip(b).position(|(left, right)| left != right).unwrap_or(0);
     let byte = |data: &[u8]| data.get(at).map_or_else(String::new, |byte| format!("{byte:#04x}"));
-    Change::Field { field: "(padding)".to_owned(), index: Some(at), a: byte(a), b: byte(b) }
+    let crc = channel.fields.last().is_some_and(|crc| at >= crc.offset);
+    let field = if crc { "(crc)" } else { "(padding)" };
+    Change::Field { field: field.to_owned(), index: Some(at), a: byte(a), b: byte(b) }
 }
 
 fn word<const N: usize>(bytes: &[u8]) -> [u8; N] {
@@ -318,149 +378,4 @@ fn remarks(a: &Log, b: &Log) -> Vec<String> {
         }
     }
     out
-}
-
-/// Seconds with all nine digits, from integers.
-fn seconds(ns: i64) -> String {
-    let sign = if ns < 0 { "-" } else { "" };
-    let ns = ns.unsigned_abs();
-    format!("{sign}{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
-}
-
-/// The comparison in sentences; `names` are the two files.
-#[must_use]
-pub fn text(found: &Comparison, names: [&str; 2]) -> String {
-    let mut out = format!("A  {}\nB  {}\n", names[0], names[1]);
-    for (damage, name) in found.damage.iter().zip(["A", "B"]) {
-        if let Some(what) = damage {
-            let _ = writeln!(out, "{name} is cut or damaged, {what}");
-        }
-    }
-    let (messages_a, messages_b) = found.messages();
-    let signals = found.compared.len();
-    if found.same_readable() {
-        let short = if found.equal() { "equal" } else { "equal as far as both can be read" };
-        let _ = writeln!(out, "{short}: {signals} signals, {messages_a} messages, bit for bit");
-    } else {
-        let _ = writeln!(
-            out,
-            "different: {signals} signals compared, {messages_a} messages in A, {messages_b} in B"
-        );
-    }
-    if let Some(first) = found.first() {
-        out.push_str(&first_text(first));
-    }
-    for (list, what) in [
-        (&found.only_a, "only in A"),
-        (&found.only_b, "only in B"),
-        (&found.other_fields, "not compared, built from other fields"),
-    ] {
-        if !list.is_empty() {
-            let _ = writeln!(out, "{what}: {}", list.join(", "));
-        }
-    }
-    out.push_str(&table(found));
-    for remark in &found.remarks {
-        let _ = writeln!(out, "note: {remark}");
-    }
-    out
-}
-
-fn first_text(first: &Divergence) -> String {
-    let (task, port) = first.task_and_port();
-    let mut out = format!(
-        "first divergence\n  tick   {}\n  time   {} s\n  task   {task}\n  port   {port}\n",
-        first.tick,
-        seconds(first.release_ns)
-    );
-    let _ = match &first.change {
-        Change::Field { field, index, a, b } => {
-            let index = index.map_or_else(String::new, |index| format!("[{index}]"));
-            writeln!(out, "  field  {field}{index}\n  A      {a}\n  B      {b}")
-        }
-        Change::OnlyInA => writeln!(out, "  B has no message at this tick"),
-        Change::OnlyInB => writeln!(out, "  A has no message at this tick"),
-    };
-    out
-}
-
-fn table(found: &Comparison) -> String {
-    let differing: Vec<&Compared> =
-        found.compared.iter().filter(|signal| signal.first.is_some()).collect();
-    let Some(width) = differing.iter().map(|signal| signal.signal.chars().count()).max() else {
-        return String::new();
-    };
-    let width = width.max(6);
-    let mut out = format!(
-        "\n{:width$}  {:>9}  {:>9}  {:>9}  {:>9}  {:>16}\n",
-        "signal", "in A", "in B", "changed", "one side", "first at s"
-    );
-    for signal in differing.iter().take(LISTED_MAX) {
-        let at = signal.first.as_ref().map_or_else(String::new, |d| seconds(d.release_ns));
-        let _ = writeln!(
-            out,
-            "{:width$}  {:>9}  {:>9}  {:>9}  {:>9}  {at:>16}",
-            signal.signal, signal.messages.0, signal.messages.1, signal.changed, signal.alone
-        );
-    }
-    if differing.len() > LISTED_MAX {
-        let _ = writeln!(out, "and {} more; --json lists all", differing.len() - LISTED_MAX);
-    }
-    out
-}
-
-fn divergence_json(divergence: &Divergence) -> Value {
-    let (task, port) = divergence.task_and_port();
-    let mut out = json!({
-        "signal": divergence.signal,
-        "task": task,
-        "port": port,
-        "tick": divergence.tick,
-        "release_ns": divergence.release_ns,
-    });
-    match &divergence.change {
-        Change::Field { field, index, a, b } => {
-            out["kind"] = json!("field");
-            out["field"] = json!(field);
-            out["index"] = json!(index);
-            out["a"] = json!(a);
-            out["b"] = json!(b);
-        }
-        Change::OnlyInA => out["kind"] = json!("only_in_a"),
-        Change::OnlyInB => out["kind"] = json!("only_in_b"),
-    }
-    out
-}
-
-/// The comparison for programs: one object.
-#[must_use]
-pub fn to_json(found: &Comparison) -> Value {
-    let signals: Vec<Value> = found
-        .compared
-        .iter()
-        .map(|signal| {
-            json!({
-                "signal": signal.signal,
-                "messages_a": signal.messages.0,
-                "messages_b": signal.messages.1,
-                "changed": signal.changed,
-                "one_side": signal.alone,
-                "first": signal.first.as_ref().map(divergence_json),
-            })
-        })
-        .collect();
-    json!({
-        "equal": found.equal(),
-        "equal_as_far_as_readable": found.same_readable(),
-        "first": found.first().map(divergence_json),
-        "messages_a": found.messages().0,
-        "messages_b": found.messages().1,
-        "signals": signals,
-        "only_a": found.only_a,
-        "only_b": found.only_b,
-        "other_fields": found.other_fields,
-        "damage_a": found.damage[0],
-        "damage_b": found.damage[1],
-        "notes": found.remarks,
-    })
 }

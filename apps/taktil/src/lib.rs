@@ -10,6 +10,7 @@ pub mod jitter;
 pub mod log;
 pub mod plot;
 pub mod postmortem;
+pub mod replay;
 pub mod report;
 pub mod run;
 pub mod series;

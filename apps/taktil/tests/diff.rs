@@ -51,7 +51,7 @@ fn signal<T: Payload>(name: &str, lane: usize) -> Signal {
 }
 
 fn catalog(names: &[&str]) -> Catalog {
-    let lane = LaneInfo { name: "servo".into(), period: Nanos(2_500_000), phase: Nanos::ZERO };
+    let lane = LaneInfo { name: "servo".into(), period: Nanos(2_500_000), ..LaneInfo::default() };
     Catalog {
         signals: names.iter().map(|name| signal::<Mixed>(name, 0)).collect(),
         lanes: vec![lane],

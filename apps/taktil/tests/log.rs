@@ -36,7 +36,7 @@ fn catalog() -> Catalog {
     let lane = |name: &str, period| LaneInfo {
         name: name.into(),
         period: Nanos(period),
-        phase: Nanos::ZERO,
+        ..LaneInfo::default()
     };
     Catalog {
         signals: vec![

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 use taktil_rtcore::schedule::silent_after;
-use taktil_rtcore::{Allowance, Bucket, Guard, Invalid, LaneSpec, Late, Nanos};
+use taktil_rtcore::{Allowance, Bucket, Guard, Invalid, LaneSpec, Late, Nanos, Recording};
 
 /// A machine file, or the part of a scene that replaces some of its sections.
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -15,6 +15,8 @@ pub struct MachineConfig {
     pub lane: BTreeMap<String, LaneConfig>,
     /// What the analysis of the schedule allows for.
     pub schedule: Option<ScheduleConfig>,
+    /// What leaves the lanes for observers and logs: `full` (default), `decisions`, `values`.
+    pub record: Option<RecordName>,
     /// Which signal each input reads: `"task.port" = "task.port"`.
     pub wiring: BTreeMap<String, String>,
     /// Counts to joint angles.
@@ -35,6 +37,30 @@ pub struct MachineConfig {
     pub tactile_servo: Option<taktil_tasks_tactile_servo::Config>,
     /// The state machine.
     pub supervisor: Option<taktil_tasks_supervisor::Config>,
+}
+
+/// What leaves the lanes, each with all of the ones after it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RecordName {
+    /// The hash of each task's state after each job.
+    Full,
+    /// How each job came about: enough to replay the run.
+    Decisions,
+    /// Every value that is written, and what the devices answered.
+    Values,
+}
+
+impl RecordName {
+    /// As the core calls it.
+    #[must_use]
+    pub fn recording(self) -> Recording {
+        match self {
+            RecordName::Full => Recording::Full,
+            RecordName::Decisions => Recording::Decisions,
+            RecordName::Values => Recording::Values,
+        }
+    }
 }
 
 /// What is allowed for when the schedule is analysed, besides the declared budgets.
@@ -234,6 +260,7 @@ impl MachineConfig {
         MachineConfig {
             lane: self.lane,
             schedule: over.schedule.or(self.schedule),
+            record: over.record.or(self.record),
             wiring: self.wiring,
             sense: over.sense.or(self.sense),
             actuate: over.actuate.or(self.actuate),

@@ -5,6 +5,8 @@ pub mod config;
 pub mod contract;
 pub mod cpus;
 pub mod flight;
+pub mod log;
 pub mod service;
 pub mod source;
+pub mod tape;
 pub mod wiring;

@@ -22,6 +22,9 @@ struct Arguments {
     /// Read the configuration, open the board, print what would run, and end
     #[arg(long)]
     check: bool,
+    /// Record the run to this MCAP file, instead of the configuration's `[log] path`
+    #[arg(long, value_name = "F.mcap")]
+    log: Option<PathBuf>,
 }
 
 fn main() -> ExitCode {
@@ -33,6 +36,9 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
+    if let Some(path) = arguments.log {
+        service.record_to(path);
+    }
     if arguments.check {
         print!("{}", service.describe());
         return ExitCode::SUCCESS;

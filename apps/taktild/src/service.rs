@@ -3,6 +3,7 @@
 //! drives off. Refuses to move anything by itself: nobody is connected yet, so the machine checks
 //! itself and waits in READY.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,7 +21,9 @@ use taktil_signal::{JogCommand, Request};
 use crate::config::MachineConfig;
 use crate::contract::ContractConfig;
 use crate::flight::{FlightConfig, Keeper};
+use crate::log::McapLog;
 use crate::source::{Located, Source};
+use crate::tape::player::{About, Lack, Tapes};
 use crate::wiring;
 
 /// Longest run of the service: ten years, so that every release fits its integer.
@@ -42,9 +45,19 @@ struct ServiceFile {
     flight: FlightConfig,
     /// The register-file board.
     board: BoardConfig,
+    /// Where the run is recorded, relative to this file; nowhere when absent.
+    log: Option<LogConfig>,
     /// Sections that replace those of the machine file.
     #[serde(default)]
     robot: MachineConfig,
+}
+
+/// The recording of the service's run.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LogConfig {
+    /// MCAP file; an existing one is replaced.
+    path: PathBuf,
 }
 
 /// Exit code of a service one of whose tasks does not return.
@@ -58,6 +71,9 @@ pub struct Service {
     flight: FlightConfig,
     source: Source,
     machine_text: String,
+    log: Option<PathBuf>,
+    /// What a replay needs: the texts of both files, and what the devices say of themselves.
+    origin: BTreeMap<String, String>,
 }
 
 /// An operator who never asks for anything.
@@ -87,7 +103,7 @@ impl Service {
     /// # Errors
     /// Anything wrong, located in the file where it stands.
     pub fn load(path: &Path) -> Result<Service, Located> {
-        Service::with_operator(path, Box::new(|ports: &mut Ports| Ok(Box::new(Nobody::new(ports)))))
+        Service::with_operator(path, Box::new(|ports| Ok(Box::new(Nobody::new(ports)))))
     }
 
     /// As [`Service::load`], with somebody who asks: a task that writes `operator.request` and
@@ -104,19 +120,32 @@ impl Service {
         let machine_path = path.parent().unwrap_or(Path::new("")).join(&file.machine);
         let described = Source::read(&machine_path)
             .map_err(|bad| source.locate(Invalid::new("machine", bad.what, bad.remedy)))?;
-        let mut config = described.parse::<MachineConfig>()?.overridden_by(file.robot);
-        // Without an operator the script's feedback has no reader.
-        config.wiring.remove("operator.control");
+        let config = machine_config(&described, file.robot)?;
         let devices = Board::open(&file.board).map_err(|bad| source.locate(board_error(bad)))?;
+        let origin = [
+            ("mode", "board".to_owned()),
+            ("taktil", env!("CARGO_PKG_VERSION").to_owned()),
+            ("service", path.display().to_string()),
+            ("service_text", source.text.clone()),
+            ("machine_text", described.text.clone()),
+            ("devices", About::of(&devices).text()),
+        ];
         let built = wiring::assemble(config, devices, operator).and_then(|builder| builder.build());
-        let machine = built.map_err(|bad| {
-            let here = bad.clone().within("robot");
-            if source.holds(&here.place) { source.locate(here) } else { described.locate(bad) }
-        })?;
-        let machine_text = described.text;
-        let contract = file.contract.contract();
-        let (board, flight) = (file.board.path, file.flight);
-        Ok(Service { machine, contract, board, flight, source, machine_text })
+        Ok(Service {
+            machine: built.map_err(|bad| locate(bad, &source, &described))?,
+            contract: file.contract.contract(),
+            board: file.board.path,
+            log: file.log.map(|log| path.parent().unwrap_or(Path::new("")).join(log.path)),
+            origin: origin.map(|(key, value)| (key.to_owned(), value)).into(),
+            flight: file.flight,
+            source,
+            machine_text: described.text,
+        })
+    }
+
+    /// Records the run to this file, whatever the configuration says.
+    pub fn record_to(&mut self, path: PathBuf) {
+        self.log = Some(path);
     }
 
     /// What was assembled, whether its schedule can hold, and what the kernel would grant it now,
@@ -185,11 +214,16 @@ impl Service {
     /// What the kernel did not grant under a hard contract, or a task that refused to start.
     pub fn run(&mut self) -> anyhow::Result<()> {
         let stop = stop_on_signals()?;
-        let mut heart = Heart::new(self.machine.catalog());
-        heart.keeper = self.record_flight()?;
+        let keeper = self.record_flight()?;
+        let catalog = self.machine.catalog();
+        let log = self.log.as_ref().map(|path| McapLog::create(path, catalog, &self.origin));
+        let mut heart = Heart::new(catalog, log.transpose()?);
+        heart.keeper = keeper;
         let terms = Terms { until: FOREVER, contract: self.contract, pace: Pace::Fixed };
         let outcome = live::run(&mut self.machine, terms, &stop, &mut heart);
         tell(&[NotifyState::Stopping]);
+        // The machine has ended whatever becomes of its record.
+        let recorded = heart.log.take().map_or(Ok(()), McapLog::finish);
         outcome?;
         for (spec, figures) in self.machine.figures() {
             let (jobs, missed) = (figures.jobs, figures.misses.total());
@@ -198,8 +232,44 @@ impl Service {
                 spec.name, figures.skipped
             );
         }
-        Ok(())
+        recorded
     }
+}
+
+/// The machine that repeats a run of the service from what stands in its log: the texts of both
+/// files, `tapes`, and what the devices said of themselves. It bears lanes that stood still for
+/// `stall`; the task `operator` is to be fed.
+///
+/// # Errors
+/// Anything wrong with the texts, located.
+pub fn rebuild(
+    (source, machine): (&Source, &Source),
+    tapes: Tapes,
+    about: &About,
+    stall: Nanos,
+) -> Result<(Machine, Lack), Located> {
+    let file: ServiceFile = source.parse()?;
+    let config = machine_config(machine, file.robot)?;
+    let (devices, lack) = tapes.devices(about);
+    let operator: wiring::MakeOperator<'_> = Box::new(|ports| Ok(Box::new(Nobody::new(ports))));
+    let built = wiring::assemble(config, devices, operator).and_then(|mut builder| {
+        builder.for_replay(stall);
+        builder.build()
+    });
+    Ok((built.map_err(|bad| locate(bad, source, machine))?, lack))
+}
+
+fn machine_config(machine: &Source, robot: MachineConfig) -> Result<MachineConfig, Located> {
+    let mut config = machine.parse::<MachineConfig>()?.overridden_by(robot);
+    // Without an operator the script's feedback has no reader.
+    config.wiring.remove("operator.control");
+    Ok(config)
+}
+
+/// Puts a complaint at its place in the service's file or in the machine's.
+fn locate(bad: Invalid, source: &Source, machine: &Source) -> Located {
+    let here = bad.clone().within("robot");
+    if source.holds(&here.place) { source.locate(here) } else { machine.locate(bad) }
 }
 
 fn hard() -> ContractConfig {
@@ -221,17 +291,18 @@ struct Heart {
     told: Vec<u64>,
     next: Nanos,
     keeper: Option<Keeper>,
+    log: Option<McapLog>,
 }
 
 impl Heart {
-    fn new(catalog: &Catalog) -> Heart {
+    fn new(catalog: &Catalog, log: Option<McapLog>) -> Heart {
         let health: Vec<usize> = catalog
             .lanes
             .iter()
             .filter_map(|lane| catalog.find(&format!("{}.health", lane.name)))
             .collect();
         let beats = vec![0; health.len()];
-        Heart { health, told: beats.clone(), beats, next: Nanos::ZERO, keeper: None }
+        Heart { health, told: beats.clone(), beats, next: Nanos::ZERO, keeper: None, log }
     }
 }
 
@@ -239,6 +310,9 @@ impl Observer for Heart {
     fn record(&mut self, record: &Record<'_>) {
         if let Some(lane) = self.health.iter().position(|signal| *signal == record.signal) {
             self.beats[lane] += 1;
+        }
+        if let Some(log) = &mut self.log {
+            log.record(record);
         }
     }
 }
@@ -264,6 +338,9 @@ impl Audience for Heart {
             return;
         }
         self.next = now + PING;
+        if let Some(log) = &mut self.log {
+            log.flush();
+        }
         // One silent lane is enough to let the watchdog bite.
         if self.beats.iter().zip(&self.told).all(|(beats, told)| beats > told) {
             tell(&[NotifyState::Watchdog]);
@@ -276,6 +353,9 @@ impl Audience for Heart {
             "error: {hang}; the other lanes have ended safe, the board's watchdog does the rest"
         );
         tell(&[NotifyState::Stopping, NotifyState::Status(&hang.to_string())]);
+        if let Some(Err(error)) = self.log.take().map(McapLog::finish) {
+            eprintln!("error: {error:#}");
+        }
         // Its thread cannot be joined, and what it holds cannot be dropped.
         std::process::exit(EXIT_HUNG);
     }

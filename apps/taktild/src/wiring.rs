@@ -17,6 +17,7 @@ use taktil_tasks_trajectory::Trajectory;
 
 use crate::config::MachineConfig;
 use crate::cpus;
+use crate::tape;
 
 /// Builds the operator's task: a script, a socket, or nobody.
 pub type MakeOperator<'a> = Box<dyn FnOnce(&mut Ports) -> Result<Box<dyn Task>, Invalid> + 'a>;
@@ -68,6 +69,9 @@ pub fn assemble(
     }
     let mut builder = Builder::new();
     builder.allowance(config.schedule.unwrap_or_default().allowance()?)?;
+    if let Some(record) = config.record {
+        builder.recording(record.recording());
+    }
     // Where the kernel does not say which CPUs there are, the read-back at the start decides.
     if let Some(online) = cpus::online() {
         builder.cpus(online);
@@ -117,18 +121,18 @@ fn make(
     let made: Result<Box<dyn Task>, Invalid> = match task {
         "operator" => return taken(operator, task)?(ports),
         "sense" => {
-            let (encoders, lines) =
-                (taken(&mut shelf.encoders, task)?, taken(&mut shelf.digital_in, task)?);
+            let encoders = tape::encoders(taken(&mut shelf.encoders, task)?, ports);
+            let lines = tape::digital_in(taken(&mut shelf.digital_in, task)?, ports);
             Sense::new(config.sense.clone().unwrap_or_default(), encoders, lines, ports).map(boxed)
         }
         "actuate" => {
-            let (analog, digital) =
-                (taken(&mut shelf.analog_out, task)?, taken(&mut shelf.digital_out, task)?);
+            let analog = tape::analog_out(taken(&mut shelf.analog_out, task)?, ports);
+            let digital = tape::digital_out(taken(&mut shelf.digital_out, task)?, ports);
             let config = config.actuate.clone().unwrap_or_default();
             Actuate::new(config, analog, digital, ports).map(boxed)
         }
         "tactile_scan" => {
-            let array = taken(&mut shelf.tactile, task)?;
+            let array = tape::tactile(taken(&mut shelf.tactile, task)?, ports);
             TactileScan::new(config.tactile_scan.clone().unwrap_or_default(), array, ports)
                 .map(boxed)
         }

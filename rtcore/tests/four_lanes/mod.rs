@@ -257,8 +257,8 @@ pub(crate) fn machine(tapes: Option<&Kept>, stall: Nanos) -> Machine {
     let Some(kept) = tapes else { return plain };
     let catalog = plain.catalog().clone();
     let mut maker = Maker { builder: Builder::new(), tapes: Some((kept, catalog)) };
-    maker.builder.stall(stall);
     fill(&mut maker);
+    maker.builder.for_replay(stall);
     maker.builder.build().unwrap()
 }
 
@@ -294,7 +294,7 @@ pub(crate) fn repeat(recorded: &Kept, lanes: &[LaneSpec]) -> (Machine, Kept, Nan
     let mut script = Script::new(&catalog, &[]);
     recorded.play(&mut script);
     let until = script.gap(lanes.iter(), false).map_or(Nanos::MAX, |gap| gap.until);
-    let stall = script.longest_pause(lanes.iter()) + Nanos::from_millis(500);
+    let stall = script.longest_pause(lanes.iter());
     let mut machine = machine(Some(recorded), stall);
     let mut kept = Kept::default();
     let stop = AtomicBool::new(false);

@@ -1,29 +1,9 @@
-//! Recordings: MCAP files with one channel a signal, readable by ROS 2 tools and by the Python
-//! `mcap` reader. Refuses compression and chunks (a run that is cut short loses nothing but the
-//! record being cut) and files of other programs.
-//!
-//! Every message is `tick`, `release_ns`, the payload's fields and a CRC-32 of the bytes before it.
-//! Times in a file are logical releases in ns since the start of the run, so that two runs of one
-//! seed write the same messages bit for bit.
+//! Recordings read back; they are written by [`taktild::log`]. Refuses files of other programs.
 
 mod reader;
-mod schema;
-mod writer;
 
 pub use reader::{Channel, Damage, Log, Message};
-pub use schema::{FieldInfo, SchemaError, parse_schema, schema_text, topic};
-pub use writer::McapLog;
-
-/// Name of the metadata record that is written before the first message.
-pub const METADATA_RUN: &str = "taktil.run";
-/// Name of the metadata record that holds what the kernel granted; it precedes the first message.
-pub const METADATA_ATTESTATION: &str = "taktil.attestation";
-/// Name of the metadata record that [`McapLog::finish_with`] writes after the last message.
-pub const METADATA_RESULT: &str = "taktil.result";
-
-/// Bytes of the CDR encapsulation header in front of a body.
-const CDR_HEADER: usize = 4;
-/// Bytes of `tick` and `release_ns` in front of a payload.
-const STAMP: usize = 16;
-/// Bytes of the closing CRC.
-const CRC: usize = 4;
+pub use taktild::log::{
+    FieldInfo, METADATA_ATTESTATION, METADATA_RESULT, METADATA_RUN, McapLog, SchemaError,
+    parse_schema, schema_text, topic,
+};

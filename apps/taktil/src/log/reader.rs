@@ -9,9 +9,8 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use mcap::records::{Record, op};
 use taktil_rtcore::payload::Kind;
+use taktild::log::{CDR_HEADER, CRC, FieldInfo, STAMP, parse_schema};
 
-use super::schema::{FieldInfo, parse_schema};
-use super::{CDR_HEADER, CRC, STAMP};
 use crate::series::{Column, Series};
 
 /// Bytes of opcode and length in front of a record.
@@ -32,6 +31,9 @@ pub struct Channel {
     pub lane: String,
     /// Period of that lane in ns; 0 when the file does not say.
     pub period_ns: i64,
+    /// What the elements of an array stand for: the tasks of a lane's state, the signals of its
+    /// decisions; empty for other signals.
+    pub elements: Vec<String>,
     /// Every field of a message: stamp, payload, CRC.
     pub fields: Vec<FieldInfo>,
 }
@@ -57,6 +59,8 @@ pub struct Damage {
     pub offset: usize,
     /// What was found there.
     pub what: String,
+    /// All messages stand before it: only what repeats them is missing.
+    pub whole: bool,
 }
 
 impl fmt::Display for Damage {
@@ -88,6 +92,8 @@ pub struct Log {
     order: Vec<(usize, usize)>,
     metadata: BTreeMap<String, BTreeMap<String, String>>,
     damage: Option<Damage>,
+    /// The message that fails its CRC, if that is the damage.
+    suspect: Option<(usize, usize)>,
     foreign: u64,
 }
 
@@ -133,6 +139,7 @@ impl Log {
             order: Vec::new(),
             metadata: BTreeMap::new(),
             damage: None,
+            suspect: None,
             foreign: 0,
         };
         Scan { log: &mut log, bytes: &bytes, schemas: BTreeMap::new(), ids: BTreeMap::new() }
@@ -163,6 +170,22 @@ impl Log {
     #[must_use]
     pub fn damage(&self) -> Option<&Damage> {
         self.damage.as_ref()
+    }
+
+    /// The message that fails its CRC, if that is where the readable part ends: worth comparing
+    /// with its twin, and nothing else.
+    #[must_use]
+    pub fn suspect(&self) -> Option<Message<'_>> {
+        self.suspect.and_then(|(channel, offset)| self.message(channel, offset))
+    }
+
+    /// Leaves out every message of a job released at `until` or later.
+    pub fn end_at(&mut self, until: i64) {
+        let mut order = std::mem::take(&mut self.order);
+        order.retain(|&(channel, offset)| {
+            self.message(channel, offset).is_some_and(|message| message.release_ns < until)
+        });
+        self.order = order;
     }
 
     /// Messages on channels that Taktil did not write; they are left out.
@@ -290,12 +313,13 @@ impl Scan<'_> {
         }
         if !self.bytes.ends_with(mcap::MAGIC) {
             self.damage(at, "all messages are there, the closing summary is cut");
+            self.log.damage.iter_mut().for_each(|damage| damage.whole = true);
         }
         Ok(())
     }
 
     fn damage(&mut self, offset: usize, what: &str) {
-        self.log.damage = Some(Damage { offset, what: what.to_owned() });
+        self.log.damage = Some(Damage { offset, what: what.to_owned(), whole: false });
     }
 
     /// Takes one record in; the outer error refuses the file, the inner one ends the readable part.
@@ -346,6 +370,9 @@ impl Scan<'_> {
         let described = Channel {
             signal: about("signal").unwrap_or_else(from_topic),
             lane: about("lane").unwrap_or_default(),
+            elements: about("elements")
+                .map(|text| text.split(',').map(str::to_owned).collect())
+                .unwrap_or_default(),
             period_ns: about("period_ns").and_then(|text| text.parse().ok()).unwrap_or(0),
             type_name: type_name.clone(),
             fields: fields.clone(),
@@ -374,10 +401,13 @@ impl Scan<'_> {
             return Err(place("a message of the wrong length"));
         }
         let (body, crc) = data[CDR_HEADER..].split_at(size);
+        let here = (index, start + MESSAGE_HEADER + CDR_HEADER);
         if crc32fast::hash(body) != u32::from_le_bytes(word(crc, 0)) {
-            return Err(place("a message fails its CRC"));
+            let what = place("a message fails its CRC");
+            self.log.suspect = Some(here);
+            return Err(what);
         }
-        self.log.order.push((index, start + MESSAGE_HEADER + CDR_HEADER));
+        self.log.order.push(here);
         Ok(())
     }
 }

@@ -84,6 +84,7 @@ impl About {
             name: lane.name.clone(),
             period: Nanos(lane.period_ns),
             phase: Nanos(lane.phase_ns),
+            ..LaneInfo::default()
         };
         let lanes: Vec<LaneInfo> = text.lanes.iter().map(lane).collect();
         let mut signals = Vec::new();

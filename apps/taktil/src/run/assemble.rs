@@ -1,9 +1,11 @@
 //! The whole stack over the simulated robot: scene in, machine out. Refuses to know whether it will
 //! run live or in virtual time.
 
+use taktil_hal::Devices;
 use taktil_rtcore::{Builder, Invalid, LaneSpec, Late, Machine, Nanos};
 use taktil_sim::Timing;
 use taktild::source::Located;
+use taktild::tape::player::{About, Lack, Tapes};
 use taktild::wiring;
 
 use super::operator::Operator;
@@ -18,10 +20,51 @@ const WORLD: &str = "world";
 /// # Errors
 /// Whatever the scene, the machine file or the wiring got wrong, located.
 pub fn assemble(scene: &Scene, seed: u64) -> Result<Machine, Located> {
-    build(scene, seed).map_err(|invalid| scene.locate(invalid))
+    let plain = |devices| devices;
+    build(scene, seed, plain)
+        .and_then(|builder| builder.build().map_err(of_world))
+        .and_then(|machine| edited(machine, scene))
+        .map_err(|invalid| scene.locate(invalid))
 }
 
-fn build(scene: &Scene, seed: u64) -> Result<Machine, Invalid> {
+/// With the scene's edits planned.
+fn edited(mut machine: Machine, scene: &Scene) -> Result<Machine, Invalid> {
+    machine.plan_edits(&scene.edits).map_err(|bad| match bad.place.strip_suffix(".at") {
+        Some(edit) => Invalid { place: format!("{edit}.at_s"), ..bad },
+        None => bad,
+    })?;
+    Ok(machine)
+}
+
+/// The machine that repeats a run of this scene and seed: its devices answer from `tapes`, and it
+/// bears lanes that stood still for `stall`. Edits are those that were recorded. The tasks `operator` and `world` are to be fed.
+///
+/// # Errors
+/// As [`assemble`].
+pub fn rebuild(
+    scene: &Scene,
+    seed: u64,
+    tapes: Tapes,
+    stall: Nanos,
+) -> Result<(Machine, Lack), Located> {
+    let mut lack = Lack::default();
+    let taped = |devices: Devices| {
+        let (devices, noted) = tapes.devices(&About::of(&devices));
+        lack = noted;
+        devices
+    };
+    let machine = build(scene, seed, taped).and_then(|mut builder| {
+        builder.for_replay(stall);
+        builder.build().map_err(of_world)
+    });
+    Ok((machine.map_err(|invalid| scene.locate(invalid))?, lack))
+}
+
+fn build(
+    scene: &Scene,
+    seed: u64,
+    exchange: impl FnOnce(Devices) -> Devices,
+) -> Result<Builder, Invalid> {
     let mut machine = scene.machine.clone();
     let timing = timing(scene)?;
     // The lane that writes D/A words must be done before they act; that is its deadline.
@@ -38,14 +81,9 @@ fn build(scene: &Scene, seed: u64) -> Result<Machine, Invalid> {
     let script = scene.script.clone();
     let operator: wiring::MakeOperator<'_> =
         Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?)));
-    let mut builder = wiring::assemble(machine, devices, operator)?;
+    let mut builder = wiring::assemble(machine, exchange(devices), operator)?;
     add_world(&mut builder, scene, &timing, world)?;
-    let mut machine = builder.build().map_err(of_world)?;
-    machine.plan_edits(&scene.edits).map_err(|bad| match bad.place.strip_suffix(".at") {
-        Some(edit) => Invalid { place: format!("{edit}.at_s"), ..bad },
-        None => bad,
-    })?;
-    Ok(machine)
+    Ok(builder)
 }
 
 /// The place of a complaint about the world's lane is in the scene, not under `lane`.

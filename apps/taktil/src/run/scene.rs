@@ -145,6 +145,15 @@ impl Scene {
             None => None,
             Some(name) => Some(read_machine(&source, path, name)?),
         };
+        Scene::of(source, machine_source)
+    }
+
+    /// A scene from texts that were read already, such as those that stand in a log.
+    ///
+    /// # Errors
+    /// As [`Scene::load`].
+    pub fn of(source: Source, machine_source: Option<Source>) -> Result<Scene, Located> {
+        let file: SceneFile = source.parse()?;
         let base = match &machine_source {
             None => MachineConfig::default(),
             Some(machine) => machine.parse()?,

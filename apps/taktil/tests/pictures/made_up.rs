@@ -35,7 +35,7 @@ fn signal<T: Payload>(name: &str) -> Signal {
 }
 
 fn catalog(signals: Vec<Signal>) -> Catalog {
-    let lane = LaneInfo { name: "servo".into(), period: Nanos(PERIOD_NS), phase: Nanos::ZERO };
+    let lane = LaneInfo { name: "servo".into(), period: Nanos(PERIOD_NS), ..LaneInfo::default() };
     Catalog { signals, lanes: vec![lane] }
 }
 

@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, Cursor, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -29,8 +29,8 @@ struct Slot {
 }
 
 /// A recording that is being written; give it to the executor as its observer.
-pub struct McapLog {
-    writer: Writer<BufWriter<File>>,
+pub struct McapLog<W: Write + Seek = BufWriter<File>> {
+    writer: Writer<W>,
     path: PathBuf,
     slots: Vec<Slot>,
     message: Vec<u8>,
@@ -57,22 +57,48 @@ impl McapLog {
         let file = File::create(path).with_context(|| {
             format!("cannot create the log {}; does its directory exist?", path.display())
         })?;
+        let file = BufWriter::with_capacity(BUFFER, file);
         McapLog::start(file, path, catalog, metadata)
             .with_context(|| format!("cannot write the log {}", path.display()))
     }
+}
 
+impl McapLog<Cursor<Vec<u8>>> {
+    /// As [`McapLog::create`], into memory: for a run that is compared and thrown away.
+    ///
+    /// # Errors
+    /// None in practice: memory does not fail.
+    pub fn memory(
+        catalog: &Catalog,
+        metadata: &BTreeMap<String, String>,
+    ) -> anyhow::Result<McapLog<Cursor<Vec<u8>>>> {
+        McapLog::start(Cursor::new(Vec::new()), Path::new("memory"), catalog, metadata)
+    }
+
+    /// Closes the recording and hands out its bytes.
+    ///
+    /// # Errors
+    /// When a record did not fit the catalog.
+    pub fn into_bytes(mut self) -> anyhow::Result<Vec<u8>> {
+        self.close(&BTreeMap::new())?;
+        self.check()?;
+        Ok(self.writer.into_inner().into_inner())
+    }
+}
+
+impl<W: Write + Seek> McapLog<W> {
     fn start(
-        file: File,
+        file: W,
         path: &Path,
         catalog: &Catalog,
         metadata: &BTreeMap<String, String>,
-    ) -> anyhow::Result<McapLog> {
+    ) -> anyhow::Result<McapLog<W>> {
         let options = WriteOptions::new()
             .profile("ros2")
             .library(concat!("taktil ", env!("CARGO_PKG_VERSION")))
             .compression(None)
             .use_chunks(false);
-        let mut writer = options.create(BufWriter::with_capacity(BUFFER, file))?;
+        let mut writer = options.create(file)?;
         writer
             .write_metadata(&Metadata { name: METADATA_RUN.into(), metadata: metadata.clone() })?;
         let mut slots = Vec::with_capacity(catalog.signals.len());
@@ -86,6 +112,11 @@ impl McapLog {
                 about.insert("lane".to_owned(), lane.name.clone());
                 about.insert("period_ns".to_owned(), lane.period.0.to_string());
                 about.insert("phase_ns".to_owned(), lane.phase.0.to_string());
+                if signal.name == format!("{}.state", lane.name) {
+                    about.insert("elements".to_owned(), lane.tasks.join(","));
+                } else if signal.name == format!("{}.decision", lane.name) {
+                    about.insert("elements".to_owned(), lane.reads.join(","));
+                }
             }
             let channel = writer.add_channel(schema, &topic(&signal.name), "cdr", &about)?;
             slots.push(Slot { channel, size: signal.size });
@@ -160,6 +191,10 @@ impl McapLog {
         {
             self.failed = Some(error.to_string());
         }
+        self.check()
+    }
+
+    fn check(&self) -> anyhow::Result<()> {
         if let Some(failure) = &self.failed {
             bail!(
                 "the log {} is incomplete: {failure}; {} messages were written, {} were lost; \
@@ -189,7 +224,7 @@ impl McapLog {
     }
 }
 
-impl Observer for McapLog {
+impl<W: Write + Seek> Observer for McapLog<W> {
     fn record(&mut self, record: &Record<'_>) {
         let slot = self.slots.get(record.signal).copied();
         let Some(slot) = slot.filter(|slot| slot.size == record.body.len()) else {

@@ -1,0 +1,90 @@
+//! What ran, from the metadata of a log: a scene with its machine and seed, or the service's files.
+//! Refuses logs of other versions, and logs that do not say what ran.
+
+use std::path::PathBuf;
+
+use taktil_rtcore::{Machine, Nanos};
+use taktild::service;
+use taktild::source::{Located, Source};
+use taktild::tape::player::{About, Lack, Tapes};
+
+use crate::log::{Log, METADATA_RUN};
+use crate::run::assemble;
+use crate::run::scene::Scene;
+
+/// What ran.
+pub(super) enum Origin {
+    /// A scene, live or in virtual time.
+    Scene { scene: Box<Scene>, seed: u64, title: String },
+    /// The service over a board.
+    Board { service: Source, machine: Source, about: About, title: String },
+}
+
+impl Origin {
+    pub(super) fn of(log: &Log) -> Result<Origin, String> {
+        let about = log
+            .metadata()
+            .get(METADATA_RUN)
+            .filter(|about| about.contains_key("machine_text"))
+            .ok_or("it does not say what ran: it has no metadata of a run")?;
+        let here = env!("CARGO_PKG_VERSION");
+        match about.get("taktil").map(String::as_str) {
+            Some(version) if version == here => {}
+            Some(version) => {
+                return Err(format!("taktil {version} wrote it, this is {here}; use that one"));
+            }
+            None => return Err("it does not say which version wrote it".to_owned()),
+        }
+        let find =
+            |key: &str| about.get(key).cloned().ok_or_else(|| format!("its metadata lack `{key}`"));
+        let source = |path: &str, text: &str| -> Result<Source, String> {
+            Ok(Source { path: PathBuf::from(find(path)?), text: find(text)? })
+        };
+        let machine = Source { path: PathBuf::from("machine"), text: find("machine_text")? };
+        let mode = find("mode")?;
+        if mode == "board" {
+            let service = source("service", "service_text")?;
+            let about = About::parse(&find("devices")?)
+                .map_err(|why| format!("its metadata `devices` cannot be used: {why}"))?;
+            let title = format!("{}, on a board", service.path.display());
+            return Ok(Origin::Board { service, machine, about, title });
+        }
+        let scene = source("scene", "scene_text")?;
+        let seed = find("seed")?;
+        let title = format!("{}, {mode}, seed {seed}", scene.path.display());
+        let seed = seed.parse().map_err(|_| format!("its seed `{seed}` is no number"))?;
+        let machine = Some(machine).filter(|machine| !machine.text.is_empty());
+        let scene = Box::new(Scene::of(scene, machine).map_err(plainly)?);
+        Ok(Origin::Scene { scene, seed, title })
+    }
+
+    pub(super) fn title(&self) -> String {
+        match self {
+            Origin::Scene { title, .. } | Origin::Board { title, .. } => title.clone(),
+        }
+    }
+
+    /// Tasks that stand for what is outside the machine: what they wrote is taken from the log.
+    pub(super) fn fed(&self) -> Vec<&'static str> {
+        match self {
+            Origin::Scene { .. } => vec!["operator", "world"],
+            Origin::Board { .. } => vec!["operator"],
+        }
+    }
+
+    /// The machine with its devices on `tapes`.
+    pub(super) fn machine(&self, tapes: Tapes, stall: Nanos) -> Result<(Machine, Lack), String> {
+        match self {
+            Origin::Scene { scene, seed, .. } => assemble::rebuild(scene, *seed, tapes, stall),
+            Origin::Board { service, machine, about, .. } => {
+                service::rebuild((service, machine), tapes, about, stall)
+            }
+        }
+        .map_err(plainly)
+    }
+}
+
+/// A complaint about a text that stands in a log, on one line.
+fn plainly(bad: Located) -> String {
+    format!("what it says of its run cannot be used: {}", bad.what)
+}

@@ -1,0 +1,195 @@
+//! Device halves on tape: each half that a task gets is passed through, and every answer it gives
+//! is recorded as a signal `hal.NAME`. The inverse, in [`player`], answers from such tapes in place
+//! of the devices. Refuses to record what nobody depends on: `safe` has no answer that a task may
+//! act on.
+
+pub mod entry;
+pub mod player;
+
+use taktil_hal::{
+    AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
+    Encoders, Error, ForceTorque, LinesIn, LinesOut, Nanos, Reading, TactileArray, TactileFrame,
+};
+use taktil_rtcore::{Payload, Ports, Tape};
+
+pub use entry::{
+    AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, Outcome, TactileEntry,
+};
+
+/// Names of the tapes.
+pub mod name {
+    /// Encoders.
+    pub const ENCODERS: &str = "hal.encoders";
+    /// D/A words.
+    pub const ANALOG_OUT: &str = "hal.analog_out";
+    /// A/D codes.
+    pub const ANALOG_IN: &str = "hal.analog_in";
+    /// Tactile frames.
+    pub const TACTILE: &str = "hal.tactile";
+    /// Gauges of the force/torque sensor.
+    pub const FORCE_TORQUE: &str = "hal.force_torque";
+    /// Input lines.
+    pub const DIGITAL_IN: &str = "hal.digital_in";
+    /// Output lines.
+    pub const DIGITAL_OUT: &str = "hal.digital_out";
+}
+
+/// A half with its tape.
+struct Taped<H: ?Sized, E> {
+    half: Box<H>,
+    tape: Tape<E>,
+}
+
+fn taped<H: ?Sized, E: Payload>(half: Box<H>, name: &str, ports: &mut Ports) -> Taped<H, E> {
+    Taped { half, tape: ports.tape(name) }
+}
+
+/// Encoders on tape, for the task that declares `ports`.
+#[must_use]
+pub fn encoders(half: Box<dyn Encoders>, ports: &mut Ports) -> Box<dyn Encoders> {
+    Box::new(taped::<_, EncoderEntry>(half, name::ENCODERS, ports))
+}
+
+/// D/A converters on tape.
+#[must_use]
+pub fn analog_out(half: Box<dyn AnalogOut>, ports: &mut Ports) -> Box<dyn AnalogOut> {
+    Box::new(taped::<_, AnalogWord>(half, name::ANALOG_OUT, ports))
+}
+
+/// A/D converters on tape.
+#[must_use]
+pub fn analog_in(half: Box<dyn AnalogIn>, ports: &mut Ports) -> Box<dyn AnalogIn> {
+    Box::new(taped::<_, AnalogEntry>(half, name::ANALOG_IN, ports))
+}
+
+/// A tactile array on tape.
+#[must_use]
+pub fn tactile(half: Box<dyn TactileArray>, ports: &mut Ports) -> Box<dyn TactileArray> {
+    Box::new(taped::<_, TactileEntry>(half, name::TACTILE, ports))
+}
+
+/// A force/torque sensor on tape.
+#[must_use]
+pub fn force_torque(half: Box<dyn ForceTorque>, ports: &mut Ports) -> Box<dyn ForceTorque> {
+    Box::new(taped::<_, AnalogEntry>(half, name::FORCE_TORQUE, ports))
+}
+
+/// Input lines on tape.
+#[must_use]
+pub fn digital_in(half: Box<dyn DigitalIn>, ports: &mut Ports) -> Box<dyn DigitalIn> {
+    Box::new(taped::<_, DigitalEntry>(half, name::DIGITAL_IN, ports))
+}
+
+/// Output lines on tape.
+#[must_use]
+pub fn digital_out(half: Box<dyn DigitalOut>, ports: &mut Ports) -> Box<dyn DigitalOut> {
+    Box::new(taped::<_, DigitalWord>(half, name::DIGITAL_OUT, ports))
+}
+
+impl Encoders for Taped<dyn Encoders, EncoderEntry> {
+    fn joints(&self) -> usize {
+        self.half.joints()
+    }
+
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
+        let answer = self.half.sample(release);
+        self.tape.put(release, EncoderEntry::of(&answer));
+        answer
+    }
+}
+
+impl AnalogOut for Taped<dyn AnalogOut, AnalogWord> {
+    fn channels(&self) -> usize {
+        self.half.channels()
+    }
+
+    fn code_range(&self) -> (DacCode, DacCode) {
+        self.half.code_range()
+    }
+
+    fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
+        let answer = self.half.commit(release, codes);
+        self.tape.put(release, AnalogWord::of(codes, &answer));
+        answer
+    }
+
+    fn safe(&mut self) -> Result<(), Error> {
+        self.half.safe()
+    }
+
+    fn safe_value(&self) -> DacCode {
+        self.half.safe_value()
+    }
+
+    fn longest_silence(&self) -> Nanos {
+        self.half.longest_silence()
+    }
+}
+
+impl AnalogIn for Taped<dyn AnalogIn, AnalogEntry> {
+    fn channels(&self) -> usize {
+        self.half.channels()
+    }
+
+    fn code_range(&self) -> (AdcCode, AdcCode) {
+        self.half.code_range()
+    }
+
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; CHANNELS]>, Error> {
+        let answer = self.half.sample(release);
+        self.tape.put(release, AnalogEntry::of(&answer));
+        answer
+    }
+}
+
+impl TactileArray for Taped<dyn TactileArray, TactileEntry> {
+    fn rows(&self) -> usize {
+        self.half.rows()
+    }
+
+    fn cols(&self) -> usize {
+        self.half.cols()
+    }
+
+    fn full_scale(&self) -> u16 {
+        self.half.full_scale()
+    }
+
+    fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
+        let answer = self.half.sample(release, frame);
+        self.tape.put(release, TactileEntry::of(frame, &answer));
+        answer
+    }
+}
+
+impl ForceTorque for Taped<dyn ForceTorque, AnalogEntry> {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
+        let answer = self.half.sample(release);
+        self.tape.put(release, AnalogEntry::of(&answer));
+        answer
+    }
+}
+
+impl DigitalIn for Taped<dyn DigitalIn, DigitalEntry> {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error> {
+        let answer = self.half.sample(release);
+        self.tape.put(release, DigitalEntry::of(&answer));
+        answer
+    }
+}
+
+impl DigitalOut for Taped<dyn DigitalOut, DigitalWord> {
+    fn commit(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Error> {
+        let answer = self.half.commit(release, lines);
+        self.tape.put(release, DigitalWord::of(lines, &answer));
+        answer
+    }
+
+    fn safe(&mut self) -> Result<(), Error> {
+        self.half.safe()
+    }
+
+    fn longest_silence(&self) -> Nanos {
+        self.half.longest_silence()
+    }
+}

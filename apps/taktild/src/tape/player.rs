@@ -1,0 +1,272 @@
+//! Devices that are tapes: input halves answer what was recorded for the same release, output
+//! halves swallow words and answer as the board did. Refuses to invent: a release for which the
+//! tape holds nothing is noted with the device's name, and the device is lost.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use serde::{Deserialize, Serialize};
+use taktil_hal::{
+    AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalIn,
+    DigitalOut, Encoders, Error, ForceTorque, Kind, LinesIn, LinesOut, Nanos, Reading,
+    TactileArray, TactileFrame,
+};
+use taktil_rtcore::Payload;
+
+use super::entry::{
+    AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, TactileEntry,
+};
+use super::name;
+
+/// What devices say of themselves once and for all; it stands in a log's metadata.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct About {
+    joints: usize,
+    analog_out_channels: usize,
+    analog_out_codes: (i32, i32),
+    analog_out_safe: i32,
+    analog_out_silence_ns: i64,
+    analog_in_channels: usize,
+    analog_in_codes: (i32, i32),
+    tactile_rows: usize,
+    tactile_cols: usize,
+    tactile_full_scale: u16,
+    digital_out_silence_ns: i64,
+}
+
+impl About {
+    /// Asks devices.
+    #[must_use]
+    pub fn of(devices: &Devices) -> About {
+        let (DacCode(low), DacCode(high)) = devices.analog_out.code_range();
+        let (AdcCode(least), AdcCode(most)) = devices.analog_in.code_range();
+        About {
+            joints: devices.encoders.joints(),
+            analog_out_channels: devices.analog_out.channels(),
+            analog_out_codes: (low, high),
+            analog_out_safe: devices.analog_out.safe_value().0,
+            analog_out_silence_ns: devices.analog_out.longest_silence().0,
+            analog_in_channels: devices.analog_in.channels(),
+            analog_in_codes: (least, most),
+            tactile_rows: devices.tactile.rows(),
+            tactile_cols: devices.tactile.cols(),
+            tactile_full_scale: devices.tactile.full_scale(),
+            digital_out_silence_ns: devices.digital_out.longest_silence().0,
+        }
+    }
+
+    /// As text for a log.
+    #[must_use]
+    pub fn text(&self) -> String {
+        toml::to_string(self).unwrap_or_default()
+    }
+
+    /// From the text of a log.
+    ///
+    /// # Errors
+    /// What is wrong with the text.
+    pub fn parse(text: &str) -> Result<About, String> {
+        toml::from_str(text).map_err(|error| error.message().to_owned())
+    }
+}
+
+type Roll<E> = VecDeque<(Nanos, E)>;
+
+/// The tapes of a run.
+#[derive(Clone, Debug, Default)]
+pub struct Tapes {
+    encoders: Roll<EncoderEntry>,
+    analog_out: Roll<AnalogWord>,
+    analog_in: Roll<AnalogEntry>,
+    tactile: Roll<TactileEntry>,
+    force_torque: Roll<AnalogEntry>,
+    digital_in: Roll<DigitalEntry>,
+    digital_out: Roll<DigitalWord>,
+}
+
+fn append<E: Payload>(roll: &mut Roll<E>, release: Nanos, body: &[u8]) -> bool {
+    let entry = E::decode(body);
+    roll.extend(entry.map(|entry| (release, entry)));
+    entry.is_some()
+}
+
+impl Tapes {
+    /// Appends a record to the tape of this name; false when the body is not one of its entries.
+    /// Other signals are let pass.
+    pub fn append(&mut self, signal: &str, release: Nanos, body: &[u8]) -> bool {
+        match signal {
+            name::ENCODERS => append(&mut self.encoders, release, body),
+            name::ANALOG_OUT => append(&mut self.analog_out, release, body),
+            name::ANALOG_IN => append(&mut self.analog_in, release, body),
+            name::TACTILE => append(&mut self.tactile, release, body),
+            name::FORCE_TORQUE => append(&mut self.force_torque, release, body),
+            name::DIGITAL_IN => append(&mut self.digital_in, release, body),
+            name::DIGITAL_OUT => append(&mut self.digital_out, release, body),
+            _ => true,
+        }
+    }
+
+    /// Devices that answer from these tapes, and where they note what is not there.
+    #[must_use]
+    pub fn devices(self, about: &About) -> (Devices, Lack) {
+        let lack = Lack::default();
+        let note = || lack.clone();
+        let devices = Devices {
+            encoders: Box::new(player(self.encoders, name::ENCODERS, about, note())),
+            analog_out: Box::new(player(self.analog_out, name::ANALOG_OUT, about, note())),
+            analog_in: Box::new(player(self.analog_in, name::ANALOG_IN, about, note())),
+            tactile: Box::new(player(self.tactile, name::TACTILE, about, note())),
+            force_torque: Box::new(player(self.force_torque, name::FORCE_TORQUE, about, note())),
+            digital_in: Box::new(player(self.digital_in, name::DIGITAL_IN, about, note())),
+            digital_out: Box::new(player(self.digital_out, name::DIGITAL_OUT, about, note())),
+        };
+        (devices, lack)
+    }
+}
+
+/// The first answer that was wanted and stands on no tape.
+#[derive(Clone, Debug, Default)]
+pub struct Lack(Arc<Mutex<Option<(&'static str, Nanos)>>>);
+
+impl Lack {
+    fn note(&self, device: &'static str, release: Nanos) {
+        let mut first = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        first.get_or_insert((device, release));
+    }
+
+    /// Tape and release, if anything was lacking.
+    #[must_use]
+    pub fn first(&self) -> Option<(&'static str, Nanos)> {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A half that is a tape.
+struct Player<E> {
+    roll: Roll<E>,
+    device: &'static str,
+    about: About,
+    lack: Lack,
+}
+
+fn player<E>(roll: Roll<E>, device: &'static str, about: &About, lack: Lack) -> Player<E> {
+    Player { roll, device, about: about.clone(), lack }
+}
+
+impl<E: Payload> Player<E> {
+    /// The entry for this release.
+    fn next(&mut self, release: Nanos) -> Result<E, Error> {
+        let here = self.roll.front().is_some_and(|entry| entry.0 == release);
+        match here.then(|| self.roll.pop_front()).flatten() {
+            Some((_, entry)) => Ok(entry),
+            None => {
+                self.lack.note(self.device, release);
+                Err(Error::whole(Kind::Lost, self.device))
+            }
+        }
+    }
+}
+
+impl Encoders for Player<EncoderEntry> {
+    fn joints(&self) -> usize {
+        self.about.joints
+    }
+
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
+        self.next(release)?.answer(self.device)
+    }
+}
+
+impl AnalogOut for Player<AnalogWord> {
+    fn channels(&self) -> usize {
+        self.about.analog_out_channels
+    }
+
+    fn code_range(&self) -> (DacCode, DacCode) {
+        let (low, high) = self.about.analog_out_codes;
+        (DacCode(low), DacCode(high))
+    }
+
+    fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
+        let entry = self.next(release)?;
+        let (low, high) = self.code_range();
+        let wired = codes.iter().take(self.channels());
+        if let Some(channel) = wired.clone().position(|code| *code < low || *code > high) {
+            let channel = u16::try_from(channel).unwrap_or(Error::ALL_CHANNELS);
+            return Err(Error::on_channel(Kind::OutOfRange, self.device, channel));
+        }
+        entry.outcome().answer(self.device)
+    }
+
+    fn safe(&mut self) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn safe_value(&self) -> DacCode {
+        DacCode(self.about.analog_out_safe)
+    }
+
+    fn longest_silence(&self) -> Nanos {
+        Nanos(self.about.analog_out_silence_ns)
+    }
+}
+
+impl AnalogIn for Player<AnalogEntry> {
+    fn channels(&self) -> usize {
+        self.about.analog_in_channels
+    }
+
+    fn code_range(&self) -> (AdcCode, AdcCode) {
+        let (low, high) = self.about.analog_in_codes;
+        (AdcCode(low), AdcCode(high))
+    }
+
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; CHANNELS]>, Error> {
+        self.next(release)?.answer(self.device)
+    }
+}
+
+impl TactileArray for Player<TactileEntry> {
+    fn rows(&self) -> usize {
+        self.about.tactile_rows
+    }
+
+    fn cols(&self) -> usize {
+        self.about.tactile_cols
+    }
+
+    fn full_scale(&self) -> u16 {
+        self.about.tactile_full_scale
+    }
+
+    fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
+        self.next(release)?.answer(self.device, frame)
+    }
+}
+
+impl ForceTorque for Player<AnalogEntry> {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
+        self.next(release)?.answer(self.device)
+    }
+}
+
+impl DigitalIn for Player<DigitalEntry> {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error> {
+        self.next(release)?.answer(self.device)
+    }
+}
+
+impl DigitalOut for Player<DigitalWord> {
+    fn commit(&mut self, release: Nanos, _lines: &LinesOut) -> Result<(), Error> {
+        self.next(release)?.outcome().answer(self.device)
+    }
+
+    fn safe(&mut self) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn longest_silence(&self) -> Nanos {
+        Nanos(self.about.digital_out_silence_ns)
+    }
+}
