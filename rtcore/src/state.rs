@@ -4,6 +4,9 @@
 
 use taktil_hal::Nanos;
 
+use crate::fault::{FaultCode, FaultSet};
+use crate::mode::Mode;
+
 /// Start of every fold: the fractional part of the golden ratio times 2^64.
 const SEED: u64 = 0x9E37_79B9_7F4A_7C15;
 /// An odd multiplier with well-mixed bits: that of Knuth's MMIX generator.
@@ -86,6 +89,9 @@ numbers! {
     u8 => |v| u64::from(v);
     bool => |v| u64::from(v);
     Nanos => |v| v.0.cast_unsigned();
+    FaultSet => |v| v.0;
+    FaultCode => |v| u64::from(v as u16);
+    Mode => |v| u64::from(v as u8);
 }
 
 impl<T: Fold> Fold for [T] {

@@ -56,6 +56,14 @@ payload! {
 
 payload! {
     /// As [`LaneState8`], for lanes with more tasks.
+    pub struct LaneState16 {
+        /// [`crate::StateHash`] of each task.
+        pub task: [u64; 16],
+    }
+}
+
+payload! {
+    /// As [`LaneState8`], for lanes with still more tasks.
     pub struct LaneState32 {
         /// [`crate::StateHash`] of each task.
         pub task: [u64; 32],
@@ -70,6 +78,7 @@ pub(crate) fn signals(lane: usize, spec: &LaneSpec, seats: usize, of: Recording)
     let name = |port: &str| format!("{}.{port}", spec.name);
     let state = (of >= Recording::Full).then(|| match seats {
         0..=8 => signal::<LaneState8>(lane, name("state")),
+        9..=16 => signal::<LaneState16>(lane, name("state")),
         _ => signal::<LaneState32>(lane, name("state")),
     });
     let decision = (of >= Recording::Decisions).then(|| signal::<Decision>(lane, name("decision")));

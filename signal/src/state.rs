@@ -1,6 +1,6 @@
 //! The states of the robot control program (figure 6.2 of the thesis) and what may be asked of it.
 
-use taktil_rtcore::payload;
+use taktil_rtcore::{Fold, StateHash, payload};
 
 /// What the machine does. Which transitions exist is the supervisor's table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -61,6 +61,12 @@ impl State {
             State::TrajectoryUser => "TRAJECTORY/USER",
             State::TactileServo => "TACTILE-SERVO",
         }
+    }
+}
+
+impl Fold for State {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&(*self as u32));
     }
 }
 

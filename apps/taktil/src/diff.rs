@@ -89,13 +89,14 @@ impl Divergence {
     }
 
     /// Of two differences at one instant the cause comes first: what was read and decided, then
-    /// what tasks wrote, then their states, then what the lane says of itself.
+    /// what tasks wrote to ports and to devices, then their states, then the lane's health.
     fn rank(&self) -> u8 {
         match self.signal.rsplit_once('.') {
+            Some(("hal", "analog_out" | "digital_out")) => 2,
             Some(("hal", _)) => 0,
             Some((lane, "decision")) if lane == self.lane => 0,
-            Some((lane, "state")) if lane == self.lane => 2,
-            Some((lane, "health")) if lane == self.lane => 3,
+            Some((lane, "state")) if lane == self.lane => 3,
+            Some((lane, "health")) if lane == self.lane => 4,
             _ => 1,
         }
     }

@@ -214,13 +214,21 @@ impl Service {
     /// What the kernel did not grant under a hard contract, or a task that refused to start.
     pub fn run(&mut self) -> anyhow::Result<()> {
         let stop = stop_on_signals()?;
+        self.run_until(&stop)
+    }
+
+    /// As [`Service::run`], until `stop` is set.
+    ///
+    /// # Errors
+    /// As [`Service::run`].
+    pub fn run_until(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
         let keeper = self.record_flight()?;
         let catalog = self.machine.catalog();
         let log = self.log.as_ref().map(|path| McapLog::create(path, catalog, &self.origin));
         let mut heart = Heart::new(catalog, log.transpose()?);
         heart.keeper = keeper;
         let terms = Terms { until: FOREVER, contract: self.contract, pace: Pace::Fixed };
-        let outcome = live::run(&mut self.machine, terms, &stop, &mut heart);
+        let outcome = live::run(&mut self.machine, terms, stop, &mut heart);
         tell(&[NotifyState::Stopping]);
         // The machine has ended whatever becomes of its record.
         let recorded = heart.log.take().map_or(Ok(()), McapLog::finish);

@@ -10,7 +10,7 @@ use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Kind, LinesOut};
 use taktil_mechanics::Joints;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_rtcore::{
-    Cycle, FaultCode, Freshness, Input, Invalid, Io, Mode, Output, Param, Ports, Task,
+    Cycle, FaultCode, Freshness, Input, Invalid, Io, Mode, Output, Param, Ports, StateHash, Task,
 };
 use taktil_signal::{Applied, ControlState, JointState, Torque};
 
@@ -308,6 +308,10 @@ impl Task for Actuate {
         };
         io.write(&self.applied, applied);
         committed.and(fault)
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.analog_patience.failed).add(&self.digital_patience.failed).add(&self.feed);
     }
 
     fn stop(&mut self) {

@@ -9,6 +9,7 @@
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::{Dynamics, Friction};
+use taktil_rtcore::{Fold, StateHash};
 
 /// Gains of the six joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,6 +49,13 @@ pub struct Ahead {
     pub dynamics: Dynamics,
     /// Speed desired in the last job (rad/s).
     last_rad_s: Option<Joints>,
+}
+
+impl Fold for Ahead {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.last_rad_s.is_some());
+        hash.add(self.last_rad_s.unwrap_or_default().as_slice());
+    }
 }
 
 impl Ahead {
@@ -106,6 +114,13 @@ pub struct Pd {
     corner_rad_s: f64,
     last_rad: Option<Joints>,
     rate_rad_s: Joints,
+}
+
+impl Fold for Pd {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.last_rad.is_some());
+        hash.add(self.last_rad.unwrap_or_default().as_slice()).add(self.rate_rad_s.as_slice());
+    }
 }
 
 impl Pd {

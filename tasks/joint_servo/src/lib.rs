@@ -14,7 +14,9 @@ pub use config::Config;
 use law::{Ahead, Gains, Pd};
 use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::Dynamics;
-use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Mode, Output, Param, Ports, Task};
+use taktil_rtcore::{
+    Cycle, FaultCode, Input, Invalid, Io, Mode, Output, Param, Ports, StateHash, Task,
+};
 use taktil_signal::{ControlState, Desired, JointState, Torque};
 
 /// Time over which the gravity term comes in when the joints become calibrated under torque (s).
@@ -185,6 +187,10 @@ impl Task for JointServo {
         out.tau_nm = finite.map_or([0.0; 6], Into::into);
         io.write(&self.torque, out);
         finite.map(|_| ()).ok_or(FaultCode::NotFinite)
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.law).add(&self.ahead).add(&self.gravity_share).add(&self.datum);
     }
 
     fn stop(&mut self) {

@@ -5,7 +5,7 @@
 use taktil_hal::{Kind, Nanos};
 use taktil_mechanics::Joints;
 use taktil_mechanics::transmission::Transmission;
-use taktil_rtcore::FaultCode;
+use taktil_rtcore::{FaultCode, Fold, StateHash};
 use taktil_signal::JointState;
 
 /// A joint that moved faster than this multiple of its largest speed did not move: its encoder
@@ -98,6 +98,16 @@ impl Angles {
     }
 }
 
+impl Fold for Angles {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(self.offset_rad.as_slice()).add(&self.datum).add(&self.calibrated);
+        hash.add(&self.last.is_some());
+        if let Some(Last { raw_rad, acquired, qd_rad_s }) = &self.last {
+            hash.add(raw_rad.as_slice()).add(acquired).add(qd_rad_s.as_slice());
+        }
+    }
+}
+
 /// What to do about a read that failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
@@ -113,6 +123,12 @@ pub struct Patience {
     /// Failures in a row that are let pass.
     allowed: u32,
     failed: u32,
+}
+
+impl Fold for Patience {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.failed);
+    }
 }
 
 impl Patience {

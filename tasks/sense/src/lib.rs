@@ -9,7 +9,7 @@ use taktil_hal::{Counts, DigitalIn, Encoders, LinesIn};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::transmission::Transmission;
-use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Ports, Task};
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Ports, StateHash, Task};
 use taktil_signal::{ControlState, JointState, Lines};
 
 use law::{Angles, Patience, Verdict};
@@ -185,6 +185,11 @@ impl Task for Sense {
         let joints = self.read_joints(cycle, io);
         let lines = self.read_lines(cycle, io);
         joints.and(lines)
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.angles).add(&self.encoder_patience).add(&self.digital_patience);
+        hash.add(&self.lines_arrived).add(&self.calibrate);
     }
 }
 

@@ -12,7 +12,7 @@
 //! ```
 
 use taktil_mechanics::Joints;
-use taktil_rtcore::{FaultCode, Mode};
+use taktil_rtcore::{FaultCode, Fold, Mode, StateHash};
 use taktil_signal::{Desired, Goal, JointState, State};
 
 /// A goal may step by this multiple of the largest speed times the time that passed.
@@ -96,6 +96,18 @@ pub struct Law {
     measured_rad: Joints,
     datum: Option<u32>,
     accepted: Option<Accepted>,
+}
+
+impl Fold for Law {
+    fn fold(&self, hash: &mut StateHash) {
+        for joints in [&self.q_rad, &self.qd_rad_s, &self.brake_rad_s2, &self.measured_rad] {
+            hash.add(joints.as_slice());
+        }
+        hash.add(&self.datum).add(&self.accepted.is_some());
+        if let Some(Accepted { source, goal_rad }) = &self.accepted {
+            hash.add(&(*source as u32)).add(goal_rad.as_slice());
+        }
+    }
 }
 
 impl Law {

@@ -8,7 +8,9 @@ pub mod law;
 use serde::Deserialize;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
-use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, Task};
+use taktil_rtcore::{
+    Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, StateHash, Task,
+};
 use taktil_signal::{ControlState, Desired, Goal, JointState, State};
 
 use law::{Bounds, Facts, Law};
@@ -182,6 +184,10 @@ impl Task for Setpoint {
         let (desired, fault) = self.law.step(&facts);
         io.write(&self.desired, desired);
         fault
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.law).add(&self.last);
     }
 }
 

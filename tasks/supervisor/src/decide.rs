@@ -4,7 +4,7 @@
 use taktil_rtcore::fault::Class;
 use taktil_rtcore::mode::{Action, Event, after, after_stop, next as next_mode, react};
 use taktil_rtcore::status::ModeStatus;
-use taktil_rtcore::{FaultCode, FaultSet, Mode, Nanos};
+use taktil_rtcore::{FaultCode, FaultSet, Fold, Mode, Nanos, StateHash};
 use taktil_signal::{ControlState, JointState, Lines, Request, State, Verb};
 
 use crate::law::{Guard, event, next};
@@ -89,6 +89,15 @@ struct Cell {
     power: bool,
     a: bool,
     b: bool,
+}
+
+impl Fold for Core {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.state).add(&self.mode).add(&self.state_since).add(&self.mode_since);
+        hash.add(&self.latch).add(&self.standstill).add(&self.disagreement).add(&self.blindness);
+        hash.add(&self.blind).add(&self.request).add(&self.refused).add(&self.calibrate);
+        hash.add(&self.datum).add(&self.settling);
+    }
 }
 
 impl Core {

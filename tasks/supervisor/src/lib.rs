@@ -10,7 +10,8 @@ pub mod watch;
 use serde::Deserialize;
 use taktil_rtcore::status::{LaneHealth, ModeStatus};
 use taktil_rtcore::{
-    Cycle, FaultCode, FaultSet, Input, Invalid, Io, Mode, Nanos, Output, Ports, Sample, Task,
+    Cycle, FaultCode, FaultSet, Input, Invalid, Io, Mode, Nanos, Output, Ports, Sample, StateHash,
+    Task,
 };
 use taktil_signal::{ControlState, Goal, JointState, Lines, Request};
 
@@ -180,6 +181,10 @@ impl Task for Supervisor {
         io.write(&self.control, control);
         io.write(&self.mode, mode);
         Ok(())
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.core);
     }
 }
 

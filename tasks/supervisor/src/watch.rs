@@ -2,7 +2,7 @@
 //! order. Refuses to react: it says what is so, and since when.
 
 use taktil_rtcore::fault::Class;
-use taktil_rtcore::{FaultCode, FaultSet, Nanos};
+use taktil_rtcore::{FaultCode, FaultSet, Fold, Nanos, StateHash};
 
 /// Sees whether the arm stands still: no joint has left a small band for a while. Counts that
 /// flicker do not matter, and neither does a slow speed estimate.
@@ -11,6 +11,12 @@ pub struct Standstill {
     band_rad: f64,
     time: Nanos,
     around: Option<([f64; 6], Nanos)>,
+}
+
+impl Fold for Standstill {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.around);
+    }
 }
 
 impl Standstill {
@@ -44,6 +50,12 @@ pub struct Lasting {
     since: Option<Nanos>,
 }
 
+impl Fold for Lasting {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.since);
+    }
+}
+
 impl Lasting {
     /// True only after more than `limit`.
     #[must_use]
@@ -66,6 +78,12 @@ impl Lasting {
 pub struct Latch {
     faults: FaultSet,
     first: Option<FaultCode>,
+}
+
+impl Fold for Latch {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.faults).add(&self.first);
+    }
 }
 
 impl Latch {

@@ -8,7 +8,7 @@
 //! saturation does to the features is a matter of the load, not of validity.
 
 use taktil_hal::{MAX_ROWS, MAX_TACTELS, TactileFrame};
-use taktil_rtcore::Payload;
+use taktil_rtcore::{Fold, Payload, StateHash};
 use taktil_signal::TactileImage;
 
 /// What the rest level of a tactel must lie in (counts).
@@ -32,6 +32,18 @@ pub struct Baseline {
     trusted: [bool; MAX_TACTELS],
     dead: [bool; MAX_TACTELS],
     rails: Rails,
+}
+
+impl Fold for Baseline {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.seen);
+        // Once it is known the baseline does not change, and while it is not, nothing uses it.
+        if self.seen < self.wanted {
+            hash.add(&self.sums).add(&self.numbers);
+        } else {
+            hash.add(&self.means).add(&self.trusted);
+        }
+    }
 }
 
 impl Baseline {

@@ -14,7 +14,7 @@ pub use config::Config;
 
 use law::{Baseline, Rails};
 use taktil_hal::{Arrival, Kind, TactileArray, TactileFrame};
-use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, Task};
+use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
 use taktil_signal::TactileImage;
 
 /// The task.
@@ -101,5 +101,10 @@ impl Task for TactileScan {
             return Err(FaultCode::TactileStale);
         }
         outcome
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        // The frame is read only in the job that filled it.
+        hash.add(&self.baseline).add(&self.newest);
     }
 }

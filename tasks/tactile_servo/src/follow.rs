@@ -9,7 +9,7 @@
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
-use taktil_rtcore::FaultCode;
+use taktil_rtcore::{FaultCode, Fold, StateHash};
 
 /// The joint step `J_tool(q)^-1 motion` (rad) for a small motion of the tool frame (m, rad).
 ///
@@ -61,6 +61,12 @@ pub struct Follower {
     goal: Joints,
     /// Jobs until the goal is at the target.
     jobs_left: u32,
+}
+
+impl Fold for Follower {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(self.target.as_slice()).add(self.goal.as_slice()).add(&self.jobs_left);
+    }
 }
 
 impl Follower {

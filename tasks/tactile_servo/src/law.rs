@@ -17,6 +17,7 @@
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::tactile::{Image, features, moments};
+use taktil_rtcore::{Fold, StateHash};
 use taktil_signal::{MAX_TACTELS, TactileImage};
 
 use crate::config::Config;
@@ -86,6 +87,12 @@ pub struct Heading {
     tolerance: f64,
     upwards: bool,
     reversals: u32,
+}
+
+impl Fold for Heading {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.upwards).add(&self.reversals);
+    }
 }
 
 impl Heading {

@@ -23,7 +23,9 @@ use follow::{Follower, joint_step, within_lead};
 use law::{Heading, Law, Touch, tool_motion, touch};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
-use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Param, Payload, Ports, Task};
+use taktil_rtcore::{
+    Cycle, FaultCode, Input, Invalid, Io, Output, Param, Payload, Ports, StateHash, Task,
+};
 use taktil_signal::{
     ControlState, Desired, Features, Goal, JointState, State, TactileImage, defined,
 };
@@ -246,6 +248,17 @@ impl Task for TactileServo {
         let goal = self.next_goal(dt_s);
         io.write(&self.goal, goal);
         outcome
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.heading).add(&self.entered_ns).add(&self.sought_mm);
+        match &self.stay {
+            Stay::Away => hash.word(0),
+            Stay::Refused => hash.word(1),
+            Stay::Driving { follower, datum, drift } => {
+                hash.word(2).add(follower).add(datum).add(drift)
+            }
+        };
     }
 
     fn stop(&mut self) {

@@ -4,6 +4,7 @@
 //! nobody asked for.
 
 use taktil_mechanics::spatial::Pose;
+use taktil_rtcore::{Fold, StateHash};
 
 /// Fastest correction along y (m/s).
 const SPEED_MAX_M_S: f64 = 0.005;
@@ -16,6 +17,15 @@ pub struct Drift {
     last: Option<Pose>,
     y_m: f64,
     theta_y_rad: f64,
+}
+
+impl Fold for Drift {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.y_m).add(&self.theta_y_rad).add(&self.last.is_some());
+        if let Some(last) = &self.last {
+            hash.add(&last.rotation.to_cols_array()).add(&last.translation.to_array());
+        }
+    }
 }
 
 impl Drift {

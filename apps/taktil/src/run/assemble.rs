@@ -37,7 +37,8 @@ fn edited(mut machine: Machine, scene: &Scene) -> Result<Machine, Invalid> {
 }
 
 /// The machine that repeats a run of this scene and seed: its devices answer from `tapes`, and it
-/// bears lanes that stood still for `stall`. Edits are those that were recorded. The tasks `operator` and `world` are to be fed.
+/// bears lanes that stood still for `stall`. Edits are those that were recorded. The tasks
+/// `operator` and `world` are to be fed.
 ///
 /// # Errors
 /// As [`assemble`].

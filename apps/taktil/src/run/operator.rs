@@ -3,7 +3,9 @@
 //! at it. Keys of a jog are held while the machine is in a MANUAL state, for as long as the script
 //! says.
 
-use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, Task};
+use taktil_rtcore::{
+    Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, StateHash, Task,
+};
 use taktil_signal::{ControlState, JogCommand, Request, State, Verb};
 
 use super::scene::{Act, Step};
@@ -107,5 +109,9 @@ impl Task for Operator {
         io.write(&self.jog, self.keys);
         io.write(&self.request, self.last);
         Ok(())
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.next).add(&self.last).add(&self.keys).add(&self.held_since);
     }
 }

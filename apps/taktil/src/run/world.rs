@@ -3,7 +3,7 @@
 //! device halves.
 
 use glam::DVec3;
-use taktil_rtcore::{Cycle, FaultCode, Io, Output, Ports, Task, payload};
+use taktil_rtcore::{Cycle, FaultCode, Io, Output, Ports, StateHash, Task, payload};
 use taktil_sim::{Truth, World};
 
 payload! {
@@ -65,6 +65,8 @@ pub struct Simulation {
     pin_radius_m: f64,
     pivot: DVec3,
     truth: Output<WorldTruth>,
+    /// Hash of the world after the last job.
+    state: u64,
 }
 
 impl Simulation {
@@ -81,6 +83,7 @@ impl Simulation {
             pin_radius_m: pin_radius_mm * 1e-3,
             pivot,
             truth: ports.output("truth"),
+            state: 0,
         }
     }
 
@@ -99,9 +102,10 @@ impl Task for Simulation {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         self.world.advance(cycle.release + cycle.dt);
         let truth = self.world.truth();
+        self.state = self.world.state_hash();
         let value = WorldTruth {
             t_ns: truth.t.0,
-            state_hash: self.world.state_hash(),
+            state_hash: self.state,
             q_rad: truth.q.into(),
             qd_rad_s: truth.qd.into(),
             tool_m: truth.tool.to_array(),
@@ -126,5 +130,9 @@ impl Task for Simulation {
         };
         io.write(&self.truth, value);
         Ok(())
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.state);
     }
 }
