@@ -17,7 +17,7 @@ fn catalog() -> Catalog {
     let lane = |name: &str, ms| LaneInfo {
         name: name.into(),
         period: Nanos::from_millis(ms),
-        ..LaneInfo::default(),
+        ..LaneInfo::default()
     };
     Catalog {
         signals: vec![signal("a.x", 0, 10), signal("a.y", 0, 64), signal("b.z", 1, 24)],
