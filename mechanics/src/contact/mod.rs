@@ -8,21 +8,27 @@
 //!
 //! - [`layer`]: the elastic layer and the exact transfer functions at its surface and its base.
 //! - [`field`]: stresses and displacements of a line load at any depth, layer or half plane.
+//! - [`half_plane`]: closed forms of the half plane; [`stack`]: several bonded layers.
+//! - [`plane`]: rigid indenters on the layer in plane strain; [`fem`]: its finite elements.
 //! - [`cylinder`]: a rigid cylinder rolling on it, tabulated for use inside a control period.
 //! - [`space`]: contact in three dimensions and the image that an array of tactels makes of it.
 //! - [`features`]: features of stress distributions and of images.
 //!
 //! What it refuses: everything not finite and positive, and geometry outside the theory's reach.
-//! What it does not know: friction with slip, finite strain, viscosity, free ends of the layer.
+//! What it does not know: finite strain, viscosity; free ends of the layer outside [`fem`].
 
 mod collocation;
 pub mod cylinder;
 pub mod features;
+pub mod fem;
 pub mod field;
+pub mod half_plane;
 mod kernel;
 pub mod layer;
+pub mod plane;
 mod share;
 pub mod space;
+pub mod stack;
 mod stick;
 
 /// A parameter that the theory cannot take: where it stands, what is wrong, what would help.

@@ -34,6 +34,8 @@ pub(super) enum Kind {
     Table(&'static [Field]),
     /// Any number of objects with these fields.
     Tables(&'static [Field]),
+    /// One of these texts, or an object with these fields.
+    ChoiceOrTable(&'static [&'static str], &'static [Field]),
     /// Any JSON value; not kept.
     Any,
 }
@@ -110,6 +112,7 @@ impl Kind {
             Kind::Counts => "[6] whole".to_owned(),
             Kind::Table(_) => "object".to_owned(),
             Kind::Tables(_) => "[object...]".to_owned(),
+            Kind::ChoiceOrTable(texts, _) => format!("{} or object", Kind::Choice(texts).shown()),
             Kind::Any => "anything".to_owned(),
         }
     }

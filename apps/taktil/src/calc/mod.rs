@@ -10,8 +10,11 @@ mod answer;
 mod contact;
 mod dynamics;
 mod field;
+mod indent;
 mod kinematics;
 mod motion;
+mod nodes;
+mod plane;
 mod request;
 mod space;
 mod touch;
@@ -41,7 +44,7 @@ struct Operation {
 fn operations() -> impl Iterator<Item = &'static Operation> {
     [kinematics::OPERATIONS, dynamics::OPERATIONS, motion::OPERATIONS]
         .into_iter()
-        .chain([touch::OPERATIONS, contact::OPERATIONS, space::OPERATIONS])
+        .chain([touch::OPERATIONS, contact::OPERATIONS, plane::OPERATIONS, space::OPERATIONS])
         .flatten()
 }
 
@@ -151,7 +154,8 @@ fn push_fields(out: &mut String, fields: &'static [Field], width: usize) {
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
         let need = field.need.shown();
         out.push_str(&format!("  {:width$}  {kind}{unit}; {need}. {}\n", field.name, field.doc));
-        if let Kind::Table(inner) | Kind::Tables(inner) = field.kind {
+        if let Kind::Table(inner) | Kind::Tables(inner) | Kind::ChoiceOrTable(_, inner) = field.kind
+        {
             for field in inner {
                 let (kind, need) = (field.kind.shown(), field.need.shown());
                 let doc = field.doc;

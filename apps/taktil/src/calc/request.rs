@@ -324,14 +324,7 @@ fn parse(field: &Field, place: &str, value: &Value) -> Result<Option<Parsed>, Fa
             true => Parsed::Other,
             false => return Ok(None),
         },
-        Kind::Choice(texts) => {
-            let given = value.as_str().ok_or_else(wrong)?;
-            let text = texts.iter().copied().find(|text| *text == given).ok_or_else(|| {
-                let what = format!("`{place}` is \"{given}\"; wanted: {}", field.kind.shown());
-                Failure::new("unknown_value", Some(place), what)
-            })?;
-            Parsed::Text(text)
-        }
+        Kind::Choice(texts) => Parsed::Text(choice(texts, place, value, &wrong)?),
         Kind::Vector(n) => Parsed::Numbers(list(value, Some(n), place, &wrong)?),
         Kind::Numbers => Parsed::Numbers(list(value, None, place, &wrong)?),
         Kind::Rows(n) => {
@@ -367,6 +360,10 @@ fn parse(field: &Field, place: &str, value: &Value) -> Result<Option<Parsed>, Fa
             };
             Parsed::Tables(items.iter().enumerate().map(table).collect::<Result<_, _>>()?)
         }
+        Kind::ChoiceOrTable(texts, fields) => match value.as_object() {
+            Some(object) => Parsed::Table(Args::of_table(object, fields, place)?),
+            None => Parsed::Text(choice(texts, place, value, &wrong)?),
+        },
         Kind::Any => Parsed::Other,
     }))
 }
@@ -387,6 +384,19 @@ fn names(
         })
     };
     items.iter().enumerate().map(name).collect()
+}
+
+fn choice(
+    texts: &'static [&'static str],
+    place: &str,
+    value: &Value,
+    wrong: &dyn Fn() -> Failure,
+) -> Result<&'static str, Failure> {
+    let given = value.as_str().ok_or_else(wrong)?;
+    texts.iter().copied().find(|text| *text == given).ok_or_else(|| {
+        let what = format!("`{place}` is \"{given}\"; wanted: {}", Kind::Choice(texts).shown());
+        Failure::new("unknown_value", Some(place), what)
+    })
 }
 
 fn finite(value: &Value) -> Option<f64> {

@@ -3,6 +3,7 @@
 
 mod ask;
 mod goldens;
+mod plane;
 mod refusals;
 mod space;
 mod touch;

@@ -1,0 +1,252 @@
+//! Calc operation on plane contact: `contact_2d`. Refuses unknown shapes, loads without an
+//! equilibrium, and methods that do not know a shape or a friction; what it answers for is stated
+//! in the modules that solve.
+
+use serde_json::{Value, json};
+use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::plane::features::{Compressive, Moments, compressive, moments};
+use taktil_mechanics::contact::plane::{Contact, Load, Mode, Shape, Spectrum};
+
+use super::Operation;
+use super::answer::Answer;
+use super::field::{Failure, Field, Kind, Need};
+use super::indent::{self, Stress, failure};
+use super::nodes::Nodes;
+use super::request::Args;
+
+/// Most places of one request.
+const POINTS_MAX: usize = 100_000;
+
+const fn number(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
+    Field::new(name, Kind::Number, unit, Need::Required, doc)
+}
+
+const fn optional(name: &'static str, kind: Kind, doc: &'static str) -> Field {
+    Field::new(name, kind, "", Need::Optional, doc)
+}
+
+const fn choice(
+    name: &'static str,
+    texts: &'static [&'static str],
+    default: &'static str,
+    doc: &'static str,
+) -> Field {
+    Field::new(name, Kind::Choice(texts), "", Need::Default(default), doc)
+}
+
+const FLAT: &[Field] = &[
+    number("width_mm", "mm", "Width."),
+    Field::new("height_mm", Kind::Number, "mm", Need::Default("6.35"), "Height of the loads."),
+];
+const CYLINDER: &[Field] = &[number("radius_mm", "mm", "Radius of the exact circle.")];
+const PROFILE: &[Field] = &[
+    Field::new("x_mm", Kind::Numbers, "mm", Need::Required, "Places, ascending."),
+    Field::new("z_mm", Kind::Numbers, "mm", Need::Required, "Heights of the lower face, up."),
+];
+const SHAPES: &[Field] = &[
+    optional("knife", Kind::Table(&[]), "A line load; Q acts whatever the friction."),
+    optional("flat", Kind::Table(FLAT), "A bar {width_mm, height_mm}."),
+    optional("cylinder", Kind::Table(CYLINDER), "A circle {radius_mm}."),
+    optional("profile", Kind::Table(PROFILE), "Straight between {x_mm, z_mm}, held upright."),
+];
+const LOAD: &[Field] = &[
+    number("p_n_mm", "N/mm", "Normal load, positive into the layer."),
+    Field::new("q_n_mm", Kind::Number, "N/mm", Need::Default("0"), "Tangential load."),
+];
+const MOVE: &[Field] = &[
+    number("dz_mm", "mm", "Descent, upright."),
+    Field::new("dx_mm", Kind::Number, "mm", Need::Default("0"), "Then a move along x."),
+];
+const COULOMB: &[Field] = &[number("coulomb", "", "Coefficient of friction.")];
+
+/// What this subject offers.
+pub(super) const OPERATIONS: &[Operation] = &[Operation {
+    name: "contact_2d",
+    doc: "A rigid indenter on a bonded layer in plane strain, by load or by move.",
+    fields: &[
+        Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "One of its fields."),
+        number("t_mm", "mm", "Thickness of the layer."),
+        number("nu", "", "Poisson's ratio, in (0, 0.5]."),
+        Field::new("youngs_mpa", Kind::Number, "MPa", Need::Default("27.58"), "Young's modulus."),
+        optional("load", Kind::Table(LOAD), "Loads, N/mm; this or `move`."),
+        optional("move", Kind::Table(MOVE), "Descent and tangential move, mm."),
+        Field::new(
+            "friction",
+            Kind::ChoiceOrTable(&["none", "prop", "stick"], COULOMB),
+            "",
+            Need::Default("\"none\""),
+            "No shear, shear in proportion to pressure, no slip, or {coulomb}.",
+        ),
+        choice(
+            "method",
+            &["layer", "fem"],
+            "\"layer\"",
+            "The exact infinite layer, or elements over 25.4 mm with free ends.",
+        ),
+        choice(
+            "level",
+            &["fast", "default", "fine"],
+            "\"default\"",
+            "Error of about 1e-3, 1e-5, 1e-8 of the peak; with cells 48, 96, 192 of them.",
+        ),
+        Field::new("mesh", Kind::Vector(2), "", Need::Default("[64, 4]"), "Elements, for `fem`."),
+        choice(
+            "start",
+            &["warm", "cold"],
+            "\"warm\"",
+            "With `timing`: from a contact of 1 % more, or from nothing; tables are built.",
+        ),
+        Field::new("depth_mm", Kind::Number, "mm", Need::Optional, "Depth of szz; t when absent."),
+        Field::new("x_mm", Kind::Numbers, "mm", Need::Default("[]"), "Places, from its centre."),
+        Field::new("threshold_mpa", Kind::Numbers, "MPa", Need::Default("[]"), "For widths."),
+    ],
+    answers: &[
+        ("p_n_mm", "N/mm"),
+        ("q_n_mm", "N/mm"),
+        ("delta_mm", "mm, null for a knife"),
+        ("slope", ""),
+        ("x_left_mm", "mm"),
+        ("x_right_mm", "mm"),
+        ("mode", "open, full, left or right (edge lifted), free"),
+        ("pressure", "[n] MPa, null where infinite or not resolved"),
+        ("szz", "[n] MPa"),
+        ("features", "{full, compressive}"),
+        ("residual", "of the load"),
+        ("ns", "with `timing`: of the contact's solution, without profile and features"),
+    ],
+    run: contact_2d,
+}];
+
+/// The indenter.
+pub(super) enum Indented {
+    Knife,
+    Rigid(Shape),
+    /// Places and heights.
+    Profile(Vec<f64>, Vec<f64>),
+}
+
+pub(super) fn shape_of(args: &Args) -> Result<Indented, Failure> {
+    let table = args.table("shape").ok_or_else(bad_shape)?;
+    let mut shapes = Vec::new();
+    if table.table("knife").is_some() {
+        shapes.push(Indented::Knife);
+    }
+    if let Some(flat) = table.table("flat") {
+        let (width_mm, height_mm) = (flat.number("width_mm")?, flat.number("height_mm")?);
+        shapes.push(Indented::Rigid(Shape::Flat { width_mm, height_mm }));
+    }
+    if let Some(cylinder) = table.table("cylinder") {
+        let radius_mm = cylinder.number("radius_mm")?;
+        shapes.push(Indented::Rigid(Shape::Cylinder { radius_mm }));
+    }
+    if let Some(profile) = table.table("profile") {
+        let (x, z) = (profile.numbers("x_mm")?, profile.numbers("z_mm")?);
+        if x.len() < 2 || x.len() != z.len() || !x.windows(2).all(|w| w[0] < w[1]) {
+            let what = "`shape.profile` has two or more `x_mm`, ascending, and as many `z_mm`";
+            return Err(Failure::new("wrong_length", Some("shape.profile"), what));
+        }
+        shapes.push(Indented::Profile(x.to_vec(), z.to_vec()));
+    }
+    match shapes.pop() {
+        Some(shape) if shapes.is_empty() => Ok(shape),
+        _ => Err(bad_shape()),
+    }
+}
+
+fn bad_shape() -> Failure {
+    let what = "`shape` has exactly one of the fields knife, flat, cylinder, profile";
+    Failure::new("wrong_type", Some("shape"), what)
+}
+
+/// What is prescribed.
+#[derive(Clone, Copy)]
+pub(super) enum Prescribed {
+    Load(Load),
+    Move { dz: f64, dx: f64 },
+}
+
+pub(super) fn prescribed(args: &Args) -> Result<Prescribed, Failure> {
+    match (args.table("load"), args.table("move")) {
+        (Some(load), None) => {
+            let (p, q) = (load.number("p_n_mm")?, load.number("q_n_mm")?);
+            Ok(Prescribed::Load(Load { p_n_mm: p, q_n_mm: q }))
+        }
+        (None, Some(motion)) => {
+            Ok(Prescribed::Move { dz: motion.number("dz_mm")?, dx: motion.number("dx_mm")? })
+        }
+        _ => {
+            let what = "give either `load` {p_n_mm, q_n_mm} or `move` {dz_mm, dx_mm}";
+            Err(Failure::new("missing_field", Some("load"), what))
+        }
+    }
+}
+
+fn contact_2d(args: &Args) -> Result<Answer, Failure> {
+    let (thickness_mm, youngs_mpa) = (args.number("t_mm")?, args.number("youngs_mpa")?);
+    let layer = Layer::new(thickness_mm, youngs_mpa, args.number("nu")?)
+        .map_err(|invalid| failure(&invalid))?;
+    let x_mm = args.numbers("x_mm")?;
+    if x_mm.len() > POINTS_MAX {
+        let what = format!("`x_mm` has {} places; at most {POINTS_MAX} are taken", x_mm.len());
+        return Err(Failure::new("wrong_length", Some("x_mm"), what));
+    }
+    let depth = if args.has("depth_mm") { args.positive("depth_mm")? } else { thickness_mm };
+    if depth > thickness_mm {
+        let what = format!("`depth_mm` is {depth}; the layer ends at {thickness_mm}");
+        return Err(Failure::range("depth_mm", what));
+    }
+    let solved = indent::solve(args, &layer, depth, x_mm)?;
+    let mut out = Answer::new();
+    contact(&mut out, &solved.contact, solved.descends);
+    out.gaps("pressure", solved.pressure.iter().copied());
+    let thresholds = args.numbers("threshold_mpa")?;
+    let (szz, full, part) = match &solved.stress {
+        Stress::Points(forces) => {
+            let far = forces.iter().map(|f| f[0].abs()).fold(12.7, f64::max);
+            let reach = x_mm.iter().fold(far, |most, x| most.max(x.abs())) + 20.0 * thickness_mm;
+            let stress = Spectrum::new(&layer, forces, depth, reach.min(1e4));
+            let szz: Vec<f64> = x_mm.iter().map(|x| stress.szz(*x)).collect();
+            let full = moments(&layer, forces, depth);
+            (szz, full, compressive(&stress, solved.symmetric, thresholds))
+        }
+        Stress::Nodes(nodes) => on_nodes(nodes, x_mm, thresholds),
+    };
+    out.list("szz", &szz);
+    out.value("features", features(&full, &part));
+    out.number("residual", solved.contact.residual);
+    Ok(out)
+}
+
+fn contact(out: &mut Answer, contact: &Contact, descends: bool) {
+    out.number("p_n_mm", contact.p_n_mm);
+    out.number("q_n_mm", contact.q_n_mm);
+    out.maybe("delta_mm", descends.then_some(contact.delta_mm));
+    out.number("slope", contact.slope);
+    out.number("x_left_mm", contact.x_left_mm);
+    out.number("x_right_mm", contact.x_right_mm);
+    let mode = match contact.mode {
+        Mode::Open => "open",
+        Mode::Full => "full",
+        Mode::Left => "left",
+        Mode::Right => "right",
+        Mode::Free => "free",
+    };
+    out.value("mode", Value::from(mode));
+}
+
+fn on_nodes(nodes: &Nodes, x: &[f64], thresholds: &[f64]) -> (Vec<f64>, Moments, Compressive) {
+    let szz = x.iter().map(|x| nodes.szz(*x)).collect();
+    (szz, nodes.moments(false), nodes.compressive(thresholds))
+}
+
+fn features(full: &Moments, part: &Compressive) -> Value {
+    let shown = |m: &Moments| {
+        let c = m.centroid_mm();
+        json!({"m0": m.m[0], "m1": m.m[1], "m2": m.m[2], "m3": m.m[3], "x_c": c})
+    };
+    let mut compressed = shown(&part.moments);
+    compressed["x_peak"] = json!(part.x_peak_mm);
+    compressed["szz_peak"] = json!(part.szz_peak_mpa);
+    compressed["widths_mm"] = json!(part.widths_mm);
+    json!({"full": shown(full), "compressive": compressed})
+}

@@ -1,0 +1,179 @@
+//! `contact_2d`: shapes, frictions, methods against what must be true of them, and one error line
+//! for what cannot be.
+
+use serde_json::{Value, json};
+
+use crate::ask::ask_text;
+
+fn contact(fields: Value) -> Value {
+    let mut request = json!({"op": "contact_2d", "t_mm": 0.8, "nu": 0.49});
+    for (key, value) in fields.as_object().unwrap() {
+        request[key] = value.clone();
+    }
+    ask_text(format!("{request}\n").as_bytes()).remove(0)
+}
+
+fn number(answer: &Value, path: &str) -> f64 {
+    answer.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path}: {answer}"))
+}
+
+fn near(answer: &Value, path: &str, expected: f64, bar: f64) {
+    let found = number(answer, path);
+    assert!((found - expected).abs() <= bar, "{path}: {found} not {expected}");
+}
+
+#[test]
+fn a_tilted_bar_of_the_reference() {
+    // Reference data: prop, W 12.7, h 6.35, P 0.175, Q 0.0438.
+    let answer = contact(json!({
+        "shape": {"flat": {"width_mm": 12.7, "height_mm": 6.35}},
+        "load": {"p_n_mm": 0.175, "q_n_mm": 0.0438}, "friction": "prop", "level": "fine",
+        "x_mm": [0, 6.35, 9.0], "threshold_mpa": [0.001, 1.0], "timing": true, "repeat": 3,
+    }));
+    assert_eq!(answer["mode"], "full");
+    near(&answer, "/slope", 3.719_444_828e-6, 1e-13);
+    near(&answer, "/delta_mm", 4.190_873_135e-5, 1e-11);
+    near(&answer, "/features/full/m0", -0.175, 1e-12);
+    near(&answer, "/features/full/m1", -0.313_17, 1e-10);
+    near(&answer, "/features/full/m2", -2.430_459_760, 1e-7);
+    near(&answer, "/features/full/m3", -8.525_917_374, 1e-7);
+    near(&answer, "/features/full/x_c", 1.789_542_857, 1e-9);
+    near(&answer, "/features/compressive/m1", -0.313_012_671, 1e-8);
+    near(&answer, "/features/compressive/x_peak", 4.559_362, 1e-5);
+    near(&answer, "/features/compressive/szz_peak", -0.020_612_899, 1e-9);
+    near(&answer, "/features/compressive/widths_mm/0", 14.222_5, 1e-4);
+    near(&answer, "/features/compressive/widths_mm/1", 0.0, 0.0);
+    assert_eq!(answer["pressure"][1], Value::Null);
+    assert_eq!(answer["pressure"][2], json!(0.0));
+    assert!(number(&answer, "/residual") < 1e-10 && number(&answer, "/ns") > 0.0);
+}
+
+#[test]
+fn the_cylinder_by_load_and_by_move() {
+    // Reference data: R 25.4, t 0.8, P 0.35.
+    let roll = json!({"cylinder": {"radius_mm": 25.4}});
+    let pressed = contact(json!({"shape": roll, "load": {"p_n_mm": 0.35}, "x_mm": [0]}));
+    near(&pressed, "/x_right_mm", 0.481_873_955, 1e-7);
+    near(&pressed, "/delta_mm", 0.005_257_918_5, 1e-9);
+    near(&pressed, "/pressure/0", 0.468_861_964, 1e-7);
+    near(&pressed, "/szz/0", -0.291_923_548, 1e-7);
+    let moved = contact(json!({"shape": roll, "move": {"dz_mm": 0.005_257_918_544}}));
+    near(&moved, "/p_n_mm", 0.35, 1e-7);
+    // No slip, b = 1.5, R = 22.9 of the reference; shear by load and by move agree.
+    let roll = json!({"cylinder": {"radius_mm": 22.9}});
+    let held = contact(json!({
+        "shape": roll, "move": {"dz_mm": 0.0326, "dx_mm": 0.001}, "friction": "stick"
+    }));
+    let (p, q) = (number(&held, "/p_n_mm"), number(&held, "/q_n_mm"));
+    let again = contact(json!({
+        "shape": roll, "load": {"p_n_mm": p, "q_n_mm": q}, "friction": "stick"
+    }));
+    near(&again, "/delta_mm", 0.0326, 1e-6);
+    near(&again, "/features/full/m1", number(&held, "/features/full/m1"), 1e-6);
+}
+
+#[test]
+fn a_knife_is_a_line_load_and_its_moments_are_statics() {
+    let load = json!({"p_n_mm": 0.175, "q_n_mm": 0.0438});
+    for method in ["layer", "fem"] {
+        let answer = contact(json!({
+            "shape": {"knife": {}}, "load": load, "method": method, "mesh": [128, 8], "x_mm": [0]
+        }));
+        assert_eq!(answer["delta_mm"], Value::Null);
+        near(&answer, "/features/full/m0", -0.175, 1e-10);
+        near(&answer, "/features/full/m1", -0.8 * 0.0438, 1e-10);
+        near(&answer, "/szz/0", -0.175 * 1.026_139_419, 0.015);
+    }
+}
+
+#[test]
+fn methods_agree_with_each_other() {
+    let bar = json!({"flat": {"width_mm": 12.7, "height_mm": 6.35}});
+    let load = json!({"p_n_mm": 0.7, "q_n_mm": 0.4});
+    let ask = |method: &str, friction: Value| {
+        contact(json!({
+            "shape": bar, "load": load, "method": method, "friction": friction, "mesh": [128, 8],
+            "level": "fast", "x_mm": [2.0],
+        }))
+    };
+    let exact = ask("layer", json!("prop"));
+    let mesh = ask("fem", json!("prop"));
+    assert_eq!(exact["mode"], "left");
+    assert_eq!(mesh["mode"], "left");
+    near(&mesh, "/x_left_mm", number(&exact, "/x_left_mm"), 0.3);
+    near(&mesh, "/szz/0", number(&exact, "/szz/0"), 0.03 * number(&exact, "/szz/0").abs());
+    near(&mesh, "/features/full/m1", -0.4 * (6.35 + 0.8), 1e-6);
+    for friction in [json!({"coulomb": 0.9}), json!({"coulomb": 3})] {
+        let held = ask("layer", friction.clone());
+        assert_eq!(held["ok"], true, "{friction}: {held}");
+        near(&held, "/p_n_mm", 0.7, 1e-9);
+        near(&held, "/q_n_mm", 0.4, 1e-9);
+        near(&held, "/features/full/m1", -0.4 * (6.35 + 0.8), 1e-6);
+    }
+}
+
+#[test]
+fn any_profile_finds_what_touches() {
+    // A wedge with its tip at x = 1, and a trough that rests on two heels.
+    let wedge = json!({"profile": {"x_mm": [-3, 1, 5], "z_mm": [0.4, 0.0, 0.4]}});
+    let answer = contact(json!({"shape": wedge, "move": {"dz_mm": 0.05}, "x_mm": [1.0]}));
+    assert_eq!(answer["mode"], "free");
+    assert!(number(&answer, "/x_left_mm") < 1.0 && number(&answer, "/x_right_mm") > 1.0);
+    near(&answer, "/features/full/x_c", 1.0, 0.05);
+    let trough =
+        json!({"profile": {"x_mm": [-3, -1, 0, 1, 3], "z_mm": [0.5, 0.0, 0.05, 0.0, 0.5]}});
+    let answer = contact(json!({"shape": trough, "load": {"p_n_mm": 0.5}, "x_mm": [0, 1, 0.9]}));
+    near(&answer, "/p_n_mm", 0.5, 1e-9);
+    near(&answer, "/pressure/0", 0.0, 0.0);
+    assert!(number(&answer, "/pressure/1") > 0.1);
+}
+
+#[test]
+fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
+    let bar = json!({"flat": {"width_mm": 12.7}});
+    let roll = json!({"cylinder": {"radius_mm": 1.0}});
+    let held = json!({"p_n_mm": 1, "q_n_mm": 0.4});
+    let wrong = [
+        (json!({"shape": {"ball": {}}, "load": {"p_n_mm": 1}}), "unknown_field", "shape.ball"),
+        (json!({"shape": {}, "load": {"p_n_mm": 1}}), "wrong_type", "shape"),
+        (json!({"shape": bar, "t_mm": -0.8, "load": {"p_n_mm": 1}}), "out_of_range", "t_mm"),
+        (json!({"shape": bar, "nu": 0.51, "load": {"p_n_mm": 1}}), "out_of_range", "nu"),
+        (json!({"shape": bar, "load": {"p_n_mm": -1}}), "out_of_range", "load"),
+        (json!({"shape": bar, "load": {"p_n_mm": 1, "q_n_mm": 2}}), "topples", "load"),
+        (json!({"shape": roll, "load": {"p_n_mm": 1e9}}), "unreachable", "load"),
+        (json!({"shape": bar}), "missing_field", "load"),
+        (json!({"shape": {"knife": {}}, "move": {"dz_mm": 1}}), "unreachable", "move"),
+        (json!({"shape": bar, "move": {"dz_mm": 1, "dx_mm": 1}}), "unreachable", "move"),
+        (json!({"shape": bar, "load": {"p_n_mm": 1}, "depth_mm": 0.9}), "out_of_range", "depth_mm"),
+        (json!({"shape": bar, "load": held, "friction": {"coulomb": 0.3}}), "slides", "load"),
+        (
+            json!({"shape": bar, "load": {"p_n_mm": 1}, "friction": {"coulomb": -1}}),
+            "out_of_range",
+            "friction.coulomb",
+        ),
+        (
+            json!({"shape": bar, "load": {"p_n_mm": 1}, "friction": "glue"}),
+            "unknown_value",
+            "friction",
+        ),
+        (
+            json!({"shape": bar, "load": {"p_n_mm": 1}, "method": "fem", "mesh": [0, 4]}),
+            "out_of_range",
+            "mesh",
+        ),
+        (
+            json!({"shape": {"flat": {"width_mm": 12.7}, "knife": {}}, "load": {"p_n_mm": 1}}),
+            "wrong_type",
+            "shape",
+        ),
+    ];
+    for (fields, code, field) in wrong {
+        let answer = contact(fields.clone());
+        assert_eq!(answer["ok"], false, "{fields}: {answer}");
+        assert_eq!(answer["error"]["code"], code, "{fields}: {answer}");
+        assert_eq!(answer["error"]["field"], field, "{fields}: {answer}");
+    }
+    let open = contact(json!({"shape": bar, "load": {"p_n_mm": 0}, "x_mm": [0]}));
+    assert_eq!(open["mode"], "open");
+    near(&open, "/szz/0", 0.0, 0.0);
+}

@@ -1,0 +1,99 @@
+//! Small dense linear systems, row by row, by elimination with row pivots, in storage that is kept.
+//! A pivot of exactly 0 makes every answer NaN or infinite; callers check what they get.
+
+/// A square matrix that becomes its factors.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Dense {
+    size: usize,
+    entries: Vec<f64>,
+    rows: Vec<usize>,
+}
+
+impl Dense {
+    /// Room for matrices up to `capacity` square.
+    pub(crate) fn with_capacity(capacity: usize) -> Self {
+        let entries = Vec::with_capacity(capacity * capacity);
+        Self { size: 0, entries, rows: Vec::with_capacity(capacity) }
+    }
+
+    /// Starts a matrix of zeros; allocates only beyond the capacity.
+    pub(crate) fn reset(&mut self, size: usize) {
+        self.size = size;
+        self.entries.clear();
+        self.entries.resize(size * size, 0.0);
+    }
+
+    /// One row, to be filled.
+    pub(crate) fn row_mut(&mut self, row: usize) -> &mut [f64] {
+        &mut self.entries[row * self.size..][..self.size]
+    }
+
+    /// Factors in place.
+    pub(crate) fn factor(&mut self) {
+        let n = self.size;
+        self.rows.clear();
+        for pivot in 0..n {
+            let mut largest = pivot;
+            for row in pivot + 1..n {
+                if self.entries[row * n + pivot].abs() > self.entries[largest * n + pivot].abs() {
+                    largest = row;
+                }
+            }
+            self.rows.push(largest);
+            if largest != pivot {
+                let (above, below) = self.entries.split_at_mut(largest * n);
+                above[pivot * n..][..n].swap_with_slice(&mut below[..n]);
+            }
+            let (above, below) = self.entries.split_at_mut((pivot + 1) * n);
+            let source = &above[pivot * n..];
+            let over = 1.0 / source[pivot];
+            for row in below.chunks_exact_mut(n) {
+                let factor = row[pivot] * over;
+                row[pivot] = factor;
+                for (entry, known) in row[pivot + 1..].iter_mut().zip(&source[pivot + 1..]) {
+                    *entry -= factor * known;
+                }
+            }
+        }
+    }
+
+    /// Solves for one right side in place, after [`Self::factor`].
+    pub(crate) fn solve(&self, side: &mut [f64]) {
+        let n = self.size;
+        for (pivot, &row) in self.rows.iter().enumerate() {
+            side.swap(pivot, row);
+        }
+        for row in 1..n {
+            let (known, rest) = side.split_at_mut(row);
+            let factors = &self.entries[row * n..][..row];
+            rest[0] -= factors.iter().zip(known.iter()).map(|(f, k)| f * k).sum::<f64>();
+        }
+        for row in (0..n).rev() {
+            let (first, known) = side.split_at_mut(row + 1);
+            let factors = &self.entries[row * n + row..][..n - row];
+            let sum: f64 = factors[1..].iter().zip(known.iter()).map(|(f, k)| f * k).sum();
+            first[row] = (first[row] - sum) / factors[0];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_system_that_needs_pivots_is_solved() {
+        let a = [[0.0, 2.0, -1.0], [1.0, 0.0, 3.0], [4.0, -5.0, 0.0]];
+        let x = [1.5, -2.0, 0.25];
+        let mut dense = Dense::with_capacity(3);
+        dense.reset(3);
+        for (i, row) in a.iter().enumerate() {
+            dense.row_mut(i).copy_from_slice(row);
+        }
+        let mut side: Vec<f64> =
+            a.iter().map(|row| row.iter().zip(&x).map(|(a, x)| a * x).sum()).collect();
+        dense.factor();
+        dense.solve(&mut side);
+        assert!(side.iter().zip(&x).all(|(s, x)| (s - x).abs() < 1e-14));
+    }
+}

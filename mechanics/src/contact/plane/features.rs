@@ -1,0 +1,212 @@
+//! Features of the stress szz at one depth: moments over the infinite layer, exactly; moments of
+//! its compressive part over a sensor, its peak, and widths above thresholds. x from the
+//! indenter's centre, over which the sensor is centred. Lengths in mm. It allocates.
+
+use super::super::layer::{Layer, Transfer};
+use super::spectrum::{PointForce, Spectrum, legendre};
+
+/// Half the width of the tactile array (25.4 mm): where the compressive part is gathered.
+pub const SENSOR_HALF_MM: f64 = 12.7;
+/// Cells of the sensor, at most and at least.
+const CELLS: (f64, f64) = (48.0, 600.0);
+/// Halvings of a bracket.
+const HALVINGS: usize = 80;
+
+/// Moments M0..M3 of szz about x = 0 in N/mm, N, N mm, N mm^2, and the centroid M1/M0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moments {
+    /// M0 to M3.
+    pub m: [f64; 4],
+}
+
+impl Moments {
+    /// M1/M0 in mm; none when M0 is 0.
+    #[must_use]
+    pub fn centroid_mm(&self) -> Option<f64> {
+        (self.m[0] != 0.0).then(|| self.m[1] / self.m[0])
+    }
+}
+
+/// Features of the compressive part over the sensor.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Compressive {
+    /// Moments of min(szz, 0).
+    pub moments: Moments,
+    /// Place of the largest compression in mm.
+    pub x_peak_mm: f64,
+    /// The stress there in MPa.
+    pub szz_peak_mpa: f64,
+    /// Width of the connected part round the peak above each threshold in mm.
+    pub widths_mm: Vec<f64>,
+}
+
+/// Moments over the infinite layer at a depth, from the tractions on the surface alone.
+#[must_use]
+pub fn moments(layer: &Layer, forces: &[PointForce], depth_mm: f64) -> Moments {
+    let [second, first, third] = line_moments(layer, depth_mm);
+    let mut m = [0.0; 4];
+    for &[x, p, q] in forces {
+        m[0] -= p;
+        m[1] -= x * p - q * first;
+        m[2] += p * (second - x * x) + q * 2.0 * x * first;
+        m[3] += p * x * (3.0 * second - x * x) + q * (3.0 * x * x * first + third);
+    }
+    Moments { m }
+}
+
+/// M2 of a unit P, M1 and M3 of a unit Q, at a depth: Taylor coefficients of the transfer
+/// functions at a = 0, F = 1 + f2 a^2 and H = -d/t a + h3 a^3.
+fn line_moments(layer: &Layer, depth_mm: f64) -> [f64; 3] {
+    let (t, Transfer { m, n, kap }) = (layer.thickness_mm, layer.transfer());
+    let d = (depth_mm / t).min(1.0);
+    let (above, mu) = (2.0 - d, m * m + n * n);
+    let a2 = (1.0 - d) + 0.5 * d * above * (1.0 + kap) + 0.25 * (kap * above * above + mu * d * d);
+    let f2 = (a2 - 2.0 * m) / (m * m);
+    let b3 = -(1.0 - d) * d - m * n * d * d * d / 6.0 - 0.25 * d * (kap * above * above + d * d);
+    let h3 = b3 / (m * m) + 2.0 * d / m;
+    [2.0 * f2 * t * t, -d * t, -6.0 * h3 * t * t * t]
+}
+
+/// Features of the compressive part of a stress over the sensor. `symmetric` says that the stress
+/// is even in x.
+#[must_use]
+pub fn compressive(stress: &Spectrum, symmetric: bool, thresholds_mpa: &[f64]) -> Compressive {
+    let szz = |x: f64| stress.szz(x);
+    let count = (2.0 * SENSOR_HALF_MM / (0.4 * stress.depth_mm())).clamp(CELLS.0, CELLS.1);
+    let count = libm::ceil(count) as usize;
+    let width = 2.0 * SENSOR_HALF_MM / count as f64;
+    let edge = |i: usize| i as f64 * width - SENSOR_HALF_MM;
+    let mut moments = Moments::default();
+    let mut peak = [f64::INFINITY, 0.0];
+    let mut left = [edge(0), szz(edge(0))];
+    for i in 0..count {
+        let right = [edge(i + 1), szz(edge(i + 1))];
+        gather(&szz, left, right, &mut moments, &mut peak);
+        left = right;
+    }
+    let (x_peak, at_peak) = refine_peak(stress, peak[1], 0.5 * width);
+    let centre = szz(0.0);
+    let (x_peak_mm, szz_peak_mpa) = if symmetric && centre <= at_peak * (1.0 - 1e-11) {
+        (0.0, centre)
+    } else {
+        (x_peak, at_peak)
+    };
+    let step = 0.25 * width;
+    let reach = |threshold: f64, side: f64| -> f64 {
+        let excess = |x: f64| -szz(x) - threshold;
+        let mut inner = x_peak_mm;
+        for _ in 0..100_000 {
+            let outer = inner + side * step;
+            if excess(outer) <= 0.0 {
+                return side * (root(&excess, inner, outer) - x_peak_mm);
+            }
+            inner = outer;
+        }
+        f64::INFINITY
+    };
+    let width_above = |threshold: &f64| {
+        if *threshold >= -szz_peak_mpa {
+            return 0.0;
+        }
+        reach(*threshold, -1.0) + reach(*threshold, 1.0)
+    };
+    let widths_mm = thresholds_mpa.iter().map(width_above).collect();
+    Compressive { moments, x_peak_mm, szz_peak_mpa, widths_mm }
+}
+
+/// Adds a cell, split where the stress changes its sign.
+fn gather(
+    szz: &impl Fn(f64) -> f64,
+    left: [f64; 2],
+    right: [f64; 2],
+    moments: &mut Moments,
+    peak: &mut [f64; 2],
+) {
+    for [x, s] in [left, right] {
+        if s < peak[0] {
+            *peak = [s, x];
+        }
+    }
+    let mut add = |from: f64, to: f64| {
+        for [u, w] in legendre() {
+            let x = 0.5 * (from + to) + 0.5 * (to - from) * u;
+            let s = szz(x);
+            if s < peak[0] {
+                *peak = [s, x];
+            }
+            let part = 0.5 * (to - from) * w * s.min(0.0);
+            let mut power = part;
+            for m in &mut moments.m {
+                *m += power;
+                power *= x;
+            }
+        }
+    };
+    if (left[1] < 0.0) == (right[1] < 0.0) {
+        add(left[0], right[0]);
+        return;
+    }
+    let zero = root(szz, left[0], right[0]);
+    if left[1] < 0.0 { add(left[0], zero) } else { add(zero, right[0]) }
+}
+
+/// The extremum near the smallest sample, from the zero of the slope.
+fn refine_peak(stress: &Spectrum, x: f64, reach: f64) -> (f64, f64) {
+    let slope = |x: f64| stress.slope(x);
+    let (low, high) = (x - reach, x + reach);
+    if slope(low) < 0.0 && slope(high) > 0.0 {
+        let x = root(&slope, low, high);
+        return (x, stress.szz(x));
+    }
+    (x, stress.szz(x))
+}
+
+/// A zero between two places of opposite sign: the rule of false position with Illinois's cure.
+fn root(f: &impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
+    let (mut a, mut b) = (from, to);
+    let (mut fa, mut fb) = (f(a), f(b));
+    for _ in 0..HALVINGS {
+        if fb == 0.0 || (b - a).abs() < 1e-14 * (1.0 + b.abs()) {
+            return b;
+        }
+        if fa == 0.0 {
+            return a;
+        }
+        let c = b - fb * (b - a) / (fb - fa);
+        let fc = f(c);
+        if (fc < 0.0) == (fb < 0.0) {
+            fa *= 0.5;
+        } else {
+            (a, fa) = (b, fb);
+        }
+        (b, fb) = (c, fc);
+    }
+    b
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::spectrum::transforms;
+    use super::*;
+
+    #[test]
+    fn moments_of_line_loads_are_those_of_the_reference_and_of_the_transfer_functions() {
+        for nu in [0.2, 0.49, 0.5] {
+            let t = 0.8;
+            let layer = Layer::new(t, 27.58, nu).expect("a layer");
+            let exact = [-nu / (1.0 - nu) * t * t, -t, t * t * t * (1.0 - 5.0 / (1.0 - nu))];
+            for (found, exact) in line_moments(&layer, t).iter().zip(exact) {
+                assert!((found - exact).abs() < 1e-14, "{nu}: {found} {exact}");
+            }
+            for depth in [0.1, 0.5, 0.9] {
+                let [second, first, third] = line_moments(&layer, depth * t);
+                let transfer = layer.transfer();
+                let a = 0.01;
+                let (f, h) = transforms(&transfer, a, depth);
+                let off_f = (f - 1.0) / (a * a) - 0.5 * second / (t * t);
+                let off_h = (h / a - first / t) / (a * a) + third / (6.0 * t * t * t);
+                assert!(off_f.abs() < 2e-3 && off_h.abs() < 2e-3, "{nu} {depth}: {off_f} {off_h}");
+            }
+        }
+    }
+}

@@ -1,0 +1,477 @@
+//! General plane contact on a [`Bed`]: any profile, with stick and slip by Coulomb's law, step by
+//! step along a path of loads. An active set: each place is apart, sticking or slipping, the linear
+//! system of that guess is solved, and places that break their own rule change; it ends when none
+//! does, so complementarity holds to the solver's rounding.
+//!
+//! A place that sticks keeps its distance along x from the indenter since the last step; small
+//! steps follow the path, one large one is the answer to a single proportionate load. It refuses
+//! loads that slide, topple or pull. It allocates when made, not in a step.
+
+use super::bed::Bed;
+use super::dense::Dense;
+use super::path::between;
+pub use super::path::{Drive, Law, Status};
+use super::{Load, Refusal};
+use crate::contact::{Invalid, finite};
+
+/// Rounds of the active set.
+const ROUNDS: usize = 120;
+/// Rounds that may change many places at once.
+const BOLD: usize = 40;
+/// Parts of a step that does not settle at once.
+const SHORTER: [u32; 4] = [2, 5, 13, 40];
+/// What counts as a violation, in parts of the largest force and of the descent.
+const SLACK: f64 = 1e-11;
+
+/// A rigid profile over a bed, and the state of each place.
+#[derive(Clone, Debug)]
+pub struct Grip {
+    bed: Bed,
+    /// Height of the profile over its lowest point at each place; infinite where there is none.
+    height_mm: Vec<f64>,
+    law: Law,
+    status: Vec<Status>,
+    p: Vec<f64>,
+    q: Vec<f64>,
+    /// Displacement along x less the indenter's, after the last step.
+    held: Vec<f64>,
+    rigid: [f64; 3],
+    dense: Dense,
+    side: Vec<f64>,
+    touching: Vec<usize>,
+    sticking: Vec<usize>,
+    residual: f64,
+    saved: Vec<Status>,
+    next: Vec<Status>,
+    last: Option<Drive>,
+}
+
+impl Grip {
+    /// A profile over a bed, nothing touching.
+    ///
+    /// # Errors
+    /// A bed that its check refuses; heights of another number, NaN or negative; a coefficient that
+    /// is negative or NaN.
+    pub fn new(bed: Bed, height_mm: Vec<f64>, law: Law) -> Result<Self, Invalid> {
+        bed.check()?;
+        let n = bed.count();
+        if height_mm.len() != n || height_mm.iter().any(|h| h.is_nan() || *h < 0.0) {
+            let what = format!("{} heights for {n} places, or one below 0", height_mm.len());
+            return Err(Invalid::new("height_mm", what, "give one height, 0 or more, a place"));
+        }
+        match law {
+            Law::Proportional(factor) => finite("friction", factor)?,
+            Law::Coulomb(mu) if mu.is_nan() || mu < 0.0 => {
+                let what = format!("{mu} is below 0");
+                return Err(Invalid::new("coulomb", what, "give a coefficient of 0 or more"));
+            }
+            Law::Free | Law::Coulomb(_) => {}
+        }
+        Ok(Self {
+            height_mm,
+            law,
+            status: vec![Status::Apart; n],
+            p: vec![0.0; n],
+            q: vec![0.0; n],
+            held: vec![0.0; n],
+            rigid: [0.0; 3],
+            dense: Dense::with_capacity(2 * n + 3),
+            side: Vec::with_capacity(2 * n + 3),
+            touching: Vec::with_capacity(n),
+            sticking: Vec::with_capacity(n),
+            residual: 0.0,
+            saved: vec![Status::Apart; n],
+            next: vec![Status::Apart; n],
+            last: None,
+            bed,
+        })
+    }
+
+    /// The bed.
+    #[must_use]
+    pub fn bed(&self) -> &Bed {
+        &self.bed
+    }
+
+    /// What each place does.
+    #[must_use]
+    pub fn status(&self) -> &[Status] {
+        &self.status
+    }
+
+    /// Normal forces on the layer in N/mm, one a place.
+    #[must_use]
+    pub fn normal_n_mm(&self) -> &[f64] {
+        &self.p
+    }
+
+    /// Tangential forces on the layer in N/mm.
+    #[must_use]
+    pub fn tangential_n_mm(&self) -> &[f64] {
+        &self.q
+    }
+
+    /// Descent at x = 0 (mm), tilt, and place along x (mm) of the indenter.
+    #[must_use]
+    pub fn rigid(&self) -> [f64; 3] {
+        self.rigid
+    }
+
+    /// Largest violation in the last step of: no pull, no overlap, the friction law; in parts of
+    /// the largest force and of the descent.
+    #[must_use]
+    pub fn residual(&self) -> f64 {
+        self.residual
+    }
+
+    /// The load carried.
+    #[must_use]
+    pub fn load(&self) -> Load {
+        Load { p_n_mm: self.p.iter().sum(), q_n_mm: self.q.iter().sum() }
+    }
+
+    /// The next step of the path. Does not allocate.
+    ///
+    /// # Errors
+    /// See [`Refusal`]; the state stays that of the last step.
+    pub fn step(&mut self, drive: &Drive) -> Result<(), Refusal> {
+        let load = match *drive {
+            Drive::Loads { load, height_mm } if height_mm.is_finite() => load,
+            Drive::Upright(load) => load,
+            Drive::Move { dz_mm, dx_mm } if dz_mm.is_finite() && dx_mm.is_finite() => {
+                Load { p_n_mm: 1.0, q_n_mm: 0.0 }
+            }
+            _ => return Err(Refusal::NotFinite),
+        };
+        if !(load.p_n_mm.is_finite() && load.q_n_mm.is_finite()) {
+            return Err(Refusal::NotFinite);
+        }
+        if load.p_n_mm < 0.0 || (load.p_n_mm == 0.0 && load.q_n_mm != 0.0) {
+            return Err(Refusal::Pulls);
+        }
+        if let Law::Coulomb(mu) = self.law
+            && load.q_n_mm.abs() > mu * load.p_n_mm * (1.0 - 1e-9)
+            && load.q_n_mm != 0.0
+        {
+            return Err(Refusal::Slides);
+        }
+        self.refuse_toppling(drive)?;
+        let open =
+            load.p_n_mm == 0.0 || matches!(drive, Drive::Move { dz_mm, .. } if *dz_mm <= 0.0);
+        if open {
+            self.open(drive);
+            self.last = Some(*drive);
+            return Ok(());
+        }
+        self.saved.copy_from_slice(&self.status);
+        let mut outcome = self.search(drive);
+        // Where the active set goes round in circles, shorter steps of the same path help.
+        for parts in SHORTER {
+            if outcome != Err(Refusal::Unsettled) {
+                break;
+            }
+            self.status.copy_from_slice(&self.saved);
+            outcome = self.follow(drive, parts);
+        }
+        if outcome == Err(Refusal::Unsettled) {
+            self.status.fill(Status::Apart);
+            outcome = self.search(drive);
+        }
+        if outcome.is_ok() {
+            self.last = Some(*drive);
+        }
+        outcome
+    }
+
+    /// The straight path from the last step to this one in so many parts.
+    fn follow(&mut self, drive: &Drive, parts: u32) -> Result<(), Refusal> {
+        let start = self.last;
+        for k in 1..=parts {
+            let f = f64::from(k) / f64::from(parts);
+            self.search(&between(start, drive, f))?;
+        }
+        Ok(())
+    }
+
+    fn refuse_toppling(&self, drive: &Drive) -> Result<(), Refusal> {
+        let Drive::Loads { load, height_mm } = drive else { return Ok(()) };
+        let under = |x: &(&f64, &f64)| x.1.is_finite();
+        let places = self.bed.x_mm.iter().zip(&self.height_mm);
+        let lever = load.q_n_mm * height_mm / load.p_n_mm.max(f64::MIN_POSITIVE);
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for (x, _) in places.filter(under) {
+            (low, high) = (low.min(*x), high.max(*x));
+        }
+        if lever > low && lever < high { Ok(()) } else { Err(Refusal::Topples) }
+    }
+
+    fn open(&mut self, drive: &Drive) {
+        self.status.fill(Status::Apart);
+        self.p.fill(0.0);
+        self.q.fill(0.0);
+        self.rigid = match *drive {
+            Drive::Move { dz_mm, dx_mm } => [dz_mm.min(0.0), 0.0, dx_mm],
+            _ => [0.0; 3],
+        };
+        let place = self.rigid[2];
+        self.held.fill(-place);
+        self.residual = 0.0;
+    }
+
+    /// The active set, from the last state.
+    fn search(&mut self, drive: &Drive) -> Result<(), Refusal> {
+        if self.status.iter().all(|s| *s == Status::Apart) {
+            // Start with everything near the lowest point, or the whole face.
+            let deepest = self.height_mm.iter().copied().fold(f64::INFINITY, f64::min);
+            let span = self.bed.x_mm[self.bed.count() - 1] - self.bed.x_mm[0];
+            for (status, height) in self.status.iter_mut().zip(&self.height_mm) {
+                if *height <= deepest + 1e-3 * span {
+                    *status = Status::Stick;
+                }
+            }
+        }
+        for round in 0..ROUNDS {
+            self.solve(drive)?;
+            if self.revise(round) == 0 {
+                self.accept();
+                return Ok(());
+            }
+            if self.status.iter().all(|s| *s == Status::Apart) {
+                // Lost everything: take the deepest place again.
+                let lowest =
+                    |a: &usize, b: &usize| self.height_mm[*a].total_cmp(&self.height_mm[*b]);
+                if let Some(i) = (0..self.bed.count()).min_by(lowest) {
+                    self.status[i] = Status::Stick;
+                }
+            }
+        }
+        Err(Refusal::Unsettled)
+    }
+
+    fn shear(&self, i: usize) -> f64 {
+        match (self.law, self.status[i]) {
+            (Law::Proportional(factor), _) => factor,
+            (Law::Coulomb(mu), Status::SlipForward) => mu,
+            (Law::Coulomb(mu), Status::SlipBack) => -mu,
+            _ => 0.0,
+        }
+    }
+
+    /// Forces and rigid motion for the present guess.
+    fn solve(&mut self, drive: &Drive) -> Result<(), Refusal> {
+        let n = self.bed.count();
+        self.touching.clear();
+        self.sticking.clear();
+        for (i, status) in self.status.iter().enumerate() {
+            if *status != Status::Apart {
+                self.touching.push(i);
+            }
+            if *status == Status::Stick && matches!(self.law, Law::Coulomb(_)) {
+                self.sticking.push(i);
+            }
+        }
+        let (c, s) = (self.touching.len(), self.sticking.len());
+        let size = c + s + 3;
+        self.dense.reset(size);
+        self.side.clear();
+        for (r, &i) in self.touching.iter().enumerate() {
+            let (down, cross) = (&self.bed.down_per_p[i * n..], &self.bed.down_per_q[i * n..]);
+            let row = self.dense.row_mut(r);
+            for (k, &j) in self.touching.iter().enumerate() {
+                row[k] = down[j];
+            }
+            for (k, &j) in self.sticking.iter().enumerate() {
+                row[c + k] = cross[j];
+            }
+            row[c + s] = -1.0;
+            row[c + s + 1] = -self.bed.x_mm[i];
+            self.side.push(-self.height_mm[i]);
+        }
+        for (r, &i) in self.sticking.iter().enumerate() {
+            let (cross, along) = (&self.bed.along_per_p[i * n..], &self.bed.along_per_q[i * n..]);
+            let row = self.dense.row_mut(c + r);
+            for (k, &j) in self.touching.iter().enumerate() {
+                row[k] = cross[j];
+            }
+            for (k, &j) in self.sticking.iter().enumerate() {
+                row[c + k] = along[j];
+            }
+            row[c + s + 2] = -1.0;
+            self.side.push(self.held[i]);
+        }
+        self.add_slip(c, s);
+        self.add_drive(drive, c, s);
+        self.dense.factor();
+        self.dense.solve(&mut self.side);
+        if !self.side.iter().all(|v| v.is_finite()) {
+            return Err(Refusal::Unsettled);
+        }
+        self.p.fill(0.0);
+        self.q.fill(0.0);
+        for (k, &i) in self.touching.iter().enumerate() {
+            self.p[i] = self.side[k];
+            self.q[i] = self.shear(i) * self.side[k];
+        }
+        for (k, &i) in self.sticking.iter().enumerate() {
+            self.q[i] = self.side[c + k];
+        }
+        self.rigid.copy_from_slice(&self.side[c + s..]);
+        Ok(())
+    }
+
+    /// Shear in proportion to pressure acts through the columns of the pressure.
+    fn add_slip(&mut self, c: usize, s: usize) {
+        let n = self.bed.count();
+        for k in 0..c {
+            let j = self.touching[k];
+            let factor = self.shear(j);
+            if factor == 0.0 {
+                continue;
+            }
+            for r in 0..c {
+                let i = self.touching[r];
+                self.dense.row_mut(r)[k] += factor * self.bed.down_per_q[i * n + j];
+            }
+            for r in 0..s {
+                let i = self.sticking[r];
+                self.dense.row_mut(c + r)[k] += factor * self.bed.along_per_q[i * n + j];
+            }
+        }
+    }
+
+    /// The last three equations: balance, or the motion prescribed.
+    fn add_drive(&mut self, drive: &Drive, c: usize, s: usize) {
+        let mut wanted = [0.0; 3];
+        let (force, tilts) = match *drive {
+            Drive::Loads { load, height_mm } => {
+                wanted = [load.p_n_mm, load.q_n_mm * height_mm, load.q_n_mm];
+                (true, true)
+            }
+            Drive::Upright(load) => {
+                wanted = [load.p_n_mm, 0.0, load.q_n_mm];
+                (true, false)
+            }
+            Drive::Move { dz_mm, dx_mm } => {
+                (wanted[0], wanted[2]) = (dz_mm, dx_mm);
+                (false, false)
+            }
+        };
+        for (equation, value) in wanted.into_iter().enumerate() {
+            let balances = match equation {
+                0 => force,
+                1 => tilts,
+                _ => force && s > 0,
+            };
+            let row = self.dense.row_mut(c + s + equation);
+            if balances {
+                for (k, &j) in self.touching.iter().enumerate() {
+                    row[k] = match equation {
+                        0 => 1.0,
+                        1 => self.bed.x_mm[j],
+                        _ => match (self.law, self.status[j]) {
+                            (Law::Coulomb(mu), Status::SlipForward) => mu,
+                            (Law::Coulomb(mu), Status::SlipBack) => -mu,
+                            _ => 0.0,
+                        },
+                    };
+                }
+                if equation == 2 {
+                    row[c..c + s].fill(1.0);
+                }
+                self.side.push(value);
+            } else {
+                row[c + s + equation] = 1.0;
+                self.side.push(if force { 0.0 } else { value });
+            }
+        }
+    }
+
+    /// Changes the status of places that break their rule; how many did.
+    fn revise(&mut self, round: usize) -> usize {
+        let n = self.bed.count();
+        let largest = self.p.iter().fold(0.0_f64, |most, p| most.max(p.abs()));
+        let [descent, tilt, place] = self.rigid;
+        let depth = descent.abs() + tilt.abs() * self.bed.x_mm[n - 1].abs();
+        let (mut changed, mut worst) = (0, 0.0_f64);
+        for i in 0..n {
+            let was = self.status[i];
+            let sum = |a: &[f64], b: &[f64]| -> f64 {
+                let forces = self.p.iter().zip(&self.q);
+                let pairs = a[i * n..][..n].iter().zip(&b[i * n..][..n]);
+                pairs.zip(forces).map(|((a, b), (p, q))| a * p + b * q).sum()
+            };
+            let now = if was == Status::Apart {
+                let surface = sum(&self.bed.down_per_p, &self.bed.down_per_q);
+                let gap = self.height_mm[i] - descent - tilt * self.bed.x_mm[i] + surface;
+                worst = worst.max(-gap / depth.max(f64::MIN_POSITIVE));
+                if gap < -SLACK * depth { self.entering(i) } else { was }
+            } else if self.p[i] < -SLACK * largest {
+                worst = worst.max(-self.p[i] / largest);
+                Status::Apart
+            } else if let Law::Coulomb(mu) = self.law {
+                let limit = mu * self.p[i].max(0.0);
+                if was == Status::Stick {
+                    let over = self.q[i].abs() - limit;
+                    worst = worst.max(over / largest);
+                    match over > SLACK * largest {
+                        true if self.q[i] > 0.0 => Status::SlipForward,
+                        true => Status::SlipBack,
+                        false => was,
+                    }
+                } else {
+                    let along = sum(&self.bed.along_per_p, &self.bed.along_per_q);
+                    let moved = along - place - self.held[i];
+                    let wrong = if was == Status::SlipForward { moved } else { -moved };
+                    if wrong > SLACK * depth { Status::Stick } else { was }
+                }
+            } else {
+                was
+            };
+            changed += usize::from(now != was);
+            self.next[i] = now;
+        }
+        // First who touches, then who slips: the two at once go round in circles.
+        let turns = |(a, b): (&Status, &Status)| (*a == Status::Apart) != (*b == Status::Apart);
+        let normal = self.status.iter().zip(&self.next).any(turns);
+        // Late rounds change one place at a time, never in the same order twice, so that two
+        // cannot swap for ever.
+        if round < BOLD || changed == 0 {
+            for (was, now) in self.status.iter_mut().zip(&self.next) {
+                if !normal || turns((was, now)) {
+                    *was = *now;
+                }
+            }
+        } else {
+            let chosen = round.wrapping_mul(round + 7) % changed;
+            let pairs = self.status.iter_mut().zip(&self.next);
+            if let Some((was, now)) = pairs.filter(|(was, now)| was != now).nth(chosen) {
+                *was = *now;
+            }
+        }
+        self.residual = worst.max(0.0);
+        changed
+    }
+
+    /// A place that comes to touch first does as its neighbour: a stick of its own, beside slip,
+    /// would be torn off again.
+    fn entering(&self, i: usize) -> Status {
+        let n = self.status.len();
+        let beside = |d: usize| [i.checked_sub(d), Some(i + d)];
+        let of = |j: Option<usize>| j.and_then(|j| self.status.get(j)).copied();
+        let mut near = (1..n).flat_map(beside).filter_map(of);
+        let touching = near.find(|s| *s != Status::Apart);
+        touching.unwrap_or(Status::Stick)
+    }
+
+    /// Keeps the relative places along x for the next step.
+    fn accept(&mut self) {
+        let n = self.bed.count();
+        let place = self.rigid[2];
+        for i in 0..n {
+            let row = self.bed.along_per_p[i * n..].iter().zip(&self.bed.along_per_q[i * n..]);
+            let forces = self.p.iter().zip(&self.q);
+            let along: f64 = row.zip(forces).map(|((a, b), (p, q))| a * p + b * q).sum();
+            self.held[i] = along - place;
+        }
+    }
+}

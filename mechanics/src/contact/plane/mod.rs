@@ -1,0 +1,457 @@
+//! Plane contact of rigid indenters with the bonded layer: a flat bar that may tilt and lift off, a
+//! cylinder (exact circle or parabola), frictionless or with a tangential traction in proportion
+//! to the pressure. By force or by displacement, spectral, without allocation once made.
+//!
+//! x is measured from the indenter's centre line. Loads act at the top centre of a bar, `height_mm`
+//! above the layer, and on the axis of a cylinder; a line load P > 0 presses, Q > 0 pushes the
+//! layer along +x. Inside the contact the surface goes down by delta + slope x less the profile.
+//!
+//! What it refuses: pulling, a bar that topples, a contact as wide as the cylinder or too wide for
+//! the points that it may use, and everything not finite. Refusals are plain numbers
+//! ([`Refusal`]), since this runs inside control periods.
+//! What it does not know: slip against stick , growth without slip,
+//! free ends of the layer.
+
+mod bar;
+pub mod bed;
+mod dense;
+pub mod features;
+mod glued;
+pub mod grip;
+mod interval;
+mod jacobi;
+pub mod noslip;
+mod panels;
+mod path;
+mod roller;
+pub mod spectrum;
+
+use super::layer::Layer;
+use super::{Invalid, positive};
+use core::f64::consts::PI;
+use interval::Interval;
+use panels::SurfaceKernels;
+pub use spectrum::{PointForce, Spectrum};
+
+/// Shape of the rigid indenter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// A flat bar with sharp corners.
+    Flat {
+        /// Width in mm.
+        width_mm: f64,
+        /// Height of the loads above the layer in mm, 0 or more.
+        height_mm: f64,
+    },
+    /// A circular cylinder, R - sqrt(R^2 - x^2).
+    Cylinder {
+        /// Radius in mm.
+        radius_mm: f64,
+    },
+    /// Its parabola, x^2/(2R).
+    Parabola {
+        /// Radius of curvature in mm.
+        radius_mm: f64,
+    },
+}
+
+impl Shape {
+    /// # Errors
+    /// Sizes that are not finite and above 0 (a height may be 0).
+    pub fn check(&self) -> Result<(), Invalid> {
+        match *self {
+            Self::Flat { width_mm, height_mm } => {
+                positive("width_mm", width_mm)?;
+                if height_mm == 0.0 { Ok(()) } else { positive("height_mm", height_mm) }
+            }
+            Self::Cylinder { radius_mm } | Self::Parabola { radius_mm } => {
+                positive("radius_mm", radius_mm)
+            }
+        }
+    }
+}
+
+/// What the tangential load does to the surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Friction {
+    /// No tangential traction: of the load Q only its moment about the surface acts.
+    None,
+    /// q(x) = (Q/P) p(x), with its whole effect on the pressure.
+    Proportional,
+}
+
+/// How well to solve.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Level {
+    /// About 1e-3 of the peak, for control periods.
+    Fast,
+    /// 1e-5 of the peak.
+    Default,
+    /// 1e-8 of the peak (tilted bars 1e-7).
+    Fine,
+}
+
+/// Line loads in N/mm.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Load {
+    /// Normal load P, 0 or above.
+    pub p_n_mm: f64,
+    /// Tangential load Q.
+    pub q_n_mm: f64,
+}
+
+/// Which part of the indenter touches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// Nothing: no load.
+    Open,
+    /// The whole bar.
+    Full,
+    /// The bar's left edge is lifted.
+    Left,
+    /// The bar's right edge is lifted.
+    Right,
+    /// An interval between two free edges.
+    Free,
+}
+
+/// Why there is no solution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// A load or move that is not finite.
+    NotFinite,
+    /// P below 0, or Q without P under friction or a moment.
+    Pulls,
+    /// The moment tips the bar over: |Q| h >= P W/2.
+    Topples,
+    /// Coulomb's law cannot hold the tangential load: |Q| >= mu P.
+    Slides,
+    /// The contact would be wider than 0.98 of a cylinder's diameter or than the solver's points
+    /// can resolve.
+    TooWide,
+    /// The search for an edge did not settle.
+    Unsettled,
+}
+
+impl core::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::NotFinite => "a load or move is not finite",
+            Self::Pulls => "P is below 0, or Q acts without P: press the indenter on",
+            Self::Topples => "the bar topples: |Q| times its height reaches P times half its width",
+            Self::Slides => "the indenter slides: |Q| reaches mu P",
+            Self::TooWide => "the contact grows too wide: press less or take a smaller indenter",
+            Self::Unsettled => "the contact's edge was not found",
+        })
+    }
+}
+
+impl std::error::Error for Refusal {}
+
+/// A solved contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// Normal load in N/mm.
+    pub p_n_mm: f64,
+    /// Tangential load in N/mm.
+    pub q_n_mm: f64,
+    /// Descent of the indenter at x = 0 in mm.
+    pub delta_mm: f64,
+    /// Tilt: further descent per mm of x.
+    pub slope: f64,
+    /// Left end of the contact in mm.
+    pub x_left_mm: f64,
+    /// Right end of the contact in mm.
+    pub x_right_mm: f64,
+    /// Which part touches.
+    pub mode: Mode,
+    /// Largest violation of equilibrium and of a vanishing pressure at free edges, relative to the
+    /// load and the mean pressure.
+    pub residual: f64,
+}
+
+/// Points that a solver may use unless told otherwise: contacts 120 thicknesses wide.
+const CAPACITY: usize = 400;
+
+/// A rigid indenter over a layer: kernels tabulated once, storage kept, and the last contact
+/// remembered as the guess for the next.
+#[derive(Clone, Debug)]
+pub struct Indenter {
+    layer: Layer,
+    shape: Shape,
+    friction: Friction,
+    level: Level,
+    kernels: SurfaceKernels,
+    interval: Interval,
+    capacity: usize,
+    /// Pressure of the last solution over its singular weight, and working storage.
+    phi: Vec<f64>,
+    work: [Vec<f64>; 2],
+    contact: Contact,
+    /// Logarithm of the last interval's half-width in thicknesses, and how the load followed it.
+    guess: Option<[f64; 2]>,
+}
+
+const NOTHING: Contact = Contact {
+    p_n_mm: 0.0,
+    q_n_mm: 0.0,
+    delta_mm: 0.0,
+    slope: 0.0,
+    x_left_mm: 0.0,
+    x_right_mm: 0.0,
+    mode: Mode::Open,
+    residual: 0.0,
+};
+
+impl Indenter {
+    /// Tabulates the layer's kernels (milliseconds) and makes room; allocates.
+    ///
+    /// # Errors
+    /// A layer or a shape that their checks refuse; a bar too wide for the points.
+    pub fn new(
+        layer: &Layer,
+        shape: Shape,
+        friction: Friction,
+        level: Level,
+    ) -> Result<Self, Invalid> {
+        layer.check()?;
+        shape.check()?;
+        let kernels = SurfaceKernels::new(&layer.transfer());
+        let mut capacity = CAPACITY;
+        if let Shape::Flat { width_mm, .. } = shape {
+            let half = 0.5 * width_mm / layer.thickness_mm;
+            let wanted = points(level, half);
+            if wanted > 2 * CAPACITY {
+                let what = format!("{width_mm} is {:.0} thicknesses", 2.0 * half);
+                return Err(Invalid::new("width_mm", what, "give a narrower bar, or take cells"));
+            }
+            capacity = wanted.max(40);
+        }
+        let room = || Vec::with_capacity(capacity);
+        Ok(Self {
+            layer: *layer,
+            shape,
+            friction,
+            level,
+            kernels,
+            interval: Interval::with_capacity(capacity),
+            capacity,
+            phi: room(),
+            work: [room(), room()],
+            contact: NOTHING,
+            guess: None,
+        })
+    }
+
+    /// The layer underneath.
+    #[must_use]
+    pub fn layer(&self) -> &Layer {
+        &self.layer
+    }
+
+    /// The last solution; [`Mode::Open`] before the first and after a refusal.
+    #[must_use]
+    pub fn contact(&self) -> &Contact {
+        &self.contact
+    }
+
+    /// Forgets the last solution, so that the next one starts cold.
+    pub fn forget(&mut self) {
+        self.guess = None;
+        self.contact = NOTHING;
+        self.phi.clear();
+    }
+
+    /// The contact under a load; starts from the last one. Does not allocate.
+    ///
+    /// # Errors
+    /// See [`Refusal`]; the next solution then starts cold.
+    pub fn press(&mut self, load: &Load) -> Result<Contact, Refusal> {
+        let outcome = self.equilibrium(load);
+        self.keep(outcome)
+    }
+
+    /// The contact at a descent of the indenter by `dz_mm`, a bar held upright. Does not allocate.
+    /// Under friction in proportion use [`Self::press`]: no load, no ratio.
+    ///
+    /// # Errors
+    /// See [`Refusal`]; proportional friction is taken as [`Friction::None`].
+    pub fn descend(&mut self, dz_mm: f64) -> Result<Contact, Refusal> {
+        let outcome = if !dz_mm.is_finite() {
+            Err(Refusal::NotFinite)
+        } else if dz_mm <= 0.0 {
+            Ok(NOTHING)
+        } else {
+            match self.shape {
+                Shape::Flat { width_mm, .. } => self.flat_descent(width_mm, dz_mm),
+                _ => self.roller_descent(dz_mm),
+            }
+        };
+        self.keep(outcome)
+    }
+
+    fn keep(&mut self, outcome: Result<Contact, Refusal>) -> Result<Contact, Refusal> {
+        match outcome {
+            Ok(contact) => self.contact = contact,
+            Err(_) => self.forget(),
+        }
+        if self.contact.mode == Mode::Open {
+            self.phi.clear();
+        }
+        outcome
+    }
+
+    fn equilibrium(&mut self, load: &Load) -> Result<Contact, Refusal> {
+        let Load { p_n_mm: p, q_n_mm: q } = *load;
+        if !(p.is_finite() && q.is_finite()) {
+            return Err(Refusal::NotFinite);
+        }
+        if p < 0.0 || (p == 0.0 && q != 0.0) {
+            return Err(Refusal::Pulls);
+        }
+        if p == 0.0 {
+            return Ok(NOTHING);
+        }
+        match self.shape {
+            Shape::Flat { width_mm, height_mm } => self.bar(width_mm, height_mm, load),
+            _ => self.roller(load),
+        }
+    }
+
+    /// pi G/(1 - nu), the unit of tractions.
+    fn modulus_mpa(&self) -> f64 {
+        PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson)
+    }
+
+    /// Ratio of the tangential traction to the pressure.
+    fn ratio(&self, load: &Load) -> f64 {
+        match self.friction {
+            Friction::None => 0.0,
+            Friction::Proportional => load.q_n_mm / load.p_n_mm,
+        }
+    }
+
+    fn assemble(&mut self, half: f64, ratio: f64) -> Result<(), Refusal> {
+        let count = points(self.level, half);
+        if count > self.capacity || !half.is_finite() {
+            return Err(Refusal::TooWide);
+        }
+        let coupling = ratio / self.kernels.transfer.m;
+        self.interval.assemble(&self.kernels, count, half, coupling);
+        Ok(())
+    }
+
+    /// Pressure in MPa at `x_mm` of the last solution; 0 outside the contact, infinite at a bar's
+    /// corner.
+    #[must_use]
+    pub fn pressure_mpa(&self, x_mm: f64) -> f64 {
+        let Contact { x_left_mm: left, x_right_mm: right, .. } = self.contact;
+        if self.phi.is_empty() || !(x_mm >= left && x_mm <= right) {
+            return 0.0;
+        }
+        let xi = (2.0 * x_mm - left - right) / (right - left);
+        // The corner itself, but for the rounding of its place.
+        if xi.abs() >= 1.0 - 1e-13 {
+            let pinned = match self.contact.mode {
+                Mode::Full => true,
+                Mode::Left => xi > 0.0,
+                Mode::Right => xi < 0.0,
+                Mode::Open | Mode::Free => false,
+            };
+            return if pinned { f64::INFINITY } else { 0.0 };
+        }
+        self.modulus_mpa() * self.interval.pressure(&self.phi, xi)
+    }
+
+    /// Strength of the pressure's singularity at the corner: p goes as K/sqrt(2 (1 - x/a)) towards
+    /// a frictionless edge at x = a, a being half the contact's width. Left, then right, in MPa.
+    #[must_use]
+    pub fn edge_strengths_mpa(&self) -> [f64; 2] {
+        if self.phi.is_empty() {
+            return [0.0; 2];
+        }
+        let at = |xi: f64| self.modulus_mpa() * self.interval.at(&self.phi, xi);
+        [at(-1.0), at(1.0)]
+    }
+
+    /// The traction as concentrated forces whose stress at `depth_mm` and below is right to about
+    /// the solution's own error. Allocates.
+    #[must_use]
+    pub fn point_forces(&self, depth_mm: f64) -> Vec<PointForce> {
+        let Contact { x_left_mm: left, x_right_mm: right, p_n_mm: p, q_n_mm: q, .. } = self.contact;
+        if self.phi.is_empty() {
+            return Vec::new();
+        }
+        let half = 0.5 * (right - left);
+        let middle = 0.5 * (right + left);
+        let ratio = if self.friction == Friction::None { 0.0 } else { q / p };
+        let width = half / depth_mm.min(self.layer.thickness_mm);
+        // A Gauss rule of n points misses a pole at a distance d by exp(-2 n d/half).
+        let digits = if self.level == Level::Fine { 13.0 } else { 8.0 };
+        let count = (24.0 + digits * width).min(4000.0) as usize;
+        let alpha = self.interval.alpha();
+        let mut rule = jacobi::Rule::with_capacity(count);
+        rule.fill(count, alpha, -1.0 - alpha);
+        let scale = self.modulus_mpa() * half;
+        let force = |(xi, weight): (&f64, &f64)| {
+            let normal = scale * weight * self.interval.at(&self.phi, *xi);
+            [middle + half * xi, normal, ratio * normal]
+        };
+        rule.nodes.iter().zip(&rule.weights).map(force).collect()
+    }
+}
+
+/// Points at least, and for each thickness of half-width: the kernel's nearest singularities lie
+/// 2i thicknesses away, so the error falls as exp(-4 n/half) where that is the slower.
+fn density(level: Level) -> [f64; 2] {
+    match level {
+        Level::Fast => [5.0, 3.2],
+        Level::Default => [10.0, 4.9],
+        Level::Fine => [14.0, 6.4],
+    }
+}
+
+/// Points for a half-width of `half` thicknesses.
+fn points(level: Level, half: f64) -> usize {
+    let [least, each] = density(level);
+    // In steps, so that the nodes can often be kept while an edge is searched.
+    let step = if level == Level::Fast { 2 } else { 4 };
+    (libm::ceil((least + each * half).min(1e6)) as usize).next_multiple_of(step)
+}
+
+/// Largest half-width in thicknesses for so many points.
+fn widest(level: Level, points: usize) -> f64 {
+    let [least, each] = density(level);
+    (points as f64 - 4.0 - least) / each
+}
+
+/// A root search in one variable that keeps a bracket once it has one; secant steps inside it.
+struct Search {
+    low: Option<[f64; 2]>,
+    high: Option<[f64; 2]>,
+}
+
+impl Search {
+    fn new() -> Self {
+        Self { low: None, high: None }
+    }
+
+    /// Notes f(x); `f` rises with x. Gives the next place, `newton` being the wish.
+    fn next(&mut self, x: f64, f: f64, newton: f64) -> f64 {
+        if f < 0.0 {
+            self.low = Some([x, f]);
+        } else {
+            self.high = Some([x, f]);
+        }
+        match (self.low, self.high) {
+            (Some(low), Some(high)) => {
+                if newton > low[0].min(high[0]) && newton < low[0].max(high[0]) {
+                    newton
+                } else {
+                    0.5 * (low[0] + high[0])
+                }
+            }
+            _ => newton,
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! What drives the general contact solver and what each place of it may do. Refuses nothing: the
+//! solver in [`super::grip`] checks what it is given.
+
+use super::Load;
+
+/// The law along x.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Law {
+    /// No shear.
+    Free,
+    /// Shear in proportion to pressure, by this factor, everywhere.
+    Proportional(f64),
+    /// Stick up to this many times the pressure, then slip; infinite: never slip.
+    Coulomb(f64),
+}
+
+/// What is prescribed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Drive {
+    /// Loads at `height_mm` above the surface at x = 0; the indenter tilts as it must.
+    Loads {
+        /// P and Q.
+        load: Load,
+        /// Height of the loads.
+        height_mm: f64,
+    },
+    /// Loads on an indenter that is held upright.
+    Upright(Load),
+    /// Descent and place along x of an upright indenter.
+    Move {
+        /// Descent in mm.
+        dz_mm: f64,
+        /// Place along x in mm.
+        dx_mm: f64,
+    },
+}
+
+/// A drive part of the way from another of its kind, or from nothing.
+pub(super) fn between(start: Option<Drive>, drive: &Drive, f: f64) -> Drive {
+    let mix = |a: f64, b: f64| a + f * (b - a);
+    let mean = |a: Load, b: Load| Load {
+        p_n_mm: mix(a.p_n_mm, b.p_n_mm),
+        q_n_mm: mix(a.q_n_mm, b.q_n_mm),
+    };
+    match (*drive, start) {
+        (Drive::Loads { load, height_mm }, Some(Drive::Loads { load: from, .. })) => {
+            Drive::Loads { load: mean(from, load), height_mm }
+        }
+        (Drive::Loads { load, height_mm }, _) => {
+            Drive::Loads { load: mean(Load::default(), load), height_mm }
+        }
+        (Drive::Upright(load), Some(Drive::Upright(from))) => Drive::Upright(mean(from, load)),
+        (Drive::Upright(load), _) => Drive::Upright(mean(Load::default(), load)),
+        (Drive::Move { dz_mm, dx_mm }, Some(Drive::Move { dz_mm: z, dx_mm: x })) => {
+            Drive::Move { dz_mm: mix(z, dz_mm), dx_mm: mix(x, dx_mm) }
+        }
+        (Drive::Move { dz_mm, dx_mm }, _) => Drive::Move { dz_mm: f * dz_mm, dx_mm: f * dx_mm },
+    }
+}
+
+/// What a place does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// Does not touch.
+    Apart,
+    /// Touches and sticks (or slides freely, without a law along x).
+    Stick,
+    /// Slips with shear towards +x on the layer.
+    SlipForward,
+    /// Slips with shear towards -x.
+    SlipBack,
+}

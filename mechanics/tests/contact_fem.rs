@@ -1,0 +1,209 @@
+//! Finite elements of the layer: patch test, orders of convergence, locking and its cure, contact.
+
+use taktil_mechanics::contact::fem::{Elements, Kind, Mesh};
+use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
+use taktil_mechanics::contact::plane::noslip::NoSlip;
+use taktil_mechanics::contact::plane::{
+    Friction, Indenter, Level, Load, PointForce, Shape, Spectrum,
+};
+
+const E_MPA: f64 = 27.58;
+
+fn layer(nu: f64) -> Layer {
+    Layer::new(0.8, E_MPA, nu).expect("a sound layer")
+}
+
+fn elements(nu: f64, nx: usize, nz: usize, kind: Kind) -> Elements {
+    let mesh = Mesh::uniform(25.4, 0.8, nx, nz).expect("a mesh");
+    Elements::new(&layer(nu), mesh, kind).expect("elements")
+}
+
+/// Any linear displacement is held by forces on the boundary alone, on distorted elements too.
+#[test]
+fn the_patch_test_is_passed() {
+    for kind in [Kind::MeanDilatation, Kind::Plain] {
+        let mut mesh = Mesh::uniform(6.0, 2.0, 6, 4).expect("a mesh");
+        let mut state: u64 = 3;
+        for i in 1..6 {
+            for j in 1..4 {
+                let node = mesh.node(i, j);
+                for axis in 0..2 {
+                    state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    let unit = f64::from((state >> 33) as u32) / f64::from(1_u32 << 31);
+                    mesh.nodes[node][axis] += 0.25 * (unit - 0.5);
+                }
+            }
+        }
+        let body = Elements::new(&layer(0.49), mesh.clone(), kind).expect("elements");
+        let linear = |[x, z]: &[f64; 2]| [0.1 + 0.02 * x - 0.03 * z, -0.2 + 0.01 * x - 0.05 * z];
+        let moved: Vec<[f64; 2]> = mesh.nodes.iter().map(linear).collect();
+        let forces = body.holding_forces(&moved);
+        for i in 1..6 {
+            for j in 1..4 {
+                let [x, z] = forces[mesh.node(i, j)];
+                assert!(x.abs() < 1e-12 && z.abs() < 1e-12, "{kind:?} {i} {j}: {x:e} {z:e}");
+            }
+        }
+    }
+}
+
+/// A smooth pressure (1 + cos)/2 over |x| < 3 mm, as nodal forces and as points.
+fn bump(x: f64) -> f64 {
+    if x.abs() < 3.0 { 0.5 + 0.5 * libm::cos(core::f64::consts::PI * x / 3.0) } else { 0.0 }
+}
+
+fn bump_forces() -> Vec<PointForce> {
+    (0..600).map(|i| (f64::from(i) + 0.5) * 0.01 - 3.0).map(|x| [x, 0.01 * bump(x), 0.0]).collect()
+}
+
+/// Largest error of the base stress in |x| < 8 mm, in parts of the peak.
+fn error(nu: f64, nx: usize, nz: usize, kind: Kind) -> f64 {
+    let layer = layer(nu);
+    let body = elements(nu, nx, nz, kind);
+    let x = body.mesh().row_mm(nz);
+    let h = x[1] - x[0];
+    // Consistent forces by a fine rule on the hat functions.
+    let hat = |middle: f64| -> f64 {
+        (0..200)
+            .map(|k| {
+                let s = (f64::from(k) + 0.5) / 100.0 - 1.0;
+                (1.0 - s.abs()) * bump(middle + s * h) * h / 100.0
+            })
+            .sum()
+    };
+    let forces: Vec<[f64; 2]> = x.iter().map(|x| [0.0, -hat(*x)]).collect();
+    let mut response = body.response();
+    body.solve(&forces, &mut response);
+    let total: f64 = response.reactions.iter().map(|r| r[1]).sum();
+    assert!((total - 3.0).abs() < 1e-6, "statics: {total}");
+    let exact = Spectrum::new(&layer, &bump_forces(), 0.8, 20.0);
+    let peak = exact.szz(0.0).abs();
+    let found = body.base_szz_mpa(&response);
+    let near = x.iter().zip(&found).filter(|(x, _)| x.abs() < 8.0);
+    near.map(|(x, s)| (s - exact.szz(*x)).abs() / peak).fold(0.0, f64::max)
+}
+
+#[test]
+fn the_base_stress_converges_at_second_order_at_any_poisson_ratio() {
+    for nu in [0.3, 0.49, 0.499_999, 0.5] {
+        let e: Vec<f64> =
+            [1, 2, 4].map(|k| error(nu, 64 * k, 4 * k, Kind::MeanDilatation)).to_vec();
+        let orders = [libm::log2(e[0] / e[1]), libm::log2(e[1] / e[2])];
+        assert!(e[2] < 2e-3, "nu {nu}: {e:?}");
+        assert!(orders[1] > 1.7 && orders[1] < 2.6, "nu {nu}: {e:?} {orders:?}");
+    }
+}
+
+#[test]
+fn the_plain_element_locks_and_ours_does_not() {
+    let (plain, ours) =
+        (error(0.499_999, 128, 8, Kind::Plain), error(0.499_999, 128, 8, Kind::MeanDilatation));
+    assert!(plain > 0.05 && ours < 0.05 * plain, "{plain} {ours}");
+    let mesh = Mesh::uniform(25.4, 0.8, 8, 2).expect("a mesh");
+    assert!(Elements::new(&layer(0.5), mesh, Kind::Plain).is_err());
+}
+
+#[test]
+fn factored_once_it_answers_many_loads() {
+    let body = elements(0.49, 64, 4, Kind::MeanDilatation);
+    assert_eq!(body.unknowns(), 520);
+    let mut response = body.response();
+    for i in [0, 13, 32, 64] {
+        let mut forces = vec![[0.0; 2]; 65];
+        forces[i] = [0.3, -1.0];
+        body.solve(&forces, &mut response);
+        let sum = |axis: usize| response.reactions.iter().map(|r| r[axis]).sum::<f64>();
+        assert!((sum(0) + 0.3).abs() < 1e-12 && (sum(1) - 1.0).abs() < 1e-12);
+        // Moments about the base's middle: each node's force times its place.
+        let x = body.mesh().row_mm(0);
+        let moment: f64 = x.iter().zip(&response.reactions).map(|(x, r)| -x * r[1]).sum();
+        assert!((moment + x[i] + 0.3 * 0.8).abs() < 1e-11, "{moment}");
+    }
+}
+
+#[test]
+fn contact_on_the_mesh_tends_to_the_exact_layer() {
+    let shape = Shape::Flat { width_mm: 12.7, height_mm: 6.35 };
+    for (nu, ratio) in [(0.49, 0.1), (0.49, 0.7), (0.5, 0.3)] {
+        let load = Load { p_n_mm: 0.7, q_n_mm: 0.7 * ratio };
+        let friction = Friction::Proportional;
+        let mut exact = Indenter::new(&layer(nu), shape, friction, Level::Fine).expect("sound");
+        exact.press(&load).expect("a contact");
+        let stress = Spectrum::new(&layer(nu), &exact.point_forces(0.8), 0.8, 30.0);
+        let mut last = f64::INFINITY;
+        for (nx, nz) in [(64, 4), (128, 8), (192, 12)] {
+            let body = elements(nu, nx, nz, Kind::MeanDilatation);
+            let bed = body.bed().expect("a bed");
+            let face = |x: &f64| if x.abs() < 6.351 { 0.0 } else { f64::INFINITY };
+            let heights = bed.x_mm.iter().map(face).collect();
+            let mut grip = Grip::new(bed, heights, Law::Proportional(ratio)).expect("a grip");
+            grip.step(&Drive::Loads { load, height_mm: 6.35 }).expect("a contact");
+            let response = body.under(grip.normal_n_mm(), grip.tangential_n_mm()).expect("finite");
+            let szz = body.base_szz_mpa(&response);
+            let x = body.mesh().row_mm(0);
+            let peak = szz.iter().fold(0.0_f64, |most, s| most.max(-s));
+            let miss = x
+                .iter()
+                .zip(&szz)
+                .map(|(x, s)| (s - stress.szz(*x)).abs() / peak)
+                .fold(0.0, f64::max);
+            assert!(miss < 0.8 * last, "nu {nu} ratio {ratio}, {nx}: {miss} after {last}");
+            last = miss;
+        }
+        assert!(last < 0.03, "nu {nu} ratio {ratio}: {last}");
+    }
+}
+
+/// Prescribed displacement of every surface node found inside the cylinder, step by step.
+#[test]
+fn a_cylinder_moved_in_small_steps_grows_its_contact_without_slip() {
+    let shape = Shape::Cylinder { radius_mm: 22.9 };
+    let exact = NoSlip::descend(&layer(0.49), shape, 0.0326).expect("a contact");
+    let body = elements(0.49, 192, 12, Kind::MeanDilatation);
+    let bed = body.bed().expect("a bed");
+    let round = |x: &f64| x * x / (22.9 + (22.9_f64 * 22.9 - x * x).sqrt());
+    let heights = bed.x_mm.iter().map(round).collect();
+    let mut grip = Grip::new(bed, heights, Law::Coulomb(f64::INFINITY)).expect("a grip");
+    for k in 1..=30 {
+        let dz_mm = 0.0326 * f64::from(k) / 30.0;
+        grip.step(&Drive::Move { dz_mm, dx_mm: 0.0 }).expect("a contact");
+    }
+    let p = grip.load().p_n_mm;
+    assert!((p / exact.p_n_mm - 1.0).abs() < 0.03, "{p} {}", exact.p_n_mm);
+}
+
+#[test]
+fn an_indenter_at_and_past_the_edge_of_the_layer() {
+    let body = elements(0.49, 128, 4, Kind::MeanDilatation);
+    let mut last = f64::INFINITY;
+    for middle in [0.0, 8.0, 12.0, 15.0] {
+        let bed = body.bed().expect("a bed");
+        let face = |x: &f64| if (x - middle).abs() < 6.36 { 0.0 } else { f64::INFINITY };
+        let heights: Vec<f64> = bed.x_mm.iter().map(face).collect();
+        let mut grip = Grip::new(bed, heights, Law::Free).expect("a grip");
+        grip.step(&Drive::Move { dz_mm: 0.01, dx_mm: 0.0 }).expect("a contact");
+        let p = grip.load().p_n_mm;
+        assert!(p > 0.0 && p < last * 1.001, "{middle}: {p} after {last}");
+        last = p;
+    }
+    let bed = body.bed().expect("a bed");
+    let nothing = vec![f64::INFINITY; bed.count()];
+    let mut past = Grip::new(bed, nothing, Law::Free).expect("a grip");
+    assert!(past.step(&Drive::Move { dz_mm: 0.01, dx_mm: 0.0 }).is_err());
+}
+
+#[test]
+fn what_is_no_mesh_is_refused() {
+    assert!(Mesh::uniform(25.4, 0.8, 1, 4).is_err());
+    assert!(Mesh::uniform(25.4, 0.8, 64, 0).is_err());
+    assert!(Mesh::uniform(25.4, 0.8, 1 << 40, 1 << 40).is_err());
+    assert!(Mesh::uniform(-1.0, 0.8, 64, 4).is_err());
+    assert!(Mesh::uniform(25.4, f64::NAN, 64, 4).is_err());
+    assert!(Mesh::graded(25.4, 0.8, 64, 4, -1.0).is_err());
+    assert!(Mesh::of_edges(&[0.0, 1.0, 0.5], &[0.0, 1.0]).is_err());
+    assert!(Mesh::of_edges(&[0.0, 1.0, 2.0], &[0.1, 1.0]).is_err());
+    let mut folded = Mesh::uniform(2.0, 1.0, 2, 1).expect("a mesh");
+    folded.nodes[0][0] = 5.0;
+    assert_eq!(Elements::new(&layer(0.49), folded, Kind::Plain).expect_err("folds").place, "mesh");
+}

@@ -1,0 +1,92 @@
+//! Cylinders pressed on without slip against exact reference data.
+
+mod contact_data;
+
+use contact_data::rows;
+use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::plane::features::moments;
+use taktil_mechanics::contact::plane::noslip::{NoSlip, NoSlipRefusal};
+use taktil_mechanics::contact::plane::{Refusal, Shape, Spectrum};
+
+const E_MPA: f64 = 27.58;
+
+fn near(found: f64, expected: f64, relative: f64, what: &str) {
+    let bar = relative * expected.abs();
+    assert!((found - expected).abs() <= bar, "{what}: {found} not {expected}, bar {bar:e}");
+}
+
+fn grown(row: &[f64]) -> (Layer, NoSlip) {
+    let layer = Layer::new(row[1], E_MPA, row[0]).expect("a sound layer");
+    let shape = Shape::Cylinder { radius_mm: row[2] };
+    (layer, NoSlip::widen(&layer, shape, row[3]).expect("a contact"))
+}
+
+#[test]
+fn loads_stiffnesses_and_moments_are_those_of_the_reference() {
+    let text = include_str!("fixtures/contact/cylinder_stick_relation.csv");
+    for row in rows(text).iter().step_by(3) {
+        let (layer, held) = grown(row);
+        let bar = 1e-4;
+        near(held.p_n_mm, row[4], bar, "P");
+        near(held.delta_mm, row[5], bar, "delta");
+        near(held.tangential_n_mm2, row[7], bar, "kx");
+        near(held.first_moment_n_mm, row[8], bar, "dM1/dx");
+        let forces = held.point_forces(0.0);
+        let stress = Spectrum::new(&layer, &forces, row[1], 10.0);
+        near(stress.szz(0.0), row[6], bar, "szz");
+        let m = moments(&layer, &forces, row[1]).m;
+        near(m[0], -held.p_n_mm, 1e-6, "M0");
+        near(m[2], row[9], bar, "M2");
+        // A small move along x does not change the load.
+        let moved = moments(&layer, &held.point_forces(1e-3), row[1]).m;
+        assert!((moved[0] - m[0]).abs() < 1e-9 * m[0].abs());
+        near(moved[1] - m[1], 1e-3 * row[8], bar, "M1");
+    }
+}
+
+#[test]
+fn base_stresses_are_those_of_the_reference() {
+    let text = include_str!("fixtures/contact/cylinder_stick_profiles.csv");
+    for group in rows(text).chunk_by(|a, b| a[..4] == b[..4]).step_by(5) {
+        let (layer, held) = grown(&group[0]);
+        let t = group[0][1];
+        let still = Spectrum::new(&layer, &held.point_forces(0.0), t, 20.0);
+        let moved = Spectrum::new(&layer, &held.point_forces(1.0), t, 20.0);
+        let peak = group.iter().map(|row| row[6].abs()).fold(0.0, f64::max);
+        let steepest = group.iter().map(|row| row[7].abs()).fold(0.0, f64::max);
+        for row in group.iter().step_by(4) {
+            let szz = still.szz(row[5]);
+            assert!((szz - row[6]).abs() < 1e-4 * peak, "{row:?} {szz}");
+            let change = moved.szz(row[5]) - szz;
+            assert!((change - row[7]).abs() < 1e-4 * steepest, "{row:?} {change}");
+        }
+    }
+}
+
+#[test]
+fn load_and_descent_lead_to_the_same_contact() {
+    let layer = Layer::new(0.8, E_MPA, 0.49).expect("a sound layer");
+    let shape = Shape::Cylinder { radius_mm: 25.4 };
+    let wide = NoSlip::widen(&layer, shape, 1.5).expect("a contact");
+    near(wide.p_n_mm, 11.123, 1e-4, "the reference's table");
+    let pressed = NoSlip::press(&layer, shape, wide.p_n_mm).expect("a contact");
+    let descended = NoSlip::descend(&layer, shape, wide.delta_mm).expect("a contact");
+    near(pressed.half_width_mm, 1.5, 3e-6, "b of P");
+    near(descended.half_width_mm, 1.5, 3e-6, "b of delta");
+}
+
+#[test]
+fn what_cannot_grow_is_refused() {
+    let layer = Layer::new(0.8, E_MPA, 0.49).expect("a sound layer");
+    let bar = Shape::Flat { width_mm: 3.0, height_mm: 0.0 };
+    assert_eq!(NoSlip::widen(&layer, bar, 1.0).expect_err("a bar"), NoSlipRefusal::Flat);
+    let shape = Shape::Cylinder { radius_mm: 1.0 };
+    for (p, why) in [(0.0, Refusal::Pulls), (-1.0, Refusal::Pulls), (f64::NAN, Refusal::NotFinite)]
+    {
+        let refused = NoSlip::press(&layer, shape, p).expect_err("no load");
+        assert_eq!(refused, NoSlipRefusal::Refusal(why));
+    }
+    let refused = NoSlip::press(&layer, shape, 1e6).expect_err("too much");
+    assert_eq!(refused, NoSlipRefusal::Refusal(Refusal::TooWide));
+    assert!(NoSlip::widen(&layer, shape, f64::NAN).is_err());
+}
