@@ -432,7 +432,7 @@ fn elements(
         return Err(Failure::range("depth_mm", what));
     }
     let [nx, nz] = args.array::<2>("mesh")?;
-    let whole = |n: f64| n >= 1.0 && n <= 2048.0 && n == n.floor();
+    let whole = |n: f64| (1.0..=2048.0).contains(&n) && n == n.floor();
     if !(whole(nx) && whole(nz)) || nx * nz > 100_000.0 {
         let what =
             format!("`mesh` is [{nx}, {nz}]; wanted: whole numbers, at most 100000 elements");

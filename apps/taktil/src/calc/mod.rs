@@ -15,6 +15,7 @@ mod kinematics;
 mod motion;
 mod nodes;
 mod plane;
+mod recover;
 mod request;
 mod space;
 mod touch;
@@ -45,6 +46,7 @@ fn operations() -> impl Iterator<Item = &'static Operation> {
     [kinematics::OPERATIONS, dynamics::OPERATIONS, motion::OPERATIONS]
         .into_iter()
         .chain([touch::OPERATIONS, contact::OPERATIONS, plane::OPERATIONS, space::OPERATIONS])
+        .chain([recover::OPERATIONS])
         .flatten()
 }
 

@@ -177,3 +177,48 @@ fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
     assert_eq!(open["mode"], "open");
     near(&open, "/szz/0", 0.0, 0.0);
 }
+
+#[test]
+fn loads_and_widths_are_recovered_from_moments() {
+    let bar = json!({"flat": {"width_mm": 12.7, "height_mm": 6.35}});
+    let load = json!({"p_n_mm": 0.35, "q_n_mm": 0.05});
+    let made = contact(json!({"shape": bar, "load": load, "friction": "prop"}));
+    let m = |k: &str| number(&made, &format!("/features/full/{k}"));
+    // About the sensor's left end, 12.7 mm from the bar's middle.
+    let (m1, m2) = (m("m1") + 12.7 * m("m0"), m("m2") + 25.4 * m("m1") + 161.29 * m("m0"));
+    let recover = |fields: Value| {
+        let mut request = json!({"op": "recover", "m1": m1, "m2": m2});
+        for (key, value) in fields.as_object().unwrap() {
+            request[key] = value.clone();
+        }
+        ask_text(format!("{request}\n").as_bytes()).remove(0)
+    };
+    let loads = recover(json!({"case": 1, "width_mm": 12.7, "m1_sigma": 0.01, "m2_sigma": 0.1}));
+    near(&loads, "/p_n_mm", 0.35, 1e-5);
+    near(&loads, "/q_n_mm", 0.05, 1e-5);
+    assert!(number(&loads, "/sigma/p_n_mm") > 0.0 && number(&loads, "/sigma/width_mm") == 0.0);
+    let width = recover(json!({"case": 2, "p_n_mm": 0.35, "q_n_mm": 0.05}));
+    near(&width, "/width_mm", 12.7, 1e-3);
+    assert_eq!(width["consistent"], true);
+    let all = json!({"case": 3, "p_n_mm": 0.35, "q_n_mm": 0.05, "width_mm": 12.7});
+    assert_eq!(recover(all)["consistent"], true);
+    let off = json!({"case": 3, "p_n_mm": 0.4, "q_n_mm": 0.05, "width_mm": 12.7});
+    assert_eq!(recover(off)["consistent"], false);
+    let rest = recover(json!({"case": 4}));
+    let line = |k: &str| number(&rest, &format!("/constraint/{k}"));
+    assert!((line("p") * 0.35 + line("q") * 0.05 - line("value")).abs() < 1e-9);
+    assert_eq!(rest["width_mm"], Value::Null);
+    for (fields, code, field) in [
+        (json!({"case": 5}), "out_of_range", "case"),
+        (json!({"case": 1}), "missing_field", "width_mm"),
+        (json!({"case": 2}), "missing_field", "p_n_mm"),
+        (json!({"case": 1, "width_mm": -1}), "out_of_range", "width_mm"),
+        (json!({"case": 1, "width_mm": 12.7, "t_mm": -1}), "out_of_range", "t_mm"),
+        (json!({"case": 1, "width_mm": 12.7, "origin_mm": 0}), "out_of_range", "origin_mm"),
+        (json!({"case": 1, "width_mm": 12.7, "m1": 50}), "unreachable", "m2"),
+    ] {
+        let answer = recover(fields.clone());
+        assert_eq!(answer["error"]["code"], code, "{fields}: {answer}");
+        assert_eq!(answer["error"]["field"], field, "{fields}: {answer}");
+    }
+}

@@ -23,6 +23,7 @@ mod jacobi;
 pub mod noslip;
 mod panels;
 mod path;
+pub mod recovery;
 mod roller;
 pub mod spectrum;
 
@@ -215,8 +216,25 @@ impl Indenter {
         level: Level,
     ) -> Result<Self, Invalid> {
         layer.check()?;
+        Self::assembled(layer, shape, friction, level, SurfaceKernels::new(&layer.transfer()))
+    }
+
+    /// Another shape over the same layer, with the kernels of this one; allocates.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn reshaped(&self, shape: Shape) -> Result<Self, Invalid> {
+        Self::assembled(&self.layer, shape, self.friction, self.level, self.kernels.clone())
+    }
+
+    fn assembled(
+        layer: &Layer,
+        shape: Shape,
+        friction: Friction,
+        level: Level,
+        kernels: SurfaceKernels,
+    ) -> Result<Self, Invalid> {
         shape.check()?;
-        let kernels = SurfaceKernels::new(&layer.transfer());
         let mut capacity = CAPACITY;
         if let Shape::Flat { width_mm, .. } = shape {
             let half = 0.5 * width_mm / layer.thickness_mm;

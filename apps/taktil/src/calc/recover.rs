@@ -1,0 +1,159 @@
+//! Calc operation `recover`: loads or width of a flat bar from two moments of the base stress, the
+//! thesis's four cases. Refuses moments that no contact makes.
+
+use serde_json::{Value, json};
+use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::plane::recovery::{Measured, Recovered, Setting, Unrecovered};
+use taktil_mechanics::contact::plane::{Friction, Load};
+
+use super::Operation;
+use super::answer::Answer;
+use super::field::{Failure, Field, Kind, Need};
+use super::indent::failure;
+use super::request::Args;
+
+/// Standard deviation of a moment that none was given for, as a part of it.
+const SIGMA: f64 = 0.01;
+
+const fn optional(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
+    Field::new(name, Kind::Number, unit, Need::Optional, doc)
+}
+
+const fn default(
+    name: &'static str,
+    unit: &'static str,
+    text: &'static str,
+    doc: &'static str,
+) -> Field {
+    Field::new(name, Kind::Number, unit, Need::Default(text), doc)
+}
+
+/// What this subject offers.
+pub(super) const OPERATIONS: &[Operation] = &[Operation {
+    name: "recover",
+    doc: "Loads or width of a flat bar from moments M1, M2 of szz over the base. Cases: 1 width \
+          known, 2 loads known, 3 both known, 4 neither.",
+    fields: &[
+        Field::new("case", Kind::Size(4), "", Need::Required, "1 to 4."),
+        Field::new("m1", Kind::Number, "N", Need::Required, "First moment of szz."),
+        Field::new("m2", Kind::Number, "N mm", Need::Required, "Second moment of szz."),
+        optional("m1_sigma", "N", "Its standard deviation; 1 % of it when absent."),
+        optional("m2_sigma", "N mm", "Its standard deviation; 1 % of it when absent."),
+        default("origin_mm", "mm", "12.7", "Place of the bar's middle from the moments' origin."),
+        optional("p_n_mm", "N/mm", "Normal load, cases 2 and 3."),
+        default("q_n_mm", "N/mm", "0", "Tangential load, cases 2 and 3."),
+        optional("width_mm", "mm", "Width, cases 1 and 3."),
+        default("height_mm", "mm", "6.35", "Height of the loads over the surface."),
+        default("t_mm", "mm", "0.8", "Thickness of the layer."),
+        default("nu", "", "0.49", "Poisson's ratio, in (0, 0.5]."),
+        default("youngs_mpa", "MPa", "27.58", "Young's modulus."),
+        Field::new(
+            "friction",
+            Kind::Choice(&["none", "prop"]),
+            "",
+            Need::Default("\"prop\""),
+            "Shear under the bar.",
+        ),
+    ],
+    answers: &[
+        ("p_n_mm", "N/mm, null in case 4"),
+        ("q_n_mm", "N/mm, null in case 4"),
+        ("width_mm", "mm, null in case 4"),
+        ("sigma", "{p_n_mm, q_n_mm, width_mm}, 0 for what was given"),
+        ("miss", "{m1, m2}: of the answer less the given"),
+        ("consistent", "whether both misses are within 3 sigma"),
+        ("constraint", "{p, q, value}: p P + q Q = value, in case 4"),
+    ],
+    run: recover,
+}];
+
+fn needed(args: &Args, name: &str) -> Result<f64, Failure> {
+    if args.has(name) {
+        return args.positive(name);
+    }
+    let what = format!("`{name}` is missing: this case takes it as known");
+    Err(Failure::new("missing_field", Some(name), what))
+}
+
+fn measured(args: &Args, name: &str, sigma: &str) -> Result<Measured, Failure> {
+    let value = args.number(name)?;
+    let sigma = if args.has(sigma) { args.positive(sigma)? } else { SIGMA * value.abs() };
+    Ok(Measured { value, sigma })
+}
+
+fn recover(args: &Args) -> Result<Answer, Failure> {
+    let layer = Layer {
+        thickness_mm: args.number("t_mm")?,
+        youngs_mpa: args.number("youngs_mpa")?,
+        poisson: args.number("nu")?,
+    };
+    let friction = match args.choice("friction")? {
+        "none" => Friction::None,
+        _ => Friction::Proportional,
+    };
+    let setting = Setting {
+        layer,
+        height_mm: args.number("height_mm")?,
+        origin_mm: args.number("origin_mm")?,
+        friction,
+    };
+    setting.check().map_err(|invalid| plainly(Unrecovered::Invalid(invalid)))?;
+    let m = [measured(args, "m1", "m1_sigma")?, measured(args, "m2", "m2_sigma")?];
+    let load = |args: &Args| -> Result<Load, Failure> {
+        Ok(Load { p_n_mm: needed(args, "p_n_mm")?, q_n_mm: args.number("q_n_mm")? })
+    };
+    let case = args.size("case")?;
+    if case == 4 {
+        let [p, q, value] = args.timed(|| setting.constraint(m)).map_err(plainly)?;
+        let mut out = Answer::new();
+        for name in ["p_n_mm", "q_n_mm", "width_mm"] {
+            out.maybe(name, None);
+        }
+        out.value("constraint", json!({"p": p, "q": q, "value": value}));
+        return Ok(out);
+    }
+    let found = match case {
+        1 => {
+            let width = needed(args, "width_mm")?;
+            args.timed(|| setting.loads(width, m))
+        }
+        2 => {
+            let load = load(args)?;
+            args.timed(|| setting.width(&load, m))
+        }
+        _ => {
+            let (width, load) = (needed(args, "width_mm")?, load(args)?);
+            args.timed(|| setting.check_all(width, &load, m))
+        }
+    };
+    Ok(shown(&found.map_err(plainly)?, m))
+}
+
+fn shown(found: &Recovered, m: [Measured; 2]) -> Answer {
+    let mut out = Answer::new();
+    let all = [("p_n_mm", found.p), ("q_n_mm", found.q), ("width_mm", found.width)];
+    for (name, measured) in all {
+        out.number(name, measured.value);
+    }
+    out.numbers_of("sigma", &all.map(|(name, measured)| (name, measured.sigma)));
+    out.numbers_of("miss", &[("m1", found.misses[0]), ("m2", found.misses[1])]);
+    let within = |k: usize| found.misses[k].abs() <= 3.0 * m[k].sigma + 1e-9;
+    out.value("consistent", Value::from(within(0) && within(1)));
+    out
+}
+
+fn plainly(error: Unrecovered) -> Failure {
+    match error {
+        Unrecovered::Invalid(invalid) => match invalid.place.as_str() {
+            "width_mm" | "height_mm" => {
+                let (field, what) = (invalid.place.clone(), invalid.to_string());
+                Failure::range(&field, what)
+            }
+            _ => failure(&invalid),
+        },
+        Unrecovered::NoContact => {
+            let what = "no contact of such a bar makes these moments; check their origin and signs";
+            Failure::new("unreachable", Some("m2"), what)
+        }
+    }
+}
