@@ -174,6 +174,9 @@ fn tilted_bars_are_those_of_the_reference() {
         for (i, row) in tilted(text).iter().enumerate() {
             for (level, error) in [(Level::Fast, 2e-3), (Level::Default, 1e-6), (Level::Fine, 1e-8)]
             {
+                if level != Level::Fine && i % 4 != 0 {
+                    continue;
+                }
                 let mut bar = indenter(&row.layer, row.shape, friction, level);
                 let outcome = bar.press(&row.load);
                 if row.mode == "topples" {
@@ -193,7 +196,7 @@ fn tilted_bars_are_those_of_the_reference() {
                 near(other.x_right_mm, -contact.x_left_mm, 10.0 * error, "mirrored");
             }
         }
-        assert!(modes[0] > 100 && modes[1] > 100, "{modes:?}");
+        assert!(modes[0] > 100 && modes[1] > 20, "{modes:?}");
     }
 }
 

@@ -1,7 +1,8 @@
-//! `taktil bench executor`: what the executor costs a cycle and a hop, in time and in
-//! instructions. Refuses to time tasks: those of the chain do nothing.
+//! `taktil bench`: what the executor costs a cycle and a hop, in time and in instructions; the
+//! contact models against each other. Refuses to time tasks: those of the chain do nothing.
 
 pub mod chain;
+pub mod contact;
 pub mod measure;
 pub mod readers;
 pub mod space;
@@ -27,6 +28,9 @@ pub enum Bench {
     /// Contact in three dimensions: time against error of every solver, and the images of a pin
     /// under each of its motions.
     Contact3d(space::Plan),
+    /// Plane contact: the thesis's statements beside the exact layer, work against precision of
+    /// every method, and the figures.
+    Contact(contact::Plan),
 }
 
 /// Measures and prints.
@@ -38,6 +42,7 @@ pub fn run(bench: &Bench) -> anyhow::Result<ExitCode> {
         Bench::Executor(plan) => executor(plan, Vec::new()),
         Bench::Readers(plan) => readers::run(plan),
         Bench::Contact3d(plan) => space::run(plan),
+        Bench::Contact(plan) => contact::run(plan),
     }
 }
 

@@ -1,0 +1,244 @@
+//! What the thesis states of plane contact, beside our numbers. Refuses what the contact modules
+//! refuse.
+
+use std::fmt::Write;
+
+use taktil_mechanics::contact::Invalid;
+use taktil_mechanics::contact::field::{LineLoad, line};
+use taktil_mechanics::contact::half_plane::line_stresses;
+use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::plane::features::moments;
+use taktil_mechanics::contact::plane::noslip::NoSlip;
+use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
+
+/// One pound a inch in N/mm: the loads of the thesis are whole parts of it.
+pub(super) const LB_PER_IN: f64 = 0.175_127;
+/// Rubber of the thesis in MPa.
+const E_MPA: f64 = 27.58;
+/// Length of the sensor, over which the thesis's moments are taken.
+const LENGTH_MM: f64 = 25.4;
+
+pub(super) fn plainly(invalid: Invalid) -> anyhow::Error {
+    anyhow::anyhow!("{invalid}")
+}
+
+pub(super) fn layer(t: f64, nu: f64) -> anyhow::Result<Layer> {
+    Layer::new(t, E_MPA, nu).map_err(plainly)
+}
+
+/// The table, one line a number.
+///
+/// # Errors
+/// What the contact modules refuse: none of it with these numbers.
+pub(super) fn table() -> anyhow::Result<String> {
+    let mut out = String::from("statement | thesis | exact layer\n");
+    for part in [knife()?, bars()?, cylinders()?, superposition()?, regressions()?, ratios()?] {
+        out.push_str(&part);
+    }
+    Ok(out)
+}
+
+fn knife() -> anyhow::Result<String> {
+    let load = LineLoad { p_n_mm: 0.5 * LB_PER_IN, q_n_mm: 0.0 };
+    let under = line_stresses(&load, 0.0, 0.8);
+    let side = line_stresses(&load, 0.8, 0.8);
+    let thin = &line(&layer(0.8, 0.49)?, &load, 0.8, &[0.0]).map_err(plainly)?[0];
+    let kpa = |s: Option<f64>| 1e3 * s.unwrap_or(f64::NAN);
+    let x: Vec<f64> = (0..1000).map(|i| 0.01 * f64::from(i)).collect();
+    let base = line(&layer(0.8, 0.49)?, &load, 0.8, &x).map_err(plainly)?;
+    let most = base.iter().filter_map(|p| p.szz_mpa).fold(f64::NEG_INFINITY, f64::max);
+    let thick = line(&layer(25.4, 0.49)?, &load, 0.8, &x).map_err(plainly)?;
+    let off = x
+        .iter()
+        .zip(&thick)
+        .map(|(x, p)| (kpa(p.szz_mpa) - 1e3 * line_stresses(&load, *x, 0.8).szz_mpa).abs())
+        .fold(0.0, f64::max);
+    let mut out = String::new();
+    writeln!(out, "C1 half plane, s_zz at 0, kPa | -65 | {:.1}", 1e3 * under.szz_mpa)?;
+    writeln!(out, "C1 half plane, s_xx at 0.8 mm, kPa | -18 | {:.1}", 1e3 * side.sxx_mpa)?;
+    writeln!(out, "C1 thin layer, s_zz at 0, kPa | -100 | {:.1}", kpa(thin.szz_mpa))?;
+    writeln!(out, "C1 thin layer, s_xx at 0, kPa | -90 | {:.1}", kpa(thin.sxx_mpa))?;
+    writeln!(out, "C1 thin layer, largest s_zz at the base, kPa | above 0 | {:.1e}", 1e3 * most)?;
+    writeln!(out, "C1 25.4 mm thick less half plane, s_zz, kPa | close | {off:.4}")?;
+    let soft = &line(&layer(0.8, 0.499_999)?, &load, 0.8, &[0.0]).map_err(plainly)?[0];
+    let change = kpa(soft.szz_mpa) / kpa(thin.szz_mpa) - 1.0;
+    writeln!(out, "C11 s_zz at nu 0.499999 over 0.49 | close | {:+.2} %", 1e2 * change)?;
+    let skew = LineLoad { q_n_mm: 0.5 * load.p_n_mm, ..load };
+    let m = moments(&layer(0.8, 0.49)?, &[[0.0, skew.p_n_mm, skew.q_n_mm]], 0.8).m;
+    writeln!(
+        out,
+        "C5 knife, M0/P and M1/(t Q) | -1, - | {:.6}, {:.6}",
+        m[0] / skew.p_n_mm,
+        m[1] / (0.8 * skew.q_n_mm)
+    )?;
+    Ok(out)
+}
+
+fn pressed(t: f64, nu: f64, shape: Shape, load: Load) -> anyhow::Result<(Indenter, f64)> {
+    let mut body =
+        Indenter::new(&layer(t, nu)?, shape, Friction::None, Level::Fine).map_err(plainly)?;
+    let contact = body.press(&load)?;
+    Ok((body, contact.delta_mm))
+}
+
+fn bars() -> anyhow::Result<String> {
+    let mut out = String::new();
+    let shape = Shape::Flat { width_mm: 12.7, height_mm: 6.35 };
+    let load = Load { p_n_mm: 1.96, q_n_mm: 0.0 };
+    for (t, thesis) in [(0.8, "highest at the centre"), (12.7, "highest at the edges")] {
+        let (body, _) = pressed(t, 0.49, shape, load)?;
+        let (centre, off) = (1e3 * body.pressure_mpa(0.0), 1e3 * body.pressure_mpa(5.0));
+        writeln!(out, "C2 bar, t = {t}: p at 0 and 5 mm, kPa | {thesis} | {centre:.1}, {off:.1}")?;
+    }
+    for nu in [0.49, 0.495, 0.4999] {
+        let (_, delta) = pressed(0.8, nu, shape, Load { p_n_mm: 1.0, q_n_mm: 0.0 })?;
+        writeln!(out, "C11 bar, descent per load at nu {nu}, mm^2/N | close | {delta:.3e}")?;
+    }
+    Ok(out)
+}
+
+fn cylinders() -> anyhow::Result<String> {
+    let mut out = String::new();
+    let shape = Shape::Cylinder { radius_mm: 25.4 };
+    for (t, thesis) in [(0.8, "higher"), (3.2, "as 12.8"), (12.8, "as 3.2"), (1e9, "lowest")] {
+        let (body, _) = pressed(t, 0.49, shape, Load { p_n_mm: 0.7, q_n_mm: 0.0 })?;
+        let p = 1e3 * body.pressure_mpa(0.0);
+        writeln!(out, "C3 cylinder, t = {t}: largest p, kPa | {thesis} | {p:.1}")?;
+    }
+    let shape = Shape::Cylinder { radius_mm: 22.9 };
+    let held =
+        NoSlip::widen(&layer(0.8, 0.49)?, shape, 1.5).map_err(|e| anyhow::anyhow!("{e:?}"))?;
+    let moved = |dx: f64| moments(held.layer(), &held.point_forces(dx), 0.8).m;
+    let change = (moved(1e-3)[0] - moved(0.0)[0]) / 1e-3;
+    writeln!(out, "C8 no slip, b = 1.5: dM0/dx, N/mm^2 | 0 | {change:.1e}")?;
+    writeln!(out, "C8 no slip, b = 1.5: dM1/dx, N/mm | not 0 | {:.2}", held.first_moment_n_mm)?;
+    writeln!(out, "C10 no slip, b = 1.5: dQ/dx, N/mm^2 | - | {:.2}", held.tangential_n_mm2)?;
+    Ok(out)
+}
+
+/// Error of taking the stress as linear in Q, in parts of the peak.
+fn superposition() -> anyhow::Result<String> {
+    let mut out = String::new();
+    let layer = layer(0.8, 0.49)?;
+    for height in [6.35, 12.7] {
+        let shape = Shape::Flat { width_mm: 12.7, height_mm: height };
+        for (p, q, thesis) in [(0.53, 0.09, "holds"), (0.53, 0.16, "is off"), (0.18, 0.14, "fails")]
+        {
+            let at = |q: f64| -> anyhow::Result<Vec<f64>> {
+                let mut body = Indenter::new(&layer, shape, Friction::Proportional, Level::Fine)
+                    .map_err(plainly)?;
+                body.press(&Load { p_n_mm: p, q_n_mm: q })?;
+                let stress = Spectrum::new(&layer, &body.point_forces(0.8), 0.8, 40.0);
+                Ok((-80..=80).map(|i| stress.szz(0.125 * f64::from(i))).collect())
+            };
+            let figure = match at(q) {
+                Err(_) => "topples".to_owned(),
+                Ok(real) => {
+                    let (none, little) = (at(0.0)?, at(0.01 * q)?);
+                    let peak = real.iter().fold(0.0_f64, |most, s| most.max(-s));
+                    let parts = real.iter().zip(none.iter().zip(&little));
+                    let off = parts
+                        .map(|(real, (none, little))| real - none - 100.0 * (little - none))
+                        .fold(0.0_f64, |most, d| most.max(d.abs()));
+                    format!("{:.0} %", 1e2 * off / peak)
+                }
+            };
+            writeln!(out, "C9 superposition at ({p}, {q}), h = {height} | {thesis} | {figure}")?;
+        }
+    }
+    Ok(out)
+}
+
+/// Second moment about the bar's middle.
+fn second(layer: &Layer, width_mm: f64, height_mm: f64, load: Load) -> anyhow::Result<f64> {
+    let shape = Shape::Flat { width_mm, height_mm };
+    let mut body =
+        Indenter::new(layer, shape, Friction::Proportional, Level::Default).map_err(plainly)?;
+    body.press(&load)?;
+    Ok(moments(layer, &body.point_forces(0.8), 0.8).m[2])
+}
+
+/// The regressions (4.3) and (4.4) on the exact layer.
+fn regressions() -> anyhow::Result<String> {
+    let mut out = String::new();
+    let layer = layer(0.8, 0.49)?;
+    for height in [6.35, 12.7] {
+        let mut rows = Vec::new();
+        let mut lost = 0;
+        for width in [7.9, 10.3, 12.7, 15.1] {
+            for i in 1..=4 {
+                for k in 1..=10 {
+                    let (p, q) = (LB_PER_IN * f64::from(i), 0.05 * LB_PER_IN * f64::from(k));
+                    let load = Load { p_n_mm: p, q_n_mm: q };
+                    let Ok(about_middle) = second(&layer, width, height, load) else {
+                        lost += 1;
+                        continue;
+                    };
+                    let first = -(height + 0.8) * q;
+                    let m2 = about_middle + LENGTH_MM * first - 0.25 * LENGTH_MM * LENGTH_MM * p;
+                    // The thesis counts P negative.
+                    rows.push(([-p, q, -width * p, 1.0], LENGTH_MM * m2));
+                }
+            }
+        }
+        let fit = least_squares(&rows);
+        let lever = LENGTH_MM * (height + 0.8);
+        let arm = 0.5 * LENGTH_MM * LENGTH_MM;
+        writeln!(out, "C7 M1 = a P + b Q, h = {height} | 319.9, -339.3 | {arm:.1}, {:.1}", -lever)?;
+        writeln!(
+            out,
+            "C7 M2 = a P + b Q + c W P + d, h = {height} | 3786, -9324, 10.5, -19 | \
+             {:.0}, {:.0}, {:.1}, {:.0} ({lost} topple)",
+            fit[0], fit[1], fit[2], fit[3]
+        )?;
+    }
+    Ok(out)
+}
+
+/// Least squares of four unknowns by the normal equations.
+fn least_squares(rows: &[([f64; 4], f64)]) -> [f64; 4] {
+    let mut a = [[0.0; 5]; 4];
+    for (row, value) in rows {
+        for i in 0..4 {
+            for j in 0..4 {
+                a[i][j] += row[i] * row[j];
+            }
+            a[i][4] += row[i] * value;
+        }
+    }
+    for pivot in 0..4 {
+        let source = a[pivot];
+        for row in a.iter_mut().skip(pivot + 1) {
+            let factor = row[pivot] / source[pivot];
+            for (entry, known) in row.iter_mut().zip(source) {
+                *entry -= factor * known;
+            }
+        }
+    }
+    let mut x = [0.0; 4];
+    for i in (0..4).rev() {
+        let known: f64 = (i + 1..4).map(|j| a[i][j] * x[j]).sum();
+        x[i] = (a[i][4] - known) / a[i][i];
+    }
+    x
+}
+
+/// Loads at which bars lift off, and the centroid.
+fn ratios() -> anyhow::Result<String> {
+    let mut out = String::new();
+    for width in [6.35, 7.9, 12.7, 15.1] {
+        let shape = Shape::Flat { width_mm: width, height_mm: 6.35 };
+        let mut body = Indenter::new(&layer(0.8, 0.49)?, shape, Friction::None, Level::Default)
+            .map_err(plainly)?;
+        let (mut low, mut high) = (0.0, 0.499 * width / 6.35);
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            let contact = body.press(&Load { p_n_mm: 1.0, q_n_mm: middle })?;
+            let whole = contact.x_right_mm - contact.x_left_mm > width * (1.0 - 1e-9);
+            if whole { low = middle } else { high = middle }
+        }
+        writeln!(out, "C6 bar W = {width}, frictionless: lifts at Q/P | - | {low:.4}")?;
+    }
+    writeln!(out, "C6 centroid M1/M0 over (h + t) Q/P, any width | linear | 1 (statics)")?;
+    Ok(out)
+}

@@ -1,0 +1,193 @@
+//! Work against precision: base stress of a tilted bar by every method, time beside error. Not lane
+//! code: it reads the clock. Refuses to be a gate: times differ from run to run.
+
+use std::fmt::Write;
+use std::hint::black_box;
+use std::time::Instant;
+
+use taktil_mechanics::contact::fem::{Elements, Kind, Mesh};
+use taktil_mechanics::contact::plane::bed::Bed;
+use taktil_mechanics::contact::plane::features::moments;
+use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
+use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
+
+use super::statements::{layer, plainly};
+
+const WIDTH: f64 = 12.7;
+const SHAPE: Shape = Shape::Flat { width_mm: WIDTH, height_mm: 6.35 };
+const ROLL: Shape = Shape::Cylinder { radius_mm: 23.0 };
+const LOAD: Load = Load { p_n_mm: 0.7, q_n_mm: 0.25 };
+
+#[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
+fn best_us(rounds: u32, mut call: impl FnMut(u32)) -> f64 {
+    let mut best = f64::INFINITY;
+    for round in 0..rounds {
+        let start = Instant::now();
+        call(round);
+        best = best.min(start.elapsed().as_secs_f64() * 1e6);
+    }
+    best
+}
+
+struct Truth {
+    x: Vec<f64>,
+    szz: Vec<f64>,
+    peak: f64,
+}
+
+impl Truth {
+    fn error(&self, of: impl Fn(f64) -> f64) -> f64 {
+        let off = self.x.iter().zip(&self.szz).map(|(x, s)| (of(*x) - s).abs());
+        off.fold(0.0, f64::max) / self.peak
+    }
+}
+
+/// The table.
+///
+/// # Errors
+/// What the contact modules refuse: none of it with these numbers.
+pub(super) fn table() -> anyhow::Result<String> {
+    let mut out = String::from(
+        "tilted bar W = 12.7, t = 0.8, nu = 0.49, (P, Q) = (0.7, 0.25), frictionless, base s_zz\n\
+         method | error/peak | us warm | us cold | us tables\n",
+    );
+    let layer = layer(0.8, 0.49)?;
+    let mut fine = Indenter::new(&layer, SHAPE, Friction::None, Level::Fine).map_err(plainly)?;
+    fine.press(&LOAD)?;
+    let stress = Spectrum::new(&layer, &fine.point_forces(0.8), 0.8, 30.0);
+    let x: Vec<f64> = (-80..=80).map(|i| 0.125 * f64::from(i)).collect();
+    let szz: Vec<f64> = x.iter().map(|x| stress.szz(*x)).collect();
+    let peak = szz.iter().fold(0.0_f64, |most, s| most.max(-s));
+    let truth = Truth { x, szz, peak };
+    for level in [Level::Fast, Level::Default, Level::Fine] {
+        spectral(&mut out, level, &truth)?;
+    }
+    for cells in [48, 96, 192] {
+        on_cells(&mut out, cells, &truth)?;
+    }
+    for (nx, nz) in [(64, 4), (128, 8), (256, 16)] {
+        on_mesh(&mut out, nx, nz, &truth)?;
+    }
+    rolls(&mut out)?;
+    Ok(out)
+}
+
+fn nudged(round: u32) -> Load {
+    let f = 1.0 + 0.002 * f64::from(round % 5);
+    Load { p_n_mm: LOAD.p_n_mm, q_n_mm: LOAD.q_n_mm * f }
+}
+
+fn spectral(out: &mut String, level: Level, truth: &Truth) -> anyhow::Result<()> {
+    let layer = layer(0.8, 0.49)?;
+    let tables = best_us(3, |_| {
+        black_box(Indenter::new(&layer, SHAPE, Friction::None, level).is_ok());
+    });
+    let mut body = Indenter::new(&layer, SHAPE, Friction::None, level).map_err(plainly)?;
+    body.press(&LOAD)?;
+    let stress = Spectrum::new(&layer, &body.point_forces(0.8), 0.8, 30.0);
+    let error = truth.error(|x| stress.szz(x));
+    let warm = best_us(200, |round| {
+        black_box(body.press(&nudged(round)).is_ok());
+    });
+    let cold = best_us(50, |round| {
+        body.forget();
+        black_box(body.press(&nudged(round)).is_ok());
+    });
+    writeln!(out, "spectral {level:?} | {error:.1e} | {warm:.1} | {cold:.1} | {tables:.0}")?;
+    Ok(())
+}
+
+fn grip_of(bed: Bed) -> anyhow::Result<Grip> {
+    let face = |x: &f64| if x.abs() < 0.5 * WIDTH + 1e-6 { 0.0 } else { f64::INFINITY };
+    let heights = bed.x_mm.iter().map(face).collect();
+    Grip::new(bed, heights, Law::Free).map_err(plainly)
+}
+
+fn timed(grip: &mut Grip) -> anyhow::Result<[f64; 2]> {
+    let fresh = grip.clone();
+    let drive = |load: Load| Drive::Loads { load, height_mm: 6.35 };
+    let cold = best_us(3, |_| {
+        let mut grip = fresh.clone();
+        black_box(grip.step(&drive(LOAD)).is_ok());
+    });
+    grip.step(&drive(LOAD))?;
+    let warm = best_us(10, |round| {
+        black_box(grip.step(&drive(nudged(round))).is_ok());
+    });
+    grip.step(&drive(LOAD))?;
+    Ok([warm, cold])
+}
+
+fn on_cells(out: &mut String, n: u32, truth: &Truth) -> anyhow::Result<()> {
+    let layer = layer(0.8, 0.49)?;
+    let angle = |i: u32| core::f64::consts::PI * f64::from(i) / f64::from(n);
+    let edges: Vec<f64> = (0..=n).map(|i| -0.5 * WIDTH * libm::cos(angle(i))).collect();
+    let tables = best_us(2, |_| {
+        black_box(Bed::of_layer(&layer, &edges).is_ok());
+    });
+    let mut grip = grip_of(Bed::of_layer(&layer, &edges).map_err(plainly)?)?;
+    let [warm, cold] = timed(&mut grip)?;
+    let forces: Vec<[f64; 3]> =
+        grip.bed().x_mm.iter().zip(grip.normal_n_mm()).map(|(x, p)| [*x, *p, 0.0]).collect();
+    let stress = Spectrum::new(&layer, &forces, 0.8, 30.0);
+    let error = truth.error(|x| stress.szz(x));
+    let m1 = moments(&layer, &forces, 0.8).m[1] + 6.35 * LOAD.q_n_mm;
+    writeln!(
+        out,
+        "cells {n} | {error:.1e} (M1 off {m1:.0e}) | {warm:.0} | {cold:.0} | {tables:.0}"
+    )?;
+    Ok(())
+}
+
+fn on_mesh(out: &mut String, nx: usize, nz: usize, truth: &Truth) -> anyhow::Result<()> {
+    let layer = layer(0.8, 0.49)?;
+    let mesh = Mesh::uniform(25.4, 0.8, nx, nz).map_err(plainly)?;
+    let factor = best_us(2, |_| {
+        black_box(Elements::new(&layer, mesh.clone(), Kind::MeanDilatation).is_ok());
+    });
+    let body = Elements::new(&layer, mesh.clone(), Kind::MeanDilatation).map_err(plainly)?;
+    let mut grip = grip_of(body.bed().map_err(plainly)?)?;
+    let [warm, cold] = timed(&mut grip)?;
+    let response = body.under(grip.normal_n_mm(), grip.tangential_n_mm()).map_err(plainly)?;
+    let (places, szz) = (body.mesh().row_mm(0), body.base_szz_mpa(&response));
+    let between = |x: f64| {
+        let right = places.partition_point(|place| *place < x).clamp(1, places.len() - 1);
+        let s = (x - places[right - 1]) / (places[right] - places[right - 1]);
+        szz[right - 1] * (1.0 - s) + szz[right] * s
+    };
+    let error = truth.error(between);
+    let forces = vec![[0.0, -0.01]; nx + 1];
+    let mut again = body.response();
+    let load = best_us(50, |_| body.solve(black_box(&forces), &mut again));
+    writeln!(
+        out,
+        "elements {nx} x {nz} | {error:.1e} | {warm:.0} | {cold:.0} | {factor:.0} \
+         (one load, factored: {load:.1})"
+    )?;
+    Ok(())
+}
+
+fn rolls(out: &mut String) -> anyhow::Result<()> {
+    writeln!(
+        out,
+        "\ncylinder R = 23, t = 0.8, nu = 0.49, P = 2: load, width\n\
+        method | error of b | us warm | us cold"
+    )?;
+    let layer = layer(0.8, 0.49)?;
+    let at = |round: u32| Load { p_n_mm: 2.0 + 0.02 * f64::from(round % 5), q_n_mm: 0.0 };
+    let mut fine = Indenter::new(&layer, ROLL, Friction::None, Level::Fine).map_err(plainly)?;
+    let exact = fine.press(&at(0))?.x_right_mm;
+    for level in [Level::Fast, Level::Default, Level::Fine] {
+        let mut roll = Indenter::new(&layer, ROLL, Friction::None, level).map_err(plainly)?;
+        let error = (roll.press(&at(0))?.x_right_mm / exact - 1.0).abs();
+        let warm = best_us(200, |round| {
+            black_box(roll.press(&at(round)).is_ok());
+        });
+        let cold = best_us(100, |round| {
+            roll.forget();
+            black_box(roll.press(&at(round)).is_ok());
+        });
+        writeln!(out, "spectral {level:?} | {error:.1e} | {warm:.1} | {cold:.1}")?;
+    }
+    Ok(())
+}
