@@ -60,7 +60,7 @@ fn knife(along: bool) -> anyhow::Result<Chart> {
     } else {
         (
             "s_zz",
-            "thesis: half plane -65 kPa, thin layer -100 kPa, then positive; here -69.7, -89.9, never",
+            "thesis: half plane -65 kPa, thin -100 kPa, then positive; here -69.7, -89.9, never",
         )
     };
     Ok(Chart {
@@ -97,8 +97,8 @@ fn bar() -> anyhow::Result<Chart> {
         y: "stress (kPa)",
         curves,
         remarks: vec![
-            "thesis: thin layer highest at the centre, thick ones at the edges: so it is".to_owned(),
-            "thesis: the half plane's stress oscillates near the edge: with A.17 corrected it does not"
+            "thesis: thin layer highest at the centre, thick at the edges: so it is".to_owned(),
+            "thesis: the half plane's oscillates near the edge: with A.17 corrected it does not"
                 .to_owned(),
         ],
     })
@@ -149,9 +149,8 @@ fn tilting() -> anyhow::Result<Chart> {
         ));
         curves.push(curve(format!("Q = {q}"), &x, szz));
     }
-    widths.push(
-        "thesis: at (0.175, 0.0613) the stress spans 12 to 20 mm: so it does, with h = 12.7".into(),
-    );
+    widths
+        .push("thesis: at (0.175, 0.0613) it spans 12 to 20 mm: so it does, with h = 12.7".into());
     Ok(Chart {
         title: "Bar 12.7 mm wide and high, P = 0.175 N/mm: base s_zz as Q grows".to_owned(),
         x: "x (mm)",

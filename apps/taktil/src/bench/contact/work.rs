@@ -1,9 +1,8 @@
-//! Work against precision: base stress of a tilted bar by every method, time beside error. Not lane
-//! code: it reads the clock. Refuses to be a gate: times differ from run to run.
+//! Work against precision: base stress of a tilted bar by every method, time beside error.
+//! Refuses to be a gate: times differ from run to run.
 
 use std::fmt::Write;
 use std::hint::black_box;
-use std::time::Instant;
 
 use taktil_mechanics::contact::fem::{Elements, Kind, Mesh};
 use taktil_mechanics::contact::plane::bed::Bed;
@@ -12,19 +11,21 @@ use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
 use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
 
 use super::statements::{layer, plainly};
+use crate::bench::measure::Watch;
 
 const WIDTH: f64 = 12.7;
 const SHAPE: Shape = Shape::Flat { width_mm: WIDTH, height_mm: 6.35 };
 const ROLL: Shape = Shape::Cylinder { radius_mm: 23.0 };
 const LOAD: Load = Load { p_n_mm: 0.7, q_n_mm: 0.25 };
 
-#[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
 fn best_us(rounds: u32, mut call: impl FnMut(u32)) -> f64 {
     let mut best = f64::INFINITY;
     for round in 0..rounds {
-        let start = Instant::now();
+        let mut watch = Watch::default();
+        watch.lap(true);
         call(round);
-        best = best.min(start.elapsed().as_secs_f64() * 1e6);
+        watch.lap(false);
+        best = best.min(watch.total().0 as f64 * 1e-3);
     }
     best
 }
