@@ -3,7 +3,7 @@
 //! tape holds nothing is noted with the device's name, and the device is lost.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 use serde::{Deserialize, Serialize};
 use taktil_hal::{
@@ -127,18 +127,18 @@ impl Tapes {
 
 /// The first answer that was wanted and stands on no tape.
 #[derive(Clone, Debug, Default)]
-pub struct Lack(Arc<Mutex<Option<(&'static str, Nanos)>>>);
+pub struct Lack(Arc<OnceLock<(&'static str, Nanos)>>);
 
 impl Lack {
     fn note(&self, device: &'static str, release: Nanos) {
-        let mut first = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        first.get_or_insert((device, release));
+        // Only the first counts.
+        let _ = self.0.set((device, release));
     }
 
     /// Tape and release, if anything was lacking.
     #[must_use]
     pub fn first(&self) -> Option<(&'static str, Nanos)> {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.get().copied()
     }
 }
 
