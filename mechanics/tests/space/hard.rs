@@ -256,6 +256,26 @@ fn what_is_no_number_is_refused_and_leaves_no_contact() {
 }
 
 #[test]
+fn sizes_beyond_sense_are_refused_at_once() {
+    let rubber = layer(0.8, 0.49);
+    for (length, place) in [(1e-6, "length_mm"), (1e6, "length_mm")] {
+        let shape = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(length) };
+        let refused = scene(&rubber, shape).press(Drive::PenetrationMm(0.01), Pose::default());
+        assert_eq!(refused.expect_err("refused").place, place);
+    }
+    let film = layer(1e-9, 0.3);
+    let refused = Scene::new(&film, PIN, &Array::THESIS, Sampling::Area, Level::Fast);
+    assert_eq!(refused.expect_err("refused").place, "thickness_mm");
+    // A line far longer than the array is what it is over the array.
+    let edge = |length| Shape::Edge { length_mm: Some(length) };
+    let mut long = scene(&rubber, edge(1e9));
+    long.press(Drive::ForceN(1e9), Pose::default()).unwrap();
+    let mut endless = scene(&rubber, Shape::Edge { length_mm: None });
+    endless.press(Drive::ForceN(1.0), Pose::default()).unwrap();
+    assert!(apart(&image(&long), &image(&endless)) < 1e-12);
+}
+
+#[test]
 fn cells_refuse_what_they_cannot_resolve() {
     let influence = Influence::new(&layer(0.8, 0.49)).unwrap();
     let cells = |columns, spacing_mm| Cells { columns, rows: 16, spacing_mm };

@@ -335,7 +335,7 @@ impl Scene {
             | Shape::Bar { length_mm, .. } => length_mm.map(|length| 0.5 * length),
             Shape::Sphere { .. } => Some(0.0),
         };
-        if let Some(half) = half {
+        if let Some(half) = half.filter(|_| !matches!(self.shape, Shape::Edge { .. })) {
             return [-half, half];
         }
         if !matches!(self.shape, Shape::Edge { .. }) {
@@ -346,7 +346,9 @@ impl Scene {
         // In steps, so that small motions keep the tables.
         let array = self.array.half_diagonal_mm();
         let away = array * libm::ceil((x_mm * x_mm + y_mm * y_mm).sqrt() / array);
-        let half = array + away + BEYOND * self.layer.thickness_mm;
+        // What lies further off leaves nothing on the array.
+        let reach = array + away + BEYOND * self.layer.thickness_mm;
+        let half = half.map_or(reach, |half| half.min(reach));
         [-half, half]
     }
 

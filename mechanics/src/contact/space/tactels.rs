@@ -18,6 +18,8 @@ const TABLE_MAX: usize = 1 << 24;
 /// Most grid points across one tactel.
 const PHASES_MAX: usize = 256;
 
+/// Largest tactel in thicknesses.
+const THINNEST: f64 = 1000.0;
 /// Loads further from the array than this many of its widths leave nothing on it.
 const WIDTHS: f64 = 8.0;
 
@@ -167,6 +169,10 @@ impl Shares {
     ) -> Result<Self, Invalid> {
         array.check()?;
         let t = influence.layer().thickness_mm;
+        if array.pitch_mm > THINNEST * t {
+            let what = format!("{t} mm under tactels of {} mm", array.pitch_mm);
+            return Err(Invalid::new("thickness_mm", what, "give tactels nearer to the thickness"));
+        }
         let wanted = libm::ceil(0.5 * fineness.per_thickness * array.pitch_mm / t).max(1.0);
         let phases = 2 * (wanted as usize).min(PHASES_MAX / 2);
         let most = WIDTHS * array.rows.max(array.cols) as f64;

@@ -29,6 +29,8 @@ use strip::{Section, Strips};
 
 /// What the end of a row of strips of fixed and of free width loses, in strip lengths.
 const ENDS: [f64; 2] = [0.115_052, 0.057];
+/// Shortest pin in thicknesses.
+const SHORTEST: f64 = 0.1;
 /// Most points across half a slice in an image.
 const POINTS_MAX: usize = 96;
 /// Most slices of a pin.
@@ -193,6 +195,10 @@ impl Pin {
         }
         let fineness = Fineness::of(level);
         let length = (to - from) / t;
+        if length < SHORTEST {
+            let what = format!("{} mm is {length} thicknesses", to - from);
+            return Err(Invalid::new("length_mm", what, "give at least a tenth of the thickness"));
+        }
         let wanted = libm::ceil(length / fineness.slice).max(fineness.fewest);
         if wanted > SLICES_MAX as f64 {
             let what = format!("{} mm is {length} thicknesses", to - from);
