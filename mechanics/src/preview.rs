@@ -16,6 +16,8 @@ use crate::spatial::Joints;
 
 /// Most ticks that a preview walks.
 const TICKS_MAX: f64 = 1e7;
+/// The torque is looked at in one of so many ticks: it costs more than all the rest.
+const TORQUE_EVERY: u32 = 4;
 /// Rounding that a limit forgives, relative.
 const SLACK: f64 = 1e-9;
 
@@ -172,8 +174,12 @@ impl Route {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Walk {
     preview: Preview,
-    /// Joints one and two ticks ago (rad).
-    last: [Joints; 2],
+    /// Joints one tick ago (rad).
+    before: Joints,
+    /// Joints at the last look at the torque and the one before (rad).
+    looks: [Joints; 2],
+    /// Ticks since the last look at the torque.
+    since: u32,
 }
 
 impl Walk {
@@ -188,19 +194,13 @@ impl Walk {
             off_rad: least,
             end: *start,
         };
-        Walk { preview, last: [*start; 2] }
+        Walk { preview, before: *start, looks: [*start; 2], since: 0 }
     }
 
-    /// Takes in the joints at `t_s`: speed since the last tick, torque at the last tick.
+    /// Takes in the joints at `t_s`: their speed since the last tick, and now and then their torque.
     fn step(&mut self, q: &Joints, t_s: f64, terms: &Terms) -> Result<(), Refusal> {
-        let Terms { arm, dynamics, torque_max_nm, tick_s, .. } = terms;
-        let before = self.last[0];
-        let speed = (q - before) / *tick_s;
-        let velocity = (q - self.last[1]) / (2.0 * tick_s);
-        let acceleration = (q - before * 2.0 + self.last[1]) / (tick_s * tick_s);
-        // Not plain inverse dynamics of the links: the motors' own inertia counts too.
-        let torque =
-            dynamics.mass_matrix(&before) * acceleration + dynamics.bias(&before, &velocity);
+        let Terms { arm, tick_s, .. } = terms;
+        let speed = (q - self.before) / *tick_s;
         for joint in 0..6 {
             let share = speed[joint].abs() / arm.speed_max_rad_s[joint];
             raise(&mut self.preview.speed[joint], share, t_s);
@@ -208,11 +208,11 @@ impl Walk {
                 let why = Lost::TooFast { joint, ratio: share };
                 return Err(Refusal::Lost { why, t_s });
             }
-            let ratio = torque[joint].abs() / torque_max_nm[joint];
-            raise(&mut self.preview.torque[joint], ratio, t_s);
-            if ratio > 1.0 + SLACK {
-                return Err(Refusal::Torque { joint, ratio, t_s });
-            }
+        }
+        self.since += 1;
+        if self.since == TORQUE_EVERY {
+            self.since = 0;
+            self.look_at_torque(q, t_s, terms)?;
         }
         let distance = arm.singular_distance(q);
         let parts = [distance.shoulder, distance.elbow, distance.wrist];
@@ -221,8 +221,28 @@ impl Walk {
                 *least = Peak { value: part.abs(), t_s };
             }
         }
-        self.last = [*q, before];
+        self.before = *q;
         self.preview.end = *q;
+        Ok(())
+    }
+
+    /// The torque at the last look, from the joints before, at and after it.
+    fn look_at_torque(&mut self, q: &Joints, t_s: f64, terms: &Terms) -> Result<(), Refusal> {
+        let Terms { dynamics, torque_max_nm, tick_s, .. } = terms;
+        let span_s = tick_s * f64::from(TORQUE_EVERY);
+        let [at, before] = self.looks;
+        let velocity = (q - before) / (2.0 * span_s);
+        let acceleration = (q - at * 2.0 + before) / (span_s * span_s);
+        // Not plain inverse dynamics of the links: the motors' own inertia counts too.
+        let torque = dynamics.mass_matrix(&at) * acceleration + dynamics.bias(&at, &velocity);
+        self.looks = [*q, at];
+        for joint in 0..6 {
+            let ratio = torque[joint].abs() / torque_max_nm[joint];
+            raise(&mut self.preview.torque[joint], ratio, t_s);
+            if ratio > 1.0 + SLACK {
+                return Err(Refusal::Torque { joint, ratio, t_s });
+            }
+        }
         Ok(())
     }
 }
@@ -240,8 +260,8 @@ fn ticks(duration_s: f64, tick_s: f64) -> Result<u32, Refusal> {
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1e7")]
     let ticks = ticks as u32;
-    // Two more, so that the deceleration is looked at from both sides.
-    Ok(ticks + 2)
+    // Two looks more, so that the deceleration is looked at from both sides.
+    Ok(ticks + 2 * TORQUE_EVERY)
 }
 
 /// How far an inspection is.

@@ -1,6 +1,7 @@
 //! The executor in virtual time: every lane on the calling thread, each job at its release, nobody
 //! waits. The order of jobs released at the same instant does not matter to any value, because
-//! values cross lanes only later. Refuses to skip a job.
+//! values cross lanes only later. Refuses to skip a job, and to ask the kernel about each of them:
+//! page faults are a live lane's affair.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -8,7 +9,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use taktil_hal::{Clock, Nanos};
 
 use crate::fault::FaultCode;
-use crate::linux::{monotonic, thread_counters};
+use crate::linux::monotonic;
 use crate::machine::Machine;
 use crate::misses::Notice;
 use crate::record::Observer;
@@ -65,11 +66,9 @@ pub(crate) fn run_chosen(
         };
         clock.sleep_until(release);
         let lane = &mut machine.lanes[index];
-        let faults_before = thread_counters().page_faults;
         let begin = monotonic();
         lane.job(lane.next_tick, Notice::default());
         let took = monotonic() - begin;
-        lane.figures.page_faults += thread_counters().page_faults - faults_before;
         lane.figures.lateness_ns.saturating_record(0);
         lane.figures.execution_ns.saturating_record(took.0.unsigned_abs());
         machine.drains[index].drain(observer);

@@ -234,5 +234,5 @@ fn looking_in_pieces_comes_to_the_same_verdict() {
         }
     };
     assert_eq!(verdict, Verdict::Passed(whole));
-    assert_eq!(pieces, (720 + 2) / 7);
+    assert_eq!(pieces, (720 + 8) / 7);
 }

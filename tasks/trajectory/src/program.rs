@@ -17,8 +17,8 @@ use taktil_signal::MoveCheck;
 use crate::config::{Config, MAX_MOVES, Step};
 use crate::law::{self, Pace, leg};
 
-/// Ticks looked at in one job: what 40 us are enough for.
-const LOOKED_A_JOB: u32 = 16;
+/// Ticks looked at in one job: four times as fast as they will be run, and one look at the torque.
+const LOOKED_A_JOB: u32 = 4;
 
 /// Everything about a queue that does not change.
 pub struct Plan {

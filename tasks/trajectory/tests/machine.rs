@@ -97,7 +97,7 @@ fn by_mm(shift: [f64; 3], straight: bool) -> Move {
 }
 
 /// Jobs in which a queue of the length of [`queue`] is looked at before it begins.
-const LOOKED: usize = 17;
+const LOOKED: usize = 71;
 
 fn queue() -> Config {
     let one = Move {
@@ -132,7 +132,7 @@ fn still(_: u64) -> Desired {
 #[test]
 fn each_stay_follows_a_path_from_where_the_arm_is_wanted() {
     let script = Script { control: two_stays, desired: still, joints: calibrated };
-    let (goals, faults) = run(queue(), &script, 400);
+    let (goals, faults) = run(queue(), &script, 450);
     assert!(faults.is_empty());
     let points = [Joints::from(START), Joints::from(GOAL_DEG.map(f64::to_radians))];
     let path = JointPath::new(&points, &[0.5], 0.1).unwrap();
@@ -145,14 +145,14 @@ fn each_stay_follows_a_path_from_where_the_arm_is_wanted() {
             10..50 => tick - 10,
             _ => tick - 60,
         };
-        // 0.7 s and two ticks, sixteen at a time.
+        // 0.7 s and eight ticks, four at a time.
         let t_s = since.saturating_sub(LOOKED) as f64 * 0.0025;
         let wanted = path.at(t_s);
         assert_eq!((Joints::from(goal.q_rad), Joints::from(goal.qd_rad_s)), (wanted.q, wanted.qd));
         assert_eq!((goal.valid, goal.done == 1), (1, t_s >= path.duration_s()), "tick {tick}");
     }
     assert_eq!(goals[60].q_rad, START, "bumpless");
-    assert_eq!(goals[399].done, 1);
+    assert_eq!(goals[449].done, 1);
 }
 
 #[test]
