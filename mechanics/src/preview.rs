@@ -197,7 +197,7 @@ impl Walk {
         Walk { preview, before: *start, looks: [*start; 2], since: 0 }
     }
 
-    /// Takes in the joints at `t_s`: their speed since the last tick, and now and then their torque.
+    /// Takes in the joints at `t_s`: their speed since the last tick, now and then their torque.
     fn step(&mut self, q: &Joints, t_s: f64, terms: &Terms) -> Result<(), Refusal> {
         let Terms { arm, tick_s, .. } = terms;
         let speed = (q - self.before) / *tick_s;

@@ -367,3 +367,58 @@ fn where_the_world_waits_live_and_virtual_are_equal_misses_or_not() {
         assert_eq!(seen.by_signal(), expected);
     }
 }
+
+/// Reads its own releases: each must be phase + k period, to the nanosecond.
+struct Metronome {
+    count: Output<Other>,
+    phase: Nanos,
+    jobs: u64,
+}
+
+impl Task for Metronome {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let exact = self.phase + cycle.dt * i64::try_from(self.jobs).unwrap_or(i64::MAX);
+        self.jobs += 1;
+        io.write(&self.count, Other { value: u32::from(cycle.release == exact) });
+        if cycle.release == exact { Ok(()) } else { Err(FaultCode::Overrun) }
+    }
+}
+
+#[test]
+fn ten_million_jobs_are_released_to_the_nanosecond_without_a_heap_call() {
+    /// Seen from outside: the instants in the records are the same.
+    struct Exact {
+        next: u64,
+        signal: usize,
+    }
+    impl Observer for Exact {
+        fn record(&mut self, record: &Record<'_>) {
+            if record.signal == self.signal {
+                let release =
+                    Nanos(7) + Nanos::from_micros(2500) * i64::try_from(self.next).unwrap();
+                assert_eq!((record.tick, record.release), (self.next, release));
+                self.next += 1;
+            }
+        }
+    }
+    const JOBS: u64 = 10_000_000;
+    let mut builder = Builder::new();
+    let mut spec = LaneSpec::new("beat", Nanos::from_micros(2500), 50);
+    spec.phase = Nanos(7);
+    let lane = builder.lane(spec).unwrap();
+    builder
+        .task(lane, "metronome", |ports| {
+            let count = ports.output("count");
+            Ok(Box::new(Metronome { count, phase: Nanos(7), jobs: 0 }))
+        })
+        .unwrap();
+    builder.recording(taktil_rtcore::record::Recording::Values);
+    let mut machine = builder.build().unwrap();
+    let signal = machine.catalog().find("metronome.count").unwrap();
+    let mut exact = Exact { next: 0, signal };
+    let until = Nanos::from_micros(2500) * i64::try_from(JOBS).unwrap();
+    virtual_time::run(&mut machine, until, &AtomicBool::new(false), &mut exact).unwrap();
+    let (_, figures) = machine.figures().next().unwrap();
+    assert_eq!((figures.jobs, figures.allocations), (JOBS, 0));
+    assert_eq!((exact.next, figures.faults), (JOBS, FaultSet::NONE));
+}

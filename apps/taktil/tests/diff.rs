@@ -204,7 +204,8 @@ fn a_flip_without_a_mended_crc_is_damage() {
     assert!(damage.contains("CRC") && damage.contains("tick 11"), "{damage}");
     assert_eq!(found.damage[0], None);
     let first = found.first().unwrap();
-    assert_eq!((first.tick, &first.change), (11, &Change::OnlyInA));
+    let Change::Field { field, index, .. } = &first.change else { panic!("{first:?}") };
+    assert_eq!((first.tick, field.as_str(), *index), (11, "angles_rad", Some(0)));
     assert_eq!(first.signal, "joint_servo.torque");
 }
 

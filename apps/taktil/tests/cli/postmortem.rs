@@ -78,7 +78,7 @@ fn what_a_killed_run_did_last_is_read_from_its_flight_recorder() {
     let health = last["tick"].as_u64().unwrap();
     assert!(health == tick || health + 1 == tick, "the last whole job: {health} of {tick}");
     assert_eq!(last["value"]["jobs"].as_u64(), Some(health + 1));
-    assert!(summary["age_s"].as_f64().is_some_and(|age| age >= 0.0 && age < 600.0), "{summary}");
+    assert!(summary["age_s"].as_f64().is_some_and(|age| (0.0..600.0).contains(&age)), "{summary}");
 
     // Where both were kept they are the same bytes; the recorder goes further than the log.
     let logged = Log::open(&folder.join("killed.mcap")).unwrap();
