@@ -247,6 +247,7 @@ fn run_threads(
     let clock = OnceLock::new();
     let answers: Vec<Answers> = (0..count).map(|_| Answers::default()).collect();
     thread::scope(|scope| {
+        let _ends = EndOnUnwind(&shared.start);
         for (index, (lane, answers)) in lanes.iter_mut().zip(&answers).enumerate() {
             let (shared, clock) = (&shared, &clock);
             let builder =
@@ -283,6 +284,18 @@ fn run_threads(
         let panics = answers.iter().filter_map(|answers| answers.panicked.get()).cloned();
         Ok((Nanos(shared.slip.ns()), panics.collect()))
     })
+}
+
+/// Ends the lanes when the carrying thread unwinds: whoever observes may panic, and the arm is not
+/// to go on without anybody who carries its records.
+struct EndOnUnwind<'a>(&'a Start);
+
+impl Drop for EndOnUnwind<'_> {
+    fn drop(&mut self) {
+        if thread::panicking() {
+            self.0.say(Word::Abandon);
+        }
+    }
 }
 
 /// Looks for tasks that do not return, on the carrying thread.

@@ -217,7 +217,8 @@ impl Builder {
         self.bindings.insert(input.into(), signal.into());
     }
 
-    /// Names the signal of type [`ModeStatus`] from which every lane takes [`crate::Cycle::mode`].
+    /// Names the signal of type [`crate::status::ModeStatus`] from which every lane takes
+    /// [`crate::Cycle::mode`].
     pub fn mode_from(&mut self, signal: impl Into<String>) {
         self.mode = Some(signal.into());
     }

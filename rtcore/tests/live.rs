@@ -147,6 +147,28 @@ fn an_item_that_is_demanded_and_missing_refuses_the_run_before_the_first_job() {
     assert_eq!((count.0, machine.figures().next().unwrap().1.jobs), (0, 0));
 }
 
+#[test]
+fn an_observer_that_panics_ends_the_run_and_not_after_its_time() {
+    struct Impatient(u32);
+    impl Observer for Impatient {
+        fn record(&mut self, _record: &Record<'_>) {
+            self.0 += 1;
+            assert!(self.0 < 20, "on purpose");
+        }
+    }
+    impl Audience for Impatient {}
+    let mut machine = machine(None, &[None]);
+    // A day: the test would not end if the lanes did not.
+    let until = Nanos::from_secs(86_400);
+    let terms = Terms { until, contract: Contract::Soft, pace: Pace::Fixed };
+    let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+        live::run(&mut machine, terms, &AtomicBool::new(false), &mut Impatient(0))
+    }));
+    assert!(outcome.is_err());
+    let (_, figures) = machine.figures().next().unwrap();
+    assert!(figures.jobs > 0);
+}
+
 /// Heap calls that one panic may cost.
 const PANIC_HEAP_CALLS: u64 = 2;
 
