@@ -25,6 +25,19 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// Every kind, for those who look one up by its name.
+    pub const ALL: [Kind; 9] = [
+        Kind::F64,
+        Kind::F32,
+        Kind::I64,
+        Kind::U64,
+        Kind::I32,
+        Kind::U32,
+        Kind::I16,
+        Kind::U16,
+        Kind::U8,
+    ];
+
     /// Bytes of one element, which is also its alignment.
     #[must_use]
     pub const fn size(self) -> usize {

@@ -112,5 +112,6 @@ fn the_toolchain_is_pinned_and_the_lock_file_is_public() {
     let manifest = source::read("Cargo.toml");
     none("toolchain", &records::unpinned(&toolchain, &manifest));
     let ignore = source::read(".gitignore");
+    none("build output", &records::taken_output(&ignore));
     none("lock file", &records::lock_file(&source::read("Cargo.lock"), &ignore));
 }

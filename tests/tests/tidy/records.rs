@@ -183,6 +183,15 @@ pub(crate) fn unpinned(toolchain: &str, manifest: &str) -> Vec<String> {
     found
 }
 
+/// Complaints about build output that version control would take in: crates outside the workspace
+/// have folders of their own.
+pub(crate) fn taken_output(ignore: &str) -> Vec<String> {
+    let anywhere = |name: &str| ignore.lines().any(|line| line.trim() == name);
+    let folders = ["target/", "target-*/"];
+    let open = folders.into_iter().filter(|name| !anywhere(name));
+    open.map(|name| format!(".gitignore does not keep {name} out everywhere")).collect()
+}
+
 /// Complaints about a lock file that is ignored or names anything but the public index.
 pub(crate) fn lock_file(lock: &str, ignore: &str) -> Vec<String> {
     let mut found = Vec::new();
@@ -266,6 +275,8 @@ fn a_loose_toolchain_is_seen() {
 #[test]
 fn a_private_source_is_seen() {
     let lock = |source: &str| format!("[[package]]\nname = \"a\"\nsource = \"{source}\"");
+    assert_eq!(taken_output("/target\n/target-*").len(), 2);
+    assert!(taken_output("target/\ntarget-*/\n/out").is_empty());
     assert!(lock_file(&lock(PUBLIC), "/target").is_empty());
     assert_eq!(lock_file(&lock("git+https://a.b/c"), "Cargo.lock").len(), 2);
     assert_eq!(lock_file("version = 4", "").len(), 1);

@@ -55,18 +55,6 @@ struct FieldText {
     array: bool,
 }
 
-const KINDS: [Kind; 9] = [
-    Kind::F64,
-    Kind::F32,
-    Kind::I64,
-    Kind::U64,
-    Kind::I32,
-    Kind::U32,
-    Kind::I16,
-    Kind::U16,
-    Kind::U8,
-];
-
 /// A catalog's words live as long as the program that declared them; here that is this command.
 fn kept(text: String) -> &'static str {
     Box::leak(text.into_boxed_str())
@@ -106,7 +94,8 @@ fn signal_of(signal: SignalText, lanes: usize) -> Result<Signal, String> {
     let damaged = || format!("the description of `{name}` in it is damaged");
     let mut table = Vec::new();
     for FieldText { name: field, kind, count, array } in fields {
-        let kind = KINDS.into_iter().find(|known| known.ros_name() == kind).ok_or_else(damaged)?;
+        let kind =
+            Kind::ALL.into_iter().find(|known| known.ros_name() == kind).ok_or_else(damaged)?;
         if count == 0 || count > size {
             return Err(damaged());
         }

@@ -40,18 +40,6 @@ impl fmt::Display for SchemaError {
 
 impl std::error::Error for SchemaError {}
 
-const KINDS: [Kind; 9] = [
-    Kind::F64,
-    Kind::F32,
-    Kind::I64,
-    Kind::U64,
-    Kind::I32,
-    Kind::U32,
-    Kind::I16,
-    Kind::U16,
-    Kind::U8,
-];
-
 /// No body is longer (bytes): keeps a damaged schema from asking for the whole memory.
 const BODY_MAX: usize = 1 << 24;
 
@@ -136,7 +124,7 @@ fn parse_line(line: &str, end: usize) -> Result<FieldInfo, String> {
             (base, count.ok_or_else(|| format!("`{kind_text}` has no fixed length"))?, true)
         }
     };
-    let kind = KINDS.into_iter().find(|kind| kind.ros_name() == base);
+    let kind = Kind::ALL.into_iter().find(|kind| kind.ros_name() == base);
     let kind = kind.ok_or_else(|| format!("type `{base}` is not a number of fixed size"))?;
     let offset = end.next_multiple_of(kind.size());
     if offset + kind.size() * count > BODY_MAX {
