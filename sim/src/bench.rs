@@ -13,13 +13,17 @@ use crate::carriage::{Carriage, Riding};
 use crate::contact::{PAD_HALF_M, Patch, Reaction, Surface, strips_of_pin};
 use crate::devices::connect;
 use crate::electronics::Converter;
+use crate::fidelity::Integrator;
+use crate::finger::Finger;
 use crate::hand::Hand;
 use crate::pin::Pin;
 use crate::prng::{Prng, Stream};
+use crate::rolling::Rolling;
 use crate::rubber::Rubber;
 use crate::scene::{Invalid, PinConfig, Timing, WorldConfig, invalid};
+use crate::step::{Bench, Method, Work};
 use crate::table::Table;
-use crate::world::{Finger, Rolling, World};
+use crate::world::World;
 
 /// Load at which the stability of the integration is judged (N): four times the rolling task's.
 /// Sixteen times the stiffness at this load is where the integration would break.
@@ -41,7 +45,7 @@ pub fn build(
 ) -> Result<(World, Devices), Invalid> {
     config.check()?;
     timing.check()?;
-    let arm = Arm::new(&config.arm, config.arm_every)?;
+    let arm = Arm::new(&config.arm, config.fidelity.arm, config.arm_every)?;
     let mass_kg = Some(arm.mass_at_tool_kg());
     assemble(config, timing, seed, Finger::Arm(Box::new(arm)), mass_kg)
 }
@@ -74,7 +78,9 @@ fn assemble(
     let table = Table::new(&config.table, config.table_height_mm());
     let rolling = if config.pin.present {
         let rolling = put_pin(config, &table, finger.pose().translation)?;
-        check_step(config, &rolling, finger_kg)?;
+        if config.fidelity.integrator == Integrator::Euler {
+            check_step(config, &rolling, finger_kg)?;
+        }
         Some(Box::new(rolling))
     } else {
         None
@@ -82,14 +88,20 @@ fn assemble(
     let converter = Converter::new(&config.tactile);
     let (ends, devices) =
         connect(timing.actuation_delay, Drive::reference().code_range(), converter.full_scale());
-    let mut world = World {
-        t: Nanos::ZERO,
-        timing: *timing,
-        substep: Nanos((1e3 * config.substep_us).round() as i64),
-        power_on: Nanos((1e9 * config.arm.power_on_s).round() as i64),
+    let bench = Bench {
+        method: method(config, &finger)?,
         finger,
         rolling,
         table,
+        substep: Nanos((1e3 * config.substep_us).round() as i64),
+        error_m: 0.0,
+        work: Work::default(),
+    };
+    let mut world = World {
+        t: Nanos::ZERO,
+        timing: *timing,
+        power_on: Nanos((1e9 * config.arm.power_on_s).round() as i64),
+        bench,
         converter,
         noise: Prng::new(seed, Stream::TactileNoise),
         ends,
@@ -103,6 +115,19 @@ fn assemble(
     };
     world.latch();
     Ok((world, devices))
+}
+
+/// The integrator for what is on the bench.
+fn method(config: &WorldConfig, finger: &Finger) -> Result<Method, Invalid> {
+    let free = matches!(finger, Finger::Arm(arm) if arm.is_smooth());
+    let smooth = free && !config.pin.present;
+    let integrator = config.fidelity.integrator;
+    if integrator == Integrator::Rk4 && !smooth {
+        let what = "is rk4, but something touches or rubs".to_owned();
+        let remedy = "say auto, or take the pin away and say arm = \"rigid\"";
+        return Err(invalid("fidelity.integrator", what, remedy));
+    }
+    Ok(Method::of(integrator, smooth))
 }
 
 /// The pin on the table, sunk in until the rubber carries its weight.

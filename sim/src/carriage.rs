@@ -3,9 +3,11 @@
 //! Refuses turning: the orientation is fixed.
 
 use glam::{DMat3, DVec3};
-use taktil_mechanics::Pose;
 use taktil_mechanics::spatial::stack;
+use taktil_mechanics::{Joints, Matrix6, Pose};
 
+use crate::arm::Rub;
+use crate::finger::{Ahead, Swing};
 use crate::hash::Hash;
 use crate::scene::{Invalid, invalid};
 
@@ -39,6 +41,8 @@ pub(crate) struct Riding {
     t_s: f64,
     pose: Pose,
     velocity: DVec3,
+    /// Height and its speed in the first place, when it floats.
+    pub(crate) now: Swing,
 }
 
 impl Carriage {
@@ -90,14 +94,16 @@ impl Riding {
     pub(crate) fn new(plan: Carriage) -> Riding {
         let (place, velocity) = plan.at(0.0);
         let pose = Pose::new(plan.axes, place);
-        Riding { plan, t_s: 0.0, pose, velocity }
+        let mut now = Swing::default();
+        (now.q[0], now.qd[0]) = (place.z, velocity.z);
+        Riding { plan, t_s: 0.0, pose, velocity, now }
     }
 
     pub(crate) fn pose(&self) -> &Pose {
         &self.pose
     }
 
-    pub(crate) fn twist(&self) -> taktil_mechanics::Joints {
+    pub(crate) fn twist(&self) -> Joints {
         stack(self.velocity, DVec3::ZERO)
     }
 
@@ -106,16 +112,49 @@ impl Riding {
         self.plan.float.map(|float| float.mass_kg)
     }
 
+    /// One explicit step under a force on the finger.
     pub(crate) fn step(&mut self, h: f64, force: DVec3) {
-        self.t_s += h;
-        let (mut place, mut velocity) = self.plan.at(self.t_s);
         if let Some(float) = self.plan.float {
-            let push = force.z - float.load_n - float.damping_n_s_m * self.velocity.z;
-            velocity.z = self.velocity.z + h * push / float.mass_kg;
-            place.z = self.pose.translation.z + h * velocity.z;
+            let push = force.z - float.load_n - float.damping_n_s_m * self.now.qd[0];
+            self.now.qd[0] += h * push / float.mass_kg;
+            self.now.q[0] += h * self.now.qd[0];
         }
-        self.pose.translation = place;
-        self.velocity = velocity;
+        self.settle(self.t_s + h);
+    }
+
+    /// Place and velocity for the present height at `t_s`.
+    pub(crate) fn settle(&mut self, t_s: f64) {
+        self.t_s = t_s;
+        let (mut place, mut velocity) = self.plan.at(t_s);
+        if self.plan.float.is_some() {
+            (place.z, velocity.z) = (self.now.q[0], self.now.qd[0]);
+        }
+        (self.pose.translation, self.velocity) = (place, velocity);
+    }
+
+    /// See [`Ahead`]: one degree of freedom when it floats, none when it does not.
+    pub(crate) fn ahead(&self, base: &Swing, guess: &Joints, h: f64, end_s: f64) -> Ahead {
+        let (mut place, mut velocity) = self.plan.at(end_s);
+        let Some(float) = self.plan.float else {
+            let pose = Pose::new(self.plan.axes, place);
+            return Ahead::fixed(pose, stack(velocity, DVec3::ZERO));
+        };
+        (place.z, velocity.z) = (base.q[0] + h * guess[0], 0.0);
+        let pose = Pose::new(self.plan.axes, place);
+        let mut ahead = Ahead::fixed(pose, stack(velocity, DVec3::ZERO));
+        ahead.degrees = 1;
+        ahead.inertia[(0, 0)] = float.mass_kg;
+        ahead.push[0] = -float.load_n;
+        ahead.jacobian = Matrix6::zeros();
+        ahead.jacobian[(2, 0)] = 1.0;
+        ahead.guess = *guess;
+        ahead
+    }
+
+    /// The guide's friction.
+    pub(crate) fn rub(&self, speed: f64) -> Rub {
+        let slope = self.plan.float.map_or(0.0, |float| float.damping_n_s_m);
+        Rub { torque_nm: slope * speed, slope, bristle_rad: 0.0 }
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {

@@ -10,7 +10,8 @@
 //! (the force stays, `xi` shrinks); the force is returned to Coulomb's cone when it leaves it.
 
 use glam::DVec3;
-use taktil_mechanics::Pose;
+use taktil_mechanics::spatial::split;
+use taktil_mechanics::{Joints, Pose};
 
 use crate::hash::Hash;
 use crate::pin::Pin;
@@ -45,6 +46,14 @@ pub struct Surface {
     pub spin: DVec3,
 }
 
+impl Surface {
+    /// The face of a pad with a frame and a twist of its origin.
+    pub(crate) fn of_pad(pose: &Pose, twist: &Joints) -> Surface {
+        let (velocity, spin) = split(twist);
+        Surface { origin: pose.translation, normal: pose.rotation.z_axis, velocity, spin }
+    }
+}
+
 /// The pin's generatrix nearest to a surface and everything that varies linearly along it: pairs of
 /// (value at s = 0, change per metre of s), s along the pin's axis from its centre.
 #[derive(Clone, Copy, Debug)]
@@ -52,13 +61,13 @@ pub(crate) struct Line {
     /// The generatrix at s = 0 (m).
     pub(crate) foot: DVec3,
     /// From the pin's centre to there (m).
-    radius: DVec3,
+    pub(crate) radius: DVec3,
     pub(crate) axis: DVec3,
-    normal: DVec3,
+    pub(crate) normal: DVec3,
     /// Rolling direction in the surface.
     pub(crate) across: DVec3,
     /// The axis laid into the surface.
-    along: DVec3,
+    pub(crate) along: DVec3,
     height: (f64, f64),
     closing: (f64, f64),
     creep_across: (f64, f64),
@@ -168,9 +177,9 @@ pub(crate) fn strips_of_pad(line: &Line, pad: &Pose, pin_length_m: f64) -> [Stri
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Slice {
     /// Mean deflection of the bristles, across and along (m).
-    brush: (f64, f64),
+    pub(crate) brush: (f64, f64),
     /// Their stiffness (N/m).
-    shear_n_m: f64,
+    pub(crate) shear_n_m: f64,
     /// Normal force (N).
     pub(crate) load_n: f64,
     /// Penetration (m).
@@ -207,7 +216,31 @@ pub(crate) struct Patch {
     pub(crate) rubber: Rubber,
     friction: f64,
     rolling_m: f64,
+    /// What the rows carry over their plane solutions.
+    pub(crate) lean: Lean,
     pub(crate) slices: [Slice; SLICES],
+}
+
+/// A factor that varies linearly along the pin's axis: at its middle and per metre.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Lean(pub(crate) f64, pub(crate) f64);
+
+impl Lean {
+    /// Rows on their own.
+    pub(crate) const NONE: Lean = Lean(1.0, 0.0);
+
+    fn at(self, s_m: f64) -> f64 {
+        (self.0 + self.1 * s_m).max(0.0)
+    }
+}
+
+/// How a reaction depends on the motion that a step ends with: per direction (normal, across,
+/// along) the sums over the slices of w, w s and w s^2, w being the force per speed of approach
+/// (N s/m) and s the place along the axis (m); and the moment per spin of rolling (N m s/rad).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Tangent {
+    pub(crate) weights: [[f64; 3]; 3],
+    pub(crate) rolling: f64,
 }
 
 /// What the bristles of one slice obey.
@@ -223,11 +256,26 @@ struct Sums {
     force: [f64; 3],
     lever: [f64; 3],
     slip_m_s: f64,
+    tangent: Tangent,
+}
+
+impl Sums {
+    fn add(&mut self, s_m: f64, force: [f64; 3], weights: [f64; 3]) {
+        for i in 0..3 {
+            self.force[i] += force[i];
+            self.lever[i] += s_m * force[i];
+            let row = &mut self.tangent.weights[i];
+            row[0] += weights[i];
+            row[1] += s_m * weights[i];
+            row[2] += s_m * s_m * weights[i];
+        }
+    }
 }
 
 impl Patch {
     pub(crate) fn new(rubber: Rubber, friction: f64, rolling_m: f64) -> Patch {
-        Patch { rubber, friction, rolling_m, slices: [Slice::default(); SLICES] }
+        let lean = Lean::NONE;
+        Patch { rubber, friction, rolling_m, lean, slices: [Slice::default(); SLICES] }
     }
 
     /// Nothing touches: bristles spring back.
@@ -236,8 +284,14 @@ impl Patch {
         Reaction::default()
     }
 
-    /// Moves the bristles on by `h` seconds and returns the forces. With `h` = 0 only the forces.
-    pub(crate) fn act(&mut self, line: &Line, strips: &[Strip; SLICES], h: f64) -> Reaction {
+    /// Moves the bristles on by `h` seconds and returns the forces, and how they depend on the
+    /// motion if `line` is that of the step's end. With `h` = 0 only the forces.
+    pub(crate) fn act(
+        &mut self,
+        line: &Line,
+        strips: &[Strip; SLICES],
+        h: f64,
+    ) -> (Reaction, Tangent) {
         let mut sums = Sums::default();
         for (slice, strip) in self.slices.iter_mut().zip(strips) {
             let delta_m = -linear(line.height, strip.s_m);
@@ -248,27 +302,35 @@ impl Patch {
             slice.strip = *strip;
             let response = self.rubber.at(delta_m);
             slice.delta_m = delta_m;
-            slice.press(&response, self.rubber.relaxation_s, line);
+            let lean = self.lean.at(strip.s_m);
+            let w_n = slice.press(&response, lean, self.rubber.relaxation_s, line, h);
             let grip = Grip {
                 half_width_m: response.half_width_m.max(HALF_WIDTH_MIN_M),
                 relaxation_s: self.rubber.relaxation_s,
                 friction: self.friction,
             };
-            slice.shear(&grip, line, h, &mut sums);
+            let (force, weights, slip_m_s) = slice.shear(&grip, line, h);
+            sums.slip_m_s = sums.slip_m_s.max(slip_m_s);
+            let force = [slice.load_n, force.0, force.1];
+            sums.add(strip.s_m, force, [w_n, weights.0, weights.1]);
         }
         let [normal, across, along] = sums.force;
-        let resistance =
-            self.rolling_m * normal * (line.roll / ROLLING_SPIN_RAD_S).clamp(-1.0, 1.0);
+        let turning = (line.roll / ROLLING_SPIN_RAD_S).clamp(-1.0, 1.0);
+        let most = self.rolling_m * normal;
+        if turning.abs() < 1.0 {
+            sums.tangent.rolling = most / ROLLING_SPIN_RAD_S;
+        }
         let frame = |v: [f64; 3]| v[0] * line.normal + v[1] * line.across + v[2] * line.along;
         let force = frame(sums.force);
         let moment = line.radius.cross(force) + line.axis.cross(frame(sums.lever));
-        Reaction {
+        let reaction = Reaction {
             force,
-            moment: moment - resistance * line.along,
+            moment: moment - most * turning * line.along,
             normal_n: normal,
             tangential_n: (across, along),
             slip_m_s: sums.slip_m_s,
-        }
+        };
+        (reaction, sums.tangent)
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {
@@ -279,45 +341,57 @@ impl Patch {
 }
 
 impl Slice {
-    /// Normal load and the stiffness of the bristles at a penetration.
-    fn press(&mut self, response: &Response, relaxation_s: f64, line: &Line) {
-        let length_m = self.strip.width_m * self.strip.cover;
+    /// Normal load and the stiffness of the bristles at a penetration, `lean` times what the table
+    /// says; returns the load's change per speed of approach over a step of `h`.
+    fn press(
+        &mut self,
+        response: &Response,
+        lean: f64,
+        relaxation_s: f64,
+        line: &Line,
+        h: f64,
+    ) -> f64 {
+        let length_m = self.strip.width_m * self.strip.cover * lean;
         let rate = linear(line.closing, self.strip.s_m);
         let damping_n_m = response.stiffness_n_m2 * relaxation_s * rate;
-        self.load_n = ((response.load_n_m + damping_n_m) * length_m).max(0.0);
+        let load_n = (response.load_n_m + damping_n_m) * length_m;
+        self.load_n = load_n.max(0.0);
         let shear_n_m = response.shear_n_m2 * length_m;
         if shear_n_m > self.shear_n_m {
             let kept = self.shear_n_m / shear_n_m;
             self.brush = (self.brush.0 * kept, self.brush.1 * kept);
         }
         self.shear_n_m = shear_n_m;
+        if load_n > 0.0 { response.stiffness_n_m2 * length_m * (h + relaxation_s) } else { 0.0 }
     }
 
-    /// Tangential force of the bristles.
-    fn shear(&mut self, grip: &Grip, line: &Line, h: f64, sums: &mut Sums) {
+    /// Tangential force of the bristles (across, along), its change per speed, the speed of sliding
+    /// (0 when it sticks).
+    fn shear(&mut self, grip: &Grip, line: &Line, h: f64) -> ((f64, f64), (f64, f64), f64) {
         let s = self.strip.s_m;
         let creep = (linear(line.creep_across, s), linear(line.creep_along, s));
         let travel = linear(line.travel, s).abs();
         let keep = grip.half_width_m / (grip.half_width_m + h * travel);
         self.brush = ((self.brush.0 + h * creep.0) * keep, (self.brush.1 + h * creep.1) * keep);
         let damping = grip.relaxation_s;
-        let mut force = (
+        let force = (
             -self.shear_n_m * (self.brush.0 + damping * creep.0),
             -self.shear_n_m * (self.brush.1 + damping * creep.1),
         );
+        let weight = self.shear_n_m * (h * keep + damping);
         let limit = grip.friction * self.load_n;
         let size2 = force.0 * force.0 + force.1 * force.1;
-        if size2 > limit * limit {
-            let scale = limit / size2.sqrt();
-            force = (force.0 * scale, force.1 * scale);
-            let per_force = if self.shear_n_m > 0.0 { -1.0 / self.shear_n_m } else { 0.0 };
-            self.brush = (force.0 * per_force, force.1 * per_force);
-            let speed2 = creep.0 * creep.0 + creep.1 * creep.1;
-            sums.slip_m_s = sums.slip_m_s.max(speed2.sqrt());
+        if size2 <= limit * limit {
+            return (force, (weight, weight), 0.0);
         }
-        for (i, f) in [self.load_n, force.0, force.1].into_iter().enumerate() {
-            sums.force[i] += f;
-            sums.lever[i] += s * f;
-        }
+        let scale = limit / size2.sqrt();
+        let slid = (force.0 * scale, force.1 * scale);
+        let per_force = if self.shear_n_m > 0.0 { -1.0 / self.shear_n_m } else { 0.0 };
+        self.brush = (slid.0 * per_force, slid.1 * per_force);
+        let speed2 = creep.0 * creep.0 + creep.1 * creep.1;
+        // Only the direction of a sliding force depends on the motion.
+        let part = weight * scale;
+        let turns = |f: f64| part * (1.0 - f * f / size2);
+        (slid, (turns(force.0), turns(force.1)), speed2.sqrt())
     }
 }

@@ -35,6 +35,13 @@ impl Hand {
         self.holding &= finger_n < self.until_n;
     }
 
+    /// How force and moment depend on the speeds that a step of `h` seconds ends with (N s/m,
+    /// N m s/rad).
+    pub(crate) fn tangent(&self, pin: &Pin, h: f64) -> (f64, f64) {
+        let weight = pin.mass_kg * GRIP_RAD_S * (GRIP_RAD_S * h + 2.0);
+        (weight, pin.radius_m * pin.radius_m * weight)
+    }
+
     /// Force and moment (about the centre) on the pin.
     pub(crate) fn grip(&self, pin: &Pin, axes: &DMat3, surface: &Surface) -> (DVec3, DVec3) {
         let stiffness = pin.mass_kg * GRIP_RAD_S * GRIP_RAD_S;

@@ -57,6 +57,40 @@ impl Pin {
         (along, across)
     }
 
+    /// Inertia about the centre in base axes (kg m^2) with the axis where it is.
+    #[must_use]
+    pub(crate) fn inertia(&self) -> DMat3 {
+        let (along, across) = self.inertia_kg_m2();
+        let (a, rest) = (self.axis(), along - across);
+        let outer = DMat3::from_cols(a * a.x, a * a.y, a * a.z);
+        DMat3::from_diagonal(DVec3::splat(across)) + outer * rest
+    }
+
+    /// Angular momentum about the centre (kg m^2/s).
+    #[must_use]
+    pub(crate) fn angular_momentum(&self) -> DVec3 {
+        let (along, across) = self.inertia_kg_m2();
+        let a = self.axis();
+        across * self.spin + (along - across) * a.dot(self.spin) * a
+    }
+
+    /// Place and direction after `h` seconds at a velocity and a spin, which it has then.
+    #[must_use]
+    pub(crate) fn carried(&self, velocity: DVec3, spin: DVec3, h: f64) -> Pin {
+        let half = 0.5 * h * spin;
+        let turn = DQuat::from_xyzw(half.x, half.y, half.z, 1.0);
+        let orientation = (turn * self.orientation).normalize();
+        let axis = orientation * DVec3::Y;
+        Pin {
+            position: self.position + h * velocity,
+            orientation,
+            velocity,
+            spin,
+            roll_rad: self.roll_rad + h * spin.dot(axis),
+            ..*self
+        }
+    }
+
     /// Translational and rotational energy of motion (J).
     #[must_use]
     pub(crate) fn kinetic_j(&self) -> f64 {
@@ -75,13 +109,7 @@ impl Pin {
         let torque = moment - (along - across) * roll * self.spin.cross(axis);
         let torque_along = torque.dot(axis);
         let change = torque / across + (1.0 / along - 1.0 / across) * torque_along * axis;
-        self.velocity += h / self.mass_kg * force;
-        self.spin += h * change;
-        self.position += h * self.velocity;
-        self.roll_rad += h * self.spin.dot(axis);
-        let half = 0.5 * h * self.spin;
-        let turn = DQuat::from_xyzw(half.x, half.y, half.z, 1.0);
-        self.orientation = (turn * self.orientation).normalize();
+        *self = self.carried(self.velocity + h / self.mass_kg * force, self.spin + h * change, h);
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {

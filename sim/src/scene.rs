@@ -7,6 +7,8 @@ use core::fmt;
 use serde::Deserialize;
 use taktil_hal::Nanos;
 
+use crate::fidelity::FidelityConfig;
+
 /// A value that cannot be simulated: where it stands, what is wrong, what to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Invalid {
@@ -82,10 +84,13 @@ pub struct WorldConfig {
     pub table: TableConfig,
     /// The tactile array's electronics.
     pub tactile: TactileConfig,
+    /// How faithful each part is.
+    pub fidelity: FidelityConfig,
     /// Longest integration step (us); each interval between two events is divided evenly into
-    /// steps no longer than this. Default 80.
+    /// steps no longer than this. Default 1250.
     pub substep_us: f64,
-    /// Inertia, bias torques and Jacobian of the arm are evaluated every so many steps. Default 4.
+    /// With the integrator `euler`, inertia, bias torques and Jacobian of the arm are evaluated
+    /// every so many steps. Default 4.
     pub arm_every: u32,
 }
 
@@ -259,7 +264,8 @@ impl Default for WorldConfig {
             pin: PinConfig::default(),
             table: TableConfig::default(),
             tactile: TactileConfig::default(),
-            substep_us: 80.0,
+            fidelity: FidelityConfig::default(),
+            substep_us: 1250.0,
             arm_every: 4,
         }
     }
@@ -368,7 +374,7 @@ impl WorldConfig {
         self.pin.check()?;
         self.table.check()?;
         self.tactile.check()?;
-        within("substep_us", self.substep_us, 1.0, 1000.0)?;
+        within("substep_us", self.substep_us, 1.0, 1e5)?;
         within("arm_every", f64::from(self.arm_every), 1.0, 64.0)
     }
 }

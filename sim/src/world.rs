@@ -7,126 +7,29 @@
 //! is divided evenly into steps of at most `substep_us`; the state therefore depends on how time
 //! is divided among the calls, in the last bits only, and repeats exactly when they repeat.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use taktil_hal::{CHANNELS, Counts, LinesIn, LinesOut, Nanos};
 use taktil_mechanics::spatial::{split, stack};
-use taktil_mechanics::{Joints, Pose, dynamics::GRAVITY_M_S2};
+use taktil_mechanics::{Joints, dynamics::GRAVITY_M_S2};
 
-use crate::arm::Arm;
-use crate::carriage::Riding;
-use crate::contact::{Line, Patch, Reaction, SLICES, Strip, Surface, strips_of_pad};
+use crate::contact::{Patch, Reaction};
 use crate::devices::{LONGEST_SILENCE, Scan, WorldEnds};
 use crate::electronics::{Converter, base_forces, currents, gauges};
-use crate::hand::Hand;
+use crate::finger::Finger;
 use crate::hash::Hash;
 use crate::pin::Pin;
 use crate::prng::Prng;
 use crate::scene::Timing;
-use crate::table::Table;
+use crate::step::{Bench, Work};
 use crate::truth::{Truth, contact_x_tactels, yaw_and_tilt};
-
-/// What holds the fingertip.
-#[derive(Clone, Debug)]
-pub(crate) enum Finger {
-    Arm(Box<Arm>),
-    Carriage(Box<Riding>),
-}
-
-impl Finger {
-    pub(crate) fn pose(&self) -> &Pose {
-        match self {
-            Finger::Arm(arm) => arm.pose(),
-            Finger::Carriage(riding) => riding.pose(),
-        }
-    }
-
-    fn twist(&self) -> Joints {
-        match self {
-            Finger::Arm(arm) => arm.twist(),
-            Finger::Carriage(riding) => riding.twist(),
-        }
-    }
-
-    fn step(&mut self, h: f64, wrench: &Joints) {
-        match self {
-            Finger::Arm(arm) => arm.step(h, wrench),
-            Finger::Carriage(riding) => riding.step(h, split(wrench).0),
-        }
-    }
-
-    fn surface(&self) -> Surface {
-        let (pose, (velocity, spin)) = (self.pose(), split(&self.twist()));
-        Surface { origin: pose.translation, normal: pose.rotation.z_axis, velocity, spin }
-    }
-}
-
-/// The pin with both its contacts.
-#[derive(Clone, Debug)]
-pub(crate) struct Rolling {
-    pub(crate) pin: Pin,
-    pub(crate) pad: Patch,
-    pub(crate) bed: Patch,
-    pub(crate) bed_strips: [Strip; SLICES],
-    pub(crate) hand: Hand,
-    pub(crate) released: Option<Nanos>,
-    /// Latest forces of finger and table on the pin.
-    pub(crate) by_finger: Reaction,
-    pub(crate) by_table: Reaction,
-    /// Cosine between the sensor's x and the rolling direction at the latest evaluation.
-    pub(crate) across: f64,
-}
-
-impl Rolling {
-    /// Evaluates both contacts and moves their bristles on by `h` seconds.
-    fn touch(&mut self, table: &Surface, pad: &Pose, finger: &Surface, h: f64) {
-        let axis = self.pin.axis();
-        self.by_table = match Line::between(&self.pin, axis, table) {
-            Some(line) => self.bed.act(&line, &self.bed_strips, h),
-            None => self.bed.release(),
-        };
-        self.by_finger = match Line::between(&self.pin, axis, finger) {
-            Some(line) => {
-                self.across = line.across.dot(pad.rotation.x_axis).abs();
-                let strips = strips_of_pad(&line, pad, self.pin.length_m);
-                self.pad.act(&line, &strips, h)
-            }
-            None => self.pad.release(),
-        };
-    }
-
-    /// Moves the pin on and returns the wrench on the tool about the tool point (base axes).
-    fn step(&mut self, axes: &DMat3, table: &Surface, tool: DVec3, h: f64) -> Joints {
-        let (finger, bed) = (&self.by_finger, &self.by_table);
-        let weight = DVec3::new(0.0, 0.0, -self.pin.mass_kg * GRAVITY_M_S2);
-        let (mut force, mut moment) =
-            (finger.force + bed.force + weight, finger.moment + bed.moment);
-        if self.hand.holding {
-            let (grip, twist) = self.hand.grip(&self.pin, axes, table);
-            force += grip;
-            moment += twist;
-        }
-        let wrench = self.wrench(tool);
-        let axis = self.pin.axis();
-        self.pin.step(h, axis, force, moment);
-        wrench
-    }
-
-    fn wrench(&self, tool: DVec3) -> Joints {
-        let moment = self.by_finger.moment_about(tool, self.pin.position);
-        stack(-self.by_finger.force, -moment)
-    }
-}
 
 /// Everything that stands on the bench. Built by [`build`](crate::build).
 #[derive(Debug)]
 pub struct World {
     pub(crate) t: Nanos,
     pub(crate) timing: Timing,
-    pub(crate) substep: Nanos,
     pub(crate) power_on: Nanos,
-    pub(crate) finger: Finger,
-    pub(crate) rolling: Option<Box<Rolling>>,
-    pub(crate) table: Table,
+    pub(crate) bench: Bench,
     pub(crate) converter: Converter,
     pub(crate) noise: Prng,
     pub(crate) ends: WorldEnds,
@@ -152,7 +55,7 @@ impl World {
         while self.t < to {
             self.take_words();
             let next = self.next_event().min(to);
-            self.integrate(next);
+            self.bench.integrate(self.t, next);
             self.t = next;
             self.latch();
         }
@@ -168,6 +71,19 @@ impl World {
     #[must_use]
     pub fn digital_out(&self) -> LinesOut {
         self.orders
+    }
+
+    /// What the physics was asked to do since the start.
+    #[must_use]
+    pub fn work(&self) -> Work {
+        self.bench.work
+    }
+
+    /// Largest difference of place between a step and its embedded method of lower order (m); 0
+    /// for integrators without one.
+    #[must_use]
+    pub fn step_error_m(&self) -> f64 {
+        self.bench.error_m
     }
 
     /// Values that could not be handed to the devices because nobody took the earlier ones.
@@ -201,7 +117,7 @@ impl World {
             self.orders = LinesOut { watchdog_feed, ..LinesOut::SAFE };
         }
         let powered = self.powered();
-        if let Finger::Arm(arm) = &mut self.finger {
+        if let Finger::Arm(arm) = &mut self.bench.finger {
             arm.enabled = self.orders.enable && powered;
             arm.braked = !(self.orders.brake_release && powered);
             arm.drive(self.codes);
@@ -227,42 +143,13 @@ impl World {
         later.min().unwrap_or(Nanos::MAX)
     }
 
-    fn integrate(&mut self, to: Nanos) {
-        let span = to - self.t;
-        let steps = (span.0 + self.substep.0 - 1) / self.substep.0;
-        let h = span.as_secs_f64() / steps as f64;
-        let start_s = self.t.as_secs_f64();
-        for i in 0..steps {
-            self.step(start_s + h * i as f64, h);
-        }
-    }
-
-    fn step(&mut self, t_s: f64, h: f64) {
-        let mut wrench = Joints::zeros();
-        if let Some(rolling) = &mut self.rolling {
-            let (_, axes, table) = self.table.at(t_s);
-            let surface = self.finger.surface();
-            rolling.touch(&table, self.finger.pose(), &surface, h);
-            let held = rolling.hand.holding;
-            rolling.hand.feel(rolling.by_finger.normal_n);
-            if held && !rolling.hand.holding {
-                rolling.released = Some(self.t);
-            }
-            wrench = rolling.step(&axes, &table, surface.origin, h);
-        }
-        self.finger.step(h, &wrench);
-    }
-
     /// Samples whatever is due now.
     pub(crate) fn latch(&mut self) {
         let (control, scan) = (self.t >= self.next_control, self.t >= self.next_scan);
         if !control && !scan {
             return;
         }
-        if let Some(rolling) = &mut self.rolling {
-            let (_, _, table) = self.table.at(self.t.as_secs_f64());
-            rolling.touch(&table, self.finger.pose(), &self.finger.surface(), 0.0);
-        }
+        self.bench.feel(self.t.as_secs_f64());
         if control {
             self.latch_control();
             self.next_control += self.timing.control_period;
@@ -276,7 +163,7 @@ impl World {
     fn latch_control(&mut self) {
         let mut counts = [Counts(0); CHANNELS];
         let mut flowing = [0; CHANNELS];
-        if let Finger::Arm(arm) = &self.finger {
+        if let Finger::Arm(arm) = &self.bench.finger {
             for (slot, count) in counts.iter_mut().zip(arm.counts()) {
                 *slot = Counts(count);
             }
@@ -293,7 +180,7 @@ impl World {
     }
 
     fn latch_scan(&mut self) {
-        let forces = match &self.rolling {
+        let forces = match &self.bench.rolling {
             Some(rolling) => base_forces(&rolling.pad, rolling.across),
             None => [0.0; taktil_hal::MAX_TACTELS],
         };
@@ -305,10 +192,10 @@ impl World {
 
     /// Wrench on the tool about the tool point in tool axes.
     fn tool_wrench(&self) -> Joints {
-        let Some(rolling) = &self.rolling else {
+        let Some(rolling) = &self.bench.rolling else {
             return Joints::zeros();
         };
-        let pose = self.finger.pose();
+        let pose = self.bench.finger.pose();
         let (force, moment) = split(&rolling.wrench(pose.translation));
         let back = pose.rotation.transpose();
         stack(back * force, back * moment)
@@ -317,12 +204,12 @@ impl World {
     /// What really happens now.
     #[must_use]
     pub fn truth(&self) -> Truth {
-        let (pose, twist) = (self.finger.pose(), split(&self.finger.twist()));
-        let (arm_q, arm_qd, arm_j, enabled, braked) = match &self.finger {
-            Finger::Arm(arm) => (arm.q, arm.qd, arm.energy_j(), arm.enabled, arm.braked),
+        let (pose, twist) = (self.bench.finger.pose(), split(&self.bench.finger.twist()));
+        let (arm_q, arm_qd, arm_j, enabled, braked) = match &self.bench.finger {
+            Finger::Arm(arm) => (arm.now.q, arm.now.qd, arm.energy_j(), arm.enabled, arm.braked),
             Finger::Carriage(_) => (Joints::zeros(), Joints::zeros(), 0.0, false, true),
         };
-        let rolling = self.rolling.as_deref();
+        let rolling = self.bench.rolling.as_deref();
         let pin = rolling.map(|r| &r.pin);
         let finger = rolling.map_or(Reaction::default(), |r| r.by_finger);
         let bed = rolling.map_or(Reaction::default(), |r| r.by_table);
@@ -356,7 +243,7 @@ impl World {
             table_slip_m_s: bed.slip_m_s,
             in_contact: finger.normal_n > 0.0,
             beyond_small_strain: rolling.is_some_and(|r| deep(&r.pad) || deep(&r.bed)),
-            table: self.table.at(self.t.as_secs_f64()).0,
+            table: self.bench.table.at(self.t.as_secs_f64()).0,
             steadied: rolling.is_some_and(|r| r.hand.holding),
             released: rolling.and_then(|r| r.released),
             enabled,
@@ -370,16 +257,7 @@ impl World {
     pub fn state_hash(&self) -> u64 {
         let mut hash = Hash::default();
         hash.word(self.t.0.cast_unsigned());
-        match &self.finger {
-            Finger::Arm(arm) => arm.digest(&mut hash),
-            Finger::Carriage(riding) => riding.digest(&mut hash),
-        }
-        if let Some(rolling) = &self.rolling {
-            rolling.pin.digest(&mut hash);
-            rolling.pad.digest(&mut hash);
-            rolling.bed.digest(&mut hash);
-            hash.word(u64::from(rolling.hand.holding));
-        }
+        self.bench.digest(&mut hash);
         for code in self.codes {
             hash.word(u64::from(code.cast_unsigned()));
         }

@@ -4,6 +4,7 @@ mod common;
 
 use common::{at, bench, load_of, meeting_height, nominal, over, seconds, stroke};
 use glam::DVec3;
+use taktil_sim::fidelity::Integrator;
 use taktil_sim::{Carriage, WorldConfig};
 
 const G: f64 = 9.81;
@@ -132,9 +133,10 @@ fn a_rolling_pin_left_alone_does_not_speed_up() {
 }
 
 #[test]
-fn halving_the_step_halves_the_error() {
-    let run = |substep_us: f64| {
-        let config = WorldConfig { substep_us, ..WorldConfig::default() };
+fn steps_converge_with_the_order_of_their_integrator() {
+    let run = |integrator, substep_us: f64| {
+        let mut config = WorldConfig { substep_us, ..WorldConfig::default() };
+        config.fidelity.integrator = integrator;
         let z = meeting_height(&config) + 1e-4;
         let knots = vec![(0.05, over(z)), (0.25, over(z) + DVec3::new(0.004, 0.0, 0.0))];
         let (mut world, _devices) =
@@ -142,19 +144,23 @@ fn halving_the_step_halves_the_error() {
         world.advance(seconds(0.15));
         world.truth()
     };
-    let exact = run(80.0 / 64.0);
-    let error = |us: f64| {
-        let truth = run(us);
-        let place = (truth.pin - exact.pin).length();
-        (place, (truth.finger_normal_n - exact.finger_normal_n).abs())
+    let exact = run(Integrator::Implicit, 10.0);
+    let errors = |integrator, steps_us: [f64; 3]| {
+        steps_us.map(|us| {
+            let truth = run(integrator, us);
+            let place = (truth.pin - exact.pin).length();
+            (place, (truth.finger_normal_n - exact.finger_normal_n).abs())
+        })
     };
-    let errors = [80.0, 40.0, 20.0, 10.0].map(error);
-    println!("step error: place (m), force (N) at 80, 40, 20, 10 us: {errors:?}");
-    for pair in errors.windows(2) {
-        let order = pair[0].0 / pair[1].0;
-        assert!((1.6..2.8).contains(&order), "place: {errors:?}");
+    let euler = errors(Integrator::Euler, [80.0, 40.0, 20.0]);
+    println!("euler at 80, 40, 20 us: place (m), force (N) {euler:?}");
+    for pair in euler.windows(2) {
+        assert!((1.6..2.8).contains(&(pair[0].0 / pair[1].0)), "place: {euler:?}");
     }
-    assert!(errors[0].0 < 2e-6 && errors[0].1 < 1e-6, "{errors:?}");
+    assert!(euler[0].0 < 2e-6 && euler[0].1 < 1e-6, "{euler:?}");
+    let implicit = errors(Integrator::Implicit, [1250.0, 625.0, 312.5]);
+    println!("implicit at 1250, 625, 312.5 us: place (m), force (N) {implicit:?}");
+    assert!(implicit[1].0 < 1e-7 && implicit[1].1 < 1e-4, "{implicit:?}");
 }
 
 #[test]

@@ -1,0 +1,80 @@
+//! The arm against whole motions that were computed elsewhere, to 1e-6 rad.
+
+use core::f64::consts::TAU;
+use std::path::PathBuf;
+
+use super::*;
+
+/// Rows of a reference run: time, angles, speeds.
+fn run_of(name: &str) -> Vec<(f64, Joints, Joints)> {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/kinematics");
+    let text = std::fs::read_to_string(path.join(name)).expect("the fixture is there");
+    let row = |line: &str| {
+        let n: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+        let six = |from: usize| Joints::from_fn(|i, _| n[from + i]);
+        (n[0], six(1), six(7))
+    };
+    text.lines().skip(1).map(row).collect()
+}
+
+fn list(table: &toml::Table, key: &str) -> Joints {
+    let values = table[key].as_array().expect("a list");
+    let number = |v: &toml::Value| v.as_float().unwrap_or(0.0);
+    Joints::from_fn(|i, _| number(&values[i]))
+}
+
+/// Largest error of an angle (rad) when the run is followed with steps of `h`.
+fn follow(
+    name: &str,
+    model: ArmModel,
+    h: f64,
+    mut torque: impl FnMut(f64, &Joints, &Joints) -> Joints,
+) -> f64 {
+    let rows = run_of(name);
+    let config = ArmConfig { coulomb_scale: 0.0, ..ArmConfig::default() };
+    let mut arm = Arm::new(&config, model, 1).unwrap();
+    (arm.braked, arm.now.q, arm.now.qd) = (false, rows[0].1, rows[0].2);
+    let mut worst = 0.0_f64;
+    for pair in rows.windows(2) {
+        let steps = ((pair[1].0 - pair[0].0) / h).round();
+        for i in 0..steps as u32 {
+            arm.swing_under(pair[0].0 + h * f64::from(i), h, &mut torque);
+        }
+        worst = worst.max((arm.now.q - pair[1].1).amax());
+    }
+    worst
+}
+
+#[test]
+fn the_passive_reference_is_met_at_servo_steps_and_below() {
+    for (h, bar) in [(2.5e-3, 1e-6), (1e-3, 1e-7)] {
+        let worst = follow("sim_passive.csv", ArmModel::Rigid, h, |_, _, _| Joints::zeros());
+        println!("passive, {h} s: {worst:.1e} rad");
+        assert!(worst < bar, "{worst:e}");
+    }
+}
+
+#[test]
+fn the_driven_reference_is_met_at_servo_steps_and_below() {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/kinematics");
+    let text = std::fs::read_to_string(path.join("sim_driven.toml")).unwrap();
+    let file: toml::Table = text.parse().unwrap();
+    let [hold, amp, freq, phase] = ["hold", "amp", "freq", "phase"].map(|key| list(&file, key));
+    for (h, bar) in [(2.5e-3, 1e-6), (1e-3, 1e-7)] {
+        let worst = follow("sim_driven.csv", ArmModel::RigidMotors, h, |t, _, _| {
+            Joints::from_fn(|i, _| {
+                let swing = libm::sin(TAU * freq[i] * t + phase[i]) - libm::sin(phase[i]);
+                hold[i] + amp[i] * swing
+            })
+        });
+        println!("driven, {h} s: {worst:.1e} rad");
+        assert!(worst < bar, "{worst:e}");
+    }
+}
+
+#[test]
+fn a_rigid_arm_has_no_friction_to_pay_for() {
+    let config = ArmConfig::default();
+    assert!(Arm::new(&config, ArmModel::Rigid, 1).unwrap().is_smooth());
+    assert!(!Arm::new(&config, ArmModel::RigidMotors, 1).unwrap().is_smooth());
+}

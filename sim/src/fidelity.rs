@@ -1,0 +1,65 @@
+//! How faithful each part of the physics is, by name: a scene pays for what it names and for
+//! nothing else. Refuses nothing by itself; combinations that cannot work are seen by
+//! [`build`](crate::build).
+
+use serde::Deserialize;
+
+/// `[fidelity]`: arm, contact and integrator of a scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FidelityConfig {
+    /// What moves the finger. Default `rigid+motors`.
+    pub arm: ArmModel,
+    /// What finger and pin feel of each other. Default `line`.
+    pub contact: ContactModel,
+    /// How time passes. Default `auto`.
+    pub integrator: Integrator,
+}
+
+/// The arm's model.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+pub enum ArmModel {
+    /// Rigid links and rotors; the codes are torques, nothing rubs.
+    #[serde(rename = "rigid")]
+    Rigid,
+    /// The same with the friction of gears and bearings, which sticks.
+    #[default]
+    #[serde(rename = "rigid+motors")]
+    RigidMotors,
+}
+
+/// The contact between finger and pin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+pub enum ContactModel {
+    /// Plane strain in each row of tactels, rows on their own; the image is that of the normal
+    /// pressure.
+    #[default]
+    #[serde(rename = "line")]
+    Line,
+    /// The same, and the image also shows what the tangential traction presses and lifts at the
+    /// layer's base.
+    #[serde(rename = "layer-2d")]
+    Layer2d,
+    /// The pin on the layer in three dimensions, solved at every image: rows lean on each other,
+    /// ends are ends. Between images each row keeps the ratio to its plane solution.
+    #[serde(rename = "layer-3d")]
+    Layer3d,
+}
+
+/// The integrator.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+pub enum Integrator {
+    /// `rk4` where all is smooth (nothing touches, nothing rubs), `implicit` elsewhere.
+    #[default]
+    #[serde(rename = "auto")]
+    Auto,
+    /// Semi-implicit Euler, explicit in every force: first order, short steps.
+    #[serde(rename = "euler")]
+    Euler,
+    /// Classical Runge-Kutta, fourth order; for an arm that neither touches nor rubs.
+    #[serde(rename = "rk4")]
+    Rk4,
+    /// Two implicit stages, second order, damps what is stiffer than the step can follow.
+    #[serde(rename = "implicit")]
+    Implicit,
+}

@@ -1,0 +1,159 @@
+//! What holds the fingertip, the arm or a carriage, as the integrators see it: a state of up to six
+//! degrees of freedom, and what an implicit stage has to know about its end. Refuses to know what
+//! touches the finger.
+
+use taktil_mechanics::spatial::split;
+use taktil_mechanics::{Joints, Matrix6, Pose};
+
+use crate::arm::{Arm, Rub};
+use crate::carriage::Riding;
+use crate::contact::Surface;
+use crate::hash::Hash;
+
+/// Coordinates, their speeds and the deflections of the bristles that rub on them: joints (rad), or
+/// a floating carriage's height (m) in the first place.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Swing {
+    pub(crate) q: Joints,
+    pub(crate) qd: Joints,
+    pub(crate) bristle: Joints,
+}
+
+impl Swing {
+    pub(crate) fn digest(&self, hash: &mut Hash) {
+        hash.numbers(self.q.as_slice());
+        hash.numbers(self.qd.as_slice());
+        hash.numbers(self.bristle.as_slice());
+    }
+}
+
+/// The finger at the end of an implicit stage, if it ends at the speeds `guess`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ahead {
+    /// Degrees of freedom that move: the first so many.
+    pub(crate) degrees: usize,
+    pub(crate) inertia: Matrix6,
+    /// Generalised forces beside friction and contact.
+    pub(crate) push: Joints,
+    /// Twist of the tool per speed.
+    pub(crate) jacobian: Matrix6,
+    pub(crate) pose: Pose,
+    /// Twist that is prescribed.
+    pub(crate) carried: Joints,
+    pub(crate) guess: Joints,
+}
+
+impl Ahead {
+    /// A finger whose motion is prescribed.
+    pub(crate) fn fixed(pose: Pose, carried: Joints) -> Ahead {
+        Ahead {
+            degrees: 0,
+            inertia: Matrix6::identity(),
+            push: Joints::zeros(),
+            jacobian: Matrix6::zeros(),
+            pose,
+            carried,
+            guess: Joints::zeros(),
+        }
+    }
+}
+
+/// What holds the fingertip.
+#[derive(Clone, Debug)]
+pub(crate) enum Finger {
+    Arm(Box<Arm>),
+    Carriage(Box<Riding>),
+}
+
+impl Finger {
+    pub(crate) fn pose(&self) -> &Pose {
+        match self {
+            Finger::Arm(arm) => arm.pose(),
+            Finger::Carriage(riding) => riding.pose(),
+        }
+    }
+
+    pub(crate) fn twist(&self) -> Joints {
+        match self {
+            Finger::Arm(arm) => arm.twist(),
+            Finger::Carriage(riding) => riding.twist(),
+        }
+    }
+
+    pub(crate) fn swing(&self) -> &Swing {
+        match self {
+            Finger::Arm(arm) => &arm.now,
+            Finger::Carriage(riding) => &riding.now,
+        }
+    }
+
+    pub(crate) fn swing_mut(&mut self) -> &mut Swing {
+        match self {
+            Finger::Arm(arm) => &mut arm.now,
+            Finger::Carriage(riding) => &mut riding.now,
+        }
+    }
+
+    /// One explicit step under a wrench on the tool.
+    pub(crate) fn step(&mut self, h: f64, wrench: &Joints) {
+        match self {
+            Finger::Arm(arm) => arm.step(h, wrench),
+            Finger::Carriage(riding) => riding.step(h, split(wrench).0),
+        }
+    }
+
+    /// See [`Ahead`]; the stage ends at `end_s`.
+    pub(crate) fn ahead(&self, base: &Swing, guess: &Joints, h: f64, end_s: f64) -> Ahead {
+        match self {
+            Finger::Arm(arm) => arm.ahead(base, guess, h),
+            Finger::Carriage(riding) => riding.ahead(base, guess, h, end_s),
+        }
+    }
+
+    /// The generalised forces of [`Ahead`] for another guess.
+    pub(crate) fn push(&self, base: &Swing, ahead: &Ahead, guess: &Joints, h: f64) -> Joints {
+        match self {
+            Finger::Arm(arm) if ahead.degrees > 0 => arm.push(base, guess, h),
+            _ => ahead.push,
+        }
+    }
+
+    /// Friction on degree of freedom `i` at the end of a stage.
+    pub(crate) fn rub(&self, base: &Swing, i: usize, speed: f64, h: f64) -> Rub {
+        match self {
+            Finger::Arm(arm) => arm.rub(base, i, speed, h),
+            Finger::Carriage(riding) => riding.rub(speed),
+        }
+    }
+
+    /// Frame and twist of the tool for the present state at `t_s`.
+    pub(crate) fn settle(&mut self, t_s: f64) {
+        match self {
+            Finger::Arm(arm) => arm.settle(),
+            Finger::Carriage(riding) => riding.settle(t_s),
+        }
+    }
+
+    /// Whether a joint stands beyond its stops.
+    pub(crate) fn beyond_limits(&self) -> bool {
+        matches!(self, Finger::Arm(arm) if arm.beyond_limits())
+    }
+
+    /// Puts joints that went beyond their stops back, at rest.
+    pub(crate) fn stop_at_limits(&mut self) {
+        if let Finger::Arm(arm) = self {
+            arm.stop_at_limits();
+        }
+    }
+
+    pub(crate) fn surface(&self) -> Surface {
+        Surface::of_pad(self.pose(), &self.twist())
+    }
+
+    pub(crate) fn digest(&self, hash: &mut Hash) {
+        match self {
+            Finger::Arm(arm) => arm.digest(hash),
+            Finger::Carriage(riding) => riding.digest(hash),
+        }
+    }
+}

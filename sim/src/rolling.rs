@@ -1,0 +1,135 @@
+//! The pin with both its contacts and the hand that steadies it. Refuses to integrate: it gives the
+//! forces at a configuration, whoever chose that.
+
+use glam::{DMat3, DVec3};
+use taktil_hal::Nanos;
+use taktil_mechanics::dynamics::GRAVITY_M_S2;
+use taktil_mechanics::spatial::stack;
+use taktil_mechanics::{Joints, Pose};
+
+use crate::contact::{
+    Line, Patch, Reaction, SLICES, Slice, Strip, Surface, Tangent, strips_of_pad,
+};
+use crate::hand::Hand;
+use crate::hash::Hash;
+use crate::pin::Pin;
+
+/// The pin with both its contacts.
+#[derive(Clone, Debug)]
+pub(crate) struct Rolling {
+    pub(crate) pin: Pin,
+    pub(crate) pad: Patch,
+    pub(crate) bed: Patch,
+    pub(crate) bed_strips: [Strip; SLICES],
+    pub(crate) hand: Hand,
+    pub(crate) released: Option<Nanos>,
+    /// Latest forces of finger and table on the pin.
+    pub(crate) by_finger: Reaction,
+    pub(crate) by_table: Reaction,
+    /// Cosine between the sensor's x and the rolling direction at the latest evaluation.
+    pub(crate) across: f64,
+}
+
+/// What the next instant depends on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Memory {
+    pub(crate) pin: Pin,
+    pub(crate) pad: [Slice; SLICES],
+    pub(crate) bed: [Slice; SLICES],
+}
+
+/// Where the pin's surroundings are and how they move.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Around {
+    pub(crate) pad: Pose,
+    pub(crate) finger: Surface,
+    pub(crate) table: Surface,
+    pub(crate) table_axes: DMat3,
+}
+
+/// The lines of contact and how the forces on them depend on the motion.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Touching {
+    pub(crate) finger: Option<(Line, Tangent)>,
+    pub(crate) table: Option<(Line, Tangent)>,
+}
+
+impl Rolling {
+    pub(crate) fn memory(&self) -> Memory {
+        Memory { pin: self.pin, pad: self.pad.slices, bed: self.bed.slices }
+    }
+
+    pub(crate) fn remember(&mut self, memory: &Memory) {
+        self.pin = memory.pin;
+        self.pad.slices = memory.pad;
+        self.bed.slices = memory.bed;
+    }
+
+    /// Evaluates both contacts and moves their bristles on by `h` seconds.
+    pub(crate) fn touch(&mut self, around: &Around, h: f64) -> Touching {
+        let axis = self.pin.axis();
+        let mut touching = Touching::default();
+        match Line::between(&self.pin, axis, &around.table) {
+            Some(line) => {
+                let (reaction, tangent) = self.bed.act(&line, &self.bed_strips, h);
+                self.by_table = reaction;
+                touching.table = Some((line, tangent));
+            }
+            None => self.by_table = self.bed.release(),
+        }
+        match Line::between(&self.pin, axis, &around.finger) {
+            Some(line) => {
+                self.across = line.across.dot(around.pad.rotation.x_axis).abs();
+                let strips = strips_of_pad(&line, &around.pad, self.pin.length_m);
+                let (reaction, tangent) = self.pad.act(&line, &strips, h);
+                self.by_finger = reaction;
+                touching.finger = Some((line, tangent));
+            }
+            None => self.by_finger = self.pad.release(),
+        }
+        touching
+    }
+
+    /// Everything that acts on the pin at the latest evaluation: force and moment about its centre.
+    pub(crate) fn load(&self, around: &Around) -> (DVec3, DVec3) {
+        let (finger, bed) = (&self.by_finger, &self.by_table);
+        let weight = DVec3::new(0.0, 0.0, -self.pin.mass_kg * GRAVITY_M_S2);
+        let (mut force, mut moment) =
+            (finger.force + bed.force + weight, finger.moment + bed.moment);
+        if self.hand.holding {
+            let (grip, twist) = self.hand.grip(&self.pin, &around.table_axes, &around.table);
+            force += grip;
+            moment += twist;
+        }
+        (force, moment)
+    }
+
+    /// Moves the pin on by an explicit step.
+    pub(crate) fn step(&mut self, around: &Around, h: f64) {
+        let (force, moment) = self.load(around);
+        let axis = self.pin.axis();
+        self.pin.step(h, axis, force, moment);
+    }
+
+    /// The hand feels the finger's latest force and may let go.
+    pub(crate) fn feel(&mut self, now: Nanos) {
+        let held = self.hand.holding;
+        self.hand.feel(self.by_finger.normal_n);
+        if held && !self.hand.holding {
+            self.released = Some(now);
+        }
+    }
+
+    /// Wrench of the pin on the tool about the tool point (base axes).
+    pub(crate) fn wrench(&self, tool: DVec3) -> Joints {
+        let moment = self.by_finger.moment_about(tool, self.pin.position);
+        stack(-self.by_finger.force, -moment)
+    }
+
+    pub(crate) fn digest(&self, hash: &mut Hash) {
+        self.pin.digest(hash);
+        self.pad.digest(hash);
+        self.bed.digest(hash);
+        hash.word(u64::from(self.hand.holding));
+    }
+}

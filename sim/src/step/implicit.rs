@@ -1,0 +1,332 @@
+//! Implicit steps: finger and pin move together so that momentum changes by the forces at the end
+//! of the stage, found by Newton's method on twelve speeds. Two such stages make a step of second
+//! order that damps what it cannot follow (Alexander 1977, SDIRK with `gamma = 1 - 1/sqrt(2)`: the
+//! second stage starts from the first one carried on, and ends at the step's end).
+//!
+//! Bristles of friction and contact take part with the state that the end of the stage gives them:
+//! sticking, sliding and lost contact are found together with the motion, by the consistent tangent
+//! of each (Simo and Hughes 1998). Refuses more than a bounded number of iterations: what has not
+//! settled then is said and taken.
+
+use glam::{DMat3, DQuat, DVec3};
+use taktil_mechanics::spatial::{split, stack};
+use taktil_mechanics::{Joints, Pose};
+
+use super::matrix::{Matrix12, N};
+use super::{Bench, Saved};
+use crate::contact::{Line, Surface, Tangent};
+use crate::finger::{Ahead, Swing};
+use crate::rolling::{Around, Memory, Rolling};
+
+/// `1 - 1/sqrt(2)`
+const GAMMA: f64 = 0.292_893_218_813_452_5;
+/// Iterations of a stage at most.
+const NEWTON_MAX: usize = 12;
+/// A stage has settled when an iteration changes no point's speed by more than this (m/s).
+const SETTLED_M_S: f64 = 2e-8;
+/// Product of two changes of joint speed ((rad/s)^2) that moves the bias torques.
+const CORIOLIS: f64 = 1e-9;
+/// Distance at which turning counts as moving (m).
+const ARM_M: f64 = 0.1;
+
+/// What a stage starts from.
+struct Base {
+    swing: Swing,
+    memory: Option<Memory>,
+    /// Angular momentum of the pin (kg m^2/s), which its spin need not match.
+    turning: DVec3,
+}
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Outcome {
+    /// Difference to the embedded method of first order (m).
+    pub(super) error_m: f64,
+    pub(super) settled: bool,
+    pub(super) iterations: u32,
+}
+
+type Speeds = [f64; N];
+
+fn part(u: &Speeds, from: usize) -> DVec3 {
+    DVec3::new(u[from], u[from + 1], u[from + 2])
+}
+
+fn joints(u: &Speeds) -> Joints {
+    Joints::new(u[0], u[1], u[2], u[3], u[4], u[5])
+}
+
+impl Bench {
+    /// One step of `h` seconds from `start_s`; the state was saved by the caller.
+    pub(super) fn implicit(&mut self, start: &Saved, start_s: f64, h: f64) -> Outcome {
+        let first = Base::of(start);
+        let tau = GAMMA * h;
+        let u0 = speeds(&first.swing, first.memory.as_ref());
+        let (settled_1, n_1, u1) = self.stage(&first, u0, tau, start_s + tau);
+        let second = first.carried_on(&self.save(), (1.0 - GAMMA) / GAMMA);
+        let ahead: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / GAMMA);
+        let (settled_2, n_2, u2) = self.stage(&second, ahead, tau, start_s + h);
+        // The embedded method takes the first stage's slopes for both.
+        let off = core::array::from_fn(|i| u2[i] - ahead[i]);
+        Outcome {
+            error_m: h * self.way(&off),
+            settled: settled_1 && settled_2,
+            iterations: n_1 + n_2,
+        }
+    }
+
+    /// Speed at which the quickest point of finger or pin moves (m/s).
+    fn way(&self, u: &Speeds) -> f64 {
+        let radius = self.rolling.as_ref().map_or(0.0, |r| r.pin.radius_m);
+        let q = joints(u).amax() * self.finger.lever_m();
+        q.max(part(u, 6).length()).max(radius * part(u, 9).length())
+    }
+
+    /// Moves everything from `base` over `tau` seconds by the forces at the end.
+    fn stage(&mut self, base: &Base, guess: Speeds, tau: f64, end_s: f64) -> (bool, u32, Speeds) {
+        let mut u = guess;
+        let mut ahead = self.finger.ahead(&base.swing, &joints(&u), tau, end_s);
+        for slot in u.iter_mut().take(6).skip(ahead.degrees) {
+            *slot = 0.0;
+        }
+        let (_, table_axes, table) = self.table.at(end_s);
+        let mut torques_at = joints(&u);
+        let (mut settled, mut count) = (false, 0);
+        for _ in 0..NEWTON_MAX {
+            count += 1;
+            let (matrix, rest) = self.equations(base, &ahead, &u, tau, (&table, &table_axes));
+            let change = matrix.solve(&rest);
+            if !change.iter().all(|x| x.is_finite()) {
+                break;
+            }
+            for (speed, change) in u.iter_mut().zip(&change) {
+                *speed += change;
+            }
+            let now = joints(&u);
+            let moved = (now - torques_at).amax();
+            if moved * (now.amax() + moved) > CORIOLIS {
+                ahead.push = self.finger.push(&base.swing, &ahead, &now, tau);
+                torques_at = now;
+            }
+            if self.way(&change) < SETTLED_M_S {
+                settled = true;
+                break;
+            }
+        }
+        self.finish(base, &ahead, &u, tau);
+        (settled, count, u)
+    }
+
+    /// The state at the end of a stage.
+    fn finish(&mut self, base: &Base, ahead: &Ahead, u: &Speeds, tau: f64) {
+        let mut next = base.swing;
+        for i in 0..ahead.degrees {
+            next.qd[i] = u[i];
+            next.q[i] += tau * u[i];
+            next.bristle[i] = self.finger.rub(&base.swing, i, u[i], tau).bristle_rad;
+        }
+        if ahead.degrees == 0 {
+            next.qd = Joints::zeros();
+        }
+        *self.finger.swing_mut() = next;
+        if let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) {
+            rolling.pin = memory.pin.carried(part(u, 6), part(u, 9), tau);
+        }
+    }
+
+    /// Newton's matrix and what is left of the balance of momentum at the speeds `u`.
+    fn equations(
+        &mut self,
+        base: &Base,
+        ahead: &Ahead,
+        u: &Speeds,
+        tau: f64,
+        (table, table_axes): (&Surface, &DMat3),
+    ) -> (Matrix12, Speeds) {
+        let mut matrix = Matrix12::identity();
+        let mut rest = [0.0; N];
+        let qd = joints(u);
+        let swung = ahead.inertia * (qd - base.swing.qd) - tau * ahead.push;
+        for i in 0..ahead.degrees {
+            let rub = self.finger.rub(&base.swing, i, qd[i], tau);
+            rest[i] = -swung[i] - tau * rub.torque_nm;
+            for j in 0..=i {
+                matrix.set(i, j, ahead.inertia[(i, j)]);
+            }
+            matrix.add(i, i, tau * rub.slope);
+        }
+        let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) else {
+            return (matrix, rest);
+        };
+        rolling.remember(memory);
+        rolling.pin = memory.pin.carried(part(u, 6), part(u, 9), tau);
+        let around = around(ahead, &qd, tau, table, table_axes);
+        self.work.contacts += 1;
+        let touching = rolling.touch(&around, tau);
+        let (force, moment) = rolling.load(&around);
+        let pin = &rolling.pin;
+        let linear = pin.mass_kg * (pin.velocity - memory.pin.velocity) - tau * force;
+        let angular = pin.angular_momentum() - base.turning - tau * moment;
+        rest[6..9].copy_from_slice(&(-linear).to_array());
+        rest[9..12].copy_from_slice(&(-angular).to_array());
+        let inertia = pin.inertia();
+        for i in 0..3 {
+            matrix.set(6 + i, 6 + i, pin.mass_kg);
+            for j in 0..=i {
+                matrix.set(9 + i, 9 + j, inertia.col(j)[i]);
+            }
+        }
+        rolling.tighten(&around, tau, &mut matrix);
+        if let Some((line, tangent)) = &touching.table {
+            add_contact(&mut matrix, line, tangent, tau, None);
+        }
+        if let Some((line, tangent)) = &touching.finger {
+            let tool = around.finger.origin;
+            add_contact(&mut matrix, line, tangent, tau, Some((ahead, tool)));
+            let pulled = ahead.jacobian.tr_mul(&rolling.wrench(tool));
+            for i in 0..ahead.degrees {
+                rest[i] += tau * pulled[i];
+            }
+        }
+        (matrix, rest)
+    }
+}
+
+impl Base {
+    fn of(saved: &Saved) -> Base {
+        let turning = saved.memory.as_ref().map_or(DVec3::ZERO, |m| m.pin.angular_momentum());
+        Base { swing: saved.swing, memory: saved.memory, turning }
+    }
+
+    /// This state carried on by `reach` times the way to `other`.
+    fn carried_on(&self, other: &Saved, reach: f64) -> Base {
+        let (a, b) = (&self.swing, &other.swing);
+        let swing = Swing {
+            q: a.q + reach * (b.q - a.q),
+            qd: a.qd + reach * (b.qd - a.qd),
+            bristle: a.bristle + reach * (b.bristle - a.bristle),
+        };
+        let (Some(a), Some(b)) = (&self.memory, &other.memory) else {
+            return Base { swing, memory: None, turning: DVec3::ZERO };
+        };
+        let mix = |x: f64, y: f64| x + reach * (y - x);
+        let mix3 = |x: DVec3, y: DVec3| x + reach * (y - x);
+        let mut memory = *a;
+        let pin = &mut memory.pin;
+        pin.position = mix3(a.pin.position, b.pin.position);
+        pin.velocity = mix3(a.pin.velocity, b.pin.velocity);
+        pin.spin = mix3(a.pin.spin, b.pin.spin);
+        pin.roll_rad = mix(a.pin.roll_rad, b.pin.roll_rad);
+        let (from, to) = (a.pin.orientation, b.pin.orientation);
+        let near = if from.dot(to) < 0.0 { -to } else { to };
+        pin.orientation = DQuat::normalize(from + (near - from) * reach);
+        let sides = [(&mut memory.pad, &b.pad), (&mut memory.bed, &b.bed)];
+        for (slices, others) in sides {
+            for (slice, other) in slices.iter_mut().zip(others) {
+                slice.brush.0 = mix(slice.brush.0, other.brush.0);
+                slice.brush.1 = mix(slice.brush.1, other.brush.1);
+                slice.shear_n_m = mix(slice.shear_n_m, other.shear_n_m).max(0.0);
+            }
+        }
+        let turning = mix3(self.turning, b.pin.angular_momentum());
+        Base { swing, memory: Some(memory), turning }
+    }
+}
+
+fn speeds(swing: &Swing, memory: Option<&Memory>) -> Speeds {
+    let (velocity, spin) =
+        memory.map_or((DVec3::ZERO, DVec3::ZERO), |m| (m.pin.velocity, m.pin.spin));
+    let mut u = [0.0; N];
+    u[..6].copy_from_slice(swing.qd.as_slice());
+    u[6..9].copy_from_slice(&velocity.to_array());
+    u[9..].copy_from_slice(&spin.to_array());
+    u
+}
+
+/// The pin's surroundings when the stage ends at the speeds `qd`.
+fn around(ahead: &Ahead, qd: &Joints, tau: f64, table: &Surface, axes: &DMat3) -> Around {
+    let (shift, turn) = split(&(ahead.jacobian * (tau * (qd - ahead.guess))));
+    // Cayley's rotation: exact in length, of third order in the angle.
+    let half = 0.5 * turn;
+    let (square, twice) = (half.length_squared(), 2.0 / (1.0 + half.length_squared()));
+    let turned = |v: DVec3| v + twice * (half.cross(v) + half.cross(half.cross(v)));
+    let r = &ahead.pose.rotation;
+    let rotation = if square > 0.0 {
+        DMat3::from_cols(turned(r.x_axis), turned(r.y_axis), turned(r.z_axis))
+    } else {
+        *r
+    };
+    let pad = Pose::new(rotation, ahead.pose.translation + shift);
+    let finger = Surface::of_pad(&pad, &(ahead.carried + ahead.jacobian * qd));
+    Around { pad, finger, table: *table, table_axes: *axes }
+}
+
+/// Adds how a contact's force depends on the speeds.
+fn add_contact(
+    matrix: &mut Matrix12,
+    line: &Line,
+    tangent: &Tangent,
+    tau: f64,
+    finger: Option<(&Ahead, DVec3)>,
+) {
+    let directions = [line.normal, line.across, line.along];
+    for (direction, weights) in directions.into_iter().zip(&tangent.weights) {
+        let [w0, w1, w2] = *weights;
+        if w0 <= 0.0 {
+            continue;
+        }
+        // w (v0 + s v1)^2 summed is w0 (v0 + m v1)^2 + rest v1^2 about the mean place m.
+        let mean = w1 / w0;
+        let spread = (w2 - w1 * mean).max(0.0);
+        let turn = line.axis.cross(direction);
+        let lever = line.radius.cross(direction) + mean * turn;
+        let (mut at_mean, mut lean) = ([0.0; N], [0.0; N]);
+        at_mean[6..9].copy_from_slice(&direction.to_array());
+        at_mean[9..].copy_from_slice(&lever.to_array());
+        lean[9..].copy_from_slice(&turn.to_array());
+        if let Some((ahead, tool)) = finger {
+            let lever = (line.foot - tool).cross(direction) + mean * turn;
+            let at_tool = ahead.jacobian.tr_mul(&stack(direction, lever));
+            let turned = ahead.jacobian.tr_mul(&stack(DVec3::ZERO, turn));
+            for i in 0..ahead.degrees {
+                (at_mean[i], lean[i]) = (-at_tool[i], -turned[i]);
+            }
+        }
+        matrix.add_outer(tau * w0, &at_mean);
+        matrix.add_outer(tau * spread, &lean);
+    }
+    if tangent.rolling > 0.0 {
+        let mut row = [0.0; N];
+        row[9..].copy_from_slice(&line.along.to_array());
+        matrix.add_outer(tau * tangent.rolling, &row);
+    }
+}
+
+impl Rolling {
+    /// Adds how the hand's grip depends on the pin's speeds.
+    fn tighten(&self, around: &Around, tau: f64, matrix: &mut Matrix12) {
+        if !self.hand.holding {
+            return;
+        }
+        let (along_m, about) = self.hand.tangent(&self.pin, tau);
+        let n = around.table.normal;
+        let across = self.pin.axis().cross(n).normalize_or_zero();
+        for i in 0..3 {
+            for j in 0..=i {
+                let unit = if i == j { 1.0 } else { 0.0 };
+                matrix.add(6 + i, 6 + j, tau * along_m * (unit - n[i] * n[j]));
+                matrix.add(9 + i, 9 + j, tau * about * (unit - across[i] * across[j]));
+            }
+        }
+    }
+}
+
+impl crate::finger::Finger {
+    /// How far a unit of a coordinate moves the finger at most (m), roughly.
+    fn lever_m(&self) -> f64 {
+        match self {
+            crate::finger::Finger::Arm(_) => 5.0 * ARM_M,
+            crate::finger::Finger::Carriage(_) => 1.0,
+        }
+    }
+}

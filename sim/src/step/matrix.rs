@@ -1,0 +1,93 @@
+//! Twelve equations of a symmetric positive definite system, by Cholesky in place, without
+//! allocation. Refuses nothing: a matrix that is not positive gives numbers that are not finite.
+
+/// Unknowns: six of the finger, six of the pin.
+pub(super) const N: usize = 12;
+
+/// Symmetric, of which the lower triangle counts.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Matrix12([[f64; N]; N]);
+
+impl Matrix12 {
+    pub(super) fn identity() -> Matrix12 {
+        let mut m = [[0.0; N]; N];
+        for (i, row) in m.iter_mut().enumerate() {
+            row[i] = 1.0;
+        }
+        Matrix12(m)
+    }
+
+    pub(super) fn set(&mut self, i: usize, j: usize, value: f64) {
+        self.0[i][j] = value;
+    }
+
+    pub(super) fn add(&mut self, i: usize, j: usize, value: f64) {
+        self.0[i][j] += value;
+    }
+
+    /// Adds `weight` times the outer product of a row with itself.
+    pub(super) fn add_outer(&mut self, weight: f64, row: &[f64; N]) {
+        for i in 0..N {
+            let part = weight * row[i];
+            for j in 0..=i {
+                self.0[i][j] += part * row[j];
+            }
+        }
+    }
+
+    /// The solution of `self x = b`.
+    pub(super) fn solve(mut self, b: &[f64; N]) -> [f64; N] {
+        let (m, mut x) = (&mut self.0, *b);
+        for j in 0..N {
+            let (above, rest) = m.split_at_mut(j);
+            let row = &mut rest[0];
+            for (k, upper) in above.iter().enumerate() {
+                let mut sum = row[k];
+                for l in 0..k {
+                    sum -= row[l] * upper[l];
+                }
+                row[k] = sum / upper[k];
+            }
+            let mut square = row[j];
+            for entry in &row[..j] {
+                square -= entry * entry;
+            }
+            row[j] = square.sqrt();
+            let mut sum = x[j];
+            for l in 0..j {
+                sum -= row[l] * x[l];
+            }
+            x[j] = sum / row[j];
+        }
+        for j in (0..N).rev() {
+            x[j] /= m[j][j];
+            for l in 0..j {
+                x[l] -= m[j][l] * x[j];
+            }
+        }
+        x
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_solves_what_it_is_given() {
+        let mut m = Matrix12::identity();
+        for k in 0..20_usize {
+            let row = core::array::from_fn(|i| ((7 * i + 13 * k + i * k) % 11) as f64 - 5.0);
+            m.add_outer(0.5 + k as f64, &row);
+        }
+        m.add(3, 2, 0.25);
+        let wanted: [f64; N] = core::array::from_fn(|i| i as f64 - 4.5);
+        let at = |i: usize, j: usize| if i >= j { m.0[i][j] } else { m.0[j][i] };
+        let b = core::array::from_fn(|i| (0..N).map(|j| at(i, j) * wanted[j]).sum());
+        let x = m.solve(&b);
+        assert!(x.iter().zip(&wanted).all(|(x, w)| (x - w).abs() < 1e-9), "{x:?}");
+        let mut broken = Matrix12::identity();
+        broken.set(4, 4, -1.0);
+        assert!(broken.solve(&wanted).iter().any(|x| x.is_nan()));
+    }
+}

@@ -1,0 +1,208 @@
+//! The bodies on the bench and how they move over a span of time: which integrator, in how many
+//! steps, halved where something happens within one. Refuses to know clocks, words and devices.
+//!
+//! A step of the implicit integrator is done again in halves, four times at most, when finger or
+//! table gain or lose the pin within it, when a joint comes to its stop, when its estimated error
+//! is beyond [`ERROR_M`], or when its equations did not settle.
+
+mod implicit;
+mod matrix;
+
+use taktil_hal::Nanos;
+use taktil_mechanics::Joints;
+
+use crate::fidelity::Integrator;
+use crate::finger::{Finger, Swing};
+use crate::hash::Hash;
+use crate::rolling::{Around, Memory, Rolling};
+use crate::table::Table;
+
+/// Estimated error of place above which a step is halved (m).
+pub(crate) const ERROR_M: f64 = 2e-6;
+/// Times that a step is halved at most.
+const HALVINGS: u32 = 4;
+
+/// What the physics was asked to do since the start; counted, not timed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Steps of any integrator, halved ones included.
+    pub steps: u64,
+    /// Steps that were done again in halves.
+    pub halved: u64,
+    /// Implicit steps that did not settle and were taken nevertheless.
+    pub unsettled: u64,
+    /// Iterations of implicit stages.
+    pub iterations: u64,
+    /// Evaluations of the pin's contacts.
+    pub contacts: u64,
+    /// Tactile images computed from a contact.
+    pub images: u64,
+    /// Contacts solved in three dimensions.
+    pub solved: u64,
+    /// Scans converted to counts.
+    pub scans: u64,
+}
+
+/// The way time passes, settled when the bench is built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Method {
+    Euler,
+    Rk4,
+    Implicit,
+}
+
+/// Everything that moves.
+#[derive(Clone, Debug)]
+pub(crate) struct Bench {
+    pub(crate) finger: Finger,
+    pub(crate) rolling: Option<Box<Rolling>>,
+    pub(crate) table: Table,
+    pub(crate) method: Method,
+    pub(crate) substep: Nanos,
+    /// Largest estimated error of a step that was taken (m).
+    pub(crate) error_m: f64,
+    pub(crate) work: Work,
+}
+
+/// What a step may have to be done again from.
+#[derive(Clone, Copy, Debug)]
+struct Saved {
+    swing: Swing,
+    memory: Option<Memory>,
+}
+
+impl Method {
+    /// The method of an integrator's name for what is on the bench.
+    pub(crate) fn of(integrator: Integrator, smooth: bool) -> Method {
+        match integrator {
+            Integrator::Euler => Method::Euler,
+            Integrator::Implicit => Method::Implicit,
+            Integrator::Rk4 => Method::Rk4,
+            Integrator::Auto if smooth => Method::Rk4,
+            Integrator::Auto => Method::Implicit,
+        }
+    }
+}
+
+impl Bench {
+    /// Moves everything from `from` to `to`.
+    pub(crate) fn integrate(&mut self, from: Nanos, to: Nanos) {
+        let span = to - from;
+        let steps = (span.0 + self.substep.0 - 1) / self.substep.0;
+        let h = span.as_secs_f64() / steps as f64;
+        let start_s = from.as_secs_f64();
+        for i in 0..steps {
+            let t_s = start_s + h * i as f64;
+            match self.method {
+                Method::Euler => self.euler(from, t_s, h),
+                Method::Rk4 => self.smooth(h, 0),
+                Method::Implicit => self.careful(from, t_s, h, 0),
+            }
+        }
+        if self.method != Method::Euler {
+            self.finger.settle(to.as_secs_f64());
+        }
+    }
+
+    fn save(&self) -> Saved {
+        let memory = self.rolling.as_ref().map(|rolling| rolling.memory());
+        Saved { swing: *self.finger.swing(), memory }
+    }
+
+    fn restore(&mut self, saved: &Saved) {
+        *self.finger.swing_mut() = saved.swing;
+        if let (Some(rolling), Some(memory)) = (&mut self.rolling, &saved.memory) {
+            rolling.remember(memory);
+        }
+    }
+
+    /// What finger, pad and table are to the pin at an instant.
+    pub(crate) fn around(&self, t_s: f64) -> Around {
+        let (_, table_axes, table) = self.table.at(t_s);
+        Around { pad: *self.finger.pose(), finger: self.finger.surface(), table, table_axes }
+    }
+
+    /// Evaluates the contacts of the present state.
+    pub(crate) fn feel(&mut self, t_s: f64) {
+        let around = self.around(t_s);
+        if let Some(rolling) = &mut self.rolling {
+            self.work.contacts += 1;
+            rolling.touch(&around, 0.0);
+        }
+    }
+
+    /// Explicit in every force.
+    fn euler(&mut self, now: Nanos, t_s: f64, h: f64) {
+        self.work.steps += 1;
+        let mut wrench = Joints::zeros();
+        if self.rolling.is_some() {
+            let around = self.around(t_s);
+            if let Some(rolling) = &mut self.rolling {
+                self.work.contacts += 1;
+                rolling.touch(&around, h);
+                rolling.feel(now);
+                wrench = rolling.wrench(around.finger.origin);
+                rolling.step(&around, h);
+            }
+        }
+        self.finger.step(h, &wrench);
+    }
+
+    /// The arm alone; a step that ends beyond a stop is halved to come near the instant.
+    fn smooth(&mut self, h: f64, depth: u32) {
+        let before = *self.finger.swing();
+        self.work.steps += 1;
+        if let Finger::Arm(arm) = &mut self.finger {
+            arm.swing_freely(h);
+        }
+        if !self.finger.beyond_limits() {
+            return;
+        }
+        if depth < HALVINGS {
+            *self.finger.swing_mut() = before;
+            self.work.halved += 1;
+            self.smooth(0.5 * h, depth + 1);
+            self.smooth(0.5 * h, depth + 1);
+            return;
+        }
+        self.finger.stop_at_limits();
+    }
+
+    fn touched(&self) -> (bool, bool) {
+        let loaded = |r: &Rolling| (r.by_finger.normal_n > 0.0, r.by_table.normal_n > 0.0);
+        self.rolling.as_deref().map_or((false, false), loaded)
+    }
+
+    /// An implicit step, in halves where something happens within it.
+    fn careful(&mut self, now: Nanos, t_s: f64, h: f64, depth: u32) {
+        let (saved, before) = (self.save(), self.touched());
+        let outcome = self.implicit(&saved, t_s, h);
+        self.work.steps += 1;
+        self.work.iterations += u64::from(outcome.iterations);
+        let happened = self.touched() != before || self.finger.beyond_limits();
+        let coarse = outcome.error_m > ERROR_M || !outcome.settled;
+        if depth < HALVINGS && (happened || coarse) {
+            self.restore(&saved);
+            self.work.halved += 1;
+            self.careful(now, t_s, 0.5 * h, depth + 1);
+            self.careful(now, t_s + 0.5 * h, 0.5 * h, depth + 1);
+            return;
+        }
+        self.finger.stop_at_limits();
+        self.work.unsettled += u64::from(!outcome.settled);
+        self.error_m = self.error_m.max(outcome.error_m);
+        if let Some(rolling) = &mut self.rolling {
+            rolling.feel(now);
+        }
+    }
+
+    pub(crate) fn digest(&self, hash: &mut Hash) {
+        self.finger.digest(hash);
+        if let Some(rolling) = &self.rolling {
+            rolling.digest(hash);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

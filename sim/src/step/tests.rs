@@ -1,0 +1,95 @@
+//! Energy over ten seconds of free motion, and the order of each integrator.
+
+use super::*;
+use crate::arm::Arm;
+use crate::fidelity::ArmModel;
+use crate::scene::{ArmConfig, TableConfig};
+
+/// The arm alone, thrown without friction.
+fn thrown(method: Method, step_us: i64, viscous: f64) -> Bench {
+    let model = if viscous > 0.0 { ArmModel::RigidMotors } else { ArmModel::Rigid };
+    let config = ArmConfig { coulomb_scale: 0.0, viscous_scale: viscous, ..ArmConfig::default() };
+    let mut arm = Arm::new(&config, model, 1).unwrap();
+    arm.braked = false;
+    arm.now.q = Joints::new(0.430, 0.813, -1.776, -0.490, 0.606, 1.038);
+    Bench {
+        finger: Finger::Arm(Box::new(arm)),
+        rolling: None,
+        table: Table::new(&TableConfig::default(), -195.0),
+        method,
+        substep: Nanos::from_micros(step_us),
+        error_m: 0.0,
+        work: Work::default(),
+    }
+}
+
+fn energy_j(bench: &Bench) -> f64 {
+    match &bench.finger {
+        Finger::Arm(arm) => arm.energy_j(),
+        Finger::Carriage(_) => f64::NAN,
+    }
+}
+
+/// Largest drift of the energy over the peak of the energy of motion, in 10 s. Hard stops are out
+/// of the way: joints turn as they like.
+fn drift(step_us: i64) -> f64 {
+    let mut bench = thrown(Method::Rk4, step_us, 0.0);
+    let Finger::Arm(arm) = &mut bench.finger else { unreachable!() };
+    arm.without_stops();
+    let start = energy_j(&bench);
+    let (mut most, mut peak) = (0.0_f64, 0.0_f64);
+    for i in 0..4000 {
+        let tick = Nanos::from_micros(2500);
+        bench.integrate(tick * i, tick * (i + 1));
+        most = most.max((energy_j(&bench) - start).abs());
+        let Finger::Arm(arm) = &bench.finger else { unreachable!() };
+        peak = peak.max(arm.kinetic_j());
+    }
+    most / peak
+}
+
+#[test]
+fn free_motion_keeps_its_energy_for_ten_seconds() {
+    let (servo, fine) = (drift(2500), drift(1000));
+    println!("drift over peak kinetic energy: {servo:.1e} at 2.5 ms, {fine:.1e} at 1 ms");
+    assert!(servo < 5e-8, "{servo:e}");
+    assert!(fine < 1e-9, "{fine:e}");
+}
+
+#[test]
+fn each_integrator_has_its_order() {
+    let end = |method, step_us| {
+        let mut bench = thrown(method, step_us, 1.0);
+        bench.integrate(Nanos::ZERO, Nanos::from_millis(200));
+        bench.finger.swing().q
+    };
+    let exact = end(Method::Rk4, 100);
+    for (method, order, from_us) in
+        [(Method::Euler, 1.0, 500), (Method::Implicit, 2.0, 2000), (Method::Rk4, 4.0, 4000)]
+    {
+        let error = |us: i64| (end(method, us) - exact).amax();
+        let errors = [error(from_us), error(from_us / 2), error(from_us / 4)];
+        let orders = [errors[0] / errors[1], errors[1] / errors[2]].map(|ratio| libm::log2(ratio));
+        println!("{method:?}: errors {errors:?} rad, orders {orders:.2?}");
+        assert!(
+            orders.iter().all(|o| (o - order).abs() < 0.3),
+            "{method:?}: {errors:?} {orders:?}"
+        );
+    }
+}
+
+#[test]
+fn a_joint_that_meets_its_stop_stays_there() {
+    for method in [Method::Rk4, Method::Implicit, Method::Euler] {
+        let mut bench = thrown(method, 2500, 0.0);
+        let Finger::Arm(arm) = &mut bench.finger else { unreachable!() };
+        arm.now.qd[4] = 20.0;
+        for i in 0..100 {
+            let tick = Nanos::from_micros(2500);
+            bench.integrate(tick * i, tick * (i + 1));
+            assert!(!bench.finger.beyond_limits());
+            assert!(bench.finger.swing().qd.iter().all(|v| v.is_finite()));
+        }
+        assert!(method == Method::Euler || bench.work.halved > 0, "{method:?}: {:?}", bench.work);
+    }
+}
