@@ -40,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bristle_yields_at_the_coulomb_torque_and_its_slope_is_the_derivative() {
+    fn a_bristle_yields_at_the_coulomb_torque_and_its_slope_is_exact() {
         let friction = Friction::reference();
         let still = friction.viscous_nms_rad[0];
         let slide = rub(&friction, 0, 0.0, 10.0, 1e-3);

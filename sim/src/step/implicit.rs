@@ -120,10 +120,10 @@ impl Bench {
     /// The state at the end of a stage.
     fn finish(&mut self, base: &Base, ahead: &Ahead, u: &Speeds, tau: f64) {
         let mut next = base.swing;
-        for i in 0..ahead.degrees {
-            next.qd[i] = u[i];
-            next.q[i] += tau * u[i];
-            next.bristle[i] = self.finger.rub(&base.swing, i, u[i], tau).bristle_rad;
+        for (i, speed) in u.iter().enumerate().take(ahead.degrees) {
+            next.qd[i] = *speed;
+            next.q[i] += tau * speed;
+            next.bristle[i] = self.finger.rub(&base.swing, i, *speed, tau).bristle_rad;
         }
         if ahead.degrees == 0 {
             next.qd = Joints::zeros();

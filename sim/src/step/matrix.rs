@@ -27,10 +27,10 @@ impl Matrix12 {
 
     /// Adds `weight` times the outer product of a row with itself.
     pub(super) fn add_outer(&mut self, weight: f64, row: &[f64; N]) {
-        for i in 0..N {
+        for (i, entries) in self.0.iter_mut().enumerate() {
             let part = weight * row[i];
-            for j in 0..=i {
-                self.0[i][j] += part * row[j];
+            for (entry, other) in entries.iter_mut().zip(row).take(i + 1) {
+                *entry += part * other;
             }
         }
     }

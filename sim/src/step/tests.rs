@@ -69,7 +69,7 @@ fn each_integrator_has_its_order() {
     {
         let error = |us: i64| (end(method, us) - exact).amax();
         let errors = [error(from_us), error(from_us / 2), error(from_us / 4)];
-        let orders = [errors[0] / errors[1], errors[1] / errors[2]].map(|ratio| libm::log2(ratio));
+        let orders = [errors[0] / errors[1], errors[1] / errors[2]].map(libm::log2);
         println!("{method:?}: errors {errors:?} rad, orders {orders:.2?}");
         assert!(
             orders.iter().all(|o| (o - order).abs() < 0.3),
