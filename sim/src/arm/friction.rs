@@ -1,6 +1,6 @@
 //! Friction of the joints: an elasto-plastic bristle for each, of stiffness `fc / 1e-4 rad`,
-//! damped, yielding at the Coulomb torque, so that a joint at rest really rests; viscous friction is
-//! added. Refuses to chatter: the torque is a continuous function of the step's final speed.
+//! damped, yielding at the Coulomb torque, so that a joint at rest really rests; viscous friction
+//! is added. Refuses to chatter: the torque is a continuous function of the step's final speed.
 
 use taktil_mechanics::dynamics::Friction;
 
