@@ -6,9 +6,11 @@
 //! [`contact`] (mm, N, MPa). Functions of finite numbers return finite numbers; what a NaN does is
 //! stated where it matters, and where nothing is stated it comes out as NaN and nothing panics.
 
+pub mod chain;
 pub mod contact;
 pub mod dls;
 pub mod dynamics;
+pub mod limits;
 pub mod paul;
 pub mod preview;
 pub mod puma260;

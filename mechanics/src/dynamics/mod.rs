@@ -10,9 +10,11 @@
 mod motion;
 mod recursion;
 
+pub(crate) use recursion::carry;
+
 pub use motion::{MAX_STEPS, State, free_motion, rk4_step};
 
-use crate::spatial::{Joints, Matrix6};
+use crate::spatial::{Joints, Matrix6, Pose};
 use glam::{DMat3, DVec3};
 
 /// One rigid body in the frame of its link.
@@ -42,6 +44,17 @@ impl Body {
         }
     }
 
+    /// The body of a frame that stands at `pose` in another, seen from that other one.
+    #[must_use]
+    pub fn seen_from(&self, pose: &Pose) -> Body {
+        let turn = pose.rotation;
+        Body {
+            mass_kg: self.mass_kg,
+            com_m: pose.apply(self.com_m),
+            inertia_kg_m2: turn * self.inertia_kg_m2 * turn.transpose(),
+        }
+    }
+
     /// Two bodies of one frame, welded.
     #[must_use]
     pub fn weld(&self, other: &Body) -> Body {
@@ -56,7 +69,7 @@ impl Body {
 }
 
 /// The inertia of a point mass `m` (kg) at `r` (m) about the origin (kg m^2).
-fn steiner(m: f64, r: DVec3) -> DMat3 {
+pub(crate) fn steiner(m: f64, r: DVec3) -> DMat3 {
     let square = r.length_squared();
     m * DMat3::from_cols(
         DVec3::new(square, 0.0, 0.0) - r * r.x,

@@ -171,7 +171,7 @@ pub(super) fn composite(arm: &Dynamics, q: &Joints) -> Matrix6 {
 
 /// What a first moment `h` adds to the inertia when the origin moves by `-p`:
 /// `2 h.p I - h p^T - p h^T`.
-fn carry(h: DVec3, p: DVec3) -> DMat3 {
+pub(crate) fn carry(h: DVec3, p: DVec3) -> DMat3 {
     let both = 2.0 * h.dot(p);
     DMat3::from_cols(
         DVec3::new(both, 0.0, 0.0) - h * p.x - p * h.x,

@@ -7,8 +7,9 @@
 //! met to rounding even where a joint itself is badly determined.
 
 use super::Puma260;
+use crate::limits;
 use crate::spatial::{Joints, Pose, wrap_angle};
-use core::f64::consts::{FRAC_PI_2, PI, TAU};
+use core::f64::consts::{FRAC_PI_2, PI};
 use glam::{DMat3, DVec3};
 
 /// Bit of [`Branch::singular_flags`]: the wrist centre is on the cylinder of the shoulder offset,
@@ -54,7 +55,7 @@ pub struct Branches {
 }
 
 impl Branches {
-    fn empty() -> Branches {
+    pub(crate) fn empty() -> Branches {
         let branch = Branch {
             shoulder: 0,
             elbow: 0,
@@ -66,7 +67,7 @@ impl Branches {
         Branches { branches: [branch; 8], len: 0 }
     }
 
-    fn push(&mut self, branch: Branch) {
+    pub(crate) fn push(&mut self, branch: Branch) {
         self.branches[self.len] = branch;
         self.len += 1;
     }
@@ -123,13 +124,14 @@ impl Puma260 {
     ///
     /// `previous` decides theta4 where the wrist is singular: the branch with the sign of the
     /// previous theta5 keeps the previous theta4, the other is half a turn from it; without
-    /// `previous` theta4 = 0. A pose out of reach by more than a nanometre, or one with a number
-    /// that is not finite, has no branch; `previous` with such numbers counts as absent.
+    /// `previous` theta4 = 0. A pose out of reach by more than a nanometre, one with a number that
+    /// is not finite, and one whose rotation holds a number above 2 has no branch; `previous` that
+    /// is not finite counts as absent.
     #[must_use]
     pub fn inverse(&self, wrist: &Pose, previous: Option<&Joints>) -> Branches {
         let mut out = Branches::empty();
         let p = wrist.translation;
-        if !wrist.is_finite() || p.abs().max_element() > self.reach_bound_m() {
+        if !sane(wrist, self.reach_bound_m()) {
             return out;
         }
         let previous = previous.filter(|q| q.iter().all(|x| x.is_finite()));
@@ -238,19 +240,7 @@ impl Puma260 {
     }
 
     fn some_turn_inside(&self, joint: usize, angle_rad: f64) -> bool {
-        let (low, high) = (self.q_min_rad[joint], self.q_max_rad[joint]);
-        if angle_rad < low {
-            // The first turn at or above the lower limit; one is enough for this arm's limits.
-            let once = angle_rad + TAU;
-            let first = if once >= low { once } else { once + TAU * ((low - once) / TAU).ceil() };
-            return first <= high;
-        }
-        if angle_rad > high {
-            let once = angle_rad - TAU;
-            let first = if once <= high { once } else { once - TAU * ((once - high) / TAU).ceil() };
-            return low <= first;
-        }
-        true
+        limits::some_turn_inside(self.q_min_rad[joint], self.q_max_rad[joint], angle_rad)
     }
 
     /// The branch nearest to `previous` and its joints, expanded by whole turns: of all shifts
@@ -292,30 +282,17 @@ impl Puma260 {
     /// The whole-turn shift of `q` inside the limits nearest to `previous`, and the largest joint
     /// distance. Joints are independent, so each takes its own nearest turn.
     pub(super) fn expand(&self, q: &Joints, previous: &Joints) -> Option<(Joints, f64)> {
-        let mut out = *q;
-        let mut distance: f64 = 0.0;
-        for i in 0..6 {
-            let (low, high, wish) = (self.q_min_rad[i], self.q_max_rad[i], previous[i]);
-            if !wish.is_finite() {
-                return None;
-            }
-            let away = wish.max(low).min(high) - q[i];
-            let near = if away.abs() <= PI { q[i] } else { q[i] + TAU * (away / TAU).round() };
-            let turned = if near < low {
-                near + TAU
-            } else if near > high {
-                near - TAU
-            } else {
-                near
-            };
-            if turned < low || turned > high {
-                return None;
-            }
-            out[i] = turned;
-            distance = distance.max((turned - wish).abs());
-        }
-        Some((out, distance))
+        limits::nearest_turns(q, previous, &self.q_min_rad, &self.q_max_rad)
     }
+}
+
+/// Whether a pose is made of numbers, none of them beyond what a rotation and a place in reach are
+/// made of: then nothing that follows overflows.
+#[inline]
+pub(crate) fn sane(pose: &Pose, bound_m: f64) -> bool {
+    let rotation = pose.rotation.to_cols_array();
+    let place = pose.translation.to_array();
+    rotation.iter().all(|x| x.abs() <= 2.0) && place.iter().all(|x| x.abs() <= bound_m)
 }
 
 /// Rotation of the forearm's frame in the base, for sine and cosine of theta1 and theta2 + theta3.

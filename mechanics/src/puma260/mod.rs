@@ -8,7 +8,7 @@
 //! the upper arm lies along +x0, the forearm stands along +z0 and T6 is not turned.
 
 pub mod follow;
-mod inverse;
+pub(crate) mod inverse;
 
 pub use inverse::{Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, WRIST_SINGULAR};
 

@@ -1,0 +1,175 @@
+//! Rigid-body dynamics of a chain: recursive Newton-Euler (Luh, Walker and Paul 1980) and composite
+//! bodies (Walker and Orin 1982) in the frames of the links. Refuses friction and contact: both
+//! arrive as joint efforts.
+
+use super::{Chain, Motion, Square, Vector};
+use crate::dynamics::{carry, steiner};
+use crate::spatial::Pose;
+use glam::{DMat3, DVec3};
+
+/// Frames of the links, each in the one before.
+fn steps<const N: usize>(chain: &Chain<N>, q: &Vector<N>) -> [Pose; N] {
+    core::array::from_fn(|i| {
+        let link = &chain.links[i];
+        match link.motion {
+            Motion::Turn => {
+                let (s, c) = libm::sincos(q[i]);
+                let (x, y) = (link.mount.rotation.x_axis, link.mount.rotation.y_axis);
+                let rotation =
+                    DMat3::from_cols(c * x + s * y, c * y - s * x, link.mount.rotation.z_axis);
+                Pose::new(rotation, link.mount.translation)
+            }
+            Motion::Slide => Pose::new(
+                link.mount.rotation,
+                link.mount.translation + q[i] * link.mount.rotation.z_axis,
+            ),
+        }
+    })
+}
+
+impl<const N: usize> Chain<N> {
+    /// Joint efforts of the rigid links for a motion (rad, rad/s, rad/s^2 to N m; sliding joints in
+    /// m and N), gravity included, drives and friction not.
+    #[must_use]
+    pub fn inverse_dynamics(&self, q: &Vector<N>, qd: &Vector<N>, qdd: &Vector<N>) -> Vector<N> {
+        let step = steps(self, q);
+        let (mut force, mut moment) = ([DVec3::ZERO; N], [DVec3::ZERO; N]);
+        let (mut w, mut wd, mut a) = (DVec3::ZERO, DVec3::ZERO, self.against_gravity);
+        for i in 0..N {
+            let down = step[i].rotation.transpose();
+            let p = step[i].translation;
+            a = down * (a + wd.cross(p) + w.cross(w.cross(p)));
+            (w, wd) = (down * w, down * wd);
+            match self.links[i].motion {
+                Motion::Turn => {
+                    // w x (z qd) = (w.y, -w.x, 0) qd
+                    wd += DVec3::new(w.y * qd[i], -w.x * qd[i], qdd[i]);
+                    w.z += qd[i];
+                }
+                Motion::Slide => {
+                    a += DVec3::new(2.0 * w.y * qd[i], -2.0 * w.x * qd[i], qdd[i]);
+                }
+            }
+            let body = &self.links[i].body;
+            let com = body.com_m;
+            force[i] = body.mass_kg * (a + wd.cross(com) + w.cross(w.cross(com)));
+            moment[i] = body.inertia_kg_m2 * wd + w.cross(body.inertia_kg_m2 * w);
+        }
+        self.gather(&step, &force, &moment)
+    }
+
+    /// Efforts that hold the chain against gravity.
+    #[must_use]
+    pub fn gravity(&self, q: &Vector<N>) -> Vector<N> {
+        let step = steps(self, q);
+        let mut force = [DVec3::ZERO; N];
+        let mut a = self.against_gravity;
+        for i in 0..N {
+            a = step[i].rotation.transpose() * a;
+            force[i] = self.links[i].body.mass_kg * a;
+        }
+        self.gather(&step, &force, &[DVec3::ZERO; N])
+    }
+
+    /// The inward half: efforts that carry a force at, and a moment about, each centre of mass.
+    fn gather(&self, step: &[Pose; N], force: &[DVec3; N], moment: &[DVec3; N]) -> Vector<N> {
+        let mut tau = Vector::<N>::zeros();
+        let (mut f, mut n) = (DVec3::ZERO, DVec3::ZERO);
+        for i in (0..N).rev() {
+            n += self.links[i].body.com_m.cross(force[i]) + moment[i];
+            f += force[i];
+            tau[i] = match self.links[i].motion {
+                Motion::Turn => n.z,
+                Motion::Slide => f.z,
+            };
+            f = step[i].rotation * f;
+            n = step[i].rotation * n + step[i].translation.cross(f);
+        }
+        tau
+    }
+
+    /// Coriolis, centrifugal and gravity efforts.
+    #[must_use]
+    pub fn bias(&self, q: &Vector<N>, qd: &Vector<N>) -> Vector<N> {
+        self.inverse_dynamics(q, qd, &Vector::zeros())
+    }
+
+    /// The mass matrix, drives included.
+    #[must_use]
+    pub fn mass_matrix(&self, q: &Vector<N>) -> Square<N> {
+        let step = steps(self, q);
+        let mut out = Square::<N>::zeros();
+        // Everything from link i outwards: mass, first moment and inertia about its origin.
+        let (mut mass, mut first, mut inertia) = (0.0, DVec3::ZERO, DMat3::ZERO);
+        for i in (0..N).rev() {
+            let body = &self.links[i].body;
+            mass += body.mass_kg;
+            first += body.mass_kg * body.com_m;
+            inertia = inertia + body.inertia_kg_m2 + steiner(body.mass_kg, body.com_m);
+            // Unit acceleration of joint i: force and moment on the whole.
+            let (mut f, mut n) = match self.links[i].motion {
+                Motion::Turn => (DVec3::new(-first.y, first.x, 0.0), inertia.z_axis),
+                Motion::Slide => (DVec3::new(0.0, 0.0, mass), DVec3::new(first.y, -first.x, 0.0)),
+            };
+            for j in (0..=i).rev() {
+                let entry = match self.links[j].motion {
+                    Motion::Turn => n.z,
+                    Motion::Slide => f.z,
+                };
+                out[(i, j)] = entry;
+                out[(j, i)] = entry;
+                f = step[j].rotation * f;
+                n = step[j].rotation * n + step[j].translation.cross(f);
+            }
+            let (r, p) = (step[i].rotation, step[i].translation);
+            first = r * first;
+            inertia = r * inertia * r.transpose() + carry(first, p) + steiner(mass, p);
+            first += mass * p;
+        }
+        for i in 0..N {
+            out[(i, i)] += self.reflected[i];
+        }
+        out
+    }
+
+    /// Joint accelerations under joint efforts, drives included, friction not. NaN for numbers that
+    /// are not finite and for joints that carry neither mass nor drive.
+    #[must_use]
+    pub fn forward_dynamics(&self, q: &Vector<N>, qd: &Vector<N>, effort: &Vector<N>) -> Vector<N> {
+        let mut out = effort - self.bias(q, qd);
+        solve_positive(&mut self.mass_matrix(q), &mut out);
+        out
+    }
+}
+
+/// Solves a symmetric positive definite system by Cholesky in place; NaN where it is neither.
+pub(super) fn solve_positive<const N: usize>(m: &mut Square<N>, b: &mut Vector<N>) {
+    for j in 0..N {
+        let mut d = m[(j, j)];
+        for k in 0..j {
+            d -= m[(j, k)] * m[(j, k)];
+        }
+        // The square root of a negative number is the NaN that is promised.
+        let root = d.sqrt();
+        m[(j, j)] = root;
+        for i in j + 1..N {
+            let mut sum = m[(i, j)];
+            for k in 0..j {
+                sum -= m[(i, k)] * m[(j, k)];
+            }
+            m[(i, j)] = sum / root;
+        }
+    }
+    for i in 0..N {
+        for k in 0..i {
+            b[i] -= m[(i, k)] * b[k];
+        }
+        b[i] /= m[(i, i)];
+    }
+    for i in (0..N).rev() {
+        for k in i + 1..N {
+            b[i] -= m[(k, i)] * b[k];
+        }
+        b[i] /= m[(i, i)];
+    }
+}

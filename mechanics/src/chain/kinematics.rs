@@ -1,0 +1,145 @@
+//! Poses and Jacobians of a chain. Refuses nothing: finite joints give finite frames.
+
+use super::{Chain, Jacobian, Link, Motion, Vector};
+use crate::spatial::Pose;
+use glam::{DMat3, DVec3};
+
+/// Axes and origins of the joints and the tool, all in the base frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Frames<const N: usize> {
+    pub(super) axis: [DVec3; N],
+    pub(super) origin: [DVec3; N],
+    pub(super) tool: Pose,
+}
+
+/// `rotation * Rz(q)`.
+#[inline(always)]
+fn turned(rotation: &DMat3, q: f64) -> DMat3 {
+    let (s, c) = libm::sincos(q);
+    let (x, y) = (rotation.x_axis, rotation.y_axis);
+    DMat3::from_cols(c * x + s * y, c * y - s * x, rotation.z_axis)
+}
+
+impl Link {
+    /// The frame of this link behind its joint, given the one before.
+    #[inline(always)]
+    fn behind(&self, before: &Pose, q: f64) -> Pose {
+        let mounted = before.compose(&self.mount);
+        match self.motion {
+            Motion::Turn => Pose::new(turned(&mounted.rotation, q), mounted.translation),
+            Motion::Slide => {
+                Pose::new(mounted.rotation, mounted.translation + q * mounted.rotation.z_axis)
+            }
+        }
+    }
+}
+
+impl<const N: usize> Chain<N> {
+    pub(super) fn frames(&self, q: &Vector<N>) -> Frames<N> {
+        let mut at = Pose::IDENTITY;
+        let (mut axis, mut origin) = ([DVec3::ZERO; N], [DVec3::ZERO; N]);
+        for i in 0..N {
+            at = self.links[i].behind(&at, q[i]);
+            axis[i] = at.rotation.z_axis;
+            origin[i] = at.translation;
+        }
+        Frames { axis, origin, tool: at.compose(&self.tool) }
+    }
+
+    /// The tool frame in the base frame.
+    #[must_use]
+    pub fn tool_pose(&self, q: &Vector<N>) -> Pose {
+        let mut at = Pose::IDENTITY;
+        for (link, q) in self.links.iter().zip(q.iter()) {
+            at = link.behind(&at, *q);
+        }
+        at.compose(&self.tool)
+    }
+
+    /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the base frame.
+    #[must_use]
+    pub fn jacobian_base(&self, q: &Vector<N>) -> Jacobian<N> {
+        self.jacobian_of(&self.frames(q), &DMat3::IDENTITY)
+    }
+
+    /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the tool frame.
+    #[must_use]
+    pub fn jacobian_tool(&self, q: &Vector<N>) -> Jacobian<N> {
+        let frames = self.frames(q);
+        self.jacobian_of(&frames, &frames.tool.rotation.transpose())
+    }
+
+    pub(super) fn jacobian_of(&self, frames: &Frames<N>, into: &DMat3) -> Jacobian<N> {
+        let mut out = Jacobian::<N>::zeros();
+        for i in 0..N {
+            let axis = frames.axis[i];
+            let (v, w) = match self.links[i].motion {
+                Motion::Turn => (axis.cross(frames.tool.translation - frames.origin[i]), axis),
+                Motion::Slide => (axis, DVec3::ZERO),
+            };
+            let (v, w) = (*into * v, *into * w);
+            out.column_mut(i).copy_from_slice(&[v.x, v.y, v.z, w.x, w.y, w.z]);
+        }
+        out
+    }
+
+    /// Singular values of the Jacobian, largest first, with lengths counted in mean links of this
+    /// arm so that rows compare; the last is how far the arm is from any singularity, whatever its
+    /// name. Values beyond the number of joints are 0. NaN for joints that are not finite.
+    ///
+    /// One-sided rotations after Hestenes (1958), on the rows of the Jacobian: small values keep
+    /// their accuracy.
+    #[must_use]
+    pub fn singular_values(&self, q: &Vector<N>) -> [f64; 6] {
+        let mut j = self.jacobian_base(q);
+        for column in 0..N {
+            for row in 0..3 {
+                j[(row, column)] /= self.scale_m;
+            }
+        }
+        for _ in 0..SWEEPS {
+            let mut turned = false;
+            for a in 0..6 {
+                for b in a + 1..6 {
+                    turned |= orthogonalise(&mut j, a, b);
+                }
+            }
+            if !turned {
+                break;
+            }
+        }
+        let mut out = [0.0; 6];
+        for (row, value) in out.iter_mut().enumerate() {
+            *value = j.row(row).norm();
+        }
+        out.sort_unstable_by(|a, b| b.total_cmp(a));
+        out
+    }
+}
+
+/// Most sweeps over the pairs of rows; ten are usual.
+const SWEEPS: usize = 30;
+
+/// Turns two rows in their plane until they are square to each other; false when they were.
+fn orthogonalise<const N: usize>(j: &mut Jacobian<N>, a: usize, b: usize) -> bool {
+    let (mut alpha, mut beta, mut gamma) = (0.0, 0.0, 0.0);
+    for k in 0..N {
+        let (x, y) = (j[(a, k)], j[(b, k)]);
+        alpha += x * x;
+        beta += y * y;
+        gamma += x * y;
+    }
+    if gamma == 0.0 || gamma.abs() <= f64::EPSILON * (alpha * beta).sqrt() {
+        return false;
+    }
+    let zeta = (beta - alpha) / (2.0 * gamma);
+    let t = zeta.signum() / (zeta.abs() + (1.0 + zeta * zeta).sqrt());
+    let c = 1.0 / (1.0 + t * t).sqrt();
+    let s = c * t;
+    for k in 0..N {
+        let (x, y) = (j[(a, k)], j[(b, k)]);
+        j[(a, k)] = c * x - s * y;
+        j[(b, k)] = s * x + c * y;
+    }
+    true
+}

@@ -1,0 +1,287 @@
+//! The inverse of any chain by damped steps from where the arm is, and from other starts when that
+//! fails. Refuses to pretend: what was not reached is an error that says how far off the nearest
+//! try was. Starts are a fixed sequence, steps and starts are counted, so that a call has a longest
+//! time and the same call gives the same bits.
+//!
+//! Steps are those of Levenberg and Marquardt in the form of Sugihara (2011): the damping is half
+//! the square of what is missed, so it vanishes towards a solution, and the last steps double the
+//! digits. Being minimal in the joints, they leave a redundant arm near its start.
+
+use core::f64::consts::PI;
+use core::fmt;
+
+use super::dynamics::solve_positive;
+use super::{Chain, MAX_JOINTS, Motion, Vector};
+use crate::puma260::inverse::sane;
+use crate::spatial::{Pose, rotation_vector};
+use glam::{DMat3, DVec3};
+use nalgebra::{Matrix6, Vector6};
+
+/// How much may be tried, and what is good enough.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Effort {
+    /// Starts, the one from the joints before included.
+    pub starts: u32,
+    /// Steps from each start.
+    pub steps: u32,
+    /// Distance of the tool point that counts as reached (m).
+    pub reached_m: f64,
+    /// Angle of the tool that counts as reached (rad).
+    pub reached_rad: f64,
+}
+
+impl Default for Effort {
+    /// 64 starts of 40 steps, 1e-10 m, 1e-10 rad.
+    fn default() -> Effort {
+        Effort { starts: 64, steps: 40, reached_m: 1e-10, reached_rad: 1e-10 }
+    }
+}
+
+impl Effort {
+    /// What a tick of following allows: one start of few steps.
+    pub const TICK: Effort = Effort { starts: 1, steps: 12, reached_m: 1e-10, reached_rad: 1e-10 };
+}
+
+/// Joints that reach a pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Found<const N: usize> {
+    /// Joint values inside the limits (rad or m).
+    pub q: Vector<N>,
+    /// Which start led there, 1 for the joints before.
+    pub starts: u32,
+    /// Steps taken in all.
+    pub steps: u32,
+    /// Distance of the tool point left (m).
+    pub off_m: f64,
+    /// Angle of the tool left (rad).
+    pub off_rad: f64,
+}
+
+/// No start reached the pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NotFound<const N: usize> {
+    /// The nearest joints that were seen inside the limits.
+    pub q: Vector<N>,
+    /// Distance of their tool point (m); infinite where the pose or the joints before are not
+    /// finite.
+    pub off_m: f64,
+    /// Angle of their tool (rad).
+    pub off_rad: f64,
+}
+
+impl<const N: usize> fmt::Display for NotFound<N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "the pose was not reached: the nearest try misses it by {:.3e} m and {:.3e} rad",
+            self.off_m, self.off_rad
+        )
+    }
+}
+
+impl<const N: usize> std::error::Error for NotFound<N> {}
+
+/// No joint moves further in one step (rad, or mean links).
+const LONGEST_STEP: f64 = 0.6;
+/// Damping that is never gone below, relative to the squares of the Jacobian (about 1).
+const LEAST_DAMPING: f64 = 1e-14;
+/// Steps after the goal was reached, as long as each still halves what is missed.
+const POLISH: u32 = 3;
+/// Squares of the miss below which rounding is all that is left.
+const ROUNDING: f64 = 1e-31;
+
+/// Fractions of the golden sequence in eight dimensions, `1/g^k` with `g^9 = g + 1` (Roberts 2018).
+const GOLDEN: [f64; MAX_JOINTS] = [
+    0.921_599_319_633_983,
+    0.849_345_305_949_820_3,
+    0.782_756_056_097_671_4,
+    0.721_387_448_738_993_7,
+    0.664_830_181_950_351_4,
+    0.612_707_043_357_580_9,
+    0.564_670_394_293_295_8,
+    0.520_399_851_198_154_4,
+];
+
+/// How far a try is from its goal.
+#[derive(Clone, Copy)]
+struct Miss {
+    /// Position over the mean link, rotation vector; base frame.
+    error: Vector6<f64>,
+    off_m: f64,
+    off_rad: f64,
+}
+
+impl Miss {
+    fn square(&self) -> f64 {
+        0.5 * self.error.norm_squared()
+    }
+}
+
+impl<const N: usize> Chain<N> {
+    /// Joints whose tool pose is `tool` (base frame, orthonormal rotation), inside the limits:
+    /// first from `previous`, which leads to the solution nearest to it where the motion is small,
+    /// then from other starts.
+    ///
+    /// # Errors
+    /// [`NotFound`]; a pose that is out of reach is one, so is one that holds a number that is not
+    /// finite.
+    pub fn search(
+        &self,
+        tool: &Pose,
+        previous: &Vector<N>,
+        effort: &Effort,
+    ) -> Result<Found<N>, NotFound<N>> {
+        let mut best = NotFound { q: *previous, off_m: f64::INFINITY, off_rad: f64::INFINITY };
+        if !(sane(tool, 1e9) && previous.iter().all(|x| x.abs() <= 1e9)) {
+            return Err(best);
+        }
+        let mut steps = 0;
+        let mut least = f64::INFINITY;
+        for start in 0..effort.starts {
+            let from = if start == 0 { self.inside(previous) } else { self.start(start) };
+            let (q, miss) = self.descend(tool, &from, effort, &mut steps);
+            let reached = miss.off_m <= effort.reached_m && miss.off_rad <= effort.reached_rad;
+            let Some((q, _)) = self.expand(&q, previous) else { continue };
+            if reached {
+                let (off_m, off_rad) = (miss.off_m, miss.off_rad);
+                return Ok(Found { q, starts: start + 1, steps, off_m, off_rad });
+            }
+            if miss.square() < least {
+                least = miss.square();
+                best = NotFound { q, off_m: miss.off_m, off_rad: miss.off_rad };
+            }
+        }
+        Err(best)
+    }
+
+    /// Joints clamped into their limits.
+    fn inside(&self, q: &Vector<N>) -> Vector<N> {
+        Vector::<N>::from_fn(|i, _| q[i].clamp(self.limits.q_min[i], self.limits.q_max[i]))
+    }
+
+    /// Start number `n` of the sequence that spreads over the limits, one turn of them at most.
+    fn start(&self, n: u32) -> Vector<N> {
+        Vector::<N>::from_fn(|i, _| {
+            let (low, high) = (self.limits.q_min[i], self.limits.q_max[i]);
+            let middle = 0.5 * (low + high);
+            let half = match self.links[i].motion {
+                Motion::Turn => (0.5 * (high - low)).min(PI),
+                Motion::Slide => 0.5 * (high - low),
+            };
+            let x = f64::from(n) * GOLDEN[i] + 0.5;
+            middle + half * (2.0 * (x - x.floor()) - 1.0)
+        })
+    }
+
+    fn miss(&self, goal: &Pose, at: &Pose) -> Miss {
+        let p = goal.translation - at.translation;
+        let r = at.rotation * rotation_vector(&at.rotation, &goal.rotation);
+        let s = p / self.scale_m;
+        Miss {
+            error: Vector6::new(s.x, s.y, s.z, r.x, r.y, r.z),
+            off_m: p.length(),
+            off_rad: r.length(),
+        }
+    }
+
+    /// Damped steps from one start; the best place that was passed.
+    fn descend(
+        &self,
+        goal: &Pose,
+        from: &Vector<N>,
+        effort: &Effort,
+        steps: &mut u32,
+    ) -> (Vector<N>, Miss) {
+        let mut q = *from;
+        let mut frames = self.frames(&q);
+        let mut miss = self.miss(goal, &frames.tool);
+        let mut best = (q, miss);
+        let mut polished = 0;
+        for _ in 0..effort.steps {
+            let square = miss.square();
+            if square <= ROUNDING {
+                break;
+            }
+            *steps += 1;
+            let j = self.jacobian_of(&frames, &DMat3::IDENTITY);
+            let step = self.damped(&j, &miss.error, square + LEAST_DAMPING);
+            q = self.inside(&(q + self.shortened(&step)));
+            frames = self.frames(&q);
+            miss = self.miss(goal, &frames.tool);
+            let better = miss.square() < 0.25 * best.1.square();
+            if miss.square() < best.1.square() {
+                best = (q, miss);
+            }
+            if best.1.off_m <= effort.reached_m && best.1.off_rad <= effort.reached_rad {
+                polished += 1;
+                if !better || polished > POLISH {
+                    break;
+                }
+            }
+        }
+        best
+    }
+
+    /// `J^T (J J^T + damping I)^-1 error` with positions counted in mean links; rest where a
+    /// number is not finite.
+    fn damped(
+        &self,
+        jacobian: &super::Jacobian<N>,
+        error: &Vector6<f64>,
+        damping: f64,
+    ) -> Vector<N> {
+        let mut j = *jacobian;
+        for column in 0..N {
+            for row in 0..3 {
+                j[(row, column)] /= self.scale_m;
+            }
+        }
+        let mut square = Matrix6::zeros();
+        for a in 0..6 {
+            for b in 0..=a {
+                let mut sum = if a == b { damping } else { 0.0 };
+                for k in 0..N {
+                    sum += j[(a, k)] * j[(b, k)];
+                }
+                square[(a, b)] = sum;
+                square[(b, a)] = sum;
+            }
+        }
+        let mut x = *error;
+        solve_positive(&mut square, &mut x);
+        let step = j.tr_mul(&x);
+        if step.iter().all(|x| x.is_finite()) { step } else { Vector::zeros() }
+    }
+
+    /// A step shortened as a whole to the longest one.
+    fn shortened(&self, step: &Vector<N>) -> Vector<N> {
+        let most = (0..N).fold(0.0_f64, |most, i| {
+            let size = match self.links[i].motion {
+                Motion::Turn => step[i].abs(),
+                Motion::Slide => step[i].abs() / self.scale_m,
+            };
+            most.max(size)
+        });
+        if most > LONGEST_STEP { step * (LONGEST_STEP / most) } else { *step }
+    }
+
+    /// Joint rates for a twist of the tool point `[v; w]` (base frame), damped least squares with
+    /// positions counted in mean links; `damping` is lambda^2 in that measure. What the rates miss
+    /// of the twist comes beside them. Numbers that are not finite, or too large to square, give
+    /// rest.
+    #[must_use]
+    pub fn rates(
+        &self,
+        q: &Vector<N>,
+        twist: &Vector6<f64>,
+        damping: f64,
+    ) -> (Vector<N>, Vector6<f64>) {
+        let j = self.jacobian_base(q);
+        let mut scaled = *twist;
+        let linear = DVec3::new(twist[0], twist[1], twist[2]) / self.scale_m;
+        scaled.fixed_rows_mut::<3>(0).copy_from_slice(&linear.to_array());
+        let damping = damping.abs().clamp(LEAST_DAMPING, 1e100);
+        let rates = self.damped(&j, &scaled, damping);
+        (rates, twist - j * rates)
+    }
+}

@@ -1,0 +1,305 @@
+//! The closed form of the inverse for arms with a spherical wrist: all branches of any six turning
+//! joints whose last three axes meet in a point at right angles, whose joints 2 and 3 are parallel
+//! and whose joint 1 is square to them, with any offsets between (the family of ortho-parallel
+//! bases and spherical wrists, Brandstoetter, Angerer and Hofbaur 2014). Refuses other arms, poses
+//! out of reach (no branch) and poses that hold a number that is not finite (no branch).
+//!
+//! The arm is seen from its pose at zero, as turns about axes that stand in the base frame, so the
+//! frames by which it was described do not matter. As for the PUMA 260, every angle comes from
+//! `atan2` of quantities without cancellation, and joints 5 and 6 are taken after joint 4 is
+//! fixed.
+
+use core::f64::consts::PI;
+
+use super::{Chain, Motion, Vector};
+use crate::limits;
+use crate::puma260::inverse::sane;
+use crate::puma260::{
+    Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, SingularDistance, WRIST_SINGULAR,
+};
+use crate::spatial::{Joints, Pose, wrap_angle};
+use glam::{DMat3, DVec2, DVec3};
+
+/// How exactly axes have to meet, be parallel and be square: relative to the arm's size, and in
+/// cosines.
+const EXACT: f64 = 1e-9;
+/// Scaled distance below which a double root of shoulder or elbow is flagged.
+const DOUBLE_ROOT: f64 = 1e-7;
+/// `|sin theta5|` below which joint 4 is held.
+const WRIST_HOLD: f64 = 1e-11;
+/// How far a wrist centre may be out of reach, relative to the longest reach.
+const REACH_TOLERANCE: f64 = 2.5e-9;
+/// Distance of the wrist centre from axis 2 over the longest reach below which joint 2 is free.
+const FOLDED: f64 = 2.5e-12;
+
+/// What the closed form needs to know of an arm, all from its pose at zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SphericalWrist {
+    /// Where axis 1 is nearest to axis 2 (m, base frame).
+    foot: DVec3,
+    /// Columns: the plane's x, the common direction of axes 2 and 3 up to sign, axis 1.
+    base: DMat3,
+    /// Distance from axis 1 to axis 2 along the plane's x (m).
+    ahead_m: f64,
+    /// Distance of the wrist centre from axis 1 along the plane's normal (m).
+    aside_m: f64,
+    /// Upper arm and forearm, in the plane as (z, x), so that turns about the normal count
+    /// positive (m).
+    upper: DVec2,
+    fore: DVec2,
+    /// Signs of joints 2 and 3 about the plane's normal.
+    sign: [f64; 2],
+    /// Columns: x, axis 5, axis 4 at zero.
+    wrist: DMat3,
+    /// Angle about axis 5 from axis 4 to axis 6 at zero (rad).
+    bent_rad: f64,
+    /// Turn about axis 5 by that angle.
+    bend: DMat3,
+    /// Rotation of the tool at zero.
+    tool_rotation: DMat3,
+    /// The wrist centre in the tool's axes, from the tool point (m).
+    centre: DVec3,
+    q_min: Joints,
+    q_max: Joints,
+}
+
+/// The first three joints of a branch.
+struct Root {
+    shoulder: i8,
+    elbow: i8,
+    q: [f64; 3],
+    flags: u8,
+}
+
+impl SphericalWrist {
+    /// The closed form of a chain, if it is of the family.
+    pub(super) fn recognise<const N: usize>(chain: &Chain<N>) -> Option<SphericalWrist> {
+        if N != 6 || chain.links.iter().any(|link| link.motion != Motion::Turn) {
+            return None;
+        }
+        let zero = chain.frames(&Vector::<N>::zeros());
+        let (z, o) = (zero.axis, zero.origin);
+        let size = chain.scale_m * 6.0;
+        let square = |a: DVec3, b: DVec3| a.dot(b).abs() < EXACT;
+        let near = |a: DVec3, b: DVec3| (a - b).length() < EXACT * size;
+        // Axes 4 and 5 meet where axis 4 is nearest to axis 5; axis 6 goes through there.
+        let centre = o[3] + (o[4] - o[3]).dot(z[3]) * z[3];
+        let on = |i: usize| near(centre, o[i] + (centre - o[i]).dot(z[i]) * z[i]);
+        let wrist = square(z[3], z[4]) && square(z[4], z[5]) && on(4) && on(5);
+        let arm = z[1].cross(z[2]).length() < EXACT && square(z[0], z[1]);
+        if !(wrist && arm) {
+            return None;
+        }
+        let foot = o[0] + (o[1] - o[0]).dot(z[0]) * z[0];
+        // The plane's x points to where the arm is at zero: that is "forward".
+        let across = z[1].cross(z[0]);
+        let forward = (centre - foot).dot(across);
+        let along = if forward.abs() > EXACT * size { forward } else { (o[2] - o[1]).dot(across) };
+        let x = if along < 0.0 { -across } else { across };
+        let y = z[0].cross(x);
+        let base = DMat3::from_cols(x, y, z[0]);
+        let plane = |v: DVec3| DVec2::new(v.dot(z[0]), v.dot(x));
+        let (upper, fore) = (plane(o[2] - o[1]), plane(centre - o[2]));
+        if upper.length() < EXACT * size || fore.length() < EXACT * size {
+            return None;
+        }
+        let wrist = DMat3::from_cols(z[4].cross(z[3]), z[4], z[3]);
+        let sixth = wrist.transpose() * z[5];
+        let tool = zero.tool;
+        let six = |v: &Vector<N>| Joints::from_fn(|i, _| v[i]);
+        Some(SphericalWrist {
+            foot,
+            base,
+            ahead_m: (o[1] - foot).dot(x),
+            aside_m: (centre - foot).dot(y),
+            upper,
+            fore,
+            sign: [z[1].dot(y).signum(), z[2].dot(y).signum()],
+            wrist,
+            bent_rad: libm::atan2(sixth.x, sixth.z),
+            bend: DMat3::from_cols(
+                DVec3::new(sixth.z, 0.0, -sixth.x),
+                DVec3::Y,
+                DVec3::new(sixth.x, 0.0, sixth.z),
+            ),
+            tool_rotation: tool.rotation,
+            centre: tool.rotation.transpose() * (centre - tool.translation),
+            q_min: six(&chain.limits.q_min),
+            q_max: six(&chain.limits.q_max),
+        })
+    }
+
+    fn longest_m(&self) -> f64 {
+        self.upper.length() + self.fore.length()
+    }
+
+    /// All branches that reach tool pose `tool` (base frame, orthonormal rotation), ordered by
+    /// shoulder (+1: the wrist centre on the side of axis 1 where it is at zero), elbow (+1: joint
+    /// 3 above its value with the arm stretched), wrist (+1: joint 5 not below its value with axes
+    /// 4 and 6 in line); joint 4 where it is free as for
+    /// [`Puma260::inverse`](crate::puma260::Puma260::inverse).
+    #[must_use]
+    pub fn inverse(&self, tool: &Pose, previous: Option<&Joints>) -> Branches {
+        let mut out = Branches::empty();
+        let longest = self.longest_m();
+        let bound = 10.0 * (longest + self.foot.length() + self.centre.length())
+            + self.ahead_m.abs()
+            + self.aside_m.abs();
+        if !sane(tool, bound) {
+            return out;
+        }
+        let previous = previous.filter(|q| q.iter().all(|x| x.is_finite()));
+        let centre = tool.apply(self.centre) - self.foot;
+        let p = self.base.transpose() * centre;
+        let aside = self.aside_m.abs();
+        let r = (p.x * p.x + p.y * p.y).sqrt();
+        let slack = REACH_TOLERANCE * longest;
+        if aside - r > slack {
+            return out;
+        }
+        let reach = ((r - aside) * (r + aside)).max(0.0).sqrt();
+        let azimuth = libm::atan2(p.y, p.x);
+        for shoulder in [1_i8, -1] {
+            let reach = f64::from(shoulder) * reach;
+            let theta1 = wrap_angle(azimuth - libm::atan2(self.aside_m, reach));
+            let target = DVec2::new(p.z, reach - self.ahead_m);
+            let Some(opening) = self.opening(target, slack) else { continue };
+            for elbow in [1_i8, -1] {
+                let stretched = signed_angle(self.upper, self.fore);
+                let bend = f64::from(elbow) * self.sign[1] * opening - stretched;
+                let mut root = Root { shoulder, elbow, q: [theta1, 0.0, 0.0], flags: 0 };
+                root.q[2] = wrap_angle(self.sign[1] * bend);
+                root.q[1] = self.second(target, bend, previous);
+                if reach.abs() < DOUBLE_ROOT * longest {
+                    root.flags |= SHOULDER_SINGULAR;
+                }
+                if libm::sin(opening).abs() < DOUBLE_ROOT {
+                    root.flags |= ELBOW_SINGULAR;
+                }
+                self.complete(&tool.rotation, &root, previous, &mut out);
+            }
+        }
+        out
+    }
+
+    /// Angle between forearm and upper arm that spans the distance of `target`, in `[0, pi]`, 0
+    /// stretched; `None` out of reach.
+    fn opening(&self, target: DVec2, slack: f64) -> Option<f64> {
+        let (a, b) = (self.upper.length(), self.fore.length());
+        let square = target.length_squared();
+        let distance = square.sqrt();
+        if distance - (a + b) > slack || (a - b).abs() - distance > slack {
+            return None;
+        }
+        let below = ((a + b) * (a + b) - square).max(0.0);
+        let above = (square - (a - b) * (a - b)).max(0.0);
+        Some(2.0 * libm::atan2(below.sqrt(), above.sqrt()))
+    }
+
+    /// Joint 2 when the elbow is bent by `bend` about the plane's normal (rad).
+    fn second(&self, target: DVec2, bend: f64, previous: Option<&Joints>) -> f64 {
+        let (s, c) = libm::sincos(bend);
+        let fore = DVec2::new(c * self.fore.x - s * self.fore.y, s * self.fore.x + c * self.fore.y);
+        let arm = self.upper + fore;
+        let folded = FOLDED * self.longest_m();
+        if target.length_squared() < folded * folded {
+            return previous.map_or(0.0, |q| wrap_angle(q[1]));
+        }
+        wrap_angle(self.sign[0] * libm::atan2(arm.perp_dot(target), arm.dot(target)))
+    }
+
+    /// Both wrists of an arm.
+    fn complete(
+        &self,
+        rotation: &DMat3,
+        root: &Root,
+        previous: Option<&Joints>,
+        out: &mut Branches,
+    ) {
+        let [q1, q2, q3] = root.q;
+        let turned = self.base * arm_turn(q1, self.sign[0] * q2 + self.sign[1] * q3);
+        let turned = turned * self.base.transpose();
+        let w = turned.transpose() * *rotation * self.tool_rotation.transpose();
+        let m = self.wrist.transpose() * w * self.wrist * self.bend;
+        let (mx, my) = (m.z_axis.x, m.z_axis.y);
+        let singular = mx * mx + my * my < WRIST_HOLD * WRIST_HOLD;
+        let q4 = if singular { self.held(previous) } else { libm::atan2(my, mx) };
+        let (s4, c4) = libm::sincos(q4);
+        let angle = libm::atan2(c4 * mx + s4 * my, m.z_axis.z);
+        let q6 = libm::atan2(c4 * m.x_axis.y - s4 * m.x_axis.x, c4 * m.y_axis.y - s4 * m.y_axis.x);
+        let flags = root.flags | if singular { WRIST_SINGULAR } else { 0 };
+        for (wrist, last) in [(1, [q4, angle, q6]), (-1, [half_turn(q4), -angle, half_turn(q6)])] {
+            let [q4, angle, q6] = last.map(wrap_angle);
+            let q = Joints::new(q1, q2, q3, q4, wrap_angle(angle - self.bent_rad), q6);
+            let in_limits =
+                (0..6).all(|i| limits::some_turn_inside(self.q_min[i], self.q_max[i], q[i]));
+            let (shoulder, elbow) = (root.shoulder, root.elbow);
+            out.push(Branch { shoulder, elbow, wrist, q, in_limits, singular_flags: flags });
+        }
+    }
+
+    /// Joint 4 of the branch with wrist +1 where it is free.
+    fn held(&self, previous: Option<&Joints>) -> f64 {
+        match previous {
+            None => 0.0,
+            Some(q) if wrap_angle(wrap_angle(q[4]) + self.bent_rad) < 0.0 => {
+                wrap_angle(wrap_angle(q[3]) + PI)
+            }
+            Some(q) => wrap_angle(q[3]),
+        }
+    }
+
+    /// The branch nearest to `previous` and its joints, expanded by whole turns inside the limits:
+    /// the one whose largest joint distance is smallest, the first of equals.
+    #[must_use]
+    pub fn nearest(&self, branches: &Branches, previous: &Joints) -> Option<(usize, Joints)> {
+        let mut best: Option<(usize, Joints, f64)> = None;
+        for (index, branch) in branches.iter().enumerate() {
+            let turns = limits::nearest_turns(&branch.q, previous, &self.q_min, &self.q_max);
+            let Some((q, distance)) = turns else { continue };
+            if best.as_ref().is_none_or(|b| distance < b.2) {
+                best = Some((index, q, distance));
+            }
+        }
+        best.map(|(index, q, _)| (index, q))
+    }
+
+    /// How far joints are from each of the three singularities: the wrist centre's distance from
+    /// the plane through axis 1 along axes 2 and 3, over the longest reach from axis 1; the sine of
+    /// the elbow's opening, positive on the side of elbow +1; the sine of the angle between axes 4
+    /// and 6.
+    #[must_use]
+    pub fn singular_distance(&self, q: &Joints) -> SingularDistance {
+        let bend = self.sign[1] * q[2];
+        let (s, c) = libm::sincos(bend);
+        let fore = DVec2::new(c * self.fore.x - s * self.fore.y, s * self.fore.x + c * self.fore.y);
+        let (s, c) = libm::sincos(self.sign[0] * q[1]);
+        let arm = self.upper + fore;
+        let reach = self.ahead_m + s * arm.x + c * arm.y;
+        let lengths = self.upper.length() * self.fore.length();
+        SingularDistance {
+            shoulder: reach / (self.longest_m() + self.ahead_m.abs()),
+            elbow: self.sign[1] * self.upper.perp_dot(fore) / lengths,
+            wrist: libm::sin(q[4] + self.bent_rad),
+        }
+    }
+}
+
+/// `Rz(q1) Ry(q23)` in the axes of the base.
+fn arm_turn(q1: f64, q23: f64) -> DMat3 {
+    let ((s1, c1), (s, c)) = (libm::sincos(q1), libm::sincos(q23));
+    DMat3::from_cols(
+        DVec3::new(c1 * c, s1 * c, -s),
+        DVec3::new(-s1, c1, 0.0),
+        DVec3::new(c1 * s, s1 * s, c),
+    )
+}
+
+fn half_turn(angle_rad: f64) -> f64 {
+    if angle_rad < 0.0 { angle_rad + PI } else { angle_rad - PI }
+}
+
+/// The angle that turns `from` into `to` in the plane (rad).
+fn signed_angle(from: DVec2, to: DVec2) -> f64 {
+    libm::atan2(from.perp_dot(to), from.dot(to))
+}

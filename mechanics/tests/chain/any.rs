@@ -1,0 +1,152 @@
+//! No finite number, however odd, makes a NaN or a panic: bits drawn at random, zeros of either
+//! sign, the smallest and the largest, and steps beside singularities, in every place of every
+//! argument. Dynamics are held to motions up to 1e60, which is what they promise.
+
+use crate::arms::{Draws, puma, seven, slider, ur5e_like};
+use glam::{DMat3, DVec3};
+use taktil_mechanics::chain::{Chain, Effort, Vector};
+use taktil_mechanics::dls::{damped_least_squares, damping_squared, limit_speed};
+use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::{Joints, Pose};
+
+/// Any finite number.
+fn odd(draws: &mut Draws) -> f64 {
+    match draws.word() >> 60 {
+        0 => 0.0,
+        1 => -0.0,
+        2 => f64::MIN_POSITIVE,
+        3 => f64::from_bits(draws.word() & 0xfff),
+        4 => f64::MAX,
+        5 => -f64::MAX,
+        6 => core::f64::consts::FRAC_PI_2,
+        7 => -core::f64::consts::PI,
+        8 | 9 => draws.between(-1.0, 1.0),
+        10 => draws.between(-1e-9, 1e-9),
+        _ => {
+            let bits = f64::from_bits(draws.word());
+            if bits.is_finite() { bits } else { 1.0 }
+        }
+    }
+}
+
+fn vector<const N: usize>(draws: &mut Draws) -> Vector<N> {
+    Vector::from_fn(|_, _| odd(draws))
+}
+
+fn pose(draws: &mut Draws) -> Pose {
+    let point = |draws: &mut Draws| DVec3::new(odd(draws), odd(draws), odd(draws));
+    let rotation = if draws.word() >> 63 == 0 {
+        draws.rotation()
+    } else {
+        DMat3::from_cols(point(draws), point(draws), point(draws))
+    };
+    let place = if draws.word() >> 63 == 0 { draws.point(0.4) } else { point(draws) };
+    Pose::new(rotation, place)
+}
+
+fn finite<'a>(what: &str, values: impl IntoIterator<Item = &'a f64>) {
+    assert!(values.into_iter().all(|x| x.is_finite()), "{what}");
+}
+
+#[test]
+fn the_puma_s_kinematics_answer_every_finite_number() {
+    let arm = Puma260::reference();
+    let mut draws = Draws(41);
+    for _ in 0..20_000 {
+        let (q, other): (Joints, Joints) = (vector(&mut draws), vector(&mut draws));
+        assert!(arm.tool_pose(&q).is_finite());
+        finite("Jacobian", arm.jacobian_base(&q).iter());
+        finite("Jacobian", arm.jacobian_tool(&q).iter());
+        assert!(arm.determinant(&q).is_finite() && arm.singular_distance(&q).smallest() <= 1.0);
+        let pose = pose(&mut draws);
+        let branches = arm.inverse(&pose, Some(&q));
+        for branch in &branches {
+            finite("branch", branch.q.iter());
+        }
+        if let Some((_, near)) = arm.nearest(&branches, &other) {
+            finite("nearest", near.iter());
+        }
+        if let Some(near) = arm.continued(&pose, &other) {
+            finite("continued", near.iter());
+        }
+        finite("speeds", limit_speed(&q, &arm.speed_max_rad_s).0.iter());
+        if let Some(rates) = damped_least_squares(&arm.jacobian_base(&q), &other, odd(&mut draws)) {
+            finite("rates", rates.iter());
+        }
+        let damping = damping_squared(odd(&mut draws), odd(&mut draws), draws.between(-1e3, 1e3));
+        assert!(damping.is_finite());
+    }
+}
+
+#[test]
+fn the_puma_s_dynamics_answer_motions_up_to_1e60() {
+    let arm = Dynamics::reference();
+    let mut draws = Draws(42);
+    for _ in 0..5_000 {
+        let q: Joints = vector(&mut draws);
+        let qd = vector::<6>(&mut draws).map(|x: f64| x.clamp(-1e60, 1e60));
+        let qdd = vector::<6>(&mut draws).map(|x: f64| x.clamp(-1e60, 1e60));
+        finite("torque", arm.inverse(&q, &qd, &qdd).iter());
+        finite("gravity", arm.gravity(&q).iter());
+        finite("mass matrix", arm.mass_matrix(&q).iter());
+        finite("acceleration", arm.forward(&q, &qd, &qdd).iter());
+    }
+}
+
+fn chain_answers<const N: usize>(chain: &Chain<N>, seed: u64) {
+    let mut draws = Draws(seed);
+    let effort = Effort { starts: 2, steps: 6, ..Effort::default() };
+    for _ in 0..2_000 {
+        // Slides have a length: the place of a tool on a slide of 1e300 m is no number.
+        let q = vector::<N>(&mut draws).map(|x: f64| x.clamp(-1e60, 1e60));
+        let (qd, qdd) = (vector::<N>(&mut draws), vector::<N>(&mut draws));
+        let (qd, qdd) = (qd.map(|x| x.clamp(-1e60, 1e60)), qdd.map(|x| x.clamp(-1e60, 1e60)));
+        assert!(chain.tool_pose(&q).is_finite());
+        finite("Jacobian", chain.jacobian_base(&q).iter());
+        finite("Jacobian", chain.jacobian_tool(&q).iter());
+        finite("singular values", chain.singular_values(&q).iter());
+        finite("torque", chain.inverse_dynamics(&q, &qd, &qdd).iter());
+        finite("gravity", chain.gravity(&q).iter());
+        finite("mass matrix", chain.mass_matrix(&q).iter());
+        let pose = pose(&mut draws);
+        match chain.search(&pose, &vector(&mut draws), &effort) {
+            Ok(found) => finite("found", found.q.iter()),
+            Err(lost) => finite("not found", lost.q.iter()),
+        }
+        let twist = vector::<6>(&mut draws).map(|x: f64| x.clamp(-1e60, 1e60));
+        finite("rates", chain.rates(&q, &twist, odd(&mut draws)).0.iter());
+        if let Some((near, _)) = chain.expand(&q, &vector(&mut draws)) {
+            finite("expanded", near.iter());
+        }
+    }
+}
+
+#[test]
+fn chains_answer_every_finite_number() {
+    chain_answers(&puma(), 43);
+    chain_answers(&ur5e_like(), 44);
+    chain_answers(&seven(), 45);
+    chain_answers(&slider(), 46);
+}
+
+#[test]
+fn the_closed_form_answers_every_finite_number() {
+    let mut draws = Draws(47);
+    for _ in 0..40 {
+        let arm = crate::arms::drawn(&mut draws).chain(&mut draws);
+        let wrist = arm.spherical_wrist().unwrap();
+        for _ in 0..200 {
+            let before: Joints = vector(&mut draws);
+            let branches = wrist.inverse(&pose(&mut draws), Some(&before));
+            for branch in &branches {
+                finite("branch", branch.q.iter());
+            }
+            if let Some((_, near)) = wrist.nearest(&branches, &before) {
+                finite("nearest", near.iter());
+            }
+            let d = wrist.singular_distance(&before);
+            assert!(d.smallest().is_finite());
+        }
+    }
+}

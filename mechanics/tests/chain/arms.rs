@@ -1,0 +1,215 @@
+//! Arms for the tests, and repeatable random numbers. Dimensions come from public data sheets and
+//! documentation where a maker is named; masses there are estimates.
+
+use glam::{DMat3, DVec3};
+use taktil_mechanics::chain::{Chain, Dh, JointSpec, Motion, Vector};
+use taktil_mechanics::dynamics::{Body, Dynamics};
+use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::{Pose, rotation_of};
+
+pub(crate) const HALF: f64 = core::f64::consts::FRAC_PI_2;
+pub(crate) const PI: f64 = core::f64::consts::PI;
+
+/// A linear congruential generator, constants of Knuth's MMIX.
+pub(crate) struct Draws(pub(crate) u64);
+
+impl Draws {
+    pub(crate) fn word(&mut self) -> u64 {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 ^ (self.0 >> 33)
+    }
+
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "53 bits fit")]
+        let unit = (self.word() >> 11) as f64 / 9_007_199_254_740_992.0;
+        low + (high - low) * unit
+    }
+
+    pub(crate) fn inside<const N: usize>(&mut self, arm: &Chain<N>) -> Vector<N> {
+        let limits = arm.limits();
+        Vector::from_fn(|i, _| self.between(limits.q_min[i], limits.q_max[i]))
+    }
+
+    pub(crate) fn vector<const N: usize>(&mut self, size: f64) -> Vector<N> {
+        Vector::from_fn(|_, _| self.between(-size, size))
+    }
+
+    pub(crate) fn point(&mut self, size: f64) -> DVec3 {
+        DVec3::new(self.between(-size, size), self.between(-size, size), self.between(-size, size))
+    }
+
+    pub(crate) fn rotation(&mut self) -> DMat3 {
+        rotation_of(self.point(3.0))
+    }
+}
+
+/// The PUMA 260 by its Denavit-Hartenberg rows, with its bodies and tool.
+pub(crate) fn puma() -> Chain<6> {
+    let (arm, dynamics) = (Puma260::reference(), Dynamics::reference());
+    let row = |i: usize, a_m: f64, d_m: f64, alpha_rad: f64| Dh {
+        a_m,
+        d_m,
+        alpha_rad,
+        theta_rad: 0.0,
+        spec: JointSpec {
+            body: dynamics.bodies[i],
+            q_min: arm.q_min_rad[i],
+            q_max: arm.q_max_rad[i],
+            speed_max: arm.speed_max_rad_s[i],
+            acceleration_max: arm.acceleration_max_rad_s2[i],
+            reflected: dynamics.reflected_kg_m2[i],
+            ..JointSpec::default()
+        },
+    };
+    let rows = [
+        row(0, 0.0, 0.0, HALF),
+        row(1, arm.a2_m, 0.0, 0.0),
+        row(2, 0.0, arm.d3_m, -HALF),
+        row(3, 0.0, arm.d4_m, HALF),
+        row(4, 0.0, 0.0, -HALF),
+        row(5, 0.0, 0.0, 0.0),
+    ];
+    let tool = Pose::new(DMat3::IDENTITY, DVec3::new(0.0, 0.0, arm.tool_z_m));
+    Chain::from_dh(&rows, &tool).unwrap()
+}
+
+fn body(mass_kg: f64, com_m: [f64; 3]) -> Body {
+    let size = 0.01 * mass_kg;
+    Body::diagonal(mass_kg, com_m, [size, 1.2 * size, 0.7 * size])
+}
+
+/// Six turning joints, 2 to 4 parallel, no spherical wrist: rows that Universal Robots publishes
+/// for its UR5e.
+pub(crate) fn ur5e_like() -> Chain<6> {
+    let row = |a_m: f64, d_m: f64, alpha_rad: f64, mass: f64, com: [f64; 3], range: f64| Dh {
+        a_m,
+        d_m,
+        alpha_rad,
+        theta_rad: 0.0,
+        spec: JointSpec {
+            body: body(mass, com),
+            q_min: -range,
+            q_max: range,
+            speed_max: PI,
+            acceleration_max: 13.0,
+            effort_max: 28.0,
+            ..JointSpec::default()
+        },
+    };
+    let rows = [
+        row(0.0, 0.1625, HALF, 3.761, [0.0, -0.02561, 0.00193], 2.0 * PI),
+        row(-0.425, 0.0, 0.0, 8.058, [0.2125, 0.0, 0.11336], 2.0 * PI),
+        row(-0.3922, 0.0, 0.0, 2.846, [0.15, 0.0, 0.0265], PI),
+        row(0.0, 0.1333, HALF, 1.37, [0.0, -0.0018, 0.01634], 2.0 * PI),
+        row(0.0, 0.0997, -HALF, 1.3, [0.0, 0.0018, 0.01634], 2.0 * PI),
+        row(0.0, 0.0996, 0.0, 0.365, [0.0, 0.0, -0.001159], 2.0 * PI),
+    ];
+    Chain::from_dh(&rows, &Pose::IDENTITY).unwrap()
+}
+
+/// Seven turning joints with offsets at elbow and wrist: rows and limits that Franka Robotics
+/// publishes for its arm, which are modified ones, so each is the mount of its joint.
+pub(crate) fn seven() -> Chain<7> {
+    let rows = [
+        (0.0, 0.333, 0.0, -2.8973, 2.8973),
+        (0.0, 0.0, -HALF, -1.7628, 1.7628),
+        (0.0, 0.316, HALF, -2.8973, 2.8973),
+        (0.0825, 0.0, HALF, -3.0718, -0.0698),
+        (-0.0825, 0.384, -HALF, -2.8973, 2.8973),
+        (0.0, 0.0, HALF, -0.0175, 3.7525),
+        (0.088, 0.0, HALF, -2.8973, 2.8973),
+    ];
+    let joints = rows.map(|(a, d, alpha, q_min, q_max)| {
+        let twist = taktil_mechanics::spatial::rotation_x(alpha);
+        JointSpec {
+            mount: Pose::new(twist, DVec3::new(a, 0.0, 0.0) + twist * DVec3::new(0.0, 0.0, d)),
+            body: body(2.0, [0.01, -0.03, 0.04]),
+            q_min,
+            q_max,
+            ..JointSpec::default()
+        }
+    });
+    Chain::new(&joints, &Pose::new(DMat3::IDENTITY, DVec3::new(0.0, 0.0, 0.107))).unwrap()
+}
+
+/// Axes and points of an arm of the family with a spherical wrist, in the base frame at zero.
+pub(crate) struct Drawn {
+    pub(crate) axes: [DVec3; 6],
+    pub(crate) points: [DVec3; 6],
+}
+
+/// Any arm of that family: all offsets, either sign of parallel axes, bent at zero.
+pub(crate) fn drawn(draws: &mut Draws) -> Drawn {
+    let sign = |draws: &mut Draws| if draws.word() >> 63 == 0 { 1.0 } else { -1.0 };
+    let (z, y) = (DVec3::Z, DVec3::Y);
+    let shoulder = DVec3::new(draws.between(-0.2, 0.2), draws.between(-0.1, 0.1), 0.3);
+    let elbow = shoulder + draws.point(0.2) + DVec3::new(0.1, 0.0, 0.4);
+    let centre = elbow + draws.point(0.15) + DVec3::new(0.4, 0.0, 0.1);
+    let wrist = draws.rotation();
+    let bent = draws.between(-PI, PI);
+    let (s, c) = (libm::sin(bent), libm::cos(bent));
+    let axes = [
+        z * sign(draws),
+        y * sign(draws),
+        y * sign(draws),
+        wrist.z_axis,
+        wrist.y_axis * sign(draws),
+        s * wrist.x_axis + c * wrist.z_axis,
+    ];
+    let on = |draws: &mut Draws, point: DVec3, axis: DVec3| point + axis * draws.between(-0.3, 0.3);
+    let points = [
+        on(draws, DVec3::ZERO, axes[0]),
+        on(draws, shoulder, axes[1]),
+        on(draws, elbow, axes[2]),
+        on(draws, centre, axes[3]),
+        on(draws, centre, axes[4]),
+        on(draws, centre, axes[5]),
+    ];
+    Drawn { axes, points }
+}
+
+impl Drawn {
+    /// The chain, every joint in a frame of its own turn, on a base of any turn.
+    pub(crate) fn chain(&self, draws: &mut Draws) -> Chain<6> {
+        let base = Pose::new(draws.rotation(), draws.point(0.5));
+        let mut before = Pose::IDENTITY;
+        let joints: [JointSpec; 6] = core::array::from_fn(|i| {
+            let frame = base.compose(&Pose::new(draws.rotation(), self.points[i]));
+            let mount = before.inverse().compose(&frame);
+            before = frame;
+            JointSpec {
+                mount: square(&mount),
+                axis: frame.rotation.transpose() * (base.rotation * self.axes[i]),
+                q_min: -PI,
+                q_max: PI,
+                ..JointSpec::default()
+            }
+        });
+        Chain::new(&joints, &Pose::new(draws.rotation(), draws.point(0.2))).unwrap()
+    }
+}
+
+/// A pose whose rotation is orthonormal again to the last bit or so.
+fn square(pose: &Pose) -> Pose {
+    let r = pose.rotation;
+    let x = r.x_axis.normalize();
+    let z = x.cross(r.y_axis).normalize();
+    Pose::new(DMat3::from_cols(x, z.cross(x), z), pose.translation)
+}
+
+/// Turning and sliding joints in turn.
+pub(crate) fn slider() -> Chain<5> {
+    let mut draws = Draws(7);
+    let joints: [JointSpec; 5] = core::array::from_fn(|i| JointSpec {
+        mount: Pose::new(draws.rotation(), draws.point(0.4)),
+        axis: draws.point(1.0),
+        motion: if i % 2 == 1 { Motion::Slide } else { Motion::Turn },
+        body: body(1.0 + draws.between(0.0, 2.0), draws.point(0.1).to_array()),
+        q_min: -0.8,
+        q_max: 0.9,
+        reflected: 0.01,
+        ..JointSpec::default()
+    });
+    Chain::new(&joints, &Pose::new(draws.rotation(), draws.point(0.2))).unwrap()
+}

@@ -1,0 +1,9 @@
+//! Serial chains against the PUMA 260's own code, against derivatives and energies, and against
+//! themselves there and back; and every finite number that anybody may give them.
+
+mod any;
+mod arms;
+mod closed;
+mod forward;
+mod motion;
+mod searching;

@@ -1,0 +1,69 @@
+//! Dynamics: against the PUMA's own recursion, which meets the reference data, and against what
+//! has to hold for any arm.
+
+use crate::arms::{Draws, puma, seven, slider, ur5e_like};
+use glam::DVec3;
+use taktil_mechanics::chain::{Chain, Square, Vector};
+use taktil_mechanics::dynamics::Dynamics;
+
+#[test]
+fn the_puma_by_its_rows_moves_like_the_puma() {
+    let (arm, chain) = (Dynamics::reference(), puma());
+    let mut draws = Draws(11);
+    for _ in 0..500 {
+        let q = draws.inside(&chain);
+        let (qd, qdd) = (draws.vector(3.0), draws.vector(20.0));
+        let off = chain.inverse_dynamics(&q, &qd, &qdd) - arm.inverse(&q, &qd, &qdd);
+        assert!(off.amax() < 1e-13, "{:e}", off.amax());
+        assert!((chain.gravity(&q) - arm.gravity(&q)).amax() < 1e-14);
+        assert!((chain.bias(&q, &qd) - arm.bias(&q, &qd)).amax() < 1e-13);
+        assert!((chain.mass_matrix(&q) - arm.mass_matrix(&q)).amax() < 1e-15);
+        let tau = draws.vector(2.0);
+        let off = chain.forward_dynamics(&q, &qd, &tau) - arm.forward(&q, &qd, &tau);
+        assert!(off.amax() < 1e-9, "{:e}", off.amax());
+    }
+}
+
+/// Mass matrix, gravity and Coriolis terms agree with each other and with the energy of each mass.
+fn check_energy<const N: usize>(chain: &Chain<N>, seed: u64) {
+    let mut draws = Draws(seed);
+    for _ in 0..100 {
+        let (q, qd, qdd) = (draws.inside(chain), draws.vector(2.0), draws.vector(5.0));
+        let m = chain.mass_matrix(&q);
+        let still = Vector::zeros();
+        let rigid = m - Square::from_diagonal(chain.reflected());
+        let inertial = chain.inverse_dynamics(&q, &still, &qdd) - chain.gravity(&q);
+        assert!((rigid * qdd - inertial).amax() < 1e-12 * (1.0 + inertial.amax()));
+        // qd . (Coriolis terms) is half of qd . dM/dt qd.
+        let h = 1e-6;
+        let rate =
+            (chain.mass_matrix(&(q + qd * h)) - chain.mass_matrix(&(q - qd * h))) / (2.0 * h);
+        let coriolis = chain.bias(&q, &qd) - chain.gravity(&q);
+        assert!((qd.dot(&coriolis) - 0.5 * qd.dot(&(rate * qd))).abs() < 1e-7);
+        let back = chain.forward_dynamics(
+            &q,
+            &qd,
+            &(chain.inverse_dynamics(&q, &qd, &qdd) + chain.reflected().component_mul(&qdd)),
+        );
+        assert!((back - qdd).amax() < 1e-8, "{:e}", (back - qdd).amax());
+    }
+}
+
+#[test]
+fn matrices_forces_and_energies_agree() {
+    check_energy(&ur5e_like(), 12);
+    check_energy(&seven(), 13);
+    check_energy(&slider(), 14);
+}
+
+#[test]
+fn gravity_may_point_anywhere() {
+    let (floor, q) = (ur5e_like(), Vector::<6>::new(0.3, -1.0, 1.2, 0.4, -0.7, 2.0));
+    assert!(floor.gravity(&q)[0].abs() < 1e-13, "a vertical axis bears nothing");
+    let ceiling = floor.with_gravity(DVec3::new(0.0, 0.0, 9.81));
+    assert!((ceiling.gravity(&q) + floor.gravity(&q)).amax() < 1e-13);
+    let wall = floor.with_gravity(DVec3::new(0.0, 9.81, 0.0));
+    assert!(wall.gravity(&q)[0].abs() > 1.0);
+    assert_eq!(floor.with_gravity(DVec3::NAN), floor);
+    assert_eq!(floor.with_gravity(DVec3::splat(1e9)), floor);
+}
