@@ -121,8 +121,8 @@ pub(crate) fn random(count: u32, seed: u64) -> Tally {
 }
 
 /// Joints at and beside one singularity, 1e-12 to 0.1 away or in it, or two, 1e-6 to 0.1 away, with
-/// the joints given as the ones before. The tolerance is that of the reference data for the kind and
-/// the distance.
+/// the joints given as the ones before. The tolerance is that of the reference data for the kind
+/// and the distance.
 pub(crate) fn near_singular(count: u32, seed: u64) -> Tally {
     let arm = Puma260::reference();
     let mut draws = Draws(seed);
