@@ -44,20 +44,26 @@ pub fn thread_cpu_time() -> Nanos {
     read(ClockId::CLOCK_THREAD_CPUTIME_ID)
 }
 
-/// Epochs stand on whole multiples of this: of the kernel's tick at 50, 100, 250 and 1000 Hz alike.
-/// The tick stands on whole multiples of its period too, so a lane's phase also says how its
-/// releases stand to the tick, and every start finds them standing the same way.
+/// Epochs stand [`EPOCH_AFTER_TICK`] after whole multiples of this: of the kernel's tick at 50, 100,
+/// 250 and 1000 Hz alike. The tick stands on whole multiples of its period too, so a lane's phase
+/// also says how its releases stand to the tick, and every start finds them standing the same way.
 const EPOCH_GRAIN: Nanos = Nanos::from_millis(20);
 
+/// The epoch stands this long after a tick, whose interrupt takes 5 to 20 us. Lanes whose phase is
+/// a multiple of 0.1 or of 0.25 ms and whose period is one of 0.5 ms then keep 50 us at least from
+/// every tick: releases on it are late by its work, and one that spins towards its release is
+/// interrupted there.
+pub const EPOCH_AFTER_TICK: Nanos = Nanos::from_micros(150);
+
 impl MonotonicClock {
-    /// A clock that shows zero at `lead` from now or up to 20 ms later, on a whole multiple of
-    /// 20 ms of the kernel's monotonic time.
+    /// A clock that shows zero at `lead` from now or up to 20 ms later, [`EPOCH_AFTER_TICK`] after a
+    /// whole multiple of 20 ms of the kernel's monotonic time.
     #[must_use]
     pub fn starting_in(lead: Nanos) -> MonotonicClock {
-        let earliest = (monotonic() + lead).0;
-        let past = earliest.rem_euclid(EPOCH_GRAIN.0);
+        let earliest = monotonic() + lead;
+        let past = (earliest - EPOCH_AFTER_TICK).0.rem_euclid(EPOCH_GRAIN.0);
         let wait = if past == 0 { 0 } else { EPOCH_GRAIN.0 - past };
-        MonotonicClock { origin: Nanos(earliest + wait) }
+        MonotonicClock { origin: earliest + Nanos(wait) }
     }
 }
 

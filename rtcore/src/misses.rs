@@ -226,6 +226,16 @@ pub struct Discipline {
     storms: u64,
 }
 
+/// How the schedule stands when a job has ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Behind {
+    /// Jobs after it that were superseded by newer ones.
+    pub superseded: u64,
+    /// The newest one that is due was released before the ended job began: that job, late as it
+    /// was, read its inputs inside the period of the newest.
+    pub served: bool,
+}
+
 impl Discipline {
     /// Nothing has been missed yet.
     #[must_use]
@@ -233,11 +243,13 @@ impl Discipline {
         Discipline { late, bucket, level: 0, calm: 0, caught_up: 0, storms: 0 }
     }
 
-    /// A job has ended, after its deadline or not, when `behind` jobs after it had been superseded
-    /// by newer ones. Returns how many of these are left out, and the notice for the next job.
-    pub fn after(&mut self, missed: bool, behind: u64) -> (u64, Notice) {
+    /// A job has ended, after its deadline or not. Returns how many of the jobs that are due are left
+    /// out, and the notice for the next job. One that was served already is left out as well, so
+    /// that a late wake makes one late job and not two; where jobs are counted it is run.
+    pub fn after(&mut self, missed: bool, behind: Behind) -> (u64, Notice) {
+        let Behind { superseded: behind, served } = behind;
         let left_out = match self.late {
-            Late::Skip | Late::Fault => behind,
+            Late::Skip | Late::Fault => behind.saturating_add(served.into()),
             Late::CatchUp { at_most } if behind > 0 && self.caught_up < at_most => {
                 self.caught_up += 1;
                 0

@@ -12,8 +12,8 @@ use crate::task::Invalid;
 /// What a lane does when it finds itself later than a whole period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Late {
-    /// Goes on with the newest job that is due; the ones in between are skipped and counted. Phase
-    /// is never lost.
+    /// Goes on with the newest job that is due, unless the late one began after its release; the
+    /// ones in between are skipped and counted. Phase is never lost.
     #[default]
     Skip,
     /// Runs up to so many superseded jobs back to back, then skips the rest: for tasks that count

@@ -1,7 +1,7 @@
 # Judges what a guest wrote: one line of key=value words for each check and each lane, the last word the verdict. Sourced by `run`.
 # Refuses to call a guest that ended early, counted too few jobs or answered something unreadable a success.
 # shellcheck shell=bash
-# `out` is set by `run`, `p99_of` and `max_of` by `judge`.
+# `out` is set by `run`, `p99` and `max` of the reference by `judge_reference`.
 # shellcheck disable=SC2154
 
 # A reference later than this is no reference: measured 12 to 21 us with PREEMPT_RT, 48 us and more without.
@@ -37,14 +37,6 @@ reference() { # RESULT CHECK
         }'
 }
 
-# How a lane's releases stand to the kernel's tick: on it every 4 ms, or apart from it always. By the phases of the scenes.
-standing() { # LANE
-    case $1 in
-        servo | 400Hz) echo tick ;;
-        *) echo apart ;;
-    esac
-}
-
 # Lanes of a `taktil` answer, one line each: name period_ns jobs skipped misses page_faults allocations, late p50 p99 p99.9 max,
 # job p50 max, executor p50. What nobody counted is -1.
 lanes() { # RESULT NAME
@@ -55,16 +47,14 @@ lanes() { # RESULT NAME
 
 at_most() { awk -v a="$1" -v b="$2" 'BEGIN { exit !(a <= b) }'; }
 
-# Judges the lanes of one check beside the reference that stands to the tick as they do; returns 1 when any gate is open. Sets
-# `late` when a gated lane was later than its limit.
+# Judges the lanes of one check beside the reference; returns 1 when any gate is open. Sets `late` when a gated lane was later than
+# its limit.
 judge_lanes() { # KERNEL CHECK SECONDS
     local name period jobs skipped misses faults allocations p50 p99 p999 max job_p50 job_max executor
-    local seen=0 failed=0 verdict want way limit job_limit
+    local seen=0 failed=0 verdict want job_limit limit=$((reference_max + MARGIN_US))
     while read -r name period jobs skipped misses faults allocations p50 p99 p999 max job_p50 job_max executor; do
         seen=1 verdict=pass
         want=$(($3 * 1000000000 / period))
-        way=$(standing "$name")
-        limit=$((${max_of[$way]} + MARGIN_US))
         ((jobs == want && skipped == 0)) || verdict="jobs"
         ((misses == 0)) || verdict=misses
         ((faults == 0)) || verdict=page_faults
@@ -75,11 +65,11 @@ judge_lanes() { # KERNEL CHECK SECONDS
             [[ $name != servo ]] || job_limit=$SERVO_JOB_LIMIT_US
             at_most "$job_max" "$job_limit" || verdict=job_too_long
             at_most "$executor" "$EXECUTOR_LIMIT_US" || verdict=slow_executor
-            at_most "$p99" $((${p99_of[$way]} + MARGIN_US)) || verdict=late_p99
+            at_most "$p99" $((reference_p99 + MARGIN_US)) || verdict=late_p99
             at_most "$max" "$limit" || { verdict=late; late=1; }
         fi
         [[ $verdict == pass ]] || failed=1
-        echo "rt-guest kernel=$1 check=$2 lane=$name period_us=$((period / 1000)) stands=$way jobs=$jobs late_p50_us=$p50" \
+        echo "rt-guest kernel=$1 check=$2 lane=$name period_us=$((period / 1000)) jobs=$jobs late_p50_us=$p50" \
             "late_p99_us=$p99 late_p999_us=$p999 late_max_us=$max limit_us=$limit" \
             "job_p50_instructions=$(instructions "$job_p50") job_max_instructions=$(instructions "$job_max")" \
             "executor_p50_instructions=$(instructions "$executor")" \
@@ -90,23 +80,26 @@ judge_lanes() { # KERNEL CHECK SECONDS
 
 instructions() { awk -v us="$1" 'BEGIN { if (us < 0) print "-"; else printf "%d", us * 500 }'; }
 
-# Reads both references into `p99_of` and `max_of`; the control is held to those of PREEMPT_RT when both were run.
+# The worse of both references goes into `reference_p99` and `reference_max`; the control is held to those of PREEMPT_RT when both
+# were run.
 judge_reference() { # KERNEL
-    local way n p50 p99 p999 max verdict failed=0
+    local when n p50 p99 p999 max verdict failed=0 worst_p99=0 worst=0
     reference_late=0
-    for way in tick apart; do
-        read -r n p50 p99 p999 max < <(reference "$out/$1.result" "cyclictest-$way") ||
-            { echo "rt-guest kernel=$1 check=cyclictest-$way verdict=broken"; return 1; }
+    for when in before after; do
+        read -r n p50 p99 p999 max < <(reference "$out/$1.result" "cyclictest-$when") ||
+            { echo "rt-guest kernel=$1 check=cyclictest-$when verdict=broken"; return 1; }
         verdict=pass
         at_most "$max" "$REFERENCE_LIMIT_US" || failed=1 reference_late=1 verdict=late
-        if [[ $1 != plain ]]; then
-            p99_of[$way]=$p99 max_of[$way]=$max
-        elif [[ -z ${max_of[$way]:-} ]]; then
-            p99_of[$way]=$REFERENCE_LIMIT_US max_of[$way]=$REFERENCE_LIMIT_US
-        fi
-        echo "rt-guest kernel=$1 check=cyclictest-$way samples=$n late_p50_us=$p50 late_p99_us=$p99 late_p999_us=$p999" \
+        ((p99 <= worst_p99)) || worst_p99=$p99
+        ((max <= worst)) || worst=$max
+        echo "rt-guest kernel=$1 check=cyclictest-$when samples=$n late_p50_us=$p50 late_p99_us=$p99 late_p999_us=$p999" \
             "late_max_us=$max limit_us=$REFERENCE_LIMIT_US verdict=$verdict"
     done
+    if [[ $1 != plain ]]; then
+        reference_p99=$worst_p99 reference_max=$worst
+    elif ((!reference_max)); then
+        reference_p99=$REFERENCE_LIMIT_US reference_max=$REFERENCE_LIMIT_US
+    fi
     ((!failed))
 }
 
@@ -123,7 +116,7 @@ judge() { # KERNEL SECONDS
     realtime=$(sed -n 's/^@kernel realtime=\([01]\).*/\1/p' "$result")
     late=0
     judge_reference "$1" || failed=1
-    [[ -n ${max_of[apart]:-} ]] || return 1
+    ((reference_max)) || return 1
     while read -r check; do
         judge_lanes "$1" "$check" "$2" || failed=1
         grep -q "^@check $check 0\$" "$result" ||

@@ -13,11 +13,12 @@ use serde_json::{Value, json};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::replay::{self, Gap, Script};
 use taktil_rtcore::{LaneSpec, Machine, Nanos};
+use taktild::signals::{self, Second};
 use taktild::tape::player::Tapes;
 
 use crate::diff::{Comparison, first_text, seconds, to_json};
 use crate::log::{Channel, Log, McapLog};
-use crate::run::{BadOption, interrupt};
+use crate::run::BadOption;
 use origin::Origin;
 
 /// Exit code of a log that is not whole, even when all that could be replayed is equal.
@@ -118,7 +119,7 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
     let about = BTreeMap::from([("replay_of".to_owned(), origin.title())]);
     let plainly = |error: anyhow::Error| format!("{error:#}");
     let mut repeated = McapLog::memory(machine.catalog(), &about).map_err(plainly)?;
-    let stop = interrupt::watch().map_err(plainly)?;
+    let stop = signals::watch(Second::Kills).map_err(plainly)?;
     let reached = replay::run(&mut machine, &script, &fed, until, &stop, &mut repeated)
         .map_err(|error| error.to_string())?;
     let bytes = repeated.into_bytes().map_err(plainly)?;

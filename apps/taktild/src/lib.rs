@@ -7,6 +7,7 @@ pub mod cpus;
 pub mod flight;
 pub mod log;
 pub mod service;
+pub mod signals;
 pub mod source;
 pub mod tape;
 pub mod wiring;

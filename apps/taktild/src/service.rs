@@ -5,10 +5,8 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
-use nix::sys::signal::{SigSet, Signal};
 use sd_notify::NotifyState;
 use serde::Deserialize;
 use taktil_drivers_regmap::{Board, Config as BoardConfig, OpenError};
@@ -22,6 +20,7 @@ use crate::config::MachineConfig;
 use crate::contract::ContractConfig;
 use crate::flight::{FlightConfig, Keeper};
 use crate::log::McapLog;
+use crate::signals::{self, Second};
 use crate::source::{Located, Source};
 use crate::tape::player::{About, Lack, Tapes};
 use crate::wiring;
@@ -213,7 +212,7 @@ impl Service {
     /// # Errors
     /// What the kernel did not grant under a hard contract, or a task that refused to start.
     pub fn run(&mut self) -> anyhow::Result<()> {
-        let stop = stop_on_signals()?;
+        let stop = signals::watch(Second::Waits)?;
         self.run_until(&stop)
     }
 
@@ -374,19 +373,4 @@ fn tell(states: &[NotifyState<'_>]) {
     if let Err(error) = sd_notify::notify(states) {
         eprintln!("systemd could not be told: {error}");
     }
-}
-
-fn stop_on_signals() -> anyhow::Result<Arc<AtomicBool>> {
-    let mut signals = SigSet::empty();
-    signals.add(Signal::SIGINT);
-    signals.add(Signal::SIGTERM);
-    signals.thread_block()?;
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    std::thread::Builder::new().name("signals".into()).spawn(move || {
-        while signals.wait().is_ok() {
-            flag.store(true, Ordering::SeqCst);
-        }
-    })?;
-    Ok(stop)
 }

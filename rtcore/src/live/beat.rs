@@ -9,7 +9,7 @@ use super::{Pace, Shared, Terms};
 use crate::fault::FaultCode;
 use crate::lane::{Figures, Lane};
 use crate::linux::{MonotonicClock, Quota, ThreadCounters, kernel, throttle_gap};
-use crate::misses::{Discipline, Ground, Notice, Trace, cause};
+use crate::misses::{Behind, Discipline, Ground, Notice, Trace, cause};
 use crate::release::{GuardFigures, Margin, Wait, wait};
 
 /// Pause of a lane between two looks at what it waits for, when the world is simulated.
@@ -87,7 +87,10 @@ pub(super) fn beat(
         // Where the world waits nothing is left out, and no value may depend on lateness.
         let fixed = terms.pace == Pace::Fixed;
         let newest = if fixed { lane.spec.newest_released(end) } else { 0 };
-        let behind = newest.saturating_sub(lane.next_tick);
+        let behind = Behind {
+            superseded: newest.saturating_sub(lane.next_tick),
+            served: newest >= lane.next_tick && newest == lane.spec.newest_released(begin),
+        };
         let (left_out, said) = discipline.after(missed, behind);
         lane.figures.skipped += left_out;
         lane.figures.storms = discipline.storms();

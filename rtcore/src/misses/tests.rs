@@ -80,6 +80,10 @@ fn discipline(late: Late) -> Discipline {
     Discipline::new(late, Bucket { full: 3, leak_jobs: 4 })
 }
 
+fn behind(superseded: u64) -> Behind {
+    Behind { superseded, served: false }
+}
+
 fn storm(notice: Notice) -> bool {
     notice.faults.contains(FaultCode::OverrunStorm)
 }
@@ -87,55 +91,78 @@ fn storm(notice: Notice) -> bool {
 #[test]
 fn the_bucket_fills_by_misses_and_leaks_by_good_jobs() {
     let mut lane = discipline(Late::Skip);
-    assert!(!storm(lane.after(true, 0).1) && !storm(lane.after(true, 0).1));
+    assert!(!storm(lane.after(true, behind(0)).1) && !storm(lane.after(true, behind(0)).1));
     for _ in 0..4 {
-        assert_eq!(lane.after(false, 0).1, Notice::default());
+        assert_eq!(lane.after(false, behind(0)).1, Notice::default());
     }
-    assert!(!storm(lane.after(true, 0).1), "one has leaked");
+    assert!(!storm(lane.after(true, behind(0)).1), "one has leaked");
     for _ in 0..3 {
-        lane.after(false, 0);
+        lane.after(false, behind(0));
     }
-    let third = lane.after(true, 0).1;
+    let third = lane.after(true, behind(0)).1;
     assert!(storm(third), "three good jobs are not enough");
     assert!(third.faults.contains(FaultCode::Overrun));
-    assert!(storm(lane.after(true, 0).1), "full stays full");
+    assert!(storm(lane.after(true, behind(0)).1), "full stays full");
     assert_eq!(lane.storms(), 2);
     for _ in 0..1000 {
-        assert!(lane.after(false, 0).1.faults.is_empty());
+        assert!(lane.after(false, behind(0)).1.faults.is_empty());
     }
-    assert!(!storm(lane.after(true, 0).1) && !storm(lane.after(true, 0).1), "it ran empty");
+    assert!(
+        !storm(lane.after(true, behind(0)).1) && !storm(lane.after(true, behind(0)).1),
+        "it ran empty"
+    );
 }
 
 #[test]
 fn a_job_that_is_left_out_weighs_as_much_as_a_late_one() {
     let mut lane = discipline(Late::Skip);
-    let (left_out, notice) = lane.after(true, 2);
+    let (left_out, notice) = lane.after(true, behind(2));
     assert_eq!((left_out, notice.missed), (2, 3));
     assert!(storm(notice));
-    assert_eq!(lane.after(true, u64::MAX), (u64::MAX, Notice { missed: u32::MAX, ..notice }));
+    assert_eq!(
+        lane.after(true, behind(u64::MAX)),
+        (u64::MAX, Notice { missed: u32::MAX, ..notice })
+    );
+}
+
+#[test]
+fn a_job_that_the_late_one_has_served_is_left_out_unless_jobs_are_counted() {
+    let served = Behind { superseded: 3, served: true };
+    assert_eq!(discipline(Late::Skip).after(true, served).0, 4);
+    assert_eq!(discipline(Late::Fault).after(true, served).0, 4);
+    let mut counting = discipline(Late::CatchUp { at_most: 1 });
+    assert_eq!(counting.after(true, served).0, 0);
+    assert_eq!(counting.after(true, served).0, 3, "the newest is run");
+    assert_eq!(counting.after(false, Behind { superseded: 0, served: true }).0, 0);
 }
 
 #[test]
 fn catching_up_is_bounded_and_then_gives_up_the_rest() {
     let mut lane = discipline(Late::CatchUp { at_most: 2 });
-    assert_eq!(lane.after(true, 7).0, 0);
-    assert_eq!(lane.after(true, 6).0, 0);
-    assert_eq!(lane.after(true, 5).0, 5, "two were caught up, the rest is left out");
-    assert_eq!(lane.after(true, 1).0, 0, "and again");
-    lane.after(false, 0);
-    assert_eq!((lane.after(true, 3).0, lane.after(true, 2).0), (0, 0), "the count begins anew");
+    assert_eq!(lane.after(true, behind(7)).0, 0);
+    assert_eq!(lane.after(true, behind(6)).0, 0);
+    assert_eq!(lane.after(true, behind(5)).0, 5, "two were caught up, the rest is left out");
+    assert_eq!(lane.after(true, behind(1)).0, 0, "and again");
+    lane.after(false, behind(0));
+    assert_eq!(
+        (lane.after(true, behind(3)).0, lane.after(true, behind(2)).0),
+        (0, 0),
+        "the count begins anew"
+    );
     let mut world = discipline(Late::CatchUp { at_most: u32::MAX });
-    assert!((0..10_000).all(|_| world.after(true, 50).0 == 0));
+    assert!((0..10_000).all(|_| world.after(true, behind(50)).0 == 0));
 }
 
 #[test]
 fn a_lane_that_may_not_miss_raises_a_fault_at_once() {
     let mut lane = discipline(Late::Fault);
-    assert!(lane.after(false, 0).1.faults.is_empty());
-    let (left_out, notice) = lane.after(true, 4);
+    assert!(lane.after(false, behind(0)).1.faults.is_empty());
+    let (left_out, notice) = lane.after(true, behind(4));
     assert_eq!(left_out, 4, "the phase is kept");
     assert!(notice.faults.contains(FaultCode::DeadlineMissed));
-    assert!(!discipline(Late::Skip).after(true, 0).1.faults.contains(FaultCode::DeadlineMissed));
+    assert!(
+        !discipline(Late::Skip).after(true, behind(0)).1.faults.contains(FaultCode::DeadlineMissed)
+    );
 }
 
 #[test]

@@ -51,7 +51,8 @@ impl Cyclictest {
         arguments.extend(["-i".into(), interval_us.to_string()]);
         arguments.extend(["-h".into(), LONGEST_US.to_string()]);
         // The same phase to the kernel's tick as ours: after a whole second.
-        arguments.push(format!("--secaligned={}", spec.phase.0 / 1000));
+        let phase = linux::EPOCH_AFTER_TICK + spec.phase;
+        arguments.push(format!("--secaligned={}", phase.0 / 1000));
         if let Some(cpu) = spec.cpu {
             arguments.extend(["-a".into(), cpu.to_string()]);
         }

@@ -16,8 +16,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::Context;
 use serde_json::Value;
 use taktil_rtcore::Nanos;
+use taktild::signals::{self, Second};
 
-use crate::run::{BadOption, interrupt};
+use crate::run::BadOption;
 use compare::Comparison;
 use cyclictest::Cyclictest;
 use load::Load;
@@ -36,8 +37,8 @@ pub struct JitterArgs {
     /// CPU to run on; any when absent
     #[arg(long, value_name = "N")]
     pub cpu: Option<usize>,
-    /// Phase of the first lane after a whole 20 ms of the kernel's time, and cyclictest's: how
-    /// releases stand to the kernel's tick
+    /// Phase of the first lane, and cyclictest's: how releases stand to the kernel's tick, which
+    /// is 150 us before the epoch (350 or 850 puts 400 Hz and 1 kHz on a tick)
     #[arg(long, value_name = "US")]
     pub phase_us: Option<u32>,
     /// Seconds in all
@@ -84,7 +85,7 @@ pub fn run(arguments: &JitterArgs) -> anyhow::Result<ExitCode> {
     let lanes = lanes(arguments)?;
     let pairs = pairs(arguments)?;
     let theirs = if arguments.cyclictest { Some(Cyclictest::find(&lanes)?) } else { None };
-    let stop = interrupt::watch()?;
+    let stop = signals::watch(Second::Kills)?;
     let load = if arguments.load { Some(Load::start()?) } else { None };
     let mut ours = Measured::new(&lanes);
     let comparison = match &theirs {

@@ -4,7 +4,6 @@
 pub mod assemble;
 mod budgets;
 pub mod digest;
-pub(crate) mod interrupt;
 mod moves;
 pub mod operator;
 pub mod plan;
@@ -27,6 +26,7 @@ use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Hang, Pace, 
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos, linux, live, virtual_time};
 use taktild::flight::Keeper;
+use taktild::signals::{self, Second};
 
 use crate::log::{Log, METADATA_ATTESTATION, McapLog};
 use digest::Digest;
@@ -162,7 +162,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         progress: Progress::new(&catalog, until, options.json),
         now: Nanos::ZERO,
     };
-    let stop = interrupt::watch()?;
+    let stop = signals::watch(Second::Kills)?;
     let begin = linux::monotonic();
     let (reached, account) =
         execute(&mut machine, (options.fast, scene.contract.contract()), until, &stop, &mut watch)?;

@@ -1,21 +1,29 @@
-//! Ctrl-C and SIGTERM as a request to end the run: outputs safe, log closed, table printed. A
-//! second one ends the process at once. Refuses to do anything inside a signal handler: a thread
-//! waits for the signals instead.
+//! Ctrl-C and SIGTERM as a request to end: outputs safe, log closed, table printed. Refuses to do
+//! anything inside a signal handler: a thread waits for the signals instead.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use nix::sys::signal::{SigSet, Signal};
 
-/// Exit code of a process ended by the second Ctrl-C, as a shell would report SIGINT.
+/// Exit code of a process that a second signal ended, as a shell would report SIGINT.
 const KILLED: i32 = 130;
+
+/// What a second signal does while the first is being obeyed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Second {
+    /// Nothing: whoever sent it waits, or kills.
+    Waits,
+    /// Ends the process at once, with exit code 130: somebody sits at the terminal.
+    Kills,
+}
 
 /// Blocks both signals for this thread and all it starts, and sets the returned flag when one
 /// arrives.
 ///
 /// # Errors
 /// The kernel's refusal.
-pub(crate) fn watch() -> anyhow::Result<Arc<AtomicBool>> {
+pub fn watch(second: Second) -> anyhow::Result<Arc<AtomicBool>> {
     let mut signals = SigSet::empty();
     signals.add(Signal::SIGINT);
     signals.add(Signal::SIGTERM);
@@ -24,7 +32,7 @@ pub(crate) fn watch() -> anyhow::Result<Arc<AtomicBool>> {
     let flag = Arc::clone(&stop);
     std::thread::Builder::new().name("signals".into()).spawn(move || {
         while signals.wait().is_ok() {
-            if flag.swap(true, Ordering::SeqCst) {
+            if flag.swap(true, Ordering::SeqCst) && second == Second::Kills {
                 std::process::exit(KILLED);
             }
         }
