@@ -44,9 +44,9 @@ pub fn thread_cpu_time() -> Nanos {
     read(ClockId::CLOCK_THREAD_CPUTIME_ID)
 }
 
-/// Epochs stand [`EPOCH_AFTER_TICK`] after whole multiples of this: of the kernel's tick at 50, 100,
-/// 250 and 1000 Hz alike. The tick stands on whole multiples of its period too, so a lane's phase
-/// also says how its releases stand to the tick, and every start finds them standing the same way.
+/// Epochs stand [`EPOCH_AFTER_TICK`] after whole multiples of this: of the kernel's tick at 50,
+/// 100, 250 and 1000 Hz alike. The tick stands on whole multiples of its period too, so a lane's
+/// phase also says how its releases stand to the tick, and every start finds them standing alike.
 const EPOCH_GRAIN: Nanos = Nanos::from_millis(20);
 
 /// The epoch stands this long after a tick, whose interrupt takes 5 to 20 us. Lanes whose phase is
@@ -56,8 +56,8 @@ const EPOCH_GRAIN: Nanos = Nanos::from_millis(20);
 pub const EPOCH_AFTER_TICK: Nanos = Nanos::from_micros(150);
 
 impl MonotonicClock {
-    /// A clock that shows zero at `lead` from now or up to 20 ms later, [`EPOCH_AFTER_TICK`] after a
-    /// whole multiple of 20 ms of the kernel's monotonic time.
+    /// A clock that shows zero at `lead` from now or up to 20 ms later, [`EPOCH_AFTER_TICK`] after
+    /// a whole multiple of 20 ms of the kernel's monotonic time.
     #[must_use]
     pub fn starting_in(lead: Nanos) -> MonotonicClock {
         let earliest = monotonic() + lead;

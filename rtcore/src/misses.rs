@@ -243,9 +243,9 @@ impl Discipline {
         Discipline { late, bucket, level: 0, calm: 0, caught_up: 0, storms: 0 }
     }
 
-    /// A job has ended, after its deadline or not. Returns how many of the jobs that are due are left
-    /// out, and the notice for the next job. One that was served already is left out as well, so
-    /// that a late wake makes one late job and not two; where jobs are counted it is run.
+    /// A job has ended, after its deadline or not. Returns how many of the jobs that are due are
+    /// left out, and the notice for the next job. One that was served already is left out as well,
+    /// so that a late wake makes one late job and not two; where jobs are counted it is run.
     pub fn after(&mut self, missed: bool, behind: Behind) -> (u64, Notice) {
         let Behind { superseded: behind, served } = behind;
         let left_out = match self.late {
