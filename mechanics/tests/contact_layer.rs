@@ -119,6 +119,54 @@ fn surface_stress_continues_the_stress_just_below() {
     }
 }
 
+/// Just under the surface: both ways of summing where they meet, the surface itself in the limit,
+/// Flamant's stress next to the load, and equilibrium of a strip that is cut off.
+#[test]
+fn close_under_the_surface_nothing_is_lost() {
+    let x = [0.0, 1e-7, -3e-4, 0.02, -0.31, 1.7, 9.0, -40.0];
+    for nu in [0.3, 0.49, 0.5] {
+        let layer = layer(0.8, nu);
+        for load in [P, Q] {
+            // The two sums meet at t/20; what lies between is the stress's own change.
+            let side = |s: f64| line(&layer, &load, 0.04 * (1.0 + s), &x).expect("sound points");
+            let values = |p: &LinePoint| {
+                let all = [p.szz_mpa, p.sxx_mpa, p.sxz_mpa, p.uz_mm, p.ux_mm];
+                all.map(|v| v.expect("finite"))
+            };
+            let sides = [-3e-6, -1e-6, 1e-6, 3e-6].map(side);
+            for (i, x) in x.iter().enumerate() {
+                let [far, below, above, beyond] = [0, 1, 2, 3].map(|s| values(&sides[s][i]));
+                for (k, far) in far.iter().enumerate() {
+                    let kink = (beyond[k] - far) - 3.0 * (above[k] - below[k]);
+                    assert!(kink.abs() < 1e-11, "{nu} {x} {k}: {kink:e}");
+                }
+            }
+            // The surface is the limit of shallower and shallower places.
+            for depth in [1e-5, 1e-8, 1e-12] {
+                let close = line(&layer, &load, depth, &x[3..]).expect("sound points");
+                let there = line(&layer, &load, 0.0, &x[3..]).expect("sound points");
+                for (a, b) in close.iter().zip(&there) {
+                    for (a, b) in values(a).iter().zip(values(b)) {
+                        let bar = 3e3 * depth + 1e-12;
+                        assert!((a - b).abs() < bar * (1.0 + b.abs()), "{nu} {depth}: {a} {b}");
+                    }
+                }
+            }
+            // Next to the load the half plane alone is left.
+            let depth = 1e-6;
+            let near = [0.0, 0.5e-6, -2e-6];
+            let own = line(&layer, &load, depth, &near).expect("sound points");
+            let half = line_half_plane(&load, depth, &near).expect("sound points");
+            for (a, b) in own.iter().zip(&half) {
+                for (a, b) in stresses(a).iter().zip(stresses(b)) {
+                    assert!((a - b).abs() < 5.0, "{nu}: {a} {b}");
+                }
+            }
+        }
+    }
+    assert!(line(&layer(0.8, 0.49), &P, 1e-300, &[0.0]).is_ok());
+}
+
 #[test]
 fn base_moments_obey_statics() {
     for nu in [0.3, 0.49, 0.5] {
@@ -207,7 +255,7 @@ fn what_is_no_layer_is_refused_by_name() {
     assert_eq!(Layer::new(1.0, 1.0, 0.500_001).expect_err("nu").place, "poisson");
     assert!(Layer::new(1.0, 1.0, 0.5).is_ok());
     let sound = layer(1.0, 0.4);
-    for bad in [f64::NAN, f64::INFINITY, -0.1, 1.01, 1e-9] {
+    for bad in [f64::NAN, f64::INFINITY, -0.1, 1.01, -1e-9] {
         assert_eq!(line(&sound, &P, bad, &[0.0]).expect_err("depth").place, "depth_mm", "{bad}");
     }
     assert_eq!(line(&sound, &P, 0.5, &[0.0, f64::NAN]).expect_err("x").place, "x_mm");

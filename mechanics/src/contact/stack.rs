@@ -21,8 +21,6 @@ pub const LAYERS_MAX: usize = 64;
 const THICK: f64 = 1.0;
 /// Stand-in for the wave without length.
 const LONGEST: f64 = 1e-6;
-/// Smallest depth above 0 in parts of the whole, and steps of the sum at most.
-const SHALLOWEST: f64 = 1.0 / 500.0;
 
 /// Layers from the surface down to the base.
 #[derive(Clone, Debug, PartialEq)]
@@ -136,12 +134,40 @@ impl Stack {
         self.layers.iter().map(|layer| layer.thickness_mm).sum()
     }
 
-    /// Where fields have died: a stiff layer on a soft one spreads a load as a plate does.
-    fn reach_mm(&self) -> f64 {
-        let moduli = || self.layers.iter().map(|layer| layer.youngs_mpa);
-        let (low, high) = (moduli().fold(f64::INFINITY, f64::min), moduli().fold(0.0, f64::max));
+    /// The layer at the surface.
+    #[must_use]
+    pub fn surface_layer(&self) -> &Layer {
+        &self.layers[0]
+    }
+
+    /// Where fields have died: a stiff layer on a softer one spreads a load as a plate does.
+    pub(crate) fn reach_mm(&self) -> f64 {
+        let (mut stiffest, mut contrast) = (0.0_f64, 1.0_f64);
+        for layer in &self.layers {
+            stiffest = stiffest.max(layer.youngs_mpa);
+            contrast = contrast.max(stiffest / layer.youngs_mpa);
+        }
         // A base that does not give ends the spreading: contrasts beyond 1e6 count as that.
-        REACH * self.thickness_mm() * libm::cbrt((high / low).min(1e6))
+        REACH * self.thickness_mm() * libm::cbrt(contrast.min(1e6))
+    }
+
+    /// At the wave number a over the surface layer's thickness, in that layer's units: M/a, T/a and
+    /// N of [`super::layer::Transfer`].
+    pub(crate) fn surface_compliances(&self, a: f64) -> [f64; 3] {
+        let layer = self.surface_layer();
+        let k = a.max(LONGEST) / layer.thickness_mm;
+        let (p, q) = (self.amplitudes(k, 0.0, -1.0, 0.0), self.amplitudes(k, 0.0, 0.0, 1.0));
+        let g = layer.shear_mpa();
+        let unit = g / ((1.0 - layer.poisson) * layer.thickness_mm);
+        [-unit * p.uz, unit * q.ux, 2.0 * g * k * q.uz]
+    }
+
+    /// F and H of the stress s_zz = -(P F + i Q H) at a depth, for wave number `k` in 1/mm.
+    pub(crate) fn stress_transforms(&self, k: f64, depth_mm: f64) -> (f64, f64) {
+        let k = k.max(LONGEST / self.thickness_mm());
+        let p = self.amplitudes(k, depth_mm, -1.0, 0.0);
+        let q = self.amplitudes(k, depth_mm, 0.0, 1.0);
+        (-p.szz, -q.szz)
     }
 
     /// Compliances of what lies below each layer, surface layer first.
@@ -190,8 +216,7 @@ impl Stack {
     /// Allocates; the error is that of [`line`](fn@line).
     ///
     /// # Errors
-    /// Anything not finite; a depth below 0, above the thickness, or above 0 but under 1/500 of the
-    /// surface layer's thickness.
+    /// Anything not finite; a depth below 0 or above the thickness.
     pub fn line(
         &self,
         load: &LineLoad,
@@ -204,9 +229,9 @@ impl Stack {
         let (first, whole) = (&self.layers[0], self.thickness_mm());
         if depth_mm != 0.0 {
             positive("depth_mm", depth_mm)?;
-            if depth_mm > whole || depth_mm < SHALLOWEST * first.thickness_mm {
-                let what = format!("{depth_mm} is outside the layers or too close to the surface");
-                return Err(Invalid::new("depth_mm", what, "give 0, or t/500 to the base"));
+            if depth_mm > whole {
+                let what = format!("{depth_mm} is outside the layers");
+                return Err(Invalid::new("depth_mm", what, "give 0 to the whole thickness"));
             }
         }
         // Near the surface the surface layer alone, on a base of its own, is taken out: what is

@@ -33,6 +33,19 @@ pub(super) struct Solved {
     pub(super) pressure: Vec<Option<f64>>,
     /// Whether the stress is even in x.
     pub(super) symmetric: bool,
+    pub(super) held: Held,
+}
+
+/// What was solved, to be moved on.
+pub(super) enum Held {
+    /// A line load, or nothing.
+    Line,
+    Spectral(Box<Indenter>),
+    Glued(Box<NoSlip>, Shape),
+    Cells(Box<Grip>, Law),
+    Mesh(Box<(Grip, Elements)>, Law),
+    /// A line load on elements.
+    MeshLine,
 }
 
 /// Where the stress comes from.
@@ -112,6 +125,7 @@ fn knife(drive: Prescribed, x_mm: &[f64]) -> Result<Solved, Failure> {
         stress: Stress::Points(forces),
         pressure: x_mm.iter().map(|x| (*x != 0.0).then_some(0.0)).collect(),
         symmetric: load.q_n_mm == 0.0,
+        held: Held::Line,
     })
 }
 
@@ -179,6 +193,7 @@ impl Spectral<'_> {
             stress: Stress::Points(indenter.point_forces(depth)),
             pressure: x_mm.iter().map(pressure).collect(),
             symmetric: contact.q_n_mm == 0.0,
+            held: Held::Spectral(Box::new(indenter)),
         })
     }
 }
@@ -201,6 +216,7 @@ fn no_slip(
             stress: Stress::Points(Vec::new()),
             pressure: vec![Some(0.0); x_mm.len()],
             symmetric: true,
+            held: Held::Line,
         });
     }
     let grown = args.timed(|| match drive {
@@ -228,6 +244,7 @@ fn no_slip(
         stress: Stress::Points(held.point_forces(dx)),
         pressure: vec![None; x_mm.len()],
         symmetric: dx == 0.0,
+        held: Held::Glued(Box::new(held), shape),
     })
 }
 
@@ -416,6 +433,7 @@ fn cells(
         stress: Stress::Points(forces),
         pressure: pressures(&grip, x_mm),
         symmetric: false,
+        held: Held::Cells(Box::new(grip), law_of(args, drive)?),
     })
 }
 
@@ -442,6 +460,7 @@ fn elements(
         .and_then(|mesh| Elements::new(layer, mesh, Kind::MeanDilatation))
         .map_err(|invalid| failure(&invalid))?;
     let places = body.mesh().row_mm(nz as usize);
+    let mut grip = None;
     let (contact, normal, tangential, pressure) = if let Indented::Knife = shape {
         let solved = knife(drive, x_mm)?;
         let (mut p, mut q) = (vec![0.0; places.len()], vec![0.0; places.len()]);
@@ -455,13 +474,24 @@ fn elements(
         (solved.contact, p, q, solved.pressure)
     } else {
         let bed = body.bed().map_err(|invalid| failure(&invalid))?;
-        let (grip, contact) = gripped(args, bed, shape, drive)?;
-        let pressure = pressures(&grip, x_mm);
-        (contact, grip.normal_n_mm().to_vec(), grip.tangential_n_mm().to_vec(), pressure)
+        let (solved, contact) = gripped(args, bed, shape, drive)?;
+        let pressure = pressures(&solved, x_mm);
+        let (p, q) = (solved.normal_n_mm().to_vec(), solved.tangential_n_mm().to_vec());
+        grip = Some(solved);
+        (contact, p, q, pressure)
     };
-    let response = body.under(&normal, &tangential).map_err(|invalid| failure(&invalid))?;
-    let szz = body.base_szz_mpa(&response);
-    let nodes = Nodes { x: body.mesh().row_mm(0), width: body.mesh().widths_mm(0), szz };
+    let nodes = base(&body, &normal, &tangential)?;
     let descends = !matches!(shape, Indented::Knife);
-    Ok(Solved { contact, descends, stress: Stress::Nodes(nodes), pressure, symmetric: false })
+    let held = match grip {
+        Some(grip) => Held::Mesh(Box::new((grip, body)), law_of(args, drive)?),
+        None => Held::MeshLine,
+    };
+    Ok(Solved { contact, descends, stress: Stress::Nodes(nodes), pressure, symmetric: false, held })
+}
+
+/// Base stress of forces on the surface of a mesh.
+pub(super) fn base(body: &Elements, p: &[f64], q: &[f64]) -> Result<Nodes, Failure> {
+    let response = body.under(p, q).map_err(|invalid| failure(&invalid))?;
+    let szz = body.base_szz_mpa(&response);
+    Ok(Nodes { x: body.mesh().row_mm(0), width: body.mesh().widths_mm(0), szz })
 }

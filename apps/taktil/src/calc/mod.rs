@@ -11,6 +11,7 @@ mod contact;
 mod dynamics;
 mod field;
 mod indent;
+mod jacobian;
 mod kinematics;
 mod motion;
 mod nodes;
@@ -46,7 +47,7 @@ fn operations() -> impl Iterator<Item = &'static Operation> {
     [kinematics::OPERATIONS, dynamics::OPERATIONS, motion::OPERATIONS]
         .into_iter()
         .chain([touch::OPERATIONS, contact::OPERATIONS, plane::OPERATIONS, space::OPERATIONS])
-        .chain([recover::OPERATIONS])
+        .chain([jacobian::OPERATIONS, recover::OPERATIONS])
         .flatten()
 }
 

@@ -59,47 +59,50 @@ const MOVE: &[Field] = &[
 ];
 const COULOMB: &[Field] = &[number("coulomb", "", "Coefficient of friction.")];
 
+/// Fields of a contact.
+pub(super) const CONTACT: &[Field] = &[
+    Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "One of its fields."),
+    number("t_mm", "mm", "Thickness of the layer."),
+    number("nu", "", "Poisson's ratio, in (0, 0.5]."),
+    Field::new("youngs_mpa", Kind::Number, "MPa", Need::Default("27.58"), "Young's modulus."),
+    optional("load", Kind::Table(LOAD), "Loads, N/mm; this or `move`."),
+    optional("move", Kind::Table(MOVE), "Descent and tangential move, mm."),
+    Field::new(
+        "friction",
+        Kind::ChoiceOrTable(&["none", "prop", "stick"], COULOMB),
+        "",
+        Need::Default("\"none\""),
+        "No shear, shear in proportion to pressure, no slip, or {coulomb}.",
+    ),
+    choice(
+        "method",
+        &["layer", "fem"],
+        "\"layer\"",
+        "The exact infinite layer, or elements over 25.4 mm with free ends.",
+    ),
+    choice(
+        "level",
+        &["fast", "default", "fine"],
+        "\"default\"",
+        "Error of about 1e-3, 1e-5, 1e-8 of the peak; with cells 48, 96, 192 of them.",
+    ),
+    Field::new("mesh", Kind::Vector(2), "", Need::Default("[64, 4]"), "Elements, for `fem`."),
+    choice(
+        "start",
+        &["warm", "cold"],
+        "\"warm\"",
+        "With `timing`: from a contact of 1 % more, or from nothing; tables are built.",
+    ),
+    Field::new("depth_mm", Kind::Number, "mm", Need::Optional, "Depth of szz; t when absent."),
+    Field::new("x_mm", Kind::Numbers, "mm", Need::Default("[]"), "Places, from its centre."),
+    Field::new("threshold_mpa", Kind::Numbers, "MPa", Need::Default("[]"), "For widths."),
+];
+
 /// What this subject offers.
 pub(super) const OPERATIONS: &[Operation] = &[Operation {
     name: "contact_2d",
     doc: "A rigid indenter on a bonded layer in plane strain, by load or by move.",
-    fields: &[
-        Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "One of its fields."),
-        number("t_mm", "mm", "Thickness of the layer."),
-        number("nu", "", "Poisson's ratio, in (0, 0.5]."),
-        Field::new("youngs_mpa", Kind::Number, "MPa", Need::Default("27.58"), "Young's modulus."),
-        optional("load", Kind::Table(LOAD), "Loads, N/mm; this or `move`."),
-        optional("move", Kind::Table(MOVE), "Descent and tangential move, mm."),
-        Field::new(
-            "friction",
-            Kind::ChoiceOrTable(&["none", "prop", "stick"], COULOMB),
-            "",
-            Need::Default("\"none\""),
-            "No shear, shear in proportion to pressure, no slip, or {coulomb}.",
-        ),
-        choice(
-            "method",
-            &["layer", "fem"],
-            "\"layer\"",
-            "The exact infinite layer, or elements over 25.4 mm with free ends.",
-        ),
-        choice(
-            "level",
-            &["fast", "default", "fine"],
-            "\"default\"",
-            "Error of about 1e-3, 1e-5, 1e-8 of the peak; with cells 48, 96, 192 of them.",
-        ),
-        Field::new("mesh", Kind::Vector(2), "", Need::Default("[64, 4]"), "Elements, for `fem`."),
-        choice(
-            "start",
-            &["warm", "cold"],
-            "\"warm\"",
-            "With `timing`: from a contact of 1 % more, or from nothing; tables are built.",
-        ),
-        Field::new("depth_mm", Kind::Number, "mm", Need::Optional, "Depth of szz; t when absent."),
-        Field::new("x_mm", Kind::Numbers, "mm", Need::Default("[]"), "Places, from its centre."),
-        Field::new("threshold_mpa", Kind::Numbers, "MPa", Need::Default("[]"), "For widths."),
-    ],
+    fields: CONTACT,
     answers: &[
         ("p_n_mm", "N/mm"),
         ("q_n_mm", "N/mm"),
@@ -181,7 +184,8 @@ pub(super) fn prescribed(args: &Args) -> Result<Prescribed, Failure> {
     }
 }
 
-fn contact_2d(args: &Args) -> Result<Answer, Failure> {
+/// Layer, places and depth of a request.
+pub(super) fn under(args: &Args) -> Result<(Layer, &[f64], f64), Failure> {
     let (thickness_mm, youngs_mpa) = (args.number("t_mm")?, args.number("youngs_mpa")?);
     let layer = Layer::new(thickness_mm, youngs_mpa, args.number("nu")?)
         .map_err(|invalid| failure(&invalid))?;
@@ -195,6 +199,12 @@ fn contact_2d(args: &Args) -> Result<Answer, Failure> {
         let what = format!("`depth_mm` is {depth}; the layer ends at {thickness_mm}");
         return Err(Failure::range("depth_mm", what));
     }
+    Ok((layer, x_mm, depth))
+}
+
+fn contact_2d(args: &Args) -> Result<Answer, Failure> {
+    let (layer, x_mm, depth) = under(args)?;
+    let thickness_mm = layer.thickness_mm;
     let solved = indent::solve(args, &layer, depth, x_mm)?;
     let mut out = Answer::new();
     contact(&mut out, &solved.contact, solved.descends);

@@ -1,11 +1,10 @@
-//! Calc operations on contact in three dimensions: `contact_3d`, `feature_jacobian`. Refuses
-//! unknown shapes, what the solvers refuse, and forces that no penetration reaches.
+//! Calc operation on contact in three dimensions: `contact_3d`. Refuses unknown shapes, what the
+//! solvers refuse, and forces that no penetration reaches.
 
 use serde_json::{Map, Value};
 use taktil_mechanics::contact::Invalid;
 use taktil_mechanics::contact::features::{ImageFeatures, Part, image_features};
 use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::space::jacobian::{Feature, Motion, feature_jacobian};
 use taktil_mechanics::contact::space::pin::Stand;
 use taktil_mechanics::contact::space::scene::{Pose, Scene, Shape, Touch};
 use taktil_mechanics::contact::space::tactels::{Array, Sampling};
@@ -74,7 +73,8 @@ const SHAPES: &[Field] = &[
     ),
 ];
 
-const CONTACT: &[Field] = &[
+/// Fields of a contact.
+pub(super) const CONTACT: &[Field] = &[
     Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "Exactly one of its fields."),
     number("t_mm", "mm", "Thickness of the layer."),
     number("nu", "", "Poisson's ratio, in (0, 0.5]."),
@@ -113,86 +113,35 @@ const CONTACT: &[Field] = &[
     ),
 ];
 
-const FEATURES: &[&str] = &[
-    "M0",
-    "My",
-    "Mx",
-    "xc",
-    "yc",
-    "mu_xx",
-    "mu_xy",
-    "mu_yy",
-    "theta_long_rad",
-    "m0",
-    "m_y",
-    "m_x",
-    "x_c",
-    "y_c",
-    "theta_z",
-];
-const MOTIONS: &[&str] = &["dx", "dy", "dz", "rx", "ry", "rz"];
-
 /// What this subject offers.
-pub(super) const OPERATIONS: &[Operation] = &[
-    Operation {
-        name: "contact_3d",
-        doc: "A rigid indenter, without friction, on a bonded layer over an array of tactels.",
-        fields: CONTACT,
-        answers: &[
-            ("image", "[rows*cols] MPa, szz at the base, row by row, x and y ascending"),
-            ("force_n", "N, or N/mm without ends"),
-            ("delta_mm", "mm, null for an edge"),
-            (
-                "features",
-                "{M0, My, Mx, xc, yc, mu_xx, mu_xy, mu_yy, theta_long_rad, the same with _c of \
+pub(super) const OPERATIONS: &[Operation] = &[Operation {
+    name: "contact_3d",
+    doc: "A rigid indenter, without friction, on a bonded layer over an array of tactels.",
+    fields: CONTACT,
+    answers: &[
+        ("image", "[rows*cols] MPa, szz at the base, row by row, x and y ascending"),
+        ("force_n", "N, or N/mm without ends"),
+        ("delta_mm", "mm, null for an edge"),
+        (
+            "features",
+            "{M0, My, Mx, xc, yc, mu_xx, mu_xy, mu_yy, theta_long_rad, the same with _c of \
                  the compressive part}; null where undefined",
-            ),
-            ("residual", "relative"),
-        ],
-        run: contact_3d,
-    },
-    Operation {
-        name: "feature_jacobian",
-        doc: "Derivatives of an image's features with respect to motions of the indenter, at the \
-              contact of a `contact_3d` request.",
-        fields: &[
-            Field::new("contact", Kind::Request, "", Need::Required, "A contact_3d request."),
-            Field::new(
-                "features",
-                Kind::Names(FEATURES),
-                "",
-                Need::Default("[\"xc\", \"M0\", \"Mx\", \"theta_long_rad\"]"),
-                "Rows; names of the thesis mean the same.",
-            ),
-            Field::new(
-                "motions",
-                Kind::Names(MOTIONS),
-                "mm, rad",
-                Need::Default("[\"dx\", \"dz\", \"rx\", \"rz\"]"),
-                "Columns: dx, dy along the array, dz into the layer, turns about x, y, z (up).",
-            ),
-        ],
-        answers: &[
-            ("j", "[features*motions] row by row; null where undefined"),
-            ("condition", "largest over smallest singular value, or null"),
-            ("error_estimate", "[features*motions]"),
-            ("force_n", "N, or N/mm without ends"),
-            ("delta_mm", "mm, null for an edge"),
-        ],
-        run: jacobian,
-    },
-];
+        ),
+        ("residual", "relative"),
+    ],
+    run: contact_3d,
+}];
 
 /// A request as the solvers take it.
-struct Request {
-    scene: Scene,
-    drive: Drive,
-    pose: Pose,
-    shape: &'static str,
+pub(super) struct Request {
+    pub(super) scene: Scene,
+    pub(super) drive: Drive,
+    pub(super) pose: Pose,
+    pub(super) shape: &'static str,
 }
 
 impl Request {
-    fn of(args: &Args) -> Result<Self, Failure> {
+    pub(super) fn of(args: &Args) -> Result<Self, Failure> {
         let (name, shape, pose) = shape_of(args)?;
         let layer = Layer {
             thickness_mm: args.number("t_mm")?,
@@ -251,7 +200,7 @@ fn shape_of(args: &Args) -> Result<(&'static str, Shape, Pose), Failure> {
     Ok((name, shape, Pose { stand, tilt_rad: angle("tilt_rad")? }))
 }
 
-fn failure(invalid: &Invalid, shape: &str) -> Failure {
+pub(super) fn failure(invalid: &Invalid, shape: &str) -> Failure {
     let field = match invalid.place.as_str() {
         "thickness_mm" => "t_mm".to_owned(),
         "poisson" => "nu".to_owned(),
@@ -316,54 +265,5 @@ fn push_features(out: &mut Map<String, Value>, f: &ImageFeatures, ending: &str) 
     ];
     for (name, value) in all {
         out.insert(format!("{name}{ending}"), value.map_or(Value::Null, Value::from));
-    }
-}
-
-fn jacobian(args: &Args) -> Result<Answer, Failure> {
-    let (_, contact) = args.request("contact", &[("contact_3d", CONTACT)])?;
-    let within = |failure: Failure| Failure {
-        field: failure.field.map(|field| format!("contact.{field}")),
-        ..failure
-    };
-    let Request { mut scene, drive, pose, shape } = Request::of(&contact).map_err(within)?;
-    let features: Vec<Feature> = args.names("features")?.iter().map(|n| feature(n)).collect();
-    let motions: Vec<Motion> = args.names("motions")?.iter().map(|n| motion(n)).collect();
-    let found = args
-        .timed(|| feature_jacobian(&mut scene, drive, pose, &features, &motions))
-        .map_err(|invalid| match invalid.place.as_str() {
-            "features" | "motions" => failure(&invalid, shape),
-            _ => within(failure(&invalid, shape)),
-        })?;
-    let mut out = Answer::new();
-    out.gaps("j", found.values);
-    out.maybe("condition", found.condition);
-    out.gaps("error_estimate", found.errors);
-    out.number("force_n", found.touch.force_n);
-    out.maybe("delta_mm", found.touch.penetration_mm);
-    Ok(out)
-}
-
-fn feature(name: &str) -> Feature {
-    match name {
-        "My" | "m_y" => Feature::My,
-        "Mx" | "m_x" => Feature::Mx,
-        "xc" | "x_c" => Feature::Xc,
-        "yc" | "y_c" => Feature::Yc,
-        "mu_xx" => Feature::MuXx,
-        "mu_xy" => Feature::MuXy,
-        "mu_yy" => Feature::MuYy,
-        "theta_long_rad" | "theta_z" => Feature::ThetaLong,
-        _ => Feature::M0,
-    }
-}
-
-fn motion(name: &str) -> Motion {
-    match name {
-        "dy" => Motion::Y,
-        "dz" => Motion::Z,
-        "rx" => Motion::RotX,
-        "ry" => Motion::RotY,
-        "rz" => Motion::RotZ,
-        _ => Motion::X,
     }
 }

@@ -8,6 +8,7 @@
 
 use super::panels::SurfaceKernels;
 use crate::contact::layer::Layer;
+use crate::contact::stack::Stack;
 use crate::contact::{Invalid, finite};
 use core::f64::consts::{FRAC_PI_2, PI};
 
@@ -40,6 +41,23 @@ impl Bed {
     /// that are not finite or do not ascend.
     pub fn of_layer(layer: &Layer, edges_mm: &[f64]) -> Result<Self, Invalid> {
         layer.check()?;
+        Self::tabulated(layer, edges_mm, || Ok(SurfaceKernels::new(&layer.transfer())))
+    }
+
+    /// Cells on several bonded layers.
+    ///
+    /// # Errors
+    /// As [`Self::of_layer`]; a surface layer too thin for the stack below it.
+    pub fn of_stack(stack: &Stack, edges_mm: &[f64]) -> Result<Self, Invalid> {
+        let kernels = || SurfaceKernels::of_stack(stack);
+        Self::tabulated(stack.surface_layer(), edges_mm, kernels)
+    }
+
+    fn tabulated(
+        layer: &Layer,
+        edges_mm: &[f64],
+        kernels: impl FnOnce() -> Result<SurfaceKernels, Invalid>,
+    ) -> Result<Self, Invalid> {
         let n = edges_mm.len().saturating_sub(1);
         if !(2..=CELLS_MAX).contains(&n) {
             let what = format!("{n} cells");
@@ -50,7 +68,7 @@ impl Bed {
             let what = "the edges do not ascend".to_owned();
             return Err(Invalid::new("edges_mm", what, "sort them, each once"));
         }
-        let kernels = SurfaceKernels::new(&layer.transfer());
+        let kernels = kernels()?;
         let (t, m, n_step) = (layer.thickness_mm, kernels.transfer.m, kernels.transfer.n);
         let unit = 1.0 / (PI * layer.shear_mpa() / (1.0 - layer.poisson));
         let middle = |w: &[f64]| 0.5 * (w[0] + w[1]);

@@ -2,7 +2,9 @@
 //! its compressive part over a sensor, its peak, and widths above thresholds. x from the
 //! indenter's centre, over which the sensor is centred. Lengths in mm. It allocates.
 
+use super::super::kernel::REACH;
 use super::super::layer::{Layer, Transfer};
+use super::super::stack::Stack;
 use super::spectrum::{PointForce, Spectrum, legendre};
 
 /// Half the width of the tactile array (25.4 mm): where the compressive part is gathered.
@@ -11,6 +13,8 @@ pub const SENSOR_HALF_MM: f64 = 12.7;
 const CELLS: (f64, f64) = (48.0, 600.0);
 /// Halvings of a bracket.
 const HALVINGS: usize = 80;
+/// Wave numbers from which the moments over a stack are extrapolated.
+const HALVED: usize = 4;
 
 /// Moments M0..M3 of szz about x = 0 in N/mm, N, N mm, N mm^2, and the centroid M1/M0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,7 +47,34 @@ pub struct Compressive {
 /// Moments over the infinite layer at a depth, from the tractions on the surface alone.
 #[must_use]
 pub fn moments(layer: &Layer, forces: &[PointForce], depth_mm: f64) -> Moments {
-    let [second, first, third] = line_moments(layer, depth_mm);
+    gathered(line_moments(layer, depth_mm), forces)
+}
+
+/// The same over a stack, right to about 1e-9 of the load times its thickness squared and cubed.
+#[must_use]
+pub fn stack_moments(stack: &Stack, forces: &[PointForce], depth_mm: f64) -> Moments {
+    let depth = depth_mm.min(stack.thickness_mm());
+    let width = stack.reach_mm() / REACH;
+    // Taylor coefficients F = 1 + f2 k^2 and H = -depth k + h3 k^3 from small wave numbers: steps
+    // halved, even powers of the step taken out.
+    let mut rows = [[0.0; 2]; HALVED];
+    for (i, row) in rows.iter_mut().enumerate() {
+        let k = 0.2 / width / f64::from(1_u32 << i);
+        let (f, h) = stack.stress_transforms(k, depth);
+        *row = [(f - 1.0) / (k * k), (h / k + depth) / (k * k)];
+    }
+    let mut power = 4.0;
+    for order in 1..HALVED {
+        for i in 0..HALVED - order {
+            rows[i] = [0, 1].map(|j| (power * rows[i + 1][j] - rows[i][j]) / (power - 1.0));
+        }
+        power *= 4.0;
+    }
+    gathered([2.0 * rows[0][0], -depth, -6.0 * rows[0][1]], forces)
+}
+
+/// Moments of forces whose line loads have M2 of P, M1 and M3 of Q.
+fn gathered([second, first, third]: [f64; 3], forces: &[PointForce]) -> Moments {
     let mut m = [0.0; 4];
     for &[x, p, q] in forces {
         m[0] -= p;
@@ -148,6 +179,53 @@ fn gather(
     }
     let zero = root(szz, left[0], right[0]);
     if left[1] < 0.0 { add(left[0], zero) } else { add(zero, right[0]) }
+}
+
+/// Rates of the compressive part's moments over the sensor as the stress changes at the rate
+/// `change` and shifts along x; where the stress changes its sign it is 0, so the ends of the part
+/// add nothing. `moments` are those of the compressive part now.
+pub(super) fn compressive_rate(
+    stress: &Spectrum,
+    change: &Spectrum,
+    shift: f64,
+    moments: &Moments,
+) -> [f64; 4] {
+    let szz = |x: f64| stress.szz(x);
+    let count = (2.0 * SENSOR_HALF_MM / (0.4 * stress.depth_mm())).clamp(CELLS.0, CELLS.1);
+    let count = libm::ceil(count) as usize;
+    let width = 2.0 * SENSOR_HALF_MM / count as f64;
+    let edge = |i: usize| i as f64 * width - SENSOR_HALF_MM;
+    let mut rate = [0.0; 4];
+    let mut add = |from: f64, to: f64| {
+        for [u, w] in legendre() {
+            let x = 0.5 * (from + to) + 0.5 * (to - from) * u;
+            let mut power = 0.5 * (to - from) * w * change.szz(x);
+            for m in &mut rate {
+                *m += power;
+                power *= x;
+            }
+        }
+    };
+    let mut left = szz(edge(0));
+    for i in 0..count {
+        let right = szz(edge(i + 1));
+        match (left < 0.0, right < 0.0) {
+            (true, true) => add(edge(i), edge(i + 1)),
+            (true, false) => add(edge(i), root(&szz, edge(i), edge(i + 1))),
+            (false, true) => add(root(&szz, edge(i), edge(i + 1)), edge(i + 1)),
+            (false, false) => {}
+        }
+        left = right;
+    }
+    // What leaves the sensor at its ends.
+    let ends = [-SENSOR_HALF_MM, SENSOR_HALF_MM].map(|x| (x, szz(x).min(0.0)));
+    for (order, m) in rate.iter_mut().enumerate() {
+        let own = if order == 0 { 0.0 } else { order as f64 * moments.m[order - 1] };
+        let power = |x: f64| (0..order).fold(1.0, |power, _| power * x);
+        let lost = ends[1].1 * power(ends[1].0) - ends[0].1 * power(ends[0].0);
+        *m += shift * (own - lost);
+    }
+    rate
 }
 
 /// The extremum near the smallest sample, from the zero of the slope.

@@ -138,12 +138,12 @@ impl Grip {
         let load = match *drive {
             Drive::Loads { load, height_mm } if height_mm.is_finite() => load,
             Drive::Upright(load) => load,
-            Drive::Move { dz_mm, dx_mm } if dz_mm.is_finite() && dx_mm.is_finite() => {
-                Load { p_n_mm: 1.0, q_n_mm: 0.0 }
-            }
-            _ => return Err(Refusal::NotFinite),
+            Drive::Loads { .. } => return Err(Refusal::NotFinite),
+            Drive::Move { .. } | Drive::Pose { .. } => Load { p_n_mm: 1.0, q_n_mm: 0.0 },
         };
-        if !(load.p_n_mm.is_finite() && load.q_n_mm.is_finite()) {
+        let pose = drive.pose();
+        let finite = load.p_n_mm.is_finite() && load.q_n_mm.is_finite();
+        if !(finite && pose.is_none_or(|pose| pose.iter().all(|v| v.is_finite()))) {
             return Err(Refusal::NotFinite);
         }
         if load.p_n_mm < 0.0 || (load.p_n_mm == 0.0 && load.q_n_mm != 0.0) {
@@ -156,8 +156,8 @@ impl Grip {
             return Err(Refusal::Slides);
         }
         self.refuse_toppling(drive)?;
-        let open =
-            load.p_n_mm == 0.0 || matches!(drive, Drive::Move { dz_mm, .. } if *dz_mm <= 0.0);
+        let lifted = |pose: [f64; 3]| pose[1] == 0.0 && pose[0] <= 0.0;
+        let open = load.p_n_mm == 0.0 || pose.is_some_and(lifted);
         if open {
             self.open(drive);
             self.last = Some(*drive);
@@ -209,10 +209,7 @@ impl Grip {
         self.status.fill(Status::Apart);
         self.p.fill(0.0);
         self.q.fill(0.0);
-        self.rigid = match *drive {
-            Drive::Move { dz_mm, dx_mm } => [dz_mm.min(0.0), 0.0, dx_mm],
-            _ => [0.0; 3],
-        };
+        self.rigid = drive.pose().unwrap_or_default();
         let place = self.rigid[2];
         self.held.fill(-place);
         self.residual = 0.0;
@@ -236,7 +233,7 @@ impl Grip {
                 self.accept();
                 return Ok(());
             }
-            if self.status.iter().all(|s| *s == Status::Apart) {
+            if drive.pose().is_none() && self.status.iter().all(|s| *s == Status::Apart) {
                 // Lost everything: take the deepest place again.
                 let lowest =
                     |a: &usize, b: &usize| self.height_mm[*a].total_cmp(&self.height_mm[*b]);
@@ -341,19 +338,13 @@ impl Grip {
 
     /// The last three equations: balance, or the motion prescribed.
     fn add_drive(&mut self, drive: &Drive, c: usize, s: usize) {
-        let mut wanted = [0.0; 3];
-        let (force, tilts) = match *drive {
+        let (wanted, force, tilts) = match *drive {
             Drive::Loads { load, height_mm } => {
-                wanted = [load.p_n_mm, load.q_n_mm * height_mm, load.q_n_mm];
-                (true, true)
+                ([load.p_n_mm, load.q_n_mm * height_mm, load.q_n_mm], true, true)
             }
-            Drive::Upright(load) => {
-                wanted = [load.p_n_mm, 0.0, load.q_n_mm];
-                (true, false)
-            }
-            Drive::Move { dz_mm, dx_mm } => {
-                (wanted[0], wanted[2]) = (dz_mm, dx_mm);
-                (false, false)
+            Drive::Upright(load) => ([load.p_n_mm, 0.0, load.q_n_mm], true, false),
+            Drive::Move { .. } | Drive::Pose { .. } => {
+                (drive.pose().unwrap_or_default(), false, false)
             }
         };
         for (equation, value) in wanted.into_iter().enumerate() {

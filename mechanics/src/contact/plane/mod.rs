@@ -9,8 +9,8 @@
 //! What it refuses: pulling, a bar that topples, a contact as wide as the cylinder or too wide for
 //! the points that it may use, and everything not finite. Refusals are plain numbers
 //! ([`Refusal`]), since this runs inside control periods.
-//! What it does not know: slip against stick , growth without slip,
-//! free ends of the layer.
+//! What it does not know: free ends of the layer. Slip against stick is in [`grip`], growth without
+//! slip in [`noslip`], feature Jacobians in [`rates`].
 
 mod bar;
 pub mod bed;
@@ -23,15 +23,19 @@ mod jacobi;
 pub mod noslip;
 mod panels;
 mod path;
+pub mod rates;
 pub mod recovery;
 mod roller;
+mod search;
 pub mod spectrum;
 
 use super::layer::Layer;
+use super::stack::Stack;
 use super::{Invalid, positive};
 use core::f64::consts::PI;
 use interval::Interval;
 use panels::SurfaceKernels;
+use search::Search;
 pub use spectrum::{PointForce, Spectrum};
 
 /// Shape of the rigid indenter.
@@ -219,12 +223,42 @@ impl Indenter {
         Self::assembled(layer, shape, friction, level, SurfaceKernels::new(&layer.transfer()))
     }
 
+    /// The same over several bonded layers; lengths of the contact are resolved against the surface
+    /// layer's thickness. Up to a second; allocates.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; a surface layer too thin for the stack below it. Stress and moments are
+    /// those of [`Spectrum::of_stack`] and [`features::stack_moments`].
+    pub fn on_stack(
+        stack: &Stack,
+        shape: Shape,
+        friction: Friction,
+        level: Level,
+    ) -> Result<Self, Invalid> {
+        let kernels = SurfaceKernels::of_stack(stack)?;
+        Self::assembled(stack.surface_layer(), shape, friction, level, kernels)
+    }
+
     /// Another shape over the same layer, with the kernels of this one; allocates.
     ///
     /// # Errors
     /// As [`Self::new`].
     pub fn reshaped(&self, shape: Shape) -> Result<Self, Invalid> {
         Self::assembled(&self.layer, shape, self.friction, self.level, self.kernels.clone())
+    }
+
+    /// The same indenter solved at another level, with the kernels of this one; allocates.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn at_level(&self, level: Level) -> Result<Self, Invalid> {
+        Self::assembled(&self.layer, self.shape, self.friction, level, self.kernels.clone())
+    }
+
+    /// The level it solves at.
+    #[must_use]
+    pub fn level(&self) -> Level {
+        self.level
     }
 
     fn assembled(
@@ -396,13 +430,19 @@ impl Indenter {
     /// the solution's own error. Allocates.
     #[must_use]
     pub fn point_forces(&self, depth_mm: f64) -> Vec<PointForce> {
-        let Contact { x_left_mm: left, x_right_mm: right, p_n_mm: p, q_n_mm: q, .. } = self.contact;
+        let Contact { p_n_mm: p, q_n_mm: q, .. } = self.contact;
         if self.phi.is_empty() {
             return Vec::new();
         }
+        let ratio = if self.friction == Friction::None { 0.0 } else { q / p };
+        self.forces_of(&self.phi, ratio, depth_mm)
+    }
+
+    /// The traction of any `phi` on the last contact's interval.
+    fn forces_of(&self, phi: &[f64], ratio: f64, depth_mm: f64) -> Vec<PointForce> {
+        let Contact { x_left_mm: left, x_right_mm: right, .. } = self.contact;
         let half = 0.5 * (right - left);
         let middle = 0.5 * (right + left);
-        let ratio = if self.friction == Friction::None { 0.0 } else { q / p };
         let width = half / depth_mm.min(self.layer.thickness_mm);
         // A Gauss rule of n points misses a pole at a distance d by exp(-2 n d/half).
         let digits = if self.level == Level::Fine { 13.0 } else { 8.0 };
@@ -412,7 +452,7 @@ impl Indenter {
         rule.fill(count, alpha, -1.0 - alpha);
         let scale = self.modulus_mpa() * half;
         let force = |(xi, weight): (&f64, &f64)| {
-            let normal = scale * weight * self.interval.at(&self.phi, *xi);
+            let normal = scale * weight * self.interval.at(phi, *xi);
             [middle + half * xi, normal, ratio * normal]
         };
         rule.nodes.iter().zip(&rule.weights).map(force).collect()
@@ -441,35 +481,4 @@ fn points(level: Level, half: f64) -> usize {
 fn widest(level: Level, points: usize) -> f64 {
     let [least, each] = density(level);
     (points as f64 - 4.0 - least) / each
-}
-
-/// A root search in one variable that keeps a bracket once it has one; secant steps inside it.
-struct Search {
-    low: Option<[f64; 2]>,
-    high: Option<[f64; 2]>,
-}
-
-impl Search {
-    fn new() -> Self {
-        Self { low: None, high: None }
-    }
-
-    /// Notes f(x); `f` rises with x. Gives the next place, `newton` being the wish.
-    fn next(&mut self, x: f64, f: f64, newton: f64) -> f64 {
-        if f < 0.0 {
-            self.low = Some([x, f]);
-        } else {
-            self.high = Some([x, f]);
-        }
-        match (self.low, self.high) {
-            (Some(low), Some(high)) => {
-                if newton > low[0].min(high[0]) && newton < low[0].max(high[0]) {
-                    newton
-                } else {
-                    0.5 * (low[0] + high[0])
-                }
-            }
-            _ => newton,
-        }
-    }
 }

@@ -10,6 +10,7 @@
 
 use super::glued::{Chebyshev, Tractions};
 use super::panels::SurfaceKernels;
+use super::rates::{Motion, Rate};
 use super::spectrum::{PointForce, legendre};
 use super::{Friction, Indenter, Level, Load, Refusal, Shape};
 use crate::contact::Invalid;
@@ -284,6 +285,34 @@ impl NoSlip {
     #[must_use]
     pub fn layer(&self) -> &Layer {
         &self.layer
+    }
+
+    /// The rate of both tractions under a motion at the present width, the contact glued: the edges
+    /// of a growing contact carry nothing that a step could leave behind. A cylinder rolls about
+    /// its own axis. `more` times as many points as the contact itself was solved with tell the
+    /// error.
+    #[must_use]
+    pub fn rate(&self, shape: Shape, motion: Motion, more: usize) -> Rate {
+        let t = self.layer.thickness_mm;
+        let b = self.half_width_mm / t;
+        let kernels = SurfaceKernels::new(&self.layer.transfer());
+        let strip = Chebyshev::new(2 * more.max(1) * (30 + libm::ceil(4.0 * b) as usize));
+        let system = strip.system(&kernels, b);
+        let (radius, round) = match shape {
+            Shape::Cylinder { radius_mm } => (radius_mm / t, true),
+            Shape::Parabola { radius_mm } => (radius_mm / t, false),
+            Shape::Flat { .. } => (0.0, false),
+        };
+        let arm = |x: f64| if round { (radius * radius - x * x).max(0.0).sqrt() } else { radius };
+        let (moved, scale) = match motion {
+            Motion::X => (strip.solve(&system, |_| 0.0, |_| 1.0), 1.0 / t),
+            Motion::Z => (strip.solve(&system, |_| 1.0, |_| 0.0), 1.0 / t),
+            Motion::RotY => (strip.solve(&system, |xi| b * xi, |xi| -arm(b * xi)), 1.0),
+        };
+        let modulus = PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson);
+        let scale = scale * t * modulus * PI / strip.count() as f64;
+        let force = |(j, c): (usize, &f64)| [b * c * t, scale * moved.p[j], scale * moved.q[j]];
+        Rate { forces: strip.cosines.iter().enumerate().map(force).collect(), shift: 0.0 }
     }
 
     /// Both tractions as concentrated forces, after a small tangential move of `dx_mm` at fixed

@@ -7,14 +7,18 @@
 
 use super::super::kernel::{REACH, SURFACE_CUTOFF};
 use super::super::layer::Transfer;
+use super::super::stack::Stack;
+use crate::contact::Invalid;
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 /// Width of a panel, and the coefficients in each: nearest singularities at +-2i, so the
 /// interpolation's error is under (1/64)^9.
 const PANELS_PER_THICKNESS: f64 = 8.0;
 const TERMS: usize = 9;
+/// Longest reach of a stack's kernels, in thicknesses of its surface layer.
+const REACH_MAX: f64 = 640.0;
 
-/// A function on [0, REACH) as a polynomial in the place inside each panel (-1 to 1).
+/// A function from 0 on as a polynomial in the place inside each panel (-1 to 1).
 #[derive(Clone, Debug)]
 pub(crate) struct Panels {
     coefficients: Vec<[f64; TERMS]>,
@@ -27,7 +31,7 @@ impl Panels {
         Self { coefficients: (0..count).map(panel).collect() }
     }
 
-    /// The function at 0 <= x < REACH.
+    /// The function at 0 <= x inside the table.
     #[inline]
     fn at(&self, x: f64) -> f64 {
         let (panel, u) = self.place(x);
@@ -88,15 +92,41 @@ pub(crate) struct SurfaceKernels {
     along: Panels,
     coupling: Panels,
     coupling_slope: Panels,
+    /// Where the tables end.
+    reach: f64,
     pub(crate) transfer: Transfer,
 }
 
 impl SurfaceKernels {
     /// Tabulates the kernels; some milliseconds.
     pub(crate) fn new(transfer: &Transfer) -> Self {
-        let count = (REACH * PANELS_PER_THICKNESS) as usize;
+        let functions = |a: f64| {
+            let normal = transfer.normal_compliance(a);
+            [normal, transfer.tangential_compliance(a), transfer.coupling(a)]
+        };
+        Self::tabulate(transfer, &functions, REACH)
+    }
+
+    /// The kernels of a stack, in units of its surface layer: up to a second.
+    ///
+    /// # Errors
+    /// A surface layer too thin against the distance at which the stack's fields die.
+    pub(crate) fn of_stack(stack: &Stack) -> Result<Self, Invalid> {
+        let surface = stack.surface_layer();
+        let reach = libm::ceil(stack.reach_mm() / surface.thickness_mm).max(REACH);
+        if reach > REACH_MAX {
+            let what = format!("fields die after {reach} thicknesses of the surface layer");
+            let remedy = "give a thicker surface layer, or one less stiff against those below";
+            return Err(Invalid::new("layers", what, remedy));
+        }
+        Ok(Self::tabulate(&surface.transfer(), &|a| stack.surface_compliances(a), reach))
+    }
+
+    /// From normal and tangential compliance and their coupling at each wave number.
+    fn tabulate(transfer: &Transfer, functions: &dyn Fn(f64) -> [f64; 3], reach: f64) -> Self {
+        let count = (reach * PANELS_PER_THICKNESS) as usize;
         let points = Vandermonde::new().points;
-        let sums = Sums::new(transfer, count, &points);
+        let sums = Sums::new(transfer, functions, count, &points);
         let x = |i: usize, j: usize| (i as f64 + 0.5 * (1.0 + points[j])) / PANELS_PER_THICKNESS;
         let log_part = |x: f64| {
             // ln coth(pi x/4) + ln x, the integral of tanh(a)/a cos(a x) with its logarithm out.
@@ -128,6 +158,7 @@ impl SurfaceKernels {
             along: Panels::new(count, |i, j| at(i, j)[4] + log_part(x(i, j))),
             coupling: Panels::new(count, |i, j| at(i, j)[2]),
             coupling_slope: Panels::new(count, |i, j| at(i, j)[3]),
+            reach,
             transfer: *transfer,
         }
     }
@@ -136,14 +167,15 @@ impl SurfaceKernels {
     #[inline]
     pub(crate) fn normal(&self, x: f64) -> f64 {
         let distance = x.abs();
-        if distance < REACH { self.normal.at(distance) } else { libm::log(distance) }
+        if distance < self.reach { self.normal.at(distance) } else { libm::log(distance) }
     }
 
     /// S' at a distance of either sign; odd.
     #[inline]
     pub(crate) fn normal_slope(&self, x: f64) -> f64 {
         let distance = x.abs();
-        let slope = if distance < REACH { self.normal_slope.at(distance) } else { 1.0 / distance };
+        let slope =
+            if distance < self.reach { self.normal_slope.at(distance) } else { 1.0 / distance };
         if x < 0.0 { -slope } else { slope }
     }
 
@@ -151,7 +183,7 @@ impl SurfaceKernels {
     #[inline]
     pub(crate) fn along(&self, x: f64) -> f64 {
         let distance = x.abs();
-        if distance < REACH { self.along.at(distance) } else { libm::log(distance) }
+        if distance < self.reach { self.along.at(distance) } else { libm::log(distance) }
     }
 
     /// J0 at a distance of either sign; odd.
@@ -159,7 +191,7 @@ impl SurfaceKernels {
     pub(crate) fn coupling(&self, x: f64) -> f64 {
         let distance = x.abs();
         let far = -self.transfer.n * FRAC_PI_2;
-        let value = if distance < REACH { self.coupling.at(distance) } else { far };
+        let value = if distance < self.reach { self.coupling.at(distance) } else { far };
         if x < 0.0 { -value } else { value }
     }
 
@@ -167,7 +199,7 @@ impl SurfaceKernels {
     #[inline]
     pub(crate) fn slopes(&self, x: f64, g: f64) -> f64 {
         let distance = x.abs();
-        if distance >= REACH {
+        if distance >= self.reach {
             return 1.0 / x;
         }
         let (panel, u) = self.normal_slope.place(distance);
@@ -183,8 +215,13 @@ struct Sums {
 }
 
 impl Sums {
-    fn new(transfer: &Transfer, count: usize, points: &[f64; TERMS]) -> Self {
-        let step = 2.0 * PI / (2.2 * REACH);
+    fn new(
+        transfer: &Transfer,
+        functions: &dyn Fn(f64) -> [f64; 3],
+        count: usize,
+        points: &[f64; TERMS],
+    ) -> Self {
+        let step = 2.0 * PI / (2.2 * count as f64 / PANELS_PER_THICKNESS);
         let waves = libm::ceil(SURFACE_CUTOFF / step) as usize;
         let mut values = vec![[0.0; 5]; count * TERMS];
         let width = 1.0 / PANELS_PER_THICKNESS;
@@ -192,9 +229,10 @@ impl Sums {
             let a = wave as f64 * step;
             let weight = if wave == 0 { 0.5 * step } else { step };
             let tanh_over = if a > 0.0 { libm::tanh(a) / a } else { 1.0 };
-            let normal = weight * (transfer.normal_compliance(a) - tanh_over);
-            let along = weight * (transfer.tangential_compliance(a) - tanh_over);
-            let coupling = weight * (transfer.coupling(a) - transfer.n);
+            let [normal, along, coupling] = functions(a);
+            let normal = weight * (normal - tanh_over);
+            let along = weight * (along - tanh_over);
+            let coupling = weight * (coupling - transfer.n);
             let turn = [libm::sin(a * width), libm::cos(a * width)];
             for (j, point) in points.iter().enumerate() {
                 let start = 0.5 * width * (1.0 + point);

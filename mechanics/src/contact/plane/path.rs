@@ -33,6 +33,26 @@ pub enum Drive {
         /// Place along x in mm.
         dx_mm: f64,
     },
+    /// Descent at x = 0, tilt and place along x of the indenter.
+    Pose {
+        /// Descent in mm.
+        dz_mm: f64,
+        /// Further descent per mm of x.
+        slope: f64,
+        /// Place along x in mm.
+        dx_mm: f64,
+    },
+}
+
+impl Drive {
+    /// Descent, tilt and place along x, where they are what is prescribed.
+    pub(super) fn pose(&self) -> Option<[f64; 3]> {
+        match *self {
+            Self::Move { dz_mm, dx_mm } => Some([dz_mm, 0.0, dx_mm]),
+            Self::Pose { dz_mm, slope, dx_mm } => Some([dz_mm, slope, dx_mm]),
+            Self::Loads { .. } | Self::Upright(_) => None,
+        }
+    }
 }
 
 /// A drive part of the way from another of its kind, or from nothing.
@@ -51,10 +71,12 @@ pub(super) fn between(start: Option<Drive>, drive: &Drive, f: f64) -> Drive {
         }
         (Drive::Upright(load), Some(Drive::Upright(from))) => Drive::Upright(mean(from, load)),
         (Drive::Upright(load), _) => Drive::Upright(mean(Load::default(), load)),
-        (Drive::Move { dz_mm, dx_mm }, Some(Drive::Move { dz_mm: z, dx_mm: x })) => {
-            Drive::Move { dz_mm: mix(z, dz_mm), dx_mm: mix(x, dx_mm) }
+        (Drive::Move { .. } | Drive::Pose { .. }, _) => {
+            let to = drive.pose().unwrap_or_default();
+            let from = start.and_then(|start| start.pose()).unwrap_or_default();
+            let [dz_mm, slope, dx_mm] = [0, 1, 2].map(|i| mix(from[i], to[i]));
+            Drive::Pose { dz_mm, slope, dx_mm }
         }
-        (Drive::Move { dz_mm, dx_mm }, _) => Drive::Move { dz_mm: f * dz_mm, dx_mm: f * dx_mm },
     }
 }
 

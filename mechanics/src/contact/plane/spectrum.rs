@@ -8,6 +8,7 @@
 
 use super::super::kernel::REACH;
 use super::super::layer::{Layer, Transfer};
+use super::super::stack::Stack;
 use core::f64::consts::PI;
 
 /// Above this part of the thickness the half plane is taken out.
@@ -38,17 +39,40 @@ impl Spectrum {
         let t = layer.thickness_mm;
         let depth = (depth_mm / t).min(1.0);
         let transfer = layer.transfer();
+        let of = |a: f64| transforms(&transfer, a, depth);
+        Self::summed(&of, [t, depth_mm, REACH * t], depth < SHALLOW, forces, reach_mm)
+    }
+
+    /// The same in a stack of layers.
+    #[must_use]
+    pub fn of_stack(stack: &Stack, forces: &[PointForce], depth_mm: f64, reach_mm: f64) -> Self {
+        let t = stack.surface_layer().thickness_mm;
+        let depth_mm = depth_mm.min(stack.thickness_mm());
+        let of = |a: f64| stack.stress_transforms(a / t, depth_mm);
+        let shallow = depth_mm < SHALLOW * t;
+        Self::summed(&of, [t, depth_mm, stack.reach_mm()], shallow, forces, reach_mm)
+    }
+
+    /// From the transforms F and H at a wave number over t; t, the depth, and where fields have
+    /// died, in mm.
+    fn summed(
+        of: &dyn Fn(f64) -> (f64, f64),
+        [t, depth_mm, far_mm]: [f64; 3],
+        is_shallow: bool,
+        forces: &[PointForce],
+        reach_mm: f64,
+    ) -> Self {
+        let depth = depth_mm / t;
         let low = forces.iter().map(|f| f[0]).fold(f64::INFINITY, f64::min);
         let high = forces.iter().map(|f| f[0]).fold(f64::NEG_INFINITY, f64::max);
         let middle = if low <= high { 0.5 * (low + high) } else { 0.0 };
         let half = if low <= high { 0.5 * (high - low) } else { 0.0 };
-        // Beyond REACH from the nearest force there is nothing.
-        let reach = (reach_mm + middle.abs()).min(half + REACH * t);
+        // Far from the nearest force there is nothing.
+        let reach = (reach_mm + middle.abs()).min(half + far_mm);
         let span = (reach + half) / t;
-        let grid = if depth >= SHALLOW { trapezoid(span, depth) } else { gauss(span, depth) };
-        let is_shallow = depth < SHALLOW;
+        let grid = if is_shallow { gauss(span, depth) } else { trapezoid(span, depth, far_mm / t) };
         let wave = |&[a, weight]: &[f64; 2]| {
-            let (mut f, mut h) = transforms(&transfer, a, depth);
+            let (mut f, mut h) = of(a);
             if is_shallow {
                 let (y, decay) = (a * depth, libm::exp(-a * depth));
                 f -= (1.0 + y) * decay;
@@ -102,6 +126,27 @@ impl Spectrum {
         self.waves.iter().map(wave).sum::<f64>() + self.shallow.iter().map(half_plane).sum::<f64>()
     }
 
+    /// Second derivative of [`Self::szz`] along x in MPa/mm^2.
+    #[must_use]
+    pub fn bend(&self, x_mm: f64) -> f64 {
+        let x = x_mm - self.middle_mm;
+        if x.abs() > self.reach_mm * (1.0 + 1e-12) {
+            return 0.0;
+        }
+        let wave = |w: &[f64; 3]| {
+            let (s, c) = libm::sincos(w[0] * x);
+            -w[0] * w[0] * (w[1] * c + w[2] * s)
+        };
+        let half_plane = |f: &PointForce| {
+            let (r, d) = (x_mm - f[0], self.depth_mm);
+            let r2 = r * r + d * d;
+            let along = f[1] * d + f[2] * r;
+            let bent = 24.0 * r * r * along / r2 - 8.0 * r * f[2] - 4.0 * along;
+            -2.0 / PI * d * d / (r2 * r2 * r2) * bent
+        };
+        self.waves.iter().map(wave).sum::<f64>() + self.shallow.iter().map(half_plane).sum::<f64>()
+    }
+
     /// szz in MPa at x, within the reach given; 0 far outside all forces.
     #[must_use]
     pub fn szz(&self, x_mm: f64) -> f64 {
@@ -138,14 +183,14 @@ pub(crate) fn transforms(transfer: &Transfer, a: f64, depth: f64) -> (f64, f64) 
 }
 
 /// Wave numbers and weights of the trapezoidal rule.
-fn trapezoid(span: f64, depth: f64) -> Vec<[f64; 2]> {
-    let step = 2.0 * PI / (span + 1.2 * REACH);
+fn trapezoid(span: f64, depth: f64, far: f64) -> Vec<[f64; 2]> {
+    let step = 2.0 * PI / (span + 1.2 * far);
     let count = libm::ceil(42.0 / depth / step) as usize;
     (0..=count).map(|i| [i as f64 * step, if i == 0 { 0.5 * step } else { step }]).collect()
 }
 
 /// Wave numbers and weights of Gauss's rule, panel after panel.
-fn gauss(span: f64, depth: f64) -> Vec<[f64; 2]> {
+pub(crate) fn gauss(span: f64, depth: f64) -> Vec<[f64; 2]> {
     let cutoff = 42.0 / (2.0 - depth);
     let panels = libm::ceil(cutoff * (span / RADIANS_PER_PANEL).max(1.5)) as usize;
     let width = cutoff / panels as f64;

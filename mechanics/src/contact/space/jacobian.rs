@@ -4,9 +4,10 @@
 //!
 //! Motions are about the indenter's origin on the surface: dx, dy along the array, dz into the
 //! layer, right-handed rotations about x, y (which tilt a long indenter, positive about x lowering
-//! the side towards -y) and z (up). A sphere does not know rotations, nor a cylinder its own roll:
-//! those columns are 0. What a motion or a feature does not define (dz of a line load, the roll of
-//! a bar, the axis of a round image) is absent, and so is then the condition number.
+//! the side towards -y) and z (up). A round body turns about its own axis, which changes nothing: a
+//! sphere's rotations and a cylinder's roll are columns of 0. What a motion or a feature does not
+//! define (dz of a line load, the roll of a bar, the axis of a round image) is absent, and so is
+//! then the condition number.
 
 use super::super::Invalid;
 use super::super::features::{ImageFeatures, Part, image_features};
