@@ -15,8 +15,9 @@ impl Band {
         Self { size, half, rows: vec![0.0; size * (half + 1)] }
     }
 
-    pub(super) fn size(&self) -> usize {
-        self.size
+    /// Numbers kept.
+    pub(super) fn entries(&self) -> usize {
+        self.rows.len()
     }
 
     /// Adds to an entry and, by symmetry, to its mirror image.

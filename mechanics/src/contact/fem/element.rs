@@ -1,86 +1,263 @@
-//! One quadrilateral: its stiffness, its dilatation and its forces.
+//! One quadrilateral or brick of Lagrange's shape functions, order 1 or 2: its stiffness and the
+//! modes of its dilatation. Isoparametric, Gauss's rule of order + 1 points along each axis.
 
-/// Strain-displacement pieces of one Gauss point.
-struct Point {
-    /// d N/dx and d N/dz of the four shape functions.
-    slopes: [[f64; 2]; 4],
-    /// Weight times area.
-    area: f64,
+use super::mesh::Kind;
+
+/// Most modes of the dilatation: 1, x, y, z.
+pub(super) const MODES: usize = 4;
+
+/// Shear and bulk modulus in MPa.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Moduli {
+    pub(super) shear: f64,
+    pub(super) bulk: f64,
 }
 
-/// The element's matrices for a shear modulus of 1.
+/// Modes of an element's dilatation, orthonormal over its volume: constants with order 1, linear
+/// functions of the place with order 2.
 #[derive(Clone, Debug)]
-pub(super) struct Element {
-    /// Deviatoric stiffness, to be taken times G.
-    pub(super) shear: [[f64; 8]; 8],
-    /// Mean dilatation per displacement.
-    pub(super) mean: [f64; 8],
-    /// Volumetric stiffness of full integration, to be taken times the bulk modulus.
-    pub(super) volume: [[f64; 8]; 8],
-    /// Area.
-    pub(super) area: f64,
+pub(super) struct Modes<const D: usize> {
+    /// Coefficient of each mode in the dilatation, per displacement; mode after mode.
+    pub(super) rows: Vec<f64>,
+    /// Number of modes.
+    pub(super) count: usize,
+    middle: [f64; D],
+    /// Inverse of the Cholesky factor of the raw functions' products.
+    basis: [[f64; MODES]; MODES],
 }
 
-const GAUSS: f64 = 0.577_350_269_189_625_8;
+impl<const D: usize> Modes<D> {
+    /// Values of the modes at a place in mm.
+    pub(super) fn at(&self, place: &[f64; D]) -> [f64; MODES] {
+        let raw = raw(place, &self.middle);
+        self.basis.map(|row| row.iter().zip(raw).map(|(a, b)| a * b).sum())
+    }
+}
 
-/// `None` where the quadrilateral folds.
-fn point(corners: &[[f64; 2]; 4], xi: f64, eta: f64) -> Option<Point> {
-    let natural = [
-        [-(1.0 - eta), -(1.0 - xi)],
-        [1.0 - eta, -(1.0 + xi)],
-        [1.0 + eta, 1.0 + xi],
-        [-(1.0 + eta), 1.0 - xi],
-    ];
-    let mut jacobian = [[0.0; 2]; 2];
-    for (n, corner) in natural.iter().zip(corners) {
-        for a in 0..2 {
-            for b in 0..2 {
-                jacobian[a][b] += 0.25 * n[a] * corner[b];
+/// What an element brings to the system, displacements node by node.
+#[derive(Clone, Debug)]
+pub(super) struct Element<const D: usize> {
+    pub(super) stiffness: Vec<f64>,
+    pub(super) modes: Modes<D>,
+}
+
+/// Shape functions at one place.
+pub(super) struct Point<const D: usize> {
+    /// Derivatives along the axes, per mm.
+    pub(super) slopes: Vec<[f64; D]>,
+    /// Place in mm.
+    pub(super) place: [f64; D],
+    /// Determinant of the map.
+    pub(super) volume: f64,
+}
+
+/// Value and slope of the shape functions of a line at `s` in -1..1.
+fn line(order: usize, s: f64) -> [[f64; 2]; 3] {
+    if order == 1 {
+        return [[0.5 * (1.0 - s), -0.5], [0.5 * (1.0 + s), 0.5], [0.0; 2]];
+    }
+    [[0.5 * s * (s - 1.0), s - 0.5], [1.0 - s * s, -2.0 * s], [0.5 * s * (s + 1.0), s + 0.5]]
+}
+
+/// Gauss's nodes and weights.
+fn gauss(order: usize) -> &'static [[f64; 2]] {
+    const TWO: f64 = 0.577_350_269_189_625_8;
+    const THREE: f64 = 0.774_596_669_241_483_4;
+    if order == 1 {
+        return &[[-TWO, 1.0], [TWO, 1.0]];
+    }
+    &[[-THREE, 5.0 / 9.0], [0.0, 8.0 / 9.0], [THREE, 5.0 / 9.0]]
+}
+
+/// Inverse and determinant; `None` where the determinant is not above 0.
+fn inverse<const D: usize>(mut m: [[f64; D]; D]) -> Option<([[f64; D]; D], f64)> {
+    let mut out = [[0.0; D]; D];
+    (0..D).for_each(|i| out[i][i] = 1.0);
+    let mut determinant = 1.0;
+    for pivot in 0..D {
+        let size = |row: &usize| m[*row][pivot].abs();
+        let best = (pivot..D).max_by(|a, b| size(a).total_cmp(&size(b)))?;
+        if best != pivot {
+            m.swap(best, pivot);
+            out.swap(best, pivot);
+            determinant = -determinant;
+        }
+        let value = m[pivot][pivot];
+        determinant *= value;
+        for column in 0..D {
+            m[pivot][column] /= value;
+            out[pivot][column] /= value;
+        }
+        for row in (0..D).filter(|row| *row != pivot) {
+            let factor = m[row][pivot];
+            for column in 0..D {
+                m[row][column] -= factor * m[pivot][column];
+                out[row][column] -= factor * out[pivot][column];
             }
         }
     }
-    let [[a, b], [c, d]] = jacobian;
-    let determinant = a * d - b * c;
-    if determinant.is_nan() || determinant <= 0.0 {
-        return None;
+    (determinant > 0.0).then_some((out, determinant))
+}
+
+/// Shape functions at natural coordinates; `None` where the element folds.
+pub(super) fn point<const D: usize>(
+    corners: &[[f64; D]],
+    order: usize,
+    natural: &[f64; D],
+) -> Option<Point<D>> {
+    let lines = natural.map(|s| line(order, s));
+    let wide = order + 1;
+    let mut values = vec![1.0; corners.len()];
+    let mut slopes = vec![[1.0; D]; corners.len()];
+    for (local, (value, slope)) in values.iter_mut().zip(&mut slopes).enumerate() {
+        let mut rest = local;
+        for axis in (0..D).rev() {
+            let [v, s] = lines[axis][rest % wide];
+            rest /= wide;
+            *value *= v;
+            for (other, part) in slope.iter_mut().enumerate() {
+                *part *= if other == axis { s } else { v };
+            }
+        }
     }
-    let slopes = natural.map(|[u, v]| {
-        let (u, v) = (0.25 * u, 0.25 * v);
-        [(d * u - b * v) / determinant, (a * v - c * u) / determinant]
+    let (mut map, mut place) = ([[0.0; D]; D], [0.0; D]);
+    for ((value, slope), corner) in values.iter().zip(&slopes).zip(corners) {
+        for a in 0..D {
+            place[a] += value * corner[a];
+            for b in 0..D {
+                map[a][b] += slope[a] * corner[b];
+            }
+        }
+    }
+    let (back, volume) = inverse(map)?;
+    for slope in &mut slopes {
+        let natural = *slope;
+        *slope = core::array::from_fn(|b| (0..D).map(|a| back[b][a] * natural[a]).sum());
+    }
+    Some(Point { slopes, place, volume })
+}
+
+/// 1 and the place from the element's middle.
+fn raw<const D: usize>(place: &[f64; D], middle: &[f64; D]) -> [f64; MODES] {
+    let mut raw = [0.0; MODES];
+    raw[0] = 1.0;
+    for axis in 0..D {
+        raw[axis + 1] = place[axis] - middle[axis];
+    }
+    raw
+}
+
+/// From its nodes; `None` where the element folds.
+pub(super) fn element<const D: usize>(
+    corners: &[[f64; D]],
+    order: usize,
+    kind: Kind,
+    moduli: Moduli,
+) -> Option<Element<D>> {
+    let dofs = D * corners.len();
+    let mut stiffness = vec![0.0; dofs * dofs];
+    let count = if order == 1 { 1 } else { D + 1 };
+    let middle = core::array::from_fn(|axis| {
+        corners.iter().map(|c| c[axis]).sum::<f64>() / corners.len() as f64
     });
-    Some(Point { slopes, area: determinant })
-}
-
-/// From the corners, anticlockwise; `None` where the element folds.
-pub(super) fn element(corners: &[[f64; 2]; 4]) -> Option<Element> {
-    let mut out =
-        Element { shear: [[0.0; 8]; 8], mean: [0.0; 8], volume: [[0.0; 8]; 8], area: 0.0 };
-    for (xi, eta) in [(-GAUSS, -GAUSS), (GAUSS, -GAUSS), (GAUSS, GAUSS), (-GAUSS, GAUSS)] {
-        let point = point(corners, xi, eta)?;
-        out.area += point.area;
-        // Rows: e_xx, e_zz, shear; the deviatoric energy is
-        // G (2 e:e - (2/3) theta^2), e_yy = 0.
-        let mut strains = [[0.0; 8]; 3];
-        for (k, [x, z]) in point.slopes.iter().enumerate() {
-            strains[0][2 * k] = *x;
-            strains[1][2 * k + 1] = *z;
-            strains[2][2 * k] = *z;
-            strains[2][2 * k + 1] = *x;
+    let mut products = [[0.0; MODES]; MODES];
+    let mut rows = vec![0.0; count * dofs];
+    let rule = gauss(order);
+    for step in 0..rule.len().pow(D as u32) {
+        let (mut rest, mut weight, mut natural) = (step, 1.0, [0.0; D]);
+        for slot in &mut natural {
+            let [s, w] = rule[rest % rule.len()];
+            rest /= rule.len();
+            *slot = s;
+            weight *= w;
         }
-        for i in 0..8 {
-            let theta_i = strains[0][i] + strains[1][i];
-            out.mean[i] += point.area * theta_i;
-            for j in 0..8 {
-                let theta_j = strains[0][j] + strains[1][j];
-                let energy = 2.0 * (strains[0][i] * strains[0][j] + strains[1][i] * strains[1][j])
-                    + strains[2][i] * strains[2][j]
-                    - 2.0 / 3.0 * theta_i * theta_j;
-                out.shear[i][j] += point.area * energy;
-                out.volume[i][j] += point.area * theta_i * theta_j;
+        let here = point(corners, order, &natural)?;
+        let volume = weight * here.volume;
+        let plain = if kind == Kind::Plain { moduli.bulk } else { 0.0 };
+        add_energy(&mut stiffness, &here.slopes, volume, moduli.shear, plain);
+        let raw = raw(&here.place, &middle);
+        for i in 0..count {
+            for j in 0..count {
+                products[i][j] += volume * raw[i] * raw[j];
+            }
+            for (a, slope) in here.slopes.iter().enumerate() {
+                for axis in 0..D {
+                    rows[i * dofs + a * D + axis] += volume * raw[i] * slope[axis];
+                }
             }
         }
     }
-    let (mean, area) = (&mut out.mean, out.area);
-    mean.iter_mut().for_each(|m| *m /= area);
-    Some(out)
+    let basis = inverse_factor(&products, count);
+    let modes = Modes { rows: orthonormal(&rows, &basis, count), count, middle, basis };
+    if kind == Kind::MeanDilatation {
+        for row in modes.rows.chunks_exact(dofs) {
+            for (i, a) in row.iter().enumerate() {
+                let line = &mut stiffness[i * dofs..][..dofs];
+                line.iter_mut().zip(row).for_each(|(entry, b)| *entry += moduli.bulk * a * b);
+            }
+        }
+    }
+    Some(Element { stiffness, modes })
+}
+
+/// Energy density G (2 e:e - (2/3) theta^2) + (bulk/2) theta^2 times 2, at one point: in plane
+/// strain the same, since e_yy = 0.
+fn add_energy<const D: usize>(
+    stiffness: &mut [f64],
+    slopes: &[[f64; D]],
+    volume: f64,
+    shear: f64,
+    bulk: f64,
+) {
+    let dofs = D * slopes.len();
+    let lame = volume * (bulk - 2.0 / 3.0 * shear);
+    let shear = volume * shear;
+    for (a, na) in slopes.iter().enumerate() {
+        for (b, nb) in slopes.iter().enumerate() {
+            let both: f64 = shear * na.iter().zip(nb).map(|(x, y)| x * y).sum::<f64>();
+            for i in 0..D {
+                let line = &mut stiffness[(a * D + i) * dofs + b * D..][..D];
+                for (j, entry) in line.iter_mut().enumerate() {
+                    *entry += shear * na[j] * nb[i] + lame * na[i] * nb[j];
+                }
+                line[i] += both;
+            }
+        }
+    }
+}
+
+/// Inverse of the Cholesky factor of the leading `count` rows.
+fn inverse_factor(products: &[[f64; MODES]; MODES], count: usize) -> [[f64; MODES]; MODES] {
+    let mut lower = [[0.0_f64; MODES]; MODES];
+    let mut out = [[0.0; MODES]; MODES];
+    for i in 0..count {
+        for j in 0..=i {
+            let known: f64 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
+            let rest = products[i][j] - known;
+            lower[i][j] = if i == j { rest.sqrt() } else { rest / lower[j][j] };
+        }
+    }
+    for row in 0..count {
+        let mut line = [0.0; MODES];
+        for (column, slot) in line.iter_mut().enumerate().take(row + 1) {
+            let known: f64 = (column..row).map(|k| lower[row][k] * out[k][column]).sum();
+            let one = if row == column { 1.0 } else { 0.0 };
+            *slot = (one - known) / lower[row][row];
+        }
+        out[row] = line;
+    }
+    out
+}
+
+fn orthonormal(rows: &[f64], basis: &[[f64; MODES]; MODES], count: usize) -> Vec<f64> {
+    let dofs = rows.len() / count;
+    let mut out = vec![0.0; rows.len()];
+    for i in 0..count {
+        for j in 0..=i {
+            let from = &rows[j * dofs..][..dofs];
+            let to = &mut out[i * dofs..][..dofs];
+            to.iter_mut().zip(from).for_each(|(o, r)| *o += basis[i][j] * r);
+        }
+    }
+    out
 }

@@ -1,11 +1,11 @@
 //! The assembled layer: factored once, solved for any forces on its surface. Solving does not
 //! allocate.
 
-use super::band::Band;
-use super::element::{Element, element};
+use super::dissect;
+use super::element::{Element, MODES, Modes, Moduli, element, point};
+use super::factor::{Factor, Method, System};
 use super::mesh::{Kind, Mesh};
 use crate::contact::layer::Layer;
-use crate::contact::plane::bed::Bed;
 use crate::contact::{Invalid, finite};
 
 /// Largest ratio of bulk to shear modulus that goes into the matrix; beyond it the pressure is
@@ -14,41 +14,64 @@ const STIFFEST: f64 = 2e3;
 /// Those steps, at most, and the change of pressure at which they end.
 const STEPS: usize = 60;
 const SETTLED: f64 = 1e-13;
+/// Equation of a displacement that is held.
+const HELD: u32 = u32::MAX;
 
 /// A mesh of a layer, factored.
 #[derive(Clone, Debug)]
-pub struct Elements {
-    mesh: Mesh,
-    shear_mpa: f64,
-    /// Bulk modulus in the matrix, and what is still missing: 1/K - 1/K_matrix.
-    bulk_mpa: f64,
-    compliance_left: f64,
+pub struct Elements<const D: usize = 2> {
+    mesh: Mesh<D>,
     kind: Kind,
-    band: Band,
-    elements: Vec<Element>,
+    /// The moduli in the matrix, and what compliance is still missing: 1/K - 1/K_matrix.
+    moduli: Moduli,
+    compliance_left: f64,
+    /// Equation of each displacement, node by node.
+    equations: Vec<u32>,
+    unknowns: usize,
+    /// Nodes of each element.
+    connect: Vec<u32>,
+    modes: Vec<Modes<D>>,
+    /// Rows of the base's nodes in the stiffness of the elements there.
+    base_rows: Vec<f64>,
+    factor: Factor,
 }
 
 /// What a load does.
 #[derive(Clone, Debug)]
-pub struct Response {
-    /// Displacement x, z of each node in mm.
-    pub nodes_mm: Vec<[f64; 2]>,
-    /// Force of the base on each of its nodes, x and z, in N/mm.
-    pub reactions: Vec<[f64; 2]>,
-    /// Mean stress times -1 of each element that the steps added, in MPa.
-    pressure: Vec<f64>,
+pub struct Response<const D: usize = 2> {
+    /// Displacement of each node along the axes in mm.
+    pub nodes_mm: Vec<[f64; D]>,
+    /// Force of the base on each of its nodes, column by column, in N/mm (plane) or N.
+    pub reactions: Vec<[f64; D]>,
+    /// Mean stress that the steps added, by its modes in each element.
+    pressure: Vec<[f64; MODES]>,
     side: Vec<f64>,
     load: Vec<f64>,
     /// Augmented steps taken.
     pub steps: usize,
 }
 
-impl Elements {
-    /// Assembles and factors; the thickness of `layer` is that of the mesh.
+impl<const D: usize> Elements<D> {
+    /// Assembles and factors, in the plane as a band, in space as a sparse matrix; the thickness of
+    /// `layer` is that of the mesh.
     ///
     /// # Errors
     /// A layer that its check refuses; elements that fold; the plain element at nu = 0.5.
-    pub fn new(layer: &Layer, mesh: Mesh, kind: Kind) -> Result<Self, Invalid> {
+    pub fn new(layer: &Layer, mesh: Mesh<D>, kind: Kind) -> Result<Self, Invalid> {
+        let method = if D == 2 { Method::Band } else { Method::Sparse };
+        Self::factored(layer, mesh, kind, method)
+    }
+
+    /// [`Self::new`] with the method named.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn factored(
+        layer: &Layer,
+        mesh: Mesh<D>,
+        kind: Kind,
+        method: Method,
+    ) -> Result<Self, Invalid> {
         layer.check()?;
         let g = layer.shear_mpa();
         // K = 2 G (1 + nu)/(3 (1 - 2 nu)).
@@ -59,244 +82,253 @@ impl Elements {
         }
         let softest = 1.0 / (STIFFEST * g);
         let in_matrix = if kind == Kind::Plain { inverse } else { inverse.max(softest) };
-        let size = 2 * mesh.nz * (mesh.nx + 1);
-        let mut out = Self {
-            shear_mpa: g,
-            bulk_mpa: 1.0 / in_matrix,
-            compliance_left: inverse - in_matrix,
-            kind,
-            band: Band::new(size, 2 * mesh.nz + 3),
-            elements: Vec::with_capacity(mesh.nx * mesh.nz),
-            mesh,
-        };
-        out.assemble()?;
-        if out.band.factor() {
-            return Ok(out);
-        }
-        let what = "a stiffness matrix that is not positive definite".to_owned();
-        Err(Invalid::new("mesh", what, "give elements of a better shape"))
-    }
-
-    fn assemble(&mut self) -> Result<(), Invalid> {
-        for i in 0..self.mesh.nx {
-            for j in 0..self.mesh.nz {
-                let corners = self.mesh.corners(i, j);
-                let Some(one) = element(&corners.map(|k| self.mesh.nodes[k])) else {
-                    let what = format!("element {i}, {j} folds");
-                    return Err(Invalid::new("mesh", what, "give convex quadrilaterals"));
-                };
-                let places: [Option<usize>; 8] =
-                    core::array::from_fn(|k| self.free(corners[k / 2], k % 2));
-                for (a, row) in places.iter().enumerate() {
-                    for (b, column) in places.iter().enumerate() {
-                        if let (Some(row), Some(column)) = (row, column) {
-                            self.band.add(*row, *column, self.entry(&one, a, b));
-                        }
-                    }
+        let moduli = Moduli { shear: g, bulk: 1.0 / in_matrix };
+        let (equations, unknowns) = numbered(&mesh, method);
+        let count = mesh.elements.iter().product();
+        let connect: Vec<u32> =
+            (0..count).flat_map(|e| mesh.nodes_of(e)).map(|node| node as u32).collect();
+        let per = (mesh.order + 1).pow(D as u32);
+        let half = connect.chunks_exact(per).map(|nodes| spread::<D>(nodes, &equations)).max();
+        let mut system = System::new(method, unknowns, half.unwrap_or(0));
+        let mut modes = Vec::with_capacity(count);
+        let mut base_rows = Vec::new();
+        for (e, nodes) in connect.chunks_exact(per).enumerate() {
+            let one = made(&mesh, e, nodes, kind, moduli)?;
+            add(&mut system, &one, nodes, &equations);
+            if mesh.element_at(e)[D - 1] == 0 {
+                let dofs = per * D;
+                for local in (0..per).step_by(mesh.order + 1) {
+                    base_rows.extend_from_slice(&one.stiffness[local * D * dofs..][..D * dofs]);
                 }
-                self.elements.push(one);
             }
+            modes.push(one.modes);
         }
-        Ok(())
-    }
-
-    fn entry(&self, one: &Element, a: usize, b: usize) -> f64 {
-        let volume = match self.kind {
-            Kind::MeanDilatation => one.area * one.mean[a] * one.mean[b],
-            Kind::Plain => one.volume[a][b],
+        let Some(factor) = system.factor() else {
+            let what = "a stiffness matrix that is not positive definite".to_owned();
+            return Err(Invalid::new("mesh", what, "give elements of a better shape"));
         };
-        self.shear_mpa * one.shear[a][b] + self.bulk_mpa * volume
-    }
-
-    /// Equation of a node's displacement; none at the base.
-    fn free(&self, node: usize, axis: usize) -> Option<usize> {
-        let (i, j) = (node / (self.mesh.nz + 1), node % (self.mesh.nz + 1));
-        (j > 0).then(|| 2 * (i * self.mesh.nz + j - 1) + axis)
+        let compliance_left = inverse - in_matrix;
+        Ok(Self {
+            mesh,
+            kind,
+            moduli,
+            compliance_left,
+            equations,
+            unknowns,
+            connect,
+            modes,
+            base_rows,
+            factor,
+        })
     }
 
     /// The mesh.
     #[must_use]
-    pub fn mesh(&self) -> &Mesh {
+    pub fn mesh(&self) -> &Mesh<D> {
         &self.mesh
     }
 
     /// Unknowns of the system.
     #[must_use]
     pub fn unknowns(&self) -> usize {
-        self.band.size()
+        self.unknowns
+    }
+
+    /// Numbers that the factor keeps.
+    #[must_use]
+    pub fn factor_entries(&self) -> usize {
+        self.factor.entries()
     }
 
     /// An empty response to fill again and again.
     #[must_use]
-    pub fn response(&self) -> Response {
+    pub fn response(&self) -> Response<D> {
         Response {
-            nodes_mm: vec![[0.0; 2]; self.mesh.nodes.len()],
-            reactions: vec![[0.0; 2]; self.mesh.nx + 1],
-            pressure: vec![0.0; self.elements.len()],
-            side: vec![0.0; self.band.size()],
-            load: vec![0.0; self.band.size()],
+            nodes_mm: vec![[0.0; D]; self.mesh.nodes.len()],
+            reactions: vec![[0.0; D]; self.mesh.columns()],
+            pressure: vec![[0.0; MODES]; self.modes.len()],
+            side: vec![0.0; self.unknowns],
+            load: vec![0.0; self.unknowns],
             steps: 0,
         }
     }
 
-    /// Solves for forces on the nodes of the surface, left to right, x and z up, in N/mm. What is
-    /// missing counts as 0. Does not allocate.
-    pub fn solve(&self, surface_n_mm: &[[f64; 2]], out: &mut Response) {
+    /// Solves for forces on the nodes of the surface, column by column, along the axes (z up), in
+    /// N/mm (plane) or N. What is missing counts as 0. Does not allocate.
+    pub fn solve(&self, surface: &[[f64; D]], out: &mut Response<D>) {
         out.load.fill(0.0);
-        for (i, force) in surface_n_mm.iter().take(self.mesh.nx + 1).enumerate() {
-            let node = self.mesh.node(i, self.mesh.nz);
+        for (column, force) in surface.iter().take(self.mesh.columns()).enumerate() {
+            let node = self.mesh.surface(column);
             for (axis, value) in force.iter().enumerate() {
-                if let Some(place) = self.free(node, axis) {
-                    out.load[place] = *value;
+                let place = self.equations[node * D + axis];
+                if place != HELD {
+                    out.load[place as usize] = *value;
                 }
             }
         }
-        out.pressure.fill(0.0);
+        out.pressure.fill([0.0; MODES]);
         out.side.copy_from_slice(&out.load);
-        self.band.solve(&mut out.side);
+        self.factor.solve(&mut out.side);
+        self.spread_displacements(out);
         out.steps = 0;
+        let mut last = f64::INFINITY;
         while self.compliance_left != 0.0 && out.steps < STEPS {
             out.steps += 1;
-            if self.augment(out) < SETTLED {
+            let change = self.augment(out);
+            // Each step takes some thousand times off the error, until rounding is reached.
+            if change < SETTLED || change > 0.5 * last {
                 break;
             }
+            last = change;
         }
-        self.spread(out);
+        self.react(out);
+    }
+
+    fn nodes_of(&self, e: usize) -> &[u32] {
+        let per = self.connect.len() / self.modes.len();
+        &self.connect[e * per..][..per]
     }
 
     /// Raises the pressures by what the dilatation is too large, and solves again; the largest
     /// change of a pressure relative to the largest pressure.
-    fn augment(&self, out: &mut Response) -> f64 {
+    fn augment(&self, out: &mut Response<D>) -> f64 {
         let (mut change, mut largest) = (0.0_f64, f64::MIN_POSITIVE);
-        self.spread_displacements(out);
-        for e in 0..self.elements.len() {
+        let bulk = self.moduli.bulk;
+        for e in 0..self.modes.len() {
             let theta = self.dilatation(e, out);
-            // Mean stress in all: K_m theta + added; wanted is theta = stress/K.
-            let stress = self.bulk_mpa * theta + out.pressure[e];
-            let excess = theta - stress * (self.compliance_left + 1.0 / self.bulk_mpa);
-            let step = self.bulk_mpa * excess;
-            out.pressure[e] += step;
-            change = change.max(step.abs());
-            largest = largest.max(stress.abs());
+            for (mode, theta) in theta.into_iter().enumerate().take(self.modes[e].count) {
+                // Mean stress in all: K_m theta + added; wanted is theta = stress/K.
+                let stress = bulk * theta + out.pressure[e][mode];
+                let excess = theta - stress * (self.compliance_left + 1.0 / bulk);
+                out.pressure[e][mode] += bulk * excess;
+                change = change.max((bulk * excess).abs());
+                largest = largest.max(stress.abs());
+            }
         }
         out.side.copy_from_slice(&out.load);
-        for e in 0..self.elements.len() {
-            let one = &self.elements[e];
-            let corners = self.corners_of(e);
-            for k in 0..8 {
-                if let Some(place) = self.free(corners[k / 2], k % 2) {
-                    out.side[place] -= out.pressure[e] * one.area * one.mean[k];
+        for (e, modes) in self.modes.iter().enumerate() {
+            let nodes = self.nodes_of(e);
+            for (row, added) in modes.rows.chunks_exact(nodes.len() * D).zip(out.pressure[e]) {
+                for (dof, part) in row.iter().enumerate() {
+                    let place = self.equations[nodes[dof / D] as usize * D + dof % D];
+                    if place != HELD {
+                        out.side[place as usize] -= added * part;
+                    }
                 }
             }
         }
-        self.band.solve(&mut out.side);
+        self.factor.solve(&mut out.side);
+        self.spread_displacements(out);
         change / largest
     }
 
-    fn corners_of(&self, e: usize) -> [usize; 4] {
-        self.mesh.corners(e / self.mesh.nz, e % self.mesh.nz)
+    /// Coefficients of the dilatation's modes.
+    fn dilatation(&self, e: usize, out: &Response<D>) -> [f64; MODES] {
+        let nodes = self.nodes_of(e);
+        let mut theta = [0.0; MODES];
+        for (slot, row) in theta.iter_mut().zip(self.modes[e].rows.chunks_exact(nodes.len() * D)) {
+            for (part, node) in row.chunks_exact(D).zip(nodes) {
+                let moved = &out.nodes_mm[*node as usize];
+                *slot += part.iter().zip(moved).map(|(a, b)| a * b).sum::<f64>();
+            }
+        }
+        theta
     }
 
-    fn dilatation(&self, e: usize, out: &Response) -> f64 {
-        let corners = self.corners_of(e);
-        let mean = &self.elements[e].mean;
-        (0..8).map(|k| mean[k] * out.nodes_mm[corners[k / 2]][k % 2]).sum()
-    }
-
-    fn spread_displacements(&self, out: &mut Response) {
-        for node in 0..self.mesh.nodes.len() {
-            for axis in 0..2 {
-                out.nodes_mm[node][axis] =
-                    self.free(node, axis).map_or(0.0, |place| out.side[place]);
+    fn spread_displacements(&self, out: &mut Response<D>) {
+        for (node, places) in out.nodes_mm.iter_mut().zip(self.equations.chunks_exact(D)) {
+            for (slot, place) in node.iter_mut().zip(places) {
+                *slot = if *place == HELD { 0.0 } else { out.side[*place as usize] };
             }
         }
     }
 
-    /// Displacements and reactions from the solution.
-    fn spread(&self, out: &mut Response) {
-        self.spread_displacements(out);
-        out.reactions.fill([0.0; 2]);
-        for i in 0..self.mesh.nx {
-            let e = i * self.mesh.nz;
-            let corners = self.corners_of(e);
-            let forces = self.forces(e, &corners.map(|k| out.nodes_mm[k]), out.pressure[e]);
-            for axis in 0..2 {
-                out.reactions[i][axis] += forces[axis];
-                out.reactions[i + 1][axis] += forces[2 + axis];
+    /// Reactions of the base.
+    fn react(&self, out: &mut Response<D>) {
+        out.reactions.fill([0.0; D]);
+        let (across, wide) = (self.mesh.elements[D - 1], self.mesh.order + 1);
+        let tall = self.mesh.counts()[D - 1];
+        let dofs = D * self.nodes_of(0).len();
+        let mut rows = self.base_rows.chunks_exact(dofs);
+        for e in (0..self.modes.len()).step_by(across) {
+            let nodes = self.nodes_of(e);
+            for local in (0..nodes.len()).step_by(wide) {
+                let column = nodes[local] as usize / tall;
+                for axis in 0..D {
+                    let Some(row) = rows.next() else { return };
+                    let elastic: f64 = row
+                        .chunks_exact(D)
+                        .zip(nodes)
+                        .map(|(part, node)| dot(part, &out.nodes_mm[*node as usize]))
+                        .sum();
+                    let modes = self.modes[e].rows.chunks_exact(dofs).zip(out.pressure[e]);
+                    let added: f64 = modes.map(|(row, p)| p * row[local * D + axis]).sum();
+                    out.reactions[column][axis] += elastic + added;
+                }
             }
         }
-    }
-
-    /// Forces that hold an element at displacements of its corners, under an added mean stress.
-    fn forces(&self, e: usize, corners: &[[f64; 2]; 4], added: f64) -> [f64; 8] {
-        let one = &self.elements[e];
-        core::array::from_fn(|a| {
-            let elastic: f64 = (0..8).map(|b| self.entry(one, a, b) * corners[b / 2][b % 2]).sum();
-            elastic + added * one.area * one.mean[a]
-        })
     }
 
     /// Forces that hold all nodes at given displacements, for the patch test. Allocates.
-    #[must_use]
-    pub fn holding_forces(&self, nodes_mm: &[[f64; 2]]) -> Vec<[f64; 2]> {
-        let mut out = vec![[0.0; 2]; self.mesh.nodes.len()];
-        for e in 0..self.elements.len() {
-            let corners = self.corners_of(e);
-            let forces = self.forces(e, &corners.map(|k| nodes_mm[k]), 0.0);
-            for k in 0..8 {
-                out[corners[k / 2]][k % 2] += forces[k];
-            }
-        }
-        out
-    }
-
-    /// Normal stress at the base's nodes in MPa: reactions over what each node stands for, which
-    /// keeps every moment and converges at second order. Allocates.
-    #[must_use]
-    pub fn base_szz_mpa(&self, response: &Response) -> Vec<f64> {
-        let widths = self.mesh.widths_mm(0);
-        response.reactions.iter().zip(widths).map(|(r, w)| -r[1] / w).collect()
-    }
-
-    /// The compliances of the surface's nodes, for the contact solver. Allocates.
     ///
     /// # Errors
-    /// More nodes than a bed may have.
-    pub fn bed(&self) -> Result<Bed, Invalid> {
-        let n = self.mesh.nx + 1;
-        if n > crate::contact::plane::bed::CELLS_MAX {
-            let what = format!("{n} nodes on the surface");
-            return Err(Invalid::new("mesh", what, "give at most 999 elements along"));
-        }
-        let zeros = || vec![0.0; n * n];
-        let mut bed = Bed {
-            x_mm: self.mesh.row_mm(self.mesh.nz),
-            width_mm: self.mesh.widths_mm(self.mesh.nz),
-            down_per_p: zeros(),
-            down_per_q: zeros(),
-            along_per_p: zeros(),
-            along_per_q: zeros(),
-        };
-        let mut response = self.response();
-        let mut forces = vec![[0.0; 2]; n];
-        for j in 0..n {
-            forces[j] = [0.0, -1.0];
-            self.solve(&forces, &mut response);
-            for i in 0..n {
-                let [x, z] = response.nodes_mm[self.mesh.node(i, self.mesh.nz)];
-                (bed.down_per_p[i * n + j], bed.along_per_p[i * n + j]) = (-z, x);
+    /// Elements that fold, which none of a factored mesh does.
+    pub fn holding_forces(&self, nodes_mm: &[[f64; D]]) -> Result<Vec<[f64; D]>, Invalid> {
+        let mut out = vec![[0.0; D]; self.mesh.nodes.len()];
+        for e in 0..self.modes.len() {
+            let nodes = self.nodes_of(e);
+            let one = made(&self.mesh, e, nodes, self.kind, self.moduli)?;
+            for (dof, row) in one.stiffness.chunks_exact(nodes.len() * D).enumerate() {
+                let parts = row.chunks_exact(D).zip(nodes);
+                let force: f64 =
+                    parts.map(|(part, node)| dot(part, &nodes_mm[*node as usize])).sum();
+                out[nodes[dof / D] as usize][dof % D] += force;
             }
-            forces[j] = [1.0, 0.0];
-            self.solve(&forces, &mut response);
-            for i in 0..n {
-                let [x, z] = response.nodes_mm[self.mesh.node(i, self.mesh.nz)];
-                (bed.down_per_q[i * n + j], bed.along_per_q[i * n + j]) = (-z, x);
-            }
-            forces[j] = [0.0; 2];
         }
-        Ok(bed)
+        Ok(out)
     }
 
+    /// Normal stresses along the axes at a place inside, in MPa; `None` outside. Meshes of
+    /// straight edges only. Allocates.
+    #[must_use]
+    pub fn stress_mpa(&self, response: &Response<D>, place: &[f64; D]) -> Option<[f64; D]> {
+        let (mut at, mut natural) = ([0; D], [0.0; D]);
+        for axis in 0..D {
+            let edges: Vec<f64> =
+                self.mesh.line_mm(axis).into_iter().step_by(self.mesh.order).collect();
+            let last = edges.len() - 1;
+            if !(place[axis] >= edges[0] && place[axis] <= edges[last]) {
+                return None;
+            }
+            let cell = edges.partition_point(|x| *x <= place[axis]).clamp(1, last) - 1;
+            let (low, high) = (edges[cell], edges[cell + 1]);
+            (at[axis], natural[axis]) = (cell, (2.0 * place[axis] - low - high) / (high - low));
+        }
+        let e = at.iter().zip(self.mesh.elements).fold(0, |e, (i, count)| e * count + i);
+        let nodes = self.nodes_of(e);
+        let corners: Vec<[f64; D]> = nodes.iter().map(|k| self.mesh.nodes[*k as usize]).collect();
+        let here = point(&corners, self.mesh.order, &natural)?;
+        let mut strain = [0.0; D];
+        for (slope, node) in here.slopes.iter().zip(nodes) {
+            let moved = &response.nodes_mm[*node as usize];
+            (0..D).for_each(|axis| strain[axis] += slope[axis] * moved[axis]);
+        }
+        let raw: f64 = strain.iter().sum();
+        let shape = self.modes[e].at(place);
+        let theta = self.dilatation(e, response);
+        let mean: f64 = match self.kind {
+            Kind::Plain => self.moduli.bulk * raw,
+            Kind::MeanDilatation => {
+                let stress =
+                    |mode: usize| self.moduli.bulk * theta[mode] + response.pressure[e][mode];
+                (0..MODES).map(|mode| shape[mode] * stress(mode)).sum()
+            }
+        };
+        Some(strain.map(|part| mean + 2.0 * self.moduli.shear * (part - raw / 3.0)))
+    }
+}
+
+impl Elements<2> {
     /// Reactions and base stress under the forces of a contact on this mesh's own bed. Allocates.
     ///
     /// # Errors
@@ -307,5 +339,72 @@ impl Elements {
         let mut response = self.response();
         self.solve(&forces, &mut response);
         Ok(response)
+    }
+}
+
+fn dot<const D: usize>(part: &[f64], moved: &[f64; D]) -> f64 {
+    part.iter().zip(moved).map(|(a, b)| a * b).sum()
+}
+
+/// One element, or which one folds.
+fn made<const D: usize>(
+    mesh: &Mesh<D>,
+    e: usize,
+    nodes: &[u32],
+    kind: Kind,
+    moduli: Moduli,
+) -> Result<Element<D>, Invalid> {
+    let corners: Vec<[f64; D]> = nodes.iter().map(|k| mesh.nodes[*k as usize]).collect();
+    element(&corners, mesh.order, kind, moduli).ok_or_else(|| {
+        let what = format!("element {:?} folds", mesh.element_at(e));
+        Invalid::new("mesh", what, "give convex elements")
+    })
+}
+
+/// Equations in the order of elimination; none at the base and across rollers.
+fn numbered<const D: usize>(mesh: &Mesh<D>, method: Method) -> (Vec<u32>, usize) {
+    let counts = mesh.counts();
+    let mut equations = vec![HELD; mesh.nodes.len() * D];
+    let mut next = 0;
+    let mut visit = |at: [usize; D]| {
+        if at[D - 1] == 0 {
+            return;
+        }
+        for axis in 0..D {
+            let end = [at[axis] == 0, at[axis] + 1 == counts[axis]];
+            let held = axis + 1 < D
+                && mesh.rollers[axis].iter().zip(end).any(|(roller, end)| *roller && end);
+            if !held {
+                equations[mesh.node(at) * D + axis] = next;
+                next += 1;
+            }
+        }
+    };
+    match method {
+        Method::Band => (0..mesh.nodes.len()).for_each(|node| visit(mesh.at(node))),
+        Method::Sparse => dissect::order(counts, mesh.order).into_iter().for_each(visit),
+    }
+    (equations, next as usize)
+}
+
+/// Largest distance of two equations of an element.
+fn spread<const D: usize>(nodes: &[u32], equations: &[u32]) -> usize {
+    let all = nodes.iter().flat_map(|node| &equations[*node as usize * D..][..D]);
+    let (low, high) = all
+        .filter(|place| **place != HELD)
+        .fold((HELD, 0), |(low, high), place| (low.min(*place), high.max(*place)));
+    high.saturating_sub(low) as usize
+}
+
+fn add<const D: usize>(system: &mut System, one: &Element<D>, nodes: &[u32], equations: &[u32]) {
+    let dofs = nodes.len() * D;
+    let place = |dof: usize| equations[nodes[dof / D] as usize * D + dof % D];
+    for (a, row) in one.stiffness.chunks_exact(dofs).enumerate() {
+        for (b, value) in row.iter().enumerate() {
+            let (row, column) = (place(a), place(b));
+            if row != HELD && column != HELD {
+                system.add(row as usize, column as usize, *value);
+            }
+        }
     }
 }

@@ -1,0 +1,80 @@
+//! The factored stiffness: a band of our own where nodes across a thin section are few, the sparse
+//! Cholesky factor of nalgebra-sparse in the order of nested dissection in space. Solving does not
+//! allocate. Neither is on a lane's path or in a hashed result.
+
+use super::band::Band;
+use nalgebra::DMatrixViewMut;
+use nalgebra_sparse::factorization::CscCholesky;
+use nalgebra_sparse::{CooMatrix, CscMatrix};
+
+/// How to factor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Nodes as they are numbered, a banded factor.
+    Band,
+    /// Nested dissection, a sparse factor.
+    Sparse,
+}
+
+/// A symmetric positive definite system while it is put together.
+pub(super) enum System {
+    Band(Band),
+    Sparse(CooMatrix<f64>),
+}
+
+impl System {
+    pub(super) fn new(method: Method, size: usize, half: usize) -> Self {
+        match method {
+            Method::Band => Self::Band(Band::new(size, half)),
+            Method::Sparse => Self::Sparse(CooMatrix::new(size, size)),
+        }
+    }
+
+    /// Adds an entry; both triangles are given.
+    pub(super) fn add(&mut self, row: usize, column: usize, value: f64) {
+        match self {
+            Self::Band(band) => band.add(row, column, value),
+            Self::Sparse(entries) => entries.push(row, column, value),
+        }
+    }
+
+    /// The factor; `None` where the matrix is not positive definite.
+    pub(super) fn factor(self) -> Option<Factor> {
+        match self {
+            Self::Band(mut band) => band.factor().then_some(Factor::Band(band)),
+            Self::Sparse(entries) => {
+                let matrix = CscMatrix::from(&entries);
+                drop(entries);
+                CscCholesky::factor(&matrix).ok().map(|factor| Factor::Sparse(Box::new(factor)))
+            }
+        }
+    }
+}
+
+/// The factor.
+#[derive(Clone, Debug)]
+pub(super) enum Factor {
+    Band(Band),
+    Sparse(Box<CscCholesky<f64>>),
+}
+
+impl Factor {
+    /// Numbers kept.
+    pub(super) fn entries(&self) -> usize {
+        match self {
+            Self::Band(band) => band.entries(),
+            Self::Sparse(factor) => factor.l().nnz(),
+        }
+    }
+
+    /// Solves in place.
+    pub(super) fn solve(&self, side: &mut [f64]) {
+        match self {
+            Self::Band(band) => band.solve(side),
+            Self::Sparse(factor) => {
+                let count = side.len();
+                factor.solve_mut(DMatrixViewMut::from_slice(side, count, 1));
+            }
+        }
+    }
+}
