@@ -4,6 +4,7 @@
 
 use glam::{DMat3, DVec3};
 use taktil_hal::{CHANNELS, Devices, LinesOut, Nanos};
+use taktil_mechanics::contact::space::Level;
 use taktil_mechanics::dynamics::GRAVITY_M_S2;
 use taktil_mechanics::spatial::rotation_z;
 use taktil_mechanics::transmission::Drive;
@@ -13,7 +14,7 @@ use crate::carriage::{Carriage, Riding};
 use crate::contact::{PAD_HALF_M, Patch, Reaction, Surface, strips_of_pin};
 use crate::devices::connect;
 use crate::electronics::Converter;
-use crate::fidelity::Integrator;
+use crate::fidelity::{ContactModel, Integrator};
 use crate::finger::Finger;
 use crate::hand::Hand;
 use crate::pin::Pin;
@@ -21,6 +22,7 @@ use crate::prng::{Prng, Stream};
 use crate::rolling::Rolling;
 use crate::rubber::Rubber;
 use crate::scene::{Invalid, PinConfig, Timing, WorldConfig, invalid};
+use crate::spatial::Spatial;
 use crate::step::{Bench, Method, Work};
 use crate::table::Table;
 use crate::world::World;
@@ -135,7 +137,18 @@ fn put_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolling
     let c = &config.pin;
     let (radius_m, length_m) = (1e-3 * c.radius_mm, 1e-3 * c.length_mm);
     let rolling_m = 1e-3 * c.rolling_resistance_mm;
-    let on_finger = Rubber::new(&config.finger.rubber, c.radius_mm, "finger.rubber")?;
+    let model = config.fidelity.contact;
+    let rubber = &config.finger.rubber;
+    let mut on_finger = Rubber::new(rubber, c.radius_mm, "finger.rubber")?;
+    if model != ContactModel::Line {
+        on_finger = on_finger.traced(rubber, "finger.rubber")?;
+    }
+    let spatial = match model {
+        ContactModel::Layer3d => {
+            Some(Box::new(Spatial::new(rubber, radius_m, length_m, Level::Fast)?))
+        }
+        ContactModel::Line | ContactModel::Layer2d => None,
+    };
     let on_table = Rubber::new(&config.table.rubber, c.radius_mm, "table.rubber")?;
     let (_, axes, surface) = table.at(0.0);
     let weight_n = c.mass_kg * GRAVITY_M_S2 * surface.normal.z;
@@ -155,6 +168,7 @@ fn put_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolling
         by_finger: Reaction::default(),
         by_table: Reaction::default(),
         across: 1.0,
+        spatial,
     })
 }
 

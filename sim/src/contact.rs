@@ -113,6 +113,13 @@ impl Line {
     }
 }
 
+impl Line {
+    /// Height of the generatrix over the surface at s = 0 (m) and its change per metre of s.
+    pub(crate) fn height(&self) -> (f64, f64) {
+        self.height
+    }
+}
+
 fn linear(pair: (f64, f64), s: f64) -> f64 {
     pair.0 + pair.1 * s
 }
@@ -201,6 +208,10 @@ pub(crate) struct Reaction {
     pub(crate) tangential_n: (f64, f64),
     /// Fastest motion of a slice that slides (m/s), 0 when all stick.
     pub(crate) slip_m_s: f64,
+    /// Motion of the pin's surface over the rubber at the pin's middle, across and along (m/s).
+    pub(crate) creep_m_s: (f64, f64),
+    /// Speed at which the contact line travels over the rubber there (m/s).
+    pub(crate) travel_m_s: f64,
 }
 
 impl Reaction {
@@ -329,8 +340,22 @@ impl Patch {
             normal_n: normal,
             tangential_n: (across, along),
             slip_m_s: sums.slip_m_s,
+            creep_m_s: (line.creep_across.0, line.creep_along.0),
+            travel_m_s: line.travel.0,
         };
         (reaction, sums.tangent)
+    }
+
+    /// Energy in the rubber and its bristles (J).
+    pub(crate) fn stored_j(&self) -> f64 {
+        let slice_j = |slice: &Slice| {
+            let strip = &slice.strip;
+            let length_m = strip.width_m * strip.cover * self.lean.at(strip.s_m);
+            let (x, y) = slice.brush;
+            self.rubber.stored_j_m(slice.delta_m) * length_m
+                + 0.5 * slice.shear_n_m * (x * x + y * y)
+        };
+        self.slices.iter().map(slice_j).sum()
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {

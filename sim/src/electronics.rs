@@ -18,17 +18,19 @@ pub const GAUGE_CODES_PER_NM: f64 = 1000.0;
 const REACH_M: f64 = 12e-3;
 
 /// Normal force on each tactel at the rubber's base (N), row by row: each row's load, spread as the
-/// layer spreads it and integrated over the tactels' squares. `across` is the cosine between the
-/// sensor's x and the rolling direction.
+/// layer spreads it and integrated over the tactels' squares, and what its tangential load presses
+/// and lifts when the rubber knows it. `across` is the cosine between the sensor's x and the
+/// rolling direction.
 pub(crate) fn base_forces(pad: &Patch, across: f64) -> [f64; MAX_TACTELS] {
     let mut forces = [0.0; MAX_TACTELS];
+    let turned = across.abs();
     for (row, slice) in pad.slices.iter().enumerate() {
         if slice.load_n <= 0.0 {
             continue;
         }
         let share = |edge: usize| {
             let u_m = tactel_middle_m(edge) - 0.5 * PITCH_M - slice.strip.x_m;
-            let u_m = (across * u_m).clamp(-REACH_M, REACH_M);
+            let u_m = (turned * u_m).clamp(-REACH_M, REACH_M);
             pad.rubber.base_share(slice.delta_m, u_m)
         };
         let mut left = share(0);
@@ -38,7 +40,33 @@ pub(crate) fn base_forces(pad: &Patch, across: f64) -> [f64; MAX_TACTELS] {
             left = right;
         }
     }
+    add_drag(&mut forces, pad, across);
     forces
+}
+
+/// Adds what the rows' tangential loads press and lift at the base, when the rubber knows it.
+pub(crate) fn add_drag(forces: &mut [f64; MAX_TACTELS], pad: &Patch, across: f64) {
+    let Some(trace) = pad.rubber.trace() else { return };
+    for (row, slice) in pad.slices.iter().enumerate() {
+        if slice.load_n <= 0.0 {
+            continue;
+        }
+        // The bristles' force on the rubber, along the rolling direction.
+        let drag_n = slice.shear_n_m * slice.brush.0;
+        let half_width_m = pad.rubber.at(slice.delta_m).half_width_m;
+        let part = |edge: usize| {
+            let u_m = tactel_middle_m(edge) - 0.5 * PITCH_M - slice.strip.x_m;
+            trace.left_of(half_width_m, across * u_m)
+        };
+        let mut left = part(0);
+        for column in 0..SLICES {
+            let right = part(column + 1);
+            // The rolling direction may run against the sensor's x.
+            let signed = if across < 0.0 { left - right } else { right - left };
+            forces[row * SLICES + column] += drag_n * signed;
+            left = right;
+        }
+    }
 }
 
 /// The converter behind the tactels.

@@ -14,9 +14,11 @@
 //! assert!(!world.truth().in_contact);
 //! ```
 //!
-//! What the first version leaves out: spread of the load between rows and the shift of the base
-//! pressure by tangential forces, viscoelastic memory, rows read one after the other within a scan,
-//! contact of the finger with the table itself, edges of the table, inertial loads on the gauges.
+//! A scene pays for what it names ([`fidelity`]): an arm with or without friction, rows of tactels
+//! on their own or leaning on each other, an explicit or an implicit integrator. What is left out:
+//! joint compliance, finite strain, free edges of the pad, viscoelastic memory, rows read one after
+//! the other within a scan, contact of the finger with the table itself, edges of the table,
+//! inertial loads on the gauges.
 
 mod arm;
 mod bench;
@@ -33,6 +35,7 @@ mod prng;
 mod rolling;
 mod rubber;
 pub mod scene;
+mod spatial;
 mod step;
 mod table;
 mod truth;

@@ -2,17 +2,19 @@
 //! forces at a configuration, whoever chose that.
 
 use glam::{DMat3, DVec3};
-use taktil_hal::Nanos;
+use taktil_hal::{MAX_TACTELS, Nanos};
 use taktil_mechanics::dynamics::GRAVITY_M_S2;
 use taktil_mechanics::spatial::stack;
 use taktil_mechanics::{Joints, Pose};
 
 use crate::contact::{
-    Line, Patch, Reaction, SLICES, Slice, Strip, Surface, Tangent, strips_of_pad,
+    Lean, Line, Patch, Reaction, SLICES, Slice, Strip, Surface, Tangent, strips_of_pad,
 };
+use crate::electronics::{add_drag, base_forces};
 use crate::hand::Hand;
 use crate::hash::Hash;
 use crate::pin::Pin;
+use crate::spatial::{Spatial, lean_of};
 
 /// The pin with both its contacts.
 #[derive(Clone, Debug)]
@@ -28,6 +30,8 @@ pub(crate) struct Rolling {
     pub(crate) by_table: Reaction,
     /// Cosine between the sensor's x and the rolling direction at the latest evaluation.
     pub(crate) across: f64,
+    /// The contact with the pad in three dimensions, for scenes that ask for it.
+    pub(crate) spatial: Option<Box<Spatial>>,
 }
 
 /// What the next instant depends on.
@@ -79,7 +83,7 @@ impl Rolling {
         }
         match Line::between(&self.pin, axis, &around.finger) {
             Some(line) => {
-                self.across = line.across.dot(around.pad.rotation.x_axis).abs();
+                self.across = line.across.dot(around.pad.rotation.x_axis);
                 let strips = strips_of_pad(&line, &around.pad, self.pin.length_m);
                 let (reaction, tangent) = self.pad.act(&line, &strips, h);
                 self.by_finger = reaction;
@@ -88,6 +92,32 @@ impl Rolling {
             None => self.by_finger = self.pad.release(),
         }
         touching
+    }
+
+    /// Normal force on each tactel (N) at the latest evaluation; solves the contact in three
+    /// dimensions where that is asked for and says whether it did.
+    pub(crate) fn image(&mut self, around: &Around) -> ([f64; MAX_TACTELS], bool) {
+        let plane = |this: &Rolling| (base_forces(&this.pad, this.across), false);
+        let line = Line::between(&self.pin, self.pin.axis(), &around.finger);
+        let (Some(spatial), Some(line)) = (&mut self.spatial, line) else {
+            return plane(self);
+        };
+        if self.by_finger.normal_n <= 0.0 {
+            spatial.release();
+            self.pad.lean = Lean::NONE;
+            return plane(self);
+        }
+        let Some(solved) = spatial.solve(&line, &around.pad).filter(|s| s.force_n > 0.0) else {
+            self.pad.lean = Lean::NONE;
+            return plane(self);
+        };
+        self.pad.lean = lean_of(&self.pad, &solved);
+        let mut forces = spatial.forces_n();
+        // Viscous loads are spread as the elastic ones.
+        let scale = (self.by_finger.normal_n / solved.force_n).clamp(0.0, 2.0);
+        forces.iter_mut().for_each(|force| *force *= scale);
+        add_drag(&mut forces, &self.pad, self.across);
+        (forces, true)
     }
 
     /// Everything that acts on the pin at the latest evaluation: force and moment about its centre.
@@ -130,6 +160,9 @@ impl Rolling {
         self.pin.digest(hash);
         self.pad.digest(hash);
         self.bed.digest(hash);
+        if self.spatial.is_some() {
+            hash.numbers(&[self.pad.lean.0, self.pad.lean.1]);
+        }
         hash.word(u64::from(self.hand.holding));
     }
 }

@@ -3,6 +3,7 @@
 //! `taktil_mechanics::contact`; this module only re-samples it. Refuses layers that it refuses.
 
 use taktil_mechanics::contact::cylinder::LineContact;
+use taktil_mechanics::contact::field::{LineLoad, line};
 use taktil_mechanics::contact::layer::Layer;
 
 use crate::scene::{Invalid, RubberConfig, invalid};
@@ -25,14 +26,71 @@ pub(crate) struct Response {
     pub(crate) half_width_m: f64,
 }
 
+/// Reach of a tangential line load's trace at the base (thicknesses) and its places.
+const TRACE_REACH: f64 = 16.0;
+const TRACE_PLACES: usize = 512;
+/// Points that stand for a traction over the contact's width.
+const TRACTION_POINTS: usize = 8;
+
+/// What the base carries left of a place under a tangential line load of 1 N/m along +x, even in
+/// the place: a tangential load presses in front of itself and lifts behind.
+#[derive(Clone, Debug)]
+pub(crate) struct Trace {
+    left_of: Vec<f64>,
+    per_m: f64,
+    /// Cosines of the points of a traction in proportion to sqrt(1 - (u/b)^2), and their weights.
+    points: [(f64, f64); TRACTION_POINTS],
+}
+
+impl Trace {
+    fn new(layer: &Layer) -> Result<Trace, taktil_mechanics::contact::Invalid> {
+        let step_mm = TRACE_REACH * layer.thickness_mm / TRACE_PLACES as f64;
+        let places: Vec<f64> = (0..=TRACE_PLACES).map(|i| step_mm * i as f64).collect();
+        let load = LineLoad { p_n_mm: 0.0, q_n_mm: 1.0 };
+        let stresses = line(layer, &load, layer.thickness_mm, &places)?;
+        let pressed = |i: usize| -stresses[i].szz_mpa.unwrap_or(0.0);
+        // From far away inwards, by Simpson's rule on pairs of cells' ends and the trapezium.
+        let mut left_of = vec![0.0; TRACE_PLACES + 1];
+        for i in (0..TRACE_PLACES).rev() {
+            let cell = 0.5 * step_mm * (pressed(i) + pressed(i + 1));
+            left_of[i] = left_of[i + 1] - cell;
+        }
+        let (n, mut points) = (TRACTION_POINTS as f64, [(0.0, 0.0); TRACTION_POINTS]);
+        for (i, point) in points.iter_mut().enumerate() {
+            // Gauss and Chebyshev's rule of the second kind.
+            let angle = core::f64::consts::PI * (i as f64 + 1.0) / (n + 1.0);
+            let sine = libm::sin(angle);
+            *point = (libm::cos(angle), 2.0 / (n + 1.0) * sine * sine);
+        }
+        Ok(Trace { left_of, per_m: 1e3 / step_mm, points })
+    }
+
+    /// Part of a tangential load that presses left of `u_m` from the middle of its contact.
+    pub(crate) fn left_of(&self, half_width_m: f64, u_m: f64) -> f64 {
+        let at = |u: f64| {
+            let place = u.abs() * self.per_m;
+            let cell = place as usize;
+            if cell >= TRACE_PLACES {
+                return 0.0;
+            }
+            let (a, b) = (self.left_of[cell], self.left_of[cell + 1]);
+            a + (place - cell as f64) * (b - a)
+        };
+        self.points.iter().map(|(cosine, weight)| weight * at(u_m - half_width_m * cosine)).sum()
+    }
+}
+
 /// The table, and the solved contact for what is asked rarely.
 #[derive(Clone, Debug)]
 pub(crate) struct Rubber {
     knots: Vec<Response>,
+    /// Work to press in as far as each knot, per metre of line (J/m).
+    stored_j_m: Vec<f64>,
     per_metre: f64,
     cell_m: f64,
     deepest_m: f64,
     contact: LineContact,
+    trace: Option<Trace>,
     /// Damping over stiffness (s).
     pub(crate) relaxation_s: f64,
 }
@@ -73,14 +131,40 @@ impl Rubber {
             let what = "gives a contact that is not finite".to_owned();
             return Err(invalid(place, what, "take a rubber nearer to the defaults"));
         }
+        let cell_m = 1e-3 * deepest_mm / CELLS as f64;
+        let mut stored_j_m = vec![0.0; CELLS + 1];
+        for (i, pair) in knots.windows(2).enumerate() {
+            let mean = 0.5 * (pair[0].load_n_m + pair[1].load_n_m);
+            let bend = cell_m / 12.0 * (pair[0].stiffness_n_m2 - pair[1].stiffness_n_m2);
+            stored_j_m[i + 1] = stored_j_m[i] + cell_m * (mean + bend);
+        }
         Ok(Rubber {
             knots,
+            stored_j_m,
             per_metre: CELLS as f64 / (1e-3 * deepest_mm),
-            cell_m: 1e-3 * deepest_mm / CELLS as f64,
+            cell_m,
             deepest_m: 1e-3 * deepest_mm,
             contact,
+            trace: None,
             relaxation_s: 1e-3 * config.relaxation_ms,
         })
+    }
+
+    /// The same with what tangential loads leave at the base.
+    pub(crate) fn traced(mut self, config: &RubberConfig, place: &str) -> Result<Rubber, Invalid> {
+        let located = |e: taktil_mechanics::contact::Invalid| Invalid {
+            place: format!("{place}.{}", e.place),
+            what: e.what,
+            remedy: e.remedy,
+        };
+        let layer = Layer::new(config.thickness_mm, config.youngs_mpa, config.poisson);
+        self.trace = Some(Trace::new(&layer.map_err(located)?).map_err(located)?);
+        Ok(self)
+    }
+
+    /// What tangential loads leave at the base, if that was asked for.
+    pub(crate) fn trace(&self) -> Option<&Trace> {
+        self.trace.as_ref()
     }
 
     /// The response at a penetration (m): nothing at or above the surface, a straight line on from
@@ -110,6 +194,20 @@ impl Rubber {
             shear_n_m2: mix(a.shear_n_m2, b.shear_n_m2),
             half_width_m: mix(a.half_width_m, b.half_width_m),
         }
+    }
+
+    /// Work to press in by `delta_m`, per metre of line (J/m): the integral of the load.
+    pub(crate) fn stored_j_m(&self, delta_m: f64) -> f64 {
+        if delta_m <= 0.0 || delta_m.is_nan() {
+            return 0.0;
+        }
+        let cell = ((delta_m * self.per_metre) as usize).min(CELLS);
+        let from_m = self.cell_m * cell as f64;
+        let load = |x: f64| self.at(x).load_n_m;
+        // Simpson's rule is exact for the cubic of one cell.
+        let middle = load(0.5 * (from_m + delta_m));
+        let sum = load(from_m) + 4.0 * middle + load(delta_m);
+        self.stored_j_m[cell] + (delta_m - from_m) / 6.0 * sum
     }
 
     /// Penetration at which the table carries a line load (N/m); bisection, for load time only.
@@ -168,6 +266,23 @@ mod tests {
         let step = rubber.at(end * 1.000_001).load_n_m - rubber.at(end * 0.999_999).load_n_m;
         assert!(step > 0.0 && step < 1e-4 * rubber.at(end).load_n_m);
         assert!(rubber.at(10.0 * end).load_n_m > rubber.at(end).load_n_m);
+    }
+
+    #[test]
+    fn a_tangential_load_moves_the_load_at_the_base_by_the_thickness() {
+        let config = FingerConfig::default().rubber;
+        let rubber = rubber().traced(&config, "finger.rubber").unwrap();
+        let trace = rubber.trace().unwrap();
+        let (n, step_m) = (4000, 1e-5);
+        let (mut sum, mut moment) = (0.0, 0.0);
+        for i in -n..n {
+            let (from, to) = (step_m * f64::from(i), step_m * f64::from(i + 1));
+            let part = trace.left_of(1e-3, to) - trace.left_of(1e-3, from);
+            sum += part;
+            moment += 0.5 * (from + to) * part;
+        }
+        // Exact: M0 does not feel a tangential load, M1 gains its moment about the base.
+        assert!(sum.abs() < 1e-9 && (moment / 0.8e-3 - 1.0).abs() < 1e-3, "{sum} {moment}");
     }
 
     #[test]

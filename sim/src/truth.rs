@@ -5,7 +5,7 @@ use glam::DVec3;
 use taktil_hal::Nanos;
 use taktil_mechanics::{Joints, Pose};
 
-use crate::contact::{PITCH_M, Patch, SLICES};
+use crate::contact::{PITCH_M, Patch, Reaction, SLICES};
 use crate::pin::Pin;
 use crate::table::TablePose;
 
@@ -57,6 +57,13 @@ pub struct Truth {
     pub finger_slip_m_s: f64,
     /// Fastest sliding motion between table and pin (m/s).
     pub table_slip_m_s: f64,
+    /// Motion of the pin's surface over the finger's rubber at the pin's middle, across and along
+    /// the axis (m/s): creep while it sticks, sliding when it does not.
+    pub finger_creep_m_s: (f64, f64),
+    /// The same over the table's rubber (m/s).
+    pub table_creep_m_s: (f64, f64),
+    /// Creep across the axis over the speed of rolling, finger and table; none at rest.
+    pub creepage: Option<(f64, f64)>,
     /// Finger and pin touch.
     pub in_contact: bool,
     /// A slice is pressed deeper than the theory of small strain covers.
@@ -73,6 +80,8 @@ pub struct Truth {
     pub braked: bool,
     /// Kinetic and gravitational energy of arm and pin, without the rubbers' (J).
     pub energy_j: f64,
+    /// Energy in the rubbers and in the bristles on them (J).
+    pub rubber_j: f64,
 }
 
 /// Load-weighted place along the sensor's x in tactel numbers.
@@ -83,6 +92,16 @@ pub(crate) fn contact_x_tactels(pad: &Patch) -> Option<f64> {
         moment += slice.load_n * slice.strip.x_m;
     }
     (load > 0.0).then(|| moment / load / PITCH_M + 0.5 * (SLICES + 1) as f64)
+}
+
+/// Slowest rolling that creepage is told of (m/s).
+const ROLLING_M_S: f64 = 1e-4;
+
+/// Creep across the axis over the speed of rolling, where both contacts roll.
+pub(crate) fn creepage(finger: &Reaction, table: &Reaction) -> Option<(f64, f64)> {
+    let rolls = |r: &Reaction| r.normal_n > 0.0 && r.travel_m_s.abs() > ROLLING_M_S;
+    let of = |r: &Reaction| r.creep_m_s.0 / r.travel_m_s.abs();
+    (rolls(finger) && rolls(table)).then(|| (of(finger), of(table)))
 }
 
 /// Yaw and tilt of a pin seen from the sensor, see [`Truth`].

@@ -14,14 +14,14 @@ use taktil_mechanics::{Joints, dynamics::GRAVITY_M_S2};
 
 use crate::contact::{Patch, Reaction};
 use crate::devices::{LONGEST_SILENCE, Scan, WorldEnds};
-use crate::electronics::{Converter, base_forces, currents, gauges};
+use crate::electronics::{Converter, currents, gauges};
 use crate::finger::Finger;
 use crate::hash::Hash;
 use crate::pin::Pin;
 use crate::prng::Prng;
 use crate::scene::Timing;
 use crate::step::{Bench, Work};
-use crate::truth::{Truth, contact_x_tactels, yaw_and_tilt};
+use crate::truth::{Truth, contact_x_tactels, creepage, yaw_and_tilt};
 
 /// Everything that stands on the bench. Built by [`build`](crate::build).
 #[derive(Debug)]
@@ -180,10 +180,8 @@ impl World {
     }
 
     fn latch_scan(&mut self) {
-        let forces = match &self.bench.rolling {
-            Some(rolling) => base_forces(&rolling.pad, rolling.across),
-            None => [0.0; taktil_hal::MAX_TACTELS],
-        };
+        let forces = self.bench.image(self.t.as_secs_f64());
+        self.bench.work.scans += 1;
         let values = self.converter.scan(&forces, &mut self.noise);
         let scan = Scan { sequence: self.sequence, values };
         self.sequence = self.sequence.wrapping_add(1);
@@ -241,6 +239,9 @@ impl World {
             tilt_rad,
             finger_slip_m_s: finger.slip_m_s,
             table_slip_m_s: bed.slip_m_s,
+            finger_creep_m_s: finger.creep_m_s,
+            table_creep_m_s: bed.creep_m_s,
+            creepage: creepage(&finger, &bed),
             in_contact: finger.normal_n > 0.0,
             beyond_small_strain: rolling.is_some_and(|r| deep(&r.pad) || deep(&r.bed)),
             table: self.bench.table.at(self.t.as_secs_f64()).0,
@@ -249,6 +250,7 @@ impl World {
             enabled,
             braked,
             energy_j: arm_j + pin.map_or(0.0, |pin| pin.kinetic_j() + fall(pin)),
+            rubber_j: rolling.map_or(0.0, |r| r.pad.stored_j() + r.bed.stored_j()),
         }
     }
 

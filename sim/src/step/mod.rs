@@ -8,7 +8,7 @@
 mod implicit;
 mod matrix;
 
-use taktil_hal::Nanos;
+use taktil_hal::{MAX_TACTELS, Nanos};
 use taktil_mechanics::Joints;
 
 use crate::fidelity::Integrator;
@@ -129,6 +129,16 @@ impl Bench {
             self.work.contacts += 1;
             rolling.touch(&around, 0.0);
         }
+    }
+
+    /// Normal force on each tactel (N); none without a pin.
+    pub(crate) fn image(&mut self, t_s: f64) -> [f64; MAX_TACTELS] {
+        let around = self.around(t_s);
+        let Some(rolling) = &mut self.rolling else { return [0.0; MAX_TACTELS] };
+        let (forces, solved) = rolling.image(&around);
+        self.work.images += 1;
+        self.work.solved += u64::from(solved);
+        forces
     }
 
     /// Explicit in every force.

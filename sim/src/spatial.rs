@@ -1,0 +1,216 @@
+//! The pin on the pad in three dimensions, solved at every image by `taktil_mechanics`, warm from
+//! one image to the next: rows lean on each other through the layer, ends of the pin are ends.
+//! Between images the rows keep the ratio to their plane solutions that force and moment of the
+//! last solution had, linear along the axis; a test states what that leaves. Refuses nothing: where
+//! the tables end, the rows stand on their own.
+//!
+//! The theory's layer has no edges. A pin that is longer than the pad is cut beyond it, and only
+//! what presses on the pad counts; the pad's own free edges are left out.
+
+use taktil_hal::MAX_TACTELS;
+use taktil_mechanics::Pose;
+use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::space::pin::{Pin as LayerPin, Profile, Stand};
+use taktil_mechanics::contact::space::radial::Influence;
+use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
+use taktil_mechanics::contact::space::{Drive, Level};
+
+use crate::contact::{Lean, Line, PAD_HALF_M, PITCH_M, Patch};
+use crate::scene::{Invalid, RubberConfig};
+
+/// Largest penetration of the deepest slice, in thicknesses.
+const DEEPEST: f64 = 0.4;
+/// A cut pin goes on beyond the pad's diagonal by so many thicknesses.
+const BEYOND: f64 = 6.0;
+/// The force of a solution over that of its plane rows is believed within these bounds.
+const LEAN: (f64, f64) = (0.3, 3.0);
+
+/// The solver of a pin on a pad, with its tables.
+#[derive(Clone, Debug)]
+pub(crate) struct Spatial {
+    /// The pin from end to end, its origin in its middle.
+    whole: LayerPin,
+    /// The pin cut beyond the pad, its origin next to the pad's middle; half its length (mm).
+    cut: Option<(LayerPin, f64)>,
+    shares: Shares,
+    half_length_mm: f64,
+    image_mpa: [f64; MAX_TACTELS],
+}
+
+/// A solved contact.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Solved {
+    /// Force on the pad (N) and its moment about the pin's middle along the axis (N m).
+    pub(crate) force_n: f64,
+    pub(crate) moment_nm: f64,
+}
+
+/// The generatrix over the pad in the solver's terms: mm, pad axes.
+#[derive(Clone, Copy, Debug)]
+struct Lie {
+    /// Foot of the pin's middle.
+    foot_mm: [f64; 2],
+    /// Direction of the axis in the pad, towards +y, and whether that is the pin's own.
+    direction: [f64; 2],
+    forward: bool,
+    rot_rad: f64,
+    /// Penetration at the foot and its rise per mm along the direction.
+    depth_mm: f64,
+    slope: f64,
+}
+
+impl Lie {
+    fn of(line: &Line, pad: &Pose) -> Lie {
+        let lever = line.foot - pad.translation;
+        let (x_axis, y_axis) = (pad.rotation.x_axis, pad.rotation.y_axis);
+        let (x, y) = (line.along.dot(x_axis), line.along.dot(y_axis));
+        let sign = if y < 0.0 { -1.0 } else { 1.0 };
+        let (height_m, rise) = line.height();
+        let run = line.axis.dot(line.along);
+        Lie {
+            foot_mm: [1e3 * lever.dot(x_axis), 1e3 * lever.dot(y_axis)],
+            direction: [sign * x, sign * y],
+            forward: sign > 0.0,
+            rot_rad: libm::atan2(-sign * x, sign * y),
+            depth_mm: -1e3 * height_m,
+            slope: -sign * rise / run,
+        }
+    }
+}
+
+impl Spatial {
+    /// Tabulates layer, pin and array; allocates and takes its time.
+    pub(crate) fn new(
+        rubber: &RubberConfig,
+        radius_m: f64,
+        length_m: f64,
+        level: Level,
+    ) -> Result<Spatial, Invalid> {
+        let located = |e: taktil_mechanics::contact::Invalid| Invalid {
+            place: format!("finger.rubber.{}", e.place),
+            what: e.what,
+            remedy: e.remedy,
+        };
+        let layer = Layer::new(rubber.thickness_mm, rubber.youngs_mpa, rubber.poisson);
+        let layer = layer.map_err(located)?;
+        let profile = Profile::Cylinder { radius_mm: 1e3 * radius_m };
+        let deepest_mm = (DEEPEST * rubber.thickness_mm).min(200.0 * radius_m);
+        let half_length_mm = 500.0 * length_m;
+        let pin = |half: f64| {
+            LayerPin::new(&layer, profile, [-half, half], deepest_mm, level).map_err(located)
+        };
+        let reach = Array::THESIS.half_diagonal_mm() + BEYOND * rubber.thickness_mm;
+        let cut = if half_length_mm > 1.1 * reach { Some((pin(reach)?, reach)) } else { None };
+        let fineness = match level {
+            Level::Fast => Fineness::FAST,
+            Level::Default => Fineness::DEFAULT,
+            Level::Fine => Fineness::FINE,
+        };
+        let influence = Influence::new(&layer).map_err(located)?;
+        let shares = Shares::new(&influence, &Array::THESIS, Sampling::Area, fineness);
+        Ok(Spatial {
+            whole: pin(half_length_mm)?,
+            cut,
+            shares: shares.map_err(located)?,
+            half_length_mm,
+            image_mpa: [0.0; MAX_TACTELS],
+        })
+    }
+
+    /// Solves the contact of the pin's lowest line with the pad; nothing where the tables end.
+    pub(crate) fn solve(&mut self, line: &Line, pad: &Pose) -> Option<Solved> {
+        let lie = Lie::of(line, pad);
+        let [x, y] = lie.foot_mm;
+        let [dx, dy] = lie.direction;
+        let nearest = -(x * dx + y * dy);
+        let (pin, from) = match &mut self.cut {
+            Some((pin, half)) if nearest.abs() + *half <= self.half_length_mm => (pin, nearest),
+            _ => (&mut self.whole, 0.0),
+        };
+        let depth_mm = lie.depth_mm + from * lie.slope;
+        self.image_mpa = [0.0; MAX_TACTELS];
+        let state = pin.press(Drive::PenetrationMm(depth_mm), libm::atan(lie.slope)).ok()?;
+        if state.force_n <= 0.0 {
+            return Some(Solved::default());
+        }
+        let origin = [x + from * dx, y + from * dy];
+        let stand = Stand { x_mm: origin[0], y_mm: origin[1], rot_rad: lie.rot_rad };
+        pin.image(&self.shares, stand, &mut self.image_mpa);
+        let (force_n, moment_n_mm) = on_pad(pin, &lie, origin, from);
+        let sign = if lie.forward { 1.0 } else { -1.0 };
+        Some(Solved { force_n, moment_nm: 1e-3 * sign * moment_n_mm })
+    }
+
+    /// Normal force on each tactel (N) of the contact last solved.
+    pub(crate) fn forces_n(&self) -> [f64; MAX_TACTELS] {
+        let area_mm2 = 1e6 * PITCH_M * PITCH_M;
+        self.image_mpa.map(|stress| -area_mm2 * stress)
+    }
+
+    /// Forgets the warm start.
+    pub(crate) fn release(&mut self) {
+        self.whole.release();
+        if let Some((pin, _)) = &mut self.cut {
+            pin.release();
+        }
+        self.image_mpa = [0.0; MAX_TACTELS];
+    }
+}
+
+/// Force on the pad and its moment about the pin's middle (N, N mm): slices that lie across the
+/// pad's edge count in part.
+fn on_pad(pin: &LayerPin, lie: &Lie, origin: [f64; 2], from: f64) -> (f64, f64) {
+    let half_mm = 1e3 * PAD_HALF_M;
+    let [dx, dy] = lie.direction;
+    // Places along the axis come slice after slice.
+    let (mut last, mut slice_mm) = (f64::NAN, f64::INFINITY);
+    pin.loads(|[_, v], _| {
+        if (v - last).abs() < slice_mm && v != last {
+            slice_mm = (v - last).abs();
+        }
+        last = v;
+    });
+    let (mut force, mut moment) = (0.0, 0.0);
+    pin.loads(|[u, v], load| {
+        let (x, y) = (origin[0] + u * dy + v * dx, origin[1] - u * dx + v * dy);
+        let part = if slice_mm.is_finite() {
+            ((half_mm - y.abs()) / (slice_mm * dy.abs()) + 0.5).clamp(0.0, 1.0)
+        } else {
+            1.0
+        };
+        let on = if x.abs() <= half_mm { part } else { 0.0 };
+        force += on * load;
+        moment += on * load * (from + v);
+    });
+    (force, moment)
+}
+
+/// The factors on plane rows that give them the force and the moment of a solution.
+pub(crate) fn lean_of(pad: &Patch, solved: &Solved) -> Lean {
+    let mut sums = [0.0; 3];
+    for slice in &pad.slices {
+        let response = pad.rubber.at(slice.delta_m);
+        let load = response.load_n_m * slice.strip.width_m * slice.strip.cover;
+        let s = slice.strip.s_m;
+        sums[0] += load;
+        sums[1] += s * load;
+        sums[2] += s * s * load;
+    }
+    let [whole, first, second] = sums;
+    if whole <= 0.0 {
+        return Lean::NONE;
+    }
+    let spread = second - first * first / whole;
+    let ratio = solved.force_n / whole;
+    if !(LEAN.0..=LEAN.1).contains(&ratio) {
+        return Lean::NONE;
+    }
+    let rest = solved.moment_nm - ratio * first;
+    let per_m = if spread > 1e-9 * whole * PAD_HALF_M * PAD_HALF_M { rest / spread } else { 0.0 };
+    let steepest = 0.5 * ratio / PAD_HALF_M;
+    let per_m = per_m.clamp(-steepest, steepest);
+    Lean(ratio - per_m * first / whole, per_m)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,91 @@
+//! The simulator's pin on its pad against the exact reference images: force within 1 %, centroid
+//! within 0.02 mm, direction within 0.2 deg.
+
+use glam::{DMat3, DVec3};
+use taktil_mechanics::contact::features::{Part, image_features};
+
+use super::*;
+use crate::contact::Surface;
+use crate::pin::Pin;
+
+const FEATURES: &str = include_str!("../../../tests/fixtures/contact/tactile3d_features.csv");
+
+struct Case {
+    name: String,
+    numbers: Vec<f64>,
+}
+
+/// Area means of pins: numbers from nu on.
+fn pins() -> Vec<Case> {
+    let lines = FEATURES.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
+    let all: Vec<Case> = lines
+        .filter(|cells| cells[1] == "average" && cells[2] == "cylinder")
+        .map(|cells| Case {
+            name: cells[0].to_owned(),
+            numbers: cells[3..].iter().map(|cell| cell.trim().parse().unwrap()).collect(),
+        })
+        .collect();
+    assert!(all.len() > 5, "an empty table checks nothing");
+    all
+}
+
+/// The pad lies in the base frame's xy plane, the pin over it as the case says.
+fn over_pad(case: &Case) -> (Pin, Surface, Pose) {
+    let n = &case.numbers;
+    let (radius, delta, x, y) = (1e-3 * n[2], 1e-3 * n[5], 1e-3 * n[6], 1e-3 * n[7]);
+    let (rot, tilt, length) = (n[8].to_radians(), n[9], 1e-3 * n[10]);
+    // The axis dips towards its end by the tilt.
+    let turn =
+        taktil_mechanics::spatial::rotation_z(rot) * taktil_mechanics::spatial::rotation_x(-tilt);
+    let lowest = DVec3::new(x, y, -delta);
+    let pin_axes = DMat3::from_cols(turn.x_axis, turn.y_axis, turn.z_axis);
+    let centre = lowest + radius * pin_axes.z_axis;
+    let pin = Pin::at_rest(centre, &pin_axes, (radius, length), 0.1);
+    let pad = Pose::IDENTITY;
+    (pin, Surface::of_pad(&pad, &taktil_mechanics::Joints::zeros()), pad)
+}
+
+#[test]
+fn pressed_pins_give_the_reference_images() {
+    let area = (1e3 * PITCH_M) * (1e3 * PITCH_M);
+    for (level, force_bar, centroid_bar) in
+        [(Level::Default, 2e-3, 5e-3), (Level::Fast, 0.01, 0.02)]
+    {
+        let mut worst = [0.0_f64; 3];
+        for case in pins() {
+            let n = &case.numbers;
+            let rubber = RubberConfig {
+                thickness_mm: n[1],
+                youngs_mpa: 27.58,
+                poisson: n[0],
+                relaxation_ms: 0.0,
+            };
+            let (pin, surface, pad) = over_pad(&case);
+            let mut spatial = Spatial::new(&rubber, pin.radius_m, pin.length_m, level).unwrap();
+            let line = Line::between(&pin, pin.axis(), &surface).unwrap();
+            spatial.solve(&line, &pad).expect("inside the tables");
+            let forces = spatial.forces_n();
+            let stresses: Vec<f64> = forces.iter().map(|f| -f / area).collect();
+            let found = image_features(&Array::THESIS, &stresses, Part::Full).unwrap();
+            let (m0, x_c, y_c, theta) = (n[11], n[14], n[15], n[19]);
+            let off = found.theta_long_rad.unwrap() - theta;
+            let off = off - core::f64::consts::PI * (off / core::f64::consts::PI).round();
+            let apart = [found.xc.unwrap() - x_c, found.yc.unwrap() - y_c];
+            let errors = [
+                (found.m0 / m0 - 1.0).abs(),
+                apart[0].abs().max(apart[1].abs()),
+                off.abs().to_degrees(),
+            ];
+            for (worst, error) in worst.iter_mut().zip(errors) {
+                *worst = worst.max(error);
+            }
+            assert!(errors[0] < force_bar, "{}: force {errors:?}", case.name);
+            assert!(errors[1] < centroid_bar, "{}: centroid {errors:?}", case.name);
+            assert!(errors[2] < 0.2, "{}: direction {errors:?}", case.name);
+        }
+        println!(
+            "{level:?}: force {:.1e}, centroid {:.1e} mm, {:.1e} deg",
+            worst[0], worst[1], worst[2]
+        );
+    }
+}
