@@ -1,6 +1,7 @@
 //! Paul's joint motion: straight segments between points, rounded at the corners by a quartic that
-//! keeps speed and acceleration continuous (Paul 1981, chapter 5; Paul 1979). Refuses, at
-//! construction, paths it could not follow; evaluation refuses nothing.
+//! keeps speed and acceleration continuous (Paul 1981, chapter 5; Paul 1979). Refuses, point by
+//! point as a path is laid, what it could not follow; evaluation refuses nothing. A path is laid in
+//! place and never copied by itself: it is a few kB, and a lane lays one point a job.
 //!
 //! Motion starts at t = 0. Corner i is at `c_i = tau + T_1 + .. + T_i`; within tau of a corner the
 //! transition runs, elsewhere the segment; the move ends at `c_n + tau`. Inner points are rounded,
@@ -13,7 +14,7 @@ mod turn;
 use core::fmt;
 
 use crate::spatial::Joints;
-use timing::{Piece, Timing};
+use timing::{Piece, Timing, check_counts};
 
 /// Most points of a path.
 pub const MAX_POINTS: usize = 32;
@@ -133,8 +134,8 @@ impl fmt::Display for PathError {
 
 impl std::error::Error for PathError {}
 
-/// A path of joint motion, of fixed size.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A path of joint motion, of fixed size. With one point it is a rest of two tau.
+#[derive(Clone, Debug, PartialEq)]
 pub struct JointPath {
     points: [Joints; MAX_POINTS],
     timing: Timing,
@@ -147,15 +148,51 @@ impl JointPath {
     /// # Errors
     /// See [`PathError`]. A segment of no length is allowed: it is a wait.
     pub fn new(points: &[Joints], t_s: &[f64], tau_s: f64) -> Result<JointPath, PathError> {
-        let timing = Timing::new(points.len(), t_s, tau_s)?;
-        for (point, q) in points.iter().enumerate() {
-            if let Some(joint) = q.iter().position(|x| !x.is_finite()) {
-                return Err(PathError::PointNotFinite { point, joint });
-            }
+        check_counts(points.len(), t_s.len())?;
+        let mut path = JointPath::rest(&points[0], tau_s)?;
+        for (q, time_s) in points[1..].iter().zip(t_s) {
+            path.push(q, *time_s)?;
         }
-        let mut path = JointPath { points: [Joints::zeros(); MAX_POINTS], timing };
-        path.points[..points.len()].copy_from_slice(points);
         Ok(path)
+    }
+
+    /// A rest at `q` (rad), to be laid on from there.
+    ///
+    /// # Errors
+    /// As [`JointPath::restart`].
+    pub fn rest(q: &Joints, tau_s: f64) -> Result<JointPath, PathError> {
+        let points = [Joints::zeros(); MAX_POINTS];
+        let mut path = JointPath { points, timing: Timing::new(tau_s)? };
+        path.restart(q, tau_s)?;
+        Ok(path)
+    }
+
+    /// Forgets the path and rests at `q` (rad), in place.
+    ///
+    /// # Errors
+    /// A joint that is not finite, a `tau_s` (s) that is not positive.
+    pub fn restart(&mut self, q: &Joints, tau_s: f64) -> Result<(), PathError> {
+        self.timing.restart(tau_s)?;
+        self.set(0, q)
+    }
+
+    /// Goes on to `q` (rad) in `time_s` (s) and ends there, in place.
+    ///
+    /// # Errors
+    /// A full path, a joint that is not finite, a time that is not positive or leaves no room for
+    /// two transitions. The path is spoilt then.
+    pub fn push(&mut self, q: &Joints, time_s: f64) -> Result<(), PathError> {
+        let point = self.timing.count();
+        self.timing.push(time_s)?;
+        self.set(point, q)
+    }
+
+    fn set(&mut self, point: usize, q: &Joints) -> Result<(), PathError> {
+        if let Some(joint) = q.iter().position(|x| !x.is_finite()) {
+            return Err(PathError::PointNotFinite { point, joint });
+        }
+        self.points[point] = *q;
+        Ok(())
     }
 
     /// How long the move takes (s): all segments and two tau.
@@ -225,16 +262,25 @@ impl JointPath {
         (0..self.timing.count()).fold(Joints::zeros(), |top, i| top.sup(&self.speed_after(i).abs()))
     }
 
-    /// Largest acceleration of each joint on the whole path (rad/s^2): 3/4 dv/tau at its sharpest
-    /// corner.
+    /// Largest acceleration of each joint on the whole path (rad/s^2): that at its sharpest corner.
     #[must_use]
     pub fn peak_acceleration(&self) -> Joints {
-        (0..self.timing.count()).fold(Joints::zeros(), |top, i| {
-            top.sup(
-                &((self.speed_after(i) - self.speed_before(i)).abs()
-                    * (0.75 / self.timing.tau_s())),
-            )
-        })
+        let corners = 0..self.timing.count();
+        corners.fold(Joints::zeros(), |top, i| top.sup(&self.peak_acceleration_at(i)))
+    }
+
+    /// Largest acceleration of each joint at corner `corner` (rad/s^2): 3/4 dv/tau. That of the
+    /// last one changes when the path goes on.
+    #[must_use]
+    pub fn peak_acceleration_at(&self, corner: usize) -> Joints {
+        let change = self.speed_after(corner) - self.speed_before(corner);
+        change.abs() * (0.75 / self.timing.tau_s())
+    }
+
+    /// Speed of each joint in segment `segment`, in size (rad/s).
+    #[must_use]
+    pub fn speed_in(&self, segment: usize) -> Joints {
+        self.speed_after(segment).abs()
     }
 }
 

@@ -132,17 +132,16 @@ impl core::error::Error for Refusal {}
 /// How far the start of a move may be from the arm (m, rad).
 const START_TOLERANCE: f64 = 1e-6;
 
-/// A path of either kind.
+/// A path of either kind, which somebody else holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "a lane has no heap")]
-pub enum Route {
+pub enum Route<'a> {
     /// Through joint angles.
-    Joints(JointPath),
+    Joints(&'a JointPath),
     /// Along straight lines of the tool.
-    Tool(CartesianPath),
+    Tool(&'a CartesianPath),
 }
 
-impl Route {
+impl Route<'_> {
     /// How long it takes (s).
     #[must_use]
     pub fn duration_s(&self) -> f64 {
@@ -266,20 +265,19 @@ fn ticks(duration_s: f64, tick_s: f64) -> Result<u32, Refusal> {
 
 /// How far an inspection is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "a lane has no heap")]
 pub enum Verdict {
     /// There is more to look at.
     Open,
-    /// The move can be made, at this cost.
-    Passed(Preview),
+    /// The move can be made; [`Inspection::preview`] says at what cost.
+    Passed,
     /// It cannot.
     Refused(Refusal),
 }
 
-/// A move that is being looked at.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// How far a move has been looked at. The route stays with whoever holds it and is handed in each
+/// time; it must be the one of the beginning.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Inspection {
-    route: Route,
     walk: Walk,
     follower: Follower,
     tick: u32,
@@ -291,10 +289,9 @@ impl Inspection {
     ///
     /// # Errors
     /// A route that starts elsewhere, and a tick that does not fit it.
-    pub fn new(route: &Route, start: &Joints, terms: &Terms) -> Result<Inspection, Refusal> {
+    pub fn new(route: Route<'_>, start: &Joints, terms: &Terms) -> Result<Inspection, Refusal> {
         route.check_start(start, &terms.arm)?;
         Ok(Inspection {
-            route: *route,
             walk: Walk::new(start, route.duration_s()),
             follower: Follower::new(&terms.arm, start),
             tick: 0,
@@ -302,27 +299,27 @@ impl Inspection {
         })
     }
 
-    /// The joints at the last tick looked at (rad).
+    /// What has been found so far: the whole cost once the move has passed.
     #[must_use]
-    pub fn joints(&self) -> &Joints {
-        &self.walk.preview.end
+    pub fn preview(&self) -> &Preview {
+        &self.walk.preview
     }
 
-    /// Looks at so many more ticks; `terms` are those of the beginning.
-    pub fn advance(&mut self, ticks: u32, terms: &Terms) -> Verdict {
+    /// Looks at so many more ticks; `route` and `terms` are those of the beginning.
+    pub fn advance(&mut self, ticks: u32, route: Route<'_>, terms: &Terms) -> Verdict {
         let end = self.ticks.min(self.tick.saturating_add(ticks));
         while self.tick < end {
             self.tick += 1;
-            if let Err(refusal) = self.look(f64::from(self.tick) * terms.tick_s, terms) {
+            if let Err(refusal) = self.look(f64::from(self.tick) * terms.tick_s, route, terms) {
                 return Verdict::Refused(refusal);
             }
         }
-        if self.tick == self.ticks { Verdict::Passed(self.walk.preview) } else { Verdict::Open }
+        if self.tick == self.ticks { Verdict::Passed } else { Verdict::Open }
     }
 
-    fn look(&mut self, t_s: f64, terms: &Terms) -> Result<(), Refusal> {
+    fn look(&mut self, t_s: f64, route: Route<'_>, terms: &Terms) -> Result<(), Refusal> {
         let lost = |why| Refusal::Lost { why, t_s };
-        let q = match &self.route {
+        let q = match route {
             Route::Joints(path) => {
                 let q = path.at(t_s).q;
                 let (low, high) = (&terms.arm.q_min_rad, &terms.arm.q_max_rad);
@@ -352,12 +349,12 @@ impl Preview {
     ///
     /// # Errors
     /// The first thing that the arm cannot do.
-    pub fn of(route: &Route, start: &Joints, terms: &Terms) -> Result<Preview, Refusal> {
+    pub fn of(route: Route<'_>, start: &Joints, terms: &Terms) -> Result<Preview, Refusal> {
         let mut inspection = Inspection::new(route, start, terms)?;
         loop {
-            match inspection.advance(u32::MAX, terms) {
+            match inspection.advance(u32::MAX, route, terms) {
                 Verdict::Open => {}
-                Verdict::Passed(preview) => return Ok(preview),
+                Verdict::Passed => return Ok(*inspection.preview()),
                 Verdict::Refused(refusal) => return Err(refusal),
             }
         }

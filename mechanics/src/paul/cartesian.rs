@@ -9,7 +9,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::timing::{Piece, Timing};
+use super::timing::{Piece, Timing, check_counts};
 use super::turn::{Drive, align};
 use super::{MAX_POINTS, PathError};
 use crate::spatial::{Pose, rotation_of, rotation_vector};
@@ -65,8 +65,8 @@ enum Turn {
     Vector(DVec3),
 }
 
-/// A path of the tool, of fixed size.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A path of the tool, of fixed size. With one pose it is a rest of two tau.
+#[derive(Clone, Debug, PartialEq)]
 pub struct CartesianPath {
     points: [Pose; MAX_POINTS],
     corners: [Corner; MAX_POINTS],
@@ -112,26 +112,65 @@ impl CartesianPath {
         tau_s: f64,
         blend: Blend,
     ) -> Result<CartesianPath, PathError> {
-        let timing = Timing::new(poses.len(), t_s, tau_s)?;
-        if let Some(point) = poses.iter().position(|pose| !is_rigid(pose)) {
-            return Err(PathError::NotAPose { point });
+        check_counts(poses.len(), t_s.len())?;
+        let mut path = CartesianPath::rest(&poses[0], tau_s, blend)?;
+        for (pose, time_s) in poses[1..].iter().zip(t_s) {
+            path.push(pose, *time_s)?;
         }
+        Ok(path)
+    }
+
+    /// A rest at `pose`, to be laid on from there.
+    ///
+    /// # Errors
+    /// As [`CartesianPath::restart`].
+    pub fn rest(pose: &Pose, tau_s: f64, blend: Blend) -> Result<CartesianPath, PathError> {
         let none = Corner::Vectors { before: DVec3::ZERO, after: DVec3::ZERO };
         let mut path = CartesianPath {
             points: [Pose::IDENTITY; MAX_POINTS],
             corners: [none; MAX_POINTS],
             turns: [Turn::Vector(DVec3::ZERO); MAX_POINTS],
-            timing,
+            timing: Timing::new(tau_s)?,
             blend,
         };
-        path.points[..poses.len()].copy_from_slice(poses);
-        for segment in 0..poses.len() - 1 {
-            path.turns[segment] = path.turn(segment);
-        }
-        for corner in 0..poses.len() {
-            path.corners[corner] = path.corner(corner);
-        }
+        path.restart(pose, tau_s, blend)?;
         Ok(path)
+    }
+
+    /// Forgets the path and rests at `pose`, in place.
+    ///
+    /// # Errors
+    /// A pose that is none, a `tau_s` (s) that is not positive.
+    pub fn restart(&mut self, pose: &Pose, tau_s: f64, blend: Blend) -> Result<(), PathError> {
+        self.timing.restart(tau_s)?;
+        self.blend = blend;
+        self.set(0, pose)?;
+        self.corners[0] = self.corner(0);
+        Ok(())
+    }
+
+    /// Goes on to `pose` in `time_s` (s) and ends there, in place: the corner before is laid anew,
+    /// now that the way goes on from it.
+    ///
+    /// # Errors
+    /// A full path, a pose that is none, a time that is not positive or leaves no room for two
+    /// transitions. The path is spoilt then.
+    pub fn push(&mut self, pose: &Pose, time_s: f64) -> Result<(), PathError> {
+        let point = self.timing.count();
+        self.timing.push(time_s)?;
+        self.set(point, pose)?;
+        self.turns[point - 1] = self.turn(point - 1);
+        self.corners[point - 1] = self.corner(point - 1);
+        self.corners[point] = self.corner(point);
+        Ok(())
+    }
+
+    fn set(&mut self, point: usize, pose: &Pose) -> Result<(), PathError> {
+        if !is_rigid(pose) {
+            return Err(PathError::NotAPose { point });
+        }
+        self.points[point] = *pose;
+        Ok(())
     }
 
     fn turn(&self, segment: usize) -> Turn {

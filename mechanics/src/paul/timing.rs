@@ -1,10 +1,11 @@
 //! The clock of a path: where its corners are and which piece of it runs at an instant. Shared by
-//! joint and Cartesian paths. Refuses times that leave no room for the transitions.
+//! joint and Cartesian paths. Grows segment by segment, so that a job can lay a path move by move.
+//! Refuses times that leave no room for the transitions.
 
 use super::{MAX_POINTS, PathError};
 
 /// Segment times, corners and the half time of the transitions.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Timing {
     /// Segment i leads from point i to point i + 1 (s).
     times_s: [f64; MAX_POINTS],
@@ -28,21 +29,43 @@ pub(super) enum Piece {
 }
 
 impl Timing {
-    /// A clock for so many points.
-    pub(super) fn new(points: usize, t_s: &[f64], tau_s: f64) -> Result<Timing, PathError> {
-        check(points, t_s, tau_s)?;
+    /// A clock for one point: two tau of rest.
+    pub(super) fn new(tau_s: f64) -> Result<Timing, PathError> {
         let mut timing = Timing {
             times_s: [0.0; MAX_POINTS],
             corners_s: [0.0; MAX_POINTS],
-            count: points,
-            tau_s,
+            count: 1,
+            tau_s: 0.0,
         };
-        timing.times_s[..t_s.len()].copy_from_slice(t_s);
-        timing.corners_s[0] = tau_s;
-        for (i, time_s) in t_s.iter().enumerate() {
-            timing.corners_s[i + 1] = timing.corners_s[i] + time_s;
-        }
+        timing.restart(tau_s)?;
         Ok(timing)
+    }
+
+    /// One point again, in place.
+    pub(super) fn restart(&mut self, tau_s: f64) -> Result<(), PathError> {
+        if !(tau_s > 0.0 && tau_s.is_finite()) {
+            return Err(PathError::TransitionTime { tau_s });
+        }
+        (self.count, self.tau_s, self.corners_s[0]) = (1, tau_s, tau_s);
+        Ok(())
+    }
+
+    /// One more point, `time_s` (s) after the last.
+    pub(super) fn push(&mut self, time_s: f64) -> Result<(), PathError> {
+        let (segment, tau_s) = (self.count - 1, self.tau_s);
+        if self.count == MAX_POINTS {
+            return Err(PathError::TooManyPoints { points: self.count + 1 });
+        }
+        if !(time_s > 0.0 && time_s.is_finite()) {
+            return Err(PathError::SegmentTime { segment, time_s });
+        }
+        if tau_s > 0.5 * time_s {
+            return Err(PathError::TransitionsOverlap { segment, time_s, tau_s });
+        }
+        self.times_s[segment] = time_s;
+        self.corners_s[self.count] = self.corners_s[segment] + time_s;
+        self.count += 1;
+        Ok(())
     }
 
     pub(super) fn count(&self) -> usize {
@@ -82,26 +105,16 @@ impl Timing {
     }
 }
 
-fn check(points: usize, t_s: &[f64], tau_s: f64) -> Result<(), PathError> {
+/// Refuses too few and too many points, and times that are not one less than the points.
+pub(super) fn check_counts(points: usize, times: usize) -> Result<(), PathError> {
     if points < 2 {
         return Err(PathError::TooFewPoints { points });
     }
     if points > MAX_POINTS {
         return Err(PathError::TooManyPoints { points });
     }
-    if t_s.len() != points - 1 {
-        return Err(PathError::SegmentCount { wanted: points - 1, given: t_s.len() });
-    }
-    if !(tau_s > 0.0 && tau_s.is_finite()) {
-        return Err(PathError::TransitionTime { tau_s });
-    }
-    for (segment, &time_s) in t_s.iter().enumerate() {
-        if !(time_s > 0.0 && time_s.is_finite()) {
-            return Err(PathError::SegmentTime { segment, time_s });
-        }
-        if tau_s > 0.5 * time_s {
-            return Err(PathError::TransitionsOverlap { segment, time_s, tau_s });
-        }
+    if times != points - 1 {
+        return Err(PathError::SegmentCount { wanted: points - 1, given: times });
     }
     Ok(())
 }

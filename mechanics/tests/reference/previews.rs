@@ -80,7 +80,7 @@ fn a_line_past_the_wrist_singularity_keeps_every_joint_within_its_speed() {
     let mut worst = 0.0f64;
     for miss in [0.0, 1e-12, 1e-9, 1e-6, 1e-4, 1e-3, 0.01, 0.03, 0.1, 0.15, 0.2, 0.3] {
         let (path, start) = past_the_singularity(&terms.arm, miss, 0.8);
-        let preview = Preview::of(&Route::Tool(path), &start, &terms)
+        let preview = Preview::of(Route::Tool(&path), &start, &terms)
             .unwrap_or_else(|refusal| panic!("miss {miss}: {refusal}"));
         for joint in preview.speed {
             assert!(joint.value <= 1.0 + 1e-9, "miss {miss}: {preview:?}");
@@ -126,7 +126,7 @@ fn straight_through_the_singularity_joint_5_changes_its_sign_and_nothing_is_miss
 fn a_move_that_would_miss_its_path_by_too_much_is_refused() {
     let strict = Terms { off_max_rad: 1e-4, ..terms() };
     let (path, start) = past_the_singularity(&strict.arm, 0.03, 0.8);
-    let refusal = Preview::of(&Route::Tool(path), &start, &strict).unwrap_err();
+    let refusal = Preview::of(Route::Tool(&path), &start, &strict).unwrap_err();
     let Refusal::Off { off_rad, t_s, .. } = refusal else { panic!("{refusal}") };
     assert!(off_rad > 1e-4 && t_s > 0.3 && t_s < 1.2, "{refusal}");
     assert!(refusal.to_string().contains("wrist singularity"));
@@ -145,7 +145,7 @@ fn a_move_that_must_cross_a_limit_names_joint_and_time() {
     };
     let points: Vec<Pose> = (0..=8).map(|n| around(0.08 * f64::from(n))).collect();
     let path = CartesianPath::new(&points, &[0.5; 8], 0.1, Blend::So3).unwrap();
-    let refusal = Preview::of(&Route::Tool(path), &start, &terms).unwrap_err();
+    let refusal = Preview::of(Route::Tool(&path), &start, &terms).unwrap_err();
     let Refusal::Lost { why: Lost::Limit { joint: 0 }, t_s } = refusal else { panic!("{refusal}") };
     // 19 degrees further at about 0.16 rad/s.
     assert!((t_s - 2.17).abs() < 0.1, "{t_s}");
@@ -160,7 +160,7 @@ fn what_is_out_of_reach_too_fast_too_heavy_or_elsewhere_is_refused() {
         let to = Pose::new(here.rotation, here.translation + DVec3::new(dx, 0.0, 0.0));
         CartesianPath::new(&[here, to], &[t_s], 0.1, Blend::So3).unwrap()
     };
-    let of = |path: &CartesianPath| Preview::of(&Route::Tool(*path), &bent(), &terms).unwrap_err();
+    let of = |path: &CartesianPath| Preview::of(Route::Tool(path), &bent(), &terms).unwrap_err();
     // Stretching, the elbow would have to be infinitely fast just before the end of its reach.
     let stretched = of(&line(0.8, 5.0));
     let fits = |why: &Lost| matches!(why, Lost::OutOfReach | Lost::TooFast { joint: 1 | 2, .. });
@@ -171,17 +171,17 @@ fn what_is_out_of_reach_too_fast_too_heavy_or_elsewhere_is_refused() {
         "{hasty}"
     );
     let weak = Terms { torque_max_nm: terms.torque_max_nm * 1e-3, ..terms.clone() };
-    let refusal = Preview::of(&Route::Tool(line(0.01, 1.0)), &bent(), &weak).unwrap_err();
+    let refusal = Preview::of(Route::Tool(&line(0.01, 1.0)), &bent(), &weak).unwrap_err();
     assert!(matches!(refusal, Refusal::Torque { .. }), "{refusal}");
     let elsewhere =
-        Preview::of(&Route::Tool(line(0.01, 1.0)), &degrees([0.0; 6]), &terms).unwrap_err();
+        Preview::of(Route::Tool(&line(0.01, 1.0)), &degrees([0.0; 6]), &terms).unwrap_err();
     assert!(matches!(elsewhere, Refusal::Start { off } if off > 0.01));
     for tick_s in [0.0, -1.0, f64::NAN, 1e-12] {
         let bad = Terms { tick_s, ..terms.clone() };
-        let refused = Preview::of(&Route::Tool(line(0.01, 1.0)), &bent(), &bad);
+        let refused = Preview::of(Route::Tool(&line(0.01, 1.0)), &bent(), &bad);
         assert_eq!(refused, Err(Refusal::Tick), "{tick_s}");
     }
-    let nan = Preview::of(&Route::Tool(line(0.01, 1.0)), &Joints::repeat(f64::NAN), &terms);
+    let nan = Preview::of(Route::Tool(&line(0.01, 1.0)), &Joints::repeat(f64::NAN), &terms);
     assert!(matches!(nan, Err(Refusal::Start { .. })));
 }
 
@@ -190,7 +190,7 @@ fn joint_moves_are_looked_at_too() {
     let terms = terms();
     let there = bent() + degrees([20.0, 10.0, -15.0, 30.0, -20.0, 40.0]);
     let path = JointPath::new(&[bent(), there], &[1.0], 0.2).unwrap();
-    let preview = Preview::of(&Route::Joints(path), &bent(), &terms).unwrap();
+    let preview = Preview::of(Route::Joints(&path), &bent(), &terms).unwrap();
     assert!((preview.end - there).amax() < 1e-15);
     let wanted = path.peak_speed();
     for joint in 0..6 {
@@ -200,9 +200,9 @@ fn joint_moves_are_looked_at_too() {
     }
     assert_eq!((preview.off_m.value, preview.off_rad.value), (0.0, 0.0));
     let far = JointPath::new(&[bent(), degrees([200.0, 0.0, 0.0, 0.0, 0.0, 0.0])], &[4.0], 0.2);
-    let refusal = Preview::of(&Route::Joints(far.unwrap()), &bent(), &terms).unwrap_err();
+    let refusal = Preview::of(Route::Joints(&far.unwrap()), &bent(), &terms).unwrap_err();
     assert!(matches!(refusal, Refusal::Lost { why: Lost::Limit { joint: 0 }, .. }), "{refusal}");
-    let elsewhere = Preview::of(&Route::Joints(path), &there, &terms).unwrap_err();
+    let elsewhere = Preview::of(Route::Joints(&path), &there, &terms).unwrap_err();
     assert!(matches!(elsewhere, Refusal::Start { .. }));
 }
 
@@ -223,16 +223,16 @@ fn the_branch_is_kept_and_nan_is_out_of_reach() {
 fn looking_in_pieces_comes_to_the_same_verdict() {
     let terms = terms();
     let (path, start) = past_the_singularity(&terms.arm, 0.03, 0.8);
-    let route = Route::Tool(path);
-    let whole = Preview::of(&route, &start, &terms).unwrap();
-    let mut inspection = Inspection::new(&route, &start, &terms).unwrap();
+    let route = Route::Tool(&path);
+    let whole = Preview::of(route, &start, &terms).unwrap();
+    let mut inspection = Inspection::new(route, &start, &terms).unwrap();
     let mut pieces = 0;
     let verdict = loop {
-        match inspection.advance(7, &terms) {
+        match inspection.advance(7, route, &terms) {
             Verdict::Open => pieces += 1,
             verdict => break verdict,
         }
     };
-    assert_eq!(verdict, Verdict::Passed(whole));
+    assert_eq!((verdict, inspection.preview()), (Verdict::Passed, &whole));
     assert_eq!(pieces, (720 + 8) / 7);
 }

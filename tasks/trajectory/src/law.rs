@@ -1,15 +1,17 @@
 //! From a queue of goals to legs: Paul's joint motion, or his straight motion of the tool, from
 //! where the arm is wanted now. Refuses paths that leave the limits of angle, speed or acceleration
 //! of the joints' own planning, before the first step is made; whether the arm can follow a leg is
-//! then looked at tick by tick ([`crate::program`]).
+//! then looked at tick by tick ([`crate::program`]). A leg may have 31 moves, and each costs an
+//! inverse kinematics: they are laid one a job, where they stay.
 
 use glam::DVec3;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
-use taktil_mechanics::paul::{JointPath, MAX_POINTS, segment_time_s};
+use taktil_mechanics::paul::{JointPath, PathError, segment_time_s};
 use taktil_mechanics::preview::Route;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::rotation_vector;
 use taktil_mechanics::{Joints, Pose};
+use taktil_rtcore::StateHash;
 
 use crate::config::{BlendName, Config, Goal, Step};
 
@@ -62,113 +64,173 @@ impl Pace {
     }
 }
 
-/// The leg that starts at rest at `start` (rad) with step `first`: it goes on as long as steps are
-/// of the same kind, and ends at rest. Returns the route and the number of its steps; an empty rest
-/// of the queue is a wait of two tau.
-///
-/// # Errors
-/// [`Refusal`], its index counted from the beginning of the queue.
-pub fn leg(
-    arm: &Puma260,
-    start: &Joints,
-    steps: &[Step],
-    first: usize,
-    pace: &Pace,
-) -> Result<(Route, usize), Refusal> {
-    let rest = steps.get(first..).unwrap_or_default();
-    let straight = rest.first().is_some_and(|step| step.straight);
-    let count = rest.iter().take_while(|step| step.straight == straight).count();
-    let route = if straight {
-        lines(arm, start, &rest[..count], pace).map(Route::Tool)
-    } else {
-        plan(arm, start, &rest[..count], pace).map(Route::Joints)
-    };
-    let placed = route.map_err(|refusal| match refusal {
-        Refusal::Unreachable { index } => Refusal::Unreachable { index: first + index },
-        Refusal::Limits => Refusal::Limits,
-    });
-    Ok((placed?, count))
+/// A leg of the queue, laid in place and move by move, so that no job has to lay more than one: it
+/// starts at rest, goes on as long as steps are of the same kind, and ends at rest.
+#[derive(Debug)]
+pub struct Leg {
+    joints: JointPath,
+    tool: CartesianPath,
+    straight: bool,
+    /// The step that is laid next.
+    next: usize,
+    whole: bool,
 }
 
-/// Straight motion of the tool from joints `start` (rad) through all `steps`, to rest.
-fn lines(
-    arm: &Puma260,
-    start: &Joints,
-    steps: &[Step],
-    pace: &Pace,
-) -> Result<CartesianPath, Refusal> {
-    let mut poses = [arm.tool_pose(start); MAX_POINTS];
-    let mut times = [2.0 * pace.tau_s; MAX_POINTS];
-    if steps.len() >= MAX_POINTS || !arm.within_limits(start) {
-        return Err(Refusal::Limits);
+impl Leg {
+    /// Room for a leg, before the first is begun.
+    ///
+    /// # Errors
+    /// A pace whose `tau_s` is no time.
+    pub fn room(arm: &Puma260, pace: &Pace) -> Result<Leg, Refusal> {
+        let rest = Joints::zeros();
+        let tool = CartesianPath::rest(&arm.tool_pose(&rest), pace.tau_s, pace.blend);
+        let joints = JointPath::rest(&rest, pace.tau_s);
+        let (joints, tool) = (joints.map_err(limits)?, tool.map_err(limits)?);
+        Ok(Leg { joints, tool, straight: false, next: 0, whole: false })
     }
-    for (index, step) in steps.iter().enumerate() {
-        let before = poses[index];
+
+    /// Begins the leg that starts at rest at `start` (rad) with step `first`; nothing is laid yet.
+    ///
+    /// # Errors
+    /// A start outside the limits.
+    pub fn begin(
+        &mut self,
+        arm: &Puma260,
+        start: &Joints,
+        steps: &[Step],
+        first: usize,
+        pace: &Pace,
+    ) -> Result<(), Refusal> {
+        if !arm.within_limits(start) {
+            return Err(Refusal::Limits);
+        }
+        self.straight = steps.get(first).is_some_and(|step| step.straight);
+        (self.next, self.whole) = (first, false);
+        if self.straight {
+            self.tool.restart(&arm.tool_pose(start), pace.tau_s, pace.blend).map_err(limits)
+        } else {
+            self.joints.restart(start, pace.tau_s).map_err(limits)
+        }
+    }
+
+    /// Lays the next step, if the leg has one more. An empty rest of the queue is a wait of two
+    /// tau.
+    ///
+    /// A tool goal of a joint move takes the branch of the inverse kinematics nearest to the point
+    /// before it. Moves without a time get the shortest at which no joint is faster than its share
+    /// of its limit, or the tool than its speeds, and at least two tau.
+    ///
+    /// # Errors
+    /// [`Refusal`], its index counted from the beginning of the queue.
+    pub fn lay(&mut self, arm: &Puma260, steps: &[Step], pace: &Pace) -> Result<(), Refusal> {
+        if self.whole {
+            return Ok(());
+        }
+        match steps.get(self.next) {
+            None => self.wait(pace)?,
+            Some(step) if self.straight => self.line(arm, step, pace)?,
+            Some(step) => self.turn(arm, step, pace)?,
+        }
+        self.next = steps.len().min(self.next + 1);
+        self.whole = steps.get(self.next).is_none_or(|step| step.straight != self.straight);
+        // The end comes to rest as well; it did not have to while the leg went on.
+        if self.whole && !self.straight {
+            self.corner_below(arm, self.joints.points().len() - 1)?;
+        }
+        Ok(())
+    }
+
+    /// Whether everything is laid.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.whole
+    }
+
+    /// The step after those laid so far.
+    #[must_use]
+    pub fn next_step(&self) -> usize {
+        self.next
+    }
+
+    /// The way so far, ending at rest.
+    #[must_use]
+    pub fn route(&self) -> Route<'_> {
+        if self.straight { Route::Tool(&self.tool) } else { Route::Joints(&self.joints) }
+    }
+
+    /// Folds what says how far it is laid; where it leads follows from the queue and the start.
+    pub fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.straight).add(&self.next).add(&self.whole);
+        if let (false, Some(q)) = (self.straight, self.joints.points().last()) {
+            hash.add(q.as_slice());
+        }
+        if let (true, Some(pose)) = (self.straight, self.tool.points().last()) {
+            hash.add(&pose.translation.to_array());
+        }
+    }
+
+    fn wait(&mut self, pace: &Pace) -> Result<(), Refusal> {
+        let here = self.joints.points().last().copied().unwrap_or_default();
+        self.joints.push(&here, 2.0 * pace.tau_s).map_err(limits)
+    }
+
+    /// One straight move of the tool.
+    fn line(&mut self, arm: &Puma260, step: &Step, pace: &Pace) -> Result<(), Refusal> {
+        let before = self.tool.points().last().copied().unwrap_or_default();
         let pose = match &step.goal {
             Goal::Tool(pose) => *pose,
             Goal::By(shift) => shifted(&before, shift),
             Goal::Joints(q) => arm.tool_pose(q),
         };
         if arm.inverse(&arm.tool_to_wrist(&pose), None).is_empty() {
-            return Err(Refusal::Unreachable { index });
+            return Err(Refusal::Unreachable { index: self.next });
         }
         let way = (pose.translation - before.translation).length() / pace.line_m_s;
         let turn = rotation_vector(&before.rotation, &pose.rotation).length() / pace.turn_rad_s;
-        poses[index + 1] = pose;
-        times[index] = step.t_s.unwrap_or(way.max(turn).max(2.0 * pace.tau_s));
+        let time_s = step.t_s.unwrap_or(way.max(turn).max(2.0 * pace.tau_s));
+        self.tool.push(&pose, time_s).map_err(limits)
     }
-    let segments = steps.len().max(1);
-    CartesianPath::new(&poses[..=segments], &times[..segments], pace.tau_s, pace.blend)
-        .map_err(|_| Refusal::Limits)
+
+    /// One move of the joints.
+    fn turn(&mut self, arm: &Puma260, step: &Step, pace: &Pace) -> Result<(), Refusal> {
+        let corner = self.joints.points().len() - 1;
+        let before = self.joints.points()[corner];
+        let unreachable = Refusal::Unreachable { index: self.next };
+        let point = match &step.goal {
+            Goal::Joints(q) => *q,
+            Goal::Tool(pose) => reach(arm, pose, &before).ok_or(unreachable)?,
+            Goal::By(shift) => {
+                let pose = shifted(&arm.tool_pose(&before), shift);
+                reach(arm, &pose, &before).ok_or(unreachable)?
+            }
+        };
+        let speed_max = arm.speed_max_rad_s * pace.speed;
+        let time_s =
+            step.t_s.unwrap_or_else(|| segment_time_s(&before, &point, &speed_max, pace.tau_s));
+        self.joints.push(&point, time_s).map_err(limits)?;
+        let able =
+            arm.within_limits(&point) && below(&self.joints.speed_in(corner), &arm.speed_max_rad_s);
+        if !able {
+            return Err(Refusal::Limits);
+        }
+        self.corner_below(arm, corner)
+    }
+
+    /// Refuses a corner that asks for more acceleration than there is.
+    fn corner_below(&self, arm: &Puma260, corner: usize) -> Result<(), Refusal> {
+        let peak = self.joints.peak_acceleration_at(corner);
+        if below(&peak, &arm.acceleration_max_rad_s2) { Ok(()) } else { Err(Refusal::Limits) }
+    }
+}
+
+/// Paths refuse what the check at load or the limits should have.
+fn limits(_: PathError) -> Refusal {
+    Refusal::Limits
 }
 
 /// A pose displaced along its own axes (m).
 fn shifted(pose: &Pose, shift: &[f64; 3]) -> Pose {
     Pose::new(pose.rotation, pose.apply(DVec3::from_array(*shift)))
-}
-
-/// The path from rest at `start` (rad) through all `steps` to rest at the last one.
-///
-/// A tool goal takes the branch of the inverse kinematics nearest to the point before it. Segments
-/// without a time get the shortest at which no joint is faster than its share of its limit, and at
-/// least two tau. An empty queue is a wait of two tau.
-///
-/// # Errors
-/// [`Refusal`]; nothing moves then.
-pub fn plan(
-    arm: &Puma260,
-    start: &Joints,
-    steps: &[Step],
-    pace: &Pace,
-) -> Result<JointPath, Refusal> {
-    let Pace { tau_s, speed, .. } = *pace;
-    let mut points = [*start; MAX_POINTS];
-    let mut times = [2.0 * tau_s; MAX_POINTS];
-    if steps.len() >= MAX_POINTS || !arm.within_limits(start) {
-        return Err(Refusal::Limits);
-    }
-    let speed_max = arm.speed_max_rad_s * speed;
-    for (index, step) in steps.iter().enumerate() {
-        let before = points[index];
-        let point = match &step.goal {
-            Goal::Joints(q) => *q,
-            Goal::Tool(pose) => reach(arm, pose, &before).ok_or(Refusal::Unreachable { index })?,
-            Goal::By(shift) => {
-                let pose = shifted(&arm.tool_pose(&before), shift);
-                reach(arm, &pose, &before).ok_or(Refusal::Unreachable { index })?
-            }
-        };
-        points[index + 1] = point;
-        times[index] =
-            step.t_s.unwrap_or_else(|| segment_time_s(&before, &point, &speed_max, tau_s));
-    }
-    let segments = steps.len().max(1);
-    let path = JointPath::new(&points[..=segments], &times[..segments], tau_s)
-        .map_err(|_| Refusal::Limits)?;
-    let inside = points[..=segments].iter().all(|q| arm.within_limits(q))
-        && below(&path.peak_speed(), &arm.speed_max_rad_s)
-        && below(&path.peak_acceleration(), &arm.acceleration_max_rad_s2);
-    if inside { Ok(path) } else { Err(Refusal::Limits) }
 }
 
 /// The solution nearest to `before` within the limits.
@@ -184,6 +246,7 @@ fn below(values: &Joints, limits: &Joints) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use taktil_mechanics::paul::MAX_POINTS;
     use taktil_mechanics::spatial::rotation_y;
 
     fn rolling() -> Joints {
@@ -196,6 +259,31 @@ mod tests {
 
     fn to(q: Joints) -> Step {
         Step { goal: Goal::Joints(q), straight: false, t_s: None }
+    }
+
+    /// Lays a whole leg at once.
+    fn leg(
+        arm: &Puma260,
+        start: &Joints,
+        steps: &[Step],
+        first: usize,
+        pace: &Pace,
+    ) -> Result<Leg, Refusal> {
+        let mut leg = Leg::room(arm, pace)?;
+        leg.begin(arm, start, steps, first, pace)?;
+        while !leg.is_whole() {
+            leg.lay(arm, steps, pace)?;
+        }
+        Ok(leg)
+    }
+
+    fn plan(
+        arm: &Puma260,
+        start: &Joints,
+        steps: &[Step],
+        pace: &Pace,
+    ) -> Result<JointPath, Refusal> {
+        leg(arm, start, steps, 0, pace).map(|leg| leg.joints)
     }
 
     #[test]
@@ -295,22 +383,51 @@ mod tests {
         let aside = to(rolling() + Joints::new(0.1, 0.0, 0.0, 0.0, 0.0, 0.0));
         let steps = [aside, by(0.01), by(-0.02), aside];
         let pace = pace(0.1, 0.3);
-        let (route, count) = leg(&arm, &rolling(), &steps, 0, &pace).unwrap();
-        assert!(matches!(route, Route::Joints(_)) && count == 1);
+        let one = leg(&arm, &rolling(), &steps, 0, &pace).unwrap();
+        assert!(matches!(one.route(), Route::Joints(_)) && one.next_step() == 1);
         let start = aside_joints();
-        let (route, count) = leg(&arm, &start, &steps, 1, &pace).unwrap();
-        let Route::Tool(path) = route else { panic!("a straight leg") };
-        assert_eq!((count, path.points().len()), (2, 3));
+        let two = leg(&arm, &start, &steps, 1, &pace).unwrap();
+        let Route::Tool(path) = two.route() else { panic!("a straight leg") };
+        assert_eq!((two.next_step(), path.points().len()), (3, 3));
         assert_eq!(path.points()[0], arm.tool_pose(&start));
         let span = path.points()[2].translation - path.points()[0].translation;
         assert!((span.length() - 0.01).abs() < 1e-12);
         // 10 mm and 20 mm at 50 mm/s, and two tau.
         assert!((path.duration_s() - 0.8).abs() < 1e-9, "{}", path.duration_s());
-        assert_eq!(leg(&arm, &start, &steps, 3, &pace).unwrap().1, 1);
-        assert_eq!(leg(&arm, &start, &steps, 4, &pace).unwrap().1, 0, "a wait");
+        assert_eq!(leg(&arm, &start, &steps, 3, &pace).unwrap().next_step(), 4);
+        let wait = leg(&arm, &start, &steps, 4, &pace).unwrap();
+        assert_eq!((wait.next_step(), wait.route().duration_s()), (4, 0.4), "a wait");
         let far = [aside, by(0.01), by(0.9)];
         let refused = leg(&arm, &start, &far, 1, &pace);
-        assert_eq!(refused, Err(Refusal::Unreachable { index: 2 }));
+        assert_eq!(refused.err(), Some(Refusal::Unreachable { index: 2 }));
+    }
+
+    #[test]
+    fn a_leg_laid_over_another_is_as_if_laid_alone() {
+        let arm = Puma260::reference();
+        let by = |x: f64, straight| Step { goal: Goal::By([x, 0.0, 0.01]), straight, t_s: None };
+        let steps = [by(0.01, true), by(-0.02, true), by(0.02, false), by(0.01, false)];
+        let pace = pace(0.1, 0.3);
+        let mut used = leg(&arm, &aside_joints(), &steps, 0, &pace).unwrap();
+        for (first, moves) in [(2, 2), (1, 1), (3, 1), (0, 2)] {
+            used.begin(&arm, &rolling(), &steps, first, &pace).unwrap();
+            let mut laid = 0;
+            while !used.is_whole() {
+                used.lay(&arm, &steps, &pace).unwrap();
+                laid += 1;
+            }
+            let fresh = leg(&arm, &rolling(), &steps, first, &pace).unwrap();
+            assert_eq!((laid, used.next_step()), (moves, fresh.next_step()), "one move a job");
+            assert_eq!(used.route().duration_s(), fresh.route().duration_s());
+            for tick in 0..1000 {
+                let t_s = 0.0025 * f64::from(tick);
+                match (used.route(), fresh.route()) {
+                    (Route::Joints(a), Route::Joints(b)) => assert_eq!(a.at(t_s), b.at(t_s)),
+                    (Route::Tool(a), Route::Tool(b)) => assert_eq!(a.at(t_s), b.at(t_s)),
+                    other => panic!("{other:?}"),
+                }
+            }
+        }
     }
 
     fn aside_joints() -> Joints {

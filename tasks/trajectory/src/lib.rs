@@ -3,8 +3,8 @@
 //! arm could not follow: the whole of it is looked at first, and `check` says which move, joint and
 //! time.
 //!
-//! When the state becomes TRAJECTORY the path is laid from the joints desired at that moment,
-//! looked at for as many jobs as that takes, and then only followed; when the state is left early
+//! When the state becomes TRAJECTORY the path is laid from the joints desired at that moment and
+//! looked at, for as many jobs as that takes, and then only followed; when the state is left early
 //! the goal becomes invalid, and the next entry starts anew. A queue that cannot be run ends at
 //! once: the goal is invalid and done.
 
@@ -24,12 +24,11 @@ use taktil_signal::{ControlState, Desired, Goal, JointState, MoveCheck, State};
 
 /// Where the task is with its queue.
 #[derive(Clone, Copy, Debug)]
-#[expect(clippy::large_enum_variant, reason = "there is one, and the lane has no heap")]
 enum Progress {
     /// Another state has the arm.
     Idle,
-    /// Looking at the queue or on the way.
-    Under { program: Program, datum: u32 },
+    /// The program is under way, from joints of this datum.
+    Under { datum: u32 },
     /// The queue was refused in this stay.
     Refused,
 }
@@ -42,6 +41,7 @@ pub struct Trajectory {
     goal: Output<Goal>,
     check: Output<MoveCheck>,
     plan: Plan,
+    program: Program,
     progress: Progress,
     /// When the present stay in TRAJECTORY began.
     entered_ns: i64,
@@ -57,8 +57,13 @@ impl Trajectory {
     pub fn new(config: Config, ports: &mut Ports) -> Result<Trajectory, Invalid> {
         let arm = Puma260::reference();
         let steps = config.steps(&arm)?;
+        let plan = Plan::new(&config, &arm, steps);
+        let program = Program::room(&plan).map_err(|_| {
+            Invalid::new("tau_s", format!("{} s allows no path", config.tau_s), "give more")
+        })?;
         Ok(Trajectory {
-            plan: Plan::new(&config, &arm, steps),
+            plan,
+            program,
             control: ports.input("control"),
             desired: ports.input_delayed("desired"),
             joints: ports.input("joints"),
@@ -82,21 +87,23 @@ impl Trajectory {
             return Err((FaultCode::MoveRefused, None));
         };
         let start = Joints::from(start.q_rad);
-        let program = Program::new(&mut self.plan, &start, tick_s)
+        self.program
+            .begin(&mut self.plan, &start, tick_s)
             .map_err(|check| (fault_of(&check), Some(check)))?;
-        self.progress = Progress::Under { program, datum: joints.datum };
+        self.progress = Progress::Under { datum: joints.datum };
         Ok(())
     }
 
     /// The goal of this job, and what the check says if it has something to say.
     fn proceed(&mut self, tick: u64) -> (Goal, Option<MoveCheck>, Result<(), FaultCode>) {
-        let Progress::Under { program, .. } = &mut self.progress else {
-            let goal = if matches!(self.progress, Progress::Idle) { Goal::ZERO } else { REFUSED };
-            return (goal, None, Ok(()));
-        };
-        let looking = program.check().verdict == 1;
-        let outcome = program.step(&self.plan, tick);
-        let check = *program.check();
+        match self.progress {
+            Progress::Idle => return (Goal::ZERO, None, Ok(())),
+            Progress::Refused => return (REFUSED, None, Ok(())),
+            Progress::Under { .. } => {}
+        }
+        let looking = self.program.check().verdict == 1;
+        let outcome = self.program.step(&self.plan, tick);
+        let check = *self.program.check();
         match outcome {
             Outcome::At(at, done) => {
                 let (q_rad, qd_rad_s) = (at.q.into(), at.qd.into());
@@ -157,9 +164,9 @@ impl Task for Trajectory {
             Progress::Idle => {
                 hash.word(0);
             }
-            Progress::Under { program, datum } => {
+            Progress::Under { datum } => {
                 hash.word(1).add(datum);
-                program.fold(hash);
+                self.program.fold(hash);
             }
             Progress::Refused => {
                 hash.word(2);

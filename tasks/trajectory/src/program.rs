@@ -1,8 +1,8 @@
-//! A queue on its way: first every leg is looked at, a few ticks in each job, then the legs are
-//! run one after another. Refuses to move before the last leg was looked at, and to go on where the
+//! A queue on its way: first every leg is laid, a move a job, and looked at, a few ticks a job; then
+//! the legs are run one after another, the next being laid while one is run. No job does more than
+//! its neighbours, however long the queue. Refuses to move before the last leg was looked at, and to go on where the
 //! arm cannot follow.
 
-use core::ops::ControlFlow;
 use taktil_mechanics::Joints;
 
 use taktil_mechanics::dynamics::Dynamics;
@@ -15,7 +15,7 @@ use taktil_rtcore::{Payload, StateHash};
 use taktil_signal::MoveCheck;
 
 use crate::config::{Config, MAX_MOVES, Step};
-use crate::law::{self, Pace, leg};
+use crate::law::{self, Leg, Pace};
 
 /// Ticks looked at in one job: four times as fast as they will be run, and one look at the torque.
 const LOOKED_A_JOB: u32 = 4;
@@ -56,25 +56,30 @@ struct Begin {
 }
 
 #[derive(Clone, Copy, Debug)]
-#[expect(clippy::large_enum_variant, reason = "there is one, and the lane has no heap")]
 enum Stage {
-    /// The leg at hand is being looked at.
-    Looking(Inspection),
-    /// The leg at hand is being run, since this job; joints at the last one (rad).
-    Running { route: Route, follower: Follower, since: u64, last: u64 },
+    /// The leg at hand is being laid, to be looked at.
+    Laying,
+    /// It is being looked at.
+    Looking,
+    /// Everything was looked at: the first leg is being laid again, to be run.
+    Returning,
+    /// The leg at hand is being run since this job; the last job of it.
+    Running { since: u64, last: u64 },
 }
 
-/// A queue on its way.
-#[derive(Clone, Copy, Debug)]
+/// A queue on its way. There is one, and everything in it stays where it is: a leg is some kB.
+#[derive(Debug)]
 pub struct Program {
     begins: [Begin; MAX_MOVES + 1],
     /// Legs looked at so far.
     legs: usize,
-    /// The leg at hand.
+    /// The leg that is run.
     leg: usize,
-    /// The step after the leg at hand.
-    next_step: usize,
+    /// The leg at hand, and the one that is laid while it is run.
+    hands: [Leg; 2],
     stage: Stage,
+    inspection: Inspection,
+    follower: Follower,
     /// Where the arm is wanted now (rad).
     q: Joints,
     check: MoveCheck,
@@ -90,25 +95,38 @@ pub enum Outcome {
 }
 
 impl Program {
+    /// Room for a program, before the first is begun.
+    ///
+    /// # Errors
+    /// A pace that allows no path at all.
+    pub fn room(plan: &Plan) -> Result<Program, law::Refusal> {
+        let q = Joints::zeros();
+        let hand = || Leg::room(&plan.arm, &plan.pace);
+        let hands = [hand()?, hand()?];
+        let terms = Terms { tick_s: 1.0, ..plan.terms.clone() };
+        let inspection = Inspection::new(hands[0].route(), &q, &terms);
+        Ok(Program {
+            begins: [Begin { step: 0, q }; MAX_MOVES + 1],
+            legs: 0,
+            leg: 0,
+            hands,
+            stage: Stage::Laying,
+            inspection: inspection.map_err(|_| law::Refusal::Limits)?,
+            follower: Follower::new(&plan.arm, &q),
+            q,
+            check: MoveCheck::ZERO,
+        })
+    }
+
     /// Begins at joints `start` (rad), where the arm is wanted; `tick_s` is the lane's period (s).
     ///
     /// # Errors
     /// The check, with its reason.
-    pub fn new(plan: &mut Plan, start: &Joints, tick_s: f64) -> Result<Program, MoveCheck> {
+    pub fn begin(&mut self, plan: &mut Plan, start: &Joints, tick_s: f64) -> Result<(), MoveCheck> {
         plan.terms.tick_s = tick_s;
-        let check = MoveCheck { verdict: 1, singular: [1.0; 3], ..MoveCheck::ZERO };
-        let (inspection, next_step) =
-            look(plan, start, 0).map_err(|why| refused(check, 0, &why))?;
-        let begin = Begin { step: 0, q: *start };
-        Ok(Program {
-            begins: [begin; MAX_MOVES + 1],
-            legs: 0,
-            leg: 0,
-            next_step,
-            stage: Stage::Looking(inspection),
-            q: *start,
-            check,
-        })
+        self.check = MoveCheck { verdict: 1, singular: [1.0; 3], ..MoveCheck::ZERO };
+        (self.legs, self.leg, self.q) = (0, 0, *start);
+        self.begin_leg(plan, 0, *start).map_err(|why| refused(self.check, 0, &why))
     }
 
     /// How the check stands.
@@ -119,91 +137,153 @@ impl Program {
 
     /// Folds what the next job depends on.
     pub fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.legs).add(&self.leg).add(&self.next_step).add(self.q.as_slice());
-        hash.add(&self.check);
+        hash.add(&self.legs).add(&self.leg).add(self.q.as_slice()).add(&self.check);
+        for hand in &self.hands {
+            hand.fold(hash);
+        }
         match &self.stage {
-            Stage::Looking(inspection) => hash.word(0).add(inspection.joints().as_slice()),
-            Stage::Running { follower, since, last, .. } => {
-                hash.word(1).add(follower.joints().as_slice()).add(since).add(last)
+            Stage::Laying => hash.word(0),
+            Stage::Looking => hash.word(1).add(self.inspection.preview().end.as_slice()),
+            Stage::Returning => hash.word(2),
+            Stage::Running { since, last } => {
+                hash.word(3).add(self.follower.joints().as_slice()).add(since).add(last)
             }
         };
     }
 
-    /// One job, number `tick`.
+    /// One job, number `tick`: lays one move, looks at a few ticks, or runs.
     pub fn step(&mut self, plan: &Plan, tick: u64) -> Outcome {
-        if let Stage::Looking(inspection) = &mut self.stage {
-            match inspection.advance(LOOKED_A_JOB, &plan.terms) {
-                Verdict::Open => return Outcome::At(Setpoint::rest(&self.q), false),
-                Verdict::Refused(why) => return self.refuse(plan, &Why::Cannot(why)),
-                Verdict::Passed(preview) => {
-                    if let ControlFlow::Break(outcome) = self.passed(plan, &preview, tick) {
-                        return outcome;
-                    }
+        let outcome = match self.stage {
+            Stage::Laying => self.lay(plan),
+            Stage::Looking => self.look(plan, tick),
+            Stage::Returning => self.lay_for_run(plan, 0, 0).map(|()| {
+                if self.hands[0].is_whole() {
+                    self.start(plan, tick);
                 }
-            }
+            }),
+            Stage::Running { .. } => Ok(()),
+        };
+        match outcome {
+            Err((step, why)) => self.refuse(step, &why),
+            Ok(()) => match self.stage {
+                Stage::Running { .. } => self.run(plan, tick),
+                _ => Outcome::At(Setpoint::rest(&self.q), false),
+            },
         }
-        self.run(plan, tick)
     }
 
-    /// A leg was found good: looks at the next, or starts the first.
-    fn passed(&mut self, plan: &Plan, preview: &Preview, tick: u64) -> ControlFlow<Outcome> {
+    /// The leg after those looked at begins with `step` at `q`.
+    fn begin_leg(&mut self, plan: &Plan, step: usize, q: Joints) -> Result<(), Why> {
+        self.begins[self.legs] = Begin { step, q };
+        self.stage = Stage::Laying;
+        self.hands[0].begin(&plan.arm, &q, &plan.steps, step, &plan.pace).map_err(Why::Planned)
+    }
+
+    /// Lays one move of the leg to be looked at.
+    fn lay(&mut self, plan: &Plan) -> Result<(), (usize, Why)> {
+        let begin = &self.begins[self.legs];
+        let hand = &mut self.hands[0];
+        let at_begin = |why| (begin.step, why);
+        hand.lay(&plan.arm, &plan.steps, &plan.pace).map_err(|why| at_begin(Why::Planned(why)))?;
+        if hand.is_whole() {
+            self.inspection = Inspection::new(hand.route(), &begin.q, &plan.terms)
+                .map_err(|why| at_begin(Why::Cannot(why)))?;
+            self.stage = Stage::Looking;
+        }
+        Ok(())
+    }
+
+    /// Looks at a few ticks; what was found good is followed by the next leg, or the start.
+    fn look(&mut self, plan: &Plan, tick: u64) -> Result<(), (usize, Why)> {
+        let hand = &self.hands[0];
+        match self.inspection.advance(LOOKED_A_JOB, hand.route(), &plan.terms) {
+            Verdict::Open => return Ok(()),
+            // The move at hand is known to its leg only; a leg of one move is named exactly.
+            Verdict::Refused(why) => return Err((self.begins[self.legs].step, Why::Cannot(why))),
+            Verdict::Passed => {}
+        }
+        let preview = self.inspection.preview();
         note(&mut self.check, preview);
-        self.check.moves = self.next_step as u32;
+        let (next, end) = (hand.next_step(), preview.end);
+        self.check.moves = next as u32;
         self.legs += 1;
-        if self.next_step < plan.steps.len() {
-            let begin = Begin { step: self.next_step, q: preview.end };
-            self.begins[self.legs] = begin;
-            match look(plan, &begin.q, begin.step) {
-                Ok((inspection, next_step)) => {
-                    (self.stage, self.next_step) = (Stage::Looking(inspection), next_step);
-                    return ControlFlow::Break(Outcome::At(Setpoint::rest(&self.q), false));
-                }
-                Err(why) => return ControlFlow::Break(self.refuse_at(begin.step, &why)),
-            }
+        if next < plan.steps.len() {
+            return self.begin_leg(plan, next, end).map_err(|why| (next, why));
         }
         self.check.verdict = 2;
-        self.enter(plan, 0, tick)
+        if self.legs == 1 {
+            // The only leg is at hand already.
+            self.start(plan, tick);
+            return Ok(());
+        }
+        self.stage = Stage::Returning;
+        self.begin_for_run(plan, 0, 0)
     }
 
-    /// Starts a leg in this job.
-    fn enter(&mut self, plan: &Plan, number: usize, tick: u64) -> ControlFlow<Outcome> {
-        let begin = self.begins[number];
-        match leg(&plan.arm, &begin.q, &plan.steps, begin.step, &plan.pace) {
-            Ok((route, count)) => {
-                let follower = Follower::new(&plan.arm, &begin.q);
-                (self.leg, self.next_step) = (number, begin.step + count);
-                self.q = begin.q;
-                self.stage = Stage::Running { route, follower, since: tick, last: tick };
-                ControlFlow::Continue(())
-            }
-            Err(why) => ControlFlow::Break(self.refuse_at(begin.step, &Why::Planned(why))),
+    /// Begins to lay leg `number` in `hand`, to be run.
+    fn begin_for_run(
+        &mut self,
+        plan: &Plan,
+        number: usize,
+        hand: usize,
+    ) -> Result<(), (usize, Why)> {
+        let Begin { step, q } = &self.begins[number];
+        let begun = self.hands[hand].begin(&plan.arm, q, &plan.steps, *step, &plan.pace);
+        begun.map_err(|why| (*step, Why::Planned(why)))
+    }
+
+    /// Lays one move of leg `number` in `hand`, to be run.
+    fn lay_for_run(&mut self, plan: &Plan, number: usize, hand: usize) -> Result<(), (usize, Why)> {
+        let laid = self.hands[hand].lay(&plan.arm, &plan.steps, &plan.pace);
+        laid.map_err(|why| (self.begins[number].step, Why::Planned(why)))
+    }
+
+    /// Starts the leg at hand in this job.
+    fn start(&mut self, plan: &Plan, tick: u64) {
+        let begin = &self.begins[self.leg];
+        self.follower = Follower::new(&plan.arm, &begin.q);
+        self.q = begin.q;
+        self.stage = Stage::Running { since: tick, last: tick };
+    }
+
+    /// Lays the leg after the one that is run, one move a job.
+    fn prepare(&mut self, plan: &Plan, first_job: bool) -> Result<(), (usize, Why)> {
+        let (next, hand) = (self.leg + 1, (self.leg + 1) % 2);
+        if next >= self.legs {
+            return Ok(());
+        }
+        if first_job {
+            self.begin_for_run(plan, next, hand)
+        } else {
+            self.lay_for_run(plan, next, hand)
         }
     }
 
     fn run(&mut self, plan: &Plan, tick: u64) -> Outcome {
-        let over = match &self.stage {
-            Stage::Running { route, since, .. } => {
-                seconds(tick - since, plan.terms.tick_s) >= route.duration_s()
-            }
-            Stage::Looking(_) => false,
-        };
-        if over
-            && self.leg + 1 < self.legs
-            && let ControlFlow::Break(outcome) = self.enter(plan, self.leg + 1, tick)
-        {
-            return outcome;
-        }
-        let Stage::Running { route, follower, since, last } = &mut self.stage else {
+        let Stage::Running { since, .. } = self.stage else {
             return Outcome::At(Setpoint::rest(&self.q), false);
         };
+        let t_s = seconds(tick - since, plan.terms.tick_s);
+        let over = t_s >= self.hands[self.leg % 2].route().duration_s();
+        let last_leg = self.leg + 1 == self.legs;
+        // A leg so short that the next one is not laid yet is waited for at its end.
+        if over && !last_leg && tick > since && self.hands[(self.leg + 1) % 2].is_whole() {
+            self.leg += 1;
+            self.start(plan, tick);
+        }
+        let Stage::Running { since, last } = &mut self.stage else {
+            return Outcome::At(Setpoint::rest(&self.q), false);
+        };
+        let first_job = tick == *since;
         let t_s = seconds(tick - *since, plan.terms.tick_s);
+        let route = self.hands[self.leg % 2].route();
         let done = self.leg + 1 == self.legs && t_s >= route.duration_s();
         let setpoint = match route {
             Route::Joints(path) => Ok(path.at(t_s)),
             Route::Tool(_) if tick == *last => Ok(Setpoint::rest(&self.q)),
             Route::Tool(path) => {
                 let dt_s = seconds(tick - *last, plan.terms.tick_s);
-                let got = follower.step(&path.at(t_s).pose, dt_s);
+                let got = self.follower.step(&path.at(t_s).pose, dt_s);
                 got.map(|got| Setpoint {
                     q: got.q,
                     qd: (got.q - self.q) / dt_s,
@@ -215,19 +295,19 @@ impl Program {
         match setpoint {
             Ok(setpoint) => {
                 self.q = setpoint.q;
-                Outcome::At(setpoint, done)
+                match self.prepare(plan, first_job) {
+                    Ok(()) => Outcome::At(setpoint, done),
+                    Err((step, why)) => self.refuse(step, &why),
+                }
             }
-            Err(why) => self.refuse(plan, &Why::Cannot(Refusal::Lost { why, t_s })),
+            Err(why) => {
+                let lost = Why::Cannot(Refusal::Lost { why, t_s });
+                self.refuse(self.begins[self.leg].step, &lost)
+            }
         }
     }
 
-    fn refuse(&mut self, plan: &Plan, why: &Why) -> Outcome {
-        // The move at hand is known to its leg only; a leg of one move is named exactly.
-        let number = if matches!(self.stage, Stage::Looking(_)) { self.legs } else { self.leg };
-        self.refuse_at(self.begins[number].step.min(plan.steps.len()), why)
-    }
-
-    fn refuse_at(&mut self, step: usize, why: &Why) -> Outcome {
+    fn refuse(&mut self, step: usize, why: &Why) -> Outcome {
         self.check = refused(self.check, step, why);
         Outcome::Refused
     }
@@ -237,14 +317,6 @@ impl Program {
 enum Why {
     Planned(law::Refusal),
     Cannot(Refusal),
-}
-
-/// Plans the leg that begins with `step` and starts to look at it; also the step after it.
-fn look(plan: &Plan, start: &Joints, step: usize) -> Result<(Inspection, usize), Why> {
-    let (route, count) =
-        leg(&plan.arm, start, &plan.steps, step, &plan.pace).map_err(Why::Planned)?;
-    let inspection = Inspection::new(&route, start, &plan.terms).map_err(Why::Cannot)?;
-    Ok((inspection, step + count))
 }
 
 #[expect(clippy::cast_precision_loss, reason = "jobs of a run stay far below 2^53")]

@@ -96,8 +96,8 @@ fn by_mm(shift: [f64; 3], straight: bool) -> Move {
     Move { joints_deg: None, tool: None, by_mm: Some(shift), straight, t_s: None }
 }
 
-/// Jobs in which a queue of the length of [`queue`] is looked at before it begins.
-const LOOKED: usize = 71;
+/// Jobs in which the move of [`queue`] is laid, one, and looked at before it begins.
+const LOOKED: usize = 72;
 
 fn queue() -> Config {
     let one = Move {
