@@ -10,8 +10,9 @@ readonly REFERENCE_LIMIT_US=40
 readonly MARGIN_US=5
 # Longest job of a lane, 40000 instructions; measured up to 54 us (touch).
 readonly JOB_LIMIT_US=80
-# That of the servo lane, 125000 instructions: the job that takes a queue of moves lays its first leg; measured 98000, of which half is copying.
-readonly SERVO_JOB_LIMIT_US=250
+# That of the servo lane, 45000 instructions: nine tasks are 19300, and a queue of moves adds 10400 to each job that looks at four ticks
+# of it and 11100 to one that lays a move, the costliest of which is an inverse kinematics of 9600.
+readonly SERVO_JOB_LIMIT_US=90
 # What the executor itself takes in a cycle of an empty lane, job included: at p50 2000 instructions, evidence for misses included; measured 1527.
 readonly EXECUTOR_LIMIT_US=4
 
