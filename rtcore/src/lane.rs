@@ -2,6 +2,7 @@
 //! exactly this code. Refuses to know what time it really is: a job is told its release. The clock
 //! is read to time tasks, if that is wanted, and decides nothing.
 
+use core::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
@@ -19,6 +20,7 @@ use crate::pulse::Pulse;
 use crate::record::{HEADER_BYTES, Recording, Tap};
 use crate::release::GuardFigures;
 use crate::schedule::LaneSpec;
+use crate::silence;
 use crate::state::StateHash;
 use crate::status::{LaneHealth, ModeStatus};
 use crate::task::{Cycle, Task};
@@ -31,20 +33,26 @@ pub(crate) struct Seat {
     pub(crate) disabled: bool,
     /// Hash of the task's state after its last step.
     pub(crate) state: u64,
+    /// Which of the lane's parameters are the task's.
+    pub(crate) parameters: Range<usize>,
 }
 
 impl Seat {
     pub(crate) fn new(name: &str, task: Box<dyn Task>) -> Seat {
-        Seat { name: name.to_owned(), task, disabled: false, state: 0 }
+        let name = name.to_owned();
+        Seat { name, task, disabled: false, state: 0, parameters: 0..0 }
     }
 
-    /// One step, and the state that it left.
+    /// One step, and the state that it left: its parameters as edited, and what it folds.
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>, hashed: bool) -> Result<(), FaultCode> {
         // A step that panics leaves no state.
         self.state = 0;
         let outcome = self.task.step(cycle, io);
         if hashed {
             let mut hash = StateHash::new();
+            if let Some(values) = io.parameters.get(self.parameters.clone()) {
+                hash.add(values);
+            }
             self.task.fold(&mut hash);
             self.state = hash.value();
         }
@@ -87,6 +95,8 @@ pub(crate) struct Lane {
     pub(crate) scratch: Box<[u8]>,
     pub(crate) next_tick: u64,
     pub(crate) figures: Figures,
+    /// Where a task of this lane panicked first.
+    pub(crate) panicked: Option<String>,
     pub(crate) stopped: bool,
 }
 
@@ -297,6 +307,16 @@ impl Lane {
             self.signals.retain(|&(cell, _)| cells[cell].linked());
             self.trace.tapes.clear();
         }
+    }
+
+    /// Outside jobs, on the thread that runs them: keeps the place of the lane's first panic.
+    pub(crate) fn note_panic(&mut self) {
+        if !self.figures.faults.contains(FaultCode::TaskPanicked) {
+            return;
+        }
+        let Some(site) = silence::take() else { return };
+        let told = || format!("lane {}: panicked at {site}", self.spec.name);
+        self.panicked.get_or_insert_with(told);
     }
 
     fn publish(&mut self, tick: u64, release: Nanos) {

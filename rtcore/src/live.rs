@@ -25,7 +25,7 @@ use crate::pulse::Pulse;
 use crate::record::{Drain, Observer};
 use crate::silence;
 use beat::beat;
-use flags::{Roll, Slip, Start, Word};
+use flags::{Roll, Slip, Start, Storms, Word};
 pub use grant::rehearse;
 use grant::{ask, complete};
 use ledger::Ledger;
@@ -182,6 +182,8 @@ struct Shared<'a> {
     ended: Roll,
     /// Wall time minus logical time that stalls have cost so far, ns.
     slip: Slip,
+    /// Storms of misses in any lane, of which every lane hears.
+    storms: Storms,
     /// Which lane has finished which job.
     ledger: Ledger,
 }
@@ -193,14 +195,8 @@ impl Shared<'_> {
     }
 }
 
-/// What a lane's thread answers, each once: before the first job and after the last.
-#[derive(Default)]
-struct Answers {
-    /// What it did not get, and what it runs with.
-    granted: OnceLock<(Vec<Shortfall>, LaneGrant)>,
-    /// Where it panicked first.
-    panicked: OnceLock<String>,
-}
+/// What a lane's thread answers before the first job: what it did not get, and what it runs with.
+type Answer = OnceLock<(Vec<Shortfall>, LaneGrant)>;
 
 /// Runs the machine on the kernel's clock until the terms say so or until `stop` is set.
 ///
@@ -223,7 +219,8 @@ pub fn run(
     drop(awake);
     unlock_memory();
     machine.stop();
-    outcome.map(|(slipped, panics)| Account { attestation, slipped, panics })
+    let panics = machine.panics().map(str::to_owned).collect();
+    outcome.map(|slipped| Account { attestation, slipped, panics })
 }
 
 fn run_threads(
@@ -232,7 +229,7 @@ fn run_threads(
     stop: &AtomicBool,
     audience: &mut dyn Audience,
     (attestation, asked): (&mut Attestation, Vec<Shortfall>),
-) -> Result<(Nanos, Vec<String>), LiveError> {
+) -> Result<Nanos, LiveError> {
     let count = machine.lanes.len();
     let shared = Shared {
         stop,
@@ -240,19 +237,20 @@ fn run_threads(
         start: Start::new(),
         ended: Roll::new(),
         slip: Slip::new(),
+        storms: Storms::new(),
         ledger: Ledger::new(machine.lanes.iter().map(|lane| &lane.spec), terms.until),
     };
     let mut hangs = Hangs::new(&machine.lanes, terms.pace);
     let (lanes, drains) = (&mut machine.lanes, &mut machine.drains);
     let clock = OnceLock::new();
-    let answers: Vec<Answers> = (0..count).map(|_| Answers::default()).collect();
+    let answers: Vec<Answer> = (0..count).map(|_| Answer::new()).collect();
     thread::scope(|scope| {
         let _ends = EndOnUnwind(&shared.start);
-        for (index, (lane, answers)) in lanes.iter_mut().zip(&answers).enumerate() {
+        for (index, (lane, answer)) in lanes.iter_mut().zip(&answers).enumerate() {
             let (shared, clock) = (&shared, &clock);
             let builder =
                 thread::Builder::new().name(lane.spec.name.clone()).stack_size(STACK_BYTES);
-            let body = move || lane_thread((index, lane), terms, shared, clock, answers);
+            let body = move || lane_thread((index, lane), terms, shared, clock, answer);
             if let Err(why) = builder.spawn_scoped(scope, body) {
                 shared.start.say(Word::Abandon);
                 return Err(LiveError::NoThread(why.to_string()));
@@ -261,8 +259,8 @@ fn run_threads(
         while shared.ready.count() < count {
             thread::sleep(CARRY_PAUSE);
         }
-        let answers_granted = answers.iter().filter_map(|answers| answers.granted.get().cloned());
-        complete(attestation, asked, answers_granted, &terms.contract.demands());
+        let granted = answers.iter().filter_map(|answer| answer.get().cloned());
+        complete(attestation, asked, granted, &terms.contract.demands());
         if attestation.refused().next().is_some() {
             shared.start.say(Word::Abandon);
             return Err(LiveError::NotGranted(Box::new(attestation.clone())));
@@ -281,8 +279,7 @@ fn run_threads(
         if let Some(hang) = hangs.found {
             return Err(LiveError::Hung(hang));
         }
-        let panics = answers.iter().filter_map(|answers| answers.panicked.get()).cloned();
-        Ok((Nanos(shared.slip.ns()), panics.collect()))
+        Ok(Nanos(shared.slip.ns()))
     })
 }
 
@@ -358,12 +355,12 @@ fn lane_thread(
     terms: Terms,
     shared: &Shared<'_>,
     clock: &OnceLock<MonotonicClock>,
-    answers: &Answers,
+    answer: &Answer,
 ) {
-    let answer = ask(&lane.spec);
+    let granted = ask(&lane.spec);
     touch_stack();
     silence::rehearse();
-    let _ = answers.granted.set(answer);
+    let _ = answer.set(granted);
     shared.ready.come();
     while shared.start.word() == Word::Wait {
         thread::sleep(CARRY_PAUSE);
@@ -376,8 +373,6 @@ fn lane_thread(
         thread::sleep(CARRY_PAUSE);
     }
     lane.stop();
-    if let Some(site) = silence::take() {
-        let _ = answers.panicked.set(format!("lane {}: panicked at {site}", lane.spec.name));
-    }
+    lane.note_panic();
     shared.ended.come();
 }

@@ -97,6 +97,11 @@ impl Machine {
         self.lanes.iter().map(|lane| (&lane.spec, &lane.figures))
     }
 
+    /// Where jobs panicked, the first place of each lane.
+    pub fn panics(&self) -> impl Iterator<Item = &str> {
+        self.lanes.iter().filter_map(|lane| lane.panicked.as_deref())
+    }
+
     /// Starts every task in order; the first refusal is returned with the task's name.
     pub(crate) fn start(&mut self) -> Result<(), (String, FaultCode)> {
         for lane in &mut self.lanes {
@@ -208,7 +213,9 @@ impl Builder {
         draft.inputs.extend(ports.inputs.into_iter().map(|input| (seat, input)));
         draft.outputs.extend(ports.outputs.into_iter().map(|output| (seat, output)));
         draft.tapes.extend(ports.tapes);
-        draft.seats.push(Seat::new(name, task));
+        let mut seat = Seat::new(name, task);
+        seat.parameters = ports.first_parameter..draft.parameters.len();
+        draft.seats.push(seat);
         Ok(())
     }
 
@@ -473,6 +480,7 @@ fn take_lane(
         scratch: vec![0; HEADER_BYTES + body].into_boxed_slice(),
         next_tick: 0,
         figures,
+        panicked: None,
         stopped: false,
     };
     (lane, drain)

@@ -16,7 +16,6 @@ use crate::payload::Payload;
 use crate::port::Io;
 use crate::record::{Catalog, Observer, Record};
 use crate::schedule::LaneSpec;
-use crate::silence;
 use crate::state::StateHash;
 use crate::task::{Cycle, Task};
 use crate::trace::Decision;
@@ -199,7 +198,6 @@ pub fn run(
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<Nanos, ReplayError> {
-    silence::install();
     for task in fed {
         feed(machine, script, task)?;
     }

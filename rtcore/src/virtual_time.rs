@@ -1,7 +1,8 @@
 //! The executor in virtual time: every lane on the calling thread, each job at its release, nobody
 //! waits. The order of jobs released at the same instant does not matter to any value, because
-//! values cross lanes only later. Refuses to skip a job, and to ask the kernel about each of them:
-//! page faults are a live lane's affair.
+//! values cross lanes only later. A panic inside a job is as silent as on a lane's own thread.
+//! Refuses to skip a job, and to ask the kernel about each of them: page faults are a live lane's
+//! affair.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -13,6 +14,7 @@ use crate::linux::monotonic;
 use crate::machine::Machine;
 use crate::misses::Notice;
 use crate::record::Observer;
+use crate::silence;
 
 /// A clock that shows the last instant somebody slept until; it never runs backwards.
 #[derive(Debug, Default)]
@@ -57,6 +59,7 @@ pub(crate) fn run_chosen(
     observer: &mut dyn Observer,
     mut choose: impl FnMut(&mut Machine) -> Option<(Nanos, usize)>,
 ) -> Result<Nanos, (String, FaultCode)> {
+    silence::install();
     machine.start()?;
     let clock = VirtualClock::default();
     while !stop.load(Ordering::Relaxed) {
@@ -69,6 +72,7 @@ pub(crate) fn run_chosen(
         let begin = monotonic();
         lane.job(lane.next_tick, Notice::default());
         let took = monotonic() - begin;
+        lane.note_panic();
         lane.figures.lateness_ns.saturating_record(0);
         lane.figures.execution_ns.saturating_record(took.0.unsigned_abs());
         machine.drains[index].drain(observer);

@@ -8,6 +8,7 @@ use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
 use taktil_rtcore::parameter::Edit;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::replay::Script;
+use taktil_rtcore::trace::LaneState8;
 use taktil_rtcore::{
     Builder, Cycle, Editor, FaultCode, Io, LaneSpec, Machine, Nanos, Output, Param, Payload, Task,
     Transaction, payload, replay, virtual_time,
@@ -183,5 +184,28 @@ fn a_parameter_whose_first_value_is_out_of_range_refuses_the_machine() {
             Ok(Box::new(Teller { gain, out: ports.output("found") }))
         });
         assert_eq!(refused.unwrap_err().place, "teller.gain[1]", "{bad}");
+    }
+}
+
+/// States of the tasks of a lane, job by job.
+fn states(machine: &Machine, keep: &Keep, lane: &str) -> Vec<(i64, u64)> {
+    let states = keep.of::<LaneState8>(machine, &format!("{lane}.state"));
+    states.into_iter().map(|(release, state)| (release, state.task[0])).collect()
+}
+
+#[test]
+fn parameters_are_part_of_their_task_s_state_from_the_job_that_takes_an_edit() {
+    let run = |mut machine: Machine| {
+        let mut keep = Keep::default();
+        virtual_time::run(&mut machine, ms(40), &AtomicBool::new(false), &mut keep).unwrap();
+        (machine, keep)
+    };
+    let ((edited, with), (plain, without)) = (run(planned()), run(machine()));
+    for lane in ["fast", "slow", "plain"] {
+        let pairs = states(&edited, &with, lane).into_iter().zip(states(&plain, &without, lane));
+        for ((release, a), (_, b)) in pairs {
+            let taken = lane != "plain" && release >= 20_500_000;
+            assert_eq!(a != b, taken, "{lane} at {release}");
+        }
     }
 }

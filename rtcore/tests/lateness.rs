@@ -112,7 +112,9 @@ fn machine(trouble: &Trouble, late: Late) -> Machine {
     let bucket = Bucket { full: 6, leak_jobs: 100 };
     let spec = LaneSpec { late, misses: bucket, ..LaneSpec::new("first", ms(5), 50) };
     let first = b.lane(spec).unwrap();
-    let second = b.lane(LaneSpec::new("second", ms(5), 50)).unwrap();
+    // Its own bucket never fills, however busy this machine is.
+    let misses = Bucket { full: 1_000_000, leak_jobs: 1 };
+    let second = b.lane(LaneSpec { misses, ..LaneSpec::new("second", ms(5), 50) }).unwrap();
     b.task(first, "trouble", |_| Ok(Box::new(trouble.clone()))).unwrap();
     b.task(second, "calm", |_| Ok(Box::new(Trouble::default()))).unwrap();
     b.build().unwrap()
@@ -153,6 +155,23 @@ fn misses_stand_in_the_health_of_the_next_job_and_a_storm_follows() {
     let mut keep = Keep::new(&machine, &trouble);
     run(&mut machine, &mut keep, Pace::Fixed, ms(150)).unwrap();
     assert!(keep.faults(0).contains(FaultCode::OverrunStorm), "too many");
+}
+
+#[test]
+fn a_storm_in_one_lane_is_told_to_the_tasks_of_every_other() {
+    let trouble = Trouble { late: Some((3, 30)), ..Trouble::default() };
+    let mut machine = machine(&trouble, Late::Skip);
+    let mut keep = Keep::new(&machine, &trouble);
+    run(&mut machine, &mut keep, Pace::Fixed, ms(300)).unwrap();
+    let storms: Vec<u64> = machine.figures().map(|(_, figures)| figures.storms).collect();
+    assert!(storms[0] > 0 && storms[1] == 0, "{storms:?}");
+    let told =
+        |(_, health): &(u64, LaneHealth)| FaultSet(health.faults).contains(FaultCode::OverrunStorm);
+    let first = keep.of(0).find(told).expect("in its own health").0;
+    let second = keep.of(1).find(told).expect("in the other's health").0;
+    assert!(second >= 6, "not before it was one: {first}, {second}");
+    let jobs = keep.of(1).filter(told).count() as u64;
+    assert!(jobs <= 2 * storms[0], "each storm is told once, and held for a reader: {jobs}");
 }
 
 #[test]

@@ -10,6 +10,7 @@ use taktil_rtcore::live::{self, Account, Audience, Contract, Pace, Terms};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, Guard, Io, LaneSpec, Machine, Nanos, Output, Task, payload,
+    virtual_time,
 };
 
 #[global_allocator]
@@ -63,15 +64,27 @@ impl Audience for Count {}
 fn machine(guard: Option<Guard>, panics: &[Option<u64>]) -> Machine {
     let mut builder = Builder::new();
     let spec = LaneSpec { guard, ..LaneSpec::new("lane", Nanos::from_millis(1), 50) };
+    add_lane(&mut builder, spec, panics);
+    builder.build().unwrap()
+}
+
+fn two_lanes(a: [Option<u64>; 2], b: [Option<u64>; 2]) -> Machine {
+    let mut builder = Builder::new();
+    add_lane(&mut builder, LaneSpec::new("a", Nanos::from_millis(1), 50), &a);
+    add_lane(&mut builder, LaneSpec::new("b", Nanos::from_millis(1), 50), &b);
+    builder.build().unwrap()
+}
+
+fn add_lane(builder: &mut Builder, spec: LaneSpec, panics: &[Option<u64>]) {
+    let name = spec.name.clone();
     let lane = builder.lane(spec).unwrap();
     for (index, panic_at) in panics.iter().enumerate() {
         builder
-            .task(lane, &format!("counter{index}"), |ports| {
+            .task(lane, &format!("{name}_counter{index}"), |ports| {
                 Ok(Box::new(Counter { out: ports.output("number"), panic_at: *panic_at }))
             })
             .unwrap();
     }
-    builder.build().unwrap()
 }
 
 fn run(machine: &mut Machine, pace: Pace) -> Account {
@@ -196,10 +209,39 @@ fn child_that_panics_in_a_job() {
     assert!(std::panic::catch_unwind(|| panic!("words outside jobs")).is_err());
 }
 
+/// The other child: the same in virtual time, where all lanes share a thread.
+#[test]
+fn child_that_panics_in_virtual_time() {
+    if std::env::var_os(CHILD).is_none() {
+        return;
+    }
+    let mut machine = two_lanes([Some(20), Some(30)], [None, Some(40)]);
+    let until = Nanos::from_millis(300);
+    virtual_time::run(&mut machine, until, &AtomicBool::new(false), &mut Count::default()).unwrap();
+    for (_, figures) in machine.figures() {
+        assert_eq!(figures.jobs, 300, "the lane goes on");
+        assert!(figures.faults.contains(FaultCode::TaskPanicked));
+    }
+    let panics: Vec<&str> = machine.panics().collect();
+    assert_eq!(panics.len(), 2, "the first place of each lane: {panics:?}");
+    assert!(panics[0].starts_with("lane a: panicked at "), "{panics:?}");
+    assert!(panics[1].starts_with("lane b: panicked at "), "{panics:?}");
+    assert!(std::panic::catch_unwind(|| panic!("words outside jobs")).is_err());
+}
+
 #[test]
 fn a_panic_in_a_job_is_silent_and_the_lane_goes_on() {
+    assert_silent("child_that_panics_in_a_job");
+}
+
+#[test]
+fn a_panic_in_virtual_time_is_as_silent() {
+    assert_silent("child_that_panics_in_virtual_time");
+}
+
+fn assert_silent(child: &str) {
     let output = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "child_that_panics_in_a_job", "--nocapture"])
+        .args(["--exact", child, "--nocapture"])
         .env(CHILD, "1")
         .output()
         .unwrap();

@@ -6,7 +6,7 @@ use std::path::Path;
 const SOURCE: &str = "../../rtcore/src/live/flags.rs";
 
 /// Name of the variant, what stands in the file, what stands there instead.
-const WRONG: [(&str, &str, &str); 7] = [
+const WRONG: [(&str, &str, &str); 8] = [
     (
         "done_relaxed_store",
         "self.0.store(jobs, Ordering::Release)",
@@ -41,6 +41,11 @@ const WRONG: [(&str, &str, &str); 7] = [
         "slip_load_and_store",
         "self.0.fetch_max(ns, Ordering::Relaxed)",
         "if ns > self.0.load(Ordering::Relaxed) { self.0.store(ns, Ordering::Relaxed) }",
+    ),
+    (
+        "storms_load_and_store",
+        "self.0.fetch_add(storms, Ordering::Relaxed)",
+        "self.0.store(self.0.load(Ordering::Relaxed) + storms, Ordering::Relaxed)",
     ),
 ];
 

@@ -5,6 +5,7 @@
 use taktil_hal::{Clock, Nanos};
 
 use super::evidence::{Evidence, Reading};
+use super::flags::Storms;
 use super::{Pace, Shared, Terms};
 use crate::fault::FaultCode;
 use crate::lane::{Figures, Lane};
@@ -52,6 +53,8 @@ pub(super) fn beat(
     let mut discipline = Discipline::new(lane.spec.late, lane.spec.misses);
     let mut notice = Notice::default();
     let mut watch = shared.ledger.watch(index);
+    // Storms known here so far: the lane's own, and those of others that it has told its tasks of.
+    let mut storms = 0;
     let mut evidence = Evidence::new(Reading::take());
     let started = clock.now();
     let mut awake_since = None;
@@ -93,7 +96,8 @@ pub(super) fn beat(
         };
         let (left_out, said) = discipline.after(missed, behind);
         lane.figures.skipped += left_out;
-        lane.figures.storms = discipline.storms();
+        let own = discipline.storms() - lane.figures.storms;
+        lane.figures.storms += own;
         lane.next_tick += left_out;
         if fixed {
             notice =
@@ -101,9 +105,23 @@ pub(super) fn beat(
             if notice.silent != 0 {
                 notice.faults.insert(FaultCode::LaneSilent);
             }
+            if heard(&shared.storms, &mut storms, own) {
+                notice.faults.insert(FaultCode::OverrunStorm);
+            }
         }
     }
     lane.figures.page_faults += evidence.page_faults(Reading::take());
+}
+
+/// Tells the others of this lane's storms, and says whether there was one elsewhere: whoever is
+/// supervised hears of a storm in a lane that is not, and the whole robot stops.
+fn heard(storms: &Storms, known: &mut u64, own: u64) -> bool {
+    if own > 0 {
+        storms.add(own);
+        *known += own;
+    }
+    let all = storms.count();
+    core::mem::replace(known, all) != all
 }
 
 /// Counts a miss by its cause.

@@ -1,5 +1,5 @@
 //! The words through which the threads of a live run speak to each other: jobs done, the start, how
-//! many are there, and the slip. Each operation's order of memory is argued where it stands; loom
+//! many are there, the slip, and storms of misses. Each operation's order of memory is argued where it stands; loom
 //! tries them all in every order (`tests/loom`), also with the orders weakened. Refuses to carry
 //! values: those go through links, and these words say when they are there.
 
@@ -110,6 +110,27 @@ impl Slip {
 
     /// The slip so far.
     pub(super) fn ns(&self) -> i64 {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// How many storms of misses there have been, in all lanes together.
+pub(super) struct Storms(AtomicU64);
+
+impl Storms {
+    /// None.
+    pub(super) fn new() -> Storms {
+        Storms(AtomicU64::new(0))
+    }
+
+    /// So many more, in the lane that says so.
+    pub(super) fn add(&self, storms: u64) {
+        // Relaxed: only the number itself is used, and an addition loses none.
+        self.0.fetch_add(storms, Ordering::Relaxed);
+    }
+
+    /// How many there have been.
+    pub(super) fn count(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }
 }

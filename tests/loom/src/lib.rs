@@ -28,6 +28,7 @@ variant!(start_relaxed_load);
 variant!(roll_relaxed_come);
 variant!(roll_load_and_store);
 variant!(slip_load_and_store);
+variant!(storms_load_and_store);
 
 /// Values in a ring's slots are seen by whoever saw that the jobs are done. The slots are plain
 /// memory here: loom fails at an access that nothing orders.
@@ -137,6 +138,29 @@ macro_rules! slip_model {
     };
 }
 
+/// Of storms in two lanes none is lost, and nobody sees the count shrink.
+macro_rules! storms_model {
+    ($variant:ident) => {
+        loom::model(|| {
+            use crate::$variant::flags::Storms;
+            let shared = loom::sync::Arc::new(Storms::new());
+            let lanes: Vec<_> = [1, 2]
+                .map(|storms| {
+                    let shared = shared.clone();
+                    loom::thread::spawn(move || shared.add(storms))
+                })
+                .into_iter()
+                .collect();
+            let (first, then) = (shared.count(), shared.count());
+            assert!(first <= then, "what has been heard stays so");
+            for lane in lanes {
+                lane.join().unwrap();
+            }
+            assert_eq!(shared.count(), 3);
+        })
+    };
+}
+
 mod tests {
     /// A model that has to fail, in silence.
     fn rejected(model: impl FnOnce() + std::panic::UnwindSafe) {
@@ -153,6 +177,7 @@ mod tests {
         start_model!(right);
         roll_model!(right);
         slip_model!(right);
+        storms_model!(right);
         rejected(|| done_model!(done_relaxed_store));
         rejected(|| done_model!(done_relaxed_load));
         rejected(|| start_model!(start_relaxed_store));
@@ -160,5 +185,6 @@ mod tests {
         rejected(|| roll_model!(roll_relaxed_come));
         rejected(|| roll_model!(roll_load_and_store));
         rejected(|| slip_model!(slip_load_and_store));
+        rejected(|| storms_model!(storms_load_and_store));
     }
 }

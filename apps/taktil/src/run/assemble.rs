@@ -20,11 +20,29 @@ const WORLD: &str = "world";
 /// # Errors
 /// Whatever the scene, the machine file or the wiring got wrong, located.
 pub fn assemble(scene: &Scene, seed: u64) -> Result<Machine, Located> {
+    assemble_with(scene, seed, script(scene))
+}
+
+/// As [`assemble`], with somebody else who asks than the scene's script.
+///
+/// # Errors
+/// As [`assemble`].
+pub fn assemble_with(
+    scene: &Scene,
+    seed: u64,
+    operator: wiring::MakeOperator<'_>,
+) -> Result<Machine, Located> {
     let plain = |devices| devices;
-    build(scene, seed, plain)
+    build(scene, seed, plain, operator)
         .and_then(|builder| builder.build().map_err(of_world))
         .and_then(|machine| edited(machine, scene))
         .map_err(|invalid| scene.locate(invalid))
+}
+
+/// The operator who follows the scene's script.
+pub(super) fn script(scene: &Scene) -> wiring::MakeOperator<'static> {
+    let script = scene.script.clone();
+    Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?)))
 }
 
 /// With the scene's edits planned.
@@ -54,7 +72,7 @@ pub fn rebuild(
         lack = noted;
         devices
     };
-    let machine = build(scene, seed, taped).and_then(|mut builder| {
+    let machine = build(scene, seed, taped, script(scene)).and_then(|mut builder| {
         builder.for_replay(stall);
         builder.build().map_err(of_world)
     });
@@ -65,6 +83,7 @@ fn build(
     scene: &Scene,
     seed: u64,
     exchange: impl FnOnce(Devices) -> Devices,
+    operator: wiring::MakeOperator<'_>,
 ) -> Result<Builder, Invalid> {
     let mut machine = scene.machine.clone();
     let timing = timing(scene)?;
@@ -79,9 +98,6 @@ fn build(
     }
     let (world, devices) = taktil_sim::build(&scene.world, &timing, seed)
         .map_err(|bad| foreign(bad).within("world"))?;
-    let script = scene.script.clone();
-    let operator: wiring::MakeOperator<'_> =
-        Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?)));
     let mut builder = wiring::assemble(machine, exchange(devices), operator)?;
     add_world(&mut builder, scene, &timing, world)?;
     Ok(builder)

@@ -27,6 +27,7 @@ use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos, linux, live, virtual_time};
 use taktild::flight::Keeper;
 use taktild::signals::{self, Second};
+use taktild::wiring::MakeOperator;
 
 use crate::log::{Log, METADATA_ATTESTATION, McapLog};
 use digest::Digest;
@@ -131,6 +132,17 @@ impl Observer for Watch {
 /// Bad input as [`taktild::source::Located`] or [`BadOption`]; anything else is a failure of the
 /// run.
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
+    run_with(options, |scene| assemble::script(scene))
+}
+
+/// As [`run`], with an operator of one's own.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with(
+    options: &Options,
+    operator: impl FnOnce(&Scene) -> MakeOperator<'static>,
+) -> anyhow::Result<ExitCode> {
     let scene = Scene::load(&options.scene)?;
     let seed = options.seed.unwrap_or(scene.seed);
     let until = match options.for_s {
@@ -143,7 +155,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         print!("{}", if options.json { plan::json(&machine) } else { plan::text(&machine) });
         return Ok(ExitCode::SUCCESS);
     }
-    let mut machine = assemble::assemble(&scene, seed)?;
+    let mut machine = assemble::assemble_with(&scene, seed, operator(&scene))?;
     let log_path = log_path(options, &scene)?;
     let targets = targets(&scene);
     let catalog = machine.catalog().clone();
@@ -179,6 +191,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         figures: &watch.score.figures,
         force_set_point_n: targets.m0 / targets.counts_per_n,
         lanes: machine.figures().collect(),
+        panics: machine.panics().collect(),
         log: log_path.as_ref().map(|path| path.display().to_string()),
         interrupted: stop.load(Ordering::SeqCst),
         repeat: repeat(options, seed, until, &scene),

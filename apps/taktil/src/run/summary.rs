@@ -32,6 +32,8 @@ pub struct Ending<'a> {
     pub force_set_point_n: f64,
     /// Lanes and what they counted.
     pub lanes: Vec<(&'a LaneSpec, &'a LaneFigures)>,
+    /// Where jobs panicked, the first place of each lane.
+    pub panics: Vec<&'a str>,
     /// Log file.
     pub log: Option<String>,
     /// Ended by a person.
@@ -64,7 +66,7 @@ impl Ending<'_> {
             "mode": if attestation.is_some() { "live" } else { "fast" },
             "sim_s": self.sim_s,
             "wall_s": self.wall_s,
-            "panics": self.account.map_or(&[][..], |account| &account.panics),
+            "panics": self.panics,
             "slipped_s": self.account.map(|account| account.slipped.as_secs_f64()),
             "digest": self.digest,
             "interrupted": self.interrupted,

@@ -2,10 +2,12 @@
 //! inside: everything goes through arguments, pipes, signals and files.
 
 mod calc;
+mod hang;
 mod interrupt;
 mod options;
 mod postmortem;
 mod process;
+mod replay;
 mod rights;
 mod run;
 mod scenes;

@@ -1,0 +1,76 @@
+//! A task that never returns ends `taktil run` by itself, by name, with a closed log and exit 1.
+//! Refuses a robot of its own: the child is this test's program, running the library as the command
+//! does, with an operator who hangs.
+
+use std::path::PathBuf;
+use std::process::{Command, ExitCode, Stdio};
+use std::time::Duration;
+
+use taktil::log::{Log, METADATA_RESULT};
+use taktil::run::{self, Options};
+use taktil_rtcore::{Cycle, FaultCode, Io, Output, Task};
+use taktil_signal::{ControlState, JogCommand, Request};
+
+use crate::process::{Folder, Running, scenes};
+
+/// Where the child is to put its log.
+const CHILD: &str = "TAKTIL_TEST_HANGS";
+
+/// Asks for nothing, and from job 100 on does not return.
+struct Hanging {
+    request: Output<Request>,
+    jog: Output<JogCommand>,
+}
+
+impl Task for Hanging {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        while cycle.tick >= 100 {
+            std::thread::sleep(Duration::from_secs(1));
+        }
+        io.write(&self.request, Request::default());
+        io.write(&self.jog, JogCommand::default());
+        Ok(())
+    }
+}
+
+#[test]
+fn the_run_whose_operator_hangs() {
+    let Some(log) = std::env::var_os(CHILD) else {
+        println!("nothing to do: this is the child of another test");
+        return;
+    };
+    let scene = scenes().join("roll-pin.toml");
+    let options = Options { scene, log: Some(PathBuf::from(log)), ..Options::default() };
+    let ended = run::run_with(&options, |_| {
+        Box::new(|ports| {
+            // The machine's wiring binds it.
+            let _ = ports.input_delayed::<ControlState>("control");
+            let (request, jog) = (ports.output("request"), ports.output("jog"));
+            Ok(Box::new(Hanging { request, jog }))
+        })
+    });
+    panic!("it cannot end by itself: {:?}", ended.map(|code| code == ExitCode::SUCCESS));
+}
+
+#[test]
+fn a_lane_that_hangs_ends_the_run_with_1_its_name_and_a_closed_log() {
+    let folder = Folder::new();
+    let path = folder.join("hung.mcap");
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command.args(["--exact", "hang::the_run_whose_operator_hangs", "--nocapture"]);
+    command.env(CHILD, &path).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut running = Running(command.spawn().unwrap());
+    let mut said = String::new();
+    let mut stderr = running.0.stderr.take().unwrap();
+    std::io::Read::read_to_string(&mut stderr, &mut said).unwrap();
+    assert_eq!(running.wait().code(), Some(1), "{said}");
+    let told = "error: task `operator` in lane servo does not return; the run is over";
+    assert!(said.contains(told) && !said.contains("panicked"), "{said}");
+    let log = Log::open(&path).unwrap();
+    assert!(log.damage().is_none(), "{:?}", log.damage());
+    let ended = &log.metadata()[METADATA_RESULT]["hung"];
+    assert_eq!(ended, "task `operator` in lane servo does not return");
+    let health = log.find("world.health").unwrap();
+    let world = log.messages().filter(|m| m.channel == health).count();
+    assert!(world >= 99, "records of the other lanes are there: {world}");
+}

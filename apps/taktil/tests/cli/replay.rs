@@ -1,0 +1,106 @@
+//! `taktil replay` and `taktil diff` as processes: exit codes, the repeated run as a log, edits of a
+//! scene repeated. Refuses to look inside; what is compared is tried in `tests/tests/replay`.
+
+use std::path::PathBuf;
+
+use serde_json::Value;
+use taktil::log::{Log, METADATA_RUN, McapLog};
+use taktil::run::assemble::assemble;
+use taktil::run::scene::Scene;
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{Nanos, Payload};
+use taktild::tape::EncoderEntry;
+
+use crate::process::{Folder, Said, scenes, taktil};
+
+/// A short rolling scene whose gains are edited on the way.
+fn edited(folder: &Folder) -> PathBuf {
+    let text = std::fs::read_to_string(scenes().join("roll-pin.toml")).unwrap();
+    let machine = scenes().join("machine/puma260.toml");
+    let text = text.replace("machine/puma260.toml", machine.to_str().unwrap());
+    let edits = "[[edit]]\nat_s = 0.3\nset = { \"joint_servo.damping\" = 0.6 }\n\n\
+                 [[edit]]\nat_s = 0.4\nset = { \"joint_servo.damping[2]\" = 0.4 }\n\n";
+    folder.write("edited.toml", text.replacen("[start]", &format!("{edits}[start]"), 1))
+}
+
+/// Its log, half a second in virtual time.
+fn logged(folder: &Folder) -> PathBuf {
+    edited(folder);
+    let run = ["run", "edited.toml", "--fast", "--for", "0.5", "--log", "run.mcap"];
+    taktil(folder.path(), &run).ended(0);
+    folder.join("run.mcap")
+}
+
+fn object(said: &Said) -> Value {
+    serde_json::from_str(&said.out).unwrap_or_else(|why| panic!("{why}: {}", said.out))
+}
+
+#[test]
+fn an_edited_run_is_repeated_with_exit_0_and_its_repetition_is_a_log_of_its_own() {
+    let folder = Folder::new();
+    let log = Log::open(&logged(&folder)).unwrap();
+    let edits = log.find("servo.edit").expect("the lane says what it took");
+    let taken: Vec<i64> =
+        log.messages().filter(|m| m.channel == edits).map(|m| m.release_ns).collect();
+    assert_eq!(taken, [300_000_000, 400_000_000]);
+    let said = taktil(folder.path(), &["replay", "run.mcap", "--out", "again.mcap"]).ended(0);
+    assert!(said.out.contains("\nequal: "), "{}", said.out);
+    let said = taktil(folder.path(), &["replay", "run.mcap", "--json"]).ended(0);
+    assert_eq!(object(&said)["equal"], true);
+    let again = Log::open(&folder.join("again.mcap")).unwrap();
+    assert!(again.damage().is_none());
+    assert_eq!(again.messages().count(), log.messages().count());
+    taktil(folder.path(), &["diff", "run.mcap", "again.mcap"]).ended(0);
+    // Without the edits it is another run, and the first that differs is the task that was edited.
+    let scene = scenes().join("roll-pin.toml");
+    let plain = ["run", scene.to_str().unwrap(), "--fast", "--for", "0.5", "--log", "plain.mcap"];
+    taktil(folder.path(), &plain).ended(0);
+    let said = taktil(folder.path(), &["diff", "run.mcap", "plain.mcap"]).ended(1);
+    for word in ["tick   120", "time   0.300000000 s", "task   joint_servo"] {
+        assert!(said.out.contains(word), "{}", said.out);
+    }
+}
+
+#[test]
+fn a_run_that_does_not_repeat_ends_with_1_and_says_where() {
+    let folder = Folder::new();
+    let log = Log::open(&logged(&folder)).unwrap();
+    // One bit of one recorded answer of a device, in a log that is whole again.
+    let scene = Scene::load(&folder.join("edited.toml")).unwrap();
+    let catalog = assemble(&scene, scene.seed).unwrap().catalog().clone();
+    let about = &log.metadata()[METADATA_RUN];
+    let mut out = McapLog::create(&folder.join("altered.mcap"), &catalog, about).unwrap();
+    for message in log.messages() {
+        let signal = catalog.find(&log.channels()[message.channel].signal).unwrap();
+        let mut body = message.body[..catalog.signals[signal].size].to_vec();
+        if catalog.signals[signal].name == "hal.encoders" && message.tick == 150 {
+            let mut entry = EncoderEntry::decode(&body).unwrap();
+            entry.counts[1] ^= 1;
+            entry.encode(&mut body);
+        }
+        let release = Nanos(message.release_ns);
+        out.record(&Record { signal, tick: message.tick, release, body: &body });
+    }
+    out.finish().unwrap();
+    let said = taktil(folder.path(), &["replay", "altered.mcap"]).ended(1);
+    assert!(said.out.contains("\ndifferent: ") && said.out.contains("sense"), "{}", said.out);
+    let said = taktil(folder.path(), &["replay", "altered.mcap", "--json"]).ended(1);
+    assert_eq!(object(&said)["equal"], false);
+}
+
+#[test]
+fn a_log_that_is_cut_or_none_ends_with_2() {
+    let folder = Folder::new();
+    let bytes = std::fs::read(logged(&folder)).unwrap();
+    folder.write("cut.mcap", &bytes[..bytes.len() / 2]);
+    let said = taktil(folder.path(), &["replay", "cut.mcap"]).ended(2);
+    assert!(said.out.contains("equal until there"), "{}", said.out);
+    assert!(said.out.contains("not whole: "), "{}", said.out);
+    folder.write("none.mcap", "tick,release\n");
+    for log in ["none.mcap", "nowhere.mcap"] {
+        let said = taktil(folder.path(), &["replay", log]).ended(2);
+        assert!(said.out.is_empty() && said.err.contains(log), "{}", said.err);
+    }
+    let said = taktil(folder.path(), &["replay", "run.mcap", "--out", "no/such/place"]).ended(2);
+    assert!(said.err.contains("cannot write no/such/place"), "{}", said.err);
+}
