@@ -5,7 +5,7 @@
 use taktil_hal::{Clock, Nanos};
 
 use super::evidence::{Evidence, Reading};
-use super::flags::Storms;
+use super::watch::Watch;
 use super::{Pace, Shared, Terms};
 use crate::fault::FaultCode;
 use crate::lane::{Figures, Lane};
@@ -52,9 +52,7 @@ pub(super) fn beat(
     let mut circumstances = Circumstances::read();
     let mut discipline = Discipline::new(lane.spec.late, lane.spec.misses);
     let mut notice = Notice::default();
-    let mut watch = shared.ledger.watch(index);
-    // Storms known here so far: the lane's own, and those of others that it has told its tasks of.
-    let mut storms = 0;
+    let mut ears = Ears { watch: shared.ledger.watch(index), storms: 0 };
     let mut evidence = Evidence::new(Reading::take());
     let started = clock.now();
     let mut awake_since = None;
@@ -100,28 +98,39 @@ pub(super) fn beat(
         lane.figures.storms += own;
         lane.next_tick += left_out;
         if fixed {
-            notice =
-                Notice { silent: watch.look(end, |lane| shared.ledger.progress(lane)), ..said };
-            if notice.silent != 0 {
-                notice.faults.insert(FaultCode::LaneSilent);
-            }
-            if heard(&shared.storms, &mut storms, own) {
-                notice.faults.insert(FaultCode::OverrunStorm);
-            }
+            notice = ears.hear(shared, end, own, said);
         }
     }
     lane.figures.page_faults += evidence.page_faults(Reading::take());
 }
 
-/// Tells the others of this lane's storms, and says whether there was one elsewhere: whoever is
-/// supervised hears of a storm in a lane that is not, and the whole robot stops.
-fn heard(storms: &Storms, known: &mut u64, own: u64) -> bool {
-    if own > 0 {
-        storms.add(own);
-        *known += own;
+/// What a lane hears of the others while it runs.
+struct Ears {
+    watch: Watch,
+    /// Storms known so far: the lane's own, and those of others that its tasks have been told of.
+    storms: u64,
+}
+
+impl Ears {
+    /// Tells the others of this lane's `own` storms, and adds to what was `said` which lanes stand
+    /// still at `now` and whether there was a storm elsewhere: a lane that is supervised hears of
+    /// one in a lane that is not, and the whole robot stops.
+    fn hear(&mut self, shared: &Shared<'_>, now: Nanos, own: u64, said: Notice) -> Notice {
+        if own > 0 {
+            shared.storms.add(own);
+            self.storms += own;
+        }
+        let silent = self.watch.look(now, |lane| shared.ledger.progress(lane));
+        let mut notice = Notice { silent, ..said };
+        if silent != 0 {
+            notice.faults.insert(FaultCode::LaneSilent);
+        }
+        let all = shared.storms.count();
+        if core::mem::replace(&mut self.storms, all) != all {
+            notice.faults.insert(FaultCode::OverrunStorm);
+        }
+        notice
     }
-    let all = storms.count();
-    core::mem::replace(known, all) != all
 }
 
 /// Counts a miss by its cause.

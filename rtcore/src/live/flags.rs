@@ -1,7 +1,7 @@
 //! The words through which the threads of a live run speak to each other: jobs done, the start, how
-//! many are there, the slip, and storms of misses. Each operation's order of memory is argued where it stands; loom
-//! tries them all in every order (`tests/loom`), also with the orders weakened. Refuses to carry
-//! values: those go through links, and these words say when they are there.
+//! many are there, the slip, and storms of misses. Each operation's order of memory is argued where
+//! it stands; loom tries them all in every order (`tests/loom`), also with the orders weakened.
+//! Refuses to carry values: those go through links, and these words say when they are there.
 
 use super::sync::{AtomicI64, AtomicU8, AtomicU64, AtomicUsize, Ordering};
 

@@ -1,7 +1,7 @@
-//! A queue on its way: first every leg is laid, a move a job, and looked at, a few ticks a job; then
-//! the legs are run one after another, the next being laid while one is run. No job does more than
-//! its neighbours, however long the queue. Refuses to move before the last leg was looked at, and to go on where the
-//! arm cannot follow.
+//! A queue on its way: first every leg is laid, a move a job, and looked at, a few ticks a job;
+//! then the legs are run one after another, the next being laid while one is run. No job does more
+//! than its neighbours, however long the queue. Refuses to move before the last leg was looked at,
+//! and to go on where the arm cannot follow.
 
 use taktil_mechanics::Joints;
 

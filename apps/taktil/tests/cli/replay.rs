@@ -1,5 +1,5 @@
-//! `taktil replay` and `taktil diff` as processes: exit codes, the repeated run as a log, edits of a
-//! scene repeated. Refuses to look inside; what is compared is tried in `tests/tests/replay`.
+//! `taktil replay` and `taktil diff` as processes: exit codes, the repeated run as a log, edits of
+//! a scene repeated. Refuses to look inside; what is compared is tried in `tests/tests/replay`.
 
 use std::path::PathBuf;
 
