@@ -1,23 +1,13 @@
 //! `actuate` in a machine in virtual time: what two scripted boards are told, job by job.
 
-use std::sync::atomic::AtomicBool;
-
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Error, Kind, LinesOut};
-use taktil_rtcore::guard::CountingAllocator;
-use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::status::ModeStatus;
-use taktil_rtcore::{
-    Builder, Cycle, FaultCode, Invalid, Io, LaneSpec, Mode, Nanos, Output, Payload, Task,
-    virtual_time,
-};
+use taktil_rtcore::{Cycle, FaultCode, Io, Mode, Nanos, Output, Payload, Task};
 use taktil_signal::{Applied, ControlState, JointState, Torque};
 use taktil_tasks_actuate::{Actuate, Config};
+use taktil_tests_script::{Bench, PERIOD};
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
-
-const PERIOD: Nanos = Nanos::from_micros(2500);
 const JOBS: usize = 100;
 
 /// What a board was told: codes or lines, or to go safe.
@@ -125,21 +115,11 @@ impl Task for Others {
 }
 
 /// What came out.
-#[derive(Default)]
 struct Seen {
     applied: Vec<Applied>,
     faults: Vec<FaultCode>,
     codes: Vec<(Nanos, Told)>,
     lines: Vec<(Nanos, Told)>,
-}
-
-impl Observer for Seen {
-    fn record(&mut self, record: &Record<'_>) {
-        // Signals in order: servo.health, four of `others`, actuate.applied.
-        if record.signal == 5 {
-            self.applied.extend(Applied::decode(record.body));
-        }
-    }
 }
 
 impl Seen {
@@ -184,39 +164,32 @@ fn run(
 ) -> Seen {
     let (analog, codes) = board(analog_fails, 2048);
     let (digital, lines) = board(digital_fails, 2048);
-    let mut builder = Builder::new();
-    let lane = builder.lane(LaneSpec::new("servo", PERIOD, 80)).unwrap();
-    builder
-        .task(lane, "others", |ports| {
-            Ok(Box::new(Others {
-                script,
-                control: ports.output("control"),
-                status: ports.output("mode"),
-                joints: ports.output("joints"),
-                torque: ports.output("torque"),
-            }))
+    let mut bench = Bench::new();
+    let lane = bench.servo();
+    bench.task(lane, "others", |ports| {
+        Ok(Others {
+            script,
+            control: ports.output("control"),
+            status: ports.output("mode"),
+            joints: ports.output("joints"),
+            torque: ports.output("torque"),
         })
-        .unwrap();
-    builder
-        .task(lane, "actuate", |ports| {
-            let config = Config { torque_limit_nm: [2.0; 6], ..Config::default() };
-            Ok(Box::new(Actuate::new(config, analog, digital, ports)?))
-        })
-        .unwrap();
+    });
+    bench.task(lane, "actuate", |ports| {
+        let config = Config { torque_limit_nm: [2.0; 6], ..Config::default() };
+        Actuate::new(config, analog, digital, ports)
+    });
     for port in ["control", "joints", "torque"] {
-        builder.bind(format!("actuate.{port}"), format!("others.{port}"));
+        bench.bind(&format!("actuate.{port}"), &format!("others.{port}"));
     }
-    builder.mode_from("others.mode");
-    let mut machine = builder.build().unwrap();
-    let mut seen = Seen::default();
-    let stop = AtomicBool::new(false);
-    let until = PERIOD * i64::try_from(JOBS).unwrap();
-    virtual_time::run(&mut machine, until, &stop, &mut seen).unwrap();
-    let (_, figures) = machine.figures().next().unwrap();
-    assert_eq!((figures.jobs, figures.allocations), (JOBS as u64, 0));
-    seen.faults = figures.faults.iter().collect();
-    seen.codes = drained(codes);
-    seen.lines = drained(lines);
+    bench.mode_from("others.mode");
+    let run = bench.run(PERIOD * i64::try_from(JOBS).unwrap());
+    let seen = Seen {
+        applied: run.of("actuate.applied"),
+        faults: run.faults().iter().collect(),
+        codes: drained(codes),
+        lines: drained(lines),
+    };
     assert_eq!(seen.codes.last().map(|told| told.1), Some(Told::Safe), "left safe");
     assert_eq!(seen.lines.last().map(|told| told.1), Some(Told::Safe), "left safe");
     seen
@@ -352,14 +325,10 @@ fn lost_lines_take_the_torque_with_them_in_the_same_job() {
 fn a_task_that_is_dropped_leaves_the_boards_safe() {
     let (analog, codes) = board(never, 2048);
     let (digital, lines) = board(never, 2048);
-    let mut builder = Builder::new();
-    let lane = builder.lane(LaneSpec::new("servo", PERIOD, 80)).unwrap();
-    builder
-        .task(lane, "actuate", |ports| {
-            Ok(Box::new(Actuate::new(Config::default(), analog, digital, ports)?))
-        })
-        .unwrap();
-    drop(builder);
+    let mut bench = Bench::new();
+    let lane = bench.servo();
+    bench.task(lane, "actuate", |ports| Actuate::new(Config::default(), analog, digital, ports));
+    drop(bench);
     assert_eq!(drained(codes), [(Nanos::ZERO, Told::Safe)]);
     assert_eq!(drained(lines), [(Nanos::ZERO, Told::Safe)]);
 }
@@ -368,11 +337,9 @@ fn a_task_that_is_dropped_leaves_the_boards_safe() {
 fn a_converter_narrower_than_the_drives_is_refused() {
     let (analog, _codes) = board(never, 1024);
     let (digital, _lines) = board(never, 2048);
-    let mut builder = Builder::new();
-    let lane = builder.lane(LaneSpec::new("servo", PERIOD, 80)).unwrap();
-    let refused = builder.task(lane, "actuate", |ports| {
-        Ok(Box::new(Actuate::new(Config::default(), analog, digital, ports)?))
-    });
-    let Err(Invalid { what, .. }) = refused else { panic!("ten bits were accepted") };
-    assert!(what.contains("1023"), "{what}");
+    let mut bench = Bench::new();
+    let lane = bench.servo();
+    let refused = bench
+        .refused(lane, "actuate", |ports| Actuate::new(Config::default(), analog, digital, ports));
+    assert!(refused.what.contains("1023"), "{refused}");
 }

@@ -1,76 +1,30 @@
 //! The task in a machine, in virtual time: hands that hold, let go, fall silent and come back.
 
-use std::sync::atomic::AtomicBool;
-
 use taktil_mechanics::puma260::Puma260;
-use taktil_rtcore::guard::CountingAllocator;
-use taktil_rtcore::record::{Observer, Record};
-use taktil_rtcore::{
-    Builder, Cycle, FaultCode, Io, LaneSpec, Nanos, Output, Payload, Task, virtual_time,
-};
+use taktil_rtcore::Payload;
 use taktil_signal::{ControlState, Desired, Goal, JogCommand, JogFrame, JointState, State};
 use taktil_tasks_jog::{Config, Jog};
-
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+use taktil_tests_script::{Bench, PERIOD};
 
 const START: [f64; 6] = [0.1, 0.7, -2.6, 0.35, 0.7, 0.2];
-const PERIOD: Nanos = Nanos::from_micros(2_500);
-
-/// Writes what a function of the tick says; `None`: nothing.
-struct Feed<T> {
-    out: Output<T>,
-    at: fn(u64) -> Option<T>,
-}
-
-impl<T: Payload> Task for Feed<T> {
-    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        if let Some(value) = (self.at)(cycle.tick) {
-            io.write(&self.out, value);
-        }
-        Ok(())
-    }
-}
-
-struct Keep {
-    signal: usize,
-    goals: Vec<Goal>,
-}
-
-impl Observer for Keep {
-    fn record(&mut self, record: &Record<'_>) {
-        if record.signal == self.signal {
-            self.goals.push(Goal::decode(record.body).unwrap());
-        }
-    }
-}
-
 fn run(
     state: fn(u64) -> Option<ControlState>,
     keys: fn(u64) -> Option<JogCommand>,
     joints: fn(u64) -> Option<JointState>,
     ticks: i64,
 ) -> Vec<Goal> {
-    let mut builder = Builder::new();
-    let lane = builder.lane(LaneSpec::new("servo", PERIOD, 80)).unwrap();
-    let desired = |_| Some(Desired { q_rad: START, valid: 1, ..Desired::ZERO });
-    let feed = &mut builder;
-    feed.task(lane, "control", |p| Ok(Box::new(Feed { out: p.output("out"), at: state }))).unwrap();
-    feed.task(lane, "command", |p| Ok(Box::new(Feed { out: p.output("out"), at: keys }))).unwrap();
-    feed.task(lane, "joints", |p| Ok(Box::new(Feed { out: p.output("out"), at: joints }))).unwrap();
-    feed.task(lane, "jog", |p| Ok(Box::new(Jog::new(Config::default(), p)?))).unwrap();
-    feed.task(lane, "desired", |p| Ok(Box::new(Feed { out: p.output("out"), at: desired })))
-        .unwrap();
-    for port in ["control", "desired", "joints", "command"] {
-        builder.bind(format!("jog.{port}"), format!("{port}.out"));
-    }
-    let mut machine = builder.build().unwrap();
-    let signal = machine.catalog().find("jog.goal").unwrap();
-    let mut keep = Keep { signal, goals: Vec::new() };
-    virtual_time::run(&mut machine, PERIOD * ticks, &AtomicBool::new(false), &mut keep).unwrap();
-    let (_, figures) = machine.figures().next().unwrap();
-    assert_eq!((figures.allocations, figures.faults.is_empty()), (0, true));
-    keep.goals
+    let mut bench = Bench::new();
+    let lane = bench.servo();
+    bench.feed(lane, "control", state);
+    bench.feed(lane, "command", keys);
+    bench.feed(lane, "joints", joints);
+    bench.task(lane, "jog", |ports| Jog::new(Config::default(), ports));
+    let desired = Desired { q_rad: START, valid: 1, ..Desired::ZERO };
+    bench.feed(lane, "desired", move |_| Some(desired));
+    bench.bind_feeds("jog", &["control", "desired", "joints", "command"]);
+    let run = bench.run(PERIOD * ticks);
+    assert!(run.faults().is_empty());
+    run.of("jog.goal")
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "a feed may be silent")]

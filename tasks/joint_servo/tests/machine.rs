@@ -1,47 +1,11 @@
 //! The task in a machine, in virtual time, fed by scripts.
 
-use std::sync::atomic::AtomicBool;
-
 use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::Dynamics;
-use taktil_rtcore::guard::CountingAllocator;
-use taktil_rtcore::record::{Observer, Record};
-use taktil_rtcore::{
-    Builder, Cycle, FaultCode, FaultSet, Io, LaneSpec, Mode, Nanos, Output, Payload, Task,
-    virtual_time,
-};
+use taktil_rtcore::{FaultCode, FaultSet, Mode, Payload};
 use taktil_signal::{ControlState, Desired, JointState, Torque};
 use taktil_tasks_joint_servo::{Config, JointServo};
-
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
-
-/// Writes what a function of the tick says.
-struct Feed<T> {
-    out: Output<T>,
-    at: fn(u64) -> T,
-}
-
-impl<T: Payload> Task for Feed<T> {
-    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        io.write(&self.out, (self.at)(cycle.tick));
-        Ok(())
-    }
-}
-
-/// Keeps the torques.
-struct Keep {
-    signal: usize,
-    torques: Vec<Torque>,
-}
-
-impl Observer for Keep {
-    fn record(&mut self, record: &Record<'_>) {
-        if record.signal == self.signal {
-            self.torques.push(Torque::decode(record.body).unwrap());
-        }
-    }
-}
+use taktil_tests_script::{Bench, PERIOD};
 
 #[derive(Clone, Copy)]
 struct Script {
@@ -51,27 +15,16 @@ struct Script {
 }
 
 fn run(config: Config, script: &Script, ticks: i64) -> (Vec<Torque>, FaultSet) {
-    let mut builder = Builder::new();
-    let lane = builder.lane(LaneSpec::new("servo", Nanos::from_micros(2_500), 80)).unwrap();
+    let mut bench = Bench::new();
+    let lane = bench.servo();
     let Script { control, desired, joints } = *script;
-    let feed = &mut builder;
-    feed.task(lane, "control", |p| Ok(Box::new(Feed { out: p.output("out"), at: control })))
-        .unwrap();
-    feed.task(lane, "desired", |p| Ok(Box::new(Feed { out: p.output("out"), at: desired })))
-        .unwrap();
-    feed.task(lane, "joints", |p| Ok(Box::new(Feed { out: p.output("out"), at: joints }))).unwrap();
-    feed.task(lane, "joint_servo", |p| Ok(Box::new(JointServo::new(config, p)?))).unwrap();
-    for port in ["control", "desired", "joints"] {
-        builder.bind(format!("joint_servo.{port}"), format!("{port}.out"));
-    }
-    let mut machine = builder.build().unwrap();
-    let signal = machine.catalog().find("joint_servo.torque").unwrap();
-    let mut keep = Keep { signal, torques: Vec::new() };
-    let until = Nanos::from_micros(2_500) * ticks;
-    virtual_time::run(&mut machine, until, &AtomicBool::new(false), &mut keep).unwrap();
-    let (_, figures) = machine.figures().next().unwrap();
-    assert_eq!(figures.allocations, 0);
-    (keep.torques, figures.faults)
+    bench.feed(lane, "control", move |tick| Some(control(tick)));
+    bench.feed(lane, "desired", move |tick| Some(desired(tick)));
+    bench.feed(lane, "joints", move |tick| Some(joints(tick)));
+    bench.task(lane, "joint_servo", |ports| JointServo::new(config, ports));
+    bench.bind_feeds("joint_servo", &["control", "desired", "joints"]);
+    let run = bench.run(PERIOD * ticks);
+    (run.of("joint_servo.torque"), run.faults())
 }
 
 const POSE: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
@@ -178,11 +131,9 @@ fn an_error_beyond_all_numbers_gives_no_torque_and_a_fault() {
 
 #[test]
 fn a_bad_table_builds_no_task() {
-    let mut builder = Builder::new();
-    let lane = builder.lane(LaneSpec::new("servo", Nanos::from_micros(2_500), 80)).unwrap();
+    let mut bench = Bench::new();
+    let lane = bench.servo();
     let config = Config { bandwidth_rad_s: [60.0, f64::NAN, 60.0, 60.0, 60.0, 60.0], ..plain() };
-    let refused = builder
-        .task(lane, "joint_servo", |p| Ok(Box::new(JointServo::new(config, p)?)))
-        .unwrap_err();
+    let refused = bench.refused(lane, "joint_servo", |ports| JointServo::new(config, ports));
     assert_eq!(refused.place, "bandwidth_rad_s[1]");
 }

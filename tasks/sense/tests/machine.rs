@@ -1,20 +1,11 @@
 //! `sense` in a machine in virtual time, with scripted boards.
 
-use std::sync::atomic::AtomicBool;
-
 use taktil_hal::{CHANNELS, Counts, DigitalIn, Encoders, Error, Kind, LinesIn, Reading};
-use taktil_rtcore::guard::CountingAllocator;
-use taktil_rtcore::record::{Observer, Record};
-use taktil_rtcore::{
-    Builder, Cycle, FaultCode, Invalid, Io, LaneSpec, Nanos, Output, Payload, Task, virtual_time,
-};
+use taktil_rtcore::{FaultCode, Nanos, Payload};
 use taktil_signal::{ControlState, JointState, Lines};
 use taktil_tasks_sense::{Config, Sense};
+use taktil_tests_script::{Bench, PERIOD};
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
-
-const PERIOD: Nanos = Nanos::from_micros(2500);
 /// Boards latch a little before they are asked.
 const LATCHED_BEFORE: Nanos = Nanos::from_micros(100);
 
@@ -49,33 +40,10 @@ impl DigitalIn for Script<LinesIn> {
     }
 }
 
-/// Says in job 10 that the arm stands in its home pose.
-struct Supervisor(Output<ControlState>);
-
-impl Task for Supervisor {
-    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        let calibrate = u32::from(cycle.tick == 10);
-        io.write(&self.0, ControlState { calibrate, ..ControlState::ZERO });
-        Ok(())
-    }
-}
-
 /// What came out, with the number of the job.
-#[derive(Default)]
 struct Seen {
     joints: Vec<(u64, JointState)>,
     lines: Vec<(u64, Lines)>,
-}
-
-impl Observer for Seen {
-    fn record(&mut self, record: &Record<'_>) {
-        // Signals in order: servo.health, sense.joints, sense.lines, supervisor.control.
-        match record.signal {
-            1 => self.joints.extend(JointState::decode(record.body).map(|j| (record.tick, j))),
-            2 => self.lines.extend(Lines::decode(record.body).map(|l| (record.tick, l))),
-            _ => {}
-        }
-    }
 }
 
 impl Seen {
@@ -91,26 +59,21 @@ fn run(
     encoders: fn(i64) -> Result<[Counts; CHANNELS], Kind>,
     lines: fn(i64) -> Result<LinesIn, Kind>,
 ) -> (Seen, Vec<FaultCode>) {
-    let mut builder = Builder::new();
-    let lane = builder.lane(LaneSpec::new("servo", PERIOD, 80)).unwrap();
-    builder
-        .task(lane, "sense", |ports| {
-            let encoders = Box::new(Script { answer: encoders, joints: 6 });
-            let lines = Box::new(Script { answer: lines, joints: 0 });
-            Ok(Box::new(Sense::new(Config::default(), encoders, lines, ports)?))
-        })
-        .unwrap();
-    builder
-        .task(lane, "supervisor", |ports| Ok(Box::new(Supervisor(ports.output("control")))))
-        .unwrap();
-    builder.bind("sense.control", "supervisor.control");
-    let mut machine = builder.build().unwrap();
-    let mut seen = Seen::default();
-    let stop = AtomicBool::new(false);
-    virtual_time::run(&mut machine, PERIOD * 100, &stop, &mut seen).unwrap();
-    let (_, figures) = machine.figures().next().unwrap();
-    assert_eq!((figures.jobs, figures.allocations), (100, 0));
-    (seen, figures.faults.iter().collect())
+    let mut bench = Bench::new();
+    let lane = bench.servo();
+    bench.task(lane, "sense", |ports| {
+        let encoders = Box::new(Script { answer: encoders, joints: 6 });
+        let lines = Box::new(Script { answer: lines, joints: 0 });
+        Sense::new(Config::default(), encoders, lines, ports)
+    });
+    // Says in job 10 that the arm stands in its home pose.
+    bench.feed(lane, "control", |tick| {
+        Some(ControlState { calibrate: u32::from(tick == 10), ..ControlState::ZERO })
+    });
+    bench.bind_feeds("sense", &["control"]);
+    let run = bench.run(PERIOD * 100);
+    let seen = Seen { joints: run.ticked("sense.joints"), lines: run.ticked("sense.lines") };
+    (seen, run.faults().iter().collect())
 }
 
 fn steady(job: i64) -> [Counts; CHANNELS] {
@@ -185,13 +148,12 @@ fn boards_that_have_nothing_to_say_yet_are_waited_for() {
 
 #[test]
 fn a_board_with_too_few_encoders_is_refused() {
-    let mut builder = Builder::new();
-    let lane = builder.lane(LaneSpec::new("servo", PERIOD, 80)).unwrap();
-    let refused = builder.task(lane, "sense", |ports| {
+    let mut bench = Bench::new();
+    let lane = bench.servo();
+    let refused = bench.refused(lane, "sense", |ports| {
         let encoders = Box::new(Script { answer: |job| Ok(steady(job)), joints: 5 });
         let lines = Box::new(Script { answer: |_| Ok(POWERED), joints: 0 });
-        Ok(Box::new(Sense::new(Config::default(), encoders, lines, ports)?))
+        Sense::new(Config::default(), encoders, lines, ports)
     });
-    let Err(Invalid { what, .. }) = refused else { panic!("five encoders were accepted") };
-    assert!(what.contains('5'), "{what}");
+    assert!(refused.what.contains('5'), "{refused}");
 }

@@ -1,19 +1,10 @@
 //! `setpoint` in a machine in virtual time, between scripted tasks.
 
-use std::sync::atomic::AtomicBool;
-
-use taktil_rtcore::guard::CountingAllocator;
-use taktil_rtcore::record::{Observer, Record};
-use taktil_rtcore::{
-    Builder, Cycle, FaultCode, Io, LaneSpec, Mode, Nanos, Output, Payload, Task, virtual_time,
-};
+use taktil_rtcore::{FaultCode, Mode, Payload};
 use taktil_signal::{ControlState, Desired, Goal, JointState, State};
 use taktil_tasks_setpoint::{Config, Setpoint};
+use taktil_tests_script::{Bench, PERIOD};
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
-
-const PERIOD: Nanos = Nanos::from_micros(2500);
 const JOBS: u64 = 200;
 
 /// What the tasks before `setpoint` say in one job; `None`: nothing.
@@ -38,78 +29,26 @@ fn goal(q_rad: f64, qd_rad_s: f64) -> Option<Goal> {
     Some(Goal { q_rad: [q_rad; 6], qd_rad_s: [qd_rad_s; 6], valid: 1, done: 0 })
 }
 
-/// The tasks before `setpoint`, all in one.
-struct Others {
-    script: fn(u64) -> Before,
-    control: Output<ControlState>,
-    joints: Output<JointState>,
-    trajectory: Output<Goal>,
-    tactile: Output<Goal>,
-    _jog: Output<Goal>,
-}
-
-impl Task for Others {
-    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        let now = (self.script)(cycle.tick);
-        let (state, mode) = (now.state as u32, u32::from(now.mode as u8));
-        io.write(&self.control, ControlState { state, mode, ..ControlState::ZERO });
-        if let Some(joints) = now.joints {
-            io.write(&self.joints, joints);
-        }
-        for (port, goal) in [(&self.trajectory, now.trajectory), (&self.tactile, now.tactile)] {
-            if let Some(goal) = goal {
-                io.write(port, goal);
-            }
-        }
-        Ok(())
-    }
-}
-
-#[derive(Default)]
-struct Seen(Vec<Desired>);
-
-impl Observer for Seen {
-    fn record(&mut self, record: &Record<'_>) {
-        // Signals in order: servo.health, five of `others`, setpoint.desired.
-        if record.signal == 6 {
-            self.0.extend(Desired::decode(record.body));
-        }
-    }
-}
-
 /// Runs [`JOBS`] jobs; the desired joints of each, and the faults that the lane saw.
 fn run(script: fn(u64) -> Before) -> (Vec<Desired>, Vec<FaultCode>) {
-    let mut builder = Builder::new();
-    let lane = builder.lane(LaneSpec::new("servo", PERIOD, 80)).unwrap();
-    builder
-        .task(lane, "others", |ports| {
-            Ok(Box::new(Others {
-                script,
-                control: ports.output("control"),
-                joints: ports.output("joints"),
-                trajectory: ports.output("trajectory"),
-                tactile: ports.output("tactile"),
-                _jog: ports.output("jog"),
-            }))
-        })
-        .unwrap();
-    builder
-        .task(lane, "setpoint", |ports| Ok(Box::new(Setpoint::new(Config::default(), ports)?)))
-        .unwrap();
-    for port in ["control", "joints", "trajectory", "tactile"] {
-        builder.bind(format!("setpoint.{port}"), format!("others.{port}"));
-    }
+    let mut bench = Bench::new();
+    let lane = bench.servo();
+    bench.feed(lane, "control", move |tick| {
+        let Before { state, mode, .. } = script(tick);
+        let (state, mode) = (state as u32, u32::from(mode as u8));
+        Some(ControlState { state, mode, ..ControlState::ZERO })
+    });
+    bench.feed(lane, "joints", move |tick| script(tick).joints);
+    bench.feed(lane, "trajectory", move |tick| script(tick).trajectory);
+    bench.feed(lane, "tactile", move |tick| script(tick).tactile);
     // Nobody jogs here; the port says nothing.
-    builder.bind("setpoint.jog", "others.jog");
-    let mut machine = builder.build().unwrap();
-    let mut seen = Seen::default();
-    let stop = AtomicBool::new(false);
-    let until = PERIOD * i64::try_from(JOBS).unwrap();
-    virtual_time::run(&mut machine, until, &stop, &mut seen).unwrap();
-    let (_, figures) = machine.figures().next().unwrap();
-    assert_eq!((figures.jobs, figures.allocations), (JOBS, 0));
-    assert_eq!(seen.0.len(), usize::try_from(JOBS).unwrap(), "desired joints in every job");
-    (seen.0, figures.faults.iter().collect())
+    bench.feed(lane, "jog", |_| None::<Goal>);
+    bench.task(lane, "setpoint", |ports| Setpoint::new(Config::default(), ports));
+    bench.bind_feeds("setpoint", &["control", "joints", "trajectory", "tactile", "jog"]);
+    let run = bench.run(PERIOD * i64::try_from(JOBS).unwrap());
+    let desired: Vec<Desired> = run.of("setpoint.desired");
+    assert_eq!(desired.len(), usize::try_from(JOBS).unwrap(), "desired joints in every job");
+    (desired, run.faults().iter().collect())
 }
 
 /// 0.2 rad/s from job 20 on.

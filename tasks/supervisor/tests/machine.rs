@@ -1,21 +1,11 @@
 //! `supervisor` in a machine with two lanes in virtual time, among scripted tasks.
 
-use std::sync::atomic::AtomicBool;
-
-use taktil_rtcore::guard::CountingAllocator;
-use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::status::ModeStatus;
-use taktil_rtcore::{
-    Builder, Cycle, FaultCode, FaultSet, Io, LaneSpec, Mode, Nanos, Output, Payload, Task,
-    virtual_time,
-};
+use taktil_rtcore::{Cycle, FaultCode, FaultSet, Io, LaneSpec, Mode, Output, Payload, Task};
 use taktil_signal::{ControlState, Goal, JointState, Lines, Request, State, Verb};
 use taktil_tasks_supervisor::{Config, Supervisor};
+use taktil_tests_script::{Bench, PERIOD};
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
-
-const PERIOD: Nanos = Nanos::from_micros(2500);
 const JOBS: u64 = 400;
 
 /// What the scripted tasks do in one job of the servo lane.
@@ -97,21 +87,9 @@ impl Task for Touch {
     }
 }
 
-#[derive(Default)]
 struct Seen {
     control: Vec<ControlState>,
     mode: Vec<ModeStatus>,
-}
-
-impl Observer for Seen {
-    fn record(&mut self, record: &Record<'_>) {
-        // Signals in order: servo.health, four of `others`, supervisor.control, supervisor.mode.
-        match record.signal {
-            5 => self.control.extend(ControlState::decode(record.body)),
-            6 => self.mode.extend(ModeStatus::decode(record.body)),
-            _ => {}
-        }
-    }
 }
 
 impl Seen {
@@ -123,26 +101,22 @@ impl Seen {
 }
 
 fn run(script: fn(u64) -> Around, touch: Option<(FaultCode, u64, u64)>) -> Seen {
-    let mut builder = Builder::new();
-    let servo = builder.lane(LaneSpec::new("servo", PERIOD, 80)).unwrap();
-    let lane = builder.lane(LaneSpec::new("touch", PERIOD * 2, 70)).unwrap();
-    builder
-        .task(servo, "others", |ports| {
-            Ok(Box::new(Others {
-                script,
-                sequence: 0,
-                calibrated: 0,
-                request: ports.output("request"),
-                lines: ports.output("lines"),
-                joints: ports.output("joints"),
-                goal: ports.output("goal"),
-            }))
+    let mut bench = Bench::new();
+    let servo = bench.servo();
+    let lane = bench.lane(LaneSpec::new("touch", PERIOD * 2, 70));
+    bench.task(servo, "others", |ports| {
+        Ok(Others {
+            script,
+            sequence: 0,
+            calibrated: 0,
+            request: ports.output("request"),
+            lines: ports.output("lines"),
+            joints: ports.output("joints"),
+            goal: ports.output("goal"),
         })
-        .unwrap();
-    builder
-        .task(servo, "supervisor", |ports| Ok(Box::new(Supervisor::new(Config::default(), ports)?)))
-        .unwrap();
-    builder.task(lane, "scan", |_| Ok(Box::new(Touch(touch)))).unwrap();
+    });
+    bench.task(servo, "supervisor", |ports| Supervisor::new(Config::default(), ports));
+    bench.task(lane, "scan", |_| Ok(Touch(touch)));
     for (port, signal) in [
         ("request", "others.request"),
         ("lines", "others.lines"),
@@ -152,17 +126,11 @@ fn run(script: fn(u64) -> Around, touch: Option<(FaultCode, u64, u64)>) -> Seen 
         ("servo_health", "servo.health"),
         ("touch_health", "touch.health"),
     ] {
-        builder.bind(format!("supervisor.{port}"), signal);
+        bench.bind(&format!("supervisor.{port}"), signal);
     }
-    builder.mode_from("supervisor.mode");
-    let mut machine = builder.build().unwrap();
-    let mut seen = Seen::default();
-    let stop = AtomicBool::new(false);
-    let until = PERIOD * i64::try_from(JOBS).unwrap();
-    virtual_time::run(&mut machine, until, &stop, &mut seen).unwrap();
-    let (_, figures) = machine.figures().next().unwrap();
-    assert_eq!(figures.jobs, JOBS);
-    assert!(figures.faults.contains(FaultCode::TaskPanicked) || figures.allocations == 0);
+    bench.mode_from("supervisor.mode");
+    let run = bench.run(PERIOD * i64::try_from(JOBS).unwrap());
+    let seen = Seen { control: run.of("supervisor.control"), mode: run.of("supervisor.mode") };
     assert_eq!((seen.control.len(), seen.mode.len()), (400, 400));
     seen
 }

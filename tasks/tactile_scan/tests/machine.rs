@@ -1,17 +1,11 @@
 //! The task in a machine, in virtual time, on an array that does what a script says.
 
-use std::sync::atomic::AtomicBool;
-
 use taktil_hal::{Arrival, Error, Kind, TactileArray, TactileFrame};
-use taktil_rtcore::guard::CountingAllocator;
-use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::status::LaneHealth;
-use taktil_rtcore::{Builder, FaultCode, FaultSet, LaneSpec, Nanos, Payload, virtual_time};
+use taktil_rtcore::{FaultCode, FaultSet, LaneSpec, Nanos};
 use taktil_signal::TactileImage;
 use taktil_tasks_tactile_scan::{Config, TactileScan};
-
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+use taktil_tests_script::Bench;
 
 const PERIOD: Nanos = Nanos::from_millis(5);
 
@@ -66,42 +60,21 @@ impl TactileArray for Array {
     }
 }
 
-/// Keeps the images with their ticks, and the faults of each job.
+/// The images with their ticks, and the faults of each job.
 struct Keep {
-    image: usize,
-    health: usize,
     images: Vec<(u64, TactileImage)>,
     faults: Vec<FaultSet>,
 }
 
-impl Observer for Keep {
-    fn record(&mut self, record: &Record<'_>) {
-        if record.signal == self.image {
-            self.images.push((record.tick, TactileImage::decode(record.body).unwrap()));
-        } else if record.signal == self.health {
-            self.faults.push(FaultSet(LaneHealth::decode(record.body).unwrap().faults));
-        }
-    }
-}
-
 fn run(config: Config, answer: fn(i64) -> Answer, jobs: i64) -> Keep {
-    let mut builder = Builder::new();
-    let lane = builder.lane(LaneSpec::new("touch", PERIOD, 75)).unwrap();
+    let mut bench = Bench::new();
+    let lane = bench.lane(LaneSpec::new("touch", PERIOD, 75));
     let array = Box::new(Array { answer, sequence: 0 });
-    builder
-        .task(lane, "tactile_scan", |p| Ok(Box::new(TactileScan::new(config, array, p)?)))
-        .unwrap();
-    let mut machine = builder.build().unwrap();
-    let mut keep = Keep {
-        image: machine.catalog().find("tactile_scan.image").unwrap(),
-        health: machine.catalog().find("touch.health").unwrap(),
-        images: Vec::new(),
-        faults: Vec::new(),
-    };
-    virtual_time::run(&mut machine, PERIOD * jobs, &AtomicBool::new(false), &mut keep).unwrap();
-    let (_, figures) = machine.figures().next().unwrap();
-    assert_eq!(figures.allocations, 0);
-    keep
+    bench.task(lane, "tactile_scan", |ports| TactileScan::new(config, array, ports));
+    let run = bench.run(PERIOD * jobs);
+    let health: Vec<LaneHealth> = run.of("touch.health");
+    let faults = health.iter().map(|health| FaultSet(health.faults)).collect();
+    Keep { images: run.ticked("tactile_scan.image"), faults }
 }
 
 fn only(fault: FaultCode) -> FaultSet {

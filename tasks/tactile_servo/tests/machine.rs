@@ -1,53 +1,19 @@
 //! The task in a machine of two lanes, in virtual time, fed by scripts: images at 200 Hz, servo
 //! jobs at 400 Hz.
 
-use std::sync::atomic::AtomicBool;
-
 use taktil_mechanics::Joints;
-use taktil_rtcore::guard::CountingAllocator;
-use taktil_rtcore::record::{Observer, Record};
-use taktil_rtcore::{
-    Builder, Cycle, FaultCode, FaultSet, Io, LaneSpec, Nanos, Output, Payload, Task, virtual_time,
-};
+use taktil_rtcore::{FaultCode, FaultSet, LaneSpec, Payload};
 use taktil_signal::{
     ControlState, Desired, Features, Goal, JointState, State, TactileImage, defined,
 };
 use taktil_tasks_tactile_servo::{Config, TactileServo};
+use taktil_tests_script::{Bench, PERIOD};
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
-
-/// Writes what a function of the tick says, or nothing.
-struct Feed<T> {
-    out: Output<T>,
-    at: fn(u64) -> Option<T>,
-}
-
-impl<T: Payload> Task for Feed<T> {
-    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        if let Some(value) = (self.at)(cycle.tick) {
-            io.write(&self.out, value);
-        }
-        Ok(())
-    }
-}
-
-/// Keeps goals and features, with their ticks.
+/// Goals, features with their ticks, and faults.
 struct Keep {
-    signals: [usize; 2],
     goals: Vec<Goal>,
     features: Vec<(u64, Features)>,
     faults: FaultSet,
-}
-
-impl Observer for Keep {
-    fn record(&mut self, record: &Record<'_>) {
-        if record.signal == self.signals[0] {
-            self.goals.push(Goal::decode(record.body).unwrap());
-        } else if record.signal == self.signals[1] {
-            self.features.push((record.tick, Features::decode(record.body).unwrap()));
-        }
-    }
 }
 
 #[derive(Clone, Copy)]
@@ -60,35 +26,20 @@ struct Script {
 }
 
 fn run(config: Config, script: &Script, ticks: i64) -> Keep {
-    let mut builder = Builder::new();
-    let period = Nanos::from_micros(2_500);
-    let servo = builder.lane(LaneSpec::new("servo", period, 80)).unwrap();
-    let touch = LaneSpec { delivery: period, ..LaneSpec::new("touch", period * 2, 75) };
-    let touch = builder.lane(LaneSpec { deadline: period, ..touch }).unwrap();
+    let mut bench = Bench::new();
+    let servo = bench.servo();
+    let touch = LaneSpec::new("touch", PERIOD * 2, 75);
+    let touch = bench.lane(LaneSpec { delivery: PERIOD, deadline: PERIOD, ..touch });
     let Script { control, desired, joints, image } = *script;
-    let feed = &mut builder;
-    feed.task(servo, "control", |p| Ok(Box::new(Feed { out: p.output("out"), at: control })))
-        .unwrap();
-    feed.task(servo, "joints", |p| Ok(Box::new(Feed { out: p.output("out"), at: joints })))
-        .unwrap();
-    feed.task(servo, "tactile_servo", |p| Ok(Box::new(TactileServo::new(config, p)?))).unwrap();
-    feed.task(servo, "desired", |p| Ok(Box::new(Feed { out: p.output("out"), at: desired })))
-        .unwrap();
-    feed.task(touch, "image", |p| Ok(Box::new(Feed { out: p.output("out"), at: image }))).unwrap();
-    for port in ["control", "desired", "joints", "image"] {
-        builder.bind(format!("tactile_servo.{port}"), format!("{port}.out"));
-    }
-    let mut machine = builder.build().unwrap();
-    let find = |name: &str| machine.catalog().find(name).unwrap();
-    let signals = [find("tactile_servo.goal"), find("tactile_servo.features")];
-    let faults = FaultSet::NONE;
-    let mut keep = Keep { signals, goals: Vec::new(), features: Vec::new(), faults };
-    virtual_time::run(&mut machine, period * ticks, &AtomicBool::new(false), &mut keep).unwrap();
-    for (_, figures) in machine.figures() {
-        assert_eq!(figures.allocations, 0);
-        keep.faults = keep.faults.union(figures.faults);
-    }
-    keep
+    bench.feed(servo, "control", control);
+    bench.feed(servo, "joints", joints);
+    bench.task(servo, "tactile_servo", |ports| TactileServo::new(config, ports));
+    bench.feed(servo, "desired", desired);
+    bench.feed(touch, "image", image);
+    bench.bind_feeds("tactile_servo", &["control", "desired", "joints", "image"]);
+    let run = bench.run(PERIOD * ticks);
+    let (goals, features) = (run.of("tactile_servo.goal"), run.ticked("tactile_servo.features"));
+    Keep { goals, features, faults: run.faults() }
 }
 
 const START: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];

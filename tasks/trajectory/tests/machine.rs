@@ -1,52 +1,12 @@
 //! The task in a machine, in virtual time, fed by scripts.
 
-use std::sync::atomic::AtomicBool;
-
 use taktil_mechanics::Joints;
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::puma260::Puma260;
-use taktil_rtcore::guard::CountingAllocator;
-use taktil_rtcore::record::{Observer, Record};
-use taktil_rtcore::{
-    Builder, Cycle, FaultCode, FaultSet, Io, LaneSpec, Nanos, Output, Payload, Task, virtual_time,
-};
+use taktil_rtcore::{FaultCode, FaultSet, Payload};
 use taktil_signal::{ControlState, Desired, Goal, JointState, MoveCheck, State};
 use taktil_tasks_trajectory::{Config, Move, ToolGoal, Trajectory};
-
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
-
-/// Writes what a function of the tick says.
-struct Feed<T> {
-    out: Output<T>,
-    at: fn(u64) -> T,
-}
-
-impl<T: Payload> Task for Feed<T> {
-    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        io.write(&self.out, (self.at)(cycle.tick));
-        Ok(())
-    }
-}
-
-/// Keeps the goals and what the check says last.
-struct Keep {
-    signal: usize,
-    check_signal: usize,
-    goals: Vec<Goal>,
-    check: Option<MoveCheck>,
-}
-
-impl Observer for Keep {
-    fn record(&mut self, record: &Record<'_>) {
-        if record.signal == self.signal {
-            self.goals.push(Goal::decode(record.body).unwrap());
-        }
-        if record.signal == self.check_signal {
-            self.check = MoveCheck::decode(record.body);
-        }
-    }
-}
+use taktil_tests_script::{Bench, PERIOD};
 
 #[derive(Clone, Copy)]
 struct Script {
@@ -65,28 +25,16 @@ fn run_checked(
     script: &Script,
     ticks: i64,
 ) -> (Vec<Goal>, FaultSet, Option<MoveCheck>) {
-    let mut builder = Builder::new();
-    let lane = builder.lane(LaneSpec::new("servo", Nanos::from_micros(2_500), 80)).unwrap();
+    let mut bench = Bench::new();
+    let lane = bench.servo();
     let Script { control, desired, joints } = *script;
-    let feed = &mut builder;
-    feed.task(lane, "control", |p| Ok(Box::new(Feed { out: p.output("out"), at: control })))
-        .unwrap();
-    feed.task(lane, "joints", |p| Ok(Box::new(Feed { out: p.output("out"), at: joints }))).unwrap();
-    feed.task(lane, "trajectory", |p| Ok(Box::new(Trajectory::new(config, p)?))).unwrap();
-    feed.task(lane, "desired", |p| Ok(Box::new(Feed { out: p.output("out"), at: desired })))
-        .unwrap();
-    for port in ["control", "desired", "joints"] {
-        builder.bind(format!("trajectory.{port}"), format!("{port}.out"));
-    }
-    let mut machine = builder.build().unwrap();
-    let signal = machine.catalog().find("trajectory.goal").unwrap();
-    let check_signal = machine.catalog().find("trajectory.check").unwrap();
-    let mut keep = Keep { signal, check_signal, goals: Vec::new(), check: None };
-    let until = Nanos::from_micros(2_500) * ticks;
-    virtual_time::run(&mut machine, until, &AtomicBool::new(false), &mut keep).unwrap();
-    let (_, figures) = machine.figures().next().unwrap();
-    assert_eq!(figures.allocations, 0);
-    (keep.goals, figures.faults, keep.check)
+    bench.feed(lane, "control", move |tick| Some(control(tick)));
+    bench.feed(lane, "joints", move |tick| Some(joints(tick)));
+    bench.task(lane, "trajectory", |ports| Trajectory::new(config, ports));
+    bench.feed(lane, "desired", move |tick| Some(desired(tick)));
+    bench.bind_feeds("trajectory", &["control", "desired", "joints"]);
+    let run = bench.run(PERIOD * ticks);
+    (run.of("trajectory.goal"), run.faults(), run.of("trajectory.check").pop())
 }
 
 const START: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
