@@ -275,8 +275,13 @@ pub fn facts() -> Facts {
 
 /// The real-time budget of this process's control group; none where groups have no such thing.
 fn group_rt_budget() -> Option<i64> {
+    group_rt("runtime")
+}
+
+/// `runtime` or `period` of that budget, us.
+fn group_rt(what: &str) -> Option<i64> {
     let cpu = group_of("cpu")?;
-    says(&format!("/sys/fs/cgroup/cpu{cpu}/cpu.rt_runtime_us"))?.parse().ok()
+    says(&format!("/sys/fs/cgroup/cpu{cpu}/cpu.rt_{what}_us"))?.parse().ok()
 }
 
 /// The control group of this process under a controller; an empty name stands for the unified tree.
@@ -290,7 +295,8 @@ fn group_of(controller: &str) -> Option<String> {
 }
 
 /// The part of each period for which the kernel takes the processor from real-time threads that
-/// use all of it; none when it does not throttle, or when the calling thread is not one of them.
+/// use all of it, of all of them or of those of this control group, whichever is shorter; none when
+/// it does not throttle, or when the calling thread is not one of them.
 #[must_use]
 pub fn throttle_gap() -> Option<Nanos> {
     let (policy, _) = thread_schedule_policy_param(thread_native_id()).ok()?;
@@ -298,9 +304,13 @@ pub fn throttle_gap() -> Option<Nanos> {
         return None;
     }
     let number = |path: &str| says(path).and_then(|text| text.parse::<i64>().ok());
-    let runtime = number("/proc/sys/kernel/sched_rt_runtime_us").filter(|us| *us >= 0)?;
-    let period = number("/proc/sys/kernel/sched_rt_period_us")?;
-    (runtime < period).then(|| Nanos::from_micros(period - runtime))
+    let all = number("/proc/sys/kernel/sched_rt_runtime_us")
+        .zip(number("/proc/sys/kernel/sched_rt_period_us"));
+    let group = group_rt_budget().zip(group_rt("period"));
+    let gap =
+        |(runtime, period): (i64, i64)| (0..period).contains(&runtime).then(|| period - runtime);
+    let gaps = [all, group].into_iter().flatten().filter_map(gap);
+    gaps.min().map(Nanos::from_micros)
 }
 
 /// Whether the control group's processor quota runs out: the kernel counts the times.

@@ -7,8 +7,10 @@
 //! TAKTIL_WRITE=docs/measurements/miss-causes.md cargo test --release -p taktil-tests --test causes
 //! ```
 
+use std::fs::OpenOptions;
 use std::hint::black_box;
 use std::io::{PipeReader, PipeWriter, Read, Write, pipe};
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -38,6 +40,12 @@ const CPU: usize = 0;
 const PAGES: usize = 9_000;
 const PAGE: usize = 4096;
 
+/// What real-time threads of the throttled control group may use in each period, and what the task
+/// takes: more than two periods' worth, less than its deadline.
+const GROUP_RUNTIME: Nanos = Nanos::from_micros(1_500);
+const GROUP_PERIOD: Nanos = Nanos::from_millis(10);
+const GROUP_BURN: Nanos = Nanos::from_micros(3_500);
+
 /// How a job is troubled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Provocation {
@@ -49,15 +57,16 @@ enum Provocation {
     SpinnerAtTheRelease,
     StopInTheJob,
     StopAtTheRelease,
+    RtGroup,
 }
 
 use Provocation::{
-    BlockingRead, Overrun, Sleep, SpinnerAtTheRelease, SpinnerInTheJob, StopAtTheRelease,
+    BlockingRead, Overrun, RtGroup, Sleep, SpinnerAtTheRelease, SpinnerInTheJob, StopAtTheRelease,
     StopInTheJob, UnlockedPages,
 };
 
 /// Name, what is done, the cause that has to be found.
-const ALL: [(Provocation, &str, &str, &str); 8] = [
+const ALL: [(Provocation, &str, &str, &str); 9] = [
     (Overrun, "overrun", "the task computes for 8 ms", "overrun"),
     (Sleep, "sleep", "the task sleeps for 8 ms", "blocked"),
     (BlockingRead, "read", "the task reads a pipe that is written 8 ms later", "blocked"),
@@ -66,6 +75,12 @@ const ALL: [(Provocation, &str, &str, &str); 8] = [
     (SpinnerAtTheRelease, "late", "the same thread spins over the release", "late_wake"),
     (StopInTheJob, "stop", "SIGSTOP in the job, SIGCONT 8 ms later", "blocked"),
     (StopAtTheRelease, "stop-late", "SIGSTOP before a release, SIGCONT 8 ms later", "late_wake"),
+    (
+        RtGroup,
+        "group",
+        "the task computes for 3.5 ms, its control group has 1.5 of 10 ms",
+        "throttled",
+    ),
 ];
 
 /// Troubles one job in [`EVERY`].
@@ -111,6 +126,7 @@ impl Task for Troubled {
             SpinnerInTheJob | SpinnerAtTheRelease | StopAtTheRelease => {
                 self.ask.write_all(&[1]).expect("the helper lives");
             }
+            RtGroup => burn(GROUP_BURN),
             StopInTheJob => raise(Signal::SIGSTOP).expect("a process may stop itself"),
         }
         Ok(())
@@ -174,6 +190,44 @@ fn provoke(provocation: Provocation) -> Misses {
 }
 
 const CHILD: &str = "TAKTIL_PROVOKE";
+/// The control group that the child has to join.
+const GROUP: &str = "TAKTIL_PROVOKE_GROUP";
+
+/// A control group whose real-time threads are throttled, for as long as it lives.
+struct Throttled(PathBuf);
+
+impl Throttled {
+    /// Makes one.
+    ///
+    /// # Errors
+    /// The file that is not there or cannot be written, and why: such groups are of kernels with
+    /// `CONFIG_RT_GROUP_SCHED` and the first version's `cpu` controller.
+    fn new() -> Result<Throttled, String> {
+        let name = format!("taktil-causes-{}", std::process::id());
+        let group = Throttled(Path::new("/sys/fs/cgroup/cpu").join(name));
+        let told = |path: &Path, why: std::io::Error| format!("{}: {why}", path.display());
+        std::fs::create_dir(&group.0).map_err(|why| told(&group.0, why))?;
+        let budget = [("cpu.rt_period_us", GROUP_PERIOD), ("cpu.rt_runtime_us", GROUP_RUNTIME)];
+        for (file, span) in budget {
+            let path = group.0.join(file);
+            let mut file = OpenOptions::new().write(true).open(&path);
+            let written = file.as_mut().map(|file| write!(file, "{}", span.0 / 1000));
+            match written {
+                Ok(Ok(())) => {}
+                Ok(Err(why)) => return Err(told(&path, why)),
+                Err(_) => return Err(format!("there is no {}", path.display())),
+            }
+        }
+        Ok(group)
+    }
+}
+
+impl Drop for Throttled {
+    fn drop(&mut self) {
+        // Whoever was in it has ended.
+        let _ = std::fs::remove_dir(&self.0);
+    }
+}
 
 /// The child of the test below: provokes one cause and prints what was counted. Alone it does
 /// nothing.
@@ -181,6 +235,10 @@ const CHILD: &str = "TAKTIL_PROVOKE";
 fn child_that_is_troubled() {
     let Ok(name) = std::env::var(CHILD) else { return };
     let (provocation, ..) = ALL.iter().find(|row| row.1 == name).expect("a known provocation");
+    if let Some(group) = std::env::var_os(GROUP) {
+        let me = std::process::id().to_string();
+        std::fs::write(Path::new(&group).join("cgroup.procs"), me).expect("the group is there");
+    }
     for (cause, count) in provoke(*provocation).rows() {
         println!("found {cause} {count}");
     }
@@ -188,10 +246,11 @@ fn child_that_is_troubled() {
 
 /// Runs one provocation in a process of its own, which may be stopped and is then continued.
 #[expect(clippy::zombie_processes, reason = "waited for by its number, which also tells of a stop")]
-fn ask_child(name: &str) -> Vec<(String, u64)> {
+fn ask_child(name: &str, group: Option<&Throttled>) -> Vec<(String, u64)> {
     let mut child = Command::new(std::env::current_exe().unwrap())
         .args(["child_that_is_troubled", "--exact", "--nocapture"])
         .env(CHILD, name)
+        .envs(group.map(|group| (GROUP, &group.0)))
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
@@ -224,16 +283,24 @@ fn each_cause_is_told_when_it_is_provoked() {
     let mut table =
         String::from("| provoked | expected | found in 10 troubled jobs |\n|---|---|---|\n");
     let mut wrong = Vec::new();
-    for (_, name, what, expected) in ALL {
+    for (provocation, name, what, expected) in ALL {
+        let group = match (provocation == RtGroup).then(Throttled::new).transpose() {
+            Ok(group) => group,
+            Err(why) => {
+                println!("SKIPPED: misses by throttling cannot be provoked: {why}");
+                table += &format!("| {what} | {expected} | not possible there: {why} |\n");
+                continue;
+            }
+        };
         // A shared machine may take the processor away for longer than any provocation: once more.
-        let mut found = ask_child(name);
+        let mut found = ask_child(name, group.as_ref());
         let told = |found: &[(String, u64)]| {
             let most = found.iter().max_by_key(|(_, count)| *count).cloned();
             most.is_some_and(|(cause, count)| cause == expected && count * 10 >= TROUBLED * 8)
         };
         if !told(&found) {
             println!("once more: {name}: {found:?}");
-            found = ask_child(name);
+            found = ask_child(name, group.as_ref());
         }
         if !told(&found) {
             wrong.push(format!("{name}: expected {expected}, found {found:?}"));
