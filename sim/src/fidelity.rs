@@ -4,17 +4,25 @@
 
 use serde::Deserialize;
 
-/// `[fidelity]`: arm, contact and integrator of a scene.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct FidelityConfig {
-    /// What moves the finger. Default `rigid+motors`.
-    pub arm: ArmModel,
-    /// What finger and pin feel of each other. Default `line`.
-    pub contact: ContactModel,
-    /// How time passes. Default `auto`.
-    pub integrator: Integrator,
+use crate::scene::section::{Agree, names, section};
+
+section! {
+    /// `[fidelity]`: arm, contact and integrator of a scene.
+    #[derive(Copy, Default, Eq)]
+    #[serde(default)]
+    pub struct FidelityConfig {
+        /// What moves the finger. Default `rigid+motors`.
+        arm: ArmModel,
+        /// What finger and pin feel of each other. Default `line`.
+        contact: ContactModel,
+        /// How time passes. Default `auto`.
+        integrator: Integrator,
+    }
 }
+
+impl Agree for FidelityConfig {}
+
+names!(ArmModel, ContactModel, Integrator);
 
 /// The arm's model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]

@@ -30,6 +30,7 @@ pub mod fidelity;
 mod finger;
 mod hand;
 mod hash;
+mod motion;
 mod pin;
 mod prng;
 mod rolling;

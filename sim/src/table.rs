@@ -1,5 +1,5 @@
-//! Where the table's surface is at an instant and how it moves: fixed values plus linear ramps of
-//! two tilts, pan, slide and height about a pivot. Refuses dynamics: nothing pushes the table.
+//! Where the table's surface is at an instant and how it moves: fixed values plus motions of two
+//! tilts, pan, slide and height about a pivot. Refuses dynamics: nothing pushes the table.
 //!
 //! The surface frame is `Rz(pan) Ry(-tilt_y) Rx(tilt_x)` with its origin at the pivot
 //! `(pivot_x + slide, pivot_y, height)`: a positive `tilt_y` raises the side towards +x, a positive
@@ -9,7 +9,8 @@ use glam::{DMat3, DVec3};
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
 
 use crate::contact::Surface;
-use crate::scene::{Axis, MOTIONS_MAX, Ramp, TableConfig};
+use crate::motion::Course;
+use crate::scene::{Axis, Motion, TableConfig};
 
 /// The five coordinates of the table or their rates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -44,7 +45,7 @@ impl TablePose {
 pub(crate) struct Table {
     start: TablePose,
     pivot: DVec3,
-    ramps: [Option<Ramp>; MOTIONS_MAX],
+    motions: Vec<(Axis, Course)>,
     /// The surface of a table that never moves, computed once.
     still: Option<(TablePose, DMat3, Surface)>,
 }
@@ -59,11 +60,9 @@ impl Table {
             height_m: 1e-3 * height_mm,
         };
         let pivot = 1e-3 * DVec3::new(config.pivot_x_mm, config.pivot_y_mm, 0.0);
-        let mut ramps = [None; MOTIONS_MAX];
-        for (slot, ramp) in ramps.iter_mut().zip(&config.motion) {
-            *slot = Some(*ramp);
-        }
-        let mut table = Table { start, pivot, ramps, still: None };
+        let course = |motion: &Motion| (motion.axis, Course::new(motion));
+        let motions = config.motion.iter().map(course).collect();
+        let mut table = Table { start, pivot, motions, still: None };
         if config.motion.is_empty() {
             table.still = Some(table.moving(0.0));
         }
@@ -80,12 +79,10 @@ impl Table {
 
     fn moving(&self, t_s: f64) -> (TablePose, DMat3, Surface) {
         let (mut pose, mut rate) = (self.start, TablePose::default());
-        for ramp in self.ramps.iter().flatten() {
-            let speed = ramp.rate().unwrap_or(0.0);
-            pose.add(ramp.axis, speed * (t_s.clamp(ramp.from_s, ramp.to_s) - ramp.from_s));
-            if t_s >= ramp.from_s && t_s < ramp.to_s {
-                rate.add(ramp.axis, speed);
-            }
+        for (axis, course) in &self.motions {
+            let (value, speed) = course.at(t_s);
+            pose.add(*axis, value);
+            rate.add(*axis, speed);
         }
         let pan = rotation_z(pose.pan_rad);
         let pan_tilt = pan * rotation_y(-pose.tilt_y_rad);
@@ -134,13 +131,7 @@ mod tests {
 
     #[test]
     fn the_velocity_is_the_derivative_of_the_pose() {
-        let ramp = |axis, rate: f64| Ramp {
-            axis,
-            rate_deg_s: Some(rate),
-            rate_mm_s: Some(rate),
-            from_s: 1.0,
-            to_s: 2.0,
-        };
+        let ramp = |axis, rate: f64| Motion::ramp(axis, rate, (1.0, 2.0));
         let motion = vec![
             ramp(Axis::TiltX, 3.0),
             ramp(Axis::TiltY, -5.0),

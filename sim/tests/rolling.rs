@@ -5,7 +5,7 @@ mod common;
 use common::{at, bench, contact_travel, load_of, meeting_height, nominal, over, stroke};
 use glam::{DMat3, DVec3};
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
-use taktil_sim::scene::{Axis, Ramp};
+use taktil_sim::scene::{Axis, Motion};
 use taktil_sim::{Carriage, WorldConfig};
 
 fn tilted(deg: f64) -> WorldConfig {
@@ -98,8 +98,7 @@ fn strokes_there_and_back_return_the_pin() {
 fn a_table_that_slides_or_rises_carries_the_pin() {
     let slide = |axis, rate| {
         let mut config = WorldConfig::default();
-        config.table.motion =
-            vec![Ramp { axis, rate_deg_s: None, rate_mm_s: Some(rate), from_s: 1.0, to_s: 2.0 }];
+        config.table.motion = vec![Motion::ramp(axis, rate, (1.0, 2.0))];
         let z = meeting_height(&config) + 1e-4;
         let knots = vec![(0.0, over(z))];
         let carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
@@ -160,13 +159,7 @@ fn a_pressed_pin_on_a_panned_table_is_torn_between_table_and_finger() {
     let turned = |friction: f64| {
         let mut config = WorldConfig::default();
         config.finger.friction = friction;
-        config.table.motion = vec![Ramp {
-            axis: Axis::Pan,
-            rate_deg_s: Some(2.0),
-            rate_mm_s: None,
-            from_s: 0.5,
-            to_s: 1.5,
-        }];
+        config.table.motion = vec![Motion::ramp(Axis::Pan, 2.0, (0.5, 1.5))];
         let z = meeting_height(&config) + 1e-4;
         let knots = vec![(0.0, over(z))];
         let carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
@@ -185,13 +178,7 @@ fn a_pressed_pin_on_a_panned_table_is_torn_between_table_and_finger() {
 #[test]
 fn a_panned_table_turns_a_pin_that_nobody_presses() {
     let mut config = WorldConfig::default();
-    config.table.motion = vec![Ramp {
-        axis: Axis::Pan,
-        rate_deg_s: Some(5.0),
-        rate_mm_s: None,
-        from_s: 0.5,
-        to_s: 2.5,
-    }];
+    config.table.motion = vec![Motion::ramp(Axis::Pan, 5.0, (0.5, 2.5))];
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };
     let (mut world, _devices) = bench(&config, carriage);
     let truth = at(&mut world, 3.5);

@@ -1,7 +1,7 @@
 //! Scenes that cannot be simulated are refused with their place.
 
 use taktil_sim::fidelity::Integrator;
-use taktil_sim::scene::{Axis, Ramp};
+use taktil_sim::scene::{Axis, Kind, Motion};
 use taktil_sim::{Carriage, Float, Invalid, Timing, WorldConfig, build, build_with_carriage};
 
 fn refused(edit: impl FnOnce(&mut WorldConfig)) -> Invalid {
@@ -153,17 +153,58 @@ fn what_contradicts_is_refused() {
 }
 
 #[test]
-fn ramps_must_fit_their_axis_and_run_forwards() {
-    let good =
-        Ramp { axis: Axis::Pan, rate_deg_s: Some(5.0), rate_mm_s: None, from_s: 1.0, to_s: 2.0 };
-    let with = |ramp: Ramp| refused(|c| c.table.motion = vec![good, ramp]).place;
-    assert_eq!(with(Ramp { rate_deg_s: None, ..good }), "table.motion[1]");
-    assert_eq!(with(Ramp { rate_mm_s: Some(1.0), ..good }), "table.motion[1].rate_mm_s");
-    assert_eq!(with(Ramp { axis: Axis::Slide, ..good }), "table.motion[1].rate_deg_s");
-    assert_eq!(with(Ramp { rate_deg_s: Some(f64::NAN), ..good }), "table.motion[1].rate_deg_s");
-    assert_eq!(with(Ramp { to_s: 1.0, ..good }), "table.motion[1].to_s");
-    assert_eq!(with(Ramp { from_s: -1.0, ..good }), "table.motion[1].from_s");
-    assert_eq!(refused(|c| c.table.motion = vec![good; 17]).place, "table.motion");
+fn motions_must_fit_their_axis_and_their_kind_and_run_forwards() {
+    let good = Motion::ramp(Axis::Pan, 5.0, (1.0, 2.0));
+    let with = |edit: fn(&mut Motion)| {
+        let mut motion = good.clone();
+        edit(&mut motion);
+        let found = refused(|c| c.table.motion = vec![good.clone(), motion]);
+        assert!(!found.remedy.is_empty());
+        found.place.strip_prefix("table.motion[1]").unwrap().to_owned()
+    };
+    assert_eq!(with(|m| m.rate_deg_s = None), "");
+    assert_eq!(with(|m| m.rate_mm_s = Some(1.0)), ".rate_mm_s");
+    assert_eq!(with(|m| m.axis = Axis::Slide), ".rate_deg_s");
+    assert_eq!(with(|m| m.rate_deg_s = Some(f64::NAN)), ".rate_deg_s");
+    assert_eq!(with(|m| m.rate_deg_s = Some(1e9)), ".rate_deg_s");
+    assert_eq!(with(|m| m.to_s = Some(1.0)), ".to_s");
+    assert_eq!(with(|m| m.to_s = None), "");
+    assert_eq!(with(|m| m.from_s = -1.0), ".from_s");
+    assert_eq!(with(|m| m.blend_s = Some(0.6)), ".blend_s");
+    assert_eq!(with(|m| m.by_deg = Some(1.0)), ".by_deg");
+    assert_eq!(with(|m| m.kind = Kind::Step), ".rate_deg_s");
+    assert_eq!(with(|m| *m = Motion::of(Axis::Pan, Kind::Step)), "");
+    assert_eq!(with(|m| *m = Motion::of(Axis::Pan, Kind::Sine)), "");
+    assert_eq!(refused(|c| c.table.motion = vec![good.clone(); 17]).place, "table.motion");
+    let points = |points: &[[f64; 2]]| {
+        let mut motion = Motion::of(Axis::Slide, Kind::Points);
+        motion.points_mm = Some(points.to_vec());
+        let place = refused(|c| c.table.motion = vec![motion]).place;
+        place.strip_prefix("table.motion[0].points_mm").unwrap().to_owned()
+    };
+    assert_eq!(points(&[]), "");
+    assert_eq!(points(&[[0.0, 1.0]]), "");
+    assert_eq!(points(&[[0.0, 1.0], [1.0, f64::NAN]]), "[1][1]");
+    assert_eq!(points(&[[0.0, 1.0], [1.0, 2.0], [0.5, 0.0]]), "[2][0]");
+    assert_eq!(points(&[[-0.5, 1.0], [1.0, 2.0]]), "[0][0]");
+    let mut unread = Motion::of(Axis::Slide, Kind::Points);
+    assert_eq!(refused(|c| c.table.motion = vec![unread.clone()]).place, "table.motion[0]");
+    unread.file = Some("hand.csv".to_owned());
+    assert_eq!(refused(|c| c.table.motion = vec![unread.clone()]).place, "table.motion[0].file");
+}
+
+#[test]
+fn every_key_is_listed_with_its_meaning_and_every_number_with_its_range() {
+    let keys = WorldConfig::keys();
+    let at = |path: &str| keys.iter().find(|key| key.path == path).unwrap();
+    assert_eq!(at("pin.radius_mm").range, Some((1.0, 500.0)));
+    assert_eq!(at("arm.home_deg[]").range, Some((-720.0, 720.0)));
+    assert_eq!(at("table.motion[].from_s").range, Some((0.0, 1e6)));
+    assert_eq!(at("table.rubber.poisson").about, "Poisson's ratio, below 0.5.");
+    let silent: Vec<_> =
+        keys.iter().filter(|key| key.about.is_empty() && !key.path.ends_with("[]")).collect();
+    assert!(silent.is_empty(), "{silent:?}");
+    assert!(keys.iter().all(|key| key.range.is_none_or(|(low, high)| low < high)));
 }
 
 #[test]

@@ -16,6 +16,7 @@ use crate::plot::{self, PlotArgs};
 use crate::postmortem;
 use crate::replay;
 use crate::run::{self, BadOption, Options};
+use crate::scenes::{self, SceneArgs};
 
 /// Exit code for input that cannot be used.
 const BAD_INPUT: u8 = 2;
@@ -76,6 +77,8 @@ enum Command {
         #[arg(long)]
         plan: bool,
     },
+    /// Check scene files without running them; print what may stand in one.
+    Scene(SceneArgs),
     /// Draw a log as SVG figures, or write its signals as CSV.
     ///
     /// Without --what every view that the log allows is made. Views: features, positions, angles,
@@ -193,6 +196,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         Command::Run { scene, fast, seed, for_s, log, report, flight, json, plan } => {
             run::run(&Options { scene, fast, seed, for_s, log, report, flight, json, plan })
         }
+        Command::Scene(arguments) => scenes::run(&arguments),
         Command::Plot { log, what, csv, out } => {
             let arguments = PlotArgs { log, what, csv, out };
             // What can go wrong here is the log, a name or the place to write to: all of it input.

@@ -13,4 +13,5 @@ pub mod postmortem;
 pub mod replay;
 pub mod report;
 pub mod run;
+pub mod scenes;
 pub mod series;

@@ -120,8 +120,12 @@ impl Source {
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, Located> {
         toml::from_str(&self.text).map_err(|error| {
             let span = error.span().unwrap_or(0..0);
-            let what = error.message().replace('\n', " ");
-            let remedy = remedy_for(&what);
+            let said = error.message().replace('\n', " ");
+            let remedy = remedy_for(&said);
+            let what = match self.key_at(span.start) {
+                Some(key) => format!("{key}: {said}"),
+                None => said,
+            };
             Located { path: self.path.clone(), mark: Some(self.mark(&span)), what, remedy }
         })
     }
@@ -152,6 +156,12 @@ impl Source {
         Some(descend(&value, place, span.start..span.start))
     }
 
+    /// The dotted path of the innermost key or value that lies at a byte of the text.
+    fn key_at(&self, at: usize) -> Option<String> {
+        let table = DeTable::parse(&self.text).ok()?;
+        holding(&DeValue::Table(table.into_inner()), "", at)
+    }
+
     fn mark(&self, span: &Range<usize>) -> Mark {
         let start = span.start.min(self.text.len());
         let before = &self.text[..floor(&self.text, start)];
@@ -169,6 +179,25 @@ impl Source {
             text,
             width,
         }
+    }
+}
+
+/// The path, under `place`, of the innermost key or value that holds a byte of the text.
+fn holding(value: &DeValue<'_>, place: &str, at: usize) -> Option<String> {
+    let within = |span: Range<usize>| span.contains(&at);
+    match value {
+        DeValue::Table(table) => table.iter().find_map(|(key, inner)| {
+            let dot = if place.is_empty() { "" } else { "." };
+            let path = format!("{place}{dot}{}", key.get_ref());
+            let here = within(key.span()) || within(inner.span());
+            holding(inner.get_ref(), &path, at).or_else(|| here.then_some(path))
+        }),
+        DeValue::Array(array) => array.iter().enumerate().find_map(|(index, inner)| {
+            let path = format!("{place}[{index}]");
+            let here = within(inner.span());
+            holding(inner.get_ref(), &path, at).or_else(|| here.then_some(path))
+        }),
+        _ => None,
     }
 }
 

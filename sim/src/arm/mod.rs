@@ -49,7 +49,8 @@ impl Arm {
     pub(crate) fn new(config: &ArmConfig, model: ArmModel, every: u32) -> Result<Arm, Invalid> {
         let puma = Puma260::reference();
         let transmission = Transmission::reference();
-        let q = Joints::from(config.home_deg.map(f64::to_radians));
+        let q =
+            Joints::from_fn(|i, _| (config.home_deg[i] + config.zero_error_deg[i]).to_radians());
         for i in 0..JOINTS {
             let (low, high) = (puma.q_min_rad[i], puma.q_max_rad[i]);
             if !(low..=high).contains(&q[i]) {

@@ -9,8 +9,8 @@ use taktild::source::{Located, Source};
 use taktild::tape::player::{About, Lack, Tapes};
 
 use crate::log::{Log, METADATA_RUN};
-use crate::run::assemble;
 use crate::run::scene::Scene;
+use crate::run::{RECORDED, assemble};
 
 /// What ran.
 pub(super) enum Origin {
@@ -54,7 +54,11 @@ impl Origin {
         let title = format!("{}, {mode}, seed {seed}", scene.path.display());
         let seed = seed.parse().map_err(|_| format!("its seed `{seed}` is no number"))?;
         let machine = Some(machine).filter(|machine| !machine.text.is_empty());
-        let scene = Box::new(Scene::of(scene, machine).map_err(plainly)?);
+        let read = |name: &str| {
+            let text = find(&format!("{RECORDED}{name}"))?;
+            Ok(Source { path: PathBuf::from(name), text })
+        };
+        let scene = Box::new(Scene::of(scene, machine, &read).map_err(plainly)?);
         Ok(Origin::Scene { scene, seed, title })
     }
 

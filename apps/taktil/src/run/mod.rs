@@ -302,15 +302,21 @@ fn targets(scene: &Scene) -> Targets {
     }
 }
 
+/// Metadata of a log under this name, followed by the file's own, hold a file that a scene's motion
+/// names.
+pub const RECORDED: &str = "recorded:";
+
 fn metadata(scene: &Scene, seed: u64, options: &Options) -> BTreeMap<String, String> {
-    BTreeMap::from([
+    let recorded = scene.recorded().map(|(name, text)| (format!("{RECORDED}{name}"), text.into()));
+    let about = BTreeMap::from([
         ("scene".to_owned(), options.scene.display().to_string()),
         ("scene_text".to_owned(), scene.source.text.clone()),
         ("machine_text".to_owned(), scene.machine_text().to_owned()),
         ("seed".to_owned(), seed.to_string()),
         ("mode".to_owned(), if options.fast { "fast" } else { "live" }.to_owned()),
         ("taktil".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
-    ])
+    ]);
+    about.into_iter().chain(recorded).collect()
 }
 
 fn repeat(options: &Options, seed: u64, until: Nanos, scene: &Scene) -> String {

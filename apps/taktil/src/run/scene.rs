@@ -16,8 +16,12 @@ use taktild::config::MachineConfig;
 use taktild::contract::ContractConfig;
 use taktild::source::{Located, Source};
 
+use crate::scenes::probe::{self, Shape};
+
+mod recorded;
 mod script;
 
+pub use recorded::Read;
 pub use script::{Act, Step};
 use script::{StepFile, script};
 
@@ -107,6 +111,8 @@ pub struct Scene {
     /// The scene file, for complaints that come later and for the log.
     pub source: Source,
     machine_source: Option<Source>,
+    /// Files that motions of the table name, with those names.
+    recorded: Vec<(String, Source)>,
     /// One line for people.
     pub title: String,
     /// How long it runs.
@@ -145,14 +151,23 @@ impl Scene {
             None => None,
             Some(name) => Some(read_machine(&source, path, name)?),
         };
-        Scene::of(source, machine_source)
+        let beside = |name: &str| {
+            let path = path.parent().unwrap_or(Path::new("")).join(name);
+            Source::read(&path).map_err(|error| error.what)
+        };
+        Scene::of(source, machine_source, &beside)
     }
 
-    /// A scene from texts that were read already, such as those that stand in a log.
+    /// A scene from texts that were read already, such as those that stand in a log. `read` gives
+    /// the files that its motions name.
     ///
     /// # Errors
     /// As [`Scene::load`].
-    pub fn of(source: Source, machine_source: Option<Source>) -> Result<Scene, Located> {
+    pub fn of(
+        source: Source,
+        machine_source: Option<Source>,
+        read: Read<'_>,
+    ) -> Result<Scene, Located> {
         let file: SceneFile = source.parse()?;
         let base = match &machine_source {
             None => MachineConfig::default(),
@@ -160,9 +175,12 @@ impl Scene {
         };
         let script = script(&file.operator).map_err(|invalid| source.locate(invalid))?;
         let edits = edits(&file.edit).map_err(|invalid| source.locate(invalid))?;
+        let mut world = file.world.clone();
+        let recorded = recorded::fill(&mut world, &source, read)?;
         let mut scene = Scene {
             machine: base.overridden_by(file.robot.clone()),
             machine_source,
+            recorded,
             title: file.title.clone(),
             duration: Nanos::ZERO,
             seed: file.seed,
@@ -176,7 +194,7 @@ impl Scene {
             contract: file.contract,
             script,
             edits,
-            world: file.world.clone(),
+            world,
             source,
         };
         scene.complete(&file).map_err(|invalid| scene.locate(invalid))?;
@@ -213,7 +231,13 @@ impl Scene {
     /// The files that were read.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         let machine = self.machine_source.as_ref().map(|source| source.path.as_path());
-        [self.source.path.as_path()].into_iter().chain(machine)
+        let recorded = self.recorded.iter().map(|(_, source)| source.path.as_path());
+        [self.source.path.as_path()].into_iter().chain(machine).chain(recorded)
+    }
+
+    /// The files that its motions name: the name and the text of each.
+    pub fn recorded(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.recorded.iter().map(|(name, source)| (name.as_str(), source.text.as_str()))
     }
 
     /// The text of the machine file; empty when the scene names none.
@@ -234,6 +258,14 @@ impl Scene {
             _ => self.source.locate(invalid),
         }
     }
+}
+
+/// What may stand in a scene file.
+///
+/// # Errors
+/// A declaration that cannot be asked.
+pub fn shape() -> Result<Shape, String> {
+    probe::shape::<SceneFile>()
 }
 
 /// A complaint of the simulator in the core's words.

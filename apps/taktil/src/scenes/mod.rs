@@ -1,0 +1,78 @@
+//! `taktil scene`: whether scene files can be run, and what may stand in one. Refuses to run them.
+
+pub mod probe;
+pub mod schema;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use taktild::source::Located;
+
+use crate::run::BadOption;
+use crate::run::assemble;
+use crate::run::scene::Scene;
+
+/// What is asked about scenes.
+#[derive(Clone, Debug, clap::Args)]
+#[command(arg_required_else_help = true)]
+pub struct SceneArgs {
+    /// Print the JSON Schema of scene files, made from what the parser asks for
+    #[arg(long)]
+    schema: bool,
+    #[command(subcommand)]
+    command: Option<SceneCommand>,
+}
+
+/// What is done with scene files.
+#[derive(Clone, Debug, clap::Subcommand)]
+enum SceneCommand {
+    /// Read scenes with their machines and build all that would run, without running it.
+    ///
+    /// Every file that cannot be run is complained about, with file, line, column, key and remedy.
+    /// Exit code 0: all can be run; 2: at least one cannot.
+    Check {
+        /// Scene files (TOML)
+        #[arg(required = true)]
+        files: Vec<PathBuf>,
+    },
+}
+
+/// Answers.
+///
+/// # Errors
+/// [`BadOption`] when there is nothing to answer.
+pub fn run(arguments: &SceneArgs) -> anyhow::Result<ExitCode> {
+    if arguments.schema {
+        let schema = schema::schema().map_err(anyhow::Error::msg)?;
+        println!("{}", serde_json::to_string_pretty(&schema)?);
+    }
+    match &arguments.command {
+        Some(SceneCommand::Check { files }) => Ok(check(files)),
+        None if arguments.schema => Ok(ExitCode::SUCCESS),
+        None => Err(BadOption("say `check FILE...` or `--schema`".to_owned()).into()),
+    }
+}
+
+fn check(files: &[PathBuf]) -> ExitCode {
+    let mut sound = true;
+    for file in files {
+        match sound_scene(file) {
+            Ok(scene) => println!("ok  {}: {}", file.display(), scene.title),
+            Err(bad) => {
+                sound = false;
+                eprintln!("{bad}");
+            }
+        }
+    }
+    if sound { ExitCode::SUCCESS } else { ExitCode::from(2) }
+}
+
+/// A scene that can be run: read, wired and built.
+///
+/// # Errors
+/// Whatever is wrong with it, located.
+pub fn sound_scene(file: &std::path::Path) -> Result<Scene, Located> {
+    let scene = Scene::load(file)?;
+    assemble::assemble(&scene, scene.seed)?;
+    Ok(scene)
+}

@@ -1,0 +1,202 @@
+//! One coordinate over time: ramps with or without blends, minimum-jerk steps, sinusoids, curves
+//! through points. Refuses jumps: a value never changes within no time. Values are in the unit of
+//! whoever asks.
+
+use core::f64::consts::TAU;
+
+use crate::scene::{Kind, Motion, STEP_S};
+
+/// A motion, ready to be asked at any instant.
+#[derive(Clone, Debug)]
+pub(crate) enum Course {
+    /// Rate, start, end, blend (s).
+    Ramp { rate: f64, from_s: f64, to_s: f64, blend_s: f64 },
+    /// Change, start, end (s).
+    Step { by: f64, from_s: f64, to_s: f64 },
+    /// Amplitude, cycles a second, start, end (s).
+    Sine { amplitude: f64, frequency_hz: f64, from_s: f64, to_s: f64 },
+    /// Instants (s), values and slopes.
+    Points(Vec<Knot>),
+}
+
+/// A point of a curve.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Knot {
+    t_s: f64,
+    value: f64,
+    slope: f64,
+}
+
+impl Course {
+    /// Of a motion that was checked; allocates.
+    pub(crate) fn new(motion: &Motion) -> Course {
+        let from_s = motion.from_s;
+        let of = |deg: Option<f64>, mm| motion.fitting(deg, mm).unwrap_or(0.0);
+        match motion.kind {
+            Kind::Ramp => Course::Ramp {
+                rate: of(motion.rate_deg_s, motion.rate_mm_s),
+                from_s,
+                to_s: motion.to_s.unwrap_or(from_s),
+                blend_s: motion.blend_s.unwrap_or(0.0),
+            },
+            Kind::Step => Course::Step {
+                by: of(motion.by_deg, motion.by_mm),
+                from_s,
+                to_s: motion.to_s.unwrap_or(from_s + STEP_S),
+            },
+            Kind::Sine => Course::Sine {
+                amplitude: of(motion.amplitude_deg, motion.amplitude_mm),
+                frequency_hz: motion.frequency_hz.unwrap_or(1.0),
+                from_s,
+                to_s: motion.to_s.unwrap_or(f64::INFINITY),
+            },
+            Kind::Points => {
+                let points = motion.fitting(&motion.points_deg, &motion.points_mm);
+                Course::Points(knots(points.as_deref().unwrap_or_default(), from_s))
+            }
+        }
+    }
+
+    /// Value and rate at an instant (s).
+    pub(crate) fn at(&self, t_s: f64) -> (f64, f64) {
+        match self {
+            Course::Ramp { rate, from_s, to_s, blend_s } => {
+                ramp(*rate, t_s, (*from_s, *to_s), *blend_s)
+            }
+            Course::Step { by, from_s, to_s } => step(*by, t_s, (*from_s, *to_s)),
+            Course::Sine { amplitude, frequency_hz, from_s, to_s } => {
+                let end = t_s.clamp(*from_s, *to_s);
+                let (sin, cos) = libm::sincos(TAU * frequency_hz * (end - from_s));
+                let moves = t_s >= *from_s && t_s < *to_s;
+                let rate = if moves { amplitude * TAU * frequency_hz * cos } else { 0.0 };
+                (amplitude * sin, rate)
+            }
+            Course::Points(knots) => along(knots, t_s),
+        }
+    }
+}
+
+/// A ramp; with a blend its rate rises and falls on straight lines, so that the way is shorter by
+/// one blend.
+fn ramp(rate: f64, t_s: f64, (from_s, to_s): (f64, f64), blend_s: f64) -> (f64, f64) {
+    let moves = t_s >= from_s && t_s < to_s;
+    let gone = t_s.clamp(from_s, to_s) - from_s;
+    if blend_s <= 0.0 {
+        return (rate * gone, if moves { rate } else { 0.0 });
+    }
+    // The area under the trapezoid up to here, seen from both ends.
+    let up = gone.min(blend_s);
+    let late = (gone - (to_s - from_s - blend_s)).max(0.0);
+    let way = up * up / (2.0 * blend_s) + (gone - up) - late * late / (2.0 * blend_s);
+    let share = (up / blend_s).min(1.0 - late / blend_s);
+    (rate * way, if moves { rate * share } else { 0.0 })
+}
+
+/// The minimum-jerk polynomial (Flash and Hogan 1985).
+fn step(by: f64, t_s: f64, (from_s, to_s): (f64, f64)) -> (f64, f64) {
+    let span = to_s - from_s;
+    let u = ((t_s - from_s) / span).clamp(0.0, 1.0);
+    let value = by * u * u * u * (10.0 + u * (6.0 * u - 15.0));
+    let rest = 1.0 - u;
+    (value, 30.0 * by / span * u * u * rest * rest)
+}
+
+/// Slopes after Fritsch and Butland (1984): harmonic means of the neighbouring secants, none at an
+/// extremum, so that the curve never swings beyond its points. It starts and ends at rest.
+fn knots(points: &[[f64; 2]], from_s: f64) -> Vec<Knot> {
+    let secant = |i: usize| {
+        let ([t0, v0], [t1, v1]) = (points[i], points[i + 1]);
+        (v1 - v0) / (t1 - t0)
+    };
+    let slope = |i: usize| {
+        if i == 0 || i + 1 >= points.len() {
+            return 0.0;
+        }
+        let (before, after) = (secant(i - 1), secant(i));
+        if before * after <= 0.0 { 0.0 } else { 2.0 * before * after / (before + after) }
+    };
+    let knot = |(i, [t, value]): (usize, &[f64; 2])| Knot {
+        t_s: from_s + t,
+        value: *value,
+        slope: slope(i),
+    };
+    points.iter().enumerate().map(knot).collect()
+}
+
+/// Hermite's cubic between the knots, at rest outside them.
+fn along(knots: &[Knot], t_s: f64) -> (f64, f64) {
+    let next = knots.partition_point(|knot| knot.t_s <= t_s);
+    let (Some(a), Some(b)) = (next.checked_sub(1).and_then(|i| knots.get(i)), knots.get(next))
+    else {
+        let end = if next == 0 { knots.first() } else { knots.last() };
+        return (end.map_or(0.0, |knot| knot.value), 0.0);
+    };
+    let span = b.t_s - a.t_s;
+    let u = (t_s - a.t_s) / span;
+    let (rise, w) = (b.value - a.value, 1.0 - u);
+    let bend = w * (a.slope * span - rise) - u * (b.slope * span - rise);
+    let value = a.value + u * rise + u * w * bend;
+    let turn = (b.slope * span - rise) + (a.slope * span - rise);
+    (value, (rise + (1.0 - 2.0 * u) * bend - u * w * turn) / span)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Axis;
+
+    fn courses() -> Vec<(&'static str, Course)> {
+        let mut ramp = Motion::ramp(Axis::Pan, 5.0, (1.0, 3.0));
+        let plain = Course::new(&ramp);
+        ramp.blend_s = Some(0.5);
+        let mut step = Motion::of(Axis::Slide, Kind::Step);
+        (step.from_s, step.by_mm, step.to_s) = (1.0, Some(-7.0), Some(1.5));
+        let mut sine = Motion::of(Axis::TiltX, Kind::Sine);
+        (sine.from_s, sine.amplitude_deg, sine.frequency_hz) = (0.5, Some(2.0), Some(1.5));
+        let mut points = Motion::of(Axis::Height, Kind::Points);
+        points.points_mm = Some(vec![[0.5, 1.0], [1.0, 4.0], [1.7, 4.5], [2.0, -1.0], [3.0, -1.0]]);
+        vec![
+            ("ramp", plain),
+            ("blended ramp", Course::new(&ramp)),
+            ("step", Course::new(&step)),
+            ("sine", Course::new(&sine)),
+            ("points", Course::new(&points)),
+        ]
+    }
+
+    #[test]
+    fn rates_are_derivatives_and_values_never_jump() {
+        let h = 1e-6;
+        for (name, course) in courses() {
+            for i in 0..400 {
+                let t = 0.01 * f64::from(i) + 0.003;
+                let slope = (course.at(t + h).0 - course.at(t - h).0) / (2.0 * h);
+                let rate = course.at(t).1;
+                assert!((slope - rate).abs() < 1e-4, "{name} at {t}: {slope} {rate}");
+            }
+        }
+    }
+
+    #[test]
+    fn blends_cost_one_blend_of_way_and_steps_arrive() {
+        let courses = courses();
+        assert!((courses[0].1.at(9.0).0 - 10.0).abs() < 1e-12);
+        assert!((courses[1].1.at(9.0).0 - 7.5).abs() < 1e-12);
+        assert!((courses[1].1.at(1.25).1 - 2.5).abs() < 1e-12);
+        assert!((courses[2].1.at(9.0).0 + 7.0).abs() < 1e-12);
+        assert_eq!(courses[2].1.at(1.0), (0.0, 0.0));
+    }
+
+    #[test]
+    fn a_curve_passes_its_points_and_never_swings_beyond_them() {
+        let (_, course) = courses().pop().unwrap();
+        for (t, value) in [(0.0, 1.0), (0.5, 1.0), (1.0, 4.0), (1.7, 4.5), (2.0, -1.0), (8.0, -1.0)]
+        {
+            assert!((course.at(t).0 - value).abs() < 1e-12, "{t}");
+        }
+        for i in 0..500 {
+            let value = course.at(0.01 * f64::from(i)).0;
+            assert!((-1.0..=4.5).contains(&value), "{value}");
+        }
+    }
+}

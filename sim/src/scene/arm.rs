@@ -1,0 +1,37 @@
+//! `[arm]`, the part of the bench that moves the finger. Refuses angles that no joint has.
+
+use super::section::{Agree, section};
+
+section! {
+    /// `[arm]`
+    #[serde(default)]
+    pub struct ArmConfig {
+        /// Joint angles at power-up (deg), where the incremental encoders read zero. The default
+        /// puts the finger, pointing straight down, at (325, -127, -134) mm, 15 mm above the default
+        /// pin.
+        home_deg: [f64; 6] [-720.0, 720.0],
+        /// How far each joint really stands from `home_deg` at power-up (deg): what a careless
+        /// calibration leaves. Default 0.
+        zero_error_deg: [f64; 6] [-30.0, 30.0],
+        /// Factor on the joints' Coulomb friction, 0 takes it away. Default 1.
+        coulomb_scale: f64 [0.0, 10.0],
+        /// Factor on the joints' viscous friction. Default 1.
+        viscous_scale: f64 [0.0, 100.0],
+        /// When the drives' supply comes on (s after the start). Default 0.
+        power_on_s: f64 [0.0, 1e6],
+    }
+}
+
+impl Agree for ArmConfig {}
+
+impl Default for ArmConfig {
+    fn default() -> ArmConfig {
+        ArmConfig {
+            home_deg: [0.0, 46.790197, -160.621702, -180.0, 66.168495, 180.0],
+            zero_error_deg: [0.0; 6],
+            coulomb_scale: 1.0,
+            viscous_scale: 1.0,
+            power_on_s: 0.0,
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! What a simulated bench consists of, as text files state it: lengths in millimetres, angles in
+//! degrees, each key with its unit. Refuses, with the place and the remedy, every number that
+//! physics cannot use: not finite, negative where size is meant, zero, huge, reversed.
+
+use core::fmt;
+
+use taktil_hal::Nanos;
+
+mod arm;
+mod rolling;
+pub mod section;
+mod table;
+mod tactile;
+
+pub use arm::ArmConfig;
+pub use rolling::{FingerConfig, PinConfig, RubberConfig};
+pub use table::{Axis, Kind, MOTIONS_MAX, Motion, POINTS_MAX, STEP_S, TableConfig};
+pub use tactile::TactileConfig;
+
+use crate::fidelity::FidelityConfig;
+use section::{Agree, Key, Value, section};
+
+/// A value that cannot be simulated: where it stands, what is wrong, what to do.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Invalid {
+    /// Dotted path inside [`WorldConfig`], such as `pin.radius_mm`.
+    pub place: String,
+    /// What is wrong, with the offending figure.
+    pub what: String,
+    /// What to write instead.
+    pub remedy: String,
+}
+
+impl fmt::Display for Invalid {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}; {}", self.place, self.what, self.remedy)
+    }
+}
+
+impl std::error::Error for Invalid {}
+
+/// Instants that the world shares with whoever drives it; all must be positive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Timing {
+    /// Encoders, A/D, force/torque and lines are latched at multiples of this.
+    pub control_period: Nanos,
+    /// A word committed at a release acts this much later (zero allowed).
+    pub actuation_delay: Nanos,
+    /// A tactile scan is complete at multiples of this.
+    pub scan_period: Nanos,
+}
+
+impl Default for Timing {
+    /// 400 Hz control, 200 Hz scans, words act after half a control period.
+    fn default() -> Timing {
+        Timing {
+            control_period: Nanos::from_micros(2_500),
+            actuation_delay: Nanos::from_micros(1_250),
+            scan_period: Nanos::from_micros(5_000),
+        }
+    }
+}
+
+impl Timing {
+    /// # Errors
+    /// A period that is not positive or above 1 s, a delay that is negative or above 1 s.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let second = Nanos::from_secs(1);
+        for (place, span) in
+            [("control_period", self.control_period), ("scan_period", self.scan_period)]
+        {
+            if span <= Nanos::ZERO || span > second {
+                return Err(invalid(place, format!("is {span}"), "give more than 0 and up to 1 s"));
+            }
+        }
+        if self.actuation_delay < Nanos::ZERO || self.actuation_delay > second {
+            let what = format!("is {}", self.actuation_delay);
+            return Err(invalid("actuation_delay", what, "give 0 to 1 s"));
+        }
+        Ok(())
+    }
+}
+
+section! {
+    /// The whole bench. Every key has a default: an empty table is the level rolling scene.
+    #[serde(default)]
+    pub struct WorldConfig {
+        /// The arm and its start.
+        arm: ArmConfig,
+        /// The fingertip's rubber.
+        finger: FingerConfig,
+        /// The pin that is rolled.
+        pin: PinConfig,
+        /// The pan-tilt-slide table under it.
+        table: TableConfig,
+        /// The tactile array's electronics.
+        tactile: TactileConfig,
+        /// How faithful each part is.
+        fidelity: FidelityConfig,
+        /// Longest integration step (us); each interval between two events is divided evenly into
+        /// steps no longer than this. Default 1250.
+        substep_us: f64 [1.0, 1e5],
+        /// With the integrator `euler`, inertia, bias torques and Jacobian of the arm are evaluated
+        /// every so many steps. Default 4.
+        arm_every: u32 [1.0, 64.0],
+    }
+}
+
+impl Agree for WorldConfig {}
+
+impl Default for WorldConfig {
+    fn default() -> WorldConfig {
+        WorldConfig {
+            arm: ArmConfig::default(),
+            finger: FingerConfig::default(),
+            pin: PinConfig::default(),
+            table: TableConfig::default(),
+            tactile: TactileConfig::default(),
+            fidelity: FidelityConfig::default(),
+            substep_us: 1250.0,
+            arm_every: 4,
+        }
+    }
+}
+
+/// Height at which the top of the pin stands by default (mm, base frame): the thesis's p_z in
+/// contact.
+pub const PIN_TOP_MM: f64 = -149.0;
+
+impl WorldConfig {
+    /// Height of the table's surface at its pivot (mm, base frame), also when the scene gives none.
+    #[must_use]
+    pub fn table_height_mm(&self) -> f64 {
+        self.table.height_mm.unwrap_or(PIN_TOP_MM - 2.0 * self.pin.radius_mm)
+    }
+
+    /// Refuses what cannot be simulated.
+    ///
+    /// # Errors
+    /// The first key, in the order of the fields, that is not finite, out of its stated range or at
+    /// odds with another one. Whether the integration step suits the stiffness is seen by
+    /// [`build`](crate::build), which solves the contact first.
+    pub fn check(&self) -> Result<(), Invalid> {
+        Value::check(self, "", None)
+    }
+
+    /// Every key with what it means and its range, in the order of the declarations.
+    #[must_use]
+    pub fn keys() -> Vec<Key> {
+        let mut keys = Vec::new();
+        <WorldConfig as Value>::list("", "", None, &mut keys);
+        keys
+    }
+}
+
+/// An [`Invalid`] of its three parts.
+pub(crate) fn invalid(place: &str, what: String, remedy: &str) -> Invalid {
+    Invalid { place: place.to_owned(), what, remedy: remedy.to_owned() }
+}

@@ -1,0 +1,204 @@
+//! How a section of a scene is declared: its keys, what they mean and the range of every number
+//! stand in one place, from which the parser, the check and the schema are made. Refuses to know any
+//! section.
+
+use super::{Invalid, invalid};
+
+/// One key of a scene, for the schema and for people.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Key {
+    /// Dotted path from the section that was asked, `[]` for each element of a list.
+    pub path: String,
+    /// What it means, with unit and default.
+    pub about: String,
+    /// The numbers that are accepted, ends included.
+    pub range: Option<(f64, f64)>,
+}
+
+/// What a key may hold.
+pub trait Value {
+    /// Refuses NaN, infinities and everything outside `range`, at `place`.
+    ///
+    /// # Errors
+    /// [`Invalid`] with the place.
+    fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid>;
+
+    /// Adds this key, and those inside it, to the list.
+    fn list(path: &str, about: &str, range: Option<(f64, f64)>, keys: &mut Vec<Key>) {
+        keys.push(Key { path: path.to_owned(), about: about.to_owned(), range });
+    }
+}
+
+/// What the keys of a section have to do with each other.
+pub trait Agree {
+    /// Refuses keys that contradict each other; every number is in its range already.
+    ///
+    /// # Errors
+    /// [`Invalid`] with its place inside the section at `place`.
+    fn agree(&self, place: &str) -> Result<(), Invalid> {
+        let _ = place;
+        Ok(())
+    }
+}
+
+/// A place inside a section; the outermost one has no name.
+pub(crate) fn inside(place: &str, key: &str) -> String {
+    if place.is_empty() { key.to_owned() } else { format!("{place}.{key}") }
+}
+
+/// Refuses NaN, infinities and everything outside `low..=high`.
+fn within(place: &str, value: f64, (low, high): (f64, f64)) -> Result<(), Invalid> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    let plain = value == 0.0 || !value.is_finite() || (1e-6..1e9).contains(&value.abs());
+    let shown = if plain { format!("{value}") } else { format!("{value:e}") };
+    Err(invalid(place, format!("is {shown}"), &format!("give a number from {low} to {high}")))
+}
+
+/// A number without a range of its own must be finite.
+const ANY: (f64, f64) = (f64::MIN, f64::MAX);
+
+impl Value for f64 {
+    fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid> {
+        within(place, *self, range.unwrap_or(ANY))
+    }
+}
+
+impl Value for u32 {
+    fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid> {
+        within(place, f64::from(*self), range.unwrap_or(ANY))
+    }
+}
+
+impl Value for bool {
+    fn check(&self, _place: &str, _range: Option<(f64, f64)>) -> Result<(), Invalid> {
+        Ok(())
+    }
+}
+
+impl Value for String {
+    fn check(&self, _place: &str, _range: Option<(f64, f64)>) -> Result<(), Invalid> {
+        Ok(())
+    }
+}
+
+impl<T: Value> Value for Option<T> {
+    fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid> {
+        self.as_ref().map_or(Ok(()), |value| value.check(place, range))
+    }
+
+    fn list(path: &str, about: &str, range: Option<(f64, f64)>, keys: &mut Vec<Key>) {
+        T::list(path, about, range, keys);
+    }
+}
+
+fn each<T: Value>(values: &[T], place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid> {
+    let one = |(i, value): (usize, &T)| value.check(&format!("{place}[{i}]"), range);
+    values.iter().enumerate().try_for_each(one)
+}
+
+/// An array says once what it is; the range is that of its numbers.
+fn list_array<T: Value>(path: &str, about: &str, range: Option<(f64, f64)>, keys: &mut Vec<Key>) {
+    keys.push(Key { path: path.to_owned(), about: about.to_owned(), range: None });
+    T::list(&format!("{path}[]"), "", range, keys);
+}
+
+impl<T: Value> Value for Vec<T> {
+    fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid> {
+        each(self, place, range)
+    }
+
+    fn list(path: &str, about: &str, range: Option<(f64, f64)>, keys: &mut Vec<Key>) {
+        list_array::<T>(path, about, range, keys);
+    }
+}
+
+impl<T: Value, const N: usize> Value for [T; N] {
+    fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid> {
+        each(self, place, range)
+    }
+
+    fn list(path: &str, about: &str, range: Option<(f64, f64)>, keys: &mut Vec<Key>) {
+        list_array::<T>(path, about, range, keys);
+    }
+}
+
+/// Declares a section: documented keys in the order in which they are checked, each with its type
+/// and, for numbers, `[lowest, highest]`. The section still says by [`Agree`] what its keys have to
+/// do with each other.
+macro_rules! section {
+    (
+        $(#[doc = $about:expr])*
+        $(#[derive($($derive:ident),*)])?
+        $(#[serde($($container:tt)*)])*
+        pub struct $Name:ident { $(
+            $(#[doc = $doc:expr])*
+            $(#[serde($($field:tt)*)])*
+            $key:ident : $ty:ty $([$low:expr, $high:expr])?,
+        )* }
+    ) => {
+        $(#[doc = $about])*
+        $(#[derive($($derive),*)])?
+        #[derive(Clone, Debug, PartialEq, serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        $(#[serde($($container)*)])*
+        pub struct $Name { $(
+            $(#[doc = $doc])*
+            $(#[serde($($field)*)])*
+            pub $key: $ty,
+        )* }
+
+        impl $crate::scene::section::Value for $Name {
+            fn check(
+                &self,
+                place: &str,
+                _range: Option<(f64, f64)>,
+            ) -> Result<(), $crate::scene::Invalid> {
+                use $crate::scene::section::{Agree, inside};
+                $({
+                    let range: Option<(f64, f64)> = None $(.or(Some(($low, $high))))?;
+                    self.$key.check(&inside(place, stringify!($key)), range)?;
+                })*
+                self.agree(place)
+            }
+
+            fn list(
+                path: &str,
+                about: &str,
+                _range: Option<(f64, f64)>,
+                keys: &mut Vec<$crate::scene::section::Key>,
+            ) {
+                use $crate::scene::section::{Key, inside};
+                let own = concat!($($about,)*).trim();
+                let about = if about.is_empty() { own } else { about };
+                if !path.is_empty() {
+                    keys.push(Key { path: path.to_owned(), about: about.to_owned(), range: None });
+                }
+                $({
+                    let range: Option<(f64, f64)> = None $(.or(Some(($low, $high))))?;
+                    let about = concat!($($doc,)*).trim();
+                    let path = inside(path, stringify!($key));
+                    <$ty as $crate::scene::section::Value>::list(&path, about, range, keys);
+                })*
+            }
+        }
+    };
+}
+
+/// Makes plain enumerations values of keys.
+macro_rules! names {
+    ($($Name:ty),*) => { $(
+        impl $crate::scene::section::Value for $Name {
+            fn check(
+                &self,
+                _place: &str,
+                _range: Option<(f64, f64)>,
+            ) -> Result<(), $crate::scene::Invalid> {
+                Ok(())
+            }
+        }
+    )* };
+}
+
+pub(crate) use {names, section};
