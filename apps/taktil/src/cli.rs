@@ -17,6 +17,7 @@ use crate::postmortem;
 use crate::replay;
 use crate::run::{self, BadOption, Options};
 use crate::scenes::{self, SceneArgs};
+use crate::sim::{self, Sim};
 
 /// Exit code for input that cannot be used.
 const BAD_INPUT: u8 = 2;
@@ -79,6 +80,9 @@ enum Command {
     },
     /// Check scene files without running them; print what may stand in one.
     Scene(SceneArgs),
+    /// Digests of simulated runs.
+    #[command(subcommand)]
+    Sim(Sim),
     /// Draw a log as SVG figures, or write its signals as CSV.
     ///
     /// Without --what every view that the log allows is made. Views: features, positions, angles,
@@ -197,6 +201,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
             run::run(&Options { scene, fast, seed, for_s, log, report, flight, json, plan })
         }
         Command::Scene(arguments) => scenes::run(&arguments),
+        Command::Sim(what) => sim::run(&what),
         Command::Plot { log, what, csv, out } => {
             let arguments = PlotArgs { log, what, csv, out };
             // What can go wrong here is the log, a name or the place to write to: all of it input.

@@ -25,6 +25,9 @@ impl ContractConfig {
     }
 }
 
+/// The words that stand for a whole contract.
+pub const WORDS: [&str; 2] = ["hard", "soft"];
+
 /// The weight of one item.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -47,7 +50,7 @@ impl WeightName {
 /// The table; what is absent keeps a board's weight.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Items {
+pub struct Items {
     fifo: Option<WeightName>,
     cpu: Option<WeightName>,
     memory: Option<WeightName>,
@@ -96,7 +99,7 @@ impl<'de> Visitor<'de> for WordOrTable {
         match word {
             "hard" => Ok(ContractConfig::HARD),
             "soft" => Ok(ContractConfig::SOFT),
-            other => Err(E::unknown_variant(other, &["hard", "soft"])),
+            other => Err(E::unknown_variant(other, &WORDS)),
         }
     }
 

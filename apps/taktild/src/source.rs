@@ -368,11 +368,13 @@ mod tests {
 
     #[test]
     fn the_reader_s_own_complaints_get_a_remedy() {
+        let deep = source("[[a]]\nb = [1, { c = 2 }]\n");
+        assert_eq!(deep.key_at(deep.text.find('2').unwrap()).as_deref(), Some("a[0].b[1].c"));
         let unknown = source("radius_m = 1.0\n").parse::<Pin>().unwrap_err();
         assert!(unknown.remedy.contains("did you mean `radius_mm`?"), "{unknown}");
         assert_eq!(unknown.mark.as_ref().map(|m| m.line), Some(1));
         let wrong = source("radius_mm = \"wide\"\n").parse::<Pin>().unwrap_err();
-        assert!(wrong.what.starts_with("invalid type"), "{wrong}");
+        assert!(wrong.what.starts_with("radius_mm: invalid type"), "{wrong}");
         let broken = source("radius_mm = \n").parse::<Pin>().unwrap_err();
         assert_eq!(broken.mark.map(|m| m.line), Some(1));
         let missing = source("# nothing\n").parse::<Pin>().unwrap_err();

@@ -7,8 +7,8 @@ section! {
     #[serde(default)]
     pub struct ArmConfig {
         /// Joint angles at power-up (deg), where the incremental encoders read zero. The default
-        /// puts the finger, pointing straight down, at (325, -127, -134) mm, 15 mm above the default
-        /// pin.
+        /// puts the finger, pointing straight down, at (325, -127, -134) mm, 15 mm above the
+        /// default pin.
         home_deg: [f64; 6] [-720.0, 720.0],
         /// How far each joint really stands from `home_deg` at power-up (deg): what a careless
         /// calibration leaves. Default 0.

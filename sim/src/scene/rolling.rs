@@ -32,8 +32,8 @@ section! {
     pub struct FingerConfig {
         /// Layer over the tactels. Default 0.8 mm, 2 MPa, 0.49. The thesis's finite elements use
         /// 27.58 MPa (4000 psi), ten times a rubber that one would put on a fingertip: 15 N would
-        /// press a 23 mm pin in by 7 um only, and steps would have to be much shorter. That value is
-        /// allowed, with a heavier pin or a shorter step.
+        /// press a 23 mm pin in by 7 um only, and steps would have to be much shorter. That value
+        /// is allowed, with a heavier pin or a shorter step.
         rubber: RubberConfig,
         /// Coulomb coefficient against the pin. Default 0.8.
         friction: f64 [0.0, 5.0],

@@ -1,6 +1,6 @@
 //! How a section of a scene is declared: its keys, what they mean and the range of every number
-//! stand in one place, from which the parser, the check and the schema are made. Refuses to know any
-//! section.
+//! stand in one place, from which the parser, the check and the schema are made. Refuses to
+//! know any section.
 
 use super::{Invalid, invalid};
 

@@ -13,8 +13,8 @@ section! {
     /// side towards +y, a positive `pan_deg` turns x towards y.
     #[serde(default)]
     pub struct TableConfig {
-        /// Height of the surface at the pivot (mm, base frame). Default: the pin's top, whatever its
-        /// radius, where the thesis's finger met it (-149 mm).
+        /// Height of the surface at the pivot (mm, base frame). Default: the pin's top, whatever
+        /// its radius, where the thesis's finger met it (-149 mm).
         height_mm: Option<f64> [-2000.0, 2000.0],
         /// Turn about x (deg). Default 0.
         tilt_x_deg: f64 [-60.0, 60.0],
@@ -204,7 +204,8 @@ impl Motion {
         if self.axis.unit() == "deg" { deg } else { mm }
     }
 
-    /// Every key that not all kinds have: its name, whether it is given, and the kind it belongs to.
+    /// Every key that not all kinds have: its name, whether it is given, and the kind it belongs
+    /// to.
     fn given(&self) -> [(&'static str, bool, Kind); 11] {
         [
             ("rate_deg_s", self.rate_deg_s.is_some(), Kind::Ramp),

@@ -3,6 +3,7 @@
 
 mod determinism;
 mod edits;
+mod experiments;
 mod hold;
 mod jog;
 mod lines;

@@ -2,7 +2,10 @@
 //! same ticks. Refuses anything that depends on how lanes interleave: each signal is hashed by
 //! itself, then the hashes in the catalog's order.
 
+use std::sync::atomic::AtomicBool;
+
 use taktil_rtcore::record::{Catalog, Observer, Record};
+use taktil_rtcore::{Machine, Nanos, virtual_time};
 
 /// Odd constants with well-mixed bits (the fractional part of the golden ratio, and of pi, times
 /// 2^64).
@@ -59,6 +62,19 @@ impl Observer for Digest {
             *hash = bytes(stamped, record.body);
         }
     }
+}
+
+/// Runs a machine in virtual time, with nobody watching, and returns its digest.
+///
+/// # Errors
+/// A task that refuses to start.
+pub fn of_run(machine: &mut Machine, until: Nanos) -> anyhow::Result<String> {
+    let mut digest = Digest::new(machine.catalog());
+    let never = AtomicBool::new(false);
+    virtual_time::run(machine, until, &never, &mut digest).map_err(|(task, fault)| {
+        anyhow::anyhow!("task `{task}` refused to start: {}", fault.text())
+    })?;
+    Ok(digest.hex())
 }
 
 #[cfg(test)]

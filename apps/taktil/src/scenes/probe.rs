@@ -28,6 +28,8 @@ pub enum Shape {
     Map(Box<Shape>),
     /// A table with these keys and no other.
     Section(Vec<Field>),
+    /// What the type decides when it sees it: whoever makes a schema has to state it.
+    Any,
 }
 
 /// A key of a section.
@@ -123,8 +125,12 @@ impl<'de> Deserializer<'de> for Probe<'_> {
         deserialize_string => Shape::Text, visit_str("name");
     }
 
-    fn deserialize_any<V: Visitor<'de>>(self, _visitor: V) -> Result<V::Value, Error> {
-        Err(Error::custom(format!("{}: reads whatever there is", self.place)))
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
+        let Probe { shape, place, omitted } = self;
+        *shape = Shape::Any;
+        let mut none =
+            Entries { names: &[], fields: Vec::new(), place, omitted, at: 0, whole: false };
+        visitor.visit_map(&mut none)
     }
 
     fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {

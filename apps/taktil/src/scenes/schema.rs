@@ -1,12 +1,13 @@
 //! The scene file as JSON Schema (2020-12): keys, types and which keys are needed are what the
-//! parser asks for, ranges and meanings of `[world]` what its check reads. Refuses to state anything
-//! twice: what stands here is asked of the declarations when it is printed.
+//! parser asks for, ranges and meanings of `[world]` what its check reads. Refuses to state
+//! anything twice: what stands here is asked of the declarations when it is printed.
 
 use serde_json::{Map, Value, json};
 use taktil_sim::WorldConfig;
 use taktil_sim::scene::section::Key;
+use taktild::contract::{Items, WORDS};
 
-use super::probe::{Field, Shape};
+use super::probe::{self, Field, Shape};
 use crate::run::scene;
 
 /// The schema of a scene file.
@@ -14,8 +15,11 @@ use crate::run::scene;
 /// # Errors
 /// A declaration that cannot be asked.
 pub fn schema() -> Result<Value, String> {
-    let keys = WorldConfig::keys();
-    let mut schema = of(&scene::shape()?, "", &keys);
+    let mut keys = WorldConfig::keys();
+    for key in &mut keys {
+        key.path = format!("world.{}", key.path);
+    }
+    let mut schema = of(&scene::shape()?, "", &keys)?;
     if let Some(schema) = schema.as_object_mut() {
         schema.insert("$schema".into(), "https://json-schema.org/draft/2020-12/schema".into());
         schema.insert("title".into(), "Taktil scene".into());
@@ -23,8 +27,7 @@ pub fn schema() -> Result<Value, String> {
     Ok(schema)
 }
 
-fn of(shape: &Shape, path: &str, keys: &[Key]) -> Value {
-    let key = path.strip_prefix("world.").and_then(|path| keys.iter().find(|key| key.path == path));
+fn of(shape: &Shape, path: &str, keys: &[Key]) -> Result<Value, String> {
     let mut schema = match shape {
         Shape::Number => json!({ "type": "number" }),
         Shape::Integer(true) => json!({ "type": "integer" }),
@@ -33,8 +36,8 @@ fn of(shape: &Shape, path: &str, keys: &[Key]) -> Value {
         Shape::Text => json!({ "type": "string" }),
         Shape::Names(names) => json!({ "enum": names }),
         Shape::List(inner, length) => {
-            let mut list =
-                json!({ "type": "array", "items": of(inner, &format!("{path}[]"), keys) });
+            let items = of(inner, &format!("{path}[]"), keys)?;
+            let mut list = json!({ "type": "array", "items": items });
             if let Some(length) = length {
                 list["minItems"] = json!(length);
                 list["maxItems"] = json!(length);
@@ -42,29 +45,35 @@ fn of(shape: &Shape, path: &str, keys: &[Key]) -> Value {
             list
         }
         Shape::Map(inner) => {
-            json!({ "type": "object", "additionalProperties": of(inner, &format!("{path}.*"), keys) })
+            let inner = of(inner, &format!("{path}.*"), keys)?;
+            json!({ "type": "object", "additionalProperties": inner })
         }
-        Shape::Section(fields) => section(fields, path, keys),
+        Shape::Section(fields) => section(fields, path, keys)?,
+        Shape::Any if path == "contract" => {
+            let items = of(&probe::shape::<Items>()?, path, keys)?;
+            json!({ "anyOf": [{ "enum": WORDS }, items] })
+        }
+        Shape::Any => return Err(format!("{path}: what may stand there is stated nowhere")),
     };
-    if let Some(key) = key {
+    if let Some(key) = keys.iter().find(|key| key.path == path) {
         if !key.about.is_empty() {
-            schema["description"] =
-                json!(key.about.split_whitespace().collect::<Vec<_>>().join(" "));
+            let words: Vec<_> = key.about.split_whitespace().collect();
+            schema["description"] = json!(words.join(" "));
         }
         if let Some((low, high)) = key.range {
             schema["minimum"] = json!(low);
             schema["maximum"] = json!(high);
         }
     }
-    schema
+    Ok(schema)
 }
 
-fn section(fields: &[Field], path: &str, keys: &[Key]) -> Value {
+fn section(fields: &[Field], path: &str, keys: &[Key]) -> Result<Value, String> {
     let mut properties = Map::new();
     for field in fields {
-        let inner =
-            if path.is_empty() { field.name.to_owned() } else { format!("{path}.{}", field.name) };
-        properties.insert(field.name.to_owned(), of(&field.shape, &inner, keys));
+        let dot = if path.is_empty() { "" } else { "." };
+        let inner = of(&field.shape, &format!("{path}{dot}{}", field.name), keys)?;
+        properties.insert(field.name.to_owned(), inner);
     }
     let required: Vec<_> = fields.iter().filter(|f| f.required).map(|f| f.name).collect();
     let mut section =
@@ -72,5 +81,5 @@ fn section(fields: &[Field], path: &str, keys: &[Key]) -> Value {
     if !required.is_empty() {
         section["required"] = json!(required);
     }
-    section
+    Ok(section)
 }

@@ -1,5 +1,5 @@
-//! Motions of the table that stand in files: a CSV beside the scene with `t_s` and one value a line.
-//! Every complaint names the file's own line. Refuses columns whose unit is not the axis's.
+//! Motions of the table that stand in files: a CSV beside the scene with `t_s` and one value a
+//! line. Every complaint names the file's own line. Refuses columns whose unit is not the axis's.
 
 use taktil_sim::scene::{Axis, Motion, POINTS_MAX, WorldConfig};
 use taktild::source::{Located, Mark, Source};

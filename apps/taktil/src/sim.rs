@@ -1,0 +1,128 @@
+//! `taktil sim`: digests of whole runs in virtual time, for one seed or many, one after the other
+//! or side by side. Refuses to compare what it prints: equal lines are equal runs.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::mpsc;
+
+use taktil_rtcore::{Nanos, linux};
+
+use crate::run::BadOption;
+use crate::run::assemble::assemble;
+use crate::run::digest;
+use crate::run::scene::{self, Scene};
+
+/// Most scenes that are simulated at the same time.
+const THREADS_MAX: usize = 64;
+
+/// What is asked of the simulator.
+#[derive(Clone, Debug, clap::Subcommand)]
+pub enum Sim {
+    /// Print the digest of a scene's run in virtual time, the one that `taktil run --fast` prints
+    /// and the tests pin: one line a seed.
+    ///
+    /// Equal seeds give equal lines: debug or release, today or next year, alone or side by side.
+    Hash(HashArgs),
+}
+
+/// Which runs.
+#[derive(Clone, Debug, clap::Args)]
+pub struct HashArgs {
+    /// Scene file (TOML)
+    scene: PathBuf,
+    /// Seed instead of the scene's
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Simulated seconds, instead of the scene's
+    #[arg(long = "for", value_name = "S", allow_negative_numbers = true)]
+    for_s: Option<f64>,
+    /// This many seeds, counted up from the first
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seeds: u64,
+    /// Simulate this many scenes at the same time, each on a thread of its own
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    beside: usize,
+}
+
+/// Simulates and prints.
+///
+/// # Errors
+/// A scene that cannot be run, located; [`BadOption`].
+pub fn run(what: &Sim) -> anyhow::Result<ExitCode> {
+    let Sim::Hash(arguments) = what;
+    let scene = Scene::load(&arguments.scene)?;
+    let until = match arguments.for_s {
+        None => scene.duration,
+        Some(seconds) => scene::duration(seconds, "--for")
+            .map_err(|bad| BadOption(format!("--for {seconds}: {}; {}", bad.what, bad.remedy)))?,
+    };
+    if !(1..=THREADS_MAX).contains(&arguments.beside) {
+        let what = format!("--beside {}: give 1 to {THREADS_MAX}", arguments.beside);
+        return Err(BadOption(what).into());
+    }
+    let first = arguments.seed.unwrap_or(scene.seed);
+    let Some(end) = first.checked_add(arguments.seeds).filter(|end| *end > first) else {
+        let what = format!("--seeds {}: give at least 1, and seeds below 2^64", arguments.seeds);
+        return Err(BadOption(what).into());
+    };
+    let begin = linux::monotonic();
+    each(&scene, first..end, arguments.beside, until, |seed, digest| {
+        println!("{digest}  seed {seed}");
+    })?;
+    let wall_s = (linux::monotonic() - begin).as_secs_f64();
+    let simulated_s = arguments.seeds as f64 * until.as_secs_f64();
+    eprintln!(
+        "{} runs of {} s in {wall_s:.1} s: {:.1} x real time, {} at a time",
+        arguments.seeds,
+        until.as_secs_f64(),
+        simulated_s / wall_s,
+        arguments.beside
+    );
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The digest of one run in virtual time.
+///
+/// # Errors
+/// A scene that cannot be run, located; a task that refuses to start.
+pub fn hash(scene: &Scene, seed: u64, until: Nanos) -> anyhow::Result<String> {
+    let mut machine = assemble(scene, seed)?;
+    digest::of_run(&mut machine, until)
+}
+
+/// Digests of several seeds, `beside` of them at a time, told in the order of the seeds.
+///
+/// # Errors
+/// As [`hash`], for the first seed that fails.
+pub fn each(
+    scene: &Scene,
+    seeds: std::ops::Range<u64>,
+    beside: usize,
+    until: Nanos,
+    mut tell: impl FnMut(u64, &str),
+) -> anyhow::Result<()> {
+    let (results, found) = mpsc::channel();
+    std::thread::scope(|threads| {
+        for turn in 0..beside {
+            let (results, own) = (results.clone(), seeds.clone().skip(turn).step_by(beside));
+            threads.spawn(move || {
+                for seed in own {
+                    if results.send((seed, hash(scene, seed, until))).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(results);
+        let mut waiting = std::collections::BTreeMap::new();
+        let mut due = seeds.start;
+        for (seed, digest) in found {
+            waiting.insert(seed, digest);
+            while let Some(digest) = waiting.remove(&due) {
+                tell(due, &digest?);
+                due += 1;
+            }
+        }
+        Ok(())
+    })
+}
