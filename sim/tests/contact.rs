@@ -8,7 +8,7 @@ use glam::DVec3;
 use taktil_hal::{Arrival, TactileFrame};
 use taktil_mechanics::tactile::{Features, Image, features, moments};
 use taktil_sim::fidelity::ContactModel;
-use taktil_sim::scene::{Axis, Ramp};
+use taktil_sim::scene::{Axis, Motion};
 use taktil_sim::{Carriage, Float, PITCH_M, Truth, World, WorldConfig};
 
 const G: f64 = 9.81;
@@ -90,13 +90,7 @@ fn momentum_changes_by_the_forces_from_outside_alone() {
     // pushes it on: what they do to each other cancels.
     let mut config = WorldConfig::default();
     config.pin.steadied = false;
-    config.table.motion = vec![Ramp {
-        axis: Axis::Height,
-        rate_deg_s: None,
-        rate_mm_s: Some(-1000.0),
-        from_s: 0.0,
-        to_s: 1.5,
-    }];
+    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 1.5))];
     let z = meeting_height(&config) + 1e-3;
     let float = Some(Float { mass_kg: 1.0, load_n: 15.0, damping_n_s_m: 0.0 });
     let knots = vec![(0.0, over(z))];
@@ -122,13 +116,7 @@ fn bounces(substep_us: f64) -> (f64, f64) {
     let mut config = WorldConfig { substep_us, ..WorldConfig::default() };
     config.pin.steadied = false;
     config.table.rubber.relaxation_ms = 0.0;
-    config.table.motion = vec![Ramp {
-        axis: Axis::Height,
-        rate_deg_s: None,
-        rate_mm_s: Some(-1000.0),
-        from_s: 0.0,
-        to_s: 0.002,
-    }];
+    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 0.002))];
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };
     let (mut world, _devices) = bench(&config, carriage);
     let whole = |t: &Truth| t.energy_j + t.rubber_j;

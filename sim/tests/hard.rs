@@ -6,7 +6,7 @@ mod common;
 use common::{at, bench, load_of, meeting_height, nominal, over};
 use glam::DVec3;
 use taktil_hal::Nanos;
-use taktil_sim::scene::{Axis, Ramp};
+use taktil_sim::scene::{Axis, Motion};
 use taktil_sim::{Carriage, Timing, Truth, World, WorldConfig, build_with_carriage};
 
 /// Presses with 15 N, rolls by 4 mm and back, lifts.
@@ -152,13 +152,7 @@ fn a_dropped_pin_comes_to_rest() {
     let mut config = WorldConfig::default();
     config.pin.steadied = false;
     // The table falls away by 20 mm faster than the pin can follow.
-    config.table.motion = vec![Ramp {
-        axis: Axis::Height,
-        rate_deg_s: None,
-        rate_mm_s: Some(-1000.0),
-        from_s: 0.0,
-        to_s: 0.02,
-    }];
+    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 0.02))];
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };
     let (end, world) = watched(&config, carriage, 3.0);
     let weight = config.pin.mass_kg * 9.81;
@@ -190,12 +184,12 @@ fn a_table_shaken_at_twenty_hertz() {
     let mut config = WorldConfig::default();
     // A triangle of 1 mm either way; ramps add up, two for each half period and sixteen in all.
     config.table.motion = (0..16)
-        .map(|i| Ramp {
-            axis: if i % 2 == 0 { Axis::Slide } else { Axis::Height },
-            rate_deg_s: None,
-            rate_mm_s: Some(if (i / 2) % 2 == 0 { 40.0 } else { -40.0 }),
-            from_s: 0.5 + 0.025 * f64::from(i / 2),
-            to_s: 0.5 + 0.025 * f64::from(i / 2 + 1),
+        .map(|i| {
+            Motion::ramp(
+                if i % 2 == 0 { Axis::Slide } else { Axis::Height },
+                if (i / 2) % 2 == 0 { 40.0 } else { -40.0 },
+                (0.5 + 0.025 * f64::from(i / 2), 0.5 + 0.025 * f64::from(i / 2 + 1)),
+            )
         })
         .collect();
     let z = meeting_height(&config) + 1e-4;
