@@ -1,12 +1,12 @@
 //! From keys to where the joints are to be: speeds that ramp, angles that stop before their limits,
 //! straight lines and turns of the tool as far as the arm can follow. Refuses to run on: without a
-//! key every speed ramps to zero, and so it does before what the arm cannot pass (a limit, the edge
-//! of its reach, a singularity at that speed): the way that it takes to stop is tried first.
+//! key every speed ramps to zero, and before what the arm cannot pass (a limit, the edge of its
+//! reach) its joints are braked within their accelerations, as far ahead as they need.
 
 use glam::DVec3;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::puma260::follow::{Follower, Lost};
-use taktil_mechanics::spatial::rotation_of;
+use taktil_mechanics::spatial::{rotation_of, wrap_angle};
 use taktil_mechanics::{Joints, Pose};
 use taktil_rtcore::StateHash;
 use taktil_signal::JogFrame;
@@ -14,8 +14,20 @@ use taktil_signal::JogFrame;
 /// Share of each joint's largest speed at which a moving tool may lead it: the heavy ones less.
 const LED_SHARE: [f64; 6] = [0.3, 0.3, 0.3, 0.6, 0.6, 0.6];
 /// How often, and by how much beyond what is needed, the tool slows down for a joint in one job.
-const SLOWER: u32 = 3;
+const SLOWER: u32 = 6;
 const SLOWER_BY: f64 = 1.02;
+/// Below this share of its speed the tool stands.
+const CREEPING: f64 = 1e-6;
+/// How far from a singularity joints 1 and 3 are stopped (rad): at the singularity itself no tool
+/// is slow enough for them to come back.
+const EDGE_RAD: f64 = 0.01;
+/// How often the speed is mended in one job until the joints' accelerations are those planned.
+const REFINED: u32 = 4;
+/// Share of each joint's largest acceleration with which it is braked before its edge, so that the
+/// other joints, which the same tool moves, stay below theirs.
+const BRAKE_SHARE: f64 = 0.4;
+/// Share of it that is planned with: the arm's geometry bends within a tick.
+const PLANNED_SHARE: f64 = 0.75;
 
 /// Speeds and accelerations of jogging.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,6 +70,8 @@ pub struct Law {
     rates: Rates,
     /// Where the joints are to be (rad).
     q: Joints,
+    /// Their speeds in the last job (rad/s).
+    qd: Joints,
     /// Speeds of the axes at hand: rad/s of joints, or m/s and rad/s of the tool.
     speed: Joints,
     frame: JogFrame,
@@ -65,6 +79,14 @@ pub struct Law {
     follower: Follower,
     /// Limits apply: the zeros of the joints are known.
     limited: bool,
+}
+
+/// A speed of the tool that the arm can follow.
+struct Tried {
+    speed: Joints,
+    follower: Follower,
+    /// Speeds of the joints (rad/s).
+    qd: Joints,
 }
 
 /// What one job of jogging comes to.
@@ -89,6 +111,7 @@ impl Law {
             arm: *arm,
             rates: *rates,
             q: *q,
+            qd: Joints::zeros(),
             speed: Joints::zeros(),
             frame: JogFrame::Joints,
             follower: Follower::new(arm, q),
@@ -112,11 +135,7 @@ impl Law {
             JogFrame::Base | JogFrame::Tool => {
                 let before = self.speed;
                 self.ramp(&axes, dt_s);
-                if !self.may_go_on(dt_s) {
-                    self.speed = before;
-                    self.ramp(&[0.0; 6], dt_s);
-                }
-                self.tool(dt_s)
+                self.tool(&before, dt_s)
             }
         }
     }
@@ -133,7 +152,8 @@ impl Law {
 
     /// Folds what the next job depends on.
     pub fn fold(&self, hash: &mut StateHash) {
-        hash.add(self.q.as_slice()).add(self.speed.as_slice()).word(self.frame as u64);
+        hash.add(self.q.as_slice()).add(self.qd.as_slice()).add(self.speed.as_slice());
+        hash.word(self.frame as u64);
         hash.add(self.follower.joints().as_slice());
     }
 
@@ -160,37 +180,174 @@ impl Law {
             }
             self.q[joint] += self.speed[joint] * dt_s;
         }
-        Step { q: self.q, qd: (self.q - before) / dt_s, blocked: None }
+        self.qd = (self.q - before) / dt_s;
+        Step { q: self.q, qd: self.qd, blocked: None }
     }
 
-    fn tool(&mut self, dt_s: f64) -> Step {
-        let before = self.q;
-        let stand = |q: Joints, blocked| Step { q, qd: Joints::zeros(), blocked };
-        if self.speed == Joints::zeros() {
-            return stand(before, None);
-        }
-        for _ in 0..SLOWER {
-            let mut follower = self.follower;
-            match follower.step(&self.displaced(dt_s), dt_s) {
-                Ok(got) if got.off_rad <= self.rates.off_max_rad => {
-                    self.follower = follower;
-                    self.q = got.q;
-                    return Step { q: self.q, qd: (self.q - before) / dt_s, blocked: None };
+    /// The tool at the speed that the ramp gives, or at the one that it had `before`, faster or
+    /// slower by what the joints' accelerations need.
+    fn tool(&mut self, before: &Joints, dt_s: f64) -> Step {
+        let ramped = self.speed;
+        let share = if *before == Joints::zeros() { 0.0 } else { ramped.norm() / before.norm() };
+        let mut blocked = None;
+        for (speed, wanted) in [(ramped, 1.0), (*before, share)] {
+            if speed == Joints::zeros() {
+                if self.reachable(&Joints::zeros(), dt_s) {
+                    break;
                 }
-                Ok(_) => return self.stand_still(Lost::TooFast { joint: 3, ratio: 1.0 }),
-                // Near a singularity the tool slows down and the joint keeps its speed.
-                Err(Lost::TooFast { ratio, .. }) => self.speed /= ratio * SLOWER_BY,
-                Err(why) => return self.stand_still(why),
+                continue;
+            }
+            match self.try_to(speed, wanted, dt_s) {
+                Ok(Some(step)) => return step,
+                Ok(None) => {}
+                Err(why) => blocked = blocked.or(Some(why)),
             }
         }
-        self.stand_still(Lost::TooFast { joint: 2, ratio: SLOWER_BY })
+        self.coast(dt_s, blocked)
     }
 
-    /// Where the tool is after `span_s` (s) at the present speed.
-    fn displaced(&self, span_s: f64) -> Pose {
+    /// Where the tool can go on neither way the joints are braked, all by the same share, as fast as
+    /// they can be: on the last of the way the tool is not led.
+    fn coast(&mut self, dt_s: f64, blocked: Option<Lost>) -> Step {
+        let mut left = 0.0f64;
+        for joint in 0..6 {
+            let change = PLANNED_SHARE * self.arm.acceleration_max_rad_s2[joint] * dt_s;
+            left = left.max(1.0 - change / self.qd[joint].abs().max(change));
+        }
+        self.qd *= left;
+        self.speed *= left;
+        if left > 0.0 {
+            let ahead = self.q + self.qd * dt_s;
+            self.q = ahead.sup(&self.arm.q_min_rad).inf(&self.arm.q_max_rad);
+            self.follower = Follower::new(&self.arm, &self.q);
+            return Step { q: self.q, qd: self.qd, blocked: None };
+        }
+        self.speed = Joints::zeros();
+        Step { q: self.q, qd: self.qd, blocked }
+    }
+
+    /// Moves the tool at `wanted` times `speed`, or as near to it as the joints can be accelerated
+    /// and braked before their edges; `Ok(None)` when that takes another direction.
+    fn try_to(&mut self, speed: Joints, wanted: f64, dt_s: f64) -> Result<Option<Step>, Lost> {
+        let mut scale = 1.0;
+        let mut tried = self.able(speed, dt_s)?;
+        // The arm's geometry bends: a step scaled is not quite the scaled step.
+        for _ in 0..REFINED {
+            let Tried { speed: at, qd, .. } = &tried;
+            let (least, most) = self.between(qd, dt_s);
+            if least > most {
+                return Ok(None);
+            }
+            let unhurried = 1.0 / self.haste(&(self.q + qd * dt_s), dt_s);
+            let by = (wanted / scale).min(unhurried).max(least).min(most);
+            if (by - 1.0).abs() < 1e-3 {
+                break;
+            }
+            scale *= by;
+            tried = self.able(at * by, dt_s)?;
+            if scale < CREEPING {
+                break;
+            }
+        }
+        (self.speed, self.follower, self.qd) = (tried.speed, tried.follower, tried.qd);
+        self.q = *self.follower.joints();
+        Ok(Some(Step { q: self.q, qd: self.qd, blocked: None }))
+    }
+
+    /// Near a singularity the tool slows down and the joint keeps its speed: the fastest at which
+    /// the arm can follow, and the joints' speeds then.
+    fn able(&self, mut speed: Joints, dt_s: f64) -> Result<Tried, Lost> {
+        let mut why = Lost::TooFast { joint: 2, ratio: SLOWER_BY };
+        for _ in 0..SLOWER {
+            match self.trial(&speed, dt_s) {
+                Ok((follower, q)) => return Ok(Tried { speed, follower, qd: (q - self.q) / dt_s }),
+                Err(lost @ Lost::TooFast { ratio, .. }) => {
+                    why = lost;
+                    speed /= ratio * SLOWER_BY;
+                }
+                Err(lost) => {
+                    why = lost;
+                    speed *= 0.5;
+                }
+            }
+        }
+        Err(why)
+    }
+
+    /// Where the joints are led in one job at this speed of the tool.
+    fn trial(&self, speed: &Joints, dt_s: f64) -> Result<(Follower, Joints), Lost> {
+        let mut follower = self.follower;
+        let got = follower.step(&self.displaced(speed, dt_s), dt_s)?;
+        if got.off_rad <= self.rates.off_max_rad {
+            return Ok((follower, got.q));
+        }
+        Err(Lost::TooFast { joint: 3, ratio: 1.0 })
+    }
+
+    /// Between which multiples of the speeds `qd` (rad/s) every joint's acceleration is one that it
+    /// has; the first is larger than the second when there is none.
+    fn between(&self, qd: &Joints, dt_s: f64) -> (f64, f64) {
+        let (mut least, mut most) = (0.0f64, f64::INFINITY);
+        for joint in 0..6 {
+            let change = PLANNED_SHARE * self.arm.acceleration_max_rad_s2[joint] * dt_s;
+            let (low, high) = (self.qd[joint] - change, self.qd[joint] + change);
+            let speed = qd[joint];
+            if speed != 0.0 {
+                least = least.max((low / speed).min(high / speed));
+                most = most.min((low / speed).max(high / speed));
+            } else if low > 0.0 || high < 0.0 {
+                return (1.0, 0.0);
+            }
+        }
+        (least, most)
+    }
+
+    /// Whether the joints can have the speeds `qd` (rad/s) in one job.
+    fn reachable(&self, qd: &Joints, dt_s: f64) -> bool {
+        let change = self.arm.acceleration_max_rad_s2 * dt_s;
+        (0..6).all(|joint| (qd[joint] - self.qd[joint]).abs() <= change[joint])
+    }
+
+    /// The speed of the joint that is hastiest towards its edge over the one from which it can be
+    /// braked before it, when they go to `q` (rad) in `dt_s` (s).
+    fn haste(&self, q: &Joints, dt_s: f64) -> f64 {
+        let mut most = f64::MIN_POSITIVE;
+        for joint in 0..6 {
+            let way = (q[joint] - self.q[joint]).abs();
+            let brake = BRAKE_SHARE * self.arm.acceleration_max_rad_s2[joint];
+            let allowed = stoppable(self.room(joint, q), brake, dt_s) * dt_s;
+            most = most.max(way / allowed.max(f64::MIN_POSITIVE));
+        }
+        most
+    }
+
+    /// How far a joint can turn on the way to `q` (rad): to its limit; joint 1 not to where the
+    /// wrist centre is beside its axis, nor joint 3 to where the arm is stretched.
+    fn room(&self, joint: usize, q: &Joints) -> f64 {
+        let (here, arm) = (&self.q, &self.arm);
+        let up = q[joint] > here[joint];
+        let limit = if up {
+            arm.q_max_rad[joint] - here[joint]
+        } else {
+            here[joint] - arm.q_min_rad[joint]
+        };
+        let reach = |q: &Joints| arm.singular_distance(q).shoulder.abs();
+        let opening = |q: &Joints| wrap_angle(q[2] + core::f64::consts::FRAC_PI_2).abs();
+        let singular = match joint {
+            0 if reach(q) < reach(here) => {
+                libm::atan2(reach(here) * (arm.a2_m + arm.d4_m), arm.d3_m.abs()) - EDGE_RAD
+            }
+            2 if opening(q) < opening(here) => opening(here) - EDGE_RAD,
+            _ => f64::INFINITY,
+        };
+        limit.min(singular).max(0.0)
+    }
+
+    /// Where the tool is after `span_s` (s) at `speed` (m/s, rad/s).
+    fn displaced(&self, speed: &Joints, span_s: f64) -> Pose {
         let here = self.arm.tool_pose(&self.q);
-        let line = DVec3::new(self.speed[0], self.speed[1], self.speed[2]) * span_s;
-        let turn = rotation_of(DVec3::new(self.speed[3], self.speed[4], self.speed[5]) * span_s);
+        let line = DVec3::new(speed[0], speed[1], speed[2]) * span_s;
+        let turn = rotation_of(DVec3::new(speed[3], speed[4], speed[5]) * span_s);
         match self.frame {
             JogFrame::Tool => {
                 Pose::new(here.rotation * turn, here.translation + here.rotation * line)
@@ -199,20 +356,6 @@ impl Law {
                 Pose::new(turn * here.rotation, here.translation + line)
             }
         }
-    }
-
-    /// Whether the arm can follow as far as the tool runs on when the keys are let go now.
-    fn may_go_on(&self, dt_s: f64) -> bool {
-        let share = self.speed.component_div(&self.full()).amax();
-        let span_s = dt_s + 0.5 * self.rates.ramp_s * share;
-        let mut scout = self.follower;
-        scout.step(&self.displaced(span_s), span_s).is_ok()
-    }
-
-    /// The tool goes no further this way; the joints stay where they are.
-    fn stand_still(&mut self, why: Lost) -> Step {
-        self.speed = Joints::zeros();
-        Step { q: self.q, qd: Joints::zeros(), blocked: Some(why) }
     }
 }
 
@@ -226,162 +369,4 @@ fn stoppable(room: f64, brake: f64, dt_s: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const DT_S: f64 = 0.0025;
-
-    fn rates() -> Rates {
-        let arm = Puma260::reference();
-        Rates {
-            joints_rad_s: arm.speed_max_rad_s * 0.1,
-            ramp_s: 0.1,
-            line_m_s: 0.05,
-            turn_rad_s: 0.5,
-            off_max_rad: 0.01,
-        }
-    }
-
-    fn bent() -> Joints {
-        Joints::from([10.0, 40.0, -150.0, 20.0, 40.0, 10.0].map(f64::to_radians))
-    }
-
-    fn push(axis: usize, by: f64, frame: JogFrame) -> Push {
-        let mut axes = [0.0; 6];
-        axes[axis] = by;
-        Push { axes, frame }
-    }
-
-    #[test]
-    fn a_joint_ramps_up_runs_and_ramps_down() {
-        let mut law = Law::new(&Puma260::reference(), &rates(), &bent(), true);
-        let full = rates().joints_rad_s[2];
-        let held = push(2, 1.0, JogFrame::Joints);
-        let mut last = Joints::zeros();
-        for tick in 0..80 {
-            let step = law.step(&held, DT_S);
-            assert!((step.qd - last).amax() <= full / 0.1 * DT_S * (1.0 + 1e-9), "{tick}");
-            last = step.qd;
-        }
-        assert!((last[2] - full).abs() < 1e-12 && last[0] == 0.0);
-        for _ in 0..41 {
-            last = law.step(&Push::NONE, DT_S).qd;
-        }
-        assert_eq!(last, Joints::zeros(), "at rest a tenth of a second after the key");
-    }
-
-    #[test]
-    fn joints_stop_at_their_limits_and_go_back() {
-        let arm = Puma260::reference();
-        for (joint, sign) in (0..6).flat_map(|joint| [(joint, 1.0), (joint, -1.0)]) {
-            let mut law = Law::new(&arm, &rates(), &bent(), true);
-            let held = push(joint, sign, JogFrame::Joints);
-            let mut q = bent();
-            for _ in 0..20_000 {
-                q = law.step(&held, DT_S).q;
-                assert!(arm.within_limits(&q), "{joint} {sign}: {q}");
-            }
-            let limit = if sign > 0.0 { arm.q_max_rad[joint] } else { arm.q_min_rad[joint] };
-            assert!((q[joint] - limit).abs() < 1e-3, "{joint} {sign}: {} of {limit}", q[joint]);
-            let back = push(joint, -sign, JogFrame::Joints);
-            for _ in 0..100 {
-                q = law.step(&back, DT_S).q;
-            }
-            assert!((q[joint] - limit).abs() > 1e-3);
-        }
-        // Without zeros there are no limits.
-        let mut law = Law::new(&arm, &rates(), &arm.q_max_rad, false);
-        let q = (0..100).map(|_| law.step(&push(0, 1.0, JogFrame::Joints), DT_S).q).last().unwrap();
-        assert!(q[0] > arm.q_max_rad[0]);
-    }
-
-    #[test]
-    fn the_tool_runs_along_its_own_axes_or_those_of_the_base() {
-        let arm = Puma260::reference();
-        let here = arm.tool_pose(&bent());
-        for frame in [JogFrame::Base, JogFrame::Tool] {
-            for axis in 0..3 {
-                let mut law = Law::new(&arm, &rates(), &bent(), true);
-                let mut q = bent();
-                for _ in 0..200 {
-                    q = law.step(&push(axis, 1.0, frame), DT_S).q;
-                }
-                let moved = arm.tool_pose(&q);
-                let way = moved.translation - here.translation;
-                let mut wanted = [0.0; 3];
-                wanted[axis] = 1.0;
-                let wanted = DVec3::from_array(wanted);
-                let along = if frame == JogFrame::Tool { here.rotation * wanted } else { wanted };
-                assert!((way.normalize() - along).length() < 1e-9, "{frame:?} {axis}");
-                assert!((way.length() - 0.0226).abs() < 5e-4, "0.5 s at 50 mm/s less the ramp");
-                assert!(moved.rotation.abs_diff_eq(here.rotation, 1e-9));
-            }
-            for axis in 3..6 {
-                let mut law = Law::new(&arm, &rates(), &bent(), true);
-                let mut q = bent();
-                for _ in 0..120 {
-                    q = law.step(&push(axis, -1.0, frame), DT_S).q;
-                }
-                let moved = arm.tool_pose(&q);
-                assert!((moved.translation - here.translation).length() < 1e-9, "on the spot");
-                assert!(!moved.rotation.abs_diff_eq(here.rotation, 0.05), "{frame:?} {axis}");
-            }
-        }
-    }
-
-    #[test]
-    fn the_tool_stands_at_the_edge_of_reach_and_comes_back() {
-        let arm = Puma260::reference();
-        let mut law = Law::new(&arm, &rates(), &bent(), true);
-        let mut q = bent();
-        let (mut fastest, mut last) = (0.0f64, Joints::zeros());
-        for tick in 0..8000 {
-            let step = law.step(&push(0, 1.0, JogFrame::Base), DT_S);
-            let share = step.qd.component_div(&arm.speed_max_rad_s).amax();
-            assert!(share <= 0.6 + 1e-9 && arm.within_limits(&step.q), "{tick}: {share}");
-            // It brakes before the edge; the last of a joint's speed, by the edge itself, goes at
-            // once.
-            let jump = (step.qd - last).component_div(&arm.speed_max_rad_s).amax();
-            assert!(jump < 0.3, "{tick}: a jump of {jump} of the largest speed");
-            last = step.qd;
-            if step.blocked.is_some() {
-                fastest = fastest.max(share);
-            }
-            q = step.q;
-        }
-        assert_eq!(fastest, 0.0, "stands still where it is blocked");
-        let edge = arm.tool_pose(&q).translation.x;
-        assert!(edge > arm.tool_pose(&bent()).translation.x + 0.05, "it went some way");
-        let creeping = law.step(&push(0, 1.0, JogFrame::Base), DT_S).qd;
-        assert!(creeping.amax() < 0.1, "and stands: {creeping}");
-        for _ in 0..200 {
-            q = law.step(&push(0, -1.0, JogFrame::Base), DT_S).q;
-        }
-        assert!(arm.tool_pose(&q).translation.x < edge - 0.01, "it comes back");
-    }
-
-    #[test]
-    fn a_change_of_frame_waits_for_rest_and_nonsense_is_released() {
-        let arm = Puma260::reference();
-        let mut law = Law::new(&arm, &rates(), &bent(), true);
-        for _ in 0..80 {
-            law.step(&push(0, 1.0, JogFrame::Joints), DT_S);
-        }
-        let other = push(2, 1.0, JogFrame::Tool);
-        let mut ticks = 0;
-        while law.frame == JogFrame::Joints {
-            law.step(&other, DT_S);
-            ticks += 1;
-        }
-        assert!((40..=42).contains(&ticks), "it ramps down first: {ticks}");
-        let mut law = Law::new(&arm, &rates(), &bent(), true);
-        for bad in [f64::NAN, f64::INFINITY, -1e300] {
-            for frame in JogFrame::ALL {
-                let step = law.step(&Push { axes: [bad; 6], frame }, DT_S);
-                assert!(step.q.iter().chain(step.qd.iter()).all(|x| x.is_finite()));
-                let full = law.full();
-                assert!(law.speed.iter().zip(full.iter()).all(|(v, full)| v.abs() <= *full));
-            }
-        }
-    }
-}
+mod tests;
