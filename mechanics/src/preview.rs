@@ -280,6 +280,8 @@ pub enum Verdict {
 pub struct Inspection {
     walk: Walk,
     follower: Follower,
+    /// The route's time before the first tick (s).
+    from_s: f64,
     tick: u32,
     ticks: u32,
 }
@@ -294,9 +296,30 @@ impl Inspection {
         Ok(Inspection {
             walk: Walk::new(start, route.duration_s()),
             follower: Follower::new(&terms.arm, start),
+            from_s: 0.0,
             tick: 0,
             ticks: ticks(route.duration_s(), terms.tick_s)?,
         })
+    }
+
+    /// Begins to look at what is left of `route` from `from_s` (s) on, where `follower` leads the
+    /// arm and its joints have the speeds `speed` (rad/s).
+    ///
+    /// # Errors
+    /// A tick that does not fit the route.
+    pub fn onward(
+        route: Route<'_>,
+        follower: &Follower,
+        speed: &Joints,
+        from_s: f64,
+        terms: &Terms,
+    ) -> Result<Inspection, Refusal> {
+        let q = follower.joints();
+        let left_s = route.duration_s() - from_s;
+        let mut walk = Walk::new(q, route.duration_s());
+        walk.looks[1] = q - speed * (terms.tick_s * f64::from(TORQUE_EVERY));
+        let ticks = ticks(left_s, terms.tick_s)?;
+        Ok(Inspection { walk, follower: *follower, from_s, tick: 0, ticks })
     }
 
     /// What has been found so far: the whole cost once the move has passed.
@@ -310,7 +333,8 @@ impl Inspection {
         let end = self.ticks.min(self.tick.saturating_add(ticks));
         while self.tick < end {
             self.tick += 1;
-            if let Err(refusal) = self.look(f64::from(self.tick) * terms.tick_s, route, terms) {
+            let t_s = self.from_s + f64::from(self.tick) * terms.tick_s;
+            if let Err(refusal) = self.look(t_s, route, terms) {
                 return Verdict::Refused(refusal);
             }
         }

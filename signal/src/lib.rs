@@ -9,6 +9,8 @@ pub mod motion;
 pub mod state;
 pub mod touch;
 
-pub use motion::{Applied, Desired, Goal, JointState, Lines, MoveCheck, Torque};
+pub use motion::{
+    Applied, Desired, Goal, JointState, Lines, MoveCheck, MoveKind, Torque, Typed, TypedMove,
+};
 pub use state::{ControlState, JogCommand, JogFrame, Request, State, Verb};
 pub use touch::{Features, MAX_TACTELS, TactileImage, defined};

@@ -96,6 +96,85 @@ payload! {
     }
 }
 
+/// What an operator types while the machine is in TRAJECTORY/USER.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u32)]
+pub enum MoveKind {
+    /// Nothing.
+    #[default]
+    None = 0,
+    /// A move to joint angles.
+    Joints = 1,
+    /// A move of the tool to a pose in the base frame.
+    Tool = 2,
+    /// A move of the tool point along the tool's own axes.
+    By = 3,
+    /// Come to rest on the path.
+    Pause = 4,
+    /// Go on along the path.
+    Resume = 5,
+    /// Come to rest on the path and forget the rest of it.
+    Clear = 6,
+}
+
+impl MoveKind {
+    /// Every kind.
+    pub const ALL: [MoveKind; 7] = [
+        MoveKind::None,
+        MoveKind::Joints,
+        MoveKind::Tool,
+        MoveKind::By,
+        MoveKind::Pause,
+        MoveKind::Resume,
+        MoveKind::Clear,
+    ];
+
+    /// The kind with this number.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<MoveKind> {
+        MoveKind::ALL.get(code as usize).copied()
+    }
+}
+
+payload! {
+    /// A move typed on-line, or what is to become of the moves under way. Counts as one while
+    /// `sequence` stays the same.
+    pub struct TypedMove {
+        /// Joint angles (rad, the first six); or a rotation row by row, then the tool point (m); or
+        /// a displacement (m, the first three).
+        pub values: [f64; 12],
+        /// Time of the segment (s); 0 is as fast as the machine's own pace.
+        pub t_s: f64,
+        /// A [`MoveKind`].
+        pub kind: u32,
+        /// 1 when the tool runs straight.
+        pub straight: u32,
+        /// 1 when it takes the place of everything that was typed before: the arm comes to rest on
+        /// its path first.
+        pub now: u32,
+        /// Increases with every move.
+        pub sequence: u32,
+    }
+}
+
+payload! {
+    /// How the typed moves stand.
+    pub struct Typed {
+        /// Sequence of the newest move that was taken in.
+        pub taken: u32,
+        /// Sequence of the newest move that was looked at to its end.
+        pub judged: u32,
+        /// Sequence of the newest move that was refused; what was typed after it goes with it.
+        pub refused: u32,
+        /// Moves looked at and not finished, and moves that wait to be looked at.
+        pub queued: u32,
+        /// 1 while the arm stands, or comes to rest, because it was asked to.
+        pub paused: u32,
+        /// 1 while the arm is on its way.
+        pub moving: u32,
+    }
+}
+
 payload! {
     /// Joint torque asked for by the servo.
     pub struct Torque {

@@ -18,6 +18,8 @@ use crate::replay;
 use crate::run::{self, BadOption, Options};
 use crate::scenes::{self, SceneArgs};
 use crate::sim::{self, Sim};
+use crate::tell;
+use taktild::operator::socket::SERVICE_SOCKET;
 
 /// Exit code for input that cannot be used.
 const BAD_INPUT: u8 = 2;
@@ -71,6 +73,9 @@ enum Command {
         /// Keep the newest ten seconds of every lane in this file in memory (/dev/shm, /run)
         #[arg(long, value_name = "FILE")]
         flight: Option<PathBuf>,
+        /// Listen to an operator at this Unix-domain socket: `taktil tell`, `taktil move`
+        #[arg(long, value_name = "SOCKET")]
+        operator: Option<PathBuf>,
         /// One JSON object on standard output instead of the table
         #[arg(long)]
         json: bool,
@@ -164,6 +169,38 @@ enum Command {
     ///
     /// Exit code 0 however late it is; 2: an option that cannot be used, or no cyclictest.
     Jitter(JitterArgs),
+    /// Type a move to a running machine: `joint`, `to` or `by`, and numbers.
+    ///
+    /// The machine is in TRAJECTORY/USER (`taktil tell trajectory_user`). Angles in degrees,
+    /// lengths in mm; `to` takes x y z and, if wanted, yaw pitch roll of the downward tool. The
+    /// whole move is looked at before it counts; it is joined to one of its kind under way without
+    /// a stop. Options behind the numbers: `straight`, `in SECONDS`, `now` (instead of what is
+    /// under way). Exit code 0: found good (--wait: done); 1: refused, with joint and time; 2: bad
+    /// input.
+    Move {
+        /// Socket of the run or the service
+        #[arg(long, value_name = "SOCKET", default_value = SERVICE_SOCKET)]
+        at: PathBuf,
+        /// Come back when the moves are done
+        #[arg(long)]
+        wait: bool,
+        /// Such as: by 0 0 20 straight in 2
+        #[arg(required = true, trailing_var_arg = true, allow_hyphen_values = true)]
+        words: Vec<String>,
+    },
+    /// Say something to a running machine, in words, or line by line from standard input.
+    ///
+    /// Words: enable, calibrate, idle, stop and the other verbs of the state machine; move, pause,
+    /// resume, clear, wait; jog FRAME A1 .. A6, release; state. A script ends at the first line
+    /// that is refused. Exit code 0: all granted; 1: something was refused; 2: bad input.
+    Tell {
+        /// Socket of the run or the service
+        #[arg(long, value_name = "SOCKET", default_value = SERVICE_SOCKET)]
+        at: PathBuf,
+        /// Such as: trajectory_user. None: lines from standard input
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        words: Vec<String>,
+    },
     /// What parts of this program cost, in time and instructions.
     #[command(subcommand)]
     Bench(Bench),
@@ -197,11 +234,20 @@ fn complain(error: &anyhow::Error) -> ExitCode {
 
 fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Run { scene, fast, seed, for_s, log, report, flight, json, plan } => {
-            run::run(&Options { scene, fast, seed, for_s, log, report, flight, json, plan })
+        Command::Run { scene, fast, seed, for_s, log, report, flight, operator, json, plan } => {
+            let options =
+                Options { scene, fast, seed, for_s, log, report, flight, operator, json, plan };
+            run::run(&options)
         }
         Command::Scene(arguments) => scenes::run(&arguments),
         Command::Sim(what) => sim::run(&what),
+        Command::Move { at, wait, words } => {
+            let typed = format!("move {}", words.join(" "));
+            let lines = [typed, "wait".to_owned()];
+            tell::say(&at, lines.into_iter().take(1 + usize::from(wait)))
+        }
+        Command::Tell { at, words } if words.is_empty() => tell::script(&at),
+        Command::Tell { at, words } => tell::say(&at, [words.join(" ")]),
         Command::Plot { log, what, csv, out } => {
             let arguments = PlotArgs { log, what, csv, out };
             // What can go wrong here is the log, a name or the place to write to: all of it input.

@@ -16,3 +16,4 @@ pub mod run;
 pub mod scenes;
 pub mod series;
 pub mod sim;
+pub mod tell;

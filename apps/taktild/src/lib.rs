@@ -6,6 +6,7 @@ pub mod contract;
 pub mod cpus;
 pub mod flight;
 pub mod log;
+pub mod operator;
 pub mod service;
 pub mod signals;
 pub mod source;

@@ -1,7 +1,7 @@
 //! The service: the machine over real boards, under systemd. It says READY only after the kernel's
 //! grants were read back, feeds the watchdog only while the lanes beat, and comes up with the
-//! drives off. Refuses to move anything by itself: nobody is connected yet, so the machine checks
-//! itself and waits in READY.
+//! drives off. Refuses to move anything by itself: the machine checks itself and waits in READY for
+//! somebody to ask, through the operator's socket if the configuration has one.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,14 +13,16 @@ use taktil_drivers_regmap::{Board, Config as BoardConfig, OpenError};
 use taktil_rtcore::contract::Item;
 use taktil_rtcore::live::{self, Attestation, Audience, Contract, Hang, Pace, Terms};
 use taktil_rtcore::record::{Catalog, Observer, Record};
-use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Machine, Nanos, Output, Ports, Task};
-use taktil_signal::{JogCommand, Request};
+use taktil_rtcore::{Invalid, Machine, Nanos};
+use taktil_tasks_trajectory::Config as TrajectoryConfig;
 
 use crate::config::MachineConfig;
 use crate::contract::ContractConfig;
 use crate::flight::{FlightConfig, Keeper};
 use crate::log::McapLog;
 use crate::signals::{self, Second};
+use crate::operator::socket::{SERVICE_SOCKET, Socket};
+use crate::operator::{self, Mouth, Remote};
 use crate::source::{Located, Source};
 use crate::tape::player::{About, Lack, Tapes};
 use crate::wiring;
@@ -46,6 +48,8 @@ struct ServiceFile {
     board: BoardConfig,
     /// Where the run is recorded, relative to this file; nowhere when absent.
     log: Option<LogConfig>,
+    /// Where an operator is listened to; nowhere when absent.
+    operator: Option<OperatorConfig>,
     /// Sections that replace those of the machine file.
     #[serde(default)]
     robot: MachineConfig,
@@ -59,8 +63,24 @@ struct LogConfig {
     path: PathBuf,
 }
 
+/// The operator's socket.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct OperatorConfig {
+    /// Unix-domain socket, for the service's user and group.
+    #[serde(default = "socket_path")]
+    socket: PathBuf,
+}
+
+fn socket_path() -> PathBuf {
+    SERVICE_SOCKET.into()
+}
+
 /// Exit code of a service one of whose tasks does not return.
 pub const EXIT_HUNG: i32 = 3;
+
+/// Where an operator will be listened to, how fast typed moves are, and the way into the lane.
+type Ear = (PathBuf, TrajectoryConfig, Mouth);
 
 /// A service ready to run.
 pub struct Service {
@@ -71,28 +91,9 @@ pub struct Service {
     source: Source,
     machine_text: String,
     log: Option<PathBuf>,
+    socket: Option<Ear>,
     /// What a replay needs: the texts of both files, and what the devices say of themselves.
     origin: BTreeMap<String, String>,
-}
-
-/// An operator who never asks for anything.
-struct Nobody {
-    request: Output<Request>,
-    jog: Output<JogCommand>,
-}
-
-impl Nobody {
-    fn new(ports: &mut Ports) -> Nobody {
-        Nobody { request: ports.output("request"), jog: ports.output("jog") }
-    }
-}
-
-impl Task for Nobody {
-    fn step(&mut self, _cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        io.write(&self.request, Request::default());
-        io.write(&self.jog, JogCommand::default());
-        Ok(())
-    }
 }
 
 impl Service {
@@ -102,17 +103,28 @@ impl Service {
     /// # Errors
     /// Anything wrong, located in the file where it stands.
     pub fn load(path: &Path) -> Result<Service, Located> {
-        Service::with_operator(path, Box::new(|ports| Ok(Box::new(Nobody::new(ports)))))
+        let (mouth, hand) = operator::pair();
+        let remote: wiring::MakeOperator<'_> =
+            Box::new(move |ports| Ok(Box::new(Remote::new(Some(hand), ports))));
+        Service::build(path, remote, Some(mouth))
     }
 
-    /// As [`Service::load`], with somebody who asks: a task that writes `operator.request` and
-    /// `operator.jog`.
+    /// As [`Service::load`], with somebody who asks: a task that writes `operator.request`,
+    /// `operator.jog` and `operator.moves`. Nobody else is listened to.
     ///
     /// # Errors
     /// As [`Service::load`].
     pub fn with_operator(
         path: &Path,
         operator: wiring::MakeOperator<'_>,
+    ) -> Result<Service, Located> {
+        Service::build(path, operator, None)
+    }
+
+    fn build(
+        path: &Path,
+        operator: wiring::MakeOperator<'_>,
+        mouth: Option<Mouth>,
     ) -> Result<Service, Located> {
         let source = Source::read(path)?;
         let file: ServiceFile = source.parse()?;
@@ -129,6 +141,7 @@ impl Service {
             ("machine_text", described.text.clone()),
             ("devices", About::of(&devices).text()),
         ];
+        let pace = config.trajectory.clone().unwrap_or_default();
         let built = wiring::assemble(config, devices, operator).and_then(|builder| builder.build());
         Ok(Service {
             machine: built.map_err(|bad| locate(bad, &source, &described))?,
@@ -136,6 +149,7 @@ impl Service {
             board: file.board.path,
             log: file.log.map(|log| path.parent().unwrap_or(Path::new("")).join(log.path)),
             origin: origin.map(|(key, value)| (key.to_owned(), value)).into(),
+            socket: file.operator.zip(mouth).map(|(ear, mouth)| (ear.socket, pace, mouth)),
             flight: file.flight,
             source,
             machine_text: described.text,
@@ -226,6 +240,14 @@ impl Service {
         let log = self.log.as_ref().map(|path| McapLog::create(path, catalog, &self.origin));
         let mut heart = Heart::new(catalog, log.transpose()?);
         heart.keeper = keeper;
+        if let Some((path, pace, mouth)) = self.socket.take() {
+            let socket = Socket::listen(&path, mouth, pace);
+            let mut socket = socket.map_err(|bad| {
+                self.source.locate(Invalid { place: "operator.socket".into(), ..bad })
+            })?;
+            socket.attach(self.machine.catalog());
+            heart.socket = Some(socket);
+        }
         let terms = Terms { until: FOREVER, contract: self.contract, pace: Pace::Fixed };
         let outcome = live::run(&mut self.machine, terms, stop, &mut heart);
         tell(&[NotifyState::Stopping]);
@@ -258,7 +280,8 @@ pub fn rebuild(
     let file: ServiceFile = source.parse()?;
     let config = machine_config(machine, file.robot)?;
     let (devices, lack) = tapes.devices(about);
-    let operator: wiring::MakeOperator<'_> = Box::new(|ports| Ok(Box::new(Nobody::new(ports))));
+    let operator: wiring::MakeOperator<'_> =
+        Box::new(|ports| Ok(Box::new(Remote::new(None, ports))));
     let built = wiring::assemble(config, devices, operator).and_then(|mut builder| {
         builder.for_replay(stall);
         builder.build()
@@ -270,6 +293,7 @@ fn machine_config(machine: &Source, robot: MachineConfig) -> Result<MachineConfi
     let mut config = machine.parse::<MachineConfig>()?.overridden_by(robot);
     // Without an operator the script's feedback has no reader.
     config.wiring.remove("operator.control");
+    config.wiring.remove("operator.typed");
     Ok(config)
 }
 
@@ -299,6 +323,7 @@ struct Heart {
     next: Nanos,
     keeper: Option<Keeper>,
     log: Option<McapLog>,
+    socket: Option<Socket>,
 }
 
 impl Heart {
@@ -309,7 +334,15 @@ impl Heart {
             .filter_map(|lane| catalog.find(&format!("{}.health", lane.name)))
             .collect();
         let beats = vec![0; health.len()];
-        Heart { health, told: beats.clone(), beats, next: Nanos::ZERO, keeper: None, log }
+        Heart {
+            health,
+            told: beats.clone(),
+            beats,
+            next: Nanos::ZERO,
+            keeper: None,
+            log,
+            socket: None,
+        }
     }
 }
 
@@ -320,6 +353,9 @@ impl Observer for Heart {
         }
         if let Some(log) = &mut self.log {
             log.record(record);
+        }
+        if let Some(socket) = &mut self.socket {
+            socket.record(record);
         }
     }
 }
@@ -340,6 +376,9 @@ impl Audience for Heart {
     fn passed(&mut self, now: Nanos) {
         if let Some(keeper) = &mut self.keeper {
             keeper.passed(now);
+        }
+        if let Some(socket) = &mut self.socket {
+            socket.poll(now);
         }
         if now < self.next {
             return;

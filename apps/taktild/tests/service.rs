@@ -19,7 +19,7 @@ use taktil_drivers_regmap::registers::{
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
 use taktil_hal::{CHANNELS, DacCode, MAX_TACTELS, Nanos};
 use taktil_rtcore::{Cycle, FaultCode, Io, Output as Port, Task};
-use taktil_signal::{JogCommand, Request};
+use taktil_signal::{JogCommand, Request, TypedMove};
 
 /// Zero volts in offset binary of 12 bits.
 const ZERO_VOLTS: u16 = 2048;
@@ -392,6 +392,7 @@ fn a_configuration_that_cannot_be_used_ends_with_2_and_its_place() {
 struct Hanging {
     request: Port<Request>,
     jog: Port<JogCommand>,
+    moves: Port<TypedMove>,
 }
 
 impl Task for Hanging {
@@ -403,6 +404,7 @@ impl Task for Hanging {
         }
         io.write(&self.request, Request::default());
         io.write(&self.jog, JogCommand::default());
+        io.write(&self.moves, TypedMove::default());
         Ok(())
     }
 }
@@ -417,7 +419,7 @@ fn the_service_whose_operator_hangs() {
         Path::new(&config),
         Box::new(|ports| {
             let (request, jog) = (ports.output("request"), ports.output("jog"));
-            Ok(Box::new(Hanging { request, jog }))
+            Ok(Box::new(Hanging { request, jog, moves: ports.output("moves") }))
         }),
     );
     let ended = service.unwrap().run();

@@ -234,6 +234,12 @@ impl CartesianPath {
         self.timing.duration_s()
     }
 
+    /// When each corner is (s).
+    #[must_use]
+    pub fn corners_s(&self) -> &[f64] {
+        self.timing.corners_s()
+    }
+
     /// The half time of the transitions (s).
     #[must_use]
     pub fn tau_s(&self) -> f64 {

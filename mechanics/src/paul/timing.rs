@@ -68,6 +68,10 @@ impl Timing {
         Ok(())
     }
 
+    pub(super) fn corners_s(&self) -> &[f64] {
+        &self.corners_s[..self.count]
+    }
+
     pub(super) fn count(&self) -> usize {
         self.count
     }

@@ -285,17 +285,23 @@ impl Config {
         let mut steps = Vec::with_capacity(self.moves.len());
         for (index, one) in self.moves.iter().enumerate() {
             let place = format!("moves[{index}]");
-            let step = one.check(arm).map_err(|invalid| invalid.within(&place))?;
-            if let Some(t_s) = step.t_s.filter(|t_s| *t_s < 2.0 * self.tau_s) {
-                return Err(Invalid::new(
-                    format!("{place}.t_s"),
-                    format!("{t_s} s leaves no room for two transitions of {} s", self.tau_s),
-                    "give at least 2 tau_s",
-                ));
-            }
-            steps.push(step);
+            steps.push(self.step(one, arm).map_err(|invalid| invalid.within(&place))?);
         }
         Ok(steps)
+    }
+
+    /// One move, checked against an arm; whether it can be made from where the arm is then is found
+    /// out on the way.
+    ///
+    /// # Errors
+    /// As [`Config::steps`].
+    pub fn step(&self, one: &Move, arm: &Puma260) -> Result<Step, Invalid> {
+        let step = one.check(arm)?;
+        if let Some(t_s) = step.t_s.filter(|t_s| *t_s < 2.0 * self.tau_s) {
+            let what = format!("{t_s} s leaves no room for two transitions of {} s", self.tau_s);
+            return Err(Invalid::new("t_s", what, "give at least 2 tau_s"));
+        }
+        Ok(step)
     }
 }
 

@@ -140,6 +140,40 @@ impl Leg {
         Ok(())
     }
 
+    /// Copies another leg into this one's place.
+    pub fn copy(&mut self, other: &Leg) {
+        self.joints.clone_from(&other.joints);
+        self.tool.clone_from(&other.tool);
+        (self.straight, self.next, self.whole) = (other.straight, other.next, other.whole);
+    }
+
+    /// Whether a step is of the kind of this leg.
+    #[must_use]
+    pub fn goes_on(&self, step: &Step) -> bool {
+        step.straight == self.straight
+    }
+
+    /// Goes on with one more step of its kind. Until two tau before its former end the way is what
+    /// it was.
+    ///
+    /// # Errors
+    /// As [`Leg::lay`], and a full leg. The leg is spoilt then.
+    pub fn go_on(&mut self, arm: &Puma260, step: &Step, pace: &Pace) -> Result<(), Refusal> {
+        self.whole = false;
+        self.next = 0;
+        self.lay(arm, core::slice::from_ref(step), pace)
+    }
+
+    /// Moves whose end lies after `t_s` (s) of the leg's time.
+    #[must_use]
+    pub fn left(&self, t_s: f64) -> usize {
+        let ends = match self.route() {
+            Route::Joints(path) => path.corners_s(),
+            Route::Tool(path) => path.corners_s(),
+        };
+        ends.iter().skip(1).filter(|end_s| **end_s > t_s).count()
+    }
+
     /// Whether everything is laid.
     #[must_use]
     pub fn is_whole(&self) -> bool {

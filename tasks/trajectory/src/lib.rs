@@ -7,20 +7,26 @@
 //! looked at, for as many jobs as that takes, and then only followed; when the state is left early
 //! the goal becomes invalid, and the next entry starts anew. A queue that cannot be run ends at
 //! once: the goal is invalid and done.
+//!
+//! In TRAJECTORY/USER moves come one by one, as they are typed ([`online`]).
 
+pub mod clock;
 pub mod config;
 pub mod law;
+pub mod online;
 pub mod program;
+pub mod typed;
 
 pub use config::{BlendName, Config, Move, ToolGoal};
 
+use online::Online;
 use program::{Outcome, Plan, Program};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Output, Payload, Ports, StateHash, Task,
 };
-use taktil_signal::{ControlState, Desired, Goal, JointState, MoveCheck, State};
+use taktil_signal::{ControlState, Desired, Goal, JointState, MoveCheck, State, Typed, TypedMove};
 
 /// Where the task is with its queue.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +35,8 @@ enum Progress {
     Idle,
     /// The program is under way, from joints of this datum.
     Under { datum: u32 },
+    /// Moves are taken as they are typed, from joints of this datum.
+    Online { datum: u32 },
     /// The queue was refused in this stay.
     Refused,
 }
@@ -38,10 +46,13 @@ pub struct Trajectory {
     control: Input<ControlState>,
     desired: Input<Desired>,
     joints: Input<JointState>,
+    moves: Input<TypedMove>,
     goal: Output<Goal>,
     check: Output<MoveCheck>,
+    typed: Output<Typed>,
     plan: Plan,
     program: Program,
+    online: Online,
     progress: Progress,
     /// When the present stay in TRAJECTORY began.
     entered_ns: i64,
@@ -50,7 +61,7 @@ pub struct Trajectory {
 const REFUSED: Goal = Goal { done: 1, ..Goal::ZERO };
 
 impl Trajectory {
-    /// Declares `control`, `desired`, `joints`, `goal` and `check`.
+    /// Declares `control`, `desired`, `joints`, `moves`, `goal`, `check` and `typed`.
     ///
     /// # Errors
     /// What [`Config::steps`] refuses.
@@ -58,28 +69,34 @@ impl Trajectory {
         let arm = Puma260::reference();
         let steps = config.steps(&arm)?;
         let plan = Plan::new(&config, &arm, steps);
-        let program = Program::room(&plan).map_err(|_| {
-            Invalid::new("tau_s", format!("{} s allows no path", config.tau_s), "give more")
-        })?;
+        let roomless =
+            |_| Invalid::new("tau_s", format!("{} s allows no path", config.tau_s), "give more");
+        let program = Program::room(&plan).map_err(roomless)?;
+        let online = Online::room(&plan).map_err(roomless)?;
         Ok(Trajectory {
             plan,
             program,
+            online,
             control: ports.input("control"),
             desired: ports.input_delayed("desired"),
             joints: ports.input("joints"),
+            moves: ports.input("moves"),
             goal: ports.output("goal"),
             check: ports.output("check"),
+            typed: ports.output("typed"),
             progress: Progress::Idle,
             entered_ns: 0,
         })
     }
 
-    /// Begins with the queue of a stay that begins in this job.
+    /// Begins with the queue of a stay that begins in this job, or with moves to be typed; `word` is
+    /// what was typed last before.
     fn enter(
         &mut self,
         tick_s: f64,
         desired: Option<Desired>,
         joints: Option<JointState>,
+        word: Option<Option<TypedMove>>,
     ) -> Result<(), (FaultCode, Option<MoveCheck>)> {
         self.progress = Progress::Refused;
         let start = desired.filter(|desired| desired.valid == 1);
@@ -87,6 +104,11 @@ impl Trajectory {
             return Err((FaultCode::MoveRefused, None));
         };
         let start = Joints::from(start.q_rad);
+        if let Some(word) = word {
+            self.online.begin(&mut self.plan, &start, tick_s, word);
+            self.progress = Progress::Online { datum: joints.datum };
+            return Ok(());
+        }
         self.program
             .begin(&mut self.plan, &start, tick_s)
             .map_err(|check| (fault_of(&check), Some(check)))?;
@@ -95,10 +117,15 @@ impl Trajectory {
     }
 
     /// The goal of this job, and what the check says if it has something to say.
-    fn proceed(&mut self, tick: u64) -> (Goal, Option<MoveCheck>, Result<(), FaultCode>) {
+    fn proceed(
+        &mut self,
+        tick: u64,
+        word: Option<TypedMove>,
+    ) -> (Goal, Option<MoveCheck>, Result<(), FaultCode>) {
         match self.progress {
             Progress::Idle => return (Goal::ZERO, None, Ok(())),
             Progress::Refused => return (REFUSED, None, Ok(())),
+            Progress::Online { .. } => return self.go_on(word),
             Progress::Under { .. } => {}
         }
         let looking = self.program.check().verdict == 1;
@@ -116,6 +143,22 @@ impl Trajectory {
             }
         }
     }
+
+    /// The same with moves that are typed. A move that is refused is no fault: the arm goes on with
+    /// those before it.
+    fn go_on(
+        &mut self,
+        word: Option<TypedMove>,
+    ) -> (Goal, Option<MoveCheck>, Result<(), FaultCode>) {
+        let at = self.online.step(&self.plan, word);
+        let said = self.online.said();
+        let Some(at) = at else {
+            self.progress = Progress::Refused;
+            return (REFUSED, said, Err(FaultCode::Unreachable));
+        };
+        let goal = Goal { q_rad: at.q.into(), qd_rad_s: at.qd.into(), valid: 1, done: 0 };
+        (goal, said, Ok(()))
+    }
 }
 
 fn fault_of(check: &MoveCheck) -> FaultCode {
@@ -127,18 +170,22 @@ impl Task for Trajectory {
         let control = io.read(&self.control).usable();
         let desired = io.read(&self.desired).usable();
         let joints = io.read(&self.joints).usable();
+        let word = io.read(&self.moves).usable();
         let mut outcome = Ok(());
         let mut check = None;
-        match control.filter(|control| control.state == State::Trajectory as u32) {
+        let state = control.and_then(|control| State::from_code(control.state));
+        let typing = state == Some(State::TrajectoryUser);
+        match control.filter(|_| typing || state == Some(State::Trajectory)) {
             None => self.progress = Progress::Idle,
             Some(control) => {
                 let stays = !matches!(self.progress, Progress::Idle)
                     && control.entered_ns == self.entered_ns;
-                let moved = matches!(self.progress, Progress::Under { datum, .. }
+                let moved = matches!(self.progress, Progress::Under { datum } | Progress::Online { datum }
                     if joints.is_none_or(|joints| joints.datum != datum));
                 if !stays {
                     self.entered_ns = control.entered_ns;
-                    let entered = self.enter(cycle.dt.as_secs_f64(), desired, joints);
+                    let tick_s = cycle.dt.as_secs_f64();
+                    let entered = self.enter(tick_s, desired, joints, typing.then_some(word));
                     outcome = entered.map_err(|(fault, said)| {
                         check = said;
                         fault
@@ -150,8 +197,9 @@ impl Task for Trajectory {
                 }
             }
         }
-        let (goal, said, proceeded) = self.proceed(cycle.tick);
+        let (goal, said, proceeded) = self.proceed(cycle.tick, word);
         io.write(&self.goal, goal);
+        io.write(&self.typed, *self.online.typed());
         if let Some(check) = said.or(check) {
             io.write(&self.check, check);
         }
@@ -167,6 +215,10 @@ impl Task for Trajectory {
             Progress::Under { datum } => {
                 hash.word(1).add(datum);
                 self.program.fold(hash);
+            }
+            Progress::Online { datum } => {
+                hash.word(3).add(datum);
+                self.online.fold(hash);
             }
             Progress::Refused => {
                 hash.word(2);

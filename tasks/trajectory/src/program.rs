@@ -18,14 +18,14 @@ use crate::config::{Config, MAX_MOVES, Step};
 use crate::law::{self, Leg, Pace};
 
 /// Ticks looked at in one job: four times as fast as they will be run, and one look at the torque.
-const LOOKED_A_JOB: u32 = 4;
+pub(crate) const LOOKED_A_JOB: u32 = 4;
 
 /// Everything about a queue that does not change.
 pub struct Plan {
-    arm: Puma260,
+    pub(crate) arm: Puma260,
     steps: Vec<Step>,
-    pace: Pace,
-    terms: Terms,
+    pub(crate) pace: Pace,
+    pub(crate) terms: Terms,
 }
 
 impl Plan {
@@ -314,7 +314,7 @@ impl Program {
 }
 
 /// Why a queue is refused.
-enum Why {
+pub(crate) enum Why {
     Planned(law::Refusal),
     Cannot(Refusal),
 }
@@ -324,7 +324,7 @@ fn seconds(ticks: u64, tick_s: f64) -> f64 {
     ticks as f64 * tick_s
 }
 
-fn note(check: &mut MoveCheck, preview: &Preview) {
+pub(crate) fn note(check: &mut MoveCheck, preview: &Preview) {
     let most = |peaks: &[taktil_mechanics::preview::Peak; 6]| {
         peaks.iter().fold(0.0, |most: f64, peak| most.max(peak.value))
     };
@@ -338,7 +338,7 @@ fn note(check: &mut MoveCheck, preview: &Preview) {
     }
 }
 
-fn refused(check: MoveCheck, step: usize, why: &Why) -> MoveCheck {
+pub(crate) fn refused(check: MoveCheck, step: usize, why: &Why) -> MoveCheck {
     let (moves, reason, joint, t_s, ratio) = match why {
         Why::Planned(law::Refusal::Unreachable { index }) => (index + 1, 2, 0, 0.0, 0.0),
         Why::Planned(law::Refusal::Limits) | Why::Cannot(Refusal::Start { .. } | Refusal::Tick) => {

@@ -4,8 +4,10 @@ use taktil_mechanics::Joints;
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{FaultCode, FaultSet, Payload};
-use taktil_signal::{ControlState, Desired, Goal, JointState, MoveCheck, State};
-use taktil_tasks_trajectory::{Config, Move, ToolGoal, Trajectory};
+use taktil_signal::{
+    ControlState, Desired, Goal, JointState, MoveCheck, MoveKind, State, Typed, TypedMove,
+};
+use taktil_tasks_trajectory::{Config, Move, ToolGoal, Trajectory, typed};
 use taktil_tests_script::{Bench, PERIOD};
 
 #[derive(Clone, Copy)]
@@ -13,6 +15,11 @@ struct Script {
     control: fn(u64) -> ControlState,
     desired: fn(u64) -> Desired,
     joints: fn(u64) -> JointState,
+    moves: fn(u64) -> TypedMove,
+}
+
+fn silent(_: u64) -> TypedMove {
+    TypedMove::ZERO
 }
 
 fn run(config: Config, script: &Script, ticks: i64) -> (Vec<Goal>, FaultSet) {
@@ -25,16 +32,30 @@ fn run_checked(
     script: &Script,
     ticks: i64,
 ) -> (Vec<Goal>, FaultSet, Option<MoveCheck>) {
+    let (keep, faults) = run_kept(config, script, ticks);
+    (keep.goals, faults, keep.check)
+}
+
+/// What came out of the task.
+struct Keep {
+    goals: Vec<Goal>,
+    check: Option<MoveCheck>,
+    typed: Vec<Typed>,
+}
+
+fn run_kept(config: Config, script: &Script, ticks: i64) -> (Keep, FaultSet) {
     let mut bench = Bench::new();
     let lane = bench.servo();
-    let Script { control, desired, joints } = *script;
+    let Script { control, desired, joints, moves } = *script;
     bench.feed(lane, "control", move |tick| Some(control(tick)));
     bench.feed(lane, "joints", move |tick| Some(joints(tick)));
+    bench.feed(lane, "moves", move |tick| Some(moves(tick)));
     bench.task(lane, "trajectory", |ports| Trajectory::new(config, ports));
     bench.feed(lane, "desired", move |tick| Some(desired(tick)));
-    bench.bind_feeds("trajectory", &["control", "desired", "joints"]);
+    bench.bind_feeds("trajectory", &["control", "desired", "joints", "moves"]);
     let run = bench.run(PERIOD * ticks);
-    (run.of("trajectory.goal"), run.faults(), run.of("trajectory.check").pop())
+    let (check, typed) = (run.of("trajectory.check").pop(), run.of("trajectory.typed"));
+    (Keep { goals: run.of("trajectory.goal"), check, typed }, run.faults())
 }
 
 const START: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
@@ -79,7 +100,7 @@ fn still(_: u64) -> Desired {
 
 #[test]
 fn each_stay_follows_a_path_from_where_the_arm_is_wanted() {
-    let script = Script { control: two_stays, desired: still, joints: calibrated };
+    let script = Script { control: two_stays, desired: still, joints: calibrated, moves: silent };
     let (goals, faults) = run(queue(), &script, 450);
     assert!(faults.is_empty());
     let points = [Joints::from(START), Joints::from(GOAL_DEG.map(f64::to_radians))];
@@ -110,6 +131,7 @@ fn what_cannot_start_is_done_without_a_valid_goal() {
         control: two_stays,
         desired: still,
         joints: |tick| JointState { calibrated: 0, ..calibrated(tick) },
+        moves: silent,
     };
     let undesired = Script { desired: |_| Desired::ZERO, joints: calibrated, ..uncalibrated };
     let outside = Script {
@@ -131,6 +153,7 @@ fn a_zero_that_moves_ends_the_motion() {
         control: two_stays,
         desired: still,
         joints: |tick| JointState { datum: u32::from(tick >= 30), ..calibrated(tick) },
+        moves: silent,
     };
     let (goals, faults) = run(queue(), &script, 70);
     assert!(faults.contains(FaultCode::MoveRefused));
@@ -143,7 +166,7 @@ fn a_zero_that_moves_ends_the_motion() {
 
 #[test]
 fn a_displacement_out_of_reach_is_unreachable_and_an_empty_queue_is_soon_done() {
-    let script = Script { control: two_stays, desired: still, joints: calibrated };
+    let script = Script { control: two_stays, desired: still, joints: calibrated, moves: silent };
     let away = by_mm([0.0, 0.0, 900.0], false);
     let (goals, faults) = run(Config { moves: vec![away], ..Config::default() }, &script, 12);
     assert!(faults.contains(FaultCode::Unreachable));
@@ -161,7 +184,7 @@ fn one_stay(tick: u64) -> ControlState {
 
 #[test]
 fn straight_moves_run_straight_and_join_joint_moves_at_rest() {
-    let script = Script { control: one_stay, desired: still, joints: calibrated };
+    let script = Script { control: one_stay, desired: still, joints: calibrated, moves: silent };
     let aside = Move { joints_deg: Some(GOAL_DEG), ..by_mm([0.0; 3], false) };
     let aside = Move { by_mm: None, ..aside };
     let moves = vec![aside, by_mm([20.0, 0.0, -10.0], true), by_mm([0.0, 15.0, 0.0], true)];
@@ -195,7 +218,7 @@ fn straight_moves_run_straight_and_join_joint_moves_at_rest() {
 
 #[test]
 fn a_queue_that_cannot_be_run_is_refused_before_anything_moves() {
-    let script = Script { control: one_stay, desired: still, joints: calibrated };
+    let script = Script { control: one_stay, desired: still, joints: calibrated, moves: silent };
     let refused = |moves: Vec<Move>| {
         let config = Config { moves, ..Config::default() };
         let (goals, faults, check) = run_checked(config, &script, 900);
@@ -233,4 +256,190 @@ fn a_queue_that_cannot_be_run_is_refused_before_anything_moves() {
     assert_eq!((check.moves, check.reason, check.joint), (2, 1, 6), "{check:?}");
     assert!(check.t_s > 1.0 && check.t_s < 3.6, "88 of 100 degrees on: {check:?}");
     assert!(faults.contains(FaultCode::MoveRefused));
+}
+
+fn typing(tick: u64) -> ControlState {
+    let state = if tick < 10 { State::IdleCalibrated } else { State::TrajectoryUser };
+    ControlState { state: state as u32, entered_ns: 25_000_000, ..ControlState::ZERO }
+}
+
+fn word(one: &Move, sequence: u32) -> TypedMove {
+    let config = Config { line_mm_s: 60.0, ..Config::default() };
+    let step = config.step(one, &Puma260::reference()).unwrap();
+    TypedMove { sequence, ..typed::encode(&step, false) }
+}
+
+fn to_joints(by_deg: f64, sequence: u32) -> TypedMove {
+    let goal = GOAL_DEG.map(|deg| deg + by_deg);
+    let one = Move { joints_deg: Some(goal), by_mm: None, ..by_mm([0.0; 3], false) };
+    word(&Move { t_s: Some(1.0), ..one }, sequence)
+}
+
+/// Every setpoint follows from the one before it by its speed, and its speed within the arm's
+/// accelerations: nothing jumps.
+fn nothing_jumps(goals: &[Goal]) {
+    let arm = Puma260::reference();
+    for (tick, pair) in goals.windows(2).enumerate().skip(10) {
+        let [a, b] = pair else { unreachable!() };
+        let (q, qd) = (Joints::from(b.q_rad), Joints::from(b.qd_rad_s));
+        let (q0, qd0) = (Joints::from(a.q_rad), Joints::from(a.qd_rad_s));
+        assert_eq!(b.valid, 1, "tick {tick}");
+        let share = (qd - qd0).component_div(&(arm.acceleration_max_rad_s2 * 0.0025)).amax();
+        assert!(share <= 1.0 + 1e-6, "tick {tick}: {share} of the acceleration");
+        assert!((q - q0 - (qd + qd0) * 0.00125).amax() < 2e-4, "tick {tick}: no jump");
+        let share = qd.component_div(&arm.speed_max_rad_s).amax();
+        assert!(share <= 1.0 + 1e-9, "tick {tick}: {share} of the speed");
+    }
+}
+
+fn end_of(goals: &[Goal]) -> [f64; 6] {
+    goals.last().unwrap().q_rad.map(f64::to_degrees)
+}
+
+#[test]
+fn a_move_typed_in_mid_motion_is_joined_without_a_stop() {
+    let moves = |tick: u64| match tick {
+        0..20 => TypedMove::ZERO,
+        20..200 => to_joints(0.0, 1),
+        _ => to_joints(-12.0, 2),
+    };
+    let script = Script { control: typing, desired: still, joints: calibrated, moves };
+    let (keep, faults) = run_kept(Config::default(), &script, 1500);
+    assert!(faults.is_empty());
+    nothing_jumps(&keep.goals);
+    let moving = |goal: &&Goal| Joints::from(goal.qd_rad_s) != Joints::zeros();
+    let first = keep.goals.iter().position(|goal| moving(&goal)).unwrap();
+    let span = keep.goals[first..].iter().take_while(moving).count();
+    let rest = keep.goals[first + span..].iter().filter(moving).count();
+    assert_eq!(rest, 0, "one motion, without a stop");
+    assert!(span > 100, "{span}");
+    let wanted = GOAL_DEG.map(|deg| deg - 12.0);
+    assert!(end_of(&keep.goals).iter().zip(wanted).all(|(q, w)| (q - w).abs() < 1e-9));
+    let typed = keep.typed.last().unwrap();
+    assert_eq!((typed.taken, typed.judged, typed.refused), (2, 2, 0));
+    assert_eq!((typed.queued, typed.moving, typed.paused), (0, 0, 0));
+    assert_eq!(keep.check.unwrap().verdict, 2);
+}
+
+#[test]
+fn joints_and_lines_are_mixed_and_join_at_rest() {
+    let moves = |tick: u64| match tick {
+        0..20 => TypedMove::ZERO,
+        20..40 => to_joints(0.0, 1),
+        40..50 => word(&by_mm([20.0, 0.0, 0.0], true), 2),
+        50..80 => word(&by_mm([0.0, 15.0, 0.0], true), 3),
+        _ => to_joints(2.0, 4),
+    };
+    let script = Script { control: typing, desired: still, joints: calibrated, moves };
+    let (keep, faults) = run_kept(Config::default(), &script, 2400);
+    assert!(faults.is_empty());
+    nothing_jumps(&keep.goals);
+    let most = keep.typed.iter().map(|typed| typed.queued).max();
+    assert_eq!(most, Some(4), "all wait at first");
+    let wanted = GOAL_DEG.map(|deg| deg + 2.0);
+    assert!(end_of(&keep.goals).iter().zip(wanted).all(|(q, w)| (q - w).abs() < 1e-9));
+}
+
+#[test]
+fn a_pause_stays_on_the_path_and_the_motion_ends_where_it_would_have() {
+    fn command(kind: MoveKind, sequence: u32) -> TypedMove {
+        TypedMove { sequence, ..typed::command(kind) }
+    }
+    fn begin(tick: u64, first: fn() -> TypedMove) -> TypedMove {
+        match tick {
+            0..20 => TypedMove::ZERO,
+            20..240 => first(),
+            240..500 => command(MoveKind::Pause, 2),
+            _ => command(MoveKind::Resume, 3),
+        }
+    }
+    let line = |tick: u64| begin(tick, || word(&by_mm([60.0, 10.0, 0.0], true), 1));
+    let joints = |tick: u64| begin(tick, || to_joints(0.0, 1));
+    for (moves, straight) in [(line as fn(u64) -> TypedMove, true), (joints, false)] {
+        let script = Script { control: typing, desired: still, joints: calibrated, moves };
+        let (keep, faults) = run_kept(Config::default(), &script, 1800);
+        assert!(faults.is_empty());
+        nothing_jumps(&keep.goals);
+        let stood = &keep.goals[400..500];
+        assert!(stood.iter().all(|goal| goal == &stood[0]), "stands");
+        assert_eq!((keep.typed[450].paused, keep.typed[450].moving), (1, 0));
+        assert_eq!(keep.typed[450].queued, 1);
+        assert_ne!(stood[0].q_rad, keep.goals.last().unwrap().q_rad, "on the way");
+        if straight {
+            let arm = Puma260::reference();
+            let (from, way) =
+                (arm.tool_pose(&Joints::from(START)), glam::DVec3::new(6.0, 1.0, 0.0));
+            for goal in &keep.goals[30..] {
+                let pose = arm.tool_pose(&Joints::from(goal.q_rad));
+                let at = from.inverse().apply(pose.translation);
+                assert!(at.cross(way.normalize()).length() < 1e-9, "on the line: {at}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_move_that_cannot_be_made_is_refused_and_the_one_before_it_goes_on() {
+    let moves = |tick: u64| match tick {
+        0..20 => TypedMove::ZERO,
+        20..30 => to_joints(0.0, 1),
+        30..40 => word(&by_mm([0.0, 0.0, 900.0], false), 2),
+        _ => to_joints(-3.0, 3),
+    };
+    let script = Script { control: typing, desired: still, joints: calibrated, moves };
+    let (keep, faults) = run_kept(Config::default(), &script, 1500);
+    assert!(faults.is_empty(), "no fault of the machine");
+    nothing_jumps(&keep.goals);
+    let typed = keep.typed.last().unwrap();
+    assert_eq!((typed.taken, typed.refused, typed.queued), (3, 2, 0));
+    assert_eq!((keep.check.unwrap().verdict, keep.check.unwrap().reason), (3, 2));
+    assert!(end_of(&keep.goals).iter().zip(GOAL_DEG).all(|(q, w)| (q - w).abs() < 1e-9));
+}
+
+#[test]
+fn a_move_now_takes_the_place_of_those_before_it_and_clear_forgets_them() {
+    let moves = |tick: u64| match tick {
+        0..20 => TypedMove::ZERO,
+        20..200 => to_joints(0.0, 1),
+        _ => TypedMove { now: 1, ..to_joints(5.0, 2) },
+    };
+    let script = Script { control: typing, desired: still, joints: calibrated, moves };
+    let (keep, _) = run_kept(Config::default(), &script, 1500);
+    nothing_jumps(&keep.goals);
+    let wanted = GOAL_DEG.map(|deg| deg + 5.0);
+    assert!(end_of(&keep.goals).iter().zip(wanted).all(|(q, w)| (q - w).abs() < 1e-9));
+    let clear = |tick: u64| match tick {
+        0..20 => TypedMove::ZERO,
+        20..200 => to_joints(0.0, 1),
+        _ => TypedMove { sequence: 2, ..typed::command(MoveKind::Clear) },
+    };
+    let script = Script { moves: clear, ..script };
+    let (keep, _) = run_kept(Config::default(), &script, 800);
+    nothing_jumps(&keep.goals);
+    assert_eq!(keep.typed.last().unwrap().queued, 0);
+    assert!(end_of(&keep.goals).iter().zip(GOAL_DEG).any(|(q, w)| (q - w).abs() > 1.0));
+    assert_eq!(keep.goals[700], keep.goals[799], "stands where it came to rest");
+}
+
+#[test]
+fn numbers_that_are_none_are_refused_moves() {
+    let moves = |tick: u64| match tick {
+        0..20 => TypedMove::ZERO,
+        20..30 => TypedMove { values: [1e300; 12], ..to_joints(0.0, 1) },
+        30..40 => TypedMove { t_s: 1e12, ..to_joints(0.0, 2) },
+        40..50 => TypedMove { t_s: -1.0, ..word(&by_mm([1.0; 3], true), 3) },
+        50..60 => TypedMove {
+            values: [0.0; 12],
+            kind: MoveKind::Tool as u32,
+            sequence: 4,
+            ..TypedMove::ZERO
+        },
+        _ => TypedMove { kind: 77, sequence: 5, ..TypedMove::ZERO },
+    };
+    let script = Script { control: typing, desired: still, joints: calibrated, moves };
+    let (keep, faults) = run_kept(Config::default(), &script, 200);
+    assert!(faults.is_empty());
+    assert_eq!(keep.goals.last().unwrap().q_rad, START, "nothing moved");
+    let typed = keep.typed.last().unwrap();
+    assert_eq!((typed.taken, typed.refused, typed.queued), (5, 4, 0));
 }

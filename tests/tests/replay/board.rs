@@ -14,7 +14,7 @@ use taktil_hal::{MAX_TACTELS, Nanos};
 use taktil_rtcore::linux::monotonic;
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Payload, Task};
-use taktil_signal::{JogCommand, Request, Verb};
+use taktil_signal::{JogCommand, Request, TypedMove, Verb};
 use taktil_tests::bench::Folder;
 use taktild::service::Service;
 
@@ -22,6 +22,7 @@ use taktild::service::Service;
 struct Hog {
     request: Output<Request>,
     jog: Output<JogCommand>,
+    moves: Output<TypedMove>,
 }
 
 impl Task for Hog {
@@ -30,6 +31,7 @@ impl Task for Hog {
         let sequence = u32::from(cycle.tick >= 40);
         io.write(&self.request, Request { verb: verb as u32, sequence });
         io.write(&self.jog, JogCommand::default());
+        io.write(&self.moves, TypedMove::default());
         if cycle.tick % 83 == 82 {
             let end = monotonic() + Nanos::from_micros(6_100);
             while monotonic() < end {}
@@ -65,7 +67,11 @@ fn serve(folder: &Folder, log: &Path) {
             stop.store(true, Ordering::SeqCst);
         });
         let operator = Box::new(|ports: &mut taktil_rtcore::Ports| {
-            let hog = Hog { request: ports.output("request"), jog: ports.output("jog") };
+            let hog = Hog {
+                request: ports.output("request"),
+                jog: ports.output("jog"),
+                moves: ports.output("moves"),
+            };
             Ok(Box::new(hog) as Box<dyn Task>)
         });
         let mut service = Service::with_operator(&path, operator).unwrap();

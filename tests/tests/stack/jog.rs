@@ -160,6 +160,8 @@ fn the_tour_goes_through_the_states_in_order_without_a_fault() {
             State::IdleCalibrated,
             State::ManualCartesian,
             State::IdleCalibrated,
+            State::TrajectoryUser,
+            State::IdleCalibrated,
             State::Trajectory,
             State::IdleCalibrated,
             State::TactileServo,

@@ -26,11 +26,14 @@ use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Hang, Pace, 
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos, linux, live, virtual_time};
 use taktild::flight::Keeper;
+use taktild::operator::Hand;
+use taktild::operator::socket::Socket;
 use taktild::signals::{self, Second};
 use taktild::wiring::MakeOperator;
 
 use crate::log::{Log, METADATA_ATTESTATION, McapLog};
 use digest::Digest;
+use operator::Operator;
 use progress::Progress;
 use scene::Scene;
 use score::{Score, Targets};
@@ -53,6 +56,8 @@ pub struct Options {
     pub report: Option<PathBuf>,
     /// Flight recorder's file.
     pub flight: Option<PathBuf>,
+    /// Socket at which an operator is listened to.
+    pub operator: Option<PathBuf>,
     /// JSON on standard output instead of the table.
     pub json: bool,
     /// The analysis of the schedule and its releases, instead of a run.
@@ -65,6 +70,7 @@ struct Watch {
     score: Score,
     log: Option<McapLog>,
     keeper: Option<Keeper>,
+    socket: Option<Socket>,
     progress: Progress,
     now: Nanos,
 }
@@ -92,6 +98,9 @@ impl Audience for Watch {
         }
         if let Some(log) = &mut self.log {
             log.flush();
+        }
+        if let Some(socket) = &mut self.socket {
+            socket.poll(now);
         }
     }
 
@@ -122,6 +131,9 @@ impl Observer for Watch {
         if let Some(log) = &mut self.log {
             log.record(record);
         }
+        if let Some(socket) = &mut self.socket {
+            socket.record(record);
+        }
         self.progress.record(record);
     }
 }
@@ -132,7 +144,13 @@ impl Observer for Watch {
 /// Bad input as [`taktild::source::Located`] or [`BadOption`]; anything else is a failure of the
 /// run.
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
-    run_with(options, |scene| assemble::script(scene))
+    run_by(options, |scene| {
+        let (socket, hand) = listen(options, scene)?;
+        let script = scene.script.clone();
+        let operator: MakeOperator<'static> =
+            Box::new(move |ports| Ok(Box::new(Operator::with(script, hand, ports)?)));
+        Ok((operator, socket))
+    })
 }
 
 /// As [`run`], with an operator of one's own.
@@ -142,6 +160,14 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
 pub fn run_with(
     options: &Options,
     operator: impl FnOnce(&Scene) -> MakeOperator<'static>,
+) -> anyhow::Result<ExitCode> {
+    run_by(options, |scene| Ok((operator(scene), None)))
+}
+
+/// With whoever asks, and where somebody else is listened to.
+fn run_by(
+    options: &Options,
+    operator: impl FnOnce(&Scene) -> anyhow::Result<(MakeOperator<'static>, Option<Socket>)>,
 ) -> anyhow::Result<ExitCode> {
     let scene = Scene::load(&options.scene)?;
     let seed = options.seed.unwrap_or(scene.seed);
@@ -155,7 +181,8 @@ pub fn run_with(
         print!("{}", if options.json { plan::json(&machine) } else { plan::text(&machine) });
         return Ok(ExitCode::SUCCESS);
     }
-    let mut machine = assemble::assemble_with(&scene, seed, operator(&scene))?;
+    let (operator, socket) = operator(&scene)?;
+    let mut machine = assemble::assemble_with(&scene, seed, operator)?;
     let log_path = log_path(options, &scene)?;
     let targets = targets(&scene);
     let catalog = machine.catalog().clone();
@@ -171,9 +198,13 @@ pub fn run_with(
         score: Score::new(&catalog, targets),
         log,
         keeper: flight(&mut machine, &scene, options)?,
+        socket,
         progress: Progress::new(&catalog, until, options.json),
         now: Nanos::ZERO,
     };
+    if let Some(socket) = &mut watch.socket {
+        socket.attach(&catalog);
+    }
     let stop = signals::watch(Second::Kills)?;
     let begin = linux::monotonic();
     let (reached, account) =
@@ -202,6 +233,21 @@ pub fn run_with(
     }
     finish(options, log_path.as_deref(), &summary)?;
     Ok(if ending.ok() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// Listens where `--operator` says.
+fn listen(options: &Options, scene: &Scene) -> anyhow::Result<(Option<Socket>, Option<Hand>)> {
+    let Some(path) = &options.operator else { return Ok((None, None)) };
+    if options.fast {
+        let what = "--operator: virtual time does not wait for people; leave --fast out";
+        bail!(BadOption(what.into()));
+    }
+    let (mouth, hand) = taktild::operator::pair();
+    let pace = scene.machine.trajectory.clone().unwrap_or_default();
+    let socket = Socket::listen(path, mouth, pace)
+        .map_err(|bad| BadOption(format!("--operator: {}; {}", bad.what, bad.remedy)))?;
+    eprintln!("an operator is listened to: taktil tell --at {} ...", path.display());
+    Ok((Some(socket), Some(hand)))
 }
 
 /// Starts the flight recorder where `--flight` says.

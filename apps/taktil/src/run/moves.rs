@@ -3,16 +3,7 @@
 
 use serde_json::{Value, json};
 use taktil_signal::MoveCheck;
-
-/// The reasons of [`MoveCheck::reason`], from 1.
-const REASONS: [&str; 6] = [
-    "would leave its limits",
-    "out of reach",
-    "would be too fast",
-    "would need more torque than it has",
-    "the tool would leave its path past the wrist singularity",
-    "it cannot be planned from here",
-];
+use taktild::operator::status::REASONS;
 
 /// The verdict as JSON.
 pub(super) fn json(check: &MoveCheck) -> Value {

@@ -1,24 +1,30 @@
 //! The scripted operator: asks for one thing after the other, each when the machine stands idle.
 //! Refuses to hurry: a request is made once, and the next one only after the supervisor has looked
 //! at it. Keys of a jog are held while the machine is in a MANUAL state, for as long as the script
-//! says.
+//! says; moves are typed while it is in TRAJECTORY/USER. Somebody at a socket may ask besides.
 
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, StateHash, Task,
 };
-use taktil_signal::{ControlState, JogCommand, Request, State, Verb};
+use taktil_signal::{ControlState, JogCommand, Request, State, Typed, TypedMove, Verb};
+use taktild::operator::{Hand, Said};
 
 use super::scene::{Act, Step};
 
-/// A task that reads `control` (delayed) and writes `request`.
+/// A task that reads `control` and `typed` (delayed) and writes `request`, `jog` and `moves`.
 pub struct Operator {
     script: Vec<Step>,
     next: usize,
-    last: Request,
+    hand: Option<Hand>,
+    said: Said,
+    /// Requests and moves of the script so far.
+    asked: u32,
+    typed_moves: u32,
     control: Input<ControlState>,
+    typed: Input<Typed>,
     request: Output<Request>,
     jog: Output<JogCommand>,
-    keys: JogCommand,
+    moves: Output<TypedMove>,
     /// When the keys of the present step were first held.
     held_since: Option<Nanos>,
 }
@@ -29,15 +35,30 @@ impl Operator {
     /// # Errors
     /// None; the signature is that of every task.
     pub fn new(script: Vec<Step>, ports: &mut Ports) -> Result<Operator, Invalid> {
-        let control = ports.input_delayed("control");
+        Operator::with(script, None, ports)
+    }
+
+    /// As [`Operator::new`], and does what `hand` is told besides.
+    ///
+    /// # Errors
+    /// As [`Operator::new`].
+    pub fn with(
+        script: Vec<Step>,
+        hand: Option<Hand>,
+        ports: &mut Ports,
+    ) -> Result<Operator, Invalid> {
         Ok(Operator {
             script,
             next: 0,
-            last: Request::default(),
-            control,
+            hand,
+            said: Said::default(),
+            asked: 0,
+            typed_moves: 0,
+            control: ports.input_delayed("control"),
+            typed: ports.input_delayed("typed"),
             request: ports.output("request"),
             jog: ports.output("jog"),
-            keys: JogCommand::default(),
+            moves: ports.output("moves"),
             held_since: None,
         })
     }
@@ -46,7 +67,8 @@ impl Operator {
     fn hold(&mut self, axes: [f64; 6], frame: u32, span: Nanos, now: Nanos) {
         let since = *self.held_since.get_or_insert(now);
         if now - since < span {
-            self.keys = JogCommand { axes, frame, sequence: self.keys.sequence + 1 };
+            let sequence = self.said.keys.sequence.wrapping_add(1);
+            self.said.keys = JogCommand { axes, frame, sequence };
         } else {
             self.release();
             self.next += 1;
@@ -54,8 +76,38 @@ impl Operator {
     }
 
     fn release(&mut self) {
-        self.keys.axes = [0.0; 6];
-        self.held_since = None;
+        if self.held_since.take().is_some() {
+            self.said.keys.axes = [0.0; 6];
+        }
+    }
+
+    /// The next step of the script, if it is time for it.
+    fn proceed(&mut self, control: &ControlState, typed: &Typed, now: Nanos) {
+        let Some(step) = self.script.get(self.next).copied() else { return };
+        if control.request != self.said.request.sequence || now < step.at {
+            return;
+        }
+        match step.act {
+            Act::Ask(verb) if interrupts(verb) || idle(control, now) => {
+                self.next += 1;
+                self.asked += 1;
+                self.said.request = Request { verb: verb as u32, sequence: self.asked };
+            }
+            Act::Hold { axes, frame, span } if manual(control) => {
+                self.hold(axes, frame as u32, span, now);
+            }
+            Act::Type(word) if typing(control) && typed.taken == self.said.typed.sequence => {
+                self.next += 1;
+                self.typed_moves += 1;
+                self.said.typed = TypedMove { sequence: self.typed_moves, ..word };
+            }
+            Act::Rest if typing(control) => {
+                let over = typed.queued == 0 && typed.moving == 0;
+                self.next += usize::from(over && typed.taken == self.said.typed.sequence);
+            }
+            Act::Hold { .. } => self.release(),
+            Act::Ask(_) | Act::Type(_) | Act::Rest => {}
+        }
     }
 }
 
@@ -81,6 +133,11 @@ fn manual(control: &ControlState) -> bool {
         && control.mode == Mode::Moving as u32
 }
 
+/// Whether moves are taken.
+fn typing(control: &ControlState) -> bool {
+    control.state == State::TrajectoryUser as u32 && control.mode == Mode::Moving as u32
+}
+
 /// Verbs that make sense while something is going on.
 fn interrupts(verb: Verb) -> bool {
     matches!(verb, Verb::Stop | Verb::Idle | Verb::Reset)
@@ -89,29 +146,19 @@ fn interrupts(verb: Verb) -> bool {
 impl Task for Operator {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let control = io.read(&self.control).value;
-        let answered = control.request == self.last.sequence;
-        if let Some(step) = self.script.get(self.next).copied()
-            && answered
-            && cycle.release >= step.at
-        {
-            match step.act {
-                Act::Ask(verb) if interrupts(verb) || idle(&control, cycle.release) => {
-                    self.next += 1;
-                    self.last = Request { verb: verb as u32, sequence: self.last.sequence + 1 };
-                }
-                Act::Hold { axes, frame, span } if manual(&control) => {
-                    self.hold(axes, frame as u32, span, cycle.release);
-                }
-                Act::Ask(_) => {}
-                Act::Hold { .. } => self.release(),
-            }
+        let typed = io.read(&self.typed).value;
+        if let Some(hand) = &mut self.hand {
+            hand.hear(&mut self.said);
         }
-        io.write(&self.jog, self.keys);
-        io.write(&self.request, self.last);
+        self.proceed(&control, &typed, cycle.release);
+        io.write(&self.jog, self.said.keys);
+        io.write(&self.request, self.said.request);
+        io.write(&self.moves, self.said.typed);
         Ok(())
     }
 
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.next).add(&self.last).add(&self.keys).add(&self.held_since);
+        hash.add(&self.next).add(&self.said.request).add(&self.said.keys).add(&self.said.typed);
+        hash.add(&self.held_since).add(&self.asked).add(&self.typed_moves);
     }
 }

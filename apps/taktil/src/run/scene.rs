@@ -173,12 +173,14 @@ impl Scene {
             None => MachineConfig::default(),
             Some(machine) => machine.parse()?,
         };
-        let script = script(&file.operator).map_err(|invalid| source.locate(invalid))?;
         let edits = edits(&file.edit).map_err(|invalid| source.locate(invalid))?;
         let mut world = file.world.clone();
         let recorded = recorded::fill(&mut world, &source, read)?;
+        let machine = base.overridden_by(file.robot.clone());
+        let pace = machine.trajectory.clone().unwrap_or_default();
+        let script = script(&file.operator, &pace).map_err(|invalid| source.locate(invalid))?;
         let mut scene = Scene {
-            machine: base.overridden_by(file.robot.clone()),
+            machine,
             machine_source,
             recorded,
             title: file.title.clone(),

@@ -11,3 +11,4 @@ mod replay;
 mod rights;
 mod run;
 mod scenes;
+mod tell;

@@ -1,16 +1,19 @@
-//! `[[operator]]`: what the operator of a scene asks for and which keys are held, one thing after
-//! the other. Refuses verbs and frames that there are not, and keys that nobody can hold.
+//! `[[operator]]`: what the operator of a scene asks for, which keys are held and which moves are
+//! typed, one thing after the other. Refuses verbs and frames that there are not, keys that nobody
+//! can hold and moves that no arm could make.
 
 use serde::Deserialize;
 use taktil_rtcore::{Invalid, Nanos};
-use taktil_signal::{JogFrame, Verb};
+use taktil_signal::{JogFrame, TypedMove, Verb};
+use taktil_tasks_trajectory::Config as Pace;
+use taktild::operator::speech::{Order, order};
 
 use super::LONGEST_S;
 
 /// Longest time for which keys are held, s.
 const LONGEST_HOLD_S: f64 = 3600.0;
 
-/// One entry of the list: `verb`, or `jog` with `for_s`.
+/// One entry of the list: `verb`, `jog` with `for_s`, or `say`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct StepFile {
@@ -22,6 +25,8 @@ pub(super) struct StepFile {
     frame: Option<String>,
     /// How long the keys are held, s.
     for_s: Option<f64>,
+    /// What is typed in TRAJECTORY/USER: a move, `pause`, `resume`, `clear`, or `wait`.
+    say: Option<String>,
     /// Not before this instant, s.
     #[serde(default)]
     at_s: f64,
@@ -50,31 +55,41 @@ pub enum Act {
         /// For how long.
         span: Nanos,
     },
+    /// Types a move, as soon as the machine is in TRAJECTORY/USER.
+    Type(TypedMove),
+    /// Waits until every typed move is done.
+    Rest,
 }
 
 /// The list, checked.
-pub(super) fn script(steps: &[StepFile]) -> Result<Vec<Step>, Invalid> {
+pub(super) fn script(steps: &[StepFile], pace: &Pace) -> Result<Vec<Step>, Invalid> {
     let step = |(index, step): (usize, &StepFile)| {
-        step.check().map_err(|bad| bad.within(&format!("operator[{index}]")))
+        step.check(pace).map_err(|bad| bad.within(&format!("operator[{index}]")))
     };
     steps.iter().enumerate().map(step).collect()
 }
 
 impl StepFile {
-    fn check(&self) -> Result<Step, Invalid> {
+    fn check(&self, pace: &Pace) -> Result<Step, Invalid> {
         let at = instant(self.at_s, "at_s", 0.0, LONGEST_S)?;
-        let act = match (&self.verb, &self.jog) {
-            (Some(verb), None) => {
-                if self.frame.is_some() || self.for_s.is_some() {
+        let keys = self.frame.is_some() || self.for_s.is_some();
+        let act = match (&self.verb, &self.jog, &self.say) {
+            (Some(verb), None, None) => {
+                if keys {
                     let what = "`frame` and `for_s` belong to a jog";
                     return Err(Invalid::new("verb", what, "leave them out"));
                 }
                 Act::Ask(verb_named(verb)?)
             }
-            (None, Some(axes)) => self.hold(axes)?,
+            (None, Some(axes), None) => self.hold(axes)?,
+            (None, None, Some(_)) if keys => {
+                let what = "`frame` and `for_s` belong to a jog";
+                return Err(Invalid::new("say", what, "leave them out"));
+            }
+            (None, None, Some(words)) => said(words, pace)?,
             _ => {
-                let what = "a step is a verb or a jog";
-                return Err(Invalid::new("", what, "give exactly one of `verb` and `jog`"));
+                let what = "a step is a verb, a jog or something said";
+                return Err(Invalid::new("", what, "give exactly one of `verb`, `jog` and `say`"));
             }
         };
         Ok(Step { act, at })
@@ -96,6 +111,23 @@ impl StepFile {
         })?;
         let span = instant(for_s, "for_s", 1e-3, LONGEST_HOLD_S)?;
         Ok(Act::Hold { axes: *axes, frame, span })
+    }
+}
+
+/// What is typed.
+fn said(words: &str, pace: &Pace) -> Result<Act, Invalid> {
+    let order = order(words, pace).map_err(|bad| {
+        let what =
+            if bad.place.is_empty() { bad.what } else { format!("{}: {}", bad.place, bad.what) };
+        Invalid::new("say", what, bad.remedy)
+    })?;
+    match order {
+        Some(Order::Move(typed)) => Ok(Act::Type(typed)),
+        Some(Order::Wait) => Ok(Act::Rest),
+        _ => {
+            let what = format!("`{words}` is nothing to type");
+            Err(Invalid::new("say", what, "say a move, pause, resume, clear or wait"))
+        }
     }
 }
 
@@ -123,7 +155,7 @@ mod tests {
 
     fn read(text: &str) -> Result<Step, Invalid> {
         let step: StepFile = toml::from_str(text).unwrap();
-        script(&[step]).map(|list| list[0])
+        script(&[step], &Pace::default()).map(|list| list[0])
     }
 
     #[test]
@@ -134,6 +166,9 @@ mod tests {
         let axes = [0.0, 0.0, -1.0, 0.0, 0.0, 0.5];
         let span = Nanos::from_secs(2);
         assert_eq!(hold.act, Act::Hold { axes, frame: JogFrame::Tool, span });
+        let typed = read("say = \"move by 0 0 5 straight\"").unwrap().act;
+        assert!(matches!(typed, Act::Type(word) if word.values[2] == 0.005), "{typed:?}");
+        assert_eq!(read("say = \"wait\"").unwrap().act, Act::Rest);
     }
 
     #[test]
@@ -147,6 +182,11 @@ mod tests {
             ("verb = \"stop\"\nfor_s = 1".to_owned(), "operator[0].verb"),
             ("verb = \"stop\"\nat_s = -1".to_owned(), "operator[0].at_s"),
             ("verb = \"stop\"\nat_s = nan".to_owned(), "operator[0].at_s"),
+            ("say = \"move\"".to_owned(), "operator[0].say"),
+            ("say = \"enable\"".to_owned(), "operator[0].say"),
+            ("say = \"\"".to_owned(), "operator[0].say"),
+            ("say = \"wait\"\nfor_s = 1".to_owned(), "operator[0].say"),
+            ("say = \"wait\"\nverb = \"stop\"".to_owned(), "operator[0]"),
             (keys.to_owned(), "operator[0].for_s"),
             (format!("{keys}\nfor_s = 0"), "operator[0].for_s"),
             (format!("{keys}\nfor_s = inf"), "operator[0].for_s"),

@@ -1,0 +1,117 @@
+//! An operator at a running machine: words through the socket, moves typed on-line, refusals in
+//! words, and who may not listen or be listened to. Refuses a machine that waits for people only in
+//! theory: it runs live.
+
+use std::io::Write;
+use std::process::{Child, Command, Stdio};
+
+use crate::process::{Folder, Running, Said, TAKTIL, scenes, taktil};
+
+/// A live run that listens at `op` in the folder, once it does.
+fn listening(folder: &Folder, scene: &str) -> Running {
+    let mut command = Command::new(TAKTIL);
+    command.arg("run").arg(scenes().join(scene)).args(["--for", "600", "--operator", "op"]);
+    let child = command.current_dir(folder.path()).stdout(Stdio::null()).stderr(Stdio::null());
+    let running = Running(child.spawn().unwrap());
+    for _ in 0..1500 {
+        if taktil(folder.path(), &["tell", "--at", "op", "state"]).out.contains("IDLE/CALIBRATED") {
+            return running;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    panic!("the machine does not get to IDLE/CALIBRATED");
+}
+
+fn tell(folder: &Folder, words: &[&str]) -> Said {
+    let arguments: Vec<&str> = ["tell", "--at", "op"].iter().chain(words).copied().collect();
+    taktil(folder.path(), &arguments)
+}
+
+fn type_in(folder: &Folder, options: &[&str], words: &str) -> Said {
+    let mut arguments = vec!["move", "--at", "op"];
+    arguments.extend(options);
+    arguments.extend(words.split(' '));
+    taktil(folder.path(), &arguments)
+}
+
+/// Says a script through standard input.
+fn script(folder: &Folder, lines: &str) -> Said {
+    let mut command = Command::new(TAKTIL);
+    command.args(["tell", "--at", "op"]).current_dir(folder.path());
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child: Child = command.spawn().unwrap();
+    child.stdin.take().unwrap().write_all(lines.as_bytes()).unwrap();
+    Said::of(&child.wait_with_output().unwrap())
+}
+
+#[test]
+fn moves_are_typed_to_a_running_machine_and_refusals_say_why() {
+    let folder = Folder::new();
+    let _running = listening(&folder, "hold.toml");
+    // In the wrong state.
+    let early = type_in(&folder, &[], "by 0 0 -5").ended(1);
+    assert!(early.err.contains("refused: moves are taken in TRAJECTORY/USER"), "{}", early.err);
+    assert!(early.err.contains("IDLE/CALIBRATED (mode HOLD)"), "{}", early.err);
+    let wrong = tell(&folder, &["calibrate"]).ended(1);
+    assert!(wrong.err.contains("refused: calibrate is not possible in IDLE/CALIBRATED"));
+    // Typed, joined, waited for.
+    let granted = tell(&folder, &["trajectory_user"]).ended(0);
+    assert!(granted.out.starts_with("ok TRAJECTORY/USER (mode MOVING)"), "{}", granted.out);
+    let found = type_in(&folder, &[], "by 0 0 -20 straight").ended(0);
+    assert!(found.out.contains("of its torque"), "{}", found.out);
+    let done = type_in(&folder, &["--wait"], "by 10 0 0 straight in 1").ended(0);
+    assert!(done.out.contains("; at rest"), "{}", done.out);
+    // Refused by the look at the whole move, by reach, by grammar.
+    let far = type_in(&folder, &[], "by 0 0 -400 straight").ended(1);
+    assert!(far.err.contains("refused: out of reach"), "{}", far.err);
+    let limit = type_in(&folder, &[], "joint 400 0 0 0 0 0").ended(1);
+    assert!(limit.err.contains("outside the limits of joint 1"), "{}", limit.err);
+    let fast = type_in(&folder, &[], "by 100 0 0 straight in 0.2").ended(1);
+    assert!(fast.err.contains("refused: joint ") && fast.err.contains(" s on"), "{}", fast.err);
+    let words = tell(&folder, &["fly"]).ended(1);
+    assert!(words.err.contains("no word `fly`") && words.err.contains("trajectory_user"));
+    // A script stops at what is refused.
+    let lines =
+        "# up and back\nmove by 0 0 -10 straight\npause\nresume\nwait\nmove by 0 0 9999\nidle\n";
+    let stopped = script(&folder, lines).ended(1);
+    assert_eq!(stopped.out.lines().count(), 4, "{}", stopped.out);
+    assert!(stopped.err.contains("9999"), "{}", stopped.err);
+    let still = tell(&folder, &["state"]).ended(0);
+    assert!(still.out.contains("TRAJECTORY/USER"), "idle was not said: {}", still.out);
+    script(&folder, "clear\nidle\nmanual_joint\njog joints 0 0 0 0 1 0\nrelease\nidle\n").ended(0);
+}
+
+#[test]
+fn nobody_listens_twice_at_a_place_or_over_a_file_or_in_virtual_time() {
+    let folder = Folder::new();
+    let alone = tell(&folder, &["state"]).ended(2);
+    assert!(alone.err.contains("nobody listens at `op`"), "{}", alone.err);
+    let _running = listening(&folder, "hold.toml");
+    let hold = scenes().join("hold.toml");
+    let hold = hold.to_str().unwrap();
+    let second = taktil(folder.path(), &["run", hold, "--operator", "op"]).ended(2);
+    assert!(second.err.contains("somebody listens at `op` already"), "{}", second.err);
+    folder.write("file", "precious");
+    let over = taktil(folder.path(), &["run", hold, "--operator", "file"]).ended(2);
+    assert!(over.err.contains("is there and no socket"), "{}", over.err);
+    let fast = taktil(folder.path(), &["run", hold, "--fast", "--operator", "x"]).ended(2);
+    assert!(fast.err.contains("virtual time does not wait"), "{}", fast.err);
+    let far = "d".repeat(200);
+    let long = taktil(folder.path(), &["run", hold, "--operator", &far]).ended(2);
+    assert!(long.err.contains("cannot listen"), "{}", long.err);
+}
+
+#[test]
+fn the_socket_goes_with_its_run_and_one_of_a_killed_run_is_no_obstacle() {
+    let folder = Folder::new();
+    let mut running = listening(&folder, "hold.toml");
+    running.0.kill().unwrap();
+    running.wait();
+    assert!(folder.join("op").exists(), "nobody could remove it");
+    let again = listening(&folder, "hold.toml");
+    let id = nix::unistd::Pid::from_raw(i32::try_from(again.0.id()).unwrap());
+    nix::sys::signal::kill(id, nix::sys::signal::Signal::SIGINT).unwrap();
+    let mut again = again;
+    assert_eq!(again.wait().code(), Some(0));
+    assert!(!folder.join("op").exists());
+}

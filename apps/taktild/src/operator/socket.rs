@@ -1,0 +1,330 @@
+//! The operator's socket: lines in, one line of answer each, over a Unix-domain socket. It is
+//! polled between two looks at the records, so nobody waits for anybody. Refuses to be another's:
+//! a path on which somebody listens, or which is no socket, is left alone.
+//!
+//! Every line that says something is answered: `ok ..`, `refused: ..` or `error: ..`. The next line
+//! of a client is read when its last one was answered.
+
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+
+use taktil_hal::Nanos;
+use taktil_rtcore::Invalid;
+use taktil_rtcore::record::{Catalog, Record};
+use taktil_signal::{JogFrame, Request, TypedMove, Verb};
+use taktil_tasks_trajectory::Config;
+
+use super::speech::{Order, order};
+use super::status::{Status, refusal};
+use super::{FIRST_SEQUENCE, Mouth, Word};
+
+/// Clients at most; who comes later is turned away.
+const CLIENTS: usize = 8;
+/// Longest line, bytes.
+const LINE: usize = 1024;
+/// Lines of a client served in one look.
+const LINES_A_LOOK: usize = 16;
+/// How long the machine may take to look at a request.
+const PATIENCE: Nanos = Nanos::from_secs(2);
+
+/// Where the service listens.
+pub const SERVICE_SOCKET: &str = "/run/taktil/operator.sock";
+
+/// What a client still waits for.
+#[derive(Clone, Copy, Debug)]
+enum Pending {
+    /// The supervisor's look at this request; requests refused before it.
+    Request { verb: Verb, sequence: u32, refused: u32, since: Nanos },
+    /// The verdict about this move.
+    Verdict { sequence: u32, since: Nanos },
+    /// That a pause, a resumption or a clearing was taken in.
+    Taken { sequence: u32, since: Nanos },
+    /// The end of the moves typed up to this one.
+    Rest { sequence: u32 },
+}
+
+struct Client {
+    stream: UnixStream,
+    text: Vec<u8>,
+    pending: Option<Pending>,
+    gone: bool,
+}
+
+/// The socket and everybody who is connected.
+pub struct Socket {
+    listener: UnixListener,
+    path: PathBuf,
+    clients: Vec<Client>,
+    mouth: Mouth,
+    status: Status,
+    config: Config,
+    requests: u32,
+    moves: u32,
+}
+
+impl Drop for Socket {
+    fn drop(&mut self) {
+        // Nobody can be told any more.
+        let _ = std::fs::remove_file(&self.path);
+    }
+}
+
+impl Socket {
+    /// Listens at `path`, for the owner and the group. `config` says how fast typed moves are, for
+    /// what can be refused without asking the arm.
+    ///
+    /// # Errors
+    /// A path in use, in the way, or that cannot be made.
+    pub fn listen(path: &Path, mouth: Mouth, config: Config) -> Result<Socket, Invalid> {
+        let shown = path.display();
+        let bad = |what: String, remedy: &str| Err(Invalid::new("operator", what, remedy));
+        if let Ok(about) = std::fs::symlink_metadata(path) {
+            if !about.file_type().is_socket() {
+                return bad(format!("`{shown}` is there and no socket"), "name another path");
+            }
+            if UnixStream::connect(path).is_ok() {
+                let what = format!("somebody listens at `{shown}` already");
+                return bad(what, "end the other run, or name another path");
+            }
+            // The socket of a process that was killed.
+            let _ = std::fs::remove_file(path);
+        }
+        let listener = UnixListener::bind(path).and_then(|listener| {
+            listener.set_nonblocking(true)?;
+            std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o660))?;
+            Ok(listener)
+        });
+        match listener {
+            Err(error) => bad(
+                format!("cannot listen at `{shown}`: {error}"),
+                "name a path of at most 100 characters in a folder that can be written",
+            ),
+            Ok(listener) => Ok(Socket {
+                listener,
+                path: path.to_owned(),
+                clients: Vec::new(),
+                mouth,
+                status: Status::default(),
+                config,
+                requests: 0,
+                moves: 0,
+            }),
+        }
+    }
+
+    /// Whose records these will be.
+    pub fn attach(&mut self, catalog: &Catalog) {
+        self.status = Status::new(catalog);
+    }
+
+    /// Takes a record in.
+    pub fn record(&mut self, record: &Record<'_>) {
+        self.status.record(record);
+    }
+
+    /// One look at everybody, at logical time `now`.
+    pub fn poll(&mut self, now: Nanos) {
+        while let Ok((stream, _)) = self.listener.accept() {
+            self.welcome(stream);
+        }
+        let mut clients = std::mem::take(&mut self.clients);
+        for client in &mut clients {
+            client.read();
+            self.serve(client, now);
+        }
+        clients.retain(|client| !client.gone);
+        self.clients = clients;
+    }
+
+    fn welcome(&mut self, mut stream: UnixStream) {
+        if stream.set_nonblocking(true).is_err() {
+            return;
+        }
+        if self.clients.len() >= CLIENTS {
+            let _ = stream.write_all(b"error: too many operators are connected\n");
+            return;
+        }
+        let (text, pending, gone) = (Vec::new(), None, false);
+        self.clients.push(Client { stream, text, pending, gone });
+    }
+
+    /// Answers what can be answered, then reads on.
+    fn serve(&mut self, client: &mut Client, now: Nanos) {
+        for _ in 0..LINES_A_LOOK {
+            if let Some(pending) = client.pending {
+                match self.outcome(&pending, now) {
+                    None => return,
+                    Some(answer) => client.answer(&answer),
+                }
+            }
+            let Some(line) = client.line() else { return };
+            match order(&line, &self.config) {
+                Ok(None) => {}
+                Ok(Some(order)) => self.act(client, order, now),
+                Err(bad) => {
+                    let place =
+                        if bad.place.is_empty() { bad.place } else { format!("{}: ", bad.place) };
+                    client.answer(&format!("refused: {place}{}; {}", bad.what, bad.remedy));
+                }
+            }
+        }
+    }
+
+    fn act(&mut self, client: &mut Client, order: Order, now: Nanos) {
+        match order {
+            Order::State => client.answer(&format!("ok {}", self.status.line())),
+            Order::Wait => {
+                let sequence = FIRST_SEQUENCE | self.moves;
+                client.pending = Some(Pending::Rest { sequence });
+            }
+            Order::Jog(axes, frame) => self.keys(client, axes, frame),
+            Order::Ask(verb) => self.ask(client, verb, now),
+            Order::Move(typed) => self.type_in(client, typed, now),
+        }
+    }
+
+    fn send(&mut self, client: &mut Client, word: Word) -> bool {
+        let sent = self.mouth.send(word, Nanos::ZERO, Nanos::ZERO).is_ok();
+        if !sent {
+            client.answer("error: the machine does not listen; the word is lost");
+        }
+        sent
+    }
+
+    fn keys(&mut self, client: &mut Client, axes: [f64; 6], frame: JogFrame) {
+        if self.send(client, Word::Keys { axes, frame }) {
+            client.answer("ok");
+        }
+    }
+
+    fn ask(&mut self, client: &mut Client, verb: Verb, now: Nanos) {
+        self.requests = (self.requests + 1) % FIRST_SEQUENCE;
+        let sequence = FIRST_SEQUENCE | self.requests;
+        let refused = self.status.control.refused;
+        if self.send(client, Word::Ask(Request { verb: verb as u32, sequence })) {
+            client.pending = Some(Pending::Request { verb, sequence, refused, since: now });
+        }
+    }
+
+    fn type_in(&mut self, client: &mut Client, typed: TypedMove, now: Nanos) {
+        if !self.status.takes_moves() {
+            let place = self.status.place();
+            client.answer(&format!(
+                "refused: moves are taken in TRAJECTORY/USER, the machine is in {place}; ask for \
+                 trajectory_user first"
+            ));
+            return;
+        }
+        self.moves = (self.moves + 1) % FIRST_SEQUENCE;
+        let sequence = FIRST_SEQUENCE | self.moves;
+        if self.send(client, Word::Move(TypedMove { sequence, ..typed })) {
+            let since = now;
+            client.pending = Some(if taktil_tasks_trajectory::typed::is_move(&typed) {
+                Pending::Verdict { sequence, since }
+            } else {
+                Pending::Taken { sequence, since }
+            });
+        }
+    }
+
+    /// The answer, once there is one.
+    fn outcome(&self, pending: &Pending, now: Nanos) -> Option<String> {
+        let Status { control, typed, check, .. } = &self.status;
+        let left = || format!("refused: TRAJECTORY/USER was left: {}", self.status.place());
+        let since = match *pending {
+            Pending::Request { verb, sequence, refused, since } => {
+                if control.request == sequence {
+                    let place = self.status.place();
+                    return Some(if control.refused == refused {
+                        format!("ok {place}")
+                    } else {
+                        format!("refused: {} is not possible in {place}", verb.name())
+                    });
+                }
+                since
+            }
+            Pending::Verdict { sequence, since } => {
+                if typed.refused == sequence {
+                    return Some(format!("refused: {}", refusal(check)));
+                }
+                if typed.judged == sequence {
+                    return Some(format!(
+                        "ok {:.2} s, at most {:.0} % of a joint's speed, {:.0} % of its torque",
+                        check.duration_s,
+                        100.0 * check.speed_share,
+                        100.0 * check.torque_share
+                    ));
+                }
+                if !self.status.takes_moves() {
+                    return Some(left());
+                }
+                // A long move in front of it is looked at, and run, for as long as it takes.
+                if typed.taken == sequence {
+                    return None;
+                }
+                since
+            }
+            Pending::Taken { sequence, since } => {
+                if typed.taken == sequence {
+                    return Some("ok".to_owned());
+                }
+                since
+            }
+            Pending::Rest { sequence } => {
+                if !self.status.takes_moves() {
+                    return Some(left());
+                }
+                let over = typed.queued == 0 && typed.moving == 0;
+                let nothing = sequence == FIRST_SEQUENCE;
+                return (over && (nothing || typed.taken == sequence))
+                    .then(|| format!("ok {}", self.status.line()));
+            }
+        };
+        (now - since > PATIENCE).then(|| "error: the machine does not answer".to_owned())
+    }
+}
+
+impl Client {
+    /// Reads what has come, as far as there is room.
+    fn read(&mut self) {
+        let mut bytes = [0; LINE];
+        while self.text.len() < 4 * LINE {
+            match self.stream.read(&mut bytes) {
+                Ok(0) => {
+                    // Whoever hangs up may have said something before.
+                    self.gone = !self.text.contains(&b'\n') && self.pending.is_none();
+                    return;
+                }
+                Ok(count) => self.text.extend_from_slice(&bytes[..count]),
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => {
+                    self.gone |= error.kind() != ErrorKind::WouldBlock;
+                    return;
+                }
+            }
+        }
+    }
+
+    /// The next whole line.
+    fn line(&mut self) -> Option<String> {
+        let Some(end) = self.text.iter().position(|byte| *byte == b'\n') else {
+            if self.text.len() > LINE {
+                self.answer("refused: a line of more than 1024 bytes; say one thing a line");
+                self.gone = true;
+            }
+            return None;
+        };
+        let line: Vec<u8> = self.text.drain(..=end).collect();
+        Some(String::from_utf8_lossy(&line).into_owned())
+    }
+
+    fn answer(&mut self, words: &str) {
+        self.pending = None;
+        // A client that does not read loses its answer, and a broken one is gone.
+        if let Err(error) = self.stream.write_all(format!("{words}\n").as_bytes()) {
+            self.gone |= error.kind() != ErrorKind::WouldBlock;
+        }
+    }
+}

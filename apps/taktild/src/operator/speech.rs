@@ -1,0 +1,225 @@
+//! What an operator can say, one order a line: the same words on a command line, through the
+//! socket, from a script and from keys. Refuses what it does not know and what no arm could do,
+//! with the place in the sentence and what would do instead.
+//!
+//! ```text
+//! enable | calibrate | idle | manual_uncalibrated | manual_joint | manual_cartesian | trajectory
+//!        | trajectory_user | tactile_servo | stop | reset
+//! jog joints|base|tool A1 .. A6            six pushes, -1 to 1: held for as long as it is repeated
+//! release
+//! move joint Q1 .. Q6 [in S] [now]         deg
+//! move to X Y Z [YAW PITCH ROLL] [straight] [in S] [now]        mm, deg
+//! move by DX DY DZ [straight] [in S] [now]                      mm, along the tool's own axes
+//! pause | resume | clear
+//! wait                                     until the moves are done
+//! state
+//! ```
+
+use taktil_mechanics::puma260::Puma260;
+use taktil_rtcore::Invalid;
+use taktil_signal::{JogFrame, MoveKind, TypedMove, Verb};
+use taktil_tasks_trajectory::{Config, Move, ToolGoal, typed};
+
+/// One order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Order {
+    /// A verb of the state machine.
+    Ask(Verb),
+    /// Keys are held.
+    Jog([f64; 6], JogFrame),
+    /// A typed move, a pause, a resumption; its sequence is not set yet.
+    Move(TypedMove),
+    /// An answer is wanted when the moves are done.
+    Wait,
+    /// An answer is wanted at once: how the machine stands.
+    State,
+}
+
+/// Words in a sentence at most.
+const WORDS: usize = 16;
+
+/// Understands a line; `None` for an empty one and a comment.
+///
+/// # Errors
+/// What is wrong, where, and the way out.
+pub fn order(line: &str, config: &Config) -> Result<Option<Order>, Invalid> {
+    let line = line.split('#').next().unwrap_or_default();
+    let words: Vec<&str> = line.split_whitespace().take(WORDS + 1).collect();
+    if words.len() > WORDS {
+        return Err(Invalid::new("", "too many words", "say one thing a line"));
+    }
+    let Some((first, rest)) = words.split_first() else { return Ok(None) };
+    let plain = |order: Order| match rest.first() {
+        None => Ok(Some(order)),
+        Some(more) => {
+            let what = format!("`{more}` follows `{first}`");
+            Err(Invalid::new(*first, what, format!("say `{first}` alone")))
+        }
+    };
+    match *first {
+        "jog" => jog(rest).map(Some),
+        "release" => plain(Order::Jog([0.0; 6], JogFrame::Joints)),
+        "move" => motion(rest, config).map(Some),
+        "pause" => plain(Order::Move(typed::command(MoveKind::Pause))),
+        "resume" => plain(Order::Move(typed::command(MoveKind::Resume))),
+        "clear" => plain(Order::Move(typed::command(MoveKind::Clear))),
+        "wait" => plain(Order::Wait),
+        "state" => plain(Order::State),
+        name => match Verb::from_name(name).filter(|verb| *verb != Verb::None) {
+            Some(verb) => plain(Order::Ask(verb)),
+            None => {
+                let verbs: Vec<&str> = Verb::ALL[1..].iter().map(|verb| verb.name()).collect();
+                let what = format!("there is no word `{name}`");
+                let remedy = format!(
+                    "words are: {}, jog, release, move, pause, resume, clear, wait, state",
+                    verbs.join(", ")
+                );
+                Err(Invalid::new("", what, remedy))
+            }
+        },
+    }
+}
+
+fn jog(words: &[&str]) -> Result<Order, Invalid> {
+    let usage = "say `jog joints 0 0 0.5 0 0 0`, or base or tool; six pushes of -1 to 1";
+    let Some((name, pushes)) = words.split_first() else {
+        return Err(Invalid::new("jog", "what is pushed is missing", usage));
+    };
+    let frame = JogFrame::ALL.into_iter().find(|frame| frame.name() == *name).ok_or_else(|| {
+        Invalid::new("jog", format!("there is no frame `{name}`"), "frames are: joints, base, tool")
+    })?;
+    let axes = numbers::<6>("jog", pushes, usage)?;
+    match axes.iter().find(|axis| !(-1.0..=1.0).contains(*axis)) {
+        None => Ok(Order::Jog(axes, frame)),
+        Some(axis) => Err(Invalid::new("jog", format!("a push of {axis}"), "give -1 to 1")),
+    }
+}
+
+/// The words after `move`.
+fn motion(words: &[&str], config: &Config) -> Result<Order, Invalid> {
+    let usage = "say `move joint` with six angles (deg), `move to` with x y z (mm) and, if wanted, \
+                 yaw pitch roll (deg), or `move by` with three mm along the tool's axes";
+    let Some((kind, rest)) = words.split_first() else {
+        return Err(Invalid::new("move", "where to?", usage));
+    };
+    let count = rest.iter().take_while(|word| word.parse::<f64>().is_ok()).count();
+    let (values, options) = rest.split_at(count);
+    let (t_s, straight, now) = options_of(options)?;
+    let mut one = Move { joints_deg: None, tool: None, by_mm: None, straight, t_s };
+    match *kind {
+        "joint" | "joints" => one.joints_deg = Some(numbers("move joint", values, usage)?),
+        "by" => one.by_mm = Some(numbers("move by", values, usage)?),
+        "to" => {
+            let padded: Vec<&str> = match values.len() {
+                3 => values.iter().copied().chain(["0"; 3]).collect(),
+                _ => values.to_vec(),
+            };
+            let [x, y, z, yaw_deg, pitch_deg, roll_deg] = numbers("move to", &padded, usage)?;
+            let p_mm = [x, y, z];
+            one.tool = Some(ToolGoal { p_mm, rotation: None, yaw_deg, pitch_deg, roll_deg });
+        }
+        other => return Err(Invalid::new("move", format!("`{other}`?"), usage)),
+    }
+    let step = config.step(&one, &Puma260::reference()).map_err(|bad| bad.within("move"))?;
+    Ok(Order::Move(typed::encode(&step, now)))
+}
+
+fn options_of(mut words: &[&str]) -> Result<(Option<f64>, bool, bool), Invalid> {
+    let (mut t_s, mut straight, mut now) = (None, false, false);
+    loop {
+        match words {
+            [] => return Ok((t_s, straight, now)),
+            ["straight", rest @ ..] => (straight, words) = (true, rest),
+            ["now", rest @ ..] => (now, words) = (true, rest),
+            ["in", seconds, rest @ ..] => {
+                let [seconds] = numbers("move", &[seconds], "say `in 1.5`: seconds")?;
+                (t_s, words) = (Some(seconds), rest);
+            }
+            [other, ..] => {
+                let what = format!("`{other}` is no number and no option");
+                let remedy = "options are: straight, in SECONDS, now";
+                return Err(Invalid::new("move", what, remedy));
+            }
+        }
+    }
+}
+
+fn numbers<const N: usize>(place: &str, words: &[&str], usage: &str) -> Result<[f64; N], Invalid> {
+    if words.len() != N {
+        let what = format!("{} numbers where {N} are needed", words.len());
+        return Err(Invalid::new(place, what, usage));
+    }
+    let mut values = [0.0; N];
+    for (value, word) in values.iter_mut().zip(words) {
+        *value = word.parse().ok().filter(|x: &f64| x.is_finite()).ok_or_else(|| {
+            Invalid::new(place, format!("`{word}` is no number of use here"), usage)
+        })?;
+    }
+    Ok(values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(line: &str) -> Result<Option<Order>, Invalid> {
+        order(line, &Config::default())
+    }
+
+    #[test]
+    fn verbs_keys_and_moves_are_understood() {
+        assert_eq!(said("enable").unwrap(), Some(Order::Ask(Verb::Enable)));
+        assert_eq!(said("  # nothing").unwrap(), None);
+        let pushes = [0.0, -1.0, 0.0, 0.0, 0.5, 0.0];
+        let jog = said("jog tool 0 -1 0 0 .5 0 # gently").unwrap();
+        assert_eq!(jog, Some(Order::Jog(pushes, JogFrame::Tool)));
+        let Some(Order::Move(word)) = said("move by 0 0 5 straight in 2 now").unwrap() else {
+            panic!("no move")
+        };
+        assert_eq!((word.kind, word.straight, word.now), (MoveKind::By as u32, 1, 1));
+        assert_eq!((word.t_s, word.values[2]), (2.0, 0.005));
+        let Some(Order::Move(word)) = said("move joint 0 40 -153 -180 67 180").unwrap() else {
+            panic!("no move")
+        };
+        assert_eq!((word.kind, word.t_s), (MoveKind::Joints as u32, 0.0));
+        assert!((word.values[1] - 40f64.to_radians()).abs() < 1e-15);
+        for line in ["move to 342 -127 -149", "move to 342 -127 -149 10 0 0 straight"] {
+            let Some(Order::Move(word)) = said(line).unwrap() else { panic!("{line}") };
+            assert_eq!(word.kind, MoveKind::Tool as u32);
+            assert!((word.values[9] - 0.342).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn what_is_not_understood_is_refused_with_a_remedy() {
+        for (line, place, says) in [
+            ("fly", "", "no word `fly`"),
+            ("none", "", "no word `none`"),
+            ("enable now", "enable", "`now` follows"),
+            ("jog", "jog", "missing"),
+            ("jog world 0 0 0 0 0 0", "jog", "no frame `world`"),
+            ("jog base 0 0 0", "jog", "3 numbers"),
+            ("jog base 2 0 0 0 0 0", "jog", "push of 2"),
+            ("jog base nan 0 0 0 0 0", "jog", "no number"),
+            ("move", "move", "where to?"),
+            ("move there", "move", "`there`?"),
+            ("move joint 1 2 3", "move joint", "3 numbers"),
+            ("move joint 1 2 3 4 5 six", "move", "`six` is no number"),
+            ("move joint nan 0 0 0 0 0", "move joint", "no number"),
+            ("move joint 400 0 0 0 0 0", "move.joints_deg[0]", "outside the limits"),
+            ("move joint 0 40 -153 -180 67 180 straight", "move.straight", "joint angles"),
+            ("move to 900 0 0", "move.tool", "cannot be reached"),
+            ("move by 0 0 5 in", "move", "`in`"),
+            ("move by 0 0 5 in 0", "move.t_s", "0"),
+            ("move by 0 0 5 in 0.1", "move.t_s", "no room"),
+            ("move by 0 0 5 in inf", "move", "no number"),
+            ("move by 0 0 99999", "move.by_mm[2]", "99999"),
+            ("a a a a a a a a a a a a a a a a a a", "", "too many"),
+        ] {
+            let bad = said(line).unwrap_err();
+            assert_eq!(bad.place, place, "{line}: {bad:?}");
+            assert!(bad.what.contains(says), "{line}: {bad:?}");
+            assert!(!bad.remedy.is_empty());
+        }
+    }
+}

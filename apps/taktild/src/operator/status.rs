@@ -1,0 +1,102 @@
+//! How the machine stands, gathered from its records for people who are not in a lane. Refuses to
+//! guess: what has not been written yet is not there.
+
+use taktil_rtcore::record::{Catalog, Record};
+use taktil_rtcore::{Mode, Payload};
+use taktil_signal::{ControlState, Desired, MoveCheck, State, Typed};
+
+/// The reasons of [`MoveCheck::reason`], from 1.
+pub const REASONS: [&str; 6] = [
+    "would leave its limits",
+    "out of reach",
+    "would be too fast",
+    "would need more torque than it has",
+    "the tool would leave its path past the wrist singularity",
+    "it cannot be planned from here",
+];
+
+/// The newest values of what an operator wants to know.
+#[derive(Clone, Debug, Default)]
+pub struct Status {
+    signals: [Option<usize>; 4],
+    /// What the supervisor decided.
+    pub control: ControlState,
+    /// How the typed moves stand.
+    pub typed: Typed,
+    /// The last verdict about moves.
+    pub check: MoveCheck,
+    /// Where the joints are wanted.
+    pub desired: Desired,
+}
+
+impl Status {
+    /// Nothing known yet of the machine with this catalog.
+    #[must_use]
+    pub fn new(catalog: &Catalog) -> Status {
+        let names =
+            ["supervisor.control", "trajectory.typed", "trajectory.check", "setpoint.desired"];
+        Status { signals: names.map(|name| catalog.find(name)), ..Status::default() }
+    }
+
+    /// Takes a record in, if it is one of those.
+    pub fn record(&mut self, record: &Record<'_>) {
+        let Some(which) = self.signals.iter().position(|id| *id == Some(record.signal)) else {
+            return;
+        };
+        match which {
+            0 => take(&mut self.control, record.body),
+            1 => take(&mut self.typed, record.body),
+            2 => take(&mut self.check, record.body),
+            _ => take(&mut self.desired, record.body),
+        }
+    }
+
+    /// State and mode in words.
+    #[must_use]
+    pub fn place(&self) -> String {
+        let state = State::from_code(self.control.state).map_or("?", State::name);
+        format!("{state} (mode {})", self.mode())
+    }
+
+    fn mode(&self) -> String {
+        let mode = u8::try_from(self.control.mode).ok().and_then(Mode::from_code);
+        mode.map_or_else(|| "?".to_owned(), |mode| format!("{mode:?}").to_uppercase())
+    }
+
+    /// True in TRAJECTORY/USER.
+    #[must_use]
+    pub fn takes_moves(&self) -> bool {
+        self.control.state == State::TrajectoryUser as u32
+            && self.control.mode == Mode::Moving as u32
+    }
+
+    /// One line about everything.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let degrees: Vec<String> =
+            self.desired.q_rad.iter().map(|q| format!("{:.2}", q.to_degrees())).collect();
+        let moves = match (self.typed.paused, self.typed.moving, self.typed.queued) {
+            (1, _, queued) => format!("paused, {queued} moves left"),
+            (_, 1, queued) => format!("moving, {queued} moves left"),
+            _ => "at rest".to_owned(),
+        };
+        format!("{}; joints {} deg; {moves}", self.place(), degrees.join(" "))
+    }
+}
+
+fn take<T: Payload>(value: &mut T, body: &[u8]) {
+    if let Some(new) = T::decode(body) {
+        *value = new;
+    }
+}
+
+/// Why a check refused, in words: joint, reason, time.
+#[must_use]
+pub fn refusal(check: &MoveCheck) -> String {
+    let joint = if check.joint > 0 { format!("joint {} ", check.joint) } else { String::new() };
+    let index = usize::try_from(check.reason).ok().and_then(|reason| reason.checked_sub(1));
+    let why = index.and_then(|n| REASONS.get(n)).unwrap_or(&"no reason given");
+    let by = if check.ratio > 0.0 { format!(" by {:.2}", check.ratio) } else { String::new() };
+    let when = if check.t_s > 0.0 { format!(", {:.2} s on", check.t_s) } else { String::new() };
+    format!("{joint}{why}{by}{when}")
+}

@@ -1,0 +1,421 @@
+//! Moves as they are typed, while the arm is on its way. Each is laid where the moves before it
+//! end and looked at tick by tick before it counts; a move of the same kind as the one under way is
+//! joined to it by Paul's transition, without a stop, if it was found good in time, and else begins
+//! at rest. The arm can be brought to rest on its path and go on from there. Refuses a move that
+//! the arm cannot make, and with it what was typed after it; what was found good before goes on.
+
+use taktil_mechanics::Joints;
+use taktil_mechanics::paul::Setpoint;
+use taktil_mechanics::preview::{Inspection, Preview, Refusal, Route, Terms, Verdict};
+use taktil_mechanics::puma260::follow::Follower;
+use taktil_rtcore::{Payload, StateHash};
+use taktil_signal::{MoveCheck, MoveKind, Typed, TypedMove};
+
+use crate::clock::Clock;
+use crate::config::{MAX_MOVES, Step};
+use crate::law::{self, Leg};
+use crate::program::{LOOKED_A_JOB, Plan, Why, note, refused};
+use crate::typed::decode;
+
+/// Most moves that wait.
+pub const MAX_TYPED: usize = 16;
+/// How far the arm may be from where a move was looked at from (rad); else it is looked at again.
+const SAME_RAD: f64 = 1e-9;
+/// A pause at full speed takes this many times the shortest transition: it may fall into one.
+const STOP_SHARE: f64 = 1.5;
+
+/// A move that waits for its verdict.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Waiting {
+    step: Step,
+    sequence: u32,
+}
+
+/// How the move at the front of the queue would join what is before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Join {
+    /// By a transition at the end of the leg that is run.
+    Through,
+    /// At rest, from the end of that leg, or from where the arm is.
+    AtRest,
+}
+
+/// What the hand that is not run is used for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Ahead {
+    /// Nothing.
+    Free,
+    /// It is looked at.
+    Looking(Join),
+    /// It was found good, and waits for the end of the leg that is run; joints there (rad).
+    Good { start: Joints, end: Joints, stop_tau_s: f64 },
+}
+
+/// The leg that is run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Run {
+    clock: Clock,
+    follower: Follower,
+    /// Joints at its end (rad).
+    end: Joints,
+    /// Half the time of a pause (s).
+    stop_tau_s: f64,
+}
+
+/// Moves on their way. There is one, and everything in it stays where it is.
+#[derive(Debug)]
+pub struct Online {
+    queue: [Waiting; MAX_TYPED],
+    waiting: usize,
+    hands: [Leg; 2],
+    /// The hand that is run; the other one is laid ahead.
+    at: usize,
+    run: Option<Run>,
+    ahead: Ahead,
+    inspection: Inspection,
+    /// The rest of the path is to be forgotten once the arm stands.
+    dropping: bool,
+    setpoint: Setpoint,
+    typed: Typed,
+    check: MoveCheck,
+    /// The check has something new to say.
+    said: bool,
+}
+
+impl Online {
+    /// Room for moves, before the first is typed.
+    ///
+    /// # Errors
+    /// A pace that allows no path at all.
+    pub fn room(plan: &Plan) -> Result<Online, law::Refusal> {
+        let rest = Joints::zeros();
+        let hand = || Leg::room(&plan.arm, &plan.pace);
+        let hands = [hand()?, hand()?];
+        let terms = Terms { tick_s: 1.0, ..plan.terms.clone() };
+        let inspection = Inspection::new(hands[0].route(), &rest, &terms);
+        let step = Step { goal: crate::config::Goal::Joints(rest), straight: false, t_s: None };
+        Ok(Online {
+            queue: [Waiting { step, sequence: 0 }; MAX_TYPED],
+            waiting: 0,
+            hands,
+            at: 0,
+            run: None,
+            ahead: Ahead::Free,
+            inspection: inspection.map_err(|_| law::Refusal::Limits)?,
+            dropping: false,
+            setpoint: Setpoint::rest(&rest),
+            typed: Typed::ZERO,
+            check: MoveCheck::ZERO,
+            said: false,
+        })
+    }
+
+    /// A stay begins at joints `start` (rad); `last` is a word from before it, which is not meant.
+    pub fn begin(&mut self, plan: &mut Plan, start: &Joints, tick_s: f64, last: Option<TypedMove>) {
+        plan.terms.tick_s = tick_s;
+        let taken = last.map_or(0, |word| word.sequence);
+        self.forget();
+        self.run = None;
+        self.dropping = false;
+        self.setpoint = Setpoint::rest(start);
+        self.typed = Typed { taken, judged: taken, ..Typed::ZERO };
+        self.said = false;
+    }
+
+    /// How the moves stand.
+    #[must_use]
+    pub fn typed(&self) -> &Typed {
+        &self.typed
+    }
+
+    /// The newest verdict, once.
+    pub fn said(&mut self) -> Option<MoveCheck> {
+        core::mem::take(&mut self.said).then_some(self.check)
+    }
+
+    /// One job: the setpoint; `None` when the arm cannot follow what was found good.
+    pub fn step(&mut self, plan: &Plan, word: Option<TypedMove>) -> Option<Setpoint> {
+        if let Some(word) = word.filter(|word| word.sequence != self.typed.taken) {
+            self.take(&word);
+        }
+        if !self.dropping {
+            self.look(plan);
+        }
+        let setpoint = self.proceed(plan);
+        let left = self.run.map_or(0, |run| self.hands[self.at].left(run.clock.t_s()));
+        let good = usize::from(matches!(self.ahead, Ahead::Good { .. }));
+        #[expect(clippy::cast_possible_truncation, reason = "at most a few dozen")]
+        let queued = (self.waiting + good + left) as u32;
+        self.typed.queued = queued;
+        self.typed.moving = u32::from(self.run.is_some_and(|run| !run.clock.is_at_rest()));
+        setpoint
+    }
+
+    /// Takes one word in.
+    fn take(&mut self, word: &TypedMove) {
+        self.typed.taken = word.sequence;
+        if let Some(step) = decode(word) {
+            if word.now == 1 {
+                self.drop_path();
+            }
+            if self.waiting == MAX_TYPED {
+                self.refuse(word.sequence, &Why::Planned(law::Refusal::Limits));
+                return;
+            }
+            self.queue[self.waiting] = Waiting { step, sequence: word.sequence };
+            self.waiting += 1;
+            return;
+        }
+        match MoveKind::from_code(word.kind) {
+            Some(MoveKind::Pause) => self.pause(true),
+            Some(MoveKind::Resume) => self.pause(false),
+            Some(MoveKind::Clear) => self.drop_path(),
+            _ => {}
+        }
+    }
+
+    fn pause(&mut self, paused: bool) {
+        self.typed.paused = u32::from(paused);
+        if let Some(run) = self.run.as_mut().filter(|_| !self.dropping) {
+            run.clock.want(!paused);
+        }
+    }
+
+    /// Comes to rest on the path and forgets the rest of it.
+    fn drop_path(&mut self) {
+        self.forget();
+        self.pause(false);
+        if let Some(run) = &mut self.run {
+            run.clock.want(false);
+            self.dropping = true;
+        }
+    }
+
+    /// Forgets what is not run yet.
+    fn forget(&mut self) {
+        self.waiting = 0;
+        self.ahead = Ahead::Free;
+        self.typed.judged = self.typed.taken;
+    }
+
+    fn refuse(&mut self, sequence: u32, why: &Why) {
+        let check = MoveCheck { singular: [1.0; 3], ..MoveCheck::ZERO };
+        self.check = refused(check, 0, why);
+        self.said = true;
+        self.forget();
+        self.typed.refused = sequence;
+    }
+
+    /// Looks at the move at the front of the queue for a while.
+    fn look(&mut self, plan: &Plan) {
+        match self.ahead {
+            Ahead::Good { .. } => {}
+            Ahead::Free if self.waiting == 0 => {}
+            Ahead::Free => {
+                let Waiting { step, sequence } = self.queue[0];
+                match self.lay(plan, &step) {
+                    Ok(join) => self.ahead = Ahead::Looking(join),
+                    Err(why) => self.refuse(sequence, &why),
+                }
+            }
+            Ahead::Looking(join) => {
+                let route = self.hands[1 - self.at].route();
+                match self.inspection.advance(LOOKED_A_JOB, route, &plan.terms) {
+                    Verdict::Open => {}
+                    Verdict::Refused(why) => {
+                        let sequence = self.queue[0].sequence;
+                        self.refuse(sequence, &Why::Cannot(why));
+                    }
+                    Verdict::Passed => self.passed(plan, join),
+                }
+            }
+        }
+    }
+
+    /// Lays a step into the free hand and begins to look at it.
+    fn lay(&mut self, plan: &Plan, step: &Step) -> Result<Join, Why> {
+        let Plan { arm, pace, terms, .. } = plan;
+        let (running, free) = two(&mut self.hands, self.at);
+        if let Some(run) = &self.run
+            && running.goes_on(step)
+            && let Some(from_s) = joint(running.route(), run, pace.tau_s)
+        {
+            free.copy(running);
+            match free.go_on(arm, step, pace) {
+                Ok(()) => {
+                    let (follower, speed) = match running.route() {
+                        Route::Joints(path) => {
+                            let at = path.at(from_s);
+                            (Follower::new(arm, &at.q), at.qd)
+                        }
+                        Route::Tool(_) => (run.follower, self.setpoint.qd),
+                    };
+                    let looking =
+                        Inspection::onward(free.route(), &follower, &speed, from_s, terms);
+                    self.inspection = looking.map_err(Why::Cannot)?;
+                    return Ok(Join::Through);
+                }
+                // A full path, or a corner too sharp to be taken without a stop.
+                Err(law::Refusal::Limits) => {}
+                Err(why) => return Err(Why::Planned(why)),
+            }
+        }
+        let start = self.run.map_or(self.setpoint.q, |run| run.end);
+        free.begin(arm, &start, core::slice::from_ref(step), 0, pace).map_err(Why::Planned)?;
+        free.lay(arm, core::slice::from_ref(step), pace).map_err(Why::Planned)?;
+        self.inspection = Inspection::new(free.route(), &start, terms).map_err(Why::Cannot)?;
+        Ok(Join::AtRest)
+    }
+
+    /// The move at the front was found good: joins it, if there still is time.
+    fn passed(&mut self, plan: &Plan, join: Join) {
+        let preview = *self.inspection.preview();
+        let stop_tau_s = stop_tau_s(plan, &preview);
+        let begun = self.run.map_or(0.0, |run| run.clock.t_s());
+        match (join, &mut self.run) {
+            (Join::Through, Some(run)) => {
+                let route = self.hands[self.at].route();
+                if joint(route, run, plan.pace.tau_s).is_none() {
+                    // Too late: from rest, then.
+                    self.ahead = Ahead::Free;
+                    return;
+                }
+                run.end = preview.end;
+                run.stop_tau_s = run.stop_tau_s.max(stop_tau_s);
+                self.at = 1 - self.at;
+                self.ahead = Ahead::Free;
+            }
+            (Join::Through, None) => {
+                self.ahead = Ahead::Free;
+                return;
+            }
+            (Join::AtRest, _) => {
+                let start = self.run.map_or(self.setpoint.q, |run| run.end);
+                self.ahead = Ahead::Good { start, end: preview.end, stop_tau_s };
+            }
+        }
+        self.check = MoveCheck { verdict: 2, moves: 1, singular: [1.0; 3], ..MoveCheck::ZERO };
+        note(&mut self.check, &preview);
+        if join == Join::Through {
+            self.check.duration_s -= begun;
+        }
+        self.said = true;
+        self.typed.judged = self.queue[0].sequence;
+        self.queue.copy_within(1.., 0);
+        self.waiting -= 1;
+    }
+
+    /// Goes on along the path by one tick.
+    fn proceed(&mut self, plan: &Plan) -> Option<Setpoint> {
+        let (dt_s, tau_s) = (plan.terms.tick_s, plan.pace.tau_s);
+        let rest = Setpoint::rest(&self.setpoint.q);
+        let Some(run) = &mut self.run else {
+            self.setpoint = rest;
+            self.start(plan);
+            return Some(self.setpoint);
+        };
+        let before_s = run.clock.t_s();
+        run.clock.advance(dt_s, run.stop_tau_s.max(tau_s));
+        let t_s = run.clock.t_s();
+        let route = self.hands[self.at].route();
+        let setpoint = match route {
+            _ if run.clock.is_at_rest() && t_s == before_s => rest,
+            Route::Joints(path) => run.clock.paced(&path.at(t_s)),
+            Route::Tool(path) => match run.follower.step(&path.at(t_s).pose, dt_s) {
+                Ok(got) => {
+                    let qd = (got.q - self.setpoint.q) / dt_s;
+                    let qdd = (qd - self.setpoint.qd) / dt_s;
+                    Setpoint { q: got.q, qd, qdd }
+                }
+                Err(why) => {
+                    self.run = None;
+                    let lost = Why::Cannot(Refusal::Lost { why, t_s });
+                    self.refuse(self.typed.taken, &lost);
+                    return None;
+                }
+            },
+        };
+        let stands = run.clock.is_at_rest();
+        let over = t_s >= route.duration_s();
+        self.setpoint = setpoint;
+        if over || (self.dropping && stands) {
+            self.run = None;
+            self.dropping = false;
+        }
+        Some(setpoint)
+    }
+
+    /// Starts the leg that was found good, if there is one; it moves from the next job on.
+    fn start(&mut self, plan: &Plan) {
+        let Ahead::Good { start, end, stop_tau_s } = self.ahead else { return };
+        self.ahead = Ahead::Free;
+        if (start - self.setpoint.q).amax() > SAME_RAD {
+            // The arm came to rest elsewhere: a pause, or a singularity, on the way.
+            self.run = None;
+            self.refuse(self.typed.judged, &Why::Cannot(Refusal::Start { off: 0.0 }));
+            return;
+        }
+        self.at = 1 - self.at;
+        self.run = Some(Run {
+            clock: Clock::new(self.typed.paused == 0),
+            follower: Follower::new(&plan.arm, &self.setpoint.q),
+            end,
+            stop_tau_s,
+        });
+    }
+
+    /// Folds what the next job depends on.
+    pub fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.waiting).add(&self.at).add(&self.dropping).add(&self.typed);
+        hash.add(self.setpoint.q.as_slice()).add(self.setpoint.qd.as_slice());
+        for hand in &self.hands {
+            hand.fold(hash);
+        }
+        for waiting in &self.queue[..self.waiting] {
+            hash.add(&waiting.sequence);
+        }
+        hash.add(&self.run.is_some());
+        if let Some(run) = &self.run {
+            hash.add(&run.clock).add(run.follower.joints().as_slice()).add(run.end.as_slice());
+        }
+        match &self.ahead {
+            Ahead::Free => hash.word(0),
+            Ahead::Looking(join) => {
+                hash.word(1 + u64::from(*join == Join::AtRest));
+                hash.add(self.inspection.preview().end.as_slice())
+            }
+            Ahead::Good { end, .. } => hash.word(3).add(end.as_slice()),
+        };
+    }
+}
+
+/// The hand that is run, and the other one.
+fn two(hands: &mut [Leg; 2], at: usize) -> (&Leg, &mut Leg) {
+    let [first, second] = hands;
+    if at == 0 { (first, second) } else { (second, first) }
+}
+
+/// The path's time from which a continuation has to be looked at: where the transition to rest
+/// begins, for joints; from here on, for the tool, whose joints depend on the way. `None` when
+/// there is no time left for one, or the tool's path is not run at its own pace.
+fn joint(route: Route<'_>, run: &Run, tau_s: f64) -> Option<f64> {
+    let corner_s = route.duration_s() - 2.0 * tau_s;
+    let t_s = run.clock.t_s();
+    match route {
+        _ if t_s >= corner_s => None,
+        Route::Joints(_) => Some(corner_s),
+        Route::Tool(_) => run.clock.is_running().then_some(t_s),
+    }
+}
+
+/// Half the time of a pause that every joint can bear at the largest speed of a leg.
+fn stop_tau_s(plan: &Plan, preview: &Preview) -> f64 {
+    let Plan { arm, .. } = plan;
+    let shortest = (0..6).map(|joint| {
+        let speed = preview.speed[joint].value * arm.speed_max_rad_s[joint];
+        STOP_SHARE * speed / arm.acceleration_max_rad_s2[joint]
+    });
+    shortest.fold(0.0, f64::max)
+}
+
+const _: () = assert!(MAX_TYPED < MAX_MOVES);
