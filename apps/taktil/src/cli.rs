@@ -12,6 +12,7 @@ use crate::bench::{self, Bench};
 use crate::diff;
 use crate::doctor;
 use crate::jitter::{self, JitterArgs};
+use crate::keys;
 use crate::plot::{self, PlotArgs};
 use crate::postmortem;
 use crate::replay;
@@ -201,6 +202,13 @@ enum Command {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         words: Vec<String>,
     },
+    /// A keyboard or a gamepad as the operator's hand: hold to run, unplug is release.
+    ///
+    /// Held keys are said to the machine every 10 ms; it lets go when it has not heard them for 40.
+    /// A gamepad moves nothing unless its dead-man's switch is held. --list prints the key map.
+    /// Exit code 0: ended by Ctrl-C or the end of the input; 1: the last device or the machine has
+    /// gone; 2: bad input.
+    Keys(keys::KeysArgs),
     /// What parts of this program cost, in time and instructions.
     #[command(subcommand)]
     Bench(Bench),
@@ -246,6 +254,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
             let lines = [typed, "wait".to_owned()];
             tell::say(&at, lines.into_iter().take(1 + usize::from(wait)))
         }
+        Command::Keys(arguments) => keys::run(&arguments),
         Command::Tell { at, words } if words.is_empty() => tell::script(&at),
         Command::Tell { at, words } => tell::say(&at, [words.join(" ")]),
         Command::Plot { log, what, csv, out } => {

@@ -7,6 +7,7 @@ pub mod cli;
 pub mod diff;
 pub mod doctor;
 pub mod jitter;
+pub mod keys;
 pub mod log;
 pub mod plot;
 pub mod postmortem;

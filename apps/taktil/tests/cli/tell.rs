@@ -115,3 +115,93 @@ fn the_socket_goes_with_its_run_and_one_of_a_killed_run_is_no_obstacle() {
     assert_eq!(again.wait().code(), Some(0));
     assert!(!folder.join("op").exists());
 }
+
+/// Says a few characters to `taktil keys --stdin`.
+fn type_keys(folder: &Folder, characters: &str) -> Said {
+    let mut command = Command::new(TAKTIL);
+    command.args(["keys", "--at", "op", "--stdin"]).current_dir(folder.path());
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child: Child = command.spawn().unwrap();
+    child.stdin.take().unwrap().write_all(characters.as_bytes()).unwrap();
+    Said::of(&child.wait_with_output().unwrap())
+}
+
+/// The joints that the machine wants, deg.
+fn joints(folder: &Folder) -> Vec<f64> {
+    let said = tell(folder, &["state"]).ended(0).out;
+    let words = said.split("joints ").nth(1).unwrap().split(" deg").next().unwrap();
+    words.split(' ').map(|word| word.parse().unwrap()).collect()
+}
+
+#[test]
+fn keys_from_a_pipe_move_the_arm_as_long_as_they_are_held_and_no_longer() {
+    let folder = Folder::new();
+    let _running = listening(&folder, "hold.toml");
+    let before = joints(&folder);
+    // MANUAL/JOINT, full speed, the fifth axis back; the end of the input lets go.
+    let said = type_keys(&folder, "j3g").ended(0);
+    assert!(said.out.contains("manual_joint: ok MANUAL/JOINT"), "{}", said.out);
+    let moved = joints(&folder);
+    assert!(moved[4] < before[4] - 0.5, "{before:?} {moved:?}");
+    assert!((0..6).filter(|i| *i != 4).all(|i| (moved[i] - before[i]).abs() < 0.3), "{moved:?}");
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    assert_eq!(joints(&folder), moved, "it stands");
+    type_keys(&folder, "i").ended(0);
+    let wrong = type_keys(&folder, "o").ended(0);
+    assert!(wrong.out.contains("resume: refused"), "{}", wrong.out);
+}
+
+#[test]
+fn key_maps_and_devices_that_cannot_be_used_are_refused() {
+    let folder = Folder::new();
+    let list = taktil(folder.path(), &["keys", "--list"]).ended(0);
+    let map = folder.write("map.toml", list.out.replace("\"axis +1\"", "\"axis +9\""));
+    let bad = taktil(folder.path(), &["keys", "--map", map.to_str().unwrap()]).ended(2);
+    assert!(
+        bad.err.contains("there is no axis `+9`") && bad.err.contains("map.toml:"),
+        "{}",
+        bad.err
+    );
+    let alone = taktil(folder.path(), &["keys", "--at", "op"]).ended(2);
+    assert!(alone.err.contains("nobody listens"), "{}", alone.err);
+    let _running = listening(&folder, "hold.toml");
+    let device = ["keys", "--at", "op", "--device", "/dev/null"];
+    let none = taktil(folder.path(), &device).ended(2);
+    assert!(none.err.contains("--device /dev/null"), "{}", none.err);
+}
+
+/// A keyboard that the kernel is told of.
+#[test]
+fn a_keyboard_that_is_pulled_lets_go() {
+    use evdev::uinput::VirtualDevice;
+    use evdev::{AttributeSet, EventType, InputEvent, KeyCode};
+    if !std::path::Path::new("/dev/uinput").exists() {
+        println!("skipped: this host has no /dev/uinput to make a keyboard with");
+        return;
+    }
+    let folder = Folder::new();
+    let _running = listening(&folder, "hold.toml");
+    let mut keys = AttributeSet::<KeyCode>::new();
+    for key in [KeyCode::KEY_J, KeyCode::KEY_3, KeyCode::KEY_G] {
+        keys.insert(key);
+    }
+    let builder = VirtualDevice::builder().unwrap().name("taktil test").with_keys(&keys).unwrap();
+    let mut keyboard = builder.build().unwrap();
+    let path = keyboard.enumerate_dev_nodes_blocking().unwrap().find_map(Result::ok).unwrap();
+    let mut command = Command::new(TAKTIL);
+    command.args(["keys", "--at", "op", "--device"]).arg(path).current_dir(folder.path());
+    let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let mut reading = Running(child);
+    std::thread::sleep(std::time::Duration::from_millis(500));
+    let before = joints(&folder);
+    for key in [KeyCode::KEY_J, KeyCode::KEY_3, KeyCode::KEY_G] {
+        keyboard.emit(&[InputEvent::new(EventType::KEY.0, key.0, 1)]).unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(300));
+    }
+    drop(keyboard);
+    assert_eq!(reading.wait().code(), Some(1), "no device is left");
+    let moved = joints(&folder);
+    assert!(moved[4] < before[4] - 0.5, "{before:?} {moved:?}");
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    assert_eq!(joints(&folder), moved, "it stands");
+}

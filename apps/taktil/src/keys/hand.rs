@@ -1,0 +1,160 @@
+//! What is held down, device by device, and what that pushes. Refuses to remember a device that is
+//! gone: its keys are up.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use taktil_signal::JogFrame;
+
+use super::map::{Action, Map};
+
+/// The keys and sticks of one device.
+#[derive(Clone, Debug, Default)]
+struct Device {
+    down: BTreeSet<u16>,
+    /// Where each stick is, -1 to 1.
+    sticks: BTreeMap<u16, f64>,
+    /// It has a dead-man's switch.
+    guarded: bool,
+}
+
+/// All devices.
+#[derive(Clone, Debug)]
+pub struct Hand {
+    map: Map,
+    devices: BTreeMap<usize, Device>,
+    frame: JogFrame,
+    speed: f64,
+}
+
+impl Hand {
+    /// Nothing is held.
+    #[must_use]
+    pub fn new(map: Map) -> Hand {
+        Hand { map, devices: BTreeMap::new(), frame: JogFrame::Joints, speed: 0.3 }
+    }
+
+    /// A device has come that has these keys.
+    pub fn plugged(&mut self, device: usize, has: impl Fn(u16) -> bool) {
+        let guarded = self.map.hold.iter().any(|code| has(*code));
+        self.devices.insert(device, Device { guarded, ..Device::default() });
+    }
+
+    /// A device has gone: everything on it is up.
+    pub fn unplugged(&mut self, device: usize) {
+        self.devices.remove(&device);
+    }
+
+    /// A key went down or up; what is to be said to the machine. Repeats of the kernel say nothing.
+    pub fn key(&mut self, device: usize, code: u16, down: bool) -> Option<String> {
+        let held = &mut self.devices.entry(device).or_default().down;
+        if !down {
+            held.remove(&code);
+            return None;
+        }
+        if !held.insert(code) {
+            return None;
+        }
+        match self.map.keys.get(&code) {
+            Some(Action::Frame(frame)) => self.frame = *frame,
+            Some(Action::Speed(speed)) => self.speed = *speed,
+            Some(Action::Say(words)) => return Some(words.clone()),
+            Some(Action::Axis(..)) | None => {}
+        }
+        None
+    }
+
+    /// A stick moved to `value`, -1 to 1.
+    pub fn stick(&mut self, device: usize, code: u16, value: f64) {
+        let zone = self.map.dead_zone;
+        let beyond = ((value.abs().min(1.0) - zone) / (1.0 - zone)).max(0.0);
+        let value = if value.is_nan() { 0.0 } else { beyond.copysign(value) };
+        self.devices.entry(device).or_default().sticks.insert(code, value);
+    }
+
+    /// How far each axis is pushed, and what the axes are; `None` when nothing is.
+    #[must_use]
+    pub fn push(&self) -> Option<([f64; 6], JogFrame)> {
+        let mut axes = [0.0; 6];
+        for device in self.devices.values() {
+            if device.guarded && !self.map.hold.iter().any(|code| device.down.contains(code)) {
+                continue;
+            }
+            let keys = device.down.iter().filter_map(|code| Some((self.map.keys.get(code)?, 1.0)));
+            let sticks = device.sticks.iter();
+            let sticks = sticks.filter_map(|(code, way)| Some((self.map.sticks.get(code)?, *way)));
+            for (action, way) in keys.chain(sticks) {
+                if let Action::Axis(axis, sign) = action {
+                    axes[*axis] += sign * way * self.speed;
+                }
+            }
+        }
+        let axes = axes.map(|axis: f64| axis.clamp(-1.0, 1.0));
+        axes.iter().any(|axis| *axis != 0.0).then_some((axes, self.frame))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::map::{DEFAULT, MapFile};
+    use super::*;
+    use evdev::{AbsoluteAxisCode, KeyCode};
+
+    fn hand() -> Hand {
+        Hand::new(toml::from_str::<MapFile>(DEFAULT).unwrap().check().unwrap())
+    }
+
+    #[test]
+    fn axes_are_pushed_as_long_as_their_keys_are_held() {
+        let mut hand = hand();
+        hand.plugged(0, |_| false);
+        assert_eq!(hand.push(), None);
+        assert_eq!(hand.key(0, KeyCode::KEY_3.0, true), None);
+        assert_eq!(hand.key(0, KeyCode::KEY_C.0, true), None);
+        hand.key(0, KeyCode::KEY_E.0, true);
+        hand.key(0, KeyCode::KEY_F.0, true);
+        let both = ([0.0, 0.0, 1.0, -1.0, 0.0, 0.0], JogFrame::Tool);
+        assert_eq!(hand.push(), Some(both));
+        hand.key(0, KeyCode::KEY_E.0, false);
+        assert_eq!(hand.push().unwrap().0[3], -1.0);
+        hand.key(0, KeyCode::KEY_R.0, true);
+        assert_eq!(hand.push(), None, "one against the other");
+    }
+
+    #[test]
+    fn words_are_said_once_a_press() {
+        let mut hand = hand();
+        hand.plugged(0, |_| false);
+        assert_eq!(hand.key(0, KeyCode::KEY_K.0, true).as_deref(), Some("manual_cartesian"));
+        assert_eq!(hand.key(0, KeyCode::KEY_K.0, true), None, "the kernel's repeats");
+        hand.key(0, KeyCode::KEY_K.0, false);
+        assert!(hand.key(0, KeyCode::KEY_K.0, true).is_some());
+    }
+
+    #[test]
+    fn a_gamepad_moves_nothing_without_its_dead_man_s_switch() {
+        let mut hand = hand();
+        hand.plugged(1, |code| code == KeyCode::BTN_TL.0);
+        hand.stick(1, AbsoluteAxisCode::ABS_RY.0, -1.0);
+        assert_eq!(hand.push(), None);
+        hand.key(1, KeyCode::BTN_TL.0, true);
+        assert!((hand.push().unwrap().0[2] - 0.3).abs() < 1e-12);
+        hand.stick(1, AbsoluteAxisCode::ABS_RY.0, 0.1);
+        assert_eq!(hand.push(), None, "the dead zone");
+        for bad in [f64::NAN, f64::INFINITY, -1e300] {
+            hand.stick(1, AbsoluteAxisCode::ABS_RY.0, bad);
+            assert!(hand.push().is_none_or(|(axes, _)| axes.iter().all(|a| a.abs() <= 1.0)));
+        }
+        hand.key(1, KeyCode::BTN_TL.0, false);
+        assert_eq!(hand.push(), None);
+    }
+
+    #[test]
+    fn an_unplugged_device_holds_nothing() {
+        let mut hand = hand();
+        hand.plugged(0, |_| false);
+        hand.key(0, KeyCode::KEY_Q.0, true);
+        assert!(hand.push().is_some());
+        hand.unplugged(0);
+        assert_eq!(hand.push(), None);
+    }
+}

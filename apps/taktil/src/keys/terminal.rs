@@ -1,0 +1,124 @@
+//! Keys from a terminal or a pipe, where nobody says that a key went up: each character counts as
+//! held for a moment, and the terminal's repeats hold it on. Refuses to leave a terminal as it
+//! found it useful: the settings of before come back.
+
+use std::collections::BTreeMap;
+use std::io::{IsTerminal, Read};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use nix::sys::termios::{LocalFlags, SetArg, Termios, tcgetattr, tcsetattr};
+use taktil_hal::Nanos;
+use taktil_hal::link::{Receiver, link};
+
+use super::hand::Hand;
+use super::map::key_of;
+
+/// Looks for which a character counts as held.
+const HELD: u32 = 15;
+/// Characters that wait.
+const WAITING: usize = 256;
+
+/// Standard input, character by character.
+pub(super) struct Terminal {
+    characters: std::cell::RefCell<Receiver<u8>>,
+    ended: Arc<AtomicBool>,
+    before: Option<Termios>,
+}
+
+impl Terminal {
+    /// Standard input without lines and echo, if it is a terminal.
+    pub(super) fn open() -> anyhow::Result<Terminal> {
+        let input = std::io::stdin();
+        let before = if input.is_terminal() { Some(tcgetattr(&input)?) } else { None };
+        if let Some(before) = &before {
+            let mut raw = before.clone();
+            raw.local_flags.remove(LocalFlags::ICANON | LocalFlags::ECHO);
+            tcsetattr(&input, SetArg::TCSANOW, &raw)?;
+        }
+        let (mut characters, receiver) = link(WAITING);
+        let ended = Arc::new(AtomicBool::new(false));
+        let end = Arc::clone(&ended);
+        // Ends with the process: a read from a terminal cannot be called off.
+        std::thread::Builder::new().name("stdin".into()).spawn(move || {
+            for byte in std::io::stdin().lock().bytes().map_while(Result::ok) {
+                let _ = characters.send(byte, Nanos::ZERO, Nanos::ZERO);
+            }
+            end.store(true, Ordering::SeqCst);
+        })?;
+        Ok(Terminal { characters: receiver.into(), ended, before })
+    }
+
+    /// What was typed since the last look; `None` once nothing more will come.
+    pub(super) fn characters(&self) -> Option<Vec<u8>> {
+        let ended = self.ended.load(Ordering::SeqCst);
+        let mut receiver = self.characters.borrow_mut();
+        let typed: Vec<u8> = std::iter::from_fn(|| receiver.next(Nanos(i64::MAX)))
+            .map(|typed| typed.value)
+            .collect();
+        (!ended || !typed.is_empty()).then_some(typed)
+    }
+}
+
+impl Drop for Terminal {
+    fn drop(&mut self) {
+        if let Some(before) = &self.before {
+            let _ = tcsetattr(std::io::stdin(), SetArg::TCSANOW, before);
+        }
+    }
+}
+
+/// Characters that count as held.
+#[derive(Debug, Default)]
+pub(super) struct Presses {
+    left: BTreeMap<u16, u32>,
+}
+
+impl Presses {
+    /// True while one is held.
+    pub(super) fn any(&self) -> bool {
+        !self.left.is_empty()
+    }
+
+    /// One look: what was typed goes down, what was not repeated in time goes up.
+    pub(super) fn take(&mut self, characters: &[u8], hand: &mut Hand) -> Vec<String> {
+        self.left.retain(|code, left| {
+            *left -= 1;
+            if *left == 0 {
+                hand.key(0, *code, false);
+            }
+            *left > 0
+        });
+        let mut said = Vec::new();
+        for code in characters.iter().filter_map(|character| key_of(*character)) {
+            said.extend(hand.key(0, code, true));
+            self.left.insert(code, HELD);
+        }
+        said
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::map::{DEFAULT, MapFile};
+    use super::*;
+
+    #[test]
+    fn a_character_is_held_for_a_moment_and_its_repeats_hold_it_on() {
+        let map = toml::from_str::<MapFile>(DEFAULT).unwrap().check().unwrap();
+        let mut hand = Hand::new(map);
+        hand.plugged(0, |_| false);
+        let mut presses = Presses::default();
+        assert!(presses.take(b"e", &mut hand).is_empty());
+        for look in 0..40 {
+            assert!(hand.push().is_some(), "{look}");
+            presses.take(if look < 20 { b"e" } else { b"" }, &mut hand);
+            if look == 34 {
+                break;
+            }
+        }
+        presses.take(b"", &mut hand);
+        assert!(hand.push().is_none() && !presses.any());
+        assert_eq!(presses.take(b"k", &mut hand), ["manual_cartesian"]);
+    }
+}
