@@ -18,6 +18,25 @@ pub enum Second {
     Kills,
 }
 
+/// Whether somebody wants the process to end.
+pub struct Ended(Arc<AtomicBool>);
+
+impl Ended {
+    /// True once a signal came.
+    #[must_use]
+    pub fn yet(&self) -> bool {
+        self.0.load(Ordering::SeqCst)
+    }
+}
+
+/// As [`watch`], for whoever only asks; a second signal kills.
+///
+/// # Errors
+/// As [`watch`].
+pub fn ended() -> anyhow::Result<Ended> {
+    watch(Second::Kills).map(Ended)
+}
+
 /// Blocks both signals for this thread and all it starts, and sets the returned flag when one
 /// arrives.
 ///

@@ -206,8 +206,8 @@ impl Law {
         self.coast(dt_s, blocked)
     }
 
-    /// Where the tool can go on neither way the joints are braked, all by the same share, as fast as
-    /// they can be: on the last of the way the tool is not led.
+    /// Where the tool can go on neither way the joints are braked, all by the same share, as fast
+    /// as they can be: on the last of the way the tool is not led.
     fn coast(&mut self, dt_s: f64, blocked: Option<Lost>) -> Step {
         let mut left = 0.0f64;
         for joint in 0..6 {

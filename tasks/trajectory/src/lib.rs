@@ -89,8 +89,8 @@ impl Trajectory {
         })
     }
 
-    /// Begins with the queue of a stay that begins in this job, or with moves to be typed; `word` is
-    /// what was typed last before.
+    /// Begins with the queue of a stay that begins in this job, or with moves to be typed; `word`
+    /// is what was typed last before.
     fn enter(
         &mut self,
         tick_s: f64,
@@ -180,8 +180,11 @@ impl Task for Trajectory {
             Some(control) => {
                 let stays = !matches!(self.progress, Progress::Idle)
                     && control.entered_ns == self.entered_ns;
-                let moved = matches!(self.progress, Progress::Under { datum } | Progress::Online { datum }
-                    if joints.is_none_or(|joints| joints.datum != datum));
+                let datum = match self.progress {
+                    Progress::Under { datum } | Progress::Online { datum } => Some(datum),
+                    Progress::Idle | Progress::Refused => None,
+                };
+                let moved = datum.is_some() && datum != joints.map(|joints| joints.datum);
                 if !stays {
                     self.entered_ns = control.entered_ns;
                     let tick_s = cycle.dt.as_secs_f64();

@@ -10,13 +10,13 @@ mod terminal;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::bail;
+use taktild::signals::{self, Ended};
 use taktild::source::Source;
 
-use crate::run::{BadOption, interrupt};
+use crate::run::BadOption;
 use crate::tell::Line;
 use device::{Input, Looked};
 use hand::Hand;
@@ -58,7 +58,7 @@ pub fn run(arguments: &KeysArgs) -> anyhow::Result<ExitCode> {
     }
     let map = read_map(arguments.map.as_deref())?;
     let mut line = Line::open(&arguments.at)?;
-    let stop = interrupt::watch()?;
+    let stop = signals::ended()?;
     let mut hand = Hand::new(map.clone());
     if arguments.stdin {
         let terminal = Terminal::open()?;
@@ -110,11 +110,11 @@ fn held(
     line: &mut Line,
     hand: &mut Hand,
     inputs: Vec<Input>,
-    stop: &AtomicBool,
+    stop: &Ended,
 ) -> anyhow::Result<ExitCode> {
     let mut inputs: Vec<(usize, Input)> = inputs.into_iter().enumerate().collect();
     let mut speaker = Speaker::default();
-    while !stop.load(Ordering::SeqCst) {
+    while !stop.yet() {
         let mut said = Vec::new();
         inputs.retain_mut(|(number, input)| match input.look(*number, hand) {
             Looked::There(words) => {
@@ -142,12 +142,12 @@ fn typed(
     line: &mut Line,
     hand: &mut Hand,
     terminal: &Terminal,
-    stop: &AtomicBool,
+    stop: &Ended,
 ) -> anyhow::Result<ExitCode> {
     hand.plugged(0, |_| false);
     let mut speaker = Speaker::default();
     let mut presses = terminal::Presses::default();
-    while !stop.load(Ordering::SeqCst) {
+    while !stop.yet() {
         let characters = terminal.characters();
         let said = presses.take(characters.as_deref().unwrap_or_default(), hand);
         speaker.turn(line, hand, &said)?;

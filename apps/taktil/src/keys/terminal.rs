@@ -2,10 +2,9 @@
 //! held for a moment, and the terminal's repeats hold it on. Refuses to leave a terminal as it
 //! found it useful: the settings of before come back.
 
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Read};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use nix::sys::termios::{LocalFlags, SetArg, Termios, tcgetattr, tcsetattr};
 use taktil_hal::Nanos;
@@ -21,8 +20,9 @@ const WAITING: usize = 256;
 
 /// Standard input, character by character.
 pub(super) struct Terminal {
-    characters: std::cell::RefCell<Receiver<u8>>,
-    ended: Arc<AtomicBool>,
+    /// Nothing for the end of the input.
+    characters: RefCell<Receiver<Option<u8>>>,
+    ended: Cell<bool>,
     before: Option<Termios>,
 }
 
@@ -37,26 +37,29 @@ impl Terminal {
             tcsetattr(&input, SetArg::TCSANOW, &raw)?;
         }
         let (mut characters, receiver) = link(WAITING);
-        let ended = Arc::new(AtomicBool::new(false));
-        let end = Arc::clone(&ended);
         // Ends with the process: a read from a terminal cannot be called off.
         std::thread::Builder::new().name("stdin".into()).spawn(move || {
             for byte in std::io::stdin().lock().bytes().map_while(Result::ok) {
-                let _ = characters.send(byte, Nanos::ZERO, Nanos::ZERO);
+                let _ = characters.send(Some(byte), Nanos::ZERO, Nanos::ZERO);
             }
-            end.store(true, Ordering::SeqCst);
+            while characters.send(None, Nanos::ZERO, Nanos::ZERO).is_err() {
+                std::thread::sleep(std::time::Duration::from_millis(10));
+            }
         })?;
-        Ok(Terminal { characters: receiver.into(), ended, before })
+        Ok(Terminal { characters: receiver.into(), ended: Cell::new(false), before })
     }
 
     /// What was typed since the last look; `None` once nothing more will come.
     pub(super) fn characters(&self) -> Option<Vec<u8>> {
-        let ended = self.ended.load(Ordering::SeqCst);
         let mut receiver = self.characters.borrow_mut();
-        let typed: Vec<u8> = std::iter::from_fn(|| receiver.next(Nanos(i64::MAX)))
-            .map(|typed| typed.value)
-            .collect();
-        (!ended || !typed.is_empty()).then_some(typed)
+        let mut typed = Vec::new();
+        while let Some(word) = receiver.next(Nanos(i64::MAX)) {
+            match word.value {
+                Some(byte) => typed.push(byte),
+                None => self.ended.set(true),
+            }
+        }
+        (!self.ended.get() || !typed.is_empty()).then_some(typed)
     }
 }
 

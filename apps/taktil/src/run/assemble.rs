@@ -40,7 +40,7 @@ pub fn assemble_with(
 }
 
 /// The operator who follows the scene's script.
-pub(super) fn script(scene: &Scene) -> wiring::MakeOperator<'static> {
+fn script(scene: &Scene) -> wiring::MakeOperator<'static> {
     let script = scene.script.clone();
     Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?)))
 }

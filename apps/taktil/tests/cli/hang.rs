@@ -9,7 +9,7 @@ use std::time::Duration;
 use taktil::log::{Log, METADATA_RESULT};
 use taktil::run::{self, Options};
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Task};
-use taktil_signal::{ControlState, JogCommand, Request};
+use taktil_signal::{ControlState, JogCommand, Request, TypedMove};
 
 use crate::process::{Folder, Running, scenes};
 
@@ -20,6 +20,7 @@ const CHILD: &str = "TAKTIL_TEST_HANGS";
 struct Hanging {
     request: Output<Request>,
     jog: Output<JogCommand>,
+    moves: Output<TypedMove>,
 }
 
 impl Task for Hanging {
@@ -29,6 +30,7 @@ impl Task for Hanging {
         }
         io.write(&self.request, Request::default());
         io.write(&self.jog, JogCommand::default());
+        io.write(&self.moves, TypedMove::default());
         Ok(())
     }
 }
@@ -46,7 +48,8 @@ fn the_run_whose_operator_hangs() {
             // The machine's wiring binds it.
             let _ = ports.input_delayed::<ControlState>("control");
             let (request, jog) = (ports.output("request"), ports.output("jog"));
-            Ok(Box::new(Hanging { request, jog }))
+            let moves = ports.output("moves");
+            Ok(Box::new(Hanging { request, jog, moves }))
         })
     });
     panic!("it cannot end by itself: {:?}", ended.map(|code| code == ExitCode::SUCCESS));

@@ -66,7 +66,7 @@ fn moves_are_typed_to_a_running_machine_and_refusals_say_why() {
     assert!(far.err.contains("refused: out of reach"), "{}", far.err);
     let limit = type_in(&folder, &[], "joint 400 0 0 0 0 0").ended(1);
     assert!(limit.err.contains("outside the limits of joint 1"), "{}", limit.err);
-    let fast = type_in(&folder, &[], "by 100 0 0 straight in 0.2").ended(1);
+    let fast = type_in(&folder, &[], "by 130 0 0 straight in 0.2").ended(1);
     assert!(fast.err.contains("refused: joint ") && fast.err.contains(" s on"), "{}", fast.err);
     let words = tell(&folder, &["fly"]).ended(1);
     assert!(words.err.contains("no word `fly`") && words.err.contains("trajectory_user"));
@@ -141,6 +141,7 @@ fn keys_from_a_pipe_move_the_arm_as_long_as_they_are_held_and_no_longer() {
     // MANUAL/JOINT, full speed, the fifth axis back; the end of the input lets go.
     let said = type_keys(&folder, "j3g").ended(0);
     assert!(said.out.contains("manual_joint: ok MANUAL/JOINT"), "{}", said.out);
+    std::thread::sleep(std::time::Duration::from_millis(300));
     let moved = joints(&folder);
     assert!(moved[4] < before[4] - 0.5, "{before:?} {moved:?}");
     assert!((0..6).filter(|i| *i != 4).all(|i| (moved[i] - before[i]).abs() < 0.3), "{moved:?}");
@@ -200,6 +201,7 @@ fn a_keyboard_that_is_pulled_lets_go() {
     }
     drop(keyboard);
     assert_eq!(reading.wait().code(), Some(1), "no device is left");
+    std::thread::sleep(std::time::Duration::from_millis(300));
     let moved = joints(&folder);
     assert!(moved[4] < before[4] - 0.5, "{before:?} {moved:?}");
     std::thread::sleep(std::time::Duration::from_millis(300));
