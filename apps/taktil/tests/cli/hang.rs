@@ -9,7 +9,7 @@ use std::time::Duration;
 use taktil::log::{Log, METADATA_RESULT};
 use taktil::run::{self, Options};
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Task};
-use taktil_signal::{ControlState, JogCommand, Request, TypedMove};
+use taktil_signal::{ControlState, JogCommand, Request, Typed, TypedMove};
 
 use crate::process::{Folder, Running, scenes};
 
@@ -45,8 +45,9 @@ fn the_run_whose_operator_hangs() {
     let options = Options { scene, log: Some(PathBuf::from(log)), ..Options::default() };
     let ended = run::run_with(&options, |_| {
         Box::new(|ports| {
-            // The machine's wiring binds it.
+            // The machine's wiring binds them.
             let _ = ports.input_delayed::<ControlState>("control");
+            let _ = ports.input_delayed::<Typed>("typed");
             let (request, jog) = (ports.output("request"), ports.output("jog"));
             let moves = ports.output("moves");
             Ok(Box::new(Hanging { request, jog, moves }))
