@@ -11,6 +11,7 @@ use taktild::source::Located;
 use crate::bench::{self, Bench};
 use crate::diff;
 use crate::doctor;
+use crate::experiment::{self, Experiments};
 use crate::jitter::{self, JitterArgs};
 use crate::keys;
 use crate::plot::{self, PlotArgs};
@@ -209,6 +210,9 @@ enum Command {
     /// Exit code 0: ended by Ctrl-C or the end of the input; 1: the last device or the machine has
     /// gone; 2: bad input.
     Keys(keys::KeysArgs),
+    /// The experiments of the thesis over laws and seeds, side by side.
+    #[command(subcommand)]
+    Experiment(Experiments),
     /// What parts of this program cost, in time and instructions.
     #[command(subcommand)]
     Bench(Bench),
@@ -273,6 +277,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         }
         Command::Replay { log, json, out } => replay::run(&replay::Options { log, json, out }),
         Command::Jitter(arguments) => jitter::run(&arguments),
+        Command::Experiment(what) => experiment::run(&what),
         Command::Bench(bench) => bench::run(&bench),
         Command::Calc { list: true } => {
             print!("{}", crate::calc::list());

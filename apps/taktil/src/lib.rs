@@ -6,6 +6,7 @@ pub mod calc;
 pub mod cli;
 pub mod diff;
 pub mod doctor;
+pub mod experiment;
 pub mod jitter;
 pub mod keys;
 pub mod log;

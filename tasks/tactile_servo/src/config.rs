@@ -4,10 +4,20 @@
 use serde::Deserialize;
 use taktil_rtcore::Invalid;
 
+use crate::law::Name;
+use crate::law::model::Model;
+use crate::law::projector_pid::Gains;
+
 /// Every key has a default: the rolling task of the thesis.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
+    /// Which law drives: `thesis` (default), `projector-pid` or `model`.
+    pub law: Name,
+    /// What `projector-pid` goes by.
+    pub projector_pid: Gains,
+    /// What `model` goes by.
+    pub model: Model,
     /// Lower turning point of the centroid (column number). Default 2; it is headed for first.
     pub x_c_low: f64,
     /// Upper turning point (column number). Default 15.
@@ -63,6 +73,9 @@ pub(crate) const M0_MAX: f64 = 4.2e6;
 impl Default for Config {
     fn default() -> Config {
         Config {
+            law: Name::Thesis,
+            projector_pid: Gains::default(),
+            model: Model::default(),
             x_c_low: 2.0,
             x_c_high: 15.0,
             x_c_tolerance: 0.5,
@@ -134,7 +147,8 @@ impl Config {
                 format!("give more than 0 and less than half the stroke of {stroke}"),
             ));
         }
-        Ok(())
+        self.projector_pid.check().map_err(|bad| bad.within("projector_pid"))?;
+        self.model.check().map_err(|bad| bad.within("model"))
     }
 }
 

@@ -1,30 +1,38 @@
-//! Follows touch: features of every new tactile image, and in TACTILE-SERVO the law of figure 6.4
-//! of the thesis on them, integrated into desired joints. Refuses to start from joints that are not
+//! Follows touch: features of every new tactile image, and in TACTILE-SERVO the law that the
+//! configuration names on them, integrated into desired joints. Refuses to start from joints that are not
 //! calibrated, to move on an image that is not new or cannot be believed, and to act near a
 //! singularity.
 //!
 //! ```text
-//! image -> features -> dX = J_s^-1 (F_d - F_a), limited -> dtheta = J_tool^-1 dX -> desired joints
-//!          (always)    ([`law`])                          ([`follow`], at the desired joints)
+//! image -> features -> displacement dX of the sensor -> dtheta = J_tool^-1 dX -> desired joints
+//!          ([`perception`])  ([`law`])                  ([`follow`], at the desired joints)
 //! ```
-//! Images come at 200 Hz, jobs at 400 Hz: the step of an image is spread evenly over the jobs until
-//! the next one, so the position servo sees a steady set point. The two motions that touch cannot
+//! Images come at 200 Hz, jobs at 400 Hz. A law that answers images gives one step for each, spread
+//! evenly over the jobs until the next one, so that the position servo sees a steady set point; the
+//! law `model` answers every job. The two motions that touch cannot
 //! see are held by the encoders ([`unfelt`]).
 
 pub mod config;
+mod drive;
 pub mod follow;
+pub mod heading;
 pub mod law;
+pub mod perception;
 pub mod unfelt;
 
 pub use config::Config;
 
 use config::M0_MAX;
+use drive::Drive;
 use follow::{Follower, joint_step, within_lead};
-use law::{Heading, Law, Touch, tool_motion, touch};
+use heading::Heading;
+use law::tool_motion;
+use perception::line::Line;
+use perception::{Touch, touch};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{
-    Cycle, FaultCode, Input, Invalid, Io, Output, Param, Payload, Ports, StateHash, Task,
+    Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Param, Payload, Ports, StateHash, Task,
 };
 use taktil_signal::{
     ControlState, Desired, Features, Goal, JointState, State, TactileImage, defined,
@@ -53,11 +61,13 @@ pub struct TactileServo {
     features: Output<Features>,
     arm: Puma260,
     config: Config,
-    law: Law,
+    law: Drive,
     heading: Heading,
     stay: Stay,
     /// When the present stay in TACTILE-SERVO began.
     entered_ns: i64,
+    /// What the newest image of this stay said.
+    seen: Touch,
     /// Way made without contact (mm).
     sought_mm: f64,
     knobs: Knobs,
@@ -109,11 +119,12 @@ impl TactileServo {
             goal: ports.output("goal"),
             features: ports.output("features"),
             arm: Puma260::reference(),
-            law: Law::new(&config),
+            law: Drive::new(&config)?,
             heading: Heading::new(&config),
             config,
             stay: Stay::Away,
             entered_ns: 0,
+            seen: Touch::default(),
             sought_mm: 0.0,
             knobs,
         })
@@ -141,6 +152,8 @@ impl TactileServo {
         }
         self.entered_ns = control.entered_ns;
         self.heading = Heading::new(&self.config);
+        self.law.reset(&self.config);
+        self.seen = Touch::default();
         self.sought_mm = 0.0;
         let start = desired.filter(|desired| desired.valid == 1);
         match (start, joints.filter(|joints| joints.calibrated == 1)) {
@@ -157,17 +170,55 @@ impl TactileServo {
         }
     }
 
-    /// Adds the step of one new image.
+    /// Takes one new image in and adds the step of a law that answers images.
+    fn image(
+        &mut self,
+        (touch, line): (&Touch, Option<&Line>),
+        joints: &JointState,
+        (age_s, dt_s): (f64, f64),
+    ) -> Result<(), FaultCode> {
+        if !matches!(self.stay, Stay::Driving { .. }) {
+            return Ok(());
+        }
+        self.seen = *touch;
+        self.heading.update(self.law.column(touch));
+        let times = (age_s, dt_s);
+        let Some(step) = self.law.image(&self.config, (touch, line), times, self.heading.x_c())
+        else {
+            return Ok(());
+        };
+        let jobs = self.jobs_per_image(dt_s);
+        let image_s = self.config.image_period_ms * 1e-3;
+        self.drive(&step, joints, (jobs, image_s)).map(|_| ())
+    }
+
+    /// Adds the step of one job of a law that answers jobs.
+    fn job(&mut self, joints: &JointState, dt_s: f64) -> Result<(), FaultCode> {
+        if !matches!(self.stay, Stay::Driving { .. }) {
+            return Ok(());
+        }
+        let Some(step) = self.law.job(&self.config, self.heading.x_c(), dt_s) else {
+            return Ok(());
+        };
+        let seeks = self.seen.trusted && !self.seen.contact;
+        let step = if seeks { [0.0, self.config.seek_mm_s * dt_s, 0.0, 0.0] } else { step };
+        let share = self.drive(&step, joints, (1, dt_s));
+        let done = step.map(|part| part * share.unwrap_or(0.0));
+        self.law.carried_out(&self.config, &done, dt_s);
+        share.map(|_| ())
+    }
+
+    /// Adds a displacement of the sensor, to be carried out within `jobs` jobs that last `span_s`;
+    /// returns how much of it was let through.
     fn drive(
         &mut self,
-        touch: &Touch,
+        step: &[f64; 4],
         joints: &JointState,
-        jobs_per_image: u32,
-    ) -> Result<(), FaultCode> {
-        let Stay::Driving { follower, drift, .. } = &mut self.stay else { return Ok(()) };
-        self.heading.update(touch.x_c);
-        let mut displacement = self.law.displacement(touch, self.heading.x_c());
-        if touch.contact {
+        (jobs, span_s): (u32, f64),
+    ) -> Result<f64, FaultCode> {
+        let Stay::Driving { follower, drift, .. } = &mut self.stay else { return Ok(0.0) };
+        let mut displacement = *step;
+        if self.seen.contact {
             self.sought_mm = 0.0;
         } else if self.sought_mm < self.config.seek_max_mm {
             self.sought_mm += displacement[1];
@@ -176,17 +227,23 @@ impl TactileServo {
         }
         let target = *follower.target();
         let measured = Joints::from(joints.q_rad);
-        drift.watch(&self.arm.tool_pose(&measured));
+        let tool = self.arm.tool_pose(&measured);
+        drift.watch(&tool);
         let mut motion = tool_motion(&displacement);
-        let image_s = self.config.image_period_ms * 1e-3;
-        (motion[1], motion[4]) = drift.correction(self.config.hold_unfelt_per_s, image_s);
-        let step = joint_step(&self.arm, &target, &motion, self.config.singular_distance_min)?;
-        let step = within_lead(&target, &measured, &step, self.config.max_lead_deg.to_radians());
-        follower.add(&step, jobs_per_image);
-        Ok(())
+        (motion[1], motion[4]) = drift.correction(self.config.hold_unfelt_per_s, span_s);
+        if let Some(rate_per_s) = self.law.yields_per_s(&self.config) {
+            let wanted = self.arm.tool_pose(&target);
+            motion[1] = unfelt::way_given(&wanted, &tool, rate_per_s, span_s);
+        }
+        let whole = joint_step(&self.arm, &target, &motion, self.config.singular_distance_min)?;
+        let part = within_lead(&target, &measured, &whole, self.config.max_lead_deg.to_radians());
+        follower.add(&part, jobs);
+        let size = whole.norm_squared();
+        Ok(if size > 0.0 { part.dot(&whole) / size } else { 1.0 })
     }
 
-    fn report(&self, image: &TactileImage, touch: &Touch) -> Features {
+    fn report(&self, image: &TactileImage, touch: &Touch, line: Option<&Line>) -> Features {
+        let touch = &line.map_or(*touch, |line| line.touch(touch));
         let bit = |set: bool, bit: u32| if set { bit } else { 0 };
         let centroid = touch.x_c.is_some() && touch.y_c.is_some();
         Features {
@@ -229,7 +286,7 @@ impl TactileServo {
 impl Task for TactileServo {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         if self.knobs.take(io, &mut self.config) {
-            self.law = Law::new(&self.config);
+            self.law.retune(&self.config);
         }
         let control = io.read(&self.control).usable();
         let desired = io.read(&self.desired).usable();
@@ -240,10 +297,16 @@ impl Task for TactileServo {
         if let Some(image) = image {
             let config = &self.config;
             let touch = touch(&image, config.threshold_counts, config.contact_counts);
-            if let Some(joints) = joints {
-                outcome = outcome.and(self.drive(&touch, &joints, self.jobs_per_image(dt_s)));
+            let line = self.law.line(config, &image, &touch);
+            if let Some(joints) = &joints {
+                let age_s = (cycle.release - Nanos(image.acquired_ns)).as_secs_f64();
+                let seen = (&touch, line.as_ref());
+                outcome = outcome.and(self.image(seen, joints, (age_s.clamp(0.0, 1.0), dt_s)));
             }
-            io.write(&self.features, self.report(&image, &touch));
+            io.write(&self.features, self.report(&image, &touch, line.as_ref()));
+        }
+        if let Some(joints) = &joints {
+            outcome = outcome.and(self.job(joints, dt_s));
         }
         let goal = self.next_goal(dt_s);
         io.write(&self.goal, goal);
@@ -251,7 +314,7 @@ impl Task for TactileServo {
     }
 
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.heading).add(&self.entered_ns).add(&self.sought_mm);
+        hash.add(&self.heading).add(&self.entered_ns).add(&self.sought_mm).add(&self.law);
         match &self.stay {
             Stay::Away => hash.word(0),
             Stay::Refused => hash.word(1),

@@ -11,6 +11,9 @@ const SPEED_MAX_M_S: f64 = 0.005;
 /// Fastest correction about y (rad/s).
 const TURN_MAX_RAD_S: f64 = 0.05;
 
+/// Fastest giving way along y (m/s).
+const YIELD_MAX_M_S: f64 = 0.03;
+
 /// How far the sensor has drifted since the law took over.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Drift {
@@ -51,6 +54,17 @@ impl Drift {
         let y = (-share * self.y_m).clamp(-speed, speed);
         (y, (-share * self.theta_y_rad).clamp(-turn, turn))
     }
+}
+
+/// The step along y (m, in `dt_s`) that gives way at `rate_per_s` to what pushes the tool off where
+/// it is wanted: a pin that is drawn along its axis takes the finger with it, where holding on
+/// would stretch both until the contact slips.
+#[must_use]
+pub fn way_given(wanted: &Pose, tool: &Pose, rate_per_s: f64, dt_s: f64) -> f64 {
+    let off = wanted.rotation.transpose() * (tool.translation - wanted.translation);
+    let bound = YIELD_MAX_M_S * dt_s;
+    let step = (rate_per_s * dt_s).clamp(0.0, 1.0) * off.y;
+    if step.is_finite() { step.clamp(-bound, bound) } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -11,7 +11,10 @@ use taktil_rtcore::Payload;
 use taktil_signal::TactileImage;
 use taktil_tasks_tactile_servo::Config;
 use taktil_tasks_tactile_servo::follow::joint_step;
-use taktil_tasks_tactile_servo::law::{Heading, Law, Touch, tool_motion, touch};
+use taktil_tasks_tactile_servo::heading::Heading;
+use taktil_tasks_tactile_servo::law::thesis::Law;
+use taktil_tasks_tactile_servo::law::tool_motion;
+use taktil_tasks_tactile_servo::perception::{Touch, touch};
 
 const RADIUS_M: f64 = 0.023;
 const PITCH_M: f64 = 1.5875e-3;

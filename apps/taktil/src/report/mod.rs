@@ -15,7 +15,8 @@ use crate::plot::svg::{DARK, Figure, LIGHT, escape};
 use crate::plot::views::{self, FeaturePanels, Stated, THESIS_E1};
 use crate::plot::{snapshots, timing};
 
-const STYLE: &str = include_str!("report.css");
+/// The style sheet of reports.
+pub(crate) const STYLE: &str = include_str!("report.css");
 /// Panels are this high (px).
 const PANEL_HEIGHT: f64 = 150.0;
 

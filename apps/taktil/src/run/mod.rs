@@ -335,7 +335,8 @@ fn log_path(options: &Options, scene: &Scene) -> anyhow::Result<Option<PathBuf>>
     Ok(path)
 }
 
-fn targets(scene: &Scene) -> Targets {
+/// What the features of a scene are held to.
+pub(crate) fn targets(scene: &Scene) -> Targets {
     let servo = scene.machine.tactile_servo.clone().unwrap_or_default();
     let tactile = &scene.world.tactile;
     let full_scale_counts = f64::from((1u32 << tactile.bits.min(31)) - 1);

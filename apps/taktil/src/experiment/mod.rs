@@ -1,0 +1,237 @@
+//! `taktil experiment`: the experiments of the thesis over laws and seeds, in virtual time, and a
+//! page that sets them side by side. Refuses to choose what to show: every run that was asked for
+//! is in the tables, faults and lost contacts included.
+
+pub mod chapter6;
+pub mod judge;
+mod page;
+pub mod robust;
+
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use anyhow::Context;
+use clap::{Args, Subcommand};
+use taktil_rtcore::virtual_time;
+use taktil_tasks_tactile_servo::law::Name;
+
+use crate::run::scene::Scene;
+use crate::run::{self, BadOption, assemble, interrupt};
+use chapter6::{EXPERIMENTS, Experiment};
+use judge::{Judge, Verdict};
+
+/// Most seeds of one call.
+const SEEDS_MAX: u64 = 1_000;
+
+/// What to try.
+#[derive(Subcommand, Debug)]
+pub enum Experiments {
+    /// Chapter 6 of the thesis, E1 to E9: laws side by side on the same seeds.
+    ///
+    /// Runs every scene of the folder whose title begins with E1 to E9, for each law and seed, and
+    /// writes report.html and report.md with figures and tables. Exit code 0: done; 1: a run
+    /// ended with a fault; 2: bad input.
+    Chapter6(Chapter6),
+    /// The rolling scene with drawn pins, rubbers, frictions, noise and tables: does a law hold?
+    Robust(robust::Robust),
+}
+
+/// Options of `taktil experiment chapter6`.
+#[derive(Args, Debug)]
+pub struct Chapter6 {
+    /// Laws: thesis, projector-pid, model; separated by commas, the first is what others are
+    /// compared with
+    #[arg(long, value_delimiter = ',', default_value = "thesis,model")]
+    law: Vec<String>,
+    /// Seeds 1 to N
+    #[arg(long, default_value_t = 3, value_name = "N")]
+    seeds: u64,
+    /// Only these experiments, such as E1,E8
+    #[arg(long, value_delimiter = ',', value_name = "IDS")]
+    only: Vec<String>,
+    /// Folder with the scenes
+    #[arg(long, default_value = "sim/scenes", value_name = "DIR")]
+    scenes: PathBuf,
+    /// Folder for the report
+    #[arg(long, default_value = "chapter6", value_name = "DIR")]
+    out: PathBuf,
+    /// Threads; one a processor when absent
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+}
+
+/// Laws by their names.
+///
+/// # Errors
+/// A name that no law has, or none at all.
+pub(crate) fn laws(names: &[String]) -> Result<Vec<Name>, BadOption> {
+    let one = |text: &String| {
+        Name::ALL.into_iter().find(|name| name.text() == text).ok_or_else(|| {
+            let known = Name::ALL.map(Name::text).join(", ");
+            BadOption(format!("--law {text}: no such law; there are {known}"))
+        })
+    };
+    let found: Vec<Name> = names.iter().map(one).collect::<Result<_, _>>()?;
+    if found.is_empty() {
+        return Err(BadOption("--law: none given; name at least one".to_owned()));
+    }
+    Ok(found)
+}
+
+/// All runs of one experiment.
+pub(crate) struct Runs {
+    pub(crate) experiment: &'static Experiment,
+    pub(crate) scene: PathBuf,
+    pub(crate) title: String,
+    /// Verdicts by law, then by seed.
+    pub(crate) verdicts: Vec<Vec<Verdict>>,
+}
+
+/// Does what was asked.
+///
+/// # Errors
+/// Bad input as [`BadOption`] or a located complaint about a scene.
+pub fn run(what: &Experiments) -> anyhow::Result<ExitCode> {
+    match what {
+        Experiments::Chapter6(options) => chapter6(options),
+        Experiments::Robust(options) => robust::run(options),
+    }
+}
+
+fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
+    let laws = laws(&options.law)?;
+    if options.seeds == 0 || options.seeds > SEEDS_MAX {
+        let text = format!("--seeds {}: give 1 to {SEEDS_MAX}", options.seeds);
+        return Err(BadOption(text).into());
+    }
+    let found = scenes(&options.scenes, &options.only)?;
+    std::fs::create_dir_all(&options.out)
+        .map_err(|error| BadOption(format!("--out {}: {error}", options.out.display())))?;
+    let mut plan = Vec::new();
+    for (e, (_, _, scene)) in found.iter().enumerate() {
+        for law in &laws {
+            for seed in 1..=options.seeds {
+                plan.push((e, with_law(scene, *law), seed));
+            }
+        }
+    }
+    let verdicts =
+        in_parallel(options.threads, &plan, |(_, scene, seed)| one(scene, *seed, *seed == 1))?;
+    let mut verdicts = verdicts.into_iter();
+    let all: Vec<Runs> = found
+        .into_iter()
+        .map(|(experiment, path, scene)| Runs {
+            experiment,
+            scene: path,
+            title: scene.title,
+            verdicts: laws
+                .iter()
+                .map(|_| verdicts.by_ref().take(options.seeds as usize).collect())
+                .collect(),
+        })
+        .collect();
+    let command = format!(
+        "taktil experiment chapter6 --law {} --seeds {}",
+        laws.iter().map(|law| law.text()).collect::<Vec<_>>().join(","),
+        options.seeds
+    );
+    let (html, markdown) = page::write(&options.out, &all, &laws, &command)?;
+    println!("{}\n{}", html.display(), markdown.display());
+    let faulty = all.iter().flat_map(|runs| &runs.verdicts).flatten();
+    let bad = faulty.filter(|verdict| !verdict.figures.faults.is_empty()).count();
+    if bad > 0 {
+        eprintln!("{bad} runs ended with a fault; see the tables");
+    }
+    Ok(if bad == 0 { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// The same scene with another law.
+pub(crate) fn with_law(scene: &Scene, law: Name) -> Scene {
+    let mut scene = scene.clone();
+    scene.machine.tactile_servo.get_or_insert_default().law = law;
+    scene
+}
+
+/// The scene of each experiment: the first by name whose title begins with its id.
+fn scenes(
+    folder: &Path,
+    only: &[String],
+) -> anyhow::Result<Vec<(&'static Experiment, PathBuf, Scene)>> {
+    for id in only {
+        if !EXPERIMENTS.iter().any(|e| e.id.eq_ignore_ascii_case(id)) {
+            let text = format!("--only {id}: no such experiment; there are E1 to E9");
+            return Err(BadOption(text).into());
+        }
+    }
+    let entries = std::fs::read_dir(folder)
+        .map_err(|error| BadOption(format!("--scenes {}: {error}", folder.display())))?;
+    let mut files: Vec<PathBuf> = entries
+        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+        .filter(|path| path.extension().is_some_and(|ending| ending == "toml"))
+        .collect();
+    files.sort();
+    let loaded: Vec<(PathBuf, Scene)> = files
+        .into_iter()
+        .map(|path| Scene::load(&path).map(|scene| (path, scene)))
+        .collect::<Result<_, _>>()?;
+    let wanted = |id: &str| only.is_empty() || only.iter().any(|o| o.eq_ignore_ascii_case(id));
+    let mut out = Vec::new();
+    for experiment in EXPERIMENTS.iter().filter(|experiment| wanted(experiment.id)) {
+        let head = format!("{}:", experiment.id);
+        match loaded.iter().find(|(_, scene)| scene.title.starts_with(&head)) {
+            Some((path, scene)) => out.push((experiment, path.clone(), scene.clone())),
+            None => eprintln!("{}: no scene in {}", experiment.id, folder.display()),
+        }
+    }
+    if out.is_empty() {
+        let text = format!("--scenes {}: no scene of chapter 6", folder.display());
+        return Err(BadOption(text).into());
+    }
+    Ok(out)
+}
+
+/// One run in virtual time.
+pub(crate) fn one(scene: &Scene, seed: u64, traced: bool) -> anyhow::Result<Verdict> {
+    let mut machine = assemble::assemble(scene, seed)?;
+    let catalog = machine.catalog().clone();
+    let mut judge = Judge::new(&catalog, run::targets(scene), &scene.world, traced);
+    let stop = AtomicBool::new(false);
+    virtual_time::run(&mut machine, scene.duration, &stop, &mut judge)
+        .map_err(|(task, fault)| anyhow::anyhow!("task `{task}`: {}", fault.text()))?;
+    Ok(judge.verdict())
+}
+
+/// Works a plan off on several threads; answers are in the order of the plan, whoever was first.
+pub(crate) fn in_parallel<P: Sync, T: Send>(
+    threads: Option<NonZeroUsize>,
+    plan: &[P],
+    work: impl Fn(&P) -> anyhow::Result<T> + Sync,
+) -> anyhow::Result<Vec<T>> {
+    let stop = interrupt::watch()?;
+    let threads = threads.map_or_else(
+        || std::thread::available_parallelism().map_or(1, NonZeroUsize::get),
+        NonZeroUsize::get,
+    );
+    let next = AtomicUsize::new(0);
+    let worker = || {
+        let mut done = Vec::new();
+        while !stop.load(Ordering::SeqCst) {
+            let index = next.fetch_add(1, Ordering::SeqCst);
+            let Some(part) = plan.get(index) else { break };
+            done.push((index, work(part)));
+        }
+        done
+    };
+    let mut done: Vec<(usize, anyhow::Result<T>)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads.min(plan.len())).map(|_| scope.spawn(worker)).collect();
+        workers.into_iter().flat_map(|worker| worker.join().unwrap_or_default()).collect()
+    });
+    done.sort_by_key(|(index, _)| *index);
+    anyhow::ensure!(done.len() == plan.len(), "interrupted after {} runs", done.len());
+    done.into_iter()
+        .map(|(_, answer)| answer)
+        .collect::<anyhow::Result<_>>()
+        .context("a run failed")
+}

@@ -1,0 +1,151 @@
+//! `taktil experiment robust`: the rolling scene with everything drawn that a user may change
+//! without telling the controller. Refuses to hide a draw that failed: the worst ones are listed
+//! with the command that repeats them.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+
+use super::judge::Verdict;
+use super::{in_parallel, laws, one, with_law};
+use crate::plot::axis::plain;
+use crate::run::BadOption;
+use crate::run::scene::Scene;
+
+/// Most draws of one call.
+const DRAWS_MAX: u64 = 10_000;
+/// A tactile image is new every so many ms; used to name rows.
+const ROWS: u16 = 16;
+
+/// Options of `taktil experiment robust`.
+#[derive(Args, Debug)]
+pub struct Robust {
+    /// The law
+    #[arg(long, default_value = "model")]
+    law: String,
+    /// Draws 1 to N, each from its own seed
+    #[arg(long, default_value_t = 20, value_name = "N")]
+    draws: u64,
+    /// Only this draw, told in full
+    #[arg(long, value_name = "K")]
+    draw: Option<u64>,
+    /// Scene that is changed
+    #[arg(long, default_value = "sim/scenes/roll-pin.toml", value_name = "FILE")]
+    scene: PathBuf,
+    /// Threads; one a processor when absent
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+}
+
+/// A draw of numbers from 0 to 1: SplitMix64 (Steele, Lea, Flood 2014).
+struct Draw(u64);
+
+impl Draw {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.next()
+    }
+}
+
+/// The scene of a draw, and what was drawn.
+fn drawn(base: &Scene, number: u64) -> (Scene, String) {
+    let mut draw = Draw(number.wrapping_mul(0x1234_5678_9ABC_DEF1));
+    let mut scene = base.clone();
+    let world = &mut scene.world;
+    let radius = draw.between(15.0, 35.0);
+    let (pad, bed) = (draw.between(0.5, 1.5), draw.between(0.5, 1.5));
+    let (finger, table) = (draw.between(0.3, 1.2), draw.between(0.3, 1.2));
+    let mass = draw.between(0.8, 1.2);
+    let yaw = draw.between(-4.0, 4.0);
+    let tilt = draw.between(-3.0, 3.0);
+    let row = (draw.next() * f64::from(ROWS)) as u16 + 1;
+    let dead = draw.next() < 0.25;
+    world.pin.radius_mm = radius;
+    world.finger.rubber.youngs_mpa *= pad;
+    world.table.rubber.youngs_mpa *= bed;
+    world.finger.friction = finger;
+    world.table.friction = table;
+    world.pin.mass_kg *= mass;
+    world.pin.yaw_deg = yaw;
+    world.table.tilt_x_deg = tilt;
+    let mut about = format!(
+        "radius {radius:.1} mm, pad x {pad:.2}, bed x {bed:.2}, friction {finger:.2} and \
+         {table:.2}, mass x {mass:.2}, yaw {yaw:.1} deg, tilt {tilt:.1} deg"
+    );
+    if dead {
+        let scan = scene.machine.tactile_scan.get_or_insert_default();
+        scan.dead = (1..=16).map(|col| [row, col]).collect();
+        about += &format!(", row {row} dead");
+    }
+    (scene, about)
+}
+
+fn held(verdict: &Verdict) -> bool {
+    verdict.figures.faults.is_empty()
+        && verdict.figures.contact_lost == 0
+        && verdict.settling_s.is_some()
+}
+
+/// Runs the draws.
+///
+/// # Errors
+/// Bad input as [`BadOption`] or a located complaint about the scene.
+pub fn run(options: &Robust) -> anyhow::Result<ExitCode> {
+    let law = laws(std::slice::from_ref(&options.law))?[0];
+    if options.draws == 0 || options.draws > DRAWS_MAX {
+        let text = format!("--draws {}: give 1 to {DRAWS_MAX}", options.draws);
+        return Err(BadOption(text).into());
+    }
+    let base = with_law(&Scene::load(&options.scene)?, law);
+    let numbers = options.draw.map_or(1..=options.draws, |draw| draw..=draw);
+    let plan: Vec<(u64, Scene, String)> = numbers
+        .map(|number| {
+            let (scene, about) = drawn(&base, number);
+            (number, scene, about)
+        })
+        .collect();
+    let verdicts =
+        in_parallel(options.threads, &plan, |(number, scene, _)| one(scene, *number, false))?;
+    let mut force: Vec<f64> = verdicts.iter().filter_map(|v| v.force_n.rms()).collect();
+    force.sort_by(f64::total_cmp);
+    let mut lost = 0;
+    for ((number, _, about), verdict) in plan.iter().zip(&verdicts) {
+        let told = options.draw.is_some() || !held(verdict);
+        lost += u32::from(!held(verdict));
+        if told {
+            let rms = |spread: &crate::run::score::Spread| spread.rms().map_or("-".into(), plain);
+            println!(
+                "draw {number}: {about}\n  {} faults, {} contact losses, settled after {} s; rms \
+                 force {} N, tilt {} deg, yaw {} deg",
+                verdict.figures.faults.0.count_ones(),
+                verdict.figures.contact_lost,
+                verdict.settling_s.map_or("never".into(), plain),
+                rms(&verdict.force_n),
+                rms(&verdict.tilt_deg),
+                rms(&verdict.yaw_deg),
+            );
+        }
+    }
+    let at = |share: f64| {
+        let place = (share * (force.len().saturating_sub(1)) as f64).round() as usize;
+        force.get(place).map_or("-".into(), |value| plain(*value))
+    };
+    println!(
+        "{} draws with `{}`: {lost} did not hold; force error rms, N: median {}, 95 % {}, most {}",
+        plan.len(),
+        law.text(),
+        at(0.5),
+        at(0.95),
+        at(1.0),
+    );
+    Ok(if lost == 0 { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}

@@ -1,0 +1,127 @@
+//! The law that was chosen, with its memory. Refuses to choose: that is the configuration's.
+
+use taktil_rtcore::{Fold, Invalid, StateHash};
+use taktil_signal::TactileImage;
+
+use crate::config::Config;
+use crate::law::model::jacobian::Contact;
+use crate::law::{Name, model, projector_pid, thesis};
+use crate::perception::Touch;
+use crate::perception::line::{Known, Line, line};
+
+/// A law and what it remembers.
+#[expect(clippy::large_enum_variant, reason = "one of it exists, and the lane path has no heap")]
+#[derive(Clone, Debug)]
+pub(crate) enum Drive {
+    Thesis(thesis::Law),
+    ProjectorPid(projector_pid::Memory),
+    Model(Contact, model::Memory),
+}
+
+impl Fold for Drive {
+    fn fold(&self, hash: &mut StateHash) {
+        match self {
+            Drive::Thesis(_) => {}
+            Drive::ProjectorPid(memory) => {
+                hash.add(memory);
+            }
+            Drive::Model(_, memory) => {
+                hash.add(memory);
+            }
+        }
+    }
+}
+
+impl Drive {
+    /// The law that the configuration names; allocates.
+    pub(crate) fn new(config: &Config) -> Result<Drive, Invalid> {
+        Ok(match config.law {
+            Name::Thesis => Drive::Thesis(thesis::Law::new(config)),
+            Name::ProjectorPid => Drive::ProjectorPid(projector_pid::Memory::default()),
+            Name::Model => Drive::Model(
+                Contact::new(&config.model, config.m0_counts)?,
+                model::Memory::new(&config.model),
+            ),
+        })
+    }
+
+    /// Set points or speeds were edited.
+    pub(crate) fn retune(&mut self, config: &Config) {
+        if let Drive::Thesis(law) = self {
+            *law = thesis::Law::new(config);
+        }
+    }
+
+    /// Forgets, at the beginning of a stay.
+    pub(crate) fn reset(&mut self, config: &Config) {
+        match self {
+            Drive::Thesis(_) => {}
+            Drive::ProjectorPid(memory) => *memory = projector_pid::Memory::default(),
+            Drive::Model(_, memory) => *memory = model::Memory::new(&config.model),
+        }
+    }
+
+    /// The line of an image, for the law that goes by it.
+    pub(crate) fn line(
+        &self,
+        config: &Config,
+        image: &TactileImage,
+        touch: &Touch,
+    ) -> Option<Line> {
+        let Drive::Model(_, memory) = self else { return None };
+        let known = Known {
+            noise_counts: config.model.noise_counts,
+            speed_cols_s: memory.line_cols_s(),
+            saturated_counts: config.model.saturated_counts,
+        };
+        line(image, touch, &known)
+    }
+
+    /// How fast the finger gives way along the pin, for a law that does; others hold it.
+    pub(crate) fn yields_per_s(&self, config: &Config) -> Option<f64> {
+        matches!(self, Drive::Model(..)).then_some(config.model.yield_per_s)
+    }
+
+    /// The column by which the heading turns.
+    pub(crate) fn column(&self, touch: &Touch) -> Option<f64> {
+        match self {
+            Drive::Model(_, memory) => memory.column(),
+            _ => touch.x_c,
+        }
+    }
+
+    /// Takes an image in of this age; laws that answer images do so here.
+    pub(crate) fn image(
+        &mut self,
+        config: &Config,
+        (touch, line): (&Touch, Option<&Line>),
+        (age_s, dt_s): (f64, f64),
+        x_c_desired: f64,
+    ) -> Option<[f64; 4]> {
+        match self {
+            Drive::Thesis(law) => Some(law.displacement(touch, x_c_desired)),
+            Drive::ProjectorPid(memory) => {
+                let (step, next) = projector_pid::displacement(config, memory, touch, x_c_desired);
+                *memory = next;
+                Some(step)
+            }
+            Drive::Model(contact, memory) => {
+                *memory = model::observe(config, contact, memory, (touch, line), (age_s, dt_s));
+                None
+            }
+        }
+    }
+
+    /// What is asked for in a job without an answer to an image, by a law that answers jobs.
+    pub(crate) fn job(&self, config: &Config, x_c_desired: f64, dt_s: f64) -> Option<[f64; 4]> {
+        let Drive::Model(_, memory) = self else { return None };
+        Some(model::displacement_of_job(config, memory, x_c_desired, dt_s))
+    }
+
+    /// This much of it was carried out.
+    pub(crate) fn carried_out(&mut self, config: &Config, step: &[f64; 4], dt_s: f64) {
+        if let Drive::Model(_, memory) = self {
+            *memory = model::after_job(&config.model, memory, step, dt_s);
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! What the sensor still has to go along one of its axes, watched by a Kalman filter: the way left
+//! `e`, the rate `d` at which the table takes the pin away, and the way `b` that comes with each
+//! millimetre of rolling (the slope). Refuses to forget what was already commanded: an image that
+//! is late is compared with what was on its way when it was taken (O. J. M. Smith 1957; R. E.
+//! Kalman 1960).
+//!
+//! ```text
+//! e' = e - u + d dt + b r        u, r: steps commanded along this axis and along x
+//! z  = e + U - d T - b R         U, R: commands under way at the image, T: its age and the delay
+//! ```
+//! `e` is what will be left once the commands so far are carried out; its integral action is `d`,
+//! and it cannot wind up because it is told the commands after their limits.
+
+use taktil_rtcore::{Fold, StateHash};
+
+/// How fast each part may change, as noise (unit of the axis: mm or mrad).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise {
+    /// Of e (unit/sqrt s).
+    pub way: f64,
+    /// Of d (unit/s/sqrt s).
+    pub rate: f64,
+    /// Of b (unit/mm/sqrt s).
+    pub slope: f64,
+    /// Bounds of d and b.
+    pub most: [f64; 2],
+    /// Error of a measurement that its variance does not know: the model's (unit).
+    pub model: f64,
+}
+
+/// One axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Axis {
+    /// e, d, b.
+    pub state: [f64; 3],
+    /// Their covariance.
+    cov: [[f64; 3]; 3],
+}
+
+impl Fold for Axis {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.state[..]);
+        for row in &self.cov {
+            hash.add(&row[..]);
+        }
+    }
+}
+
+impl Axis {
+    /// Nothing known but how large things can be.
+    #[must_use]
+    pub fn new(noise: &Noise) -> Axis {
+        let [rate, slope] = noise.most;
+        let mut cov = [[0.0; 3]; 3];
+        cov[0][0] = 1e4;
+        cov[1][1] = 0.05 * rate * rate;
+        cov[2][2] = 0.01 * slope * slope;
+        Axis { state: [0.0; 3], cov }
+    }
+
+    /// One job of `dt_s` in which `step` was commanded along the axis and `roll_mm` along x.
+    pub fn advance(&mut self, noise: &Noise, step: f64, roll_mm: f64, dt_s: f64) {
+        let [e, d, b] = self.state;
+        self.state[0] = e - step + d * dt_s + b * roll_mm;
+        let f = [1.0, dt_s, roll_mm];
+        let p = self.cov;
+        // F P F' with F = [1 dt r; 0 1 0; 0 0 1].
+        let row: [f64; 3] = core::array::from_fn(|j| (0..3).map(|k| f[k] * p[k][j]).sum());
+        self.cov[0][0] = (0..3).map(|k| row[k] * f[k]).sum::<f64>() + noise.way * noise.way * dt_s;
+        for (j, value) in row.iter().enumerate().skip(1) {
+            self.cov[0][j] = *value;
+            self.cov[j][0] = *value;
+        }
+        self.cov[1][1] += noise.rate * noise.rate * dt_s;
+        self.cov[2][2] += noise.slope * noise.slope * dt_s;
+        let [rate, slope] = noise.most;
+        self.cov[1][1] = self.cov[1][1].min(rate * rate);
+        self.cov[2][2] = self.cov[2][2].min(slope * slope);
+    }
+
+    /// An image said that `seen` was left, with this variance, when `step` and `roll_mm` were under
+    /// way and `age_s` before the commands so far will be carried out.
+    pub fn observe(&mut self, noise: &Noise, seen: f64, variance: f64, under_way: (f64, f64, f64)) {
+        let (step, roll_mm, age_s) = under_way;
+        let h = [1.0, -age_s, -roll_mm];
+        let p = self.cov;
+        let gain: [f64; 3] = core::array::from_fn(|i| (0..3).map(|j| p[i][j] * h[j]).sum());
+        let spread: f64 =
+            (0..3).map(|i| h[i] * gain[i]).sum::<f64>() + variance + noise.model * noise.model;
+        let [e, d, b] = self.state;
+        let innovation = seen - (e + step - d * age_s - b * roll_mm);
+        if !(innovation.is_finite() && spread > 0.0) {
+            return;
+        }
+        for i in 0..3 {
+            self.state[i] += gain[i] / spread * innovation;
+            for j in 0..3 {
+                self.cov[i][j] = p[i][j] - gain[i] * gain[j] / spread;
+            }
+        }
+        for (value, most) in self.state[1..].iter_mut().zip(noise.most) {
+            *value = value.clamp(-most, most);
+        }
+    }
+}

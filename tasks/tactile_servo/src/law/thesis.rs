@@ -1,0 +1,76 @@
+//! The law of the thesis (P. Sikka, *The Role of Tactile Sensing in Robot Manipulation*, University
+//! of Alberta, 1994, section 5.2 and figure 6.4): `dX = J_s^-1 (F_d - F_a)` with a diagonal `J_s`,
+//! for F = (x_c, M0, M_x, theta_z) and X = (x, z, theta_x, theta_z) of the sensor frame. Refuses to
+//! move while the image cannot be believed, and every component whose feature the image does not
+//! define.
+//!
+//! The thesis gives `J_s = diag(20, 20000, 200000, 1000)`, found by trial, without units or signs.
+//! Taken here, as an assumption: X in (mm, mm, mrad, mrad), theta_z in mrad, x_c in columns, M_x in
+//! counts x rows about the middle line. In millimetres its 20000 counts/mm is near the stiffness of
+//! the position servo at the finger, and its 1000 makes the turn follow with a time constant of 5
+//! s, which is the weak loop that the thesis reports. Signs are [`SIGNS`](super::SIGNS).
+
+use super::SIGNS;
+use crate::config::Config;
+use crate::perception::Touch;
+
+/// The law; it has no memory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Law {
+    /// Desired M0, M_x (counts, counts x rows) and theta_z (mrad).
+    desired: [f64; 3],
+    /// Diagonal of the feature Jacobian with its signs.
+    jacobian: [f64; 4],
+    /// Most that one image may move (mm, mm, mrad, mrad).
+    limits: [f64; 4],
+    roll_from_counts: f64,
+    seek_mm: f64,
+}
+
+impl Law {
+    /// The law of a checked table.
+    #[must_use]
+    pub fn new(config: &Config) -> Law {
+        let period_s = config.image_period_ms * 1e-3;
+        let mut jacobian = config.feature_jacobian;
+        for (size, sign) in jacobian.iter_mut().zip(SIGNS) {
+            *size *= sign;
+        }
+        let speeds = [config.roll_mm_s, config.press_mm_s, config.tilt_mrad_s, config.turn_mrad_s];
+        Law {
+            desired: [config.m0_counts, config.m_x_counts, config.theta_z_mrad],
+            jacobian,
+            limits: speeds.map(|speed| speed * period_s),
+            roll_from_counts: config.roll_from_counts,
+            seek_mm: config.seek_mm_s * period_s,
+        }
+    }
+
+    /// The displacement (dx, dz, dtheta_x, dtheta_z) of the sensor for one new image (mm, mm, mrad,
+    /// mrad), towards column `x_c_desired`.
+    ///
+    /// Each component is cut off at its speed limit by itself. Without contact only z moves,
+    /// towards the surface; with an image that cannot be believed nothing does.
+    #[must_use]
+    pub fn displacement(&self, touch: &Touch, x_c_desired: f64) -> [f64; 4] {
+        if !touch.trusted {
+            return [0.0; 4];
+        }
+        if !touch.contact {
+            return [0.0, self.seek_mm, 0.0, 0.0];
+        }
+        let [m0, m_x, theta_z_mrad] = self.desired;
+        let rolls = touch.m0 >= self.roll_from_counts;
+        let error = [
+            touch.x_c.filter(|_| rolls).map_or(0.0, |x_c| x_c_desired - x_c),
+            m0 - touch.m0,
+            m_x - touch.m_x,
+            touch.theta_z_rad.map_or(0.0, |theta_z| theta_z_mrad - 1e3 * theta_z),
+        ];
+        let mut step = [0.0; 4];
+        for i in 0..4 {
+            step[i] = (error[i] / self.jacobian[i]).clamp(-self.limits[i], self.limits[i]);
+        }
+        step
+    }
+}

@@ -1,0 +1,65 @@
+//! What an image says: the features of the thesis from its moments, and whether there is contact.
+//! Refuses images whose baseline is unknown and features that an image does not define; nothing
+//! here is NaN.
+//!
+//! [`line`] takes the same features from a band about the pin's line, without the threshold's bias
+//! and with their covariance.
+
+pub mod line;
+
+use taktil_mechanics::tactile::{Image, features, moments};
+use taktil_signal::{MAX_TACTELS, TactileImage};
+
+/// What an image says. Every number is finite, whatever the image held.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Touch {
+    /// The baseline is known and at least half of the tactels are valid.
+    pub trusted: bool,
+    /// There is load enough for the features to mean anything.
+    pub contact: bool,
+    /// Sum of the counts.
+    pub m0: f64,
+    /// First moment about the middle line (counts x rows).
+    pub m_x: f64,
+    /// Centroid (column number), inside the array; absent without contact.
+    pub x_c: Option<f64>,
+    /// Centroid (row number), inside the array; absent without contact.
+    pub y_c: Option<f64>,
+    /// Direction of the long axis (rad); absent without contact and for a round image.
+    pub theta_z_rad: Option<f64>,
+}
+
+/// Features of an image: tactels below `threshold_counts` count 0 (0: no threshold), and there is
+/// contact when their sum is above `contact_counts`.
+#[must_use]
+#[expect(clippy::cast_precision_loss, reason = "row and column numbers are small")]
+pub fn touch(image: &TactileImage, threshold_counts: f64, contact_counts: f64) -> Touch {
+    let (rows, cols) = (usize::from(image.rows), usize::from(image.cols));
+    let tactels = rows * cols;
+    if tactels == 0 || tactels > MAX_TACTELS || image.baseline_ready != 1 {
+        return Touch::default();
+    }
+    let mut valid = [false; MAX_TACTELS];
+    for (index, mark) in valid.iter_mut().enumerate() {
+        *mark = image.valid[index] == 1 && image.counts[index].is_finite();
+    }
+    let marks = &valid[..tactels];
+    let Ok(view) = Image::new(rows, cols, &image.counts[..tactels], Some(marks)) else {
+        return Touch::default();
+    };
+    let threshold = if threshold_counts > 0.0 { threshold_counts } else { f64::NEG_INFINITY };
+    let found = features(&moments(&view, threshold));
+    let contact = found.m0 > contact_counts;
+    let inside = |centre: Option<f64>, size: usize| {
+        centre.filter(|c| contact && (1.0..=size as f64).contains(c))
+    };
+    Touch {
+        trusted: 2 * marks.iter().filter(|mark| **mark).count() >= tactels,
+        contact,
+        m0: found.m0,
+        m_x: found.m_x_centred,
+        x_c: inside(found.x_c, cols),
+        y_c: inside(found.y_c, rows),
+        theta_z_rad: found.theta_z_rad.filter(|_| contact),
+    }
+}

@@ -1,0 +1,157 @@
+//! Lines that are known, seen through noise, dead rows and rails.
+
+use taktil_rtcore::Payload;
+use taktil_signal::TactileImage;
+
+use super::{Known, Line, line};
+use crate::perception::touch;
+
+const KNOWN: Known = Known { noise_counts: 50.0, speed_cols_s: 0.0, saturated_counts: 3790.0 };
+
+/// Whole counts of a parabolic line load of `total` counts, half as wide as 1.3 columns, whose axis
+/// is turned by `theta` and passes column `x` at the middle row.
+fn image(x: f64, theta: f64, total: f64) -> TactileImage {
+    let mut image = TactileImage {
+        rows: 16,
+        cols: 16,
+        valid: [1; 256],
+        baseline_ready: 1,
+        ..TactileImage::ZERO
+    };
+    let half = 1.3;
+    let integral = |u: f64| {
+        let u = u.clamp(-half, half) / half;
+        0.5 + 0.75 * (u - u * u * u / 3.0)
+    };
+    for row in 0..16_u8 {
+        let middle = x - libm::tan(theta) * (f64::from(row) + 1.0 - 8.5);
+        for col in 0..16_u8 {
+            let u = f64::from(col) + 1.0 - middle;
+            let share = integral(u + 0.5) - integral(u - 0.5);
+            image.counts[usize::from(row) * 16 + usize::from(col)] = (share * total / 16.0) as f32;
+        }
+    }
+    image
+}
+
+/// Adds noise of standard deviation 50: twelve uniform numbers of a congruence (Knuth's MMIX).
+fn noisy(image: &TactileImage, seed: &mut u64) -> TactileImage {
+    let mut out = *image;
+    for counts in &mut out.counts {
+        let mut sum = -6.0;
+        for _ in 0..12 {
+            *seed = seed
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            sum += (*seed >> 40) as f64 / f64::from(1 << 24);
+        }
+        *counts = (f64::from(*counts) + 50.0 * sum).round() as f32;
+    }
+    out
+}
+
+fn seen(image: &TactileImage) -> Option<Line> {
+    line(image, &touch(image, 150.0, 1000.0), &KNOWN)
+}
+
+#[test]
+fn a_line_is_read_where_it_is() {
+    for (x, theta) in [(8.5, 0.0), (3.2, 0.05), (13.9, -0.1), (8.0, 0.3)] {
+        let found = seen(&image(x, theta, 15_000.0)).unwrap();
+        let [x_c, m0, m_x, read] = found.features;
+        // Tactels integrate area: what is left is the ripple of the centroid.
+        assert!((x_c - x).abs() < 0.02 && (read - theta).abs() < 0.004, "{x} {theta}: {found:?}");
+        assert!((m0 - 15_000.0).abs() < 60.0 && m_x.abs() < 600.0, "{x} {theta}: {found:?}");
+    }
+}
+
+#[test]
+fn noise_leaves_the_sum_unbiased_and_the_stated_variances_hold() {
+    let (clean, mut seed) = (image(8.3, 0.02, 15_000.0), 7);
+    let mut sums = [[0.0; 2]; 4];
+    let mut stated = [0.0; 4];
+    let number = 400.0;
+    for _ in 0..400 {
+        let found = seen(&noisy(&clean, &mut seed)).unwrap();
+        let truth = [8.3, 15_000.0, 0.0, 0.02];
+        for i in 0..4 {
+            let error = found.features[i] - truth[i];
+            sums[i][0] += error / number;
+            sums[i][1] += error * error / number;
+            stated[i] += found.variance[i] / number;
+        }
+    }
+    let deg = sums[3][1].sqrt().to_degrees();
+    // A row of 937 counts has 50 sqrt(10)/937 columns, and the line 1/sqrt(340) of that a row.
+    assert!((0.4..0.6).contains(&deg), "theta_z: {deg} deg");
+    assert!(sums[1][0].abs() < 60.0, "M0 is off by {} of 15000", sums[1][0]);
+    for i in 0..4 {
+        let ratio = sums[i][1] / stated[i];
+        assert!((0.3..2.0).contains(&ratio), "feature {i}: {ratio} of the stated variance");
+    }
+    // What the band is for: the threshold alone cuts the tails off.
+    let cut = touch(&clean, 150.0, 1000.0).m0;
+    assert!(cut < 14_500.0, "{cut}");
+}
+
+#[test]
+fn a_dead_row_and_dead_tactels_are_filled_by_their_neighbours() {
+    let whole = seen(&image(8.3, 0.05, 15_000.0)).unwrap();
+    let mut odd = image(8.3, 0.05, 15_000.0);
+    odd.valid[5 * 16..6 * 16].fill(0);
+    odd.counts[5 * 16..6 * 16].fill(0.0);
+    odd.valid[11 * 16 + 7] = 0;
+    let found = seen(&odd).unwrap();
+    assert!(found.filled >= 6);
+    assert!((found.features[1] / whole.features[1] - 1.0).abs() < 0.01, "{found:?}");
+    assert!((found.features[3] - 0.05).abs() < 0.01);
+    // The thesis's sum loses a sixteenth.
+    assert!(touch(&odd, 0.0, 1000.0).m0 < 14_200.0);
+}
+
+#[test]
+fn a_tactel_at_full_scale_widens_the_error_of_the_sums() {
+    let mut heavy = image(8.5, 0.0, 15_000.0);
+    let before = seen(&heavy).unwrap();
+    heavy.counts[7 * 16 + 7] = 3795.0;
+    let found = seen(&heavy).unwrap();
+    assert_eq!((before.saturated, found.saturated), (0, 1));
+    assert!(found.variance[1] > 2.0 * before.variance[1]);
+}
+
+#[test]
+fn rows_scanned_later_are_moved_to_the_time_of_the_image() {
+    let mut sheared = image(8.5, 0.0, 15_000.0);
+    let speed = 40.0;
+    for row in 0..16_usize {
+        // Row by row over 5 ms, the last one at the time of the image.
+        let late_ns = -312_500 * (15 - i32::try_from(row).unwrap());
+        sheared.row_offset_ns[row] = late_ns;
+        let there = image(8.5 + speed * f64::from(late_ns) * 1e-9, 0.0, 15_000.0);
+        sheared.counts[row * 16..][..16].copy_from_slice(&there.counts[row * 16..][..16]);
+    }
+    let touched = touch(&sheared, 150.0, 1000.0);
+    let plain = line(&sheared, &touched, &KNOWN).unwrap().features;
+    let moving = Known { speed_cols_s: speed, ..KNOWN };
+    let cured = line(&sheared, &touched, &moving).unwrap().features;
+    assert!(plain[3].abs() > 0.008, "the skew shows: {plain:?}");
+    assert!(cured[3].abs() < 0.002 && (cured[0] - 8.5).abs() < 0.02, "{cured:?}");
+}
+
+#[test]
+fn what_is_no_line_is_none() {
+    assert_eq!(seen(&image(8.5, 0.0, 0.0)), None);
+    let mut across = image(8.5, 0.0, 0.0);
+    across.counts[7 * 16..8 * 16].fill(1000.0);
+    assert_eq!(seen(&across), None, "one row has no direction");
+    for odd in [f32::NAN, f32::INFINITY, f32::MAX, f32::MIN, -1e30] {
+        let mut all = image(8.5, 0.0, 15_000.0);
+        all.counts[100..140].fill(odd);
+        if let Some(found) = seen(&all) {
+            assert!(found.features.iter().chain(&found.variance).all(|x| x.is_finite()), "{odd}");
+        }
+    }
+    for (rows, cols) in [(0, 0), (4, 64), (u16::MAX, 3)] {
+        assert_eq!(seen(&TactileImage { rows, cols, ..image(8.5, 0.0, 15_000.0) }), None);
+    }
+}

@@ -1,0 +1,187 @@
+//! The law `model` against a pin between two springs: pads of rows whose loads follow the contact's
+//! own law, a finger that does what it was told after a delay, a table that moves. No arm, no
+//! friction: what is tried is the Jacobian, the observer, the delay and the limits.
+
+use taktil_mechanics::contact::cylinder::LineContact;
+use taktil_mechanics::contact::layer::Layer;
+use taktil_tasks_tactile_servo::Config;
+use taktil_tasks_tactile_servo::law::Name;
+use taktil_tasks_tactile_servo::law::model::jacobian::{Contact, PITCH_MM, displacement};
+use taktil_tasks_tactile_servo::law::model::{Memory, after_job, displacement_of_job, observe};
+use taktil_tasks_tactile_servo::perception::Touch;
+use taktil_tasks_tactile_servo::perception::line::Line;
+
+const DT_S: f64 = 0.0025;
+/// Counts a newton.
+const SCALE: f64 = 4095.0 / 4.0;
+
+/// A finger over a pin: what it stands off by, along and about its axes.
+struct Plant {
+    contact: LineContact,
+    /// x mm from the middle, z mm pressed, theta_x mrad, theta_z mrad of the pin on the sensor.
+    at: [f64; 4],
+}
+
+impl Plant {
+    fn new() -> Plant {
+        let layer = Layer::new(0.8, 2.0, 0.49).unwrap();
+        let contact = LineContact::new(&layer, 23.0, 0.16).unwrap();
+        Plant { contact, at: [0.0, 0.02, 0.0, 0.0] }
+    }
+
+    fn line(&self) -> Line {
+        let [x, z, theta_x, theta_z] = self.at;
+        let mut rows = [0.0; 16];
+        let (mut m0, mut m_x) = (0.0, 0.0);
+        for (index, row) in (0_u8..).zip(&mut rows) {
+            let arm = f64::from(index) - 7.5;
+            let deep = z + 1e-3 * theta_x * arm * PITCH_MM;
+            *row = SCALE * PITCH_MM * self.contact.load_n_mm(deep);
+            m0 += *row;
+            m_x += arm * *row;
+        }
+        Line {
+            features: [8.5 - 0.5 * x / PITCH_MM, m0, m_x, 1e-3 * theta_z],
+            variance: [1e-3, 2e5, 4e6, 1e-5],
+            y_c: 8.5 + if m0 > 0.0 { m_x / m0 } else { 0.0 },
+            rows,
+            saturated: 0,
+            filled: 0,
+        }
+    }
+
+    fn touch(&self) -> Touch {
+        let line = self.line();
+        let contact = line.features[1] > 1000.0;
+        let plain = Touch { trusted: true, contact, ..Touch::default() };
+        if contact { line.touch(&plain) } else { plain }
+    }
+}
+
+/// Without anything behind the pad: the plant's finger is where it is told to be.
+fn rigid() -> Config {
+    let mut config = Config { law: Name::Model, ..Config::default() };
+    config.model.support_n_mm = 1e6;
+    config.model.support_nm_rad = 1e6;
+    config
+}
+
+#[test]
+fn the_jacobian_is_that_of_the_rows_by_differences() {
+    let config = rigid();
+    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    for at in [[0.0, 0.03, 0.0, 0.0], [4.0, 0.04, 1.0, 60.0], [-4.0, 0.025, -0.8, -30.0]] {
+        let mut plant = Plant::new();
+        plant.at = at;
+        let found = contact.jacobian(&plant.line());
+        for (motion, step) in [(0, 1e-2), (1, 1e-5), (2, 1e-3), (3, 1e-2)] {
+            let mut side = |sign: f64| {
+                plant.at = at;
+                plant.at[motion] += sign * step * if motion == 3 { -1.0 } else { 1.0 };
+                let [x_c, m0, m_x, theta_z] = plant.line().features;
+                [x_c, m0, m_x, 1e3 * theta_z]
+            };
+            let (above, below) = (side(1.0), side(-1.0));
+            // The plant's x_c is that of the middle row: the rest is not in it.
+            for feature in 0..4 {
+                let slope = (above[feature] - below[feature]) / (2.0 * step);
+                let entry = found[(feature, motion)];
+                if feature == 0 && motion > 0 {
+                    continue;
+                }
+                let size = slope.abs().max(0.02 * found[(feature, feature)].abs());
+                assert!((entry - slope).abs() < 0.02 * size, "{feature} {motion}: {entry} {slope}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_direction_that_cannot_be_seen_is_not_moved_along() {
+    let config = rigid();
+    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let mut plant = Plant::new();
+    plant.at[1] = 0.03;
+    let mut line = plant.line();
+    line.rows = [0.0; 16];
+    line.rows[8] = 15_000.0;
+    let jacobian = contact.jacobian(&line);
+    // One row cannot tell a tilt from a press.
+    let blind = [1e-3, 2e5, 1e12, 1e3];
+    let (way, spread) = displacement(&jacobian, &[0.0, 0.0, 3e5, 1.0], &blind);
+    assert!(way.iter().all(|part| part.is_finite() && part.abs() < 50.0), "{way:?}");
+    assert!(spread[2] > 1e3 && spread[3] > 1e2, "{spread:?}");
+    let (way, _) = displacement(&jacobian, &[f64::MAX; 4], &[f64::MAX; 4]);
+    assert!(way.iter().all(|part| !part.is_nan()), "{way:?}");
+}
+
+/// Seconds of the closed loop over a plant whose table moves with `table` (units a second, of x, z,
+/// theta_x, theta_z), finger `late` jobs behind; ways left after each job.
+fn follow(config: &Config, table: [f64; 4], late: usize, seconds: f64) -> Vec<[f64; 4]> {
+    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let mut memory = Memory::new(&config.model);
+    let mut plant = Plant::new();
+    let mut queue = vec![[0.0; 4]; late];
+    let mut images = vec![];
+    let mut ways = vec![];
+    let due = plant.contact.penetration_mm(15_000.0 / SCALE / 25.4);
+    for job in 0..(seconds / DT_S) as usize {
+        if job % 2 == 0 {
+            images.push((plant.touch(), plant.line()));
+        } else if let Some((touch, line)) = images.last() {
+            memory = observe(config, &contact, &memory, (touch, Some(line)), (DT_S, DT_S));
+        }
+        let step = displacement_of_job(config, &memory, 8.5, DT_S);
+        memory = after_job(&config.model, &memory, &step, DT_S);
+        queue.insert(0, step);
+        let now = queue.pop().unwrap();
+        let signs = [1.0, 1.0, 1.0, -1.0];
+        for i in 0..4 {
+            let moved = if i == 3 { now[i] - table[i] * DT_S } else { table[i] * DT_S + now[i] };
+            plant.at[i] += signs[i] * moved;
+        }
+        ways.push([plant.at[0], plant.at[1] - due, plant.at[2], plant.at[3]]);
+    }
+    ways
+}
+
+#[test]
+fn a_table_that_moves_evenly_is_followed_without_lag() {
+    // 10 mm/s of slide would be half of the limit, 87 mrad/s are 5 deg/s, 262 are 15.
+    for (rate, lag_mrad) in [(87.3, 1.0), (262.0, 3.0)] {
+        let ways = follow(&rigid(), [3.0, -0.5, 40.0, rate], 3, 3.0);
+        let last = ways.last().unwrap();
+        assert!(last[3].abs() < lag_mrad, "yaw {} mrad behind", last[3]);
+        assert!(last[0].abs() < 0.05 && last[1].abs() < 1e-3 && last[2].abs() < 0.1, "{last:?}");
+        let most = ways.iter().map(|way| way[3].abs()).fold(0.0, f64::max);
+        assert!(most < 0.35 * rate, "at first {most} mrad behind");
+    }
+}
+
+#[test]
+fn more_delay_than_stated_is_borne_to_twice_as_much() {
+    for late in 0..=6 {
+        let ways = follow(&rigid(), [0.0, 0.0, 0.0, 50.0], late, 4.0);
+        let late_part = &ways[ways.len() - 200..];
+        let most = late_part.iter().map(|way| way[3].abs()).fold(0.0, f64::max);
+        assert!(most < 1.0, "{late} jobs late: {most} mrad");
+    }
+}
+
+#[test]
+fn nothing_is_remembered_of_a_contact_that_is_lost() {
+    let config = rigid();
+    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let mut plant = Plant::new();
+    let fresh = Memory::new(&config.model);
+    let seen = (&plant.touch(), Some(&plant.line()));
+    let felt = observe(&config, &contact, &fresh, seen, (DT_S, DT_S));
+    assert!(felt.holds() && felt.column().is_some());
+    plant.at[1] = -1.0;
+    let lost = observe(&config, &contact, &felt, (&plant.touch(), None), (DT_S, DT_S));
+    assert_eq!(lost, fresh);
+    assert_eq!(displacement_of_job(&config, &lost, 2.0, DT_S), [0.0; 4]);
+    // An image that cannot be believed changes nothing.
+    let blind = Touch::default();
+    assert_eq!(observe(&config, &contact, &felt, (&blind, None), (DT_S, DT_S)), felt);
+}
