@@ -16,9 +16,10 @@ use anyhow::Context;
 use clap::{Args, Subcommand};
 use taktil_rtcore::virtual_time;
 use taktil_tasks_tactile_servo::law::Name;
+use taktild::signals::{self, Second};
 
 use crate::run::scene::Scene;
-use crate::run::{self, BadOption, assemble, interrupt};
+use crate::run::{self, BadOption, assemble};
 use chapter6::{EXPERIMENTS, Experiment};
 use judge::{Judge, Verdict};
 
@@ -209,7 +210,7 @@ pub(crate) fn in_parallel<P: Sync, T: Send>(
     plan: &[P],
     work: impl Fn(&P) -> anyhow::Result<T> + Sync,
 ) -> anyhow::Result<Vec<T>> {
-    let stop = interrupt::watch()?;
+    let stop = signals::watch(Second::Kills)?;
     let threads = threads.map_or_else(
         || std::thread::available_parallelism().map_or(1, NonZeroUsize::get),
         NonZeroUsize::get,

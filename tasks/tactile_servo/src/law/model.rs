@@ -34,7 +34,7 @@ const MIDDLE: f64 = 8.5;
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Model {
-    /// Gains of (x, z, theta_x, theta_z) on the way left (1/s). Default (20, 15, 12, 8).
+    /// Gains of (x, z, theta_x, theta_z) on the way left (1/s). Default (20, 10, 12, 8).
     pub gain_per_s: [f64; 4],
     /// Largest speeds (mm/s, mm/s, mrad/s, mrad/s). Default (12, 15, 300, 500).
     pub speed: [f64; 4],
@@ -46,7 +46,7 @@ pub struct Model {
     /// From a command to the motion of the finger (ms). Default 7.5.
     pub delay_ms: f64,
     /// Process noise of the rates of the table along and about (x, z, theta_x, theta_z): how fast
-    /// they are believed to change (mm/s/sqrt s, mrad/s/sqrt s). Default (20, 3, 60, 60).
+    /// they are believed to change (mm/s/sqrt s, mrad/s/sqrt s). Default (20, 2, 60, 60).
     pub table_rate: [f64; 4],
     /// Standard deviation of a tactel (counts). Default 50.
     pub noise_counts: f64,
@@ -71,12 +71,12 @@ pub struct Model {
 impl Default for Model {
     fn default() -> Model {
         Model {
-            gain_per_s: [20.0, 15.0, 12.0, 8.0],
+            gain_per_s: [20.0, 10.0, 12.0, 8.0],
             speed: [12.0, 15.0, 300.0, 500.0],
             roll_mm_s2: 300.0,
             yield_per_s: 8.0,
             delay_ms: 7.5,
-            table_rate: [20.0, 3.0, 60.0, 60.0],
+            table_rate: [20.0, 2.0, 60.0, 60.0],
             noise_counts: 50.0,
             saturated_counts: 3790.0,
             counts_per_n: 4095.0 / 4.0,
