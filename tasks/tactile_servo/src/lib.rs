@@ -1,6 +1,6 @@
 //! Follows touch: features of every new tactile image, and in TACTILE-SERVO the law that the
-//! configuration names on them, integrated into desired joints. Refuses to start from joints that are not
-//! calibrated, to move on an image that is not new or cannot be believed, and to act near a
+//! configuration names on them, integrated into desired joints. Refuses to start from joints that
+//! are not calibrated, to move on an image that is not new or cannot be believed, and to act near a
 //! singularity.
 //!
 //! ```text
@@ -9,8 +9,8 @@
 //! ```
 //! Images come at 200 Hz, jobs at 400 Hz. A law that answers images gives one step for each, spread
 //! evenly over the jobs until the next one, so that the position servo sees a steady set point; the
-//! law `model` answers every job. The two motions that touch cannot
-//! see are held by the encoders ([`unfelt`]).
+//! law `model` answers every job. The two motions that touch cannot see are held by the encoders,
+//! or give way ([`unfelt`]).
 
 pub mod config;
 mod drive;

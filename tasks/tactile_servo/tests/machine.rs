@@ -6,6 +6,7 @@ use taktil_rtcore::{FaultCode, FaultSet, LaneSpec, Payload};
 use taktil_signal::{
     ControlState, Desired, Features, Goal, JointState, State, TactileImage, defined,
 };
+use taktil_tasks_tactile_servo::law::Name;
 use taktil_tasks_tactile_servo::{Config, TactileServo};
 use taktil_tests_script::{Bench, PERIOD};
 
@@ -161,9 +162,29 @@ fn nothing_in_an_image_can_harm() {
         },
         ..FREE
     };
-    let keep = run(Config::default(), &script, 2_000);
-    assert!(keep.faults.is_empty(), "{:?}", keep.faults);
-    assert_eq!((keep.goals.len(), keep.features.len()), (2_000, 1_000));
+    for law in Name::ALL {
+        let config = Config { law, ..Config::default() };
+        let keep = run(config, &script, 2_000);
+        assert!(keep.faults.is_empty(), "{law:?}: {:?}", keep.faults);
+        assert_eq!((keep.goals.len(), keep.features.len()), (2_000, 1_000));
+        assert!(keep.goals.iter().all(|goal| goal.q_rad.iter().all(|q| q.is_finite())));
+    }
+}
+
+#[test]
+fn laws_that_are_named_differ_and_each_answers_a_line() {
+    let script = Script { image: |job| Some(line(job, false)), ..FREE };
+    let ends = Name::ALL.map(|law| {
+        let keep = run(Config { law, ..Config::default() }, &script, 200);
+        assert!(keep.faults.is_empty());
+        // 8000 counts of 15000: every law presses, and rolls towards column 2 by +x.
+        let arm = taktil_mechanics::puma260::Puma260::reference();
+        let (from, to) = (arm.tool_pose(&q(&keep.goals[10])), arm.tool_pose(&q(&keep.goals[199])));
+        let way = from.rotation.transpose() * (to.translation - from.translation);
+        assert!(way.z > 1e-4 && way.x > 1e-4, "{law:?}: {way}");
+        keep.goals[199].q_rad
+    });
+    assert!(ends[0] != ends[1] && ends[1] != ends[2] && ends[0] != ends[2]);
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod edits;
 mod experiments;
 mod hold;
 mod jog;
+mod laws;
 mod lines;
 mod physics;
 mod rolling;

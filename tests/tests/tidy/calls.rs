@@ -90,6 +90,7 @@ pub(crate) const BANS: &[Ban] = &[
             ("rtcore/src/replay.rs", "the flag that stops a replay"),
             ("drivers/regmap/src/io.rs", "a register file is shared with a device"),
             ("apps/taktil/src/run/", "a signal sets the flag that ends a run"),
+            ("apps/taktil/src/experiment/", "threads take runs off a plan until a flag ends them"),
             ("apps/taktil/src/jitter/", "a flag ends the load's threads and a measurement"),
             ("apps/taktild/src/service.rs", "a flag ends the service"),
             ("apps/taktild/src/signals.rs", "a signal sets the flag that ends a program"),

@@ -15,7 +15,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use anyhow::Context;
 use clap::{Args, Subcommand};
 use taktil_rtcore::virtual_time;
-use taktil_tasks_tactile_servo::law::Name;
+/// The laws of touch.
+pub use taktil_tasks_tactile_servo::law::Name;
 use taktild::signals::{self, Second};
 
 use crate::run::scene::Scene;
@@ -149,7 +150,8 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
 }
 
 /// The same scene with another law.
-pub(crate) fn with_law(scene: &Scene, law: Name) -> Scene {
+#[must_use]
+pub fn with_law(scene: &Scene, law: Name) -> Scene {
     let mut scene = scene.clone();
     scene.machine.tactile_servo.get_or_insert_default().law = law;
     scene
@@ -193,8 +195,11 @@ fn scenes(
     Ok(out)
 }
 
-/// One run in virtual time.
-pub(crate) fn one(scene: &Scene, seed: u64, traced: bool) -> anyhow::Result<Verdict> {
+/// One run in virtual time; with samples for drawing when `traced`.
+///
+/// # Errors
+/// A scene that cannot be assembled, a task that refuses to start.
+pub fn one(scene: &Scene, seed: u64, traced: bool) -> anyhow::Result<Verdict> {
     let mut machine = assemble::assemble(scene, seed)?;
     let catalog = machine.catalog().clone();
     let mut judge = Judge::new(&catalog, run::targets(scene), &scene.world, traced);

@@ -108,3 +108,31 @@ fn what_is_asked_wrongly_is_answered_with_usage() {
     let version = taktil(folder.path(), &["--version"]).ended(0);
     assert_eq!(version.out, format!("taktil {}\n", env!("CARGO_PKG_VERSION")));
 }
+
+#[test]
+fn experiments_that_do_not_exist_are_refused_and_nothing_is_written() {
+    let folder = Folder::new();
+    let scenes = scenes();
+    let scenes = scenes.to_str().unwrap();
+    for options in [
+        &["chapter6", "--law", "wish"][..],
+        &["chapter6", "--law", ""],
+        &["chapter6", "--seeds", "0"],
+        &["chapter6", "--seeds", "1001"],
+        &["chapter6", "--only", "E10"],
+        &["chapter6", "--threads", "0"],
+        &["chapter6", "--scenes", "nowhere"],
+        &["robust", "--draws", "0"],
+        &["robust", "--law", "wish"],
+        &["robust", "--scene", "nowhere.toml"],
+    ] {
+        let mut arguments = vec!["experiment"];
+        arguments.extend(options);
+        if !options.contains(&"--scenes") && options[0] == "chapter6" {
+            arguments.extend(["--scenes", scenes]);
+        }
+        let said = taktil(folder.path(), &arguments).ended(2);
+        assert!(!said.err.is_empty(), "{options:?}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}

@@ -1,0 +1,54 @@
+//! The laws of touch side by side on the same scenes and seeds, judged by the simulator's truth.
+//! Refuses to compare what was not run under both.
+
+use taktil::experiment::judge::Verdict;
+use taktil::experiment::{Name, one, with_law};
+
+use taktil_tests::bench::Draft;
+
+/// A scene of the repository under a law.
+fn run(scene: &str, law: Name, seed: u64) -> Verdict {
+    let verdict = one(&with_law(&Draft::of(scene).scene(), law), seed, false).unwrap();
+    let figures = &verdict.figures;
+    assert!(figures.faults.is_empty() && figures.contact_lost == 0, "{scene} {law:?} {seed}");
+    verdict
+}
+
+/// Root mean square of the force's error (N).
+fn force(verdict: &Verdict) -> f64 {
+    verdict.force_n.rms().unwrap()
+}
+
+#[test]
+fn on_a_level_table_the_model_holds_the_force_three_times_better_within_a_twentieth() {
+    for seed in [1, 2] {
+        let thesis = run("roll-pin.toml", Name::Thesis, seed);
+        let model = run("roll-pin.toml", Name::Model, seed);
+        let (old, new) = (force(&thesis), force(&model));
+        assert!(new < 0.05 * 14.65 && new < old / 3.0, "seed {seed}: {new} N and {old} N");
+        assert!(model.yaw_deg.rms().unwrap() < 0.7 && model.figures.strokes >= 3);
+    }
+}
+
+#[test]
+fn a_panning_table_is_followed_within_a_degree_where_the_thesis_s_law_falls_behind() {
+    let thesis = run("panning.toml", Name::Thesis, 1);
+    let model = run("panning.toml", Name::Model, 1);
+    let lag = |verdict: &Verdict| verdict.yaw_deg.peak().unwrap();
+    assert!(lag(&thesis) > 5.0, "the weak loop: {} deg", lag(&thesis));
+    assert!(lag(&model) < 1.0, "{} deg", lag(&model));
+}
+
+#[test]
+fn a_tilting_table_is_followed_ten_times_closer() {
+    let thesis = run("turning-x.toml", Name::Thesis, 1);
+    let model = run("turning-x.toml", Name::Model, 1);
+    let tilt = |verdict: &Verdict| verdict.tilt_deg.rms().unwrap();
+    assert!(tilt(&model) < 0.1 * tilt(&thesis), "{} and {}", tilt(&model), tilt(&thesis));
+}
+
+#[test]
+fn projector_and_pid_rolls_too() {
+    let verdict = run("roll-pin.toml", Name::ProjectorPid, 1);
+    assert!(verdict.figures.strokes >= 3, "{} strokes", verdict.figures.strokes);
+}
