@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use taktild::source::Located;
 
+use crate::arm::{self, ArmArgs};
 use crate::bench::{self, Bench};
 use crate::diff;
 use crate::doctor;
@@ -216,6 +217,10 @@ enum Command {
     /// What parts of this program cost, in time and instructions.
     #[command(subcommand)]
     Bench(Bench),
+    /// What an arm from a URDF file is taken for, and how its inverse fares on random poses.
+    ///
+    /// Exit code 1: a closed form missed a pose; 2: the file describes no serial chain.
+    Arm(ArmArgs),
     /// The mathematics as a filter: one JSON request a line on stdin, one JSON answer a line on
     /// stdout.
     Calc {
@@ -279,6 +284,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         Command::Jitter(arguments) => jitter::run(&arguments),
         Command::Experiment(what) => experiment::run(&what),
         Command::Bench(bench) => bench::run(&bench),
+        Command::Arm(arguments) => arm::run(&arguments),
         Command::Calc { list: true } => {
             print!("{}", crate::calc::list());
             Ok(ExitCode::SUCCESS)

@@ -1,6 +1,7 @@
 //! The command line's rooms: running a scene, mathematics as a filter, recordings, pictures of
 //! them. Refuses to decide anything about the robot: that is the tasks' affair.
 
+pub mod arm;
 pub mod bench;
 pub mod calc;
 pub mod cli;

@@ -11,4 +11,5 @@ pub mod service;
 pub mod signals;
 pub mod source;
 pub mod tape;
+pub mod urdf;
 pub mod wiring;

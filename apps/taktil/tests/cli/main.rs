@@ -1,6 +1,7 @@
 //! The program as people start it: exit codes, what it says, what it leaves behind. Refuses to look
 //! inside: everything goes through arguments, pipes, signals and files.
 
+mod arm;
 mod calc;
 mod hang;
 mod interrupt;

@@ -1,0 +1,243 @@
+//! Arms from URDF files: the serial chain from the base to a tip, with the bodies that are fixed to
+//! it. Parsed at load; what runs is a [`Chain`] of fixed size. Refuses trees whose tip is in doubt,
+//! joints that move beside or behind that way, joints of other kinds than revolute, continuous and
+//! prismatic, and mimicking ones; shapes, colours and safety controllers are not read.
+
+use std::path::Path;
+
+use glam::DVec3;
+use taktil_mechanics::Pose;
+use taktil_mechanics::chain::{Chain, JointSpec, Motion};
+use taktil_mechanics::dynamics::Body;
+use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
+use taktil_rtcore::Invalid;
+use urdf_rs::{Joint, JointType, Robot};
+
+use crate::source::{Located, Mark, Source};
+
+/// Time in which a joint gets to its speed where the file gives no acceleration (s).
+const SPEED_UP_S: f64 = 0.2;
+/// No link is heavier (kg).
+const HEAVIEST_KG: f64 = 1e5;
+/// A joint without ends may turn so often either way (rad): more than any run turns it.
+const ENDLESS_RAD: f64 = 1e6;
+
+/// A serial chain as a file describes it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Described {
+    /// Name of the robot.
+    pub name: String,
+    /// Names of the moving joints, base first.
+    pub names: Vec<String>,
+    /// The joints with the bodies that they carry.
+    pub joints: Vec<JointSpec>,
+    /// Name of the tip.
+    pub tip: String,
+    /// Its frame in the frame of the last joint.
+    pub tool: Pose,
+}
+
+impl Described {
+    /// The chain of so many joints.
+    ///
+    /// # Errors
+    /// Another number of joints, or what [`Chain::new`] refuses; the place is the joint's name.
+    pub fn chain<const N: usize>(&self) -> Result<Chain<N>, Invalid> {
+        let Ok(joints) = <&[JointSpec; N]>::try_from(self.joints.as_slice()) else {
+            let what = format!("{} moving joints on the way to `{}`", self.joints.len(), self.tip);
+            return Err(Invalid::new("", what, format!("name an arm of {N} joints")));
+        };
+        Chain::new(joints, &self.tool).map_err(|bad| {
+            let place = self.names.get(bad.joint).map_or(self.tip.as_str(), String::as_str);
+            Invalid::new(place, bad.what, "correct the joint or the link behind it")
+        })
+    }
+}
+
+/// Reads a file; `tip` names the link at the end of the chain, needed where there are several.
+///
+/// # Errors
+/// What the file lacks, at the line of the joint or link where there is one.
+pub fn load(path: &Path, tip: Option<&str>) -> Result<Described, Located> {
+    let source = Source::read(path)?;
+    read(&source.text, tip).map_err(|invalid| locate(&source, invalid))
+}
+
+/// Puts a complaint whose place is a joint or a link at the line that names it.
+#[must_use]
+pub fn locate(source: &Source, invalid: Invalid) -> Located {
+    let Invalid { place, what, remedy } = invalid;
+    let named = format!("name=\"{place}\"");
+    let found = source.text.lines().enumerate().find(|(_, line)| line.contains(&named));
+    let mark = found.filter(|_| !place.is_empty()).map(|(index, line)| {
+        let column = line.split(&named).next().map_or(0, |before| before.chars().count()) + 1;
+        Mark { line: index + 1, column, text: line.to_owned(), width: named.chars().count() }
+    });
+    let what = if place.is_empty() { what } else { format!("`{place}`: {what}") };
+    Located { path: source.path.clone(), mark, what, remedy }
+}
+
+/// The chain that a text describes.
+///
+/// # Errors
+/// The place is the name of the joint or link, empty for the whole.
+pub fn read(text: &str, tip: Option<&str>) -> Result<Described, Invalid> {
+    let robot = urdf_rs::read_from_string(text).map_err(|error| {
+        Invalid::new("", format!("is no URDF: {error}"), "name a robot description in XML")
+    })?;
+    let tip = tip_of(&robot, tip)?;
+    let way = way_to(&robot, &tip)?;
+    let (mut names, mut joints) = (Vec::new(), Vec::<JointSpec>::new());
+    let mut mount = Pose::IDENTITY;
+    for joint in &way {
+        mount = mount.compose(&pose(&joint.origin));
+        if joint.joint_type == JointType::Fixed {
+            continue;
+        }
+        names.push(joint.name.clone());
+        joints.push(spec(joint, &mount)?);
+        mount = Pose::IDENTITY;
+    }
+    for link in &robot.links {
+        let (carrier, at) = carrier(&robot, &link.name)?;
+        let Some(carrier) = carrier else { continue };
+        let Some(index) = names.iter().position(|name| *name == carrier) else {
+            let what = format!("moves beside or behind the way to `{tip}`");
+            return Err(Invalid::new(carrier, what, "make it fixed, or name another tip"));
+        };
+        let body = body(link).seen_from(&at);
+        if !(0.0..=HEAVIEST_KG).contains(&body.mass_kg) {
+            let what = format!("a mass of {} kg", body.mass_kg);
+            return Err(Invalid::new(&link.name, what, "give 0 to 100 t"));
+        }
+        if body.mass_kg > 0.0 {
+            joints[index].body = body.weld(&joints[index].body);
+        }
+    }
+    if joints.is_empty() {
+        let what = format!("no moving joint on the way to `{tip}`");
+        return Err(Invalid::new("", what, "name another tip"));
+    }
+    Ok(Described { name: robot.name.clone(), names, joints, tip, tool: mount })
+}
+
+/// The link at the end.
+fn tip_of(robot: &Robot, tip: Option<&str>) -> Result<String, Invalid> {
+    let ends: Vec<&str> = robot
+        .links
+        .iter()
+        .map(|link| link.name.as_str())
+        .filter(|name| robot.joints.iter().all(|joint| joint.parent.link != *name))
+        .collect();
+    match (tip, ends.as_slice()) {
+        (Some(tip), _) if robot.links.iter().any(|link| link.name == tip) => Ok(tip.to_owned()),
+        (Some(tip), _) => {
+            let remedy = format!("ends of this file are: {}", ends.join(", "));
+            Err(Invalid::new("", format!("there is no link `{tip}`"), remedy))
+        }
+        (None, [end]) => Ok((*end).to_owned()),
+        (None, _) => {
+            let what = format!("{} links end this tree", ends.len());
+            Err(Invalid::new("", what, format!("name one as the tip: {}", ends.join(", "))))
+        }
+    }
+}
+
+/// The joint that holds a link; `None` for the base.
+fn holder<'a>(robot: &'a Robot, link: &str) -> Result<Option<&'a Joint>, Invalid> {
+    let mut holders = robot.joints.iter().filter(|joint| joint.child.link == link);
+    let first = holders.next();
+    if holders.next().is_some() {
+        return Err(Invalid::new(link, "two joints hold this link", "a chain has no loops"));
+    }
+    Ok(first)
+}
+
+/// The joints from the base to a link.
+fn way_to<'a>(robot: &'a Robot, tip: &str) -> Result<Vec<&'a Joint>, Invalid> {
+    let mut way = Vec::new();
+    let mut at = tip;
+    while let Some(joint) = holder(robot, at)? {
+        if way.len() == robot.joints.len() {
+            return Err(Invalid::new(tip, "its joints form a loop", "a chain begins at a base"));
+        }
+        way.push(joint);
+        at = joint.parent.link.as_str();
+    }
+    way.reverse();
+    Ok(way)
+}
+
+/// The moving joint that carries a link, and the link's frame in that joint's; none where the link
+/// is fixed to the base.
+fn carrier(robot: &Robot, link: &str) -> Result<(Option<String>, Pose), Invalid> {
+    let (mut at, mut seen) = (link, Pose::IDENTITY);
+    for _ in 0..=robot.joints.len() {
+        match holder(robot, at)? {
+            None => return Ok((None, seen)),
+            Some(joint) if joint.joint_type == JointType::Fixed => {
+                seen = pose(&joint.origin).compose(&seen);
+                at = joint.parent.link.as_str();
+            }
+            Some(joint) => return Ok((Some(joint.name.clone()), seen)),
+        }
+    }
+    Err(Invalid::new(link, "its joints form a loop", "a chain begins at a base"))
+}
+
+fn pose(origin: &urdf_rs::Pose) -> Pose {
+    let [roll, pitch, yaw] = origin.rpy.0;
+    let rotation = rotation_z(yaw) * rotation_y(pitch) * rotation_x(roll);
+    Pose::new(rotation, DVec3::from_array(origin.xyz.0))
+}
+
+fn body(link: &urdf_rs::Link) -> Body {
+    let (inertial, i) = (&link.inertial, &link.inertial.inertia);
+    let own = Body {
+        mass_kg: inertial.mass.value,
+        com_m: DVec3::ZERO,
+        inertia_kg_m2: glam::DMat3::from_cols(
+            DVec3::new(i.ixx, i.ixy, i.ixz),
+            DVec3::new(i.ixy, i.iyy, i.iyz),
+            DVec3::new(i.ixz, i.iyz, i.izz),
+        ),
+    };
+    own.seen_from(&pose(&inertial.origin))
+}
+
+fn spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
+    let refuse = |what: &str, remedy: &str| Err(Invalid::new(&joint.name, what, remedy));
+    let motion = match joint.joint_type {
+        JointType::Revolute | JointType::Continuous => Motion::Turn,
+        JointType::Prismatic => Motion::Slide,
+        _ => {
+            return refuse(
+                "is neither revolute, continuous, prismatic nor fixed",
+                "describe it by joints of these kinds",
+            );
+        }
+    };
+    if joint.mimic.is_some() {
+        return refuse("mimics another joint", "an arm's joints move by themselves");
+    }
+    let limit = &joint.limit;
+    if !(limit.velocity > 0.0 && limit.effort > 0.0) {
+        return refuse(
+            "has no limit of speed or effort",
+            "give <limit lower upper effort velocity>, effort and velocity above 0",
+        );
+    }
+    let endless = joint.joint_type == JointType::Continuous;
+    let given = limit.acceleration > 0.0 && limit.acceleration.is_finite();
+    Ok(JointSpec {
+        mount: *mount,
+        axis: DVec3::from_array(joint.axis.xyz.0),
+        motion,
+        q_min: if endless { -ENDLESS_RAD } else { limit.lower },
+        q_max: if endless { ENDLESS_RAD } else { limit.upper },
+        speed_max: limit.velocity,
+        acceleration_max: if given { limit.acceleration } else { limit.velocity / SPEED_UP_S },
+        effort_max: limit.effort,
+        ..JointSpec::default()
+    })
+}

@@ -1,0 +1,151 @@
+//! Arms from URDF files: the PUMA's is the built-in PUMA, two others move, and what is no chain is
+//! refused at its line.
+
+use std::path::PathBuf;
+
+use taktil_mechanics::Joints;
+use taktil_mechanics::chain::{Chain, Effort, Vector};
+use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::paul::JointPath;
+use taktil_mechanics::puma260::Puma260;
+use taktild::source::Source;
+use taktild::urdf::{load, locate, read};
+
+fn file(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../sim/arms").join(name)
+}
+
+fn draws(seed: u64) -> impl FnMut(f64, f64) -> f64 {
+    let mut state = seed;
+    move |low, high| {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        #[expect(clippy::cast_precision_loss, reason = "53 bits fit")]
+        let unit = (state >> 11) as f64 / 9_007_199_254_740_992.0;
+        low + (high - low) * unit
+    }
+}
+
+fn inside<const N: usize>(arm: &Chain<N>, draw: &mut impl FnMut(f64, f64) -> f64) -> Vector<N> {
+    let limits = arm.limits();
+    Vector::from_fn(|i, _| draw(limits.q_min[i].max(-7.0), limits.q_max[i].min(7.0)))
+}
+
+#[test]
+fn the_puma_s_file_is_the_built_in_puma() {
+    let chain: Chain<6> = load(&file("puma260.urdf"), None).unwrap().chain().unwrap();
+    let (arm, dynamics) = (Puma260::reference(), Dynamics::reference());
+    let wrist = chain.spherical_wrist().expect("solved in closed form");
+    assert!((chain.limits().q_min - arm.q_min_rad).amax() < 1e-11);
+    assert!((chain.limits().speed_max - arm.speed_max_rad_s).amax() < 1e-11);
+    assert!((chain.limits().acceleration_max - arm.acceleration_max_rad_s2).amax() < 1e-10);
+    let mut draw = draws(1);
+    for _ in 0..200 {
+        let q = inside(&chain, &mut draw);
+        let (got, want) = (chain.tool_pose(&q), arm.tool_pose(&q));
+        assert!((got.translation - want.translation).length() < 1e-15);
+        assert!(got.rotation.abs_diff_eq(want.rotation, 2e-15));
+        let (qd, qdd) = (Joints::from_fn(|_, _| draw(-2.0, 2.0)), Joints::repeat(3.0));
+        let off = chain.inverse_dynamics(&q, &qd, &qdd) - dynamics.inverse(&q, &qd, &qdd);
+        assert!(off.amax() < 1e-13, "{off}");
+        let own = arm.inverse(&arm.tool_to_wrist(&want), Some(&q));
+        for (a, b) in own.iter().zip(&wrist.inverse(&want, Some(&q))) {
+            let d = arm.singular_distance(&q).smallest();
+            let apart = (a.q - b.q).map(taktil_mechanics::spatial::wrap_angle).amax();
+            assert!(apart < 1e-14 / (d * d), "{apart:e}");
+        }
+    }
+}
+
+/// A joint move, then straight lines through damped steps tick by tick, as a trajectory asks for
+/// them: on the path to rounding, within speeds, the same bits again.
+fn moves<const N: usize>(arm: &Chain<N>, home: &Vector<N>) {
+    let limits = arm.limits();
+    assert!(arm.within_limits(home) && arm.singular_values(home)[5] > 0.1);
+    let start = arm.tool_pose(home);
+    let run = || {
+        let mut q = *home;
+        let mut fastest: f64 = 0.0;
+        // 120 mm along the tool's x, out and back in 2 s at 400 Hz, by a smooth share of the way.
+        for tick in 1..=800_u32 {
+            let x = f64::from(tick) / 800.0;
+            let share = 4.0 * x * (1.0 - x);
+            let mut goal = start;
+            goal.translation += 0.12 * share * start.rotation.x_axis;
+            let found = arm.search(&goal, &q, &Effort::TICK).unwrap();
+            assert!(found.off_m <= 1e-10 && found.off_rad <= 1e-10 && found.steps <= 6);
+            let speed = ((found.q - q) / 0.0025).component_div(&limits.speed_max).amax();
+            fastest = fastest.max(speed);
+            q = found.q;
+        }
+        (q, fastest)
+    };
+    let (end, fastest) = run();
+    assert!(fastest < 1.0, "at {fastest} of its speed");
+    let off = arm.tool_pose(&end);
+    assert!((off.translation - start.translation).length() < 1e-9);
+    assert_eq!(run(), (end, fastest));
+}
+
+#[test]
+fn two_other_arms_follow_a_line() {
+    let six = load(&file("ur5e-like.urdf"), None).unwrap();
+    assert_eq!((six.name.as_str(), six.tip.as_str(), six.names.len()), ("ur5e_like", "tool", 6));
+    let arm: Chain<6> = six.chain().unwrap();
+    assert!(arm.spherical_wrist().is_none());
+    let home = Vector::<6>::new(0.2, -1.3, 1.6, -1.9, -1.5, 0.4);
+    moves(&arm, &home);
+    // Paul's joint motion takes the six joints as they are.
+    let goal = home + Vector::<6>::new(0.5, 0.2, -0.3, 0.4, 0.1, -0.6);
+    let path = JointPath::new(&[home, goal], &[1.0], 0.1).unwrap();
+    assert!(path.peak_speed().component_div(&arm.limits().speed_max).amax() < 1.0);
+    let torque = arm.inverse_dynamics(&home, &Vector::zeros(), &Vector::zeros());
+    assert!(torque.component_div(&arm.limits().effort_max).amax() < 1.0, "{torque}");
+
+    let seven: Chain<7> = load(&file("seven-joints.urdf"), None).unwrap().chain().unwrap();
+    moves(&seven, &Vector::from([0.1, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5]));
+    let cut = load(&file("seven-joints.urdf"), Some("link6")).unwrap_err();
+    assert!(cut.to_string().contains("`joint7`: moves beside or behind"), "{cut}");
+}
+
+/// A small description with something changed; its complaint.
+fn refused(change: &[(&str, &str)]) -> String {
+    let mut text = std::fs::read_to_string(file("puma260.urdf")).unwrap();
+    for (from, to) in change {
+        assert!(text.contains(from), "{from}");
+        text = text.replacen(from, to, 1);
+    }
+    let source = Source { path: PathBuf::from("arm.urdf"), text };
+    let got = read(&source.text, None).and_then(|described| described.chain::<6>());
+    locate(&source, got.unwrap_err()).to_string()
+}
+
+#[test]
+fn what_is_no_chain_is_refused_at_its_line() {
+    let second = "<joint name=\"joint2\" type=\"revolute\">";
+    let text = refused(&[(second, "<joint name=\"joint2\" type=\"floating\">")]);
+    assert!(text.contains("arm.urdf:20:10") && text.contains("neither revolute"), "{text}");
+    let text = refused(&[("velocity=\"2.181661564993\"", "velocity=\"0\"")]);
+    assert!(text.contains("`joint2`") && text.contains("speed or effort"), "{text}");
+    let text = refused(&[("velocity=\"2.181661564993\"", "velocity=\"NaN\"")]);
+    assert!(text.contains("`joint2`"), "{text}");
+    let text = refused(&[("<mass value=\"3.853\"/>", "<mass value=\"NaN\"/>")]);
+    assert!(text.contains("`link2`: a mass of NaN kg"), "{text}");
+    let text = refused(&[("lower=\"-1.326450231516\"", "lower=\"5\"")]);
+    assert!(text.contains("below the upper"), "{text}");
+    let text = refused(&[("<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 0\"/>")]);
+    assert!(text.contains("`joint1`") && text.contains("direction"), "{text}");
+    let text = refused(&[(second, "<joint name=\"joint2\" type=\"fixed\">")]);
+    assert!(text.contains("5 moving joints"), "{text}");
+    let text = refused(&[("<child link=\"link2\"/>", "<child link=\"link1\"/>")]);
+    assert!(text.contains("end this tree") || text.contains("two joints"), "{text}");
+    let text = refused(&[("<parent link=\"base\"/>", "<parent link=\"tool\"/>")]);
+    assert!(text.contains("`joint1`: moves beside or behind"), "{text}");
+    for text in ["", "<robot", "<robot name=\"x\"/>", "{\"a\": 1}", "<robot name=\"x\"><link/>"] {
+        assert!(read(text, None).is_err(), "{text}");
+    }
+    let missing = load(&file("no-such.urdf"), None).unwrap_err().to_string();
+    assert!(missing.contains("there is no file"), "{missing}");
+    let lost = load(&file("puma260.urdf"), Some("hand")).unwrap_err().to_string();
+    assert!(lost.contains("no link `hand`") && lost.contains("tool"), "{lost}");
+}
