@@ -3,7 +3,7 @@
 //! stiffness the integration step cannot follow.
 
 use glam::{DMat3, DVec3};
-use taktil_hal::{CHANNELS, Devices, LinesOut, Nanos};
+use taktil_hal::{AXES, AdcCode, CHANNELS, Counts, Devices, LinesOut, Nanos};
 use taktil_mechanics::contact::space::Level;
 use taktil_mechanics::dynamics::GRAVITY_M_S2;
 use taktil_mechanics::spatial::rotation_z;
@@ -13,12 +13,12 @@ use crate::arm::Arm;
 use crate::carriage::{Carriage, Riding};
 use crate::contact::{PAD_HALF_M, Patch, Reaction, Surface, strips_of_pin};
 use crate::devices::connect;
-use crate::electronics::Converter;
+use crate::electronics::{Array, Wrist};
+use crate::faults::Faults;
 use crate::fidelity::{ContactModel, Integrator};
 use crate::finger::Finger;
 use crate::hand::Hand;
 use crate::pin::Pin;
-use crate::prng::{Prng, Stream};
 use crate::rolling::Rolling;
 use crate::rubber::Rubber;
 use crate::scene::{Invalid, PinConfig, Timing, WorldConfig, invalid};
@@ -87,9 +87,16 @@ fn assemble(
     } else {
         None
     };
-    let converter = Converter::new(&config.tactile);
-    let (ends, devices) =
-        connect(timing.actuation_delay, Drive::reference().code_range(), converter.full_scale());
+    let array = match config.tactile.present {
+        true => Some(Box::new(Array::new(&config.tactile, timing, seed)?)),
+        false => None,
+    };
+    let row = Nanos((1e3 * config.tactile.row_us).round() as i64);
+    let (ends, devices) = connect(
+        timing.actuation_delay,
+        Drive::reference().code_range(),
+        (config.tactile.full_counts(), row),
+    );
     let bench = Bench {
         method: method(config, &finger)?,
         finger,
@@ -104,12 +111,14 @@ fn assemble(
         timing: *timing,
         power_on: Nanos((1e9 * config.arm.power_on_s).round() as i64),
         bench,
-        converter,
-        noise: Prng::new(seed, Stream::TactileNoise),
+        array,
+        wrist: config.wrist.present.then(|| Wrist::new(&config.wrist, seed)),
+        faults: Faults::new(&config.fault, seed),
         ends,
         next_control: Nanos::ZERO,
-        next_scan: Nanos::ZERO,
         sequence: 0,
+        counts: [Counts(0); CHANNELS],
+        gauges: [AdcCode(0); AXES],
         codes: [0; CHANNELS],
         orders: LinesOut::SAFE,
         last_word: Nanos::ZERO,

@@ -5,7 +5,7 @@
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{
     AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
-    Encoders, Error, ForceTorque, Kind, LinesIn, LinesOut, MAX_ROWS, MAX_TACTELS, Nanos, Reading,
+    Encoders, Error, ForceTorque, Kind, LinesIn, LinesOut, MAX_TACTELS, Nanos, Reading,
     TactileArray, TactileFrame,
 };
 
@@ -38,11 +38,12 @@ pub(crate) struct WorldEnds {
     pub(crate) orders: Receiver<LinesOut>,
 }
 
-/// Makes all links. `codes` is the D/A's range, `full_scale` the tactile array's.
+/// Makes all links. `codes` is the D/A's range; of the tactile array the largest reading and the
+/// time from row to row are told.
 pub(crate) fn connect(
     delay: Nanos,
     codes: (i32, i32),
-    full_scale: u16,
+    (full_scale, row): (u16, Nanos),
 ) -> (WorldEnds, taktil_hal::Devices) {
     let (counts_tx, counts_rx) = link(CAPACITY);
     let (currents_tx, currents_rx) = link(CAPACITY);
@@ -64,7 +65,7 @@ pub(crate) fn connect(
         encoders: Box::new(SimEncoders(Newest::new(counts_rx, "sim.encoders"))),
         analog_out: Box::new(SimAnalogOut { order: Order::new(codes_tx, delay), range: codes }),
         analog_in: Box::new(SimAnalogIn(Newest::new(currents_rx, "sim.analog_in"))),
-        tactile: Box::new(SimTactile { scans: scans_rx, full_scale }),
+        tactile: Box::new(SimTactile { scans: scans_rx, full_scale, row }),
         force_torque: Box::new(SimForceTorque(Newest::new(gauges_rx, "sim.force_torque"))),
         digital_in: Box::new(SimDigitalIn(Newest::new(lines_rx, "sim.digital_in"))),
         digital_out: Box::new(SimDigitalOut {
@@ -172,6 +173,8 @@ impl DigitalIn for SimDigitalIn {
 struct SimTactile {
     scans: Receiver<Scan>,
     full_scale: u16,
+    /// Time from one row's reading to the next one's.
+    row: Nanos,
 }
 
 impl TactileArray for SimTactile {
@@ -197,7 +200,10 @@ impl TactileArray for SimTactile {
         frame.acquired = scan.stamp;
         frame.values = scan.value.values;
         frame.valid = [true; MAX_TACTELS];
-        frame.row_acquired = [scan.stamp; MAX_ROWS];
+        for (row, acquired) in frame.row_acquired.iter_mut().enumerate() {
+            let rest = (SLICES - 1).saturating_sub(row) as i64;
+            *acquired = (scan.stamp - self.row * rest).max(Nanos::ZERO);
+        }
         Ok(Arrival::New)
     }
 }

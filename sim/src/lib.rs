@@ -16,9 +16,8 @@
 //!
 //! A scene pays for what it names ([`fidelity`]): an arm with or without friction, rows of tactels
 //! on their own or leaning on each other, an explicit or an implicit integrator. What is left out:
-//! joint compliance, finite strain, free edges of the pad, viscoelastic memory, rows read one after
-//! the other within a scan, contact of the finger with the table itself, edges of the table,
-//! inertial loads on the gauges.
+//! joint compliance, finite strain, free edges of the pad, viscoelastic memory of the rubber,
+//! contact of the finger with the table itself, edges of the table, inertial loads on the gauges.
 
 mod arm;
 mod bench;
@@ -26,6 +25,7 @@ mod carriage;
 mod contact;
 mod devices;
 mod electronics;
+mod faults;
 pub mod fidelity;
 mod finger;
 mod hand;
@@ -46,7 +46,7 @@ pub use bench::{RATED_LOAD_N, build, build_with_carriage};
 pub use carriage::{Carriage, Float};
 pub use contact::{PAD_HALF_M, PITCH_M, SLICES, Surface};
 pub use devices::{ADC_MAX, LONGEST_SILENCE};
-pub use electronics::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM};
+pub use electronics::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, tactel_gains};
 pub use scene::{Invalid, Timing, WorldConfig};
 pub use step::Work;
 pub use table::TablePose;

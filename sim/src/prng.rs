@@ -13,6 +13,12 @@ use crate::hash::Hash;
 pub(crate) enum Stream {
     /// Noise of the tactile array.
     TactileNoise = 1,
+    /// Gains of the tactels, drawn once.
+    TactelGains = 2,
+    /// Noise of the wrist's gauges.
+    WristNoise = 3,
+    /// Which frames are lost.
+    LostFrames = 4,
 }
 
 /// One subsystem's stream.

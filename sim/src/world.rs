@@ -8,18 +8,18 @@
 //! is divided among the calls, in the last bits only, and repeats exactly when they repeat.
 
 use glam::DVec3;
-use taktil_hal::{CHANNELS, Counts, LinesIn, LinesOut, Nanos};
+use taktil_hal::{AXES, AdcCode, CHANNELS, Counts, LinesIn, LinesOut, Nanos};
 use taktil_mechanics::spatial::{split, stack};
 use taktil_mechanics::{Joints, dynamics::GRAVITY_M_S2};
 
 use crate::contact::{Patch, Reaction};
 use crate::devices::{LONGEST_SILENCE, Scan, WorldEnds};
-use crate::electronics::{Converter, currents, gauges};
+use crate::electronics::{Array, Wrist, currents};
+use crate::faults::Faults;
 use crate::finger::Finger;
 use crate::hash::Hash;
 use crate::pin::Pin;
-use crate::prng::Prng;
-use crate::scene::Timing;
+use crate::scene::{FaultKind, Timing};
 use crate::step::{Bench, Work};
 use crate::truth::{Truth, contact_x_tactels, creepage, yaw_and_tilt};
 
@@ -30,12 +30,15 @@ pub struct World {
     pub(crate) timing: Timing,
     pub(crate) power_on: Nanos,
     pub(crate) bench: Bench,
-    pub(crate) converter: Converter,
-    pub(crate) noise: Prng,
+    pub(crate) array: Option<Box<Array>>,
+    pub(crate) wrist: Option<Wrist>,
+    pub(crate) faults: Faults,
     pub(crate) ends: WorldEnds,
     pub(crate) next_control: Nanos,
-    pub(crate) next_scan: Nanos,
     pub(crate) sequence: u32,
+    /// What encoders and gauges read last.
+    pub(crate) counts: [Counts; CHANNELS],
+    pub(crate) gauges: [AdcCode; AXES],
     pub(crate) codes: [i32; CHANNELS],
     pub(crate) orders: LinesOut,
     pub(crate) last_word: Nanos,
@@ -125,14 +128,21 @@ impl World {
     }
 
     fn powered(&self) -> bool {
-        self.t >= self.power_on
+        let failed = self.faults.hold(FaultKind::PowerLoss, self.t) || self.stopped();
+        self.t >= self.power_on && !failed
+    }
+
+    /// Whether somebody presses the emergency stop, which also cuts the supply.
+    fn stopped(&self) -> bool {
+        self.faults.hold(FaultKind::EmergencyStop, self.t)
     }
 
     /// The next instant at which something other than motion happens, after now.
     fn next_event(&self) -> Nanos {
         let events = [
             Some(self.next_control),
-            Some(self.next_scan),
+            self.array.as_ref().map(|array| array.next()),
+            self.faults.next(self.t),
             Some(self.power_on),
             Some(self.last_word + LONGEST_SILENCE),
             Some(self.last_feed + LONGEST_SILENCE),
@@ -145,7 +155,8 @@ impl World {
 
     /// Samples whatever is due now.
     pub(crate) fn latch(&mut self) {
-        let (control, scan) = (self.t >= self.next_control, self.t >= self.next_scan);
+        let control = self.t >= self.next_control;
+        let scan = self.array.as_ref().is_some_and(|array| self.t >= array.next());
         if !control && !scan {
             return;
         }
@@ -156,36 +167,47 @@ impl World {
         }
         if scan {
             self.latch_scan();
-            self.next_scan += self.timing.scan_period;
         }
     }
 
     fn latch_control(&mut self) {
-        let mut counts = [Counts(0); CHANNELS];
-        let mut flowing = [0; CHANNELS];
+        let (t, mut flowing) = (self.t, [0; CHANNELS]);
         if let Finger::Arm(arm) = &self.bench.finger {
-            for (slot, count) in counts.iter_mut().zip(arm.counts()) {
-                *slot = Counts(count);
+            for (joint, count) in arm.counts().into_iter().enumerate() {
+                if !self.faults.dead_encoder(joint, t) {
+                    self.counts[joint] = Counts(count);
+                }
             }
             flowing = arm.current_codes();
         }
+        let closed = !self.stopped();
         let lines =
-            LinesIn { drive_power: self.powered(), estop_a_closed: true, estop_b_closed: true };
-        let t = self.t;
+            LinesIn { drive_power: self.powered(), estop_a_closed: closed, estop_b_closed: closed };
+        let wrench = if self.wrist.is_some() { self.tool_wrench() } else { Joints::zeros() };
         // A full link counts what it drops; see `dropped`.
-        let _ = self.ends.counts.send(counts, t, t);
+        let _ = self.ends.counts.send(self.counts, t, t);
         let _ = self.ends.currents.send(currents(&flowing), t, t);
-        let _ = self.ends.gauges.send(gauges(&self.tool_wrench()), t, t);
         let _ = self.ends.lines.send(lines, t, t);
+        if let Some(wrist) = &mut self.wrist {
+            let read = wrist.read(&wrench);
+            if !self.faults.hold(FaultKind::FrozenWrist, t) {
+                self.gauges = read;
+            }
+            let _ = self.ends.gauges.send(self.gauges, t, t);
+        }
     }
 
+    /// Reads the rows of tactels that are due; a scan that is whole goes out, unless it is lost.
     fn latch_scan(&mut self) {
+        let Some(array) = &mut self.array else { return };
         let forces = self.bench.image(self.t.as_secs_f64());
+        let Some(values) = array.read(self.t, &forces) else { return };
         self.bench.work.scans += 1;
-        let values = self.converter.scan(&forces, &mut self.noise);
         let scan = Scan { sequence: self.sequence, values };
         self.sequence = self.sequence.wrapping_add(1);
-        let _ = self.ends.scans.send(scan, self.t, self.t);
+        if !self.faults.lose_frame(self.t) {
+            let _ = self.ends.scans.send(scan, self.t, self.t);
+        }
     }
 
     /// Wrench on the tool about the tool point in tool axes.
@@ -271,7 +293,13 @@ impl World {
         hash.word(self.last_word.0.cast_unsigned());
         hash.word(self.last_feed.0.cast_unsigned());
         hash.word(u64::from(self.sequence));
-        self.noise.digest(&mut hash);
+        if let Some(array) = &self.array {
+            array.digest(&mut hash);
+        }
+        if let Some(wrist) = &self.wrist {
+            wrist.digest(&mut hash);
+        }
+        self.faults.digest(&mut hash);
         hash.value()
     }
 }

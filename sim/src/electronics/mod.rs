@@ -1,19 +1,22 @@
-//! From forces to counts: the tactile array's image, the gauges' codes, the echo of the motor
-//! currents. First version: linear tactels, white noise, ideal gauges. Refuses to clip at zero: the
-//! rest level lies five standard deviations above it.
+//! From forces to counts: the tactile array's image, the wrist's gauges, the echo of the motor
+//! currents. Each effect is in a file of its own and costs nothing unless a scene names it. Refuses
+//! to know where the forces come from.
 
-use taktil_hal::{AXES, AdcCode, CHANNELS, MAX_TACTELS};
-use taktil_mechanics::Joints;
+mod array;
+mod network;
+mod response;
+mod wrist;
+
+pub(crate) use array::Array;
+pub use response::tactel_gains;
+pub(crate) use wrist::Wrist;
+pub use wrist::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM};
+
+use taktil_hal::{AdcCode, CHANNELS, MAX_TACTELS};
 
 use crate::contact::{PITCH_M, Patch, SLICES, tactel_middle_m};
 use crate::devices::ADC_MAX;
-use crate::prng::Prng;
-use crate::scene::TactileConfig;
 
-/// Gauge codes per newton.
-pub const GAUGE_CODES_PER_N: f64 = 20.0;
-/// Gauge codes per newton metre.
-pub const GAUGE_CODES_PER_NM: f64 = 1000.0;
 /// Base loads below this part of a row's load are not looked for (the field dies exponentially).
 const REACH_M: f64 = 12e-3;
 
@@ -69,87 +72,12 @@ pub(crate) fn add_drag(forces: &mut [f64; MAX_TACTELS], pad: &Patch, across: f64
     }
 }
 
-/// The converter behind the tactels.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Converter {
-    counts_per_n: f64,
-    rest: f64,
-    noise: f64,
-    full_scale: u16,
-}
-
-impl Converter {
-    pub(crate) fn new(config: &TactileConfig) -> Converter {
-        let full_scale = u16::try_from((1_u32 << config.bits) - 1).unwrap_or(u16::MAX);
-        Converter {
-            counts_per_n: f64::from(full_scale) / config.full_scale_n,
-            rest: config.rest_counts,
-            noise: config.noise_counts,
-            full_scale,
-        }
-    }
-
-    pub(crate) fn full_scale(&self) -> u16 {
-        self.full_scale
-    }
-
-    /// One scan: every tactel draws its noise, loaded or not, so that the stream keeps step.
-    pub(crate) fn scan(&self, forces: &[f64; MAX_TACTELS], prng: &mut Prng) -> [u16; MAX_TACTELS] {
-        let mut values = [0; MAX_TACTELS];
-        for (value, force) in values.iter_mut().zip(forces) {
-            let noise = if self.noise > 0.0 { self.noise * prng.normal() } else { 0.0 };
-            let counts = (self.rest + self.counts_per_n * force + noise).round();
-            *value = counts.clamp(0.0, f64::from(self.full_scale)) as u16;
-        }
-        values
-    }
-}
-
-/// Gauge codes of a wrench on the tool in tool axes (N, N m).
-pub(crate) fn gauges(wrench: &Joints) -> [AdcCode; AXES] {
-    core::array::from_fn(|i| {
-        let scale = if i < 3 { GAUGE_CODES_PER_N } else { GAUGE_CODES_PER_NM };
-        AdcCode(saturate(scale * wrench[i]))
-    })
-}
-
 /// What the A/D reads of the motor currents.
 pub(crate) fn currents(codes: &[i32; CHANNELS]) -> [AdcCode; CHANNELS] {
     codes.map(|code| AdcCode(code.clamp(-ADC_MAX - 1, ADC_MAX)))
 }
 
-fn saturate(x: f64) -> i32 {
+pub(crate) fn saturate(x: f64) -> i32 {
     let max = f64::from(ADC_MAX);
     x.round().clamp(-max - 1.0, max) as i32
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::prng::Stream;
-
-    #[test]
-    fn an_unloaded_array_reads_its_rest_level() {
-        let config = TactileConfig { noise_counts: 0.0, ..TactileConfig::default() };
-        let mut prng = Prng::new(1, Stream::TactileNoise);
-        let scan = Converter::new(&config).scan(&[0.0; MAX_TACTELS], &mut prng);
-        assert!(scan.iter().all(|v| *v == 300));
-    }
-
-    #[test]
-    fn counts_follow_the_scale_and_saturate() {
-        let config = TactileConfig { noise_counts: 0.0, ..TactileConfig::default() };
-        let mut forces = [0.0; MAX_TACTELS];
-        (forces[0], forces[1], forces[2]) = (2.0, 1e9, -1e9);
-        let mut prng = Prng::new(1, Stream::TactileNoise);
-        let scan = Converter::new(&config).scan(&forces, &mut prng);
-        assert_eq!((scan[0], scan[1], scan[2]), (300 + 2048, 4095, 0));
-    }
-
-    #[test]
-    fn gauges_saturate_and_survive_nonsense() {
-        let wrench = Joints::new(1.0, -1.0, 1e9, 0.5, f64::NAN, -1e9);
-        let codes = gauges(&wrench).map(|c| c.0);
-        assert_eq!(codes, [20, -20, 2047, 500, 0, -2048]);
-    }
 }

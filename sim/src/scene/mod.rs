@@ -7,15 +7,19 @@ use core::fmt;
 use taktil_hal::Nanos;
 
 mod arm;
+mod fault;
 mod rolling;
 pub mod section;
 mod table;
 mod tactile;
+mod wrist;
 
 pub use arm::ArmConfig;
+pub use fault::{FAULTS_MAX, Fault, FaultKind};
 pub use rolling::{FingerConfig, PinConfig, RubberConfig};
 pub use table::{Axis, Kind, MOTIONS_MAX, Motion, POINTS_MAX, STEP_S, TableConfig};
-pub use tactile::TactileConfig;
+pub use tactile::{Defect, DefectKind, Electronics, TactileConfig};
+pub use wrist::WristConfig;
 
 use crate::fidelity::FidelityConfig;
 use section::{Agree, Key, Value, section};
@@ -95,6 +99,10 @@ section! {
         table: TableConfig,
         /// The tactile array's electronics.
         tactile: TactileConfig,
+        /// The force/torque sensor behind the finger.
+        wrist: WristConfig,
+        /// What goes wrong, and when. Default nothing; at most 32.
+        fault: Vec<Fault>,
         /// How faithful each part is.
         fidelity: FidelityConfig,
         /// Longest integration step (us); each interval between two events is divided evenly into
@@ -106,7 +114,15 @@ section! {
     }
 }
 
-impl Agree for WorldConfig {}
+impl Agree for WorldConfig {
+    fn agree(&self, _place: &str) -> Result<(), Invalid> {
+        if self.fault.len() > FAULTS_MAX {
+            let what = format!("has {} faults", self.fault.len());
+            return Err(invalid("fault", what, &format!("give at most {FAULTS_MAX}")));
+        }
+        Ok(())
+    }
+}
 
 impl Default for WorldConfig {
     fn default() -> WorldConfig {
@@ -116,6 +132,8 @@ impl Default for WorldConfig {
             pin: PinConfig::default(),
             table: TableConfig::default(),
             tactile: TactileConfig::default(),
+            wrist: WristConfig::default(),
+            fault: Vec::new(),
             fidelity: FidelityConfig::default(),
             substep_us: 1250.0,
             arm_every: 4,

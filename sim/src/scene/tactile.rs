@@ -1,23 +1,120 @@
 //! `[tactile]`: the array under the fingertip's rubber and the electronics behind it. Refuses rest
-//! levels at which noise would be clipped.
+//! levels at which noise would be clipped, and tactels that there are not.
 
-use super::section::{Agree, inside, section};
+use serde::Deserialize;
+
+use super::section::{Agree, inside, names, section};
 use super::{Invalid, invalid};
+use crate::contact::SLICES;
+
+/// How much of the electronics is simulated; each with all of the ones before it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Electronics {
+    /// Counts in proportion to the force on each tactel.
+    #[default]
+    Ideal,
+    /// Gains that differ from tactel to tactel, a threshold and a power law.
+    Response,
+    /// Hysteresis and creep.
+    Memory,
+    /// Crosstalk through the network of rows and columns.
+    Network,
+}
+
+/// What is wrong with a tactel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DefectKind {
+    /// Reads the rest level, whatever presses.
+    Dead,
+    /// Reads `counts`, whatever presses.
+    Stuck,
+    /// Reads `counts` in every second half of `period_s`.
+    Blinking,
+}
+
+names!(Electronics, DefectKind);
 
 section! {
     /// `[tactile]`
-    #[derive(Copy)]
     #[serde(default)]
     pub struct TactileConfig {
-        /// Converter width, 8 to 16. Default 12.
+        /// Whether there is an array; without one no image is made and no noise drawn. Default
+        /// true.
+        present: bool,
+        /// Converter width: 8 to 16. Default 12.
         bits: u32 [8.0, 16.0],
         /// Standard deviation of the noise on each tactel (counts). Default 50: it reproduces the
         /// thesis's +-5 deg on the pin's direction.
         noise_counts: f64 [0.0, 13107.0],
         /// Reading without load (counts), at least five standard deviations. Default 300.
         rest_counts: f64 [0.0, 32767.0],
-        /// Force on one tactel that would span the whole converter (N). Default 4.
+        /// Force on one tactel that would span the whole converter (N): the scale from newtons to
+        /// counts. Default 4.
         full_scale_n: f64 [1e-3, 1e3],
+        /// Time from one row's reading to the next one's (us); the last row is read when the scan
+        /// is complete. Default 0: all at once.
+        row_us: f64 [0.0, 62500.0],
+        /// What is simulated: `ideal` (default), `response`, `memory` or `network`.
+        electronics: Electronics,
+        /// From `response` on: spread of the tactels' gains, one standard deviation. Default 0.06:
+        /// part to part in a batch.
+        gain_spread: f64 [0.0, 0.3],
+        /// From `response` on: force below which a tactel conducts nothing (N). Default 0.002: the
+        /// turn-on of a force-sensing resistor, 0.1 N, by area.
+        threshold_n: f64 [0.0, 10.0],
+        /// From `response` on: exponent of conductance over force; the reading at `full_scale_n`
+        /// does not depend on it. Default 0.95.
+        exponent: f64 [0.2, 2.0],
+        /// From `memory` on: a load that goes down reads higher by this part than one that goes up.
+        /// Default 0.1.
+        hysteresis: f64 [0.0, 1.0],
+        /// From `memory` on: growth of the reading under a constant load in each tenfold of time
+        /// from 0.1 s to 1000 s. Default 0.05.
+        creep_per_decade: f64 [0.0, 1.0],
+        /// With `network`: resistance of a tactel at `full_scale_n` (ohm). Default 5000.
+        full_scale_ohm: f64 [1.0, 1e9],
+        /// With `network`: resistance of each row's driver and each column's input (ohm). Default
+        /// 50.
+        driver_ohm: f64 [0.0, 1e6],
+        /// Tactels that are broken. Default none.
+        defect: Vec<Defect>,
+    }
+}
+
+section! {
+    /// `[[tactile.defect]]`: a tactel, or a whole row or column of them.
+    pub struct Defect {
+        /// `dead`, `stuck` or `blinking`.
+        kind: DefectKind,
+        /// Row, 0 to 15; all of them when absent.
+        row: Option<u32> [0.0, 15.0],
+        /// Column, 0 to 15; all of them when absent.
+        column: Option<u32> [0.0, 15.0],
+        /// What a stuck or blinking tactel reads (counts). Default 0.
+        #[serde(default)]
+        counts: u32 [0.0, 65535.0],
+        /// Period of a blinking one (s). Default 0.1.
+        #[serde(default = "blink_s")]
+        period_s: f64 [1e-3, 1e3],
+        /// When it breaks (s). Default 0.
+        #[serde(default)]
+        from_s: f64 [0.0, 1e6],
+    }
+}
+
+fn blink_s() -> f64 {
+    0.1
+}
+
+impl Agree for Defect {
+    fn agree(&self, place: &str) -> Result<(), Invalid> {
+        if self.kind == DefectKind::Dead && self.counts != 0 {
+            let what = "is not for dead tactels, which read the rest level".to_owned();
+            return Err(invalid(&inside(place, "counts"), what, "leave it out, or say stuck"));
+        }
+        Ok(())
     }
 }
 
@@ -27,15 +124,22 @@ impl TactileConfig {
     pub fn full_counts(&self) -> u16 {
         u16::try_from((1_u32 << self.bits.min(16)) - 1).unwrap_or(u16::MAX)
     }
+
+    /// The span of time over which the rows are read (s).
+    #[must_use]
+    pub fn skew_s(&self) -> f64 {
+        1e-6 * self.row_us * (SLICES - 1) as f64
+    }
 }
 
 impl Agree for TactileConfig {
     fn agree(&self, place: &str) -> Result<(), Invalid> {
         let full = f64::from(self.full_counts());
-        for (key, counts, most) in [
+        let most = [
             ("noise_counts", self.noise_counts, full / 5.0),
             ("rest_counts", self.rest_counts, full / 2.0),
-        ] {
+        ];
+        for (key, counts, most) in most {
             if counts > most {
                 let remedy = format!("give at most {most} with {} bits", self.bits);
                 return Err(invalid(&inside(place, key), format!("is {counts}"), &remedy));
@@ -53,12 +157,39 @@ impl Agree for TactileConfig {
                 "raise it or lower the noise",
             ));
         }
+        if self.electronics >= Electronics::Response && self.threshold_n >= self.full_scale_n {
+            let what = format!("is {}, not below full_scale_n", self.threshold_n);
+            return Err(invalid(&inside(place, "threshold_n"), what, "lower it"));
+        }
+        for (i, defect) in self.defect.iter().enumerate() {
+            if f64::from(defect.counts) > full {
+                let what = format!("is {}, above the converter's {full}", defect.counts);
+                let place = inside(place, &format!("defect[{i}].counts"));
+                return Err(invalid(&place, what, "lower it"));
+            }
+        }
         Ok(())
     }
 }
 
 impl Default for TactileConfig {
     fn default() -> TactileConfig {
-        TactileConfig { noise_counts: 50.0, rest_counts: 300.0, bits: 12, full_scale_n: 4.0 }
+        TactileConfig {
+            present: true,
+            bits: 12,
+            noise_counts: 50.0,
+            rest_counts: 300.0,
+            full_scale_n: 4.0,
+            row_us: 0.0,
+            electronics: Electronics::Ideal,
+            gain_spread: 0.06,
+            threshold_n: 0.002,
+            exponent: 0.95,
+            hysteresis: 0.1,
+            creep_per_decade: 0.05,
+            full_scale_ohm: 5000.0,
+            driver_ohm: 50.0,
+            defect: Vec::new(),
+        }
     }
 }

@@ -1,0 +1,249 @@
+//! The tactile array behind its rubber: from forces to counts, row by row, through as much
+//! electronics as the scene names. Refuses to clip at zero: the rest level lies five standard
+//! deviations above it.
+//!
+//! Order of effects: force on a tactel's square -> gain, hysteresis, creep, threshold, power law ->
+//! network of rows and columns -> noise on the rest level -> converter with saturation -> defects.
+
+use taktil_hal::{MAX_TACTELS, Nanos};
+
+use super::network::Network;
+use super::response::Response;
+use crate::contact::SLICES;
+use crate::hash::Hash;
+use crate::prng::{Prng, Stream};
+use crate::scene::{Defect, DefectKind, Electronics, Invalid, TactileConfig, Timing, invalid};
+
+/// The array, and the scan that is being made.
+#[derive(Clone, Debug)]
+pub(crate) struct Array {
+    counts_full: f64,
+    per_newton: f64,
+    rest: f64,
+    noise: f64,
+    full_scale: u16,
+    response: Option<Response>,
+    network: Option<Network>,
+    defects: Vec<Defect>,
+    prng: Prng,
+    row: Nanos,
+    period: Nanos,
+    complete_at: Nanos,
+    next_row: usize,
+    /// Readings of the tactels in parts of full scale, as of their rows' latest turn.
+    conductances: [f64; MAX_TACTELS],
+    values: [u16; MAX_TACTELS],
+}
+
+impl Array {
+    /// The array of a checked description.
+    ///
+    /// # Errors
+    /// Rows that take longer than a scan.
+    pub(crate) fn new(
+        config: &TactileConfig,
+        timing: &Timing,
+        seed: u64,
+    ) -> Result<Array, Invalid> {
+        let row = Nanos((1e3 * config.row_us).round() as i64);
+        if row * SLICES as i64 > timing.scan_period {
+            let what = format!("is {}: sixteen rows do not fit a scan", config.row_us);
+            let most = timing.scan_period.0 as f64 / (1e3 * SLICES as f64);
+            let remedy = format!("give at most {most:.1}, or scan less often");
+            return Err(invalid("tactile.row_us", what, &remedy));
+        }
+        let full_scale = config.full_counts();
+        let network = (config.electronics >= Electronics::Network)
+            .then(|| Network::new(config.full_scale_ohm, config.driver_ohm))
+            .flatten();
+        Ok(Array {
+            counts_full: f64::from(full_scale),
+            per_newton: 1.0 / config.full_scale_n,
+            rest: config.rest_counts,
+            noise: config.noise_counts,
+            full_scale,
+            response: Response::new(config, seed),
+            network,
+            defects: config.defect.clone(),
+            prng: Prng::new(seed, Stream::TactileNoise),
+            row,
+            period: timing.scan_period,
+            complete_at: Nanos::ZERO,
+            next_row: 0,
+            conductances: [0.0; MAX_TACTELS],
+            values: [0; MAX_TACTELS],
+        })
+    }
+
+    /// When rows are read next. The first scan, at the very start, is read all at once.
+    pub(crate) fn next(&self) -> Nanos {
+        if self.complete_at == Nanos::ZERO {
+            return Nanos::ZERO;
+        }
+        self.complete_at - self.row * (SLICES - 1 - self.next_row) as i64
+    }
+
+    /// Reads the rows that are due, each tactel under its force (N); the whole scan when its last
+    /// row was among them.
+    pub(crate) fn read(
+        &mut self,
+        now: Nanos,
+        forces: &[f64; MAX_TACTELS],
+    ) -> Option<[u16; MAX_TACTELS]> {
+        let at_once = self.row == Nanos::ZERO || self.complete_at == Nanos::ZERO;
+        let end = if at_once { SLICES } else { self.next_row + 1 };
+        self.convert(self.next_row..end, forces, now);
+        self.next_row = end % SLICES;
+        if end < SLICES {
+            return None;
+        }
+        self.complete_at += self.period;
+        Some(self.values)
+    }
+
+    /// Every tactel of the rows draws its noise, loaded or not, so that the stream keeps step.
+    fn convert(&mut self, rows: core::ops::Range<usize>, forces: &[f64; MAX_TACTELS], now: Nanos) {
+        let dt_s = self.period.as_secs_f64();
+        let tactels = rows.start * SLICES..rows.end * SLICES;
+        for tactel in tactels {
+            let load = self.per_newton * forces[tactel];
+            self.conductances[tactel] = match &mut self.response {
+                Some(response) => response.conductance(tactel, load, dt_s),
+                None => load,
+            };
+        }
+        let factored = self.network.map(|network| network.factor(&self.conductances));
+        for row in rows {
+            let seen = match &factored {
+                Some(factored) => factored.read(&self.conductances, row),
+                None => core::array::from_fn(|j| self.conductances[row * SLICES + j]),
+            };
+            for (column, part) in seen.into_iter().enumerate() {
+                let noise = if self.noise > 0.0 { self.noise * self.prng.normal() } else { 0.0 };
+                let counts = (self.rest + self.counts_full * part + noise).round();
+                self.values[row * SLICES + column] =
+                    counts.clamp(0.0, f64::from(self.full_scale)) as u16;
+            }
+            self.spoil(row, now);
+        }
+    }
+
+    /// What is broken reads what it reads.
+    fn spoil(&mut self, row: usize, now: Nanos) {
+        let t_s = now.as_secs_f64();
+        for defect in &self.defects {
+            let here = defect.row.is_none_or(|r| r as usize == row);
+            if !here || t_s < defect.from_s {
+                continue;
+            }
+            let counts = match defect.kind {
+                DefectKind::Dead => self.rest.round() as u16,
+                DefectKind::Stuck => defect.counts.min(u32::from(u16::MAX)) as u16,
+                DefectKind::Blinking => {
+                    let phase = (t_s - defect.from_s) / defect.period_s;
+                    if phase - phase.floor() < 0.5 {
+                        continue;
+                    }
+                    defect.counts.min(u32::from(u16::MAX)) as u16
+                }
+            };
+            let whole = 0..SLICES;
+            let columns = defect.column.map_or(whole, |c| c as usize..c as usize + 1);
+            self.values[row * SLICES..][columns].fill(counts);
+        }
+    }
+
+    pub(crate) fn digest(&self, hash: &mut Hash) {
+        self.prng.digest(hash);
+        if self.row > Nanos::ZERO {
+            hash.word(self.next_row as u64);
+            self.values.iter().for_each(|value| hash.word(u64::from(*value)));
+        }
+        if let Some(response) = &self.response {
+            response.digest(hash);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn array(edit: impl FnOnce(&mut TactileConfig)) -> Array {
+        let mut config = TactileConfig { noise_counts: 0.0, ..TactileConfig::default() };
+        edit(&mut config);
+        Array::new(&config, &Timing::default(), 1).unwrap()
+    }
+
+    fn scan(array: &mut Array, forces: &[f64; MAX_TACTELS]) -> [u16; MAX_TACTELS] {
+        array.convert(0..SLICES, forces, Nanos::from_secs(1));
+        array.values
+    }
+
+    #[test]
+    fn an_unloaded_array_reads_its_rest_level() {
+        for electronics in [Electronics::Ideal, Electronics::Memory, Electronics::Network] {
+            let mut array = array(|c| c.electronics = electronics);
+            assert!(scan(&mut array, &[0.0; MAX_TACTELS]).iter().all(|v| *v == 300));
+        }
+    }
+
+    #[test]
+    fn counts_follow_the_scale_and_saturate() {
+        let mut forces = [0.0; MAX_TACTELS];
+        (forces[0], forces[1], forces[2]) = (2.0, 1e9, -1e9);
+        let seen = scan(&mut array(|_| ()), &forces);
+        assert_eq!((seen[0], seen[1], seen[2]), (300 + 2048, 4095, 0));
+        for (bits, full) in [(8, 255), (10, 1023)] {
+            let seen = scan(&mut array(|c| (c.bits, c.rest_counts) = (bits, 20.0)), &forces);
+            assert_eq!((seen[1], seen[3]), (full, 20), "{bits} bits");
+        }
+    }
+
+    #[test]
+    fn what_is_broken_reads_what_it_reads() {
+        let defect = |kind, row, column, counts| Defect {
+            kind,
+            row,
+            column,
+            counts,
+            period_s: 0.1,
+            from_s: 0.0,
+        };
+        let mut array = array(|c| {
+            c.defect = vec![
+                defect(DefectKind::Dead, Some(3), None, 0),
+                defect(DefectKind::Stuck, Some(5), Some(6), 4000),
+                defect(DefectKind::Blinking, None, Some(15), 7),
+            ];
+        });
+        let forces = [1.0; MAX_TACTELS];
+        array.convert(0..SLICES, &forces, Nanos::from_millis(30));
+        let (pressed, seen) = (array.values[0], array.values);
+        assert!((3 * 16..4 * 16 - 1).all(|i| seen[i] == 300));
+        assert_eq!((seen[5 * 16 + 6], seen[5 * 16 + 5]), (4000, pressed));
+        assert_eq!(seen[15], pressed);
+        array.convert(0..SLICES, &forces, Nanos::from_millis(70));
+        assert!((0..16).all(|row| array.values[row * 16 + 15] == 7));
+    }
+
+    #[test]
+    fn rows_take_their_turns_and_the_scan_is_whole_at_its_instant() {
+        let mut array = array(|c| c.row_us = 100.0);
+        assert!(array.read(Nanos::ZERO, &[0.0; MAX_TACTELS]).is_some());
+        let mut instants = Vec::new();
+        let whole = loop {
+            let now = array.next();
+            instants.push(now.0);
+            if array.read(now, &[0.0; MAX_TACTELS]).is_some() {
+                break now;
+            }
+        };
+        assert_eq!(whole, Nanos::from_millis(5));
+        assert_eq!(instants.len(), 16);
+        assert!(instants.windows(2).all(|pair| pair[1] - pair[0] == 100_000));
+        let long = TactileConfig { row_us: 313.0, ..TactileConfig::default() };
+        let bad = Array::new(&long, &Timing::default(), 1).unwrap_err();
+        assert!(bad.place == "tactile.row_us" && bad.remedy.contains("312.5"), "{bad}");
+    }
+}

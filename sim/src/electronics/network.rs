@@ -1,0 +1,150 @@
+//! The array as what it is: resistors between 16 rows and 16 columns, one row driven at a time, the
+//! others grounded, each column's current read. Drivers and inputs have resistance, so rows and
+//! columns take other potentials than they should, and a tactel sees its neighbours. Refuses blurs:
+//! the potentials are solved for.
+//!
+//! Kirchhoff: row i at `r_i`, column j at `c_j`, tactel conductances `g_ij`, drivers and inputs
+//! `G`: `G (v_i - r_i) = sum_j g_ij (r_i - c_j)` and `sum_i g_ij (r_i - c_j) = G c_j`. The rows are
+//! eliminated; what is left for the columns is symmetric, positive definite and the same whichever
+//! row is driven.
+
+use crate::contact::SLICES;
+
+/// Conductances of all tactels, row by row, in parts of that at full scale.
+pub(crate) type Conductances = [f64; SLICES * SLICES];
+
+/// Rows, columns and what drives them.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Network {
+    /// Conductance of a driver and of an input, in parts of a tactel's at full scale.
+    driver: f64,
+}
+
+/// The columns' equations, factored.
+#[derive(Clone, Debug)]
+pub(crate) struct Factored {
+    driver: f64,
+    lower: [[f64; SLICES]; SLICES],
+    /// Sum of what hangs on each row.
+    rows: [f64; SLICES],
+}
+
+impl Network {
+    /// None when nothing has resistance: then no tactel sees another.
+    pub(crate) fn new(full_scale_ohm: f64, driver_ohm: f64) -> Option<Network> {
+        (driver_ohm > 0.0).then(|| Network { driver: full_scale_ohm / driver_ohm })
+    }
+
+    /// Cholesky's factors of the columns' equations.
+    pub(crate) fn factor(&self, g: &Conductances) -> Factored {
+        let mut rows = [self.driver; SLICES];
+        let mut a = [[0.0; SLICES]; SLICES];
+        for (row, sum) in rows.iter_mut().enumerate() {
+            let of_row = &g[row * SLICES..][..SLICES];
+            *sum += of_row.iter().sum::<f64>();
+            for (j, gj) in of_row.iter().enumerate() {
+                if *gj == 0.0 {
+                    continue;
+                }
+                let share = gj / *sum;
+                for (k, gk) in of_row[..=j].iter().enumerate() {
+                    a[j][k] -= share * gk;
+                }
+                a[j][j] += gj;
+            }
+        }
+        for j in 0..SLICES {
+            a[j][j] += self.driver;
+            for k in 0..=j {
+                let (before, here) = (&a[k][..k], &a[j][..k]);
+                let dot: f64 = here.iter().zip(before).map(|(x, y)| x * y).sum();
+                let rest = a[j][k] - dot;
+                a[j][k] = if j == k { rest.sqrt() } else { rest / a[k][k] };
+            }
+        }
+        Factored { driver: self.driver, lower: a, rows }
+    }
+}
+
+impl Factored {
+    /// What is read of one row, tactel by tactel, in parts of full scale.
+    pub(crate) fn read(&self, g: &Conductances, row: usize) -> [f64; SLICES] {
+        let share = self.driver / self.rows[row];
+        let mut c: [f64; SLICES] = core::array::from_fn(|j| share * g[row * SLICES + j]);
+        for j in 0..SLICES {
+            let dot: f64 = self.lower[j][..j].iter().zip(&c[..j]).map(|(l, x)| l * x).sum();
+            c[j] = (c[j] - dot) / self.lower[j][j];
+        }
+        for j in (0..SLICES).rev() {
+            let dot: f64 = (j + 1..SLICES).map(|k| self.lower[k][j] * c[k]).sum();
+            c[j] = (c[j] - dot) / self.lower[j][j];
+        }
+        c.map(|potential| self.driver * potential)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pressed(places: &[(usize, usize)]) -> Conductances {
+        let mut g = [0.0; SLICES * SLICES];
+        for (row, column) in places {
+            g[row * SLICES + column] = 1.0;
+        }
+        g
+    }
+
+    #[test]
+    fn one_tactel_alone_is_in_series_with_driver_and_input() {
+        let network = Network::new(5000.0, 50.0).unwrap();
+        let g = pressed(&[(3, 7)]);
+        let factored = network.factor(&g);
+        let read = factored.read(&g, 3);
+        assert!((read[7] - 5000.0 / 5100.0).abs() < 1e-12, "{}", read[7]);
+        assert!(read.iter().enumerate().all(|(j, x)| j == 7 || x.abs() < 1e-15));
+        assert!(factored.read(&g, 4).iter().all(|x| x.abs() < 1e-15));
+    }
+
+    #[test]
+    fn the_fourth_corner_of_three_pressed_ones_lights_up() {
+        let g = pressed(&[(2, 2), (2, 9), (11, 2)]);
+        let ghost = |ohm: f64| Network::new(5000.0, ohm).unwrap().factor(&g).read(&g, 11)[9];
+        assert!(ghost(50.0) > 1e-5 && ghost(50.0) < 1e-3, "{}", ghost(50.0));
+        assert!(ghost(2000.0) > 0.01, "{}", ghost(2000.0));
+        assert!(ghost(1e-3) < 1e-12, "{}", ghost(1e-3));
+    }
+
+    #[test]
+    fn currents_obey_kirchhoff() {
+        // Potentials found by relaxation, another way.
+        let mut g = [0.0; SLICES * SLICES];
+        for (i, g) in g.iter_mut().enumerate() {
+            *g = 0.3 + 0.3 * libm::sin(0.7 * i as f64);
+        }
+        let network = Network { driver: 4.0 };
+        let (driven, mut r, mut c) = (5, [0.0; SLICES], [0.0; SLICES]);
+        for _ in 0..2000 {
+            for i in 0..SLICES {
+                let (mut flow, mut sum) = (if i == driven { 4.0 } else { 0.0 }, 4.0);
+                for j in 0..SLICES {
+                    flow += g[i * SLICES + j] * c[j];
+                    sum += g[i * SLICES + j];
+                }
+                r[i] = flow / sum;
+            }
+            for j in 0..SLICES {
+                let (mut flow, mut sum) = (0.0, 4.0);
+                for i in 0..SLICES {
+                    flow += g[i * SLICES + j] * r[i];
+                    sum += g[i * SLICES + j];
+                }
+                c[j] = flow / sum;
+            }
+        }
+        let read = network.factor(&g).read(&g, driven);
+        for j in 0..SLICES {
+            assert!((read[j] - 4.0 * c[j]).abs() < 1e-9, "{j}: {} {}", read[j], 4.0 * c[j]);
+        }
+    }
+}

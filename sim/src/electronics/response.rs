@@ -1,0 +1,186 @@
+//! How a tactel's conductance follows its force: gain, hysteresis, creep, threshold, power law.
+//! Conductances are in parts of that at full scale. Refuses neighbours: each tactel is on its own.
+//!
+//! Hysteresis is a play operator on the logarithm of the force (Brokate and Sprekels 1996, ch. 2):
+//! a load that goes down reads `1 + h` times what one reads that goes up, at any size of load.
+//! Creep is a chain of Kelvin elements whose time constants lie a decade apart, so that the reading
+//! under a constant load grows by the same part in each tenfold of time.
+
+use taktil_hal::MAX_TACTELS;
+
+use crate::hash::Hash;
+use crate::prng::{Prng, Stream};
+use crate::scene::{Electronics, TactileConfig};
+
+/// Kelvin elements.
+const ELEMENTS: usize = 4;
+/// The fastest of them (s); the others are 10, 100 and 1000 times as slow.
+const FASTEST_S: f64 = 0.5;
+/// Gains lie within this factor of one another at most.
+const GAIN_MIN: f64 = 0.2;
+
+/// The gain of each tactel, row by row, as a seed draws it.
+#[must_use]
+pub fn tactel_gains(config: &TactileConfig, seed: u64) -> Vec<f64> {
+    let mut prng = Prng::new(seed, Stream::TactelGains);
+    let gain = |_| (1.0 + config.gain_spread * prng.normal()).max(GAIN_MIN);
+    (0..MAX_TACTELS).map(gain).collect()
+}
+
+/// What each tactel makes of its force.
+#[derive(Clone, Debug)]
+pub(crate) struct Response {
+    gains: Vec<f64>,
+    threshold: f64,
+    exponent: f64,
+    memory: Option<Memory>,
+}
+
+/// What each tactel remembers.
+#[derive(Clone, Debug)]
+struct Memory {
+    hysteresis: f64,
+    creep: f64,
+    /// Middle of the play; negative infinity for a tactel that was unloaded.
+    play: Vec<f64>,
+    elements: Vec<[f64; ELEMENTS]>,
+}
+
+impl Response {
+    /// None for an ideal array.
+    pub(crate) fn new(config: &TactileConfig, seed: u64) -> Option<Response> {
+        if config.electronics < Electronics::Response {
+            return None;
+        }
+        let memory = (config.electronics >= Electronics::Memory).then(|| Memory {
+            hysteresis: config.hysteresis,
+            creep: config.creep_per_decade,
+            play: vec![f64::NEG_INFINITY; MAX_TACTELS],
+            elements: vec![[0.0; ELEMENTS]; MAX_TACTELS],
+        });
+        Some(Response {
+            gains: tactel_gains(config, seed),
+            threshold: config.threshold_n / config.full_scale_n,
+            exponent: config.exponent,
+            memory,
+        })
+    }
+
+    /// Conductance of one tactel under a load (both in parts of full scale), `dt_s` after its
+    /// latest reading.
+    pub(crate) fn conductance(&mut self, tactel: usize, load: f64, dt_s: f64) -> f64 {
+        let load = self.gains[tactel] * load.max(0.0);
+        let felt = match &mut self.memory {
+            Some(memory) => memory.feel(tactel, load, dt_s),
+            None => load,
+        };
+        let above = felt - self.threshold;
+        if above <= 0.0 {
+            return 0.0;
+        }
+        libm::pow(above / (1.0 - self.threshold), self.exponent)
+    }
+
+    pub(crate) fn digest(&self, hash: &mut Hash) {
+        hash.numbers(&self.gains);
+        if let Some(memory) = &self.memory {
+            hash.numbers(&memory.play);
+            for elements in &memory.elements {
+                hash.numbers(elements);
+            }
+        }
+    }
+}
+
+impl Memory {
+    fn feel(&mut self, tactel: usize, load: f64, dt_s: f64) -> f64 {
+        let mut strain = load;
+        let mut slow_s = FASTEST_S;
+        for element in &mut self.elements[tactel] {
+            *element += (load - *element) * (1.0 - libm::exp(-dt_s / slow_s));
+            strain += self.creep * *element;
+            slow_s *= 10.0;
+        }
+        if load <= 0.0 {
+            self.play[tactel] = f64::NEG_INFINITY;
+            return strain;
+        }
+        let half = 0.5 * libm::log1p(self.hysteresis);
+        let size = libm::log(strain);
+        let play = self.play[tactel].clamp(size - half, size + half);
+        self.play[tactel] = play;
+        // Loading is the reference: it reads as without hysteresis.
+        libm::exp(play + half)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn response(edit: impl FnOnce(&mut TactileConfig)) -> Response {
+        let mut config = TactileConfig {
+            electronics: Electronics::Memory,
+            gain_spread: 0.0,
+            threshold_n: 0.0,
+            exponent: 1.0,
+            hysteresis: 0.0,
+            creep_per_decade: 0.0,
+            ..TactileConfig::default()
+        };
+        edit(&mut config);
+        Response::new(&config, 1).unwrap()
+    }
+
+    #[test]
+    fn a_falling_load_reads_higher_by_the_stated_part() {
+        let mut response = response(|c| c.hysteresis = 0.1);
+        let up: Vec<f64> =
+            (1..=10).map(|i| response.conductance(0, 0.1 * f64::from(i), 0.005)).collect();
+        for i in (1..10).rev() {
+            let load = 0.1 * f64::from(i);
+            let down = response.conductance(0, load, 0.005);
+            assert!((down - 1.1 * load).abs() < 1e-9, "{load}: {down}");
+        }
+        assert!((up[4] - 0.5).abs() < 1e-12);
+        // Wholly unloaded it starts anew.
+        response.conductance(0, 0.0, 0.005);
+        assert!((response.conductance(0, 0.3, 0.005) - 0.3).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_constant_load_creeps_by_the_stated_part_a_decade() {
+        let mut response = response(|c| c.creep_per_decade = 0.05);
+        let (mut t, mut seen) = (0.0, Vec::new());
+        for decade in [1.0, 10.0, 100.0] {
+            while t < decade {
+                response.conductance(7, 0.5, 0.01);
+                t += 0.01;
+            }
+            seen.push(response.conductance(7, 0.5, 0.0) / 0.5);
+        }
+        for pair in seen.windows(2) {
+            let grown = pair[1] - pair[0];
+            assert!((0.03..0.06).contains(&grown), "{grown} {seen:?}");
+        }
+    }
+
+    #[test]
+    fn below_the_threshold_is_nothing_and_full_scale_is_full_scale() {
+        let mut response = response(|c| (c.threshold_n, c.exponent) = (0.2, 0.8));
+        assert_eq!(response.conductance(0, 0.049, 0.005), 0.0);
+        assert!(response.conductance(0, 0.06, 0.005) > 0.0);
+        assert!((response.conductance(0, 1.0, 0.005) - 1.0).abs() < 1e-12);
+        assert_eq!(response.conductance(0, f64::NAN, 0.005), 0.0);
+    }
+
+    #[test]
+    fn gains_have_the_stated_spread_and_their_own_stream() {
+        let mut response = response(|c| c.gain_spread = 0.06);
+        let read: Vec<f64> = (0..256).map(|i| response.conductance(i, 0.5, 0.0)).collect();
+        let mean = read.iter().sum::<f64>() / 256.0;
+        let variance = read.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / 255.0;
+        assert!((mean / 0.5 - 1.0).abs() < 0.02, "{mean}");
+        assert!((variance.sqrt() / 0.5 - 0.06).abs() < 0.01, "{}", variance.sqrt());
+    }
+}

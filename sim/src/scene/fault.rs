@@ -1,0 +1,64 @@
+//! `[[fault]]`: what goes wrong with the bench, and when. Refuses joints that there are not, and
+//! spans that end before they begin.
+
+use serde::Deserialize;
+
+use super::section::{Agree, inside, names, section};
+use super::{Invalid, invalid};
+
+/// What goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FaultKind {
+    /// Tactile frames are lost: all of them, or a `share`.
+    DropFrames,
+    /// The encoder of a `joint` counts no more; the count stays.
+    DeadEncoder,
+    /// The drives' supply fails: no current, brakes on, and the line says so.
+    PowerLoss,
+    /// Somebody presses the emergency stop: both its lines open.
+    EmergencyStop,
+    /// The wrist's gauges keep their reading.
+    FrozenWrist,
+}
+
+names!(FaultKind);
+
+section! {
+    /// `[[fault]]`: one thing that goes wrong.
+    #[derive(Copy)]
+    pub struct Fault {
+        /// `drop_frames`, `dead_encoder`, `power_loss`, `emergency_stop` or `frozen_wrist`.
+        kind: FaultKind,
+        /// When it begins (s).
+        at_s: f64 [0.0, 1e6],
+        /// How long it lasts (s). Default: for good.
+        for_s: Option<f64> [1e-4, 1e6],
+        /// Dead encoder: which joint, 1 to 6.
+        joint: Option<u32> [1.0, 6.0],
+        /// Lost frames: the part of them that is lost, drawn from the seed. Default 1.
+        share: Option<f64> [0.0, 1.0],
+    }
+}
+
+/// The most faults of a scene.
+pub const FAULTS_MAX: usize = 32;
+
+impl Agree for Fault {
+    fn agree(&self, place: &str) -> Result<(), Invalid> {
+        let foreign = [
+            ("joint", self.joint.is_some(), FaultKind::DeadEncoder),
+            ("share", self.share.is_some(), FaultKind::DropFrames),
+        ];
+        for (key, given, kind) in foreign {
+            if given && self.kind != kind {
+                let what = "does not belong to this kind of fault".to_owned();
+                return Err(invalid(&inside(place, key), what, "leave it out"));
+            }
+        }
+        if self.kind == FaultKind::DeadEncoder && self.joint.is_none() {
+            return Err(invalid(place, "has no joint".to_owned(), "say which: joint = 1 to 6"));
+        }
+        Ok(())
+    }
+}
