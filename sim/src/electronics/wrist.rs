@@ -1,6 +1,6 @@
 //! The force/torque sensor at the wrist: six gauges, each of which sees something of every
-//! component of the wrench, through a matrix that its maker states. Refuses matrices that cannot be inverted:
-//! nobody could tell forces from such gauges.
+//! component of the wrench, through a matrix that its maker states. Refuses matrices that cannot be
+//! inverted: nobody could tell forces from such gauges.
 
 use taktil_hal::{AXES, AdcCode};
 use taktil_mechanics::{Joints, Matrix6};
