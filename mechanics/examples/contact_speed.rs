@@ -1,5 +1,6 @@
 //! Times the plane contact solver on this machine: `cargo run --release -p taktil-mechanics
-//! --example contact_speed`. Prints microseconds a solution, best of several rounds. Not lane code.
+//! --example contact_speed [-- NAME LEVEL]`. Prints microseconds a solution, best of several rounds,
+//! of the cases whose names begin so. Not lane code.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -29,8 +30,13 @@ fn main() {
         ("cylinder, friction", cylinder, Friction::Proportional, 0.3),
     ];
     println!("{:<22} {:>8} {:>10} {:>10}", "us a solution", "level", "warm", "cold");
+    let wanted: Vec<String> = std::env::args().skip(1).collect();
+    let asked = |place: usize, name: &str| wanted.get(place).is_none_or(|w| name.starts_with(w));
     for (name, shape, friction, ratio) in cases {
         for level in [Level::Fast, Level::Default, Level::Fine] {
+            if !asked(0, name) || !asked(1, &format!("{level:?}")) {
+                continue;
+            }
             let mut indenter =
                 Indenter::new(&layer, shape, friction, level).expect("a sound indenter");
             let load = |round: u32| {

@@ -184,6 +184,50 @@ fn a_thousand_steps_of_make_and_break() {
     assert!(lost == 0, "{lost} unsettled");
 }
 
+/// Random jumps of a tall bar right up to sliding, of a low one that keeps its face, and of a rough
+/// one that lifts: all of them settle. A bar that never slips and lifts has states that no place
+/// can take: held it is torn off by its shear, torn off it touches again. That is said.
+#[test]
+fn a_thousand_jumps_near_sliding_settle() {
+    for (law, nu, part, height_mm) in [
+        (Law::Coulomb(0.5), 0.49, 0.999, 6.35),
+        (Law::Coulomb(0.5), 0.3, 0.999, 1.0),
+        (Law::Coulomb(3.0), 0.49, 0.3, 6.35),
+        (Law::Coulomb(f64::INFINITY), 0.49, 0.9, 6.35),
+    ] {
+        let limit = match law {
+            Law::Coulomb(mu) if mu.is_finite() => mu * part,
+            _ => part,
+        };
+        let mut grip = bar(nu, 32, law);
+        let mut state: u64 = 5;
+        let mut unit = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            f64::from((state >> 33) as u32) / f64::from(1_u32 << 31)
+        };
+        let mut lost = Vec::new();
+        let mut torn = 0;
+        let jumps = if law == Law::Coulomb(f64::INFINITY) { 40 } else { 1000 };
+        for i in 0..jumps {
+            let p_n_mm = if i % 7 == 6 { 0.0 } else { 0.1 + unit() };
+            let ratio = limit * (2.0 * unit() - 1.0);
+            let load = Load { p_n_mm, q_n_mm: ratio * p_n_mm };
+            match grip.step(&Drive::Loads { load, height_mm }) {
+                Ok(()) => assert!(grip.residual() < 1e-9),
+                Err(Refusal::Tears) if law == Law::Coulomb(f64::INFINITY) => torn += 1,
+                Err(refusal) => lost.push((i, refusal, ratio)),
+            }
+        }
+        assert!(torn < 40, "some settle");
+        assert!(
+            lost.is_empty(),
+            "{law:?} {nu}: {} lost, {:?}",
+            lost.len(),
+            &lost[..lost.len().min(4)]
+        );
+    }
+}
+
 #[test]
 fn friction_of_zero_and_of_three() {
     let mut slick = bar(0.49, 32, Law::Coulomb(0.0));

@@ -5,6 +5,7 @@
 //! exponentially, so the trapezoidal rule converges exponentially: cut off where the integrand has
 //! died, with a step whose period lies so far beyond the points wanted that the images have died.
 
+use super::interpolation::six_point;
 use super::layer::Transfer;
 
 /// Where the base functions (about a exp(-a)) have fallen under 1e-15.
@@ -76,14 +77,7 @@ impl Uniform {
 
     /// The function at `place` grid spacings from 0; the caller stays inside the table.
     fn at(&self, place: f64) -> f64 {
-        let cell = (place as usize).min(self.values.len() - 6);
-        let x = place - cell as f64;
-        let v = &self.values[cell..cell + 6];
-        let (d0, d1, d2, d3, d4, d5) = (x + 2.0, x + 1.0, x, x - 1.0, x - 2.0, x - 3.0);
-        let (low, high) = (d0 * d1 * d2, d3 * d4 * d5);
-        let left = d1 * d2 * v[0] / -120.0 + d0 * d2 * v[1] / 24.0 - d0 * d1 * v[2] / 12.0;
-        let right = d4 * d5 * v[3] / 12.0 - d3 * d5 * v[4] / 24.0 + d3 * d4 * v[5] / 120.0;
-        high * left + low * right
+        six_point(&self.values, place)
     }
 }
 

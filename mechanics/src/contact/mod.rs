@@ -23,6 +23,7 @@ pub mod features;
 pub mod fem;
 pub mod field;
 pub mod half_plane;
+mod interpolation;
 mod kernel;
 pub mod layer;
 pub mod plane;

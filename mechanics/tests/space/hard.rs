@@ -297,3 +297,24 @@ fn cells_refuse_what_they_cannot_resolve() {
     assert!((state.force_n - 0.01).abs() < 1e-12 && state.area_mm2 < 0.011, "{state:?}");
     assert_eq!(surface.press(&heights, Drive::ForceN(0.0)).unwrap().force_n, 0.0);
 }
+
+#[test]
+fn a_pin_longer_than_the_pad_is_cut_at_the_pad() {
+    let rubber = layer(0.8, 0.49);
+    let pose = Pose { tilt_rad: 5e-4, ..Pose::default() };
+    let press = |length_mm: Option<f64>| {
+        let mut scene = scene(&rubber, Shape::Cylinder { radius_mm: 23.0, length_mm });
+        let touch = scene.press(Drive::PenetrationMm(0.02), pose).unwrap();
+        (touch.force_n, image(&scene))
+    };
+    let (cut, endless) = (press(Some(25.4)), press(None));
+    assert_eq!(cut, endless, "without ends it is cut at the array");
+    let (force, long) = press(Some(60.0));
+    // What stands beyond the pad adds force, but little five thicknesses inside of it.
+    assert!(force > 1.5 * cut.0, "{force} {}", cut.0);
+    let size = peak(&long);
+    for (n, (a, b)) in long.iter().zip(&cut.1).enumerate() {
+        let y = Array::THESIS.y_mm(n / 16).abs();
+        assert!(y > 8.0 || (a - b).abs() < 1e-2 * size, "{n}: {a} {b}");
+    }
+}

@@ -5,6 +5,7 @@ mod features;
 mod hard;
 mod images;
 mod kernels;
+mod shear;
 mod solvers;
 mod tables;
 

@@ -73,7 +73,7 @@ pub(super) fn refused(refusal: Refusal) -> Failure {
         Refusal::Slides => "slides",
         Refusal::Pulls | Refusal::NotFinite => "out_of_range",
         Refusal::TooWide => "unreachable",
-        Refusal::Unsettled => "unsettled",
+        Refusal::Unsettled | Refusal::Tears => "unsettled",
     };
     Failure::new(code, Some("load"), refusal.to_string())
 }

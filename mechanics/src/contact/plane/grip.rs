@@ -14,14 +14,24 @@ pub use super::path::{Drive, Law, Status};
 use super::{Load, Refusal};
 use crate::contact::{Invalid, finite};
 
-/// Rounds of the active set.
-const ROUNDS: usize = 120;
-/// Rounds that may change many places at once.
+/// Rounds of the active set, and of a last search that has the time.
+const ROUNDS: [usize; 2] = [120, 1500];
+/// Rounds that may change many places at once; from when on the first may be chosen (Murty's rule).
 const BOLD: usize = 40;
+const MURTY: usize = 500;
 /// Parts of a step that does not settle at once.
 const SHORTER: [u32; 4] = [2, 5, 13, 40];
-/// What counts as a violation, in parts of the largest force and of the descent.
-const SLACK: f64 = 1e-11;
+/// What is tried last: parts, rounds, and whether nothing touches at first.
+const PATIENT: [(u32, usize, bool); 5] = [
+    (1, ROUNDS[1], false),
+    (1, ROUNDS[1], true),
+    (3, ROUNDS[1], false),
+    (31, ROUNDS[1], true),
+    (150, ROUNDS[1], false),
+];
+/// What counts as a violation, in parts of the largest force and of the descent; at last more, for
+/// places that all but touch.
+const SLACK: [f64; 2] = [1e-11, 5e-10];
 
 /// A rigid profile over a bed, and the state of each place.
 #[derive(Clone, Debug)]
@@ -41,7 +51,9 @@ pub struct Grip {
     touching: Vec<usize>,
     sticking: Vec<usize>,
     residual: f64,
-    saved: Vec<Status>,
+    /// Status, and forces and places along x, of the last step.
+    saved: (Vec<Status>, [Vec<f64>; 3]),
+    saved_rigid: ([f64; 3], f64),
     next: Vec<Status>,
     last: Option<Drive>,
 }
@@ -80,7 +92,8 @@ impl Grip {
             touching: Vec::with_capacity(n),
             sticking: Vec::with_capacity(n),
             residual: 0.0,
-            saved: vec![Status::Apart; n],
+            saved: (vec![Status::Apart; n], [0; 3].map(|_| vec![0.0; n])),
+            saved_rigid: ([0.0; 3], 0.0),
             next: vec![Status::Apart; n],
             last: None,
             bed,
@@ -117,8 +130,7 @@ impl Grip {
         self.rigid
     }
 
-    /// Largest violation in the last step of: no pull, no overlap, the friction law; in parts of
-    /// the largest force and of the descent.
+    /// Largest violation of a rule in the last step, over the largest force and the descent.
     #[must_use]
     pub fn residual(&self) -> f64 {
         self.residual
@@ -163,32 +175,55 @@ impl Grip {
             self.last = Some(*drive);
             return Ok(());
         }
-        self.saved.copy_from_slice(&self.status);
-        let mut outcome = self.search(drive);
-        // Where the active set goes round in circles, shorter steps of the same path help.
-        for parts in SHORTER {
+        self.save();
+        let mut outcome = self.search(drive, ROUNDS[0]);
+        // Where the active set goes round in circles, shorter steps help, then patience.
+        let never_slips = self.law == Law::Coulomb(f64::INFINITY);
+        let patient = PATIENT.into_iter().take(if never_slips { 2 } else { PATIENT.len() });
+        let attempts = SHORTER.map(|parts| (parts, ROUNDS[0], false)).into_iter();
+        for (parts, rounds, afresh) in attempts.chain(patient) {
             if outcome != Err(Refusal::Unsettled) {
                 break;
             }
-            self.status.copy_from_slice(&self.saved);
-            outcome = self.follow(drive, parts);
+            self.restore();
+            if afresh {
+                self.status.fill(Status::Apart);
+            }
+            outcome = self.follow(drive, parts, rounds);
         }
-        if outcome == Err(Refusal::Unsettled) {
-            self.status.fill(Status::Apart);
-            outcome = self.search(drive);
+        match outcome {
+            Ok(()) => self.last = Some(*drive),
+            Err(_) => self.restore(),
         }
-        if outcome.is_ok() {
-            self.last = Some(*drive);
+        match outcome {
+            Err(Refusal::Unsettled) if never_slips => Err(Refusal::Tears),
+            _ => outcome,
         }
-        outcome
+    }
+
+    fn save(&mut self) {
+        self.saved.0.copy_from_slice(&self.status);
+        for (to, from) in self.saved.1.iter_mut().zip([&self.p, &self.q, &self.held]) {
+            to.copy_from_slice(from);
+        }
+        self.saved_rigid = (self.rigid, self.residual);
+    }
+
+    fn restore(&mut self) {
+        self.status.copy_from_slice(&self.saved.0);
+        let own = [&mut self.p, &mut self.q, &mut self.held];
+        for (to, from) in own.into_iter().zip(&self.saved.1) {
+            to.copy_from_slice(from);
+        }
+        (self.rigid, self.residual) = self.saved_rigid;
     }
 
     /// The straight path from the last step to this one in so many parts.
-    fn follow(&mut self, drive: &Drive, parts: u32) -> Result<(), Refusal> {
+    fn follow(&mut self, drive: &Drive, parts: u32, rounds: usize) -> Result<(), Refusal> {
         let start = self.last;
         for k in 1..=parts {
             let f = f64::from(k) / f64::from(parts);
-            self.search(&between(start, drive, f))?;
+            self.search(&between(start, drive, f), rounds)?;
         }
         Ok(())
     }
@@ -216,7 +251,7 @@ impl Grip {
     }
 
     /// The active set, from the last state.
-    fn search(&mut self, drive: &Drive) -> Result<(), Refusal> {
+    fn search(&mut self, drive: &Drive, rounds: usize) -> Result<(), Refusal> {
         if self.status.iter().all(|s| *s == Status::Apart) {
             // Start with everything near the lowest point, or the whole face.
             let deepest = self.height_mm.iter().copied().fold(f64::INFINITY, f64::min);
@@ -227,7 +262,7 @@ impl Grip {
                 }
             }
         }
-        for round in 0..ROUNDS {
+        for round in 0..rounds {
             self.solve(drive)?;
             if self.revise(round) == 0 {
                 self.accept();
@@ -243,15 +278,6 @@ impl Grip {
             }
         }
         Err(Refusal::Unsettled)
-    }
-
-    fn shear(&self, i: usize) -> f64 {
-        match (self.law, self.status[i]) {
-            (Law::Proportional(factor), _) => factor,
-            (Law::Coulomb(mu), Status::SlipForward) => mu,
-            (Law::Coulomb(mu), Status::SlipBack) => -mu,
-            _ => 0.0,
-        }
     }
 
     /// Forces and rigid motion for the present guess.
@@ -307,7 +333,7 @@ impl Grip {
         self.q.fill(0.0);
         for (k, &i) in self.touching.iter().enumerate() {
             self.p[i] = self.side[k];
-            self.q[i] = self.shear(i) * self.side[k];
+            self.q[i] = self.law.shear(self.status[i]) * self.side[k];
         }
         for (k, &i) in self.sticking.iter().enumerate() {
             self.q[i] = self.side[c + k];
@@ -321,7 +347,7 @@ impl Grip {
         let n = self.bed.count();
         for k in 0..c {
             let j = self.touching[k];
-            let factor = self.shear(j);
+            let factor = self.law.shear(self.status[j]);
             if factor == 0.0 {
                 continue;
             }
@@ -384,6 +410,7 @@ impl Grip {
         let [descent, tilt, place] = self.rigid;
         let depth = descent.abs() + tilt.abs() * self.bed.x_mm[n - 1].abs();
         let (mut changed, mut worst) = (0, 0.0_f64);
+        let slack = SLACK[usize::from(round >= 2 * MURTY)];
         for i in 0..n {
             let was = self.status[i];
             let sum = |a: &[f64], b: &[f64]| -> f64 {
@@ -395,8 +422,8 @@ impl Grip {
                 let surface = sum(&self.bed.down_per_p, &self.bed.down_per_q);
                 let gap = self.height_mm[i] - descent - tilt * self.bed.x_mm[i] + surface;
                 worst = worst.max(-gap / depth.max(f64::MIN_POSITIVE));
-                if gap < -SLACK * depth { self.entering(i) } else { was }
-            } else if self.p[i] < -SLACK * largest {
+                if gap < -slack * depth { self.entering(i) } else { was }
+            } else if self.p[i] < -slack * largest {
                 worst = worst.max(-self.p[i] / largest);
                 Status::Apart
             } else if let Law::Coulomb(mu) = self.law {
@@ -404,7 +431,7 @@ impl Grip {
                 if was == Status::Stick {
                     let over = self.q[i].abs() - limit;
                     worst = worst.max(over / largest);
-                    match over > SLACK * largest {
+                    match over > slack * largest {
                         true if self.q[i] > 0.0 => Status::SlipForward,
                         true => Status::SlipBack,
                         false => was,
@@ -413,7 +440,7 @@ impl Grip {
                     let along = sum(&self.bed.along_per_p, &self.bed.along_per_q);
                     let moved = along - place - self.held[i];
                     let wrong = if was == Status::SlipForward { moved } else { -moved };
-                    if wrong > SLACK * depth { Status::Stick } else { was }
+                    if wrong > slack * depth { Status::Stick } else { was }
                 }
             } else {
                 was
@@ -424,8 +451,7 @@ impl Grip {
         // First who touches, then who slips: the two at once go round in circles.
         let turns = |(a, b): (&Status, &Status)| (*a == Status::Apart) != (*b == Status::Apart);
         let normal = self.status.iter().zip(&self.next).any(turns);
-        // Late rounds change one place at a time, never in the same order twice, so that two
-        // cannot swap for ever.
+        // Late rounds change one place at a time, drawn, at last every other time the first.
         if round < BOLD || changed == 0 {
             for (was, now) in self.status.iter_mut().zip(&self.next) {
                 if !normal || turns((was, now)) {
@@ -433,7 +459,9 @@ impl Grip {
                 }
             }
         } else {
-            let chosen = round.wrapping_mul(round + 7) % changed;
+            let drawn = (round as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40;
+            let first = round >= MURTY && round.is_multiple_of(2);
+            let chosen = if first { 0 } else { drawn as usize % changed };
             let pairs = self.status.iter_mut().zip(&self.next);
             if let Some((was, now)) = pairs.filter(|(was, now)| was != now).nth(chosen) {
                 *was = *now;

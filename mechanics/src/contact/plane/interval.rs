@@ -134,10 +134,7 @@ impl Interval {
             let mut inner = 0.0;
             for k in 0..=i {
                 let x = -self.half * (nodes[i] + nodes[k]);
-                let mut kernel = kernels.normal(x);
-                if g != 0.0 {
-                    kernel += g * kernels.coupling(x);
-                }
+                let kernel = if g == 0.0 { kernels.normal(x) } else { kernels.descents(x, g) };
                 let both = if k == i { phi[i] } else { phi[i] + phi[k] };
                 inner += weights[k] * both * kernel;
             }

@@ -7,6 +7,8 @@ use core::f64::consts::{LN_2, PI};
 
 /// Newton steps for one block of nodes; from the asymptotic guess four are enough.
 const STEPS: usize = 12;
+/// A step under this part of the distance from the ends is the last one.
+const NEARLY: f64 = 1e-9;
 /// Nodes treated at once.
 const BLOCK: usize = 4;
 
@@ -103,11 +105,16 @@ impl Recurrence {
                 slopes = scaled;
                 let mut largest: f64 = 0.0;
                 for i in 0..BLOCK {
-                    let step = value[i] * (1.0 - x[i] * x[i]) / scaled[i];
+                    let inside = 1.0 - x[i] * x[i];
+                    let step = value[i] * inside / scaled[i];
+                    // The slope at the new place, from the polynomial's differential equation.
+                    let bend = alpha - beta + (alpha + beta) * x[i];
+                    slopes[i] -= step * bend / inside * scaled[i];
                     x[i] -= step;
-                    largest = largest.max(step.abs());
+                    largest = largest.max(step.abs() / inside);
                 }
-                if largest < 2e-15 {
+                // The next step would be of the order of this one's square.
+                if largest < NEARLY {
                     break;
                 }
             }

@@ -136,6 +136,9 @@ pub enum Refusal {
     TooWide,
     /// The search for an edge did not settle.
     Unsettled,
+    /// Friction without a limit, and no state that obeys it: a place that held would be torn off,
+    /// torn off it would touch again.
+    Tears,
 }
 
 impl core::fmt::Display for Refusal {
@@ -147,6 +150,9 @@ impl core::fmt::Display for Refusal {
             Self::Slides => "the indenter slides: |Q| reaches mu P",
             Self::TooWide => "the contact grows too wide: press less or take a smaller indenter",
             Self::Unsettled => "the contact's edge was not found",
+            Self::Tears => {
+                "what never slips is torn off at an edge: give a coefficient of friction"
+            }
         })
     }
 }
@@ -463,7 +469,7 @@ impl Indenter {
 /// 2i thicknesses away, so the error falls as exp(-4 n/half) where that is the slower.
 fn density(level: Level) -> [f64; 2] {
     match level {
-        Level::Fast => [5.0, 3.2],
+        Level::Fast => [4.5, 2.7],
         Level::Default => [10.0, 4.9],
         Level::Fine => [14.0, 6.4],
     }

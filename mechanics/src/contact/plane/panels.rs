@@ -195,6 +195,19 @@ impl SurfaceKernels {
         if x < 0.0 { -value } else { value }
     }
 
+    /// S + g J0 at a distance of either sign.
+    #[inline]
+    pub(crate) fn descents(&self, x: f64, g: f64) -> f64 {
+        let distance = x.abs();
+        if distance >= self.reach {
+            return self.normal(x) + g * self.coupling(x);
+        }
+        let (panel, u) = self.normal.place(distance);
+        let g = if x < 0.0 { -g } else { g };
+        let (normal, coupling) = (&self.normal.coefficients, &self.coupling.coefficients);
+        Panels::polynomial(&normal[panel], u) + g * Panels::polynomial(&coupling[panel], u)
+    }
+
     /// S' + g J0' at a distance of either sign.
     #[inline]
     pub(crate) fn slopes(&self, x: f64, g: f64) -> f64 {

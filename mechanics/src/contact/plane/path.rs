@@ -14,6 +14,18 @@ pub enum Law {
     Coulomb(f64),
 }
 
+impl Law {
+    /// Shear per pressure where it slips, or is prescribed.
+    pub(super) fn shear(self, status: Status) -> f64 {
+        match (self, status) {
+            (Self::Proportional(factor), _) => factor,
+            (Self::Coulomb(mu), Status::SlipForward) => mu,
+            (Self::Coulomb(mu), Status::SlipBack) => -mu,
+            _ => 0.0,
+        }
+    }
+}
+
 /// What is prescribed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Drive {

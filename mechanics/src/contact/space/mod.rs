@@ -1,12 +1,14 @@
 //! Contact in three dimensions: rigid indenters on the bonded layer, and the image that an array of
-//! tactels at its base makes of them. Normal loads, no friction, small strain.
+//! tactels at its base makes of them. Small strain; indenters without friction, and in [`shear`]
+//! tangential loads and friction in proportion to the pressure.
 //!
 //! Frame: x and y along the surface, z up; the array is centred on the origin, its columns along x
 //! and its rows along y. Forces in N push the indenter into the layer, stresses are negative under
 //! compression, penetrations are positive downwards.
 //!
 //! What it refuses: what is not finite, an indenter that would need more than it can resolve, a
-//! force that no penetration reaches. What it does not know: free ends of the layer, friction.
+//! force that no penetration reaches. What it does not know: free ends of the layer, stick and
+//! slip.
 
 mod fourier;
 pub mod infinite;
@@ -15,6 +17,7 @@ pub mod pin;
 mod quadrature;
 pub mod radial;
 pub mod scene;
+pub mod shear;
 pub mod sphere;
 pub mod surface;
 mod table;

@@ -27,7 +27,7 @@ const SIGHT: f64 = 0.25;
 /// Image terms summed one by one before the tail is averaged.
 const IMAGES: usize = 56;
 /// Where the base function and the displacement's remainder have fallen under 1e-15.
-const CUTOFFS: [f64; 2] = [40.0, 21.0];
+pub(super) const CUTOFFS: [f64; 2] = [40.0, 21.0];
 
 /// The two kernels of one Poisson's ratio, lengths in thicknesses.
 #[derive(Clone, Debug)]
@@ -44,13 +44,14 @@ impl Radial {
     /// Tabulates both kernels: a few milliseconds.
     pub(crate) fn new(transfer: &Transfer) -> Self {
         let count = (REACH * DENSITY) as usize + 8;
-        let slope = slopes(|a| transfer.base_normal(a), CUTOFFS[0], count);
-        let base = sight(&slope, count);
+        let slope = slopes(|a| transfer.base_normal(a), CUTOFFS[0], count, DENSITY);
+        let base = sight(&slope, count, DENSITY, SIGHT);
         let compliance = |a: f64| {
             let tanh_over = if a > 0.0 { libm::tanh(a) / a } else { 1.0 };
             transfer.normal_compliance(a) - tanh_over
         };
-        let remainder = sight(&slopes(compliance, CUTOFFS[1], count), count);
+        let slopes = slopes(compliance, CUTOFFS[1], count, DENSITY);
+        let remainder = sight(&slopes, count, DENSITY, SIGHT);
         let rest = |i: usize| images(i as f64 / DENSITY) + 2.0 * remainder[i];
         let rest: Vec<f64> = (0..count).map(rest).collect();
         let base: Vec<f64> = base.iter().map(|b| b / PI).collect();
@@ -74,7 +75,7 @@ impl Radial {
 }
 
 /// 2 sum over n >= 1 of (-1)^n/sqrt(r^2 + 4 n^2): partial sums, the last ones averaged.
-fn images(r: f64) -> f64 {
+pub(super) fn images(r: f64) -> f64 {
     let term = |n: usize| {
         let n2 = (2 * n) as f64;
         let size = 2.0 / (r * r + n2 * n2).sqrt();
@@ -94,8 +95,9 @@ fn images(r: f64) -> f64 {
     last[0]
 }
 
-/// q(x) = integral over a from 0 of g(a) a^2 sinc(a x), for an even g that dies exponentially.
-fn slopes(g: impl Fn(f64) -> f64, cutoff: f64, count: usize) -> Even {
+/// q(x) = integral over a from 0 of g(a) a^2 sinc(a x), for an even g that dies exponentially, at
+/// `density` points a thickness.
+pub(super) fn slopes(g: impl Fn(f64) -> f64, cutoff: f64, count: usize, density: f64) -> Even {
     let period = 2.2 * REACH;
     let step = 2.0 * PI / period;
     let samples = libm::ceil(cutoff / step) as usize;
@@ -103,34 +105,34 @@ fn slopes(g: impl Fn(f64) -> f64, cutoff: f64, count: usize) -> Even {
     for k in 1..=samples {
         let a = k as f64 * step;
         let weight = step * a * g(a);
-        let (sine, cosine) = (libm::sin(a / DENSITY), libm::cos(a / DENSITY));
+        let (sine, cosine) = (libm::sin(a / density), libm::cos(a / density));
         let (mut s, mut c) = (0.0, 1.0);
         for (i, value) in q.iter_mut().enumerate() {
-            *value += if i == 0 { weight * a } else { weight * s * DENSITY / i as f64 };
+            *value += if i == 0 { weight * a } else { weight * s * density / i as f64 };
             (s, c) = (s * cosine + c * sine, c * cosine - s * sine);
         }
     }
-    Even::new(&q, DENSITY)
+    Even::new(&q, density)
 }
 
 /// (1/pi) integral over v from 0 of q(sqrt(r^2 + v^2)) at r = 0, 1, 2 ... table spacings. With q of
 /// [`slopes`] it is half the integral of a g(a) J0(a r).
-fn sight(q: &Even, count: usize) -> Vec<f64> {
+pub(super) fn sight(q: &Even, count: usize, density: f64, step: f64) -> Vec<f64> {
     let along = |i: usize| {
-        let r = i as f64 / DENSITY;
-        let steps = libm::ceil(REACH / SIGHT) as usize;
+        let r = i as f64 / density;
+        let steps = libm::ceil(REACH / step) as usize;
         let point = |k: usize| {
-            let v = k as f64 * SIGHT;
+            let v = k as f64 * step;
             let weight = if k == 0 { 0.5 } else { 1.0 };
             weight * q.at((r * r + v * v).sqrt())
         };
-        SIGHT / PI * (0..=steps).map(point).sum::<f64>()
+        step / PI * (0..=steps).map(point).sum::<f64>()
     };
     (0..count).map(along).collect()
 }
 
 /// Points and weights of Gauss's rule with three points on (-1, 1).
-const GAUSS: [(f64, f64); 3] =
+pub(super) const GAUSS: [(f64, f64); 3] =
     [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
 
 /// Influence of normal loads on a [`Layer`] in three dimensions, in mm, N and MPa.

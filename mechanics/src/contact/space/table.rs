@@ -1,6 +1,8 @@
 //! Even functions on a uniform grid, read by six-point interpolation. It refuses nothing: beyond
 //! its end a function reads 0, and callers put what is left there themselves.
 
+use super::super::interpolation::six_point;
+
 /// An even function sampled at 0, 1/density, 2/density ...
 #[derive(Clone, Debug)]
 pub(crate) struct Even {
@@ -62,17 +64,6 @@ impl Even {
 
     /// The function at `x` >= 0; 0 beyond the end and for NaN.
     pub(crate) fn at(&self, x: f64) -> f64 {
-        if x < self.end { self.inside(x * self.density) } else { 0.0 }
-    }
-
-    fn inside(&self, place: f64) -> f64 {
-        let cell = (place as usize).min(self.values.len() - 6);
-        let x = place - cell as f64;
-        let v = &self.values[cell..cell + 6];
-        let (d0, d1, d2, d3, d4, d5) = (x + 2.0, x + 1.0, x, x - 1.0, x - 2.0, x - 3.0);
-        let (low, high) = (d0 * d1 * d2, d3 * d4 * d5);
-        let left = d1 * d2 * v[0] / -120.0 + d0 * d2 * v[1] / 24.0 - d0 * d1 * v[2] / 12.0;
-        let right = d4 * d5 * v[3] / 12.0 - d3 * d5 * v[4] / 24.0 + d3 * d4 * v[5] / 120.0;
-        high * left + low * right
+        if x < self.end { six_point(&self.values, x * self.density) } else { 0.0 }
     }
 }

@@ -1,0 +1,30 @@
+//! Six-point interpolation on a uniform grid, for the tables of this folder. It refuses nothing:
+//! callers stay inside their tables.
+
+/// The function at `place` >= 0 grid spacings from 0; `values` are those at -2, -1, 0, 1 ...
+/// spacings, at least six.
+pub(crate) fn six_point(values: &[f64], place: f64) -> f64 {
+    let cell = (place as usize).min(values.len() - 6);
+    let x = place - cell as f64;
+    let v = &values[cell..cell + 6];
+    let (d0, d1, d2, d3, d4, d5) = (x + 2.0, x + 1.0, x, x - 1.0, x - 2.0, x - 3.0);
+    let (low, high) = (d0 * d1 * d2, d3 * d4 * d5);
+    let left = d1 * d2 * v[0] / -120.0 + d0 * d2 * v[1] / 24.0 - d0 * d1 * v[2] / 12.0;
+    let right = d4 * d5 * v[3] / 12.0 - d3 * d5 * v[4] / 24.0 + d3 * d4 * v[5] / 120.0;
+    high * left + low * right
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quintics_are_exact_and_grid_points_are_kept() {
+        let quintic = |x: f64| 1.0 - x * (0.5 - x * (0.25 + x * (0.1 - x * (0.03 - 0.002 * x))));
+        let values: Vec<f64> = (0..12).map(|i| quintic(f64::from(i) - 2.0)).collect();
+        for place in [0.0, 0.3, 1.0, 2.7, 5.5, 6.99] {
+            assert!((six_point(&values, place) - quintic(place)).abs() < 1e-13, "{place}");
+        }
+        assert_eq!(six_point(&values, 3.0), values[5]);
+    }
+}

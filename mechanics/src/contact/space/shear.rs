@@ -1,0 +1,308 @@
+//! Tangential loads on the bonded layer in three dimensions: displacement of the surface, normal
+//! stress at the base, and contacts that rub with a traction in proportion to their pressure.
+//!
+//! Along its wave vector a tangential traction is the plane problem's, with T and N of
+//! [`super::super::layer`]; across it the layer shears alone, u_hat = tanh(k t)/(G k) q_hat. The
+//! inverse transforms are Hankel's of order 0, 1 and 2; those of order 1 and 2 follow from order 0
+//! by (1/r) integral of s f(s) ds = integral of g(a) J1(a r), J2 = 2 J1(y)/y - J0. What a half
+//! space does (Cerruti; Johnson, Contact Mechanics, 1985, section 3.6) is kept in closed form, the
+//! rest is tabulated, and nu = 0.5 is an ordinary value.
+//!
+//! Frame as in [`super`]; a load Q > 0 pushes the layer along +x, displacements w are downwards. It
+//! refuses what is not finite; contacts under friction also what [`Surface::press`] refuses and
+//! friction that does not settle. Stick and slip it does not know.
+
+use super::super::layer::Layer;
+use super::super::{Invalid, finite};
+use super::Drive;
+use super::radial::{CUTOFFS, GAUSS, REACH, images, love, sight, slopes};
+use super::surface::{Surface, SurfaceState};
+use super::table::Even;
+use core::f64::consts::PI;
+
+/// Table points per thickness, and the step along the line of sight.
+const DENSITY: f64 = 160.0;
+const SIGHT: f64 = 0.125;
+/// From here on the means are summed from the far end.
+const MIDDLE: f64 = 3.0;
+/// Rounds of pressure under friction, and the change at which they end, over the penetration.
+const ROUNDS: usize = 60;
+const SETTLED: f64 = 1e-7;
+
+/// f(r) = integral of a g(a) J0(a r), and its mean (1/r^2) integral of s f(s) from 0, which is that
+/// of g(a) J1(a r) over r.
+#[derive(Clone, Debug)]
+struct Orders {
+    level: Even,
+    mean: Even,
+}
+
+impl Orders {
+    /// From the values of f at the table's points; `far` is the integral of s f(s) up to a far s.
+    fn new(values: &[f64], far: impl Fn(f64) -> f64) -> Self {
+        let level = Even::new(values, DENSITY);
+        let cell = |i: usize| -> f64 {
+            let part = |(place, weight): (f64, f64)| {
+                let s = (i as f64 + 0.5 + 0.5 * place) / DENSITY;
+                0.5 * weight / DENSITY * s * level.at(s)
+            };
+            GAUSS.into_iter().map(part).sum()
+        };
+        let (middle, end) = ((MIDDLE * DENSITY) as usize, (REACH * DENSITY) as usize);
+        let mut sums: Vec<f64> = (0..values.len()).map(|i| far(i as f64 / DENSITY)).collect();
+        sums[0] = 0.0;
+        for i in 0..middle {
+            sums[i + 1] = sums[i] + cell(i);
+        }
+        for i in (middle + 1..end).rev() {
+            sums[i] = sums[i + 1] - cell(i);
+        }
+        let place = |i: usize| i as f64 / DENSITY;
+        let mean = |(i, sum): (usize, &f64)| sum / (place(i) * place(i));
+        let mut means: Vec<f64> = sums.iter().enumerate().map(mean).collect();
+        means[0] = 0.5 * values[0];
+        Self { level, mean: Even::new(&means, DENSITY) }
+    }
+
+    fn of(g: impl Fn(f64) -> f64, cutoff: f64) -> Self {
+        let count = points();
+        let total = g(0.0);
+        let half = sight(&slopes(g, cutoff, count, DENSITY), count, DENSITY, SIGHT);
+        let values: Vec<f64> = half.iter().map(|f| 2.0 * f).collect();
+        Self::new(&values, |_| total)
+    }
+
+    /// Integral of a g(a) J2(a r).
+    fn second(&self, r: f64) -> f64 {
+        2.0 * self.mean.at(r) - self.level.at(r)
+    }
+}
+
+/// (1/r) integral of a B(a) J1(a r) of an odd B: the slope of a transform of order 0, taken under
+/// the line of sight, so that what is left of it far out is right against its own size.
+fn moment(base: impl Fn(f64) -> f64) -> Even {
+    let count = points();
+    let step = 2.0 * PI / (2.2 * REACH);
+    let samples = libm::ceil(CUTOFFS[0] / step) as usize;
+    let mut slope = vec![0.0; count];
+    for k in 1..=samples {
+        let a = k as f64 * step;
+        let weight = step * a * a * a * base(a);
+        for (i, value) in slope.iter_mut().enumerate() {
+            *value += weight * bow(a * i as f64 / DENSITY);
+        }
+    }
+    let half = sight(&Even::new(&slope, DENSITY), count, DENSITY, SIGHT);
+    let values: Vec<f64> = half.iter().map(|f| 2.0 * f).collect();
+    Even::new(&values, DENSITY)
+}
+
+/// (sin y - y cos y)/y^3.
+fn bow(y: f64) -> f64 {
+    let s = y * y;
+    if y < 0.5 {
+        let inner = 1.0 - s / 88.0 * (1.0 - s / 130.0);
+        return 1.0 / 3.0 - s / 30.0 * (1.0 - s / 28.0 * (1.0 - s / 54.0 * inner));
+    }
+    let (sine, cosine) = libm::sincos(y);
+    (sine - y * cosine) / (s * y)
+}
+
+fn points() -> usize {
+    (REACH * DENSITY) as usize + 8
+}
+
+/// Influence of tangential loads along x on a [`Layer`], in mm, N and MPa.
+#[derive(Clone, Debug)]
+pub struct Shear {
+    layer: Layer,
+    /// Of T/a less tanh(a)/a, of tanh(a)/a less 1/a, and of N less n.
+    along: Orders,
+    across: Orders,
+    coupling: Orders,
+    /// (1/r) integral of a B(a) J1(a r), B being the base stress per traction.
+    base: Even,
+}
+
+impl Shear {
+    /// Tabulates the kernels of a layer: a fifth of a second; allocates.
+    ///
+    /// # Errors
+    /// A layer that [`Layer::check`] refuses.
+    pub fn new(layer: &Layer) -> Result<Self, Invalid> {
+        layer.check()?;
+        let transfer = layer.transfer();
+        let tanh_over = |a: f64| if a > 0.0 { libm::tanh(a) / a } else { 1.0 };
+        let across: Vec<f64> = (0..points()).map(|i| images(i as f64 / DENSITY)).collect();
+        Ok(Self {
+            layer: *layer,
+            along: Orders::of(|a| transfer.tangential_compliance(a) - tanh_over(a), CUTOFFS[1]),
+            // 1/r and its images leave 1 of the wave without length.
+            across: Orders::new(&across, |r| 1.0 - r),
+            coupling: Orders::of(|a| transfer.coupling(a) - transfer.n, CUTOFFS[1]),
+            base: moment(|a| transfer.base_normal_from_tangential(a)),
+        })
+    }
+
+    /// The layer.
+    #[must_use]
+    pub fn layer(&self) -> &Layer {
+        &self.layer
+    }
+
+    /// Displacements along x, along y and downwards at (x, y) per unit point load along +x at the
+    /// origin, mm/N; infinite or NaN at the origin itself.
+    #[must_use]
+    pub fn surface_point(&self, [x, y]: [f64; 2]) -> [f64; 3] {
+        let t = self.layer.thickness_mm;
+        let nu = self.layer.poisson;
+        let r2 = x * x + y * y;
+        let r = r2.sqrt();
+        // Far off the closed form and the tables' rest are each other's opposite.
+        if r >= self.along.level.end() * t {
+            return [0.0; 3];
+        }
+        let rest = self.rest([x, y]);
+        let unit = 1.0 / (2.0 * PI * self.layer.shear_mpa());
+        let n = 1.0 - 2.0 * nu;
+        [
+            unit * (((1.0 - nu) + nu * x * x / r2) / r + rest[0] / t),
+            unit * (nu * x * y / (r2 * r) + rest[1] / t),
+            unit * (0.5 * n * x / r2 + rest[2] / t),
+        ]
+    }
+
+    /// What the layer adds to the half space, times 2 pi G t per unit load.
+    fn rest(&self, [x, y]: [f64; 2]) -> [f64; 3] {
+        let t = self.layer.thickness_mm;
+        let nu = self.layer.poisson;
+        let (x, y) = (x / t, y / t);
+        let r2 = x * x + y * y;
+        let r = r2.sqrt();
+        let even = (1.0 - nu) * self.along.level.at(r) + (2.0 - nu) * self.across.level.at(r);
+        let turned = (1.0 - nu) * self.along.second(r) - nu * self.across.second(r);
+        // cos and sin of twice the angle; the second order vanishes at the origin.
+        let [c, s] = if r2 > 0.0 { [(x * x - y * y) / r2, 2.0 * x * y / r2] } else { [0.0; 2] };
+        [0.5 * (even - c * turned), -0.5 * s * turned, 0.5 * x * self.coupling.mean.at(r)]
+    }
+
+    /// Normal stress at the base at (x, y) per unit point load along +x, 1/mm^2: pressed ahead of
+    /// the load, lifted behind it.
+    #[must_use]
+    pub fn base_point(&self, [x, y]: [f64; 2]) -> f64 {
+        let t = self.layer.thickness_mm;
+        let r = (x * x + y * y).sqrt() / t;
+        -x / t * self.base.at(r) / (2.0 * PI * t * t)
+    }
+
+    /// Displacements at (x, y) per unit traction along +x on a rectangle of half-sides `half_mm`
+    /// about the origin, mm/MPa.
+    #[must_use]
+    pub fn surface_cell(&self, place: [f64; 2], half_mm: [f64; 2]) -> [f64; 3] {
+        let t = self.layer.thickness_mm;
+        let nu = self.layer.poisson;
+        let unit = 1.0 / (2.0 * PI * self.layer.shear_mpa());
+        let corners = |of: &dyn Fn(f64, f64) -> f64| corners(place, half_mm, of);
+        // Antiderivatives of x^2/r^3, x y/r^3 and x/r^2.
+        let squared = corners(&|u, v| if v == 0.0 { 0.0 } else { v * libm::asinh(u / v.abs()) });
+        let mixed = corners(&|u, v| -(u * u + v * v).sqrt());
+        let first = corners(&|u, v| {
+            let r2 = u * u + v * v;
+            let angle = if u == 0.0 { 0.0 } else { u * libm::atan(v / u) };
+            angle + if r2 > 0.0 { 0.5 * v * libm::log(r2) } else { 0.0 }
+        });
+        let rest = |k: usize| over_cell(place, half_mm, t, |at| self.rest(at)[k]) / t;
+        [
+            unit * ((1.0 - nu) * love(place, half_mm) + nu * squared + rest(0)),
+            unit * (nu * mixed + rest(1)),
+            unit * (0.5 * (1.0 - 2.0 * nu) * first + rest(2)),
+        ]
+    }
+
+    /// Normal stress at the base under (x, y) per unit traction along +x on such a rectangle.
+    #[must_use]
+    pub fn base_cell(&self, place: [f64; 2], half_mm: [f64; 2]) -> f64 {
+        over_cell(place, half_mm, self.layer.thickness_mm, |at| self.base_point(at))
+    }
+
+    /// Normal stress at the base at (x, y) under point loads (place, force along x and y), MPa.
+    #[must_use]
+    pub fn base_szz_mpa(&self, [x, y]: [f64; 2], loads: &[([f64; 2], [f64; 2])]) -> f64 {
+        let one = |&([u, v], [qx, qy]): &([f64; 2], [f64; 2])| {
+            let (dx, dy) = (x - u, y - v);
+            qx * self.base_point([dx, dy]) + qy * self.base_point([dy, -dx])
+        };
+        loads.iter().map(one).sum()
+    }
+
+    /// Presses a body that rubs along x with `ratio` times its pressure: the surface also sinks by
+    /// what the tangential traction moves, in rounds. `heights_mm` as in [`Surface::press`].
+    /// Allocates.
+    ///
+    /// # Errors
+    /// What [`Surface::press`] refuses; a ratio that is not finite; rounds that do not settle.
+    pub fn press(
+        &self,
+        surface: &mut Surface,
+        heights_mm: &[f64],
+        drive: Drive,
+        ratio: f64,
+    ) -> Result<SurfaceState, Invalid> {
+        finite("ratio", ratio)?;
+        let cells = *surface.cells();
+        let half = [0.5 * cells.spacing_mm; 2];
+        let (columns, rows) = (cells.columns, cells.rows);
+        let offset = |i: usize| i as f64 * cells.spacing_mm;
+        // Odd along x, even along y.
+        let table: Vec<f64> = (0..columns * rows)
+            .map(|n| self.surface_cell([offset(n % columns), offset(n / columns)], half)[2])
+            .collect();
+        let mut sunk = vec![0.0; heights_mm.len()];
+        for _ in 0..ROUNDS {
+            let raised: Vec<f64> = heights_mm.iter().zip(&sunk).map(|(h, s)| h + s).collect();
+            let state = surface.press(&raised, drive)?;
+            let pressure = surface.pressure_mpa();
+            let mut moved = 0.0_f64;
+            for (n, before) in sunk.iter_mut().enumerate() {
+                let mut sum = 0.0;
+                for (m, p) in pressure.iter().enumerate().filter(|(_, p)| **p > 0.0) {
+                    let (i, k) = (n % columns, m % columns);
+                    let away = (n / columns).abs_diff(m / columns) * columns + i.abs_diff(k);
+                    sum += if i < k { -p * table[away] } else { p * table[away] };
+                }
+                moved = moved.max((ratio * sum - *before).abs());
+                *before = ratio * sum;
+            }
+            if moved <= SETTLED * state.penetration_mm.abs() {
+                return Ok(state);
+            }
+        }
+        surface.release();
+        let what = format!("{ratio} times the pressure does not settle");
+        Err(Invalid::new("ratio", what, "give less friction"))
+    }
+}
+
+/// A product of differences of an antiderivative over a rectangle, seen from (x, y).
+fn corners([x, y]: [f64; 2], [a, b]: [f64; 2], of: &dyn Fn(f64, f64) -> f64) -> f64 {
+    of(x + a, y + b) - of(x - a, y + b) - of(x + a, y - b) + of(x - a, y - b)
+}
+
+/// Integral of a smooth kernel over a rectangle, by Gauss's rule on parts of a quarter thickness.
+fn over_cell([x, y]: [f64; 2], [a, b]: [f64; 2], t: f64, of: impl Fn([f64; 2]) -> f64) -> f64 {
+    let parts = |half: f64| libm::ceil(8.0 * half / t).clamp(1.0, 1000.0);
+    let (nx, ny) = (parts(a), parts(b));
+    let (hx, hy) = (a / nx, b / ny);
+    let mut sum = 0.0;
+    for i in 0..nx as usize {
+        for j in 0..ny as usize {
+            let middle = [x - a + hx * (2 * i + 1) as f64, y - b + hy * (2 * j + 1) as f64];
+            for (gx, wx) in GAUSS {
+                for (gy, wy) in GAUSS {
+                    sum += wx * wy * of([middle[0] + gx * hx, middle[1] + gy * hy]);
+                }
+            }
+        }
+    }
+    sum * hx * hy
+}
