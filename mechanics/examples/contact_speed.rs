@@ -1,6 +1,6 @@
 //! Times the plane contact solver on this machine: `cargo run --release -p taktil-mechanics
-//! --example contact_speed [-- NAME LEVEL]`. Prints microseconds a solution, best of several rounds,
-//! of the cases whose names begin so. Not lane code.
+//! --example contact_speed [-- NAME LEVEL]`. Prints microseconds a solution, best of several
+//! rounds, of the cases whose names begin so. Not lane code.
 
 use std::hint::black_box;
 use std::time::Instant;

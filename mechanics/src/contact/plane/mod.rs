@@ -88,7 +88,7 @@ pub enum Friction {
 /// How well to solve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
-    /// About 1e-3 of the peak, for control periods.
+    /// Half a percent of the peak, mostly less, for control periods.
     Fast,
     /// 1e-5 of the peak.
     Default,
