@@ -172,7 +172,7 @@ fn tilted_bars_are_those_of_the_reference() {
     for (friction, text) in tables {
         let mut modes = [0, 0, 0];
         for (i, row) in tilted(text).iter().enumerate() {
-            for (level, error) in [(Level::Fast, 5e-3), (Level::Default, 1e-6), (Level::Fine, 1e-8)]
+            for (level, error) in [(Level::Fast, 2e-3), (Level::Default, 1e-6), (Level::Fine, 1e-8)]
             {
                 if level != Level::Fine && i % 4 != 0 {
                     continue;

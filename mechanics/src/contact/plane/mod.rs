@@ -88,7 +88,7 @@ pub enum Friction {
 /// How well to solve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
-    /// Half a percent of the peak, mostly less, for control periods.
+    /// About 1e-3 of the peak, for control periods.
     Fast,
     /// 1e-5 of the peak.
     Default,
@@ -469,7 +469,7 @@ impl Indenter {
 /// 2i thicknesses away, so the error falls as exp(-4 n/half) where that is the slower.
 fn density(level: Level) -> [f64; 2] {
     match level {
-        Level::Fast => [4.5, 2.7],
+        Level::Fast => [5.0, 3.2],
         Level::Default => [10.0, 4.9],
         Level::Fine => [14.0, 6.4],
     }
