@@ -25,8 +25,10 @@ struct Hanging {
 
 impl Task for Hanging {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        while cycle.tick >= 100 {
-            std::thread::sleep(Duration::from_secs(1));
+        if cycle.tick >= 100 {
+            loop {
+                std::thread::sleep(Duration::from_secs(1));
+            }
         }
         io.write(&self.request, Request::default());
         io.write(&self.jog, JogCommand::default());
