@@ -74,7 +74,8 @@ impl Drive {
             speed_cols_s: memory.line_cols_s(),
             saturated_counts: config.model.saturated_counts,
         };
-        line(image, touch, &known)
+        // A finger that comes down askew touches with one row first.
+        line(image, touch, &known).or_else(|| Line::short(touch, &known).filter(|_| touch.contact))
     }
 
     /// How fast the finger gives way along the pin, for a law that does; others hold it.

@@ -208,6 +208,27 @@ fn the_lead_over_the_measured_joints_is_bounded() {
 const STRAIGHT: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 0.01, 3.13];
 
 #[test]
+fn a_finger_that_touches_with_one_corner_evens_the_load_out() {
+    // All load in row 16: the face at +y is to go back, a turn about x by less than nothing.
+    let script = Script {
+        image: |job| {
+            let mut image = free(job);
+            image.counts[15 * 16 + 7] = 1500.0;
+            Some(image)
+        },
+        ..FREE
+    };
+    for law in Name::ALL {
+        let keep = run(Config { law, ..Config::default() }, &script, 200);
+        assert!(keep.faults.is_empty());
+        let arm = taktil_mechanics::puma260::Puma260::reference();
+        let (from, to) = (arm.tool_pose(&q(&keep.goals[10])), arm.tool_pose(&q(&keep.goals[199])));
+        let turned = from.rotation.transpose() * to.rotation;
+        assert!(turned.y_axis.z < -1e-3, "{law:?}: {turned}");
+    }
+}
+
+#[test]
 fn near_a_singularity_it_holds_and_says_so() {
     let script = Script {
         desired: |_| Some(Desired { q_rad: STRAIGHT, valid: 1, ..Desired::ZERO }),

@@ -42,6 +42,25 @@ pub struct Line {
 }
 
 impl Line {
+    /// A contact too short for a line: the sums that are known, in the row where the load is, and a
+    /// direction that may be any.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped first")]
+    pub fn short(touch: &Touch, known: &Known) -> Option<Line> {
+        let (x_c, y_c) = (touch.x_c?, touch.y_c?);
+        let noise = known.noise_counts * known.noise_counts;
+        let mut rows = [0.0; SIDE];
+        rows[(y_c.round().clamp(1.0, SIDE as f64) as usize) - 1] = touch.m0;
+        Some(Line {
+            features: [x_c, touch.m0, touch.m_x, 0.0],
+            variance: [0.25, 16.0 * noise, 16.0 * 64.0 * noise, 1.0],
+            y_c,
+            rows,
+            saturated: 0,
+            filled: 0,
+        })
+    }
+
     /// The same image's touch with the features of its line.
     #[must_use]
     pub fn touch(&self, touch: &Touch) -> Touch {
