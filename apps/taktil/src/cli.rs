@@ -13,6 +13,7 @@ use crate::bench::{self, Bench};
 use crate::diff;
 use crate::doctor;
 use crate::experiment::{self, Experiments};
+use crate::identify::{self, Identify};
 use crate::jitter::{self, JitterArgs};
 use crate::keys;
 use crate::plot::{self, PlotArgs};
@@ -214,6 +215,9 @@ enum Command {
     /// The experiments of the thesis over laws and seeds, side by side.
     #[command(subcommand)]
     Experiment(Experiments),
+    /// Numbers of the robot from the log of a run.
+    #[command(subcommand)]
+    Identify(Identify),
     /// What parts of this program cost, in time and instructions.
     #[command(subcommand)]
     Bench(Bench),
@@ -283,6 +287,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         Command::Replay { log, json, out } => replay::run(&replay::Options { log, json, out }),
         Command::Jitter(arguments) => jitter::run(&arguments),
         Command::Experiment(what) => experiment::run(&what),
+        Command::Identify(what) => identify::run(&what),
         Command::Bench(bench) => bench::run(&bench),
         Command::Arm(arguments) => arm::run(&arguments),
         Command::Calc { list: true } => {

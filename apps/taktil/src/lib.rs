@@ -8,6 +8,7 @@ pub mod cli;
 pub mod diff;
 pub mod doctor;
 pub mod experiment;
+pub mod identify;
 pub mod jitter;
 pub mod keys;
 pub mod log;

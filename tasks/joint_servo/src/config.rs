@@ -5,7 +5,8 @@ use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_rtcore::Invalid;
 
-use crate::law::Gains;
+use crate::law::{Gains, Pd};
+use crate::observer::Observer;
 
 /// Gains and options. Every key has a default.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -27,6 +28,9 @@ pub struct Config {
     pub kd_nms_rad: Option<[f64; 6]>,
     /// Corner of the low-pass on the rate of the error (Hz). Default 60.
     pub derivative_filter_hz: f64,
+    /// Takes the rate of the error from an observer with its poles at so many Hz instead: without
+    /// the filter's lag and the half tick of a difference, for more noise. Default none.
+    pub observer_hz: Option<f64>,
     /// Adds the torque that holds the arm against gravity at the desired joints, once they are
     /// calibrated. Default true; false is the thesis's plain PD, whose finger droops by
     /// millimetres.
@@ -56,6 +60,7 @@ impl Default for Config {
             kp_nm_rad: None,
             kd_nms_rad: None,
             derivative_filter_hz: 60.0,
+            observer_hz: None,
             gravity: true,
             friction: 0.0,
             friction_speed_rad_s: 0.01,
@@ -106,6 +111,10 @@ impl Config {
                 return Err(Invalid::new(name, what, "give 0 (none) to 1 (all of it)"));
             }
         }
+        if let Some(hz) = self.observer_hz.filter(|hz| !(*hz > 0.0 && *hz <= 200.0)) {
+            let what = format!("{hz} Hz is no place for poles at 400 Hz");
+            return Err(Invalid::new("observer_hz", what, "give more than 0 and at most 200"));
+        }
         positive("friction_speed_rad_s", self.friction_speed_rad_s)?;
         positive("derivative_filter_hz", self.derivative_filter_hz)
     }
@@ -114,6 +123,16 @@ impl Config {
     #[must_use]
     pub fn gains(&self, dynamics: &Dynamics) -> Gains {
         self.gains_for(&self.inertia(dynamics))
+    }
+
+    /// The law that the table stands for.
+    #[must_use]
+    pub fn law(&self, dynamics: &Dynamics) -> Pd {
+        let law = Pd::new(self.gains(dynamics), self.derivative_filter_hz);
+        match self.observer_hz {
+            Some(hz) => law.observed(Observer::new(&self.inertia(dynamics), hz)),
+            None => law,
+        }
     }
 
     /// The inertia that the gains are computed for (kg m^2).
@@ -176,6 +195,7 @@ mod tests {
             assert_eq!(refused(|c| c.bandwidth_rad_s[2] = bad), "bandwidth_rad_s[2]");
             assert_eq!(refused(|c| c.damping[0] = bad), "damping[0]");
             assert_eq!(refused(|c| c.derivative_filter_hz = bad), "derivative_filter_hz");
+            assert_eq!(refused(|c| c.observer_hz = Some(bad)), "observer_hz");
             assert_eq!(
                 refused(|c| c.kp_nm_rad = Some([1.0, 1.0, 1.0, 1.0, 1.0, bad])),
                 "kp_nm_rad[5]"

@@ -11,6 +11,8 @@ use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::{Dynamics, Friction};
 use taktil_rtcore::{Fold, StateHash};
 
+use crate::observer::Observer;
+
 /// Gains of the six joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gains {
@@ -114,10 +116,14 @@ pub struct Pd {
     corner_rad_s: f64,
     last_rad: Option<Joints>,
     rate_rad_s: Joints,
+    observer: Option<Observer>,
 }
 
 impl Fold for Pd {
     fn fold(&self, hash: &mut StateHash) {
+        if let Some(observer) = &self.observer {
+            hash.add(observer);
+        }
         hash.add(&self.last_rad.is_some());
         hash.add(self.last_rad.unwrap_or_default().as_slice()).add(self.rate_rad_s.as_slice());
     }
@@ -132,7 +138,14 @@ impl Pd {
             corner_rad_s: core::f64::consts::TAU * filter_hz,
             last_rad: None,
             rate_rad_s: Joints::zeros(),
+            observer: None,
         }
+    }
+
+    /// The same law with the rate by an observer instead of the filter.
+    #[must_use]
+    pub fn observed(self, observer: Observer) -> Pd {
+        Pd { observer: Some(observer), ..self }
     }
 
     /// Goes on with other gains and another filter: what it remembers stays, so the torque changes
@@ -158,6 +171,9 @@ impl Pd {
     pub fn reset(&mut self) {
         self.last_rad = None;
         self.rate_rad_s = Joints::zeros();
+        if let Some(observer) = &mut self.observer {
+            observer.reset();
+        }
     }
 
     /// Torque (N m) for an error of `error_rad` (desired minus measured), `dt_s` after the last
@@ -166,7 +182,9 @@ impl Pd {
     /// `None`, and a forgotten past, when the torque would not be finite. With `dt_s` not positive
     /// the rate stays as it is.
     pub fn torque_nm(&mut self, error_rad: &Joints, dt_s: f64) -> Option<Joints> {
-        if let Some(last) = self.last_rad.filter(|_| dt_s > 0.0) {
+        if let Some(observer) = &mut self.observer {
+            self.rate_rad_s = observer.rate_rad_s(error_rad, dt_s);
+        } else if let Some(last) = self.last_rad.filter(|_| dt_s > 0.0) {
             let share = self.corner_rad_s * dt_s / (1.0 + self.corner_rad_s * dt_s);
             self.rate_rad_s += ((error_rad - last) / dt_s - self.rate_rad_s) * share;
         }
@@ -174,6 +192,9 @@ impl Pd {
         let torque = self.gains.kp_nm_rad.component_mul(error_rad)
             + self.gains.kd_nms_rad.component_mul(&self.rate_rad_s);
         if torque.iter().all(|x| x.is_finite()) {
+            if let Some(observer) = &mut self.observer {
+                observer.asked(&torque);
+            }
             return Some(torque);
         }
         self.reset();

@@ -8,6 +8,7 @@
 
 pub mod config;
 pub mod law;
+pub mod observer;
 
 pub use config::Config;
 
@@ -111,7 +112,7 @@ impl JointServo {
             joints: ports.input("joints"),
             control: ports.input("control"),
             torque: ports.output_within("torque", sound),
-            law: Pd::new(config.gains(&dynamics), config.derivative_filter_hz),
+            law: config.law(&dynamics),
             ahead: Ahead::new(config.friction, config.friction_speed_rad_s, config.acceleration),
             dynamics: config.gravity.then_some(dynamics),
             assumed: config.assumed_pose_deg.map(|deg| Joints::from(deg.map(f64::to_radians))),

@@ -5,6 +5,7 @@ pub mod chain;
 pub mod contact;
 pub mod measure;
 pub mod readers;
+pub mod servo;
 pub mod space;
 
 use std::process::ExitCode;
@@ -31,6 +32,8 @@ pub enum Bench {
     /// Plane contact: the thesis's statements beside the exact layer, work against precision of
     /// every method, and the figures.
     Contact(contact::Plan),
+    /// The modes of the joint servo: rest and tracking error, torque noise, stability margins.
+    Servo(servo::Plan),
 }
 
 /// Measures and prints.
@@ -43,6 +46,7 @@ pub fn run(bench: &Bench) -> anyhow::Result<ExitCode> {
         Bench::Readers(plan) => readers::run(plan),
         Bench::Contact3d(plan) => space::run(plan),
         Bench::Contact(plan) => contact::run(plan),
+        Bench::Servo(plan) => servo::run(plan),
     }
 }
 

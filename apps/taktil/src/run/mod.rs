@@ -275,6 +275,21 @@ impl std::fmt::Display for BadOption {
 
 impl std::error::Error for BadOption {}
 
+/// Runs a machine to its end in virtual time.
+///
+/// # Errors
+/// A task that refused to start.
+pub fn fast(
+    machine: &mut Machine,
+    until: Nanos,
+    observer: &mut dyn Observer,
+) -> anyhow::Result<()> {
+    let stop = AtomicBool::new(false);
+    virtual_time::run(machine, until, &stop, observer).map(|_| ()).map_err(|(task, fault)| {
+        anyhow::anyhow!("task `{task}` refused to start: {}", fault.text())
+    })
+}
+
 fn execute(
     machine: &mut Machine,
     (fast, contract): (bool, Contract),

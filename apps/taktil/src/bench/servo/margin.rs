@@ -1,0 +1,249 @@
+//! The sampled loop of one joint: how the law answers to sines, measured on the law itself, times
+//! the exact discrete motion of an inertia whose torque acts part of a tick late. Refuses models of
+//! the law: what is measured is the code that runs.
+//!
+//! The joint is a free inertia without friction, the least stable case: other damping only adds.
+
+use core::f64::consts::PI;
+
+use taktil_mechanics::Joints;
+use taktil_tasks_joint_servo::law::Pd;
+
+/// Samples before a sine is measured, and those measured.
+const SETTLING: usize = 1200;
+const MEASURED: usize = 4000;
+/// Points of the frequency sweep.
+const POINTS: usize = 240;
+/// Amplitude of the sines (rad).
+const SINE_RAD: f64 = 1e-4;
+
+/// A complex number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Complex(f64, f64);
+
+impl Complex {
+    fn turned(angle: f64) -> Complex {
+        let (sin, cos) = libm::sincos(angle);
+        Complex(cos, sin)
+    }
+
+    fn times(self, b: Complex) -> Complex {
+        Complex(self.0 * b.0 - self.1 * b.1, self.0 * b.1 + self.1 * b.0)
+    }
+
+    fn plus(self, b: Complex) -> Complex {
+        Complex(self.0 + b.0, self.1 + b.1)
+    }
+
+    fn over(self, b: Complex) -> Complex {
+        let size = b.0 * b.0 + b.1 * b.1;
+        Complex((self.0 * b.0 + self.1 * b.1) / size, (self.1 * b.0 - self.0 * b.1) / size)
+    }
+
+    fn size(self) -> f64 {
+        libm::hypot(self.0, self.1)
+    }
+}
+
+/// One joint under the law.
+#[derive(Clone, Debug)]
+pub struct Loop {
+    /// The law, at rest.
+    pub law: Pd,
+    /// The joint's inertia (kg m^2).
+    pub inertia_kg_m2: f64,
+    /// Which joint of the law it is.
+    pub joint: usize,
+    /// Control period (s).
+    pub tick_s: f64,
+    /// Part of it after which a torque acts.
+    pub delay: f64,
+}
+
+/// How far a loop is from instability.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Margin {
+    /// Where the loop's gain is 1 (rad/s).
+    pub crossing_rad_s: f64,
+    /// Phase left there (deg).
+    pub phase_deg: f64,
+    /// Delay that would use it up (ms).
+    pub delay_ms: f64,
+    /// By how much the gain could grow.
+    pub gain: f64,
+    /// By how much it could shrink; 0 when by any.
+    pub gain_low: f64,
+    /// Largest amplification of a disturbance.
+    pub sensitivity: f64,
+    /// The gain at which a simulated loop begins to grow.
+    pub gain_simulated: f64,
+}
+
+impl Loop {
+    /// The law's answer to a sine of `cycles` in [`MEASURED`] samples: torque over error.
+    fn law_at(&self, cycles: usize) -> Complex {
+        let mut law = self.law;
+        let (mut re, mut im) = (0.0, 0.0);
+        #[expect(clippy::cast_precision_loss, reason = "a few thousand")]
+        let step = 2.0 * PI * cycles as f64 / MEASURED as f64;
+        for sample in 0..SETTLING + MEASURED {
+            #[expect(clippy::cast_precision_loss, reason = "a few thousand")]
+            let (sin, cos) = libm::sincos(step * sample as f64);
+            let error = Joints::repeat(SINE_RAD * cos);
+            let torque = law.torque_nm(&error, self.tick_s).map_or(0.0, |tau| tau[self.joint]);
+            if sample >= SETTLING {
+                re += torque * cos;
+                im -= torque * sin;
+            }
+        }
+        #[expect(clippy::cast_precision_loss, reason = "a few thousand")]
+        let scale = 2.0 / MEASURED as f64 / SINE_RAD;
+        Complex(re * scale, im * scale)
+    }
+
+    /// Position over torque: `(b_q (z - 1) + T b_v) / (z - 1)^2` with `b = B0 + B1/z`, B0 what this
+    /// job's torque does in its own tick and B1 in the next one.
+    fn joint_at(&self, angle: f64) -> Complex {
+        let (t, d) = (self.tick_s, self.tick_s * self.delay);
+        let z = Complex::turned(angle);
+        let back = Complex::turned(-angle);
+        let b = |own: f64, next: f64| {
+            let next = Complex(next / self.inertia_kg_m2, 0.0).times(back);
+            Complex(own / self.inertia_kg_m2, 0.0).plus(next)
+        };
+        let b_q = b(0.5 * (t - d) * (t - d), d * (t - 0.5 * d));
+        let b_v = b(t - d, d);
+        let one_less = z.plus(Complex(-1.0, 0.0));
+        let above = b_q.times(one_less).plus(b_v.times(Complex(t, 0.0)));
+        above.over(one_less.times(one_less))
+    }
+
+    /// The margins, from a sweep over frequencies, and a simulation.
+    #[must_use]
+    pub fn margin(&self) -> Margin {
+        let mut sweep: Vec<(f64, Complex)> = Vec::new();
+        let mut last = 0;
+        for point in 0..POINTS {
+            #[expect(clippy::cast_precision_loss, reason = "a few hundred")]
+            let share = point as f64 / (POINTS - 1) as f64;
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "to 2000")]
+            let cycles = libm::pow(MEASURED as f64 / 2.0 - 1.0, share).round() as usize;
+            if cycles <= last {
+                continue;
+            }
+            last = cycles;
+            #[expect(clippy::cast_precision_loss, reason = "a few thousand")]
+            let angle = 2.0 * PI * cycles as f64 / MEASURED as f64;
+            sweep.push((angle, self.law_at(cycles).times(self.joint_at(angle))));
+        }
+        let mut margin = Margin { gain: f64::INFINITY, ..Margin::default() };
+        for pair in sweep.windows(2) {
+            let [(a, from), (b, to)] = pair else { continue };
+            if from.size() > 1.0 && to.size() <= 1.0 {
+                let part = libm::log(from.size()) / libm::log(from.size() / to.size());
+                let angle = a + part * (b - a);
+                let phase = |l: &Complex| libm::atan2(-l.1, -l.0).to_degrees();
+                margin.phase_deg = phase(from) + part * (phase(to) - phase(from));
+                margin.crossing_rad_s = angle / self.tick_s;
+                margin.delay_ms = margin.phase_deg.to_radians() / margin.crossing_rad_s * 1e3;
+            }
+            // Across the negative real axis.
+            if from.0 < 0.0 && to.0 < 0.0 && from.1.signum() != to.1.signum() {
+                let part = from.1 / (from.1 - to.1);
+                let size = -(from.0 + part * (to.0 - from.0));
+                if size < 1.0 {
+                    margin.gain = margin.gain.min(1.0 / size);
+                } else {
+                    margin.gain_low = margin.gain_low.max(1.0 / size);
+                }
+            }
+        }
+        for (_, at) in &sweep {
+            let apart = at.plus(Complex(1.0, 0.0)).size();
+            margin.sensitivity = margin.sensitivity.max(1.0 / apart);
+        }
+        margin.gain_simulated = self.simulated();
+        margin
+    }
+
+    /// The smallest factor on the joint's answer at which the loop grows, by halving.
+    fn simulated(&self) -> f64 {
+        let (mut low, mut high) = (1.0, 64.0);
+        if self.grows(low) {
+            return low;
+        }
+        for _ in 0..24 {
+            let middle = (low * high).sqrt();
+            if self.grows(middle) { high = middle } else { low = middle }
+        }
+        low
+    }
+
+    fn grows(&self, gain: f64) -> bool {
+        let mut law = self.law;
+        let (t, d) = (self.tick_s, self.tick_s * self.delay);
+        let (mut q, mut v, mut older) = (1e-6, 0.0, 0.0);
+        let (mut early, mut late) = (0.0f64, 0.0f64);
+        for tick in 0..4000 {
+            let asked = law.torque_nm(&Joints::repeat(-q), t);
+            let torque = asked.map_or(f64::NAN, |tau| tau[self.joint]) * gain;
+            let (a, b) = (older / self.inertia_kg_m2, torque / self.inertia_kg_m2);
+            let e = t - d;
+            q += v * t + a * (d * t - 0.5 * d * d) + 0.5 * b * e * e;
+            v += a * d + b * e;
+            older = torque;
+            if !q.is_finite() || q.abs() > 1.0 {
+                return true;
+            }
+            if tick < 2000 { early = early.max(q.abs()) } else { late = late.max(q.abs()) }
+        }
+        late > early
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taktil_mechanics::dynamics::Dynamics;
+    use taktil_tasks_joint_servo::Config;
+
+    fn of(config: &Config) -> Loop {
+        let dynamics = Dynamics::reference();
+        Loop {
+            law: config.law(&dynamics),
+            inertia_kg_m2: config.inertia(&dynamics)[1],
+            joint: 1,
+            tick_s: 0.0025,
+            delay: 0.5,
+        }
+    }
+
+    #[test]
+    fn without_filter_and_delay_the_margin_is_the_textbook_s() {
+        // kp = w^2, kd = 2 w, far below the sampling rate: the crossing is at w sqrt(2 + sqrt 5),
+        // the phase there atan(2 crossing / w).
+        let slow =
+            Config { bandwidth_rad_s: [2.0; 6], derivative_filter_hz: 1e5, ..Config::default() };
+        let margin = Loop { delay: 1e-6, ..of(&slow) }.margin();
+        let crossing = 2.0 * (2.0 + 5f64.sqrt()).sqrt();
+        assert!((margin.crossing_rad_s - crossing).abs() < 0.05, "{margin:?}");
+        let phase = libm::atan(2.0 * crossing / 2.0).to_degrees();
+        assert!((margin.phase_deg - phase).abs() < 1.0, "{phase} {margin:?}");
+    }
+
+    #[test]
+    fn the_gain_at_which_the_simulated_loop_grows_is_the_one_computed() {
+        for config in [
+            Config::default(),
+            Config { damping: [0.5; 6], derivative_filter_hz: 30.0, ..Config::default() },
+            Config { bandwidth_rad_s: [110.0; 6], ..Config::default() },
+            Config { observer_hz: Some(60.0), ..Config::default() },
+        ] {
+            let margin = of(&config).margin();
+            assert!(margin.phase_deg > 5.0 && margin.gain > 1.05, "{margin:?}");
+            let ratio = margin.gain_simulated / margin.gain;
+            // With the observer the law's own model does not grow with the joint's answer.
+            assert!((ratio - 1.0).abs() < 0.03, "{config:?}: {margin:?}");
+        }
+    }
+}
