@@ -10,6 +10,7 @@
 //! are taken into account too, and that response decides.
 //!
 //! - Lanes of equal priority are taken to come first of each other: `SCHED_FIFO` queues them.
+//! - Lanes scheduled by deadline come before all of these, and are judged among themselves.
 //! - A lane with a CPU meets the lanes of that CPU and all lanes without one. A lane without a CPU
 //!   meets every lane, as if there were one CPU. More CPUs cannot make it later than that.
 //! - What a lane's guard spins before a release is taken from the lanes that come after it.
@@ -17,7 +18,7 @@
 
 use taktil_hal::Nanos;
 
-use crate::schedule::{LONGEST_PERIOD, LaneSpec};
+use crate::schedule::{LONGEST_PERIOD, LaneSpec, Policy};
 use crate::task::Invalid;
 
 mod phases;
@@ -210,11 +211,20 @@ fn meet(a: &LaneSpec, b: &LaneSpec) -> bool {
     a.cpu.is_none() || b.cpu.is_none() || a.cpu == b.cpu
 }
 
+/// Whether lane `other` takes the processor from lane `me`, or may.
+fn comes_first(other: &LaneSpec, me: &LaneSpec) -> bool {
+    match (other.policy, me.policy) {
+        (Policy::Deadline, _) => true,
+        (Policy::Fifo, Policy::Deadline) => false,
+        (Policy::Fifo, Policy::Fifo) => other.priority >= me.priority,
+    }
+}
+
 /// The other lanes that can hold lane `index` up.
 fn first_of(lanes: &[Demand], index: usize) -> impl Iterator<Item = &Demand> {
     let me = &lanes[index].spec;
     lanes.iter().enumerate().filter_map(move |(other, lane)| {
-        let first = other != index && lane.spec.priority >= me.priority && meet(me, &lane.spec);
+        let first = other != index && comes_first(&lane.spec, me) && meet(me, &lane.spec);
         first.then_some(lane)
     })
 }
@@ -253,14 +263,43 @@ fn judge(lanes: &[Demand], index: usize, allowance: Allowance) -> LaneResponse {
     let over: Vec<Periodic> =
         first_of(lanes, index).filter_map(|lane| interference(lane, allowance)).collect();
     judged.cost = Some(own.cost);
-    judged.any_phase = Some(settle(&own, &over, allowance.release_jitter));
-    judged.with_phases = phases::longest(&own, &over, allowance.release_jitter);
+    if spec.policy == Policy::Deadline {
+        judged.any_phase = Some(by_deadline(lanes, index, allowance));
+    } else {
+        judged.any_phase = Some(settle(&own, &over, allowance.release_jitter));
+        judged.with_phases = phases::longest(&own, &over, allowance.release_jitter);
+    }
     judged.verdict = match judged.response() {
         Some(bound) if !bound.meets(spec.deadline) => Verdict::Misses,
         _ if !judged.undeclared.is_empty() => Verdict::Unknown,
         _ => Verdict::Meets,
     };
     judged
+}
+
+/// Lane `index` and the deadline lanes that it may meet together ask for so many parts of a CPU:
+/// each its cost in what jitter leaves of its deadline, rounded up.
+fn density_ppm(lanes: &[Demand], index: usize, allowance: Allowance) -> u64 {
+    let all = first_of(lanes, index).chain([&lanes[index]]);
+    let parts = all.filter_map(|lane| {
+        let work = interference(lane, allowance)?;
+        let room = i128::from((lane.spec.deadline - allowance.release_jitter).0.max(1));
+        u64::try_from((i128::from(work.cost.0) * i128::from(WHOLE_PPM) + room - 1) / room).ok()
+    });
+    parts.sum()
+}
+
+/// Earliest deadline first keeps every deadline when the densities add up to no more than one CPU
+/// (J. Stankovic, M. Spuri, K. Ramamritham and G. Buttazzo, "Deadline Scheduling for Real-Time
+/// Systems", 1998, 3.2), on several CPUs as on one (J. Goossens, S. Funk and S. Baruah, Real-Time
+/// Systems 25, 2003). Sufficient, not necessary.
+fn by_deadline(lanes: &[Demand], index: usize, allowance: Allowance) -> Bound {
+    let deadline = lanes[index].spec.deadline;
+    if density_ppm(lanes, index, allowance) <= WHOLE_PPM {
+        Bound::Within(deadline)
+    } else {
+        Bound::Beyond(deadline)
+    }
 }
 
 /// The fixed point of Joseph and Pandya with the release jitter of Audsley et al. It holds up to
@@ -335,8 +374,12 @@ fn complaint(
     let first: Vec<String> = first_of(lanes, index)
         .filter_map(|lane| {
             let work = interference(lane, allowance)?;
-            let (name, priority) = (&lane.spec.name, lane.spec.priority);
-            Some(format!("`{name}` ({} every {}, priority {priority})", work.cost, work.period))
+            let name = &lane.spec.name;
+            let rank = match lane.spec.policy {
+                Policy::Fifo => format!("priority {}", lane.spec.priority),
+                Policy::Deadline => "by deadline".to_owned(),
+            };
+            Some(format!("`{name}` ({} every {}, {rank})", work.cost, work.period))
         })
         .collect();
     let held_up = if first.is_empty() {
@@ -346,6 +389,19 @@ fn complaint(
             spec.cpu.map_or("without a CPU of its own".into(), |cpu| format!("on CPU {cpu}"));
         format!("; first come, {place}: {}", first.join(", "))
     };
+    if spec.policy == Policy::Deadline {
+        let what = format!(
+            "lane `{}` and the deadline lanes that it meets ask for {:.1} % of a CPU: {} of its \
+             own within {}, less {} release jitter{held_up}",
+            spec.name,
+            density_ppm(lanes, index, allowance) as f64 / 1e4,
+            judged.cost.unwrap_or(Nanos::ZERO),
+            spec.deadline,
+            allowance.release_jitter,
+        );
+        let remedy = remedy(lanes, index, judged, allowance);
+        return Invalid::new(format!("lane.{}", spec.name), what, remedy);
+    }
     let what = format!(
         "lane `{}` may end {response} after its release, and its deadline is {}: {} of its own \
          with overhead, {} release jitter{held_up}",

@@ -3,6 +3,7 @@
 //! asked for and is missing stands apart from what is merely so.
 
 use crate::contract::{Demands, Item, Shortfall, Weight, shortfalls};
+use crate::schedule::Reservation;
 
 /// What one lane's thread runs with, read back.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -15,6 +16,8 @@ pub struct LaneGrant {
     pub priority: i32,
     /// CPUs that it may run on.
     pub cpus: Vec<usize>,
+    /// What is kept for it under `SCHED_DEADLINE`.
+    pub reserved: Option<Reservation>,
 }
 
 /// A limit of the process; `None` is no limit.

@@ -6,7 +6,7 @@ use crate::attest::{Facts, LaneGrant, Limit};
 /// One thing that real time asks of the kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Item {
-    /// Every lane's thread has the `SCHED_FIFO` priority that it asked for.
+    /// Every lane's thread has the `SCHED_FIFO` priority, or the reservation, that it asked for.
     Fifo,
     /// Every lane that names a CPU runs there and nowhere else.
     Cpu,
@@ -72,7 +72,7 @@ impl Item {
 
     const fn wanted(self) -> &'static str {
         match self {
-            Item::Fifo => "the priority of each lane",
+            Item::Fifo => "the policy and priority of each lane",
             Item::Cpu => "the CPU of each lane",
             Item::Memory => "all of it locked",
             Item::PreemptRt => "a kernel built with PREEMPT_RT",
@@ -283,7 +283,7 @@ fn isolation(facts: &Facts, lanes: &[LaneGrant]) -> State {
 }
 
 /// A list of CPUs as the kernel writes it, such as `2-3,7`.
-fn cpu_list(text: &str) -> Option<Vec<usize>> {
+pub(crate) fn cpu_list(text: &str) -> Option<Vec<usize>> {
     let mut cpus = Vec::new();
     for part in text.trim().split(',').filter(|part| !part.is_empty()) {
         let (first, last) = part.split_once('-').unwrap_or((part, part));

@@ -19,7 +19,7 @@ use crate::port::{AnyCell, Binding, Input, Io, Output};
 use crate::pulse::Pulse;
 use crate::record::{HEADER_BYTES, Recording, Tap};
 use crate::release::GuardFigures;
-use crate::schedule::LaneSpec;
+use crate::schedule::{LaneSpec, Reservation};
 use crate::silence;
 use crate::state::StateHash;
 use crate::status::{LaneHealth, ModeStatus};
@@ -76,6 +76,8 @@ impl Seat {
 /// One lane, ready to run jobs.
 pub(crate) struct Lane {
     pub(crate) spec: LaneSpec,
+    /// What its thread asks for when it is scheduled by deadline.
+    pub(crate) reservation: Option<Reservation>,
     pub(crate) seats: Vec<Seat>,
     pub(crate) cells: Vec<Box<dyn AnyCell>>,
     pub(crate) inputs: Vec<Binding>,

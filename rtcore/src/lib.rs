@@ -48,7 +48,7 @@ pub use payload::Payload;
 pub use port::{Freshness, Input, Io, Output, Ports, Sample};
 pub use record::Recording;
 pub use release::{Guard, GuardFigures};
-pub use schedule::{LaneSpec, Late};
+pub use schedule::{LaneSpec, Late, Policy, Reservation};
 pub use state::{Fold, StateHash};
 pub use taktil_hal::Nanos;
 pub use tape::Tape;

@@ -1,6 +1,7 @@
 //! The kernel: monotonic time, absolute sleeps, scheduling policy, locked memory, fault counters,
 //! and what it says of itself. The only file of the core that names any of them. Refuses to
 //! assume: what was asked for is read back.
+#![allow(unsafe_code)]
 
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall, munlockall};
@@ -15,6 +16,8 @@ use thread_priority::{
 };
 
 use crate::attest::{Facts, LaneGrant, Limit, status_kib};
+use crate::contract::cpu_list;
+use crate::schedule::Reservation;
 
 /// The kernel's monotonic clock, counted from a chosen instant.
 #[derive(Clone, Copy, Debug)]
@@ -161,6 +164,104 @@ pub fn become_fifo(priority: u8) -> Result<(), String> {
     }
 }
 
+/// New threads of a deadline lane are ordinary again.
+const RESET_ON_FORK: u64 = 1;
+
+const NOTHING: libc::sched_attr = libc::sched_attr {
+    size: core::mem::size_of::<libc::sched_attr>() as u32,
+    sched_policy: 0,
+    sched_flags: 0,
+    sched_nice: 0,
+    sched_priority: 0,
+    sched_runtime: 0,
+    sched_deadline: 0,
+    sched_period: 0,
+};
+
+/// Asks for `SCHED_DEADLINE` with this reservation for the calling thread and reads it back.
+///
+/// # Errors
+/// Why it was not granted, in words, with the numbers.
+pub fn become_deadline(wanted: &Reservation) -> Result<(), String> {
+    let attributes = libc::sched_attr {
+        sched_policy: libc::SCHED_DEADLINE.unsigned_abs(),
+        sched_flags: RESET_ON_FORK,
+        sched_runtime: wanted.runtime.0.unsigned_abs(),
+        sched_deadline: wanted.deadline.0.unsigned_abs(),
+        sched_period: wanted.period.0.unsigned_abs(),
+        ..NOTHING
+    };
+    // SAFETY: the kernel reads `size` bytes behind a pointer to a struct of that size that lives on
+    // this stack; thread 0 is the calling one; no memory of ours is written.
+    let code = unsafe { libc::syscall(libc::SYS_sched_setattr, 0, &raw const attributes, 0) };
+    if code != 0 {
+        return Err(why_no_deadline(nix::errno::Errno::last(), wanted));
+    }
+    match attributes_now().as_ref().and_then(reserved) {
+        Some(found) if found == *wanted => Ok(()),
+        Some(found) => Err(format!("asked for {wanted}, SCHED_DEADLINE gives {found}")),
+        None => Err("SCHED_DEADLINE was asked for and cannot be read back".to_owned()),
+    }
+}
+
+fn why_no_deadline(error: nix::errno::Errno, wanted: &Reservation) -> String {
+    use nix::errno::Errno;
+    let number = |path: &str| says(path).and_then(|text| text.parse::<f64>().ok());
+    match error {
+        Errno::EBUSY => {
+            let most = number("/proc/sys/kernel/sched_rt_runtime_us")
+                .zip(number("/proc/sys/kernel/sched_rt_period_us"))
+                .filter(|(runtime, _)| *runtime >= 0.0)
+                .map_or(100.0, |(runtime, period)| 100.0 * runtime / period);
+            let share = 100.0 * wanted.runtime.as_secs_f64() / wanted.period.as_secs_f64();
+            format!(
+                "SCHED_DEADLINE refused: {wanted} ({share:.1} %) do not fit beside what is \
+                 reserved already; {most:.0} % of each CPU can be (sched_rt_runtime_us)"
+            )
+        }
+        Errno::EPERM if !may_use_every_cpu() => format!(
+            "SCHED_DEADLINE refused: {wanted} on CPUs {:?} alone; leave `cpu` out, or start the \
+             process in a cpuset of exactly those CPUs that balances no load with others \
+             (cpuset.cpus.partition = root)",
+            allowed_cpus()
+        ),
+        error => format!("SCHED_DEADLINE refused ({error}): {wanted}"),
+    }
+}
+
+/// What the calling thread runs with, as the kernel has it.
+fn attributes_now() -> Option<libc::sched_attr> {
+    let mut found = NOTHING;
+    // SAFETY: the kernel writes at most `size` bytes behind a pointer to a struct of that size,
+    // borrowed for the call; every bit pattern is a value of it.
+    let code =
+        unsafe { libc::syscall(libc::SYS_sched_getattr, 0, &raw mut found, NOTHING.size, 0) };
+    (code == 0).then_some(found)
+}
+
+fn reserved(attributes: &libc::sched_attr) -> Option<Reservation> {
+    let nanos = |ns: u64| i64::try_from(ns).ok().map(Nanos);
+    let deadline = attributes.sched_policy == libc::SCHED_DEADLINE.unsigned_abs();
+    deadline.then_some(())?;
+    Some(Reservation {
+        runtime: nanos(attributes.sched_runtime)?,
+        deadline: nanos(attributes.sched_deadline)?,
+        period: nanos(attributes.sched_period)?,
+    })
+}
+
+fn allowed_cpus() -> Vec<usize> {
+    sched_getaffinity(Pid::from_raw(0)).map_or_else(
+        |_| Vec::new(),
+        |set| (0..CpuSet::count()).filter(|cpu| set.is_set(*cpu).unwrap_or(false)).collect(),
+    )
+}
+
+fn may_use_every_cpu() -> bool {
+    let online = says("/sys/devices/system/cpu/online").unwrap_or_default();
+    cpu_list(&online).is_none_or(|online| online.iter().all(|cpu| allowed_cpus().contains(cpu)))
+}
+
 /// Pins the calling thread to one CPU and reads it back.
 ///
 /// # Errors
@@ -197,23 +298,24 @@ pub fn kernel() -> (bool, bool) {
 /// What the calling thread runs with: policy, priority and CPUs, read back.
 #[must_use]
 pub fn thread_grant(lane: &str) -> LaneGrant {
-    let (policy, priority) = match thread_schedule_policy_param(thread_native_id()) {
-        Ok((ThreadSchedulePolicy::Realtime(policy), param)) => {
-            let name = match policy {
-                RealtimeThreadSchedulePolicy::Fifo => "SCHED_FIFO".to_owned(),
-                RealtimeThreadSchedulePolicy::RoundRobin => "SCHED_RR".to_owned(),
-                other => format!("{other:?}"),
-            };
-            (name, param.sched_priority)
+    let attributes = attributes_now();
+    let (policy, priority) = match &attributes {
+        None => ("unknown".to_owned(), 0),
+        Some(found) => {
+            let code = i32::try_from(found.sched_policy).unwrap_or(-1);
+            let names = [
+                (libc::SCHED_OTHER, "SCHED_OTHER"),
+                (libc::SCHED_FIFO, "SCHED_FIFO"),
+                (libc::SCHED_RR, "SCHED_RR"),
+                (libc::SCHED_DEADLINE, "SCHED_DEADLINE"),
+            ];
+            let name = names.iter().find(|name| name.0 == code).map(|name| name.1.to_owned());
+            let name = name.unwrap_or_else(|| format!("policy {code}"));
+            (name, i32::try_from(found.sched_priority).unwrap_or(0))
         }
-        Ok((ThreadSchedulePolicy::Normal(_), _)) => ("SCHED_OTHER".to_owned(), 0),
-        Err(_) => ("unknown".to_owned(), 0),
     };
-    let cpus = sched_getaffinity(Pid::from_raw(0)).map_or_else(
-        |_| Vec::new(),
-        |set| (0..CpuSet::count()).filter(|cpu| set.is_set(*cpu).unwrap_or(false)).collect(),
-    );
-    LaneGrant { lane: lane.to_owned(), policy, priority, cpus }
+    let (cpus, reserved) = (allowed_cpus(), attributes.as_ref().and_then(reserved));
+    LaneGrant { lane: lane.to_owned(), policy, priority, cpus, reserved }
 }
 
 /// Keeps the kernel's power management from deep sleep for as long as it lives.
@@ -299,8 +401,12 @@ fn group_of(controller: &str) -> Option<String> {
 /// it does not throttle, or when the calling thread is not one of them.
 #[must_use]
 pub fn throttle_gap() -> Option<Nanos> {
-    let (policy, _) = thread_schedule_policy_param(thread_native_id()).ok()?;
-    if !matches!(policy, ThreadSchedulePolicy::Realtime(_)) {
+    let attributes = attributes_now()?;
+    if let Some(reserved) = reserved(&attributes) {
+        // Whoever has used its reservation waits for the next period.
+        return Some(reserved.period - reserved.runtime);
+    }
+    if ![libc::SCHED_FIFO, libc::SCHED_RR].contains(&attributes.sched_policy.cast_signed()) {
         return None;
     }
     let number = |path: &str| says(path).and_then(|text| text.parse::<i64>().ok());

@@ -357,7 +357,7 @@ fn lane_thread(
     clock: &OnceLock<MonotonicClock>,
     answer: &Answer,
 ) {
-    let granted = ask(&lane.spec);
+    let granted = ask(&lane.spec, lane.reservation);
     touch_stack();
     silence::rehearse();
     let _ = answer.set(granted);

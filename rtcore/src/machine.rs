@@ -16,7 +16,7 @@ use crate::live::LANES_MAX;
 use crate::parameter::{Declaration, Desk, Knobs, Part};
 use crate::port::{Binding, InputDeclaration, OutputDeclaration, Ports};
 use crate::record::{Catalog, Drain, HEADER_BYTES, LaneInfo, Recording, Signal, tap};
-use crate::schedule::LaneSpec;
+use crate::schedule::{LaneSpec, Reservation};
 use crate::status::LaneHealth;
 use crate::tape::TapeDeclaration;
 use crate::task::{Invalid, Task};
@@ -280,7 +280,7 @@ impl Builder {
             draft.inputs.iter().map(name)
         });
         check_bindings(&inputs.collect::<Vec<_>>(), &self.bindings)?;
-        let analysis = self.check_schedule()?;
+        let (analysis, reservations) = self.check_schedule()?;
         let homes = self.homes();
         let stall = STALL + self.longer;
         let mut lanes: Vec<Lane> = Vec::new();
@@ -290,6 +290,7 @@ impl Builder {
             let (mut lane, drain) = take_lane(draft, index, &catalog, &homes, (timed, stall));
             let (knobs, ring) = parameters::knobs(draft);
             (lane.knobs, lane.edit) = (knobs, edits[index].take());
+            lane.reservation = reservations[index];
             lanes.push(lane);
             drains.push(drain);
             edit_rings.push(ring);
@@ -333,8 +334,8 @@ impl Builder {
         Ok(Machine { lanes, drains, catalog, analysis, desk, edit_rings })
     }
 
-    fn check_schedule(&self) -> Result<Analysis, Invalid> {
-        let mut demands = Vec::new();
+    fn check_schedule(&self) -> Result<(Analysis, Vec<Option<Reservation>>), Invalid> {
+        let (mut demands, mut reservations) = (Vec::new(), Vec::new());
         for Draft { spec, seats, .. } in &self.lanes {
             let outer = format!("lane.{}", spec.name);
             let tasks: Vec<&str> = seats.iter().map(|seat| seat.name.as_str()).collect();
@@ -342,10 +343,13 @@ impl Builder {
             if let Some(present) = &self.cpus {
                 spec.check_cpu(present).map_err(|invalid| invalid.within(&outer))?;
             }
-            demands.push(Demand { spec: spec.clone(), budget: spec.budget(tasks) });
+            let budget = spec.budget(tasks);
+            let reservation = spec.reservation(budget, self.allowance.overhead);
+            reservations.push(reservation.map_err(|invalid| invalid.within(&outer))?);
+            demands.push(Demand { spec: spec.clone(), budget });
         }
         let analysis = analyse(&demands, self.allowance);
-        analysis.refusal().cloned().map_or(Ok(analysis), Err)
+        analysis.refusal().cloned().map_or(Ok((analysis, reservations)), Err)
     }
 
     fn catalog(&self) -> Catalog {
@@ -463,6 +467,7 @@ fn take_lane(
         .map(|number| (number, catalog.signals[usize::from(number)].size / 8));
     let lane = Lane {
         spec: draft.spec.clone(),
+        reservation: None,
         seats: std::mem::take(&mut draft.seats),
         cells,
         inputs: Vec::new(),

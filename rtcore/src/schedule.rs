@@ -26,6 +26,35 @@ pub enum Late {
     Fault,
 }
 
+/// How a lane's thread is scheduled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Policy {
+    /// `SCHED_FIFO` at the lane's priority.
+    #[default]
+    Fifo,
+    /// `SCHED_DEADLINE`: the lane comes before all lanes of fixed priority, for the time that its
+    /// tasks declare and no longer. The kernel refuses what it cannot keep.
+    Deadline,
+}
+
+/// Processor time that the kernel keeps for a lane of [`Policy::Deadline`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reservation {
+    /// So much in each period, and no more.
+    pub runtime: Nanos,
+    /// Within so long of waking.
+    pub deadline: Nanos,
+    /// Time between two wakings at least.
+    pub period: Nanos,
+}
+
+impl core::fmt::Display for Reservation {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Reservation { runtime, deadline, period } = self;
+        write!(f, "{runtime} within {deadline} of every {period}")
+    }
+}
+
 /// One lane: one thread, one rate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LaneSpec {
@@ -40,7 +69,9 @@ pub struct LaneSpec {
     pub delivery: Nanos,
     /// A job that ends later than its release plus this has missed; at most `delivery`.
     pub deadline: Nanos,
-    /// `SCHED_FIFO` priority, 1..=99.
+    /// How its thread is scheduled.
+    pub policy: Policy,
+    /// `SCHED_FIFO` priority, 1..=99; without meaning for [`Policy::Deadline`].
     pub priority: u8,
     /// CPU to run on; any when absent.
     pub cpu: Option<usize>,
@@ -63,6 +94,11 @@ pub const SHORTEST_PERIOD: Nanos = Nanos::from_micros(20);
 /// Longest period that is accepted.
 pub const LONGEST_PERIOD: Nanos = Nanos::from_secs(10);
 
+/// Periods in which `SCHED_DEADLINE` reserves time: `sched_deadline_period_min_us`, `_max_us`.
+const RESERVED_PERIODS: (Nanos, Nanos) = (Nanos::from_micros(100), Nanos::from_secs(4));
+/// Less than 1024 ns cannot be reserved.
+const SHORTEST_RUNTIME: Nanos = Nanos::from_micros(2);
+
 /// Ten periods and at least 50 ms: how long a lane may stand still unless it is told otherwise.
 #[must_use]
 pub fn silent_after(period: Nanos) -> Nanos {
@@ -81,6 +117,7 @@ impl LaneSpec {
             phase: Nanos::ZERO,
             delivery: period,
             deadline: period,
+            policy: Policy::Fifo,
             priority,
             cpu: None,
             late: Late::Skip,
@@ -115,6 +152,39 @@ impl LaneSpec {
             }
         }
         Ok(())
+    }
+
+    /// What a lane of [`Policy::Deadline`] has to be granted: its `budget`, `overhead` and the
+    /// guard's longest spin within its deadline; none for other lanes.
+    ///
+    /// # Errors
+    /// No budget, a period or a runtime that the kernel does not take. Places are relative to the
+    /// lane.
+    pub fn reservation(
+        &self,
+        budget: Option<Nanos>,
+        overhead: Nanos,
+    ) -> Result<Option<Reservation>, Invalid> {
+        if self.policy == Policy::Fifo {
+            return Ok(None);
+        }
+        let Some(budget) = budget else {
+            let what = "a deadline lane without a budget for each task: nothing can be reserved";
+            return Err(Invalid::new("budget_us", what, "declare them, or take policy = \"fifo\""));
+        };
+        let (shortest, longest) = RESERVED_PERIODS;
+        if self.period < shortest || self.period > longest {
+            let what = format!("no time can be reserved in periods of {}", self.period);
+            return Err(Invalid::new("period_us", what, format!("give {shortest} to {longest}")));
+        }
+        let runtime = budget + overhead + self.guard.map_or(Nanos::ZERO, |guard| guard.spin_max);
+        if runtime < SHORTEST_RUNTIME || runtime > self.deadline {
+            let deadline = self.deadline;
+            let what = format!("{runtime} cannot be reserved within a deadline of {deadline}");
+            let remedy = format!("budgets, overhead and guard: {SHORTEST_RUNTIME} to {deadline}");
+            return Err(Invalid::new("budget_us", what, remedy));
+        }
+        Ok(Some(Reservation { runtime, deadline: self.deadline, period: self.period }))
     }
 
     /// Refuses a CPU that is not among `present`. The place is `cpu`.

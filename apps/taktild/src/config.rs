@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 use taktil_rtcore::schedule::silent_after;
-use taktil_rtcore::{Allowance, Bucket, Guard, Invalid, LaneSpec, Late, Nanos, Recording};
+use taktil_rtcore::{Allowance, Bucket, Guard, Invalid, LaneSpec, Late, Nanos, Policy, Recording};
 
 /// A machine file, or the part of a scene that replaces some of its sections.
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -111,8 +111,11 @@ pub struct LaneConfig {
     pub delivery_us: Option<i64>,
     /// From release to the latest end that is not a miss, us; `delivery_us` when absent.
     pub deadline_us: Option<i64>,
-    /// `SCHED_FIFO` priority, 1..=99.
-    pub priority: i64,
+    /// How the lane's thread is scheduled: `fifo` (default) or `deadline`.
+    #[serde(default)]
+    pub policy: PolicyName,
+    /// `SCHED_FIFO` priority, 1..=99; a lane scheduled by deadline has none.
+    pub priority: Option<i64>,
     /// CPU to run on; any when absent.
     pub cpu: Option<usize>,
     /// Wakes early and spins to the release; none sleeps to the release.
@@ -134,6 +137,17 @@ pub struct LaneConfig {
     /// not analysed.
     #[serde(default)]
     pub budget_us: BTreeMap<String, i64>,
+}
+
+/// How a lane's thread is scheduled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PolicyName {
+    /// `SCHED_FIFO` at the lane's priority.
+    #[default]
+    Fifo,
+    /// `SCHED_DEADLINE`, with what its tasks declare.
+    Deadline,
 }
 
 /// What a lane does about superseded jobs.
@@ -198,13 +212,7 @@ impl LaneConfig {
     pub fn spec(&self, name: &str) -> Result<LaneSpec, Invalid> {
         let period = span("period_us", self.period_us)?;
         let delivery = self.delivery_us.map_or(Ok(period), |us| span("delivery_us", us))?;
-        let priority = u8::try_from(self.priority).map_err(|_| {
-            Invalid::new(
-                "priority",
-                format!("{} is not a SCHED_FIFO priority", self.priority),
-                "give 1 (lowest) to 99 (highest)",
-            )
-        })?;
+        let (policy, priority) = self.rank()?;
         let guard = self.guard.map(|guard| Guard::of_share(guard.cpu_share_max, period));
         let guard = guard.transpose().map_err(|invalid| invalid.within("guard"))?;
         let mut budgets = BTreeMap::new();
@@ -217,6 +225,7 @@ impl LaneConfig {
             phase: span("phase_us", self.phase_us)?,
             delivery,
             deadline: self.deadline_us.map_or(Ok(delivery), |us| span("deadline_us", us))?,
+            policy,
             priority,
             cpu: self.cpu,
             late: self.late()?,
@@ -231,6 +240,28 @@ impl LaneConfig {
 }
 
 impl LaneConfig {
+    /// Policy and priority; a lane by deadline gets the highest, which nobody asks for.
+    fn rank(&self) -> Result<(Policy, u8), Invalid> {
+        let bad = |what: String, remedy: &str| Err(Invalid::new("priority", what, remedy));
+        match (self.policy, self.priority) {
+            (PolicyName::Deadline, None) => Ok((Policy::Deadline, 99)),
+            (PolicyName::Deadline, Some(priority)) => bad(
+                format!("{priority} for a lane that is scheduled by deadline"),
+                "take the line away, or the policy",
+            ),
+            (PolicyName::Fifo, Some(priority)) => match u8::try_from(priority) {
+                Ok(priority) => Ok((Policy::Fifo, priority)),
+                Err(_) => bad(
+                    format!("{priority} is not a SCHED_FIFO priority"),
+                    "give 1 (lowest) to 99 (highest)",
+                ),
+            },
+            (PolicyName::Fifo, None) => {
+                bad("is missing".to_owned(), "give 1 (lowest) to 99 (highest)")
+            }
+        }
+    }
+
     fn late(&self) -> Result<Late, Invalid> {
         let bad = |what: String, remedy: &str| Err(Invalid::new("catch_up_max", what, remedy));
         match (self.late, self.catch_up_max) {
@@ -321,5 +352,21 @@ mod tests {
             let text = format!("period_us = 2500\npriority = 80\ntasks = []\n{line}");
             assert!(toml::from_str::<LaneConfig>(&text).is_err(), "{line}");
         }
+    }
+
+    #[test]
+    fn a_lane_has_a_priority_or_is_scheduled_by_deadline() {
+        let spec = |lines: &str| {
+            let text = format!("period_us = 2500\ntasks = []\n{lines}");
+            toml::from_str::<LaneConfig>(&text).unwrap().spec("servo")
+        };
+        assert_eq!(spec("priority = 80").unwrap().policy, Policy::Fifo);
+        assert_eq!(spec("priority = 80\npolicy = \"fifo\"").unwrap().priority, 80);
+        assert_eq!(spec("policy = \"deadline\"").unwrap().policy, Policy::Deadline);
+        for lines in ["", "priority = 256", "priority = 9\npolicy = \"deadline\""] {
+            assert_eq!(spec(lines).unwrap_err().place, "priority", "{lines}");
+        }
+        let other = "period_us = 2500\ntasks = []\npolicy = \"rr\"";
+        assert!(toml::from_str::<LaneConfig>(other).is_err());
     }
 }

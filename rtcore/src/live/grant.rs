@@ -7,10 +7,11 @@ use super::Contract;
 use crate::attest::{Attestation, Facts, LaneGrant};
 use crate::contract::{Demands, Item, Shortfall};
 use crate::linux::{
-    AwakeCpus, become_fifo, facts, kernel, lock_memory, pin_to, thread_grant, unlock_memory,
+    AwakeCpus, become_deadline, become_fifo, facts, kernel, lock_memory, pin_to, thread_grant,
+    unlock_memory,
 };
 use crate::machine::Machine;
-use crate::schedule::LaneSpec;
+use crate::schedule::{LaneSpec, Reservation};
 
 /// Adds what the lanes' threads and the kernel say, once all threads stand.
 pub(super) fn complete(
@@ -29,7 +30,10 @@ pub(super) fn complete(
 }
 
 /// Asks the kernel for everything that a lane needs, for the calling thread.
-pub(super) fn ask(spec: &LaneSpec) -> (Vec<Shortfall>, LaneGrant) {
+pub(super) fn ask(
+    spec: &LaneSpec,
+    reservation: Option<Reservation>,
+) -> (Vec<Shortfall>, LaneGrant) {
     let mut short = Vec::new();
     let mut note = |item, outcome: Result<(), String>| {
         short.extend(
@@ -39,7 +43,11 @@ pub(super) fn ask(spec: &LaneSpec) -> (Vec<Shortfall>, LaneGrant) {
     if let Some(cpu) = spec.cpu {
         note(Item::Cpu, pin_to(cpu));
     }
-    note(Item::Fifo, become_fifo(spec.priority));
+    let asked = match &reservation {
+        Some(reservation) => become_deadline(reservation),
+        None => become_fifo(spec.priority),
+    };
+    note(Item::Fifo, asked);
     (short, thread_grant(&spec.name))
 }
 
@@ -55,8 +63,9 @@ pub fn rehearse(machine: &Machine, contract: Contract) -> Attestation {
     let mut answers = Vec::new();
     for lane in &machine.lanes {
         let answer = thread::scope(|scope| {
-            let spec = &lane.spec;
-            let thread = thread::Builder::new().spawn_scoped(scope, move || ask(spec)).ok()?;
+            let (spec, reservation) = (&lane.spec, lane.reservation);
+            let asks = move || ask(spec, reservation);
+            let thread = thread::Builder::new().spawn_scoped(scope, asks).ok()?;
             thread.join().ok()
         });
         let nobody = || Shortfall::new(Item::Fifo, format!("lane {}: no thread", lane.spec.name));

@@ -6,7 +6,7 @@ use std::fmt::Write;
 use serde_json::{Value, json};
 use taktil_rtcore::analysis::{Bound, LaneResponse, Load};
 use taktil_rtcore::hyperperiod::{self, Table};
-use taktil_rtcore::{Invalid, LaneSpec, Machine, Nanos};
+use taktil_rtcore::{Invalid, LaneSpec, Machine, Nanos, Policy};
 
 fn specs(machine: &Machine) -> Vec<&LaneSpec> {
     machine.figures().map(|(spec, _)| spec).collect()
@@ -56,7 +56,7 @@ pub fn text(machine: &Machine) -> String {
             "  {:<10} {:>4} {:>5} {:>8} {:>8} {:>8} {:>9} {:>10} {:>9}  {}",
             lane.name,
             cpu(spec.cpu),
-            spec.priority,
+            rank(spec),
             us(Some(spec.period)),
             us(Some(spec.phase)),
             us(lane.cost),
@@ -81,6 +81,14 @@ pub fn text(machine: &Machine) -> String {
         }
     }
     out
+}
+
+/// Priority, or that there is none.
+fn rank(spec: &LaneSpec) -> String {
+    match spec.policy {
+        Policy::Fifo => spec.priority.to_string(),
+        Policy::Deadline => "edf".to_owned(),
+    }
 }
 
 fn verdict(lane: &LaneResponse) -> String {
@@ -110,7 +118,7 @@ pub fn json(machine: &Machine) -> String {
         json!({
             "name": lane.name,
             "cpu": spec.cpu,
-            "priority": spec.priority,
+            "priority": (spec.policy == Policy::Fifo).then_some(spec.priority),
             "period_ns": spec.period.0,
             "phase_ns": spec.phase.0,
             "cost_ns": lane.cost.map(|cost| cost.0),

@@ -143,7 +143,16 @@ pub fn attested(attestation: Option<&Attestation>) -> Value {
     let granted = |a: &Attestation| {
         let lane = |lane: &LaneGrant| {
             let (policy, priority) = (&lane.policy, lane.priority);
-            json!({ "lane": lane.lane, "policy": policy, "priority": priority, "cpus": lane.cpus })
+            let reserved = lane.reserved.map(|r| {
+                json!({ "runtime_ns": r.runtime.0, "deadline_ns": r.deadline.0, "period_ns": r.period.0 })
+            });
+            json!({
+                "lane": lane.lane,
+                "policy": policy,
+                "priority": priority,
+                "cpus": lane.cpus,
+                "reserved": reserved,
+            })
         };
         a.lanes.iter().map(lane).collect::<Vec<_>>()
     };
