@@ -144,7 +144,8 @@ pub fn attested(attestation: Option<&Attestation>) -> Value {
         let lane = |lane: &LaneGrant| {
             let (policy, priority) = (&lane.policy, lane.priority);
             let reserved = lane.reserved.map(|r| {
-                json!({ "runtime_ns": r.runtime.0, "deadline_ns": r.deadline.0, "period_ns": r.period.0 })
+                let (runtime, deadline, period) = (r.runtime.0, r.deadline.0, r.period.0);
+                json!({ "runtime_ns": runtime, "deadline_ns": deadline, "period_ns": period })
             });
             json!({
                 "lane": lane.lane,
