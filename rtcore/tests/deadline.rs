@@ -1,6 +1,7 @@
 //! Lanes scheduled by deadline: what is reserved is read back, what cannot be kept is refused, at
 //! load or by the kernel, with the numbers, and a job that uses more than it declared is throttled.
 //! Needs the right to real-time scheduling; without it the tests say so and show the rest.
+#![expect(clippy::disallowed_types, reason = "tests wait for each other, lanes do not")]
 
 use std::sync::atomic::AtomicBool;
 use std::sync::{Barrier, Mutex, MutexGuard, PoisonError};
