@@ -152,11 +152,14 @@ fn put_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolling
     if model != ContactModel::Line {
         on_finger = on_finger.traced(rubber, "finger.rubber")?;
     }
-    let spatial = match model {
-        ContactModel::Layer3d => {
-            Some(Box::new(Spatial::new(rubber, radius_m, length_m, Level::Fast)?))
-        }
+    let level = match model {
+        ContactModel::Layer3d => Some(Level::Fast),
+        ContactModel::Layer3dFine => Some(Level::Default),
         ContactModel::Line | ContactModel::Layer2d => None,
+    };
+    let spatial = match level {
+        Some(level) => Some(Box::new(Spatial::new(rubber, radius_m, length_m, level)?)),
+        None => None,
     };
     let on_table = Rubber::new(&config.table.rubber, c.radius_mm, "table.rubber")?;
     let (_, axes, surface) = table.at(0.0);

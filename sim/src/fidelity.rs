@@ -52,6 +52,9 @@ pub enum ContactModel {
     /// ends are ends. Between images each row keeps the ratio to its plane solution.
     #[serde(rename = "layer-3d")]
     Layer3d,
+    /// The same with finer slices: what the others are measured against.
+    #[serde(rename = "layer-3d-fine")]
+    Layer3dFine,
 }
 
 /// The integrator.

@@ -1,11 +1,13 @@
 //! `taktil bench`: what the executor costs a cycle and a hop, in time and in instructions; the
-//! contact models against each other. Refuses to time tasks: those of the chain do nothing.
+//! contact models against each other; the simulator against its finest level. Refuses to time
+//! tasks: those of the chain do nothing.
 
 pub mod chain;
 pub mod contact;
 pub mod measure;
 pub mod readers;
 pub mod servo;
+pub mod sim;
 pub mod space;
 
 use std::process::ExitCode;
@@ -34,6 +36,9 @@ pub enum Bench {
     Contact(contact::Plan),
     /// The modes of the joint servo: rest and tracking error, torque noise, stability margins.
     Servo(servo::Plan),
+    /// The simulator: wall time of a simulated second against error, by integrator, step and
+    /// contact model.
+    Sim(sim::Plan),
 }
 
 /// Measures and prints.
@@ -47,6 +52,7 @@ pub fn run(bench: &Bench) -> anyhow::Result<ExitCode> {
         Bench::Contact3d(plan) => space::run(plan),
         Bench::Contact(plan) => contact::run(plan),
         Bench::Servo(plan) => servo::run(plan),
+        Bench::Sim(plan) => sim::run(plan),
     }
 }
 
