@@ -74,6 +74,12 @@ impl Figure {
         self.width
     }
 
+    /// Height (px).
+    #[must_use]
+    pub fn height(&self) -> f64 {
+        self.height
+    }
+
     /// A filled rectangle.
     pub fn rect(&mut self, x: f64, y: f64, width: f64, height: f64, class: &str) {
         let (x, y, width, height) = (coord(x), coord(y), coord(width), coord(height));

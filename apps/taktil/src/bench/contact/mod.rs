@@ -3,15 +3,23 @@
 //! figures. Refuses to judge statements by itself: the verdicts stand in
 //! `docs/measurements/contact.md`.
 
+mod block;
+mod bricks;
+mod chapter3;
+mod chapter4;
+mod chapter5;
 mod curves;
-mod figures;
+mod held;
 mod statements;
 mod work;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
+
+use super::space;
+use crate::plot::svg::Figure;
 
 /// What to do.
 #[derive(Clone, Debug, clap::Args)]
@@ -30,16 +38,38 @@ pub struct Plan {
 /// A folder that cannot be written to.
 pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
     print!("{}", statements::table()?);
+    let ends = [block::ends(0.8)?, block::ends(25.4)?];
+    ends.iter().for_each(|ends| print!("{}", block::statement(ends)));
     if !plan.no_timing {
         print!("\n{}", work::table()?);
     }
     if let Some(folder) = &plan.out {
-        std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-        for (name, picture) in figures::all()? {
-            let path = folder.join(name);
-            std::fs::write(&path, picture.file()).with_context(|| path.display().to_string())?;
-            println!("wrote {}", path.display());
-        }
+        draw(folder, &ends)?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Every figure of the thesis that shows numbers.
+fn draw(folder: &Path, ends: &[block::Ends; 2]) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    let mut figures = chapter3::all()?;
+    figures.push(("fig-3-5-free-ends-thin.svg", block::figure(&ends[0])));
+    figures.push(("fig-3-6-free-ends-thick.svg", block::figure(&ends[1])));
+    for part in [chapter4::all()?, held::all()?, chapter5::all()?] {
+        figures.extend(part);
+    }
+    for (name, picture) in figures {
+        write(folder, name, &picture)?;
+    }
+    for path in space::pictures(folder)? {
+        println!("wrote {}", path.display());
+    }
+    Ok(())
+}
+
+fn write(folder: &Path, name: &str, picture: &Figure) -> anyhow::Result<()> {
+    let path = folder.join(name);
+    std::fs::write(&path, picture.file()).with_context(|| path.display().to_string())?;
+    println!("wrote {}", path.display());
+    Ok(())
 }

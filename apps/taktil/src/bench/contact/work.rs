@@ -10,6 +10,7 @@ use taktil_mechanics::contact::plane::features::moments;
 use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
 use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
 
+use super::bricks;
 use super::statements::{layer, plainly};
 use crate::bench::measure::Watch;
 
@@ -18,7 +19,7 @@ const SHAPE: Shape = Shape::Flat { width_mm: WIDTH, height_mm: 6.35 };
 const ROLL: Shape = Shape::Cylinder { radius_mm: 23.0 };
 const LOAD: Load = Load { p_n_mm: 0.7, q_n_mm: 0.25 };
 
-fn best_us(rounds: u32, mut call: impl FnMut(u32)) -> f64 {
+pub(super) fn best_us(rounds: u32, mut call: impl FnMut(u32)) -> f64 {
     let mut best = f64::INFINITY;
     for round in 0..rounds {
         let mut watch = Watch::default();
@@ -66,10 +67,13 @@ pub(super) fn table() -> anyhow::Result<String> {
     for cells in [48, 96, 192] {
         on_cells(&mut out, cells, &truth)?;
     }
-    for (nx, nz) in [(64, 4), (128, 8), (256, 16)] {
-        on_mesh(&mut out, nx, nz, &truth)?;
+    for (nx, nz, order) in
+        [(64, 4, 1), (128, 8, 1), (256, 16, 1), (32, 2, 2), (64, 4, 2), (128, 8, 2), (400, 8, 2)]
+    {
+        on_mesh(&mut out, [nx, nz, order], &truth)?;
     }
     rolls(&mut out)?;
+    bricks::table(&mut out)?;
     Ok(out)
 }
 
@@ -140,13 +144,15 @@ fn on_cells(out: &mut String, n: u32, truth: &Truth) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn on_mesh(out: &mut String, nx: usize, nz: usize, truth: &Truth) -> anyhow::Result<()> {
+fn on_mesh(out: &mut String, [nx, nz, order]: [usize; 3], truth: &Truth) -> anyhow::Result<()> {
     let layer = layer(0.8, 0.49)?;
-    let mesh = Mesh::uniform(25.4, 0.8, nx, nz).map_err(plainly)?;
-    let factor = best_us(2, |_| {
-        black_box(Elements::new(&layer, mesh.clone(), Kind::MeanDilatation).is_ok());
+    let equal = Mesh::uniform(25.4, 0.8, nx, nz).map_err(plainly)?;
+    let mesh = Mesh::over([&equal.line_mm(0), &equal.line_mm(1)], order).map_err(plainly)?;
+    let kind = Kind::MeanDilatation;
+    let body = Elements::new(&layer, mesh.clone(), kind).map_err(plainly)?;
+    let tables = best_us(1, |_| {
+        black_box(Elements::new(&layer, mesh.clone(), kind).and_then(|body| body.bed()).is_ok());
     });
-    let body = Elements::new(&layer, mesh.clone(), Kind::MeanDilatation).map_err(plainly)?;
     let mut grip = grip_of(body.bed().map_err(plainly)?)?;
     let [warm, cold] = timed(&mut grip)?;
     let response = body.under(grip.normal_n_mm(), grip.tangential_n_mm()).map_err(plainly)?;
@@ -157,12 +163,12 @@ fn on_mesh(out: &mut String, nx: usize, nz: usize, truth: &Truth) -> anyhow::Res
         szz[right - 1] * (1.0 - s) + szz[right] * s
     };
     let error = truth.error(between);
-    let forces = vec![[0.0, -0.01]; nx + 1];
+    let forces = vec![[0.0, -0.01]; body.mesh().columns()];
     let mut again = body.response();
     let load = best_us(50, |_| body.solve(black_box(&forces), &mut again));
     writeln!(
         out,
-        "elements {nx} x {nz} | {error:.1e} | {warm:.0} | {cold:.0} | {factor:.0} \
+        "elements {nx} x {nz}, order {order} | {error:.1e} | {warm:.0} | {cold:.0} | {tables:.0} \
          (one load, factored: {load:.1})"
     )?;
     Ok(())

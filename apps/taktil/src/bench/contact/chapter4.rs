@@ -1,0 +1,371 @@
+//! The thesis's figures of chapter 4 on the exact layer: the knife edge under skew loads (4.2 to
+//! 4.4), the tilting bar (4.5 to 4.7), its features (4.9 to 4.14). Figures 4.1, 4.8 and 4.15 show
+//! no numbers. Refuses what the contact modules refuse; what topples is a gap.
+
+use core::f64::consts::PI;
+
+use taktil_mechanics::contact::field::{LineLoad, line};
+use taktil_mechanics::contact::plane::bed::Bed;
+use taktil_mechanics::contact::plane::features::{Compressive, Moments, compressive, moments};
+use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
+use taktil_mechanics::contact::plane::{
+    Friction, Indenter, Level, Load, PointForce, Shape, Spectrum,
+};
+
+use super::chapter3::places;
+use super::curves::{Chart, Curve, stacked};
+use super::statements::{LB_PER_IN, layer, plainly};
+use crate::plot::svg::Figure;
+
+/// Thickness of the thesis's layer, and the depth of its sensor, in mm.
+pub(super) const THICK: f64 = 0.8;
+/// Length over which the thesis's moments are taken, and the place of the sensor's middle.
+const LENGTH: f64 = 25.4;
+/// Lever of the loads that the thesis's own numbers ask for; it states 6.35.
+const HEIGHT: f64 = 12.7;
+/// The four widths of the bars.
+const WIDTHS: [f64; 4] = [7.9, 10.3, 12.7, 15.1];
+/// Threshold of the contact's width in MPa.
+const THRESHOLD_MPA: f64 = 2e-3;
+
+/// Every figure with the name of its file.
+pub(super) fn all() -> anyhow::Result<Vec<(&'static str, Figure)>> {
+    let mut out = vec![
+        ("fig-4-2-knife-normal.svg", knife_normal()?.figure()),
+        ("fig-4-3-knife-skew.svg", knife_skew()?),
+        ("fig-4-4-knife-moments.svg", knife_moments()?),
+        ("fig-4-5-bar-friction.svg", friction()?.figure()),
+        ("fig-4-6-bar-normal.svg", bar_normal()?.figure()),
+        ("fig-4-7-bar-skew.svg", bar_skew()?),
+    ];
+    out.extend(features()?);
+    Ok(out)
+}
+
+/// Multiples of the thesis's unit of load in N/mm.
+pub(super) fn pounds(count: f64) -> f64 {
+    LB_PER_IN * count
+}
+
+fn knife(load: LineLoad, x: &[f64]) -> anyhow::Result<Vec<f64>> {
+    let points = line(&layer(THICK, 0.49)?, &load, THICK, x).map_err(plainly)?;
+    Ok(points.iter().map(|p| 1e3 * p.szz_mpa.unwrap_or(f64::NAN)).collect())
+}
+
+fn stress_chart(title: &str, curves: Vec<Curve>, remarks: &[&str]) -> Chart {
+    Chart {
+        title: title.to_owned(),
+        x: "x (mm)",
+        y: "base s_zz (kPa)",
+        curves,
+        remarks: remarks.iter().map(|&r| r.to_owned()).collect(),
+    }
+}
+
+fn knife_normal() -> anyhow::Result<Chart> {
+    let x = places(5.0, 400);
+    let mut curves = Vec::new();
+    for count in [1.0, 2.0, 3.0, 4.0] {
+        let load = LineLoad { p_n_mm: pounds(count), q_n_mm: 0.0 };
+        curves.push(Curve::new(format!("P = {:.3}", load.p_n_mm), &x, knife(load, &x)?));
+    }
+    Ok(stress_chart(
+        "Knife edge, normal load alone (N/mm)",
+        curves,
+        &["thesis: symmetric, the peak grows with P: so it is, exactly in proportion"],
+    ))
+}
+
+fn knife_skew() -> anyhow::Result<Figure> {
+    let x = places(5.0, 400);
+    let (mut a, mut b) = (Vec::new(), Vec::new());
+    for count in [1.0, 2.0, 3.0, 4.0] {
+        let load = LineLoad { p_n_mm: pounds(count), q_n_mm: pounds(0.5) };
+        a.push(Curve::new(format!("P = {:.3}", load.p_n_mm), &x, knife(load, &x)?));
+    }
+    for count in [0.0, 0.5, 1.0, 2.0] {
+        let load = LineLoad { p_n_mm: pounds(2.0), q_n_mm: pounds(count) };
+        b.push(Curve::new(format!("Q = {:.3}", load.q_n_mm), &x, knife(load, &x)?));
+    }
+    let charts = [
+        stress_chart("(a) Knife edge, Q = 0.088 N/mm: P varies", a, &[]),
+        stress_chart(
+            "(b) Knife edge, P = 0.350 N/mm: Q varies",
+            b,
+            &[
+                "thesis: the peak does not vary with Q; here by factors of 1.010, 1.037, 1.136 at",
+                "Q/P = 0.25, 0.5, 1: holds up to Q/P = 0.25",
+            ],
+        ),
+    ];
+    Ok(stacked("Knife edge under skew loads", &charts))
+}
+
+fn knife_moments() -> anyhow::Result<Figure> {
+    let layer = layer(THICK, 0.49)?;
+    let loads: Vec<f64> = (0..=10).map(|k| pounds(0.1 * f64::from(k))).collect();
+    let (mut zeroth, mut first) = (Vec::new(), Vec::new());
+    for (colour, count) in [1.0, 2.0, 4.0].into_iter().enumerate() {
+        let p = pounds(count);
+        let mut rows: [Vec<f64>; 4] = Default::default();
+        for q in &loads {
+            let forces = [[0.0, p, *q]];
+            let whole = moments(&layer, &forces, THICK);
+            let stress = Spectrum::new(&layer, &forces, THICK, 30.0);
+            let part = compressive(&stress, *q == 0.0, &[]).moments;
+            for (row, value) in rows.iter_mut().zip([whole.m[0], part.m[0], whole.m[1], part.m[1]])
+            {
+                row.push(value);
+            }
+        }
+        let [m0, m0c, m1, m1c] = rows;
+        let label = |what: &str| format!("P = {p:.3}, {what}");
+        zeroth.push(Curve::new(label("all"), &loads, m0).coloured(colour));
+        zeroth.push(Curve::new(label("compressive"), &loads, m0c).coloured(colour).dashed());
+        first.push(Curve::new(label("all"), &loads, m1).coloured(colour));
+        first.push(Curve::new(label("compressive"), &loads, m1c).coloured(colour).dashed());
+    }
+    let chart = |title: &str, y, curves, remarks: &[&str]| Chart {
+        title: title.to_owned(),
+        x: "Q (N/mm)",
+        y,
+        curves,
+        remarks: remarks.iter().map(|&r| r.to_owned()).collect(),
+    };
+    let charts = [
+        chart(
+            "(a) Knife edge: zeroth moment",
+            "M0 (N/mm)",
+            zeroth,
+            &["thesis: linear in P, independent of Q: exact with tension, else up to Q/P = 0.25"],
+        ),
+        chart(
+            "(b) Knife edge: first moment about the edge",
+            "M1 (N)",
+            first,
+            &["thesis: varies with P and Q, compressive part; with tension it is -t Q whatever P"],
+        ),
+    ];
+    Ok(stacked("Moments under a knife edge", &charts))
+}
+
+/// A solved bar: its forces on the layer and the stress at the base; `None` where it topples.
+pub(super) fn bar(
+    width_mm: f64,
+    height_mm: f64,
+    [p_n_mm, q_n_mm]: [f64; 2],
+) -> anyhow::Result<Option<(Vec<PointForce>, Spectrum)>> {
+    let layer = layer(THICK, 0.49)?;
+    let shape = Shape::Flat { width_mm, height_mm };
+    let mut body =
+        Indenter::new(&layer, shape, Friction::Proportional, Level::Default).map_err(plainly)?;
+    if body.press(&Load { p_n_mm, q_n_mm }).is_err() {
+        return Ok(None);
+    }
+    let forces = body.point_forces(THICK);
+    let stress = Spectrum::new(&layer, &forces, THICK, 40.0);
+    Ok(Some((forces, stress)))
+}
+
+pub(super) fn bar_kpa(
+    width_mm: f64,
+    height_mm: f64,
+    load: [f64; 2],
+    x: &[f64],
+) -> anyhow::Result<Vec<f64>> {
+    let found = bar(width_mm, height_mm, load)?;
+    Ok(found.map_or_else(
+        || vec![f64::NAN; x.len()],
+        |(_, stress)| x.iter().map(|x| 1e3 * stress.szz(*x)).collect(),
+    ))
+}
+
+/// Friction in proportion to the pressure against a surface that nowhere slips.
+fn friction() -> anyhow::Result<Chart> {
+    let layer = layer(THICK, 0.49)?;
+    let x = places(10.0, 400);
+    let load = Load { p_n_mm: pounds(3.0), q_n_mm: pounds(0.25) };
+    let cells = 96_u32;
+    let edge = |i: u32| -6.35 * libm::cos(PI * f64::from(i) / f64::from(cells));
+    let edges: Vec<f64> = (0..=cells).map(edge).collect();
+    let mut curves = Vec::new();
+    let laws = [
+        ("in proportion to the pressure", Law::Proportional(load.q_n_mm / load.p_n_mm)),
+        ("held along x, no slip", Law::Coulomb(f64::INFINITY)),
+        ("none", Law::Free),
+    ];
+    for (name, law) in laws {
+        let bed = Bed::of_layer(&layer, &edges).map_err(plainly)?;
+        let mut grip = Grip::new(bed, vec![0.0; cells as usize], law).map_err(plainly)?;
+        grip.step(&Drive::Loads { load, height_mm: 6.35 })?;
+        let parts = grip.normal_n_mm().iter().zip(grip.tangential_n_mm());
+        let forces: Vec<PointForce> =
+            grip.bed().x_mm.iter().zip(parts).map(|(x, (p, q))| [*x, *p, *q]).collect();
+        let stress = Spectrum::new(&layer, &forces, THICK, 40.0);
+        curves.push(Curve::new(name, &x, x.iter().map(|x| 1e3 * stress.szz(*x))));
+    }
+    let [proportional, held] = [&curves[0].points, &curves[1].points];
+    let peak = proportional.iter().fold(0.0_f64, |most, (_, s)| most.max(-s));
+    let pairs = proportional.iter().zip(held);
+    let off = pairs.map(|((_, a), (_, b))| (a - b).abs()).fold(0.0, f64::max);
+    let remark = format!(
+        "thesis: shows the first two beside each other; here {:.0} % of the peak apart at most",
+        1e2 * off / peak
+    );
+    Ok(stress_chart(
+        "Bar 12.7 mm wide, (P, Q) = (0.525, 0.044) N/mm, h = 6.35 mm: three laws of friction",
+        curves,
+        &[&remark],
+    ))
+}
+
+fn bar_normal() -> anyhow::Result<Chart> {
+    let x = places(12.7, 500);
+    let mut curves = Vec::new();
+    for count in [1.0, 2.0, 3.0, 4.0] {
+        let load = [pounds(count), 0.0];
+        let label = format!("P = {:.3}", load[0]);
+        curves.push(Curve::new(label, &x, bar_kpa(12.7, HEIGHT, load, &x)?));
+    }
+    Ok(stress_chart(
+        "Bar 12.7 mm wide, normal load alone (N/mm)",
+        curves,
+        &["thesis: flat under the bar with its peak in the middle, in proportion to P: so it is"],
+    ))
+}
+
+fn bar_skew() -> anyhow::Result<Figure> {
+    let x = places(12.7, 500);
+    let (mut a, mut b) = (Vec::new(), Vec::new());
+    for q in [0.0, 0.0175, 0.0350, 0.0613] {
+        a.push(Curve::new(format!("Q = {q}"), &x, bar_kpa(12.7, HEIGHT, [pounds(1.0), q], &x)?));
+    }
+    for count in [1.0, 2.0, 3.0, 4.0] {
+        let load = [pounds(count), pounds(0.25)];
+        let label = format!("P = {:.3}", load[0]);
+        b.push(Curve::new(label, &x, bar_kpa(12.7, HEIGHT, load, &x)?));
+    }
+    let charts = [
+        stress_chart(
+            "(a) Bar 12.7 mm wide and high, P = 0.175 N/mm: Q varies",
+            a,
+            &["thesis: at Q = 0.0613 it spans 12 to 20 mm (-0.7 to 7.3 here): so it does"],
+        ),
+        stress_chart(
+            "(b) Bar 12.7 mm wide and high, Q = 0.044 N/mm: P varies",
+            b,
+            &["thesis: skewed, higher and narrower the larger Q/P: so it is"],
+        ),
+    ];
+    Ok(stacked("Bar under skew loads", &charts))
+}
+
+/// What is read of one bar under one load.
+struct Row {
+    whole: Moments,
+    part: Compressive,
+}
+
+/// All bars under all loads: by width, then P, then Q.
+fn rows(loads: &[f64]) -> anyhow::Result<Vec<Vec<Vec<Option<Row>>>>> {
+    let layer = layer(THICK, 0.49)?;
+    let one = |width: f64, p: f64, q: f64| -> anyhow::Result<Option<Row>> {
+        let found = bar(width, HEIGHT, [p, q])?;
+        Ok(found.map(|(forces, stress)| Row {
+            whole: moments(&layer, &forces, THICK),
+            part: compressive(&stress, false, &[THRESHOLD_MPA]),
+        }))
+    };
+    let of_width = |width: f64| -> anyhow::Result<Vec<Vec<Option<Row>>>> {
+        [1.0, 4.0]
+            .map(|count| loads.iter().map(|q| one(width, pounds(count), *q)).collect())
+            .into_iter()
+            .collect()
+    };
+    WIDTHS.into_iter().map(of_width).collect()
+}
+
+/// About the sensor's left end and over its length, in the thesis's units.
+fn about_end(m: &[f64; 4], order: usize) -> f64 {
+    let half = 0.5 * LENGTH;
+    let sum = match order {
+        1 => m[1] + half * m[0],
+        2 => m[2] + 2.0 * half * m[1] + half * half * m[0],
+        _ => m[3] + 3.0 * half * (m[2] + half * m[1]) + half * half * half * m[0],
+    };
+    LENGTH * sum
+}
+
+/// Name of the file, title, axis, what is read, remarks.
+type Feature = (&'static str, &'static str, &'static str, fn(&Row) -> f64, &'static [&'static str]);
+
+const FEATURES: [Feature; 6] = [
+    (
+        "fig-4-9-width.svg",
+        "Width of the contact above 2 kPa",
+        "w_s (mm)",
+        |row| row.part.widths_mm.first().copied().unwrap_or(f64::NAN),
+        &["thesis: a poor feature, it depends on P, Q, W and the threshold: so it is"],
+    ),
+    (
+        "fig-4-10-peak.svg",
+        "Place of the largest compression",
+        "x_m (mm)",
+        |row| row.part.x_peak_mm,
+        &["thesis: varies little with W: not when skewed, it saturates 0.5 mm inside the edge"],
+    ),
+    (
+        "fig-4-11-centroid.svg",
+        "Centroid of the stress",
+        "x_c (mm)",
+        |row| row.whole.centroid_mm().unwrap_or(f64::NAN),
+        &["thesis: linear in Q, whatever W: exactly (h + t) Q/P; levelling off is not found"],
+    ),
+    (
+        "fig-4-12-first-moment.svg",
+        "First moment about the sensor's end over 25.4 mm",
+        "M1 (N mm)",
+        |row| about_end(&row.whole.m, 1),
+        &["thesis (4.3): 319.9 P - 339.3 Q - 0.016, P negative; here 322.6 and 342.9, statics"],
+    ),
+    (
+        "fig-4-13-second-moment.svg",
+        "Second moment about the sensor's end over 25.4 mm",
+        "M2 (N mm^2)",
+        |row| about_end(&row.whole.m, 2),
+        &["thesis (4.4): 3786 P - 9324 Q + 10.5 W P - 19; here 3841, -9296, 40.2, -15"],
+    ),
+    (
+        "fig-4-14-third-moment.svg",
+        "Third moment about the sensor's end over 25.4 mm",
+        "M3 (N mm^3)",
+        |row| about_end(&row.whole.m, 3),
+        &["thesis: nearly linear in Q: about the end it is, about the middle it is not"],
+    ),
+];
+
+fn features() -> anyhow::Result<Vec<(&'static str, Figure)>> {
+    let loads: Vec<f64> = (1..=10).map(|k| pounds(0.05 * f64::from(k))).collect();
+    let rows = rows(&loads)?;
+    let chart = |(name, title, y, read, remarks): &Feature| {
+        let mut curves = Vec::new();
+        for (colour, (width, by_load)) in WIDTHS.iter().zip(&rows).enumerate() {
+            for (k, row) in by_load.iter().enumerate() {
+                let values = row.iter().map(|row| row.as_ref().map_or(f64::NAN, *read));
+                let p = [pounds(1.0), pounds(4.0)][k];
+                let label = format!("W = {width}, P = {p:.3}");
+                let curve = Curve::new(label, &loads, values).coloured(colour);
+                curves.push(if k == 0 { curve.dashed() } else { curve });
+            }
+        }
+        let chart = Chart {
+            title: format!("{title}: bars, h = 12.7 mm"),
+            x: "Q (N/mm)",
+            y,
+            curves,
+            remarks: remarks.iter().map(|&r| r.to_owned()).collect(),
+        };
+        (*name, chart.figure())
+    };
+    Ok(FEATURES.iter().map(chart).collect())
+}
