@@ -2,8 +2,8 @@
 //! Refuses images whose baseline is unknown and features that an image does not define; nothing
 //! here is NaN.
 //!
-//! [`line`] takes the same features from a band about the pin's line, without the threshold's bias
-//! and with their covariance.
+//! [`line`](mod@line) takes the same features from a band about the pin's line, without the
+//! threshold's bias and with their covariance.
 
 pub mod line;
 

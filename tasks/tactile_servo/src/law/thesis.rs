@@ -8,7 +8,7 @@
 //! Taken here, as an assumption: X in (mm, mm, mrad, mrad), theta_z in mrad, x_c in columns, M_x in
 //! counts x rows about the middle line. In millimetres its 20000 counts/mm is near the stiffness of
 //! the position servo at the finger, and its 1000 makes the turn follow with a time constant of 5
-//! s, which is the weak loop that the thesis reports. Signs are [`SIGNS`](super::SIGNS).
+//! s, which is the weak loop that the thesis reports. Signs are [`SIGNS`].
 
 use super::SIGNS;
 use crate::config::Config;

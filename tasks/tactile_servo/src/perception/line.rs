@@ -1,7 +1,7 @@
 //! The pin's line in an image: features from a band about it, each with its variance. Refuses
 //! images whose long axis lies across the rows, and rows that noise could have made.
 //!
-//! The threshold finds the line; the sums then take every value within [`BAND`] columns of it, so
+//! The threshold finds the line; the sums then take every value within `BAND` columns of it, so
 //! that the load's tails are not cut off and noise has mean zero: with the thesis's noise a
 //! threshold of three standard deviations alone takes a tenth of the load away. A tactel that
 //! cannot be believed stands for the mean of its neighbours in the rows beside it. The line is that
