@@ -129,7 +129,7 @@ pub fn decades(low: f64, high: f64, wanted: f64) -> Vec<Tick> {
     out
 }
 
-/// A number for people: about four digits, no trailing zeros.
+/// A number for people: three or four digits, no trailing zeros.
 #[must_use]
 pub fn plain(value: f64) -> String {
     if !value.is_finite() {
@@ -141,6 +141,8 @@ pub fn plain(value: f64) -> String {
         size if size >= 100.0 => 1,
         size if size >= 10.0 => 2,
         size if size >= 0.1 => 3,
+        size if size >= 0.01 => 4,
+        size if size >= 0.001 => 5,
         size if size >= 1e-6 || size == 0.0 => 6,
         _ => return format!("{value:.2e}"),
     };
