@@ -297,14 +297,23 @@ fn picture(rows: &[Row]) -> Figure {
     }
     let foot = "largest error of the centroid along x (mm); up: ms a simulated second";
     figure.text(0.5 * width, height - 18.0, Anchor::Middle, "small dim", foot);
-    for (i, row) in shown.iter().enumerate() {
-        let at = (x.place(log(row.errors[1])), y.place(log(row.ms)));
-        figure.circle(at.0, at.1, 4.0, &format!("f{}", row.contact as usize % 6));
+    let mut marks: Vec<_> =
+        shown.iter().map(|row| (x.place(log(row.errors[1])), y.place(log(row.ms)), *row)).collect();
+    marks.sort_by(|a, b| a.1.total_cmp(&b.1));
+    // Names stand in a column beside the crowd, each below the last, with a line to its point.
+    let column = 0.58 * width;
+    let mut next = 0.0_f64;
+    for (across, up, row) in marks {
         let name = format!("{:?}, {:?} {} us", row.contact, row.integrator, row.step_us);
-        let (anchor, dx) =
-            if at.0 > 0.6 * width { (Anchor::End, -8.0) } else { (Anchor::Start, 8.0) };
-        let below = if i % 2 == 0 { -6.0 } else { 14.0 };
-        figure.text(at.0 + dx, at.1 + below, anchor, "small", &name);
+        if across > column + 20.0 {
+            next = next.max(up - 24.0);
+            figure.line((column + 5.0, next), (across, up), "grid");
+            figure.text(column, next + 4.0, Anchor::End, "small", &name);
+            next += 16.0;
+        } else {
+            figure.text(across + 8.0, up + 4.0, Anchor::Start, "small", &name);
+        }
+        figure.circle(across, up, 4.0, &format!("f{}", row.contact as usize % 6));
     }
     figure
 }

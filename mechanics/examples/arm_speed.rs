@@ -1,5 +1,6 @@
 //! Times the arm's formulas on this machine: `cargo run --release -p taktil-mechanics --example
-//! speed`. Prints nanoseconds per call, best of several rounds. Not lane code: it reads the clock.
+//! arm_speed`. Prints nanoseconds per call, best of several rounds. Not lane code: it reads the
+//! clock.
 
 use std::hint::black_box;
 use std::time::Instant;
