@@ -85,12 +85,6 @@ impl Pose {
         self.rotation * point + self.translation
     }
 
-    /// A direction, velocity or force of the inner frame in the outer one.
-    #[must_use]
-    pub fn apply_direction(&self, direction: DVec3) -> DVec3 {
-        self.rotation * direction
-    }
-
     /// Whether all twelve numbers are finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {

@@ -13,7 +13,7 @@ use core::f64::consts::PI;
 
 use super::{Chain, Motion, Vector};
 use crate::limits;
-use crate::puma260::inverse::sane;
+use crate::puma260::inverse::{DOUBLE_ROOT, WRIST_HOLD, sane};
 use crate::puma260::{
     Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, SingularDistance, WRIST_SINGULAR,
 };
@@ -23,10 +23,6 @@ use glam::{DMat3, DVec2, DVec3};
 /// How exactly axes have to meet, be parallel and be square: relative to the arm's size, and in
 /// cosines.
 const EXACT: f64 = 1e-9;
-/// Scaled distance below which a double root of shoulder or elbow is flagged.
-const DOUBLE_ROOT: f64 = 1e-7;
-/// `|sin theta5|` below which joint 4 is held.
-const WRIST_HOLD: f64 = 1e-11;
 /// How far a wrist centre may be out of reach, relative to the longest reach.
 const REACH_TOLERANCE: f64 = 2.5e-9;
 /// Distance of the wrist centre from axis 2 over the longest reach below which joint 2 is free.

@@ -21,10 +21,10 @@ pub const ELBOW_SINGULAR: u8 = 2;
 pub const WRIST_SINGULAR: u8 = 4;
 
 /// Scaled distance below which a double root of shoulder or elbow is flagged.
-const DOUBLE_ROOT: f64 = 1e-7;
+pub(crate) const DOUBLE_ROOT: f64 = 1e-7;
 /// `|sin theta5|` below which theta4 is held: far under what one count moves, and what it costs in
 /// the pose is at most its own size.
-const WRIST_HOLD: f64 = 1e-11;
+pub(crate) const WRIST_HOLD: f64 = 1e-11;
 /// How far (m) a wrist centre may be out of reach and still be taken as on the boundary.
 const REACH_TOLERANCE_M: f64 = 1e-9;
 /// Distance of the wrist centre from the shoulder (m) below which theta2 is free.

@@ -1,12 +1,12 @@
 //! Poses and Jacobians.
 
 use crate::arms::{Draws, PI, puma, seven, slider, ur5e_like};
+use crate::derivative;
 use glam::{DMat3, DVec3};
 use taktil_mechanics::Pose;
 use taktil_mechanics::chain::{Chain, Dh, JointSpec};
 use taktil_mechanics::dls::singular_values;
 use taktil_mechanics::puma260::Puma260;
-use taktil_mechanics::spatial::{matrix, turn, vector};
 
 #[test]
 fn the_puma_by_its_rows_is_the_puma() {
@@ -38,25 +38,8 @@ fn check_derivative<const N: usize>(chain: &Chain<N>, seed: u64) {
     let mut draws = Draws(seed);
     for _ in 0..100 {
         let q = draws.inside(chain);
-        let j = chain.jacobian_base(&q);
-        let here = chain.tool_pose(&q);
-        for joint in 0..N {
-            let step = |h: f64| {
-                let mut moved = q;
-                moved[joint] += h;
-                chain.tool_pose(&moved)
-            };
-            let (ahead, behind) = (step(1e-6), step(-1e-6));
-            let v = (ahead.translation - behind.translation) / 2e-6;
-            let spin = matrix(&((ahead.rotation - behind.rotation) * 5e5))
-                * matrix(&here.rotation).transpose();
-            let w = nalgebra::Vector3::new(spin[(2, 1)], spin[(0, 2)], spin[(1, 0)]);
-            assert!((j.fixed_view::<3, 1>(0, joint) - vector(v)).amax() < 1e-9);
-            assert!((j.fixed_view::<3, 1>(3, joint) - w).amax() < 1e-9);
-        }
-        let qd = draws.vector(1.0);
-        let tool = chain.jacobian_tool(&q) * qd;
-        assert!((turn(&here.rotation, &tool) - j * qd).amax() < 1e-14);
+        let jacobians = (chain.jacobian_base(&q), chain.jacobian_tool(&q));
+        derivative::check(&q, &draws.vector(1.0), |q| chain.tool_pose(q), jacobians);
     }
 }
 

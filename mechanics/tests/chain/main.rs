@@ -4,6 +4,8 @@
 mod any;
 mod arms;
 mod closed;
+#[path = "../derivative/mod.rs"]
+mod derivative;
 mod forward;
 mod motion;
 mod searching;

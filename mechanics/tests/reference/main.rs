@@ -2,6 +2,8 @@
 //! poses. Refuses tolerances wider than the data's own.
 
 mod arm;
+#[path = "../derivative/mod.rs"]
+mod derivative;
 mod draws;
 mod drives;
 mod inverse;

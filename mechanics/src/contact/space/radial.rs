@@ -184,7 +184,7 @@ impl Influence {
     #[must_use]
     pub fn surface_cell(&self, [x, y]: [f64; 2], [a, b]: [f64; 2]) -> f64 {
         let t = self.layer.thickness_mm;
-        let rest = self.over_cell([x, y], [a, b], |r| self.radial.rest(r));
+        let rest = self.over([x, y], [a, b], |r| self.radial.rest(r));
         self.compliance() * (love([x, y], [a, b]) + rest / t)
     }
 
@@ -192,30 +192,39 @@ impl Influence {
     #[must_use]
     pub fn base_cell(&self, place: [f64; 2], half_mm: [f64; 2]) -> f64 {
         let t = self.layer.thickness_mm;
-        -self.over_cell(place, half_mm, |r| self.radial.base(r)) / (t * t)
+        -self.over(place, half_mm, |r| self.radial.base(r)) / (t * t)
     }
 
-    /// Integral of a smooth kernel over the rectangle, in mm^2.
-    fn over_cell(&self, [x, y]: [f64; 2], [a, b]: [f64; 2], of: impl Fn(f64) -> f64) -> f64 {
+    /// Integral of a smooth kernel of the distance over the rectangle, in mm^2.
+    fn over(&self, place: [f64; 2], half_mm: [f64; 2], of: impl Fn(f64) -> f64) -> f64 {
         let t = self.layer.thickness_mm;
-        let parts = |half: f64| libm::ceil(4.0 * half / t).clamp(1.0, 1000.0);
-        let (nx, ny) = (parts(a), parts(b));
-        let (hx, hy) = (a / nx, b / ny);
-        let mut sum = 0.0;
-        for i in 0..nx as usize {
-            for j in 0..ny as usize {
-                let cx = x - a + hx * (2 * i + 1) as f64;
-                let cy = y - b + hy * (2 * j + 1) as f64;
-                for (gx, wx) in GAUSS {
-                    for (gy, wy) in GAUSS {
-                        let (u, v) = (cx + gx * hx, cy + gy * hy);
-                        sum += wx * wy * of((u * u + v * v).sqrt() / t);
-                    }
+        over_cell(place, half_mm, (4.0, t), |[u, v]| of((u * u + v * v).sqrt() / t))
+    }
+}
+
+/// Integral of a smooth kernel over a rectangle of half-sides (a, b), seen from (x, y), in mm^2, by
+/// Gauss's rule on parts; `per` of them to a half-side of the thickness `t`.
+pub(super) fn over_cell(
+    [x, y]: [f64; 2],
+    [a, b]: [f64; 2],
+    (per, t): (f64, f64),
+    of: impl Fn([f64; 2]) -> f64,
+) -> f64 {
+    let parts = |half: f64| libm::ceil(per * half / t).clamp(1.0, 1000.0);
+    let (nx, ny) = (parts(a), parts(b));
+    let (hx, hy) = (a / nx, b / ny);
+    let mut sum = 0.0;
+    for i in 0..nx as usize {
+        for j in 0..ny as usize {
+            let middle = [x - a + hx * (2 * i + 1) as f64, y - b + hy * (2 * j + 1) as f64];
+            for (gx, wx) in GAUSS {
+                for (gy, wy) in GAUSS {
+                    sum += wx * wy * of([middle[0] + gx * hx, middle[1] + gy * hy]);
                 }
             }
         }
-        sum * hx * hy
     }
+    sum * hx * hy
 }
 
 /// Integral of 1/r over a rectangle of half-sides (a, b) about the origin, seen from (x, y), in mm:

@@ -15,7 +15,7 @@
 use super::super::layer::Layer;
 use super::super::{Invalid, finite};
 use super::Drive;
-use super::radial::{CUTOFFS, GAUSS, REACH, images, love, sight, slopes};
+use super::radial::{CUTOFFS, GAUSS, REACH, images, love, over_cell, sight, slopes};
 use super::surface::{Surface, SurfaceState};
 use super::table::Even;
 use core::f64::consts::PI;
@@ -211,7 +211,7 @@ impl Shear {
             let angle = if u == 0.0 { 0.0 } else { u * libm::atan(v / u) };
             angle + if r2 > 0.0 { 0.5 * v * libm::log(r2) } else { 0.0 }
         });
-        let rest = |k: usize| over_cell(place, half_mm, t, |at| self.rest(at)[k]) / t;
+        let rest = |k: usize| over_cell(place, half_mm, (8.0, t), |at| self.rest(at)[k]) / t;
         [
             unit * ((1.0 - nu) * love(place, half_mm) + nu * squared + rest(0)),
             unit * (nu * mixed + rest(1)),
@@ -222,7 +222,7 @@ impl Shear {
     /// Normal stress at the base under (x, y) per unit traction along +x on such a rectangle.
     #[must_use]
     pub fn base_cell(&self, place: [f64; 2], half_mm: [f64; 2]) -> f64 {
-        over_cell(place, half_mm, self.layer.thickness_mm, |at| self.base_point(at))
+        over_cell(place, half_mm, (8.0, self.layer.thickness_mm), |at| self.base_point(at))
     }
 
     /// Normal stress at the base at (x, y) under point loads (place, force along x and y), MPa.
@@ -286,23 +286,4 @@ impl Shear {
 /// A product of differences of an antiderivative over a rectangle, seen from (x, y).
 fn corners([x, y]: [f64; 2], [a, b]: [f64; 2], of: &dyn Fn(f64, f64) -> f64) -> f64 {
     of(x + a, y + b) - of(x - a, y + b) - of(x + a, y - b) + of(x - a, y - b)
-}
-
-/// Integral of a smooth kernel over a rectangle, by Gauss's rule on parts of a quarter thickness.
-fn over_cell([x, y]: [f64; 2], [a, b]: [f64; 2], t: f64, of: impl Fn([f64; 2]) -> f64) -> f64 {
-    let parts = |half: f64| libm::ceil(8.0 * half / t).clamp(1.0, 1000.0);
-    let (nx, ny) = (parts(a), parts(b));
-    let (hx, hy) = (a / nx, b / ny);
-    let mut sum = 0.0;
-    for i in 0..nx as usize {
-        for j in 0..ny as usize {
-            let middle = [x - a + hx * (2 * i + 1) as f64, y - b + hy * (2 * j + 1) as f64];
-            for (gx, wx) in GAUSS {
-                for (gy, wy) in GAUSS {
-                    sum += wx * wy * of([middle[0] + gx * hx, middle[1] + gy * hy]);
-                }
-            }
-        }
-    }
-    sum * hx * hy
 }

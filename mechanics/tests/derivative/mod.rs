@@ -1,0 +1,30 @@
+//! Whether a Jacobian is the derivative of its pose, by central differences.
+
+use nalgebra::{SMatrix, SVector, Vector3};
+use taktil_mechanics::Pose;
+use taktil_mechanics::spatial::{matrix, turn, vector};
+
+/// Fails unless `base` and `tool` are what `pose` says at `q`, for the speeds `qd` too.
+pub(crate) fn check<const N: usize>(
+    q: &SVector<f64, N>,
+    qd: &SVector<f64, N>,
+    pose: impl Fn(&SVector<f64, N>) -> Pose,
+    (base, tool): (SMatrix<f64, 6, N>, SMatrix<f64, 6, N>),
+) {
+    let here = pose(q);
+    for joint in 0..N {
+        let step = |h: f64| {
+            let mut moved = *q;
+            moved[joint] += h;
+            pose(&moved)
+        };
+        let (ahead, behind) = (step(1e-6), step(-1e-6));
+        let v = (ahead.translation - behind.translation) / 2e-6;
+        let spin = matrix(&((ahead.rotation - behind.rotation) * 5e5))
+            * matrix(&here.rotation).transpose();
+        let w = Vector3::new(spin[(2, 1)], spin[(0, 2)], spin[(1, 0)]);
+        assert!((base.fixed_view::<3, 1>(0, joint) - vector(v)).amax() < 1e-9);
+        assert!((base.fixed_view::<3, 1>(3, joint) - w).amax() < 1e-9);
+    }
+    assert!((turn(&here.rotation, &(tool * qd)) - base * qd).amax() < 1e-14);
+}
