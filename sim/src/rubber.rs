@@ -80,6 +80,16 @@ impl Trace {
     }
 }
 
+/// The layer of a rubber.
+pub(crate) fn layer(config: &RubberConfig) -> Result<Layer, taktil_mechanics::contact::Invalid> {
+    Layer::new(config.thickness_mm, config.youngs_mpa, config.poisson)
+}
+
+/// A complaint about a rubber, at the place of that rubber.
+pub(crate) fn located(place: &str) -> impl Fn(taktil_mechanics::contact::Invalid) -> Invalid {
+    move |e| Invalid { place: format!("{place}.{}", e.place), what: e.what, remedy: e.remedy }
+}
+
 /// The table, and the solved contact for what is asked rarely.
 #[derive(Clone, Debug)]
 pub(crate) struct Rubber {
@@ -102,15 +112,10 @@ impl Rubber {
         radius_mm: f64,
         place: &str,
     ) -> Result<Rubber, Invalid> {
-        let located = |e: taktil_mechanics::contact::Invalid| Invalid {
-            place: format!("{place}.{}", e.place),
-            what: e.what,
-            remedy: e.remedy,
-        };
-        let layer = Layer::new(config.thickness_mm, config.youngs_mpa, config.poisson);
-        let layer = layer.map_err(located)?;
+        let located = located(place);
+        let layer = layer(config).map_err(&located)?;
         let deepest_mm = (PENETRATION_MAX * config.thickness_mm).min(0.2 * radius_mm);
-        let contact = LineContact::new(&layer, radius_mm, deepest_mm).map_err(located)?;
+        let contact = LineContact::new(&layer, radius_mm, deepest_mm).map_err(&located)?;
         let knots: Vec<Response> = (0..=CELLS)
             .map(|i| {
                 let delta_mm = deepest_mm * (i as f64 / CELLS as f64);
@@ -152,13 +157,9 @@ impl Rubber {
 
     /// The same with what tangential loads leave at the base.
     pub(crate) fn traced(mut self, config: &RubberConfig, place: &str) -> Result<Rubber, Invalid> {
-        let located = |e: taktil_mechanics::contact::Invalid| Invalid {
-            place: format!("{place}.{}", e.place),
-            what: e.what,
-            remedy: e.remedy,
-        };
-        let layer = Layer::new(config.thickness_mm, config.youngs_mpa, config.poisson);
-        self.trace = Some(Trace::new(&layer.map_err(located)?).map_err(located)?);
+        let located = located(place);
+        let layer = layer(config).map_err(&located)?;
+        self.trace = Some(Trace::new(&layer).map_err(&located)?);
         Ok(self)
     }
 

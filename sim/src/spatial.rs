@@ -9,13 +9,13 @@
 
 use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::Pose;
-use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::space::pin::{Pin as LayerPin, Profile, Stand};
 use taktil_mechanics::contact::space::radial::Influence;
 use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_mechanics::contact::space::{Drive, Level};
 
 use crate::contact::{Lean, Line, PAD_HALF_M, PITCH_M, Patch};
+use crate::rubber;
 use crate::scene::{Invalid, RubberConfig};
 
 /// Largest penetration of the deepest slice, in thicknesses.
@@ -81,32 +81,27 @@ impl Lie {
 impl Spatial {
     /// Tabulates layer, pin and array; allocates and takes its time.
     pub(crate) fn new(
-        rubber: &RubberConfig,
+        config: &RubberConfig,
         radius_m: f64,
         length_m: f64,
         level: Level,
     ) -> Result<Spatial, Invalid> {
-        let located = |e: taktil_mechanics::contact::Invalid| Invalid {
-            place: format!("finger.rubber.{}", e.place),
-            what: e.what,
-            remedy: e.remedy,
-        };
-        let layer = Layer::new(rubber.thickness_mm, rubber.youngs_mpa, rubber.poisson);
-        let layer = layer.map_err(located)?;
+        let located = rubber::located("finger.rubber");
+        let layer = rubber::layer(config).map_err(&located)?;
         let profile = Profile::Cylinder { radius_mm: 1e3 * radius_m };
-        let deepest_mm = (DEEPEST * rubber.thickness_mm).min(200.0 * radius_m);
+        let deepest_mm = (DEEPEST * config.thickness_mm).min(200.0 * radius_m);
         let half_length_mm = 500.0 * length_m;
         let pin = |half: f64| {
-            LayerPin::new(&layer, profile, [-half, half], deepest_mm, level).map_err(located)
+            LayerPin::new(&layer, profile, [-half, half], deepest_mm, level).map_err(&located)
         };
-        let reach = Array::THESIS.half_diagonal_mm() + BEYOND * rubber.thickness_mm;
+        let reach = Array::THESIS.half_diagonal_mm() + BEYOND * config.thickness_mm;
         let cut = if half_length_mm > 1.1 * reach { Some((pin(reach)?, reach)) } else { None };
         let fineness = match level {
             Level::Fast => Fineness::FAST,
             Level::Default => Fineness::DEFAULT,
             Level::Fine => Fineness::FINE,
         };
-        let influence = Influence::new(&layer).map_err(located)?;
+        let influence = Influence::new(&layer).map_err(&located)?;
         let shares = Shares::new(&influence, &Array::THESIS, Sampling::Area, fineness);
         Ok(Spatial {
             whole: pin(half_length_mm)?,

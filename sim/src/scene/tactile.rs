@@ -5,7 +5,6 @@ use serde::Deserialize;
 
 use super::section::{Agree, inside, names, section};
 use super::{Invalid, invalid};
-use crate::contact::SLICES;
 
 /// How much of the electronics is simulated; each with all of the ones before it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
@@ -123,12 +122,6 @@ impl TactileConfig {
     #[must_use]
     pub fn full_counts(&self) -> u16 {
         u16::try_from((1_u32 << self.bits.min(16)) - 1).unwrap_or(u16::MAX)
-    }
-
-    /// The span of time over which the rows are read (s).
-    #[must_use]
-    pub fn skew_s(&self) -> f64 {
-        1e-6 * self.row_us * (SLICES - 1) as f64
     }
 }
 
