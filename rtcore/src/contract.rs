@@ -2,6 +2,7 @@
 //! what to do. Refuses to take what could not be read for granted where it is demanded.
 
 use crate::attest::{Facts, LaneGrant, Limit};
+use crate::cpus;
 
 /// One thing that real time asks of the kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -272,7 +273,7 @@ fn state(item: Item, facts: &Facts, preempt_rt: bool, lanes: &[LaneGrant]) -> St
 
 fn isolation(facts: &Facts, lanes: &[LaneGrant]) -> State {
     let Some(isolated) = &facts.isolated else { return State::Unknown };
-    let Some(list) = cpu_list(isolated) else { return State::Unknown };
+    let Some(list) = cpus::parse(isolated) else { return State::Unknown };
     let outside = |lane: &&LaneGrant| lane.cpus.iter().any(|cpu| !list.contains(cpu));
     let names: Vec<&str> = lanes.iter().filter(outside).map(|lane| lane.lane.as_str()).collect();
     if names.is_empty() {
@@ -280,20 +281,6 @@ fn isolation(facts: &Facts, lanes: &[LaneGrant]) -> State {
     }
     let shown = if isolated.is_empty() { "none" } else { isolated };
     State::Bad(format!("isolated CPUs: {shown}; not on them: {}", names.join(", ")))
-}
-
-/// A list of CPUs as the kernel writes it, such as `2-3,7`.
-pub(crate) fn cpu_list(text: &str) -> Option<Vec<usize>> {
-    let mut cpus = Vec::new();
-    for part in text.trim().split(',').filter(|part| !part.is_empty()) {
-        let (first, last) = part.split_once('-').unwrap_or((part, part));
-        let (first, last) = (first.parse::<usize>().ok()?, last.parse::<usize>().ok()?);
-        if first > last || last > 1 << 16 {
-            return None;
-        }
-        cpus.extend(first..=last);
-    }
-    Some(cpus)
 }
 
 #[cfg(test)]

@@ -2,8 +2,7 @@
 //! the thread that does it.
 //!
 //! A binary installs it with `#[global_allocator]`; then every lane reports how many heap calls its
-//! jobs made, and a test can ask for an abort at the first one. Outside jobs it passes everything
-//! through. Refuses to guess: without the allocator installed the count is unknown, not zero.
+//! jobs made, and tests compare with zero. Outside jobs it passes everything through. Refuses to guess: without the allocator installed the count is unknown, not zero.
 #![allow(unsafe_code)]
 
 use core::cell::Cell;
@@ -16,20 +15,16 @@ thread_local! {
 }
 
 static INSTALLED: AtomicBool = AtomicBool::new(false);
-static ABORT: AtomicBool = AtomicBool::new(false);
 
 /// The counting allocator over the system's.
 #[derive(Debug, Default, Clone, Copy)]
 pub struct CountingAllocator;
 
 fn note() {
-    // Relaxed: INSTALLED only ever goes from false to true, ABORT is set before lanes run.
+    // Relaxed: it only ever goes from false to true.
     INSTALLED.store(true, Ordering::Relaxed);
     if INSIDE.try_with(Cell::get) == Ok(true) {
         let _ = CALLS.try_with(|calls| calls.set(calls.get() + 1));
-        if ABORT.load(Ordering::Relaxed) {
-            std::process::abort();
-        }
     }
 }
 
@@ -67,11 +62,6 @@ unsafe impl GlobalAlloc for CountingAllocator {
 #[must_use]
 pub fn installed() -> bool {
     INSTALLED.load(Ordering::Relaxed)
-}
-
-/// Asks for an abort at the first heap call inside a job, for tests.
-pub fn abort_on_allocation(yes: bool) {
-    ABORT.store(yes, Ordering::Relaxed);
 }
 
 /// Whether the calling thread is inside a job now.

@@ -10,6 +10,7 @@ pub mod analysis;
 pub mod attest;
 pub mod bare;
 pub mod contract;
+pub mod cpus;
 pub mod fault;
 pub mod flight;
 pub mod guard;

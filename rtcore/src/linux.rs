@@ -16,7 +16,7 @@ use thread_priority::{
 };
 
 use crate::attest::{Facts, LaneGrant, Limit, status_kib};
-use crate::contract::cpu_list;
+use crate::cpus;
 use crate::schedule::Reservation;
 
 /// The kernel's monotonic clock, counted from a chosen instant.
@@ -259,7 +259,7 @@ fn allowed_cpus() -> Vec<usize> {
 
 fn may_use_every_cpu() -> bool {
     let online = says("/sys/devices/system/cpu/online").unwrap_or_default();
-    cpu_list(&online).is_none_or(|online| online.iter().all(|cpu| allowed_cpus().contains(cpu)))
+    cpus::parse(&online).is_none_or(|online| online.iter().all(|cpu| allowed_cpus().contains(cpu)))
 }
 
 /// Pins the calling thread to one CPU and reads it back.

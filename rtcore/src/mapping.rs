@@ -179,12 +179,13 @@ impl Part {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Write;
 
     #[test]
     fn parts_are_disjoint_bounded_and_in_the_file() {
         let path = Path::new("/dev/shm").join(format!("taktil-mapping-{}", std::process::id()));
         if statfs("/dev/shm").map(|found| found.filesystem_type()) != Ok(TMPFS_MAGIC) {
-            println!("SKIPPED: /dev/shm is no tmpfs here");
+            let _ = writeln!(std::io::stderr(), "SKIPPED: /dev/shm is no tmpfs here");
             return;
         }
         let mut parts = create(&path, &[16, 24, 4096]).unwrap();

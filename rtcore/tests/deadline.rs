@@ -3,6 +3,7 @@
 //! Needs the right to real-time scheduling; without it the tests say so and show the rest.
 #![expect(clippy::disallowed_types, reason = "tests wait for each other, lanes do not")]
 
+use std::io::Write;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Barrier, Mutex, MutexGuard, PoisonError};
 
@@ -70,7 +71,7 @@ fn may_reserve() -> bool {
     let little = Reservation { runtime: us(20), deadline: PERIOD, period: PERIOD };
     let granted = std::thread::spawn(move || linux::become_deadline(&little)).join().unwrap();
     if let Err(why) = &granted {
-        println!("SKIPPED: no reservation can be tried here: {why}");
+        let _ = writeln!(std::io::stderr(), "SKIPPED: no reservation can be tried here: {why}");
     }
     granted.is_ok()
 }
@@ -127,7 +128,8 @@ fn a_lane_on_one_cpu_is_refused_with_the_way_out() {
     let mut machine = machine(spec, Some(us(500)), us(50)).unwrap();
     let missing = run(&mut machine, 5).attestation.missing;
     let Some(said) = missing.iter().find(|missing| missing.contains("SCHED_DEADLINE")) else {
-        println!("SKIPPED: here CPU 0 is a cpuset of its own: {missing:?}");
+        let _ =
+            writeln!(std::io::stderr(), "SKIPPED: here CPU 0 is a cpuset of its own: {missing:?}");
         return;
     };
     for word in ["lane servo", "CPUs [0] alone", "leave `cpu` out", "cpuset.cpus.partition"] {

@@ -1,6 +1,7 @@
 //! The live executor on the kernel of this machine: what is shown is order and counts, never how
 //! fast anything is.
 
+use std::io::Write;
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
@@ -147,7 +148,7 @@ fn an_item_that_is_demanded_and_missing_refuses_the_run_before_the_first_job() {
     assert_eq!(found.lanes.len(), 1);
     assert!(found.refused().next().is_none(), "soft refuses nothing");
     let Some(short) = found.shortfalls.iter().find(|short| !short.item.core()) else {
-        println!("SKIPPED: nothing is missing on this machine");
+        let _ = writeln!(std::io::stderr(), "SKIPPED: nothing is missing on this machine");
         return;
     };
     let contract = Contract::Items(Demands::SOFT.with(short.item, Weight::Hard));

@@ -1,5 +1,6 @@
 //! What is written is read back, whenever the writer stopped; what is damaged says so.
 
+use std::io::Write;
 use taktil_hal::Nanos;
 
 use super::*;
@@ -37,7 +38,7 @@ impl Shm {
         match record(&self.0, &catalog(), seconds, "about it") {
             Ok((recorder, notebook)) => Some((recorder.into_lanes(), notebook)),
             Err(refused) => {
-                println!("SKIPPED: {refused}");
+                let _ = writeln!(std::io::stderr(), "SKIPPED: {refused}");
                 None
             }
         }

@@ -49,9 +49,9 @@ pub(crate) const BANS: &[Ban] = &[
         what: "prints",
         words: &["println!", "eprintln!", "print!", "eprint!"],
         rooms: ALL,
-        except: &[("apps/", "a command line talks to people")],
+        except: &[],
         tests: false,
-        remedy: "return a value; the command line prints",
+        remedy: "return a value; the command line says it by `taktild::out`, which does not panic",
     },
     Ban {
         what: "is debris",
@@ -82,7 +82,7 @@ pub(crate) const BANS: &[Ban] = &[
         ],
         rooms: ALL,
         except: &[
-            ("rtcore/src/guard.rs", "two switches that any thread may read"),
+            ("rtcore/src/guard.rs", "a switch that any thread may read"),
             ("rtcore/src/live", "start and stop of the lanes' threads"),
             ("rtcore/src/mapping.rs", "a reader after the end must find writes in their order"),
             ("rtcore/src/pulse.rs", "the task that runs now, for whoever looks from outside"),
@@ -312,10 +312,11 @@ fn every_ban_can_complain_and_can_be_silent() {
 
 #[test]
 fn a_ban_holds_in_its_rooms_only() {
-    let prints = BANS.iter().find(|ban| ban.what == "prints").expect("there is such a ban");
-    let raw = "//! x\nfn f() { println!() }\n";
-    let tree = [Rust::new("apps/taktil/src/x.rs", raw), Rust::new("sim/src/x.rs", raw)];
-    let found = violations(&tree, core::slice::from_ref(prints));
+    let clocks = BANS.iter().find(|ban| ban.what == "asks the time").expect("there is such a ban");
+    let clocks = Ban { except: &[("rtcore/src/linux.rs", "asks")], ..*clocks };
+    let raw = "//! x\nfn f() { Instant::now() }\n";
+    let tree = [Rust::new("rtcore/src/linux.rs", raw), Rust::new("sim/src/x.rs", raw)];
+    let found = violations(&tree, &[clocks]);
     assert_eq!(found.len(), 1, "{found:?}");
     assert!(found[0].starts_with("sim/src/x.rs:2: "));
 }
