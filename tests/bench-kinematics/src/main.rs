@@ -54,20 +54,24 @@ fn samples() -> Vec<Sample> {
         .collect()
 }
 
-/// The arm as any arm: by its rows.
-fn chain() -> Result<Chain<6>> {
-    let (arm, dynamics) = (Puma260::reference(), Dynamics::reference());
+/// The arm's Denavit-Hartenberg rows: a, d (m), alpha (rad).
+pub fn rows(arm: &Puma260) -> [(f64, f64, f64); 6] {
     let half = core::f64::consts::FRAC_PI_2;
-    let rows = [
+    [
         (0.0, 0.0, half),
         (arm.a2_m, 0.0, 0.0),
         (0.0, arm.d3_m, -half),
         (0.0, arm.d4_m, half),
         (0.0, 0.0, -half),
         (0.0, 0.0, 0.0),
-    ];
+    ]
+}
+
+/// The arm as any arm: by its rows.
+fn chain() -> Result<Chain<6>> {
+    let (arm, dynamics) = (Puma260::reference(), Dynamics::reference());
     let mut bodies = dynamics.bodies.iter();
-    let rows = rows.map(|(a_m, d_m, alpha_rad)| {
+    let rows = rows(&arm).map(|(a_m, d_m, alpha_rad)| {
         let body = *bodies.next().unwrap_or(&dynamics.bodies[5]);
         let spec = JointSpec { body, ..JointSpec::default() };
         Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }

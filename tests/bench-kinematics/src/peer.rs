@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::puma260::Puma260;
 
-use crate::Sample;
+use crate::{Sample, rows};
 
 /// One running peer.
 pub struct Peer {
@@ -84,17 +84,8 @@ impl Drop for Peer {
 /// The arm as the peers read it: tool length, then a row a joint.
 fn arm() -> String {
     let (arm, dynamics) = (Puma260::reference(), Dynamics::reference());
-    let half = core::f64::consts::FRAC_PI_2;
-    let rows = [
-        (0.0, 0.0, half),
-        (arm.a2_m, 0.0, 0.0),
-        (0.0, arm.d3_m, -half),
-        (0.0, arm.d4_m, half),
-        (0.0, 0.0, -half),
-        (0.0, 0.0, 0.0),
-    ];
     let mut text = format!("{:e}", arm.tool_z_m);
-    for ((a, d, alpha), body) in rows.iter().zip(&dynamics.bodies) {
+    for ((a, d, alpha), body) in rows(&arm).iter().zip(&dynamics.bodies) {
         let (c, i) = (body.com_m, body.inertia_kg_m2);
         let numbers =
             [*a, *d, *alpha, body.mass_kg, c.x, c.y, c.z, i.x_axis.x, i.y_axis.y, i.z_axis.z];
