@@ -277,7 +277,9 @@ fn each_cause_is_told_when_it_is_provoked() {
         return;
     }
     if !may_be_fifo() {
-        println!("SKIPPED: causes of misses: no right to SCHED_FIFO here; run it as root");
+        taktil_tests_script::skipped(
+            "causes of misses: no right to SCHED_FIFO here; run it as root",
+        );
         return;
     }
     let mut table =
@@ -287,7 +289,9 @@ fn each_cause_is_told_when_it_is_provoked() {
         let group = match (provocation == RtGroup).then(Throttled::new).transpose() {
             Ok(group) => group,
             Err(why) => {
-                println!("SKIPPED: misses by throttling cannot be provoked: {why}");
+                taktil_tests_script::skipped(format_args!(
+                    "misses by throttling cannot be provoked: {why}"
+                ));
                 table += &format!("| {what} | {expected} | not possible there: {why} |\n");
                 continue;
             }

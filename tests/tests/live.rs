@@ -6,16 +6,14 @@ use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
 use taktil::run::scene::Scene;
-use taktil_rtcore::guard::{self, CountingAllocator};
+use taktil_rtcore::guard;
 use taktil_rtcore::live::{self, Contract, Pace, Terms};
 use taktil_rtcore::{Machine, virtual_time};
 use taktil_tests::bench::{Draft, Kept, machine};
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
-
-/// Live runs that are compared.
+/// Live runs that are compared, and tries to get them from a busy machine.
 const RUNS: usize = 4;
+const TRIES: usize = 12;
 
 fn short() -> Scene {
     Draft::roll_pin().set("duration_s", 0.5).scene()
@@ -60,16 +58,18 @@ fn live_and_virtual_time_give_the_same_bits_whatever_the_host_does() {
     let stop = AtomicBool::new(false);
     virtual_time::run(&mut machine, scene.duration, &stop, &mut expected).unwrap();
     let mut compared = 0;
-    for _ in 0..RUNS {
+    for _ in 0..TRIES {
         let (kept, lost) = run_live(&scene);
-        if lost > 0 {
-            println!("SKIPPED: {lost} records were lost to a busy machine");
-            continue;
+        if lost == 0 {
+            assert_eq!(kept.difference(&expected, scene.duration), None);
+            compared += 1;
         }
-        assert_eq!(kept.difference(&expected, scene.duration), None);
-        compared += 1;
+        if compared == RUNS {
+            return;
+        }
     }
-    println!("{compared} of {RUNS} live runs compared");
+    let why = format_args!("of {TRIES} live runs a busy machine left {compared} to compare");
+    taktil_tests_script::skipped(why);
 }
 
 #[test]

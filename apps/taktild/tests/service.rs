@@ -18,8 +18,8 @@ use taktil_drivers_regmap::registers::{
 };
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
 use taktil_hal::{CHANNELS, DacCode, MAX_TACTELS, Nanos};
-use taktil_rtcore::{Cycle, FaultCode, Io, Output as Port, Task};
-use taktil_signal::{JogCommand, Request, TypedMove};
+use taktil_tests_script::Hanging;
+use taktild::operator::Remote;
 
 /// Zero volts in offset binary of 12 bits.
 const ZERO_VOLTS: u16 = 2048;
@@ -257,7 +257,7 @@ fn an_item_that_is_hard_and_missing_is_refused_before_any_output_is_armed() {
         (output, watcher.join())
     });
     let Ok(output) = output else {
-        println!("SKIPPED: there is no `prlimit` (util-linux) here");
+        taktil_tests_script::skipped("there is no `prlimit` (util-linux) here");
         return;
     };
     let text = String::from_utf8_lossy(&output.stderr);
@@ -388,27 +388,6 @@ fn a_configuration_that_cannot_be_used_ends_with_2_and_its_place() {
     assert_eq!(output.status.code(), Some(2));
 }
 
-/// Asks for nothing, and from job 200 on does not return.
-struct Hanging {
-    request: Port<Request>,
-    jog: Port<JogCommand>,
-    moves: Port<TypedMove>,
-}
-
-impl Task for Hanging {
-    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        if cycle.tick >= 200 {
-            loop {
-                std::thread::sleep(Duration::from_secs(1));
-            }
-        }
-        io.write(&self.request, Request::default());
-        io.write(&self.jog, JogCommand::default());
-        io.write(&self.moves, TypedMove::default());
-        Ok(())
-    }
-}
-
 #[test]
 fn the_service_whose_operator_hangs() {
     let Some(config) = std::env::var_os(CHILD) else {
@@ -417,10 +396,7 @@ fn the_service_whose_operator_hangs() {
     };
     let service = taktild::service::Service::with_operator(
         Path::new(&config),
-        Box::new(|ports| {
-            let (request, jog) = (ports.output("request"), ports.output("jog"));
-            Ok(Box::new(Hanging { request, jog, moves: ports.output("moves") }))
-        }),
+        Box::new(|ports| Ok(Box::new(Hanging { until_then: Remote::new(None, ports), tick: 200 }))),
     );
     let ended = service.unwrap().run();
     panic!("it cannot end by itself: {ended:?}");

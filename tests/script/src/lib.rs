@@ -3,6 +3,7 @@
 //! allocator with it. Refuses a run in which a job used the heap or was left out, unless a task
 //! panicked in it.
 
+use std::io::Write;
 use std::sync::atomic::AtomicBool;
 
 use taktil_rtcore::guard::{self, CountingAllocator};
@@ -30,6 +31,32 @@ impl<T: Payload, F: FnMut(u64) -> Option<T> + Send> Task for Feed<T, F> {
             io.write(&self.out, value);
         }
         Ok(())
+    }
+}
+
+/// Says why a test shows nothing here, past the harness, which keeps what a test that passes
+/// prints.
+pub fn skipped(why: impl core::fmt::Display) {
+    let said = writeln!(std::io::stderr(), "SKIPPED: {why}");
+    said.expect("a test has a standard error");
+}
+
+/// Does as another task until a job, and does not return from that one.
+pub struct Hanging<T> {
+    /// The other task.
+    pub until_then: T,
+    /// Number of the job.
+    pub tick: u64,
+}
+
+impl<T: Task> Task for Hanging<T> {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        if cycle.tick >= self.tick {
+            loop {
+                std::thread::sleep(std::time::Duration::from_secs(1));
+            }
+        }
+        self.until_then.step(cycle, io)
     }
 }
 

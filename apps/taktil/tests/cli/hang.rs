@@ -4,38 +4,17 @@
 
 use std::path::PathBuf;
 use std::process::{Command, ExitCode, Stdio};
-use std::time::Duration;
 
 use taktil::log::{Log, METADATA_RESULT};
 use taktil::run::{self, Options};
-use taktil_rtcore::{Cycle, FaultCode, Io, Output, Task};
-use taktil_signal::{ControlState, JogCommand, Request, Typed, TypedMove};
+use taktil_signal::{ControlState, Typed};
+use taktil_tests_script::Hanging;
+use taktild::operator::Remote;
 
 use crate::process::{Folder, Running, scenes};
 
 /// Where the child is to put its log.
 const CHILD: &str = "TAKTIL_TEST_HANGS";
-
-/// Asks for nothing, and from job 100 on does not return.
-struct Hanging {
-    request: Output<Request>,
-    jog: Output<JogCommand>,
-    moves: Output<TypedMove>,
-}
-
-impl Task for Hanging {
-    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        if cycle.tick >= 100 {
-            loop {
-                std::thread::sleep(Duration::from_secs(1));
-            }
-        }
-        io.write(&self.request, Request::default());
-        io.write(&self.jog, JogCommand::default());
-        io.write(&self.moves, TypedMove::default());
-        Ok(())
-    }
-}
 
 #[test]
 fn the_run_whose_operator_hangs() {
@@ -50,9 +29,7 @@ fn the_run_whose_operator_hangs() {
             // The machine's wiring binds them.
             let _ = ports.input_delayed::<ControlState>("control");
             let _ = ports.input_delayed::<Typed>("typed");
-            let (request, jog) = (ports.output("request"), ports.output("jog"));
-            let moves = ports.output("moves");
-            Ok(Box::new(Hanging { request, jog, moves }))
+            Ok(Box::new(Hanging { until_then: Remote::new(None, ports), tick: 100 }))
         })
     });
     panic!("it cannot end by itself: {:?}", ended.map(|code| code == ExitCode::SUCCESS));

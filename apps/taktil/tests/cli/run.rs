@@ -159,7 +159,7 @@ fn a_contract_that_does_not_hold_refuses_a_live_run_with_the_item() {
     let said = taktil(folder.path(), &["run", "strict.toml", "--fast", "--for", "0.01"]);
     said.ended(0);
     if std::fs::read_to_string("/proc/version").unwrap().contains("PREEMPT_RT") {
-        println!("SKIPPED: this kernel has what the scene demands");
+        taktil_tests_script::skipped("this kernel has what the scene demands");
         return;
     }
     let said = taktil(folder.path(), &["run", "strict.toml", "--for", "0.1"]).ended(1);

@@ -177,7 +177,7 @@ fn a_keyboard_that_is_pulled_lets_go() {
     use evdev::uinput::VirtualDevice;
     use evdev::{AttributeSet, EventType, InputEvent, KeyCode};
     if !std::path::Path::new("/dev/uinput").exists() {
-        println!("skipped: this host has no /dev/uinput to make a keyboard with");
+        taktil_tests_script::skipped("this host has no /dev/uinput to make a keyboard with");
         return;
     }
     let folder = Folder::new();
