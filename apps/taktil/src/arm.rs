@@ -10,7 +10,8 @@ use serde_json::json;
 use taktil_mechanics::Joints;
 use taktil_mechanics::chain::{Chain, Effort, Vector};
 use taktil_mechanics::spatial::{rotation_vector, wrap_angle};
-use taktild::source::Source;
+use taktild::out;
+use taktild::source::{Meant, Source};
 use taktild::urdf::{self, Described};
 
 use crate::run::BadOption;
@@ -54,11 +55,11 @@ struct Tried {
 /// # Errors
 /// A file that cannot be used, more poses than can be meant.
 pub fn run(arguments: &ArmArgs) -> anyhow::Result<ExitCode> {
-    if arguments.poses > MOST {
-        let what = format!("--poses {}: give at most {MOST}", arguments.poses);
+    if !(1..=MOST).contains(&arguments.poses) {
+        let what = format!("--poses {}: give 1 to {MOST}", arguments.poses);
         return Err(BadOption(what).into());
     }
-    let source = Source::read(&arguments.file)?;
+    let source = Source::read(&arguments.file, Meant::Arm)?;
     let described = urdf::read(&source.text, arguments.tip.as_deref())
         .map_err(|invalid| urdf::locate(&source, invalid))?;
     let tried = match described.joints.len() {
@@ -73,9 +74,9 @@ pub fn run(arguments: &ArmArgs) -> anyhow::Result<ExitCode> {
     };
     let tried = tried.map_err(|invalid| urdf::locate(&source, invalid))?;
     if arguments.json {
-        println!("{}", to_json(&described, &tried, arguments.poses));
+        out::line(to_json(&described, &tried, arguments.poses))?;
     } else {
-        print!("{}", table(&described, &tried, arguments.poses));
+        out::text(table(&described, &tried, arguments.poses))?;
     }
     let failed = tried.closed && (tried.found < arguments.poses || tried.own_lost > 0);
     Ok(ExitCode::from(u8::from(failed)))

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use taktild::out;
 use taktild::source::Located;
 
 use crate::arm::{self, ArmArgs};
@@ -34,7 +35,6 @@ const BAD_INPUT: u8 = 2;
 #[command(
     name = "taktil",
     version,
-    about,
     after_help = "\
 Start here:
   taktil run sim/scenes/roll-pin.toml                a PUMA 260 rolls a pin by touch, live, 10 s
@@ -42,7 +42,8 @@ Start here:
   taktil run sim/scenes/roll-pin.toml --report out   and a page with pictures: out/report.html
   echo '{\"op\":\"fk\",\"q\":[0,0.7,-2.7,-3.1,1.2,3.1]}' | taktil calc
 
-Exit codes: 0 ok, 1 the run failed or a fault was latched, 2 bad input."
+Exit codes: 0 ok, 1 it failed or the answer is no, 2 bad input, 130 ended by a second Ctrl-C;
+what else they mean stands in the help of each command."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -55,7 +56,9 @@ enum Command {
     ///
     /// Live by default: one SCHED_FIFO thread a lane, on the kernel's clock. Where the right to
     /// SCHED_FIFO is missing the run says so, marks every timing figure and goes on. With --fast
-    /// all lanes share one thread in virtual time: same values, same digest.
+    /// all lanes share one thread in virtual time: same values, same digest. Exit code 0: no fault,
+    /// also when Ctrl-C ended it; 1: a fault was latched, a task hung, the contract did not hold,
+    /// or what was asked for could not be written; 2: bad input.
     Run {
         /// Scene file (TOML); see sim/scenes
         scene: PathBuf,
@@ -94,9 +97,10 @@ enum Command {
     Sim(Sim),
     /// Draw a log as SVG figures, or write its signals as CSV.
     ///
-    /// Without --what every view that the log allows is made. Views: features, positions, angles,
-    /// joints, torques, image, timing and others (a wrong name lists them all); a signal such as
-    /// sense.joints or sense.joints.q_rad is a view too.
+    /// Without --what every view that the log allows is made: features, positions, angles,
+    /// tracking, torques, truth, image, timing. A signal such as sense.joints, or one of its fields
+    /// such as sense.joints.q_rad, is a view too. Exit code 0: drawn; 2: no such log, view or
+    /// place.
     Plot {
         /// Log file (MCAP) of a run
         log: PathBuf,
@@ -246,10 +250,10 @@ pub fn main() -> ExitCode {
 
 fn complain(error: &anyhow::Error) -> ExitCode {
     if let Some(located) = error.downcast_ref::<Located>() {
-        eprintln!("{located}");
+        out::warn(located);
         return ExitCode::from(BAD_INPUT);
     }
-    eprintln!("error: {error:#}");
+    out::warn(format_args!("error: {error:#}"));
     ExitCode::from(if error.is::<BadOption>() { BAD_INPUT } else { 1 })
 }
 
@@ -291,12 +295,12 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         Command::Bench(bench) => bench::run(&bench),
         Command::Arm(arguments) => arm::run(&arguments),
         Command::Calc { list: true } => {
-            print!("{}", crate::calc::list());
+            out::text(crate::calc::list())?;
             Ok(ExitCode::SUCCESS)
         }
         Command::Calc { list: false } => {
             if std::io::stdin().is_terminal() {
-                eprintln!("one JSON request a line, then Ctrl-D; `taktil calc --list` shows them");
+                out::warn("one JSON request a line, then Ctrl-D; `taktil calc --list` shows them");
             }
             let mut input = BufReader::new(std::io::stdin().lock());
             let mut output = BufWriter::new(std::io::stdout().lock());

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use taktil_rtcore::payload::Kind;
+use taktild::out;
 
 use crate::log::{Channel, FieldInfo, Log, METADATA_RUN, Message};
 use crate::run::BadOption;
@@ -211,10 +212,10 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let open = |path: &PathBuf| Log::open(path).map_err(|error| BadOption(format!("{error:#}")));
     let comparison = Comparison::new(&open(&options.a)?, &open(&options.b)?);
     if options.json {
-        println!("{}", to_json(&comparison));
+        out::line(to_json(&comparison))?;
     } else {
         let names = [&options.a, &options.b].map(|path| path.display().to_string());
-        print!("{}", text(&comparison, [&names[0], &names[1]]));
+        out::text(text(&comparison, [&names[0], &names[1]]))?;
     }
     Ok(if comparison.equal() { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }

@@ -14,6 +14,7 @@ use std::process::ExitCode;
 use serde_json::{Value, json};
 use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::{Dynamics, Friction};
+use taktild::out;
 
 use crate::log::Log;
 use crate::run::BadOption;
@@ -152,7 +153,8 @@ struct Rows {
 }
 
 fn joints(series: &Series, name: &str) -> anyhow::Result<Vec<Joints>> {
-    let column = series.column(name).ok_or_else(|| BadOption(format!("the log has no {name}")))?;
+    let column = series.column(name).filter(|column| column.width == 6);
+    let column = column.ok_or_else(|| BadOption(format!("the log has no {name} of six joints")))?;
     Ok((0..series.len()).map(|row| Joints::from_row_slice(column.row(row))).collect())
 }
 
@@ -224,9 +226,9 @@ pub fn run(what: &Identify) -> anyhow::Result<ExitCode> {
     let fits: Vec<Option<Fit>> = windows.iter().map(|windows| fit(windows)).collect();
     let model = Friction::reference();
     if *json {
-        println!("{}", as_json(&fits, &model));
+        out::line(as_json(&fits, &model))?;
     } else {
-        print!("{}", table(&fits, &model));
+        out::text(table(&fits, &model))?;
     }
     Ok(if fits.iter().all(Option::is_some) { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }

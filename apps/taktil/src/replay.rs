@@ -13,12 +13,13 @@ use serde_json::{Value, json};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::replay::{self, Gap, Script};
 use taktil_rtcore::{LaneSpec, Machine, Nanos};
+use taktild::out;
 use taktild::signals::{self, Second};
 use taktild::tape::player::Tapes;
 
 use crate::diff::{Comparison, first_text, seconds, to_json};
 use crate::log::{Channel, Log, McapLog};
-use crate::run::BadOption;
+use crate::run::{BadOption, writable};
 use origin::Origin;
 
 /// Exit code of a log that is not whole, even when all that could be replayed is equal.
@@ -80,6 +81,9 @@ impl Outcome {
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let bad = |error: anyhow::Error| BadOption(format!("{error:#}"));
     let log = Log::open(&options.log).map_err(bad)?;
+    if let Some(out) = &options.out {
+        writable("--out", out)?;
+    }
     let (outcome, repeated) = repeat(log).map_err(|what| {
         let shown = options.log.display();
         BadOption(format!("{shown} cannot be replayed: {what}"))
@@ -89,9 +93,9 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
             .map_err(|error| BadOption(format!("cannot write {}: {error}", out.display())))?;
     }
     if options.json {
-        println!("{}", object(&outcome));
+        out::line(object(&outcome))?;
     } else {
-        print!("{}", text(&outcome));
+        out::text(text(&outcome))?;
     }
     Ok(outcome.code())
 }

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use std::sync::mpsc;
 
 use taktil_rtcore::{Nanos, linux};
+use taktild::out;
 
 use crate::run::BadOption;
 use crate::run::assemble::assemble;
@@ -31,7 +32,7 @@ pub struct HashArgs {
     /// Scene file (TOML)
     scene: PathBuf,
     /// Seed instead of the scene's
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Simulated seconds, instead of the scene's
     #[arg(long = "for", value_name = "S", allow_negative_numbers = true)]
@@ -66,18 +67,21 @@ pub fn run(what: &Sim) -> anyhow::Result<ExitCode> {
         return Err(BadOption(what).into());
     };
     let begin = linux::monotonic();
-    each(&scene, first..end, arguments.beside, until, |seed, digest| {
-        println!("{digest}  seed {seed}");
+    let heard = each(&scene, first..end, arguments.beside, until, |seed, digest| {
+        out::line(format_args!("{digest}  seed {seed}"))
     })?;
+    if !heard {
+        return Ok(ExitCode::SUCCESS);
+    }
     let wall_s = (linux::monotonic() - begin).as_secs_f64();
     let simulated_s = arguments.seeds as f64 * until.as_secs_f64();
-    eprintln!(
+    out::warn(format_args!(
         "{} runs of {} s in {wall_s:.1} s: {:.1} x real time, {} at a time",
         arguments.seeds,
         until.as_secs_f64(),
         simulated_s / wall_s,
         arguments.beside
-    );
+    ));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -90,17 +94,18 @@ pub fn hash(scene: &Scene, seed: u64, until: Nanos) -> anyhow::Result<String> {
     digest::of_run(&mut machine, until)
 }
 
-/// Digests of several seeds, `beside` of them at a time, told in the order of the seeds.
+/// Digests of several seeds, `beside` of them at a time, told in the order of the seeds until
+/// `tell` says that nobody listens any more; whether somebody did to the end.
 ///
 /// # Errors
-/// As [`hash`], for the first seed that fails.
+/// As [`hash`], for the first seed that fails; those of `tell`.
 pub fn each(
     scene: &Scene,
     seeds: std::ops::Range<u64>,
     beside: usize,
     until: Nanos,
-    mut tell: impl FnMut(u64, &str),
-) -> anyhow::Result<()> {
+    mut tell: impl FnMut(u64, &str) -> anyhow::Result<bool>,
+) -> anyhow::Result<bool> {
     let (results, found) = mpsc::channel();
     std::thread::scope(|threads| {
         for turn in 0..beside {
@@ -119,10 +124,12 @@ pub fn each(
         for (seed, digest) in found {
             waiting.insert(seed, digest);
             while let Some(digest) = waiting.remove(&due) {
-                tell(due, &digest?);
+                if !tell(due, &digest?)? {
+                    return Ok(false);
+                }
                 due += 1;
             }
         }
-        Ok(())
+        Ok(true)
     })
 }

@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
+use taktild::out;
 
 use crate::run::BadOption;
 
@@ -103,10 +104,10 @@ fn exchange(line: &mut Line, words: &str) -> anyhow::Result<bool> {
     }
     let answer = line.answer()?;
     if answer.starts_with("ok") {
-        println!("{answer}");
+        out::line(&answer)?;
         return Ok(true);
     }
-    eprintln!("{answer}");
+    out::warn(&answer);
     Ok(false)
 }
 

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use taktil::run::scene::Scene;
 use taktil::scenes::{schema::schema, sound_scene};
-use taktild::source::Source;
+use taktild::source::{Meant, Source};
 
 /// The first place at which a value breaks a schema.
 fn broken(schema: &Value, value: &Value, place: &str) -> Option<String> {
@@ -88,8 +88,8 @@ fn every_scene_keeps_the_schema_and_can_be_run() {
 /// Whether the parser and its checks accept a text, with motions read from beside the scenes.
 fn accepted(text: String) -> bool {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes");
-    let read = |name: &str| Source::read(&folder.join(name)).map_err(|bad| bad.what);
-    let machine = Source::read(&folder.join("machine/puma260.toml")).unwrap();
+    let read = |name: &str| Source::read(&folder.join(name), Meant::Motion).map_err(|bad| bad.what);
+    let machine = Source::read(&folder.join("machine/puma260.toml"), Meant::Machine).unwrap();
     Scene::of(Source { path: "scene.toml".into(), text }, Some(machine), &read).is_ok()
 }
 

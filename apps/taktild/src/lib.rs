@@ -7,6 +7,7 @@ pub mod cpus;
 pub mod flight;
 pub mod log;
 pub mod operator;
+pub mod out;
 pub mod service;
 pub mod signals;
 pub mod source;

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use taktil_rtcore::guard::CountingAllocator;
+use taktild::out;
 use taktild::service::Service;
 use taktild::source::Located;
 
@@ -14,7 +15,13 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 /// Robot control over real boards, as a systemd service. It comes up with the drives off and waits
 /// in READY.
 #[derive(Parser, Debug)]
-#[command(name = "taktild", version, about)]
+#[command(
+    name = "taktild",
+    version,
+    after_help = "\
+Exit codes: 0 ended by SIGTERM or SIGINT (--check: read), 1 the machine or its record failed,
+2 a configuration that cannot be used, 3 a task that does not return."
+)]
 struct Arguments {
     /// Configuration file: machine, board, contract with the kernel
     #[arg(long, value_name = "FILE", default_value = "/etc/taktil/taktild.toml")]
@@ -32,7 +39,7 @@ fn main() -> ExitCode {
     let mut service = match Service::load(&arguments.config) {
         Ok(service) => service,
         Err(located) => {
-            eprintln!("{located}");
+            out::warn(&located);
             return ExitCode::from(2);
         }
     };
@@ -40,20 +47,26 @@ fn main() -> ExitCode {
         service.record_to(path);
     }
     if arguments.check {
-        print!("{}", service.describe());
-        return ExitCode::SUCCESS;
+        return match out::text(service.describe()) {
+            Ok(_) => ExitCode::SUCCESS,
+            Err(error) => fail(&error),
+        };
     }
     match service.run() {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => match error.downcast_ref::<Located>() {
-            Some(located) => {
-                eprintln!("{located}");
-                ExitCode::from(2)
-            }
-            None => {
-                eprintln!("error: {error:#}");
-                ExitCode::from(1)
-            }
-        },
+        Err(error) => fail(&error),
+    }
+}
+
+fn fail(error: &anyhow::Error) -> ExitCode {
+    match error.downcast_ref::<Located>() {
+        Some(located) => {
+            out::warn(located);
+            ExitCode::from(2)
+        }
+        None => {
+            out::warn(format_args!("error: {error:#}"));
+            ExitCode::from(1)
+        }
     }
 }

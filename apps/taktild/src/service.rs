@@ -22,8 +22,9 @@ use crate::flight::{FlightConfig, Keeper};
 use crate::log::McapLog;
 use crate::operator::socket::{SERVICE_SOCKET, Socket};
 use crate::operator::{self, Mouth, Remote};
+use crate::out;
 use crate::signals::{self, Second};
-use crate::source::{Located, Source};
+use crate::source::{Located, Meant, Source};
 use crate::tape::player::{About, Lack, Tapes};
 use crate::wiring;
 
@@ -126,10 +127,10 @@ impl Service {
         operator: wiring::MakeOperator<'_>,
         mouth: Option<Mouth>,
     ) -> Result<Service, Located> {
-        let source = Source::read(path)?;
+        let source = Source::read(path, Meant::Service)?;
         let file: ServiceFile = source.parse()?;
         let machine_path = path.parent().unwrap_or(Path::new("")).join(&file.machine);
-        let described = Source::read(&machine_path)
+        let described = Source::read(&machine_path, Meant::Machine)
             .map_err(|bad| source.locate(Invalid::new("machine", bad.what, bad.remedy)))?;
         let config = machine_config(&described, file.robot)?;
         let devices = Board::open(&file.board).map_err(|bad| source.locate(board_error(bad)))?;
@@ -256,10 +257,10 @@ impl Service {
         outcome?;
         for (spec, figures) in self.machine.figures() {
             let (jobs, missed) = (figures.jobs, figures.misses.total());
-            eprintln!(
+            out::warn(format_args!(
                 "lane {}: {jobs} jobs, {missed} missed, {} skipped",
                 spec.name, figures.skipped
-            );
+            ));
         }
         recorded
     }
@@ -366,7 +367,7 @@ impl Audience for Heart {
             keeper.attested(attestation);
         }
         if !attestation.granted() {
-            eprintln!("degraded: {}", attestation.missing.join("; "));
+            out::warn(format_args!("degraded: {}", attestation.missing.join("; ")));
         }
         let status =
             if attestation.granted() { "lanes granted" } else { "degraded: not real time" };
@@ -395,12 +396,12 @@ impl Audience for Heart {
     }
 
     fn hung(&mut self, hang: &Hang) {
-        eprintln!(
+        out::warn(format_args!(
             "error: {hang}; the other lanes have ended safe, the board's watchdog does the rest"
-        );
+        ));
         tell(&[NotifyState::Stopping, NotifyState::Status(&hang.to_string())]);
         if let Some(Err(error)) = self.log.take().map(McapLog::finish) {
-            eprintln!("error: {error:#}");
+            out::warn(format_args!("error: {error:#}"));
         }
         // Its thread cannot be joined, and what it holds cannot be dropped.
         std::process::exit(EXIT_HUNG);
@@ -410,6 +411,6 @@ impl Audience for Heart {
 /// Says it to systemd; without systemd nobody listens, and that is no error.
 fn tell(states: &[NotifyState<'_>]) {
     if let Err(error) = sd_notify::notify(states) {
-        eprintln!("systemd could not be told: {error}");
+        out::warn(format_args!("systemd could not be told: {error}"));
     }
 }

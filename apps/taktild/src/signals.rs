@@ -5,9 +5,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use nix::sys::signal::{SigSet, Signal};
+use taktil_rtcore::{Nanos, linux};
 
 /// Exit code of a process that a second signal ended, as a shell would report SIGINT.
 const KILLED: i32 = 130;
+
+/// Signals closer together than this are one: `timeout` sends its own to the process and to its
+/// group.
+const ONE: Nanos = Nanos::from_millis(100);
 
 /// What a second signal does while the first is being obeyed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,8 +55,12 @@ pub fn watch(second: Second) -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     std::thread::Builder::new().name("signals".into()).spawn(move || {
+        let mut first = None;
         while signals.wait().is_ok() {
-            if flag.swap(true, Ordering::SeqCst) && second == Second::Kills {
+            flag.store(true, Ordering::SeqCst);
+            let now = linux::monotonic();
+            let begun = *first.get_or_insert(now);
+            if second == Second::Kills && now - begun > ONE {
                 std::process::exit(KILLED);
             }
         }

@@ -13,6 +13,38 @@ use toml::de::{DeTable, DeValue};
 /// Largest configuration file that is read: anything bigger is not one.
 const LARGEST_BYTES: u64 = 4 << 20;
 
+/// What a file is meant to be, for whoever names another one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Meant {
+    /// A scene.
+    Scene,
+    /// A machine file.
+    Machine,
+    /// The service's configuration.
+    Service,
+    /// A table of a motion.
+    Motion,
+    /// An arm's description.
+    Arm,
+    /// A key map.
+    Keys,
+}
+
+impl Meant {
+    /// What to name instead of `path`.
+    fn remedy(self, path: &Path) -> String {
+        let remedy = match self {
+            Meant::Scene => return suggest(path),
+            Meant::Machine => "name a machine file, such as sim/scenes/machine/puma260.toml",
+            Meant::Service => "name the service's configuration; systemd/taktild.toml is one",
+            Meant::Motion => "name a CSV file by its path from the scene's folder",
+            Meant::Arm => "name a URDF file, such as sim/arms/puma260.urdf",
+            Meant::Keys => "name a key map; `taktil keys --list` prints one",
+        };
+        remedy.to_owned()
+    }
+}
+
 /// A configuration file, read.
 #[derive(Clone, Debug)]
 pub struct Source {
@@ -71,45 +103,43 @@ impl fmt::Display for Located {
 impl std::error::Error for Located {}
 
 impl Source {
-    /// Reads a file.
+    /// Reads a file that is meant to be something.
     ///
     /// # Errors
     /// Missing, a directory, too big, not UTF-8, empty.
-    pub fn read(path: &Path) -> Result<Source, Located> {
-        let complain = |what: String, remedy: &str| {
-            Err(Located { path: path.to_owned(), mark: None, what, remedy: remedy.to_owned() })
+    pub fn read(path: &Path, meant: Meant) -> Result<Source, Located> {
+        let complain = |what: String, remedy: String| {
+            Err(Located { path: path.to_owned(), mark: None, what, remedy })
         };
+        let other = || meant.remedy(path);
         let shown = path.display();
+        let refused = |error: std::io::Error| {
+            complain(format!("`{shown}` cannot be read: {error}"), "check its rights".to_owned())
+        };
         let about = match std::fs::metadata(path) {
             Ok(about) => about,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                return complain(format!("there is no file `{shown}`"), &suggest(path));
+                return complain(format!("there is no file `{shown}`"), other());
             }
-            Err(error) => {
-                return complain(format!("`{shown}` cannot be read: {error}"), "check its rights");
-            }
+            Err(error) => return refused(error),
         };
         if about.is_dir() {
-            return complain(format!("`{shown}` is a directory"), &suggest(path));
+            return complain(format!("`{shown}` is a directory"), other());
         }
         if !about.is_file() {
-            return complain(format!("`{shown}` is not a regular file"), &suggest(path));
+            return complain(format!("`{shown}` is not a regular file"), other());
         }
         if about.len() > LARGEST_BYTES {
-            return complain(
-                format!("`{shown}` has {} bytes: too big for a configuration", about.len()),
-                "name the TOML file",
-            );
+            let what = format!("`{shown}` has {} bytes: too big for a configuration", about.len());
+            return complain(what, other());
         }
         match std::fs::read(path).map(String::from_utf8) {
             Ok(Ok(text)) if text.trim().is_empty() => {
-                complain(format!("`{shown}` is empty"), "start from a scene in sim/scenes")
+                complain(format!("`{shown}` is empty"), other())
             }
             Ok(Ok(text)) => Ok(Source { path: path.to_owned(), text }),
-            Ok(Err(_)) => complain(format!("`{shown}` is not text"), "name the TOML file"),
-            Err(error) => {
-                complain(format!("`{shown}` cannot be read: {error}"), "check its rights")
-            }
+            Ok(Err(_)) => complain(format!("`{shown}` is not text"), other()),
+            Err(error) => refused(error),
         }
     }
 
@@ -383,11 +413,12 @@ mod tests {
 
     #[test]
     fn files_that_are_none_are_refused_in_words() {
-        let gone = Source::read(Path::new("no/such/file.toml")).unwrap_err();
+        let gone = Source::read(Path::new("no/such/file.toml"), Meant::Scene).unwrap_err();
         assert!(gone.what.contains("there is no file"), "{gone}");
-        let folder = Source::read(Path::new("src")).unwrap_err();
+        let folder = Source::read(Path::new("src"), Meant::Arm).unwrap_err();
         assert!(folder.what.contains("is a directory"), "{folder}");
-        let device = Source::read(Path::new("/dev/zero")).unwrap_err();
+        assert!(folder.remedy.contains("sim/arms/puma260.urdf"), "{folder}");
+        let device = Source::read(Path::new("/dev/zero"), Meant::Keys).unwrap_err();
         assert!(device.what.contains("is not a regular file"), "{device}");
     }
 

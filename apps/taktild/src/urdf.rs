@@ -13,7 +13,7 @@ use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
 use taktil_rtcore::Invalid;
 use urdf_rs::{Joint, JointType, Robot};
 
-use crate::source::{Located, Mark, Source};
+use crate::source::{Located, Mark, Meant, Source};
 
 /// Time in which a joint gets to its speed where the file gives no acceleration (s).
 const SPEED_UP_S: f64 = 0.2;
@@ -59,7 +59,7 @@ impl Described {
 /// # Errors
 /// What the file lacks, at the line of the joint or link where there is one.
 pub fn load(path: &Path, tip: Option<&str>) -> Result<Described, Located> {
-    let source = Source::read(path)?;
+    let source = Source::read(path, Meant::Arm)?;
     read(&source.text, tip).map_err(|invalid| locate(&source, invalid))
 }
 

@@ -43,8 +43,11 @@ fn debug_release_and_every_machine_give_the_pinned_digest() {
 fn a_scene_has_its_digest_alone_and_beside_others() {
     let scene = Draft::roll_pin().set("duration_s", 2.0).scene();
     let mut told = Vec::new();
-    let tell = |seed, digest: &str| told.push((seed, digest.to_owned()));
-    taktil::sim::each(&scene, 1..5, 4, scene.duration, tell).unwrap();
+    let tell = |seed, digest: &str| {
+        told.push((seed, digest.to_owned()));
+        Ok(true)
+    };
+    assert!(taktil::sim::each(&scene, 1..5, 4, scene.duration, tell).unwrap());
     assert_eq!(told.iter().map(|(seed, _)| *seed).collect::<Vec<_>>(), [1, 2, 3, 4]);
     assert_eq!(told[0].1, PINNED);
     for (seed, beside) in &told[1..] {

@@ -13,6 +13,7 @@ pub mod space;
 use std::process::ExitCode;
 
 use taktil_rtcore::Recording;
+use taktild::out;
 
 use crate::run::BadOption;
 use chain::{Chain, Flow, Shape};
@@ -27,6 +28,8 @@ pub enum Bench {
     Executor(Plan),
     /// Whether a lane does the same work whoever reads its records: instructions of a job with no
     /// reader and with eight, counted by callgrind (package valgrind).
+    ///
+    /// Exit code 0: the same within 1 %; 1: not, or nothing could be counted.
     Readers(readers::Plan),
     /// Contact in three dimensions: time against error of every solver, and the images of a pin
     /// under each of its motions.
@@ -77,9 +80,9 @@ pub fn executor(plan: &Plan, others: Vec<Contestant>) -> anyhow::Result<ExitCode
         contest.count()?;
     }
     if plan.json {
-        println!("{}", contest.json());
+        out::line(contest.json())?;
     } else {
-        print!("{}", contest.table());
+        out::text(contest.table())?;
     }
     Ok(ExitCode::SUCCESS)
 }

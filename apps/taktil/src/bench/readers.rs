@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use serde_json::json;
 use taktil_rtcore::Recording;
 use taktil_rtcore::record::{Observer, Record};
+use taktild::out;
 
 use super::HOPS;
 use super::chain::{BATCH, Chain, Flow, Shape};
@@ -86,16 +87,16 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
     let holds = none > 0.0 && difference <= LIMIT;
     if plan.json {
         let row = json!({ "none": none, "eight": many, "abandoned": abandoned });
-        println!(
-            "{}",
-            json!({ "instructions_a_job": row, "difference": difference, "holds": holds })
-        );
+        out::line(json!({ "instructions_a_job": row, "difference": difference, "holds": holds }))?;
     } else {
-        println!("instructions a job, a chain of {HOPS} hops, every value recorded");
-        println!("  no reader                {none:>10.1}");
-        println!("  {MANY} readers                {many:>10.1}");
-        println!("  nobody empties the ring  {abandoned:>10.1}");
-        println!("  difference of the first two: {:.3} %, limit 1 %", 100.0 * difference);
+        out::text(format_args!(
+            "instructions a job, a chain of {HOPS} hops, every value recorded\n  \
+             no reader                {none:>10.1}\n  \
+             {MANY} readers                {many:>10.1}\n  \
+             nobody empties the ring  {abandoned:>10.1}\n  \
+             difference of the first two: {:.3} %, limit 1 %\n",
+            100.0 * difference
+        ))?;
     }
     Ok(if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -16,10 +16,11 @@ use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
 use taktil_sim::{
     Carriage, Float, PITCH_M, Timing, World, WorldConfig, build, build_with_carriage,
 };
+use taktild::out;
 
 use crate::plot::axis::{Scale, decades};
 use crate::plot::svg::{Anchor, Figure};
-use crate::run::BadOption;
+use crate::run::{BadOption, writable};
 
 /// How to measure, and where the picture goes.
 #[derive(Clone, Debug, clap::Args)]
@@ -50,13 +51,16 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
     if !(1..=1000).contains(&plan.rounds) {
         return Err(BadOption(format!("--rounds {}: give 1 to 1000", plan.rounds)).into());
     }
-    println!("## Arm alone, {FALL_S} s of fall\n\n{}", arms(plan.rounds)?);
+    if let Some(path) = &plan.out {
+        writable("--out", path)?;
+    }
+    out::line(format_args!("## Arm alone, {FALL_S} s of fall\n\n{}", arms(plan.rounds)?))?;
     let rows = rolls(plan.rounds)?;
-    println!("## Pin rolled by a finger on rails, {LOAD_N} N\n\n{}", table(&rows));
+    out::line(format_args!("## Pin rolled by a finger on rails, {LOAD_N} N\n\n{}", table(&rows)))?;
     if let Some(path) = &plan.out {
         let figure = picture(&rows);
         std::fs::write(path, figure.file()).with_context(|| format!("{}", path.display()))?;
-        println!("{}", path.display());
+        out::line(path.display())?;
     }
     Ok(ExitCode::SUCCESS)
 }

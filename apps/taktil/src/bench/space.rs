@@ -16,9 +16,10 @@ use taktil_mechanics::contact::space::surface::{Cells, Surface};
 use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_mechanics::contact::space::{Drive, Level};
 use taktil_rtcore::linux;
+use taktild::out;
 
 use crate::plot::heat::{Touch, heat_maps_of};
-use crate::run::BadOption;
+use crate::run::{BadOption, folder};
 
 /// How to measure, and where pictures go.
 #[derive(Clone, Debug, clap::Args)]
@@ -64,10 +65,13 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
     if !(1..=10_000).contains(&plan.rounds) {
         return Err(BadOption(format!("--rounds {}: give 1 to 10000", plan.rounds)).into());
     }
-    print!("{}", table(plan.rounds)?);
+    if let Some(out) = &plan.out {
+        folder("--out", out)?;
+    }
+    out::text(table(plan.rounds)?)?;
     if let Some(folder) = &plan.out {
         for path in pictures(folder)? {
-            println!("{}", path.display());
+            out::line(path.display())?;
         }
     }
     Ok(ExitCode::SUCCESS)
@@ -253,7 +257,6 @@ fn median_us(times: &mut [taktil_rtcore::Nanos]) -> f64 {
 /// # Errors
 /// A folder that cannot be written.
 pub fn pictures(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;
     let pin = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(30.0) };
     let mut scene = Scene::new(&LAYER, pin, &Array::THESIS, Sampling::Area, Level::Default)?;
     let mut written = Vec::new();

@@ -21,9 +21,10 @@ mod request;
 mod space;
 mod touch;
 
-use std::io::{BufRead, ErrorKind, Read, Write};
+use std::io::{BufRead, Read, Write};
 
 use serde_json::Value;
+use taktild::out;
 
 use answer::Answer;
 use field::{COMMON, Failure, Field, Kind};
@@ -79,10 +80,8 @@ pub fn filter(input: &mut dyn BufRead, output: &mut dyn Write) -> anyhow::Result
         };
         reply.push('\n');
         // Flushed at once: the other end may wait for this answer before it asks again.
-        match output.write_all(reply.as_bytes()).and_then(|()| output.flush()) {
-            Ok(()) => {}
-            Err(error) if error.kind() == ErrorKind::BrokenPipe => return Ok(()),
-            Err(error) => return Err(error.into()),
+        if !out::deliver(output, &reply)? {
+            return Ok(());
         }
     }
 }

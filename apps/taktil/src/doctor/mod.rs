@@ -25,6 +25,7 @@ use std::process::ExitCode;
 
 use crate::run::BadOption;
 use facts::Facts;
+use taktild::out;
 
 /// What the command line says.
 #[derive(Clone, Debug, Default)]
@@ -149,11 +150,11 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     };
     let report = examine(&host, cpus.as_ref());
     if options.json {
-        println!("{}", to_json(&report));
+        out::line(to_json(&report))?;
     } else if options.fix_script {
-        print!("{}", script(&report));
+        out::text(script(&report))?;
     } else {
-        print!("{}", table(&report));
+        out::text(table(&report))?;
     }
     Ok(ExitCode::from(report.exit()))
 }

@@ -2,6 +2,7 @@
 //! beside it. Refuses numbers that the thesis does not print.
 
 use super::judge::Verdict;
+use crate::run::summary::PITCH_MM;
 
 /// One experiment.
 #[derive(Clone, Copy, Debug)]
@@ -181,7 +182,7 @@ pub const MEASURES: [Measure; 24] = [
     measure("M_x error rms (counts x rows)", |v| v.figures.m_x_error.rms()),
     measure("settling from first touch (s)", |v| v.settling_s),
     measure("finger over contact travel", |v| {
-        let contact = v.figures.x_c.width()? * 1.5875;
+        let contact = v.figures.x_c.width()? * PITCH_MM;
         (contact > 1.0).then_some(v.figures.p_x_mm.width()? / contact)
     }),
     measure("fastest slip (mm/s)", |v| Some(v.figures.slip_mm_s)),

@@ -14,11 +14,11 @@ use taktil_signal::{Applied, Features, defined};
 use taktil_sim::scene::{RubberConfig, WorldConfig};
 
 use crate::run::score::{Figures, Score, Spread, Targets};
+use crate::run::summary::PITCH_MM;
 use crate::run::world::WorldTruth;
 use glam::DVec3;
 
 /// Tactel pitch, mm.
-const PITCH_MM: f64 = 1.5875;
 /// The finger presses from this share of the force's set point on.
 const PRESSED: f64 = 0.9;
 /// Judging begins this long after the finger first presses, s.

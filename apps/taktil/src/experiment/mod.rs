@@ -17,6 +17,7 @@ use clap::{Args, Subcommand};
 use taktil_rtcore::virtual_time;
 /// The laws of touch.
 pub use taktil_tasks_tactile_servo::law::Name;
+use taktild::out;
 use taktild::signals::{self, Second};
 
 use crate::run::scene::Scene;
@@ -36,7 +37,9 @@ pub enum Experiments {
     /// writes report.html and report.md with figures and tables. Exit code 0: done; 1: a run
     /// ended with a fault; 2: bad input.
     Chapter6(Chapter6),
-    /// The rolling scene with drawn pins, rubbers, frictions, noise and tables: does a law hold?
+    /// The rolling scene with drawn pins, rubbers, frictions and tables: does a law hold?
+    ///
+    /// Exit code 0: every draw held; 1: at least one did not, and is listed; 2: bad input.
     Robust(robust::Robust),
 }
 
@@ -109,8 +112,7 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
         return Err(BadOption(text).into());
     }
     let found = scenes(&options.scenes, &options.only)?;
-    std::fs::create_dir_all(&options.out)
-        .map_err(|error| BadOption(format!("--out {}: {error}", options.out.display())))?;
+    run::folder("--out", &options.out)?;
     let mut plan = Vec::new();
     for (e, (_, _, scene)) in found.iter().enumerate() {
         for law in &laws {
@@ -140,11 +142,11 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
         options.seeds
     );
     let (html, markdown) = page::write(&options.out, &all, &laws, &command)?;
-    println!("{}\n{}", html.display(), markdown.display());
+    out::line(format_args!("{}\n{}", html.display(), markdown.display()))?;
     let faulty = all.iter().flat_map(|runs| &runs.verdicts).flatten();
     let bad = faulty.filter(|verdict| !verdict.figures.faults.is_empty()).count();
     if bad > 0 {
-        eprintln!("{bad} runs ended with a fault; see the tables");
+        out::warn(format_args!("{bad} runs ended with a fault; see the tables"));
     }
     Ok(if bad == 0 { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
@@ -185,7 +187,7 @@ fn scenes(
         let head = format!("{}:", experiment.id);
         match loaded.iter().find(|(_, scene)| scene.title.starts_with(&head)) {
             Some((path, scene)) => out.push((experiment, path.clone(), scene.clone())),
-            None => eprintln!("{}: no scene in {}", experiment.id, folder.display()),
+            None => out::warn(format_args!("{}: no scene in {}", experiment.id, folder.display())),
         }
     }
     if out.is_empty() {
@@ -232,7 +234,11 @@ pub(crate) fn in_parallel<P: Sync, T: Send>(
     };
     let mut done: Vec<(usize, anyhow::Result<T>)> = std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads.min(plan.len())).map(|_| scope.spawn(worker)).collect();
-        workers.into_iter().flat_map(|worker| worker.join().unwrap_or_default()).collect()
+        let ended = workers.into_iter().map(|worker| match worker.join() {
+            Ok(done) => done,
+            Err(panic) => std::panic::resume_unwind(panic),
+        });
+        ended.flatten().collect()
     });
     done.sort_by_key(|(index, _)| *index);
     anyhow::ensure!(done.len() == plan.len(), "interrupted after {} runs", done.len());

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use taktild::out;
 
 use super::judge::Verdict;
 use super::{in_parallel, laws, one, with_law};
@@ -16,7 +17,7 @@ use crate::run::scene::Scene;
 
 /// Most draws of one call.
 const DRAWS_MAX: u64 = 10_000;
-/// A tactile image is new every so many ms; used to name rows.
+/// Rows of the array, of which one may be dead.
 const ROWS: u16 = 16;
 
 /// Options of `taktil experiment robust`.
@@ -123,29 +124,32 @@ pub fn run(options: &Robust) -> anyhow::Result<ExitCode> {
         lost += u32::from(!held(verdict));
         if told {
             let rms = |spread: &crate::run::score::Spread| spread.rms().map_or("-".into(), plain);
-            println!(
-                "draw {number}: {about}\n  {} faults, {} contact losses, settled after {} s; rms \
-                 force {} N, tilt {} deg, yaw {} deg",
+            out::line(format_args!(
+                "draw {number}: {about}\n  {} faults, {} contact losses, settled {}; rms \
+                 force {} N, tilt {} deg, yaw {} deg\n  taktil experiment robust --law {} \
+                 --scene {} --draw {number}",
                 verdict.figures.faults.0.count_ones(),
                 verdict.figures.contact_lost,
-                verdict.settling_s.map_or("never".into(), plain),
+                verdict.settling_s.map_or("never".into(), |s| format!("after {} s", plain(s))),
                 rms(&verdict.force_n),
                 rms(&verdict.tilt_deg),
                 rms(&verdict.yaw_deg),
-            );
+                law.text(),
+                options.scene.display()
+            ))?;
         }
     }
     let at = |share: f64| {
         let place = (share * (force.len().saturating_sub(1)) as f64).round() as usize;
         force.get(place).map_or("-".into(), |value| plain(*value))
     };
-    println!(
+    out::line(format_args!(
         "{} draws with `{}`: {lost} did not hold; force error rms, N: median {}, 95 % {}, most {}",
         plan.len(),
         law.text(),
         at(0.5),
         at(0.95),
-        at(1.0),
-    );
+        at(1.0)
+    ))?;
     Ok(if lost == 0 { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }

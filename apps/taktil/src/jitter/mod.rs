@@ -16,9 +16,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::Context;
 use serde_json::Value;
 use taktil_rtcore::Nanos;
+use taktild::out;
 use taktild::signals::{self, Second};
 
-use crate::run::BadOption;
+use crate::run::{BadOption, writable};
 use compare::Comparison;
 use cyclictest::Cyclictest;
 use load::Load;
@@ -84,6 +85,9 @@ pub(crate) struct Findings<'a> {
 pub fn run(arguments: &JitterArgs) -> anyhow::Result<ExitCode> {
     let lanes = lanes(arguments)?;
     let pairs = pairs(arguments)?;
+    if let Some(path) = &arguments.svg {
+        writable("--svg", path)?;
+    }
     let theirs = if arguments.cyclictest { Some(Cyclictest::find(&lanes)?) } else { None };
     let stop = signals::watch(Second::Kills)?;
     let load = if arguments.load { Some(Load::start()?) } else { None };
@@ -98,15 +102,15 @@ pub fn run(arguments: &JitterArgs) -> anyhow::Result<ExitCode> {
     drop(load);
     let interrupted = stop.load(Ordering::SeqCst);
     let findings = Findings { arguments, ours, comparison, interrupted };
+    let found: Value = words::json(&findings);
+    if arguments.json {
+        out::line(&found)?;
+    } else {
+        out::text(words::table(&findings))?;
+    }
     if let Some(path) = &arguments.svg {
         std::fs::write(path, picture::draw(&findings))
             .with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    let found: Value = words::json(&findings);
-    if arguments.json {
-        println!("{found}");
-    } else {
-        print!("{}", words::table(&findings));
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -141,9 +145,9 @@ fn alternate(
             break;
         }
         comparison.pair(&lateness, &cyclictest);
-        eprint!("\rpair {} of {pairs}", pair + 1);
+        out::hint(format_args!("\rpair {} of {pairs}", pair + 1));
     }
-    eprintln!();
+    out::warn("");
     Ok(comparison)
 }
 

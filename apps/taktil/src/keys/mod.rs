@@ -13,8 +13,9 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::bail;
+use taktild::out;
 use taktild::signals::{self, Ended};
-use taktild::source::Source;
+use taktild::source::{Meant, Source};
 
 use crate::run::BadOption;
 use crate::tell::Line;
@@ -53,7 +54,7 @@ pub struct KeysArgs {
 /// [`BadOption`] for what cannot be used; the machine is gone.
 pub fn run(arguments: &KeysArgs) -> anyhow::Result<ExitCode> {
     if arguments.list {
-        print!("{DEFAULT}");
+        out::text(DEFAULT)?;
         return Ok(ExitCode::SUCCESS);
     }
     let map = read_map(arguments.map.as_deref())?;
@@ -66,7 +67,7 @@ pub fn run(arguments: &KeysArgs) -> anyhow::Result<ExitCode> {
     }
     let inputs = open(&arguments.device, &map)?;
     for (number, input) in inputs.iter().enumerate() {
-        println!("{}", input.path.display());
+        out::line(input.path.display())?;
         hand.plugged(number, |code| input.has(code));
     }
     held(&mut line, &mut hand, inputs, &stop)
@@ -77,7 +78,7 @@ fn read_map(path: Option<&Path>) -> anyhow::Result<Map> {
         let file: MapFile = toml::from_str(DEFAULT)?;
         return file.check().map_err(|bad| anyhow::anyhow!("{}: {}", bad.place, bad.what));
     };
-    let source = Source::read(path)?;
+    let source = Source::read(path, Meant::Keys)?;
     let file: MapFile = source.parse()?;
     Ok(file.check().map_err(|bad| source.locate(bad))?)
 }
@@ -123,13 +124,13 @@ fn held(
             }
             Looked::Gone => {
                 hand.unplugged(*number);
-                eprintln!("{} is gone: its keys are released", input.path.display());
+                out::warn(format_args!("{} is gone: its keys are released", input.path.display()));
                 false
             }
         });
         speaker.turn(line, hand, &said)?;
         if inputs.is_empty() {
-            eprintln!("error: no device is left");
+            out::warn("error: no device is left");
             return Ok(ExitCode::from(1));
         }
         std::thread::sleep(LOOK);
@@ -191,7 +192,7 @@ fn exchange(line: &mut Line, words: &str, aloud: bool) -> anyhow::Result<()> {
     line.say(words)?;
     let answer = line.answer()?;
     if aloud || !answer.starts_with("ok") {
-        println!("{words}: {answer}\r");
+        out::line(format_args!("{words}: {answer}\r"))?;
     }
     Ok(())
 }

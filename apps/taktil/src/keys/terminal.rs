@@ -39,11 +39,12 @@ impl Terminal {
         let (mut characters, receiver) = link(WAITING);
         // Ends with the process: a read from a terminal cannot be called off.
         std::thread::Builder::new().name("stdin".into()).spawn(move || {
-            for byte in std::io::stdin().lock().bytes().map_while(Result::ok) {
-                let _ = characters.send(Some(byte), Nanos::ZERO, Nanos::ZERO);
-            }
-            while characters.send(None, Nanos::ZERO, Nanos::ZERO).is_err() {
-                std::thread::sleep(std::time::Duration::from_millis(10));
+            let bytes = std::io::stdin().lock().bytes().map_while(Result::ok);
+            // A full ring makes the typist wait: what was typed may be the word to stop.
+            for word in bytes.map(Some).chain([None]) {
+                while characters.send(word, Nanos::ZERO, Nanos::ZERO).is_err() {
+                    std::thread::sleep(super::LOOK);
+                }
             }
         })?;
         Ok(Terminal { characters: receiver.into(), ended: Cell::new(false), before })

@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
 use anyhow::{Context, bail};
@@ -114,10 +115,8 @@ impl Log {
     /// A directory, a missing, unreadable or empty file, another format, a chunked MCAP file.
     pub fn open(path: &Path) -> anyhow::Result<Log> {
         let shown = path.display();
-        if path.is_dir() {
-            bail!("{shown} is a directory; name the log file in it");
-        }
-        let bytes = std::fs::read(path).with_context(|| format!("cannot read the log {shown}"))?;
+        let bytes = bytes(path, "name a log of `taktil run --log` or `taktild --log`")
+            .with_context(|| format!("cannot read the log {shown}"))?;
         Log::from_bytes(bytes).with_context(|| format!("cannot use {shown} as a log"))
     }
 
@@ -247,6 +246,24 @@ impl Log {
     pub fn end_s(&self) -> f64 {
         self.messages().map(|message| message.release_ns).max().unwrap_or(0) as f64 / 1e9
     }
+}
+
+/// A recording in memory, from a file or a pipe; `remedy` says what to name instead.
+///
+/// # Errors
+/// Nothing there, a directory, a device that never ends, what the kernel refuses.
+pub fn bytes(path: &Path, remedy: &str) -> anyhow::Result<Vec<u8>> {
+    let kind = match std::fs::metadata(path) {
+        Ok(about) => about.file_type(),
+        Err(error) => bail!("{error}; {remedy}"),
+    };
+    if kind.is_dir() {
+        bail!("it is a directory; {remedy}");
+    }
+    if kind.is_char_device() || kind.is_block_device() {
+        bail!("it is a device; {remedy}");
+    }
+    Ok(std::fs::read(path)?)
 }
 
 fn word<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {

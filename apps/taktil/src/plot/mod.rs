@@ -18,6 +18,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use taktild::out;
 
 use crate::log::Log;
 use svg::Figure;
@@ -84,7 +85,8 @@ pub fn run(args: &PlotArgs, output: &mut dyn Write) -> anyhow::Result<()> {
         let [only] = products.as_slice() else {
             bail!("`--out -` takes one view; name it with `--what`");
         };
-        return pipe(output, &only.text);
+        out::deliver(output, &only.text)?;
+        return Ok(());
     }
     let directory = args.out.clone().unwrap_or_else(|| beside(&args.log));
     std::fs::create_dir_all(&directory)
@@ -93,20 +95,12 @@ pub fn run(args: &PlotArgs, output: &mut dyn Write) -> anyhow::Result<()> {
         let path = directory.join(format!("{}.{ending}", product.name));
         std::fs::write(&path, &product.text)
             .with_context(|| format!("cannot write {}", path.display()))?;
-        pipe(output, &format!("{}\n", path.display()))?;
+        out::deliver(output, &format!("{}\n", path.display()))?;
     }
-    match log.damage() {
-        Some(damage) => pipe(output, &format!("note: the log is {damage}\n")),
-        None => Ok(()),
+    if let Some(damage) = log.damage() {
+        out::deliver(output, &format!("note: the log is {damage}\n"))?;
     }
-}
-
-/// Writes to a pipe that its reader may have closed.
-fn pipe(output: &mut dyn Write, text: &str) -> anyhow::Result<()> {
-    match output.write_all(text.as_bytes()).and_then(|()| output.flush()) {
-        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-        result => Ok(result?),
-    }
+    Ok(())
 }
 
 /// `run.mcap` gets `run-plots` beside it.

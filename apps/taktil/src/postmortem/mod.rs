@@ -15,8 +15,9 @@ use taktil_rtcore::linux::wall_clock;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::status::{LaneHealth, ModeStatus};
 use taktil_rtcore::{FaultCode, FaultSet, Mode, Nanos, Payload};
+use taktild::out;
 
-use crate::log::{METADATA_ATTESTATION, McapLog};
+use crate::log::{METADATA_ATTESTATION, McapLog, bytes};
 use crate::run::BadOption;
 use about::About;
 
@@ -41,10 +42,8 @@ pub struct Options {
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let shown = options.file.display();
     let bad = |why: String| BadOption(format!("{shown}: {why}"));
-    if options.file.is_dir() {
-        return Err(bad("is a folder; name the recorder's file in it".into()).into());
-    }
-    let bytes = std::fs::read(&options.file).map_err(|error| bad(error.to_string()))?;
+    let bytes = bytes(&options.file, "name a file of `--flight`, or /run/taktil/flight")
+        .map_err(|error| bad(error.to_string()))?;
     let found = flight::read(&bytes).map_err(bad)?;
     let about = About::parse(&found).map_err(bad)?;
     if let Some(log) = &options.log {
@@ -55,11 +54,11 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     }
     let summary = summary(&options.file, &found, &about);
     if options.json {
-        println!("{summary}");
+        out::line(&summary)?;
     } else {
-        print!("{}", text(&summary));
+        out::text(text(&summary))?;
         if let Some(log) = &options.log {
-            println!("log written                taktil plot {}", log.display());
+            out::line(format_args!("log written                taktil plot {}", log.display()))?;
         }
     }
     Ok(ExitCode::SUCCESS)
@@ -103,7 +102,11 @@ fn summary(file: &Path, found: &Read, about: &About) -> Value {
         last.insert(record.signal, record);
     }
     let end = records.iter().map(|record| record.release).max();
-    let granted: Value = serde_json::from_str(&found.granted).unwrap_or_default();
+    // What cannot be read is handed on as it stands.
+    let granted: Value = match &*found.granted {
+        "" => Value::Null,
+        text => serde_json::from_str(text).unwrap_or_else(|_| text.into()),
+    };
     let zero = granted["zero_unix_ns"].as_i64();
     let age = zero.zip(end).map(|(zero, end)| (wall_clock() - Nanos(zero) - end).as_secs_f64());
     let of = |name: &str| {

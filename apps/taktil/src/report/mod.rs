@@ -83,7 +83,7 @@ fn header(out: &mut String, log: &Log, summary: &Value, title: &str) {
         Some(mode) => facts.push(escape(mode)),
         None => {}
     }
-    if let Some(taktil) = log.metadata().get(METADATA_RUN).and_then(|about| about.get("version")) {
+    if let Some(taktil) = log.metadata().get(METADATA_RUN).and_then(|about| about.get("taktil")) {
         facts.push(format!("taktil {}", escape(taktil)));
     }
     out.push_str(&facts.join(" \u{b7} "));

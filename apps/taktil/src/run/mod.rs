@@ -28,6 +28,7 @@ use taktil_rtcore::{Invalid, Machine, Nanos, linux, live, virtual_time};
 use taktild::flight::Keeper;
 use taktild::operator::Hand;
 use taktild::operator::socket::Socket;
+use taktild::out;
 use taktild::signals::{self, Second};
 use taktild::wiring::MakeOperator;
 
@@ -85,9 +86,9 @@ impl Audience for Watch {
         }
         if !attestation.granted() {
             let missing = attestation.missing.join("; ");
-            eprintln!(
+            out::warn(format_args!(
                 "not real time: {missing}; timing figures are marked, the simulated robot runs"
-            );
+            ));
         }
     }
 
@@ -106,9 +107,9 @@ impl Audience for Watch {
 
     fn hung(&mut self, hang: &Hang) {
         self.progress.finish();
-        eprintln!("error: {hang}; the run is over, outputs are safe");
+        out::warn(format_args!("error: {hang}; the run is over, outputs are safe"));
         if let Err(error) = close_hung(self.log.take(), hang) {
-            eprintln!("error: {error:#}");
+            out::warn(format_args!("error: {error:#}"));
         }
         // Its thread cannot be joined.
         std::process::exit(1);
@@ -178,7 +179,7 @@ fn run_by(
     };
     if options.plan {
         let machine = assemble::assemble(&scene, seed)?;
-        print!("{}", if options.json { plan::json(&machine) } else { plan::text(&machine) });
+        out::text(if options.json { plan::json(&machine) } else { plan::text(&machine) })?;
         return Ok(ExitCode::SUCCESS);
     }
     let (operator, socket) = operator(&scene)?;
@@ -186,17 +187,14 @@ fn run_by(
     let log_path = log_path(options, &scene)?;
     let targets = targets(&scene);
     let catalog = machine.catalog().clone();
-    let log = match &log_path {
-        None => None,
-        Some(path) => {
-            let log = McapLog::create(path, &catalog, &metadata(&scene, seed, options));
-            Some(log.map_err(|error| BadOption(format!("{error:#}")))?)
-        }
-    };
+    let log = log_path.as_ref().map(|path| {
+        let log = McapLog::create(path, &catalog, &metadata(&scene, seed, options));
+        log.map_err(|error| BadOption(format!("{error:#}")))
+    });
     let mut watch = Watch {
         digest: Digest::new(&catalog),
         score: Score::new(&catalog, targets),
-        log,
+        log: log.transpose()?,
         keeper: flight(&mut machine, &scene, options)?,
         socket,
         progress: Progress::new(&catalog, until, options.json),
@@ -228,10 +226,12 @@ fn run_by(
         repeat: repeat(options, seed, until, &scene),
     };
     let summary = ending.json();
-    if let Some(log) = watch.log.take() {
-        log.finish_with(&BTreeMap::from([("summary".to_owned(), summary.to_string())]))?;
-    }
+    let closed = watch.log.take().map_or(Ok(()), |log| {
+        log.finish_with(&BTreeMap::from([("summary".to_owned(), summary.to_string())]))
+    });
+    // A log that cannot be closed, on a full disk, does not take the table with it.
     finish(options, log_path.as_deref(), &summary)?;
+    closed?;
     Ok(if ending.ok() { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
@@ -246,7 +246,7 @@ fn listen(options: &Options, scene: &Scene) -> anyhow::Result<(Option<Socket>, O
     let pace = scene.machine.trajectory.clone().unwrap_or_default();
     let socket = Socket::listen(path, mouth, pace)
         .map_err(|bad| BadOption(format!("--operator: {}; {}", bad.what, bad.remedy)))?;
-    eprintln!("an operator is listened to: taktil tell --at {} ...", path.display());
+    out::warn(format_args!("an operator is listened to: taktil tell --at {} ...", path.display()));
     Ok((Some(socket), Some(hand)))
 }
 
@@ -274,6 +274,30 @@ impl std::fmt::Display for BadOption {
 }
 
 impl std::error::Error for BadOption {}
+
+/// Refuses a file that cannot be written before the work whose result is to stand in it. One that
+/// is there keeps what it holds until then.
+///
+/// # Errors
+/// [`BadOption`] with the option's name.
+pub fn writable(option: &str, path: &Path) -> Result<(), BadOption> {
+    let opened = std::fs::OpenOptions::new().create(true).append(true).open(path);
+    opened.map(drop).map_err(|error| {
+        let shown = path.display();
+        BadOption(format!("{option} {shown}: {error}; name a file that can be written"))
+    })
+}
+
+/// Makes a folder before the work whose results are to lie in it.
+///
+/// # Errors
+/// [`BadOption`] with the option's name.
+pub fn folder(option: &str, path: &Path) -> Result<(), BadOption> {
+    std::fs::create_dir_all(path).map_err(|error| {
+        let shown = path.display();
+        BadOption(format!("{option} {shown}: {error}; name a folder that can be made"))
+    })
+}
 
 /// Runs a machine to its end in virtual time.
 ///
@@ -308,23 +332,22 @@ fn execute(
     Ok((watch.now.min(until), Some(account)))
 }
 
+/// Says how it went, then draws the report: what can fail comes last.
 fn finish(options: &Options, log: Option<&Path>, summary: &Value) -> anyhow::Result<()> {
+    let next = match (&options.report, log) {
+        (Some(folder), _) => format!("report                     {}/report.html", folder.display()),
+        (None, Some(log)) => format!("next                       taktil plot {}", log.display()),
+        (None, None) => "next                       add --report out to see it drawn".to_owned(),
+    };
+    let told = if options.json {
+        out::line(summary)
+    } else {
+        out::text(format_args!("{}  {next}\n", table::table(summary)))
+    };
     if let (Some(folder), Some(log)) = (&options.report, log) {
         crate::report::write(folder, &Log::open(log)?, summary)?;
     }
-    if options.json {
-        println!("{summary}");
-        return Ok(());
-    }
-    print!("{}", table::table(summary));
-    match (&options.report, log) {
-        (Some(folder), _) => {
-            println!("  report                     {}/report.html", folder.display())
-        }
-        (None, Some(log)) => println!("  next                       taktil plot {}", log.display()),
-        (None, None) => println!("  next                       add --report out to see it drawn"),
-    }
-    Ok(())
+    told.map(drop)
 }
 
 /// A report is drawn from a log: without `--log` it lies beside the report. Places that cannot be
@@ -334,10 +357,7 @@ fn log_path(options: &Options, scene: &Scene) -> anyhow::Result<Option<PathBuf>>
         if folder.exists() && !folder.is_dir() {
             bail!(BadOption(format!("--report {}: is a file; name a folder", folder.display())));
         }
-        std::fs::create_dir_all(folder).map_err(|error| {
-            let shown = folder.display();
-            BadOption(format!("--report {shown}: {error}; name a folder that can be made"))
-        })?;
+        self::folder("--report", folder)?;
     }
     let beside = options.report.as_ref().map(|folder| folder.join("run.mcap"));
     let path = options.log.clone().or(beside);

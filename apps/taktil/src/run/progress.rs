@@ -7,6 +7,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Nanos, Payload};
 use taktil_signal::{ControlState, Features, State};
+use taktild::out;
 
 /// Logical time between two looks at the bar.
 const STEP: Nanos = Nanos::from_millis(50);
@@ -64,7 +65,7 @@ impl Progress {
                 self.next = now + STEP;
             }
             None => {
-                eprintln!("{text} of {:.2} s", self.until.as_secs_f64());
+                out::warn(format_args!("{text} of {:.2} s", self.until.as_secs_f64()));
                 self.next = now + LINE;
             }
         }

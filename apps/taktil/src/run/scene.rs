@@ -14,7 +14,7 @@ use taktil_rtcore::{Invalid, Nanos, Transaction};
 use taktil_sim::scene::WorldConfig;
 use taktild::config::MachineConfig;
 use taktild::contract::ContractConfig;
-use taktild::source::{Located, Source};
+use taktild::source::{Located, Meant, Source};
 
 use crate::scenes::probe::{self, Shape};
 
@@ -145,7 +145,7 @@ impl Scene {
     /// # Errors
     /// Anything wrong, located in the file where it stands.
     pub fn load(path: &Path) -> Result<Scene, Located> {
-        let source = Source::read(path)?;
+        let source = Source::read(path, Meant::Scene)?;
         let file: SceneFile = source.parse()?;
         let machine_source = match &file.machine {
             None => None,
@@ -153,7 +153,7 @@ impl Scene {
         };
         let beside = |name: &str| {
             let path = path.parent().unwrap_or(Path::new("")).join(name);
-            Source::read(&path).map_err(|error| error.what)
+            Source::read(&path, Meant::Motion).map_err(|error| error.what)
         };
         Scene::of(source, machine_source, &beside)
     }
@@ -293,7 +293,7 @@ pub fn duration(seconds: f64, place: &str) -> Result<Nanos, Invalid> {
 
 fn read_machine(scene: &Source, path: &Path, name: &str) -> Result<Source, Located> {
     let machine: PathBuf = path.parent().unwrap_or(Path::new("")).join(name);
-    Source::read(&machine).map_err(|error| {
+    Source::read(&machine, Meant::Machine).map_err(|error| {
         let located = scene.locate(Invalid::new("machine", error.what, error.remedy));
         Located { what: located.what, ..located }
     })

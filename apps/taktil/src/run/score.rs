@@ -46,7 +46,8 @@ pub struct Spread {
     recent: f64,
 }
 
-/// Weight of a new value in the slow average that stands for the steady state: 1 s at 400 Hz.
+/// Weight of a new value in the slow average that stands for the steady state: a second of a lane
+/// at 400 Hz.
 const RECENT: f64 = 1.0 / 400.0;
 
 impl Spread {
@@ -83,7 +84,7 @@ impl Spread {
         self.of(self.peak)
     }
 
-    /// Average over about the last second.
+    /// Average over about the last 400 values.
     #[must_use]
     pub fn steady(&self) -> Option<f64> {
         self.of(self.recent)

@@ -192,8 +192,8 @@ fn rolling_ratio(f: &Figures) -> Option<f64> {
     (contact_mm > 0.0).then(|| f.p_x_mm.width().map(|travel| travel / contact_mm)).flatten()
 }
 
-/// Distance between tactels: 25.4 mm over 16.
-pub const PITCH_MM: f64 = 25.4 / 16.0;
+/// Distance between tactels.
+pub const PITCH_MM: f64 = 1e3 * taktil_sim::PITCH_M;
 
 fn span(span: Span) -> Value {
     span.0.map_or(Value::Null, |(low, high)| json!([low, high]))

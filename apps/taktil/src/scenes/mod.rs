@@ -6,6 +6,7 @@ pub mod schema;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use taktild::out;
 use taktild::source::Located;
 
 use crate::run::BadOption;
@@ -44,27 +45,29 @@ enum SceneCommand {
 pub fn run(arguments: &SceneArgs) -> anyhow::Result<ExitCode> {
     if arguments.schema {
         let schema = schema::schema().map_err(anyhow::Error::msg)?;
-        println!("{}", serde_json::to_string_pretty(&schema)?);
+        out::line(serde_json::to_string_pretty(&schema)?)?;
     }
     match &arguments.command {
-        Some(SceneCommand::Check { files }) => Ok(check(files)),
+        Some(SceneCommand::Check { files }) => check(files),
         None if arguments.schema => Ok(ExitCode::SUCCESS),
         None => Err(BadOption("say `check FILE...` or `--schema`".to_owned()).into()),
     }
 }
 
-fn check(files: &[PathBuf]) -> ExitCode {
+fn check(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
     let mut sound = true;
     for file in files {
         match sound_scene(file) {
-            Ok(scene) => println!("ok  {}: {}", file.display(), scene.title),
+            Ok(scene) => {
+                out::line(format_args!("ok  {}: {}", file.display(), scene.title))?;
+            }
             Err(bad) => {
                 sound = false;
-                eprintln!("{bad}");
+                out::warn(&bad);
             }
         }
     }
-    if sound { ExitCode::SUCCESS } else { ExitCode::from(2) }
+    Ok(if sound { ExitCode::SUCCESS } else { ExitCode::from(2) })
 }
 
 /// A scene that can be run: read, wired and built.

@@ -98,6 +98,18 @@ struct Probe<'a> {
     omitted: &'a str,
 }
 
+impl Probe<'_> {
+    /// A list of `len` made-up elements, of one where any number will do.
+    fn list<'de, V: Visitor<'de>>(self, len: Option<usize>, visitor: V) -> Result<V::Value, Error> {
+        let mut inner = Shape::Text;
+        let Probe { shape, place, omitted } = self;
+        let left = len.unwrap_or(1);
+        let value = visitor.visit_seq(Items { inner: &mut inner, place, omitted, left });
+        *shape = Shape::List(Box::new(inner), len);
+        value
+    }
+}
+
 /// Answers of one kind with one value.
 macro_rules! answer {
     ($($ask:ident => $shape:expr, $visit:ident($value:expr);)*) => { $(
@@ -146,19 +158,11 @@ impl<'de> Deserializer<'de> for Probe<'_> {
     }
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
-        let mut inner = Shape::Text;
-        let Probe { shape, place, omitted } = self;
-        let value = visitor.visit_seq(Items { inner: &mut inner, place, omitted, left: 1 });
-        *shape = Shape::List(Box::new(inner), None);
-        value
+        self.list(None, visitor)
     }
 
     fn deserialize_tuple<V: Visitor<'de>>(self, len: usize, visitor: V) -> Result<V::Value, Error> {
-        let mut inner = Shape::Text;
-        let Probe { shape, place, omitted } = self;
-        let value = visitor.visit_seq(Items { inner: &mut inner, place, omitted, left: len });
-        *shape = Shape::List(Box::new(inner), Some(len));
-        value
+        self.list(Some(len), visitor)
     }
 
     fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {

@@ -36,6 +36,7 @@ fn what_is_no_arm_is_bad_input() {
         &["arm", &arms("puma260.urdf"), "--tip", "hand"],
         &["arm", &arms("puma260.urdf"), "--poses", "4000000000"],
         &["arm", &arms("puma260.urdf"), "--poses", "-1"],
+        &["arm", &arms("puma260.urdf"), "--poses", "0"],
     ] {
         let said = taktil(folder.path(), arguments).ended(2);
         assert!(

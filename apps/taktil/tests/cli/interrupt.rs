@@ -10,9 +10,13 @@ use taktil::log::{Log, METADATA_RESULT};
 
 use crate::process::{Folder, Running, TAKTIL, scenes};
 
-/// Starts a long run, sends a signal after a second of logical time, and gives back code, standard
-/// output and the log.
-fn interrupted(folder: &Folder, options: &[&str], signal: Signal) -> (Option<i32>, String, Log) {
+/// Starts a long run, sends signals after a second of logical time, one behind the other, and gives
+/// back code, standard output and the log.
+fn interrupted(
+    folder: &Folder,
+    options: &[&str],
+    signals: &[Signal],
+) -> (Option<i32>, String, Log) {
     let mut command = Command::new(TAKTIL);
     command.arg("run").arg(scenes().join("roll-pin.toml")).args(options);
     command.args(["--log", "run.mcap"]).current_dir(folder.path());
@@ -22,7 +26,10 @@ fn interrupted(folder: &Folder, options: &[&str], signal: Signal) -> (Option<i32
     let second = lines.find(|line| line.as_ref().is_ok_and(|line| line.contains(" 1.00 s ")));
     assert!(second.is_some(), "it ended before it was asked to");
     let id = i32::try_from(running.0.id()).unwrap();
-    kill(Pid::from_raw(id), signal).unwrap();
+    for signal in signals {
+        // The second may find it gone.
+        let _ = kill(Pid::from_raw(id), *signal);
+    }
     // Whatever is said from now on must not block the program.
     let rest = std::thread::spawn(move || lines.map_while(Result::ok).collect::<Vec<_>>());
     let mut out = String::new();
@@ -37,7 +44,7 @@ fn interrupted(folder: &Folder, options: &[&str], signal: Signal) -> (Option<i32
 fn a_live_run_ends_cleanly_on_either_signal() {
     for signal in [Signal::SIGINT, Signal::SIGTERM] {
         let folder = Folder::new();
-        let (code, out, log) = interrupted(&folder, &["--for", "60"], signal);
+        let (code, out, log) = interrupted(&folder, &["--for", "60"], &[signal]);
         assert_eq!(code, Some(0), "{signal}\n{out}");
         assert!(out.contains("ended by                   Ctrl-C"), "{signal}\n{out}");
         assert!(out.contains("faults                     none"), "{signal}\n{out}");
@@ -55,7 +62,18 @@ fn a_live_run_ends_cleanly_on_either_signal() {
 #[test]
 fn a_run_in_virtual_time_ends_cleanly_too() {
     let folder = Folder::new();
-    let (code, out, log) = interrupted(&folder, &["--fast", "--for", "86400"], Signal::SIGINT);
+    let (code, out, log) = interrupted(&folder, &["--fast", "--for", "86400"], &[Signal::SIGINT]);
+    assert_eq!(code, Some(0), "{out}");
+    assert!(out.contains("ended by                   Ctrl-C"), "{out}");
+    assert!(log.damage().is_none(), "{:?}", log.damage());
+}
+
+#[test]
+fn a_signal_that_comes_twice_is_one() {
+    // `timeout` signals the process and then its group.
+    let folder = Folder::new();
+    let twice = [Signal::SIGTERM, Signal::SIGINT];
+    let (code, out, log) = interrupted(&folder, &["--for", "60"], &twice);
     assert_eq!(code, Some(0), "{out}");
     assert!(out.contains("ended by                   Ctrl-C"), "{out}");
     assert!(log.damage().is_none(), "{:?}", log.damage());

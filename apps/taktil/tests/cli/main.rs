@@ -6,6 +6,7 @@ mod calc;
 mod hang;
 mod interrupt;
 mod options;
+mod outputs;
 mod postmortem;
 mod process;
 mod replay;

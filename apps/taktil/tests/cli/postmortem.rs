@@ -116,7 +116,7 @@ fn files_that_are_no_recording_are_refused_in_one_line() {
     folder.write("garbled", garbled);
     for (file, says) in [
         ("nowhere", "No such file"),
-        (".", "is a folder"),
+        (".", "is a directory"),
         ("empty", "it is empty"),
         ("text", "it is no flight recording"),
         ("zeros", "it is no flight recording"),

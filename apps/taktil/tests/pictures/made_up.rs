@@ -140,7 +140,7 @@ pub(crate) fn log(directory: &Path, seconds: f64) -> PathBuf {
         signal::<Truth>("world.truth"),
     ]);
     let about = BTreeMap::from([
-        ("version".to_owned(), "0.1.0".to_owned()),
+        ("taktil".to_owned(), "0.1.0".to_owned()),
         ("scene".to_owned(), "title = \"<script>\"\n[pin]\nradius_mm = 23.0\n".to_owned()),
     ]);
     let mut log = McapLog::create(&path, &catalog, &about).unwrap();

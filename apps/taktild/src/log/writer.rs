@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use mcap::records::{MessageHeader, Metadata};
-use mcap::{WriteOptions, Writer};
+use mcap::{McapError, WriteOptions, Writer};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 
 use super::{
@@ -139,7 +139,7 @@ impl<W: Write + Seek> McapLog<W> {
         if self.failed.is_none() {
             let metadata = BTreeMap::from([("json".to_owned(), json.to_owned())]);
             let written = self.writer.write_metadata(&Metadata { name: name.into(), metadata });
-            self.failed = written.err().map(|error| error.to_string());
+            self.failed = written.err().map(plainly);
         }
     }
 
@@ -168,7 +168,7 @@ impl<W: Write + Seek> McapLog<W> {
         if self.failed.is_none()
             && let Err(error) = self.writer.flush()
         {
-            self.failed = Some(error.to_string());
+            self.failed = Some(plainly(error));
         }
     }
 
@@ -189,7 +189,7 @@ impl<W: Write + Seek> McapLog<W> {
         if self.failed.is_none()
             && let Err(error) = self.close(result)
         {
-            self.failed = Some(error.to_string());
+            self.failed = Some(plainly(error));
         }
         self.check()
     }
@@ -255,9 +255,17 @@ impl<W: Write + Seek> Observer for McapLog<W> {
             Ok(()) => self.written += 1,
             Err(error) => {
                 self.lost += 1;
-                self.failed = Some(error.to_string());
+                self.failed = Some(plainly(error));
             }
         }
+    }
+}
+
+/// What went wrong, without the words of a format that can do more.
+fn plainly(error: McapError) -> String {
+    match error {
+        McapError::Io(error) => error.to_string(),
+        other => other.to_string(),
     }
 }
 

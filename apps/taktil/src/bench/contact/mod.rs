@@ -17,9 +17,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
+use taktild::out;
 
 use super::space;
 use crate::plot::svg::Figure;
+use crate::run::folder;
 
 /// What to do.
 #[derive(Clone, Debug, clap::Args)]
@@ -37,11 +39,16 @@ pub struct Plan {
 /// # Errors
 /// A folder that cannot be written to.
 pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
-    print!("{}", statements::table()?);
+    if let Some(out) = &plan.out {
+        folder("--out", out)?;
+    }
+    out::text(statements::table()?)?;
     let ends = [block::ends(0.8)?, block::ends(25.4)?];
-    ends.iter().for_each(|ends| print!("{}", block::statement(ends)));
+    for ends in &ends {
+        out::text(block::statement(ends))?;
+    }
     if !plan.no_timing {
-        print!("\n{}", work::table()?);
+        out::text(format_args!("\n{}", work::table()?))?;
     }
     if let Some(folder) = &plan.out {
         draw(folder, &ends)?;
@@ -51,7 +58,6 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
 
 /// Every figure of the thesis that shows numbers.
 fn draw(folder: &Path, ends: &[block::Ends; 2]) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let mut figures = chapter3::all()?;
     figures.push(("fig-3-5-free-ends-thin.svg", block::figure(&ends[0])));
     figures.push(("fig-3-6-free-ends-thick.svg", block::figure(&ends[1])));
@@ -62,7 +68,7 @@ fn draw(folder: &Path, ends: &[block::Ends; 2]) -> anyhow::Result<()> {
         write(folder, name, &picture)?;
     }
     for path in space::pictures(folder)? {
-        println!("wrote {}", path.display());
+        out::line(format_args!("wrote {}", path.display()))?;
     }
     Ok(())
 }
@@ -70,6 +76,6 @@ fn draw(folder: &Path, ends: &[block::Ends; 2]) -> anyhow::Result<()> {
 fn write(folder: &Path, name: &str, picture: &Figure) -> anyhow::Result<()> {
     let path = folder.join(name);
     std::fs::write(&path, picture.file()).with_context(|| path.display().to_string())?;
-    println!("wrote {}", path.display());
+    out::line(format_args!("wrote {}", path.display()))?;
     Ok(())
 }

@@ -13,27 +13,29 @@ use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::transmission::{Drive, Transmission};
-use taktil_rtcore::Payload;
 use taktil_rtcore::record::{Catalog, Observer, Record};
+use taktil_rtcore::{Machine, Payload};
 use taktil_signal::{Desired, Torque};
 use taktil_tasks_joint_servo::Config;
+use taktild::out;
 
+use crate::run::BadOption;
 use crate::run::assemble::assemble;
 use crate::run::scene::Scene;
 use crate::run::world::WorldTruth;
 use margin::{Loop, Margin};
 
-/// Jobs without desired motion after which the arm counts as at rest: half a second.
-const RESTING: usize = 200;
+/// Time without desired motion after which the arm counts as at rest.
+const RESTING_S: f64 = 0.5;
 
 /// What to measure.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Plan {
     /// Scene whose moves are made
-    #[arg(long, default_value = "sim/scenes/lines.toml")]
+    #[arg(long, value_name = "FILE", default_value = "sim/scenes/lines.toml")]
     scene: PathBuf,
     /// Seed of the noise
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// One JSON object instead of the table
     #[arg(long)]
@@ -131,8 +133,8 @@ impl Watch {
     }
 
     #[expect(clippy::cast_precision_loss, reason = "a few thousand samples")]
-    fn figures(&self) -> Option<Figures> {
-        if !self.moved || self.still < RESTING {
+    fn figures(&self, resting: usize) -> Option<Figures> {
+        if !self.moved || self.still < resting {
             return None;
         }
         let arm = Puma260::reference();
@@ -180,29 +182,42 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
         let config = Config { assumed_pose_deg, ..mode.config };
         scene.machine.joint_servo = Some(config.clone());
         let mut machine = assemble(&scene, plan.seed)?;
+        let tick_s = period_s(&machine)?;
         let mut watch = Watch::new(machine.catalog());
         crate::run::fast(&mut machine, scene.duration, &mut watch)?;
-        let figures = watch.figures();
+        let figures = watch.figures((RESTING_S / tick_s).round() as usize);
         let figures = figures.ok_or_else(|| {
             let name = mode.name;
-            anyhow::anyhow!("with `{name}` the arm was not at rest half a second before the end")
+            let scene = plan.scene.display();
+            BadOption(format!(
+                "--scene {scene}: with `{name}` the arm did not move, or not come to rest half a \
+                 second before the end; name a scene with moves that takes longer"
+            ))
         })?;
-        let delay = scene.actuation_delay.as_secs_f64() / 0.0025;
-        rows.push((mode.name, figures, worst_margin(&config, delay)));
+        let delay = scene.actuation_delay.as_secs_f64() / tick_s;
+        rows.push((mode.name, figures, worst_margin(&config, tick_s, delay)));
     }
     if plan.json {
-        println!("{}", Value::Array(rows.iter().map(json_row).collect()));
+        out::line(Value::Array(rows.iter().map(json_row).collect()))?;
     } else {
-        print!("{}", table(&rows));
+        out::text(table(&rows))?;
     }
     Ok(ExitCode::SUCCESS)
 }
 
+/// Period of the lane in which the servo runs (s).
+fn period_s(machine: &Machine) -> anyhow::Result<f64> {
+    let mut lanes = machine.figures().zip(machine.seats());
+    let lane = lanes.find(|(_, seats)| seats.contains(&"joint_servo"));
+    let ((spec, _), _) = lane.ok_or_else(|| BadOption("no lane runs `joint_servo`".into()))?;
+    Ok(spec.period.as_secs_f64())
+}
+
 /// The margin of the loop: the same for every joint but for its damping, which the modes share.
-fn worst_margin(config: &Config, delay: f64) -> Margin {
+fn worst_margin(config: &Config, tick_s: f64, delay: f64) -> Margin {
     let dynamics = Dynamics::reference();
     let inertia_kg_m2 = config.inertia(&dynamics)[0];
-    Loop { law: config.law(&dynamics), inertia_kg_m2, joint: 0, tick_s: 0.0025, delay }.margin()
+    Loop { law: config.law(&dynamics), inertia_kg_m2, joint: 0, tick_s, delay }.margin()
 }
 
 type Row = (&'static str, Figures, Margin);
