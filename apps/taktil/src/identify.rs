@@ -222,6 +222,9 @@ impl Rows {
 pub fn run(what: &Identify) -> anyhow::Result<ExitCode> {
     let Identify::Friction { log, json } = what;
     let log = Log::open(log).map_err(|error| BadOption(format!("{error:#}")))?;
+    if let Some(damage) = log.damage() {
+        out::warn(format_args!("note: the log is {damage}"));
+    }
     let windows = Rows::of(&log)?.windows();
     let fits: Vec<Option<Fit>> = windows.iter().map(|windows| fit(windows)).collect();
     let model = Friction::reference();
