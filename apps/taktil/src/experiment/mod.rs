@@ -136,12 +136,7 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
                 .collect(),
         })
         .collect();
-    let command = format!(
-        "taktil experiment chapter6 --law {} --seeds {}",
-        laws.iter().map(|law| law.text()).collect::<Vec<_>>().join(","),
-        options.seeds
-    );
-    let (html, markdown) = page::write(&options.out, &all, &laws, &command)?;
+    let (html, markdown) = page::write(&options.out, &all, &laws, &repeat(options))?;
     out::line(format_args!("{}\n{}", html.display(), markdown.display()))?;
     let faulty = all.iter().flat_map(|runs| &runs.verdicts).flatten();
     let bad = faulty.filter(|verdict| !verdict.figures.faults.is_empty()).count();
@@ -149,6 +144,17 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
         out::warn(format_args!("{bad} runs ended with a fault; see the tables"));
     }
     Ok(if bad == 0 { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// The command that makes the same page.
+fn repeat(options: &Chapter6) -> String {
+    let (law, scenes) = (options.law.join(","), options.scenes.display());
+    let mut words = format!("taktil experiment chapter6 --law {law} --seeds {}", options.seeds);
+    words += &format!(" --scenes {scenes}");
+    if !options.only.is_empty() {
+        words += &format!(" --only {}", options.only.join(","));
+    }
+    words
 }
 
 /// The same scene with another law.
