@@ -76,6 +76,12 @@ impl Draft {
         self
     }
 
+    /// The value at a key of the outermost table.
+    #[must_use]
+    pub fn value(&self, key: &str) -> &Value {
+        &self.0[key]
+    }
+
     /// Keeps the operator's first `count` requests.
     #[must_use]
     pub fn first_requests(mut self, count: usize) -> Draft {

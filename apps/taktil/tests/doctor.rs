@@ -91,6 +91,7 @@ fn each_thing_that_matters_is_seen_alone() {
         ("proc/self/limits", "Max realtime priority  80  80\n", "RLIMIT_RTPRIO", Verdict::Ok),
         ("proc/self/limits", "Max locked memory  65536  65536\n", "memory lock", Verdict::Bad),
         ("proc/self/limits", "Max locked memory  65536  65536\n", "SCHED_FIFO", Verdict::Unknown),
+        ("proc/self/status", "CapEff:\tseven\n", "SCHED_DEADLINE", Verdict::Unknown),
         ("proc/swaps", "Filename\n/dev/sda2\n", "swap", Verdict::Warn),
         ("proc/900/comm", "numad\n", "irqbalance/numad", Verdict::Warn),
         ("proc/irq/8/effective_affinity_list", "3\n", "IRQ affinity", Verdict::Warn),
@@ -282,7 +283,7 @@ fn the_command_line_answers_0_1_and_2_and_writes_nothing() {
         let json = doctor(&["--root", root, "--json"]);
         let json: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
         assert_eq!(json["exit"], exit, "{host}");
-        assert_eq!(json["rows"].as_array().unwrap().len(), 23, "{host}");
+        assert_eq!(json["rows"].as_array().unwrap().len(), 24, "{host}");
         assert_eq!(doctor(&["--root", root, "--fix-script"]).status.code(), Some(i32::from(exit)));
         let script = folder(host).join("expected.sh");
         let parsed = Command::new("sh").arg("-n").arg(script).status().unwrap();

@@ -70,13 +70,7 @@ impl Keeper {
         let about = about(machine, texts).to_string();
         let mut previous = path.as_os_str().to_owned();
         previous.push(".previous");
-        // Only a recording is kept: it must not carry away what is none.
-        if std::fs::read(path).is_ok_and(|bytes| taktil_rtcore::flight::read(&bytes).is_ok()) {
-            let _ = std::fs::rename(path, previous);
-        } else if path.exists() && std::fs::metadata(path).is_ok_and(|file| file.len() > 0) {
-            let what = format!("{} is there and is no flight recording", path.display());
-            return Err(Invalid::new("path", what, "name another file, or take that one away"));
-        }
+        keep(path, Path::new(&previous))?;
         let (recorder, notebook) = record(path, machine.catalog(), seconds, &about)?;
         machine.keep(recorder);
         Ok(Keeper { notebook, granted: Value::Null, zero_known: false })
@@ -102,6 +96,24 @@ impl Keeper {
             self.notebook.granted(&self.granted.to_string());
         }
     }
+}
+
+/// Puts a recording that is there under another name. Nothing else is moved or written over.
+fn keep(path: &Path, previous: &Path) -> Result<(), Invalid> {
+    let another = "name another file, or take that one away";
+    let refuse = |what: String| Err(Invalid::new("path", what, another));
+    let bytes = match std::fs::read(path) {
+        Ok(bytes) if bytes.is_empty() => return Ok(()),
+        Ok(bytes) => bytes,
+        Err(why) if why.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(why) => return refuse(format!("{} cannot be read: {why}", path.display())),
+    };
+    if taktil_rtcore::flight::read(&bytes).is_err() {
+        return refuse(format!("{} is there and is no flight recording", path.display()));
+    }
+    std::fs::rename(path, previous).or_else(|why| {
+        refuse(format!("{} cannot become {}: {why}", path.display(), previous.display()))
+    })
 }
 
 /// The machine as a reader needs it, without the program that ran it.

@@ -46,7 +46,8 @@ fn serve(folder: &Folder, log: &Path) {
     std::fs::write(&board.path, vec![0; BLOCK_BYTES]).unwrap();
     let machine = taktil_tests::root().join("sim/scenes/machine/puma260.toml");
     let text = format!(
-        "machine = \"{}\"\ncontract = \"soft\"\n[board]\npath = \"{}\"\n[log]\npath = \"{}\"\n",
+        "machine = \"{}\"\ncontract = \"soft\"\n[board]\npath = \"{}\"\n[log]\npath = \"{}\"\n\
+         [flight]\nenabled = false\n",
         machine.display(),
         board.path.display(),
         log.display()

@@ -91,8 +91,8 @@ pub(super) struct Facts {
     pub(super) lanes: CpuList,
     /// Limits of the process by their names in `/proc/self/limits`.
     pub(super) limits: Result<BTreeMap<String, Limit>, Gap>,
-    /// Effective capabilities; none when they cannot be read.
-    pub(super) capabilities: u64,
+    /// Effective capabilities.
+    pub(super) capabilities: Result<u64, Gap>,
 }
 
 impl Facts {
@@ -111,10 +111,10 @@ impl Facts {
         }
     }
 
-    /// Whether the process holds a capability.
+    /// Whether the process holds a capability; what cannot be read is not held.
     #[must_use]
     pub(super) fn may(&self, capability: u32) -> bool {
-        self.capabilities >> capability & 1 == 1
+        self.capabilities.as_ref().is_ok_and(|held| held >> capability & 1 == 1)
     }
 
     /// A limit by its name.
@@ -197,8 +197,10 @@ fn limits(host: &Host) -> Result<BTreeMap<String, Limit>, Gap> {
     if out.is_empty() { Err(Gap::garbage(LIMITS)) } else { Ok(out) }
 }
 
-fn capabilities(host: &Host) -> u64 {
-    let text = host.text("proc/self/status").unwrap_or_default();
+fn capabilities(host: &Host) -> Result<u64, Gap> {
+    let path = "proc/self/status";
+    let text = host.text(path)?;
     let word = text.lines().find_map(|line| line.strip_prefix("CapEff:"));
-    word.and_then(|word| u64::from_str_radix(word.trim(), 16).ok()).unwrap_or(0)
+    word.and_then(|word| u64::from_str_radix(word.trim(), 16).ok())
+        .ok_or_else(|| Gap::garbage(path))
 }

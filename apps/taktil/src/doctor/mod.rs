@@ -107,6 +107,7 @@ pub fn examine(host: &Host, cpus: Option<&CpuList>) -> Report {
         kernel::real_time(host, &facts),
         kernel::virtual_machine(host),
         rights::fifo(host, &facts),
+        rights::deadline(host, &facts),
         rights::group_budget(host, &facts),
         rights::priority_limit(&facts),
         rights::memory_limit(&facts),

@@ -2,7 +2,8 @@
 //! group, limits, locked memory. On the running host grants are tried and read back. Refuses to
 //! keep what it tried: the thread ends, the memory is unlocked.
 
-use taktil_rtcore::linux;
+use taktil_hal::Nanos;
+use taktil_rtcore::{Reservation, linux};
 
 use super::facts::{CAP_IPC_LOCK, CAP_SYS_NICE, Facts, Limit};
 use super::finding::{Fix, Row, Severity};
@@ -39,6 +40,36 @@ pub(super) fn fifo(host: &Host, facts: &Facts) -> Row {
         Ok(limit) if reaches(limit) => row.ok(format!("{skipped}; the limit allows it")),
         Ok(_) => row.bad(format!("{skipped}; the limit forbids it"), "see the row on the limit"),
         Err(gap) => row.unknown(format!("{skipped}; {gap}")),
+    }
+}
+
+/// What is tried for a lane scheduled by deadline: a hundredth of a CPU.
+const RESERVATION: Reservation = Reservation {
+    runtime: Nanos::from_micros(100),
+    deadline: Nanos::from_millis(10),
+    period: Nanos::from_millis(10),
+};
+
+/// Whether a lane may reserve its processor time: tried in a thread of its own, deduced in a
+/// recorded tree. A refusal is told and held against nobody: lanes are of fixed priority unless they
+/// ask for this.
+#[must_use]
+pub(super) fn deadline(host: &Host, facts: &Facts) -> Row {
+    let row = Row::new("SCHED_DEADLINE", Severity::Low, "granted, if a lane is to have it");
+    let needless = "only lanes with `policy = \"deadline\"` need it";
+    if !host.is_live() {
+        let skipped = "not tried, a recorded tree";
+        return match &facts.capabilities {
+            Err(gap) => row.unknown(format!("{skipped}; {gap}")),
+            Ok(_) if facts.may(CAP_SYS_NICE) => row.ok(format!("{skipped}; CAP_SYS_NICE is held")),
+            Ok(_) => row.ok(format!("{skipped}; refused without CAP_SYS_NICE; {needless}")),
+        };
+    }
+    let tried = std::thread::Builder::new().spawn(|| linux::become_deadline(&RESERVATION));
+    match tried.map(std::thread::JoinHandle::join) {
+        Ok(Ok(Ok(()))) => row.ok(format!("{RESERVATION} granted and read back")),
+        Ok(Ok(Err(why))) => row.ok(format!("{why}; {needless}")),
+        _ => row.unknown("no thread could be started to try it"),
     }
 }
 

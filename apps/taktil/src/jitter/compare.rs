@@ -1,6 +1,12 @@
 //! Two instruments in neighbouring slices of one run: ratios of adjacent pairs and their medians,
 //! with the yardstick against itself as the control. Refuses to compare sums: a host that takes
 //! the processor in one slice would decide them.
+//!
+//! Quantiles are counted from the latest job of a slice down, by the periods that a slice has and
+//! not by the jobs that were run: p99.9 of 2000 periods is the third latest job, on both sides. One
+//! side leaves out the jobs that a stall has cost, the other runs as many later; counted by jobs
+//! the same stalls would be the second latest here and the third there, which is a factor of 1.3 in
+//! a tail like a virtual machine's.
 
 use hdrhistogram::Histogram;
 
@@ -16,6 +22,8 @@ pub type Ratios = [f64; 5];
 /// The pairs of a run.
 #[derive(Clone, Debug)]
 pub struct Comparison {
+    /// Periods in a slice.
+    periods: u64,
     /// All latencies of cyclictest, ns.
     pub theirs: Histogram<u64>,
     /// Ours over cyclictest's, pair by pair.
@@ -36,26 +44,20 @@ pub struct Middle {
     pub high: f64,
 }
 
-impl Default for Comparison {
-    fn default() -> Comparison {
-        Comparison::new()
-    }
-}
-
 impl Comparison {
-    /// No pair yet.
+    /// No pair yet; a slice has so many periods.
     #[must_use]
-    pub fn new() -> Comparison {
+    pub fn new(periods: u64) -> Comparison {
         let (ratios, control) = (Vec::new(), Vec::new());
-        Comparison { theirs: histogram(), ratios, control, last: None }
+        Comparison { periods, theirs: histogram(), ratios, control, last: None }
     }
 
     /// Takes in a pair, ours and theirs; pairs come in the order ours, theirs, theirs, ours, so
     /// the slices of cyclictest in pairs 2k and 2k + 1 are neighbours.
     pub fn pair(&mut self, ours: &Histogram<u64>, theirs: &Histogram<u64>) {
-        self.ratios.push(ratios(ours, theirs));
+        self.ratios.push(ratios(ours, theirs, self.periods));
         if let Some(before) = self.last.take() {
-            self.control.push(ratios(theirs, &before));
+            self.control.push(ratios(theirs, &before, self.periods));
         } else {
             self.last = Some(theirs.clone());
         }
@@ -63,11 +65,28 @@ impl Comparison {
     }
 }
 
-fn ratios(over: &Histogram<u64>, under: &Histogram<u64>) -> Ratios {
+fn ratios(over: &Histogram<u64>, under: &Histogram<u64>, periods: u64) -> Ratios {
     #[expect(clippy::cast_precision_loss, reason = "nanoseconds of a latency")]
     QUANTILES.map(|(_, quantile)| {
-        over.value_at_quantile(quantile) as f64 / under.value_at_quantile(quantile).max(1) as f64
+        latest(over, quantile, periods) as f64 / latest(under, quantile, periods).max(1) as f64
     })
+}
+
+/// The latency that at most `1 - quantile` of `periods` exceed, ns; 0 where so many were not counted.
+fn latest(latencies: &Histogram<u64>, quantile: f64, periods: u64) -> u64 {
+    #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53 periods")]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to periods")]
+    let later = ((1.0 - quantile) * periods as f64).round() as u64;
+    let all = latencies.len();
+    let mut rest = all.saturating_sub(later);
+    for step in latencies.iter_recorded() {
+        let count = step.count_at_value();
+        if rest <= count {
+            return if rest == 0 { 0 } else { step.value_iterated_to() };
+        }
+        rest -= count;
+    }
+    0
 }
 
 /// The middle of one column of ratios; none of none.
@@ -109,7 +128,7 @@ mod tests {
 
     #[test]
     fn pairs_and_controls_are_neighbours_only() {
-        let mut comparison = Comparison::new();
+        let mut comparison = Comparison::new(100);
         // The machine becomes ten times slower between pair 1 and pair 2: no ratio sees it.
         for (ours, theirs) in [(100, 200), (110, 220), (1000, 2000), (1100, 2200)] {
             comparison.pair(&all(ours), &all(theirs));
@@ -126,8 +145,30 @@ mod tests {
     }
 
     #[test]
+    fn who_leaves_jobs_out_has_the_same_quantiles() {
+        // 2000 periods, three stalls; they ran 2000 jobs, we left 40 out.
+        let (mut theirs, mut ours) = (histogram(), histogram());
+        for (found, jobs) in [(&mut theirs, 1997), (&mut ours, 1957)] {
+            found.record_n(20_000, jobs).unwrap();
+            for stall in [400_000, 900_000, 5_000_000] {
+                found.record(stall).unwrap();
+            }
+        }
+        assert!(ours.value_at_quantile(0.999) > 2 * theirs.value_at_quantile(0.999), "by jobs");
+        let mut comparison = Comparison::new(2000);
+        comparison.pair(&ours, &theirs);
+        assert!(comparison.ratios[0].iter().all(|ratio| *ratio == 1.0), "{:?}", comparison.ratios);
+        // The third latest of 2000, the latest of all, the one in the middle.
+        let at = |quantile| latest(&theirs, quantile, 2000);
+        assert!(theirs.equivalent(at(0.999), 400_000) && theirs.equivalent(at(1.0), 5_000_000));
+        assert!(theirs.equivalent(at(0.5), 20_000));
+        assert_eq!(latest(&histogram(), 0.5, 2000), 0);
+        assert_eq!(latest(&all(7), 0.5, 2000), 0, "fewer than lie above");
+    }
+
+    #[test]
     fn a_yardstick_of_zero_does_not_divide() {
-        let mut comparison = Comparison::new();
+        let mut comparison = Comparison::new(100);
         comparison.pair(&all(100), &histogram());
         assert!(comparison.ratios[0].iter().all(|ratio| ratio.is_finite()));
     }

@@ -126,7 +126,8 @@ fn alternate(
     stop: &AtomicBool,
 ) -> anyhow::Result<Comparison> {
     let slice = seconds(arguments.slice_s);
-    let mut comparison = Comparison::new();
+    let period = lanes.specs.first().map_or(slice, |spec| spec.period);
+    let mut comparison = Comparison::new((slice.0 / period.0).unsigned_abs());
     for pair in 0..pairs {
         let ours_first = pair % 2 == 0;
         let first = ours_first.then(|| ours.slice(lanes, slice, stop)).transpose()?;

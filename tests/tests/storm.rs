@@ -1,0 +1,244 @@
+//! A storm of misses in one lane stops the whole robot: the service runs in real time over a
+//! board's registers, behind which the simulated arm goes on whatever the lanes do; the lane of the
+//! operator alone begins to be late, while the arm is on its way in the servo lane.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use taktil::log::Log;
+use taktil_drivers_regmap::registers::BLOCK_BYTES;
+use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
+use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Nanos};
+use taktil_rtcore::linux::{become_fifo, monotonic};
+use taktil_rtcore::status::LaneHealth;
+use taktil_rtcore::{Cycle, FaultCode, FaultSet, Io, Mode, Output, Payload, Task};
+use taktil_signal::{ControlState, JogCommand, JointState, Request, State, TypedMove, Verb};
+use taktil_sim::{Timing, World, WorldConfig};
+use taktil_tests::bench::{Draft, Folder};
+use taktild::service::Service;
+use toml::{Table, Value};
+
+/// Jobs of the operator's lane, of 10 ms each, from the start to the storm.
+const STORM: u64 = 140;
+const RUN: Nanos = Nanos::from_millis(2_200);
+
+/// Asks for drives, calibration and the programmed moves; then, where it is to, sleeps through its
+/// deadlines.
+struct Operator {
+    late: bool,
+    request: Output<Request>,
+    jog: Output<JogCommand>,
+    moves: Output<TypedMove>,
+}
+
+impl Task for Operator {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let (sequence, verb) = match cycle.tick {
+            0..20 => (0, Verb::None),
+            20..60 => (1, Verb::Enable),
+            60..80 => (2, Verb::Calibrate),
+            _ => (3, Verb::Trajectory),
+        };
+        io.write(&self.request, Request { verb: verb as u32, sequence });
+        io.write(&self.jog, JogCommand::default());
+        io.write(&self.moves, TypedMove::default());
+        if self.late && cycle.tick >= STORM {
+            std::thread::sleep(Duration::from_millis(12));
+        }
+        Ok(())
+    }
+}
+
+/// The simulated arm behind the board's registers.
+struct Bench {
+    model: Loopback,
+    world: World,
+    devices: Devices,
+}
+
+impl Bench {
+    fn new(board: &Config, world: &WorldConfig) -> Bench {
+        let registers = Arc::new(RegisterFile::open(board).unwrap());
+        let timing = Timing {
+            control_period: Nanos::from_millis(1),
+            actuation_delay: Nanos::ZERO,
+            ..Timing::default()
+        };
+        let (world, devices) = taktil_sim::build(world, &timing, 1).unwrap();
+        Bench { model: Loopback::new(registers, board).unwrap(), world, devices }
+    }
+
+    /// One millisecond of the world's own time.
+    fn tick(&mut self, now: Nanos) {
+        self.model.tick(now);
+        self.devices.analog_out.commit(now, &self.model.volts()).unwrap();
+        self.devices.digital_out.commit(now, &self.model.lines_out()).unwrap();
+        self.world.advance(now);
+        let counts = self.devices.encoders.sample(now).unwrap().value;
+        self.model.turn(counts.map(|count| count.0));
+        // Nothing is touched.
+        self.model.scan(&[0; MAX_TACTELS]);
+    }
+}
+
+/// What the board and the arm were left with.
+struct Left {
+    volts: [DacCode; CHANNELS],
+    lines: LinesOut,
+    speed_rad_s: f64,
+}
+
+/// The service's file: the machine of the scene of straight lines, with the operator in a lane of
+/// its own whose bucket alone can fill.
+fn service(folder: &Path, board: &Config) -> (Table, WorldConfig) {
+    let draft = Draft::of("lines.toml").set("world.pin.present", false);
+    let world = draft.scene().world;
+    let machine = draft.value("machine").as_str().unwrap().to_owned();
+    let mut lanes: Table = std::fs::read_to_string(machine.as_str()).unwrap().parse().unwrap();
+    let mut lanes = lanes.remove("lane").unwrap().as_table().unwrap().clone();
+    let servo = lanes["servo"].as_table_mut().unwrap();
+    let tasks = servo["tasks"].as_array_mut().unwrap();
+    tasks.retain(|task| task.as_str() != Some("operator"));
+    servo["budget_us"].as_table_mut().unwrap().remove("operator").unwrap();
+    let table = |text: &str| Value::Table(text.parse().unwrap());
+    for lane in ["servo", "touch"] {
+        // However busy this machine is, its host included.
+        let lane = lanes[lane].as_table_mut().unwrap();
+        lane.insert("misses".to_owned(), table("bucket = 1000000\nleak_jobs = 1"));
+        lane.insert("silent_after_us".to_owned(), Value::Integer(3_000_000));
+    }
+    let own = "period_us = 10000\ndelivery_us = 2500\npriority = 60\ntasks = [\"operator\"]\n\
+               silent_after_us = 3000000\nmisses = { bucket = 20, leak_jobs = 2 }";
+    lanes.insert("operator".to_owned(), table(own));
+    let mut robot = draft.value("robot").as_table().unwrap().clone();
+    robot.insert("lane".to_owned(), Value::Table(lanes));
+    // One line that lasts beyond the run.
+    let line = "line_mm_s = 60.0\n[[moves]]\nstraight = true\nby_mm = [50.0, 60.0, -40.0]";
+    robot.insert("trajectory".to_owned(), table(line));
+    let home = world.arm.home_deg.map(Value::Float).to_vec();
+    robot.insert(
+        "sense".to_owned(),
+        Value::Table(Table::from_iter([("home_deg".into(), Value::Array(home))])),
+    );
+    // The arm's thread has no rights here: what it is late by is no fault of the robot's.
+    robot.insert("supervisor".to_owned(), table("input_stale_s = 2.0\ntouch_silent_s = 3.0"));
+    robot.insert(
+        "actuate".to_owned(),
+        table("following_floor_deg = [30.0, 30.0, 30.0, 30.0, 30.0, 30.0]"),
+    );
+    let text = format!(
+        "contract = \"soft\"\n[board]\npath = \"{}\"\nwatchdog_ms = 1000\nstale_ms = 1000\n\
+         [flight]\nenabled = false\n[log]\npath = \"{}\"\n",
+        board.path.display(),
+        folder.join("run.mcap").display()
+    );
+    let mut file: Table = text.parse().unwrap();
+    file.insert("machine".to_owned(), machine.into());
+    file.insert("robot".to_owned(), Value::Table(robot));
+    (file, world)
+}
+
+/// Runs the service for `RUN`; returns its log and what was left.
+fn run(late: bool) -> (Log, Left) {
+    let folder = Folder::new();
+    let path = folder.path().join("board.bin");
+    let board = Config { path, watchdog_ms: 1000, stale_ms: 1000, ..Config::default() };
+    std::fs::write(&board.path, vec![0; BLOCK_BYTES]).unwrap();
+    let (file, world) = service(folder.path(), &board);
+    let path = folder.path().join("taktild.toml");
+    std::fs::write(&path, toml::to_string(&file).unwrap()).unwrap();
+    let mut bench = Bench::new(&board, &world);
+    let stop = AtomicBool::new(false);
+    let left = std::thread::scope(|scope| {
+        let cell = scope.spawn(|| {
+            // Better in time than not, where that is allowed; judged is what is in the log.
+            let _granted = become_fifo(90);
+            let begin = monotonic();
+            let mut now = Nanos::ZERO;
+            while now < RUN {
+                now = Nanos::from_millis((monotonic() - begin).0 / 1_000_000);
+                bench.tick(now);
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            let left = Left {
+                volts: bench.model.volts(),
+                lines: bench.model.lines_out(),
+                speed_rad_s: bench.world.truth().qd.amax(),
+            };
+            stop.store(true, Ordering::SeqCst);
+            left
+        });
+        let make = Box::new(|ports: &mut taktil_rtcore::Ports| {
+            let operator = Operator {
+                late,
+                request: ports.output("request"),
+                jog: ports.output("jog"),
+                moves: ports.output("moves"),
+            };
+            Ok(Box::new(operator) as Box<dyn Task>)
+        });
+        let mut service = Service::with_operator(&path, make).unwrap_or_else(|bad| panic!("{bad}"));
+        service.run_until(&stop).unwrap();
+        cell.join().unwrap()
+    });
+    (Log::open(&folder.path().join("run.mcap")).unwrap(), left)
+}
+
+/// Every value of a signal with its release.
+fn values<T: Payload>(log: &Log, name: &str) -> Vec<(Nanos, T)> {
+    let channel = log.find(name).unwrap_or_else(|| panic!("there is no `{name}`"));
+    let messages = log.messages().filter(|message| message.channel == channel);
+    messages.map(|m| (Nanos(m.release_ns), T::decode(&m.body[..T::SIZE]).unwrap())).collect()
+}
+
+fn storm(faults: u64) -> bool {
+    FaultSet(faults).contains(FaultCode::OverrunStorm)
+}
+
+/// The fastest joint's mean speed over the 25 ms before an instant, rad/s.
+fn speed(joints: &[(Nanos, JointState)], at: Nanos) -> f64 {
+    let before = |instant: Nanos| joints.iter().rfind(|(release, _)| *release <= instant).unwrap();
+    let (from, to) = (before(at - Nanos::from_millis(25)), before(at));
+    let ways = from.1.q_rad.iter().zip(&to.1.q_rad).map(|(a, b)| (b - a).abs());
+    ways.fold(0.0, f64::max) / (to.0 - from.0).as_secs_f64()
+}
+
+#[test]
+fn a_storm_in_a_lane_beside_stops_the_arm() {
+    let (log, left) = run(true);
+    let control: Vec<(Nanos, ControlState)> = values(&log, "supervisor.control");
+    let joints: Vec<(Nanos, JointState)> = values(&log, "sense.joints");
+    let own: Vec<(Nanos, LaneHealth)> = values(&log, "operator.health");
+    let (raised, _) = own.iter().find(|(_, health)| storm(health.faults)).expect("a storm");
+    let (heard, found) = control.iter().find(|(_, control)| storm(control.faults)).expect("heard");
+    let before = control.iter().rfind(|(at, _)| at < heard).expect("a job before").1;
+    assert_eq!(before.mode, u32::from(Mode::Moving as u8), "{before:?}");
+    // Told by the end of that lane's job, acted upon by the servo lane's next ones.
+    assert!(*heard - *raised < Nanos::from_millis(60), "raised {raised}, heard {heard}");
+    assert_eq!(found.mode, u32::from(Mode::Stopping as u8));
+    assert!(speed(&joints, *heard) > 0.1, "the arm was on its way: {}", speed(&joints, *heard));
+    let (ended, last) = control.last().unwrap();
+    assert_eq!(last.mode, u32::from(Mode::Fault as u8), "until somebody resets: {last:?}");
+    assert!(speed(&joints, *ended) < 1e-3, "{}", speed(&joints, *ended));
+    // Decelerated under servo, not let fall: the drives went off when it stood.
+    let off = control.iter().find(|(at, c)| at > heard && c.mode == last.mode).unwrap().0;
+    assert!(speed(&joints, off) < 0.06, "{}", speed(&joints, off));
+    assert!(off - *heard < Nanos::from_millis(1_000), "{heard} to {off}");
+    assert_eq!(left.volts, [DacCode(0); CHANNELS]);
+    assert!(!left.lines.enable && !left.lines.brake_release, "{:?}", left.lines);
+    assert!(left.speed_rad_s < 1e-3, "{}", left.speed_rad_s);
+}
+
+#[test]
+fn without_the_storm_it_goes_on() {
+    let (log, _) = run(false);
+    let control: Vec<(Nanos, ControlState)> = values(&log, "supervisor.control");
+    let joints: Vec<(Nanos, JointState)> = values(&log, "sense.joints");
+    let (ended, last) = control.last().unwrap();
+    // Single misses are this machine's.
+    assert!(!storm(last.faults), "{last:?}");
+    assert_eq!((last.state, last.mode), (State::Trajectory as u32, u32::from(Mode::Moving as u8)));
+    assert!(speed(&joints, *ended) > 0.1, "it stands: {}", speed(&joints, *ended));
+}
