@@ -51,8 +51,8 @@ const RESERVATION: Reservation = Reservation {
 };
 
 /// Whether a lane may reserve its processor time: tried in a thread of its own, deduced in a
-/// recorded tree. A refusal is told and held against nobody: lanes are of fixed priority unless they
-/// ask for this.
+/// recorded tree. A refusal is told and held against nobody: lanes are of fixed priority unless
+/// they ask for this.
 #[must_use]
 pub(super) fn deadline(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("SCHED_DEADLINE", Severity::Low, "granted, if a lane is to have it");

@@ -72,7 +72,7 @@ fn ratios(over: &Histogram<u64>, under: &Histogram<u64>, periods: u64) -> Ratios
     })
 }
 
-/// The latency that at most `1 - quantile` of `periods` exceed, ns; 0 where so many were not counted.
+/// The latency that at most `1 - quantile` of `periods` exceed, ns; 0 where fewer were counted.
 fn latest(latencies: &Histogram<u64>, quantile: f64, periods: u64) -> u64 {
     #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53 periods")]
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to periods")]
