@@ -6,6 +6,7 @@
 //! [`contact`] (mm, N, MPa). Functions of finite numbers return finite numbers; what a NaN does is
 //! stated where it matters, and where nothing is stated it comes out as NaN and nothing panics.
 
+pub mod arm;
 pub mod chain;
 pub mod contact;
 pub mod dls;
@@ -14,6 +15,7 @@ pub mod limits;
 pub mod paul;
 pub mod preview;
 pub mod puma260;
+pub mod robot;
 pub mod spatial;
 pub mod tactile;
 pub mod transmission;

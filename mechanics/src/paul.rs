@@ -13,7 +13,7 @@ mod turn;
 
 use core::fmt;
 
-use crate::spatial::Joints;
+use crate::chain::Vector;
 use timing::{Piece, Timing, check_counts};
 
 /// Most points of a path.
@@ -21,20 +21,20 @@ pub const MAX_POINTS: usize = 32;
 
 /// A setpoint of the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Setpoint {
+pub struct Setpoint<const N: usize = 6> {
     /// Joint angles (rad).
-    pub q: Joints,
+    pub q: Vector<N>,
     /// Joint speeds (rad/s).
-    pub qd: Joints,
+    pub qd: Vector<N>,
     /// Joint accelerations (rad/s^2).
-    pub qdd: Joints,
+    pub qdd: Vector<N>,
 }
 
-impl Setpoint {
+impl<const N: usize> Setpoint<N> {
     /// At rest at `q`.
     #[must_use]
-    pub fn rest(q: &Joints) -> Setpoint {
-        Setpoint { q: *q, qd: Joints::zeros(), qdd: Joints::zeros() }
+    pub fn rest(q: &Vector<N>) -> Setpoint<N> {
+        Setpoint { q: *q, qd: Vector::zeros(), qdd: Vector::zeros() }
     }
 }
 
@@ -136,18 +136,18 @@ impl std::error::Error for PathError {}
 
 /// A path of joint motion, of fixed size. With one point it is a rest of two tau.
 #[derive(Clone, Debug, PartialEq)]
-pub struct JointPath {
-    points: [Joints; MAX_POINTS],
+pub struct JointPath<const N: usize = 6> {
+    points: [Vector<N>; MAX_POINTS],
     timing: Timing,
 }
 
-impl JointPath {
+impl<const N: usize> JointPath<N> {
     /// A path through `points` (rad), segment i taking `t_s[i]` (s), transitions of half time
     /// `tau_s` (s) at every point, rest before the first and after the last.
     ///
     /// # Errors
     /// See [`PathError`]. A segment of no length is allowed: it is a wait.
-    pub fn new(points: &[Joints], t_s: &[f64], tau_s: f64) -> Result<JointPath, PathError> {
+    pub fn new(points: &[Vector<N>], t_s: &[f64], tau_s: f64) -> Result<JointPath<N>, PathError> {
         check_counts(points.len(), t_s.len())?;
         let mut path = JointPath::rest(&points[0], tau_s)?;
         for (q, time_s) in points[1..].iter().zip(t_s) {
@@ -160,8 +160,8 @@ impl JointPath {
     ///
     /// # Errors
     /// As [`JointPath::restart`].
-    pub fn rest(q: &Joints, tau_s: f64) -> Result<JointPath, PathError> {
-        let points = [Joints::zeros(); MAX_POINTS];
+    pub fn rest(q: &Vector<N>, tau_s: f64) -> Result<JointPath<N>, PathError> {
+        let points = [Vector::zeros(); MAX_POINTS];
         let mut path = JointPath { points, timing: Timing::new(tau_s)? };
         path.restart(q, tau_s)?;
         Ok(path)
@@ -171,7 +171,7 @@ impl JointPath {
     ///
     /// # Errors
     /// A joint that is not finite, a `tau_s` (s) that is not positive.
-    pub fn restart(&mut self, q: &Joints, tau_s: f64) -> Result<(), PathError> {
+    pub fn restart(&mut self, q: &Vector<N>, tau_s: f64) -> Result<(), PathError> {
         self.timing.restart(tau_s)?;
         self.set(0, q)
     }
@@ -181,13 +181,13 @@ impl JointPath {
     /// # Errors
     /// A full path, a joint that is not finite, a time that is not positive or leaves no room for
     /// two transitions. The path is spoilt then.
-    pub fn push(&mut self, q: &Joints, time_s: f64) -> Result<(), PathError> {
+    pub fn push(&mut self, q: &Vector<N>, time_s: f64) -> Result<(), PathError> {
         let point = self.timing.count();
         self.timing.push(time_s)?;
         self.set(point, q)
     }
 
-    fn set(&mut self, point: usize, q: &Joints) -> Result<(), PathError> {
+    fn set(&mut self, point: usize, q: &Vector<N>) -> Result<(), PathError> {
         if let Some(joint) = q.iter().position(|x| !x.is_finite()) {
             return Err(PathError::PointNotFinite { point, joint });
         }
@@ -215,27 +215,27 @@ impl JointPath {
 
     /// The points (rad).
     #[must_use]
-    pub fn points(&self) -> &[Joints] {
+    pub fn points(&self) -> &[Vector<N>] {
         &self.points[..self.timing.count()]
     }
 
     /// The setpoint at `t_s`: the first point at rest before the start (NaN counts as before), the
     /// last point at rest from the end on.
     #[must_use]
-    pub fn at(&self, t_s: f64) -> Setpoint {
+    pub fn at(&self, t_s: f64) -> Setpoint<N> {
         match self.timing.piece(t_s) {
             Piece::Start => Setpoint::rest(&self.points[0]),
             Piece::End => Setpoint::rest(&self.points[self.timing.count() - 1]),
             Piece::Transition(corner, since) => self.transition(corner, since),
             Piece::Segment(corner, since) => {
                 let qd = self.speed_after(corner);
-                Setpoint { q: self.points[corner] + qd * since, qd, qdd: Joints::zeros() }
+                Setpoint { q: self.points[corner] + qd * since, qd, qdd: Vector::zeros() }
             }
         }
     }
 
     /// The quartic about a corner, `since` from -tau to tau after it.
-    fn transition(&self, corner: usize, since: f64) -> Setpoint {
+    fn transition(&self, corner: usize, since: f64) -> Setpoint<N> {
         let tau = self.timing.tau_s();
         let b = &self.points[corner];
         let h = (since + tau) / (2.0 * tau);
@@ -250,42 +250,42 @@ impl JointPath {
     }
 
     /// Speed of the segment that ends at a corner (rad/s); 0 at the first.
-    fn speed_before(&self, corner: usize) -> Joints {
-        if corner == 0 { Joints::zeros() } else { self.speed_after(corner - 1) }
+    fn speed_before(&self, corner: usize) -> Vector<N> {
+        if corner == 0 { Vector::zeros() } else { self.speed_after(corner - 1) }
     }
 
     /// Speed of the segment that starts at a corner (rad/s); 0 at the last.
-    fn speed_after(&self, corner: usize) -> Joints {
+    fn speed_after(&self, corner: usize) -> Vector<N> {
         if corner + 1 >= self.timing.count() {
-            return Joints::zeros();
+            return Vector::zeros();
         }
         (self.points[corner + 1] - self.points[corner]) / self.timing.time_s(corner)
     }
 
     /// Largest speed of each joint on the whole path (rad/s): that of its fastest segment.
     #[must_use]
-    pub fn peak_speed(&self) -> Joints {
-        (0..self.timing.count()).fold(Joints::zeros(), |top, i| top.sup(&self.speed_after(i).abs()))
+    pub fn peak_speed(&self) -> Vector<N> {
+        (0..self.timing.count()).fold(Vector::zeros(), |top, i| top.sup(&self.speed_after(i).abs()))
     }
 
     /// Largest acceleration of each joint on the whole path (rad/s^2): that at its sharpest corner.
     #[must_use]
-    pub fn peak_acceleration(&self) -> Joints {
+    pub fn peak_acceleration(&self) -> Vector<N> {
         let corners = 0..self.timing.count();
-        corners.fold(Joints::zeros(), |top, i| top.sup(&self.peak_acceleration_at(i)))
+        corners.fold(Vector::zeros(), |top, i| top.sup(&self.peak_acceleration_at(i)))
     }
 
     /// Largest acceleration of each joint at corner `corner` (rad/s^2): 3/4 dv/tau. That of the
     /// last one changes when the path goes on.
     #[must_use]
-    pub fn peak_acceleration_at(&self, corner: usize) -> Joints {
+    pub fn peak_acceleration_at(&self, corner: usize) -> Vector<N> {
         let change = self.speed_after(corner) - self.speed_before(corner);
         change.abs() * (0.75 / self.timing.tau_s())
     }
 
     /// Speed of each joint in segment `segment`, in size (rad/s).
     #[must_use]
-    pub fn speed_in(&self, segment: usize) -> Joints {
+    pub fn speed_in(&self, segment: usize) -> Vector<N> {
         self.speed_after(segment).abs()
     }
 }
@@ -293,9 +293,14 @@ impl JointPath {
 /// The shortest time (s) of a segment whose joints stay within `speed_max` (rad/s) and that leaves
 /// room for two transitions. Infinite when a speed is not positive and its joint moves.
 #[must_use]
-pub fn segment_time_s(from: &Joints, to: &Joints, speed_max: &Joints, tau_s: f64) -> f64 {
+pub fn segment_time_s<const N: usize>(
+    from: &Vector<N>,
+    to: &Vector<N>,
+    speed_max: &Vector<N>,
+    tau_s: f64,
+) -> f64 {
     let mut time = 2.0 * tau_s;
-    for i in 0..6 {
+    for i in 0..N {
         let distance = (to[i] - from[i]).abs();
         if distance > 0.0 {
             let limit = speed_max[i];

@@ -7,12 +7,11 @@
 
 use core::fmt;
 
-use crate::dynamics::Dynamics;
+use crate::arm::{Arm, Follow, Links, Lost};
+use crate::chain::Vector;
 use crate::paul::JointPath;
 use crate::paul::cartesian::CartesianPath;
 use crate::puma260::Puma260;
-use crate::puma260::follow::{Follower, Lost};
-use crate::spatial::Joints;
 
 /// Most ticks that a preview walks.
 const TICKS_MAX: f64 = 1e7;
@@ -23,13 +22,13 @@ const SLACK: f64 = 1e-9;
 
 /// The arm, and what a move may ask of it.
 #[derive(Clone, Debug)]
-pub struct Terms {
+pub struct Terms<const N: usize = 6, A: Arm<N> = Puma260> {
     /// Limits of angle, speed and acceleration, and the tool.
-    pub arm: Puma260,
+    pub arm: A,
     /// Links, tool and motors, for the torque.
-    pub dynamics: Dynamics,
+    pub dynamics: A::Links,
     /// Largest torque of each joint (N m); infinite where it does not matter.
-    pub torque_max_nm: Joints,
+    pub torque_max_nm: Vector<N>,
     /// Largest distance of the tool point from its path (m), past a wrist singularity.
     pub off_max_m: f64,
     /// Largest angle between the tool and its path (rad), past a wrist singularity.
@@ -49,21 +48,21 @@ pub struct Peak {
 
 /// What a move that can be made will cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Preview {
+pub struct Preview<const N: usize = 6> {
     /// How long it takes (s).
     pub duration_s: f64,
     /// Largest speed of each joint over its limit.
-    pub speed: [Peak; 6],
+    pub speed: [Peak; N],
     /// Largest torque of each joint over its limit, 0 for a limit without end.
-    pub torque: [Peak; 6],
+    pub torque: [Peak; N],
     /// Smallest scaled distances from the singularities of shoulder, elbow and wrist, in size.
     pub singular: [Peak; 3],
     /// Largest distance of the tool point from its path (m).
     pub off_m: Peak,
     /// Largest angle between the tool and its path (rad).
     pub off_rad: Peak,
-    /// Joints at the end (rad).
-    pub end: Joints,
+    /// Vector<N> at the end (rad).
+    pub end: Vector<N>,
 }
 
 /// Why a move is not started.
@@ -134,14 +133,14 @@ const START_TOLERANCE: f64 = 1e-6;
 
 /// A path of either kind, which somebody else holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Route<'a> {
+pub enum Route<'a, const N: usize = 6> {
     /// Through joint angles.
-    Joints(&'a JointPath),
+    Joints(&'a JointPath<N>),
     /// Along straight lines of the tool.
     Tool(&'a CartesianPath),
 }
 
-impl Route<'_> {
+impl<const N: usize> Route<'_, N> {
     /// How long it takes (s).
     #[must_use]
     pub fn duration_s(&self) -> f64 {
@@ -152,7 +151,7 @@ impl Route<'_> {
     }
 
     /// Refuses to start anywhere but at joints `start` (rad).
-    fn check_start(&self, start: &Joints, arm: &Puma260) -> Result<(), Refusal> {
+    fn check_start<A: Arm<N>>(&self, start: &Vector<N>, arm: &A) -> Result<(), Refusal> {
         let (off, turned) = match self {
             Route::Joints(path) => ((path.points()[0] - start).amax(), false),
             Route::Tool(path) => {
@@ -171,23 +170,23 @@ impl Route<'_> {
 
 /// Gathers figures along the way.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Walk {
-    preview: Preview,
-    /// Joints one tick ago (rad).
-    before: Joints,
-    /// Joints at the last look at the torque and the one before (rad).
-    looks: [Joints; 2],
+struct Walk<const N: usize> {
+    preview: Preview<N>,
+    /// Vector<N> one tick ago (rad).
+    before: Vector<N>,
+    /// Vector<N> at the last look at the torque and the one before (rad).
+    looks: [Vector<N>; 2],
     /// Ticks since the last look at the torque.
     since: u32,
 }
 
-impl Walk {
-    fn new(start: &Joints, duration_s: f64) -> Walk {
+impl<const N: usize> Walk<N> {
+    fn new(start: &Vector<N>, duration_s: f64) -> Walk<N> {
         let least = Peak { value: 0.0, t_s: 0.0 };
         let preview = Preview {
             duration_s,
-            speed: [least; 6],
-            torque: [least; 6],
+            speed: [least; N],
+            torque: [least; N],
             singular: [Peak { value: f64::INFINITY, t_s: 0.0 }; 3],
             off_m: least,
             off_rad: least,
@@ -197,11 +196,16 @@ impl Walk {
     }
 
     /// Takes in the joints at `t_s`: their speed since the last tick, now and then their torque.
-    fn step(&mut self, q: &Joints, t_s: f64, terms: &Terms) -> Result<(), Refusal> {
+    fn step<A: Arm<N>>(
+        &mut self,
+        q: &Vector<N>,
+        t_s: f64,
+        terms: &Terms<N, A>,
+    ) -> Result<(), Refusal> {
         let Terms { arm, tick_s, .. } = terms;
         let speed = (q - self.before) / *tick_s;
-        for joint in 0..6 {
-            let share = speed[joint].abs() / arm.speed_max_rad_s[joint];
+        for joint in 0..N {
+            let share = speed[joint].abs() / arm.speed_max()[joint];
             raise(&mut self.preview.speed[joint], share, t_s);
             if share > 1.0 + SLACK {
                 let why = Lost::TooFast { joint, ratio: share };
@@ -213,11 +217,9 @@ impl Walk {
             self.since = 0;
             self.look_at_torque(q, t_s, terms)?;
         }
-        let distance = arm.singular_distance(q);
-        let parts = [distance.shoulder, distance.elbow, distance.wrist];
-        for (least, part) in self.preview.singular.iter_mut().zip(parts) {
-            if part.abs() < least.value {
-                *least = Peak { value: part.abs(), t_s };
+        for (least, part) in self.preview.singular.iter_mut().zip(arm.singular(q)) {
+            if part < least.value {
+                *least = Peak { value: part, t_s };
             }
         }
         self.before = *q;
@@ -226,7 +228,12 @@ impl Walk {
     }
 
     /// The torque at the last look, from the joints before, at and after it.
-    fn look_at_torque(&mut self, q: &Joints, t_s: f64, terms: &Terms) -> Result<(), Refusal> {
+    fn look_at_torque<A: Arm<N>>(
+        &mut self,
+        q: &Vector<N>,
+        t_s: f64,
+        terms: &Terms<N, A>,
+    ) -> Result<(), Refusal> {
         let Terms { dynamics, torque_max_nm, tick_s, .. } = terms;
         let span_s = tick_s * f64::from(TORQUE_EVERY);
         let [at, before] = self.looks;
@@ -235,7 +242,7 @@ impl Walk {
         // Not plain inverse dynamics of the links: the motors' own inertia counts too.
         let torque = dynamics.mass_matrix(&at) * acceleration + dynamics.bias(&at, &velocity);
         self.looks = [*q, at];
-        for joint in 0..6 {
+        for joint in 0..N {
             let ratio = torque[joint].abs() / torque_max_nm[joint];
             raise(&mut self.preview.torque[joint], ratio, t_s);
             if ratio > 1.0 + SLACK {
@@ -277,25 +284,29 @@ pub enum Verdict {
 /// How far a move has been looked at. The route stays with whoever holds it and is handed in each
 /// time; it must be the one of the beginning.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Inspection {
-    walk: Walk,
-    follower: Follower,
+pub struct Inspection<const N: usize = 6, A: Arm<N> = Puma260> {
+    walk: Walk<N>,
+    follower: A::Follower,
     /// The route's time before the first tick (s).
     from_s: f64,
     tick: u32,
     ticks: u32,
 }
 
-impl Inspection {
+impl<const N: usize, A: Arm<N>> Inspection<N, A> {
     /// Begins to look at `route` from joints `start` (rad), a tool path on the branch of `start`.
     ///
     /// # Errors
     /// A route that starts elsewhere, and a tick that does not fit it.
-    pub fn new(route: Route<'_>, start: &Joints, terms: &Terms) -> Result<Inspection, Refusal> {
+    pub fn new(
+        route: Route<'_, N>,
+        start: &Vector<N>,
+        terms: &Terms<N, A>,
+    ) -> Result<Inspection<N, A>, Refusal> {
         route.check_start(start, &terms.arm)?;
         Ok(Inspection {
             walk: Walk::new(start, route.duration_s()),
-            follower: Follower::new(&terms.arm, start),
+            follower: terms.arm.follower(start),
             from_s: 0.0,
             tick: 0,
             ticks: ticks(route.duration_s(), terms.tick_s)?,
@@ -308,12 +319,12 @@ impl Inspection {
     /// # Errors
     /// A tick that does not fit the route.
     pub fn onward(
-        route: Route<'_>,
-        follower: &Follower,
-        speed: &Joints,
+        route: Route<'_, N>,
+        follower: &A::Follower,
+        speed: &Vector<N>,
         from_s: f64,
-        terms: &Terms,
-    ) -> Result<Inspection, Refusal> {
+        terms: &Terms<N, A>,
+    ) -> Result<Inspection<N, A>, Refusal> {
         let q = follower.joints();
         let left_s = route.duration_s() - from_s;
         let mut walk = Walk::new(q, route.duration_s());
@@ -324,12 +335,12 @@ impl Inspection {
 
     /// What has been found so far: the whole cost once the move has passed.
     #[must_use]
-    pub fn preview(&self) -> &Preview {
+    pub fn preview(&self) -> &Preview<N> {
         &self.walk.preview
     }
 
     /// Looks at so many more ticks; `route` and `terms` are those of the beginning.
-    pub fn advance(&mut self, ticks: u32, route: Route<'_>, terms: &Terms) -> Verdict {
+    pub fn advance(&mut self, ticks: u32, route: Route<'_, N>, terms: &Terms<N, A>) -> Verdict {
         let end = self.ticks.min(self.tick.saturating_add(ticks));
         while self.tick < end {
             self.tick += 1;
@@ -341,13 +352,13 @@ impl Inspection {
         if self.tick == self.ticks { Verdict::Passed } else { Verdict::Open }
     }
 
-    fn look(&mut self, t_s: f64, route: Route<'_>, terms: &Terms) -> Result<(), Refusal> {
+    fn look(&mut self, t_s: f64, route: Route<'_, N>, terms: &Terms<N, A>) -> Result<(), Refusal> {
         let lost = |why| Refusal::Lost { why, t_s };
         let q = match route {
             Route::Joints(path) => {
                 let q = path.at(t_s).q;
-                let (low, high) = (&terms.arm.q_min_rad, &terms.arm.q_max_rad);
-                match (0..6).find(|&i| q[i] < low[i] || q[i] > high[i]) {
+                let (low, high) = (terms.arm.q_min(), terms.arm.q_max());
+                match (0..N).find(|&i| q[i] < low[i] || q[i] > high[i]) {
                     Some(joint) => return Err(lost(Lost::Limit { joint })),
                     None => q,
                 }
@@ -368,12 +379,16 @@ impl Inspection {
     }
 }
 
-impl Preview {
+impl<const N: usize> Preview<N> {
     /// Walks a whole route from joints `start` (rad).
     ///
     /// # Errors
     /// The first thing that the arm cannot do.
-    pub fn of(route: Route<'_>, start: &Joints, terms: &Terms) -> Result<Preview, Refusal> {
+    pub fn of<A: Arm<N>>(
+        route: Route<'_, N>,
+        start: &Vector<N>,
+        terms: &Terms<N, A>,
+    ) -> Result<Preview<N>, Refusal> {
         let mut inspection = Inspection::new(route, start, terms)?;
         loop {
             match inspection.advance(u32::MAX, route, terms) {

@@ -2,6 +2,7 @@
 //! the codes of the converters that set motor currents. Refuses to know which device reads or
 //! writes.
 
+use crate::chain::{Square, Vector};
 use crate::spatial::{Joints, Matrix6};
 use core::f64::consts::TAU;
 
@@ -19,16 +20,16 @@ pub const COUPLING_65: f64 = -5.6;
 
 /// The gears: `motor angle = G joint angle`, G lower triangular in its last three rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Transmission {
-    gear: Matrix6,
-    gear_inverse: Matrix6,
-    counts_per_motor_rad: Joints,
+pub struct Transmission<const N: usize = 6> {
+    gear: Square<N>,
+    gear_inverse: Square<N>,
+    counts_per_motor_rad: Vector<N>,
 }
 
-impl Transmission {
+impl Transmission<6> {
     /// The reference gears; zero counts at q = 0.
     #[must_use]
-    pub fn reference() -> Transmission {
+    pub fn reference() -> Transmission<6> {
         let mut gear = Matrix6::from_diagonal(&Joints::from(GEAR_RATIO));
         gear[(4, 3)] = COUPLING_54;
         gear[(5, 3)] = COUPLING_64;
@@ -39,10 +40,24 @@ impl Transmission {
             counts_per_motor_rad: Joints::from(COUNTS_PER_REV) / TAU,
         }
     }
+}
+
+impl<const N: usize> Transmission<N> {
+    /// Gears without coupling: motor revolutions per joint revolution (negative where the motor
+    /// runs the other way), and encoder counts per motor revolution; zero counts at q = 0. Ratios
+    /// and counts that are not finite or zero give angles that are not finite.
+    #[must_use]
+    pub fn independent(ratio: &Vector<N>, counts_per_rev: &Vector<N>) -> Transmission<N> {
+        Transmission {
+            gear: Square::from_diagonal(ratio),
+            gear_inverse: Square::from_diagonal(&ratio.map(f64::recip)),
+            counts_per_motor_rad: counts_per_rev / TAU,
+        }
+    }
 
     /// Encoder counts of joint angles (rad), not rounded.
     #[must_use]
-    pub fn counts_f64(&self, q: &Joints) -> Joints {
+    pub fn counts_f64(&self, q: &Vector<N>) -> Vector<N> {
         (self.gear * q).component_mul(&self.counts_per_motor_rad)
     }
 
@@ -50,66 +65,68 @@ impl Transmission {
     /// beyond 32 bits stay at the end of the range; with a joint that is not finite, counts that
     /// are NaN become 0.
     #[must_use]
-    pub fn counts(&self, q: &Joints) -> [i32; 6] {
+    pub fn counts(&self, q: &Vector<N>) -> [i32; N] {
         let exact = self.counts_f64(q);
         core::array::from_fn(|i| saturate(exact[i].round()))
     }
 
     /// Joint angles (rad) of encoder counts.
     #[must_use]
-    pub fn joints(&self, counts: &[i32; 6]) -> Joints {
-        let counts = Joints::from(counts.map(f64::from));
+    pub fn joints(&self, counts: &[i32; N]) -> Vector<N> {
+        let counts = Vector::<N>::from(counts.map(f64::from));
         self.gear_inverse * counts.component_div(&self.counts_per_motor_rad)
     }
 
     /// Motor torques that make joint torques (N m): `G^-T tau`.
     #[must_use]
-    pub fn motor_torque(&self, joint_nm: &Joints) -> Joints {
+    pub fn motor_torque(&self, joint_nm: &Vector<N>) -> Vector<N> {
         self.gear_inverse.tr_mul(joint_nm)
     }
 
     /// Joint torques that motor torques make (N m): `G^T tau`.
     #[must_use]
-    pub fn joint_torque(&self, motor_nm: &Joints) -> Joints {
+    pub fn joint_torque(&self, motor_nm: &Vector<N>) -> Vector<N> {
         self.gear.tr_mul(motor_nm)
     }
 
     /// Motor speeds of joint speeds (rad/s), or motor angles of joint angles (rad).
     #[must_use]
-    pub fn motor_speed(&self, qd: &Joints) -> Joints {
+    pub fn motor_speed(&self, qd: &Vector<N>) -> Vector<N> {
         self.gear * qd
     }
 
     /// G itself (motor rad per joint rad).
     #[must_use]
-    pub fn gear(&self) -> &Matrix6 {
+    pub fn gear(&self) -> &Square<N> {
         &self.gear
     }
 }
 
 /// The current amplifiers and the converter in front of them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Drive {
+pub struct Drive<const N: usize = 6> {
     /// Torque constants (N m/A).
-    pub torque_constant_nm_a: Joints,
+    pub torque_constant_nm_a: Vector<N>,
     /// Current at full scale of the converter (A).
-    pub current_max_a: Joints,
+    pub current_max_a: Vector<N>,
     /// Width of the two's complement code; values outside 2..=24 are taken as the nearer end.
     pub dac_bits: u32,
 }
 
-impl Drive {
+impl Drive<6> {
     /// Estimates: torque constants near the PUMA 560's scaled, 5 A amplifiers of a documented
     /// retrofit of the 260, 12 bit converter of the class of the thesis's eight-channel board.
     #[must_use]
-    pub fn reference() -> Drive {
+    pub fn reference() -> Drive<6> {
         Drive {
             torque_constant_nm_a: Joints::new(0.055, 0.055, 0.055, 0.030, 0.030, 0.030),
             current_max_a: Joints::new(5.0, 5.0, 5.0, 2.0, 2.0, 2.0),
             dac_bits: 12,
         }
     }
+}
 
+impl<const N: usize> Drive<N> {
     /// Codes per full scale: 2048 for 12 bit.
     fn half_range(&self) -> f64 {
         f64::from(1_i32 << (self.dac_bits.clamp(2, 24) - 1))
@@ -122,13 +139,13 @@ impl Drive {
         (-half, half - 1)
     }
 
-    /// Torque of the motor of `joint` (0..6) at full scale (N m); 0 for other joints.
+    /// Torque of the motor of `joint` (0..N) at full scale (N m); 0 for other joints.
     #[must_use]
     pub fn full_scale_nm(&self, joint: usize) -> f64 {
-        if joint < 6 { self.torque_constant_nm_a[joint] * self.current_max_a[joint] } else { 0.0 }
+        if joint < N { self.torque_constant_nm_a[joint] * self.current_max_a[joint] } else { 0.0 }
     }
 
-    /// The code nearest to a motor torque (N m), clamped to the range. NaN, a joint outside 0..6
+    /// The code nearest to a motor torque (N m), clamped to the range. NaN, a joint outside 0..N
     /// and a drive without torque give 0, the code of no current.
     #[must_use]
     pub fn code(&self, motor_nm: f64, joint: usize) -> i32 {
@@ -149,8 +166,8 @@ impl Drive {
 
     /// Largest torque at each joint (N m) with its own motor at full scale and the others idle.
     #[must_use]
-    pub fn peak_joint_torque(&self, gears: &Transmission) -> Joints {
-        Joints::from_fn(|i, _| self.full_scale_nm(i) * gears.gear[(i, i)].abs())
+    pub fn peak_joint_torque(&self, gears: &Transmission<N>) -> Vector<N> {
+        Vector::from_fn(|i, _| self.full_scale_nm(i) * gears.gear[(i, i)].abs())
     }
 }
 

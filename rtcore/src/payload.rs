@@ -209,6 +209,22 @@ pub const fn body_size(fields: &[Field]) -> usize {
 /// use taktil_rtcore::Payload;
 /// assert_eq!(Torque::SIZE, 6 * 8 + 4);
 /// ```
+///
+/// A number of elements may be left open, with a usual one: the struct of the usual number has the
+/// plain name in schemas, the others (1 to 8) have the number behind it.
+///
+/// ```
+/// taktil_rtcore::payload! {
+///     /// Joint angles.
+///     pub struct Angles<const N: usize = 6> {
+///         /// Angles, rad.
+///         pub q_rad: [f64; N],
+///     }
+/// }
+/// use taktil_rtcore::Payload;
+/// assert_eq!((<Angles>::NAME, <Angles<7>>::NAME), ("Angles", "Angles7"));
+/// assert_eq!(<Angles<7>>::SIZE, 7 * 8);
+/// ```
 #[macro_export]
 macro_rules! payload {
     (
@@ -222,8 +238,47 @@ macro_rules! payload {
         #[allow(unreachable_pub, reason = "the payload may be declared in a private module")]
         pub struct $name { $($(#[$fmeta])* pub $field: $ty),+ }
 
-        impl $crate::Payload for $name {
-            const NAME: &'static str = stringify!($name);
+        $crate::payload_body! {
+            [] $name, stringify!($name), { $($field : $ty),+ }
+        }
+    };
+    (
+        $(#[$meta:meta])*
+        pub struct $name:ident<const $n:ident: usize = $usual:literal> {
+            $($(#[$fmeta:meta])* pub $field:ident : $ty:ty),+ $(,)?
+        }
+    ) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[allow(unreachable_pub, reason = "the payload may be declared in a private module")]
+        pub struct $name<const $n: usize = $usual> { $($(#[$fmeta])* pub $field: $ty),+ }
+
+        $crate::payload_body! {
+            [const $n: usize] $name<$n>,
+            match $n {
+                n if n == $usual => stringify!($name),
+                1 => concat!(stringify!($name), "1"),
+                2 => concat!(stringify!($name), "2"),
+                3 => concat!(stringify!($name), "3"),
+                4 => concat!(stringify!($name), "4"),
+                5 => concat!(stringify!($name), "5"),
+                6 => concat!(stringify!($name), "6"),
+                7 => concat!(stringify!($name), "7"),
+                8 => concat!(stringify!($name), "8"),
+                _ => panic!("a payload has at most eight elements a field of this kind"),
+            },
+            { $($field : $ty),+ }
+        }
+    };
+}
+
+/// What [`payload!`](macro@crate::payload) implements for a struct; of no use by itself.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! payload_body {
+    ([$($generics:tt)*] $own:ty, $label:expr, { $($field:ident : $ty:ty),+ }) => {
+        impl<$($generics)*> $crate::Payload for $own {
+            const NAME: &'static str = $label;
             const FIELDS: &'static [$crate::payload::Field] = &[$($crate::payload::Field {
                 name: stringify!($field),
                 kind: <$ty as $crate::payload::FieldType>::KIND,
@@ -231,7 +286,7 @@ macro_rules! payload {
                 array: <$ty as $crate::payload::FieldType>::ARRAY,
             }),+];
             const SIZE: usize = $crate::payload::body_size(Self::FIELDS);
-            const ZERO: Self = $name { $($field: <$ty as $crate::payload::FieldType>::ZERO),+ };
+            const ZERO: Self = Self { $($field: <$ty as $crate::payload::FieldType>::ZERO),+ };
 
             fn encode(&self, out: &mut [u8]) {
                 let mut end = 0usize;
@@ -257,7 +312,7 @@ macro_rules! payload {
                     let $field = <$ty as $crate::payload::FieldType>::get(&body[start..end]);
                 )+
                 let _ = end;
-                Some($name { $($field),+ })
+                Some(Self { $($field),+ })
             }
 
             fn is_finite(&self) -> bool {
@@ -265,13 +320,13 @@ macro_rules! payload {
             }
         }
 
-        impl $crate::state::Fold for $name {
+        impl<$($generics)*> $crate::state::Fold for $own {
             fn fold(&self, hash: &mut $crate::StateHash) {
                 $($crate::state::Fold::fold(&self.$field, hash);)+
             }
         }
 
-        impl Default for $name {
+        impl<$($generics)*> Default for $own {
             fn default() -> Self {
                 <Self as $crate::Payload>::ZERO
             }
@@ -308,6 +363,31 @@ mod tests {
         assert_eq!(body[8..16], 0.5f64.to_le_bytes());
         assert_eq!(Mixed::decode(&body), Some(value));
         assert_eq!(Mixed::decode(&body[1..]), None);
+    }
+
+    crate::payload! {
+        /// Of any size.
+        pub struct Sized<const N: usize = 6> {
+            /// a
+            pub flag: u8,
+            /// b
+            pub angles_rad: [f64; N],
+        }
+    }
+
+    #[test]
+    fn a_payload_of_open_size_has_names_fields_and_bytes_of_its_own() {
+        assert_eq!(
+            (<Sized>::NAME, <Sized<7>>::NAME, <Sized<8>>::NAME),
+            ("Sized", "Sized7", "Sized8")
+        );
+        assert_eq!((<Sized>::SIZE, <Sized<7>>::SIZE), (56, 64));
+        assert_eq!((<Sized>::FIELDS[1].count, <Sized<7>>::FIELDS[1].count), (6, 7));
+        let value = Sized { flag: 1, angles_rad: [0.5; 7] };
+        let mut body = [0; 64];
+        value.encode(&mut body);
+        assert_eq!(<Sized<7>>::decode(&body), Some(value));
+        assert_eq!(<Sized>::decode(&body), None, "another size is another type");
     }
 
     #[test]

@@ -11,6 +11,7 @@ pub mod touch;
 
 pub use motion::{
     Applied, Desired, Goal, JointState, Lines, MoveCheck, MoveKind, Torque, Typed, TypedMove,
+    per_joint,
 };
 pub use state::{ControlState, JogCommand, JogFrame, Request, State, Verb};
 pub use touch::{Features, MAX_TACTELS, TactileImage, defined};

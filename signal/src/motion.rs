@@ -1,19 +1,19 @@
 //! Joint-space payloads: measured, desired, asked for, applied.
 
-use taktil_rtcore::payload;
+use taktil_rtcore::{Invalid, payload};
 
-/// Number of joints of the arm.
+/// Number of joints of the usual arm; payloads of joints may have another number.
 pub const JOINTS: usize = 6;
 
 payload! {
     /// Measured joints, from `sense`.
-    pub struct JointState {
+    pub struct JointState<const N: usize = 6> {
         /// Joint angles in the arm's zero convention once calibrated; relative to power-up before.
-        pub q_rad: [f64; 6],
+        pub q_rad: [f64; N],
         /// Joint speeds by differencing over one tick; acts half a tick late.
-        pub qd_rad_s: [f64; 6],
+        pub qd_rad_s: [f64; N],
         /// Motor counts as read from the board.
-        pub counts: [i32; 6],
+        pub counts: [i32; N],
         /// Increases by one each time the zero of `q_rad` moves: followers re-base instead of
         /// jumping.
         pub datum: u32,
@@ -36,11 +36,11 @@ payload! {
 
 payload! {
     /// The machine's desired joints, from `setpoint`, their only producer.
-    pub struct Desired {
+    pub struct Desired<const N: usize = 6> {
         /// Joint angles.
-        pub q_rad: [f64; 6],
+        pub q_rad: [f64; N],
         /// Joint speeds belonging to them.
-        pub qd_rad_s: [f64; 6],
+        pub qd_rad_s: [f64; N],
         /// The [`crate::State`] whose source was chosen.
         pub source: u32,
         /// 1 while the angles are a position to be held, 0 before the first measurement.
@@ -51,11 +51,11 @@ payload! {
 payload! {
     /// Where one source of motion wants the joints to be, from `trajectory`, `tactile_servo` and
     /// later jog.
-    pub struct Goal {
+    pub struct Goal<const N: usize = 6> {
         /// Joint angles.
-        pub q_rad: [f64; 6],
+        pub q_rad: [f64; N],
         /// Joint speeds belonging to them.
-        pub qd_rad_s: [f64; 6],
+        pub qd_rad_s: [f64; N],
         /// 1 when the source is at work and the angles mean something.
         pub valid: u32,
         /// 1 when the source has nothing left to do.
@@ -75,7 +75,7 @@ payload! {
         /// Why it was refused: 1 a limit, 2 out of reach, 3 too fast, 4 too much torque, 5 too far
         /// off the path past a wrist singularity, 6 it cannot be planned or does not start here.
         pub reason: u32,
-        /// The joint that could not follow, 1 to 6; 0 for none.
+        /// The joint that could not follow, 1 the first; 0 for none.
         pub joint: u32,
         /// When, from the start of the refused leg (s); 0 with reason 6.
         pub t_s: f64,
@@ -140,7 +140,7 @@ payload! {
     /// A move typed on-line, or what is to become of the moves under way. Counts as one while
     /// `sequence` stays the same.
     pub struct TypedMove {
-        /// Joint angles (rad, the first six); or a rotation row by row, then the tool point (m); or
+        /// Joint angles (rad, as many as there are joints); or a rotation row by row, then the tool point (m); or
         /// a displacement (m, the first three).
         pub values: [f64; 12],
         /// Time of the segment (s); 0 is as fast as the machine's own pace.
@@ -177,19 +177,19 @@ payload! {
 
 payload! {
     /// Joint torque asked for by the servo.
-    pub struct Torque {
+    pub struct Torque<const N: usize = 6> {
         /// Torque at the joints.
-        pub tau_nm: [f64; 6],
+        pub tau_nm: [f64; N],
         /// Desired minus measured angle.
-        pub error_rad: [f64; 6],
+        pub error_rad: [f64; N],
     }
 }
 
 payload! {
     /// What `actuate` sent to the board.
-    pub struct Applied {
+    pub struct Applied<const N: usize = 6> {
         /// Torque at the joints that the D/A words stand for.
-        pub tau_nm: [f64; 6],
+        pub tau_nm: [f64; N],
         /// D/A words, channel by channel.
         pub dac: [i32; 8],
         /// 1 when the mode let torque through.
@@ -197,4 +197,15 @@ payload! {
         /// Bit j is set when joint j was limited.
         pub limited: u32,
     }
+}
+
+/// A list of a configuration as one number for each joint.
+///
+/// # Errors
+/// Another count of numbers than there are joints; the place is `place`.
+pub fn per_joint<const N: usize>(place: &str, list: &[f64]) -> Result<[f64; N], Invalid> {
+    <[f64; N]>::try_from(list).map_err(|_| {
+        let what = format!("has {} numbers, the arm has {N} joints", list.len());
+        Invalid::new(place, what, "give one number for each joint")
+    })
 }

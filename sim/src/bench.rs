@@ -6,17 +6,19 @@ use glam::{DMat3, DVec3};
 use taktil_hal::{AXES, AdcCode, CHANNELS, Counts, Devices, LinesOut, Nanos};
 use taktil_mechanics::contact::space::Level;
 use taktil_mechanics::dynamics::GRAVITY_M_S2;
+use taktil_mechanics::robot::ChainRobot;
 use taktil_mechanics::spatial::rotation_z;
 use taktil_mechanics::transmission::Drive;
 
-use crate::arm::Arm;
+use crate::arm::{Arm, JOINTS};
 use crate::carriage::{Carriage, Riding};
+use crate::chained::Chained;
 use crate::contact::{PAD_HALF_M, Patch, Reaction, Surface, strips_of_pin};
 use crate::devices::connect;
 use crate::electronics::{Array, Wrist};
 use crate::faults::Faults;
 use crate::fidelity::{ContactModel, Integrator};
-use crate::finger::Finger;
+use crate::finger::{Finger, Unheld};
 use crate::hand::Hand;
 use crate::pin::Pin;
 use crate::rolling::Rolling;
@@ -49,7 +51,34 @@ pub fn build(
     timing.check()?;
     let arm = Arm::new(&config.arm, config.fidelity.arm, config.arm_every)?;
     let mass_kg = Some(arm.mass_at_tool_kg());
-    assemble(config, timing, seed, Finger::Arm(Box::new(arm)), mass_kg)
+    let board = (JOINTS, Drive::reference().code_range());
+    assemble(config, timing, seed, (Finger::Arm(Box::new(arm)), mass_kg), board)
+}
+
+/// Builds the bench with another arm, which starts at `start` (rad) and touches nothing.
+///
+/// # Errors
+/// As [`build`]; a pin, which this arm could not feel, and an integrator that it cannot have.
+pub fn build_with_chain<const N: usize>(
+    config: &WorldConfig,
+    timing: &Timing,
+    seed: u64,
+    robot: &ChainRobot<N>,
+    start: &[f64],
+) -> Result<(World, Devices), Invalid> {
+    config.check()?;
+    timing.check()?;
+    if config.pin.present {
+        let what = "is true, but only the PUMA 260 feels a pin".to_owned();
+        return Err(invalid("pin.present", what, "say false: other arms move freely"));
+    }
+    if config.fidelity.integrator != Integrator::Auto {
+        let what = "is named, but this arm has a method of its own".to_owned();
+        return Err(invalid("fidelity.integrator", what, "say auto"));
+    }
+    let arm = Chained::new(robot, start, &config.arm, config.fidelity.arm)?;
+    let finger = Finger::Chained(Unheld::new(Box::new(arm)));
+    assemble(config, timing, seed, (finger, None), (N, robot.drive.code_range()))
 }
 
 /// Builds the bench with a finger on rails instead of the arm; the encoders read zero.
@@ -67,15 +96,16 @@ pub fn build_with_carriage(
     carriage.check()?;
     let riding = Riding::new(carriage);
     let mass_kg = riding.mass_kg();
-    assemble(config, timing, seed, Finger::Carriage(Box::new(riding)), mass_kg)
+    let board = (JOINTS, Drive::reference().code_range());
+    assemble(config, timing, seed, (Finger::Carriage(Box::new(riding)), mass_kg), board)
 }
 
 fn assemble(
     config: &WorldConfig,
     timing: &Timing,
     seed: u64,
-    finger: Finger,
-    finger_kg: Option<f64>,
+    (finger, finger_kg): (Finger, Option<f64>),
+    board: (usize, (i32, i32)),
 ) -> Result<(World, Devices), Invalid> {
     let table = Table::new(&config.table, config.table_height_mm());
     let rolling = if config.pin.present {
@@ -92,11 +122,8 @@ fn assemble(
         false => None,
     };
     let row = Nanos((1e3 * config.tactile.row_us).round() as i64);
-    let (ends, devices) = connect(
-        timing.actuation_delay,
-        Drive::reference().code_range(),
-        (config.tactile.full_counts(), row),
-    );
+    let (ends, devices) =
+        connect(timing.actuation_delay, board, (config.tactile.full_counts(), row));
     let bench = Bench {
         method: method(config, &finger)?,
         finger,
@@ -133,6 +160,10 @@ fn method(config: &WorldConfig, finger: &Finger) -> Result<Method, Invalid> {
     let free = matches!(finger, Finger::Arm(arm) if arm.is_smooth());
     let smooth = free && !config.pin.present;
     let integrator = config.fidelity.integrator;
+    if matches!(finger, Finger::Chained(_)) {
+        // Its own step, taken in order.
+        return Ok(Method::Euler);
+    }
     if integrator == Integrator::Rk4 && !smooth {
         let what = "is rk4, but something touches or rubs".to_owned();
         let remedy = "say auto, or take the pin away and say arm = \"rigid\"";

@@ -9,7 +9,6 @@ use taktil_hal::{
     TactileArray, TactileFrame,
 };
 
-use crate::arm::JOINTS;
 use crate::contact::SLICES;
 
 /// Values that a link holds until they are taken: more than half a second at 400 Hz.
@@ -42,7 +41,7 @@ pub(crate) struct WorldEnds {
 /// time from row to row are told.
 pub(crate) fn connect(
     delay: Nanos,
-    codes: (i32, i32),
+    (joints, codes): (usize, (i32, i32)),
     (full_scale, row): (u16, Nanos),
 ) -> (WorldEnds, taktil_hal::Devices) {
     let (counts_tx, counts_rx) = link(CAPACITY);
@@ -62,9 +61,16 @@ pub(crate) fn connect(
         orders: orders_rx,
     };
     let devices = taktil_hal::Devices {
-        encoders: Box::new(SimEncoders(Newest::new(counts_rx, "sim.encoders"))),
-        analog_out: Box::new(SimAnalogOut { order: Order::new(codes_tx, delay), range: codes }),
-        analog_in: Box::new(SimAnalogIn(Newest::new(currents_rx, "sim.analog_in"))),
+        encoders: Box::new(SimEncoders { counts: Newest::new(counts_rx, "sim.encoders"), joints }),
+        analog_out: Box::new(SimAnalogOut {
+            order: Order::new(codes_tx, delay),
+            range: codes,
+            joints,
+        }),
+        analog_in: Box::new(SimAnalogIn {
+            currents: Newest::new(currents_rx, "sim.analog_in"),
+            joints,
+        }),
         tactile: Box::new(SimTactile { scans: scans_rx, full_scale, row }),
         force_torque: Box::new(SimForceTorque(Newest::new(gauges_rx, "sim.force_torque"))),
         digital_in: Box::new(SimDigitalIn(Newest::new(lines_rx, "sim.digital_in"))),
@@ -126,23 +132,29 @@ impl<T: Copy> Order<T> {
     }
 }
 
-struct SimEncoders(Newest<[Counts; CHANNELS]>);
+struct SimEncoders {
+    counts: Newest<[Counts; CHANNELS]>,
+    joints: usize,
+}
 
 impl Encoders for SimEncoders {
     fn joints(&self) -> usize {
-        JOINTS
+        self.joints
     }
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
-        self.0.sample(release)
+        self.counts.sample(release)
     }
 }
 
-struct SimAnalogIn(Newest<[AdcCode; CHANNELS]>);
+struct SimAnalogIn {
+    currents: Newest<[AdcCode; CHANNELS]>,
+    joints: usize,
+}
 
 impl AnalogIn for SimAnalogIn {
     fn channels(&self) -> usize {
-        JOINTS
+        self.joints
     }
 
     fn code_range(&self) -> (AdcCode, AdcCode) {
@@ -150,7 +162,7 @@ impl AnalogIn for SimAnalogIn {
     }
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; CHANNELS]>, Error> {
-        self.0.sample(release)
+        self.currents.sample(release)
     }
 }
 
@@ -211,13 +223,14 @@ impl TactileArray for SimTactile {
 struct SimAnalogOut {
     order: Order<[i32; CHANNELS]>,
     range: (i32, i32),
+    joints: usize,
 }
 
 const ANALOG_OUT: &str = "sim.analog_out";
 
 impl AnalogOut for SimAnalogOut {
     fn channels(&self) -> usize {
-        JOINTS
+        self.joints
     }
 
     fn code_range(&self) -> (DacCode, DacCode) {
@@ -226,7 +239,7 @@ impl AnalogOut for SimAnalogOut {
 
     fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
         let mut word = [0; CHANNELS];
-        for (channel, (slot, code)) in word.iter_mut().zip(codes).enumerate().take(JOINTS) {
+        for (channel, (slot, code)) in word.iter_mut().zip(codes).enumerate().take(self.joints) {
             if !(self.range.0..=self.range.1).contains(&code.0) {
                 return Err(Error::on_channel(Kind::OutOfRange, ANALOG_OUT, channel as u16));
             }

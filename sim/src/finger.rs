@@ -7,6 +7,7 @@ use taktil_mechanics::{Joints, Matrix6, Pose};
 
 use crate::arm::{Arm, Rub};
 use crate::carriage::Riding;
+use crate::chained::Loose;
 use crate::contact::Surface;
 use crate::hash::Hash;
 
@@ -63,6 +64,20 @@ impl Ahead {
 pub(crate) enum Finger {
     Arm(Box<Arm>),
     Carriage(Box<Riding>),
+    Chained(Unheld),
+}
+
+/// An arm that touches nothing: it steps by itself, and the integrators hold none of its state.
+#[derive(Clone, Debug)]
+pub(crate) struct Unheld {
+    pub(crate) arm: Box<dyn Loose>,
+    nothing: Swing,
+}
+
+impl Unheld {
+    pub(crate) fn new(arm: Box<dyn Loose>) -> Unheld {
+        Unheld { arm, nothing: Swing::default() }
+    }
 }
 
 impl Finger {
@@ -70,6 +85,7 @@ impl Finger {
         match self {
             Finger::Arm(arm) => arm.pose(),
             Finger::Carriage(riding) => riding.pose(),
+            Finger::Chained(unheld) => unheld.arm.pose(),
         }
     }
 
@@ -77,6 +93,7 @@ impl Finger {
         match self {
             Finger::Arm(arm) => arm.twist(),
             Finger::Carriage(riding) => riding.twist(),
+            Finger::Chained(unheld) => unheld.arm.twist(),
         }
     }
 
@@ -84,6 +101,7 @@ impl Finger {
         match self {
             Finger::Arm(arm) => &arm.now,
             Finger::Carriage(riding) => &riding.now,
+            Finger::Chained(unheld) => &unheld.nothing,
         }
     }
 
@@ -91,6 +109,7 @@ impl Finger {
         match self {
             Finger::Arm(arm) => &mut arm.now,
             Finger::Carriage(riding) => &mut riding.now,
+            Finger::Chained(unheld) => &mut unheld.nothing,
         }
     }
 
@@ -99,6 +118,7 @@ impl Finger {
         match self {
             Finger::Arm(arm) => arm.step(h, wrench),
             Finger::Carriage(riding) => riding.step(h, split(wrench).0),
+            Finger::Chained(unheld) => unheld.arm.step(h),
         }
     }
 
@@ -107,6 +127,7 @@ impl Finger {
         match self {
             Finger::Arm(arm) => arm.ahead(base, guess, h),
             Finger::Carriage(riding) => riding.ahead(base, guess, h, end_s),
+            Finger::Chained(unheld) => Ahead::fixed(*unheld.arm.pose(), Joints::zeros()),
         }
     }
 
@@ -123,6 +144,7 @@ impl Finger {
         match self {
             Finger::Arm(arm) => arm.rub(base, i, speed, h),
             Finger::Carriage(riding) => riding.rub(speed),
+            Finger::Chained(_) => Rub::default(),
         }
     }
 
@@ -131,6 +153,7 @@ impl Finger {
         match self {
             Finger::Arm(arm) => arm.settle(),
             Finger::Carriage(riding) => riding.settle(t_s),
+            Finger::Chained(_) => {}
         }
     }
 
@@ -154,6 +177,7 @@ impl Finger {
         match self {
             Finger::Arm(arm) => arm.digest(hash),
             Finger::Carriage(riding) => riding.digest(hash),
+            Finger::Chained(unheld) => unheld.arm.digest(hash),
         }
     }
 }

@@ -22,6 +22,7 @@
 mod arm;
 mod bench;
 mod carriage;
+mod chained;
 mod contact;
 mod devices;
 mod electronics;
@@ -42,7 +43,7 @@ mod table;
 mod truth;
 mod world;
 
-pub use bench::{RATED_LOAD_N, build, build_with_carriage};
+pub use bench::{RATED_LOAD_N, build, build_with_carriage, build_with_chain};
 pub use carriage::{Carriage, Float};
 pub use contact::{PAD_HALF_M, PITCH_M, SLICES, Surface};
 pub use devices::{ADC_MAX, LONGEST_SILENCE};

@@ -15,7 +15,8 @@ use crate::table::TablePose;
 pub struct Truth {
     /// The instant.
     pub t: Nanos,
-    /// Joint angles (rad); zero with a carriage.
+    /// Joint angles of the PUMA 260 (rad); zero with a carriage and with another arm, whose are
+    /// [`World::joints`](crate::World::joints).
     pub q: Joints,
     /// Joint speeds (rad/s).
     pub qd: Joints,

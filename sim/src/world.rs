@@ -125,6 +125,11 @@ impl World {
             arm.braked = !(self.orders.brake_release && powered);
             arm.drive(self.codes);
         }
+        if let Finger::Chained(unheld) = &mut self.bench.finger {
+            let (enabled, braked) =
+                (self.orders.enable && powered, !(self.orders.brake_release && powered));
+            unheld.arm.drive(self.codes, enabled, braked);
+        }
     }
 
     fn powered(&self) -> bool {
@@ -180,6 +185,14 @@ impl World {
             }
             flowing = arm.current_codes();
         }
+        if let Finger::Chained(unheld) = &self.bench.finger {
+            for (joint, count) in unheld.arm.counts().into_iter().enumerate() {
+                if !self.faults.dead_encoder(joint, t) {
+                    self.counts[joint] = Counts(count);
+                }
+            }
+            flowing = unheld.arm.current_codes();
+        }
         let closed = !self.stopped();
         let lines =
             LinesIn { drive_power: self.powered(), estop_a_closed: closed, estop_b_closed: closed };
@@ -228,6 +241,10 @@ impl World {
         let (arm_q, arm_qd, arm_j, enabled, braked) = match &self.bench.finger {
             Finger::Arm(arm) => (arm.now.q, arm.now.qd, arm.energy_j(), arm.enabled, arm.braked),
             Finger::Carriage(_) => (Joints::zeros(), Joints::zeros(), 0.0, false, true),
+            Finger::Chained(unheld) => {
+                let (enabled, braked) = unheld.arm.lines();
+                (Joints::zeros(), Joints::zeros(), unheld.arm.energy_j(), enabled, braked)
+            }
         };
         let rolling = self.bench.rolling.as_deref();
         let pin = rolling.map(|r| &r.pin);
@@ -273,6 +290,16 @@ impl World {
             braked,
             energy_j: arm_j + pin.map_or(0.0, |pin| pin.kinetic_j() + fall(pin)),
             rubber_j: rolling.map_or(0.0, |r| r.pad.stored_j() + r.bed.stored_j()),
+        }
+    }
+
+    /// Angles (rad) and speeds (rad/s) of the joints; none with a carriage.
+    #[must_use]
+    pub fn joints(&self) -> (&[f64], &[f64]) {
+        match &self.bench.finger {
+            Finger::Arm(arm) => (arm.now.q.as_slice(), arm.now.qd.as_slice()),
+            Finger::Carriage(_) => (&[], &[]),
+            Finger::Chained(unheld) => unheld.arm.joints(),
         }
     }
 

@@ -91,12 +91,18 @@ impl Draft {
         self
     }
 
+    /// The text.
+    #[must_use]
+    pub fn text(&self) -> String {
+        toml::to_string(&self.0).unwrap()
+    }
+
     /// The scene that this text stands for, read as the program reads it.
     #[must_use]
     pub fn scene(&self) -> Scene {
         let folder = Folder::new();
         let path = folder.path().join("scene.toml");
-        std::fs::write(&path, toml::to_string(&self.0).unwrap()).unwrap();
+        std::fs::write(&path, self.text()).unwrap();
         Scene::load(&path).unwrap_or_else(|bad| panic!("{bad}"))
     }
 }
@@ -138,6 +144,13 @@ impl Kept {
         let values: Vec<_> = rows.map(|row| (row.release, T::decode(&row.body).unwrap())).collect();
         assert!(!values.is_empty(), "`{signal}` was never written");
         values
+    }
+
+    /// The bytes of every value of a signal.
+    #[must_use]
+    pub fn bodies(&self, signal: &str) -> Vec<&[u8]> {
+        let id = self.catalog.find(signal).unwrap_or_else(|| panic!("there is no `{signal}`"));
+        self.rows.iter().filter(|row| row.signal == id).map(|row| &*row.body).collect()
     }
 
     /// What the supervisor said last.

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::robot::ArmConfig;
 use serde::Deserialize;
 use taktil_rtcore::schedule::silent_after;
 use taktil_rtcore::{Allowance, Bucket, Guard, Invalid, LaneSpec, Late, Nanos, Policy, Recording};
@@ -19,6 +20,8 @@ pub struct MachineConfig {
     pub record: Option<RecordName>,
     /// Which signal each input reads: `"task.port" = "task.port"`.
     pub wiring: BTreeMap<String, String>,
+    /// The arm, from a URDF file; the PUMA 260 when absent.
+    pub arm: Option<ArmConfig>,
     /// Counts to joint angles.
     pub sense: Option<taktil_tasks_sense::Config>,
     /// Torque to D/A words.
@@ -293,6 +296,7 @@ impl MachineConfig {
             schedule: over.schedule.or(self.schedule),
             record: over.record.or(self.record),
             wiring: self.wiring,
+            arm: over.arm.or(self.arm),
             sense: over.sense.or(self.sense),
             actuate: over.actuate.or(self.actuate),
             setpoint: over.setpoint.or(self.setpoint),

@@ -8,6 +8,7 @@ pub mod flight;
 pub mod log;
 pub mod operator;
 pub mod out;
+pub mod robot;
 pub mod service;
 pub mod signals;
 pub mod source;

@@ -14,15 +14,16 @@ use taktil_rtcore::contract::Item;
 use taktil_rtcore::live::{self, Attestation, Audience, Contract, Hang, Pace, Terms};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos};
-use taktil_tasks_trajectory::Config as TrajectoryConfig;
 
 use crate::config::MachineConfig;
 use crate::contract::ContractConfig;
 use crate::flight::{FlightConfig, Keeper};
 use crate::log::McapLog;
 use crate::operator::socket::{SERVICE_SOCKET, Socket};
+use crate::operator::speech::Meaning;
 use crate::operator::{self, Mouth, Remote};
 use crate::out;
+use crate::robot::{self, AnyRobot, Broken};
 use crate::signals::{self, Second};
 use crate::source::{Located, Meant, Source};
 use crate::tape::player::{About, Lack, Tapes};
@@ -80,8 +81,8 @@ fn socket_path() -> PathBuf {
 /// Exit code of a service one of whose tasks does not return.
 pub const EXIT_HUNG: i32 = 3;
 
-/// Where an operator will be listened to, how fast typed moves are, and the way into the lane.
-type Ear = (PathBuf, TrajectoryConfig, Mouth);
+/// Where an operator will be listened to, what words mean, and the way into the lane.
+type Ear = (PathBuf, Meaning, Mouth);
 
 /// A service ready to run.
 pub struct Service {
@@ -132,7 +133,12 @@ impl Service {
         let machine_path = path.parent().unwrap_or(Path::new("")).join(&file.machine);
         let described = Source::read(&machine_path, Meant::Machine)
             .map_err(|bad| source.locate(Invalid::new("machine", bad.what, bad.remedy)))?;
+        // The arm's file lies beside the file that names it.
+        let namer = if file.robot.arm.is_some() { path } else { &machine_path };
+        let beside = namer.parent().unwrap_or(Path::new("")).to_owned();
         let config = machine_config(&described, file.robot)?;
+        let (robot, urdf) = robot::load(config.arm.as_ref(), &beside)
+            .map_err(|bad| broken(bad, &source, &described))?;
         let devices = Board::open(&file.board).map_err(|bad| source.locate(board_error(bad)))?;
         let origin = [
             ("mode", "board".to_owned()),
@@ -141,16 +147,23 @@ impl Service {
             ("service_text", source.text.clone()),
             ("machine_text", described.text.clone()),
             ("devices", About::of(&devices).text()),
-        ];
+        ]
+        .into_iter()
+        .chain(urdf.map(|urdf| ("urdf_text", urdf.text)));
+        let origin = origin.map(|(key, value)| (key.to_owned(), value)).collect();
         let pace = config.trajectory.clone().unwrap_or_default();
-        let built = wiring::assemble(config, devices, operator).and_then(|builder| builder.build());
+        let built =
+            wiring::assemble(config, &robot, devices, operator).and_then(|builder| builder.build());
         Ok(Service {
             machine: built.map_err(|bad| locate(bad, &source, &described))?,
             contract: file.contract.contract(),
             board: file.board.path,
             log: file.log.map(|log| path.parent().unwrap_or(Path::new("")).join(log.path)),
-            origin: origin.map(|(key, value)| (key.to_owned(), value)).into(),
-            socket: file.operator.zip(mouth).map(|(ear, mouth)| (ear.socket, pace, mouth)),
+            origin,
+            socket: file
+                .operator
+                .zip(mouth)
+                .map(|(ear, mouth)| (ear.socket, Meaning { pace, robot }, mouth)),
             flight: file.flight,
             source,
             machine_text: described.text,
@@ -241,8 +254,8 @@ impl Service {
         let log = self.log.as_ref().map(|path| McapLog::create(path, catalog, &self.origin));
         let mut heart = Heart::new(catalog, log.transpose()?);
         heart.keeper = keeper;
-        if let Some((path, pace, mouth)) = self.socket.take() {
-            let socket = Socket::listen(&path, mouth, pace);
+        if let Some((path, meaning, mouth)) = self.socket.take() {
+            let socket = Socket::listen(&path, mouth, meaning);
             let mut socket = socket.map_err(|bad| {
                 self.source.locate(Invalid { place: "operator.socket".into(), ..bad })
             })?;
@@ -267,23 +280,33 @@ impl Service {
 }
 
 /// The machine that repeats a run of the service from what stands in its log: the texts of both
-/// files, `tapes`, and what the devices said of themselves. It bears lanes that stood still for
+/// files and, where the machine names one, of the arm's; `tapes`, and what the devices said of themselves. It bears lanes that stood still for
 /// `stall`; the task `operator` is to be fed.
 ///
 /// # Errors
 /// Anything wrong with the texts, located.
 pub fn rebuild(
-    (source, machine): (&Source, &Source),
+    (source, machine, urdf): (&Source, &Source, Option<&Source>),
     tapes: Tapes,
     about: &About,
     stall: Nanos,
 ) -> Result<(Machine, Lack), Located> {
     let file: ServiceFile = source.parse()?;
     let config = machine_config(machine, file.robot)?;
+    let robot = match (&config.arm, urdf) {
+        (None, _) => AnyRobot::puma260(),
+        (Some(arm), Some(urdf)) => {
+            robot::build(arm, urdf).map_err(|bad| broken(bad, source, machine))?
+        }
+        (Some(_), None) => {
+            let bad = Invalid::new("arm.urdf", "its text is not there", "name a newer log");
+            return Err(locate(bad, source, machine));
+        }
+    };
     let (devices, lack) = tapes.devices(about);
     let operator: wiring::MakeOperator<'_> =
         Box::new(|ports| Ok(Box::new(Remote::new(None, ports))));
-    let built = wiring::assemble(config, devices, operator).and_then(|mut builder| {
+    let built = wiring::assemble(config, &robot, devices, operator).and_then(|mut builder| {
         builder.for_replay(stall);
         builder.build()
     });
@@ -302,6 +325,13 @@ fn machine_config(machine: &Source, robot: MachineConfig) -> Result<MachineConfi
 fn locate(bad: Invalid, source: &Source, machine: &Source) -> Located {
     let here = bad.clone().within("robot");
     if source.holds(&here.place) { source.locate(here) } else { machine.locate(bad) }
+}
+
+fn broken(bad: Broken, source: &Source, machine: &Source) -> Located {
+    match bad {
+        Broken::Section(bad) => locate(bad, source, machine),
+        Broken::File(located) => *located,
+    }
 }
 
 fn hard() -> ContractConfig {

@@ -4,6 +4,8 @@
 
 use taktil_hal::{AnalogIn, Devices, ForceTorque};
 use taktil_hal::{AnalogOut, DigitalIn, DigitalOut, Encoders, TactileArray};
+use taktil_mechanics::arm::Arm;
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Builder, Invalid, Nanos, Ports, Task};
 use taktil_tasks_actuate::Actuate;
 use taktil_tasks_jog::Jog;
@@ -17,6 +19,7 @@ use taktil_tasks_trajectory::Trajectory;
 
 use crate::config::MachineConfig;
 use crate::cpus;
+use crate::robot::{AnyRobot, with};
 use crate::tape;
 
 /// Builds the operator's task: a script, a socket, or nobody.
@@ -42,12 +45,13 @@ fn taken<T>(half: &mut Option<T>, task: &str) -> Result<T, Invalid> {
     })
 }
 
-/// Assembles a machine from its description and a set of devices.
+/// Assembles a machine from its description, its arm and a set of devices.
 ///
 /// # Errors
 /// The first thing wrong, placed at its dotted path in the description.
 pub fn assemble(
     config: MachineConfig,
+    robot: &AnyRobot,
     devices: Devices,
     operator: MakeOperator<'_>,
 ) -> Result<Builder, Invalid> {
@@ -77,13 +81,21 @@ pub fn assemble(
         builder.cpus(online);
     }
     let mut operator = Some(operator);
+    let touch = config.lane.values().any(|lane| lane.tasks.iter().any(|task| task == TOUCH));
     for (name, lane) in &config.lane {
         let outer = format!("lane.{name}");
         let spec = lane.spec(name).map_err(|invalid| invalid.within(&outer))?;
         let id = builder.lane(spec)?;
         for task in &lane.tasks {
             let place = format!("{outer}.tasks.{task}");
-            let make = |ports: &mut Ports| make(task, &config, &mut shelf, &mut operator, ports);
+            let make = |ports: &mut Ports| {
+                if task == TOUCH && !robot.is_puma260() {
+                    let what = "only the PUMA 260 moves by touch";
+                    return Err(Invalid::new("", what, format!("leave `{TOUCH}` out")));
+                }
+                let parts = Parts { config: &config, touch, shelf: &mut shelf };
+                with!(robot, robot => make(task, parts, robot, &mut operator, ports))
+            };
             builder.task(id, task, make).map_err(|invalid| {
                 if invalid.place.is_empty() { invalid.within(&place) } else { invalid }
             })?;
@@ -110,10 +122,20 @@ pub const TASKS: [&str; 10] = [
     "tactile_scan",
 ];
 
-fn make(
+/// The task that moves by touch; without it a machine has no use for a sense of touch.
+const TOUCH: &str = "tactile_servo";
+
+/// What tasks are made of.
+struct Parts<'a> {
+    config: &'a MachineConfig,
+    touch: bool,
+    shelf: &'a mut Shelf,
+}
+
+fn make<const N: usize, A: Arm<N>>(
     task: &str,
-    config: &MachineConfig,
-    shelf: &mut Shelf,
+    Parts { config, touch, shelf }: Parts<'_>,
+    robot: &Robot<N, A>,
     operator: &mut Option<MakeOperator<'_>>,
     ports: &mut Ports,
 ) -> Result<Box<dyn Task>, Invalid> {
@@ -123,13 +145,14 @@ fn make(
         "sense" => {
             let encoders = tape::encoders(taken(&mut shelf.encoders, task)?, ports);
             let lines = tape::digital_in(taken(&mut shelf.digital_in, task)?, ports);
-            Sense::new(config.sense.clone().unwrap_or_default(), encoders, lines, ports).map(boxed)
+            let config = config.sense.clone().unwrap_or_default();
+            Sense::new(config, robot, encoders, lines, ports).map(boxed)
         }
         "actuate" => {
             let analog = tape::analog_out(taken(&mut shelf.analog_out, task)?, ports);
             let digital = tape::digital_out(taken(&mut shelf.digital_out, task)?, ports);
             let config = config.actuate.clone().unwrap_or_default();
-            Actuate::new(config, analog, digital, ports).map(boxed)
+            Actuate::new(config, robot, analog, digital, ports).map(boxed)
         }
         "tactile_scan" => {
             let array = tape::tactile(taken(&mut shelf.tactile, task)?, ports);
@@ -137,18 +160,22 @@ fn make(
                 .map(boxed)
         }
         "supervisor" => {
-            Supervisor::new(config.supervisor.clone().unwrap_or_default(), ports).map(boxed)
+            let config = config.supervisor.clone().unwrap_or_default();
+            Supervisor::<N>::new(config, touch, ports).map(boxed)
         }
-        "jog" => Jog::new(config.jog.clone().unwrap_or_default(), ports).map(boxed),
+        "jog" => Jog::new(config.jog.clone().unwrap_or_default(), robot, ports).map(boxed),
         "trajectory" => {
-            Trajectory::new(config.trajectory.clone().unwrap_or_default(), ports).map(boxed)
+            Trajectory::new(config.trajectory.clone().unwrap_or_default(), robot, ports).map(boxed)
         }
         "tactile_servo" => {
             TactileServo::new(config.tactile_servo.clone().unwrap_or_default(), ports).map(boxed)
         }
-        "setpoint" => Setpoint::new(config.setpoint.clone().unwrap_or_default(), ports).map(boxed),
+        "setpoint" => {
+            let config = config.setpoint.clone().unwrap_or_default();
+            Setpoint::new(config, robot, touch, ports).map(boxed)
+        }
         "joint_servo" => {
-            JointServo::new(config.joint_servo.clone().unwrap_or_default(), ports).map(boxed)
+            JointServo::new(config.joint_servo.clone().unwrap_or_default(), robot, ports).map(boxed)
         }
         _ => {
             return Err(Invalid::new(

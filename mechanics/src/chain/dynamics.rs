@@ -132,6 +132,18 @@ impl<const N: usize> Chain<N> {
         out
     }
 
+    /// Potential energy (J), zero with every mass at the origin of the base.
+    #[must_use]
+    pub fn potential_j(&self, q: &Vector<N>) -> f64 {
+        let (mut mass, mut first) = (0.0, DVec3::ZERO);
+        for (link, step) in self.links.iter().zip(steps(self, q)).rev() {
+            mass += link.body.mass_kg;
+            first += link.body.mass_kg * link.body.com_m;
+            first = step.rotation * first + mass * step.translation;
+        }
+        self.against_gravity.dot(first)
+    }
+
     /// Joint accelerations under joint efforts, drives included, friction not. NaN for numbers that
     /// are not finite and for joints that carry neither mass nor drive.
     #[must_use]

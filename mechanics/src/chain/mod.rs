@@ -9,12 +9,14 @@
 //! frame. Numbers that are finite, of joints, poses, and motions up to 1e60 in size, give numbers
 //! that are finite.
 
+mod arm;
 mod build;
 mod dynamics;
 mod kinematics;
 mod search;
 pub mod wrist;
 
+pub use arm::Follower;
 pub use build::{BadChain, Dh, JointSpec, Motion};
 pub use search::{Effort, Found, NotFound};
 
@@ -41,6 +43,16 @@ struct Link {
     mount: Pose,
     motion: Motion,
     body: Body,
+}
+
+impl Link {
+    /// How far a joint can lie from its zero along its axis (m); a turning one does not.
+    fn longest_slide<const N: usize>(&self, limits: &Limits<N>, joint: usize) -> f64 {
+        match self.motion {
+            Motion::Turn => 0.0,
+            Motion::Slide => limits.q_min[joint].abs().max(limits.q_max[joint].abs()),
+        }
+    }
 }
 
 /// What the joints may do.

@@ -12,12 +12,11 @@
 //! at which it misses the singularity, never by more than about half the rate of the approach axis
 //! over the speed of joint 4.
 
-use core::fmt;
-
 use glam::{DMat3, DVec2};
 
 use super::Puma260;
 use super::inverse::{forearm, last_two};
+use crate::arm::{Followed, Lost};
 use crate::spatial::{Joints, Pose, rotation_vector, wrap_angle};
 
 /// Rounding that a limit forgives, relative.
@@ -29,49 +28,6 @@ const REST_RAD_S: f64 = 1e-6;
 const HOLD_SHARE: f64 = 0.5;
 /// Halvings of the step of joint 4 when joints 5 or 6 cannot follow it.
 const HALVINGS: u32 = 8;
-
-/// The joints of one tick, and what they miss.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Followed {
-    /// Joint angles (rad).
-    pub q: Joints,
-    /// Distance of the tool point from its path (m).
-    pub off_m: f64,
-    /// Angle between the tool's orientation and the one wanted (rad).
-    pub off_rad: f64,
-}
-
-/// Why a path cannot be followed any further.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum Lost {
-    /// The wrist centre is out of reach, or the pose holds a number that is not finite.
-    OutOfReach,
-    /// This joint (0 is the first) would have to leave its limits.
-    Limit {
-        /// Index of the joint.
-        joint: usize,
-    },
-    /// This joint (0 is the first) would have to be faster than its limit by this ratio.
-    TooFast {
-        /// Index of the joint.
-        joint: usize,
-        /// Speed wanted over the speed allowed, above 1.
-        ratio: f64,
-    },
-}
-
-impl fmt::Display for Lost {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Lost::OutOfReach => write!(f, "the tool pose is out of the arm's reach"),
-            Lost::Limit { joint } => write!(f, "joint {} would leave its limits", joint + 1),
-            Lost::TooFast { joint, ratio } => {
-                write!(f, "joint {} would need {ratio:.2} times its speed", joint + 1)
-            }
-        }
-    }
-}
 
 /// Follows a path of tool poses.
 #[derive(Clone, Copy, Debug, PartialEq)]

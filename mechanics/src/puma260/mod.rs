@@ -7,6 +7,7 @@
 //! at the wrist centre and z6 as approach; the tool point is `T6 * Trans(0, 0, tool_z)`. At q = 0
 //! the upper arm lies along +x0, the forearm stands along +z0 and T6 is not turned.
 
+mod arm;
 pub mod follow;
 pub(crate) mod inverse;
 

@@ -6,6 +6,7 @@ mod arms;
 mod closed;
 #[path = "../derivative/mod.rs"]
 mod derivative;
+mod following;
 mod forward;
 mod motion;
 mod searching;

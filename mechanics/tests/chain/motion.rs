@@ -46,6 +46,14 @@ fn check_energy<const N: usize>(chain: &Chain<N>, seed: u64) {
             &(chain.inverse_dynamics(&q, &qd, &qdd) + chain.reflected().component_mul(&qdd)),
         );
         assert!((back - qdd).amax() < 1e-8, "{:e}", (back - qdd).amax());
+        // Gravity is the slope of the potential energy.
+        let slope = Vector::<N>::from_fn(|i, _| {
+            let mut aside = Vector::<N>::zeros();
+            aside[i] = h;
+            (chain.potential_j(&(q + aside)) - chain.potential_j(&(q - aside))) / (2.0 * h)
+        });
+        let off = (slope - chain.gravity(&q)).amax();
+        assert!(off < 1e-7, "{off:e}");
     }
 }
 

@@ -93,7 +93,7 @@ fn paths_that_cannot_be_followed_are_refused() {
     let (a, b) = (Joints::zeros(), Joints::repeat(1.0));
     let many = [a; MAX_POINTS + 1];
     let times = [1.0; MAX_POINTS];
-    assert_eq!(JointPath::new(&[], &[], 0.1), Err(PathError::TooFewPoints { points: 0 }));
+    assert_eq!(<JointPath>::new(&[], &[], 0.1), Err(PathError::TooFewPoints { points: 0 }));
     assert_eq!(JointPath::new(&[a], &[], 0.1), Err(PathError::TooFewPoints { points: 1 }));
     assert_eq!(JointPath::new(&many, &times, 0.1), Err(PathError::TooManyPoints { points: 33 }));
     assert!(JointPath::new(&many[1..], &times[1..], 0.1).is_ok());

@@ -1,12 +1,13 @@
 //! Following tool paths past the wrist singularity, and whole moves checked before they start.
 
 use glam::DVec3;
+use taktil_mechanics::arm::Lost;
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 use taktil_mechanics::preview::{Inspection, Preview, Refusal, Route, Terms, Verdict};
 use taktil_mechanics::puma260::Puma260;
-use taktil_mechanics::puma260::follow::{Follower, Lost};
+use taktil_mechanics::puma260::follow::Follower;
 use taktil_mechanics::spatial::{rotation_about, rotation_y};
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_mechanics::{Joints, Pose};

@@ -21,7 +21,13 @@ pub(crate) struct Rub {
 }
 
 /// Friction of joint `i` when it ends a step of `h` seconds at `speed`, from a deflection.
-pub(crate) fn rub(friction: &Friction, i: usize, bristle_rad: f64, speed: f64, h: f64) -> Rub {
+pub(crate) fn rub<const N: usize>(
+    friction: &Friction<N>,
+    i: usize,
+    bristle_rad: f64,
+    speed: f64,
+    h: f64,
+) -> Rub {
     let (coulomb, viscous) = (friction.coulomb_nm[i], friction.viscous_nms_rad[i]);
     let deflection = (bristle_rad + h * speed).clamp(-BRISTLE_RAD, BRISTLE_RAD);
     let stiffness = coulomb / BRISTLE_RAD;

@@ -326,7 +326,7 @@ impl crate::finger::Finger {
     fn lever_m(&self) -> f64 {
         match self {
             crate::finger::Finger::Arm(_) => 5.0 * ARM_M,
-            crate::finger::Finger::Carriage(_) => 1.0,
+            crate::finger::Finger::Carriage(_) | crate::finger::Finger::Chained(_) => 1.0,
         }
     }
 }

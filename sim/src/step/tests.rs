@@ -26,7 +26,7 @@ fn thrown(method: Method, step_us: i64, viscous: f64) -> Bench {
 fn energy_j(bench: &Bench) -> f64 {
     match &bench.finger {
         Finger::Arm(arm) => arm.energy_j(),
-        Finger::Carriage(_) => f64::NAN,
+        Finger::Carriage(_) | Finger::Chained(_) => f64::NAN,
     }
 }
 

@@ -1,33 +1,37 @@
 //! From joint torque to converter codes, and the windows that watch the way there. Refuses devices
 //! and ports, and refuses to decide whether torque is allowed: that is the mode's word.
 
-use taktil_mechanics::Joints;
+use taktil_mechanics::chain::Vector;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_rtcore::{FaultCode, Mode};
 
 /// What the converters are told for one torque, and what it stands for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Command {
-    /// Codes of the six motors.
-    pub codes: [i32; 6],
+pub struct Command<const N: usize = 6> {
+    /// Codes of the motors.
+    pub codes: [i32; N],
     /// Joint torques (N m) that these codes make, after all limits and rounding.
-    pub tau_nm: [f64; 6],
+    pub tau_nm: [f64; N],
     /// Bit j is set when the torque asked of joint j, or the motor of joint j, was limited.
     pub limited: u32,
 }
 
 /// Limits, gears and amplifiers.
 #[derive(Clone, Debug)]
-pub struct Law {
-    transmission: Transmission,
-    drive: Drive,
-    torque_limit_nm: Joints,
+pub struct Law<const N: usize = 6> {
+    transmission: Transmission<N>,
+    drive: Drive<N>,
+    torque_limit_nm: Vector<N>,
 }
 
-impl Law {
+impl<const N: usize> Law<N> {
     /// Limits are at the joints, N m, positive.
     #[must_use]
-    pub fn new(transmission: Transmission, drive: Drive, torque_limit_nm: Joints) -> Law {
+    pub fn new(
+        transmission: Transmission<N>,
+        drive: Drive<N>,
+        torque_limit_nm: Vector<N>,
+    ) -> Law<N> {
         Law { transmission, drive, torque_limit_nm }
     }
 
@@ -36,12 +40,12 @@ impl Law {
     ///
     /// # Errors
     /// [`FaultCode::NotFinite`] when any joint's torque is NaN or infinite.
-    pub fn command(&self, tau_nm: &[f64; 6]) -> Result<Command, FaultCode> {
+    pub fn command(&self, tau_nm: &[f64; N]) -> Result<Command<N>, FaultCode> {
         if !tau_nm.iter().all(|tau| tau.is_finite()) {
             return Err(FaultCode::NotFinite);
         }
         let mut limited = 0;
-        let mut joint_nm = Joints::zeros();
+        let mut joint_nm = Vector::zeros();
         for (i, tau) in tau_nm.iter().enumerate() {
             let limit = self.torque_limit_nm[i];
             joint_nm[i] = tau.clamp(-limit, limit);
@@ -50,8 +54,8 @@ impl Law {
             }
         }
         let asked_nm = self.transmission.motor_torque(&joint_nm);
-        let mut codes = [0; 6];
-        let mut motor_nm = Joints::zeros();
+        let mut codes = [0; N];
+        let mut motor_nm = Vector::zeros();
         for (i, code) in codes.iter_mut().enumerate() {
             *code = self.drive.code(asked_nm[i], i);
             motor_nm[i] = self.drive.torque(*code, i);
@@ -66,29 +70,29 @@ impl Law {
 
     /// What a code on all channels stands for at the joints, N m: for the safe value.
     #[must_use]
-    pub fn torque_of(&self, code: i32) -> [f64; 6] {
-        self.joint_torque(&Joints::from_fn(|i, _| self.drive.torque(code, i)))
+    pub fn torque_of(&self, code: i32) -> [f64; N] {
+        self.joint_torque(&Vector::from_fn(|i, _| self.drive.torque(code, i)))
     }
 
-    fn joint_torque(&self, motor_nm: &Joints) -> [f64; 6] {
+    fn joint_torque(&self, motor_nm: &Vector<N>) -> [f64; N] {
         self.transmission.joint_torque(motor_nm).into()
     }
 }
 
 /// The window in which a joint has to follow: half width `floor + gain * |speed|`.
 #[derive(Clone, Copy, Debug)]
-pub struct Window {
+pub struct Window<const N: usize = 6> {
     /// Half width at rest, rad.
-    pub floor_rad: [f64; 6],
+    pub floor_rad: [f64; N],
     /// Growth with the measured speed, s.
     pub gain_s: f64,
 }
 
-impl Window {
+impl<const N: usize> Window<N> {
     /// True when every joint is inside; the edge belongs to the window, NaN is outside.
     #[must_use]
-    pub fn holds(&self, error_rad: &[f64; 6], qd_rad_s: &[f64; 6]) -> bool {
-        (0..6).all(|i| error_rad[i].abs() <= self.floor_rad[i] + self.gain_s * qd_rad_s[i].abs())
+    pub fn holds(&self, error_rad: &[f64; N], qd_rad_s: &[f64; N]) -> bool {
+        (0..N).all(|i| error_rad[i].abs() <= self.floor_rad[i] + self.gain_s * qd_rad_s[i].abs())
     }
 }
 
@@ -121,6 +125,7 @@ pub fn gate(own: Option<Mode>, told: Mode, torque: bool) -> Gate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use taktil_mechanics::Joints;
 
     fn law(limit: f64) -> Law {
         Law::new(Transmission::reference(), Drive::reference(), Joints::repeat(limit))

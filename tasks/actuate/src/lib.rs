@@ -7,17 +7,19 @@ pub mod law;
 
 use serde::Deserialize;
 use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Kind, LinesOut};
-use taktil_mechanics::Joints;
-use taktil_mechanics::transmission::{Drive, Transmission};
+use taktil_mechanics::arm::Arm;
+use taktil_mechanics::chain::Vector;
+use taktil_mechanics::robot::Robot;
+use taktil_mechanics::transmission::Drive;
 use taktil_rtcore::{
     Cycle, FaultCode, Freshness, Input, Invalid, Io, Mode, Output, Param, Ports, StateHash, Task,
 };
-use taktil_signal::{Applied, ControlState, JointState, Torque};
+use taktil_signal::{Applied, ControlState, JointState, Torque, per_joint};
 
 use law::{Command, Gate, Law, Window, gate};
 
-/// Number of joints of the arm.
-const JOINTS: usize = 6;
+/// Half width of the window of the following error where the configuration gives none, deg.
+const FOLLOWING_FLOOR_DEG: f64 = 5.0;
 /// The window's growth may be edited up to this at least, s.
 const FOLLOWING_GAIN_MAX_S: f64 = 0.2;
 
@@ -25,10 +27,10 @@ const FOLLOWING_GAIN_MAX_S: f64 = 0.2;
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Largest torque at each joint, N m. Default: what the reference drives can make.
-    pub torque_limit_nm: [f64; 6],
+    /// Largest torque at each joint, N m. Default: what the arm's drives and limits allow.
+    pub torque_limit_nm: Option<Vec<f64>>,
     /// Half width at rest of the window in which each joint has to follow, deg. Default: 5.
-    pub following_floor_deg: [f64; 6],
+    pub following_floor_deg: Option<Vec<f64>>,
     /// Growth of that half width with the measured speed, s. Default: 0.05.
     pub following_gain_s: f64,
     /// Failed writes in a row that are let pass. Default: 1.
@@ -37,10 +39,9 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Config {
-        let peak = Drive::reference().peak_joint_torque(&Transmission::reference());
         Config {
-            torque_limit_nm: peak.into(),
-            following_floor_deg: [5.0; 6],
+            torque_limit_nm: None,
+            following_floor_deg: None,
             following_gain_s: 0.05,
             failures_allowed: 1,
         }
@@ -53,7 +54,7 @@ impl Config {
     /// # Errors
     /// The place, what is wrong there, and the way out.
     pub fn check(&self) -> Result<(), Invalid> {
-        for (i, limit) in self.torque_limit_nm.iter().enumerate() {
+        for (i, limit) in self.torque_limit_nm.iter().flatten().enumerate() {
             if !(*limit > 0.0 && *limit <= 1e4) {
                 return Err(Invalid::new(
                     format!("torque_limit_nm[{i}]"),
@@ -62,7 +63,7 @@ impl Config {
                 ));
             }
         }
-        for (i, floor) in self.following_floor_deg.iter().enumerate() {
+        for (i, floor) in self.following_floor_deg.iter().flatten().enumerate() {
             if !(*floor > 0.0 && *floor <= 360.0) {
                 return Err(Invalid::new(
                     format!("following_floor_deg[{i}]"),
@@ -90,29 +91,48 @@ impl Config {
         }
         Ok(())
     }
+
+    /// The window at rest, deg.
+    fn floor_deg<const N: usize>(&self) -> Result<[f64; N], Invalid> {
+        match &self.following_floor_deg {
+            Some(list) => per_joint("following_floor_deg", list),
+            None => Ok([FOLLOWING_FLOOR_DEG; N]),
+        }
+    }
+
+    /// Largest torques at the joints, N m.
+    fn limit_nm<const N: usize, A: Arm<N>>(
+        &self,
+        robot: &Robot<N, A>,
+    ) -> Result<Vector<N>, Invalid> {
+        match &self.torque_limit_nm {
+            Some(list) => per_joint("torque_limit_nm", list).map(|limit: [f64; N]| limit.into()),
+            None => Ok(robot.torque_max_nm),
+        }
+    }
 }
 
 /// The window of the following error as parameters.
 #[derive(Clone, Copy, Debug)]
-struct WindowKnobs {
-    floor_deg: [Param; JOINTS],
+struct WindowKnobs<const N: usize> {
+    floor_deg: [Param; N],
     gain_s: Param,
     /// Values at the last look.
-    seen: ([f64; JOINTS], f64),
+    seen: ([f64; N], f64),
 }
 
-impl WindowKnobs {
-    fn new(config: &Config, ports: &mut Ports) -> WindowKnobs {
+impl<const N: usize> WindowKnobs<N> {
+    fn new(config: &Config, floor_deg: [f64; N], ports: &mut Ports) -> WindowKnobs<N> {
         let gain_max_s = (4.0 * config.following_gain_s).max(FOLLOWING_GAIN_MAX_S);
         WindowKnobs {
-            floor_deg: ports.tunables("following_floor_deg", config.following_floor_deg),
+            floor_deg: ports.tunables("following_floor_deg", floor_deg),
             gain_s: ports.parameter("following_gain_s", config.following_gain_s, 0.0..=gain_max_s),
-            seen: (config.following_floor_deg, config.following_gain_s),
+            seen: (floor_deg, config.following_gain_s),
         }
     }
 
     /// The window after an edit; nothing when there was none.
-    fn edited(&mut self, io: &Io<'_>) -> Option<Window> {
+    fn edited(&mut self, io: &Io<'_>) -> Option<Window<N>> {
         let now = (io.parameters(&self.floor_deg), io.parameter(self.gain_s));
         if now == self.seen {
             return None;
@@ -146,52 +166,51 @@ impl Patience {
 }
 
 /// The task.
-pub struct Actuate {
+pub struct Actuate<const N: usize = 6> {
     analog: Box<dyn AnalogOut>,
     digital: Box<dyn DigitalOut>,
-    law: Law,
-    window: Window,
-    window_knobs: WindowKnobs,
-    safe: Command,
+    law: Law<N>,
+    window: Window<N>,
+    window_knobs: WindowKnobs<N>,
+    safe: Command<N>,
     analog_patience: Patience,
     digital_patience: Patience,
     feed: bool,
-    torque: Input<Torque>,
+    torque: Input<Torque<N>>,
     control: Input<ControlState>,
-    joints: Input<JointState>,
-    applied: Output<Applied>,
+    joints: Input<JointState<N>>,
+    applied: Output<Applied<N>>,
 }
 
-impl Actuate {
+impl<const N: usize> Actuate<N> {
     /// Declares the ports: in `torque`, `control`, `joints`, out `applied`; the parameters
-    /// `following_floor_deg` (six) and `following_gain_s`.
+    /// `following_floor_deg` (one a joint) and `following_gain_s`.
     ///
     /// # Errors
-    /// What [`Config::check`] refuses, and a D/A board with fewer than six channels or a narrower
+    /// What [`Config::check`] refuses, and a D/A board with fewer channels than joints or a narrower
     /// range than the drives' codes.
-    pub fn new(
+    pub fn new<A: Arm<N>>(
         config: Config,
+        robot: &Robot<N, A>,
         analog: Box<dyn AnalogOut>,
         digital: Box<dyn DigitalOut>,
         ports: &mut Ports,
-    ) -> Result<Actuate, Invalid> {
+    ) -> Result<Actuate<N>, Invalid> {
         config.check()?;
-        let drive = Drive::reference();
-        check_board(analog.as_ref(), &drive)?;
-        let limit_nm = Joints::from(config.torque_limit_nm);
-        let law = Law::new(Transmission::reference(), drive, limit_nm);
+        check_board(analog.as_ref(), &robot.drive)?;
+        let floor_deg = config.floor_deg()?;
+        let law = Law::new(robot.gears, robot.drive, config.limit_nm(robot)?);
         let DacCode(safe_code) = analog.safe_value();
-        let safe =
-            Command { codes: [safe_code; JOINTS], tau_nm: law.torque_of(safe_code), limited: 0 };
+        let safe = Command { codes: [safe_code; N], tau_nm: law.torque_of(safe_code), limited: 0 };
         let patience = Patience { allowed: config.failures_allowed, failed: 0 };
-        let window_knobs = WindowKnobs::new(&config, ports);
+        let window_knobs = WindowKnobs::new(&config, floor_deg, ports);
         Ok(Actuate {
             window_knobs,
             analog,
             digital,
             law,
             window: Window {
-                floor_rad: config.following_floor_deg.map(f64::to_radians),
+                floor_rad: floor_deg.map(f64::to_radians),
                 gain_s: config.following_gain_s,
             },
             safe,
@@ -209,7 +228,7 @@ impl Actuate {
     fn commit(
         &mut self,
         cycle: &Cycle,
-        command: &Command,
+        command: &Command<N>,
         lines: &LinesOut,
     ) -> Result<(), FaultCode> {
         let mut codes = [self.analog.safe_value(); CHANNELS];
@@ -236,12 +255,12 @@ impl Actuate {
     }
 }
 
-fn check_board(analog: &dyn AnalogOut, drive: &Drive) -> Result<(), Invalid> {
-    if analog.channels() < JOINTS {
+fn check_board<const N: usize>(analog: &dyn AnalogOut, drive: &Drive<N>) -> Result<(), Invalid> {
+    if analog.channels() < N {
         return Err(Invalid::new(
             "",
             format!("the D/A board has {} channels", analog.channels()),
-            "wire a board with six outputs",
+            format!("wire a board with {N} outputs"),
         ));
     }
     let (DacCode(low), DacCode(high)) = analog.code_range();
@@ -258,7 +277,7 @@ fn check_board(analog: &dyn AnalogOut, drive: &Drive) -> Result<(), Invalid> {
     Ok(())
 }
 
-impl Task for Actuate {
+impl<const N: usize> Task for Actuate<N> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         self.window = self.window_knobs.edited(io).unwrap_or(self.window);
         let control = io.read(&self.control).fresh();
@@ -299,7 +318,7 @@ impl Task for Actuate {
         lines.watchdog_feed = self.feed;
         let committed = self.commit(cycle, &command, &lines);
         let mut dac = [self.analog.safe_value().0; CHANNELS];
-        dac[..JOINTS].copy_from_slice(&command.codes);
+        dac[..N].copy_from_slice(&command.codes);
         let applied = Applied {
             tau_nm: command.tau_nm,
             dac,
@@ -319,7 +338,7 @@ impl Task for Actuate {
     }
 }
 
-impl Drop for Actuate {
+impl<const N: usize> Drop for Actuate<N> {
     fn drop(&mut self) {
         self.make_safe();
     }
@@ -334,17 +353,23 @@ mod tests {
     fn the_default_configuration_is_sound_and_at_the_drives_peak() {
         let config = Config::default();
         assert_eq!(config.check(), Ok(()));
-        assert!((config.torque_limit_nm[0] - 12.848).abs() < 1e-3);
+        let robot = Robot::puma260();
+        assert!((config.limit_nm(&robot).unwrap()[0] - 12.848).abs() < 1e-3);
+        assert_eq!(config.floor_deg(), Ok([5.0; 6]));
+        let short = Config { torque_limit_nm: Some(vec![1.0; 5]), ..Config::default() };
+        assert_eq!(short.limit_nm(&robot).unwrap_err().place, "torque_limit_nm");
+        let long = Config { following_floor_deg: Some(vec![1.0; 7]), ..Config::default() };
+        assert_eq!(long.floor_deg::<6>().unwrap_err().place, "following_floor_deg");
     }
 
     #[test]
     fn unusable_settings_are_refused_with_their_place() {
         for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
-            let mut config = Config::default();
-            config.torque_limit_nm[2] = bad;
+            let limits = Some(vec![1.0, 1.0, bad]);
+            let config = Config { torque_limit_nm: limits, ..Config::default() };
             assert_eq!(config.check().unwrap_err().place, "torque_limit_nm[2]", "{bad}");
-            let mut config = Config::default();
-            config.following_floor_deg[5] = bad;
+            let floors = Some(vec![1.0, 1.0, 1.0, 1.0, 1.0, bad]);
+            let config = Config { following_floor_deg: floors, ..Config::default() };
             assert_eq!(config.check().unwrap_err().place, "following_floor_deg[5]", "{bad}");
         }
         for bad in [f64::NAN, -0.1, 10.1] {

@@ -2,6 +2,7 @@
 
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Error, Kind, LinesOut};
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::status::ModeStatus;
 use taktil_rtcore::{Cycle, FaultCode, Io, Mode, Nanos, Output, Payload, Task};
 use taktil_signal::{Applied, ControlState, JointState, Torque};
@@ -176,8 +177,8 @@ fn run(
         })
     });
     bench.task(lane, "actuate", |ports| {
-        let config = Config { torque_limit_nm: [2.0; 6], ..Config::default() };
-        Actuate::new(config, analog, digital, ports)
+        let config = Config { torque_limit_nm: Some(vec![2.0; 6]), ..Config::default() };
+        Actuate::new(config, &Robot::puma260(), analog, digital, ports)
     });
     for port in ["control", "joints", "torque"] {
         bench.bind(&format!("actuate.{port}"), &format!("others.{port}"));
@@ -327,7 +328,9 @@ fn a_task_that_is_dropped_leaves_the_boards_safe() {
     let (digital, lines) = board(never, 2048);
     let mut bench = Bench::new();
     let lane = bench.servo();
-    bench.task(lane, "actuate", |ports| Actuate::new(Config::default(), analog, digital, ports));
+    bench.task(lane, "actuate", |ports| {
+        Actuate::new(Config::default(), &Robot::puma260(), analog, digital, ports)
+    });
     drop(bench);
     assert_eq!(drained(codes), [(Nanos::ZERO, Told::Safe)]);
     assert_eq!(drained(lines), [(Nanos::ZERO, Told::Safe)]);
@@ -339,7 +342,8 @@ fn a_converter_narrower_than_the_drives_is_refused() {
     let (digital, _lines) = board(never, 2048);
     let mut bench = Bench::new();
     let lane = bench.servo();
-    let refused = bench
-        .refused(lane, "actuate", |ports| Actuate::new(Config::default(), analog, digital, ports));
+    let refused = bench.refused(lane, "actuate", |ports| {
+        Actuate::new(Config::default(), &Robot::puma260(), analog, digital, ports)
+    });
     assert!(refused.what.contains("1023"), "{refused}");
 }

@@ -4,23 +4,24 @@
 //! reach) its joints are braked within their accelerations, as far ahead as they need.
 
 use glam::DVec3;
+use taktil_mechanics::arm::{Arm, Follow, Lost};
+use taktil_mechanics::chain::Vector;
 use taktil_mechanics::puma260::Puma260;
-use taktil_mechanics::puma260::follow::{Follower, Lost};
-use taktil_mechanics::spatial::{rotation_of, wrap_angle};
+use taktil_mechanics::spatial::rotation_of;
 use taktil_mechanics::{Joints, Pose};
 use taktil_rtcore::StateHash;
 use taktil_signal::JogFrame;
 
-/// Share of each joint's largest speed at which a moving tool may lead it: the heavy ones less.
-const LED_SHARE: [f64; 6] = [0.3, 0.3, 0.3, 0.6, 0.6, 0.6];
+/// Share of each joint's largest speed at which a moving tool may lead it: the heavy ones, which are
+/// the first, less.
+const LED_SHARE: [f64; 2] = [0.3, 0.6];
+/// How many joints are heavy.
+const HEAVY: usize = 3;
 /// How often, and by how much beyond what is needed, the tool slows down for a joint in one job.
 const SLOWER: u32 = 6;
 const SLOWER_BY: f64 = 1.02;
 /// Below this share of its speed the tool stands.
 const CREEPING: f64 = 1e-6;
-/// How far from a singularity joints 1 and 3 are stopped (rad): at the singularity itself no tool
-/// is slow enough for them to come back.
-const EDGE_RAD: f64 = 0.01;
 /// How often the speed is mended in one job until the joints' accelerations are those planned.
 const REFINED: u32 = 4;
 /// Share of each joint's largest acceleration with which it is braked before its edge, so that the
@@ -31,9 +32,9 @@ const PLANNED_SHARE: f64 = 0.75;
 
 /// Speeds and accelerations of jogging.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rates {
+pub struct Rates<const N: usize = 6> {
     /// Of each joint at full push (rad/s).
-    pub joints_rad_s: Joints,
+    pub joints_rad_s: Vector<N>,
     /// Time in which an axis ramps from rest to full speed (s).
     pub ramp_s: f64,
     /// Of the tool point at full push (m/s).
@@ -65,67 +66,67 @@ impl Push {
 
 /// Motion under way.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Law {
-    arm: Puma260,
-    rates: Rates,
+pub struct Law<const N: usize = 6, A: Arm<N> = Puma260> {
+    arm: A,
+    rates: Rates<N>,
     /// Where the joints are to be (rad).
-    q: Joints,
+    q: Vector<N>,
     /// Their speeds in the last job (rad/s).
-    qd: Joints,
+    qd: Vector<N>,
     /// Speeds of the axes at hand: rad/s of joints, or m/s and rad/s of the tool.
     speed: Joints,
     frame: JogFrame,
     /// Leads the tool while it moves.
-    follower: Follower,
+    follower: A::Follower,
     /// Limits apply: the zeros of the joints are known.
     limited: bool,
 }
 
 /// A speed of the tool that the arm can follow.
-struct Tried {
+struct Tried<const N: usize, F> {
     speed: Joints,
-    follower: Follower,
+    follower: F,
     /// Speeds of the joints (rad/s).
-    qd: Joints,
+    qd: Vector<N>,
 }
 
 /// What one job of jogging comes to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Step {
+pub struct Step<const N: usize = 6> {
     /// Joints (rad).
-    pub q: Joints,
+    pub q: Vector<N>,
     /// Their speeds (rad/s).
-    pub qd: Joints,
+    pub qd: Vector<N>,
     /// What stands in the way of the tool.
     pub blocked: Option<Lost>,
 }
 
-impl Law {
+impl<const N: usize, A: Arm<N>> Law<N, A> {
     /// At rest at `q` (rad); without `limited` the angles mean nothing and no limit applies.
     #[must_use]
-    pub fn new(arm: &Puma260, rates: &Rates, q: &Joints, limited: bool) -> Law {
+    pub fn new(arm: &A, rates: &Rates<N>, q: &Vector<N>, limited: bool) -> Law<N, A> {
         // The tool leads no joint faster than the share at which a hand can guide it.
-        let led = arm.speed_max_rad_s.component_mul(&Joints::from(LED_SHARE));
-        let arm = &Puma260 { speed_max_rad_s: led, ..*arm };
+        let share = Vector::from_fn(|i, _| LED_SHARE[usize::from(i >= HEAVY)]);
+        let arm = arm.with_speed_max(&arm.speed_max().component_mul(&share));
         Law {
-            arm: *arm,
+            arm,
             rates: *rates,
             q: *q,
-            qd: Joints::zeros(),
+            qd: Vector::zeros(),
             speed: Joints::zeros(),
             frame: JogFrame::Joints,
-            follower: Follower::new(arm, q),
+            follower: arm.follower(q),
             limited,
         }
     }
 
     /// One job of `dt_s` (s). Another frame than that in motion counts once the motion has ended.
-    pub fn step(&mut self, push: &Push, dt_s: f64) -> Step {
+    pub fn step(&mut self, push: &Push, dt_s: f64) -> Step<N> {
         let moving = self.speed != Joints::zeros();
         let axes = if moving && push.frame != self.frame { [0.0; 6] } else { push.clean() };
         if !moving {
             self.frame = push.frame;
-            self.follower = Follower::new(&self.arm, &self.q);
+            self.follower = self.arm.follower(&self.q);
         }
         match self.frame {
             JogFrame::Joints => {
@@ -161,19 +162,20 @@ impl Law {
     fn full(&self) -> Joints {
         let Rates { joints_rad_s, line_m_s: v, turn_rad_s: w, .. } = self.rates;
         match self.frame {
-            JogFrame::Joints => joints_rad_s,
+            // The axes of a hand are six: joints behind them stand.
+            JogFrame::Joints => Joints::from_fn(|i, _| joints_rad_s.get(i).copied().unwrap_or(0.0)),
             JogFrame::Base | JogFrame::Tool => Joints::new(v, v, v, w, w, w),
         }
     }
 
-    fn joints(&mut self, dt_s: f64) -> Step {
+    fn joints(&mut self, dt_s: f64) -> Step<N> {
         let full = self.full();
         let before = self.q;
-        for joint in 0..6 {
+        for joint in 0..N.min(6) {
             if self.limited {
                 let brake = full[joint] / self.rates.ramp_s;
-                let low = (self.q[joint] - self.arm.q_min_rad[joint]).max(0.0);
-                let high = (self.arm.q_max_rad[joint] - self.q[joint]).max(0.0);
+                let low = (self.q[joint] - self.arm.q_min()[joint]).max(0.0);
+                let high = (self.arm.q_max()[joint] - self.q[joint]).max(0.0);
                 let speed = self.speed[joint];
                 self.speed[joint] =
                     speed.max(-stoppable(low, brake, dt_s)).min(stoppable(high, brake, dt_s));
@@ -186,13 +188,13 @@ impl Law {
 
     /// The tool at the speed that the ramp gives, or at the one that it had `before`, faster or
     /// slower by what the joints' accelerations need.
-    fn tool(&mut self, before: &Joints, dt_s: f64) -> Step {
+    fn tool(&mut self, before: &Joints, dt_s: f64) -> Step<N> {
         let ramped = self.speed;
         let share = if *before == Joints::zeros() { 0.0 } else { ramped.norm() / before.norm() };
         let mut blocked = None;
         for (speed, wanted) in [(ramped, 1.0), (*before, share)] {
             if speed == Joints::zeros() {
-                if self.reachable(&Joints::zeros(), dt_s) {
+                if self.reachable(&Vector::zeros(), dt_s) {
                     break;
                 }
                 continue;
@@ -208,18 +210,18 @@ impl Law {
 
     /// Where the tool can go on neither way the joints are braked, all by the same share, as fast
     /// as they can be: on the last of the way the tool is not led.
-    fn coast(&mut self, dt_s: f64, blocked: Option<Lost>) -> Step {
+    fn coast(&mut self, dt_s: f64, blocked: Option<Lost>) -> Step<N> {
         let mut left = 0.0f64;
-        for joint in 0..6 {
-            let change = PLANNED_SHARE * self.arm.acceleration_max_rad_s2[joint] * dt_s;
+        for joint in 0..N {
+            let change = PLANNED_SHARE * self.arm.acceleration_max()[joint] * dt_s;
             left = left.max(1.0 - change / self.qd[joint].abs().max(change));
         }
         self.qd *= left;
         self.speed *= left;
         if left > 0.0 {
             let ahead = self.q + self.qd * dt_s;
-            self.q = ahead.sup(&self.arm.q_min_rad).inf(&self.arm.q_max_rad);
-            self.follower = Follower::new(&self.arm, &self.q);
+            self.q = ahead.sup(self.arm.q_min()).inf(self.arm.q_max());
+            self.follower = self.arm.follower(&self.q);
             return Step { q: self.q, qd: self.qd, blocked: None };
         }
         self.speed = Joints::zeros();
@@ -228,7 +230,7 @@ impl Law {
 
     /// Moves the tool at `wanted` times `speed`, or as near to it as the joints can be accelerated
     /// and braked before their edges; `Ok(None)` when that takes another direction.
-    fn try_to(&mut self, speed: Joints, wanted: f64, dt_s: f64) -> Result<Option<Step>, Lost> {
+    fn try_to(&mut self, speed: Joints, wanted: f64, dt_s: f64) -> Result<Option<Step<N>>, Lost> {
         let mut scale = 1.0;
         let mut tried = self.able(speed, dt_s)?;
         // The arm's geometry bends: a step scaled is not quite the scaled step.
@@ -256,7 +258,7 @@ impl Law {
 
     /// Near a singularity the tool slows down and the joint keeps its speed: the fastest at which
     /// the arm can follow, and the joints' speeds then.
-    fn able(&self, mut speed: Joints, dt_s: f64) -> Result<Tried, Lost> {
+    fn able(&self, mut speed: Joints, dt_s: f64) -> Result<Tried<N, A::Follower>, Lost> {
         let mut why = Lost::TooFast { joint: 2, ratio: SLOWER_BY };
         for _ in 0..SLOWER {
             match self.trial(&speed, dt_s) {
@@ -275,7 +277,7 @@ impl Law {
     }
 
     /// Where the joints are led in one job at this speed of the tool.
-    fn trial(&self, speed: &Joints, dt_s: f64) -> Result<(Follower, Joints), Lost> {
+    fn trial(&self, speed: &Joints, dt_s: f64) -> Result<(A::Follower, Vector<N>), Lost> {
         let mut follower = self.follower;
         let got = follower.step(&self.displaced(speed, dt_s), dt_s)?;
         if got.off_rad <= self.rates.off_max_rad {
@@ -286,10 +288,10 @@ impl Law {
 
     /// Between which multiples of the speeds `qd` (rad/s) every joint's acceleration is one that it
     /// has; the first is larger than the second when there is none.
-    fn between(&self, qd: &Joints, dt_s: f64) -> (f64, f64) {
+    fn between(&self, qd: &Vector<N>, dt_s: f64) -> (f64, f64) {
         let (mut least, mut most) = (0.0f64, f64::INFINITY);
-        for joint in 0..6 {
-            let change = PLANNED_SHARE * self.arm.acceleration_max_rad_s2[joint] * dt_s;
+        for joint in 0..N {
+            let change = PLANNED_SHARE * self.arm.acceleration_max()[joint] * dt_s;
             let (low, high) = (self.qd[joint] - change, self.qd[joint] + change);
             let speed = qd[joint];
             if speed != 0.0 {
@@ -303,44 +305,22 @@ impl Law {
     }
 
     /// Whether the joints can have the speeds `qd` (rad/s) in one job.
-    fn reachable(&self, qd: &Joints, dt_s: f64) -> bool {
-        let change = self.arm.acceleration_max_rad_s2 * dt_s;
-        (0..6).all(|joint| (qd[joint] - self.qd[joint]).abs() <= change[joint])
+    fn reachable(&self, qd: &Vector<N>, dt_s: f64) -> bool {
+        let change = self.arm.acceleration_max() * dt_s;
+        (0..N).all(|joint| (qd[joint] - self.qd[joint]).abs() <= change[joint])
     }
 
     /// The speed of the joint that is hastiest towards its edge over the one from which it can be
     /// braked before it, when they go to `q` (rad) in `dt_s` (s).
-    fn haste(&self, q: &Joints, dt_s: f64) -> f64 {
+    fn haste(&self, q: &Vector<N>, dt_s: f64) -> f64 {
         let mut most = f64::MIN_POSITIVE;
-        for joint in 0..6 {
+        for joint in 0..N {
             let way = (q[joint] - self.q[joint]).abs();
-            let brake = BRAKE_SHARE * self.arm.acceleration_max_rad_s2[joint];
-            let allowed = stoppable(self.room(joint, q), brake, dt_s) * dt_s;
+            let brake = BRAKE_SHARE * self.arm.acceleration_max()[joint];
+            let allowed = stoppable(self.arm.room(joint, &self.q, q), brake, dt_s) * dt_s;
             most = most.max(way / allowed.max(f64::MIN_POSITIVE));
         }
         most
-    }
-
-    /// How far a joint can turn on the way to `q` (rad): to its limit; joint 1 not to where the
-    /// wrist centre is beside its axis, nor joint 3 to where the arm is stretched.
-    fn room(&self, joint: usize, q: &Joints) -> f64 {
-        let (here, arm) = (&self.q, &self.arm);
-        let up = q[joint] > here[joint];
-        let limit = if up {
-            arm.q_max_rad[joint] - here[joint]
-        } else {
-            here[joint] - arm.q_min_rad[joint]
-        };
-        let reach = |q: &Joints| arm.singular_distance(q).shoulder.abs();
-        let opening = |q: &Joints| wrap_angle(q[2] + core::f64::consts::FRAC_PI_2).abs();
-        let singular = match joint {
-            0 if reach(q) < reach(here) => {
-                libm::atan2(reach(here) * (arm.a2_m + arm.d4_m), arm.d3_m.abs()) - EDGE_RAD
-            }
-            2 if opening(q) < opening(here) => opening(here) - EDGE_RAD,
-            _ => f64::INFINITY,
-        };
-        limit.min(singular).max(0.0)
     }
 
     /// Where the tool is after `span_s` (s) at `speed` (m/s, rad/s).

@@ -9,8 +9,10 @@ pub mod law;
 
 use law::{Law, Push, Rates};
 use serde::Deserialize;
-use taktil_mechanics::Joints;
+use taktil_mechanics::arm::Arm;
+use taktil_mechanics::chain::Vector;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Payload, Ports, StateHash, Task,
 };
@@ -75,10 +77,10 @@ impl Config {
         Ok(())
     }
 
-    fn rates(&self, arm: &Puma260, calibrated: bool) -> Rates {
+    fn rates<const N: usize, A: Arm<N>>(&self, arm: &A, calibrated: bool) -> Rates<N> {
         let share = if calibrated { self.speed } else { self.speed_uncalibrated };
         Rates {
-            joints_rad_s: arm.speed_max_rad_s * share,
+            joints_rad_s: arm.speed_max() * share,
             ramp_s: self.ramp_s,
             line_m_s: self.line_mm_s * 1e-3,
             turn_rad_s: self.turn_deg_s.to_radians(),
@@ -89,8 +91,8 @@ impl Config {
 
 /// A stay in one of the MANUAL states.
 #[derive(Clone, Copy, Debug)]
-struct Stay {
-    law: Law,
+struct Stay<const N: usize, A: Arm<N>> {
+    law: Law<N, A>,
     /// When it began.
     entered_ns: i64,
     /// The zero of the angles that it counts from.
@@ -98,33 +100,37 @@ struct Stay {
 }
 
 /// The task.
-pub struct Jog {
+pub struct Jog<const N: usize = 6, A: Arm<N> = Puma260> {
     config: Config,
-    arm: Puma260,
+    arm: A,
     dead_man: Nanos,
     control: Input<ControlState>,
-    desired: Input<Desired>,
-    joints: Input<JointState>,
+    desired: Input<Desired<N>>,
+    joints: Input<JointState<N>>,
     command: Input<JogCommand>,
-    goal: Output<Goal>,
-    stay: Option<Stay>,
+    goal: Output<Goal<N>>,
+    stay: Option<Stay<N, A>>,
     /// Sequence of the newest command, and when it was first seen.
     seen: Option<(u32, Nanos)>,
     last: Option<Nanos>,
 }
 
-impl Jog {
+impl<const N: usize, A: Arm<N>> Jog<N, A> {
     /// Declares `control`, `desired`, `joints`, `command` and `goal`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses.
-    pub fn new(config: Config, ports: &mut Ports) -> Result<Jog, Invalid> {
+    pub fn new(
+        config: Config,
+        robot: &Robot<N, A>,
+        ports: &mut Ports,
+    ) -> Result<Jog<N, A>, Invalid> {
         config.check()?;
         #[expect(clippy::cast_possible_truncation, reason = "at most a tenth of a second")]
         let dead_man = Nanos((config.dead_man_s * 1e9).round() as i64);
         Ok(Jog {
             config,
-            arm: Puma260::reference(),
+            arm: robot.arm,
             dead_man,
             control: ports.input("control"),
             desired: ports.input_delayed("desired"),
@@ -164,8 +170,8 @@ impl Jog {
     fn stay(
         &mut self,
         control: Option<ControlState>,
-        desired: Option<Desired>,
-        joints: Option<JointState>,
+        desired: Option<Desired<N>>,
+        joints: Option<JointState<N>>,
     ) -> Option<State> {
         let control = control?;
         let state = State::from_code(control.state)?;
@@ -187,7 +193,7 @@ impl Jog {
         }
         let rates = self.config.rates(&self.arm, state != State::ManualUncalibrated);
         let limited = state != State::ManualUncalibrated;
-        let law = Law::new(&self.arm, &rates, &Joints::from(start.q_rad), limited);
+        let law = Law::new(&self.arm, &rates, &Vector::from(start.q_rad), limited);
         self.stay = Some(Stay { law, entered_ns: control.entered_ns, datum: joints.datum });
         Some(state)
     }
@@ -199,7 +205,7 @@ fn allowed(state: State, push: Push) -> Push {
     if joints == (state == State::ManualCartesian) { Push::NONE } else { push }
 }
 
-impl Task for Jog {
+impl<const N: usize, A: Arm<N>> Task for Jog<N, A> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let elapsed = self.last.map_or(cycle.dt, |last| cycle.release - last).max(cycle.dt);
         self.last = Some(cycle.release);

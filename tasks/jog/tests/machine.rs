@@ -1,6 +1,7 @@
 //! The task in a machine, in virtual time: hands that hold, let go, fall silent and come back.
 
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::Payload;
 use taktil_signal::{ControlState, Desired, Goal, JogCommand, JogFrame, JointState, State};
 use taktil_tasks_jog::{Config, Jog};
@@ -18,7 +19,7 @@ fn run(
     bench.feed(lane, "control", state);
     bench.feed(lane, "command", keys);
     bench.feed(lane, "joints", joints);
-    bench.task(lane, "jog", |ports| Jog::new(Config::default(), ports));
+    bench.task(lane, "jog", |ports| Jog::new(Config::default(), &Robot::puma260(), ports));
     let desired = Desired { q_rad: START, valid: 1, ..Desired::ZERO };
     bench.feed(lane, "desired", move |_| Some(desired));
     bench.bind_feeds("jog", &["control", "desired", "joints", "command"]);

@@ -1,9 +1,11 @@
 //! `[joint_servo]`: gains and options, checked. Refuses gains that are not positive and finite.
 
 use serde::Deserialize;
-use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::arm::{Arm, Links};
+use taktil_mechanics::chain::Vector;
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::Invalid;
+use taktil_signal::per_joint;
 
 use crate::law::{Gains, Pd};
 use crate::observer::Observer;
@@ -14,18 +16,19 @@ use crate::observer::Observer;
 pub struct Config {
     /// Natural frequency of each joint (rad/s). Default 60: at 400 Hz with half a tick of actuation
     /// delay it keeps a phase margin against stiff contact.
-    pub bandwidth_rad_s: [f64; 6],
+    pub bandwidth_rad_s: Option<Vec<f64>>,
     /// Damping ratio of each joint. Default 1.
-    pub damping: [f64; 6],
+    pub damping: Option<Vec<f64>>,
     /// Inertia that the gains are computed for (kg m^2). Default: the diagonal of the arm's mass
     /// matrix, rotors included, at `inertia_pose_deg`.
-    pub inertia_kg_m2: Option<[f64; 6]>,
-    /// Pose of that mass matrix (deg). Default (0, 40, -153, -180, 67, 180): the finger over a pin.
-    pub inertia_pose_deg: [f64; 6],
+    pub inertia_kg_m2: Option<Vec<f64>>,
+    /// Pose of that mass matrix (deg). Default: where the arm is at work (PUMA 260: 0, 40, -153,
+    /// -180, 67, 180, the finger over a pin), its home pose where nothing else is known.
+    pub inertia_pose_deg: Option<Vec<f64>>,
     /// Torque per angle (N m/rad); replaces what bandwidth and inertia give.
-    pub kp_nm_rad: Option<[f64; 6]>,
+    pub kp_nm_rad: Option<Vec<f64>>,
     /// Torque per rate of the error (N m s/rad); replaces what bandwidth, damping and inertia give.
-    pub kd_nms_rad: Option<[f64; 6]>,
+    pub kd_nms_rad: Option<Vec<f64>>,
     /// Corner of the low-pass on the rate of the error (Hz). Default 60.
     pub derivative_filter_hz: f64,
     /// Takes the rate of the error from an observer with its poles at so many Hz instead: without
@@ -47,16 +50,16 @@ pub struct Config {
     /// Pose in which the arm is taken to stand at power-up (deg): before calibration the gravity
     /// term is that of this pose plus the motion since. Default none: no gravity term before
     /// calibration. Give it only where the arm is posed by hand before power comes on.
-    pub assumed_pose_deg: Option<[f64; 6]>,
+    pub assumed_pose_deg: Option<Vec<f64>>,
 }
 
 impl Default for Config {
     fn default() -> Config {
         Config {
-            bandwidth_rad_s: [60.0; 6],
-            damping: [1.0; 6],
+            bandwidth_rad_s: None,
+            damping: None,
             inertia_kg_m2: None,
-            inertia_pose_deg: [0.0, 40.0, -153.0, -180.0, 67.0, 180.0],
+            inertia_pose_deg: None,
             kp_nm_rad: None,
             kd_nms_rad: None,
             derivative_filter_hz: 60.0,
@@ -70,6 +73,8 @@ impl Default for Config {
     }
 }
 
+/// Natural frequency of a joint where the configuration gives none (rad/s).
+const BANDWIDTH_RAD_S: f64 = 60.0;
 /// Above this no number of the table can be meant.
 const HUGE: f64 = 1e6;
 
@@ -78,8 +83,8 @@ impl Config {
     /// A number that is not finite, not positive or huge.
     pub fn check(&self) -> Result<(), Invalid> {
         let lists = [
-            ("bandwidth_rad_s", Some(&self.bandwidth_rad_s)),
-            ("damping", Some(&self.damping)),
+            ("bandwidth_rad_s", self.bandwidth_rad_s.as_ref()),
+            ("damping", self.damping.as_ref()),
             ("inertia_kg_m2", self.inertia_kg_m2.as_ref()),
             ("kp_nm_rad", self.kp_nm_rad.as_ref()),
             ("kd_nms_rad", self.kd_nms_rad.as_ref()),
@@ -90,7 +95,7 @@ impl Config {
             }
         }
         let poses = [
-            ("inertia_pose_deg", Some(&self.inertia_pose_deg)),
+            ("inertia_pose_deg", self.inertia_pose_deg.as_ref()),
             ("assumed_pose_deg", self.assumed_pose_deg.as_ref()),
         ];
         let angles = poses.into_iter().flat_map(|(name, pose)| {
@@ -119,45 +124,84 @@ impl Config {
         positive("derivative_filter_hz", self.derivative_filter_hz)
     }
 
-    /// The gains that the table stands for.
-    #[must_use]
-    pub fn gains(&self, dynamics: &Dynamics) -> Gains {
-        self.gains_for(&self.inertia(dynamics))
+    /// What the table stands for on an arm.
+    ///
+    /// # Errors
+    /// A list of another length than the arm.
+    pub fn tuning<const N: usize, A: Arm<N>>(
+        &self,
+        robot: &Robot<N, A>,
+    ) -> Result<Tuning<N>, Invalid> {
+        let list = |place: &str, list: &Option<Vec<f64>>| {
+            list.as_ref().map(|list| per_joint::<N>(place, list)).transpose()
+        };
+        let bandwidth = list("bandwidth_rad_s", &self.bandwidth_rad_s)?;
+        let damping = list("damping", &self.damping)?;
+        let pose = radians(list("inertia_pose_deg", &self.inertia_pose_deg)?);
+        let inertia = match list("inertia_kg_m2", &self.inertia_kg_m2)? {
+            Some(inertia) => Vector::from(inertia),
+            None => robot.links.mass_matrix(&pose.unwrap_or(robot.at_work_rad)).diagonal(),
+        };
+        Ok(Tuning {
+            bandwidth_rad_s: bandwidth.unwrap_or([BANDWIDTH_RAD_S; N]),
+            damping: damping.unwrap_or([1.0; N]),
+            inertia_kg_m2: inertia,
+            kp_nm_rad: list("kp_nm_rad", &self.kp_nm_rad)?,
+            kd_nms_rad: list("kd_nms_rad", &self.kd_nms_rad)?,
+            filter_hz: self.derivative_filter_hz,
+            observer_hz: self.observer_hz,
+            assumed_rad: radians(list("assumed_pose_deg", &self.assumed_pose_deg)?),
+        })
     }
+}
 
-    /// The law that the table stands for.
+fn radians<const N: usize>(degrees: Option<[f64; N]>) -> Option<Vector<N>> {
+    degrees.map(|degrees| Vector::from(degrees.map(f64::to_radians)))
+}
+
+/// The table for an arm, complete.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tuning<const N: usize = 6> {
+    /// Natural frequencies (rad/s).
+    pub bandwidth_rad_s: [f64; N],
+    /// Damping ratios.
+    pub damping: [f64; N],
+    /// Inertia that the gains are computed for (kg m^2).
+    pub inertia_kg_m2: Vector<N>,
+    /// Torque per angle (N m/rad), in place of what bandwidth and inertia give.
+    pub kp_nm_rad: Option<[f64; N]>,
+    /// Torque per rate of the error (N m s/rad), likewise.
+    pub kd_nms_rad: Option<[f64; N]>,
+    /// Corner of the rate's low-pass (Hz).
+    pub filter_hz: f64,
+    /// Poles of the observer (Hz), where there is one.
+    pub observer_hz: Option<f64>,
+    /// Where the arm is taken to stand before it is calibrated (rad).
+    pub assumed_rad: Option<Vector<N>>,
+}
+
+impl<const N: usize> Tuning<N> {
+    /// The gains.
     #[must_use]
-    pub fn law(&self, dynamics: &Dynamics) -> Pd {
-        let law = Pd::new(self.gains(dynamics), self.derivative_filter_hz);
-        match self.observer_hz {
-            Some(hz) => law.observed(Observer::new(&self.inertia(dynamics), hz)),
-            None => law,
+    pub fn gains(&self) -> Gains<N> {
+        let placed = Gains::placed(
+            &self.inertia_kg_m2,
+            &Vector::from(self.bandwidth_rad_s),
+            &Vector::from(self.damping),
+        );
+        Gains {
+            kp_nm_rad: self.kp_nm_rad.map_or(placed.kp_nm_rad, Vector::from),
+            kd_nms_rad: self.kd_nms_rad.map_or(placed.kd_nms_rad, Vector::from),
         }
     }
 
-    /// The inertia that the gains are computed for (kg m^2).
+    /// The law.
     #[must_use]
-    pub fn inertia(&self, dynamics: &Dynamics) -> Joints {
-        self.inertia_kg_m2.map_or_else(
-            || {
-                let pose = Joints::from(self.inertia_pose_deg.map(f64::to_radians));
-                dynamics.mass_matrix(&pose).diagonal()
-            },
-            Joints::from,
-        )
-    }
-
-    /// The gains for this inertia.
-    #[must_use]
-    pub fn gains_for(&self, inertia: &Joints) -> Gains {
-        let placed = Gains::placed(
-            inertia,
-            &Joints::from(self.bandwidth_rad_s),
-            &Joints::from(self.damping),
-        );
-        Gains {
-            kp_nm_rad: self.kp_nm_rad.map_or(placed.kp_nm_rad, Joints::from),
-            kd_nms_rad: self.kd_nms_rad.map_or(placed.kd_nms_rad, Joints::from),
+    pub fn law(&self) -> Pd<N> {
+        let law = Pd::new(self.gains(), self.filter_hz);
+        match self.observer_hz {
+            Some(hz) => law.observed(Observer::new(&self.inertia_kg_m2, hz)),
+            None => law,
         }
     }
 }
@@ -192,39 +236,61 @@ mod tests {
         }
         assert_eq!(refused(|c| c.friction_speed_rad_s = 0.0), "friction_speed_rad_s");
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e7] {
-            assert_eq!(refused(|c| c.bandwidth_rad_s[2] = bad), "bandwidth_rad_s[2]");
-            assert_eq!(refused(|c| c.damping[0] = bad), "damping[0]");
+            assert_eq!(
+                refused(|c| c.bandwidth_rad_s = Some(vec![1.0, 1.0, bad])),
+                "bandwidth_rad_s[2]"
+            );
+            assert_eq!(refused(|c| c.damping = Some(vec![bad])), "damping[0]");
             assert_eq!(refused(|c| c.derivative_filter_hz = bad), "derivative_filter_hz");
             assert_eq!(refused(|c| c.observer_hz = Some(bad)), "observer_hz");
             assert_eq!(
-                refused(|c| c.kp_nm_rad = Some([1.0, 1.0, 1.0, 1.0, 1.0, bad])),
+                refused(|c| c.kp_nm_rad = Some(vec![1.0, 1.0, 1.0, 1.0, 1.0, bad])),
                 "kp_nm_rad[5]"
             );
-            assert_eq!(refused(|c| c.kd_nms_rad = Some([bad; 6])), "kd_nms_rad[0]");
-            assert_eq!(refused(|c| c.inertia_kg_m2 = Some([bad; 6])), "inertia_kg_m2[0]");
+            assert_eq!(refused(|c| c.kd_nms_rad = Some(vec![bad; 6])), "kd_nms_rad[0]");
+            assert_eq!(refused(|c| c.inertia_kg_m2 = Some(vec![bad; 6])), "inertia_kg_m2[0]");
         }
-        assert_eq!(refused(|c| c.inertia_pose_deg[1] = f64::NAN), "inertia_pose_deg[1]");
-        let far = Some([0.0, 0.0, 0.0, 0.0, 0.0, -721.0]);
+        assert_eq!(
+            refused(|c| c.inertia_pose_deg = Some(vec![0.0, f64::NAN])),
+            "inertia_pose_deg[1]"
+        );
+        let far = Some(vec![0.0, 0.0, 0.0, 0.0, 0.0, -721.0]);
         assert_eq!(refused(|c| c.assumed_pose_deg = far), "assumed_pose_deg[5]");
     }
 
     #[test]
     fn gains_come_from_the_mass_matrix_unless_given() {
-        let arm = Dynamics::reference();
-        let gains = Config::default().gains(&arm);
+        let robot = Robot::puma260();
+        let gains = Config::default().tuning(&robot).unwrap().gains();
         for joint in 0..6 {
             let inertia = gains.kp_nm_rad[joint] / 3600.0;
-            assert!(inertia > arm.reflected_kg_m2[joint], "joint {joint}: {inertia}");
+            assert!(inertia > robot.links.reflected_kg_m2[joint], "joint {joint}: {inertia}");
             let kd = gains.kd_nms_rad[joint];
             assert!((kd - 120.0 * inertia).abs() < 1e-12 * kd);
         }
         let given = Config {
-            kp_nm_rad: Some([7.0; 6]),
-            inertia_kg_m2: Some([2.0; 6]),
+            kp_nm_rad: Some(vec![7.0; 6]),
+            inertia_kg_m2: Some(vec![2.0; 6]),
             ..Config::default()
         };
-        let gains = given.gains(&arm);
-        assert_eq!(gains.kp_nm_rad, Joints::repeat(7.0));
-        assert_eq!(gains.kd_nms_rad, Joints::repeat(240.0));
+        let gains = given.tuning(&robot).unwrap().gains();
+        assert_eq!(gains.kp_nm_rad, Vector::<6>::repeat(7.0));
+        assert_eq!(gains.kd_nms_rad, Vector::<6>::repeat(240.0));
+        let lists: [(&str, fn(&mut Config, Vec<f64>)); 7] = [
+            ("bandwidth_rad_s", |c, x| c.bandwidth_rad_s = Some(x)),
+            ("damping", |c, x| c.damping = Some(x)),
+            ("inertia_kg_m2", |c, x| c.inertia_kg_m2 = Some(x)),
+            ("inertia_pose_deg", |c, x| c.inertia_pose_deg = Some(x)),
+            ("kp_nm_rad", |c, x| c.kp_nm_rad = Some(x)),
+            ("kd_nms_rad", |c, x| c.kd_nms_rad = Some(x)),
+            ("assumed_pose_deg", |c, x| c.assumed_pose_deg = Some(x)),
+        ];
+        for (place, set) in lists {
+            for length in [0, 5, 7] {
+                let mut config = Config::default();
+                set(&mut config, vec![1.0; length]);
+                assert_eq!(config.tuning(&robot).unwrap_err().place, place, "{length}");
+            }
+        }
     }
 }

@@ -7,26 +7,31 @@
 //! the rate goes through a first-order low-pass first (backward Euler: `r += a ((e - e_last)/dt -
 //! r)` with `a = w dt/(1 + w dt)`, stable for every dt).
 
-use taktil_mechanics::Joints;
+use taktil_mechanics::arm::Links;
+use taktil_mechanics::chain::Vector;
 use taktil_mechanics::dynamics::{Dynamics, Friction};
 use taktil_rtcore::{Fold, StateHash};
 
 use crate::observer::Observer;
 
-/// Gains of the six joints.
+/// Gains of the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Gains {
+pub struct Gains<const N: usize = 6> {
     /// Torque per angle (N m/rad).
-    pub kp_nm_rad: Joints,
+    pub kp_nm_rad: Vector<N>,
     /// Torque per rate (N m s/rad).
-    pub kd_nms_rad: Joints,
+    pub kd_nms_rad: Vector<N>,
 }
 
-impl Gains {
+impl<const N: usize> Gains<N> {
     /// Gains that give a free joint of inertia `inertia_kg_m2` the characteristic polynomial
     /// `s^2 + 2 damping w s + w^2`: `kp = I w^2`, `kd = 2 damping w I`.
     #[must_use]
-    pub fn placed(inertia_kg_m2: &Joints, bandwidth_rad_s: &Joints, damping: &Joints) -> Gains {
+    pub fn placed(
+        inertia_kg_m2: &Vector<N>,
+        bandwidth_rad_s: &Vector<N>,
+        damping: &Vector<N>,
+    ) -> Gains<N> {
         let kd_over_damping = 2.0 * inertia_kg_m2.component_mul(bandwidth_rad_s);
         Gains {
             kp_nm_rad: inertia_kg_m2.component_mul(&bandwidth_rad_s.component_mul(bandwidth_rad_s)),
@@ -38,7 +43,7 @@ impl Gains {
 /// Torque that the desired motion takes by the model, before any error: friction along it, inertia
 /// and Coriolis of it. Gravity is apart, because it is wanted at rest too.
 #[derive(Clone, Debug)]
-pub struct Ahead {
+pub struct Ahead<const N: usize = 6, L = Dynamics> {
     /// Share of the friction that is added.
     pub friction_share: f64,
     /// Speed at which half of Coulomb's friction is added (rad/s).
@@ -46,30 +51,35 @@ pub struct Ahead {
     /// Share of inertia and Coriolis that is added.
     pub acceleration_share: f64,
     /// The arm's friction.
-    pub friction: Friction,
+    pub friction: Friction<N>,
     /// The arm's links and motors.
-    pub dynamics: Dynamics,
+    pub dynamics: L,
     /// Speed desired in the last job (rad/s).
-    last_rad_s: Option<Joints>,
+    last_rad_s: Option<Vector<N>>,
 }
 
-impl Fold for Ahead {
+impl<const N: usize, L> Fold for Ahead<N, L> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.last_rad_s.is_some());
-        hash.add(self.last_rad_s.unwrap_or_default().as_slice());
+        hash.add(self.last_rad_s.unwrap_or_else(Vector::zeros).as_slice());
     }
 }
 
-impl Ahead {
-    /// Nothing was desired before.
+impl<const N: usize, L: Links<N>> Ahead<N, L> {
+    /// Of an arm with this friction and these links; nothing was desired before.
     #[must_use]
-    pub fn new(friction_share: f64, friction_speed_rad_s: f64, acceleration_share: f64) -> Ahead {
+    pub fn new(
+        (friction, dynamics): (Friction<N>, L),
+        friction_share: f64,
+        friction_speed_rad_s: f64,
+        acceleration_share: f64,
+    ) -> Ahead<N, L> {
         Ahead {
             friction_share,
             friction_speed_rad_s,
             acceleration_share,
-            friction: Friction::reference(),
-            dynamics: Dynamics::reference(),
+            friction,
+            dynamics,
             last_rad_s: None,
         }
     }
@@ -81,15 +91,15 @@ impl Ahead {
 
     /// The speed desired in the last job (rad/s).
     #[must_use]
-    pub fn last_rad_s(&self) -> Option<&Joints> {
+    pub fn last_rad_s(&self) -> Option<&Vector<N>> {
         self.last_rad_s.as_ref()
     }
 
     /// Torque (N m) for desired angles (rad) and speeds (rad/s), `dt_s` after the last call.
     /// Coulomb's part is `share coulomb qd / (|qd| + half)`: smooth where the direction is in
     /// doubt, all of it where it is not.
-    pub fn torque_nm(&mut self, q: &Joints, qd: &Joints, dt_s: f64) -> Joints {
-        let mut torque = Joints::zeros();
+    pub fn torque_nm(&mut self, q: &Vector<N>, qd: &Vector<N>, dt_s: f64) -> Vector<N> {
+        let mut torque = Vector::zeros();
         if self.friction_share > 0.0 {
             let Friction { coulomb_nm, viscous_nms_rad } = &self.friction;
             let direction = qd.map(|v| v / (v.abs() + self.friction_speed_rad_s));
@@ -98,7 +108,7 @@ impl Ahead {
         }
         if self.acceleration_share > 0.0 {
             let last = self.last_rad_s.unwrap_or(*qd);
-            let qdd = if dt_s > 0.0 { (qd - last) / dt_s } else { Joints::zeros() };
+            let qdd = if dt_s > 0.0 { (qd - last) / dt_s } else { Vector::zeros() };
             // The motors' inertia with the links'; gravity is somebody else's.
             let dynamics = &self.dynamics;
             let moving = dynamics.mass_matrix(q) * qdd + dynamics.bias(q, qd) - dynamics.gravity(q);
@@ -111,66 +121,67 @@ impl Ahead {
 
 /// The law with its memory: the last error and the filtered rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pd {
-    gains: Gains,
+pub struct Pd<const N: usize = 6> {
+    gains: Gains<N>,
     corner_rad_s: f64,
-    last_rad: Option<Joints>,
-    rate_rad_s: Joints,
-    observer: Option<Observer>,
+    last_rad: Option<Vector<N>>,
+    rate_rad_s: Vector<N>,
+    observer: Option<Observer<N>>,
 }
 
-impl Fold for Pd {
+impl<const N: usize> Fold for Pd<N> {
     fn fold(&self, hash: &mut StateHash) {
         if let Some(observer) = &self.observer {
             hash.add(observer);
         }
         hash.add(&self.last_rad.is_some());
-        hash.add(self.last_rad.unwrap_or_default().as_slice()).add(self.rate_rad_s.as_slice());
+        hash.add(self.last_rad.unwrap_or_else(Vector::zeros).as_slice())
+            .add(self.rate_rad_s.as_slice());
     }
 }
 
-impl Pd {
+impl<const N: usize> Pd<N> {
     /// A law with its rate filter at `filter_hz` (Hz).
     #[must_use]
-    pub fn new(gains: Gains, filter_hz: f64) -> Pd {
+    pub fn new(gains: Gains<N>, filter_hz: f64) -> Pd<N> {
         Pd {
             gains,
             corner_rad_s: core::f64::consts::TAU * filter_hz,
             last_rad: None,
-            rate_rad_s: Joints::zeros(),
+            rate_rad_s: Vector::zeros(),
             observer: None,
         }
     }
 
     /// The same law with the rate by an observer instead of the filter.
     #[must_use]
-    pub fn observed(self, observer: Observer) -> Pd {
+    pub fn observed(self, observer: Observer<N>) -> Pd<N> {
         Pd { observer: Some(observer), ..self }
     }
 
     /// Goes on with other gains and another filter: what it remembers stays, so the torque changes
     /// by what the gains change and by nothing else.
-    pub fn retune(&mut self, gains: Gains, filter_hz: f64) {
+    pub fn retune(&mut self, gains: Gains<N>, filter_hz: f64) {
         self.gains = gains;
         self.corner_rad_s = core::f64::consts::TAU * filter_hz;
     }
 
     /// The gains in use.
     #[must_use]
-    pub fn gains(&self) -> &Gains {
+    pub fn gains(&self) -> &Gains<N> {
         &self.gains
     }
 
     /// The filtered rate of the error (rad/s).
     #[must_use]
-    pub fn rate_rad_s(&self) -> &Joints {
+    pub fn rate_rad_s(&self) -> &Vector<N> {
         &self.rate_rad_s
     }
 
     /// Forgets the past: the next call sees a rate of 0.
     pub fn reset(&mut self) {
         self.last_rad = None;
-        self.rate_rad_s = Joints::zeros();
+        self.rate_rad_s = Vector::zeros();
         if let Some(observer) = &mut self.observer {
             observer.reset();
         }
@@ -181,7 +192,7 @@ impl Pd {
     ///
     /// `None`, and a forgotten past, when the torque would not be finite. With `dt_s` not positive
     /// the rate stays as it is.
-    pub fn torque_nm(&mut self, error_rad: &Joints, dt_s: f64) -> Option<Joints> {
+    pub fn torque_nm(&mut self, error_rad: &Vector<N>, dt_s: f64) -> Option<Vector<N>> {
         if let Some(observer) = &mut self.observer {
             self.rate_rad_s = observer.rate_rad_s(error_rad, dt_s);
         } else if let Some(last) = self.last_rad.filter(|_| dt_s > 0.0) {
@@ -205,8 +216,14 @@ impl Pd {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use taktil_mechanics::Joints;
 
     const DT_S: f64 = 0.0025;
+
+    fn ahead_of(friction: f64, friction_speed_rad_s: f64, acceleration: f64) -> Ahead {
+        let model = (Friction::reference(), Dynamics::reference());
+        Ahead::new(model, friction, friction_speed_rad_s, acceleration)
+    }
 
     fn unit() -> Pd {
         let ones = Joints::repeat(1.0);
@@ -215,7 +232,7 @@ mod tests {
 
     #[test]
     fn the_model_ahead_moves_links_and_motors_and_leaves_gravity_out() {
-        let mut ahead = Ahead::new(0.0, 0.01, 1.0);
+        let mut ahead = ahead_of(0.0, 0.01, 1.0);
         let dynamics = Dynamics::reference();
         let q = Joints::new(0.1, 0.7, -2.6, 0.3, 0.7, 0.2);
         let (before, qd) = (Joints::repeat(0.1), Joints::new(0.2, -0.1, 0.4, 0.1, 0.0, 0.3));
@@ -235,7 +252,7 @@ mod tests {
 
     #[test]
     fn friction_ahead_has_the_sign_of_the_motion_and_is_smooth_at_rest() {
-        let mut ahead = Ahead::new(0.5, 0.01, 0.0);
+        let mut ahead = ahead_of(0.5, 0.01, 0.0);
         let full = Friction::reference();
         let at = |ahead: &mut Ahead, speed: f64| {
             ahead.torque_nm(&Joints::zeros(), &Joints::repeat(speed), DT_S)
@@ -248,7 +265,7 @@ mod tests {
         let fast = at(&mut ahead, 5.0);
         let bound = full.torque_nm(&Joints::repeat(5.0)) * 0.5;
         assert!((0..6).all(|i| fast[i] < bound[i] && fast[i] > 0.99 * bound[i]), "never more");
-        assert_eq!(at(&mut Ahead::new(0.0, 0.01, 0.0), 5.0), Joints::zeros());
+        assert_eq!(at(&mut ahead_of(0.0, 0.01, 0.0), 5.0), Joints::zeros());
     }
 
     #[test]

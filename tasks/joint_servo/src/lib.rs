@@ -10,11 +10,13 @@ pub mod config;
 pub mod law;
 pub mod observer;
 
-pub use config::Config;
+pub use config::{Config, Tuning};
 
 use law::{Ahead, Gains, Pd};
-use taktil_mechanics::Joints;
+use taktil_mechanics::arm::{Arm, Links};
+use taktil_mechanics::chain::Vector;
 use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Mode, Output, Param, Ports, StateHash, Task,
 };
@@ -28,58 +30,56 @@ const GRAVITY_RAMP_S: f64 = 0.25;
 const ABSURD_NM: f64 = 1e4;
 
 /// A torque that a law can mean.
-fn sound(torque: &Torque) -> bool {
+fn sound<const N: usize>(torque: &Torque<N>) -> bool {
     torque.tau_nm.iter().all(|tau| tau.abs() <= ABSURD_NM)
 }
 
 /// The task.
-pub struct JointServo {
-    desired: Input<Desired>,
-    joints: Input<JointState>,
+pub struct JointServo<const N: usize = 6, L: Links<N> = Dynamics> {
+    desired: Input<Desired<N>>,
+    joints: Input<JointState<N>>,
     control: Input<ControlState>,
-    torque: Output<Torque>,
-    law: Pd,
-    ahead: Ahead,
-    dynamics: Option<Dynamics>,
-    assumed: Option<Joints>,
+    torque: Output<Torque<N>>,
+    law: Pd<N>,
+    ahead: Ahead<N, L>,
+    dynamics: Option<L>,
+    assumed: Option<Vector<N>>,
     gravity_share: f64,
     datum: u32,
-    knobs: Knobs,
+    knobs: Knobs<N>,
 }
 
 /// What may be edited while the servo runs: what the configuration gives its gains by.
-struct Knobs {
-    config: Config,
-    inertia_kg_m2: Joints,
-    stiffness: [Param; 6],
-    damping: [Param; 6],
+struct Knobs<const N: usize> {
+    tuning: Tuning<N>,
+    stiffness: [Param; N],
+    damping: [Param; N],
     filter: Param,
     /// Values at the last look.
-    seen: ([f64; 6], [f64; 6], f64),
+    seen: ([f64; N], [f64; N], f64),
 }
 
-impl Knobs {
-    fn new(config: &Config, dynamics: &Dynamics, ports: &mut Ports) -> Knobs {
-        let (stiffness_name, stiffness) = match config.kp_nm_rad {
+impl<const N: usize> Knobs<N> {
+    fn new(tuning: &Tuning<N>, ports: &mut Ports) -> Knobs<N> {
+        let (stiffness_name, stiffness) = match tuning.kp_nm_rad {
             Some(kp) => ("kp_nm_rad", kp),
-            None => ("bandwidth_rad_s", config.bandwidth_rad_s),
+            None => ("bandwidth_rad_s", tuning.bandwidth_rad_s),
         };
-        let (damping_name, damping) = match config.kd_nms_rad {
+        let (damping_name, damping) = match tuning.kd_nms_rad {
             Some(kd) => ("kd_nms_rad", kd),
-            None => ("damping", config.damping),
+            None => ("damping", tuning.damping),
         };
         Knobs {
-            inertia_kg_m2: config.inertia(dynamics),
-            config: config.clone(),
+            tuning: *tuning,
             stiffness: ports.tunables(stiffness_name, stiffness),
             damping: ports.tunables(damping_name, damping),
-            filter: ports.tunable("derivative_filter_hz", config.derivative_filter_hz),
-            seen: (stiffness, damping, config.derivative_filter_hz),
+            filter: ports.tunable("derivative_filter_hz", tuning.filter_hz),
+            seen: (stiffness, damping, tuning.filter_hz),
         }
     }
 
     /// Gains and filter after an edit; nothing when there was none.
-    fn edited(&mut self, io: &Io<'_>) -> Option<(Gains, f64)> {
+    fn edited(&mut self, io: &Io<'_>) -> Option<(Gains<N>, f64)> {
         let now = (
             io.parameters(&self.stiffness),
             io.parameters(&self.damping),
@@ -89,33 +89,39 @@ impl Knobs {
             return None;
         }
         self.seen = now;
-        let config = &mut self.config;
-        *config.kp_nm_rad.as_mut().unwrap_or(&mut config.bandwidth_rad_s) = now.0;
-        *config.kd_nms_rad.as_mut().unwrap_or(&mut config.damping) = now.1;
-        Some((config.gains_for(&self.inertia_kg_m2), now.2))
+        let tuning = &mut self.tuning;
+        *tuning.kp_nm_rad.as_mut().unwrap_or(&mut tuning.bandwidth_rad_s) = now.0;
+        *tuning.kd_nms_rad.as_mut().unwrap_or(&mut tuning.damping) = now.1;
+        Some((tuning.gains(), now.2))
     }
 }
 
-impl JointServo {
+impl<const N: usize, L: Links<N>> JointServo<N, L> {
     /// Declares `desired`, `joints`, `control` and `torque`, and as parameters `bandwidth_rad_s` or
-    /// `kp_nm_rad`, `damping` or `kd_nms_rad` (six each, whichever the gains are given by) and
+    /// `kp_nm_rad`, `damping` or `kd_nms_rad` (one a joint, whichever the gains are given by) and
     /// `derivative_filter_hz`.
     ///
     /// # Errors
-    /// What [`Config::check`] refuses.
-    pub fn new(config: Config, ports: &mut Ports) -> Result<JointServo, Invalid> {
+    /// What [`Config::check`] and [`Config::tuning`] refuse.
+    pub fn new<A: Arm<N, Links = L>>(
+        config: Config,
+        robot: &Robot<N, A>,
+        ports: &mut Ports,
+    ) -> Result<JointServo<N, L>, Invalid> {
         config.check()?;
-        let dynamics = Dynamics::reference();
-        let knobs = Knobs::new(&config, &dynamics, ports);
+        let tuning = config.tuning(robot)?;
+        let knobs = Knobs::new(&tuning, ports);
+        let Config { friction, friction_speed_rad_s, acceleration, gravity, .. } = config;
+        let model = (robot.friction, robot.links.clone());
         Ok(JointServo {
             desired: ports.input("desired"),
             joints: ports.input("joints"),
             control: ports.input("control"),
             torque: ports.output_within("torque", sound),
-            law: config.law(&dynamics),
-            ahead: Ahead::new(config.friction, config.friction_speed_rad_s, config.acceleration),
-            dynamics: config.gravity.then_some(dynamics),
-            assumed: config.assumed_pose_deg.map(|deg| Joints::from(deg.map(f64::to_radians))),
+            law: tuning.law(),
+            ahead: Ahead::new(model, friction, friction_speed_rad_s, acceleration),
+            dynamics: gravity.then(|| robot.links.clone()),
+            assumed: tuning.assumed_rad,
             gravity_share: 0.0,
             datum: 0,
             knobs,
@@ -124,7 +130,7 @@ impl JointServo {
 
     /// The gravity term (N m): all of it when the servo starts calibrated or from an assumed pose,
     /// ramped in when the joints become calibrated under torque, none before.
-    fn gravity_nm(&mut self, q_desired: &Joints, calibrated: bool, dt_s: f64) -> Joints {
+    fn gravity_nm(&mut self, q_desired: &Vector<N>, calibrated: bool, dt_s: f64) -> Vector<N> {
         let q = match self.assumed {
             _ if calibrated => Some(*q_desired),
             Some(pose) => Some(pose + q_desired),
@@ -132,7 +138,7 @@ impl JointServo {
         };
         let (Some(dynamics), Some(q)) = (&self.dynamics, q) else {
             self.gravity_share = 0.0;
-            return Joints::zeros();
+            return Vector::zeros();
         };
         self.gravity_share = (self.gravity_share + dt_s / GRAVITY_RAMP_S).min(1.0);
         dynamics.gravity(&q) * self.gravity_share
@@ -145,7 +151,7 @@ impl JointServo {
     }
 }
 
-impl Task for JointServo {
+impl<const N: usize, L: Links<N>> Task for JointServo<N, L> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         if let Some((gains, filter_hz)) = self.knobs.edited(io) {
             self.law.retune(gains, filter_hz);
@@ -157,7 +163,7 @@ impl Task for JointServo {
             .and_then(|control| Mode::from_code(u8::try_from(control.mode).ok()?))
             .is_some_and(Mode::torque_allowed);
         let calibrated = joints.is_some_and(|joints| joints.calibrated == 1);
-        let mut out = Torque { tau_nm: [0.0; 6], error_rad: [0.0; 6] };
+        let mut out = Torque::<N>::default();
         let (Some(desired), Some(joints)) = (desired, joints) else {
             self.rest(calibrated);
             io.write(&self.torque, out);
@@ -168,8 +174,8 @@ impl Task for JointServo {
             self.law.reset();
             self.ahead.reset();
         }
-        let goal = Joints::from(desired.q_rad);
-        let error = goal - Joints::from(joints.q_rad);
+        let goal = Vector::from(desired.q_rad);
+        let error = goal - Vector::from(joints.q_rad);
         if error.iter().all(|x| x.is_finite()) {
             out.error_rad = error.into();
         }
@@ -181,11 +187,11 @@ impl Task for JointServo {
         let dt_s = cycle.dt.as_secs_f64();
         let mut model = self.gravity_nm(&goal, calibrated, dt_s);
         if calibrated {
-            model += self.ahead.torque_nm(&goal, &Joints::from(desired.qd_rad_s), dt_s);
+            model += self.ahead.torque_nm(&goal, &Vector::from(desired.qd_rad_s), dt_s);
         }
         let torque = self.law.torque_nm(&error, dt_s).map(|torque| torque + model);
         let finite = torque.filter(|torque| torque.iter().all(|x| x.is_finite()));
-        out.tau_nm = finite.map_or([0.0; 6], Into::into);
+        out.tau_nm = finite.map_or([0.0; N], Into::into);
         io.write(&self.torque, out);
         finite.map(|_| ()).ok_or(FaultCode::NotFinite)
     }

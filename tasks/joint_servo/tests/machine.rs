@@ -2,6 +2,7 @@
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, FaultSet, Mode, Payload};
 use taktil_signal::{ControlState, Desired, JointState, Torque};
 use taktil_tasks_joint_servo::{Config, JointServo};
@@ -21,7 +22,7 @@ fn run(config: Config, script: &Script, ticks: i64) -> (Vec<Torque>, FaultSet) {
     bench.feed(lane, "control", move |tick| Some(control(tick)));
     bench.feed(lane, "desired", move |tick| Some(desired(tick)));
     bench.feed(lane, "joints", move |tick| Some(joints(tick)));
-    bench.task(lane, "joint_servo", |ports| JointServo::new(config, ports));
+    bench.task(lane, "joint_servo", |ports| JointServo::new(config, &Robot::puma260(), ports));
     bench.bind_feeds("joint_servo", &["control", "desired", "joints"]);
     let run = bench.run(PERIOD * ticks);
     (run.of("joint_servo.torque"), run.faults())
@@ -42,7 +43,7 @@ fn wanted(q_rad: [f64; 6]) -> Desired {
 }
 
 fn plain() -> Config {
-    Config { gravity: false, kp_nm_rad: Some([100.0; 6]), ..Config::default() }
+    Config { gravity: false, kp_nm_rad: Some(vec![100.0; 6]), ..Config::default() }
 }
 
 #[test]
@@ -99,7 +100,8 @@ fn gravity_is_whole_at_once_when_calibrated_and_comes_in_slowly_otherwise() {
     assert!((half - weight * 0.5).amax() < 1e-9, "0.125 s later: {half}");
     assert!((Joints::from(torques[149].tau_nm) - weight).amax() < 1e-12);
     // From an assumed pose the weight is known at once, and calibrating there changes nothing.
-    let assumed = Config { assumed_pose_deg: Some(POSE.map(f64::to_degrees)), ..Config::default() };
+    let assumed =
+        Config { assumed_pose_deg: Some(POSE.map(f64::to_degrees).to_vec()), ..Config::default() };
     let relative = Script {
         desired: |tick| wanted(if tick < 10 { [0.0; 6] } else { POSE }),
         joints: |tick| {
@@ -133,7 +135,8 @@ fn an_error_beyond_all_numbers_gives_no_torque_and_a_fault() {
 fn a_bad_table_builds_no_task() {
     let mut bench = Bench::new();
     let lane = bench.servo();
-    let config = Config { bandwidth_rad_s: [60.0, f64::NAN, 60.0, 60.0, 60.0, 60.0], ..plain() };
-    let refused = bench.refused(lane, "joint_servo", |ports| JointServo::new(config, ports));
+    let config = Config { bandwidth_rad_s: Some(vec![60.0, f64::NAN]), ..plain() };
+    let refused = bench
+        .refused(lane, "joint_servo", |ports| JointServo::new(config, &Robot::puma260(), ports));
     assert_eq!(refused.place, "bandwidth_rad_s[1]");
 }

@@ -3,7 +3,7 @@
 //! the error's kind.
 
 use taktil_hal::{Kind, Nanos};
-use taktil_mechanics::Joints;
+use taktil_mechanics::chain::Vector;
 use taktil_mechanics::transmission::Transmission;
 use taktil_rtcore::{FaultCode, Fold, StateHash};
 use taktil_signal::JointState;
@@ -14,34 +14,38 @@ pub const JUMP_MARGIN: f64 = 1.5;
 
 /// The newest sample that was believed, as a base for differences.
 #[derive(Clone, Copy, Debug)]
-struct Last {
+struct Last<const N: usize> {
     /// Joint angles without the zero offset, rad.
-    raw_rad: Joints,
+    raw_rad: Vector<N>,
     acquired: Nanos,
-    qd_rad_s: Joints,
+    qd_rad_s: Vector<N>,
 }
 
 /// Turns samples of the encoder board into joint states.
 #[derive(Clone, Debug)]
-pub struct Angles {
-    transmission: Transmission,
-    v_max_rad_s: Joints,
-    home_rad: Joints,
-    offset_rad: Joints,
+pub struct Angles<const N: usize = 6> {
+    transmission: Transmission<N>,
+    v_max_rad_s: Vector<N>,
+    home_rad: Vector<N>,
+    offset_rad: Vector<N>,
     datum: u32,
     calibrated: bool,
-    last: Option<Last>,
+    last: Option<Last<N>>,
 }
 
-impl Angles {
+impl<const N: usize> Angles<N> {
     /// Uncalibrated: angles are those of the counts, zero where the counters were at power-up.
     #[must_use]
-    pub fn new(transmission: Transmission, v_max_rad_s: Joints, home_rad: Joints) -> Angles {
+    pub fn new(
+        transmission: Transmission<N>,
+        v_max_rad_s: Vector<N>,
+        home_rad: Vector<N>,
+    ) -> Angles<N> {
         Angles {
             transmission,
             v_max_rad_s,
             home_rad,
-            offset_rad: Joints::zeros(),
+            offset_rad: Vector::zeros(),
             datum: 0,
             calibrated: false,
             last: None,
@@ -66,16 +70,16 @@ impl Angles {
     /// and differences start anew from this sample.
     pub fn take(
         &mut self,
-        counts: [i32; 6],
+        counts: [i32; N],
         acquired: Nanos,
         calibrate: bool,
-    ) -> Result<JointState, FaultCode> {
+    ) -> Result<JointState<N>, FaultCode> {
         let raw_rad = self.transmission.joints(&counts);
-        let mut qd_rad_s = Joints::zeros();
+        let mut qd_rad_s = Vector::zeros();
         if let Some(last) = self.last {
             let span_s = (acquired - last.acquired).as_secs_f64().max(0.0);
             let moved_rad = raw_rad - last.raw_rad;
-            if (0..6).any(|i| moved_rad[i].abs() > JUMP_MARGIN * self.v_max_rad_s[i] * span_s) {
+            if (0..N).any(|i| moved_rad[i].abs() > JUMP_MARGIN * self.v_max_rad_s[i] * span_s) {
                 self.last = Some(Last { raw_rad, acquired, qd_rad_s });
                 self.calibrated = false;
                 return Err(FaultCode::EncoderJump);
@@ -98,7 +102,7 @@ impl Angles {
     }
 }
 
-impl Fold for Angles {
+impl<const N: usize> Fold for Angles<N> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(self.offset_rad.as_slice()).add(&self.datum).add(&self.calibrated);
         hash.add(&self.last.is_some());
@@ -164,6 +168,7 @@ impl Patience {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use taktil_mechanics::Joints;
     use taktil_mechanics::transmission::{COUNTS_PER_REV, GEAR_RATIO};
 
     const TICK: Nanos = Nanos(2_500_000);

@@ -6,38 +6,30 @@ pub mod law;
 
 use serde::Deserialize;
 use taktil_hal::{Counts, DigitalIn, Encoders, LinesIn};
-use taktil_mechanics::Joints;
-use taktil_mechanics::puma260::Puma260;
-use taktil_mechanics::transmission::Transmission;
+use taktil_mechanics::arm::Arm;
+use taktil_mechanics::chain::Vector;
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Ports, StateHash, Task};
-use taktil_signal::{ControlState, JointState, Lines};
+use taktil_signal::{ControlState, JointState, Lines, per_joint};
 
 use law::{Angles, Patience, Verdict};
-
-/// Number of joints of the arm.
-const JOINTS: usize = 6;
 
 /// Settings of [`Sense`].
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Joint angles of the home pose, deg. Default: 0, 0, -180, 0, 90, 0 (upper arm and hand level,
-    /// forearm hanging).
-    pub home_deg: [f64; 6],
-    /// Fastest speed of each joint, deg/s, as a measure for jumps. Default: that of the reference
-    /// arm.
-    pub v_max_deg_s: [f64; 6],
+    /// Joint angles of the home pose, deg. Default: those of the arm (PUMA 260: 0, 0, -180, 0, 90,
+    /// 0, upper arm and hand level, forearm hanging).
+    pub home_deg: Option<Vec<f64>>,
+    /// Fastest speed of each joint, deg/s, as a measure for jumps. Default: that of the arm.
+    pub v_max_deg_s: Option<Vec<f64>>,
     /// Failed reads in a row that are let pass with the last value held. Default: 1.
     pub failures_allowed: u32,
 }
 
 impl Default for Config {
     fn default() -> Config {
-        Config {
-            home_deg: [0.0, 0.0, -180.0, 0.0, 90.0, 0.0],
-            v_max_deg_s: Puma260::reference().speed_max_rad_s.map(f64::to_degrees).into(),
-            failures_allowed: 1,
-        }
+        Config { home_deg: None, v_max_deg_s: None, failures_allowed: 1 }
     }
 }
 
@@ -47,7 +39,7 @@ impl Config {
     /// # Errors
     /// The place, what is wrong there, and the way out.
     pub fn check(&self) -> Result<(), Invalid> {
-        for (i, angle) in self.home_deg.iter().enumerate() {
+        for (i, angle) in self.home_deg.iter().flatten().enumerate() {
             if !(-1000.0..=1000.0).contains(angle) {
                 return Err(Invalid::new(
                     format!("home_deg[{i}]"),
@@ -56,7 +48,7 @@ impl Config {
                 ));
             }
         }
-        for (i, speed) in self.v_max_deg_s.iter().enumerate() {
+        for (i, speed) in self.v_max_deg_s.iter().flatten().enumerate() {
             if !(*speed > 0.0 && *speed <= 1e5) {
                 return Err(Invalid::new(
                     format!("v_max_deg_s[{i}]"),
@@ -77,48 +69,63 @@ impl Config {
         }
         Ok(())
     }
+
+    /// Home pose and fastest speeds for an arm (rad, rad/s).
+    fn angles<const N: usize, A: Arm<N>>(
+        &self,
+        robot: &Robot<N, A>,
+    ) -> Result<(Vector<N>, Vector<N>), Invalid> {
+        let radians = |place: &str, list: &Option<Vec<f64>>, usual: &Vector<N>| match list {
+            Some(list) => per_joint(place, list)
+                .map(|degrees: [f64; N]| Vector::from(degrees.map(f64::to_radians))),
+            // By way of degrees, as if they stood in a file.
+            None => Ok(usual.map(|x| x.to_degrees().to_radians())),
+        };
+        Ok((
+            radians("home_deg", &self.home_deg, &robot.home_rad)?,
+            radians("v_max_deg_s", &self.v_max_deg_s, robot.arm.speed_max())?,
+        ))
+    }
 }
 
 /// The task.
-pub struct Sense {
+pub struct Sense<const N: usize = 6> {
     encoders: Box<dyn Encoders>,
     digital: Box<dyn DigitalIn>,
-    angles: Angles,
+    angles: Angles<N>,
     encoder_patience: Patience,
     digital_patience: Patience,
     lines_arrived: bool,
     /// Calibration was asked for and waits for a sample that can be believed.
     calibrate: bool,
     control: Input<ControlState>,
-    joints: Output<JointState>,
+    joints: Output<JointState<N>>,
     lines: Output<Lines>,
 }
 
-impl Sense {
+impl<const N: usize> Sense<N> {
     /// Declares the ports: in `control` (delayed), out `joints`, `lines`.
     ///
     /// # Errors
-    /// What [`Config::check`] refuses, and an encoder board with fewer than six joints.
-    pub fn new(
+    /// What [`Config::check`] refuses, and an encoder board with fewer encoders than
+    /// the arm has joints.
+    pub fn new<A: Arm<N>>(
         config: Config,
+        robot: &Robot<N, A>,
         encoders: Box<dyn Encoders>,
         digital: Box<dyn DigitalIn>,
         ports: &mut Ports,
-    ) -> Result<Sense, Invalid> {
+    ) -> Result<Sense<N>, Invalid> {
         config.check()?;
-        if encoders.joints() < JOINTS {
+        if encoders.joints() < N {
             return Err(Invalid::new(
                 "",
                 format!("the encoder board has {} joints", encoders.joints()),
-                "wire a board with six encoders",
+                format!("wire a board with {N} encoders"),
             ));
         }
-        let radians = |degrees: [f64; 6]| Joints::from(degrees.map(f64::to_radians));
-        let angles = Angles::new(
-            Transmission::reference(),
-            radians(config.v_max_deg_s),
-            radians(config.home_deg),
-        );
+        let (home_rad, v_max_rad_s) = config.angles(robot)?;
+        let angles = Angles::new(robot.gears, v_max_rad_s, home_rad);
         Ok(Sense {
             encoders,
             digital,
@@ -137,7 +144,7 @@ impl Sense {
         match self.encoders.sample(cycle.release) {
             Ok(reading) => {
                 self.encoder_patience.good();
-                let mut counts = [0; JOINTS];
+                let mut counts = [0; N];
                 for (count, Counts(read)) in counts.iter_mut().zip(reading.value) {
                     *count = read;
                 }
@@ -177,7 +184,7 @@ fn lines(read: LinesIn) -> Lines {
     }
 }
 
-impl Task for Sense {
+impl<const N: usize> Task for Sense<N> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         if io.read(&self.control).fresh().is_some_and(|control| control.calibrate == 1) {
             self.calibrate = true;
@@ -206,15 +213,28 @@ mod tests {
     fn unusable_settings_are_refused_with_their_place() {
         for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0, 2e5] {
             let mut config = Config::default();
-            config.v_max_deg_s[3] = bad;
+            config.v_max_deg_s = Some(vec![1.0, 1.0, 1.0, bad]);
             assert_eq!(config.check().unwrap_err().place, "v_max_deg_s[3]", "{bad}");
         }
         for bad in [f64::NAN, f64::NEG_INFINITY, 1001.0] {
             let mut config = Config::default();
-            config.home_deg[5] = bad;
+            config.home_deg = Some(vec![0.0, 0.0, 0.0, 0.0, 0.0, bad]);
             assert_eq!(config.check().unwrap_err().place, "home_deg[5]", "{bad}");
         }
         let config = Config { failures_allowed: 101, ..Config::default() };
         assert_eq!(config.check().unwrap_err().place, "failures_allowed");
+    }
+
+    #[test]
+    fn lists_have_one_number_for_each_joint_or_are_the_arm_s() {
+        let robot = Robot::puma260();
+        let (home, speeds) = Config::default().angles(&robot).unwrap();
+        assert!((home - robot.home_rad).amax() < 1e-15);
+        assert!((speeds - robot.arm.speed_max()).amax() < 1e-15);
+        let short = Config { home_deg: Some(vec![0.0; 5]), ..Config::default() };
+        let bad = short.angles(&robot).unwrap_err();
+        assert_eq!((bad.place.as_str(), bad.what.contains("6 joints")), ("home_deg", true));
+        let long = Config { v_max_deg_s: Some(vec![1.0; 7]), ..Config::default() };
+        assert_eq!(long.angles(&robot).unwrap_err().place, "v_max_deg_s");
     }
 }

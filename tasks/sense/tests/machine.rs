@@ -1,6 +1,7 @@
 //! `sense` in a machine in virtual time, with scripted boards.
 
 use taktil_hal::{CHANNELS, Counts, DigitalIn, Encoders, Error, Kind, LinesIn, Reading};
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, Nanos, Payload};
 use taktil_signal::{ControlState, JointState, Lines};
 use taktil_tasks_sense::{Config, Sense};
@@ -64,7 +65,7 @@ fn run(
     bench.task(lane, "sense", |ports| {
         let encoders = Box::new(Script { answer: encoders, joints: 6 });
         let lines = Box::new(Script { answer: lines, joints: 0 });
-        Sense::new(Config::default(), encoders, lines, ports)
+        Sense::new(Config::default(), &Robot::puma260(), encoders, lines, ports)
     });
     // Says in job 10 that the arm stands in its home pose.
     bench.feed(lane, "control", |tick| {
@@ -153,7 +154,7 @@ fn a_board_with_too_few_encoders_is_refused() {
     let refused = bench.refused(lane, "sense", |ports| {
         let encoders = Box::new(Script { answer: |job| Ok(steady(job)), joints: 5 });
         let lines = Box::new(Script { answer: |_| Ok(POWERED), joints: 0 });
-        Sense::new(Config::default(), encoders, lines, ports)
+        Sense::new(Config::default(), &Robot::puma260(), encoders, lines, ports)
     });
     assert!(refused.what.contains('5'), "{refused}");
 }

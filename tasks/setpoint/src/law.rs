@@ -11,7 +11,7 @@
 //!     TACTILE-SERVO ─────────────────> goal of the tactile servo ┴> slow down to rest, hold
 //! ```
 
-use taktil_mechanics::Joints;
+use taktil_mechanics::chain::Vector;
 use taktil_rtcore::{FaultCode, Fold, Mode, StateHash};
 use taktil_signal::{Desired, Goal, JointState, State};
 
@@ -44,13 +44,13 @@ pub const fn source(state: State) -> Source {
 
 /// Bounds that a goal has to keep, rad, rad/s, s.
 #[derive(Clone, Debug)]
-pub struct Bounds {
+pub struct Bounds<const N: usize = 6> {
     /// Lower joint limits.
-    pub q_min_rad: Joints,
+    pub q_min_rad: Vector<N>,
     /// Upper joint limits.
-    pub q_max_rad: Joints,
+    pub q_max_rad: Vector<N>,
     /// Largest speeds.
-    pub v_max_rad_s: Joints,
+    pub v_max_rad_s: Vector<N>,
     /// How far the first goal of a source may be from the desired joints.
     pub bumpless_rad: f64,
     /// How far desired joints may be from the measured ones.
@@ -61,44 +61,44 @@ pub struct Bounds {
 
 /// What one job has to go by.
 #[derive(Clone, Copy, Debug)]
-pub struct Facts {
+pub struct Facts<const N: usize = 6> {
     /// Newest measured joints.
-    pub measured: JointState,
+    pub measured: JointState<N>,
     /// What the supervisor decided.
     pub state: State,
     /// Whether torque may flow.
     pub mode: Mode,
     /// Goal of the jog, unless absent or stale.
-    pub jog: Option<Goal>,
+    pub jog: Option<Goal<N>>,
     /// Goal of the trajectory, unless absent or stale.
-    pub trajectory: Option<Goal>,
+    pub trajectory: Option<Goal<N>>,
     /// Goal of the tactile servo, unless absent or stale.
-    pub tactile: Option<Goal>,
+    pub tactile: Option<Goal<N>>,
     /// Time since the last job, s.
     pub dt_s: f64,
 }
 
 /// The source that was accepted, with the goal last taken from it.
 #[derive(Clone, Copy, Debug)]
-struct Accepted {
+struct Accepted<const N: usize> {
     source: Source,
-    goal_rad: Joints,
+    goal_rad: Vector<N>,
 }
 
 /// The desired joints and what is needed to move them on.
 #[derive(Clone, Debug)]
-pub struct Law {
-    bounds: Bounds,
-    q_rad: Joints,
-    qd_rad_s: Joints,
+pub struct Law<const N: usize = 6> {
+    bounds: Bounds<N>,
+    q_rad: Vector<N>,
+    qd_rad_s: Vector<N>,
     /// Deceleration under way, rad/s^2, not negative.
-    brake_rad_s2: Joints,
-    measured_rad: Joints,
+    brake_rad_s2: Vector<N>,
+    measured_rad: Vector<N>,
     datum: Option<u32>,
-    accepted: Option<Accepted>,
+    accepted: Option<Accepted<N>>,
 }
 
-impl Fold for Law {
+impl<const N: usize> Fold for Law<N> {
     fn fold(&self, hash: &mut StateHash) {
         for joints in [&self.q_rad, &self.qd_rad_s, &self.brake_rad_s2, &self.measured_rad] {
             hash.add(joints.as_slice());
@@ -110,11 +110,11 @@ impl Fold for Law {
     }
 }
 
-impl Law {
+impl<const N: usize> Law<N> {
     /// Nothing is desired before the first [`Law::step`].
     #[must_use]
-    pub fn new(bounds: Bounds) -> Law {
-        let zero = Joints::zeros();
+    pub fn new(bounds: Bounds<N>) -> Law<N> {
+        let zero = Vector::zeros();
         Law {
             bounds,
             q_rad: zero,
@@ -130,7 +130,7 @@ impl Law {
     /// as good as none.
     ///
     /// Faults: [`FaultCode::NotBumpless`], [`FaultCode::SetpointJump`], [`FaultCode::SoftLimit`].
-    pub fn step(&mut self, facts: &Facts) -> (Desired, Result<(), FaultCode>) {
+    pub fn step(&mut self, facts: &Facts<N>) -> (Desired<N>, Result<(), FaultCode>) {
         self.rebase(&facts.measured);
         let mut fault = Ok(());
         if !facts.mode.torque_allowed() {
@@ -168,8 +168,8 @@ impl Law {
 
     /// Takes the measurement; when the zero of the angles has moved, the desired angles move with
     /// it.
-    fn rebase(&mut self, measured: &JointState) {
-        let now_rad = Joints::from(measured.q_rad);
+    fn rebase(&mut self, measured: &JointState<N>) {
+        let now_rad = Vector::from(measured.q_rad);
         match self.datum {
             None => self.q_rad = now_rad,
             Some(datum) if datum != measured.datum => {
@@ -185,16 +185,21 @@ impl Law {
     }
 
     fn rest(&mut self) {
-        self.qd_rad_s = Joints::zeros();
-        self.brake_rad_s2 = Joints::zeros();
+        self.qd_rad_s = Vector::zeros();
+        self.brake_rad_s2 = Vector::zeros();
         self.accepted = None;
     }
 
     /// Takes a goal over if it keeps every bound; `Err` leaves everything as it was but the
     /// acceptance.
-    fn take(&mut self, source: Source, goal: &Goal, facts: &Facts) -> Result<bool, FaultCode> {
-        let goal_rad = Joints::from(goal.q_rad);
-        let goal_rad_s = Joints::from(goal.qd_rad_s);
+    fn take(
+        &mut self,
+        source: Source,
+        goal: &Goal<N>,
+        facts: &Facts<N>,
+    ) -> Result<bool, FaultCode> {
+        let goal_rad = Vector::from(goal.q_rad);
+        let goal_rad_s = Vector::from(goal.qd_rad_s);
         let accepted = self.accepted.filter(|accepted| accepted.source == source);
         self.accepted = None;
         let bounds = &self.bounds;
@@ -224,8 +229,8 @@ impl Law {
     }
 
     /// True when a goal is beyond a limit, unless it leads back from further outside.
-    fn leaves_limits(&self, goal_rad: &Joints) -> bool {
-        (0..6).any(|i| {
+    fn leaves_limits(&self, goal_rad: &Vector<N>) -> bool {
+        (0..N).any(|i| {
             let low = self.bounds.q_min_rad[i].min(self.q_rad[i]);
             let high = self.bounds.q_max_rad[i].max(self.q_rad[i]);
             !(low..=high).contains(&goal_rad[i])
@@ -234,11 +239,11 @@ impl Law {
 
     /// Without a source: every joint's speed falls evenly to zero, within the time to stop of the
     /// speed last taken over.
-    fn slow_down(&mut self, facts: &Facts) {
-        if self.qd_rad_s == Joints::zeros() {
+    fn slow_down(&mut self, facts: &Facts<N>) {
+        if self.qd_rad_s == Vector::<N>::zeros() {
             return;
         }
-        for i in 0..6 {
+        for i in 0..N {
             let old = self.qd_rad_s[i];
             let new = (old.abs() - self.brake_rad_s2[i] * facts.dt_s).max(0.0).copysign(old);
             let mut way = 0.5 * (old + new) * facts.dt_s;
@@ -255,14 +260,14 @@ impl Law {
 }
 
 /// Every joint within its bound, which belongs to it; NaN is not.
-fn within(x: &Joints, bound: impl Fn(usize) -> f64) -> bool {
-    (0..6).all(|i| x[i].abs() <= bound(i))
+fn within<const N: usize>(x: &Vector<N>, bound: impl Fn(usize) -> f64) -> bool {
+    (0..N).all(|i| x[i].abs() <= bound(i))
 }
 
 /// `q_rad` moved to at most `lead_rad` from the measured joints.
-fn led(q_rad: &Joints, measured_rad: &Joints, lead_rad: f64) -> Joints {
+fn led<const N: usize>(q_rad: &Vector<N>, measured_rad: &Vector<N>, lead_rad: f64) -> Vector<N> {
     // `max` and `min` instead of `clamp`: a measured NaN bounds nothing and panics nowhere.
-    Joints::from_fn(|i, _| q_rad[i].max(measured_rad[i] - lead_rad).min(measured_rad[i] + lead_rad))
+    Vector::from_fn(|i, _| q_rad[i].max(measured_rad[i] - lead_rad).min(measured_rad[i] + lead_rad))
 }
 
 #[cfg(test)]

@@ -6,12 +6,13 @@
 pub mod law;
 
 use serde::Deserialize;
-use taktil_mechanics::Joints;
-use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::arm::Arm;
+use taktil_mechanics::chain::Vector;
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, StateHash, Task,
 };
-use taktil_signal::{ControlState, Desired, Goal, JointState, State};
+use taktil_signal::{ControlState, Desired, Goal, JointState, State, per_joint};
 
 use law::{Bounds, Facts, Law};
 
@@ -19,13 +20,13 @@ use law::{Bounds, Facts, Law};
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Lower joint limits, deg. Default: those of the reference arm.
-    pub q_min_deg: [f64; 6],
-    /// Upper joint limits, deg. Default: those of the reference arm.
-    pub q_max_deg: [f64; 6],
+    /// Lower joint limits, deg. Default: those of the arm.
+    pub q_min_deg: Option<Vec<f64>>,
+    /// Upper joint limits, deg. Default: those of the arm.
+    pub q_max_deg: Option<Vec<f64>>,
     /// Fastest speed of each joint, deg/s; a goal may step by 1.5 times it. Default: that of the
-    /// reference arm.
-    pub v_max_deg_s: [f64; 6],
+    /// arm.
+    pub v_max_deg_s: Option<Vec<f64>>,
     /// How far the first goal of a source may be from the desired joints, deg. Default: 0.2.
     pub bumpless_deg: f64,
     /// How far moving desired joints may be from the measured ones, deg. Default: 6.
@@ -38,12 +39,10 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Config {
-        let arm = Puma260::reference();
-        let degrees = |radians: Joints| radians.map(f64::to_degrees).into();
         Config {
-            q_min_deg: degrees(arm.q_min_rad),
-            q_max_deg: degrees(arm.q_max_rad),
-            v_max_deg_s: degrees(arm.speed_max_rad_s),
+            q_min_deg: None,
+            q_max_deg: None,
+            v_max_deg_s: None,
             bumpless_deg: 0.2,
             max_lead_deg: 6.0,
             stop_time_s: 0.2,
@@ -58,10 +57,9 @@ impl Config {
     /// # Errors
     /// The place, what is wrong there, and the way out.
     pub fn check(&self) -> Result<(), Invalid> {
-        for i in 0..6 {
-            let (low, high) = (self.q_min_deg[i], self.q_max_deg[i]);
-            for (place, angle) in [("q_min_deg", low), ("q_max_deg", high)] {
-                if !(-1000.0..=1000.0).contains(&angle) {
+        for (place, list) in [("q_min_deg", &self.q_min_deg), ("q_max_deg", &self.q_max_deg)] {
+            for (i, angle) in list.iter().flatten().enumerate() {
+                if !(-1000.0..=1000.0).contains(angle) {
                     return Err(Invalid::new(
                         format!("{place}[{i}]"),
                         format!("{angle} is not a joint angle"),
@@ -69,19 +67,49 @@ impl Config {
                     ));
                 }
             }
-            if low >= high {
-                return Err(Invalid::new(
-                    format!("q_min_deg[{i}]"),
-                    format!("the lower limit {low} is not below the upper limit {high}"),
-                    "swap them or move them apart",
-                ));
-            }
-            positive(&format!("v_max_deg_s[{i}]"), self.v_max_deg_s[i], 1e5)?;
+        }
+        for (i, speed) in self.v_max_deg_s.iter().flatten().enumerate() {
+            positive(&format!("v_max_deg_s[{i}]"), *speed, 1e5)?;
         }
         positive("bumpless_deg", self.bumpless_deg, 90.0)?;
         positive("max_lead_deg", self.max_lead_deg, 360.0)?;
         positive("stop_time_s", self.stop_time_s, 10.0)?;
         positive("goal_stale_s", self.goal_stale_s, 10.0)
+    }
+
+    /// The bounds for an arm.
+    ///
+    /// # Errors
+    /// A list of another length than the arm, and reversed limits.
+    fn bounds<const N: usize, A: Arm<N>>(&self, robot: &Robot<N, A>) -> Result<Bounds<N>, Invalid> {
+        let radians = |place: &str, list: &Option<Vec<f64>>, usual: &Vector<N>| {
+            let degrees = match list {
+                Some(list) => per_joint(place, list)?,
+                None => usual.map(f64::to_degrees).into(),
+            };
+            Ok(Vector::from(degrees.map(f64::to_radians)))
+        };
+        let q_min_rad = radians("q_min_deg", &self.q_min_deg, robot.arm.q_min())?;
+        let q_max_rad = radians("q_max_deg", &self.q_max_deg, robot.arm.q_max())?;
+        if let Some(i) = (0..N).find(|i| q_min_rad[*i] >= q_max_rad[*i]) {
+            let (low, high) = (q_min_rad[i].to_degrees(), q_max_rad[i].to_degrees());
+            return Err(Invalid::new(
+                format!("q_min_deg[{i}]"),
+                format!(
+                    "the lower limit {low} of {} is not below the upper limit {high}",
+                    robot.joint(i)
+                ),
+                "swap them or move them apart",
+            ));
+        }
+        Ok(Bounds {
+            q_min_rad,
+            q_max_rad,
+            v_max_rad_s: radians("v_max_deg_s", &self.v_max_deg_s, robot.arm.speed_max())?,
+            bumpless_rad: self.bumpless_deg.to_radians(),
+            lead_max_rad: self.max_lead_deg.to_radians(),
+            stop_time_s: self.stop_time_s,
+        })
     }
 }
 
@@ -101,48 +129,45 @@ const ABSURD_RAD: f64 = 8.0 * core::f64::consts::PI;
 const ABSURD_RAD_S: f64 = 100.0;
 
 /// Joints that somebody can desire.
-fn sound(desired: &Desired) -> bool {
+fn sound<const N: usize>(desired: &Desired<N>) -> bool {
     desired.q_rad.iter().all(|q| q.abs() <= ABSURD_RAD)
         && desired.qd_rad_s.iter().all(|qd| qd.abs() <= ABSURD_RAD_S)
 }
 
 /// The task.
-pub struct Setpoint {
-    law: Law,
+pub struct Setpoint<const N: usize = 6> {
+    law: Law<N>,
     last: Option<Nanos>,
     control: Input<ControlState>,
-    joints: Input<JointState>,
-    jog: Input<Goal>,
-    trajectory: Input<Goal>,
-    tactile: Input<Goal>,
-    desired: Output<Desired>,
+    joints: Input<JointState<N>>,
+    jog: Input<Goal<N>>,
+    trajectory: Input<Goal<N>>,
+    tactile: Option<Input<Goal<N>>>,
+    desired: Output<Desired<N>>,
 }
 
-impl Setpoint {
-    /// Declares the ports: in `control`, `joints`, `jog`, `trajectory`, `tactile`, out
-    /// `desired`.
+impl<const N: usize> Setpoint<N> {
+    /// Declares the ports: in `control`, `joints`, `jog`, `trajectory` and, for a machine with
+    /// `touch`, `tactile`; out `desired`.
     ///
     /// # Errors
-    /// What [`Config::check`] refuses.
-    pub fn new(config: Config, ports: &mut Ports) -> Result<Setpoint, Invalid> {
+    /// What [`Config::check`] refuses, lists of another length than the arm, reversed limits.
+    pub fn new<A: Arm<N>>(
+        config: Config,
+        robot: &Robot<N, A>,
+        touch: bool,
+        ports: &mut Ports,
+    ) -> Result<Setpoint<N>, Invalid> {
         config.check()?;
-        let radians = |degrees: [f64; 6]| Joints::from(degrees.map(f64::to_radians));
         let stale = span(config.goal_stale_s);
         Ok(Setpoint {
-            law: Law::new(Bounds {
-                q_min_rad: radians(config.q_min_deg),
-                q_max_rad: radians(config.q_max_deg),
-                v_max_rad_s: radians(config.v_max_deg_s),
-                bumpless_rad: config.bumpless_deg.to_radians(),
-                lead_max_rad: config.max_lead_deg.to_radians(),
-                stop_time_s: config.stop_time_s,
-            }),
+            law: Law::new(config.bounds(robot)?),
             last: None,
             control: ports.input("control"),
             joints: ports.input("joints"),
             jog: ports.input_within("jog", stale),
             trajectory: ports.input_within("trajectory", stale),
-            tactile: ports.input_within("tactile", stale),
+            tactile: touch.then(|| ports.input_within("tactile", stale)),
             desired: ports.output_within("desired", sound),
         })
     }
@@ -159,7 +184,7 @@ fn elapsed(last: Option<Nanos>, cycle: &Cycle) -> Nanos {
     last.map_or(cycle.dt, |last| cycle.release - last).max(cycle.dt)
 }
 
-impl Task for Setpoint {
+impl<const N: usize> Task for Setpoint<N> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let elapsed = elapsed(self.last, cycle);
         self.last = Some(cycle.release);
@@ -167,7 +192,7 @@ impl Task for Setpoint {
         let joints = io.read(&self.joints).usable();
         let jog = io.read(&self.jog).usable();
         let trajectory = io.read(&self.trajectory).usable();
-        let tactile = io.read(&self.tactile).usable();
+        let tactile = self.tactile.as_ref().and_then(|tactile| io.read(tactile).usable());
         let Some(measured) = joints else {
             io.write(&self.desired, Desired::default());
             return Ok(());
@@ -204,7 +229,7 @@ mod tests {
     fn unusable_settings_are_refused_with_their_place() {
         type Set = fn(&mut Config, f64);
         let positive: [(&str, Set); 5] = [
-            ("v_max_deg_s[1]", |c, x| c.v_max_deg_s[1] = x),
+            ("v_max_deg_s[1]", |c, x| c.v_max_deg_s = Some(vec![1.0, x])),
             ("bumpless_deg", |c, x| c.bumpless_deg = x),
             ("max_lead_deg", |c, x| c.max_lead_deg = x),
             ("stop_time_s", |c, x| c.stop_time_s = x),
@@ -217,11 +242,19 @@ mod tests {
                 assert_eq!(config.check().unwrap_err().place, place, "{bad}");
             }
         }
-        let mut config = Config::default();
-        config.q_min_deg[2] = config.q_max_deg[2];
-        assert_eq!(config.check().unwrap_err().place, "q_min_deg[2]");
-        config.q_max_deg[2] = f64::NAN;
-        assert_eq!(config.check().unwrap_err().place, "q_max_deg[2]");
+        let robot = Robot::puma260();
+        let level = Some(vec![-1.0, -1.0, 1.0, -1.0, -1.0, -1.0]);
+        let above = Some(vec![1.0; 6]);
+        let config = Config { q_min_deg: level, q_max_deg: above.clone(), ..Config::default() };
+        assert_eq!(config.check(), Ok(()));
+        let bad = config.bounds(&robot).unwrap_err();
+        assert_eq!(bad.place, "q_min_deg[2]");
+        let named = Robot { names: (1..7).map(|n| format!("axis_{n}")).collect(), ..robot };
+        assert!(config.bounds(&named).unwrap_err().what.contains("joint 3 (`axis_3`)"));
+        let config = Config { q_max_deg: Some(vec![1.0, f64::NAN]), ..Config::default() };
+        assert_eq!(config.check().unwrap_err().place, "q_max_deg[1]");
+        let short = Config { v_max_deg_s: Some(vec![1.0; 5]), ..Config::default() };
+        assert_eq!(short.bounds(&named).err().map(|bad| bad.place).as_deref(), Some("v_max_deg_s"));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! `setpoint` in a machine in virtual time, between scripted tasks.
 
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, Mode, Payload};
 use taktil_signal::{ControlState, Desired, Goal, JointState, State};
 use taktil_tasks_setpoint::{Config, Setpoint};
@@ -43,7 +44,9 @@ fn run(script: fn(u64) -> Before) -> (Vec<Desired>, Vec<FaultCode>) {
     bench.feed(lane, "tactile", move |tick| script(tick).tactile);
     // Nobody jogs here; the port says nothing.
     bench.feed(lane, "jog", |_| None::<Goal>);
-    bench.task(lane, "setpoint", |ports| Setpoint::new(Config::default(), ports));
+    bench.task(lane, "setpoint", |ports| {
+        Setpoint::new(Config::default(), &Robot::puma260(), true, ports)
+    });
     bench.bind_feeds("setpoint", &["control", "joints", "trajectory", "tactile", "jog"]);
     let run = bench.run(PERIOD * i64::try_from(JOBS).unwrap());
     let desired: Vec<Desired> = run.of("setpoint.desired");

@@ -38,17 +38,19 @@ pub struct Word {
 
 /// What one decision goes by.
 #[derive(Clone, Copy, Debug)]
-pub struct Facts {
+pub struct Facts<const N: usize = 6> {
     /// Release of the job.
     pub release: Nanos,
     /// Digital inputs, unless they have stopped coming.
     pub lines: Option<Lines>,
     /// Measured joints, unless they have stopped coming.
-    pub joints: Option<JointState>,
+    pub joints: Option<JointState<N>>,
     /// Faults that lanes have raised since the last decision.
     pub raised: FaultSet,
     /// Faults in the lanes' newest words, old or new.
     pub present: FaultSet,
+    /// The machine can feel.
+    pub touch: bool,
     /// The touch lane's health has stopped coming.
     pub touch_silent: bool,
     /// The trajectory's word.
@@ -61,14 +63,14 @@ pub struct Facts {
 
 /// State, mode and what has to be remembered between decisions.
 #[derive(Clone, Debug)]
-pub struct Core {
+pub struct Core<const N: usize = 6> {
     times: Times,
     state: State,
     mode: Mode,
     state_since: Option<Nanos>,
     mode_since: Nanos,
     latch: Latch,
-    standstill: Standstill,
+    standstill: Standstill<N>,
     disagreement: Lasting,
     blindness: Lasting,
     blind: bool,
@@ -91,7 +93,7 @@ struct Cell {
     b: bool,
 }
 
-impl Fold for Core {
+impl<const N: usize> Fold for Core<N> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.state).add(&self.mode).add(&self.state_since).add(&self.mode_since);
         hash.add(&self.latch).add(&self.standstill).add(&self.disagreement).add(&self.blindness);
@@ -100,10 +102,10 @@ impl Fold for Core {
     }
 }
 
-impl Core {
+impl<const N: usize> Core<N> {
     /// In START, mode OFF.
     #[must_use]
-    pub fn new(times: Times) -> Core {
+    pub fn new(times: Times) -> Core<N> {
         Core {
             times,
             state: State::Start,
@@ -124,7 +126,7 @@ impl Core {
     }
 
     /// Takes the facts of one job; returns what everybody is told.
-    pub fn decide(&mut self, facts: &Facts) -> (ControlState, ModeStatus) {
+    pub fn decide(&mut self, facts: &Facts<N>) -> (ControlState, ModeStatus) {
         let now = facts.release;
         self.state_since.get_or_insert(now);
         self.settling = self.settling.saturating_sub(1);
@@ -156,7 +158,7 @@ impl Core {
     }
 
     /// The faults that only the supervisor can see.
-    fn watch(&mut self, facts: &Facts, cell: Cell) -> FaultSet {
+    fn watch(&mut self, facts: &Facts<N>, cell: Cell) -> FaultSet {
         let mut found = FaultSet::NONE;
         let disagree = self.disagreement.watch(facts.release, cell.a != cell.b);
         if disagree && self.mode != Mode::Off {
@@ -183,7 +185,7 @@ impl Core {
     }
 
     /// What lines and time do to the mode.
-    fn advance(&mut self, facts: &Facts, cell: Cell, still: bool) {
+    fn advance(&mut self, facts: &Facts<N>, cell: Cell, still: bool) {
         let now = facts.release;
         let spent = now - self.mode_since;
         let checked = cell.a && cell.b && facts.joints.is_some() && !facts.touch_silent;
@@ -203,7 +205,7 @@ impl Core {
         self.tell(event, now);
     }
 
-    fn guard(&self, facts: &Facts) -> Guard {
+    fn guard(&self, facts: &Facts<N>) -> Guard {
         let since = self.state_since.unwrap_or(facts.release);
         let word = match self.state {
             State::Trajectory | State::TrajectoryUser => facts.trajectory,
@@ -216,13 +218,14 @@ impl Core {
             calibrated: facts.joints.is_some_and(|joints| joints.calibrated == 1),
             // A word from before this state was entered is about something else.
             done: word.done && word.stamp >= since,
-            blind: self.blind,
+            // Who cannot feel is blind for ever.
+            blind: self.blind || !facts.touch,
         }
     }
 
     /// The operator's request, once. While the zero of the joints settles only stop and reset are
     /// heard; the others wait.
-    fn hear(&mut self, facts: &Facts) {
+    fn hear(&mut self, facts: &Facts<N>) {
         let Some(request) = facts.request else { return };
         if self.request == Some(request.sequence) {
             return;

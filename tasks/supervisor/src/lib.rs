@@ -116,27 +116,33 @@ fn is_mode(word: &ModeStatus) -> bool {
     u8::try_from(word.mode).ok().and_then(Mode::from_code).is_some()
 }
 
+/// What comes from the sense of touch, on a machine that has one.
+struct Touch<const N: usize> {
+    tactile: Input<Goal<N>>,
+    health: Input<LaneHealth>,
+}
+
 /// The task.
-pub struct Supervisor {
-    core: Core,
+pub struct Supervisor<const N: usize = 6> {
+    core: Core<N>,
     request: Input<Request>,
     lines: Input<Lines>,
-    joints: Input<JointState>,
-    trajectory: Input<Goal>,
-    tactile: Input<Goal>,
+    joints: Input<JointState<N>>,
+    trajectory: Input<Goal<N>>,
+    touch: Option<Touch<N>>,
     servo_health: Input<LaneHealth>,
-    touch_health: Input<LaneHealth>,
     control: Output<ControlState>,
     mode: Output<ModeStatus>,
 }
 
-impl Supervisor {
-    /// Declares the ports: in `request`, `lines`, `joints`, `trajectory` (delayed), `tactile`
-    /// (delayed), `servo_health` (delayed), `touch_health`, out `control`, `mode`.
+impl<const N: usize> Supervisor<N> {
+    /// Declares the ports: in `request`, `lines`, `joints`, `trajectory` (delayed), `servo_health`
+    /// (delayed) and, for a machine with `touch`, `tactile` (delayed) and `touch_health`; out
+    /// `control`, `mode`. Without touch TACTILE-SERVO is not granted.
     ///
     /// # Errors
     /// What [`Config::check`] refuses.
-    pub fn new(config: Config, ports: &mut Ports) -> Result<Supervisor, Invalid> {
+    pub fn new(config: Config, touch: bool, ports: &mut Ports) -> Result<Supervisor<N>, Invalid> {
         config.check()?;
         let stale = span(config.input_stale_s);
         Ok(Supervisor {
@@ -145,9 +151,11 @@ impl Supervisor {
             lines: ports.input_within("lines", stale),
             joints: ports.input_within("joints", stale),
             trajectory: ports.input_delayed("trajectory"),
-            tactile: ports.input_delayed("tactile"),
+            touch: touch.then(|| Touch {
+                tactile: ports.input_delayed("tactile"),
+                health: ports.input_within("touch_health", span(config.touch_silent_s)),
+            }),
             servo_health: ports.input_delayed("servo_health"),
-            touch_health: ports.input_within("touch_health", span(config.touch_silent_s)),
             control: ports.output("control"),
             mode: ports.output_within("mode", is_mode),
         })
@@ -156,25 +164,28 @@ impl Supervisor {
 
 /// A source's word. The tactile servo is done only while it is at work; an empty trajectory is done
 /// too.
-fn word(goal: &Sample<Goal>, only_when_valid: bool) -> Word {
+fn word<const N: usize>(goal: &Sample<Goal<N>>, only_when_valid: bool) -> Word {
     let done = goal.value.done == 1 && (goal.value.valid == 1 || !only_when_valid);
     Word { stamp: goal.stamp, done }
 }
 
-impl Task for Supervisor {
+impl<const N: usize> Task for Supervisor<N> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let servo = io.read(&self.servo_health);
-        let touch = io.read(&self.touch_health);
+        let touch = self.touch.as_ref().map(|touch| io.read(&touch.health));
         let raised = |health: Sample<LaneHealth>| health.fresh().map_or(0, |word| word.faults);
+        let felt = self.touch.as_ref().map(|touch| word(&io.read(&touch.tactile), true));
+        let felt = felt.unwrap_or_default();
         let facts = Facts {
             release: cycle.release,
             lines: io.read(&self.lines).usable(),
             joints: io.read(&self.joints).usable(),
-            raised: FaultSet(raised(servo) | raised(touch)),
-            present: FaultSet(servo.value.faults | touch.value.faults),
-            touch_silent: touch.usable().is_none(),
+            raised: FaultSet(raised(servo) | touch.map_or(0, raised)),
+            present: FaultSet(servo.value.faults | touch.map_or(0, |touch| touch.value.faults)),
+            touch: touch.is_some(),
+            touch_silent: touch.is_some_and(|touch| touch.usable().is_none()),
             trajectory: word(&io.read(&self.trajectory), false),
-            tactile: word(&io.read(&self.tactile), true),
+            tactile: felt,
             request: io.read(&self.request).usable(),
         };
         let (control, mode) = self.core.decide(&facts);

@@ -7,32 +7,32 @@ use taktil_rtcore::{FaultCode, FaultSet, Fold, Nanos, StateHash};
 /// Sees whether the arm stands still: no joint has left a small band for a while. Counts that
 /// flicker do not matter, and neither does a slow speed estimate.
 #[derive(Clone, Debug)]
-pub struct Standstill {
+pub struct Standstill<const N: usize = 6> {
     band_rad: f64,
     time: Nanos,
-    around: Option<([f64; 6], Nanos)>,
+    around: Option<([f64; N], Nanos)>,
 }
 
-impl Fold for Standstill {
+impl<const N: usize> Fold for Standstill<N> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.around);
     }
 }
 
-impl Standstill {
+impl<const N: usize> Standstill<N> {
     /// Still means: within `band_rad` of one place for `time`.
     #[must_use]
-    pub fn new(band_rad: f64, time: Nanos) -> Standstill {
+    pub fn new(band_rad: f64, time: Nanos) -> Standstill<N> {
         Standstill { band_rad, time, around: None }
     }
 
     /// Takes the joints as they are at `now`; `None` when they are not known.
-    pub fn watch(&mut self, now: Nanos, q_rad: Option<[f64; 6]>) -> bool {
+    pub fn watch(&mut self, now: Nanos, q_rad: Option<[f64; N]>) -> bool {
         let Some(q_rad) = q_rad else {
             self.around = None;
             return false;
         };
-        let near = |place: &[f64; 6]| (0..6).all(|i| (q_rad[i] - place[i]).abs() <= self.band_rad);
+        let near = |place: &[f64; N]| (0..N).all(|i| (q_rad[i] - place[i]).abs() <= self.band_rad);
         match &self.around {
             Some((place, since)) if near(place) => now - *since >= self.time,
             _ => {

@@ -115,7 +115,7 @@ fn run(script: fn(u64) -> Around, touch: Option<(FaultCode, u64, u64)>) -> Seen 
             goal: ports.output("goal"),
         })
     });
-    bench.task(servo, "supervisor", |ports| Supervisor::new(Config::default(), ports));
+    bench.task(servo, "supervisor", |ports| Supervisor::<6>::new(Config::default(), true, ports));
     bench.task(lane, "scan", |_| Ok(Touch(touch)));
     for (port, signal) in [
         ("request", "others.request"),

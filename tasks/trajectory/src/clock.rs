@@ -89,7 +89,7 @@ impl Clock {
 
     /// What a setpoint of the path becomes in the time of the day.
     #[must_use]
-    pub fn paced(&self, at: &Setpoint) -> Setpoint {
+    pub fn paced<const N: usize>(&self, at: &Setpoint<N>) -> Setpoint<N> {
         Setpoint {
             q: at.q,
             qd: at.qd * self.rate,

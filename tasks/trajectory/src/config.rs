@@ -2,11 +2,14 @@
 //! outside the limits, tool poses out of reach, speeds above the arm's.
 
 use serde::Deserialize;
+use taktil_mechanics::Pose;
+use taktil_mechanics::arm::Arm;
+use taktil_mechanics::chain::Vector;
 use taktil_mechanics::paul::MAX_POINTS;
-use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
-use taktil_mechanics::{Joints, Pose};
 use taktil_rtcore::Invalid;
+use taktil_signal::per_joint;
 
 /// Most moves of a queue: one point of the path is where the arm stands.
 pub const MAX_MOVES: usize = MAX_POINTS - 1;
@@ -68,9 +71,9 @@ impl Default for Config {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Move {
-    /// Goal as joint angles (deg).
+    /// Goal as joint angles (deg), one a joint.
     #[serde(default)]
-    pub joints_deg: Option<[f64; 6]>,
+    pub joints_deg: Option<Vec<f64>>,
     /// Goal as a pose of the tool.
     #[serde(default)]
     pub tool: Option<ToolGoal>,
@@ -111,9 +114,9 @@ pub struct ToolGoal {
 
 /// A goal that was found sound.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Goal {
+pub enum Goal<const N: usize = 6> {
     /// Joint angles (rad).
-    Joints(Joints),
+    Joints(Vector<N>),
     /// Tool pose in the base frame.
     Tool(Pose),
     /// Displacement in the tool's axes (m).
@@ -122,9 +125,9 @@ pub enum Goal {
 
 /// A move that was found sound.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Step {
+pub struct Step<const N: usize = 6> {
     /// Where to.
-    pub goal: Goal,
+    pub goal: Goal<N>,
     /// Whether the tool runs straight to it.
     pub straight: bool,
     /// In which time (s); by speed when absent.
@@ -182,7 +185,7 @@ impl ToolGoal {
 }
 
 impl Move {
-    fn check(&self, arm: &Puma260) -> Result<Step, Invalid> {
+    fn check<const N: usize, A: Arm<N>>(&self, robot: &Robot<N, A>) -> Result<Step<N>, Invalid> {
         if let Some(t_s) = self.t_s.filter(|t_s| !(*t_s > 0.0 && *t_s <= 3600.0)) {
             return Err(Invalid::new("t_s", format!("is {t_s}"), "give more than 0, up to 3600 s"));
         }
@@ -192,12 +195,11 @@ impl Move {
                 let remedy = "give the goal as tool or by_mm, or leave `straight` out";
                 return Err(Invalid::new("straight", what, remedy));
             }
-            (Some(degrees), None, None) => Goal::Joints(check_joints(degrees, arm)?),
+            (Some(degrees), None, None) => Goal::Joints(check_joints(degrees, robot)?),
             (None, Some(tool), None) => {
                 tool.check().map_err(|invalid| invalid.within("tool"))?;
                 let pose = tool.pose();
-                let branches = arm.inverse(&arm.tool_to_wrist(&pose), None);
-                if !branches.iter().any(|branch| branch.in_limits) {
+                if !robot.arm.can_reach(&pose) {
                     return Err(Invalid::new(
                         "tool",
                         format!("{:?} mm cannot be reached within the joint limits", tool.p_mm),
@@ -223,14 +225,18 @@ impl Move {
     }
 }
 
-fn check_joints(degrees: &[f64; 6], arm: &Puma260) -> Result<Joints, Invalid> {
-    let q = Joints::from(degrees.map(f64::to_radians));
-    for joint in 0..6 {
-        let (low, high) = (arm.q_min_rad[joint], arm.q_max_rad[joint]);
+fn check_joints<const N: usize, A: Arm<N>>(
+    degrees: &[f64],
+    robot: &Robot<N, A>,
+) -> Result<Vector<N>, Invalid> {
+    let degrees = per_joint::<N>("joints_deg", degrees)?;
+    let q = Vector::from(degrees.map(f64::to_radians));
+    for joint in 0..N {
+        let (low, high) = (robot.arm.q_min()[joint], robot.arm.q_max()[joint]);
         if !(low <= q[joint] && q[joint] <= high) {
             return Err(Invalid::new(
                 format!("joints_deg[{joint}]"),
-                format!("{} is outside the limits of joint {}", degrees[joint], joint + 1),
+                format!("{} is outside the limits of {}", degrees[joint], robot.joint(joint)),
                 format!("give {:.1} to {:.1} degrees", low.to_degrees(), high.to_degrees()),
             ));
         }
@@ -239,19 +245,16 @@ fn check_joints(degrees: &[f64; 6], arm: &Puma260) -> Result<Joints, Invalid> {
 }
 
 impl Config {
-    /// # Errors
-    /// See [`Config::steps`].
-    pub fn check(&self) -> Result<(), Invalid> {
-        self.steps(&Puma260::reference()).map(|_| ())
-    }
-
     /// The queue, checked against an arm.
     ///
     /// # Errors
     /// Too many moves; a move without exactly one goal, with an angle outside the limits, with a
     /// pose out of reach or no rotation; times that are not positive; a `t_s` below two `tau_s`; a
     /// speed outside 0 to 1; a `tau_s` in which a joint could not turn round at that speed.
-    pub fn steps(&self, arm: &Puma260) -> Result<Vec<Step>, Invalid> {
+    pub fn steps<const N: usize, A: Arm<N>>(
+        &self,
+        robot: &Robot<N, A>,
+    ) -> Result<Vec<Step<N>>, Invalid> {
         if self.moves.len() > MAX_MOVES {
             let what = format!("has {} moves", self.moves.len());
             return Err(Invalid::new("moves", what, format!("give at most {MAX_MOVES}")));
@@ -273,7 +276,7 @@ impl Config {
             }
         }
         // At a via point a joint may turn round: 3/4 of twice its speed over tau.
-        let turn_round = arm.speed_max_rad_s.component_div(&arm.acceleration_max_rad_s2).max();
+        let turn_round = robot.arm.speed_max().component_div(robot.arm.acceleration_max()).max();
         let shortest = 1.5 * self.speed * turn_round;
         if !(self.tau_s >= shortest && self.tau_s <= 60.0) {
             return Err(Invalid::new(
@@ -285,7 +288,7 @@ impl Config {
         let mut steps = Vec::with_capacity(self.moves.len());
         for (index, one) in self.moves.iter().enumerate() {
             let place = format!("moves[{index}]");
-            steps.push(self.step(one, arm).map_err(|invalid| invalid.within(&place))?);
+            steps.push(self.step(one, robot).map_err(|invalid| invalid.within(&place))?);
         }
         Ok(steps)
     }
@@ -295,8 +298,12 @@ impl Config {
     ///
     /// # Errors
     /// As [`Config::steps`].
-    pub fn step(&self, one: &Move, arm: &Puma260) -> Result<Step, Invalid> {
-        let step = one.check(arm)?;
+    pub fn step<const N: usize, A: Arm<N>>(
+        &self,
+        one: &Move,
+        robot: &Robot<N, A>,
+    ) -> Result<Step<N>, Invalid> {
+        let step = one.check(robot)?;
         if let Some(t_s) = step.t_s.filter(|t_s| *t_s < 2.0 * self.tau_s) {
             let what = format!("{t_s} s leaves no room for two transitions of {} s", self.tau_s);
             return Err(Invalid::new("t_s", what, "give at least 2 tau_s"));
@@ -321,7 +328,7 @@ mod tests {
 
     fn to_joints(joints_deg: [f64; 6]) -> Config {
         let one = Move {
-            joints_deg: Some(joints_deg),
+            joints_deg: Some(joints_deg.to_vec()),
             tool: None,
             by_mm: None,
             straight: false,
@@ -330,15 +337,19 @@ mod tests {
         Config { moves: vec![one], ..Config::default() }
     }
 
+    fn check(config: &Config) -> Result<(), Invalid> {
+        config.steps(&Robot::puma260()).map(|_| ())
+    }
+
     fn place(config: &Config) -> String {
-        config.check().unwrap_err().place
+        check(config).unwrap_err().place
     }
 
     #[test]
     fn sound_queues_are_taken() {
-        assert_eq!(Config::default().check(), Ok(()));
-        assert_eq!(to_tool(tool([342.0, -127.0, -149.0])).check(), Ok(()));
-        assert_eq!(to_joints([0.0, 40.0, -153.0, -180.0, 67.0, 180.0]).check(), Ok(()));
+        assert_eq!(check(&Config::default()), Ok(()));
+        assert_eq!(check(&to_tool(tool([342.0, -127.0, -149.0]))), Ok(()));
+        assert_eq!(check(&to_joints([0.0, 40.0, -153.0, -180.0, 67.0, 180.0])), Ok(()));
     }
 
     #[test]
@@ -368,7 +379,7 @@ mod tests {
         let with = |rotation: [f64; 9]| {
             to_tool(ToolGoal { rotation: Some(rotation), ..tool([342.0, -127.0, -149.0]) })
         };
-        assert_eq!(with([-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0]).check(), Ok(()));
+        assert_eq!(check(&with([-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0])), Ok(()));
         for bad in [
             [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0],
             [0.0; 9],
@@ -391,13 +402,13 @@ mod tests {
         let config = Config { moves: vec![none], ..Config::default() };
         assert_eq!(place(&config), "moves[0]");
         let mut both = to_tool(tool([342.0, -127.0, -149.0]));
-        both.moves[0].joints_deg = Some([0.0; 6]);
+        both.moves[0].joints_deg = Some(vec![0.0; 6]);
         assert_eq!(place(&both), "moves[0]");
         let mut by = to_joints([0.0; 6]);
         by.moves[0].by_mm = Some([0.0; 3]);
         assert_eq!(place(&by), "moves[0]");
         by.moves[0].joints_deg = None;
-        assert_eq!(by.check(), Ok(()));
+        assert_eq!(check(&by), Ok(()));
         by.moves[0].by_mm = Some([0.0, f64::NAN, 0.0]);
         assert_eq!(place(&by), "moves[0].by_mm[1]");
     }
@@ -410,7 +421,7 @@ mod tests {
             assert_eq!(place(&config), "moves[0].t_s", "{bad}");
         }
         config.moves[0].t_s = Some(0.2);
-        assert_eq!(config.check(), Ok(()));
+        assert_eq!(check(&config), Ok(()));
         for bad in [0.0, 1.1, f64::NAN] {
             assert_eq!(place(&Config { speed: bad, ..Config::default() }), "speed");
         }

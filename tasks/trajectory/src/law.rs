@@ -5,12 +5,13 @@
 //! inverse kinematics: they are laid one a job, where they stay.
 
 use glam::DVec3;
+use taktil_mechanics::Pose;
+use taktil_mechanics::arm::Arm;
+use taktil_mechanics::chain::Vector;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 use taktil_mechanics::paul::{JointPath, PathError, segment_time_s};
 use taktil_mechanics::preview::Route;
-use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::rotation_vector;
-use taktil_mechanics::{Joints, Pose};
 use taktil_rtcore::StateHash;
 
 use crate::config::{BlendName, Config, Goal, Step};
@@ -67,8 +68,8 @@ impl Pace {
 /// A leg of the queue, laid in place and move by move, so that no job has to lay more than one: it
 /// starts at rest, goes on as long as steps are of the same kind, and ends at rest.
 #[derive(Debug)]
-pub struct Leg {
-    joints: JointPath,
+pub struct Leg<const N: usize = 6> {
+    joints: JointPath<N>,
     tool: CartesianPath,
     straight: bool,
     /// The step that is laid next.
@@ -76,13 +77,13 @@ pub struct Leg {
     whole: bool,
 }
 
-impl Leg {
+impl<const N: usize> Leg<N> {
     /// Room for a leg, before the first is begun.
     ///
     /// # Errors
     /// A pace whose `tau_s` is no time.
-    pub fn room(arm: &Puma260, pace: &Pace) -> Result<Leg, Refusal> {
-        let rest = Joints::zeros();
+    pub fn room<A: Arm<N>>(arm: &A, pace: &Pace) -> Result<Leg<N>, Refusal> {
+        let rest = Vector::zeros();
         let tool = CartesianPath::rest(&arm.tool_pose(&rest), pace.tau_s, pace.blend);
         let joints = JointPath::rest(&rest, pace.tau_s);
         let (joints, tool) = (joints.map_err(limits)?, tool.map_err(limits)?);
@@ -93,11 +94,11 @@ impl Leg {
     ///
     /// # Errors
     /// A start outside the limits.
-    pub fn begin(
+    pub fn begin<A: Arm<N>>(
         &mut self,
-        arm: &Puma260,
-        start: &Joints,
-        steps: &[Step],
+        arm: &A,
+        start: &Vector<N>,
+        steps: &[Step<N>],
         first: usize,
         pace: &Pace,
     ) -> Result<(), Refusal> {
@@ -122,7 +123,12 @@ impl Leg {
     ///
     /// # Errors
     /// [`Refusal`], its index counted from the beginning of the queue.
-    pub fn lay(&mut self, arm: &Puma260, steps: &[Step], pace: &Pace) -> Result<(), Refusal> {
+    pub fn lay<A: Arm<N>>(
+        &mut self,
+        arm: &A,
+        steps: &[Step<N>],
+        pace: &Pace,
+    ) -> Result<(), Refusal> {
         if self.whole {
             return Ok(());
         }
@@ -141,7 +147,7 @@ impl Leg {
     }
 
     /// Copies another leg into this one's place.
-    pub fn copy(&mut self, other: &Leg) {
+    pub fn copy(&mut self, other: &Leg<N>) {
         self.joints.clone_from(&other.joints);
         self.tool.clone_from(&other.tool);
         (self.straight, self.next, self.whole) = (other.straight, other.next, other.whole);
@@ -149,7 +155,7 @@ impl Leg {
 
     /// Whether a step is of the kind of this leg.
     #[must_use]
-    pub fn goes_on(&self, step: &Step) -> bool {
+    pub fn goes_on(&self, step: &Step<N>) -> bool {
         step.straight == self.straight
     }
 
@@ -158,7 +164,12 @@ impl Leg {
     ///
     /// # Errors
     /// As [`Leg::lay`], and a full leg. The leg is spoilt then.
-    pub fn go_on(&mut self, arm: &Puma260, step: &Step, pace: &Pace) -> Result<(), Refusal> {
+    pub fn go_on<A: Arm<N>>(
+        &mut self,
+        arm: &A,
+        step: &Step<N>,
+        pace: &Pace,
+    ) -> Result<(), Refusal> {
         self.whole = false;
         self.next = 0;
         self.lay(arm, core::slice::from_ref(step), pace)
@@ -188,7 +199,7 @@ impl Leg {
 
     /// The way so far, ending at rest.
     #[must_use]
-    pub fn route(&self) -> Route<'_> {
+    pub fn route(&self) -> Route<'_, N> {
         if self.straight { Route::Tool(&self.tool) } else { Route::Joints(&self.joints) }
     }
 
@@ -204,19 +215,19 @@ impl Leg {
     }
 
     fn wait(&mut self, pace: &Pace) -> Result<(), Refusal> {
-        let here = self.joints.points().last().copied().unwrap_or_default();
+        let here = self.joints.points().last().copied().unwrap_or_else(Vector::zeros);
         self.joints.push(&here, 2.0 * pace.tau_s).map_err(limits)
     }
 
     /// One straight move of the tool.
-    fn line(&mut self, arm: &Puma260, step: &Step, pace: &Pace) -> Result<(), Refusal> {
+    fn line<A: Arm<N>>(&mut self, arm: &A, step: &Step<N>, pace: &Pace) -> Result<(), Refusal> {
         let before = self.tool.points().last().copied().unwrap_or_default();
         let pose = match &step.goal {
             Goal::Tool(pose) => *pose,
             Goal::By(shift) => shifted(&before, shift),
             Goal::Joints(q) => arm.tool_pose(q),
         };
-        if arm.inverse(&arm.tool_to_wrist(&pose), None).is_empty() {
+        if !arm.may_reach(&pose) {
             return Err(Refusal::Unreachable { index: self.next });
         }
         let way = (pose.translation - before.translation).length() / pace.line_m_s;
@@ -226,24 +237,24 @@ impl Leg {
     }
 
     /// One move of the joints.
-    fn turn(&mut self, arm: &Puma260, step: &Step, pace: &Pace) -> Result<(), Refusal> {
+    fn turn<A: Arm<N>>(&mut self, arm: &A, step: &Step<N>, pace: &Pace) -> Result<(), Refusal> {
         let corner = self.joints.points().len() - 1;
         let before = self.joints.points()[corner];
         let unreachable = Refusal::Unreachable { index: self.next };
         let point = match &step.goal {
             Goal::Joints(q) => *q,
-            Goal::Tool(pose) => reach(arm, pose, &before).ok_or(unreachable)?,
+            Goal::Tool(pose) => arm.reach(pose, &before).ok_or(unreachable)?,
             Goal::By(shift) => {
                 let pose = shifted(&arm.tool_pose(&before), shift);
-                reach(arm, &pose, &before).ok_or(unreachable)?
+                arm.reach(&pose, &before).ok_or(unreachable)?
             }
         };
-        let speed_max = arm.speed_max_rad_s * pace.speed;
+        let speed_max = arm.speed_max() * pace.speed;
         let time_s =
             step.t_s.unwrap_or_else(|| segment_time_s(&before, &point, &speed_max, pace.tau_s));
         self.joints.push(&point, time_s).map_err(limits)?;
         let able =
-            arm.within_limits(&point) && below(&self.joints.speed_in(corner), &arm.speed_max_rad_s);
+            arm.within_limits(&point) && below(&self.joints.speed_in(corner), arm.speed_max());
         if !able {
             return Err(Refusal::Limits);
         }
@@ -251,9 +262,9 @@ impl Leg {
     }
 
     /// Refuses a corner that asks for more acceleration than there is.
-    fn corner_below(&self, arm: &Puma260, corner: usize) -> Result<(), Refusal> {
+    fn corner_below<A: Arm<N>>(&self, arm: &A, corner: usize) -> Result<(), Refusal> {
         let peak = self.joints.peak_acceleration_at(corner);
-        if below(&peak, &arm.acceleration_max_rad_s2) { Ok(()) } else { Err(Refusal::Limits) }
+        if below(&peak, arm.acceleration_max()) { Ok(()) } else { Err(Refusal::Limits) }
     }
 }
 
@@ -267,20 +278,16 @@ fn shifted(pose: &Pose, shift: &[f64; 3]) -> Pose {
     Pose::new(pose.rotation, pose.apply(DVec3::from_array(*shift)))
 }
 
-/// The solution nearest to `before` within the limits.
-fn reach(arm: &Puma260, tool: &Pose, before: &Joints) -> Option<Joints> {
-    let branches = arm.inverse(&arm.tool_to_wrist(tool), Some(before));
-    Some(arm.nearest(&branches, before)?.1)
-}
-
-fn below(values: &Joints, limits: &Joints) -> bool {
-    (0..6).all(|i| values[i] <= limits[i] * (1.0 + SLACK))
+fn below<const N: usize>(values: &Vector<N>, limits: &Vector<N>) -> bool {
+    (0..N).all(|i| values[i] <= limits[i] * (1.0 + SLACK))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use taktil_mechanics::Joints;
     use taktil_mechanics::paul::MAX_POINTS;
+    use taktil_mechanics::puma260::Puma260;
     use taktil_mechanics::spatial::rotation_y;
 
     fn rolling() -> Joints {

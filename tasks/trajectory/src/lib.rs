@@ -21,8 +21,10 @@ pub use config::{BlendName, Config, Move, ToolGoal};
 
 use online::Online;
 use program::{Outcome, Plan, Program};
-use taktil_mechanics::Joints;
+use taktil_mechanics::arm::Arm;
+use taktil_mechanics::chain::Vector;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Output, Payload, Ports, StateHash, Task,
 };
@@ -42,33 +44,39 @@ enum Progress {
 }
 
 /// The task.
-pub struct Trajectory {
+pub struct Trajectory<const N: usize = 6, A: Arm<N> = Puma260> {
     control: Input<ControlState>,
-    desired: Input<Desired>,
-    joints: Input<JointState>,
+    desired: Input<Desired<N>>,
+    joints: Input<JointState<N>>,
     moves: Input<TypedMove>,
-    goal: Output<Goal>,
+    goal: Output<Goal<N>>,
     check: Output<MoveCheck>,
     typed: Output<Typed>,
-    plan: Plan,
-    program: Program,
-    online: Online,
+    plan: Plan<N, A>,
+    program: Program<N, A>,
+    online: Online<N, A>,
     progress: Progress,
     /// When the present stay in TRAJECTORY began.
     entered_ns: i64,
 }
 
-const REFUSED: Goal = Goal { done: 1, ..Goal::ZERO };
+/// Nothing is wanted, and nothing is left to do.
+fn over<const N: usize>() -> Goal<N> {
+    Goal { done: 1, ..Goal::ZERO }
+}
 
-impl Trajectory {
+impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
     /// Declares `control`, `desired`, `joints`, `moves`, `goal`, `check` and `typed`.
     ///
     /// # Errors
     /// What [`Config::steps`] refuses.
-    pub fn new(config: Config, ports: &mut Ports) -> Result<Trajectory, Invalid> {
-        let arm = Puma260::reference();
-        let steps = config.steps(&arm)?;
-        let plan = Plan::new(&config, &arm, steps);
+    pub fn new(
+        config: Config,
+        robot: &Robot<N, A>,
+        ports: &mut Ports,
+    ) -> Result<Trajectory<N, A>, Invalid> {
+        let steps = config.steps(robot)?;
+        let plan = Plan::new(&config, robot, steps);
         let roomless =
             |_| Invalid::new("tau_s", format!("{} s allows no path", config.tau_s), "give more");
         let program = Program::room(&plan).map_err(roomless)?;
@@ -94,8 +102,8 @@ impl Trajectory {
     fn enter(
         &mut self,
         tick_s: f64,
-        desired: Option<Desired>,
-        joints: Option<JointState>,
+        desired: Option<Desired<N>>,
+        joints: Option<JointState<N>>,
         word: Option<Option<TypedMove>>,
     ) -> Result<(), (FaultCode, Option<MoveCheck>)> {
         self.progress = Progress::Refused;
@@ -103,7 +111,7 @@ impl Trajectory {
         let (Some(start), Some(joints)) = (start, joints.filter(|j| j.calibrated == 1)) else {
             return Err((FaultCode::MoveRefused, None));
         };
-        let start = Joints::from(start.q_rad);
+        let start = Vector::from(start.q_rad);
         if let Some(word) = word {
             self.online.begin(&mut self.plan, &start, tick_s, word);
             self.progress = Progress::Online { datum: joints.datum };
@@ -121,10 +129,10 @@ impl Trajectory {
         &mut self,
         tick: u64,
         word: Option<TypedMove>,
-    ) -> (Goal, Option<MoveCheck>, Result<(), FaultCode>) {
+    ) -> (Goal<N>, Option<MoveCheck>, Result<(), FaultCode>) {
         match self.progress {
             Progress::Idle => return (Goal::ZERO, None, Ok(())),
-            Progress::Refused => return (REFUSED, None, Ok(())),
+            Progress::Refused => return (over(), None, Ok(())),
             Progress::Online { .. } => return self.go_on(word),
             Progress::Under { .. } => {}
         }
@@ -139,7 +147,7 @@ impl Trajectory {
             }
             Outcome::Refused => {
                 self.progress = Progress::Refused;
-                (REFUSED, Some(check), Err(fault_of(&check)))
+                (over(), Some(check), Err(fault_of(&check)))
             }
         }
     }
@@ -149,12 +157,12 @@ impl Trajectory {
     fn go_on(
         &mut self,
         word: Option<TypedMove>,
-    ) -> (Goal, Option<MoveCheck>, Result<(), FaultCode>) {
+    ) -> (Goal<N>, Option<MoveCheck>, Result<(), FaultCode>) {
         let at = self.online.step(&self.plan, word);
         let said = self.online.said();
         let Some(at) = at else {
             self.progress = Progress::Refused;
-            return (REFUSED, said, Err(FaultCode::Unreachable));
+            return (over(), said, Err(FaultCode::Unreachable));
         };
         let goal = Goal { q_rad: at.q.into(), qd_rad_s: at.qd.into(), valid: 1, done: 0 };
         (goal, said, Ok(()))
@@ -165,7 +173,7 @@ fn fault_of(check: &MoveCheck) -> FaultCode {
     if check.reason == 2 { FaultCode::Unreachable } else { FaultCode::MoveRefused }
 }
 
-impl Task for Trajectory {
+impl<const N: usize, A: Arm<N>> Task for Trajectory<N, A> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let control = io.read(&self.control).usable();
         let desired = io.read(&self.desired).usable();

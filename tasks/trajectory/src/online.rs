@@ -4,10 +4,11 @@
 //! at rest. The arm can be brought to rest on its path and go on from there. Refuses a move that
 //! the arm cannot make, and with it what was typed after it; what was found good before goes on.
 
-use taktil_mechanics::Joints;
+use taktil_mechanics::arm::{Arm, Follow};
+use taktil_mechanics::chain::Vector;
 use taktil_mechanics::paul::Setpoint;
 use taktil_mechanics::preview::{Inspection, Preview, Refusal, Route, Terms, Verdict};
-use taktil_mechanics::puma260::follow::Follower;
+use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{Payload, StateHash};
 use taktil_signal::{MoveCheck, MoveKind, Typed, TypedMove};
 
@@ -26,8 +27,8 @@ const STOP_SHARE: f64 = 1.5;
 
 /// A move that waits for its verdict.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Waiting {
-    step: Step,
+struct Waiting<const N: usize> {
+    step: Step<N>,
     sequence: u32,
 }
 
@@ -42,53 +43,53 @@ enum Join {
 
 /// What the hand that is not run is used for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Ahead {
+enum Ahead<const N: usize> {
     /// Nothing.
     Free,
     /// It is looked at.
     Looking(Join),
     /// It was found good, and waits for the end of the leg that is run; joints there (rad).
-    Good { start: Joints, end: Joints, stop_tau_s: f64 },
+    Good { start: Vector<N>, end: Vector<N>, stop_tau_s: f64 },
 }
 
 /// The leg that is run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Run {
+struct Run<const N: usize, F> {
     clock: Clock,
-    follower: Follower,
+    follower: F,
     /// Joints at its end (rad).
-    end: Joints,
+    end: Vector<N>,
     /// Half the time of a pause (s).
     stop_tau_s: f64,
 }
 
 /// Moves on their way. There is one, and everything in it stays where it is.
 #[derive(Debug)]
-pub struct Online {
-    queue: [Waiting; MAX_TYPED],
+pub struct Online<const N: usize = 6, A: Arm<N> = Puma260> {
+    queue: [Waiting<N>; MAX_TYPED],
     waiting: usize,
-    hands: [Leg; 2],
+    hands: [Leg<N>; 2],
     /// The hand that is run; the other one is laid ahead.
     at: usize,
-    run: Option<Run>,
-    ahead: Ahead,
-    inspection: Inspection,
+    run: Option<Run<N, A::Follower>>,
+    ahead: Ahead<N>,
+    inspection: Inspection<N, A>,
     /// The rest of the path is to be forgotten once the arm stands.
     dropping: bool,
-    setpoint: Setpoint,
+    setpoint: Setpoint<N>,
     typed: Typed,
     check: MoveCheck,
     /// The check has something new to say.
     said: bool,
 }
 
-impl Online {
+impl<const N: usize, A: Arm<N>> Online<N, A> {
     /// Room for moves, before the first is typed.
     ///
     /// # Errors
     /// A pace that allows no path at all.
-    pub fn room(plan: &Plan) -> Result<Online, law::Refusal> {
-        let rest = Joints::zeros();
+    pub fn room(plan: &Plan<N, A>) -> Result<Online<N, A>, law::Refusal> {
+        let rest = Vector::zeros();
         let hand = || Leg::room(&plan.arm, &plan.pace);
         let hands = [hand()?, hand()?];
         let terms = Terms { tick_s: 1.0, ..plan.terms.clone() };
@@ -111,7 +112,13 @@ impl Online {
     }
 
     /// A stay begins at joints `start` (rad); `last` is a word from before it, which is not meant.
-    pub fn begin(&mut self, plan: &mut Plan, start: &Joints, tick_s: f64, last: Option<TypedMove>) {
+    pub fn begin(
+        &mut self,
+        plan: &mut Plan<N, A>,
+        start: &Vector<N>,
+        tick_s: f64,
+        last: Option<TypedMove>,
+    ) {
         plan.terms.tick_s = tick_s;
         let taken = last.map_or(0, |word| word.sequence);
         self.forget();
@@ -134,7 +141,7 @@ impl Online {
     }
 
     /// One job: the setpoint; `None` when the arm cannot follow what was found good.
-    pub fn step(&mut self, plan: &Plan, word: Option<TypedMove>) -> Option<Setpoint> {
+    pub fn step(&mut self, plan: &Plan<N, A>, word: Option<TypedMove>) -> Option<Setpoint<N>> {
         if let Some(word) = word.filter(|word| word.sequence != self.typed.taken) {
             self.take(&word);
         }
@@ -207,7 +214,7 @@ impl Online {
     }
 
     /// Looks at the move at the front of the queue for a while.
-    fn look(&mut self, plan: &Plan) {
+    fn look(&mut self, plan: &Plan<N, A>) {
         match self.ahead {
             Ahead::Good { .. } => {}
             Ahead::Free if self.waiting == 0 => {}
@@ -233,7 +240,7 @@ impl Online {
     }
 
     /// Lays a step into the free hand and begins to look at it.
-    fn lay(&mut self, plan: &Plan, step: &Step) -> Result<Join, Why> {
+    fn lay(&mut self, plan: &Plan<N, A>, step: &Step<N>) -> Result<Join, Why> {
         let Plan { arm, pace, terms, .. } = plan;
         let (running, free) = two(&mut self.hands, self.at);
         if let Some(run) = &self.run
@@ -246,7 +253,7 @@ impl Online {
                     let (follower, speed) = match running.route() {
                         Route::Joints(path) => {
                             let at = path.at(from_s);
-                            (Follower::new(arm, &at.q), at.qd)
+                            (arm.follower(&at.q), at.qd)
                         }
                         Route::Tool(_) => (run.follower, self.setpoint.qd),
                     };
@@ -268,7 +275,7 @@ impl Online {
     }
 
     /// The move at the front was found good: joins it, if there still is time.
-    fn passed(&mut self, plan: &Plan, join: Join) {
+    fn passed(&mut self, plan: &Plan<N, A>, join: Join) {
         let preview = *self.inspection.preview();
         let stop_tau_s = stop_tau_s(plan, &preview);
         let begun = self.run.map_or(0.0, |run| run.clock.t_s());
@@ -306,7 +313,7 @@ impl Online {
     }
 
     /// Goes on along the path by one tick.
-    fn proceed(&mut self, plan: &Plan) -> Option<Setpoint> {
+    fn proceed(&mut self, plan: &Plan<N, A>) -> Option<Setpoint<N>> {
         let (dt_s, tau_s) = (plan.terms.tick_s, plan.pace.tau_s);
         let rest = Setpoint::rest(&self.setpoint.q);
         let Some(run) = &mut self.run else {
@@ -346,7 +353,7 @@ impl Online {
     }
 
     /// Starts the leg that was found good, if there is one; it moves from the next job on.
-    fn start(&mut self, plan: &Plan) {
+    fn start(&mut self, plan: &Plan<N, A>) {
         let Ahead::Good { start, end, stop_tau_s } = self.ahead else { return };
         self.ahead = Ahead::Free;
         if (start - self.setpoint.q).amax() > SAME_RAD {
@@ -358,7 +365,7 @@ impl Online {
         self.at = 1 - self.at;
         self.run = Some(Run {
             clock: Clock::new(self.typed.paused == 0),
-            follower: Follower::new(&plan.arm, &self.setpoint.q),
+            follower: plan.arm.follower(&self.setpoint.q),
             end,
             stop_tau_s,
         });
@@ -390,7 +397,7 @@ impl Online {
 }
 
 /// The hand that is run, and the other one.
-fn two(hands: &mut [Leg; 2], at: usize) -> (&Leg, &mut Leg) {
+fn two<const N: usize>(hands: &mut [Leg<N>; 2], at: usize) -> (&Leg<N>, &mut Leg<N>) {
     let [first, second] = hands;
     if at == 0 { (first, second) } else { (second, first) }
 }
@@ -398,7 +405,7 @@ fn two(hands: &mut [Leg; 2], at: usize) -> (&Leg, &mut Leg) {
 /// The path's time from which a continuation has to be looked at: where the transition to rest
 /// begins, for joints; from here on, for the tool, whose joints depend on the way. `None` when
 /// there is no time left for one, or the tool's path is not run at its own pace.
-fn joint(route: Route<'_>, run: &Run, tau_s: f64) -> Option<f64> {
+fn joint<const N: usize, F>(route: Route<'_, N>, run: &Run<N, F>, tau_s: f64) -> Option<f64> {
     let corner_s = route.duration_s() - 2.0 * tau_s;
     let t_s = run.clock.t_s();
     match route {
@@ -409,11 +416,11 @@ fn joint(route: Route<'_>, run: &Run, tau_s: f64) -> Option<f64> {
 }
 
 /// Half the time of a pause that every joint can bear at the largest speed of a leg.
-fn stop_tau_s(plan: &Plan, preview: &Preview) -> f64 {
+fn stop_tau_s<const N: usize, A: Arm<N>>(plan: &Plan<N, A>, preview: &Preview<N>) -> f64 {
     let Plan { arm, .. } = plan;
-    let shortest = (0..6).map(|joint| {
-        let speed = preview.speed[joint].value * arm.speed_max_rad_s[joint];
-        STOP_SHARE * speed / arm.acceleration_max_rad_s2[joint]
+    let shortest = (0..N).map(|joint| {
+        let speed = preview.speed[joint].value * arm.speed_max()[joint];
+        STOP_SHARE * speed / arm.acceleration_max()[joint]
     });
     shortest.fold(0.0, f64::max)
 }

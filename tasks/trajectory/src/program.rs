@@ -3,14 +3,12 @@
 //! than its neighbours, however long the queue. Refuses to move before the last leg was looked at,
 //! and to go on where the arm cannot follow.
 
-use taktil_mechanics::Joints;
-
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::arm::{Arm, Follow, Lost};
+use taktil_mechanics::chain::Vector;
 use taktil_mechanics::paul::Setpoint;
-use taktil_mechanics::preview::{Inspection, Preview, Refusal, Route, Terms, Verdict};
+use taktil_mechanics::preview::{Inspection, Peak, Preview, Refusal, Route, Terms, Verdict};
 use taktil_mechanics::puma260::Puma260;
-use taktil_mechanics::puma260::follow::{Follower, Lost};
-use taktil_mechanics::transmission::{Drive, Transmission};
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Payload, StateHash};
 use taktil_signal::MoveCheck;
 
@@ -21,38 +19,37 @@ use crate::law::{self, Leg, Pace};
 pub(crate) const LOOKED_A_JOB: u32 = 4;
 
 /// Everything about a queue that does not change.
-pub struct Plan {
-    pub(crate) arm: Puma260,
-    steps: Vec<Step>,
+pub struct Plan<const N: usize = 6, A: Arm<N> = Puma260> {
+    pub(crate) arm: A,
+    steps: Vec<Step<N>>,
     pub(crate) pace: Pace,
-    pub(crate) terms: Terms,
+    pub(crate) terms: Terms<N, A>,
 }
 
-impl Plan {
+impl<const N: usize, A: Arm<N>> Plan<N, A> {
     /// The plan of a checked queue, looked at every `tick_s` (s).
     #[must_use]
-    pub fn new(config: &Config, arm: &Puma260, steps: Vec<Step>) -> Plan {
-        let torque_max_nm = Drive::reference().peak_joint_torque(&Transmission::reference());
+    pub fn new(config: &Config, robot: &Robot<N, A>, steps: Vec<Step<N>>) -> Plan<N, A> {
         let terms = Terms {
-            arm: *arm,
-            dynamics: Dynamics::reference(),
-            torque_max_nm,
+            arm: robot.arm,
+            dynamics: robot.links.clone(),
+            torque_max_nm: robot.torque_max_nm,
             off_max_m: config.off_path_mm * 1e-3,
             off_max_rad: config.off_path_deg.to_radians(),
             // The lane's period; known with the first job.
             tick_s: 0.0,
         };
-        Plan { arm: *arm, steps, pace: Pace::of(config), terms }
+        Plan { arm: robot.arm, steps, pace: Pace::of(config), terms }
     }
 }
 
 /// Where a leg begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Begin {
+struct Begin<const N: usize> {
     /// Number of its first step.
     step: usize,
     /// Joints (rad).
-    q: Joints,
+    q: Vector<N>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -69,38 +66,38 @@ enum Stage {
 
 /// A queue on its way. There is one, and everything in it stays where it is: a leg is some kB.
 #[derive(Debug)]
-pub struct Program {
-    begins: [Begin; MAX_MOVES + 1],
+pub struct Program<const N: usize = 6, A: Arm<N> = Puma260> {
+    begins: [Begin<N>; MAX_MOVES + 1],
     /// Legs looked at so far.
     legs: usize,
     /// The leg that is run.
     leg: usize,
     /// The leg at hand, and the one that is laid while it is run.
-    hands: [Leg; 2],
+    hands: [Leg<N>; 2],
     stage: Stage,
-    inspection: Inspection,
-    follower: Follower,
+    inspection: Inspection<N, A>,
+    follower: A::Follower,
     /// Where the arm is wanted now (rad).
-    q: Joints,
+    q: Vector<N>,
     check: MoveCheck,
 }
 
 /// What a job of a program comes to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Outcome {
+pub enum Outcome<const N: usize = 6> {
     /// The setpoint, and whether all is done.
-    At(Setpoint, bool),
+    At(Setpoint<N>, bool),
     /// The queue is refused, or the arm cannot follow; the check says why.
     Refused,
 }
 
-impl Program {
+impl<const N: usize, A: Arm<N>> Program<N, A> {
     /// Room for a program, before the first is begun.
     ///
     /// # Errors
     /// A pace that allows no path at all.
-    pub fn room(plan: &Plan) -> Result<Program, law::Refusal> {
-        let q = Joints::zeros();
+    pub fn room(plan: &Plan<N, A>) -> Result<Program<N, A>, law::Refusal> {
+        let q = Vector::zeros();
         let hand = || Leg::room(&plan.arm, &plan.pace);
         let hands = [hand()?, hand()?];
         let terms = Terms { tick_s: 1.0, ..plan.terms.clone() };
@@ -112,7 +109,7 @@ impl Program {
             hands,
             stage: Stage::Laying,
             inspection: inspection.map_err(|_| law::Refusal::Limits)?,
-            follower: Follower::new(&plan.arm, &q),
+            follower: plan.arm.follower(&q),
             q,
             check: MoveCheck::ZERO,
         })
@@ -122,7 +119,12 @@ impl Program {
     ///
     /// # Errors
     /// The check, with its reason.
-    pub fn begin(&mut self, plan: &mut Plan, start: &Joints, tick_s: f64) -> Result<(), MoveCheck> {
+    pub fn begin(
+        &mut self,
+        plan: &mut Plan<N, A>,
+        start: &Vector<N>,
+        tick_s: f64,
+    ) -> Result<(), MoveCheck> {
         plan.terms.tick_s = tick_s;
         self.check = MoveCheck { verdict: 1, singular: [1.0; 3], ..MoveCheck::ZERO };
         (self.legs, self.leg, self.q) = (0, 0, *start);
@@ -152,7 +154,7 @@ impl Program {
     }
 
     /// One job, number `tick`: lays one move, looks at a few ticks, or runs.
-    pub fn step(&mut self, plan: &Plan, tick: u64) -> Outcome {
+    pub fn step(&mut self, plan: &Plan<N, A>, tick: u64) -> Outcome<N> {
         let outcome = match self.stage {
             Stage::Laying => self.lay(plan),
             Stage::Looking => self.look(plan, tick),
@@ -173,14 +175,14 @@ impl Program {
     }
 
     /// The leg after those looked at begins with `step` at `q`.
-    fn begin_leg(&mut self, plan: &Plan, step: usize, q: Joints) -> Result<(), Why> {
+    fn begin_leg(&mut self, plan: &Plan<N, A>, step: usize, q: Vector<N>) -> Result<(), Why> {
         self.begins[self.legs] = Begin { step, q };
         self.stage = Stage::Laying;
         self.hands[0].begin(&plan.arm, &q, &plan.steps, step, &plan.pace).map_err(Why::Planned)
     }
 
     /// Lays one move of the leg to be looked at.
-    fn lay(&mut self, plan: &Plan) -> Result<(), (usize, Why)> {
+    fn lay(&mut self, plan: &Plan<N, A>) -> Result<(), (usize, Why)> {
         let begin = &self.begins[self.legs];
         let hand = &mut self.hands[0];
         let at_begin = |why| (begin.step, why);
@@ -194,7 +196,7 @@ impl Program {
     }
 
     /// Looks at a few ticks; what was found good is followed by the next leg, or the start.
-    fn look(&mut self, plan: &Plan, tick: u64) -> Result<(), (usize, Why)> {
+    fn look(&mut self, plan: &Plan<N, A>, tick: u64) -> Result<(), (usize, Why)> {
         let hand = &self.hands[0];
         match self.inspection.advance(LOOKED_A_JOB, hand.route(), &plan.terms) {
             Verdict::Open => return Ok(()),
@@ -223,7 +225,7 @@ impl Program {
     /// Begins to lay leg `number` in `hand`, to be run.
     fn begin_for_run(
         &mut self,
-        plan: &Plan,
+        plan: &Plan<N, A>,
         number: usize,
         hand: usize,
     ) -> Result<(), (usize, Why)> {
@@ -233,21 +235,26 @@ impl Program {
     }
 
     /// Lays one move of leg `number` in `hand`, to be run.
-    fn lay_for_run(&mut self, plan: &Plan, number: usize, hand: usize) -> Result<(), (usize, Why)> {
+    fn lay_for_run(
+        &mut self,
+        plan: &Plan<N, A>,
+        number: usize,
+        hand: usize,
+    ) -> Result<(), (usize, Why)> {
         let laid = self.hands[hand].lay(&plan.arm, &plan.steps, &plan.pace);
         laid.map_err(|why| (self.begins[number].step, Why::Planned(why)))
     }
 
     /// Starts the leg at hand in this job.
-    fn start(&mut self, plan: &Plan, tick: u64) {
+    fn start(&mut self, plan: &Plan<N, A>, tick: u64) {
         let begin = &self.begins[self.leg];
-        self.follower = Follower::new(&plan.arm, &begin.q);
+        self.follower = plan.arm.follower(&begin.q);
         self.q = begin.q;
         self.stage = Stage::Running { since: tick, last: tick };
     }
 
     /// Lays the leg after the one that is run, one move a job.
-    fn prepare(&mut self, plan: &Plan, first_job: bool) -> Result<(), (usize, Why)> {
+    fn prepare(&mut self, plan: &Plan<N, A>, first_job: bool) -> Result<(), (usize, Why)> {
         let (next, hand) = (self.leg + 1, (self.leg + 1) % 2);
         if next >= self.legs {
             return Ok(());
@@ -259,7 +266,7 @@ impl Program {
         }
     }
 
-    fn run(&mut self, plan: &Plan, tick: u64) -> Outcome {
+    fn run(&mut self, plan: &Plan<N, A>, tick: u64) -> Outcome<N> {
         let Stage::Running { since, .. } = self.stage else {
             return Outcome::At(Setpoint::rest(&self.q), false);
         };
@@ -287,7 +294,7 @@ impl Program {
                 got.map(|got| Setpoint {
                     q: got.q,
                     qd: (got.q - self.q) / dt_s,
-                    qdd: Joints::zeros(),
+                    qdd: Vector::zeros(),
                 })
             }
         };
@@ -307,7 +314,7 @@ impl Program {
         }
     }
 
-    fn refuse(&mut self, step: usize, why: &Why) -> Outcome {
+    fn refuse(&mut self, step: usize, why: &Why) -> Outcome<N> {
         self.check = refused(self.check, step, why);
         Outcome::Refused
     }
@@ -324,10 +331,8 @@ fn seconds(ticks: u64, tick_s: f64) -> f64 {
     ticks as f64 * tick_s
 }
 
-pub(crate) fn note(check: &mut MoveCheck, preview: &Preview) {
-    let most = |peaks: &[taktil_mechanics::preview::Peak; 6]| {
-        peaks.iter().fold(0.0, |most: f64, peak| most.max(peak.value))
-    };
+pub(crate) fn note<const N: usize>(check: &mut MoveCheck, preview: &Preview<N>) {
+    let most = |peaks: &[Peak; N]| peaks.iter().fold(0.0, |most: f64, peak| most.max(peak.value));
     check.duration_s += preview.duration_s;
     check.speed_share = check.speed_share.max(most(&preview.speed));
     check.torque_share = check.torque_share.max(most(&preview.torque));

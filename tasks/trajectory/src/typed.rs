@@ -1,7 +1,8 @@
 //! Typed moves as they travel through a port: from a checked step to numbers and back. Refuses, on
 //! the way back, what is no move.
 
-use taktil_mechanics::{Joints, Pose};
+use taktil_mechanics::Pose;
+use taktil_mechanics::chain::Vector;
 use taktil_signal::{MoveKind, TypedMove};
 
 use crate::config::{Goal, Step};
@@ -9,11 +10,11 @@ use crate::config::{Goal, Step};
 /// A checked step as a word, its sequence not set. With `now` it takes the place of what was typed
 /// before.
 #[must_use]
-pub fn encode(step: &Step, now: bool) -> TypedMove {
+pub fn encode<const N: usize>(step: &Step<N>, now: bool) -> TypedMove {
     let mut values = [0.0; 12];
     let kind = match &step.goal {
         Goal::Joints(q) => {
-            values[..6].copy_from_slice(q.as_slice());
+            values[..N].copy_from_slice(q.as_slice());
             MoveKind::Joints
         }
         Goal::Tool(pose) => {
@@ -45,16 +46,16 @@ pub fn command(kind: MoveKind) -> TypedMove {
 /// True when the word is a move.
 #[must_use]
 pub fn is_move(word: &TypedMove) -> bool {
-    decode(word).is_some()
+    decode::<6>(word).is_some()
 }
 
 /// The step that a word stands for; `None` when it is no move. Whether the arm can make it is not
 /// asked here.
 #[must_use]
-pub fn decode(word: &TypedMove) -> Option<Step> {
+pub fn decode<const N: usize>(word: &TypedMove) -> Option<Step<N>> {
     let v = &word.values;
     let goal = match MoveKind::from_code(word.kind)? {
-        MoveKind::Joints => Goal::Joints(Joints::new(v[0], v[1], v[2], v[3], v[4], v[5])),
+        MoveKind::Joints => Goal::Joints(Vector::from_fn(|i, _| v[i])),
         MoveKind::Tool => {
             let rows = [v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8]];
             Goal::Tool(Pose::from_rows(&rows, &[v[9], v[10], v[11]]))
@@ -69,6 +70,7 @@ pub fn decode(word: &TypedMove) -> Option<Step> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use taktil_mechanics::Joints;
     use taktil_mechanics::spatial::rotation_y;
 
     #[test]
@@ -90,8 +92,8 @@ mod tests {
             }
         }
         for kind in [MoveKind::None, MoveKind::Pause, MoveKind::Resume, MoveKind::Clear] {
-            assert_eq!(decode(&command(kind)), None);
+            assert_eq!(decode::<6>(&command(kind)), None);
         }
-        assert_eq!(decode(&TypedMove { kind: 99, ..TypedMove::default() }), None);
+        assert_eq!(decode::<6>(&TypedMove { kind: 99, ..TypedMove::default() }), None);
     }
 }

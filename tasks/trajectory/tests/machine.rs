@@ -3,10 +3,12 @@
 use taktil_mechanics::Joints;
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, FaultSet, Payload};
 use taktil_signal::{
     ControlState, Desired, Goal, JointState, MoveCheck, MoveKind, State, Typed, TypedMove,
 };
+use taktil_tasks_trajectory::config::{Goal as Aim, Step};
 use taktil_tasks_trajectory::{Config, Move, ToolGoal, Trajectory, typed};
 use taktil_tests_script::{Bench, PERIOD};
 
@@ -50,7 +52,7 @@ fn run_kept(config: Config, script: &Script, ticks: i64) -> (Keep, FaultSet) {
     bench.feed(lane, "control", move |tick| Some(control(tick)));
     bench.feed(lane, "joints", move |tick| Some(joints(tick)));
     bench.feed(lane, "moves", move |tick| Some(moves(tick)));
-    bench.task(lane, "trajectory", |ports| Trajectory::new(config, ports));
+    bench.task(lane, "trajectory", |ports| Trajectory::new(config, &Robot::puma260(), ports));
     bench.feed(lane, "desired", move |tick| Some(desired(tick)));
     bench.bind_feeds("trajectory", &["control", "desired", "joints", "moves"]);
     let run = bench.run(PERIOD * ticks);
@@ -70,7 +72,7 @@ const LOOKED: usize = 72;
 
 fn queue() -> Config {
     let one = Move {
-        joints_deg: Some(GOAL_DEG),
+        joints_deg: Some(GOAL_DEG.to_vec()),
         tool: None,
         by_mm: None,
         straight: false,
@@ -185,7 +187,7 @@ fn one_stay(tick: u64) -> ControlState {
 #[test]
 fn straight_moves_run_straight_and_join_joint_moves_at_rest() {
     let script = Script { control: one_stay, desired: still, joints: calibrated, moves: silent };
-    let aside = Move { joints_deg: Some(GOAL_DEG), ..by_mm([0.0; 3], false) };
+    let aside = Move { joints_deg: Some(GOAL_DEG.to_vec()), ..by_mm([0.0; 3], false) };
     let aside = Move { by_mm: None, ..aside };
     let moves = vec![aside, by_mm([20.0, 0.0, -10.0], true), by_mm([0.0, 15.0, 0.0], true)];
     let config = Config { moves, line_mm_s: 100.0, ..Config::default() };
@@ -265,14 +267,14 @@ fn typing(tick: u64) -> ControlState {
 
 fn word(one: &Move, sequence: u32) -> TypedMove {
     let config = Config { line_mm_s: 60.0, ..Config::default() };
-    let step = config.step(one, &Puma260::reference()).unwrap();
+    let step = config.step(one, &Robot::puma260()).unwrap();
     TypedMove { sequence, ..typed::encode(&step, false) }
 }
 
 fn to_joints(by_deg: f64, sequence: u32) -> TypedMove {
-    let goal = GOAL_DEG.map(|deg| deg + by_deg);
-    let one = Move { joints_deg: Some(goal), by_mm: None, ..by_mm([0.0; 3], false) };
-    word(&Move { t_s: Some(1.0), ..one }, sequence)
+    let goal = Aim::Joints(Joints::from(GOAL_DEG.map(|deg| (deg + by_deg).to_radians())));
+    let step = Step { goal, straight: false, t_s: Some(1.0) };
+    TypedMove { sequence, ..typed::encode(&step, false) }
 }
 
 /// Every setpoint follows from the one before it by its speed, and its speed within the arm's

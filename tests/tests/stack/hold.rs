@@ -7,6 +7,7 @@ use taktil::run::scene::Scene;
 use taktil::run::world::WorldTruth;
 use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::{Dynamics, Friction};
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::Nanos;
 use taktil_signal::{ControlState, State, Torque};
 
@@ -72,7 +73,15 @@ fn without_it_and_without_friction_the_droop_is_gravity_over_kp() {
     let kept = run(&scene, 1);
     let (error, q) = mean_error(&kept);
     let dynamics = Dynamics::reference();
-    let kp = scene.machine.joint_servo.clone().unwrap().gains(&dynamics).kp_nm_rad;
+    let kp = scene
+        .machine
+        .joint_servo
+        .clone()
+        .unwrap()
+        .tuning(&Robot::puma260())
+        .unwrap()
+        .gains()
+        .kp_nm_rad;
     let gravity = dynamics.gravity(&q);
     let due = gravity.component_div(&kp);
     let mut loaded = 0;
@@ -96,7 +105,15 @@ fn without_it_friction_bears_a_part_of_the_load() {
     let kept = run(&scene, 1);
     let (error, q) = mean_error(&kept);
     let dynamics = Dynamics::reference();
-    let kp = scene.machine.joint_servo.clone().unwrap().gains(&dynamics).kp_nm_rad;
+    let kp = scene
+        .machine
+        .joint_servo
+        .clone()
+        .unwrap()
+        .tuning(&Robot::puma260())
+        .unwrap()
+        .gains()
+        .kp_nm_rad;
     let band = Friction::reference().coulomb_nm;
     let left = dynamics.gravity(&q) - kp.component_mul(&error);
     for joint in 0..6 {

@@ -1,6 +1,7 @@
 //! The whole stack over the simulated robot, in virtual time: what it promises about physics and
 //! repeatability. Refuses anything that depends on how fast this machine is.
 
+mod arms;
 mod determinism;
 mod edits;
 mod experiments;

@@ -57,7 +57,8 @@ fn machine(scene: &Scene) -> (Machine, Arc<Mutex<World>>) {
     let script = scene.script.clone();
     let operator: wiring::MakeOperator<'_> =
         Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?)));
-    let mut builder = wiring::assemble(scene.machine.clone(), devices, operator).unwrap();
+    let mut builder =
+        wiring::assemble(scene.machine.clone(), &scene.robot, devices, operator).unwrap();
     let mut spec = LaneSpec::new("world", timing.control_period, 70);
     spec.phase = timing.actuation_delay;
     spec.delivery = timing.control_period - timing.actuation_delay;

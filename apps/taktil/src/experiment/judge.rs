@@ -13,6 +13,8 @@ use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_signal::{Applied, Features, defined};
 use taktil_sim::scene::{RubberConfig, WorldConfig};
 
+use taktild::robot::AnyRobot;
+
 use crate::run::score::{Figures, Score, Spread, Targets};
 use crate::run::summary::PITCH_MM;
 use crate::run::world::WorldTruth;
@@ -128,7 +130,7 @@ impl Judge {
         let on_table = (set_point_n + weight_n) / pin.length_mm;
         let due = |rubber, load| compression_mm(rubber, pin.radius_mm, load).unwrap_or(0.0);
         Judge {
-            score: Score::new(catalog, targets),
+            score: Score::new(catalog, targets, AnyRobot::puma260()),
             truth: catalog.find("world.truth"),
             features: catalog.find("tactile_servo.features"),
             applied: catalog.find("actuate.applied"),

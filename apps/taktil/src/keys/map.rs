@@ -8,8 +8,7 @@ use evdev::{AbsoluteAxisCode, KeyCode};
 use serde::Deserialize;
 use taktil_rtcore::Invalid;
 use taktil_signal::JogFrame;
-use taktil_tasks_trajectory::Config;
-use taktild::operator::speech::order;
+use taktild::operator::speech::{Meaning, order};
 
 /// The map that comes with the program.
 pub const DEFAULT: &str = include_str!("default.toml");
@@ -121,7 +120,7 @@ fn action(words: &str) -> Result<Action, Invalid> {
             let what = format!("`{words}` is no speed");
             share.map(Action::Speed).ok_or_else(|| Invalid::new("", what, "give 0 to 1"))
         }
-        _ => match order(words, &Config::default()) {
+        _ => match order(words, &Meaning::default()) {
             Ok(Some(_)) => Ok(Action::Say(words.to_owned())),
             Ok(None) => Err(Invalid::new("", "does nothing", "take the key out")),
             Err(bad) => Err(Invalid::new("", bad.what, bad.remedy)),

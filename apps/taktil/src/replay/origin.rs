@@ -17,18 +17,18 @@ pub(super) enum Origin {
     /// A scene, live or in virtual time.
     Scene { scene: Box<Scene>, seed: u64, title: String },
     /// The service over a board.
-    Board { service: Source, machine: Source, about: About, title: String },
+    Board { service: Source, machine: Source, urdf: Option<Source>, about: About, title: String },
 }
 
 impl Origin {
     pub(super) fn of(log: &Log) -> Result<Origin, String> {
-        let about = log
+        let run = log
             .metadata()
             .get(METADATA_RUN)
             .filter(|about| about.contains_key("machine_text"))
             .ok_or("it does not say what ran: it has no metadata of a run")?;
         let here = env!("CARGO_PKG_VERSION");
-        match about.get("taktil").map(String::as_str) {
+        match run.get("taktil").map(String::as_str) {
             Some(version) if version == here => {}
             Some(version) => {
                 return Err(format!("taktil {version} wrote it, this is {here}; use that one"));
@@ -36,7 +36,7 @@ impl Origin {
             None => return Err("it does not say which version wrote it".to_owned()),
         }
         let find =
-            |key: &str| about.get(key).cloned().ok_or_else(|| format!("its metadata lack `{key}`"));
+            |key: &str| run.get(key).cloned().ok_or_else(|| format!("its metadata lack `{key}`"));
         let source = |path: &str, text: &str| -> Result<Source, String> {
             Ok(Source { path: PathBuf::from(find(path)?), text: find(text)? })
         };
@@ -47,7 +47,10 @@ impl Origin {
             let about = About::parse(&find("devices")?)
                 .map_err(|why| format!("its metadata `devices` cannot be used: {why}"))?;
             let title = format!("{}, on a board", service.path.display());
-            return Ok(Origin::Board { service, machine, about, title });
+            let urdf = run
+                .get("urdf_text")
+                .map(|text| Source { path: PathBuf::from("arm"), text: text.clone() });
+            return Ok(Origin::Board { service, machine, urdf, about, title });
         }
         let scene = source("scene", "scene_text")?;
         let seed = find("seed")?;
@@ -80,8 +83,9 @@ impl Origin {
     pub(super) fn machine(&self, tapes: Tapes, stall: Nanos) -> Result<(Machine, Lack), String> {
         match self {
             Origin::Scene { scene, seed, .. } => assemble::rebuild(scene, *seed, tapes, stall),
-            Origin::Board { service, machine, about, .. } => {
-                service::rebuild((service, machine), tapes, about, stall)
+            Origin::Board { service, machine, urdf, about, .. } => {
+                let texts = (service, machine, urdf.as_ref());
+                service::rebuild(texts, tapes, about, stall)
             }
         }
         .map_err(plainly)

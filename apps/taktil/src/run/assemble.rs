@@ -4,13 +4,14 @@
 use taktil_hal::Devices;
 use taktil_rtcore::{Builder, Invalid, LaneSpec, Late, Machine, Nanos};
 use taktil_sim::Timing;
+use taktild::robot::AnyRobot;
 use taktild::source::Located;
 use taktild::tape::player::{About, Lack, Tapes};
 use taktild::wiring;
 
 use super::operator::Operator;
 use super::scene::{Scene, foreign};
-use super::world::Simulation;
+use super::world::{FreeArm, Simulation};
 
 /// The lane that simulates the world.
 const WORLD: &str = "world";
@@ -96,9 +97,18 @@ fn build(
             lane.deadline_us = Some(spec.deadline.min(latest).0 / 1000);
         }
     }
-    let (world, devices) = taktil_sim::build(&scene.world, &timing, seed)
-        .map_err(|bad| foreign(bad).within("world"))?;
-    let mut builder = wiring::assemble(machine, exchange(devices), operator)?;
+    let start: Vec<f64> = scene.start_deg.iter().map(|q| q.to_radians()).collect();
+    let built = match &scene.robot {
+        AnyRobot::Puma260(_) => taktil_sim::build(&scene.world, &timing, seed),
+        AnyRobot::Six(robot) => {
+            taktil_sim::build_with_chain(&scene.world, &timing, seed, robot, &start)
+        }
+        AnyRobot::Seven(robot) => {
+            taktil_sim::build_with_chain(&scene.world, &timing, seed, robot, &start)
+        }
+    };
+    let (world, devices) = built.map_err(|bad| foreign(bad).within("world"))?;
+    let mut builder = wiring::assemble(machine, &scene.robot, exchange(devices), operator)?;
     add_world(&mut builder, scene, &timing, world)?;
     Ok(builder)
 }
@@ -167,6 +177,9 @@ fn add_world(
         .map_err(of_world)?;
     let (radius_mm, table) = (scene.world.pin.radius_mm, &scene.world.table);
     let pivot_mm = [table.pivot_x_mm, table.pivot_y_mm];
-    builder
-        .task(lane, WORLD, |ports| Ok(Box::new(Simulation::new(world, radius_mm, pivot_mm, ports))))
+    builder.task(lane, WORLD, |ports| match &scene.robot {
+        AnyRobot::Puma260(_) => Ok(Box::new(Simulation::new(world, radius_mm, pivot_mm, ports))),
+        AnyRobot::Six(_) => Ok(Box::new(FreeArm::<6>::new(world, ports))),
+        AnyRobot::Seven(_) => Ok(Box::new(FreeArm::<7>::new(world, ports))),
+    })
 }

@@ -21,14 +21,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::bail;
 use serde_json::Value;
-use taktil_mechanics::dynamics::Dynamics;
 use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Hang, Pace, Terms};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos, linux, live, virtual_time};
+use taktil_tasks_joint_servo::Tuning;
 use taktild::flight::Keeper;
 use taktild::operator::Hand;
 use taktild::operator::socket::Socket;
+use taktild::operator::speech::Meaning;
 use taktild::out;
+use taktild::robot::AnyRobot;
 use taktild::signals::{self, Second};
 use taktild::wiring::MakeOperator;
 
@@ -186,6 +188,7 @@ fn run_by(
     let mut machine = assemble::assemble_with(&scene, seed, operator)?;
     let log_path = log_path(options, &scene)?;
     let targets = targets(&scene);
+    let force_set_point_n = targets.m0 / targets.counts_per_n;
     let catalog = machine.catalog().clone();
     let log = log_path.as_ref().map(|path| {
         let log = McapLog::create(path, &catalog, &metadata(&scene, seed, options));
@@ -193,7 +196,7 @@ fn run_by(
     });
     let mut watch = Watch {
         digest: Digest::new(&catalog),
-        score: Score::new(&catalog, targets),
+        score: Score::new(&catalog, targets, scene.robot.clone()),
         log: log.transpose()?,
         keeper: flight(&mut machine, &scene, options)?,
         socket,
@@ -218,7 +221,7 @@ fn run_by(
         wall_s: wall.as_secs_f64(),
         digest: watch.digest.hex(),
         figures: &watch.score.figures,
-        force_set_point_n: targets.m0 / targets.counts_per_n,
+        force_set_point_n,
         lanes: machine.figures().collect(),
         panics: machine.panics().collect(),
         log: log_path.as_ref().map(|path| path.display().to_string()),
@@ -244,7 +247,8 @@ fn listen(options: &Options, scene: &Scene) -> anyhow::Result<(Option<Socket>, O
     }
     let (mouth, hand) = taktild::operator::pair();
     let pace = scene.machine.trajectory.clone().unwrap_or_default();
-    let socket = Socket::listen(path, mouth, pace)
+    let meaning = Meaning { pace, robot: scene.robot.clone() };
+    let socket = Socket::listen(path, mouth, meaning)
         .map_err(|bad| BadOption(format!("--operator: {}; {}", bad.what, bad.remedy)))?;
     out::warn(format_args!("an operator is listened to: taktil tell --at {} ...", path.display()));
     Ok((Some(socket), Some(hand)))
@@ -376,12 +380,20 @@ pub(crate) fn targets(scene: &Scene) -> Targets {
     let tactile = &scene.world.tactile;
     let full_scale_counts = f64::from((1u32 << tactile.bits.min(31)) - 1);
     let joint_servo = scene.machine.joint_servo.clone().unwrap_or_default();
-    let gains = joint_servo.gains(&Dynamics::reference());
+    let plain = match &scene.robot {
+        AnyRobot::Puma260(robot) => joint_servo.tuning(robot).ok().map(kp),
+        AnyRobot::Six(robot) => joint_servo.tuning(robot).ok().map(kp),
+        AnyRobot::Seven(robot) => joint_servo.tuning(robot).ok().map(kp),
+    };
     Targets {
         m0: servo.m0_counts,
         counts_per_n: full_scale_counts / tactile.full_scale_n,
-        plain_kp_nm_rad: (!joint_servo.gravity).then_some(gains.kp_nm_rad),
+        plain_kp_nm_rad: plain.filter(|_| !joint_servo.gravity),
     }
+}
+
+fn kp<const N: usize>(tuning: Tuning<N>) -> Vec<f64> {
+    tuning.gains().kp_nm_rad.as_slice().to_vec()
 }
 
 /// Metadata of a log under this name, followed by the file's own, hold a file that a scene's motion

@@ -5,8 +5,12 @@ use serde_json::{Value, json};
 use taktil_signal::MoveCheck;
 use taktild::operator::status::REASONS;
 
-/// The verdict as JSON.
-pub(super) fn json(check: &MoveCheck) -> Value {
+/// Deviations below these are rounding.
+const ROUNDING_MM: f64 = 1e-4;
+const ROUNDING_DEG: f64 = 1e-5;
+
+/// The verdict as JSON; `names` are those of the joints.
+pub(super) fn json(check: &MoveCheck, names: &[String]) -> Value {
     let verdict = match check.verdict {
         2 => "passed",
         3 => "refused",
@@ -18,6 +22,7 @@ pub(super) fn json(check: &MoveCheck) -> Value {
         "moves": check.moves,
         "reason": reason,
         "joint": (check.joint > 0).then_some(check.joint),
+        "joint_name": usize::try_from(check.joint).ok().and_then(|n| names.get(n.checked_sub(1)?)),
         "t_s": check.t_s,
         "ratio": (check.ratio > 0.0).then_some(check.ratio),
         "duration_s": check.duration_s,
@@ -44,7 +49,8 @@ pub(super) fn words(moves: &Value) -> Option<(String, String)> {
                 100.0 * number("speed_share"),
                 100.0 * number("torque_share")
             );
-            if number("off_path_mm") > 0.0 {
+            // What damped steps leave is no deviation.
+            if number("off_path_mm") > ROUNDING_MM || number("off_path_deg") > ROUNDING_DEG {
                 note += &format!(
                     "; past the wrist singularity {:.2} mm and {:.2} deg off its path",
                     number("off_path_mm"),
@@ -54,7 +60,8 @@ pub(super) fn words(moves: &Value) -> Option<(String, String)> {
             Some((format!("{count} checked, {:.2} s", number("duration_s")), note))
         }
         "refused" => {
-            let joint = moves["joint"].as_u64().map_or_else(String::new, |n| format!("joint {n} "));
+            let named = moves["joint_name"].as_str().map(|name| format!("{name} "));
+            let joint = named.unwrap_or_default();
             let why = moves["reason"].as_str().unwrap_or("no reason given");
             let ratio = moves["ratio"].as_f64();
             let ratio = ratio.map_or_else(String::new, |ratio| format!(" by {ratio:.2}"));
@@ -73,15 +80,19 @@ mod tests {
     use super::*;
     use taktil_rtcore::Payload;
 
+    fn of(check: &MoveCheck) -> Value {
+        json(check, &["joint 1".into(), "joint 2 (`elbow`)".into()])
+    }
+
     #[test]
     fn a_refusal_names_move_joint_reason_and_time() {
         let check =
-            MoveCheck { verdict: 3, moves: 2, reason: 1, joint: 6, t_s: 2.93, ..MoveCheck::ZERO };
-        let (what, note) = words(&json(&check)).unwrap();
+            MoveCheck { verdict: 3, moves: 2, reason: 1, joint: 2, t_s: 2.93, ..MoveCheck::ZERO };
+        let (what, note) = words(&of(&check)).unwrap();
         assert_eq!(what, "REFUSED from move 2");
-        assert_eq!(note, "joint 6 would leave its limits, 2.93 s on");
+        assert_eq!(note, "joint 2 (`elbow`) would leave its limits, 2.93 s on");
         let fast = MoveCheck { reason: 3, ratio: 1.5, ..check };
-        assert!(words(&json(&fast)).unwrap().1.contains("too fast by 1.50"));
+        assert!(words(&of(&fast)).unwrap().1.contains("too fast by 1.50"));
     }
 
     #[test]
@@ -94,13 +105,13 @@ mod tests {
             torque_share: 0.416,
             ..MoveCheck::ZERO
         };
-        let (what, note) = words(&json(&check)).unwrap();
+        let (what, note) = words(&of(&check)).unwrap();
         assert_eq!(what, "3 checked, 2.50 s");
         assert_eq!(note, "at most 30 % of a joint's speed, 42 % of its torque");
         let off = MoveCheck { off_path_m: 0.001, off_path_rad: 0.01, ..check };
-        assert!(words(&json(&off)).unwrap().1.contains("1.00 mm and 0.57 deg off"));
+        assert!(words(&of(&off)).unwrap().1.contains("1.00 mm and 0.57 deg off"));
         assert_eq!(words(&Value::Null), None);
         let unknown = MoveCheck { verdict: 3, reason: 99, ..check };
-        assert!(words(&json(&unknown)).unwrap().1.contains("no reason given"));
+        assert!(words(&of(&unknown)).unwrap().1.contains("no reason given"));
     }
 }

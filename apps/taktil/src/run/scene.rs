@@ -14,6 +14,8 @@ use taktil_rtcore::{Invalid, Nanos, Transaction};
 use taktil_sim::scene::WorldConfig;
 use taktild::config::MachineConfig;
 use taktild::contract::ContractConfig;
+use taktild::operator::speech::Meaning;
+use taktild::robot::{self, AnyRobot, Broken};
 use taktild::source::{Located, Meant, Source};
 
 use crate::scenes::probe::{self, Shape};
@@ -81,11 +83,13 @@ fn default_world_priority() -> i64 {
 
 /// Where the finger stands when power comes on, which is also the home pose in which the counts are
 /// initialised.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Start {
-    /// Tool point in the base frame, mm.
-    finger_mm: [f64; 3],
+    /// Tool point in the base frame, mm; for the PUMA 260.
+    finger_mm: Option<[f64; 3]>,
+    /// Joint angles instead, deg, one a joint; for any arm.
+    joints_deg: Option<Vec<f64>>,
     /// Turn of the finger about y0, deg; along the table's own slope when absent, because touch
     /// cannot feel this angle and someone has to set it. 0 is level; a slope that rises towards +x0
     /// is a negative turn.
@@ -111,7 +115,7 @@ pub struct Scene {
     /// The scene file, for complaints that come later and for the log.
     pub source: Source,
     machine_source: Option<Source>,
-    /// Files that motions of the table name, with those names.
+    /// Files that motions of the table and the arm name, with those names.
     recorded: Vec<(String, Source)>,
     /// One line for people.
     pub title: String,
@@ -137,6 +141,10 @@ pub struct Scene {
     pub world: WorldConfig,
     /// The machine that controls it.
     pub machine: MachineConfig,
+    /// Its arm.
+    pub robot: AnyRobot,
+    /// Where the joints of the arm stand when power comes on (deg).
+    pub start_deg: Vec<f64>,
 }
 
 impl Scene {
@@ -175,10 +183,33 @@ impl Scene {
         };
         let edits = edits(&file.edit).map_err(|invalid| source.locate(invalid))?;
         let mut world = file.world.clone();
-        let recorded = recorded::fill(&mut world, &source, read)?;
+        let mut recorded = recorded::fill(&mut world, &source, read)?;
         let machine = base.overridden_by(file.robot.clone());
+        let robot = match &machine.arm {
+            None => AnyRobot::puma260(),
+            Some(arm) => {
+                let (name, urdf) = arm_file(&file, arm, read).map_err(|invalid| {
+                    let own = invalid.clone().within("robot");
+                    match &machine_source {
+                        Some(machine) if !source.holds(&own.place) => machine.locate(invalid),
+                        _ => source.locate(own),
+                    }
+                })?;
+                let built = robot::build(arm, &urdf);
+                recorded.push((name, urdf));
+                built.map_err(|bad| match (bad, &machine_source) {
+                    (Broken::File(located), _) => *located,
+                    (Broken::Section(bad), Some(machine)) if file.robot.arm.is_none() => {
+                        machine.locate(bad)
+                    }
+                    (Broken::Section(bad), _) => source.locate(bad.within("robot")),
+                })?
+            }
+        };
         let pace = machine.trajectory.clone().unwrap_or_default();
-        let script = script(&file.operator, &pace).map_err(|invalid| source.locate(invalid))?;
+        let meaning = Meaning { pace, robot };
+        let script = script(&file.operator, &meaning).map_err(|invalid| source.locate(invalid))?;
+        let robot = meaning.robot;
         let mut scene = Scene {
             machine,
             machine_source,
@@ -197,6 +228,8 @@ impl Scene {
             script,
             edits,
             world,
+            start_deg: robot.home_rad().iter().map(|q| q.to_degrees()).collect(),
+            robot,
             source,
         };
         scene.complete(&file).map_err(|invalid| scene.locate(invalid))?;
@@ -214,18 +247,45 @@ impl Scene {
         }
         self.actuation_delay = Nanos::from_micros(file.actuation_delay_us);
         self.world.check().map_err(|bad| foreign(bad).within("world"))?;
-        if let Some(start) = &file.start {
-            let home_deg = home(start, &self.world)?;
-            self.world.arm.home_deg = home_deg;
-        }
+        self.stand(file.start.as_ref())?;
         // The machine is told where the arm stands unless its own file insists on something else.
         let servo = self.machine.joint_servo.get_or_insert_default();
-        servo.assumed_pose_deg.get_or_insert(self.world.arm.home_deg);
+        servo.assumed_pose_deg.get_or_insert_with(|| self.start_deg.clone());
         if self.machine.sense.is_none() {
             self.machine.sense = Some(taktil_tasks_sense::Config {
-                home_deg: self.world.arm.home_deg,
+                home_deg: Some(self.start_deg.clone()),
                 ..taktil_tasks_sense::Config::default()
             });
+        }
+        Ok(())
+    }
+
+    /// Puts the arm where it starts.
+    fn stand(&mut self, start: Option<&Start>) -> Result<(), Invalid> {
+        let puma = self.robot.is_puma260();
+        match start.map(|start| (start, &start.finger_mm, &start.joints_deg)) {
+            None if puma => self.start_deg = self.world.arm.home_deg.to_vec(),
+            None => {}
+            Some((_, None, Some(joints_deg))) => self.start_deg.clone_from(joints_deg),
+            Some((start, Some(finger_mm), None)) if puma => {
+                self.start_deg = home(start, finger_mm, &self.world)?.to_vec();
+            }
+            Some((_, Some(_), None)) => {
+                let what = "is a place for the PUMA 260's finger";
+                let remedy = "give joints_deg, one angle for each joint of this arm";
+                return Err(Invalid::new("start.finger_mm", what, remedy));
+            }
+            Some(_) => {
+                let what = "has not exactly one of finger_mm and joints_deg";
+                return Err(Invalid::new("start", what, "give one of them"));
+            }
+        }
+        // Without angles given here they are the scene's own, which the bench looks at.
+        if start.is_some_and(|start| start.joints_deg.is_some()) {
+            self.robot.check_pose("start.joints_deg", &self.start_deg)?;
+        }
+        if let (true, Ok(six)) = (puma, <[f64; 6]>::try_from(self.start_deg.as_slice())) {
+            self.world.arm.home_deg = six;
         }
         Ok(())
     }
@@ -316,10 +376,25 @@ fn edits(files: &[EditFile]) -> Result<Vec<Transaction>, Invalid> {
     files.iter().enumerate().map(one).collect()
 }
 
+/// The URDF of an arm: the name by which it is read, from the scene's folder on, and the file.
+fn arm_file(
+    file: &SceneFile,
+    arm: &robot::ArmConfig,
+    read: Read<'_>,
+) -> Result<(String, Source), Invalid> {
+    // The name is relative to the file in which it stands.
+    let machine = file.machine.as_deref().filter(|_| file.robot.arm.is_none());
+    let folder = machine.and_then(|machine| Path::new(machine).parent()).unwrap_or(Path::new(""));
+    let name = folder.join(&arm.urdf).display().to_string();
+    let remedy = "name a URDF file by its path from the folder of the file in which this stands";
+    let urdf = read(&name).map_err(|what| Invalid::new("arm.urdf", what, remedy))?;
+    Ok((name, urdf))
+}
+
 /// Joint angles (deg) of the start pose, on the branch of the thesis's rolling posture.
-fn home(start: &Start, world: &WorldConfig) -> Result<[f64; 6], Invalid> {
+fn home(start: &Start, finger_mm: &[f64; 3], world: &WorldConfig) -> Result<[f64; 6], Invalid> {
     let pitch_deg = start.pitch_deg.unwrap_or(-world.table.tilt_y_deg);
-    let all = start.finger_mm.iter().chain([&pitch_deg, &start.roll_deg, &start.yaw_deg]);
+    let all = finger_mm.iter().chain([&pitch_deg, &start.roll_deg, &start.yaw_deg]);
     if all.clone().any(|value| !value.is_finite()) {
         let remedy = "give finite millimetres and degrees";
         return Err(Invalid::new("start", "a number is not finite", remedy));
@@ -328,15 +403,14 @@ fn home(start: &Start, world: &WorldConfig) -> Result<[f64; 6], Invalid> {
         * rotation_y(pitch_deg.to_radians())
         * rotation_x(start.roll_deg.to_radians());
     let level = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
-    let tool =
-        Pose { rotation: tilt * level, translation: DVec3::from_array(start.finger_mm) * 1e-3 };
+    let tool = Pose { rotation: tilt * level, translation: DVec3::from_array(*finger_mm) * 1e-3 };
     let arm = Puma260::reference();
     let near = Joints::from_row_slice(&WorldConfig::default().arm.home_deg) * (1f64.to_radians());
     let branches = arm.inverse(&arm.tool_to_wrist(&tool), Some(&near));
     let (_, q) = arm.nearest(&branches, &near).ok_or_else(|| {
         Invalid::new(
             "start.finger_mm",
-            format!("the arm cannot put its finger at {:?} mm like this", start.finger_mm),
+            format!("the arm cannot put its finger at {finger_mm:?} mm like this"),
             "the rolling place is about [325, -127, -149]",
         )
     })?;

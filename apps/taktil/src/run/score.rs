@@ -2,16 +2,14 @@
 //! truth. Computed while records pass, in constant memory. Refuses to judge what did not happen: a
 //! span without a sample is absent, not zero.
 
-use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::Dynamics;
-use taktil_mechanics::puma260::Puma260;
+use taktil_rtcore::payload::FieldType;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{FaultSet, Mode, Payload};
-use taktil_signal::{
-    ControlState, Desired, Features, JointState, MoveCheck, State, Torque, defined,
-};
+use taktil_signal::{ControlState, Features, MoveCheck, State, defined};
 
-use super::world::WorldTruth;
+use taktild::robot::AnyRobot;
+
+use super::world::{ArmTruth, WorldTruth};
 
 /// Rolling counts from when the force first reaches this share of its set point.
 const PRESSED: f64 = 0.9;
@@ -92,14 +90,14 @@ impl Spread {
 }
 
 /// Set points of the features, and the electronics' scale.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Targets {
     /// Desired sum of counts.
     pub m0: f64,
     /// Counts that one newton makes.
     pub counts_per_n: f64,
     /// Torque per angle of a servo without a gravity term, N m/rad; absent with one.
-    pub plain_kp_nm_rad: Option<Joints>,
+    pub plain_kp_nm_rad: Option<Vec<f64>>,
 }
 
 /// Everything that is judged.
@@ -143,14 +141,14 @@ pub struct Figures {
     /// How often finger and pin parted while rolling.
     pub contact_lost: u32,
     /// Desired minus measured angle per joint while torque was allowed, deg.
-    pub tracking_deg: [Spread; 6],
+    pub tracking_deg: Vec<Spread>,
     /// True tool point minus the desired one while holding in IDLE/CALIBRATED, mm.
     pub hold_error_mm: Spread,
     /// Desired minus measured angle per joint while holding, deg.
-    pub hold_error_deg: [Spread; 6],
+    pub hold_error_deg: Vec<Spread>,
     /// What plain PD has to give way by there: gravity torque over Kp, deg; absent with a gravity
     /// term or without holding.
-    pub droop_expected_deg: Option<[f64; 6]>,
+    pub droop_expected_deg: Option<Vec<f64>>,
     /// Latched faults at the end.
     pub faults: FaultSet,
     /// The first fault's code.
@@ -159,6 +157,8 @@ pub struct Figures {
     pub refused: u32,
     /// State at the end.
     pub state: State,
+    /// What the joints are called.
+    pub names: Vec<String>,
     /// What the check of the queue of moves said last.
     pub moves: Option<MoveCheck>,
     /// Touch had the arm at some time.
@@ -191,21 +191,27 @@ struct Ids {
 pub struct Score {
     ids: Ids,
     targets: Targets,
-    arm: Puma260,
+    robot: AnyRobot,
     control: ControlState,
-    desired: Option<Joints>,
+    desired: Option<Vec<f64>>,
     truth: Option<WorldTruth>,
     active: bool,
     holding: bool,
-    dynamics: Dynamics,
     /// What has been found.
     pub figures: Figures,
 }
 
 impl Score {
-    /// For the signals of a machine.
+    /// For the signals of a machine with this arm.
     #[must_use]
-    pub fn new(catalog: &Catalog, targets: Targets) -> Score {
+    pub fn new(catalog: &Catalog, targets: Targets, robot: AnyRobot) -> Score {
+        let joints = robot.joints();
+        let figures = Figures {
+            tracking_deg: vec![Spread::default(); joints],
+            hold_error_deg: vec![Spread::default(); joints],
+            names: (0..joints).map(|joint| robot.joint(joint)).collect(),
+            ..Figures::default()
+        };
         let ids = Ids {
             features: catalog.find("tactile_servo.features"),
             joints: catalog.find("sense.joints"),
@@ -218,14 +224,33 @@ impl Score {
         Score {
             ids,
             targets,
-            arm: Puma260::reference(),
+            robot,
             control: ControlState::default(),
             desired: None,
             truth: None,
             active: false,
             holding: false,
-            dynamics: Dynamics::reference(),
-            figures: Figures::default(),
+            figures,
+        }
+    }
+
+    /// The list number `index` of a payload that begins with lists of one number a joint.
+    fn list(&self, body: &[u8], index: usize) -> Vec<f64> {
+        let (joints, size) = (self.robot.joints(), f64::KIND.size());
+        let numbers = body.chunks_exact(size).skip(index * joints).take(joints);
+        numbers.map(f64::get).collect()
+    }
+
+    /// What the simulator knows; of an arm that touches nothing, where its tool is.
+    fn truth_of(&self, body: &[u8]) -> Option<WorldTruth> {
+        fn free<const N: usize>(body: &[u8]) -> Option<WorldTruth> {
+            let ArmTruth { t_ns, tool_m, .. } = ArmTruth::<N>::decode(body)?;
+            Some(WorldTruth { t_ns, tool_m, ..WorldTruth::ZERO })
+        }
+        match &self.robot {
+            AnyRobot::Puma260(_) => WorldTruth::decode(body),
+            AnyRobot::Six(_) => free::<6>(body),
+            AnyRobot::Seven(_) => free::<7>(body),
         }
     }
 
@@ -260,11 +285,11 @@ impl Score {
         }
     }
 
-    fn joints(&mut self, joints: &JointState) {
+    fn joints(&mut self, body: &[u8]) {
         if !self.rolling() {
             return;
         }
-        let tool = self.arm.tool_pose(&Joints::from(joints.q_rad));
+        let Some(tool) = self.robot.tool_pose(&self.list(body, 0)) else { return };
         let circle = |radians: f64| {
             let deg = radians.to_degrees();
             if deg < 0.0 { deg + 360.0 } else { deg }
@@ -297,28 +322,31 @@ impl Score {
         let holding = self.control.state == State::IdleCalibrated as u32
             && self.control.mode == Mode::Hold as u32
             && truth.t_ns > self.control.entered_ns + SETTLING_NS;
-        if let (true, Some(desired)) = (holding, self.desired) {
-            let wanted = self.arm.tool_pose(&desired).translation;
+        let wanted = self.desired.as_ref().and_then(|desired| self.robot.tool_pose(desired));
+        if let (true, Some(wanted)) = (holding, wanted) {
+            let wanted = wanted.translation;
             let found = glam::DVec3::from_array(truth.tool_m);
             self.figures.hold_error_mm.add((found - wanted).length() * 1e3);
         }
         self.holding = holding;
     }
 
-    fn torque(&mut self, torque: &Torque) {
-        if let (true, Some(desired)) = (self.holding, self.desired) {
-            let error = Joints::from(torque.error_rad);
-            for (spread, error) in self.figures.hold_error_deg.iter_mut().zip(error.iter()) {
+    fn torque(&mut self, body: &[u8]) {
+        let error = self.list(body, 1);
+        if let (true, Some(desired)) = (self.holding, &self.desired) {
+            for (spread, error) in self.figures.hold_error_deg.iter_mut().zip(&error) {
                 spread.add(error.to_degrees());
             }
-            self.figures.droop_expected_deg = self.targets.plain_kp_nm_rad.map(|kp| {
-                let droop = self.dynamics.gravity(&(desired - error)).component_div(&kp);
-                droop.map(f64::to_degrees).into()
-            });
+            if let Some(kp) = &self.targets.plain_kp_nm_rad {
+                let stands: Vec<f64> = desired.iter().zip(&error).map(|(q, e)| q - e).collect();
+                let gravity = self.robot.gravity_nm(&stands).unwrap_or_default();
+                let droop = gravity.iter().zip(kp).map(|(nm, kp)| (nm / kp).to_degrees());
+                self.figures.droop_expected_deg = Some(droop.collect());
+            }
         }
         let mode = u8::try_from(self.control.mode).ok().and_then(Mode::from_code);
         if mode.is_some_and(Mode::brakes_released) {
-            for (spread, error) in self.figures.tracking_deg.iter_mut().zip(torque.error_rad) {
+            for (spread, error) in self.figures.tracking_deg.iter_mut().zip(&error) {
                 spread.add(error.to_degrees());
             }
         }
@@ -337,19 +365,15 @@ impl Observer for Score {
     fn record(&mut self, record: &Record<'_>) {
         let id = Some(record.signal);
         if id == self.ids.truth {
-            if let Some(truth) = WorldTruth::decode(record.body) {
+            if let Some(truth) = self.truth_of(record.body) {
                 self.truth(truth);
             }
         } else if id == self.ids.joints {
-            if let Some(joints) = JointState::decode(record.body) {
-                self.joints(&joints);
-            }
+            self.joints(record.body);
         } else if id == self.ids.desired {
-            self.desired = Desired::decode(record.body).map(|desired| Joints::from(desired.q_rad));
+            self.desired = Some(self.list(record.body, 0));
         } else if id == self.ids.torque {
-            if let Some(torque) = Torque::decode(record.body) {
-                self.torque(&torque);
-            }
+            self.torque(record.body);
         } else if id == self.ids.control {
             if let Some(control) = ControlState::decode(record.body) {
                 self.control(control);

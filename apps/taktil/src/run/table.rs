@@ -120,7 +120,8 @@ fn tracking(out: &mut String, s: &Value) {
         let joints: Vec<String> = array(&s["tracking_deg"]).map(|j| number(&j[key], 3)).collect();
         joints.join(" ")
     };
-    let _ = writeln!(out, "joint tracking error, joints 1 to 6");
+    let joints = array(&s["tracking_deg"]).count();
+    let _ = writeln!(out, "joint tracking error, joints 1 to {joints}");
     row(out, "rms, deg", &list("rms_error"), "");
     row(out, "peak, deg", &list("peak_error"), "");
 }

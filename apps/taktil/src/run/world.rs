@@ -59,6 +59,69 @@ payload! {
     }
 }
 
+payload! {
+    /// What the simulator knows of an arm that moves freely, base frame: the signal `world.truth` of
+    /// arms other than the PUMA 260.
+    pub struct ArmTruth<const N: usize = 6> {
+        /// The instant that the world has reached, ns.
+        pub t_ns: i64,
+        /// Hash of the whole simulated state.
+        pub state_hash: u64,
+        /// Joint angles.
+        pub q_rad: [f64; N],
+        /// Joint speeds.
+        pub qd_rad_s: [f64; N],
+        /// Tool point.
+        pub tool_m: [f64; 3],
+        /// Kinetic and gravitational energy.
+        pub energy_j: f64,
+        /// 1 while the drives are enabled.
+        pub enabled: u32,
+        /// 1 while the brakes are on.
+        pub braked: u32,
+    }
+}
+
+/// The task of the lane `world` for an arm that touches nothing; writes `truth`.
+pub struct FreeArm<const N: usize> {
+    world: World,
+    truth: Output<ArmTruth<N>>,
+    /// Hash of the world after the last job.
+    state: u64,
+}
+
+impl<const N: usize> FreeArm<N> {
+    /// Declares its port.
+    pub fn new(world: World, ports: &mut Ports) -> FreeArm<N> {
+        FreeArm { world, truth: ports.output("truth"), state: 0 }
+    }
+}
+
+impl<const N: usize> Task for FreeArm<N> {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        self.world.advance(cycle.release + cycle.dt);
+        let truth = self.world.truth();
+        self.state = self.world.state_hash();
+        let (q, qd) = self.world.joints();
+        let value = ArmTruth {
+            t_ns: truth.t.0,
+            state_hash: self.state,
+            q_rad: core::array::from_fn(|i| q.get(i).copied().unwrap_or(0.0)),
+            qd_rad_s: core::array::from_fn(|i| qd.get(i).copied().unwrap_or(0.0)),
+            tool_m: truth.tool.to_array(),
+            energy_j: truth.energy_j,
+            enabled: u32::from(truth.enabled),
+            braked: u32::from(truth.braked),
+        };
+        io.write(&self.truth, value);
+        Ok(())
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.state);
+    }
+}
+
 /// The task of the lane `world`; writes `truth`.
 pub struct Simulation {
     world: World,

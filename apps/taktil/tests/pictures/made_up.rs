@@ -153,8 +153,8 @@ pub(crate) fn log(directory: &Path, seconds: f64) -> PathBuf {
         if tick.is_multiple_of(2) {
             put(&mut log, 2, tick, &image(tick, &moment));
         }
-        let mut torque = Torque::ZERO;
-        let mut applied = Applied::ZERO;
+        let mut torque = <Torque>::ZERO;
+        let mut applied = <Applied>::ZERO;
         for joint in 0..6 {
             let n = tick * 6 + joint as u64;
             torque.error_rad[joint] = 0.004 * noise(n) / (1.0 + joint as f64);

@@ -14,9 +14,8 @@ use taktil_hal::Nanos;
 use taktil_rtcore::Invalid;
 use taktil_rtcore::record::{Catalog, Record};
 use taktil_signal::{JogFrame, Request, TypedMove, Verb};
-use taktil_tasks_trajectory::Config;
 
-use super::speech::{Order, order};
+use super::speech::{Meaning, Order, order};
 use super::status::{Status, refusal};
 use super::{FIRST_SEQUENCE, Mouth, Word};
 
@@ -59,7 +58,7 @@ pub struct Socket {
     clients: Vec<Client>,
     mouth: Mouth,
     status: Status,
-    config: Config,
+    meaning: Meaning,
     requests: u32,
     moves: u32,
 }
@@ -72,12 +71,12 @@ impl Drop for Socket {
 }
 
 impl Socket {
-    /// Listens at `path`, for the owner and the group. `config` says how fast typed moves are, for
+    /// Listens at `path`, for the owner and the group. `meaning` says what moves are, for
     /// what can be refused without asking the arm.
     ///
     /// # Errors
     /// A path in use, in the way, or that cannot be made.
-    pub fn listen(path: &Path, mouth: Mouth, config: Config) -> Result<Socket, Invalid> {
+    pub fn listen(path: &Path, mouth: Mouth, meaning: Meaning) -> Result<Socket, Invalid> {
         let shown = path.display();
         let bad = |what: String, remedy: &str| Err(Invalid::new("operator", what, remedy));
         if let Ok(about) = std::fs::symlink_metadata(path) {
@@ -107,7 +106,7 @@ impl Socket {
                 clients: Vec::new(),
                 mouth,
                 status: Status::default(),
-                config,
+                meaning,
                 requests: 0,
                 moves: 0,
             }),
@@ -160,7 +159,7 @@ impl Socket {
                 }
             }
             let Some(line) = client.line() else { return };
-            match order(&line, &self.config) {
+            match order(&line, &self.meaning) {
                 Ok(None) => {}
                 Ok(Some(order)) => self.act(client, order, now),
                 Err(bad) => {
@@ -247,7 +246,10 @@ impl Socket {
             }
             Pending::Verdict { sequence, since } => {
                 if typed.refused == sequence {
-                    return Some(format!("refused: {}", refusal(check)));
+                    return Some(format!(
+                        "refused: {}",
+                        refusal(check, |joint| self.meaning.robot.joint(joint))
+                    ));
                 }
                 if typed.judged == sequence {
                     return Some(format!(

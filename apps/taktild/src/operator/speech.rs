@@ -7,7 +7,7 @@
 //!        | trajectory_user | tactile_servo | stop | reset
 //! jog joints|base|tool A1 .. A6            six pushes, -1 to 1: held for as long as it is repeated
 //! release
-//! move joint Q1 .. Q6 [in S] [now]         deg
+//! move joint Q1 .. QN [in S] [now]         deg
 //! move to X Y Z [YAW PITCH ROLL] [straight] [in S] [now]        mm, deg
 //! move by DX DY DZ [straight] [in S] [now]                      mm, along the tool's own axes
 //! pause | resume | clear
@@ -15,10 +15,27 @@
 //! state
 //! ```
 
-use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::Invalid;
 use taktil_signal::{JogFrame, MoveKind, TypedMove, Verb};
 use taktil_tasks_trajectory::{Config, Move, ToolGoal, typed};
+
+use crate::robot::{AnyRobot, with};
+
+/// What words mean on a machine: how fast its moves are, and which arm makes them.
+#[derive(Clone, Debug)]
+pub struct Meaning {
+    /// How fast typed moves are.
+    pub pace: Config,
+    /// The arm.
+    pub robot: AnyRobot,
+}
+
+impl Default for Meaning {
+    /// The usual pace of the PUMA 260.
+    fn default() -> Meaning {
+        Meaning { pace: Config::default(), robot: AnyRobot::puma260() }
+    }
+}
 
 /// One order.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +59,7 @@ const WORDS: usize = 16;
 ///
 /// # Errors
 /// What is wrong, where, and the way out.
-pub fn order(line: &str, config: &Config) -> Result<Option<Order>, Invalid> {
+pub fn order(line: &str, meaning: &Meaning) -> Result<Option<Order>, Invalid> {
     let line = line.split('#').next().unwrap_or_default();
     let words: Vec<&str> = line.split_whitespace().take(WORDS + 1).collect();
     if words.len() > WORDS {
@@ -59,7 +76,7 @@ pub fn order(line: &str, config: &Config) -> Result<Option<Order>, Invalid> {
     match *first {
         "jog" => jog(rest).map(Some),
         "release" => plain(Order::Jog([0.0; 6], JogFrame::Joints)),
-        "move" => motion(rest, config).map(Some),
+        "move" => motion(rest, meaning).map(Some),
         "pause" => plain(Order::Move(typed::command(MoveKind::Pause))),
         "resume" => plain(Order::Move(typed::command(MoveKind::Resume))),
         "clear" => plain(Order::Move(typed::command(MoveKind::Clear))),
@@ -96,8 +113,8 @@ fn jog(words: &[&str]) -> Result<Order, Invalid> {
 }
 
 /// The words after `move`.
-fn motion(words: &[&str], config: &Config) -> Result<Order, Invalid> {
-    let usage = "say `move joint` with six angles (deg), `move to` with x y z (mm) and, if wanted, \
+fn motion(words: &[&str], Meaning { pace, robot }: &Meaning) -> Result<Order, Invalid> {
+    let usage = "say `move joint` with an angle for each joint (deg), `move to` with x y z (mm) and, if wanted, \
                  yaw pitch roll (deg), or `move by` with three mm along the tool's axes";
     let Some((kind, rest)) = words.split_first() else {
         return Err(Invalid::new("move", "where to?", usage));
@@ -107,7 +124,7 @@ fn motion(words: &[&str], config: &Config) -> Result<Order, Invalid> {
     let (t_s, straight, now) = options_of(options)?;
     let mut one = Move { joints_deg: None, tool: None, by_mm: None, straight, t_s };
     match *kind {
-        "joint" | "joints" => one.joints_deg = Some(numbers("move joint", values, usage)?),
+        "joint" | "joints" => one.joints_deg = Some(angles(values, robot, usage)?),
         "by" => one.by_mm = Some(numbers("move by", values, usage)?),
         "to" => {
             let padded: Vec<&str> = match values.len() {
@@ -120,8 +137,16 @@ fn motion(words: &[&str], config: &Config) -> Result<Order, Invalid> {
         }
         other => return Err(Invalid::new("move", format!("`{other}`?"), usage)),
     }
-    let step = config.step(&one, &Puma260::reference()).map_err(|bad| bad.within("move"))?;
-    Ok(Order::Move(typed::encode(&step, now)))
+    let word = with!(robot, robot => pace.step(&one, robot).map(|step| typed::encode(&step, now)));
+    word.map(Order::Move).map_err(|bad| bad.within("move"))
+}
+
+/// One angle for each joint.
+fn angles(words: &[&str], robot: &AnyRobot, usage: &str) -> Result<Vec<f64>, Invalid> {
+    match robot.joints() {
+        7 => numbers::<7>("move joint", words, usage).map(Vec::from),
+        _ => numbers::<6>("move joint", words, usage).map(Vec::from),
+    }
 }
 
 fn options_of(mut words: &[&str]) -> Result<(Option<f64>, bool, bool), Invalid> {
@@ -163,7 +188,7 @@ mod tests {
     use super::*;
 
     fn said(line: &str) -> Result<Option<Order>, Invalid> {
-        order(line, &Config::default())
+        order(line, &Meaning::default())
     }
 
     #[test]

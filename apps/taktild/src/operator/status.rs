@@ -25,8 +25,8 @@ pub struct Status {
     pub typed: Typed,
     /// The last verdict about moves.
     pub check: MoveCheck,
-    /// Where the joints are wanted.
-    pub desired: Desired,
+    /// Where the joints are wanted (rad); empty before anybody said so.
+    pub desired_rad: Vec<f64>,
 }
 
 impl Status {
@@ -47,7 +47,7 @@ impl Status {
             0 => take(&mut self.control, record.body),
             1 => take(&mut self.typed, record.body),
             2 => take(&mut self.check, record.body),
-            _ => take(&mut self.desired, record.body),
+            _ => self.desired_rad = angles(record.body),
         }
     }
 
@@ -74,7 +74,7 @@ impl Status {
     #[must_use]
     pub fn line(&self) -> String {
         let degrees: Vec<String> =
-            self.desired.q_rad.iter().map(|q| format!("{:.2}", q.to_degrees())).collect();
+            self.desired_rad.iter().map(|q| format!("{:.2}", q.to_degrees())).collect();
         let moves = match (self.typed.paused, self.typed.moving, self.typed.queued) {
             (1, _, queued) => format!("paused, {queued} moves left"),
             (_, 1, queued) => format!("moving, {queued} moves left"),
@@ -90,10 +90,19 @@ fn take<T: Payload>(value: &mut T, body: &[u8]) {
     }
 }
 
-/// Why a check refused, in words: joint, reason, time.
+/// The angles of a payload `Desired` of any arm.
+fn angles(body: &[u8]) -> Vec<f64> {
+    let six = Desired::<6>::decode(body).map(|desired| desired.q_rad.to_vec());
+    let seven = || Desired::<7>::decode(body).map(|desired| desired.q_rad.to_vec());
+    six.or_else(seven).unwrap_or_default()
+}
+
+/// Why a check refused, in words: joint, reason, time. `name` says what a joint is called, 0 the
+/// first.
 #[must_use]
-pub fn refusal(check: &MoveCheck) -> String {
-    let joint = if check.joint > 0 { format!("joint {} ", check.joint) } else { String::new() };
+pub fn refusal(check: &MoveCheck, name: impl Fn(usize) -> String) -> String {
+    let index = usize::try_from(check.joint).ok().and_then(|joint| joint.checked_sub(1));
+    let joint = index.map_or_else(String::new, |index| format!("{} ", name(index)));
     let index = usize::try_from(check.reason).ok().and_then(|reason| reason.checked_sub(1));
     let why = index.and_then(|n| REASONS.get(n)).unwrap_or(&"no reason given");
     let by = if check.ratio > 0.0 { format!(" by {:.2}", check.ratio) } else { String::new() };

@@ -1,6 +1,7 @@
 //! Hand-overs, refusals, stops and changes of the zero, one rule a test.
 
 use super::*;
+use taktil_mechanics::Joints;
 use taktil_rtcore::Payload;
 
 const DT_S: f64 = 0.0025;

@@ -37,6 +37,7 @@ impl Story {
             joints: Some(JointState::ZERO),
             raised: FaultSet::NONE,
             present: FaultSet::NONE,
+            touch: true,
             touch_silent: false,
             trajectory: Word::default(),
             tactile: Word::default(),

@@ -204,14 +204,14 @@ impl Loop {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use taktil_mechanics::dynamics::Dynamics;
+    use taktil_mechanics::robot::Robot;
     use taktil_tasks_joint_servo::Config;
 
     fn of(config: &Config) -> Loop {
-        let dynamics = Dynamics::reference();
+        let tuning = config.tuning(&Robot::puma260()).unwrap();
         Loop {
-            law: config.law(&dynamics),
-            inertia_kg_m2: config.inertia(&dynamics)[1],
+            law: tuning.law(),
+            inertia_kg_m2: tuning.inertia_kg_m2[1],
             joint: 1,
             tick_s: 0.0025,
             delay: 0.5,
@@ -222,8 +222,11 @@ mod tests {
     fn without_filter_and_delay_the_margin_is_the_textbook_s() {
         // kp = w^2, kd = 2 w, far below the sampling rate: the crossing is at w sqrt(2 + sqrt 5),
         // the phase there atan(2 crossing / w).
-        let slow =
-            Config { bandwidth_rad_s: [2.0; 6], derivative_filter_hz: 1e5, ..Config::default() };
+        let slow = Config {
+            bandwidth_rad_s: Some(vec![2.0; 6]),
+            derivative_filter_hz: 1e5,
+            ..Config::default()
+        };
         let margin = Loop { delay: 1e-6, ..of(&slow) }.margin();
         let crossing = 2.0 * (2.0 + 5f64.sqrt()).sqrt();
         assert!((margin.crossing_rad_s - crossing).abs() < 0.05, "{margin:?}");
@@ -235,8 +238,8 @@ mod tests {
     fn the_gain_at_which_the_simulated_loop_grows_is_the_one_computed() {
         for config in [
             Config::default(),
-            Config { damping: [0.5; 6], derivative_filter_hz: 30.0, ..Config::default() },
-            Config { bandwidth_rad_s: [110.0; 6], ..Config::default() },
+            Config { damping: Some(vec![0.5; 6]), derivative_filter_hz: 30.0, ..Config::default() },
+            Config { bandwidth_rad_s: Some(vec![110.0; 6]), ..Config::default() },
             Config { observer_hz: Some(60.0), ..Config::default() },
         ] {
             let margin = of(&config).margin();

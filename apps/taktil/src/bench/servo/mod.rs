@@ -10,11 +10,11 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::robot::Robot;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_rtcore::record::{Catalog, Observer, Record};
-use taktil_rtcore::{Machine, Payload};
+use taktil_rtcore::{Invalid, Machine, Payload};
 use taktil_signal::{Desired, Torque};
 use taktil_tasks_joint_servo::Config;
 use taktild::out;
@@ -50,12 +50,14 @@ struct ModeOf {
 
 /// The modes: bandwidth, damping and filter as the scenes have them, and the default ones.
 fn modes() -> Vec<ModeOf> {
-    let soft = Config { damping: [0.5; 6], derivative_filter_hz: 30.0, ..Config::default() };
+    let soft =
+        Config { damping: Some(vec![0.5; 6]), derivative_filter_hz: 30.0, ..Config::default() };
     let plain = Config { gravity: false, ..soft.clone() };
     let helped = Config { friction: 0.8, acceleration: 1.0, ..soft.clone() };
     let observed = |hz| Config { observer_hz: Some(hz), ..helped.clone() };
-    let stiff = Config { bandwidth_rad_s: [110.0; 6], ..helped.clone() };
-    let damped = Config { damping: [1.0; 6], derivative_filter_hz: 60.0, ..helped.clone() };
+    let stiff = Config { bandwidth_rad_s: Some(vec![110.0; 6]), ..helped.clone() };
+    let damped =
+        Config { damping: Some(vec![1.0; 6]), derivative_filter_hz: 60.0, ..helped.clone() };
     let one = |name, config| ModeOf { name, config };
     vec![
         one("PD (the thesis)", plain),
@@ -64,7 +66,7 @@ fn modes() -> Vec<ModeOf> {
         one("+ computed torque", helped.clone()),
         one("damping 1, filter 60 Hz", damped),
         one("observer 60 Hz", observed(60.0)),
-        one("observer 60 Hz, damping 1", Config { damping: [1.0; 6], ..observed(60.0) }),
+        one("observer 60 Hz, damping 1", Config { damping: Some(vec![1.0; 6]), ..observed(60.0) }),
         one("110 rad/s", stiff.clone()),
         one("110 rad/s, observer 60 Hz", Config { observer_hz: Some(60.0), ..stiff }),
     ]
@@ -178,7 +180,7 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
     for mode in modes() {
         let mut scene = Scene::load(&plan.scene)?;
         let assumed_pose_deg =
-            scene.machine.joint_servo.as_ref().and_then(|servo| servo.assumed_pose_deg);
+            scene.machine.joint_servo.as_ref().and_then(|servo| servo.assumed_pose_deg.clone());
         let config = Config { assumed_pose_deg, ..mode.config };
         scene.machine.joint_servo = Some(config.clone());
         let mut machine = assemble(&scene, plan.seed)?;
@@ -195,7 +197,9 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
             ))
         })?;
         let delay = scene.actuation_delay.as_secs_f64() / tick_s;
-        rows.push((mode.name, figures, worst_margin(&config, tick_s, delay)));
+        let margin = worst_margin(&config, tick_s, delay);
+        let margin = margin.map_err(|bad| anyhow::anyhow!("{}: {}", bad.place, bad.what))?;
+        rows.push((mode.name, figures, margin));
     }
     if plan.json {
         out::line(Value::Array(rows.iter().map(json_row).collect()))?;
@@ -214,10 +218,10 @@ fn period_s(machine: &Machine) -> anyhow::Result<f64> {
 }
 
 /// The margin of the loop: the same for every joint but for its damping, which the modes share.
-fn worst_margin(config: &Config, tick_s: f64, delay: f64) -> Margin {
-    let dynamics = Dynamics::reference();
-    let inertia_kg_m2 = config.inertia(&dynamics)[0];
-    Loop { law: config.law(&dynamics), inertia_kg_m2, joint: 0, tick_s, delay }.margin()
+fn worst_margin(config: &Config, tick_s: f64, delay: f64) -> Result<Margin, Invalid> {
+    let tuning = config.tuning(&Robot::puma260())?;
+    let inertia_kg_m2 = tuning.inertia_kg_m2[0];
+    Ok(Loop { law: tuning.law(), inertia_kg_m2, joint: 0, tick_s, delay }.margin())
 }
 
 type Row = (&'static str, Figures, Margin);

@@ -5,8 +5,7 @@
 use serde::Deserialize;
 use taktil_rtcore::{Invalid, Nanos};
 use taktil_signal::{JogFrame, TypedMove, Verb};
-use taktil_tasks_trajectory::Config as Pace;
-use taktild::operator::speech::{Order, order};
+use taktild::operator::speech::{Meaning, Order, order};
 
 use super::LONGEST_S;
 
@@ -62,15 +61,15 @@ pub enum Act {
 }
 
 /// The list, checked.
-pub(super) fn script(steps: &[StepFile], pace: &Pace) -> Result<Vec<Step>, Invalid> {
+pub(super) fn script(steps: &[StepFile], meaning: &Meaning) -> Result<Vec<Step>, Invalid> {
     let step = |(index, step): (usize, &StepFile)| {
-        step.check(pace).map_err(|bad| bad.within(&format!("operator[{index}]")))
+        step.check(meaning).map_err(|bad| bad.within(&format!("operator[{index}]")))
     };
     steps.iter().enumerate().map(step).collect()
 }
 
 impl StepFile {
-    fn check(&self, pace: &Pace) -> Result<Step, Invalid> {
+    fn check(&self, meaning: &Meaning) -> Result<Step, Invalid> {
         let at = instant(self.at_s, "at_s", 0.0, LONGEST_S)?;
         let keys = self.frame.is_some() || self.for_s.is_some();
         let act = match (&self.verb, &self.jog, &self.say) {
@@ -86,7 +85,7 @@ impl StepFile {
                 let what = "`frame` and `for_s` belong to a jog";
                 return Err(Invalid::new("say", what, "leave them out"));
             }
-            (None, None, Some(words)) => said(words, pace)?,
+            (None, None, Some(words)) => said(words, meaning)?,
             _ => {
                 let what = "a step is a verb, a jog or something said";
                 return Err(Invalid::new("", what, "give exactly one of `verb`, `jog` and `say`"));
@@ -115,8 +114,8 @@ impl StepFile {
 }
 
 /// What is typed.
-fn said(words: &str, pace: &Pace) -> Result<Act, Invalid> {
-    let order = order(words, pace).map_err(|bad| {
+fn said(words: &str, meaning: &Meaning) -> Result<Act, Invalid> {
+    let order = order(words, meaning).map_err(|bad| {
         let what =
             if bad.place.is_empty() { bad.what } else { format!("{}: {}", bad.place, bad.what) };
         Invalid::new("say", what, bad.remedy)
@@ -155,7 +154,7 @@ mod tests {
 
     fn read(text: &str) -> Result<Step, Invalid> {
         let step: StepFile = toml::from_str(text).unwrap();
-        script(&[step], &Pace::default()).map(|list| list[0])
+        script(&[step], &Meaning::default()).map(|list| list[0])
     }
 
     #[test]

@@ -1,0 +1,322 @@
+//! The arm of a machine: the PUMA 260, or a chain from a URDF file with the motors that the machine
+//! file's `[arm]` says. Refuses to guess what neither says (gears, counts, currents), and arms that
+//! the tasks cannot drive: other numbers of joints than 6 and 7, sliding joints.
+
+use std::path::Path;
+
+use serde::Deserialize;
+use taktil_hal::CHANNELS;
+use taktil_mechanics::Pose;
+use taktil_mechanics::arm::Arm;
+use taktil_mechanics::chain::{Motion, Vector};
+use taktil_mechanics::dynamics::Friction;
+use taktil_mechanics::robot::{ChainRobot, Robot};
+use taktil_mechanics::transmission::{Drive, Transmission};
+use taktil_rtcore::Invalid;
+use taktil_signal::per_joint;
+
+use crate::source::{Located, Meant, Source};
+use crate::urdf::{self, Described};
+
+/// Largest number that a motor's table may hold.
+const LARGEST: f64 = 1e6;
+/// Counts of one motor turn times turns of the motor in one joint turn: the finest encoder whose
+/// counts over ten joint turns fit 32 bits.
+const FINEST: f64 = 1e8;
+
+/// `[arm]`: an arm from a URDF file, and what drives it. Lists have one number for each moving
+/// joint, in the order of the file.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ArmConfig {
+    /// URDF file, relative to the file in which this stands. It gives the kinematics, the masses,
+    /// and for each joint the limits of angle, speed, effort and, where it is there, acceleration.
+    pub urdf: String,
+    /// Link at the end of the chain, whose frame is the tool's; needed where the file has several.
+    pub tip: Option<String>,
+    /// Joint angles of the home pose, where the counts are initialised (deg).
+    pub home_deg: Vec<f64>,
+    /// Motor turns in one joint turn; negative where the motor runs the other way.
+    pub gear: Vec<f64>,
+    /// Encoder counts of one motor turn, after quadrature.
+    pub counts_per_rev: Vec<f64>,
+    /// Torque constants of the motors (N m/A).
+    pub torque_constant_nm_a: Vec<f64>,
+    /// Currents at the converter's full scale (A).
+    pub current_max_a: Vec<f64>,
+    /// Width of the converter's code. Default 12.
+    #[serde(default = "usual_bits")]
+    pub dac_bits: u32,
+    /// Inertia of the rotors (kg m^2). Default 0: what the URDF says is all.
+    pub rotor_inertia_kg_m2: Option<Vec<f64>>,
+    /// Coulomb friction at the joints (N m): what the servo may compensate and the simulator does.
+    /// Default 0.
+    pub coulomb_nm: Option<Vec<f64>>,
+    /// Viscous friction at the joints (N m s/rad). Default 0.
+    pub viscous_nms_rad: Option<Vec<f64>>,
+}
+
+fn usual_bits() -> u32 {
+    12
+}
+
+/// An arm that the tasks can drive.
+#[derive(Clone, Debug)]
+pub enum AnyRobot {
+    /// The PUMA 260 of the reference.
+    Puma260(Box<Robot>),
+    /// A chain of six joints.
+    Six(Box<ChainRobot<6>>),
+    /// A chain of seven joints.
+    Seven(Box<ChainRobot<7>>),
+}
+
+/// Does the same with whatever robot it is.
+macro_rules! with {
+    ($any:expr, $robot:ident => $what:expr) => {
+        match $any {
+            AnyRobot::Puma260($robot) => $what,
+            AnyRobot::Six($robot) => $what,
+            AnyRobot::Seven($robot) => $what,
+        }
+    };
+}
+pub(crate) use with;
+
+impl AnyRobot {
+    /// The PUMA 260.
+    #[must_use]
+    pub fn puma260() -> AnyRobot {
+        AnyRobot::Puma260(Box::new(Robot::puma260()))
+    }
+
+    /// Whether it is the PUMA 260, the only arm that feels.
+    #[must_use]
+    pub fn is_puma260(&self) -> bool {
+        matches!(self, AnyRobot::Puma260(_))
+    }
+
+    /// Number of joints.
+    #[must_use]
+    pub fn joints(&self) -> usize {
+        match self {
+            AnyRobot::Puma260(_) | AnyRobot::Six(_) => 6,
+            AnyRobot::Seven(_) => 7,
+        }
+    }
+
+    /// What a joint is called, 0 the first.
+    #[must_use]
+    pub fn joint(&self, index: usize) -> String {
+        with!(self, robot => robot.joint(index))
+    }
+
+    /// Joints of the home pose (rad).
+    #[must_use]
+    pub fn home_rad(&self) -> Vec<f64> {
+        with!(self, robot => robot.home_rad.as_slice().to_vec())
+    }
+
+    /// The tool frame in the base frame; `None` for another number of joints.
+    #[must_use]
+    pub fn tool_pose(&self, q: &[f64]) -> Option<Pose> {
+        with!(self, robot => Some(robot.arm.tool_pose(&sized(q)?)))
+    }
+
+    /// Torques that hold the arm against gravity (N m); `None` for another number of joints.
+    #[must_use]
+    pub fn gravity_nm(&self, q: &[f64]) -> Option<Vec<f64>> {
+        with!(self, robot => Some(robot.links.gravity(&sized(q)?).as_slice().to_vec()))
+    }
+
+    /// Refuses joint angles (deg) that are not those of this arm, at `place`.
+    ///
+    /// # Errors
+    /// Another count, an angle outside the limits; the joint is named.
+    pub fn check_pose(&self, place: &str, degrees: &[f64]) -> Result<(), Invalid> {
+        with!(self, robot => pose(place, degrees, robot).map(|_| ()))
+    }
+}
+
+fn sized<const N: usize>(q: &[f64]) -> Option<Vector<N>> {
+    <[f64; N]>::try_from(q).ok().map(Vector::from)
+}
+
+/// Joint angles within the limits (rad).
+fn pose<const N: usize, A: Arm<N>>(
+    place: &str,
+    degrees: &[f64],
+    robot: &Robot<N, A>,
+) -> Result<Vector<N>, Invalid> {
+    let degrees = per_joint::<N>(place, degrees)?;
+    let q = Vector::from(degrees.map(f64::to_radians));
+    for i in 0..N {
+        let (low, high) = (robot.arm.q_min()[i], robot.arm.q_max()[i]);
+        if !(low <= q[i] && q[i] <= high) {
+            let what = format!("{} is outside the limits of {}", degrees[i], robot.joint(i));
+            let remedy =
+                format!("give {:.1} to {:.1} degrees", low.to_degrees(), high.to_degrees());
+            return Err(Invalid::new(format!("{place}[{i}]"), what, remedy));
+        }
+    }
+    Ok(q)
+}
+
+/// The robot of a machine file: of its `[arm]` and the URDF that this names.
+///
+/// # Errors
+/// What is wrong in `[arm]`, placed there; what is wrong in the URDF comes as [`Broken::File`].
+pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, Broken> {
+    let described = urdf::read(&urdf.text, config.tip.as_deref())
+        .map_err(|bad| Broken::File(Box::new(urdf::locate(urdf, bad))))?;
+    let of_file = |bad| Broken::File(Box::new(urdf::locate(urdf, bad)));
+    for (name, joint) in described.names.iter().zip(&described.joints) {
+        if joint.motion == Motion::Slide {
+            let what = "slides: the tasks drive turning joints";
+            return Err(of_file(Invalid::new(name, what, "fix it, or name a tip before it")));
+        }
+    }
+    let robot = match described.joints.len() {
+        6 => chain::<6>(config, &described, &of_file).map(|robot| AnyRobot::Six(Box::new(robot))),
+        7 => chain::<7>(config, &described, &of_file).map(|robot| AnyRobot::Seven(Box::new(robot))),
+        n => {
+            let what = format!("has {n} moving joints on the way to `{}`", described.tip);
+            let remedy = "the tasks drive arms of 6 and of 7 joints: name another tip or arm";
+            return Err(of_file(Invalid::new("", what, remedy)));
+        }
+    };
+    robot.map_err(|bad| match bad {
+        Broken::Section(bad) => Broken::Section(bad.within("arm")),
+        Broken::File(bad) => Broken::File(bad),
+    })
+}
+
+/// What is wrong with an arm: a value of its section, or its file.
+#[derive(Clone, Debug)]
+pub enum Broken {
+    /// The place is within the machine file.
+    Section(Invalid),
+    /// Located in the URDF.
+    File(Box<Located>),
+}
+
+fn chain<const N: usize>(
+    config: &ArmConfig,
+    described: &Described,
+    of_file: &dyn Fn(Invalid) -> Broken,
+) -> Result<ChainRobot<N>, Broken> {
+    let motors = Motors::<N>::of(config, &described.names).map_err(Broken::Section)?;
+    let mut driven = described.clone();
+    for (i, joint) in driven.joints.iter_mut().enumerate() {
+        joint.reflected = motors.rotor_kg_m2[i] * motors.gear[i] * motors.gear[i];
+    }
+    let arm = driven.chain::<N>().map_err(of_file)?;
+    let gears = Transmission::independent(&motors.gear, &motors.counts);
+    let drive = Drive {
+        torque_constant_nm_a: motors.constant,
+        current_max_a: motors.current,
+        dac_bits: config.dac_bits,
+    };
+    let peak = drive.peak_joint_torque(&gears);
+    let mut robot = Robot {
+        links: arm,
+        torque_max_nm: peak.inf(&arm.limits().effort_max),
+        arm,
+        gears,
+        drive,
+        friction: Friction { coulomb_nm: motors.coulomb, viscous_nms_rad: motors.viscous },
+        home_rad: Vector::zeros(),
+        at_work_rad: Vector::zeros(),
+        names: described.names.clone(),
+    };
+    let home = pose("home_deg", &config.home_deg, &robot).map_err(Broken::Section)?;
+    (robot.home_rad, robot.at_work_rad) = (home, home);
+    let still = arm.gravity(&home);
+    if let Some(i) = (0..N).find(|i| still[*i].abs() > robot.torque_max_nm[*i]) {
+        let what = format!(
+            "{} cannot hold itself at home: gravity asks for {:.2} N m, it has {:.2}",
+            robot.joint(i),
+            still[i].abs(),
+            robot.torque_max_nm[i]
+        );
+        let remedy = "look at its mass, effort, gear, torque constant and current";
+        return Err(Broken::Section(Invalid::new(format!("current_max_a[{i}]"), what, remedy)));
+    }
+    Ok(robot)
+}
+
+/// The lists of the section, checked.
+struct Motors<const N: usize> {
+    gear: Vector<N>,
+    counts: Vector<N>,
+    constant: Vector<N>,
+    current: Vector<N>,
+    rotor_kg_m2: Vector<N>,
+    coulomb: Vector<N>,
+    viscous: Vector<N>,
+}
+
+impl<const N: usize> Motors<N> {
+    fn of(config: &ArmConfig, names: &[String]) -> Result<Motors<N>, Invalid> {
+        const { assert!(N <= CHANNELS, "boards have eight channels") };
+        if !(2..=24).contains(&config.dac_bits) {
+            let what = format!("{} bits", config.dac_bits);
+            return Err(Invalid::new("dac_bits", what, "give 2 to 24"));
+        }
+        let list = |place: &str, list: &[f64], sound: &dyn Fn(f64) -> bool, remedy: &str| {
+            let numbers = per_joint::<N>(place, list)?;
+            match numbers.iter().position(|x| !sound(*x)) {
+                None => Ok(Vector::from(numbers)),
+                Some(i) => {
+                    let what = format!("{} for joint {} (`{}`)", numbers[i], i + 1, names[i]);
+                    Err(Invalid::new(format!("{place}[{i}]"), what, remedy))
+                }
+            }
+        };
+        let size = |x: f64| (1e-9..=LARGEST).contains(&x);
+        let positive = |place: &str, numbers: &[f64]| {
+            list(place, numbers, &size, "give a number above 0, at most 1000000")
+        };
+        let or_none = |place: &str, numbers: &Option<Vec<f64>>| match numbers {
+            None => Ok(Vector::zeros()),
+            Some(numbers) => {
+                let sound = |x: f64| (0.0..=LARGEST).contains(&x);
+                list(place, numbers, &sound, "give 0 or more, at most 1000000")
+            }
+        };
+        let turns = |x: f64| (1e-3..=LARGEST).contains(&x.abs());
+        let gear = "give motor turns in one joint turn, negative for a motor that runs backwards";
+        let motors = Motors {
+            gear: list("gear", &config.gear, &turns, gear)?,
+            counts: positive("counts_per_rev", &config.counts_per_rev)?,
+            constant: positive("torque_constant_nm_a", &config.torque_constant_nm_a)?,
+            current: positive("current_max_a", &config.current_max_a)?,
+            rotor_kg_m2: or_none("rotor_inertia_kg_m2", &config.rotor_inertia_kg_m2)?,
+            coulomb: or_none("coulomb_nm", &config.coulomb_nm)?,
+            viscous: or_none("viscous_nms_rad", &config.viscous_nms_rad)?,
+        };
+        let fine = motors.gear.component_mul(&motors.counts).abs();
+        if let Some(i) = (0..N).find(|i| fine[*i] > FINEST) {
+            let what =
+                format!("{} counts in one turn of joint {} (`{}`)", fine[i], i + 1, names[i]);
+            let remedy = "counts of ten turns have to fit 32 bits: give fewer";
+            return Err(Invalid::new(format!("counts_per_rev[{i}]"), what, remedy));
+        }
+        Ok(motors)
+    }
+}
+
+/// Reads the robot of a machine file that stands in the folder `beside`; the text of its URDF comes
+/// along.
+///
+/// # Errors
+/// As [`build`], and a file that is not there.
+pub fn load(
+    config: Option<&ArmConfig>,
+    beside: &Path,
+) -> Result<(AnyRobot, Option<Source>), Broken> {
+    let Some(config) = config else { return Ok((AnyRobot::puma260(), None)) };
+    let source = Source::read(&beside.join(&config.urdf), Meant::Arm)
+        .map_err(|bad| Broken::Section(Invalid::new("arm.urdf", bad.what, bad.remedy)))?;
+    build(config, &source).map(|robot| (robot, Some(source)))
+}

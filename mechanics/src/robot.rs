@@ -1,0 +1,66 @@
+//! An arm with what drives it: kinematics and limits, masses, gears and encoders, amplifiers,
+//! friction. Refuses to be changed while it runs: tasks take what they need of it when they are
+//! built.
+
+use crate::arm::Arm;
+use crate::chain::{Chain, Vector};
+use crate::dynamics::{Dynamics, Friction};
+use crate::puma260::Puma260;
+use crate::transmission::{Drive, Transmission};
+
+/// Everything that the tasks and a simulator know of an arm of `N` joints.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robot<const N: usize = 6, A: Arm<N> = Puma260> {
+    /// Kinematics and limits.
+    pub arm: A,
+    /// Masses, motors included.
+    pub links: A::Links,
+    /// Gears and encoders.
+    pub gears: Transmission<N>,
+    /// Amplifiers and converters.
+    pub drive: Drive<N>,
+    /// Friction of the joints.
+    pub friction: Friction<N>,
+    /// Joints of the home pose, where the counts are initialised (rad).
+    pub home_rad: Vector<N>,
+    /// Joints at which the servo's gains are computed (rad).
+    pub at_work_rad: Vector<N>,
+    /// Largest torques at the joints (N m).
+    pub torque_max_nm: Vector<N>,
+    /// What people call the joints; a joint without a name has its number.
+    pub names: Vec<String>,
+}
+
+impl Robot<6, Puma260> {
+    /// The reference arm with its motors.
+    #[must_use]
+    pub fn puma260() -> Robot<6, Puma260> {
+        let (gears, drive) = (Transmission::reference(), Drive::reference());
+        let radians = |degrees: [f64; 6]| Vector::from(degrees.map(f64::to_radians));
+        Robot {
+            arm: Puma260::reference(),
+            links: Dynamics::reference(),
+            torque_max_nm: drive.peak_joint_torque(&gears),
+            gears,
+            drive,
+            friction: Friction::reference(),
+            home_rad: radians([0.0, 0.0, -180.0, 0.0, 90.0, 0.0]),
+            at_work_rad: radians([0.0, 40.0, -153.0, -180.0, 67.0, 180.0]),
+            names: Vec::new(),
+        }
+    }
+}
+
+/// A robot whose arm is any chain.
+pub type ChainRobot<const N: usize> = Robot<N, Chain<N>>;
+
+impl<const N: usize, A: Arm<N>> Robot<N, A> {
+    /// What a joint (0 is the first) is called: its number, and its name where it has one.
+    #[must_use]
+    pub fn joint(&self, index: usize) -> String {
+        match self.names.get(index) {
+            Some(name) => format!("joint {} (`{name}`)", index + 1),
+            None => format!("joint {}", index + 1),
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! Arms led along paths of the tool, as planning sees them: on the path, within limits and speeds,
+//! or lost with the joint that is at fault.
+
+use crate::arms::{Draws, puma, seven, ur5e_like};
+use glam::DVec3;
+use taktil_mechanics::Pose;
+use taktil_mechanics::arm::{Arm, Follow, Lost};
+use taktil_mechanics::chain::{Chain, Vector};
+use taktil_mechanics::paul::JointPath;
+use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
+use taktil_mechanics::preview::{Preview, Refusal, Route, Terms};
+use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::transmission::Transmission;
+
+fn bent() -> Vector<6> {
+    Vector::<6>::new(0.2, -1.3, 1.6, -1.9, -1.5, 0.4)
+}
+
+fn curled() -> Vector<7> {
+    Vector::from([0.1, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5])
+}
+
+fn terms<const N: usize>(arm: Chain<N>) -> Terms<N, Chain<N>> {
+    Terms {
+        arm,
+        dynamics: arm,
+        torque_max_nm: Vector::repeat(f64::INFINITY),
+        off_max_m: 1e-3,
+        off_max_rad: 1e-3,
+        tick_s: 0.0025,
+    }
+}
+
+/// A line of the tool by `way` (base, m) in `t_s`.
+fn line<const N: usize>(arm: &Chain<N>, q: &Vector<N>, way: DVec3, t_s: f64) -> CartesianPath {
+    let here = arm.tool_pose(q);
+    let there = Pose::new(here.rotation, here.translation + way);
+    CartesianPath::new(&[here, there], &[t_s], 0.1, Blend::Smooth).unwrap()
+}
+
+fn stays_on_the_line<const N: usize>(arm: Chain<N>, q: Vector<N>) {
+    let path = line(&arm, &q, DVec3::new(0.05, 0.08, 0.06), 1.0);
+    let preview = Preview::of(Route::Tool(&path), &q, &terms(arm)).unwrap();
+    assert!(preview.off_m.value < 1e-9 && preview.off_rad.value < 1e-9, "{preview:?}");
+    let end = arm.tool_pose(&preview.end).translation;
+    assert!((end - path.points()[1].translation).length() < 1e-9, "{end}");
+    assert!(preview.speed.iter().all(|peak| peak.value > 0.0 && peak.value < 0.5), "{preview:?}");
+}
+
+#[test]
+fn lines_are_followed_to_rounding() {
+    stays_on_the_line(ur5e_like(), bent());
+    stays_on_the_line(seven(), curled());
+}
+
+#[test]
+fn what_an_arm_cannot_follow_names_the_joint() {
+    let (arm, q) = (seven(), curled());
+    let terms = terms(arm);
+    // Ten times as fast as the arm is.
+    let hasty = line(&arm, &q, DVec3::new(0.0, 0.4, 0.0), 0.2);
+    let refused = Preview::of(Route::Tool(&hasty), &q, &terms).unwrap_err();
+    let Refusal::Lost { why: Lost::TooFast { joint, ratio }, t_s } = refused else {
+        panic!("{refused}")
+    };
+    assert!(joint < 7 && ratio > 1.0 && t_s > 0.0, "{refused}");
+    // Out of reach, or on the way there at a limit.
+    let far = line(&arm, &q, DVec3::new(2.0, 0.0, 0.0), 20.0);
+    let refused = Preview::of(Route::Tool(&far), &q, &terms).unwrap_err();
+    assert!(matches!(refused, Refusal::Lost { .. } | Refusal::Off { .. }), "{refused}");
+    // A joint beyond its limit by the joints' own motion.
+    let mut over = q;
+    over[3] = 0.2;
+    let path = JointPath::new(&[q, over], &[4.0], 0.1).unwrap();
+    let refused = Preview::of(Route::Joints(&path), &q, &terms).unwrap_err();
+    let Refusal::Lost { why, .. } = refused else { panic!("{refused}") };
+    assert_eq!(why, Lost::Limit { joint: 3 });
+    // Too weak.
+    let weak = Terms { torque_max_nm: Vector::repeat(1.0), ..terms };
+    let slow = line(&arm, &q, DVec3::new(0.0, 0.1, 0.0), 2.0);
+    let refused = Preview::of(Route::Tool(&slow), &q, &weak).unwrap_err();
+    assert!(matches!(refused, Refusal::Torque { ratio, .. } if ratio > 1.0), "{refused}");
+}
+
+#[test]
+fn a_follower_that_is_lost_stays_where_it_was() {
+    let arm = ur5e_like();
+    let mut follower = arm.follower(&bent());
+    let here = arm.tool_pose(&bent());
+    let bad = [
+        Pose::new(here.rotation, DVec3::splat(9.0)),
+        Pose::new(here.rotation, DVec3::splat(f64::NAN)),
+        Pose::new(here.rotation * f64::INFINITY, here.translation),
+        Pose::new(here.rotation, here.translation + DVec3::new(0.2, 0.0, 0.0)),
+    ];
+    for pose in bad {
+        assert!(follower.step(&pose, 0.0025).is_err(), "{pose:?}");
+        assert_eq!(follower.joints(), &bent());
+    }
+    for dt_s in [0.0, f64::NAN] {
+        let aside = Pose::new(here.rotation, here.translation + DVec3::new(1e-4, 0.0, 0.0));
+        let _ = follower.step(&aside, dt_s);
+        assert!(follower.joints().iter().all(|q| q.is_finite()));
+    }
+}
+
+#[test]
+fn poses_are_reached_near_where_the_arm_is_or_not_at_all() {
+    let arm = ur5e_like();
+    let mut draws = Draws(5);
+    let mut found = 0;
+    for _ in 0..200 {
+        let q = bent() + draws.vector::<6>(0.3);
+        let pose = arm.tool_pose(&q);
+        assert!(arm.may_reach(&pose) && arm.can_reach(&pose));
+        if let Some(got) = arm.reach(&pose, &bent()) {
+            found += 1;
+            assert!(arm.within_limits(&got));
+            let off = arm.tool_pose(&got).translation - pose.translation;
+            assert!(off.length() < 1e-9);
+        }
+    }
+    assert!(found >= 198, "{found} of 200");
+    let far = Pose::new(glam::DMat3::IDENTITY, DVec3::new(3.0, 0.0, 0.0));
+    assert!(!arm.may_reach(&far) && !arm.can_reach(&far) && arm.reach(&far, &bent()).is_none());
+    let lost = Pose::new(glam::DMat3::IDENTITY, DVec3::splat(f64::NAN));
+    assert!(!arm.may_reach(&lost) && !arm.can_reach(&lost));
+}
+
+#[test]
+fn the_puma_by_its_rows_is_the_puma_to_planning() {
+    let (chain, own) = (puma(), Puma260::reference());
+    let mut draws = Draws(7);
+    for _ in 0..200 {
+        let q = draws.inside(&chain);
+        for (a, b) in chain.singular(&q).iter().zip(own.singular(&q)) {
+            assert!((a - b).abs() < 1e-12, "{a} {b}");
+        }
+        assert_eq!(chain.within_limits(&q), Arm::within_limits(&own, &q));
+    }
+    let slow = Arm::with_speed_max(&chain, &Vector::repeat(0.1));
+    assert_eq!(Arm::speed_max(&slow), &Vector::<6>::repeat(0.1));
+    assert_eq!(Arm::room(&chain, 0, &Vector::zeros(), &Vector::repeat(1.0)), own.q_max_rad[0]);
+    assert_eq!(Arm::room(&chain, 0, &Vector::repeat(9.0), &Vector::repeat(10.0)), 0.0);
+}
+
+#[test]
+fn gears_without_coupling_count_there_and_back() {
+    let ratio = Vector::from([100.0, -50.0, 30.0, 120.0, 80.0, -101.0, 7.0]);
+    let gears = Transmission::independent(&ratio, &Vector::repeat(4096.0));
+    let counts = [1000, -2000, 3, 40_000, 0, 77, -5];
+    assert_eq!(gears.counts(&gears.joints(&counts)), counts);
+    let q = gears.joints(&[4096, 4096, 4096, 4096, 4096, 4096, 4096]);
+    assert!((q[0] - core::f64::consts::TAU / 100.0).abs() < 1e-15 && q[1] < 0.0);
+    let motor = gears.motor_torque(&Vector::repeat(1.0));
+    assert!((gears.joint_torque(&motor) - Vector::repeat(1.0)).amax() < 1e-15);
+}

@@ -1,0 +1,227 @@
+//! An arm that is any chain, free of contact: codes to currents to torques, friction that sticks,
+//! brakes, motion of rigid bodies, encoder counts. Refuses to touch: whatever is felt is the PUMA
+//! 260's affair.
+//!
+//! Steps are implicit in the friction and take inertia and bias torques at the middle of the step
+//! by one correction: second order in free motion, and a joint that sticks does not chatter,
+//! however stiff its bristle is for the step.
+
+use core::fmt::Debug;
+
+use taktil_hal::CHANNELS;
+use taktil_mechanics::chain::{Square, Vector};
+use taktil_mechanics::dynamics::Friction;
+use taktil_mechanics::robot::ChainRobot;
+use taktil_mechanics::{Joints, Pose};
+
+use crate::arm::rub;
+use crate::fidelity::ArmModel;
+use crate::hash::Hash;
+use crate::scene::{ArmConfig, Invalid, invalid};
+
+/// Evaluations of inertia and bias in a step.
+const PASSES: u32 = 2;
+/// Iterations for the speeds at the end of a step; the equations are linear but for joints that
+/// begin or cease to stick.
+const ITERATIONS: u32 = 8;
+/// Change of speed below which they have settled (rad/s).
+const SETTLED_RAD_S: f64 = 1e-12;
+
+/// An arm free of contact, whatever its number of joints.
+pub(crate) trait Loose: Debug + Send + Sync {
+    fn pose(&self) -> &Pose;
+    fn twist(&self) -> Joints;
+    /// One step of `h` seconds.
+    fn step(&mut self, h: f64);
+    /// Takes the codes that drive the amplifiers from now on, and the lines.
+    fn drive(&mut self, codes: [i32; CHANNELS], enabled: bool, braked: bool);
+    /// Incremental encoder counts, 0 behind the last joint.
+    fn counts(&self) -> [i32; CHANNELS];
+    /// The codes that flow as current now.
+    fn current_codes(&self) -> [i32; CHANNELS];
+    /// Joint angles (rad) and speeds (rad/s).
+    fn joints(&self) -> (&[f64], &[f64]);
+    /// Drives on, brakes on.
+    fn lines(&self) -> (bool, bool);
+    fn energy_j(&self) -> f64;
+    fn digest(&self, hash: &mut Hash);
+    fn boxed(&self) -> Box<dyn Loose>;
+}
+
+impl Clone for Box<dyn Loose> {
+    fn clone(&self) -> Box<dyn Loose> {
+        self.boxed()
+    }
+}
+
+/// The state of such an arm.
+#[derive(Clone, Debug)]
+pub(crate) struct Chained<const N: usize> {
+    robot: ChainRobot<N>,
+    friction: Friction<N>,
+    start_counts: [i32; N],
+    q: Vector<N>,
+    qd: Vector<N>,
+    bristle: Vector<N>,
+    codes: [i32; CHANNELS],
+    torque: Vector<N>,
+    enabled: bool,
+    braked: bool,
+    pose: Pose,
+}
+
+impl<const N: usize> Chained<N> {
+    /// At rest and braked at `start` (rad).
+    pub(crate) fn new(
+        robot: &ChainRobot<N>,
+        start: &[f64],
+        config: &ArmConfig,
+        model: ArmModel,
+    ) -> Result<Chained<N>, Invalid> {
+        let Ok(start) = <[f64; N]>::try_from(start) else {
+            let what = format!("starts with {} joints, has {N}", start.len());
+            return Err(invalid("arm", what, "give one angle for each joint"));
+        };
+        let q = Vector::from(start);
+        if !robot.arm.within_limits(&q) {
+            let what = "starts outside the limits of its joints".to_owned();
+            return Err(invalid("arm", what, "give angles within them"));
+        }
+        let (usual, given) = (ArmConfig::default(), config);
+        if (given.home_deg, given.zero_error_deg) != (usual.home_deg, usual.zero_error_deg) {
+            let what = "holds angles of the PUMA 260".to_owned();
+            return Err(invalid("arm", what, "say where this arm starts with start.joints_deg"));
+        }
+        let rubs = if model == ArmModel::Rigid { 0.0 } else { 1.0 };
+        let friction = Friction {
+            coulomb_nm: robot.friction.coulomb_nm * (rubs * config.coulomb_scale),
+            viscous_nms_rad: robot.friction.viscous_nms_rad * (rubs * config.viscous_scale),
+        };
+        Ok(Chained {
+            start_counts: robot.gears.counts(&q),
+            pose: robot.arm.tool_pose(&q),
+            robot: robot.clone(),
+            friction,
+            q,
+            qd: Vector::zeros(),
+            bristle: Vector::zeros(),
+            codes: [0; CHANNELS],
+            torque: Vector::zeros(),
+            enabled: false,
+            braked: true,
+        })
+    }
+
+    /// Speeds at the end of a step from those at its beginning, with inertia and other torques held.
+    fn speeds(&self, inertia: &Square<N>, push: &Vector<N>, guess: Vector<N>, h: f64) -> Vector<N> {
+        let mut speed = guess;
+        for _ in 0..ITERATIONS {
+            let mut matrix = *inertia;
+            let mut off = inertia * (speed - self.qd) - push * h;
+            for i in 0..N {
+                let rub = rub(&self.friction, i, self.bristle[i], speed[i], h);
+                off[i] += h * rub.torque_nm;
+                matrix[(i, i)] += h * rub.slope;
+            }
+            let Some(factor) = matrix.cholesky() else { return self.qd };
+            let change = factor.solve(&off);
+            speed -= change;
+            if change.amax() < SETTLED_RAD_S * (1.0 + speed.amax()) {
+                break;
+            }
+        }
+        speed
+    }
+
+    /// The hard stops: a joint that reaches one stays there without bouncing.
+    fn stop_at_limits(&mut self) {
+        let limits = self.robot.arm.limits();
+        for i in 0..N {
+            let inside = self.q[i].clamp(limits.q_min[i], limits.q_max[i]);
+            if inside != self.q[i] {
+                (self.q[i], self.qd[i]) = (inside, 0.0);
+            }
+        }
+    }
+}
+
+impl<const N: usize> Loose for Chained<N> {
+    fn pose(&self) -> &Pose {
+        &self.pose
+    }
+
+    fn twist(&self) -> Joints {
+        self.robot.arm.jacobian_base(&self.q) * self.qd
+    }
+
+    fn step(&mut self, h: f64) {
+        if self.braked {
+            self.qd = Vector::zeros();
+            return;
+        }
+        let driven = if self.enabled { self.torque } else { Vector::zeros() };
+        let mut end = self.qd;
+        for _ in 0..PASSES {
+            let mean = (self.qd + end) * 0.5;
+            let middle = self.q + mean * (0.5 * h);
+            let push = driven - self.robot.arm.bias(&middle, &mean);
+            end = self.speeds(&self.robot.arm.mass_matrix(&middle), &push, end, h);
+        }
+        for i in 0..N {
+            self.bristle[i] = rub(&self.friction, i, self.bristle[i], end[i], h).bristle_rad;
+        }
+        self.q += (self.qd + end) * (0.5 * h);
+        self.qd = end;
+        self.stop_at_limits();
+        self.pose = self.robot.arm.tool_pose(&self.q);
+    }
+
+    fn drive(&mut self, codes: [i32; CHANNELS], enabled: bool, braked: bool) {
+        (self.codes, self.enabled, self.braked) = (codes, enabled, braked);
+        let motor_nm = Vector::from_fn(|i, _| self.robot.drive.torque(codes[i], i));
+        self.torque = self.robot.gears.joint_torque(&motor_nm);
+    }
+
+    fn counts(&self) -> [i32; CHANNELS] {
+        let now = self.robot.gears.counts(&self.q);
+        let mut out = [0; CHANNELS];
+        for (i, count) in out.iter_mut().enumerate().take(N) {
+            *count = now[i].wrapping_sub(self.start_counts[i]);
+        }
+        out
+    }
+
+    fn current_codes(&self) -> [i32; CHANNELS] {
+        if self.enabled { self.codes } else { [0; CHANNELS] }
+    }
+
+    fn joints(&self) -> (&[f64], &[f64]) {
+        (self.q.as_slice(), self.qd.as_slice())
+    }
+
+    fn lines(&self) -> (bool, bool) {
+        (self.enabled, self.braked)
+    }
+
+    fn energy_j(&self) -> f64 {
+        let arm = &self.robot.arm;
+        0.5 * self.qd.dot(&(arm.mass_matrix(&self.q) * self.qd)) + arm.potential_j(&self.q)
+    }
+
+    fn digest(&self, hash: &mut Hash) {
+        for state in [&self.q, &self.qd, &self.bristle] {
+            hash.numbers(state.as_slice());
+        }
+        hash.word(u64::from(self.enabled) << 1 | u64::from(self.braked));
+        for code in self.codes {
+            hash.word(u64::from(code.cast_unsigned()));
+        }
+    }
+
+    fn boxed(&self) -> Box<dyn Loose> {
+        Box::new(self.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests;
