@@ -140,8 +140,8 @@ payload! {
     /// A move typed on-line, or what is to become of the moves under way. Counts as one while
     /// `sequence` stays the same.
     pub struct TypedMove {
-        /// Joint angles (rad, as many as there are joints); or a rotation row by row, then the tool point (m); or
-        /// a displacement (m, the first three).
+        /// Joint angles (rad, as many as there are joints); or a rotation row by row, then the tool
+        /// point (m); or a displacement (m, the first three).
         pub values: [f64; 12],
         /// Time of the segment (s); 0 is as fast as the machine's own pace.
         pub t_s: f64,

@@ -112,7 +112,8 @@ impl<const N: usize> Chained<N> {
         })
     }
 
-    /// Speeds at the end of a step from those at its beginning, with inertia and other torques held.
+    /// Speeds at the end of a step from those at its beginning, with inertia and other torques
+    /// held.
     fn speeds(&self, inertia: &Square<N>, push: &Vector<N>, guess: Vector<N>, h: f64) -> Vector<N> {
         let mut speed = guess;
         for _ in 0..ITERATIONS {

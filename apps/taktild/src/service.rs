@@ -280,8 +280,8 @@ impl Service {
 }
 
 /// The machine that repeats a run of the service from what stands in its log: the texts of both
-/// files and, where the machine names one, of the arm's; `tapes`, and what the devices said of themselves. It bears lanes that stood still for
-/// `stall`; the task `operator` is to be fed.
+/// files and, where the machine names one, of the arm's; `tapes`, and what the devices said of
+/// themselves. It bears lanes that stood still for `stall`; the task `operator` is to be fed.
 ///
 /// # Errors
 /// Anything wrong with the texts, located.

@@ -1,4 +1,5 @@
-//! `[arm]` of a machine file: what makes a robot of a URDF, and what does not, with joint and place.
+//! `[arm]` of a machine file: what makes a robot of a URDF, and what does not, with joint and
+//! place.
 
 use std::path::PathBuf;
 

@@ -2,205 +2,21 @@
 //! watchdog, the end by SIGTERM and by SIGKILL, and what the board's registers hold then. Refuses a
 //! robot: the board's model only loops back.
 
-use std::io::{BufRead, BufReader};
-use std::os::unix::net::UnixDatagram;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::time::Duration;
+mod process;
 
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
+use nix::sys::signal::Signal;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 use taktil_drivers_regmap::registers::{
-    BLOCK_BYTES, DAC, DAC_STROBE, DIGITAL_OUT, OUT_BRAKE_RELEASE, OUT_ENABLE, OUT_WATCHDOG_FEED,
-    WATCHDOG_MS,
+    DAC, DAC_STROBE, DIGITAL_OUT, OUT_BRAKE_RELEASE, OUT_ENABLE, OUT_WATCHDOG_FEED, WATCHDOG_MS,
 };
-use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
-use taktil_hal::{CHANNELS, DacCode, MAX_TACTELS, Nanos};
+use taktil_hal::{CHANNELS, DacCode, Nanos};
 use taktil_tests_script::Hanging;
 use taktild::operator::Remote;
 
-/// Zero volts in offset binary of 12 bits.
-const ZERO_VOLTS: u16 = 2048;
-/// Words that a board may hold from before, and that drive.
-const DRIVING: u16 = 4095;
-
-/// Services of tests keep no flight recording unless they are about it.
-const NO_FLIGHT: &str = "\n[flight]\nenabled = false\n";
-
-/// A folder of one test, removed at its end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new() -> Folder {
-        static NUMBER: AtomicU32 = AtomicU32::new(0);
-        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-        let name = format!("taktild-{}-{number}", std::process::id());
-        let path = std::env::temp_dir().join(name);
-        std::fs::create_dir_all(&path).unwrap();
-        Folder(path)
-    }
-
-    fn join(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-
-    /// The service's configuration over `board.bin` in this folder.
-    fn config(&self, contract: &str) -> PathBuf {
-        self.config_with(&format!("contract = \"{contract}\""), NO_FLIGHT)
-    }
-
-    fn config_with(&self, contract: &str, flight: &str) -> PathBuf {
-        let machine = Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("../../sim/scenes/machine/puma260.toml")
-            .canonicalize()
-            .unwrap();
-        let text = format!(
-            "machine = \"{}\"\n{contract}\n\n[board]\npath = \"{}\"\n{flight}",
-            machine.display(),
-            self.join("board.bin").display()
-        );
-        let path = self.join("taktild.toml");
-        std::fs::write(&path, text).unwrap();
-        path
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
-/// A register file with the board's model ticking behind it, as a board that was left driving.
-struct Rig {
-    registers: Arc<RegisterFile>,
-    stop: Arc<AtomicBool>,
-    model: Option<std::thread::JoinHandle<Loopback>>,
-}
-
-impl Rig {
-    fn new(folder: &Folder) -> Rig {
-        let config = Config { path: folder.join("board.bin"), ..Config::default() };
-        std::fs::write(&config.path, vec![0; BLOCK_BYTES]).unwrap();
-        let registers = Arc::new(RegisterFile::open(&config).unwrap());
-        let mut model = Loopback::new(registers.clone(), &config).unwrap();
-        for register in DAC.iter() {
-            registers.write(register, DRIVING);
-        }
-        registers.write(DIGITAL_OUT, OUT_ENABLE | OUT_BRAKE_RELEASE);
-        let stop = Arc::new(AtomicBool::new(false));
-        let flag = stop.clone();
-        let model = std::thread::spawn(move || {
-            let mut ms = 0;
-            while !flag.load(Ordering::SeqCst) {
-                model.tick(Nanos::from_millis(ms));
-                model.scan(&[300; MAX_TACTELS]);
-                ms += 1;
-                std::thread::sleep(Duration::from_millis(1));
-            }
-            model
-        });
-        Rig { registers, stop, model: Some(model) }
-    }
-
-    fn words(&self) -> Vec<u16> {
-        DAC.iter().map(|register| self.registers.read(register)).collect()
-    }
-
-    fn assert_registers_are_safe(&self) {
-        assert_eq!(self.words(), [ZERO_VOLTS; CHANNELS], "D/A words");
-        let lines = self.registers.read(DIGITAL_OUT);
-        assert_eq!(lines & (OUT_ENABLE | OUT_BRAKE_RELEASE), 0, "lines {lines:#06x}");
-    }
-
-    fn stop(&mut self) -> Option<Loopback> {
-        self.stop.store(true, Ordering::SeqCst);
-        self.model.take().and_then(|model| model.join().ok())
-    }
-}
-
-impl Drop for Rig {
-    fn drop(&mut self) {
-        self.stop();
-    }
-}
-
-fn command(config: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_taktild"));
-    command.arg("--config").arg(config).stdin(Stdio::null()).env_remove("NOTIFY_SOCKET");
-    command
-}
-
-fn check(config: &Path) -> Output {
-    command(config).arg("--check").output().unwrap()
-}
-
-/// A service that ends with its test, and the socket on which it talks to systemd.
-struct Service {
-    child: Child,
-    socket: UnixDatagram,
-}
-
-/// Where the child of this test finds its configuration.
-const CHILD: &str = "TAKTILD_TEST_HANGS";
-
-impl Service {
-    fn start(folder: &Folder, config: &Path) -> Service {
-        Service::spawn(folder, command(config))
-    }
-
-    /// This test's own program as a service whose operator stops returning after half a second.
-    fn that_hangs(folder: &Folder, config: &Path) -> Service {
-        let mut command = Command::new(std::env::current_exe().unwrap());
-        command.args(["--exact", "the_service_whose_operator_hangs", "--nocapture"]);
-        Service::spawn(folder, {
-            command.env(CHILD, config).stdout(Stdio::null());
-            command
-        })
-    }
-
-    fn spawn(folder: &Folder, mut command: Command) -> Service {
-        let path = folder.join("notify");
-        let socket = UnixDatagram::bind(&path).unwrap();
-        socket.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-        let child = command.env("NOTIFY_SOCKET", &path).stderr(Stdio::piped()).spawn();
-        Service { child: child.unwrap(), socket }
-    }
-
-    /// Waits for a word to systemd.
-    fn heard(&self, word: &str) {
-        let mut buffer = [0; 4096];
-        for _ in 0..1_000 {
-            let length = self.socket.recv(&mut buffer).unwrap_or_else(|e| panic!("{word}: {e}"));
-            let text = String::from_utf8_lossy(&buffer[..length]).into_owned();
-            if text.lines().any(|line| line == word) {
-                return;
-            }
-        }
-        panic!("`{word}` was never said");
-    }
-
-    fn signal(&self, signal: Signal) {
-        let id = i32::try_from(self.child.id()).unwrap();
-        kill(Pid::from_raw(id), signal).unwrap();
-    }
-
-    /// What it said on standard error, and its exit code.
-    fn end(mut self) -> (Option<i32>, Vec<String>) {
-        let lines = BufReader::new(self.child.stderr.take().unwrap()).lines();
-        let lines: Vec<String> = lines.map_while(Result::ok).collect();
-        (self.child.wait().unwrap().code(), lines)
-    }
-}
-
-impl Drop for Service {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
+use process::{CHILD, DRIVING, Folder, NO_FLIGHT, Rig, Service, ZERO_VOLTS, check, command};
 
 #[test]
 fn check_prints_what_would_run_and_leaves_the_board_safe() {

@@ -44,7 +44,7 @@ fn stays_on_the_line<const N: usize>(arm: Chain<N>, q: Vector<N>) {
     assert!(preview.off_m.value < 1e-9 && preview.off_rad.value < 1e-9, "{preview:?}");
     let end = arm.tool_pose(&preview.end).translation;
     assert!((end - path.points()[1].translation).length() < 1e-9, "{end}");
-    assert!(preview.speed.iter().all(|peak| peak.value > 0.0 && peak.value < 0.5), "{preview:?}");
+    assert!(preview.speed.iter().all(|peak| peak.value > 0.0 && peak.value < 0.9), "{preview:?}");
 }
 
 #[test]

@@ -70,7 +70,7 @@ fn a_free_swing_keeps_its_energy_to_second_order() {
     {
         println!("drift at 1 ms {coarse:.1e}, at 0.25 ms {fine:.1e}");
         assert!(coarse < 2e-2, "{coarse:e}");
-        // A quarter of the step: a sixteenth of the error, with room for what is not its first term.
+        // A quarter of the step: a sixteenth of the error, with room for its other terms.
         assert!(fine < coarse / 6.0, "{coarse:e} {fine:e}");
     }
 }

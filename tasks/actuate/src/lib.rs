@@ -187,8 +187,8 @@ impl<const N: usize> Actuate<N> {
     /// `following_floor_deg` (one a joint) and `following_gain_s`.
     ///
     /// # Errors
-    /// What [`Config::check`] refuses, and a D/A board with fewer channels than joints or a narrower
-    /// range than the drives' codes.
+    /// What [`Config::check`] refuses, and a D/A board with fewer channels than joints or a
+    /// narrower range than the drives' codes.
     pub fn new<A: Arm<N>>(
         config: Config,
         robot: &Robot<N, A>,

@@ -12,8 +12,8 @@ use taktil_mechanics::{Joints, Pose};
 use taktil_rtcore::StateHash;
 use taktil_signal::JogFrame;
 
-/// Share of each joint's largest speed at which a moving tool may lead it: the heavy ones, which are
-/// the first, less.
+/// Share of each joint's largest speed at which a moving tool may lead it: the heavy ones, which
+/// are the first, less.
 const LED_SHARE: [f64; 2] = [0.3, 0.6];
 /// How many joints are heavy.
 const HEAVY: usize = 3;

@@ -101,6 +101,10 @@ impl Seen {
 }
 
 fn run(script: fn(u64) -> Around, touch: Option<(FaultCode, u64, u64)>) -> Seen {
+    run_on(true, script, touch)
+}
+
+fn run_on(feels: bool, script: fn(u64) -> Around, touch: Option<(FaultCode, u64, u64)>) -> Seen {
     let mut bench = Bench::new();
     let servo = bench.servo();
     let lane = bench.lane(LaneSpec::new("touch", PERIOD * 2, 70));
@@ -115,7 +119,7 @@ fn run(script: fn(u64) -> Around, touch: Option<(FaultCode, u64, u64)>) -> Seen 
             goal: ports.output("goal"),
         })
     });
-    bench.task(servo, "supervisor", |ports| Supervisor::<6>::new(Config::default(), true, ports));
+    bench.task(servo, "supervisor", |ports| Supervisor::<6>::new(Config::default(), feels, ports));
     bench.task(lane, "scan", |_| Ok(Touch(touch)));
     for (port, signal) in [
         ("request", "others.request"),
@@ -126,7 +130,9 @@ fn run(script: fn(u64) -> Around, touch: Option<(FaultCode, u64, u64)>) -> Seen 
         ("servo_health", "servo.health"),
         ("touch_health", "touch.health"),
     ] {
-        bench.bind(&format!("supervisor.{port}"), signal);
+        if feels || !["tactile", "touch_health"].contains(&port) {
+            bench.bind(&format!("supervisor.{port}"), signal);
+        }
     }
     bench.mode_from("supervisor.mode");
     let run = bench.run(PERIOD * i64::try_from(JOBS).unwrap());
@@ -263,4 +269,16 @@ fn reset_and_enable_are_two_acts() {
     assert_eq!(seen.at(150), (State::Start, Mode::Checking));
     assert_eq!(seen.at(199), (State::Start, Mode::Ready));
     assert_eq!(seen.at(220), (State::IdleUncalibrated, Mode::Hold));
+}
+
+#[test]
+fn a_machine_that_cannot_feel_grants_everything_but_touch() {
+    // The touch lane's faults do not reach it either.
+    let lost = Some((FaultCode::TactileStale, 0, 400));
+    let felt = run_on(false, |tick| started(tick, Verb::TactileServo), lost);
+    assert_eq!(felt.at(399), (State::IdleCalibrated, Mode::Hold));
+    assert_eq!(felt.control[399].refused, 1);
+    let moved = run_on(false, |tick| started(tick, Verb::Trajectory), lost);
+    assert_eq!(moved.at(399), (State::Trajectory, Mode::Moving));
+    assert_eq!((moved.control[399].refused, moved.control[399].faults), (0, 0));
 }

@@ -1,6 +1,6 @@
-//! Arms from URDF files under the same tasks as the PUMA 260: their programmes are run to where they
-//! lead, what they cannot do is refused with the joint's name, and nothing moves then. Refuses touch:
-//! these arms feel nothing.
+//! Arms from URDF files under the same tasks as the PUMA 260: their programmes are run to where
+//! they lead, what they cannot do is refused with the joint's name, and nothing moves then. Refuses
+//! touch: these arms feel nothing.
 
 use glam::DVec3;
 use taktil::run::assemble::assemble;
@@ -138,7 +138,7 @@ fn what_the_arm_cannot_do_is_refused_by_the_joint_s_name() {
 #[test]
 fn a_line_out_of_reach_moves_nothing_and_says_when() {
     // Within the sum of the lengths, so that only the look along it can tell.
-    let line = queue(&["straight = true\nby_mm = [0.0, 0.0, 700.0]"]);
+    let line = queue(&["straight = true\nby_mm = [0.0, 0.0, -500.0]"]);
     let kept = run(&Draft::of("ur5e-lines.toml").set("robot.trajectory.moves", line).scene(), 1);
     let check = kept.of::<MoveCheck>("trajectory.check").last().unwrap().1;
     assert_eq!(check.verdict, 3, "{check:?}");

@@ -60,8 +60,8 @@ payload! {
 }
 
 payload! {
-    /// What the simulator knows of an arm that moves freely, base frame: the signal `world.truth` of
-    /// arms other than the PUMA 260.
+    /// What the simulator knows of an arm that moves freely, base frame: the signal `world.truth`
+    /// of arms other than the PUMA 260.
     pub struct ArmTruth<const N: usize = 6> {
         /// The instant that the world has reached, ns.
         pub t_ns: i64,

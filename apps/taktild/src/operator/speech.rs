@@ -114,8 +114,9 @@ fn jog(words: &[&str]) -> Result<Order, Invalid> {
 
 /// The words after `move`.
 fn motion(words: &[&str], Meaning { pace, robot }: &Meaning) -> Result<Order, Invalid> {
-    let usage = "say `move joint` with an angle for each joint (deg), `move to` with x y z (mm) and, if wanted, \
-                 yaw pitch roll (deg), or `move by` with three mm along the tool's axes";
+    let usage = "say `move joint` with an angle for each joint (deg), `move to` with x y z (mm) \
+                 and, if wanted, yaw pitch roll (deg), or `move by` with three mm along the \
+                 tool's axes";
     let Some((kind, rest)) = words.split_first() else {
         return Err(Invalid::new("move", "where to?", usage));
     };

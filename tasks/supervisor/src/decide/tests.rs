@@ -2,7 +2,6 @@
 //! no rule.
 
 use super::*;
-use taktil_rtcore::Payload;
 
 const TICK: Nanos = Nanos(2_500_000);
 
@@ -34,7 +33,7 @@ impl Story {
         let facts = Facts {
             release: Nanos::ZERO,
             lines: Some(Lines { drive_power: 1, estop_a_closed: 1, estop_b_closed: 1 }),
-            joints: Some(JointState::ZERO),
+            joints: Some(JointState::default()),
             raised: FaultSet::NONE,
             present: FaultSet::NONE,
             touch: true,
@@ -47,8 +46,8 @@ impl Story {
             core: Core::new(times),
             facts,
             sequence: 0,
-            control: ControlState::ZERO,
-            status: ModeStatus::ZERO,
+            control: ControlState::default(),
+            status: ModeStatus::default(),
         }
     }
 
