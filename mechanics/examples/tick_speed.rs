@@ -1,0 +1,116 @@
+//! What a tick of a trajectory costs, interpolation, inverse and limits together, for the PUMA 260
+//! and for chains of six and seven joints: `cargo run --release -p taktil-mechanics --example
+//! tick_speed`. With a number of ticks as argument it runs so many on the PUMA 260's line and
+//! prints nothing: for counting instructions, as the difference of two such runs. Not lane code: it
+//! reads the clock.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use glam::DVec3;
+use taktil_mechanics::Pose;
+use taktil_mechanics::arm::{Arm, Follow};
+use taktil_mechanics::chain::{Chain, Dh, JointSpec, Vector};
+use taktil_mechanics::paul::JointPath;
+use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
+use taktil_mechanics::puma260::Puma260;
+
+const DT_S: f64 = 0.0025;
+const ROUNDS: usize = 201;
+
+/// A square of the tool about where joints `q` put it, and back.
+fn square<const N: usize, A: Arm<N>>(arm: &A, q: &Vector<N>) -> CartesianPath {
+    let here = arm.tool_pose(q);
+    let side = 0.04;
+    let corner =
+        |x: f64, y: f64| Pose::new(here.rotation, here.apply(DVec3::new(side * x, side * y, 0.0)));
+    let poses = [here, corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0), here];
+    CartesianPath::new(&poses, &[1.0; 4], 0.1, Blend::Smooth).expect("a path")
+}
+
+/// Follows the square once; the number of ticks.
+fn follow<const N: usize, A: Arm<N>>(arm: &A, path: &CartesianPath, q: &Vector<N>) -> u32 {
+    let mut follower = arm.follower(q);
+    let mut tick = 0_u32;
+    let mut t_s = 0.0;
+    while t_s < path.duration_s() {
+        tick += 1;
+        t_s = DT_S * f64::from(tick);
+        let got = follower.step(&path.at(t_s).pose, DT_S).expect("it follows");
+        black_box((got.q, arm.within_limits(&got.q)));
+    }
+    tick
+}
+
+/// Best, median and largest of many rounds, in ns a tick.
+#[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
+fn measure(name: &str, mut round: impl FnMut() -> u32) {
+    let mut times: Vec<f64> = (0..ROUNDS)
+        .map(|_| {
+            let start = Instant::now();
+            let ticks = round();
+            start.elapsed().as_secs_f64() * 1e9 / f64::from(ticks)
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    let (best, median, most) = (times[0], times[ROUNDS / 2], times[ROUNDS - 1]);
+    println!("{name:<36} {best:8.0} {median:8.0} {most:8.0}");
+}
+
+/// A chain of rows (a, d, alpha) with limits that do not matter.
+fn chain<const N: usize>(rows: [(f64, f64, f64); N]) -> Chain<N> {
+    let spec = JointSpec { speed_max: 10.0, ..JointSpec::default() };
+    let row =
+        |(a_m, d_m, alpha_rad): (f64, f64, f64)| Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec };
+    Chain::from_dh(&rows.map(row), &Pose::IDENTITY).expect("a chain")
+}
+
+fn main() {
+    let half = core::f64::consts::FRAC_PI_2;
+    let puma = Puma260::reference();
+    let over = Vector::<6>::from([0.0, 40.2, -153.4, -180.0, 66.8, 180.0].map(f64::to_radians));
+    let path = square(&puma, &over);
+    if let Some(ticks) = std::env::args().nth(1).and_then(|text| text.parse::<u32>().ok()) {
+        let mut done = 0;
+        while done < ticks {
+            done += follow(&puma, &path, &over);
+        }
+        return;
+    }
+    println!("{:<36} {:>8} {:>8} {:>8}", "a tick, ns", "best", "median", "most");
+    measure("PUMA 260, line of the tool", || follow(&puma, &path, &over));
+    let there = over + Vector::<6>::repeat(0.3);
+    let joints = JointPath::new(&[over, there, over], &[1.0, 1.0], 0.1).expect("a path");
+    measure("PUMA 260, joint move", || {
+        (1..=880_u32)
+            .map(|tick| {
+                let at = joints.at(DT_S * f64::from(tick));
+                black_box((at, puma.within_limits(&at.q)));
+            })
+            .fold(0, |ticks, ()| ticks + 1)
+    });
+    // Published rows of the UR5e, and of an arm with offsets at elbow and wrist.
+    let six = chain([
+        (0.0, 0.1625, half),
+        (-0.425, 0.0, 0.0),
+        (-0.3922, 0.0, 0.0),
+        (0.0, 0.1333, half),
+        (0.0, 0.0997, -half),
+        (0.0, 0.0996, 0.0),
+    ]);
+    let bent = Vector::<6>::new(0.2, -1.3, 1.6, -1.9, -1.5, 0.4);
+    let path = square(&six, &bent);
+    measure("six joints by damped steps, line", || follow(&six, &path, &bent));
+    let seven = chain([
+        (0.0, 0.333, -half),
+        (0.0, 0.0, half),
+        (0.0825, 0.316, half),
+        (-0.0825, 0.0, -half),
+        (0.0, 0.384, half),
+        (0.088, 0.0, half),
+        (0.0, 0.107, 0.0),
+    ]);
+    let curled = Vector::<7>::from([0.1, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5]);
+    let path = square(&seven, &curled);
+    measure("seven joints by damped steps, line", || follow(&seven, &path, &curled));
+}
