@@ -75,10 +75,13 @@ fn seven_joints_make_a_robot_of_seven() {
     assert_eq!((robot.joints(), robot.joint(6).as_str()), (7, "joint 7 (`joint7`)"));
 }
 
+/// One of the lists.
+type List = fn(&mut ArmConfig) -> &mut Vec<f64>;
+
 #[test]
 fn lists_are_refused_with_their_place_and_the_joint() {
     let urdf = elbow("<robot", "<robot");
-    let lists: [(&str, fn(&mut ArmConfig) -> &mut Vec<f64>); 7] = [
+    let lists: [(&str, List); 7] = [
         ("gear", |c| &mut c.gear),
         ("counts_per_rev", |c| &mut c.counts_per_rev),
         ("torque_constant_nm_a", |c| &mut c.torque_constant_nm_a),

@@ -5,7 +5,8 @@
 //!
 //! Steps are those of Levenberg and Marquardt in the form of Sugihara (2011): the damping is half
 //! the square of what is missed, so it vanishes towards a solution, and the last steps double the
-//! digits. Being minimal in the joints, they leave a redundant arm near its start.
+//! digits. Being minimal in the joints, they leave a redundant arm near its start. Joints at their
+//! limits are taken out of a step that would push them on.
 
 use core::f64::consts::PI;
 use core::fmt;
@@ -85,6 +86,8 @@ impl<const N: usize> std::error::Error for NotFound<N> {}
 const LONGEST_STEP: f64 = 0.6;
 /// Damping that is never gone below, relative to the squares of the Jacobian (about 1).
 const LEAST_DAMPING: f64 = 1e-14;
+/// Times that joints at their limits are taken out of one step.
+const HELD: u32 = 3;
 /// Steps after the goal was reached, as long as each still halves what is missed.
 const POLISH: u32 = 3;
 /// Squares of the miss below which rounding is all that is left.
@@ -204,7 +207,7 @@ impl<const N: usize> Chain<N> {
             }
             *steps += 1;
             let j = self.jacobian_of(&frames, &DMat3::IDENTITY);
-            let step = self.damped(&j, &miss.error, square + LEAST_DAMPING);
+            let step = self.within(&q, &j, &miss.error, square + LEAST_DAMPING);
             q = self.inside(&(q + self.shortened(&step)));
             frames = self.frames(&q);
             miss = self.miss(goal, &frames.tool);
@@ -220,6 +223,36 @@ impl<const N: usize> Chain<N> {
             }
         }
         best
+    }
+
+    /// The damped step of the joints that can make it: one that stands at a limit and would leave
+    /// it is taken out, and the others make the step without it. Clamped afterwards instead, the
+    /// step would point elsewhere and stall along the limit.
+    fn within(
+        &self,
+        q: &Vector<N>,
+        jacobian: &super::Jacobian<N>,
+        error: &Vector6<f64>,
+        damping: f64,
+    ) -> Vector<N> {
+        let (mut j, mut free) = (*jacobian, [true; N]);
+        let mut step = self.damped(&j, error, damping);
+        for _ in 0..HELD {
+            let leaves = |i: usize| {
+                (q[i] <= self.limits.q_min[i] && step[i] < 0.0)
+                    || (q[i] >= self.limits.q_max[i] && step[i] > 0.0)
+            };
+            let held: [bool; N] = core::array::from_fn(|i| free[i] && leaves(i));
+            if !held.contains(&true) {
+                break;
+            }
+            for i in (0..N).filter(|i| held[*i]) {
+                free[i] = false;
+                j.column_mut(i).fill(0.0);
+            }
+            step = self.damped(&j, error, damping);
+        }
+        step
     }
 
     /// `J^T (J J^T + damping I)^-1 error` with positions counted in mean links; rest where a

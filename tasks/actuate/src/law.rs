@@ -22,6 +22,8 @@ pub struct Law<const N: usize = 6> {
     transmission: Transmission<N>,
     drive: Drive<N>,
     torque_limit_nm: Vector<N>,
+    /// Codes at which no current flows.
+    zero: [i32; N],
 }
 
 impl<const N: usize> Law<N> {
@@ -32,7 +34,13 @@ impl<const N: usize> Law<N> {
         drive: Drive<N>,
         torque_limit_nm: Vector<N>,
     ) -> Law<N> {
-        Law { transmission, drive, torque_limit_nm }
+        Law { transmission, drive, torque_limit_nm, zero: [0; N] }
+    }
+
+    /// The same with converters whose zero is elsewhere: the codes at which no current flows.
+    #[must_use]
+    pub fn with_zero(self, zero: [i32; N]) -> Law<N> {
+        Law { zero, ..self }
     }
 
     /// Codes for a joint torque (N m): clamp at the joints, through the gears, round and clamp at
@@ -57,8 +65,9 @@ impl<const N: usize> Law<N> {
         let mut codes = [0; N];
         let mut motor_nm = Vector::zeros();
         for (i, code) in codes.iter_mut().enumerate() {
-            *code = self.drive.code(asked_nm[i], i);
-            motor_nm[i] = self.drive.torque(*code, i);
+            let (low, high) = self.drive.code_range();
+            *code = (self.drive.code(asked_nm[i], i) + self.zero[i]).clamp(low, high);
+            motor_nm[i] = self.drive.torque(*code - self.zero[i], i);
             // Rounding moves a torque by at most half a step; more than that was cut off at the end
             // of the range.
             if (asked_nm[i] - motor_nm[i]).abs() > 0.6 * self.drive.torque(1, i) {
@@ -71,7 +80,7 @@ impl<const N: usize> Law<N> {
     /// What a code on all channels stands for at the joints, N m: for the safe value.
     #[must_use]
     pub fn torque_of(&self, code: i32) -> [f64; N] {
-        self.joint_torque(&Vector::from_fn(|i, _| self.drive.torque(code, i)))
+        self.joint_torque(&Vector::from_fn(|i, _| self.drive.torque(code - self.zero[i], i)))
     }
 
     fn joint_torque(&self, motor_nm: &Vector<N>) -> [f64; N] {
@@ -129,6 +138,24 @@ mod tests {
 
     fn law(limit: f64) -> Law {
         Law::new(Transmission::reference(), Drive::reference(), Joints::repeat(limit))
+    }
+
+    #[test]
+    fn a_converter_s_zero_is_added_and_the_torque_told_is_the_one_that_flows() {
+        let law = || Law::new(Transmission::reference(), Drive::reference(), Joints::repeat(1e6));
+        let (plain, moved) = (law(), law().with_zero([10, -7, 0, 3, 0, 100]));
+        let asked = [1.0, -2.0, 0.5, 0.1, -0.1, 0.05];
+        let (a, b) = (plain.command(&asked).unwrap(), moved.command(&asked).unwrap());
+        for (i, zero) in [10, -7, 0, 3, 0, 100].into_iter().enumerate() {
+            assert_eq!(b.codes[i], a.codes[i] + zero);
+        }
+        assert_eq!((b.tau_nm, b.limited), (a.tau_nm, a.limited));
+        assert_eq!(moved.command(&[0.0; 6]).unwrap().codes, [10, -7, 0, 3, 0, 100]);
+        // The zero takes its share of the range on one side, and no torque beyond it is told.
+        let (full, cut) = (plain.command(&[1e3; 6]).unwrap(), moved.command(&[1e3; 6]).unwrap());
+        assert_eq!((cut.codes[0], cut.limited & 1), (2047, 1));
+        assert!(cut.tau_nm[0] < full.tau_nm[0]);
+        assert_eq!(moved.torque_of(10)[0], plain.torque_of(0)[0]);
     }
 
     #[test]

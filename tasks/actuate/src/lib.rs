@@ -29,6 +29,9 @@ const FOLLOWING_GAIN_MAX_S: f64 = 0.2;
 pub struct Config {
     /// Largest torque at each joint, N m. Default: what the arm's drives and limits allow.
     pub torque_limit_nm: Option<Vec<f64>>,
+    /// Code of each motor's converter at which no current flows: read off with the drives on and
+    /// the brakes set. At most an eighth of the converter's range. Default 0.
+    pub dac_zero: Option<Vec<i32>>,
     /// Half width at rest of the window in which each joint has to follow, deg. Default: 5.
     pub following_floor_deg: Option<Vec<f64>>,
     /// Growth of that half width with the measured speed, s. Default: 0.05.
@@ -41,6 +44,7 @@ impl Default for Config {
     fn default() -> Config {
         Config {
             torque_limit_nm: None,
+            dac_zero: None,
             following_floor_deg: None,
             following_gain_s: 0.05,
             failures_allowed: 1,
@@ -98,6 +102,21 @@ impl Config {
             Some(list) => per_joint("following_floor_deg", list),
             None => Ok([FOLLOWING_FLOOR_DEG; N]),
         }
+    }
+
+    /// Codes at which no current flows.
+    fn zero<const N: usize>(&self, drive: &Drive<N>) -> Result<[i32; N], Invalid> {
+        let Some(list) = &self.dac_zero else { return Ok([0; N]) };
+        let most = (drive.code_range().1 + 1) / 4;
+        if let Some(i) = list.iter().position(|code| !(-most..=most).contains(code)) {
+            let what = format!("{} is no zero of a converter", list[i]);
+            let remedy = format!("give codes from -{most} to {most}");
+            return Err(Invalid::new(format!("dac_zero[{i}]"), what, remedy));
+        }
+        <[i32; N]>::try_from(list.as_slice()).map_err(|_| {
+            let what = format!("has {} numbers, the arm has {N} joints", list.len());
+            Invalid::new("dac_zero", what, "give one code for each joint")
+        })
     }
 
     /// Largest torques at the joints, N m.
@@ -199,7 +218,8 @@ impl<const N: usize> Actuate<N> {
         config.check()?;
         check_board(analog.as_ref(), &robot.drive)?;
         let floor_deg = config.floor_deg()?;
-        let law = Law::new(robot.gears, robot.drive, config.limit_nm(robot)?);
+        let law = Law::new(robot.gears, robot.drive, config.limit_nm(robot)?)
+            .with_zero(config.zero(&robot.drive)?);
         let DacCode(safe_code) = analog.safe_value();
         let safe = Command { codes: [safe_code; N], tau_nm: law.torque_of(safe_code), limited: 0 };
         let patience = Patience { allowed: config.failures_allowed, failed: 0 };
@@ -358,6 +378,16 @@ mod tests {
         assert_eq!(config.floor_deg(), Ok([5.0; 6]));
         let short = Config { torque_limit_nm: Some(vec![1.0; 5]), ..Config::default() };
         assert_eq!(short.limit_nm(&robot).unwrap_err().place, "torque_limit_nm");
+        let drive = Robot::puma260().drive;
+        assert_eq!(config.zero(&drive), Ok([0; 6]));
+        for (list, place) in [
+            (vec![0; 5], "dac_zero"),
+            (vec![0, 0, 513, 0, 0, 0], "dac_zero[2]"),
+            (vec![i32::MIN; 6], "dac_zero[0]"),
+        ] {
+            let config = Config { dac_zero: Some(list), ..Config::default() };
+            assert_eq!(config.zero(&drive).unwrap_err().place, place);
+        }
         let long = Config { following_floor_deg: Some(vec![1.0; 7]), ..Config::default() };
         assert_eq!(long.floor_deg::<6>().unwrap_err().place, "following_floor_deg");
     }

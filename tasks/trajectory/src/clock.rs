@@ -40,6 +40,12 @@ impl Clock {
         Clock { t_s: 0.0, rate, slope: 0.0, ramp: None, wanted: running }
     }
 
+    /// Running, at `t_s` (s) of a path.
+    #[must_use]
+    pub fn running_at(t_s: f64) -> Clock {
+        Clock { t_s, ..Clock::new(true) }
+    }
+
     /// The path's time (s).
     #[must_use]
     pub fn t_s(&self) -> f64 {

@@ -8,7 +8,8 @@
 //! the goal becomes invalid, and the next entry starts anew. A queue that cannot be run ends at
 //! once: the goal is invalid and done.
 //!
-//! In TRAJECTORY/USER moves come one by one, as they are typed ([`online`]).
+//! A program can be brought to rest on its path, and go on, by the words that do so for typed
+//! moves. In TRAJECTORY/USER those come one by one, as they are typed ([`online`]).
 
 pub mod clock;
 pub mod config;
@@ -28,15 +29,17 @@ use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Output, Payload, Ports, StateHash, Task,
 };
-use taktil_signal::{ControlState, Desired, Goal, JointState, MoveCheck, State, Typed, TypedMove};
+use taktil_signal::{
+    ControlState, Desired, Goal, JointState, MoveCheck, MoveKind, State, Typed, TypedMove,
+};
 
 /// Where the task is with its queue.
 #[derive(Clone, Copy, Debug)]
 enum Progress {
     /// Another state has the arm.
     Idle,
-    /// The program is under way, from joints of this datum.
-    Under { datum: u32 },
+    /// The program is under way, from joints of this datum; the word that was looked at last.
+    Under { datum: u32, heard: u32 },
     /// Moves are taken as they are typed, from joints of this datum.
     Online { datum: u32 },
     /// The queue was refused in this stay.
@@ -104,7 +107,7 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
         tick_s: f64,
         desired: Option<Desired<N>>,
         joints: Option<JointState<N>>,
-        word: Option<Option<TypedMove>>,
+        (typing, word): (bool, Option<TypedMove>),
     ) -> Result<(), (FaultCode, Option<MoveCheck>)> {
         self.progress = Progress::Refused;
         let start = desired.filter(|desired| desired.valid == 1);
@@ -112,7 +115,7 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
             return Err((FaultCode::MoveRefused, None));
         };
         let start = Vector::from(start.q_rad);
-        if let Some(word) = word {
+        if typing {
             self.online.begin(&mut self.plan, &start, tick_s, word);
             self.progress = Progress::Online { datum: joints.datum };
             return Ok(());
@@ -120,7 +123,8 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
         self.program
             .begin(&mut self.plan, &start, tick_s)
             .map_err(|check| (fault_of(&check), Some(check)))?;
-        self.progress = Progress::Under { datum: joints.datum };
+        let heard = word.map_or(0, |word| word.sequence);
+        self.progress = Progress::Under { datum: joints.datum, heard };
         Ok(())
     }
 
@@ -134,7 +138,7 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
             Progress::Idle => return (Goal::ZERO, None, Ok(())),
             Progress::Refused => return (over(), None, Ok(())),
             Progress::Online { .. } => return self.go_on(word),
-            Progress::Under { .. } => {}
+            Progress::Under { .. } => self.hear(word),
         }
         let looking = self.program.check().verdict == 1;
         let outcome = self.program.step(&self.plan, tick);
@@ -150,6 +154,20 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
                 (over(), Some(check), Err(fault_of(&check)))
             }
         }
+    }
+
+    /// Pauses the program, or lets it go on, when a word says so.
+    fn hear(&mut self, word: Option<TypedMove>) {
+        let Progress::Under { heard, .. } = &mut self.progress else { return };
+        let Some(word) = word.filter(|word| word.sequence != *heard) else { return };
+        *heard = word.sequence;
+        let paused = match MoveKind::from_code(word.kind) {
+            Some(MoveKind::Pause) => true,
+            Some(MoveKind::Resume) => false,
+            _ => return,
+        };
+        self.program.pause(paused);
+        self.online.note(word.sequence, paused);
     }
 
     /// The same with moves that are typed. A move that is refused is no fault: the arm goes on with
@@ -184,19 +202,24 @@ impl<const N: usize, A: Arm<N>> Task for Trajectory<N, A> {
         let state = control.and_then(|control| State::from_code(control.state));
         let typing = state == Some(State::TrajectoryUser);
         match control.filter(|_| typing || state == Some(State::Trajectory)) {
-            None => self.progress = Progress::Idle,
+            None => {
+                if matches!(self.progress, Progress::Under { .. }) {
+                    self.online.note(self.online.typed().taken, false);
+                }
+                self.progress = Progress::Idle;
+            }
             Some(control) => {
                 let stays = !matches!(self.progress, Progress::Idle)
                     && control.entered_ns == self.entered_ns;
                 let datum = match self.progress {
-                    Progress::Under { datum } | Progress::Online { datum } => Some(datum),
+                    Progress::Under { datum, .. } | Progress::Online { datum } => Some(datum),
                     Progress::Idle | Progress::Refused => None,
                 };
                 let moved = datum.is_some() && datum != joints.map(|joints| joints.datum);
                 if !stays {
                     self.entered_ns = control.entered_ns;
                     let tick_s = cycle.dt.as_secs_f64();
-                    let entered = self.enter(tick_s, desired, joints, typing.then_some(word));
+                    let entered = self.enter(tick_s, desired, joints, (typing, word));
                     outcome = entered.map_err(|(fault, said)| {
                         check = said;
                         fault
@@ -223,7 +246,7 @@ impl<const N: usize, A: Arm<N>> Task for Trajectory<N, A> {
             Progress::Idle => {
                 hash.word(0);
             }
-            Progress::Under { datum } => {
+            Progress::Under { datum, .. } => {
                 hash.word(1).add(datum);
                 self.program.fold(hash);
             }

@@ -15,16 +15,13 @@ use taktil_signal::{MoveCheck, MoveKind, Typed, TypedMove};
 use crate::clock::Clock;
 use crate::config::{MAX_MOVES, Step};
 use crate::law::{self, Leg};
-use crate::program::{LOOKED_A_JOB, Plan, Why, note, refused};
+use crate::program::{LOOKED_A_JOB, Plan, STOP_SHARE, Why, note, refused};
 use crate::typed::decode;
 
 /// Most moves that wait.
 pub const MAX_TYPED: usize = 16;
 /// How far the arm may be from where a move was looked at from (rad); else it is looked at again.
 const SAME_RAD: f64 = 1e-9;
-/// A pause at full speed takes this many times the shortest transition: it may fall into one.
-const STOP_SHARE: f64 = 1.5;
-
 /// A move that waits for its verdict.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Waiting<const N: usize> {
@@ -127,6 +124,13 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         self.setpoint = Setpoint::rest(start);
         self.typed = Typed { taken, judged: taken, ..Typed::ZERO };
         self.said = false;
+    }
+
+    /// Says, for a programme that is run meanwhile, that a word was taken in and whether its arm is
+    /// to stand.
+    pub fn note(&mut self, sequence: u32, paused: bool) {
+        self.typed.taken = sequence;
+        self.typed.paused = u32::from(paused);
     }
 
     /// How the moves stand.

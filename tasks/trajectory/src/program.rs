@@ -12,11 +12,15 @@ use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Payload, StateHash};
 use taktil_signal::MoveCheck;
 
+use crate::clock::Clock;
 use crate::config::{Config, MAX_MOVES, Step};
 use crate::law::{self, Leg, Pace};
 
 /// Ticks looked at in one job: four times as fast as they will be run, and one look at the torque.
 pub(crate) const LOOKED_A_JOB: u32 = 4;
+
+/// A pause at full speed takes this many times the shortest transition: it may fall into one.
+pub(crate) const STOP_SHARE: f64 = 1.5;
 
 /// Everything about a queue that does not change.
 pub struct Plan<const N: usize = 6, A: Arm<N> = Puma260> {
@@ -80,6 +84,10 @@ pub struct Program<const N: usize = 6, A: Arm<N> = Puma260> {
     /// Where the arm is wanted now (rad).
     q: Vector<N>,
     check: MoveCheck,
+    /// Whether the arm is to stand on its path.
+    paused: bool,
+    /// The time of the leg that is run, once it was told to stand; else it is the time of the day.
+    clock: Option<Clock>,
 }
 
 /// What a job of a program comes to.
@@ -112,6 +120,8 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
             follower: plan.arm.follower(&q),
             q,
             check: MoveCheck::ZERO,
+            paused: false,
+            clock: None,
         })
     }
 
@@ -128,6 +138,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         plan.terms.tick_s = tick_s;
         self.check = MoveCheck { verdict: 1, singular: [1.0; 3], ..MoveCheck::ZERO };
         (self.legs, self.leg, self.q) = (0, 0, *start);
+        (self.paused, self.clock) = (false, None);
         self.begin_leg(plan, 0, *start).map_err(|why| refused(self.check, 0, &why))
     }
 
@@ -137,8 +148,17 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         &self.check
     }
 
+    /// Brings the arm to rest on its path, or lets it go on from there: from the next job on, and
+    /// before the first move where it is not under way yet.
+    pub fn pause(&mut self, paused: bool) {
+        self.paused = paused;
+    }
+
     /// Folds what the next job depends on.
     pub fn fold(&self, hash: &mut StateHash) {
+        if self.paused || self.clock.is_some() {
+            hash.add(&self.paused).add(&self.clock);
+        }
         hash.add(&self.legs).add(&self.leg).add(self.q.as_slice()).add(&self.check);
         for hand in &self.hands {
             hand.fold(hash);
@@ -251,6 +271,21 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         self.follower = plan.arm.follower(&begin.q);
         self.q = begin.q;
         self.stage = Stage::Running { since: tick, last: tick };
+        self.clock = self.paused.then(|| Clock::new(false));
+    }
+
+    /// The time of the leg that is run, in job `tick` (s).
+    fn time_s(&mut self, plan: &Plan<N, A>, (since, last, tick): (u64, u64, u64)) -> f64 {
+        let tick_s = plan.terms.tick_s;
+        if self.paused && self.clock.is_none() {
+            self.clock = Some(Clock::running_at(seconds(last - since, tick_s)));
+        }
+        let Some(clock) = &mut self.clock else { return seconds(tick - since, tick_s) };
+        let room = plan.arm.speed_max().component_div(plan.arm.acceleration_max()).max();
+        let tau_s = plan.pace.tau_s.max(STOP_SHARE * self.check.speed_share * room);
+        clock.want(!self.paused);
+        clock.advance(seconds(tick - last, tick_s), tau_s);
+        clock.t_s()
     }
 
     /// Lays the leg after the one that is run, one move a job.
@@ -267,26 +302,29 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     }
 
     fn run(&mut self, plan: &Plan<N, A>, tick: u64) -> Outcome<N> {
-        let Stage::Running { since, .. } = self.stage else {
+        let Stage::Running { since, last } = self.stage else {
             return Outcome::At(Setpoint::rest(&self.q), false);
         };
-        let t_s = seconds(tick - since, plan.terms.tick_s);
+        let mut t_s = self.time_s(plan, (since, last, tick));
         let over = t_s >= self.hands[self.leg % 2].route().duration_s();
         let last_leg = self.leg + 1 == self.legs;
         // A leg so short that the next one is not laid yet is waited for at its end.
         if over && !last_leg && tick > since && self.hands[(self.leg + 1) % 2].is_whole() {
             self.leg += 1;
             self.start(plan, tick);
+            t_s = 0.0;
         }
         let Stage::Running { since, last } = &mut self.stage else {
             return Outcome::At(Setpoint::rest(&self.q), false);
         };
         let first_job = tick == *since;
-        let t_s = seconds(tick - *since, plan.terms.tick_s);
         let route = self.hands[self.leg % 2].route();
         let done = self.leg + 1 == self.legs && t_s >= route.duration_s();
         let setpoint = match route {
-            Route::Joints(path) => Ok(path.at(t_s)),
+            Route::Joints(path) => Ok(match &self.clock {
+                Some(clock) => clock.paced(&path.at(t_s)),
+                None => path.at(t_s),
+            }),
             Route::Tool(_) if tick == *last => Ok(Setpoint::rest(&self.q)),
             Route::Tool(path) => {
                 let dt_s = seconds(tick - *last, plan.terms.tick_s);

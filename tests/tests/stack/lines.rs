@@ -4,7 +4,7 @@
 use glam::DVec3;
 use taktil::run::world::WorldTruth;
 use taktil_rtcore::{FaultCode, FaultSet, Nanos};
-use taktil_signal::{ControlState, Goal, MoveCheck, State};
+use taktil_signal::{ControlState, Goal, MoveCheck, State, Typed};
 use toml::{Table, Value};
 
 use taktil_tests::bench::{Draft, Kept, run};
@@ -78,5 +78,68 @@ fn a_queue_that_meets_a_limit_moves_nothing_and_says_which_joint() {
     assert!(told || control.faults == 0);
     for (_, goal) in kept.of::<Goal>("trajectory.goal") {
         assert!(goal.valid == 0 || goal.qd_rad_s == [0.0; 6], "nothing moved: {goal:?}");
+    }
+}
+
+/// The scene with its programme stopped on its way by words of the script, for this long.
+fn stopped(name: &str, at_s: f64, for_s: f64) -> Kept {
+    let mut steps: Vec<Value> = Vec::new();
+    let mut step = |pairs: &[(&str, Value)]| {
+        let table: Table =
+            pairs.iter().map(|(key, value)| ((*key).to_owned(), value.clone())).collect();
+        steps.push(Value::Table(table));
+    };
+    for verb in ["enable", "calibrate", "trajectory"] {
+        step(&[("verb", verb.into())]);
+    }
+    step(&[("say", "pause".into()), ("at_s", at_s.into())]);
+    step(&[("say", "resume".into()), ("at_s", (at_s + for_s).into())]);
+    run(&Draft::of(name).set("operator", steps).scene(), 1)
+}
+
+#[test]
+fn a_programme_stops_on_its_path_and_goes_on() {
+    let plain = run(&Draft::of("lines.toml").first_requests(3).scene(), 1);
+    let goals = |kept: &Kept| -> Vec<(Nanos, Goal)> {
+        let all = kept.of::<Goal>("trajectory.goal");
+        all.into_iter().filter(|row| row.1.valid == 1).collect()
+    };
+    let apart =
+        |a: &Goal, b: &Goal| (0..6).map(|i| (a.q_rad[i] - b.q_rad[i]).abs()).fold(0.0, f64::max);
+    let free = goals(&plain);
+    // In the joint move, in a line, at a corner between lines, and between two legs.
+    for at_s in [0.75, 1.6, 2.4, 3.3, 4.6] {
+        let kept = stopped("lines.toml", at_s, 1.0);
+        assert_eq!(kept.last_control().faults, 0, "{at_s}");
+        let got = goals(&kept);
+        // It stood, for most of a second.
+        let still = got
+            .windows(2)
+            .filter(|w| apart(&w[0].1, &w[1].1) == 0.0 && w[0].1.qd_rad_s == [0.0; 6]);
+        let stood = still.count() as f64 / 400.0;
+        let before =
+            free.windows(2).filter(|w| apart(&w[0].1, &w[1].1) == 0.0).count() as f64 / 400.0;
+        assert!((0.2..1.2).contains(&(stood - before)), "{at_s}: {stood} s against {before} s");
+        // Never off the path: each place is near one of the run without a stop, and in order.
+        let mut behind = 0;
+        for (_, goal) in &got {
+            let ahead = free[behind..].iter().take(60).enumerate();
+            let near = ahead.min_by(|a, b| apart(&a.1.1, goal).total_cmp(&apart(&b.1.1, goal)));
+            let (skip, place) = near.expect("the path goes on");
+            // The neighbours of a place are half a tick away at most: 0.3 of 280 deg/s.
+            assert!(apart(&place.1, goal) < 1.9e-3, "{at_s}: {}", apart(&place.1, goal));
+            behind += skip;
+        }
+        // No jump of the speed beyond what the arm's acceleration allows in a tick.
+        for pair in got.windows(2).filter(|w| w[1].0 - w[0].0 == Nanos::from_micros(2500)) {
+            for joint in 0..6 {
+                let change = (pair[1].1.qd_rad_s[joint] - pair[0].1.qd_rad_s[joint]).abs();
+                assert!(change < 24.5 * 0.0025 * 1.05, "{at_s}: joint {joint} by {change} rad/s");
+            }
+        }
+        let (end, wanted) = (got.last().unwrap().1, free.last().unwrap().1);
+        assert!(apart(&end, &wanted) < 1e-9, "{at_s}: it got there");
+        let typed = kept.of::<Typed>("trajectory.typed").last().unwrap().1;
+        assert_eq!((typed.taken, typed.paused), (2, 0));
     }
 }

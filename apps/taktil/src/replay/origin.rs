@@ -17,7 +17,13 @@ pub(super) enum Origin {
     /// A scene, live or in virtual time.
     Scene { scene: Box<Scene>, seed: u64, title: String },
     /// The service over a board.
-    Board { service: Source, machine: Source, urdf: Option<Source>, about: About, title: String },
+    Board {
+        service: Source,
+        machine: Source,
+        urdf: Option<Source>,
+        about: Box<About>,
+        title: String,
+    },
 }
 
 impl Origin {
@@ -50,6 +56,7 @@ impl Origin {
             let urdf = run
                 .get("urdf_text")
                 .map(|text| Source { path: PathBuf::from("arm"), text: text.clone() });
+            let about = Box::new(about);
             return Ok(Origin::Board { service, machine, urdf, about, title });
         }
         let scene = source("scene", "scene_text")?;

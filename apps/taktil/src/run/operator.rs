@@ -7,6 +7,7 @@ use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, StateHash, Task,
 };
 use taktil_signal::{ControlState, JogCommand, Request, State, Typed, TypedMove, Verb};
+use taktild::operator::status::heard;
 use taktild::operator::{Hand, Said};
 
 use super::scene::{Act, Step};
@@ -75,6 +76,11 @@ impl Operator {
         }
     }
 
+    /// Whether the last word was taken in. A programme knows nothing of words from before it.
+    fn taken(&self, typed: &Typed) -> bool {
+        typed.taken == self.said.typed.sequence
+    }
+
     fn release(&mut self) {
         if self.held_since.take().is_some() {
             self.said.keys.axes = [0.0; 6];
@@ -96,7 +102,7 @@ impl Operator {
             Act::Hold { axes, frame, span } if manual(control) => {
                 self.hold(axes, frame as u32, span, now);
             }
-            Act::Type(word) if typing(control) && typed.taken == self.said.typed.sequence => {
+            Act::Type(word) if heard(control, &word) && self.taken(typed) => {
                 self.next += 1;
                 self.typed_moves += 1;
                 self.said.typed = TypedMove { sequence: self.typed_moves, ..word };

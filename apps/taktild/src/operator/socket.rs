@@ -208,7 +208,7 @@ impl Socket {
     }
 
     fn type_in(&mut self, client: &mut Client, typed: TypedMove, now: Nanos) {
-        if !self.status.takes_moves() {
+        if !self.status.takes(&typed) {
             let place = self.status.place();
             client.answer(&format!(
                 "refused: moves are taken in TRAJECTORY/USER, the machine is in {place}; ask for \

@@ -3,7 +3,7 @@
 
 use taktil_rtcore::record::{Catalog, Record};
 use taktil_rtcore::{Mode, Payload};
-use taktil_signal::{ControlState, Desired, MoveCheck, State, Typed};
+use taktil_signal::{ControlState, Desired, MoveCheck, MoveKind, State, Typed, TypedMove};
 
 /// The reasons of [`MoveCheck::reason`], from 1.
 pub const REASONS: [&str; 6] = [
@@ -70,6 +70,13 @@ impl Status {
             && self.control.mode == Mode::Moving as u32
     }
 
+    /// True where a word that is typed is heard: any in TRAJECTORY/USER, a pause and its end while
+    /// a program runs.
+    #[must_use]
+    pub fn takes(&self, word: &TypedMove) -> bool {
+        heard(&self.control, word)
+    }
+
     /// One line about everything.
     #[must_use]
     pub fn line(&self) -> String {
@@ -88,6 +95,18 @@ fn take<T: Payload>(value: &mut T, body: &[u8]) {
     if let Some(new) = T::decode(body) {
         *value = new;
     }
+}
+
+/// Whether the machine hears what is typed; see [`Status::takes`].
+#[must_use]
+pub fn heard(control: &ControlState, word: &TypedMove) -> bool {
+    let pause = matches!(MoveKind::from_code(word.kind), Some(MoveKind::Pause | MoveKind::Resume));
+    control.mode == Mode::Moving as u32
+        && match State::from_code(control.state) {
+            Some(State::TrajectoryUser) => true,
+            Some(State::Trajectory) => pause,
+            _ => false,
+        }
 }
 
 /// The angles of a payload `Desired` of any arm.
