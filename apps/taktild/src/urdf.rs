@@ -87,6 +87,12 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<Described, Invalid> {
     })?;
     let tip = tip_of(&robot, tip)?;
     let way = way_to(&robot, &tip)?;
+    // What a file of an older version says of accelerations is dropped by the parser.
+    let none = way.iter().all(|joint| !joint.limit.acceleration.is_finite());
+    if none && text.contains(" acceleration=") {
+        let what = "gives accelerations, which URDF knows from version 1.2 on";
+        return Err(Invalid::new("", what, "write <robot name=... version=\"1.2\">"));
+    }
     let (mut names, mut joints) = (Vec::new(), Vec::<JointSpec>::new());
     let mut mount = Pose::IDENTITY;
     for joint in &way {

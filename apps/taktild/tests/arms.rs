@@ -88,6 +88,21 @@ fn moves<const N: usize>(arm: &Chain<N>, home: &Vector<N>) {
 }
 
 #[test]
+fn accelerations_are_read_or_refused_and_never_dropped() {
+    let text = std::fs::read_to_string(file("ur5e-like.urdf")).unwrap();
+    let chain: Chain<6> = read(&text, None).unwrap().chain().unwrap();
+    assert_eq!(chain.limits().acceleration_max, Vector::<6>::repeat(13.0));
+    let old = text.replacen(" version=\"1.2\"", "", 1);
+    let bad = read(&old, None).unwrap_err();
+    assert!(bad.what.contains("from version 1.2 on"), "{bad:?}");
+    // Without any, a joint gets to its speed in 0.2 s.
+    let plain: Chain<6> =
+        read(&old.replace(" acceleration=\"13\"", ""), None).unwrap().chain().unwrap();
+    let limits = plain.limits();
+    assert!((limits.acceleration_max - limits.speed_max * 5.0).amax() < 1e-12);
+}
+
+#[test]
 fn two_other_arms_follow_a_line() {
     let six = load(&file("ur5e-like.urdf"), None).unwrap();
     assert_eq!((six.name.as_str(), six.tip.as_str(), six.names.len()), ("ur5e_like", "tool", 6));
