@@ -27,8 +27,8 @@ fn sound<const N: usize>(kept: &Kept, moves: u32, home_deg: [f64; N]) -> Vec<DVe
     assert!(check.singular.iter().all(|distance| *distance > 0.01), "{check:?}");
     let truth = truth::<N>(kept);
     let end = truth.last().unwrap();
-    for joint in 0..N {
-        let off_deg = end.q_rad[joint].to_degrees() - home_deg[joint];
+    for (joint, home_deg) in home_deg.iter().enumerate() {
+        let off_deg = end.q_rad[joint].to_degrees() - home_deg;
         assert!(off_deg.abs() < 0.1, "joint {}: {off_deg} deg", joint + 1);
         assert!(end.qd_rad_s[joint].abs() < 1e-3);
     }
