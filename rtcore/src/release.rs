@@ -245,7 +245,7 @@ mod tests {
             margin.learn(us(60));
             assert!(margin.get() <= us(60));
         }
-        for _ in 0..4 * MEMORY {
+        for _ in 0..6 * MEMORY {
             margin.learn(us(3));
         }
         assert!(margin.get() <= us(6), "{}", margin.get());
