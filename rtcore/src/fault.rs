@@ -89,6 +89,8 @@ faults! {
     DeadlineMissed = 23, ControlledStop, "a lane that may not miss a deadline missed one";
     /// A task wrote a value that its output was declared not to take; the last good one was kept.
     OutOfRange = 24, ControlledStop, "a task wrote a value out of its output's range";
+    /// The force/torque sensor does not answer.
+    WristLost = 25, Degrade, "the force/torque sensor does not answer";
 }
 
 impl FaultCode {

@@ -14,4 +14,4 @@ pub use motion::{
     per_joint,
 };
 pub use state::{ControlState, JogCommand, JogFrame, Request, State, Verb};
-pub use touch::{Features, MAX_TACTELS, TactileImage, defined};
+pub use touch::{Contact, Features, MAX_TACTELS, TactileImage, Wrench, contact, defined};

@@ -67,3 +67,49 @@ payload! {
         pub active: u32,
     }
 }
+
+/// What [`Contact::kind`] says.
+pub mod contact {
+    /// Something is touched: the law drives.
+    pub const GAINED: u32 = 1;
+    /// Nothing is touched any more: the finger stands still.
+    pub const LOST: u32 = 2;
+    /// Contact did not come back: the finger seeks again, a short way.
+    pub const SOUGHT: u32 = 3;
+    /// Nothing was found: the finger draws back.
+    pub const RETRACTED: u32 = 4;
+    /// The finger rests without contact.
+    pub const GIVEN_UP: u32 = 5;
+}
+
+payload! {
+    /// Contact was gained or lost, or something was done about it, from `tactile_servo`; written
+    /// when it happens.
+    pub struct Contact {
+        /// Release of the job, ns since the start of the run.
+        pub at_ns: i64,
+        /// Sum of the counts that decided.
+        pub m0: f64,
+        /// One of [`contact`].
+        pub kind: u32,
+        /// How often contact was gained in this stay.
+        pub gained: u32,
+        /// How often it was lost.
+        pub lost: u32,
+    }
+}
+
+payload! {
+    /// The wrench of what touches the finger, on the tool and about the tool point in tool axes,
+    /// from `wrist_scan`. Zero until the baseline is known.
+    pub struct Wrench {
+        /// When the gauges were read, ns since the start of the run.
+        pub acquired_ns: i64,
+        /// Force on the tool (N).
+        pub force_n: [f64; 3],
+        /// Moment about the tool point (N m).
+        pub moment_nm: [f64; 3],
+        /// 1 once the rest level of the gauges is known.
+        pub baseline_ready: u32,
+    }
+}

@@ -16,6 +16,7 @@ use taktil_tasks_supervisor::Supervisor;
 use taktil_tasks_tactile_scan::TactileScan;
 use taktil_tasks_tactile_servo::TactileServo;
 use taktil_tasks_trajectory::Trajectory;
+use taktil_tasks_wrist_scan::WristScan;
 
 use crate::config::MachineConfig;
 use crate::cpus;
@@ -32,10 +33,10 @@ struct Shelf {
     tactile: Option<Box<dyn TactileArray>>,
     digital_in: Option<Box<dyn DigitalIn>>,
     digital_out: Option<Box<dyn DigitalOut>>,
+    force_torque: Option<Box<dyn ForceTorque>>,
     // No task reads these yet; they stay open, and their drivers' own safe states with them, until
     // the machine is dropped.
     _analog_in: Box<dyn AnalogIn>,
-    _force_torque: Box<dyn ForceTorque>,
 }
 
 fn taken<T>(half: &mut Option<T>, task: &str) -> Result<T, Invalid> {
@@ -61,8 +62,8 @@ pub fn assemble(
         tactile: Some(devices.tactile),
         digital_in: Some(devices.digital_in),
         digital_out: Some(devices.digital_out),
+        force_torque: Some(devices.force_torque),
         _analog_in: devices.analog_in,
-        _force_torque: devices.force_torque,
     };
     if config.lane.is_empty() {
         return Err(Invalid::new(
@@ -109,7 +110,7 @@ pub fn assemble(
 }
 
 /// The names that a lane's `tasks` may hold.
-pub const TASKS: [&str; 10] = [
+pub const TASKS: [&str; 11] = [
     "operator",
     "sense",
     "supervisor",
@@ -120,6 +121,7 @@ pub const TASKS: [&str; 10] = [
     "joint_servo",
     "actuate",
     "tactile_scan",
+    "wrist_scan",
 ];
 
 /// The task that moves by touch; without it a machine has no use for a sense of touch.
@@ -158,6 +160,10 @@ fn make<const N: usize, A: Arm<N>>(
             let array = tape::tactile(taken(&mut shelf.tactile, task)?, ports);
             TactileScan::new(config.tactile_scan.clone().unwrap_or_default(), array, ports)
                 .map(boxed)
+        }
+        "wrist_scan" => {
+            let sensor = tape::force_torque(taken(&mut shelf.force_torque, task)?, ports);
+            WristScan::new(config.wrist_scan.unwrap_or_default(), sensor, ports).map(boxed)
         }
         "supervisor" => {
             let config = config.supervisor.clone().unwrap_or_default();

@@ -7,17 +7,21 @@ use taktil_rtcore::Invalid;
 use crate::law::Name;
 use crate::law::model::Model;
 use crate::law::projector_pid::Gains;
+use crate::phase::Lost;
 
 /// Every key has a default: the rolling task of the thesis.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Which law drives: `thesis` (default), `projector-pid` or `model`.
+    /// Which law drives: `thesis` (default), `projector-pid`, `model`, `hybrid-force` or
+    /// `hybrid-force-touch`.
     pub law: Name,
-    /// What `projector-pid` goes by.
+    /// What `projector-pid` and the laws of the wrist go by.
     pub projector_pid: Gains,
     /// What `model` goes by.
     pub model: Model,
+    /// What is done when contact is lost.
+    pub lost: Lost,
     /// Lower turning point of the centroid (column number). Default 2; it is headed for first.
     pub x_c_low: f64,
     /// Upper turning point (column number). Default 15.
@@ -76,6 +80,7 @@ impl Default for Config {
             law: Name::Thesis,
             projector_pid: Gains::default(),
             model: Model::default(),
+            lost: Lost::default(),
             x_c_low: 2.0,
             x_c_high: 15.0,
             x_c_tolerance: 0.5,
@@ -147,6 +152,7 @@ impl Config {
                 format!("give more than 0 and less than half the stroke of {stroke}"),
             ));
         }
+        self.lost.check().map_err(|bad| bad.within("lost"))?;
         self.projector_pid.check().map_err(|bad| bad.within("projector_pid"))?;
         self.model.check().map_err(|bad| bad.within("model"))
     }

@@ -1,11 +1,11 @@
 //! The law that was chosen, with its memory. Refuses to choose: that is the configuration's.
 
 use taktil_rtcore::{Fold, Invalid, StateHash};
-use taktil_signal::TactileImage;
+use taktil_signal::{TactileImage, Wrench};
 
 use crate::config::Config;
 use crate::law::model::jacobian::Contact;
-use crate::law::{Name, model, projector_pid, thesis};
+use crate::law::{Name, hybrid_force, model, projector_pid, thesis};
 use crate::perception::Touch;
 use crate::perception::line::{Known, Line, line};
 
@@ -16,6 +16,8 @@ pub(crate) enum Drive {
     Thesis(thesis::Law),
     ProjectorPid(projector_pid::Memory),
     Model(Contact, model::Memory),
+    /// What the wrist feels, and the memory of its PID.
+    HybridForce(Touch, projector_pid::Memory),
 }
 
 impl Fold for Drive {
@@ -26,6 +28,9 @@ impl Fold for Drive {
                 hash.add(memory);
             }
             Drive::Model(_, memory) => {
+                hash.add(memory);
+            }
+            Drive::HybridForce(_, memory) => {
                 hash.add(memory);
             }
         }
@@ -42,13 +47,18 @@ impl Drive {
                 Contact::new(&config.model, config.m0_counts)?,
                 model::Memory::new(&config.model),
             ),
+            Name::HybridForce | Name::HybridForceTouch => {
+                Drive::HybridForce(Touch::default(), projector_pid::Memory::default())
+            }
         })
     }
 
     /// Set points or speeds were edited.
     pub(crate) fn retune(&mut self, config: &Config) {
-        if let Drive::Thesis(law) = self {
-            *law = thesis::Law::new(config);
+        match self {
+            Drive::Thesis(law) => *law = thesis::Law::new(config),
+            Drive::ProjectorPid(_) | Drive::HybridForce(..) => {}
+            Drive::Model(contact, _) => contact.aim(config.m0_counts),
         }
     }
 
@@ -58,7 +68,22 @@ impl Drive {
             Drive::Thesis(_) => {}
             Drive::ProjectorPid(memory) => *memory = projector_pid::Memory::default(),
             Drive::Model(_, memory) => *memory = model::Memory::new(&config.model),
+            Drive::HybridForce(felt, memory) => {
+                (*felt, *memory) = (Touch::default(), projector_pid::Memory::default());
+            }
         }
+    }
+
+    /// Takes the wrist's newest wrench in; what a law that goes by it feels.
+    pub(crate) fn wrench(
+        &mut self,
+        config: &Config,
+        wrench: Option<&Wrench>,
+        touch: &Touch,
+    ) -> Option<Touch> {
+        let Drive::HybridForce(felt, _) = self else { return None };
+        *felt = hybrid_force::felt(config, wrench, touch);
+        Some(*felt)
     }
 
     /// The line of an image, for the law that goes by it.
@@ -68,14 +93,13 @@ impl Drive {
         image: &TactileImage,
         touch: &Touch,
     ) -> Option<Line> {
-        let Drive::Model(_, memory) = self else { return None };
+        let Drive::Model(contact, memory) = self else { return None };
         let known = Known {
             noise_counts: config.model.noise_counts,
             speed_cols_s: memory.line_cols_s(),
             saturated_counts: config.model.saturated_counts,
         };
-        // A finger that comes down askew touches with one row first.
-        line(image, touch, &known).or_else(|| Line::short(touch, &known).filter(|_| touch.contact))
+        line(image, touch, &known).map(|line| line.scaled(contact.whole()))
     }
 
     /// How fast the finger gives way along the pin, for a law that does; others hold it.
@@ -87,7 +111,8 @@ impl Drive {
     pub(crate) fn column(&self, touch: &Touch) -> Option<f64> {
         match self {
             Drive::Model(_, memory) => memory.column(),
-            _ => touch.x_c,
+            Drive::HybridForce(felt, _) => felt.x_c,
+            Drive::Thesis(_) | Drive::ProjectorPid(_) => touch.x_c,
         }
     }
 
@@ -102,7 +127,8 @@ impl Drive {
         match self {
             Drive::Thesis(law) => Some(law.displacement(touch, x_c_desired)),
             Drive::ProjectorPid(memory) => {
-                let (step, next) = projector_pid::displacement(config, memory, touch, x_c_desired);
+                let aim = (x_c_desired, config.image_period_ms * 1e-3);
+                let (step, next) = projector_pid::displacement(config, memory, touch, aim);
                 *memory = next;
                 Some(step)
             }
@@ -110,13 +136,29 @@ impl Drive {
                 *memory = model::observe(config, contact, memory, (touch, line), (age_s, dt_s));
                 None
             }
+            Drive::HybridForce(..) => None,
         }
     }
 
     /// What is asked for in a job without an answer to an image, by a law that answers jobs.
-    pub(crate) fn job(&self, config: &Config, x_c_desired: f64, dt_s: f64) -> Option<[f64; 4]> {
-        let Drive::Model(_, memory) = self else { return None };
-        Some(model::displacement_of_job(config, memory, x_c_desired, dt_s))
+    pub(crate) fn job(
+        &mut self,
+        config: &Config,
+        x_c_desired: f64,
+        dt_s: f64,
+    ) -> Option<[f64; 4]> {
+        match self {
+            Drive::Thesis(_) | Drive::ProjectorPid(_) => None,
+            Drive::Model(_, memory) => {
+                Some(model::displacement_of_job(config, memory, x_c_desired, dt_s))
+            }
+            Drive::HybridForce(felt, memory) => {
+                let aim = (x_c_desired, dt_s);
+                let (step, next) = projector_pid::displacement(config, memory, felt, aim);
+                *memory = next;
+                Some(step)
+            }
+        }
     }
 
     /// This much of it was carried out.

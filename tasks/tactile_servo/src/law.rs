@@ -10,6 +10,7 @@
 //!   there: M_x grows.
 //! - theta_z: a turn of the sensor by +a about z turns the image by -a: theta_z falls.
 
+pub mod hybrid_force;
 pub mod model;
 pub mod projector_pid;
 pub mod thesis;
@@ -31,11 +32,21 @@ pub enum Name {
     ProjectorPid,
     /// [`model`]: the coupled Jacobian of the contact, delay and table motion observed.
     Model,
+    /// [`hybrid_force`]: the wrist's force and centre of pressure.
+    HybridForce,
+    /// [`hybrid_force`] with the centre of pressure and the direction from touch.
+    HybridForceTouch,
 }
 
 impl Name {
     /// Every law.
-    pub const ALL: [Name; 3] = [Name::Thesis, Name::ProjectorPid, Name::Model];
+    pub const ALL: [Name; 5] = [
+        Name::Thesis,
+        Name::ProjectorPid,
+        Name::Model,
+        Name::HybridForce,
+        Name::HybridForceTouch,
+    ];
 
     /// As a scene writes it.
     #[must_use]
@@ -44,7 +55,15 @@ impl Name {
             Name::Thesis => "thesis",
             Name::ProjectorPid => "projector-pid",
             Name::Model => "model",
+            Name::HybridForce => "hybrid-force",
+            Name::HybridForceTouch => "hybrid-force-touch",
         }
+    }
+
+    /// The law reads the port `wrench`.
+    #[must_use]
+    pub const fn feels_the_wrist(self) -> bool {
+        matches!(self, Name::HybridForce | Name::HybridForceTouch)
     }
 }
 

@@ -9,7 +9,8 @@
 //! ```
 //! Images come at 200 Hz, jobs at 400 Hz. A law that answers images gives one step for each, spread
 //! evenly over the jobs until the next one, so that the position servo sees a steady set point; the
-//! law `model` answers every job. The two motions that touch cannot see are held by the encoders,
+//! law `model` answers every job. Without contact no law drives: [`phase`] seeks, holds or draws back,
+//! and says so. The two motions that touch cannot see are held by the encoders,
 //! or give way ([`unfelt`]).
 
 pub mod config;
@@ -18,6 +19,7 @@ pub mod follow;
 pub mod heading;
 pub mod law;
 pub mod perception;
+pub mod phase;
 pub mod unfelt;
 
 pub use config::Config;
@@ -29,13 +31,14 @@ use heading::Heading;
 use law::tool_motion;
 use perception::line::Line;
 use perception::{Touch, touch};
+use phase::Phase;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Param, Payload, Ports, StateHash, Task,
 };
 use taktil_signal::{
-    ControlState, Desired, Features, Goal, JointState, State, TactileImage, defined,
+    Contact, ControlState, Desired, Features, Goal, JointState, State, TactileImage, Wrench, defined,
 };
 use unfelt::Drift;
 
@@ -57,8 +60,11 @@ pub struct TactileServo {
     desired: Input<Desired>,
     joints: Input<JointState>,
     image: Input<TactileImage>,
+    /// Of a law that goes by the wrist.
+    wrench: Option<Input<Wrench>>,
     goal: Output<Goal>,
     features: Output<Features>,
+    contact: Output<Contact>,
     arm: Puma260,
     config: Config,
     law: Drive,
@@ -66,10 +72,11 @@ pub struct TactileServo {
     stay: Stay,
     /// When the present stay in TACTILE-SERVO began.
     entered_ns: i64,
-    /// What the newest image of this stay said.
+    /// What the newest image of this stay said, or the wrist with a law that goes by it.
     seen: Touch,
-    /// Way made without contact (mm).
-    sought_mm: f64,
+    /// What the newest image said.
+    touched: Touch,
+    phase: Phase,
     knobs: Knobs,
 }
 
@@ -103,8 +110,8 @@ impl Knobs {
 }
 
 impl TactileServo {
-    /// Declares `control`, `desired`, `joints`, `image`, `goal` and `features`, and the parameters
-    /// `m0_counts`, `roll_mm_s` and `press_mm_s`.
+    /// Declares `control`, `desired`, `joints`, `image`, `goal`, `features` and `contact`, `wrench` with a law
+    /// that feels the wrist, and the parameters `m0_counts`, `roll_mm_s` and `press_mm_s`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses.
@@ -116,8 +123,10 @@ impl TactileServo {
             desired: ports.input_delayed("desired"),
             joints: ports.input("joints"),
             image: ports.input("image"),
+            wrench: config.law.feels_the_wrist().then(|| ports.input("wrench")),
             goal: ports.output("goal"),
             features: ports.output("features"),
+            contact: ports.output("contact"),
             arm: Puma260::reference(),
             law: Drive::new(&config)?,
             heading: Heading::new(&config),
@@ -125,7 +134,8 @@ impl TactileServo {
             stay: Stay::Away,
             entered_ns: 0,
             seen: Touch::default(),
-            sought_mm: 0.0,
+            touched: Touch::default(),
+            phase: Phase::default(),
             knobs,
         })
     }
@@ -154,7 +164,7 @@ impl TactileServo {
         self.heading = Heading::new(&self.config);
         self.law.reset(&self.config);
         self.seen = Touch::default();
-        self.sought_mm = 0.0;
+        self.phase = Phase::default();
         let start = desired.filter(|desired| desired.valid == 1);
         match (start, joints.filter(|joints| joints.calibrated == 1)) {
             (Some(start), Some(joints)) => {
@@ -180,28 +190,42 @@ impl TactileServo {
         if !matches!(self.stay, Stay::Driving { .. }) {
             return Ok(());
         }
-        self.seen = *touch;
-        self.heading.update(self.law.column(touch));
+        if self.wrench.is_none() {
+            self.seen = *touch;
+            self.heading.update(self.law.column(touch));
+        }
         let times = (age_s, dt_s);
-        let Some(step) = self.law.image(&self.config, (touch, line), times, self.heading.x_c())
-        else {
-            return Ok(());
-        };
+        let step = self.law.image(&self.config, (touch, line), times, self.heading.x_c());
+        let Some(step) = step.filter(|_| touch.contact) else { return Ok(()) };
         let jobs = self.jobs_per_image(dt_s);
         let image_s = self.config.image_period_ms * 1e-3;
         self.drive(&step, joints, (jobs, image_s)).map(|_| ())
     }
 
-    /// Adds the step of one job of a law that answers jobs.
-    fn job(&mut self, joints: &JointState, dt_s: f64) -> Result<(), FaultCode> {
+    /// Says what happened to contact, and adds the step of one job: that of a law that answers jobs,
+    /// or the way towards contact while there is none.
+    fn job(&mut self, joints: &JointState, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         if !matches!(self.stay, Stay::Driving { .. }) {
             return Ok(());
+        }
+        let dt_s = cycle.dt.as_secs_f64();
+        if let Some(event) = self.phase.advance(&self.config, &self.seen, dt_s) {
+            io.write(&self.contact, Contact { at_ns: cycle.release.0, ..event });
+        }
+        if !self.phase.touches() {
+            let blind = !self.seen.trusted;
+            let z_mm = if blind { 0.0 } else { self.phase.speed_mm_s(&self.config) * dt_s };
+            self.law.carried_out(&self.config, &[0.0, z_mm, 0.0, 0.0], dt_s);
+            if z_mm == 0.0 {
+                return Ok(());
+            }
+            let share = self.drive(&[0.0, z_mm, 0.0, 0.0], joints, (1, dt_s));
+            self.phase.went(z_mm * share.unwrap_or(0.0));
+            return share.map(|_| ());
         }
         let Some(step) = self.law.job(&self.config, self.heading.x_c(), dt_s) else {
             return Ok(());
         };
-        let seeks = self.seen.trusted && !self.seen.contact;
-        let step = if seeks { [0.0, self.config.seek_mm_s * dt_s, 0.0, 0.0] } else { step };
         let share = self.drive(&step, joints, (1, dt_s));
         let done = step.map(|part| part * share.unwrap_or(0.0));
         self.law.carried_out(&self.config, &done, dt_s);
@@ -217,19 +241,11 @@ impl TactileServo {
         (jobs, span_s): (u32, f64),
     ) -> Result<f64, FaultCode> {
         let Stay::Driving { follower, drift, .. } = &mut self.stay else { return Ok(0.0) };
-        let mut displacement = *step;
-        if self.seen.contact {
-            self.sought_mm = 0.0;
-        } else if self.sought_mm < self.config.seek_max_mm {
-            self.sought_mm += displacement[1];
-        } else {
-            displacement = [0.0; 4];
-        }
         let target = *follower.target();
         let measured = Joints::from(joints.q_rad);
         let tool = self.arm.tool_pose(&measured);
         drift.watch(&tool);
-        let mut motion = tool_motion(&displacement);
+        let mut motion = tool_motion(step);
         (motion[1], motion[4]) = drift.correction(self.config.hold_unfelt_per_s, span_s);
         if let Some(rate_per_s) = self.law.yields_per_s(&self.config) {
             let wanted = self.arm.tool_pose(&target);
@@ -298,6 +314,7 @@ impl Task for TactileServo {
             let config = &self.config;
             let touch = touch(&image, config.threshold_counts, config.contact_counts);
             let line = self.law.line(config, &image, &touch);
+            self.touched = touch;
             if let Some(joints) = &joints {
                 let age_s = (cycle.release - Nanos(image.acquired_ns)).as_secs_f64();
                 let seen = (&touch, line.as_ref());
@@ -305,8 +322,15 @@ impl Task for TactileServo {
             }
             io.write(&self.features, self.report(&image, &touch, line.as_ref()));
         }
+        if let Some(input) = &self.wrench {
+            let wrench = io.read(input).usable();
+            if let Some(felt) = self.law.wrench(&self.config, wrench.as_ref(), &self.touched) {
+                self.seen = felt;
+                self.heading.update(self.law.column(&felt));
+            }
+        }
         if let Some(joints) = &joints {
-            outcome = outcome.and(self.job(joints, dt_s));
+            outcome = outcome.and(self.job(joints, cycle, io));
         }
         let goal = self.next_goal(dt_s);
         io.write(&self.goal, goal);
@@ -314,7 +338,7 @@ impl Task for TactileServo {
     }
 
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.heading).add(&self.entered_ns).add(&self.sought_mm).add(&self.law);
+        hash.add(&self.heading).add(&self.entered_ns).add(&self.phase).add(&self.law);
         match &self.stay {
             Stay::Away => hash.word(0),
             Stay::Refused => hash.word(1),

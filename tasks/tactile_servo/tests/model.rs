@@ -29,6 +29,11 @@ impl Plant {
         Plant { contact, at: [0.0, 0.02, 0.0, 0.0] }
     }
 
+    /// Depth of the load that is wanted (mm).
+    fn due_mm(&self) -> f64 {
+        self.contact.penetration_mm(15_000.0 / SCALE / 25.4)
+    }
+
     fn line(&self) -> Line {
         let [x, z, theta_x, theta_z] = self.at;
         let mut rows = [0.0; 16];
@@ -67,14 +72,16 @@ fn rigid() -> Config {
 }
 
 #[test]
-fn the_jacobian_is_that_of_the_rows_by_differences() {
+fn the_jacobian_at_the_set_point_is_that_of_the_rows_by_differences() {
     let config = rigid();
     let contact = Contact::new(&config.model, config.m0_counts).unwrap();
-    for at in [[0.0, 0.03, 0.0, 0.0], [4.0, 0.04, 1.0, 60.0], [-4.0, 0.025, -0.8, -30.0]] {
-        let mut plant = Plant::new();
+    let mut plant = Plant::new();
+    let due = plant.due_mm();
+    for (x, yaw) in [(0.0, 0.0), (4.0, 60.0), (-4.0, -30.0)] {
+        let at = [x, due, 0.0, yaw];
         plant.at = at;
         let found = contact.jacobian(&plant.line());
-        for (motion, step) in [(0, 1e-2), (1, 1e-5), (2, 1e-3), (3, 1e-2)] {
+        for (motion, step) in [(0, 1e-2), (1, 1e-4), (2, 1e-2), (3, 1e-2)] {
             let mut side = |sign: f64| {
                 plant.at = at;
                 plant.at[motion] += sign * step * if motion == 3 { -1.0 } else { 1.0 };
@@ -97,17 +104,64 @@ fn the_jacobian_is_that_of_the_rows_by_differences() {
 }
 
 #[test]
+fn the_displacement_is_the_whole_way_to_the_set_point_from_wherever_it_touches() {
+    let config = rigid();
+    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let mut plant = Plant::new();
+    let due = plant.due_mm();
+    let exact = [1e-6, 1.0, 1.0, 1e-6];
+    // Level and light, heavy, tilted with all rows, with half of them, with three at one end.
+    for (z, tilt) in
+        [(0.01, 0.0), (0.09, 0.0), (0.04, 1.5), (0.02, -2.5), (-0.01, 4.0), (-0.05, -8.0)]
+    {
+        plant.at = [0.0, z, tilt, 0.0];
+        let line = plant.line();
+        let [_, m0, m_x, _] = line.features;
+        let error = [0.0, config.m0_counts - m0, -m_x, 0.0];
+        let (way, _) = displacement(&contact.jacobian(&line), &error, &exact);
+        assert!((way[1] - (due - z)).abs() < 0.1 * (due - z).abs() + 1e-3, "{z} {tilt}: {way:?}");
+        assert!((way[2] + tilt).abs() < 0.1 * tilt.abs() + 0.02, "{z} {tilt}: {way:?}");
+    }
+    // A single row says which way, and that the rest has to come down.
+    let mut line = plant.line();
+    line.rows = [0.0; 16];
+    line.rows[15] = 1_500.0;
+    line.features = [8.0, 1_500.0, 7.5 * 1_500.0, 0.0];
+    let noisy = [1e-2, 2e5, 4e6, 1.0];
+    let error = [0.0, 13_500.0, -7.5 * 1_500.0, 0.0];
+    let (way, _) = displacement(&contact.jacobian(&line), &error, &noisy);
+    assert!(way[1] > 0.05 && way[2] < -3.0, "{way:?}");
+}
+
+#[test]
+fn rows_off_the_pin_are_no_springs() {
+    let config = rigid();
+    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let mut plant = Plant::new();
+    plant.at[1] = 0.05;
+    let mut line = plant.line();
+    let (mut m0, mut m_x) = (0.0, 0.0);
+    for (index, row) in line.rows.iter_mut().enumerate() {
+        if !(4..12).contains(&index) {
+            *row = 0.0;
+        }
+        m0 += *row;
+        m_x += *row * (index as f64 - 7.5);
+    }
+    line.features = [8.5, m0, m_x, 0.0];
+    let depths = contact.depths(&line);
+    assert_eq!(depths.present.iter().filter(|on| **on).count(), 8);
+    assert!((depths.middle_mm - 0.05).abs() < 2e-3 && depths.per_row_mm.abs() < 1e-4, "{depths:?}");
+}
+
+#[test]
 fn a_direction_that_cannot_be_seen_is_not_moved_along() {
     let config = rigid();
     let contact = Contact::new(&config.model, config.m0_counts).unwrap();
     let mut plant = Plant::new();
     plant.at[1] = 0.03;
-    let mut line = plant.line();
-    line.rows = [0.0; 16];
-    line.rows[8] = 15_000.0;
-    let jacobian = contact.jacobian(&line);
-    // One row cannot tell a tilt from a press.
-    let blind = [1e-3, 2e5, 1e12, 1e3];
+    let jacobian = contact.jacobian(&plant.line());
+    let blind = [1e-3, 2e5, 1e12, 1e6];
     let (way, spread) = displacement(&jacobian, &[0.0, 0.0, 3e5, 1.0], &blind);
     assert!(way.iter().all(|part| part.is_finite() && part.abs() < 50.0), "{way:?}");
     assert!(spread[2] > 1e3 && spread[3] > 1e2, "{spread:?}");
@@ -124,7 +178,7 @@ fn follow(config: &Config, table: [f64; 4], late: usize, seconds: f64) -> Vec<[f
     let mut queue = vec![[0.0; 4]; late];
     let mut images = vec![];
     let mut ways = vec![];
-    let due = plant.contact.penetration_mm(15_000.0 / SCALE / 25.4);
+    let due = plant.due_mm();
     for job in 0..(seconds / DT_S) as usize {
         if job % 2 == 0 {
             images.push((plant.touch(), plant.line()));

@@ -3,6 +3,7 @@
 //! is in the tables, faults and lost contacts included.
 
 pub mod chapter6;
+pub mod held;
 pub mod judge;
 mod page;
 pub mod robust;
@@ -41,13 +42,17 @@ pub enum Experiments {
     ///
     /// Exit code 0: every draw held; 1: at least one did not, and is listed; 2: bad input.
     Robust(robust::Robust),
+    /// Any scenes against the bounds of held inputs: contact, force, yaw and tilt.
+    ///
+    /// Exit code 0: every scene held; 1: one did not; 2: bad input.
+    Held(held::Held),
 }
 
 /// Options of `taktil experiment chapter6`.
 #[derive(Args, Debug)]
 pub struct Chapter6 {
-    /// Laws: thesis, projector-pid, model; separated by commas, the first is what others are
-    /// compared with
+    /// Laws: thesis, projector-pid, model, hybrid-force, hybrid-force-touch; separated by commas,
+    /// the first is what others are compared with
     #[arg(long, value_delimiter = ',', default_value = "thesis,model")]
     law: Vec<String>,
     /// Seeds 1 to N
@@ -102,6 +107,7 @@ pub fn run(what: &Experiments) -> anyhow::Result<ExitCode> {
     match what {
         Experiments::Chapter6(options) => chapter6(options),
         Experiments::Robust(options) => robust::run(options),
+        Experiments::Held(options) => held::run(options),
     }
 }
 
@@ -157,11 +163,28 @@ fn repeat(options: &Chapter6) -> String {
     words
 }
 
-/// The same scene with another law.
+/// Processor time of a step of the task that reads the wrist, us.
+const WRIST_BUDGET_US: i64 = 20;
+
+/// The same scene with another law; one that feels the wrist gets the task that reads it.
 #[must_use]
 pub fn with_law(scene: &Scene, law: Name) -> Scene {
     let mut scene = scene.clone();
-    scene.machine.tactile_servo.get_or_insert_default().law = law;
+    let machine = &mut scene.machine;
+    machine.tactile_servo.get_or_insert_default().law = law;
+    let named = |name: &str, tasks: &[String]| tasks.iter().position(|task| task == name);
+    let reads = machine.lane.values().any(|lane| named("wrist_scan", &lane.tasks).is_some());
+    if !law.feels_the_wrist() || reads {
+        return scene;
+    }
+    for lane in machine.lane.values_mut() {
+        let Some(place) = named("tactile_servo", &lane.tasks) else { continue };
+        lane.tasks.insert(place, "wrist_scan".to_owned());
+        if !lane.budget_us.is_empty() {
+            lane.budget_us.insert("wrist_scan".to_owned(), WRIST_BUDGET_US);
+        }
+    }
+    machine.wiring.insert("tactile_servo.wrench".to_owned(), "wrist_scan.wrench".to_owned());
     scene
 }
 

@@ -2,7 +2,8 @@
 //! that the contact's model gives for the image at hand ([`jacobian`]), are watched by an observer
 //! for each axis ([`observer`]) that knows the delay, the commands under way and the motion of the
 //! table; every job of the servo gets a velocity from it, between images too. Refuses to act on an
-//! image that is not trusted, and to remember anything of a contact that is lost.
+//! image that is not trusted, to remember anything of a contact that is lost, and to go on for long
+//! without an image that says something.
 //!
 //! ```text
 //! image -> e = (J'WJ + P)^-1 J'W (F_d - F_a) -> observer: e, d, b of each axis
@@ -29,16 +30,20 @@ use observer::{Axis, Noise};
 const WAY: usize = 32;
 /// Middle of the columns.
 const MIDDLE: f64 = 8.5;
+/// The pin is rolled only while the load's centre lies within so many rows of the middle.
+const LEVEL_ROWS: f64 = 3.5;
+/// Without an image that says something the law stands still after this time (s).
+const BLIND_S: f64 = 0.05;
 
 /// `[tactile_servo.model]`
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Model {
-    /// Gains of (x, z, theta_x, theta_z) on the way left (1/s). Default (20, 10, 12, 8).
+    /// Gains of (x, z, theta_x, theta_z) on the way left (1/s). Default (20, 15, 12, 8).
     pub gain_per_s: [f64; 4],
     /// Largest speeds (mm/s, mm/s, mrad/s, mrad/s). Default (12, 15, 300, 500).
     pub speed: [f64; 4],
-    /// Largest change of the speed of rolling (mm/s^2). Default 300.
+    /// Largest change of the speed of rolling (mm/s^2). Default 100.
     pub roll_mm_s2: f64,
     /// How fast the finger gives way to what pushes it along the pin, which touch cannot see (1/s).
     /// Default 8; 0 stands still there.
@@ -46,7 +51,7 @@ pub struct Model {
     /// From a command to the motion of the finger (ms). Default 7.5.
     pub delay_ms: f64,
     /// Process noise of the rates of the table along and about (x, z, theta_x, theta_z): how fast
-    /// they are believed to change (mm/s/sqrt s, mrad/s/sqrt s). Default (20, 2, 60, 60).
+    /// they are believed to change (mm/s/sqrt s, mrad/s/sqrt s). Default (20, 4, 60, 60).
     pub table_rate: [f64; 4],
     /// Standard deviation of a tactel (counts). Default 50.
     pub noise_counts: f64,
@@ -71,12 +76,12 @@ pub struct Model {
 impl Default for Model {
     fn default() -> Model {
         Model {
-            gain_per_s: [20.0, 10.0, 12.0, 8.0],
+            gain_per_s: [20.0, 15.0, 12.0, 8.0],
             speed: [12.0, 15.0, 300.0, 500.0],
-            roll_mm_s2: 300.0,
+            roll_mm_s2: 100.0,
             yield_per_s: 8.0,
             delay_ms: 7.5,
-            table_rate: [20.0, 2.0, 60.0, 60.0],
+            table_rate: [20.0, 4.0, 60.0, 60.0],
             noise_counts: 50.0,
             saturated_counts: 3790.0,
             counts_per_n: 4095.0 / 4.0,
@@ -146,6 +151,8 @@ pub struct Memory {
     /// Images seen of this contact.
     images: u32,
     rolls: bool,
+    /// Time since the last image that said something (s).
+    blind_s: f64,
 }
 
 impl Fold for Memory {
@@ -157,6 +164,7 @@ impl Fold for Memory {
             hash.add(&command[..]);
         }
         hash.add(&self.newest).add(&self.speed_x_mm_s).add(&self.images).add(&self.rolls);
+        hash.add(&self.blind_s);
     }
 }
 
@@ -171,6 +179,7 @@ impl Memory {
             speed_x_mm_s: 0.0,
             images: 0,
             rolls: false,
+            blind_s: 0.0,
         }
     }
 
@@ -216,10 +225,14 @@ pub fn observe(
     (age_s, dt_s): (f64, f64),
 ) -> Memory {
     let model = &config.model;
-    if !touch.trusted {
+    if !touch.trusted || age_s > BLIND_S {
         return *memory;
     }
-    let Some(line) = line.filter(|_| touch.contact) else { return Memory::new(model) };
+    if !touch.contact {
+        return Memory::new(model);
+    }
+    // Load that lies along no line tells nothing of the four motions.
+    let Some(line) = line else { return *memory };
     let wanted = [MIDDLE, config.m0_counts, config.m_x_counts, config.theta_z_mrad];
     let [x_c, m0, m_x, theta_z] = line.features;
     let found = [x_c, m0, m_x, 1e3 * theta_z];
@@ -236,7 +249,8 @@ pub fn observe(
         axis.observe(&model.noise(i), way[i], spread[i], under_way);
     }
     next.images = next.images.saturating_add(1);
-    next.rolls = m0 >= config.roll_from_counts;
+    next.rolls = m0 >= config.roll_from_counts && m_x.abs() < LEVEL_ROWS * m0;
+    next.blind_s = 0.0;
     next
 }
 
@@ -250,7 +264,7 @@ pub fn displacement_of_job(
     dt_s: f64,
 ) -> [f64; 4] {
     let model = &config.model;
-    if !memory.holds() {
+    if !memory.holds() || memory.blind_s > BLIND_S {
         return [0.0; 4];
     }
     let limited = |i: usize, speed: f64| speed.clamp(-model.speed[i], model.speed[i]);
@@ -280,6 +294,7 @@ pub fn after_job(model: &Model, memory: &Memory, displacement: &[f64; 4], dt_s: 
     if !memory.holds() {
         return next;
     }
+    next.blind_s += dt_s;
     next.speed_x_mm_s = if dt_s > 0.0 { displacement[0] / dt_s } else { 0.0 };
     for (i, axis) in next.axes.iter_mut().enumerate() {
         let roll_mm = if i == 0 { 0.0 } else { displacement[0] };

@@ -92,16 +92,16 @@ impl Fold for Memory {
     }
 }
 
-/// The displacement for one new image towards column `x_c_desired`, and the memory afterwards.
+/// The displacement for one new image towards column `x_c_desired`, `period_s` after the one
+/// before, and the memory afterwards.
 #[must_use]
 pub fn displacement(
     config: &Config,
     memory: &Memory,
     touch: &Touch,
-    x_c_desired: f64,
+    (x_c_desired, period_s): (f64, f64),
 ) -> ([f64; 4], Memory) {
     let gains = &config.projector_pid;
-    let period_s = config.image_period_ms * 1e-3;
     if !touch.trusted {
         return ([0.0; 4], *memory);
     }

@@ -1,27 +1,39 @@
 //! The pin's line in an image: features from a band about it, each with its variance. Refuses
-//! images whose long axis lies across the rows, and rows that noise could have made.
+//! images whose load does not lie along one line that crosses the rows.
 //!
 //! The threshold finds the line; the sums then take every value within `BAND` columns of it, so
 //! that the load's tails are not cut off and noise has mean zero: with the thesis's noise a
 //! threshold of three standard deviations alone takes a tenth of the load away. A tactel that
 //! cannot be believed stands for the mean of its neighbours in the rows beside it. The line is that
-//! of least squares through the rows' centroids, each weighted by its variance (propagated from
-//! that of a tactel); rows that were scanned at other times are moved to the time of the image.
+//! of least squares through the rows' first moments about the band, each row weighted by its load
+//! and by the noise of its tactels: no row is switched in or out, so a contact that only begins, or
+//! touches with one row, gives the same features with larger variances. Rows that were scanned at
+//! other times are moved to the time of the image.
 
 use taktil_signal::TactileImage;
 
 use super::Touch;
 
 /// Columns on either side of the line that count.
-const BAND: f64 = 2.5;
+pub const BAND: f64 = 2.5;
 /// Rows and columns of the array that this is made for.
 pub const SIDE: usize = 16;
-/// A row carries load when its sum is above this many standard deviations.
-const ROW_SIGMAS: f64 = 4.0;
+/// Columns of the band.
+const COLUMNS: u32 = 5;
 /// Steepest line, columns a row: 45 degrees.
 const STEEPEST: f64 = 1.0;
+/// Standard deviation of the slope before anything is seen (columns a row).
+const SLOPE_PRIOR: f64 = 0.35;
+/// Variance of a row's centroid that noise does not explain: a hundredth of a column.
+const ROW_FLOOR: f64 = 1e-4;
+/// Share of the thresholded load that has to lie in the band.
+const SHARE_MIN: f64 = 0.5;
+/// A row between two that carry load, and that reads less than this share of their mean, is dead.
+const DEAD: f64 = 0.2;
+/// Two rows carry load when their mean is above this many standard deviations of a row.
+const DEAD_SIGMAS: f64 = 5.0;
 /// Times that the band is laid about the line.
-const ROUNDS: u32 = 2;
+const ROUNDS: u32 = 3;
 
 /// The features (x_c, M0, M_x, theta_z) of a line of load.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,7 +45,7 @@ pub struct Line {
     pub variance: [f64; 4],
     /// Centroid along y (rows).
     pub y_c: f64,
-    /// Load of each row (counts).
+    /// Load of each row, evened out with the rows beside it (counts, none negative).
     pub rows: [f64; SIDE],
     /// Tactels of the band that stand at full scale: the load is at least what is said.
     pub saturated: u32,
@@ -42,23 +54,16 @@ pub struct Line {
 }
 
 impl Line {
-    /// A contact too short for a line: the sums that are known, in the row where the load is, and a
-    /// direction that may be any.
+    /// The same line with loads so many times as large.
     #[must_use]
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped first")]
-    pub fn short(touch: &Touch, known: &Known) -> Option<Line> {
-        let (x_c, y_c) = (touch.x_c?, touch.y_c?);
-        let noise = known.noise_counts * known.noise_counts;
-        let mut rows = [0.0; SIDE];
-        rows[(y_c.round().clamp(1.0, SIDE as f64) as usize) - 1] = touch.m0;
-        Some(Line {
-            features: [x_c, touch.m0, touch.m_x, 0.0],
-            variance: [0.25, 16.0 * noise, 16.0 * 64.0 * noise, 1.0],
-            y_c,
-            rows,
-            saturated: 0,
-            filled: 0,
-        })
+    pub fn scaled(&self, by: f64) -> Line {
+        let mut line = *self;
+        for i in [1, 2] {
+            line.features[i] *= by;
+            line.variance[i] *= by * by;
+        }
+        line.rows.iter_mut().for_each(|row| *row *= by);
+        line
     }
 
     /// The same image's touch with the features of its line.
@@ -84,8 +89,10 @@ pub struct Known {
 #[derive(Clone, Copy, Default)]
 struct Row {
     sum: f64,
-    centre: f64,
-    variance: f64,
+    /// First moment about the middle of the band (counts x columns).
+    first: f64,
+    /// Variances of both.
+    variance: [f64; 2],
     saturated: u32,
     filled: u32,
 }
@@ -112,37 +119,67 @@ fn value(image: &TactileImage, row: usize, col: usize) -> Option<(f64, bool)> {
 #[expect(clippy::cast_precision_loss, reason = "column numbers are small")]
 fn row(image: &TactileImage, row: usize, middle: f64, known: &Known) -> Row {
     let mut out = Row::default();
-    let (mut first, mut number) = (0.0, 0.0);
+    let noise = known.noise_counts * known.noise_counts;
     let from = (middle - BAND).ceil().clamp(1.0, 17.0);
     let to = (middle + BAND).floor().clamp(0.0, 16.0);
-    let mut values = [0.0; 8];
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
     let (from, to) = (from as usize, to as usize);
-    for (slot, col) in (from..=to).take(values.len()).enumerate() {
+    for col in from..=to {
         let Some((counts, own)) = value(image, row, col - 1) else {
             out.filled += 1;
             continue;
         };
         out.filled += u32::from(!own);
         out.saturated += u32::from(counts >= known.saturated_counts);
-        values[slot] = counts;
+        let arm = col as f64 - middle;
+        // What stands for a tactel shares the noise of the one it was taken from.
+        let share = if own { noise } else { 2.0 * noise };
         out.sum += counts;
-        first += counts * (col as f64 - middle);
-        number += if own { 1.0 } else { 2.0 };
-    }
-    let noise = known.noise_counts * known.noise_counts;
-    out.variance = number * noise;
-    out.centre = middle;
-    if out.sum > ROW_SIGMAS * out.variance.sqrt() && out.sum > 0.0 {
-        out.centre = middle + first / out.sum;
-    } else {
-        out.sum = out.sum.max(0.0);
+        out.first += counts * arm;
+        out.variance[0] += share;
+        out.variance[1] += share * arm * arm;
     }
     out
 }
 
+/// The rows with dead ones stood for by the mean of the two beside them: a pin does not leave one
+/// row out.
+fn revived(rows: &[Row; SIDE]) -> [Row; SIDE] {
+    let mut out = *rows;
+    for index in 1..SIDE - 1 {
+        let (below, own, above) = (&rows[index - 1], &rows[index], &rows[index + 1]);
+        let mean = 0.5 * (below.sum + above.sum);
+        let noise = below.variance[0].max(above.variance[0]).sqrt();
+        let both = below.sum.min(above.sum) > 0.5 * mean;
+        if both && mean > DEAD_SIGMAS * noise && own.sum < DEAD * mean {
+            out[index] = Row {
+                sum: mean,
+                first: 0.5 * (below.first + above.first),
+                variance: below.variance,
+                saturated: 0,
+                filled: COLUMNS,
+            };
+        }
+    }
+    out
+}
+
+/// Loads of the rows, evened out with the rows beside them; none is negative.
+fn loads(rows: &[Row; SIDE]) -> [f64; SIDE] {
+    core::array::from_fn(|index| {
+        let (mut sum, mut weight) = (2.0 * rows[index].sum, 2.0);
+        if index > 0 {
+            (sum, weight) = (sum + rows[index - 1].sum, weight + 1.0);
+        }
+        if let Some(next) = rows.get(index + 1) {
+            (sum, weight) = (sum + next.sum, weight + 1.0);
+        }
+        (sum / weight).max(0.0)
+    })
+}
+
 /// The line that a thresholded image points to; absent without contact, when the array is not 16 by
-/// 16, and when fewer than two rows carry load.
+/// 16, and when most of the load lies elsewhere than along one line.
 #[must_use]
 pub fn line(image: &TactileImage, touch: &Touch, known: &Known) -> Option<Line> {
     if !touch.contact || usize::from(image.rows) != SIDE || usize::from(image.cols) != SIDE {
@@ -150,90 +187,92 @@ pub fn line(image: &TactileImage, touch: &Touch, known: &Known) -> Option<Line> 
     }
     let (x_c, y_c) = (touch.x_c?, touch.y_c?);
     let start = touch.theta_z_rad.map_or(0.0, |theta| -libm::tan(theta));
-    let mut fit = Fit { x: x_c, y: y_c, slope: if start.abs() < STEEPEST { start } else { 0.0 } };
-    let mut found = None;
+    let slope = if start.abs() < STEEPEST { start } else { 0.0 };
+    let mut fit = Fit { x: x_c, y: y_c, slope, variance: [0.0; 2] };
+    let mut rows = [Row::default(); SIDE];
     for _ in 0..ROUNDS {
-        let (rows, next) = pass(image, &fit, known)?;
-        fit = next.0;
-        found = Some((rows, next.1));
+        (rows, fit) = pass(image, &fit, known)?;
     }
-    found.map(|(rows, variance)| summed(&rows, &fit, variance, known))
+    let line = summed(&rows, &fit, known);
+    (line.features[1] >= SHARE_MIN * touch.m0).then_some(line)
 }
 
-/// A straight line: x at row y, and its slope in columns a row.
+/// A straight line: x at row y, its slope in columns a row, and the variances of both.
 #[derive(Clone, Copy)]
 struct Fit {
     x: f64,
     y: f64,
     slope: f64,
+    variance: [f64; 2],
 }
 
-/// Lays the band about a line and fits the next one; with the variance of its slope.
+/// Lays the band about a line and fits the next one.
 #[expect(clippy::cast_precision_loss, reason = "row numbers are small")]
-fn pass(image: &TactileImage, fit: &Fit, known: &Known) -> Option<([Row; SIDE], (Fit, f64))> {
-    let mut rows = [Row::default(); SIDE];
-    let (mut w, mut wy, mut wx, mut wyy, mut wxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    let noise = known.noise_counts * known.noise_counts;
-    for (index, slot) in rows.iter_mut().enumerate() {
+fn pass(image: &TactileImage, fit: &Fit, known: &Known) -> Option<([Row; SIDE], Fit)> {
+    let at = |y: f64| fit.x + fit.slope * (y - fit.y);
+    let rows: [Row; SIDE] =
+        core::array::from_fn(|index| row(image, index, at((index + 1) as f64), known));
+    let rows = revived(&rows);
+    let [mut w, mut wy, mut wyy, mut pull, mut turn] = [0.0; 5];
+    for (index, (row, load)) in rows.iter().zip(loads(&rows)).enumerate() {
         let y = (index + 1) as f64;
-        let middle = fit.x + fit.slope * (y - fit.y);
-        *slot = row(image, index, middle, known);
-        if slot.sum <= ROW_SIGMAS * slot.variance.sqrt() || slot.sum <= 0.0 {
+        let late_s = 1e-9 * f64::from(image.row_offset_ns[index]);
+        let first = row.first - load * known.speed_cols_s * late_s;
+        let variance = row.variance[1] + ROW_FLOOR * load * load;
+        if variance <= 0.0 {
             continue;
         }
-        let late_s = 1e-9 * f64::from(image.row_offset_ns[index]);
-        slot.centre -= known.speed_cols_s * late_s;
-        // Tactels at the distances -2 to 2 share the noise of the centroid, and the band itself
-        // makes a floor of a hundredth of a column.
-        let weight = 1.0 / (10.0 * noise / (slot.sum * slot.sum) + 1e-4);
+        let weight = load * load / variance;
         w += weight;
         wy += weight * y;
-        wx += weight * slot.centre;
         wyy += weight * y * y;
-        wxy += weight * y * slot.centre;
+        pull += load * first / variance;
+        turn += load * first / variance * y;
     }
-    let spread = wyy - wy * wy / w;
-    if !(w > 0.0 && spread > 1e-6 * w) {
+    if !(w > 0.0 && w.is_finite()) {
         return None;
     }
-    let slope = ((wxy - wy * wx / w) / spread).clamp(-STEEPEST, STEEPEST);
-    let next = Fit { x: wx / w, y: wy / w, slope };
-    let sound = next.x.is_finite() && next.y.is_finite() && slope.is_finite();
-    sound.then_some((rows, (next, 1.0 / spread)))
+    let (y, prior) = (wy / w, 1.0 / (SLOPE_PRIOR * SLOPE_PRIOR));
+    let spread = (wyy - wy * y).max(0.0) + prior;
+    let slope = fit.slope + (turn - y * pull - prior * fit.slope) / spread;
+    let x = at(y) + (pull / w).clamp(-BAND, BAND);
+    let variance = [1.0 / w, 1.0 / spread];
+    let next = Fit { x, y, slope: slope.clamp(-STEEPEST, STEEPEST), variance };
+    let sound = x.is_finite() && y.is_finite() && slope.is_finite();
+    sound.then_some((rows, next))
 }
 
 #[expect(clippy::cast_precision_loss, reason = "row numbers are small")]
-fn summed(rows: &[Row; SIDE], fit: &Fit, slope_variance: f64, known: &Known) -> Line {
+fn summed(rows: &[Row; SIDE], fit: &Fit, known: &Known) -> Line {
     let middle = 0.5 * (SIDE as f64 + 1.0);
     let mut line = Line {
         features: [0.0; 4],
         variance: [0.0; 4],
         y_c: middle,
-        rows: [0.0; SIDE],
+        rows: loads(rows),
         saturated: 0,
         filled: 0,
     };
     let [mut m0, mut m_x] = [0.0, 0.0];
     for (index, row) in rows.iter().enumerate() {
         let arm = (index + 1) as f64 - middle;
-        line.rows[index] = row.sum;
         line.saturated += row.saturated;
         line.filled += row.filled;
         m0 += row.sum;
         m_x += arm * row.sum;
-        line.variance[1] += row.variance;
-        line.variance[2] += arm * arm * row.variance;
+        line.variance[1] += row.variance[0];
+        line.variance[2] += arm * arm * row.variance[0];
     }
     line.y_c = if m0 > 0.0 { (middle + m_x / m0).clamp(1.0, SIDE as f64) } else { middle };
-    let x_c = fit.x + fit.slope * (line.y_c - fit.y);
+    let off = line.y_c - fit.y;
+    let x_c = fit.x + fit.slope * off;
     line.features = [x_c.clamp(1.0, SIDE as f64), m0, m_x, -libm::atan(fit.slope)];
-    let noise = known.noise_counts * known.noise_counts;
     // A tactel at full scale hides load: what it may hide widens the error of the sums.
     let hidden = f64::from(line.saturated) * 0.25 * known.saturated_counts;
-    line.variance[0] = 160.0 * noise / (m0 * m0).max(1.0) + 1e-4;
+    line.variance[0] = fit.variance[0] + off * off * fit.variance[1] + 1e-4;
     line.variance[1] += hidden * hidden;
     line.variance[2] += 16.0 * hidden * hidden;
-    line.variance[3] = slope_variance + 1e-6;
+    line.variance[3] = fit.variance[1] + 1e-6;
     line
 }
 

@@ -2,12 +2,18 @@
 //! inverse: from an error of the features to a displacement with its covariance. Refuses nothing:
 //! where a direction cannot be seen, the answer is small and its variance says so.
 //!
-//! Each row of tactels is a spring whose stiffness is that of a rigid cylinder on a bonded layer
-//! under the row's load ([`taktil_mechanics::contact::cylinder`]); behind them lies the compliance
-//! of what holds finger and pin, diagonal in z and theta_x. With K = sum k_r [1 y; y y^2] over the
-//! rows, (M0, M_x) answers (z, theta_x) with (K^-1 + C)^-1. A roll by dx moves the line by -dx/2; a
-//! turn moves the image the other way about the sensor's centre; a tilt moves the centroid along a
-//! line that lies askew.
+//! Each row of tactels is a spring that only pushes, with the law of a rigid cylinder on a bonded
+//! layer ([`taktil_mechanics::contact::cylinder`]); behind them lies the compliance of what holds
+//! finger and pin, diagonal in z and theta_x. Sum and moment of the load say how deep the pin lies
+//! in the pad along the rows, a straight line (Newton on a convex energy); each row's stiffness is
+//! then that of the chord from its depth to the even one wanted. So J times the displacement is the
+//! change of the features for the whole way and not only for the first step of it: a pin that
+//! touches with one row is turned away there and pressed elsewhere, by rows that carry nothing
+//! yet. At the set point the chord is the tangent.
+//!
+//! With K = sum k_r [1 y; y y^2] over the rows, (M0, M_x) answers (z, theta_x) with
+//! (K^-1 + C)^-1. A roll by dx moves the line by -dx/2; a turn moves the image the other way about
+//! the sensor's centre; a tilt moves the centroid along a line that lies askew.
 //!
 //! The inverse is that of weighted least squares with a prior, `(J' W J + P)^-1 J' W`, with W the
 //! inverse variances of the features: the posterior of a Gaussian estimate, so its covariance comes
@@ -19,27 +25,75 @@ use taktil_mechanics::contact::layer::Layer;
 use taktil_rtcore::Invalid;
 
 use super::Model;
-use crate::perception::line::{Line, SIDE};
+use crate::perception::line::{BAND, Line, SIDE};
 
 /// Distance between tactels (mm).
 pub const PITCH_MM: f64 = 1.5875;
-/// Places of the table of stiffness over load.
-const PLACES: usize = 65;
-/// A row counts as pressed with at least this share of an even load, so that the first touch is not
-/// infinitely soft.
-const LEAST: f64 = 0.1;
+/// Places of the table of load over depth.
+const PLACES: usize = 129;
+/// A sum below this share of the wanted one counts as that much: what hardly touches has no shape.
+const LEAST: f64 = 0.02;
+/// A row that should carry half of an even load and carries less than this share of what it should
+/// lies off the pin.
+const ABSENT: f64 = 0.2;
+/// Rows that have to be on the pin.
+const ROWS_MIN: usize = 3;
+/// Steps of Newton's method, and the part of the deepest penetration that one may go.
+const STEPS: u32 = 16;
+const STRIDE: f64 = 0.25;
 /// Prior standard deviations of a displacement (mm, mm, mrad, mrad).
 const PRIOR: [f64; 4] = [30.0, 3.0, 100.0, 400.0];
 
-/// Stiffness of a row over its load, and what the machine adds.
+/// Load of a row over its depth, and what the machine adds.
 #[derive(Clone, Debug)]
 pub struct Contact {
-    /// Counts/mm of a row at loads of 0 to `heaviest` counts, evenly spaced.
-    stiffness: [f64; PLACES],
-    heaviest: f64,
-    least: f64,
+    /// Counts of a row at depths of 0 to `deepest_mm`, evenly spaced.
+    load: [f64; PLACES],
+    deepest_mm: f64,
+    m0_counts: f64,
     /// mm per count, mrad per count row.
     compliance: [f64; 2],
+    /// Whole load over the load in the band about the line.
+    whole: f64,
+}
+
+/// Part of an even load that the base carries within the band about its line, in the mean over the
+/// places of the line between two columns.
+fn within_band(line: &LineContact, depth_mm: f64) -> f64 {
+    const PLACES: u32 = 16;
+    let shares = line.base_shares(depth_mm);
+    let one = |place: u32| {
+        let off = (f64::from(place) + 0.5) / f64::from(PLACES) - 0.5;
+        shares.left_of((BAND - off) * PITCH_MM) - shares.left_of((-BAND - off) * PITCH_MM)
+    };
+    (0..PLACES).map(one).sum::<f64>() / f64::from(PLACES)
+}
+
+/// How deep the pin lies in the pad: at the middle (mm), its change a row, and which rows are on
+/// the pin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Depths {
+    /// Under the middle of the rows (mm).
+    pub middle_mm: f64,
+    /// More with each row (mm).
+    pub per_row_mm: f64,
+    /// Rows that lie on the pin.
+    pub present: [bool; SIDE],
+}
+
+/// Distance of a row from the middle (rows).
+fn arm(index: usize) -> f64 {
+    index as f64 - 0.5 * (SIDE as f64 - 1.0)
+}
+
+impl Depths {
+    fn of_row(&self, index: usize) -> f64 {
+        self.middle_mm + self.per_row_mm * arm(index)
+    }
+
+    fn rows(&self) -> usize {
+        self.present.iter().filter(|on| **on).count()
+    }
 }
 
 impl Contact {
@@ -50,51 +104,129 @@ impl Contact {
     pub fn new(model: &Model, m0_counts: f64) -> Result<Contact, Invalid> {
         let layer = Layer::new(model.pad_thickness_mm, model.pad_mpa, model.pad_poisson)
             .map_err(|bad| Invalid::new("model.pad_mpa", bad.what, bad.remedy))?;
-        let deepest = 0.2 * model.pad_thickness_mm;
-        let line = LineContact::new(&layer, model.pin_radius_mm, deepest)
+        let deepest_mm = (0.2 * model.pad_thickness_mm).min(0.2 * model.pin_radius_mm);
+        let line = LineContact::new(&layer, model.pin_radius_mm, deepest_mm)
             .map_err(|bad| Invalid::new("model.pin_radius_mm", bad.what, bad.remedy))?;
-        let even = m0_counts / SIDE as f64;
-        let heaviest = 4.0 * even;
         let per_row = PITCH_MM * model.counts_per_n;
-        let stiffness = core::array::from_fn(|place| {
-            let counts = heaviest * place as f64 / (PLACES - 1) as f64;
-            let load_n_mm = counts.max(LEAST * even) / per_row;
-            line.stiffness_n_mm2(line.penetration_mm(load_n_mm)) * per_row
+        let load = core::array::from_fn(|place| {
+            line.load_n_mm(deepest_mm * place as f64 / (PLACES - 1) as f64) * per_row
         });
         let per_mrad = 1e-3 * model.support_nm_rad * 1e3 * model.counts_per_n / PITCH_MM;
-        Ok(Contact {
-            stiffness,
-            heaviest,
-            least: LEAST * even,
-            compliance: [1.0 / (model.support_n_mm * model.counts_per_n), 1.0 / per_mrad],
-        })
+        let compliance = [1.0 / (model.support_n_mm * model.counts_per_n), 1.0 / per_mrad];
+        let even_mm = line.penetration_mm(m0_counts / SIDE as f64 / per_row);
+        let whole = 1.0 / within_band(&line, even_mm).clamp(0.5, 1.5);
+        Ok(Contact { load, deepest_mm, m0_counts, compliance, whole })
     }
 
+    /// Whole load over the load in the band about the line: tails of the pressure under the layer
+    /// reach further, and beyond them the base is in tension.
+    #[must_use]
+    pub fn whole(&self) -> f64 {
+        self.whole
+    }
+
+    /// Another sum is wanted.
+    pub fn aim(&mut self, m0_counts: f64) {
+        self.m0_counts = m0_counts;
+    }
+
+    /// Load (counts) and stiffness (counts/mm) of a row at a depth (mm); a straight line on from
+    /// the deepest one.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-    fn row(&self, counts: f64) -> f64 {
-        if counts < self.least {
-            // Rows off the pin are no springs.
-            return self.stiffness[0] * (counts / self.least).max(0.0);
+    fn row(&self, depth_mm: f64) -> (f64, f64) {
+        if depth_mm <= 0.0 || depth_mm.is_nan() {
+            return (0.0, 0.0);
         }
-        let place = (counts / self.heaviest).clamp(0.0, 1.0) * (PLACES - 1) as f64;
-        let below = (place as usize).min(PLACES - 2);
-        let share = place - below as f64;
-        self.stiffness[below] * (1.0 - share) + self.stiffness[below + 1] * share
+        let per_mm = (PLACES - 1) as f64 / self.deepest_mm;
+        let place = depth_mm * per_mm;
+        let below = (place.min(PLACES as f64) as usize).min(PLACES - 2);
+        let rise = self.load[below + 1] - self.load[below];
+        (self.load[below] + rise * (place - below as f64), rise * per_mm)
     }
 
-    /// dF/dX at an image: F = (x_c columns, M0 counts, M_x counts x rows, theta_z mrad) over X = (x
-    /// mm, z mm, theta_x mrad, theta_z mrad).
+    /// Depth (mm) of a row with this load.
+    fn depth_mm(&self, counts: f64) -> f64 {
+        let above = self.load.partition_point(|load| *load < counts).clamp(1, PLACES - 1);
+        let rise = (self.load[above] - self.load[above - 1]).max(1e-9);
+        let place = (above - 1) as f64 + (counts - self.load[above - 1]) / rise;
+        self.deepest_mm * place / (PLACES - 1) as f64
+    }
+
+    /// How deep the pin lies, by the sum and the moment of the load.
+    #[must_use]
+    pub fn depths(&self, line: &Line) -> Depths {
+        let [_, m0, m_x, _] = line.features;
+        let m0 = m0.max(LEAST * self.m0_counts);
+        let whole = self.solve([true; SIDE], m0, m_x);
+        let even = self.m0_counts / SIDE as f64;
+        let mut present = [true; SIDE];
+        for (index, on) in present.iter_mut().enumerate() {
+            let due = self.row(whole.of_row(index)).0;
+            *on = due < 0.5 * even || line.rows[index] > ABSENT * due;
+        }
+        let missing = present.iter().any(|on| !on);
+        let some = Depths { present, ..whole };
+        if missing && some.rows() >= ROWS_MIN { self.solve(present, m0, m_x) } else { whole }
+    }
+
+    fn solve(&self, present: [bool; SIDE], m0: f64, m_x: f64) -> Depths {
+        let mut found = Depths { middle_mm: 0.0, per_row_mm: 0.0, present };
+        let ends = |index: Option<usize>| index.map_or(0.0, arm);
+        let low = ends(present.iter().position(|on| *on)) + 0.4;
+        let high = ends(present.iter().rposition(|on| *on)) - 0.4;
+        let m_x = m_x.clamp(low.min(high) * m0, high.max(low) * m0);
+        found.middle_mm = self.depth_mm(m0 / found.rows().max(1) as f64);
+        let stride = STRIDE * self.deepest_mm;
+        for _ in 0..STEPS {
+            let [mut f0, mut f1, mut k0, mut k1, mut k2] = [-m0, -m_x, 0.0, 0.0, 0.0];
+            for index in (0..SIDE).filter(|index| present[*index]) {
+                let (y, (load, k)) = (arm(index), self.row(found.of_row(index)));
+                f0 += load;
+                f1 += y * load;
+                k0 += k;
+                k1 += k * y;
+                k2 += k * y * y;
+            }
+            if f0.abs() < 1e-4 * m0 && f1.abs() < 1e-3 * m0 {
+                break;
+            }
+            // One row alone has no direction: a little of its stiffness for all.
+            let (a, b, d) = (1.001 * k0 + 1e-9, k1, k2 + 0.01 * k0 + 1e-9);
+            let scale = 1.0 / (a * d - b * b).max(1e-18);
+            let step = [-(d * f0 - b * f1) * scale, -(a * f1 - b * f0) * scale];
+            let size = step[0].abs().max(8.0 * step[1].abs());
+            let part = if size > stride { stride / size } else { 1.0 };
+            found.middle_mm += part * step[0];
+            found.per_row_mm += part * step[1];
+        }
+        found
+    }
+
+    /// Sums of k, k y and k y^2 over the rows, of the chords from where they are to the even depth.
+    fn chords(&self, depths: &Depths) -> [f64; 3] {
+        let even = self.m0_counts / depths.rows().max(1) as f64;
+        let due_mm = self.depth_mm(even);
+        let mut sums = [0.0; 3];
+        for index in (0..SIDE).filter(|index| depths.present[*index]) {
+            let depth_mm = depths.of_row(index);
+            let left_mm = due_mm - depth_mm;
+            let k = if left_mm.abs() < 0.02 * due_mm {
+                self.row(due_mm).1
+            } else {
+                (even - self.row(depth_mm).0) / left_mm
+            };
+            let y = arm(index);
+            sums = [sums[0] + k, sums[1] + k * y, sums[2] + k * y * y];
+        }
+        sums
+    }
+
+    /// dF/dX from an image to the set point: F = (x_c columns, M0 counts, M_x counts x rows, theta_z
+    /// mrad) over X = (x mm, z mm, theta_x mrad, theta_z mrad).
     #[must_use]
     pub fn jacobian(&self, line: &Line) -> Matrix4<f64> {
         let middle = 0.5 * (SIDE as f64 + 1.0);
-        let [mut k0, mut k1, mut k2] = [0.0; 3];
-        for (index, counts) in line.rows.iter().enumerate() {
-            let y = (index + 1) as f64 - middle;
-            let k = self.row(*counts);
-            k0 += k;
-            k1 += k * y;
-            k2 += k * y * y;
-        }
+        let [k0, k1, k2] = self.chords(&self.depths(line));
         // A turn by 1 mrad lowers row y by y x pitch x 1e-3 mm.
         let lever = 1e-3 * PITCH_MM;
         let [c_z, c_t] = self.compliance;
@@ -107,7 +239,7 @@ impl Contact {
         let m0_t = inverse * (m11 * b - m01 * d);
         let mx_z = inverse * (m00 * k1 - m10 * a);
         let mx_t = inverse * (m00 * d - m10 * b);
-        let m0 = line.features[1].max(self.least);
+        let m0 = line.features[1].max(LEAST * self.m0_counts);
         let y_c = line.y_c - middle;
         let slope = -libm::tan(line.features[3]);
         // The centroid's way along y with the tilt, times the line's slope.

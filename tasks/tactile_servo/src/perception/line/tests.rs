@@ -110,6 +110,25 @@ fn a_dead_row_and_dead_tactels_are_filled_by_their_neighbours() {
 }
 
 #[test]
+fn a_row_that_died_unknown_to_anybody_is_stood_for_by_its_neighbours() {
+    let (mut seed, mut clean) = (3, image(8.3, 0.05, 15_000.0));
+    clean.counts[5 * 16..6 * 16].fill(0.0);
+    let mut mean = 0.0;
+    for _ in 0..100 {
+        let noisy = noisy(&clean, &mut seed);
+        let found = seen(&noisy).unwrap();
+        assert!(found.filled >= 5);
+        mean += found.features[1] / 100.0;
+    }
+    assert!((mean / 15_000.0 - 1.0).abs() < 0.01, "{mean}");
+    // Half a pin is half a pin.
+    let mut half = image(8.3, 0.0, 15_000.0);
+    half.counts[8 * 16..].fill(0.0);
+    let found = seen(&half).unwrap();
+    assert!((found.features[1] - 7_500.0).abs() < 1.0 && found.filled == 0, "{found:?}");
+}
+
+#[test]
 fn a_tactel_at_full_scale_widens_the_error_of_the_sums() {
     let mut heavy = image(8.5, 0.0, 15_000.0);
     let before = seen(&heavy).unwrap();
@@ -143,7 +162,7 @@ fn what_is_no_line_is_none() {
     assert_eq!(seen(&image(8.5, 0.0, 0.0)), None);
     let mut across = image(8.5, 0.0, 0.0);
     across.counts[7 * 16..8 * 16].fill(1000.0);
-    assert_eq!(seen(&across), None, "one row has no direction");
+    assert_eq!(seen(&across), None, "a line along the rows is none across them");
     for odd in [f32::NAN, f32::INFINITY, f32::MAX, f32::MIN, -1e30] {
         let mut all = image(8.5, 0.0, 15_000.0);
         all.counts[100..140].fill(odd);
@@ -154,4 +173,32 @@ fn what_is_no_line_is_none() {
     for (rows, cols) in [(0, 0), (4, 64), (u16::MAX, 3)] {
         assert_eq!(seen(&TactileImage { rows, cols, ..image(8.5, 0.0, 15_000.0) }), None);
     }
+}
+
+#[test]
+fn a_contact_that_only_begins_and_one_of_a_single_row_have_features_and_wide_variances() {
+    // A third of the load: rows of 250 counts, noise of 112 each.
+    let (clean, mut seed) = (image(6.3, 0.05, 4_000.0), 11);
+    let mut worst = [0.0_f64; 2];
+    let mut sum = 0.0;
+    for _ in 0..200 {
+        let noisy = noisy(&clean, &mut seed);
+        let touch = touch(&noisy, 150.0, 300.0);
+        let found = line(&noisy, &touch, &KNOWN).expect("there is a line");
+        let [x_c, m0, _, theta] = found.features;
+        let sigma = [found.variance[0].sqrt(), found.variance[3].sqrt()];
+        let off = [(x_c - 6.3).abs() / sigma[0], (theta - 0.05).abs() / sigma[1]];
+        worst = [worst[0].max(off[0]), worst[1].max(off[1])];
+        assert!(sigma[1] > 0.02, "{sigma:?}");
+        sum += m0 / 200.0;
+    }
+    assert!((sum - 4_000.0).abs() < 150.0, "M0 is {sum} in the mean");
+    assert!(worst[0] < 6.0 && worst[1] < 5.0, "{worst:?} standard deviations");
+    let mut corner = image(8.5, 0.0, 0.0);
+    corner.counts[15 * 16 + 7] = 1_500.0;
+    let found = seen(&corner).unwrap();
+    let [x_c, m0, m_x, theta] = found.features;
+    assert!((x_c - 8.0).abs() < 0.1 && theta.abs() < 0.05, "{found:?}");
+    assert!((m0 - 1_500.0).abs() < 1.0 && (m_x - 7.5 * 1_500.0).abs() < 10.0, "{found:?}");
+    assert!(found.variance[3].sqrt() > 0.1, "one row has hardly a direction: {found:?}");
 }

@@ -1,0 +1,127 @@
+//! Force control at the wrist, for comparison with touch: the wrench says how hard the finger
+//! presses and where the centre of pressure lies, and the gains of [`projector_pid`] do the rest.
+//! Refuses to act before the wrench's baseline is known, and to guess the direction of the pin: no
+//! wrench tells it.
+//!
+//! A pin that presses with a force F at (x, y, 0) on the face makes the moment (y Fz, -x Fz, ..)
+//! about the tool point, so the centre of pressure is (-My/Fz, Mx/Fz) (J. K. Salisbury,
+//! "Interpretation of contact geometries from force measurements", ICRA 1984); forces are
+//! controlled where the contact constrains and motion where it does not (M. H. Raibert, J. J.
+//! Craig, "Hybrid position/force control of manipulators", 1981). Under the name
+//! `hybrid-force-touch` the centre of pressure and the direction come from the image and the force
+//! from the wrist, as in hybrid control at the centre of pressure (Kleff, Joseph and Padois 2026).
+//!
+//! [`projector_pid`]: super::projector_pid
+
+use taktil_signal::Wrench;
+
+use super::Name;
+use super::model::jacobian::PITCH_MM;
+use crate::config::Config;
+use crate::perception::Touch;
+
+/// Middle of rows and columns.
+const MIDDLE: f64 = 8.5;
+/// Rows and columns on either side of the middle.
+const HALF: f64 = 7.5;
+
+/// The wrench in the words of touch: force in counts, centre of pressure in columns and rows.
+/// Without load enough for contact there is neither, and outside the face there is no centre.
+#[must_use]
+pub fn felt(config: &Config, wrench: Option<&Wrench>, touch: &Touch) -> Touch {
+    let Some(wrench) = wrench.filter(|wrench| wrench.baseline_ready == 1) else {
+        return Touch::default();
+    };
+    let press_n = -wrench.force_n[2];
+    let m0 = press_n * config.model.counts_per_n;
+    let contact = m0 > config.contact_counts;
+    if !contact {
+        return Touch { trusted: m0.is_finite(), m0, ..Touch::default() };
+    }
+    let per_m = 1e3 / PITCH_MM;
+    let place = |along_m: f64| Some(MIDDLE + along_m * per_m).filter(|at| at.is_finite());
+    let inside = |at: &f64| (at - MIDDLE).abs() <= HALF + 0.5;
+    let [moment_x, moment_y, _] = wrench.moment_nm;
+    let (x_c, y_c) = (place(moment_y / press_n), place(-moment_x / press_n));
+    let by_wrist = Touch {
+        trusted: true,
+        contact,
+        m0,
+        m_x: y_c.map_or(0.0, |y_c| (y_c - MIDDLE) * m0),
+        x_c: x_c.filter(inside),
+        y_c: y_c.filter(inside),
+        theta_z_rad: None,
+    };
+    if config.law != Name::HybridForceTouch {
+        return by_wrist;
+    }
+    if !touch.contact {
+        return Touch { x_c: None, y_c: None, m_x: 0.0, ..by_wrist };
+    }
+    Touch {
+        trusted: touch.trusted,
+        m_x: touch.y_c.map_or(by_wrist.m_x, |y_c| (y_c - MIDDLE) * m0),
+        x_c: touch.x_c,
+        y_c: touch.y_c,
+        theta_z_rad: touch.theta_z_rad,
+        ..by_wrist
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taktil_rtcore::Payload;
+
+    /// The wrench of a pin that presses with `force_n` at (x, y) mm.
+    fn pressed(force_n: f64, x_mm: f64, y_mm: f64) -> Wrench {
+        let fz = -force_n;
+        Wrench {
+            force_n: [1.0, 0.0, fz],
+            moment_nm: [1e-3 * y_mm * fz, -1e-3 * x_mm * fz, 0.0],
+            baseline_ready: 1,
+            ..Wrench::ZERO
+        }
+    }
+
+    #[test]
+    fn the_wrench_says_how_hard_and_where_but_not_which_way() {
+        let config = Config::default();
+        let seen = felt(&config, Some(&pressed(14.65, 3.175, -1.5875)), &Touch::default());
+        assert!((seen.m0 - 15_000.0).abs() < 5.0 && seen.contact && seen.trusted, "{seen:?}");
+        assert!((seen.x_c.unwrap() - 10.5).abs() < 1e-9 && (seen.y_c.unwrap() - 7.5).abs() < 1e-9);
+        assert!((seen.m_x + seen.m0).abs() < 1e-6 && seen.theta_z_rad.is_none());
+        let beside = felt(&config, Some(&pressed(14.65, 30.0, 0.0)), &Touch::default());
+        assert!(beside.x_c.is_none() && beside.contact, "no pin touches beside the face");
+    }
+
+    #[test]
+    fn with_touch_the_image_says_where_and_which_way() {
+        let config = Config { law: Name::HybridForceTouch, ..Config::default() };
+        let image = Touch {
+            trusted: true,
+            contact: true,
+            m0: 13_000.0,
+            x_c: Some(5.0),
+            y_c: Some(9.5),
+            theta_z_rad: Some(0.1),
+            ..Touch::default()
+        };
+        let seen = felt(&config, Some(&pressed(14.65, 0.0, 0.0)), &image);
+        assert_eq!((seen.x_c, seen.theta_z_rad), (Some(5.0), Some(0.1)));
+        assert!((seen.m0 - 15_000.0).abs() < 5.0 && (seen.m_x - seen.m0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn without_a_baseline_or_with_numbers_that_are_none_nothing_is_believed() {
+        let config = Config::default();
+        assert_eq!(felt(&config, None, &Touch::default()), Touch::default());
+        let raw = Wrench { baseline_ready: 0, ..pressed(10.0, 0.0, 0.0) };
+        assert_eq!(felt(&config, Some(&raw), &Touch::default()), Touch::default());
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let odd = Wrench { force_n: [bad; 3], moment_nm: [bad; 3], ..pressed(1.0, 0.0, 0.0) };
+            let seen = felt(&config, Some(&odd), &Touch::default());
+            assert!(seen.x_c.is_none() && seen.y_c.is_none(), "{seen:?}");
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! Reads the wrist's force/torque sensor at its lane's pace and publishes the wrench on the tool
+//! above an explicit baseline, which is taken while the finger is free. Refuses to publish what was
+//! not read: a failed read writes nothing, so that readers see the last wrench as held.
+//!
+//! Faults: a board that does not answer is [`FaultCode::WristLost`]; an answer without a new
+//! reading for longer than the limit is too.
+
+pub mod law;
+
+use law::{Baseline, Calibration};
+use serde::Deserialize;
+use taktil_hal::{AXES, ForceTorque, Kind};
+use taktil_mechanics::Joints;
+use taktil_mechanics::spatial::split;
+use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
+use taktil_signal::Wrench;
+
+/// `[wrist_scan]`. Every key has a default.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Readings whose mean is the rest level; the finger must be free while they come. Default 80:
+    /// 0.2 s at 400 Hz.
+    pub baseline_readings: u32,
+    /// Codes of each gauge (row) for each component of the wrench on the tool in tool axes (Fx, Fy,
+    /// Fz per N, Mx, My, Mz per N m). Default: 20 and 1000 on the diagonal.
+    pub codes_per_n_nm: [[f64; 6]; 6],
+    /// Without a new reading for longer than this the sensor counts as lost (ms). Default 20.
+    pub stale_ms: f64,
+}
+
+impl Default for Config {
+    fn default() -> Config {
+        let one = |i: usize, j: usize| match (i == j, i < 3) {
+            (false, _) => 0.0,
+            (true, true) => 20.0,
+            (true, false) => 1000.0,
+        };
+        Config {
+            baseline_readings: 80,
+            codes_per_n_nm: core::array::from_fn(|i| core::array::from_fn(|j| one(i, j))),
+            stale_ms: 20.0,
+        }
+    }
+}
+
+/// Most readings of a baseline: 25 s at 400 Hz.
+const READINGS_MAX: u32 = 10_000;
+
+impl Config {
+    /// # Errors
+    /// No readings or more than 10 000, a matrix that is not finite or cannot be inverted, a limit
+    /// that is not positive and at most 10 s.
+    pub fn check(&self) -> Result<Calibration, Invalid> {
+        if self.baseline_readings == 0 || self.baseline_readings > READINGS_MAX {
+            let what = format!("{} readings make no baseline", self.baseline_readings);
+            return Err(Invalid::new("baseline_readings", what, "give 1 to 10000"));
+        }
+        if !(self.stale_ms > 0.0 && self.stale_ms <= 10_000.0) {
+            let what = format!("{} ms is no limit", self.stale_ms);
+            return Err(Invalid::new("stale_ms", what, "give more than 0 and at most 10000 ms"));
+        }
+        Calibration::new(&self.codes_per_n_nm)
+    }
+}
+
+/// The task.
+pub struct WristScan {
+    wrench: Output<Wrench>,
+    sensor: Box<dyn ForceTorque>,
+    calibration: Calibration,
+    readings: u32,
+    baseline: Baseline,
+    stale_after: Nanos,
+    /// When the task was first called, and when the newest reading was taken.
+    first: Option<Nanos>,
+    newest: Option<Nanos>,
+}
+
+impl WristScan {
+    /// Declares `wrench`.
+    ///
+    /// # Errors
+    /// What [`Config::check`] refuses.
+    #[expect(clippy::cast_possible_truncation, reason = "checked to be at most 10 s")]
+    pub fn new(
+        config: Config,
+        sensor: Box<dyn ForceTorque>,
+        ports: &mut Ports,
+    ) -> Result<WristScan, Invalid> {
+        let calibration = config.check()?;
+        Ok(WristScan {
+            wrench: ports.output("wrench"),
+            sensor,
+            calibration,
+            readings: config.baseline_readings,
+            baseline: Baseline::new(config.baseline_readings),
+            stale_after: Nanos((config.stale_ms * 1e6).round() as i64),
+            first: None,
+            newest: None,
+        })
+    }
+}
+
+impl Task for WristScan {
+    fn start(&mut self) -> Result<(), FaultCode> {
+        self.baseline = Baseline::new(self.readings);
+        (self.first, self.newest) = (None, None);
+        Ok(())
+    }
+
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let since = self.newest.unwrap_or(*self.first.get_or_insert(cycle.release));
+        let late = || match cycle.release - since > self.stale_after {
+            true => Err(FaultCode::WristLost),
+            false => Ok(()),
+        };
+        let reading = match self.sensor.sample(cycle.release) {
+            Ok(reading) => reading,
+            Err(error) if error.kind == Kind::Lost => return Err(FaultCode::WristLost),
+            Err(_) => return late(),
+        };
+        if self.newest.is_some_and(|newest| reading.acquired <= newest) {
+            return late();
+        }
+        self.newest = Some(reading.acquired);
+        let codes: [i32; AXES] = reading.value.map(|code| code.0);
+        self.baseline.learn(&codes);
+        let ready = self.baseline.ready();
+        let above = Joints::from_fn(|i, _| f64::from(codes[i])) - self.baseline.codes();
+        let wrench = if ready { self.calibration.wrench(&above) } else { Joints::zeros() };
+        let (force, moment) = split(&wrench);
+        let out = Wrench {
+            acquired_ns: reading.acquired.0,
+            force_n: force.to_array(),
+            moment_nm: moment.to_array(),
+            baseline_ready: u32::from(ready),
+        };
+        io.write(&self.wrench, out);
+        Ok(())
+    }
+
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.baseline).add(&self.first).add(&self.newest);
+    }
+}

@@ -1,0 +1,63 @@
+//! The task in a machine, in virtual time, on a sensor that does what a script says.
+
+use taktil_hal::{AXES, AdcCode, Error, ForceTorque, Kind, Nanos, Reading};
+use taktil_rtcore::{FaultCode, FaultSet, Payload};
+use taktil_signal::Wrench;
+use taktil_tasks_wrist_scan::{Config, WristScan};
+use taktil_tests_script::{Bench, PERIOD};
+
+struct Sensor(fn(i64) -> Result<i32, Kind>);
+
+impl ForceTorque for Sensor {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
+        match (self.0)(release.0 / PERIOD.0) {
+            Ok(code) => Ok(Reading { value: [AdcCode(code); AXES], acquired: release }),
+            Err(kind) => Err(Error { kind, device: "script", channel: Error::ALL_CHANNELS }),
+        }
+    }
+}
+
+fn run(answer: fn(i64) -> Result<i32, Kind>, jobs: i64) -> (Vec<(u64, Wrench)>, FaultSet) {
+    let mut bench = Bench::new();
+    let servo = bench.servo();
+    let config = Config { baseline_readings: 10, ..Config::default() };
+    bench.task(servo, "wrist_scan", |ports| {
+        WristScan::new(config, Box::new(Sensor(answer)), ports)
+    });
+    let run = bench.run(PERIOD * jobs);
+    (run.ticked("wrist_scan.wrench"), run.faults())
+}
+
+#[test]
+fn the_load_is_what_is_above_the_rest_level() {
+    let (seen, faults) = run(|job| Ok(if job < 10 { 100 } else { 400 }), 20);
+    assert!(faults.is_empty());
+    assert_eq!((seen[8].1.baseline_ready, seen[8].1.force_n), (0, [0.0; 3]));
+    let (tick, last) = seen[19];
+    assert_eq!((tick, last.baseline_ready, last.acquired_ns), (19, 1, PERIOD.0 * 19));
+    assert_eq!((last.force_n, last.moment_nm), ([15.0; 3], [0.3; 3]));
+}
+
+#[test]
+fn what_was_not_read_is_not_published_and_a_board_that_is_gone_is_told() {
+    let (seen, faults) = run(|job| if job == 12 { Err(Kind::Transient) } else { Ok(100) }, 20);
+    assert!(faults.is_empty() && seen.len() == 19);
+    let (seen, faults) = run(|job| if job >= 12 { Err(Kind::Stale) } else { Ok(100) }, 30);
+    assert!(faults.contains(FaultCode::WristLost) && seen.len() == 12);
+    let (_, faults) = run(|job| if job == 3 { Err(Kind::Lost) } else { Ok(100) }, 8);
+    assert!(faults.contains(FaultCode::WristLost));
+    assert_eq!(Wrench::ZERO.baseline_ready, 0);
+}
+
+#[test]
+fn bad_numbers_are_refused_with_their_place() {
+    let place = |change: fn(&mut Config)| {
+        let mut config = Config::default();
+        change(&mut config);
+        config.check().unwrap_err().place
+    };
+    assert!(Config::default().check().is_ok());
+    assert_eq!(place(|c| c.baseline_readings = 0), "baseline_readings");
+    assert_eq!(place(|c| c.stale_ms = f64::NAN), "stale_ms");
+    assert_eq!(place(|c| c.codes_per_n_nm[2] = [0.0; 6]), "codes_per_n_nm");
+}
