@@ -141,12 +141,7 @@ impl Drive {
     }
 
     /// What is asked for in a job without an answer to an image, by a law that answers jobs.
-    pub(crate) fn job(
-        &mut self,
-        config: &Config,
-        x_c_desired: f64,
-        dt_s: f64,
-    ) -> Option<[f64; 4]> {
+    pub(crate) fn job(&mut self, config: &Config, x_c_desired: f64, dt_s: f64) -> Option<[f64; 4]> {
         match self {
             Drive::Thesis(_) | Drive::ProjectorPid(_) => None,
             Drive::Model(_, memory) => {

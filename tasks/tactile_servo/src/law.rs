@@ -40,13 +40,8 @@ pub enum Name {
 
 impl Name {
     /// Every law.
-    pub const ALL: [Name; 5] = [
-        Name::Thesis,
-        Name::ProjectorPid,
-        Name::Model,
-        Name::HybridForce,
-        Name::HybridForceTouch,
-    ];
+    pub const ALL: [Name; 5] =
+        [Name::Thesis, Name::ProjectorPid, Name::Model, Name::HybridForce, Name::HybridForceTouch];
 
     /// As a scene writes it.
     #[must_use]

@@ -38,7 +38,8 @@ use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Param, Payload, Ports, StateHash, Task,
 };
 use taktil_signal::{
-    Contact, ControlState, Desired, Features, Goal, JointState, State, TactileImage, Wrench, defined,
+    Contact, ControlState, Desired, Features, Goal, JointState, State, TactileImage, Wrench,
+    defined,
 };
 use unfelt::Drift;
 
@@ -204,7 +205,12 @@ impl TactileServo {
 
     /// Says what happened to contact, and adds the step of one job: that of a law that answers jobs,
     /// or the way towards contact while there is none.
-    fn job(&mut self, joints: &JointState, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+    fn job(
+        &mut self,
+        joints: &JointState,
+        cycle: &Cycle,
+        io: &mut Io<'_>,
+    ) -> Result<(), FaultCode> {
         if !matches!(self.stay, Stay::Driving { .. }) {
             return Ok(());
         }

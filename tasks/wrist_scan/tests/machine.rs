@@ -21,9 +21,8 @@ fn run(answer: fn(i64) -> Result<i32, Kind>, jobs: i64) -> (Vec<(u64, Wrench)>, 
     let mut bench = Bench::new();
     let servo = bench.servo();
     let config = Config { baseline_readings: 10, ..Config::default() };
-    bench.task(servo, "wrist_scan", |ports| {
-        WristScan::new(config, Box::new(Sensor(answer)), ports)
-    });
+    bench
+        .task(servo, "wrist_scan", |ports| WristScan::new(config, Box::new(Sensor(answer)), ports));
     let run = bench.run(PERIOD * jobs);
     (run.ticked("wrist_scan.wrench"), run.faults())
 }

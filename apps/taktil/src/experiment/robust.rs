@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use taktil_sim::scene::{Defect, DefectKind, Electronics, Fault, FaultKind};
 use taktild::out;
 
 use super::judge::Verdict;
@@ -14,10 +15,11 @@ use super::{in_parallel, laws, one, with_law};
 use crate::plot::axis::plain;
 use crate::run::BadOption;
 use crate::run::scene::Scene;
+use crate::run::score::Spread;
 
 /// Most draws of one call.
 const DRAWS_MAX: u64 = 10_000;
-/// Rows of the array, of which one may be dead.
+/// Rows and columns of the array.
 const ROWS: u16 = 16;
 
 /// Options of `taktil experiment robust`.
@@ -68,8 +70,9 @@ fn drawn(base: &Scene, number: u64) -> (Scene, String) {
     let mass = draw.between(0.8, 1.2);
     let yaw = draw.between(-4.0, 4.0);
     let tilt = draw.between(-3.0, 3.0);
-    let row = (draw.next() * f64::from(ROWS)) as u16 + 1;
-    let dead = draw.next() < 0.25;
+    let row = (draw.next() * f64::from(ROWS)) as u16;
+    let dead = draw.next();
+    let [spread, lossy, late] = [0.5, 0.25, 0.25].map(|share| draw.next() < share);
     world.pin.radius_mm = radius;
     world.finger.rubber.youngs_mpa *= pad;
     world.table.rubber.youngs_mpa *= bed;
@@ -82,10 +85,47 @@ fn drawn(base: &Scene, number: u64) -> (Scene, String) {
         "radius {radius:.1} mm, pad x {pad:.2}, bed x {bed:.2}, friction {finger:.2} and \
          {table:.2}, mass x {mass:.2}, yaw {yaw:.1} deg, tilt {tilt:.1} deg"
     );
-    if dead {
+    if spread {
+        world.tactile.electronics = Electronics::Response;
+        about += ", gains spread by 6 %";
+    }
+    if lossy {
+        let lost = Fault {
+            kind: FaultKind::DropFrames,
+            at_s: 1.0,
+            for_s: None,
+            joint: None,
+            share: Some(0.1),
+        };
+        world.fault.push(lost);
+        about += ", a tenth of the frames lost";
+    }
+    if dead < 0.25 {
+        world.tactile.defect.push(Defect {
+            kind: DefectKind::Dead,
+            row: Some(u32::from(row)),
+            column: None,
+            counts: 0,
+            period_s: 0.1,
+            from_s: 0.0,
+        });
+        about += &format!(", row {} dead", row + 1);
+    }
+    // Half of the dead rows nobody noticed.
+    if dead < 0.125 {
         let scan = scene.machine.tactile_scan.get_or_insert_default();
-        scan.dead = (1..=16).map(|col| [row, col]).collect();
-        about += &format!(", row {row} dead");
+        scan.dead = (1..=ROWS).map(|col| [row + 1, col]).collect();
+        about += " and known to be";
+    }
+    if late {
+        for lane in scene.machine.lane.values_mut() {
+            if lane.tasks.iter().any(|task| task == "tactile_scan") {
+                let delivery_us = lane.delivery_us.unwrap_or(lane.period_us);
+                lane.deadline_us = Some(delivery_us.min(lane.period_us));
+                lane.delivery_us = Some(delivery_us + lane.period_us);
+                about += ", images one frame late";
+            }
+        }
     }
     (scene, about)
 }
@@ -116,40 +156,68 @@ pub fn run(options: &Robust) -> anyhow::Result<ExitCode> {
         .collect();
     let verdicts =
         in_parallel(options.threads, &plan, |(number, scene, _)| one(scene, *number, false))?;
-    let mut force: Vec<f64> = verdicts.iter().filter_map(|v| v.force_n.rms()).collect();
-    force.sort_by(f64::total_cmp);
     let mut lost = 0;
     for ((number, _, about), verdict) in plan.iter().zip(&verdicts) {
-        let told = options.draw.is_some() || !held(verdict);
         lost += u32::from(!held(verdict));
-        if told {
-            let rms = |spread: &crate::run::score::Spread| spread.rms().map_or("-".into(), plain);
+        if options.draw.is_some() || !held(verdict) {
             out::line(format_args!(
-                "draw {number}: {about}\n  {} faults, {} contact losses, settled {}; rms \
-                 force {} N, tilt {} deg, yaw {} deg\n  taktil experiment robust --law {} \
-                 --scene {} --draw {number}",
-                verdict.figures.faults.0.count_ones(),
-                verdict.figures.contact_lost,
-                verdict.settling_s.map_or("never".into(), |s| format!("after {} s", plain(s))),
-                rms(&verdict.force_n),
-                rms(&verdict.tilt_deg),
-                rms(&verdict.yaw_deg),
+                "draw {number}: {about}\n  {}\n  taktil experiment robust --law {} --scene {} \
+                 --draw {number}",
+                told(verdict),
                 law.text(),
                 options.scene.display()
             ))?;
         }
     }
-    let at = |share: f64| {
-        let place = (share * (force.len().saturating_sub(1)) as f64).round() as usize;
-        force.get(place).map_or("-".into(), |value| plain(*value))
-    };
     out::line(format_args!(
-        "{} draws with `{}`: {lost} did not hold; force error rms, N: median {}, 95 % {}, most {}",
-        plan.len(),
-        law.text(),
-        at(0.5),
-        at(0.95),
-        at(1.0)
+        "| draws | number | force error rms, N: median | 95 % | most | tilt rms, deg: 95 % | yaw \
+         rms, deg: 95 % |\n|{}",
+        "---|".repeat(7)
     ))?;
+    for group in ["", "frames lost", "frame late", "dead", "gains spread"] {
+        let of: Vec<&Verdict> = plan
+            .iter()
+            .zip(&verdicts)
+            .filter_map(|((_, _, about), verdict)| about.contains(group).then_some(verdict))
+            .collect();
+        out::line(row(if group.is_empty() { "all" } else { group }, &of))?;
+    }
+    let (number, law) = (plan.len(), law.text());
+    out::line(format_args!("\n{number} draws with `{law}`: {lost} did not hold"))?;
     Ok(if lost == 0 { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// A run in words.
+fn told(verdict: &Verdict) -> String {
+    let rms = |spread: &Spread| spread.rms().map_or("-".into(), plain);
+    format!(
+        "{} faults, {} contact losses, settled after {} s; rms force {} N, tilt {} deg, yaw {} \
+         deg",
+        verdict.figures.faults.0.count_ones(),
+        verdict.figures.contact_lost,
+        verdict.settling_s.map_or("never".into(), plain),
+        rms(&verdict.force_n),
+        rms(&verdict.tilt_deg),
+        rms(&verdict.yaw_deg),
+    )
+}
+
+/// A row of the table: how some of the draws went.
+fn row(name: &str, of: &[&Verdict]) -> String {
+    let at = |share: f64, spread: fn(&Verdict) -> &Spread| {
+        let mut all: Vec<f64> = of.iter().filter_map(|v| spread(v).rms()).collect();
+        all.sort_by(f64::total_cmp);
+        let place = (share * all.len().saturating_sub(1) as f64).round() as usize;
+        all.get(place).map_or("-".into(), |value| plain(*value))
+    };
+    let force: fn(&Verdict) -> &Spread = |v| &v.force_n;
+    format!(
+        "| {name} | {} | {} | {} | {} | {} | {} |",
+        of.len(),
+        at(0.5, force),
+        at(0.95, force),
+        at(1.0, force),
+        at(0.95, |v| &v.tilt_deg),
+        at(0.95, |v| &v.yaw_deg),
+    )
 }
