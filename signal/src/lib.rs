@@ -14,4 +14,6 @@ pub use motion::{
     per_joint,
 };
 pub use state::{ControlState, JogCommand, JogFrame, Request, State, Verb};
-pub use touch::{Contact, Features, MAX_TACTELS, TactileImage, Wrench, contact, defined};
+pub use touch::{
+    Contact, Features, MAX_TACTELS, TactileBaseline, TactileImage, Wrench, contact, defined,
+};

@@ -35,6 +35,29 @@ payload! {
         pub row_offset_ns: [i32; 16],
         /// 1 once the baseline is known; before that `counts` are all zero.
         pub baseline_ready: u32,
+        /// Standard deviation of a tactel at rest (counts), as measured with the baseline; 0 before,
+        /// and where the readings stood still.
+        pub noise_counts: f32,
+    }
+}
+
+payload! {
+    /// The rest level that images are counted from, from `tactile_scan`: written once, when it is
+    /// known.
+    pub struct TactileBaseline {
+        /// When the last of its frames was acquired, ns since the start of the run.
+        pub acquired_ns: i64,
+        /// Frames that it is the mean of.
+        pub frames: u32,
+        /// Tactels that may be believed.
+        pub trusted: u32,
+        /// Standard deviation of a tactel (counts): the root of the mean variance of those that may
+        /// be believed.
+        pub noise_counts: f64,
+        /// Mean of each tactel (counts), row by row.
+        pub mean_counts: [f32; 256],
+        /// 1 where the tactel may be believed.
+        pub valid: [u8; 256],
     }
 }
 

@@ -9,7 +9,7 @@
 
 use taktil_hal::{MAX_ROWS, MAX_TACTELS, TactileFrame};
 use taktil_rtcore::{Fold, Payload, StateHash};
-use taktil_signal::TactileImage;
+use taktil_signal::{TactileBaseline, TactileImage};
 
 /// What the rest level of a tactel must lie in (counts).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,9 +27,11 @@ pub struct Baseline {
     seen: u32,
     /// Sums of valid readings, exact in integers, and their numbers.
     sums: [u64; MAX_TACTELS],
+    squares: [u64; MAX_TACTELS],
     numbers: [u32; MAX_TACTELS],
     means: [f64; MAX_TACTELS],
     trusted: [bool; MAX_TACTELS],
+    noise_counts: f64,
     dead: [bool; MAX_TACTELS],
     rails: Rails,
 }
@@ -39,9 +41,9 @@ impl Fold for Baseline {
         hash.add(&self.seen);
         // Once it is known the baseline does not change, and while it is not, nothing uses it.
         if self.seen < self.wanted {
-            hash.add(&self.sums).add(&self.numbers);
+            hash.add(&self.sums).add(&self.squares).add(&self.numbers);
         } else {
-            hash.add(&self.means).add(&self.trusted);
+            hash.add(&self.means).add(&self.trusted).add(&self.noise_counts);
         }
     }
 }
@@ -54,9 +56,11 @@ impl Baseline {
             wanted: frames.max(1),
             seen: 0,
             sums: [0; MAX_TACTELS],
+            squares: [0; MAX_TACTELS],
             numbers: [0; MAX_TACTELS],
             means: [0.0; MAX_TACTELS],
             trusted: [false; MAX_TACTELS],
+            noise_counts: 0.0,
             dead,
             rails,
         }
@@ -66,6 +70,8 @@ impl Baseline {
     pub fn rearm(&mut self) {
         self.seen = 0;
         self.sums = [0; MAX_TACTELS];
+        self.squares = [0; MAX_TACTELS];
+        self.noise_counts = 0.0;
         self.numbers = [0; MAX_TACTELS];
         self.trusted = [false; MAX_TACTELS];
     }
@@ -88,6 +94,30 @@ impl Baseline {
         self.trusted.iter().take(tactels).filter(|trusted| **trusted).count()
     }
 
+    /// Standard deviation of a tactel that may be believed (counts); 0 before [`Baseline::ready`].
+    #[must_use]
+    pub fn noise_counts(&self) -> f64 {
+        self.noise_counts
+    }
+
+    /// What it came to, acquired last at this instant (ns).
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "at most 256 tactels; f32 for counts")]
+    pub fn told(&self, acquired_ns: i64, tactels: usize) -> TactileBaseline {
+        let mut told = TactileBaseline {
+            acquired_ns,
+            frames: self.seen,
+            trusted: self.trusted(tactels) as u32,
+            noise_counts: self.noise_counts,
+            ..TactileBaseline::ZERO
+        };
+        for index in 0..tactels.min(MAX_TACTELS) {
+            told.mean_counts[index] = self.mean_counts(index) as f32;
+            told.valid[index] = u8::from(self.trusted[index]);
+        }
+        told
+    }
+
     /// Takes one more frame; without effect once [`Baseline::ready`].
     pub fn learn(&mut self, frame: &TactileFrame) {
         if self.ready() {
@@ -95,7 +125,9 @@ impl Baseline {
         }
         for index in 0..frame.tactels() {
             if frame.valid[index] {
-                self.sums[index] += u64::from(frame.values[index]);
+                let value = u64::from(frame.values[index]);
+                self.sums[index] += value;
+                self.squares[index] += value * value;
                 self.numbers[index] += 1;
             }
         }
@@ -107,6 +139,7 @@ impl Baseline {
 
     #[expect(clippy::cast_precision_loss, reason = "sums of 16-bit counts stay far below 2^53")]
     fn close(&mut self, tactels: usize) {
+        let (mut variance, mut number_of_tactels) = (0.0, 0.0);
         for index in 0..tactels {
             let number = self.numbers[index];
             // A tactel that was valid less than half of the time has no rest level.
@@ -116,6 +149,16 @@ impl Baseline {
             let mean = self.sums[index] as f64 / f64::from(number);
             self.means[index] = mean;
             self.trusted[index] = (self.rails.low_counts..=self.rails.high_counts).contains(&mean);
+            if self.trusted[index] && number > 1 {
+                // n sum x^2 - (sum x)^2 in integers: exact, and never negative.
+                let (n, sum) = (u128::from(number), u128::from(self.sums[index]));
+                let spread = n * u128::from(self.squares[index]) - sum * sum;
+                variance += spread as f64 / (f64::from(number) * f64::from(number - 1));
+                number_of_tactels += 1.0;
+            }
+        }
+        if number_of_tactels > 0.0 {
+            self.noise_counts = (variance / number_of_tactels).sqrt();
         }
     }
 
@@ -130,6 +173,7 @@ impl Baseline {
             rows: frame.rows,
             cols: frame.cols,
             baseline_ready: u32::from(self.ready()),
+            noise_counts: self.noise_counts as f32,
             ..TactileImage::ZERO
         };
         let rows = usize::from(frame.rows).min(MAX_ROWS);
@@ -187,6 +231,22 @@ mod tests {
         assert!(!baseline.ready() && baseline.mean_counts(0) == 0.0);
         (0..3).for_each(|_| baseline.learn(&frame(50)));
         assert!((baseline.mean_counts(0) - 50.0).abs() < f64::EPSILON);
+    }
+
+    #[test]
+    fn the_noise_is_measured_with_the_rest_level_and_told_once() {
+        let frames: Vec<TactileFrame> = [290, 310, 290, 310].map(frame).to_vec();
+        let baseline = learnt(&frames);
+        let due = (4.0 * 100.0_f64 / 3.0).sqrt();
+        assert!((baseline.noise_counts() - due).abs() < 1e-12, "{}", baseline.noise_counts());
+        let told = baseline.told(17, MAX_TACTELS);
+        assert_eq!((told.acquired_ns, told.frames, told.trusted), (17, 4, 256));
+        assert_eq!((told.mean_counts[200], told.valid[200]), (300.0, 1));
+        assert!((f64::from(baseline.image(&frame(300)).noise_counts) - due).abs() < 1e-5);
+        assert_eq!(learnt(&[frame(300)]).noise_counts(), 0.0, "one frame has no spread");
+        let mut odd = Baseline::new(1, [true; MAX_TACTELS], RAILS);
+        odd.learn(&frame(300));
+        assert_eq!((odd.noise_counts(), odd.told(0, MAX_TACTELS).trusted), (0.0, 0));
     }
 
     #[test]

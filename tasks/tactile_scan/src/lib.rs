@@ -15,11 +15,12 @@ pub use config::Config;
 use law::{Baseline, Rails};
 use taktil_hal::{Arrival, Kind, TactileArray, TactileFrame};
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
-use taktil_signal::TactileImage;
+use taktil_signal::{TactileBaseline, TactileImage};
 
 /// The task.
 pub struct TactileScan {
     image: Output<TactileImage>,
+    told: Output<TactileBaseline>,
     array: Box<dyn TactileArray>,
     frame: TactileFrame,
     baseline: Baseline,
@@ -29,7 +30,7 @@ pub struct TactileScan {
 }
 
 impl TactileScan {
-    /// Declares `image`.
+    /// Declares `image` and `baseline`.
     ///
     /// # Errors
     /// What [`Config::check`] and [`Config::dead_mask`] refuse, and an array without tactels.
@@ -54,6 +55,7 @@ impl TactileScan {
         let dead = config.dead_mask(rows, cols)?;
         Ok(TactileScan {
             image: ports.output("image"),
+            told: ports.output("baseline"),
             array,
             frame: TactileFrame::empty(),
             baseline: Baseline::new(config.baseline_frames, dead, rails),
@@ -68,7 +70,12 @@ impl TactileScan {
             return Err(FaultCode::TactileGarbled);
         }
         self.newest = Some(self.frame.acquired);
+        let known = self.baseline.ready();
         self.baseline.learn(&self.frame);
+        if self.baseline.ready() && !known {
+            let told = self.baseline.told(self.frame.acquired.0, self.frame.tactels());
+            io.write(&self.told, told);
+        }
         io.write(&self.image, self.baseline.image(&self.frame));
         let tactels = self.frame.tactels();
         if self.baseline.ready() && 2 * self.baseline.trusted(tactels) < tactels {

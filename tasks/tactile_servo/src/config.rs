@@ -38,9 +38,9 @@ pub struct Config {
     /// dtheta_x, dtheta_z) in columns/mm, counts/mm, counts x rows/mrad, mrad/mrad. Default the
     /// thesis's (20, 20000, 200000, 1000); the signs are [`crate::law::SIGNS`].
     pub feature_jacobian: [f64; 4],
-    /// Tactels below this count as 0 (counts). Default 150: three standard deviations of the noise;
-    /// 0 lets every value in, as the thesis did.
-    pub threshold_counts: f64,
+    /// Tactels below this count as 0 (counts). Default: three standard deviations of the noise that
+    /// was measured with the baseline; 0 lets every value in, as the thesis did.
+    pub threshold_counts: Option<f64>,
     /// There is contact when the sum of the counts is above this. Default 1000: what noise alone
     /// leaves above the threshold stays below it.
     pub contact_counts: f64,
@@ -88,7 +88,7 @@ impl Default for Config {
             m_x_counts: 0.0,
             theta_z_mrad: 0.0,
             feature_jacobian: [20.0, 20_000.0, 200_000.0, 1_000.0],
-            threshold_counts: 150.0,
+            threshold_counts: None,
             contact_counts: 1_000.0,
             roll_from_counts: 6_000.0,
             roll_mm_s: 11.0,
@@ -105,7 +105,16 @@ impl Default for Config {
     }
 }
 
+/// Standard deviations of the noise below which a tactel counts as 0.
+const SIGMAS: f64 = 3.0;
+
 impl Config {
+    /// The threshold for an image with this noise on a tactel (counts).
+    #[must_use]
+    pub fn threshold(&self, noise_counts: f32) -> f64 {
+        self.threshold_counts.unwrap_or(SIGMAS * f64::from(noise_counts))
+    }
+
     /// # Errors
     /// A value outside the range that its message states; NaN is outside every range.
     pub fn check(&self) -> Result<(), Invalid> {
@@ -120,7 +129,7 @@ impl Config {
             ("feature_jacobian[1]", self.feature_jacobian[1], 1e-6, 1e9),
             ("feature_jacobian[2]", self.feature_jacobian[2], 1e-6, 1e9),
             ("feature_jacobian[3]", self.feature_jacobian[3], 1e-6, 1e9),
-            ("threshold_counts", self.threshold_counts, 0.0, 65_535.0),
+            ("threshold_counts", self.threshold_counts.unwrap_or(0.0), 0.0, 65_535.0),
             ("contact_counts", self.contact_counts, 1.0, self.m0_counts),
             ("roll_from_counts", self.roll_from_counts, 0.0, self.m0_counts),
             ("roll_mm_s", self.roll_mm_s, 1e-3, 500.0),
@@ -173,7 +182,7 @@ mod tests {
         for bad in [f64::NAN, f64::INFINITY, -1.0] {
             assert_eq!(place(&|c| c.feature_jacobian[2] = bad), "feature_jacobian[2]");
             assert_eq!(place(&|c| c.x_c_low = bad), "x_c_low");
-            assert_eq!(place(&|c| c.threshold_counts = bad), "threshold_counts");
+            assert_eq!(place(&|c| c.threshold_counts = Some(bad)), "threshold_counts");
             assert_eq!(place(&|c| c.roll_mm_s = bad), "roll_mm_s");
             assert_eq!(place(&|c| c.max_lead_deg = bad), "max_lead_deg");
             assert_eq!(place(&|c| c.x_c_tolerance = bad), "x_c_tolerance");

@@ -95,7 +95,10 @@ impl Drive {
     ) -> Option<Line> {
         let Drive::Model(contact, memory) = self else { return None };
         let known = Known {
-            noise_counts: config.model.noise_counts,
+            noise_counts: match f64::from(image.noise_counts) {
+                measured if measured > 0.0 => measured,
+                _ => config.model.noise_counts,
+            },
             speed_cols_s: memory.line_cols_s(),
             saturated_counts: config.model.saturated_counts,
         };

@@ -318,7 +318,7 @@ impl Task for TactileServo {
         let mut outcome = self.settle(control, desired, joints.as_ref());
         if let Some(image) = image {
             let config = &self.config;
-            let touch = touch(&image, config.threshold_counts, config.contact_counts);
+            let touch = touch(&image, config.threshold(image.noise_counts), config.contact_counts);
             let line = self.law.line(config, &image, &touch);
             self.touched = touch;
             if let Some(joints) = &joints {

@@ -53,7 +53,7 @@ fn image(pin: &Pin, finger: &Pose) -> TactileImage {
 }
 
 fn config() -> Config {
-    Config { threshold_counts: 0.0, ..Config::default() }
+    Config { threshold_counts: Some(0.0), ..Config::default() }
 }
 
 fn touched(pin: &Pin, finger: &Pose) -> Touch {

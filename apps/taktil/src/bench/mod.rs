@@ -9,6 +9,7 @@ pub mod readers;
 pub mod servo;
 pub mod sim;
 pub mod space;
+pub mod touch;
 
 use std::process::ExitCode;
 
@@ -42,6 +43,8 @@ pub enum Bench {
     /// The simulator: wall time of a simulated second against error, by integrator, step and
     /// contact model.
     Sim(sim::Plan),
+    /// The laws of touch: time from an image to the joint step.
+    Touch(touch::Plan),
 }
 
 /// Measures and prints.
@@ -56,6 +59,7 @@ pub fn run(bench: &Bench) -> anyhow::Result<ExitCode> {
         Bench::Contact(plan) => contact::run(plan),
         Bench::Servo(plan) => servo::run(plan),
         Bench::Sim(plan) => sim::run(plan),
+        Bench::Touch(plan) => touch::run(plan),
     }
 }
 

@@ -9,6 +9,7 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::Args;
+use taktild::out;
 
 use super::judge::{TRACED, Trace, Verdict};
 use super::{SEEDS_MAX, in_parallel, laws, one, with_law};
@@ -149,17 +150,17 @@ pub fn run(options: &Held) -> anyhow::Result<ExitCode> {
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     let each = plan.len() / scenes.len();
-    println!(
+    out::line(format_args!(
         "| scene | holds | force rms / set point | yaw peak (rms), deg | tilt peak, deg | slip, \
          mm/s | contact losses | faults | strokes |\n|{}",
         "---|".repeat(9)
-    );
+    ))?;
     let mut failed = 0;
     for ((path, scene), verdicts) in scenes.iter().zip(verdicts.chunks(each.max(1))) {
         let targets = targets(scene);
         let worst = Worst::of(verdicts, targets.m0 / targets.counts_per_n);
         failed += u32::from(!worst.holds());
-        println!(
+        out::line(format_args!(
             "| {} | {} | {} | {} ({}) | {} | {} | {} | {} | {} |",
             name(path),
             if worst.holds() { "yes" } else { "no" },
@@ -170,9 +171,10 @@ pub fn run(options: &Held) -> anyhow::Result<ExitCode> {
             plain(worst.slip_mm_s),
             worst.losses,
             worst.faults,
-            worst.strokes,
-        );
+            worst.strokes
+        ))?;
     }
-    println!("\n{} scenes with `{}`: {failed} did not hold", scenes.len(), law.text());
+    let (number, law) = (scenes.len(), law.text());
+    out::line(format_args!("\n{number} scenes with `{law}`: {failed} did not hold"))?;
     Ok(if failed == 0 { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }

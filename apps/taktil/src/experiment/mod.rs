@@ -64,12 +64,32 @@ pub struct Chapter6 {
     /// Folder with the scenes
     #[arg(long, default_value = "sim/scenes", value_name = "DIR")]
     scenes: PathBuf,
+    /// Noise of a tactel instead of the scenes' own (counts); 0 for runs without noise
+    #[arg(long, value_name = "COUNTS")]
+    noise: Option<f64>,
+    /// Threshold of the laws instead of three standard deviations of the noise (counts); 0 for none
+    #[arg(long, value_name = "COUNTS")]
+    threshold: Option<f64>,
     /// Folder for the report
     #[arg(long, default_value = "chapter6", value_name = "DIR")]
     out: PathBuf,
     /// Threads; one a processor when absent
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
+}
+
+impl Chapter6 {
+    /// The scene with the noise and the threshold that were asked for.
+    fn changed(&self, mut scene: Scene) -> Scene {
+        if let Some(counts) = self.noise {
+            scene.world.tactile.noise_counts = counts;
+        }
+        if self.threshold.is_some() {
+            let servo = scene.machine.tactile_servo.get_or_insert_default();
+            servo.threshold_counts = self.threshold;
+        }
+        scene
+    }
 }
 
 /// Laws by their names.
@@ -122,9 +142,8 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
     let mut plan = Vec::new();
     for (e, (_, _, scene)) in found.iter().enumerate() {
         for law in &laws {
-            for seed in 1..=options.seeds {
-                plan.push((e, with_law(scene, *law), seed));
-            }
+            let scene = options.changed(with_law(scene, *law));
+            plan.extend((1..=options.seeds).map(|seed| (e, scene.clone(), seed)));
         }
     }
     let verdicts =
@@ -159,6 +178,9 @@ fn repeat(options: &Chapter6) -> String {
     words += &format!(" --scenes {scenes}");
     if !options.only.is_empty() {
         words += &format!(" --only {}", options.only.join(","));
+    }
+    for (option, value) in [("noise", options.noise), ("threshold", options.threshold)] {
+        words += &value.map_or(String::new(), |value| format!(" --{option} {value}"));
     }
     words
 }

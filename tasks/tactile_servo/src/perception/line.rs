@@ -29,7 +29,7 @@ const ROW_FLOOR: f64 = 1e-4;
 /// Share of the thresholded load that has to lie in the band.
 const SHARE_MIN: f64 = 0.5;
 /// A row between two that carry load, and that reads less than this share of their mean, is dead.
-const DEAD: f64 = 0.2;
+const DEAD: f64 = 0.4;
 /// Two rows carry load when their mean is above this many standard deviations of a row.
 const DEAD_SIGMAS: f64 = 5.0;
 /// Times that the band is laid about the line.

