@@ -35,8 +35,8 @@ payload! {
         pub row_offset_ns: [i32; 16],
         /// 1 once the baseline is known; before that `counts` are all zero.
         pub baseline_ready: u32,
-        /// Standard deviation of a tactel at rest (counts), as measured with the baseline; 0 before,
-        /// and where the readings stood still.
+        /// Standard deviation of a tactel at rest (counts), as measured with the baseline; 0
+        /// before, and where the readings stood still.
         pub noise_counts: f32,
     }
 }

@@ -9,9 +9,9 @@
 //! ```
 //! Images come at 200 Hz, jobs at 400 Hz. A law that answers images gives one step for each, spread
 //! evenly over the jobs until the next one, so that the position servo sees a steady set point; the
-//! law `model` answers every job. Without contact no law drives: [`phase`] seeks, holds or draws back,
-//! and says so. The two motions that touch cannot see are held by the encoders,
-//! or give way ([`unfelt`]).
+//! law `model` answers every job. Without contact no law drives: [`phase`] seeks, holds or draws
+//! back, and says so. The two motions that touch cannot see are held by the encoders, or give way
+//! ([`unfelt`]).
 
 pub mod config;
 mod drive;
@@ -111,8 +111,9 @@ impl Knobs {
 }
 
 impl TactileServo {
-    /// Declares `control`, `desired`, `joints`, `image`, `goal`, `features` and `contact`, `wrench` with a law
-    /// that feels the wrist, and the parameters `m0_counts`, `roll_mm_s` and `press_mm_s`.
+    /// Declares `control`, `desired`, `joints`, `image`, `goal`, `features` and `contact`, `wrench`
+    /// with a law that feels the wrist, and the parameters `m0_counts`, `roll_mm_s` and
+    /// `press_mm_s`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses.
@@ -203,8 +204,8 @@ impl TactileServo {
         self.drive(&step, joints, (jobs, image_s)).map(|_| ())
     }
 
-    /// Says what happened to contact, and adds the step of one job: that of a law that answers jobs,
-    /// or the way towards contact while there is none.
+    /// Says what happened to contact, and adds the step of one job: that of a law that answers
+    /// jobs, or the way towards contact while there is none.
     fn job(
         &mut self,
         joints: &JointState,

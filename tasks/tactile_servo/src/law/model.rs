@@ -53,7 +53,8 @@ pub struct Model {
     /// Process noise of the rates of the table along and about (x, z, theta_x, theta_z): how fast
     /// they are believed to change (mm/s/sqrt s, mrad/s/sqrt s). Default (20, 4, 60, 60).
     pub table_rate: [f64; 4],
-    /// Standard deviation of a tactel (counts) where none was measured with the baseline. Default 50.
+    /// Standard deviation of a tactel (counts) where none was measured with the baseline. Default
+    /// 50.
     pub noise_counts: f64,
     /// Counts above the rest level from which a tactel counts as saturated. Default 3790.
     pub saturated_counts: f64,

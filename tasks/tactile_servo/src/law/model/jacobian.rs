@@ -221,8 +221,8 @@ impl Contact {
         sums
     }
 
-    /// dF/dX from an image to the set point: F = (x_c columns, M0 counts, M_x counts x rows, theta_z
-    /// mrad) over X = (x mm, z mm, theta_x mrad, theta_z mrad).
+    /// dF/dX from an image to the set point: F = (x_c columns, M0 counts, M_x counts x rows,
+    /// theta_z mrad) over X = (x mm, z mm, theta_x mrad, theta_z mrad).
     #[must_use]
     pub fn jacobian(&self, line: &Line) -> Matrix4<f64> {
         let middle = 0.5 * (SIDE as f64 + 1.0);
