@@ -91,6 +91,8 @@ faults! {
     OutOfRange = 24, ControlledStop, "a task wrote a value out of its output's range";
     /// The force/torque sensor does not answer.
     WristLost = 25, Degrade, "the force/torque sensor does not answer";
+    /// The load on the array stayed far above its set point: the arm is not where it says.
+    Overload = 26, DriveOff, "the finger is pressed far too hard";
 }
 
 impl FaultCode {

@@ -44,6 +44,9 @@ pub struct Config {
     /// There is contact when the sum of the counts is above this. Default 1000: what noise alone
     /// leaves above the threshold stays below it.
     pub contact_counts: f64,
+    /// A load of more than so many times the set point that lasts for 40 ms takes the drives' power
+    /// off ([`taktil_rtcore::FaultCode::Overload`]): something is wrong with the arm. Default 2.5.
+    pub overload_share: f64,
     /// The pin is rolled only while the sum of the counts is at least this: before, friction could
     /// not carry it. Default 6000; 0 rolls from first contact, as the thesis did.
     pub roll_from_counts: f64,
@@ -90,6 +93,7 @@ impl Default for Config {
             feature_jacobian: [20.0, 20_000.0, 200_000.0, 1_000.0],
             threshold_counts: None,
             contact_counts: 1_000.0,
+            overload_share: 2.5,
             roll_from_counts: 6_000.0,
             roll_mm_s: 11.0,
             press_mm_s: 4.0,
@@ -131,6 +135,7 @@ impl Config {
             ("feature_jacobian[3]", self.feature_jacobian[3], 1e-6, 1e9),
             ("threshold_counts", self.threshold_counts.unwrap_or(0.0), 0.0, 65_535.0),
             ("contact_counts", self.contact_counts, 1.0, self.m0_counts),
+            ("overload_share", self.overload_share, 1.1, 1_000.0),
             ("roll_from_counts", self.roll_from_counts, 0.0, self.m0_counts),
             ("roll_mm_s", self.roll_mm_s, 1e-3, 500.0),
             ("press_mm_s", self.press_mm_s, 1e-3, 100.0),

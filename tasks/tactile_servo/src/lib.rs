@@ -79,7 +79,13 @@ pub struct TactileServo {
     touched: Touch,
     phase: Phase,
     knobs: Knobs,
+    /// Load above which something is wrong (counts), and for how long it was (s).
+    overload_counts: f64,
+    overloaded_s: f64,
 }
+
+/// A load above the limit is borne for this time (s): eight images.
+const OVERLOAD_S: f64 = 0.04;
 
 /// What may be edited while the servo runs.
 #[derive(Clone, Copy, Debug)]
@@ -130,6 +136,7 @@ impl TactileServo {
             features: ports.output("features"),
             contact: ports.output("contact"),
             arm: Puma260::reference(),
+            overload_counts: config.overload_share * config.m0_counts,
             law: Drive::new(&config)?,
             heading: Heading::new(&config),
             config,
@@ -138,6 +145,7 @@ impl TactileServo {
             seen: Touch::default(),
             touched: Touch::default(),
             phase: Phase::default(),
+            overloaded_s: 0.0,
             knobs,
         })
     }
@@ -237,6 +245,15 @@ impl TactileServo {
         let done = step.map(|part| part * share.unwrap_or(0.0));
         self.law.carried_out(&self.config, &done, dt_s);
         share.map(|_| ())
+    }
+
+    /// Whether the load was far above its set point for too long while the law drove.
+    fn overload(&mut self, dt_s: f64) -> Result<(), FaultCode> {
+        let driving = matches!(self.stay, Stay::Driving { .. });
+        let limit = self.overload_counts.max(self.config.overload_share * self.config.m0_counts);
+        let above = driving && self.touched.trusted && self.touched.m0 > limit;
+        self.overloaded_s = if above { self.overloaded_s + dt_s } else { 0.0 };
+        if self.overloaded_s > OVERLOAD_S { Err(FaultCode::Overload) } else { Ok(()) }
     }
 
     /// Adds a displacement of the sensor, to be carried out within `jobs` jobs that last `span_s`;
@@ -339,6 +356,7 @@ impl Task for TactileServo {
         if let Some(joints) = &joints {
             outcome = outcome.and(self.job(joints, cycle, io));
         }
+        outcome = outcome.and(self.overload(dt_s));
         let goal = self.next_goal(dt_s);
         io.write(&self.goal, goal);
         outcome
@@ -346,6 +364,7 @@ impl Task for TactileServo {
 
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.heading).add(&self.entered_ns).add(&self.phase).add(&self.law);
+        hash.add(&self.overloaded_s);
         match &self.stay {
             Stay::Away => hash.word(0),
             Stay::Refused => hash.word(1),

@@ -276,6 +276,23 @@ fn a_finger_that_touches_with_one_corner_evens_the_load_out() {
     }
 }
 
+/// The line with six times its load in some jobs.
+fn heavy(job: u64, when: core::ops::Range<u64>) -> TactileImage {
+    let mut image = line(job, false);
+    if when.contains(&job) {
+        image.counts.iter_mut().for_each(|counts| *counts *= 6.0);
+    }
+    image
+}
+
+#[test]
+fn a_load_far_above_its_set_point_is_a_fault_when_it_lasts() {
+    let short = Script { image: |job| Some(heavy(job, 20..26)), ..FREE };
+    let long = Script { image: |job| Some(heavy(job, 20..32)), ..FREE };
+    assert!(run(Config::default(), &short, 120).faults.is_empty());
+    assert!(run(Config::default(), &long, 120).faults.contains(FaultCode::Overload));
+}
+
 #[test]
 fn near_a_singularity_it_holds_and_says_so() {
     let script = Script {

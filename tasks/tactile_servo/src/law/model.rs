@@ -53,6 +53,9 @@ pub struct Model {
     /// Process noise of the rates of the table along and about (x, z, theta_x, theta_z): how fast
     /// they are believed to change (mm/s/sqrt s, mrad/s/sqrt s). Default (20, 4, 60, 60).
     pub table_rate: [f64; 4],
+    /// The same of the slopes, the way along and about (z, theta_x, theta_z) that comes with each
+    /// millimetre of rolling (mm/mm/sqrt s, mrad/mm/sqrt s). Default (0.15, 0.5, 0.5).
+    pub table_slope: [f64; 3],
     /// Standard deviation of a tactel (counts) where none was measured with the baseline. Default
     /// 50.
     pub noise_counts: f64,
@@ -83,6 +86,7 @@ impl Default for Model {
             yield_per_s: 8.0,
             delay_ms: 7.5,
             table_rate: [20.0, 4.0, 60.0, 60.0],
+            table_slope: [0.15, 0.5, 0.5],
             noise_counts: 50.0,
             saturated_counts: 3790.0,
             counts_per_n: 4095.0 / 4.0,
@@ -111,6 +115,9 @@ impl Model {
             within(format!("speed[{i}]"), self.speed[i], 1e-3, 3_000.0)?;
             within(format!("table_rate[{i}]"), self.table_rate[i], 0.0, 1e4)?;
         }
+        for (i, value) in self.table_slope.iter().enumerate() {
+            within(format!("table_slope[{i}]"), *value, 0.0, 1e3)?;
+        }
         let rows = [
             ("roll_mm_s2", self.roll_mm_s2, 1.0, 1e5),
             ("yield_per_s", self.yield_per_s, 0.0, 100.0),
@@ -134,7 +141,7 @@ impl Model {
     /// What the observer of axis `i` believes.
     fn noise(&self, i: usize) -> Noise {
         let way = [0.5, 0.02, 2.0, 2.0][i];
-        let slope = [0.0, 0.05, 0.5, 0.5][i];
+        let slope = if i == 0 { 0.0 } else { self.table_slope[i - 1] };
         let model = [0.05, 0.02, 0.3, 2.0][i];
         let most = [self.speed[i], [1e-9, 0.5, 20.0, 20.0][i]];
         Noise { way, rate: self.table_rate[i], slope, most, model }
