@@ -49,10 +49,9 @@ impl Draft {
     /// `sim/scenes/NAME`, with its machine found from anywhere.
     #[must_use]
     pub fn of(name: &str) -> Draft {
-        let scenes = crate::root().join("sim/scenes");
-        let text = std::fs::read_to_string(scenes.join(name)).unwrap();
-        let mut table: Table = text.parse().unwrap();
-        let machine = scenes.join(table["machine"].as_str().unwrap());
+        let path = crate::root().join("sim/scenes").join(name);
+        let mut table: Table = std::fs::read_to_string(&path).unwrap().parse().unwrap();
+        let machine = path.with_file_name(table["machine"].as_str().unwrap());
         table.insert("machine".into(), machine.display().to_string().into());
         Draft(table)
     }

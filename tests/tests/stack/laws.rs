@@ -3,7 +3,7 @@
 
 use taktil::experiment::judge::Verdict;
 use taktil::experiment::{Name, one, with_law};
-
+use taktil_rtcore::FaultCode;
 use taktil_tests::bench::Draft;
 
 /// A scene of the repository under a law.
@@ -51,4 +51,27 @@ fn a_tilting_table_is_followed_ten_times_closer() {
 fn projector_and_pid_rolls_too() {
     let verdict = run("roll-pin.toml", Name::ProjectorPid, 1);
     assert!(verdict.figures.strokes >= 3, "{} strokes", verdict.figures.strokes);
+}
+
+#[test]
+fn rolling_five_times_as_fast_the_model_keeps_its_bounds() {
+    let verdict = run("held/fast-roll.toml", Name::Model, 1);
+    assert!(force(&verdict) < 0.05 * 14.65, "{} N", force(&verdict));
+    assert!(verdict.yaw_deg.rms().unwrap() < 0.7 && verdict.figures.strokes >= 8);
+}
+
+#[test]
+fn the_wrist_alone_cannot_follow_a_panning_table_and_with_touch_it_can() {
+    let yaw = |law| run("panning.toml", law, 1).yaw_deg.rms().unwrap();
+    let (alone, both) = (yaw(Name::HybridForce), yaw(Name::HybridForceTouch));
+    assert!(alone > 10.0 && both < 1.5, "{alone} and {both} deg");
+}
+
+#[test]
+fn an_arm_that_does_not_know_where_it_is_and_presses_too_hard_loses_its_power() {
+    let fault: toml::Table = "kind = 'dead_encoder'\njoint = 2\nat_s = 5.0".parse().unwrap();
+    let draft = Draft::of("roll-pin.toml").set("world.fault", vec![fault]);
+    let verdict = one(&with_law(&draft.scene(), Name::Model), 1, false).unwrap();
+    let faults = &verdict.figures.faults;
+    assert!(faults.contains(FaultCode::Overload), "{faults:?}");
 }
