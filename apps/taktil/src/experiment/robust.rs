@@ -86,7 +86,9 @@ fn drawn(base: &Scene, number: u64) -> (Scene, String) {
          {table:.2}, mass x {mass:.2}, yaw {yaw:.1} deg, tilt {tilt:.1} deg"
     );
     if spread {
+        // Gains only: a power law would shift every force by a tenth, whatever the law does.
         world.tactile.electronics = Electronics::Response;
+        (world.tactile.exponent, world.tactile.threshold_n) = (1.0, 0.0);
         about += ", gains spread by 6 %";
     }
     if lossy {
