@@ -10,7 +10,7 @@ use taktil_rtcore::live::Audience;
 use taktil_rtcore::parameter::Edit;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Machine, Nanos, Payload, virtual_time};
-use taktil_signal::ControlState;
+use taktil_signal::{Contact, ControlState};
 use toml::{Table, Value};
 
 /// A folder of one test, removed at its end.
@@ -170,8 +170,10 @@ impl Kept {
                 rows.map(|row| (row.tick, row.release, row.body.clone())).collect()
             };
             let (ours, theirs) = (of(self), of(other));
-            // Everything speaks in every run, save edits, which somebody has to ask for.
-            let silent = ours.is_empty() && signal.type_name != Edit::NAME;
+            // Everything speaks in every run, save edits, which somebody has to ask for, and
+            // contact, which has to be gained.
+            let rare = [Edit::NAME, Contact::NAME].contains(&&*signal.type_name);
+            let silent = ours.is_empty() && !rare;
             if silent || ours.len() != theirs.len() {
                 let (a, b) = (ours.len(), theirs.len());
                 return Some(format!("{}: {a} records and {b}", signal.name));
