@@ -172,7 +172,7 @@ impl Kept {
             let (ours, theirs) = (of(self), of(other));
             // Everything speaks in every run, save edits, which somebody has to ask for, and
             // contact, which has to be gained.
-            let rare = [Edit::NAME, Contact::NAME].contains(&&*signal.type_name);
+            let rare = [Edit::NAME, Contact::NAME].contains(&signal.type_name);
             let silent = ours.is_empty() && !rare;
             if silent || ours.len() != theirs.len() {
                 let (a, b) = (ours.len(), theirs.len());
