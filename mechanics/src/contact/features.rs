@@ -50,6 +50,11 @@ impl Part {
     fn of(self, value: f64) -> f64 {
         if self == Self::Compressive { value.min(0.0) } else { value }
     }
+
+    /// Leaves this part of an image: what a sensor reports that feels compression alone.
+    pub fn keep(self, image: &mut [f64]) {
+        image.iter_mut().for_each(|value| *value = self.of(*value));
+    }
 }
 
 /// Features of an image, row by row (row = y, column = x, both ascending).

@@ -2,11 +2,13 @@
 //! line, statics of the base, cells against points, and a sphere that rubs.
 
 use crate::layer;
+use taktil_mechanics::contact::features::Part;
 use taktil_mechanics::contact::field::{LineLoad, line};
 use taktil_mechanics::contact::space::Drive;
 use taktil_mechanics::contact::space::radial::Influence;
 use taktil_mechanics::contact::space::shear::Shear;
 use taktil_mechanics::contact::space::surface::{Cells, Surface};
+use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
 
 #[test]
 fn on_a_very_thick_layer_it_is_cerrutis_half_space() {
@@ -148,6 +150,50 @@ fn a_sphere_that_rubs_leans_on_the_side_it_pushes() {
     }
     assert!((moment + 0.8 * 0.5).abs() < 1e-4, "{moment}");
     assert!(shear.press(&mut surface, &heights, drive, f64::NAN).is_err());
+}
+
+#[test]
+fn the_image_of_a_sheared_contact_carries_its_force_and_its_moment() {
+    let rubber = layer(0.8, 0.49);
+    let (influence, shear) = (Influence::new(&rubber).unwrap(), Shear::new(&rubber).unwrap());
+    let array = Array { rows: 15, cols: 17, pitch_mm: 1.1 };
+    let [normal, along] = [
+        Shares::new(&influence, &array, Sampling::Area, Fineness::FINE).unwrap(),
+        Shares::sheared(&shear, &array, Sampling::Area, Fineness::FINE).unwrap(),
+    ];
+    // One load, off the middle of its tactel: tactel means of the point's own field.
+    let (place, q) = ([0.37, -0.21], 1.7);
+    let mut image = vec![0.0; array.len()];
+    along.add(&mut image, place, q);
+    let largest = image.iter().fold(0.0_f64, |most, s| most.max(s.abs()));
+    let (mut force, mut moment) = (0.0, 0.0);
+    for (n, szz) in image.iter().enumerate() {
+        let [x, y] = [array.x_mm(n % array.cols), array.y_mm(n / array.cols)];
+        let cell = q * shear.base_cell([x - place[0], y - place[1]], [0.55; 2]) / 1.21;
+        assert!((szz - cell).abs() < 1e-6 * largest, "{n}: {szz} {cell}");
+        force += 1.21 * szz;
+        moment += 1.21 * szz * x;
+    }
+    // A tactel's mean stands for its middle, which costs two percent of the moment.
+    assert!(force.abs() < 1e-3 && (moment / (-0.8 * q) - 1.0).abs() < 0.03, "{force} {moment}");
+    // A ball that rubs to the right is pressed ahead and lifted behind.
+    let cells = Cells { columns: 31, rows: 31, spacing_mm: 0.1 };
+    let mut surface = Surface::new(&influence, &cells).unwrap();
+    let ball = |n: usize| cells.place_mm(n).iter().map(|x| x * x / 20.0).sum();
+    let heights: Vec<f64> = (0..31 * 31).map(ball).collect();
+    let state = shear.press(&mut surface, &heights, Drive::ForceN(1.0), 0.5).unwrap();
+    let mut whole = vec![0.0; array.len()];
+    surface.image(&normal, [0.0; 2], &mut whole);
+    let still = whole.clone();
+    surface.image_of(&along, [0.0; 2], 0.5, &mut whole);
+    let sum = |image: &[f64]| 1.21 * image.iter().sum::<f64>();
+    assert!((sum(&whole) + state.force_n).abs() < 2e-3, "{}", sum(&whole));
+    let middle = 7 * 17 + 8;
+    assert!(whole[middle + 1] < still[middle + 1] && whole[middle - 1] > still[middle - 1]);
+    // What feels compression alone loses the tension and nothing else.
+    let mut felt = image.clone();
+    Part::Compressive.keep(&mut felt);
+    assert!(felt.iter().zip(&image).all(|(f, s)| *f == s.min(0.0)) && sum(&felt) < -0.1);
 }
 
 #[test]

@@ -98,6 +98,13 @@ pub(super) const CONTACT: &[Field] = &[
         "Mean over the tactel, or the value under its centre.",
     ),
     Field::new(
+        "part",
+        Kind::Choice(&["full", "compressive"]),
+        "",
+        Need::Default("\"full\""),
+        "What the image keeps; the features are always of both.",
+    ),
+    Field::new(
         "level",
         Kind::Choice(&["fast", "default", "fine"]),
         "",
@@ -236,11 +243,14 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
         Ok(touch)
     };
     let touch = args.timed_after(&mut state, prepare, compute).map_err(refused)?;
-    let image = state.1;
+    let mut image = state.1;
     let features = |part: Part| image_features(&array, &image, part).map_err(refused);
     let mut named = Map::new();
     push_features(&mut named, &features(Part::Full)?, "");
     push_features(&mut named, &features(Part::Compressive)?, "_c");
+    if args.choice("part")? == "compressive" {
+        Part::Compressive.keep(&mut image);
+    }
     let mut out = Answer::new();
     out.list("image", &image);
     out.number("force_n", touch.force_n);

@@ -115,6 +115,7 @@ fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
         (with("pitch_mm", json!(0)), "out_of_range", "pitch_mm"),
         (with("sampling", json!("mean")), "unknown_value", "sampling"),
         (with("level", json!("best")), "unknown_value", "level"),
+        (with("part", json!("tensile")), "unknown_value", "part"),
         (with("shape", json!({"edge": {"tilt_rad": 0.1}})), "unknown_field", "shape.edge.tilt_rad"),
         (both, "missing_field", "force_n"),
         (
@@ -202,4 +203,20 @@ fn a_jacobian_of_the_thesis_through_the_filter() {
     assert_eq!(answers[2]["j"][1], Value::Null);
     assert_eq!(answers[2]["condition"], Value::Null);
     assert!(answers[2]["j"][2].as_f64().unwrap() > 0.5);
+}
+
+#[test]
+fn a_compressive_image_is_the_image_without_its_tension() {
+    // Thin under its tactels and compressible: tension about the ball.
+    let request = |part: &str| {
+        json!({
+            "op": "contact_3d", "t_mm": 1.2, "nu": 0.2, "force_n": 2.0, "pitch_mm": 0.6,
+            "shape": {"sphere": {"radius_mm": 5.0, "x_mm": 0, "y_mm": 0}}, "part": part
+        })
+    };
+    let answers = ask(&[request("full"), request("compressive")]);
+    let [full, felt] = [flat(&answers[0]["image"]), flat(&answers[1]["image"])];
+    assert!(full.iter().any(|s| *s > 0.0), "nothing to leave out");
+    assert!(full.iter().zip(&felt).all(|(s, f)| *f == s.min(0.0)));
+    assert_eq!(answers[0]["features"], answers[1]["features"]);
 }

@@ -4,6 +4,8 @@ use super::{Contact, Indenter, Load, Mode, Refusal, Search};
 
 /// Searches for the lifted edge end after so many solutions.
 const SEARCH: usize = 60;
+/// How far the edge is foreseen, in steps between the last two loads.
+const FARTHEST: f64 = 4.0;
 
 impl Indenter {
     pub(super) fn bar(
@@ -72,7 +74,7 @@ impl Indenter {
         // the corner; y is the logarithm of the half-width in thicknesses.
         let top = libm::log(half);
         let (mut y, mut slope) = match self.guess {
-            Some([y, slope]) if y < top => (y, slope),
+            Some([y, slope]) if y < top => (self.foreseen(place, y).min(top - 1e-6), slope),
             _ => ((libm::log(2.0 * (half - place.abs()))).min(top - 0.01), 2.0),
         };
         let tolerance = match self.level {
@@ -103,6 +105,7 @@ impl Indenter {
                     return Ok(self.flat_contact(load, half, 0.0, Mode::Full));
                 }
                 self.guess = Some([y, slope]);
+                self.note(place, y);
                 let mode = if free == 0 { Mode::Left } else { Mode::Right };
                 return Ok(self.flat_contact(load, h, centre, mode));
             }
@@ -119,6 +122,28 @@ impl Indenter {
             }
         }
         Err(Refusal::Unsettled)
+    }
+
+    /// The edge at a place of the loads, along the line through the last two: it depends on that
+    /// place alone, since the force scales everything and friction goes with the place.
+    fn foreseen(&self, place: f64, y: f64) -> f64 {
+        let [Some([older, low]), Some([newer, high])] = self.trail else { return y };
+        let (run, step) = (newer - older, place - newer);
+        if step.abs() <= 1e-13 * place.abs() || step.abs() > FARTHEST * run.abs() {
+            return y;
+        }
+        let ahead = step * (high - low) / run;
+        if ahead.abs() < 0.3 { high + ahead } else { y }
+    }
+
+    /// Remembers where the edge was for a place of the loads; places too near each other to show a
+    /// slope replace each other.
+    fn note(&mut self, place: f64, y: f64) {
+        let near = |old: &[f64; 2]| (old[0] - place).abs() <= 1e-6 * place.abs();
+        if !self.trail[1].as_ref().is_some_and(near) {
+            self.trail[0] = self.trail[1];
+        }
+        self.trail[1] = Some([place, y]);
     }
 
     fn flat_contact(&mut self, load: &Load, half: f64, centre: f64, mode: Mode) -> Contact {

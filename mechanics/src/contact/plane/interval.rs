@@ -10,10 +10,15 @@
 //!
 //! Lengths in thicknesses, tractions in units of pi G/(1 - nu). Once made, nothing allocates.
 
+use super::cubics::Mixed;
 use super::dense::Dense;
 use super::jacobi::{self, Recurrence, Rule};
 use super::panels::SurfaceKernels;
+use crate::contact::kernel::REACH;
 use core::f64::consts::{FRAC_PI_2, PI};
+
+/// Couplings nearer to each other than this are one and the same.
+const ROUNDING: f64 = 1e-14;
 
 /// The discretised interval; matrix and solutions live in storage that is kept.
 #[derive(Clone, Debug)]
@@ -26,6 +31,10 @@ pub(crate) struct Interval {
     coupling: f64,
     /// Exponents of the collocation points held, and their number.
     held: (usize, f64),
+    /// The coarse kernel, where that is what is read.
+    mixed: Option<Mixed>,
+    /// What each phi adds to the mean descent by the kernel's smooth part; empty when not known.
+    sinks: Vec<f64>,
 }
 
 impl Interval {
@@ -38,30 +47,45 @@ impl Interval {
             half: 1.0,
             coupling: 0.0,
             held: (0, 0.0),
+            mixed: None,
+            sinks: Vec::with_capacity(capacity),
         }
+    }
+
+    /// The same for errors of about 1e-6: coarse kernels, points found no better than 1e-8.
+    pub(crate) fn coarse(capacity: usize) -> Self {
+        let mut coarse = Self::with_capacity(capacity);
+        coarse.rule = Rule::with_capacity(capacity).coarse();
+        coarse.recurrence = Recurrence::with_capacity(capacity).coarse();
+        coarse.mixed = Some(Mixed::with_capacity(REACH));
+        coarse
     }
 
     /// Assembles and factors for a half-width and a coupling g, with `n` points.
     pub(crate) fn assemble(&mut self, kernels: &SurfaceKernels, n: usize, half: f64, g: f64) {
-        let alpha = exponent(kernels, g);
-        if (n, half, g) == (self.rule.nodes.len(), self.half, self.coupling) {
+        let same = (g - self.coupling).abs() <= ROUNDING * g.abs();
+        if same && (n, half) == (self.rule.nodes.len(), self.half) {
             return;
         }
+        let alpha = exponent(kernels, g);
         (self.half, self.coupling) = (half, g);
+        self.sinks.clear();
         self.rule.fill(n, alpha, -1.0 - alpha);
         if self.held != (n, alpha) {
             self.fill_zeros(n - 1, alpha);
             self.held = (n, alpha);
         }
         self.dense.reset(n);
-        for (i, &zero) in self.zeros.iter().enumerate() {
-            let row = self.dense.row_mut(i);
-            let pairs = self.rule.nodes.iter().zip(&self.rule.weights);
-            for (entry, (node, weight)) in row.iter_mut().zip(pairs) {
-                let x = half * (zero - node);
-                let smooth = if g == 0.0 { kernels.normal_slope(x) } else { kernels.slopes(x, g) };
-                *entry = half * weight * (smooth - 1.0 / x);
+        match &mut self.mixed {
+            Some(mixed) if kernels.coarse.covers(2.0 * half) => {
+                kernels.coarse.slopes(g, 2.0 * half, mixed);
+                let mixed = &*mixed;
+                fill(&mut self.dense, &self.zeros, &self.rule, half, |x| mixed.at(x));
             }
+            _ if g == 0.0 => {
+                fill(&mut self.dense, &self.zeros, &self.rule, half, |x| kernels.normal_slope(x));
+            }
+            _ => fill(&mut self.dense, &self.zeros, &self.rule, half, |x| kernels.slopes(x, g)),
         }
         for (entry, weight) in self.dense.row_mut(n - 1).iter_mut().zip(&self.rule.weights) {
             *entry = half * weight;
@@ -122,31 +146,58 @@ impl Interval {
 
     /// Means over the interval, with the weight that turns the singular part into a constant: of
     /// the surface's descent under phi, and of any function of xi.
-    pub(crate) fn mean_descent(&self, kernels: &SurfaceKernels, phi: &[f64]) -> f64 {
-        let (alpha, g) = (self.held.1, self.coupling);
+    pub(crate) fn mean_descent(&mut self, kernels: &SurfaceKernels, phi: &[f64]) -> f64 {
+        let (alpha, g, half) = (self.held.1, self.coupling, self.half);
         let step = g * kernels.transfer.n * FRAC_PI_2;
-        let constant = -libm::log(self.half) - jacobi::mean_log(-1.0 - alpha) - step;
-        // Under the mirrored exponents the nodes are mirrored and keep their weights; so the sum
-        // over both places has the kernel at -(s + x), the same for (s, x) and (x, s).
-        let (nodes, weights) = (&self.rule.nodes, &self.rule.weights);
-        let mut smooth = 0.0;
-        for i in 0..nodes.len() {
-            let mut inner = 0.0;
-            for k in 0..=i {
-                let x = -self.half * (nodes[i] + nodes[k]);
-                let kernel = if g == 0.0 { kernels.normal(x) } else { kernels.descents(x, g) };
-                let both = if k == i { phi[i] } else { phi[i] + phi[k] };
-                inner += weights[k] * both * kernel;
+        let constant = -libm::log(half) - jacobi::mean_log(-1.0 - alpha) - step;
+        if self.sinks.is_empty() {
+            let (rule, out) = (&self.rule, &mut self.sinks);
+            match &mut self.mixed {
+                Some(mixed) if kernels.coarse.covers(2.0 * half) => {
+                    kernels.coarse.descents(g, 2.0 * half, mixed);
+                    let mixed = &*mixed;
+                    fill_sinks(rule, half, out, |x| mixed.at(x));
+                }
+                _ if g == 0.0 => fill_sinks(rule, half, out, |x| kernels.normal(x)),
+                _ => fill_sinks(rule, half, out, |x| kernels.descents(x, g)),
             }
-            smooth += weights[i] * inner;
         }
-        constant * self.total(phi) + self.half * smooth / jacobi::mass(alpha)
+        let smooth: f64 = self.sinks.iter().zip(phi).map(|(sink, phi)| sink * phi).sum();
+        constant * self.total(phi) + half * smooth / jacobi::mass(alpha)
     }
 
     /// Mean of a function of xi under the weight of [`Self::mean_descent`].
     pub(crate) fn mean(&self, of: impl Fn(f64) -> f64) -> f64 {
         let pairs = self.rule.nodes.iter().zip(&self.rule.weights);
         pairs.map(|(x, w)| w * of(-x)).sum::<f64>() / jacobi::mass(self.held.1)
+    }
+}
+
+/// The rows of the slope equation; `kernel` is its smooth part.
+fn fill(dense: &mut Dense, zeros: &[f64], rule: &Rule, half: f64, kernel: impl Fn(f64) -> f64) {
+    for (i, &zero) in zeros.iter().enumerate() {
+        let pairs = rule.nodes.iter().zip(&rule.weights);
+        for (entry, (node, weight)) in dense.row_mut(i).iter_mut().zip(pairs) {
+            let x = half * (zero - node);
+            *entry = half * weight * (kernel(x) - 1.0 / x);
+        }
+    }
+}
+
+/// What each phi adds to the sum over both places of the smooth part of the descent.
+fn fill_sinks(rule: &Rule, half: f64, out: &mut Vec<f64>, kernel: impl Fn(f64) -> f64) {
+    // Under the mirrored exponents the nodes are mirrored and keep their weights; so the sum
+    // over both places has the kernel at -(s + x), the same for (s, x) and (x, s).
+    let (nodes, weights) = (&rule.nodes, &rule.weights);
+    out.clear();
+    for (i, (node, weight)) in nodes.iter().zip(weights).enumerate() {
+        let mut own = weight * kernel(-2.0 * half * node);
+        for ((other, part), sink) in nodes[..i].iter().zip(weights).zip(out.iter_mut()) {
+            let value = kernel(-half * (node + other));
+            own += part * value;
+            *sink += weight * part * value;
+        }
+        out.push(weight * own);
     }
 }
 

@@ -7,8 +7,9 @@ use core::f64::consts::{LN_2, PI};
 
 /// Newton steps for one block of nodes; from the asymptotic guess four are enough.
 const STEPS: usize = 12;
-/// A step under this part of the distance from the ends is the last one.
-const NEARLY: f64 = 1e-9;
+/// A step under this part of the distance from the ends is the last one: the next would be of the
+/// order of its square. The second is that of rules for coarse work.
+const NEARLY: [f64; 2] = [1e-8, 1e-4];
 /// Nodes treated at once.
 const BLOCK: usize = 4;
 
@@ -31,11 +32,17 @@ pub(crate) struct Rule {
 pub(crate) struct Recurrence {
     steps: Vec<[f64; 3]>,
     exponents: [f64; 2],
+    coarse: bool,
 }
 
 impl Recurrence {
     pub(crate) fn with_capacity(capacity: usize) -> Self {
-        Self { steps: Vec::with_capacity(capacity), exponents: [0.0; 2] }
+        Self { steps: Vec::with_capacity(capacity), exponents: [0.0; 2], coarse: false }
+    }
+
+    /// Zeros to about 1e-8 are good enough.
+    pub(crate) fn coarse(self) -> Self {
+        Self { coarse: true, ..self }
     }
 
     fn prepare(&mut self, n: usize, alpha: f64, beta: f64) {
@@ -113,8 +120,7 @@ impl Recurrence {
                     x[i] -= step;
                     largest = largest.max(step.abs() / inside);
                 }
-                // The next step would be of the order of this one's square.
-                if largest < NEARLY {
+                if largest < NEARLY[usize::from(self.coarse)] {
                     break;
                 }
             }
@@ -133,6 +139,11 @@ impl Rule {
         let recurrence = Recurrence::with_capacity(capacity);
         let (nodes, weights, barycentric) = (room(), room(), room());
         Self { nodes, weights, barycentric, recurrence, alpha: 0.0, beta: 0.0 }
+    }
+
+    /// Nodes to about 1e-8 are good enough.
+    pub(crate) fn coarse(self) -> Self {
+        Self { recurrence: self.recurrence.coarse(), ..self }
     }
 
     /// Makes this the rule of `n` nodes for exponents with alpha + beta = -1.

@@ -14,7 +14,9 @@
 
 mod bar;
 pub mod bed;
+mod cubics;
 mod dense;
+mod density;
 pub mod features;
 mod glued;
 pub mod grip;
@@ -33,6 +35,7 @@ use super::layer::Layer;
 use super::stack::Stack;
 use super::{Invalid, positive};
 use core::f64::consts::PI;
+use density::{points, widest};
 use interval::Interval;
 use panels::SurfaceKernels;
 use search::Search;
@@ -201,6 +204,8 @@ pub struct Indenter {
     contact: Contact,
     /// Logarithm of the last interval's half-width in thicknesses, and how the load followed it.
     guess: Option<[f64; 2]>,
+    /// Where the loads of the last lifted bars stood, and what the edge then was: older, newer.
+    trail: [Option<[f64; 2]>; 2],
 }
 
 const NOTHING: Contact = Contact {
@@ -292,12 +297,17 @@ impl Indenter {
             friction,
             level,
             kernels,
-            interval: Interval::with_capacity(capacity),
+            interval: if level == Level::Fast {
+                Interval::coarse(capacity)
+            } else {
+                Interval::with_capacity(capacity)
+            },
             capacity,
             phi: room(),
             work: [room(), room()],
             contact: NOTHING,
             guess: None,
+            trail: [None; 2],
         })
     }
 
@@ -315,7 +325,7 @@ impl Indenter {
 
     /// Forgets the last solution, so that the next one starts cold.
     pub fn forget(&mut self) {
-        self.guess = None;
+        (self.guess, self.trail) = (None, [None; 2]);
         self.contact = NOTHING;
         self.phi.clear();
     }
@@ -463,28 +473,4 @@ impl Indenter {
         };
         rule.nodes.iter().zip(&rule.weights).map(force).collect()
     }
-}
-
-/// Points at least, and for each thickness of half-width: the kernel's nearest singularities lie
-/// 2i thicknesses away, so the error falls as exp(-4 n/half) where that is the slower.
-fn density(level: Level) -> [f64; 2] {
-    match level {
-        Level::Fast => [5.0, 3.2],
-        Level::Default => [10.0, 4.9],
-        Level::Fine => [14.0, 6.4],
-    }
-}
-
-/// Points for a half-width of `half` thicknesses.
-fn points(level: Level, half: f64) -> usize {
-    let [least, each] = density(level);
-    // In steps, so that the nodes can often be kept while an edge is searched.
-    let step = if level == Level::Fast { 2 } else { 4 };
-    (libm::ceil((least + each * half).min(1e6)) as usize).next_multiple_of(step)
-}
-
-/// Largest half-width in thicknesses for so many points.
-fn widest(level: Level, points: usize) -> f64 {
-    let [least, each] = density(level);
-    (points as f64 - 4.0 - least) / each
 }

@@ -8,6 +8,7 @@
 use super::super::kernel::{REACH, SURFACE_CUTOFF};
 use super::super::layer::Transfer;
 use super::super::stack::Stack;
+use super::cubics::Coarse;
 use crate::contact::Invalid;
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -95,6 +96,8 @@ pub(crate) struct SurfaceKernels {
     /// Where the tables end.
     reach: f64,
     pub(crate) transfer: Transfer,
+    /// The same, less exact.
+    pub(crate) coarse: Coarse,
 }
 
 impl SurfaceKernels {
@@ -152,15 +155,23 @@ impl SurfaceKernels {
             }
         };
         let at = |i: usize, j: usize| &sums.values[i * TERMS + j];
-        Self {
-            normal: Panels::new(count, |i, j| at(i, j)[0] + log_part(x(i, j))),
-            normal_slope: Panels::new(count, |i, j| at(i, j)[1] + slope_part(x(i, j))),
-            along: Panels::new(count, |i, j| at(i, j)[4] + log_part(x(i, j))),
-            coupling: Panels::new(count, |i, j| at(i, j)[2]),
-            coupling_slope: Panels::new(count, |i, j| at(i, j)[3]),
-            reach,
-            transfer: *transfer,
-        }
+        let normal = Panels::new(count, |i, j| at(i, j)[0] + log_part(x(i, j)));
+        let normal_slope = Panels::new(count, |i, j| at(i, j)[1] + slope_part(x(i, j)));
+        let coupling = Panels::new(count, |i, j| at(i, j)[2]);
+        let coupling_slope = Panels::new(count, |i, j| at(i, j)[3]);
+        let odd = |x: f64, value: f64| if x < 0.0 { -value } else { value };
+        let coarse = Coarse::new(
+            REACH.min(reach),
+            [
+                &|x| odd(x, normal_slope.at(x.abs())),
+                &|x| coupling_slope.at(x.abs()),
+                &|x| normal.at(x.abs()),
+                &|x| odd(x, coupling.at(x.abs())),
+            ],
+        );
+        let along = Panels::new(count, |i, j| at(i, j)[4] + log_part(x(i, j)));
+        let transfer = *transfer;
+        Self { normal, normal_slope, along, coupling, coupling_slope, reach, transfer, coarse }
     }
 
     /// S at a distance of either sign.

@@ -79,7 +79,7 @@ impl Indenter {
         let load = super::Load { p_n_mm: contact.p_n_mm, q_n_mm: contact.q_n_mm };
         let ratio = self.ratio(&load);
         self.assemble(half, ratio)?;
-        let (interval, [punch, tilted]) = (&self.interval, &mut self.work);
+        let (interval, [punch, tilted]) = (&mut self.interval, &mut self.work);
         interval.solve(1.0, |_| 0.0, punch);
         let per_force = interval.mean_descent(&self.kernels, punch);
         // Pressure per thickness of descent; per rad of tilt about x = 0 as the descent is x.

@@ -188,7 +188,7 @@ impl Indenter {
     }
 
     /// Descent of the lowest point.
-    fn descent(&self, profile: &Profile, trial: &Trial) -> f64 {
+    fn descent(&mut self, profile: &Profile, trial: &Trial) -> f64 {
         let half = self.interval.half();
         let height = self.interval.mean(|xi| profile.height(trial.centre + half * xi));
         self.interval.mean_descent(&self.kernels, &self.phi) + height

@@ -53,6 +53,8 @@ pub struct Endless {
     sides: [Vec<f64>; 2],
     /// Place (thicknesses) and load (N/mm) of the pairs of lines that stand for the pressure.
     lines: Vec<[f64; 2]>,
+    /// What the other line of a pair carries of the first one's load: 1, or -1 for a roll.
+    mirror: f64,
     state: LineState,
 }
 
@@ -75,7 +77,7 @@ impl Endless {
         let count = |b: f64| 10 + libm::ceil(1.5 * b) as usize;
         let strips = Strips::new(&transfer, section, penetration_max_mm / t, count)?;
         let n = strips.places.cosines;
-        let lines = n + libm::ceil(3.0 * strips.widest()) as usize;
+        let lines = pairs(strips.widest());
         Ok(Self {
             layer: *layer,
             base: Base::new(&transfer),
@@ -83,6 +85,7 @@ impl Endless {
             matrix: vec![0.0; n * n],
             sides: [vec![0.0; n], vec![0.0; n]],
             lines: vec![[0.0; 2]; lines],
+            mirror: 1.0,
             state: LineState::default(),
             strips,
         })
@@ -107,7 +110,6 @@ impl Endless {
             Drive::PenetrationMm(delta) => (false, delta / t),
         };
         let (b, delta) = self.search(by_force, wanted, drive)?;
-        let n = self.strips.places.cosines;
         let [punch, shape] = &mut self.sides;
         let mut edges = [0.0; 2];
         for (p, s) in punch.iter_mut().zip(shape) {
@@ -115,16 +117,13 @@ impl Endless {
             edges[0] += *p;
             edges[1] += *s;
         }
-        let count = self.lines.len();
         let psi = &self.sides[1];
-        for (i, line) in self.lines.iter_mut().enumerate() {
-            let angle = PI * (2 * i + 1) as f64 / (4 * count) as f64;
-            let value: f64 = (0..n).map(|k| psi[k] * libm::cos(2.0 * k as f64 * angle)).sum();
-            let load = 0.5 * PI / count as f64 * modulus * t * value;
-            *line = [b * libm::cos(angle), load];
-        }
+        let first = psi[0];
+        let count = pairs(b).min(self.lines.capacity());
+        self.lines.resize(count, [0.0; 2]);
+        lay(&mut self.lines, psi, [b, modulus * t], 0.0);
         self.state = LineState {
-            force_n_mm: PI * psi[0] * modulus * t,
+            force_n_mm: PI * first * modulus * t,
             penetration_mm: delta * t,
             half_width_mm: b * t,
             residual: if self.strips.is_free() {
@@ -134,6 +133,26 @@ impl Endless {
             },
         };
         Ok(self.state)
+    }
+
+    /// The rate of the last contact per rad of roll that lowers the side towards +u: its image is
+    /// the image's rate. None for a cylinder and without contact.
+    #[must_use]
+    pub fn roll(&self) -> Option<Self> {
+        if self.strips.is_free() || self.state.force_n_mm == 0.0 {
+            return None;
+        }
+        let half = self.strips.widest();
+        let strips = Strips::odd(&self.layer.transfer(), half, self.strips.places.cosines);
+        let mut rate = Self { strips, mirror: -1.0, ..self.clone() };
+        let places = rate.strips.places;
+        rate.strips.row(half, &mut rate.row);
+        // The descent b cos(theta) of a unit slope has the one moment b pi/2.
+        let a = rate.row[places.punch(0)..places.penetration()].iter().map(|a| 0.5 * half * a);
+        let a: Vec<f64> = a.collect();
+        let modulus = PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson);
+        lay(&mut rate.lines, &a, [half, modulus * self.layer.thickness_mm], 1.0);
+        Some(rate)
     }
 
     /// Lifts the indenter off.
@@ -220,7 +239,8 @@ impl Endless {
         if self.state.force_n_mm == 0.0 {
             return 0.0;
         }
-        self.lines.iter().map(|[x, load]| load * (kernel(u - x) + kernel(u + x))).sum()
+        let pair = |x: f64| kernel(u - x) + self.mirror * kernel(u + x);
+        self.lines.iter().map(|[x, load]| load * pair(*x)).sum()
     }
 
     /// Writes the image, row by row (row = y, column = x, both ascending), stresses in MPa.
@@ -276,6 +296,23 @@ impl Endless {
         let outer = self.superpose(u + sum, twice) + self.superpose(u - sum, twice);
         let inner = self.superpose(u + rest, twice) + self.superpose(u - rest, twice);
         (outer - inner) / (4.0 * wide * narrow)
+    }
+}
+
+/// Pairs of lines for a half-width of `b` thicknesses: the base function dies as exp(-k) at a wave
+/// number k, so Gauss and Chebyshev's rule with 2 n lines leaves J_4n(k b), under 1e-8 in all.
+fn pairs(b: f64) -> usize {
+    6 + libm::ceil(4.5 * b) as usize
+}
+
+/// Pairs of lines that stand for psi = sum a_k cos((2 k + `odd`) theta) on a half-width.
+fn lay(lines: &mut [[f64; 2]], a: &[f64], [half, scale]: [f64; 2], odd: f64) {
+    let count = lines.len();
+    for (i, line) in lines.iter_mut().enumerate() {
+        let angle = PI * (2 * i + 1) as f64 / (4 * count) as f64;
+        let term = |(k, a): (usize, &f64)| a * libm::cos((2.0 * k as f64 + odd) * angle);
+        let value: f64 = a.iter().enumerate().map(term).sum();
+        *line = [half * libm::cos(angle), 0.5 * PI / count as f64 * scale * value];
     }
 }
 

@@ -5,9 +5,9 @@
 //! Motions are about the indenter's origin on the surface: dx, dy along the array, dz into the
 //! layer, right-handed rotations about x, y (which tilt a long indenter, positive about x lowering
 //! the side towards -y) and z (up). A round body turns about its own axis, which changes nothing: a
-//! sphere's rotations and a cylinder's roll are columns of 0. What a motion or a feature does not
-//! define (dz of a line load, the roll of a bar, the axis of a round image) is absent, and so is
-//! then the condition number.
+//! sphere's rotations and a cylinder's roll are columns of 0; a bar's roll is the exact rate of its
+//! pressure ([`super::pin::Roll`]). What a motion or a feature does not define (dz of a line load,
+//! the axis of a round image) is absent, and so is then the condition number.
 
 use super::super::Invalid;
 use super::super::features::{ImageFeatures, Part, image_features};
@@ -108,7 +108,8 @@ pub fn feature_jacobian(
     }
     let touch = scene.press(drive, pose)?;
     let drive = touch.penetration_mm.map_or(drive, Drive::PenetrationMm);
-    let here = measured(scene, drive, pose)?;
+    let here = measured(scene, drive, pose, &[], 0.0)?;
+    let rolled = scene.rolled()?;
     let count = features.len() * motions.len();
     let mut out = FeatureJacobian {
         motions: motions.len(),
@@ -122,7 +123,7 @@ pub fn feature_jacobian(
         let step = scene.step(*motion, touch.penetration_mm);
         let mut at = |amount: f64| {
             let (drive, pose) = effect.moved(drive, pose, amount);
-            measured(scene, drive, pose)
+            measured(scene, drive, pose, &rolled, amount * effect.roll)
         };
         let wide = [at(step)?, at(-step)?];
         let narrow = [at(0.5 * step)?, at(-0.5 * step)?];
@@ -147,10 +148,20 @@ pub fn feature_jacobian(
     Ok(out)
 }
 
-fn measured(scene: &mut Scene, drive: Drive, pose: Pose) -> Result<ImageFeatures, Invalid> {
+/// Features of the image at a pose, with so much of a roll's rate added.
+fn measured(
+    scene: &mut Scene,
+    drive: Drive,
+    pose: Pose,
+    rolled: &[f64],
+    roll: f64,
+) -> Result<ImageFeatures, Invalid> {
     scene.press(drive, pose)?;
     let mut image = vec![0.0; scene.array().len()];
     scene.image(&mut image)?;
+    for (value, rate) in image.iter_mut().zip(rolled) {
+        *value += roll * rate;
+    }
     image_features(scene.array(), &image, Part::Full)
 }
 
@@ -162,6 +173,7 @@ struct Effect {
     deeper: f64,
     rot: f64,
     tilt: f64,
+    roll: f64,
 }
 
 impl Effect {
@@ -183,20 +195,19 @@ fn effect(shape: Shape, pose: Pose, motion: Motion) -> Option<Effect> {
     let (s, c) = (libm::sin(pose.stand.rot_rad), libm::cos(pose.stand.rot_rad));
     let round = matches!(shape, Shape::Sphere { .. });
     let line = matches!(shape, Shape::Edge { .. });
-    // A rotation about x raises the place (x, y) by y: the axis (-s, c) by c a length.
+    // A rotation about x raises the place (x, y) by y: the axis (-s, c) by c a length, the side
+    // (c, s) by s.
     let tilt = |part: f64, roll: f64| {
         if round {
             return Some(none);
         }
-        let bar = matches!(shape, Shape::Bar { .. });
-        let undefined = line && part != 0.0 || bar && roll.abs() > 1e-12;
-        (!undefined).then_some(Effect { tilt: -part, ..none })
+        (!line || part == 0.0).then_some(Effect { tilt: -part, roll, ..none })
     };
     match motion {
         Motion::X => Some(Effect { x: 1.0, ..none }),
         Motion::Y => Some(Effect { y: 1.0, ..none }),
         Motion::Z => (!line).then_some(Effect { deeper: 1.0, ..none }),
-        Motion::RotX => tilt(c, s),
+        Motion::RotX => tilt(c, -s),
         Motion::RotY => tilt(s, c),
         Motion::RotZ => Some(Effect { rot: if round { 0.0 } else { 1.0 }, ..none }),
     }

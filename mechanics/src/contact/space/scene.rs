@@ -383,6 +383,30 @@ impl Scene {
         }
     }
 
+    /// The image's rate per rad of roll of a bar about its own axis, the side towards +u lowered;
+    /// of anything else 0.
+    ///
+    /// # Errors
+    /// None is expected after a contact was found.
+    pub(crate) fn rolled(&self) -> Result<Vec<f64>, Invalid> {
+        let mut image = vec![0.0; self.array.len()];
+        let stand = self.pose.stand;
+        match (&self.solver, &self.shares) {
+            (Solver::Endless(bar), _) => {
+                if let Some(rate) = bar.roll() {
+                    rate.image(&self.array, self.sampling, stand, &mut image)?;
+                }
+            }
+            (Solver::Pin(pin), Some(shares)) => {
+                if let Some(rate) = pin.roll()? {
+                    rate.image(shares, stand, &mut image);
+                }
+            }
+            _ => {}
+        }
+        Ok(image)
+    }
+
     /// Gauss's two points on short pieces of the line.
     fn edge_image(&self, image: &mut [f64]) {
         let (Some(shares), Shape::Edge { length_mm }) = (&self.shares, self.shape) else { return };

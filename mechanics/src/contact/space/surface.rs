@@ -316,6 +316,11 @@ impl Surface {
     /// Adds the image of the contact to `image`, the grid's centre standing at `place_mm`; stresses
     /// in MPa.
     pub fn image(&self, shares: &Shares, place_mm: [f64; 2], image: &mut [f64]) {
+        self.image_of(shares, place_mm, 1.0, image);
+    }
+
+    /// The same of `ratio` times the pressure: with [`Shares::sheared`] the image of what rubs.
+    pub fn image_of(&self, shares: &Shares, place_mm: [f64; 2], ratio: f64, image: &mut [f64]) {
         let Cells { columns, rows, spacing_mm } = self.cells;
         let area = spacing_mm * spacing_mm;
         let at = |i: usize, j: usize| {
@@ -329,7 +334,7 @@ impl Surface {
             let load = (20.0 * at(i, j) + around + at(i, j + 1)) / 24.0;
             if load != 0.0 {
                 let [x, y] = self.cells.place_mm(cell);
-                shares.add(image, [place_mm[0] + x, place_mm[1] + y], load * area);
+                shares.add(image, [place_mm[0] + x, place_mm[1] + y], ratio * load * area);
             }
         }
     }

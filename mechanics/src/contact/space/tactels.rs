@@ -10,6 +10,7 @@
 use super::super::{Invalid, positive};
 use super::pin::Stand;
 use super::radial::Influence;
+use super::shear::Shear;
 
 /// Most tactels of an array.
 const TACTELS_MAX: usize = 1 << 20;
@@ -157,7 +158,7 @@ pub struct Shares {
 }
 
 impl Shares {
-    /// Tabulates the shares; allocates.
+    /// Tabulates the shares of normal loads; allocates.
     ///
     /// # Errors
     /// An array that [`Array::check`] refuses; a table that would not fit in memory.
@@ -167,8 +168,43 @@ impl Shares {
         sampling: Sampling,
         fineness: Fineness,
     ) -> Result<Self, Invalid> {
+        let base = Base {
+            thickness_mm: influence.layer().thickness_mm,
+            point: &|[x, y]| influence.base_point((x * x + y * y).sqrt()),
+            cell: &|place, half| influence.base_cell(place, half),
+            odd: false,
+        };
+        Self::of(&base, array, sampling, fineness)
+    }
+
+    /// Tabulates the shares of tangential loads along +x; allocates. [`Shares::add`] then takes the
+    /// force along x.
+    ///
+    /// # Errors
+    /// As [`Shares::new`].
+    pub fn sheared(
+        shear: &Shear,
+        array: &Array,
+        sampling: Sampling,
+        fineness: Fineness,
+    ) -> Result<Self, Invalid> {
+        let base = Base {
+            thickness_mm: shear.layer().thickness_mm,
+            point: &|place| shear.base_point(place),
+            cell: &|place, half| shear.base_cell(place, half),
+            odd: true,
+        };
+        Self::of(&base, array, sampling, fineness)
+    }
+
+    fn of(
+        base: &Base,
+        array: &Array,
+        sampling: Sampling,
+        fineness: Fineness,
+    ) -> Result<Self, Invalid> {
         array.check()?;
-        let t = influence.layer().thickness_mm;
+        let t = base.thickness_mm;
         if array.pitch_mm > THINNEST * t {
             let what = format!("{t} mm under tactels of {} mm", array.pitch_mm);
             return Err(Invalid::new("thickness_mm", what, "give tactels nearer to the thickness"));
@@ -186,20 +222,19 @@ impl Shares {
             let what = format!("{} mm on tactels of {} mm", t, array.pitch_mm);
             return Err(Invalid::new("thickness_mm", what, "give tactels nearer to the thickness"));
         }
-        let offsets = Offsets::new(influence, array, sampling, phases, half);
+        let offsets = Offsets::new(base, array, sampling, phases, half);
         let mut blocks = Vec::with_capacity(stride * stride * side * side);
         // Phase p is the place (p - 1)/phases of the load in its tactel, from its left edge.
+        let along = |index: usize, phase: usize| {
+            let tactels = index as isize - (half as isize - 1);
+            let (n, p) = (phases as isize, phase as isize - 1);
+            tactels * n + n / 2 - p
+        };
         for p_y in 0..stride {
             for p_x in 0..stride {
                 for row in 0..side {
-                    for column in 0..side {
-                        let along = |index: usize, phase: usize| {
-                            let tactels = index as isize - (half as isize - 1);
-                            let (n, p) = (phases as isize, phase as isize - 1);
-                            (tactels * n + n / 2 - p).unsigned_abs()
-                        };
-                        blocks.push(offsets.share(along(column, p_x), along(row, p_y)));
-                    }
+                    let y = along(row, p_y);
+                    blocks.extend((0..side).map(|column| offsets.share(along(column, p_x), y)));
                 }
             }
         }
@@ -281,29 +316,32 @@ fn cubic(s: f64) -> [f64; 4] {
     [-s * b * c / 6.0, a * b * c / 2.0, -a * s * c / 2.0, a * s * b / 6.0]
 }
 
+/// What a load does to the base: the stress at a place from it, and its integral over a rectangle
+/// of some half-sides about that place.
+struct Base<'a> {
+    thickness_mm: f64,
+    point: &'a dyn Fn([f64; 2]) -> f64,
+    cell: &'a dyn Fn([f64; 2], [f64; 2]) -> f64,
+    /// Whether both change sign with x; they are even along y.
+    odd: bool,
+}
+
 /// Shares over offsets that are whole multiples of the grid's spacing, both at least 0.
 struct Offsets {
     width: usize,
     shares: Vec<f64>,
+    odd: bool,
 }
 
 impl Offsets {
-    fn new(
-        influence: &Influence,
-        array: &Array,
-        sampling: Sampling,
-        phases: usize,
-        half: usize,
-    ) -> Self {
+    fn new(base: &Base, array: &Array, sampling: Sampling, phases: usize, half: usize) -> Self {
         let spacing = array.pitch_mm / phases as f64;
         let width = (half + 1) * phases + 2;
-        let pressure = |i: usize, j: usize| {
-            let (x, y) = (i as f64 * spacing, j as f64 * spacing);
-            -influence.base_point((x * x + y * y).sqrt())
-        };
+        let odd = base.odd;
+        let pressure = |i: usize, j: usize| -(base.point)([i, j].map(|k| k as f64 * spacing));
         if sampling == Sampling::Centre {
             let shares = (0..width * width).map(|n| pressure(n % width, n / width)).collect();
-            return Self { width, shares };
+            return Self { width, shares, odd };
         }
         // Integrals from the origin to each grid point, by cells and running sums.
         let reach = width + phases / 2;
@@ -312,16 +350,16 @@ impl Offsets {
             let mut row = 0.0;
             for i in 0..reach {
                 let at = |k: usize| (k as f64 + 0.5) * spacing;
-                let cell = influence.base_cell([at(i), at(j)], [0.5 * spacing; 2]);
+                let cell = (base.cell)([at(i), at(j)], [0.5 * spacing; 2]);
                 row -= cell;
                 let below = sums[j * (reach + 1) + i + 1];
                 sums[(j + 1) * (reach + 1) + i + 1] = below + row;
             }
         }
-        // Odd in both, so that a tactel across the origin needs nothing special.
+        // Their symmetry, so that a tactel across the origin needs nothing special.
         let sum = |i: isize, j: isize| {
             let value = sums[j.unsigned_abs() * (reach + 1) + i.unsigned_abs()];
-            if (i < 0) == (j < 0) { value } else { -value }
+            if (i < 0 && !odd) == (j < 0) { value } else { -value }
         };
         let (h, area) = (phases as isize / 2, array.pitch_mm * array.pitch_mm);
         let share = |n: usize| {
@@ -329,10 +367,15 @@ impl Offsets {
             let whole = sum(i + h, j + h) - sum(i - h, j + h);
             (whole - sum(i + h, j - h) + sum(i - h, j - h)) / area
         };
-        Self { width, shares: (0..width * width).map(share).collect() }
+        Self { width, shares: (0..width * width).map(share).collect(), odd }
     }
 
-    fn share(&self, i: usize, j: usize) -> f64 {
-        if i < self.width && j < self.width { self.shares[j * self.width + i] } else { 0.0 }
+    fn share(&self, i: isize, j: isize) -> f64 {
+        let (x, y) = (i.unsigned_abs(), j.unsigned_abs());
+        if x >= self.width || y >= self.width {
+            return 0.0;
+        }
+        let share = self.shares[y * self.width + x];
+        if self.odd && i < 0 { -share } else { share }
     }
 }

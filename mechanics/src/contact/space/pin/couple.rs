@@ -2,11 +2,11 @@
 //! convolution along it.
 //!
 //! A slice is a strip of constant pressure over a length h. Across the pin its pressure has the
-//! transform sum a_k pi (-1)^k J_2k(kappa b). For each wave number kappa the slices couple through
-//! c(m) = h integral over q from 0 of f(sqrt(kappa^2 + q^2)) sinc^2(q h/2) cos(q m h), f = M/k, of
-//! which the plane problem, pi f(kappa) at m = 0, is taken out: it is solved exactly elsewhere, and
-//! what is left falls off as kappa^-3. Lengths are in thicknesses. Acting neither allocates nor
-//! panics.
+//! transform sum a_k pi (-1)^k J_2k(kappa b), J_2k+1 where it is odd. For each wave number kappa
+//! the slices couple through c(m) = h integral over q from 0 of f(sqrt(kappa^2 + q^2)) sinc^2(q
+//! h/2) cos(q m h), f = M/k, of which the plane problem, pi f(kappa) at m = 0, is taken out: it is
+//! solved exactly elsewhere, and what is left falls off as kappa^-3. Lengths are in thicknesses.
+//! Acting neither allocates nor panics.
 
 use super::super::super::layer::Transfer;
 use super::strip::cubic;
@@ -26,6 +26,13 @@ pub(crate) struct Modes {
     pub(crate) cutoff: f64,
     /// Slices further apart than this do not act on each other.
     pub(crate) reach: f64,
+}
+
+/// Symmetry of the pressure across the pin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Parity {
+    Even,
+    Odd,
 }
 
 /// The coupling of equal slices.
@@ -50,7 +57,7 @@ impl Coupling {
     /// Tables for slices of length `h`, at most `slices` of them, half-widths up to `widest`.
     pub(crate) fn new(
         transfer: &Transfer,
-        fineness: Modes,
+        (fineness, parity): (Modes, Parity),
         (cosines, widest): (usize, f64),
         (slices, h): (usize, f64),
     ) -> Self {
@@ -69,7 +76,7 @@ impl Coupling {
             let z = (i as f64 - 1.0) / BESSEL_DENSITY;
             for k in 0..cosines {
                 let sign = if k.is_multiple_of(2) { PI } else { -PI };
-                bessel.push(sign * libm::jn(2 * k as i32, z.abs()));
+                bessel.push(sign * libm::jn(2 * k as i32 + i32::from(parity == Parity::Odd), z));
             }
         }
         let weight = |n: usize| if n == 0 { 1.0 / period } else { 2.0 / period };

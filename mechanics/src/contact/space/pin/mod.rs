@@ -16,6 +16,7 @@
 //! It refuses what its tables do not cover: see [`Pin::new`] and [`Pin::press`].
 
 mod couple;
+mod roll;
 mod solve;
 pub(super) mod strip;
 
@@ -24,7 +25,8 @@ use super::super::{Invalid, finite, positive};
 use super::tactels::Shares;
 use super::{Drive, Level};
 use core::f64::consts::PI;
-use couple::{Coupling, Modes};
+use couple::{Coupling, Modes, Parity};
+pub use roll::Roll;
 use strip::{Section, Strips};
 
 /// What the end of a row of strips of fixed and of free width loses, in strip lengths.
@@ -218,7 +220,7 @@ impl Pin {
         let strips = Strips::new(&transfer, section, penetration_max_mm / t, count)?;
         let cosines = strips.places.cosines;
         let sizes = ((cosines, strips.widest()), (slices, h));
-        let coupling = Coupling::new(&transfer, fineness.modes, sizes.0, sizes.1);
+        let coupling = Coupling::new(&transfer, (fineness.modes, Parity::Even), sizes.0, sizes.1);
         let work = solve::Work::new(slices, strips.places, coupling.transform_len());
         let most = points_for(fineness.points, strips.widest());
         Ok(Self {

@@ -60,6 +60,16 @@ impl Work {
         }
     }
 
+    /// Prescribes a descent on some slices, where they touch whatever comes.
+    pub(crate) fn hold(&mut self, descent: impl Fn(usize) -> Option<f64>) {
+        for j in 0..self.active.len() {
+            let held = descent(j);
+            self.active[j] = held.is_some();
+            self.given[j] = held.unwrap_or(0.0);
+            self.effective[j] = self.given[j];
+        }
+    }
+
     pub(crate) fn clear(&mut self) {
         self.warm = false;
         self.active.fill(false);
@@ -256,7 +266,7 @@ impl Pin {
     }
 
     /// Widths, tables and blocks of all slices; `fresh` starts from the plane contacts.
-    fn prepare(&mut self, fresh: bool) -> Result<(), Invalid> {
+    pub(super) fn prepare(&mut self, fresh: bool) -> Result<(), Invalid> {
         let work = &mut self.work;
         let (places, n) = (work.places, work.places.cosines);
         for j in 0..self.along.len() {
@@ -325,7 +335,7 @@ impl Pin {
     }
 
     /// Preconditioned conjugate gradients for the pressure at the present widths.
-    fn gradients(&mut self, tolerance: f64) {
+    pub(super) fn gradients(&mut self, tolerance: f64) {
         let (places, n) = (self.work.places, self.work.places.cosines);
         self.apply(false);
         let work = &mut self.work;

@@ -111,6 +111,16 @@ impl Strips {
         Ok(Self { places, section, widest, rows })
     }
 
+    /// The odd problem of a bar of half-width `half`: a descent in proportion to the place across,
+    /// under psi = sum a_k cos((2 k + 1) theta).
+    pub(crate) fn odd(transfer: &Transfer, half: f64, cosines: usize) -> Self {
+        let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
+        let places = Places { cosines };
+        let mut rows = vec![0.0; places.len()];
+        fill_odd(&kernel, half, places, &mut rows);
+        Self { places, section: Section::Flat(half), widest: half, rows }
+    }
+
     /// Largest half-width of the table.
     pub(crate) fn widest(&self) -> f64 {
         self.widest
@@ -280,4 +290,48 @@ fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &
     if !matches!(section, Section::Circle(_)) {
         row[places.matrix(0, 0)] -= logarithm;
     }
+}
+
+/// The same for odd pressures, which no constant moves: the matrix, and what a descent of 1 in the
+/// first cosine calls for where the even problem has its punch.
+fn fill_odd(kernel: &SurfaceKernel, b: f64, places: Places, row: &mut [f64]) {
+    let n = places.cosines;
+    let half = n + 6 + libm::ceil(3.0 * b) as usize;
+    let angle = |i: usize| PI * (2 * i + 1) as f64 / (4 * half) as f64;
+    let cosine = |k: usize, i: usize| libm::cos((2 * k + 1) as f64 * angle(i));
+    let cosines: Vec<f64> = (0..n * half).map(|m| cosine(m / half, m % half)).collect();
+    let x: Vec<f64> = (0..half).map(|i| b * libm::cos(angle(i))).collect();
+    let weight = PI / half as f64;
+    row.fill(0.0);
+    let mut acted = vec![0.0; n];
+    for i in 0..half {
+        acted.fill(0.0);
+        for j in 0..half {
+            let near = kernel.smooth((x[i] - x[j]).abs());
+            let s = 0.5 * weight * weight * (near - kernel.smooth(x[i] + x[j]));
+            for (l, sum) in acted.iter_mut().enumerate() {
+                *sum += s * cosines[l * half + j];
+            }
+        }
+        for k in 0..n {
+            for l in 0..=k {
+                row[places.matrix(k, l)] += cosines[k * half + i] * acted[l];
+            }
+        }
+    }
+    for k in 0..n {
+        row[places.matrix(k, k)] += PI * PI / (4 * k + 2) as f64;
+    }
+    let mut matrix = vec![0.0; n * n];
+    for k in 0..n {
+        for l in 0..=k {
+            matrix[k * n + l] = row[places.matrix(k, l)];
+        }
+    }
+    let mut punch = vec![0.0; n];
+    punch[0] = PI;
+    factor(&mut matrix, n);
+    solve(&matrix, n, &mut punch);
+    row[places.punch(0)..places.penetration()].copy_from_slice(&punch);
+    row[places.edge()] = punch.iter().sum();
 }
