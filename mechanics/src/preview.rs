@@ -61,7 +61,7 @@ pub struct Preview<const N: usize = 6> {
     pub off_m: Peak,
     /// Largest angle between the tool and its path (rad).
     pub off_rad: Peak,
-    /// Vector<N> at the end (rad).
+    /// `Vector<N>` at the end (rad).
     pub end: Vector<N>,
 }
 
