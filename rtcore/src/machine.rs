@@ -102,14 +102,17 @@ impl Machine {
         self.lanes.iter().filter_map(|lane| lane.panicked.as_deref())
     }
 
-    /// Starts every task in order; the first refusal is returned with the task's name.
+    /// Starts every task in order; the first refusal stops all of them and is returned with the
+    /// task's name.
     pub(crate) fn start(&mut self) -> Result<(), (String, FaultCode)> {
-        for lane in &mut self.lanes {
-            for seat in &mut lane.seats {
-                seat.task.start().map_err(|fault| (seat.name.clone(), fault))?;
-            }
-        }
-        Ok(())
+        self.lanes.iter_mut().for_each(|lane| lane.stopped = false);
+        let refused = self.lanes.iter_mut().flat_map(|lane| &mut lane.seats).find_map(|seat| {
+            let fault = seat.task.start().err()?;
+            Some((seat.name.clone(), fault))
+        });
+        let Some(refused) = refused else { return Ok(()) };
+        self.stop();
+        Err(refused)
     }
 
     /// Stops every lane that has not been stopped by its own thread.

@@ -47,7 +47,8 @@ pub trait Task: Send {
     /// outputs alone.
     fn fold(&self, _hash: &mut StateHash) {}
 
-    /// Called once after the last job, also after a fault: leave outputs at their safe value.
+    /// Called once after the last job, also after a fault, and when a task refused to start: leave
+    /// outputs at their safe value.
     fn stop(&mut self) {}
 }
 

@@ -1,7 +1,8 @@
 //! Lanes, bindings and both executors, driven by tiny tasks.
 
 use std::io::Write;
-use std::sync::atomic::AtomicBool;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use taktil_rtcore::guard::CountingAllocator;
 use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
@@ -301,6 +302,54 @@ fn a_panic_takes_out_its_task_and_nobody_else() {
     assert_eq!(keep.of(&machine, "source.number").len(), 3);
     assert_eq!(keep.of(&machine, "echo.number").len(), 50, "the other lane goes on");
     assert!(machine.figures().next().unwrap().1.faults.contains(FaultCode::TaskPanicked));
+}
+
+/// Starts or refuses to, and counts how often it is stopped.
+struct Starter {
+    fault: Option<FaultCode>,
+    stops: Arc<AtomicU32>,
+}
+
+impl Task for Starter {
+    fn start(&mut self) -> Result<(), FaultCode> {
+        self.fault.map_or(Ok(()), Err)
+    }
+
+    fn step(&mut self, _cycle: &Cycle, _io: &mut Io<'_>) -> Result<(), FaultCode> {
+        Ok(())
+    }
+
+    fn stop(&mut self) {
+        self.stops.fetch_add(1, Ordering::SeqCst);
+    }
+}
+
+#[test]
+fn a_task_that_refuses_to_start_is_named_and_those_that_had_started_are_stopped() {
+    let ms = Nanos::from_millis(1);
+    for refuses in [true, false] {
+        let stops = Arc::new(AtomicU32::new(0));
+        let mut builder = Builder::new();
+        let lane = builder.lane(LaneSpec::new("servo", ms, 80)).unwrap();
+        for (name, refuses) in [("first", false), ("second", refuses)] {
+            let fault = refuses.then_some(FaultCode::TactileLost);
+            let task = Starter { fault, stops: Arc::clone(&stops) };
+            builder.task(lane, name, |_ports| Ok(Box::new(task))).unwrap();
+        }
+        let mut machine = builder.build().unwrap();
+        let mut keep = Keep::default();
+        // Every run that ends has stopped every task once, however often the machine is run.
+        for runs in 1..=2 {
+            let ended = virtual_time::run(&mut machine, ms, &AtomicBool::new(false), &mut keep);
+            let expected = ("second".to_owned(), FaultCode::TactileLost);
+            assert_eq!(ended.err(), refuses.then_some(expected));
+            assert_eq!(stops.load(Ordering::SeqCst), 2 * runs);
+        }
+        let terms = Terms { until: ms, contract: Contract::Soft, pace: Pace::Slip };
+        let live = live::run(&mut machine, terms, &AtomicBool::new(false), &mut keep);
+        assert_eq!(live.is_err(), refuses, "{live:?}");
+        assert_eq!(stops.load(Ordering::SeqCst), 6);
+    }
 }
 
 #[test]

@@ -25,8 +25,19 @@ impl OffsetBinary {
     /// The word of a code; `None` outside the range.
     pub(crate) fn word(self, code: i32) -> Option<u16> {
         let (low, high) = self.range();
-        let inside = (low..=high).contains(&code);
-        if inside { u16::try_from(code + self.half).ok() } else { None }
+        (low..=high).contains(&code).then(|| self.nearest(code))
+    }
+
+    /// The word of the code in range that is nearest to this one.
+    pub(crate) fn nearest(self, code: i32) -> u16 {
+        let (low, high) = self.range();
+        // 0 to 2 x half - 1, which 16 bits hold.
+        (code.clamp(low, high) + self.half) as u16
+    }
+
+    /// The word of code 0: no volts. A word of 0 would be full negative scale.
+    pub(crate) const fn zero(self) -> u16 {
+        self.half as u16
     }
 
     /// The code of a word; `None` when bits above the converter's width are set.
@@ -61,6 +72,11 @@ mod tests {
         let sixteen = OffsetBinary::new(16);
         assert_eq!(sixteen.code(u16::MAX), Some(32767));
         assert_eq!(sixteen.word(-32768), Some(0));
+        assert_eq!([-40_000, 40_000].map(|code| sixteen.nearest(code)), [0, u16::MAX]);
+        for bits in CONVERTER_BITS.0..=CONVERTER_BITS.1 {
+            let coding = OffsetBinary::new(bits);
+            assert_eq!(coding.word(0), Some(coding.zero()), "{bits}");
+        }
     }
 
     #[test]

@@ -100,10 +100,10 @@ impl Loopback {
         let (number, shift) = (self.number, self.dac_to_adc_shift);
         let adc = self.volts.map(|code| {
             let code = if shift >= 0 { code.0 << shift } else { code.0 >> -shift };
-            self.adc.word(code).unwrap_or_default()
+            self.adc.nearest(code)
         });
         publish(&self.registers, ADC, number, adc);
-        let gauges = self.gauges.map(|code| clamped(self.gauge, code));
+        let gauges = self.gauges.map(|code| self.gauge.nearest(code));
         publish(&self.registers, FORCE_TORQUE, number, gauges);
         let mask = u32::MAX >> (32 - self.counter_bits);
         let halves = self.counts.map(|count| {
@@ -171,11 +171,6 @@ impl Loopback {
         self.frame_number = self.frame_number.wrapping_add(1);
         publish(&self.registers, TACTILE, self.frame_number, frame.iter().copied());
     }
-}
-
-fn clamped(coding: OffsetBinary, code: i32) -> u16 {
-    let (low, high) = coding.range();
-    coding.word(code.clamp(low, high)).unwrap_or_default()
 }
 
 fn publish(

@@ -60,8 +60,7 @@ impl RegisterAnalogOut {
 
     /// All eight channels, also those that are not wired.
     fn put_safe(&mut self) {
-        let word = self.coding.word(SAFE_CODE.0).unwrap_or_default();
-        self.put(&[word; CHANNELS]);
+        self.put(&[self.coding.zero(); CHANNELS]);
     }
 }
 
@@ -76,8 +75,7 @@ impl AnalogOut for RegisterAnalogOut {
     }
 
     fn commit(&mut self, _release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
-        let safe = self.coding.word(SAFE_CODE.0).unwrap_or_default();
-        let mut words = [safe; CHANNELS];
+        let mut words = [self.coding.zero(); CHANNELS];
         for (channel, (word, code)) in (0u16..).zip(words.iter_mut().zip(codes).take(self.channels))
         {
             let refused = Error::on_channel(Kind::OutOfRange, ANALOG_OUT_NAME, channel);
