@@ -240,6 +240,10 @@ fn run_threads(
         storms: Storms::new(),
         ledger: Ledger::new(machine.lanes.iter().map(|lane| &lane.spec), terms.until),
     };
+    // What was run before this run is done.
+    for (index, lane) in machine.lanes.iter().enumerate() {
+        shared.ledger.finished(index, lane.next_tick);
+    }
     let mut hangs = Hangs::new(&machine.lanes, terms.pace);
     let (lanes, drains) = (&mut machine.lanes, &mut machine.drains);
     let clock = OnceLock::new();

@@ -345,10 +345,15 @@ fn a_task_that_refuses_to_start_is_named_and_those_that_had_started_are_stopped(
             assert_eq!(ended.err(), refuses.then_some(expected));
             assert_eq!(stops.load(Ordering::SeqCst), 2 * runs);
         }
-        let terms = Terms { until: ms, contract: Contract::Soft, pace: Pace::Slip };
-        let live = live::run(&mut machine, terms, &AtomicBool::new(false), &mut keep);
-        assert_eq!(live.is_err(), refuses, "{live:?}");
-        assert_eq!(stops.load(Ordering::SeqCst), 6);
+        // Live too, with jobs left and with none.
+        for (until, runs) in [(ms * 3, 3), (ms * 3, 4)] {
+            let terms = Terms { until, contract: Contract::Soft, pace: Pace::Slip };
+            let live = live::run(&mut machine, terms, &AtomicBool::new(false), &mut keep);
+            assert_eq!(live.is_err(), refuses, "{live:?}");
+            assert_eq!(stops.load(Ordering::SeqCst), 2 * runs);
+        }
+        let jobs = machine.figures().map(|(_, figures)| figures.jobs).sum::<u64>();
+        assert_eq!(jobs, if refuses { 0 } else { 3 });
     }
 }
 
