@@ -20,6 +20,7 @@ use crate::faults::Faults;
 use crate::fidelity::{ContactModel, Integrator};
 use crate::finger::{Finger, Unheld};
 use crate::hand::Hand;
+use crate::object::Objects;
 use crate::pin::Pin;
 use crate::rolling::Rolling;
 use crate::rubber::Rubber;
@@ -117,6 +118,7 @@ fn assemble(
     } else {
         None
     };
+    let objects = Objects::new(config, &table, finger.pose().translation)?;
     let array = match config.tactile.present {
         true => Some(Box::new(Array::new(&config.tactile, timing, seed)?)),
         false => None,
@@ -128,6 +130,7 @@ fn assemble(
         method: method(config, &finger)?,
         finger,
         rolling,
+        objects,
         table,
         substep: Nanos((1e3 * config.substep_us).round() as i64),
         error_m: 0.0,
@@ -158,7 +161,7 @@ fn assemble(
 /// The integrator for what is on the bench.
 fn method(config: &WorldConfig, finger: &Finger) -> Result<Method, Invalid> {
     let free = matches!(finger, Finger::Arm(arm) if arm.is_smooth());
-    let smooth = free && !config.pin.present;
+    let smooth = free && !config.pin.present && config.object.is_empty();
     let integrator = config.fidelity.integrator;
     if matches!(finger, Finger::Chained(_)) {
         // Its own step, taken in order.
@@ -168,6 +171,10 @@ fn method(config: &WorldConfig, finger: &Finger) -> Result<Method, Invalid> {
         let what = "is rk4, but something touches or rubs".to_owned();
         let remedy = "say auto, or take the pin away and say arm = \"rigid\"";
         return Err(invalid("fidelity.integrator", what, remedy));
+    }
+    if integrator == Integrator::Euler && !config.object.is_empty() {
+        let what = "is euler, which knows the pin only".to_owned();
+        return Err(invalid("fidelity.integrator", what, "say auto, or leave the objects out"));
     }
     Ok(Method::of(integrator, smooth))
 }

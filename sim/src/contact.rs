@@ -240,7 +240,7 @@ impl Lean {
     /// Rows on their own.
     pub(crate) const NONE: Lean = Lean(1.0, 0.0);
 
-    fn at(self, s_m: f64) -> f64 {
+    pub(crate) fn at(self, s_m: f64) -> f64 {
         (self.0 + self.1 * s_m).max(0.0)
     }
 }

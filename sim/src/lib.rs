@@ -1,6 +1,6 @@
 //! A deterministic twin of the bench: a PUMA 260 with its motors, a fingertip with a 16 x 16
-//! tactile array, a pin between the fingertip's rubber and the table's, a table that pans, tilts,
-//! slides and rises. Refuses to know that it is being scheduled: [`World::advance`] moves it, the
+//! tactile array, a pin between the fingertip's rubber and the table's, objects on the table to be
+//! touched, a table that pans, tilts, slides and rises. Refuses to know that it is being scheduled: [`World::advance`] moves it, the
 //! [`taktil_hal::Devices`] halves are all that a controller sees of it, and one seed gives one run.
 //!
 //! ```
@@ -32,6 +32,7 @@ mod finger;
 mod hand;
 mod hash;
 mod motion;
+mod object;
 mod pin;
 mod prng;
 mod rolling;
@@ -51,5 +52,5 @@ pub use electronics::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, tactel_gains};
 pub use scene::{Invalid, Timing, WorldConfig};
 pub use step::Work;
 pub use table::TablePose;
-pub use truth::Truth;
+pub use truth::{Felt, Truth};
 pub use world::World;

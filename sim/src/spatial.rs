@@ -14,7 +14,7 @@ use taktil_mechanics::contact::space::radial::Influence;
 use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_mechanics::contact::space::{Drive, Level};
 
-use crate::contact::{Lean, Line, PAD_HALF_M, PITCH_M, Patch};
+use crate::contact::{Lean, Line, PAD_HALF_M, PITCH_M, Patch, Slice};
 use crate::rubber;
 use crate::scene::{Invalid, RubberConfig};
 
@@ -182,11 +182,17 @@ fn on_pad(pin: &LayerPin, lie: &Lie, origin: [f64; 2], from: f64) -> (f64, f64) 
 
 /// The factors on plane rows that give them the force and the moment of a solution.
 pub(crate) fn lean_of(pad: &Patch, solved: &Solved) -> Lean {
-    let mut sums = [0.0; 3];
-    for slice in &pad.slices {
+    let row = |slice: &Slice| {
         let response = pad.rubber.at(slice.delta_m);
-        let load = response.load_n_m * slice.strip.width_m * slice.strip.cover;
-        let s = slice.strip.s_m;
+        (slice.strip.s_m, response.load_n_m * slice.strip.width_m * slice.strip.cover)
+    };
+    lean(pad.slices.iter().map(row), solved)
+}
+
+/// The same for places along the axis (m) with the loads of their plane solutions (N).
+pub(crate) fn lean(plain: impl Iterator<Item = (f64, f64)>, solved: &Solved) -> Lean {
+    let mut sums = [0.0; 3];
+    for (s, load) in plain {
         sums[0] += load;
         sums[1] += s * load;
         sums[2] += s * s * load;

@@ -6,7 +6,9 @@ use taktil_hal::Nanos;
 use taktil_mechanics::{Joints, Pose};
 
 use crate::contact::{PITCH_M, Patch, Reaction, SLICES};
+use crate::object::Objects;
 use crate::pin::Pin;
+use crate::rolling::Around;
 use crate::table::TablePose;
 
 /// One instant of the bench; base frame unless stated. Contact values are those of the latest
@@ -36,7 +38,7 @@ pub struct Truth {
     pub pin_roll_rad: f64,
     /// Velocity of the pin's centre (m/s).
     pub pin_velocity: DVec3,
-    /// Normal force between finger and pin (N).
+    /// Normal force between the finger and what it touches, pin and objects (N).
     pub finger_normal_n: f64,
     /// Normal force between table and pin (N).
     pub table_normal_n: f64,
@@ -65,8 +67,10 @@ pub struct Truth {
     pub table_creep_m_s: (f64, f64),
     /// Creep across the axis over the speed of rolling, finger and table; none at rest.
     pub creepage: Option<(f64, f64)>,
-    /// Finger and pin touch.
+    /// The finger touches the pin or an object.
     pub in_contact: bool,
+    /// The object that presses most, or the scene's first; none without objects.
+    pub object: Option<Felt>,
     /// A slice is pressed deeper than the theory of small strain covers.
     pub beyond_small_strain: bool,
     /// The table's coordinates.
@@ -83,6 +87,46 @@ pub struct Truth {
     pub energy_j: f64,
     /// Energy in the rubbers and in the bristles on them (J).
     pub rubber_j: f64,
+}
+
+/// An object as the finger feels it; sensor axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Felt {
+    /// Normal force (N).
+    pub normal_n: f64,
+    /// Middle of the load from the middle of the pad, along x and y (m); 0 without contact.
+    pub place_m: (f64, f64),
+    /// Of an edge: distance of its line from the middle of the pad, positive towards the sensor's x
+    /// (m).
+    pub off_m: f64,
+    /// Of an edge: its direction about the sensor's z, from its y towards -x (rad).
+    pub yaw_rad: f64,
+    /// Of an edge: length along its curve, from its origin to where it is nearest to the middle of
+    /// the pad (m).
+    pub along_m: f64,
+    /// Turn of the finger against a bar's face or an edge's line about the sensor's x and y (rad);
+    /// positive about x when rows of high number are pressed more, about y when columns of low
+    /// number are. An edge has none about y, a sphere neither.
+    pub tilt_rad: (f64, f64),
+    /// Speed of sliding (m/s), 0 when it sticks.
+    pub slip_m_s: f64,
+}
+
+impl Felt {
+    /// Of all objects, what the finger feels most.
+    pub(crate) fn of(objects: &Objects, around: &Around) -> Option<Felt> {
+        let (object, lie) = objects.felt(around)?;
+        let middle = object.sums.middle().unwrap_or_default();
+        Some(Felt {
+            normal_n: object.sums.load_n,
+            place_m: middle.into(),
+            off_m: lie.off_m,
+            yaw_rad: lie.yaw_rad,
+            along_m: lie.along_m,
+            tilt_rad: lie.tilt_rad.into(),
+            slip_m_s: object.slip_m_s,
+        })
+    }
 }
 
 /// Load-weighted place along the sensor's x in tactel numbers.

@@ -21,7 +21,7 @@ use crate::hash::Hash;
 use crate::pin::Pin;
 use crate::scene::{FaultKind, Timing};
 use crate::step::{Bench, Work};
-use crate::truth::{Truth, contact_x_tactels, creepage, yaw_and_tilt};
+use crate::truth::{Felt, Truth, contact_x_tactels, creepage, yaw_and_tilt};
 
 /// Everything that stands on the bench. Built by [`build`](crate::build).
 #[derive(Debug)]
@@ -225,11 +225,11 @@ impl World {
 
     /// Wrench on the tool about the tool point in tool axes.
     fn tool_wrench(&self) -> Joints {
-        let Some(rolling) = &self.bench.rolling else {
-            return Joints::zeros();
-        };
         let pose = self.bench.finger.pose();
-        let (force, moment) = split(&rolling.wrench(pose.translation));
+        let rolling = self.bench.rolling.as_ref().map(|r| r.wrench(pose.translation));
+        let objects = self.bench.objects.as_ref().map(|objects| objects.wrench(pose));
+        let sum = rolling.unwrap_or_default() + objects.unwrap_or_default();
+        let (force, moment) = split(&sum);
         let back = pose.rotation.transpose();
         stack(back * force, back * moment)
     }
@@ -255,6 +255,9 @@ impl World {
             let deepest = patch.rubber.deepest_m();
             patch.slices.iter().any(|slice| slice.delta_m > deepest)
         };
+        let objects = self.bench.objects.as_deref();
+        let on_objects_n = objects.map_or(0.0, |objects| objects.normal_n());
+        let around = || self.bench.around(self.t.as_secs_f64());
         let fall = |pin: &Pin| pin.mass_kg * GRAVITY_M_S2 * pin.position.z;
         Truth {
             t: self.t,
@@ -268,7 +271,7 @@ impl World {
             pin_axis: pin.map_or(DVec3::Y, Pin::axis),
             pin_roll_rad: pin.map_or(0.0, |pin| pin.roll_rad),
             pin_velocity: pin.map_or(DVec3::ZERO, |pin| pin.velocity),
-            finger_normal_n: finger.normal_n,
+            finger_normal_n: finger.normal_n + on_objects_n,
             table_normal_n: bed.normal_n,
             finger_tangential_n: finger.tangential_n,
             table_tangential_n: bed.tangential_n,
@@ -281,8 +284,10 @@ impl World {
             finger_creep_m_s: finger.creep_m_s,
             table_creep_m_s: bed.creep_m_s,
             creepage: creepage(&finger, &bed),
-            in_contact: finger.normal_n > 0.0,
-            beyond_small_strain: rolling.is_some_and(|r| deep(&r.pad) || deep(&r.bed)),
+            in_contact: finger.normal_n + on_objects_n > 0.0,
+            object: objects.and_then(|objects| Felt::of(objects, &around())),
+            beyond_small_strain: rolling.is_some_and(|r| deep(&r.pad) || deep(&r.bed))
+                || objects.is_some_and(|objects| objects.beyond_small_strain()),
             table: self.bench.table.at(self.t.as_secs_f64()).0,
             steadied: rolling.is_some_and(|r| r.hand.holding),
             released: rolling.and_then(|r| r.released),

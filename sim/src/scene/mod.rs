@@ -8,6 +8,7 @@ use taktil_hal::Nanos;
 
 mod arm;
 mod fault;
+mod object;
 mod rolling;
 pub mod section;
 mod table;
@@ -16,6 +17,7 @@ mod wrist;
 
 pub use arm::ArmConfig;
 pub use fault::{FAULTS_MAX, Fault, FaultKind};
+pub use object::{EdgeProfile, OBJECTS_MAX, ObjectConfig, ObjectKind};
 pub use rolling::{FingerConfig, PinConfig, RubberConfig};
 pub use table::{Axis, Kind, MOTIONS_MAX, Motion, POINTS_MAX, STEP_S, TableConfig};
 pub use tactile::{Defect, DefectKind, Electronics, TactileConfig};
@@ -95,6 +97,8 @@ section! {
         finger: FingerConfig,
         /// The pin that is rolled.
         pin: PinConfig,
+        /// Bodies fixed to the table that the finger may touch. Default none; at most 4.
+        object: Vec<ObjectConfig>,
         /// The pan-tilt-slide table under it.
         table: TableConfig,
         /// The tactile array's electronics.
@@ -116,6 +120,10 @@ section! {
 
 impl Agree for WorldConfig {
     fn agree(&self, _place: &str) -> Result<(), Invalid> {
+        if self.object.len() > OBJECTS_MAX {
+            let what = format!("has {} objects", self.object.len());
+            return Err(invalid("object", what, &format!("give at most {OBJECTS_MAX}")));
+        }
         if self.fault.len() > FAULTS_MAX {
             let what = format!("has {} faults", self.fault.len());
             return Err(invalid("fault", what, &format!("give at most {FAULTS_MAX}")));
@@ -130,6 +138,7 @@ impl Default for WorldConfig {
             arm: ArmConfig::default(),
             finger: FingerConfig::default(),
             pin: PinConfig::default(),
+            object: Vec::new(),
             table: TableConfig::default(),
             tactile: TactileConfig::default(),
             wrist: WristConfig::default(),

@@ -16,6 +16,7 @@ use super::matrix::{Matrix12, N};
 use super::{Bench, Saved};
 use crate::contact::{Line, Surface, Tangent};
 use crate::finger::{Ahead, Swing};
+use crate::object::{Grip, Grips};
 use crate::rolling::{Around, Memory, Rolling};
 
 /// `1 - 1/sqrt(2)`
@@ -33,6 +34,7 @@ const ARM_M: f64 = 0.1;
 struct Base {
     swing: Swing,
     memory: Option<Memory>,
+    grips: Grips,
     /// Angular momentum of the pin (kg m^2/s), which its spin need not match.
     turning: DVec3,
 }
@@ -155,6 +157,10 @@ impl Bench {
             }
             matrix.add(i, i, tau * rub.slope);
         }
+        if self.objects.is_some() {
+            let around = around(ahead, &qd, tau, table, table_axes);
+            self.press_objects(base, ahead, (&around, tau), (&mut matrix, &mut rest));
+        }
         let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) else {
             return (matrix, rest);
         };
@@ -190,12 +196,38 @@ impl Bench {
         }
         (matrix, rest)
     }
+
+    /// Adds what the objects do to the finger.
+    fn press_objects(
+        &mut self,
+        base: &Base,
+        ahead: &Ahead,
+        (around, tau): (&Around, f64),
+        (matrix, rest): (&mut Matrix12, &mut Speeds),
+    ) {
+        let Some(objects) = &mut self.objects else { return };
+        objects.remember(&base.grips);
+        self.work.contacts += 1;
+        objects.touch(around, tau);
+        if objects.touched() == 0 || ahead.degrees == 0 {
+            return;
+        }
+        let pulled = ahead.jacobian.tr_mul(&objects.wrench(&around.pad));
+        for i in 0..ahead.degrees {
+            rest[i] += tau * pulled[i];
+        }
+        objects.tangent(&around.pad, &ahead.jacobian, |weight, part| {
+            let mut row = [0.0; N];
+            row[..ahead.degrees].copy_from_slice(&part.as_slice()[..ahead.degrees]);
+            matrix.add_outer(tau * weight, &row);
+        });
+    }
 }
 
 impl Base {
     fn of(saved: &Saved) -> Base {
         let turning = saved.memory.as_ref().map_or(DVec3::ZERO, |m| m.pin.angular_momentum());
-        Base { swing: saved.swing, memory: saved.memory, turning }
+        Base { swing: saved.swing, memory: saved.memory, grips: saved.grips, turning }
     }
 
     /// This state carried on by `reach` times the way to `other`.
@@ -206,10 +238,15 @@ impl Base {
             qd: a.qd + reach * (b.qd - a.qd),
             bristle: a.bristle + reach * (b.bristle - a.bristle),
         };
-        let (Some(a), Some(b)) = (&self.memory, &other.memory) else {
-            return Base { swing, memory: None, turning: DVec3::ZERO };
-        };
         let mix = |x: f64, y: f64| x + reach * (y - x);
+        let grips = core::array::from_fn(|i| {
+            let (a, b): (&Grip, &Grip) = (&self.grips[i], &other.grips[i]);
+            let shear_n_m = mix(a.shear_n_m, b.shear_n_m).max(0.0);
+            Grip { brush: a.brush + reach * (b.brush - a.brush), shear_n_m }
+        });
+        let (Some(a), Some(b)) = (&self.memory, &other.memory) else {
+            return Base { swing, memory: None, grips, turning: DVec3::ZERO };
+        };
         let mix3 = |x: DVec3, y: DVec3| x + reach * (y - x);
         let mut memory = *a;
         let pin = &mut memory.pin;
@@ -229,7 +266,7 @@ impl Base {
             }
         }
         let turning = mix3(self.turning, b.pin.angular_momentum());
-        Base { swing, memory: Some(memory), turning }
+        Base { swing, memory: Some(memory), grips, turning }
     }
 }
 

@@ -14,6 +14,7 @@ use taktil_mechanics::Joints;
 use crate::fidelity::Integrator;
 use crate::finger::{Finger, Swing};
 use crate::hash::Hash;
+use crate::object::{Grips, Objects};
 use crate::rolling::{Around, Memory, Rolling};
 use crate::table::Table;
 
@@ -56,6 +57,7 @@ pub(crate) enum Method {
 pub(crate) struct Bench {
     pub(crate) finger: Finger,
     pub(crate) rolling: Option<Box<Rolling>>,
+    pub(crate) objects: Option<Box<Objects>>,
     pub(crate) table: Table,
     pub(crate) method: Method,
     pub(crate) substep: Nanos,
@@ -69,6 +71,7 @@ pub(crate) struct Bench {
 struct Saved {
     swing: Swing,
     memory: Option<Memory>,
+    grips: Grips,
 }
 
 impl Method {
@@ -106,13 +109,17 @@ impl Bench {
 
     fn save(&self) -> Saved {
         let memory = self.rolling.as_ref().map(|rolling| rolling.memory());
-        Saved { swing: *self.finger.swing(), memory }
+        let grips = self.objects.as_ref().map_or(Grips::default(), |objects| objects.memory());
+        Saved { swing: *self.finger.swing(), memory, grips }
     }
 
     fn restore(&mut self, saved: &Saved) {
         *self.finger.swing_mut() = saved.swing;
         if let (Some(rolling), Some(memory)) = (&mut self.rolling, &saved.memory) {
             rolling.remember(memory);
+        }
+        if let Some(objects) = &mut self.objects {
+            objects.remember(&saved.grips);
         }
     }
 
@@ -129,15 +136,27 @@ impl Bench {
             self.work.contacts += 1;
             rolling.touch(&around, 0.0);
         }
+        if let Some(objects) = &mut self.objects {
+            self.work.contacts += 1;
+            objects.touch(&around, 0.0);
+        }
     }
 
-    /// Normal force on each tactel (N); none without a pin.
+    /// Normal force on each tactel (N); none without anything to touch.
     pub(crate) fn image(&mut self, t_s: f64) -> [f64; MAX_TACTELS] {
+        let mut forces = [0.0; MAX_TACTELS];
+        if self.rolling.is_some() || self.objects.is_some() {
+            self.work.images += 1;
+        }
         let around = self.around(t_s);
-        let Some(rolling) = &mut self.rolling else { return [0.0; MAX_TACTELS] };
-        let (forces, solved) = rolling.image(&around);
-        self.work.images += 1;
-        self.work.solved += u64::from(solved);
+        if let Some(rolling) = &mut self.rolling {
+            let (pressed, solved) = rolling.image(&around);
+            self.work.solved += u64::from(solved);
+            forces = pressed;
+        }
+        if let Some(objects) = &mut self.objects {
+            objects.image(&mut forces);
+        }
         forces
     }
 
@@ -178,9 +197,10 @@ impl Bench {
         self.finger.stop_at_limits();
     }
 
-    fn touched(&self) -> (bool, bool) {
+    fn touched(&self) -> (bool, bool, u8) {
         let loaded = |r: &Rolling| (r.by_finger.normal_n > 0.0, r.by_table.normal_n > 0.0);
-        self.rolling.as_deref().map_or((false, false), loaded)
+        let (finger, table) = self.rolling.as_deref().map_or((false, false), loaded);
+        (finger, table, self.objects.as_ref().map_or(0, |objects| objects.touched()))
     }
 
     /// An implicit step, in halves where something happens within it.
@@ -210,6 +230,9 @@ impl Bench {
         self.finger.digest(hash);
         if let Some(rolling) = &self.rolling {
             rolling.digest(hash);
+        }
+        if let Some(objects) = &self.objects {
+            objects.digest(hash);
         }
     }
 }

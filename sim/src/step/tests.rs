@@ -15,6 +15,7 @@ fn thrown(method: Method, step_us: i64, viscous: f64) -> Bench {
     Bench {
         finger: Finger::Arm(Box::new(arm)),
         rolling: None,
+        objects: None,
         table: Table::new(&TableConfig::default(), -195.0),
         method,
         substep: Nanos::from_micros(step_us),

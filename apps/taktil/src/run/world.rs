@@ -122,12 +122,36 @@ impl<const N: usize> Task for FreeArm<N> {
     }
 }
 
-/// The task of the lane `world`; writes `truth`.
+payload! {
+    /// The object that the finger feels most, in sensor axes: the signal `world.object` of scenes
+    /// that have objects. See [`taktil_sim::Felt`].
+    pub struct ObjectTruth {
+        /// The instant that the world has reached, ns.
+        pub t_ns: i64,
+        /// Normal force.
+        pub normal_n: f64,
+        /// Middle of the load from the middle of the pad, along x and y; 0 without contact.
+        pub place_m: [f64; 2],
+        /// Of an edge: distance of its line from the middle of the pad.
+        pub off_m: f64,
+        /// Of an edge: its direction on the sensor, 0 along y, positive from y towards -x.
+        pub yaw_rad: f64,
+        /// Of an edge: length along its curve from its origin.
+        pub along_m: f64,
+        /// Turn of the finger against a face or an edge about the sensor's x and y.
+        pub tilt_rad: [f64; 2],
+        /// Speed of sliding.
+        pub slip_m_s: f64,
+    }
+}
+
+/// The task of the lane `world`; writes `truth`, and `object` where there are some.
 pub struct Simulation {
     world: World,
     pin_radius_m: f64,
     pivot: DVec3,
     truth: Output<WorldTruth>,
+    object: Option<Output<ObjectTruth>>,
     /// Hash of the world after the last job.
     state: u64,
 }
@@ -141,11 +165,13 @@ impl Simulation {
         ports: &mut Ports,
     ) -> Simulation {
         let pivot = DVec3::new(pivot_mm[0], pivot_mm[1], 0.0) * 1e-3;
+        let object = world.truth().object.map(|_| ports.output("object"));
         Simulation {
             world,
             pin_radius_m: pin_radius_mm * 1e-3,
             pivot,
             truth: ports.output("truth"),
+            object,
             state: 0,
         }
     }
@@ -192,6 +218,19 @@ impl Task for Simulation {
             braked: u32::from(truth.braked),
         };
         io.write(&self.truth, value);
+        if let (Some(port), Some(felt)) = (&self.object, truth.object) {
+            let object = ObjectTruth {
+                t_ns: truth.t.0,
+                normal_n: felt.normal_n,
+                place_m: felt.place_m.into(),
+                off_m: felt.off_m,
+                yaw_rad: felt.yaw_rad,
+                along_m: felt.along_m,
+                tilt_rad: felt.tilt_rad.into(),
+                slip_m_s: felt.slip_m_s,
+            };
+            io.write(port, object);
+        }
         Ok(())
     }
 
