@@ -1,7 +1,8 @@
 //! A deterministic twin of the bench: a PUMA 260 with its motors, a fingertip with a 16 x 16
 //! tactile array, a pin between the fingertip's rubber and the table's, objects on the table to be
-//! touched, a table that pans, tilts, slides and rises. Refuses to know that it is being scheduled: [`World::advance`] moves it, the
-//! [`taktil_hal::Devices`] halves are all that a controller sees of it, and one seed gives one run.
+//! touched, a table that pans, tilts, slides and rises. Refuses to know that it is being scheduled:
+//! [`World::advance`] moves it, the [`taktil_hal::Devices`] halves are all that a controller sees
+//! of it, and one seed gives one run.
 //!
 //! ```
 //! use taktil_hal::Nanos;
