@@ -61,7 +61,7 @@ pub struct Preview<const N: usize = 6> {
     pub off_m: Peak,
     /// Largest angle between the tool and its path (rad).
     pub off_rad: Peak,
-    /// `Vector<N>` at the end (rad).
+    /// Joints at the end (rad).
     pub end: Vector<N>,
 }
 
@@ -172,9 +172,9 @@ impl<const N: usize> Route<'_, N> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Walk<const N: usize> {
     preview: Preview<N>,
-    /// Vector<N> one tick ago (rad).
+    /// Joints one tick ago (rad).
     before: Vector<N>,
-    /// Vector<N> at the last look at the torque and the one before (rad).
+    /// Joints at the last look at the torque and the one before (rad).
     looks: [Vector<N>; 2],
     /// Ticks since the last look at the torque.
     since: u32,

@@ -31,7 +31,8 @@ fn random_poses_are_found() {
         ("PUMA 260", share(&puma(), 33, 300)),
     ] {
         println!("{name}: {found} found, {starts} starts");
-        assert!(found > 0.99 && starts < 6.0, "{name}: {found} found, {starts} starts");
+        // With joints clamped after the step instead of held in it, seven joints take 3.6 starts.
+        assert!(found == 1.0 && starts < 3.0, "{name}: {found} found, {starts} starts");
     }
 }
 
