@@ -9,7 +9,7 @@ use taktil_mechanics::dynamics::{Dynamics, Friction, State, free_motion as integ
 use super::Operation;
 use super::answer::Answer;
 use super::field::{Failure, Field, Kind, Need};
-use super::request::Args;
+use super::request::{Args, counted};
 
 /// Most integration steps of one request.
 const STEPS_MAX: f64 = 1e6;
@@ -148,7 +148,7 @@ fn free_motion(args: &Args) -> Result<Answer, Failure> {
     // A hair of slack: an end that is a whole number of samples must not lose its last row.
     let samples = (end_s / sample_s * (1.0 + 1e-12)).floor();
     if samples > SAMPLES_MAX {
-        let what = format!("{samples} rows; at most {SAMPLES_MAX} are answered");
+        let what = format!("{} rows; at most {SAMPLES_MAX} are answered", counted(samples));
         return Err(Failure::range("sample_s", what));
     }
     if (sample_s / step_s).max(1.0) * samples > STEPS_MAX {

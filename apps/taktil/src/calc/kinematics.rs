@@ -102,7 +102,7 @@ pub(super) const OPERATIONS: &[Operation] = &[
 fn arm_of(args: &Args) -> Result<Puma260, Failure> {
     let tool_z_m = args.number("tool_z_m")?;
     if tool_z_m.abs() > TOOL_MAX_M {
-        let what = format!("`tool_z_m` is {tool_z_m}; tools up to {TOOL_MAX_M} m are taken");
+        let what = format!("`tool_z_m` is {tool_z_m:?}; tools up to {TOOL_MAX_M} m are taken");
         return Err(Failure::range("tool_z_m", what));
     }
     Ok(Puma260 { tool_z_m, ..Puma260::reference() })

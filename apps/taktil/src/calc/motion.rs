@@ -11,7 +11,7 @@ use super::Operation;
 use super::answer::Answer;
 use super::field::{Failure, Field, Kind, Need};
 use super::kinematics::refuse_no_rotation;
-use super::request::Args;
+use super::request::{Args, counted};
 
 /// Most ticks of one answer.
 const TICKS_MAX: f64 = 1e6;
@@ -156,7 +156,7 @@ impl Ticks {
         // A hair of slack: an end that falls on a tick must not get another one for its rounding.
         let last = (duration_s * rate_hz - 1e-6).ceil().max(0.0);
         if last >= TICKS_MAX {
-            let what = format!("{last} ticks; at most {TICKS_MAX} are answered");
+            let what = format!("{} ticks; at most {TICKS_MAX} are answered", counted(last));
             return Err(Failure::range("rate_hz", what));
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1e6")]

@@ -126,7 +126,7 @@ impl Args {
         if x > 0.0 {
             return Ok(x);
         }
-        Err(Failure::range(name, format!("`{name}` is {x}; it has to be above 0")))
+        Err(Failure::range(name, format!("`{name}` is {x:?}; it has to be above 0")))
     }
 
     /// A whole number from 1 on.
@@ -464,6 +464,11 @@ fn kind_name(value: &Value) -> &'static str {
         Value::Array(_) => "a list",
         Value::Object(_) => "an object",
     }
+}
+
+/// A count in a complaint, in full as long as its digits can be read.
+pub(super) fn counted(x: f64) -> String {
+    if x < 1e15 { format!("{x}") } else { format!("{x:e}") }
 }
 
 #[cfg(test)]
