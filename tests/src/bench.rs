@@ -62,14 +62,17 @@ impl Draft {
         Draft::of("roll-pin.toml")
     }
 
-    /// Sets the value at a dotted key, making the tables on the way.
+    /// Sets the value at a dotted key, making the tables on the way; of a list the first.
     #[must_use]
     pub fn set(mut self, key: &str, value: impl Into<Value>) -> Draft {
         let (tables, last) = key.rsplit_once('.').unwrap_or(("", key));
         let mut table = &mut self.0;
         for name in tables.split('.').filter(|name| !name.is_empty()) {
             let inner = table.entry(name).or_insert_with(|| Value::Table(Table::new()));
-            table = inner.as_table_mut().unwrap();
+            table = match inner {
+                Value::Array(all) => all[0].as_table_mut().unwrap(),
+                one => one.as_table_mut().unwrap(),
+            };
         }
         table.insert(last.to_owned(), value.into());
         self

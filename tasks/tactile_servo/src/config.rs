@@ -7,19 +7,22 @@ use taktil_rtcore::Invalid;
 use crate::law::Name;
 use crate::law::model::Model;
 use crate::law::projector_pid::Gains;
+use crate::law::task_frame::TaskFrame;
 use crate::phase::Lost;
 
 /// Every key has a default: the rolling task of the thesis.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Which law drives: `thesis` (default), `projector-pid`, `model`, `hybrid-force` or
-    /// `hybrid-force-touch`.
+    /// Which law drives: `thesis` (default), `projector-pid`, `model`, `hybrid-force`,
+    /// `hybrid-force-touch` or `task-frame`.
     pub law: Name,
     /// What `projector-pid` and the laws of the wrist go by.
     pub projector_pid: Gains,
     /// What `model` goes by.
     pub model: Model,
+    /// The task that `task-frame` carries out.
+    pub task_frame: TaskFrame,
     /// What is done when contact is lost.
     pub lost: Lost,
     /// Lower turning point of the centroid (column number). Default 2; it is headed for first.
@@ -83,6 +86,7 @@ impl Default for Config {
             law: Name::Thesis,
             projector_pid: Gains::default(),
             model: Model::default(),
+            task_frame: TaskFrame::default(),
             lost: Lost::default(),
             x_c_low: 2.0,
             x_c_high: 15.0,
@@ -168,7 +172,8 @@ impl Config {
         }
         self.lost.check().map_err(|bad| bad.within("lost"))?;
         self.projector_pid.check().map_err(|bad| bad.within("projector_pid"))?;
-        self.model.check().map_err(|bad| bad.within("model"))
+        self.model.check().map_err(|bad| bad.within("model"))?;
+        self.task_frame.check().map_err(|bad| bad.within("task_frame"))
     }
 }
 

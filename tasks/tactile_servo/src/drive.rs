@@ -1,11 +1,12 @@
 //! The law that was chosen, with its memory. Refuses to choose: that is the configuration's.
 
+use taktil_mechanics::Pose;
 use taktil_rtcore::{Fold, Invalid, StateHash};
 use taktil_signal::{TactileImage, Wrench};
 
 use crate::config::Config;
 use crate::law::model::jacobian::Contact;
-use crate::law::{Name, hybrid_force, model, projector_pid, thesis};
+use crate::law::{Name, hybrid_force, model, projector_pid, task_frame, thesis};
 use crate::perception::Touch;
 use crate::perception::line::{Known, Line, line};
 
@@ -18,6 +19,7 @@ pub(crate) enum Drive {
     Model(Contact, model::Memory),
     /// What the wrist feels, and the memory of its PID.
     HybridForce(Touch, projector_pid::Memory),
+    TaskFrame(task_frame::Law, task_frame::Memory),
 }
 
 impl Fold for Drive {
@@ -31,6 +33,9 @@ impl Fold for Drive {
                 hash.add(memory);
             }
             Drive::HybridForce(_, memory) => {
+                hash.add(memory);
+            }
+            Drive::TaskFrame(_, memory) => {
                 hash.add(memory);
             }
         }
@@ -50,6 +55,11 @@ impl Drive {
             Name::HybridForce | Name::HybridForceTouch => {
                 Drive::HybridForce(Touch::default(), projector_pid::Memory::default())
             }
+            Name::TaskFrame => {
+                let law = task_frame::Law::new(&config.task_frame);
+                let law = law.map_err(|bad| bad.within("task_frame"))?;
+                Drive::TaskFrame(law, task_frame::Memory::default())
+            }
         })
     }
 
@@ -57,7 +67,7 @@ impl Drive {
     pub(crate) fn retune(&mut self, config: &Config) {
         match self {
             Drive::Thesis(law) => *law = thesis::Law::new(config),
-            Drive::ProjectorPid(_) | Drive::HybridForce(..) => {}
+            Drive::ProjectorPid(_) | Drive::HybridForce(..) | Drive::TaskFrame(..) => {}
             Drive::Model(contact, _) => contact.aim(config.m0_counts),
         }
     }
@@ -71,6 +81,7 @@ impl Drive {
             Drive::HybridForce(felt, memory) => {
                 (*felt, *memory) = (Touch::default(), projector_pid::Memory::default());
             }
+            Drive::TaskFrame(_, memory) => *memory = task_frame::Memory::default(),
         }
     }
 
@@ -110,12 +121,27 @@ impl Drive {
         matches!(self, Drive::Model(..)).then_some(config.model.yield_per_s)
     }
 
+    /// Motion along the sensor's x, along its y and about its y (m, m, rad) where the law has its
+    /// own say in it, with the tool where it is: what a task moves is the last answer, what it does
+    /// not is taken back at `rate_per_s` within `span_s`.
+    pub(crate) fn others(
+        &mut self,
+        tool: &Pose,
+        (rate_per_s, span_s): (f64, f64),
+    ) -> [Option<f64>; 3] {
+        let Drive::TaskFrame(law, memory) = self else { return [None; 3] };
+        let across = memory.across(tool).correction(rate_per_s, span_s).0;
+        let [x, y, theta_y] = law.moves();
+        let asked = memory.others.map(|part| 1e-3 * part);
+        [(!x).then_some(across), y.then_some(asked[0]), theta_y.then_some(asked[1])]
+    }
+
     /// The column by which the heading turns.
     pub(crate) fn column(&self, touch: &Touch) -> Option<f64> {
         match self {
             Drive::Model(_, memory) => memory.column(),
             Drive::HybridForce(felt, _) => felt.x_c,
-            Drive::Thesis(_) | Drive::ProjectorPid(_) => touch.x_c,
+            Drive::Thesis(_) | Drive::ProjectorPid(_) | Drive::TaskFrame(..) => touch.x_c,
         }
     }
 
@@ -139,6 +165,12 @@ impl Drive {
                 *memory = model::observe(config, contact, memory, (touch, line), (age_s, dt_s));
                 None
             }
+            Drive::TaskFrame(law, memory) => {
+                let ([x, _, z, theta_x, _, theta_z], next) =
+                    task_frame::displacement(config, law, memory, touch);
+                *memory = next;
+                Some([x, z, theta_x, theta_z])
+            }
             Drive::HybridForce(..) => None,
         }
     }
@@ -146,7 +178,7 @@ impl Drive {
     /// What is asked for in a job without an answer to an image, by a law that answers jobs.
     pub(crate) fn job(&mut self, config: &Config, x_c_desired: f64, dt_s: f64) -> Option<[f64; 4]> {
         match self {
-            Drive::Thesis(_) | Drive::ProjectorPid(_) => None,
+            Drive::Thesis(_) | Drive::ProjectorPid(_) | Drive::TaskFrame(..) => None,
             Drive::Model(_, memory) => {
                 Some(model::displacement_of_job(config, memory, x_c_desired, dt_s))
             }

@@ -13,6 +13,7 @@
 pub mod hybrid_force;
 pub mod model;
 pub mod projector_pid;
+pub mod task_frame;
 pub mod thesis;
 
 use serde::Deserialize;
@@ -36,10 +37,12 @@ pub enum Name {
     HybridForce,
     /// [`hybrid_force`] with the centre of pressure and the direction from touch.
     HybridForceTouch,
+    /// [`task_frame`]: the task that the scene describes.
+    TaskFrame,
 }
 
 impl Name {
-    /// Every law.
+    /// Every law that rolls a pin.
     pub const ALL: [Name; 5] =
         [Name::Thesis, Name::ProjectorPid, Name::Model, Name::HybridForce, Name::HybridForceTouch];
 
@@ -52,6 +55,7 @@ impl Name {
             Name::Model => "model",
             Name::HybridForce => "hybrid-force",
             Name::HybridForceTouch => "hybrid-force-touch",
+            Name::TaskFrame => "task-frame",
         }
     }
 

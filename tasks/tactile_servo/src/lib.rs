@@ -275,6 +275,10 @@ impl TactileServo {
             let wanted = self.arm.tool_pose(&target);
             motion[1] = unfelt::way_given(&wanted, &tool, rate_per_s, span_s);
         }
+        let held = (self.config.hold_unfelt_per_s, span_s);
+        for (i, part) in [0, 1, 4].into_iter().zip(self.law.others(&tool, held)) {
+            motion[i] = part.unwrap_or(motion[i]);
+        }
         let whole = joint_step(&self.arm, &target, &motion, self.config.singular_distance_min)?;
         let part = within_lead(&target, &measured, &whole, self.config.max_lead_deg.to_radians());
         follower.add(&part, jobs);

@@ -12,3 +12,4 @@ mod lines;
 mod physics;
 mod rolling;
 mod stop;
+mod tasks;
