@@ -81,6 +81,15 @@ impl<T: Copy> Receiver<T> {
         found
     }
 
+    /// Shows every value that nobody has taken yet, oldest first, visible or not; all stay.
+    pub fn look(&mut self, mut see: impl FnMut(&Stamped<T>)) {
+        let slots = self.ring.slots();
+        if let Ok(chunk) = self.ring.read_chunk(slots) {
+            let (first, second) = chunk.as_slices();
+            first.iter().chain(second).for_each(&mut see);
+        }
+    }
+
     /// When the next value becomes visible, if one is in the ring.
     #[must_use]
     pub fn next_visible(&self) -> Option<Nanos> {
@@ -111,6 +120,25 @@ mod tests {
         }
         assert_eq!(tx.dropped(), 2);
         assert_eq!(rx.newest(Nanos(0)).map(|s| s.value), Some(1));
+    }
+
+    #[test]
+    fn who_looks_takes_nothing() {
+        let (mut tx, mut rx) = link(3);
+        for v in 0..5 {
+            let _ = tx.send(v, Nanos(v), Nanos(v));
+            if v == 1 {
+                // The ring wraps.
+                assert_eq!(rx.next(Nanos(9)).map(|s| s.value), Some(0));
+            }
+        }
+        for _ in 0..2 {
+            let mut seen = Vec::new();
+            rx.look(|stamped| seen.push(stamped.value));
+            assert_eq!(seen, [1, 2, 3]);
+        }
+        assert_eq!(rx.newest(Nanos(9)).map(|s| s.value), Some(3));
+        rx.look(|_| panic!("nothing is left"));
     }
 
     #[test]

@@ -12,6 +12,28 @@ pub type Joints = nalgebra::Vector6<f64>;
 /// Six by six numbers: a Jacobian (rows vx vy vz wx wy wz) or a mass matrix.
 pub type Matrix6 = nalgebra::Matrix6<f64>;
 
+/// Sines and cosines of six joint angles: what everything about an arm at one configuration is made
+/// of, computed once.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SinCos {
+    /// Sines.
+    pub s: [f64; 6],
+    /// Cosines.
+    pub c: [f64; 6],
+}
+
+impl SinCos {
+    /// Of joint angles (rad).
+    #[must_use]
+    pub fn of(q: &Joints) -> SinCos {
+        let (mut s, mut c) = ([0.0; 6], [0.0; 6]);
+        for i in 0..6 {
+            (s[i], c[i]) = libm::sincos(q[i]);
+        }
+        SinCos { s, c }
+    }
+}
+
 /// A frame seen from another: `x_outer = rotation * x_inner + translation` (m).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {

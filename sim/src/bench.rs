@@ -25,6 +25,7 @@ use crate::pin::Pin;
 use crate::rolling::Rolling;
 use crate::rubber::Rubber;
 use crate::scene::{Invalid, PinConfig, Timing, WorldConfig, invalid};
+use crate::snapshot::Told;
 use crate::spatial::Spatial;
 use crate::step::{Bench, Method, Work};
 use crate::table::Table;
@@ -124,8 +125,8 @@ fn assemble(
         false => None,
     };
     let row = Nanos((1e3 * config.tactile.row_us).round() as i64);
-    let (ends, devices) =
-        connect(timing.actuation_delay, board, (config.tactile.full_counts(), row));
+    let told = Told { board, tactile: (config.tactile.full_counts(), row), ..Told::default() };
+    let (ends, devices) = connect(timing.actuation_delay, board, told.tactile);
     let bench = Bench {
         method: method(config, &finger)?,
         finger,
@@ -153,6 +154,7 @@ fn assemble(
         orders: LinesOut::SAFE,
         last_word: Nanos::ZERO,
         last_feed: Nanos::ZERO,
+        told,
     };
     world.latch();
     Ok((world, devices))

@@ -154,7 +154,7 @@ impl Riding {
     /// The guide's friction.
     pub(crate) fn rub(&self, speed: f64) -> Rub {
         let slope = self.plan.float.map_or(0.0, |float| float.damping_n_s_m);
-        Rub { torque_nm: slope * speed, slope, bristle_rad: 0.0 }
+        Rub { torque_nm: slope * speed, slope, ..Rub::default() }
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {

@@ -92,6 +92,10 @@ impl<const N: usize> Chained<N> {
             let what = "holds angles of the PUMA 260".to_owned();
             return Err(invalid("arm", what, "say where this arm starts with start.joints_deg"));
         }
+        if model == ArmModel::Compliant {
+            let what = "asks for gears that give way, which only the PUMA 260 has".to_owned();
+            return Err(invalid("fidelity.arm", what, "say rigid or rigid+motors"));
+        }
         let rubs = if model == ArmModel::Rigid { 0.0 } else { 1.0 };
         let friction = Friction {
             coulomb_nm: robot.friction.coulomb_nm * (rubs * config.coulomb_scale),

@@ -82,6 +82,27 @@ pub(crate) fn connect(
     (ends, devices)
 }
 
+impl WorldEnds {
+    /// Ends of links whose other ends are gone.
+    pub(crate) fn nowhere() -> WorldEnds {
+        WorldEnds {
+            counts: link(1).0,
+            currents: link(1).0,
+            gauges: link(1).0,
+            lines: link(1).0,
+            scans: link(1).0,
+            codes: link(1).1,
+            orders: link(1).1,
+        }
+    }
+
+    /// Says what the other ends hear first: a value of the past, which is visible at once.
+    /// Links that are new have room for it.
+    pub(crate) fn tell<T: Copy>(to: &mut Sender<T>, value: T, stamp: Nanos) {
+        let _ = to.send(value, stamp, stamp);
+    }
+}
+
 /// An input half: the newest visible value, held until a newer one is visible.
 struct Newest<T> {
     from: Receiver<T>,

@@ -34,6 +34,10 @@ pub enum ArmModel {
     #[default]
     #[serde(rename = "rigid+motors")]
     RigidMotors,
+    /// The same behind gears that give way: each rotor turns beside its joint, on a spring of
+    /// `arm.gear_stiffness_nm_rad`.
+    #[serde(rename = "rigid+motors+compliance")]
+    Compliant,
 }
 
 /// The contact between finger and pin.

@@ -18,6 +18,15 @@ pub(crate) struct Swing {
     pub(crate) q: Joints,
     pub(crate) qd: Joints,
     pub(crate) bristle: Joints,
+    /// Rotors that turn beside their joints, on the joints' side.
+    pub(crate) motor: Rotors,
+}
+
+/// Angles and speeds of the rotors behind gears that give way (rad, rad/s); zero behind stiff ones.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Rotors {
+    pub(crate) q: Joints,
+    pub(crate) qd: Joints,
 }
 
 impl Swing {

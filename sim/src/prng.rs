@@ -1,6 +1,10 @@
 //! Seeded random numbers: one stream of ChaCha8 for each subsystem, so that a new consumer never
 //! shifts what another one draws. Owns its maps to uniform and normal numbers, because those of a
 //! library may change between releases. Refuses any other source of chance.
+//!
+//! Normal numbers come from Marsaglia and Tsang's ziggurat (2000) with layer, sign and place from
+//! different bits (Doornik 2005): 256 layers of equal area under `exp(-x^2/2)`, of which 98.8 % of
+//! the draws need one word, one product and one comparison.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -25,7 +29,40 @@ pub(crate) enum Stream {
 #[derive(Clone, Debug)]
 pub(crate) struct Prng {
     chacha: ChaCha8Rng,
-    spare: Option<f64>,
+    layers: Box<Layers>,
+}
+
+/// Layers of the ziggurat.
+const LAYERS: usize = 256;
+/// Where the tail begins, and the area of every layer, the lowest one's tail included.
+const TAIL: f64 = 3.654_152_885_361_009;
+const AREA: f64 = 0.004_928_673_233_974_655;
+
+/// Edges of the layers from the lowest up, the last one 0, and the bell's height there. The first
+/// edge is that of a box of the lowest layer's area.
+#[derive(Debug, Clone)]
+struct Layers {
+    x: [f64; LAYERS + 1],
+    y: [f64; LAYERS + 1],
+}
+
+fn bell(x: f64) -> f64 {
+    libm::exp(-0.5 * x * x)
+}
+
+impl Layers {
+    fn new() -> Layers {
+        let (mut x, mut y) = ([0.0; LAYERS + 1], [1.0; LAYERS + 1]);
+        (x[0], x[1]) = (AREA / bell(TAIL), TAIL);
+        for i in 1..LAYERS {
+            y[i] = bell(x[i]);
+            if i + 1 < LAYERS {
+                x[i + 1] = (-2.0 * libm::log(AREA / x[i] + y[i])).sqrt();
+            }
+        }
+        y[0] = bell(x[0]);
+        Layers { x, y }
+    }
 }
 
 impl Prng {
@@ -34,7 +71,7 @@ impl Prng {
     pub(crate) fn new(seed: u64, stream: Stream) -> Prng {
         let mut chacha = ChaCha8Rng::seed_from_u64(seed);
         chacha.set_stream(stream as u64);
-        Prng { chacha, spare: None }
+        Prng { chacha, layers: Box::new(Layers::new()) }
     }
 
     /// Uniform in `(0, 1]`, 53 bits.
@@ -44,15 +81,38 @@ impl Prng {
         ((self.chacha.next_u64() >> 11) + 1) as f64 * STEP
     }
 
-    /// Normal with mean 0 and standard deviation 1 (Box and Muller 1958, both numbers used).
+    /// Normal with mean 0 and standard deviation 1.
+    #[expect(clippy::cast_precision_loss, reason = "the integer has 53 bits")]
     pub(crate) fn normal(&mut self) -> f64 {
-        if let Some(spare) = self.spare.take() {
-            return spare;
+        const STEP: f64 = 1.0 / (1_u64 << 53) as f64;
+        loop {
+            // Bits 0 to 7: the layer, bit 8: the sign, bits 11 to 63: the place.
+            let word = self.chacha.next_u64();
+            let layer = (word & 0xFF) as usize;
+            let sign = if word & 0x100 == 0 { 1.0 } else { -1.0 };
+            let x = (word >> 11) as f64 * STEP * self.layers.x[layer];
+            if x < self.layers.x[layer + 1] {
+                return sign * x;
+            }
+            if layer == 0 {
+                return sign * self.beyond();
+            }
+            let (low, high) = (self.layers.y[layer], self.layers.y[layer + 1]);
+            if low + (high - low) * self.uniform() < bell(x) {
+                return sign * x;
+            }
         }
-        let radius = (-2.0 * libm::log(self.uniform())).sqrt();
-        let (sin, cos) = libm::sincos(core::f64::consts::TAU * self.uniform());
-        self.spare = Some(radius * sin);
-        radius * cos
+    }
+
+    /// Normal on the condition that it lies in the tail (Marsaglia 1964).
+    fn beyond(&mut self) -> f64 {
+        loop {
+            let x = -libm::log(self.uniform()) / TAIL;
+            let y = -libm::log(self.uniform());
+            if 2.0 * y > x * x {
+                return TAIL + x;
+            }
+        }
     }
 
     /// Adds seed and place in the stream.
@@ -62,7 +122,6 @@ impl Prng {
         }
         hash.word(self.chacha.get_stream());
         hash.word(self.chacha.get_word_pos() as u64);
-        hash.number(self.spare.unwrap_or(f64::INFINITY));
     }
 }
 
@@ -86,6 +145,40 @@ mod tests {
         assert!((sums[1] - 1.0).abs() < 0.015, "variance {}", sums[1]);
         assert!(sums[2].abs() < 0.04, "skewness {}", sums[2]);
         assert!((sums[3] - 3.0).abs() < 0.1, "kurtosis {}", sums[3]);
+    }
+
+    #[test]
+    fn layers_have_equal_areas_and_close_at_the_top() {
+        let layers = Layers::new();
+        for i in 1..LAYERS {
+            let area = layers.x[i] * (layers.y[i + 1] - layers.y[i]);
+            assert!((area - AREA).abs() < 1e-14, "layer {i}: {area}");
+            assert!(layers.x[i] > layers.x[i + 1]);
+        }
+        // The box and its tail: the tail's area by the error function.
+        let tail = (0.5 * core::f64::consts::PI).sqrt() * libm::erfc(TAIL / 2f64.sqrt());
+        let lowest = TAIL * layers.y[1] + tail;
+        assert!((lowest - AREA).abs() < 1e-14, "{lowest}");
+    }
+
+    #[test]
+    fn normals_are_spread_as_the_bell_is_far_out_too() {
+        let mut prng = Prng::new(11, Stream::WristNoise);
+        let n = 1_000_000;
+        let edges: [f64; 10] = [-4.0, -3.66, -3.0, -2.0, -0.5, 0.1, 1.0, 2.5, 3.66, 4.2];
+        let mut below = [0_u32; 10];
+        for _ in 0..n {
+            let x = prng.normal();
+            for (count, edge) in below.iter_mut().zip(edges) {
+                *count += u32::from(x < edge);
+            }
+        }
+        for (count, edge) in below.into_iter().zip(edges) {
+            let due = 0.5 * libm::erfc(-edge / 2f64.sqrt());
+            let deviation = (due * (1.0 - due) / f64::from(n)).sqrt();
+            let got = f64::from(count) / f64::from(n);
+            assert!((got - due).abs() < 4.0 * deviation, "{edge}: {got} {due}");
+        }
     }
 
     #[test]

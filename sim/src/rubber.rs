@@ -2,7 +2,7 @@
 //! and tangential stiffness, contact width, all from one look-up. The contact itself is solved by
 //! `taktil_mechanics::contact`; this module only re-samples it. Refuses layers that it refuses.
 
-use taktil_mechanics::contact::cylinder::LineContact;
+use taktil_mechanics::contact::cylinder::{BaseShares, LineContact};
 use taktil_mechanics::contact::field::{LineLoad, line};
 use taktil_mechanics::contact::layer::Layer;
 
@@ -224,9 +224,9 @@ impl Rubber {
         0.5 * (low + high)
     }
 
-    /// Part of a line load that the layer's base carries left of `u_m` from the contact line.
-    pub(crate) fn base_share(&self, delta_m: f64, u_m: f64) -> f64 {
-        self.contact.base_share(1e3 * delta_m.min(self.deepest_m), 1e3 * u_m)
+    /// How the layer's base carries a line load: parts of it left of places (mm) from the line.
+    pub(crate) fn base_shares(&self, delta_m: f64) -> BaseShares<'_> {
+        self.contact.base_shares(1e3 * delta_m.min(self.deepest_m))
     }
 
     /// Deepest penetration that the theory covers (m).

@@ -83,10 +83,6 @@ pub struct Truth {
     pub enabled: bool,
     /// The brakes are on.
     pub braked: bool,
-    /// Kinetic and gravitational energy of arm and pin, without the rubbers' (J).
-    pub energy_j: f64,
-    /// Energy in the rubbers and in the bristles on them (J).
-    pub rubber_j: f64,
 }
 
 /// An object as the finger feels it; sensor axes.

@@ -20,6 +20,7 @@ use crate::finger::Finger;
 use crate::hash::Hash;
 use crate::pin::Pin;
 use crate::scene::{FaultKind, Timing};
+use crate::snapshot::Told;
 use crate::step::{Bench, Work};
 use crate::truth::{Felt, Truth, contact_x_tactels, creepage, yaw_and_tilt};
 
@@ -43,6 +44,7 @@ pub struct World {
     pub(crate) orders: LinesOut,
     pub(crate) last_word: Nanos,
     pub(crate) last_feed: Nanos,
+    pub(crate) told: Told,
 }
 
 impl World {
@@ -197,9 +199,11 @@ impl World {
         let lines =
             LinesIn { drive_power: self.powered(), estop_a_closed: closed, estop_b_closed: closed };
         let wrench = if self.wrist.is_some() { self.tool_wrench() } else { Joints::zeros() };
+        let currents = currents(&flowing);
+        self.told.control = Some((currents, lines, t));
         // A full link counts what it drops; see `dropped`.
         let _ = self.ends.counts.send(self.counts, t, t);
-        let _ = self.ends.currents.send(currents(&flowing), t, t);
+        let _ = self.ends.currents.send(currents, t, t);
         let _ = self.ends.lines.send(lines, t, t);
         if let Some(wrist) = &mut self.wrist {
             let read = wrist.read(&wrench);
@@ -219,6 +223,7 @@ impl World {
         let scan = Scan { sequence: self.sequence, values };
         self.sequence = self.sequence.wrapping_add(1);
         if !self.faults.lose_frame(self.t) {
+            self.told.scan = Some((scan, self.t));
             let _ = self.ends.scans.send(scan, self.t, self.t);
         }
     }
@@ -238,12 +243,12 @@ impl World {
     #[must_use]
     pub fn truth(&self) -> Truth {
         let (pose, twist) = (self.bench.finger.pose(), split(&self.bench.finger.twist()));
-        let (arm_q, arm_qd, arm_j, enabled, braked) = match &self.bench.finger {
-            Finger::Arm(arm) => (arm.now.q, arm.now.qd, arm.energy_j(), arm.enabled, arm.braked),
-            Finger::Carriage(_) => (Joints::zeros(), Joints::zeros(), 0.0, false, true),
+        let (arm_q, arm_qd, enabled, braked) = match &self.bench.finger {
+            Finger::Arm(arm) => (arm.now.q, arm.now.qd, arm.enabled, arm.braked),
+            Finger::Carriage(_) => (Joints::zeros(), Joints::zeros(), false, true),
             Finger::Chained(unheld) => {
                 let (enabled, braked) = unheld.arm.lines();
-                (Joints::zeros(), Joints::zeros(), unheld.arm.energy_j(), enabled, braked)
+                (Joints::zeros(), Joints::zeros(), enabled, braked)
             }
         };
         let rolling = self.bench.rolling.as_deref();
@@ -258,7 +263,6 @@ impl World {
         let objects = self.bench.objects.as_deref();
         let on_objects_n = objects.map_or(0.0, |objects| objects.normal_n());
         let around = || self.bench.around(self.t.as_secs_f64());
-        let fall = |pin: &Pin| pin.mass_kg * GRAVITY_M_S2 * pin.position.z;
         Truth {
             t: self.t,
             q: arm_q,
@@ -293,8 +297,6 @@ impl World {
             released: rolling.and_then(|r| r.released),
             enabled,
             braked,
-            energy_j: arm_j + pin.map_or(0.0, |pin| pin.kinetic_j() + fall(pin)),
-            rubber_j: rolling.map_or(0.0, |r| r.pad.stored_j() + r.bed.stored_j()),
         }
     }
 
@@ -306,6 +308,27 @@ impl World {
             Finger::Carriage(_) => (&[], &[]),
             Finger::Chained(unheld) => unheld.arm.joints(),
         }
+    }
+
+    /// Kinetic and gravitational energy of arm and pin, without the rubbers' (J).
+    #[must_use]
+    pub fn energy_j(&self) -> f64 {
+        let arm_j = match &self.bench.finger {
+            Finger::Arm(arm) => arm.energy_j(),
+            Finger::Carriage(_) => 0.0,
+            Finger::Chained(unheld) => unheld.arm.energy_j(),
+        };
+        let fall = |pin: &Pin| pin.mass_kg * GRAVITY_M_S2 * pin.position.z;
+        let pin = self.bench.rolling.as_deref().map(|r| &r.pin);
+        arm_j + pin.map_or(0.0, |pin| pin.kinetic_j() + fall(pin))
+    }
+
+    /// Energy in the rubbers and in the bristles on them (J), as of the latest evaluation of the
+    /// contacts.
+    #[must_use]
+    pub fn rubber_j(&self) -> f64 {
+        let rolling = self.bench.rolling.as_deref();
+        rolling.map_or(0.0, |r| r.pad.stored_j() + r.bed.stored_j())
     }
 
     /// A digest of everything that decides what happens next.

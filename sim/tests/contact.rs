@@ -119,12 +119,15 @@ fn bounces(substep_us: f64) -> (f64, f64) {
     config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 0.002))];
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };
     let (mut world, _devices) = bench(&config, carriage);
-    let whole = |t: &Truth| t.energy_j + t.rubber_j;
-    let start = whole(&at(&mut world, 0.005));
+    let mut whole = |t_s: f64| {
+        at(&mut world, t_s);
+        world.energy_j() + world.rubber_j()
+    };
+    let start = whole(0.005);
     let drop_j = config.pin.mass_kg * G * 2e-3;
     let (mut gain, mut loss) = (0.0_f64, 0.0_f64);
     for i in 1..800 {
-        let change = (whole(&at(&mut world, 0.005 + 1.25e-3 * f64::from(i))) - start) / drop_j;
+        let change = (whole(0.005 + 1.25e-3 * f64::from(i)) - start) / drop_j;
         (gain, loss) = (gain.max(change), loss.max(-change));
     }
     (gain, loss)

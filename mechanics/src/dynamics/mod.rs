@@ -15,7 +15,7 @@ pub(crate) use recursion::carry;
 pub use motion::{MAX_STEPS, State, free_motion, rk4_step};
 
 use crate::chain::Vector;
-use crate::spatial::{Joints, Matrix6, Pose};
+use crate::spatial::{Joints, Matrix6, Pose, SinCos};
 use glam::{DMat3, DVec3};
 
 /// One rigid body in the frame of its link.
@@ -145,26 +145,38 @@ impl Dynamics {
     /// Torques that hold the arm against gravity (N m).
     #[must_use]
     pub fn gravity(&self, q: &Joints) -> Joints {
-        recursion::gravity(self, q)
+        recursion::gravity(self, &SinCos::of(q))
     }
 
     /// Torques of the rigid links and the tool for a motion (rad, rad/s, rad/s^2 to N m), gravity
     /// included, rotors and friction not.
     #[must_use]
     pub fn inverse(&self, q: &Joints, qd: &Joints, qdd: &Joints) -> Joints {
-        recursion::newton_euler(self, q, qd, qdd)
+        recursion::newton_euler(self, &SinCos::of(q), qd, qdd)
     }
 
     /// Coriolis, centrifugal and gravity torques (N m).
     #[must_use]
     pub fn bias(&self, q: &Joints, qd: &Joints) -> Joints {
-        recursion::newton_euler(self, q, qd, &Joints::zeros())
+        self.bias_at(&SinCos::of(q), qd)
+    }
+
+    /// [`Dynamics::bias`] at a configuration whose sines are known.
+    #[must_use]
+    pub fn bias_at(&self, at: &SinCos, qd: &Joints) -> Joints {
+        recursion::newton_euler(self, at, qd, &Joints::zeros())
     }
 
     /// The mass matrix (kg m^2), rotors included.
     #[must_use]
     pub fn mass_matrix(&self, q: &Joints) -> Matrix6 {
-        let mut m = recursion::composite(self, q);
+        self.mass_matrix_at(&SinCos::of(q))
+    }
+
+    /// [`Dynamics::mass_matrix`] at a configuration whose sines are known.
+    #[must_use]
+    pub fn mass_matrix_at(&self, at: &SinCos) -> Matrix6 {
+        let mut m = recursion::composite(self, at);
         for i in 0..6 {
             m[(i, i)] += self.reflected_kg_m2[i];
         }
@@ -175,7 +187,8 @@ impl Dynamics {
     /// numbers that are not finite.
     #[must_use]
     pub fn forward(&self, q: &Joints, qd: &Joints, tau_nm: &Joints) -> Joints {
-        solve_positive(self.mass_matrix(q), tau_nm - self.bias(q, qd))
+        let at = SinCos::of(q);
+        solve_positive(self.mass_matrix_at(&at), tau_nm - self.bias_at(&at, qd))
     }
 
     /// Kinetic energy (J), rotors included.
@@ -187,7 +200,7 @@ impl Dynamics {
     /// Potential energy (J), zero with every mass at the height of the base frame.
     #[must_use]
     pub fn potential_j(&self, q: &Joints) -> f64 {
-        recursion::potential(self, q)
+        recursion::potential(self, &SinCos::of(q))
     }
 }
 

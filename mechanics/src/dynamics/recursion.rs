@@ -1,7 +1,7 @@
 //! The recursions along the chain. Refuses any chain but the PUMA's: the twists are in the code.
 
 use super::{Dynamics, steiner};
-use crate::spatial::{Joints, Matrix6};
+use crate::spatial::{Joints, Matrix6, SinCos};
 use glam::{DMat3, DVec3};
 
 /// Twist of a link: the turn about x between two joint axes.
@@ -62,11 +62,8 @@ impl Turn {
     }
 }
 
-fn turns(q: &Joints) -> [Turn; 6] {
-    core::array::from_fn(|i| {
-        let (s, c) = libm::sincos(q[i]);
-        Turn { s, c }
-    })
+fn turns(at: &SinCos) -> [Turn; 6] {
+    core::array::from_fn(|i| Turn { s: at.s[i], c: at.c[i] })
 }
 
 /// Origins of the frames seen from the one before, in the axes of the frame itself:
@@ -80,8 +77,8 @@ fn offsets(arm: &Dynamics) -> [DVec3; 6] {
 }
 
 /// Inverse dynamics of the rigid bodies with gravity (N m).
-pub(super) fn newton_euler(arm: &Dynamics, q: &Joints, qd: &Joints, qdd: &Joints) -> Joints {
-    let turn = turns(q);
+pub(super) fn newton_euler(arm: &Dynamics, at: &SinCos, qd: &Joints, qdd: &Joints) -> Joints {
+    let turn = turns(at);
     let offset = offsets(arm);
     let mut force = [DVec3::ZERO; 6];
     let mut moment = [DVec3::ZERO; 6];
@@ -102,8 +99,8 @@ pub(super) fn newton_euler(arm: &Dynamics, q: &Joints, qd: &Joints, qdd: &Joints
 }
 
 /// The static case: no turning, so no moments and one turn of gravity per link.
-pub(super) fn gravity(arm: &Dynamics, q: &Joints) -> Joints {
-    let turn = turns(q);
+pub(super) fn gravity(arm: &Dynamics, at: &SinCos) -> Joints {
+    let turn = turns(at);
     let mut force = [DVec3::ZERO; 6];
     let mut a = DVec3::new(0.0, 0.0, arm.gravity_m_s2);
     for i in 0..6 {
@@ -136,8 +133,8 @@ fn gather(
 }
 
 /// The mass matrix of the rigid bodies by composite bodies (kg m^2).
-pub(super) fn composite(arm: &Dynamics, q: &Joints) -> Matrix6 {
-    let turn = turns(q);
+pub(super) fn composite(arm: &Dynamics, at: &SinCos) -> Matrix6 {
+    let turn = turns(at);
     let offset = offsets(arm);
     let mut out = Matrix6::zeros();
     // Everything from link i outwards: mass, first moment and inertia about the origin of frame
@@ -181,8 +178,8 @@ pub(crate) fn carry(h: DVec3, p: DVec3) -> DMat3 {
 }
 
 /// Potential energy (J): the first moment of all bodies, carried inwards to the base.
-pub(super) fn potential(arm: &Dynamics, q: &Joints) -> f64 {
-    let turn = turns(q);
+pub(super) fn potential(arm: &Dynamics, at: &SinCos) -> f64 {
+    let turn = turns(at);
     let offset = offsets(arm);
     let (mut mass, mut first) = (0.0, DVec3::ZERO);
     for i in (0..6).rev() {

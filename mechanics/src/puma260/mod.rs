@@ -13,7 +13,7 @@ pub(crate) mod inverse;
 
 pub use inverse::{Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, WRIST_SINGULAR};
 
-use crate::spatial::{Joints, Matrix6, Pose};
+use crate::spatial::{Joints, Matrix6, Pose, SinCos};
 use glam::{DMat3, DVec3};
 
 /// Dimensions and limits of one arm.
@@ -89,11 +89,11 @@ impl Puma260 {
     }
 
     fn sines(&self, q: &Joints) -> Sines {
-        let mut s = [0.0; 6];
-        let mut c = [0.0; 6];
-        for i in 0..6 {
-            (s[i], c[i]) = libm::sincos(q[i]);
-        }
+        self.sines_of(&SinCos::of(q))
+    }
+
+    fn sines_of(&self, at: &SinCos) -> Sines {
+        let SinCos { s, c } = *at;
         let s23 = s[1] * c[2] + c[1] * s[2];
         let c23 = c[1] * c[2] - s[1] * s[2];
         Sines { s, c, s23, c23, reach: self.a2_m * c[1] - self.d4_m * s23 }
@@ -133,15 +133,22 @@ impl Puma260 {
     /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the base frame.
     #[must_use]
     pub fn jacobian_base(&self, q: &Joints) -> Matrix6 {
-        let (linear, angular, _) = self.jacobian_columns(q);
-        columns(&linear, &angular)
+        self.tool_and_jacobian_at(&SinCos::of(q)).1
+    }
+
+    /// [`Puma260::tool_pose`] and [`Puma260::jacobian_base`] at a configuration whose sines are
+    /// known, at little more than the cost of the second.
+    #[must_use]
+    pub fn tool_and_jacobian_at(&self, at: &SinCos) -> (Pose, Matrix6) {
+        let (linear, angular, tool) = self.jacobian_columns(at);
+        (tool, columns(&linear, &angular))
     }
 
     /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the tool frame.
     #[must_use]
     pub fn jacobian_tool(&self, q: &Joints) -> Matrix6 {
-        let (mut linear, mut angular, tool) = self.jacobian_columns(q);
-        let back = tool.transpose();
+        let (mut linear, mut angular, tool) = self.jacobian_columns(&SinCos::of(q));
+        let back = tool.rotation.transpose();
         for i in 0..6 {
             linear[i] = back * linear[i];
             angular[i] = back * angular[i];
@@ -149,8 +156,9 @@ impl Puma260 {
         columns(&linear, &angular)
     }
 
-    fn jacobian_columns(&self, q: &Joints) -> ([DVec3; 6], [DVec3; 6], DMat3) {
-        let k = self.sines(q);
+    /// Columns of the Jacobian of the tool point, linear and angular, and the tool's frame.
+    fn jacobian_columns(&self, at: &SinCos) -> ([DVec3; 6], [DVec3; 6], Pose) {
+        let k = self.sines_of(at);
         let pose = self.wrist_pose_of(&k);
         let arm = arm_rotation(&k);
         let approach = pose.rotation.z_axis;
@@ -172,7 +180,7 @@ impl Puma260 {
             z4.cross(to_tool),
             DVec3::ZERO,
         ];
-        (linear, angular, pose.rotation)
+        (linear, angular, Pose { rotation: pose.rotation, translation: tool })
     }
 
     /// Determinant of the Jacobian (m^3), the same for every tool on z6 and in both frames, from

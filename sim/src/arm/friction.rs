@@ -18,6 +18,8 @@ pub(crate) struct Rub {
     pub(crate) slope: f64,
     /// The bristle's deflection (rad).
     pub(crate) bristle_rad: f64,
+    /// Angle and speed of a rotor that turns beside its joint (rad, rad/s).
+    pub(crate) motor: Option<(f64, f64)>,
 }
 
 /// Friction of joint `i` when it ends a step of `h` seconds at `speed`, from a deflection.
@@ -38,6 +40,7 @@ pub(crate) fn rub<const N: usize>(
         torque_nm: elastic.clamp(-coulomb, coulomb) + viscous * speed,
         slope: if sticks { stiffness * (carried + BRISTLE_DAMPING_S) } else { 0.0 } + viscous,
         bristle_rad: deflection,
+        motor: None,
     }
 }
 

@@ -6,11 +6,12 @@
 //! an implicit stage what it needs.
 
 mod friction;
+mod gear;
 
 use taktil_hal::CHANNELS;
 use taktil_mechanics::dynamics::{Dynamics, Friction, State, rk4_step};
 use taktil_mechanics::puma260::Puma260;
-use taktil_mechanics::spatial::stack;
+use taktil_mechanics::spatial::{SinCos, stack};
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
@@ -19,6 +20,7 @@ use crate::finger::{Ahead, Swing};
 use crate::hash::Hash;
 use crate::scene::{ArmConfig, Invalid, invalid};
 pub(crate) use friction::{Rub, rub};
+use gear::Gears;
 
 /// Joints that are driven.
 pub(crate) const JOINTS: usize = 6;
@@ -31,6 +33,8 @@ pub(crate) struct Arm {
     transmission: Transmission,
     drive: Drive,
     friction: Friction,
+    /// What gives way between motors and joints; none when nothing does.
+    gears: Option<Gears>,
     start_counts: [i32; JOINTS],
     pub(crate) now: Swing,
     codes: [i32; CHANNELS],
@@ -66,15 +70,27 @@ impl Arm {
             coulomb_nm: rubs * config.coulomb_scale * reference.coulomb_nm,
             viscous_nms_rad: rubs * config.viscous_scale * reference.viscous_nms_rad,
         };
+        let mut dynamics = Dynamics::reference();
+        let mut now = Swing { q, ..Swing::default() };
+        let gears = (model == ArmModel::Compliant).then(|| {
+            let stiffness = Joints::from(config.gear_stiffness_nm_rad);
+            let gears = Gears::new(stiffness, config.gear_damping, dynamics.reflected_kg_m2);
+            // The rotors are with the motors, not with the links.
+            dynamics.reflected_kg_m2 = Joints::zeros();
+            now.motor.q = gears.balanced(&q, &dynamics.gravity(&q));
+            gears
+        });
+        let turned = if gears.is_some() { now.motor.q } else { q };
         let mut arm = Arm {
-            start_counts: transmission.counts(&q),
+            start_counts: transmission.counts(&turned),
             pose: puma.tool_pose(&q),
             puma,
-            dynamics: Dynamics::reference(),
+            dynamics,
             transmission,
             drive: Drive::reference(),
             friction,
-            now: Swing { q, ..Swing::default() },
+            gears,
+            now,
             codes: [0; CHANNELS],
             torque: Joints::zeros(),
             enabled: false,
@@ -98,7 +114,7 @@ impl Arm {
 
     /// Whether nothing sticks: the torques are smooth in the state.
     pub(crate) fn is_smooth(&self) -> bool {
-        self.friction.coulomb_nm == Joints::zeros()
+        self.gears.is_none() && self.friction.coulomb_nm == Joints::zeros()
     }
 
     /// Takes the codes that drive the amplifiers from now on.
@@ -126,6 +142,11 @@ impl Arm {
         if self.enabled { self.torque } else { Joints::zeros() }
     }
 
+    /// The part of it that acts on the joints themselves.
+    fn on_joints(&self) -> Joints {
+        if self.gears.is_some() { Joints::zeros() } else { self.driven() }
+    }
+
     /// Evaluates inertia, bias torques and Jacobian at the present state.
     fn refresh(&mut self) {
         let inertia = self.dynamics.mass_matrix(&self.now.q);
@@ -139,8 +160,7 @@ impl Arm {
 
     /// Tool frame and Jacobian of the present state, for whoever looks between steps.
     pub(crate) fn settle(&mut self) {
-        self.pose = self.puma.tool_pose(&self.now.q);
-        self.jacobian = self.puma.jacobian_base(&self.now.q);
+        (self.pose, self.jacobian) = self.puma.tool_and_jacobian_at(&SinCos::of(&self.now.q));
         self.age = self.every;
     }
 
@@ -148,17 +168,21 @@ impl Arm {
     /// tool point, base frame).
     pub(crate) fn step(&mut self, h: f64, wrench: &Joints) {
         if self.braked {
-            self.now.qd = Joints::zeros();
+            self.rest();
             return;
         }
         if self.age >= self.every {
             self.refresh();
         }
         self.age += 1;
-        let mut torque = self.jacobian.tr_mul(wrench) - self.bias + self.driven();
+        let mut torque = self.jacobian.tr_mul(wrench) - self.bias + self.on_joints();
+        let base = self.now;
         for i in 0..JOINTS {
-            let rub = rub(&self.friction, i, self.now.bristle[i], self.now.qd[i], h);
+            let rub = self.rub(&base, i, base.qd[i], h);
             self.now.bristle[i] = rub.bristle_rad;
+            if let Some((angle, speed)) = rub.motor {
+                (self.now.motor.q[i], self.now.motor.qd[i]) = (angle, speed);
+            }
             torque[i] -= rub.torque_nm;
         }
         self.now.qd += h * (self.inertia_inverse * torque);
@@ -182,7 +206,7 @@ impl Arm {
         torque_nm: &mut impl FnMut(f64, &Joints, &Joints) -> Joints,
     ) {
         if self.braked {
-            self.now.qd = Joints::zeros();
+            self.rest();
             return;
         }
         let viscous = self.friction.viscous_nms_rad;
@@ -199,13 +223,14 @@ impl Arm {
         if self.braked {
             return Ahead::fixed(self.pose, Joints::zeros());
         }
-        let q = base.q + h * guess;
+        let at = SinCos::of(&(base.q + h * guess));
+        let (pose, jacobian) = self.puma.tool_and_jacobian_at(&at);
         Ahead {
             degrees: JOINTS,
-            inertia: self.dynamics.mass_matrix(&q),
-            push: self.driven() - self.dynamics.bias(&q, guess),
-            jacobian: self.puma.jacobian_base(&q),
-            pose: self.puma.tool_pose(&q),
+            inertia: self.dynamics.mass_matrix_at(&at),
+            push: self.on_joints() - self.dynamics.bias_at(&at, guess),
+            jacobian,
+            pose,
             carried: Joints::zeros(),
             guess: *guess,
         }
@@ -213,12 +238,20 @@ impl Arm {
 
     /// Torques beside friction at the end of a stage, as in [`Arm::ahead`].
     pub(crate) fn push(&self, base: &Swing, guess: &Joints, h: f64) -> Joints {
-        self.driven() - self.dynamics.bias(&(base.q + h * guess), guess)
+        self.on_joints() - self.dynamics.bias(&(base.q + h * guess), guess)
     }
 
-    /// Friction of joint `i` at the end of a stage.
+    /// What joint `i` feels at the end of a stage beside its torque: friction, or its gear.
     pub(crate) fn rub(&self, base: &Swing, i: usize, speed: f64, h: f64) -> Rub {
-        rub(&self.friction, i, base.bristle[i], speed, h)
+        match &self.gears {
+            None => rub(&self.friction, i, base.bristle[i], speed, h),
+            Some(gears) => gears.pull((base, i), (speed, h), self.driven()[i], &self.friction),
+        }
+    }
+
+    /// The brakes hold motors and joints.
+    fn rest(&mut self) {
+        (self.now.qd, self.now.motor.qd) = (Joints::zeros(), Joints::zeros());
     }
 
     /// Whether a joint stands beyond its stops.
@@ -240,7 +273,8 @@ impl Arm {
 
     /// Incremental encoder counts: zero at power-up, the phase of the discs kept.
     pub(crate) fn counts(&self) -> [i32; JOINTS] {
-        let now = self.transmission.counts(&self.now.q);
+        let turned = if self.gears.is_some() { &self.now.motor.q } else { &self.now.q };
+        let now = self.transmission.counts(turned);
         core::array::from_fn(|i| now[i].wrapping_sub(self.start_counts[i]))
     }
 
@@ -252,11 +286,16 @@ impl Arm {
     /// Kinetic and potential energy (J).
     pub(crate) fn energy_j(&self) -> f64 {
         let Swing { q, qd, .. } = &self.now;
-        self.dynamics.kinetic_j(q, qd) + self.dynamics.potential_j(q)
+        let gears_j = self.gears.map_or(0.0, |gears| gears.energy_j(&self.now));
+        self.dynamics.kinetic_j(q, qd) + self.dynamics.potential_j(q) + gears_j
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {
         self.now.digest(hash);
+        if self.gears.is_some() {
+            hash.numbers(self.now.motor.q.as_slice());
+            hash.numbers(self.now.motor.qd.as_slice());
+        }
         hash.word(u64::from(self.age) << 2 | u64::from(self.enabled) << 1 | u64::from(self.braked));
         for code in self.codes {
             hash.word(u64::from(code.cast_unsigned()));

@@ -120,9 +120,10 @@ impl Array {
             };
             for (column, part) in seen.into_iter().enumerate() {
                 let noise = if self.noise > 0.0 { self.noise * self.prng.normal() } else { 0.0 };
-                let counts = (self.rest + self.counts_full * part + noise).round();
+                let counts = self.rest + self.counts_full * part + noise;
+                // Nearest whole number, as the cast cuts off.
                 self.values[row * SLICES + column] =
-                    counts.clamp(0.0, f64::from(self.full_scale)) as u16;
+                    (counts.clamp(0.0, f64::from(self.full_scale)) + 0.5) as u16;
             }
             self.spoil(row, now);
         }

@@ -31,10 +31,10 @@ pub(crate) fn base_forces(pad: &Patch, across: f64) -> [f64; MAX_TACTELS] {
         if slice.load_n <= 0.0 {
             continue;
         }
+        let shares = pad.rubber.base_shares(slice.delta_m);
         let share = |edge: usize| {
             let u_m = tactel_middle_m(edge) - 0.5 * PITCH_M - slice.strip.x_m;
-            let u_m = (turned * u_m).clamp(-REACH_M, REACH_M);
-            pad.rubber.base_share(slice.delta_m, u_m)
+            shares.left_of(1e3 * (turned * u_m).clamp(-REACH_M, REACH_M))
         };
         let mut left = share(0);
         for column in 0..SLICES {

@@ -17,6 +17,12 @@ section! {
         coulomb_scale: f64 [0.0, 10.0],
         /// Factor on the joints' viscous friction. Default 1.
         viscous_scale: f64 [0.0, 100.0],
+        /// Stiffness between each motor and its joint, on the joint's side (N m/rad), for the arm
+        /// `rigid+motors+compliance`. The default is an estimate: with its drives held the arm
+        /// swings at some 15 to 30 Hz, as arms of this build do.
+        gear_stiffness_nm_rad: [f64; 6] [1.0, 1e7],
+        /// Damping of a rotor on that spring, in parts of the critical one. Default 0.1.
+        gear_damping: f64 [0.0, 2.0],
         /// When the drives' supply comes on (s after the start). Default 0.
         power_on_s: f64 [0.0, 1e6],
     }
@@ -31,6 +37,8 @@ impl Default for ArmConfig {
             zero_error_deg: [0.0; 6],
             coulomb_scale: 1.0,
             viscous_scale: 1.0,
+            gear_stiffness_nm_rad: [6000.0, 9000.0, 3000.0, 300.0, 300.0, 150.0],
+            gear_damping: 0.1,
             power_on_s: 0.0,
         }
     }

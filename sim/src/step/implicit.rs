@@ -15,18 +15,24 @@ use taktil_mechanics::{Joints, Pose};
 use super::matrix::{Matrix12, N};
 use super::{Bench, Saved};
 use crate::contact::{Line, Surface, Tangent};
-use crate::finger::{Ahead, Swing};
+use crate::finger::{Ahead, Rotors, Swing};
 use crate::object::{Grip, Grips};
-use crate::rolling::{Around, Memory, Rolling};
+use crate::rolling::{Around, Memory, Rolling, Touching};
 
 /// `1 - 1/sqrt(2)`
 const GAMMA: f64 = 0.292_893_218_813_452_5;
 /// Iterations of a stage at most.
 const NEWTON_MAX: usize = 12;
-/// A stage has settled when an iteration changes no point's speed by more than this (m/s).
+/// A stage has settled when an iteration changes no point's speed by more than this (m/s), or when
+/// the next one would not, as the last two shrank.
 const SETTLED_M_S: f64 = 2e-8;
+/// Largest change after which the next one is judged without being made (m/s): what the bristles
+/// have not seen of the motion then is below 1e-10 m.
+const CLOSE_M_S: f64 = 2e-7;
+/// Factors stay in use while each iteration changes less than this part of the one before.
+const SHRINKS: f64 = 0.05;
 /// Product of two changes of joint speed ((rad/s)^2) that moves the bias torques.
-const CORIOLIS: f64 = 1e-9;
+const CORIOLIS: f64 = 1e-8;
 /// Distance at which turning counts as moving (m).
 const ARM_M: f64 = 0.1;
 
@@ -49,6 +55,15 @@ pub(super) struct Outcome {
 }
 
 type Speeds = [f64; N];
+
+/// The balance of momentum at some speeds.
+struct Seen {
+    /// What is left of it.
+    rest: Speeds,
+    /// How what the joints feel grows with their speeds (N m s/rad).
+    slopes: [f64; 6],
+    touch: Option<(Around, Touching)>,
+}
 
 fn part(u: &Speeds, from: usize) -> DVec3 {
     DVec3::new(u[from], u[from + 1], u[from + 2])
@@ -94,10 +109,13 @@ impl Bench {
         let (_, table_axes, table) = self.table.at(end_s);
         let mut torques_at = joints(&u);
         let (mut settled, mut count) = (false, 0);
+        let (mut factors, mut before) = (None, f64::INFINITY);
         for _ in 0..NEWTON_MAX {
             count += 1;
-            let (matrix, rest) = self.equations(base, &ahead, &u, tau, (&table, &table_axes));
-            let change = matrix.solve(&rest);
+            let seen = self.evaluate(base, &ahead, &u, tau, (&table, &table_axes));
+            let change = factors
+                .get_or_insert_with(|| self.matrix(&ahead, &seen, tau).factor())
+                .solve(&seen.rest);
             if !change.iter().all(|x| x.is_finite()) {
                 break;
             }
@@ -110,10 +128,16 @@ impl Bench {
                 ahead.push = self.finger.push(&base.swing, &ahead, &now, tau);
                 torques_at = now;
             }
-            if self.way(&change) < SETTLED_M_S {
+            let size = self.way(&change);
+            let rate = size / before;
+            if size < SETTLED_M_S || (size < CLOSE_M_S && size * rate < 0.1 * SETTLED_M_S) {
                 settled = true;
                 break;
             }
+            if rate > SHRINKS {
+                factors = None;
+            }
+            before = size;
         }
         self.finish(base, &ahead, &u, tau);
         (settled, count, u)
@@ -125,10 +149,14 @@ impl Bench {
         for (i, speed) in u.iter().enumerate().take(ahead.degrees) {
             next.qd[i] = *speed;
             next.q[i] += tau * speed;
-            next.bristle[i] = self.finger.rub(&base.swing, i, *speed, tau).bristle_rad;
+            let rub = self.finger.rub(&base.swing, i, *speed, tau);
+            next.bristle[i] = rub.bristle_rad;
+            if let Some((angle, speed)) = rub.motor {
+                (next.motor.q[i], next.motor.qd[i]) = (angle, speed);
+            }
         }
         if ahead.degrees == 0 {
-            next.qd = Joints::zeros();
+            (next.qd, next.motor.qd) = (Joints::zeros(), Joints::zeros());
         }
         *self.finger.swing_mut() = next;
         if let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) {
@@ -136,33 +164,30 @@ impl Bench {
         }
     }
 
-    /// Newton's matrix and what is left of the balance of momentum at the speeds `u`.
-    fn equations(
+    /// What is left of the balance of momentum at the speeds `u`, and what it depends on.
+    fn evaluate(
         &mut self,
         base: &Base,
         ahead: &Ahead,
         u: &Speeds,
         tau: f64,
         (table, table_axes): (&Surface, &DMat3),
-    ) -> (Matrix12, Speeds) {
-        let mut matrix = Matrix12::identity();
-        let mut rest = [0.0; N];
+    ) -> Seen {
+        let mut seen = Seen { rest: [0.0; N], slopes: [0.0; 6], touch: None };
+        let rest = &mut seen.rest;
         let qd = joints(u);
         let swung = ahead.inertia * (qd - base.swing.qd) - tau * ahead.push;
         for i in 0..ahead.degrees {
             let rub = self.finger.rub(&base.swing, i, qd[i], tau);
             rest[i] = -swung[i] - tau * rub.torque_nm;
-            for j in 0..=i {
-                matrix.set(i, j, ahead.inertia[(i, j)]);
-            }
-            matrix.add(i, i, tau * rub.slope);
+            seen.slopes[i] = rub.slope;
         }
         if self.objects.is_some() {
             let around = around(ahead, &qd, tau, table, table_axes);
             self.press_objects(base, ahead, (&around, tau), (&mut matrix, &mut rest));
         }
         let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) else {
-            return (matrix, rest);
+            return seen;
         };
         rolling.remember(memory);
         rolling.pin = memory.pin.carried(part(u, 6), part(u, 9), tau);
@@ -175,26 +200,43 @@ impl Bench {
         let angular = pin.angular_momentum() - base.turning - tau * moment;
         rest[6..9].copy_from_slice(&(-linear).to_array());
         rest[9..12].copy_from_slice(&(-angular).to_array());
-        let inertia = pin.inertia();
-        for i in 0..3 {
-            matrix.set(6 + i, 6 + i, pin.mass_kg);
-            for j in 0..=i {
-                matrix.set(9 + i, 9 + j, inertia.col(j)[i]);
-            }
-        }
-        rolling.tighten(&around, tau, &mut matrix);
-        if let Some((line, tangent)) = &touching.table {
-            add_contact(&mut matrix, line, tangent, tau, None);
-        }
-        if let Some((line, tangent)) = &touching.finger {
-            let tool = around.finger.origin;
-            add_contact(&mut matrix, line, tangent, tau, Some((ahead, tool)));
-            let pulled = ahead.jacobian.tr_mul(&rolling.wrench(tool));
+        if touching.finger.is_some() {
+            let pulled = ahead.jacobian.tr_mul(&rolling.wrench(around.finger.origin));
             for i in 0..ahead.degrees {
                 rest[i] += tau * pulled[i];
             }
         }
-        (matrix, rest)
+        seen.touch = Some((around, touching));
+        seen
+    }
+
+    /// Newton's matrix where the balance was evaluated last.
+    fn matrix(&self, ahead: &Ahead, seen: &Seen, tau: f64) -> Matrix12 {
+        let mut matrix = Matrix12::identity();
+        for (i, slope) in seen.slopes.iter().enumerate().take(ahead.degrees) {
+            for j in 0..=i {
+                matrix.set(i, j, ahead.inertia[(i, j)]);
+            }
+            matrix.add(i, i, tau * slope);
+        }
+        let (Some(rolling), Some((around, touching))) = (&self.rolling, &seen.touch) else {
+            return matrix;
+        };
+        let inertia = rolling.pin.inertia();
+        for i in 0..3 {
+            matrix.set(6 + i, 6 + i, rolling.pin.mass_kg);
+            for j in 0..=i {
+                matrix.set(9 + i, 9 + j, inertia.col(j)[i]);
+            }
+        }
+        rolling.tighten(around, tau, &mut matrix);
+        if let Some((line, tangent)) = &touching.table {
+            add_contact(&mut matrix, line, tangent, tau, None);
+        }
+        if let Some((line, tangent)) = &touching.finger {
+            add_contact(&mut matrix, line, tangent, tau, Some((ahead, around.finger.origin)));
+        }
+        matrix
     }
 
     /// Adds what the objects do to the finger.
@@ -237,6 +279,10 @@ impl Base {
             q: a.q + reach * (b.q - a.q),
             qd: a.qd + reach * (b.qd - a.qd),
             bristle: a.bristle + reach * (b.bristle - a.bristle),
+            motor: Rotors {
+                q: a.motor.q + reach * (b.motor.q - a.motor.q),
+                qd: a.motor.qd + reach * (b.motor.qd - a.motor.qd),
+            },
         };
         let mix = |x: f64, y: f64| x + reach * (y - x);
         let grips = core::array::from_fn(|i| {
@@ -329,13 +375,18 @@ fn add_contact(
                 (at_mean[i], lean[i]) = (-at_tool[i], -turned[i]);
             }
         }
-        matrix.add_outer(tau * w0, &at_mean);
-        matrix.add_outer(tau * spread, &lean);
+        if finger.is_some() {
+            matrix.add_outer(tau * w0, &at_mean);
+            matrix.add_outer(tau * spread, &lean);
+        } else {
+            matrix.add_outer_of_pin(tau * w0, &at_mean);
+            matrix.add_outer_of_pin(tau * spread, &lean);
+        }
     }
     if tangent.rolling > 0.0 {
         let mut row = [0.0; N];
         row[9..].copy_from_slice(&line.along.to_array());
-        matrix.add_outer(tau * tangent.rolling, &row);
+        matrix.add_outer_of_pin(tau * tangent.rolling, &row);
     }
 }
 

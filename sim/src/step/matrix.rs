@@ -3,6 +3,8 @@
 
 /// Unknowns: six of the finger, six of the pin.
 pub(super) const N: usize = 12;
+/// Those of either.
+const HALF: usize = 6;
 
 /// Symmetric, of which the lower triangle counts.
 #[derive(Clone, Copy, Debug)]
@@ -27,17 +29,34 @@ impl Matrix12 {
 
     /// Adds `weight` times the outer product of a row with itself.
     pub(super) fn add_outer(&mut self, weight: f64, row: &[f64; N]) {
-        for (i, entries) in self.0.iter_mut().enumerate() {
+        // Blocks of fixed size, above the diagonal too: the processor does two at a time.
+        for i in 0..HALF {
             let part = weight * row[i];
-            for (entry, other) in entries.iter_mut().zip(row).take(i + 1) {
-                *entry += part * other;
+            for j in 0..HALF {
+                self.0[i][j] += part * row[j];
+            }
+        }
+        for i in HALF..N {
+            let part = weight * row[i];
+            for j in 0..N {
+                self.0[i][j] += part * row[j];
             }
         }
     }
 
-    /// The solution of `self x = b`.
-    pub(super) fn solve(mut self, b: &[f64; N]) -> [f64; N] {
-        let (m, mut x) = (&mut self.0, *b);
+    /// As [`Matrix12::add_outer`] for a row whose first half, the finger's, is 0.
+    pub(super) fn add_outer_of_pin(&mut self, weight: f64, row: &[f64; N]) {
+        for i in HALF..N {
+            let part = weight * row[i];
+            for j in HALF..N {
+                self.0[i][j] += part * row[j];
+            }
+        }
+    }
+
+    /// Cholesky's factors.
+    pub(super) fn factor(mut self) -> Factors {
+        let (m, mut inverse) = (&mut self.0, [0.0; N]);
         for j in 0..N {
             let (above, rest) = m.split_at_mut(j);
             let row = &mut rest[0];
@@ -46,23 +65,40 @@ impl Matrix12 {
                 for l in 0..k {
                     sum -= row[l] * upper[l];
                 }
-                row[k] = sum / upper[k];
+                row[k] = sum * inverse[k];
             }
             let mut square = row[j];
             for entry in &row[..j] {
                 square -= entry * entry;
             }
-            row[j] = square.sqrt();
+            inverse[j] = 1.0 / square.sqrt();
+        }
+        Factors { lower: self.0, inverse }
+    }
+}
+
+/// Cholesky's factors: the lower triangle without its diagonal, and the diagonal's inverse.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Factors {
+    lower: [[f64; N]; N],
+    inverse: [f64; N],
+}
+
+impl Factors {
+    /// The solution of `self x = b`.
+    pub(super) fn solve(&self, b: &[f64; N]) -> [f64; N] {
+        let mut x = *b;
+        for j in 0..N {
             let mut sum = x[j];
             for l in 0..j {
-                sum -= row[l] * x[l];
+                sum -= self.lower[j][l] * x[l];
             }
-            x[j] = sum / row[j];
+            x[j] = sum * self.inverse[j];
         }
         for j in (0..N).rev() {
-            x[j] /= m[j][j];
+            x[j] *= self.inverse[j];
             for l in 0..j {
-                x[l] -= m[j][l] * x[j];
+                x[l] -= self.lower[j][l] * x[j];
             }
         }
         x
@@ -84,10 +120,10 @@ mod tests {
         let wanted: [f64; N] = core::array::from_fn(|i| i as f64 - 4.5);
         let at = |i: usize, j: usize| if i >= j { m.0[i][j] } else { m.0[j][i] };
         let b = core::array::from_fn(|i| (0..N).map(|j| at(i, j) * wanted[j]).sum());
-        let x = m.solve(&b);
+        let x = m.factor().solve(&b);
         assert!(x.iter().zip(&wanted).all(|(x, w)| (x - w).abs() < 1e-9), "{x:?}");
         let mut broken = Matrix12::identity();
         broken.set(4, 4, -1.0);
-        assert!(broken.solve(&wanted).iter().any(|x| x.is_nan()));
+        assert!(broken.factor().solve(&wanted).iter().any(|x| x.is_nan()));
     }
 }

@@ -94,3 +94,57 @@ fn a_joint_that_meets_its_stop_stays_there() {
         assert!(method == Method::Euler || bench.work.halved > 0, "{method:?}: {:?}", bench.work);
     }
 }
+
+/// The arm behind gears of one stiffness, thrown without friction, its springs at rest.
+fn springy(step_us: i64, stiffness: Option<f64>) -> Bench {
+    let mut config = ArmConfig { coulomb_scale: 0.0, viscous_scale: 0.0, ..ArmConfig::default() };
+    config.gear_damping = 0.0;
+    if let Some(stiffness) = stiffness {
+        config.gear_stiffness_nm_rad = [stiffness; 6];
+    }
+    let mut bench = thrown(Method::Implicit, step_us, 0.0);
+    let mut arm = Arm::new(&config, ArmModel::Compliant, 1).unwrap();
+    let Finger::Arm(rigid) = &bench.finger else { unreachable!() };
+    (arm.braked, arm.now.q, arm.now.motor.q) = (false, rigid.now.q, rigid.now.q);
+    bench.finger = Finger::Arm(Box::new(arm));
+    bench
+}
+
+fn after(mut bench: Bench, span: Nanos) -> Joints {
+    bench.integrate(Nanos::ZERO, span);
+    bench.finger.swing().q
+}
+
+#[test]
+fn gears_that_hardly_give_way_are_stiff_ones() {
+    let span = Nanos::from_millis(200);
+    let rigid = after(thrown(Method::Implicit, 50, 0.0), span);
+    let off = |k: f64| (after(springy(50, Some(k)), span) - rigid).amax();
+    let (hard, soft) = (off(1e6), off(1e4));
+    println!("off the rigid arm: {hard:.1e} rad at 1e6 N m/rad, {soft:.1e} at 1e4");
+    assert!(hard < 1e-4 && soft > 5.0 * hard, "{hard:e} {soft:e}");
+}
+
+#[test]
+fn an_arm_on_springs_keeps_its_energy_and_its_order() {
+    let energies = |step_us: i64| {
+        let mut bench = springy(step_us, None);
+        let start = energy_j(&bench);
+        let most = (0..200).map(|i| {
+            let tick = Nanos::from_micros(2500);
+            bench.integrate(tick * i, tick * (i + 1));
+            (energy_j(&bench) - start).abs()
+        });
+        most.fold(0.0, f64::max)
+    };
+    let (coarse, fine) = (energies(100), energies(25));
+    println!("energy off by {coarse:.1e} J at 100 us, {fine:.1e} J at 25 us");
+    assert!(coarse < 1e-6 && fine < 1e-6, "{coarse:e} {fine:e}");
+    let span = Nanos::from_millis(50);
+    let exact = after(springy(5, None), span);
+    let error = |us: i64| (after(springy(us, None), span) - exact).amax();
+    let errors = [error(160), error(80), error(40)];
+    let orders = [errors[0] / errors[1], errors[1] / errors[2]].map(libm::log2);
+    println!("errors {errors:?} rad, orders {orders:.2?}");
+    assert!(orders.iter().all(|order| *order > 1.6), "{errors:?} {orders:?}");
+}

@@ -119,11 +119,13 @@ fn arms(rounds: u32) -> anyhow::Result<String> {
         (ArmModel::RigidMotors, Integrator::Implicit, 2500.0, 2500),
         (ArmModel::RigidMotors, Integrator::Implicit, 625.0, 2500),
         (ArmModel::RigidMotors, Integrator::Euler, 80.0, 2500),
+        (ArmModel::Compliant, Integrator::Implicit, 2500.0, 2500),
+        (ArmModel::Compliant, Integrator::Implicit, 625.0, 2500),
     ];
     for (arm, integrator, step_us, period_us) in cases {
         let (method, finest_us) = match arm {
             ArmModel::Rigid => (Integrator::Rk4, 250.0),
-            ArmModel::RigidMotors => (Integrator::Implicit, 20.0),
+            ArmModel::RigidMotors | ArmModel::Compliant => (Integrator::Implicit, 20.0),
         };
         let (exact, _) = fall(arm, method, finest_us, period_us)?;
         let mut best = f64::INFINITY;

@@ -1,0 +1,170 @@
+//! A revived world goes on bit for bit, whatever its sensors remember and whenever it was taken; a
+//! story can be sought in; worlds side by side do not know of each other.
+
+use taktil_hal::{Arrival, CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Nanos, TactileFrame};
+use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::transmission::{Drive, Transmission};
+use taktil_sim::fidelity::{ContactModel, Integrator};
+use taktil_sim::scene::{Axis, Electronics, Fault, FaultKind, Kind, Motion};
+use taktil_sim::{Story, Timing, World, WorldConfig, Written, build};
+
+const PERIOD: Nanos = Nanos::from_micros(2_500);
+
+/// Half of what holds the arm, with a ripple: it sinks onto the pin.
+fn word(tick: i64) -> Written {
+    let home = WorldConfig::default().arm.home_deg.map(f64::to_radians);
+    let gravity = Dynamics::reference().gravity(&home.into());
+    let motor = Transmission::reference().motor_torque(&(0.5 * gravity));
+    let mut codes = [DacCode(0); CHANNELS];
+    for i in 0..6 {
+        codes[i] = DacCode(Drive::reference().code(motor[i], i) + (tick % 7) as i32);
+    }
+    let lines = LinesOut { enable: true, brake_release: true, watchdog_feed: tick % 2 == 0 };
+    Written { release: PERIOD * tick, codes, lines }
+}
+
+/// What is seen of a world after a tick: its state, and the frame that the controller gets.
+type Seen = (u64, Option<[u16; MAX_TACTELS]>, [i32; CHANNELS]);
+
+fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) -> Vec<Seen> {
+    let mut frame = TactileFrame::empty();
+    ticks
+        .map(|tick| {
+            word(tick).commit(devices).unwrap();
+            world.advance(PERIOD * (tick + 1));
+            let arrival = devices.tactile.sample(world.now(), &mut frame);
+            let scan = matches!(arrival, Ok(Arrival::New)).then_some(frame.values);
+            let counts = devices.encoders.sample(world.now()).unwrap().value.map(|count| count.0);
+            (world.state_hash(), scan, counts)
+        })
+        .collect()
+}
+
+/// Scenes that between them hold everything that a world can remember.
+fn scenes() -> Vec<(&'static str, WorldConfig)> {
+    let plain = WorldConfig::default;
+    let mut solved = plain();
+    solved.fidelity.contact = ContactModel::Layer3d;
+    let mut sensors = plain();
+    sensors.tactile.electronics = Electronics::Network;
+    sensors.tactile.row_us = 150.0;
+    sensors.wrist.noise_codes = 2.0;
+    let mut faulty = plain();
+    let fault = |kind, at_s, for_s, share| Fault {
+        kind,
+        at_s,
+        for_s: Some(for_s),
+        joint: (kind == FaultKind::DeadEncoder).then_some(2),
+        share,
+    };
+    faulty.fault = vec![
+        fault(FaultKind::DropFrames, 0.1, 2.0, Some(0.5)),
+        fault(FaultKind::DeadEncoder, 0.3, 0.3, None),
+        fault(FaultKind::FrozenWrist, 0.5, 0.2, None),
+    ];
+    let mut moving = plain();
+    moving.table.motion = vec![Motion {
+        amplitude_mm: Some(2.0),
+        frequency_hz: Some(2.0),
+        ..Motion::of(Axis::Slide, Kind::Sine)
+    }];
+    moving.fidelity.contact = ContactModel::Layer2d;
+    let mut explicit = plain();
+    explicit.fidelity.integrator = Integrator::Euler;
+    explicit.substep_us = 80.0;
+    vec![
+        ("plain", plain()),
+        ("layer-3d", solved),
+        ("sensors", sensors),
+        ("faults", faulty),
+        ("table", moving),
+        ("euler", explicit),
+    ]
+}
+
+#[test]
+fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
+    const END: i64 = 320;
+    for (name, config) in scenes() {
+        let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
+        let mut kept = Vec::new();
+        let mut told = Vec::new();
+        for tick in 0..END {
+            if [0, 1, 97, 240, 301].contains(&tick) {
+                kept.push((tick, world.snapshot()));
+            }
+            told.extend(go(&mut world, &mut devices, tick..tick + 1));
+        }
+        assert!(world.truth().in_contact, "{name} never touches");
+        for (tick, snapshot) in &kept {
+            for _ in 0..2 {
+                let (mut again, mut halves) = snapshot.revive();
+                assert_eq!(again.now(), snapshot.now());
+                // What was told before is told anew.
+                let first = halves.encoders.sample(again.now()).unwrap();
+                assert_eq!(first.acquired, PERIOD * *tick);
+                if *tick > 0 {
+                    let mut frame = TactileFrame::empty();
+                    let _ = halves.tactile.sample(again.now(), &mut frame);
+                }
+                let rest = go(&mut again, &mut halves, *tick..END);
+                assert!(rest == told[*tick as usize..], "{name}: another way after tick {tick}");
+            }
+        }
+    }
+}
+
+#[test]
+fn words_on_their_way_arrive_at_their_instant() {
+    let (mut world, mut devices) = build(&WorldConfig::default(), &Timing::default(), 3).unwrap();
+    go(&mut world, &mut devices, 0..40);
+    word(40).commit(&mut devices).unwrap();
+    // Between release and effect, and at an instant that is no event.
+    world.advance(PERIOD * 40 + Nanos::from_micros(700));
+    let before = world.analog_out();
+    let snapshot = world.snapshot();
+    let (mut again, _halves) = snapshot.revive();
+    for world in [&mut world, &mut again] {
+        world.advance(PERIOD * 40 + Nanos::from_micros(1_250));
+        assert_eq!(world.analog_out(), before);
+        world.advance(PERIOD * 41);
+        assert_ne!(world.analog_out(), before);
+    }
+    assert_eq!(world.state_hash(), again.state_hash());
+}
+
+#[test]
+fn one_can_seek_in_a_story() {
+    let (mut world, mut devices) = build(&WorldConfig::default(), &Timing::default(), 3).unwrap();
+    let mut story = Story::default();
+    assert!(story.seek(Nanos::ZERO).unwrap().is_none());
+    let mut hashes = Vec::new();
+    for tick in 0..300 {
+        if tick % 100 == 0 {
+            story.keep(world.snapshot());
+        }
+        story.write(word(tick));
+        hashes.extend(go(&mut world, &mut devices, tick..tick + 1).iter().map(|seen| seen.0));
+    }
+    for tick in [299, 0, 100, 157, 99] {
+        let to = PERIOD * (tick + 1);
+        let (found, _devices) = story.seek(to).unwrap().expect("after the first snapshot");
+        assert_eq!(found.now(), to);
+        assert_eq!(found.state_hash(), hashes[tick as usize], "tick {tick}");
+    }
+}
+
+#[test]
+fn worlds_side_by_side_are_worlds_alone() {
+    let alone = || {
+        let (mut world, mut devices) =
+            build(&WorldConfig::default(), &Timing::default(), 3).unwrap();
+        go(&mut world, &mut devices, 0..200)
+    };
+    let one = alone();
+    let many: Vec<Vec<Seen>> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..4).map(|_| scope.spawn(alone)).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+    });
+    assert!(many.iter().all(|seen| *seen == one));
+}
