@@ -92,7 +92,7 @@ enum Command {
     },
     /// Check scene files without running them; print what may stand in one.
     Scene(SceneArgs),
-    /// Digests of simulated runs.
+    /// Digests of simulated runs, and the world of a log at any instant.
     #[command(subcommand)]
     Sim(Sim),
     /// Draw a log as SVG figures, or write its signals as CSV.

@@ -2,7 +2,7 @@
 //! recorded decisions of its lanes, compared with the log bit for bit. Refuses to call a run equal
 //! beyond the instant until which its record is whole, and logs that do not say what ran.
 
-mod origin;
+pub(crate) mod origin;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

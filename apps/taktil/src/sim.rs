@@ -1,5 +1,8 @@
 //! `taktil sim`: digests of whole runs in virtual time, for one seed or many, one after the other
-//! or side by side. Refuses to compare what it prints: equal lines are equal runs.
+//! or side by side; the world of a log at any instant. Refuses to compare the digests that it
+//! prints: equal lines are equal runs.
+
+pub mod seek;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -24,6 +27,12 @@ pub enum Sim {
     ///
     /// Equal seeds give equal lines: debug or release, today or next year, alone or side by side.
     Hash(HashArgs),
+    /// What really happened at an instant of a recorded run: the world is built anew from the log's
+    /// scene and seed and moved on by the log's own D/A words and lines.
+    ///
+    /// Every state on the way is compared with the recorded one, bit for bit. Exit code 0: equal;
+    /// 1: the world went another way than in the log; 2: a log that cannot be used.
+    Seek(seek::SeekArgs),
 }
 
 /// Which runs.
@@ -50,7 +59,10 @@ pub struct HashArgs {
 /// # Errors
 /// A scene that cannot be run, located; [`BadOption`].
 pub fn run(what: &Sim) -> anyhow::Result<ExitCode> {
-    let Sim::Hash(arguments) = what;
+    let arguments = match what {
+        Sim::Hash(arguments) => arguments,
+        Sim::Seek(arguments) => return seek::run(arguments),
+    };
     let scene = Scene::load(&arguments.scene)?;
     let until = match arguments.for_s {
         None => scene.duration,

@@ -13,7 +13,7 @@ use crate::run::scene::Scene;
 use crate::run::{RECORDED, assemble};
 
 /// What ran.
-pub(super) enum Origin {
+pub(crate) enum Origin {
     /// A scene, live or in virtual time.
     Scene { scene: Box<Scene>, seed: u64, title: String },
     /// The service over a board.
@@ -27,7 +27,7 @@ pub(super) enum Origin {
 }
 
 impl Origin {
-    pub(super) fn of(log: &Log) -> Result<Origin, String> {
+    pub(crate) fn of(log: &Log) -> Result<Origin, String> {
         let run = log
             .metadata()
             .get(METADATA_RUN)
@@ -72,22 +72,30 @@ impl Origin {
         Ok(Origin::Scene { scene, seed, title })
     }
 
-    pub(super) fn title(&self) -> String {
+    pub(crate) fn title(&self) -> String {
         match self {
             Origin::Scene { title, .. } | Origin::Board { title, .. } => title.clone(),
         }
     }
 
     /// Tasks that stand for what is outside the machine: what they wrote is taken from the log.
-    pub(super) fn fed(&self) -> Vec<&'static str> {
+    pub(crate) fn fed(&self) -> Vec<&'static str> {
         match self {
             Origin::Scene { .. } => vec!["operator", "world"],
             Origin::Board { .. } => vec!["operator"],
         }
     }
 
+    /// The scene that ran, and its seed.
+    pub(crate) fn into_scene(self) -> Result<(Scene, u64), String> {
+        match self {
+            Origin::Scene { scene, seed, .. } => Ok((*scene, seed)),
+            Origin::Board { .. } => Err("it is of a board: nothing was simulated".to_owned()),
+        }
+    }
+
     /// The machine with its devices on `tapes`.
-    pub(super) fn machine(&self, tapes: Tapes, stall: Nanos) -> Result<(Machine, Lack), String> {
+    pub(crate) fn machine(&self, tapes: Tapes, stall: Nanos) -> Result<(Machine, Lack), String> {
         match self {
             Origin::Scene { scene, seed, .. } => assemble::rebuild(scene, *seed, tapes, stall),
             Origin::Board { service, machine, urdf, about, .. } => {

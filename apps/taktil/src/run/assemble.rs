@@ -3,7 +3,7 @@
 
 use taktil_hal::Devices;
 use taktil_rtcore::{Builder, Invalid, LaneSpec, Late, Machine, Nanos};
-use taktil_sim::Timing;
+use taktil_sim::{Timing, World};
 use taktild::robot::AnyRobot;
 use taktild::source::Located;
 use taktild::tape::player::{About, Lack, Tapes};
@@ -38,6 +38,30 @@ pub fn assemble_with(
         .and_then(|builder| builder.build().map_err(of_world))
         .and_then(|machine| edited(machine, scene))
         .map_err(|invalid| scene.locate(invalid))
+}
+
+/// The world of a scene alone, with the devices through which it is driven and felt.
+///
+/// # Errors
+/// As [`assemble`].
+pub fn world(scene: &Scene, seed: u64) -> Result<(World, Devices), Located> {
+    let timing = timing(scene).map_err(|invalid| scene.locate(invalid))?;
+    built(scene, &timing, seed).map_err(|invalid| scene.locate(invalid))
+}
+
+/// The world with the scene's arm in it.
+fn built(scene: &Scene, timing: &Timing, seed: u64) -> Result<(World, Devices), Invalid> {
+    let start: Vec<f64> = scene.start_deg.iter().map(|q| q.to_radians()).collect();
+    let built = match &scene.robot {
+        AnyRobot::Puma260(_) => taktil_sim::build(&scene.world, timing, seed),
+        AnyRobot::Six(robot) => {
+            taktil_sim::build_with_chain(&scene.world, timing, seed, robot, &start)
+        }
+        AnyRobot::Seven(robot) => {
+            taktil_sim::build_with_chain(&scene.world, timing, seed, robot, &start)
+        }
+    };
+    built.map_err(|bad| foreign(bad).within("world"))
 }
 
 /// The operator who follows the scene's script.
@@ -97,17 +121,7 @@ fn build(
             lane.deadline_us = Some(spec.deadline.min(latest).0 / 1000);
         }
     }
-    let start: Vec<f64> = scene.start_deg.iter().map(|q| q.to_radians()).collect();
-    let built = match &scene.robot {
-        AnyRobot::Puma260(_) => taktil_sim::build(&scene.world, &timing, seed),
-        AnyRobot::Six(robot) => {
-            taktil_sim::build_with_chain(&scene.world, &timing, seed, robot, &start)
-        }
-        AnyRobot::Seven(robot) => {
-            taktil_sim::build_with_chain(&scene.world, &timing, seed, robot, &start)
-        }
-    };
-    let (world, devices) = built.map_err(|bad| foreign(bad).within("world"))?;
+    let (world, devices) = built(scene, &timing, seed)?;
     let mut builder = wiring::assemble(machine, &scene.robot, exchange(devices), operator)?;
     add_world(&mut builder, scene, &timing, world)?;
     Ok(builder)
@@ -149,7 +163,7 @@ fn add_world(
     builder: &mut Builder,
     scene: &Scene,
     timing: &Timing,
-    world: taktil_sim::World,
+    world: World,
 ) -> Result<(), Invalid> {
     let period = timing.control_period;
     // A word of the job released at r acts from r + delay: the world starts there and integrates

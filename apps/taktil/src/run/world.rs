@@ -109,7 +109,7 @@ impl<const N: usize> Task for FreeArm<N> {
             q_rad: core::array::from_fn(|i| q.get(i).copied().unwrap_or(0.0)),
             qd_rad_s: core::array::from_fn(|i| qd.get(i).copied().unwrap_or(0.0)),
             tool_m: truth.tool.to_array(),
-            energy_j: truth.energy_j,
+            energy_j: self.world.energy_j(),
             enabled: u32::from(truth.enabled),
             braked: u32::from(truth.braked),
         };
