@@ -63,6 +63,8 @@ struct Seen {
     /// How what the joints feel grows with their speeds (N m s/rad).
     slopes: [f64; 6],
     touch: Option<(Around, Touching)>,
+    /// The surroundings, where an object is touched.
+    pressed: Option<Around>,
 }
 
 fn part(u: &Speeds, from: usize) -> DVec3 {
@@ -173,7 +175,7 @@ impl Bench {
         tau: f64,
         (table, table_axes): (&Surface, &DMat3),
     ) -> Seen {
-        let mut seen = Seen { rest: [0.0; N], slopes: [0.0; 6], touch: None };
+        let mut seen = Seen { rest: [0.0; N], slopes: [0.0; 6], touch: None, pressed: None };
         let rest = &mut seen.rest;
         let qd = joints(u);
         let swung = ahead.inertia * (qd - base.swing.qd) - tau * ahead.push;
@@ -182,9 +184,18 @@ impl Bench {
             rest[i] = -swung[i] - tau * rub.torque_nm;
             seen.slopes[i] = rub.slope;
         }
-        if self.objects.is_some() {
+        if let Some(objects) = &mut self.objects {
             let around = around(ahead, &qd, tau, table, table_axes);
-            self.press_objects(base, ahead, (&around, tau), (&mut matrix, &mut rest));
+            objects.remember(&base.grips);
+            self.work.contacts += 1;
+            objects.touch(&around, tau);
+            if objects.touched() > 0 && ahead.degrees > 0 {
+                let pulled = ahead.jacobian.tr_mul(&objects.wrench(&around.pad));
+                for i in 0..ahead.degrees {
+                    rest[i] += tau * pulled[i];
+                }
+                seen.pressed = Some(around);
+            }
         }
         let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) else {
             return seen;
@@ -219,6 +230,13 @@ impl Bench {
             }
             matrix.add(i, i, tau * slope);
         }
+        if let (Some(objects), Some(around)) = (&self.objects, &seen.pressed) {
+            objects.tangent(&around.pad, &ahead.jacobian, |weight, part| {
+                let mut row = [0.0; N];
+                row[..ahead.degrees].copy_from_slice(&part.as_slice()[..ahead.degrees]);
+                matrix.add_outer(tau * weight, &row);
+            });
+        }
         let (Some(rolling), Some((around, touching))) = (&self.rolling, &seen.touch) else {
             return matrix;
         };
@@ -237,32 +255,6 @@ impl Bench {
             add_contact(&mut matrix, line, tangent, tau, Some((ahead, around.finger.origin)));
         }
         matrix
-    }
-
-    /// Adds what the objects do to the finger.
-    fn press_objects(
-        &mut self,
-        base: &Base,
-        ahead: &Ahead,
-        (around, tau): (&Around, f64),
-        (matrix, rest): (&mut Matrix12, &mut Speeds),
-    ) {
-        let Some(objects) = &mut self.objects else { return };
-        objects.remember(&base.grips);
-        self.work.contacts += 1;
-        objects.touch(around, tau);
-        if objects.touched() == 0 || ahead.degrees == 0 {
-            return;
-        }
-        let pulled = ahead.jacobian.tr_mul(&objects.wrench(&around.pad));
-        for i in 0..ahead.degrees {
-            rest[i] += tau * pulled[i];
-        }
-        objects.tangent(&around.pad, &ahead.jacobian, |weight, part| {
-            let mut row = [0.0; N];
-            row[..ahead.degrees].copy_from_slice(&part.as_slice()[..ahead.degrees]);
-            matrix.add_outer(tau * weight, &row);
-        });
     }
 }
 

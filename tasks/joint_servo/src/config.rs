@@ -276,7 +276,8 @@ mod tests {
         let gains = given.tuning(&robot).unwrap().gains();
         assert_eq!(gains.kp_nm_rad, Vector::<6>::repeat(7.0));
         assert_eq!(gains.kd_nms_rad, Vector::<6>::repeat(240.0));
-        let lists: [(&str, fn(&mut Config, Vec<f64>)); 7] = [
+        type Set = fn(&mut Config, Vec<f64>);
+        let lists: [(&str, Set); 7] = [
             ("bandwidth_rad_s", |c, x| c.bandwidth_rad_s = Some(x)),
             ("damping", |c, x| c.damping = Some(x)),
             ("inertia_kg_m2", |c, x| c.inertia_kg_m2 = Some(x)),

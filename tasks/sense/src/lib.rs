@@ -212,13 +212,13 @@ mod tests {
     #[test]
     fn unusable_settings_are_refused_with_their_place() {
         for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0, 2e5] {
-            let mut config = Config::default();
-            config.v_max_deg_s = Some(vec![1.0, 1.0, 1.0, bad]);
+            let speeds = Some(vec![1.0, 1.0, 1.0, bad]);
+            let config = Config { v_max_deg_s: speeds, ..Config::default() };
             assert_eq!(config.check().unwrap_err().place, "v_max_deg_s[3]", "{bad}");
         }
         for bad in [f64::NAN, f64::NEG_INFINITY, 1001.0] {
-            let mut config = Config::default();
-            config.home_deg = Some(vec![0.0, 0.0, 0.0, 0.0, 0.0, bad]);
+            let home = Some(vec![0.0, 0.0, 0.0, 0.0, 0.0, bad]);
+            let config = Config { home_deg: home, ..Config::default() };
             assert_eq!(config.check().unwrap_err().place, "home_deg[5]", "{bad}");
         }
         let config = Config { failures_allowed: 101, ..Config::default() };
