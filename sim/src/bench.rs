@@ -79,7 +79,7 @@ pub fn build_with_chain<const N: usize>(
         return Err(invalid("fidelity.integrator", what, "say auto"));
     }
     let arm = Chained::new(robot, start, &config.arm, config.fidelity.arm)?;
-    let finger = Finger::Chained(Unheld::new(Box::new(arm)));
+    let finger = Finger::Chained(Box::new(Unheld::new(Box::new(arm))));
     assemble(config, timing, seed, (finger, None), (N, robot.drive.code_range()))
 }
 

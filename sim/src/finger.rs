@@ -73,7 +73,7 @@ impl Ahead {
 pub(crate) enum Finger {
     Arm(Box<Arm>),
     Carriage(Box<Riding>),
-    Chained(Unheld),
+    Chained(Box<Unheld>),
 }
 
 /// An arm that touches nothing: it steps by itself, and the integrators hold none of its state.

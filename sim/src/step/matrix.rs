@@ -32,14 +32,14 @@ impl Matrix12 {
         // Blocks of fixed size, above the diagonal too: the processor does two at a time.
         for i in 0..HALF {
             let part = weight * row[i];
-            for j in 0..HALF {
-                self.0[i][j] += part * row[j];
+            for (entry, other) in self.0[i][..HALF].iter_mut().zip(&row[..HALF]) {
+                *entry += part * other;
             }
         }
         for i in HALF..N {
             let part = weight * row[i];
-            for j in 0..N {
-                self.0[i][j] += part * row[j];
+            for (entry, other) in self.0[i].iter_mut().zip(row) {
+                *entry += part * other;
             }
         }
     }
@@ -48,8 +48,8 @@ impl Matrix12 {
     pub(super) fn add_outer_of_pin(&mut self, weight: f64, row: &[f64; N]) {
         for i in HALF..N {
             let part = weight * row[i];
-            for j in HALF..N {
-                self.0[i][j] += part * row[j];
+            for (entry, other) in self.0[i][HALF..].iter_mut().zip(&row[HALF..]) {
+                *entry += part * other;
             }
         }
     }
@@ -90,15 +90,16 @@ impl Factors {
         let mut x = *b;
         for j in 0..N {
             let mut sum = x[j];
-            for l in 0..j {
-                sum -= self.lower[j][l] * x[l];
+            for (entry, known) in self.lower[j][..j].iter().zip(&x) {
+                sum -= entry * known;
             }
             x[j] = sum * self.inverse[j];
         }
         for j in (0..N).rev() {
             x[j] *= self.inverse[j];
-            for l in 0..j {
-                x[l] -= self.lower[j][l] * x[j];
+            let (open, known) = x.split_at_mut(j);
+            for (sum, entry) in open.iter_mut().zip(&self.lower[j]) {
+                *sum -= entry * known[0];
             }
         }
         x

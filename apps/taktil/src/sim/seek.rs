@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use taktil_hal::{DacCode, Devices, LinesOut};
 use taktil_rtcore::{Nanos, Payload};
 use taktil_sim::{Truth, World};
+use taktild::out;
 use taktild::tape::{AnalogWord, DigitalWord, name};
 
 use crate::log::{Log, Message};
@@ -70,17 +71,20 @@ pub fn run(arguments: &SeekArgs) -> anyhow::Result<ExitCode> {
     let outcome = seek(&log, &arguments.at).map_err(bad)?;
     for found in &outcome.found {
         if arguments.json {
-            println!("{}", object(found));
+            out::line(object(found))?;
         } else {
-            print!("{}", sentences(found));
+            out::text(sentences(found))?;
         }
     }
     match outcome.parted {
-        None => eprintln!("{} recorded states met again, bit for bit", outcome.equal),
-        Some(at) => eprintln!(
+        None => {
+            let equal = outcome.equal;
+            out::warn(format_args!("{equal} recorded states met again, bit for bit"));
+        }
+        Some(at) => out::warn(format_args!(
             "another way than in the log from {} s on: another build, or a damaged log",
             at.as_secs_f64()
-        ),
+        )),
     }
     Ok(ExitCode::from(u8::from(outcome.parted.is_some())))
 }
