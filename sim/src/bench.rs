@@ -17,7 +17,7 @@ use crate::contact::{PAD_HALF_M, Patch, Reaction, Surface, strips_of_pin};
 use crate::devices::connect;
 use crate::electronics::{Array, Wrist};
 use crate::faults::Faults;
-use crate::fidelity::{ContactModel, Integrator};
+use crate::fidelity::{ArmModel, ContactModel, Integrator};
 use crate::finger::{Finger, Unheld};
 use crate::hand::Hand;
 use crate::object::Objects;
@@ -60,7 +60,8 @@ pub fn build(
 /// Builds the bench with another arm, which starts at `start` (rad) and touches nothing.
 ///
 /// # Errors
-/// As [`build`]; a pin, which this arm could not feel, and an integrator that it cannot have.
+/// As [`build`]; a pin or an object, which this arm could not feel, and an integrator that it cannot
+/// have.
 pub fn build_with_chain<const N: usize>(
     config: &WorldConfig,
     timing: &Timing,
@@ -73,6 +74,10 @@ pub fn build_with_chain<const N: usize>(
     if config.pin.present {
         let what = "is true, but only the PUMA 260 feels a pin".to_owned();
         return Err(invalid("pin.present", what, "say false: other arms move freely"));
+    }
+    if !config.object.is_empty() {
+        let what = "stands there, but only the PUMA 260 feels objects".to_owned();
+        return Err(invalid("object", what, "leave it out: other arms move freely"));
     }
     if config.fidelity.integrator != Integrator::Auto {
         let what = "is named, but this arm has a method of its own".to_owned();
@@ -177,6 +182,11 @@ fn method(config: &WorldConfig, finger: &Finger) -> Result<Method, Invalid> {
     if integrator == Integrator::Euler && !config.object.is_empty() {
         let what = "is euler, which knows the pin only".to_owned();
         return Err(invalid("fidelity.integrator", what, "say auto, or leave the objects out"));
+    }
+    let gives_way = config.fidelity.arm == ArmModel::Compliant && matches!(finger, Finger::Arm(_));
+    if integrator == Integrator::Euler && gives_way {
+        let what = "is euler, which cannot follow gears that give way".to_owned();
+        return Err(invalid("fidelity.integrator", what, "say auto or implicit"));
     }
     Ok(Method::of(integrator, smooth))
 }

@@ -1,6 +1,6 @@
 //! Scenes that cannot be simulated are refused with their place.
 
-use taktil_sim::fidelity::Integrator;
+use taktil_sim::fidelity::{ArmModel, Integrator};
 use taktil_sim::scene::{Axis, Kind, Motion};
 use taktil_sim::{Carriage, Float, Invalid, Timing, WorldConfig, build, build_with_carriage};
 
@@ -205,6 +205,23 @@ fn every_key_is_listed_with_its_meaning_and_every_number_with_its_range() {
         keys.iter().filter(|key| key.about.is_empty() && !key.path.ends_with("[]")).collect();
     assert!(silent.is_empty(), "{silent:?}");
     assert!(keys.iter().all(|key| key.range.is_none_or(|(low, high)| low < high)));
+}
+
+#[test]
+fn an_integrator_that_cannot_follow_the_gears_is_refused() {
+    let springy = |integrator| {
+        refused(|c| {
+            c.fidelity.arm = ArmModel::Compliant;
+            c.fidelity.integrator = integrator;
+            c.substep_us = 20.0;
+        })
+    };
+    for integrator in [Integrator::Euler, Integrator::Rk4] {
+        assert_eq!(springy(integrator).place, "fidelity.integrator");
+    }
+    let found = springy(Integrator::Euler);
+    assert!(found.what.contains("gears that give way"), "{found}");
+    assert_eq!(found.remedy, "say auto or implicit");
 }
 
 #[test]

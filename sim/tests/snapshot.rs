@@ -4,8 +4,10 @@
 use taktil_hal::{Arrival, CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Nanos, TactileFrame};
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::transmission::{Drive, Transmission};
-use taktil_sim::fidelity::{ContactModel, Integrator};
-use taktil_sim::scene::{Axis, Electronics, Fault, FaultKind, Kind, Motion};
+use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
+use taktil_sim::scene::{
+    Axis, Electronics, Fault, FaultKind, Kind, Motion, ObjectConfig, ObjectKind,
+};
 use taktil_sim::{Story, Timing, World, WorldConfig, Written, build};
 
 const PERIOD: Nanos = Nanos::from_micros(2_500);
@@ -40,6 +42,26 @@ fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) ->
         .collect()
 }
 
+/// Under the finger, as high as the pin.
+fn object(kind: ObjectKind) -> ObjectConfig {
+    ObjectConfig {
+        kind,
+        x_mm: 0.0,
+        y_mm: 0.0,
+        top_mm: 46.0,
+        yaw_deg: 0.0,
+        tilt_x_deg: 0.0,
+        tilt_y_deg: 0.0,
+        radius_mm: None,
+        length_mm: None,
+        width_mm: None,
+        profile: None,
+        bend_mm: None,
+        corner_deg: None,
+        friction: None,
+    }
+}
+
 /// Scenes that between them hold everything that a world can remember.
 fn scenes() -> Vec<(&'static str, WorldConfig)> {
     let plain = WorldConfig::default;
@@ -72,8 +94,19 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
     let mut explicit = plain();
     explicit.fidelity.integrator = Integrator::Euler;
     explicit.substep_us = 80.0;
+    let on = |kind| {
+        let mut config = WorldConfig { object: vec![object(kind)], ..plain() };
+        config.pin.present = false;
+        config
+    };
+    let mut springy = plain();
+    springy.fidelity.arm = ArmModel::Compliant;
     vec![
         ("plain", plain()),
+        ("sphere", on(ObjectKind::Sphere)),
+        ("edge", on(ObjectKind::Edge)),
+        ("bar", on(ObjectKind::Bar)),
+        ("springy", springy),
         ("layer-3d", solved),
         ("sensors", sensors),
         ("faults", faulty),

@@ -11,7 +11,7 @@ use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape};
 use taktil_mechanics::contact::space::tactels::Shares;
 
-use super::{Lie, Meeting, RUBBER, Sums, layer_of, on_pad};
+use super::{Lie, Meeting, Sums, layer_of, on_pad};
 use crate::rubber;
 use crate::scene::{Invalid, ObjectConfig, RubberConfig, invalid};
 
@@ -73,7 +73,10 @@ pub(super) struct Face {
     knots: Vec<Knot>,
     /// Stiffness against a tangential shift over that against a normal one.
     shear: f64,
+    /// Lengths that pressed at the latest evaluation: the first `used`. Room for all, which a clone
+    /// keeps.
     met: Vec<Pressed>,
+    used: usize,
     /// Cosines of the points.
     cosines: [f64; POINTS],
 }
@@ -88,7 +91,7 @@ impl Face {
         let width_mm = config.width_mm.unwrap_or(4.0);
         let shape = Shape::Flat { width_mm, height_mm: 1.0 };
         let mut indenter = Indenter::new(&layer, shape, Friction::None, Level::Default)
-            .map_err(rubber::located(RUBBER))?;
+            .map_err(rubber::located(place))?;
         let angle = |i: usize| core::f64::consts::PI * (i as f64 + 0.5) / POINTS as f64;
         let cosines = core::array::from_fn(|i| libm::cos(angle(i)));
         let half_mm = 0.5 * width_mm;
@@ -130,7 +133,8 @@ impl Face {
             count: count as usize,
             shear: thin / knots[0].stiffness_n_m2,
             knots,
-            met: Vec::with_capacity(count as usize),
+            met: vec![Pressed::default(); count as usize],
+            used: 0,
             cosines,
         })
     }
@@ -151,7 +155,7 @@ impl Face {
     /// Evaluates the contact.
     pub(super) fn press(&mut self, meeting: &Meeting, relaxation_s: f64) -> Sums {
         let mut sums = Sums { half_width_m: self.half_width_m, ..Sums::default() };
-        self.met.clear();
+        self.used = 0;
         let across = meeting.turn.x_axis;
         let flat = across.truncate();
         let level = flat.length();
@@ -179,7 +183,8 @@ impl Face {
                 continue;
             }
             let middle = middle.truncate();
-            self.met.push(Pressed { middle, across: unit, side, load_n, knot });
+            self.met[self.used] = Pressed { middle, across: unit, side, load_n, knot };
+            self.used += 1;
             let cover = on_pad(at);
             sums.add(at, cover * load_n, 0.0);
             // Two springs stand for the contact's stiffness against tilt.
@@ -195,7 +200,7 @@ impl Face {
 
     /// Adds the stresses of the latest evaluation (MPa).
     pub(super) fn image(&self, shares: &Shares, image: &mut [f64; MAX_TACTELS]) {
-        for pressed in &self.met {
+        for pressed in &self.met[..self.used] {
             let knot = &pressed.knot;
             for (cosine, weight) in self.cosines.iter().zip(knot.weights) {
                 let out = pressed.side * self.half_width_m * (knot.middle + knot.half * cosine);

@@ -12,7 +12,7 @@ use taktil_mechanics::contact::space::Level;
 use taktil_mechanics::contact::space::tactels::Shares;
 use taktil_mechanics::{Joints, Pose};
 
-use super::{Lie, Meeting, Sums, on_pad};
+use super::{Lie, Meeting, Sums, layer_of, on_pad};
 use crate::contact::{Lean, Line, PAD_HALF_M, PITCH_M, Surface};
 use crate::pin::Pin;
 use crate::rubber::Rubber;
@@ -104,8 +104,10 @@ pub(super) struct Ridge {
     /// Middle and direction of each length in the object's frame.
     lengths: Vec<(DVec2, DVec2)>,
     rubber: Rubber,
-    /// Lengths that pressed at the latest evaluation.
+    /// Lengths that pressed at the latest evaluation: the first `used`. Room for all that can, which
+    /// a clone keeps.
     met: Vec<Pressed>,
+    used: usize,
     /// Cosines of the points across a length, and their weights.
     points: [(f64, f64); POINTS],
     /// The contact in three dimensions, for straight ridges of scenes that ask for it.
@@ -117,18 +119,22 @@ pub(super) struct Ridge {
 }
 
 impl Ridge {
-    /// `level` asks for three dimensions.
+    /// `level` asks for three dimensions; `place` is the object's.
     pub(super) fn new(
         config: &ObjectConfig,
         rubber: &RubberConfig,
         level: Option<Level>,
+        place: &str,
     ) -> Result<Ridge, Invalid> {
         let radius_mm = config.radius();
+        // Complaints that are the rubber's own belong to it.
+        layer_of(rubber)?;
         let (curve, half_m) = (Curve::of(config), 0.5e-3 * config.length());
         // A corner is a border between two lengths.
         let each = libm::ceil(half_m / STEP_M).max(1.0);
         let step_m = half_m / each;
         let count = 2 * each as usize;
+        let most = 2 * (REACH_M / step_m) as usize + 4;
         let middle = |i: usize| curve.at((i as f64 + 0.5) * step_m - half_m);
         let mut points = [(0.0, 0.0); POINTS];
         for (i, point) in points.iter_mut().enumerate() {
@@ -150,8 +156,9 @@ impl Ridge {
             half_m,
             step_m,
             lengths: (0..count).map(middle).collect(),
-            rubber: Rubber::new(rubber, radius_mm, super::RUBBER)?,
-            met: Vec::with_capacity(2 * (REACH_M / step_m) as usize + 4),
+            rubber: Rubber::new(rubber, radius_mm, place)?,
+            met: vec![Pressed::default(); most],
+            used: 0,
             points,
             spatial,
             lean: Lean::NONE,
@@ -168,7 +175,7 @@ impl Ridge {
     /// Evaluates the contact.
     pub(super) fn press(&mut self, meeting: &Meeting, relaxation_s: f64) -> Sums {
         let mut sums = Sums::default();
-        self.met.clear();
+        self.used = 0;
         self.last = *meeting;
         let near = self.nearest(meeting);
         let index = |s: f64| ((s + self.half_m) / self.step_m).max(0.0) as usize;
@@ -201,9 +208,10 @@ impl Ridge {
             let across = flat.perp().normalize_or_zero();
             let half_width_m = response.half_width_m;
             let cover = on_pad(at);
-            if self.met.len() < self.met.capacity() {
+            if let Some(pressed) = self.met.get_mut(self.used) {
                 let plain_n = cover * response.load_n_m * plain_m;
-                self.met.push(Pressed { at, across, half_width_m, load_n, s_m, plain_n });
+                *pressed = Pressed { at, across, half_width_m, load_n, s_m, plain_n };
+                self.used += 1;
             }
             let (part, h) = (cover * length_m, meeting.h);
             sums.add(at, cover * load_n, part * response.stiffness_n_m2 * (h + relaxation_s));
@@ -216,10 +224,12 @@ impl Ridge {
             }
         }
         sums.deepest_m = widest;
-        if sums.load_n <= 0.0 {
-            self.lean = Lean::NONE;
-        }
         sums
+    }
+
+    /// What pressed at the latest evaluation.
+    fn pressed(&self) -> &[Pressed] {
+        &self.met[..self.used]
     }
 
     /// Adds the stresses of the latest evaluation (MPa). The theory's layer has no edges: lengths
@@ -229,7 +239,7 @@ impl Ridge {
             return;
         }
         self.lean = Lean::NONE;
-        for pressed in &self.met {
+        for pressed in self.pressed() {
             for (cosine, weight) in self.points {
                 let at = 1e3 * (pressed.at + cosine * pressed.half_width_m * pressed.across);
                 shares.add(image, at.to_array(), weight * pressed.load_n);
@@ -248,9 +258,10 @@ impl Ridge {
         let Some(line) = Line::between(&pin, pin.axis(), &face) else { return false };
         let solved = spatial.solve(&line, &Pose::IDENTITY).filter(|solved| solved.force_n > 0.0);
         let Some(solved) = solved else { return false };
-        let load_n: f64 = self.met.iter().map(|pressed| on_pad(pressed.at) * pressed.load_n).sum();
+        let met = &self.met[..self.used];
+        let load_n: f64 = met.iter().map(|pressed| on_pad(pressed.at) * pressed.load_n).sum();
         // Viscous loads are spread as the elastic ones.
-        let elastic_n: f64 = self.met.iter().map(|p| p.plain_n * self.lean.at(p.s_m)).sum();
+        let elastic_n: f64 = met.iter().map(|p| p.plain_n * self.lean.at(p.s_m)).sum();
         let damping = if elastic_n > 0.0 { (load_n / elastic_n).clamp(0.0, 2.0) } else { 1.0 };
         let per_mpa = damping / (1e6 * PITCH_M * PITCH_M);
         for (value, force) in image.iter_mut().zip(spatial.forces_n()) {
@@ -262,7 +273,7 @@ impl Ridge {
 
     /// The factors on plane lengths that give them force and moment of a solution.
     fn lean_of(&self, solved: &Solved) -> Lean {
-        let plain = self.met.iter().map(|pressed| (pressed.s_m, pressed.plain_n));
+        let plain = self.pressed().iter().map(|pressed| (pressed.s_m, pressed.plain_n));
         crate::spatial::lean(plain, solved)
     }
 

@@ -22,7 +22,7 @@ use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Share
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z, stack};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
-use crate::contact::{PAD_HALF_M, PITCH_M};
+use crate::contact::{Lean, PAD_HALF_M, PITCH_M};
 use crate::fidelity::ContactModel;
 use crate::hash::Hash;
 use crate::rolling::Around;
@@ -159,7 +159,7 @@ impl Object {
         let shape = match config.kind {
             ObjectKind::Sphere => Shape::Ball(Box::new(Ball::new(config, rubber, &place)?)),
             ObjectKind::Edge => {
-                Shape::Ridge(Box::new(Ridge::new(config, rubber, level_of(world))?))
+                Shape::Ridge(Box::new(Ridge::new(config, rubber, level_of(world), &place)?))
             }
             ObjectKind::Bar => Shape::Face(Box::new(Face::new(config, rubber, &place)?)),
         };
@@ -385,6 +385,10 @@ impl Objects {
         let area_mm2 = 1e6 * PITCH_M * PITCH_M;
         for object in &mut self.all {
             if object.sums.load_n <= 0.0 {
+                // Here and not where it is pressed: an iterate that lifts off is no step.
+                if let Shape::Ridge(ridge) = &mut object.shape {
+                    ridge.lean = Lean::NONE;
+                }
                 continue;
             }
             let image = &mut self.stresses_mpa;

@@ -117,7 +117,7 @@ fn pressed_edges_give_the_reference_images() {
         }
         let (radius_mm, length_mm) = (Some(n[2]), Some(long));
         let edge = ObjectConfig { radius_mm, length_mm, ..config(ObjectKind::Edge) };
-        let mut ridge = Ridge::new(&edge, &rubber(&case), None).unwrap();
+        let mut ridge = Ridge::new(&edge, &rubber(&case), None, "object[0]").unwrap();
         ridge.press(&inside_pad(n), 0.0);
         let shares = shares_of(&rubber(&case)).unwrap();
         let mut image = [0.0; MAX_TACTELS];
@@ -138,7 +138,7 @@ fn in_three_dimensions_ends_and_steep_loads_are_right_too() {
         let n = &case.numbers;
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
         let edge = ObjectConfig { radius_mm, length_mm, ..config(ObjectKind::Edge) };
-        let mut ridge = Ridge::new(&edge, &rubber(&case), Some(Level::Fast)).unwrap();
+        let mut ridge = Ridge::new(&edge, &rubber(&case), Some(Level::Fast), "object[0]").unwrap();
         let plain = ridge.press(&inside_pad(n), 0.0);
         let shares = shares_of(&rubber(&case)).unwrap();
         let mut image = [0.0; MAX_TACTELS];
@@ -161,7 +161,7 @@ fn ends_press_as_if_the_edge_went_on() {
         let n = &case.numbers;
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
         let edge = ObjectConfig { radius_mm, length_mm, ..config(ObjectKind::Edge) };
-        let mut ridge = Ridge::new(&edge, &rubber(&case), None).unwrap();
+        let mut ridge = Ridge::new(&edge, &rubber(&case), None, "object[0]").unwrap();
         let sums = ridge.press(&inside_pad(n), 0.0);
         println!("{}: force {:.4} of the exact one", case.name, sums.load_n / n[3]);
         assert!((sums.load_n / n[3] - 1.0).abs() < 0.1);
@@ -182,7 +182,7 @@ fn the_nearest_length_is_the_nearest() {
     for (profile, bend_mm, corner_deg) in curves {
         let profile = Some(profile);
         let edge = ObjectConfig { profile, bend_mm, corner_deg, ..plain };
-        let ridge = Ridge::new(&edge, &rubber, None).unwrap();
+        let ridge = Ridge::new(&edge, &rubber, None, "object[0]").unwrap();
         for i in 0..400_i32 {
             let place = 1e-3 * DVec2::new(f64::from(i % 20 - 10), f64::from(i / 20 - 10) * 3.0);
             let least = ridge.far_by_search(place);

@@ -34,7 +34,7 @@ pub struct Work {
     pub unsettled: u64,
     /// Iterations of implicit stages.
     pub iterations: u64,
-    /// Evaluations of the pin's contacts.
+    /// Evaluations of the contacts of pin and objects.
     pub contacts: u64,
     /// Tactile images computed from a contact.
     pub images: u64,
