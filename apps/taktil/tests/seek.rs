@@ -1,6 +1,7 @@
 //! The world of a recorded run, met again at any instant: bit for bit, or not at all.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use taktil::log::Log;
 use taktil::run::world::WorldTruth;
@@ -8,29 +9,69 @@ use taktil::run::{Options, run};
 use taktil::sim::seek::seek;
 use taktil_rtcore::Payload;
 
-/// The rolling scene with sensors that remember, recorded in virtual time.
-fn recorded(name: &str) -> Log {
-    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes");
-    let text = std::fs::read_to_string(scenes.join("roll-pin.toml")).unwrap();
-    let machine = scenes.join("machine/puma260.toml");
-    let text = text.replace("machine/puma260.toml", machine.to_str().unwrap())
-        + "\n[world.tactile]\nelectronics = \"network\"\n[world.wrist]\nnoise_codes = 2.0\n";
-    let folder = std::env::temp_dir().join(format!("taktil-seek-{name}-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    let (scene, log) = (folder.join("scene.toml"), folder.join("log.mcap"));
-    std::fs::write(&scene, text).unwrap();
+fn scenes() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes")
+}
+
+/// A folder of one test, removed at its end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Folder {
+        let path = std::env::temp_dir().join(format!("taktil-seek-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Folder(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// The log of a scene, recorded in virtual time.
+fn log_of(scene: PathBuf, folder: &Folder, for_s: f64) -> Vec<u8> {
+    let log = folder.0.join("log.mcap");
     let options = Options {
         scene,
         fast: true,
-        for_s: Some(2.5),
+        for_s: Some(for_s),
         log: Some(log.clone()),
         json: true,
         ..Options::default()
     };
     run(&options).unwrap();
-    let log = Log::open(&log).unwrap();
-    std::fs::remove_dir_all(&folder).unwrap();
-    log
+    std::fs::read(log).unwrap()
+}
+
+/// The rolling scene with sensors that remember.
+fn recorded(name: &str) -> Log {
+    let machine = scenes().join("machine/puma260.toml");
+    let text = std::fs::read_to_string(scenes().join("roll-pin.toml")).unwrap();
+    let text = text.replace("machine/puma260.toml", machine.to_str().unwrap())
+        + "\n[world.tactile]\nelectronics = \"network\"\n[world.wrist]\nnoise_codes = 2.0\n";
+    let folder = Folder::new(name);
+    let scene = folder.0.join("scene.toml");
+    std::fs::write(&scene, text).unwrap();
+    Log::from_bytes(log_of(scene, &folder, 2.5)).unwrap()
+}
+
+/// `taktil sim seek` on a log: exit code, standard output and error.
+fn told(folder: &Folder, bytes: &[u8], more: &[&str]) -> (Option<i32>, String, String) {
+    let path = folder.0.join("told.mcap");
+    std::fs::write(&path, bytes).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_taktil"));
+    let output = command.args(["sim", "seek"]).arg(path).args(more).output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+/// Instants and hashes with which the truth of a log begins.
+fn states(log: &Log) -> Vec<[u8; 16]> {
+    let channel = log.find("world.truth").unwrap();
+    let messages = log.messages().filter(|message| message.channel == channel);
+    messages.map(|message| *message.body.first_chunk().unwrap()).collect()
 }
 
 #[test]
@@ -66,4 +107,66 @@ fn instants_that_the_record_does_not_reach_are_refused() {
         let why = seek(&log, &[at]).unwrap_err();
         assert!(why.contains("--at") && why.contains("reaches from 0 to 2.5"), "{why}");
     }
+}
+
+#[test]
+fn the_states_of_another_arm_are_met_again_with_its_joints() {
+    let folder = Folder::new("ur5e");
+    let bytes = log_of(scenes().join("ur5e-lines.toml"), &folder, 4.0);
+    let log = Log::from_bytes(bytes.clone()).unwrap();
+    let outcome = seek(&log, &[3.0, 0.0]).unwrap();
+    assert_eq!((outcome.parted, outcome.equal), (None, states(&log).len() as u64));
+    let start = [0.0, -75.0, 90.0, -105.0, -90.0, 0.0].map(f64::to_radians);
+    assert_eq!(outcome.found[1].q_rad, start);
+    assert_eq!(outcome.found[0].qd_rad_s.len(), 6);
+    assert_ne!(outcome.found[0].q_rad, start, "it moved by hand");
+    assert!(outcome.found[0].truth.object.is_none());
+    let (code, text, warned) = told(&folder, &bytes, &["--json", "--at", "3"]);
+    assert_eq!(code, Some(0), "{warned}");
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(json["q_rad"], serde_json::json!(outcome.found[0].q_rad));
+    assert!(json["object"].is_null());
+}
+
+#[test]
+fn what_an_object_does_is_told() {
+    let folder = Folder::new("object");
+    let bytes = log_of(scenes().join("hold-contact.toml"), &folder, 4.0);
+    let found = &seek(&Log::from_bytes(bytes.clone()).unwrap(), &[]).unwrap().found[0];
+    let felt = found.truth.object.unwrap();
+    assert!(felt.normal_n > 0.0, "{felt:?}");
+    let (code, text, _) = told(&folder, &bytes, &[]);
+    assert_eq!(code, Some(0));
+    assert!(text.contains(&format!("object      {:.3} N at", felt.normal_n)), "{text}");
+    assert!(!text.contains("contact     none"), "{text}");
+    let (_, text, _) = told(&folder, &bytes, &["--json"]);
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(json["object"]["normal_n"], felt.normal_n);
+    assert_eq!(json["object"]["slip_m_s"], felt.slip_m_s);
+}
+
+#[test]
+fn a_state_that_is_not_met_again_is_named_and_ends_with_1() {
+    let folder = Folder::new("flipped");
+    let mut bytes = log_of(scenes().join("hold.toml"), &folder, 0.5);
+    let log = Log::from_bytes(bytes.clone()).unwrap();
+    let all = states(&log);
+    let wanted = all[120];
+    let fields = &log.channels()[log.find("world.truth").unwrap()].fields;
+    let size = fields.last().unwrap().offset;
+    let at = bytes.windows(16).position(|window| window == wanted).unwrap();
+    bytes[at + 11] ^= 0x10;
+    // Of stamp and payload, as the log's writer has it.
+    let start = at - 16;
+    let crc = crc32fast::hash(&bytes[start..start + size]);
+    bytes[start + size..start + size + 4].copy_from_slice(&crc.to_le_bytes());
+    let log = Log::from_bytes(bytes.clone()).unwrap();
+    assert!(log.damage().is_none());
+    let outcome = seek(&log, &[]).unwrap();
+    let t_ns = i64::from_le_bytes(*wanted.first_chunk().unwrap());
+    assert_eq!(outcome.parted.map(|t| t.0), Some(t_ns));
+    assert_eq!(outcome.equal, all.len() as u64 - 1);
+    let (code, _, warned) = told(&folder, &bytes, &[]);
+    assert_eq!(code, Some(1), "{warned}");
+    assert!(warned.contains(&format!("from {} s on", 1e-9 * t_ns as f64)), "{warned}");
 }

@@ -12,11 +12,10 @@ use taktil_sim::{Truth, World};
 use taktild::out;
 use taktild::tape::{AnalogWord, DigitalWord, name};
 
-use crate::log::{Log, Message};
+use crate::log::{Channel, Log, Message};
 use crate::replay::origin::Origin;
 use crate::run::BadOption;
 use crate::run::assemble;
-use crate::run::world::WorldTruth;
 
 /// Signal in which the simulator says what happened.
 const TRUTH: &str = "world.truth";
@@ -41,6 +40,18 @@ pub struct Found {
     pub truth: Truth,
     /// Hash of the whole state.
     pub state: u64,
+    /// Angles of the joints, however many (rad).
+    pub q_rad: Vec<f64>,
+    /// Speeds of the joints (rad/s).
+    pub qd_rad_s: Vec<f64>,
+}
+
+impl Found {
+    fn of(world: &World) -> Found {
+        let (q, qd) = world.joints();
+        let (truth, state) = (world.truth(), world.state_hash());
+        Found { truth, state, q_rad: q.to_vec(), qd_rad_s: qd.to_vec() }
+    }
 }
 
 /// What a search found.
@@ -118,7 +129,7 @@ pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
                 // To the side, so that steps on the way stay as they were in the run.
                 let (mut other, _halves) = world.snapshot().revive();
                 other.advance(*t);
-                *slot = Some(Found { truth: other.truth(), state: other.state_hash() });
+                *slot = Some(Found::of(&other));
             }
         }
     };
@@ -145,6 +156,10 @@ fn collect(log: &Log) -> Result<Record, String> {
     let find = |name: &str| log.find(name).ok_or_else(|| format!("it has no `{name}`"));
     let (analog, digital) = (find(name::ANALOG_OUT)?, find(name::DIGITAL_OUT)?);
     let truth = find(TRUTH)?;
+    let fields = log.channels().get(truth).map(Channel::payload_fields).unwrap_or_default();
+    if !fields.iter().map(|field| &*field.name).take(2).eq(["t_ns", "state_hash"]) {
+        return Err(format!("its `{TRUTH}` does not begin with an instant and a state"));
+    }
     let (mut words, mut states) = (Vec::new(), Vec::new());
     for message in log.messages() {
         let release = Nanos(message.release_ns);
@@ -155,8 +170,7 @@ fn collect(log: &Log) -> Result<Record, String> {
             let word = read::<DigitalWord>(&message)?;
             words.push((release, Word::Digital(word)));
         } else if message.channel == truth {
-            let truth = read::<WorldTruth>(&message)?;
-            states.push((Nanos(truth.t_ns), truth.state_hash));
+            states.push(state(&message)?);
         }
     }
     Ok((words, states))
@@ -167,6 +181,15 @@ fn read<T: Payload>(message: &Message<'_>) -> Result<T, String> {
     let at_s = Nanos(message.release_ns).as_secs_f64();
     let value = message.body.get(..T::SIZE).and_then(T::decode);
     value.ok_or_else(|| format!("a record at {at_s} s cannot be read"))
+}
+
+/// The instant and the hash with which the truth begins, whatever the arm.
+fn state(message: &Message<'_>) -> Result<(Nanos, u64), String> {
+    let words = message.body.split_first_chunk::<8>();
+    let words = words.and_then(|(t, rest)| Some((t, rest.first_chunk::<8>()?)));
+    let at_s = Nanos(message.release_ns).as_secs_f64();
+    let (t, hash) = words.ok_or_else(|| format!("a record at {at_s} s cannot be read"))?;
+    Ok((Nanos(i64::from_le_bytes(*t)), u64::from_le_bytes(*hash)))
 }
 
 /// Writes a word that was taken; one that was refused moved nothing.
@@ -193,8 +216,8 @@ fn object(found: &Found) -> Value {
     json!({
         "t_s": truth.t.as_secs_f64(),
         "state_hash": format!("{:016x}", found.state),
-        "q_rad": truth.q.as_slice(),
-        "qd_rad_s": truth.qd.as_slice(),
+        "q_rad": found.q_rad,
+        "qd_rad_s": found.qd_rad_s,
         "tool_m": truth.tool.to_array(),
         "pin_m": truth.pin.to_array(),
         "pin_axis": truth.pin_axis.to_array(),
@@ -208,6 +231,15 @@ fn object(found: &Found) -> Value {
         "pin_yaw_rad": truth.pin_yaw_rad,
         "tilt_rad": truth.tilt_rad,
         "finger_slip_m_s": truth.finger_slip_m_s,
+        "object": truth.object.map(|felt| json!({
+            "normal_n": felt.normal_n,
+            "place_m": [felt.place_m.0, felt.place_m.1],
+            "off_m": felt.off_m,
+            "yaw_rad": felt.yaw_rad,
+            "along_m": felt.along_m,
+            "tilt_rad": [felt.tilt_rad.0, felt.tilt_rad.1],
+            "slip_m_s": felt.slip_m_s,
+        })),
         "in_contact": truth.in_contact,
         "enabled": truth.enabled,
         "braked": truth.braked,
@@ -223,9 +255,10 @@ fn sentences(found: &Found) -> String {
         found.state,
         mm(truth.tool.to_array()),
         mm(truth.pin.to_array()),
-        truth.q.iter().map(|q| format!("{:.3}", q.to_degrees())).collect::<Vec<_>>().join(", "),
+        found.q_rad.iter().map(|q| format!("{:.3}", q.to_degrees())).collect::<Vec<_>>().join(", "),
     );
     text += &match truth.contact_x_tactels {
+        None if truth.in_contact => String::new(),
         None => "  contact     none\n".to_owned(),
         Some(x) => format!(
             "  contact     {:.3} N at column {x:.3}, yaw {:.3} deg, tilt {:.3} deg, \
@@ -236,5 +269,14 @@ fn sentences(found: &Found) -> String {
             1e3 * truth.finger_slip_m_s,
         ),
     };
+    if let Some(felt) = truth.object.filter(|felt| felt.normal_n > 0.0) {
+        text += &format!(
+            "  object      {:.3} N at {:.3}, {:.3} mm, slip {:.3} mm/s\n",
+            felt.normal_n,
+            1e3 * felt.place_m.0,
+            1e3 * felt.place_m.1,
+            1e3 * felt.slip_m_s,
+        );
+    }
     text
 }
