@@ -185,7 +185,7 @@ pub const MEASURES: [Measure; 24] = [
         let contact = v.figures.x_c.width()? * PITCH_MM;
         (contact > 1.0).then_some(v.figures.p_x_mm.width()? / contact)
     }),
-    measure("fastest slip (mm/s)", |v| Some(v.figures.slip_mm_s)),
+    measure("fastest slip (mm/s)", |v| v.figures.slip_mm_s),
     measure("torque rms (N m)", |v| v.torque_nm.rms()),
     measure("torque change rms (N m a job)", |v| v.torque_change_nm.rms()),
 ];

@@ -70,7 +70,7 @@ impl Worst {
             yaw_deg: most(&|v| v.yaw_deg.peak()),
             yaw_rms_deg: most(&|v| v.yaw_deg.rms()),
             tilt_deg: most(&|v| v.tilt_deg.peak()),
-            slip_mm_s: most(&|v| Some(v.figures.slip_mm_s)),
+            slip_mm_s: most(&|v| v.figures.slip_mm_s),
             strokes: verdicts.iter().map(|v| v.figures.strokes).min().unwrap_or(0),
         }
     }

@@ -20,7 +20,6 @@ use crate::run::summary::PITCH_MM;
 use crate::run::world::WorldTruth;
 use glam::DVec3;
 
-/// Tactel pitch, mm.
 /// The finger presses from this share of the force's set point on.
 const PRESSED: f64 = 0.9;
 /// Judging begins this long after the finger first presses, s.

@@ -388,6 +388,7 @@ pub(crate) fn targets(scene: &Scene) -> Targets {
     Targets {
         m0: servo.m0_counts,
         counts_per_n: full_scale_counts / tactile.full_scale_n,
+        pin: scene.world.pin.present,
         plain_kp_nm_rad: plain.filter(|_| !joint_servo.gravity),
     }
 }

@@ -96,6 +96,8 @@ pub struct Targets {
     pub m0: f64,
     /// Counts that one newton makes.
     pub counts_per_n: f64,
+    /// There is a pin, and what the simulator says of it means something.
+    pub pin: bool,
     /// Torque per angle of a servo without a gravity term, N m/rad; absent with one.
     pub plain_kp_nm_rad: Option<Vec<f64>>,
 }
@@ -119,7 +121,7 @@ pub struct Figures {
     pub m0: Spread,
     /// M0 minus its set point.
     pub m0_error: Spread,
-    /// Centroid minus the simulator's contact line, tactels.
+    /// Centroid minus the pin's contact line on the sensor, tactels.
     pub x_c_error: Spread,
     /// M_x, whose set point is 0.
     pub m_x_error: Spread,
@@ -136,9 +138,9 @@ pub struct Figures {
     /// True compression minus its mean, mm: see [`Figures::height_error_mm`].
     pub gap_mm: Spread,
     gap_span_mm: Span,
-    /// Fastest sliding at either side while rolling, mm/s.
-    pub slip_mm_s: f64,
-    /// How often finger and pin parted while rolling.
+    /// Fastest sliding at either side of the pin while rolling, mm/s; absent without a pin.
+    pub slip_mm_s: Option<f64>,
+    /// How often the finger parted from what it touches while rolling.
     pub contact_lost: u32,
     /// Desired minus measured angle per joint while torque was allowed, deg.
     pub tracking_deg: Vec<Spread>,
@@ -276,7 +278,8 @@ impl Score {
         figures.m_x_error.add(features.m_x);
         if features.defined & defined::CENTROID != 0 {
             figures.x_c.add(features.x_c);
-            if let Some(truth) = self.truth.filter(|truth| truth.in_contact != 0) {
+            let pin = self.targets.pin;
+            if let Some(truth) = self.truth.filter(|truth| pin && truth.in_contact != 0) {
                 figures.x_c_error.add(features.x_c - truth.contact_x);
             }
         }
@@ -309,12 +312,14 @@ impl Score {
             let figures = &mut self.figures;
             figures.force_n.add(truth.finger_normal_n);
             figures.force_error_n.add(truth.finger_normal_n - set_point_n);
-            figures.yaw_error_deg.add(truth.pin_yaw_rad.to_degrees());
-            figures.tilt_error_deg.add(truth.pin_tilt_rad.to_degrees());
-            figures.gap_mm.add(truth.gap_m * 1e3);
-            figures.gap_span_mm.add(truth.gap_m * 1e3);
-            let slip = truth.finger_slip_m_s.max(truth.table_slip_m_s) * 1e3;
-            figures.slip_mm_s = figures.slip_mm_s.max(slip);
+            if self.targets.pin {
+                figures.yaw_error_deg.add(truth.pin_yaw_rad.to_degrees());
+                figures.tilt_error_deg.add(truth.pin_tilt_rad.to_degrees());
+                figures.gap_mm.add(truth.gap_m * 1e3);
+                figures.gap_span_mm.add(truth.gap_m * 1e3);
+                let slip = truth.finger_slip_m_s.max(truth.table_slip_m_s) * 1e3;
+                figures.slip_mm_s = Some(figures.slip_mm_s.unwrap_or(0.0).max(slip));
+            }
             if before.is_some_and(|before| before.in_contact != 0) && truth.in_contact == 0 {
                 figures.contact_lost += 1;
             }
@@ -415,5 +420,23 @@ mod tests {
             spread.add(7.0);
         }
         assert!((spread.steady().unwrap() - 7.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn what_a_pin_does_is_judged_only_where_there_is_one() {
+        for pin in [true, false] {
+            let targets = Targets { m0: 1e3, counts_per_n: 1e3, pin, plain_kp_nm_rad: None };
+            let catalog = Catalog { signals: Vec::new(), lanes: Vec::new() };
+            let mut score = Score::new(&catalog, targets, AnyRobot::puma260());
+            score.truth = Some(WorldTruth { in_contact: 1, ..WorldTruth::ZERO });
+            let seen = defined::CONTACT | defined::CENTROID;
+            score.features(&Features { active: 1, defined: seen, m0: 1e3, ..Features::ZERO });
+            score.truth(WorldTruth { finger_normal_n: 1.0, in_contact: 1, ..WorldTruth::ZERO });
+            let f = &score.figures;
+            assert_eq!((f.force_n.mean(), f.x_c.width()), (Some(1.0), Some(0.0)));
+            let about_pin = [f.x_c_error, f.yaw_error_deg, f.tilt_error_deg, f.gap_mm];
+            assert!(about_pin.iter().all(|spread| spread.mean().is_some() == pin));
+            assert_eq!((f.height_error_mm().is_some(), f.slip_mm_s.is_some()), (pin, pin));
+        }
     }
 }

@@ -131,7 +131,7 @@ impl Ending<'_> {
                 "rms": f.height_error_mm().map(|(rms, _)| rms),
                 "peak": f.height_error_mm().map(|(_, peak)| peak),
             },
-            "slip_mm_s": f.rolled.then_some(f.slip_mm_s),
+            "slip_mm_s": f.slip_mm_s,
             "contact_lost": f.contact_lost,
         })
     }

@@ -25,7 +25,7 @@ payload! {
         pub pin_axis: [f64; 3],
         /// Turn of the pin about its axis since the start.
         pub pin_roll_rad: f64,
-        /// Normal force between finger and pin.
+        /// Normal force between the finger and what it touches.
         pub finger_normal_n: f64,
         /// Normal force between table and pin.
         pub table_normal_n: f64,
@@ -48,7 +48,7 @@ payload! {
         pub table_tilt_y_rad: f64,
         /// Turn of the table about z0.
         pub table_pan_rad: f64,
-        /// 1 while finger and pin touch.
+        /// 1 while the finger touches pin or object.
         pub in_contact: u32,
         /// 1 while a hand steadies the pin.
         pub steadied: u32,
