@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use anyhow::Context as _;
 use sd_notify::NotifyState;
 use serde::Deserialize;
 use taktil_drivers_regmap::{Board, Config as BoardConfig, OpenError};
@@ -61,7 +62,7 @@ struct ServiceFile {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LogConfig {
-    /// MCAP file; an existing one is replaced.
+    /// MCAP file; an existing one is kept as `<path>.previous`, in place of the one before it.
     path: PathBuf,
 }
 
@@ -251,8 +252,14 @@ impl Service {
     pub fn run_until(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
         let keeper = self.record_flight()?;
         let catalog = self.machine.catalog();
-        let log = self.log.as_ref().map(|path| McapLog::create(path, catalog, &self.origin));
-        let mut heart = Heart::new(catalog, log.transpose()?);
+        let log = match &self.log {
+            None => None,
+            Some(path) => {
+                set_aside(path)?;
+                Some(McapLog::create(path, catalog, &self.origin)?)
+            }
+        };
+        let mut heart = Heart::new(catalog, log);
         heart.keeper = keeper;
         if let Some((path, meaning, mouth)) = self.socket.take() {
             let socket = Socket::listen(&path, mouth, meaning);
@@ -277,6 +284,21 @@ impl Service {
         }
         recorded
     }
+}
+
+/// Keeps the log of the run before beside the new one, as `<path>.previous`: what happened before a
+/// restart is what somebody will ask for.
+fn set_aside(path: &Path) -> anyhow::Result<()> {
+    if !path.is_file() {
+        return Ok(());
+    }
+    let mut previous = path.as_os_str().to_owned();
+    previous.push(".previous");
+    let previous = PathBuf::from(previous);
+    std::fs::rename(path, &previous).with_context(|| {
+        let (path, previous) = (path.display(), previous.display());
+        format!("cannot keep the log {path} as {previous}; move it away, or name another log")
+    })
 }
 
 /// The machine that repeats a run of the service from what stands in its log: the texts of both
