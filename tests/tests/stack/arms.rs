@@ -122,6 +122,9 @@ fn what_the_arm_cannot_do_is_refused_by_the_joint_s_name() {
     assert!(text.contains("cannot be reached"), "{text}");
     let text = refused(&ur5e().set("world.pin.present", true));
     assert!(text.contains("only the PUMA 260 feels a pin"), "{text}");
+    let ball = "of = [{ kind = \"sphere\" }]".parse::<Table>().unwrap();
+    let text = refused(&ur5e().set("world.object", ball["of"].clone()));
+    assert!(text.contains("world.object: stands there, but only the PUMA 260 feels"), "{text}");
     let text = refused(&ur5e().set("start", "x = 1".parse::<Table>().unwrap()));
     assert!(text.contains("unknown field"), "{text}");
     let finger = "finger_mm = [325.0, -127.0, -124.0]".parse::<Table>().unwrap();
