@@ -60,8 +60,8 @@ pub fn build(
 /// Builds the bench with another arm, which starts at `start` (rad) and touches nothing.
 ///
 /// # Errors
-/// As [`build`]; a pin or an object, which this arm could not feel, and an integrator that it cannot
-/// have.
+/// As [`build`]; a pin or an object, which this arm could not feel, and an integrator that it
+/// cannot have.
 pub fn build_with_chain<const N: usize>(
     config: &WorldConfig,
     timing: &Timing,

@@ -104,8 +104,8 @@ pub(super) struct Ridge {
     /// Middle and direction of each length in the object's frame.
     lengths: Vec<(DVec2, DVec2)>,
     rubber: Rubber,
-    /// Lengths that pressed at the latest evaluation: the first `used`. Room for all that can, which
-    /// a clone keeps.
+    /// Lengths that pressed at the latest evaluation: the first `used`. Room for all that can,
+    /// which a clone keeps.
     met: Vec<Pressed>,
     used: usize,
     /// Cosines of the points across a length, and their weights.
