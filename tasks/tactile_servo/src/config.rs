@@ -7,7 +7,7 @@ use taktil_rtcore::Invalid;
 use crate::law::Name;
 use crate::law::model::Model;
 use crate::law::projector_pid::Gains;
-use crate::law::task_frame::TaskFrame;
+use crate::law::task_frame::{Feature, TaskFrame};
 use crate::phase::Lost;
 
 /// Every key has a default: the rolling task of the thesis.
@@ -117,6 +117,16 @@ impl Default for Config {
 const SIGMAS: f64 = 3.0;
 
 impl Config {
+    /// The load that the law is to hold (counts).
+    pub(crate) fn load_counts(&self) -> f64 {
+        let features = &self.task_frame.feature;
+        let named = features.iter().find(|feature| feature.name == Feature::M0);
+        match self.law {
+            Name::TaskFrame => named.and_then(|m0| m0.desired).unwrap_or(self.m0_counts),
+            _ => self.m0_counts,
+        }
+    }
+
     /// The threshold for an image with this noise on a tactel (counts).
     #[must_use]
     pub fn threshold(&self, noise_counts: f32) -> f64 {

@@ -32,8 +32,8 @@ impl Fold for Drive {
             Drive::Model(_, memory) => {
                 hash.add(memory);
             }
-            Drive::HybridForce(_, memory) => {
-                hash.add(memory);
+            Drive::HybridForce(felt, memory) => {
+                hash.add(felt).add(memory);
             }
             Drive::TaskFrame(_, memory) => {
                 hash.add(memory);
@@ -92,8 +92,12 @@ impl Drive {
         wrench: Option<&Wrench>,
         touch: &Touch,
     ) -> Option<Touch> {
-        let Drive::HybridForce(felt, _) = self else { return None };
+        let Drive::HybridForce(felt, memory) = self else { return None };
         *felt = hybrid_force::felt(config, wrench, touch);
+        if felt.trusted && !felt.contact {
+            // The law is not asked while nothing is touched.
+            *memory = projector_pid::Memory::default();
+        }
         Some(*felt)
     }
 
@@ -196,5 +200,30 @@ impl Drive {
         if let Drive::Model(_, memory) = self {
             *memory = model::after_job(&config.model, memory, step, dt_s);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lost_contact_leaves_nothing_of_the_wrist_laws_integral() {
+        let config = Config { law: Name::HybridForce, ..Config::default() };
+        let wrench = |press_n: f64| Wrench {
+            force_n: [0.0, 0.0, -press_n],
+            baseline_ready: 1,
+            ..taktil_rtcore::Payload::ZERO
+        };
+        let image = Touch::default();
+        let mut law = Drive::new(&config).unwrap();
+        let mut steps = Vec::new();
+        for press_n in [14.6, 14.6, 0.0, 14.6] {
+            let felt = law.wrench(&config, Some(&wrench(press_n)), &image).unwrap();
+            // As the task does it: the law is asked while something is touched.
+            steps.extend(felt.contact.then(|| law.job(&config, 8.5, 0.0025).unwrap()));
+        }
+        assert_ne!(steps[0], steps[1], "it has a memory");
+        assert_eq!(steps[0], steps[2], "and starts anew");
     }
 }

@@ -136,7 +136,7 @@ impl TactileServo {
             features: ports.output("features"),
             contact: ports.output("contact"),
             arm: Puma260::reference(),
-            overload_counts: config.overload_share * config.m0_counts,
+            overload_counts: config.overload_share * config.load_counts(),
             law: Drive::new(&config)?,
             heading: Heading::new(&config),
             config,
@@ -250,7 +250,8 @@ impl TactileServo {
     /// Whether the load was far above its set point for too long while the law drove.
     fn overload(&mut self, dt_s: f64) -> Result<(), FaultCode> {
         let driving = matches!(self.stay, Stay::Driving { .. });
-        let limit = self.overload_counts.max(self.config.overload_share * self.config.m0_counts);
+        let limit =
+            self.overload_counts.max(self.config.overload_share * self.config.load_counts());
         let above = driving && self.touched.trusted && self.touched.m0 > limit;
         self.overloaded_s = if above { self.overloaded_s + dt_s } else { 0.0 };
         if self.overloaded_s > OVERLOAD_S { Err(FaultCode::Overload) } else { Ok(()) }
@@ -368,7 +369,7 @@ impl Task for TactileServo {
 
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.heading).add(&self.entered_ns).add(&self.phase).add(&self.law);
-        hash.add(&self.overloaded_s);
+        hash.add(&self.overloaded_s).add(&self.seen).add(&self.touched);
         match &self.stay {
             Stay::Away => hash.word(0),
             Stay::Refused => hash.word(1),

@@ -8,6 +8,7 @@
 pub mod line;
 
 use taktil_mechanics::tactile::{Image, features, moments};
+use taktil_rtcore::{Fold, StateHash};
 use taktil_signal::{MAX_TACTELS, TactileImage};
 
 /// What an image says. Every number is finite, whatever the image held.
@@ -27,6 +28,13 @@ pub struct Touch {
     pub y_c: Option<f64>,
     /// Direction of the long axis (rad); absent without contact and for a round image.
     pub theta_z_rad: Option<f64>,
+}
+
+impl Fold for Touch {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.trusted).add(&self.contact).add(&self.m0).add(&self.m_x);
+        hash.add(&self.x_c).add(&self.y_c).add(&self.theta_z_rad);
+    }
 }
 
 /// Features of an image: tactels below `threshold_counts` count 0 (0: no threshold), and there is

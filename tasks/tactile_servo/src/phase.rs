@@ -17,6 +17,11 @@ use taktil_signal::{Contact, contact};
 use crate::config::Config;
 use crate::perception::Touch;
 
+/// A way is given up after so many times the time that it takes, and a moment to set out: what
+/// holds the finger up may be something that the array does not see.
+const PATIENCE: f64 = 3.0;
+const WAIT_S: f64 = 0.1;
+
 /// `[tactile_servo.lost]`: what is done when contact is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -95,20 +100,23 @@ impl Phase {
         }
         self.time_s += dt_s;
         let lost = &config.lost;
+        let past = |way_mm: f64, most_mm: f64| {
+            way_mm >= most_mm || self.time_s > PATIENCE * most_mm / config.seek_mm_s + WAIT_S
+        };
         let (next, kind) = match (self.state, seen.contact) {
             (State::Touch, true) => return None,
             (_, true) => (State::Touch, contact::GAINED),
             (State::Touch, false) => (State::Hold, contact::LOST),
-            (State::Seek, false) if self.way_mm >= config.seek_max_mm => {
+            (State::Seek, false) if past(self.way_mm, config.seek_max_mm) => {
                 (State::Rest, contact::GIVEN_UP)
             }
             (State::Hold, false) if self.time_s >= 1e-3 * lost.hold_ms => {
                 (State::Again, contact::SOUGHT)
             }
-            (State::Again, false) if self.way_mm >= lost.again_mm => {
+            (State::Again, false) if past(self.way_mm, lost.again_mm) => {
                 (State::Retract, contact::RETRACTED)
             }
-            (State::Retract, false) if self.way_mm <= -lost.retract_mm => {
+            (State::Retract, false) if past(-self.way_mm, lost.retract_mm) => {
                 (State::Rest, contact::GIVEN_UP)
             }
             _ => return None,
@@ -182,6 +190,23 @@ mod tests {
         assert_eq!(phase.speed_mm_s(&config), 0.0);
         assert_eq!(until(&mut phase, &config, &seen(true)), Some((contact::GAINED, 1)));
         assert_eq!((phase.gained, phase.lost), (2, 1));
+    }
+
+    #[test]
+    fn a_finger_that_is_held_up_gives_up() {
+        let config = Config::default();
+        let mut phase = Phase::default();
+        let s = PATIENCE * config.seek_max_mm / config.seek_mm_s + WAIT_S;
+        assert_eq!(phase.advance(&config, &seen(false), s), None);
+        let event = phase.advance(&config, &seen(false), 0.0025).unwrap();
+        assert_eq!((event.kind, phase.speed_mm_s(&config)), (contact::GIVEN_UP, 0.0));
+        let mut phase = Phase::default();
+        let mut kinds = Vec::new();
+        for contact in [true, false, false, false, false] {
+            kinds.extend(phase.advance(&config, &seen(contact), 10.0).map(|event| event.kind));
+        }
+        let due = [contact::GAINED, contact::LOST, contact::SOUGHT, contact::RETRACTED];
+        assert_eq!(kinds, [&due[..], &[contact::GIVEN_UP]].concat());
     }
 
     #[test]

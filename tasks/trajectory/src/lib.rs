@@ -246,8 +246,8 @@ impl<const N: usize, A: Arm<N>> Task for Trajectory<N, A> {
             Progress::Idle => {
                 hash.word(0);
             }
-            Progress::Under { datum, .. } => {
-                hash.word(1).add(datum);
+            Progress::Under { datum, heard } => {
+                hash.word(1).add(datum).add(heard);
                 self.program.fold(hash);
             }
             Progress::Online { datum } => {

@@ -4,6 +4,9 @@
 use taktil_mechanics::{Joints, Matrix6};
 use taktil_rtcore::{Fold, Invalid, StateHash};
 
+/// Largest condition number of a calibration, codes per N beside codes per N m.
+const CONDITION_MAX: f64 = 1e6;
+
 /// Newtons and newton metres that one code of each gauge stands for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
@@ -17,7 +20,9 @@ impl Calibration {
     /// A matrix without an inverse.
     pub fn new(codes_per_n_nm: &[[f64; 6]; 6]) -> Result<Calibration, Invalid> {
         let matrix = Matrix6::from_fn(|i, j| codes_per_n_nm[i][j]);
-        let inverse = matrix.lu().try_inverse().filter(|m| m.iter().all(|x| x.is_finite()));
+        // What is not a number is not below the bound either.
+        let inverse = matrix.lu().try_inverse();
+        let inverse = inverse.filter(|inverse| inverse.norm() * matrix.norm() <= CONDITION_MAX);
         inverse.map(|inverse| Calibration { inverse }).ok_or_else(|| {
             let remedy = "give six rows that differ, as the maker's sheet does";
             Invalid::new("codes_per_n_nm", "cannot be inverted", remedy)
@@ -94,6 +99,8 @@ mod tests {
         assert!((calibration.wrench(&codes) - wrench).amax() < 1e-12);
         rows[5] = rows[4];
         assert_eq!(Calibration::new(&rows).unwrap_err().place, "codes_per_n_nm");
+        rows[5] = rows[4].map(|code| 0.1 * code);
+        assert!(Calibration::new(&rows).is_err(), "the same direction, weaker");
         rows[5] = [f64::NAN; 6];
         assert!(Calibration::new(&rows).is_err());
     }

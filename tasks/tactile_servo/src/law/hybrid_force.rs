@@ -34,9 +34,12 @@ pub fn felt(config: &Config, wrench: Option<&Wrench>, touch: &Touch) -> Touch {
     };
     let press_n = -wrench.force_n[2];
     let m0 = press_n * config.model.counts_per_n;
+    if !m0.is_finite() {
+        return Touch::default();
+    }
     let contact = m0 > config.contact_counts;
     if !contact {
-        return Touch { trusted: m0.is_finite(), m0, ..Touch::default() };
+        return Touch { trusted: true, m0, ..Touch::default() };
     }
     let per_m = 1e3 / PITCH_MM;
     let place = |along_m: f64| Some(MIDDLE + along_m * per_m).filter(|at| at.is_finite());
@@ -121,7 +124,7 @@ mod tests {
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             let odd = Wrench { force_n: [bad; 3], moment_nm: [bad; 3], ..pressed(1.0, 0.0, 0.0) };
             let seen = felt(&config, Some(&odd), &Touch::default());
-            assert!(seen.x_c.is_none() && seen.y_c.is_none(), "{seen:?}");
+            assert_eq!(seen, Touch::default(), "{bad}");
         }
     }
 }

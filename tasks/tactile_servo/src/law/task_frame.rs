@@ -19,7 +19,7 @@ use serde::Deserialize;
 use taktil_mechanics::Pose;
 use taktil_rtcore::{Fold, Invalid, StateHash};
 
-use crate::config::Config;
+use crate::config::{Config, M0_MAX};
 use crate::perception::Touch;
 use crate::unfelt::Drift;
 
@@ -60,6 +60,19 @@ pub enum Feature {
     MX,
     /// Direction of the long axis (mrad).
     ThetaZ,
+}
+
+impl Feature {
+    /// What it can be brought to on the array.
+    const fn range(self) -> (f64, f64) {
+        match self {
+            Feature::M0 => (1.0, M0_MAX),
+            Feature::XC | Feature::YC => (1.0, 16.0),
+            Feature::MX => (-1e7, 1e7),
+            // A quarter turn.
+            Feature::ThetaZ => (-1570.0, 1570.0),
+        }
+    }
 }
 
 /// `[[tactile_servo.task_frame.feature]]`: one feature that is servoed.
@@ -199,12 +212,14 @@ impl Servoed {
                 return Err(Invalid::new(place(index, &key), what, "give -1e9 to 1e9"));
             }
         }
+        let (low, high) = self.name.range();
         let rows = [
-            ("kp_per_s", self.kp_per_s, 0.0, 1e3),
-            ("ki_per_s2", self.ki_per_s2, 0.0, 1e4),
-            ("desired", self.desired.unwrap_or(0.0), -1e7, 1e7),
+            ("kp_per_s", Some(self.kp_per_s), 0.0, 1e3),
+            ("ki_per_s2", Some(self.ki_per_s2), 0.0, 1e4),
+            ("desired", self.desired, low, high),
         ];
         for (key, value, low, high) in rows {
+            let Some(value) = value else { continue };
             if !(low <= value && value <= high) {
                 let remedy = format!("give {low} to {high}");
                 return Err(Invalid::new(place(index, key), format!("is {value}"), remedy));
@@ -338,7 +353,8 @@ pub fn displacement(
     ];
     let mut step = [0.0; MOST];
     if touch.m0 >= config.roll_from_counts {
-        step = law.feed_per_s.map(|rate| rate * period_s);
+        let fed = |i: usize| law.feed_per_s[i].clamp(-limits[i], limits[i]);
+        step = core::array::from_fn(|i| fed(i) * period_s);
     }
     let mut limited = false;
     for i in 0..law.count {
@@ -373,6 +389,41 @@ mod tests {
 
     fn config(task_frame: TaskFrame) -> Config {
         Config { task_frame, ..Config::default() }
+    }
+
+    #[test]
+    fn what_is_fed_keeps_to_the_limits_of_speed() {
+        let mut config = config(surface());
+        config.task_frame.feed_per_s = [400.0, -400.0, 0.0, 500.0, 0.0, 0.0];
+        let law = Law::new(&config.task_frame).unwrap();
+        let seen = touch(config.m0_counts, 8.5);
+        let (step, _) = displacement(&config, &law, &Memory::default(), &seen);
+        let s = 1e-3 * config.image_period_ms;
+        let due = [config.roll_mm_s * s, -config.roll_mm_s * s, config.tilt_mrad_s * s];
+        assert_eq!([step[0], step[1], step[3]], due);
+    }
+
+    #[test]
+    fn set_points_beyond_the_array_are_refused() {
+        let out = [
+            (Feature::M0, -5000.0),
+            (Feature::M0, f64::NAN),
+            (Feature::XC, 17.0),
+            (Feature::YC, 0.5),
+            (Feature::ThetaZ, 1e7),
+        ];
+        for (name, desired) in out {
+            let mut task = surface();
+            let index = usize::from(name != Feature::M0);
+            task.feature[index] = Servoed { desired: Some(desired), ..servoed(name, &[0.0, 1.0]) };
+            let place = task.check().unwrap_err().place;
+            assert_eq!(place, format!("feature[{index}].desired"), "{name:?} {desired}");
+        }
+        let mut near = config(surface());
+        near.task_frame.feature[0].desired = Some(2_000.0);
+        assert_eq!(near.load_counts(), near.m0_counts, "another law's");
+        near.law = crate::law::Name::TaskFrame;
+        assert_eq!(near.load_counts(), 2_000.0);
     }
 
     fn touch(m0: f64, x_c: f64) -> Touch {
