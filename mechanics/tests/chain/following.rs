@@ -105,6 +105,22 @@ fn a_follower_that_is_lost_stays_where_it_was() {
 }
 
 #[test]
+fn who_is_pushed_outward_comes_to_the_end_of_the_reach() {
+    let arm = ur5e_like();
+    for way in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::new(0.6, 0.0, 0.8)] {
+        let mut follower = arm.follower(&bent());
+        // As a jog does it: from where the arm came to, a little further, at 0.1 m/s for a minute.
+        let stuck = (0..24_000).find(|_| {
+            let here = arm.tool_pose(follower.joints());
+            let next = Pose::new(here.rotation, here.translation + way * 2.5e-4);
+            follower.step(&next, 0.0025).is_err()
+        });
+        let stuck = stuck.unwrap_or_else(|| panic!("{way}: it goes on for ever"));
+        assert!(stuck < 24_000 && arm.tool_pose(follower.joints()).is_finite());
+    }
+}
+
+#[test]
 fn poses_are_reached_near_where_the_arm_is_or_not_at_all() {
     let arm = ur5e_like();
     let mut draws = Draws(5);
