@@ -32,6 +32,8 @@ pub struct Baseline {
     means: [f64; MAX_TACTELS],
     trusted: [bool; MAX_TACTELS],
     noise_counts: f64,
+    /// Stands for means, trust and noise.
+    known: u64,
     dead: [bool; MAX_TACTELS],
     rails: Rails,
 }
@@ -40,10 +42,11 @@ impl Fold for Baseline {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.seen);
         // Once it is known the baseline does not change, and while it is not, nothing uses it.
+        // What it came to is folded once, when it does.
         if self.seen < self.wanted {
             hash.add(&self.sums).add(&self.squares).add(&self.numbers);
         } else {
-            hash.add(&self.means).add(&self.trusted).add(&self.noise_counts);
+            hash.add(&self.known);
         }
     }
 }
@@ -61,6 +64,7 @@ impl Baseline {
             means: [0.0; MAX_TACTELS],
             trusted: [false; MAX_TACTELS],
             noise_counts: 0.0,
+            known: 0,
             dead,
             rails,
         }
@@ -150,9 +154,10 @@ impl Baseline {
             self.means[index] = mean;
             self.trusted[index] = (self.rails.low_counts..=self.rails.high_counts).contains(&mean);
             if self.trusted[index] && number > 1 {
-                // n sum x^2 - (sum x)^2 in integers: exact, and never negative.
-                let (n, sum) = (u128::from(number), u128::from(self.sums[index]));
-                let spread = n * u128::from(self.squares[index]) - sum * sum;
+                // n sum x^2 - (sum x)^2 in integers: exact, and never negative; below 2^64 for
+                // 16-bit counts and 65 535 frames.
+                let (n, sum) = (u64::from(number), self.sums[index]);
+                let spread = n * self.squares[index] - sum * sum;
                 variance += spread as f64 / (f64::from(number) * f64::from(number - 1));
                 number_of_tactels += 1.0;
             }
@@ -160,6 +165,9 @@ impl Baseline {
         if number_of_tactels > 0.0 {
             self.noise_counts = (variance / number_of_tactels).sqrt();
         }
+        let mut hash = StateHash::new();
+        hash.add(&self.means).add(&self.trusted).add(&self.noise_counts);
+        self.known = hash.value();
     }
 
     /// The image of a frame: counts above the rest level, 0 where the tactel is not believed. All

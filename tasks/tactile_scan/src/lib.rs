@@ -27,6 +27,8 @@ pub struct TactileScan {
     stale_after: Nanos,
     /// When the newest frame was acquired; before the first one, when the task was first called.
     newest: Option<Nanos>,
+    /// The last frame (ns) of a baseline that is known and still to be told.
+    due: Option<i64>,
 }
 
 impl TactileScan {
@@ -61,6 +63,7 @@ impl TactileScan {
             baseline: Baseline::new(config.baseline_frames, dead, rails),
             stale_after: config.stale_after(),
             newest: None,
+            due: None,
         })
     }
 
@@ -70,11 +73,17 @@ impl TactileScan {
             return Err(FaultCode::TactileGarbled);
         }
         self.newest = Some(self.frame.acquired);
-        let known = self.baseline.ready();
-        self.baseline.learn(&self.frame);
-        if self.baseline.ready() && !known {
-            let told = self.baseline.told(self.frame.acquired.0, self.frame.tactels());
-            io.write(&self.told, told);
+        match self.due {
+            // A job after the one that closed it: both at once would be the longest job by far.
+            Some(acquired_ns) if self.baseline.ready() => {
+                io.write(&self.told, self.baseline.told(acquired_ns, self.frame.tactels()));
+                self.due = None;
+            }
+            _ => {}
+        }
+        if !self.baseline.ready() {
+            self.baseline.learn(&self.frame);
+            self.due = self.baseline.ready().then_some(self.frame.acquired.0);
         }
         io.write(&self.image, self.baseline.image(&self.frame));
         let tactels = self.frame.tactels();
@@ -88,7 +97,7 @@ impl TactileScan {
 impl Task for TactileScan {
     fn start(&mut self) -> Result<(), FaultCode> {
         self.baseline.rearm();
-        self.newest = None;
+        (self.newest, self.due) = (None, None);
         Ok(())
     }
 
@@ -112,6 +121,6 @@ impl Task for TactileScan {
 
     fn fold(&self, hash: &mut StateHash) {
         // The frame is read only in the job that filled it.
-        hash.add(&self.baseline).add(&self.newest);
+        hash.add(&self.baseline).add(&self.newest).add(&self.due);
     }
 }
