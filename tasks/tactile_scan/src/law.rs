@@ -32,6 +32,8 @@ pub struct Baseline {
     means: [f64; MAX_TACTELS],
     trusted: [bool; MAX_TACTELS],
     noise_counts: f64,
+    /// How many are trusted.
+    believed: usize,
     /// Stands for means, trust and noise.
     known: u64,
     dead: [bool; MAX_TACTELS],
@@ -64,6 +66,7 @@ impl Baseline {
             means: [0.0; MAX_TACTELS],
             trusted: [false; MAX_TACTELS],
             noise_counts: 0.0,
+            believed: 0,
             known: 0,
             dead,
             rails,
@@ -78,6 +81,7 @@ impl Baseline {
         self.noise_counts = 0.0;
         self.numbers = [0; MAX_TACTELS];
         self.trusted = [false; MAX_TACTELS];
+        self.believed = 0;
     }
 
     /// Whether enough frames were seen.
@@ -92,10 +96,10 @@ impl Baseline {
         if self.ready() { self.means.get(index).copied().unwrap_or(0.0) } else { 0.0 }
     }
 
-    /// How many tactels of the first `tactels` may be believed.
+    /// How many tactels may be believed.
     #[must_use]
-    pub fn trusted(&self, tactels: usize) -> usize {
-        self.trusted.iter().take(tactels).filter(|trusted| **trusted).count()
+    pub fn trusted(&self) -> usize {
+        self.believed
     }
 
     /// Standard deviation of a tactel that may be believed (counts); 0 before [`Baseline::ready`].
@@ -111,13 +115,17 @@ impl Baseline {
         let mut told = TactileBaseline {
             acquired_ns,
             frames: self.seen,
-            trusted: self.trusted(tactels) as u32,
+            trusted: self.believed as u32,
             noise_counts: self.noise_counts,
             ..TactileBaseline::ZERO
         };
-        for index in 0..tactels.min(MAX_TACTELS) {
-            told.mean_counts[index] = self.mean_counts(index) as f32;
-            told.valid[index] = u8::from(self.trusted[index]);
+        if self.ready() {
+            for (told, mean) in told.mean_counts.iter_mut().zip(&self.means).take(tactels) {
+                *told = *mean as f32;
+            }
+        }
+        for (told, trusted) in told.valid.iter_mut().zip(&self.trusted).take(tactels) {
+            *told = u8::from(*trusted);
         }
         told
     }
@@ -165,6 +173,7 @@ impl Baseline {
         if number_of_tactels > 0.0 {
             self.noise_counts = (variance / number_of_tactels).sqrt();
         }
+        self.believed = self.trusted.iter().filter(|trusted| **trusted).count();
         let mut hash = StateHash::new();
         hash.add(&self.means).add(&self.trusted).add(&self.noise_counts);
         self.known = hash.value();
@@ -294,7 +303,7 @@ mod tests {
         let image = baseline.image(&now);
         assert_eq!(image.valid[..6], [0, 0, 0, 0, 0, 1]);
         assert_eq!(image.counts[..6], [0.0, 0.0, 0.0, 0.0, 0.0, 100.0]);
-        assert_eq!(baseline.trusted(256), 252);
+        assert_eq!(baseline.trusted(), 252);
     }
 
     #[test]

@@ -87,7 +87,7 @@ impl TactileScan {
         }
         io.write(&self.image, self.baseline.image(&self.frame));
         let tactels = self.frame.tactels();
-        if self.baseline.ready() && 2 * self.baseline.trusted(tactels) < tactels {
+        if self.baseline.ready() && 2 * self.baseline.trusted() < tactels {
             return Err(FaultCode::TactileLost);
         }
         Ok(())
