@@ -10,9 +10,11 @@ readonly REFERENCE_LIMIT_US=40
 readonly MARGIN_US=5
 # Longest job of an empty lane, 40000 instructions.
 readonly JOB_LIMIT_US=80
-# That of the lanes that work, 45000 instructions. Touch: 24300 an image, and once the baseline is told besides. Servo: nine tasks are 19300, and a queue of moves adds 10400 to each job that looks at four ticks
+# That of the touch lane is what it declares, 50000 instructions: 23700 an image; in the job that closes the baseline 45000.
+readonly TOUCH_JOB_LIMIT_US=100
+# That of the servo lane, 45000 instructions: nine tasks are 19300, and a queue of moves adds 10400 to each job that looks at four ticks
 # of it and 11100 to one that lays a move, the costliest of which is an inverse kinematics of 9600.
-readonly WORK_LIMIT_US=90
+readonly SERVO_JOB_LIMIT_US=90
 # What the executor itself takes in a cycle of an empty lane, job included: at p50 2000 instructions, evidence for misses included; measured 1527.
 readonly EXECUTOR_LIMIT_US=4
 
@@ -63,7 +65,8 @@ judge_lanes() { # KERNEL CHECK SECONDS
         # The lane that simulates the world is not part of what runs on a robot: its lateness is told, not judged.
         if [[ $name != world ]]; then
             job_limit=$JOB_LIMIT_US
-            [[ $name != servo && $name != touch ]] || job_limit=$WORK_LIMIT_US
+            [[ $name != servo ]] || job_limit=$SERVO_JOB_LIMIT_US
+            [[ $name != touch ]] || job_limit=$TOUCH_JOB_LIMIT_US
             at_most "$job_max" "$job_limit" || verdict=job_too_long
             at_most "$executor" "$EXECUTOR_LIMIT_US" || verdict=slow_executor
             at_most "$p99" $((reference_p99 + MARGIN_US)) || verdict=late_p99
