@@ -14,25 +14,6 @@ const COUNTS_PER_N: f64 = 4095.0 / 4.0;
 /// Height of the default object's top (m).
 const TOP_M: f64 = -0.149;
 
-fn object(kind: ObjectKind) -> ObjectConfig {
-    ObjectConfig {
-        kind,
-        x_mm: 0.0,
-        y_mm: 0.0,
-        top_mm: 46.0,
-        yaw_deg: 0.0,
-        tilt_x_deg: 0.0,
-        tilt_y_deg: 0.0,
-        radius_mm: None,
-        length_mm: None,
-        width_mm: None,
-        profile: None,
-        bend_mm: None,
-        corner_deg: None,
-        friction: None,
-    }
-}
-
 fn with(object: ObjectConfig) -> WorldConfig {
     let mut config = WorldConfig { object: vec![object], ..WorldConfig::default() };
     config.pin.present = false;
@@ -65,7 +46,7 @@ const KINDS: [ObjectKind; 3] = [ObjectKind::Sphere, ObjectKind::Edge, ObjectKind
 #[test]
 fn at_rest_the_object_carries_the_load_and_the_image_shows_it() {
     for kind in KINDS {
-        let (mut world, mut devices) = riding(&with(object(kind)), 0.0, 0.0);
+        let (mut world, mut devices) = riding(&with(ObjectConfig::of(kind)), 0.0, 0.0);
         let truth = at(&mut world, 2.0);
         let felt = truth.object.unwrap();
         assert!((felt.normal_n - 8.0).abs() < 1e-6, "{kind:?}: {}", felt.normal_n);
@@ -82,7 +63,7 @@ fn at_rest_the_object_carries_the_load_and_the_image_shows_it() {
 
 #[test]
 fn the_images_middle_is_where_the_sphere_is() {
-    let sphere = ObjectConfig { x_mm: 3.1, y_mm: -2.2, ..object(ObjectKind::Sphere) };
+    let sphere = ObjectConfig { x_mm: 3.1, y_mm: -2.2, ..ObjectConfig::of(ObjectKind::Sphere) };
     let (mut world, mut devices) = riding(&with(sphere), 0.0, 0.0);
     let felt = at(&mut world, 2.0).object.unwrap();
     // The sensor's x runs along -x0.
@@ -95,7 +76,7 @@ fn the_images_middle_is_where_the_sphere_is() {
 #[test]
 fn an_edges_image_is_turned_as_the_edge_is() {
     for yaw_deg in [-20.0, 7.0, 35.0] {
-        let edge = ObjectConfig { yaw_deg, x_mm: 2.0, ..object(ObjectKind::Edge) };
+        let edge = ObjectConfig { yaw_deg, x_mm: 2.0, ..ObjectConfig::of(ObjectKind::Edge) };
         let (mut world, mut devices) = riding(&with(edge), 0.0, 0.0);
         let felt = at(&mut world, 2.0).object.unwrap();
         // About the sensor's z, which looks down, angles have the other sign.
@@ -113,7 +94,7 @@ fn grazing_neither_pulls_nor_jumps() {
     for kind in KINDS {
         let from = over(TOP_M + 20e-6);
         let (mut world, _devices) =
-            placed(&with(object(kind)), from, from - DVec3::new(0.0, 0.0, 40e-6));
+            placed(&with(ObjectConfig::of(kind)), from, from - DVec3::new(0.0, 0.0, 40e-6));
         let mut last = 0.0;
         for i in 0..400 {
             let force = at(&mut world, 0.5 + 0.0025 * f64::from(i)).finger_normal_n;
@@ -132,7 +113,7 @@ fn contact_is_lost_at_the_pads_edge_and_found_again() {
         let away = deep + DVec3::new(0.03, 0.0, 0.0);
         let knots = vec![(0.2, deep), (1.2, away), (1.4, away), (2.4, deep)];
         let carriage = Carriage { axes: nominal(), knots, float: None };
-        let (mut world, _devices) = bench(&with(object(kind)), carriage);
+        let (mut world, _devices) = bench(&with(ObjectConfig::of(kind)), carriage);
         let first = at(&mut world, 0.1).finger_normal_n;
         assert!(first > 0.3, "{kind:?}: {first}");
         let (mut last, mut lost) = (first, 0);
@@ -153,7 +134,7 @@ fn contact_is_lost_at_the_pads_edge_and_found_again() {
 #[test]
 fn past_the_limit_it_slides_at_mu_n() {
     for kind in KINDS {
-        let sliding = ObjectConfig { friction: Some(0.3), ..object(kind) };
+        let sliding = ObjectConfig { friction: Some(0.3), ..ObjectConfig::of(kind) };
         let (mut world, _devices) = riding(&with(sliding), 0.0, 0.004);
         let truth = at(&mut world, 1.5);
         let felt = truth.object.unwrap();
@@ -167,7 +148,7 @@ fn past_the_limit_it_slides_at_mu_n() {
 
 #[test]
 fn a_table_takes_its_objects_along() {
-    let mut config = with(object(ObjectKind::Sphere));
+    let mut config = with(ObjectConfig::of(ObjectKind::Sphere));
     config.table.pan_deg = 30.0;
     let truth = |config: &WorldConfig| {
         let (mut world, _devices) = placed(config, over(TOP_M - 5e-5), over(TOP_M - 5e-5));
@@ -184,7 +165,7 @@ fn along_the_curve_the_truth_counts_millimetres() {
     let arc = ObjectConfig {
         profile: Some(EdgeProfile::Arc),
         bend_mm: Some(40.0),
-        ..object(ObjectKind::Edge)
+        ..ObjectConfig::of(ObjectKind::Edge)
     };
     let (mut world, _devices) = placed(&with(arc), over(-0.1), over(-0.1) + 0.03 * DVec3::Y);
     assert!(at(&mut world, 0.2).object.unwrap().along_m.abs() < 1e-12);
@@ -202,7 +183,7 @@ fn equal_runs_are_equal_and_nothing_is_paid_for_nothing() {
         at(&mut world, 1.7);
         (world.state_hash(), world.work())
     };
-    let config = with(object(ObjectKind::Edge));
+    let config = with(ObjectConfig::of(ObjectKind::Edge));
     assert_eq!(hash(&config), hash(&config));
     let bare = WorldConfig { object: Vec::new(), ..config };
     let work = hash(&bare).1;
@@ -214,7 +195,7 @@ fn what_cannot_be_is_refused_with_its_place() {
     let place = |config: WorldConfig| {
         build(&config, &Timing::default(), 1).map(|_| ()).map_err(|bad| bad.place).unwrap_err()
     };
-    let sphere = object(ObjectKind::Sphere);
+    let sphere = ObjectConfig::of(ObjectKind::Sphere);
     assert_eq!(place(with(ObjectConfig { x_mm: f64::NAN, ..sphere })), "object[0].x_mm");
     assert_eq!(place(with(ObjectConfig { top_mm: -1.0, ..sphere })), "object[0].top_mm");
     assert_eq!(place(WorldConfig { object: vec![sphere; 5], ..WorldConfig::default() }), "object");

@@ -42,26 +42,6 @@ fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) ->
         .collect()
 }
 
-/// Under the finger, as high as the pin.
-fn object(kind: ObjectKind) -> ObjectConfig {
-    ObjectConfig {
-        kind,
-        x_mm: 0.0,
-        y_mm: 0.0,
-        top_mm: 46.0,
-        yaw_deg: 0.0,
-        tilt_x_deg: 0.0,
-        tilt_y_deg: 0.0,
-        radius_mm: None,
-        length_mm: None,
-        width_mm: None,
-        profile: None,
-        bend_mm: None,
-        corner_deg: None,
-        friction: None,
-    }
-}
-
 /// Scenes that between them hold everything that a world can remember.
 fn scenes() -> Vec<(&'static str, WorldConfig)> {
     let plain = WorldConfig::default;
@@ -95,7 +75,7 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
     explicit.fidelity.integrator = Integrator::Euler;
     explicit.substep_us = 80.0;
     let on = |kind| {
-        let mut config = WorldConfig { object: vec![object(kind)], ..plain() };
+        let mut config = WorldConfig { object: vec![ObjectConfig::of(kind)], ..plain() };
         config.pin.present = false;
         config
     };

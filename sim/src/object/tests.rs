@@ -34,25 +34,6 @@ fn rubber(case: &Case) -> RubberConfig {
     RubberConfig { thickness_mm, youngs_mpa: 27.58, poisson, relaxation_ms: 0.3 }
 }
 
-pub(super) fn config(kind: ObjectKind) -> ObjectConfig {
-    ObjectConfig {
-        kind,
-        x_mm: 0.0,
-        y_mm: 0.0,
-        top_mm: 46.0,
-        yaw_deg: 0.0,
-        tilt_x_deg: 0.0,
-        tilt_y_deg: 0.0,
-        radius_mm: None,
-        length_mm: None,
-        width_mm: None,
-        profile: None,
-        bend_mm: None,
-        corner_deg: None,
-        friction: None,
-    }
-}
-
 /// An object at rest whose top is `delta` mm inside the pad, turned and dipping towards its end.
 fn inside_pad(n: &[f64]) -> Meeting {
     let tilt = if n[9].is_finite() { n[9] } else { 0.0 };
@@ -94,7 +75,7 @@ fn pressed_spheres_give_the_reference_images() {
     let mut worst = [0.0; 3];
     for case in cases("sphere") {
         let n = &case.numbers;
-        let sphere = ObjectConfig { radius_mm: Some(n[2]), ..config(ObjectKind::Sphere) };
+        let sphere = ObjectConfig { radius_mm: Some(n[2]), ..ObjectConfig::of(ObjectKind::Sphere) };
         let mut ball = Ball::new(&sphere, &rubber(&case), "object[0]").unwrap();
         let sums = ball.press(&inside_pad(n), 0.0);
         assert!((sums.load_n / n[3] - 1.0).abs() < 1e-4, "{}: {}", case.name, sums.load_n);
@@ -116,7 +97,7 @@ fn pressed_edges_give_the_reference_images() {
             continue;
         }
         let (radius_mm, length_mm) = (Some(n[2]), Some(long));
-        let edge = ObjectConfig { radius_mm, length_mm, ..config(ObjectKind::Edge) };
+        let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
         let mut ridge = Ridge::new(&edge, &rubber(&case), None, "object[0]").unwrap();
         ridge.press(&inside_pad(n), 0.0);
         let shares = shares_of(&rubber(&case)).unwrap();
@@ -137,7 +118,7 @@ fn in_three_dimensions_ends_and_steep_loads_are_right_too() {
     for case in cases("cylinder") {
         let n = &case.numbers;
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
-        let edge = ObjectConfig { radius_mm, length_mm, ..config(ObjectKind::Edge) };
+        let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
         let mut ridge = Ridge::new(&edge, &rubber(&case), Some(Level::Fast), "object[0]").unwrap();
         let plain = ridge.press(&inside_pad(n), 0.0);
         let shares = shares_of(&rubber(&case)).unwrap();
@@ -160,7 +141,7 @@ fn ends_press_as_if_the_edge_went_on() {
     for case in cases("cylinder").into_iter().filter(|case| case.numbers[10] < 20.0) {
         let n = &case.numbers;
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
-        let edge = ObjectConfig { radius_mm, length_mm, ..config(ObjectKind::Edge) };
+        let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
         let mut ridge = Ridge::new(&edge, &rubber(&case), None, "object[0]").unwrap();
         let sums = ridge.press(&inside_pad(n), 0.0);
         println!("{}: force {:.4} of the exact one", case.name, sums.load_n / n[3]);
@@ -177,7 +158,7 @@ fn the_nearest_length_is_the_nearest() {
         (EdgeProfile::Corner, None, Some(60.0)),
         (EdgeProfile::Corner, None, Some(-90.0)),
     ];
-    let plain = config(ObjectKind::Edge);
+    let plain = ObjectConfig::of(ObjectKind::Edge);
     let rubber = crate::scene::FingerConfig::default().rubber;
     for (profile, bend_mm, corner_deg) in curves {
         let profile = Some(profile);
@@ -216,7 +197,7 @@ fn a_tilted_bar_carries_what_the_reference_says() {
             poisson: n[nu],
             relaxation_ms: 0.3,
         };
-        let bar = ObjectConfig { width_mm: Some(n[w]), ..config(ObjectKind::Bar) };
+        let bar = ObjectConfig { width_mm: Some(n[w]), ..ObjectConfig::of(ObjectKind::Bar) };
         let face = Face::new(&bar, &rubber, "object[0]").unwrap();
         let deepest_m = 1e-3 * (n[delta] + n[slope].abs() * 0.5 * n[w]);
         let (load_n_m, place_m) = face.plane(deepest_m, n[slope].abs());

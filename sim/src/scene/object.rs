@@ -87,6 +87,28 @@ fn top_mm() -> f64 {
 const SHARPEST: f64 = 3.0;
 
 impl ObjectConfig {
+    /// One of this kind of which nothing else is said: under the finger's start, as high as the
+    /// default pin.
+    #[must_use]
+    pub fn of(kind: ObjectKind) -> ObjectConfig {
+        ObjectConfig {
+            kind,
+            x_mm: 0.0,
+            y_mm: 0.0,
+            top_mm: top_mm(),
+            yaw_deg: 0.0,
+            tilt_x_deg: 0.0,
+            tilt_y_deg: 0.0,
+            radius_mm: None,
+            length_mm: None,
+            width_mm: None,
+            profile: None,
+            bend_mm: None,
+            corner_deg: None,
+            friction: None,
+        }
+    }
+
     /// Keys that belong to some kinds only, and whether they are given.
     fn given(&self) -> [(&'static str, bool, &'static [ObjectKind]); 6] {
         use ObjectKind::{Bar, Edge, Sphere};
@@ -162,27 +184,8 @@ mod tests {
     use super::*;
     use crate::scene::section::Value;
 
-    fn object(kind: ObjectKind) -> ObjectConfig {
-        ObjectConfig {
-            kind,
-            x_mm: 0.0,
-            y_mm: 0.0,
-            top_mm: 46.0,
-            yaw_deg: 0.0,
-            tilt_x_deg: 0.0,
-            tilt_y_deg: 0.0,
-            radius_mm: None,
-            length_mm: None,
-            width_mm: None,
-            profile: None,
-            bend_mm: None,
-            corner_deg: None,
-            friction: None,
-        }
-    }
-
     fn place(kind: ObjectKind, change: impl Fn(&mut ObjectConfig)) -> Option<String> {
-        let mut config = object(kind);
+        let mut config = ObjectConfig::of(kind);
         change(&mut config);
         config.check("object[0]", None).err().map(|bad| bad.place)
     }

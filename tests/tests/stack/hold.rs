@@ -54,6 +54,12 @@ fn mean_error(kept: &Kept) -> (Joints, Joints) {
     (mean(&errors), mean(&angles))
 }
 
+/// Kp of the scene's servo (N m/rad).
+fn stiffness(scene: &Scene) -> Joints {
+    let servo = scene.machine.joint_servo.clone().unwrap();
+    servo.tuning(&Robot::puma260()).unwrap().gains().kp_nm_rad
+}
+
 #[test]
 fn with_the_gravity_term_the_finger_keeps_its_place() {
     let kept = run(&standing(), 1);
@@ -73,15 +79,7 @@ fn without_it_and_without_friction_the_droop_is_gravity_over_kp() {
     let kept = run(&scene, 1);
     let (error, q) = mean_error(&kept);
     let dynamics = Dynamics::reference();
-    let kp = scene
-        .machine
-        .joint_servo
-        .clone()
-        .unwrap()
-        .tuning(&Robot::puma260())
-        .unwrap()
-        .gains()
-        .kp_nm_rad;
+    let kp = stiffness(&scene);
     let gravity = dynamics.gravity(&q);
     let due = gravity.component_div(&kp);
     let mut loaded = 0;
@@ -105,15 +103,7 @@ fn without_it_friction_bears_a_part_of_the_load() {
     let kept = run(&scene, 1);
     let (error, q) = mean_error(&kept);
     let dynamics = Dynamics::reference();
-    let kp = scene
-        .machine
-        .joint_servo
-        .clone()
-        .unwrap()
-        .tuning(&Robot::puma260())
-        .unwrap()
-        .gains()
-        .kp_nm_rad;
+    let kp = stiffness(&scene);
     let band = Friction::reference().coulomb_nm;
     let left = dynamics.gravity(&q) - kp.component_mul(&error);
     for joint in 0..6 {

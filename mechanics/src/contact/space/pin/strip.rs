@@ -230,6 +230,46 @@ fn widest(
     Ok(high)
 }
 
+/// Adds what pressures like cosines do to each other by the kernel's smooth part: at the points `x`
+/// of one half, with the other half as their mirror, of the same (`parity` 1) or opposite sign (-1).
+fn act(
+    kernel: &SurfaceKernel,
+    (x, cosines, weight): (&[f64], &[f64], f64),
+    parity: f64,
+    places: Places,
+    row: &mut [f64],
+) {
+    let (n, half) = (places.cosines, x.len());
+    let mut acted = vec![0.0; n];
+    for i in 0..half {
+        acted.fill(0.0);
+        for j in 0..half {
+            let near = kernel.smooth((x[i] - x[j]).abs());
+            let s = 0.5 * weight * weight * (near + parity * kernel.smooth(x[i] + x[j]));
+            for (l, sum) in acted.iter_mut().enumerate() {
+                *sum += s * cosines[l * half + j];
+            }
+        }
+        for k in 0..n {
+            for l in 0..=k {
+                row[places.matrix(k, l)] += cosines[k * half + i] * acted[l];
+            }
+        }
+    }
+}
+
+/// The lower triangle of a row's matrix, row by row.
+fn lower(places: Places, row: &[f64]) -> Vec<f64> {
+    let n = places.cosines;
+    let mut matrix = vec![0.0; n * n];
+    for k in 0..n {
+        for l in 0..=k {
+            matrix[k * n + l] = row[places.matrix(k, l)];
+        }
+    }
+    matrix
+}
+
 /// Writes the row of half-width `b`, its matrix without the logarithm of b.
 fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &mut [f64]) {
     let n = places.cosines;
@@ -240,25 +280,14 @@ fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &
     let x: Vec<f64> = (0..half).map(|i| b * libm::cos(angle(i))).collect();
     let weight = PI / half as f64;
     row.fill(0.0);
-    let mut acted = vec![0.0; n];
+    act(kernel, (&x, &cosines, weight), 1.0, places, row);
     for i in 0..half {
-        acted.fill(0.0);
-        for j in 0..half {
-            let near = kernel.smooth((x[i] - x[j]).abs());
-            let s = 0.5 * weight * weight * (near + kernel.smooth(x[i] + x[j]));
-            for (l, sum) in acted.iter_mut().enumerate() {
-                *sum += s * cosines[l * half + j];
-            }
-        }
         let height = match section {
             Section::Circle(r) => x[i] * x[i] / (r + (r * r - x[i] * x[i]).sqrt()),
             Section::Flat(_) => 0.0,
         };
         for k in 0..n {
             row[places.shape(k)] += weight * cosines[k * half + i] * height;
-            for l in 0..=k {
-                row[places.matrix(k, l)] += cosines[k * half + i] * acted[l];
-            }
         }
     }
     row[places.matrix(0, 0)] += PI * PI * LN_2;
@@ -266,12 +295,7 @@ fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &
         row[places.matrix(k, k)] += PI * PI / (4 * k) as f64;
     }
     let logarithm = PI * PI * libm::log(b);
-    let mut matrix = vec![0.0; n * n];
-    for k in 0..n {
-        for l in 0..=k {
-            matrix[k * n + l] = row[places.matrix(k, l)];
-        }
-    }
+    let mut matrix = lower(places, row);
     matrix[0] -= logarithm;
     let mut punch = vec![0.0; n];
     punch[0] = PI;
@@ -303,31 +327,11 @@ fn fill_odd(kernel: &SurfaceKernel, b: f64, places: Places, row: &mut [f64]) {
     let x: Vec<f64> = (0..half).map(|i| b * libm::cos(angle(i))).collect();
     let weight = PI / half as f64;
     row.fill(0.0);
-    let mut acted = vec![0.0; n];
-    for i in 0..half {
-        acted.fill(0.0);
-        for j in 0..half {
-            let near = kernel.smooth((x[i] - x[j]).abs());
-            let s = 0.5 * weight * weight * (near - kernel.smooth(x[i] + x[j]));
-            for (l, sum) in acted.iter_mut().enumerate() {
-                *sum += s * cosines[l * half + j];
-            }
-        }
-        for k in 0..n {
-            for l in 0..=k {
-                row[places.matrix(k, l)] += cosines[k * half + i] * acted[l];
-            }
-        }
-    }
+    act(kernel, (&x, &cosines, weight), -1.0, places, row);
     for k in 0..n {
         row[places.matrix(k, k)] += PI * PI / (4 * k + 2) as f64;
     }
-    let mut matrix = vec![0.0; n * n];
-    for k in 0..n {
-        for l in 0..=k {
-            matrix[k * n + l] = row[places.matrix(k, l)];
-        }
-    }
+    let mut matrix = lower(places, row);
     let mut punch = vec![0.0; n];
     punch[0] = PI;
     factor(&mut matrix, n);
