@@ -4,6 +4,8 @@ use serde::Deserialize;
 use taktil_hal::MAX_TACTELS;
 use taktil_rtcore::{Invalid, Nanos};
 
+use crate::response::Response;
+
 /// Every key has a default.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -21,6 +23,9 @@ pub struct Config {
     /// Without a new frame for longer than this the array counts as stale (ms). Default 20: four
     /// scans.
     pub stale_ms: f64,
+    /// The tactels' calibrated response, which is taken out of the readings. Default none: counts
+    /// are passed on as they are.
+    pub response: Option<Response>,
 }
 
 impl Default for Config {
@@ -31,6 +36,7 @@ impl Default for Config {
             rest_min_counts: 1.0,
             rest_max_share: 0.5,
             stale_ms: 20.0,
+            response: None,
         }
     }
 }

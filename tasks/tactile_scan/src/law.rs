@@ -5,11 +5,14 @@
 //! A tactel is believed when the device vouches for it, the configuration does not list it as dead
 //! and its rest level lies between the rails. A tactel at full scale stays valid: it carries at
 //! least that load, and leaving it out would take the heaviest tactel out of every sum; what
-//! saturation does to the features is a matter of the load, not of validity.
+//! saturation does to the features is a matter of the load, not of validity; once readings are made
+//! linear it still reads no less than it did.
 
 use taktil_hal::{MAX_ROWS, MAX_TACTELS, TactileFrame};
 use taktil_rtcore::{Fold, Payload, StateHash};
 use taktil_signal::{TactileBaseline, TactileImage};
+
+use crate::response::{Curve, Response};
 
 /// What the rest level of a tactel must lie in (counts).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,6 +41,10 @@ pub struct Baseline {
     known: u64,
     dead: [bool; MAX_TACTELS],
     rails: Rails,
+    response: Option<Response>,
+    /// The response with its knee, known with the noise.
+    curve: Option<Curve>,
+    full_scale: u16,
 }
 
 impl Fold for Baseline {
@@ -70,7 +77,16 @@ impl Baseline {
             known: 0,
             dead,
             rails,
+            response: None,
+            curve: None,
+            full_scale: u16::MAX,
         }
+    }
+
+    /// With a calibrated response to be taken out of the readings of an array of this full scale.
+    #[must_use]
+    pub fn linearised(self, response: Option<Response>, full_scale: u16) -> Baseline {
+        Baseline { response, full_scale, ..self }
     }
 
     /// Begins anew: the next frames must show the free finger.
@@ -174,9 +190,22 @@ impl Baseline {
             self.noise_counts = (variance / number_of_tactels).sqrt();
         }
         self.believed = self.trusted.iter().filter(|trusted| **trusted).count();
+        self.curve = self.response.map(|response| response.curve(self.noise_counts));
         let mut hash = StateHash::new();
         hash.add(&self.means).add(&self.trusted).add(&self.noise_counts);
         self.known = hash.value();
+    }
+
+    /// What a tactel reads above its rest level, in proportion to the load where the response is
+    /// known (counts).
+    fn above(&self, index: usize, value: u16) -> f64 {
+        let counts = f64::from(value) - self.means[index];
+        match &self.curve {
+            None => counts,
+            // At the rail there is at least that load, whatever the curve says.
+            Some(curve) if value >= self.full_scale => curve.linear(counts).max(counts),
+            Some(curve) => curve.linear(counts),
+        }
     }
 
     /// The image of a frame: counts above the rest level, 0 where the tactel is not believed. All
@@ -190,7 +219,8 @@ impl Baseline {
             rows: frame.rows,
             cols: frame.cols,
             baseline_ready: u32::from(self.ready()),
-            noise_counts: self.noise_counts as f32,
+            noise_counts: self.curve.map_or(self.noise_counts, |c| c.noise(self.noise_counts))
+                as f32,
             ..TactileImage::ZERO
         };
         let rows = usize::from(frame.rows).min(MAX_ROWS);
@@ -203,7 +233,7 @@ impl Baseline {
         }
         for index in 0..frame.tactels() {
             if frame.valid[index] && self.trusted[index] {
-                image.counts[index] = (f64::from(frame.values[index]) - self.means[index]) as f32;
+                image.counts[index] = self.above(index, frame.values[index]) as f32;
                 image.valid[index] = 1;
             }
         }
@@ -276,6 +306,24 @@ mod tests {
         let image = baseline.image(&pressed);
         assert_eq!(image.counts[16..20], [0.0, 1000.0, -50.0, 3795.0]);
         assert_eq!((image.valid[19], image.baseline_ready), (1, 1), "full scale stays valid");
+    }
+
+    #[test]
+    fn a_calibrated_response_is_taken_out_and_the_rail_stays_the_rail() {
+        let frames: Vec<TactileFrame> = [290, 310, 290, 310].map(frame).to_vec();
+        let response = Response { exponent: 0.8, full_counts: 4095.0, threshold_counts: 0.0 };
+        let mut linear = Baseline::new(4, [false; MAX_TACTELS], RAILS);
+        linear = linear.linearised(Some(response), 4095);
+        frames.iter().for_each(|frame| linear.learn(frame));
+        let mut pressed = frame(300);
+        (pressed.values[1], pressed.values[2], pressed.values[3]) = (1300, 4095, 4094);
+        let image = linear.image(&pressed);
+        let due = 4095.0 * libm::pow(1000.0 / 4095.0, 1.25);
+        assert!((f64::from(image.counts[1]) - due).abs() < 1e-3, "{}", image.counts[1]);
+        assert_eq!((image.counts[0], image.counts[2]), (0.0, 3795.0));
+        assert!(image.counts[3] < 3794.0, "only the rail is lifted: {}", image.counts[3]);
+        let plain = learnt(&frames).noise_counts();
+        assert!(f64::from(image.noise_counts) < plain, "noise is scaled as readings are");
     }
 
     #[test]

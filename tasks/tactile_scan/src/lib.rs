@@ -1,6 +1,7 @@
 //! Reads the tactile array at its own pace and publishes images: counts above an explicit baseline,
-//! validity of every tactel, time of every row. Refuses to publish anything twice: a held frame
-//! writes nothing, so that a reader sees it as held.
+//! in proportion to the load where the array's response was calibrated ([`response`]), validity of
+//! every tactel, time of every row. Refuses to publish anything twice: a held frame writes nothing,
+//! so that a reader sees it as held.
 //!
 //! Faults: damaged frames are dropped ([`FaultCode::TactileGarbled`]); no new frame for longer than
 //! the limit, or a device that says so, is [`FaultCode::TactileStale`] in every job until one
@@ -9,10 +10,12 @@
 
 pub mod config;
 pub mod law;
+pub mod response;
 
 pub use config::Config;
 
 use law::{Baseline, Rails};
+pub use response::Response;
 use taktil_hal::{Arrival, Kind, TactileArray, TactileFrame};
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
 use taktil_signal::{TactileBaseline, TactileImage};
@@ -54,13 +57,18 @@ impl TactileScan {
             low_counts: config.rest_min_counts,
             high_counts: config.rest_max_share * f64::from(array.full_scale()),
         };
+        if let Some(response) = &config.response {
+            response.check(array.full_scale()).map_err(|bad| bad.within("response"))?;
+        }
         let dead = config.dead_mask(rows, cols)?;
+        let baseline = Baseline::new(config.baseline_frames, dead, rails)
+            .linearised(config.response, array.full_scale());
         Ok(TactileScan {
             image: ports.output("image"),
             told: ports.output("baseline"),
             array,
             frame: TactileFrame::empty(),
-            baseline: Baseline::new(config.baseline_frames, dead, rails),
+            baseline,
             stale_after: config.stale_after(),
             newest: None,
             due: None,
