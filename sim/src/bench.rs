@@ -25,7 +25,7 @@ use crate::pin::Pin;
 use crate::rolling::Rolling;
 use crate::rubber::Rubber;
 use crate::scene::{Invalid, PinConfig, Timing, WorldConfig, invalid};
-use crate::snapshot::Told;
+use crate::snapshot::{Delivery, Told};
 use crate::spatial::Spatial;
 use crate::step::{Bench, Method, Work};
 use crate::table::Table;
@@ -130,7 +130,12 @@ fn assemble(
         false => None,
     };
     let row = Nanos((1e3 * config.tactile.row_us).round() as i64);
-    let told = Told { board, tactile: (config.tactile.full_counts(), row), ..Told::default() };
+    let told = Told {
+        board,
+        tactile: (config.tactile.full_counts(), row),
+        delivery: Delivery::of(&config.tactile),
+        ..Told::default()
+    };
     let (ends, devices) = connect(timing.actuation_delay, board, told.tactile);
     let bench = Bench {
         method: method(config, &finger)?,

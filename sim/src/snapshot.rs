@@ -6,6 +6,7 @@ use taktil_hal::link::Stamped;
 use taktil_hal::{AdcCode, CHANNELS, DacCode, Devices, Error, LinesIn, LinesOut, Nanos};
 
 use crate::devices::{Scan, WorldEnds, connect};
+use crate::scene::{Stamp, TactileConfig};
 use crate::world::World;
 
 /// What the world last told the devices, beside what it keeps anyway.
@@ -15,10 +16,45 @@ pub(crate) struct Told {
     pub(crate) board: (usize, (i32, i32)),
     /// The tactile array's largest reading, and the time from row to row.
     pub(crate) tactile: (u16, Nanos),
+    /// How its scans are handed over.
+    pub(crate) delivery: Delivery,
     /// Motor currents and lines, and when.
     pub(crate) control: Option<([AdcCode; CHANNELS], LinesIn, Nanos)>,
-    /// The scan, and when.
-    pub(crate) scan: Option<(Scan, Nanos)>,
+    /// The newest scans, on their way or taken: what each carries, and when it is visible.
+    pub(crate) scans: [Option<(Scan, Nanos, Nanos)>; SCANS],
+}
+
+/// Scans that can be on their way, and two before them.
+const SCANS: usize = 18;
+
+/// How late scans are, and whether they say so.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Delivery {
+    /// How many scans later one arrives.
+    pub(crate) late_scans: u32,
+    /// It carries the instant of its arrival.
+    pub(crate) hidden: bool,
+}
+
+impl Delivery {
+    pub(crate) fn of(config: &TactileConfig) -> Delivery {
+        Delivery { late_scans: config.late_scans, hidden: config.stamp == Stamp::Delivered }
+    }
+
+    /// What a scan that is whole at `t` carries, and when it is visible.
+    pub(crate) fn instants(&self, t: Nanos, period: Nanos) -> (Nanos, Nanos) {
+        let visible = t + period * i64::from(self.late_scans);
+        (if self.hidden { visible } else { t }, visible)
+    }
+}
+
+impl Told {
+    /// One more scan went out; one that was taken long ago is forgotten.
+    pub(crate) fn scan(&mut self, scan: Scan, stamp: Nanos, visible: Nanos) {
+        let kept = (self.delivery.late_scans as usize + 2).min(SCANS);
+        self.scans[..kept].rotate_right(1);
+        self.scans[0] = Some((scan, stamp, visible));
+    }
 }
 
 /// A world at an instant. Everything that decides what happens next is in it: bodies, bristles,
@@ -86,8 +122,13 @@ impl Snapshot {
                 WorldEnds::tell(&mut ends.gauges, self.world.gauges, at);
             }
         }
-        if let Some((scan, at)) = told.scan {
-            WorldEnds::tell(&mut ends.scans, scan, at);
+        // Of those that were visible the newest, and all that were not yet.
+        let now = self.world.t;
+        let known = |scan: &(Scan, Nanos, Nanos)| scan.2 <= now;
+        let first = told.scans.iter().flatten().position(known);
+        let begun = first.map_or(SCANS, |first| first + 1);
+        for (scan, stamp, visible) in told.scans[..begun].iter().rev().flatten() {
+            let _ = ends.scans.send(*scan, *stamp, *visible);
         }
         // As they were when they were written: the devices' ranges let them pass then.
         for word in &self.codes {

@@ -223,8 +223,10 @@ impl World {
         let scan = Scan { sequence: self.sequence, values };
         self.sequence = self.sequence.wrapping_add(1);
         if !self.faults.lose_frame(self.t) {
-            self.told.scan = Some((scan, self.t));
-            let _ = self.ends.scans.send(scan, self.t, self.t);
+            let period = self.timing.scan_period;
+            let (stamp, visible) = self.told.delivery.instants(self.t, period);
+            self.told.scan(scan, stamp, visible);
+            let _ = self.ends.scans.send(scan, stamp, visible);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, Nanos};
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::dynamics::{Dynamics, LINKS, TOOL};
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::fidelity::ArmModel;
 use taktil_sim::{Timing, World, WorldConfig, build};
@@ -48,6 +48,26 @@ fn braked_it_does_not_move() {
     let start = world.truth().q;
     world.advance(Nanos::from_secs(1));
     assert_eq!(world.truth().q, start);
+}
+
+#[test]
+fn scaled_masses_are_those_of_the_simulated_arm_alone() {
+    for scale in [0.5, 1.5] {
+        let mut config = free_of_pin();
+        (config.arm.link_mass_scale, config.arm.tool_mass_scale) = ([scale; 6], scale);
+        let bodies = LINKS.map(|link| link.scaled(scale));
+        let heavy = Dynamics::of_bodies(bodies, &TOOL.scaled(scale));
+        let moved = |dynamics: &Dynamics| {
+            let (mut world, mut devices) = build(&config, &Timing::default(), 1).unwrap();
+            let start = world.truth().q;
+            let hold = codes_of(&dynamics.gravity(&start));
+            run(&mut world, &mut devices, 80, |_| hold);
+            (world.truth().q - start).amax()
+        };
+        // Friction that sticks gives a little; a word is off by half a code at most.
+        assert!(moved(&heavy) < 1e-5, "{scale}: {}", moved(&heavy));
+        assert!(moved(&Dynamics::reference()) > 0.02, "{scale}: what the controller believes");
+    }
 }
 
 #[test]

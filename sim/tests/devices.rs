@@ -6,7 +6,8 @@ use taktil_hal::conformance::{
     Bench, check_analog_out_drop, check_analog_out_observed, check_devices, check_digital_out_drop,
     check_digital_out_observed,
 };
-use taktil_hal::{CHANNELS, Counts, DacCode, Devices, LinesOut, Nanos};
+use taktil_hal::{Arrival, CHANNELS, Counts, DacCode, Devices, LinesOut, Nanos};
+use taktil_sim::scene::Stamp;
 use taktil_sim::{LONGEST_SILENCE, Timing, World, WorldConfig, build};
 
 const PERIOD: Nanos = Nanos::from_micros(2_500);
@@ -87,6 +88,27 @@ fn readings_carry_the_instants_of_the_world() {
     devices.tactile.sample(at(14_999), &mut frame).unwrap();
     assert_eq!((frame.acquired, frame.sequence), (at(10_000), 2));
     assert_eq!(world.dropped(), 0);
+}
+
+#[test]
+fn late_scans_say_when_they_were_made_or_when_they_came() {
+    for (late, stamp) in [(0, Stamp::Scanned), (2, Stamp::Scanned), (2, Stamp::Delivered)] {
+        let mut config = WorldConfig::default();
+        (config.tactile.late_scans, config.tactile.stamp) = (late, stamp);
+        let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
+        let delay = Nanos::from_millis(5) * i64::from(late);
+        let mut frame = taktil_hal::TactileFrame::empty();
+        for scan in 0..6 {
+            let due = Nanos::from_millis(5) * scan + delay;
+            world.advance(due);
+            let early = devices.tactile.sample(due - Nanos(1), &mut frame);
+            assert!(scan == 0 && late == 0 || early == Ok(Arrival::Held), "{late}: scan {scan}");
+            assert_eq!(devices.tactile.sample(due, &mut frame), Ok(Arrival::New), "{late}");
+            assert_eq!(i64::from(frame.sequence), scan, "{late}");
+            let hidden = if stamp == Stamp::Delivered { Nanos::ZERO } else { delay };
+            assert_eq!(frame.acquired, due - hidden, "{late} {stamp:?}");
+        }
+    }
 }
 
 #[test]

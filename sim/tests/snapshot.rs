@@ -6,7 +6,7 @@ use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
 use taktil_sim::scene::{
-    Axis, Electronics, Fault, FaultKind, Kind, Motion, ObjectConfig, ObjectKind,
+    Axis, Electronics, Fault, FaultKind, Kind, Motion, ObjectConfig, ObjectKind, Stamp,
 };
 use taktil_sim::{Story, Timing, World, WorldConfig, Written, build};
 
@@ -51,6 +51,10 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
     sensors.tactile.electronics = Electronics::Network;
     sensors.tactile.row_us = 150.0;
     sensors.wrist.noise_codes = 2.0;
+    let mut late = plain();
+    late.tactile.late_scans = 3;
+    let mut hidden = late.clone();
+    hidden.tactile.stamp = Stamp::Delivered;
     let mut faulty = plain();
     let fault = |kind, at_s, for_s, share| Fault {
         kind,
@@ -83,6 +87,8 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
     springy.fidelity.arm = ArmModel::Compliant;
     vec![
         ("plain", plain()),
+        ("late", late),
+        ("hidden", hidden),
         ("sphere", on(ObjectKind::Sphere)),
         ("edge", on(ObjectKind::Edge)),
         ("bar", on(ObjectKind::Bar)),

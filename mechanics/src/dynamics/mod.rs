@@ -45,6 +45,16 @@ impl Body {
         }
     }
 
+    /// The same body of so many times the density.
+    #[must_use]
+    pub fn scaled(&self, by: f64) -> Body {
+        Body {
+            mass_kg: by * self.mass_kg,
+            com_m: self.com_m,
+            inertia_kg_m2: by * self.inertia_kg_m2,
+        }
+    }
+
     /// The body of a frame that stands at `pose` in another, seen from that other one.
     #[must_use]
     pub fn seen_from(&self, pose: &Pose) -> Body {
@@ -127,8 +137,14 @@ impl Dynamics {
     /// The reference arm with another body (in the axes of T6) on its flange.
     #[must_use]
     pub fn with_tool(tool: &Body) -> Dynamics {
+        Dynamics::of_bodies(LINKS, tool)
+    }
+
+    /// The reference arm with other links, and a body on its flange.
+    #[must_use]
+    pub fn of_bodies(links: [Body; 6], tool: &Body) -> Dynamics {
         let arm = crate::puma260::Puma260::reference();
-        let mut bodies = LINKS;
+        let mut bodies = links;
         bodies[5] = bodies[5].weld(tool);
         let gear = Joints::from(crate::transmission::GEAR_RATIO);
         let reflected_kg_m2 = Joints::from(ROTOR_INERTIA_KG_M2).component_mul(&gear);

@@ -9,7 +9,7 @@ mod friction;
 mod gear;
 
 use taktil_hal::CHANNELS;
-use taktil_mechanics::dynamics::{Dynamics, Friction, State, rk4_step};
+use taktil_mechanics::dynamics::{Dynamics, Friction, LINKS, State, TOOL, rk4_step};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::{SinCos, stack};
 use taktil_mechanics::transmission::{Drive, Transmission};
@@ -70,7 +70,8 @@ impl Arm {
             coulomb_nm: rubs * config.coulomb_scale * reference.coulomb_nm,
             viscous_nms_rad: rubs * config.viscous_scale * reference.viscous_nms_rad,
         };
-        let mut dynamics = Dynamics::reference();
+        let links = core::array::from_fn(|i| LINKS[i].scaled(config.link_mass_scale[i]));
+        let mut dynamics = Dynamics::of_bodies(links, &TOOL.scaled(config.tool_mass_scale));
         let mut now = Swing { q, ..Swing::default() };
         let gears = (model == ArmModel::Compliant).then(|| {
             let stiffness = Joints::from(config.gear_stiffness_nm_rad);

@@ -17,6 +17,11 @@ section! {
         coulomb_scale: f64 [0.0, 10.0],
         /// Factor on the joints' viscous friction. Default 1.
         viscous_scale: f64 [0.0, 100.0],
+        /// Factors on mass and inertia of the links, of the simulated arm and not of what the
+        /// controller knows of it. Default 1.
+        link_mass_scale: [f64; 6] [0.1, 10.0],
+        /// The same of the tool on link 6: sensor, finger and array. Default 1.
+        tool_mass_scale: f64 [0.1, 10.0],
         /// Stiffness between each motor and its joint, on the joint's side (N m/rad), for the arm
         /// `rigid+motors+compliance`. The default is an estimate: with its drives held the arm
         /// swings at some 15 to 30 Hz, as arms of this build do.
@@ -37,6 +42,8 @@ impl Default for ArmConfig {
             zero_error_deg: [0.0; 6],
             coulomb_scale: 1.0,
             viscous_scale: 1.0,
+            link_mass_scale: [1.0; 6],
+            tool_mass_scale: 1.0,
             gear_stiffness_nm_rad: [6000.0, 9000.0, 3000.0, 300.0, 300.0, 150.0],
             gear_damping: 0.1,
             power_on_s: 0.0,

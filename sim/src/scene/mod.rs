@@ -20,7 +20,7 @@ pub use fault::{FAULTS_MAX, Fault, FaultKind};
 pub use object::{EdgeProfile, OBJECTS_MAX, ObjectConfig, ObjectKind};
 pub use rolling::{FingerConfig, PinConfig, RubberConfig};
 pub use table::{Axis, Kind, MOTIONS_MAX, Motion, POINTS_MAX, STEP_S, TableConfig};
-pub use tactile::{Defect, DefectKind, Electronics, TactileConfig};
+pub use tactile::{Defect, DefectKind, Electronics, Stamp, TactileConfig};
 pub use wrist::WristConfig;
 
 use crate::fidelity::FidelityConfig;

@@ -33,7 +33,18 @@ pub enum DefectKind {
     Blinking,
 }
 
-names!(Electronics, DefectKind);
+/// What instant a frame carries.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stamp {
+    /// When the last row was read.
+    #[default]
+    Scanned,
+    /// When the board handed it over: nobody can tell how old it is.
+    Delivered,
+}
+
+names!(Electronics, DefectKind, Stamp);
 
 section! {
     /// `[tactile]`
@@ -55,6 +66,11 @@ section! {
         /// Time from one row's reading to the next one's (us); the last row is read when the scan
         /// is complete. Default 0: all at once.
         row_us: f64 [0.0, 62500.0],
+        /// A scan reaches the controller so many scans after it was complete. Default 0.
+        late_scans: u32 [0.0, 16.0],
+        /// The instant that a scan carries: `scanned` (default), or `delivered` by a board that
+        /// does not know better, which hides how late it is.
+        stamp: Stamp,
         /// What is simulated: `ideal` (default), `response`, `memory` or `network`.
         electronics: Electronics,
         /// From `response` on: spread of the tactels' gains, one standard deviation. Default 0.06:
@@ -174,6 +190,8 @@ impl Default for TactileConfig {
             rest_counts: 300.0,
             full_scale_n: 4.0,
             row_us: 0.0,
+            late_scans: 0,
+            stamp: Stamp::Scanned,
             electronics: Electronics::Ideal,
             gain_spread: 0.06,
             threshold_n: 0.002,
