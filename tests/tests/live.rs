@@ -15,8 +15,11 @@ use taktil_tests::bench::{Draft, Kept, machine};
 const RUNS: usize = 4;
 const TRIES: usize = 12;
 
-fn short() -> Scene {
-    Draft::roll_pin().set("duration_s", 0.5).scene()
+/// Images at 200 Hz with a servo at 400 Hz, and both at 1 kHz.
+const SCENES: [&str; 2] = ["roll-pin.toml", "roll-pin-1khz.toml"];
+
+fn short(file: &str) -> Scene {
+    Draft::of(file).set("duration_s", 0.5).scene()
 }
 
 /// Every heap call that a lane counted, with the lane's name.
@@ -52,7 +55,14 @@ static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 #[test]
 fn live_and_virtual_time_give_the_same_bits_whatever_the_host_does() {
     let _alone = ONE_AT_A_TIME.lock();
-    let scene = short();
+    for file in SCENES {
+        compare(file);
+    }
+}
+
+/// A few live runs of the beginning of a scene with one in virtual time.
+fn compare(file: &str) {
+    let scene = short(file);
     let mut machine = machine(&scene, 1);
     let mut expected = Kept::new(&machine);
     let stop = AtomicBool::new(false);
@@ -61,24 +71,30 @@ fn live_and_virtual_time_give_the_same_bits_whatever_the_host_does() {
     for _ in 0..TRIES {
         let (kept, lost) = run_live(&scene);
         if lost == 0 {
-            assert_eq!(kept.difference(&expected, scene.duration), None);
+            assert_eq!(kept.difference(&expected, scene.duration), None, "{file}");
             compared += 1;
         }
         if compared == RUNS {
             return;
         }
     }
-    let why = format_args!("of {TRIES} live runs a busy machine left {compared} to compare");
+    let why =
+        format_args!("{file}: of {TRIES} live runs a busy machine left {compared} to compare");
     taktil_tests_script::skipped(why);
 }
 
 #[test]
 fn the_whole_task_allocates_nothing_in_virtual_time() {
     let _alone = ONE_AT_A_TIME.lock();
-    let scene = Draft::roll_pin().scene();
-    let mut machine = machine(&scene, 1);
-    let mut kept = Kept::new(&machine);
-    virtual_time::run(&mut machine, scene.duration, &AtomicBool::new(false), &mut kept).unwrap();
-    assert!(guard::installed());
-    assert_eq!(allocations(&machine), []);
+    for file in SCENES {
+        let scene = Draft::of(file).scene();
+        let mut machine = machine(&scene, 1);
+        let mut kept = Kept::new(&machine);
+        let stop = AtomicBool::new(false);
+        virtual_time::run(&mut machine, scene.duration, &stop, &mut kept).unwrap();
+        assert!(guard::installed());
+        assert_eq!(allocations(&machine), [], "{file}");
+        let jobs = |name: &str| machine.figures().find(|(s, _)| s.name == name).unwrap().1.jobs;
+        println!("{file}: {} jobs of the servo, {} scans", jobs("servo"), jobs("touch"));
+    }
 }
