@@ -8,6 +8,8 @@ pub mod judge;
 mod page;
 pub mod robust;
 
+use std::fs::File;
+use std::io::Write as _;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -23,7 +25,7 @@ use taktild::signals::{self, Second};
 
 use crate::run::scene::Scene;
 use crate::run::{self, BadOption, assemble};
-use chapter6::{EXPERIMENTS, Experiment};
+use chapter6::{EXPERIMENTS, Experiment, MEASURES};
 use judge::{Judge, Verdict};
 
 /// Most seeds of one call.
@@ -35,8 +37,9 @@ pub enum Experiments {
     /// Chapter 6 of the thesis, E1 to E9: laws side by side on the same seeds.
     ///
     /// Runs every scene of the folder whose title begins with E1 to E9, for each law and seed, and
-    /// writes report.html and report.md with figures and tables. Exit code 0: done; 1: a run
-    /// ended with a fault; 2: bad input.
+    /// writes report.html and report.md with figures and tables, and runs.csv with a row as soon
+    /// as a run is done. Ctrl-C ends it with a report of what was done. Exit code 0: done; 1: a run
+    /// ended with a fault, an experiment has no scene, or it was interrupted; 2: bad input.
     Chapter6(Chapter6),
     /// The rolling scene with drawn pins, rubbers, frictions and tables: does a law hold?
     ///
@@ -115,8 +118,8 @@ pub(crate) struct Runs {
     pub(crate) experiment: &'static Experiment,
     pub(crate) scene: PathBuf,
     pub(crate) title: String,
-    /// Verdicts by law, then by seed.
-    pub(crate) verdicts: Vec<Vec<Verdict>>,
+    /// Verdicts by law, then by seed; none of a run that an interruption prevented.
+    pub(crate) verdicts: Vec<Vec<Option<Verdict>>>,
 }
 
 /// Does what was asked.
@@ -137,18 +140,25 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
         let text = format!("--seeds {}: give 1 to {SEEDS_MAX}", options.seeds);
         return Err(BadOption(text).into());
     }
-    let found = scenes(&options.scenes, &options.only)?;
+    let (found, missing) = scenes(&options.scenes, &options.only)?;
     run::folder("--out", &options.out)?;
     let mut plan = Vec::new();
-    for (e, (_, _, scene)) in found.iter().enumerate() {
+    for (e, (experiment, _, scene)) in found.iter().enumerate() {
         for law in &laws {
             let scene = options.changed(with_law(scene, *law));
-            plan.extend((1..=options.seeds).map(|seed| (e, scene.clone(), seed)));
+            plan.extend(
+                (1..=options.seeds).map(|seed| (e, experiment.id, *law, scene.clone(), seed)),
+            );
         }
     }
-    let verdicts =
-        in_parallel(options.threads, &plan, |(_, scene, seed)| one(scene, *seed, *seed == 1))?;
-    let mut verdicts = verdicts.into_iter();
+    let rows = Rows::create(&options.out.join("runs.csv"))?;
+    let done = in_parallel(options.threads, &plan, |(_, id, law, scene, seed)| {
+        let verdict = one(scene, *seed, *seed == 1)?;
+        rows.add(id, *law, *seed, &verdict)?;
+        Ok(verdict)
+    })?;
+    let (ran, planned) = (done.iter().flatten().count(), plan.len());
+    let mut verdicts = done.into_iter();
     let all: Vec<Runs> = found
         .into_iter()
         .map(|(experiment, path, scene)| Runs {
@@ -161,14 +171,49 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
                 .collect(),
         })
         .collect();
-    let (html, markdown) = page::write(&options.out, &all, &laws, &repeat(options))?;
-    out::line(format_args!("{}\n{}", html.display(), markdown.display()))?;
-    let faulty = all.iter().flat_map(|runs| &runs.verdicts).flatten();
-    let bad = faulty.filter(|verdict| !verdict.figures.faults.is_empty()).count();
-    if bad > 0 {
-        out::warn(format_args!("{bad} runs ended with a fault; see the tables"));
+    let mut lacks = Vec::new();
+    if ran < planned {
+        lacks.push(format!("interrupted: {ran} of {planned} runs were done"));
     }
-    Ok(if bad == 0 { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    if !missing.is_empty() {
+        let folder = options.scenes.display();
+        lacks.push(format!("not run: {}: no scene in {folder}", missing.join(", ")));
+    }
+    let about = page::About { laws: &laws, command: &repeat(options), lacks: &lacks };
+    let (html, markdown) = page::write(&options.out, &all, &about)?;
+    out::line(format_args!("{}\n{}", html.display(), markdown.display()))?;
+    let verdicts = all.iter().flat_map(|runs| &runs.verdicts).flatten().flatten();
+    let bad = verdicts.filter(|verdict| !verdict.figures.faults.is_empty()).count();
+    if bad > 0 {
+        lacks.push(format!("{bad} runs ended with a fault; see the tables"));
+    }
+    lacks.iter().for_each(|lack| out::warn(lack));
+    Ok(if lacks.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// The table of all runs, a row as soon as a run is done: an interruption loses none of them.
+struct Rows(File);
+
+impl Rows {
+    fn create(path: &Path) -> anyhow::Result<Rows> {
+        let shown = path.display();
+        let mut file = File::create(path).with_context(|| format!("cannot write {shown}"))?;
+        let names = MEASURES.map(|measure| format!("\"{}\"", measure.what)).join(",");
+        file.write_all(format!("experiment,law,seed,{names}\n").as_bytes())
+            .with_context(|| format!("cannot write {shown}"))?;
+        Ok(Rows(file))
+    }
+
+    /// One call of the kernel a row, so that rows of several threads do not mix.
+    fn add(&self, id: &str, law: Name, seed: u64, verdict: &Verdict) -> anyhow::Result<()> {
+        let mut row = format!("{id},{},{seed}", law.text());
+        for measure in &MEASURES {
+            let value = (measure.of)(verdict).map_or(String::new(), |value| value.to_string());
+            row += &format!(",{value}");
+        }
+        row.push('\n');
+        (&self.0).write_all(row.as_bytes()).context("cannot write runs.csv")
+    }
 }
 
 /// The command that makes the same page.
@@ -210,11 +255,15 @@ pub fn with_law(scene: &Scene, law: Name) -> Scene {
     scene
 }
 
-/// The scene of each experiment: the first by name whose title begins with its id.
-fn scenes(
-    folder: &Path,
-    only: &[String],
-) -> anyhow::Result<Vec<(&'static Experiment, PathBuf, Scene)>> {
+/// An experiment with its scene.
+type Found = (&'static Experiment, PathBuf, Scene);
+
+/// The scene of each experiment: the first by name whose title begins with its id; and which
+/// experiments have none.
+///
+/// # Errors
+/// An experiment that `only` names and that has no scene; a folder without any.
+fn scenes(folder: &Path, only: &[String]) -> anyhow::Result<(Vec<Found>, Vec<&'static str>)> {
     for id in only {
         if !EXPERIMENTS.iter().any(|e| e.id.eq_ignore_ascii_case(id)) {
             let text = format!("--only {id}: no such experiment; there are E1 to E9");
@@ -233,19 +282,23 @@ fn scenes(
         .map(|path| Scene::load(&path).map(|scene| (path, scene)))
         .collect::<Result<_, _>>()?;
     let wanted = |id: &str| only.is_empty() || only.iter().any(|o| o.eq_ignore_ascii_case(id));
-    let mut out = Vec::new();
+    let (mut out, mut missing) = (Vec::new(), Vec::new());
     for experiment in EXPERIMENTS.iter().filter(|experiment| wanted(experiment.id)) {
         let head = format!("{}:", experiment.id);
         match loaded.iter().find(|(_, scene)| scene.title.starts_with(&head)) {
             Some((path, scene)) => out.push((experiment, path.clone(), scene.clone())),
-            None => out::warn(format_args!("{}: no scene in {}", experiment.id, folder.display())),
+            None => missing.push(experiment.id),
         }
+    }
+    if !only.is_empty() && !missing.is_empty() {
+        let text = format!("--only {}: no scene in {}", missing.join(","), folder.display());
+        return Err(BadOption(text).into());
     }
     if out.is_empty() {
         let text = format!("--scenes {}: no scene of chapter 6", folder.display());
         return Err(BadOption(text).into());
     }
-    Ok(out)
+    Ok((out, missing))
 }
 
 /// One run in virtual time; with samples for drawing when `traced`.
@@ -262,12 +315,16 @@ pub fn one(scene: &Scene, seed: u64, traced: bool) -> anyhow::Result<Verdict> {
     Ok(judge.verdict())
 }
 
-/// Works a plan off on several threads; answers are in the order of the plan, whoever was first.
+/// Works a plan off on several threads; answers are in the order of the plan, whoever was first,
+/// and absent where Ctrl-C came before.
+///
+/// # Errors
+/// A part that failed.
 pub(crate) fn in_parallel<P: Sync, T: Send>(
     threads: Option<NonZeroUsize>,
     plan: &[P],
     work: impl Fn(&P) -> anyhow::Result<T> + Sync,
-) -> anyhow::Result<Vec<T>> {
+) -> anyhow::Result<Vec<Option<T>>> {
     let stop = signals::watch(Second::Kills)?;
     let threads = threads.map_or_else(
         || std::thread::available_parallelism().map_or(1, NonZeroUsize::get),
@@ -283,7 +340,7 @@ pub(crate) fn in_parallel<P: Sync, T: Send>(
         }
         done
     };
-    let mut done: Vec<(usize, anyhow::Result<T>)> = std::thread::scope(|scope| {
+    let done: Vec<(usize, anyhow::Result<T>)> = std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads.min(plan.len())).map(|_| scope.spawn(worker)).collect();
         let ended = workers.into_iter().map(|worker| match worker.join() {
             Ok(done) => done,
@@ -291,10 +348,9 @@ pub(crate) fn in_parallel<P: Sync, T: Send>(
         });
         ended.flatten().collect()
     });
-    done.sort_by_key(|(index, _)| *index);
-    anyhow::ensure!(done.len() == plan.len(), "interrupted after {} runs", done.len());
-    done.into_iter()
-        .map(|(_, answer)| answer)
-        .collect::<anyhow::Result<_>>()
-        .context("a run failed")
+    let mut answers: Vec<Option<T>> = plan.iter().map(|_| None).collect();
+    for (index, answer) in done {
+        answers[index] = Some(answer.context("a run failed")?);
+    }
+    Ok(answers)
 }

@@ -17,19 +17,28 @@ use crate::report::STYLE;
 /// Height of a panel, px.
 const PANEL: f64 = 110.0;
 
+/// What the page says besides its runs.
+pub(super) struct About<'a> {
+    /// The laws, in the order of the verdicts.
+    pub(super) laws: &'a [Name],
+    /// The command that makes the same page.
+    pub(super) command: &'a str,
+    /// What was asked for and is not there.
+    pub(super) lacks: &'a [String],
+}
+
 /// Writes both files; returns where they are.
 pub(super) fn write(
     folder: &Path,
     all: &[Runs],
-    laws: &[Name],
-    command: &str,
+    about: &About<'_>,
 ) -> anyhow::Result<(PathBuf, PathBuf)> {
     let (html, markdown) = (folder.join("report.html"), folder.join("report.md"));
     let write = |path: &Path, text: String| {
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
     };
-    write(&html, page(all, laws, command))?;
-    write(&markdown, text(all, laws, command))?;
+    write(&html, page(all, about))?;
+    write(&markdown, text(all, about))?;
     Ok((html, markdown))
 }
 
@@ -44,12 +53,12 @@ fn spread(values: &[f64]) -> Option<(f64, f64)> {
     Some((mean, (square / (n - 1.0).max(1.0)).sqrt()))
 }
 
-fn values(runs: &[Verdict], measure: &Measure) -> Vec<f64> {
-    runs.iter().filter_map(measure.of).collect()
+fn values(runs: &[Option<Verdict>], measure: &Measure) -> Vec<f64> {
+    runs.iter().flatten().filter_map(measure.of).collect()
 }
 
 /// Mean and spread in words; how many runs had no such number.
-fn cell(runs: &[Verdict], measure: &Measure) -> String {
+fn cell(runs: &[Option<Verdict>], measure: &Measure) -> String {
     let found = values(runs, measure);
     let Some((mean, deviation)) = spread(&found) else { return "\u{2013}".to_owned() };
     let mut text = plain(mean);
@@ -63,9 +72,9 @@ fn cell(runs: &[Verdict], measure: &Measure) -> String {
 }
 
 /// Ratio to the first law on the same seed: least and most.
-fn ratio(first: &[Verdict], other: &[Verdict], measure: &Measure) -> String {
+fn ratio(first: &[Option<Verdict>], other: &[Option<Verdict>], measure: &Measure) -> String {
     let pairs = first.iter().zip(other).filter_map(|(a, b)| {
-        let (a, b) = ((measure.of)(a)?, (measure.of)(b)?);
+        let (a, b) = ((measure.of)(a.as_ref()?)?, (measure.of)(b.as_ref()?)?);
         (a.abs() > 1e-9).then_some(b / a)
     });
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -99,8 +108,9 @@ fn head(laws: &[Name]) -> Vec<String> {
     head
 }
 
-fn text(all: &[Runs], laws: &[Name], command: &str) -> String {
+fn text(all: &[Runs], &About { laws, command, lacks }: &About<'_>) -> String {
     let mut out = format!("# Chapter 6, law by law\n\n`{command}`\n");
+    lacks.iter().for_each(|lack| out += &format!("\n**{lack}**\n"));
     for runs in all {
         let about = runs.experiment;
         out += &format!(
@@ -134,7 +144,7 @@ fn table(runs: &Runs, laws: &[Name]) -> String {
 fn panel(runs: &Runs, laws: &[Name], shown: &Shown) -> Option<Panel> {
     let column = TRACED.iter().position(|name| *name == shown.column)?;
     let lines = laws.iter().zip(&runs.verdicts).enumerate().filter_map(|(colour, (law, all))| {
-        let trace = &all.first()?.trace;
+        let trace = &all.first()?.as_ref()?.trace;
         let values = trace.columns[column].clone();
         let label = law.text().to_owned();
         Some(Line { label, t_s: trace.t_s.clone(), values, colour, dashed: false })
@@ -146,7 +156,7 @@ fn panel(runs: &Runs, laws: &[Name], shown: &Shown) -> Option<Panel> {
     })
 }
 
-fn page(all: &[Runs], laws: &[Name], command: &str) -> String {
+fn page(all: &[Runs], &About { laws, command, lacks }: &About<'_>) -> String {
     let mut out = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <title>Chapter 6, law by law</title>\n<style>\n{STYLE}{LIGHT}\n\
@@ -154,9 +164,10 @@ fn page(all: &[Runs], laws: &[Name], command: &str) -> String {
          <h1>Chapter 6, law by law</h1>\n<p class=\"lead\"><code>{}</code></p>\n\
          <p>Lines: the run with seed 1. Shaded: what the thesis prints. Tables: mean and standard \
          deviation over the seeds; ratios are taken seed by seed, least to most. Errors are judged \
-         by the simulator's truth from one second after the force has settled.</p>\n",
+         by the simulator's truth from one second after the finger first presses.</p>\n",
         escape(command)
     );
+    lacks.iter().for_each(|lack| out += &format!("<p><b>{}</b></p>\n", escape(lack)));
     for runs in all {
         let about = runs.experiment;
         out += &format!(

@@ -1,0 +1,74 @@
+//! `taktil experiment`: what is missing is said and costs the exit code, what was done before
+//! Ctrl-C is kept. Refuses to look at figures: those are judged elsewhere.
+
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+
+use crate::process::{Folder, Running, TAKTIL, scenes, taktil};
+
+/// A folder `scenes` in which only E1 is to be found, a tenth of a second long.
+fn only_e1() -> Folder {
+    let folder = Folder::new();
+    let text = std::fs::read_to_string(scenes().join("roll-pin.toml")).unwrap();
+    let machine = scenes().join("machine/puma260.toml");
+    let text = text
+        .replace("machine/puma260.toml", machine.to_str().unwrap())
+        .replace("duration_s = 10.0", "duration_s = 0.1");
+    std::fs::create_dir(folder.join("scenes")).unwrap();
+    folder.write("scenes/roll-pin.toml", text);
+    folder
+}
+
+#[test]
+fn experiments_without_a_scene_are_named_and_cost_the_exit_code() {
+    let folder = only_e1();
+    let arguments = ["experiment", "chapter6", "--scenes", "scenes", "--seeds", "2"];
+    let said = taktil(folder.path(), &arguments).ended(1);
+    let lack = "not run: E2, E3, E4, E5, E6, E7, E8, E9: no scene in scenes";
+    assert!(said.err.contains(lack), "{}", said.err);
+    for report in ["chapter6/report.md", "chapter6/report.html"] {
+        assert!(std::fs::read_to_string(folder.join(report)).unwrap().contains(lack), "{report}");
+    }
+    let rows = std::fs::read_to_string(folder.join("chapter6/runs.csv")).unwrap();
+    let mut runs: Vec<&str> = rows.lines().skip(1).map(|row| &row[..row.len().min(12)]).collect();
+    runs.sort_unstable();
+    assert_eq!(runs.len(), 4, "two laws, two seeds:\n{rows}");
+    assert!(runs[0].starts_with("E1,model,1,") && runs[3].starts_with("E1,thesis,2,"), "{runs:?}");
+    let columns = rows.lines().map(|row| row.split(',').count());
+    assert!(columns.clone().min() == columns.max(), "{rows}");
+
+    let named = [&arguments[..], &["--only", "e1"]].concat();
+    taktil(folder.path(), &named).ended(0);
+    let absent = [&arguments[..], &["--only", "E1,E3"]].concat();
+    let said = taktil(folder.path(), &absent).ended(2);
+    assert!(said.err.contains("--only E3: no scene in scenes"), "{}", said.err);
+}
+
+#[test]
+fn what_was_done_before_an_interruption_is_reported() {
+    let folder = only_e1();
+    let mut command = Command::new(TAKTIL);
+    command.args(["experiment", "chapter6", "--scenes", "scenes", "--seeds", "1000", "--only"]);
+    command.args(["E1", "--law", "thesis", "--threads", "1"]).current_dir(folder.path());
+    let child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut running = Running(child);
+    let rows = || {
+        let table = std::fs::read_to_string(folder.join("chapter6/runs.csv"));
+        table.map_or(0, |text| text.lines().count().saturating_sub(1))
+    };
+    for _ in 0..3_000 {
+        if rows() >= 2 {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let id = i32::try_from(running.0.id()).unwrap();
+    kill(Pid::from_raw(id), Signal::SIGINT).unwrap();
+    assert_eq!(running.wait().code(), Some(1));
+    let report = std::fs::read_to_string(folder.join("chapter6/report.md")).unwrap();
+    let told = format!("interrupted: {} of 1000 runs were done", rows());
+    assert!(report.contains(&told) && rows() >= 2, "{told}\n{report}");
+}
