@@ -3,7 +3,9 @@
 
 mod arm;
 mod calc;
+mod experiment;
 mod hang;
+mod identify;
 mod interrupt;
 mod options;
 mod outputs;

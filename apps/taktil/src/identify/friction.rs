@@ -8,7 +8,6 @@
 //! the run after the other (jackknife over blocks), because neighbouring windows are not
 //! independent.
 
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
@@ -28,22 +27,6 @@ const SLOWEST_RAD_S: f64 = 0.03;
 const BLOCKS: usize = 20;
 /// Fewer windows than this fix no line.
 const FEWEST: usize = 40;
-
-/// What can be identified.
-#[derive(Clone, Debug, clap::Subcommand)]
-pub enum Identify {
-    /// Coulomb and viscous friction of each joint, with uncertainties, beside the model's.
-    ///
-    /// Every joint has to have moved both ways at several speeds, in the air: see
-    /// sim/scenes/friction.toml. Exit code 0: all six joints; 1: a joint moved too little.
-    Friction {
-        /// Log file (MCAP) of `taktil run --log` or `taktild --log`
-        log: PathBuf,
-        /// One JSON object instead of the table
-        #[arg(long)]
-        json: bool,
-    },
-}
 
 /// One joint's friction, two standard deviations each.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -219,16 +202,11 @@ impl Rows {
 ///
 /// # Errors
 /// [`BadOption`] for a log that cannot be used.
-pub fn run(what: &Identify) -> anyhow::Result<ExitCode> {
-    let Identify::Friction { log, json } = what;
-    let log = Log::open(log).map_err(|error| BadOption(format!("{error:#}")))?;
-    if let Some(damage) = log.damage() {
-        out::warn(format_args!("note: the log is {damage}"));
-    }
-    let windows = Rows::of(&log)?.windows();
+pub fn run(log: &Log, json: bool) -> anyhow::Result<ExitCode> {
+    let windows = Rows::of(log)?.windows();
     let fits: Vec<Option<Fit>> = windows.iter().map(|windows| fit(windows)).collect();
     let model = Friction::reference();
-    if *json {
+    if json {
         out::line(as_json(&fits, &model))?;
     } else {
         out::text(table(&fits, &model))?;

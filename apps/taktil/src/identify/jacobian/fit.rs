@@ -1,0 +1,227 @@
+//! The feature Jacobian by least squares through rests, what it tells apart, and which motions
+//! and features make a task of it. Refuses test motions that were not made one by one: what was
+//! always moved together cannot be taken apart afterwards.
+//!
+//! ```text
+//! F(rest) = F_0 + drift t + J X(rest)      each feature by itself, rests weighted alike
+//! B = J / deviation of each entry          singular values: how surely a combination is seen
+//! ```
+//! Motions and features of the task are found by pivoted orthogonalisation (Businger and Golub
+//! 1965): always the motion that the features not yet used up show best, then the features that
+//! show these motions best.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::rests::{FEATURES, MOTIONS, Rest};
+
+/// Rests beyond the unknowns, at least.
+const SPARE: usize = 4;
+/// A motion whose test motions were smaller than this was not made (mm, mrad; rms).
+const STOOD: f64 = 1e-3;
+/// Largest condition number of the test motions, each scaled to its own size.
+const TOGETHER_MAX: f64 = 20.0;
+/// A motion is seen when, beside the other motions of the task, it shows by this many standard
+/// deviations of the fit.
+const SEEN: f64 = 3.0;
+
+/// A number with two standard deviations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The number.
+    pub value: f64,
+    /// Two standard deviations.
+    pub error: f64,
+}
+
+/// What came of one feature.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Which: index into the features.
+    pub feature: usize,
+    /// Its change with each motion that was made.
+    pub entries: Vec<Estimate>,
+    /// Its change with time alone (per s).
+    pub drift: Estimate,
+    /// Standard deviation in one image.
+    pub noise: f64,
+    /// Rms of what the line leaves of the rests' means.
+    pub left: f64,
+    /// Mean at the rests.
+    pub mean: f64,
+}
+
+/// What came of a log.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    /// The motions that were made, and their rms.
+    pub moved: Vec<(usize, f64)>,
+    /// Condition number of the test motions.
+    pub together: f64,
+    /// The features that every rest defines.
+    pub rows: Vec<Row>,
+    /// Singular values of B, largest first.
+    pub signals: Vec<f64>,
+}
+
+/// A square task: motions and as many features, as indices into `moved` and `rows`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Task {
+    /// Columns of the Jacobian.
+    pub motions: Vec<usize>,
+    /// Rows of it.
+    pub features: Vec<usize>,
+}
+
+/// Fits.
+///
+/// # Errors
+/// A sentence: too few rests, motions that were made together.
+pub fn fit(rests: &[Rest]) -> Result<Found, String> {
+    let n = rests.len() as f64;
+    let mean = |j: usize| rests.iter().map(|rest| rest.motion[j]).sum::<f64>() / n.max(1.0);
+    let size = |j: usize| {
+        let off = rests.iter().map(|rest| rest.motion[j] - mean(j));
+        (off.map(|off| off * off).sum::<f64>() / n.max(1.0)).sqrt()
+    };
+    let moved: Vec<(usize, f64)> =
+        (0..MOTIONS).map(|j| (j, size(j))).filter(|(_, size)| *size > STOOD).collect();
+    let unknowns = 2 + moved.len();
+    if moved.is_empty() || rests.len() < unknowns + SPARE {
+        let (got, moved) = (rests.len(), moved.len());
+        return Err(format!(
+            "{got} rests in contact with {moved} motions between them; stand at least {} times, \
+             some tenths of a second each",
+            unknowns + SPARE
+        ));
+    }
+    let middle_s = rests.iter().map(|rest| rest.at_s).sum::<f64>() / n;
+    let design = DMatrix::from_fn(rests.len(), unknowns, |i, j| match j {
+        0 => 1.0,
+        1 => rests[i].at_s - middle_s,
+        _ => rests[i].motion[moved[j - 2].0] - mean(moved[j - 2].0),
+    });
+    let tested = design.columns(2, moved.len()).into_owned();
+    let together = condition(&scaled(&tested));
+    if together > TOGETHER_MAX {
+        return Err(format!(
+            "the test motions were made together (condition number {together:.0}); make them one \
+             by one, both ways"
+        ));
+    }
+    let normal = (design.transpose() * &design).try_inverse();
+    let normal = normal.ok_or("the rests do not fix a line")?;
+    let rows = (0..FEATURES).filter_map(|f| row(rests, f, &design, &normal)).collect();
+    let mut found = Found { moved, together, rows, signals: Vec::new() };
+    let mut signals: Vec<f64> = found.signal().singular_values().iter().copied().collect();
+    signals.sort_by(|a, b| b.total_cmp(a));
+    found.signals = signals;
+    Ok(found)
+}
+
+/// One feature's line; none when a rest does not define it.
+fn row(
+    rests: &[Rest],
+    feature: usize,
+    design: &DMatrix<f64>,
+    normal: &DMatrix<f64>,
+) -> Option<Row> {
+    let values: Vec<f64> = rests.iter().map(|rest| rest.mean[feature]).collect::<Option<_>>()?;
+    let values = DVector::from_vec(values);
+    let best = normal * design.transpose() * &values;
+    let left = (&values - design * &best).norm_squared();
+    let n = rests.len() as f64;
+    let images: f64 = rests.iter().map(|rest| rest.images as f64).sum();
+    let variance =
+        rests.iter().map(|r| r.variance[feature] * r.images as f64).sum::<f64>() / images;
+    // What the line leaves, and no less than the images' noise makes of it.
+    let spread = (left / (n - best.len() as f64)).max(variance * n / images);
+    let of = |j: usize| Estimate { value: best[j], error: 2.0 * (spread * normal[(j, j)]).sqrt() };
+    Some(Row {
+        feature,
+        entries: (2..best.len()).map(of).collect(),
+        drift: of(1),
+        noise: variance.sqrt(),
+        left: (left / n).sqrt(),
+        mean: best[0],
+    })
+}
+
+/// Columns scaled to length 1.
+fn scaled(matrix: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut out = matrix.clone();
+    for mut column in out.column_iter_mut() {
+        let norm = column.norm();
+        column.unscale_mut(norm.max(f64::MIN_POSITIVE));
+    }
+    out
+}
+
+/// Largest over smallest singular value.
+fn condition(matrix: &DMatrix<f64>) -> f64 {
+    let values = matrix.singular_values();
+    let (low, high) = (values.min(), values.max());
+    if low > 0.0 { high / low } else { f64::INFINITY }
+}
+
+/// What is left of each column once the picked ones are taken out; the best comes next.
+fn pivoted(matrix: &DMatrix<f64>, least: f64, most: usize) -> Vec<usize> {
+    let (mut rest, mut picked) = (matrix.clone(), Vec::new());
+    while picked.len() < most.min(matrix.nrows()) {
+        let norms = (0..rest.ncols()).map(|j| (j, rest.column(j).norm()));
+        let Some((best, norm)) = norms.max_by(|a, b| a.1.total_cmp(&b.1)) else { break };
+        if norm.is_nan() || norm < least {
+            break;
+        }
+        let axis = rest.column(best) / norm;
+        for mut column in rest.column_iter_mut() {
+            let part = column.dot(&axis);
+            column.axpy(-part, &axis, 1.0);
+        }
+        picked.push(best);
+    }
+    picked
+}
+
+impl Found {
+    /// B: every entry over its standard deviation.
+    #[must_use]
+    pub fn signal(&self) -> DMatrix<f64> {
+        DMatrix::from_fn(self.rows.len(), self.moved.len(), |i, j| {
+            let entry = &self.rows[i].entries[j];
+            entry.value / (0.5 * entry.error).max(f64::MIN_POSITIVE)
+        })
+    }
+
+    /// The motions that the features tell apart, out of those that are allowed, and as many
+    /// features that show them.
+    #[must_use]
+    pub fn task(&self, motions: &[usize], features: &[usize]) -> Task {
+        let allowed = |all: &[usize], one: usize| all.is_empty() || all.contains(&one);
+        let rows: Vec<usize> =
+            (0..self.rows.len()).filter(|i| allowed(features, self.rows[*i].feature)).collect();
+        let columns: Vec<usize> =
+            (0..self.moved.len()).filter(|j| allowed(motions, self.moved[*j].0)).collect();
+        let signal = self.signal().select_rows(&rows).select_columns(&columns);
+        let picked = pivoted(&signal, SEEN, columns.len());
+        let shown = signal.select_columns(&picked).transpose();
+        let shown = pivoted(&shown, f64::MIN_POSITIVE, picked.len());
+        let mut task = Task {
+            motions: picked.into_iter().map(|j| columns[j]).collect(),
+            features: shown.into_iter().map(|i| rows[i]).collect(),
+        };
+        task.motions.sort_unstable();
+        task.features.sort_unstable();
+        task
+    }
+
+    /// One standard deviation of each motion of a task from one image (mm, mrad).
+    #[must_use]
+    pub fn resolution(&self, task: &Task) -> Option<Vec<f64>> {
+        let noise = |i: usize| self.rows[i].noise;
+        let jacobian = DMatrix::from_fn(task.features.len(), task.motions.len(), |i, j| {
+            self.rows[task.features[i]].entries[task.motions[j]].value / noise(task.features[i])
+        });
+        let back = jacobian.try_inverse()?;
+        Some((0..task.motions.len()).map(|j| back.row(j).norm()).collect())
+    }
+}

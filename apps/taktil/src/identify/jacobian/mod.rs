@@ -1,0 +1,283 @@
+//! `taktil identify jacobian`: how the features of an image change with small motions of the
+//! sensor, from a log in which it made them in contact. Refuses to hide what cannot be told:
+//! uncertainties, singular values and the condition number stand beside the numbers.
+//!
+//! Motions are those of the arm as its encoders tell them, save the one along z: there the contact
+//! holds the arm, and what makes the force is how far the servo's spring was wound up. Asked so,
+//! all are those that were commanded; then what the joints' friction swallows is in the answer.
+
+pub mod fit;
+pub mod rests;
+#[cfg(test)]
+mod tests;
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use serde_json::{Value, json};
+use taktil_tasks_tactile_servo::law::task_frame::{Feature, Motion, Servoed, TaskFrame};
+use taktild::out;
+
+use crate::log::Log;
+use crate::run::BadOption;
+use fit::{Found, Task, fit};
+use rests::{Reading, rests};
+
+/// Motions by their names, with their units.
+const MOTIONS: [(&str, Motion, &str); 6] = [
+    ("x", Motion::X, "mm"),
+    ("y", Motion::Y, "mm"),
+    ("z", Motion::Z, "mm"),
+    ("theta_x", Motion::ThetaX, "mrad"),
+    ("theta_y", Motion::ThetaY, "mrad"),
+    ("theta_z", Motion::ThetaZ, "mrad"),
+];
+/// Features by their names, with their units.
+const FEATURES: [(&str, Feature, &str); 5] = [
+    ("m0", Feature::M0, "counts"),
+    ("x_c", Feature::XC, "columns"),
+    ("y_c", Feature::YC, "rows"),
+    ("m_x", Feature::MX, "counts x rows"),
+    ("theta_z", Feature::ThetaZ, "mrad"),
+];
+/// Gains of the task that is printed: careful ones, for a loop at 200 Hz.
+const GAINS: (f64, f64) = (4.0, 4.0);
+
+/// Options of `taktil identify jacobian`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Options {
+    /// Log file (MCAP) of a run with small test motions in contact
+    pub(super) log: PathBuf,
+    /// Only these motions, such as z,theta_x,theta_y
+    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    state: Vec<String>,
+    /// Only these features, such as m0,x_c,y_c
+    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    features: Vec<String>,
+    /// Tactels below this count 0; three standard deviations of the noise when absent
+    #[arg(long, value_name = "COUNTS")]
+    threshold: Option<f64>,
+    /// Contact is a sum above this
+    #[arg(long, value_name = "COUNTS", default_value_t = 1000.0)]
+    contact: f64,
+    /// Left out at the beginning of each rest
+    #[arg(long, value_name = "S", default_value_t = 0.15)]
+    settle: f64,
+    /// Take the commanded motions instead of the measured ones, not only along z
+    #[arg(long)]
+    commanded: bool,
+    /// One JSON object instead of the table
+    #[arg(long)]
+    json: bool,
+}
+
+/// Indices of names.
+fn named(option: &str, names: &[String], known: &[&str]) -> Result<Vec<usize>, BadOption> {
+    let one = |name: &String| {
+        known
+            .iter()
+            .position(|k| k == name)
+            .ok_or_else(|| BadOption(format!("{option} {name}: there are {}", known.join(", "))))
+    };
+    names.iter().map(one).collect()
+}
+
+impl Options {
+    fn reading(&self) -> Result<Reading, BadOption> {
+        let threshold = self.threshold.unwrap_or(0.0);
+        for (option, value, most) in [
+            ("--threshold", threshold, 65_535.0),
+            ("--contact", self.contact, 4.2e6),
+            ("--settle", self.settle, 60.0),
+        ] {
+            if !(0.0..=most).contains(&value) {
+                return Err(BadOption(format!("{option} {value}: give 0 to {most}")));
+            }
+        }
+        Ok(Reading {
+            threshold_counts: self.threshold,
+            contact_counts: self.contact,
+            settle_s: self.settle,
+            commanded: self.commanded,
+        })
+    }
+}
+
+/// Reads, fits and prints.
+///
+/// # Errors
+/// [`BadOption`] for options and logs that cannot be used.
+pub fn run(log: &Log, options: &Options) -> anyhow::Result<ExitCode> {
+    let motions = named("--state", &options.state, &MOTIONS.map(|m| m.0))?;
+    let features = named("--features", &options.features, &FEATURES.map(|f| f.0))?;
+    let rests = rests(log, &options.reading()?)?;
+    let found = fit(&rests).map_err(BadOption)?;
+    let task = found.task(&motions, &features);
+    let frame = task_frame(&found, &task);
+    if options.json {
+        out::line(as_json(&found, &task, frame.as_ref()))?;
+    } else {
+        let images: usize = rests.iter().map(|rest| rest.images).sum();
+        out::line(format_args!("{} rests in contact, {images} images", rests.len()))?;
+        out::text(table(&found) + &advice(&found, &task, frame.as_ref()))?;
+    }
+    Ok(if frame.is_some() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// The task as a law would be told, and the condition number of its Jacobian as the law sees it.
+fn task_frame(found: &Found, task: &Task) -> Option<(TaskFrame, f64)> {
+    let servoed = |row: &usize| {
+        let row = &found.rows[*row];
+        Servoed {
+            name: FEATURES[row.feature].1,
+            desired: None,
+            jacobian: task.motions.iter().map(|j| row.entries[*j].value).collect(),
+            kp_per_s: GAINS.0,
+            ki_per_s2: GAINS.1,
+        }
+    };
+    let frame = TaskFrame {
+        state: task.motions.iter().map(|j| MOTIONS[found.moved[*j].0].1).collect(),
+        feed_per_s: [0.0; 6],
+        feature: task.features.iter().map(servoed).collect(),
+    };
+    let condition = frame.check().and_then(|()| frame.inverse()).ok()?.1;
+    (!task.motions.is_empty()).then_some((frame, condition))
+}
+
+/// Four digits, never an exponent where none is needed.
+fn short(value: f64) -> String {
+    let size = value.abs();
+    if size >= 1000.0 || size == 0.0 {
+        format!("{value:.0}")
+    } else if size >= 1e-3 {
+        let places = (3.0 - libm::floor(libm::log10(size))).clamp(0.0, 6.0) as usize;
+        format!("{value:.places$}")
+    } else {
+        format!("{value:.1e}")
+    }
+}
+
+/// The Jacobian with what is known of it.
+fn table(found: &Found) -> String {
+    let mut text = String::from("test motions, rms:");
+    for (motion, size) in &found.moved {
+        let (name, _, unit) = MOTIONS[*motion];
+        let _ = write!(text, " {name} {} {unit},", short(*size));
+    }
+    let _ = writeln!(text, " condition number {}", short(found.together));
+    text += "\nchange of a feature with each motion, +- two standard deviations\n";
+    let _ = write!(text, "{:<24}", "");
+    for (motion, _) in &found.moved {
+        let (name, _, unit) = MOTIONS[*motion];
+        let _ = write!(text, "{:>22}", format!("{name}, per {unit}"));
+    }
+    text += "   noise of an image   line leaves\n";
+    for row in &found.rows {
+        let (name, _, unit) = FEATURES[row.feature];
+        let _ = write!(text, "{:<24}", format!("{name} ({unit})"));
+        for entry in &row.entries {
+            let cell = format!("{} +- {}", short(entry.value), short(entry.error));
+            let _ = write!(text, "{cell:>22}");
+        }
+        let _ = writeln!(text, "{:>20}{:>14}", short(row.noise), short(row.left));
+    }
+    for (index, (name, ..)) in FEATURES.iter().enumerate() {
+        if !found.rows.iter().any(|row| row.feature == index) {
+            let _ = writeln!(text, "{name}: not defined at every rest");
+        }
+    }
+    let signals: Vec<String> = found.signals.iter().map(|signal| short(*signal)).collect();
+    let _ = writeln!(
+        text,
+        "\nobservability: singular values {} (standard deviations of this fit; seen from 3 on)",
+        signals.join(", ")
+    );
+    text
+}
+
+/// What the features tell apart, and the task that follows.
+fn advice(found: &Found, task: &Task, frame: Option<&(TaskFrame, f64)>) -> String {
+    let mut text = String::new();
+    let blind: Vec<&str> = (0..found.moved.len())
+        .filter(|j| !task.motions.contains(j))
+        .map(|j| MOTIONS[found.moved[j].0].0)
+        .collect();
+    if !blind.is_empty() {
+        let _ = writeln!(
+            text,
+            "not in the task: {}: not asked for, or not told from the others",
+            blind.join(", ")
+        );
+    }
+    let Some((_, condition)) = frame else {
+        text += "no task: no motion that was asked for is seen\n";
+        return text;
+    };
+    let _ = writeln!(text, "condition number {} (rows and columns scaled)", short(*condition));
+    if let Some(steps) = found.resolution(task) {
+        let told = task.motions.iter().zip(steps).map(|(j, step)| {
+            let (name, _, unit) = MOTIONS[found.moved[*j].0];
+            format!("{name} to {} {unit}", short(step))
+        });
+        let told: Vec<String> = told.collect();
+        let _ = writeln!(text, "one image tells {} (one standard deviation)", told.join(", "));
+    }
+    let names: Vec<String> =
+        task.motions.iter().map(|j| format!("\"{}\"", MOTIONS[found.moved[*j].0].0)).collect();
+    let _ = writeln!(text, "\n[robot.tactile_servo.task_frame]\nstate = [{}]", names.join(", "));
+    for i in &task.features {
+        let row = &found.rows[*i];
+        let entries: Vec<String> =
+            task.motions.iter().map(|j| number(row.entries[*j].value)).collect();
+        let _ = writeln!(
+            text,
+            "\n[[robot.tactile_servo.task_frame.feature]]\nname = \"{}\"\njacobian = [{}]\n\
+             kp_per_s = {:.1}\nki_per_s2 = {:.1}",
+            FEATURES[row.feature].0,
+            entries.join(", "),
+            GAINS.0,
+            GAINS.1
+        );
+    }
+    text
+}
+
+/// A number as TOML takes it.
+fn number(value: f64) -> String {
+    let text = short(value);
+    if text.contains(['.', 'e']) { text } else { text + ".0" }
+}
+
+fn as_json(found: &Found, task: &Task, frame: Option<&(TaskFrame, f64)>) -> Value {
+    let motion = |j: &usize| MOTIONS[found.moved[*j].0].0;
+    let rows = found.rows.iter().map(|row| {
+        let entries = row.entries.iter().enumerate().map(|(j, entry)| {
+            json!({ "motion": motion(&j), "value": entry.value, "error": entry.error })
+        });
+        json!({
+            "feature": FEATURES[row.feature].0,
+            "unit": FEATURES[row.feature].2,
+            "jacobian": entries.collect::<Vec<_>>(),
+            "drift_per_s": row.drift.value,
+            "drift_error_per_s": row.drift.error,
+            "mean": row.mean,
+            "noise": row.noise,
+            "left": row.left,
+        })
+    });
+    json!({
+        "test_motions": found.moved.iter().map(|(j, rms)| {
+            json!({ "motion": MOTIONS[*j].0, "unit": MOTIONS[*j].2, "rms": rms })
+        }).collect::<Vec<_>>(),
+        "test_condition": found.together,
+        "features": rows.collect::<Vec<_>>(),
+        "singular_values": found.signals,
+        "state": task.motions.iter().map(motion).collect::<Vec<_>>(),
+        "task_features": task.features.iter().map(|i| FEATURES[found.rows[*i].feature].0)
+            .collect::<Vec<_>>(),
+        "condition": frame.map(|(_, condition)| condition),
+        "resolution": found.resolution(task),
+    })
+}

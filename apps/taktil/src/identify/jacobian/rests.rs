@@ -1,0 +1,185 @@
+//! Where the finger stood still in contact: its displacement, as measured or as commanded, and the
+//! features of its images. Refuses rests that are too short to average, and a contact that was
+//! lost between two of them.
+
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::{Pose, rotation_vector};
+use taktil_rtcore::Payload;
+use taktil_signal::TactileImage;
+use taktil_tasks_tactile_servo::perception::{Touch, touch};
+
+use crate::log::Log;
+use crate::run::BadOption;
+
+/// Motions of the sensor: along x, y, z (mm) and about them (mrad).
+pub const MOTIONS: usize = 6;
+/// Features: M0, x_c, y_c, M_x, theta_z.
+pub const FEATURES: usize = 5;
+/// Fewer images than this make no rest.
+const IMAGES_MIN: usize = 10;
+/// A joint that changes by less than this from job to job stands (rad).
+const STANDS_RAD: f64 = 1e-9;
+
+/// How images are read.
+#[derive(Clone, Copy, Debug)]
+pub struct Reading {
+    /// Tactels below this count 0; three standard deviations of the noise when absent.
+    pub threshold_counts: Option<f64>,
+    /// There is contact above this sum.
+    pub contact_counts: f64,
+    /// Left out at the beginning of a rest (s).
+    pub settle_s: f64,
+    /// Whether all motions are those that were commanded, not only the one along z.
+    pub commanded: bool,
+}
+
+/// One rest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rest {
+    /// Its middle (s).
+    pub at_s: f64,
+    /// Displacement from the first rest, in the sensor's frame there.
+    pub motion: [f64; MOTIONS],
+    /// Mean of each feature that every image of the rest defines.
+    pub mean: [Option<f64>; FEATURES],
+    /// Variance of each from image to image.
+    pub variance: [f64; FEATURES],
+    /// Images.
+    pub images: usize,
+}
+
+fn bad(what: String) -> BadOption {
+    BadOption(what)
+}
+
+/// The features in their order.
+fn numbers(touch: &Touch) -> [Option<f64>; FEATURES] {
+    [
+        touch.contact.then_some(touch.m0),
+        touch.x_c,
+        touch.y_c,
+        touch.contact.then_some(touch.m_x),
+        touch.theta_z_rad.map(|theta| 1e3 * theta),
+    ]
+}
+
+/// Joint angles over time.
+struct Angles {
+    t_s: Vec<f64>,
+    q_rad: Vec<Joints>,
+}
+
+impl Angles {
+    fn of(log: &Log, signal: &str) -> Result<Angles, BadOption> {
+        let series = log.series(signal).filter(|series| !series.is_empty());
+        let series = series.ok_or_else(|| bad(format!("the log has no `{signal}`")))?;
+        let q = series.column("q_rad").filter(|column| column.width == 6);
+        let q = q.ok_or_else(|| bad("only the PUMA 260 moves by touch".into()))?;
+        let q_rad = (0..series.len()).map(|row| Joints::from_row_slice(q.row(row))).collect();
+        Ok(Angles { t_s: series.t_s, q_rad })
+    }
+
+    /// Instants from and to which they stood (s).
+    fn standstills(&self) -> Vec<(f64, f64)> {
+        let (mut found, mut first) = (Vec::new(), 0);
+        for row in 1..=self.q_rad.len() {
+            let stands = |now: &Joints| (now - self.q_rad[row - 1]).amax() <= STANDS_RAD;
+            if !self.q_rad.get(row).is_some_and(stands) {
+                found.push((self.t_s[first], self.t_s[row - 1]));
+                first = row;
+            }
+        }
+        found
+    }
+
+    /// Their mean between two instants; none when nothing was said then.
+    fn mean(&self, from_s: f64, to_s: f64) -> Option<Joints> {
+        let begin = self.t_s.partition_point(|t| *t < from_s);
+        let end = self.t_s.partition_point(|t| *t <= to_s);
+        let part = self.q_rad.get(begin..end).filter(|part| !part.is_empty())?;
+        Some(part.iter().sum::<Joints>() / part.len() as f64)
+    }
+}
+
+/// Every image's instant (s) and what it says.
+fn touches(log: &Log, reading: &Reading) -> Result<Vec<(f64, Touch)>, BadOption> {
+    let channel = log.find("tactile_scan.image");
+    let channel = channel.ok_or_else(|| bad("the log has no `tactile_scan.image`".into()))?;
+    let mut found = Vec::new();
+    for message in log.messages().filter(|message| message.channel == channel) {
+        let image = message.body.get(..TactileImage::SIZE).and_then(TactileImage::decode);
+        let image = image.ok_or_else(|| bad("an image of the log cannot be read".into()))?;
+        let noise = f64::from(image.noise_counts);
+        let threshold = reading.threshold_counts.unwrap_or(3.0 * noise);
+        let seen = touch(&image, threshold, reading.contact_counts);
+        found.push((image.acquired_ns as f64 * 1e-9, seen));
+    }
+    Ok(found)
+}
+
+/// The displacement from one pose to another, in the axes of the first.
+fn displacement(from: &Pose, to: &Pose) -> [f64; MOTIONS] {
+    let way = from.rotation.transpose() * (to.translation - from.translation) * 1e3;
+    let turn = rotation_vector(&from.rotation, &to.rotation) * 1e3;
+    [way.x, way.y, way.z, turn.x, turn.y, turn.z]
+}
+
+/// Mean and variance of the features of some images.
+fn averaged(images: &[(f64, Touch)]) -> ([Option<f64>; FEATURES], [f64; FEATURES]) {
+    let (mut mean, mut variance) = ([None; FEATURES], [0.0; FEATURES]);
+    let n = images.len() as f64;
+    for feature in 0..FEATURES {
+        let values: Option<Vec<f64>> =
+            images.iter().map(|(_, touch)| numbers(touch)[feature]).collect();
+        let Some(values) = values else { continue };
+        let middle = values.iter().sum::<f64>() / n;
+        mean[feature] = Some(middle);
+        let square = values.iter().map(|v| (v - middle) * (v - middle)).sum::<f64>();
+        variance[feature] = square / (n - 1.0).max(1.0);
+    }
+    (mean, variance)
+}
+
+/// The rests of a log in contact.
+///
+/// # Errors
+/// [`BadOption`]: signals that are missing, contact that was lost between rests.
+pub fn rests(log: &Log, reading: &Reading) -> Result<Vec<Rest>, BadOption> {
+    let (commanded, images) = (Angles::of(log, "setpoint.desired")?, touches(log, reading)?);
+    let measured = Angles::of(log, "sense.joints")?;
+    let arm = Puma260::reference();
+    let (mut found, mut origin): (Vec<Rest>, Option<[Pose; 2]>) = (Vec::new(), None);
+    let (mut first_s, mut last_s) = (f64::INFINITY, f64::NEG_INFINITY);
+    for (from_s, to_s) in commanded.standstills() {
+        let begin = images.partition_point(|(t_s, _)| *t_s < from_s + reading.settle_s);
+        let end = images.partition_point(|(t_s, _)| *t_s <= to_s);
+        if end < begin + IMAGES_MIN || images[begin..end].iter().any(|(_, touch)| !touch.contact) {
+            continue;
+        }
+        let inside = &images[begin..end];
+        let mean = |angles: &Angles| angles.mean(from_s + reading.settle_s, to_s);
+        let Some((wanted, real)) = mean(&commanded).zip(mean(&measured)) else { continue };
+        (first_s, last_s) = (first_s.min(inside[0].0), to_s);
+        let poses = [wanted, real].map(|q| arm.tool_pose(&q));
+        let origins = origin.get_or_insert(poses);
+        let [wanted, real] = [0, 1].map(|i| displacement(&origins[i], &poses[i]));
+        let mut motion = if reading.commanded { wanted } else { real };
+        // Across the contact the arm hardly moves: there the servo is a spring that was wound up.
+        motion[2] = wanted[2];
+        let (mean, variance) = averaged(inside);
+        found.push(Rest {
+            at_s: 0.5 * (inside[0].0 + to_s),
+            motion,
+            mean,
+            variance,
+            images: inside.len(),
+        });
+    }
+    let between = |t_s: f64| t_s >= first_s && t_s <= last_s;
+    if let Some((t_s, _)) = images.iter().find(|(t, touch)| between(*t) && !touch.contact) {
+        let remedy = "make smaller motions, or press more";
+        return Err(bad(format!("contact was lost at {t_s:.2} s, between two rests; {remedy}")));
+    }
+    Ok(found)
+}
