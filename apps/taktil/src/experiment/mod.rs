@@ -187,7 +187,9 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
     if bad > 0 {
         lacks.push(format!("{bad} runs ended with a fault; see the tables"));
     }
-    lacks.iter().for_each(|lack| out::warn(lack));
+    for lack in &lacks {
+        out::warn(lack);
+    }
     Ok(if lacks.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
