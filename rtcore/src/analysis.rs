@@ -21,7 +21,10 @@ use taktil_hal::Nanos;
 use crate::schedule::{LONGEST_PERIOD, LaneSpec, Policy};
 use crate::task::Invalid;
 
+mod guards;
 mod phases;
+
+pub(crate) use guards::keep_borne;
 
 /// Most rounds of the fixed-point iteration; each round adds at least one job. What has not settled
 /// by then counts as beyond its bound.

@@ -48,7 +48,7 @@ pub use parameter::{Editor, Param, Transaction};
 pub use payload::Payload;
 pub use port::{Freshness, Input, Io, Output, Ports, Sample};
 pub use record::Recording;
-pub use release::{Guard, GuardFigures};
+pub use release::{Given, Guard, GuardFigures};
 pub use schedule::{LaneSpec, Late, Policy, Reservation};
 pub use state::{Fold, StateHash};
 pub use taktil_hal::Nanos;

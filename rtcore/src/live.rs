@@ -23,6 +23,7 @@ use crate::linux::{AwakeCpus, MonotonicClock, kernel, lock_memory, touch_stack, 
 use crate::machine::Machine;
 use crate::pulse::Pulse;
 use crate::record::{Drain, Observer};
+use crate::release::Given;
 use crate::silence;
 use beat::beat;
 use flags::{Roll, Slip, Start, Storms, Word};
@@ -362,6 +363,9 @@ fn lane_thread(
     answer: &Answer,
 ) {
     let granted = ask(&lane.spec, lane.reservation);
+    // At an ordinary priority spinning only takes time away from everybody else.
+    let fixed = granted.1.priority > 0;
+    lane.spec.guard = lane.spec.guard.filter(|guard| fixed || guard.given == Given::Always);
     touch_stack();
     silence::rehearse();
     let _ = answer.set(granted);

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use taktil_hal::Nanos;
 
-use crate::analysis::{Allowance, Analysis, Demand, analyse};
+use crate::analysis::{Allowance, Analysis, Demand, analyse, keep_borne};
 use crate::fault::FaultCode;
 use crate::flight::Recorder;
 use crate::lane::{Figures, Lane, Latch, Seat, TaskFigures};
@@ -337,7 +337,7 @@ impl Builder {
         Ok(Machine { lanes, drains, catalog, analysis, desk, edit_rings })
     }
 
-    fn check_schedule(&self) -> Result<(Analysis, Vec<Option<Reservation>>), Invalid> {
+    fn check_schedule(&mut self) -> Result<(Analysis, Vec<Option<Reservation>>), Invalid> {
         let (mut demands, mut reservations) = (Vec::new(), Vec::new());
         for Draft { spec, seats, .. } in &self.lanes {
             let outer = format!("lane.{}", spec.name);
@@ -346,10 +346,14 @@ impl Builder {
             if let Some(present) = &self.cpus {
                 spec.check_cpu(present).map_err(|invalid| invalid.within(&outer))?;
             }
-            let budget = spec.budget(tasks);
-            let reservation = spec.reservation(budget, self.allowance.overhead);
-            reservations.push(reservation.map_err(|invalid| invalid.within(&outer))?);
-            demands.push(Demand { spec: spec.clone(), budget });
+            demands.push(Demand { spec: spec.clone(), budget: spec.budget(tasks) });
+        }
+        keep_borne(&mut demands, self.allowance);
+        for (Demand { spec, budget }, draft) in demands.iter().zip(&mut self.lanes) {
+            let reservation = spec.reservation(*budget, self.allowance.overhead);
+            let outer = || format!("lane.{}", spec.name);
+            reservations.push(reservation.map_err(|invalid| invalid.within(&outer()))?);
+            draft.spec.guard = spec.guard;
         }
         let analysis = analyse(&demands, self.allowance);
         analysis.refusal().cloned().map_or(Ok((analysis, reservations)), Err)

@@ -8,15 +8,36 @@ use crate::task::Invalid;
 
 /// Most of a period that a lane may be allowed to spin.
 pub const LARGEST_SHARE: f64 = 0.5;
+/// Share of a processor that a guard may burn which nobody asked for.
+pub const DEFAULT_SHARE: f64 = 0.1;
 
 /// The release guard of a lane: wake early by a learnt margin, then spin to the release.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Guard {
     /// Longest spin in front of one release; its ratio to the period is the CPU share at most.
     pub spin_max: Nanos,
+    /// When the lane gets it.
+    pub given: Given,
+}
+
+/// When a lane gets its guard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Given {
+    /// Always; a schedule that does not bear it is refused.
+    Always,
+    /// On a CPU of the lane's own choice, where every lane still meets its deadline and the kernel
+    /// granted a fixed priority; without it the lane sleeps to its release.
+    WhereBorne,
 }
 
 impl Guard {
+    /// The guard of a lane that asks for none: [`DEFAULT_SHARE`] of each period, where it is borne.
+    #[must_use]
+    pub fn where_borne(period: Nanos) -> Guard {
+        let spin_max = Guard::of_share(DEFAULT_SHARE, period).map_or(Nanos::ZERO, |g| g.spin_max);
+        Guard { spin_max, given: Given::WhereBorne }
+    }
+
     /// A guard that spins at most `cpu_share_max` of each period.
     ///
     /// # Errors
@@ -33,7 +54,7 @@ impl Guard {
         let spin = cpu_share_max * period.0 as f64;
         #[expect(clippy::cast_possible_truncation, reason = "at most half a period")]
         let spin_max = Nanos(spin as i64);
-        Ok(Guard { spin_max })
+        Ok(Guard { spin_max, given: Given::Always })
     }
 }
 

@@ -8,8 +8,8 @@ use taktil_rtcore::analysis::{Bound, Demand, LaneResponse, Verdict, analyse};
 use taktil_rtcore::guard::CountingAllocator;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
-    Allowance, Builder, Cycle, FaultCode, Guard, Invalid, Io, LaneSpec, Machine, Nanos, Task,
-    linux, virtual_time,
+    Allowance, Builder, Cycle, FaultCode, Given, Guard, Invalid, Io, LaneSpec, Machine, Nanos,
+    Task, linux, virtual_time,
 };
 
 #[global_allocator]
@@ -247,7 +247,7 @@ fn lanes_meet_on_their_cpu_and_lanes_without_one_meet_everybody() {
 #[test]
 fn a_guard_costs_its_spin_to_those_after_it_and_not_to_its_own_lane() {
     let mut lanes = [demand(0, 20, 4, 30), demand(1, 20, 4, 20), demand(2, 20, 4, 40)];
-    lanes[0].spec.guard = Some(Guard { spin_max: Nanos(3) });
+    lanes[0].spec.guard = Some(Guard { spin_max: Nanos(3), given: Given::Always });
     let responses = |lanes: &[Demand]| {
         let analysis = analyse(lanes, exact(0));
         let both = |l: &LaneResponse| (within(l.any_phase), within(l.with_phases));
@@ -257,6 +257,53 @@ fn a_guard_costs_its_spin_to_those_after_it_and_not_to_its_own_lane() {
     assert_eq!(responses(&lanes), (vec![(8, 8), (15, 12), (4, 4)], 750_000));
     lanes[1].spec.phase = Nanos(18);
     assert_eq!(responses(&lanes).0[1], (15, 14));
+}
+
+/// Which lanes of these have a guard once they are a machine, and how long it may spin.
+fn guards(lanes: &[Demand]) -> Vec<Option<Nanos>> {
+    let mut builder = Builder::new();
+    builder.allowance(Allowance { release_jitter: Nanos(100_000), overhead: Nanos(0) }).unwrap();
+    for (index, Demand { spec, budget }) in lanes.iter().enumerate() {
+        let name = format!("t{index}");
+        let mut spec = spec.clone();
+        spec.budgets.extend(budget.map(|budget| (name.clone(), budget)));
+        let id = builder.lane(spec).unwrap();
+        builder.task(id, &name, |_| Ok(Box::new(Busy(Nanos::ZERO)))).unwrap();
+    }
+    let machine = builder.build().unwrap();
+    machine.figures().map(|(spec, _)| spec.guard.map(|guard| guard.spin_max)).collect()
+}
+
+#[test]
+fn a_guard_that_nobody_asked_for_is_given_where_every_lane_bears_it() {
+    let (ms, us) = (|ms: i64| Nanos(ms * 1_000_000), |us: i64| Nanos(us * 1000));
+    let lane = |name, period: Nanos, budget: Nanos, priority| {
+        let mut lane = demand(name, period.0, budget.0, priority);
+        lane.spec.cpu = Some(0);
+        lane.spec.guard = Some(Guard::where_borne(period));
+        lane
+    };
+    let easy = [lane(0, ms(1), us(100), 80), lane(1, ms(10), ms(1), 70)];
+    assert_eq!(guards(&easy), [Some(us(100)), Some(ms(1))]);
+    // 1.1 ms of work beside 0.7 ms in each ms: done after 4 ms, after more than 5 with a guard.
+    let mut tight = [lane(0, ms(1), us(700), 80), lane(1, ms(5), us(1100), 70)];
+    assert_eq!(guards(&tight), [None, Some(us(500))]);
+    // On a CPU of its own nobody is held up.
+    tight[0].spec.cpu = Some(1);
+    assert_eq!(guards(&tight), [Some(us(100)), Some(us(500))]);
+    // Not without a CPU, and not before a lane of which nothing is known.
+    tight[0].spec.cpu = None;
+    tight[1].spec.guard = None;
+    assert_eq!(guards(&tight), [None, None]);
+    let mut unknown = easy.clone();
+    unknown[1].budget = None;
+    unknown[1].spec.guard = None;
+    assert_eq!(guards(&unknown), [None, None]);
+    // What was asked for is not taken away: it is refused.
+    tight[0].spec.cpu = Some(0);
+    tight[0].spec.guard = Guard::of_share(0.1, ms(1)).ok();
+    let analysis = analyse(&tight, exact(100_000));
+    assert!(analysis.refusal().is_some());
 }
 
 #[test]

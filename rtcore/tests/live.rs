@@ -115,6 +115,21 @@ fn a_guard_never_releases_early_and_stays_in_its_bound() {
 }
 
 #[test]
+fn a_guard_that_nobody_asked_for_spins_at_a_fixed_priority_only() {
+    let period = Nanos::from_millis(1);
+    let mut spec = LaneSpec::new("lane", period, 50);
+    spec.guard = Some(Guard::where_borne(period));
+    spec.cpu = Some(0);
+    spec.budgets.insert("lane_counter0".to_owned(), Nanos::from_micros(100));
+    let mut builder = Builder::new();
+    add_lane(&mut builder, spec, &[None]);
+    let mut machine = builder.build().unwrap();
+    let account = run(&mut machine, Pace::Slip);
+    let (_, figures) = machine.figures().next().unwrap();
+    assert_eq!(figures.guard.is_some(), account.attestation.lanes[0].priority > 0);
+}
+
+#[test]
 fn without_a_guard_nothing_spins() {
     let mut machine = machine(None, &[None]);
     run(&mut machine, Pace::Slip);

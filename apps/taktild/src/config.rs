@@ -123,7 +123,8 @@ pub struct LaneConfig {
     pub priority: Option<i64>,
     /// CPU to run on; any when absent.
     pub cpu: Option<usize>,
-    /// Wakes early and spins to the release; none sleeps to the release.
+    /// Wakes early and spins to the release. Where it is left out, a lane with a CPU of its own gets
+    /// one of a tenth of that CPU if the schedule bears it.
     pub guard: Option<GuardConfig>,
     /// What the lane does about superseded jobs: `skip` (default), `catch_up` or `fault`.
     #[serde(default)]
@@ -194,7 +195,7 @@ impl Default for BucketConfig {
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GuardConfig {
-    /// Largest share of a processor that may be spent spinning, above 0 and at most 0.5.
+    /// Largest share of a processor that may be spent spinning, at most 0.5; 0 for no guard.
     pub cpu_share_max: f64,
 }
 
@@ -218,8 +219,7 @@ impl LaneConfig {
         let period = span("period_us", self.period_us)?;
         let delivery = self.delivery_us.map_or(Ok(period), |us| span("delivery_us", us))?;
         let (policy, priority) = self.rank()?;
-        let guard = self.guard.map(|guard| Guard::of_share(guard.cpu_share_max, period));
-        let guard = guard.transpose().map_err(|invalid| invalid.within("guard"))?;
+        let guard = self.guard(period).map_err(|invalid| invalid.within("guard"))?;
         let mut budgets = BTreeMap::new();
         for (task, us) in &self.budget_us {
             budgets.insert(task.clone(), span(&format!("budget_us.{task}"), *us)?);
@@ -245,6 +245,15 @@ impl LaneConfig {
 }
 
 impl LaneConfig {
+    /// What is asked for; where nothing is, a guard on a CPU of the lane's own if it is borne there.
+    fn guard(&self, period: Nanos) -> Result<Option<Guard>, Invalid> {
+        match self.guard {
+            None => Ok(self.cpu.map(|_| Guard::where_borne(period))),
+            Some(GuardConfig { cpu_share_max: 0.0 }) => Ok(None),
+            Some(GuardConfig { cpu_share_max }) => Guard::of_share(cpu_share_max, period).map(Some),
+        }
+    }
+
     /// Policy and priority; a lane by deadline gets the highest, which nobody asks for.
     fn rank(&self) -> Result<(Policy, u8), Invalid> {
         let bad = |what: String, remedy: &str| Err(Invalid::new("priority", what, remedy));
@@ -315,6 +324,8 @@ impl MachineConfig {
 
 #[cfg(test)]
 mod tests {
+    use taktil_rtcore::Given;
+
     use super::*;
 
     fn spec(more: &str) -> Result<LaneSpec, Invalid> {
@@ -358,6 +369,20 @@ mod tests {
         for line in ["late = \"never\"", "catch_up_max = -1", "misses = { buckets = 5 }"] {
             let text = format!("period_us = 2500\npriority = 80\ntasks = []\n{line}");
             assert!(toml::from_str::<LaneConfig>(&text).is_err(), "{line}");
+        }
+    }
+
+    #[test]
+    fn a_guard_is_asked_for_refused_or_left_to_the_schedule() {
+        let guard = |lines| spec(lines).unwrap().guard.map(|guard| (guard.spin_max, guard.given));
+        assert_eq!(guard(""), None);
+        assert_eq!(guard("cpu = 1"), Some((Nanos::from_micros(250), Given::WhereBorne)));
+        assert_eq!(guard("cpu = 1\nguard = { cpu_share_max = 0 }"), None);
+        let asked = Some((Nanos::from_micros(500), Given::Always));
+        assert_eq!(guard("guard = { cpu_share_max = 0.2 }"), asked);
+        for bad in ["0.51", "-0.1", "nan", "inf"] {
+            let refused = spec(&format!("guard = {{ cpu_share_max = {bad} }}")).unwrap_err();
+            assert_eq!(refused.place, "guard.cpu_share_max", "{bad}");
         }
     }
 

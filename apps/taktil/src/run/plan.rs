@@ -47,13 +47,22 @@ pub fn text(machine: &Machine) -> String {
     );
     let _ = writeln!(
         out,
-        "  {:<10} {:>4} {:>5} {:>8} {:>8} {:>8} {:>9} {:>10} {:>9}  verdict",
-        "lane", "cpu", "prio", "period", "phase", "cost", "response", "any phase", "deadline",
+        "  {:<10} {:>4} {:>5} {:>8} {:>8} {:>8} {:>9} {:>10} {:>9} {:>6}  verdict",
+        "lane",
+        "cpu",
+        "prio",
+        "period",
+        "phase",
+        "cost",
+        "response",
+        "any phase",
+        "deadline",
+        "guard",
     );
     for (spec, lane) in specs.iter().zip(&analysis.lanes) {
         let _ = writeln!(
             out,
-            "  {:<10} {:>4} {:>5} {:>8} {:>8} {:>8} {:>9} {:>10} {:>9}  {}",
+            "  {:<10} {:>4} {:>5} {:>8} {:>8} {:>8} {:>9} {:>10} {:>9} {:>6}  {}",
             lane.name,
             cpu(spec.cpu),
             rank(spec),
@@ -63,6 +72,7 @@ pub fn text(machine: &Machine) -> String {
             bound(lane.response()),
             bound(lane.any_phase),
             us(Some(lane.deadline)),
+            us(spec.guard.map(|guard| guard.spin_max)),
             verdict(lane),
         );
     }
@@ -125,6 +135,7 @@ pub fn json(machine: &Machine) -> String {
             "response_ns": lane.response().map(|bound| bound.span().0),
             "any_phase_ns": lane.any_phase.map(|bound| bound.span().0),
             "deadline_ns": lane.deadline.0,
+            "guard_ns": spec.guard.map(|guard| guard.spin_max.0),
             "interfering": lane.interfering,
             "undeclared": lane.undeclared,
             "verdict": lane.verdict.text(),
