@@ -123,8 +123,8 @@ pub struct LaneConfig {
     pub priority: Option<i64>,
     /// CPU to run on; any when absent.
     pub cpu: Option<usize>,
-    /// Wakes early and spins to the release. Where it is left out, a lane with a CPU of its own gets
-    /// one of a tenth of that CPU if the schedule bears it.
+    /// Wakes early and spins to the release. Where it is left out, a lane with a CPU of its own
+    /// gets one of a tenth of that CPU if the schedule bears it.
     pub guard: Option<GuardConfig>,
     /// What the lane does about superseded jobs: `skip` (default), `catch_up` or `fault`.
     #[serde(default)]
@@ -245,7 +245,7 @@ impl LaneConfig {
 }
 
 impl LaneConfig {
-    /// What is asked for; where nothing is, a guard on a CPU of the lane's own if it is borne there.
+    /// What is asked for; where nothing is, a guard on a CPU of the lane's own if that bears it.
     fn guard(&self, period: Nanos) -> Result<Option<Guard>, Invalid> {
         match self.guard {
             None => Ok(self.cpu.map(|_| Guard::where_borne(period))),

@@ -231,7 +231,8 @@ fn widest(
 }
 
 /// Adds what pressures like cosines do to each other by the kernel's smooth part: at the points `x`
-/// of one half, with the other half as their mirror, of the same (`parity` 1) or opposite sign (-1).
+/// of one half, with the other half as their mirror, of the same (`parity` 1) or opposite sign
+/// (-1).
 fn act(
     kernel: &SurfaceKernel,
     (x, cosines, weight): (&[f64], &[f64], f64),
