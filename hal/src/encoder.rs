@@ -10,6 +10,10 @@ use crate::time::Nanos;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Counts(pub i32);
 
+/// What a bank's index pulses say: for each channel the count at which the newest pulse came, `None`
+/// as long as none has come since power-up.
+pub type Marks = [Option<Counts>; CHANNELS];
+
 /// The input half of a bank of encoder counters.
 pub trait Encoders: Send {
     /// How many joints are wired, 1 to [`CHANNELS`]; constant.
@@ -25,4 +29,16 @@ pub trait Encoders: Send {
     /// retries. [`Stale`](crate::Kind::Stale): the counters come over a link that has fallen
     /// silent. [`Lost`](crate::Kind::Lost): the board is gone.
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error>;
+
+    /// Whether the board latches index pulses, one a turn of each disc; constant.
+    fn has_index(&self) -> bool {
+        false
+    }
+
+    /// The newest index pulses at the latest [`Encoders::sample`] that answered with a reading; on
+    /// the scale of its counts. All `None` before that, from [`Encoders::joints`] on, and on a
+    /// board without [`Encoders::has_index`]. A pulse is never forgotten.
+    fn marks(&self) -> Marks {
+        [None; CHANNELS]
+    }
 }

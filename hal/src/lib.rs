@@ -40,7 +40,7 @@ pub mod time;
 pub use analog::{AdcCode, AnalogIn, AnalogOut, DacCode};
 pub use devices::Devices;
 pub use digital::{DigitalIn, DigitalOut, LinesIn, LinesOut};
-pub use encoder::{Counts, Encoders};
+pub use encoder::{Counts, Encoders, Marks};
 pub use error::{Error, Kind};
 pub use force_torque::{AXES, ForceTorque};
 pub use reading::{CHANNELS, Reading};

@@ -95,6 +95,12 @@ impl<const N: usize> Transmission<N> {
         self.gear * qd
     }
 
+    /// Encoder counts in one turn of each motor.
+    #[must_use]
+    pub fn counts_per_rev(&self) -> Vector<N> {
+        self.counts_per_motor_rad * TAU
+    }
+
     /// G itself (motor rad per joint rad).
     #[must_use]
     pub fn gear(&self) -> &Square<N> {

@@ -93,6 +93,10 @@ faults! {
     WristLost = 25, Degrade, "the force/torque sensor does not answer";
     /// The load on the array stayed far above its set point: the arm is not where it says.
     Overload = 26, DriveOff, "the finger is pressed far too hard";
+    /// Calibration was asked for before every joint had passed an index pulse.
+    IndexMissing = 27, Note, "calibration refused: a joint has passed no index pulse yet";
+    /// Calibration was asked for where the index pulses say that the home pose is not.
+    IndexFar = 28, Note, "calibration refused: the index pulses say that this is not the home pose";
 }
 
 impl FaultCode {

@@ -10,8 +10,8 @@ pub mod state;
 pub mod touch;
 
 pub use motion::{
-    Applied, Desired, Goal, JointState, Lines, MoveCheck, MoveKind, Torque, Typed, TypedMove,
-    per_joint,
+    Applied, Desired, Goal, HomeCheck, JointState, Lines, MoveCheck, MoveKind, Torque, Typed,
+    TypedMove, per_joint,
 };
 pub use state::{ControlState, JogCommand, JogFrame, Request, State, Verb};
 pub use touch::{

@@ -23,6 +23,21 @@ payload! {
 }
 
 payload! {
+    /// What the index pulses said of a calibration, from `sense`, once for each that was asked for
+    /// on a board that reports them.
+    pub struct HomeCheck<const N: usize = 6> {
+        /// How far each joint stood past the home pose.
+        pub off_rad: [f64; N],
+        /// The same in motor counts; 0 for a motor without a pulse.
+        pub off_counts: [i32; N],
+        /// The fault for which it was refused, a [`taktil_rtcore::FaultCode`]; 0 when granted.
+        pub refused: u32,
+        /// The motor that stood in the way, 1 the first; 0 for none.
+        pub motor: u32,
+    }
+}
+
+payload! {
     /// Digital input lines, from `sense`. 1 is true.
     pub struct Lines {
         /// Drive power is present.

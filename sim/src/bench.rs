@@ -20,6 +20,7 @@ use crate::faults::Faults;
 use crate::fidelity::{ArmModel, ContactModel, Integrator};
 use crate::finger::{Finger, Unheld};
 use crate::hand::Hand;
+use crate::index::Index;
 use crate::object::Objects;
 use crate::pin::Pin;
 use crate::rolling::Rolling;
@@ -136,7 +137,8 @@ fn assemble(
         delivery: Delivery::of(&config.tactile),
         ..Told::default()
     };
-    let (ends, devices) = connect(timing.actuation_delay, board, told.tactile);
+    let index = index(config, &finger)?;
+    let (ends, devices) = connect(timing.actuation_delay, board, index.is_some(), told.tactile);
     let bench = Bench {
         method: method(config, &finger)?,
         finger,
@@ -159,6 +161,7 @@ fn assemble(
         next_control: Nanos::ZERO,
         sequence: 0,
         counts: [Counts(0); CHANNELS],
+        index,
         gauges: [AdcCode(0); AXES],
         codes: [0; CHANNELS],
         orders: LinesOut::SAFE,
@@ -168,6 +171,17 @@ fn assemble(
     };
     world.latch();
     Ok((world, devices))
+}
+
+/// The index pulses of the discs, if the scene gives them any.
+fn index(config: &WorldConfig, finger: &Finger) -> Result<Option<Index>, Invalid> {
+    let Some(before) = &config.arm.index_counts else { return Ok(None) };
+    let (home, per_rev) = match finger {
+        Finger::Arm(arm) => arm.home_counts(&config.arm),
+        Finger::Chained(unheld) => unheld.arm.home_counts(),
+        Finger::Carriage(_) => return Ok(None),
+    };
+    Index::new(before, &home, &per_rev).map(Some)
 }
 
 /// The integrator for what is on the bench.

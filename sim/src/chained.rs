@@ -37,6 +37,9 @@ pub(crate) trait Loose: Debug + Send + Sync {
     fn drive(&mut self, codes: [i32; CHANNELS], enabled: bool, braked: bool);
     /// Incremental encoder counts, 0 behind the last joint.
     fn counts(&self) -> [i32; CHANNELS];
+    /// What the encoders read in the home pose, in which they started, and their counts in a motor
+    /// turn.
+    fn home_counts(&self) -> (Vec<i32>, Vec<f64>);
     /// The codes that flow as current now.
     fn current_codes(&self) -> [i32; CHANNELS];
     /// Joint angles (rad) and speeds (rad/s).
@@ -194,6 +197,10 @@ impl<const N: usize> Loose for Chained<N> {
             *count = now[i].wrapping_sub(self.start_counts[i]);
         }
         out
+    }
+
+    fn home_counts(&self) -> (Vec<i32>, Vec<f64>) {
+        (vec![0; N], self.robot.gears.counts_per_rev().as_slice().to_vec())
     }
 
     fn current_codes(&self) -> [i32; CHANNELS] {

@@ -5,7 +5,7 @@
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{
     AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
-    Encoders, Error, ForceTorque, Kind, LinesIn, LinesOut, MAX_TACTELS, Nanos, Reading,
+    Encoders, Error, ForceTorque, Kind, LinesIn, LinesOut, MAX_TACTELS, Marks, Nanos, Reading,
     TactileArray, TactileFrame,
 };
 
@@ -29,6 +29,8 @@ pub(crate) struct Scan {
 #[derive(Debug)]
 pub(crate) struct WorldEnds {
     pub(crate) counts: Sender<[Counts; CHANNELS]>,
+    /// Of a board that latches index pulses.
+    pub(crate) marks: Option<Sender<Marks>>,
     pub(crate) currents: Sender<[AdcCode; CHANNELS]>,
     pub(crate) gauges: Sender<[AdcCode; AXES]>,
     pub(crate) lines: Sender<LinesIn>,
@@ -37,14 +39,16 @@ pub(crate) struct WorldEnds {
     pub(crate) orders: Receiver<LinesOut>,
 }
 
-/// Makes all links. `codes` is the D/A's range; of the tactile array the largest reading and the
-/// time from row to row are told.
+/// Makes all links. `codes` is the D/A's range, `index` whether the encoder board latches index
+/// pulses; of the tactile array the largest reading and the time from row to row are told.
 pub(crate) fn connect(
     delay: Nanos,
     (joints, codes): (usize, (i32, i32)),
+    index: bool,
     (full_scale, row): (u16, Nanos),
 ) -> (WorldEnds, taktil_hal::Devices) {
     let (counts_tx, counts_rx) = link(CAPACITY);
+    let (marks_tx, marks_rx) = index.then(|| link(CAPACITY)).unzip();
     let (currents_tx, currents_rx) = link(CAPACITY);
     let (gauges_tx, gauges_rx) = link(CAPACITY);
     let (lines_tx, lines_rx) = link(CAPACITY);
@@ -53,6 +57,7 @@ pub(crate) fn connect(
     let (orders_tx, orders_rx) = link(CAPACITY);
     let ends = WorldEnds {
         counts: counts_tx,
+        marks: marks_tx,
         currents: currents_tx,
         gauges: gauges_tx,
         lines: lines_tx,
@@ -61,7 +66,11 @@ pub(crate) fn connect(
         orders: orders_rx,
     };
     let devices = taktil_hal::Devices {
-        encoders: Box::new(SimEncoders { counts: Newest::new(counts_rx, "sim.encoders"), joints }),
+        encoders: Box::new(SimEncoders {
+            counts: Newest::new(counts_rx, "sim.encoders"),
+            marks: marks_rx.map(|marks| Newest::new(marks, "sim.encoders")),
+            joints,
+        }),
         analog_out: Box::new(SimAnalogOut {
             order: Order::new(codes_tx, delay),
             range: codes,
@@ -87,6 +96,7 @@ impl WorldEnds {
     pub(crate) fn nowhere() -> WorldEnds {
         WorldEnds {
             counts: link(1).0,
+            marks: None,
             currents: link(1).0,
             gauges: link(1).0,
             lines: link(1).0,
@@ -155,6 +165,7 @@ impl<T: Copy> Order<T> {
 
 struct SimEncoders {
     counts: Newest<[Counts; CHANNELS]>,
+    marks: Option<Newest<Marks>>,
     joints: usize,
 }
 
@@ -164,7 +175,20 @@ impl Encoders for SimEncoders {
     }
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
+        if let Some(marks) = &mut self.marks {
+            // They come with the counts: an answer there is an answer here.
+            let _ = marks.sample(release);
+        }
         self.counts.sample(release)
+    }
+
+    fn has_index(&self) -> bool {
+        self.marks.is_some()
+    }
+
+    fn marks(&self) -> Marks {
+        let held = self.marks.as_ref().and_then(|marks| marks.held);
+        held.map_or([None; CHANNELS], |held| held.value)
     }
 }
 

@@ -32,6 +32,7 @@ pub mod fidelity;
 mod finger;
 mod hand;
 mod hash;
+mod index;
 mod motion;
 mod object;
 mod pin;

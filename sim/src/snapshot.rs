@@ -81,6 +81,7 @@ impl World {
             next_control: self.next_control,
             sequence: self.sequence,
             counts: self.counts,
+            index: self.index,
             gauges: self.gauges,
             codes: self.codes,
             orders: self.orders,
@@ -113,9 +114,13 @@ impl Snapshot {
     pub fn revive(&self) -> (World, Devices) {
         let told = &self.world.told;
         let delay = self.world.timing.actuation_delay;
-        let (mut ends, mut devices) = connect(delay, told.board, told.tactile);
+        let (mut ends, mut devices) =
+            connect(delay, told.board, self.world.index.is_some(), told.tactile);
         if let Some((currents, lines, at)) = told.control {
             WorldEnds::tell(&mut ends.counts, self.world.counts, at);
+            if let (Some(marks), Some(index)) = (&mut ends.marks, &self.world.index) {
+                WorldEnds::tell(marks, index.marks(), at);
+            }
             WorldEnds::tell(&mut ends.currents, currents, at);
             WorldEnds::tell(&mut ends.lines, lines, at);
             if self.world.wrist.is_some() {

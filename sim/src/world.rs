@@ -18,6 +18,7 @@ use crate::electronics::{Array, Wrist, currents};
 use crate::faults::Faults;
 use crate::finger::Finger;
 use crate::hash::Hash;
+use crate::index::Index;
 use crate::pin::Pin;
 use crate::scene::{FaultKind, Timing};
 use crate::snapshot::Told;
@@ -39,6 +40,7 @@ pub struct World {
     pub(crate) sequence: u32,
     /// What encoders and gauges read last.
     pub(crate) counts: [Counts; CHANNELS],
+    pub(crate) index: Option<Index>,
     pub(crate) gauges: [AdcCode; AXES],
     pub(crate) codes: [i32; CHANNELS],
     pub(crate) orders: LinesOut,
@@ -96,6 +98,7 @@ impl World {
     pub fn dropped(&self) -> u64 {
         let ends = &self.ends;
         ends.counts.dropped()
+            + ends.marks.as_ref().map_or(0, |marks| marks.dropped())
             + ends.currents.dropped()
             + ends.gauges.dropped()
             + ends.lines.dropped()
@@ -202,6 +205,9 @@ impl World {
         let currents = currents(&flowing);
         self.told.control = Some((currents, lines, t));
         // A full link counts what it drops; see `dropped`.
+        if let (Some(marks), Some(index)) = (&mut self.ends.marks, &mut self.index) {
+            let _ = marks.send(index.turn(&self.counts), t, t);
+        }
         let _ = self.ends.counts.send(self.counts, t, t);
         let _ = self.ends.currents.send(currents, t, t);
         let _ = self.ends.lines.send(lines, t, t);
@@ -357,6 +363,9 @@ impl World {
             wrist.digest(&mut hash);
         }
         self.faults.digest(&mut hash);
+        if let Some(index) = &self.index {
+            index.digest(&mut hash);
+        }
         hash.value()
     }
 }

@@ -8,18 +8,22 @@ pub mod player;
 
 use taktil_hal::{
     AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
-    Encoders, Error, ForceTorque, LinesIn, LinesOut, Nanos, Reading, TactileArray, TactileFrame,
+    Encoders, Error, ForceTorque, LinesIn, LinesOut, Marks, Nanos, Reading, TactileArray,
+    TactileFrame,
 };
 use taktil_rtcore::{Payload, Ports, Tape};
 
 pub use entry::{
-    AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, Outcome, TactileEntry,
+    AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, IndexEntry, Outcome,
+    TactileEntry,
 };
 
 /// Names of the tapes.
 pub mod name {
     /// Encoders.
     pub const ENCODERS: &str = "hal.encoders";
+    /// Index pulses of the encoders, of a board that latches them.
+    pub const INDEX: &str = "hal.index";
     /// D/A words.
     pub const ANALOG_OUT: &str = "hal.analog_out";
     /// A/D codes.
@@ -47,7 +51,8 @@ fn taped<H: ?Sized, E: Payload>(half: Box<H>, name: &str, ports: &mut Ports) -> 
 /// Encoders on tape, for the task that declares `ports`.
 #[must_use]
 pub fn encoders(half: Box<dyn Encoders>, ports: &mut Ports) -> Box<dyn Encoders> {
-    Box::new(taped::<_, EncoderEntry>(half, name::ENCODERS, ports))
+    let index = half.has_index().then(|| ports.tape(name::INDEX));
+    Box::new(TapedEncoders { taped: taped(half, name::ENCODERS, ports), index })
 }
 
 /// D/A converters on tape.
@@ -86,15 +91,32 @@ pub fn digital_out(half: Box<dyn DigitalOut>, ports: &mut Ports) -> Box<dyn Digi
     Box::new(taped::<_, DigitalWord>(half, name::DIGITAL_OUT, ports))
 }
 
-impl Encoders for Taped<dyn Encoders, EncoderEntry> {
+/// Encoders with their tapes.
+struct TapedEncoders {
+    taped: Taped<dyn Encoders, EncoderEntry>,
+    index: Option<Tape<IndexEntry>>,
+}
+
+impl Encoders for TapedEncoders {
     fn joints(&self) -> usize {
-        self.half.joints()
+        self.taped.half.joints()
     }
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
-        let answer = self.half.sample(release);
-        self.tape.put(release, EncoderEntry::of(&answer));
+        let answer = self.taped.half.sample(release);
+        self.taped.tape.put(release, EncoderEntry::of(&answer));
+        if let Some(tape) = &mut self.index {
+            tape.put(release, IndexEntry::of(&self.taped.half.marks()));
+        }
         answer
+    }
+
+    fn has_index(&self) -> bool {
+        self.index.is_some()
+    }
+
+    fn marks(&self) -> Marks {
+        self.taped.half.marks()
     }
 }
 

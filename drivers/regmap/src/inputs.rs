@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use taktil_hal::{
     AXES, AdcCode, AnalogIn, CHANNELS, Counts, DigitalIn, Encoders, Error, ForceTorque, Kind,
-    LinesIn, Nanos, Reading,
+    LinesIn, Marks, Nanos, Reading,
 };
 
 use crate::block::{Numbered, untorn};
@@ -13,8 +13,8 @@ use crate::codes::{OffsetBinary, unfold};
 use crate::config::Config;
 use crate::io::RegisterFile;
 use crate::registers::{
-    ADC, Block, DIGITAL_IN, ENCODER_LATCH, ENCODERS, FORCE_TORQUE, IN_BEAT_SHIFT, IN_DRIVE_POWER,
-    IN_ESTOP_A_CLOSED, IN_ESTOP_B_CLOSED, IN_RESERVED,
+    ADC, Block, DIGITAL_IN, ENCODER_LATCH, ENCODERS, FEATURE_INDEX, FEATURES, FORCE_TORQUE,
+    IN_BEAT_SHIFT, IN_DRIVE_POWER, IN_ESTOP_A_CLOSED, IN_ESTOP_B_CLOSED, IN_RESERVED, INDEX,
 };
 
 const ENCODERS_NAME: &str = "regmap.encoders";
@@ -34,13 +34,52 @@ pub struct RegisterEncoders {
     counter_bits: u32,
     latch: u16,
     counts: [i32; CHANNELS],
+    index: Option<Pulses>,
     readings: Numbered<[Counts; CHANNELS]>,
+}
+
+/// The index pulses of a board that latches them.
+#[derive(Debug)]
+struct Pulses {
+    /// The counters' words at the newest pulses.
+    raw: [Option<u32>; CHANNELS],
+    marks: Marks,
+}
+
+impl Pulses {
+    /// Takes what the board has latched. A word that is new lies near the present count; one that
+    /// is not is the pulse that was there before.
+    fn take(&mut self, raw: [Option<u32>; CHANNELS], counts: &[i32; CHANNELS], bits: u32) {
+        for (i, raw) in raw.into_iter().enumerate() {
+            if raw != self.raw[i] {
+                self.raw[i] = raw;
+                self.marks[i] = raw.map(|raw| Counts(unfold(counts[i], raw, bits)));
+            }
+        }
+    }
+}
+
+/// The index block's counters of the first `joints` channels, of those that have passed a pulse;
+/// `None` when it was torn.
+fn pulses(registers: &RegisterFile, joints: usize) -> Option<[Option<u32>; CHANNELS]> {
+    let (mut words, mut seen) = ([0u32; CHANNELS], 0);
+    untorn(registers, INDEX, |registers| {
+        let mut all = INDEX.words.iter();
+        let mut next = || all.next().map_or(0, |register| registers.read(register));
+        for word in &mut words {
+            *word = (u32::from(next()) << 16) | u32::from(next());
+        }
+        seen = next();
+    })?;
+    Some(core::array::from_fn(|i| (i < joints && seen >> i & 1 == 1).then_some(words[i])))
 }
 
 impl RegisterEncoders {
     pub(crate) fn new(registers: Arc<RegisterFile>, config: &Config) -> RegisterEncoders {
         RegisterEncoders {
             latch: registers.read(ENCODER_LATCH),
+            index: (registers.read(FEATURES) & FEATURE_INDEX != 0)
+                .then(|| Pulses { raw: [None; CHANNELS], marks: [None; CHANNELS] }),
             registers,
             joints: config.joints,
             counter_bits: config.counter_bits,
@@ -56,7 +95,7 @@ impl Encoders for RegisterEncoders {
     }
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
-        let RegisterEncoders { latch, counts, joints, counter_bits, .. } = self;
+        let RegisterEncoders { latch, counts, index, joints, counter_bits, .. } = self;
         self.readings.sample(&self.registers, release, |registers| {
             *latch = latch.wrapping_add(1);
             registers.write(ENCODER_LATCH, *latch);
@@ -72,8 +111,21 @@ impl Encoders for RegisterEncoders {
             for (count, raw) in counts.iter_mut().zip(raw).take(*joints) {
                 *count = unfold(*count, raw, *counter_bits);
             }
+            if let Some(index) = index {
+                let raw = pulses(registers, *joints);
+                let raw = raw.ok_or(Error::whole(Kind::Transient, ENCODERS_NAME))?;
+                index.take(raw, counts, *counter_bits);
+            }
             Ok((number, counts.map(Counts)))
         })
+    }
+
+    fn has_index(&self) -> bool {
+        self.index.is_some()
+    }
+
+    fn marks(&self) -> Marks {
+        self.index.as_ref().map_or([None; CHANNELS], |index| index.marks)
     }
 }
 

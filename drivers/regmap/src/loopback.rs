@@ -4,16 +4,17 @@
 
 use std::sync::Arc;
 
-use taktil_hal::{AXES, CHANNELS, DacCode, LinesIn, LinesOut, MAX_TACTELS, Nanos};
+use taktil_hal::{AXES, CHANNELS, Counts, DacCode, LinesIn, LinesOut, MAX_TACTELS, Marks, Nanos};
 
 use crate::codes::OffsetBinary;
 use crate::config::Config;
 use crate::error::Invalid;
 use crate::io::RegisterFile;
 use crate::registers::{
-    ADC, Block, DAC, DAC_STROBE, DIGITAL_IN, DIGITAL_OUT, ENCODERS, FORCE_TORQUE, ID, ID_VALUE,
-    IN_BEAT_SHIFT, IN_DRIVE_POWER, IN_ESTOP_A_CLOSED, IN_ESTOP_B_CLOSED, OUT_BRAKE_RELEASE,
-    OUT_ENABLE, OUT_WATCHDOG_FEED, TACTILE, VERSION, VERSION_VALUE, WATCHDOG_MS,
+    ADC, Block, DAC, DAC_STROBE, DIGITAL_IN, DIGITAL_OUT, ENCODERS, FEATURE_INDEX, FEATURES,
+    FORCE_TORQUE, ID, ID_VALUE, IN_BEAT_SHIFT, IN_DRIVE_POWER, IN_ESTOP_A_CLOSED,
+    IN_ESTOP_B_CLOSED, INDEX, OUT_BRAKE_RELEASE, OUT_ENABLE, OUT_WATCHDOG_FEED, TACTILE, VERSION,
+    VERSION_VALUE, WATCHDOG_MS,
 };
 
 /// One group of outputs as its watchdog sees it: a sign of life is a change.
@@ -52,6 +53,7 @@ pub struct Loopback {
     lines_out: LinesOut,
     counts: [i32; CHANNELS],
     counter_bits: u32,
+    marks: Marks,
     gauges: [i32; AXES],
     lines_in: LinesIn,
     number: u16,
@@ -83,6 +85,7 @@ impl Loopback {
             lines_out: LinesOut::SAFE,
             counts: [0; CHANNELS],
             counter_bits: config.counter_bits,
+            marks: [None; CHANNELS],
             gauges: [0; AXES],
             lines_in: LinesIn { drive_power: true, estop_a_closed: true, estop_b_closed: true },
             number: 0,
@@ -106,11 +109,15 @@ impl Loopback {
         let gauges = self.gauges.map(|code| self.gauge.nearest(code));
         publish(&self.registers, FORCE_TORQUE, number, gauges);
         let mask = u32::MAX >> (32 - self.counter_bits);
-        let halves = self.counts.map(|count| {
+        let halves = |count: i32| {
             let raw = count.cast_unsigned() & mask;
             [(raw >> 16) as u16, raw as u16]
-        });
-        publish(&self.registers, ENCODERS, number, halves.into_iter().flatten());
+        };
+        publish(&self.registers, ENCODERS, number, self.counts.map(halves).into_iter().flatten());
+        let seen = (0..CHANNELS).map(|i| u16::from(self.marks[i].is_some()) << i).sum();
+        let pulses = self.marks.map(|mark| halves(mark.map_or(0, |Counts(count)| count)));
+        let pulses = pulses.into_iter().flatten().chain([seen]);
+        publish(&self.registers, INDEX, number, pulses);
         let bit = |set: bool, bit: u16| if set { bit } else { 0 };
         let lines = bit(self.lines_in.drive_power, IN_DRIVE_POWER)
             | bit(self.lines_in.estop_a_closed, IN_ESTOP_A_CLOSED)
@@ -154,6 +161,16 @@ impl Loopback {
     /// Turns the encoders; seen from the next tick on. Counts beyond the counters' width wrap.
     pub fn turn(&mut self, counts: [i32; CHANNELS]) {
         self.counts = counts;
+    }
+
+    /// Makes it a board that latches index pulses; to be said before it is attached to.
+    pub fn latch_index(&mut self) {
+        self.registers.write(FEATURES, FEATURE_INDEX);
+    }
+
+    /// Latches index pulses at these counts, none where there are none; seen from the next tick on.
+    pub fn pass_index(&mut self, marks: Marks) {
+        self.marks = marks;
     }
 
     /// Loads the gauges; clamped to their range, seen from the next tick on.

@@ -10,6 +10,7 @@
 //! | 0x000 | 1 | `ID`: reads [`ID_VALUE`] while the board is there |
 //! | 0x002 | 1 | `VERSION`: layout, [`VERSION_VALUE`] |
 //! | 0x004 | 1 | `WATCHDOG_MS`: longest silence of both output groups; 0 keeps them safe |
+//! | 0x006 | 1 | `FEATURES`: bit 0 the board latches index pulses; others have no meaning yet |
 //! | 0x010 | 8 | `DAC`: offset binary, right-justified; taken over together by the strobe |
 //! | 0x020 | 1 | `DAC_STROBE`: each write of another number puts all D/A words out |
 //! | 0x022 | 1 | `DIGITAL_OUT`: bit 0 enable, 1 brake release, 2 watchdog feed |
@@ -18,6 +19,7 @@
 //! | 0x032 | 18 | encoder block: begin, 8 x (high, low), end |
 //! | 0x060 | 10 | A/D block: begin, 8 offset binary words, end |
 //! | 0x080 | 8 | force/torque block: begin, 6 offset binary words, end |
+//! | 0x0a0 | 19 | index block: begin, 8 x (high, low) counter at the newest pulse, seen, end |
 //! | 0x1fe | 258 | tactile block: begin, 16 rows x 16 columns, end |
 //!
 //! A *block* is published under a number that the board counts up: it writes the number to `begin`,
@@ -56,6 +58,10 @@ pub const IN_ESTOP_B_CLOSED: u16 = 1 << 2;
 pub const IN_RESERVED: u16 = 0x00f8;
 /// `DIGITAL_IN`: how far the beat stands from bit 0.
 pub const IN_BEAT_SHIFT: u32 = 8;
+
+/// `FEATURES`: the board latches the encoders' index pulses and publishes the index block. A board
+/// without reads 0.
+pub const FEATURE_INDEX: u16 = 1 << 0;
 
 /// The place of one 16-bit word: even, inside the block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -128,6 +134,8 @@ pub const ID: Register = Register::at(0x000);
 pub const VERSION: Register = Register::at(0x002);
 /// Longest silence in ms.
 pub const WATCHDOG_MS: Register = Register::at(0x004);
+/// What the board can beside the rest of the layout.
+pub const FEATURES: Register = Register::at(0x006);
 /// D/A words.
 pub const DAC: Bank = Bank::at(0x010, CHANNELS);
 /// Puts the D/A words out.
@@ -144,6 +152,9 @@ pub const ENCODERS: Block = Block::at(0x032, 2 * CHANNELS);
 pub const ADC: Block = Block::at(0x060, CHANNELS);
 /// Force/torque gauge words.
 pub const FORCE_TORQUE: Block = Block::at(0x080, AXES);
+/// Counters at the newest index pulse, high and low half of each; then one word with a bit for each
+/// channel that has passed one since power-up.
+pub const INDEX: Block = Block::at(0x0a0, 2 * CHANNELS + 1);
 /// The tactile frame, row by row.
 pub const TACTILE: Block = Block::at(0x1fe, TACTILE_ROWS * TACTILE_COLS);
 
@@ -153,9 +164,9 @@ mod tests {
 
     fn every_register() -> Vec<Register> {
         let mut all = vec![ID, VERSION, WATCHDOG_MS, DAC_STROBE, DIGITAL_OUT, DIGITAL_IN];
-        all.push(ENCODER_LATCH);
+        all.extend([FEATURES, ENCODER_LATCH]);
         all.extend(DAC.iter());
-        for block in [ENCODERS, ADC, FORCE_TORQUE, TACTILE] {
+        for block in [ENCODERS, ADC, FORCE_TORQUE, INDEX, TACTILE] {
             all.extend([block.begin, block.end]);
             all.extend(block.words.iter());
         }

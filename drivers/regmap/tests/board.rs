@@ -4,12 +4,12 @@
 use std::sync::Arc;
 
 use taktil_drivers_regmap::registers::{
-    ADC, DAC_STROBE, DIGITAL_IN, ENCODERS, FORCE_TORQUE, ID, ID_VALUE, TACTILE,
+    ADC, DAC_STROBE, DIGITAL_IN, ENCODERS, FORCE_TORQUE, ID, ID_VALUE, INDEX, TACTILE,
 };
 use taktil_drivers_regmap::{Board, Config, Loopback, RegisterFile};
 use taktil_hal::{
-    Arrival, CHANNELS, DacCode, Devices, Error, Kind, LinesIn, LinesOut, MAX_TACTELS, Nanos,
-    TactileFrame,
+    Arrival, CHANNELS, Counts, DacCode, Devices, Error, Kind, LinesIn, LinesOut, MAX_TACTELS,
+    Nanos, TactileFrame,
 };
 
 fn rig(config: &Config) -> (Arc<RegisterFile>, Loopback, Devices) {
@@ -293,4 +293,41 @@ fn words_left_by_a_crashed_process_are_not_put_out_when_the_board_is_opened_agai
     assert_eq!(registers.read(DAC_STROBE), strobe.wrapping_add(1));
     model.tick(ms(1));
     assert!(is_safe(&model));
+}
+
+#[test]
+fn index_pulses_are_those_of_a_board_that_says_so_and_survive_a_wrap() {
+    let config = Config { counter_bits: 16, ..Config::default() };
+    let (_, _, devices) = rig(&config);
+    assert!(!devices.encoders.has_index());
+    let registers = Arc::new(RegisterFile::anonymous().unwrap());
+    let mut model = Loopback::new(registers.clone(), &config).unwrap();
+    model.latch_index();
+    let mut devices = Board::attach(registers.clone(), &config).unwrap();
+    assert!(devices.encoders.has_index());
+    // Turned up for three wraps of the counters, a pulse every 7000 counts, on channel 1 only.
+    let mut now = 0;
+    let mut step = |model: &mut Loopback, devices: &mut Devices, count: i32, mark: Option<i32>| {
+        now += 1;
+        let mut marks = [None; CHANNELS];
+        marks[1] = mark.map(Counts);
+        marks[7] = mark.map(Counts);
+        model.turn([count; CHANNELS]);
+        model.pass_index(marks);
+        model.tick(ms(now));
+        devices.encoders.sample(ms(now)).unwrap();
+        devices.encoders.marks()
+    };
+    assert_eq!(step(&mut model, &mut devices, 6999, None), [None; CHANNELS]);
+    for count in (7000..200_000).step_by(500) {
+        let mark = count / 7000 * 7000;
+        let found = step(&mut model, &mut devices, count, Some(mark));
+        assert_eq!(found[1], Some(Counts(mark)), "at {count}");
+        assert_eq!((found[0], found[7]), (None, None), "channel 7 is not wired");
+    }
+    // Torn for good: the reading fails, and what was known stays.
+    registers.write(INDEX.begin, registers.read(INDEX.end).wrapping_add(1));
+    let error = devices.encoders.sample(ms(now + 1)).unwrap_err();
+    assert_eq!(error.kind, Kind::Transient);
+    assert_eq!(devices.encoders.marks()[1], Some(Counts(196_000)));
 }

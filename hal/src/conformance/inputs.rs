@@ -7,7 +7,7 @@ use super::{Bench, Report, Violation};
 use crate::analog::{AdcCode, AnalogIn};
 use crate::devices::Devices;
 use crate::digital::{DigitalIn, LinesIn};
-use crate::encoder::{Counts, Encoders};
+use crate::encoder::{Counts, Encoders, Marks};
 use crate::error::{Error, Kind};
 use crate::force_torque::{AXES, ForceTorque};
 use crate::reading::{CHANNELS, Reading};
@@ -154,7 +154,7 @@ impl<T: Copy + PartialEq + Debug> Watch<T> {
 }
 
 #[derive(Debug, Default)]
-struct EncodersWatch(Watch<[Counts; CHANNELS]>);
+struct EncodersWatch(Watch<[Counts; CHANNELS]>, Marks);
 
 impl EncodersWatch {
     fn cycle(&mut self, device: &mut dyn Encoders, release: Nanos) {
@@ -167,6 +167,23 @@ impl EncodersWatch {
                 format!("joint {joint} of {joints} reads {counts:?}")
             });
         }
+        self.marks(device, joints);
+    }
+
+    fn marks(&mut self, device: &dyn Encoders, joints: usize) {
+        let (report, marks) = (&mut self.0.report, device.marks());
+        report.require(device.has_index() || marks == [None; CHANNELS], "marks-announced", || {
+            format!("{marks:?} from a board without index pulses")
+        });
+        for (joint, (mark, before)) in marks.iter().zip(self.1).enumerate() {
+            report.require(joint < joints || mark.is_none(), "unused-channels-zero", || {
+                format!("joint {joint} of {joints} has passed an index pulse at {mark:?}")
+            });
+            report.require(mark.is_some() || before.is_none(), "marks-stay", || {
+                format!("the index pulse of joint {joint} is forgotten")
+            });
+        }
+        self.1 = marks;
     }
 }
 

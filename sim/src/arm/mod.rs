@@ -279,6 +279,15 @@ impl Arm {
         core::array::from_fn(|i| now[i].wrapping_sub(self.start_counts[i]))
     }
 
+    /// What the encoders read in the home pose that they were to have at power-up, and their counts
+    /// in a motor turn.
+    pub(crate) fn home_counts(&self, config: &ArmConfig) -> (Vec<i32>, Vec<f64>) {
+        let home = Joints::from_fn(|i, _| config.home_deg[i].to_radians());
+        let home = self.transmission.counts(&home);
+        let read = (0..JOINTS).map(|i| home[i].wrapping_sub(self.start_counts[i])).collect();
+        (read, self.transmission.counts_per_rev().as_slice().to_vec())
+    }
+
     /// The codes that flow as current now; none when the drives are off.
     pub(crate) fn current_codes(&self) -> [i32; CHANNELS] {
         if self.enabled { self.codes } else { [0; CHANNELS] }

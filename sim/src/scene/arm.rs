@@ -28,6 +28,10 @@ section! {
         gear_stiffness_nm_rad: [f64; 6] [1.0, 1e7],
         /// Damping of a rotor on that spring, in parts of the critical one. Default 0.1.
         gear_damping: f64 [0.0, 2.0],
+        /// Gives the encoders index pulses, one a motor turn, that the board latches: how many
+        /// counts before the home pose the nearest one below stands, one number for each joint.
+        /// Default: the board reports none.
+        index_counts: Option<Vec<f64>> [-1e6, 1e6],
         /// When the drives' supply comes on (s after the start). Default 0.
         power_on_s: f64 [0.0, 1e6],
     }
@@ -46,6 +50,7 @@ impl Default for ArmConfig {
             tool_mass_scale: 1.0,
             gear_stiffness_nm_rad: [6000.0, 9000.0, 3000.0, 300.0, 300.0, 150.0],
             gear_damping: 0.1,
+            index_counts: None,
             power_on_s: 0.0,
         }
     }

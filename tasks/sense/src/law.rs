@@ -52,14 +52,20 @@ impl<const N: usize> Angles<N> {
         }
     }
 
+    /// Joint angles of so many counts (rad).
+    #[must_use]
+    pub fn span_rad(&self, counts: &[i32; N]) -> Vector<N> {
+        self.transmission.joints(counts)
+    }
+
     /// True once a sample was believed.
     #[must_use]
     pub fn arrived(&self) -> bool {
         self.last.is_some()
     }
 
-    /// Takes one sample; with `calibrate` the arm stands in its home pose, and the zero offset is
-    /// set so that the angles of these very counts are the home angles.
+    /// Takes one sample; with `home`, the counts of the home pose, the zero offset is set so that
+    /// the angles of those counts are the home angles.
     ///
     /// Speeds are differences over the time between the two acquisitions, so they act half of it
     /// late; the first is zero, and a second sample of the same instant keeps the speed.
@@ -72,7 +78,7 @@ impl<const N: usize> Angles<N> {
         &mut self,
         counts: [i32; N],
         acquired: Nanos,
-        calibrate: bool,
+        home: Option<&[i32; N]>,
     ) -> Result<JointState<N>, FaultCode> {
         let raw_rad = self.transmission.joints(&counts);
         let mut qd_rad_s = Vector::zeros();
@@ -87,8 +93,8 @@ impl<const N: usize> Angles<N> {
             qd_rad_s = if span_s > 0.0 { moved_rad / span_s } else { last.qd_rad_s };
         }
         self.last = Some(Last { raw_rad, acquired, qd_rad_s });
-        if calibrate {
-            self.offset_rad = self.home_rad - raw_rad;
+        if let Some(home) = home {
+            self.offset_rad = self.home_rad - self.transmission.joints(home);
             self.datum = self.datum.wrapping_add(1);
             self.calibrated = true;
         }
@@ -187,7 +193,7 @@ mod tests {
     fn before_calibration_angles_are_those_of_the_counts() {
         let mut law = angles();
         assert!(!law.arrived());
-        let first = law.take([1000, 0, 0, 0, 0, 0], Nanos(7), false).unwrap();
+        let first = law.take([1000, 0, 0, 0, 0, 0], Nanos(7), None).unwrap();
         assert!(law.arrived());
         assert!((first.q_rad[0] - joint_1_rad(1000.0)).abs() < 1e-15);
         assert_eq!(first.qd_rad_s, [0.0; 6], "no speed from one sample");
@@ -201,7 +207,7 @@ mod tests {
         let q = Joints::new(0.0, 0.0, 0.0, 0.5, 0.0, 0.0);
         let counts = Transmission::reference().counts(&q);
         assert_ne!(counts[4], 0, "motor 5 turns when joint 4 does");
-        let state = law.take(counts, Nanos(0), false).unwrap();
+        let state = law.take(counts, Nanos(0), None).unwrap();
         assert!((Joints::from(state.q_rad) - q).amax() < 2e-3);
         assert!(state.q_rad[4].abs() < 1e-3);
     }
@@ -209,28 +215,29 @@ mod tests {
     #[test]
     fn calibration_moves_the_zero_and_not_the_speed() {
         let mut law = angles();
-        let _ = law.take([50, -20, 3, 4, 5, 6], Nanos(0), false).unwrap();
-        let home = law.take([52, -20, 3, 4, 5, 6], TICK, true).unwrap();
+        let _ = law.take([50, -20, 3, 4, 5, 6], Nanos(0), None).unwrap();
+        let home = law.take([52, -20, 3, 4, 5, 6], TICK, Some(&[52, -20, 3, 4, 5, 6])).unwrap();
         let expected = [0.1, 0.2, -3.0, 0.0, 1.5, -0.25];
         for (found, wanted) in home.q_rad.iter().zip(expected) {
             assert!((found - wanted).abs() < 1e-15);
         }
         assert_eq!((home.calibrated, home.datum), (1, 1));
         assert!((home.qd_rad_s[0] - joint_1_rad(2.0) / 0.0025).abs() < 1e-12);
-        let next = law.take([52, -20, 3, 4, 5, 6], TICK + TICK, false).unwrap();
+        let next = law.take([52, -20, 3, 4, 5, 6], TICK + TICK, None).unwrap();
         assert_eq!(next.q_rad, home.q_rad);
         assert_eq!((next.calibrated, next.datum, next.qd_rad_s), (1, 1, [0.0; 6]));
-        let again = law.take([52, -20, 3, 4, 5, 6], TICK * 3, true).unwrap();
+        let again =
+            law.take([52, -20, 3, 4, 5, 6], TICK * 3, Some(&[52, -20, 3, 4, 5, 6])).unwrap();
         assert_eq!(again.datum, 2, "each new zero is a new datum");
     }
 
     #[test]
     fn speed_is_over_the_stamps_whatever_the_tick() {
         let mut law = angles();
-        let _ = law.take([0; 6], Nanos(1_000), false).unwrap();
-        let state = law.take([6, 0, 0, 0, 0, 0], Nanos(3_001_000), false).unwrap();
+        let _ = law.take([0; 6], Nanos(1_000), None).unwrap();
+        let state = law.take([6, 0, 0, 0, 0, 0], Nanos(3_001_000), None).unwrap();
         assert!((state.qd_rad_s[0] - joint_1_rad(6.0) / 0.003).abs() < 1e-12);
-        let same = law.take([6, 0, 0, 0, 0, 0], Nanos(3_001_000), false).unwrap();
+        let same = law.take([6, 0, 0, 0, 0, 0], Nanos(3_001_000), None).unwrap();
         assert_eq!(same.qd_rad_s, state.qd_rad_s, "the same instant again keeps the speed");
     }
 
@@ -241,13 +248,14 @@ mod tests {
         let count = |n: f64| [n as i32, 0, 0, 0, 0, 0];
         for sign in [-1.0, 1.0] {
             let mut law = angles();
-            let _ = law.take([0; 6], Nanos(0), false).unwrap();
-            assert!(law.take(count(sign * most), TICK, false).is_ok());
+            let _ = law.take([0; 6], Nanos(0), None).unwrap();
+            assert!(law.take(count(sign * most), TICK, None).is_ok());
             let mut law = angles();
-            let _ = law.take([0; 6], Nanos(0), true).unwrap();
-            let jump = law.take(count(sign * (most + 1.0)), TICK, true);
+            let _ = law.take([0; 6], Nanos(0), Some(&[0; 6])).unwrap();
+            let jump =
+                law.take(count(sign * (most + 1.0)), TICK, Some(&count(sign * (most + 1.0))));
             assert_eq!(jump, Err(FaultCode::EncoderJump));
-            let after = law.take(count(sign * (most + 1.0)), TICK + TICK, false).unwrap();
+            let after = law.take(count(sign * (most + 1.0)), TICK + TICK, None).unwrap();
             assert_eq!(after.qd_rad_s, [0.0; 6], "differences start anew");
             assert_eq!((after.calibrated, after.datum), (0, 1), "the zero is not known any more");
         }
@@ -257,26 +265,26 @@ mod tests {
     fn the_allowance_grows_with_the_time_that_passed() {
         let step = (JUMP_MARGIN * 2.0 * 0.0075 / joint_1_rad(1.0)).floor() as i32;
         let mut law = angles();
-        let _ = law.take([0; 6], Nanos(0), false).unwrap();
-        assert!(law.take([step, 0, 0, 0, 0, 0], TICK * 3, false).is_ok());
+        let _ = law.take([0; 6], Nanos(0), None).unwrap();
+        assert!(law.take([step, 0, 0, 0, 0, 0], TICK * 3, None).is_ok());
         let mut law = angles();
-        let _ = law.take([0; 6], Nanos(0), false).unwrap();
-        assert!(law.take([step, 0, 0, 0, 0, 0], TICK + TICK, false).is_err());
+        let _ = law.take([0; 6], Nanos(0), None).unwrap();
+        assert!(law.take([step, 0, 0, 0, 0, 0], TICK + TICK, None).is_err());
     }
 
     #[test]
     fn extreme_counts_and_stamps_are_a_jump_and_no_panic() {
         let mut law = angles();
-        let _ = law.take([i32::MIN; 6], Nanos(0), false).unwrap();
-        assert_eq!(law.take([i32::MAX; 6], TICK, false), Err(FaultCode::EncoderJump));
+        let _ = law.take([i32::MIN; 6], Nanos(0), None).unwrap();
+        assert_eq!(law.take([i32::MAX; 6], TICK, None), Err(FaultCode::EncoderJump));
         assert_eq!(
-            law.take([0; 6], Nanos(-1), false),
+            law.take([0; 6], Nanos(-1), None),
             Err(FaultCode::EncoderJump),
             "moved back in time"
         );
         let mut law = angles();
-        let _ = law.take([0; 6], TICK, false).unwrap();
-        assert_eq!(law.take([1; 6], TICK, false), Err(FaultCode::EncoderJump), "moved in no time");
+        let _ = law.take([0; 6], TICK, None).unwrap();
+        assert_eq!(law.take([1; 6], TICK, None), Err(FaultCode::EncoderJump), "moved in no time");
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! Reads the encoder board and the digital inputs once a job and says where the joints are. Owns
-//! the zero offsets: it sets them when the supervisor says that the arm stands in its home pose.
+//! the zero offsets: it sets them when the supervisor says that the arm stands in its home pose, to
+//! the nearest index pulses where the board reports them.
 //! Refuses to invent: a failed read publishes nothing, so that readers see the old value as held.
 
+pub mod index;
 pub mod law;
 
 use serde::Deserialize;
@@ -10,8 +12,9 @@ use taktil_mechanics::arm::Arm;
 use taktil_mechanics::chain::Vector;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Ports, StateHash, Task};
-use taktil_signal::{ControlState, JointState, Lines, per_joint};
+use taktil_signal::{ControlState, HomeCheck, JointState, Lines, per_joint};
 
+use index::{Found, Index, IndexConfig};
 use law::{Angles, Patience, Verdict};
 
 /// Settings of [`Sense`].
@@ -25,11 +28,14 @@ pub struct Config {
     pub v_max_deg_s: Option<Vec<f64>>,
     /// Failed reads in a row that are let pass with the last value held. Default: 1.
     pub failures_allowed: u32,
+    /// How index pulses are used, where the board reports them.
+    pub index: IndexConfig,
 }
 
 impl Default for Config {
     fn default() -> Config {
-        Config { home_deg: None, v_max_deg_s: None, failures_allowed: 1 }
+        let index = IndexConfig::default();
+        Config { home_deg: None, v_max_deg_s: None, failures_allowed: 1, index }
     }
 }
 
@@ -67,7 +73,7 @@ impl Config {
                 "give a number from 0 to 100; 1 is usual",
             ));
         }
-        Ok(())
+        self.index.check().map_err(|bad| bad.within("index"))
     }
 
     /// Home pose and fastest speeds for an arm (rad, rad/s).
@@ -98,13 +104,16 @@ pub struct Sense<const N: usize = 6> {
     lines_arrived: bool,
     /// Calibration was asked for and waits for a sample that can be believed.
     calibrate: bool,
+    /// With a board that reports index pulses: where they say that home is, and who is told.
+    index: Option<(Index<N>, Output<HomeCheck<N>>)>,
     control: Input<ControlState>,
     joints: Output<JointState<N>>,
     lines: Output<Lines>,
 }
 
 impl<const N: usize> Sense<N> {
-    /// Declares the ports: in `control` (delayed), out `joints`, `lines`.
+    /// Declares the ports: in `control` (delayed), out `joints`, `lines` and, with a board that
+    /// reports index pulses, `home`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses, and an encoder board with fewer encoders than
@@ -126,6 +135,13 @@ impl<const N: usize> Sense<N> {
         }
         let (home_rad, v_max_rad_s) = config.angles(robot)?;
         let angles = Angles::new(robot.gears, v_max_rad_s, home_rad);
+        let index = match encoders.has_index() && !config.index.ignore {
+            true => {
+                let index = Index::new(&config.index, &robot.gears);
+                Some((index.map_err(|bad| bad.within("index"))?, ports.output("home")))
+            }
+            false => None,
+        };
         Ok(Sense {
             encoders,
             digital,
@@ -134,6 +150,7 @@ impl<const N: usize> Sense<N> {
             digital_patience: Patience::new(config.failures_allowed),
             lines_arrived: false,
             calibrate: false,
+            index,
             control: ports.input_delayed("control"),
             joints: ports.output("joints"),
             lines: ports.output("lines"),
@@ -148,16 +165,41 @@ impl<const N: usize> Sense<N> {
                 for (count, Counts(read)) in counts.iter_mut().zip(reading.value) {
                     *count = read;
                 }
-                let state = self.angles.take(counts, reading.acquired, self.calibrate)?;
+                let found = self.calibrate.then(|| self.look(&counts));
+                let granted = found.filter(|found| found.refused.is_none());
+                let home = granted.map(|found| difference(&counts, &found.off));
+                let state = self.angles.take(counts, reading.acquired, home.as_ref())?;
                 self.calibrate = false;
                 io.write(&self.joints, state);
-                Ok(())
+                found.map_or(Ok(()), |found| self.tell(&found, io))
             }
             Err(error) => match self.encoder_patience.bad(error.kind, self.angles.arrived()) {
                 Verdict::Hold => Ok(()),
                 Verdict::Gone => Err(FaultCode::EncoderLost),
             },
         }
+    }
+
+    /// How far these counts are past the home pose, by the index pulses if there are any.
+    fn look(&self, counts: &[i32; N]) -> Found<N> {
+        match &self.index {
+            Some((index, _)) => index.find(counts, &self.encoders.marks()),
+            None => Found { off: [0; N], refused: None },
+        }
+    }
+
+    /// Says what the index pulses said, if there are any.
+    fn tell(&self, found: &Found<N>, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        if let Some((_, home)) = &self.index {
+            let check = HomeCheck {
+                off_rad: self.angles.span_rad(&found.off).into(),
+                off_counts: found.off,
+                refused: found.refused.map_or(0, |(_, fault)| fault as u32),
+                motor: found.refused.map_or(0, |(motor, _)| motor as u32 + 1),
+            };
+            io.write(home, check);
+        }
+        found.refused.map_or(Ok(()), |(_, fault)| Err(fault))
     }
 
     fn read_lines(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
@@ -174,6 +216,11 @@ impl<const N: usize> Sense<N> {
             },
         }
     }
+}
+
+/// Counters may have wrapped.
+fn difference<const N: usize>(counts: &[i32; N], off: &[i32; N]) -> [i32; N] {
+    core::array::from_fn(|i| counts[i].wrapping_sub(off[i]))
 }
 
 fn lines(read: LinesIn) -> Lines {

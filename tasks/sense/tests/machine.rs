@@ -1,9 +1,10 @@
 //! `sense` in a machine in virtual time, with scripted boards.
 
-use taktil_hal::{CHANNELS, Counts, DigitalIn, Encoders, Error, Kind, LinesIn, Reading};
+use taktil_hal::{CHANNELS, Counts, DigitalIn, Encoders, Error, Kind, LinesIn, Marks, Reading};
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, Nanos, Payload};
-use taktil_signal::{ControlState, JointState, Lines};
+use taktil_signal::{ControlState, HomeCheck, JointState, Lines};
+use taktil_tasks_sense::index::IndexConfig;
 use taktil_tasks_sense::{Config, Sense};
 use taktil_tests_script::{Bench, PERIOD};
 
@@ -157,4 +158,92 @@ fn a_board_with_too_few_encoders_is_refused() {
         Sense::new(Config::default(), &Robot::puma260(), encoders, lines, ports)
     });
     assert!(refused.what.contains('5'), "{refused}");
+}
+
+/// Encoders that latch index pulses: the first one of motor 3 only before a job of its own.
+struct Latching {
+    counts: Script<[Counts; CHANNELS]>,
+    marks: fn(i64) -> Marks,
+    release: Nanos,
+}
+
+impl Encoders for Latching {
+    fn joints(&self) -> usize {
+        6
+    }
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
+        self.release = release;
+        self.counts.sample(release)
+    }
+    fn has_index(&self) -> bool {
+        true
+    }
+    fn marks(&self) -> Marks {
+        (self.marks)(self.release.0 / PERIOD.0)
+    }
+}
+
+/// Joints, what the pulses said, and the faults, when calibration is asked for in jobs 10 and 60.
+fn latched(
+    marks: fn(i64) -> Marks,
+    index: IndexConfig,
+) -> (Vec<(u64, JointState)>, Vec<(u64, HomeCheck)>, Vec<FaultCode>) {
+    let mut bench = Bench::new();
+    let lane = bench.servo();
+    let ignored = index.ignore;
+    bench.task(lane, "sense", |ports| {
+        let counts = Script { answer: |_| Ok([Counts(30); CHANNELS]), joints: 6 };
+        let encoders = Box::new(Latching { counts, marks, release: Nanos::ZERO });
+        let lines = Box::new(Script { answer: |_| Ok(POWERED), joints: 0 });
+        let config = Config { index, ..Config::default() };
+        Sense::new(config, &Robot::puma260(), encoders, lines, ports)
+    });
+    bench.feed(lane, "control", |tick| {
+        Some(ControlState { calibrate: u32::from(matches!(tick, 10 | 60)), ..ControlState::ZERO })
+    });
+    bench.bind_feeds("sense", &["control"]);
+    let run = bench.run(PERIOD * 100);
+    let told = if ignored { Vec::new() } else { run.ticked("sense.home") };
+    (run.ticked("sense.joints"), told, run.faults().iter().collect())
+}
+
+#[test]
+fn a_calibration_snaps_to_the_nearest_pulses_and_says_how_far_it_was() {
+    // Home is 20 counts past a pulse; pulses are at 3 + 1000 k and 3 + 800 k: home at count 23.
+    let config = IndexConfig { home_counts: Some(vec![20.0; 6]), ..IndexConfig::default() };
+    let (joints, told, faults) = latched(|_| [Some(Counts(3 - 8000)); CHANNELS], config);
+    assert_eq!(faults, []);
+    assert_eq!((told.len(), told[0].0), (2, 11));
+    assert_eq!((told[0].1.off_counts, told[0].1.refused, told[0].1.motor), ([7; 6], 0, 0));
+    let after = joints.iter().find(|row| row.0 == 11).unwrap().1;
+    assert_eq!((after.calibrated, after.datum), (1, 1));
+    let robot = Robot::puma260();
+    let off = robot.gears.joints(&[7; 6]);
+    for i in 0..6 {
+        assert!((after.q_rad[i] - robot.home_rad[i] - off[i]).abs() < 1e-12, "joint {i}");
+        assert!((told[0].1.off_rad[i] - off[i]).abs() < 1e-15);
+    }
+}
+
+#[test]
+fn a_calibration_without_every_pulse_or_far_from_them_is_refused_and_may_be_asked_again() {
+    let marks = |job: i64| {
+        let mut marks = [Some(Counts(30)); CHANNELS];
+        marks[2] = (job >= 50).then_some(Counts(30));
+        marks
+    };
+    let (joints, told, faults) = latched(marks, IndexConfig::default());
+    assert_eq!(faults, [FaultCode::IndexMissing]);
+    assert_eq!((told[0].1.refused, told[0].1.motor), (FaultCode::IndexMissing as u32, 3));
+    assert!(joints.iter().all(|(tick, row)| row.calibrated == u32::from(*tick >= 61)));
+    assert!(joints.iter().all(|(tick, row)| row.datum == u32::from(*tick >= 61)));
+    let far = |_: i64| [Some(Counts(30 - 300)); CHANNELS];
+    let (joints, told, faults) = latched(far, IndexConfig::default());
+    assert_eq!(faults, [FaultCode::IndexFar]);
+    assert_eq!((told[1].1.motor, told[1].1.off_counts[0]), (1, 300));
+    assert!(joints.iter().all(|(_, row)| row.calibrated == 0));
+    let config = IndexConfig { ignore: true, ..IndexConfig::default() };
+    let (joints, _, faults) = latched(far, config);
+    assert_eq!(faults, []);
+    assert_eq!(joints.last().unwrap().1.calibrated, 1, "by eye");
 }

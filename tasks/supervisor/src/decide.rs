@@ -212,10 +212,12 @@ impl<const N: usize> Core<N> {
             State::TactileServo => facts.tactile,
             _ => Word::default(),
         };
+        let zero = facts.joints.map(|joints| joints.calibrated == 1);
         Guard {
             mode: self.mode,
             faults: self.latch.faults(),
-            calibrated: facts.joints.is_some_and(|joints| joints.calibrated == 1),
+            calibrated: zero == Some(true),
+            denied: zero == Some(false) && self.settling == 0,
             // A word from before this state was entered is about something else.
             done: word.done && word.stamp >= since,
             // Who cannot feel is blind for ever.

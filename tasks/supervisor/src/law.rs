@@ -13,7 +13,8 @@
 //! │ MANUAL/UNCALIBRATED │ <────────────────── │ IDLE/UNCALIBRATED │
 //! │       MOVING        │ ──────────────────> │       HOLD        │
 //! └─────────────────────┘        idle         └─────────┬─────────┘
-//!                                                       │ calibrate (in the home pose)
+//!                                                       │ calibrate (in the home pose; back by
+//!                                                       │ itself when the index pulses deny it)
 //!                                                       v
 //!                                             ┌───────────────────┐
 //!                                             │  IDLE/CALIBRATED  │
@@ -45,6 +46,8 @@ pub struct Guard {
     pub faults: FaultSet,
     /// The zero of the joint angles is known.
     pub calibrated: bool,
+    /// A calibration was asked for, had its time, and did not happen.
+    pub denied: bool,
     /// The source of motion of the present state has nothing left to do.
     pub done: bool,
     /// Touch has been missing for longer than can be bridged.
@@ -100,6 +103,9 @@ fn by_itself(state: State, guard: &Guard) -> Option<State> {
     match state {
         State::Start => (guard.mode == Mode::Hold).then_some(State::IdleUncalibrated),
         _ if !guard.mode.brakes_released() => Some(State::Start),
+        State::IdleCalibrated => {
+            (guard.mode == Mode::Hold && guard.denied).then_some(State::IdleUncalibrated)
+        }
         State::Trajectory => (moving && guard.done).then_some(State::IdleCalibrated),
         State::TactileServo => {
             (moving && (guard.done || guard.blind)).then_some(State::IdleCalibrated)
@@ -164,11 +170,12 @@ mod tests {
         let mut all = Vec::new();
         for mode in Mode::ALL {
             for fault in faults {
-                for bits in 0..8 {
+                for bits in 0..16 {
                     all.push(Guard {
                         mode,
                         faults: set(fault),
                         calibrated: bits & 1 != 0,
+                        denied: bits & 8 != 0,
                         done: bits & 2 != 0,
                         blind: bits & 4 != 0,
                     });
@@ -240,6 +247,14 @@ mod tests {
                     Some(S::Start)
                 } else {
                     let over = match state {
+                        S::IdleCalibrated => {
+                            let denied = guard.mode == Mode::Hold && guard.denied;
+                            assert_eq!(
+                                next(state, V::None, &guard),
+                                denied.then_some(S::IdleUncalibrated)
+                            );
+                            continue;
+                        }
                         S::Trajectory => guard.done,
                         S::TactileServo => guard.done || guard.blind,
                         _ => false,

@@ -6,6 +6,7 @@ mod determinism;
 mod edits;
 mod experiments;
 mod hold;
+mod home;
 mod jog;
 mod laws;
 mod lines;

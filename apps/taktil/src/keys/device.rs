@@ -1,18 +1,48 @@
-//! Keyboards and gamepads through the kernel's event devices. Read without waiting; a read that
-//! fails is a device that is gone. Refuses devices that have no key and no stick of the map.
+//! Keyboards and gamepads through the kernel's event devices, or the same events through a pipe.
+//! Read without waiting; a read that fails, and the end of a pipe, is a device that is gone.
+//! Refuses devices that have no key and no stick of the map.
 
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::io::ErrorKind;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
-use evdev::{Device, EventSummary, KeyCode};
+use evdev::{Device, KeyCode};
+use nix::errno::Errno;
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
 
+use super::events::{Decoder, EVENT_BYTES, Happened};
 use super::hand::Hand;
 use super::map::Map;
 
+/// Events that are read at once.
+const AT_ONCE: usize = 64;
+/// Reads in one look at most: what is left waits for the next.
+const READS: usize = 8;
+/// Half the way of a stick that comes through a pipe, which says nothing of it: sixteen bits.
+const PIPE_WAY: f64 = 32_768.0;
+
+/// Where events come from.
+enum Wire {
+    Kernel(Box<Device>),
+    Pipe(File),
+}
+
+impl AsFd for Wire {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        match self {
+            Wire::Kernel(device) => device.as_fd(),
+            Wire::Pipe(file) => file.as_fd(),
+        }
+    }
+}
+
 /// An open device.
 pub struct Input {
-    device: Device,
+    wire: Wire,
+    decoder: Decoder,
     /// Where it was found.
     pub path: PathBuf,
     /// Middle and half the way of each stick.
@@ -29,63 +59,103 @@ pub enum Looked {
 }
 
 impl Input {
-    /// Opens an event device for this program alone, so that what is typed goes nowhere else.
+    /// Opens an event device for this program alone, so that what is typed goes nowhere else; or a
+    /// named pipe, once somebody writes to it.
     ///
     /// # Errors
     /// The kernel's, and a device without anything of the map.
     pub fn open(path: &Path, map: &Map) -> std::io::Result<Input> {
-        let mut device = Device::open(path)?;
-        let keys = device.supported_keys();
-        let has_key =
-            map.keys.keys().any(|code| keys.is_some_and(|keys| keys.contains(KeyCode(*code))));
-        let mut ways = BTreeMap::new();
-        if device.supported_absolute_axes().is_some() {
-            for (code, about) in device.get_absinfo()? {
-                let (low, high) = (f64::from(about.minimum()), f64::from(about.maximum()));
-                if map.sticks.contains_key(&code.0) && high > low {
-                    ways.insert(code.0, (0.5 * (low + high), 0.5 * (high - low)));
-                }
-            }
-        }
-        if !has_key && ways.is_empty() {
-            let what = "it has no key and no stick of the map";
-            return Err(std::io::Error::new(ErrorKind::Unsupported, what));
-        }
-        device.set_nonblocking(true)?;
-        device.grab()?;
-        Ok(Input { device, path: path.to_owned(), ways })
+        let (wire, ways) = match std::fs::metadata(path)?.file_type().is_fifo() {
+            true => (Wire::Pipe(File::open(path)?), through_a_pipe(map)),
+            false => kernel(path, map)?,
+        };
+        let flags = OFlag::from_bits_retain(fcntl(&wire, FcntlArg::F_GETFL)?);
+        fcntl(&wire, FcntlArg::F_SETFL(flags | OFlag::O_NONBLOCK))?;
+        Ok(Input { wire, decoder: Decoder::default(), path: path.to_owned(), ways })
     }
 
-    /// Whether it has a key.
+    /// Whether it has a key; whoever writes to a pipe may have any.
     #[must_use]
     pub fn has(&self, code: u16) -> bool {
-        self.device.supported_keys().is_some_and(|keys| keys.contains(KeyCode(code)))
+        match &self.wire {
+            Wire::Kernel(device) => {
+                device.supported_keys().is_some_and(|keys| keys.contains(KeyCode(code)))
+            }
+            Wire::Pipe(_) => false,
+        }
     }
 
-    /// Takes in what has happened on it. The kernel's buffer may have overflowed; the reader
-    /// resynchronises then by itself.
+    /// Takes in what has happened on it. When the kernel's buffer has overflowed, everything is up,
+    /// and then what the device says is held.
     pub fn look(&mut self, number: usize, hand: &mut Hand) -> Looked {
         let mut said = Vec::new();
-        let events = match self.device.fetch_events() {
-            Ok(events) => events,
-            Err(error) if error.kind() == ErrorKind::WouldBlock => return Looked::There(said),
-            Err(_) => return Looked::Gone,
-        };
-        for event in events {
-            match event.destructure() {
-                EventSummary::Key(_, code, value) => {
-                    said.extend(hand.key(number, code.0, value != 0));
+        let mut buffer = [0; AT_ONCE * EVENT_BYTES];
+        for _ in 0..READS {
+            let read = match nix::unistd::read(&self.wire, &mut buffer) {
+                Ok(0) => return Looked::Gone,
+                Ok(read) => read,
+                Err(Errno::EAGAIN) => break,
+                Err(Errno::EINTR) => continue,
+                Err(_) => return Looked::Gone,
+            };
+            for happened in self.decoder.feed(&buffer[..read]) {
+                match happened {
+                    Happened::Key(code, down) => said.extend(hand.key(number, code, down)),
+                    Happened::Stick(code, value) => self.stick(number, hand, code, value),
+                    Happened::Lost => hand.let_go(number),
+                    Happened::Ask if self.ask(number, hand).is_err() => return Looked::Gone,
+                    Happened::Ask => {}
                 }
-                EventSummary::AbsoluteAxis(_, code, value) => {
-                    if let Some((middle, way)) = self.ways.get(&code.0) {
-                        hand.stick(number, code.0, (f64::from(value) - middle) / way);
-                    }
-                }
-                _ => {}
             }
         }
         Looked::There(said)
     }
+
+    fn stick(&self, number: usize, hand: &mut Hand, code: u16, value: i32) {
+        if let Some((middle, way)) = self.ways.get(&code) {
+            hand.stick(number, code, (f64::from(value) - middle) / way);
+        }
+    }
+
+    /// Asks the device what is held. A pipe cannot be asked: there everything stays up.
+    fn ask(&self, number: usize, hand: &mut Hand) -> std::io::Result<()> {
+        let Wire::Kernel(device) = &self.wire else { return Ok(()) };
+        for key in device.get_key_state()?.iter() {
+            hand.still_held(number, key.0);
+        }
+        for (code, about) in device.get_absinfo()? {
+            self.stick(number, hand, code.0, about.value());
+        }
+        Ok(())
+    }
+}
+
+type Ways = BTreeMap<u16, (f64, f64)>;
+
+fn kernel(path: &Path, map: &Map) -> std::io::Result<(Wire, Ways)> {
+    let mut device = Device::open(path)?;
+    let keys = device.supported_keys();
+    let has_key =
+        map.keys.keys().any(|code| keys.is_some_and(|keys| keys.contains(KeyCode(*code))));
+    let mut ways = Ways::new();
+    if device.supported_absolute_axes().is_some() {
+        for (code, about) in device.get_absinfo()? {
+            let (low, high) = (f64::from(about.minimum()), f64::from(about.maximum()));
+            if map.sticks.contains_key(&code.0) && high > low {
+                ways.insert(code.0, (0.5 * (low + high), 0.5 * (high - low)));
+            }
+        }
+    }
+    if !has_key && ways.is_empty() {
+        let what = "it has no key and no stick of the map";
+        return Err(std::io::Error::new(ErrorKind::Unsupported, what));
+    }
+    device.grab()?;
+    Ok((Wire::Kernel(Box::new(device)), ways))
+}
+
+fn through_a_pipe(map: &Map) -> Ways {
+    map.sticks.keys().map(|code| (*code, (0.0, PIPE_WAY))).collect()
 }
 
 /// Every event device of this host that can be used, and why the others cannot.
@@ -106,4 +176,77 @@ pub fn all(folder: &Path, map: &Map) -> (Vec<Input>, Vec<String>) {
         }
     }
     (inputs, others)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::events::bytes;
+    use super::super::map::{DEFAULT, MapFile};
+    use super::*;
+    use std::io::Write;
+
+    /// A pipe as a device, the end that is written to, and a hand that it moves.
+    fn piped() -> (Input, File, Hand) {
+        let map = toml::from_str::<MapFile>(DEFAULT).unwrap().check().unwrap();
+        let (read, write) = nix::unistd::pipe().unwrap();
+        fcntl(&read, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).unwrap();
+        let input = Input {
+            wire: Wire::Pipe(File::from(read)),
+            decoder: Decoder::default(),
+            path: PathBuf::from("pipe"),
+            ways: through_a_pipe(&map),
+        };
+        let mut hand = Hand::new(map);
+        hand.plugged(0, |code| input.has(code));
+        (input, File::from(write), hand)
+    }
+
+    const KEY: u16 = 1;
+    const ABS: u16 = 3;
+
+    #[test]
+    fn keys_are_held_from_event_to_event_and_words_said_once() {
+        let (mut input, mut wire, mut hand) = piped();
+        assert_eq!(input.look(0, &mut hand), Looked::There(vec![]));
+        wire.write_all(&bytes(KEY, KeyCode::KEY_J.0, 1)).unwrap();
+        wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 1)[..7]).unwrap();
+        assert_eq!(input.look(0, &mut hand), Looked::There(vec!["manual_joint".into()]));
+        assert!(hand.push().is_none(), "half an event is none yet");
+        wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 1)[7..]).unwrap();
+        input.look(0, &mut hand);
+        assert!(hand.push().is_some());
+        wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 0)).unwrap();
+        input.look(0, &mut hand);
+        assert!(hand.push().is_none());
+        wire.write_all(&bytes(ABS, evdev::AbsoluteAxisCode::ABS_X.0, i32::MIN)).unwrap();
+        input.look(0, &mut hand);
+        assert!(hand.push().is_some_and(|(axes, _)| axes.iter().all(|axis| axis.abs() <= 1.0)));
+    }
+
+    #[test]
+    fn an_overflow_lets_go_and_so_does_the_end() {
+        let (mut input, mut wire, mut hand) = piped();
+        wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 1)).unwrap();
+        input.look(0, &mut hand);
+        assert!(hand.push().is_some());
+        // SYN_DROPPED: the release of the key may be among what was lost.
+        wire.write_all(&bytes(0, 3, 0)).unwrap();
+        input.look(0, &mut hand);
+        assert!(hand.push().is_none());
+        wire.write_all(&[bytes(0, 0, 0), bytes(KEY, KeyCode::KEY_E.0, 1)].concat()).unwrap();
+        assert_eq!(input.look(0, &mut hand), Looked::There(vec![]));
+        assert!(hand.push().is_some());
+        drop(wire);
+        assert_eq!(input.look(0, &mut hand), Looked::Gone);
+    }
+
+    #[test]
+    fn a_flood_does_not_keep_the_reader() {
+        let (mut input, mut wire, mut hand) = piped();
+        fcntl(&wire, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).unwrap();
+        let event = bytes(KEY, KeyCode::KEY_E.0, 2);
+        while wire.write_all(&event).is_ok() {}
+        assert!(matches!(input.look(0, &mut hand), Looked::There(_)));
+        assert!(wire.write_all(&event).is_ok(), "something was read");
+    }
 }

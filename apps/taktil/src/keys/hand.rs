@@ -44,6 +44,19 @@ impl Hand {
         self.devices.remove(&device);
     }
 
+    /// Nobody knows what is held on a device: everything on it counts as up.
+    pub fn let_go(&mut self, device: usize) {
+        if let Some(device) = self.devices.get_mut(&device) {
+            device.down.clear();
+            device.sticks.clear();
+        }
+    }
+
+    /// A key turns out to be down: it pushes, and nothing is said.
+    pub fn still_held(&mut self, device: usize, code: u16) {
+        self.devices.entry(device).or_default().down.insert(code);
+    }
+
     /// A key went down or up; what is to be said to the machine. Repeats of the kernel say nothing.
     pub fn key(&mut self, device: usize, code: u16, down: bool) -> Option<String> {
         let held = &mut self.devices.entry(device).or_default().down;
@@ -146,6 +159,20 @@ mod tests {
         }
         hand.key(1, KeyCode::BTN_TL.0, false);
         assert_eq!(hand.push(), None);
+    }
+
+    #[test]
+    fn what_is_found_held_pushes_and_says_nothing() {
+        let mut hand = hand();
+        hand.plugged(1, |code| code == KeyCode::BTN_TL.0);
+        hand.key(1, KeyCode::KEY_Q.0, true);
+        hand.let_go(1);
+        for code in [KeyCode::KEY_Q, KeyCode::KEY_K] {
+            hand.still_held(1, code.0);
+        }
+        assert_eq!(hand.push(), None, "its dead-man's switch is up");
+        hand.still_held(1, KeyCode::BTN_TL.0);
+        assert!(hand.push().is_some());
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! held.
 
 pub mod device;
+pub mod events;
 pub mod hand;
 pub mod map;
 mod terminal;
@@ -34,7 +35,8 @@ pub struct KeysArgs {
     /// Socket of the run or the service
     #[arg(long, value_name = "SOCKET", default_value = taktild::operator::socket::SERVICE_SOCKET)]
     at: PathBuf,
-    /// Event device; may be said again. Without it, every one that has keys of the map
+    /// Event device, or a named pipe that gives such events; may be said again. Without it, every
+    /// one that has keys of the map
     #[arg(long, value_name = "/dev/input/eventN")]
     device: Vec<PathBuf>,
     /// Characters from standard input instead: each counts as held for 0.15 s

@@ -171,6 +171,40 @@ fn key_maps_and_devices_that_cannot_be_used_are_refused() {
     assert!(none.err.contains("--device /dev/null"), "{}", none.err);
 }
 
+/// The bytes that a keyboard's event device gives.
+fn event(code: evdev::KeyCode, down: bool) -> Vec<u8> {
+    let key = taktil::keys::events::bytes(1, code.0, i32::from(down));
+    [key, taktil::keys::events::bytes(0, 0, 0)].concat()
+}
+
+#[test]
+fn events_through_a_pipe_move_the_arm_until_the_pipe_ends() {
+    use evdev::KeyCode;
+    let folder = Folder::new();
+    let _running = listening(&folder, "hold.toml");
+    let pipe = folder.join("events");
+    nix::unistd::mkfifo(&pipe, nix::sys::stat::Mode::S_IRWXU).unwrap();
+    let mut command = Command::new(TAKTIL);
+    command.args(["keys", "--at", "op", "--device"]).arg(&pipe).current_dir(folder.path());
+    let child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut reading = Running(child);
+    let mut wire = std::fs::OpenOptions::new().write(true).open(&pipe).unwrap();
+    let before = joints(&folder);
+    for key in [KeyCode::KEY_J, KeyCode::KEY_3, KeyCode::KEY_G] {
+        wire.write_all(&event(key, true)).unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(300));
+    }
+    let held = joints(&folder);
+    assert!(held[4] < before[4] - 0.5, "{before:?} {held:?}");
+    // Pulled with the key down.
+    drop(wire);
+    assert_eq!(reading.wait().code(), Some(1), "no device is left");
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    let stood = joints(&folder);
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    assert_eq!(joints(&folder), stood, "it stands");
+}
+
 /// A keyboard that the kernel is told of.
 #[test]
 fn a_keyboard_that_is_pulled_lets_go() {

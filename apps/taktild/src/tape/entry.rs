@@ -2,8 +2,8 @@
 //! device's name: a player gives its own.
 
 use taktil_hal::{
-    AdcCode, Arrival, CHANNELS, Counts, DacCode, Error, Kind, LinesIn, LinesOut, MAX_ROWS, Nanos,
-    Reading, TactileFrame,
+    AdcCode, Arrival, CHANNELS, Counts, DacCode, Error, Kind, LinesIn, LinesOut, MAX_ROWS, Marks,
+    Nanos, Reading, TactileFrame,
 };
 use taktil_rtcore::payload;
 
@@ -61,6 +61,16 @@ payload! {
         pub outcome: u16,
         /// [`Outcome::channel`].
         pub channel: u16,
+    }
+}
+
+payload! {
+    /// The index pulses that belong to an answer of the encoders.
+    pub struct IndexEntry {
+        /// Counts at the newest pulse of each channel, 0 where none has come.
+        pub counts: [i32; 8],
+        /// 1 where one has come.
+        pub seen: [u8; 8],
     }
 }
 
@@ -167,6 +177,21 @@ impl EncoderEntry {
     pub fn answer(&self, device: &'static str) -> Result<Reading<[Counts; CHANNELS]>, Error> {
         Outcome { code: self.outcome, channel: self.channel }.answer(device)?;
         Ok(Reading { value: self.counts.map(Counts), acquired: Nanos(self.acquired_ns) })
+    }
+}
+
+impl IndexEntry {
+    /// What is put on the tape.
+    #[must_use]
+    pub fn of(marks: &Marks) -> IndexEntry {
+        let counts = marks.map(|mark| mark.map_or(0, |Counts(count)| count));
+        IndexEntry { counts, seen: marks.map(|mark| u8::from(mark.is_some())) }
+    }
+
+    /// What the board said.
+    #[must_use]
+    pub fn marks(&self) -> Marks {
+        core::array::from_fn(|i| (self.seen[i] == 1).then(|| Counts(self.counts[i])))
     }
 }
 

@@ -8,13 +8,13 @@ use std::sync::{Arc, OnceLock};
 use serde::{Deserialize, Serialize};
 use taktil_hal::{
     AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalIn,
-    DigitalOut, Encoders, Error, ForceTorque, Kind, LinesIn, LinesOut, Nanos, Reading,
+    DigitalOut, Encoders, Error, ForceTorque, Kind, LinesIn, LinesOut, Marks, Nanos, Reading,
     TactileArray, TactileFrame,
 };
 use taktil_rtcore::Payload;
 
 use super::entry::{
-    AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, TactileEntry,
+    AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, IndexEntry, TactileEntry,
 };
 use super::name;
 
@@ -23,6 +23,9 @@ use super::name;
 #[serde(deny_unknown_fields)]
 pub struct About {
     joints: usize,
+    /// Logs of boards without index pulses need not say so.
+    #[serde(default)]
+    index: bool,
     analog_out_channels: usize,
     analog_out_codes: (i32, i32),
     analog_out_safe: i32,
@@ -43,6 +46,7 @@ impl About {
         let (AdcCode(least), AdcCode(most)) = devices.analog_in.code_range();
         About {
             joints: devices.encoders.joints(),
+            index: devices.encoders.has_index(),
             analog_out_channels: devices.analog_out.channels(),
             analog_out_codes: (low, high),
             analog_out_safe: devices.analog_out.safe_value().0,
@@ -77,6 +81,7 @@ type Roll<E> = VecDeque<(Nanos, E)>;
 #[derive(Clone, Debug, Default)]
 pub struct Tapes {
     encoders: Roll<EncoderEntry>,
+    index: Roll<IndexEntry>,
     analog_out: Roll<AnalogWord>,
     analog_in: Roll<AnalogEntry>,
     tactile: Roll<TactileEntry>,
@@ -97,6 +102,7 @@ impl Tapes {
     pub fn append(&mut self, signal: &str, release: Nanos, body: &[u8]) -> bool {
         match signal {
             name::ENCODERS => append(&mut self.encoders, release, body),
+            name::INDEX => append(&mut self.index, release, body),
             name::ANALOG_OUT => append(&mut self.analog_out, release, body),
             name::ANALOG_IN => append(&mut self.analog_in, release, body),
             name::TACTILE => append(&mut self.tactile, release, body),
@@ -113,7 +119,11 @@ impl Tapes {
         let lack = Lack::default();
         let note = || lack.clone();
         let devices = Devices {
-            encoders: Box::new(player(self.encoders, name::ENCODERS, about, note())),
+            encoders: Box::new(EncoderPlayer {
+                counts: player(self.encoders, name::ENCODERS, about, note()),
+                index: about.index.then(|| player(self.index, name::INDEX, about, note())),
+                marks: [None; CHANNELS],
+            }),
             analog_out: Box::new(player(self.analog_out, name::ANALOG_OUT, about, note())),
             analog_in: Box::new(player(self.analog_in, name::ANALOG_IN, about, note())),
             tactile: Box::new(player(self.tactile, name::TACTILE, about, note())),
@@ -168,13 +178,31 @@ impl<E: Payload> Player<E> {
     }
 }
 
-impl Encoders for Player<EncoderEntry> {
+/// Encoders that are tapes.
+struct EncoderPlayer {
+    counts: Player<EncoderEntry>,
+    index: Option<Player<IndexEntry>>,
+    marks: Marks,
+}
+
+impl Encoders for EncoderPlayer {
     fn joints(&self) -> usize {
-        self.about.joints
+        self.counts.about.joints
     }
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
-        self.next(release)?.answer(self.device)
+        if let Some(index) = &mut self.index {
+            self.marks = index.next(release)?.marks();
+        }
+        self.counts.next(release)?.answer(self.counts.device)
+    }
+
+    fn has_index(&self) -> bool {
+        self.index.is_some()
+    }
+
+    fn marks(&self) -> Marks {
+        self.marks
     }
 }
 

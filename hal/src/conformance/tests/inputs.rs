@@ -6,7 +6,7 @@ use crate::conformance::{
 };
 use crate::{
     AXES, AdcCode, AnalogIn, Arrival, CHANNELS, Counts, DigitalIn, Encoders, Error, ForceTorque,
-    Kind, LinesIn, MAX_ROWS, MAX_TACTELS, Nanos, Reading, TactileArray, TactileFrame,
+    Kind, LinesIn, MAX_ROWS, MAX_TACTELS, Marks, Nanos, Reading, TactileArray, TactileFrame,
 };
 
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -24,6 +24,8 @@ enum Defect {
     Growing,
     ReversedRange,
     CodeOutside,
+    Unannounced,
+    Forgetful,
 }
 
 struct Fake {
@@ -78,6 +80,15 @@ impl Encoders for Fake {
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
         let acquired = self.stamp(release)?;
         Ok(Reading { value: self.codes().map(Counts), acquired })
+    }
+    fn has_index(&self) -> bool {
+        self.defect == Defect::Forgetful
+    }
+    fn marks(&self) -> Marks {
+        let mut marks = [None; CHANNELS];
+        let there = self.defect == Defect::Forgetful && self.calls.rem_euclid(5) < 3;
+        marks[0] = (there || self.defect == Defect::Unannounced).then_some(Counts(7));
+        marks
     }
 }
 
@@ -147,6 +158,12 @@ fn channels_and_ranges_are_checked() {
         assert_eq!(rules(&encoders), due, "{defect:?}: {encoders:?}");
         let analog = check_analog_in(&mut Fake::new(defect), &mut Bench::still());
         assert!(rules(&analog).contains(&due[0]), "{defect:?}: {analog:?}");
+    }
+    for (defect, due) in
+        [(Defect::Unannounced, "marks-announced"), (Defect::Forgetful, "marks-stay")]
+    {
+        let encoders = check_encoders(&mut Fake::new(defect), &mut Bench::still());
+        assert_eq!(rules(&encoders), [due], "{defect:?}: {encoders:?}");
     }
     let outside = check_analog_in(&mut Fake::new(Defect::CodeOutside), &mut Bench::still());
     assert_eq!(rules(&outside), ["code-in-range"]);

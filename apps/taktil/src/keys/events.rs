@@ -1,0 +1,127 @@
+//! The kernel's input events, from the bytes of an event device or of a pipe to what happened to
+//! keys and sticks. Refuses to believe what it has heard once the kernel says that events were
+//! lost: everything is up then, until the device itself is asked.
+
+/// `struct input_event` of a 64-bit kernel: seconds and microseconds (8 bytes each), type (2), code
+/// (2), value (4).
+pub const EVENT_BYTES: usize = 24;
+
+const EV_SYN: u16 = 0;
+const EV_KEY: u16 = 1;
+const EV_ABS: u16 = 3;
+const SYN_REPORT: u16 = 0;
+const SYN_DROPPED: u16 = 3;
+
+/// What happened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Happened {
+    /// A key went down (or repeats), or up.
+    Key(u16, bool),
+    /// A stick stands here, in its own units.
+    Stick(u16, i32),
+    /// Events were lost: nobody knows what is held.
+    Lost,
+    /// The device may be asked what is held.
+    Ask,
+}
+
+/// Puts events together from pieces of any length.
+#[derive(Clone, Debug, Default)]
+pub struct Decoder {
+    piece: Vec<u8>,
+    /// Between the word that events were lost and the end of that report.
+    lost: bool,
+}
+
+impl Decoder {
+    /// Takes bytes in; what happened, in order.
+    pub fn feed(&mut self, bytes: &[u8]) -> Vec<Happened> {
+        self.piece.extend_from_slice(bytes);
+        let whole = self.piece.len() / EVENT_BYTES * EVENT_BYTES;
+        let events: Vec<u8> = self.piece.drain(..whole).collect();
+        events.chunks_exact(EVENT_BYTES).filter_map(|event| self.event(event)).collect()
+    }
+
+    fn event(&mut self, event: &[u8]) -> Option<Happened> {
+        let short = |at: usize| u16::from_ne_bytes([event[at], event[at + 1]]);
+        let (kind, code) = (short(16), short(18));
+        let value = i32::from_ne_bytes([event[20], event[21], event[22], event[23]]);
+        match (kind, code) {
+            (EV_SYN, SYN_DROPPED) => {
+                self.lost = true;
+                Some(Happened::Lost)
+            }
+            (EV_SYN, SYN_REPORT) if self.lost => {
+                self.lost = false;
+                Some(Happened::Ask)
+            }
+            _ if self.lost => None,
+            (EV_KEY, code) => Some(Happened::Key(code, value != 0)),
+            (EV_ABS, code) => Some(Happened::Stick(code, value)),
+            _ => None,
+        }
+    }
+}
+
+/// An event as the kernel writes it, with no time.
+#[must_use]
+pub fn bytes(kind: u16, code: u16, value: i32) -> [u8; EVENT_BYTES] {
+    let mut event = [0; EVENT_BYTES];
+    event[16..18].copy_from_slice(&kind.to_ne_bytes());
+    event[18..20].copy_from_slice(&code.to_ne_bytes());
+    event[20..].copy_from_slice(&value.to_ne_bytes());
+    event
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn events_are_whole_however_they_come() {
+        let stream: Vec<u8> = [
+            bytes(EV_KEY, 30, 1),
+            bytes(EV_SYN, SYN_REPORT, 0),
+            bytes(4, 4, 458_756), // a scan code says nothing here
+            bytes(EV_ABS, 1, -7),
+            bytes(EV_KEY, 30, 2),
+            bytes(EV_KEY, 30, 0),
+        ]
+        .concat();
+        let due = [
+            Happened::Key(30, true),
+            Happened::Stick(1, -7),
+            Happened::Key(30, true),
+            Happened::Key(30, false),
+        ];
+        for size in [1, 5, 23, 24, 25, 1000] {
+            let mut decoder = Decoder::default();
+            let found: Vec<_> = stream.chunks(size).flat_map(|part| decoder.feed(part)).collect();
+            assert_eq!(found, due, "{size}");
+        }
+        assert_eq!(bytes(1, 30, 1).len(), size_of::<nix::libc::input_event>());
+    }
+
+    #[test]
+    fn what_was_lost_is_not_believed_until_the_report_ends() {
+        let mut decoder = Decoder::default();
+        let stream = [
+            bytes(EV_KEY, 30, 1),
+            bytes(EV_SYN, SYN_DROPPED, 0),
+            bytes(EV_KEY, 31, 1),
+            bytes(EV_SYN, SYN_REPORT, 0),
+            bytes(EV_KEY, 32, 1),
+        ]
+        .concat();
+        let due = [Happened::Key(30, true), Happened::Lost, Happened::Ask, Happened::Key(32, true)];
+        assert_eq!(decoder.feed(&stream), due);
+    }
+
+    #[test]
+    fn any_bytes_are_something_or_nothing() {
+        let mut decoder = Decoder::default();
+        let noise: Vec<u8> =
+            (0..10_000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        assert!(decoder.feed(&noise).len() <= 10_000 / EVENT_BYTES);
+    }
+}

@@ -1,0 +1,100 @@
+//! Index pulses of the encoder discs: one a turn of each motor, latched by the simulated board with
+//! the count at which it came. Refuses to know a pulse that has not come: a mark is there only once
+//! the disc has turned past it.
+
+use taktil_hal::{CHANNELS, Counts, Marks};
+
+use crate::hash::Hash;
+use crate::scene::{Invalid, invalid};
+
+/// Where the pulses of each channel lie, and what has been latched of them.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Index {
+    joints: usize,
+    /// The count of one of the pulses, and counts from one to the next.
+    pulses: [(i32, i32); CHANNELS],
+    /// Whole turns past that pulse, rounded down, when the counts were last looked at.
+    turns: [i32; CHANNELS],
+    marks: Marks,
+}
+
+impl Index {
+    /// Discs whose pulses stand `before` counts before the counts of the home pose.
+    pub(crate) fn new(before: &[f64], home: &[i32], per_rev: &[f64]) -> Result<Index, Invalid> {
+        if before.len() != home.len() {
+            let what = format!("has {} numbers, the arm has {} joints", before.len(), home.len());
+            return Err(invalid("arm.index_counts", what, "give one for each joint"));
+        }
+        let mut pulses = [(0, 1); CHANNELS];
+        for (i, pulse) in pulses.iter_mut().enumerate().take(home.len().min(CHANNELS)) {
+            // Ranges are checked: both fit.
+            let (before, turn) = (before[i].round() as i32, per_rev[i].round() as i32);
+            *pulse = (home[i].wrapping_sub(before), turn.max(1));
+        }
+        let mut index =
+            Index { joints: home.len(), pulses, turns: [0; CHANNELS], marks: [None; CHANNELS] };
+        for i in 0..CHANNELS {
+            index.turns[i] = index.past(i, 0);
+        }
+        Ok(index)
+    }
+
+    fn past(&self, i: usize, count: i32) -> i32 {
+        let (at, turn) = self.pulses[i];
+        count.wrapping_sub(at).div_euclid(turn)
+    }
+
+    /// The discs turned to these counts; the newest pulses since power-up.
+    pub(crate) fn turn(&mut self, counts: &[Counts; CHANNELS]) -> Marks {
+        for (i, Counts(count)) in counts.iter().enumerate().take(self.joints) {
+            let (before, now) = (self.turns[i], self.past(i, *count));
+            if now != before {
+                // Upwards the last pulse passed is the one below, downwards the one above.
+                let (at, turn) = self.pulses[i];
+                let newest = if now > before { now } else { now + 1 };
+                self.marks[i] = Some(Counts(at.wrapping_add(newest.wrapping_mul(turn))));
+                self.turns[i] = now;
+            }
+        }
+        self.marks
+    }
+
+    pub(crate) fn marks(&self) -> Marks {
+        self.marks
+    }
+
+    pub(crate) fn digest(&self, hash: &mut Hash) {
+        for (mark, turns) in self.marks.iter().zip(self.turns) {
+            hash.word(u64::from(turns.cast_unsigned()));
+            hash.word(mark.map_or(u64::MAX, |Counts(count)| u64::from(count.cast_unsigned())));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn turned(index: &mut Index, count: i32) -> Option<i32> {
+        index.turn(&[Counts(count); CHANNELS])[0].map(|Counts(count)| count)
+    }
+
+    #[test]
+    fn a_pulse_is_latched_when_it_is_passed_and_kept() {
+        // Home at count 30, the pulse 10 before it: pulses at ..., -80, 20, 120, ...
+        let mut index = Index::new(&[10.0], &[30], &[100.0]).unwrap();
+        assert_eq!(turned(&mut index, 19), None);
+        assert_eq!(turned(&mut index, 20), Some(20));
+        assert_eq!(turned(&mut index, 119), Some(20));
+        assert_eq!(turned(&mut index, 10), Some(20), "downwards past the same pulse");
+        assert_eq!(turned(&mut index, -81), Some(-80));
+        assert_eq!(turned(&mut index, 330), Some(320), "several in one look: the newest");
+        assert_eq!(index.marks()[1], None, "a channel that is not wired has none");
+    }
+
+    #[test]
+    fn one_number_for_each_joint() {
+        let bad = Index::new(&[0.0; 6], &[0; 7], &[100.0; 7]).unwrap_err();
+        assert_eq!(bad.place, "arm.index_counts");
+    }
+}

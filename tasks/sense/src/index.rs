@@ -1,0 +1,192 @@
+//! Where the home pose is by the encoders' index pulses: a pulse comes once a motor turn, so that
+//! the count of the home pose is known but for whole turns, and a calibration by eye only has to
+//! find the right turn. Refuses a joint that has passed no pulse, and a home pose so far from the
+//! nearest pulse that the turn may be the wrong one.
+
+use serde::Deserialize;
+use taktil_hal::{Counts, Marks};
+use taktil_mechanics::transmission::Transmission;
+use taktil_rtcore::{FaultCode, Invalid};
+use taktil_signal::per_joint;
+
+/// Settings of the search for the nearest index pulse; of no meaning on a board without pulses.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct IndexConfig {
+    /// Leaves the pulses alone: the home pose is where the operator says. Default: false.
+    pub ignore: bool,
+    /// How many counts past an index pulse each joint's motor stands in the home pose, found when
+    /// the robot was set up. Default: 0, the home pose is that of the pulses.
+    pub home_counts: Option<Vec<f64>>,
+    /// Farthest distance of a motor from its home count at a calibration, in parts of a turn, below
+    /// 0.5: farther means that the neighbouring turn may be the right one. Default: 0.25.
+    pub farthest_rev: f64,
+}
+
+impl Default for IndexConfig {
+    fn default() -> IndexConfig {
+        IndexConfig { ignore: false, home_counts: None, farthest_rev: 0.25 }
+    }
+}
+
+/// Largest distance from a pulse that may be given (counts).
+const COUNTS_MAX: f64 = 1e6;
+
+impl IndexConfig {
+    /// Refuses counts that are no whole numbers of sensible size and distances outside 0 to 0.5.
+    ///
+    /// # Errors
+    /// The place, what is wrong there, and the way out.
+    pub fn check(&self) -> Result<(), Invalid> {
+        for (i, counts) in self.home_counts.iter().flatten().enumerate() {
+            if counts.fract() != 0.0 || !(-COUNTS_MAX..=COUNTS_MAX).contains(counts) {
+                return Err(Invalid::new(
+                    format!("home_counts[{i}]"),
+                    format!("{counts} is not a number of counts"),
+                    "give a whole number, within +-1000000",
+                ));
+            }
+        }
+        if !(self.farthest_rev > 0.0 && self.farthest_rev < 0.5) {
+            return Err(Invalid::new(
+                "farthest_rev",
+                format!("{} of a turn does not tell one turn from the next", self.farthest_rev),
+                "give a number above 0 and below 0.5; 0.25 is usual",
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// The pulses of an arm.
+#[derive(Clone, Copy, Debug)]
+pub struct Index<const N: usize = 6> {
+    home: [i32; N],
+    turn: [i32; N],
+    farthest_rev: f64,
+}
+
+/// What the pulses say of a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Found<const N: usize = 6> {
+    /// Counts past the home pose, of motors that have passed a pulse; 0 of the others.
+    pub off: [i32; N],
+    /// The first motor that stands in the way, and why.
+    pub refused: Option<(usize, FaultCode)>,
+}
+
+impl<const N: usize> Index<N> {
+    /// For the gears of an arm.
+    ///
+    /// # Errors
+    /// What [`IndexConfig::check`] refuses, a list of another length, and encoders that have no
+    /// whole number of counts in a motor turn.
+    pub fn new(config: &IndexConfig, gears: &Transmission<N>) -> Result<Index<N>, Invalid> {
+        config.check()?;
+        let home = match &config.home_counts {
+            Some(list) => per_joint("home_counts", list)?,
+            None => [0.0; N],
+        };
+        let per_rev = gears.counts_per_rev();
+        let mut turn = [0; N];
+        for (i, turn) in turn.iter_mut().enumerate() {
+            // The way through counts per radian leaves a rounding.
+            *turn = whole(per_rev[i]).abs();
+            let near = (per_rev[i].abs() - f64::from(*turn)).abs() < 1e-6;
+            if *turn < 2 || !near {
+                return Err(Invalid::new(
+                    "",
+                    format!("motor {} has {} counts in a turn", i + 1, per_rev[i]),
+                    "index pulses need a whole number of counts in a turn; else say ignore = true",
+                ));
+            }
+        }
+        Ok(Index { home: home.map(whole), turn, farthest_rev: config.farthest_rev })
+    }
+
+    /// How far these counts are past the home pose that is nearest by the pulses.
+    #[must_use]
+    pub fn find(&self, counts: &[i32; N], marks: &Marks) -> Found<N> {
+        let mut found = Found { off: [0; N], refused: None };
+        for i in 0..N {
+            let Some(Counts(mark)) = marks.get(i).copied().flatten() else {
+                found.refused.get_or_insert((i, FaultCode::IndexMissing));
+                continue;
+            };
+            // Differences do not mind counters that have wrapped.
+            let past = counts[i].wrapping_sub(mark).wrapping_sub(self.home[i]);
+            let above = past.rem_euclid(self.turn[i]);
+            found.off[i] = if above > self.turn[i] / 2 { above - self.turn[i] } else { above };
+            let far = self.farthest_rev * f64::from(self.turn[i]);
+            if f64::from(found.off[i]).abs() > far {
+                found.refused.get_or_insert((i, FaultCode::IndexFar));
+            }
+        }
+        found
+    }
+}
+
+/// A checked number as an integer.
+#[expect(clippy::cast_possible_truncation, reason = "whole and of checked size, else saturated")]
+fn whole(x: f64) -> i32 {
+    x.round() as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taktil_hal::CHANNELS;
+
+    fn index(home: [f64; 6]) -> Index {
+        let config = IndexConfig { home_counts: Some(home.to_vec()), ..IndexConfig::default() };
+        Index::new(&config, &Transmission::reference()).unwrap()
+    }
+
+    #[test]
+    fn the_nearest_home_is_found_on_either_side_and_across_turns() {
+        let index = index([40.0, 0.0, -30.0, 0.0, 0.0, 799.0]);
+        let marks = [Some(Counts(100)); CHANNELS];
+        // Home counts of motor 1: 140 + 1000 k; of 6: 899 + 800 k, that is 99 + 800 k.
+        let found =
+            index.find(&[143, 2090, 70 - 3000 - 249, 100, 100 + 8 * 800 - 200, 100], &marks);
+        assert_eq!(found, Found { off: [3, -10, -249, 0, -200, 1], refused: None });
+    }
+
+    #[test]
+    fn far_and_missing_pulses_are_refused_and_the_first_is_named() {
+        let index = index([0.0; 6]);
+        let mut marks = [Some(Counts(0)); CHANNELS];
+        let found = index.find(&[0, 250, 251, 0, -201, 0], &marks);
+        assert_eq!(found.refused, Some((2, FaultCode::IndexFar)));
+        assert_eq!(found.off, [0, 250, 251, 0, -201, 0]);
+        marks[1] = None;
+        let found = index.find(&[0, 250, 251, 0, 0, 0], &marks);
+        assert_eq!((found.refused, found.off[1]), (Some((1, FaultCode::IndexMissing)), 0));
+    }
+
+    #[test]
+    fn counters_that_wrapped_between_pulse_and_home_are_no_matter() {
+        let index = index([0.0; 6]);
+        let marks = [Some(Counts(i32::MAX - 10)); CHANNELS];
+        let found = index.find(&[i32::MIN + 989; 6], &marks);
+        assert_eq!((found.off[0], found.refused), (0, None));
+        let found = index.find(&[i32::MIN; 6], &[Some(Counts(i32::MAX)); CHANNELS]);
+        assert_eq!(found.off, [1; 6]);
+    }
+
+    #[test]
+    fn unusable_settings_are_refused_with_their_place() {
+        for bad in [f64::NAN, f64::INFINITY, 0.5, 2e6, -2e6] {
+            let list = Some(vec![0.0, 0.0, bad, 0.0, 0.0, 0.0]);
+            let config = IndexConfig { home_counts: list, ..IndexConfig::default() };
+            assert_eq!(config.check().unwrap_err().place, "home_counts[2]", "{bad}");
+        }
+        for bad in [f64::NAN, f64::INFINITY, 0.0, -0.1, 0.5] {
+            let config = IndexConfig { farthest_rev: bad, ..IndexConfig::default() };
+            assert_eq!(config.check().unwrap_err().place, "farthest_rev", "{bad}");
+        }
+        let short = IndexConfig { home_counts: Some(vec![0.0; 5]), ..IndexConfig::default() };
+        let bad = Index::new(&short, &Transmission::reference()).unwrap_err();
+        assert_eq!(bad.place, "home_counts");
+    }
+}
