@@ -83,6 +83,11 @@ pub enum PathError {
         /// The time (s).
         tau_s: f64,
     },
+    /// A segment's speed, or the acceleration of its transitions, is beyond all numbers.
+    BeyondNumbers {
+        /// Index of the segment.
+        segment: usize,
+    },
     /// tau is longer than half a segment, its transitions would overlap.
     TransitionsOverlap {
         /// Index of the segment.
@@ -115,6 +120,9 @@ impl fmt::Display for PathError {
                     "point {point} is not a pose: its rotation has columns that are not of length \
                      1, square to each other and right-handed, or a number is not finite"
                 )
+            }
+            PathError::BeyondNumbers { segment } => {
+                write!(f, "segment {segment} is too long for its time: its speed is no number")
             }
             PathError::SegmentTime { segment, time_s } => {
                 write!(f, "segment {segment} takes {time_s} s; it must be positive and finite")
@@ -183,15 +191,17 @@ impl<const N: usize> JointPath<N> {
     /// two transitions. The path is spoilt then.
     pub fn push(&mut self, q: &Vector<N>, time_s: f64) -> Result<(), PathError> {
         let point = self.timing.count();
-        self.timing.push(time_s)?;
-        self.set(point, q)
+        self.set(point, q)?;
+        let way = (q - self.points[point - 1]).amax();
+        self.timing.push(time_s, way)
     }
 
     fn set(&mut self, point: usize, q: &Vector<N>) -> Result<(), PathError> {
         if let Some(joint) = q.iter().position(|x| !x.is_finite()) {
             return Err(PathError::PointNotFinite { point, joint });
         }
-        self.points[point] = *q;
+        let full = PathError::TooManyPoints { points: point + 1 };
+        *self.points.get_mut(point).ok_or(full)? = *q;
         Ok(())
     }
 

@@ -164,18 +164,27 @@ payload! {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u32)]
 pub enum JogFrame {
-    /// The six joints.
+    /// The joints, the first six of them.
     #[default]
     Joints = 0,
     /// The axes of the base, at the tool point: three translations, three turns.
     Base = 1,
     /// The axes of the tool.
     Tool = 2,
+    /// The last six joints: of an arm of seven all but the first.
+    Outer = 3,
 }
 
 impl JogFrame {
     /// Every frame.
-    pub const ALL: [JogFrame; 3] = [JogFrame::Joints, JogFrame::Base, JogFrame::Tool];
+    pub const ALL: [JogFrame; 4] =
+        [JogFrame::Joints, JogFrame::Base, JogFrame::Tool, JogFrame::Outer];
+
+    /// Whether the axes are joints; else they are the tool's.
+    #[must_use]
+    pub const fn is_joints(self) -> bool {
+        matches!(self, JogFrame::Joints | JogFrame::Outer)
+    }
 
     /// The frame with this number.
     #[must_use]
@@ -190,6 +199,7 @@ impl JogFrame {
             JogFrame::Joints => "joints",
             JogFrame::Base => "base",
             JogFrame::Tool => "tool",
+            JogFrame::Outer => "outer",
         }
     }
 }

@@ -157,8 +157,10 @@ impl CartesianPath {
     /// transitions. The path is spoilt then.
     pub fn push(&mut self, pose: &Pose, time_s: f64) -> Result<(), PathError> {
         let point = self.timing.count();
-        self.timing.push(time_s)?;
         self.set(point, pose)?;
+        // Orientations turn by two and a half turns at most, drives and their sweeps together.
+        let way = (pose.translation - self.points[point - 1].translation).length().max(16.0);
+        self.timing.push(time_s, way)?;
         self.turns[point - 1] = self.turn(point - 1);
         self.corners[point - 1] = self.corner(point - 1);
         self.corners[point] = self.corner(point);
@@ -169,7 +171,8 @@ impl CartesianPath {
         if !is_rigid(pose) {
             return Err(PathError::NotAPose { point });
         }
-        self.points[point] = *pose;
+        let full = PathError::TooManyPoints { points: point + 1 };
+        *self.points.get_mut(point).ok_or(full)? = *pose;
         Ok(())
     }
 

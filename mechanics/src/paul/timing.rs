@@ -50,8 +50,8 @@ impl Timing {
         Ok(())
     }
 
-    /// One more point, `time_s` (s) after the last.
-    pub(super) fn push(&mut self, time_s: f64) -> Result<(), PathError> {
+    /// One more point, `time_s` (s) after the last and `way` from it, in whatever it is measured.
+    pub(super) fn push(&mut self, time_s: f64, way: f64) -> Result<(), PathError> {
         let (segment, tau_s) = (self.count - 1, self.tau_s);
         if self.count == MAX_POINTS {
             return Err(PathError::TooManyPoints { points: self.count + 1 });
@@ -62,8 +62,14 @@ impl Timing {
         if tau_s > 0.5 * time_s {
             return Err(PathError::TransitionsOverlap { segment, time_s, tau_s });
         }
+        let corner_s = self.corners_s[segment] + time_s;
+        // A corner's change of speed is that of two segments at most, and more than its 1.5 / tau
+        // is never its acceleration.
+        if !(corner_s + tau_s).is_finite() || !(8.0 * way / time_s / tau_s).is_finite() {
+            return Err(PathError::BeyondNumbers { segment });
+        }
         self.times_s[segment] = time_s;
-        self.corners_s[self.count] = self.corners_s[segment] + time_s;
+        self.corners_s[self.count] = corner_s;
         self.count += 1;
         Ok(())
     }

@@ -128,3 +128,20 @@ fn segment_times_respect_the_slowest_joint() {
     assert!((path.peak_speed()[1] - arm.speed_max_rad_s[1]).abs() < 1e-15);
     assert_eq!(segment_time_s(&a, &b, &Joints::zeros(), 0.1), f64::INFINITY);
 }
+
+#[test]
+fn what_has_no_finite_speed_is_refused_however_finite_its_points_are() {
+    let (a, far) = (Joints::zeros(), Joints::repeat(1e9));
+    let beyond = Err(PathError::BeyondNumbers { segment: 0 });
+    assert_eq!(JointPath::new(&[a, far], &[1e-300], 1e-301), beyond);
+    assert_eq!(JointPath::new(&[a, Joints::repeat(1e308)], &[1.0], 0.1), beyond);
+    assert_eq!(JointPath::new(&[-far * 1e299, far * 1e299], &[1.0], 0.1), beyond);
+    assert_eq!(JointPath::new(&[a, a], &[f64::MAX], f64::MAX / 2.0), beyond);
+    // A full path takes no further point, and says so.
+    let mut path = JointPath::rest(&a, 0.1).unwrap();
+    for _ in 1..MAX_POINTS {
+        path.push(&a, 1.0).unwrap();
+    }
+    let full = PathError::TooManyPoints { points: MAX_POINTS + 1 };
+    assert_eq!(path.push(&a, 1.0), Err(full));
+}

@@ -129,7 +129,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
             self.follower = self.arm.follower(&self.q);
         }
         match self.frame {
-            JogFrame::Joints => {
+            JogFrame::Joints | JogFrame::Outer => {
                 self.ramp(&axes, dt_s);
                 self.joints(dt_s)
             }
@@ -162,25 +162,34 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     fn full(&self) -> Joints {
         let Rates { joints_rad_s, line_m_s: v, turn_rad_s: w, .. } = self.rates;
         match self.frame {
-            // The axes of a hand are six: joints behind them stand.
-            JogFrame::Joints => Joints::from_fn(|i, _| joints_rad_s.get(i).copied().unwrap_or(0.0)),
+            // The axes of a hand are six: the other joints stand.
+            JogFrame::Joints | JogFrame::Outer => {
+                let first = self.first();
+                Joints::from_fn(|i, _| joints_rad_s.get(first + i).copied().unwrap_or(0.0))
+            }
             JogFrame::Base | JogFrame::Tool => Joints::new(v, v, v, w, w, w),
         }
+    }
+
+    /// The joint that the first axis pushes.
+    fn first(&self) -> usize {
+        if self.frame == JogFrame::Outer { N.saturating_sub(6) } else { 0 }
     }
 
     fn joints(&mut self, dt_s: f64) -> Step<N> {
         let full = self.full();
         let before = self.q;
-        for joint in 0..N.min(6) {
+        for axis in 0..N.min(6) {
+            let joint = self.first() + axis;
             if self.limited {
-                let brake = full[joint] / self.rates.ramp_s;
+                let brake = full[axis] / self.rates.ramp_s;
                 let low = (self.q[joint] - self.arm.q_min()[joint]).max(0.0);
                 let high = (self.arm.q_max()[joint] - self.q[joint]).max(0.0);
-                let speed = self.speed[joint];
-                self.speed[joint] =
+                let speed = self.speed[axis];
+                self.speed[axis] =
                     speed.max(-stoppable(low, brake, dt_s)).min(stoppable(high, brake, dt_s));
             }
-            self.q[joint] += self.speed[joint] * dt_s;
+            self.q[joint] += self.speed[axis] * dt_s;
         }
         self.qd = (self.q - before) / dt_s;
         Step { q: self.q, qd: self.qd, blocked: None }
@@ -250,6 +259,10 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
             if scale < CREEPING {
                 break;
             }
+        }
+        if !self.reachable(&tried.qd, dt_s) {
+            // No scale was found at which the joints can follow.
+            return Ok(None);
         }
         (self.speed, self.follower, self.qd) = (tried.speed, tried.follower, tried.qd);
         self.q = *self.follower.joints();
@@ -332,7 +345,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
             JogFrame::Tool => {
                 Pose::new(here.rotation * turn, here.translation + here.rotation * line)
             }
-            JogFrame::Base | JogFrame::Joints => {
+            JogFrame::Base | JogFrame::Joints | JogFrame::Outer => {
                 Pose::new(turn * here.rotation, here.translation + line)
             }
         }
@@ -348,5 +361,7 @@ fn stoppable(room: f64, brake: f64, dt_s: f64) -> f64 {
     speed.min(room / dt_s).max(0.0)
 }
 
+#[cfg(test)]
+mod chains;
 #[cfg(test)]
 mod tests;

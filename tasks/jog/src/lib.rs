@@ -201,7 +201,7 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
 
 /// What a state lets through: joints in the joint states, the tool in the Cartesian one.
 fn allowed(state: State, push: Push) -> Push {
-    let joints = push.frame == JogFrame::Joints;
+    let joints = push.frame.is_joints();
     if joints == (state == State::ManualCartesian) { Push::NONE } else { push }
 }
 
@@ -273,6 +273,7 @@ mod tests {
         let of = |frame| Push { axes: [1.0; 6], frame };
         for state in [State::ManualUncalibrated, State::ManualJoint] {
             assert_eq!(allowed(state, of(JogFrame::Joints)), of(JogFrame::Joints));
+            assert_eq!(allowed(state, of(JogFrame::Outer)), of(JogFrame::Outer));
             assert_eq!(allowed(state, of(JogFrame::Base)), Push::NONE);
         }
         assert_eq!(allowed(State::ManualCartesian, of(JogFrame::Tool)), of(JogFrame::Tool));

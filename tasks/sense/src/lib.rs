@@ -167,6 +167,10 @@ impl<const N: usize> Sense<N> {
                 }
                 let found = self.calibrate.then(|| self.look(&counts));
                 let granted = found.filter(|found| found.refused.is_none());
+                if found.is_some() && granted.is_none() {
+                    // Whoever calibrates doubts the zero of before, too.
+                    self.angles.doubt();
+                }
                 let home = granted.map(|found| difference(&counts, &found.off));
                 let state = self.angles.take(counts, reading.acquired, home.as_ref())?;
                 self.calibrate = false;

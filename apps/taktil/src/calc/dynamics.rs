@@ -62,7 +62,13 @@ pub(super) const OPERATIONS: &[Operation] = &[
                 Need::Optional,
                 "What drives the joints.",
             ),
-            Field::new("t_end_s", Kind::Number, "s", Need::Required, "Time of the last row."),
+            Field::new(
+                "t_end_s",
+                Kind::Number,
+                "s",
+                Need::Required,
+                "Time of the last row, also between two samples.",
+            ),
             Field::new("sample_s", Kind::Number, "s", Need::Required, "Time between rows."),
             Field::new("step_s", Kind::Number, "s", Need::Default("0.001"), "Longest step."),
             Field::new(
@@ -83,6 +89,9 @@ pub(super) const OPERATIONS: &[Operation] = &[
         run: free_motion,
     },
 ];
+
+/// Parts of a sample that are rounding.
+const HAIR: f64 = 1e-9;
 
 fn rnea(args: &Args) -> Result<Answer, Failure> {
     let arm = Dynamics::reference();
@@ -145,13 +154,16 @@ fn free_motion(args: &Args) -> Result<Answer, Failure> {
     let _ = args.choice("method")?;
     let (end_s, sample_s) = (args.positive("t_end_s")?, args.positive("sample_s")?);
     let step_s = args.positive("step_s")?;
-    // A hair of slack: an end that is a whole number of samples must not lose its last row.
-    let samples = (end_s / sample_s * (1.0 + 1e-12)).floor();
+    // An end that is a whole number of samples but for rounding is one.
+    let samples = (end_s / sample_s * (1.0 + 1e-12) + HAIR).floor();
     if samples > SAMPLES_MAX {
         let what = format!("{} rows; at most {SAMPLES_MAX} are answered", counted(samples));
         return Err(Failure::range("sample_s", what));
     }
-    if (sample_s / step_s).max(1.0) * samples > STEPS_MAX {
+    // An end between two samples is a row of its own.
+    let whole_s = samples * sample_s;
+    let rest_s = end_s - whole_s;
+    if (sample_s / step_s).max(1.0) * samples + rest_s / step_s > STEPS_MAX {
         let what = format!("more than {STEPS_MAX} steps; lengthen `step_s` or shorten `t_end_s`");
         return Err(Failure::range("step_s", what));
     }
@@ -164,6 +176,11 @@ fn free_motion(args: &Args) -> Result<Answer, Failure> {
             state = integrate(&arm, &state, t_s, sample_s, step_s, &mut torque);
             states.push((next_s, state));
             row += 1.0;
+        }
+        if rest_s > HAIR * sample_s {
+            let mut torque = |t: f64, _: &Joints, qd: &Joints| drive.torque_nm(t, qd);
+            state = integrate(&arm, &state, whole_s, rest_s, step_s, &mut torque);
+            states.push((end_s, state));
         }
         states
     };

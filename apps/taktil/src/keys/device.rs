@@ -6,12 +6,12 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::os::fd::{AsFd, BorrowedFd};
-use std::os::unix::fs::FileTypeExt;
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 use evdev::{Device, KeyCode};
 use nix::errno::Errno;
-use nix::fcntl::{FcntlArg, OFlag, fcntl};
+use nix::fcntl::OFlag;
 
 use super::events::{Decoder, EVENT_BYTES, Happened};
 use super::hand::Hand;
@@ -43,6 +43,8 @@ impl AsFd for Wire {
 pub struct Input {
     wire: Wire,
     decoder: Decoder,
+    /// Something has come: the end of a pipe to which nobody has written yet is no end.
+    begun: bool,
     /// Where it was found.
     pub path: PathBuf,
     /// Middle and half the way of each stick.
@@ -60,18 +62,21 @@ pub enum Looked {
 
 impl Input {
     /// Opens an event device for this program alone, so that what is typed goes nowhere else; or a
-    /// named pipe, once somebody writes to it.
+    /// named pipe, whether somebody writes to it already or not.
     ///
     /// # Errors
     /// The kernel's, and a device without anything of the map.
     pub fn open(path: &Path, map: &Map) -> std::io::Result<Input> {
         let (wire, ways) = match std::fs::metadata(path)?.file_type().is_fifo() {
-            true => (Wire::Pipe(File::open(path)?), through_a_pipe(map)),
+            true => {
+                // A pipe that is opened so does not wait for a writer.
+                let flags = OFlag::O_NONBLOCK.bits();
+                let pipe = File::options().read(true).custom_flags(flags).open(path)?;
+                (Wire::Pipe(pipe), through_a_pipe(map))
+            }
             false => kernel(path, map)?,
         };
-        let flags = OFlag::from_bits_retain(fcntl(&wire, FcntlArg::F_GETFL)?);
-        fcntl(&wire, FcntlArg::F_SETFL(flags | OFlag::O_NONBLOCK))?;
-        Ok(Input { wire, decoder: Decoder::default(), path: path.to_owned(), ways })
+        Ok(Input { wire, decoder: Decoder::default(), begun: false, path: path.to_owned(), ways })
     }
 
     /// Whether it has a key; whoever writes to a pipe may have any.
@@ -92,12 +97,14 @@ impl Input {
         let mut buffer = [0; AT_ONCE * EVENT_BYTES];
         for _ in 0..READS {
             let read = match nix::unistd::read(&self.wire, &mut buffer) {
-                Ok(0) => return Looked::Gone,
+                Ok(0) if self.begun => return Looked::Gone,
+                Ok(0) => break,
                 Ok(read) => read,
                 Err(Errno::EAGAIN) => break,
                 Err(Errno::EINTR) => continue,
                 Err(_) => return Looked::Gone,
             };
+            self.begun = true;
             for happened in self.decoder.feed(&buffer[..read]) {
                 match happened {
                     Happened::Key(code, down) => said.extend(hand.key(number, code, down)),
@@ -150,6 +157,7 @@ fn kernel(path: &Path, map: &Map) -> std::io::Result<(Wire, Ways)> {
         let what = "it has no key and no stick of the map";
         return Err(std::io::Error::new(ErrorKind::Unsupported, what));
     }
+    device.set_nonblocking(true)?;
     device.grab()?;
     Ok((Wire::Kernel(Box::new(device)), ways))
 }
@@ -183,6 +191,7 @@ mod tests {
     use super::super::events::bytes;
     use super::super::map::{DEFAULT, MapFile};
     use super::*;
+    use nix::fcntl::{FcntlArg, fcntl};
     use std::io::Write;
 
     /// A pipe as a device, the end that is written to, and a hand that it moves.
@@ -193,6 +202,7 @@ mod tests {
         let input = Input {
             wire: Wire::Pipe(File::from(read)),
             decoder: Decoder::default(),
+            begun: false,
             path: PathBuf::from("pipe"),
             ways: through_a_pipe(&map),
         };

@@ -112,7 +112,7 @@ fn action(words: &str) -> Result<Action, Invalid> {
             let frame = JogFrame::ALL.into_iter().find(|frame| frame.name() == name);
             frame.map(Action::Frame).ok_or_else(|| {
                 let what = format!("there is no frame `{name}`");
-                Invalid::new("", what, "frames are: joints, base, tool")
+                Invalid::new("", what, "frames are: joints, base, tool, outer")
             })
         }
         ["speed", share] => {

@@ -251,12 +251,8 @@ impl Scene {
         // The machine is told where the arm stands unless its own file insists on something else.
         let servo = self.machine.joint_servo.get_or_insert_default();
         servo.assumed_pose_deg.get_or_insert_with(|| self.start_deg.clone());
-        if self.machine.sense.is_none() {
-            self.machine.sense = Some(taktil_tasks_sense::Config {
-                home_deg: Some(self.start_deg.clone()),
-                ..taktil_tasks_sense::Config::default()
-            });
-        }
+        let sense = self.machine.sense.get_or_insert_default();
+        sense.home_deg.get_or_insert_with(|| self.start_deg.clone());
         Ok(())
     }
 

@@ -267,3 +267,24 @@ fn free_motion_with_and_without_torque() {
         }
     }
 }
+
+#[test]
+fn a_free_motion_ends_where_it_was_asked_to_between_samples_too() {
+    let q = [0.0, 0.7, -2.6, 0.0, 0.4, 0.0];
+    let ends = |t_end_s: f64, sample_s: f64| {
+        let request = json!({"op": "free_motion", "q": q, "qd": [0, 0, 0, 0, 0, 0],
+            "t_end_s": t_end_s, "sample_s": sample_s, "step_s": 0.0005});
+        let answer = ask(&[request]).remove(0);
+        let times = flat(&answer["t_s"]);
+        let last = flat(&answer["q"].as_array().unwrap()[times.len() - 1]);
+        (times, last)
+    };
+    let (times, cut) = ends(0.05, 0.03);
+    assert_eq!(times, [0.0, 0.03, 0.05]);
+    let (_, whole) = ends(0.05, 0.05);
+    assert_near(&cut, &whole, 1e-9, "the same motion in other pieces");
+    assert_eq!(ends(0.01, 1e9).0, [0.0, 0.01]);
+    // Rounding makes no row of its own.
+    assert_eq!(ends(0.3, 0.1).0.len(), 4);
+    assert_eq!(ends(0.7, 0.1).0.len(), 8);
+}

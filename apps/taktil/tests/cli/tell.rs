@@ -241,3 +241,47 @@ fn a_keyboard_that_is_pulled_lets_go() {
     std::thread::sleep(std::time::Duration::from_millis(300));
     assert_eq!(joints(&folder), moved, "it stands");
 }
+
+/// A gamepad that the kernel is told of: its stick moves the arm while the switch is held.
+#[test]
+fn a_gamepad_that_is_pulled_lets_go() {
+    use evdev::uinput::VirtualDevice;
+    use evdev::{AbsInfo, AbsoluteAxisCode, AttributeSet, InputEvent, KeyCode, UinputAbsSetup};
+    if !std::path::Path::new("/dev/uinput").exists() {
+        taktil_tests_script::skipped("this host has no /dev/uinput to make a gamepad with");
+        return;
+    }
+    let folder = Folder::new();
+    let _running = listening(&folder, "hold.toml");
+    let mut keys = AttributeSet::<KeyCode>::new();
+    for key in [KeyCode::BTN_TL, KeyCode::BTN_WEST] {
+        keys.insert(key);
+    }
+    let stick = AbsoluteAxisCode::ABS_RY;
+    let way = UinputAbsSetup::new(stick, AbsInfo::new(0, -128, 127, 0, 0, 1));
+    let builder = VirtualDevice::builder().unwrap().name("taktil test pad");
+    let builder = builder.with_keys(&keys).unwrap().with_absolute_axis(&way).unwrap();
+    let mut pad = builder.build().unwrap();
+    let path = pad.enumerate_dev_nodes_blocking().unwrap().find_map(Result::ok).unwrap();
+    let mut command = Command::new(TAKTIL);
+    command.args(["keys", "--at", "op", "--device"]).arg(path).current_dir(folder.path());
+    let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let mut reading = Running(child);
+    let pause = || std::thread::sleep(std::time::Duration::from_millis(500));
+    pause();
+    let before = joints(&folder);
+    let press = |key: KeyCode| InputEvent::new(1, key.0, 1);
+    let push = |value: i32| InputEvent::new(3, stick.0, value);
+    pad.emit(&[press(KeyCode::BTN_WEST), push(-128)]).unwrap();
+    pause();
+    assert_eq!(joints(&folder), before, "nothing moves without the switch");
+    pad.emit(&[press(KeyCode::BTN_TL)]).unwrap();
+    pause();
+    drop(pad);
+    assert_eq!(reading.wait().code(), Some(1), "no device is left");
+    pause();
+    let moved = joints(&folder);
+    assert!((moved[2] - before[2]).abs() > 0.5, "{before:?} {moved:?}");
+    pause();
+    assert_eq!(joints(&folder), moved, "it stands");
+}

@@ -5,7 +5,7 @@
 //! ```text
 //! enable | calibrate | idle | manual_uncalibrated | manual_joint | manual_cartesian | trajectory
 //!        | trajectory_user | tactile_servo | stop | reset
-//! jog joints|base|tool A1 .. A6            six pushes, -1 to 1: held for as long as it is repeated
+//! jog joints|base|tool|outer A1 .. A6      six pushes, -1 to 1: held for as long as it is repeated
 //! release
 //! move joint Q1 .. QN [in S] [now]         deg
 //! move to X Y Z [YAW PITCH ROLL] [straight] [in S] [now]        mm, deg
@@ -98,12 +98,16 @@ pub fn order(line: &str, meaning: &Meaning) -> Result<Option<Order>, Invalid> {
 }
 
 fn jog(words: &[&str]) -> Result<Order, Invalid> {
-    let usage = "say `jog joints 0 0 0.5 0 0 0`, or base or tool; six pushes of -1 to 1";
+    let usage = "say `jog joints 0 0 0.5 0 0 0`, or base, tool or outer; six pushes of -1 to 1";
     let Some((name, pushes)) = words.split_first() else {
         return Err(Invalid::new("jog", "what is pushed is missing", usage));
     };
     let frame = JogFrame::ALL.into_iter().find(|frame| frame.name() == *name).ok_or_else(|| {
-        Invalid::new("jog", format!("there is no frame `{name}`"), "frames are: joints, base, tool")
+        Invalid::new(
+            "jog",
+            format!("there is no frame `{name}`"),
+            "frames are: joints, base, tool, outer",
+        )
     })?;
     let axes = numbers::<6>("jog", pushes, usage)?;
     match axes.iter().find(|axis| !(-1.0..=1.0).contains(*axis)) {

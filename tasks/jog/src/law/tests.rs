@@ -158,6 +158,7 @@ fn no_edge_in_any_direction_takes_a_joint_s_speed_at_once() {
     // Beside a singularity of the wrist the follower's own joint 4 and the others do not always
     // agree; at a limit met while coasting the last of the speed goes at once.
     let text = format!("{worst} of the acceleration at most, {beyond} of {ticks} ticks beyond");
+    println!("{text}");
     assert!(worst < 7.0 && beyond * 2000 < ticks, "{text}");
 }
 

@@ -103,7 +103,7 @@ impl StepFile {
         let frame = JogFrame::ALL.into_iter().find(|frame| frame.name() == name);
         let frame = frame.ok_or_else(|| {
             let what = format!("there is no frame `{name}`");
-            Invalid::new("frame", what, "frames are: joints, base, tool")
+            Invalid::new("frame", what, "frames are: joints, base, tool, outer")
         })?;
         let for_s = self.for_s.ok_or_else(|| {
             Invalid::new("for_s", "a jog without a time", "say how many seconds the keys are held")

@@ -1,0 +1,173 @@
+//! Motion by hand of arms that are any chain: the edge of a six-joint arm's reach, the joint that a
+//! seventh axis would push, and where the elbow of a redundant arm goes meanwhile.
+
+use super::*;
+use core::f64::consts::{FRAC_PI_2, PI};
+use taktil_mechanics::chain::{Chain, Dh, JointSpec};
+
+const DT_S: f64 = 0.0025;
+
+/// Rows (a, d, alpha) with limits, speeds and accelerations of arms of this size.
+fn chain<const N: usize>(rows: [(f64, f64, f64); N]) -> Chain<N> {
+    let dh = rows.map(|(a_m, d_m, alpha_rad)| {
+        let spec = JointSpec {
+            q_min: -0.97 * PI,
+            q_max: 0.97 * PI,
+            speed_max: 3.0,
+            acceleration_max: 15.0,
+            ..JointSpec::default()
+        };
+        Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
+    });
+    Chain::from_dh(&dh, &Pose::IDENTITY).unwrap()
+}
+
+/// Two long links and a wrist whose axes do not meet.
+fn six() -> Chain<6> {
+    chain([
+        (0.0, 0.16, FRAC_PI_2),
+        (-0.43, 0.0, 0.0),
+        (-0.39, 0.0, 0.0),
+        (0.0, 0.13, FRAC_PI_2),
+        (0.0, 0.1, -FRAC_PI_2),
+        (0.0, 0.1, 0.0),
+    ])
+}
+
+/// Shoulder and wrist of three axes each, an elbow between.
+fn seven() -> Chain<7> {
+    chain([
+        (0.0, 0.34, -FRAC_PI_2),
+        (0.0, 0.0, FRAC_PI_2),
+        (0.0, 0.4, FRAC_PI_2),
+        (0.0, 0.0, -FRAC_PI_2),
+        (0.0, 0.4, -FRAC_PI_2),
+        (0.0, 0.0, FRAC_PI_2),
+        (0.0, 0.13, 0.0),
+    ])
+}
+
+fn rates<const N: usize>(arm: &Chain<N>) -> Rates<N> {
+    Rates {
+        joints_rad_s: arm.speed_max() * 0.1,
+        ramp_s: 0.1,
+        line_m_s: 0.1,
+        turn_rad_s: 0.5,
+        off_max_rad: 0.01,
+    }
+}
+
+fn push(axis: usize, by: f64, frame: JogFrame) -> Push {
+    let mut axes = [0.0; 6];
+    axes[axis] = by;
+    Push { axes, frame }
+}
+
+fn six_at() -> Vector<6> {
+    Vector::from([0.2, -1.2, 1.5, -1.8, -1.3, 0.1])
+}
+
+fn seven_at() -> Vector<7> {
+    Vector::from([0.1, 0.6, 0.2, -1.4, 0.1, 0.9, 0.3])
+}
+
+#[test]
+fn a_chain_at_the_edge_of_its_reach_stands_and_comes_back() {
+    let arm = six();
+    for (axis, by) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
+        let mut law = Law::new(&arm, &rates(&arm), &six_at(), true);
+        let start = arm.tool_pose(&six_at()).translation;
+        let (mut last, mut worst, mut beyond, mut step) = (Vector::zeros(), 0.0f64, 0, None);
+        for tick in 0..6000 {
+            let now = law.step(&push(axis, by, JogFrame::Base), DT_S);
+            let share = now.qd.component_div(arm.speed_max()).amax();
+            assert!(share <= 0.6 + 1e-9, "{axis} {by} at {tick}: {share} of the speed");
+            assert!(arm.within_limits(&now.q), "{axis} {by} at {tick}: {}", now.q);
+            let change: Vector<6> = now.qd - last;
+            let share = change.component_div(&(arm.acceleration_max() * DT_S)).amax();
+            worst = worst.max(share);
+            beyond += u32::from(share > 1.0 + 1e-9);
+            last = now.qd;
+            step = Some(now);
+        }
+        println!("{axis} {by}: {worst} of the acceleration, {beyond} ticks beyond");
+        assert!(worst < 1.0 + 1e-9, "{axis} {by}: {worst} of the acceleration");
+        let edge = step.unwrap();
+        assert!(edge.qd.amax() < 0.05, "{axis} {by}: creeps with {}", edge.qd.amax());
+        let place = arm.tool_pose(&edge.q).translation;
+        assert!((place - start).length() > 0.05, "{axis} {by}: it went some way");
+        let mut q = edge.q;
+        for _ in 0..800 {
+            q = law.step(&push(axis, -by, JogFrame::Base), DT_S).q;
+        }
+        let back = (arm.tool_pose(&q).translation - place).length();
+        assert!(back > 0.05, "{axis} {by}: comes back, {back}");
+    }
+}
+
+#[test]
+fn the_outer_joints_of_seven_reach_the_last_and_not_the_first() {
+    let arm = seven();
+    for (axis, joint) in [(5, 6), (0, 1)] {
+        let mut law = Law::new(&arm, &rates(&arm), &seven_at(), true);
+        let mut q = seven_at();
+        for _ in 0..20_000 {
+            q = law.step(&push(axis, 1.0, JogFrame::Outer), DT_S).q;
+        }
+        let moved = q - seven_at();
+        assert!((q[joint] - arm.q_max()[joint]).abs() < 1e-3, "to its limit: {}", q[joint]);
+        assert!((0..7).all(|other| other == joint || moved[other] == 0.0), "{moved}");
+    }
+    // Of six they are the joints.
+    let arm = six();
+    let (mut one, mut two) = (Law::new(&arm, &rates(&arm), &six_at(), true), six_at());
+    let mut other = Law::new(&arm, &rates(&arm), &six_at(), true);
+    for _ in 0..100 {
+        two = one.step(&push(3, 1.0, JogFrame::Outer), DT_S).q;
+        assert_eq!(two, other.step(&push(3, 1.0, JogFrame::Joints), DT_S).q);
+    }
+    assert!(two[3] > six_at()[3]);
+}
+
+/// Runs the tool round a square of 80 mm and back to where it began; how far each joint is then
+/// from where it was.
+fn round(law: &mut Law<7, Chain<7>>) -> Vector<7> {
+    let before = law.q;
+    for (axis, by) in [(0, 1.0), (1, 1.0), (0, -1.0), (1, -1.0)] {
+        for _ in 0..320 {
+            law.step(&push(axis, by, JogFrame::Base), DT_S);
+        }
+        for _ in 0..60 {
+            law.step(&Push::NONE, DT_S);
+        }
+    }
+    law.q - before
+}
+
+#[test]
+fn the_elbow_of_a_redundant_arm_goes_little_by_little_and_the_tool_not_at_all() {
+    let arm = seven();
+    let mut law = Law::new(&arm, &rates(&arm), &seven_at(), true);
+    let start = arm.tool_pose(&seven_at());
+    let mut most = 0.0f64;
+    for _ in 0..10 {
+        most = most.max(round(&mut law).amax());
+    }
+    let end = arm.tool_pose(&law.q);
+    assert!((end.translation - start.translation).length() < 1e-6, "the tool is where it was");
+    let gone = (law.q - seven_at()).amax();
+    println!("{most} rad a round at most, {gone} rad in ten rounds");
+    // A square of 80 mm: below a degree and a half a round.
+    assert!(most < 0.026 && gone < 0.26, "{most} rad a round, {gone} in ten");
+    // There and back on one line closes by itself.
+    let before = law.q;
+    for by in [1.0, -1.0] {
+        for _ in 0..400 {
+            law.step(&push(2, by, JogFrame::Base), DT_S);
+        }
+        for _ in 0..60 {
+            law.step(&Push::NONE, DT_S);
+        }
+    }
+    assert!((law.q - before).amax() < 1e-4, "{}", (law.q - before).amax());
+}

@@ -1,0 +1,69 @@
+//! Whatever stands in a scene, a machine file, a robot description, a key map, or is said by an
+//! operator: understood, or refused with a place and a remedy; never a panic. The first byte says
+//! which it is.
+#![no_main]
+
+use std::path::PathBuf;
+
+use libfuzzer_sys::fuzz_target;
+use taktil::keys::map::MapFile;
+use taktil::run::scene::Scene;
+use taktil_fuzz::{finite, rigid};
+use taktil_mechanics::chain::Vector;
+use taktild::operator::speech::{Meaning, order};
+use taktild::source::Source;
+
+const MACHINE: &str = include_str!("../../../sim/scenes/machine/puma260.toml");
+const SCENE: &str = include_str!("../../../sim/scenes/hold.toml");
+
+fn source(name: &str, text: &str) -> Source {
+    Source { path: PathBuf::from(name), text: text.to_owned() }
+}
+
+fn scene(scene: &str, machine: &str) {
+    let beside = |name: &str| match name.ends_with(".urdf") {
+        true => Ok(source(name, include_str!("../../../sim/arms/ur5e-like.urdf"))),
+        false => Err(format!("there is no file `{name}`")),
+    };
+    let machine = Some(source("machine.toml", machine));
+    match Scene::of(source("scene.toml", scene), machine, &beside) {
+        Ok(scene) => finite("start", &scene.start_deg),
+        Err(refused) => {
+            assert!(!refused.what.is_empty() && !refused.remedy.is_empty());
+            // It is shown to people: with a mark that stands in its line.
+            assert!(refused.to_string().contains("error: "));
+        }
+    }
+}
+
+fn arm(text: &str) {
+    let Ok(described) = taktild::urdf::read(text, None) else { return };
+    if let Ok(chain) = described.chain::<6>() {
+        let q = Vector::<6>::repeat(0.3);
+        rigid("pose", &chain.tool_pose(&q));
+        finite("gravity", chain.gravity(&q).iter());
+    }
+    if let Ok(chain) = described.chain::<7>() {
+        rigid("pose", &chain.tool_pose(&Vector::<7>::repeat(0.3)));
+    }
+}
+
+fuzz_target!(|bytes: &[u8]| {
+    let Some((kind, text)) = bytes.split_first() else { return };
+    let Ok(text) = std::str::from_utf8(text) else { return };
+    match kind % 5 {
+        0 => scene(text, MACHINE),
+        1 => scene(SCENE, text),
+        2 => arm(text),
+        3 => {
+            let _ = toml::from_str::<MapFile>(text).map(|file| file.check());
+        }
+        _ => {
+            for line in text.lines() {
+                if let Err(bad) = order(line, &Meaning::default()) {
+                    assert!(!bad.what.is_empty() && !bad.remedy.is_empty(), "{line}");
+                }
+            }
+        }
+    }
+});
