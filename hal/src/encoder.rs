@@ -10,8 +10,8 @@ use crate::time::Nanos;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Counts(pub i32);
 
-/// What a bank's index pulses say: for each channel the count at which the newest pulse came, `None`
-/// as long as none has come since power-up.
+/// What a bank's index pulses say: for each channel the count at which the newest pulse came,
+/// `None` as long as none has come since power-up.
 pub type Marks = [Option<Counts>; CHANNELS];
 
 /// The input half of a bank of encoder counters.

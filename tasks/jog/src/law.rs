@@ -362,6 +362,4 @@ fn stoppable(room: f64, brake: f64, dt_s: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod chains;
-#[cfg(test)]
 mod tests;

@@ -48,11 +48,8 @@ impl Rig {
         let (world, devices) =
             build(&config, &Timing::default(), 1).map_err(|bad| anyhow!("{bad:?}"))?;
         // As the scenes have it, with computed torque.
-        let servo = Config {
-            damping: Some(vec![0.5; 6]),
-            derivative_filter_hz: 30.0,
-            ..Config::default()
-        };
+        let servo =
+            Config { damping: Some(vec![0.5; 6]), derivative_filter_hz: 30.0, ..Config::default() };
         let tuning = servo.tuning(&Robot::puma260()).map_err(|bad| anyhow!("{bad:?}"))?;
         let model = (Friction::reference(), Dynamics::reference());
         Ok(Rig {

@@ -143,7 +143,8 @@ fn measure(ways: &mut [Box<dyn Way>], limits: &Limits) -> anyhow::Result<Row> {
             let now = way.at(i as f64 * fine).2;
             let jerk = (now - last).abs() / fine;
             row.jerk = row.jerk.max(jerk.component_div(&limits.jerk).max());
-            row.acceleration = row.acceleration.max(now.abs().component_div(&limits.acceleration).max());
+            row.acceleration =
+                row.acceleration.max(now.abs().component_div(&limits.acceleration).max());
             last = now;
         }
         let ticks = (way.duration_s() / dt_s).ceil() as i64;

@@ -46,7 +46,11 @@ fn puma(n: &mut Numbers<'_>) {
     finite("tool jacobian", arm.jacobian_tool(&q).iter());
     finite("determinant", &[arm.determinant(&q), arm.singular_distance(&q).smallest()]);
     let branches = arm.inverse(&wrist, Some(&before));
-    assert!(matches!(branches.len(), 4 | 8), "{} branches of a pose that is reached", branches.len());
+    assert!(
+        matches!(branches.len(), 4 | 8),
+        "{} branches of a pose that is reached",
+        branches.len()
+    );
     for branch in &branches {
         finite("branch", branch.q.iter());
         let off = missed(&arm.wrist_pose(&branch.q), &wrist);
@@ -64,7 +68,7 @@ fn puma(n: &mut Numbers<'_>) {
     }
     let dynamics = Dynamics::reference();
     let (qd, qdd) = (n.vector::<6>(MOTION_MAX), n.vector::<6>(MOTION_MAX));
-    finite("torque", dynamics.inverse_dynamics(&q, &qd, &qdd).iter());
+    finite("torque", dynamics.inverse(&q, &qd, &qdd).iter());
     finite("mass matrix", dynamics.mass_matrix(&q).iter());
     let twist = Vector6::from(n.vector::<6>(1e100));
     let rates = dls::damped_least_squares(&arm.jacobian_base(&q), &twist, n.number(1e3));

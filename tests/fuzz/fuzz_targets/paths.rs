@@ -4,8 +4,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use taktil_fuzz::{Numbers, finite, rigid};
-use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 use taktil_mechanics::paul::JointPath;
+use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 
 /// Times of ordinary and of odd size.
 fn time(n: &mut Numbers<'_>) -> f64 {
@@ -41,7 +41,10 @@ fn joints(n: &mut Numbers<'_>) {
                 (span.0.min(point[i]), span.1.max(point[i]))
             });
             let slack = 1e-9 * (1.0 + low.abs().max(high.abs()));
-            assert!(at.q[i] >= low - slack && at.q[i] <= high + slack, "joint {i} leaves its points");
+            assert!(
+                at.q[i] >= low - slack && at.q[i] <= high + slack,
+                "joint {i} leaves its points"
+            );
         }
     }
     finite("peaks", path.peak_speed().iter().chain(path.peak_acceleration().iter()));

@@ -177,7 +177,7 @@ fn free_motion(args: &Args) -> Result<Answer, Failure> {
             states.push((next_s, state));
             row += 1.0;
         }
-        if rest_s > HAIR * sample_s {
+        if rest_s > HAIR * sample_s.min(end_s) {
             let mut torque = |t: f64, _: &Joints, qd: &Joints| drive.torque_nm(t, qd);
             state = integrate(&arm, &state, whole_s, rest_s, step_s, &mut torque);
             states.push((end_s, state));
