@@ -1,5 +1,5 @@
-//! Motion by hand of arms that are any chain: the edge of a six-joint arm's reach, the joint that a
-//! seventh axis would push, and where the elbow of a redundant arm goes meanwhile.
+//! Motion by hand of arms that are any chain: the joint that a seventh axis would push, and where
+//! the elbow of a redundant arm goes meanwhile.
 
 use super::super::*;
 use core::f64::consts::{FRAC_PI_2, PI};
@@ -72,42 +72,6 @@ fn seven_at() -> Vector<7> {
 }
 
 #[test]
-fn a_chain_at_the_edge_of_its_reach_stands_and_comes_back() {
-    let arm = six();
-    for (axis, by) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
-        let mut law = Law::new(&arm, &rates(&arm), &six_at(), true);
-        let start = arm.tool_pose(&six_at()).translation;
-        let (mut last, mut worst, mut q) = (Vector::zeros(), 0.0f64, six_at());
-        // Where the tool is in the last seconds, from its last place.
-        let mut places = Vec::new();
-        for tick in 0..6000 {
-            let now = law.step(&push(axis, by, JogFrame::Base), DT_S);
-            let share = now.qd.component_div(arm.speed_max()).amax();
-            assert!(share <= 0.6 + 1e-9, "{axis} {by} at {tick}: {share} of the speed");
-            assert!(arm.within_limits(&now.q), "{axis} {by} at {tick}: {}", now.q);
-            let change: Vector<6> = now.qd - last;
-            worst = worst.max(change.component_div(&(arm.acceleration_max() * DT_S)).amax());
-            last = now.qd;
-            q = now.q;
-            if tick >= 5000 {
-                places.push(arm.tool_pose(&q).translation);
-            }
-        }
-        assert!(worst < 1.0 + 1e-9, "{axis} {by}: {worst} of the acceleration");
-        let place = arm.tool_pose(&q).translation;
-        let strayed = places.iter().map(|at| (at - place).length()).fold(0.0, f64::max);
-        println!("{axis} {by}: strays {strayed} m at the edge, {} rad/s", last.amax());
-        assert!(strayed < 0.02, "{axis} {by}: strays {strayed} m at the edge");
-        assert!((place - start).length() > 0.05, "{axis} {by}: it went some way");
-        for _ in 0..800 {
-            q = law.step(&push(axis, -by, JogFrame::Base), DT_S).q;
-        }
-        let back = (arm.tool_pose(&q).translation - place).length();
-        assert!(back > 0.05, "{axis} {by}: comes back, {back}");
-    }
-}
-
-#[test]
 fn the_outer_joints_of_seven_reach_the_last_and_not_the_first() {
     let arm = seven();
     for (axis, joint) in [(5, 6), (0, 1)] {
@@ -158,9 +122,8 @@ fn the_elbow_of_a_redundant_arm_goes_little_by_little_and_the_tool_not_at_all() 
     let end = arm.tool_pose(&law.q);
     assert!((end.translation - start.translation).length() < 1e-6, "the tool is where it was");
     let gone = (law.q - seven_at()).amax();
-    println!("{most} rad a round at most, {gone} rad in ten rounds");
-    // A square of 80 mm: below a degree and a half a round.
-    assert!(most < 0.026 && gone < 0.26, "{most} rad a round, {gone} in ten");
+    // A square of 80 mm: below half a degree a round, four degrees in ten.
+    assert!(most < 0.0087 && gone < 0.07, "{most} rad a round, {gone} in ten");
     // There and back on one line closes by itself.
     let before = law.q;
     for by in [1.0, -1.0] {
