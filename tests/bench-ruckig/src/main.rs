@@ -215,8 +215,8 @@ fn main() -> anyhow::Result<()> {
         ("rsruckig, the arm's acceleration, four times the jerk", Some((harder, phase))),
     ];
     println!(
-        "{MOVES} moves between random poses at {SPEED} of the joints' speeds; acceleration and jerk \
-         in parts of Paul's largest\n"
+        "{MOVES} moves between random poses at {SPEED} of the joints' speeds; acceleration and \
+         jerk in parts of Paul's largest\n"
     );
     println!(
         "| set points by | duration, s | acceleration | jerk | tracking rms, deg | peak, deg | \
@@ -249,8 +249,8 @@ fn main() -> anyhow::Result<()> {
             }
         };
         println!(
-            "| {name} | {:.3} | {:.2} | {:.2} | {:.4} | {:.3} | {:.3} | {:.0} | {:.0} | {best:.0} | \
-             {median:.0} |",
+            "| {name} | {:.3} | {:.2} | {:.2} | {:.4} | {:.3} | {:.3} | {:.0} | {:.0} | \
+             {best:.0} | {median:.0} |",
             row.duration_s,
             row.acceleration,
             row.jerk,
