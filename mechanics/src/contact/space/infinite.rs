@@ -1,17 +1,18 @@
 //! A rigid cylinder or flat bar without ends on the bonded layer, in any direction over the array:
 //! the plane contact and its base stress, integrated over each tactel in closed form.
 //!
-//! A tactel's square, seen along the axis, is the convolution of two boxes. The base pressure of a
-//! line load has its first and second integrals tabulated, so the mean over a square is a second
-//! difference, whatever its direction.
+//! A tactel's square, seen along the axis, is the convolution of two boxes, so its mean is a second
+//! difference of the pressure's second integral, whatever its direction ([`super::across`]).
 //!
 //! Measured against exact solutions: 1e-6 of the peak or better. Forces are N per mm of length. It
 //! refuses penetrations of the thickness or more, contacts wider than 0.95 of the diameter or 80
 //! thicknesses, and forces beyond the largest tabulated penetration.
 
+use super::super::kernel::{BASE_CUTOFF, Sampled};
 use super::super::layer::{Layer, Transfer};
 use super::super::{Invalid, finite, positive};
 use super::Drive;
+use super::across::Across;
 use super::pin::strip::Strips;
 use super::pin::{Profile, Stand};
 use super::quadrature::{factor, solve};
@@ -22,10 +23,6 @@ use core::f64::consts::PI;
 
 /// Table points per thickness.
 const DENSITY: f64 = 32.0;
-/// Where the base function has fallen under 1e-15.
-const CUTOFF: f64 = 40.0;
-/// Boxes narrower than this (thicknesses) are taken at two points instead of exactly.
-const NARROW: f64 = 0.02;
 /// Solutions that one search may take.
 const SEARCH: usize = 40;
 
@@ -47,7 +44,8 @@ pub struct LineState {
 pub struct Endless {
     layer: Layer,
     strips: Strips,
-    base: Base,
+    density: Even,
+    across: Across,
     row: Vec<f64>,
     matrix: Vec<f64>,
     sides: [Vec<f64>; 2],
@@ -80,7 +78,8 @@ impl Endless {
         let lines = pairs(strips.widest());
         Ok(Self {
             layer: *layer,
-            base: Base::new(&transfer),
+            density: density(&transfer),
+            across: Across::new(&transfer, strips.widest()),
             row: vec![0.0; strips.places.len()],
             matrix: vec![0.0; n * n],
             sides: [vec![0.0; n], vec![0.0; n]],
@@ -122,6 +121,7 @@ impl Endless {
         let count = pairs(b).min(self.lines.capacity());
         self.lines.resize(count, [0.0; 2]);
         lay(&mut self.lines, psi, [b, modulus * t], 0.0);
+        self.across.carry(&self.lines, self.mirror);
         self.state = LineState {
             force_n_mm: PI * first * modulus * t,
             penetration_mm: delta * t,
@@ -152,6 +152,7 @@ impl Endless {
         let a: Vec<f64> = a.collect();
         let modulus = PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson);
         lay(&mut rate.lines, &a, [half, modulus * self.layer.thickness_mm], 1.0);
+        rate.across.carry(&rate.lines, rate.mirror);
         Some(rate)
     }
 
@@ -230,17 +231,14 @@ impl Endless {
     /// Normal stress at the base (MPa, negative) at `u_mm` across from the axis.
     #[must_use]
     pub fn base_szz_mpa(&self, u_mm: f64) -> f64 {
-        let t = self.layer.thickness_mm;
-        -self.superpose(u_mm / t, |x| self.base.density.at(x.abs())) / t
-    }
-
-    /// Sum of a kernel over the lines, which stand in pairs about the axis.
-    fn superpose(&self, u: f64, kernel: impl Fn(f64) -> f64) -> f64 {
         if self.state.force_n_mm == 0.0 {
             return 0.0;
         }
-        let pair = |x: f64| kernel(u - x) + self.mirror * kernel(u + x);
-        self.lines.iter().map(|[x, load]| load * pair(*x)).sum()
+        let t = self.layer.thickness_mm;
+        let u = u_mm / t;
+        let at = |x: f64| self.density.at(x.abs());
+        let pair = |x: f64| at(u - x) + self.mirror * at(u + x);
+        -self.lines.iter().map(|[x, load]| load * pair(*x)).sum::<f64>() / t
     }
 
     /// Writes the image, row by row (row = y, column = x, both ascending), stresses in MPa.
@@ -259,6 +257,10 @@ impl Endless {
         finite("x_mm", stand.x_mm)?;
         finite("y_mm", stand.y_mm)?;
         finite("rot_rad", stand.rot_rad)?;
+        image.fill(0.0);
+        if self.state.force_n_mm == 0.0 {
+            return Ok(());
+        }
         let t = self.layer.thickness_mm;
         let (s, c) = (libm::sin(stand.rot_rad), libm::cos(stand.rot_rad));
         let half = 0.5 * array.pitch_mm / t;
@@ -274,28 +276,10 @@ impl Endless {
             } else if sampling == Sampling::Centre {
                 self.base_szz_mpa(u * t)
             } else {
-                -self.mean(u, boxes) / t
+                -self.across.mean(u, boxes) / t
             };
         }
         Ok(())
-    }
-
-    /// Mean over the convolution of two boxes of half-widths `wide` and `narrow`.
-    fn mean(&self, u: f64, (wide, narrow): (f64, f64)) -> f64 {
-        if narrow < NARROW {
-            // Gauss's two points across the narrow box.
-            let at = narrow / 3.0_f64.sqrt();
-            let along = |u: f64| {
-                let once = |x: f64| self.base.once(x);
-                self.superpose(u + wide, once) - self.superpose(u - wide, once)
-            };
-            return (along(u - at) + along(u + at)) / (4.0 * wide);
-        }
-        let twice = |x: f64| self.base.twice(x);
-        let (sum, rest) = (wide + narrow, wide - narrow);
-        let outer = self.superpose(u + sum, twice) + self.superpose(u - sum, twice);
-        let inner = self.superpose(u + rest, twice) + self.superpose(u - rest, twice);
-        (outer - inner) / (4.0 * wide * narrow)
     }
 }
 
@@ -316,68 +300,10 @@ fn lay(lines: &mut [[f64; 2]], a: &[f64], [half, scale]: [f64; 2], odd: f64) {
     }
 }
 
-/// The base pressure of a unit line load and its first two integrals from 0, in thicknesses.
-#[derive(Clone, Debug)]
-struct Base {
-    density: Even,
-    /// The first integral over x.
-    once_over: Even,
-    twice: Even,
-    /// The second integral beyond the table is |x|/2 plus this.
-    far: f64,
-}
-
-impl Base {
-    fn new(transfer: &Transfer) -> Self {
-        let count = (REACH * DENSITY) as usize + 8;
-        let step = 2.0 * PI / (2.2 * REACH);
-        let samples = libm::ceil(CUTOFF / step) as usize;
-        let mut sums = vec![[0.0; 3]; count];
-        for k in 0..=samples {
-            let a = k as f64 * step;
-            let weight = if k == 0 { 0.5 } else { 1.0 } * step / PI * transfer.base_normal(a);
-            let (sine, cosine) = (libm::sin(a / DENSITY), libm::cos(a / DENSITY));
-            let (mut s, mut c) = (0.0, 1.0);
-            for (i, sum) in sums.iter_mut().enumerate() {
-                let x = i as f64 / DENSITY;
-                let (first, second) = if k == 0 {
-                    (1.0, 0.5 * x * x)
-                } else {
-                    let over = if i == 0 { 1.0 } else { s / (a * x) };
-                    // 1 - cos(y) is 2 sin^2(y/2); the recurrence is exact enough past its start.
-                    let half = libm::sin(0.5 * a * x);
-                    (over, 2.0 * half * half / (a * a))
-                };
-                sum[0] += weight * c;
-                sum[1] += weight * first;
-                sum[2] += weight * second;
-                (s, c) = (s * cosine + c * sine, c * cosine - s * sine);
-            }
-        }
-        let column = |k: usize| {
-            let values: Vec<f64> = sums.iter().map(|sum| sum[k]).collect();
-            Even::new(&values, DENSITY)
-        };
-        let twice = column(2);
-        let last = 0.99 * twice.end();
-        let far = twice.at(last) - 0.5 * last;
-        Self { density: column(0), once_over: column(1), twice, far }
-    }
-
-    fn once(&self, x: f64) -> f64 {
-        let distance = x.abs();
-        if distance < self.once_over.end() {
-            return x * self.once_over.at(distance);
-        }
-        if x < 0.0 { -0.5 } else { 0.5 }
-    }
-
-    fn twice(&self, x: f64) -> f64 {
-        let distance = x.abs();
-        if distance < self.twice.end() {
-            self.twice.at(distance)
-        } else {
-            0.5 * distance + self.far
-        }
-    }
+/// The base pressure of a unit line load, in thicknesses.
+fn density(transfer: &Transfer) -> Even {
+    let count = (REACH * DENSITY) as usize + 8;
+    let samples = Sampled::new(|a| transfer.base_normal(a), REACH, BASE_CUTOFF);
+    let values: Vec<f64> = (0..count).map(|i| samples.cosine(i as f64 / DENSITY)).collect();
+    Even::new(&values, DENSITY)
 }

@@ -10,6 +10,7 @@
 //! force that no penetration reaches. What it does not know: free ends of the layer, stick and
 //! slip.
 
+mod across;
 mod fourier;
 pub mod infinite;
 pub mod jacobian;

@@ -1,0 +1,221 @@
+//! What the base carries of a pressure that is the same all along an axis, seen across it: its
+//! second integral on a uniform grid, from which the mean over a tactel, whatever its direction, is
+//! a second difference. Lengths are in thicknesses.
+//!
+//! The lines that stand for the pressure become one stencil on the tabulated second integral of a
+//! unit line's base pressure, so a contact costs one convolution and a tactel four readings.
+//! Carrying and reading neither allocate nor panic. It refuses nothing.
+
+use super::super::interpolation::six_point;
+use super::super::kernel::BASE_CUTOFF;
+use super::super::layer::Transfer;
+use core::f64::consts::PI;
+
+/// Grid points per thickness: six points leave 3e-8 of the peak.
+const DENSITY: f64 = 16.0;
+/// Where a line's base pressure has died to 1e-8 of its peak.
+const REACH: f64 = 25.0;
+/// Distance of the images in the sums that make the table.
+const PERIOD: f64 = 88.0;
+/// Boxes narrower than this are taken at two points instead of exactly.
+const NARROW: f64 = 0.02;
+/// Grid points before the axis, and those beyond the end that are there for interpolation.
+const LEAD: usize = 5;
+const TRAIL: usize = 7;
+
+/// The second integral of the base pressure across the axis.
+#[derive(Clone, Debug)]
+pub(crate) struct Across {
+    /// Second integral of a unit line's base pressure, the line itself at grid point `zero`.
+    line: Vec<f64>,
+    zero: usize,
+    /// What that integral is beyond its reach, less half the distance.
+    far: f64,
+    /// Loads on the grid points about the axis.
+    stencil: Vec<f64>,
+    /// Second integral and its slope, the axis at grid point `LEAD`.
+    twice: Vec<f64>,
+    once: Vec<f64>,
+    /// Where the grid ends, and the second integral there: constant and slope.
+    end: f64,
+    beyond: [f64; 2],
+    /// 1 for an even pressure, -1 for an odd one.
+    mirror: f64,
+}
+
+impl Across {
+    /// Room for contacts up to a half-width; allocates.
+    pub(crate) fn new(transfer: &Transfer, widest: f64) -> Self {
+        let (spread, points) = (spread(widest), LEAD + nodes(widest) + TRAIL);
+        let zero = spread + LEAD;
+        let table = second_integral(transfer);
+        let last = table.len() - 1;
+        let far = table[last] - 0.5 * last as f64 / DENSITY;
+        let at = |i: usize| {
+            let distance = i.abs_diff(zero);
+            table.get(distance).copied().unwrap_or(0.5 * distance as f64 / DENSITY + far)
+        };
+        Self {
+            line: (0..zero + points + spread).map(at).collect(),
+            zero,
+            far,
+            stencil: vec![0.0; 2 * spread + 1],
+            twice: vec![0.0; points],
+            once: vec![0.0; points],
+            end: 0.0,
+            beyond: [0.0; 2],
+            mirror: 1.0,
+        }
+    }
+
+    /// Takes over pairs of lines: place above 0 and load of one; the other's is `mirror` times
+    /// that.
+    pub(crate) fn carry(&mut self, lines: &[[f64; 2]], mirror: f64) {
+        let widest = lines.iter().fold(0.0_f64, |most, [x, _]| most.max(*x));
+        let middle = spread(widest).min(self.stencil.len() / 2);
+        let stencil = &mut self.stencil[..=2 * middle];
+        stencil.fill(0.0);
+        let (mut whole, mut moment) = (0.0, 0.0);
+        for &[x, load] in lines {
+            for (place, load) in [(x, load), (-x, mirror * load)] {
+                let place = place * DENSITY + middle as f64;
+                let cell = (place as usize).clamp(2, 2 * middle - 3);
+                for (value, weight) in stencil[cell - 2..].iter_mut().zip(six(place - cell as f64))
+                {
+                    *value += weight * load;
+                }
+                whole += load;
+            }
+            moment += 2.0 * x * load;
+        }
+        let count = (LEAD + nodes(widest) + TRAIL).min(self.twice.len());
+        let twice = &mut self.twice[..count];
+        twice.fill(0.0);
+        for (m, weight) in stencil.iter().enumerate() {
+            let from = self.zero + middle - LEAD - m;
+            for (value, line) in twice.iter_mut().zip(&self.line[from..]) {
+                *value += weight * line;
+            }
+        }
+        for i in 3..count - 3 {
+            let rise = |k: usize| twice[i + k] - twice[i - k];
+            self.once[i] = DENSITY / 60.0 * (45.0 * rise(1) - 9.0 * rise(2) + rise(3));
+        }
+        self.end = (count - LEAD - TRAIL) as f64 / DENSITY;
+        self.mirror = mirror;
+        let even = mirror > 0.0;
+        self.beyond = if even { [self.far * whole, 0.5 * whole] } else { [-0.5 * moment, 0.0] };
+    }
+
+    /// Mean base pressure over the convolution of two boxes of half-widths `wide` and `narrow` at
+    /// `u`.
+    pub(crate) fn mean(&self, u: f64, (wide, narrow): (f64, f64)) -> f64 {
+        if narrow < NARROW {
+            // Gauss's two points across the narrow box.
+            let at = narrow / 3.0_f64.sqrt();
+            let along = |u: f64| self.once(u + wide) - self.once(u - wide);
+            return (along(u - at) + along(u + at)) / (4.0 * wide);
+        }
+        let (sum, rest) = (wide + narrow, wide - narrow);
+        let outer = self.twice(u + sum) + self.twice(u - sum);
+        let inner = self.twice(u + rest) + self.twice(u - rest);
+        (outer - inner) / (4.0 * wide * narrow)
+    }
+
+    fn twice(&self, u: f64) -> f64 {
+        let distance = u.abs();
+        let value = if distance < self.end {
+            six_point(&self.twice[LEAD - 2..], distance * DENSITY)
+        } else {
+            self.beyond[0] + self.beyond[1] * distance
+        };
+        if u < 0.0 { self.mirror * value } else { value }
+    }
+
+    fn once(&self, u: f64) -> f64 {
+        let distance = u.abs();
+        let value = if distance < self.end {
+            six_point(&self.once[LEAD - 2..], distance * DENSITY)
+        } else {
+            self.beyond[1]
+        };
+        if u < 0.0 { -self.mirror * value } else { value }
+    }
+}
+
+/// Grid points on each side of the axis that lines up to a half-width need.
+fn spread(widest: f64) -> usize {
+    libm::ceil(widest * DENSITY) as usize + 3
+}
+
+/// Grid points from the axis to where nothing bends any more.
+fn nodes(widest: f64) -> usize {
+    libm::ceil((widest + REACH) * DENSITY) as usize
+}
+
+/// Weights of the values at -2, -1 ... 3 for the polynomial through them at `x`.
+fn six(x: f64) -> [f64; 6] {
+    let (d0, d1, d2, d3, d4, d5) = (x + 2.0, x + 1.0, x, x - 1.0, x - 2.0, x - 3.0);
+    let (low, high) = (d0 * d1 * d2, d3 * d4 * d5);
+    [
+        d1 * d2 * high / -120.0,
+        d0 * d2 * high / 24.0,
+        d0 * d1 * high / -12.0,
+        d4 * d5 * low / 12.0,
+        d3 * d5 * low / -24.0,
+        d3 * d4 * low / 120.0,
+    ]
+}
+
+/// Second integral from 0 of a unit line's base pressure at 0, 1 ... grid spacings, out to its
+/// reach: (1/pi) times the integral of f(a) (1 - cos(a x))/a^2.
+fn second_integral(transfer: &Transfer) -> Vec<f64> {
+    let step = 2.0 * PI / PERIOD;
+    let samples = libm::ceil(BASE_CUTOFF / step) as usize;
+    let mut table = vec![0.0; (REACH * DENSITY) as usize + 1];
+    for k in 0..=samples {
+        let a = k as f64 * step;
+        let weight = step / PI * transfer.base_normal(a);
+        for (i, sum) in table.iter_mut().enumerate() {
+            let x = i as f64 / DENSITY;
+            let half = libm::sin(0.5 * a * x);
+            *sum += weight * if k == 0 { 0.25 * x * x } else { 2.0 * half * half / (a * a) };
+        }
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lines at odd places, and the sums that the grid stands for.
+    #[test]
+    fn means_are_those_of_the_lines_one_by_one() {
+        let transfer = Transfer::new(0.45);
+        let lines = [[0.13, 1.0], [0.777, 0.4], [1.91, 0.2]];
+        let mut across = Across::new(&transfer, 2.5);
+        let table = second_integral(&transfer);
+        // One line on the axis and one box are the table's own second difference.
+        across.carry(&[[0.0, 0.5]], 1.0);
+        let own = (table[18] - 2.0 * table[16] + table[14]) / (4.0 * 0.0625 * 0.0625);
+        let mean = across.mean(1.0, (0.0625, 0.0625));
+        assert!((mean - own).abs() < 1e-9, "{mean} {own}");
+        for mirror in [1.0, -1.0] {
+            across.carry(&lines, mirror);
+            for u in [-3.0, -0.4, 0.0, 0.3, 1.7, 6.0, 26.5, 40.0] {
+                for boxes in [(0.9, 0.9), (1.0, 0.3), (1.0, 0.021), (1.0, 0.019), (1.0, 0.0)] {
+                    let sum = |u: f64| {
+                        let mut one = Across::new(&transfer, 0.1);
+                        one.carry(&[[0.0, 0.5]], 1.0);
+                        let pair =
+                            |x: f64| one.mean(u - x, boxes) + mirror * one.mean(u + x, boxes);
+                        lines.iter().map(|[x, load]| load * pair(*x)).sum::<f64>()
+                    };
+                    let (got, wanted) = (across.mean(u, boxes), sum(u));
+                    assert!((got - wanted).abs() < 1e-6, "{mirror} {u} {boxes:?}: {got} {wanted}");
+                }
+            }
+        }
+    }
+}
