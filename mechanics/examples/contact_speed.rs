@@ -5,7 +5,12 @@
 use std::hint::black_box;
 use std::time::Instant;
 use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::plane::chart::Chart;
 use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape};
+use taktil_mechanics::contact::space::Drive;
+use taktil_mechanics::contact::space::infinite::Endless;
+use taktil_mechanics::contact::space::pin::{Profile, Stand};
+use taktil_mechanics::contact::space::tactels::{Array, Sampling};
 
 #[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
 fn best(mut call: impl FnMut(u32)) -> f64 {
@@ -52,5 +57,51 @@ fn main() {
             });
             println!("{name:<22} {:>8} {warm:10.1} {cold:10.1}", format!("{level:?}"));
         }
+    }
+    if asked(0, "endless") {
+        endless(&layer);
+    }
+    if asked(0, "chart") {
+        charted(&layer);
+    }
+}
+
+/// The image of a cylinder and of a bar without ends, 16 by 16 tactels, and what it starts from.
+fn endless(layer: &Layer) {
+    let bar = Profile::Bar { width_mm: 12.7 };
+    for (name, profile) in [("cylinder", Profile::Cylinder { radius_mm: 23.0 }), ("bar", bar)] {
+        let mut body = Endless::new(layer, profile, 0.1).expect("a body");
+        let mut image = vec![0.0; Array::THESIS.len()];
+        let mut one = |round: u32, rot_rad: f64| {
+            let force = 0.7 * (1.0 + 0.003 * f64::from(round % 3));
+            body.press(Drive::ForceN(force)).expect("a contact");
+            let stand = Stand { x_mm: 0.7, y_mm: -0.4, rot_rad };
+            body.image(&Array::THESIS, Sampling::Area, stand, &mut image).expect("an image");
+            black_box(&mut image);
+        };
+        let [slanted, upright] = [0.35, 0.0].map(|rot_rad| best(|round| one(round, rot_rad)));
+        println!("{name} without ends, image: {slanted:.1} us slanted, {upright:.1} us upright");
+    }
+}
+
+/// The bar's chart: a thousand readings a round, since one is near the clock's own resolution.
+fn charted(layer: &Layer) {
+    let x_mm: Vec<f64> = (-80..=80).map(|i| 0.125 * f64::from(i)).collect();
+    for friction in [Friction::None, Friction::Proportional] {
+        let mut chart = Chart::new(layer, (12.7, 6.35), friction, &x_mm).expect("a chart");
+        let mut szz = vec![0.0; x_mm.len()];
+        let mut many = |stress: bool| {
+            best(|_| {
+                for k in 0..1000 {
+                    let q_n_mm = 0.25 + 0.0001 * f64::from(k);
+                    black_box(chart.press(&Load { p_n_mm: 0.7, q_n_mm }).expect("a contact"));
+                    if stress {
+                        chart.base_szz_mpa(black_box(&mut szz));
+                    }
+                }
+            }) / 1000.0
+        };
+        let (alone, all) = (many(false), many(true));
+        println!("chart, {friction:?}: {alone:.3} us, with the stress at 161 places {all:.3} us");
     }
 }

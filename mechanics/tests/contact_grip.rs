@@ -228,6 +228,38 @@ fn a_thousand_jumps_near_sliding_settle() {
     }
 }
 
+/// Friction beyond any rubber's, under which a state need not exist: each jump ends in a state that
+/// obeys the rules or in a refusal that leaves the last state as it was.
+#[test]
+fn friction_far_above_one_settles_or_is_refused() {
+    for mu in [10.0, 30.0, 1000.0] {
+        let mut grip = bar(0.49, 16, Law::Coulomb(mu));
+        let mut state: u64 = 9;
+        let mut unit = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            f64::from((state >> 33) as u32) / f64::from(1_u32 << 31)
+        };
+        let (mut settled, mut before) = (0, grip.load());
+        for _ in 0..40 {
+            let p_n_mm = 0.1 + unit();
+            let load = Load { p_n_mm, q_n_mm: 0.9 * p_n_mm * (2.0 * unit() - 1.0) };
+            match grip.step(&Drive::Loads { load, height_mm: 6.35 }) {
+                Ok(()) => {
+                    settled += 1;
+                    let got = grip.load();
+                    assert!(grip.residual() < 1e-9, "{mu}: {}", grip.residual());
+                    assert!((got.p_n_mm - load.p_n_mm).abs() < 1e-9, "{mu}: {got:?} {load:?}");
+                    assert!((got.q_n_mm - load.q_n_mm).abs() < 1e-9, "{mu}: {got:?} {load:?}");
+                }
+                Err(Refusal::Unsettled) => assert_eq!(grip.load(), before, "{mu}"),
+                Err(other) => panic!("{mu}: {other}"),
+            }
+            before = grip.load();
+        }
+        assert!(settled > 20, "{mu}: {settled}");
+    }
+}
+
 #[test]
 fn friction_of_zero_and_of_three() {
     let mut slick = bar(0.49, 32, Law::Coulomb(0.0));

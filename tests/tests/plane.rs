@@ -5,6 +5,7 @@
 use taktil_mechanics::contact::fem::{Elements, Kind, Mesh};
 use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::plane::bed::Bed;
+use taktil_mechanics::contact::plane::chart::Chart;
 use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
 use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Refusal, Shape};
 use taktil_rtcore::guard::{self, CountingAllocator};
@@ -37,6 +38,7 @@ fn plane_contact_makes_no_heap_call() {
             }
         }
     }
+    let mut chart = Chart::new(&layer, (12.7, 6.35), Friction::None, &[0.0, 3.0]).unwrap();
     let edges: Vec<f64> = (0..=48).map(|i| f64::from(i) * 0.25 - 6.0).collect();
     let bed = Bed::of_layer(&layer, &edges).unwrap();
     let mut grip = Grip::new(bed, vec![0.0; 48], Law::Coulomb(0.4)).unwrap();
@@ -59,6 +61,8 @@ fn plane_contact_makes_no_heap_call() {
                 body.forget();
                 let _ = std::hint::black_box(body.descend(0.01 * p_n_mm));
             }
+            let _ = std::hint::black_box(chart.press(&load));
+            chart.base_szz_mpa(std::hint::black_box(&mut [0.0; 2]));
             let held = Drive::Loads { load, height_mm: 0.5 };
             let _ = std::hint::black_box(grip.step(&held));
             elements.solve(&forces, &mut response);

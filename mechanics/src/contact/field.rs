@@ -10,7 +10,7 @@
 use super::kernel::{REACH, SURFACE_CUTOFF};
 use super::layer::{Layer, Transfer};
 use super::plane::spectrum::gauss;
-use super::{Invalid, finite, positive};
+use super::{Invalid, number};
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 /// Above this depth, in thicknesses, the half plane is taken out.
@@ -87,12 +87,14 @@ pub fn line_half_plane(
 }
 
 fn check(load: &LineLoad, depth_mm: f64, x_mm: &[f64]) -> Result<(), Invalid> {
-    finite("p_n_mm", load.p_n_mm)?;
-    finite("q_n_mm", load.q_n_mm)?;
-    if depth_mm != 0.0 {
-        positive("depth_mm", depth_mm)?;
+    number("p_n_mm", load.p_n_mm)?;
+    number("q_n_mm", load.q_n_mm)?;
+    number("depth_mm", depth_mm)?;
+    if depth_mm < 0.0 {
+        let what = format!("{depth_mm} is above the surface");
+        return Err(Invalid::new("depth_mm", what, "give 0 or more"));
     }
-    x_mm.iter().try_for_each(|x| finite("x_mm", *x))
+    x_mm.iter().try_for_each(|x| number("x_mm", *x))
 }
 
 fn flamant(load: &LineLoad, d: f64, x: f64) -> LinePoint {

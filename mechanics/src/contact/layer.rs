@@ -11,7 +11,7 @@
 
 pub use super::field::{LineLoad, LinePoint, line};
 use super::kernel::{self, Sampled};
-use super::{Invalid, positive};
+use super::{Invalid, finite, positive};
 
 /// A homogeneous isotropic layer, bonded to a rigid base, infinite along its surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,7 +20,7 @@ pub struct Layer {
     pub thickness_mm: f64,
     /// Young's modulus E in MPa.
     pub youngs_mpa: f64,
-    /// Poisson's ratio, above 0 up to and including 0.5.
+    /// Poisson's ratio, above -1 up to and including 0.5.
     pub poisson: f64,
 }
 
@@ -28,7 +28,8 @@ impl Layer {
     /// Keeps the three constants after [`Layer::check`].
     ///
     /// # Errors
-    /// NaN, infinity, zero or less anywhere, and a Poisson's ratio outside (0, 0.5].
+    /// NaN, infinity, zero or less in thickness or modulus, and a Poisson's ratio outside
+    /// (-1, 0.5], where no stable material is.
     pub fn new(thickness_mm: f64, youngs_mpa: f64, poisson: f64) -> Result<Self, Invalid> {
         let layer = Self { thickness_mm, youngs_mpa, poisson };
         layer.check()?;
@@ -42,12 +43,13 @@ impl Layer {
     pub fn check(&self) -> Result<(), Invalid> {
         positive("thickness_mm", self.thickness_mm)?;
         positive("youngs_mpa", self.youngs_mpa)?;
-        positive("poisson", self.poisson)?;
-        if self.poisson > 0.5 {
-            let what = format!("{} is above 0.5", self.poisson);
-            return Err(Invalid::new("poisson", what, "give a ratio in (0, 0.5]; rubber has 0.49"));
+        finite("poisson", self.poisson)?;
+        if self.poisson > -1.0 && self.poisson <= 0.5 {
+            return Ok(());
         }
-        Ok(())
+        let side = if self.poisson > 0.5 { "above 0.5" } else { "not above -1" };
+        let what = format!("{} is {side}", self.poisson);
+        Err(Invalid::new("poisson", what, "give a ratio in (-1, 0.5]; rubber has 0.49"))
     }
 
     /// Shear modulus G = E/(2(1 + nu)) in MPa.

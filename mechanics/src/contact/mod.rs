@@ -14,7 +14,8 @@
 //! - [`space`]: contact in three dimensions and the image that an array of tactels makes of it.
 //! - [`features`]: features of stress distributions and of images.
 //!
-//! What it refuses: everything not finite and positive, and geometry outside the theory's reach.
+//! What it refuses: everything not finite and positive, sizes and loads beyond 1e30, and geometry
+//! outside the theory's reach.
 //! What it does not know: finite strain, viscosity; free ends of the layer outside [`fem`].
 
 mod collocation;
@@ -57,17 +58,35 @@ impl core::fmt::Display for Invalid {
 
 impl std::error::Error for Invalid {}
 
-/// Refuses what is not finite and above zero.
+/// Largest number that this module takes; sizes are taken down to its inverse. Their powers and
+/// products then stay numbers.
+pub(crate) const LARGEST: f64 = 1e30;
+
+/// Refuses what is not finite and above zero, and what no size can be.
 pub(crate) fn positive(place: &str, value: f64) -> Result<(), Invalid> {
-    if value.is_finite() && value > 0.0 {
+    if (1.0 / LARGEST..=LARGEST).contains(&value) {
         return Ok(());
+    }
+    if value.is_finite() && value > 0.0 {
+        let what = format!("{value:e} is beyond sense");
+        return Err(Invalid::new(place, what, "give a number between 1e-30 and 1e30"));
     }
     let what = format!("{value} is not a finite number above zero");
     Err(Invalid::new(place, what, "give a finite number above zero"))
 }
 
-/// Refuses what is not finite.
+/// Refuses what is not finite or beyond [`LARGEST`].
 pub(crate) fn finite(place: &str, value: f64) -> Result<(), Invalid> {
+    if value.abs() <= LARGEST {
+        return Ok(());
+    }
+    number(place, value)?;
+    let what = format!("{value:e} is beyond sense");
+    Err(Invalid::new(place, what, "give a number between -1e30 and 1e30"))
+}
+
+/// Refuses what is not finite and nothing else, for fields in closed form.
+pub(crate) fn number(place: &str, value: f64) -> Result<(), Invalid> {
     if value.is_finite() {
         return Ok(());
     }

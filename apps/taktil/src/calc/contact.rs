@@ -29,7 +29,7 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
             Need::Required,
             "Thickness of the layer; \"inf\" for the half plane.",
         ),
-        number("nu", "", "Poisson's ratio, in (0, 0.5]."),
+        number("nu", "", "Poisson's ratio, in (-1, 0.5]."),
         number("p_n_mm", "N/mm", "Normal load, positive into the layer."),
         number("q_n_mm", "N/mm", "Tangential load, positive along x."),
         number("depth_mm", "mm", "Depth under the surface."),

@@ -62,6 +62,7 @@ pub(super) fn failure(invalid: &Invalid) -> Failure {
         "height_mm" => "shape.flat.height_mm",
         "radius_mm" => "shape.cylinder.radius_mm",
         "coulomb" => "friction.coulomb",
+        "edges_mm" => "shape",
         other => other,
     };
     Failure::range(field, format!("`{field}`: {}; {}", invalid.what, invalid.remedy))
@@ -72,7 +73,7 @@ pub(super) fn refused(refusal: Refusal) -> Failure {
         Refusal::Topples => "topples",
         Refusal::Slides => "slides",
         Refusal::Pulls | Refusal::NotFinite => "out_of_range",
-        Refusal::TooWide => "unreachable",
+        Refusal::TooWide | Refusal::OffChart => "unreachable",
         Refusal::Unsettled | Refusal::Tears => "unsettled",
     };
     Failure::new(code, Some("load"), refusal.to_string())

@@ -63,7 +63,7 @@ const COULOMB: &[Field] = &[number("coulomb", "", "Coefficient of friction.")];
 pub(super) const CONTACT: &[Field] = &[
     Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "One of its fields."),
     number("t_mm", "mm", "Thickness of the layer."),
-    number("nu", "", "Poisson's ratio, in (0, 0.5]."),
+    number("nu", "", "Poisson's ratio, in (-1, 0.5]."),
     Field::new("youngs_mpa", Kind::Number, "MPa", Need::Default("27.58"), "Young's modulus."),
     optional("load", Kind::Table(LOAD), "Loads, N/mm; this or `move`."),
     optional("move", Kind::Table(MOVE), "Descent and tangential move, mm."),

@@ -45,7 +45,7 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
         optional("width_mm", "mm", "Width, cases 1 and 3."),
         default("height_mm", "mm", "6.35", "Height of the loads over the surface."),
         default("t_mm", "mm", "0.8", "Thickness of the layer."),
-        default("nu", "", "0.49", "Poisson's ratio, in (0, 0.5]."),
+        default("nu", "", "0.49", "Poisson's ratio, in (-1, 0.5]."),
         default("youngs_mpa", "MPa", "27.58", "Young's modulus."),
         Field::new(
             "friction",

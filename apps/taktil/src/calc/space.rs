@@ -77,7 +77,7 @@ const SHAPES: &[Field] = &[
 pub(super) const CONTACT: &[Field] = &[
     Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "Exactly one of its fields."),
     number("t_mm", "mm", "Thickness of the layer."),
-    number("nu", "", "Poisson's ratio, in (0, 0.5]."),
+    number("nu", "", "Poisson's ratio, in (-1, 0.5]."),
     Field::new("youngs_mpa", Kind::Number, "MPa", Need::Default("27.58"), "Young's modulus."),
     Field::new(
         "force_n",

@@ -8,3 +8,4 @@ mod plane;
 mod refusals;
 mod space;
 mod touch;
+mod wild;

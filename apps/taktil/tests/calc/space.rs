@@ -108,7 +108,7 @@ fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
         ),
         (with("t_mm", json!(-0.8)), "out_of_range", "t_mm"),
         (with("nu", json!(0.500_001)), "out_of_range", "nu"),
-        (with("nu", json!(0.0)), "out_of_range", "nu"),
+        (with("nu", json!(-1.0)), "out_of_range", "nu"),
         (with("youngs_mpa", json!(0)), "out_of_range", "youngs_mpa"),
         (with("force_n", json!(1e9)), "out_of_range", "force_n"),
         (with("force_n", json!(-1)), "out_of_range", "force_n"),

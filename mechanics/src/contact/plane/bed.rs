@@ -14,6 +14,8 @@ use core::f64::consts::{FRAC_PI_2, PI};
 
 /// Most cells.
 pub const CELLS_MAX: usize = 1000;
+/// Widest cell in thicknesses: a wider one resolves nothing.
+const WIDEST: f64 = 20.0;
 
 /// Places on the surface and their compliances, per unit force (N/mm): row i, column j is what
 /// place i does under a force at j. Displacements in mm, normal ones downwards.
@@ -67,6 +69,11 @@ impl Bed {
         if !edges_mm.windows(2).all(|w| w[0] < w[1]) {
             let what = "the edges do not ascend".to_owned();
             return Err(Invalid::new("edges_mm", what, "sort them, each once"));
+        }
+        let widest = edges_mm.windows(2).fold(0.0_f64, |most, w| most.max(w[1] - w[0]));
+        if widest > WIDEST * layer.thickness_mm {
+            let what = format!("{widest:e} mm on {:e} mm of layer", layer.thickness_mm);
+            return Err(Invalid::new("edges_mm", what, "give cells of at most 20 thicknesses"));
         }
         let kernels = kernels()?;
         let (t, m, n_step) = (layer.thickness_mm, kernels.transfer.m, kernels.transfer.n);

@@ -11,7 +11,7 @@ use super::bed::Bed;
 use super::dense::Dense;
 use super::path::between;
 pub use super::path::{Drive, Law, Status};
-use super::{Load, Refusal};
+use super::{Load, Refusal, is_sane};
 use crate::contact::{Invalid, finite};
 
 /// Rounds of the active set, and of a last search that has the time.
@@ -148,14 +148,14 @@ impl Grip {
     /// See [`Refusal`]; the state stays that of the last step.
     pub fn step(&mut self, drive: &Drive) -> Result<(), Refusal> {
         let load = match *drive {
-            Drive::Loads { load, height_mm } if height_mm.is_finite() => load,
+            Drive::Loads { load, height_mm } if is_sane(height_mm) => load,
             Drive::Upright(load) => load,
             Drive::Loads { .. } => return Err(Refusal::NotFinite),
             Drive::Move { .. } | Drive::Pose { .. } => Load { p_n_mm: 1.0, q_n_mm: 0.0 },
         };
         let pose = drive.pose();
-        let finite = load.p_n_mm.is_finite() && load.q_n_mm.is_finite();
-        if !(finite && pose.is_none_or(|pose| pose.iter().all(|v| v.is_finite()))) {
+        let sane = is_sane(load.p_n_mm) && is_sane(load.q_n_mm);
+        if !(sane && pose.is_none_or(|pose| pose.iter().all(|v| is_sane(*v)))) {
             return Err(Refusal::NotFinite);
         }
         if load.p_n_mm < 0.0 || (load.p_n_mm == 0.0 && load.q_n_mm != 0.0) {

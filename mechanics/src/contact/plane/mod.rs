@@ -10,10 +10,11 @@
 //! the points that it may use, and everything not finite. Refusals are plain numbers
 //! ([`Refusal`]), since this runs inside control periods.
 //! What it does not know: free ends of the layer. Slip against stick is in [`grip`], growth without
-//! slip in [`noslip`], feature Jacobians in [`rates`].
+//! slip in [`noslip`], feature Jacobians in [`rates`]; a bar's contacts as a table in [`chart`].
 
 mod bar;
 pub mod bed;
+pub mod chart;
 mod cubics;
 mod dense;
 mod density;
@@ -126,7 +127,7 @@ pub enum Mode {
 /// Why there is no solution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// A load or move that is not finite.
+    /// A load or move that is not finite, or beyond 1e30.
     NotFinite,
     /// P below 0, or Q without P under friction or a moment.
     Pulls,
@@ -137,8 +138,11 @@ pub enum Refusal {
     /// The contact would be wider than 0.98 of a cylinder's diameter or than the solver's points
     /// can resolve.
     TooWide,
-    /// The search for an edge did not settle.
+    /// The search for an edge, or for who sticks and who slips, did not settle; the last state
+    /// stays. Under friction far above 1 there need not be any state.
     Unsettled,
+    /// A bar that stands nearly on its corner, which its chart leaves out.
+    OffChart,
     /// Friction without a limit, and no state that obeys it: a place that held would be torn off,
     /// torn off it would touch again.
     Tears,
@@ -147,12 +151,15 @@ pub enum Refusal {
 impl core::fmt::Display for Refusal {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
-            Self::NotFinite => "a load or move is not finite",
+            Self::NotFinite => "a load or move is not finite, or beyond 1e30",
             Self::Pulls => "P is below 0, or Q acts without P: press the indenter on",
             Self::Topples => "the bar topples: |Q| times its height reaches P times half its width",
             Self::Slides => "the indenter slides: |Q| reaches mu P",
             Self::TooWide => "the contact grows too wide: press less or take a smaller indenter",
-            Self::Unsettled => "the contact's edge was not found",
+            Self::Unsettled => {
+                "no contact that obeys every rule was found: take a smaller step, or less friction"
+            }
+            Self::OffChart => "the bar stands nearly on its corner: take the solver",
             Self::Tears => {
                 "what never slips is torn off at an edge: give a coefficient of friction"
             }
@@ -218,6 +225,11 @@ const NOTHING: Contact = Contact {
     mode: Mode::Open,
     residual: 0.0,
 };
+
+/// Whether a load or move is a number that can be meant.
+fn is_sane(value: f64) -> bool {
+    value.abs() <= super::LARGEST
+}
 
 impl Indenter {
     /// Tabulates the layer's kernels (milliseconds) and makes room; allocates.
@@ -345,7 +357,7 @@ impl Indenter {
     /// # Errors
     /// See [`Refusal`]; proportional friction is taken as [`Friction::None`].
     pub fn descend(&mut self, dz_mm: f64) -> Result<Contact, Refusal> {
-        let outcome = if !dz_mm.is_finite() {
+        let outcome = if !is_sane(dz_mm) {
             Err(Refusal::NotFinite)
         } else if dz_mm <= 0.0 {
             Ok(NOTHING)
@@ -371,7 +383,7 @@ impl Indenter {
 
     fn equilibrium(&mut self, load: &Load) -> Result<Contact, Refusal> {
         let Load { p_n_mm: p, q_n_mm: q } = *load;
-        if !(p.is_finite() && q.is_finite()) {
+        if !(is_sane(p) && is_sane(q)) {
             return Err(Refusal::NotFinite);
         }
         if p < 0.0 || (p == 0.0 && q != 0.0) {

@@ -6,6 +6,7 @@ use std::hint::black_box;
 
 use taktil_mechanics::contact::fem::{Elements, Kind, Mesh};
 use taktil_mechanics::contact::plane::bed::Bed;
+use taktil_mechanics::contact::plane::chart::Chart;
 use taktil_mechanics::contact::plane::features::moments;
 use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
 use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
@@ -64,6 +65,7 @@ pub(super) fn table() -> anyhow::Result<String> {
     for level in [Level::Fast, Level::Default, Level::Fine] {
         spectral(&mut out, level, &truth)?;
     }
+    charted(&mut out, &truth)?;
     for cells in [48, 96, 192] {
         on_cells(&mut out, cells, &truth)?;
     }
@@ -99,6 +101,41 @@ fn spectral(out: &mut String, level: Level, truth: &Truth) -> anyhow::Result<()>
         black_box(body.press(&nudged(round)).is_ok());
     });
     writeln!(out, "spectral {level:?} | {error:.1e} | {warm:.1} | {cold:.1} | {tables:.0}")?;
+    Ok(())
+}
+
+/// The bar's chart: no warm and no cold start, so one time; then with the stress at all places.
+fn charted(out: &mut String, truth: &Truth) -> anyhow::Result<()> {
+    const CALLS: u32 = 1000;
+    let (layer, size) = (layer(0.8, 0.49)?, (WIDTH, 6.35));
+    let make = |x: &[f64]| Chart::new(&layer, size, Friction::None, x);
+    let tables = best_us(1, |_| {
+        black_box(make(&truth.x).is_ok());
+    });
+    let mut chart = make(&truth.x).map_err(plainly)?;
+    chart.press(&LOAD)?;
+    let mut szz = vec![0.0; truth.x.len()];
+    chart.base_szz_mpa(&mut szz);
+    let off = szz.iter().zip(&truth.szz).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let error = off / truth.peak;
+    let mut many = |stress: bool| {
+        let whole = best_us(50, |_| {
+            for round in 0..CALLS {
+                black_box(chart.press(&nudged(round)).is_ok());
+                if stress {
+                    chart.base_szz_mpa(black_box(&mut szz));
+                }
+            }
+        });
+        whole / f64::from(CALLS)
+    };
+    let (alone, all) = (many(false), many(true));
+    writeln!(
+        out,
+        "chart | {error:.1e} | {alone:.3} | {alone:.3} | {tables:.0} (with the stress at {} \
+         places: {all:.2})",
+        truth.x.len()
+    )?;
     Ok(())
 }
 

@@ -1,0 +1,145 @@
+//! Contact requests whose numbers are finite and beyond sense: each is answered with finite numbers
+//! or refused with a code, and none hangs. Refuses to judge what such an answer says.
+
+use serde_json::{Value, json};
+
+use crate::ask::{ask_text, flat};
+
+const WILD: [f64; 14] =
+    [5e-324, 1e-308, 1e-300, 1e-160, 1e-80, 1e-30, 1e-9, 1e9, 1e30, 1e80, 1e160, 1e300, 1e308, 0.0];
+
+struct Draws(u64);
+
+impl Draws {
+    fn below(&mut self, count: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (self.0 >> 33) as usize % count
+    }
+
+    /// Mostly the sound number, now and then one of the wild ones, of either sign.
+    fn number(&mut self, sound: f64) -> Value {
+        if self.below(4) > 0 {
+            return json!(sound);
+        }
+        let wild = WILD[self.below(WILD.len())];
+        json!(if self.below(4) == 0 { -wild } else { wild })
+    }
+
+    fn of<'a>(&mut self, words: &[&'a str]) -> &'a str {
+        words[self.below(words.len())]
+    }
+
+    fn space(&mut self) -> Value {
+        let mut inner = json!({"x_mm": self.number(0.3), "y_mm": self.number(-0.2)});
+        let shape = self.of(&["sphere", "cylinder", "bar", "edge"]);
+        match shape {
+            "sphere" => inner["radius_mm"] = self.number(10.0),
+            "cylinder" => inner["radius_mm"] = self.number(23.0),
+            "bar" => inner["width_mm"] = self.number(3.0),
+            _ => {}
+        }
+        if shape != "sphere" {
+            inner["rot_rad"] = self.number(0.4);
+            if self.below(2) == 0 {
+                inner["length_mm"] = self.number(6.0);
+            }
+        }
+        if shape == "cylinder" || shape == "bar" {
+            let tilt_rad = [0.0, 0.01][self.below(2)];
+            inner["tilt_rad"] = self.number(tilt_rad);
+        }
+        let mut request = self.layer("contact_3d");
+        request["shape"] = json!({ shape: inner });
+        request["pitch_mm"] = self.number(1.6);
+        request["level"] = json!("fast");
+        (request["rows"], request["cols"]) = (json!(4), json!(4));
+        if self.below(2) == 0 {
+            request["force_n"] = self.number(2.0);
+        } else {
+            request["penetration_mm"] = self.number(0.01);
+        }
+        request
+    }
+
+    fn plane(&mut self) -> Value {
+        let shape = match self.of(&["knife", "flat", "cylinder", "profile"]) {
+            "knife" => json!({"knife": {}}),
+            "flat" => {
+                json!({"flat": {"width_mm": self.number(4.0), "height_mm": self.number(2.0)}})
+            }
+            "cylinder" => json!({"cylinder": {"radius_mm": self.number(20.0)}}),
+            _ => json!({"profile": {
+                "x_mm": [self.number(-2.0), -1.0, 0.0, 1.0, self.number(2.0)],
+                "z_mm": [self.number(0.2), 0.05, 0.0, 0.05, self.number(0.2)],
+            }}),
+        };
+        let mut request = self.layer("contact_2d");
+        request["shape"] = shape;
+        request["friction"] = match self.below(4) {
+            0 => json!("none"),
+            1 => json!("prop"),
+            2 => json!("stick"),
+            _ => json!({"coulomb": self.number(0.5)}),
+        };
+        if self.below(3) > 0 {
+            request["load"] = json!({"p_n_mm": self.number(0.5), "q_n_mm": self.number(0.05)});
+        } else {
+            request["move"] = json!({"dz_mm": self.number(0.01), "dx_mm": self.number(0.0)});
+        }
+        request["x_mm"] = json!([self.number(0.1), -1.0, 3.0]);
+        if self.below(3) == 0 {
+            request["depth_mm"] = self.number(0.4);
+        }
+        request
+    }
+
+    fn layer(&mut self, op: &str) -> Value {
+        json!({"op": op, "t_mm": self.number(0.8), "nu": self.number(0.45),
+            "youngs_mpa": self.number(27.58)})
+    }
+}
+
+/// What is wrong with an answer: a number that is none, a refusal that does not say why.
+fn fault(request: &Value, answer: &Value, fields: &[&str]) -> Option<String> {
+    if answer["ok"] == false {
+        let error = &answer["error"];
+        let coded = error["code"].as_str().is_some_and(|code| code != "internal");
+        let told = error["message"].as_str().is_some_and(|message| message.len() > 10);
+        return (!coded || !told).then(|| format!("{request}: {answer}"));
+    }
+    let whole = |values: &Value| match values {
+        Value::Array(items) => {
+            items.iter().all(Value::is_number) && flat(values).iter().all(|v| v.is_finite())
+        }
+        other => other.is_number(),
+    };
+    let bad = fields.iter().find(|field| !whole(&answer[**field]))?;
+    Some(format!("{bad} of {request}: {}", answer[*bad]))
+}
+
+/// How many requests are answered; none of the answers and refusals is at fault.
+fn judged(requests: &[Value], fields: &[&str]) -> usize {
+    let text: String = requests.iter().map(|request| format!("{request}\n")).collect();
+    let answers = ask_text(text.as_bytes());
+    assert_eq!(answers.len(), requests.len());
+    let pairs = || requests.iter().zip(&answers);
+    let faults: Vec<String> = pairs().filter_map(|(r, a)| fault(r, a, fields)).collect();
+    assert!(faults.is_empty(), "{} at fault:\n{}", faults.len(), faults.join("\n"));
+    pairs().filter(|(_, answer)| answer["ok"] == true).count()
+}
+
+#[test]
+fn contact_in_space_answers_or_refuses_any_number() {
+    let mut draws = Draws(1);
+    let requests: Vec<Value> = (0..250).map(|_| draws.space()).collect();
+    let answered = judged(&requests, &["image", "force_n", "residual"]);
+    assert!((20..200).contains(&answered), "{answered}");
+}
+
+#[test]
+fn contact_in_the_plane_answers_or_refuses_any_number() {
+    let mut draws = Draws(2);
+    let requests: Vec<Value> = (0..400).map(|_| draws.plane()).collect();
+    let answered = judged(&requests, &["szz", "p_n_mm", "q_n_mm", "residual"]);
+    assert!((20..300).contains(&answered), "{answered}");
+}
