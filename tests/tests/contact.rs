@@ -44,6 +44,12 @@ fn pressing_and_imaging_make_no_heap_call() {
             image.fill(0.0);
             pin.press(Drive::ForceN(force), tilt).unwrap();
             pin.image(&shares, stand, &mut image);
+            // On an end, on the other one, on a corner.
+            for (end, depth) in [(0.004, 0.05), (-0.01, 0.04), (0.1, 0.01 + 1e-3 * force)] {
+                let delta = Drive::PenetrationMm(depth - 15.0 * libm::tan(end).abs());
+                assert!(pin.press(delta, end).unwrap().force_n > 0.0);
+            }
+            pin.image(&shares, stand, &mut image);
             bar.press(Drive::ForceN(force), 0.01 * tilt).unwrap();
             bar.image(&shares, stand, &mut image);
             surface.press(&heights, Drive::ForceN(force)).unwrap();

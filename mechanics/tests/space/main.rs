@@ -1,10 +1,12 @@
 //! Contact in three dimensions: kernels, solvers, images, features, against exact reference data,
 //! closed forms, conservation and each other.
 
+mod draws;
 mod features;
 mod hard;
 mod images;
 mod kernels;
+mod poses;
 mod shear;
 mod solvers;
 mod tables;

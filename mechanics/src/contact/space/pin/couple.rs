@@ -9,6 +9,7 @@
 //! Acting neither allocates nor panics.
 
 use super::super::super::layer::Transfer;
+use super::super::quadrature::legendre;
 use super::strip::cubic;
 use core::f64::consts::PI;
 
@@ -16,6 +17,17 @@ use core::f64::consts::PI;
 const BESSEL_DENSITY: f64 = 8.0;
 /// The integral along the pin is cut at this over h; the tail is added in closed form.
 const CUT: f64 = 120.0;
+/// The same for slices shorter than this, which are summed by panels: so many points on so many
+/// radians of the fastest cosine.
+const CUT_SHORT: f64 = 40.0;
+const SHORT: f64 = 0.2;
+const PANEL_POINTS: usize = 12;
+const PANEL_RADIANS: f64 = 8.0;
+/// Length of a row (thicknesses) under which it needs shorter waves than its level's: of fixed and
+/// of free width.
+const WAVES: [f64; 2] = [1.2, 2.4];
+/// Wave number (times thickness) from which the compliance is 1/a.
+const ALGEBRAIC: f64 = 30.0;
 
 /// How finely the coupling is resolved.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +38,16 @@ pub(crate) struct Modes {
     pub(crate) cutoff: f64,
     /// Slices further apart than this do not act on each other.
     pub(crate) reach: f64,
+}
+
+impl Modes {
+    /// The same for a row of a length: short ones feel shorter waves, and their images less.
+    pub(crate) fn over(self, length: f64, free: bool) -> Self {
+        let waves = WAVES[usize::from(free)];
+        let cutoff = self.cutoff.max(waves * self.cutoff / length);
+        let margin = if length < waves { 0.7 * self.margin } else { self.margin };
+        Self { cutoff, margin, ..self }
+    }
 }
 
 /// Symmetry of the pressure across the pin.
@@ -66,8 +88,9 @@ impl Coupling {
         let modes = libm::ceil(fineness.cutoff / step) as usize + 1;
         let band = (libm::ceil(fineness.reach / h) as usize).min(slices.saturating_sub(1));
         let mut along = Vec::with_capacity(modes * (band + 1));
+        let points = along_pin(h, band);
         for n in 0..modes {
-            push_row(&mut along, transfer, n as f64 * step, h, band);
+            push_row(&mut along, transfer, n as f64 * step, (h, band), &points);
         }
         let points = libm::ceil(modes as f64 * step * widest * BESSEL_DENSITY) as usize + 4;
         let mut bessel = Vec::with_capacity(points * cosines);
@@ -180,23 +203,51 @@ impl Coupling {
     }
 }
 
+/// Places q, weights with h sinc^2(q h/2), and cos(q h) of the sum along the pin; where it ends.
+///
+/// Long slices: the trapezoidal rule. Short ones would take it hundreds of thousands of points:
+/// Gauss's rule on panels as long as the transfer function and the cosines are smooth over.
+fn along_pin(h: f64, band: usize) -> (Vec<[f64; 3]>, f64) {
+    let point = |q: f64, weight: f64| {
+        let half = 0.5 * q * h;
+        let sinc = if q == 0.0 { 1.0 } else { libm::sin(half) / half };
+        [q, h * weight * sinc * sinc, libm::cos(q * h)]
+    };
+    if h >= SHORT {
+        let step = 2.0 * PI / (2.0 * (band as f64 * h + 20.0));
+        let count = libm::ceil(CUT / h / step) as usize;
+        let weight = |i: usize| if i == 0 { 0.5 * step } else { step };
+        return ((0..=count).map(|i| point(i as f64 * step, weight(i))).collect(), CUT);
+    }
+    let end = CUT_SHORT / h;
+    let rule = legendre(PANEL_POINTS);
+    let mut points = Vec::new();
+    let mut from = 0.0;
+    while from < end {
+        let smooth = if from < ALGEBRAIC { 1.5 } else { 0.3 * from };
+        let width = (PANEL_RADIANS / (band as f64 * h + h)).min(smooth).min(end - from);
+        let panel = rule.iter().map(|(x, w)| (from + 0.5 * width * (1.0 + x), 0.5 * width * w));
+        points.extend(panel.map(|(q, weight)| point(q, weight)));
+        from += width;
+    }
+    (points, CUT_SHORT)
+}
+
 /// Appends c(m), m = 0..=band, of the wave number `kappa` across.
-fn push_row(out: &mut Vec<f64>, transfer: &Transfer, kappa: f64, h: f64, band: usize) {
-    let period = 2.0 * (band as f64 * h + 20.0);
-    let step = 2.0 * PI / period;
-    let count = libm::ceil(CUT / h / step) as usize;
+fn push_row(
+    out: &mut Vec<f64>,
+    transfer: &Transfer,
+    kappa: f64,
+    (h, band): (f64, usize),
+    (points, cut): &(Vec<[f64; 3]>, f64),
+) {
     let start = out.len();
     out.resize(start + band + 1, 0.0);
     let row = &mut out[start..];
-    let compliance = |a: f64| if a > 30.0 { 1.0 / a } else { transfer.normal_compliance(a) };
-    for i in 0..=count {
-        let q = i as f64 * step;
-        let half = 0.5 * q * h;
-        let sinc = if i == 0 { 1.0 } else { libm::sin(half) / half };
-        let weight = if i == 0 { 0.5 * step } else { step };
-        let value = h * weight * sinc * sinc * compliance((kappa * kappa + q * q).sqrt());
+    let compliance = |a: f64| if a > ALGEBRAIC { 1.0 / a } else { transfer.normal_compliance(a) };
+    for &[q, weight, c] in points {
+        let value = weight * compliance((kappa * kappa + q * q).sqrt());
         // cos(q m h) by its recurrence.
-        let c = libm::cos(q * h);
         let (mut now, mut next) = (1.0, c);
         for entry in row.iter_mut() {
             *entry += value * now;
@@ -204,10 +255,40 @@ fn push_row(out: &mut Vec<f64>, transfer: &Transfer, kappa: f64, h: f64, band: u
         }
     }
     // Beyond the cut the integrand is 2 (1 - cos(q h)) cos(q m h)/(q^3 h).
-    let tail = h / (CUT * CUT);
+    let tail = h / (cut * cut);
     row[0] += tail;
     if band > 0 {
         row[1] -= 0.5 * tail;
     }
     row[0] -= PI * compliance(kappa);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn panels_give_what_the_trapezoidal_rule_gives() {
+        let transfer = Transfer::new(0.45);
+        for (h, band) in [(0.19, 30), (0.05, 23), (0.02, 9)] {
+            let step = 2.0 * PI / (2.0 * (band as f64 * h + 20.0));
+            let count = libm::ceil(CUT / h / step) as usize;
+            let long: Vec<[f64; 3]> = (0..=count)
+                .map(|i| {
+                    let (q, half) = (i as f64 * step, 0.5 * i as f64 * step * h);
+                    let sinc = if i == 0 { 1.0 } else { libm::sin(half) / half };
+                    let weight = if i == 0 { 0.5 * step } else { step };
+                    [q, h * weight * sinc * sinc, libm::cos(q * h)]
+                })
+                .collect();
+            for kappa in [0.0, 0.6, 5.0, 20.0] {
+                let (mut a, mut b) = (Vec::new(), Vec::new());
+                push_row(&mut a, &transfer, kappa, (h, band), &along_pin(h, band));
+                push_row(&mut b, &transfer, kappa, (h, band), &(long.clone(), CUT));
+                for (m, (a, b)) in a.iter().zip(&b).enumerate() {
+                    assert!((a - b).abs() < 1e-4 * h, "{h} {kappa} {m}: {a} {b}");
+                }
+            }
+        }
+    }
 }

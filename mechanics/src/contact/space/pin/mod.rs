@@ -9,6 +9,10 @@
 //! it. Lifted slices leave the contact and come back when the layer would touch them. A contact is
 //! the guess of the next one; pressing allocates nothing.
 //!
+//! A tilted pin touches from its deeper end on, so beside the row of slices over the whole pin
+//! there are shorter rows over its end, each half as long as the one before; the shortest that
+//! holds what touches is used, and a contact is always spread over many slices.
+//!
 //! Ends: strips of constant pressure see an end inside of its place, by a fixed part of their
 //! length (0.115 for a face of fixed width, which follows from the logarithmic kernel; 0.057 where
 //! the width is free, measured by halving the strips). The slices are laid out for it.
@@ -17,6 +21,7 @@
 
 mod couple;
 mod roll;
+mod row;
 mod solve;
 pub(super) mod strip;
 
@@ -24,19 +29,25 @@ use super::super::layer::Layer;
 use super::super::{Invalid, finite, positive};
 use super::tactels::Shares;
 use super::{Drive, Level};
-use core::f64::consts::PI;
-use couple::{Coupling, Modes, Parity};
+use couple::Modes;
 pub use roll::Roll;
+use row::Row;
+use solve::unreached;
 use strip::{Section, Strips};
 
-/// What the end of a row of strips of fixed and of free width loses, in strip lengths.
-const ENDS: [f64; 2] = [0.115_052, 0.057];
+/// Steepest tilt in rad: beyond it the sections are not those of a cylinder any more.
+const TILT_MAX: f64 = 0.2;
 /// Shortest pin in thicknesses.
 const SHORTEST: f64 = 0.1;
-/// Most points across half a slice in an image.
-const POINTS_MAX: usize = 96;
-/// Most slices of a pin.
-const SLICES_MAX: usize = 4096;
+/// Parts of a row within which the touching part of a tilted pin is looked for, and is left to the
+/// row that the last contact used.
+const FITS: f64 = 0.92;
+const KEEPS: [f64; 2] = [0.3, 0.97];
+/// Room for the pressure's rise towards an end, in penetrations, and the most there can be.
+const ROOM: f64 = 1.6;
+const DEEPEST: f64 = 0.98;
+/// Rows shorter than this (thicknesses) are not made.
+const SHORTEST_ROW: f64 = 0.4;
 
 /// Cross-section of an indenter that is long in one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,8 +117,9 @@ pub struct PinState {
 struct Fineness {
     /// Longest slice in thicknesses.
     slice: f64,
-    /// Fewest slices.
+    /// Fewest slices of the whole pin, and of its end.
     fewest: f64,
+    end: f64,
     modes: Modes,
     /// Cosines at zero width, and more per thickness of half-width.
     cosines: (f64, f64),
@@ -123,7 +135,8 @@ impl Fineness {
         match level {
             Level::Fast => Self {
                 slice: 1.0,
-                fewest: 24.0,
+                fewest: 32.0,
+                end: 28.0,
                 modes: modes(10.0, 5.0, 7.0),
                 cosines: (3.0, 0.0),
                 points: 5.0,
@@ -133,6 +146,7 @@ impl Fineness {
             Level::Default => Self {
                 slice: 0.5,
                 fewest: 96.0,
+                end: 64.0,
                 modes: modes(12.0, 10.0, 12.0),
                 cosines: (4.0, 0.5),
                 points: 11.0,
@@ -142,6 +156,7 @@ impl Fineness {
             Level::Fine => Self {
                 slice: 0.25,
                 fewest: 100.0,
+                end: 100.0,
                 modes: modes(18.0, 20.0, 16.0),
                 cosines: (6.0, 1.0),
                 points: 18.0,
@@ -156,15 +171,13 @@ impl Fineness {
 #[derive(Clone, Debug)]
 pub struct Pin {
     layer: Layer,
-    fineness: Fineness,
-    strips: Strips,
-    coupling: Coupling,
-    /// Slice length and places along the axis from the origin, in thicknesses.
-    h: f64,
-    along: Vec<f64>,
-    work: solve::Work,
-    /// For 1, 2 ... points across half a slice: cos(theta), then cos(2 k theta), point after point.
-    rules: Vec<Vec<f64>>,
+    /// Ends of the axis in thicknesses.
+    ends: [f64; 2],
+    /// The whole pin, then shorter and shorter rows over the end at `ends[1]`.
+    rows: Vec<Row>,
+    /// The row of the last contact, and whether its axis runs the other way.
+    at: usize,
+    turned: bool,
     state: PinState,
 }
 
@@ -201,39 +214,26 @@ impl Pin {
             let what = format!("{} mm is {length} thicknesses", to - from);
             return Err(Invalid::new("length_mm", what, "give at least a tenth of the thickness"));
         }
-        let wanted = libm::ceil(length / fineness.slice).max(fineness.fewest);
-        if wanted > SLICES_MAX as f64 {
-            let what = format!("{} mm is {length} thicknesses", to - from);
-            return Err(Invalid::new("length_mm", what, "cut the pin at the array"));
-        }
-        let slices = wanted as usize;
-        let end = ENDS[usize::from(matches!(section, Section::Circle(_)))];
-        let h = length / (slices as f64 - 2.0 * end);
-        let middle = 0.5 * (from + to) / t;
-        let place = |i: usize| middle + (i as f64 - 0.5 * (slices as f64 - 1.0)) * h;
-        let transfer = layer.transfer();
         let (least, more) = fineness.cosines;
         let count = |b: f64| {
             let flat = if matches!(section, Section::Flat(_)) { 2.0 * b } else { 0.0 };
             (least + more * b + flat) as usize
         };
-        let strips = Strips::new(&transfer, section, penetration_max_mm / t, count)?;
-        let cosines = strips.places.cosines;
-        let sizes = ((cosines, strips.widest()), (slices, h));
-        let coupling = Coupling::new(&transfer, (fineness.modes, Parity::Even), sizes.0, sizes.1);
-        let work = solve::Work::new(slices, strips.places, coupling.transform_len());
-        let most = points_for(fineness.points, strips.widest());
-        Ok(Self {
-            layer: *layer,
-            fineness,
-            strips,
-            coupling,
-            h,
-            along: (0..slices).map(place).collect(),
-            work,
-            rules: (1..=most).map(|points| rule(points, cosines)).collect(),
-            state: PinState::default(),
-        })
+        let strips = Strips::new(&layer.transfer(), section, penetration_max_mm / t, count)?;
+        let ends = [from / t, to / t];
+        let mut rows = vec![Row::new(layer, (section, strips.clone()), ends, fineness)?];
+        let tolerance = 0.5 * fineness.tolerance;
+        let fineness = Fineness { fewest: fineness.end, tolerance, ..fineness };
+        // Short slices see how the pressure rises towards an end.
+        let deeper = (ROOM * penetration_max_mm / t).min(DEEPEST);
+        let strips = Strips::new(&layer.transfer(), section, deeper, count).unwrap_or(strips);
+        let mut reach = 0.5 * length;
+        while reach >= SHORTEST_ROW {
+            let end = [ends[1] - reach, ends[1]];
+            rows.push(Row::new(layer, (section, strips.clone()), end, fineness)?);
+            reach *= 0.5;
+        }
+        Ok(Self { layer: *layer, ends, rows, at: 0, turned: false, state: PinState::default() })
     }
 
     /// Presses the pin with its axis sloping down towards +v by `tilt_rad`: the penetration at a
@@ -245,15 +245,83 @@ impl Pin {
     pub fn press(&mut self, drive: Drive, tilt_rad: f64) -> Result<PinState, Invalid> {
         self.state = PinState::default();
         let outcome = self.try_press(drive, tilt_rad);
-        if outcome.is_err() {
-            self.release();
+        match outcome {
+            Ok(state) => self.state = state,
+            Err(_) => self.release(),
         }
         outcome
     }
 
+    fn try_press(&mut self, drive: Drive, tilt_rad: f64) -> Result<PinState, Invalid> {
+        let t = self.layer.thickness_mm;
+        let target = drive.check(t)?;
+        finite("tilt_rad", tilt_rad)?;
+        if tilt_rad.abs() > TILT_MAX {
+            let what = format!("{tilt_rad} rad");
+            return Err(Invalid::new("tilt_rad", what, "give at most 0.2 rad either way"));
+        }
+        let slope = libm::tan(tilt_rad);
+        let [from, to] = self.ends;
+        // What lies at v lies at `mirror` - v along a turned row.
+        let (turned, mirror) = (slope < 0.0, from + to);
+        let raised = if turned { slope * mirror } else { 0.0 };
+        let whole = &self.rows[0];
+        let scale = whole.modulus_mpa() * t * t;
+        let (wanted, guess) = match drive {
+            Drive::ForceN(_) if target == 0.0 => {
+                self.release();
+                return Ok(self.state);
+            }
+            Drive::ForceN(force) => {
+                let force = force / scale;
+                let depth = whole.strips.depth_of(force, slope.abs(), to - from);
+                (Some(force), depth.ok_or_else(unreached)?)
+            }
+            Drive::PenetrationMm(_) => (None, target / t + raised + slope.abs() * to),
+        };
+        let mut at = self.row_for(guess / slope.abs(), turned);
+        // Each row is longer than the one before it, and the last one is the whole pin.
+        loop {
+            if (at, turned) != (self.at, self.turned) {
+                self.rows[at].release();
+            }
+            (self.at, self.turned) = (at, turned);
+            let row = &mut self.rows[at];
+            let outcome = row.press((wanted, guess - slope.abs() * to), slope.abs());
+            let full = outcome.is_err() || row.work.touches(0);
+            if at > 0 && full {
+                at -= 1;
+                continue;
+            }
+            let mut state = outcome?;
+            state.penetration_mm -= raised * t;
+            state.tilt_rad = tilt_rad;
+            if turned {
+                state.moment_n_mm = mirror * t * state.force_n - state.moment_n_mm;
+            }
+            return Ok(state);
+        }
+    }
+
+    /// The row for a contact of a length: the one in use when that will do.
+    fn row_for(&self, touched: f64, turned: bool) -> usize {
+        let reach = |at: usize| (self.ends[1] - self.ends[0]) / (1_u64 << at) as f64;
+        let used = &self.rows[self.at];
+        let last = self.at + 1 == self.rows.len();
+        if used.work.is_warm() && turned == self.turned {
+            let part = touched / reach(self.at);
+            let short = part < KEEPS[1] || self.at == 0;
+            if short && (part > KEEPS[0] || last) {
+                return self.at;
+            }
+        }
+        let holds = |at: &usize| touched < FITS * reach(*at);
+        (0..self.rows.len()).take_while(holds).last().unwrap_or(0)
+    }
+
     /// Lifts the pin off and forgets the contact.
     pub fn release(&mut self) {
-        self.work.clear();
+        self.rows[self.at].release();
         self.state = PinState::default();
     }
 
@@ -275,42 +343,26 @@ impl Pin {
     /// Calls with place (across, along) in mm and force in N of point loads that stand for the
     /// contact.
     pub fn loads(&self, mut of: impl FnMut([f64; 2], f64)) {
-        let t = self.layer.thickness_mm;
-        let scale = 0.5 * PI * self.modulus_mpa() * t * t * self.h;
-        for (j, v) in self.along.iter().enumerate() {
-            if !self.work.touches(j) {
-                continue;
-            }
-            let (b, a) = self.work.slice(j);
-            let points = points_for(self.fineness.points, b).min(self.rules.len());
-            for point in self.rules[points - 1].chunks_exact(a.len() + 1) {
-                let psi: f64 = point[1..].iter().zip(a).map(|(x, y)| x * y).sum();
-                let (u, force) = (b * point[0] * t, scale / points as f64 * psi);
-                of([u, v * t], force);
-                of([-u, v * t], force);
-            }
-        }
+        let lie = self.lie();
+        self.rows[self.at].loads(|[u, w], force| of([u, lie.place(w)], force));
     }
 
-    /// pi G/(1 - nu): pressure per unit of the kernels.
-    fn modulus_mpa(&self) -> f64 {
-        PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson)
+    fn lie(&self) -> Lie {
+        let mirror_mm = (self.ends[0] + self.ends[1]) * self.layer.thickness_mm;
+        Lie { turned: self.turned, mirror_mm }
     }
 }
 
-/// Points across half a strip of half-width `b` that stand for wave numbers up to `cutoff`: the
-/// error of Gauss and Chebyshev's rule with 2 n points is the Bessel function J_4n(cutoff b).
-fn points_for(cutoff: f64, b: f64) -> usize {
-    (libm::ceil(0.25 * (cutoff * b + 0.5 * cutoff)) as usize).clamp(2, POINTS_MAX)
+/// How a row lies along the pin.
+#[derive(Clone, Copy, Debug)]
+struct Lie {
+    turned: bool,
+    mirror_mm: f64,
 }
 
-/// cos(theta) and cos(2 k theta) at the points of half a strip.
-fn rule(points: usize, cosines: usize) -> Vec<f64> {
-    let mut out = Vec::with_capacity(points * (cosines + 1));
-    for i in 0..points {
-        let angle = PI * (2 * i + 1) as f64 / (4 * points) as f64;
-        out.push(libm::cos(angle));
-        out.extend((0..cosines).map(|k| libm::cos(2.0 * k as f64 * angle)));
+impl Lie {
+    /// Place along the pin of what is at `w_mm` along the row.
+    fn place(self, w_mm: f64) -> f64 {
+        if self.turned { self.mirror_mm - w_mm } else { w_mm }
     }
-    out
 }

@@ -9,9 +9,10 @@
 use super::super::super::Invalid;
 use super::super::tactels::Shares;
 use super::couple::{Coupling, Parity};
+use super::row::{Row, points_for};
 use super::solve::Work;
 use super::strip::Strips;
-use super::{Pin, Stand, points_for};
+use super::{Lie, Pin, Stand};
 use core::f64::consts::PI;
 
 /// Tolerance of the solution, in parts of the pressure's work.
@@ -20,7 +21,8 @@ const TOLERANCE: f64 = 1e-8;
 /// Rate of a bar's pressure per rad of roll that lowers its side towards +u.
 #[derive(Clone, Debug)]
 pub struct Roll {
-    pin: Pin,
+    row: Row,
+    lie: Lie,
     /// cos(theta), then cos((2 k + 1) theta), point after point.
     rule: Vec<f64>,
 }
@@ -31,29 +33,30 @@ impl Pin {
     /// # Errors
     /// None is expected after a contact was found.
     pub fn roll(&self) -> Result<Option<Roll>, Invalid> {
-        let slices = self.along.len();
-        if self.strips.is_free() || !(0..slices).any(|j| self.work.touches(j)) {
+        let row = &self.rows[self.at];
+        let slices = row.along.len();
+        if row.strips.is_free() || !(0..slices).any(|j| row.work.touches(j)) {
             return Ok(None);
         }
-        let transfer = self.layer.transfer();
-        let (n, half) = (self.strips.places.cosines, self.strips.widest());
+        let transfer = row.layer.transfer();
+        let (n, half) = (row.strips.places.cosines, row.strips.widest());
         let strips = Strips::odd(&transfer, half, n);
-        let modes = (self.fineness.modes, Parity::Odd);
-        let coupling = Coupling::new(&transfer, modes, (n, half), (slices, self.h));
+        let modes = (row.fineness.modes, Parity::Odd);
+        let coupling = Coupling::new(&transfer, modes, (n, half), (slices, row.h));
         let mut work = Work::new(slices, strips.places, coupling.transform_len());
         // The descent b cos(theta) of a unit slope has the one moment b pi/2.
-        work.hold(|j| self.work.touches(j).then_some(0.5 * half));
-        let mut pin = Self { strips, coupling, work, ..self.clone() };
-        pin.prepare(true)?;
-        pin.gradients(TOLERANCE);
-        let points = points_for(self.fineness.points, half);
+        work.hold(|j| row.work.touches(j).then_some(0.5 * half));
+        let mut rate = Row { strips, coupling, work, ..row.clone() };
+        rate.prepare(true)?;
+        rate.gradients(TOLERANCE);
+        let points = points_for(rate.fineness.points, half);
         let mut rule = Vec::with_capacity(points * (n + 1));
         for i in 0..points {
             let angle = PI * (2 * i + 1) as f64 / (4 * points) as f64;
             rule.push(libm::cos(angle));
             rule.extend((0..n).map(|k| libm::cos((2 * k + 1) as f64 * angle)));
         }
-        Ok(Some(Roll { pin, rule }))
+        Ok(Some(Roll { row: rate, lie: self.lie(), rule }))
     }
 }
 
@@ -61,21 +64,22 @@ impl Roll {
     /// Calls with place (across, along) in mm and force in N per rad of point loads that stand for
     /// the rate.
     pub fn loads(&self, mut of: impl FnMut([f64; 2], f64)) {
-        let pin = &self.pin;
-        let t = pin.layer.thickness_mm;
-        let n = pin.strips.places.cosines;
+        let row = &self.row;
+        let t = row.layer.thickness_mm;
+        let n = row.strips.places.cosines;
         let points = self.rule.len() / (n + 1);
-        let scale = 0.5 * PI * pin.modulus_mpa() * t * t * pin.h / points as f64;
-        for (j, v) in pin.along.iter().enumerate() {
-            if !pin.work.touches(j) {
+        let scale = 0.5 * PI * row.modulus_mpa() * t * t * row.h / points as f64;
+        for (j, v) in row.along.iter().enumerate() {
+            if !row.work.touches(j) {
                 continue;
             }
-            let (b, a) = pin.work.slice(j);
+            let (b, a) = row.work.slice(j);
+            let v = self.lie.place(v * t);
             for point in self.rule.chunks_exact(n + 1) {
                 let psi: f64 = point[1..].iter().zip(a).map(|(x, y)| x * y).sum();
                 let (u, force) = (b * point[0] * t, scale * psi);
-                of([u, v * t], force);
-                of([-u, v * t], -force);
+                of([u, v], force);
+                of([-u, v], -force);
             }
         }
     }
@@ -83,11 +87,11 @@ impl Roll {
     /// Moment of the rate about the bar's axis, force times place across: N mm per rad.
     #[must_use]
     pub fn moment_n_mm(&self) -> f64 {
-        let pin = &self.pin;
-        let t = pin.layer.thickness_mm;
-        let scale = 0.5 * PI * pin.modulus_mpa() * t * t * t * pin.h;
-        let slices = (0..pin.along.len()).filter(|j| pin.work.touches(*j));
-        slices.map(|j| pin.work.slice(j)).map(|(b, a)| scale * b * a[0]).sum()
+        let row = &self.row;
+        let t = row.layer.thickness_mm;
+        let scale = 0.5 * PI * row.modulus_mpa() * t * t * t * row.h;
+        let slices = (0..row.along.len()).filter(|j| row.work.touches(*j));
+        slices.map(|j| row.work.slice(j)).map(|(b, a)| scale * b * a[0]).sum()
     }
 
     /// Adds the image's rate, MPa per rad; nothing when the stand is not finite.

@@ -1,18 +1,16 @@
 //! The contact of a pin: free-boundary steps around conjugate gradients on the coupled slices.
 
-use super::super::super::{Invalid, finite};
-use super::super::Drive;
+use super::super::super::Invalid;
 use super::super::quadrature::{factor, solve};
+use super::PinState;
+use super::row::Row;
 use super::strip::Places;
-use super::{Pin, PinState};
 use core::f64::consts::PI;
 
-/// Steepest tilt in rad: beyond it the sections are not those of a cylinder any more.
-const TILT_MAX: f64 = 0.2;
+/// Least and largest part of a change that a short row takes.
+const RELAXED: [f64; 2] = [0.15, 1.5];
 /// Most iterations of conjugate gradients in one step.
 const GRADIENTS_MAX: usize = 200;
-/// Parts of the table's penetration tried when a force asks for a first guess.
-const GUESSES: usize = 40;
 
 /// Memory of the solver; everything is slice after slice.
 #[derive(Clone, Debug)]
@@ -35,6 +33,10 @@ pub(crate) struct Work {
     direction: Vec<f64>,
     image: Vec<f64>,
     warm: bool,
+    /// Changes of the widths' penetrations, this step's and the last one's, and the part of them
+    /// that is taken; 0 where all of it always is.
+    moves: [Vec<f64>; 2],
+    relaxed: f64,
 }
 
 impl Work {
@@ -57,7 +59,35 @@ impl Work {
             direction: per(n),
             image: per(n),
             warm: false,
+            moves: [per(1), per(1)],
+            relaxed: 0.0,
         }
+    }
+
+    /// On a row that is short the slices do not respond as plane ones: the part of a change that is
+    /// taken then follows from the last two (Aitken's rule).
+    pub(crate) fn relax(&mut self) {
+        self.relaxed = 1.0;
+    }
+
+    fn relaxation(&mut self, first: bool) -> f64 {
+        if self.relaxed == 0.0 {
+            return 1.0;
+        }
+        if first {
+            self.relaxed = 1.0;
+            return 1.0;
+        }
+        let (mut along, mut size) = (0.0, 0.0);
+        let [now, before] = &self.moves;
+        for (now, before) in now.iter().zip(before) {
+            along += before * (now - before);
+            size += (now - before) * (now - before);
+        }
+        if size > 0.0 {
+            self.relaxed = (-self.relaxed * along / size).clamp(RELAXED[0], RELAXED[1]);
+        }
+        self.relaxed
     }
 
     /// Prescribes a descent on some slices, where they touch whatever comes.
@@ -76,6 +106,10 @@ impl Work {
         self.a.fill(0.0);
     }
 
+    pub(crate) fn is_warm(&self) -> bool {
+        self.warm
+    }
+
     pub(crate) fn touches(&self, slice: usize) -> bool {
         self.active[slice]
     }
@@ -92,39 +126,22 @@ impl Work {
     }
 }
 
-impl Pin {
-    pub(super) fn try_press(&mut self, drive: Drive, tilt_rad: f64) -> Result<PinState, Invalid> {
+impl Row {
+    /// Presses to a force in units of the kernels or, without one, to a penetration at the origin;
+    /// with a force the penetration is a guess.
+    pub(super) fn press(
+        &mut self,
+        (wanted, penetration): (Option<f64>, f64),
+        slope: f64,
+    ) -> Result<PinState, Invalid> {
         let t = self.layer.thickness_mm;
-        let target = drive.check(t)?;
-        finite("tilt_rad", tilt_rad)?;
-        if tilt_rad.abs() > TILT_MAX {
-            let what = format!("{tilt_rad} rad");
-            return Err(Invalid::new("tilt_rad", what, "give at most 0.2 rad either way"));
-        }
-        let slope = libm::tan(tilt_rad);
         let scale = self.modulus_mpa() * t * t;
-        let wanted = match drive {
-            Drive::ForceN(_) if target == 0.0 => {
-                self.release();
-                return Ok(self.state);
-            }
-            Drive::ForceN(force) => Some(force / scale),
-            Drive::PenetrationMm(_) => None,
-        };
-        let start = match wanted {
-            Some(_) if self.work.warm => self.work.given[0] - slope * self.along[0],
-            Some(force) => self.first_guess(force, slope)?,
-            None => target / t,
-        };
+        let warm = wanted.is_some() && self.work.warm;
+        let start = if warm { self.turned_about_its_load(slope) } else { penetration };
         let (penetration, residual, steps) = self.iterate(start, slope, wanted)?;
         let n = self.work.places.cosines;
-        let mut state = PinState {
-            penetration_mm: penetration * t,
-            tilt_rad,
-            residual,
-            steps,
-            ..PinState::default()
-        };
+        let mut state =
+            PinState { penetration_mm: penetration * t, residual, steps, ..PinState::default() };
         for (j, v) in self.along.iter().enumerate() {
             if self.work.active[j] {
                 let force = PI * self.work.a[j * n] * self.h * scale;
@@ -135,51 +152,23 @@ impl Pin {
             }
         }
         self.work.warm = state.force_n > 0.0;
-        self.state = state;
         Ok(state)
     }
 
-    /// Penetration at which independent plane slices carry a force.
-    fn first_guess(&mut self, force: f64, slope: f64) -> Result<f64, Invalid> {
-        let places = self.work.places;
-        let deepest = self.along.iter().fold(f64::NEG_INFINITY, |most, v| most.max(v * slope));
-        let mut row = core::mem::take(&mut self.work.residual);
-        let strips = &self.strips;
-        let mut carried = |penetration: f64| {
-            let mut sum = 0.0;
-            for v in &self.along {
-                let own = penetration + v * slope;
-                if own > 0.0 {
-                    let b = strips.half_width(own);
-                    let row = &mut row[..places.len()];
-                    strips.row(b, row);
-                    let punch = own - row[places.penetration()];
-                    let load = row[places.contact(0)] + punch * row[places.punch(0)];
-                    sum += PI * load * self.h;
-                }
-            }
-            sum
-        };
-        // The penetration of the deepest slice, from none to the table's end.
-        let (mut low, mut high) = (0.0, strips.deepest());
-        let reached = carried(high - deepest);
-        let mut guess = 0.0;
-        for _ in 0..GUESSES {
-            guess = 0.5 * (low + high);
-            if carried(guess - deepest) < force {
-                low = guess
-            } else {
-                high = guess
-            }
-            if high - low < 0.01 * high {
-                break;
-            }
+    /// Penetration at the origin when the last contact turns about its resultant to a slope, which
+    /// changes its force least.
+    fn turned_about_its_load(&self, slope: f64) -> f64 {
+        let (n, last) = (self.work.places.cosines, self.along.len() - 1);
+        let (mut force, mut moment) = (0.0, 0.0);
+        for (j, v) in self.along.iter().enumerate() {
+            force += self.work.a[j * n];
+            moment += self.work.a[j * n] * v;
         }
-        self.work.residual = row;
-        if reached < 0.8 * force {
-            return Err(unreached());
-        }
-        Ok(guess - deepest)
+        let (from, to) = (self.along[0], self.along[last]);
+        let place = (moment / force).clamp(from, to);
+        let given = &self.work.given;
+        let before = if last == 0 { 0.0 } else { (given[last] - given[0]) / (to - from) };
+        given[0] + before * (place - from) - slope * place
     }
 
     /// Free-boundary steps; the penetration at the origin, what is left, and the number of steps.
@@ -210,6 +199,7 @@ impl Pin {
         let mut known: Option<(f64, f64)> = None;
         let mut left = f64::INFINITY;
         let mut fresh = !warm;
+        let stiffest = if self.work.relaxed == 0.0 { 2.0 } else { 8.0 };
         for step in 1..=self.fineness.steps {
             for given in &mut self.work.given {
                 *given += shift;
@@ -222,13 +212,13 @@ impl Pin {
             let limit = (0.1 * left).min(loosest).max(tightest);
             self.gradients(limit);
             let deepest = self.work.given.iter().fold(0.0_f64, |most, given| most.max(*given));
-            left = self.adjust() / deepest.max(f64::MIN_POSITIVE);
+            left = self.adjust(step == 1) / deepest.max(f64::MIN_POSITIVE);
             shift = 0.0;
             if let Some(force) = wanted {
                 let (carried, own) = self.totals();
                 let stiffness = match known.filter(|(_, at)| *at != penetration) {
                     Some((before, at)) => {
-                        ((carried - before) / (penetration - at)).clamp(0.5 * own, 2.0 * own)
+                        ((carried - before) / (penetration - at)).clamp(0.5 * own, stiffest * own)
                     }
                     None => own,
                 };
@@ -399,14 +389,16 @@ impl Pin {
 
     /// New penetrations of the slices' widths from what the pressure leaves at their edges; the
     /// largest change.
-    fn adjust(&mut self) -> f64 {
+    fn adjust(&mut self, first: bool) -> f64 {
         let slices = self.along.len();
         let free = self.strips.is_free();
         let work = &mut self.work;
         let (places, n) = (work.places, work.places.cosines);
         let mut largest: f64 = 0.0;
         let mut opened = false;
+        work.moves.swap(0, 1);
         for j in 0..slices {
+            work.moves[0][j] = 0.0;
             if !work.active[j] {
                 opened = true;
                 continue;
@@ -416,8 +408,19 @@ impl Pin {
             let edge: f64 = own.iter().sum();
             let new =
                 if free { row[places.penetration()] + edge / row[places.edge()] } else { own[0] };
+            work.moves[0][j] = new - work.effective[j];
+            work.cured[j] = new;
+        }
+        let part = if free { work.relaxation(first) } else { 1.0 };
+        for j in 0..slices {
+            if !work.active[j] {
+                continue;
+            }
+            let change = work.moves[0][j];
+            let whole = work.cured[j];
+            let new = if part == 1.0 { whole } else { work.effective[j] + part * change };
             if free || new <= 0.0 {
-                largest = largest.max((new - work.effective[j]).abs());
+                largest = largest.max(change.abs());
             }
             work.effective[j] = new;
             if new <= 0.0 {
@@ -443,7 +446,7 @@ impl Pin {
     }
 }
 
-fn unreached() -> Invalid {
+pub(super) fn unreached() -> Invalid {
     let what = super::super::BEYOND_TABLE.to_owned();
     Invalid::new("force_n", what, "press less, or tabulate a larger penetration")
 }

@@ -13,6 +13,9 @@ use core::f64::consts::{LN_2, PI};
 
 /// Rows of the table over the half-width.
 const ROWS: usize = 96;
+/// Slices and halvings by which the penetration of a force is guessed.
+const GUESS_SLICES: usize = 16;
+const GUESSES: usize = 40;
 /// Most cosines.
 pub(crate) const COSINES_MAX: usize = 96;
 /// Largest half-width in thicknesses.
@@ -159,29 +162,73 @@ impl Strips {
 
     /// Half-width of the plane contact of a penetration above 0, at most the table's.
     pub(crate) fn half_width(&self, penetration: f64) -> f64 {
-        if !self.is_free() {
+        let (low, part) = self.place(penetration);
+        if part >= 1.0 {
             return self.widest;
         }
+        // The penetration goes nearly as the square of the width.
+        let (low, high) = (low as f64, low as f64 + 1.0);
+        self.widest / ROWS as f64 * (low * low + part * (high * high - low * low)).sqrt()
+    }
+
+    /// The row below a penetration and the part of the way to the next, at most the table's end.
+    fn place(&self, penetration: f64) -> (usize, f64) {
         let (width, place) = (self.places.len(), self.places.penetration());
         let at = |i: usize| if i == 0 { 0.0 } else { self.rows[i * width + place] };
-        if penetration.is_nan() || penetration >= at(ROWS) {
-            return self.widest;
+        if !self.is_free() || penetration.is_nan() || penetration >= at(ROWS) {
+            return (ROWS - 1, 1.0);
         }
         let (mut low, mut high) = (0, ROWS);
         while high - low > 1 {
             let middle = usize::midpoint(low, high);
             if at(middle) <= penetration { low = middle } else { high = middle }
         }
-        let part = (penetration - at(low)) / (at(high) - at(low));
-        let (low, high) = (low as f64, high as f64);
-        // The penetration goes nearly as the square of the width.
-        self.widest / ROWS as f64 * (low * low + part * (high * high - low * low)).sqrt()
+        (low, (penetration - at(low)) / (at(high) - at(low)))
     }
 
     /// Largest penetration of the table; without end for a flat bar.
     pub(crate) fn deepest(&self) -> f64 {
         let last = self.rows.len() - self.places.len();
         if self.is_free() { self.rows[last + self.places.penetration()] } else { 1.0 }
+    }
+
+    /// Penetration of the deepest place at which independent plane slices carry a force (in units
+    /// of the kernels) on a pin of a length under a slope; absent when the table's end carries less
+    /// than most of it.
+    pub(crate) fn depth_of(&self, force: f64, slope: f64, length: f64) -> Option<f64> {
+        let carried = |depth: f64| {
+            let touched = if slope * length > depth { depth / slope } else { length };
+            let part = touched / GUESS_SLICES as f64;
+            let at = |i: usize| self.load(depth - slope * part * (i as f64 + 0.5));
+            part * (0..GUESS_SLICES).map(at).sum::<f64>()
+        };
+        let (mut low, mut high) = (0.0, self.deepest());
+        if carried(high) < 0.8 * force {
+            return None;
+        }
+        for _ in 0..GUESSES {
+            let middle = 0.5 * (low + high);
+            if carried(middle) < force {
+                low = middle
+            } else {
+                high = middle
+            }
+            if high - low < 0.01 * high {
+                break;
+            }
+        }
+        Some(0.5 * (low + high))
+    }
+
+    /// Load of the plane contact of a penetration above 0.
+    fn load(&self, penetration: f64) -> f64 {
+        let (width, places) = (self.places.len(), self.places);
+        if !self.is_free() {
+            return PI * penetration * self.rows[places.punch(0)];
+        }
+        let at = |i: usize| if i == 0 { 0.0 } else { self.rows[i * width + places.contact(0)] };
+        let (low, part) = self.place(penetration);
+        PI * (at(low) + part * (at(low + 1) - at(low)))
     }
 
     /// Whether a penetration is within the table.

@@ -1,0 +1,144 @@
+//! A row of slices over a pin or over the end of it that touches: tables, places and memory of the
+//! solver in [`super::solve`]. Its own axis runs along w, from the origin it was given.
+//!
+//! It refuses rows of more slices than it may have.
+
+use super::super::super::Invalid;
+use super::super::super::layer::Layer;
+use super::Fineness;
+use super::couple::{Coupling, Parity};
+use super::solve::Work;
+use super::strip::{Section, Strips};
+use core::f64::consts::PI;
+
+/// What the end of a row of strips of fixed and of free width loses, in strip lengths.
+const ENDS: [f64; 2] = [0.115_052, 0.057];
+/// Most points across half a slice in an image.
+const POINTS_MAX: usize = 96;
+/// Rows shorter than this (thicknesses) respond otherwise than in the plane.
+const SHORT: f64 = 6.0;
+/// Slices longer than this (thicknesses) are too long for one row of points.
+const STAGGERED: f64 = 0.55;
+/// Half-width (thicknesses) up to which the base hardly tells the two sides apart.
+const NARROW: f64 = 0.6;
+/// Most slices of a row.
+const SLICES_MAX: usize = 4096;
+
+/// Slices of one length.
+#[derive(Clone, Debug)]
+pub(super) struct Row {
+    pub(super) layer: Layer,
+    pub(super) fineness: Fineness,
+    pub(super) strips: Strips,
+    pub(super) coupling: Coupling,
+    /// Slice length and places along the axis from the origin, in thicknesses.
+    pub(super) h: f64,
+    pub(super) along: Vec<f64>,
+    pub(super) work: Work,
+    /// For 1, 2 ... points across half a slice: cos(theta), then cos(2 k theta), point after point.
+    pub(super) rules: Vec<Vec<f64>>,
+}
+
+impl Row {
+    /// Slices from end to end (thicknesses), at least `fewest`; allocates.
+    ///
+    /// # Errors
+    /// More than 4096 slices.
+    pub(super) fn new(
+        layer: &Layer,
+        (section, strips): (Section, Strips),
+        [from, to]: [f64; 2],
+        fineness: Fineness,
+    ) -> Result<Self, Invalid> {
+        let length = to - from;
+        let wanted = libm::ceil(length / fineness.slice).max(fineness.fewest);
+        if wanted > SLICES_MAX as f64 {
+            let what = format!("{} mm is {length} thicknesses", length * layer.thickness_mm);
+            return Err(Invalid::new("length_mm", what, "cut the pin at the array"));
+        }
+        let slices = wanted as usize;
+        let end = ENDS[usize::from(matches!(section, Section::Circle(_)))];
+        let h = length / (slices as f64 - 2.0 * end);
+        let middle = 0.5 * (from + to);
+        let place = |i: usize| middle + (i as f64 - 0.5 * (slices as f64 - 1.0)) * h;
+        let transfer = layer.transfer();
+        let cosines = strips.places.cosines;
+        let sizes = ((cosines, strips.widest()), (slices, h));
+        let modes = fineness.modes.over(length, strips.is_free());
+        let coupling = Coupling::new(&transfer, (modes, Parity::Even), sizes.0, sizes.1);
+        let mut work = Work::new(slices, strips.places, coupling.transform_len());
+        let mut steps = fineness.steps;
+        if length < SHORT {
+            work.relax();
+            steps *= 3;
+        }
+        let most = points_for(fineness.points, strips.widest());
+        Ok(Self {
+            layer: *layer,
+            fineness: Fineness { modes, steps, ..fineness },
+            strips,
+            coupling,
+            h,
+            along: (0..slices).map(place).collect(),
+            work,
+            rules: (1..=most).map(|points| rule(points, cosines)).collect(),
+        })
+    }
+
+    /// Lifts off and forgets the contact.
+    pub(super) fn release(&mut self) {
+        self.work.clear();
+    }
+
+    /// Calls with place (across, along) in mm and force in N of point loads that stand for the
+    /// contact. On long slices they stand a quarter of a slice before and behind its middle, so
+    /// that the base sees them twice as close; where the contact is narrow, in turns.
+    pub(super) fn loads(&self, mut of: impl FnMut([f64; 2], f64)) {
+        let t = self.layer.thickness_mm;
+        let scale = 0.5 * PI * self.modulus_mpa() * t * t * self.h;
+        let aside = if self.h > STAGGERED { 0.25 * self.h * t } else { 0.0 };
+        for (j, v) in self.along.iter().enumerate() {
+            if !self.work.touches(j) {
+                continue;
+            }
+            let mut ahead = if j % 2 == 0 { aside } else { -aside };
+            let (b, a) = self.work.slice(j);
+            let points = points_for(self.fineness.points, b).min(self.rules.len());
+            for point in self.rules[points - 1].chunks_exact(a.len() + 1) {
+                let psi: f64 = point[1..].iter().zip(a).map(|(x, y)| x * y).sum();
+                let (u, force) = (b * point[0] * t, scale / points as f64 * psi);
+                if aside > 0.0 && b > NARROW {
+                    for (u, ahead) in [(u, aside), (u, -aside), (-u, aside), (-u, -aside)] {
+                        of([u, v * t + ahead], 0.5 * force);
+                    }
+                    continue;
+                }
+                of([u, v * t + ahead], force);
+                of([-u, v * t - ahead], force);
+                ahead = -ahead;
+            }
+        }
+    }
+
+    /// pi G/(1 - nu): pressure per unit of the kernels.
+    pub(super) fn modulus_mpa(&self) -> f64 {
+        PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson)
+    }
+}
+
+/// Points across half a strip of half-width `b` that stand for wave numbers up to `cutoff`: the
+/// error of Gauss and Chebyshev's rule with 2 n points is the Bessel function J_4n(cutoff b).
+pub(super) fn points_for(cutoff: f64, b: f64) -> usize {
+    (libm::ceil(0.25 * (cutoff * b + 0.5 * cutoff)) as usize).clamp(2, POINTS_MAX)
+}
+
+/// cos(theta) and cos(2 k theta) at the points of half a strip.
+fn rule(points: usize, cosines: usize) -> Vec<f64> {
+    let mut out = Vec::with_capacity(points * (cosines + 1));
+    for i in 0..points {
+        let angle = PI * (2 * i + 1) as f64 / (4 * points) as f64;
+        out.push(libm::cos(angle));
+        out.extend((0..cosines).map(|k| libm::cos(2.0 * k as f64 * angle)));
+    }
+    out
+}

@@ -1,0 +1,101 @@
+//! Drawn pins and bars: any size, layer and pose, from lying on their whole length to standing on a
+//! corner, and a much finer solution of each. Shared by the test and the timed sweep.
+
+use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::space::Level;
+use taktil_mechanics::contact::space::pin::{Pin, Profile, Stand};
+use taktil_mechanics::contact::space::scene::Pose;
+use taktil_mechanics::contact::space::{Drive, tactels::Shares};
+
+pub(crate) struct Draws(pub(crate) u64);
+
+impl Draws {
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        low + (high - low) * f64::from((self.0 >> 33) as u32) / f64::from(1_u32 << 31)
+    }
+
+    fn over_decades(&mut self, low: f64, high: f64) -> f64 {
+        libm::exp(self.between(libm::log(low), libm::log(high)))
+    }
+
+    /// Rubber 0.3 to 2.3 mm thick, every fourth time of Poisson's ratio 0.5.
+    pub(crate) fn rubber(&mut self) -> Layer {
+        let nu = self.between(0.0, 2.0 / 3.0).min(0.5);
+        Layer::new(self.between(0.3, 2.3), 27.58, nu).expect("a sound layer")
+    }
+
+    /// A pin, every third time a bar, that touches on some part of its length.
+    pub(crate) fn pin(&mut self, rubber: Layer) -> Drawn {
+        let t = rubber.thickness_mm;
+        let length_mm = self.between(3.0, 40.0).max(t);
+        let bar = self.between(0.0, 3.0) < 1.0;
+        let depth_mm = t * self.between(0.01, 0.1);
+        let profile = if bar {
+            Profile::Bar { width_mm: self.between(0.4, 8.0) }
+        } else {
+            Profile::Cylinder { radius_mm: self.between(2.0, 45.0) }
+        };
+        let steepest = libm::tan(0.19) / depth_mm;
+        let touched_mm = (length_mm * self.over_decades(0.003, 4.0)).max(1.0 / steepest);
+        let sign = if self.between(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+        let slope = depth_mm / touched_mm;
+        let rot_rad = self.between(-1.6, 1.6);
+        // The middle of what touches stands near the middle of the array.
+        let away = sign * (0.5 * length_mm - 0.5 * touched_mm.min(length_mm));
+        let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
+        let (x_mm, y_mm) = (self.between(-5.0, 5.0) + away * s, self.between(-5.0, 5.0) - away * c);
+        let stand = Stand { x_mm, y_mm, rot_rad };
+        let delta_mm = depth_mm - 0.5 * length_mm * slope;
+        let pose = Pose { stand, tilt_rad: sign * libm::atan(slope) };
+        Drawn { rubber, profile, length_mm, touched_mm, delta_mm, pose }
+    }
+}
+
+#[derive(Debug)]
+pub(crate) struct Drawn {
+    pub(crate) rubber: Layer,
+    profile: Profile,
+    pub(crate) length_mm: f64,
+    touched_mm: f64,
+    /// Penetration at the middle.
+    pub(crate) delta_mm: f64,
+    pub(crate) pose: Pose,
+}
+
+impl Drawn {
+    /// The pin, its tables made for twice its depth.
+    pub(crate) fn pin(&self, level: Level) -> Pin {
+        self.part(self.length_mm, level)
+    }
+
+    /// Whether less than a thickness of the pin touches.
+    pub(crate) fn on_corner(&self) -> bool {
+        self.touched_mm < self.rubber.thickness_mm
+    }
+
+    /// So much of the pin from the end that touches.
+    fn part(&self, length_mm: f64, level: Level) -> Pin {
+        let sign = self.pose.tilt_rad.signum();
+        let far = 0.5 * sign * self.length_mm;
+        let near = far - sign * length_mm;
+        let depth = self.delta_mm + libm::tan(self.pose.tilt_rad) * far;
+        let most = (2.0 * depth).min(0.9 * self.rubber.thickness_mm);
+        let ends = [far.min(near), far.max(near)];
+        Pin::new(&self.rubber, self.profile, ends, most, level).expect("a pin")
+    }
+
+    /// Force and image of a pin that is there only where it touches, and a little further.
+    pub(crate) fn exact(&self, level: Level, shares: &Shares, image: &mut [f64]) -> f64 {
+        let t = self.rubber.thickness_mm;
+        let length = self.length_mm.min(1.4 * self.touched_mm + t);
+        let mut pin = self.part(length, level);
+        let drive = Drive::PenetrationMm(self.delta_mm);
+        let state = pin.press(drive, self.pose.tilt_rad).expect("a contact");
+        let cut = length < self.length_mm && state.length_mm > 0.97 * length;
+        assert!(!cut, "{self:?} touches further than it should: {state:?}");
+        image.fill(0.0);
+        pin.image(shares, self.pose.stand, image);
+        state.force_n
+    }
+}
