@@ -9,7 +9,7 @@ use taktil_mechanics::contact::space::radial::Influence;
 use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_mechanics::contact::space::{Drive, Level};
 
-/// Where a contact lies across the array's edge the fast table's reach shows.
+/// Reached by pins longer than the array, whose slices are a thickness long.
 const AWAY_MM: f64 = 0.035;
 
 fn centroid(image: &[f64]) -> [f64; 2] {
