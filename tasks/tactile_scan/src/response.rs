@@ -2,7 +2,7 @@
 //! load would read. A force-sensing resistor's conductance follows a power of its load above a
 //! threshold (Yaniger, "Force sensing resistors: a review of the technology", Electro 1991); with
 //! the calibrated curve taken out, sums of counts are forces again. Refuses a curve that would
-//! make more than [`GROWTH_MAX`] times full scale of a reading.
+//! make more than eight times full scale of a reading.
 //!
 //! ```text
 //! c >= knee:   L = T + (F - T) (c / F)^(1/p)        F full, T threshold, p exponent
