@@ -30,6 +30,25 @@ fn by_contact(
 }
 
 #[test]
+fn a_contact_without_its_base_is_the_same_at_the_surface() {
+    let layer = Layer::new(0.8, 2.0, 0.49).unwrap();
+    let whole = LineContact::new(&layer, 23.0, 0.16).unwrap();
+    let blind = LineContact::without_base(&layer, 23.0, 0.16).unwrap();
+    for i in 1..40 {
+        let delta = 0.005 * f64::from(i);
+        assert_eq!(whole.load_n_mm(delta), blind.load_n_mm(delta));
+        assert_eq!(whole.half_width_mm(delta), blind.half_width_mm(delta));
+        let stick = |contact: &LineContact| contact.tangential_stiffness_n_mm2(delta);
+        assert_eq!(stick(&whole), stick(&blind));
+        let shares = [-1e-9, 1e-9].map(|u| blind.base_share(delta, u));
+        assert_eq!(shares, [0.0, 1.0], "it stays under its line");
+        assert!(blind.base_share(delta, 0.0).is_finite());
+    }
+    assert!(LineContact::without_base(&layer, 23.0, 0.9).is_err());
+    assert!(LineContact::without_base(&layer, f64::NAN, 0.1).is_err());
+}
+
+#[test]
 fn load_width_and_base_stress_are_those_of_the_reference() {
     let rows = rows(include_str!("fixtures/contact/cylinder_relation.csv"));
     let deepest = |group: &[Vec<f64>]| 1.1 * group.iter().map(|row| row[5]).fold(0.0, f64::max);

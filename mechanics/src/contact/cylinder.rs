@@ -57,6 +57,28 @@ impl LineContact {
     /// A layer that [`Layer::check`] refuses; a radius or penetration that is not finite and above
     /// zero; geometry outside the bounds of this module.
     pub fn new(layer: &Layer, radius_mm: f64, penetration_max_mm: f64) -> Result<Self, Invalid> {
+        Self::solved(layer, radius_mm, penetration_max_mm, true)
+    }
+
+    /// The same at a third of the cost for who never asks what the base carries: its shares are
+    /// those of a load that stays right under its line.
+    ///
+    /// # Errors
+    /// As [`LineContact::new`].
+    pub fn without_base(
+        layer: &Layer,
+        radius_mm: f64,
+        penetration_max_mm: f64,
+    ) -> Result<Self, Invalid> {
+        Self::solved(layer, radius_mm, penetration_max_mm, false)
+    }
+
+    fn solved(
+        layer: &Layer,
+        radius_mm: f64,
+        penetration_max_mm: f64,
+        based: bool,
+    ) -> Result<Self, Invalid> {
         layer.check()?;
         positive("radius_mm", radius_mm)?;
         positive("penetration_max_mm", penetration_max_mm)?;
@@ -74,15 +96,18 @@ impl LineContact {
             solved.push(solution);
         }
         solved.reverse();
-        Ok(Self::tabulate(layer, &problem, &solved, penetration_max_mm))
+        let share = if based { shares(layer, &solved) } else { ShareTable::step() };
+        Ok(Self::tabulate(layer, &problem, &solved, (penetration_max_mm, share)))
     }
 
-    fn tabulate(layer: &Layer, problem: &Problem, solved: &[Solution], max_mm: f64) -> Self {
+    fn tabulate(
+        layer: &Layer,
+        problem: &Problem,
+        solved: &[Solution],
+        (max_mm, share): (f64, ShareTable),
+    ) -> Self {
         let t = layer.thickness_mm;
-        let base = BaseKernel::new(&layer.transfer());
         let stick = Stick::new(&layer.transfer(), &problem.normal);
-        let mut share = ShareTable::new();
-        share.push(&base, &Strip { half_width: 0.0, places: &[0.0], weights: &[1.0] }, t);
         let mut contact = Self {
             penetration_max_mm: max_mm,
             delta_mm: (0..=CELLS).map(|i| grid(i) * max_mm).collect(),
@@ -98,12 +123,6 @@ impl LineContact {
                 let stiffness = stick.stiffness(solution.half_width);
                 contact.tangential.push(stiffness * problem.modulus_mpa);
             }
-            let strip = Strip {
-                half_width: solution.half_width,
-                places: &solution.places,
-                weights: &solution.weights,
-            };
-            contact.share.push(&base, &strip, t);
         }
         contact.width_mm[0] = contact.width_mm[1];
         // In the first cell, 2e-6 of the whole, the exact stiffness falls to 0 like 1/ln: take it
@@ -272,6 +291,17 @@ fn rising(values: &[f64], index: f64) -> f64 {
         if low == k || high == k { mean } else { mean.min(3.0 * left).min(3.0 * right) }
     };
     hermite([values[i], slope(i)], [values[i + 1], slope(i + 1)], index - i as f64)
+}
+
+/// What the base carries under each of the solutions, and under a line load.
+fn shares(layer: &Layer, solved: &[Solution]) -> ShareTable {
+    let (t, base) = (layer.thickness_mm, BaseKernel::new(&layer.transfer()));
+    let mut table = ShareTable::new();
+    table.push(&base, &Strip { half_width: 0.0, places: &[0.0], weights: &[1.0] }, t);
+    for Solution { half_width, places, weights, .. } in solved {
+        table.push(&base, &Strip { half_width: *half_width, places, weights }, t);
+    }
+    table
 }
 
 /// One solved contact; half-width and places in thicknesses.

@@ -14,6 +14,43 @@ pub(crate) fn six_point(values: &[f64], place: f64) -> f64 {
     high * left + low * right
 }
 
+/// Lagrange's weights of the six neighbours of a place, for any table on the same grid.
+#[derive(Clone, Copy)]
+pub(crate) struct Stencil {
+    cell: usize,
+    weights: [f64; 6],
+}
+
+impl Stencil {
+    /// At `place` >= 0 grid spacings from 0, in tables of `len` values as [`six_point`] has them.
+    #[inline]
+    pub(crate) fn new(len: usize, place: f64) -> Self {
+        const OUTER: f64 = 1.0 / 120.0;
+        const NEXT: f64 = 1.0 / 24.0;
+        const INNER: f64 = 1.0 / 12.0;
+        let cell = (place as usize).min(len - 6);
+        let x = place - cell as f64;
+        let (d0, d1, d2, d3, d4, d5) = (x + 2.0, x + 1.0, x, x - 1.0, x - 2.0, x - 3.0);
+        let (low, high) = (d0 * d1 * d2, d3 * d4 * d5);
+        let weights = [
+            -OUTER * high * (d1 * d2),
+            NEXT * high * (d0 * d2),
+            -INNER * high * (d0 * d1),
+            INNER * low * (d4 * d5),
+            -NEXT * low * (d3 * d5),
+            OUTER * low * (d3 * d4),
+        ];
+        Self { cell, weights }
+    }
+
+    /// The function of a table at that place.
+    #[inline]
+    pub(crate) fn of(&self, values: &[f64]) -> f64 {
+        let near = values[self.cell..self.cell + 6].iter();
+        near.zip(&self.weights).map(|(value, weight)| value * weight).sum()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -24,6 +61,8 @@ mod tests {
         let values: Vec<f64> = (0..12).map(|i| quintic(f64::from(i) - 2.0)).collect();
         for place in [0.0, 0.3, 1.0, 2.7, 5.5, 6.99] {
             assert!((six_point(&values, place) - quintic(place)).abs() < 1e-13, "{place}");
+            let at = Stencil::new(values.len(), place);
+            assert!((at.of(&values) - quintic(place)).abs() < 1e-13, "{place}");
         }
         assert_eq!(six_point(&values, 3.0), values[5]);
     }

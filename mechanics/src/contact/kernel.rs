@@ -5,7 +5,7 @@
 //! exponentially, so the trapezoidal rule converges exponentially: cut off where the integrand has
 //! died, with a step whose period lies so far beyond the points wanted that the images have died.
 
-use super::interpolation::six_point;
+use super::interpolation::{Stencil, six_point};
 use super::layer::Transfer;
 
 /// Where the base functions (about a exp(-a)) have fallen under 1e-15.
@@ -153,16 +153,15 @@ impl BaseKernel {
         Self { density, half_share: Uniform::new(table.iter().map(|entry| entry[1]), -1.0) }
     }
 
-    /// Part of the load carried left of `x` thicknesses.
-    pub(crate) fn share(&self, x: f64) -> f64 {
+    /// Part of the load carried left of `x` thicknesses, and load per thickness of the base there.
+    pub(crate) fn share_and_density(&self, x: f64) -> [f64; 2] {
         let distance = x.abs();
-        let half = if distance >= REACH { 0.5 } else { self.half_share.at(distance * DENSITY) };
-        if x < 0.0 { 0.5 - half } else { 0.5 + half }
-    }
-
-    /// Load per thickness of the base at `x` thicknesses.
-    pub(crate) fn density(&self, x: f64) -> f64 {
-        let distance = x.abs();
-        if distance >= REACH { 0.0 } else { self.density.at(distance * DENSITY) }
+        let [half, density] = if distance >= REACH {
+            [0.5, 0.0]
+        } else {
+            let at = Stencil::new(self.density.values.len(), distance * DENSITY);
+            [at.of(&self.half_share.values), at.of(&self.density.values)]
+        };
+        [if x < 0.0 { 0.5 - half } else { 0.5 + half }, density]
     }
 }

@@ -31,6 +31,11 @@ impl ShareTable {
         Self { entries: Vec::new(), reach_mm: Vec::new() }
     }
 
+    /// The table of a base that nobody asks for: it carries every load right under its line.
+    pub(crate) fn step() -> Self {
+        Self { entries: vec![[1.0, 0.0]; 2 * (COLUMNS + 1)], reach_mm: vec![f64::MIN_POSITIVE; 2] }
+    }
+
     /// Adds the row of a strip, by convolving its pressure with the base kernel.
     pub(crate) fn push(&mut self, kernel: &BaseKernel, strip: &Strip<'_>, thickness_mm: f64) {
         let reach = strip.half_width + BEYOND;
@@ -40,8 +45,9 @@ impl ShareTable {
             let u = column as f64 * width;
             let mut entry = [0.0, 0.0];
             for (place, weight) in strip.places.iter().zip(strip.weights) {
-                entry[0] += 0.5 * weight * (kernel.share(u - place) + kernel.share(u + place));
-                entry[1] += 0.5 * weight * (kernel.density(u - place) + kernel.density(u + place));
+                let [near, far] = [u - place, u + place].map(|u| kernel.share_and_density(u));
+                entry[0] += 0.5 * weight * (near[0] + far[0]);
+                entry[1] += 0.5 * weight * (near[1] + far[1]);
             }
             self.entries.push([entry[0], entry[1] * width]);
         }
@@ -74,22 +80,25 @@ impl BaseShares<'_> {
     /// Part of the line load that the base carries left of `u_mm` from the contact line; NaN for
     /// NaN.
     #[must_use]
+    #[inline]
     pub fn left_of(&self, u_mm: f64) -> f64 {
         let place = u_mm.abs() * self.columns_per_mm;
         if place >= COLUMNS as f64 {
             return if u_mm > 0.0 { 1.0 } else { 0.0 };
         }
         let column = (place as usize).min(COLUMNS - 1);
+        let (low, high) = (&self.low[column..column + 2], &self.high[column..column + 2]);
         let entry = |k: usize| {
-            let (low, high) = (self.low[k], self.high[k]);
+            let (low, high) = (low[k], high[k]);
             [low[0] + self.part * (high[0] - low[0]), low[1] + self.part * (high[1] - low[1])]
         };
-        let share = hermite(entry(column), entry(column + 1), place - column as f64);
+        let share = hermite(entry(0), entry(1), place - column as f64);
         if u_mm < 0.0 { 1.0 - share } else { share }
     }
 }
 
 /// Cubic through two values with their slopes per cell, at 0 <= s <= 1.
+#[inline]
 pub(crate) fn hermite(left: [f64; 2], right: [f64; 2], s: f64) -> f64 {
     let rise = right[0] - left[0];
     let (bend_left, bend_right) = (left[1] - rise, rise - right[1]);
