@@ -13,7 +13,7 @@ use taktil_mechanics::transmission::Drive;
 use crate::arm::{Arm, JOINTS};
 use crate::carriage::{Carriage, Riding};
 use crate::chained::Chained;
-use crate::contact::{PAD_HALF_M, Patch, Reaction, Surface, strips_of_pin};
+use crate::contact::{PAD_HALF_M, Patch, Reaction, Surface};
 use crate::devices::connect;
 use crate::electronics::{Array, Wrist};
 use crate::faults::Faults;
@@ -28,7 +28,7 @@ use crate::rubber::Rubber;
 use crate::scene::{Invalid, PinConfig, Timing, WorldConfig, invalid};
 use crate::snapshot::{Delivery, Told};
 use crate::spatial::Spatial;
-use crate::step::{Bench, Method, Work};
+use crate::step::{Bench, Habit, Method, Work};
 use crate::table::Table;
 use crate::world::World;
 
@@ -53,7 +53,7 @@ pub fn build(
     config.check()?;
     timing.check()?;
     let arm = Arm::new(&config.arm, config.fidelity.arm, config.arm_every)?;
-    let mass_kg = Some(arm.mass_at_tool_kg());
+    let mass_kg = arm.mass_at_tool_kg();
     let board = (JOINTS, Drive::reference().code_range());
     assemble(config, timing, seed, (Finger::Arm(Box::new(arm)), mass_kg), board)
 }
@@ -148,6 +148,8 @@ fn assemble(
         substep: Nanos((1e3 * config.substep_us).round() as i64),
         error_m: 0.0,
         work: Work::default(),
+        habit: Habit::default(),
+        felt: false,
     };
     let mut world = World {
         t: Nanos::ZERO,
@@ -230,7 +232,7 @@ fn put_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolling
         Some(level) => Some(Box::new(Spatial::new(rubber, radius_m, length_m, level)?)),
         None => None,
     };
-    let on_table = Rubber::new(&config.table.rubber, c.radius_mm, "table.rubber")?;
+    let on_table = Rubber::blind(&config.table.rubber, c.radius_mm, "table.rubber")?;
     let (_, axes, surface) = table.at(0.0);
     let weight_n = c.mass_kg * GRAVITY_M_S2 * surface.normal.z;
     let sunk_m = on_table.penetration_m(weight_n / length_m);
@@ -242,8 +244,7 @@ fn put_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolling
     Ok(Rolling {
         pin,
         pad: Patch::new(on_finger, config.finger.friction, rolling_m),
-        bed: Patch::new(on_table, config.table.friction, rolling_m),
-        bed_strips: strips_of_pin(length_m),
+        bed: Patch::new(on_table, config.table.friction, rolling_m).along_pin(length_m),
         hand,
         released: None,
         by_finger: Reaction::default(),

@@ -95,6 +95,10 @@ impl<const N: usize> Chained<N> {
             let what = "holds angles of the PUMA 260".to_owned();
             return Err(invalid("arm", what, "say where this arm starts with start.joints_deg"));
         }
+        if model == ArmModel::Kinematic || !config.course_deg.is_empty() {
+            let what = "asks for a course, which only the PUMA 260 follows".to_owned();
+            return Err(invalid("fidelity.arm", what, "say rigid or rigid+motors"));
+        }
         if model == ArmModel::Compliant {
             let what = "asks for gears that give way, which only the PUMA 260 has".to_owned();
             return Err(invalid("fidelity.arm", what, "say rigid or rigid+motors"));

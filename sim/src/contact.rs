@@ -9,13 +9,17 @@
 //! the speed at which the contact line travels over it. Growing contact adds unstressed bristles
 //! (the force stays, `xi` shrinks); the force is returned to Coulomb's cone when it leaves it.
 
+mod slices;
+
 use glam::DVec3;
 use taktil_mechanics::spatial::split;
 use taktil_mechanics::{Joints, Pose};
 
 use crate::hash::Hash;
 use crate::pin::Pin;
-use crate::rubber::{Response, Rubber};
+use crate::rubber::Rubber;
+use slices::Law;
+pub(crate) use slices::{Bristles, Slice, Slices, Strips, tactel_middle_m};
 
 /// Slices of either contact; on the finger they are the tactile array's rows.
 pub const SLICES: usize = 16;
@@ -114,98 +118,20 @@ impl Line {
 }
 
 impl Line {
+    /// Whether no place of a pin this long, and of the row beyond its end, reaches the surface.
+    pub(crate) fn clear(&self, pin_length_m: f64) -> bool {
+        self.height.0 - self.height.1.abs() * (0.5 * pin_length_m + PITCH_M / SINE_MIN) > 0.0
+    }
+
     /// Height of the generatrix over the surface at s = 0 (m) and its change per metre of s.
     pub(crate) fn height(&self) -> (f64, f64) {
         self.height
     }
 }
 
+#[inline(always)]
 fn linear(pair: (f64, f64), s: f64) -> f64 {
     pair.0 + pair.1 * s
-}
-
-/// Where a slice lies along the pin and how much of it there is.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Strip {
-    /// Middle, along the pin's axis (m).
-    pub(crate) s_m: f64,
-    /// Width, along the pin's axis (m).
-    pub(crate) width_m: f64,
-    /// Part that is there: 0 off the pad or off the pin, 1 wholly on both.
-    pub(crate) cover: f64,
-    /// On the pad: where the contact line crosses the row, along the sensor's x (m).
-    pub(crate) x_m: f64,
-}
-
-/// Slices over the whole length of a pin: places and widths of Gauss's rule of eight points, which
-/// has all moments of a smooth load up to the fifteenth; the slices behind them are none.
-pub(crate) fn strips_of_pin(length_m: f64) -> [Strip; SLICES] {
-    const HALF_RULE: [(f64, f64); 4] = [
-        (0.183_434_642_495_649_8, 0.362_683_783_378_362),
-        (0.525_532_409_916_329, 0.313_706_645_877_887_3),
-        (0.796_666_477_413_626_7, 0.222_381_034_453_374_5),
-        (0.960_289_856_497_536_2, 0.101_228_536_290_376_3),
-    ];
-    let mut strips = [Strip::default(); SLICES];
-    let half_m = 0.5 * length_m;
-    for (i, (place, weight)) in HALF_RULE.into_iter().enumerate() {
-        for (at, sign) in [(4 + i, 1.0), (3 - i, -1.0)] {
-            strips[at] = Strip {
-                s_m: sign * place * half_m,
-                width_m: weight * half_m,
-                cover: 1.0,
-                x_m: 0.0,
-            };
-        }
-    }
-    strips
-}
-
-/// Middle of a tactel row or column (m) from the pad's centre.
-pub(crate) fn tactel_middle_m(index: usize) -> f64 {
-    (index as f64 - 0.5 * (SLICES - 1) as f64) * PITCH_M
-}
-
-/// Slices at the pad's rows. A pin across the rows has none, and neither has one whose middle is
-/// behind the face: the plane of the face goes on for ever, the finger does not.
-pub(crate) fn strips_of_pad(line: &Line, pad: &Pose, pin_length_m: f64) -> [Strip; SLICES] {
-    let mut strips = [Strip::default(); SLICES];
-    let (x_axis, y_axis) = (pad.rotation.x_axis, pad.rotation.y_axis);
-    let per_row = line.axis.dot(y_axis);
-    if per_row.abs() < SINE_MIN {
-        return strips;
-    }
-    let lever = line.foot - pad.translation;
-    let (x0, y0) = (lever.dot(x_axis), lever.dot(y_axis));
-    let (per_y, dx) = (1.0 / per_row, line.axis.dot(x_axis));
-    let width_m = PITCH_M * per_y.abs();
-    let (per_width, half) = (1.0 / width_m, 0.5 * pin_length_m);
-    let behind_m = -line.radius.length();
-    for (row, strip) in strips.iter_mut().enumerate() {
-        let s_m = (tactel_middle_m(row) - y0) * per_y;
-        let x_m = x0 + s_m * dx;
-        let on_pin = ((half - s_m.abs()) * per_width + 0.5).clamp(0.0, 1.0);
-        let on_pad = ((PAD_HALF_M - x_m.abs()) * (1.0 / EDGE_M)).clamp(0.0, 1.0);
-        let before = linear(line.height, s_m) > behind_m;
-        let cover = if before { on_pin * on_pad } else { 0.0 };
-        *strip = Strip { s_m, width_m, cover, x_m };
-    }
-    strips
-}
-
-/// One slice's memory and its latest forces.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Slice {
-    /// Mean deflection of the bristles, across and along (m).
-    pub(crate) brush: (f64, f64),
-    /// Their stiffness (N/m).
-    pub(crate) shear_n_m: f64,
-    /// Normal force (N).
-    pub(crate) load_n: f64,
-    /// Penetration (m).
-    pub(crate) delta_m: f64,
-    /// Where it was.
-    pub(crate) strip: Strip,
 }
 
 /// What a contact does to the pin; the surface feels the opposite.
@@ -242,7 +168,7 @@ pub(crate) struct Patch {
     rolling_m: f64,
     /// What the rows carry over their plane solutions.
     pub(crate) lean: Lean,
-    pub(crate) slices: [Slice; SLICES],
+    pub(crate) slices: Slices,
 }
 
 /// A factor that varies linearly along the pin's axis: at its middle and per metre.
@@ -267,91 +193,51 @@ pub(crate) struct Tangent {
     pub(crate) rolling: f64,
 }
 
-/// What the bristles of one slice obey.
-struct Grip {
-    half_width_m: f64,
-    relaxation_s: f64,
-    friction: f64,
-}
-
-/// Sums over the slices: force and first moment along the axis, each as (normal, across, along).
-#[derive(Default)]
-struct Sums {
-    force: [f64; 3],
-    lever: [f64; 3],
-    slip_m_s: f64,
-    tangent: Tangent,
-}
-
-impl Sums {
-    fn add(&mut self, s_m: f64, force: [f64; 3], weights: [f64; 3]) {
-        for i in 0..3 {
-            self.force[i] += force[i];
-            self.lever[i] += s_m * force[i];
-            let row = &mut self.tangent.weights[i];
-            row[0] += weights[i];
-            row[1] += s_m * weights[i];
-            row[2] += s_m * s_m * weights[i];
-        }
-    }
-}
-
 impl Patch {
     pub(crate) fn new(rubber: Rubber, friction: f64, rolling_m: f64) -> Patch {
         let lean = Lean::NONE;
-        Patch { rubber, friction, rolling_m, lean, slices: [Slice::default(); SLICES] }
+        Patch { rubber, friction, rolling_m, lean, slices: Slices::default() }
+    }
+
+    /// The same over the whole length of a pin, instead of a pad's rows.
+    pub(crate) fn along_pin(mut self, length_m: f64) -> Patch {
+        self.slices.strips = Strips::of_pin(length_m);
+        self
     }
 
     /// Nothing touches: bristles spring back.
     pub(crate) fn release(&mut self) -> Reaction {
-        self.slices = [Slice::default(); SLICES];
+        self.slices.release();
         Reaction::default()
     }
 
-    /// Moves the bristles on by `h` seconds and returns the forces, and how they depend on the
-    /// motion if `line` is that of the step's end. With `h` = 0 only the forces.
-    pub(crate) fn act(
-        &mut self,
-        line: &Line,
-        strips: &[Strip; SLICES],
-        h: f64,
-    ) -> (Reaction, Tangent) {
-        let mut sums = Sums::default();
-        for (slice, strip) in self.slices.iter_mut().zip(strips) {
-            if strip.width_m <= 0.0 {
-                // A slice that there is not keeps nothing.
-                *slice = Slice::default();
-                continue;
-            }
-            let delta_m = -linear(line.height, strip.s_m);
-            if delta_m <= 0.0 || strip.cover <= 0.0 {
-                *slice = Slice { strip: *strip, ..Slice::default() };
-                continue;
-            }
-            slice.strip = *strip;
-            let response = self.rubber.at(delta_m);
-            slice.delta_m = delta_m;
-            let lean = self.lean.at(strip.s_m);
-            let w_n = slice.press(&response, lean, self.rubber.relaxation_s, line, h);
-            let grip = Grip {
-                half_width_m: response.half_width_m.max(HALF_WIDTH_MIN_M),
-                relaxation_s: self.rubber.relaxation_s,
-                friction: self.friction,
-            };
-            let (force, weights, slip_m_s) = slice.shear(&grip, line, h);
-            sums.slip_m_s = sums.slip_m_s.max(slip_m_s);
-            let force = [slice.load_n, force.0, force.1];
-            sums.add(strip.s_m, force, [w_n, weights.0, weights.1]);
+    /// The same with the surface above a pin that moves past it.
+    pub(crate) fn pass(&mut self, line: &Line) -> Reaction {
+        Reaction {
+            creep_m_s: (line.creep_across.0, line.creep_along.0),
+            travel_m_s: line.travel.0,
+            ..self.release()
         }
-        let [normal, across, along] = sums.force;
+    }
+
+    /// Moves the bristles on from `from` by `h` seconds and returns the forces, and how they depend
+    /// on the motion if `line` is that of the step's end. With `h` = 0 only the forces.
+    pub(crate) fn act(&mut self, line: &Line, from: &Bristles, h: f64) -> (Reaction, Tangent) {
+        let law = Law { rubber: &self.rubber, lean: self.lean, friction: self.friction, h };
+        let sums = self.slices.act(from, line, &law);
+        let mut tangent = Tangent { weights: sums.weights, rolling: 0.0 };
+        let [normal, across, along] = sums.force.map(|[force, _]| force);
         let turning = (line.roll / ROLLING_SPIN_RAD_S).clamp(-1.0, 1.0);
         let most = self.rolling_m * normal;
         if turning.abs() < 1.0 {
-            sums.tangent.rolling = most / ROLLING_SPIN_RAD_S;
+            tangent.rolling = most / ROLLING_SPIN_RAD_S;
         }
-        let frame = |v: [f64; 3]| v[0] * line.normal + v[1] * line.across + v[2] * line.along;
-        let force = frame(sums.force);
-        let moment = line.radius.cross(force) + line.axis.cross(frame(sums.lever));
+        let frame = |power: usize| {
+            let [n, x, y] = sums.force.map(|powers| powers[power]);
+            n * line.normal + x * line.across + y * line.along
+        };
+        let force = frame(0);
+        let moment = line.radius.cross(force) + line.axis.cross(frame(1));
         let reaction = Reaction {
             force,
             moment: moment - most * turning * line.along,
@@ -361,80 +247,21 @@ impl Patch {
             creep_m_s: (line.creep_across.0, line.creep_along.0),
             travel_m_s: line.travel.0,
         };
-        (reaction, sums.tangent)
+        (reaction, tangent)
     }
 
     /// Energy in the rubber and its bristles (J).
     pub(crate) fn stored_j(&self) -> f64 {
-        let slice_j = |slice: &Slice| {
-            let strip = &slice.strip;
-            let length_m = strip.width_m * strip.cover * self.lean.at(strip.s_m);
-            let (x, y) = slice.brush;
+        let slice_j = |slice: Slice| {
+            let length_m = slice.length_m * self.lean.at(slice.s_m);
+            let (x, y) = slice.brush_m;
             self.rubber.stored_j_m(slice.delta_m) * length_m
                 + 0.5 * slice.shear_n_m * (x * x + y * y)
         };
-        self.slices.iter().map(slice_j).sum()
+        self.slices.each().map(slice_j).sum()
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {
-        for slice in &self.slices {
-            hash.numbers(&[slice.brush.0, slice.brush.1, slice.shear_n_m, slice.load_n]);
-        }
-    }
-}
-
-impl Slice {
-    /// Normal load and the stiffness of the bristles at a penetration, `lean` times what the table
-    /// says; returns the load's change per speed of approach over a step of `h`.
-    fn press(
-        &mut self,
-        response: &Response,
-        lean: f64,
-        relaxation_s: f64,
-        line: &Line,
-        h: f64,
-    ) -> f64 {
-        let length_m = self.strip.width_m * self.strip.cover * lean;
-        let rate = linear(line.closing, self.strip.s_m);
-        let damping_n_m = response.stiffness_n_m2 * relaxation_s * rate;
-        let load_n = (response.load_n_m + damping_n_m) * length_m;
-        self.load_n = load_n.max(0.0);
-        let shear_n_m = response.shear_n_m2 * length_m;
-        if shear_n_m > self.shear_n_m {
-            let kept = self.shear_n_m / shear_n_m;
-            self.brush = (self.brush.0 * kept, self.brush.1 * kept);
-        }
-        self.shear_n_m = shear_n_m;
-        if load_n > 0.0 { response.stiffness_n_m2 * length_m * (h + relaxation_s) } else { 0.0 }
-    }
-
-    /// Tangential force of the bristles (across, along), its change per speed, the speed of sliding
-    /// (0 when it sticks).
-    fn shear(&mut self, grip: &Grip, line: &Line, h: f64) -> ((f64, f64), (f64, f64), f64) {
-        let s = self.strip.s_m;
-        let creep = (linear(line.creep_across, s), linear(line.creep_along, s));
-        let travel = linear(line.travel, s).abs();
-        let keep = grip.half_width_m / (grip.half_width_m + h * travel);
-        self.brush = ((self.brush.0 + h * creep.0) * keep, (self.brush.1 + h * creep.1) * keep);
-        let damping = grip.relaxation_s;
-        let force = (
-            -self.shear_n_m * (self.brush.0 + damping * creep.0),
-            -self.shear_n_m * (self.brush.1 + damping * creep.1),
-        );
-        let weight = self.shear_n_m * (h * keep + damping);
-        let limit = grip.friction * self.load_n;
-        let size2 = force.0 * force.0 + force.1 * force.1;
-        if size2 <= limit * limit {
-            return (force, (weight, weight), 0.0);
-        }
-        let scale = limit / size2.sqrt();
-        let slid = (force.0 * scale, force.1 * scale);
-        let per_force = if self.shear_n_m > 0.0 { -1.0 / self.shear_n_m } else { 0.0 };
-        self.brush = (slid.0 * per_force, slid.1 * per_force);
-        let speed2 = creep.0 * creep.0 + creep.1 * creep.1;
-        // Only the direction of a sliding force depends on the motion.
-        let part = weight * scale;
-        let turns = |f: f64| part * (1.0 - f * f / size2);
-        (slid, (turns(force.0), turns(force.1)), speed2.sqrt())
+        self.slices.bristles.digest(hash);
     }
 }

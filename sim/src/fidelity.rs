@@ -27,6 +27,10 @@ names!(ArmModel, ContactModel, Integrator);
 /// The arm's model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 pub enum ArmModel {
+    /// No masses at all: the joints follow `arm.course_deg` exactly, whatever drives, brakes and
+    /// contacts do. For what is felt, not for how it is servoed.
+    #[serde(rename = "kinematic")]
+    Kinematic,
     /// Rigid links and rotors; the codes are torques, nothing rubs.
     #[serde(rename = "rigid")]
     Rigid,

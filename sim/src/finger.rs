@@ -2,7 +2,7 @@
 //! degrees of freedom, and what an implicit stage has to know about its end. Refuses to know what
 //! touches the finger.
 
-use taktil_mechanics::spatial::split;
+use taktil_mechanics::spatial::{SinCos, split};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
 use crate::arm::{Arm, Rub};
@@ -48,9 +48,11 @@ pub(crate) struct Ahead {
     /// Twist of the tool per speed.
     pub(crate) jacobian: Matrix6,
     pub(crate) pose: Pose,
-    /// Twist that is prescribed.
+    /// Twist that is prescribed; within a stage also that of `guess`.
     pub(crate) carried: Joints,
     pub(crate) guess: Joints,
+    /// Sines and cosines of the joints there.
+    pub(crate) at: SinCos,
 }
 
 impl Ahead {
@@ -64,6 +66,7 @@ impl Ahead {
             pose,
             carried,
             guess: Joints::zeros(),
+            at: SinCos { s: [0.0; 6], c: [1.0; 6] },
         }
     }
 }
@@ -134,16 +137,16 @@ impl Finger {
     /// See [`Ahead`]; the stage ends at `end_s`.
     pub(crate) fn ahead(&self, base: &Swing, guess: &Joints, h: f64, end_s: f64) -> Ahead {
         match self {
-            Finger::Arm(arm) => arm.ahead(base, guess, h),
+            Finger::Arm(arm) => arm.ahead(base, guess, h, end_s),
             Finger::Carriage(riding) => riding.ahead(base, guess, h, end_s),
             Finger::Chained(unheld) => Ahead::fixed(*unheld.arm.pose(), Joints::zeros()),
         }
     }
 
-    /// The generalised forces of [`Ahead`] for another guess.
-    pub(crate) fn push(&self, base: &Swing, ahead: &Ahead, guess: &Joints, h: f64) -> Joints {
+    /// The generalised forces of [`Ahead`] for other speeds.
+    pub(crate) fn push(&self, ahead: &Ahead, speeds: &Joints) -> Joints {
         match self {
-            Finger::Arm(arm) if ahead.degrees > 0 => arm.push(base, guess, h),
+            Finger::Arm(arm) if ahead.degrees > 0 => arm.push(&ahead.at, speeds),
             _ => ahead.push,
         }
     }
@@ -160,7 +163,7 @@ impl Finger {
     /// Frame and twist of the tool for the present state at `t_s`.
     pub(crate) fn settle(&mut self, t_s: f64) {
         match self {
-            Finger::Arm(arm) => arm.settle(),
+            Finger::Arm(arm) => arm.settle(t_s),
             Finger::Carriage(riding) => riding.settle(t_s),
             Finger::Chained(_) => {}
         }

@@ -57,6 +57,11 @@ impl Course {
         }
     }
 
+    /// Through points (s, value), at rest before the first and after the last.
+    pub(crate) fn through(points: &[[f64; 2]]) -> Course {
+        Course::Points(knots(points, 0.0))
+    }
+
     /// Value and rate at an instant (s).
     pub(crate) fn at(&self, t_s: f64) -> (f64, f64) {
         match self {

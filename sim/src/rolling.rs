@@ -7,9 +7,7 @@ use taktil_mechanics::dynamics::GRAVITY_M_S2;
 use taktil_mechanics::spatial::stack;
 use taktil_mechanics::{Joints, Pose};
 
-use crate::contact::{
-    Lean, Line, Patch, Reaction, SLICES, Slice, Strip, Surface, Tangent, strips_of_pad,
-};
+use crate::contact::{Bristles, Lean, Line, Patch, Reaction, Surface, Tangent};
 use crate::electronics::{add_drag, base_forces};
 use crate::hand::Hand;
 use crate::hash::Hash;
@@ -22,7 +20,6 @@ pub(crate) struct Rolling {
     pub(crate) pin: Pin,
     pub(crate) pad: Patch,
     pub(crate) bed: Patch,
-    pub(crate) bed_strips: [Strip; SLICES],
     pub(crate) hand: Hand,
     pub(crate) released: Option<Nanos>,
     /// Latest forces of finger and table on the pin.
@@ -38,8 +35,8 @@ pub(crate) struct Rolling {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Memory {
     pub(crate) pin: Pin,
-    pub(crate) pad: [Slice; SLICES],
-    pub(crate) bed: [Slice; SLICES],
+    pub(crate) pad: Bristles,
+    pub(crate) bed: Bristles,
 }
 
 /// Where the pin's surroundings are and how they move.
@@ -60,32 +57,45 @@ pub(crate) struct Touching {
 
 impl Rolling {
     pub(crate) fn memory(&self) -> Memory {
-        Memory { pin: self.pin, pad: self.pad.slices, bed: self.bed.slices }
+        Memory { pin: self.pin, pad: self.pad.slices.bristles, bed: self.bed.slices.bristles }
     }
 
     pub(crate) fn remember(&mut self, memory: &Memory) {
         self.pin = memory.pin;
-        self.pad.slices = memory.pad;
-        self.bed.slices = memory.bed;
+        self.pad.slices.bristles = memory.pad;
+        self.bed.slices.bristles = memory.bed;
     }
 
     /// Evaluates both contacts and moves their bristles on by `h` seconds.
     pub(crate) fn touch(&mut self, around: &Around, h: f64) -> Touching {
+        let (pad, bed) = (self.pad.slices.bristles, self.bed.slices.bristles);
+        self.touch_from((&pad, &bed), around, h)
+    }
+
+    /// The same with bristles, of pad and table, that were before.
+    pub(crate) fn touch_from(
+        &mut self,
+        (pad, bed): (&Bristles, &Bristles),
+        around: &Around,
+        h: f64,
+    ) -> Touching {
         let axis = self.pin.axis();
         let mut touching = Touching::default();
         match Line::between(&self.pin, axis, &around.table) {
+            Some(line) if line.clear(self.pin.length_m) => self.by_table = self.bed.pass(&line),
             Some(line) => {
-                let (reaction, tangent) = self.bed.act(&line, &self.bed_strips, h);
+                let (reaction, tangent) = self.bed.act(&line, bed, h);
                 self.by_table = reaction;
                 touching.table = Some((line, tangent));
             }
             None => self.by_table = self.bed.release(),
         }
         match Line::between(&self.pin, axis, &around.finger) {
+            Some(line) if line.clear(self.pin.length_m) => self.by_finger = self.pad.pass(&line),
             Some(line) => {
                 self.across = line.across.dot(around.pad.rotation.x_axis);
-                let strips = strips_of_pad(&line, &around.pad, self.pin.length_m);
-                let (reaction, tangent) = self.pad.act(&line, &strips, h);
+                self.pad.slices.strips.lie_on_pad(&line, &around.pad, self.pin.length_m);
+                let (reaction, tangent) = self.pad.act(&line, pad, h);
                 self.by_finger = reaction;
                 touching.finger = Some((line, tangent));
             }

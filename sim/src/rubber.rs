@@ -90,6 +90,9 @@ pub(crate) fn located(place: &str) -> impl Fn(taktil_mechanics::contact::Invalid
     move |e| Invalid { place: format!("{place}.{}", e.place), what: e.what, remedy: e.remedy }
 }
 
+/// Solves a contact: layer, radius and deepest penetration (mm).
+type Solve = fn(&Layer, f64, f64) -> Result<LineContact, taktil_mechanics::contact::Invalid>;
+
 /// The table, and the solved contact for what is asked rarely.
 #[derive(Clone, Debug)]
 pub(crate) struct Rubber {
@@ -112,10 +115,28 @@ impl Rubber {
         radius_mm: f64,
         place: &str,
     ) -> Result<Rubber, Invalid> {
+        Rubber::solved(config, radius_mm, place, LineContact::new)
+    }
+
+    /// The same for a layer under whose base no tactels lie.
+    pub(crate) fn blind(
+        config: &RubberConfig,
+        radius_mm: f64,
+        place: &str,
+    ) -> Result<Rubber, Invalid> {
+        Rubber::solved(config, radius_mm, place, LineContact::without_base)
+    }
+
+    fn solved(
+        config: &RubberConfig,
+        radius_mm: f64,
+        place: &str,
+        solve: Solve,
+    ) -> Result<Rubber, Invalid> {
         let located = located(place);
         let layer = layer(config).map_err(&located)?;
         let deepest_mm = (PENETRATION_MAX * config.thickness_mm).min(0.2 * radius_mm);
-        let contact = LineContact::new(&layer, radius_mm, deepest_mm).map_err(&located)?;
+        let contact = solve(&layer, radius_mm, deepest_mm).map_err(&located)?;
         let knots: Vec<Response> = (0..=CELLS)
             .map(|i| {
                 let delta_mm = deepest_mm * (i as f64 / CELLS as f64);

@@ -182,11 +182,11 @@ fn on_pad(pin: &LayerPin, lie: &Lie, origin: [f64; 2], from: f64) -> (f64, f64) 
 
 /// The factors on plane rows that give them the force and the moment of a solution.
 pub(crate) fn lean_of(pad: &Patch, solved: &Solved) -> Lean {
-    let row = |slice: &Slice| {
+    let row = |slice: Slice| {
         let response = pad.rubber.at(slice.delta_m);
-        (slice.strip.s_m, response.load_n_m * slice.strip.width_m * slice.strip.cover)
+        (slice.s_m, response.load_n_m * slice.length_m)
     };
-    lean(pad.slices.iter().map(row), solved)
+    lean(pad.slices.each().map(row), solved)
 }
 
 /// The same for places along the axis (m) with the loads of their plane solutions (N).

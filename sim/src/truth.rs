@@ -128,9 +128,9 @@ impl Felt {
 /// Load-weighted place along the sensor's x in tactel numbers.
 pub(crate) fn contact_x_tactels(pad: &Patch) -> Option<f64> {
     let (mut load, mut moment) = (0.0, 0.0);
-    for slice in &pad.slices {
+    for slice in pad.slices.each() {
         load += slice.load_n;
-        moment += slice.load_n * slice.strip.x_m;
+        moment += slice.load_n * slice.x_m;
     }
     (load > 0.0).then(|| moment / load / PITCH_M + 0.5 * (SLICES + 1) as f64)
 }

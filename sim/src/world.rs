@@ -266,7 +266,7 @@ impl World {
         let (pin_yaw_rad, tilt_rad) = pin.map_or((0.0, 0.0), |pin| yaw_and_tilt(pin, pose));
         let deep = |patch: &Patch| {
             let deepest = patch.rubber.deepest_m();
-            patch.slices.iter().any(|slice| slice.delta_m > deepest)
+            patch.slices.each().any(|slice| slice.delta_m > deepest)
         };
         let objects = self.bench.objects.as_deref();
         let on_objects_n = objects.map_or(0.0, |objects| objects.normal_n());

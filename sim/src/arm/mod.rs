@@ -5,6 +5,7 @@
 //! classical fourth-order method for an arm that neither touches nor rubs, and [`Arm::ahead`] gives
 //! an implicit stage what it needs.
 
+mod course;
 mod friction;
 mod gear;
 
@@ -19,6 +20,7 @@ use crate::fidelity::ArmModel;
 use crate::finger::{Ahead, Swing};
 use crate::hash::Hash;
 use crate::scene::{ArmConfig, Invalid, invalid};
+use course::Following;
 pub(crate) use friction::{Rub, rub};
 use gear::Gears;
 
@@ -35,6 +37,8 @@ pub(crate) struct Arm {
     friction: Friction,
     /// What gives way between motors and joints; none when nothing does.
     gears: Option<Gears>,
+    /// What an arm without masses follows.
+    following: Option<Box<Following>>,
     start_counts: [i32; JOINTS],
     pub(crate) now: Swing,
     codes: [i32; CHANNELS],
@@ -65,7 +69,17 @@ impl Arm {
             }
         }
         let reference = Friction::reference();
-        let rubs = if model == ArmModel::Rigid { 0.0 } else { 1.0 };
+        let follows = model == ArmModel::Kinematic;
+        if !follows && !config.course_deg.is_empty() {
+            let what = "is given, but this arm moves by its torques".to_owned();
+            let remedy = "say fidelity.arm = \"kinematic\", or leave the course out";
+            return Err(invalid("arm.course_deg", what, remedy));
+        }
+        let following = match follows {
+            true => Some(Box::new(Following::new(config, &puma, &q)?)),
+            false => None,
+        };
+        let rubs = if follows || model == ArmModel::Rigid { 0.0 } else { 1.0 };
         let friction = Friction {
             coulomb_nm: rubs * config.coulomb_scale * reference.coulomb_nm,
             viscous_nms_rad: rubs * config.viscous_scale * reference.viscous_nms_rad,
@@ -91,6 +105,7 @@ impl Arm {
             drive: Drive::reference(),
             friction,
             gears,
+            following,
             now,
             codes: [0; CHANNELS],
             torque: Joints::zeros(),
@@ -106,11 +121,15 @@ impl Arm {
         Ok(arm)
     }
 
-    /// Mass that a force along the finger's axis feels at the start (kg).
-    pub(crate) fn mass_at_tool_kg(&self) -> f64 {
+    /// Mass that a force along the finger's axis feels at the start (kg); none where it moves
+    /// nothing.
+    pub(crate) fn mass_at_tool_kg(&self) -> Option<f64> {
+        if self.following.is_some() {
+            return None;
+        }
         let normal = self.pose.rotation.z_axis;
         let lever = self.jacobian.tr_mul(&stack(normal, glam::DVec3::ZERO));
-        1.0 / lever.dot(&(self.inertia_inverse * lever))
+        Some(1.0 / lever.dot(&(self.inertia_inverse * lever)))
     }
 
     /// Whether nothing sticks: the torques are smooth in the state.
@@ -160,7 +179,11 @@ impl Arm {
     }
 
     /// Tool frame and Jacobian of the present state, for whoever looks between steps.
-    pub(crate) fn settle(&mut self) {
+    pub(crate) fn settle(&mut self, t_s: f64) {
+        if let Some(following) = &mut self.following {
+            following.t_s = t_s;
+            (self.now.q, self.now.qd) = following.at(t_s);
+        }
         (self.pose, self.jacobian) = self.puma.tool_and_jacobian_at(&SinCos::of(&self.now.q));
         self.age = self.every;
     }
@@ -168,6 +191,11 @@ impl Arm {
     /// One semi-implicit Euler step of `h` seconds under a wrench on the tool (N, N m about the
     /// tool point, base frame).
     pub(crate) fn step(&mut self, h: f64, wrench: &Joints) {
+        if let Some(following) = &self.following {
+            let next_s = following.t_s + h;
+            self.settle(next_s);
+            return;
+        }
         if self.braked {
             self.rest();
             return;
@@ -195,6 +223,9 @@ impl Arm {
     /// One step of `h` seconds of the classical fourth-order method with the torque of the codes
     /// held, for an arm without sticking friction.
     pub(crate) fn swing_freely(&mut self, h: f64) {
+        if self.following.is_some() {
+            return;
+        }
         let held = self.driven();
         self.swing_under(0.0, h, &mut |_, _, _| held);
     }
@@ -219,8 +250,13 @@ impl Arm {
     }
 
     /// Inertia, torques and kinematics at the end of a stage of `h` seconds from `base`, if the
-    /// joints end it at the speeds `guess`.
-    pub(crate) fn ahead(&self, base: &Swing, guess: &Joints, h: f64) -> Ahead {
+    /// joints end it at the speeds `guess`, which is at `end_s`.
+    pub(crate) fn ahead(&self, base: &Swing, guess: &Joints, h: f64, end_s: f64) -> Ahead {
+        if let Some(following) = &self.following {
+            let (q, qd) = following.at(end_s);
+            let (pose, jacobian) = self.puma.tool_and_jacobian_at(&SinCos::of(&q));
+            return Ahead::fixed(pose, jacobian * qd);
+        }
         if self.braked {
             return Ahead::fixed(self.pose, Joints::zeros());
         }
@@ -234,12 +270,13 @@ impl Arm {
             pose,
             carried: Joints::zeros(),
             guess: *guess,
+            at,
         }
     }
 
-    /// Torques beside friction at the end of a stage, as in [`Arm::ahead`].
-    pub(crate) fn push(&self, base: &Swing, guess: &Joints, h: f64) -> Joints {
-        self.on_joints() - self.dynamics.bias(&(base.q + h * guess), guess)
+    /// Torques beside friction at other speeds (rad/s) than those that [`Arm::ahead`] guessed.
+    pub(crate) fn push(&self, at: &SinCos, speeds: &Joints) -> Joints {
+        self.on_joints() - self.dynamics.bias_at(at, speeds)
     }
 
     /// What joint `i` feels at the end of a stage beside its torque: friction, or its gear.

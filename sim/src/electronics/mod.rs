@@ -27,13 +27,13 @@ const REACH_M: f64 = 12e-3;
 pub(crate) fn base_forces(pad: &Patch, across: f64) -> [f64; MAX_TACTELS] {
     let mut forces = [0.0; MAX_TACTELS];
     let turned = across.abs();
-    for (row, slice) in pad.slices.iter().enumerate() {
+    for (row, slice) in pad.slices.each().enumerate() {
         if slice.load_n <= 0.0 {
             continue;
         }
         let shares = pad.rubber.base_shares(slice.delta_m);
         let share = |edge: usize| {
-            let u_m = tactel_middle_m(edge) - 0.5 * PITCH_M - slice.strip.x_m;
+            let u_m = tactel_middle_m(edge) - 0.5 * PITCH_M - slice.x_m;
             shares.left_of(1e3 * (turned * u_m).clamp(-REACH_M, REACH_M))
         };
         let mut left = share(0);
@@ -50,15 +50,15 @@ pub(crate) fn base_forces(pad: &Patch, across: f64) -> [f64; MAX_TACTELS] {
 /// Adds what the rows' tangential loads press and lift at the base, when the rubber knows it.
 pub(crate) fn add_drag(forces: &mut [f64; MAX_TACTELS], pad: &Patch, across: f64) {
     let Some(trace) = pad.rubber.trace() else { return };
-    for (row, slice) in pad.slices.iter().enumerate() {
+    for (row, slice) in pad.slices.each().enumerate() {
         if slice.load_n <= 0.0 {
             continue;
         }
         // The bristles' force on the rubber, along the rolling direction.
-        let drag_n = slice.shear_n_m * slice.brush.0;
+        let drag_n = slice.shear_n_m * slice.brush_m.0;
         let half_width_m = pad.rubber.at(slice.delta_m).half_width_m;
         let part = |edge: usize| {
-            let u_m = tactel_middle_m(edge) - 0.5 * PITCH_M - slice.strip.x_m;
+            let u_m = tactel_middle_m(edge) - 0.5 * PITCH_M - slice.x_m;
             trace.left_of(half_width_m, across * u_m)
         };
         let mut left = part(0);

@@ -1,6 +1,7 @@
 //! `[arm]`, the part of the bench that moves the finger. Refuses angles that no joint has.
 
-use super::section::{Agree, section};
+use super::section::{Agree, inside, section};
+use super::{Invalid, POINTS_MAX, invalid};
 
 section! {
     /// `[arm]`
@@ -13,6 +14,10 @@ section! {
         /// How far each joint really stands from `home_deg` at power-up (deg): what a careless
         /// calibration leaves. Default 0.
         zero_error_deg: [f64; 6] [-30.0, 30.0],
+        /// Where the joints stand when (s, then six angles in deg, zero errors included), for the
+        /// arm `kinematic`: from `home_deg` at the start through these with smooth speeds, at rest
+        /// at the last. Nothing for other arms.
+        course_deg: Vec<[f64; 7]> [-1e6, 1e6],
         /// Factor on the joints' Coulomb friction, 0 takes it away. Default 1.
         coulomb_scale: f64 [0.0, 10.0],
         /// Factor on the joints' viscous friction. Default 1.
@@ -37,13 +42,32 @@ section! {
     }
 }
 
-impl Agree for ArmConfig {}
+impl Agree for ArmConfig {
+    fn agree(&self, place: &str) -> Result<(), Invalid> {
+        let mut last_s = 0.0;
+        for (i, point) in self.course_deg.iter().enumerate() {
+            let place = inside(place, &format!("course_deg[{i}]"));
+            if point[0] <= last_s {
+                let what = format!("is at {} s, not after {last_s} s", point[0]);
+                return Err(invalid(&place, what, "order the points by time, after the start"));
+            }
+            last_s = point[0];
+        }
+        if self.course_deg.len() > POINTS_MAX {
+            let what = format!("has {} points", self.course_deg.len());
+            let remedy = format!("give at most {POINTS_MAX}");
+            return Err(invalid(&inside(place, "course_deg"), what, &remedy));
+        }
+        Ok(())
+    }
+}
 
 impl Default for ArmConfig {
     fn default() -> ArmConfig {
         ArmConfig {
             home_deg: [0.0, 46.790197, -160.621702, -180.0, 66.168495, 180.0],
             zero_error_deg: [0.0; 6],
+            course_deg: Vec::new(),
             coulomb_scale: 1.0,
             viscous_scale: 1.0,
             link_mass_scale: [1.0; 6],

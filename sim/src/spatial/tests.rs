@@ -4,9 +4,13 @@
 use glam::{DMat3, DVec3};
 use taktil_mechanics::contact::features::{Part, image_features};
 
+use taktil_hal::Nanos;
+
 use super::*;
 use crate::contact::Surface;
+use crate::fidelity::ContactModel;
 use crate::pin::Pin;
+use crate::{Carriage, Timing, World, WorldConfig, build_with_carriage};
 
 const FEATURES: &str = include_str!("../../../tests/fixtures/contact/tactile3d_features.csv");
 
@@ -88,4 +92,26 @@ fn pressed_pins_give_the_reference_images() {
             worst[0], worst[1], worst[2]
         );
     }
+}
+
+#[test]
+fn rows_stand_on_their_own_again_once_the_finger_has_left() {
+    let mut config = WorldConfig::default();
+    config.fidelity.contact = ContactModel::Layer3d;
+    config.pin.length_mm = 20.0;
+    let top = 1e-3 * (config.table_height_mm() + 2.0 * config.pin.radius_mm);
+    let at = |up: f64| DVec3::new(0.325, -0.127, top + up);
+    let knots = vec![(0.1, at(1e-3)), (0.3, at(-2e-4)), (0.5, at(-2e-4)), (0.7, at(1e-3))];
+    let axes = DMat3::from_cols(-DVec3::X, DVec3::Y, -DVec3::Z);
+    let carriage = Carriage { axes, knots, float: None };
+    let (mut world, _devices) =
+        build_with_carriage(&config, &Timing::default(), 1, carriage).unwrap();
+    let lean = |world: &World| world.bench.rolling.as_deref().map(|rolling| rolling.pad.lean);
+    assert_eq!(lean(&world), Some(Lean::NONE));
+    world.advance(Nanos::from_millis(400));
+    assert!(world.truth().in_contact);
+    assert_ne!(lean(&world), Some(Lean::NONE));
+    world.advance(Nanos::from_millis(900));
+    assert!(!world.truth().in_contact);
+    assert_eq!(lean(&world), Some(Lean::NONE));
 }

@@ -12,10 +12,11 @@ use glam::{DMat3, DQuat, DVec3};
 use taktil_mechanics::spatial::{split, stack};
 use taktil_mechanics::{Joints, Pose};
 
-use super::matrix::{Matrix12, N};
+use super::matrix::{Factors, Matrix12, N};
 use super::{Bench, Saved};
 use crate::contact::{Line, Surface, Tangent};
 use crate::finger::{Ahead, Rotors, Swing};
+use crate::hash::Hash;
 use crate::object::{Grip, Grips};
 use crate::rolling::{Around, Memory, Rolling, Touching};
 
@@ -29,10 +30,11 @@ const SETTLED_M_S: f64 = 2e-8;
 /// Largest change after which the next one is judged without being made (m/s): what the bristles
 /// have not seen of the motion then is below 1e-10 m.
 const CLOSE_M_S: f64 = 2e-7;
-/// Factors stay in use while each iteration changes less than this part of the one before.
+/// Factors stay in use, in both stages of a step, while each iteration changes less than this part
+/// of the one before.
 const SHRINKS: f64 = 0.05;
-/// Product of two changes of joint speed ((rad/s)^2) that moves the bias torques.
-const CORIOLIS: f64 = 1e-8;
+/// How the torques of gravity over the inertia grow with the angles, roughly (1/s^2).
+const FALLING_PER_S2: f64 = 50.0;
 /// Distance at which turning counts as moving (m).
 const ARM_M: f64 = 0.1;
 
@@ -51,10 +53,30 @@ pub(super) struct Outcome {
     /// Difference to the embedded method of first order (m).
     pub(super) error_m: f64,
     pub(super) settled: bool,
+    /// What the last iteration changed, after the contacts were evaluated (m/s).
+    pub(super) unseen_m_s: f64,
     pub(super) iterations: u32,
 }
 
 type Speeds = [f64; N];
+
+/// What one step leaves to the next: it does not change what is solved for, and saves iterations.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Habit {
+    /// How the speeds changed (m/s^2, rad/s^2).
+    slope: Speeds,
+}
+
+impl Habit {
+    /// After something happened nothing goes on as before.
+    pub(super) fn forget(&mut self) {
+        *self = Habit::default();
+    }
+
+    pub(super) fn digest(&self, hash: &mut Hash) {
+        hash.numbers(&self.slope);
+    }
+}
 
 /// The balance of momentum at some speeds.
 struct Seen {
@@ -81,15 +103,19 @@ impl Bench {
         let first = Base::of(start);
         let tau = GAMMA * h;
         let u0 = speeds(&first.swing, first.memory.as_ref());
-        let (settled_1, n_1, u1) = self.stage(&first, u0, tau, start_s + tau);
+        let guess = core::array::from_fn(|i| u0[i] + tau * self.habit.slope[i]);
+        let mut factors = None;
+        let (last_1, n_1, u1) = self.stage(&first, guess, (tau, start_s + tau), &mut factors);
         let second = first.carried_on(&self.save(), (1.0 - GAMMA) / GAMMA);
         let ahead: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / GAMMA);
-        let (settled_2, n_2, u2) = self.stage(&second, ahead, tau, start_s + h);
+        let (last_2, n_2, u2) = self.stage(&second, ahead, (tau, start_s + h), &mut factors);
         // The embedded method takes the first stage's slopes for both.
         let off = core::array::from_fn(|i| u2[i] - ahead[i]);
+        self.habit.slope = core::array::from_fn(|i| (u2[i] - u0[i]) / h);
         Outcome {
             error_m: h * self.way(&off),
-            settled: settled_1 && settled_2,
+            settled: last_1.is_finite() && last_2.is_finite(),
+            unseen_m_s: last_2,
             iterations: n_1 + n_2,
         }
     }
@@ -101,17 +127,26 @@ impl Bench {
         q.max(part(u, 6).length()).max(radius * part(u, 9).length())
     }
 
-    /// Moves everything from `base` over `tau` seconds by the forces at the end.
-    fn stage(&mut self, base: &Base, guess: Speeds, tau: f64, end_s: f64) -> (bool, u32, Speeds) {
+    /// Moves everything from `base` over `tau` seconds by the forces at the end, `end_s`. Newton's
+    /// `factors` may be those of a stage before; those that were used last are left there. Gives
+    /// the last change (m/s), infinite when it did not settle, the iterations, and the speeds.
+    fn stage(
+        &mut self,
+        base: &Base,
+        guess: Speeds,
+        (tau, end_s): (f64, f64),
+        factors: &mut Option<Factors>,
+    ) -> (f64, u32, Speeds) {
         let mut u = guess;
         let mut ahead = self.finger.ahead(&base.swing, &joints(&u), tau, end_s);
+        ahead.carried += ahead.jacobian * ahead.guess;
         for slot in u.iter_mut().take(6).skip(ahead.degrees) {
             *slot = 0.0;
         }
         let (_, table_axes, table) = self.table.at(end_s);
         let mut torques_at = joints(&u);
-        let (mut settled, mut count) = (false, 0);
-        let (mut factors, mut before) = (None, f64::INFINITY);
+        let (mut last, mut count) = (f64::INFINITY, 0);
+        let mut before = f64::INFINITY;
         for _ in 0..NEWTON_MAX {
             count += 1;
             let seen = self.evaluate(base, &ahead, &u, tau, (&table, &table_axes));
@@ -126,23 +161,24 @@ impl Bench {
             }
             let now = joints(&u);
             let moved = (now - torques_at).amax();
-            if moved * (now.amax() + moved) > CORIOLIS {
-                ahead.push = self.finger.push(&base.swing, &ahead, &now, tau);
+            let turned = now.amax() + moved + FALLING_PER_S2 * tau;
+            if tau * moved * turned * self.finger.lever_m() > SETTLED_M_S {
+                ahead.push = self.finger.push(&ahead, &now);
                 torques_at = now;
             }
             let size = self.way(&change);
             let rate = size / before;
             if size < SETTLED_M_S || (size < CLOSE_M_S && size * rate < 0.1 * SETTLED_M_S) {
-                settled = true;
+                last = size;
                 break;
             }
             if rate > SHRINKS {
-                factors = None;
+                *factors = None;
             }
             before = size;
         }
         self.finish(base, &ahead, &u, tau);
-        (settled, count, u)
+        (last, count, u)
     }
 
     /// The state at the end of a stage.
@@ -200,11 +236,10 @@ impl Bench {
         let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) else {
             return seen;
         };
-        rolling.remember(memory);
         rolling.pin = memory.pin.carried(part(u, 6), part(u, 9), tau);
         let around = around(ahead, &qd, tau, table, table_axes);
         self.work.contacts += 1;
-        let touching = rolling.touch(&around, tau);
+        let touching = rolling.touch_from((&memory.pad, &memory.bed), &around, tau);
         let (force, moment) = rolling.load(&around);
         let pin = &rolling.pin;
         let linear = pin.mass_kg * (pin.velocity - memory.pin.velocity) - tau * force;
@@ -295,14 +330,8 @@ impl Base {
         let (from, to) = (a.pin.orientation, b.pin.orientation);
         let near = if from.dot(to) < 0.0 { -to } else { to };
         pin.orientation = DQuat::normalize(from + (near - from) * reach);
-        let sides = [(&mut memory.pad, &b.pad), (&mut memory.bed, &b.bed)];
-        for (slices, others) in sides {
-            for (slice, other) in slices.iter_mut().zip(others) {
-                slice.brush.0 = mix(slice.brush.0, other.brush.0);
-                slice.brush.1 = mix(slice.brush.1, other.brush.1);
-                slice.shear_n_m = mix(slice.shear_n_m, other.shear_n_m).max(0.0);
-            }
-        }
+        memory.pad = a.pad.carried_on(&b.pad, reach);
+        memory.bed = a.bed.carried_on(&b.bed, reach);
         let turning = mix3(self.turning, b.pin.angular_momentum());
         Base { swing, memory: Some(memory), grips, turning }
     }
@@ -320,7 +349,8 @@ fn speeds(swing: &Swing, memory: Option<&Memory>) -> Speeds {
 
 /// The pin's surroundings when the stage ends at the speeds `qd`.
 fn around(ahead: &Ahead, qd: &Joints, tau: f64, table: &Surface, axes: &DMat3) -> Around {
-    let (shift, turn) = split(&(ahead.jacobian * (tau * (qd - ahead.guess))));
+    let off = ahead.jacobian * (qd - ahead.guess);
+    let (shift, turn) = split(&(tau * off));
     // Cayley's rotation: exact in length, of third order in the angle.
     let half = 0.5 * turn;
     let (square, twice) = (half.length_squared(), 2.0 / (1.0 + half.length_squared()));
@@ -332,7 +362,7 @@ fn around(ahead: &Ahead, qd: &Joints, tau: f64, table: &Surface, axes: &DMat3) -
         *r
     };
     let pad = Pose::new(rotation, ahead.pose.translation + shift);
-    let finger = Surface::of_pad(&pad, &(ahead.carried + ahead.jacobian * qd));
+    let finger = Surface::of_pad(&pad, &(ahead.carried + off));
     Around { pad, finger, table: *table, table_axes: *axes }
 }
 

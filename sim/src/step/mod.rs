@@ -17,9 +17,13 @@ use crate::hash::Hash;
 use crate::object::{Grips, Objects};
 use crate::rolling::{Around, Memory, Rolling};
 use crate::table::Table;
+pub(crate) use implicit::Habit;
 
 /// Estimated error of place above which a step is halved (m).
 pub(crate) const ERROR_M: f64 = 2e-6;
+/// Change of speed after which the forces of a step's last iteration are those of its end (m/s):
+/// contacts of 1e5 N/m that relax within 1 ms feel 1e-7 N of it.
+const FELT_M_S: f64 = 1e-9;
 /// Times that a step is halved at most.
 const HALVINGS: u32 = 4;
 
@@ -64,6 +68,10 @@ pub(crate) struct Bench {
     /// Largest estimated error of a step that was taken (m).
     pub(crate) error_m: f64,
     pub(crate) work: Work,
+    /// What the next implicit step may begin with.
+    pub(crate) habit: Habit,
+    /// The contacts were evaluated at the present state.
+    pub(crate) felt: bool,
 }
 
 /// What a step may have to be done again from.
@@ -129,8 +137,11 @@ impl Bench {
         Around { pad: *self.finger.pose(), finger: self.finger.surface(), table, table_axes }
     }
 
-    /// Evaluates the contacts of the present state.
+    /// Evaluates the contacts of the present state, unless the step that led there did.
     pub(crate) fn feel(&mut self, t_s: f64) {
+        if core::mem::replace(&mut self.felt, true) {
+            return;
+        }
         let around = self.around(t_s);
         if let Some(rolling) = &mut self.rolling {
             self.work.contacts += 1;
@@ -163,6 +174,7 @@ impl Bench {
     /// Explicit in every force.
     fn euler(&mut self, now: Nanos, t_s: f64, h: f64) {
         self.work.steps += 1;
+        self.felt = false;
         let mut wrench = Joints::zeros();
         if self.rolling.is_some() {
             let around = self.around(t_s);
@@ -213,11 +225,16 @@ impl Bench {
         let coarse = outcome.error_m > ERROR_M || !outcome.settled;
         if depth < HALVINGS && (happened || coarse) {
             self.restore(&saved);
+            self.habit.forget();
             self.work.halved += 1;
             self.careful(now, t_s, 0.5 * h, depth + 1);
             self.careful(now, t_s + 0.5 * h, 0.5 * h, depth + 1);
             return;
         }
+        if happened {
+            self.habit.forget();
+        }
+        self.felt = outcome.unseen_m_s < FELT_M_S && !self.finger.beyond_limits();
         self.finger.stop_at_limits();
         self.work.unsettled += u64::from(!outcome.settled);
         self.error_m = self.error_m.max(outcome.error_m);
@@ -234,6 +251,7 @@ impl Bench {
         if let Some(objects) = &self.objects {
             objects.digest(hash);
         }
+        self.habit.digest(hash);
     }
 }
 

@@ -21,6 +21,8 @@ fn thrown(method: Method, step_us: i64, viscous: f64) -> Bench {
         substep: Nanos::from_micros(step_us),
         error_m: 0.0,
         work: Work::default(),
+        habit: Habit::default(),
+        felt: false,
     }
 }
 

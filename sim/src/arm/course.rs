@@ -1,0 +1,51 @@
+//! A course that the joints follow exactly, for an arm without masses. Refuses angles that a joint
+//! cannot take; between its points it never swings beyond them.
+
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
+
+use super::JOINTS;
+use crate::motion::Course;
+use crate::scene::{ArmConfig, Invalid, invalid};
+
+/// Six curves over one time, and where on them the arm is.
+#[derive(Clone, Debug)]
+pub(super) struct Following {
+    joints: [Course; JOINTS],
+    pub(super) t_s: f64,
+}
+
+impl Following {
+    /// From `start` (rad) through the points of a checked configuration.
+    pub(super) fn new(
+        config: &ArmConfig,
+        puma: &Puma260,
+        start: &Joints,
+    ) -> Result<Following, Invalid> {
+        for (k, point) in config.course_deg.iter().enumerate() {
+            for i in 0..JOINTS {
+                let (low, high) = (puma.q_min_rad[i], puma.q_max_rad[i]);
+                if !(low..=high).contains(&point[i + 1].to_radians()) {
+                    let what = format!("is {}, outside the joint's range", point[i + 1]);
+                    let (low, high) = (low.to_degrees(), high.to_degrees());
+                    let remedy = format!("give {low:.1} to {high:.1} deg");
+                    return Err(invalid(&format!("arm.course_deg[{k}][{}]", i + 1), what, &remedy));
+                }
+            }
+        }
+        let joints = core::array::from_fn(|i| {
+            let point = |point: &[f64; 7]| [point[0], point[i + 1].to_radians()];
+            let points: Vec<[f64; 2]> = core::iter::once([0.0, start[i]])
+                .chain(config.course_deg.iter().map(point))
+                .collect();
+            Course::through(&points)
+        });
+        Ok(Following { joints, t_s: 0.0 })
+    }
+
+    /// Angles (rad) and speeds (rad/s) at an instant.
+    pub(super) fn at(&self, t_s: f64) -> (Joints, Joints) {
+        let all = self.joints.each_ref().map(|course| course.at(t_s));
+        (Joints::from_fn(|i, _| all[i].0), Joints::from_fn(|i, _| all[i].1))
+    }
+}
