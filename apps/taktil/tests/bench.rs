@@ -55,6 +55,15 @@ fn every_chain_is_timed_and_a_hop_costs_something() {
 }
 
 #[test]
+fn tables_of_contact_are_told_to_programs_too() {
+    let output = bench(&["contact", "--no-timing", "--json"]);
+    assert!(output.status.success(), "{output:?}");
+    let rows = parsed(&output)["tables"][0]["rows"].as_array().unwrap().clone();
+    assert!(rows.len() > 20, "{rows:?}");
+    assert!(rows.iter().all(|row| row["statement"].is_string() && !row["exact layer"].is_null()));
+}
+
+#[test]
 fn what_cannot_be_measured_is_refused() {
     for arguments in [
         ["executor", "--cycles", "0"],

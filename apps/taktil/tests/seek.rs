@@ -92,6 +92,7 @@ fn every_recorded_state_is_met_again_and_instants_may_come_in_any_order() {
         assert_eq!(found.truth.t.0, truth.t_ns);
         assert_eq!(found.state, truth.state_hash);
         assert_eq!(found.truth.pin.to_array(), truth.pin_m);
+        assert!(found.pin);
     }
     // Between two recorded states, and the last one.
     let between = seek(&log, &[2.000_1]).unwrap();
@@ -139,8 +140,11 @@ fn what_an_object_does_is_told() {
     assert_eq!(code, Some(0));
     assert!(text.contains(&format!("object      {:.3} N at", felt.normal_n)), "{text}");
     assert!(!text.contains("contact     none"), "{text}");
+    // There is no pin to be told of.
+    assert!(!text.contains("pin (mm)"), "{text}");
     let (_, text, _) = told(&folder, &bytes, &["--json"]);
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert!(json["pin_m"].is_null() && json["pin_yaw_rad"].is_null(), "{text}");
     assert_eq!(json["object"]["normal_n"], felt.normal_n);
     assert_eq!(json["object"]["slip_m_s"], felt.slip_m_s);
 }

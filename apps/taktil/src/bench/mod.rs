@@ -4,11 +4,13 @@
 
 pub mod chain;
 pub mod contact;
+mod fall;
 pub mod measure;
 pub mod readers;
 pub mod servo;
 pub mod sim;
 pub mod space;
+mod tables;
 pub mod touch;
 
 use std::process::ExitCode;

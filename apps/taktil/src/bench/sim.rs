@@ -31,6 +31,12 @@ pub struct Plan {
     /// File for time against error of the centroid (SVG); none without it
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// One JSON object instead of the tables
+    #[arg(long)]
+    pub json: bool,
+    /// Answer falls that are asked for on standard input, for a program that does the same
+    #[arg(long, hide = true)]
+    pub serve: bool,
 }
 
 /// Free fall of the arm that is timed and compared (s).
@@ -48,19 +54,32 @@ const SCAN_S: f64 = 5e-3;
 /// # Errors
 /// [`BadOption`] for a number of runs that cannot be used; a file that cannot be written.
 pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
+    if plan.serve {
+        super::fall::serve(std::io::stdin().lock())?;
+        return Ok(ExitCode::SUCCESS);
+    }
     if !(1..=1000).contains(&plan.rounds) {
         return Err(BadOption(format!("--rounds {}: give 1 to 1000", plan.rounds)).into());
     }
     if let Some(path) = &plan.out {
         writable("--out", path)?;
     }
-    out::line(format_args!("## Arm alone, {FALL_S} s of fall\n\n{}", arms(plan.rounds)?))?;
+    let arms = format!("## Arm alone, {FALL_S} s of fall\n\n{}", arms(plan.rounds)?);
     let rows = rolls(plan.rounds)?;
-    out::line(format_args!("## Pin rolled by a finger on rails, {LOAD_N} N\n\n{}", table(&rows)))?;
+    let rolled = format!("## Pin rolled by a finger on rails, {LOAD_N} N\n\n{}", table(&rows));
+    if plan.json {
+        let tables = super::tables::json(&format!("{arms}\n{rolled}"));
+        out::line(serde_json::json!({ "rounds": plan.rounds, "tables": tables }))?;
+    } else {
+        out::line(&arms)?;
+        out::line(&rolled)?;
+    }
     if let Some(path) = &plan.out {
         let figure = picture(&rows);
         std::fs::write(path, figure.file()).with_context(|| format!("{}", path.display()))?;
-        out::line(path.display())?;
+        if !plan.json {
+            out::line(path.display())?;
+        }
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -86,6 +105,10 @@ fn fall(
     let mut config = WorldConfig { substep_us, arm_every: 1, ..WorldConfig::default() };
     config.pin.present = false;
     (config.fidelity.arm, config.fidelity.integrator) = (arm, integrator);
+    if arm == ArmModel::Kinematic {
+        let [a, b, c, d, e, f] = config.arm.home_deg;
+        config.arm.course_deg = vec![[FALL_S, a + 10.0, b - 5.0, c + 5.0, d, e + 10.0, f - 10.0]];
+    }
     let period = Nanos::from_micros(period_us);
     let timing =
         Timing { control_period: period, actuation_delay: Nanos::ZERO, scan_period: period * 2 };
@@ -110,6 +133,7 @@ fn arms(rounds: u32) -> anyhow::Result<String> {
          |---|---|---|---|---|---|\n",
     );
     let cases = [
+        (ArmModel::Kinematic, Integrator::Auto, 2500.0, 2500),
         (ArmModel::Rigid, Integrator::Rk4, 2500.0, 2500),
         (ArmModel::Rigid, Integrator::Rk4, 1250.0, 2500),
         (ArmModel::Rigid, Integrator::Implicit, 2500.0, 2500),
@@ -124,6 +148,7 @@ fn arms(rounds: u32) -> anyhow::Result<String> {
     ];
     for (arm, integrator, step_us, period_us) in cases {
         let (method, finest_us) = match arm {
+            ArmModel::Kinematic => (Integrator::Auto, 250.0),
             ArmModel::Rigid => (Integrator::Rk4, 250.0),
             ArmModel::RigidMotors | ArmModel::Compliant => (Integrator::Implicit, 20.0),
         };
@@ -339,6 +364,6 @@ mod tests {
 
     #[test]
     fn nonsense_is_refused() {
-        assert!(run(&Plan { rounds: 0, out: None }).is_err());
+        assert!(run(&Plan { rounds: 0, out: None, json: false, serve: false }).is_err());
     }
 }

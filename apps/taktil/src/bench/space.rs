@@ -30,6 +30,9 @@ pub struct Plan {
     /// Folder for the images of a pin under each motion (SVG); none without it
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// One JSON object instead of the table
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// The layer of the thesis.
@@ -68,11 +71,16 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
     if let Some(out) = &plan.out {
         folder("--out", out)?;
     }
-    out::text(table(plan.rounds)?)?;
-    if let Some(folder) = &plan.out {
-        for path in pictures(folder)? {
-            out::line(path.display())?;
-        }
+    let table = table(plan.rounds)?;
+    if plan.json {
+        let tables = super::tables::json(&table);
+        out::line(serde_json::json!({ "rounds": plan.rounds, "tables": tables }))?;
+    } else {
+        out::text(table)?;
+    }
+    let pictures = plan.out.as_ref().map_or(Ok(Vec::new()), |folder| pictures(folder))?;
+    for path in pictures.iter().filter(|_| !plan.json) {
+        out::line(path.display())?;
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -24,16 +24,24 @@ fn mix(hash: u64, word: u64) -> u64 {
     (product as u64) ^ ((product >> 64) as u64).rotate_left(29) ^ word
 }
 
+/// Two words by one product; what stood before is kept beside it, whatever the words.
+fn mix_both(hash: u64, [a, b]: [u64; 2]) -> u64 {
+    let product = u128::from(hash ^ a) * u128::from(b ^ MIX_A);
+    let folded = (product as u64) ^ ((product >> 64) as u64);
+    hash.rotate_left(23).wrapping_mul(MIX_B) ^ folded ^ a.rotate_left(41)
+}
+
 fn bytes(mut hash: u64, body: &[u8]) -> u64 {
-    let mut words = body.chunks_exact(8);
-    for word in &mut words {
-        let mut bytes = [0; 8];
-        bytes.copy_from_slice(word);
-        hash = mix(hash, u64::from_le_bytes(bytes));
+    let (pairs, rest) = body.as_chunks::<16>();
+    for pair in pairs {
+        let both = u128::from_le_bytes(*pair);
+        hash = mix_both(hash, [both as u64, (both >> 64) as u64]);
     }
-    let mut rest = [0; 8];
-    rest[..words.remainder().len()].copy_from_slice(words.remainder());
-    mix(hash, u64::from_le_bytes(rest) ^ ((body.len() as u64) << 56))
+    let mut last = [0; 16];
+    last[..rest.len()].copy_from_slice(rest);
+    let both = u128::from_le_bytes(last);
+    hash = mix_both(hash, [both as u64, (both >> 64) as u64]);
+    mix(hash, body.len() as u64)
 }
 
 impl Digest {

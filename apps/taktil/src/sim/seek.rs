@@ -38,6 +38,8 @@ pub struct SeekArgs {
 pub struct Found {
     /// What happens there.
     pub truth: Truth,
+    /// There is a pin, and what the truth says of it means something.
+    pub pin: bool,
     /// Hash of the whole state.
     pub state: u64,
     /// Angles of the joints, however many (rad).
@@ -47,10 +49,10 @@ pub struct Found {
 }
 
 impl Found {
-    fn of(world: &World) -> Found {
+    fn of(world: &World, pin: bool) -> Found {
         let (q, qd) = world.joints();
         let (truth, state) = (world.truth(), world.state_hash());
-        Found { truth, state, q_rad: q.to_vec(), qd_rad_s: qd.to_vec() }
+        Found { truth, pin, state, q_rad: q.to_vec(), qd_rad_s: qd.to_vec() }
     }
 }
 
@@ -129,7 +131,7 @@ pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
                 // To the side, so that steps on the way stay as they were in the run.
                 let (mut other, _halves) = world.snapshot().revive();
                 other.advance(*t);
-                *slot = Some(Found::of(&other));
+                *slot = Some(Found::of(&other, scene.world.pin.present));
             }
         }
     };
@@ -213,23 +215,24 @@ fn commit(devices: &mut Devices, release: Nanos, word: Word) -> Result<(), Strin
 
 fn object(found: &Found) -> Value {
     let truth = &found.truth;
+    let pin = |v: glam::DVec3| found.pin.then_some(v.to_array());
     json!({
         "t_s": truth.t.as_secs_f64(),
         "state_hash": format!("{:016x}", found.state),
         "q_rad": found.q_rad,
         "qd_rad_s": found.qd_rad_s,
         "tool_m": truth.tool.to_array(),
-        "pin_m": truth.pin.to_array(),
-        "pin_axis": truth.pin_axis.to_array(),
-        "pin_velocity_m_s": truth.pin_velocity.to_array(),
-        "pin_roll_rad": truth.pin_roll_rad,
+        "pin_m": pin(truth.pin),
+        "pin_axis": pin(truth.pin_axis),
+        "pin_velocity_m_s": pin(truth.pin_velocity),
+        "pin_roll_rad": found.pin.then_some(truth.pin_roll_rad),
         "finger_normal_n": truth.finger_normal_n,
         "table_normal_n": truth.table_normal_n,
         "finger_tangential_n": [truth.finger_tangential_n.0, truth.finger_tangential_n.1],
         "tool_wrench_n_nm": truth.tool_wrench.as_slice(),
         "contact_x_tactels": truth.contact_x_tactels,
-        "pin_yaw_rad": truth.pin_yaw_rad,
-        "tilt_rad": truth.tilt_rad,
+        "pin_yaw_rad": found.pin.then_some(truth.pin_yaw_rad),
+        "tilt_rad": found.pin.then_some(truth.tilt_rad),
         "finger_slip_m_s": truth.finger_slip_m_s,
         "object": truth.object.map(|felt| json!({
             "normal_n": felt.normal_n,
@@ -250,11 +253,15 @@ fn sentences(found: &Found) -> String {
     let truth = &found.truth;
     let mm = |v: [f64; 3]| v.map(|x| format!("{:.3}", 1e3 * x)).join(", ");
     let mut text = format!(
-        "{} s, state {:016x}\n  tool (mm)   {}\n  pin (mm)    {}\n  q (deg)     {}\n",
+        "{} s, state {:016x}\n  tool (mm)   {}\n{}  q (deg)     {}\n",
         truth.t.as_secs_f64(),
         found.state,
         mm(truth.tool.to_array()),
-        mm(truth.pin.to_array()),
+        if found.pin {
+            format!("  pin (mm)    {}\n", mm(truth.pin.to_array()))
+        } else {
+            String::new()
+        },
         found.q_rad.iter().map(|q| format!("{:.3}", q.to_degrees())).collect::<Vec<_>>().join(", "),
     );
     text += &match truth.contact_x_tactels {

@@ -20,7 +20,6 @@ use anyhow::Context;
 use taktild::out;
 
 use super::space;
-use crate::plot::svg::Figure;
 use crate::run::folder;
 
 /// What to do.
@@ -32,6 +31,9 @@ pub struct Plan {
     /// Leave out the timing, whose figures differ from run to run
     #[arg(long)]
     no_timing: bool,
+    /// One JSON object instead of the tables
+    #[arg(long)]
+    json: bool,
 }
 
 /// Measures, prints, draws.
@@ -42,40 +44,39 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
     if let Some(out) = &plan.out {
         folder("--out", out)?;
     }
-    out::text(statements::table()?)?;
+    let mut text = statements::table()?;
     let ends = [block::ends(0.8)?, block::ends(25.4)?];
-    for ends in &ends {
-        out::text(block::statement(ends))?;
-    }
+    text.extend(ends.iter().map(block::statement));
     if !plan.no_timing {
-        out::text(format_args!("\n{}", work::table()?))?;
+        text += "\n";
+        text += &work::table()?;
     }
-    if let Some(folder) = &plan.out {
-        draw(folder, &ends)?;
+    if plan.json {
+        out::line(serde_json::json!({ "tables": super::tables::json(&text) }))?;
+    } else {
+        out::text(text)?;
+    }
+    let drawn = plan.out.as_ref().map_or(Ok(Vec::new()), |folder| draw(folder, &ends))?;
+    for path in drawn.iter().filter(|_| !plan.json) {
+        out::line(format_args!("wrote {}", path.display()))?;
     }
     Ok(ExitCode::SUCCESS)
 }
 
-/// Every figure of the thesis that shows numbers.
-fn draw(folder: &Path, ends: &[block::Ends; 2]) -> anyhow::Result<()> {
+/// Every figure of the thesis that shows numbers; where they are.
+fn draw(folder: &Path, ends: &[block::Ends; 2]) -> anyhow::Result<Vec<PathBuf>> {
     let mut figures = chapter3::all()?;
     figures.push(("fig-3-5-free-ends-thin.svg", block::figure(&ends[0])));
     figures.push(("fig-3-6-free-ends-thick.svg", block::figure(&ends[1])));
     for part in [chapter4::all()?, held::all()?, chapter5::all()?] {
         figures.extend(part);
     }
+    let mut drawn = Vec::new();
     for (name, picture) in figures {
-        write(folder, name, &picture)?;
+        let path = folder.join(name);
+        std::fs::write(&path, picture.file()).with_context(|| path.display().to_string())?;
+        drawn.push(path);
     }
-    for path in space::pictures(folder)? {
-        out::line(format_args!("wrote {}", path.display()))?;
-    }
-    Ok(())
-}
-
-fn write(folder: &Path, name: &str, picture: &Figure) -> anyhow::Result<()> {
-    let path = folder.join(name);
-    std::fs::write(&path, picture.file()).with_context(|| path.display().to_string())?;
-    out::line(format_args!("wrote {}", path.display()))?;
-    Ok(())
+    drawn.extend(space::pictures(folder)?);
+    Ok(drawn)
 }
