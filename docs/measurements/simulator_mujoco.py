@@ -1,12 +1,19 @@
-"""The same arm in MuJoCo: microseconds a step and error after 0.5 s of free fall.
+"""The same arm in MuJoCo and in Taktil, in turns: microseconds a step and error after 0.5 s of fall.
 
-usage: simulator_mujoco.py FOLDER_OF_FIXTURES   (tests/fixtures/kinematics)
+usage: simulator_mujoco.py FOLDER_OF_FIXTURES [TAKTIL] [SLICES]
+       (tests/fixtures/kinematics target/release/taktil 41)
 needs: pip install mujoco numpy
+
+Without TAKTIL only MuJoCo is timed. With it both step slice by slice in one run, so that what else
+the machine does falls on both; the ratio is the median over the pairs of neighbouring slices, for
+each of MuJoCo's methods against our cheapest that errs no more.
 
 Bodies, inertias and reflected rotors are those of `mechanics::dynamics` (distal Denavit-Hartenberg
 frames); no contact, no friction, no control. The reference is sim_passive.csv, exact to 1e-12 rad.
 """
 import csv
+import json
+import subprocess
 import sys
 import time
 
@@ -54,28 +61,83 @@ def model():
     )
 
 
-def main(folder):
+class Ours:
+    """Taktil's world of the arm alone, asked over a pipe; the time is that of its steps."""
+
+    def __init__(self, program, start, span):
+        command = [program, "bench", "sim", "--serve"]
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+        self.rest = " ".join(map(repr, [span, *map(float, start)]))
+
+    def fall(self, name, step):
+        print(name.lower(), step * 1e6, self.rest, file=self.process.stdin, flush=True)
+        answer = json.loads(self.process.stdout.readline())
+        return 1e-9 * answer["ns"], np.array(answer["q_rad"])
+
+    def end(self):
+        self.process.stdin.close()
+        self.process.wait()
+
+
+class Theirs:
+    def __init__(self, start, span):
+        self.start, self.span = start, span
+        self.model = mujoco.MjModel.from_xml_string(model())
+        self.data = mujoco.MjData(self.model)
+
+    def fall(self, name, step):
+        self.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{name}")
+        self.model.opt.timestep = step
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:], self.data.qvel[:] = self.start[1:7], self.start[7:13]
+        begin = time.perf_counter()
+        mujoco.mj_step(self.model, self.data, round(self.span / step))
+        return time.perf_counter() - begin, self.data.qpos.copy()
+
+
+THEIRS = [(name, step) for name in ("EULER", "IMPLICITFAST", "RK4") for step in (2.5e-3, 1e-3, 2.5e-4)]
+OURS = [("rk4", 2.5e-3), ("rk4", 1.25e-3), ("implicit", 2.5e-3), ("implicit", 1.25e-3)]
+
+
+def main(folder, program=None, slices="41"):
     with open(f"{folder}/sim_passive.csv", encoding="ascii") as file:
         rows = [[float(cell) for cell in row] for row in list(csv.reader(file))[1:]]
     start, end = np.array(rows[0]), np.array(rows[-1])
-    fall = mujoco.MjModel.from_xml_string(model())
-    data = mujoco.MjData(fall)
-    print("| integrator | step, us | error, rad | us a step | ms a simulated second |")
+    span = end[0] - start[0]
+    arms = {"MuJoCo": (Theirs(start, span), THEIRS)}
+    if program:
+        arms["Taktil"] = (Ours(program, start[1:7], span), OURS)
+    times, errors = {}, {}
+    for _ in range(int(slices)):
+        for who, (arm, methods) in arms.items():
+            for name, step in methods:
+                seconds, q = arm.fall(name, step)
+                times.setdefault((who, name, step), []).append(seconds)
+                errors[who, name, step] = np.abs(q - end[1:7]).max()
+    print("| who | integrator | step, us | error, rad | us a step | ms a simulated second |")
+    print("|---|---|---|---|---|---|")
+    for (who, name, step), seconds in times.items():
+        second = np.median(seconds) / span
+        error = errors[who, name, step]
+        print(f"| {who} | {name} | {step * 1e6:.0f} | {error:.1e} | {second * step * 1e6:.2f} | {second * 1e3:.2f} |")
+    if not program:
+        return
+    arms["Taktil"][0].end()
+    print("\n| MuJoCo | its error, rad | Taktil, no worse | its error, rad | times as fast |")
     print("|---|---|---|---|---|")
-    for name in ("EULER", "IMPLICITFAST", "RK4"):
-        for step in (2.5e-3, 1e-3, 2.5e-4):
-            fall.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{name}")
-            fall.opt.timestep = step
-            count = round((end[0] - start[0]) / step)
-            best = np.inf
-            for _ in range(20):
-                mujoco.mj_resetData(fall, data)
-                data.qpos[:], data.qvel[:] = start[1:7], start[7:13]
-                begin = time.perf_counter()
-                mujoco.mj_step(fall, data, count)
-                best = min(best, (time.perf_counter() - begin) / count)
-            error = np.abs(data.qpos - end[1:7]).max()
-            print(f"| {name} | {step * 1e6:.0f} | {error:.1e} | {best * 1e6:.2f} | {best / step * 1e3:.2f} |")
+    for key in [key for key in times if key[0] == "MuJoCo"]:
+        # Errors that agree in two digits are equal: both are those of the same method.
+        fit = [o for o in times if o[0] == "Taktil" and errors[o] <= 1.01 * errors[key]]
+        if not fit:
+            print(f"| {key[1]} {key[2] * 1e6:.0f} us | {errors[key]:.1e} | none | | |")
+            continue
+        best = min(fit, key=lambda o: np.median(times[o]))
+        ratio = np.median(np.array(times[key]) / np.array(times[best]))
+        print(
+            f"| {key[1]} {key[2] * 1e6:.0f} us | {errors[key]:.1e} "
+            f"| {best[1]} {best[2] * 1e6:.0f} us | {errors[best]:.1e} | {ratio:.2f} |"
+        )
 
 
-main(sys.argv[1])
+main(*sys.argv[1:])
