@@ -68,7 +68,7 @@ class Ours:
         command = [program, "bench", "sim", "--serve"]
         pipe = subprocess.PIPE
         self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
-        self.rest = " ".join(map(repr, [span, *map(float, start)]))
+        self.rest = " ".join(map(repr, map(float, [span, *start])))
 
     def fall(self, name, step):
         print(name.lower(), step * 1e6, self.rest, file=self.process.stdin, flush=True)
