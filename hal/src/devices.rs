@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::force_torque::ForceTorque;
 use crate::tactile::TactileArray;
 
-/// Seven halves; each may go to a thread of its own.
+/// Seven halves, and one that not every cell has; each may go to a thread of its own.
 pub struct Devices {
     /// Joint encoders.
     pub encoders: Box<dyn Encoders>,
@@ -20,6 +20,8 @@ pub struct Devices {
     pub analog_in: Box<dyn AnalogIn>,
     /// The tactile array on the fingertip.
     pub tactile: Box<dyn TactileArray>,
+    /// The tactile array on a second fingertip opposed to the first, where there is one.
+    pub tactile_opposed: Option<Box<dyn TactileArray>>,
     /// The wrist's force/torque sensor.
     pub force_torque: Box<dyn ForceTorque>,
     /// Power and emergency-stop lines.

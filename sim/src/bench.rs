@@ -15,18 +15,19 @@ use crate::carriage::{Carriage, Riding};
 use crate::chained::Chained;
 use crate::contact::{PAD_HALF_M, Patch, Reaction, Surface};
 use crate::devices::connect;
-use crate::electronics::{Array, Wrist};
+use crate::electronics::{Array, Tip, Wrist};
 use crate::faults::Faults;
 use crate::fidelity::{ArmModel, ContactModel, Integrator};
 use crate::finger::{Finger, Unheld};
 use crate::hand::Hand;
 use crate::index::Index;
 use crate::object::Objects;
+use crate::opposed::Opposed;
 use crate::pin::Pin;
 use crate::rolling::Rolling;
 use crate::rubber::Rubber;
-use crate::scene::{Invalid, PinConfig, Timing, WorldConfig, invalid};
-use crate::snapshot::{Delivery, Told};
+use crate::scene::{Invalid, PinConfig, RubberConfig, TactileConfig, Timing, WorldConfig, invalid};
+use crate::snapshot::{Feed, Told};
 use crate::spatial::Spatial;
 use crate::step::{Bench, Habit, Method, Work};
 use crate::table::Table;
@@ -126,19 +127,20 @@ fn assemble(
         None
     };
     let objects = Objects::new(config, &table, finger.pose().translation)?;
-    let array = match config.tactile.present {
-        true => Some(Box::new(Array::new(&config.tactile, timing, seed)?)),
-        false => None,
+    let opposed = config.opposed.present;
+    let array = |tactile: &TactileConfig, tip: Tip| {
+        let array = tactile.present.then(|| Array::new(tactile, timing, seed, tip));
+        array.transpose().map(|array| array.map(Box::new))
     };
-    let row = Nanos((1e3 * config.tactile.row_us).round() as i64);
-    let told = Told {
-        board,
-        tactile: (config.tactile.full_counts(), row),
-        delivery: Delivery::of(&config.tactile),
-        ..Told::default()
-    };
+    let arrays = [
+        array(&config.tactile, Tip::Finger)?,
+        if opposed { array(&config.opposed.tactile, Tip::Opposed)? } else { None },
+    ];
+    let feeds =
+        [Some(Feed::of(&config.tactile)), opposed.then(|| Feed::of(&config.opposed.tactile))];
+    let told = Told { board, feeds, ..Told::default() };
     let index = index(config, &finger)?;
-    let (ends, devices) = connect(timing.actuation_delay, board, index.is_some(), told.tactile);
+    let (ends, devices) = connect(timing.actuation_delay, board, index.is_some(), told.facts());
     let bench = Bench {
         method: method(config, &finger)?,
         finger,
@@ -156,12 +158,12 @@ fn assemble(
         timing: *timing,
         power_on: Nanos((1e9 * config.arm.power_on_s).round() as i64),
         bench,
-        array,
+        arrays,
         wrist: config.wrist.present.then(|| Wrist::new(&config.wrist, seed)),
         faults: Faults::new(&config.fault, seed),
         ends,
         next_control: Nanos::ZERO,
-        sequence: 0,
+        sequences: [0; 2],
         counts: [Counts(0); CHANNELS],
         index,
         gauges: [AdcCode(0); AXES],
@@ -217,34 +219,41 @@ fn put_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolling
     let c = &config.pin;
     let (radius_m, length_m) = (1e-3 * c.radius_mm, 1e-3 * c.length_mm);
     let rolling_m = 1e-3 * c.rolling_resistance_mm;
-    let model = config.fidelity.contact;
-    let rubber = &config.finger.rubber;
-    let mut on_finger = Rubber::new(rubber, c.radius_mm, "finger.rubber")?;
-    if model != ContactModel::Line {
-        on_finger = on_finger.traced(rubber, "finger.rubber")?;
-    }
-    let level = match model {
-        ContactModel::Layer3d => Some(Level::Fast),
-        ContactModel::Layer3dFine => Some(Level::Default),
-        ContactModel::Line | ContactModel::Layer2d => None,
-    };
-    let spatial = match level {
-        Some(level) => Some(Box::new(Spatial::new(rubber, radius_m, length_m, level)?)),
-        None => None,
-    };
-    let on_table = Rubber::blind(&config.table.rubber, c.radius_mm, "table.rubber")?;
     let (_, axes, surface) = table.at(0.0);
+    let (on_finger, spatial) = fingertip(config, &config.finger.rubber, "finger.rubber")?;
+    let tip = &config.opposed;
+    let (on_table, friction, carried_m, opposed) = if tip.present {
+        let (rubber, spatial) = fingertip(config, &tip.rubber, "opposed.rubber")?;
+        let opposed = Opposed::new(tip, finger, (&axes, &surface), spatial);
+        (rubber, tip.friction, length_m.min(2.0 * PAD_HALF_M), Some(Box::new(opposed)))
+    } else {
+        let rubber = Rubber::blind(&config.table.rubber, c.radius_mm, "table.rubber")?;
+        (rubber, config.table.friction, length_m, None)
+    };
     let weight_n = c.mass_kg * GRAVITY_M_S2 * surface.normal.z;
-    let sunk_m = on_table.penetration_m(weight_n / length_m);
+    let sunk_m = on_table.penetration_m(weight_n / carried_m);
     let centre = centre_above(c, finger, &surface, radius_m - sunk_m);
     let turned: DMat3 = axes * rotation_z(c.yaw_deg.to_radians());
     let pin = Pin::at_rest(centre, &turned, (radius_m, length_m), c.mass_kg);
+    if let Some(opposed) = &opposed {
+        let pose = opposed.pose(&axes, &surface);
+        let lever = pose.rotation.transpose() * (centre - pose.translation);
+        if lever.x.abs().max(lever.y.abs()) > PAD_HALF_M {
+            let what = format!(
+                "puts its middle {:.1} mm and {:.1} mm beside that of the pin, which would fall",
+                -1e3 * lever.x,
+                -1e3 * lever.y
+            );
+            return Err(invalid("opposed.x_mm", what, "put it under the pin: pin.x_mm, pin.y_mm"));
+        }
+    }
     let mut hand = Hand::new(&pin, &axes, &surface, c.steady_until_n);
     hand.holding = c.steadied;
     Ok(Rolling {
         pin,
         pad: Patch::new(on_finger, config.finger.friction, rolling_m),
-        bed: Patch::new(on_table, config.table.friction, rolling_m).along_pin(length_m),
+        bed: Patch::new(on_table, friction, rolling_m).along_pin(length_m),
+        opposed,
         hand,
         released: None,
         by_finger: Reaction::default(),
@@ -252,6 +261,26 @@ fn put_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolling
         across: 1.0,
         spatial,
     })
+}
+
+/// The rubber of a fingertip under the pin, as faithful as the scene asks for.
+fn fingertip(
+    config: &WorldConfig,
+    rubber: &RubberConfig,
+    place: &str,
+) -> Result<(Rubber, Option<Box<Spatial>>), Invalid> {
+    let (pin, model) = (&config.pin, config.fidelity.contact);
+    let mut layer = Rubber::new(rubber, pin.radius_mm, place)?;
+    if model != ContactModel::Line {
+        layer = layer.traced(rubber, place)?;
+    }
+    let level = match model {
+        ContactModel::Layer3d => Level::Fast,
+        ContactModel::Layer3dFine => Level::Default,
+        ContactModel::Line | ContactModel::Layer2d => return Ok((layer, None)),
+    };
+    let size_m = (1e-3 * pin.radius_mm, 1e-3 * pin.length_mm);
+    Ok((layer, Some(Box::new(Spatial::new(rubber, size_m, level, place)?))))
 }
 
 /// The point over the wanted x and y at a distance from the surface.

@@ -34,25 +34,27 @@ pub(crate) struct WorldEnds {
     pub(crate) currents: Sender<[AdcCode; CHANNELS]>,
     pub(crate) gauges: Sender<[AdcCode; AXES]>,
     pub(crate) lines: Sender<LinesIn>,
-    pub(crate) scans: Sender<Scan>,
+    /// Those of the finger and of the fingertip opposed to it.
+    pub(crate) scans: [Sender<Scan>; 2],
     pub(crate) codes: Receiver<[i32; CHANNELS]>,
     pub(crate) orders: Receiver<LinesOut>,
 }
 
 /// Makes all links. `codes` is the D/A's range, `index` whether the encoder board latches index
-/// pulses; of the tactile array the largest reading and the time from row to row are told.
+/// pulses; of the tactile arrays, the finger's and the one opposed to it, the largest reading and
+/// the time from row to row are told.
 pub(crate) fn connect(
     delay: Nanos,
     (joints, codes): (usize, (i32, i32)),
     index: bool,
-    (full_scale, row): (u16, Nanos),
+    tactile: [Option<(u16, Nanos)>; 2],
 ) -> (WorldEnds, taktil_hal::Devices) {
     let (counts_tx, counts_rx) = link(CAPACITY);
     let (marks_tx, marks_rx) = index.then(|| link(CAPACITY)).unzip();
     let (currents_tx, currents_rx) = link(CAPACITY);
     let (gauges_tx, gauges_rx) = link(CAPACITY);
     let (lines_tx, lines_rx) = link(CAPACITY);
-    let (scans_tx, scans_rx) = link(CAPACITY);
+    let ([tip_tx, opposed_tx], [tip_rx, opposed_rx]) = scan_links();
     let (codes_tx, codes_rx) = link(CAPACITY);
     let (orders_tx, orders_rx) = link(CAPACITY);
     let ends = WorldEnds {
@@ -61,7 +63,7 @@ pub(crate) fn connect(
         currents: currents_tx,
         gauges: gauges_tx,
         lines: lines_tx,
-        scans: scans_tx,
+        scans: [tip_tx, opposed_tx],
         codes: codes_rx,
         orders: orders_rx,
     };
@@ -80,7 +82,9 @@ pub(crate) fn connect(
             currents: Newest::new(currents_rx, "sim.analog_in"),
             joints,
         }),
-        tactile: Box::new(SimTactile { scans: scans_rx, full_scale, row }),
+        tactile: Box::new(SimTactile::new(tip_rx, tactile[0].unwrap_or_default())),
+        tactile_opposed: tactile[1]
+            .map(|facts| Box::new(SimTactile::new(opposed_rx, facts)) as Box<dyn TactileArray>),
         force_torque: Box::new(SimForceTorque(Newest::new(gauges_rx, "sim.force_torque"))),
         digital_in: Box::new(SimDigitalIn(Newest::new(lines_rx, "sim.digital_in"))),
         digital_out: Box::new(SimDigitalOut {
@@ -89,6 +93,12 @@ pub(crate) fn connect(
         }),
     };
     (ends, devices)
+}
+
+/// The links of both arrays, senders first.
+fn scan_links() -> ([Sender<Scan>; 2], [Receiver<Scan>; 2]) {
+    let ((tip_tx, tip_rx), (opposed_tx, opposed_rx)) = (link(CAPACITY), link(CAPACITY));
+    ([tip_tx, opposed_tx], [tip_rx, opposed_rx])
 }
 
 impl WorldEnds {
@@ -100,7 +110,7 @@ impl WorldEnds {
             currents: link(1).0,
             gauges: link(1).0,
             lines: link(1).0,
-            scans: link(1).0,
+            scans: [link(1).0, link(1).0],
             codes: link(1).1,
             orders: link(1).1,
         }
@@ -232,6 +242,12 @@ struct SimTactile {
     full_scale: u16,
     /// Time from one row's reading to the next one's.
     row: Nanos,
+}
+
+impl SimTactile {
+    fn new(scans: Receiver<Scan>, (full_scale, row): (u16, Nanos)) -> SimTactile {
+        SimTactile { scans, full_scale, row }
+    }
 }
 
 impl TactileArray for SimTactile {

@@ -15,6 +15,7 @@ struct Span {
     to: Nanos,
     joint: usize,
     share: f64,
+    opposed: bool,
 }
 
 /// All faults of a scene.
@@ -33,6 +34,7 @@ impl Faults {
             to: fault.for_s.map_or(Nanos::MAX, |for_s| instant(fault.at_s + for_s)),
             joint: fault.joint.map_or(usize::MAX, |joint| joint as usize - 1),
             share: fault.share.unwrap_or(1.0),
+            opposed: fault.opposed.unwrap_or(false),
         };
         Faults {
             spans: faults.iter().map(span).collect(),
@@ -55,11 +57,13 @@ impl Faults {
         self.holding(FaultKind::DeadEncoder, now).any(|span| span.joint == joint)
     }
 
-    /// Whether the frame that is complete now is lost; draws once for each fault that holds.
-    pub(crate) fn lose_frame(&mut self, now: Nanos) -> bool {
+    /// Whether the frame of the finger's array, or of the one opposed to it, that is complete now
+    /// is lost; draws once for each fault that holds.
+    pub(crate) fn lose_frame(&mut self, now: Nanos, opposed: bool) -> bool {
         let mut lost = false;
         for span in &self.spans {
-            if span.kind == FaultKind::DropFrames && span.from <= now && now < span.to {
+            let here = span.kind == FaultKind::DropFrames && span.opposed == opposed;
+            if here && span.from <= now && now < span.to {
                 lost |= span.share >= 1.0 || self.lost.uniform() <= span.share;
             }
         }

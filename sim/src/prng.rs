@@ -23,6 +23,10 @@ pub(crate) enum Stream {
     WristNoise = 3,
     /// Which frames are lost.
     LostFrames = 4,
+    /// Noise of the opposed fingertip's array.
+    OpposedNoise = 5,
+    /// Gains of its tactels.
+    OpposedGains = 6,
 }
 
 /// One subsystem's stream.

@@ -11,6 +11,7 @@ use crate::contact::{Bristles, Lean, Line, Patch, Reaction, Surface, Tangent};
 use crate::electronics::{add_drag, base_forces};
 use crate::hand::Hand;
 use crate::hash::Hash;
+use crate::opposed::Opposed;
 use crate::pin::Pin;
 use crate::spatial::{Spatial, lean_of};
 
@@ -20,6 +21,8 @@ pub(crate) struct Rolling {
     pub(crate) pin: Pin,
     pub(crate) pad: Patch,
     pub(crate) bed: Patch,
+    /// The fingertip in the table's place, whose rubber the bed is then.
+    pub(crate) opposed: Option<Box<Opposed>>,
     pub(crate) hand: Hand,
     pub(crate) released: Option<Nanos>,
     /// Latest forces of finger and table on the pin.
@@ -84,6 +87,10 @@ impl Rolling {
         match Line::between(&self.pin, axis, &around.table) {
             Some(line) if line.clear(self.pin.length_m) => self.by_table = self.bed.pass(&line),
             Some(line) => {
+                if let Some(opposed) = &mut self.opposed {
+                    let pad = opposed.under(&line, around);
+                    self.bed.slices.strips.lie_on_pad(&line, &pad, self.pin.length_m);
+                }
                 let (reaction, tangent) = self.bed.act(&line, bed, h);
                 self.by_table = reaction;
                 touching.table = Some((line, tangent));
@@ -104,30 +111,21 @@ impl Rolling {
         touching
     }
 
-    /// Normal force on each tactel (N) at the latest evaluation; solves the contact in three
-    /// dimensions where that is asked for and says whether it did.
+    /// Normal force on each tactel of the finger (N) at the latest evaluation; solves the contact
+    /// in three dimensions where that is asked for and says whether it did.
     pub(crate) fn image(&mut self, around: &Around) -> ([f64; MAX_TACTELS], bool) {
-        let plane = |this: &Rolling| (base_forces(&this.pad, this.across), false);
         let line = Line::between(&self.pin, self.pin.axis(), &around.finger);
-        let (Some(spatial), Some(line)) = (&mut self.spatial, line) else {
-            return plane(self);
-        };
-        if self.by_finger.normal_n <= 0.0 {
-            spatial.release();
-            self.pad.lean = Lean::NONE;
-            return plane(self);
-        }
-        let Some(solved) = spatial.solve(&line, &around.pad).filter(|s| s.force_n > 0.0) else {
-            self.pad.lean = Lean::NONE;
-            return plane(self);
-        };
-        self.pad.lean = lean_of(&self.pad, &solved);
-        let mut forces = spatial.forces_n();
-        // Viscous loads are spread as the elastic ones.
-        let scale = (self.by_finger.normal_n / solved.force_n).clamp(0.0, 2.0);
-        forces.iter_mut().for_each(|force| *force *= scale);
-        add_drag(&mut forces, &self.pad, self.across);
-        (forces, true)
+        let lie = (line.as_ref(), &around.pad, self.across);
+        seen(&mut self.pad, self.spatial.as_deref_mut(), lie, self.by_finger.normal_n)
+    }
+
+    /// The same of the opposed fingertip; nothing where there is none.
+    pub(crate) fn opposed_image(&mut self, around: &Around) -> ([f64; MAX_TACTELS], bool) {
+        let Some(opposed) = &mut self.opposed else { return ([0.0; MAX_TACTELS], false) };
+        let line = Line::between(&self.pin, self.pin.axis(), &around.table);
+        let pose = opposed.pose(&around.table_axes, &around.table);
+        let lie = (line.as_ref(), &pose, opposed.across);
+        seen(&mut self.bed, opposed.spatial.as_deref_mut(), lie, self.by_table.normal_n)
     }
 
     /// Everything that acts on the pin at the latest evaluation: force and moment about its centre.
@@ -172,7 +170,40 @@ impl Rolling {
         self.bed.digest(hash);
         if self.spatial.is_some() {
             hash.numbers(&[self.pad.lean.0, self.pad.lean.1]);
+            if self.opposed.is_some() {
+                hash.numbers(&[self.bed.lean.0, self.bed.lean.1]);
+            }
         }
         hash.word(u64::from(self.hand.holding));
     }
+}
+
+/// Normal force on each tactel of a pad (N) whose pin lies along `line`, under a load of
+/// `normal_n`, and whether it was solved in three dimensions. With the line come the sensor's frame
+/// and the cosine between its x and the rolling direction.
+fn seen(
+    pad: &mut Patch,
+    spatial: Option<&mut Spatial>,
+    (line, pose, across): (Option<&Line>, &Pose, f64),
+    normal_n: f64,
+) -> ([f64; MAX_TACTELS], bool) {
+    let (Some(spatial), Some(line)) = (spatial, line) else {
+        return (base_forces(pad, across), false);
+    };
+    if normal_n <= 0.0 {
+        spatial.release();
+        pad.lean = Lean::NONE;
+        return (base_forces(pad, across), false);
+    }
+    let Some(solved) = spatial.solve(line, pose).filter(|s| s.force_n > 0.0) else {
+        pad.lean = Lean::NONE;
+        return (base_forces(pad, across), false);
+    };
+    pad.lean = lean_of(pad, &solved);
+    let mut forces = spatial.forces_n();
+    // Viscous loads are spread as the elastic ones.
+    let scale = (normal_n / solved.force_n).clamp(0.0, 2.0);
+    forces.iter_mut().for_each(|force| *force *= scale);
+    add_drag(&mut forces, pad, across);
+    (forces, true)
 }

@@ -2,7 +2,7 @@
 //! of such instants with the words between them, in which one can seek. Refuses to know what a
 //! controller has taken of what it was told: a revived world tells the latest of it anew.
 
-use taktil_hal::link::Stamped;
+use taktil_hal::link::{Sender, Stamped};
 use taktil_hal::{AdcCode, CHANNELS, DacCode, Devices, Error, LinesIn, LinesOut, Nanos};
 
 use crate::devices::{Scan, WorldEnds, connect};
@@ -14,12 +14,26 @@ use crate::world::World;
 pub(crate) struct Told {
     /// Channels of the boards, and the D/A's range.
     pub(crate) board: (usize, (i32, i32)),
-    /// The tactile array's largest reading, and the time from row to row.
-    pub(crate) tactile: (u16, Nanos),
-    /// How its scans are handed over.
-    pub(crate) delivery: Delivery,
+    /// The scans of the finger's array, and of the one opposed to it where there is one.
+    pub(crate) feeds: [Option<Feed>; 2],
     /// Motor currents and lines, and when.
     pub(crate) control: Option<([AdcCode; CHANNELS], LinesIn, Nanos)>,
+}
+
+impl Told {
+    /// What each array says of itself.
+    pub(crate) fn facts(&self) -> [Option<(u16, Nanos)>; 2] {
+        [0, 1].map(|tip: usize| self.feeds[tip].as_ref().map(|feed| feed.facts))
+    }
+}
+
+/// What a tactile array says of itself, and the scans that it handed over.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Feed {
+    /// Its largest reading, and the time from row to row.
+    pub(crate) facts: (u16, Nanos),
+    /// How its scans are handed over.
+    pub(crate) delivery: Delivery,
     /// The newest scans, on their way or taken: what each carries, and when it is visible.
     pub(crate) scans: [Option<(Scan, Nanos, Nanos)>; SCANS],
 }
@@ -48,12 +62,28 @@ impl Delivery {
     }
 }
 
-impl Told {
+impl Feed {
+    pub(crate) fn of(config: &TactileConfig) -> Feed {
+        let row = Nanos((1e3 * config.row_us).round() as i64);
+        let facts = (config.full_counts(), row);
+        Feed { facts, delivery: Delivery::of(config), ..Feed::default() }
+    }
+
     /// One more scan went out; one that was taken long ago is forgotten.
     pub(crate) fn scan(&mut self, scan: Scan, stamp: Nanos, visible: Nanos) {
         let kept = (self.delivery.late_scans as usize + 2).min(SCANS);
         self.scans[..kept].rotate_right(1);
         self.scans[0] = Some((scan, stamp, visible));
+    }
+
+    /// Hands over, at `now`, of those that were visible the newest, and all that were not yet.
+    fn tell(&self, to: &mut Sender<Scan>, now: Nanos) {
+        let known = |scan: &(Scan, Nanos, Nanos)| scan.2 <= now;
+        let first = self.scans.iter().flatten().position(known);
+        let begun = first.map_or(SCANS, |first| first + 1);
+        for (scan, stamp, visible) in self.scans[..begun].iter().rev().flatten() {
+            let _ = to.send(*scan, *stamp, *visible);
+        }
     }
 }
 
@@ -74,12 +104,12 @@ impl World {
             timing: self.timing,
             power_on: self.power_on,
             bench: self.bench.clone(),
-            array: self.array.clone(),
+            arrays: self.arrays.clone(),
             wrist: self.wrist.clone(),
             faults: self.faults.clone(),
             ends,
             next_control: self.next_control,
-            sequence: self.sequence,
+            sequences: self.sequences,
             counts: self.counts,
             index: self.index,
             gauges: self.gauges,
@@ -115,7 +145,7 @@ impl Snapshot {
         let told = &self.world.told;
         let delay = self.world.timing.actuation_delay;
         let (mut ends, mut devices) =
-            connect(delay, told.board, self.world.index.is_some(), told.tactile);
+            connect(delay, told.board, self.world.index.is_some(), told.facts());
         if let Some((currents, lines, at)) = told.control {
             WorldEnds::tell(&mut ends.counts, self.world.counts, at);
             if let (Some(marks), Some(index)) = (&mut ends.marks, &self.world.index) {
@@ -127,13 +157,10 @@ impl Snapshot {
                 WorldEnds::tell(&mut ends.gauges, self.world.gauges, at);
             }
         }
-        // Of those that were visible the newest, and all that were not yet.
-        let now = self.world.t;
-        let known = |scan: &(Scan, Nanos, Nanos)| scan.2 <= now;
-        let first = told.scans.iter().flatten().position(known);
-        let begun = first.map_or(SCANS, |first| first + 1);
-        for (scan, stamp, visible) in told.scans[..begun].iter().rev().flatten() {
-            let _ = ends.scans.send(*scan, *stamp, *visible);
+        for (to, feed) in ends.scans.iter_mut().zip(&told.feeds) {
+            if let Some(feed) = feed {
+                feed.tell(to, self.world.t);
+            }
         }
         // As they were when they were written: the devices' ranges let them pass then.
         for word in &self.codes {

@@ -79,14 +79,15 @@ impl Lie {
 }
 
 impl Spatial {
-    /// Tabulates layer, pin and array; allocates and takes its time.
+    /// Tabulates layer, pin (radius and length) and array; allocates and takes its time. `place` is
+    /// the rubber's in the scene.
     pub(crate) fn new(
         config: &RubberConfig,
-        radius_m: f64,
-        length_m: f64,
+        (radius_m, length_m): (f64, f64),
         level: Level,
+        place: &str,
     ) -> Result<Spatial, Invalid> {
-        let located = rubber::located("finger.rubber");
+        let located = rubber::located(place);
         let layer = rubber::layer(config).map_err(&located)?;
         let profile = Profile::Cylinder { radius_mm: 1e3 * radius_m };
         let deepest_mm = (DEEPEST * config.thickness_mm).min(200.0 * radius_m);

@@ -8,7 +8,7 @@ use taktil_mechanics::{Joints, Pose};
 use crate::contact::{PITCH_M, Patch, Reaction, SLICES};
 use crate::object::Objects;
 use crate::pin::Pin;
-use crate::rolling::Around;
+use crate::rolling::{Around, Rolling};
 use crate::table::TablePose;
 
 /// One instant of the bench; base frame unless stated. Contact values are those of the latest
@@ -71,6 +71,8 @@ pub struct Truth {
     pub in_contact: bool,
     /// The object that presses most, or the scene's first; none without objects.
     pub object: Option<Felt>,
+    /// The fingertip opposed to the finger; none where there is none.
+    pub opposed: Option<Opposite>,
     /// A slice is pressed deeper than the theory of small strain covers.
     pub beyond_small_strain: bool,
     /// The table's coordinates.
@@ -121,6 +123,39 @@ impl Felt {
             along_m: lie.along_m,
             tilt_rad: lie.tilt_rad.into(),
             slip_m_s: object.slip_m_s,
+        })
+    }
+}
+
+/// The fingertip opposed to the finger, and the pin as its sensor has it. Its normal and tangential
+/// forces, slip and creep are those of the table, in whose place it stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Opposite {
+    /// Middle of its face (m, base frame).
+    pub face: DVec3,
+    /// Its x axis.
+    pub face_x: DVec3,
+    /// Its z axis, out of its face.
+    pub face_z: DVec3,
+    /// As [`Truth::contact_x_tactels`], of this sensor.
+    pub contact_x_tactels: Option<f64>,
+    /// As [`Truth::pin_yaw_rad`].
+    pub pin_yaw_rad: f64,
+    /// As [`Truth::tilt_rad`].
+    pub tilt_rad: f64,
+}
+
+impl Opposite {
+    pub(crate) fn of(rolling: &Rolling, around: &Around) -> Option<Opposite> {
+        let pose = rolling.opposed.as_ref()?.pose(&around.table_axes, &around.table);
+        let (pin_yaw_rad, tilt_rad) = yaw_and_tilt(&rolling.pin, &pose);
+        Some(Opposite {
+            face: pose.translation,
+            face_x: pose.rotation.x_axis,
+            face_z: pose.rotation.z_axis,
+            contact_x_tactels: contact_x_tactels(&rolling.bed),
+            pin_yaw_rad,
+            tilt_rad,
         })
     }
 }

@@ -23,7 +23,7 @@ use crate::pin::Pin;
 use crate::scene::{FaultKind, Timing};
 use crate::snapshot::Told;
 use crate::step::{Bench, Work};
-use crate::truth::{Felt, Truth, contact_x_tactels, creepage, yaw_and_tilt};
+use crate::truth::{Felt, Opposite, Truth, contact_x_tactels, creepage, yaw_and_tilt};
 
 /// Everything that stands on the bench. Built by [`build`](crate::build).
 #[derive(Debug)]
@@ -32,12 +32,14 @@ pub struct World {
     pub(crate) timing: Timing,
     pub(crate) power_on: Nanos,
     pub(crate) bench: Bench,
-    pub(crate) array: Option<Box<Array>>,
+    /// The finger's array, and that of the fingertip opposed to it.
+    pub(crate) arrays: [Option<Box<Array>>; 2],
     pub(crate) wrist: Option<Wrist>,
     pub(crate) faults: Faults,
     pub(crate) ends: WorldEnds,
     pub(crate) next_control: Nanos,
-    pub(crate) sequence: u32,
+    /// Numbers of their next scans.
+    pub(crate) sequences: [u32; 2],
     /// What encoders and gauges read last.
     pub(crate) counts: [Counts; CHANNELS],
     pub(crate) index: Option<Index>,
@@ -102,7 +104,7 @@ impl World {
             + ends.currents.dropped()
             + ends.gauges.dropped()
             + ends.lines.dropped()
-            + ends.scans.dropped()
+            + ends.scans.iter().map(|scans| scans.dropped()).sum::<u64>()
     }
 
     /// Takes every word that acts by now, then sees to the watchdogs and the drives.
@@ -151,7 +153,8 @@ impl World {
     fn next_event(&self) -> Nanos {
         let events = [
             Some(self.next_control),
-            self.array.as_ref().map(|array| array.next()),
+            self.arrays[0].as_ref().map(|array| array.next()),
+            self.arrays[1].as_ref().map(|array| array.next()),
             self.faults.next(self.t),
             Some(self.power_on),
             Some(self.last_word + LONGEST_SILENCE),
@@ -166,8 +169,9 @@ impl World {
     /// Samples whatever is due now.
     pub(crate) fn latch(&mut self) {
         let control = self.t >= self.next_control;
-        let scan = self.array.as_ref().is_some_and(|array| self.t >= array.next());
-        if !control && !scan {
+        let due = |array: &Option<Box<Array>>| array.as_ref().is_some_and(|a| self.t >= a.next());
+        let scans = [due(&self.arrays[0]), due(&self.arrays[1])];
+        if !control && scans == [false; 2] {
             return;
         }
         self.bench.feel(self.t.as_secs_f64());
@@ -175,8 +179,10 @@ impl World {
             self.latch_control();
             self.next_control += self.timing.control_period;
         }
-        if scan {
-            self.latch_scan();
+        for (tip, due) in scans.into_iter().enumerate() {
+            if due {
+                self.latch_scan(tip);
+            }
         }
     }
 
@@ -221,18 +227,20 @@ impl World {
     }
 
     /// Reads the rows of tactels that are due; a scan that is whole goes out, unless it is lost.
-    fn latch_scan(&mut self) {
-        let Some(array) = &mut self.array else { return };
-        let forces = self.bench.image(self.t.as_secs_f64());
+    fn latch_scan(&mut self, tip: usize) {
+        let Some(array) = &mut self.arrays[tip] else { return };
+        let t_s = self.t.as_secs_f64();
+        let opposed = tip > 0;
+        let forces = if opposed { self.bench.opposed_image(t_s) } else { self.bench.image(t_s) };
         let Some(values) = array.read(self.t, &forces) else { return };
         self.bench.work.scans += 1;
-        let scan = Scan { sequence: self.sequence, values };
-        self.sequence = self.sequence.wrapping_add(1);
-        if !self.faults.lose_frame(self.t) {
-            let period = self.timing.scan_period;
-            let (stamp, visible) = self.told.delivery.instants(self.t, period);
-            self.told.scan(scan, stamp, visible);
-            let _ = self.ends.scans.send(scan, stamp, visible);
+        let scan = Scan { sequence: self.sequences[tip], values };
+        self.sequences[tip] = self.sequences[tip].wrapping_add(1);
+        let Some(feed) = &mut self.told.feeds[tip] else { return };
+        if !self.faults.lose_frame(self.t, opposed) {
+            let (stamp, visible) = feed.delivery.instants(self.t, self.timing.scan_period);
+            feed.scan(scan, stamp, visible);
+            let _ = self.ends.scans[tip].send(scan, stamp, visible);
         }
     }
 
@@ -297,6 +305,7 @@ impl World {
             table_creep_m_s: bed.creep_m_s,
             creepage: creepage(&finger, &bed),
             in_contact: finger.normal_n + on_objects_n > 0.0,
+            opposed: rolling.and_then(|r| Opposite::of(r, &around())),
             object: objects.and_then(|objects| Felt::of(objects, &around())),
             beyond_small_strain: rolling.is_some_and(|r| deep(&r.pad) || deep(&r.bed))
                 || objects.is_some_and(|objects| objects.beyond_small_strain()),
@@ -355,8 +364,8 @@ impl World {
         }
         hash.word(self.last_word.0.cast_unsigned());
         hash.word(self.last_feed.0.cast_unsigned());
-        hash.word(u64::from(self.sequence));
-        if let Some(array) = &self.array {
+        hash.word(u64::from(self.sequences[0]));
+        if let Some(array) = &self.arrays[0] {
             array.digest(&mut hash);
         }
         if let Some(wrist) = &self.wrist {
@@ -365,6 +374,10 @@ impl World {
         self.faults.digest(&mut hash);
         if let Some(index) = &self.index {
             index.digest(&mut hash);
+        }
+        if let Some(array) = &self.arrays[1] {
+            hash.word(u64::from(self.sequences[1]));
+            array.digest(&mut hash);
         }
         hash.value()
     }

@@ -23,10 +23,14 @@ fn lines(enable: bool, brake_release: bool, watchdog_feed: bool) -> LinesOut {
 
 #[test]
 fn all_halves_keep_the_promises() {
-    let (mut world, mut devices) = bench();
-    let found =
-        check_devices(&mut devices, &mut Bench::new(Nanos::ZERO, PERIOD, |t| world.advance(t)));
-    assert_eq!(found, []);
+    let mut opposed = WorldConfig::default();
+    opposed.opposed.present = true;
+    for config in [WorldConfig::default(), opposed] {
+        let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
+        assert_eq!(devices.tactile_opposed.is_some(), config.opposed.present);
+        let mut bench = Bench::new(Nanos::ZERO, PERIOD, |t| world.advance(t));
+        assert_eq!(check_devices(&mut devices, &mut bench), []);
+    }
 }
 
 #[test]

@@ -25,8 +25,8 @@ fn word(tick: i64) -> Written {
     Written { release: PERIOD * tick, codes, lines }
 }
 
-/// What is seen of a world after a tick: its state, and the frame that the controller gets.
-type Seen = (u64, Option<[u16; MAX_TACTELS]>, [i32; CHANNELS]);
+/// What is seen of a world after a tick: its state, and the frames that the controller gets.
+type Seen = (u64, [Option<[u16; MAX_TACTELS]>; 2], [i32; CHANNELS]);
 
 fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) -> Vec<Seen> {
     let mut frame = TactileFrame::empty();
@@ -34,10 +34,13 @@ fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) ->
         .map(|tick| {
             word(tick).commit(devices).unwrap();
             world.advance(PERIOD * (tick + 1));
-            let arrival = devices.tactile.sample(world.now(), &mut frame);
-            let scan = matches!(arrival, Ok(Arrival::New)).then_some(frame.values);
+            let arrays = [Some(&mut devices.tactile), devices.tactile_opposed.as_mut()];
+            let scans = arrays.map(|array| {
+                let arrival = array?.sample(world.now(), &mut frame);
+                matches!(arrival, Ok(Arrival::New)).then_some(frame.values)
+            });
             let counts = devices.encoders.sample(world.now()).unwrap().value.map(|count| count.0);
-            (world.state_hash(), scan, counts)
+            (world.state_hash(), scans, counts)
         })
         .collect()
 }
@@ -55,6 +58,10 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
     late.tactile.late_scans = 3;
     let mut hidden = late.clone();
     hidden.tactile.stamp = Stamp::Delivered;
+    let mut opposed = plain();
+    opposed.opposed.present = true;
+    opposed.opposed.tactile.electronics = Electronics::Memory;
+    opposed.opposed.tactile.row_us = 100.0;
     let mut faulty = plain();
     let fault = |kind, at_s, for_s, share| Fault {
         kind,
@@ -62,6 +69,7 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
         for_s: Some(for_s),
         joint: (kind == FaultKind::DeadEncoder).then_some(2),
         share,
+        opposed: None,
     };
     faulty.fault = vec![
         fault(FaultKind::DropFrames, 0.1, 2.0, Some(0.5)),
@@ -95,6 +103,7 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
         ("springy", springy),
         ("layer-3d", solved),
         ("sensors", sensors),
+        ("opposed", opposed),
         ("faults", faulty),
         ("table", moving),
         ("euler", explicit),
@@ -125,6 +134,8 @@ fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
                 if *tick > 0 {
                     let mut frame = TactileFrame::empty();
                     let _ = halves.tactile.sample(again.now(), &mut frame);
+                    let opposed = halves.tactile_opposed.as_mut();
+                    let _ = opposed.map(|array| array.sample(again.now(), &mut frame));
                 }
                 let rest = go(&mut again, &mut halves, *tick..END);
                 assert!(rest == told[*tick as usize..], "{name}: another way after tick {tick}");

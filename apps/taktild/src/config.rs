@@ -36,6 +36,8 @@ pub struct MachineConfig {
     pub trajectory: Option<taktil_tasks_trajectory::Config>,
     /// Tactile frames to images.
     pub tactile_scan: Option<taktil_tasks_tactile_scan::Config>,
+    /// The same of the opposed fingertip's array, for `opposed_scan`.
+    pub opposed_scan: Option<taktil_tasks_tactile_scan::Config>,
     /// Gauges of the wrist to a wrench.
     pub wrist_scan: Option<taktil_tasks_wrist_scan::Config>,
     /// Motion by touch.
@@ -315,6 +317,7 @@ impl MachineConfig {
             jog: over.jog.or(self.jog),
             trajectory: over.trajectory.or(self.trajectory),
             tactile_scan: over.tactile_scan.or(self.tactile_scan),
+            opposed_scan: over.opposed_scan.or(self.opposed_scan),
             wrist_scan: over.wrist_scan.or(self.wrist_scan),
             tactile_servo: over.tactile_servo.or(self.tactile_servo),
             supervisor: over.supervisor.or(self.supervisor),

@@ -30,6 +30,8 @@ pub mod name {
     pub const ANALOG_IN: &str = "hal.analog_in";
     /// Tactile frames.
     pub const TACTILE: &str = "hal.tactile";
+    /// Frames of the array on the opposed fingertip.
+    pub const TACTILE_OPPOSED: &str = "hal.tactile_opposed";
     /// Gauges of the force/torque sensor.
     pub const FORCE_TORQUE: &str = "hal.force_torque";
     /// Input lines.
@@ -71,6 +73,12 @@ pub fn analog_in(half: Box<dyn AnalogIn>, ports: &mut Ports) -> Box<dyn AnalogIn
 #[must_use]
 pub fn tactile(half: Box<dyn TactileArray>, ports: &mut Ports) -> Box<dyn TactileArray> {
     Box::new(taped::<_, TactileEntry>(half, name::TACTILE, ports))
+}
+
+/// The array on the opposed fingertip on tape.
+#[must_use]
+pub fn tactile_opposed(half: Box<dyn TactileArray>, ports: &mut Ports) -> Box<dyn TactileArray> {
+    Box::new(taped::<_, TactileEntry>(half, name::TACTILE_OPPOSED, ports))
 }
 
 /// A force/torque sensor on tape.

@@ -31,6 +31,7 @@ struct Shelf {
     encoders: Option<Box<dyn Encoders>>,
     analog_out: Option<Box<dyn AnalogOut>>,
     tactile: Option<Box<dyn TactileArray>>,
+    tactile_opposed: Option<Box<dyn TactileArray>>,
     digital_in: Option<Box<dyn DigitalIn>>,
     digital_out: Option<Box<dyn DigitalOut>>,
     force_torque: Option<Box<dyn ForceTorque>>,
@@ -56,10 +57,12 @@ pub fn assemble(
     devices: Devices,
     operator: MakeOperator<'_>,
 ) -> Result<Builder, Invalid> {
+    let opposed = devices.tactile_opposed.is_some();
     let mut shelf = Shelf {
         encoders: Some(devices.encoders),
         analog_out: Some(devices.analog_out),
         tactile: Some(devices.tactile),
+        tactile_opposed: devices.tactile_opposed,
         digital_in: Some(devices.digital_in),
         digital_out: Some(devices.digital_out),
         force_torque: Some(devices.force_torque),
@@ -94,7 +97,7 @@ pub fn assemble(
                     let what = "only the PUMA 260 moves by touch";
                     return Err(Invalid::new("", what, format!("leave `{TOUCH}` out")));
                 }
-                let parts = Parts { config: &config, touch, shelf: &mut shelf };
+                let parts = Parts { config: &config, touch, opposed, shelf: &mut shelf };
                 with!(robot, robot => make(task, parts, robot, &mut operator, ports))
             };
             builder.task(id, task, make).map_err(|invalid| {
@@ -110,7 +113,7 @@ pub fn assemble(
 }
 
 /// The names that a lane's `tasks` may hold.
-pub const TASKS: [&str; 11] = [
+pub const TASKS: [&str; 12] = [
     "operator",
     "sense",
     "supervisor",
@@ -121,6 +124,7 @@ pub const TASKS: [&str; 11] = [
     "joint_servo",
     "actuate",
     "tactile_scan",
+    "opposed_scan",
     "wrist_scan",
 ];
 
@@ -131,12 +135,14 @@ const TOUCH: &str = "tactile_servo";
 struct Parts<'a> {
     config: &'a MachineConfig,
     touch: bool,
+    /// Whether the devices have a second array.
+    opposed: bool,
     shelf: &'a mut Shelf,
 }
 
 fn make<const N: usize, A: Arm<N>>(
     task: &str,
-    Parts { config, touch, shelf }: Parts<'_>,
+    Parts { config, touch, opposed, shelf }: Parts<'_>,
     robot: &Robot<N, A>,
     operator: &mut Option<MakeOperator<'_>>,
     ports: &mut Ports,
@@ -159,6 +165,16 @@ fn make<const N: usize, A: Arm<N>>(
         "tactile_scan" => {
             let array = tape::tactile(taken(&mut shelf.tactile, task)?, ports);
             TactileScan::new(config.tactile_scan.clone().unwrap_or_default(), array, ports)
+                .map(boxed)
+        }
+        "opposed_scan" => {
+            if !opposed {
+                let what = "this robot has no second fingertip, whose array this task reads";
+                let remedy = "leave `opposed_scan` out; a scene gives one by world.opposed.present";
+                return Err(Invalid::new("", what, remedy));
+            }
+            let array = tape::tactile_opposed(taken(&mut shelf.tactile_opposed, task)?, ports);
+            TactileScan::new(config.opposed_scan.clone().unwrap_or_default(), array, ports)
                 .map(boxed)
         }
         "wrist_scan" => {

@@ -83,6 +83,7 @@ impl Board {
             analog_out: Box::new(RegisterAnalogOut::new(shared(), config)),
             analog_in: Box::new(RegisterAnalogIn::new(shared(), config)),
             tactile: Box::new(RegisterTactile::new(shared(), config)),
+            tactile_opposed: None,
             force_torque: Box::new(RegisterForceTorque::new(shared(), config)),
             digital_in: Box::new(RegisterDigitalIn::new(shared(), config)),
             digital_out: Box::new(RegisterDigitalOut::new(shared(), config)),

@@ -56,12 +56,16 @@ pub(super) fn check_together(devices: &mut Devices, bench: &mut Bench<'_>) -> Ve
     let mut force = Watch::<[AdcCode; AXES]>::default();
     let mut lines = Watch::<LinesIn>::default();
     let mut tactile = TactileWatch::default();
+    let mut opposed = devices.tactile_opposed.is_some().then(TactileWatch::default);
     watch_cycles(bench, |release| {
         encoders.cycle(devices.encoders.as_mut(), release);
         analog.cycle(devices.analog_in.as_mut(), release);
         force.cycle(release, |at| devices.force_torque.sample(at));
         lines.cycle(release, |at| devices.digital_in.sample(at));
         tactile.cycle(devices.tactile.as_mut(), release);
+        if let (Some(watch), Some(array)) = (&mut opposed, &mut devices.tactile_opposed) {
+            watch.cycle(array.as_mut(), release);
+        }
     });
     let halves = [
         ("encoders", encoders.0.finish()),
@@ -69,6 +73,7 @@ pub(super) fn check_together(devices: &mut Devices, bench: &mut Bench<'_>) -> Ve
         ("force_torque", force.finish()),
         ("digital_in", lines.finish()),
         ("tactile", tactile.finish()),
+        ("tactile_opposed", opposed.map(TactileWatch::finish).unwrap_or_default()),
     ];
     let named = |(half, found): (&str, Vec<Violation>)| {
         let half = half.to_owned();

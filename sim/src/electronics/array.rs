@@ -12,7 +12,27 @@ use super::response::Response;
 use crate::contact::SLICES;
 use crate::hash::Hash;
 use crate::prng::{Prng, Stream};
+use crate::scene::section::inside;
 use crate::scene::{Defect, DefectKind, Electronics, Invalid, TactileConfig, Timing, invalid};
+
+/// Which fingertip an array is on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Tip {
+    /// The one that the arm moves.
+    Finger,
+    /// The one on the table's mount.
+    Opposed,
+}
+
+impl Tip {
+    /// Its streams of noise and gains, and its section of the scene.
+    fn own(self) -> (Stream, Stream, &'static str) {
+        match self {
+            Tip::Finger => (Stream::TactileNoise, Stream::TactelGains, "tactile"),
+            Tip::Opposed => (Stream::OpposedNoise, Stream::OpposedGains, "opposed.tactile"),
+        }
+    }
+}
 
 /// The array, and the scan that is being made.
 #[derive(Clone, Debug)]
@@ -44,13 +64,15 @@ impl Array {
         config: &TactileConfig,
         timing: &Timing,
         seed: u64,
+        tip: Tip,
     ) -> Result<Array, Invalid> {
+        let (noise, gains, place) = tip.own();
         let row = Nanos((1e3 * config.row_us).round() as i64);
         if row * SLICES as i64 > timing.scan_period {
             let what = format!("is {}: sixteen rows do not fit a scan", config.row_us);
             let most = timing.scan_period.0 as f64 / (1e3 * SLICES as f64);
             let remedy = format!("give at most {most:.1}, or scan less often");
-            return Err(invalid("tactile.row_us", what, &remedy));
+            return Err(invalid(&inside(place, "row_us"), what, &remedy));
         }
         let full_scale = config.full_counts();
         let network = (config.electronics >= Electronics::Network)
@@ -62,10 +84,10 @@ impl Array {
             rest: config.rest_counts,
             noise: config.noise_counts,
             full_scale,
-            response: Response::new(config, seed),
+            response: Response::new(config, seed, gains),
             network,
             defects: config.defect.clone(),
-            prng: Prng::new(seed, Stream::TactileNoise),
+            prng: Prng::new(seed, noise),
             row,
             period: timing.scan_period,
             complete_at: Nanos::ZERO,
@@ -173,7 +195,7 @@ mod tests {
     fn array(edit: impl FnOnce(&mut TactileConfig)) -> Array {
         let mut config = TactileConfig { noise_counts: 0.0, ..TactileConfig::default() };
         edit(&mut config);
-        Array::new(&config, &Timing::default(), 1).unwrap()
+        Array::new(&config, &Timing::default(), 1, Tip::Finger).unwrap()
     }
 
     fn scan(array: &mut Array, forces: &[f64; MAX_TACTELS]) -> [u16; MAX_TACTELS] {
@@ -244,7 +266,11 @@ mod tests {
         assert_eq!(instants.len(), 16);
         assert!(instants.windows(2).all(|pair| pair[1] - pair[0] == 100_000));
         let long = TactileConfig { row_us: 313.0, ..TactileConfig::default() };
-        let bad = Array::new(&long, &Timing::default(), 1).unwrap_err();
-        assert!(bad.place == "tactile.row_us" && bad.remedy.contains("312.5"), "{bad}");
+        for (tip, place) in
+            [(Tip::Finger, "tactile.row_us"), (Tip::Opposed, "opposed.tactile.row_us")]
+        {
+            let bad = Array::new(&long, &Timing::default(), 1, tip).unwrap_err();
+            assert!(bad.place == place && bad.remedy.contains("312.5"), "{bad}");
+        }
     }
 }

@@ -7,7 +7,7 @@ mod network;
 mod response;
 mod wrist;
 
-pub(crate) use array::Array;
+pub(crate) use array::{Array, Tip};
 pub use response::tactel_gains;
 pub(crate) use wrist::Wrist;
 pub use wrist::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM};

@@ -19,10 +19,13 @@ const FASTEST_S: f64 = 0.5;
 /// Gains lie within this factor of one another at most.
 const GAIN_MIN: f64 = 0.2;
 
-/// The gain of each tactel, row by row, as a seed draws it.
+/// The gain of each tactel of the finger's array, row by row, as a seed draws it.
 #[must_use]
 pub fn tactel_gains(config: &TactileConfig, seed: u64) -> Vec<f64> {
-    let mut prng = Prng::new(seed, Stream::TactelGains);
+    gains(config, Prng::new(seed, Stream::TactelGains))
+}
+
+fn gains(config: &TactileConfig, mut prng: Prng) -> Vec<f64> {
     let gain = |_| (1.0 + config.gain_spread * prng.normal()).max(GAIN_MIN);
     (0..MAX_TACTELS).map(gain).collect()
 }
@@ -48,7 +51,7 @@ struct Memory {
 
 impl Response {
     /// None for an ideal array.
-    pub(crate) fn new(config: &TactileConfig, seed: u64) -> Option<Response> {
+    pub(crate) fn new(config: &TactileConfig, seed: u64, stream: Stream) -> Option<Response> {
         if config.electronics < Electronics::Response {
             return None;
         }
@@ -59,7 +62,7 @@ impl Response {
             elements: vec![[0.0; ELEMENTS]; MAX_TACTELS],
         });
         Some(Response {
-            gains: tactel_gains(config, seed),
+            gains: gains(config, Prng::new(seed, stream)),
             threshold: config.threshold_n / config.full_scale_n,
             exponent: config.exponent,
             memory,
@@ -129,7 +132,7 @@ mod tests {
             ..TactileConfig::default()
         };
         edit(&mut config);
-        Response::new(&config, 1).unwrap()
+        Response::new(&config, 1, Stream::TactelGains).unwrap()
     }
 
     #[test]

@@ -12,7 +12,7 @@ use taktil_mechanics::contact::space::Level;
 use taktil_mechanics::contact::space::tactels::Shares;
 use taktil_mechanics::{Joints, Pose};
 
-use super::{Lie, Meeting, Sums, layer_of, on_pad};
+use super::{Lie, Meeting, RUBBER, Sums, layer_of, on_pad};
 use crate::contact::{Lean, Line, PAD_HALF_M, PITCH_M, Surface};
 use crate::pin::Pin;
 use crate::rubber::Rubber;
@@ -146,7 +146,10 @@ impl Ridge {
         let spatial = match (level, curve) {
             (Some(level), Curve::Straight) => {
                 let length_m = 2.0 * half_m;
-                Some(Box::new(Spatial::new(rubber, 1e-3 * radius_mm, length_m, level)?))
+                {
+                    let size_m = (1e-3 * radius_mm, length_m);
+                    Some(Box::new(Spatial::new(rubber, size_m, level, RUBBER)?))
+                }
             }
             _ => None,
         };

@@ -38,6 +38,9 @@ section! {
         joint: Option<u32> [1.0, 6.0],
         /// Lost frames: the part of them that is lost, drawn from the seed. Default 1.
         share: Option<f64> [0.0, 1.0],
+        /// Lost frames: those of the opposed fingertip's array instead of the finger's. Default
+        /// false.
+        opposed: Option<bool>,
     }
 }
 
@@ -49,6 +52,7 @@ impl Agree for Fault {
         let foreign = [
             ("joint", self.joint.is_some(), FaultKind::DeadEncoder),
             ("share", self.share.is_some(), FaultKind::DropFrames),
+            ("opposed", self.opposed.is_some(), FaultKind::DropFrames),
         ];
         for (key, given, kind) in foreign {
             if given && self.kind != kind {

@@ -9,6 +9,7 @@ use taktil_hal::Nanos;
 mod arm;
 mod fault;
 mod object;
+mod opposed;
 mod rolling;
 pub mod section;
 mod table;
@@ -18,6 +19,7 @@ mod wrist;
 pub use arm::ArmConfig;
 pub use fault::{FAULTS_MAX, Fault, FaultKind};
 pub use object::{EdgeProfile, OBJECTS_MAX, ObjectConfig, ObjectKind};
+pub use opposed::OpposedConfig;
 pub use rolling::{FingerConfig, PinConfig, RubberConfig};
 pub use table::{Axis, Kind, MOTIONS_MAX, Motion, POINTS_MAX, STEP_S, TableConfig};
 pub use tactile::{Defect, DefectKind, Electronics, Stamp, TactileConfig};
@@ -97,6 +99,8 @@ section! {
         finger: FingerConfig,
         /// The pin that is rolled.
         pin: PinConfig,
+        /// A second fingertip under the pin, in the table's place.
+        opposed: OpposedConfig,
         /// Bodies fixed to the table that the finger may touch. Default none; at most 4.
         object: Vec<ObjectConfig>,
         /// The pan-tilt-slide table under it.
@@ -118,8 +122,29 @@ section! {
     }
 }
 
+/// Largest angle between a pin and the columns of an opposed fingertip at the start (deg).
+const ACROSS_DEG: f64 = 70.0;
+
 impl Agree for WorldConfig {
     fn agree(&self, _place: &str) -> Result<(), Invalid> {
+        let opposed = |fault: &Fault| fault.opposed == Some(true);
+        if let Some(i) = self.fault.iter().position(opposed).filter(|_| !self.opposed.present) {
+            let what = "is true, but there is no opposed fingertip".to_owned();
+            let remedy = "say opposed.present = true, or leave it out";
+            return Err(invalid(&format!("fault[{i}].opposed"), what, remedy));
+        }
+        if self.opposed.present && !self.pin.present {
+            let what = "is true, but there is no pin to roll".to_owned();
+            return Err(invalid("opposed.present", what, "say pin.present = true, or false here"));
+        }
+        let turned = self.opposed.yaw_deg - self.pin.yaw_deg;
+        let turned = turned - 180.0 * (turned / 180.0).round();
+        if self.opposed.present && turned.abs() > ACROSS_DEG {
+            let what =
+                format!("turns its rows {turned} deg away from the pin, which is to cross them");
+            let remedy = format!("stay within {ACROSS_DEG} deg of pin.yaw_deg");
+            return Err(invalid("opposed.yaw_deg", what, &remedy));
+        }
         if self.object.len() > OBJECTS_MAX {
             let what = format!("has {} objects", self.object.len());
             return Err(invalid("object", what, &format!("give at most {OBJECTS_MAX}")));
@@ -138,6 +163,7 @@ impl Default for WorldConfig {
             arm: ArmConfig::default(),
             finger: FingerConfig::default(),
             pin: PinConfig::default(),
+            opposed: OpposedConfig::default(),
             object: Vec::new(),
             table: TableConfig::default(),
             tactile: TactileConfig::default(),

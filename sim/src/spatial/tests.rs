@@ -65,7 +65,9 @@ fn pressed_pins_give_the_reference_images() {
                 relaxation_ms: 0.0,
             };
             let (pin, surface, pad) = over_pad(&case);
-            let mut spatial = Spatial::new(&rubber, pin.radius_m, pin.length_m, level).unwrap();
+            let mut spatial =
+                Spatial::new(&rubber, (pin.radius_m, pin.length_m), level, "finger.rubber")
+                    .unwrap();
             let line = Line::between(&pin, pin.axis(), &surface).unwrap();
             spatial.solve(&line, &pad).expect("inside the tables");
             let forces = spatial.forces_n();

@@ -171,6 +171,16 @@ impl Bench {
         forces
     }
 
+    /// Normal force on each tactel of the opposed fingertip (N).
+    pub(crate) fn opposed_image(&mut self, t_s: f64) -> [f64; MAX_TACTELS] {
+        let around = self.around(t_s);
+        let Some(rolling) = &mut self.rolling else { return [0.0; MAX_TACTELS] };
+        let (forces, solved) = rolling.opposed_image(&around);
+        self.work.images += 1;
+        self.work.solved += u64::from(solved);
+        forces
+    }
+
     /// Explicit in every force.
     fn euler(&mut self, now: Nanos, t_s: f64, h: f64) {
         self.work.steps += 1;

@@ -122,6 +122,7 @@ fn drawn(base: &Scene, number: u64) -> (Scene, String) {
             for_s: None,
             joint: None,
             share: Some(0.1),
+            opposed: None,
         };
         world.fault.push(lost);
         about += ", a tenth of the frames lost";

@@ -145,13 +145,56 @@ payload! {
     }
 }
 
-/// The task of the lane `world`; writes `truth`, and `object` where there are some.
+payload! {
+    /// The fingertip opposed to the finger, and the pin as its sensor has it: the signal
+    /// `world.opposed` of scenes that have one. See [`taktil_sim::Opposite`].
+    pub struct OpposedTruth {
+        /// The instant that the world has reached, ns.
+        pub t_ns: i64,
+        /// Middle of its face.
+        pub face_m: [f64; 3],
+        /// Its x axis.
+        pub face_x: [f64; 3],
+        /// Its z axis, out of its face.
+        pub face_z: [f64; 3],
+        /// Normal force between it and the pin.
+        pub normal_n: f64,
+        /// Place of the contact line on its sensor in column numbers; 0 without contact.
+        pub contact_x: f64,
+        /// Direction of the pin's axis on its sensor, 0 along y, positive from y towards -x.
+        pub pin_yaw_rad: f64,
+        /// Turn of this fingertip against the pin about its sensor's x axis.
+        pub pin_tilt_rad: f64,
+        /// Fastest sliding between it and the pin.
+        pub slip_m_s: f64,
+    }
+}
+
+impl OpposedTruth {
+    fn of(truth: &Truth) -> Option<OpposedTruth> {
+        let tip = truth.opposed?;
+        Some(OpposedTruth {
+            t_ns: truth.t.0,
+            face_m: tip.face.to_array(),
+            face_x: tip.face_x.to_array(),
+            face_z: tip.face_z.to_array(),
+            normal_n: truth.table_normal_n,
+            contact_x: tip.contact_x_tactels.unwrap_or(0.0),
+            pin_yaw_rad: tip.pin_yaw_rad,
+            pin_tilt_rad: tip.tilt_rad,
+            slip_m_s: truth.table_slip_m_s,
+        })
+    }
+}
+
+/// The task of the lane `world`; writes `truth`, and `object` and `opposed` where there are some.
 pub struct Simulation {
     world: World,
     pin_radius_m: f64,
     pivot: DVec3,
     truth: Output<WorldTruth>,
     object: Option<Output<ObjectTruth>>,
+    opposed: Option<Output<OpposedTruth>>,
     /// Hash of the world after the last job.
     state: u64,
 }
@@ -165,13 +208,16 @@ impl Simulation {
         ports: &mut Ports,
     ) -> Simulation {
         let pivot = DVec3::new(pivot_mm[0], pivot_mm[1], 0.0) * 1e-3;
-        let object = world.truth().object.map(|_| ports.output("object"));
+        let truth = world.truth();
+        let object = truth.object.map(|_| ports.output("object"));
+        let opposed = truth.opposed.map(|_| ports.output("opposed"));
         Simulation {
             world,
             pin_radius_m: pin_radius_mm * 1e-3,
             pivot,
             truth: ports.output("truth"),
             object,
+            opposed,
             state: 0,
         }
     }
@@ -230,6 +276,9 @@ impl Task for Simulation {
                 slip_m_s: felt.slip_m_s,
             };
             io.write(port, object);
+        }
+        if let (Some(port), Some(tip)) = (&self.opposed, OpposedTruth::of(&truth)) {
+            io.write(port, tip);
         }
         Ok(())
     }

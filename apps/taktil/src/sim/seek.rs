@@ -243,6 +243,14 @@ fn object(found: &Found) -> Value {
             "tilt_rad": [felt.tilt_rad.0, felt.tilt_rad.1],
             "slip_m_s": felt.slip_m_s,
         })),
+        "opposed": truth.opposed.map(|tip| json!({
+            "face_m": tip.face.to_array(),
+            "face_x": tip.face_x.to_array(),
+            "face_z": tip.face_z.to_array(),
+            "contact_x_tactels": tip.contact_x_tactels,
+            "pin_yaw_rad": tip.pin_yaw_rad,
+            "tilt_rad": tip.tilt_rad,
+        })),
         "in_contact": truth.in_contact,
         "enabled": truth.enabled,
         "braked": truth.braked,
@@ -276,6 +284,16 @@ fn sentences(found: &Found) -> String {
             1e3 * truth.finger_slip_m_s,
         ),
     };
+    if let Some((tip, x)) = truth.opposed.and_then(|tip| Some((tip, tip.contact_x_tactels?))) {
+        text += &format!(
+            "  opposed     {:.3} N at column {x:.3}, yaw {:.3} deg, tilt {:.3} deg, \
+             slip {:.3} mm/s\n",
+            truth.table_normal_n,
+            tip.pin_yaw_rad.to_degrees(),
+            tip.tilt_rad.to_degrees(),
+            1e3 * truth.table_slip_m_s,
+        );
+    }
     if let Some(felt) = truth.object.filter(|felt| felt.normal_n > 0.0) {
         text += &format!(
             "  object      {:.3} N at {:.3}, {:.3} mm, slip {:.3} mm/s\n",

@@ -36,6 +36,9 @@ pub struct About {
     tactile_cols: usize,
     tactile_full_scale: u16,
     digital_out_silence_ns: i64,
+    /// Rows, columns and full scale of the array on the opposed fingertip, where there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    tactile_opposed: Option<(usize, usize, u16)>,
 }
 
 impl About {
@@ -57,7 +60,18 @@ impl About {
             tactile_cols: devices.tactile.cols(),
             tactile_full_scale: devices.tactile.full_scale(),
             digital_out_silence_ns: devices.digital_out.longest_silence().0,
+            tactile_opposed: devices
+                .tactile_opposed
+                .as_ref()
+                .map(|array| (array.rows(), array.cols(), array.full_scale())),
         }
+    }
+
+    /// With the opposed fingertip's array in place of the finger's.
+    fn of_opposed(&self) -> Option<About> {
+        let (rows, cols, full) = self.tactile_opposed?;
+        let (tactile_rows, tactile_cols, tactile_full_scale) = (rows, cols, full);
+        Some(About { tactile_rows, tactile_cols, tactile_full_scale, ..self.clone() })
     }
 
     /// As text for a log.
@@ -85,6 +99,7 @@ pub struct Tapes {
     analog_out: Roll<AnalogWord>,
     analog_in: Roll<AnalogEntry>,
     tactile: Roll<TactileEntry>,
+    tactile_opposed: Roll<TactileEntry>,
     force_torque: Roll<AnalogEntry>,
     digital_in: Roll<DigitalEntry>,
     digital_out: Roll<DigitalWord>,
@@ -106,6 +121,7 @@ impl Tapes {
             name::ANALOG_OUT => append(&mut self.analog_out, release, body),
             name::ANALOG_IN => append(&mut self.analog_in, release, body),
             name::TACTILE => append(&mut self.tactile, release, body),
+            name::TACTILE_OPPOSED => append(&mut self.tactile_opposed, release, body),
             name::FORCE_TORQUE => append(&mut self.force_torque, release, body),
             name::DIGITAL_IN => append(&mut self.digital_in, release, body),
             name::DIGITAL_OUT => append(&mut self.digital_out, release, body),
@@ -118,6 +134,10 @@ impl Tapes {
     pub fn devices(self, about: &About) -> (Devices, Lack) {
         let lack = Lack::default();
         let note = || lack.clone();
+        let opposed = about.of_opposed().map(|about| {
+            let array = player(self.tactile_opposed, name::TACTILE_OPPOSED, &about, note());
+            Box::new(array) as Box<dyn TactileArray>
+        });
         let devices = Devices {
             encoders: Box::new(EncoderPlayer {
                 counts: player(self.encoders, name::ENCODERS, about, note()),
@@ -127,6 +147,7 @@ impl Tapes {
             analog_out: Box::new(player(self.analog_out, name::ANALOG_OUT, about, note())),
             analog_in: Box::new(player(self.analog_in, name::ANALOG_IN, about, note())),
             tactile: Box::new(player(self.tactile, name::TACTILE, about, note())),
+            tactile_opposed: opposed,
             force_torque: Box::new(player(self.force_torque, name::FORCE_TORQUE, about, note())),
             digital_in: Box::new(player(self.digital_in, name::DIGITAL_IN, about, note())),
             digital_out: Box::new(player(self.digital_out, name::DIGITAL_OUT, about, note())),

@@ -1,0 +1,56 @@
+//! The second fingertip under the pin, carried by the table's mount. Refuses to press by itself:
+//! the pin's contact with it is the one with the table, on the rows of a pad instead of a plane
+//! without end.
+
+use glam::{DMat3, DVec3};
+use taktil_mechanics::Pose;
+use taktil_mechanics::spatial::rotation_z;
+
+use crate::contact::{Line, Surface};
+use crate::rolling::Around;
+use crate::scene::OpposedConfig;
+use crate::spatial::Spatial;
+
+/// The fingertip on its mount.
+#[derive(Clone, Debug)]
+pub(crate) struct Opposed {
+    /// Middle of its face and its axes, seen from the mount.
+    place: DVec3,
+    turn: DMat3,
+    /// Cosine between the sensor's x and the rolling direction at the latest evaluation.
+    pub(crate) across: f64,
+    /// The contact in three dimensions, for scenes that ask for it.
+    pub(crate) spatial: Option<Box<Spatial>>,
+}
+
+impl Opposed {
+    /// Over the wanted x and y of the mount's surface as it stands at the start.
+    pub(crate) fn new(
+        config: &OpposedConfig,
+        finger: DVec3,
+        (axes, surface): (&DMat3, &Surface),
+        spatial: Option<Box<Spatial>>,
+    ) -> Opposed {
+        let (x, y) = (finger.x + 1e-3 * config.x_mm, finger.y + 1e-3 * config.y_mm);
+        let (n, o) = (surface.normal, surface.origin);
+        let z = o.z - (n.x * (x - o.x) + n.y * (y - o.y)) / n.z;
+        Opposed {
+            place: axes.transpose() * (DVec3::new(x, y, z) - o),
+            turn: rotation_z(config.yaw_deg.to_radians()),
+            across: 1.0,
+            spatial,
+        }
+    }
+
+    /// The sensor's frame, z out of its face.
+    pub(crate) fn pose(&self, axes: &DMat3, surface: &Surface) -> Pose {
+        Pose::new(*axes * self.turn, surface.origin + *axes * self.place)
+    }
+
+    /// How the pad lies under the pin's line.
+    pub(crate) fn under(&mut self, line: &Line, around: &Around) -> Pose {
+        let pad = self.pose(&around.table_axes, &around.table);
+        self.across = line.across.dot(pad.rotation.x_axis);
+        pad
+    }
+}
