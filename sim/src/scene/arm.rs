@@ -28,8 +28,7 @@ section! {
         /// The same of the tool on link 6: sensor, finger and array. Default 1.
         tool_mass_scale: f64 [0.1, 10.0],
         /// Stiffness between each motor and its joint, on the joint's side (N m/rad), for the arm
-        /// `rigid+motors+compliance`. The default is an estimate: with its drives held the arm
-        /// swings at some 15 to 30 Hz, as arms of this build do.
+        /// `rigid+motors+compliance`. The default is an estimate: no figure for this arm is known.
         gear_stiffness_nm_rad: [f64; 6] [1.0, 1e7],
         /// Damping of a rotor on that spring, in parts of the critical one. Default 0.1.
         gear_damping: f64 [0.0, 2.0],
