@@ -114,8 +114,8 @@ impl fmt::Debug for Bench<'_> {
     }
 }
 
-/// Exercises all halves that there are: the inputs side by side in the same cycles, then each output, which
-/// is left at its safe value.
+/// Exercises all halves that there are: the inputs side by side in the same cycles, then each
+/// output, which is left at its safe value.
 pub fn check_devices(devices: &mut Devices, bench: &mut Bench<'_>) -> Vec<Violation> {
     let mut found = inputs::check_together(devices, bench);
     found.extend(check_analog_out(devices.analog_out.as_mut(), bench));
