@@ -60,8 +60,8 @@ fn it_is_on_its_course_at_every_instant_without_drives() {
     world.advance(seconds(0.5));
     let truth = world.truth();
     assert!(truth.braked && !truth.enabled);
-    for i in 0..6 {
-        assert!((truth.q[i] - turned[i].to_radians()).abs() < 1e-15, "joint {}", i + 1);
+    for (i, turned) in turned.iter().enumerate() {
+        assert!((truth.q[i] - turned.to_radians()).abs() < 1e-15, "joint {}", i + 1);
     }
     let tool = Puma260::reference().tool_pose(&truth.q).translation;
     assert!((truth.tool - tool).length() < 1e-15);

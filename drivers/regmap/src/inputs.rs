@@ -79,7 +79,7 @@ impl RegisterEncoders {
         RegisterEncoders {
             latch: registers.read(ENCODER_LATCH),
             index: (registers.read(FEATURES) & FEATURE_INDEX != 0)
-                .then(|| Pulses { raw: [None; CHANNELS], marks: [None; CHANNELS] }),
+                .then_some(Pulses { raw: [None; CHANNELS], marks: [None; CHANNELS] }),
             registers,
             joints: config.joints,
             counter_bits: config.counter_bits,

@@ -20,8 +20,8 @@ section! {
         /// Turn of its rows and columns about the face's normal, from x towards y (deg). Default 0:
         /// its columns run along the table's x, its rows count along y.
         yaw_deg: f64 [-180.0, 180.0],
-        /// Layer over its tactels. Default 3 mm, 0.6 MPa, 0.49, 0.7 ms: with a thin and stiff layer
-        /// like the finger's on both sides a position servo at 400 Hz cannot keep contact calm.
+        /// Layer over its tactels. Default 3 mm, 0.6 MPa, 0.49, 0.7 ms, softer than the finger's.
+        /// Under a thick layer a part of the load is borne beside the array and seen by no tactel.
         rubber: RubberConfig,
         /// Coulomb coefficient against the pin. Default 0.8.
         friction: f64 [0.0, 5.0],

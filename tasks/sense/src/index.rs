@@ -108,17 +108,17 @@ impl<const N: usize> Index<N> {
     #[must_use]
     pub fn find(&self, counts: &[i32; N], marks: &Marks) -> Found<N> {
         let mut found = Found { off: [0; N], refused: None };
-        for i in 0..N {
+        for (i, (count, off)) in counts.iter().zip(&mut found.off).enumerate() {
             let Some(Counts(mark)) = marks.get(i).copied().flatten() else {
                 found.refused.get_or_insert((i, FaultCode::IndexMissing));
                 continue;
             };
             // Differences do not mind counters that have wrapped.
-            let past = counts[i].wrapping_sub(mark).wrapping_sub(self.home[i]);
+            let past = count.wrapping_sub(mark).wrapping_sub(self.home[i]);
             let above = past.rem_euclid(self.turn[i]);
-            found.off[i] = if above > self.turn[i] / 2 { above - self.turn[i] } else { above };
+            *off = if above > self.turn[i] / 2 { above - self.turn[i] } else { above };
             let far = self.farthest_rev * f64::from(self.turn[i]);
-            if f64::from(found.off[i]).abs() > far {
+            if f64::from(*off).abs() > far {
                 found.refused.get_or_insert((i, FaultCode::IndexFar));
             }
         }

@@ -183,11 +183,14 @@ impl Encoders for Latching {
     }
 }
 
+/// What a task wrote, each with its tick.
+type Ticked<T> = Vec<(u64, T)>;
+
 /// Joints, what the pulses said, and the faults, when calibration is asked for in jobs 10 and 60.
 fn latched(
     marks: fn(i64) -> Marks,
     index: IndexConfig,
-) -> (Vec<(u64, JointState)>, Vec<(u64, HomeCheck)>, Vec<FaultCode>) {
+) -> (Ticked<JointState>, Ticked<HomeCheck>, Vec<FaultCode>) {
     let mut bench = Bench::new();
     let lane = bench.servo();
     let ignored = index.ignore;
