@@ -2,7 +2,7 @@
 //! the plane contact and its base stress, integrated over each tactel in closed form.
 //!
 //! A tactel's square, seen along the axis, is the convolution of two boxes, so its mean is a second
-//! difference of the pressure's second integral, whatever its direction ([`super::across`]).
+//! difference of the pressure's second integral, whatever its direction (`across.rs`).
 //!
 //! Measured against exact solutions: 1e-6 of the peak or better. Forces are N per mm of length. It
 //! refuses penetrations of the thickness or more, contacts wider than 0.95 of the diameter or 80
