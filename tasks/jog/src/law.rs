@@ -2,6 +2,8 @@
 //! straight lines and turns of the tool as far as the arm can follow. Refuses to run on: without a
 //! key every speed ramps to zero, and before what the arm cannot pass (a limit, the edge of its
 //! reach) its joints are braked within their accelerations, as far ahead as they need.
+//! A tool point that would slide along that edge, off the line that is asked for, is braked and
+//! stands until another way is asked for.
 
 use glam::DVec3;
 use taktil_mechanics::arm::{Arm, Follow, Lost};
@@ -29,6 +31,16 @@ const REFINED: u32 = 4;
 const BRAKE_SHARE: f64 = 0.4;
 /// Share of it that is planned with: the arm's geometry bends within a tick.
 const PLANNED_SHARE: f64 = 0.75;
+
+/// Share of its way in one job that the tool point may miss, beside what a tool that is turned
+/// misses at the end of its lever (m), and what is rounding (m).
+const SLIDE: f64 = 0.02;
+const LEVER_M: f64 = 0.5;
+const ROUNDING_M: f64 = 1e-8;
+/// So far off its line (m) the tool is led no further until other keys are held.
+const STRAY_M: f64 = 5e-4;
+/// Cosine between two pushes from which on the second is another one.
+const SAME_PUSH: f64 = 0.9;
 
 /// Speeds and accelerations of jogging.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,6 +92,12 @@ pub struct Law<const N: usize = 6, A: Arm<N> = Puma260> {
     follower: A::Follower,
     /// Limits apply: the zeros of the joints are known.
     limited: bool,
+    /// The push that the tool follows.
+    asked: Joints,
+    /// How far the tool point has gone off the way of that push (m, base frame).
+    stray_m: DVec3,
+    /// Why the tool stands until another push.
+    held: Option<Lost>,
 }
 
 /// A speed of the tool that the arm can follow.
@@ -117,6 +135,9 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
             frame: JogFrame::Joints,
             follower: arm.follower(q),
             limited,
+            asked: Joints::zeros(),
+            stray_m: DVec3::ZERO,
+            held: None,
         }
     }
 
@@ -134,11 +155,36 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
                 self.joints(dt_s)
             }
             JogFrame::Base | JogFrame::Tool => {
-                let before = self.speed;
+                self.asks(&Joints::from(axes));
+                let (before, here) = (self.speed, self.arm.tool_pose(&self.q));
                 self.ramp(&axes, dt_s);
-                self.tool(&before, dt_s)
+                let along = self.point_speed(&self.speed, &here).normalize_or_zero();
+                let step = match self.held {
+                    Some(why) => self.coast(dt_s, Some(why)),
+                    None => self.tool(&before, dt_s),
+                };
+                let moved = self.arm.tool_pose(&self.q).translation - here.translation;
+                self.stray_m += moved - moved.dot(along) * along;
+                if self.stray_m.length() > STRAY_M {
+                    self.held = self.held.or(Some(step.blocked.unwrap_or(Lost::OutOfReach)));
+                }
+                step
             }
         }
+    }
+
+    /// Begins another way of the tool when the push is another one than before.
+    fn asks(&mut self, push: &Joints) {
+        let (cosine, lengths) = (push.dot(&self.asked), push.norm() * self.asked.norm());
+        if lengths == 0.0 || cosine < SAME_PUSH * lengths {
+            (self.asked, self.stray_m, self.held) = (*push, DVec3::ZERO, None);
+        }
+    }
+
+    /// Velocity of the tool point at these speeds of the axes (m/s, base frame).
+    fn point_speed(&self, speed: &Joints, here: &Pose) -> DVec3 {
+        let line = DVec3::new(speed[0], speed[1], speed[2]);
+        if self.frame == JogFrame::Tool { here.rotation * line } else { line }
     }
 
     /// Lets every axis change its speed towards its push as fast as the ramp allows.
@@ -156,6 +202,9 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         hash.add(self.q.as_slice()).add(self.qd.as_slice()).add(self.speed.as_slice());
         hash.word(self.frame as u64);
         hash.add(self.follower.joints().as_slice());
+        hash.add(self.asked.as_slice())
+            .add(&self.stray_m.to_array())
+            .word(self.held.is_some().into());
     }
 
     /// Speeds of the axes at full push.
@@ -273,12 +322,14 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     /// the arm can follow, and the joints' speeds then.
     fn able(&self, mut speed: Joints, dt_s: f64) -> Result<Tried<N, A::Follower>, Lost> {
         let mut why = Lost::TooFast { joint: 2, ratio: SLOWER_BY };
-        for _ in 0..SLOWER {
+        for attempt in 0..SLOWER {
             match self.trial(&speed, dt_s) {
                 Ok((follower, q)) => return Ok(Tried { speed, follower, qd: (q - self.q) / dt_s }),
                 Err(lost @ Lost::TooFast { ratio, .. }) => {
                     why = lost;
-                    speed /= ratio * SLOWER_BY;
+                    // At the edge of the reach joints go as the root of the tool's way.
+                    let root = if attempt < SLOWER / 2 { 1.0 } else { ratio };
+                    speed /= ratio * root * SLOWER_BY;
                 }
                 Err(lost) => {
                     why = lost;
@@ -293,6 +344,12 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     fn trial(&self, speed: &Joints, dt_s: f64) -> Result<(A::Follower, Vector<N>), Lost> {
         let mut follower = self.follower;
         let got = follower.step(&self.displaced(speed, dt_s), dt_s)?;
+        // The tool point is off by its lever where the tool is turned; by more, it slides along the
+        // edge of the reach.
+        let way_m = DVec3::new(speed[0], speed[1], speed[2]).length() * dt_s;
+        if got.off_m > SLIDE * way_m + LEVER_M * got.off_rad + ROUNDING_M {
+            return Err(Lost::OutOfReach);
+        }
         if got.off_rad <= self.rates.off_max_rad {
             return Ok((follower, got.q));
         }

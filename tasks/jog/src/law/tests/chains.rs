@@ -1,5 +1,5 @@
-//! Motion by hand of arms that are any chain: the joint that a seventh axis would push, and where
-//! the elbow of a redundant arm goes meanwhile.
+//! Motion by hand of arms that are any chain: the edge of their reach, the joint that a seventh
+//! axis would push, and where the elbow of a redundant arm goes meanwhile.
 
 use super::super::*;
 use core::f64::consts::{FRAC_PI_2, PI};
@@ -69,6 +69,54 @@ fn six_at() -> Vector<6> {
 
 fn seven_at() -> Vector<7> {
     Vector::from([0.1, 0.6, 0.2, -1.4, 0.1, 0.9, 0.3])
+}
+
+/// Holds one key for 22 s, lets the tool come back for 2 s; how far it was off its line, how far it
+/// went on in the last 2.5 s, and how far it came back (m).
+fn to_the_edge<const N: usize>(arm: &Chain<N>, at: &Vector<N>, axis: usize, by: f64) -> [f64; 3] {
+    let mut law = Law::new(arm, &rates(arm), at, true);
+    let start = arm.tool_pose(at).translation;
+    let mut along = [0.0; 3];
+    along[axis] = by;
+    let along = DVec3::from_array(along);
+    let (mut last, mut off, mut late) = (Vector::<N>::zeros(), 0.0f64, start);
+    for tick in 0..8800 {
+        let now = law.step(&push(axis, by, JogFrame::Base), DT_S);
+        let share = now.qd.component_div(arm.speed_max()).amax();
+        assert!(share <= 0.6 + 1e-9, "{axis} {by} at {tick}: {share} of the speed");
+        assert!(arm.within_limits(&now.q), "{axis} {by} at {tick}: {}", now.q);
+        let change: Vector<N> = now.qd - last;
+        let worst = change.component_div(&(arm.acceleration_max() * DT_S)).amax();
+        assert!(worst < 1.0 + 1e-9, "{axis} {by} at {tick}: {worst} of the acceleration");
+        last = now.qd;
+        let place = arm.tool_pose(&now.q).translation;
+        let way = place - start;
+        off = off.max((way - way.dot(along) * along).length());
+        if tick == 7800 {
+            late = place;
+        }
+    }
+    let edge = arm.tool_pose(&law.q).translation;
+    for _ in 0..800 {
+        law.step(&push(axis, -by, JogFrame::Base), DT_S);
+    }
+    let back = edge - arm.tool_pose(&law.q).translation;
+    assert!((back - back.dot(along) * along).length() < 1.5e-3, "{axis} {by}: back on its line");
+    [off, (edge - late).length(), back.dot(along)]
+}
+
+#[test]
+fn at_the_edge_of_its_reach_a_chain_stands_on_its_line_and_comes_back() {
+    for (axis, by) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
+        let six = to_the_edge(&six(), &six_at(), axis, by);
+        assert!(six[0] < 2e-4, "{axis} {by}: {} m off the line", six[0]);
+        let seven = to_the_edge(&seven(), &seven_at(), axis, by);
+        assert!(seven[0] < 1.5e-3, "{axis} {by}: {} m off the line", seven[0]);
+        for [off, on, back] in [six, seven] {
+            assert!(on < 1e-6, "{axis} {by}: goes on by {on} m");
+            assert!(back > 0.05, "{axis} {by}: comes back by {back} m");
+        }
+    }
 }
 
 #[test]
