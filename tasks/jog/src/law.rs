@@ -145,6 +145,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     pub fn step(&mut self, push: &Push, dt_s: f64) -> Step<N> {
         let moving = self.speed != Joints::zeros();
         let axes = if moving && push.frame != self.frame { [0.0; 6] } else { push.clean() };
+        self.asks(&Joints::from(axes), !moving && push.frame != self.frame);
         if !moving {
             self.frame = push.frame;
             self.follower = self.arm.follower(&self.q);
@@ -155,7 +156,6 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
                 self.joints(dt_s)
             }
             JogFrame::Base | JogFrame::Tool => {
-                self.asks(&Joints::from(axes));
                 let (before, here) = (self.speed, self.arm.tool_pose(&self.q));
                 self.ramp(&axes, dt_s);
                 let along = self.point_speed(&self.speed, &here).normalize_or_zero();
@@ -173,10 +173,10 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         }
     }
 
-    /// Begins another way of the tool when the push is another one than before.
-    fn asks(&mut self, push: &Joints) {
+    /// Begins another way of the tool when the push is `other` or points elsewhere than before.
+    fn asks(&mut self, push: &Joints, other: bool) {
         let (cosine, lengths) = (push.dot(&self.asked), push.norm() * self.asked.norm());
-        if lengths == 0.0 || cosine < SAME_PUSH * lengths {
+        if other || lengths == 0.0 || cosine < SAME_PUSH * lengths {
             (self.asked, self.stray_m, self.held) = (*push, DVec3::ZERO, None);
         }
     }

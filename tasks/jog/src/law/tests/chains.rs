@@ -112,11 +112,33 @@ fn at_the_edge_of_its_reach_a_chain_stands_on_its_line_and_comes_back() {
         assert!(six[0] < 2e-4, "{axis} {by}: {} m off the line", six[0]);
         let seven = to_the_edge(&seven(), &seven_at(), axis, by);
         assert!(seven[0] < 1.5e-3, "{axis} {by}: {} m off the line", seven[0]);
-        for [off, on, back] in [six, seven] {
+        for [_, on, back] in [six, seven] {
             assert!(on < 1e-6, "{axis} {by}: goes on by {on} m");
             assert!(back > 0.05, "{axis} {by}: comes back by {back} m");
         }
     }
+}
+
+#[test]
+fn keys_that_were_let_go_lead_the_tool_again() {
+    let arm = seven();
+    let held = push(1, 1.0, JogFrame::Base);
+    let mut law = Law::new(&arm, &rates(&arm), &seven_at(), true);
+    let stood = (0..8000).map(|_| law.step(&held, DT_S)).last().unwrap();
+    assert!(stood.blocked.is_some() && law.held.is_some(), "stands at the edge");
+    // Back from the edge by the elbow alone, then the same key as before.
+    for _ in 0..1200 {
+        law.step(&push(3, -1.0, JogFrame::Joints), DT_S);
+    }
+    for _ in 0..60 {
+        law.step(&Push::NONE, DT_S);
+    }
+    let before = arm.tool_pose(&law.q).translation;
+    for _ in 0..200 {
+        law.step(&held, DT_S);
+    }
+    let way = arm.tool_pose(&law.q).translation - before;
+    assert!(way.y > 0.01, "it moves again: {way}");
 }
 
 #[test]
