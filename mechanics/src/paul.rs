@@ -78,7 +78,8 @@ pub enum PathError {
         /// The time (s).
         time_s: f64,
     },
-    /// The transition half time tau is NaN, infinite, zero or negative.
+    /// The transition half time tau is NaN, infinite, zero or negative, or so short that one over
+    /// its square is no number.
     TransitionTime {
         /// The time (s).
         tau_s: f64,
@@ -128,7 +129,7 @@ impl fmt::Display for PathError {
                 write!(f, "segment {segment} takes {time_s} s; it must be positive and finite")
             }
             PathError::TransitionTime { tau_s } => {
-                write!(f, "tau is {tau_s} s; it must be positive and finite")
+                write!(f, "tau is {tau_s} s; it must be positive and finite, and not next to 0")
             }
             PathError::TransitionsOverlap { segment, time_s, tau_s } => {
                 write!(

@@ -43,7 +43,10 @@ impl Timing {
 
     /// One point again, in place.
     pub(super) fn restart(&mut self, tau_s: f64) -> Result<(), PathError> {
-        if !(tau_s > 0.0 && tau_s.is_finite()) {
+        // Over a time next to nothing the rates within a transition are no numbers, and at rest
+        // they are multiplied by zero.
+        let beyond = !(8.0 / tau_s / tau_s).is_finite();
+        if !(tau_s > 0.0 && tau_s.is_finite()) || beyond {
             return Err(PathError::TransitionTime { tau_s });
         }
         (self.count, self.tau_s, self.corners_s[0]) = (1, tau_s, tau_s);

@@ -109,6 +109,11 @@ fn paths_that_cannot_be_followed_are_refused() {
         let refused = Err(PathError::TransitionTime { tau_s: t });
         assert_eq!(JointPath::new(&[a, b], &[1.0], t), refused);
     }
+    // Its rates over zero ways would be no numbers.
+    for tau_s in [f64::MIN_POSITIVE, 1e-310, 1e-160] {
+        let refused = PathError::TransitionTime { tau_s };
+        assert_eq!(<JointPath>::rest(&a, tau_s), Err(refused));
+    }
     assert!(JointPath::new(&[a, b], &[f64::NAN], 0.1).is_err());
     assert!(JointPath::new(&[a, b], &[1.0], f64::NAN).is_err());
     let overlap = PathError::TransitionsOverlap { segment: 0, time_s: 1.0, tau_s: 0.51 };
@@ -133,7 +138,7 @@ fn segment_times_respect_the_slowest_joint() {
 fn what_has_no_finite_speed_is_refused_however_finite_its_points_are() {
     let (a, far) = (Joints::zeros(), Joints::repeat(1e9));
     let beyond = Err(PathError::BeyondNumbers { segment: 0 });
-    assert_eq!(JointPath::new(&[a, far], &[1e-300], 1e-301), beyond);
+    assert_eq!(JointPath::new(&[a, far], &[1e-150], 1e-151), beyond);
     assert_eq!(JointPath::new(&[a, Joints::repeat(1e308)], &[1.0], 0.1), beyond);
     assert_eq!(JointPath::new(&[-far * 1e299, far * 1e299], &[1.0], 0.1), beyond);
     assert_eq!(JointPath::new(&[a, a], &[f64::MAX], f64::MAX / 2.0), beyond);
