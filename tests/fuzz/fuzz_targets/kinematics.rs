@@ -72,7 +72,7 @@ fn puma(n: &mut Numbers<'_>) {
     finite("mass matrix", dynamics.mass_matrix(&q).iter());
     let twist = Vector6::from(n.vector::<6>(1e100));
     let rates = dls::damped_least_squares(&arm.jacobian_base(&q), &twist, n.number(1e3));
-    for rates in rates {
+    if let Some(rates) = rates {
         finite("rates", rates.iter());
         finite("limited", dls::limit_speed(&rates, &arm.speed_max_rad_s).0.iter());
     }

@@ -11,7 +11,7 @@ use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 fn time(n: &mut Numbers<'_>) -> f64 {
     match n.byte() % 4 {
         0 => n.number(1e12),
-        _ => f64::from(1 + n.byte()) / 64.0,
+        _ => (1.0 + f64::from(n.byte())) / 64.0,
     }
 }
 
