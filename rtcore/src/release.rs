@@ -25,7 +25,7 @@ pub struct Guard {
 pub enum Given {
     /// Always; a schedule that does not bear it is refused.
     Always,
-    /// On a CPU of the lane's own choice, where every lane still meets its deadline and the kernel
+    /// On a CPU that the lane names, where every lane still meets its deadline and the kernel
     /// granted a fixed priority; without it the lane sleeps to its release.
     WhereBorne,
 }

@@ -95,6 +95,11 @@ impl<const N: usize> Chained<N> {
             let what = "holds angles of the PUMA 260".to_owned();
             return Err(invalid("arm", what, "say where this arm starts with start.joints_deg"));
         }
+        let masses = (usual.link_mass_scale, usual.tool_mass_scale);
+        if (given.link_mass_scale, given.tool_mass_scale) != masses {
+            let what = "scales masses, which only the PUMA 260's model bears".to_owned();
+            return Err(invalid("arm", what, "leave link_mass_scale and tool_mass_scale out"));
+        }
         if model == ArmModel::Kinematic || !config.course_deg.is_empty() {
             let what = "asks for a course, which only the PUMA 260 follows".to_owned();
             return Err(invalid("fidelity.arm", what, "say rigid or rigid+motors"));

@@ -125,7 +125,7 @@ pub struct LaneConfig {
     pub priority: Option<i64>,
     /// CPU to run on; any when absent.
     pub cpu: Option<usize>,
-    /// Wakes early and spins to the release. Where it is left out, a lane with a CPU of its own
+    /// Wakes early and spins to the release. Where it is left out, a lane that names a CPU
     /// gets one of a tenth of that CPU if the schedule bears it.
     pub guard: Option<GuardConfig>,
     /// What the lane does about superseded jobs: `skip` (default), `catch_up` or `fault`.
@@ -247,7 +247,7 @@ impl LaneConfig {
 }
 
 impl LaneConfig {
-    /// What is asked for; where nothing is, a guard on a CPU of the lane's own if that bears it.
+    /// What is asked for; where nothing is, a guard on a named CPU if the schedule bears it.
     fn guard(&self, period: Nanos) -> Result<Option<Guard>, Invalid> {
         match self.guard {
             None => Ok(self.cpu.map(|_| Guard::where_borne(period))),

@@ -146,10 +146,8 @@ impl Ridge {
         let spatial = match (level, curve) {
             (Some(level), Curve::Straight) => {
                 let length_m = 2.0 * half_m;
-                {
-                    let size_m = (1e-3 * radius_mm, length_m);
-                    Some(Box::new(Spatial::new(rubber, size_m, level, RUBBER)?))
-                }
+                let size_m = (1e-3 * radius_mm, length_m);
+                Some(Box::new(Spatial::new(rubber, size_m, level, RUBBER)?))
             }
             _ => None,
         };

@@ -58,11 +58,6 @@ impl<const N: usize> Angles<N> {
         self.transmission.joints(counts)
     }
 
-    /// The zero counts as unknown until the next calibration.
-    pub fn doubt(&mut self) {
-        self.calibrated = false;
-    }
-
     /// True once a sample was believed.
     #[must_use]
     pub fn arrived(&self) -> bool {

@@ -167,10 +167,6 @@ impl<const N: usize> Sense<N> {
                 }
                 let found = self.calibrate.then(|| self.look(&counts));
                 let granted = found.filter(|found| found.refused.is_none());
-                if found.is_some() && granted.is_none() {
-                    // Whoever calibrates doubts the zero of before, too.
-                    self.angles.doubt();
-                }
                 let home = granted.map(|found| difference(&counts, &found.off));
                 let state = self.angles.take(counts, reading.acquired, home.as_ref())?;
                 self.calibrate = false;
@@ -242,7 +238,8 @@ impl<const N: usize> Task for Sense<N> {
         }
         let joints = self.read_joints(cycle, io);
         let lines = self.read_lines(cycle, io);
-        joints.and(lines)
+        // What takes the drives off comes before what is only said.
+        lines.and(joints)
     }
 
     fn fold(&self, hash: &mut StateHash) {

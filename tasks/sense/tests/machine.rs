@@ -245,12 +245,13 @@ fn a_calibration_without_every_pulse_or_far_from_them_is_refused_and_may_be_aske
     assert_eq!(faults, [FaultCode::IndexFar]);
     assert_eq!((told[1].1.motor, told[1].1.off_counts[0]), (1, 300));
     assert!(joints.iter().all(|(_, row)| row.calibrated == 0));
-    // A zero that was known is doubted by whoever asks again, and in vain.
+    // A zero that was found before stays, and with it what the servo knows of gravity.
     let later = |job: i64| [Some(Counts(if job < 50 { 30 } else { 330 })); CHANNELS];
     let (joints, _, faults) = latched(later, IndexConfig::default());
     assert_eq!(faults, [FaultCode::IndexFar]);
     for (tick, row) in joints {
-        assert_eq!(row.calibrated, u32::from((11..61).contains(&tick)), "{tick}");
+        let found = u32::from(tick >= 11);
+        assert_eq!((row.calibrated, row.datum), (found, found), "{tick}");
     }
     let config = IndexConfig { ignore: true, ..IndexConfig::default() };
     let (joints, _, faults) = latched(far, config);

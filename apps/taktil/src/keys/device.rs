@@ -110,8 +110,10 @@ impl Input {
                     Happened::Key(code, down) => said.extend(hand.key(number, code, down)),
                     Happened::Stick(code, value) => self.stick(number, hand, code, value),
                     Happened::Lost => hand.let_go(number),
-                    Happened::Ask if self.ask(number, hand).is_err() => return Looked::Gone,
-                    Happened::Ask => {}
+                    Happened::Ask => match self.ask(number, hand) {
+                        Ok(lost) => said.extend(lost),
+                        Err(_) => return Looked::Gone,
+                    },
                 }
             }
         }
@@ -124,16 +126,16 @@ impl Input {
         }
     }
 
-    /// Asks the device what is held. A pipe cannot be asked: there everything stays up.
-    fn ask(&self, number: usize, hand: &mut Hand) -> std::io::Result<()> {
-        let Wire::Kernel(device) = &self.wire else { return Ok(()) };
-        for key in device.get_key_state()?.iter() {
-            hand.still_held(number, key.0);
-        }
+    /// Asks the device what is held; what is to be said of presses that were lost. A pipe cannot be
+    /// asked: there everything stays up.
+    fn ask(&self, number: usize, hand: &mut Hand) -> std::io::Result<Vec<String>> {
+        let Wire::Kernel(device) = &self.wire else { return Ok(Vec::new()) };
+        let keys = device.get_key_state()?;
+        let said = keys.iter().filter_map(|key| hand.still_held(number, key.0)).collect();
         for (code, about) in device.get_absinfo()? {
             self.stick(number, hand, code.0, about.value());
         }
-        Ok(())
+        Ok(said)
     }
 }
 
@@ -229,6 +231,9 @@ mod tests {
         input.look(0, &mut hand);
         assert!(hand.push().is_none());
         wire.write_all(&bytes(ABS, evdev::AbsoluteAxisCode::ABS_X.0, i32::MIN)).unwrap();
+        input.look(0, &mut hand);
+        assert!(hand.push().is_none(), "its dead-man's switch is up");
+        wire.write_all(&bytes(KEY, KeyCode::BTN_TL.0, 1)).unwrap();
         input.look(0, &mut hand);
         assert!(hand.push().is_some_and(|(axes, _)| axes.iter().all(|axis| axis.abs() <= 1.0)));
     }

@@ -15,6 +15,8 @@ struct Device {
     sticks: BTreeMap<u16, f64>,
     /// It has a dead-man's switch.
     guarded: bool,
+    /// What was down when the kernel lost count.
+    before: BTreeSet<u16>,
 }
 
 /// All devices.
@@ -47,24 +49,31 @@ impl Hand {
     /// Nobody knows what is held on a device: everything on it counts as up.
     pub fn let_go(&mut self, device: usize) {
         if let Some(device) = self.devices.get_mut(&device) {
-            device.down.clear();
+            device.before = core::mem::take(&mut device.down);
             device.sticks.clear();
         }
     }
 
-    /// A key turns out to be down: it pushes, and nothing is said.
-    pub fn still_held(&mut self, device: usize, code: u16) {
-        self.devices.entry(device).or_default().down.insert(code);
+    /// A key turns out to be down: it pushes. If it was up before, its press was lost, and what it
+    /// says is said now.
+    pub fn still_held(&mut self, device: usize, code: u16) -> Option<String> {
+        if self.devices.get(&device).is_some_and(|device| device.before.contains(&code)) {
+            self.devices.entry(device).or_default().down.insert(code);
+            return None;
+        }
+        self.key(device, code, true)
     }
 
     /// A key went down or up; what is to be said to the machine. Repeats of the kernel say nothing.
     pub fn key(&mut self, device: usize, code: u16, down: bool) -> Option<String> {
-        let held = &mut self.devices.entry(device).or_default().down;
+        let held = self.devices.entry(device).or_default();
+        // Whoever writes to a pipe does not say which keys there are: the first press shows it.
+        held.guarded |= self.map.hold.contains(&code);
         if !down {
-            held.remove(&code);
+            held.down.remove(&code);
             return None;
         }
-        if !held.insert(code) {
+        if !held.down.insert(code) {
             return None;
         }
         match self.map.keys.get(&code) {
@@ -81,7 +90,10 @@ impl Hand {
         let zone = self.map.dead_zone;
         let beyond = ((value.abs().min(1.0) - zone) / (1.0 - zone)).max(0.0);
         let value = if value.is_nan() { 0.0 } else { beyond.copysign(value) };
-        self.devices.entry(device).or_default().sticks.insert(code, value);
+        let held = self.devices.entry(device).or_default();
+        // What has sticks moves nothing unless its dead-man's switch is held.
+        held.guarded |= !self.map.hold.is_empty();
+        held.sticks.insert(code, value);
     }
 
     /// How far each axis is pushed, and what the axes are; `None` when nothing is.
@@ -162,14 +174,29 @@ mod tests {
     }
 
     #[test]
-    fn what_is_found_held_pushes_and_says_nothing() {
+    fn sticks_of_unknown_devices_wait_for_the_dead_man_s_switch() {
+        let mut hand = hand();
+        hand.plugged(1, |_| false);
+        hand.stick(1, AbsoluteAxisCode::ABS_RY.0, -1.0);
+        assert_eq!(hand.push(), None);
+        hand.key(1, KeyCode::BTN_TL.0, true);
+        assert!(hand.push().is_some());
+        hand.key(1, KeyCode::BTN_TL.0, false);
+        assert_eq!(hand.push(), None);
+    }
+
+    #[test]
+    fn what_is_found_held_pushes_and_says_what_was_lost() {
         let mut hand = hand();
         hand.plugged(1, |code| code == KeyCode::BTN_TL.0);
         hand.key(1, KeyCode::KEY_Q.0, true);
+        hand.key(1, KeyCode::KEY_K.0, true);
         hand.let_go(1);
         for code in [KeyCode::KEY_Q, KeyCode::KEY_K] {
-            hand.still_held(1, code.0);
+            assert_eq!(hand.still_held(1, code.0), None, "said when it went down");
         }
+        let lost = hand.still_held(1, KeyCode::KEY_SPACE.0);
+        assert_eq!(lost.as_deref(), Some("stop"), "its press was lost");
         assert_eq!(hand.push(), None, "its dead-man's switch is up");
         hand.still_held(1, KeyCode::BTN_TL.0);
         assert!(hand.push().is_some());

@@ -24,7 +24,7 @@ use super::name;
 pub struct About {
     joints: usize,
     /// Logs of boards without index pulses need not say so.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
     index: bool,
     analog_out_channels: usize,
     analog_out_codes: (i32, i32),
