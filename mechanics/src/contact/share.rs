@@ -7,6 +7,8 @@ use super::kernel::BaseKernel;
 const COLUMNS: usize = 160;
 /// What a row reaches beyond the contact's edge, in thicknesses; exp(-0.739 * 20) is 4e-7.
 const BEYOND: f64 = 20.0;
+/// Reach of a step: only the line itself lies within it, and columns a mm are still a number.
+const STEP_MM: f64 = 1e-30;
 
 /// Pressure of a strip: points at +-`place` (in thicknesses), with the share of the load that each
 /// pair carries.
@@ -33,7 +35,7 @@ impl ShareTable {
 
     /// The table of a base that nobody asks for: it carries every load right under its line.
     pub(crate) fn step() -> Self {
-        Self { entries: vec![[1.0, 0.0]; 2 * (COLUMNS + 1)], reach_mm: vec![f64::MIN_POSITIVE; 2] }
+        Self { entries: vec![[1.0, 0.0]; 2 * (COLUMNS + 1)], reach_mm: vec![STEP_MM; 2] }
     }
 
     /// Adds the row of a strip, by convolving its pressure with the base kernel.

@@ -37,8 +37,9 @@ pub enum Experiments {
     /// Chapter 6 of the thesis, E1 to E9: laws side by side on the same seeds.
     ///
     /// Runs every scene of the folder whose title begins with E1 to E9, for each law and seed, and
-    /// writes report.html and report.md with figures and tables, and runs.csv with a row as soon
-    /// as a run is done. Ctrl-C ends it with a report of what was done. Exit code 0: done; 1: a run
+    /// writes report.html and report.md with figures and tables, and runs.csv with a row a run.
+    /// Until it is done the rows stand in partial.csv, each as soon as its run is done; Ctrl-C ends
+    /// it with partial.html and partial.md, and a report of before stays. Exit code 0: done; 1: a run
     /// ended with a fault, an experiment has no scene, or it was interrupted; 2: bad input.
     Chapter6(Chapter6),
     /// The rolling scene with drawn pins, rubbers, frictions and tables: does a law hold?
@@ -151,7 +152,8 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
             );
         }
     }
-    let rows = Rows::create(&options.out.join("runs.csv"))?;
+    let [unfinished, table] = ["partial.csv", "runs.csv"].map(|name| options.out.join(name));
+    let rows = Rows::create(&unfinished)?;
     let done = in_parallel(options.threads, &plan, |(_, id, law, scene, seed)| {
         let verdict = one(scene, *seed, *seed == 1)?;
         rows.add(id, *law, *seed, &verdict)?;
@@ -172,7 +174,11 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
         })
         .collect();
     let mut lacks = Vec::new();
-    if ran < planned {
+    let whole = ran == planned;
+    if whole {
+        let shown = table.display();
+        std::fs::rename(&unfinished, &table).with_context(|| format!("cannot write {shown}"))?;
+    } else {
         lacks.push(format!("interrupted: {ran} of {planned} runs were done"));
     }
     if !missing.is_empty() {
@@ -180,7 +186,8 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
         lacks.push(format!("not run: {}: no scene in {folder}", missing.join(", ")));
     }
     let about = page::About { laws: &laws, command: &repeat(options), lacks: &lacks };
-    let (html, markdown) = page::write(&options.out, &all, &about)?;
+    let name = if whole { "report" } else { "partial" };
+    let (html, markdown) = page::write((&options.out, name), &all, &about)?;
     out::line(format_args!("{}\n{}", html.display(), markdown.display()))?;
     let verdicts = all.iter().flat_map(|runs| &runs.verdicts).flatten().flatten();
     let bad = verdicts.filter(|verdict| !verdict.figures.faults.is_empty()).count();
@@ -214,7 +221,7 @@ impl Rows {
             row += &format!(",{value}");
         }
         row.push('\n');
-        (&self.0).write_all(row.as_bytes()).context("cannot write runs.csv")
+        (&self.0).write_all(row.as_bytes()).context("cannot write partial.csv")
     }
 }
 

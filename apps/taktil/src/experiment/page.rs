@@ -27,13 +27,13 @@ pub(super) struct About<'a> {
     pub(super) lacks: &'a [String],
 }
 
-/// Writes both files; returns where they are.
+/// Writes both files under this name; returns where they are.
 pub(super) fn write(
-    folder: &Path,
+    (folder, name): (&Path, &str),
     all: &[Runs],
     about: &About<'_>,
 ) -> anyhow::Result<(PathBuf, PathBuf)> {
-    let (html, markdown) = (folder.join("report.html"), folder.join("report.md"));
+    let [html, markdown] = ["html", "md"].map(|kind| folder.join(format!("{name}.{kind}")));
     let write = |path: &Path, text: String| {
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
     };
