@@ -39,8 +39,8 @@ pub enum Experiments {
     /// Runs every scene of the folder whose title begins with E1 to E9, for each law and seed, and
     /// writes report.html and report.md with figures and tables, and runs.csv with a row a run.
     /// Until it is done the rows stand in partial.csv, each as soon as its run is done; Ctrl-C ends
-    /// it with partial.html and partial.md, and a report of before stays. Exit code 0: done; 1: a run
-    /// ended with a fault, an experiment has no scene, or it was interrupted; 2: bad input.
+    /// it with partial.html and partial.md, and a report of before stays. Exit code 0: done; 1: a
+    /// run ended with a fault, an experiment has no scene, or it was interrupted; 2: bad input.
     Chapter6(Chapter6),
     /// The rolling scene with drawn pins, rubbers, frictions and tables: does a law hold?
     ///
