@@ -70,12 +70,12 @@ impl Bed {
             let what = "the edges do not ascend".to_owned();
             return Err(Invalid::new("edges_mm", what, "sort them, each once"));
         }
+        let kernels = kernels()?;
         let widest = edges_mm.windows(2).fold(0.0_f64, |most, w| most.max(w[1] - w[0]));
         if widest > WIDEST * layer.thickness_mm {
             let what = format!("{widest:e} mm on {:e} mm of layer", layer.thickness_mm);
             return Err(Invalid::new("edges_mm", what, "give cells of at most 20 thicknesses"));
         }
-        let kernels = kernels()?;
         let (t, m, n_step) = (layer.thickness_mm, kernels.transfer.m, kernels.transfer.n);
         let unit = 1.0 / (PI * layer.shear_mpa() / (1.0 - layer.poisson));
         let middle = |w: &[f64]| 0.5 * (w[0] + w[1]);
