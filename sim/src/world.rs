@@ -348,7 +348,7 @@ impl World {
         rolling.map_or(0.0, |r| r.pad.stored_j() + r.bed.stored_j())
     }
 
-    /// A digest of everything that decides what happens next.
+    /// A digest of what decides what happens next, save scans that are made and on their way.
     #[must_use]
     pub fn state_hash(&self) -> u64 {
         let mut hash = Hash::default();

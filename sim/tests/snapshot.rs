@@ -45,7 +45,8 @@ fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) ->
         .collect()
 }
 
-/// Scenes that between them hold everything that a world can remember.
+/// Scenes that between them hold what a world can remember, save index pulses, an arm on a course
+/// and an opposed fingertip in three dimensions.
 fn scenes() -> Vec<(&'static str, WorldConfig)> {
     let plain = WorldConfig::default;
     let mut solved = plain();

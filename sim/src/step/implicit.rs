@@ -60,7 +60,8 @@ pub(super) struct Outcome {
 
 type Speeds = [f64; N];
 
-/// What one step leaves to the next: it does not change what is solved for, and saves iterations.
+/// What one step leaves to the next: where its iteration begins and where inertia and gravity are
+/// taken. It saves iterations; what it changes is below what an iteration may leave.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Habit {
     /// How the speeds changed (m/s^2, rad/s^2).

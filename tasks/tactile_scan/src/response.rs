@@ -19,7 +19,7 @@ use taktil_rtcore::Invalid;
 const SIGMAS: f64 = 3.0;
 /// Smallest knee (counts).
 const KNEE_MIN: f64 = 1.0;
-/// Readings grow by this factor at most.
+/// Full scale grows by this factor at most; small loads of a steep curve may grow by more.
 const GROWTH_MAX: f64 = 8.0;
 
 /// `[tactile_scan.response]`: the array's calibrated curve, the same for each tactel.
