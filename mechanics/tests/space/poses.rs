@@ -4,7 +4,8 @@
 use crate::draws::{Drawn, Draws};
 use crate::{apart, peak};
 use taktil_mechanics::contact::features::{Part, image_features};
-use taktil_mechanics::contact::space::pin::Pin;
+use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::space::pin::{Pin, Profile};
 use taktil_mechanics::contact::space::radial::Influence;
 use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_mechanics::contact::space::{Drive, Level};
@@ -61,5 +62,50 @@ fn any_pose_keeps_force_centroid_and_image() {
                 assert!(image < 5e-3, "{drawn:?}: {image:e}");
             }
         }
+    }
+}
+
+/// Pins shorter than the layer is thick: a contact that settled, or a refusal that says why.
+#[test]
+fn short_pins_settle_or_are_refused() {
+    let mut draws = Draws(11);
+    let mut settled = 0;
+    for _ in 0..60 {
+        let t = draws.between(0.5, 13.0);
+        let layer = Layer::new(t, 1.0, draws.between(0.0, 0.49)).expect("a layer");
+        let length = t * draws.between(0.1, 1.0);
+        let radius_mm = draws.between(3.0, 30.0);
+        let (ends, deepest) = ([-0.5 * length, 0.5 * length], (0.45 * t).min(0.3 * radius_mm));
+        let profile = Profile::Cylinder { radius_mm };
+        let mut pin = Pin::new(&layer, profile, ends, deepest, Level::Fast).expect("a pin");
+        let drive = Drive::PenetrationMm(deepest * draws.between(0.02, 0.85));
+        match pin.press(drive, draws.between(-0.1, 0.1)) {
+            Ok(state) => {
+                assert!(state.residual <= 0.1 && state.force_n > 0.0, "{length} on {t}: {state:?}");
+                settled += 1;
+            }
+            Err(bad) => assert!(["length_mm", "force_n"].contains(&bad.place.as_str()), "{bad:?}"),
+        }
+    }
+    println!("{settled} of 60 settled");
+    assert!(settled >= 30, "{settled} of 60 settled");
+}
+
+#[test]
+fn a_force_that_a_penetration_makes_is_reached() {
+    for (width_mm, length_mm, t, part) in
+        [(2.0, 1.3, 12.7, 0.6), (2.0, 0.2, 0.8, 0.5), (12.7, 25.0, 0.8, 0.3)]
+    {
+        let layer = Layer::new(t, 1.0, 0.3).expect("a layer");
+        let profile = Profile::Bar { width_mm };
+        let ends = [-0.5 * length_mm, 0.5 * length_mm];
+        let mut pin = Pin::new(&layer, profile, ends, 0.9 * t, Level::Fast).expect("a pin");
+        let deep = pin.press(Drive::PenetrationMm(part * t), 0.0).expect("a contact");
+        pin.release();
+        let again = pin.press(Drive::ForceN(deep.force_n), 0.0).expect("the same contact");
+        assert!((again.penetration_mm / deep.penetration_mm - 1.0).abs() < 0.01, "{again:?}");
+        pin.release();
+        let beyond = pin.press(Drive::ForceN(20.0 * deep.force_n), 0.0).expect_err("too much");
+        assert_eq!(beyond.place, "force_n");
     }
 }

@@ -32,7 +32,6 @@ use super::{Drive, Level};
 use couple::Modes;
 pub use roll::Roll;
 use row::Row;
-use solve::unreached;
 use strip::{Section, Strips};
 
 /// Steepest tilt in rad: beyond it the sections are not those of a cylinder any more.
@@ -241,7 +240,8 @@ impl Pin {
     ///
     /// # Errors
     /// What is not finite, a pull, a tilt beyond 0.2 rad, a penetration beyond the table, a force
-    /// that no penetration of the table reaches. The state is then that of no contact.
+    /// that no penetration of the table reaches, a contact that does not settle within the level's
+    /// steps (pins shorter than the layer is thick). The state is then that of no contact.
     pub fn press(&mut self, drive: Drive, tilt_rad: f64) -> Result<PinState, Invalid> {
         self.state = PinState::default();
         let outcome = self.try_press(drive, tilt_rad);
@@ -275,7 +275,7 @@ impl Pin {
             Drive::ForceN(force) => {
                 let force = force / scale;
                 let depth = whole.strips.depth_of(force, slope.abs(), to - from);
-                (Some(force), depth.ok_or_else(unreached)?)
+                (Some(force), depth)
             }
             Drive::PenetrationMm(_) => (None, target / t + raised + slope.abs() * to),
         };

@@ -11,6 +11,10 @@ use core::f64::consts::PI;
 const RELAXED: [f64; 2] = [0.15, 1.5];
 /// Most iterations of conjugate gradients in one step.
 const GRADIENTS_MAX: usize = 200;
+/// Part of the penetration that may be left when the steps are used up; more is no answer.
+const UNSETTLED: f64 = 0.1;
+/// So many times the level's steps, for a contact of which more than that is left.
+const MORE: usize = 4;
 
 /// Memory of the solver; everything is slice after slice.
 #[derive(Clone, Debug)]
@@ -136,9 +140,23 @@ impl Row {
     ) -> Result<PinState, Invalid> {
         let t = self.layer.thickness_mm;
         let scale = self.modulus_mpa() * t * t;
-        let warm = wanted.is_some() && self.work.warm;
-        let start = if warm { self.turned_about_its_load(slope) } else { penetration };
-        let (penetration, residual, steps) = self.iterate(start, slope, wanted)?;
+        let warm = self.work.warm;
+        let known = warm && wanted.is_some();
+        let start = if known { self.turned_about_its_load(slope) } else { penetration };
+        let mut outcome = self.iterate(start, slope, wanted);
+        if warm && !outcome.as_ref().is_ok_and(|(_, residual, _)| *residual <= UNSETTLED) {
+            // The contact before is too far from this one to begin with.
+            self.work.clear();
+            outcome = self.iterate(penetration, slope, wanted);
+        }
+        let (penetration, residual, steps) = outcome?;
+        if residual > UNSETTLED {
+            return Err(unsettled(residual));
+        }
+        // By penetration this was refused before.
+        if wanted.is_some() && self.work.given.iter().any(|given| *given >= 1.0) {
+            return Err(unreached());
+        }
         let n = self.work.places.cosines;
         let mut state =
             PinState { penetration_mm: penetration * t, residual, steps, ..PinState::default() };
@@ -200,7 +218,11 @@ impl Row {
         let mut left = f64::INFINITY;
         let mut fresh = !warm;
         let stiffest = if self.work.relaxed == 0.0 { 2.0 } else { 8.0 };
-        for step in 1..=self.fineness.steps {
+        let mut step = 0;
+        // A contact that is no answer yet gets more steps.
+        while step < self.fineness.steps || (left > UNSETTLED && step < MORE * self.fineness.steps)
+        {
+            step += 1;
             for given in &mut self.work.given {
                 *given += shift;
             }
@@ -239,7 +261,7 @@ impl Row {
                 return Ok((penetration, left, step));
             }
         }
-        Ok((penetration, left, self.fineness.steps))
+        Ok((penetration, left, step))
     }
 
     /// Force in units of the kernels, and what independent slices would add per penetration.
@@ -446,7 +468,13 @@ impl Row {
     }
 }
 
-pub(super) fn unreached() -> Invalid {
+/// What is left is no contact.
+fn unsettled(residual: f64) -> Invalid {
+    let what = format!("its contact does not settle: {residual:.1e} of the penetration is left");
+    Invalid::new("length_mm", what, "take a finer level, or a pin longer than the layer is thick")
+}
+
+fn unreached() -> Invalid {
     let what = super::super::BEYOND_TABLE.to_owned();
     Invalid::new("force_n", what, "press less, or tabulate a larger penetration")
 }

@@ -193,9 +193,9 @@ impl Strips {
     }
 
     /// Penetration of the deepest place at which independent plane slices carry a force (in units
-    /// of the kernels) on a pin of a length under a slope; absent when the table's end carries less
-    /// than most of it.
-    pub(crate) fn depth_of(&self, force: f64, slope: f64, length: f64) -> Option<f64> {
+    /// of the kernels) on a pin of a length under a slope; the table's end for more than it carries:
+    /// short pins bear more than their slices would on their own.
+    pub(crate) fn depth_of(&self, force: f64, slope: f64, length: f64) -> f64 {
         let carried = |depth: f64| {
             let touched = if slope * length > depth { depth / slope } else { length };
             let part = touched / GUESS_SLICES as f64;
@@ -203,9 +203,6 @@ impl Strips {
             part * (0..GUESS_SLICES).map(at).sum::<f64>()
         };
         let (mut low, mut high) = (0.0, self.deepest());
-        if carried(high) < 0.8 * force {
-            return None;
-        }
         for _ in 0..GUESSES {
             let middle = 0.5 * (low + high);
             if carried(middle) < force {
@@ -217,7 +214,7 @@ impl Strips {
                 break;
             }
         }
-        Some(0.5 * (low + high))
+        0.5 * (low + high)
     }
 
     /// Load of the plane contact of a penetration above 0.
