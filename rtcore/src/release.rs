@@ -8,8 +8,9 @@ use crate::task::Invalid;
 
 /// Most of a period that a lane may be allowed to spin.
 pub const LARGEST_SHARE: f64 = 0.5;
-/// Share of a processor that a guard may burn which nobody asked for.
-pub const DEFAULT_SHARE: f64 = 0.1;
+/// Share of a processor that a guard may burn which nobody asked for; half of it where a schedule
+/// bears only that.
+pub const DEFAULT_SHARE: f64 = 0.2;
 
 /// The release guard of a lane: wake early by a learnt margin, then spin to the release.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

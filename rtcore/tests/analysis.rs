@@ -284,13 +284,16 @@ fn a_guard_that_nobody_asked_for_is_given_where_every_lane_bears_it() {
         lane
     };
     let easy = [lane(0, ms(1), us(100), 80), lane(1, ms(10), ms(1), 70)];
-    assert_eq!(guards(&easy), [Some(us(100)), Some(ms(1))]);
+    assert_eq!(guards(&easy), [Some(us(200)), Some(ms(2))]);
     // 1.1 ms of work beside 0.7 ms in each ms: done after 4 ms, after more than 5 with a guard.
     let mut tight = [lane(0, ms(1), us(700), 80), lane(1, ms(5), us(1100), 70)];
-    assert_eq!(guards(&tight), [None, Some(us(500))]);
+    assert_eq!(guards(&tight), [None, Some(ms(1))]);
+    // Beside 0.6 ms it is done in time with half a guard, and not with a whole one.
+    let half = [lane(0, ms(1), us(600), 80), lane(1, ms(5), us(1100), 70)];
+    assert_eq!(guards(&half), [Some(us(100)), Some(ms(1))]);
     // On a CPU of its own nobody is held up.
     tight[0].spec.cpu = Some(1);
-    assert_eq!(guards(&tight), [Some(us(100)), Some(us(500))]);
+    assert_eq!(guards(&tight), [Some(us(200)), Some(ms(1))]);
     // Not without a CPU, and not before a lane of which nothing is known.
     tight[0].spec.cpu = None;
     tight[1].spec.guard = None;

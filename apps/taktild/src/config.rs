@@ -126,7 +126,7 @@ pub struct LaneConfig {
     /// CPU to run on; any when absent.
     pub cpu: Option<usize>,
     /// Wakes early and spins to the release. Where it is left out, a lane that names a CPU
-    /// gets one of a tenth of that CPU if the schedule bears it.
+    /// gets one of a fifth of that CPU, or a tenth, if the schedule bears it.
     pub guard: Option<GuardConfig>,
     /// What the lane does about superseded jobs: `skip` (default), `catch_up` or `fault`.
     #[serde(default)]
@@ -379,7 +379,7 @@ mod tests {
     fn a_guard_is_asked_for_refused_or_left_to_the_schedule() {
         let guard = |lines| spec(lines).unwrap().guard.map(|guard| (guard.spin_max, guard.given));
         assert_eq!(guard(""), None);
-        assert_eq!(guard("cpu = 1"), Some((Nanos::from_micros(250), Given::WhereBorne)));
+        assert_eq!(guard("cpu = 1"), Some((Nanos::from_micros(500), Given::WhereBorne)));
         assert_eq!(guard("cpu = 1\nguard = { cpu_share_max = 0 }"), None);
         let asked = Some((Nanos::from_micros(500), Given::Always));
         assert_eq!(guard("guard = { cpu_share_max = 0.2 }"), asked);

@@ -1,12 +1,16 @@
-//! Guards that nobody asked for: given where every lane still meets its deadline, taken away
-//! elsewhere. Refuses to give one where a lane that it would hold up is not shown to meet its own.
+//! Guards that nobody asked for: given where every lane still meets its deadline, halved or taken
+//! away elsewhere. Refuses to give one where a lane that it would hold up is not shown to meet its
+//! own.
+
+use taktil_hal::Nanos;
 
 use super::{Allowance, Demand, Verdict, analyse, comes_first, meet};
-use crate::release::Given;
+use crate::release::{Given, Guard};
 use crate::schedule::Policy;
 
-/// Takes away the guards of kind [`Given::WhereBorne`] that the schedule does not bear. Lanes of
-/// shorter periods are served first; of equal periods, those of higher priority.
+/// Halves the guards of kind [`Given::WhereBorne`] that the schedule does not bear whole, and takes
+/// away those that it does not bear at all. Lanes of shorter periods are served first; of equal
+/// periods, those of higher priority. No lane gets a whole one at the cost of another's half.
 pub(crate) fn keep_borne(lanes: &mut [Demand], allowance: Allowance) {
     let offered = |lane: &Demand| lane.spec.guard.filter(|g| g.given == Given::WhereBorne);
     let mut wishes: Vec<_> =
@@ -18,14 +22,18 @@ pub(crate) fn keep_borne(lanes: &mut [Demand], allowance: Allowance) {
     for (index, _) in &wishes {
         lanes[*index].spec.guard = None;
     }
-    for (index, guard) in wishes {
-        let spec = &lanes[index].spec;
-        if spec.cpu.is_none() || spec.policy == Policy::Deadline {
-            continue;
-        }
-        lanes[index].spec.guard = Some(guard);
-        if !borne(lanes, index, allowance) {
-            lanes[index].spec.guard = None;
+    wishes.retain(|(index, _)| {
+        let spec = &lanes[*index].spec;
+        spec.cpu.is_some() && spec.policy != Policy::Deadline
+    });
+    for parts in [2, 1] {
+        for (index, whole) in &wishes {
+            let had = lanes[*index].spec.guard;
+            let spin_max = Nanos(whole.spin_max.0 / parts);
+            lanes[*index].spec.guard = Some(Guard { spin_max, ..*whole });
+            if !borne(lanes, *index, allowance) {
+                lanes[*index].spec.guard = had;
+            }
         }
     }
 }

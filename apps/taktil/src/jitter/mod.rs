@@ -46,7 +46,7 @@ pub struct JitterArgs {
     #[arg(long = "for", value_name = "S", default_value_t = 10.0)]
     pub for_s: f64,
     /// Wake early and spin to the release; the value is the largest share of a CPU to burn
-    #[arg(long, value_name = "SHARE", num_args = 0..=1, default_missing_value = "0.1")]
+    #[arg(long, value_name = "SHARE", num_args = 0..=1, default_missing_value = "0.2")]
     pub guard: Option<f64>,
     /// Load the machine meanwhile: CPU, memory and disk, at ordinary priority
     #[arg(long)]
