@@ -189,6 +189,23 @@ impl Row {
         given[0] + before * (place - from) - slope * place
     }
 
+    /// Lays the slices at a penetration of the origin under a slope, from the contact before if it
+    /// is known; the deepest of them.
+    fn place(&mut self, penetration: f64, slope: f64) -> f64 {
+        let mut deepest: f64 = 0.0;
+        for (j, v) in self.along.iter().enumerate() {
+            let given = penetration + slope * v;
+            let work = &mut self.work;
+            let keep = work.warm && work.active[j];
+            work.effective[j] =
+                if keep { work.effective[j] + given - work.given[j] } else { given };
+            work.active[j] = work.effective[j] > 0.0;
+            work.given[j] = given;
+            deepest = deepest.max(given);
+        }
+        deepest
+    }
+
     /// Free-boundary steps; the penetration at the origin, what is left, and the number of steps.
     fn iterate(
         &mut self,
@@ -199,18 +216,7 @@ impl Row {
         let mut penetration = start;
         let mut shift = 0.0;
         let warm = self.work.warm;
-        let mut deepest: f64 = 0.0;
-        for (j, v) in self.along.iter().enumerate() {
-            let given = penetration + slope * v;
-            let work = &mut self.work;
-            let keep = warm && work.active[j];
-            work.effective[j] =
-                if keep { work.effective[j] + given - work.given[j] } else { given };
-            work.active[j] = work.effective[j] > 0.0;
-            work.given[j] = given;
-            deepest = deepest.max(given);
-        }
-        if deepest <= 0.0 && wanted.is_none() {
+        if self.place(penetration, slope) <= 0.0 && wanted.is_none() {
             self.work.clear();
             return Ok((penetration, 0.0, 0));
         }

@@ -193,8 +193,8 @@ impl Strips {
     }
 
     /// Penetration of the deepest place at which independent plane slices carry a force (in units
-    /// of the kernels) on a pin of a length under a slope; the table's end for more than it carries:
-    /// short pins bear more than their slices would on their own.
+    /// of the kernels) on a pin of a length under a slope; the table's end for more than it
+    /// carries: short pins bear more than their slices would on their own.
     pub(crate) fn depth_of(&self, force: f64, slope: f64, length: f64) -> f64 {
         let carried = |depth: f64| {
             let touched = if slope * length > depth { depth / slope } else { length };
