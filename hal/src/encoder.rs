@@ -41,4 +41,11 @@ pub trait Encoders: Send {
     fn marks(&self) -> Marks {
         [None; CHANNELS]
     }
+
+    /// How many counts a pulse may lie from the count at which the board was attached for
+    /// [`Encoders::marks`] to place it right; constant. A board whose counters are narrow knows a
+    /// pulse from before that only modulo their range. Without a word of it: any.
+    fn mark_reach(&self) -> i32 {
+        i32::MAX
+    }
 }

@@ -126,6 +126,10 @@ impl Encoders for TapedEncoders {
     fn marks(&self) -> Marks {
         self.taped.half.marks()
     }
+
+    fn mark_reach(&self) -> i32 {
+        self.taped.half.mark_reach()
+    }
 }
 
 impl AnalogOut for Taped<dyn AnalogOut, AnalogWord> {

@@ -55,6 +55,11 @@ pub(crate) fn unfold(last: i32, raw: u32, bits: u32) -> i32 {
     last.wrapping_add(step)
 }
 
+/// How far from `last` a count may lie, either way, for [`unfold`] to find it with certainty.
+pub(crate) fn reach(bits: u32) -> i32 {
+    i32::MAX >> (32 - bits)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -99,6 +104,19 @@ mod tests {
         assert_eq!(unfold(i32::MAX, 0x8000_0000, 32), i32::MIN);
         assert_eq!(unfold(i32::MIN, 0x7fff_ffff, 32), i32::MAX);
         assert_eq!(unfold(123, 0xffff_fff0, 32), -16);
+    }
+
+    #[test]
+    fn what_is_within_reach_is_found_and_the_next_count_is_not() {
+        for bits in COUNTER_BITS.0..=COUNTER_BITS.1 {
+            let (mask, far) = (u32::MAX >> (32 - bits), reach(bits));
+            let found = |to: i32| unfold(5, 5i32.wrapping_add(to).cast_unsigned() & mask, bits);
+            for to in [-far, -1, 0, 1, far] {
+                assert_eq!(found(to), 5i32.wrapping_add(to), "{bits} bits, {to}");
+            }
+            let beyond = far.wrapping_add(1);
+            assert!(bits == 32 || found(beyond) != 5 + beyond, "{bits} bits");
+        }
     }
 
     #[test]

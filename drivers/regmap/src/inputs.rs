@@ -9,7 +9,7 @@ use taktil_hal::{
 };
 
 use crate::block::{Numbered, untorn};
-use crate::codes::{OffsetBinary, unfold};
+use crate::codes::{OffsetBinary, reach, unfold};
 use crate::config::Config;
 use crate::io::RegisterFile;
 use crate::registers::{
@@ -126,6 +126,10 @@ impl Encoders for RegisterEncoders {
 
     fn marks(&self) -> Marks {
         self.index.as_ref().map_or([None; CHANNELS], |index| index.marks)
+    }
+
+    fn mark_reach(&self) -> i32 {
+        reach(self.counter_bits)
     }
 }
 

@@ -305,6 +305,7 @@ fn index_pulses_are_those_of_a_board_that_says_so_and_survive_a_wrap() {
     model.latch_index();
     let mut devices = Board::attach(registers.clone(), &config).unwrap();
     assert!(devices.encoders.has_index());
+    assert_eq!(devices.encoders.mark_reach(), 32_767);
     // Turned up for three wraps of the counters, a pulse every 7000 counts, on channel 1 only.
     let mut now = 0;
     let mut step = |model: &mut Loopback, devices: &mut Devices, count: i32, mark: Option<i32>| {

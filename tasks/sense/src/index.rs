@@ -76,12 +76,18 @@ pub struct Found<const N: usize = 6> {
 }
 
 impl<const N: usize> Index<N> {
-    /// For the gears of an arm.
+    /// For the gears of an arm, and pulses whose counts are right up to `reach` counts from where
+    /// the encoder stands ([`Encoders::mark_reach`](taktil_hal::Encoders::mark_reach)).
     ///
     /// # Errors
-    /// What [`IndexConfig::check`] refuses, a list of another length, and encoders that have no
-    /// whole number of counts in a motor turn.
-    pub fn new(config: &IndexConfig, gears: &Transmission<N>) -> Result<Index<N>, Invalid> {
+    /// What [`IndexConfig::check`] refuses, a list of another length, encoders that have no whole
+    /// number of counts in a motor turn, and turns longer than `reach`: the newest pulse may be a
+    /// whole turn away.
+    pub fn new(
+        config: &IndexConfig,
+        gears: &Transmission<N>,
+        reach: i32,
+    ) -> Result<Index<N>, Invalid> {
         config.check()?;
         let home = match &config.home_counts {
             Some(list) => per_joint("home_counts", list)?,
@@ -98,6 +104,17 @@ impl<const N: usize> Index<N> {
                     "",
                     format!("motor {} has {} counts in a turn", i + 1, per_rev[i]),
                     "index pulses need a whole number of counts in a turn; else say ignore = true",
+                ));
+            }
+            if *turn > reach {
+                return Err(Invalid::new(
+                    "",
+                    format!(
+                        "motor {} has {turn} counts in a turn, the board's counters are too narrow \
+                         to place an index pulse more than {reach} counts away",
+                        i + 1
+                    ),
+                    "wire a board with wider counters; else say ignore = true",
                 ));
             }
         }
@@ -139,7 +156,7 @@ mod tests {
 
     fn index(home: [f64; 6]) -> Index {
         let config = IndexConfig { home_counts: Some(home.to_vec()), ..IndexConfig::default() };
-        Index::new(&config, &Transmission::reference()).unwrap()
+        Index::new(&config, &Transmission::reference(), i32::MAX).unwrap()
     }
 
     #[test]
@@ -186,7 +203,17 @@ mod tests {
             assert_eq!(config.check().unwrap_err().place, "farthest_rev", "{bad}");
         }
         let short = IndexConfig { home_counts: Some(vec![0.0; 5]), ..IndexConfig::default() };
-        let bad = Index::new(&short, &Transmission::reference()).unwrap_err();
+        let bad = Index::new(&short, &Transmission::reference(), i32::MAX).unwrap_err();
         assert_eq!(bad.place, "home_counts");
+    }
+
+    #[test]
+    fn counters_too_narrow_for_a_turn_are_refused_and_just_wide_enough_are_not() {
+        let narrow = |reach| Index::new(&IndexConfig::default(), &Transmission::reference(), reach);
+        // Turns of 1000 and 800 counts: ten bits reach 511 counts, eleven 1023.
+        let bad = narrow(511).unwrap_err();
+        assert!(bad.what.starts_with("motor 1 has 1000 counts"), "{bad}");
+        assert!(bad.remedy.contains("ignore = true"), "{bad}");
+        assert!(narrow(999).is_err() && narrow(1000).is_ok() && narrow(1023).is_ok());
     }
 }

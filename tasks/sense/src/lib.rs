@@ -116,8 +116,8 @@ impl<const N: usize> Sense<N> {
     /// reports index pulses, `home`.
     ///
     /// # Errors
-    /// What [`Config::check`] refuses, and an encoder board with fewer encoders than
-    /// the arm has joints.
+    /// What [`Config::check`] and [`Index::new`] refuse, and an encoder board with fewer encoders
+    /// than the arm has joints.
     pub fn new<A: Arm<N>>(
         config: Config,
         robot: &Robot<N, A>,
@@ -137,7 +137,7 @@ impl<const N: usize> Sense<N> {
         let angles = Angles::new(robot.gears, v_max_rad_s, home_rad);
         let index = match encoders.has_index() && !config.index.ignore {
             true => {
-                let index = Index::new(&config.index, &robot.gears);
+                let index = Index::new(&config.index, &robot.gears, encoders.mark_reach());
                 Some((index.map_err(|bad| bad.within("index"))?, ports.output("home")))
             }
             false => None,
@@ -168,8 +168,10 @@ impl<const N: usize> Sense<N> {
                 let found = self.calibrate.then(|| self.look(&counts));
                 let granted = found.filter(|found| found.refused.is_none());
                 let home = granted.map(|found| difference(&counts, &found.off));
-                let state = self.angles.take(counts, reading.acquired, home.as_ref())?;
+                // Answered by this sample, even by one that is not believed: after a jump nobody
+                // knows whether the arm still stands where the operator saw it.
                 self.calibrate = false;
+                let state = self.angles.take(counts, reading.acquired, home.as_ref())?;
                 io.write(&self.joints, state);
                 found.map_or(Ok(()), |found| self.tell(&found, io))
             }

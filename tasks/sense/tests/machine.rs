@@ -139,6 +139,18 @@ fn a_jump_is_a_fault_and_is_not_published() {
 }
 
 #[test]
+fn a_calibration_that_a_jump_has_answered_does_not_happen_later() {
+    // The word of job 10 meets the jump of job 11: home may be anywhere from then on.
+    let (seen, faults) = run(
+        |job| Ok(if job >= 11 { [Counts(5000); CHANNELS] } else { steady(0) }),
+        |_| Ok(POWERED),
+    );
+    assert_eq!(faults, [FaultCode::EncoderJump]);
+    assert!(seen.joints_at(11).is_none());
+    assert!(seen.joints.iter().all(|(_, joints)| joints.calibrated == 0 && joints.datum == 0));
+}
+
+#[test]
 fn boards_that_have_nothing_to_say_yet_are_waited_for() {
     let (seen, faults) = run(
         |job| if job < 5 { Err(Kind::Stale) } else { Ok(steady(job)) },

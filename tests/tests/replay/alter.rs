@@ -24,12 +24,22 @@ pub(crate) fn rewrite(
     from: &Path,
     to: &Path,
     about: Option<Altered>,
+    change: impl FnMut(&str, u64, &mut [u8]) -> bool,
+) {
+    rewrite_as(&catalog(), from, to, about, change);
+}
+
+/// The same for a log of other signals.
+pub(crate) fn rewrite_as(
+    catalog: &Catalog,
+    from: &Path,
+    to: &Path,
+    about: Option<Altered>,
     mut change: impl FnMut(&str, u64, &mut [u8]) -> bool,
 ) {
     let log = Log::open(from).unwrap();
-    let catalog = catalog();
     let about = about.unwrap_or_else(|| log.metadata()[METADATA_RUN].clone());
-    let mut out = McapLog::create(to, &catalog, &about).unwrap();
+    let mut out = McapLog::create(to, catalog, &about).unwrap();
     for message in log.messages() {
         let name = &log.channels()[message.channel].signal;
         let signal = catalog.find(name).unwrap();

@@ -3,6 +3,7 @@
 
 mod alter;
 mod board;
+mod index;
 mod refusals;
 
 use std::path::{Path, PathBuf};

@@ -1,0 +1,94 @@
+//! Home by index pulses over the replay: the pulses are an input like the counts, on a tape of
+//! their own. Refuses a run in which the pulses decide nothing.
+
+use std::sync::OnceLock;
+use std::sync::atomic::AtomicBool;
+
+use taktil::log::{Log, McapLog};
+use taktil::replay;
+use taktil::run::scene::Scene;
+use taktil_rtcore::Payload;
+use taktil_rtcore::live::{self, Contract, Pace, Terms};
+use taktil_signal::{HomeCheck, JointState};
+use taktil_tests::bench::{Draft, Folder, machine};
+use taktild::tape::IndexEntry;
+
+use crate::alter::rewrite_as;
+use crate::{Recorder, about, place, replayed};
+
+/// As far as the second calibration, which the pulses grant, and 50 ms of what follows from it.
+fn scene() -> Scene {
+    Draft::of("home.toml").first_requests(7).set("duration_s", 4.0).scene()
+}
+
+/// The bytes of a live run, recorded once for all tests.
+fn recorded() -> &'static [u8] {
+    static BYTES: OnceLock<Vec<u8>> = OnceLock::new();
+    BYTES.get_or_init(|| {
+        let (scene, folder) = (scene(), Folder::new());
+        let path = folder.path().join("live.mcap");
+        let mut machine = machine(&scene, 1);
+        let mut log =
+            Recorder(McapLog::create(&path, machine.catalog(), &about(&scene, "live")).unwrap());
+        let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
+        live::run(&mut machine, terms, &AtomicBool::new(false), &mut log).unwrap();
+        log.0.finish().unwrap();
+        std::fs::read(&path).unwrap()
+    })
+}
+
+/// All values of a signal, with their ticks.
+fn values<T: Payload>(log: &Log, signal: &str) -> Vec<(u64, T)> {
+    let channel = log.find(signal).unwrap_or_else(|| panic!("there is no `{signal}`"));
+    let messages = log.messages().filter(|message| message.channel == channel);
+    messages.map(|m| (m.tick, T::decode(&m.body[..T::SIZE]).unwrap())).collect()
+}
+
+/// The tick at which the pulses granted the home pose.
+fn granted(log: &Log) -> u64 {
+    let told: Vec<(u64, HomeCheck)> = values(log, "sense.home");
+    assert_eq!(told.len(), 2, "asked twice");
+    assert!(told[0].1.refused != 0 && told[1].1.refused == 0, "denied, then granted");
+    told[1].0
+}
+
+#[test]
+fn a_live_run_that_finds_home_by_index_pulses_gives_its_bits_again() {
+    let log = Log::from_bytes(recorded().to_vec()).unwrap();
+    let tick = granted(&log);
+    let pulses: Vec<(u64, IndexEntry)> = values(&log, "hal.index");
+    assert!(pulses[0].1.seen.iter().all(|seen| *seen == 0), "none at power-up");
+    assert!(pulses.iter().any(|row| row.0 == tick && row.1.seen[..6] == [1; 6]), "all by then");
+    assert_eq!(values::<JointState>(&log, "sense.joints").last().unwrap().1.calibrated, 1);
+    let (outcome, again) = replay::repeat(log).unwrap_or_else(|why| panic!("{why}"));
+    assert!(outcome.equal() && outcome.gap.is_none(), "{}", replay::text(&outcome));
+    assert!(outcome.comparison.compared.iter().any(|signal| signal.signal == "hal.index"));
+    let again = Log::from_bytes(again).unwrap();
+    assert_eq!(values::<IndexEntry>(&again, "hal.index"), pulses);
+}
+
+#[test]
+fn a_pulse_that_was_altered_is_found_and_moves_the_home_pose() {
+    let folder = Folder::new();
+    let (whole, path) = (folder.path().join("whole.mcap"), folder.path().join("altered.mcap"));
+    std::fs::write(&whole, recorded()).unwrap();
+    let tick = granted(&Log::open(&whole).unwrap());
+    let catalog = machine(&scene(), 1).catalog().clone();
+    rewrite_as(&catalog, &whole, &path, None, |signal, at, body| {
+        if signal == "hal.index" && at == tick {
+            let mut entry = IndexEntry::decode(body).unwrap();
+            entry.counts[4] += 1;
+            entry.encode(body);
+        }
+        true
+    });
+    let outcome = replayed(&path);
+    assert!(!outcome.equal());
+    let (signal, at, _, _) = place(&outcome.comparison);
+    assert_eq!(at, tick);
+    assert!(["sense.home", "sense.joints"].contains(&signal.as_str()), "{signal}");
+    // Pulses that the log does not have are named.
+    rewrite_as(&catalog, &whole, &path, None, |signal, at, _| signal != "hal.index" || at != 77);
+    let lack = replayed(&path).lack.map(|(tape, at)| (tape, at.0));
+    assert_eq!(lack, Some(("hal.index", 77 * 2_500_000)));
+}
