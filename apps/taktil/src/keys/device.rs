@@ -1,5 +1,6 @@
 //! Keyboards and gamepads through the kernel's event devices, or the same events through a pipe.
-//! Read without waiting; a read that fails, and the end of a pipe, is a device that is gone.
+//! Read without waiting; a read that fails, and the end of a pipe, is a device that is gone. A pipe
+//! cannot tell a key that is held from a writer that hangs: one that is silent lets everything go.
 //! Refuses devices that have no key and no stick of the map.
 
 use std::collections::BTreeMap;
@@ -21,6 +22,10 @@ use super::map::Map;
 const AT_ONCE: usize = 64;
 /// Reads in one look at most: what is left waits for the next.
 const READS: usize = 8;
+/// Looks without a byte (of 10 ms each) after which a pipe is silent, and after a press, when a
+/// keyboard waits for a quarter of a second before it begins to repeat.
+const SILENT: u32 = 10;
+const SILENT_PRESSED: u32 = 30;
 /// Half the way of a stick that comes through a pipe, which says nothing of it: sixteen bits.
 const PIPE_WAY: f64 = 32_768.0;
 
@@ -45,6 +50,9 @@ pub struct Input {
     decoder: Decoder,
     /// Something has come: the end of a pipe to which nobody has written yet is no end.
     begun: bool,
+    /// Looks since the newest byte, and those after which that is silence.
+    quiet: u32,
+    silent: u32,
     /// Where it was found.
     pub path: PathBuf,
     /// Middle and half the way of each stick.
@@ -76,7 +84,12 @@ impl Input {
             }
             false => kernel(path, map)?,
         };
-        Ok(Input { wire, decoder: Decoder::default(), begun: false, path: path.to_owned(), ways })
+        Ok(Input::over(wire, path.to_owned(), ways))
+    }
+
+    fn over(wire: Wire, path: PathBuf, ways: Ways) -> Input {
+        let decoder = Decoder::default();
+        Input { wire, decoder, begun: false, quiet: 0, silent: SILENT, path, ways }
     }
 
     /// Whether it has a key; whoever writes to a pipe may have any.
@@ -91,10 +104,12 @@ impl Input {
     }
 
     /// Takes in what has happened on it. When the kernel's buffer has overflowed, everything is up,
-    /// and then what the device says is held.
+    /// and then what the device says is held. When a pipe is silent, everything is up until it is
+    /// pressed, moved or repeated again.
     pub fn look(&mut self, number: usize, hand: &mut Hand) -> Looked {
         let mut said = Vec::new();
         let mut buffer = [0; AT_ONCE * EVENT_BYTES];
+        self.quiet = self.quiet.saturating_add(1);
         for _ in 0..READS {
             let read = match nix::unistd::read(&self.wire, &mut buffer) {
                 Ok(0) if self.begun => return Looked::Gone,
@@ -104,10 +119,14 @@ impl Input {
                 Err(Errno::EINTR) => continue,
                 Err(_) => return Looked::Gone,
             };
-            self.begun = true;
-            for happened in self.decoder.feed(&buffer[..read]) {
+            (self.begun, self.quiet) = (true, 0);
+            let events = self.decoder.feed(&buffer[..read]);
+            let pressed = events.iter().any(|event| matches!(event, Happened::Key(_, true)));
+            self.silent = if pressed { SILENT_PRESSED } else { SILENT };
+            for happened in events {
                 match happened {
                     Happened::Key(code, down) => said.extend(hand.key(number, code, down)),
+                    Happened::Repeats(code) => said.extend(hand.still_held(number, code)),
                     Happened::Stick(code, value) => self.stick(number, hand, code, value),
                     Happened::Lost => hand.let_go(number),
                     Happened::Ask => match self.ask(number, hand) {
@@ -116,6 +135,9 @@ impl Input {
                     },
                 }
             }
+        }
+        if matches!(self.wire, Wire::Pipe(_)) && self.quiet == self.silent {
+            hand.let_go(number);
         }
         Looked::There(said)
     }
@@ -201,13 +223,8 @@ mod tests {
         let map = toml::from_str::<MapFile>(DEFAULT).unwrap().check().unwrap();
         let (read, write) = nix::unistd::pipe().unwrap();
         fcntl(&read, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).unwrap();
-        let input = Input {
-            wire: Wire::Pipe(File::from(read)),
-            decoder: Decoder::default(),
-            begun: false,
-            path: PathBuf::from("pipe"),
-            ways: through_a_pipe(&map),
-        };
+        let pipe = Wire::Pipe(File::from(read));
+        let input = Input::over(pipe, PathBuf::from("pipe"), through_a_pipe(&map));
         let mut hand = Hand::new(map);
         hand.plugged(0, |code| input.has(code));
         (input, File::from(write), hand)
@@ -253,6 +270,42 @@ mod tests {
         assert!(hand.push().is_some());
         drop(wire);
         assert_eq!(input.look(0, &mut hand), Looked::Gone);
+    }
+
+    #[test]
+    fn a_pipe_that_stalls_lets_go_and_only_what_comes_anew_pushes_again() {
+        let (mut input, mut wire, mut hand) = piped();
+        let e = |value: i32| bytes(KEY, KeyCode::KEY_E.0, value);
+        let pushing = |input: &mut Input, hand: &mut Hand, looks: u32| {
+            let held = (0..looks).filter(|_| {
+                assert_eq!(input.look(0, hand), Looked::There(vec![]));
+                hand.push().is_some()
+            });
+            u32::try_from(held.count()).unwrap()
+        };
+        // Until the keyboard would repeat, and from one repeat to the next.
+        wire.write_all(&e(1)).unwrap();
+        assert_eq!(pushing(&mut input, &mut hand, 100), SILENT_PRESSED);
+        for _ in 0..5 {
+            wire.write_all(&e(2)).unwrap();
+            assert_eq!(pushing(&mut input, &mut hand, 4), 4, "repeats hold it");
+        }
+        assert_eq!(pushing(&mut input, &mut hand, 100), SILENT - 4);
+        // Reports without anything in them say that the writer lives, not what is held.
+        wire.write_all(&e(1)).unwrap();
+        for _ in 0..20 {
+            wire.write_all(&[0; EVENT_BYTES]).unwrap();
+            assert_eq!(pushing(&mut input, &mut hand, 5), 5);
+        }
+        assert_eq!(pushing(&mut input, &mut hand, 100), SILENT - 5);
+        wire.write_all(&[0; EVENT_BYTES]).unwrap();
+        assert_eq!(pushing(&mut input, &mut hand, 5), 0);
+        // Words are said once for one press, before a stall and after.
+        wire.write_all(&bytes(KEY, KeyCode::KEY_J.0, 1)).unwrap();
+        assert_eq!(input.look(0, &mut hand), Looked::There(vec!["manual_joint".into()]));
+        assert_eq!(pushing(&mut input, &mut hand, 50), 0);
+        wire.write_all(&bytes(KEY, KeyCode::KEY_J.0, 2)).unwrap();
+        assert_eq!(input.look(0, &mut hand), Looked::There(vec![]));
     }
 
     #[test]

@@ -11,12 +11,16 @@ const EV_KEY: u16 = 1;
 const EV_ABS: u16 = 3;
 const SYN_REPORT: u16 = 0;
 const SYN_DROPPED: u16 = 3;
+/// Value of a key that is held and repeats.
+const REPEATS: i32 = 2;
 
 /// What happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Happened {
-    /// A key went down (or repeats), or up.
+    /// A key went down, or up.
     Key(u16, bool),
+    /// The kernel repeats a key, which is held.
+    Repeats(u16),
     /// A stick stands here, in its own units.
     Stick(u16, i32),
     /// Events were lost: nobody knows what is held.
@@ -56,6 +60,7 @@ impl Decoder {
                 Some(Happened::Ask)
             }
             _ if self.lost => None,
+            (EV_KEY, code) if value == REPEATS => Some(Happened::Repeats(code)),
             (EV_KEY, code) => Some(Happened::Key(code, value != 0)),
             (EV_ABS, code) => Some(Happened::Stick(code, value)),
             _ => None,
@@ -91,7 +96,7 @@ mod tests {
         let due = [
             Happened::Key(30, true),
             Happened::Stick(1, -7),
-            Happened::Key(30, true),
+            Happened::Repeats(30),
             Happened::Key(30, false),
         ];
         for size in [1, 5, 23, 24, 25, 1000] {
@@ -100,6 +105,71 @@ mod tests {
             assert_eq!(found, due, "{size}");
         }
         assert_eq!(bytes(1, 30, 1).len(), size_of::<nix::libc::input_event>());
+    }
+
+    #[test]
+    fn the_layout_is_the_kernel_s() {
+        use core::mem::offset_of;
+        type Event = nix::libc::input_event;
+        let places = [offset_of!(Event, type_), offset_of!(Event, code), offset_of!(Event, value)];
+        assert_eq!((size_of::<Event>(), places), (EVENT_BYTES, [16, 18, 20]));
+    }
+
+    /// Bytes as a dump of a device's node shows them, stamps and all, of a little-endian host.
+    #[cfg(target_endian = "little")]
+    fn dumped(text: &str) -> Vec<u8> {
+        let byte = |two: &str| u8::from_str_radix(two, 16).unwrap();
+        text.split_ascii_whitespace().map(byte).collect()
+    }
+
+    /// A USB keyboard says a scan code before each key and a report after; a key that is held
+    /// repeats with a report of value 1.
+    #[test]
+    #[cfg(target_endian = "little")]
+    fn a_keyboard_s_bytes_are_read_with_their_stamps() {
+        let stream = dumped(
+            "15 87 FC 5D 00 00 00 00 40 CA 07 00 00 00 00 00 04 00 04 00 08 00 07 00 \
+             15 87 FC 5D 00 00 00 00 40 CA 07 00 00 00 00 00 01 00 12 00 01 00 00 00 \
+             15 87 FC 5D 00 00 00 00 40 CA 07 00 00 00 00 00 00 00 00 00 00 00 00 00 \
+             15 87 FC 5D 00 00 00 00 D0 9A 0B 00 00 00 00 00 01 00 12 00 02 00 00 00 \
+             15 87 FC 5D 00 00 00 00 D0 9A 0B 00 00 00 00 00 00 00 00 00 01 00 00 00 \
+             16 87 FC 5D 00 00 00 00 3E C4 08 00 00 00 00 00 04 00 04 00 08 00 07 00 \
+             16 87 FC 5D 00 00 00 00 3E C4 08 00 00 00 00 00 01 00 12 00 00 00 00 00 \
+             16 87 FC 5D 00 00 00 00 3E C4 08 00 00 00 00 00 00 00 00 00 00 00 00 00",
+        );
+        assert_eq!(stream.len(), 8 * EVENT_BYTES);
+        let e = evdev::KeyCode::KEY_E.0;
+        let due = [Happened::Key(e, true), Happened::Repeats(e), Happened::Key(e, false)];
+        assert_eq!(Decoder::default().feed(&stream), due);
+    }
+
+    /// A gamepad with its left shoulder down and two sticks in one report, then a buffer that ran
+    /// over while both were let go.
+    #[test]
+    #[cfg(target_endian = "little")]
+    fn a_gamepad_s_bytes_are_read_across_an_overflow() {
+        let stream = dumped(
+            "C0 0C 1F 65 00 00 00 00 11 22 03 00 00 00 00 00 01 00 36 01 01 00 00 00 \
+             C0 0C 1F 65 00 00 00 00 11 22 03 00 00 00 00 00 03 00 00 00 00 80 FF FF \
+             C0 0C 1F 65 00 00 00 00 11 22 03 00 00 00 00 00 03 00 04 00 FF 7F 00 00 \
+             C0 0C 1F 65 00 00 00 00 11 22 03 00 00 00 00 00 00 00 00 00 00 00 00 00 \
+             C1 0C 1F 65 00 00 00 00 00 00 00 00 00 00 00 00 00 00 03 00 00 00 00 00 \
+             C1 0C 1F 65 00 00 00 00 01 00 00 00 00 00 00 00 03 00 00 00 10 00 00 00 \
+             C1 0C 1F 65 00 00 00 00 01 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00",
+        );
+        let (left, x, ry) = (evdev::KeyCode::BTN_TL.0, 0, evdev::AbsoluteAxisCode::ABS_RY.0);
+        let due = [
+            Happened::Key(left, true),
+            Happened::Stick(x, -32_768),
+            Happened::Stick(ry, 32_767),
+            Happened::Lost,
+            Happened::Ask,
+        ];
+        for size in [1, 24, 31, 1000] {
+            let mut decoder = Decoder::default();
+            let found: Vec<_> = stream.chunks(size).flat_map(|part| decoder.feed(part)).collect();
+            assert_eq!(found, due, "{size}");
+        }
     }
 
     #[test]

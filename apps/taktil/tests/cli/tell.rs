@@ -196,6 +196,19 @@ fn events_through_a_pipe_move_the_arm_until_the_pipe_ends() {
     }
     let held = joints(&folder);
     assert!(held[4] < before[4] - 0.5, "{before:?} {held:?}");
+    // The writer hangs with the key down, the pipe is open: the arm stands.
+    std::thread::sleep(std::time::Duration::from_millis(900));
+    let hung = joints(&folder);
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    assert_eq!(joints(&folder), hung, "it stands");
+    // The key repeats: it is held.
+    let repeat = taktil::keys::events::bytes(1, KeyCode::KEY_G.0, 2);
+    for _ in 0..15 {
+        wire.write_all(&repeat).unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(33));
+    }
+    let again = joints(&folder);
+    assert!(again[4] < hung[4] - 0.5, "{hung:?} {again:?}");
     // Pulled with the key down.
     drop(wire);
     assert_eq!(reading.wait().code(), Some(1), "no device is left");
