@@ -3,7 +3,8 @@
 //! key every speed ramps to zero, and before what the arm cannot pass (a limit, the edge of its
 //! reach) its joints are braked within their accelerations, as far ahead as they need.
 //! A tool point that would slide along that edge, off the line that is asked for, is braked and
-//! stands until another way is asked for.
+//! stands until another way is asked for; and where its joints, once they are braked, would carry
+//! it off that line, as beside a singularity, it is led so slowly that they do not.
 
 use glam::DVec3;
 use taktil_mechanics::arm::{Arm, Follow, Lost};
@@ -37,8 +38,12 @@ const PLANNED_SHARE: f64 = 0.75;
 const SLIDE: f64 = 0.02;
 const LEVER_M: f64 = 0.5;
 const ROUNDING_M: f64 = 1e-8;
-/// So far off its line (m) the tool is led no further until other keys are held.
+/// So far off its line (m) the tool is led no further until other keys are held, and no faster than
+/// that it comes to rest within it, and within this share of the way on which it does.
 const STRAY_M: f64 = 5e-4;
+const STRAY: f64 = 0.02;
+/// How much slower, at least, the tool is tried when it would not.
+const STRAY_SLOWER: f64 = 1.1;
 /// Cosine between two pushes from which on the second is another one.
 const SAME_PUSH: f64 = 0.9;
 
@@ -98,6 +103,9 @@ pub struct Law<const N: usize = 6, A: Arm<N> = Puma260> {
     stray_m: DVec3,
     /// Why the tool stands until another push.
     held: Option<Lost>,
+    /// Within which the arm has to be able to stand (s): the ramp, and once no key is held what is
+    /// left of it.
+    rest_s: f64,
 }
 
 /// A speed of the tool that the arm can follow.
@@ -138,13 +146,17 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
             asked: Joints::zeros(),
             stray_m: DVec3::ZERO,
             held: None,
+            rest_s: rates.ramp_s,
         }
     }
 
     /// One job of `dt_s` (s). Another frame than that in motion counts once the motion has ended.
     pub fn step(&mut self, push: &Push, dt_s: f64) -> Step<N> {
-        let moving = self.speed != Joints::zeros();
+        // Joints may be braked still when the axes are at rest.
+        let moving = self.speed != Joints::zeros() || self.qd != Vector::<N>::zeros();
         let axes = if moving && push.frame != self.frame { [0.0; 6] } else { push.clean() };
+        let pushed = axes.iter().any(|axis| *axis != 0.0);
+        self.rest_s = if pushed { self.rates.ramp_s } else { (self.rest_s - dt_s).max(0.0) };
         self.asks(&Joints::from(axes), !moving && push.frame != self.frame);
         if !moving {
             self.frame = push.frame;
@@ -204,7 +216,8 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         hash.add(self.follower.joints().as_slice());
         hash.add(self.asked.as_slice())
             .add(&self.stray_m.to_array())
-            .word(self.held.is_some().into());
+            .word(self.held.is_some().into())
+            .add(&self.rest_s);
     }
 
     /// Speeds of the axes at full push.
@@ -248,7 +261,9 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     /// slower by what the joints' accelerations need.
     fn tool(&mut self, before: &Joints, dt_s: f64) -> Step<N> {
         let ramped = self.speed;
-        let share = if *before == Joints::zeros() { 0.0 } else { ramped.norm() / before.norm() };
+        // A push the other way is no reason to go on.
+        let along = if *before == Joints::zeros() { 0.0 } else { ramped.dot(before) };
+        let share = if along > 0.0 { ramped.norm() / before.norm() } else { 0.0 };
         let mut blocked = None;
         for (speed, wanted) in [(ramped, 1.0), (*before, share)] {
             if speed == Joints::zeros() {
@@ -350,10 +365,44 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         if got.off_m > SLIDE * way_m + LEVER_M * got.off_rad + ROUNDING_M {
             return Err(Lost::OutOfReach);
         }
-        if got.off_rad <= self.rates.off_max_rad {
-            return Ok((follower, got.q));
+        if got.off_rad > self.rates.off_max_rad {
+            return Err(Lost::TooFast { joint: 3, ratio: 1.0 });
         }
-        Err(Lost::TooFast { joint: 3, ratio: 1.0 })
+        match self.strays(speed, &got.q, dt_s) {
+            Some((joint, ratio)) => Err(Lost::TooFast { joint, ratio }),
+            None => Ok((follower, got.q)),
+        }
+    }
+
+    /// The joint that is slowest to brake and how much slower the tool has to be, if it, led to `q`
+    /// (rad) in one job and left to the brakes there ([`Law::coast`]), would come to rest off its
+    /// line or too late.
+    fn strays(&self, speed: &Joints, q: &Vector<N>, dt_s: f64) -> Option<(usize, f64)> {
+        let qd = (q - self.q) / dt_s;
+        let (mut slowest, mut jobs) = (0, 0.0);
+        for joint in 0..N {
+            let needed =
+                qd[joint].abs() / (PLANNED_SHARE * self.arm.acceleration_max()[joint] * dt_s);
+            if needed > jobs {
+                (slowest, jobs) = (joint, needed);
+            }
+        }
+        // However it is led, the arm can be at rest as soon as hands may expect.
+        if jobs * dt_s > self.rest_s {
+            return Some((slowest, jobs * dt_s / self.rest_s.max(dt_s)));
+        }
+        // All joints lose the same share, a job after another: 1 - 1/jobs, 1 - 2/jobs ...
+        let whole = jobs.floor();
+        let more = if whole > 0.0 { whole - 0.5 * whole * (whole + 1.0) / jobs } else { 0.0 };
+        let rest = (q + qd * (dt_s * more)).sup(self.arm.q_min()).inf(self.arm.q_max());
+        let here = self.arm.tool_pose(&self.q);
+        let along = self.point_speed(speed, &here).normalize_or_zero();
+        let moved = self.arm.tool_pose(&rest).translation - here.translation;
+        let stray = self.stray_m + moved - moved.dot(along) * along;
+        let bound = STRAY_M + STRAY * moved.length();
+        let strays = stray.length() > bound && stray.length() > self.stray_m.length();
+        // The way to rest goes as the square of the speed.
+        strays.then(|| (slowest, (stray.length() / bound).sqrt().max(STRAY_SLOWER)))
     }
 
     /// Between which multiples of the speeds `qd` (rad/s) every joint's acceleration is one that it

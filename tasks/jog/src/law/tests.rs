@@ -2,12 +2,14 @@
 //! keys are held.
 
 mod chains;
+mod keys;
+mod starts;
 
 use super::*;
 
 const DT_S: f64 = 0.0025;
 
-fn rates() -> Rates {
+pub(super) fn rates() -> Rates {
     let arm = Puma260::reference();
     Rates {
         joints_rad_s: arm.speed_max_rad_s * 0.1,
@@ -22,7 +24,7 @@ fn bent() -> Joints {
     Joints::from([10.0, 40.0, -150.0, 20.0, 40.0, 10.0].map(f64::to_radians))
 }
 
-fn push(axis: usize, by: f64, frame: JogFrame) -> Push {
+pub(super) fn push(axis: usize, by: f64, frame: JogFrame) -> Push {
     let mut axes = [0.0; 6];
     axes[axis] = by;
     Push { axes, frame }

@@ -1,0 +1,83 @@
+//! Random keys in every frame, on every kind of arm: no set point steps farther than the fastest
+//! joint in one job, nothing leaves its limits, and hands that let go stop the arm.
+
+use super::super::*;
+use super::chains::{rates, seven, seven_at, six, six_at};
+
+const DT_S: f64 = 0.0025;
+/// Jobs in a tenth of a second, less those in which a silent hand is still believed.
+const STOP: u32 = 24;
+
+/// Numbers that repeat.
+struct Dice(u64);
+
+impl Dice {
+    fn roll(&mut self, sides: u64) -> u64 {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) % sides
+    }
+
+    fn push(&mut self) -> Push {
+        let axes = core::array::from_fn(|_| match self.roll(8) {
+            0 => 1.0,
+            1 => -1.0,
+            2 => 0.37,
+            _ => 0.0,
+        });
+        let frame = match self.roll(8) {
+            0 => JogFrame::Joints,
+            1 => JogFrame::Outer,
+            2..5 => JogFrame::Base,
+            _ => JogFrame::Tool,
+        };
+        Push { axes, frame }
+    }
+}
+
+/// A minute of keys; jobs that the arm took to rest after a release, at most.
+fn minute<const N: usize, A: Arm<N>>(arm: &A, rates: &Rates<N>, at: &Vector<N>, seed: u64) -> u32 {
+    let (mut dice, mut law) = (Dice(seed), Law::new(arm, rates, at, true));
+    let (mut before, mut qd, mut slowest) = (*at, Vector::<N>::zeros(), 0);
+    let mut step = |law: &mut Law<N, A>, push: &Push, seed: u64| {
+        let now = law.step(push, DT_S);
+        let share = (now.q - before).abs().component_div(&(arm.speed_max() * DT_S)).amax();
+        assert!(share <= 1.0 + 1e-9, "seed {seed}: a jump of {share} ticks");
+        let change = (now.qd - qd).component_div(&(arm.acceleration_max() * DT_S)).amax();
+        assert!(change <= 1.0 + 1e-9, "seed {seed}: {change} of the acceleration");
+        assert!(arm.within_limits(&now.q), "seed {seed}: {}", now.q);
+        (before, qd) = (now.q, now.qd);
+        now.qd == Vector::<N>::zeros()
+    };
+    let mut left = 24_000u64;
+    while left > 0 {
+        let (push, jobs) = (dice.push(), 8 + dice.roll(400));
+        for _ in 0..jobs {
+            step(&mut law, &push, seed);
+        }
+        left = left.saturating_sub(jobs);
+        if dice.roll(3) == 0 {
+            let rests = (1..=400).find(|_| step(&mut law, &Push::NONE, seed)).unwrap();
+            slowest = slowest.max(rests);
+        }
+    }
+    assert!((law.q - at).amax() > 0.1, "seed {seed}: it moved");
+    slowest
+}
+
+#[test]
+fn a_minute_of_random_keys_never_makes_a_joint_jump_and_letting_go_stops_it() {
+    let puma = Puma260::reference();
+    let usual = crate::Config::default();
+    let bent = Vector::from([10.0, 40.0, -150.0, 20.0, 40.0, 10.0].map(f64::to_radians));
+    for seed in 1..=8 {
+        let slowest = [
+            minute(&puma, &usual.rates(&puma, true), &bent, seed),
+            minute(&six(), &usual.rates(&six(), true), &six_at(), seed),
+            minute(&seven(), &usual.rates(&seven(), true), &seven_at(), seed),
+        ];
+        assert!(slowest.iter().all(|jobs| *jobs <= STOP), "seed {seed}: {slowest:?} jobs to rest");
+        // Other rates are a matter of their own; nothing jumps.
+        minute(&six(), &rates(&six()), &six_at(), seed);
+    }
+}
