@@ -21,6 +21,8 @@ const SPEED_UP_S: f64 = 0.2;
 const HEAVIEST_KG: f64 = 1e5;
 /// A joint without ends may turn so often either way (rad): more than any run turns it.
 const ENDLESS_RAD: f64 = 1e6;
+/// What files round off their inertias, in parts of the largest moment.
+const ROUNDED: f64 = 1e-4;
 
 /// A serial chain as a file describes it.
 #[derive(Clone, Debug, PartialEq)]
@@ -115,6 +117,14 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<Described, Invalid> {
         if !(0.0..=HEAVIEST_KG).contains(&body.mass_kg) {
             let what = format!("a mass of {} kg", body.mass_kg);
             return Err(Invalid::new(&link.name, what, "give 0 to 100 t"));
+        }
+        if !possible(&link.inertial.inertia) {
+            let what = "its inertia is no body's: some axis would have a negative one";
+            return Err(Invalid::new(
+                &link.name,
+                what,
+                "give the moments about its centre of mass",
+            ));
         }
         if body.mass_kg > 0.0 {
             joints[index].body = body.weld(&joints[index].body);
@@ -211,6 +221,27 @@ fn body(link: &urdf_rs::Link) -> Body {
     own.seen_from(&pose(&inertial.origin))
 }
 
+/// Whether no axis has a negative moment: all principal minors of the tensor, to rounding. What is
+/// not finite is for the chain to refuse.
+fn possible(i: &urdf_rs::Inertia) -> bool {
+    let size = [i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz]
+        .into_iter()
+        .fold(0.0, |a: f64, b| a.max(b.abs()));
+    let unit = |x: f64| if size > 0.0 { x / size } else { 0.0 };
+    let [xx, yy, zz] = [i.ixx, i.iyy, i.izz].map(unit);
+    let [xy, xz, yz] = [i.ixy, i.ixz, i.iyz].map(unit);
+    let minors = [
+        xx,
+        yy,
+        zz,
+        xx * yy - xy * xy,
+        xx * zz - xz * xz,
+        yy * zz - yz * yz,
+        xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz),
+    ];
+    minors.into_iter().all(|minor| minor.is_nan() || minor >= -ROUNDED)
+}
+
 fn spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
     let refuse = |what: &str, remedy: &str| Err(Invalid::new(&joint.name, what, remedy));
     let motion = match joint.joint_type {
@@ -234,6 +265,10 @@ fn spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
         );
     }
     let endless = joint.joint_type == JointType::Continuous;
+    let far = limit.lower.abs().max(limit.upper.abs()) > ENDLESS_RAD;
+    if motion == Motion::Turn && !endless && far {
+        return refuse("its limits are more than a million radians", "call it continuous");
+    }
     let given = limit.acceleration > 0.0 && limit.acceleration.is_finite();
     Ok(JointSpec {
         mount: *mount,

@@ -148,6 +148,14 @@ fn what_is_no_chain_is_refused_at_its_line() {
     assert!(text.contains("`link2`: a mass of NaN kg"), "{text}");
     let text = refused(&[("lower=\"-1.326450231516\"", "lower=\"5\"")]);
     assert!(text.contains("below the upper"), "{text}");
+    let text = refused(&[("upper=\"4.468042885105\"", "upper=\"1e9\"")]);
+    assert!(text.contains("`joint2`") && text.contains("call it continuous"), "{text}");
+    for bad in [[-0.012, 0.0, 0.0], [0.012, 0.02, 0.0], [0.0, 0.0, 0.012]] {
+        let [xx, xy, xz] = bad;
+        let bad = format!("ixx=\"{xx}\" ixy=\"{xy}\" ixz=\"{xz}\"");
+        let text = refused(&[("ixx=\"0.012\" ixy=\"0\" ixz=\"0\"", &bad)]);
+        assert!(text.contains("`link1`: its inertia is no body's"), "{bad}: {text}");
+    }
     let text = refused(&[("<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 0\"/>")]);
     assert!(text.contains("`joint1`") && text.contains("direction"), "{text}");
     let text = refused(&[(second, "<joint name=\"joint2\" type=\"fixed\">")]);
