@@ -44,6 +44,9 @@ pub struct MachineConfig {
     pub tactile_servo: Option<taktil_tasks_tactile_servo::Config>,
     /// The state machine.
     pub supervisor: Option<taktil_tasks_supervisor::Config>,
+    /// Sections of the program's own tasks ([`crate::own`]), by name; a section of a scene replaces
+    /// the one of that name.
+    pub own: BTreeMap<String, toml::Table>,
 }
 
 /// What leaves the lanes, each with all of the ones after it.
@@ -304,6 +307,7 @@ impl MachineConfig {
     pub fn overridden_by(mut self, over: MachineConfig) -> MachineConfig {
         self.lane.extend(over.lane);
         self.wiring.extend(over.wiring);
+        self.own.extend(over.own);
         MachineConfig {
             lane: self.lane,
             schedule: over.schedule.or(self.schedule),
@@ -321,6 +325,7 @@ impl MachineConfig {
             wrist_scan: over.wrist_scan.or(self.wrist_scan),
             tactile_servo: over.tactile_servo.or(self.tactile_servo),
             supervisor: over.supervisor.or(self.supervisor),
+            own: self.own,
         }
     }
 }

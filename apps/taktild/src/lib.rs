@@ -8,6 +8,8 @@ pub mod flight;
 pub mod log;
 pub mod operator;
 pub mod out;
+pub mod own;
+pub mod process;
 pub mod robot;
 pub mod service;
 pub mod signals;

@@ -1,72 +1,12 @@
-//! The service's process: arguments, exit codes, nothing else.
+//! The `taktild` process: the counting allocator and the service, nothing else.
 
-use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::Parser;
 use taktil_rtcore::guard::CountingAllocator;
-use taktild::out;
-use taktild::service::Service;
-use taktild::source::Located;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
-/// Robot control over real boards, as a systemd service. It comes up with the drives off and waits
-/// in READY.
-#[derive(Parser, Debug)]
-#[command(
-    name = "taktild",
-    version,
-    after_help = "\
-Exit codes: 0 ended by SIGTERM or SIGINT (--check: read), 1 the machine or its record failed,
-2 a configuration that cannot be used, 3 a task that does not return."
-)]
-struct Arguments {
-    /// Configuration file: machine, board, contract with the kernel
-    #[arg(long, value_name = "FILE", default_value = "/etc/taktil/taktild.toml")]
-    config: PathBuf,
-    /// Read the configuration, open the board, print what would run, and end
-    #[arg(long)]
-    check: bool,
-    /// Record the run to this MCAP file, instead of the configuration's `[log] path`
-    #[arg(long, value_name = "F.mcap")]
-    log: Option<PathBuf>,
-}
-
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
-    let mut service = match Service::load(&arguments.config) {
-        Ok(service) => service,
-        Err(located) => {
-            out::warn(&located);
-            return ExitCode::from(2);
-        }
-    };
-    if let Some(path) = arguments.log {
-        service.record_to(path);
-    }
-    if arguments.check {
-        return match out::text(service.describe()) {
-            Ok(_) => ExitCode::SUCCESS,
-            Err(error) => fail(&error),
-        };
-    }
-    match service.run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => fail(&error),
-    }
-}
-
-fn fail(error: &anyhow::Error) -> ExitCode {
-    match error.downcast_ref::<Located>() {
-        Some(located) => {
-            out::warn(located);
-            ExitCode::from(2)
-        }
-        None => {
-            out::warn(format_args!("error: {error:#}"));
-            ExitCode::from(1)
-        }
-    }
+    taktild::process::main()
 }

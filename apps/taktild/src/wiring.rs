@@ -20,6 +20,7 @@ use taktil_tasks_wrist_scan::WristScan;
 
 use crate::config::MachineConfig;
 use crate::cpus;
+use crate::own::{self, OwnTask, Section};
 use crate::robot::{AnyRobot, with};
 use crate::tape;
 
@@ -75,6 +76,10 @@ pub fn assemble(
             "name a machine file with `machine = \"...\"`, or write [lane.NAME] sections",
         ));
     }
+    if let Some(name) = config.own.keys().find(|name| own::find(name).is_none()) {
+        let what = format!("this program has no task `{name}` of its own");
+        return Err(Invalid::new(format!("own.{name}"), what, own_remedy()));
+    }
     let mut builder = Builder::new();
     builder.allowance(config.schedule.unwrap_or_default().allowance()?)?;
     if let Some(record) = config.record {
@@ -96,6 +101,9 @@ pub fn assemble(
                 if task == TOUCH && !robot.is_puma260() {
                     let what = "only the PUMA 260 moves by touch";
                     return Err(Invalid::new("", what, format!("leave `{TOUCH}` out")));
+                }
+                if let Some(task) = own::find(task) {
+                    return make_own(task, &config, robot, ports);
                 }
                 let parts = Parts { config: &config, touch, opposed, shelf: &mut shelf };
                 with!(robot, robot => make(task, parts, robot, &mut operator, ports))
@@ -200,14 +208,32 @@ fn make<const N: usize, A: Arm<N>>(
             JointServo::new(config.joint_servo.clone().unwrap_or_default(), robot, ports).map(boxed)
         }
         _ => {
-            return Err(Invalid::new(
-                "",
-                format!("there is no task `{task}`"),
-                format!("tasks are: {}", TASKS.join(", ")),
-            ));
+            let remedy = format!("tasks are: {}; {}", TASKS.join(", "), own_remedy());
+            return Err(Invalid::new("", format!("there is no task `{task}`"), remedy));
         }
     };
     made.map_err(|invalid| invalid.within(task))
+}
+
+/// A task of the program's own.
+fn make_own(
+    task: &OwnTask,
+    config: &MachineConfig,
+    robot: &AnyRobot,
+    ports: &mut Ports,
+) -> Result<Box<dyn Task>, Invalid> {
+    let section = Section::new(config.own.get(task.name).cloned().unwrap_or_default());
+    let made = (task.make)(&section, robot, ports);
+    made.map_err(|invalid| invalid.within(&format!("own.{}", task.name)))
+}
+
+/// Which tasks this program has besides the house's.
+fn own_remedy() -> String {
+    let names: Vec<&str> = own::tasks().iter().map(|task| task.name).collect();
+    match names.as_slice() {
+        [] => "a task of one's own needs a program of one's own that names it".to_owned(),
+        names => format!("its own are: {}", names.join(", ")),
+    }
 }
 
 fn boxed<T: Task + 'static>(task: T) -> Box<dyn Task> {

@@ -53,6 +53,8 @@ fn of(shape: &Shape, path: &str, keys: &[Key]) -> Result<Value, String> {
             let items = of(&probe::shape::<Items>()?, path, keys)?;
             json!({ "anyOf": [{ "enum": WORDS }, items] })
         }
+        // What it takes is known to the program that has the task.
+        Shape::Any if path.ends_with(".own.*.*") => json!({}),
         Shape::Any => return Err(format!("{path}: what may stand there is stated nowhere")),
     };
     if let Some(key) = keys.iter().find(|key| key.path == path) {

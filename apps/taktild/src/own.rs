@@ -1,0 +1,141 @@
+//! Tasks of one's own: a program outside this repository names them at its start, and machine
+//! files then name them in lanes like the house's and configure them in `[own.NAME]`. They get
+//! ports, never a device. Refuses a name twice, names of the house, and a second list: which tasks
+//! there are is a fact of the program.
+
+use std::sync::OnceLock;
+
+use serde::de::DeserializeOwned;
+use taktil_rtcore::{Invalid, Ports, Task};
+
+use crate::robot::AnyRobot;
+use crate::wiring::TASKS;
+
+/// Builds a task from its section, the machine's arm and its ports.
+pub type Make = fn(&Section, &AnyRobot, &mut Ports) -> Result<Box<dyn Task>, Invalid>;
+
+/// A task that a lane may name.
+#[derive(Clone, Copy, Debug)]
+pub struct OwnTask {
+    /// What lanes, wires and its section call it: lower-case letters, digits, `_`.
+    pub name: &'static str,
+    /// Makes it; what it complains about is placed in `own.NAME`.
+    pub make: Make,
+}
+
+/// `[own.NAME]` of a machine file; empty when there is none.
+#[derive(Clone, Debug, Default)]
+pub struct Section(toml::Table);
+
+impl Section {
+    /// The section that holds this table.
+    #[must_use]
+    pub fn new(table: toml::Table) -> Section {
+        Section(table)
+    }
+
+    /// Reads the section as a configuration, which refuses keys that it does not know if it says
+    /// `deny_unknown_fields`.
+    ///
+    /// # Errors
+    /// Unknown keys, wrong types, missing keys.
+    pub fn read<T: DeserializeOwned>(&self) -> Result<T, Invalid> {
+        self.0.clone().try_into().map_err(|error: toml::de::Error| {
+            let what = error.message().replace('\n', " ");
+            Invalid::new("", what, "look at what the task's own configuration takes")
+        })
+    }
+}
+
+/// The tasks of this program.
+static OWN: OnceLock<&'static [OwnTask]> = OnceLock::new();
+
+/// Names the tasks of this program, once, before anything is loaded.
+///
+/// # Errors
+/// A second call; a name twice, of the house, or that is no name.
+pub fn register(tasks: &'static [OwnTask]) -> Result<(), Invalid> {
+    check(tasks)?;
+    OWN.set(tasks).map_err(|_| {
+        let what = "the tasks of this program were named already";
+        Invalid::new("own", what, "name all of them in one call")
+    })
+}
+
+fn check(tasks: &[OwnTask]) -> Result<(), Invalid> {
+    for (at, OwnTask { name, .. }) in tasks.iter().enumerate() {
+        let place = format!("own.{name}");
+        let first = name.bytes().next().is_some_and(|c| c.is_ascii_lowercase());
+        let rest = |c: u8| c.is_ascii_lowercase() || c.is_ascii_digit() || c == b'_';
+        if !first || !name.bytes().all(rest) {
+            let remedy = "begin with a lower-case letter; go on with such, digits and `_`";
+            return Err(Invalid::new(place, format!("`{name}` is no name of a task"), remedy));
+        }
+        if TASKS.contains(name) || *name == "world" {
+            let what = format!("`{name}` is a task of the house");
+            return Err(Invalid::new(place, what, "give it another name"));
+        }
+        if tasks[..at].iter().any(|other| other.name == *name) {
+            let what = format!("two tasks are called `{name}`");
+            return Err(Invalid::new(place, what, "give one of them another name"));
+        }
+    }
+    Ok(())
+}
+
+/// The tasks that [`register`] named.
+#[must_use]
+pub fn tasks() -> &'static [OwnTask] {
+    OWN.get().copied().unwrap_or_default()
+}
+
+/// The task of this name.
+#[must_use]
+pub fn find(name: &str) -> Option<&'static OwnTask> {
+    tasks().iter().find(|task| task.name == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn none(_: &Section, _: &AnyRobot, _: &mut Ports) -> Result<Box<dyn Task>, Invalid> {
+        Err(Invalid::new("", "makes nothing", ""))
+    }
+
+    fn refused(names: &[&'static str]) -> String {
+        let tasks: Vec<OwnTask> = names.iter().map(|name| OwnTask { name, make: none }).collect();
+        check(&tasks).map_or_else(|bad| bad.to_string(), |()| String::new())
+    }
+
+    #[test]
+    fn names_that_cannot_be_told_apart_or_written_are_refused() {
+        assert_eq!(refused(&["sway", "sway_2"]), "");
+        assert!(refused(&["sway", "beat", "sway"]).contains("two tasks are called `sway`"));
+        for house in TASKS.into_iter().chain(["world"]) {
+            assert!(refused(&[house]).contains("task of the house"), "{house}");
+        }
+        for bad in ["", "Sway", "2sway", "_sway", "sway.goal", "sw ay", "sw\u{e4}y"] {
+            assert!(refused(&[bad]).contains("no name of a task"), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn a_section_reads_what_it_holds_and_refuses_the_rest() {
+        #[derive(Debug, PartialEq, serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Config {
+            hz: f64,
+        }
+        let section = |text: &str| Section::new(text.parse().unwrap());
+        assert_eq!(section("hz = 0.5").read(), Ok(Config { hz: 0.5 }));
+        for (text, what) in [
+            ("", "missing field `hz`"),
+            ("hz = 1.0\nhx = 2", "unknown field `hx`"),
+            ("hz = \"a\"", "invalid type"),
+        ] {
+            let bad = section(text).read::<Config>().unwrap_err();
+            assert!(bad.what.contains(what) && !bad.what.contains('\n'), "{bad}");
+        }
+    }
+}

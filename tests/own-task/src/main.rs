@@ -1,0 +1,25 @@
+//! `taktil` with the task `sway`: `own-task run scene.toml --fast`, and every other command.
+//! Refuses to decide anything: the task is in `sway`.
+
+mod sway;
+
+use std::process::ExitCode;
+
+use taktil_rtcore::guard::CountingAllocator;
+use taktild::out;
+use taktild::own::{self, OwnTask};
+
+// As in the house's programs: heap calls inside jobs are counted.
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// The tasks of this program, besides the house's.
+static TASKS: [OwnTask; 1] = [OwnTask { name: "sway", make: sway::make }];
+
+fn main() -> ExitCode {
+    if let Err(bad) = own::register(&TASKS) {
+        out::warn(bad);
+        return ExitCode::from(2);
+    }
+    taktil::cli::main()
+}
