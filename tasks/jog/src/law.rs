@@ -21,7 +21,7 @@ const LED_SHARE: [f64; 2] = [0.3, 0.6];
 /// How many joints are heavy.
 const HEAVY: usize = 3;
 /// How often, and by how much beyond what is needed, the tool slows down for a joint in one job.
-const SLOWER: u32 = 6;
+const SLOWER: u32 = 8;
 const SLOWER_BY: f64 = 1.02;
 /// Below this share of its speed the tool stands.
 const CREEPING: f64 = 1e-6;
@@ -342,9 +342,11 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
                 Ok((follower, q)) => return Ok(Tried { speed, follower, qd: (q - self.q) / dt_s }),
                 Err(lost @ Lost::TooFast { ratio, .. }) => {
                     why = lost;
-                    // At the edge of the reach joints go as the root of the tool's way.
-                    let root = if attempt < SLOWER / 2 { 1.0 } else { ratio };
-                    speed /= ratio * root * SLOWER_BY;
+                    // At the edge of the reach joints go as the root of the tool's way, and a
+                    // fraction is tried before it is given up.
+                    let late = attempt >= SLOWER / 2;
+                    let by = if late { (ratio * ratio).max(1.4) } else { ratio };
+                    speed /= by * SLOWER_BY;
                 }
                 Err(lost) => {
                     why = lost;

@@ -6,11 +6,11 @@ use super::chains::{push, rates, seven, six};
 
 const DT_S: f64 = 0.0025;
 
-/// What a key held for eight seconds, and its opposite for one, came to.
+/// What a key held for 6.5 s, and its opposite for 4 at most, came to.
 struct Held {
     /// How far the tool point was off its line at most, less what turning its axes explains (m).
     off_m: f64,
-    /// How far it came back (m).
+    /// How far it came back (m): a millimetre is enough.
     back_m: f64,
 }
 
@@ -36,7 +36,7 @@ fn held<const N: usize, A: Arm<N>>(
         along = start.rotation * along;
     }
     let (mut off_m, mut last) = (0.0f64, Vector::<N>::zeros());
-    for tick in 0..3200 {
+    for tick in 0..2600 {
         let now = law.step(&push(axis, by, frame), DT_S);
         assert!(arm.within_limits(&now.q), "{axis} {by} at {tick}: {}", now.q);
         let change: Vector<N> = now.qd - last;
@@ -50,10 +50,15 @@ fn held<const N: usize, A: Arm<N>>(
         off_m = off_m.max((way - way.dot(along) * along).length() - bent);
     }
     let stood = arm.tool_pose(&law.q).translation;
-    for _ in 0..400 {
+    let mut back_m = 0.0;
+    for _ in 0..1600 {
         law.step(&push(axis, -by, frame), DT_S);
+        back_m = (arm.tool_pose(&law.q).translation - stood).length();
+        if back_m > 1e-3 {
+            break;
+        }
     }
-    Held { off_m, back_m: (arm.tool_pose(&law.q).translation - stood).length() }
+    Held { off_m, back_m }
 }
 
 /// Every way from a start (deg).
@@ -63,7 +68,7 @@ fn every_way<const N: usize, A: Arm<N>>(arm: &A, rates: &Rates<N>, degrees: [f64
         for way in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
             let Held { off_m, back_m } = held(arm, rates, &at, way, frame);
             assert!(off_m < 6e-4, "{degrees:?} {frame:?} {way:?}: {off_m} m off its line");
-            assert!(back_m > 1e-4, "{degrees:?} {frame:?} {way:?}: {back_m} m back");
+            assert!(back_m > 1e-3, "{degrees:?} {frame:?} {way:?}: {back_m} m back");
         }
     }
 }
@@ -72,10 +77,12 @@ fn every_way<const N: usize, A: Arm<N>>(arm: &A, rates: &Rates<N>, degrees: [f64
 fn beside_the_wrist_s_singularity_the_tool_stays_on_its_line() {
     let arm = Puma260::reference();
     let rates = crate::Config::default().rates(&arm, true);
-    // 4 and 20 degrees from it.
-    for start in
-        [[-86.7, -14.3, -168.4, 93.1, -4.0, 205.7], [-133.1, -39.5, -193.0, -153.5, 19.7, 215.9]]
-    {
+    // 4 and 20 degrees from it, and one from which the arm stretches.
+    for start in [
+        [-86.7, -14.3, -168.4, 93.1, -4.0, 205.7],
+        [-133.1, -39.5, -193.0, -153.5, 19.7, 215.9],
+        [92.2, 185.1, -192.6, 248.3, -47.1, 53.6],
+    ] {
         every_way(&arm, &rates, start);
     }
 }
