@@ -147,6 +147,12 @@ const LANES: &[Case] = &[
         "takes JointState, but `sense.lines` carries Lines",
     ),
     add("[robot.wiring]\n\"setpoint.joints\" = 3\n", "3\n", "invalid type: integer `3`"),
+    add(
+        "[robot.own.sway]\njoint = 6\n",
+        "sway",
+        "robot.own.sway: this program has no task `sway` of its own",
+    ),
+    add("[robot.own]\nsway = 6\n", "6\n", "invalid type: integer `6`"),
 ];
 
 /// Complaints that stand in the machine file although the scene causes them: what they say, and the
