@@ -240,8 +240,13 @@ fn periodic(lane: &Demand, allowance: Allowance) -> Option<Periodic> {
 /// What a lane takes from those that come after it: its jobs, and the longest spin before each.
 fn interference(lane: &Demand, allowance: Allowance) -> Option<Periodic> {
     let own = periodic(lane, allowance)?;
-    let spin = lane.spec.guard.map_or(Nanos::ZERO, |guard| guard.spin_max);
+    let spin = spin_max(lane);
     Some(Periodic { cost: own.cost + spin, phase: own.phase - spin, ..own })
+}
+
+/// The longest spin before a release of a lane.
+fn spin_max(lane: &Demand) -> Nanos {
+    lane.spec.guard.map_or(Nanos::ZERO, |guard| guard.spin_max)
 }
 
 fn judge(lanes: &[Demand], index: usize, allowance: Allowance) -> LaneResponse {
@@ -376,13 +381,16 @@ fn complaint(
     };
     let first: Vec<String> = first_of(lanes, index)
         .filter_map(|lane| {
-            let work = interference(lane, allowance)?;
+            let work = periodic(lane, allowance)?;
             let name = &lane.spec.name;
+            let spin = spin_max(lane);
+            let spin =
+                if spin > Nanos::ZERO { format!(" and up to {spin} of guard") } else { "".into() };
             let rank = match lane.spec.policy {
                 Policy::Fifo => format!("priority {}", lane.spec.priority),
                 Policy::Deadline => "by deadline".to_owned(),
             };
-            Some(format!("`{name}` ({} every {}, {rank})", work.cost, work.period))
+            Some(format!("`{name}` ({}{spin} every {}, {rank})", work.cost, work.period))
         })
         .collect();
     let held_up = if first.is_empty() {
@@ -422,6 +430,13 @@ fn remedy(lanes: &[Demand], index: usize, judged: &LaneResponse, allowance: Allo
     match fitting_budget(lanes, index, allowance) {
         Some(budget) => ways.push(format!("cut its budgets to {budget} in all")),
         None => ways.push("cut the budgets of the lanes that come first".into()),
+    }
+    let guards: Vec<String> = first_of(lanes, index)
+        .filter(|lane| spin_max(lane) > Nanos::ZERO)
+        .map(|lane| format!("`lane.{}.guard.cpu_share_max`", lane.spec.name))
+        .collect();
+    if !guards.is_empty() {
+        ways.push(format!("lower {}", guards.join(" or ")));
     }
     if !judged.interfering.is_empty() {
         ways.push("give it a CPU that it shares with none of them (`cpu`)".into());

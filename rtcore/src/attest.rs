@@ -23,6 +23,9 @@ pub struct LaneGrant {
 /// A limit of the process; `None` is no limit.
 pub type Limit = Option<u64>;
 
+/// Stands for the governor of a CPU whose frequency is scaled and does not say by what.
+pub const UNREADABLE: &str = "unreadable";
+
 /// What the kernel says of the machine and of this process. A `None` could not be read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Facts {
@@ -46,7 +49,8 @@ pub struct Facts {
     pub group_rt_runtime_us: Option<i64>,
     /// Current clock source.
     pub clocksource: Option<String>,
-    /// Frequency governors in use, one word each; empty without frequency scaling.
+    /// Frequency governors in use, one word each, [`UNREADABLE`] for those that cannot be read;
+    /// empty without frequency scaling.
     pub governors: Vec<String>,
     /// Isolated CPUs as the kernel lists them; empty when there are none.
     pub isolated: Option<String>,
@@ -98,7 +102,9 @@ impl Attestation {
     pub(crate) fn judge(&mut self, asked: Vec<Shortfall>, demands: &Demands) {
         let facts = &self.facts;
         self.shortfalls = asked;
-        self.shortfalls.extend(facts.unlocked());
+        let said = self.shortfalls.iter().any(|short| short.item == Item::Memory);
+        let hard = demands.of(Item::Memory) == Weight::Hard;
+        self.shortfalls.extend(facts.unlocked(hard).filter(|_| !said));
         self.shortfalls.extend(shortfalls(facts, self.preempt_rt, &self.lanes, demands));
         if self.virtual_machine {
             self.notes.push("a virtual machine: its host may take the processor".to_owned());
@@ -119,13 +125,16 @@ impl Attestation {
 const UNLOCKED_KIB: u64 = 256;
 
 impl Facts {
-    /// A memory lock that the kernel confirmed and that does not cover the process.
-    fn unlocked(&self) -> Option<Shortfall> {
-        let (locked, resident) = (self.locked_kib?, self.resident_kib?);
-        // Nothing locked at all was said by the refusal itself.
-        (locked > 0 && locked + UNLOCKED_KIB < resident)
-            .then(|| format!("memory: {locked} KiB locked of {resident} KiB resident"))
-            .map(|found| Shortfall::new(Item::Memory, found))
+    /// A memory lock that was not refused and does not cover the process, or, where it is demanded
+    /// `hard`, is not seen to.
+    fn unlocked(&self, hard: bool) -> Option<Shortfall> {
+        let found = match self.locked_kib.zip(self.resident_kib) {
+            Some((locked, resident)) => (locked + UNLOCKED_KIB < resident)
+                .then(|| format!("memory: {locked} KiB locked of {resident} KiB resident"))?,
+            None if hard => "memory: VmLck or VmRSS cannot be read".to_owned(),
+            None => return None,
+        };
+        Some(Shortfall::new(Item::Memory, found))
     }
 
     /// Names and values for people.
@@ -185,20 +194,28 @@ mod tests {
             resident_kib: resident,
             ..Facts::default()
         };
-        let missing = |facts: Facts| {
+        let judged = |facts: Facts, asked, demands: &Demands| {
             let mut attestation = Attestation { facts, ..Attestation::default() };
-            attestation.judge(Vec::new(), &Demands::SOFT);
-            attestation.missing
+            attestation.judge(asked, demands);
+            attestation
         };
+        let missing = |facts: Facts| judged(facts, Vec::new(), &Demands::SOFT).missing;
         assert_eq!(missing(facts(Some(9000), Some(9000))).len(), 0);
         assert_eq!(missing(facts(Some(4000), Some(9000))).len(), 1);
+        assert_eq!(missing(facts(Some(0), Some(9000))).len(), 1, "a lock that locked nothing");
         assert_eq!(missing(facts(None, Some(9000))).len(), 0, "unknown is not missing");
+        let unseen = judged(facts(None, Some(9000)), Vec::new(), &Demands::BOARD);
+        assert_eq!(unseen.refused().count(), 1, "unless it is demanded");
+        let refused = vec![Shortfall::new(Item::Memory, "refused")];
+        let both = judged(facts(Some(0), Some(9000)), refused, &Demands::BOARD);
+        assert_eq!(both.missing, ["refused"], "said once");
     }
 
     #[test]
     fn the_weight_of_an_item_decides_what_missing_it_means() {
         let judged = |demands: &Demands| {
-            let mut attestation = Attestation { preempt_rt: true, ..Attestation::default() };
+            let facts = Facts { locked_kib: Some(9), resident_kib: Some(9), ..Facts::default() };
+            let mut attestation = Attestation { preempt_rt: true, facts, ..Attestation::default() };
             attestation.judge(vec![Shortfall::new(Item::Fifo, "no priority")], demands);
             attestation
         };

@@ -3,6 +3,9 @@
 //! assume: what was asked for is read back.
 #![allow(unsafe_code)]
 
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall, munlockall};
 use nix::sys::resource::{Resource, UsageWho, getrlimit, getrusage};
@@ -15,7 +18,7 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id, thread_schedule_policy_param,
 };
 
-use crate::attest::{Facts, LaneGrant, Limit, status_kib};
+use crate::attest::{Facts, LaneGrant, Limit, UNREADABLE, status_kib};
 use crate::cpus;
 use crate::schedule::Reservation;
 
@@ -326,17 +329,24 @@ pub struct AwakeCpus {
 
 impl AwakeCpus {
     /// Writes a latency of 0 us to `/dev/cpu_dma_latency`; the wish ends with the descriptor.
+    /// `None` where that cannot be done, or where the kernel does not say 0 afterwards.
     #[must_use]
     pub fn hold() -> Option<AwakeCpus> {
         let path = "/dev/cpu_dma_latency";
-        let mut file = std::fs::OpenOptions::new().write(true).open(path).ok()?;
+        let mut file = std::fs::OpenOptions::new().read(true).write(true).open(path).ok()?;
         std::io::Write::write_all(&mut file, &0i32.to_ne_bytes()).ok()?;
-        Some(AwakeCpus { _held_open: file })
+        let mut now = [0xff; 4];
+        file.read_exact_at(&mut now, 0).ok()?;
+        (i32::from_ne_bytes(now) == 0).then_some(AwakeCpus { _held_open: file })
     }
 }
 
 /// A text of the kernel without the white space around it.
 fn says(path: &str) -> Option<String> {
+    says_at(Path::new(path))
+}
+
+fn says_at(path: &Path) -> Option<String> {
     std::fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
 }
 
@@ -351,13 +361,6 @@ pub fn facts() -> Facts {
     let status = says("/proc/self/status").unwrap_or_default();
     let number = |path: &str| says(path).and_then(|text| text.parse().ok());
     let cpus = "/sys/devices/system/cpu";
-    let mut governors: Vec<String> = std::fs::read_dir(cpus)
-        .into_iter()
-        .flatten()
-        .filter_map(|entry| says(entry.ok()?.path().join("cpufreq/scaling_governor").to_str()?))
-        .collect();
-    governors.sort();
-    governors.dedup();
     Facts {
         kernel: says("/proc/sys/kernel/osrelease"),
         locked_kib: status_kib(&status, "VmLck"),
@@ -369,10 +372,23 @@ pub fn facts() -> Facts {
         rt_period_us: number("/proc/sys/kernel/sched_rt_period_us"),
         group_rt_runtime_us: group_rt_budget(),
         clocksource: says("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
-        governors,
+        governors: governors(Path::new(cpus)),
         isolated: says(&format!("{cpus}/isolated")),
         dma_latency_held: false,
     }
+}
+
+/// The governors under a directory of CPUs, each once.
+fn governors(cpus: &Path) -> Vec<String> {
+    let Ok(entries) = std::fs::read_dir(cpus) else { return vec![UNREADABLE.to_owned()] };
+    let scaled = entries.flatten().map(|entry| entry.path().join("cpufreq"));
+    let mut found: Vec<String> = scaled
+        .filter(|path| path.is_dir())
+        .map(|path| says_at(&path.join("scaling_governor")).unwrap_or_else(|| UNREADABLE.into()))
+        .collect();
+    found.sort();
+    found.dedup();
+    found
 }
 
 /// The real-time budget of this process's control group; none where groups have no such thing.

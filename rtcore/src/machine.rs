@@ -285,7 +285,7 @@ impl Builder {
         check_bindings(&inputs.collect::<Vec<_>>(), &self.bindings)?;
         let (analysis, reservations) = self.check_schedule()?;
         let homes = self.homes();
-        let stall = STALL + self.longer;
+        let (stall, jitter) = (STALL + self.longer, self.allowance.release_jitter);
         let mut lanes: Vec<Lane> = Vec::new();
         let (mut drains, mut edit_rings) = (Vec::new(), Vec::new());
         for (index, draft) in self.lanes.iter_mut().enumerate() {
@@ -293,7 +293,7 @@ impl Builder {
             let (mut lane, drain) = take_lane(draft, index, &catalog, &homes, (timed, stall));
             let (knobs, ring) = parameters::knobs(draft);
             (lane.knobs, lane.edit) = (knobs, edits[index].take());
-            lane.reservation = reservations[index];
+            (lane.reservation, lane.release_jitter) = (reservations[index], jitter);
             lanes.push(lane);
             drains.push(drain);
             edit_rings.push(ring);
@@ -475,6 +475,7 @@ fn take_lane(
     let lane = Lane {
         spec: draft.spec.clone(),
         reservation: None,
+        release_jitter: Nanos::ZERO,
         seats: std::mem::take(&mut draft.seats),
         cells,
         inputs: Vec::new(),

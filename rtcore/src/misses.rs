@@ -99,6 +99,8 @@ impl Misses {
 /// What was read about one job that ended too late.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Trace {
+    /// Release to begin on the clock.
+    pub late: Nanos,
     /// Begin to end on the clock.
     pub took: Nanos,
     /// Processor time of the thread between them.
@@ -116,6 +118,8 @@ pub struct Trace {
 /// What the kernel may do to a lane's thread, and what it has done to its group.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Ground {
+    /// Lateness of a release that the schedule allows for: no cause by itself.
+    pub release_jitter: Nanos,
     /// The part of each period for which real-time threads are throttled; none when they are not,
     /// or when the thread is not one of them.
     pub throttle_gap: Option<Nanos>,
@@ -130,12 +134,16 @@ pub struct Ground {
 /// as an overrun when nothing else is seen.
 const FAULT_COST: Nanos = Nanos::from_micros(4);
 
-/// The cause that explains most: without it the job would have made its deadline.
+/// The cause that explains most. A late begin is the cause where the job alone would have made its
+/// deadline, the begin was later than the schedule allows for, and no shorter than what was taken
+/// from the job afterwards; otherwise the job is judged by the time that its begin left it.
 #[must_use]
 pub fn cause(deadline: Nanos, trace: &Trace, ground: &Ground) -> Cause {
-    if trace.took <= deadline {
+    let alone = trace.took <= deadline;
+    if alone && trace.late > ground.release_jitter && trace.late >= trace.took - trace.cpu {
         return Cause::LateWake;
     }
+    let deadline = if alone { deadline - trace.late } else { deadline };
     let in_faults = FAULT_COST * i64::try_from(trace.page_faults).unwrap_or(i64::MAX / 1_000_000);
     if trace.cpu > deadline {
         let without = trace.cpu - in_faults;

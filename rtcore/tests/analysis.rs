@@ -306,7 +306,9 @@ fn a_guard_that_nobody_asked_for_is_given_where_every_lane_bears_it() {
     tight[0].spec.cpu = Some(0);
     tight[0].spec.guard = Guard::of_share(0.1, ms(1)).ok();
     let analysis = analyse(&tight, exact(100_000));
-    assert!(analysis.refusal().is_some());
+    let refusal = analysis.refusal().unwrap().to_string();
+    assert!(refusal.contains("and up to 100 us of guard every 1 ms"), "{refusal}");
+    assert!(refusal.contains("lower `lane.l0.guard.cpu_share_max`"), "{refusal}");
 }
 
 #[test]

@@ -29,6 +29,8 @@ struct Trouble {
     late: Option<(u64, u64)>,
     fault_at: Option<u64>,
     hang_at: Option<u64>,
+    /// Hangs in a computation, not in a wait.
+    spins: bool,
     let_go: Arc<AtomicBool>,
 }
 
@@ -38,7 +40,11 @@ impl Task for Trouble {
             std::thread::sleep(Duration::from_millis(12));
         }
         while self.hang_at == Some(cycle.tick) && !self.let_go.load(Ordering::SeqCst) {
-            std::thread::sleep(Duration::from_millis(1));
+            if self.spins {
+                std::hint::spin_loop();
+            } else {
+                std::thread::sleep(Duration::from_millis(1));
+            }
         }
         if self.fault_at == Some(cycle.tick) { Err(FaultCode::TactileLost) } else { Ok(()) }
     }
@@ -226,6 +232,30 @@ fn a_task_that_does_not_return_is_seen_by_the_other_lane_and_by_the_carrying_thr
     assert!(FaultSet(silent.faults).contains(FaultCode::LaneSilent));
     assert!(tick >= 10, "not before 50 ms: {tick}");
     assert!(!keep.faults(0).contains(FaultCode::LaneSilent));
+}
+
+#[test]
+fn a_task_that_computes_for_ever_is_seen_from_another_processor() {
+    if std::thread::available_parallelism().map_or(1, usize::from) < 2 {
+        eprintln!("SKIPPED: one processor; who holds it is seen by nobody");
+        return;
+    }
+    // Without a CPU the other lane moves to a free one; beside it there is the carrying thread.
+    for cpu in [None, Some(0)] {
+        let trouble = Trouble { hang_at: Some(4), spins: true, ..Trouble::default() };
+        let mut b = Builder::new();
+        let first = b.lane(LaneSpec { cpu, ..LaneSpec::new("first", ms(5), 50) }).unwrap();
+        let second = b.lane(LaneSpec { cpu, ..LaneSpec::new("second", ms(5), 40) }).unwrap();
+        b.task(first, "trouble", |_| Ok(Box::new(trouble.clone()))).unwrap();
+        b.task(second, "calm", |_| Ok(Box::new(Trouble::default()))).unwrap();
+        let mut machine = b.build().unwrap();
+        let mut keep = Keep::new(&machine, &trouble);
+        let outcome = run(&mut machine, &mut keep, Pace::Fixed, LONGEST_PERIOD * 360);
+        let hang = Hang { lane: "first".into(), task: "trouble".into() };
+        assert_eq!(outcome, Err(LiveError::Hung(hang)), "{cpu:?}");
+        let seen = keep.of(1).any(|(_, health)| health.silent == 1);
+        assert!(seen || cpu.is_some(), "by the other lane");
+    }
 }
 
 #[test]

@@ -23,9 +23,10 @@ struct Circumstances {
 }
 
 impl Circumstances {
-    fn read() -> Circumstances {
+    fn read(release_jitter: Nanos) -> Circumstances {
         let (_, virtual_machine) = kernel();
-        let ground = Ground { throttle_gap: throttle_gap(), quota_used: false, virtual_machine };
+        let throttle_gap = throttle_gap();
+        let ground = Ground { release_jitter, throttle_gap, quota_used: false, virtual_machine };
         Circumstances { ground, quota: Quota::watch() }
     }
 
@@ -49,7 +50,7 @@ pub(super) fn beat(
     let mut margin = Margin::new(bound);
     lane.figures.guard = lane.spec.guard.map(|_| GuardFigures::default());
     let slip = || Nanos(shared.slip.ns());
-    let mut circumstances = Circumstances::read();
+    let mut circumstances = Circumstances::read(lane.release_jitter);
     let mut discipline = Discipline::new(lane.spec.late, lane.spec.misses);
     let mut notice = Notice::default();
     let mut ears = Ears { watch: shared.ledger.watch(index), storms: 0 };
@@ -82,7 +83,7 @@ pub(super) fn beat(
         let end = clock.now();
         let missed = account(lane, &waited, end);
         if let Some(job) = evidence.job(&waited, end - begin, missed, Reading::take) {
-            explain(lane, end - begin, job, &circumstances.now());
+            explain(lane, (begin - waited.release, end - begin), job, &circumstances.now());
         }
         note_wait(&mut lane.figures, &mut margin, &waited, started);
         // Where the world waits nothing is left out, and no value may depend on lateness.
@@ -133,10 +134,10 @@ impl Ears {
     }
 }
 
-/// Counts a miss by its cause.
-fn explain(lane: &mut Lane, took: Nanos, job: Reading, ground: &Ground) {
+/// Counts a miss by its cause; a job began so late and took so long.
+fn explain(lane: &mut Lane, (late, took): (Nanos, Nanos), job: Reading, ground: &Ground) {
     let ThreadCounters { page_faults, disk_faults, preemptions, waits } = job.counters;
-    let trace = Trace { took, cpu: job.cpu, page_faults, disk_faults, preemptions, waits };
+    let trace = Trace { late, took, cpu: job.cpu, page_faults, disk_faults, preemptions, waits };
     lane.figures.misses.add(cause(lane.spec.deadline, &trace, ground));
 }
 

@@ -20,7 +20,6 @@ fn why(trace: &Trace) -> Cause {
 
 #[test]
 fn each_cause_has_its_own_evidence() {
-    assert_eq!(why(&of(2500, 100, |t| t.preemptions = 3)), Cause::LateWake, "it took no longer");
     assert_eq!(why(&of(9000, 2501, |t| t.waits = 1)), Cause::Overrun);
     assert_eq!(why(&of(9000, 100, |t| t.preemptions = 1)), Cause::Preempted);
     assert_eq!(why(&of(9000, 100, |t| t.waits = 1)), Cause::Blocked);
@@ -29,6 +28,22 @@ fn each_cause_has_its_own_evidence() {
     assert_eq!(why(&of(9000, 100, |_| ())), Cause::Unexplained);
     let guest = Ground { virtual_machine: true, ..Ground::default() };
     assert_eq!(cause(DEADLINE, &of(9000, 100, |_| ()), &guest), Cause::Host);
+}
+
+#[test]
+fn a_late_begin_is_the_cause_where_it_weighs_most() {
+    let ground = Ground { release_jitter: us(100), ..Ground::default() };
+    let why = |late_us, took_us, cpu_us, change: fn(&mut Trace)| {
+        let trace = Trace { late: us(late_us), ..of(took_us, cpu_us, change) };
+        cause(DEADLINE, &trace, &ground)
+    };
+    assert_eq!(why(2450, 100, 90, |_| ()), Cause::LateWake);
+    assert_eq!(why(1300, 1300, 100, |t| t.preemptions = 1), Cause::LateWake, "1300 beside 1200");
+    assert_eq!(why(20, 2500, 100, |t| t.preemptions = 3), Cause::Preempted, "20 beside 2400");
+    assert_eq!(why(20, 2490, 2490, |_| ()), Cause::Overrun, "20 are allowed for");
+    assert_eq!(why(200, 2450, 2440, |_| ()), Cause::LateWake, "200 are not");
+    assert_eq!(why(90, 2480, 100, |t| t.waits = 2), Cause::Blocked);
+    assert_eq!(why(50_000, 2501, 2501, |_| ()), Cause::Overrun, "in time it would miss as well");
 }
 
 #[test]

@@ -145,9 +145,14 @@ pub fn run(options: &Held) -> anyhow::Result<ExitCode> {
     let verdicts = in_parallel(options.threads, &plan, |(i, seed)| {
         one(&scenes[*i].1, *seed, traced && *i == 0)
     })?;
-    if let (Some(path), Some(Some(first))) = (&options.trace, verdicts.first()) {
-        std::fs::write(path, table(&first.trace))
-            .with_context(|| format!("cannot write {}", path.display()))?;
+    match (&options.trace, verdicts.first()) {
+        (Some(path), Some(Some(first))) => std::fs::write(path, table(&first.trace))
+            .with_context(|| format!("cannot write {}", path.display()))?,
+        (Some(path), _) => {
+            let path = path.display();
+            out::warn(format_args!("{path}: not written, its run was interrupted"));
+        }
+        (None, _) => {}
     }
     let each = plan.len() / scenes.len();
     out::line(format_args!(
