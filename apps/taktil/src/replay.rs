@@ -45,6 +45,8 @@ pub struct Outcome {
     pub comparison: Comparison,
     /// Where the log is not whole, in words and as an instant.
     pub gap: Option<(String, Nanos)>,
+    /// What is wrong with a log that holds all of the run, in words.
+    pub flaw: Option<String>,
     /// The first answer of a device that the tapes lack.
     pub lack: Option<(&'static str, Nanos)>,
     /// Tasks that were run again, lane by lane.
@@ -84,9 +86,10 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     if let Some(out) = &options.out {
         writable("--out", out)?;
     }
+    let damage = log.damage().map(|damage| format!("; the file is {damage}")).unwrap_or_default();
     let (outcome, repeated) = repeat(log).map_err(|what| {
         let shown = options.log.display();
-        BadOption(format!("{shown} cannot be replayed: {what}"))
+        BadOption(format!("{shown} cannot be replayed: {what}{damage}"))
     })?;
     if let Some(out) = &options.out {
         std::fs::write(out, repeated)
@@ -116,7 +119,10 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
     if script.jobs() == 0 {
         return Err("it holds no decision: the run ended before its first job".to_owned());
     }
-    let cut = log.damage().filter(|damage| !damage.whole).map(ToString::to_string);
+    let (flaw, cut) = match log.damage() {
+        Some(damage) if damage.whole => (Some(damage.to_string()), None),
+        damage => (None, damage.map(ToString::to_string)),
+    };
     let gap = script.gap(specs.iter(), cut.is_some());
     let until = gap.as_ref().map_or(Nanos::MAX, |gap| gap.until);
     let (mut machine, lack) = origin.machine(tapes, script.longest_pause(specs.iter()))?;
@@ -138,6 +144,7 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
         title: origin.title(),
         comparison,
         gap: gap.map(|gap| (told(&gap, cut.as_deref()), gap.until)),
+        flaw,
         lack: lack.first(),
         rerun: rerun(&machine, &fed),
         fed: fed.iter().map(|task| (*task).to_owned()).collect(),
@@ -234,7 +241,12 @@ pub fn text(outcome: &Outcome) -> String {
              answers, decisions, states"
         );
     } else {
-        let _ = writeln!(out, "different: {messages} records in the log, {repeated} repeated");
+        let _ = writeln!(
+            out,
+            "different: {messages} records in the log, {repeated} repeated; the log was altered, a \
+             task is no function of its inputs, or another build of taktil {} wrote it",
+            env!("CARGO_PKG_VERSION")
+        );
     }
     if let Some(first) = outcome.comparison.first() {
         out += &first_text(first, ["recorded", "repeated"]);
@@ -242,6 +254,9 @@ pub fn text(outcome: &Outcome) -> String {
     if let Some((device, release)) = outcome.lack {
         let at = seconds(release.0);
         let _ = writeln!(out, "tape {device} holds no answer for the job released at {at} s");
+    }
+    if let Some(flaw) = &outcome.flaw {
+        let _ = writeln!(out, "the file is damaged all the same: {flaw}");
     }
     if let Some((why, until)) = &outcome.gap {
         let _ = writeln!(out, "not whole: {why}; complete until {} s", seconds(until.0));
@@ -265,6 +280,7 @@ pub fn object(outcome: &Outcome) -> Value {
             .as_ref()
             .map(|(why, until)| { json!({ "why": why, "complete_until_ns": until.0 }) })
     );
+    object["flaw"] = json!(outcome.flaw);
     object["lack"] = json!(
         outcome
             .lack

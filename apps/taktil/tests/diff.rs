@@ -35,6 +35,8 @@ taktil_rtcore::payload! {
 
 /// Opcode of a message record in the format, and its parts in bytes.
 const MESSAGE: u8 = 0x05;
+/// Opcode of the record with the checksum over all before it.
+const DATA_END: u8 = 0x0F;
 const RECORD_HEADER: usize = 9;
 const BEFORE_STAMP: usize = 22 + 4;
 /// Offset of the payload in a message, and of the CRC.
@@ -115,15 +117,32 @@ fn message(bytes: &[u8], nth: usize) -> (usize, usize) {
     }
 }
 
-/// Flips bits of one byte of a message; with `mended`, the CRC fits again.
+/// Flips bits of one byte of a message; with `mended`, its header and every checksum fit again.
 fn flip(bytes: &mut [u8], nth: usize, offset: usize, bits: u8, mended: bool) {
     let (start, size) = message(bytes, nth);
     assert!(offset < size);
     bytes[start + offset] ^= bits;
-    if mended {
-        let crc = crc32fast::hash(&bytes[start..start + size]);
-        bytes[start + size..start + size + 4].copy_from_slice(&crc.to_le_bytes());
+    if !mended {
+        return;
     }
+    let crc = crc32fast::hash(&bytes[start..start + size]);
+    bytes[start + size..start + size + 4].copy_from_slice(&crc.to_le_bytes());
+    let release = i64::from_le_bytes(bytes[start + 8..start + 16].try_into().unwrap());
+    let time = u64::try_from(release).unwrap_or(0).to_le_bytes();
+    bytes.copy_within(start..start + 4, start - 24);
+    bytes[start - 20..start - 12].copy_from_slice(&time);
+    bytes[start - 12..start - 4].copy_from_slice(&time);
+    let mut at = 8;
+    while bytes.get(at).is_some_and(|opcode| *opcode != DATA_END) {
+        at +=
+            RECORD_HEADER + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+    }
+    // A file that was cut has no such record.
+    if at >= bytes.len() {
+        return;
+    }
+    let crc = crc32fast::hash(&bytes[..at]);
+    bytes[at + RECORD_HEADER..at + RECORD_HEADER + 4].copy_from_slice(&crc.to_le_bytes());
 }
 
 fn compare(a: &[u8], b: &[u8]) -> Comparison {

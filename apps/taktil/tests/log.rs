@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use taktil::diff::Comparison;
 use taktil::log::{Log, METADATA_RESULT, METADATA_RUN, McapLog};
 use taktil_hal::Nanos;
 use taktil_rtcore::Payload;
@@ -227,6 +228,54 @@ fn a_flipped_bit_is_found_and_located() {
         assert!(damage.offset < at && at - damage.offset < 64, "{damage}, message at {at}");
         assert_eq!(log.messages().count(), 7);
     }
+}
+
+#[test]
+fn no_bit_of_a_closed_file_changes_unseen() {
+    let path = file("bits.mcap");
+    write(&path, 2, "7", true);
+    let bytes = std::fs::read(&path).unwrap();
+    let whole = Log::from_bytes(bytes.clone()).unwrap();
+    for at in 0..bytes.len() {
+        let mut bad = bytes.clone();
+        bad[at] ^= 1 << (at % 8);
+        let Ok(log) = Log::from_bytes(bad) else { continue };
+        assert!(log.damage().is_some(), "bit {} of byte {at} of {}", at % 8, bytes.len());
+        assert!(!Comparison::new(&whole, &log).equal(), "byte {at}");
+    }
+}
+
+#[test]
+fn a_header_that_disagrees_with_its_stamp_is_found_in_a_cut_file_too() {
+    let path = file("header.mcap");
+    write(&path, 10, "7", false);
+    let bytes = std::fs::read(&path).unwrap();
+    let log = Log::from_bytes(bytes.clone()).unwrap();
+    let target = log.messages().nth(7).unwrap();
+    let stamp = bytes.windows(target.data.len()).position(|w| w == target.data).unwrap();
+    // Sequence, time of logging and of publishing stand in front of the encapsulation.
+    for (name, at) in [("sequence", 24), ("log time", 20), ("publish time", 12), ("its end", 5)] {
+        let mut bad = bytes.clone();
+        bad[stamp - at] ^= 0x10;
+        let log = Log::from_bytes(bad).unwrap();
+        let damage = log.damage().unwrap();
+        assert!(damage.what.contains("header is not that of its stamp"), "{name}: {damage}");
+        assert!(damage.what.contains(&format!("tick {}", target.tick)), "{name}: {damage}");
+        assert_eq!(log.messages().count(), 7, "{name}");
+    }
+}
+
+#[test]
+fn a_file_of_a_writer_that_makes_no_checksum_is_whole() {
+    let path = file("no_checksum.mcap");
+    write(&path, 2, "7", true);
+    let mut bytes = std::fs::read(&path).unwrap();
+    // DataEnd is the only record of four bytes; the footer ends the file with its own.
+    let end = bytes.windows(9).rposition(|w| w == [0x0F, 4, 0, 0, 0, 0, 0, 0, 0]).unwrap();
+    bytes[end + 9..end + 13].fill(0);
+    let footer = bytes.len() - mcap::MAGIC.len() - 4;
+    bytes[footer..footer + 4].fill(0);
+    assert_eq!(Log::from_bytes(bytes).unwrap().damage(), None);
 }
 
 #[test]

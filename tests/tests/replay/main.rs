@@ -241,5 +241,6 @@ fn a_cut_log_is_replayed_as_far_as_it_is_whole() {
     // Only what repeats the messages is missing: nothing is lost.
     let path = folder.path().join("summary.mcap");
     std::fs::write(&path, &bytes[..bytes.len() - 9]).unwrap();
-    assert!(replayed(&path).gap.is_none());
+    let outcome = replayed(&path);
+    assert!(outcome.gap.is_none() && outcome.flaw.is_some());
 }

@@ -1,6 +1,7 @@
 //! Reads a recording back, also one whose end is missing or damaged: everything before the first
-//! bad byte. Refuses directories, empty files, other formats and chunked MCAP files, each with a
-//! sentence that says so.
+//! bad byte. A closed file is held to its checksums, so that no bit of it can change unseen; one
+//! that was cut has those of its messages only. Refuses directories, empty files, other formats
+//! and chunked MCAP files, each with a sentence that says so.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -288,6 +289,12 @@ fn number(kind: Kind, bytes: &[u8], at: usize) -> f64 {
     }
 }
 
+/// Whether a checksum of the format holds; 0 says that none was made.
+fn holds(bytes: &[u8], promised: [u8; CRC]) -> bool {
+    let promised = u32::from_le_bytes(promised);
+    promised == 0 || crc32fast::hash(bytes) == promised
+}
+
 /// One pass over the records of a file.
 struct Scan<'a> {
     log: &'a mut Log,
@@ -326,13 +333,29 @@ impl Scan<'_> {
             }
             // What follows DataEnd is an index of what was read already.
             ended = rest[0] == op::DATA_END;
+            if ended && !holds(&self.bytes[..at], word(rest, RECORD_HEADER)) {
+                self.damage(at, "the checksum over all of it fails: something in it was altered");
+                return Ok(());
+            }
             at = next;
         }
-        if !self.bytes.ends_with(mcap::MAGIC) {
-            self.damage(at, "all messages are there, the closing summary is cut");
-            self.log.damage.iter_mut().for_each(|damage| damage.whole = true);
-        }
+        let what = if !self.bytes.ends_with(mcap::MAGIC) {
+            "all messages are there, the closing summary is cut"
+        } else if !self.sealed(at) {
+            "all messages are there, the closing summary fails its checksum"
+        } else {
+            return Ok(());
+        };
+        self.damage(at, what);
+        self.log.damage.iter_mut().for_each(|damage| damage.whole = true);
         Ok(())
+    }
+
+    /// Whether the footer's checksum holds over the summary, which starts at `start`.
+    fn sealed(&self, start: usize) -> bool {
+        let end = self.bytes.len() - mcap::MAGIC.len();
+        let at = end.checked_sub(CRC).filter(|at| *at >= start);
+        at.is_some_and(|at| holds(&self.bytes[start..at], word(self.bytes, at)))
     }
 
     fn damage(&mut self, offset: usize, what: &str) {
@@ -423,6 +446,14 @@ impl Scan<'_> {
             let what = place("a message fails its CRC");
             self.log.suspect = Some(here);
             return Err(what);
+        }
+        // The header repeats the stamp: what only that checksum covers would be found nowhere in a
+        // file that was cut.
+        let release = i64::from_le_bytes(word(data, CDR_HEADER + 8));
+        let time = u64::try_from(release).unwrap_or(0).to_le_bytes();
+        let said = (word::<4>(record, 2), word::<8>(record, 6), word::<8>(record, 14));
+        if said != (word(data, CDR_HEADER), time, time) {
+            return Err(place("a message whose header is not that of its stamp"));
         }
         self.log.order.push(here);
         Ok(())

@@ -104,3 +104,26 @@ fn a_log_that_is_cut_or_none_ends_with_2() {
     let said = taktil(folder.path(), &["replay", "run.mcap", "--out", "no/such/place"]).ended(2);
     assert!(said.err.contains("--out no/such/place: "), "{}", said.err);
 }
+
+#[test]
+fn a_bit_that_changed_outside_the_messages_is_told() {
+    let folder = Folder::new();
+    let bytes = std::fs::read(logged(&folder)).unwrap();
+    let flipped = |name: &str, at: usize| {
+        let mut bad = bytes.clone();
+        bad[at] ^= 1;
+        folder.write(name, &bad);
+        taktil(folder.path(), &["diff", "run.mcap", name]).ended(1);
+        taktil(folder.path(), &["replay", name])
+    };
+    // A number that nobody reads, behind its key and its length.
+    let key = b"phase_ns";
+    let at = bytes.windows(key.len()).position(|found| found == key).unwrap() + key.len() + 4;
+    let said = flipped("channel.mcap", at).ended(2);
+    assert!(said.out.contains("the checksum over all of it fails"), "{}", said.out);
+    assert!(said.out.contains("equal until there"), "{}", said.out);
+    // The footer, which repeats nothing of the run.
+    let said = flipped("footer.mcap", bytes.len() - 30).ended(0);
+    assert!(said.out.contains("the file is damaged all the same: "), "{}", said.out);
+    assert!(said.out.contains("the closing summary fails its checksum"), "{}", said.out);
+}
