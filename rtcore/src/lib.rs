@@ -30,6 +30,7 @@ pub mod record;
 pub mod release;
 pub mod replay;
 pub mod schedule;
+pub mod signs;
 mod silence;
 pub mod state;
 pub mod status;

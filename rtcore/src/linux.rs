@@ -21,6 +21,7 @@ use thread_priority::{
 use crate::attest::{Facts, LaneGrant, Limit, UNREADABLE, status_kib};
 use crate::cpus;
 use crate::schedule::Reservation;
+use crate::signs;
 
 /// The kernel's monotonic clock, counted from a chosen instant.
 #[derive(Clone, Copy, Debug)]
@@ -292,10 +293,8 @@ pub fn touch_stack() {
 /// Whether the running kernel is built with PREEMPT_RT, and whether it runs in a virtual machine.
 #[must_use]
 pub fn kernel() -> (bool, bool) {
-    let version = std::fs::read_to_string("/proc/version").unwrap_or_default();
-    let processor = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let flags = processor.lines().find(|line| line.starts_with("flags")).unwrap_or_default();
-    (version.contains("PREEMPT_RT"), flags.split_whitespace().any(|flag| flag == "hypervisor"))
+    let read = |path: &str| says(&format!("/{path}"));
+    (signs::real_time(&read).is_some(), signs::virtual_machine(&read).is_some())
 }
 
 /// What the calling thread runs with: policy, priority and CPUs, read back.

@@ -1,6 +1,8 @@
 //! Checks of the kernel itself: real-time or not, debugging aids, clock, virtual machine. Refuses
 //! to trust one file: some real-time kernels lack `/sys/kernel/realtime`.
 
+use taktil_rtcore::signs;
+
 use super::facts::Facts;
 use super::finding::{Fix, Row, Severity};
 use super::host::Host;
@@ -26,25 +28,15 @@ const GOOD_CLOCKS: [&str; 4] = ["tsc", "arch_sys_counter", "riscv_clocksource", 
 /// Counters of hypervisors.
 const GUEST_CLOCKS: [&str; 3] = ["kvm-clock", "hyperv_clocksource", "xen"];
 
-/// Vendors and products of virtual machines in the firmware's tables.
-const MACHINES: [&str; 8] =
-    ["QEMU", "KVM", "VMware", "VirtualBox", "Xen", "Virtual Machine", "Firecracker", "Bochs"];
-
 /// Whether the kernel is built with PREEMPT_RT.
 #[must_use]
 pub(super) fn real_time(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("real-time kernel", Severity::High, "built with PREEMPT_RT");
     let remedy = "install the distribution's real-time kernel, reboot and choose it";
+    if let Some(sign) = signs::real_time(&|path| host.text(path).ok()) {
+        return row.ok(sign);
+    }
     let version = host.text("proc/sys/kernel/version").or_else(|_| host.text("proc/version"));
-    let says = |text: &str| text.contains("PREEMPT_RT") || text.contains("PREEMPT RT");
-    if let Ok(text) = &version
-        && says(text)
-    {
-        return row.ok(text);
-    }
-    if host.text("sys/kernel/realtime").is_ok_and(|text| text == "1") {
-        return row.ok("/sys/kernel/realtime is 1");
-    }
     match (&facts.config, version) {
         (Ok(config), _) if config.on("PREEMPT_RT") => {
             row.ok(format!("CONFIG_PREEMPT_RT=y in {}", config.from))
@@ -113,17 +105,8 @@ pub(super) fn virtual_machine(host: &Host) -> Row {
     let line = processor.as_ref().ok().and_then(|text| {
         text.lines().find(|line| line.starts_with("flags") || line.starts_with("Features"))
     });
-    if line.is_some_and(|line| line.split_whitespace().any(|flag| flag == "hypervisor")) {
-        return row.bad("the CPU flag `hypervisor` is set", remedy);
-    }
-    if let Ok(kind) = host.text("sys/hypervisor/type") {
-        return row.bad(format!("/sys/hypervisor/type is {kind}"), remedy);
-    }
-    for file in ["sys_vendor", "product_name"] {
-        let text = host.text(&format!("sys/class/dmi/id/{file}")).unwrap_or_default();
-        if MACHINES.iter().any(|name| text.contains(name)) {
-            return row.bad(format!("{file} is {text}"), remedy);
-        }
+    if let Some(sign) = signs::virtual_machine(&|path| host.text(path).ok()) {
+        return row.bad(sign, remedy);
     }
     match (&processor, line) {
         (Err(gap), _) => row.unknown(gap),
