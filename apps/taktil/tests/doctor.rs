@@ -136,12 +136,47 @@ fn each_thing_that_matters_is_seen_alone() {
             Verdict::Unknown,
         ),
     ];
-    for (at, (path, text, row, expected)) in cases.iter().enumerate() {
-        let tree = copy("rt-pc-good", &format!("alone-{at}"));
-        let path = tree.join(path);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(&path, text).unwrap();
-        assert_eq!(verdict(&report(&tree), row), *expected, "{}: {text:?}", path.display());
+    for (at, case) in cases.into_iter().enumerate() {
+        seen_alone(&format!("alone-{at}"), case);
+    }
+}
+
+/// One file of the good host with another text, and what a row says then.
+fn seen_alone(name: &str, (path, text, row, expected): (&str, &str, &str, Verdict)) {
+    let tree = copy("rt-pc-good", name);
+    let path = tree.join(path);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(&path, text).unwrap();
+    assert_eq!(verdict(&report(&tree), row), expected, "{}: {text:?}", path.display());
+}
+
+#[test]
+fn what_stands_beside_the_lanes_is_seen_alone() {
+    let turbo = "sys/devices/system/cpu/intel_pstate/no_turbo";
+    let cases = [
+        ("proc/900/comm", "ptp4l\n", "time of day", Verdict::Warn),
+        ("proc/600/comm", "bash\n", "time of day", Verdict::Warn),
+        ("proc/600/comm", "systemd-timesyn\n", "time of day", Verdict::Ok),
+        (
+            "sys/bus/usb-serial/devices/ttyUSB1/latency_timer",
+            "16",
+            "serial adapters",
+            Verdict::Warn,
+        ),
+        ("sys/bus/usb-serial/devices/ttyUSB1/port_number", "0", "serial adapters", Verdict::Ok),
+        (
+            "sys/bus/usb-serial/devices/ttyUSB0/latency_timer",
+            "-1",
+            "serial adapters",
+            Verdict::Unknown,
+        ),
+        (turbo, "0\n", "turbo", Verdict::Warn),
+        (turbo, "2\n", "turbo", Verdict::Unknown),
+        ("sys/kernel/tracing/available_tracers", "nop\n", "firmware noise", Verdict::Warn),
+        ("sys/kernel/tracing/available_tracers", "hwlat\n", "firmware noise", Verdict::Unknown),
+    ];
+    for (at, case) in cases.into_iter().enumerate() {
+        seen_alone(&format!("beside-{at}"), case);
     }
 }
 
@@ -161,6 +196,19 @@ fn a_real_time_kernel_is_known_by_any_of_three_signs() {
     let blind = report(&tree);
     assert_eq!(verdict(&blind, "real-time kernel"), Verdict::Unknown);
     assert_eq!(blind.exit(), 1, "what matters most and is not known is no clean bill");
+}
+
+#[test]
+fn turbo_has_another_switch_elsewhere_and_some_have_none() {
+    let tree = copy("rt-pc-good", "turbo");
+    std::fs::remove_dir_all(tree.join("sys/devices/system/cpu/intel_pstate")).unwrap();
+    assert_eq!(verdict(&report(&tree), "turbo"), Verdict::Unknown);
+    let boost = tree.join("sys/devices/system/cpu/cpufreq/boost");
+    std::fs::create_dir_all(boost.parent().unwrap()).unwrap();
+    for (text, expected) in [("0\n", Verdict::Ok), ("1\n", Verdict::Warn)] {
+        std::fs::write(&boost, text).unwrap();
+        assert_eq!(verdict(&report(&tree), "turbo"), expected);
+    }
 }
 
 #[test]
@@ -283,7 +331,7 @@ fn the_command_line_answers_0_1_and_2_and_writes_nothing() {
         let json = doctor(&["--root", root, "--json"]);
         let json: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
         assert_eq!(json["exit"], exit, "{host}");
-        assert_eq!(json["rows"].as_array().unwrap().len(), 24, "{host}");
+        assert_eq!(json["rows"].as_array().unwrap().len(), 29, "{host}");
         assert_eq!(doctor(&["--root", root, "--fix-script"]).status.code(), Some(i32::from(exit)));
         let script = folder(host).join("expected.sh");
         let parsed = Command::new("sh").arg("-n").arg(script).status().unwrap();
@@ -298,10 +346,16 @@ fn the_command_line_answers_0_1_and_2_and_writes_nothing() {
         &["--root", env!("CARGO_MANIFEST_DIR")],
         &["--root", good, "--cpus", "3-1"],
         &["--root", good, "--cpus", ""],
+        &["--root", good, "--cpus", "99"],
+        &["--root", good, "--cpus", "2-99"],
         &["--root", good, "--json", "--fix-script"],
     ] {
         let said = doctor(bad);
         assert_eq!(said.status.code(), Some(2), "{bad:?}");
         assert!(said.stdout.is_empty() && !said.stderr.is_empty(), "{bad:?}");
     }
+    let said = doctor(&["--root", good, "--cpus", "2,99"]).stderr;
+    let said = String::from_utf8_lossy(&said);
+    assert!(said.contains("CPU 99 does not run here; choose of 0-3"), "{said}");
+    assert_eq!(doctor(&["--root", good, "--cpus", "2,3"]).status.code(), Some(0));
 }

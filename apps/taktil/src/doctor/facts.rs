@@ -164,7 +164,10 @@ pub(super) fn cpus(host: &Host, path: &str) -> Result<CpuList, Gap> {
 }
 
 /// CPUs that run; that there is none cannot be.
-fn online(host: &Host) -> Result<CpuList, Gap> {
+///
+/// # Errors
+/// The gap, also when the list is empty or none.
+pub(super) fn online(host: &Host) -> Result<CpuList, Gap> {
     let path = "sys/devices/system/cpu/online";
     let list = cpus(host, path)?;
     if list.is_empty() { Err(Gap::garbage(path)) } else { Ok(list) }

@@ -4,6 +4,7 @@
 //! Everything that the kernel tells in files is read below a root, so that a recorded tree is
 //! judged as the host would be. What is missing, empty or senseless is `unknown`, never a failure.
 
+mod around;
 mod cpulist;
 mod cpus;
 mod facts;
@@ -128,27 +129,40 @@ pub fn examine(host: &Host, cpus: Option<&CpuList>) -> Report {
         kernel::swap(host),
         traffic::movers(host),
         traffic::disk(host),
+        around::turbo(host),
+        around::firmware(host),
+        around::wake_up(&facts),
+        around::serial(host),
+        around::time_of_day(host),
     ];
     Report { live: host.is_live(), rows }
+}
+
+/// The CPUs that somebody asked for, which have to run on this host; where it does not say which
+/// do, the rows on those CPUs say so.
+fn lanes(host: &Host, text: &str) -> Result<CpuList, BadOption> {
+    let bad = |what: String| BadOption(format!("--cpus {text}: {what}"));
+    let asked = CpuList::parse(text).filter(|list| !list.is_empty());
+    let asked = asked.ok_or_else(|| bad("is no list of CPUs such as 2,3 or 4-7".to_owned()))?;
+    let Ok(online) = facts::online(host) else { return Ok(asked) };
+    let lacking = asked.without(&online);
+    if lacking.is_empty() {
+        return Ok(asked);
+    }
+    Err(bad(format!("CPU {lacking} does not run here; choose of {online}, or switch it on")))
 }
 
 /// Examines a host and prints what was found; exit 0 fine, 1 warnings, 2 not fit for motion.
 ///
 /// # Errors
-/// A root that is no recorded tree, a list of CPUs that is none, as [`BadOption`].
+/// A root that is no recorded tree, a list of CPUs that is none or names one that does not run, as
+/// [`BadOption`].
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let host = match &options.root {
         None => Host::live(),
         Some(root) => Host::recorded(root)?,
     };
-    let cpus = match &options.cpus {
-        None => None,
-        Some(text) => {
-            Some(CpuList::parse(text).filter(|list| !list.is_empty()).ok_or_else(|| {
-                BadOption(format!("--cpus {text}: is no list of CPUs such as 2,3 or 4-7"))
-            })?)
-        }
-    };
+    let cpus = options.cpus.as_deref().map(|text| lanes(&host, text)).transpose()?;
     let report = examine(&host, cpus.as_ref());
     if options.json {
         out::line(to_json(&report))?;

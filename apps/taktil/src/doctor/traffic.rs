@@ -1,7 +1,7 @@
 //! Checks of what comes across lanes from outside: interrupts, programs that move them about, a
 //! disk that fills. Refuses to measure: counts are those since boot.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::cpulist::CpuList;
 use super::facts::{Facts, cpus};
@@ -95,24 +95,24 @@ fn affinity(host: &Host, number: u32) -> Option<CpuList> {
         .or_else(|| list("smp_affinity_list").filter(|list| !list.is_empty()))
 }
 
+/// The names of all processes, cut by the kernel to 15 characters; none when none is listed.
+pub(super) fn programs(host: &Host) -> Option<BTreeSet<String>> {
+    let names = host.names("proc").into_iter().take(PROCESSES_MAX);
+    let numbers = names.filter(|name| name.bytes().all(|byte| byte.is_ascii_digit()));
+    let found: BTreeSet<String> =
+        numbers.filter_map(|name| host.text(&format!("proc/{name}/comm")).ok()).collect();
+    (!found.is_empty()).then_some(found)
+}
+
 /// Programs that move interrupts or memory while lanes run.
 #[must_use]
 pub(super) fn movers(host: &Host) -> Row {
     let row = Row::new("irqbalance/numad", Severity::Low, "neither runs");
-    let mut seen = 0;
-    let mut found: Vec<String> = Vec::new();
-    for name in host.names("proc").into_iter().take(PROCESSES_MAX) {
-        if !name.bytes().all(|byte| byte.is_ascii_digit()) {
-            continue;
-        }
-        let Ok(program) = host.text(&format!("proc/{name}/comm")) else { continue };
-        seen += 1;
-        if matches!(program.as_str(), "irqbalance" | "numad") && !found.contains(&program) {
-            found.push(program);
-        }
-    }
+    let Some(running) = programs(host) else { return row.unknown("no process is listed") };
+    let found: Vec<&str> =
+        ["irqbalance", "numad"].into_iter().filter(|name| running.contains(*name)).collect();
     if found.is_empty() {
-        return if seen == 0 { row.unknown("no process is listed") } else { row.ok("neither") };
+        return row.ok("neither");
     }
     let fix = found.iter().map(|program| format!("systemctl disable --now {program}"));
     let fix = Fix::run(fix);
