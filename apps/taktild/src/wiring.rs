@@ -80,6 +80,7 @@ pub fn assemble(
         let what = format!("this program has no task `{name}` of its own");
         return Err(Invalid::new(format!("own.{name}"), what, own_remedy()));
     }
+    no_idle_lane(&config)?;
     let mut builder = Builder::new();
     builder.allowance(config.schedule.unwrap_or_default().allowance()?)?;
     if let Some(record) = config.record {
@@ -118,6 +119,15 @@ pub fn assemble(
     }
     builder.mode_from("supervisor.mode");
     Ok(builder)
+}
+
+/// A lane that has nothing to do would run, and be watched, for nothing.
+fn no_idle_lane(config: &MachineConfig) -> Result<(), Invalid> {
+    let idle = config.lane.iter().find(|(_, lane)| lane.tasks.is_empty());
+    idle.map_or(Ok(()), |(name, _)| {
+        let remedy = "name its tasks, or leave the lane out";
+        Err(Invalid::new(format!("lane.{name}.tasks"), "a lane without a task", remedy))
+    })
 }
 
 /// The names that a lane's `tasks` may hold.

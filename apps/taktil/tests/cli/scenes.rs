@@ -153,6 +153,11 @@ const LANES: &[Case] = &[
         "robot.own.sway: this program has no task `sway` of its own",
     ),
     add("[robot.own]\nsway = 6\n", "6\n", "invalid type: integer `6`"),
+    add(
+        "[robot.lane.idle]\nperiod_us = 5000\npriority = 60\ntasks = []\n",
+        "[]\n",
+        "a lane without a task",
+    ),
 ];
 
 /// Complaints that stand in the machine file although the scene causes them: what they say, and the
@@ -164,7 +169,7 @@ const ELSEWHERE: &[(&str, &str, &str)] = &[
         "\"setpoint\",",
     ),
     (
-        "[robot.lane.touch]\nperiod_us = 5000\npriority = 75\ntasks = []\n",
+        "[robot.lane.touch]\nperiod_us = 5000\npriority = 75\ntasks = [\"wrist_scan\"]\n",
         "nobody produces `tactile_scan.image`: missing producer of `tactile_servo.image`",
         "\"tactile_servo.image\" = \"tactile_scan.image\"",
     ),
