@@ -59,10 +59,43 @@ pub struct Notebook {
     granted_at: usize,
 }
 
+/// What a ring asks of its memory; positions in bytes. The mapped file is one, the tests have one
+/// whose writer can be stopped anywhere.
+pub(crate) trait Memory {
+    /// Bytes of it.
+    fn len(&self) -> usize;
+    /// Copies `bytes` to a place; in what order they arrive is not said.
+    fn write(&mut self, at: usize, bytes: &[u8]);
+    /// Copies from a place.
+    fn read(&self, at: usize, bytes: &mut [u8]);
+    /// Stores a word after everything that was written before, before all that is written after.
+    fn publish(&self, at: usize, word: u64);
+    /// Stores a word in no particular order.
+    fn mark(&self, at: usize, word: u64);
+}
+
+impl Memory for Part {
+    fn len(&self) -> usize {
+        Part::len(self)
+    }
+    fn write(&mut self, at: usize, bytes: &[u8]) {
+        Part::write(self, at, bytes);
+    }
+    fn read(&self, at: usize, bytes: &mut [u8]) {
+        Part::read(self, at, bytes);
+    }
+    fn publish(&self, at: usize, word: u64) {
+        Part::publish(self, at, word);
+    }
+    fn mark(&self, at: usize, word: u64) {
+        Part::mark(self, at, word);
+    }
+}
+
 /// One lane's ring, written by that lane only.
-pub(crate) struct Flight {
-    words: Part,
-    ring: Part,
+pub(crate) struct Flight<M = Part> {
+    words: M,
+    ring: M,
     tail: u64,
     head: u64,
     number: u64,
@@ -158,7 +191,7 @@ impl Notebook {
     }
 }
 
-impl Flight {
+impl<M: Memory> Flight<M> {
     /// Job `tick` begins.
     pub(crate) fn begin(&self, tick: u64) {
         self.words.mark(TICK_AT, tick);
@@ -217,5 +250,7 @@ mod reader;
 
 pub use reader::{LaneTrace, Read, read};
 
+#[cfg(test)]
+mod stopped;
 #[cfg(test)]
 mod tests;

@@ -105,7 +105,7 @@ fn text(file: &[u8], at: usize, what: &str) -> Result<String, String> {
 }
 
 /// Walks a ring from its tail to its head.
-fn trace(block: &[u8], ring: &[u8]) -> LaneTrace {
+pub(super) fn trace(block: &[u8], ring: &[u8]) -> LaneTrace {
     let (tail, head) = (word(block, TAIL_AT), word(block, NEXT_AT));
     let running = usize::try_from(word(block, SEAT_AT)).ok().and_then(|seat| seat.checked_sub(1));
     let mut lane = LaneTrace { tick: word(block, TICK_AT), running, ..LaneTrace::default() };
