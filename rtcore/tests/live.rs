@@ -29,6 +29,37 @@ payload! {
 struct Counter {
     out: Output<Number>,
     panic_at: Option<u64>,
+    way: Way,
+}
+
+/// How a task panics.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Way {
+    /// With a payload of its own.
+    Payload,
+    /// With words that need no formatting.
+    Words,
+    /// By an index that is out of bounds, which the language words.
+    Index,
+    /// By `unwrap`, which writes out the error.
+    Unwrap,
+}
+
+impl Way {
+    fn go(self) {
+        match self {
+            Way::Payload => std::panic::panic_any(Spiteful),
+            Way::Words => panic!("on purpose"),
+            Way::Index => {
+                let place = std::hint::black_box(3);
+                std::hint::black_box([0u8; 3][place]);
+            }
+            Way::Unwrap => {
+                let refused: Result<(), _> = "on purpose".parse::<i32>().map(drop);
+                refused.unwrap();
+            }
+        }
+    }
 }
 
 /// A payload whose end is a panic of its own.
@@ -43,7 +74,7 @@ impl Drop for Spiteful {
 impl Task for Counter {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         if self.panic_at == Some(cycle.tick) {
-            std::panic::panic_any(Spiteful);
+            self.way.go();
         }
         io.write(&self.out, Number { value: cycle.tick });
         Ok(())
@@ -77,12 +108,16 @@ fn two_lanes(a: [Option<u64>; 2], b: [Option<u64>; 2]) -> Machine {
 }
 
 fn add_lane(builder: &mut Builder, spec: LaneSpec, panics: &[Option<u64>]) {
+    add_panicking_lane(builder, spec, panics, Way::Payload);
+}
+
+fn add_panicking_lane(builder: &mut Builder, spec: LaneSpec, panics: &[Option<u64>], way: Way) {
     let name = spec.name.clone();
     let lane = builder.lane(spec).unwrap();
     for (index, panic_at) in panics.iter().enumerate() {
         builder
             .task(lane, &format!("{name}_counter{index}"), |ports| {
-                Ok(Box::new(Counter { out: ports.output("number"), panic_at: *panic_at }))
+                Ok(Box::new(Counter { out: ports.output("number"), panic_at: *panic_at, way }))
             })
             .unwrap();
     }
@@ -213,8 +248,8 @@ fn child_that_panics_in_a_job() {
     let account = run(&mut machine, Pace::Slip);
     let (_, figures) = machine.figures().next().unwrap();
     assert_eq!(figures.jobs, 300, "the lane goes on");
-    // A panic of the language takes its payload and its exception from the heap, and nothing more:
-    // no text is made of it, nothing is printed, no trace is taken.
+    // A payload of one's own takes itself and its exception from the heap, and nothing more: no
+    // text is made of it, nothing is printed, no trace is taken.
     assert!(guard::installed());
     assert!(figures.allocations <= 2 * PANIC_HEAP_CALLS, "{} heap calls", figures.allocations);
     println!("longest job, a panic or not: {} us", figures.execution_ns.max() / 1000);
@@ -222,6 +257,30 @@ fn child_that_panics_in_a_job() {
     assert_eq!(account.panics.len(), 1, "the first place of the lane");
     assert!(account.panics[0].contains("tests/live.rs:"), "{:?}", account.panics);
     // Outside jobs a panic still speaks.
+    assert!(std::panic::catch_unwind(|| panic!("words outside jobs")).is_err());
+}
+
+/// Panics of each kind that people write, one lane each: the standard library makes their text
+/// before any hook hears of them, with so many heap calls and no more.
+#[test]
+fn child_that_panics_as_people_do() {
+    if std::env::var_os(CHILD).is_none() {
+        return;
+    }
+    for (way, heap_calls) in [(Way::Words, 3), (Way::Index, 5), (Way::Unwrap, 5)] {
+        let mut builder = Builder::new();
+        let spec = LaneSpec::new("lane", Nanos::from_millis(1), 50);
+        add_panicking_lane(&mut builder, spec, &[Some(20), Some(30), None], way);
+        let mut machine = builder.build().unwrap();
+        let account = run(&mut machine, Pace::Slip);
+        let (_, figures) = machine.figures().next().unwrap();
+        assert_eq!(figures.jobs, 300, "{way:?}: the lane goes on");
+        let (found, longest) = (figures.allocations, figures.execution_ns.max() / 1000);
+        println!("{way:?}: {found} heap calls in two panics, longest job {longest} us");
+        assert!(found <= 2 * heap_calls, "{way:?}: {found} heap calls");
+        assert!(found > 2 * PANIC_HEAP_CALLS, "{way:?}: no text is made any more, say so");
+        assert!(account.panics[0].contains("live.rs:"), "{way:?}: {:?}", account.panics);
+    }
     assert!(std::panic::catch_unwind(|| panic!("words outside jobs")).is_err());
 }
 
@@ -253,6 +312,11 @@ fn a_panic_in_a_job_is_silent_and_the_lane_goes_on() {
 #[test]
 fn a_panic_in_virtual_time_is_as_silent() {
     assert_silent("child_that_panics_in_virtual_time");
+}
+
+#[test]
+fn the_text_of_a_panic_in_a_job_costs_few_heap_calls_and_is_not_said() {
+    assert_silent("child_that_panics_as_people_do");
 }
 
 fn assert_silent(child: &str) {
