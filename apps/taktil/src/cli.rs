@@ -11,6 +11,7 @@ use taktild::source::Located;
 
 use crate::arm::{self, ArmArgs};
 use crate::bench::{self, Bench};
+use crate::calibrate::{self, Calibrate};
 use crate::diff;
 use crate::doctor;
 use crate::experiment::{self, Experiments};
@@ -222,6 +223,9 @@ enum Command {
     /// Numbers of the robot from the log of a run.
     #[command(subcommand)]
     Identify(Identify),
+    /// Numbers of its sensors from the log of a run.
+    #[command(subcommand)]
+    Calibrate(Calibrate),
     /// What parts of this program cost, in time and instructions.
     #[command(subcommand)]
     Bench(Bench),
@@ -292,6 +296,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         Command::Jitter(arguments) => jitter::run(&arguments),
         Command::Experiment(what) => experiment::run(&what),
         Command::Identify(what) => identify::run(&what),
+        Command::Calibrate(what) => calibrate::run(&what),
         Command::Bench(bench) => bench::run(&bench),
         Command::Arm(arguments) => arm::run(&arguments),
         Command::Calc { list: true } => {

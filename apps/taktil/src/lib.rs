@@ -4,6 +4,7 @@
 pub mod arm;
 pub mod bench;
 pub mod calc;
+pub mod calibrate;
 pub mod cli;
 pub mod diff;
 pub mod doctor;

@@ -1,0 +1,297 @@
+//! What each image was made of: force, place and turn of the contact; and the loads that a layer of
+//! rubber puts on the tactels under it. Refuses contacts that are not a pin across rows, and images
+//! whose instant or counts are not those of the sensor.
+
+use taktil_mechanics::contact::cylinder::LineContact;
+use taktil_mechanics::contact::layer;
+use taktil_sim::scene::Stamp;
+use taktil_sim::{PITCH_M, Truth, WorldConfig};
+
+use crate::series::Series;
+
+/// Rows and columns.
+pub const SIDE: usize = 16;
+/// Tactels.
+pub const TACTELS: usize = SIDE * SIDE;
+/// Distance between tactels (mm).
+const PITCH_MM: f64 = 1e3 * PITCH_M;
+/// A line that comes nearer than this to the first or the last column's outer edge in any row is
+/// left out (columns): there the pin leaves the pad.
+const EDGE: f64 = 0.5;
+/// Lighter contacts are left out (N).
+const LIGHTEST_N: f64 = 2.0;
+/// Fewest images from which the noise without a load is told.
+const REST_MIN: usize = 20;
+/// Deepest penetration that is solved, in thicknesses.
+const DEEPEST: f64 = 0.2;
+/// Steps to the penetration of a force, at most.
+const STEPS_MAX: usize = 60;
+
+/// One image with its load.
+#[derive(Clone, Debug)]
+pub struct Press {
+    /// Counts above the baseline, row by row; NaN where the tactel is not believed.
+    pub counts: Vec<f64>,
+    /// Normal force (N).
+    pub force_n: f64,
+    /// Place of the contact line in column numbers, 1 to 16: the mean over the rows' loads.
+    pub x_c: f64,
+    /// Direction of the line, from the sensor's y towards -x (rad).
+    pub yaw_rad: f64,
+    /// Turn of the finger against the pin about the sensor's x (rad).
+    pub tilt_rad: f64,
+}
+
+impl Press {
+    /// What an image of these counts was made of; none when too little pressed, or too near to an
+    /// edge of the pad.
+    #[must_use]
+    pub fn of(counts: Vec<f64>, truth: &Truth) -> Option<Press> {
+        let x_c = truth.contact_x_tactels.filter(|_| truth.finger_normal_n >= LIGHTEST_N)?;
+        let (force_n, yaw_rad) = (truth.finger_normal_n, truth.pin_yaw_rad);
+        let middle = 0.5 * (SIDE + 1) as f64;
+        let reach = (x_c - middle).abs() + middle * libm::tan(yaw_rad).abs();
+        let inside = reach <= 0.5 * SIDE as f64 - EDGE;
+        inside.then_some(Press { counts, force_n, x_c, yaw_rad, tilt_rad: truth.tilt_rad })
+    }
+}
+
+/// What is known of pad and pin without calibration.
+#[derive(Clone, Debug)]
+pub struct Pad {
+    /// Radius of the pin (mm).
+    pub radius_mm: f64,
+    /// The layer's thickness as given (mm).
+    pub thickness_mm: f64,
+    /// Its Poisson's ratio as given.
+    pub poisson: f64,
+    /// Full scale of a tactel (N).
+    pub full_scale_n: f64,
+    /// Counts at full scale.
+    pub full_counts: f64,
+    /// Highest count above the rest level that the converter can tell.
+    pub rail_counts: f64,
+    /// Frames that the rest level is the mean of.
+    pub baseline_frames: f64,
+}
+
+impl Pad {
+    /// From the scene's geometry; its stiffness and its tactels are not looked at. The rest level
+    /// was the mean of `frames` frames.
+    ///
+    /// # Errors
+    /// A scene in which no pin is rolled, or whose images do not carry their instants.
+    pub fn of(world: &WorldConfig, frames: u32) -> Result<Pad, String> {
+        let tactile = &world.tactile;
+        if !world.pin.present {
+            return Err(
+                "its scene has no pin (pin.present = false); record one in which a pin is \
+                        rolled, such as sim/scenes/roll-pin.toml"
+                    .to_owned(),
+            );
+        }
+        if tactile.row_us > 0.0 || (tactile.stamp == Stamp::Delivered && tactile.late_scans > 0) {
+            return Err("its images were not made at the instant that they carry \
+                        (tactile.row_us, tactile.stamp); record with rows read at once and \
+                        stamped when scanned"
+                .to_owned());
+        }
+        let rubber = &world.finger.rubber;
+        let full_counts = f64::from(tactile.full_counts());
+        Ok(Pad {
+            radius_mm: world.pin.radius_mm,
+            thickness_mm: rubber.thickness_mm,
+            poisson: rubber.poisson,
+            full_scale_n: tactile.full_scale_n,
+            full_counts,
+            rail_counts: full_counts - tactile.rest_counts,
+            baseline_frames: f64::from(frames.max(1)),
+        })
+    }
+
+    /// The pin on a layer of 1 MPa.
+    ///
+    /// # Errors
+    /// A contact that cannot be solved.
+    pub fn layer(&self, thickness_mm: f64, poisson: f64) -> Result<Layer, String> {
+        let deepest_mm = (DEEPEST * thickness_mm).min(0.2 * self.radius_mm);
+        layer::Layer::new(thickness_mm, 1.0, poisson)
+            .and_then(|layer| LineContact::new(&layer, self.radius_mm, deepest_mm))
+            .map(Layer)
+            .map_err(|bad| format!("the contact cannot be solved: {} {}", bad.place, bad.what))
+    }
+}
+
+/// A solved contact of the pin on a layer of 1 MPa.
+pub struct Layer(LineContact);
+
+impl Layer {
+    /// Force on each tactel (N) under a rubber of this modulus.
+    #[must_use]
+    pub fn loads(&self, press: &Press, youngs_mpa: f64) -> Vec<f64> {
+        let middle = 0.5 * (SIDE + 1) as f64;
+        let across = libm::cos(press.yaw_rad);
+        let width_mm = PITCH_MM / across;
+        let per_row_mm = PITCH_MM * libm::tan(press.tilt_rad);
+        let lean = |row: usize| per_row_mm * (row as f64 + 1.0 - middle);
+        let deep_mm = self.depth_mm(press.force_n / (youngs_mpa * width_mm), &lean);
+        let row_n = |row: usize| youngs_mpa * width_mm * self.0.load_n_mm(deep_mm + lean(row));
+        // The place of the line is told as the mean over the rows' loads, not at the middle row: a
+        // finger that leans presses some rows more.
+        let turned = libm::tan(press.yaw_rad);
+        let (mut sum_n, mut first) = (0.0, 0.0);
+        for row in 0..SIDE {
+            let load_n = row_n(row);
+            (sum_n, first) = (sum_n + load_n, first + load_n * (row as f64 + 1.0));
+        }
+        let mean = if sum_n > 0.0 { first / sum_n } else { middle };
+        let mut loads = vec![0.0; TACTELS];
+        for row in 0..SIDE {
+            let (load_n, delta_mm) = (row_n(row), deep_mm + lean(row));
+            if load_n <= 0.0 {
+                continue;
+            }
+            let line = press.x_c - turned * (row as f64 + 1.0 - mean);
+            let shares = self.0.base_shares(delta_mm);
+            let share =
+                |edge: usize| shares.left_of(across * PITCH_MM * (edge as f64 + 0.5 - line));
+            let mut left = share(0);
+            for column in 0..SIDE {
+                let right = share(column + 1);
+                loads[row * SIDE + column] = load_n * (right - left);
+                left = right;
+            }
+        }
+        loads
+    }
+
+    /// Penetration in the middle row (mm) at which the rows' line loads add up to `sum_n_mm`, by
+    /// Newton's method inside a bracket: the sum rises with the penetration.
+    fn depth_mm(&self, sum_n_mm: f64, lean: &impl Fn(usize) -> f64) -> f64 {
+        let rows = |f: fn(&LineContact, f64) -> f64, deep_mm: f64| {
+            (0..SIDE).map(|row| f(&self.0, deep_mm + lean(row))).sum::<f64>()
+        };
+        let most = lean(0).abs().max(lean(SIDE - 1).abs());
+        let mut high = self.0.penetration_mm(sum_n_mm / SIDE as f64) + most;
+        let mut low = -most;
+        let mut deep = high - most;
+        for _ in 0..STEPS_MAX {
+            let excess = rows(LineContact::load_n_mm, deep) - sum_n_mm;
+            if excess > 0.0 {
+                high = deep;
+            } else {
+                low = deep;
+            }
+            let newton = deep - excess / rows(LineContact::stiffness_n_mm2, deep);
+            let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            let moved = (next - deep).abs();
+            deep = next;
+            if excess == 0.0 || moved < 1e-14 {
+                break;
+            }
+        }
+        deep
+    }
+}
+
+/// What a log holds.
+#[derive(Clone, Debug)]
+pub struct Pressed {
+    /// Every image under a load, with the load at the instant of the image.
+    pub presses: Vec<Press>,
+    /// Spread of a tactel's readings without a load (counts); none when there are too few.
+    pub rest_noise_counts: Option<f64>,
+}
+
+/// The images of a log, one row each.
+#[derive(Clone, Debug)]
+pub struct Images {
+    /// When each was made (s).
+    pub at_s: Vec<f64>,
+    counts: Vec<Vec<f64>>,
+}
+
+/// Sums over the images without a load.
+#[derive(Default)]
+struct Rest {
+    images: usize,
+    sums: Vec<[f64; 2]>,
+}
+
+impl Rest {
+    fn add(&mut self, counts: &[f64]) {
+        self.images += 1;
+        self.sums.resize(counts.len(), [0.0; 2]);
+        for (sums, count) in self.sums.iter_mut().zip(counts) {
+            (sums[0], sums[1]) = (sums[0] + count, sums[1] + count * count);
+        }
+    }
+
+    /// Tactels that were not believed throughout are NaN and left out.
+    fn noise(&self) -> Option<f64> {
+        let n = self.images as f64;
+        let squares = self.sums.iter().map(|[sum, square]| square - sum * sum / n);
+        let known: Vec<f64> = squares.filter(|square| square.is_finite()).collect();
+        (self.images >= REST_MIN && !known.is_empty()).then(|| {
+            let mean = known.iter().sum::<f64>() / ((n - 1.0) * known.len() as f64);
+            mean.max(0.0).sqrt()
+        })
+    }
+}
+
+impl Images {
+    /// The images of `tactile_scan.image`, each once, from the baseline on.
+    ///
+    /// # Errors
+    /// Fields that the signal lacks, another array, no image.
+    pub fn of(images: &Series) -> Result<Images, String> {
+        let field = |name: &str| {
+            images.column(name).ok_or_else(|| format!("`tactile_scan.image` has no field `{name}`"))
+        };
+        let (counts, valid) = (field("counts")?, field("valid")?);
+        let (ready, sequence) = (field("baseline_ready")?, field("sequence")?);
+        let acquired = field("acquired_ns")?;
+        if (counts.width, valid.width) != (TACTELS, TACTELS) {
+            return Err(format!("its images have {} tactels, not {TACTELS}", counts.width));
+        }
+        let mut all = Images { at_s: Vec::new(), counts: Vec::new() };
+        let mut last = f64::NAN;
+        for row in 0..images.len() {
+            if ready.values[row] == 0.0 || sequence.values[row] == last {
+                continue;
+            }
+            last = sequence.values[row];
+            let believed = counts.row(row).iter().zip(valid.row(row));
+            let count = |(count, valid): (&f64, &f64)| if *valid > 0.0 { *count } else { f64::NAN };
+            all.at_s.push(1e-9 * acquired.values[row]);
+            all.counts.push(believed.map(count).collect());
+        }
+        if all.at_s.is_empty() {
+            return Err("it has no image above a baseline (`tactile_scan.image` with \
+                        baseline_ready); record with the operator's `calibrate`"
+                .to_owned());
+        }
+        Ok(all)
+    }
+
+    /// With what happened at the instant of each.
+    ///
+    /// # Errors
+    /// No image under a load.
+    pub fn under(self, truths: &[Truth]) -> Result<Pressed, String> {
+        let (mut presses, mut rest) = (Vec::new(), Rest::default());
+        for (counts, truth) in self.counts.into_iter().zip(truths) {
+            if truth.finger_normal_n <= 0.0 {
+                rest.add(&counts);
+            }
+            presses.extend(Press::of(counts, truth));
+        }
+        if presses.is_empty() {
+            return Err(format!(
+                "none of its images was made under {LIGHTEST_N} N of a pin or more; record a run \
+                 in which the pin is rolled"
+            ));
+        }
+        Ok(Pressed { presses, rest_noise_counts: rest.noise() })
+    }
+}

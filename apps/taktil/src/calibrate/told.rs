@@ -1,0 +1,115 @@
+//! Which of the numbers that the pad shares the images tell apart, and which only together: by the
+//! information that the readings hold of all at once, whether they were sought or given.
+//! Refuses to be read as an error of the fit: what is given is taken as exact there.
+
+use super::equations::{MODULUS, POISSON, SHARED, Shared, Square, THICKNESS, inverse};
+use super::fit::DOUBT_MAX;
+
+/// Names of the shared numbers, and the unit of their standard deviations here.
+pub const NAMES: [(&str, &str); SHARED] = [
+    ("modulus", "%"),
+    ("threshold", "% of full scale"),
+    ("exponent", ""),
+    ("thickness", "%"),
+    ("Poisson's ratio", ""),
+    ("scale of gains", "%"),
+];
+
+/// Correlation from which two numbers are said not to be told apart.
+const TOGETHER: f64 = 0.95;
+
+/// Uncertainties if nothing but the images were known.
+#[derive(Clone, Debug)]
+pub struct Told {
+    /// Standard deviations with what was given as given; 0 for what was.
+    pub given: Shared,
+    /// Standard deviations if the thickness was sought as well.
+    pub with_thickness: Option<Shared>,
+    /// Standard deviations if all were sought; none where they cannot be.
+    pub all: Option<Shared>,
+    /// Correlations if all were sought.
+    pub correlation: Option<Square>,
+    /// By how many percent the modulus grows when the thickness is taken one percent too large,
+    /// and when Poisson's ratio is taken 0.01 too large; none for what was sought.
+    pub shift_percent: [Option<f64>; 2],
+}
+
+impl Told {
+    /// From the information on the shared numbers (the equations with the tactels eliminated) and
+    /// the spread of a reading (counts).
+    pub(super) fn of(square: &Square, noise: f64, free: &[bool; SHARED]) -> Told {
+        let deviations = |free: &[bool; SHARED]| {
+            let inverse = inverse(square, free)?;
+            Some(core::array::from_fn(|c| noise * inverse[c][c].max(0.0).sqrt()))
+        };
+        let mut with = *free;
+        with[THICKNESS] = true;
+        let all = inverse(square, &[true; SHARED]);
+        let correlation = all.map(|all| {
+            let one = |c: usize, d: usize| all[c][d] / (all[c][c] * all[d][d]).sqrt();
+            core::array::from_fn(|c| core::array::from_fn(|d| one(c, d)))
+        });
+        let held = inverse(square, free);
+        let shift = |given: usize, step: f64| {
+            let held = held.as_ref().filter(|_| !free[given])?;
+            let per: f64 = (0..SHARED).map(|c| held[MODULUS][c] * square[c][given]).sum();
+            Some(-100.0 * per * step)
+        };
+        Told {
+            given: deviations(free).unwrap_or([f64::INFINITY; SHARED]),
+            with_thickness: deviations(&with),
+            all: deviations(&[true; SHARED]),
+            correlation,
+            shift_percent: [shift(THICKNESS, 0.01), shift(POISSON, 0.01)],
+        }
+    }
+
+    /// Pairs that hang together, with their correlations, when all are sought.
+    #[must_use]
+    pub fn together(&self) -> Vec<(usize, usize, f64)> {
+        let Some(correlation) = &self.correlation else { return Vec::new() };
+        let pairs = (0..SHARED).flat_map(|c| (c + 1..SHARED).map(move |d| (c, d)));
+        let pairs = pairs.map(|(c, d)| (c, d, correlation[c][d]));
+        pairs.filter(|(_, _, r)| r.abs() >= TOGETHER).collect()
+    }
+
+    /// Names of what the images do not tell by themselves.
+    #[must_use]
+    pub fn untold(&self) -> Vec<&'static str> {
+        let all = self.all.unwrap_or([f64::INFINITY; SHARED]);
+        let unsure = |c: &usize| !all[*c].is_finite() || all[*c] > DOUBT_MAX[*c];
+        (0..SHARED).filter(unsure).map(|c| NAMES[c].0).collect()
+    }
+
+    /// A standard deviation as people read it.
+    #[must_use]
+    pub fn worded(c: usize, deviation: f64) -> String {
+        match NAMES[c].1 {
+            "" => format!("{deviation:.4}"),
+            _ => format!("{:.2} %", 100.0 * deviation),
+        }
+    }
+
+    /// Why a fit is not stated.
+    pub(super) fn refusal(&self) -> String {
+        let sought = |(c, deviation): (usize, &f64)| {
+            (*deviation > 0.0).then(|| format!("{} +- {}", NAMES[c].0, Told::worded(c, *deviation)))
+        };
+        let all: Vec<String> = self.given.iter().enumerate().filter_map(sought).collect();
+        let pairs: Vec<String> = self
+            .together()
+            .iter()
+            .map(|(c, d, r)| format!("{} and {} ({r:.3})", NAMES[*c].0, NAMES[*d].0))
+            .collect();
+        let pairs = if pairs.is_empty() {
+            String::new()
+        } else {
+            format!("; they hang together: {}", pairs.join(", "))
+        };
+        format!(
+            "these images do not tell stiffness and response apart: {}{pairs}; roll the pin over \
+             the whole pad under several loads, or give what was sought with --also",
+            all.join(", ")
+        )
+    }
+}
