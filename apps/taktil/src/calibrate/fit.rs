@@ -83,7 +83,9 @@ pub struct Fit {
     pub poisson: Option<Estimate>,
     /// Spread of a reading about the model (counts).
     pub noise_counts: f64,
-    /// Spread of the tactels' own factors about the scale of all.
+    /// Factor that all tactels share.
+    pub scale: Estimate,
+    /// Spread of the tactels' own factors about it.
     pub gain_spread: f64,
     /// Factor of each tactel on its load, row by row; none where it was not pressed enough.
     pub gains: Vec<Option<Estimate>>,
@@ -400,6 +402,7 @@ fn state(search: &Search<'_>, clipped: usize) -> Result<Fit, String> {
         thickness_mm: free[THICKNESS].then(|| scaled(THICKNESS, thickness, thickness)),
         poisson: free[POISSON].then(|| scaled(POISSON, 1.0, shared[POISSON])),
         noise_counts: noise,
+        scale: scaled(SCALE, 1.0, scale),
         gain_spread: beliefs.gains,
         gains: point.tactels.iter().enumerate().map(gain).collect(),
         told,

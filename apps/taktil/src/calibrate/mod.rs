@@ -145,16 +145,14 @@ fn table(fit: &Fit, pressed: &Pressed, scene: &Scene) -> String {
     text += &line("thickness", "mm", fit.thickness_mm.as_ref(), rubber.thickness_mm);
     text += &line("Poisson's ratio", "", fit.poisson.as_ref(), rubber.poisson);
     let known: Vec<&Estimate> = fit.gains.iter().flatten().collect();
-    let mean = known.iter().map(|gain| gain.value).sum::<f64>() / known.len().max(1) as f64;
+    text += &line("scale of all gains", "", Some(&fit.scale), 1.0);
     let doubt = known.iter().map(|gain| gain.deviation).fold(0.0, f64::max);
-    text += &format!(
-        "  {:<26} {mean:>9.4}, spread {:.4}, each known to {doubt:.4} or better\n",
-        format!("gains of {} tactels", known.len()),
-        fit.gain_spread
-    );
-    if known.len() < TACTELS {
-        text += &format!("  {} tactels were not pressed enough\n", TACTELS - known.len());
-    }
+    text += &format!("  {:<26} {:>9.4}", "spread of the gains", fit.gain_spread);
+    text += &match TACTELS - known.len() {
+        TACTELS => "           no tactel's own is told\n".to_owned(),
+        0 => format!("           each known to {doubt:.4} or better\n"),
+        n => format!("           each known to {doubt:.4} or better, {n} pressed too little\n"),
+    };
     text += &format!("  {:<26} {:>9.2} counts", "what is left of a reading", fit.noise_counts);
     text += &match pressed.rest_noise_counts {
         Some(rest) => format!(", {rest:.2} without a load\n"),
@@ -226,6 +224,7 @@ fn as_json(fit: &Fit, pressed: &Pressed) -> serde_json::Value {
         "exponent": one(&fit.exponent),
         "thickness_mm": fit.thickness_mm.as_ref().map(one),
         "poisson": fit.poisson.as_ref().map(one),
+        "scale": one(&fit.scale),
         "gain_spread": fit.gain_spread,
         "noise_counts": fit.noise_counts,
         "rest_noise_counts": pressed.rest_noise_counts,
