@@ -2,10 +2,10 @@
 //! few numbers that the whole pad shares, so each tactel is eliminated by itself (Schur's
 //! complement). Refuses to judge: what the equations tell is the business of the fit.
 //!
-//! A tactel of gain `g = s r` and offset `b` under a load `f` reads `N ((g f/F - t) / (1 - t))^p + b`
-//! counts above its measured rest level: `N` counts at full scale `F`, threshold `t F`, exponent
-//! `p`. The scale `s` is shared, `r` is the tactel's own; the offset is what the measured rest level
-//! is wrong by: a mean of few frames.
+//! A tactel of gain `g = s r` and offset `b` under a load `f` reads
+//! `N ((g f/F - t) / (1 - t))^p + b` counts above its measured rest level: `N` counts at full scale
+//! `F`, threshold `t F`, exponent `p`. The scale `s` is shared, `r` is the tactel's own; the offset
+//! is what the measured rest level is wrong by: a mean of few frames.
 //!
 //! Hundreds of numbers of which each has few readings would bias those that all share (Neyman and
 //! Scott 1948). So they are drawn towards what is known of them: an offset towards 0 by the spread

@@ -36,9 +36,9 @@ pub enum Calibrate {
     /// From the log of a scene in which a pin was rolled over the pad: the images as the robot saw
     /// them, force and place of the contact as the simulator knows them. On a board these would
     /// have to come from a load cell and a stage; no task records them. Printed is also which of
-    /// these numbers, of thickness and of Poisson's ratio the images tell apart. Exit code 0: found;
-    /// 1: the model leaves more than the noise without a load; 2: a log that cannot be used, or
-    /// that does not tell.
+    /// these numbers, of thickness and of Poisson's ratio the images tell apart. Exit code 0:
+    /// found; 1: the model leaves more than the noise without a load; 2: a log that cannot be used,
+    /// or that does not tell.
     Tactile {
         /// Log file (MCAP) of a scene
         log: PathBuf,
