@@ -1,7 +1,7 @@
 //! Error and time of the image of drawn pins and bars in any pose: `cargo run --release -p
-//! taktil-mechanics --example pin_sweep [-- LAYERS [PINS [1]]]`. The truth is the default level on
-//! slices laid over what touches; with a third number the fine one, and the default level is
-//! judged as well. Prints median, ninth decile and worst, with the pose. Not lane code.
+//! taktil-mechanics --example pin_sweep [-- LAYERS [PINS [SEED [1]]]]`. The truth is the default
+//! level on slices laid over what touches; with a fourth number the fine one, and the default
+//! level is judged as well. Prints median, ninth decile and worst, with the pose. Not lane code.
 
 #[path = "../tests/space/draws.rs"]
 mod draws;
@@ -32,9 +32,9 @@ struct Row {
 fn main() {
     let asked: Vec<usize> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
     let (layers, pins) = (*asked.first().unwrap_or(&8), *asked.get(1).unwrap_or(&12));
-    let mut draws = Draws(11);
+    let mut draws = Draws(*asked.get(2).unwrap_or(&11) as u64);
     let mut rows: [Vec<(Row, String)>; 4] = Default::default();
-    let truth = if asked.len() > 2 { Level::Fine } else { Level::Default };
+    let truth = if asked.len() > 3 { Level::Fine } else { Level::Default };
     for _ in 0..layers {
         let rubber = draws.rubber();
         let influence = Influence::new(&rubber).expect("a layer");

@@ -10,8 +10,7 @@ use taktil_mechanics::contact::space::radial::Influence;
 use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_mechanics::contact::space::{Drive, Level};
 
-/// Reached by pins longer than the array, whose slices are a thickness long.
-const AWAY_MM: f64 = 0.035;
+const AWAY_MM: f64 = 0.02;
 
 fn centroid(image: &[f64]) -> [f64; 2] {
     let found = image_features(&Array::THESIS, image, Part::Full).expect("features");
@@ -37,6 +36,7 @@ fn off(
 #[test]
 fn any_pose_keeps_force_centroid_and_image() {
     let mut draws = Draws(5);
+    let mut corners = 0;
     for _ in 0..3 {
         let rubber = draws.rubber();
         let influence = Influence::new(&rubber).expect("a layer");
@@ -45,14 +45,14 @@ fn any_pose_keeps_force_centroid_and_image() {
         });
         for n in 0..10 {
             let drawn = draws.pin(rubber);
+            corners += usize::from(drawn.on_corner());
             let mut exact = vec![0.0; 256];
             let force = drawn.exact(Level::Default, &shares, &mut exact);
             let truth = (force, &exact[..]);
             let deep = Drive::PenetrationMm(drawn.delta_mm);
             let mut pin = drawn.pin(Level::Fast);
             let [force_off, away, _] = off(&drawn, &mut pin, &quick, deep, truth);
-            let most = if drawn.on_corner() { 3e-2 } else { 1e-2 };
-            assert!(force_off < most && away < AWAY_MM, "{drawn:?}: {force_off:e} {away}");
+            assert!(force_off < 1e-2 && away < AWAY_MM, "{drawn:?}: {force_off:e} {away}");
             let [force_off, away, _] = off(&drawn, &mut pin, &quick, Drive::ForceN(force), truth);
             assert!(force_off < 4e-3 && away < AWAY_MM, "by force {drawn:?}: {force_off:e} {away}");
             if n % 5 == 0 {
@@ -63,6 +63,7 @@ fn any_pose_keeps_force_centroid_and_image() {
             }
         }
     }
+    assert!((5..25).contains(&corners), "{corners} of 30 on a corner");
 }
 
 /// Pins shorter than the layer is thick: a contact that settled, or a refusal that says why.
@@ -88,7 +89,7 @@ fn short_pins_settle_or_are_refused() {
         }
     }
     println!("{settled} of 60 settled");
-    assert!(settled >= 30, "{settled} of 60 settled");
+    assert!(settled >= 58, "{settled} of 60 settled");
 }
 
 #[test]

@@ -11,9 +11,7 @@
 //! ([`Refusal::OffChart`]).
 
 use super::features::{Moments, moments};
-use super::{
-    Contact, Friction, Indenter, Level, Load, Mode, NOTHING, Refusal, Shape, Spectrum, is_sane,
-};
+use super::{Contact, Friction, Indenter, Level, Load, Mode, NOTHING, Refusal, Shape, Spectrum};
 use crate::contact::layer::Layer;
 use crate::contact::{Invalid, positive};
 
@@ -100,13 +98,7 @@ impl Chart {
     pub fn press(&mut self, load: &Load) -> Result<Contact, Refusal> {
         self.contact = NOTHING;
         let Load { p_n_mm: p, q_n_mm: q } = *load;
-        if !(is_sane(p) && is_sane(q)) {
-            return Err(Refusal::NotFinite);
-        }
-        if p < 0.0 || (p == 0.0 && q != 0.0) {
-            return Err(Refusal::Pulls);
-        }
-        if p == 0.0 {
+        if !load.presses()? {
             return Ok(NOTHING);
         }
         let s = (q / p * self.height_mm / self.half_mm).abs();

@@ -154,13 +154,10 @@ impl Grip {
             Drive::Move { .. } | Drive::Pose { .. } => Load { p_n_mm: 1.0, q_n_mm: 0.0 },
         };
         let pose = drive.pose();
-        let sane = is_sane(load.p_n_mm) && is_sane(load.q_n_mm);
-        if !(sane && pose.is_none_or(|pose| pose.iter().all(|v| is_sane(*v)))) {
+        if !pose.is_none_or(|pose| pose.iter().all(|v| is_sane(*v))) {
             return Err(Refusal::NotFinite);
         }
-        if load.p_n_mm < 0.0 || (load.p_n_mm == 0.0 && load.q_n_mm != 0.0) {
-            return Err(Refusal::Pulls);
-        }
+        let pressed = load.presses()?;
         if let Law::Coulomb(mu) = self.law
             && load.q_n_mm.abs() > mu * load.p_n_mm * (1.0 - 1e-9)
             && load.q_n_mm != 0.0
@@ -169,7 +166,7 @@ impl Grip {
         }
         self.refuse_toppling(drive)?;
         let lifted = |pose: [f64; 3]| pose[1] == 0.0 && pose[0] <= 0.0;
-        let open = load.p_n_mm == 0.0 || pose.is_some_and(lifted);
+        let open = !pressed || pose.is_some_and(lifted);
         if open {
             self.open(drive);
             self.last = Some(*drive);

@@ -109,6 +109,23 @@ pub struct Load {
     pub q_n_mm: f64,
 }
 
+impl Load {
+    /// Whether there is a contact to look for.
+    ///
+    /// # Errors
+    /// A load that is not finite, or beyond 1e30 or so; one that pulls, or slides without pressing.
+    fn presses(&self) -> Result<bool, Refusal> {
+        let Self { p_n_mm: p, q_n_mm: q } = *self;
+        if !(is_sane(p) && is_sane(q)) {
+            return Err(Refusal::NotFinite);
+        }
+        if p < 0.0 || (p == 0.0 && q != 0.0) {
+            return Err(Refusal::Pulls);
+        }
+        Ok(p > 0.0)
+    }
+}
+
 /// Which part of the indenter touches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
@@ -382,14 +399,7 @@ impl Indenter {
     }
 
     fn equilibrium(&mut self, load: &Load) -> Result<Contact, Refusal> {
-        let Load { p_n_mm: p, q_n_mm: q } = *load;
-        if !(is_sane(p) && is_sane(q)) {
-            return Err(Refusal::NotFinite);
-        }
-        if p < 0.0 || (p == 0.0 && q != 0.0) {
-            return Err(Refusal::Pulls);
-        }
-        if p == 0.0 {
+        if !load.presses()? {
             return Ok(NOTHING);
         }
         match self.shape {

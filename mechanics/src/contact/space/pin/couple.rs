@@ -25,7 +25,13 @@ const PANEL_POINTS: usize = 12;
 const PANEL_RADIANS: f64 = 8.0;
 /// Length of a row (thicknesses) under which it needs shorter waves than its level's: of fixed and
 /// of free width.
-const WAVES: [f64; 2] = [1.2, 2.4];
+const WAVES: [f64; 2] = [2.4, 2.4];
+const SHORTEST: f64 = 0.25;
+/// The same for the half-width of the contact.
+const NARROW: f64 = 0.6;
+const NARROWEST: f64 = 0.05;
+/// Room between the pin and its images for the shortest waves, thicknesses.
+const CLOSE: f64 = 0.6;
 /// Wave number (times thickness) from which the compliance is 1/a.
 const ALGEBRAIC: f64 = 30.0;
 
@@ -38,13 +44,18 @@ pub(crate) struct Modes {
     pub(crate) cutoff: f64,
     /// Slices further apart than this do not act on each other.
     pub(crate) reach: f64,
+    /// How fast the steps between wave numbers grow: their length is a square root of the first
+    /// one's square and of this times the wave number, squared.
+    pub(crate) grade: f64,
 }
 
 impl Modes {
-    /// The same for a row of a length: short ones feel shorter waves, and their images less.
-    pub(crate) fn over(self, length: f64, free: bool) -> Self {
+    /// The same for a row of a length and largest half-width: short and narrow ones feel shorter
+    /// waves, short ones their images less.
+    pub(crate) fn over(self, length: f64, widest: f64, free: bool) -> Self {
         let waves = WAVES[usize::from(free)];
-        let cutoff = self.cutoff.max(waves * self.cutoff / length);
+        let shortest = (waves / length.max(SHORTEST)).max(NARROW / widest.max(NARROWEST));
+        let cutoff = self.cutoff * shortest.max(1.0);
         let margin = if length < waves { 0.7 * self.margin } else { self.margin };
         Self { cutoff, margin, ..self }
     }
@@ -63,11 +74,13 @@ pub(crate) struct Coupling {
     cosines: usize,
     modes: usize,
     band: usize,
-    step: f64,
-    /// Weight of each mode in a scalar product.
+    /// Wave number of each mode, and its weight in a scalar product.
+    waves: Vec<f64>,
     weights: Vec<f64>,
     /// c(m) without the plane problem, mode after mode, m = 0..=band.
     along: Vec<f64>,
+    /// The same with the modes' weights, mode fastest.
+    weighted: Vec<f64>,
     /// pi (-1)^k J_2k(z) on a grid over z, k fastest.
     bessel: Vec<f64>,
     /// Sums across each slice, mode after mode.
@@ -83,16 +96,30 @@ impl Coupling {
         (cosines, widest): (usize, f64),
         (slices, h): (usize, f64),
     ) -> Self {
-        let period = 2.0 * widest + fineness.margin;
-        let step = 2.0 * PI / period;
-        let modes = libm::ceil(fineness.cutoff / step) as usize + 1;
+        let [first, last] = [fineness.margin, CLOSE].map(|room| 2.0 * PI / (2.0 * widest + room));
+        // Wave numbers sinh(u), u in equal steps.
+        let grown = (last * last - first * first).max(0.0).sqrt() / fineness.cutoff;
+        let grade = fineness.grade.min(grown).max(1e-3);
+        let end = libm::asinh(grade * fineness.cutoff / first) / grade;
+        let modes = libm::ceil(end) as usize + 1;
+        let waves: Vec<f64> =
+            (0..modes).map(|n| first / grade * libm::sinh(grade * n as f64)).collect();
+        let weight = |n: usize| {
+            let step = first * libm::cosh(grade * n as f64) / PI;
+            if n == 0 { 0.5 * step } else { step }
+        };
+        let weights: Vec<f64> = (0..modes).map(weight).collect();
         let band = (libm::ceil(fineness.reach / h) as usize).min(slices.saturating_sub(1));
         let mut along = Vec::with_capacity(modes * (band + 1));
         let points = along_pin(h, band);
-        for n in 0..modes {
-            push_row(&mut along, transfer, n as f64 * step, (h, band), &points);
+        for wave in &waves {
+            push_row(&mut along, transfer, *wave, (h, band), &points);
         }
-        let points = libm::ceil(modes as f64 * step * widest * BESSEL_DENSITY) as usize + 4;
+        let mut weighted = Vec::with_capacity(modes * (band + 1));
+        for m in 0..=band {
+            weighted.extend((0..modes).map(|n| weights[n] * along[n * (band + 1) + m]));
+        }
+        let points = libm::ceil(waves[modes - 1] * widest * BESSEL_DENSITY) as usize + 5;
         let mut bessel = Vec::with_capacity(points * cosines);
         for i in 0..points {
             // One point before 0, for the cubic.
@@ -102,18 +129,40 @@ impl Coupling {
                 bessel.push(sign * libm::jn(2 * k as i32 + i32::from(parity == Parity::Odd), z));
             }
         }
-        let weight = |n: usize| if n == 0 { 1.0 / period } else { 2.0 / period };
         Self {
             cosines,
             modes,
             band,
-            step,
-            weights: (0..modes).map(weight).collect(),
+            waves,
+            weights,
             along,
+            weighted,
             bessel,
             spectra: vec![0.0; modes * slices],
             acted: vec![0.0; modes * slices],
         }
+    }
+
+    /// What two slices of one half-width do to each other, by their distance up to the band.
+    pub(crate) fn between(&self, half_width: f64) -> Vec<f64> {
+        let n = self.cosines;
+        let mut transform = vec![0.0; self.transform_len()];
+        self.transform(half_width, &mut transform);
+        let mut blocks = vec![0.0; (self.band + 1) * n * n];
+        for (apart, block) in blocks.chunks_exact_mut(n * n).enumerate() {
+            for (weight, values) in self.weights_of(apart).iter().zip(transform.chunks_exact(n)) {
+                for (entry, at) in block.iter_mut().zip(0..) {
+                    *entry += weight * values[at / n] * values[at % n];
+                }
+            }
+        }
+        blocks
+    }
+
+    /// Weights of the modes by which slices so far apart act on each other; none out of reach.
+    pub(crate) fn weights_of(&self, apart: usize) -> &[f64] {
+        let from = apart * self.modes;
+        self.weighted.get(from..from + self.modes).unwrap_or(&[])
     }
 
     /// Numbers that [`Coupling::transform`] writes for one slice.
@@ -125,7 +174,7 @@ impl Coupling {
     pub(crate) fn transform(&self, b: f64, out: &mut [f64]) {
         let n = self.cosines;
         for (mode, values) in out.chunks_exact_mut(n).enumerate() {
-            let place = mode as f64 * self.step * b * BESSEL_DENSITY;
+            let place = self.waves[mode] * b * BESSEL_DENSITY;
             let cell = (place as usize).min(self.bessel.len() / n - 4);
             let w = cubic(place - cell as f64);
             let v = &self.bessel[cell * n..(cell + 4) * n];
@@ -231,6 +280,14 @@ fn along_pin(h: f64, band: usize) -> (Vec<[f64; 3]>, f64) {
         from += width;
     }
     (points, CUT_SHORT)
+}
+
+/// h integral of f(q) sinc^2(q h/2) cos(q m h), m = 0..=band: strips in the plane problem.
+pub(crate) fn own_row(transfer: &Transfer, h: f64, band: usize) -> Vec<f64> {
+    let mut row = Vec::with_capacity(band + 1);
+    push_row(&mut row, transfer, 0.0, (h, band), &along_pin(h, band));
+    row[0] += PI * transfer.normal_compliance(0.0);
+    row
 }
 
 /// Appends c(m), m = 0..=band, of the wave number `kappa` across.

@@ -10,20 +10,22 @@
 //! the guess of the next one; pressing allocates nothing.
 //!
 //! A tilted pin touches from its deeper end on, so beside the row of slices over the whole pin
-//! there are shorter rows over its end, each half as long as the one before; the shortest that
-//! holds what touches is used, and a contact is always spread over many slices.
+//! there are shorter rows over its end, each a fixed part as long as the one before; the shortest
+//! that holds what touches is used, and a contact is always spread over a number of slices.
 //!
-//! Ends: strips of constant pressure see an end inside of its place, by a fixed part of their
-//! length (0.115 for a face of fixed width, which follows from the logarithmic kernel; 0.057 where
-//! the width is free, measured by halving the strips). The slices are laid out for it.
+//! Ends: strips of constant pressure see an end inside of its place, by a part of their length that
+//! a punch on the layer tells (`ends`). The slices are laid out for it, so that few of them do.
 //!
 //! It refuses what its tables do not cover: see [`Pin::new`] and [`Pin::press`].
 
 mod couple;
+mod direct;
+mod ends;
 mod roll;
 mod row;
 mod solve;
 pub(super) mod strip;
+mod work;
 
 use super::super::layer::Layer;
 use super::super::{Invalid, finite, positive};
@@ -38,15 +40,19 @@ use strip::{Section, Strips};
 const TILT_MAX: f64 = 0.2;
 /// Shortest pin in thicknesses.
 const SHORTEST: f64 = 0.1;
-/// Parts of a row within which the touching part of a tilted pin is looked for, and is left to the
-/// row that the last contact used.
+/// Part of a row that a contact is looked for on, and part below which a shorter row takes it over.
 const FITS: f64 = 0.92;
-const KEEPS: [f64; 2] = [0.3, 0.97];
+const KEPT: f64 = 0.45;
+/// So many times longer or shorter than the row in use a contact is guessed to be before that row
+/// is left at once.
+const FAR: f64 = 3.0;
+/// So many rows on a contact is looked for that fills a row.
+const UP: usize = 2;
 /// Room for the pressure's rise towards an end, in penetrations, and the most there can be.
 const ROOM: f64 = 1.6;
 const DEEPEST: f64 = 0.98;
 /// Rows shorter than this (thicknesses) are not made.
-const SHORTEST_ROW: f64 = 0.4;
+const SHORTEST_ROW: f64 = 0.1;
 
 /// Cross-section of an indenter that is long in one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,17 +117,35 @@ pub struct PinState {
     pub steps: usize,
 }
 
+/// How a row is cut: slices of a length, in thicknesses, but not fewer than some, and longer ones
+/// where there would be more than enough, up to a length.
+#[derive(Clone, Copy, Debug)]
+struct Laid {
+    fewest: f64,
+    slice: f64,
+    enough: f64,
+    longest: f64,
+}
+
+impl Laid {
+    /// Slices of a row of a length, each so many times longer than usual.
+    fn count(self, length: f64, longer: f64) -> f64 {
+        let wanted = (length / (longer * self.slice)).clamp(self.fewest, self.enough);
+        wanted.max(length / self.longest)
+    }
+}
+
 /// Accuracy against time, per [`Level`].
 #[derive(Clone, Copy, Debug)]
 struct Fineness {
-    /// Longest slice in thicknesses.
-    slice: f64,
-    /// Fewest slices of the whole pin, and of its end.
-    fewest: f64,
-    end: f64,
+    /// Each row over the end is so many times as long as the one before.
+    shorter: f64,
+    /// How the whole pin and its end are cut into slices.
+    whole: Laid,
+    end: Laid,
     modes: Modes,
-    /// Cosines at zero width, and more per thickness of half-width.
-    cosines: (f64, f64),
+    /// Cosines at zero width, more per thickness of half-width, and more again for a flat face.
+    cosines: (f64, f64, f64),
     /// Wave number (times thickness) up to which the points of an image stand for the pressure.
     points: f64,
     tolerance: f64,
@@ -130,34 +154,34 @@ struct Fineness {
 
 impl Fineness {
     fn of(level: Level) -> Self {
-        let modes = |margin, cutoff, reach| Modes { margin, cutoff, reach };
+        let modes = |margin, cutoff, reach, grade| Modes { margin, cutoff, reach, grade };
         match level {
             Level::Fast => Self {
-                slice: 1.0,
-                fewest: 32.0,
-                end: 28.0,
-                modes: modes(10.0, 5.0, 7.0),
-                cosines: (3.0, 0.0),
-                points: 5.0,
-                tolerance: 3e-3,
+                shorter: core::f64::consts::FRAC_1_SQRT_2,
+                whole: Laid { fewest: 20.0, slice: 0.6, enough: 36.0, longest: 1.0 },
+                end: Laid { fewest: 14.0, slice: 0.42, enough: 30.0, longest: 1.0 },
+                modes: modes(10.0, 5.0, 7.0, 0.2),
+                cosines: (3.0, 0.0, 1.5),
+                points: 4.5,
+                tolerance: 5e-3,
                 steps: 8,
             },
             Level::Default => Self {
-                slice: 0.5,
-                fewest: 96.0,
-                end: 64.0,
-                modes: modes(12.0, 10.0, 12.0),
-                cosines: (4.0, 0.5),
+                shorter: 0.5,
+                whole: Laid { fewest: 96.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
+                end: Laid { fewest: 64.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
+                modes: modes(12.0, 10.0, 12.0, 0.1),
+                cosines: (4.0, 0.5, 2.0),
                 points: 11.0,
                 tolerance: 1e-4,
                 steps: 25,
             },
             Level::Fine => Self {
-                slice: 0.25,
-                fewest: 100.0,
-                end: 100.0,
-                modes: modes(18.0, 20.0, 16.0),
-                cosines: (6.0, 1.0),
+                shorter: 0.5,
+                whole: Laid { fewest: 100.0, slice: 0.25, enough: 4096.0, longest: 0.25 },
+                end: Laid { fewest: 100.0, slice: 0.25, enough: 4096.0, longest: 0.25 },
+                modes: modes(18.0, 20.0, 16.0, 0.05),
+                cosines: (6.0, 1.0, 2.0),
                 points: 18.0,
                 tolerance: 1e-6,
                 steps: 60,
@@ -213,24 +237,24 @@ impl Pin {
             let what = format!("{} mm is {length} thicknesses", to - from);
             return Err(Invalid::new("length_mm", what, "give at least a tenth of the thickness"));
         }
-        let (least, more) = fineness.cosines;
+        let (least, more, flat) = fineness.cosines;
         let count = |b: f64| {
-            let flat = if matches!(section, Section::Flat(_)) { 2.0 * b } else { 0.0 };
-            (least + more * b + flat) as usize
+            let face = if matches!(section, Section::Flat(_)) { flat * b } else { 0.0 };
+            (least + more * b + face) as usize
         };
         let strips = Strips::new(&layer.transfer(), section, penetration_max_mm / t, count)?;
         let ends = [from / t, to / t];
-        let mut rows = vec![Row::new(layer, (section, strips.clone()), ends, fineness)?];
+        let mut rows = vec![Row::new(layer, (strips.clone(), true), ends, fineness)?];
         let tolerance = 0.5 * fineness.tolerance;
-        let fineness = Fineness { fewest: fineness.end, tolerance, ..fineness };
+        let fineness = Fineness { tolerance, ..fineness };
         // Short slices see how the pressure rises towards an end.
         let deeper = (ROOM * penetration_max_mm / t).min(DEEPEST);
         let strips = Strips::new(&layer.transfer(), section, deeper, count).unwrap_or(strips);
-        let mut reach = 0.5 * length;
+        let mut reach = fineness.shorter * length;
         while reach >= SHORTEST_ROW {
             let end = [ends[1] - reach, ends[1]];
-            rows.push(Row::new(layer, (section, strips.clone()), end, fineness)?);
-            reach *= 0.5;
+            rows.push(Row::new(layer, (strips.clone(), false), end, fineness)?);
+            reach *= fineness.shorter;
         }
         Ok(Self { layer: *layer, ends, rows, at: 0, turned: false, state: PinState::default() })
     }
@@ -243,7 +267,6 @@ impl Pin {
     /// that no penetration of the table reaches, a contact that does not settle within the level's
     /// steps (pins shorter than the layer is thick). The state is then that of no contact.
     pub fn press(&mut self, drive: Drive, tilt_rad: f64) -> Result<PinState, Invalid> {
-        self.state = PinState::default();
         let outcome = self.try_press(drive, tilt_rad);
         match outcome {
             Ok(state) => self.state = state,
@@ -279,21 +302,34 @@ impl Pin {
             }
             Drive::PenetrationMm(_) => (None, target / t + raised + slope.abs() * to),
         };
-        let mut at = self.row_for(guess / slope.abs(), turned);
-        // Each row is longer than the one before it, and the last one is the whole pin.
+        let mut at = self.row_for(self.guessed(wanted, guess, slope.abs()), turned);
+        let mut start = guess - slope.abs() * to;
+        let mut shortened = false;
+        // Each row tried is longer than the one before it, up to the whole pin; once a shorter one.
         loop {
             if (at, turned) != (self.at, self.turned) {
                 self.rows[at].release();
             }
             (self.at, self.turned) = (at, turned);
             let row = &mut self.rows[at];
-            let outcome = row.press((wanted, guess - slope.abs() * to), slope.abs());
-            let full = outcome.is_err() || row.work.touches(0);
-            if at > 0 && full {
-                at -= 1;
+            let outcome = row.press((wanted, start), slope.abs());
+            if let Ok(state) = &outcome {
+                start = state.penetration_mm / t;
+            }
+            if at > 0 && (outcome.is_err() || row.work.touches(0)) {
+                at = at.saturating_sub(UP);
                 continue;
             }
             let mut state = outcome?;
+            let touched = state.length_mm / t;
+            if !shortened && touched > 0.0 && touched < KEPT * row.length {
+                shortened = true;
+                let shorter = self.holding(touched);
+                if shorter > at {
+                    at = shorter;
+                    continue;
+                }
+            }
             state.penetration_mm -= raised * t;
             state.tilt_rad = tilt_rad;
             if turned {
@@ -303,20 +339,38 @@ impl Pin {
         }
     }
 
-    /// The row for a contact of a length: the one in use when that will do.
+    /// Length of a contact to come: by penetration from its depth; by force as it grows from the
+    /// last one's, like the root of the force over the slope, or without one from a guess of its
+    /// depth.
+    fn guessed(&self, wanted: Option<f64>, depth: f64, slope: f64) -> f64 {
+        let last = self.state;
+        let (t, used) = (self.layer.thickness_mm, &self.rows[self.at]);
+        match wanted {
+            Some(force) if used.work.is_warm() && last.tilt_rad != 0.0 => {
+                let more = force * used.modulus_mpa() * t * t / last.force_n;
+                let steeper = slope / libm::tan(last.tilt_rad).abs();
+                last.length_mm / t * (more / steeper).sqrt()
+            }
+            _ => depth / slope,
+        }
+    }
+
+    /// The row to begin with for a contact guessed so long: the one in use when that may do.
     fn row_for(&self, touched: f64, turned: bool) -> usize {
-        let reach = |at: usize| (self.ends[1] - self.ends[0]) / (1_u64 << at) as f64;
         let used = &self.rows[self.at];
-        let last = self.at + 1 == self.rows.len();
         if used.work.is_warm() && turned == self.turned {
-            let part = touched / reach(self.at);
-            let short = part < KEEPS[1] || self.at == 0;
-            if short && (part > KEEPS[0] || last) {
+            let part = touched / used.length;
+            if (part < FAR || self.at == 0) && part > 1.0 / FAR {
                 return self.at;
             }
         }
-        let holds = |at: &usize| touched < FITS * reach(*at);
-        (0..self.rows.len()).take_while(holds).last().unwrap_or(0)
+        self.holding(touched)
+    }
+
+    /// The shortest row that holds a contact so long.
+    fn holding(&self, touched: f64) -> usize {
+        let holds = |row: &&Row| touched < FITS * row.length;
+        self.rows.iter().take_while(holds).count().saturating_sub(1)
     }
 
     /// Lifts the pin off and forgets the contact.

@@ -10,8 +10,8 @@ use super::super::super::Invalid;
 use super::super::tactels::Shares;
 use super::couple::{Coupling, Parity};
 use super::row::{Row, points_for};
-use super::solve::Work;
 use super::strip::Strips;
+use super::work::Work;
 use super::{Lie, Pin, Stand};
 use core::f64::consts::PI;
 
@@ -43,12 +43,12 @@ impl Pin {
         let strips = Strips::odd(&transfer, half, n);
         let modes = (row.fineness.modes, Parity::Odd);
         let coupling = Coupling::new(&transfer, modes, (n, half), (slices, row.h));
-        let mut work = Work::new(slices, strips.places, coupling.transform_len());
+        let mut work = Work::new(slices, &strips, coupling.transform_len());
         // The descent b cos(theta) of a unit slope has the one moment b pi/2.
         work.hold(|j| row.work.touches(j).then_some(0.5 * half));
         let mut rate = Row { strips, coupling, work, ..row.clone() };
         rate.prepare(true)?;
-        rate.gradients(TOLERANCE);
+        rate.gradients(TOLERANCE)?;
         let points = points_for(rate.fineness.points, half);
         let mut rule = Vec::with_capacity(points * (n + 1));
         for i in 0..points {

@@ -5,22 +5,27 @@
 
 use super::super::super::Invalid;
 use super::super::super::layer::Layer;
-use super::Fineness;
 use super::couple::{Coupling, Parity};
-use super::solve::Work;
-use super::strip::{Section, Strips};
+use super::ends::loss;
+use super::strip::Strips;
+use super::work::Work;
+use super::{Fineness, TILT_MAX};
 use core::f64::consts::PI;
 
-/// What the end of a row of strips of fixed and of free width loses, in strip lengths.
-const ENDS: [f64; 2] = [0.115_052, 0.057];
 /// Most points across half a slice in an image.
 const POINTS_MAX: usize = 96;
 /// Rows shorter than this (thicknesses) respond otherwise than in the plane.
 const SHORT: f64 = 6.0;
 /// Slices longer than this (thicknesses) are too long for one row of points.
-const STAGGERED: f64 = 0.55;
+const STAGGERED: f64 = 0.8;
 /// Half-width (thicknesses) up to which the base hardly tells the two sides apart.
 const NARROW: f64 = 0.6;
+/// Penetrations, in parts of the steepest slope's, that a row is made for; least, thicknesses.
+const DEEPER: f64 = 1.8;
+const SHALLOWEST: f64 = 0.01;
+/// Half-width of a face (thicknesses) from which slices may be longer, and so many times.
+const WIDE: f64 = 1.2;
+const WIDER: f64 = 1.6;
 /// Most slices of a row.
 const SLICES_MAX: usize = 4096;
 
@@ -31,6 +36,13 @@ pub(super) struct Row {
     pub(super) fineness: Fineness,
     pub(super) strips: Strips,
     pub(super) coupling: Coupling,
+    /// Whole length, largest half-width, in thicknesses.
+    pub(super) length: f64,
+    pub(super) widest: f64,
+    /// Whether it lies over an end only.
+    pub(super) part: bool,
+    /// What two slices do to each other, by their distance, when all are equally wide.
+    pub(super) between: Vec<f64>,
     /// Slice length and places along the axis from the origin, in thicknesses.
     pub(super) h: f64,
     pub(super) along: Vec<f64>,
@@ -46,39 +58,50 @@ impl Row {
     /// More than 4096 slices.
     pub(super) fn new(
         layer: &Layer,
-        (section, strips): (Section, Strips),
+        (strips, whole): (Strips, bool),
         [from, to]: [f64; 2],
         fineness: Fineness,
     ) -> Result<Self, Invalid> {
         let length = to - from;
-        let wanted = libm::ceil(length / fineness.slice).max(fineness.fewest);
+        // Where the contact is wide, its pressure varies less from slice to slice.
+        let laid = if whole { fineness.whole } else { fineness.end };
+        let wide = !strips.is_free() && strips.widest() > WIDE;
+        let wanted = libm::ceil(laid.count(length, if wide { WIDER } else { 1.0 }));
         if wanted > SLICES_MAX as f64 {
             let what = format!("{} mm is {length} thicknesses", length * layer.thickness_mm);
             return Err(Invalid::new("length_mm", what, "cut the pin at the array"));
         }
         let slices = wanted as usize;
-        let end = ENDS[usize::from(matches!(section, Section::Circle(_)))];
+        let transfer = layer.transfer();
+        let end = loss(&transfer, length / slices as f64);
         let h = length / (slices as f64 - 2.0 * end);
         let middle = 0.5 * (from + to);
         let place = |i: usize| middle + (i as f64 - 0.5 * (slices as f64 - 1.0)) * h;
-        let transfer = layer.transfer();
         let cosines = strips.places.cosines;
-        let sizes = ((cosines, strips.widest()), (slices, h));
-        let modes = fineness.modes.over(length, strips.is_free());
+        // No tilt presses a row over an end deeper.
+        let deepest = DEEPER * (TILT_MAX * length).max(SHALLOWEST);
+        let widest = if whole { strips.widest() } else { strips.half_width(deepest) };
+        let sizes = ((cosines, widest), (slices, h));
+        let modes = fineness.modes.over(length, widest, strips.is_free());
         let coupling = Coupling::new(&transfer, (modes, Parity::Even), sizes.0, sizes.1);
-        let mut work = Work::new(slices, strips.places, coupling.transform_len());
+        let between = if strips.is_free() { Vec::new() } else { coupling.between(widest) };
+        let mut work = Work::new(slices, &strips, coupling.transform_len());
         let mut steps = fineness.steps;
         if length < SHORT {
             work.relax();
             steps *= 3;
         }
-        let most = points_for(fineness.points, strips.widest());
+        let most = points_for(fineness.points, widest);
         Ok(Self {
             layer: *layer,
             fineness: Fineness { modes, steps, ..fineness },
             strips,
             coupling,
             h,
+            length,
+            widest,
+            part: !whole,
+            between,
             along: (0..slices).map(place).collect(),
             work,
             rules: (1..=most).map(|points| rule(points, cosines)).collect(),
@@ -101,18 +124,12 @@ impl Row {
             if !self.work.touches(j) {
                 continue;
             }
-            let mut ahead = if j % 2 == 0 { aside } else { -aside };
             let (b, a) = self.work.slice(j);
+            let mut ahead = if j % 2 == 0 || b > NARROW { aside } else { -aside };
             let points = points_for(self.fineness.points, b).min(self.rules.len());
             for point in self.rules[points - 1].chunks_exact(a.len() + 1) {
                 let psi: f64 = point[1..].iter().zip(a).map(|(x, y)| x * y).sum();
                 let (u, force) = (b * point[0] * t, scale / points as f64 * psi);
-                if aside > 0.0 && b > NARROW {
-                    for (u, ahead) in [(u, aside), (u, -aside), (-u, aside), (-u, -aside)] {
-                        of([u, v * t + ahead], 0.5 * force);
-                    }
-                    continue;
-                }
                 of([u, v * t + ahead], force);
                 of([-u, v * t - ahead], force);
                 ahead = -ahead;

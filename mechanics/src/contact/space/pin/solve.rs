@@ -1,14 +1,19 @@
 //! The contact of a pin: free-boundary steps around conjugate gradients on the coupled slices.
 
-use super::super::super::Invalid;
 use super::super::quadrature::{factor, solve};
 use super::PinState;
 use super::row::Row;
 use super::strip::Places;
+use super::work::Trouble;
 use core::f64::consts::PI;
 
-/// Least and largest part of a change that a short row takes.
-const RELAXED: [f64; 2] = [0.15, 1.5];
+/// Least and largest of a slice's growth over that in the plane.
+const BLUNT: [f64; 2] = [0.3, 3.0];
+/// Tolerance of the gradients over the level's, and weight of the force's error.
+const TIGHTEST: f64 = 0.1;
+const FORCE: f64 = 2.0;
+/// Steps after which a contact that fills a part of the pin is given up for a longer part.
+const FULL: usize = 4;
 /// Most iterations of conjugate gradients in one step.
 const GRADIENTS_MAX: usize = 200;
 /// Part of the penetration that may be left when the steps are used up; more is no answer.
@@ -16,118 +21,15 @@ const UNSETTLED: f64 = 0.1;
 /// So many times the level's steps, for a contact of which more than that is left.
 const MORE: usize = 4;
 
-/// Memory of the solver; everything is slice after slice.
-#[derive(Clone, Debug)]
-pub(crate) struct Work {
-    places: Places,
-    transform: usize,
-    /// Penetration that each slice's width belongs to; 0 or less: no contact.
-    effective: Vec<f64>,
-    /// Penetration of the rigid pin.
-    given: Vec<f64>,
-    widths: Vec<f64>,
-    active: Vec<bool>,
-    rows: Vec<f64>,
-    transforms: Vec<f64>,
-    blocks: Vec<f64>,
-    /// Cosines of the pressure, and the vectors of conjugate gradients.
-    a: Vec<f64>,
-    residual: Vec<f64>,
-    cured: Vec<f64>,
-    direction: Vec<f64>,
-    image: Vec<f64>,
-    warm: bool,
-    /// Changes of the widths' penetrations, this step's and the last one's, and the part of them
-    /// that is taken; 0 where all of it always is.
-    moves: [Vec<f64>; 2],
-    relaxed: f64,
-}
-
-impl Work {
-    pub(crate) fn new(slices: usize, places: Places, transform: usize) -> Self {
-        let n = places.cosines;
-        let per = |count: usize| vec![0.0; slices * count];
-        Self {
-            places,
-            transform,
-            effective: per(1),
-            given: per(1),
-            widths: per(1),
-            active: vec![false; slices],
-            rows: per(places.len()),
-            transforms: per(transform),
-            blocks: per(n * n),
-            a: per(n),
-            residual: per(n),
-            cured: per(n),
-            direction: per(n),
-            image: per(n),
-            warm: false,
-            moves: [per(1), per(1)],
-            relaxed: 0.0,
-        }
-    }
-
-    /// On a row that is short the slices do not respond as plane ones: the part of a change that is
-    /// taken then follows from the last two (Aitken's rule).
-    pub(crate) fn relax(&mut self) {
-        self.relaxed = 1.0;
-    }
-
-    fn relaxation(&mut self, first: bool) -> f64 {
-        if self.relaxed == 0.0 {
-            return 1.0;
-        }
-        if first {
-            self.relaxed = 1.0;
-            return 1.0;
-        }
-        let (mut along, mut size) = (0.0, 0.0);
-        let [now, before] = &self.moves;
-        for (now, before) in now.iter().zip(before) {
-            along += before * (now - before);
-            size += (now - before) * (now - before);
-        }
-        if size > 0.0 {
-            self.relaxed = (-self.relaxed * along / size).clamp(RELAXED[0], RELAXED[1]);
-        }
-        self.relaxed
-    }
-
-    /// Prescribes a descent on some slices, where they touch whatever comes.
-    pub(crate) fn hold(&mut self, descent: impl Fn(usize) -> Option<f64>) {
-        for j in 0..self.active.len() {
-            let held = descent(j);
-            self.active[j] = held.is_some();
-            self.given[j] = held.unwrap_or(0.0);
-            self.effective[j] = self.given[j];
-        }
-    }
-
-    pub(crate) fn clear(&mut self) {
-        self.warm = false;
-        self.active.fill(false);
-        self.a.fill(0.0);
-    }
-
-    pub(crate) fn is_warm(&self) -> bool {
-        self.warm
-    }
-
-    pub(crate) fn touches(&self, slice: usize) -> bool {
-        self.active[slice]
-    }
-
-    /// Half-width in thicknesses and cosines of a slice.
-    pub(crate) fn slice(&self, slice: usize) -> (f64, &[f64]) {
-        let n = self.places.cosines;
-        (self.widths[slice], &self.a[slice * n..(slice + 1) * n])
-    }
-
-    fn row(&self, slice: usize) -> &[f64] {
-        let width = self.places.len();
-        &self.rows[slice * width..(slice + 1) * width]
-    }
+/// Where a contact's steps have come to.
+struct Search {
+    wanted: Option<f64>,
+    penetration: f64,
+    /// Change of the penetration that the next step begins with.
+    shift: f64,
+    /// Force of the step before, and its penetration.
+    known: Option<(f64, f64)>,
+    left: f64,
 }
 
 impl Row {
@@ -137,25 +39,26 @@ impl Row {
         &mut self,
         (wanted, penetration): (Option<f64>, f64),
         slope: f64,
-    ) -> Result<PinState, Invalid> {
+    ) -> Result<PinState, Trouble> {
         let t = self.layer.thickness_mm;
         let scale = self.modulus_mpa() * t * t;
         let warm = self.work.warm;
         let known = warm && wanted.is_some();
         let start = if known { self.turned_about_its_load(slope) } else { penetration };
         let mut outcome = self.iterate(start, slope, wanted);
-        if warm && !outcome.as_ref().is_ok_and(|(_, residual, _)| *residual <= UNSETTLED) {
+        let settled = outcome.as_ref().is_ok_and(|(_, residual, _)| *residual <= UNSETTLED);
+        if warm && !settled && !self.is_full() {
             // The contact before is too far from this one to begin with.
             self.work.clear();
             outcome = self.iterate(penetration, slope, wanted);
         }
         let (penetration, residual, steps) = outcome?;
         if residual > UNSETTLED {
-            return Err(unsettled(residual));
+            return Err(Trouble::Unsettled(residual));
         }
         // By penetration this was refused before.
         if wanted.is_some() && self.work.given.iter().any(|given| *given >= 1.0) {
-            return Err(unreached());
+            return Err(Trouble::Beyond);
         }
         let n = self.work.places.cosines;
         let mut state =
@@ -196,9 +99,12 @@ impl Row {
         for (j, v) in self.along.iter().enumerate() {
             let given = penetration + slope * v;
             let work = &mut self.work;
-            let keep = work.warm && work.active[j];
-            work.effective[j] =
-                if keep { work.effective[j] + given - work.given[j] } else { given };
+            // What was lifted stays so until the layer reaches it.
+            work.effective[j] = match (work.warm, work.active[j]) {
+                (true, true) => work.effective[j] + given - work.given[j],
+                (true, false) => 0.0,
+                (false, _) => given,
+            };
             work.active[j] = work.effective[j] > 0.0;
             work.given[j] = given;
             deepest = deepest.max(given);
@@ -212,62 +118,110 @@ impl Row {
         start: f64,
         slope: f64,
         wanted: Option<f64>,
-    ) -> Result<(f64, f64, usize), Invalid> {
-        let mut penetration = start;
-        let mut shift = 0.0;
+    ) -> Result<(f64, f64, usize), Trouble> {
         let warm = self.work.warm;
-        if self.place(penetration, slope) <= 0.0 && wanted.is_none() {
+        if self.place(start, slope) <= 0.0 && wanted.is_none() {
             self.work.clear();
-            return Ok((penetration, 0.0, 0));
+            return Ok((start, 0.0, 0));
         }
-        let mut known: Option<(f64, f64)> = None;
-        let mut left = f64::INFINITY;
+        let mut search =
+            Search { penetration: start, shift: 0.0, known: None, left: f64::INFINITY, wanted };
         let mut fresh = !warm;
-        let stiffest = if self.work.relaxed == 0.0 { 2.0 } else { 8.0 };
         let mut step = 0;
         // A contact that is no answer yet gets more steps.
-        while step < self.fineness.steps || (left > UNSETTLED && step < MORE * self.fineness.steps)
-        {
+        let steps = self.fineness.steps;
+        while step < steps || (search.left > UNSETTLED && step < MORE * steps) {
             step += 1;
+            if step > FULL && self.is_full() {
+                return Err(Trouble::Beyond);
+            }
             for given in &mut self.work.given {
-                *given += shift;
+                *given += search.shift;
             }
             self.prepare(fresh)?;
             fresh = false;
-            // Loose while the widths are wrong; nothing is accepted but at the last tolerance.
-            let tightest = 0.2 * self.fineness.tolerance;
-            let loosest = if warm || !self.strips.is_free() { tightest } else { 0.03 };
-            let limit = (0.1 * left).min(loosest).max(tightest);
-            self.gradients(limit);
-            let deepest = self.work.given.iter().fold(0.0_f64, |most, given| most.max(*given));
-            left = self.adjust(step == 1) / deepest.max(f64::MIN_POSITIVE);
-            shift = 0.0;
-            if let Some(force) = wanted {
-                let (carried, own) = self.totals();
-                let stiffness = match known.filter(|(_, at)| *at != penetration) {
-                    Some((before, at)) => {
-                        ((carried - before) / (penetration - at)).clamp(0.5 * own, stiffest * own)
-                    }
-                    None => own,
-                };
-                known = Some((carried, penetration));
-                left = left.max((carried / force - 1.0).abs());
-                if left > self.fineness.tolerance {
-                    shift = (force - carried) / stiffness.max(f64::MIN_POSITIVE);
-                    shift = shift.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6);
-                    penetration += shift;
-                    for j in 0..self.along.len() {
-                        if self.work.active[j] {
-                            self.work.effective[j] += shift;
-                        }
+            search.shift = 0.0;
+            match self.direct() {
+                Some(carried) => self.exactly(&mut search, carried, step == 1),
+                None => self.loosely(&mut search, warm, step == 1)?,
+            }
+            if search.left <= self.fineness.tolerance {
+                break;
+            }
+        }
+        Ok((search.penetration, search.left, step))
+    }
+
+    /// One step from a pressure without error, of which the force is known, and its rate.
+    fn exactly(&mut self, search: &mut Search, (carried, rate): (f64, f64), first: bool) {
+        let deepest = self.work.deepest();
+        let mut off: f64 = 0.0;
+        if let Some(force) = search.wanted {
+            let whole = (force - carried) / rate;
+            let part = whole.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6);
+            self.sink(part);
+            search.penetration += part;
+            off = (whole - part).abs();
+        }
+        let change = self.adjust(first);
+        search.left = (change / self.largest()).max(off / deepest.max(f64::MIN_POSITIVE));
+    }
+
+    /// One step by gradients, loose while the widths are wrong; nothing is accepted but at the last
+    /// tolerance.
+    fn loosely(&mut self, search: &mut Search, warm: bool, first: bool) -> Result<(), Trouble> {
+        let tolerance = self.fineness.tolerance;
+        let tightest = TIGHTEST * tolerance;
+        let loosest = if warm || !self.strips.is_free() { tightest } else { 0.03 };
+        let limit = (0.1 * search.left).min(loosest).max(tightest);
+        let deepest = self.work.deepest();
+        self.gradients(limit)?;
+        search.left = self.adjust(first) / self.largest();
+        if let Some(force) = search.wanted {
+            let (carried, own) = self.totals();
+            let penetration = search.penetration;
+            let stiffness = match search.known.filter(|(_, at)| *at != penetration) {
+                Some((before, at)) => {
+                    let stiffest = if self.work.relaxed == 0.0 { 2.0 } else { 8.0 };
+                    ((carried - before) / (penetration - at)).clamp(0.5 * own, stiffest * own)
+                }
+                None if self.work.stiffness > 0.0 => self.work.stiffness * own,
+                None => own,
+            };
+            self.work.stiffness = stiffness / own;
+            search.known = Some((carried, penetration));
+            search.left = search.left.max(FORCE * (carried / force - 1.0).abs());
+            if search.left > tolerance {
+                let shift = (force - carried) / stiffness.max(f64::MIN_POSITIVE);
+                search.shift = shift.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6);
+                search.penetration += search.shift;
+                for j in 0..self.along.len() {
+                    if self.work.active[j] {
+                        self.work.effective[j] += search.shift;
                     }
                 }
             }
-            if left <= self.fineness.tolerance && limit <= self.fineness.tolerance {
-                return Ok((penetration, left, step));
-            }
         }
-        Ok((penetration, left, step))
+        if limit > tolerance {
+            search.left = search.left.max(limit);
+        }
+        Ok(())
+    }
+
+    /// What changes are measured by: the largest penetration that a slice is given or that its
+    /// width belongs to.
+    fn largest(&self) -> f64 {
+        let given = self.work.deepest().max(f64::MIN_POSITIVE);
+        if !self.strips.is_free() {
+            return given;
+        }
+        let slices = self.work.effective.iter().zip(&self.work.active);
+        slices.filter(|(_, active)| **active).fold(given, |most, (own, _)| most.max(*own))
+    }
+
+    /// Whether the contact fills a row that is not the whole pin.
+    fn is_full(&self) -> bool {
+        self.part && self.work.active[0]
     }
 
     /// Force in units of the kernels, and what independent slices would add per penetration.
@@ -284,7 +238,7 @@ impl Row {
     }
 
     /// Widths, tables and blocks of all slices; `fresh` starts from the plane contacts.
-    pub(super) fn prepare(&mut self, fresh: bool) -> Result<(), Invalid> {
+    pub(super) fn prepare(&mut self, fresh: bool) -> Result<(), Trouble> {
         let work = &mut self.work;
         let (places, n) = (work.places, work.places.cosines);
         for j in 0..self.along.len() {
@@ -293,28 +247,17 @@ impl Row {
                 work.a[j * n..(j + 1) * n].fill(0.0);
                 continue;
             }
-            if !self.strips.reaches(work.effective[j]) {
-                return Err(unreached());
-            }
             let b = self.strips.half_width(work.effective[j]);
+            if !self.strips.reaches(work.effective[j]) || b > self.widest {
+                return Err(Trouble::Beyond);
+            }
             let started = fresh || work.a[j * n] == 0.0;
             let row = &mut work.rows[j * places.len()..(j + 1) * places.len()];
             let transform = &mut work.transforms[j * work.transform..(j + 1) * work.transform];
-            let block = &mut work.blocks[j * n * n..(j + 1) * n * n];
             if b != work.widths[j] || started {
                 work.widths[j] = b;
                 self.strips.row(b, row);
                 self.coupling.transform(b, transform);
-                for k in 0..n {
-                    for l in 0..=k {
-                        block[k * n + l] = row[places.matrix(k, l)];
-                    }
-                }
-                self.coupling.add_block(transform, block);
-                if !factor(block, n) {
-                    let what = "the slices' system is not positive".to_owned();
-                    return Err(Invalid::new("penetration_mm", what, "press less"));
-                }
             }
             if started {
                 let rest = work.effective[j] - row[places.penetration()];
@@ -326,13 +269,43 @@ impl Row {
         Ok(())
     }
 
+    /// Each slice's own system at its present width, which steers the gradients.
+    fn block(&mut self) -> Result<(), Trouble> {
+        let work = &mut self.work;
+        let (places, n) = (work.places, work.places.cosines);
+        for j in 0..work.active.len() {
+            if !work.active[j] || work.blocked[j] == work.widths[j] {
+                continue;
+            }
+            work.blocked[j] = work.widths[j];
+            let row = &work.rows[j * places.len()..(j + 1) * places.len()];
+            let transform = &work.transforms[j * work.transform..(j + 1) * work.transform];
+            let block = &mut work.blocks[j * n * n..(j + 1) * n * n];
+            for k in 0..n {
+                for l in 0..=k {
+                    block[k * n + l] = row[places.matrix(k, l)];
+                }
+            }
+            self.coupling.add_block(transform, block);
+            if !factor(block, n) {
+                return Err(Trouble::Indefinite);
+            }
+        }
+        Ok(())
+    }
+
     /// out = the exact layer's matrix times input, on the active slices.
     fn apply(&mut self, of_direction: bool) {
         let work = &mut self.work;
         let (places, n) = (work.places, work.places.cosines);
         let input = if of_direction { &work.direction } else { &work.a };
         work.image.fill(0.0);
-        self.coupling.act(&work.transforms, input, &mut work.image);
+        let touches = |touches: &bool| *touches;
+        let from = work.active.iter().position(touches).unwrap_or(0);
+        let to = work.active.iter().rposition(touches).map_or(from, |last| last + 1);
+        let (span, per) = (from * n..to * n, work.transform);
+        let transforms = &work.transforms[from * per..to * per];
+        self.coupling.act(transforms, &input[span.clone()], &mut work.image[span]);
         for j in 0..work.active.len() {
             let out = &mut work.image[j * n..(j + 1) * n];
             if !work.active[j] {
@@ -353,7 +326,8 @@ impl Row {
     }
 
     /// Preconditioned conjugate gradients for the pressure at the present widths.
-    pub(super) fn gradients(&mut self, tolerance: f64) {
+    pub(super) fn gradients(&mut self, tolerance: f64) -> Result<(), Trouble> {
+        self.block()?;
         let (places, n) = (self.work.places, self.work.places.cosines);
         self.apply(false);
         let work = &mut self.work;
@@ -376,13 +350,13 @@ impl Row {
         self.work.direction.copy_from_slice(&self.work.cured);
         for _ in 0..GRADIENTS_MAX {
             if before <= limit {
-                return;
+                return Ok(());
             }
             self.apply(true);
             let work = &mut self.work;
             let curvature: f64 = work.direction.iter().zip(&work.image).map(|(a, b)| a * b).sum();
             if curvature.is_nan() || curvature <= 0.0 {
-                return;
+                return Ok(());
             }
             let length = before / curvature;
             for (a, d) in work.a.iter_mut().zip(&work.direction) {
@@ -399,6 +373,7 @@ impl Row {
             }
             before = after;
         }
+        Ok(())
     }
 
     /// Solves each slice alone for the residual; the residual's size in that norm.
@@ -434,8 +409,12 @@ impl Row {
             let row = &work.rows[j * places.len()..(j + 1) * places.len()];
             let own = &work.a[j * n..(j + 1) * n];
             let edge: f64 = own.iter().sum();
-            let new =
-                if free { row[places.penetration()] + edge / row[places.edge()] } else { own[0] };
+            let new = if free {
+                let strength = edge / row[places.edge()];
+                row[places.penetration()] + strength * bluntness(places, row, own, strength)
+            } else {
+                own[0]
+            };
             work.moves[0][j] = new - work.effective[j];
             work.cured[j] = new;
         }
@@ -474,13 +453,17 @@ impl Row {
     }
 }
 
-/// What is left is no contact.
-fn unsettled(residual: f64) -> Invalid {
-    let what = format!("its contact does not settle: {residual:.1e} of the penetration is left");
-    Invalid::new("length_mm", what, "take a finer level, or a pin longer than the layer is thick")
-}
-
-fn unreached() -> Invalid {
-    let what = super::super::BEYOND_TABLE.to_owned();
-    Invalid::new("force_n", what, "press less, or tabulate a larger penetration")
+/// How much faster than on its own the slice's contact grows with what is left at its edge. At the
+/// right width the pressure ends as a square root, and moving the edge by db leaves a singularity
+/// in proportion to db and to that root's factor; widths do not act on each other. The factor is
+/// taken from the pressure without its singularity, beside the plane contact's of the same width.
+fn bluntness(places: Places, row: &[f64], own: &[f64], strength: f64) -> f64 {
+    let (mut plane, mut found) = (0.0, 0.0);
+    for (k, a) in own.iter().enumerate().skip(1) {
+        let weight = (k * k) as f64;
+        plane += weight * row[places.contact(k)];
+        found += weight * (a - strength * row[places.punch(k)]);
+    }
+    let ratio = plane / found;
+    if ratio > 0.0 { ratio.clamp(BLUNT[0], BLUNT[1]) } else { 1.0 }
 }

@@ -235,6 +235,15 @@ impl Strips {
     }
 }
 
+/// Force of a plane punch of this half-width per unit penetration.
+pub(crate) fn punch_force(transfer: &Transfer, half: f64) -> f64 {
+    let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
+    let places = Places { cosines: 12 + libm::ceil(2.0 * half) as usize };
+    let mut row = vec![0.0; places.len()];
+    fill(&kernel, Section::Flat(half), half, places, &mut row);
+    PI * row[places.punch(0)]
+}
+
 /// Weights of the cubic through the values at -1, 0, 1, 2.
 pub(crate) fn cubic(s: f64) -> [f64; 4] {
     let (a, b, c) = (s + 1.0, s - 1.0, s - 2.0);

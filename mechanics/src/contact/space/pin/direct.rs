@@ -1,0 +1,220 @@
+//! The slices' whole system, factored: for contacts of few unknowns, where a factor costs less than
+//! conjugate gradients and tells how the force follows the penetration. A bar's slices are all of
+//! one width, so the factor stays as long as the same slices touch. It refuses nothing: a system
+//! that is not positive is left to the gradients.
+
+use super::super::quadrature::solve;
+use super::couple::Coupling;
+use super::row::Row;
+use core::f64::consts::PI;
+
+/// Most unknowns where the width is free, where it is fixed.
+const UNKNOWNS: [usize; 2] = [54, 96];
+/// Right sides: the penetrations given, and one of 1 everywhere.
+const SIDES: usize = 2;
+/// Most cosines of a slice whose width is free.
+const COSINES: usize = 8;
+
+/// Memory of the factored system.
+#[derive(Clone, Debug)]
+pub(crate) struct Dense {
+    most: usize,
+    active: Vec<usize>,
+    /// Lower triangle, row by row, and the right sides as rows below it.
+    matrix: Vec<f64>,
+    column: Vec<f64>,
+    /// The slices of the factor in `matrix`, while it may be used again.
+    kept: Vec<usize>,
+    /// The pressure, and what a unit of penetration adds to it.
+    pressure: Vec<f64>,
+    rise: Vec<f64>,
+}
+
+impl Dense {
+    /// For so many slices of so many cosines, of free width or not.
+    pub(crate) fn new(slices: usize, cosines: usize, free: bool) -> Self {
+        let most = UNKNOWNS[usize::from(!free)].min(slices * cosines);
+        let most = if free && cosines > COSINES { 0 } else { most };
+        Self {
+            most,
+            active: Vec::with_capacity(slices),
+            matrix: vec![0.0; most * (most + SIDES)],
+            column: vec![0.0; most + SIDES],
+            kept: Vec::with_capacity(slices),
+            pressure: vec![0.0; most],
+            rise: vec![0.0; most],
+        }
+    }
+}
+
+impl Row {
+    /// Solves for the pressure at the present widths; force in units of the kernels and its rate by
+    /// penetration. Absent when too many slices touch or the system is not positive.
+    pub(super) fn direct(&mut self) -> Option<(f64, f64)> {
+        let n = self.work.places.cosines;
+        let dense = &mut self.work.dense;
+        dense.active.clear();
+        dense.active.extend((0..self.along.len()).filter(|j| self.work.active[*j]));
+        let size = n * dense.active.len();
+        if size > dense.most || size == 0 {
+            return None;
+        }
+        if self.strips.is_free() || dense.active != dense.kept {
+            dense.kept.clear();
+            self.assemble(size);
+            let dense = &mut self.work.dense;
+            if !eliminate(&mut dense.matrix, size, &mut dense.column) {
+                return None;
+            }
+            let (triangle, sides) = dense.matrix.split_at(size * size);
+            dense.pressure[..size].copy_from_slice(&sides[..size]);
+            dense.rise[..size].copy_from_slice(&sides[size..2 * size]);
+            back(triangle, size, &mut dense.pressure);
+            back(triangle, size, &mut dense.rise);
+            dense.kept.extend_from_slice(&dense.active);
+        } else {
+            let (places, dense) = (self.work.places, &mut self.work.dense);
+            for (p, &j) in dense.active.iter().enumerate() {
+                let row = &self.work.rows[j * places.len()..(j + 1) * places.len()];
+                for k in 0..n {
+                    let given = if k == 0 { PI * self.work.given[j] } else { 0.0 };
+                    dense.pressure[p * n + k] = given - row[places.shape(k)];
+                }
+            }
+            solve(&dense.matrix[..size * size], size, &mut dense.pressure[..size]);
+        }
+        let work = &mut self.work;
+        let (mut force, mut rate) = (0.0, 0.0);
+        for (p, &j) in work.dense.active.iter().enumerate() {
+            let found = &work.dense.pressure[p * n..(p + 1) * n];
+            work.a[j * n..(j + 1) * n].copy_from_slice(found);
+            force += PI * self.h * found[0];
+            rate += PI * self.h * work.dense.rise[p * n];
+        }
+        Some((force, rate))
+    }
+
+    /// Writes the system of the slices that touch, and its right sides.
+    fn assemble(&mut self, size: usize) {
+        let Self { coupling, work, between, .. } = self;
+        let (places, n, per) = (work.places, work.places.cosines, work.transform);
+        let dense = &mut work.dense;
+        let of = |slice: usize| &work.transforms[slice * per..(slice + 1) * per];
+        for (p, &j) in dense.active.iter().enumerate() {
+            let row = &work.rows[j * places.len()..(j + 1) * places.len()];
+            for (q, &i) in dense.active[..=p].iter().enumerate() {
+                let mut found = [0.0; COSINES * COSINES];
+                let block = if between.is_empty() {
+                    pair(coupling, j - i, (of(j), of(i), n), &mut found);
+                    &found[..]
+                } else {
+                    between.get((j - i) * n * n..).unwrap_or(&[])
+                };
+                for k in 0..n {
+                    let at = (p * n + k) * size + q * n;
+                    for l in 0..n {
+                        dense.matrix[at + l] = block.get(k * n + l).copied().unwrap_or(0.0);
+                        if p == q {
+                            dense.matrix[at + l] += row[places.matrix(k.max(l), k.min(l))];
+                        }
+                    }
+                }
+            }
+            for k in 0..n {
+                let (given, one) = if k == 0 { (PI * work.given[j], PI) } else { (0.0, 0.0) };
+                dense.matrix[size * size + p * n + k] = given - row[places.shape(k)];
+                dense.matrix[(size + 1) * size + p * n + k] = one;
+            }
+        }
+    }
+
+    /// Presses the contact of [`Row::direct`] deeper at its present widths.
+    pub(super) fn sink(&mut self, shift: f64) {
+        let work = &mut self.work;
+        let n = work.places.cosines;
+        for given in &mut work.given {
+            *given += shift;
+        }
+        for (p, &j) in work.dense.active.iter().enumerate() {
+            for k in 0..n {
+                work.a[j * n + k] += shift * work.dense.rise[p * n + k];
+            }
+        }
+    }
+}
+
+/// Cholesky's factor in place, column after column, and the sides below it carried through; false
+/// when the matrix is not positive definite.
+fn eliminate(matrix: &mut [f64], size: usize, column: &mut [f64]) -> bool {
+    for j in 0..size {
+        let pivot = matrix[j * size + j];
+        if pivot.is_nan() || pivot <= 0.0 {
+            return false;
+        }
+        let root = pivot.sqrt();
+        matrix[j * size + j] = root;
+        for i in j + 1..size + SIDES {
+            let value = matrix[i * size + j] / root;
+            matrix[i * size + j] = value;
+            column[i] = value;
+        }
+        for i in j + 1..size + SIDES {
+            let (own, end) = (column[i], (i + 1).min(size));
+            let row = &mut matrix[i * size + j + 1..i * size + end];
+            for (entry, other) in row.iter_mut().zip(&column[j + 1..end]) {
+                *entry -= own * other;
+            }
+        }
+    }
+    true
+}
+
+/// Back substitution with a lower triangle.
+fn back(triangle: &[f64], size: usize, side: &mut [f64]) {
+    for i in (0..size).rev() {
+        let row = &triangle[i * size..=i * size + i];
+        let known = side[i] / row[i];
+        side[i] = known;
+        for (value, entry) in side[..i].iter_mut().zip(row) {
+            *value -= known * entry;
+        }
+    }
+}
+
+/// What two slices so far apart do to each other, from their transforms of `n` cosines.
+fn pair(
+    coupling: &Coupling,
+    apart: usize,
+    (one, other, n): (&[f64], &[f64], usize),
+    block: &mut [f64; COSINES * COSINES],
+) {
+    let weights = coupling.weights_of(apart);
+    match n {
+        3 => sum::<3>(weights, (one, other), block),
+        4 => sum::<4>(weights, (one, other), block),
+        5 => sum::<5>(weights, (one, other), block),
+        6 => sum::<6>(weights, (one, other), block),
+        7 => sum::<7>(weights, (one, other), block),
+        _ => sum::<COSINES>(weights, (one, other), block),
+    }
+}
+
+fn sum<const N: usize>(
+    weights: &[f64],
+    (one, other): (&[f64], &[f64]),
+    block: &mut [f64; COSINES * COSINES],
+) {
+    let mut sums = [[0.0; N]; N];
+    let ((one, _), (other, _)) = (one.as_chunks::<N>(), other.as_chunks::<N>());
+    for ((weight, one), other) in weights.iter().zip(one).zip(other) {
+        for (row, value) in sums.iter_mut().zip(one) {
+            let felt = weight * value;
+            for (sum, other) in row.iter_mut().zip(other) {
+                *sum += felt * other;
+            }
+        }
+    }
+    for (to, row) in block.chunks_exact_mut(N).zip(&sums) {
+        to.copy_from_slice(row);
+    }
+}

@@ -1,0 +1,47 @@
+//! Where a row of strips of constant pressure sees its end: the loss of an end, in strip lengths,
+//! so that slices can be laid out for it. It follows from a plane punch on the layer, whose force
+//! is known exactly and by strips. It refuses nothing.
+
+use super::super::super::layer::Transfer;
+use super::super::quadrature::{factor, solve};
+use super::couple::own_row;
+use super::strip::punch_force;
+
+/// Strips of the punch.
+const STRIPS: usize = 16;
+
+/// Loss at each end of a row of strips of length `h` thicknesses, in strips.
+pub(super) fn loss(transfer: &Transfer, h: f64) -> f64 {
+    let row = own_row(transfer, h, STRIPS - 1);
+    let mut matrix = vec![0.0; STRIPS * STRIPS];
+    for i in 0..STRIPS {
+        for j in 0..=i {
+            matrix[i * STRIPS + j] = row[i - j];
+        }
+    }
+    let mut pressure = vec![1.0; STRIPS];
+    factor(&mut matrix, STRIPS);
+    solve(&matrix, STRIPS, &mut pressure);
+    let force = h * pressure.iter().sum::<f64>();
+    let half = |loss: f64| 0.5 * h * (STRIPS as f64 - 2.0 * loss);
+    let [none, some] = [0.0, 0.2].map(|loss| punch_force(transfer, half(loss)));
+    0.2 * (force - none) / (some - none)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against short strips: the logarithmic kernel's own loss, and what a layer makes of it.
+    #[test]
+    fn short_strips_lose_what_the_logarithm_says_and_long_ones_less() {
+        for nu in [0.0, 0.3, 0.49, 0.5] {
+            let transfer = Transfer::new(nu);
+            let found = loss(&transfer, 0.01);
+            assert!((found - 0.1135).abs() < 5e-4, "{nu}: {found}");
+            let longer = [0.1, 0.3, 0.6].map(|h| loss(&transfer, h));
+            assert!(longer.is_sorted_by(|a, b| a > b) && longer[0] < found, "{nu}: {longer:?}");
+            assert!(longer[2] > 0.05, "{nu}: {longer:?}");
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! Memory of the solver in [`super::solve`], and why it may have no answer.
+
+use super::super::super::Invalid;
+use super::direct::Dense;
+use super::strip::{Places, Strips};
+
+/// Least and largest part of a change that a short row takes.
+const RELAXED: [f64; 2] = [0.15, 1.5];
+
+/// Memory of the solver; everything is slice after slice.
+#[derive(Clone, Debug)]
+pub(super) struct Work {
+    pub(super) places: Places,
+    pub(super) transform: usize,
+    /// Penetration that each slice's width belongs to; 0 or less: no contact.
+    pub(super) effective: Vec<f64>,
+    /// Penetration of the rigid pin.
+    pub(super) given: Vec<f64>,
+    pub(super) widths: Vec<f64>,
+    pub(super) active: Vec<bool>,
+    pub(super) rows: Vec<f64>,
+    pub(super) transforms: Vec<f64>,
+    pub(super) blocks: Vec<f64>,
+    /// Cosines of the pressure, and the vectors of conjugate gradients.
+    pub(super) a: Vec<f64>,
+    pub(super) residual: Vec<f64>,
+    pub(super) cured: Vec<f64>,
+    pub(super) direction: Vec<f64>,
+    pub(super) image: Vec<f64>,
+    pub(super) warm: bool,
+    pub(super) dense: Dense,
+    /// Half-widths that the slices' own blocks were factored for.
+    pub(super) blocked: Vec<f64>,
+    /// Rate of the last contact's force over that of independent slices; 0 when not known.
+    pub(super) stiffness: f64,
+    /// Changes of the widths' penetrations, this step's and the last one's, and the part of them
+    /// that is taken; 0 where all of it always is.
+    pub(super) moves: [Vec<f64>; 2],
+    pub(super) relaxed: f64,
+}
+
+impl Work {
+    pub(super) fn new(slices: usize, strips: &Strips, transform: usize) -> Self {
+        let (places, free) = (strips.places, strips.is_free());
+        let n = places.cosines;
+        let per = |count: usize| vec![0.0; slices * count];
+        Self {
+            places,
+            transform,
+            effective: per(1),
+            given: per(1),
+            widths: per(1),
+            active: vec![false; slices],
+            rows: per(places.len()),
+            transforms: per(transform),
+            blocks: per(n * n),
+            a: per(n),
+            residual: per(n),
+            cured: per(n),
+            direction: per(n),
+            image: per(n),
+            warm: false,
+            dense: Dense::new(slices, n, free),
+            blocked: per(1),
+            stiffness: 0.0,
+            moves: [per(1), per(1)],
+            relaxed: 0.0,
+        }
+    }
+
+    /// On a row that is short the slices do not respond as plane ones: the part of a change that is
+    /// taken then follows from the last two (Aitken's rule).
+    pub(super) fn relax(&mut self) {
+        self.relaxed = 1.0;
+    }
+
+    pub(super) fn relaxation(&mut self, first: bool) -> f64 {
+        if self.relaxed == 0.0 {
+            return 1.0;
+        }
+        if first {
+            self.relaxed = 1.0;
+            return 1.0;
+        }
+        let (mut along, mut size) = (0.0, 0.0);
+        let [now, before] = &self.moves;
+        for (now, before) in now.iter().zip(before) {
+            along += before * (now - before);
+            size += (now - before) * (now - before);
+        }
+        if size > 0.0 {
+            self.relaxed = (-self.relaxed * along / size).clamp(RELAXED[0], RELAXED[1]);
+        }
+        self.relaxed
+    }
+
+    /// Prescribes a descent on some slices, where they touch whatever comes.
+    pub(super) fn hold(&mut self, descent: impl Fn(usize) -> Option<f64>) {
+        for j in 0..self.active.len() {
+            let held = descent(j);
+            self.active[j] = held.is_some();
+            self.given[j] = held.unwrap_or(0.0);
+            self.effective[j] = self.given[j];
+        }
+    }
+
+    /// Largest penetration of the rigid pin.
+    pub(super) fn deepest(&self) -> f64 {
+        self.given.iter().fold(0.0_f64, |most, given| most.max(*given))
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.warm = false;
+        self.stiffness = 0.0;
+        self.active.fill(false);
+        self.a.fill(0.0);
+    }
+
+    pub(super) fn is_warm(&self) -> bool {
+        self.warm
+    }
+
+    pub(super) fn touches(&self, slice: usize) -> bool {
+        self.active[slice]
+    }
+
+    /// Half-width in thicknesses and cosines of a slice.
+    pub(super) fn slice(&self, slice: usize) -> (f64, &[f64]) {
+        let n = self.places.cosines;
+        (self.widths[slice], &self.a[slice * n..(slice + 1) * n])
+    }
+
+    pub(super) fn row(&self, slice: usize) -> &[f64] {
+        let width = self.places.len();
+        &self.rows[slice * width..(slice + 1) * width]
+    }
+}
+
+/// Why a row has no answer; words are made of it only when it is the pin's.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Trouble {
+    /// Beyond its tables, or beyond its length.
+    Beyond,
+    /// So much of the penetration is left: no contact.
+    Unsettled(f64),
+    /// The slices' system is not positive.
+    Indefinite,
+}
+
+impl From<Trouble> for Invalid {
+    fn from(trouble: Trouble) -> Self {
+        match trouble {
+            Trouble::Beyond => {
+                let what = super::super::BEYOND_TABLE.to_owned();
+                Self::new("force_n", what, "press less, or tabulate a larger penetration")
+            }
+            Trouble::Unsettled(left) => {
+                let what =
+                    format!("its contact does not settle: {left:.1e} of the penetration is left");
+                let remedy = "take a finer level, or a pin longer than the layer is thick";
+                Self::new("length_mm", what, remedy)
+            }
+            Trouble::Indefinite => {
+                let what = "the slices' system is not positive".to_owned();
+                Self::new("penetration_mm", what, "press less")
+            }
+        }
+    }
+}
