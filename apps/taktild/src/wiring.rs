@@ -95,6 +95,7 @@ pub fn assemble(
     for (name, lane) in &config.lane {
         let outer = format!("lane.{name}");
         let spec = lane.spec(name).map_err(|invalid| invalid.within(&outer))?;
+        let period = spec.period;
         let id = builder.lane(spec)?;
         for task in &lane.tasks {
             let place = format!("{outer}.tasks.{task}");
@@ -106,7 +107,7 @@ pub fn assemble(
                 if let Some(task) = own::find(task) {
                     return make_own(task, &config, robot, ports);
                 }
-                let parts = Parts { config: &config, touch, opposed, shelf: &mut shelf };
+                let parts = Parts { config: &config, touch, opposed, period, shelf: &mut shelf };
                 with!(robot, robot => make(task, parts, robot, &mut operator, ports))
             };
             builder.task(id, task, make).map_err(|invalid| {
@@ -155,12 +156,14 @@ struct Parts<'a> {
     touch: bool,
     /// Whether the devices have a second array.
     opposed: bool,
+    /// Of the lane that the task stands in.
+    period: Nanos,
     shelf: &'a mut Shelf,
 }
 
 fn make<const N: usize, A: Arm<N>>(
     task: &str,
-    Parts { config, touch, opposed, shelf }: Parts<'_>,
+    Parts { config, touch, opposed, period, shelf }: Parts<'_>,
     robot: &Robot<N, A>,
     operator: &mut Option<MakeOperator<'_>>,
     ports: &mut Ports,
@@ -208,7 +211,10 @@ fn make<const N: usize, A: Arm<N>>(
             Trajectory::new(config.trajectory.clone().unwrap_or_default(), robot, ports).map(boxed)
         }
         "tactile_servo" => {
-            TactileServo::new(config.tactile_servo.clone().unwrap_or_default(), ports).map(boxed)
+            let config = config.tactile_servo.clone().unwrap_or_default();
+            config
+                .check_period(period.as_secs_f64())
+                .and_then(|()| TactileServo::new(config, ports).map(boxed))
         }
         "setpoint" => {
             let config = config.setpoint.clone().unwrap_or_default();

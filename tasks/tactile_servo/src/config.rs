@@ -185,6 +185,20 @@ impl Config {
         self.model.check().map_err(|bad| bad.within("model"))?;
         self.task_frame.check().map_err(|bad| bad.within("task_frame"))
     }
+
+    /// Whether the law `model`, if it is the one that drives, remembers as many of its commands as
+    /// are under way at an image, in a lane whose jobs are `dt_s` apart.
+    ///
+    /// # Errors
+    /// A delay of more jobs than it remembers; the place is `model.delay_ms`.
+    pub fn check_period(&self, dt_s: f64) -> Result<(), Invalid> {
+        if self.law != Name::Model {
+            return Ok(());
+        }
+        self.model
+            .check_period(dt_s, 1e-3 * self.image_period_ms)
+            .map_err(|bad| bad.within("model"))
+    }
 }
 
 #[cfg(test)]

@@ -239,3 +239,30 @@ fn nothing_is_remembered_of_a_contact_that_is_lost() {
     let blind = Touch::default();
     assert_eq!(observe(&config, &contact, &felt, (&blind, None), (DT_S, DT_S)), felt);
 }
+
+#[test]
+fn a_delay_of_more_jobs_than_are_remembered_is_refused_and_so_is_such_an_image() {
+    let mut config = rigid();
+    assert_eq!(config.check_period(DT_S), Ok(()));
+    config.image_period_ms = 1.0;
+    for (delay_ms, sound) in [(31.0, true), (31.1, false), (40.0, false)] {
+        config.model.delay_ms = delay_ms;
+        let refused = config.check_period(1e-3).err().map(|bad| bad.place);
+        assert_eq!(refused.as_deref(), (!sound).then_some("model.delay_ms"), "{delay_ms}");
+        let other = Config { law: Name::Thesis, ..config.clone() };
+        assert_eq!(other.check_period(1e-3), Ok(()), "another law has no such delay");
+    }
+    for dt_s in [f64::NAN, 0.0] {
+        assert!(config.check_period(dt_s).is_err());
+    }
+    config.model.delay_ms = 20.0;
+    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let plant = Plant::new();
+    let (touch, line) = (plant.touch(), plant.line());
+    let memory = Memory::new(&config.model);
+    let seen = |age_s: f64, dt_s: f64| {
+        observe(&config, &contact, &memory, (&touch, Some(&line)), (age_s, dt_s)) != memory
+    };
+    assert!(seen(0.012, 1e-3) && !seen(0.0135, 1e-3), "32 jobs are remembered");
+    assert!(seen(0.0135, DT_S));
+}

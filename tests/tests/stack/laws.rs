@@ -75,3 +75,16 @@ fn an_arm_that_does_not_know_where_it_is_and_presses_too_hard_loses_its_power() 
     let faults = &verdict.figures.faults;
     assert!(faults.contains(FaultCode::Overload), "{faults:?}");
 }
+
+#[test]
+fn a_delay_that_the_law_cannot_remember_at_its_period_is_refused_with_its_place() {
+    let refused = |scene: &str, delay_ms: f64| {
+        let mut scene = with_law(&Draft::of(scene).scene(), Name::Model);
+        scene.machine.tactile_servo.as_mut().expect("a section").model.delay_ms = delay_ms;
+        taktil::run::assemble::assemble(&scene, 1).err().map(|bad| format!("{bad:#}"))
+    };
+    assert_eq!(refused("roll-pin-1khz.toml", 31.0), None);
+    assert_eq!(refused("roll-pin.toml", 40.0), None);
+    let bad = refused("roll-pin-1khz.toml", 35.0).expect("35 jobs and an image");
+    assert!(bad.contains("model.delay_ms") && bad.contains("at most 31"), "{bad}");
+}

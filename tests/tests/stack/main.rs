@@ -10,6 +10,7 @@ mod home;
 mod jog;
 mod laws;
 mod lines;
+mod margins;
 mod opposed;
 mod physics;
 mod rolling;

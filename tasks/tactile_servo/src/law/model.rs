@@ -26,8 +26,8 @@ use crate::perception::line::Line;
 use jacobian::{Contact, PITCH_MM, displacement};
 use observer::{Axis, Noise};
 
-/// Jobs whose commands are remembered.
-const WAY: usize = 32;
+/// Jobs whose commands are remembered: at an image not more of them may be under way.
+pub const WAY: usize = 32;
 /// Middle of the columns.
 const MIDDLE: f64 = 8.5;
 /// The pin is rolled only while the load's centre lies within so many rows of the middle.
@@ -48,7 +48,8 @@ pub struct Model {
     /// How fast the finger gives way to what pushes it along the pin, which touch cannot see (1/s).
     /// Default 8; 0 stands still there.
     pub yield_per_s: f64,
-    /// From a command to the motion of the finger (ms). Default 7.5.
+    /// From a command to the motion of the finger (ms), with the age of an image at most [`WAY`]
+    /// jobs. Default 7.5.
     pub delay_ms: f64,
     /// Process noise of the rates of the table along and about (x, z, theta_x, theta_z): how fast
     /// they are believed to change (mm/s/sqrt s, mrad/s/sqrt s). Default (20, 4, 60, 60).
@@ -138,6 +139,28 @@ impl Model {
         Ok(())
     }
 
+    /// Whether what is under way at an image that is one image's time old is remembered, with jobs
+    /// `dt_s` apart.
+    ///
+    /// # Errors
+    /// A delay of more jobs than [`WAY`]; the place is `delay_ms`.
+    pub fn check_period(&self, dt_s: f64, image_s: f64) -> Result<(), Invalid> {
+        let most_ms = 1e3 * (WAY as f64 * dt_s - image_s);
+        if self.delay_ms <= most_ms + 1e-9 {
+            return Ok(());
+        }
+        let (job_ms, image_ms) = (1e3 * dt_s, 1e3 * image_s);
+        Err(Invalid::new(
+            "delay_ms",
+            format!(
+                "{} ms and an image {image_ms} ms old are more than the {WAY} jobs of {job_ms} ms \
+                 whose commands the law remembers",
+                self.delay_ms
+            ),
+            format!("give at most {} ms, or a lane with a longer period", most_ms.max(0.0)),
+        ))
+    }
+
     /// What the observer of axis `i` believes.
     fn noise(&self, i: usize) -> Noise {
         let way = [0.5, 0.02, 2.0, 2.0][i];
@@ -224,7 +247,7 @@ impl Memory {
 
 /// Takes an image in that is `age_s` old; jobs are `dt_s` apart.
 #[must_use]
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped first")]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to WAY")]
 pub fn observe(
     config: &Config,
     contact: &Contact,
@@ -247,9 +270,14 @@ pub fn observe(
     let error: [f64; 4] = core::array::from_fn(|i| wanted[i] - found[i]);
     let mut variance = line.variance;
     variance[3] *= 1e6;
-    let (way, spread) = displacement(&contact.jacobian(line), &error, &variance);
     let delay_s = age_s + 1e-3 * model.delay_ms;
-    let jobs = (delay_s / dt_s.max(1e-6)).round().clamp(0.0, WAY as f64) as usize;
+    let jobs = (delay_s / dt_s.max(1e-6)).round();
+    // Older than what is remembered: nobody knows any more what was under way then.
+    if !(0.0..=WAY as f64).contains(&jobs) {
+        return *memory;
+    }
+    let jobs = jobs as usize;
+    let (way, spread) = displacement(&contact.jacobian(line), &error, &variance);
     let sums = memory.under_way(jobs);
     let mut next = *memory;
     for (i, axis) in next.axes.iter_mut().enumerate() {
