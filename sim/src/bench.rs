@@ -244,7 +244,10 @@ fn put_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolling
                 -1e3 * lever.x,
                 -1e3 * lever.y
             );
-            return Err(invalid("opposed.x_mm", what, "put it under the pin: pin.x_mm, pin.y_mm"));
+            let off = axes.transpose() * (centre - pose.translation);
+            let key = if off.y.abs() > off.x.abs() { "y_mm" } else { "x_mm" };
+            let remedy = format!("put it under the pin: pin.{key}");
+            return Err(invalid(&format!("opposed.{key}"), what, &remedy));
         }
     }
     let mut hand = Hand::new(&pin, &axes, &surface, c.steady_until_n);

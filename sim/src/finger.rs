@@ -169,6 +169,15 @@ impl Finger {
         }
     }
 
+    /// Whether it goes its way by the clock alone, so that an explicit step's time adds up in it.
+    pub(crate) fn is_led(&self) -> bool {
+        match self {
+            Finger::Arm(arm) => arm.is_led(),
+            Finger::Carriage(_) => true,
+            Finger::Chained(_) => false,
+        }
+    }
+
     /// Whether a joint stands beyond its stops.
     pub(crate) fn beyond_limits(&self) -> bool {
         matches!(self, Finger::Arm(arm) if arm.beyond_limits())

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::seconds;
+use common::{lowered, seconds};
 use taktil_hal::{Devices, Nanos};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
@@ -13,26 +13,6 @@ use taktil_sim::scene::ArmConfig;
 use taktil_sim::{Timing, World, WorldConfig, build};
 
 const HOME_DEG: [f64; 6] = [0.0, 46.790197, -160.621702, -180.0, 66.168495, 180.0];
-
-/// Joint angles (deg) with the tool lowered by `mm` from home.
-fn lowered(mm: f64) -> [f64; 6] {
-    let puma = Puma260::reference();
-    let home = Joints::from_fn(|i, _| HOME_DEG[i].to_radians());
-    let start = puma.tool_pose(&home);
-    let mut q = home;
-    for _ in 0..20 {
-        let pose = puma.tool_pose(&q);
-        let mut miss = start.translation - pose.translation;
-        miss.z -= 1e-3 * mm;
-        let turn = 0.5
-            * (pose.rotation.x_axis.cross(start.rotation.x_axis)
-                + pose.rotation.y_axis.cross(start.rotation.y_axis)
-                + pose.rotation.z_axis.cross(start.rotation.z_axis));
-        let wanted = taktil_mechanics::spatial::stack(miss, turn);
-        q += puma.jacobian_base(&q).lu().solve(&wanted).unwrap();
-    }
-    core::array::from_fn(|i| q[i].to_degrees())
-}
 
 fn point(t_s: f64, q_deg: [f64; 6]) -> [f64; 7] {
     let [a, b, c, d, e, f] = q_deg;

@@ -182,7 +182,7 @@ fn what_cannot_be_is_refused_with_its_place() {
     assert_eq!(refused(&|c| c.pin.present = false), "opposed.present");
     assert_eq!(refused(&|c| c.opposed.x_mm = f64::NAN), "opposed.x_mm");
     assert_eq!(refused(&|c| c.opposed.x_mm = 14.0), "opposed.x_mm");
-    assert_eq!(refused(&|c| c.opposed.y_mm = -14.0), "opposed.x_mm");
+    assert_eq!(refused(&|c| c.opposed.y_mm = -14.0), "opposed.y_mm");
     assert_eq!(refused(&|c| c.opposed.yaw_deg = 90.0), "opposed.yaw_deg");
     assert_eq!(refused(&|c| c.opposed.yaw_deg = -100.0), "opposed.yaw_deg");
     assert_eq!(refused(&|c| c.opposed.rubber.poisson = 0.5), "opposed.rubber.poisson");

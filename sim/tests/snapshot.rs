@@ -1,7 +1,12 @@
 //! A revived world goes on bit for bit, whatever its sensors remember and whenever it was taken; a
 //! story can be sought in; worlds side by side do not know of each other.
 
-use taktil_hal::{Arrival, CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Nanos, TactileFrame};
+mod common;
+
+use common::lowered;
+use taktil_hal::{
+    Arrival, CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Marks, Nanos, TactileFrame,
+};
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
@@ -26,7 +31,7 @@ fn word(tick: i64) -> Written {
 }
 
 /// What is seen of a world after a tick: its state, and the frames that the controller gets.
-type Seen = (u64, [Option<[u16; MAX_TACTELS]>; 2], [i32; CHANNELS]);
+type Seen = (u64, [Option<[u16; MAX_TACTELS]>; 2], [i32; CHANNELS], Option<Marks>);
 
 fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) -> Vec<Seen> {
     let mut frame = TactileFrame::empty();
@@ -40,13 +45,36 @@ fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) ->
                 matches!(arrival, Ok(Arrival::New)).then_some(frame.values)
             });
             let counts = devices.encoders.sample(world.now()).unwrap().value.map(|count| count.0);
-            (world.state_hash(), scans, counts)
+            let marks = devices.encoders.has_index().then(|| devices.encoders.marks());
+            (world.state_hash(), scans, counts, marks)
         })
         .collect()
 }
 
-/// Scenes that between them hold what a world can remember, save index pulses, an arm on a course
-/// and an opposed fingertip in three dimensions.
+/// An arm that is led down onto the pin, by the integrator of the house and by explicit steps.
+fn on_a_course() -> [WorldConfig; 2] {
+    let mut led = WorldConfig::default();
+    led.fidelity.arm = ArmModel::Kinematic;
+    let [a, b, c, d, e, f] = lowered(15.2);
+    led.arm.course_deg = vec![[0.5, a, b, c, d, e, f]];
+    let mut by_steps = led.clone();
+    by_steps.fidelity.integrator = Integrator::Euler;
+    by_steps.substep_us = 80.0;
+    [led, by_steps]
+}
+
+/// A pin between two fingertips, by strips and in space.
+fn between_two() -> [WorldConfig; 2] {
+    let mut strips = WorldConfig::default();
+    strips.opposed.present = true;
+    strips.opposed.tactile.electronics = Electronics::Memory;
+    strips.opposed.tactile.row_us = 100.0;
+    let mut solved = strips.clone();
+    solved.fidelity.contact = ContactModel::Layer3d;
+    [strips, solved]
+}
+
+/// Scenes that between them hold what a world can remember.
 fn scenes() -> Vec<(&'static str, WorldConfig)> {
     let plain = WorldConfig::default;
     let mut solved = plain();
@@ -59,10 +87,7 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
     late.tactile.late_scans = 3;
     let mut hidden = late.clone();
     hidden.tactile.stamp = Stamp::Delivered;
-    let mut opposed = plain();
-    opposed.opposed.present = true;
-    opposed.opposed.tactile.electronics = Electronics::Memory;
-    opposed.opposed.tactile.row_us = 100.0;
+    let [opposed, opposed_solved] = between_two();
     let mut faulty = plain();
     let fault = |kind, at_s, for_s, share| Fault {
         kind,
@@ -92,6 +117,9 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
         config.pin.present = false;
         config
     };
+    let mut pulsed = plain();
+    pulsed.arm.index_counts = Some(vec![5.0, 40.0, 3.0, 11.0, 60.0, 7.0]);
+    let [led, led_by_steps] = on_a_course();
     let mut springy = plain();
     springy.fidelity.arm = ArmModel::Compliant;
     vec![
@@ -102,6 +130,10 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
         ("edge", on(ObjectKind::Edge)),
         ("bar", on(ObjectKind::Bar)),
         ("springy", springy),
+        ("index", pulsed),
+        ("kinematic", led),
+        ("kinematic, euler", led_by_steps),
+        ("opposed, layer-3d", opposed_solved),
         ("layer-3d", solved),
         ("sensors", sensors),
         ("opposed", opposed),
@@ -125,6 +157,12 @@ fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
             told.extend(go(&mut world, &mut devices, tick..tick + 1));
         }
         assert!(world.truth().in_contact, "{name} never touches");
+        if config.arm.index_counts.is_some() {
+            let marks = |seen: &Seen| seen.3.expect("pulses are reported");
+            let came = marks(&told[END as usize - 1]).iter().flatten().count();
+            assert!(came > 0, "{name}: no pulse came");
+            assert_ne!(marks(&told[0]), marks(&told[END as usize - 1]));
+        }
         for (tick, snapshot) in &kept {
             for _ in 0..2 {
                 let (mut again, mut halves) = snapshot.revive();

@@ -292,6 +292,11 @@ impl Arm {
         (self.now.qd, self.now.motor.qd) = (Joints::zeros(), Joints::zeros());
     }
 
+    /// Whether the joints follow a course, whatever acts on them.
+    pub(crate) fn is_led(&self) -> bool {
+        self.following.is_some()
+    }
+
     /// Whether a joint stands beyond its stops.
     pub(crate) fn beyond_limits(&self) -> bool {
         let (low, high) = (&self.puma.q_min_rad, &self.puma.q_max_rad);
@@ -320,7 +325,9 @@ impl Arm {
     /// in a motor turn.
     pub(crate) fn home_counts(&self, config: &ArmConfig) -> (Vec<i32>, Vec<f64>) {
         let home = Joints::from_fn(|i, _| config.home_deg[i].to_radians());
-        let home = self.transmission.counts(&home);
+        // Behind gears that give way the motors stand where gravity holds the joints.
+        let held = |gears: &Gears| gears.balanced(&home, &self.dynamics.gravity(&home));
+        let home = self.transmission.counts(&self.gears.as_ref().map_or(home, held));
         let read = (0..JOINTS).map(|i| home[i].wrapping_sub(self.start_counts[i])).collect();
         (read, self.transmission.counts_per_rev().as_slice().to_vec())
     }

@@ -78,3 +78,20 @@ fn a_rigid_arm_has_no_friction_to_pay_for() {
     assert!(Arm::new(&config, ArmModel::Rigid, 1).unwrap().is_smooth());
     assert!(!Arm::new(&config, ArmModel::RigidMotors, 1).unwrap().is_smooth());
 }
+
+#[test]
+fn an_arm_that_stands_at_home_reads_what_it_is_said_to_read_there() {
+    let mut config = ArmConfig::default();
+    for model in [ArmModel::Rigid, ArmModel::RigidMotors, ArmModel::Compliant] {
+        let arm = Arm::new(&config, model, 1).unwrap();
+        assert_eq!(arm.home_counts(&config).0, [0; JOINTS], "{model:?}");
+    }
+    // Soft gears: the motors stand hundreds of counts from where the joints hang.
+    config.gear_stiffness_nm_rad = [50.0; JOINTS];
+    let arm = Arm::new(&config, ArmModel::Compliant, 1).unwrap();
+    assert_eq!(arm.home_counts(&config).0, [0; JOINTS]);
+    let sag = arm.now.motor.q - arm.now.q;
+    assert!(sag.amax() > 1e-3, "{sag:?}");
+    let off = arm.transmission.counts(&arm.now.motor.q)[1] - arm.transmission.counts(&arm.now.q)[1];
+    assert!(off.abs() > 10, "{off} counts");
+}

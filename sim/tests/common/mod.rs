@@ -3,6 +3,8 @@
 
 use glam::{DMat3, DVec3};
 use taktil_hal::{Devices, Nanos};
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
 use taktil_sim::{
     Carriage, Float, PITCH_M, Timing, Truth, World, WorldConfig, build_with_carriage,
 };
@@ -53,4 +55,25 @@ pub fn stroke(config: &WorldConfig, axes: DMat3, dx: f64) -> (Truth, Truth) {
 pub fn contact_travel(before: &Truth, after: &Truth) -> f64 {
     let x = |t: &Truth| t.contact_x_tactels.expect("finger and pin touch");
     (x(after) - x(before)) * PITCH_M
+}
+
+/// Joint angles (deg) with the tool lowered by `mm` from home.
+pub fn lowered(mm: f64) -> [f64; 6] {
+    let home_deg = WorldConfig::default().arm.home_deg;
+    let puma = Puma260::reference();
+    let home = Joints::from_fn(|i, _| home_deg[i].to_radians());
+    let start = puma.tool_pose(&home);
+    let mut q = home;
+    for _ in 0..20 {
+        let pose = puma.tool_pose(&q);
+        let mut miss = start.translation - pose.translation;
+        miss.z -= 1e-3 * mm;
+        let turn = 0.5
+            * (pose.rotation.x_axis.cross(start.rotation.x_axis)
+                + pose.rotation.y_axis.cross(start.rotation.y_axis)
+                + pose.rotation.z_axis.cross(start.rotation.z_axis));
+        let wanted = taktil_mechanics::spatial::stack(miss, turn);
+        q += puma.jacobian_base(&q).lu().solve(&wanted).unwrap();
+    }
+    core::array::from_fn(|i| q[i].to_degrees())
 }
