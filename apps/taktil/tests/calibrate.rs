@@ -1,8 +1,11 @@
 //! Calibration against ground truth: pads whose tactels and rubber are known are rolled over, and
 //! what the images tell is compared with what was put in, over draws: values and uncertainties.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 
+use common::Folder;
 use glam::{DMat3, DVec3};
 use taktil::calibrate::fit::{Also, Fit, fit};
 use taktil::calibrate::press::{Pad, Press, TACTELS};
@@ -207,23 +210,6 @@ fn recorded(folder: &Path, more: &str, for_s: f64) -> PathBuf {
     };
     run(&options).unwrap();
     log
-}
-
-/// A folder of one test, removed at its end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Folder {
-        let path = std::env::temp_dir().join(format!("taktil-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Folder(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
 }
 
 #[test]

@@ -1,8 +1,11 @@
 //! The world of a recorded run, met again at any instant: bit for bit, or not at all.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use common::Folder;
 use taktil::log::Log;
 use taktil::run::world::WorldTruth;
 use taktil::run::{Options, run};
@@ -11,23 +14,6 @@ use taktil_rtcore::Payload;
 
 fn scenes() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes")
-}
-
-/// A folder of one test, removed at its end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Folder {
-        let path = std::env::temp_dir().join(format!("taktil-seek-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Folder(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
 }
 
 /// The log of a scene, recorded in virtual time.
@@ -51,7 +37,7 @@ fn recorded(name: &str) -> Log {
     let text = std::fs::read_to_string(scenes().join("roll-pin.toml")).unwrap();
     let text = text.replace("machine/puma260.toml", machine.to_str().unwrap())
         + "\n[world.tactile]\nelectronics = \"network\"\n[world.wrist]\nnoise_codes = 2.0\n";
-    let folder = Folder::new(name);
+    let folder = Folder::new(&format!("seek-{name}"));
     let scene = folder.0.join("scene.toml");
     std::fs::write(&scene, text).unwrap();
     Log::from_bytes(log_of(scene, &folder, 2.5)).unwrap()
@@ -112,7 +98,7 @@ fn instants_that_the_record_does_not_reach_are_refused() {
 
 #[test]
 fn the_states_of_another_arm_are_met_again_with_its_joints() {
-    let folder = Folder::new("ur5e");
+    let folder = Folder::new("seek-ur5e");
     let bytes = log_of(scenes().join("ur5e-lines.toml"), &folder, 4.0);
     let log = Log::from_bytes(bytes.clone()).unwrap();
     let outcome = seek(&log, &[3.0, 0.0]).unwrap();
@@ -131,7 +117,7 @@ fn the_states_of_another_arm_are_met_again_with_its_joints() {
 
 #[test]
 fn what_an_object_does_is_told() {
-    let folder = Folder::new("object");
+    let folder = Folder::new("seek-object");
     let bytes = log_of(scenes().join("hold-contact.toml"), &folder, 4.0);
     let found = &seek(&Log::from_bytes(bytes.clone()).unwrap(), &[]).unwrap().found[0];
     let felt = found.truth.object.unwrap();
@@ -151,7 +137,7 @@ fn what_an_object_does_is_told() {
 
 #[test]
 fn a_state_that_is_not_met_again_is_named_and_ends_with_1() {
-    let folder = Folder::new("flipped");
+    let folder = Folder::new("seek-flipped");
     let mut bytes = log_of(scenes().join("hold.toml"), &folder, 0.5);
     let log = Log::from_bytes(bytes.clone()).unwrap();
     let all = states(&log);

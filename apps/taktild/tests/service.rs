@@ -12,7 +12,7 @@ use std::time::Duration;
 use taktil_drivers_regmap::registers::{
     DAC, DAC_STROBE, DIGITAL_OUT, OUT_BRAKE_RELEASE, OUT_ENABLE, OUT_WATCHDOG_FEED, WATCHDOG_MS,
 };
-use taktil_hal::{CHANNELS, DacCode, Nanos};
+use taktil_hal::{CHANNELS, DacCode};
 use taktil_tests_script::Hanging;
 use taktild::operator::Remote;
 
@@ -149,8 +149,7 @@ fn a_killed_service_leaves_the_rest_to_the_board() {
     rig.registers.write(DIGITAL_OUT, feed | OUT_ENABLE | OUT_BRAKE_RELEASE);
     let silence = rig.registers.read(WATCHDOG_MS);
     assert!((1..=100).contains(&silence), "{silence} ms");
-    let mut model = rig.stop().unwrap();
-    model.tick(Nanos::from_secs(1_000_000));
+    let model = rig.fallen_silent();
     assert_eq!(rig.registers.read(DAC_STROBE), strobe, "somebody still writes");
     assert_eq!(model.volts(), [DacCode(0); CHANNELS]);
     assert!(!model.lines_out().enable && !model.lines_out().brake_release);
@@ -234,8 +233,7 @@ fn a_task_that_does_not_return_is_named_and_ends_the_service_and_the_board_is_sa
     assert_eq!(code, Some(taktild::service::EXIT_HUNG), "{lines:?}");
     assert!(lines.iter().any(|line| line.contains("task `operator` in lane servo")), "{lines:?}");
     assert_eq!(rig.registers.read(DAC_STROBE), strobe, "somebody still writes");
-    let mut model = rig.stop().unwrap();
-    model.tick(Nanos::from_secs(1_000_000));
+    let model = rig.fallen_silent();
     assert_eq!(model.volts(), [DacCode(0); CHANNELS]);
     assert!(!model.lines_out().enable && !model.lines_out().brake_release);
 }

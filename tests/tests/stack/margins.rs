@@ -9,8 +9,7 @@
 //!                                       y: yaw of the pin on the sensor (mrad), force (counts)
 //! ```
 //! Joints here have no Coulomb friction, images no noise and the finger does not roll: a margin is
-//! a number of the linear loop, and friction, which stops small swings, is no part of it. The servo
-//! of the joints is one that is damped without that friction.
+//! a number of the linear loop, and friction, which stops small swings, is no part of it.
 
 use nalgebra::{DMatrix, DVector};
 use taktil::experiment::{Name, with_law};
@@ -96,8 +95,6 @@ impl Strain {
             .set("duration_s", duration_s)
             .set("world.pin.yaw_deg", 1.0)
             .set("world.arm.coulomb_scale", 0.0)
-            .set("robot.joint_servo.damping", vec![0.5; 6])
-            .set("robot.joint_servo.derivative_filter_hz", 30.0)
             .set("world.tactile.rest_counts", 1500.0)
             .set("world.tactile.noise_counts", noise_counts);
         let mut scene = with_law(&draft.scene(), self.law);
@@ -258,11 +255,7 @@ impl Plant {
     fn gain_limit(&self, law: Name, axis: Axis) -> f64 {
         let bears = |gain| self.growth(&Strain { law, axis, gain, late: 0 }) < 1.0;
         let (mut low, mut high) = (0.05, 2_000.0);
-        println!(
-            "{law:?} {axis:?} {} {}",
-            self.growth(&Strain { law, axis, gain: low, late: 0 }),
-            self.growth(&Strain { law, axis, gain: high, late: 0 })
-        );
+        assert!(bears(low) && !bears(high), "the limit is not within {low} and {high}");
         while high / low > 1.01 {
             let middle = (low * high).sqrt();
             if bears(middle) { low = middle } else { high = middle }

@@ -89,11 +89,14 @@ impl Rig {
         let stop = Arc::new(AtomicBool::new(false));
         let flag = stop.clone();
         let model = std::thread::spawn(move || {
-            let mut ms = 0;
-            while !flag.load(Ordering::SeqCst) {
+            // The last look is one after the word to stop: it sees whatever was written before.
+            for ms in 0.. {
+                let last = flag.load(Ordering::SeqCst);
                 model.tick(Nanos::from_millis(ms));
                 model.scan(&[300; MAX_TACTELS]);
-                ms += 1;
+                if last {
+                    break;
+                }
                 std::thread::sleep(Duration::from_millis(1));
             }
             model
@@ -114,6 +117,13 @@ impl Rig {
     pub(crate) fn stop(&mut self) -> Option<Loopback> {
         self.stop.store(true, Ordering::SeqCst);
         self.model.take().and_then(|model| model.join().ok())
+    }
+
+    /// The board when nobody has written for longer than its watchdog waits.
+    pub(crate) fn fallen_silent(&mut self) -> Loopback {
+        let mut model = self.stop().unwrap();
+        model.tick(Nanos::from_secs(1_000_000));
+        model
     }
 }
 
