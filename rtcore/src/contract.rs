@@ -99,7 +99,9 @@ impl Item {
             Item::Governor => "cpupower frequency-set -g performance",
             Item::Isolation => "boot with isolcpus= and name those CPUs in the lanes",
             Item::Clocksource => "boot with clocksource=tsc where the TSC is stable",
-            Item::DmaLatency => "let the service write /dev/cpu_dma_latency (udev rule, group)",
+            Item::DmaLatency => {
+                "let the service read and write /dev/cpu_dma_latency (udev rule, group, DeviceAllow=)"
+            }
         }
     }
 }

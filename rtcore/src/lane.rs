@@ -172,6 +172,8 @@ pub struct Figures {
     pub faults: FaultSet,
     /// From waking to going to sleep again, without what the guard spun, ns: jobs and executor.
     pub awake_ns: Histogram<u64>,
+    /// Of these, the cycles in which the kernel was asked for the evidence of misses, ns.
+    pub evidence_ns: Histogram<u64>,
     /// How late sleeps ended, ns: with a guard that is not how late jobs began.
     pub wake_ns: Histogram<u64>,
     /// What the guard did; absent without one.
@@ -220,6 +222,7 @@ impl Figures {
             values_dropped: 0,
             faults: FaultSet::NONE,
             awake_ns: histogram(),
+            evidence_ns: histogram(),
             wake_ns: histogram(),
             guard: None,
             tasks: Vec::new(),

@@ -176,6 +176,8 @@ pub trait Audience: Observer {
 /// What the lanes' threads share with the carrying thread.
 struct Shared<'a> {
     stop: &'a AtomicBool,
+    /// Whether a hypervisor may take the processor, which explains some misses.
+    virtual_machine: bool,
     /// Threads that have asked the kernel for everything.
     ready: Roll,
     start: Start,
@@ -234,6 +236,7 @@ fn run_threads(
     let count = machine.lanes.len();
     let shared = Shared {
         stop,
+        virtual_machine: attestation.virtual_machine,
         ready: Roll::new(),
         start: Start::new(),
         ended: Roll::new(),

@@ -2,8 +2,8 @@
 //! the other lanes' health, on the carrying thread. Lateness is made on purpose; nothing depends on
 //! how fast this machine is.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use taktil_rtcore::live::{self, Audience, Contract, Hang, LiveError, Pace, Terms};
@@ -130,7 +130,12 @@ fn ms(ms: i64) -> Nanos {
     Nanos::from_millis(ms)
 }
 
+/// One live run at a time: one that holds a processor must not starve another's carrying thread.
+#[expect(clippy::disallowed_types, reason = "tests wait for each other, no lane does")]
+static ONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
+
 fn run(machine: &mut Machine, keep: &mut Keep, pace: Pace, until: Nanos) -> Result<(), LiveError> {
+    let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
     let terms = Terms { until, contract: Contract::Soft, pace };
     live::run(machine, terms, &AtomicBool::new(false), keep).map(drop)
 }
@@ -141,10 +146,11 @@ fn misses_stand_in_the_health_of_the_next_job_and_a_storm_follows() {
     let mut machine = machine(&trouble, Late::Skip);
     let mut keep = Keep::new(&machine, &trouble);
     run(&mut machine, &mut keep, Pace::Fixed, ms(100)).unwrap();
-    let (tick, first) = keep.of(0).find(|(_, health)| health.missed > 0).unwrap();
+    let (_, first) = keep.of(0).find(|(_, health)| health.missed > 0).unwrap();
     assert!(FaultSet(first.faults).contains(FaultCode::Overrun));
-    // Job 3 took 12 ms: 4 is left out, or more where the machine was busy.
-    assert!(tick >= 5, "{tick}");
+    // Job 3 took 12 ms: 4 is left out. It was left out itself where the machine stood still.
+    let was_run = |wanted: u64| keep.of(0).any(|(tick, _)| tick == wanted);
+    assert!(!was_run(3) || !was_run(4));
     let mut last = 0;
     for (tick, health) in keep.of(0) {
         assert!(u64::from(health.missed) <= tick && health.missed >= last);
@@ -156,19 +162,19 @@ fn misses_stand_in_the_health_of_the_next_job_and_a_storm_follows() {
     assert!(!storm || figures.storms > 0, "no storm without a full bucket");
     assert!(!keep.faults(0).contains(FaultCode::DeadlineMissed));
 
-    let trouble = Trouble { late: Some((3, 30)), ..Trouble::default() };
+    let trouble = Trouble { late: Some((3, 90)), ..Trouble::default() };
     let mut machine = self::machine(&trouble, Late::Skip);
     let mut keep = Keep::new(&machine, &trouble);
-    run(&mut machine, &mut keep, Pace::Fixed, ms(150)).unwrap();
+    run(&mut machine, &mut keep, Pace::Fixed, ms(500)).unwrap();
     assert!(keep.faults(0).contains(FaultCode::OverrunStorm), "too many");
 }
 
 #[test]
 fn a_storm_in_one_lane_is_told_to_the_tasks_of_every_other() {
-    let trouble = Trouble { late: Some((3, 30)), ..Trouble::default() };
+    let trouble = Trouble { late: Some((3, 90)), ..Trouble::default() };
     let mut machine = machine(&trouble, Late::Skip);
     let mut keep = Keep::new(&machine, &trouble);
-    run(&mut machine, &mut keep, Pace::Fixed, ms(300)).unwrap();
+    run(&mut machine, &mut keep, Pace::Fixed, ms(600)).unwrap();
     let storms: Vec<u64> = machine.figures().map(|(_, figures)| figures.storms).collect();
     assert!(storms[0] > 0 && storms[1] == 0, "{storms:?}");
     let told =
@@ -196,7 +202,7 @@ fn a_lane_that_may_not_miss_says_so_in_its_next_job() {
     let trouble = Trouble { late: Some((3, 4)), ..Trouble::default() };
     let mut machine = machine(&trouble, Late::Fault);
     let mut keep = Keep::new(&machine, &trouble);
-    run(&mut machine, &mut keep, Pace::Fixed, ms(60)).unwrap();
+    run(&mut machine, &mut keep, Pace::Fixed, ms(200)).unwrap();
     assert!(keep.faults(0).contains(FaultCode::DeadlineMissed));
 }
 

@@ -173,6 +173,8 @@ fn without_a_guard_nothing_spins() {
     assert_eq!(figures.jobs, 300);
     assert_eq!(figures.lateness_ns.len(), 300);
     assert_eq!(figures.awake_ns.len(), 299, "from the second wait on");
+    let read = figures.evidence_ns.len();
+    assert!((299 / 16..=299).contains(&read), "evidence was read in {read} cycles");
 }
 
 #[test]

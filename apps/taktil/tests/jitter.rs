@@ -75,7 +75,14 @@ fn the_table_names_what_it_cannot_show() {
     let output = jitter("", &["--for", "0.3", "--load"]);
     assert!(output.status.success(), "{output:?}");
     let text = String::from_utf8_lossy(&output.stdout);
-    for words in ["400 Hz: release late", "executor, a cycle", "p99.99", "grade: ", "under load"] {
+    for words in [
+        "400 Hz: release late",
+        "executor, a cycle",
+        "with evidence read",
+        "p99.99",
+        "grade: ",
+        "under load",
+    ] {
         assert!(text.contains(words), "{words}: {text}");
     }
     let json = parsed(&jitter("", &["--for", "0.1", "--json"]));

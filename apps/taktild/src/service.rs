@@ -13,7 +13,7 @@ use serde::Deserialize;
 use taktil_drivers_regmap::{Board, Config as BoardConfig, OpenError};
 use taktil_rtcore::contract::Item;
 use taktil_rtcore::live::{self, Attestation, Audience, Contract, Hang, Pace, Terms};
-use taktil_rtcore::record::{Catalog, Observer, Record};
+use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos};
 
 use crate::config::MachineConfig;
@@ -370,9 +370,7 @@ fn board_error(bad: OpenError) -> Invalid {
 
 /// Watches the lanes' health and passes their beat on to systemd.
 struct Heart {
-    health: Vec<usize>,
-    beats: Vec<u64>,
-    told: Vec<u64>,
+    beats: Vec<Beat>,
     next: Nanos,
     keeper: Option<Keeper>,
     log: Option<McapLog>,
@@ -381,28 +379,44 @@ struct Heart {
 
 impl Heart {
     fn new(catalog: &Catalog, log: Option<McapLog>) -> Heart {
-        let health: Vec<usize> = catalog
-            .lanes
-            .iter()
-            .filter_map(|lane| catalog.find(&format!("{}.health", lane.name)))
-            .collect();
-        let beats = vec![0; health.len()];
-        Heart {
-            health,
-            told: beats.clone(),
-            beats,
-            next: Nanos::ZERO,
-            keeper: None,
-            log,
-            socket: None,
+        let beat = |lane: &LaneInfo| {
+            let health = catalog.find(&format!("{}.health", lane.name))?;
+            Some(Beat::new(health, lane.period))
+        };
+        let beats = catalog.lanes.iter().filter_map(beat).collect();
+        Heart { beats, next: Nanos::ZERO, keeper: None, log, socket: None }
+    }
+}
+
+/// What is heard of one lane.
+struct Beat {
+    /// Its health's place in the catalog.
+    health: usize,
+    /// It is silent when nothing was heard of it for so long.
+    limit: Nanos,
+    heard: bool,
+    last: Nanos,
+}
+
+impl Beat {
+    /// A lane may be as slow as it likes: it is held to its own period.
+    fn new(health: usize, period: Nanos) -> Beat {
+        Beat { health, limit: PING.max(period * 2), heard: false, last: Nanos::ZERO }
+    }
+
+    /// Whether the lane is alive at `now`.
+    fn lives(&mut self, now: Nanos) -> bool {
+        if core::mem::take(&mut self.heard) {
+            self.last = now;
         }
+        now - self.last <= self.limit
     }
 }
 
 impl Observer for Heart {
     fn record(&mut self, record: &Record<'_>) {
-        if let Some(lane) = self.health.iter().position(|signal| *signal == record.signal) {
-            self.beats[lane] += 1;
+        if let Some(beat) = self.beats.iter_mut().find(|beat| beat.health == record.signal) {
+            beat.heard = true;
         }
         if let Some(log) = &mut self.log {
             log.record(record);
@@ -433,6 +447,8 @@ impl Audience for Heart {
         if let Some(socket) = &mut self.socket {
             socket.poll(now);
         }
+        // One silent lane is enough to let the watchdog bite.
+        let alive = self.beats.iter_mut().fold(true, |all, beat| all & beat.lives(now));
         if now < self.next {
             return;
         }
@@ -440,11 +456,9 @@ impl Audience for Heart {
         if let Some(log) = &mut self.log {
             log.flush();
         }
-        // One silent lane is enough to let the watchdog bite.
-        if self.beats.iter().zip(&self.told).all(|(beats, told)| beats > told) {
+        if alive {
             tell(&[NotifyState::Watchdog]);
         }
-        self.told.clone_from(&self.beats);
     }
 
     fn hung(&mut self, hang: &Hang) {

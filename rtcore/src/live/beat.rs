@@ -9,7 +9,7 @@ use super::watch::Watch;
 use super::{Pace, Shared, Terms};
 use crate::fault::FaultCode;
 use crate::lane::{Figures, Lane};
-use crate::linux::{MonotonicClock, Quota, ThreadCounters, kernel, throttle_gap};
+use crate::linux::{MonotonicClock, Quota, ThreadCounters, throttle_gap};
 use crate::misses::{Behind, Discipline, Ground, Notice, Trace, cause};
 use crate::release::{GuardFigures, Margin, Wait, wait};
 
@@ -23,8 +23,7 @@ struct Circumstances {
 }
 
 impl Circumstances {
-    fn read(release_jitter: Nanos) -> Circumstances {
-        let (_, virtual_machine) = kernel();
+    fn read(release_jitter: Nanos, virtual_machine: bool) -> Circumstances {
         let throttle_gap = throttle_gap();
         let ground = Ground { release_jitter, throttle_gap, quota_used: false, virtual_machine };
         Circumstances { ground, quota: Quota::watch() }
@@ -50,7 +49,7 @@ pub(super) fn beat(
     let mut margin = Margin::new(bound);
     lane.figures.guard = lane.spec.guard.map(|_| GuardFigures::default());
     let slip = || Nanos(shared.slip.ns());
-    let mut circumstances = Circumstances::read(lane.release_jitter);
+    let mut circumstances = Circumstances::read(lane.release_jitter, shared.virtual_machine);
     let mut discipline = Discipline::new(lane.spec.late, lane.spec.misses);
     let mut notice = Notice::default();
     let mut ears = Ears { watch: shared.ledger.watch(index), storms: 0 };
@@ -68,7 +67,9 @@ pub(super) fn beat(
         if let Some(since) = awake_since {
             let awake = waited.entered - since;
             lane.figures.awake_ns.saturating_record(awake.0.unsigned_abs());
-            evidence.cycle(awake);
+            if evidence.cycle(awake) {
+                lane.figures.evidence_ns.saturating_record(awake.0.unsigned_abs());
+            }
         }
         awake_since = Some(waited.begin);
         if shared.over() {

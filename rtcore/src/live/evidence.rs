@@ -63,12 +63,15 @@ impl Evidence {
         }
     }
 
-    /// A cycle without its wait ended: from waking to the next sleep.
-    pub(super) fn cycle(&mut self, awake: Nanos) {
+    /// A cycle without its wait ended: from waking to the next sleep. True when a reading was taken
+    /// in it.
+    pub(super) fn cycle(&mut self, awake: Nanos) -> bool {
         // The cycle in which the reading was taken is over with it.
-        if self.jobs > 0 {
+        let read = self.jobs == 0;
+        if !read {
             self.awake += awake;
         }
+        read
     }
 
     /// A job that took `took` after `wait`. When it `missed` its deadline: what was counted for it

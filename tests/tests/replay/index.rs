@@ -4,11 +4,12 @@
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
+use taktil::diff::Comparison;
 use taktil::log::{Log, McapLog};
 use taktil::replay;
 use taktil::run::scene::Scene;
-use taktil_rtcore::Payload;
 use taktil_rtcore::live::{self, Contract, Pace, Terms};
+use taktil_rtcore::{Payload, virtual_time};
 use taktil_signal::{HomeCheck, JointState};
 use taktil_tests::bench::{Draft, Folder, machine};
 use taktild::tape::IndexEntry;
@@ -21,20 +22,33 @@ fn scene() -> Scene {
     Draft::of("home.toml").first_requests(7).set("duration_s", 4.0).scene()
 }
 
-/// The bytes of a live run, recorded once for all tests.
+/// Live runs until one is recorded whole: a machine that stands still for half a second loses
+/// records.
+const TRIES: usize = 5;
+
+/// The bytes of the run: in virtual time, or live and then maybe not whole, which is said.
+fn record(live: bool) -> (Vec<u8>, bool) {
+    let (scene, folder) = (scene(), Folder::new());
+    let path = folder.path().join("run.mcap");
+    let mut machine = machine(&scene, 1);
+    let about = about(&scene, if live { "live" } else { "fast" });
+    let mut log = Recorder(McapLog::create(&path, machine.catalog(), &about).unwrap());
+    let stop = AtomicBool::new(false);
+    if live {
+        let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
+        live::run(&mut machine, terms, &stop, &mut log).unwrap();
+    } else {
+        virtual_time::run(&mut machine, scene.duration, &stop, &mut log).unwrap();
+    }
+    log.0.finish().unwrap();
+    let whole = machine.figures().all(|(_, figures)| figures.records_dropped == 0);
+    (std::fs::read(&path).unwrap(), whole)
+}
+
+/// The bytes of a run in virtual time, recorded once for all tests.
 fn recorded() -> &'static [u8] {
     static BYTES: OnceLock<Vec<u8>> = OnceLock::new();
-    BYTES.get_or_init(|| {
-        let (scene, folder) = (scene(), Folder::new());
-        let path = folder.path().join("live.mcap");
-        let mut machine = machine(&scene, 1);
-        let mut log =
-            Recorder(McapLog::create(&path, machine.catalog(), &about(&scene, "live")).unwrap());
-        let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
-        live::run(&mut machine, terms, &AtomicBool::new(false), &mut log).unwrap();
-        log.0.finish().unwrap();
-        std::fs::read(&path).unwrap()
-    })
+    BYTES.get_or_init(|| record(false).0)
 }
 
 /// All values of a signal, with their ticks.
@@ -54,7 +68,14 @@ fn granted(log: &Log) -> u64 {
 
 #[test]
 fn a_live_run_that_finds_home_by_index_pulses_gives_its_bits_again() {
-    let log = Log::from_bytes(recorded().to_vec()).unwrap();
+    let mut runs = (0..TRIES).map(|_| record(true));
+    let Some((bytes, _)) = runs.find(|(_, whole)| *whole) else {
+        taktil_tests_script::skipped("this machine lost records of every live run");
+        return;
+    };
+    let log = Log::from_bytes(bytes).unwrap();
+    let virtually = Log::from_bytes(recorded().to_vec()).unwrap();
+    assert!(Comparison::new(&log, &virtually).equal(), "live and virtual time carry the same bits");
     let tick = granted(&log);
     let pulses: Vec<(u64, IndexEntry)> = values(&log, "hal.index");
     assert!(pulses[0].1.seen.iter().all(|seen| *seen == 0), "none at power-up");

@@ -122,7 +122,9 @@ const CLOCKS: [&str; 6] = ["chronyd", "ntpd", "ntpsec", "openntpd", "ptp4l", "sy
 #[must_use]
 pub(super) fn time_of_day(host: &Host) -> Row {
     let row = Row::new("time of day", Severity::Low, "one program sets it");
-    let Some(running) = programs(host) else { return row.unknown("no process is listed") };
+    let Some(running) = programs(host) else {
+        return row.unknown("others' processes are not listed");
+    };
     let found: Vec<&str> = CLOCKS.into_iter().filter(|name| running.contains(*name)).collect();
     match &found[..] {
         [] => row.warn(

@@ -95,8 +95,10 @@ fn affinity(host: &Host, number: u32) -> Option<CpuList> {
         .or_else(|| list("smp_affinity_list").filter(|list| !list.is_empty()))
 }
 
-/// The names of all processes, cut by the kernel to 15 characters; none when none is listed.
+/// The names of all processes, cut by the kernel to 15 characters; none when none is listed, or
+/// only one's own are shown (`hidepid`, `ProtectProc=`): then the first of all is not.
 pub(super) fn programs(host: &Host) -> Option<BTreeSet<String>> {
+    host.text("proc/1/comm").ok()?;
     let names = host.names("proc").into_iter().take(PROCESSES_MAX);
     let numbers = names.filter(|name| name.bytes().all(|byte| byte.is_ascii_digit()));
     let found: BTreeSet<String> =
@@ -108,7 +110,9 @@ pub(super) fn programs(host: &Host) -> Option<BTreeSet<String>> {
 #[must_use]
 pub(super) fn movers(host: &Host) -> Row {
     let row = Row::new("irqbalance/numad", Severity::Low, "neither runs");
-    let Some(running) = programs(host) else { return row.unknown("no process is listed") };
+    let Some(running) = programs(host) else {
+        return row.unknown("others' processes are not listed");
+    };
     let found: Vec<&str> =
         ["irqbalance", "numad"].into_iter().filter(|name| running.contains(*name)).collect();
     if found.is_empty() {

@@ -116,6 +116,8 @@ pub struct LaneSum {
     pub wake: Histogram<u64>,
     /// Release to sleep without the spin, ns: with an empty task that is the executor itself.
     pub awake: Histogram<u64>,
+    /// Of these, the cycles in which the evidence for misses was read, ns.
+    pub evidence: Histogram<u64>,
     /// The job alone, ns.
     pub execution: Histogram<u64>,
     /// Jobs run.
@@ -139,6 +141,7 @@ impl LaneSum {
             late: histogram(),
             wake: histogram(),
             awake: histogram(),
+            evidence: histogram(),
             execution: histogram(),
             jobs: 0,
             skipped: 0,
@@ -153,6 +156,7 @@ impl LaneSum {
         add(&mut self.late, &figures.lateness_ns);
         add(&mut self.wake, &figures.wake_ns);
         add(&mut self.awake, &figures.awake_ns);
+        add(&mut self.evidence, &figures.evidence_ns);
         add(&mut self.execution, &figures.execution_ns);
         self.jobs += figures.jobs;
         self.skipped += figures.skipped;

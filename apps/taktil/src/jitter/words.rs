@@ -103,6 +103,7 @@ pub(super) fn table(found: &Findings<'_>) -> String {
             row(&mut out, "  wake late", &lane.wake);
         }
         row(&mut out, "  executor, a cycle", &lane.awake);
+        row(&mut out, "  with evidence read", &lane.evidence);
     }
     if let Some(comparison) = &found.comparison {
         row(&mut out, "cyclictest", &comparison.theirs);
@@ -184,6 +185,7 @@ fn lane_json(lane: &LaneSum, rate_hz: f64) -> Value {
         "release_late_us": object(&lane.late),
         "wake_late_us": object(&lane.wake),
         "executor_us": object(&lane.awake),
+        "executor_with_evidence_us": object(&lane.evidence),
         "job_us": object(&lane.execution),
         "jobs": lane.jobs,
         "skipped": lane.skipped,
