@@ -100,7 +100,7 @@ impl Item {
             Item::Isolation => "boot with isolcpus= and name those CPUs in the lanes",
             Item::Clocksource => "boot with clocksource=tsc where the TSC is stable",
             Item::DmaLatency => {
-                "let the service read and write /dev/cpu_dma_latency (udev rule, group, DeviceAllow=)"
+                "let the service read and write /dev/cpu_dma_latency (udev, DeviceAllow=)"
             }
         }
     }
