@@ -174,7 +174,28 @@ fn assemble(
         told,
     };
     world.latch();
+    check_start(&world.bench)?;
     Ok((world, devices))
+}
+
+/// Refuses a finger that starts inside the pin or an object, or deeper in its rubber than small
+/// strain goes: the first step would be an explosion.
+fn check_start(bench: &Bench) -> Result<(), Invalid> {
+    let mut inside = None;
+    if let Some(rolling) = &bench.rolling {
+        let deepest_m = rolling.pad.slices.each().map(|slice| slice.delta_m).fold(0.0, f64::max);
+        if deepest_m > rolling.pad.rubber.deepest_m() {
+            inside = Some(("pin".to_owned(), deepest_m));
+        }
+    }
+    if let Some(objects) = &bench.objects {
+        let found = objects.too_deep().map(|(i, deep_m)| (format!("object[{i}]"), deep_m));
+        inside = inside.or(found);
+    }
+    let Some((place, deep_m)) = inside else { return Ok(()) };
+    let what = format!("stands {:.3} mm inside the finger's rubber at the start", 1e3 * deep_m);
+    let remedy = "start the finger higher, or put the table (table.height_mm) lower";
+    Err(invalid(&place, what, remedy))
 }
 
 /// The index pulses of the discs, if the scene gives them any.

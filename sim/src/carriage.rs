@@ -52,8 +52,9 @@ impl Carriage {
             Err(invalid(&format!("carriage.{place}"), what.to_owned(), remedy))
         };
         let turn = self.axes * self.axes.transpose();
-        if !turn.abs_diff_eq(DMat3::IDENTITY, 1e-9) {
-            return refuse("axes", "are not orthonormal", "give a rotation matrix");
+        let right_handed = self.axes.determinant() > 0.0;
+        if !(right_handed && turn.abs_diff_eq(DMat3::IDENTITY, 1e-9)) {
+            return refuse("axes", "are not those of a turned frame", "give a rotation matrix");
         }
         let finite = self.knots.iter().all(|(t, p)| t.is_finite() && p.is_finite());
         let ordered = self.knots.windows(2).all(|pair| pair[0].0 < pair[1].0);
@@ -112,11 +113,11 @@ impl Riding {
         self.plan.float.map(|float| float.mass_kg)
     }
 
-    /// One explicit step under a force on the finger.
+    /// One step, explicit in the force on the finger and implicit in the guide's damping.
     pub(crate) fn step(&mut self, h: f64, force: DVec3) {
         if let Some(float) = self.plan.float {
-            let push = force.z - float.load_n - float.damping_n_s_m * self.now.qd[0];
-            self.now.qd[0] += h * push / float.mass_kg;
+            let driven = self.now.qd[0] + h * (force.z - float.load_n) / float.mass_kg;
+            self.now.qd[0] = driven / (1.0 + h * float.damping_n_s_m / float.mass_kg);
             self.now.q[0] += h * self.now.qd[0];
         }
         self.settle(self.t_s + h);

@@ -1,7 +1,8 @@
 //! Line contact between the pin and a flat rubber surface, in slices along the pin's axis: normal
 //! load with Kelvin-Voigt damping that never pulls, and per slice a brush against tangential
 //! motion. Rolling, slip, yaw torque and tilting moments are what comes out of it; none of them is
-//! written anywhere. Refuses pins that stand on end (axis within 11.5 deg of the normal).
+//! written anywhere. Refuses pins that stand on end on a pad (axis within 11.5 deg of the
+//! normal): no row crosses them. The table carries them, on the lowest places of their rim.
 //!
 //! Brush (Kalker's simplified theory in its one-point form): bristles enter the contact unstressed
 //! at its leading edge and are carried through its width `2b`, so their mean deflection `xi` obeys
@@ -30,8 +31,10 @@ pub const PAD_HALF_M: f64 = 0.5 * SLICES as f64 * PITCH_M;
 
 /// Over this distance the load fades out as the contact line leaves the pad (m).
 const EDGE_M: f64 = 0.5e-3;
-/// Smallest sine between axis and normal for which there is a contact line.
+/// Smallest sine between axis and normal for which there is a contact line on a pad.
 const SINE_MIN: f64 = 0.2;
+/// The same on the table: below it a pin that stands on end has no lowest side.
+const UPRIGHT: f64 = 1e-6;
 /// Narrowest contact through which bristles travel (m).
 const HALF_WIDTH_MIN_M: f64 = 1e-9;
 /// Spin at which rolling resistance has come up fully (rad/s).
@@ -82,11 +85,21 @@ pub(crate) struct Line {
 }
 
 impl Line {
+    /// On a pad.
     pub(crate) fn between(pin: &Pin, axis: DVec3, surface: &Surface) -> Option<Line> {
+        Line::of(pin, axis, surface, SINE_MIN)
+    }
+
+    /// On the table, which bears a pin that has tipped over.
+    pub(crate) fn on_table(pin: &Pin, axis: DVec3, surface: &Surface) -> Option<Line> {
+        Line::of(pin, axis, surface, UPRIGHT)
+    }
+
+    fn of(pin: &Pin, axis: DVec3, surface: &Surface, sine_min: f64) -> Option<Line> {
         let normal = surface.normal;
         let dip = axis.dot(normal);
         let sine2 = 1.0 - dip * dip;
-        if sine2 < SINE_MIN * SINE_MIN {
+        if sine2 < sine_min * sine_min {
             return None;
         }
         let inverse = 1.0 / sine2.sqrt();

@@ -17,8 +17,8 @@
 //!
 //! A scene pays for what it names ([`fidelity`]): an arm with or without friction, rows of tactels
 //! on their own or leaning on each other, an explicit or an implicit integrator. What is left out:
-//! joint compliance, finite strain, free edges of the pad, viscoelastic memory of the rubber,
-//! contact of the finger with the table itself, edges of the table, inertial loads on the gauges.
+//! finite strain, free edges of the pad, viscoelastic memory of the rubber, contact of the finger
+//! with the table itself, edges of the table, inertial loads on the gauges, objects that move.
 
 mod arm;
 mod bench;

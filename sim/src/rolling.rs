@@ -84,7 +84,11 @@ impl Rolling {
     ) -> Touching {
         let axis = self.pin.axis();
         let mut touching = Touching::default();
-        match Line::between(&self.pin, axis, &around.table) {
+        let below = match self.opposed {
+            Some(_) => Line::between(&self.pin, axis, &around.table),
+            None => Line::on_table(&self.pin, axis, &around.table),
+        };
+        match below {
             Some(line) if line.clear(self.pin.length_m) => self.by_table = self.bed.pass(&line),
             Some(line) => {
                 if let Some(opposed) = &mut self.opposed {

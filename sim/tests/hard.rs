@@ -210,3 +210,24 @@ fn without_any_friction() {
     assert_eq!((half.finger_tangential_n, half.table_tangential_n), ((0.0, 0.0), (0.0, 0.0)));
     assert!((half.pin.x - start.pin.x).abs() < 1e-6, "the pin stays: {}", half.pin.x);
 }
+
+#[test]
+fn a_disc_that_is_tipped_over_lies_on_the_table() {
+    let mut config = WorldConfig::default();
+    (config.pin.length_mm, config.pin.mass_kg) = (6.0, 0.02);
+    config.pin.steadied = false;
+    let z = meeting_height(&config) - 2e-4;
+    let along = DVec3::new(0.0, 0.06, 0.0);
+    let knots = vec![
+        (0.1, over(z + 1e-3)),
+        (0.2, over(z)),
+        (0.5, over(z) + along),
+        (0.6, over(z + 0.05) + along),
+    ];
+    let (end, _) = watched(&config, Carriage { axes: nominal(), knots, float: None }, 2.0);
+    let table_m = 1e-3 * config.table_height_mm();
+    assert!(end.pin_axis.z.abs() > 0.9, "it stands: {}", end.pin_axis);
+    // Half as thick as it is long, on soft rubber.
+    let above = end.pin.z - table_m;
+    assert!((0.002..0.006).contains(&above), "{above}");
+}

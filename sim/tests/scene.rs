@@ -1,13 +1,14 @@
 //! Scenes that cannot be simulated are refused with their place.
 
 use taktil_sim::fidelity::{ArmModel, Integrator};
-use taktil_sim::scene::{Axis, Kind, Motion};
+use taktil_sim::scene::{Axis, Kind, Motion, ObjectConfig, ObjectKind};
 use taktil_sim::{Carriage, Float, Invalid, Timing, WorldConfig, build, build_with_carriage};
 
 fn refused(edit: impl FnOnce(&mut WorldConfig)) -> Invalid {
     let mut config = WorldConfig::default();
     edit(&mut config);
-    build(&config, &Timing::default(), 0).expect_err("this cannot be simulated")
+    let built = build(&config, &Timing::default(), 0).map(|_| ());
+    built.expect_err("this cannot be simulated")
 }
 
 #[test]
@@ -265,6 +266,24 @@ fn a_step_too_long_for_the_rubber_is_refused_with_figures() {
 }
 
 #[test]
+fn a_finger_that_starts_inside_something_is_refused() {
+    // The pin stands 15 mm under the finger by default, sunk into the table by its weight.
+    let found = refused(|c| c.table.height_mm = Some(-149.0 - 46.0 + 20.0));
+    assert_eq!(found.place, "pin");
+    assert!(found.what.contains("4.958 mm inside"), "{found}");
+    assert!(found.remedy.contains("table.height_mm"), "{found}");
+    for kind in [ObjectKind::Sphere, ObjectKind::Edge, ObjectKind::Bar] {
+        let found = refused(|c| {
+            c.pin.present = false;
+            let far = ObjectConfig { x_mm: 200.0, ..ObjectConfig::of(kind) };
+            c.object = vec![far, ObjectConfig { top_mm: 62.0, ..ObjectConfig::of(kind) }];
+        });
+        assert_eq!(found.place, "object[1]", "{kind:?}");
+        assert!(found.what.contains("mm inside"), "{found}");
+    }
+}
+
+#[test]
 fn timings_and_carriages_are_checked_too() {
     let bad = Timing { control_period: taktil_hal::Nanos::ZERO, ..Timing::default() };
     let found = build(&WorldConfig::default(), &bad, 0).unwrap_err();
@@ -284,6 +303,7 @@ fn timings_and_carriages_are_checked_too() {
     assert_eq!(carriage(|c| c.knots.push((0.0, common::over(0.0)))), "carriage.knots");
     assert_eq!(carriage(|c| c.knots[0].1.x = f64::NAN), "carriage.knots");
     assert_eq!(carriage(|c| c.axes.x_axis *= 2.0), "carriage.axes");
+    assert_eq!(carriage(|c| c.axes.x_axis *= -1.0), "carriage.axes", "left-handed");
     let float = Float { mass_kg: 0.0, load_n: 1.0, damping_n_s_m: 0.0 };
     assert_eq!(carriage_with(float), "carriage.float");
 }

@@ -355,7 +355,13 @@ impl Objects {
 
     /// Whether one is pressed in deeper than the theory covers.
     pub(crate) fn beyond_small_strain(&self) -> bool {
-        self.all.iter().any(|object| object.sums.deepest_m > object.small_m)
+        self.too_deep().is_some()
+    }
+
+    /// The first one that is, and how deep it is pressed in (m).
+    pub(crate) fn too_deep(&self) -> Option<(usize, f64)> {
+        let deep = |object: &Object| object.sums.deepest_m > object.small_m;
+        self.all.iter().position(deep).map(|i| (i, self.all[i].sums.deepest_m))
     }
 
     /// Wrench on the finger about the pad's middle, base axes.

@@ -8,6 +8,8 @@
 //! of each (Simo and Hughes 1998). Refuses more than a bounded number of iterations: what has not
 //! settled then is said and taken.
 
+mod calm;
+
 use glam::{DMat3, DQuat, DVec3};
 use taktil_mechanics::spatial::{split, stack};
 use taktil_mechanics::{Joints, Pose};
@@ -33,8 +35,10 @@ const CLOSE_M_S: f64 = 2e-7;
 /// Factors stay in use, in both stages of a step, while each iteration changes less than this part
 /// of the one before.
 const SHRINKS: f64 = 0.05;
-/// How the torques of gravity over the inertia grow with the angles, roughly (1/s^2).
-const FALLING_PER_S2: f64 = 50.0;
+/// Twice the most with which a joint that nothing holds begins to fall (rad/s^2): over the length
+/// of a stage the speed that an arm at rest may come to, on which its centrifugal and Coriolis
+/// torques depend.
+const FALLING_RAD_S2: f64 = 50.0;
 /// Distance at which turning counts as moving (m).
 const ARM_M: f64 = 0.1;
 
@@ -79,7 +83,17 @@ impl Habit {
     }
 }
 
+/// The time of a stage: how long it moves things (s), when it ends (s), and whether its step is the
+/// shortest there is.
+#[derive(Clone, Copy)]
+struct Over {
+    tau: f64,
+    end_s: f64,
+    last: bool,
+}
+
 /// The balance of momentum at some speeds.
+#[derive(Default)]
 struct Seen {
     /// What is left of it.
     rest: Speeds,
@@ -99,17 +113,20 @@ fn joints(u: &Speeds) -> Joints {
 }
 
 impl Bench {
-    /// One step of `h` seconds from `start_s`; the state was saved by the caller.
-    pub(super) fn implicit(&mut self, start: &Saved, start_s: f64, h: f64) -> Outcome {
+    /// One step of `h` seconds from `start_s`; the state was saved by the caller. The `last` one is
+    /// not done again in halves.
+    pub(super) fn implicit(&mut self, start: &Saved, start_s: f64, h: f64, last: bool) -> Outcome {
         let first = Base::of(start);
         let tau = GAMMA * h;
         let u0 = speeds(&first.swing, first.memory.as_ref());
         let guess = core::array::from_fn(|i| u0[i] + tau * self.habit.slope[i]);
         let mut factors = None;
-        let (last_1, n_1, u1) = self.stage(&first, guess, (tau, start_s + tau), &mut factors);
+        let over = Over { tau, end_s: start_s + tau, last };
+        let (last_1, n_1, u1) = self.stage(&first, guess, over, &mut factors);
         let second = first.carried_on(&self.save(), (1.0 - GAMMA) / GAMMA);
         let ahead: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / GAMMA);
-        let (last_2, n_2, u2) = self.stage(&second, ahead, (tau, start_s + h), &mut factors);
+        let over = Over { end_s: start_s + h, ..over };
+        let (last_2, n_2, u2) = self.stage(&second, ahead, over, &mut factors);
         // The embedded method takes the first stage's slopes for both.
         let off = core::array::from_fn(|i| u2[i] - ahead[i]);
         self.habit.slope = core::array::from_fn(|i| (u2[i] - u0[i]) / h);
@@ -135,7 +152,7 @@ impl Bench {
         &mut self,
         base: &Base,
         guess: Speeds,
-        (tau, end_s): (f64, f64),
+        Over { tau, end_s, last: finest }: Over,
         factors: &mut Option<Factors>,
     ) -> (f64, u32, Speeds) {
         let mut u = guess;
@@ -162,7 +179,9 @@ impl Bench {
             }
             let now = joints(&u);
             let moved = (now - torques_at).amax();
-            let turned = now.amax() + moved + FALLING_PER_S2 * tau;
+            // The angles stay those that the stage guessed: only what goes with the square of the
+            // speeds is seen anew.
+            let turned = now.amax() + moved + FALLING_RAD_S2 * tau;
             if tau * moved * turned * self.finger.lever_m() > SETTLED_M_S {
                 ahead.push = self.finger.push(&ahead, &now);
                 torques_at = now;
@@ -177,6 +196,11 @@ impl Bench {
                 *factors = None;
             }
             before = size;
+        }
+        if finest && !last.is_finite() {
+            let (calm, more) =
+                self.calm(base, &ahead, (&mut u, &guess), tau, (&table, &table_axes));
+            (last, count, *factors) = (calm, count + more, None);
         }
         self.finish(base, &ahead, &u, tau);
         (last, count, u)
@@ -212,7 +236,7 @@ impl Bench {
         tau: f64,
         (table, table_axes): (&Surface, &DMat3),
     ) -> Seen {
-        let mut seen = Seen { rest: [0.0; N], slopes: [0.0; 6], touch: None, pressed: None };
+        let mut seen = Seen::default();
         let rest = &mut seen.rest;
         let qd = joints(u);
         let swung = ahead.inertia * (qd - base.swing.qd) - tau * ahead.push;
@@ -439,5 +463,25 @@ impl crate::finger::Finger {
             crate::finger::Finger::Arm(_) => 5.0 * ARM_M,
             crate::finger::Finger::Carriage(_) | crate::finger::Finger::Chained(_) => 1.0,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use taktil_mechanics::dynamics::Dynamics;
+
+    use super::*;
+
+    #[test]
+    fn a_joint_that_nothing_holds_falls_half_as_fast_as_is_reckoned_with() {
+        let (arm, mut most) = (Dynamics::reference(), 0.0_f64);
+        let angle = |i: u32| core::f64::consts::PI * f64::from(i) / 6.0;
+        for pose in 0..12_u32.pow(4) {
+            let [a, b, c, d] = [1, 12, 144, 1728].map(|per| angle(pose / per % 12));
+            let q = Joints::new(0.0, a, b, c, d, 0.0);
+            let inertia = arm.mass_matrix(&q).cholesky().unwrap();
+            most = most.max(inertia.solve(&arm.gravity(&q)).amax());
+        }
+        assert!((0.4 * FALLING_RAD_S2..0.5 * FALLING_RAD_S2).contains(&most), "{most}");
     }
 }

@@ -229,7 +229,7 @@ impl Bench {
     /// An implicit step, in halves where something happens within it.
     fn careful(&mut self, now: Nanos, t_s: f64, h: f64, depth: u32) {
         let (saved, before) = (self.save(), self.touched());
-        let outcome = self.implicit(&saved, t_s, h);
+        let outcome = self.implicit(&saved, t_s, h, depth == HALVINGS);
         self.work.steps += 1;
         self.work.iterations += u64::from(outcome.iterations);
         let happened = self.touched() != before || self.finger.beyond_limits();

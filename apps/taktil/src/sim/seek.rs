@@ -275,24 +275,14 @@ fn sentences(found: &Found) -> String {
     text += &match truth.contact_x_tactels {
         None if truth.in_contact => String::new(),
         None => "  contact     none\n".to_owned(),
-        Some(x) => format!(
-            "  contact     {:.3} N at column {x:.3}, yaw {:.3} deg, tilt {:.3} deg, \
-             slip {:.3} mm/s\n",
-            truth.finger_normal_n,
-            truth.pin_yaw_rad.to_degrees(),
-            truth.tilt_rad.to_degrees(),
-            1e3 * truth.finger_slip_m_s,
-        ),
+        Some(x) => {
+            let turned = (truth.pin_yaw_rad, truth.tilt_rad);
+            on_pad("contact", truth.finger_normal_n, x, turned, truth.finger_slip_m_s)
+        }
     };
     if let Some((tip, x)) = truth.opposed.and_then(|tip| Some((tip, tip.contact_x_tactels?))) {
-        text += &format!(
-            "  opposed     {:.3} N at column {x:.3}, yaw {:.3} deg, tilt {:.3} deg, \
-             slip {:.3} mm/s\n",
-            truth.table_normal_n,
-            tip.pin_yaw_rad.to_degrees(),
-            tip.tilt_rad.to_degrees(),
-            1e3 * truth.table_slip_m_s,
-        );
+        let turned = (tip.pin_yaw_rad, tip.tilt_rad);
+        text += &on_pad("opposed", truth.table_normal_n, x, turned, truth.table_slip_m_s);
     }
     if let Some(felt) = truth.object.filter(|felt| felt.normal_n > 0.0) {
         text += &format!(
@@ -304,4 +294,15 @@ fn sentences(found: &Found) -> String {
         );
     }
     text
+}
+
+/// The pin on one of the fingertips: force, column, yaw and tilt (rad), slip.
+fn on_pad(tip: &str, normal_n: f64, x: f64, (yaw, tilt): (f64, f64), slip_m_s: f64) -> String {
+    format!(
+        "  {tip}     {normal_n:.3} N at column {x:.3}, yaw {:.3} deg, tilt {:.3} deg, \
+         slip {:.3} mm/s\n",
+        yaw.to_degrees(),
+        tilt.to_degrees(),
+        1e3 * slip_m_s,
+    )
 }

@@ -1,0 +1,69 @@
+//! What is done with a stage whose iteration did not settle and whose step is not halved any more:
+//! iterations that are shortened until they help. Refuses to run away: what it leaves of the
+//! balance is never more than was left where the stage began.
+
+use glam::DMat3;
+
+use super::{Ahead, Base, Bench, SETTLED_M_S, Seen, Speeds, speeds};
+use crate::contact::Surface;
+
+/// Iterations at most of a stage that did not settle and is not halved any more.
+const CALM_MAX: usize = 24;
+/// Times that such an iteration is shortened at most, by half.
+const SHORTER_MAX: usize = 8;
+/// An iteration over a part of its length has to take this share of that part off what is left of
+/// the balance (Armijo 1966).
+const TAKES_OFF: f64 = 0.1;
+
+impl Bench {
+    /// Newton's method by steps that are shortened until less of the balance is left, measured as
+    /// the energy of motion of what is left: it cannot run away. Begins where least is left, of
+    /// where it stands, where the stage began, and standing still with the speeds as they were.
+    /// Gives the last change (m/s), infinite when it did not settle, and the iterations.
+    pub(super) fn calm(
+        &mut self,
+        base: &Base,
+        ahead: &Ahead,
+        (u, guess): (&mut Speeds, &Speeds),
+        tau: f64,
+        table: (&Surface, &DMat3),
+    ) -> (f64, u32) {
+        let mass = self.matrix(ahead, &Seen::default(), tau).factor();
+        let left = |seen: &Seen| -> f64 {
+            let speeds = mass.solve(&seen.rest);
+            speeds.iter().zip(&seen.rest).map(|(speed, rest)| speed * rest).sum()
+        };
+        let mut least = f64::INFINITY;
+        for from in [*u, *guess, speeds(&base.swing, base.memory.as_ref())] {
+            let here = left(&self.evaluate(base, ahead, &from, tau, table));
+            if here < least {
+                (least, *u) = (here, from);
+            }
+        }
+        for count in 1..=CALM_MAX {
+            let seen = self.evaluate(base, ahead, u, tau, table);
+            let change = self.matrix(ahead, &seen, tau).factor().solve(&seen.rest);
+            let (mut part, mut taken) = (1.0, false);
+            for _ in 0..SHORTER_MAX {
+                let next: Speeds = core::array::from_fn(|i| u[i] + part * change[i]);
+                let there = left(&self.evaluate(base, ahead, &next, tau, table));
+                taken = there <= (1.0 - TAKES_OFF * part) * least;
+                if taken {
+                    (least, *u) = (there, next);
+                    break;
+                }
+                part *= 0.5;
+            }
+            let size = self.way(&change);
+            if size < SETTLED_M_S {
+                return (size, count as u32);
+            }
+            if !taken {
+                // The contacts are left as they are at the speeds that are kept.
+                self.evaluate(base, ahead, u, tau, table);
+                return (f64::INFINITY, count as u32);
+            }
+        }
+        (f64::INFINITY, CALM_MAX as u32)
+    }
+}
