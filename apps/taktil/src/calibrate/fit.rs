@@ -178,7 +178,8 @@ impl<'a> Search<'a> {
         for _ in 0..steps {
             let damping = self.damping;
             let Some(next) = self.stepped(damping) else { break };
-            let moved = (THICKNESS..SHARED).any(|c| self.free[c]);
+            // What the layers are solved for; all else scales what they say.
+            let moved = self.free[THICKNESS] || self.free[POISSON];
             let anew =
                 if moved { Some(Layers::of(self.pad, &next.shared, &self.free)?) } else { None };
             let layers = anew.as_ref().unwrap_or(&self.layers);
