@@ -8,6 +8,7 @@ use crate::law::Name;
 use crate::law::model::Model;
 use crate::law::projector_pid::Gains;
 use crate::law::task_frame::{Feature, TaskFrame};
+use crate::perception::noise_sum;
 use crate::phase::Lost;
 
 /// Every key has a default: the rolling task of the thesis.
@@ -44,8 +45,8 @@ pub struct Config {
     /// Tactels below this count as 0 (counts). Default: three standard deviations of the noise that
     /// was measured with the baseline; 0 lets every value in, as the thesis did.
     pub threshold_counts: Option<f64>,
-    /// There is contact when the sum of the counts is above this. Default 1000: what noise alone
-    /// leaves above the threshold stays below it.
+    /// There is contact when the sum of the counts is above this, and above what noise alone
+    /// leaves of the array's sum with this threshold: see [`Config::contact_above`]. Default 1000.
     pub contact_counts: f64,
     /// A load of more than so many times the set point that lasts for 40 ms takes the drives' power
     /// off ([`taktil_rtcore::FaultCode::Overload`]): something is wrong with the arm. Default 2.5.
@@ -115,6 +116,8 @@ impl Default for Config {
 
 /// Standard deviations of the noise below which a tactel counts as 0.
 const SIGMAS: f64 = 3.0;
+/// Standard deviations of the array's sum, free, by which a contact is above its mean.
+const CONTACT_SIGMAS: f64 = 5.0;
 
 impl Config {
     /// The load that the law is to hold (counts).
@@ -131,6 +134,21 @@ impl Config {
     #[must_use]
     pub fn threshold(&self, noise_counts: f32) -> f64 {
         self.threshold_counts.unwrap_or(SIGMAS * f64::from(noise_counts))
+    }
+
+    /// The sum above which an image of so many tactels with this noise on each shows contact
+    /// (counts). It is gained above `contact_counts` and five standard deviations of what noise
+    /// leaves of the sum above the threshold; once gained (`touched`) it is kept down to
+    /// `contact_counts` and the mean of what noise leaves, since at the sensor's edge, where it sees
+    /// a part of the load only, the sum stays small for long. Noise counts up to half of the load
+    /// that is to be held.
+    #[must_use]
+    #[expect(clippy::cast_precision_loss, reason = "a number of tactels is small")]
+    pub fn contact_above(&self, noise_counts: f32, tactels: usize, touched: bool) -> f64 {
+        let threshold = self.threshold(noise_counts);
+        let (mean, deviation) = noise_sum(tactels as f64, f64::from(noise_counts), threshold);
+        let free = if touched { mean } else { mean + CONTACT_SIGMAS * deviation };
+        self.contact_counts.max(free.min(0.5 * self.load_counts()))
     }
 
     /// # Errors
@@ -204,6 +222,31 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn noise_neither_gains_nor_keeps_a_contact_whatever_the_threshold() {
+        let config = |threshold: f64| Config {
+            threshold_counts: Some(threshold),
+            law: Name::TaskFrame,
+            ..Config::default()
+        };
+        // By tables of the normal distribution: 2.2 deviations leave 454 +- 241 counts of 256
+        // tactels, 3 leave 57 +- 97, none 0 +- 800.
+        for (threshold, due) in [(110.0, 1658.0), (0.0, 4000.0), (150.0, 1000.0)] {
+            let found = config(threshold).contact_above(50.0, 256, false);
+            assert!((found - due).abs() < 0.004 * due, "{threshold}: {found}");
+        }
+        for threshold in [110.0, 0.0, 150.0] {
+            let kept = config(threshold).contact_above(50.0, 256, true);
+            assert_eq!(kept, 1000.0, "{threshold}");
+        }
+        // A threshold of one deviation: noise alone is 3097 counts and must not keep a contact.
+        assert!((config(50.0).contact_above(50.0, 256, true) - 3097.0).abs() < 3.0);
+        assert_eq!(config(0.0).contact_above(5000.0, 256, false), 7500.0, "half of the load");
+        for odd in [0.0, f32::NAN, f32::INFINITY, -50.0] {
+            assert_eq!(config(110.0).contact_above(odd, 256, false), 1000.0, "{odd}");
+        }
+    }
 
     #[test]
     fn the_default_is_sound_and_bad_numbers_are_refused_with_their_place() {

@@ -341,7 +341,10 @@ impl Task for TactileServo {
         let mut outcome = self.settle(control, desired, joints.as_ref());
         if let Some(image) = image {
             let config = &self.config;
-            let touch = touch(&image, config.threshold(image.noise_counts), config.contact_counts);
+            let tactels = usize::from(image.rows) * usize::from(image.cols);
+            let noise = image.noise_counts;
+            let above = config.contact_above(noise, tactels, self.touched.contact);
+            let touch = touch(&image, config.threshold(noise), above);
             let line = self.law.line(config, &image, &touch);
             self.touched = touch;
             if let Some(joints) = &joints {

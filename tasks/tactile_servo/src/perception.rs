@@ -37,6 +37,26 @@ impl Fold for Touch {
     }
 }
 
+/// Mean and standard deviation (counts) of what noise alone leaves of the sum of so many tactels:
+/// normal, of deviation `noise_counts` each, those below `threshold_counts` taken for 0 (0: no
+/// threshold). Moments of a truncated normal variable (Johnson, Kotz, Balakrishnan, Continuous
+/// Univariate Distributions 1, section 10.1).
+#[must_use]
+pub fn noise_sum(tactels: f64, noise_counts: f64, threshold_counts: f64) -> (f64, f64) {
+    if !(noise_counts > 0.0 && noise_counts.is_finite()) {
+        return (0.0, 0.0);
+    }
+    let (mean, square) = if threshold_counts > 0.0 {
+        let t = threshold_counts / noise_counts;
+        let density = libm::exp(-0.5 * t * t) / (2.0 * core::f64::consts::PI).sqrt();
+        (density, t * density + 0.5 * libm::erfc(t * core::f64::consts::FRAC_1_SQRT_2))
+    } else {
+        (0.0, 1.0)
+    };
+    let variance = (square - mean * mean).max(0.0);
+    (tactels * noise_counts * mean, noise_counts * (tactels * variance).sqrt())
+}
+
 /// Features of an image: tactels below `threshold_counts` count 0 (0: no threshold), and there is
 /// contact when their sum is above `contact_counts`.
 #[must_use]

@@ -11,7 +11,12 @@
 //! Refuses a Jacobian that is not square or not well conditioned, motions that are named twice or
 //! servoed and fed at once, and to move on images that cannot be believed. The integral stands
 //! still while a motion is at its limit, and is forgotten when contact is lost. A feature that the
-//! image does not define asks for nothing.
+//! image does not define asks for nothing. Motions across the face and turns gather speed no faster
+//! than the arm can without throwing the finger off: a turn about the pad moves the wrist, a hand's
+//! length away, and a step of its speed is felt at the pad as a blow.
+
+#[cfg(test)]
+mod tests;
 
 use glam::DMat3;
 use nalgebra::Matrix6;
@@ -103,6 +108,9 @@ pub struct TaskFrame {
     /// Motion fed in while the finger presses with `roll_from_counts` at least: along x, y, z and
     /// about them (mm/s, mrad/s). Default none.
     pub feed_per_s: [f64; MOST],
+    /// Time from rest to the limit of speed, for every motion but z (s). Default 0.2; 0 lets speeds
+    /// step.
+    pub slew_s: f64,
     /// The features.
     pub feature: Vec<Servoed>,
 }
@@ -116,7 +124,12 @@ impl Default for TaskFrame {
             kp_per_s: 8.0,
             ki_per_s2: 10.0,
         };
-        TaskFrame { state: vec![Motion::Z], feed_per_s: [0.0; MOST], feature: vec![press] }
+        TaskFrame {
+            state: vec![Motion::Z],
+            feed_per_s: [0.0; MOST],
+            slew_s: 0.2,
+            feature: vec![press],
+        }
     }
 }
 
@@ -149,6 +162,10 @@ impl TaskFrame {
                 let what = format!("is {feed}");
                 return Err(Invalid::new(format!("feed_per_s[{i}]"), what, "give -500 to 500"));
             }
+        }
+        if !(0.0..=10.0).contains(&self.slew_s) {
+            let what = format!("is {}", self.slew_s);
+            return Err(Invalid::new("slew_s", what, "give 0 to 10 s"));
         }
         for (i, feature) in self.feature.iter().enumerate() {
             if self.feature[..i].iter().any(|other| other.name == feature.name) {
@@ -239,6 +256,7 @@ pub struct Law {
     ki_per_s2: [f64; MOST],
     inverse: Matrix6<f64>,
     feed_per_s: [f64; MOST],
+    slew_s: f64,
 }
 
 /// What the law remembers: integrals of the errors (feature x s).
@@ -249,6 +267,8 @@ pub struct Memory {
     pub(crate) others: [f64; 2],
     /// Drift along x.
     drift: Drift,
+    /// Speeds of the last answer (mm/s, mrad/s).
+    speed: [f64; MOST],
 }
 
 impl Memory {
@@ -265,6 +285,7 @@ impl Memory {
 impl Fold for Memory {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.integral[..]).add(&self.others[..]).add(&self.drift);
+        hash.add(&self.speed[..]);
     }
 }
 
@@ -281,6 +302,7 @@ impl Law {
             ki_per_s2: [0.0; MOST],
             inverse: task.inverse()?.0,
             feed_per_s: task.feed_per_s,
+            slew_s: task.slew_s,
         };
         for (i, (motion, feature)) in task.state.iter().zip(&task.feature).enumerate() {
             law.motions[i] = *motion as usize;
@@ -328,7 +350,8 @@ pub fn displacement(
 ) -> ([f64; MOST], Memory) {
     let period_s = config.image_period_ms * 1e-3;
     if !touch.trusted {
-        return ([0.0; MOST], Memory { others: [0.0; 2], ..*memory });
+        let still = Memory { others: [0.0; 2], speed: [0.0; MOST], ..*memory };
+        return ([0.0; MOST], still);
     }
     if !touch.contact {
         let fresh = Memory { drift: memory.drift, ..Memory::default() };
@@ -351,147 +374,23 @@ pub fn displacement(
         config.tilt_mrad_s,
         config.turn_mrad_s,
     ];
-    let mut step = [0.0; MOST];
+    let mut speed = [0.0; MOST];
     if touch.m0 >= config.roll_from_counts {
-        let fed = |i: usize| law.feed_per_s[i].clamp(-limits[i], limits[i]);
-        step = core::array::from_fn(|i| fed(i) * period_s);
+        speed = core::array::from_fn(|i| law.feed_per_s[i].clamp(-limits[i], limits[i]));
     }
     let mut limited = false;
     for i in 0..law.count {
         let motion = law.motions[i];
-        let rate = rates[i].clamp(-limits[motion], limits[motion]);
-        limited |= rate != rates[i];
-        step[motion] = rate * period_s;
+        speed[motion] = rates[i].clamp(-limits[motion], limits[motion]);
+        limited |= speed[motion] != rates[i];
     }
+    for (i, speed) in speed.iter_mut().enumerate() {
+        if i != Motion::Z as usize && law.slew_s > 0.0 {
+            let most = limits[i] * period_s / law.slew_s;
+            *speed = speed.clamp(memory.speed[i] - most, memory.speed[i] + most);
+        }
+    }
+    let step = speed.map(|speed| speed * period_s);
     let integral = if limited { memory.integral } else { integral };
-    (step, Memory { integral, others: [step[1], step[4]], ..*memory })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn servoed(name: Feature, jacobian: &[f64]) -> Servoed {
-        Servoed { name, desired: None, jacobian: jacobian.into(), kp_per_s: 5.0, ki_per_s2: 0.0 }
-    }
-
-    /// Follows a surface: presses, and turns until the contact is in the middle.
-    fn surface() -> TaskFrame {
-        TaskFrame {
-            state: vec![Motion::Z, Motion::ThetaY],
-            feed_per_s: [6.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            feature: vec![
-                servoed(Feature::M0, &[10_000.0, 0.0]),
-                servoed(Feature::XC, &[0.0, -0.05]),
-            ],
-        }
-    }
-
-    fn config(task_frame: TaskFrame) -> Config {
-        Config { task_frame, ..Config::default() }
-    }
-
-    #[test]
-    fn what_is_fed_keeps_to_the_limits_of_speed() {
-        let mut config = config(surface());
-        config.task_frame.feed_per_s = [400.0, -400.0, 0.0, 500.0, 0.0, 0.0];
-        let law = Law::new(&config.task_frame).unwrap();
-        let seen = touch(config.m0_counts, 8.5);
-        let (step, _) = displacement(&config, &law, &Memory::default(), &seen);
-        let s = 1e-3 * config.image_period_ms;
-        let due = [config.roll_mm_s * s, -config.roll_mm_s * s, config.tilt_mrad_s * s];
-        assert_eq!([step[0], step[1], step[3]], due);
-    }
-
-    #[test]
-    fn set_points_beyond_the_array_are_refused() {
-        let out = [
-            (Feature::M0, -5000.0),
-            (Feature::M0, f64::NAN),
-            (Feature::XC, 17.0),
-            (Feature::YC, 0.5),
-            (Feature::ThetaZ, 1e7),
-        ];
-        for (name, desired) in out {
-            let mut task = surface();
-            let index = usize::from(name != Feature::M0);
-            task.feature[index] = Servoed { desired: Some(desired), ..servoed(name, &[0.0, 1.0]) };
-            let place = task.check().unwrap_err().place;
-            assert_eq!(place, format!("feature[{index}].desired"), "{name:?} {desired}");
-        }
-        let mut near = config(surface());
-        near.task_frame.feature[0].desired = Some(2_000.0);
-        assert_eq!(near.load_counts(), near.m0_counts, "another law's");
-        near.law = crate::law::Name::TaskFrame;
-        assert_eq!(near.load_counts(), 2_000.0);
-    }
-
-    fn touch(m0: f64, x_c: f64) -> Touch {
-        let (x_c, y_c) = (Some(x_c), Some(8.5));
-        Touch { trusted: true, contact: true, m0, m_x: 0.0, x_c, y_c, theta_z_rad: None }
-    }
-
-    #[test]
-    fn features_are_servoed_by_their_motions_and_the_rest_is_fed() {
-        let config = config(surface());
-        let law = Law::new(&config.task_frame).unwrap();
-        assert_eq!(law.moves(), [true, false, true]);
-        let (step, _) = displacement(&config, &law, &Memory::default(), &touch(14_000.0, 9.5));
-        // 5/s of 1000 counts over 10000 counts/mm in 5 ms; a column too far: a turn of 20 mrad.
-        assert!((step[2] - 2.5e-3).abs() < 1e-12 && (step[4] - 0.5).abs() < 1e-12, "{step:?}");
-        assert_eq!([step[0], step[1], step[3], step[5]], [0.03, 0.0, 0.0, 0.0]);
-        let weak = displacement(&config, &law, &Memory::default(), &touch(3_000.0, 8.5)).0;
-        assert_eq!(weak[0], 0.0, "nothing is fed before the finger presses");
-    }
-
-    #[test]
-    fn a_coupled_jacobian_is_inverted_as_a_whole() {
-        let mut task = surface();
-        task.feature[1].jacobian = vec![0.5, -0.05];
-        let config = config(task);
-        let law = Law::new(&config.task_frame).unwrap();
-        let (step, _) = displacement(&config, &law, &Memory::default(), &touch(14_000.0, 8.5));
-        // Pressing moves the centroid by 0.5 a mm, which the turn takes back.
-        assert!((0.5 * step[2] - 0.05 * step[4]).abs() < 1e-15, "{step:?}");
-    }
-
-    #[test]
-    fn the_integral_waits_at_a_limit_and_is_forgotten_without_contact() {
-        let mut task = surface();
-        task.feature[0].ki_per_s2 = 10.0;
-        let config = config(task);
-        let law = Law::new(&config.task_frame).unwrap();
-        let far = displacement(&config, &law, &Memory::default(), &touch(1_000.0, 8.5));
-        assert_eq!(far.1.integral, [0.0; MOST], "at its limit of 4 mm/s");
-        let near = displacement(&config, &law, &Memory::default(), &touch(14_900.0, 8.5));
-        assert!((near.1.integral[0] - 0.5).abs() < 1e-12);
-        let lost = Touch { contact: false, ..touch(0.0, 8.5) };
-        let (step, memory) = displacement(&config, &law, &near.1, &lost);
-        assert_eq!((step, memory), ([0.0, 0.0, 0.03, 0.0, 0.0, 0.0], Memory::default()));
-        let blind = Touch { trusted: false, ..touch(9_000.0, 3.0) };
-        assert_eq!(displacement(&config, &law, &near.1, &blind).0, [0.0; MOST]);
-    }
-
-    #[test]
-    fn what_cannot_work_is_refused_with_its_place() {
-        assert_eq!(TaskFrame::default().check(), Ok(()));
-        assert!(surface().inverse().unwrap().1 < 10.0);
-        let place = |change: &dyn Fn(&mut TaskFrame)| {
-            let mut task = surface();
-            change(&mut task);
-            task.check().unwrap_err().place
-        };
-        assert_eq!(place(&|t| t.state[1] = Motion::Z), "state[1]");
-        assert_eq!(place(&|t| t.feed_per_s[2] = 1.0), "feed_per_s[2]");
-        assert_eq!(place(&|t| t.feed_per_s[1] = f64::NAN), "feed_per_s[1]");
-        assert_eq!(place(&|t| t.feature[1].name = Feature::M0), "feature[1].name");
-        assert_eq!(place(&|t| t.feature[1].jacobian = vec![1.0]), "feature[1].jacobian");
-        assert_eq!(place(&|t| t.feature[0].jacobian[1] = f64::NAN), "feature[0].jacobian[1]");
-        assert_eq!(place(&|t| t.feature[0].kp_per_s = -1.0), "feature[0].kp_per_s");
-        assert_eq!(place(&|t| t.feature[0].desired = Some(f64::INFINITY)), "feature[0].desired");
-        assert_eq!(place(&|t| t.state.push(Motion::Y)), "feature[0].jacobian");
-        assert_eq!(place(&|t| t.feature[1].jacobian = vec![1.0, 0.0]), "feature");
-        let empty = TaskFrame { state: vec![], feature: vec![], ..surface() };
-        assert_eq!(empty.check(), Ok(()), "a finger that only feeds is blind, not wrong");
-    }
+    (step, Memory { integral, others: [step[1], step[4]], speed, ..*memory })
 }

@@ -139,8 +139,8 @@ fn task_frame(found: &Found, task: &Task) -> Option<(TaskFrame, f64)> {
     };
     let frame = TaskFrame {
         state: task.motions.iter().map(|j| MOTIONS[found.moved[*j].0].1).collect(),
-        feed_per_s: [0.0; 6],
         feature: task.features.iter().map(servoed).collect(),
+        ..TaskFrame::default()
     };
     let condition = frame.check().and_then(|()| frame.inverse()).ok()?.1;
     (!task.motions.is_empty()).then_some((frame, condition))
