@@ -139,7 +139,7 @@ impl Config {
     /// The sum above which an image of so many tactels with this noise on each shows contact
     /// (counts). It is gained above `contact_counts` and five standard deviations of what noise
     /// leaves of the sum above the threshold; once gained (`touched`) it is kept down to
-    /// `contact_counts` and the mean of what noise leaves, since at the sensor's edge, where it sees
+    /// `contact_counts` and the mean of what noise leaves, since at the edge, where the sensor sees
     /// a part of the load only, the sum stays small for long. Noise counts up to half of the load
     /// that is to be held.
     #[must_use]

@@ -245,7 +245,7 @@ fn a_delay_of_more_jobs_than_are_remembered_is_refused_and_so_is_such_an_image()
     let mut config = rigid();
     assert_eq!(config.check_period(DT_S), Ok(()));
     config.image_period_ms = 1.0;
-    for (delay_ms, sound) in [(31.0, true), (31.1, false), (40.0, false)] {
+    for (delay_ms, sound) in [(30.0, true), (30.1, false), (40.0, false)] {
         config.model.delay_ms = delay_ms;
         let refused = config.check_period(1e-3).err().map(|bad| bad.place);
         assert_eq!(refused.as_deref(), (!sound).then_some("model.delay_ms"), "{delay_ms}");
@@ -260,9 +260,13 @@ fn a_delay_of_more_jobs_than_are_remembered_is_refused_and_so_is_such_an_image()
     let plant = Plant::new();
     let (touch, line) = (plant.touch(), plant.line());
     let memory = Memory::new(&config.model);
+    let careful = config.clone();
     let seen = |age_s: f64, dt_s: f64| {
-        observe(&config, &contact, &memory, (&touch, Some(&line)), (age_s, dt_s)) != memory
+        observe(&careful, &contact, &memory, (&touch, Some(&line)), (age_s, dt_s)) != memory
     };
     assert!(seen(0.012, 1e-3) && !seen(0.0135, 1e-3), "32 jobs are remembered");
     assert!(seen(0.0135, DT_S));
+    config.model.delay_ms = 30.0;
+    let late = observe(&config, &contact, &memory, (&touch, Some(&line)), (0.002, 1e-3));
+    assert_ne!(late, memory, "what is accepted bears an image that is late");
 }

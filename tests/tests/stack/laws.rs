@@ -83,8 +83,8 @@ fn a_delay_that_the_law_cannot_remember_at_its_period_is_refused_with_its_place(
         scene.machine.tactile_servo.as_mut().expect("a section").model.delay_ms = delay_ms;
         taktil::run::assemble::assemble(&scene, 1).err().map(|bad| format!("{bad:#}"))
     };
-    assert_eq!(refused("roll-pin-1khz.toml", 31.0), None);
+    assert_eq!(refused("roll-pin-1khz.toml", 30.0), None);
     assert_eq!(refused("roll-pin.toml", 40.0), None);
     let bad = refused("roll-pin-1khz.toml", 35.0).expect("35 jobs and an image");
-    assert!(bad.contains("model.delay_ms") && bad.contains("at most 31"), "{bad}");
+    assert!(bad.contains("model.delay_ms") && bad.contains("at most 30"), "{bad}");
 }

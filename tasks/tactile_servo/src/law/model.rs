@@ -139,13 +139,13 @@ impl Model {
         Ok(())
     }
 
-    /// Whether what is under way at an image that is one image's time old is remembered, with jobs
-    /// `dt_s` apart.
+    /// Whether what is under way at an image that is one image's time old, or one more when it is
+    /// late, is remembered, with jobs `dt_s` apart.
     ///
     /// # Errors
     /// A delay of more jobs than [`WAY`]; the place is `delay_ms`.
     pub fn check_period(&self, dt_s: f64, image_s: f64) -> Result<(), Invalid> {
-        let most_ms = 1e3 * (WAY as f64 * dt_s - image_s);
+        let most_ms = 1e3 * (WAY as f64 * dt_s - 2.0 * image_s);
         if self.delay_ms <= most_ms + 1e-9 {
             return Ok(());
         }
@@ -153,8 +153,8 @@ impl Model {
         Err(Invalid::new(
             "delay_ms",
             format!(
-                "{} ms and an image {image_ms} ms old are more than the {WAY} jobs of {job_ms} ms \
-                 whose commands the law remembers",
+                "{} ms and an image that is two of {image_ms} ms old are more than the {WAY} jobs \
+                 of {job_ms} ms whose commands the law remembers",
                 self.delay_ms
             ),
             format!("give at most {} ms, or a lane with a longer period", most_ms.max(0.0)),
