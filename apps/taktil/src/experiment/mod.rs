@@ -135,6 +135,20 @@ pub fn run(what: &Experiments) -> anyhow::Result<ExitCode> {
     }
 }
 
+/// Removes the report of an interrupted run, if there is one: a whole one stands beside it now.
+fn remove_partial(folder: &Path) -> anyhow::Result<()> {
+    for name in ["partial.html", "partial.md"] {
+        let path = folder.join(name);
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("cannot remove {}", path.display()));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
 fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
     let laws = laws(&options.law)?;
     if options.seeds == 0 || options.seeds > SEEDS_MAX {
@@ -178,6 +192,7 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
     if whole {
         let shown = table.display();
         std::fs::rename(&unfinished, &table).with_context(|| format!("cannot write {shown}"))?;
+        remove_partial(&options.out)?;
     } else {
         lacks.push(format!("interrupted: {ran} of {planned} runs were done"));
     }

@@ -40,8 +40,11 @@ fn experiments_without_a_scene_are_named_and_cost_the_exit_code() {
     let columns = rows.lines().map(|row| row.split(',').count());
     assert!(columns.clone().min() == columns.max(), "{rows}");
 
+    let partial = folder.join("chapter6/partial.md");
+    std::fs::write(&partial, "of an earlier interruption").unwrap();
     let named = [&arguments[..], &["--only", "e1"]].concat();
     taktil(folder.path(), &named).ended(0);
+    assert!(!partial.exists(), "a whole report leaves nothing of it");
     let absent = [&arguments[..], &["--only", "E1,E3"]].concat();
     let said = taktil(folder.path(), &absent).ended(2);
     assert!(said.err.contains("--only E3: no scene in scenes"), "{}", said.err);
