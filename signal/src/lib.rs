@@ -13,7 +13,7 @@ pub use motion::{
     Applied, Desired, Goal, HomeCheck, JointState, Lines, MoveCheck, MoveKind, Torque, Typed,
     TypedMove, per_joint,
 };
-pub use state::{ControlState, JogCommand, JogFrame, Request, State, Verb};
+pub use state::{ControlState, JogCommand, JogFrame, JogState, JogWhy, Request, State, Verb};
 pub use touch::{
     Contact, Features, MAX_TACTELS, TactileBaseline, TactileImage, Wrench, contact, defined,
 };

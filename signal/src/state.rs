@@ -216,6 +216,62 @@ payload! {
     }
 }
 
+/// Why an operator's push does not move the arm as it asks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u32)]
+pub enum JogWhy {
+    /// Nothing is in the way, or nothing is pushed.
+    #[default]
+    None = 0,
+    /// A joint is at its limit, or brakes before it.
+    Limit = 1,
+    /// The tool is at the edge of the arm's reach.
+    Reach = 2,
+    /// A joint is where the arm would have to change its branch: stretched, or with the wrist's
+    /// centre beside the axis of joint 1.
+    Branch = 3,
+    /// Beside a singularity, where a joint cannot be as fast or brake as soon as the tool asks.
+    Singular = 4,
+    /// The tool would leave the line that is asked for.
+    Line = 5,
+    /// The axes pushed are not those of this state: joints in one, the tool in the other.
+    Frame = 6,
+    /// The hand has fallen silent with a key held.
+    Silent = 7,
+}
+
+impl JogWhy {
+    /// Every reason.
+    pub const ALL: [JogWhy; 8] = [
+        JogWhy::None,
+        JogWhy::Limit,
+        JogWhy::Reach,
+        JogWhy::Branch,
+        JogWhy::Singular,
+        JogWhy::Line,
+        JogWhy::Frame,
+        JogWhy::Silent,
+    ];
+
+    /// The reason with this number.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<JogWhy> {
+        JogWhy::ALL.get(code as usize).copied()
+    }
+}
+
+payload! {
+    /// What stands in the way of the operator's push, from `jog`; written when it changes.
+    pub struct JogState {
+        /// A [`JogWhy`].
+        pub why: u32,
+        /// The joint at fault, 1 the first; 0 for none.
+        pub joint: u32,
+        /// 1 while the arm stands for it, 0 while it is slower than pushed.
+        pub stands: u32,
+    }
+}
+
 payload! {
     /// What the supervisor decided.
     pub struct ControlState {
@@ -251,6 +307,10 @@ mod tests {
             assert_eq!(Verb::from_code(verb as u32), Some(verb));
             assert_eq!(Verb::from_name(verb.name()), Some(verb));
         }
+        for why in JogWhy::ALL {
+            assert_eq!(JogWhy::from_code(why as u32), Some(why));
+        }
+        assert_eq!(JogWhy::from_code(8), None);
         assert_eq!(State::from_code(9), None);
         assert_eq!(Verb::from_code(12), None);
         assert_eq!(Verb::from_name("fly"), None);

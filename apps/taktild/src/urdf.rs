@@ -1,7 +1,8 @@
 //! Arms from URDF files: the serial chain from the base to a tip, with the bodies that are fixed to
-//! it. Parsed at load; what runs is a [`Chain`] of fixed size. Refuses trees whose tip is in doubt,
-//! joints that move beside or behind that way, joints of other kinds than revolute, continuous and
-//! prismatic, and mimicking ones; shapes, colours and safety controllers are not read.
+//! it. Parsed at load; what runs is a [`Chain`] of fixed size. Refuses trees whose tip is in doubt
+//! or in which names are doubled or missing, links that hang from nothing, joints that move beside
+//! or behind that way, joints of other kinds than revolute, continuous and prismatic, and mimicking
+//! ones; shapes, colours and safety controllers are not read.
 
 use std::path::Path;
 
@@ -21,8 +22,12 @@ const SPEED_UP_S: f64 = 0.2;
 const HEAVIEST_KG: f64 = 1e5;
 /// A joint without ends may turn so often either way (rad): more than any run turns it.
 const ENDLESS_RAD: f64 = 1e6;
+/// More than that is no turning joint with ends but one that was given in degrees (rad).
+const FARTHEST_RAD: f64 = 62.9;
 /// What files round off their inertias, in parts of the largest moment.
 const ROUNDED: f64 = 1e-4;
+/// The same for the moments of flat and thin bodies, of which one is the sum of the others.
+const FLAT: f64 = 0.05;
 
 /// A serial chain as a file describes it.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,6 +92,7 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<Described, Invalid> {
     let robot = urdf_rs::read_from_string(text).map_err(|error| {
         Invalid::new("", format!("is no URDF: {error}"), "name a robot description in XML")
     })?;
+    names(&robot)?;
     let tip = tip_of(&robot, tip)?;
     let way = way_to(&robot, &tip)?;
     // What a file of an older version says of accelerations is dropped by the parser.
@@ -119,7 +125,8 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<Described, Invalid> {
             return Err(Invalid::new(&link.name, what, "give 0 to 100 t"));
         }
         if !possible(&link.inertial.inertia) {
-            let what = "its inertia is no body's: some axis would have a negative one";
+            let what = "its inertia is no body's: the moment about some axis would be negative, \
+                        or larger than the sum of the two others";
             return Err(Invalid::new(
                 &link.name,
                 what,
@@ -135,6 +142,42 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<Described, Invalid> {
         return Err(Invalid::new("", what, "name another tip"));
     }
     Ok(Described { name: robot.name.clone(), names, joints, tip, tool: mount })
+}
+
+/// That every name stands for one thing, and every link hangs from one base.
+fn names(robot: &Robot) -> Result<(), Invalid> {
+    if robot.links.is_empty() {
+        return Err(Invalid::new("", "has no link", "name a robot description in XML"));
+    }
+    let link_names: Vec<&str> = robot.links.iter().map(|link| link.name.as_str()).collect();
+    let joint_names: Vec<&str> = robot.joints.iter().map(|joint| joint.name.as_str()).collect();
+    for (kind, list) in [("links", &link_names), ("joints", &joint_names)] {
+        let again = |(index, name): &(usize, &&str)| list[..*index].contains(name);
+        if let Some((_, name)) = list.iter().enumerate().find(again) {
+            let what = format!("two {kind} have this name");
+            return Err(Invalid::new(*name, what, "give each its own"));
+        }
+    }
+    for joint in &robot.joints {
+        for end in [&joint.parent.link, &joint.child.link] {
+            if !link_names.contains(&end.as_str()) {
+                let what = format!("names a link `{end}` that is not there");
+                let remedy = format!("links of this file are: {}", link_names.join(", "));
+                return Err(Invalid::new(&joint.name, what, remedy));
+            }
+        }
+    }
+    let holders = |link: &str| robot.joints.iter().filter(|joint| joint.child.link == link).count();
+    if let Some(link) = link_names.iter().find(|link| holders(link) > 1) {
+        return Err(Invalid::new(*link, "two joints hold this link", "a chain has no loops"));
+    }
+    let mut bases = link_names.iter().filter(|link| holders(link) == 0);
+    let (base, loose) = (bases.next(), bases.next());
+    if let (Some(base), Some(loose)) = (base, loose) {
+        let what = format!("hangs from nothing, and so does `{base}`");
+        return Err(Invalid::new(*loose, what, "join them, if only by a fixed joint"));
+    }
+    Ok(())
 }
 
 /// The link at the end.
@@ -160,20 +203,15 @@ fn tip_of(robot: &Robot, tip: Option<&str>) -> Result<String, Invalid> {
 }
 
 /// The joint that holds a link; `None` for the base.
-fn holder<'a>(robot: &'a Robot, link: &str) -> Result<Option<&'a Joint>, Invalid> {
-    let mut holders = robot.joints.iter().filter(|joint| joint.child.link == link);
-    let first = holders.next();
-    if holders.next().is_some() {
-        return Err(Invalid::new(link, "two joints hold this link", "a chain has no loops"));
-    }
-    Ok(first)
+fn holder<'a>(robot: &'a Robot, link: &str) -> Option<&'a Joint> {
+    robot.joints.iter().find(|joint| joint.child.link == link)
 }
 
 /// The joints from the base to a link.
 fn way_to<'a>(robot: &'a Robot, tip: &str) -> Result<Vec<&'a Joint>, Invalid> {
     let mut way = Vec::new();
     let mut at = tip;
-    while let Some(joint) = holder(robot, at)? {
+    while let Some(joint) = holder(robot, at) {
         if way.len() == robot.joints.len() {
             return Err(Invalid::new(tip, "its joints form a loop", "a chain begins at a base"));
         }
@@ -189,7 +227,7 @@ fn way_to<'a>(robot: &'a Robot, tip: &str) -> Result<Vec<&'a Joint>, Invalid> {
 fn carrier(robot: &Robot, link: &str) -> Result<(Option<String>, Pose), Invalid> {
     let (mut at, mut seen) = (link, Pose::IDENTITY);
     for _ in 0..=robot.joints.len() {
-        match holder(robot, at)? {
+        match holder(robot, at) {
             None => return Ok((None, seen)),
             Some(joint) if joint.joint_type == JointType::Fixed => {
                 seen = pose(&joint.origin).compose(&seen);
@@ -221,9 +259,23 @@ fn body(link: &urdf_rs::Link) -> Body {
     own.seen_from(&pose(&inertial.origin))
 }
 
-/// Whether no axis has a negative moment: all principal minors of the tensor, to rounding. What is
-/// not finite is for the chain to refuse.
+/// Whether the tensor is that of some body: no axis has a negative moment, nor one that is larger
+/// than the sum of the two others. What is not finite is for the chain to refuse.
 fn possible(i: &urdf_rs::Inertia) -> bool {
+    let half = 0.5 * (i.ixx + i.iyy + i.izz);
+    let spread = urdf_rs::Inertia {
+        ixx: half * (1.0 + FLAT) - i.ixx,
+        iyy: half * (1.0 + FLAT) - i.iyy,
+        izz: half * (1.0 + FLAT) - i.izz,
+        ixy: -i.ixy,
+        ixz: -i.ixz,
+        iyz: -i.iyz,
+    };
+    no_negative_axis(i) && no_negative_axis(&spread)
+}
+
+/// All principal minors of a symmetric tensor, to rounding.
+fn no_negative_axis(i: &urdf_rs::Inertia) -> bool {
     let size = [i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz]
         .into_iter()
         .fold(0.0, |a: f64, b| a.max(b.abs()));
@@ -265,11 +317,21 @@ fn spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
         );
     }
     let endless = joint.joint_type == JointType::Continuous;
-    let far = limit.lower.abs().max(limit.upper.abs()) > ENDLESS_RAD;
-    if motion == Motion::Turn && !endless && far {
-        return refuse("its limits are more than a million radians", "call it continuous");
+    let farthest = limit.lower.abs().max(limit.upper.abs());
+    // The parser's word for a limit that the file leaves out.
+    if !endless && farthest >= f64::MAX {
+        return refuse("has no lower or no upper limit", "give both, or call it continuous");
     }
-    let given = limit.acceleration > 0.0 && limit.acceleration.is_finite();
+    if motion == Motion::Turn && !endless && farthest > FARTHEST_RAD {
+        return refuse(
+            "its limits are more than ten turns either way",
+            "give radians, not degrees, or call it continuous",
+        );
+    }
+    let given = limit.acceleration.is_finite();
+    if given && limit.acceleration <= 0.0 {
+        return refuse("has an acceleration of 0", "give more than 0, or leave it out");
+    }
     Ok(JointSpec {
         mount: *mount,
         axis: DVec3::from_array(joint.axis.xyz.0),

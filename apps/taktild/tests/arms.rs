@@ -161,9 +161,11 @@ fn what_is_no_chain_is_refused_at_its_line() {
     let text = refused(&[(second, "<joint name=\"joint2\" type=\"fixed\">")]);
     assert!(text.contains("5 moving joints"), "{text}");
     let text = refused(&[("<child link=\"link2\"/>", "<child link=\"link1\"/>")]);
-    assert!(text.contains("end this tree") || text.contains("two joints"), "{text}");
+    assert!(text.contains("`link1`: two joints hold this link"), "{text}");
     let text = refused(&[("<parent link=\"base\"/>", "<parent link=\"tool\"/>")]);
     assert!(text.contains("`joint1`: moves beside or behind"), "{text}");
+    let text = refused(&[("upper=\"4.468042885105\"", "upper=\"256\"")]);
+    assert!(text.contains("`joint2`") && text.contains("not degrees"), "{text}");
     for text in ["", "<robot", "<robot name=\"x\"/>", "{\"a\": 1}", "<robot name=\"x\"><link/>"] {
         assert!(read(text, None).is_err(), "{text}");
     }
@@ -171,4 +173,50 @@ fn what_is_no_chain_is_refused_at_its_line() {
     assert!(missing.contains("there is no file"), "{missing}");
     let lost = load(&file("puma260.urdf"), Some("hand")).unwrap_err().to_string();
     assert!(lost.contains("no link `hand`") && lost.contains("tool"), "{lost}");
+}
+
+#[test]
+fn names_that_are_doubled_or_missing_and_loose_links_are_refused() {
+    // Otherwise the masses behind a joint would be another's, or nobody's.
+    let text = refused(&[("<joint name=\"joint2\"", "<joint name=\"joint1\"")]);
+    assert!(text.contains("`joint1`: two joints have this name"), "{text}");
+    let text = refused(&[("</robot>", "<link name=\"link3\"/></robot>")]);
+    assert!(text.contains("`link3`: two links have this name"), "{text}");
+    for (from, to) in [
+        ("<parent link=\"base\"/>", "<parent link=\"bsae\"/>"),
+        ("<child link=\"link6\"/>", "<child link=\"lnk6\"/>"),
+    ] {
+        let text = refused(&[(from, to)]);
+        assert!(text.contains("that is not there") && text.contains("link3"), "{text}");
+    }
+    let mut text = std::fs::read_to_string(file("ur5e-like.urdf")).unwrap();
+    text = text.replacen("</robot>", "<link name=\"gripper\"/></robot>", 1);
+    for tip in [None, Some("tool")] {
+        let bad = read(&text, tip).unwrap_err();
+        assert_eq!(bad.place, "gripper", "{bad:?}");
+        assert!(bad.what.contains("hangs from nothing"), "{bad:?}");
+    }
+}
+
+#[test]
+fn limits_and_moments_that_cannot_be_meant_are_refused() {
+    let text = std::fs::read_to_string(file("ur5e-like.urdf")).unwrap();
+    let complaint = |from: &str, to: &str| {
+        assert!(text.contains(from), "{from}");
+        read(&text.replacen(from, to, 1), None).and_then(|arm| arm.chain::<6>()).unwrap_err()
+    };
+    let bad = complaint("acceleration=\"13\"", "acceleration=\"0\"");
+    assert!(bad.place == "joint1" && bad.what.contains("acceleration of 0"), "{bad:?}");
+    let bad = complaint("lower=\"-6.28318530718\" ", "");
+    assert!(bad.place == "joint1" && bad.what.contains("no lower"), "{bad:?}");
+    // More about one axis than about the two others together.
+    let bad = complaint("ixx=\"0.01\"", "ixx=\"0.03\"");
+    assert!(bad.place == "link1" && bad.what.contains("sum of the two others"), "{bad:?}");
+    // A plate has as much; files round.
+    let plate = text.replacen(
+        "ixx=\"0.01\" ixy=\"0\" ixz=\"0\" iyy=\"0.0067\"",
+        "ixx=\"0.0168\" ixy=\"0\" ixz=\"0\" iyy=\"0.0067\"",
+        1,
+    );
+    assert!(plate != text && read(&plate, None).is_ok());
 }

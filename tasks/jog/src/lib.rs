@@ -3,11 +3,12 @@
 //! a second at most, are released keys.
 //!
 //! At work in the MANUAL states only. Each stay begins at rest from the joints desired at that
-//! moment; in MANUAL/UNCALIBRATED only joints move, slowly, and no limit is known.
+//! moment; in MANUAL/UNCALIBRATED only joints move, slowly, and no limit is known. Where a push does
+//! not move the arm as it asks, the port `state` says why.
 
 pub mod law;
 
-use law::{Law, Push, Rates};
+use law::{Law, Obstacle, Push, Rates, Step};
 use serde::Deserialize;
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::chain::Vector;
@@ -16,7 +17,12 @@ use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Payload, Ports, StateHash, Task,
 };
-use taktil_signal::{ControlState, Desired, Goal, JogCommand, JogFrame, JointState, State};
+use taktil_signal::{
+    ControlState, Desired, Goal, JogCommand, JogFrame, JogState, JogWhy, JointState, State,
+};
+
+/// Slower than that in every joint the arm stands, as whoever pushes it sees it (rad/s).
+const STANDS_RAD_S: f64 = 1e-3;
 
 /// Settings of [`Jog`].
 #[derive(Clone, Debug, Deserialize, PartialEq)]
@@ -77,7 +83,9 @@ impl Config {
         Ok(())
     }
 
-    fn rates<const N: usize, A: Arm<N>>(&self, arm: &A, calibrated: bool) -> Rates<N> {
+    /// What these settings mean for an arm, whose zeros are known or not.
+    #[must_use]
+    pub fn rates<const N: usize, A: Arm<N>>(&self, arm: &A, calibrated: bool) -> Rates<N> {
         let share = if calibrated { self.speed } else { self.speed_uncalibrated };
         Rates {
             joints_rad_s: arm.speed_max() * share,
@@ -109,6 +117,9 @@ pub struct Jog<const N: usize = 6, A: Arm<N> = Puma260> {
     joints: Input<JointState<N>>,
     command: Input<JogCommand>,
     goal: Output<Goal<N>>,
+    state: Output<JogState>,
+    /// What `state` said last.
+    told: JogState,
     stay: Option<Stay<N, A>>,
     /// Sequence of the newest command, and when it was first seen.
     seen: Option<(u32, Nanos)>,
@@ -116,7 +127,7 @@ pub struct Jog<const N: usize = 6, A: Arm<N> = Puma260> {
 }
 
 impl<const N: usize, A: Arm<N>> Jog<N, A> {
-    /// Declares `control`, `desired`, `joints`, `command` and `goal`.
+    /// Declares `control`, `desired`, `joints`, `command`, `goal` and `state`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses.
@@ -137,6 +148,8 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
             joints: ports.input("joints"),
             command: ports.input("command"),
             goal: ports.output("goal"),
+            state: ports.output("state"),
+            told: JogState::ZERO,
             stay: None,
             seen: None,
             last: None,
@@ -144,25 +157,27 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
     }
 
     /// The keys, as long as somebody says that they are held. The first command of all counts from
-    /// its next confirmation on: a key may have been held before anybody looked.
-    fn push(&mut self, command: Option<JogCommand>, now: Nanos) -> Push {
-        let Some(command) = command else { return Push::NONE };
+    /// its next confirmation on: a key may have been held before anybody looked. `Err` is a key
+    /// that nobody says to be held any more.
+    fn push(&mut self, command: Option<JogCommand>, now: Nanos) -> Result<Push, Push> {
+        let Some(command) = command else { return Ok(Push::NONE) };
+        let held = command.axes.iter().any(|axis| *axis != 0.0);
         match self.seen {
             Some((sequence, since)) if sequence == command.sequence => {
                 if now - since > self.dead_man {
-                    return Push::NONE;
+                    return if held { Err(Push::NONE) } else { Ok(Push::NONE) };
                 }
             }
             Some(_) => self.seen = Some((command.sequence, now)),
             None => {
                 self.seen = Some((command.sequence, now - self.dead_man - Nanos(1)));
-                return Push::NONE;
+                return Ok(Push::NONE);
             }
         }
-        match JogFrame::from_code(command.frame) {
+        Ok(match JogFrame::from_code(command.frame) {
             Some(frame) => Push { axes: command.axes, frame },
             None => Push::NONE,
-        }
+        })
     }
 
     /// Keeps the stay in step with the state; `None` outside the MANUAL states and without a place
@@ -200,9 +215,24 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
 }
 
 /// What a state lets through: joints in the joint states, the tool in the Cartesian one.
-fn allowed(state: State, push: Push) -> Push {
+fn allowed(state: State, push: Push) -> Result<Push, Push> {
     let joints = push.frame.is_joints();
-    if joints == (state == State::ManualCartesian) { Push::NONE } else { push }
+    let released = push.axes == [0.0; 6];
+    if joints != (state == State::ManualCartesian) || released { Ok(push) } else { Err(Push::NONE) }
+}
+
+/// Whoever pushes is told what is in the way: of a hand that is silent or names other axes than
+/// those of the state, else of the arm.
+fn told<const N: usize>(hand: JogWhy, step: &Step<N>) -> JogState {
+    let arm = step.obstacle.unwrap_or(Obstacle { why: hand, joint: None });
+    if arm.why == JogWhy::None {
+        return JogState::ZERO;
+    }
+    JogState {
+        why: arm.why as u32,
+        joint: arm.joint.and_then(|joint| u32::try_from(joint + 1).ok()).unwrap_or(0),
+        stands: u32::from(step.qd.amax() < STANDS_RAD_S),
+    }
 }
 
 impl<const N: usize, A: Arm<N>> Task for Jog<N, A> {
@@ -215,22 +245,34 @@ impl<const N: usize, A: Arm<N>> Task for Jog<N, A> {
         let command = io.read(&self.command).usable();
         let push = self.push(command, cycle.release);
         let state = self.stay(control, desired, joints);
-        let goal = match (state, &mut self.stay) {
+        let (goal, now) = match (state, &mut self.stay) {
             (Some(state), Some(stay)) => {
-                let step = stay.law.step(&allowed(state, push), elapsed.as_secs_f64());
-                Goal { q_rad: step.q.into(), qd_rad_s: step.qd.into(), valid: 1, done: 0 }
+                let (push, hand) = match push.map(|push| allowed(state, push)) {
+                    Ok(Ok(push)) => (push, JogWhy::None),
+                    Ok(Err(push)) => (push, JogWhy::Frame),
+                    Err(push) => (push, JogWhy::Silent),
+                };
+                let step = stay.law.step(&push, elapsed.as_secs_f64());
+                let goal =
+                    Goal { q_rad: step.q.into(), qd_rad_s: step.qd.into(), valid: 1, done: 0 };
+                (goal, told(hand, &step))
             }
             _ => {
                 self.stay = None;
-                Goal::ZERO
+                (Goal::ZERO, JogState::ZERO)
             }
         };
         io.write(&self.goal, goal);
+        if now != self.told {
+            io.write(&self.state, now);
+            self.told = now;
+        }
         Ok(())
     }
 
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.seen).add(&self.last).word(u64::from(self.stay.is_some()));
+        hash.add(&self.seen).add(&self.last).add(&self.told);
+        hash.word(u64::from(self.stay.is_some()));
         if let Some(stay) = &self.stay {
             hash.add(&stay.entered_ns).add(&stay.datum);
             stay.law.fold(hash);
@@ -272,11 +314,13 @@ mod tests {
     fn joints_and_tool_have_states_of_their_own() {
         let of = |frame| Push { axes: [1.0; 6], frame };
         for state in [State::ManualUncalibrated, State::ManualJoint] {
-            assert_eq!(allowed(state, of(JogFrame::Joints)), of(JogFrame::Joints));
-            assert_eq!(allowed(state, of(JogFrame::Outer)), of(JogFrame::Outer));
-            assert_eq!(allowed(state, of(JogFrame::Base)), Push::NONE);
+            assert_eq!(allowed(state, of(JogFrame::Joints)), Ok(of(JogFrame::Joints)));
+            assert_eq!(allowed(state, of(JogFrame::Outer)), Ok(of(JogFrame::Outer)));
+            assert_eq!(allowed(state, of(JogFrame::Base)), Err(Push::NONE));
+            assert!(allowed(state, Push { axes: [0.0; 6], frame: JogFrame::Base }).is_ok());
         }
-        assert_eq!(allowed(State::ManualCartesian, of(JogFrame::Tool)), of(JogFrame::Tool));
-        assert_eq!(allowed(State::ManualCartesian, of(JogFrame::Joints)), Push::NONE);
+        let tool = of(JogFrame::Tool);
+        assert_eq!(allowed(State::ManualCartesian, tool), Ok(tool));
+        assert_eq!(allowed(State::ManualCartesian, of(JogFrame::Joints)), Err(Push::NONE));
     }
 }

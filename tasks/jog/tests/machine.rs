@@ -3,7 +3,9 @@
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::Payload;
-use taktil_signal::{ControlState, Desired, Goal, JogCommand, JogFrame, JointState, State};
+use taktil_signal::{
+    ControlState, Desired, Goal, JogCommand, JogFrame, JogState, JogWhy, JointState, State,
+};
 use taktil_tasks_jog::{Config, Jog};
 use taktil_tests_script::{Bench, PERIOD};
 
@@ -14,6 +16,16 @@ fn run(
     joints: fn(u64) -> Option<JointState>,
     ticks: i64,
 ) -> Vec<Goal> {
+    ran(state, keys, joints, ticks).0
+}
+
+/// The goals, and what the port `state` said.
+fn ran(
+    state: fn(u64) -> Option<ControlState>,
+    keys: fn(u64) -> Option<JogCommand>,
+    joints: fn(u64) -> Option<JointState>,
+    ticks: i64,
+) -> (Vec<Goal>, Vec<JogState>) {
     let mut bench = Bench::new();
     let lane = bench.servo();
     bench.feed(lane, "control", state);
@@ -25,7 +37,7 @@ fn run(
     bench.bind_feeds("jog", &["control", "desired", "joints", "command"]);
     let run = bench.run(PERIOD * ticks);
     assert!(run.faults().is_empty());
-    run.of("jog.goal")
+    (run.of("jog.goal"), run.of("jog.state"))
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "a feed may be silent")]
@@ -131,4 +143,53 @@ fn without_zeros_joints_move_slowly_and_the_tool_not_at_all() {
     let unknown = |tick| Some(JogCommand { frame: 99, ..held(tick) });
     let goals = run(state, unknown, raw, 200);
     assert!(goals.iter().all(|goal| goal.qd_rad_s == [0.0; 6]));
+}
+
+fn why(why: JogWhy, joint: u32, stands: u32) -> JogState {
+    JogState { why: why as u32, joint, stands }
+}
+
+#[test]
+fn whoever_pushes_is_told_why_the_arm_does_not_go_once_for_each_change() {
+    // Joint 1 to its limit, then the key is let go.
+    let keys = |tick| {
+        let pushed = f64::from(u32::from((20..2500).contains(&tick)));
+        Some(JogCommand { axes: [pushed, 0.0, 0.0, 0.0, 0.0, 0.0], ..held(tick) })
+    };
+    let (goals, told) = ran(manual_joint, keys, calibrated, 2600);
+    let limit = Puma260::reference().q_max_rad[0];
+    assert!((goals[2499].q_rad[0] - limit).abs() < 1e-3);
+    let (slow, stands) = (why(JogWhy::Limit, 1, 0), why(JogWhy::Limit, 1, 1));
+    assert_eq!(told, [slow, stands, JogState::ZERO]);
+    // The tool's keys where joints are pushed.
+    let tool = |tick| Some(JogCommand { frame: JogFrame::Tool as u32, ..held(tick) });
+    let (_, told) = ran(manual_joint, tool, calibrated, 200);
+    assert_eq!(told, [why(JogWhy::Frame, 0, 1)]);
+    // A hand that falls silent: the arm slows down, then stands.
+    let (_, told) = ran(manual_joint, first_half, calibrated, 400);
+    assert_eq!(told, [why(JogWhy::Silent, 0, 0), why(JogWhy::Silent, 0, 1)]);
+    // Nothing is said of a key that the arm obeys, nor outside the MANUAL states.
+    let (_, told) = ran(manual_joint, |tick| Some(held(tick)), calibrated, 200);
+    assert_eq!(told, []);
+    let idle = |_| Some(ControlState { state: State::IdleCalibrated as u32, ..ControlState::ZERO });
+    assert_eq!(ran(idle, |tick| Some(held(tick)), calibrated, 200).1, []);
+}
+
+#[test]
+fn the_tool_at_the_edge_of_the_arm_s_reach_says_so() {
+    let state = |tick| {
+        let state = State::ManualCartesian as u32;
+        manual_joint(tick).map(|control| ControlState { state, ..control })
+    };
+    let away = |tick| {
+        let frame = JogFrame::Base as u32;
+        Some(JogCommand { axes: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], frame, ..held(tick) })
+    };
+    let (goals, told) = ran(state, away, calibrated, 6000);
+    assert!(goals[5999].qd_rad_s.iter().all(|speed| speed.abs() < 1e-3));
+    let last = told.last().unwrap();
+    assert_eq!(last.stands, 1, "{told:?}");
+    let edges = [JogWhy::Limit, JogWhy::Reach, JogWhy::Branch, JogWhy::Singular, JogWhy::Line];
+    assert!(edges.iter().any(|edge| *edge as u32 == last.why), "{told:?}");
+    assert!(told.len() < 200, "{}", told.len());
 }

@@ -3,6 +3,8 @@
 //! allocator with it. Refuses a run in which a job used the heap or was left out, unless a task
 //! panicked in it.
 
+pub mod dice;
+
 use std::io::Write;
 use std::sync::atomic::AtomicBool;
 

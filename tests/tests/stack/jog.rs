@@ -9,20 +9,10 @@ use taktil_rtcore::{FaultSet, Nanos};
 use taktil_signal::{ControlState, Desired, JogFrame, JointState, State, Verb};
 
 use taktil_tests::bench::{Draft, Kept, run};
+use taktil_tests_script::dice::Dice;
 
-/// A generator of small numbers: which ones does not matter, that they repeat does.
-struct Dice(u64);
-
-impl Dice {
-    fn roll(&mut self, sides: u64) -> u64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % sides
-    }
-
-    fn axis(&mut self) -> f64 {
-        [0.0, 0.0, 0.0, 1.0, -1.0, 0.5][usize::try_from(self.roll(6)).unwrap()]
-    }
+fn axis(dice: &mut Dice) -> f64 {
+    [0.0, 0.0, 0.0, 1.0, -1.0, 0.5][usize::try_from(dice.roll(6)).unwrap()]
 }
 
 fn ask(verb: Verb) -> Step {
@@ -43,7 +33,7 @@ fn random_keys(frames: &[JogFrame], seconds: i64, dice: &mut Dice) -> Vec<Step> 
     while left > Nanos::ZERO {
         let span = Nanos::from_millis(20 + i64::try_from(dice.roll(600)).unwrap());
         let frame = frames[usize::try_from(dice.roll(frames.len() as u64)).unwrap()];
-        let axes = core::array::from_fn(|_| dice.axis());
+        let axes = core::array::from_fn(|_| axis(dice));
         keys.push(Step { act: Act::Hold { axes, frame, span }, at: Nanos::ZERO });
         left -= span;
     }
@@ -74,7 +64,7 @@ fn check_setpoints(kept: &Kept) -> f64 {
 
 #[test]
 fn a_minute_of_random_keys_never_makes_the_setpoint_jump() {
-    let mut dice = Dice(1);
+    let mut dice = Dice::new(1);
     let both = [JogFrame::Base, JogFrame::Tool];
     for (verb, frames, state) in [
         (Verb::ManualJoint, &[JogFrame::Joints][..], State::ManualJoint),

@@ -166,23 +166,31 @@ fn typed(
 #[derive(Default)]
 struct Speaker {
     pushing: bool,
+    /// The last answer to the keys.
+    heard: String,
 }
 
 impl Speaker {
     /// One turn: words that were pressed, then the keys that are held.
     fn turn(&mut self, line: &mut Line, hand: &Hand, said: &[String]) -> anyhow::Result<()> {
         for words in said {
-            exchange(line, words, true)?;
+            let answer = exchange(line, words)?;
+            out::line(format_args!("{words}: {answer}\r"))?;
         }
         match hand.push() {
             Some((axes, frame)) => {
                 let axes: Vec<String> = axes.iter().map(|axis| format!("{axis:.4}")).collect();
-                exchange(line, &format!("jog {} {}", frame.name(), axes.join(" ")), false)?;
-                self.pushing = true;
+                let words = format!("jog {} {}", frame.name(), axes.join(" "));
+                let answer = exchange(line, &words)?;
+                // Why the arm does not go as it is pushed, said once.
+                if answer != "ok" && answer != self.heard {
+                    out::line(format_args!("{answer}\r"))?;
+                }
+                (self.pushing, self.heard) = (true, answer);
             }
             None if self.pushing => {
-                exchange(line, "release", false)?;
-                self.pushing = false;
+                exchange(line, "release")?;
+                (self.pushing, self.heard) = (false, String::new());
             }
             None => {}
         }
@@ -190,11 +198,7 @@ impl Speaker {
     }
 }
 
-fn exchange(line: &mut Line, words: &str, aloud: bool) -> anyhow::Result<()> {
+fn exchange(line: &mut Line, words: &str) -> anyhow::Result<String> {
     line.say(words)?;
-    let answer = line.answer()?;
-    if aloud || !answer.starts_with("ok") {
-        out::line(format_args!("{words}: {answer}\r"))?;
-    }
-    Ok(())
+    line.answer()
 }

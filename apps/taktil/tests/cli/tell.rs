@@ -218,6 +218,71 @@ fn events_through_a_pipe_move_the_arm_until_the_pipe_ends() {
     assert_eq!(joints(&folder), stood, "it stands");
 }
 
+/// Whether the arm comes to stand: two looks in a row that see the same.
+fn stands(folder: &Folder) -> bool {
+    let mut before = joints(folder);
+    (0..100).any(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(200));
+        let now = joints(folder);
+        let same = now == before;
+        before = now;
+        same
+    })
+}
+
+#[test]
+fn a_hand_that_hangs_with_keys_held_is_silence() {
+    use evdev::KeyCode;
+    use nix::sys::signal::{Signal, kill};
+    let folder = Folder::new();
+    let _running = listening(&folder, "hold.toml");
+    tell(&folder, &["manual_joint"]).ended(0);
+    let pipe = folder.join("events");
+    nix::unistd::mkfifo(&pipe, nix::sys::stat::Mode::S_IRWXU).unwrap();
+    let mut command = Command::new(TAKTIL);
+    command.args(["keys", "--at", "op", "--device"]).arg(&pipe).current_dir(folder.path());
+    let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let reading = Running(child);
+    let mut wire = std::fs::OpenOptions::new().write(true).open(&pipe).unwrap();
+    let before = joints(&folder);
+    wire.write_all(&event(KeyCode::KEY_G, true)).unwrap();
+    let repeat = taktil::keys::events::bytes(1, KeyCode::KEY_G.0, 2);
+    let moving = (0..1000).any(|_| {
+        wire.write_all(&repeat).unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(30));
+        joints(&folder)[4] < before[4] - 0.3
+    });
+    assert!(moving, "the key moves the arm");
+    // The program that reads the keys stops in the middle; its socket and the pipe stay open.
+    let id = nix::unistd::Pid::from_raw(i32::try_from(reading.0.id()).unwrap());
+    kill(id, Signal::SIGSTOP).unwrap();
+    wire.write_all(&repeat).unwrap();
+    assert!(stands(&folder), "nobody says that the key is held");
+    let said = tell(&folder, &["state"]).ended(0).out;
+    assert!(said.contains("stands: the hand fell silent"), "{said}");
+    // A socket that says more than anybody listens to, and hangs, is not believed either.
+    let mut flood = std::os::unix::net::UnixStream::connect(folder.join("op")).unwrap();
+    let stood = joints(&folder);
+    flood.write_all(&b"jog joints 0 0 0 0 1 0\n".repeat(2000)).unwrap();
+    assert!(stands(&folder));
+    assert_eq!(joints(&folder), stood, "nothing moves by what had to wait");
+}
+
+#[test]
+fn whoever_pushes_in_vain_is_told_why() {
+    let folder = Folder::new();
+    let _running = listening(&folder, "hold.toml");
+    let push = |frame: &str| tell(&folder, &["jog", frame, "0", "0", "0", "0", "1", "0"]).ended(0);
+    let idle = push("joints").out;
+    assert!(idle.contains("keys move the arm in MANUAL; it is in IDLE/CALIBRATED"), "{idle}");
+    tell(&folder, &["manual_joint"]).ended(0);
+    let told = (0..500).any(|_| push("tool").out.contains("joints are pushed in MANUAL/JOINT"));
+    assert!(told, "the tool's keys where joints are pushed");
+    assert!(tell(&folder, &["release"]).ended(0).out.trim() == "ok");
+    let freed = (0..500).any(|_| !tell(&folder, &["state"]).ended(0).out.contains("stands:"));
+    assert!(freed);
+}
+
 /// A keyboard that the kernel is told of.
 #[test]
 fn a_keyboard_that_is_pulled_lets_go() {

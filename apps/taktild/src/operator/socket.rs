@@ -3,7 +3,9 @@
 //! a path on which somebody listens, or which is no socket, is left alone.
 //!
 //! Every line that says something is answered: `ok ..`, `refused: ..` or `error: ..`. The next line
-//! of a client is read when its last one was answered.
+//! of a client is read when its last one was answered. Keys count as held only where they are the
+//! newest that a client has said and nothing of it had to wait: whoever says more than is listened
+//! to, and then hangs, is not believed for as long as it takes to hear it out.
 
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
@@ -48,6 +50,10 @@ struct Client {
     stream: UnixStream,
     text: Vec<u8>,
     pending: Option<Pending>,
+    /// Something that was said before this look has not been answered yet.
+    late: bool,
+    /// Nothing more will come.
+    ended: bool,
     gone: bool,
 }
 
@@ -130,6 +136,7 @@ impl Socket {
         }
         let mut clients = std::mem::take(&mut self.clients);
         for client in &mut clients {
+            client.late = client.pending.is_some() || client.text.contains(&b'\n');
             client.read();
             self.serve(client, now);
         }
@@ -145,8 +152,9 @@ impl Socket {
             let _ = stream.write_all(b"error: too many operators are connected\n");
             return;
         }
-        let (text, pending, gone) = (Vec::new(), None, false);
-        self.clients.push(Client { stream, text, pending, gone });
+        let (text, pending) = (Vec::new(), None);
+        let (late, ended, gone) = (false, false, false);
+        self.clients.push(Client { stream, text, pending, late, ended, gone });
     }
 
     /// Answers what can be answered, then reads on.
@@ -173,7 +181,7 @@ impl Socket {
 
     fn act(&mut self, client: &mut Client, order: Order, now: Nanos) {
         match order {
-            Order::State => client.answer(&format!("ok {}", self.status.line())),
+            Order::State => client.answer(&format!("ok {}", self.line())),
             Order::Wait => {
                 let sequence = FIRST_SEQUENCE | self.moves;
                 client.pending = Some(Pending::Rest { sequence });
@@ -192,9 +200,33 @@ impl Socket {
         sent
     }
 
+    /// How the machine stands, and what is in the way of the keys.
+    fn line(&self) -> String {
+        let obstacle = self.status.obstacle(|joint| self.meaning.robot.joint(joint));
+        let obstacle = obstacle.map_or_else(String::new, |obstacle| format!("; {obstacle}"));
+        format!("{}{obstacle}", self.status.line())
+    }
+
     fn keys(&mut self, client: &mut Client, axes: [f64; 6], frame: JogFrame) {
-        if self.send(client, Word::Keys { axes, frame }) {
-            client.answer("ok");
+        let held = axes.iter().any(|axis| *axis != 0.0);
+        if held && (client.late || client.ended || client.text.contains(&b'\n')) {
+            client.answer(
+                "refused: these keys were said too long ago; say them while they are held, and \
+                 wait for each answer",
+            );
+            return;
+        }
+        if !self.send(client, Word::Keys { axes, frame }) {
+            return;
+        }
+        if held && !self.status.takes_keys() {
+            let place = self.status.place();
+            client.answer(&format!("ok, but keys move the arm in MANUAL; it is in {place}"));
+            return;
+        }
+        match self.status.obstacle(|joint| self.meaning.robot.joint(joint)).filter(|_| held) {
+            Some(obstacle) => client.answer(&format!("ok {obstacle}")),
+            None => client.answer("ok"),
         }
     }
 
@@ -281,7 +313,7 @@ impl Socket {
                 let over = typed.queued == 0 && typed.moving == 0;
                 let nothing = sequence == FIRST_SEQUENCE;
                 return (over && (nothing || typed.taken == sequence))
-                    .then(|| format!("ok {}", self.status.line()));
+                    .then(|| format!("ok {}", self.line()));
             }
         };
         (now - since > PATIENCE).then(|| "error: the machine does not answer".to_owned())
@@ -295,6 +327,7 @@ impl Client {
         while self.text.len() < 4 * LINE {
             match self.stream.read(&mut bytes) {
                 Ok(0) => {
+                    self.ended = true;
                     // Whoever hangs up may have said something before.
                     self.gone = !self.text.contains(&b'\n') && self.pending.is_none();
                     return;
@@ -328,5 +361,74 @@ impl Client {
         if let Err(error) = self.stream.write_all(format!("{words}\n").as_bytes()) {
             self.gone |= error.kind() != ErrorKind::WouldBlock;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::pair;
+    use super::super::{Hand, Said};
+    use super::*;
+
+    /// A socket of this process, whoever is connected to it, and the lane's end.
+    fn connected(name: &str) -> (Socket, UnixStream, Hand) {
+        let name = format!("taktil-socket-{}-{name}", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        let (mouth, hand) = pair();
+        let mut socket = Socket::listen(&path, mouth, Meaning::default()).unwrap();
+        let caller = UnixStream::connect(&path).unwrap();
+        caller.set_nonblocking(true).unwrap();
+        socket.poll(Nanos::ZERO);
+        (socket, caller, hand)
+    }
+
+    /// Confirmations of keys in so many looks, each followed by a job of the lane.
+    fn confirmed(socket: &mut Socket, hand: &mut Hand, looks: u32) -> u32 {
+        let mut said = Said::default();
+        for _ in 0..looks {
+            socket.poll(Nanos::ZERO);
+            hand.hear(&mut said);
+            hand.hear(&mut said);
+        }
+        said.keys.sequence
+    }
+
+    fn answers(caller: &mut UnixStream) -> Vec<String> {
+        let mut text = String::new();
+        let _ = caller.read_to_string(&mut text);
+        text.lines().map(str::to_owned).collect()
+    }
+
+    const HELD: &[u8] = b"jog joints 0 0 0 0 1 0\n";
+
+    #[test]
+    fn keys_that_had_to_wait_do_not_move_the_arm() {
+        let (mut socket, mut caller, mut hand) = connected("flood");
+        // A writer that says hundreds of words and hangs: they take many looks to be heard.
+        caller.write_all(&HELD.repeat(200)).unwrap();
+        assert_eq!(confirmed(&mut socket, &mut hand, 100), 0);
+        let said = answers(&mut caller);
+        assert_eq!(said.len(), 200);
+        assert!(said.iter().all(|answer| answer.starts_with("refused: ")), "{said:?}");
+        // One at a time they do.
+        for n in 1..=5 {
+            caller.write_all(HELD).unwrap();
+            assert_eq!(confirmed(&mut socket, &mut hand, 1), n.min(1));
+        }
+        assert!(answers(&mut caller).iter().all(|answer| answer.starts_with("ok")));
+        // Of two that come at once the newer one counts; a release always does.
+        caller.write_all(&HELD.repeat(2)).unwrap();
+        assert_eq!(confirmed(&mut socket, &mut hand, 3), 1);
+        caller.write_all(&[HELD, b"release\n", HELD, b"release\n"].concat()).unwrap();
+        assert_eq!(confirmed(&mut socket, &mut hand, 3), 2);
+    }
+
+    #[test]
+    fn whoever_hangs_up_holds_nothing() {
+        let (mut socket, mut caller, mut hand) = connected("hung-up");
+        caller.write_all(HELD).unwrap();
+        drop(caller);
+        assert_eq!(confirmed(&mut socket, &mut hand, 3), 0);
+        assert!(socket.clients.is_empty());
     }
 }

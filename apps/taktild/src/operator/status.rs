@@ -3,7 +3,9 @@
 
 use taktil_rtcore::record::{Catalog, Record};
 use taktil_rtcore::{Mode, Payload};
-use taktil_signal::{ControlState, Desired, MoveCheck, MoveKind, State, Typed, TypedMove};
+use taktil_signal::{
+    ControlState, Desired, JogState, JogWhy, MoveCheck, MoveKind, State, Typed, TypedMove,
+};
 
 /// The reasons of [`MoveCheck::reason`], from 1.
 pub const REASONS: [&str; 6] = [
@@ -18,13 +20,15 @@ pub const REASONS: [&str; 6] = [
 /// The newest values of what an operator wants to know.
 #[derive(Clone, Debug, Default)]
 pub struct Status {
-    signals: [Option<usize>; 4],
+    signals: [Option<usize>; 5],
     /// What the supervisor decided.
     pub control: ControlState,
     /// How the typed moves stand.
     pub typed: Typed,
     /// The last verdict about moves.
     pub check: MoveCheck,
+    /// What is in the way of the keys.
+    pub jog: JogState,
     /// Where the joints are wanted (rad); empty before anybody said so.
     pub desired_rad: Vec<f64>,
 }
@@ -33,8 +37,13 @@ impl Status {
     /// Nothing known yet of the machine with this catalog.
     #[must_use]
     pub fn new(catalog: &Catalog) -> Status {
-        let names =
-            ["supervisor.control", "trajectory.typed", "trajectory.check", "setpoint.desired"];
+        let names = [
+            "supervisor.control",
+            "trajectory.typed",
+            "trajectory.check",
+            "jog.state",
+            "setpoint.desired",
+        ];
         Status { signals: names.map(|name| catalog.find(name)), ..Status::default() }
     }
 
@@ -47,6 +56,7 @@ impl Status {
             0 => take(&mut self.control, record.body),
             1 => take(&mut self.typed, record.body),
             2 => take(&mut self.check, record.body),
+            3 => take(&mut self.jog, record.body),
             _ => self.desired_rad = angles(record.body),
         }
     }
@@ -68,6 +78,37 @@ impl Status {
     pub fn takes_moves(&self) -> bool {
         self.control.state == State::TrajectoryUser as u32
             && self.control.mode == Mode::Moving as u32
+    }
+
+    /// True where keys move the arm.
+    #[must_use]
+    pub fn takes_keys(&self) -> bool {
+        use State::{ManualCartesian, ManualJoint, ManualUncalibrated};
+        let state = State::from_code(self.control.state);
+        matches!(state, Some(ManualUncalibrated | ManualJoint | ManualCartesian))
+    }
+
+    /// What is in the way of the keys, in words; `name` says what a joint is called, 0 the first.
+    #[must_use]
+    pub fn obstacle(&self, name: impl Fn(usize) -> String) -> Option<String> {
+        if !self.takes_keys() {
+            return None;
+        }
+        let index = usize::try_from(self.jog.joint).ok().and_then(|joint| joint.checked_sub(1));
+        let joint = index.map_or_else(|| "a joint".to_owned(), name);
+        let why = match JogWhy::from_code(self.jog.why)? {
+            JogWhy::None => return None,
+            JogWhy::Limit => format!("{joint} is at its limit"),
+            JogWhy::Reach => "the tool is at the edge of the arm's reach".to_owned(),
+            JogWhy::Branch => format!("{joint} could not come back: stretched, or beside its axis"),
+            JogWhy::Singular => format!("beside a singularity {joint} cannot follow"),
+            JogWhy::Line => "the tool would leave its line; push another way".to_owned(),
+            JogWhy::Frame => {
+                "joints are pushed in MANUAL/JOINT, the tool in MANUAL/CARTESIAN".into()
+            }
+            JogWhy::Silent => "the hand fell silent with keys held; let go and push again".into(),
+        };
+        Some(format!("{}: {why}", if self.jog.stands == 1 { "stands" } else { "slow" }))
     }
 
     /// True where a word that is typed is heard: any in TRAJECTORY/USER, a pause and its end while

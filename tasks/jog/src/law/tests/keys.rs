@@ -3,41 +3,33 @@
 
 use super::super::*;
 use super::chains::{rates, seven, seven_at, six, six_at};
+use super::lead::TRIALS;
+use taktil_tests_script::dice::Dice;
 
 const DT_S: f64 = 0.0025;
 /// Jobs in a tenth of a second, less those in which a silent hand is still believed.
 const STOP: u32 = 24;
 
-/// Numbers that repeat.
-struct Dice(u64);
-
-impl Dice {
-    fn roll(&mut self, sides: u64) -> u64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % sides
-    }
-
-    fn push(&mut self) -> Push {
-        let axes = core::array::from_fn(|_| match self.roll(8) {
-            0 => 1.0,
-            1 => -1.0,
-            2 => 0.37,
-            _ => 0.0,
-        });
-        let frame = match self.roll(8) {
-            0 => JogFrame::Joints,
-            1 => JogFrame::Outer,
-            2..5 => JogFrame::Base,
-            _ => JogFrame::Tool,
-        };
-        Push { axes, frame }
-    }
+/// Keys of one hand.
+fn drawn(dice: &mut Dice) -> Push {
+    let axes = core::array::from_fn(|_| match dice.roll(8) {
+        0 => 1.0,
+        1 => -1.0,
+        2 => 0.37,
+        _ => 0.0,
+    });
+    let frame = match dice.roll(8) {
+        0 => JogFrame::Joints,
+        1 => JogFrame::Outer,
+        2..5 => JogFrame::Base,
+        _ => JogFrame::Tool,
+    };
+    Push { axes, frame }
 }
 
 /// A minute of keys; jobs that the arm took to rest after a release, at most.
 fn minute<const N: usize, A: Arm<N>>(arm: &A, rates: &Rates<N>, at: &Vector<N>, seed: u64) -> u32 {
-    let (mut dice, mut law) = (Dice(seed), Law::new(arm, rates, at, true));
+    let (mut dice, mut law) = (Dice::new(seed), Law::new(arm, rates, at, true));
     let (mut before, mut qd, mut slowest) = (*at, Vector::<N>::zeros(), 0);
     let mut step = |law: &mut Law<N, A>, push: &Push, seed: u64| {
         let now = law.step(push, DT_S);
@@ -46,12 +38,13 @@ fn minute<const N: usize, A: Arm<N>>(arm: &A, rates: &Rates<N>, at: &Vector<N>, 
         let change = (now.qd - qd).component_div(&(arm.acceleration_max() * DT_S)).amax();
         assert!(change <= 1.0 + 1e-9, "seed {seed}: {change} of the acceleration");
         assert!(arm.within_limits(&now.q), "seed {seed}: {}", now.q);
+        assert!(now.tries <= 2 * TRIALS, "seed {seed}: {} tries", now.tries);
         (before, qd) = (now.q, now.qd);
         now.qd == Vector::<N>::zeros()
     };
     let mut left = 24_000u64;
     while left > 0 {
-        let (push, jobs) = (dice.push(), 8 + dice.roll(400));
+        let (push, jobs) = (drawn(&mut dice), 8 + dice.roll(400));
         for _ in 0..jobs {
             step(&mut law, &push, seed);
         }

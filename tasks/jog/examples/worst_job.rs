@@ -1,0 +1,139 @@
+//! What the longest job of jogging costs: `cargo run --release -p taktil-tasks-jog --example
+//! worst_job`. Random keys lead arms from random starts; the jobs that asked the arm for joints most
+//! often are kept and done again and again. With a number as argument each of the PUMA 260's is
+//! done so many times and nothing is printed: for counting instructions, as the difference of two
+//! such runs. Not lane code: it reads the clock.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use taktil_mechanics::Pose;
+use taktil_mechanics::arm::Arm;
+use taktil_mechanics::chain::{Chain, Dh, JointSpec, Vector};
+use taktil_mechanics::puma260::Puma260;
+use taktil_signal::JogFrame;
+use taktil_tasks_jog::Config;
+use taktil_tasks_jog::law::{Law, Push};
+use taktil_tests_script::dice::Dice;
+
+const DT_S: f64 = 0.0025;
+/// Starts, and the jobs from each.
+const STARTS: u64 = 60;
+const JOBS: u32 = 2_000;
+/// How many of the longest jobs are kept.
+const KEPT: usize = 16;
+const ROUNDS: usize = 201;
+
+/// A job that can be done again.
+struct Job<const N: usize, A: Arm<N>> {
+    law: Law<N, A>,
+    push: Push,
+    tries: u32,
+}
+
+/// Tool keys of a hand that changes its mind.
+fn keys(dice: &mut Dice) -> Push {
+    let axes = core::array::from_fn(|_| [1.0, -1.0, 0.0, 0.0, 0.4][dice.roll(5) as usize]);
+    Push { axes, frame: if dice.roll(2) == 0 { JogFrame::Base } else { JogFrame::Tool } }
+}
+
+/// The longest jobs, and how many of all asked so often; index 0 never.
+fn longest<const N: usize, A: Arm<N>>(arm: &A) -> (Vec<Job<N, A>>, Vec<u32>) {
+    let rates = Config::default().rates(arm, true);
+    let (mut dice, mut kept, mut counts) = (Dice::new(7), Vec::new(), vec![0; 64]);
+    for _ in 0..STARTS {
+        let at = Vector::from_fn(|i, _| dice.between(arm.q_min()[i], arm.q_max()[i]));
+        let mut law = Law::new(arm, &rates, &at, true);
+        let (mut push, mut left) = (Push::NONE, 0);
+        for _ in 0..JOBS {
+            if left == 0 {
+                (push, left) = (keys(&mut dice), 20 + dice.roll(300));
+            }
+            left -= 1;
+            let before = law;
+            let tries = law.step(&push, DT_S).tries;
+            counts[tries as usize] += 1;
+            kept.push(Job { law: before, push, tries });
+        }
+        kept.sort_by_key(|job| core::cmp::Reverse(job.tries));
+        kept.truncate(KEPT);
+    }
+    (kept, counts)
+}
+
+/// Does every job once.
+fn all<const N: usize, A: Arm<N>>(jobs: &[Job<N, A>]) {
+    for job in jobs {
+        let mut law = job.law;
+        black_box(law.step(black_box(&job.push), DT_S));
+    }
+}
+
+#[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
+fn show<const N: usize, A: Arm<N>>(name: &str, arm: &A) {
+    let (jobs, counts) = longest(arm);
+    let mut times: Vec<f64> = (0..ROUNDS)
+        .map(|_| {
+            let start = Instant::now();
+            all(&jobs);
+            start.elapsed().as_secs_f64() * 1e6 / jobs.len() as f64
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    let (least, most) = (jobs.last().map_or(0, |job| job.tries), jobs[0].tries);
+    let over = |tries: usize| f64::from(counts[tries..].iter().sum::<u32>());
+    let all: f64 = over(0);
+    println!(
+        "{name:<14} {:8.1} {:8.1}   {least} to {most} tries; above 2: {:.2} %, above 8: {:.3} %",
+        times[0],
+        times[ROUNDS / 2],
+        100.0 * over(3) / all,
+        100.0 * over(9) / all,
+    );
+}
+
+/// A chain of rows (a, d, alpha).
+fn chain<const N: usize>(rows: [(f64, f64, f64); N]) -> Chain<N> {
+    let spec = JointSpec {
+        q_min: -3.0,
+        q_max: 3.0,
+        speed_max: 3.0,
+        acceleration_max: 15.0,
+        ..JointSpec::default()
+    };
+    let row =
+        |(a_m, d_m, alpha_rad): (f64, f64, f64)| Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec };
+    Chain::from_dh(&rows.map(row), &Pose::IDENTITY).expect("a chain")
+}
+
+fn main() {
+    let puma = Puma260::reference();
+    if let Some(times) = std::env::args().nth(1).and_then(|text| text.parse::<u32>().ok()) {
+        let (jobs, _) = longest(&puma);
+        (0..times).for_each(|_| all(&jobs));
+        return;
+    }
+    let half = core::f64::consts::FRAC_PI_2;
+    println!("{:<14} {:>8} {:>8}", "the longest, us", "best", "median");
+    show("PUMA 260", &puma);
+    // Published rows of the UR5e, and of an arm with offsets at elbow and wrist.
+    let six = chain([
+        (0.0, 0.1625, half),
+        (-0.425, 0.0, 0.0),
+        (-0.3922, 0.0, 0.0),
+        (0.0, 0.1333, half),
+        (0.0, 0.0997, -half),
+        (0.0, 0.0996, 0.0),
+    ]);
+    show("six joints", &six);
+    let seven = chain([
+        (0.0, 0.333, -half),
+        (0.0, 0.0, half),
+        (0.0825, 0.316, half),
+        (-0.0825, 0.0, -half),
+        (0.0, 0.384, half),
+        (0.088, 0.0, half),
+        (0.0, 0.107, 0.0),
+    ]);
+    show("seven joints", &seven);
+}

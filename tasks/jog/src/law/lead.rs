@@ -1,0 +1,290 @@
+//! The tool led by hand: the fastest step near the one asked for that the joints can follow and from
+//! which they can be braked. Refuses to search for long: each way is tried a bounded number of
+//! times, and when that is not enough the joints are braked, which takes no try, and the next job
+//! tries again from there. What is given up is speed, never the line, a limit or an acceleration.
+
+use glam::DVec3;
+use taktil_mechanics::arm::{Arm, Follow, Lost};
+use taktil_mechanics::chain::Vector;
+use taktil_mechanics::spatial::rotation_of;
+use taktil_mechanics::{Joints, Pose};
+use taktil_signal::{JogFrame, JogWhy};
+
+use super::{Law, Obstacle, STRAY_M, Step, stoppable};
+
+/// How often the arm is asked for joints, at most, on each of the two ways that a job may take: at
+/// the speed of the ramp, and at the one before.
+pub(super) const TRIALS: u32 = 12;
+/// How often, and by how much beyond what is needed, the tool slows down for a joint in one job.
+const SLOWER: u32 = 8;
+const SLOWER_BY: f64 = 1.02;
+/// Below this share of its speed the tool stands.
+const CREEPING: f64 = 1e-6;
+/// How often the speed is mended in one job until the joints' accelerations are those planned.
+const REFINED: u32 = 4;
+/// Share of each joint's largest acceleration with which it is braked before its edge, so that the
+/// other joints, which the same tool moves, stay below theirs.
+const BRAKE_SHARE: f64 = 0.4;
+/// Share of it that is planned with: the arm's geometry bends within a tick.
+const PLANNED_SHARE: f64 = 0.75;
+
+/// Share of its way in one job that the tool point may miss, beside what a tool that is turned
+/// misses at the end of its lever (m), and what is rounding (m).
+const SLIDE: f64 = 0.02;
+const LEVER_M: f64 = 0.5;
+const ROUNDING_M: f64 = 1e-8;
+/// It is led no faster than that it comes to rest within [`STRAY_M`] of its line, and within this
+/// share of the way on which it does.
+const STRAY: f64 = 0.02;
+/// How much slower, at least, the tool is tried when it would not.
+const STRAY_SLOWER: f64 = 1.1;
+/// Below this share of the speed asked for the tool is slowed down by what stands in its way.
+const SLOWED: f64 = 0.98;
+
+/// A speed of the tool that the arm can follow.
+struct Tried<const N: usize, F> {
+    speed: Joints,
+    follower: F,
+    /// Speeds of the joints (rad/s).
+    qd: Vector<N>,
+}
+
+/// What is left of the tries on one way, and what the last one that failed failed for.
+struct Tries {
+    left: u32,
+    obstacle: Option<Obstacle>,
+}
+
+impl<const N: usize, A: Arm<N>> Law<N, A> {
+    /// The tool at the speed that the ramp gives, or at the one that it had `before`, faster or
+    /// slower by what the joints' accelerations need.
+    pub(super) fn tool(&mut self, before: &Joints, dt_s: f64) -> Step<N> {
+        let ramped = self.speed;
+        // A push the other way is no reason to go on.
+        let along = if *before == Joints::zeros() { 0.0 } else { ramped.dot(before) };
+        let share = if along > 0.0 { ramped.norm() / before.norm() } else { 0.0 };
+        let (mut obstacle, mut spent) = (None, 0);
+        for (speed, wanted) in [(ramped, 1.0), (*before, share)] {
+            if speed == Joints::zeros() {
+                if self.reachable(&Vector::zeros(), dt_s) {
+                    break;
+                }
+                continue;
+            }
+            let mut tries = Tries { left: TRIALS, obstacle: None };
+            let able = self.try_to(speed, wanted, dt_s, &mut tries);
+            spent += TRIALS - tries.left;
+            obstacle = obstacle.or(tries.obstacle);
+            if let Some(able) = able {
+                (self.speed, self.follower, self.qd) = (able.speed, able.follower, able.qd);
+                self.q = *self.follower.joints();
+                let slowed = self.speed.dot(&ramped) < SLOWED * ramped.norm_squared();
+                let obstacle = obstacle.filter(|_| slowed);
+                return Step { q: self.q, qd: self.qd, obstacle, tries: spent };
+            }
+        }
+        Step { tries: spent, ..self.coast(dt_s, obstacle) }
+    }
+
+    /// Where the tool can go on neither way the joints are braked, all by the same share, as fast
+    /// as they can be: on the last of the way the tool is not led.
+    pub(super) fn coast(&mut self, dt_s: f64, obstacle: Option<Obstacle>) -> Step<N> {
+        let mut left = 0.0f64;
+        for joint in 0..N {
+            let change = PLANNED_SHARE * self.arm.acceleration_max()[joint] * dt_s;
+            left = left.max(1.0 - change / self.qd[joint].abs().max(change));
+        }
+        self.qd *= left;
+        self.speed *= left;
+        if left > 0.0 {
+            let ahead = self.q + self.qd * dt_s;
+            self.q = ahead.sup(self.arm.q_min()).inf(self.arm.q_max());
+            self.follower = self.arm.follower(&self.q);
+        } else {
+            self.speed = Joints::zeros();
+        }
+        Step { q: self.q, qd: self.qd, obstacle, tries: 0 }
+    }
+
+    /// The tool at `wanted` times `speed`, or as near to it as the joints can be accelerated and
+    /// braked before their edges; `None` when that takes another direction, or too many tries.
+    fn try_to(
+        &self,
+        speed: Joints,
+        wanted: f64,
+        dt_s: f64,
+        tries: &mut Tries,
+    ) -> Option<Tried<N, A::Follower>> {
+        let mut scale = 1.0;
+        let mut tried = self.able(speed, dt_s, tries)?;
+        // The arm's geometry bends: a step scaled is not quite the scaled step.
+        for _ in 0..REFINED {
+            let Tried { speed: at, qd, .. } = &tried;
+            let (least, most) = self.between(qd, dt_s);
+            if least > most {
+                return None;
+            }
+            let (haste, edge) = self.haste(&(self.q + qd * dt_s), dt_s);
+            let unhurried = 1.0 / haste;
+            if unhurried < wanted / scale {
+                tries.obstacle = Some(edge);
+            }
+            let by = (wanted / scale).min(unhurried).max(least).min(most);
+            if (by - 1.0).abs() < 1e-3 {
+                break;
+            }
+            if tries.left == 0 {
+                // What was found will do if it is too slow; too fast it will not.
+                if by < 1.0 {
+                    return None;
+                }
+                break;
+            }
+            scale *= by;
+            tried = self.able(at * by, dt_s, tries)?;
+            if scale < CREEPING {
+                break;
+            }
+        }
+        // Otherwise no scale was found at which the joints can follow.
+        self.reachable(&tried.qd, dt_s).then_some(tried)
+    }
+
+    /// Near a singularity the tool slows down and the joint keeps its speed: the fastest at which
+    /// the arm can follow, and the joints' speeds then.
+    fn able(
+        &self,
+        mut speed: Joints,
+        dt_s: f64,
+        tries: &mut Tries,
+    ) -> Option<Tried<N, A::Follower>> {
+        for attempt in 0..SLOWER.min(tries.left) {
+            tries.left -= 1;
+            let lost = match self.trial(&speed, dt_s) {
+                Ok((follower, q)) => {
+                    return Some(Tried { speed, follower, qd: (q - self.q) / dt_s });
+                }
+                Err(lost) => lost,
+            };
+            tries.obstacle = Some(lost.into());
+            if let Lost::TooFast { ratio, .. } = lost {
+                // At the edge of the reach joints go as the root of the tool's way, and a
+                // fraction is tried before it is given up.
+                let late = attempt >= SLOWER / 2;
+                let by = if late { (ratio * ratio).max(1.4) } else { ratio };
+                speed /= by * SLOWER_BY;
+            } else {
+                speed *= 0.5;
+            }
+        }
+        None
+    }
+
+    /// Where the joints are led in one job at this speed of the tool.
+    fn trial(&self, speed: &Joints, dt_s: f64) -> Result<(A::Follower, Vector<N>), Lost> {
+        let mut follower = self.follower;
+        let got = follower.step(&self.displaced(speed, dt_s), dt_s)?;
+        // The tool point is off by its lever where the tool is turned; by more, it slides along the
+        // edge of the reach.
+        let way_m = DVec3::new(speed[0], speed[1], speed[2]).length() * dt_s;
+        if got.off_m > SLIDE * way_m + LEVER_M * got.off_rad + ROUNDING_M {
+            return Err(Lost::OutOfReach);
+        }
+        if got.off_rad > self.rates.off_max_rad {
+            return Err(Lost::TooFast { joint: 3, ratio: 1.0 });
+        }
+        match self.strays(speed, &got.q, dt_s) {
+            Some((joint, ratio)) => Err(Lost::TooFast { joint, ratio }),
+            None => Ok((follower, got.q)),
+        }
+    }
+
+    /// The joint that is slowest to brake and how much slower the tool has to be, if it, led to `q`
+    /// (rad) in one job and left to the brakes there ([`Law::coast`]), would come to rest off its
+    /// line or too late.
+    fn strays(&self, speed: &Joints, q: &Vector<N>, dt_s: f64) -> Option<(usize, f64)> {
+        let qd = (q - self.q) / dt_s;
+        let (mut slowest, mut jobs) = (0, 0.0);
+        for joint in 0..N {
+            let needed =
+                qd[joint].abs() / (PLANNED_SHARE * self.arm.acceleration_max()[joint] * dt_s);
+            if needed > jobs {
+                (slowest, jobs) = (joint, needed);
+            }
+        }
+        // However it is led, the arm can be at rest as soon as hands may expect.
+        if jobs * dt_s > self.rest_s {
+            return Some((slowest, jobs * dt_s / self.rest_s.max(dt_s)));
+        }
+        // All joints lose the same share, a job after another: 1 - 1/jobs, 1 - 2/jobs ...
+        let whole = jobs.floor();
+        let more = if whole > 0.0 { whole - 0.5 * whole * (whole + 1.0) / jobs } else { 0.0 };
+        let rest = (q + qd * (dt_s * more)).sup(self.arm.q_min()).inf(self.arm.q_max());
+        let here = self.arm.tool_pose(&self.q);
+        let along = self.point_speed(speed, &here).normalize_or_zero();
+        let moved = self.arm.tool_pose(&rest).translation - here.translation;
+        let stray = self.stray_m + moved - moved.dot(along) * along;
+        let bound = STRAY_M + STRAY * moved.length();
+        let strays = stray.length() > bound && stray.length() > self.stray_m.length();
+        // The way to rest goes as the square of the speed.
+        strays.then(|| (slowest, (stray.length() / bound).sqrt().max(STRAY_SLOWER)))
+    }
+
+    /// Between which multiples of the speeds `qd` (rad/s) every joint's acceleration is one that it
+    /// has; the first is larger than the second when there is none.
+    fn between(&self, qd: &Vector<N>, dt_s: f64) -> (f64, f64) {
+        let (mut least, mut most) = (0.0f64, f64::INFINITY);
+        for joint in 0..N {
+            let change = PLANNED_SHARE * self.arm.acceleration_max()[joint] * dt_s;
+            let (low, high) = (self.qd[joint] - change, self.qd[joint] + change);
+            let speed = qd[joint];
+            if speed != 0.0 {
+                least = least.max((low / speed).min(high / speed));
+                most = most.min((low / speed).max(high / speed));
+            } else if low > 0.0 || high < 0.0 {
+                return (1.0, 0.0);
+            }
+        }
+        (least, most)
+    }
+
+    /// Whether the joints can have the speeds `qd` (rad/s) in one job.
+    fn reachable(&self, qd: &Vector<N>, dt_s: f64) -> bool {
+        let change = self.arm.acceleration_max() * dt_s;
+        (0..N).all(|joint| (qd[joint] - self.qd[joint]).abs() <= change[joint])
+    }
+
+    /// The speed of the joint that is hastiest towards its edge over the one from which it can be
+    /// braked before it, when they go to `q` (rad) in `dt_s` (s); and which edge that is.
+    fn haste(&self, q: &Vector<N>, dt_s: f64) -> (f64, Obstacle) {
+        let (mut most, mut hastiest, mut left) = (f64::MIN_POSITIVE, 0, 0.0);
+        for joint in 0..N {
+            let way = (q[joint] - self.q[joint]).abs();
+            let brake = BRAKE_SHARE * self.arm.acceleration_max()[joint];
+            let room = self.arm.room(joint, &self.q, q);
+            let allowed = stoppable(room, brake, dt_s) * dt_s;
+            let haste = way / allowed.max(f64::MIN_POSITIVE);
+            if haste > most {
+                (most, hastiest, left) = (haste, joint, room);
+            }
+        }
+        let limit = left >= self.arm.room_to_limit(hastiest, &self.q, q).max(0.0);
+        let why = if limit { JogWhy::Limit } else { JogWhy::Branch };
+        (most, Obstacle { why, joint: Some(hastiest) })
+    }
+
+    /// Where the tool is after `span_s` (s) at `speed` (m/s, rad/s).
+    fn displaced(&self, speed: &Joints, span_s: f64) -> Pose {
+        let here = self.arm.tool_pose(&self.q);
+        let line = DVec3::new(speed[0], speed[1], speed[2]) * span_s;
+        let turn = rotation_of(DVec3::new(speed[3], speed[4], speed[5]) * span_s);
+        match self.frame {
+            JogFrame::Tool => {
+                Pose::new(here.rotation * turn, here.translation + here.rotation * line)
+            }
+            JogFrame::Base | JogFrame::Joints | JogFrame::Outer => {
+                Pose::new(turn * here.rotation, here.translation + line)
+            }
+        }
+    }
+}
