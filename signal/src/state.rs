@@ -261,7 +261,8 @@ impl JogWhy {
 }
 
 payload! {
-    /// What stands in the way of the operator's push, from `jog`; written when it changes.
+    /// What stands in the way of the operator's push, from `jog`; written once, and when
+    /// it changes.
     pub struct JogState {
         /// A [`JogWhy`].
         pub why: u32,

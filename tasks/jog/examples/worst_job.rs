@@ -1,8 +1,8 @@
 //! What the longest job of jogging costs: `cargo run --release -p taktil-tasks-jog --example
-//! worst_job`. Random keys lead arms from random starts; the jobs that asked the arm for joints most
-//! often are kept and done again and again. With a number as argument each of the PUMA 260's is
-//! done so many times and nothing is printed: for counting instructions, as the difference of two
-//! such runs. Not lane code: it reads the clock.
+//! worst_job`. Random keys lead arms from random starts; the jobs that asked the arm most often for
+//! joints are kept and done again. With a number as argument each of the PUMA 260's is done so many
+//! times and nothing is printed: for counting instructions, as the difference of two such runs. Not
+//! lane code: it reads the clock.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -3,8 +3,8 @@
 //! a second at most, are released keys.
 //!
 //! At work in the MANUAL states only. Each stay begins at rest from the joints desired at that
-//! moment; in MANUAL/UNCALIBRATED only joints move, slowly, and no limit is known. Where a push does
-//! not move the arm as it asks, the port `state` says why.
+//! moment; in MANUAL/UNCALIBRATED only joints move, slowly, and no limit is known. Where a push
+//! does not move the arm as it asks, the port `state` says why.
 
 pub mod law;
 
@@ -118,8 +118,8 @@ pub struct Jog<const N: usize = 6, A: Arm<N> = Puma260> {
     command: Input<JogCommand>,
     goal: Output<Goal<N>>,
     state: Output<JogState>,
-    /// What `state` said last.
-    told: JogState,
+    /// What `state` said last; before the first job nothing.
+    told: Option<JogState>,
     stay: Option<Stay<N, A>>,
     /// Sequence of the newest command, and when it was first seen.
     seen: Option<(u32, Nanos)>,
@@ -149,7 +149,7 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
             command: ports.input("command"),
             goal: ports.output("goal"),
             state: ports.output("state"),
-            told: JogState::ZERO,
+            told: None,
             stay: None,
             seen: None,
             last: None,
@@ -263,9 +263,9 @@ impl<const N: usize, A: Arm<N>> Task for Jog<N, A> {
             }
         };
         io.write(&self.goal, goal);
-        if now != self.told {
+        if self.told != Some(now) {
             io.write(&self.state, now);
-            self.told = now;
+            self.told = Some(now);
         }
         Ok(())
     }

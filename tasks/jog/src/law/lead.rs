@@ -1,5 +1,5 @@
-//! The tool led by hand: the fastest step near the one asked for that the joints can follow and from
-//! which they can be braked. Refuses to search for long: each way is tried a bounded number of
+//! The tool led by hand: the fastest step near the one asked for that the joints can follow, and
+//! from which they can be braked. Refuses to search for long: each way is tried a bounded number of
 //! times, and when that is not enough the joints are braked, which takes no try, and the next job
 //! tries again from there. What is given up is speed, never the line, a limit or an acceleration.
 
