@@ -1,7 +1,8 @@
 //! Error and time of the image of drawn pins and bars in any pose: `cargo run --release -p
-//! taktil-mechanics --example pin_sweep [-- LAYERS [PINS [SEED [1]]]]`. The truth is the default
-//! level on slices laid over what touches; with a fourth number the fine one, and the default
-//! level is judged as well. Prints median, ninth decile and worst, with the pose. Not lane code.
+//! taktil-mechanics --example pin_sweep [-- LAYERS PINS SEED... [fine]]`. The truth is the default
+//! level on slices laid over what touches; with `fine` the fine one, and the default level is
+//! judged as well. Prints the rows of the table in docs/measurements/contact-3d.md (median, nine in
+//! ten, largest; times are each pose's median), then the worst poses. Not lane code.
 
 #[path = "../tests/space/draws.rs"]
 mod draws;
@@ -16,8 +17,8 @@ use taktil_mechanics::contact::space::scene::Pose;
 use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_mechanics::contact::space::{Drive, Level};
 
-/// Rounds of a timing; the best counts.
-const ROUNDS: u32 = 20;
+/// Rounds of a timing; their median counts.
+const ROUNDS: u32 = 21;
 
 #[derive(Clone, Copy, Default)]
 struct Row {
@@ -29,12 +30,34 @@ struct Row {
     warm_us: f64,
 }
 
+type Rows = Vec<(Row, String)>;
+type What = (&'static str, fn(&Row) -> f64);
+
 fn main() {
-    let asked: Vec<usize> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
-    let (layers, pins) = (*asked.first().unwrap_or(&8), *asked.get(1).unwrap_or(&12));
-    let mut draws = Draws(*asked.get(2).unwrap_or(&11) as u64);
-    let mut rows: [Vec<(Row, String)>; 4] = Default::default();
-    let truth = if asked.len() > 3 { Level::Fine } else { Level::Default };
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let asked: Vec<usize> = words.iter().filter_map(|word| word.parse().ok()).collect();
+    let (layers, pins) = (*asked.first().unwrap_or(&7), *asked.get(1).unwrap_or(&10));
+    let seeds = asked.get(2..).filter(|seeds| !seeds.is_empty()).unwrap_or(&[11]);
+    let fine = words.iter().any(|word| word == "fine");
+    let mut rows: [Rows; 4] = Default::default();
+    for seed in seeds {
+        sweep([layers, pins], Draws(*seed as u64), fine, &mut rows);
+    }
+    println!("| level, contact (poses): what | median | nine in ten | largest |");
+    println!("|---|---|---|---|");
+    let mut worst = String::new();
+    let names = ["fast, a thickness or more", "fast, less", "default, a thickness or more"];
+    for (name, rows) in names.into_iter().chain(["default, less"]).zip(&mut rows) {
+        if !rows.is_empty() {
+            let name = format!("{name} ({})", rows.len());
+            summary(&name, rows, &mut worst);
+        }
+    }
+    println!("\n{worst}");
+}
+
+fn sweep([layers, pins]: [usize; 2], mut draws: Draws, fine: bool, rows: &mut [Rows; 4]) {
+    let truth = if fine { Level::Fine } else { Level::Default };
     for _ in 0..layers {
         let rubber = draws.rubber();
         let influence = Influence::new(&rubber).expect("a layer");
@@ -47,45 +70,47 @@ fn main() {
             let force = drawn.exact(truth, &shares, &mut exact);
             let corner = usize::from(drawn.on_corner());
             let levels = [Level::Fast, Level::Default].into_iter().enumerate();
-            for (n, level) in levels.take(if truth == Level::Fine { 2 } else { 1 }) {
+            for (n, level) in levels.take(if fine { 2 } else { 1 }) {
                 let shares = if level == Level::Fast { &quick } else { &shares };
                 let row = measured(&drawn, level, shares, (&exact, force));
                 rows[2 * n + corner].push((row, format!("{drawn:?}")));
             }
         }
     }
-    let names = ["fast", "fast, on a corner", "default", "default, on a corner"];
-    for (name, rows) in names.into_iter().zip(&mut rows) {
-        if rows.is_empty() {
-            continue;
-        }
-        println!("{name}: {} poses", rows.len());
-        summary("force", rows, |row| row.force);
-        summary("centroid mm", rows, |row| row.centroid_mm);
-        summary("centroid mm, by force", rows, |row| row.by_force_mm);
-        summary("image/peak", rows, |row| row.image);
-        summary("cold us", rows, |row| row.cold_us);
-        summary("warm us", rows, |row| row.warm_us);
+}
+
+fn summary(name: &str, rows: &mut [(Row, String)], worst: &mut String) {
+    let whats: [What; 6] = [
+        ("force", |row| row.force),
+        ("centroid by penetration, mm", |row| row.centroid_mm),
+        ("centroid by force, mm", |row| row.by_force_mm),
+        ("image over its peak", |row| row.image),
+        ("cold, us", |row| row.cold_us),
+        ("warm, us", |row| row.warm_us),
+    ];
+    for (what, of) in whats {
+        rows.sort_by(|a, b| of(&a.0).total_cmp(&of(&b.0)));
+        let at = |part: f64| shown(of(&rows[((rows.len() - 1) as f64 * part) as usize].0));
+        println!("| {name}: {what} | {} | {} | {} |", at(0.5), at(0.9), at(1.0));
+        worst.push_str(&format!("{name}, {what}: {}\n", rows[rows.len() - 1].1));
     }
 }
 
-fn summary(name: &str, rows: &mut [(Row, String)], of: impl Fn(&Row) -> f64) {
-    rows.sort_by(|a, b| of(&a.0).total_cmp(&of(&b.0)));
-    let at = |part: f64| of(&rows[((rows.len() - 1) as f64 * part) as usize].0);
-    let worst = &rows[rows.len() - 1].1;
-    println!("{name:<22} {:9.2e} {:9.2e} {:9.2e}", at(0.5), at(0.9), at(1.0));
-    println!("    {worst}");
+fn shown(value: f64) -> String {
+    if value >= 1.0 { format!("{value:.0}") } else { format!("{value:.1e}") }
 }
 
 #[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
-fn best(mut call: impl FnMut(u32)) -> f64 {
-    let mut best = f64::INFINITY;
-    for round in 0..ROUNDS {
-        let start = Instant::now();
-        call(round);
-        best = best.min(start.elapsed().as_secs_f64() * 1e6);
-    }
-    best
+fn median_us(mut call: impl FnMut(u32)) -> f64 {
+    let mut times: Vec<f64> = (0..ROUNDS)
+        .map(|round| {
+            let start = Instant::now();
+            call(round);
+            start.elapsed().as_secs_f64() * 1e6
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
 }
 
 fn measured(drawn: &Drawn, level: Level, shares: &Shares, (exact, force): (&[f64], f64)) -> Row {
@@ -112,8 +137,8 @@ fn measured(drawn: &Drawn, level: Level, shares: &Shares, (exact, force): (&[f64
         let tilt_rad = tilt_rad * (1.0 + 0.005 * f);
         black_box(one(pin, Drive::ForceN(force * (1.0 + 0.003 * f)), tilt_rad));
     };
-    row.warm_us = best(|round| nudged(&mut pin, round));
-    row.cold_us = best(|round| {
+    row.warm_us = median_us(|round| nudged(&mut pin, round));
+    row.cold_us = median_us(|round| {
         pin.release();
         nudged(&mut pin, round);
     });

@@ -85,7 +85,9 @@ fn short_pins_settle_or_are_refused() {
                 assert!(state.residual <= 0.1 && state.force_n > 0.0, "{length} on {t}: {state:?}");
                 settled += 1;
             }
-            Err(bad) => assert!(["length_mm", "force_n"].contains(&bad.place.as_str()), "{bad:?}"),
+            Err(bad) => {
+                assert!(["length_mm", "penetration_mm"].contains(&bad.place.as_str()), "{bad:?}")
+            }
         }
     }
     println!("{settled} of 60 settled");
@@ -108,5 +110,48 @@ fn a_force_that_a_penetration_makes_is_reached() {
         pin.release();
         let beyond = pin.press(Drive::ForceN(20.0 * deep.force_n), 0.0).expect_err("too much");
         assert_eq!(beyond.place, "force_n");
+    }
+}
+
+/// The deeper end of what is tilted must not go through the base, whatever is prescribed.
+#[test]
+fn an_end_beyond_the_layer_is_refused() {
+    let layer = Layer::new(0.8, 1.0, 0.3).expect("a layer");
+    for profile in [Profile::Bar { width_mm: 3.0 }, Profile::Cylinder { radius_mm: 20.0 }] {
+        for level in [Level::Fast, Level::Default] {
+            let mut pin = Pin::new(&layer, profile, [-6.0, 6.0], 0.5, level).expect("a pin");
+            for (delta_mm, tilt_rad) in [(0.05, 0.19), (0.05, -0.19), (0.4, 0.07)] {
+                let deep = pin.press(Drive::PenetrationMm(delta_mm), tilt_rad);
+                let deep = deep.expect_err("through the base");
+                assert_eq!(deep.place, "penetration_mm", "{profile:?} {delta_mm} {tilt_rad}");
+                let loaded = pin.press(Drive::ForceN(1e5), tilt_rad).expect_err("too much");
+                assert_eq!(loaded.place, "force_n", "{profile:?} {tilt_rad}");
+            }
+            let deep = Drive::PenetrationMm(0.4 - 6.0 * libm::tan(0.19));
+            assert!(pin.press(deep, 0.19).expect("a contact").force_n > 0.0);
+        }
+    }
+}
+
+/// A pin that lies along y has an image that does: what stands for long slices does not turn it.
+#[test]
+fn loads_of_long_pins_keep_their_direction() {
+    for (thickness_mm, radius_mm) in [(0.8, 8.0), (0.8, 23.0), (0.8, 60.0), (0.4, 23.0)] {
+        let layer = Layer::new(thickness_mm, 27.58, 0.49).expect("a layer");
+        for profile in [Profile::Cylinder { radius_mm }, Profile::Bar { width_mm: 1.5 }] {
+            let ends = [-0.5 * 56.0 * thickness_mm, 0.5 * 56.0 * thickness_mm];
+            let mut pin = Pin::new(&layer, profile, ends, 0.1, Level::Fast).expect("a pin");
+            for tilt_rad in [0.0, 0.0005, -0.002] {
+                pin.press(Drive::PenetrationMm(0.02), tilt_rad).expect("a contact");
+                let (mut force, mut moment, mut along, mut across) = (0.0, 0.0, 0.0, 0.0);
+                pin.loads(|[_, v], load| (force, moment) = (force + load, moment + load * v));
+                pin.loads(|[u, v], load| {
+                    let v = v - moment / force;
+                    (along, across) = (along + load * v * v, across + load * u * v);
+                });
+                let yaw_deg = (across / along).to_degrees();
+                assert!(yaw_deg.abs() < 0.015, "{profile:?} {thickness_mm} {tilt_rad}: {yaw_deg}");
+            }
+        }
     }
 }

@@ -23,9 +23,8 @@ const CUT_SHORT: f64 = 40.0;
 const SHORT: f64 = 0.2;
 const PANEL_POINTS: usize = 12;
 const PANEL_RADIANS: f64 = 8.0;
-/// Length of a row (thicknesses) under which it needs shorter waves than its level's: of fixed and
-/// of free width.
-const WAVES: [f64; 2] = [2.4, 2.4];
+/// Length of a row (thicknesses) under which it needs shorter waves than its level's.
+const WAVES: f64 = 2.4;
 const SHORTEST: f64 = 0.25;
 /// The same for the half-width of the contact.
 const NARROW: f64 = 0.6;
@@ -51,13 +50,12 @@ pub(crate) struct Modes {
 
 impl Modes {
     /// The same for a row of a length and largest half-width: short and narrow ones feel shorter
-    /// waves, short ones their images less.
-    pub(crate) fn over(self, length: f64, widest: f64, free: bool) -> Self {
-        let waves = WAVES[usize::from(free)];
-        let shortest = (waves / length.max(SHORTEST)).max(NARROW / widest.max(NARROWEST));
+    /// waves. Their images are no further for that: what is taken out is the plane problem, whose
+    /// strips have no ends, so the shorter a row is the more of it is left in the images.
+    pub(crate) fn over(self, length: f64, widest: f64) -> Self {
+        let shortest = (WAVES / length.max(SHORTEST)).max(NARROW / widest.max(NARROWEST));
         let cutoff = self.cutoff * shortest.max(1.0);
-        let margin = if length < waves { 0.7 * self.margin } else { self.margin };
-        Self { cutoff, margin, ..self }
+        Self { cutoff, ..self }
     }
 }
 

@@ -21,6 +21,7 @@
 mod couple;
 mod direct;
 mod ends;
+mod nested;
 mod roll;
 mod row;
 mod solve;
@@ -35,6 +36,7 @@ use couple::Modes;
 pub use roll::Roll;
 use row::Row;
 use strip::{Section, Strips};
+use work::Trouble;
 
 /// Steepest tilt in rad: beyond it the sections are not those of a cylinder any more.
 const TILT_MAX: f64 = 0.2;
@@ -150,6 +152,16 @@ struct Fineness {
     points: f64,
     tolerance: f64,
     steps: usize,
+    /// The same for a bar, whose contacts are all solved when its tables are made.
+    nested: Option<Tabled>,
+}
+
+/// How a bar is cut, and how finely its slices couple, where time is no matter.
+#[derive(Clone, Copy, Debug)]
+struct Tabled {
+    whole: Laid,
+    end: Laid,
+    modes: Modes,
 }
 
 impl Fineness {
@@ -165,26 +177,33 @@ impl Fineness {
                 points: 4.5,
                 tolerance: 5e-3,
                 steps: 8,
+                nested: Some(Tabled {
+                    whole: Laid { fewest: 28.0, slice: 0.42, enough: 60.0, longest: 0.45 },
+                    end: Laid { fewest: 24.0, slice: 0.42, enough: 30.0, longest: 0.45 },
+                    modes: modes(16.0, 5.0, 12.0, 0.2),
+                }),
             },
             Level::Default => Self {
                 shorter: 0.5,
                 whole: Laid { fewest: 96.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
                 end: Laid { fewest: 64.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
-                modes: modes(12.0, 10.0, 12.0, 0.1),
+                modes: modes(16.0, 10.0, 12.0, 0.1),
                 cosines: (4.0, 0.5, 2.0),
                 points: 11.0,
                 tolerance: 1e-4,
                 steps: 25,
+                nested: None,
             },
             Level::Fine => Self {
                 shorter: 0.5,
                 whole: Laid { fewest: 100.0, slice: 0.25, enough: 4096.0, longest: 0.25 },
                 end: Laid { fewest: 100.0, slice: 0.25, enough: 4096.0, longest: 0.25 },
-                modes: modes(18.0, 20.0, 16.0, 0.05),
+                modes: modes(24.0, 20.0, 16.0, 0.05),
                 cosines: (6.0, 1.0, 2.0),
                 points: 18.0,
                 tolerance: 1e-6,
                 steps: 60,
+                nested: None,
             },
         }
     }
@@ -206,7 +225,7 @@ pub struct Pin {
 
 impl Pin {
     /// Tabulates a pin whose axis spans `ends_mm` from its origin, for penetrations of its deepest
-    /// slice up to `penetration_max_mm`; allocates.
+    /// slice up to `penetration_max_mm`, a bar for all below the thickness; allocates.
     ///
     /// # Errors
     /// A layer that [`Layer::check`] refuses, sizes that are not finite and above zero, ends that
@@ -263,9 +282,11 @@ impl Pin {
     /// place v along the axis is that at the origin plus v tan(tilt).
     ///
     /// # Errors
-    /// What is not finite, a pull, a tilt beyond 0.2 rad, a penetration beyond the table, a force
-    /// that no penetration of the table reaches, a contact that does not settle within the level's
-    /// steps (pins shorter than the layer is thick). The state is then that of no contact.
+    /// What is not finite, a pull, a tilt beyond 0.2 rad, a penetration beyond the table or of an
+    /// end of the thickness or more, a force that no penetration of the table reaches, a contact of
+    /// which more than a tenth of the penetration is left after the level's steps (pins shorter
+    /// than the layer is thick); what is left of less is in `residual`. The state is then that of
+    /// no contact.
     pub fn press(&mut self, drive: Drive, tilt_rad: f64) -> Result<PinState, Invalid> {
         let outcome = self.try_press(drive, tilt_rad);
         match outcome {
@@ -302,6 +323,10 @@ impl Pin {
             }
             Drive::PenetrationMm(_) => (None, target / t + raised + slope.abs() * to),
         };
+        if wanted.is_none() && guess >= 1.0 {
+            // Its deeper end would go through the base.
+            return Err(Trouble::Beyond.told(drive));
+        }
         let mut at = self.row_for(self.guessed(wanted, guess, slope.abs()), turned);
         let mut start = guess - slope.abs() * to;
         let mut shortened = false;
@@ -320,7 +345,7 @@ impl Pin {
                 at = at.saturating_sub(UP);
                 continue;
             }
-            let mut state = outcome?;
+            let mut state = outcome.map_err(|trouble| trouble.told(drive))?;
             let touched = state.length_mm / t;
             if !shortened && touched > 0.0 && touched < KEPT * row.length {
                 shortened = true;

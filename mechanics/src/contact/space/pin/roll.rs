@@ -7,11 +7,12 @@
 //! of bars that do not touch.
 
 use super::super::super::Invalid;
+use super::super::Drive;
 use super::super::tactels::Shares;
 use super::couple::{Coupling, Parity};
 use super::row::{Row, points_for};
 use super::strip::Strips;
-use super::work::Work;
+use super::work::{Trouble, Work};
 use super::{Lie, Pin, Stand};
 use core::f64::consts::PI;
 
@@ -46,9 +47,10 @@ impl Pin {
         let mut work = Work::new(slices, &strips, coupling.transform_len());
         // The descent b cos(theta) of a unit slope has the one moment b pi/2.
         work.hold(|j| row.work.touches(j).then_some(0.5 * half));
-        let mut rate = Row { strips, coupling, work, ..row.clone() };
-        rate.prepare(true)?;
-        rate.gradients(TOLERANCE)?;
+        let mut rate = Row { strips, coupling, work, nested: None, ..row.clone() };
+        let told = |trouble: Trouble| trouble.told(Drive::PenetrationMm(0.0));
+        rate.prepare(true).map_err(told)?;
+        rate.gradients(TOLERANCE).map_err(told)?;
         let points = points_for(rate.fineness.points, half);
         let mut rule = Vec::with_capacity(points * (n + 1));
         for i in 0..points {

@@ -7,7 +7,8 @@ use super::super::super::Invalid;
 use super::super::super::layer::Layer;
 use super::couple::{Coupling, Parity};
 use super::ends::loss;
-use super::strip::Strips;
+use super::nested::Nested;
+use super::strip::{COSINES_MAX, Strips};
 use super::work::Work;
 use super::{Fineness, TILT_MAX};
 use core::f64::consts::PI;
@@ -18,6 +19,9 @@ const POINTS_MAX: usize = 96;
 const SHORT: f64 = 6.0;
 /// Slices longer than this (thicknesses) are too long for one row of points.
 const STAGGERED: f64 = 0.8;
+/// Slices of a bar stand together over about this part of its row, within so many thicknesses.
+const TOGETHER_PARTS: f64 = 36.0;
+const TOGETHER: [f64; 2] = [0.6, 1.0];
 /// Half-width (thicknesses) up to which the base hardly tells the two sides apart.
 const NARROW: f64 = 0.6;
 /// Penetrations, in parts of the steepest slope's, that a row is made for; least, thicknesses.
@@ -43,6 +47,8 @@ pub(super) struct Row {
     pub(super) part: bool,
     /// What two slices do to each other, by their distance, when all are equally wide.
     pub(super) between: Vec<f64>,
+    /// All contacts of a bar, where they were solved beforehand.
+    pub(super) nested: Option<Nested>,
     /// Slice length and places along the axis from the origin, in thicknesses.
     pub(super) h: f64,
     pub(super) along: Vec<f64>,
@@ -64,8 +70,11 @@ impl Row {
     ) -> Result<Self, Invalid> {
         let length = to - from;
         // Where the contact is wide, its pressure varies less from slice to slice.
-        let laid = if whole { fineness.whole } else { fineness.end };
-        let wide = !strips.is_free() && strips.widest() > WIDE;
+        let tabled = fineness.nested.filter(|_| !strips.is_free());
+        let Fineness { whole: over, end, modes, .. } = fineness;
+        let (over, end, modes) = tabled.map_or((over, end, modes), |t| (t.whole, t.end, t.modes));
+        let laid = if whole { over } else { end };
+        let wide = tabled.is_none() && !strips.is_free() && strips.widest() > WIDE;
         let wanted = libm::ceil(laid.count(length, if wide { WIDER } else { 1.0 }));
         if wanted > SLICES_MAX as f64 {
             let what = format!("{} mm is {length} thicknesses", length * layer.thickness_mm);
@@ -73,8 +82,8 @@ impl Row {
         }
         let slices = wanted as usize;
         let transfer = layer.transfer();
-        let end = loss(&transfer, length / slices as f64);
-        let h = length / (slices as f64 - 2.0 * end);
+        let lost = loss(&transfer, length / slices as f64);
+        let h = length / (slices as f64 - 2.0 * lost);
         let middle = 0.5 * (from + to);
         let place = |i: usize| middle + (i as f64 - 0.5 * (slices as f64 - 1.0)) * h;
         let cosines = strips.places.cosines;
@@ -82,9 +91,11 @@ impl Row {
         let deepest = DEEPER * (TILT_MAX * length).max(SHALLOWEST);
         let widest = if whole { strips.widest() } else { strips.half_width(deepest) };
         let sizes = ((cosines, widest), (slices, h));
-        let modes = fineness.modes.over(length, widest, strips.is_free());
+        let modes = modes.over(length, widest);
         let coupling = Coupling::new(&transfer, (modes, Parity::Even), sizes.0, sizes.1);
         let between = if strips.is_free() { Vec::new() } else { coupling.between(widest) };
+        let along: Vec<f64> = (0..slices).map(place).collect();
+        let nested = tabled.and_then(|_| Nested::new(&strips, &between, &along));
         let mut work = Work::new(slices, &strips, coupling.transform_len());
         let mut steps = fineness.steps;
         if length < SHORT {
@@ -102,7 +113,8 @@ impl Row {
             widest,
             part: !whole,
             between,
-            along: (0..slices).map(place).collect(),
+            nested,
+            along,
             work,
             rules: (1..=most).map(|points| rule(points, cosines)).collect(),
         })
@@ -115,20 +127,44 @@ impl Row {
 
     /// Calls with place (across, along) in mm and force in N of point loads that stand for the
     /// contact. On long slices they stand a quarter of a slice before and behind its middle, so
-    /// that the base sees them twice as close; where the contact is narrow, in turns.
+    /// that the base sees them twice as close, half of them the other way round. Short slices of
+    /// a bar stand together where their force does.
     pub(super) fn loads(&self, mut of: impl FnMut([f64; 2], f64)) {
         let t = self.layer.thickness_mm;
+        let wanted = (self.length / TOGETHER_PARTS).clamp(TOGETHER[0], TOGETHER[1]);
+        let bar = !self.strips.is_free();
+        let together = if bar { (wanted / self.h + 0.5).max(1.0) as usize } else { 1 };
         let scale = 0.5 * PI * self.modulus_mpa() * t * t * self.h;
-        let aside = if self.h > STAGGERED { 0.25 * self.h * t } else { 0.0 };
-        for (j, v) in self.along.iter().enumerate() {
-            if !self.work.touches(j) {
+        let n = self.work.places.cosines;
+        let mut sum = [0.0; COSINES_MAX];
+        let sum = &mut sum[..n];
+        let last = self.along.len() - 1;
+        let touching = (0..=last).filter(|j| self.work.touches(*j));
+        let (whole, mut passed): (f64, f64) = (touching.map(|j| self.work.a[j * n]).sum(), 0.0);
+        for group in 0..self.along.len().div_ceil(together) {
+            // Counted from the deeper end, where every contact begins.
+            let slices = (group * together..=last).take(together).map(|back| last - back);
+            let (mut b, mut moment, mut touched) = (0.0_f64, 0.0, 0);
+            sum.fill(0.0);
+            for j in slices.filter(|j| self.work.touches(*j)) {
+                let (width, a) = self.work.slice(j);
+                sum.iter_mut().zip(a).for_each(|(sum, a)| *sum += a);
+                moment += a[0] * self.along[j];
+                (b, touched) = (b.max(width), touched + 1);
+            }
+            if touched == 0 {
                 continue;
             }
-            let (b, a) = self.work.slice(j);
-            let mut ahead = if j % 2 == 0 || b > NARROW { aside } else { -aside };
+            let v = moment / sum[0];
+            let length = self.h * f64::from(touched);
+            let aside = if length > STAGGERED { 0.25 * length * t } else { 0.0 };
+            // What one half of the force turns about the middle the other half turns back.
+            let first = if b > NARROW { passed < 0.5 * whole } else { group % 2 == 0 };
+            let mut ahead = if first { aside } else { -aside };
+            passed += sum[0];
             let points = points_for(self.fineness.points, b).min(self.rules.len());
-            for point in self.rules[points - 1].chunks_exact(a.len() + 1) {
-                let psi: f64 = point[1..].iter().zip(a).map(|(x, y)| x * y).sum();
+            for point in self.rules[points - 1].chunks_exact(n + 1) {
+                let psi: f64 = point[1..].iter().zip(&*sum).map(|(x, y)| x * y).sum();
                 let (u, force) = (b * point[0] * t, scale / points as f64 * psi);
                 of([u, v * t + ahead], force);
                 of([-u, v * t - ahead], force);

@@ -42,18 +42,11 @@ impl Row {
     ) -> Result<PinState, Trouble> {
         let t = self.layer.thickness_mm;
         let scale = self.modulus_mpa() * t * t;
-        let warm = self.work.warm;
-        let known = warm && wanted.is_some();
-        let start = if known { self.turned_about_its_load(slope) } else { penetration };
-        let mut outcome = self.iterate(start, slope, wanted);
-        let settled = outcome.as_ref().is_ok_and(|(_, residual, _)| *residual <= UNSETTLED);
-        if warm && !settled && !self.is_full() {
-            // The contact before is too far from this one to begin with.
-            self.work.clear();
-            outcome = self.iterate(penetration, slope, wanted);
-        }
-        let (penetration, residual, steps) = outcome?;
-        if residual > UNSETTLED {
+        let (penetration, residual, steps) = match self.look_up(wanted, penetration, slope) {
+            Some(penetration) => (penetration, 0.0, 1),
+            None => self.search(wanted, penetration, slope)?,
+        };
+        if residual.is_nan() || residual > UNSETTLED {
             return Err(Trouble::Unsettled(residual));
         }
         // By penetration this was refused before.
@@ -74,6 +67,26 @@ impl Row {
         }
         self.work.warm = state.force_n > 0.0;
         Ok(state)
+    }
+
+    /// The contact by free-boundary steps, from the one before if it leads there.
+    fn search(
+        &mut self,
+        wanted: Option<f64>,
+        penetration: f64,
+        slope: f64,
+    ) -> Result<(f64, f64, usize), Trouble> {
+        let warm = self.work.warm;
+        let known = warm && wanted.is_some();
+        let start = if known { self.turned_about_its_load(slope) } else { penetration };
+        let mut outcome = self.iterate(start, slope, wanted);
+        let settled = outcome.as_ref().is_ok_and(|(_, residual, _)| *residual <= UNSETTLED);
+        if warm && !settled && !self.is_full() {
+            // The contact before is too far from this one to begin with.
+            self.work.clear();
+            outcome = self.iterate(penetration, slope, wanted);
+        }
+        outcome
     }
 
     /// Penetration at the origin when the last contact turns about its resultant to a slope, which
@@ -149,7 +162,16 @@ impl Row {
                 break;
             }
         }
+        self.unshift(&mut search);
         Ok((search.penetration, search.left, step))
+    }
+
+    /// Takes back what no further step was pressed by.
+    fn unshift(&mut self, search: &mut Search) {
+        search.penetration -= search.shift;
+        let slices = self.work.effective.iter_mut().zip(&self.work.active);
+        slices.filter(|(_, active)| **active).for_each(|(own, _)| *own -= search.shift);
+        search.shift = 0.0;
     }
 
     /// One step from a pressure without error, of which the force is known, and its rate.
@@ -175,8 +197,8 @@ impl Row {
         let loosest = if warm || !self.strips.is_free() { tightest } else { 0.03 };
         let limit = (0.1 * search.left).min(loosest).max(tightest);
         let deepest = self.work.deepest();
-        self.gradients(limit)?;
-        search.left = self.adjust(first) / self.largest();
+        let unsolved = self.gradients(limit)?;
+        search.left = (self.adjust(first) / self.largest()).max(unsolved);
         if let Some(force) = search.wanted {
             let (carried, own) = self.totals();
             let penetration = search.penetration;
@@ -277,7 +299,7 @@ impl Row {
             if !work.active[j] || work.blocked[j] == work.widths[j] {
                 continue;
             }
-            work.blocked[j] = work.widths[j];
+            work.blocked[j] = 0.0;
             let row = &work.rows[j * places.len()..(j + 1) * places.len()];
             let transform = &work.transforms[j * work.transform..(j + 1) * work.transform];
             let block = &mut work.blocks[j * n * n..(j + 1) * n * n];
@@ -290,6 +312,7 @@ impl Row {
             if !factor(block, n) {
                 return Err(Trouble::Indefinite);
             }
+            work.blocked[j] = work.widths[j];
         }
         Ok(())
     }
@@ -325,8 +348,9 @@ impl Row {
         }
     }
 
-    /// Preconditioned conjugate gradients for the pressure at the present widths.
-    pub(super) fn gradients(&mut self, tolerance: f64) -> Result<(), Trouble> {
+    /// Preconditioned conjugate gradients for the pressure at the present widths; what is left, in
+    /// parts of the pressure's work.
+    pub(super) fn gradients(&mut self, tolerance: f64) -> Result<f64, Trouble> {
         self.block()?;
         let (places, n) = (self.work.places, self.work.places.cosines);
         self.apply(false);
@@ -350,13 +374,16 @@ impl Row {
         self.work.direction.copy_from_slice(&self.work.cured);
         for _ in 0..GRADIENTS_MAX {
             if before <= limit {
-                return Ok(());
+                break;
             }
             self.apply(true);
             let work = &mut self.work;
             let curvature: f64 = work.direction.iter().zip(&work.image).map(|(a, b)| a * b).sum();
-            if curvature.is_nan() || curvature <= 0.0 {
-                return Ok(());
+            if curvature.is_nan() {
+                return Err(Trouble::Indefinite);
+            }
+            if curvature <= 0.0 {
+                break;
             }
             let length = before / curvature;
             for (a, d) in work.a.iter_mut().zip(&work.direction) {
@@ -373,7 +400,8 @@ impl Row {
             }
             before = after;
         }
-        Ok(())
+        // As good as rounding lets it be when there is nothing to press.
+        Ok(if before <= limit { 0.0 } else { (before / size.abs()).sqrt() })
     }
 
     /// Solves each slice alone for the residual; the residual's size in that norm.

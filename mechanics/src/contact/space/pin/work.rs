@@ -1,6 +1,7 @@
 //! Memory of the solver in [`super::solve`], and why it may have no answer.
 
 use super::super::super::Invalid;
+use super::super::Drive;
 use super::direct::Dense;
 use super::strip::{Places, Strips};
 
@@ -114,6 +115,7 @@ impl Work {
         self.stiffness = 0.0;
         self.active.fill(false);
         self.a.fill(0.0);
+        self.blocked.fill(0.0);
     }
 
     pub(super) fn is_warm(&self) -> bool {
@@ -147,22 +149,24 @@ pub(super) enum Trouble {
     Indefinite,
 }
 
-impl From<Trouble> for Invalid {
-    fn from(trouble: Trouble) -> Self {
-        match trouble {
-            Trouble::Beyond => {
+impl Trouble {
+    /// In words, of what was asked for.
+    pub(super) fn told(self, drive: Drive) -> Invalid {
+        match self {
+            Self::Beyond => {
                 let what = super::super::BEYOND_TABLE.to_owned();
-                Self::new("force_n", what, "press less, or tabulate a larger penetration")
+                let remedy = "press less, or tabulate a larger penetration";
+                Invalid::new(drive.place(), what, remedy)
             }
-            Trouble::Unsettled(left) => {
+            Self::Unsettled(left) => {
                 let what =
                     format!("its contact does not settle: {left:.1e} of the penetration is left");
                 let remedy = "take a finer level, or a pin longer than the layer is thick";
-                Self::new("length_mm", what, remedy)
+                Invalid::new("length_mm", what, remedy)
             }
-            Trouble::Indefinite => {
+            Self::Indefinite => {
                 let what = "the slices' system is not positive".to_owned();
-                Self::new("penetration_mm", what, "press less")
+                Invalid::new(drive.place(), what, "press less")
             }
         }
     }
