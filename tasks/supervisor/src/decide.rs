@@ -79,6 +79,8 @@ pub struct Core<const N: usize = 6> {
     calibrate: bool,
     datum: Option<u32>,
     settling: u8,
+    /// A calibration was asked for and the zero of the joints has not moved since.
+    unanswered: bool,
 }
 
 /// Jobs after a calibration, or after the zero of the joints moved, in which requests wait: until
@@ -98,7 +100,7 @@ impl<const N: usize> Fold for Core<N> {
         hash.add(&self.state).add(&self.mode).add(&self.state_since).add(&self.mode_since);
         hash.add(&self.latch).add(&self.standstill).add(&self.disagreement).add(&self.blindness);
         hash.add(&self.blind).add(&self.request).add(&self.refused).add(&self.calibrate);
-        hash.add(&self.datum).add(&self.settling);
+        hash.add(&self.datum).add(&self.settling).add(&self.unanswered);
     }
 }
 
@@ -122,6 +124,7 @@ impl<const N: usize> Core<N> {
             calibrate: false,
             datum: None,
             settling: 0,
+            unanswered: false,
         }
     }
 
@@ -131,9 +134,11 @@ impl<const N: usize> Core<N> {
         self.state_since.get_or_insert(now);
         self.settling = self.settling.saturating_sub(1);
         let datum = facts.joints.map(|joints| joints.datum);
-        if self.calibrate || (datum.is_some() && datum != self.datum && self.datum.is_some()) {
+        let moved = datum.is_some() && datum != self.datum && self.datum.is_some();
+        if self.calibrate || moved {
             self.settling = SETTLING_JOBS;
         }
+        self.unanswered &= !moved;
         self.datum = datum.or(self.datum);
         self.calibrate = false;
         let still = self.standstill.watch(now, facts.joints.map(|joints| joints.q_rad));
@@ -217,7 +222,8 @@ impl<const N: usize> Core<N> {
             mode: self.mode,
             faults: self.latch.faults(),
             calibrated: zero == Some(true),
-            denied: zero == Some(false) && self.settling == 0,
+            denied: self.settling == 0
+                && (zero == Some(false) || zero.is_some() && self.unanswered),
             // A word from before this state was entered is about something else.
             done: word.done && word.stamp >= since,
             // Who cannot feel is blind for ever.
@@ -259,8 +265,8 @@ impl<const N: usize> Core<N> {
                 }
             }
             Verb::Calibrate => {
-                self.calibrate = true;
                 self.set_state(to, now);
+                (self.calibrate, self.unanswered) = (true, true);
             }
             _ => self.set_state(to, now),
         }
@@ -282,6 +288,7 @@ impl<const N: usize> Core<N> {
     fn set_state(&mut self, to: State, now: Nanos) {
         self.tell(event(self.state, to), now);
         if to != self.state {
+            self.unanswered = false;
             self.state = to;
             self.state_since = Some(now);
         }

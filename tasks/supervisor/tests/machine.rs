@@ -67,7 +67,9 @@ impl Task for Others {
             io.write(&self.lines, lines);
         }
         if now.joints {
-            io.write(&self.joints, JointState { calibrated: self.calibrated, ..JointState::ZERO });
+            // The zero moves once, when it is found.
+            let (calibrated, datum) = (self.calibrated, self.calibrated);
+            io.write(&self.joints, JointState { calibrated, datum, ..JointState::ZERO });
         }
         let (valid, done) = (u32::from(now.valid), u32::from(now.done));
         io.write(&self.goal, Goal { valid, done, ..Goal::ZERO });

@@ -18,6 +18,8 @@ struct Story {
     sequence: u32,
     control: ControlState,
     status: ModeStatus,
+    /// Whether `sense` carries out what it is asked for.
+    denies: bool,
 }
 
 impl Story {
@@ -48,12 +50,14 @@ impl Story {
             sequence: 0,
             control: ControlState::default(),
             status: ModeStatus::default(),
+            denies: false,
         }
     }
 
     /// One job; a calibration is carried out by the next, as `sense` does.
     fn tick(&mut self) {
-        if let Some(joints) = self.facts.joints.as_mut().filter(|_| self.control.calibrate == 1) {
+        let carried_out = self.control.calibrate == 1 && !self.denies;
+        if let Some(joints) = self.facts.joints.as_mut().filter(|_| carried_out) {
             joints.calibrated = 1;
             joints.datum += 1;
         }
@@ -129,6 +133,29 @@ impl Story {
         assert_eq!(story.at().0, state);
         story
     }
+}
+
+#[test]
+fn a_calibration_that_is_denied_grants_nothing_whatever_was_known_before() {
+    let mut story = Story::in_state(State::IdleUncalibrated);
+    story.denies = true;
+    assert!(story.ask(Verb::Calibrate));
+    story.ticks(2 * usize::from(SETTLING_JOBS));
+    assert_eq!(story.at(), (State::IdleUncalibrated, Mode::Hold), "never calibrated");
+    // Known from before a stop: the joints still say that they are calibrated.
+    let mut story = Story::in_state(State::IdleCalibrated);
+    assert!(story.ask(Verb::Stop));
+    story.ticks(1000);
+    assert_eq!(story.at(), (State::Start, Mode::Ready));
+    assert!(story.ask(Verb::Enable));
+    story.ticks(30);
+    story.denies = true;
+    assert!(story.ask(Verb::Calibrate));
+    assert!(!story.ask(Verb::Trajectory), "not in the time it takes, and not after");
+    assert_eq!(story.at(), (State::IdleUncalibrated, Mode::Hold));
+    assert_eq!(story.facts.joints.map(|joints| joints.calibrated), Some(1));
+    story.denies = false;
+    assert!(story.ask(Verb::Calibrate) && story.ask(Verb::Trajectory), "granted, it is");
 }
 
 #[test]
