@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use evdev::{Device, KeyCode};
 use nix::errno::Errno;
 use nix::fcntl::OFlag;
+use taktil_rtcore::Nanos;
 
 use super::events::{Decoder, EVENT_BYTES, Happened};
 use super::hand::Hand;
@@ -22,10 +23,10 @@ use super::map::Map;
 const AT_ONCE: usize = 64;
 /// Reads in one look at most: what is left waits for the next.
 const READS: usize = 8;
-/// Looks without a byte (of 10 ms each) after which a pipe is silent, and after a press, when a
-/// keyboard waits for a quarter of a second before it begins to repeat.
-const SILENT: u32 = 10;
-const SILENT_PRESSED: u32 = 30;
+/// Time without a byte after which a pipe is silent, and after a press, when a keyboard waits for a
+/// quarter of a second before it begins to repeat.
+const SILENT: Nanos = Nanos::from_millis(100);
+const SILENT_PRESSED: Nanos = Nanos::from_millis(300);
 /// Half the way of a stick that comes through a pipe, which says nothing of it: sixteen bits.
 const PIPE_WAY: f64 = 32_768.0;
 
@@ -50,9 +51,12 @@ pub struct Input {
     decoder: Decoder,
     /// Something has come: the end of a pipe to which nobody has written yet is no end.
     begun: bool,
-    /// Looks since the newest byte, and those after which that is silence.
-    quiet: u32,
-    silent: u32,
+    /// When the newest byte came.
+    heard: Nanos,
+    /// The key that was pressed last and has neither repeated nor come up, and when.
+    pressed: Option<(u16, Nanos)>,
+    /// It fell silent, and everything was let go.
+    silent: bool,
     /// Where it was found.
     pub path: PathBuf,
     /// Middle and half the way of each stick.
@@ -88,8 +92,16 @@ impl Input {
     }
 
     fn over(wire: Wire, path: PathBuf, ways: Ways) -> Input {
-        let decoder = Decoder::default();
-        Input { wire, decoder, begun: false, quiet: 0, silent: SILENT, path, ways }
+        Input {
+            wire,
+            decoder: Decoder::default(),
+            begun: false,
+            heard: Nanos::ZERO,
+            pressed: None,
+            silent: true,
+            path,
+            ways,
+        }
     }
 
     /// Whether it has a key; whoever writes to a pipe may have any.
@@ -103,13 +115,12 @@ impl Input {
         }
     }
 
-    /// Takes in what has happened on it. When the kernel's buffer has overflowed, everything is up,
+    /// Takes in what has happened on it up to `now`, a time that does not run backwards. When the kernel's buffer has overflowed, everything is up,
     /// and then what the device says is held. When a pipe is silent, everything is up until it is
     /// pressed, moved or repeated again.
-    pub fn look(&mut self, number: usize, hand: &mut Hand) -> Looked {
+    pub fn look(&mut self, number: usize, hand: &mut Hand, now: Nanos) -> Looked {
         let mut said = Vec::new();
         let mut buffer = [0; AT_ONCE * EVENT_BYTES];
-        self.quiet = self.quiet.saturating_add(1);
         for _ in 0..READS {
             let read = match nix::unistd::read(&self.wire, &mut buffer) {
                 Ok(0) if self.begun => return Looked::Gone,
@@ -119,11 +130,9 @@ impl Input {
                 Err(Errno::EINTR) => continue,
                 Err(_) => return Looked::Gone,
             };
-            (self.begun, self.quiet) = (true, 0);
-            let events = self.decoder.feed(&buffer[..read]);
-            let pressed = events.iter().any(|event| matches!(event, Happened::Key(_, true)));
-            self.silent = if pressed { SILENT_PRESSED } else { SILENT };
-            for happened in events {
+            (self.begun, self.heard, self.silent) = (true, now, false);
+            for happened in self.decoder.feed(&buffer[..read]) {
+                self.wait_for_repeats(&happened, now);
                 match happened {
                     Happened::Key(code, down) => said.extend(hand.key(number, code, down)),
                     Happened::Repeats(code) => said.extend(hand.still_held(number, code)),
@@ -136,10 +145,25 @@ impl Input {
                 }
             }
         }
-        if matches!(self.wire, Wire::Pipe(_)) && self.quiet == self.silent {
+        let repeats_by = self.pressed.map_or(Nanos::ZERO, |(_, at)| at + SILENT_PRESSED);
+        let over = now >= repeats_by.max(self.heard + SILENT);
+        if matches!(self.wire, Wire::Pipe(_)) && over && !self.silent {
+            self.silent = true;
             hand.let_go(number);
         }
         Looked::There(said)
+    }
+
+    /// A key that is held is quiet between its press and its first repeat, whatever else comes.
+    fn wait_for_repeats(&mut self, happened: &Happened, now: Nanos) {
+        match *happened {
+            Happened::Key(code, true) => self.pressed = Some((code, now)),
+            Happened::Repeats(_) => self.pressed = None,
+            Happened::Key(code, false) if self.pressed.is_some_and(|key| key.0 == code) => {
+                self.pressed = None;
+            }
+            _ => {}
+        }
     }
 
     fn stick(&self, number: usize, hand: &mut Hand, code: u16, value: i32) {
@@ -154,6 +178,7 @@ impl Input {
         let Wire::Kernel(device) = &self.wire else { return Ok(Vec::new()) };
         let keys = device.get_key_state()?;
         let said = keys.iter().filter_map(|key| hand.still_held(number, key.0)).collect();
+        hand.all_told(number);
         for (code, about) in device.get_absinfo()? {
             self.stick(number, hand, code.0, about.value());
         }
@@ -177,8 +202,14 @@ fn kernel(path: &Path, map: &Map) -> std::io::Result<(Wire, Ways)> {
             }
         }
     }
+    let mut what = "it has no key and no stick of the map";
+    let holds = |code: &u16| keys.is_some_and(|keys| keys.contains(KeyCode(*code)));
+    if !ways.is_empty() && !map.hold.is_empty() && !map.hold.iter().any(holds) {
+        // They could never move anything.
+        what = "it has sticks and none of the keys under `hold`: name one of its buttons there";
+        ways.clear();
+    }
     if !has_key && ways.is_empty() {
-        let what = "it has no key and no stick of the map";
         return Err(std::io::Error::new(ErrorKind::Unsupported, what));
     }
     device.set_nonblocking(true)?;
@@ -218,6 +249,27 @@ mod tests {
     use nix::fcntl::{FcntlArg, fcntl};
     use std::io::Write;
 
+    /// Looks once every 10 ms, by a clock of its own.
+    struct Looks(Nanos);
+
+    const LOOK: Nanos = Nanos::from_millis(10);
+
+    impl Looks {
+        fn at(&mut self, input: &mut Input, hand: &mut Hand) -> Looked {
+            self.0 += LOOK;
+            input.look(0, hand, self.0)
+        }
+
+        /// For how long of so many looks something was pushed; nothing is said.
+        fn pushing(&mut self, input: &mut Input, hand: &mut Hand, times: u32) -> Nanos {
+            let held = (0..times).filter(|_| {
+                assert_eq!(self.at(input, hand), Looked::There(vec![]));
+                hand.push().is_some()
+            });
+            LOOK * i64::try_from(held.count()).unwrap()
+        }
+    }
+
     /// A pipe as a device, the end that is written to, and a hand that it moves.
     fn piped() -> (Input, File, Hand) {
         let map = toml::from_str::<MapFile>(DEFAULT).unwrap().check().unwrap();
@@ -236,85 +288,87 @@ mod tests {
     #[test]
     fn keys_are_held_from_event_to_event_and_words_said_once() {
         let (mut input, mut wire, mut hand) = piped();
-        assert_eq!(input.look(0, &mut hand), Looked::There(vec![]));
+        let mut looks = Looks(Nanos::ZERO);
+        assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec![]));
         wire.write_all(&bytes(KEY, KeyCode::KEY_J.0, 1)).unwrap();
         wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 1)[..7]).unwrap();
-        assert_eq!(input.look(0, &mut hand), Looked::There(vec!["manual_joint".into()]));
+        assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec!["manual_joint".into()]));
         assert!(hand.push().is_none(), "half an event is none yet");
         wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 1)[7..]).unwrap();
-        input.look(0, &mut hand);
+        looks.at(&mut input, &mut hand);
         assert!(hand.push().is_some());
         wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 0)).unwrap();
-        input.look(0, &mut hand);
+        looks.at(&mut input, &mut hand);
         assert!(hand.push().is_none());
         wire.write_all(&bytes(ABS, evdev::AbsoluteAxisCode::ABS_X.0, i32::MIN)).unwrap();
-        input.look(0, &mut hand);
+        looks.at(&mut input, &mut hand);
         assert!(hand.push().is_none(), "its dead-man's switch is up");
         wire.write_all(&bytes(KEY, KeyCode::BTN_TL.0, 1)).unwrap();
-        input.look(0, &mut hand);
+        looks.at(&mut input, &mut hand);
         assert!(hand.push().is_some_and(|(axes, _)| axes.iter().all(|axis| axis.abs() <= 1.0)));
     }
 
     #[test]
     fn an_overflow_lets_go_and_so_does_the_end() {
         let (mut input, mut wire, mut hand) = piped();
+        let mut looks = Looks(Nanos::ZERO);
         wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 1)).unwrap();
-        input.look(0, &mut hand);
+        looks.at(&mut input, &mut hand);
         assert!(hand.push().is_some());
         // SYN_DROPPED: the release of the key may be among what was lost.
         wire.write_all(&bytes(0, 3, 0)).unwrap();
-        input.look(0, &mut hand);
+        looks.at(&mut input, &mut hand);
         assert!(hand.push().is_none());
         wire.write_all(&[bytes(0, 0, 0), bytes(KEY, KeyCode::KEY_E.0, 1)].concat()).unwrap();
-        assert_eq!(input.look(0, &mut hand), Looked::There(vec![]));
+        assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec![]));
         assert!(hand.push().is_some());
         drop(wire);
-        assert_eq!(input.look(0, &mut hand), Looked::Gone);
+        assert_eq!(looks.at(&mut input, &mut hand), Looked::Gone);
     }
 
     #[test]
     fn a_pipe_that_stalls_lets_go_and_only_what_comes_anew_pushes_again() {
         let (mut input, mut wire, mut hand) = piped();
+        let mut looks = Looks(Nanos::ZERO);
         let e = |value: i32| bytes(KEY, KeyCode::KEY_E.0, value);
-        let pushing = |input: &mut Input, hand: &mut Hand, looks: u32| {
-            let held = (0..looks).filter(|_| {
-                assert_eq!(input.look(0, hand), Looked::There(vec![]));
-                hand.push().is_some()
-            });
-            u32::try_from(held.count()).unwrap()
-        };
         // Until the keyboard would repeat, and from one repeat to the next.
         wire.write_all(&e(1)).unwrap();
-        assert_eq!(pushing(&mut input, &mut hand, 100), SILENT_PRESSED);
+        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT_PRESSED);
         for _ in 0..5 {
             wire.write_all(&e(2)).unwrap();
-            assert_eq!(pushing(&mut input, &mut hand, 4), 4, "repeats hold it");
+            assert_eq!(looks.pushing(&mut input, &mut hand, 4), LOOK * 4, "repeats hold it");
         }
-        assert_eq!(pushing(&mut input, &mut hand, 100), SILENT - 4);
+        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT - LOOK * 4);
+        // What comes with a press or after it does not shorten the wait for the first repeat.
+        wire.write_all(&e(1)).unwrap();
+        assert_eq!(looks.pushing(&mut input, &mut hand, 1), LOOK);
+        wire.write_all(&[0; EVENT_BYTES]).unwrap();
+        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT_PRESSED - LOOK);
         // Reports without anything in them say that the writer lives, not what is held.
         wire.write_all(&e(1)).unwrap();
         for _ in 0..20 {
             wire.write_all(&[0; EVENT_BYTES]).unwrap();
-            assert_eq!(pushing(&mut input, &mut hand, 5), 5);
+            assert_eq!(looks.pushing(&mut input, &mut hand, 5), LOOK * 5);
         }
-        assert_eq!(pushing(&mut input, &mut hand, 100), SILENT - 5);
+        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT - LOOK * 5);
         wire.write_all(&[0; EVENT_BYTES]).unwrap();
-        assert_eq!(pushing(&mut input, &mut hand, 5), 0);
+        assert_eq!(looks.pushing(&mut input, &mut hand, 5), Nanos::ZERO);
         // Words are said once for one press, before a stall and after.
         wire.write_all(&bytes(KEY, KeyCode::KEY_J.0, 1)).unwrap();
-        assert_eq!(input.look(0, &mut hand), Looked::There(vec!["manual_joint".into()]));
-        assert_eq!(pushing(&mut input, &mut hand, 50), 0);
+        assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec!["manual_joint".into()]));
+        assert_eq!(looks.pushing(&mut input, &mut hand, 50), Nanos::ZERO);
         wire.write_all(&bytes(KEY, KeyCode::KEY_J.0, 2)).unwrap();
-        assert_eq!(input.look(0, &mut hand), Looked::There(vec![]));
+        assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec![]));
     }
 
     #[test]
     fn a_flood_does_not_keep_the_reader() {
         let (mut input, mut wire, mut hand) = piped();
+        let mut looks = Looks(Nanos::ZERO);
         fcntl(&wire, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).unwrap();
         let event = bytes(KEY, KeyCode::KEY_E.0, 2);
         while wire.write_all(&event).is_ok() {}
-        assert!(matches!(input.look(0, &mut hand), Looked::There(_)));
+        assert!(matches!(looks.at(&mut input, &mut hand), Looked::There(_)));
         assert!(wire.write_all(&event).is_ok(), "something was read");
     }
 }

@@ -15,7 +15,7 @@ struct Device {
     sticks: BTreeMap<u16, f64>,
     /// It has a dead-man's switch.
     guarded: bool,
-    /// What was down when the kernel lost count.
+    /// What was down when nobody knew any more, and was not seen up or down since.
     before: BTreeSet<u16>,
 }
 
@@ -49,16 +49,25 @@ impl Hand {
     /// Nobody knows what is held on a device: everything on it counts as up.
     pub fn let_go(&mut self, device: usize) {
         if let Some(device) = self.devices.get_mut(&device) {
-            device.before = core::mem::take(&mut device.down);
+            device.before.append(&mut device.down);
             device.sticks.clear();
+        }
+    }
+
+    /// The device has said everything that is held on it: what it did not name is up.
+    pub fn all_told(&mut self, device: usize) {
+        if let Some(device) = self.devices.get_mut(&device) {
+            device.before.clear();
         }
     }
 
     /// A key turns out to be down: it pushes. If it was up before, its press was lost, and what it
     /// says is said now.
     pub fn still_held(&mut self, device: usize, code: u16) -> Option<String> {
-        if self.devices.get(&device).is_some_and(|device| device.before.contains(&code)) {
-            self.devices.entry(device).or_default().down.insert(code);
+        if let Some(held) = self.devices.get_mut(&device)
+            && held.before.remove(&code)
+        {
+            held.down.insert(code);
             return None;
         }
         self.key(device, code, true)
@@ -69,6 +78,7 @@ impl Hand {
         let held = self.devices.entry(device).or_default();
         // Whoever writes to a pipe does not say which keys there are: the first press shows it.
         held.guarded |= self.map.hold.contains(&code);
+        held.before.remove(&code);
         if !down {
             held.down.remove(&code);
             return None;
@@ -200,6 +210,26 @@ mod tests {
         assert_eq!(hand.push(), None, "its dead-man's switch is up");
         hand.still_held(1, KeyCode::BTN_TL.0);
         assert!(hand.push().is_some());
+    }
+
+    #[test]
+    fn a_press_is_said_once_however_often_it_was_lost_from_sight() {
+        let mut hand = hand();
+        hand.plugged(0, |_| false);
+        let k = KeyCode::KEY_K.0;
+        assert!(hand.key(0, k, true).is_some());
+        for _ in 0..3 {
+            hand.let_go(0);
+            hand.let_go(0);
+            assert_eq!(hand.still_held(0, k), None, "it has been down all the time");
+        }
+        // Up and down again, the press was lost: it is said when everything was told in between.
+        hand.let_go(0);
+        hand.all_told(0);
+        hand.let_go(0);
+        assert!(hand.still_held(0, k).is_some());
+        hand.key(0, k, false);
+        assert!(hand.key(0, k, true).is_some());
     }
 
     #[test]

@@ -14,6 +14,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::bail;
+use taktil_rtcore::linux;
 use taktild::out;
 use taktild::signals::{self, Ended};
 use taktild::source::{Meant, Source};
@@ -119,7 +120,7 @@ fn held(
     let mut speaker = Speaker::default();
     while !stop.yet() {
         let mut said = Vec::new();
-        inputs.retain_mut(|(number, input)| match input.look(*number, hand) {
+        inputs.retain_mut(|(number, input)| match input.look(*number, hand, linux::monotonic()) {
             Looked::There(words) => {
                 said.extend(words);
                 true
