@@ -116,8 +116,8 @@ impl Input {
     }
 
     /// Takes in what has happened on it up to `now`, a time that does not run backwards. When the
-    /// kernel's buffer has overflowed, everything is up, and then what the device says is held. When
-    /// a pipe is silent, everything is up until it is pressed, moved or repeated again.
+    /// kernel's buffer has overflowed, everything is up, and then what the device says is held.
+    /// When a pipe is silent, everything is up until it is pressed, moved or repeated again.
     pub fn look(&mut self, number: usize, hand: &mut Hand, now: Nanos) -> Looked {
         let mut said = Vec::new();
         let mut buffer = [0; AT_ONCE * EVENT_BYTES];
