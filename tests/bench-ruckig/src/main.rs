@@ -210,7 +210,7 @@ fn main() -> anyhow::Result<()> {
     let kinds: [(&str, Option<(Limits, Synchronization)>); 5] = [
         ("Paul, tau 0.1 s", None),
         ("rsruckig, Paul's acceleration and jerk", Some((like, phase.clone()))),
-        ("rsruckig, the same, joints not in step", Some((like, time))),
+        ("rsruckig, the same, joints together in time only", Some((like, time))),
         ("rsruckig, the arm's acceleration, Paul's jerk", Some((full, phase.clone()))),
         ("rsruckig, the arm's acceleration, four times the jerk", Some((harder, phase))),
     ];
