@@ -1,7 +1,9 @@
 //! The kernel: monotonic time, absolute sleeps, scheduling policy, locked memory, fault counters,
-//! and what it says of itself. The only file of the core that names any of them. Refuses to
+//! and what it says of itself. The only part of the core that names any of them. Refuses to
 //! assume: what was asked for is read back.
 #![allow(unsafe_code)]
+
+mod runaway;
 
 use std::os::unix::fs::FileExt;
 use std::path::Path;
@@ -22,6 +24,7 @@ use crate::attest::{Facts, LaneGrant, Limit, UNREADABLE, status_kib};
 use crate::cpus;
 use crate::schedule::Reservation;
 use crate::signs;
+pub(crate) use runaway::{Leash, bound};
 
 /// The kernel's monotonic clock, counted from a chosen instant.
 #[derive(Clone, Copy, Debug)]

@@ -19,11 +19,14 @@ pub use crate::attest::{Attestation, Facts, LaneGrant};
 use crate::contract::{Demands, Item, Shortfall};
 use crate::fault::FaultCode;
 use crate::lane::Lane;
-use crate::linux::{AwakeCpus, MonotonicClock, kernel, lock_memory, touch_stack, unlock_memory};
+use crate::linux::{
+    AwakeCpus, Leash, MonotonicClock, bound, kernel, lock_memory, touch_stack, unlock_memory,
+};
 use crate::machine::Machine;
 use crate::pulse::Pulse;
 use crate::record::{Drain, Observer};
 use crate::release::Given;
+use crate::schedule::LaneSpec;
 use crate::silence;
 use beat::beat;
 use flags::{Roll, Slip, Start, Storms, Word};
@@ -249,6 +252,7 @@ fn run_threads(
         shared.ledger.finished(index, lane.next_tick);
     }
     let mut hangs = Hangs::new(&machine.lanes, terms.pace);
+    let shortest = machine.lanes.iter().map(|lane| hang_limit(&lane.spec, terms.pace)).min();
     let (lanes, drains) = (&mut machine.lanes, &mut machine.drains);
     let clock = OnceLock::new();
     let answers: Vec<Answer> = (0..count).map(|_| Answer::new()).collect();
@@ -274,6 +278,8 @@ fn run_threads(
             return Err(LiveError::NotGranted(Box::new(attestation.clone())));
         }
         audience.attested(attestation);
+        // After the attestation, which tells the limit as it was found.
+        let _leash = shortest.map(Leash::hold);
         let epoch = *clock.get_or_init(|| MonotonicClock::starting_in(LEAD));
         shared.start.say(Word::Go);
         while shared.ended.count() < count {
@@ -289,6 +295,12 @@ fn run_threads(
         }
         Ok(Nanos(shared.slip.ns()))
     })
+}
+
+/// After what time a task of a lane is taken to hang.
+fn hang_limit(spec: &LaneSpec, pace: Pace) -> Nanos {
+    let least = if pace == Pace::Fixed { HANG_MIN } else { HANG_MIN_SLIP };
+    (spec.silent_after * 2).max(least)
 }
 
 /// Ends the lanes when the carrying thread unwinds: whoever observes may panic, and the arm is not
@@ -314,9 +326,9 @@ struct Hangs {
 
 impl Hangs {
     fn new(lanes: &[Lane], pace: Pace) -> Hangs {
-        let least = if pace == Pace::Fixed { HANG_MIN } else { HANG_MIN_SLIP };
-        let limit = |lane: &Lane| Some((lane.spec.silent_after * 2).max(least));
+        let limit = |lane: &Lane| Some(hang_limit(&lane.spec, pace));
         let about = |lane: &Lane| {
+            lane.pulse.start();
             let tasks = lane.seats.iter().map(|seat| seat.name.clone()).collect();
             (lane.spec.name.clone(), tasks, Arc::clone(&lane.pulse))
         };
@@ -342,10 +354,10 @@ impl Hangs {
         let busy =
             |lane: usize| self.lanes[lane].2.seat().and_then(|_| shared.ledger.progress(lane));
         let silent = self.watch.look(now, busy);
-        let Some((lane, tasks, pulse)) = self.lanes.get(silent.trailing_zeros() as usize) else {
-            return;
-        };
-        let task = pulse.seat().and_then(|seat| tasks.get(seat));
+        let silent = silent.trailing_zeros() as usize;
+        let ran_away = self.lanes.iter().position(|(.., pulse)| pulse.ran_away().is_some());
+        let Some((lane, tasks, pulse)) = self.lanes.get(ran_away.unwrap_or(silent)) else { return };
+        let task = pulse.ran_away().or(pulse.seat()).and_then(|seat| tasks.get(seat));
         let Some(task) = task else { return };
         self.found = Some(Hang { lane: lane.clone(), task: task.clone() });
         shared.start.say(Word::Abandon);
@@ -377,7 +389,8 @@ fn lane_thread(
         thread::sleep(CARRY_PAUSE);
     }
     if let (Word::Go, Some(clock)) = (shared.start.word(), clock.get()) {
-        beat((index, lane), terms, shared, clock);
+        let (pulse, limit) = (Arc::clone(&lane.pulse), hang_limit(&lane.spec, terms.pace));
+        bound(&pulse, clock, limit, || beat((index, lane), terms, shared, clock));
     }
     // A simulated world sees the run to its end before the outputs are made safe; a board does not.
     while terms.pace == Pace::Slip && !shared.ledger.all_done() && !shared.over() {

@@ -1,16 +1,29 @@
-//! Where a lane is, for whoever looks from another thread: the task that runs now. One relaxed
-//! store a task. Refuses to be a channel: nothing is ordered by it.
+//! Where a lane is, for whoever looks from another thread: the task that runs now, and since when
+//! the job runs. One relaxed store a task and one a job. Refuses to be a channel: nothing is
+//! ordered by it.
 
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicI64, AtomicU32, Ordering};
+
+use taktil_hal::Nanos;
 
 /// The task that a lane runs now.
 #[derive(Debug, Default)]
 pub(crate) struct Pulse {
     /// Position in the lane plus 1; 0 between jobs.
     seat: AtomicU32,
+    /// Begin of the job, ns.
+    since: AtomicI64,
+    /// The task that computed for so long that the thread lost its priority; 0: none.
+    ran_away: AtomicU32,
 }
 
 impl Pulse {
+    /// A job begins.
+    pub(crate) fn begin(&self, now: Nanos) {
+        // Relaxed, as all here: read by a signal's handler on this very thread.
+        self.since.store(now.0, Ordering::Relaxed);
+    }
+
     /// The task at `position`, counted from 1, begins; 0: the job is over.
     pub(crate) fn enter(&self, position: u32) {
         // Relaxed: a hint to somebody who looks again and again; no value depends on it.
@@ -20,5 +33,25 @@ impl Pulse {
     /// The task that runs, counted from 0.
     pub(crate) fn seat(&self) -> Option<usize> {
         (self.seat.load(Ordering::Relaxed) as usize).checked_sub(1)
+    }
+
+    /// When the job that runs began.
+    pub(crate) fn busy_since(&self) -> Option<Nanos> {
+        self.seat().map(|_| Nanos(self.since.load(Ordering::Relaxed)))
+    }
+
+    /// The lane runs anew, on a thread with its priority.
+    pub(crate) fn start(&self) {
+        self.ran_away.store(0, Ordering::Relaxed);
+    }
+
+    /// The lane's thread is an ordinary one from now on, by what its task has done.
+    pub(crate) fn run_away(&self) {
+        self.ran_away.store(self.seat.load(Ordering::Relaxed), Ordering::Relaxed);
+    }
+
+    /// The task that has done so, counted from 0.
+    pub(crate) fn ran_away(&self) -> Option<usize> {
+        (self.ran_away.load(Ordering::Relaxed) as usize).checked_sub(1)
     }
 }

@@ -79,6 +79,7 @@ pub(super) fn beat(
         if terms.pace == Pace::Slip && (begin - waited.release) * 2 > lane.spec.deadline {
             shared.slip.reach((begin - lane.spec.release(tick)).0);
         }
+        lane.pulse.begin(begin);
         lane.job(tick, notice);
         shared.ledger.finished(index, tick + 1);
         let end = clock.now();

@@ -8,6 +8,7 @@ use crate::source::Rust;
 pub(crate) const LISTED: &[(&str, &str)] = &[
     ("rtcore/src/guard.rs", "a global allocator that counts is an unsafe trait"),
     ("rtcore/src/linux.rs", "no crate that we have reads a deadline reservation back"),
+    ("rtcore/src/linux/runaway.rs", "a signal's handler"),
     ("rtcore/src/mapping.rs", "a flight recorder's file is mapped memory"),
     ("drivers/regmap/src/io.rs", "a mapped register file is volatile memory"),
     ("tests/sanitizers/src/race.rs", "a race on purpose, which the sanitizer has to find"),

@@ -1,0 +1,130 @@
+//! Real-time threads that compute and never wait. Such a thread keeps every ordinary thread off its
+//! processor; where there is no other processor, and no throttling, nobody is left who could see
+//! that it hangs. The kernel counts the processor time that a real-time thread uses without a wait
+//! (`RLIMIT_RTTIME`, setrlimit(2)) and sends it `SIGXCPU` at the limit: here the thread then makes
+//! itself an ordinary one. Costs nothing before. Refuses to end the task: no thread can be ended
+//! from outside, and what it holds is unknown.
+//!
+//! `SCHED_DEADLINE` lanes need none of it, the kernel takes the processor from them.
+
+use core::cell::Cell;
+use core::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::OnceLock;
+
+use nix::sys::resource::{Resource, getrlimit, setrlimit};
+use nix::sys::signal::{SaFlags, SigAction, SigHandler, SigSet, SigmaskHow, Signal};
+use nix::sys::signal::{raise, sigaction, sigprocmask};
+use taktil_hal::{Clock, Nanos};
+
+use super::MonotonicClock;
+use crate::pulse::Pulse;
+
+/// What a lane's thread is bound by.
+#[derive(Clone, Copy)]
+struct Bond {
+    pulse: *const Pulse,
+    clock: MonotonicClock,
+    /// A job that takes as long hangs.
+    limit: Nanos,
+}
+
+thread_local! {
+    /// Without a destructor and made at compile time: the signal's handler may read it.
+    static BOND: Cell<Option<Bond>> = const { Cell::new(None) };
+}
+
+/// What was done on `SIGXCPU` before.
+static BEFORE: OnceLock<SigAction> = OnceLock::new();
+/// Live runs of this process. Sequentially consistent, like the next: touched twice a run.
+static HELD: AtomicUsize = AtomicUsize::new(0);
+/// The soft limit before the first of them, us.
+static SOFT: AtomicU64 = AtomicU64::new(libc::RLIM_INFINITY);
+
+/// The limit of the process, for as long as it lives.
+#[derive(Debug)]
+pub(crate) struct Leash;
+
+impl Leash {
+    /// Lets no real-time thread compute for `limit` without a wait and without a word to it. A
+    /// limit that is lower already stays. Nothing is promised: the carrying thread watches too.
+    pub(crate) fn hold(limit: Nanos) -> Leash {
+        BEFORE.get_or_init(|| {
+            let handler = SigHandler::Handler(exceeded);
+            let action = SigAction::new(handler, SaFlags::SA_RESTART, SigSet::empty());
+            // SAFETY: the handler touches nothing but atomics, a thread-local without a destructor
+            // and system calls that POSIX allows in it or that are bare on Linux.
+            let before = unsafe { sigaction(Signal::SIGXCPU, &action) };
+            before.unwrap_or_else(|_| {
+                SigAction::new(SigHandler::SigDfl, SaFlags::empty(), SigSet::empty())
+            })
+        });
+        let wanted = limit.0.unsigned_abs().div_ceil(1000);
+        let first = HELD.fetch_add(1, Ordering::SeqCst) == 0;
+        if let (true, Ok((soft, hard))) = (first, getrlimit(Resource::RLIMIT_RTTIME)) {
+            SOFT.store(soft, Ordering::SeqCst);
+            let _ = setrlimit(Resource::RLIMIT_RTTIME, soft.min(wanted), hard);
+        }
+        Leash
+    }
+}
+
+impl Drop for Leash {
+    fn drop(&mut self) {
+        let last = HELD.fetch_sub(1, Ordering::SeqCst) == 1;
+        if let (true, Ok((_, hard))) = (last, getrlimit(Resource::RLIMIT_RTTIME)) {
+            let _ = setrlimit(Resource::RLIMIT_RTTIME, SOFT.load(Ordering::SeqCst).min(hard), hard);
+        }
+    }
+}
+
+/// Runs a lane's jobs on this thread; one that takes `limit` by `clock`, and is told by the kernel
+/// that it has not waited, makes the thread an ordinary one and its pulse say so.
+pub(crate) fn bound<R>(
+    pulse: &Pulse,
+    clock: &MonotonicClock,
+    limit: Nanos,
+    jobs: impl FnOnce() -> R,
+) -> R {
+    struct Loose;
+    impl Drop for Loose {
+        fn drop(&mut self) {
+            BOND.set(None);
+        }
+    }
+    let mut wanted = SigSet::empty();
+    wanted.add(Signal::SIGXCPU);
+    let _ = sigprocmask(SigmaskHow::SIG_UNBLOCK, Some(&wanted), None);
+    BOND.set(Some(Bond { pulse, clock: *clock, limit }));
+    let _loose = Loose;
+    jobs()
+}
+
+extern "C" fn exceeded(_: libc::c_int) {
+    let errno = nix::errno::Errno::last();
+    match BOND.get() {
+        Some(bond) => {
+            // SAFETY: `bound` borrows the pulse for as long as the bond stands on this thread.
+            let pulse = unsafe { &*bond.pulse };
+            // Jobs one after the other without a pause are no hang; the kernel asks again in 1 s.
+            let busy = pulse.busy_since();
+            if busy.is_some_and(|since| bond.clock.now() - since >= bond.limit) {
+                let none = libc::sched_param { sched_priority: 0 };
+                // SAFETY: the kernel reads a struct that lives on this stack; thread 0 is this one.
+                let code =
+                    unsafe { libc::sched_setscheduler(0, libc::SCHED_OTHER, &raw const none) };
+                if code == 0 {
+                    pulse.run_away();
+                }
+            }
+        }
+        // Not ours: the processor time of the process, or a thread of somebody else.
+        None => {
+            if let Some(before) = BEFORE.get() {
+                // SAFETY: puts back what was there before us.
+                let _ = unsafe { sigaction(Signal::SIGXCPU, before) };
+                let _ = raise(Signal::SIGXCPU);
+            }
+        }
+    }
+    errno.set();
+}
