@@ -120,6 +120,11 @@ pub enum Lost {
         /// Speed wanted over the speed allowed, above 1.
         ratio: f64,
     },
+    /// The path has ended, and this joint (0 is the first) did not catch up with it in time.
+    Behind {
+        /// Index of the joint.
+        joint: usize,
+    },
 }
 
 impl fmt::Display for Lost {
@@ -129,6 +134,9 @@ impl fmt::Display for Lost {
             Lost::Limit { joint } => write!(f, "joint {} would leave its limits", joint + 1),
             Lost::TooFast { joint, ratio } => {
                 write!(f, "joint {} would need {ratio:.2} times its speed", joint + 1)
+            }
+            Lost::Behind { joint } => {
+                write!(f, "joint {} would still be short of the goal", joint + 1)
             }
         }
     }

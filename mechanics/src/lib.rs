@@ -11,6 +11,7 @@ pub mod chain;
 pub mod contact;
 pub mod dls;
 pub mod dynamics;
+pub mod lead;
 pub mod limits;
 pub mod paul;
 pub mod preview;

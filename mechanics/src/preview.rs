@@ -1,16 +1,16 @@
-//! The check of a whole move before it starts: the arm is led along it tick by tick, and the first
-//! thing that it could not do is named with joint and time. Refuses nothing for being slow: what a
-//! move costs (speed, torque, distance from singularities, deviation) comes back as figures.
+//! The check of a whole move before it starts: the arm is led along it tick by tick until it rests
+//! on its goal, and the first thing that it could not do is named with joint and time. Refuses
+//! nothing for being slow: what a move costs (time, speed, torque, distance from singularities,
+//! deviation) comes back as figures.
 //!
 //! [`Inspection`] does so a few ticks at a time, for a lane that has a deadline; [`Preview::of`]
 //! does it at once.
 
 use core::fmt;
 
-use crate::arm::{Arm, Follow, Links, Lost};
+use crate::arm::{Arm, Links, Lost};
 use crate::chain::Vector;
-use crate::paul::JointPath;
-use crate::paul::cartesian::CartesianPath;
+use crate::lead::{Lead, Route};
 use crate::puma260::Puma260;
 
 /// Most ticks that a preview walks.
@@ -49,8 +49,11 @@ pub struct Peak {
 /// What a move that can be made will cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Preview<const N: usize = 6> {
-    /// How long it takes (s).
+    /// How long it takes (s), settling included.
     pub duration_s: f64,
+    /// How long after the route's end the arm comes to rest on its goal (s); 0 unless it passed a
+    /// wrist singularity shortly before.
+    pub settle_s: f64,
     /// Largest speed of each joint over its limit.
     pub speed: [Peak; N],
     /// Largest torque of each joint over its limit, 0 for a limit without end.
@@ -131,41 +134,25 @@ impl core::error::Error for Refusal {}
 /// How far the start of a move may be from the arm (m, rad).
 const START_TOLERANCE: f64 = 1e-6;
 
-/// A path of either kind, which somebody else holds.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Route<'a, const N: usize = 6> {
-    /// Through joint angles.
-    Joints(&'a JointPath<N>),
-    /// Along straight lines of the tool.
-    Tool(&'a CartesianPath),
-}
-
-impl<const N: usize> Route<'_, N> {
-    /// How long it takes (s).
-    #[must_use]
-    pub fn duration_s(&self) -> f64 {
-        match self {
-            Route::Joints(path) => path.duration_s(),
-            Route::Tool(path) => path.duration_s(),
+/// Refuses to start `route` anywhere but at joints `start` (rad).
+fn check_start<const N: usize, A: Arm<N>>(
+    route: Route<'_, N>,
+    start: &Vector<N>,
+    arm: &A,
+) -> Result<(), Refusal> {
+    let (off, turned) = match route {
+        Route::Joints(path) => ((path.points()[0] - start).amax(), false),
+        Route::Tool(path) => {
+            let (wanted, here) = (path.points()[0], arm.tool_pose(start));
+            let turn = wanted.rotation.transpose() * here.rotation;
+            let square = turn.abs_diff_eq(glam::DMat3::IDENTITY, START_TOLERANCE);
+            ((wanted.translation - here.translation).length(), !square)
         }
+    };
+    if off.is_nan() || off > START_TOLERANCE || turned {
+        return Err(Refusal::Start { off });
     }
-
-    /// Refuses to start anywhere but at joints `start` (rad).
-    fn check_start<A: Arm<N>>(&self, start: &Vector<N>, arm: &A) -> Result<(), Refusal> {
-        let (off, turned) = match self {
-            Route::Joints(path) => ((path.points()[0] - start).amax(), false),
-            Route::Tool(path) => {
-                let (wanted, here) = (path.points()[0], arm.tool_pose(start));
-                let turn = wanted.rotation.transpose() * here.rotation;
-                let square = turn.abs_diff_eq(glam::DMat3::IDENTITY, START_TOLERANCE);
-                ((wanted.translation - here.translation).length(), !square)
-            }
-        };
-        if off.is_nan() || off > START_TOLERANCE || turned {
-            return Err(Refusal::Start { off });
-        }
-        Ok(())
-    }
+    Ok(())
 }
 
 /// Gathers figures along the way.
@@ -185,6 +172,7 @@ impl<const N: usize> Walk<N> {
         let least = Peak { value: 0.0, t_s: 0.0 };
         let preview = Preview {
             duration_s,
+            settle_s: 0.0,
             speed: [least; N],
             torque: [least; N],
             singular: [Peak { value: f64::INFINITY, t_s: 0.0 }; 3],
@@ -286,11 +274,14 @@ pub enum Verdict {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inspection<const N: usize = 6, A: Arm<N> = Puma260> {
     walk: Walk<N>,
-    follower: A::Follower,
+    lead: Lead<N, A>,
     /// The route's time before the first tick (s).
     from_s: f64,
     tick: u32,
+    /// Ticks of the route, and a few more.
     ticks: u32,
+    /// The tick from which on the arm rests on its goal.
+    over: Option<u32>,
 }
 
 impl<const N: usize, A: Arm<N>> Inspection<N, A> {
@@ -303,34 +294,34 @@ impl<const N: usize, A: Arm<N>> Inspection<N, A> {
         start: &Vector<N>,
         terms: &Terms<N, A>,
     ) -> Result<Inspection<N, A>, Refusal> {
-        route.check_start(start, &terms.arm)?;
+        check_start(route, start, &terms.arm)?;
         Ok(Inspection {
             walk: Walk::new(start, route.duration_s()),
-            follower: terms.arm.follower(start),
+            lead: Lead::new(&terms.arm, start),
             from_s: 0.0,
             tick: 0,
             ticks: ticks(route.duration_s(), terms.tick_s)?,
+            over: None,
         })
     }
 
-    /// Begins to look at what is left of `route` from `from_s` (s) on, where `follower` leads the
-    /// arm and its joints have the speeds `speed` (rad/s).
+    /// Begins to look at what is left of `route` from `from_s` (s) on, where the arm has been led
+    /// by `lead`.
     ///
     /// # Errors
     /// A tick that does not fit the route.
     pub fn onward(
         route: Route<'_, N>,
-        follower: &A::Follower,
-        speed: &Vector<N>,
+        lead: &Lead<N, A>,
         from_s: f64,
         terms: &Terms<N, A>,
     ) -> Result<Inspection<N, A>, Refusal> {
-        let q = follower.joints();
+        let q = lead.joints();
         let left_s = route.duration_s() - from_s;
         let mut walk = Walk::new(q, route.duration_s());
-        walk.looks[1] = q - speed * (terms.tick_s * f64::from(TORQUE_EVERY));
+        walk.looks[1] = q - lead.speeds() * (terms.tick_s * f64::from(TORQUE_EVERY));
         let ticks = ticks(left_s, terms.tick_s)?;
-        Ok(Inspection { walk, follower: *follower, from_s, tick: 0, ticks })
+        Ok(Inspection { walk, lead: *lead, from_s, tick: 0, ticks, over: None })
     }
 
     /// What has been found so far: the whole cost once the move has passed.
@@ -341,41 +332,56 @@ impl<const N: usize, A: Arm<N>> Inspection<N, A> {
 
     /// Looks at so many more ticks; `route` and `terms` are those of the beginning.
     pub fn advance(&mut self, ticks: u32, route: Route<'_, N>, terms: &Terms<N, A>) -> Verdict {
-        let end = self.ticks.min(self.tick.saturating_add(ticks));
-        while self.tick < end {
+        for _ in 0..ticks {
+            if self.is_whole() {
+                break;
+            }
             self.tick += 1;
             let t_s = self.from_s + f64::from(self.tick) * terms.tick_s;
             if let Err(refusal) = self.look(t_s, route, terms) {
                 return Verdict::Refused(refusal);
             }
         }
-        if self.tick == self.ticks { Verdict::Passed } else { Verdict::Open }
+        if self.is_whole() { Verdict::Passed } else { Verdict::Open }
+    }
+
+    /// True once the arm has rested on its goal for as long as it takes to have looked at the
+    /// torque that brought it to rest.
+    fn is_whole(&self) -> bool {
+        let rested = |over| self.tick >= self.ticks.max(over + 2 * TORQUE_EVERY - 1);
+        self.over.is_some_and(rested)
     }
 
     fn look(&mut self, t_s: f64, route: Route<'_, N>, terms: &Terms<N, A>) -> Result<(), Refusal> {
+        let Inspection { walk, lead, over, .. } = self;
+        if over.is_some() {
+            let rest = walk.preview.end;
+            return walk.step(&rest, t_s, terms);
+        }
         let lost = |why| Refusal::Lost { why, t_s };
-        let q = match route {
-            Route::Joints(path) => {
-                let q = path.at(t_s).q;
+        let led = lead.step(&terms.arm, route, t_s, terms.tick_s).map_err(lost)?;
+        let (q, off_m, off_rad) = (led.at.q, led.off_m, led.off_rad);
+        match route {
+            Route::Joints(_) => {
                 let (low, high) = (terms.arm.q_min(), terms.arm.q_max());
-                match (0..N).find(|&i| q[i] < low[i] || q[i] > high[i]) {
-                    Some(joint) => return Err(lost(Lost::Limit { joint })),
-                    None => q,
+                if let Some(joint) = (0..N).find(|&i| q[i] < low[i] || q[i] > high[i]) {
+                    return Err(lost(Lost::Limit { joint }));
                 }
             }
-            Route::Tool(path) => {
-                let pose = path.at(t_s).pose;
-                let got = self.follower.step(&pose, terms.tick_s).map_err(lost)?;
-                let (off_m, off_rad) = (got.off_m, got.off_rad);
-                raise(&mut self.walk.preview.off_m, off_m, t_s);
-                raise(&mut self.walk.preview.off_rad, off_rad, t_s);
+            Route::Tool(_) => {
+                raise(&mut walk.preview.off_m, off_m, t_s);
+                raise(&mut walk.preview.off_rad, off_rad, t_s);
                 if off_m > terms.off_max_m || off_rad > terms.off_max_rad {
                     return Err(Refusal::Off { off_m, off_rad, t_s });
                 }
-                got.q
             }
-        };
-        self.walk.step(&q, t_s, terms)
+        }
+        if led.over {
+            *over = Some(self.tick);
+            walk.preview.settle_s = led.late_s;
+            walk.preview.duration_s += led.late_s;
+        }
+        walk.step(&q, t_s, terms)
     }
 }
 

@@ -88,7 +88,8 @@ payload! {
         /// at so far.
         pub moves: u32,
         /// Why it was refused: 1 a limit, 2 out of reach, 3 too fast, 4 too much torque, 5 too far
-        /// off the path past a wrist singularity, 6 it cannot be planned or does not start here.
+        /// off the path past a wrist singularity, 6 it cannot be planned or does not start here,
+        /// 7 not at rest on its goal in time past a wrist singularity.
         pub reason: u32,
         /// The joint that could not follow, 1 the first; 0 for none.
         pub joint: u32,

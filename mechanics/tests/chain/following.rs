@@ -6,9 +6,10 @@ use glam::DVec3;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::{Arm, Follow, Lost};
 use taktil_mechanics::chain::{Chain, Vector};
+use taktil_mechanics::lead::Route;
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
-use taktil_mechanics::preview::{Preview, Refusal, Route, Terms};
+use taktil_mechanics::preview::{Preview, Refusal, Terms};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::transmission::Transmission;
 

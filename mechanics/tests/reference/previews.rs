@@ -3,9 +3,10 @@
 use glam::DVec3;
 use taktil_mechanics::arm::Lost;
 use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::lead::{Lead, Route, SETTLE_S};
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
-use taktil_mechanics::preview::{Inspection, Preview, Refusal, Route, Terms, Verdict};
+use taktil_mechanics::preview::{Inspection, Preview, Refusal, Terms, Verdict};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::puma260::follow::Follower;
 use taktil_mechanics::spatial::{rotation_about, rotation_y};
@@ -236,4 +237,52 @@ fn looking_in_pieces_comes_to_the_same_verdict() {
     };
     assert_eq!((verdict, inspection.preview()), (Verdict::Passed, &whole));
     assert_eq!(pieces, (720 + 8) / 7);
+}
+
+/// A line of the tool past the singularity that ends 0.1 s after it.
+fn ending_beside_it(arm: &Puma260) -> (CartesianPath, Joints) {
+    let start = degrees([-10.0, 30.0, -150.0, 50.0, 30.0, -10.0]);
+    let here = arm.tool_pose(&start);
+    let turn = rotation_about(DVec3::X, 0.3);
+    let goal = Pose::new(turn * here.rotation, here.translation + DVec3::new(0.02, 0.01, 0.03));
+    (CartesianPath::new(&[here, goal], &[0.4], 0.1, Blend::Smooth).unwrap(), start)
+}
+
+#[test]
+fn a_move_takes_until_the_arm_rests_on_its_goal() {
+    let terms = terms();
+    let (path, start) = ending_beside_it(&terms.arm);
+    let preview = Preview::of(Route::Tool(&path), &start, &terms).unwrap();
+    assert!((preview.settle_s - 0.2).abs() < 0.01, "{preview:?}");
+    assert_eq!(preview.duration_s, path.duration_s() + preview.settle_s);
+    let end = terms.arm.tool_pose(&preview.end);
+    assert!((end.translation - path.points()[1].translation).length() < 1e-12);
+    assert!(end.rotation.abs_diff_eq(path.points()[1].rotation, 1e-12));
+    // Led by hand it is the same tick by tick.
+    let mut lead = Lead::new(&terms.arm, &start);
+    let mut tick = 0;
+    let led = loop {
+        tick += 1;
+        let t_s = f64::from(tick) * TICK_S;
+        let led = lead.step(&terms.arm, Route::Tool(&path), t_s, TICK_S).unwrap();
+        if led.over {
+            break led;
+        }
+    };
+    assert_eq!((led.at.q, led.late_s), (preview.end, preview.settle_s));
+    // A path that stays away from the singularity takes its own time.
+    let (path, start) = past_the_singularity(&terms.arm, 0.3, 0.8);
+    let preview = Preview::of(Route::Tool(&path), &start, &terms).unwrap();
+    assert_eq!((preview.settle_s, preview.duration_s), (0.0, path.duration_s()));
+}
+
+#[test]
+fn an_arm_that_would_not_get_to_its_goal_in_time_is_refused_with_the_joint() {
+    let mut terms = Terms { off_max_m: 1.0, off_max_rad: 3.0, ..terms() };
+    terms.arm.speed_max_rad_s[3] = 0.3;
+    let (path, start) = ending_beside_it(&terms.arm);
+    let refusal = Preview::of(Route::Tool(&path), &start, &terms).unwrap_err();
+    let Refusal::Lost { why: Lost::Behind { joint }, t_s } = refusal else { panic!("{refusal}") };
+    assert!(joint == 3 && (t_s - path.duration_s() - SETTLE_S).abs() < 0.01, "{refusal}");
+    assert!(refusal.to_string().contains("joint 4 would still be short of the goal"), "{refusal}");
 }

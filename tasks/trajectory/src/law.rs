@@ -8,9 +8,9 @@ use glam::DVec3;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::chain::Vector;
+use taktil_mechanics::lead::Route;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 use taktil_mechanics::paul::{JointPath, PathError, segment_time_s};
-use taktil_mechanics::preview::Route;
 use taktil_mechanics::spatial::rotation_vector;
 use taktil_rtcore::StateHash;
 

@@ -4,10 +4,11 @@
 //! at rest. The arm can be brought to rest on its path and go on from there. Refuses a move that
 //! the arm cannot make, and with it what was typed after it; what was found good before goes on.
 
-use taktil_mechanics::arm::{Arm, Follow};
+use taktil_mechanics::arm::Arm;
 use taktil_mechanics::chain::Vector;
+use taktil_mechanics::lead::{Lead, Led, Route, SETTLE_S};
 use taktil_mechanics::paul::Setpoint;
-use taktil_mechanics::preview::{Inspection, Preview, Refusal, Route, Terms, Verdict};
+use taktil_mechanics::preview::{Inspection, Preview, Refusal, Terms, Verdict};
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{Payload, StateHash};
 use taktil_signal::{MoveCheck, MoveKind, Typed, TypedMove};
@@ -51,9 +52,9 @@ enum Ahead<const N: usize> {
 
 /// The leg that is run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Run<const N: usize, F> {
+struct Run<const N: usize, A: Arm<N>> {
     clock: Clock,
-    follower: F,
+    lead: Lead<N, A>,
     /// Joints at its end (rad).
     end: Vector<N>,
     /// Half the time of a pause (s).
@@ -68,7 +69,7 @@ pub struct Online<const N: usize = 6, A: Arm<N> = Puma260> {
     hands: [Leg<N>; 2],
     /// The hand that is run; the other one is laid ahead.
     at: usize,
-    run: Option<Run<N, A::Follower>>,
+    run: Option<Run<N, A>>,
     ahead: Ahead<N>,
     inspection: Inspection<N, A>,
     /// The rest of the path is to be forgotten once the arm stands.
@@ -254,15 +255,14 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
             free.copy(running);
             match free.go_on(arm, step, pace) {
                 Ok(()) => {
-                    let (follower, speed) = match running.route() {
+                    let lead = match running.route() {
                         Route::Joints(path) => {
                             let at = path.at(from_s);
-                            (arm.follower(&at.q), at.qd)
+                            Lead::moving(arm, &at.q, &at.qd, from_s)
                         }
-                        Route::Tool(_) => (run.follower, self.setpoint.qd),
+                        Route::Tool(_) => run.lead,
                     };
-                    let looking =
-                        Inspection::onward(free.route(), &follower, &speed, from_s, terms);
+                    let looking = Inspection::onward(free.route(), &lead, from_s, terms);
                     self.inspection = looking.map_err(Why::Cannot)?;
                     return Ok(Join::Through);
                 }
@@ -319,41 +319,35 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     /// Goes on along the path by one tick.
     fn proceed(&mut self, plan: &Plan<N, A>) -> Option<Setpoint<N>> {
         let (dt_s, tau_s) = (plan.terms.tick_s, plan.pace.tau_s);
-        let rest = Setpoint::rest(&self.setpoint.q);
         let Some(run) = &mut self.run else {
-            self.setpoint = rest;
+            self.setpoint = Setpoint::rest(&self.setpoint.q);
             self.start(plan);
             return Some(self.setpoint);
         };
-        let before_s = run.clock.t_s();
         run.clock.advance(dt_s, run.stop_tau_s.max(tau_s));
-        let t_s = run.clock.t_s();
+        let (t_s, stands) = (run.clock.t_s(), run.clock.is_at_rest());
         let route = self.hands[self.at].route();
-        let setpoint = match route {
-            _ if run.clock.is_at_rest() && t_s == before_s => rest,
-            Route::Joints(path) => run.clock.paced(&path.at(t_s)),
-            Route::Tool(path) => match run.follower.step(&path.at(t_s).pose, dt_s) {
-                Ok(got) => {
-                    let qd = (got.q - self.setpoint.q) / dt_s;
-                    let qdd = (qd - self.setpoint.qd) / dt_s;
-                    Setpoint { q: got.q, qd, qdd }
-                }
-                Err(why) => {
-                    self.run = None;
-                    let lost = Why::Cannot(Refusal::Lost { why, t_s });
-                    self.refuse(self.typed.taken, &lost);
-                    return None;
-                }
-            },
+        let Led { at, over, still, .. } = match run.lead.step(&plan.arm, route, t_s, dt_s) {
+            Ok(led) => led,
+            Err(why) => {
+                self.run = None;
+                let lost = Why::Cannot(Refusal::Lost { why, t_s });
+                self.refuse(self.typed.taken, &lost);
+                return None;
+            }
         };
-        let stands = run.clock.is_at_rest();
-        let over = t_s >= route.duration_s();
-        self.setpoint = setpoint;
-        if over || (self.dropping && stands) {
+        self.setpoint = match route {
+            Route::Joints(_) if stands => Setpoint::rest(&at.q),
+            Route::Joints(_) => run.clock.paced(&at),
+            Route::Tool(_) => at,
+        };
+        // Past a singularity the joints may have to come to rest after the path's time has.
+        let given_up = stands && (still || run.lead.late_s() > SETTLE_S);
+        if over || (self.dropping && given_up) {
             self.run = None;
             self.dropping = false;
         }
-        Some(setpoint)
+        Some(self.setpoint)
     }
 
     /// Starts the leg that was found good, if there is one; it moves from the next job on.
@@ -369,7 +363,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         self.at = 1 - self.at;
         self.run = Some(Run {
             clock: Clock::new(self.typed.paused == 0),
-            follower: plan.arm.follower(&self.setpoint.q),
+            lead: Lead::new(&plan.arm, &self.setpoint.q),
             end,
             stop_tau_s,
         });
@@ -387,7 +381,10 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         }
         hash.add(&self.run.is_some());
         if let Some(run) = &self.run {
-            hash.add(&run.clock).add(run.follower.joints().as_slice()).add(run.end.as_slice());
+            hash.add(&run.clock).add(run.lead.joints().as_slice()).add(run.end.as_slice());
+            if run.lead.late_s() > 0.0 {
+                hash.add(&run.lead.late_s());
+            }
         }
         match &self.ahead {
             Ahead::Free => hash.word(0),
@@ -409,7 +406,11 @@ fn two<const N: usize>(hands: &mut [Leg<N>; 2], at: usize) -> (&Leg<N>, &mut Leg
 /// The path's time from which a continuation has to be looked at: where the transition to rest
 /// begins, for joints; from here on, for the tool, whose joints depend on the way. `None` when
 /// there is no time left for one, or the tool's path is not run at its own pace.
-fn joint<const N: usize, F>(route: Route<'_, N>, run: &Run<N, F>, tau_s: f64) -> Option<f64> {
+fn joint<const N: usize, A: Arm<N>>(
+    route: Route<'_, N>,
+    run: &Run<N, A>,
+    tau_s: f64,
+) -> Option<f64> {
     let corner_s = route.duration_s() - 2.0 * tau_s;
     let t_s = run.clock.t_s();
     match route {

@@ -3,10 +3,11 @@
 //! than its neighbours, however long the queue. Refuses to move before the last leg was looked at,
 //! and to go on where the arm cannot follow.
 
-use taktil_mechanics::arm::{Arm, Follow, Lost};
+use taktil_mechanics::arm::{Arm, Lost};
 use taktil_mechanics::chain::Vector;
+use taktil_mechanics::lead::{Lead, Route};
 use taktil_mechanics::paul::Setpoint;
-use taktil_mechanics::preview::{Inspection, Peak, Preview, Refusal, Route, Terms, Verdict};
+use taktil_mechanics::preview::{Inspection, Peak, Preview, Refusal, Terms, Verdict};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Payload, StateHash};
@@ -80,7 +81,7 @@ pub struct Program<const N: usize = 6, A: Arm<N> = Puma260> {
     hands: [Leg<N>; 2],
     stage: Stage,
     inspection: Inspection<N, A>,
-    follower: A::Follower,
+    lead: Lead<N, A>,
     /// Where the arm is wanted now (rad).
     q: Vector<N>,
     check: MoveCheck,
@@ -117,7 +118,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
             hands,
             stage: Stage::Laying,
             inspection: inspection.map_err(|_| law::Refusal::Limits)?,
-            follower: plan.arm.follower(&q),
+            lead: Lead::new(&plan.arm, &q),
             q,
             check: MoveCheck::ZERO,
             paused: false,
@@ -168,9 +169,12 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
             Stage::Looking => hash.word(1).add(self.inspection.preview().end.as_slice()),
             Stage::Returning => hash.word(2),
             Stage::Running { since, last } => {
-                hash.word(3).add(self.follower.joints().as_slice()).add(since).add(last)
+                hash.word(3).add(self.lead.joints().as_slice()).add(since).add(last)
             }
         };
+        if self.lead.late_s() > 0.0 {
+            hash.add(&self.lead.late_s());
+        }
     }
 
     /// One job, number `tick`: lays one move, looks at a few ticks, or runs.
@@ -268,7 +272,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     /// Starts the leg at hand in this job.
     fn start(&mut self, plan: &Plan<N, A>, tick: u64) {
         let begin = &self.begins[self.leg];
-        self.follower = plan.arm.follower(&begin.q);
+        self.lead = Lead::new(&plan.arm, &begin.q);
         self.q = begin.q;
         self.stage = Stage::Running { since: tick, last: tick };
         self.clock = self.paused.then(|| Clock::new(false));
@@ -305,51 +309,49 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         let Stage::Running { since, last } = self.stage else {
             return Outcome::At(Setpoint::rest(&self.q), false);
         };
-        let mut t_s = self.time_s(plan, (since, last, tick));
-        let over = t_s >= self.hands[self.leg % 2].route().duration_s();
-        let last_leg = self.leg + 1 == self.legs;
-        // A leg so short that the next one is not laid yet is waited for at its end.
-        if over && !last_leg && tick > since && self.hands[(self.leg + 1) % 2].is_whole() {
-            self.leg += 1;
-            self.start(plan, tick);
-            t_s = 0.0;
-        }
-        let Stage::Running { since, last } = &mut self.stage else {
-            return Outcome::At(Setpoint::rest(&self.q), false);
-        };
-        let first_job = tick == *since;
-        let route = self.hands[self.leg % 2].route();
-        let done = self.leg + 1 == self.legs && t_s >= route.duration_s();
-        let setpoint = match route {
-            Route::Joints(path) => Ok(match &self.clock {
-                Some(clock) => clock.paced(&path.at(t_s)),
-                None => path.at(t_s),
-            }),
-            Route::Tool(_) if tick == *last => Ok(Setpoint::rest(&self.q)),
-            Route::Tool(path) => {
-                let dt_s = seconds(tick - *last, plan.terms.tick_s);
-                let got = self.follower.step(&path.at(t_s).pose, dt_s);
-                got.map(|got| Setpoint {
-                    q: got.q,
-                    qd: (got.q - self.q) / dt_s,
-                    qdd: Vector::zeros(),
-                })
-            }
-        };
-        *last = tick;
-        match setpoint {
-            Ok(setpoint) => {
-                self.q = setpoint.q;
-                match self.prepare(plan, first_job) {
-                    Ok(()) => Outcome::At(setpoint, done),
-                    Err((step, why)) => self.refuse(step, &why),
-                }
-            }
+        let first_job = tick == since;
+        let t_s = self.time_s(plan, (since, last, tick));
+        self.stage = Stage::Running { since, last: tick };
+        let led = if tick == last { Ok(None) } else { self.led(plan, t_s, tick - last).map(Some) };
+        let (mut setpoint, over) = match led {
+            Ok(None) => (Setpoint::rest(&self.q), false),
+            Ok(Some(led)) => led,
             Err(why) => {
                 let lost = Why::Cannot(Refusal::Lost { why, t_s });
-                self.refuse(self.begins[self.leg].step, &lost)
+                return self.refuse(self.begins[self.leg].step, &lost);
             }
+        };
+        let last_leg = self.leg + 1 == self.legs;
+        // A leg so short that the next one is not laid yet is waited for at its end.
+        let next = over && !last_leg && self.hands[(self.leg + 1) % 2].is_whole();
+        if next {
+            self.leg += 1;
+            self.start(plan, tick);
+            setpoint = Setpoint::rest(&self.q);
         }
+        self.q = setpoint.q;
+        match self.prepare(plan, first_job || next) {
+            Ok(()) => Outcome::At(setpoint, over && last_leg),
+            Err((step, why)) => self.refuse(step, &why),
+        }
+    }
+
+    /// Leads on along the leg that is run to its time `t_s` (s), so many ticks after the last: the
+    /// setpoint, and whether the arm is at its end.
+    fn led(
+        &mut self,
+        plan: &Plan<N, A>,
+        t_s: f64,
+        ticks: u64,
+    ) -> Result<(Setpoint<N>, bool), Lost> {
+        let route = self.hands[self.leg % 2].route();
+        let dt_s = seconds(ticks, plan.terms.tick_s);
+        let led = self.lead.step(&plan.arm, route, t_s, dt_s)?;
+        let at = match (route, &self.clock) {
+            (Route::Joints(_), Some(clock)) => clock.paced(&led.at),
+            _ => led.at,
+        };
+        Ok((at, led.over))
     }
 
     fn refuse(&mut self, step: usize, why: &Why) -> Outcome<N> {
@@ -390,6 +392,7 @@ pub(crate) fn refused(check: MoveCheck, step: usize, why: &Why) -> MoveCheck {
         Why::Cannot(Refusal::Lost { why, t_s }) => match why {
             Lost::Limit { joint } => (step + 1, 1, joint + 1, *t_s, 0.0),
             Lost::TooFast { joint, ratio } => (step + 1, 3, joint + 1, *t_s, *ratio),
+            Lost::Behind { joint } => (step + 1, 7, joint + 1, *t_s, 0.0),
             _ => (step + 1, 2, 0, *t_s, 0.0),
         },
         Why::Cannot(Refusal::Torque { joint, ratio, t_s }) => {

@@ -8,13 +8,14 @@ use taktil_signal::{
 };
 
 /// The reasons of [`MoveCheck::reason`], from 1.
-pub const REASONS: [&str; 6] = [
+pub const REASONS: [&str; 7] = [
     "would leave its limits",
     "out of reach",
     "would be too fast",
     "would need more torque than it has",
     "the tool would leave its path past the wrist singularity",
     "it cannot be planned from here",
+    "would not bring the tool to its goal in time past the wrist singularity",
 ];
 
 /// The newest values of what an operator wants to know.
