@@ -10,10 +10,13 @@ use std::time::Instant;
 use glam::DVec3;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::{Arm, Follow};
-use taktil_mechanics::chain::{Chain, Dh, JointSpec, Vector};
+use taktil_mechanics::chain::{JointSpec, Vector};
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 use taktil_mechanics::puma260::Puma260;
+
+#[path = "../tests/rows/mod.rs"]
+mod rows;
 
 const DT_S: f64 = 0.0025;
 const ROUNDS: usize = 201;
@@ -57,16 +60,7 @@ fn measure(name: &str, mut round: impl FnMut() -> u32) {
     println!("{name:<36} {best:8.0} {median:8.0} {most:8.0}");
 }
 
-/// A chain of rows (a, d, alpha) with limits that do not matter.
-fn chain<const N: usize>(rows: [(f64, f64, f64); N]) -> Chain<N> {
-    let spec = JointSpec { speed_max: 10.0, ..JointSpec::default() };
-    let row =
-        |(a_m, d_m, alpha_rad): (f64, f64, f64)| Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec };
-    Chain::from_dh(&rows.map(row), &Pose::IDENTITY).expect("a chain")
-}
-
 fn main() {
-    let half = core::f64::consts::FRAC_PI_2;
     let puma = Puma260::reference();
     let over = Vector::<6>::from([0.0, 40.2, -153.4, -180.0, 66.8, 180.0].map(f64::to_radians));
     let path = square(&puma, &over);
@@ -89,27 +83,13 @@ fn main() {
             })
             .fold(0, |ticks, ()| ticks + 1)
     });
-    // Published rows of the UR5e, and of an arm with offsets at elbow and wrist.
-    let six = chain([
-        (0.0, 0.1625, half),
-        (-0.425, 0.0, 0.0),
-        (-0.3922, 0.0, 0.0),
-        (0.0, 0.1333, half),
-        (0.0, 0.0997, -half),
-        (0.0, 0.0996, 0.0),
-    ]);
+    // Limits that do not matter.
+    let spec = JointSpec { speed_max: 10.0, ..JointSpec::default() };
+    let six = rows::chain(&rows::UR5E, &spec);
     let bent = Vector::<6>::new(0.2, -1.3, 1.6, -1.9, -1.5, 0.4);
     let path = square(&six, &bent);
     measure("six joints by damped steps, line", || follow(&six, &path, &bent));
-    let seven = chain([
-        (0.0, 0.333, -half),
-        (0.0, 0.0, half),
-        (0.0825, 0.316, half),
-        (-0.0825, 0.0, -half),
-        (0.0, 0.384, half),
-        (0.088, 0.0, half),
-        (0.0, 0.107, 0.0),
-    ]);
+    let seven = rows::chain(&rows::SEVEN, &spec);
     let curled = Vector::<7>::from([0.1, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5]);
     let path = square(&seven, &curled);
     measure("seven joints by damped steps, line", || follow(&seven, &path, &curled));

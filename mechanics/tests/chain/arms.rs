@@ -1,6 +1,7 @@
 //! Arms for the tests, and repeatable random numbers. Dimensions come from public data sheets and
 //! documentation where a maker is named; masses there are estimates.
 
+use crate::rows::UR5E;
 use glam::{DMat3, DVec3};
 use taktil_mechanics::chain::{Chain, Dh, JointSpec, Motion, Vector};
 use taktil_mechanics::dynamics::{Body, Dynamics};
@@ -79,33 +80,30 @@ fn body(mass_kg: f64, com_m: [f64; 3]) -> Body {
     Body::diagonal(mass_kg, com_m, [size, 1.2 * size, 0.7 * size])
 }
 
-/// Six turning joints, 2 to 4 parallel, no spherical wrist: rows that Universal Robots publishes
-/// for its UR5e.
+/// Six turning joints, 2 to 4 parallel, no spherical wrist.
 pub(crate) fn ur5e_like() -> Chain<6> {
-    let row = |a_m: f64, d_m: f64, alpha_rad: f64, mass: f64, com: [f64; 3], range: f64| Dh {
-        a_m,
-        d_m,
-        alpha_rad,
-        theta_rad: 0.0,
-        spec: JointSpec {
-            body: body(mass, com),
+    let masses = [
+        (3.761, [0.0, -0.02561, 0.00193], 2.0 * PI),
+        (8.058, [0.2125, 0.0, 0.11336], 2.0 * PI),
+        (2.846, [0.15, 0.0, 0.0265], PI),
+        (1.37, [0.0, -0.0018, 0.01634], 2.0 * PI),
+        (1.3, [0.0, 0.0018, 0.01634], 2.0 * PI),
+        (0.365, [0.0, 0.0, -0.001159], 2.0 * PI),
+    ];
+    let row = |i: usize| {
+        let ((a_m, d_m, alpha_rad), (mass_kg, com_m, range)) = (UR5E[i], masses[i]);
+        let spec = JointSpec {
+            body: body(mass_kg, com_m),
             q_min: -range,
             q_max: range,
             speed_max: PI,
             acceleration_max: 13.0,
             effort_max: 28.0,
             ..JointSpec::default()
-        },
+        };
+        Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
     };
-    let rows = [
-        row(0.0, 0.1625, HALF, 3.761, [0.0, -0.02561, 0.00193], 2.0 * PI),
-        row(-0.425, 0.0, 0.0, 8.058, [0.2125, 0.0, 0.11336], 2.0 * PI),
-        row(-0.3922, 0.0, 0.0, 2.846, [0.15, 0.0, 0.0265], PI),
-        row(0.0, 0.1333, HALF, 1.37, [0.0, -0.0018, 0.01634], 2.0 * PI),
-        row(0.0, 0.0997, -HALF, 1.3, [0.0, 0.0018, 0.01634], 2.0 * PI),
-        row(0.0, 0.0996, 0.0, 0.365, [0.0, 0.0, -0.001159], 2.0 * PI),
-    ];
-    Chain::from_dh(&rows, &Pose::IDENTITY).unwrap()
+    Chain::from_dh(&core::array::from_fn::<_, 6, _>(row), &Pose::IDENTITY).unwrap()
 }
 
 /// Seven turning joints with offsets at elbow and wrist: rows and limits that Franka Robotics

@@ -1,7 +1,7 @@
 //! Poses and Jacobians.
 
 use crate::arms::{Draws, PI, puma, seven, slider, ur5e_like};
-use crate::derivative;
+use crate::{derivative, rows};
 use glam::{DMat3, DVec3};
 use taktil_mechanics::Pose;
 use taktil_mechanics::chain::{Chain, Dh, JointSpec};
@@ -32,6 +32,19 @@ fn published_rows_reach_the_published_place() {
     let at = seven().tool_pose(&nalgebra::SVector::zeros());
     assert!((at.translation - DVec3::new(0.088, 0.0, 1.033 - 0.107)).length() < 1e-15);
     assert!((at.rotation.z_axis + DVec3::Z).length() < 1e-15);
+}
+
+#[test]
+fn rows_of_either_convention_are_the_same_arm() {
+    // Franka Robotics publishes modified rows, the examples use standard ones.
+    let (modified, standard) = (seven(), rows::chain(&rows::SEVEN, &JointSpec::default()));
+    let mut draws = Draws(3);
+    for _ in 0..500 {
+        let q = draws.inside(&modified);
+        let (got, want) = (standard.tool_pose(&q), modified.tool_pose(&q));
+        assert!((got.translation - want.translation).length() < 1e-14);
+        assert!(got.rotation.abs_diff_eq(want.rotation, 1e-14));
+    }
 }
 
 fn check_derivative<const N: usize>(chain: &Chain<N>, seed: u64) {

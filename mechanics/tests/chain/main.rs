@@ -9,4 +9,6 @@ mod derivative;
 mod following;
 mod forward;
 mod motion;
+#[path = "../rows/mod.rs"]
+mod rows;
 mod searching;

@@ -7,14 +7,16 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use taktil_mechanics::Pose;
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::{Chain, Dh, JointSpec, Vector};
+use taktil_mechanics::chain::{JointSpec, Vector};
 use taktil_mechanics::puma260::Puma260;
 use taktil_signal::JogFrame;
 use taktil_tasks_jog::Config;
 use taktil_tasks_jog::law::{Law, Push};
 use taktil_tests_script::dice::Dice;
+
+#[path = "../../../mechanics/tests/rows/mod.rs"]
+mod rows;
 
 const DT_S: f64 = 0.0025;
 /// Starts, and the jobs from each.
@@ -92,20 +94,6 @@ fn show<const N: usize, A: Arm<N>>(name: &str, arm: &A) {
     );
 }
 
-/// A chain of rows (a, d, alpha).
-fn chain<const N: usize>(rows: [(f64, f64, f64); N]) -> Chain<N> {
-    let spec = JointSpec {
-        q_min: -3.0,
-        q_max: 3.0,
-        speed_max: 3.0,
-        acceleration_max: 15.0,
-        ..JointSpec::default()
-    };
-    let row =
-        |(a_m, d_m, alpha_rad): (f64, f64, f64)| Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec };
-    Chain::from_dh(&rows.map(row), &Pose::IDENTITY).expect("a chain")
-}
-
 fn main() {
     let puma = Puma260::reference();
     if let Some(times) = std::env::args().nth(1).and_then(|text| text.parse::<u32>().ok()) {
@@ -113,27 +101,15 @@ fn main() {
         (0..times).for_each(|_| all(&jobs));
         return;
     }
-    let half = core::f64::consts::FRAC_PI_2;
     println!("{:<14} {:>8} {:>8}", "the longest, us", "best", "median");
     show("PUMA 260", &puma);
-    // Published rows of the UR5e, and of an arm with offsets at elbow and wrist.
-    let six = chain([
-        (0.0, 0.1625, half),
-        (-0.425, 0.0, 0.0),
-        (-0.3922, 0.0, 0.0),
-        (0.0, 0.1333, half),
-        (0.0, 0.0997, -half),
-        (0.0, 0.0996, 0.0),
-    ]);
-    show("six joints", &six);
-    let seven = chain([
-        (0.0, 0.333, -half),
-        (0.0, 0.0, half),
-        (0.0825, 0.316, half),
-        (-0.0825, 0.0, -half),
-        (0.0, 0.384, half),
-        (0.088, 0.0, half),
-        (0.0, 0.107, 0.0),
-    ]);
-    show("seven joints", &seven);
+    let spec = JointSpec {
+        q_min: -3.0,
+        q_max: 3.0,
+        speed_max: 3.0,
+        acceleration_max: 15.0,
+        ..JointSpec::default()
+    };
+    show("six joints", &rows::chain(&rows::UR5E, &spec));
+    show("seven joints", &rows::chain(&rows::SEVEN, &spec));
 }
