@@ -1,7 +1,7 @@
-# What the guest is made of, from Debian's packages: QEMU and tools on the host, kernels and a small user land in a cache. Sourced
-# by `run`. Refuses to install anything when it is not root, and to guess: what cannot be had is said, and the caller skips.
+# What the guests are made of, from Debian's packages: QEMU and tools on the host, kernels and a small user land in a cache. Sourced
+# by guest.sh. Refuses to install anything when it is not root, and to guess: what cannot be had is said, and the caller skips.
 # shellcheck shell=bash
-# `out`, `cache` and `codename` are set by `run`.
+# `out`, `cache` and `codename` are set by guest.sh.
 # shellcheck disable=SC2154
 
 # program:package that the host side needs
@@ -84,7 +84,7 @@ archive() { # FOLDER RESULT: an uncompressed initramfs archive owned by root
     (cd "$1" && find . -mindepth 1 | LC_ALL=C sort | cpio -o -H newc -R 0:0 --quiet) >"$2"
 }
 
-# Sets `parts` to a cached folder with base.cpio, kernel-rt and kernel-plain (and their versions). Returns 1 when Debian's packages
+# Sets `parts` to a cached folder with base.cpio, kernel-rt, kernel-plain and modules/ (and their versions). Returns 1 when Debian's packages
 # cannot be reached and nothing is cached.
 build_parts() {
     local rt plain uris key work deb
@@ -99,7 +99,7 @@ build_parts() {
         say "no Debian kernel packages to be had here"
         return 1
     fi
-    key=$({ echo "$uris" | cut -d' ' -f2-; declare -f build_parts base_tree; } | sha256sum | cut -c1-12)
+    key=$({ echo "$uris" | cut -d' ' -f2-; declare -f build_parts base_tree input_modules; } | sha256sum | cut -c1-12)
     parts=$cache/parts-$key
     if [[ ! -s $parts/base.cpio ]]; then
         say "building the guest from $rt and $plain"
@@ -114,6 +114,7 @@ build_parts() {
         mkdir -p "$work/parts" "$work/all" "$work/base"/{usr/bin,usr/lib,usr/lib64,dev,proc,sys,run,tmp}
         unpack_kernel_package "$work"/"$rt"_*.deb "$work/parts/kernel-rt"
         unpack_kernel_package "$work"/"$plain"_*.deb "$work/parts/kernel-plain"
+        input_modules "$work"/"$rt"_*.deb "$work/parts/modules"
         for deb in "${GUEST_PACKAGES[@]}"; do
             dpkg-deb -x "$work/$deb"_*.deb "$work/all"
         done
@@ -134,6 +135,14 @@ unpack_kernel_package() { # DEB RESULT
     rm -rf "$folder"
 }
 
+# The modules through which programs make keyboards and read them, as far as the kernel has them as modules.
+input_modules() { # DEB FOLDER
+    mkdir "$2"
+    dpkg-deb --fsys-tarfile "$1" | tar -x -C "$2" --wildcards --transform 's,.*/,,' \
+        './lib/modules/*/kernel/drivers/input/evdev.ko*' './lib/modules/*/kernel/drivers/input/misc/uinput.ko*' || true
+    find "$2" -name '*.xz' -exec xz -d {} +
+}
+
 # Of the packages only what the guest runs: programs and shared objects, on a merged /usr.
 base_tree() { # UNPACKED TREE
     local name objects=x86_64-linux-gnu
@@ -146,7 +155,7 @@ base_tree() { # UNPACKED TREE
     find "$1" -path '*/lib64/ld-*' -exec cp -P {} "$2/usr/lib64/" \;
     find "$1" -path '*/bin/*' \( -name busybox -o -name cyclictest -o -name hackbench \) \
         -exec cp {} "$2/usr/bin/" \;
-    for name in sh mount cat ls stty poweroff uname setsid sleep; do
+    for name in sh mount cat ls stty poweroff uname setsid sleep insmod; do
         ln -s busybox "$2/usr/bin/$name"
     done
 }

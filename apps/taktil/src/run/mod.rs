@@ -20,7 +20,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::bail;
-use serde_json::Value;
+use serde_json::{Value, json};
 use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Hang, Pace, Terms};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos, linux, live, virtual_time};
@@ -76,6 +76,8 @@ struct Watch {
     socket: Option<Socket>,
     progress: Progress,
     now: Nanos,
+    /// What the kernel's monotonic clock said at the log's zero, by the first and the newest look.
+    zero: Option<(Nanos, Nanos)>,
 }
 
 impl Audience for Watch {
@@ -95,6 +97,8 @@ impl Audience for Watch {
     }
 
     fn passed(&mut self, now: Nanos) {
+        let zero = linux::monotonic() - now;
+        self.zero = Some((self.zero.map_or(zero, |(first, _)| first), zero));
         self.now = now;
         if let Some(keeper) = &mut self.keeper {
             keeper.passed(now);
@@ -202,6 +206,7 @@ fn run_by(
         socket,
         progress: Progress::new(&catalog, until, options.json),
         now: Nanos::ZERO,
+        zero: None,
     };
     if let Some(socket) = &mut watch.socket {
         socket.attach(&catalog);
@@ -229,13 +234,23 @@ fn run_by(
         repeat: repeat(options, seed, until, &scene),
     };
     let summary = ending.json();
-    let closed = watch.log.take().map_or(Ok(()), |log| {
-        log.finish_with(&BTreeMap::from([("summary".to_owned(), summary.to_string())]))
-    });
+    let closed =
+        watch.log.take().map_or(Ok(()), |log| log.finish_with(&result(&summary, watch.zero)));
     // A log that cannot be closed, on a full disk, does not take the table with it.
     finish(options, log_path.as_deref(), &summary)?;
     closed?;
     Ok(if ending.ok() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// What a log ends with: the summary, and of a live run how its times stand to the kernel's
+/// monotonic clock (CLOCK_MONOTONIC), to some us: what that showed at the log's zero, and by how
+/// much a late simulation has put off the rest.
+fn result(summary: &Value, zero: Option<(Nanos, Nanos)>) -> BTreeMap<String, String> {
+    let clock = zero.map(|(first, newest)| {
+        let clock = json!({ "monotonic_ns": first.0, "slipped_ns": (newest - first).0 });
+        ("clock".to_owned(), clock.to_string())
+    });
+    [("summary".to_owned(), summary.to_string())].into_iter().chain(clock).collect()
 }
 
 /// Listens where `--operator` says.
