@@ -9,8 +9,9 @@ use std::time::Instant;
 
 use glam::DVec3;
 use taktil_mechanics::Pose;
-use taktil_mechanics::arm::{Arm, Follow};
+use taktil_mechanics::arm::Arm;
 use taktil_mechanics::chain::{JointSpec, Vector};
+use taktil_mechanics::lead::{Lead, Route};
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 use taktil_mechanics::puma260::Puma260;
@@ -33,14 +34,14 @@ fn square<const N: usize, A: Arm<N>>(arm: &A, q: &Vector<N>) -> CartesianPath {
 
 /// Follows the square once; the number of ticks.
 fn follow<const N: usize, A: Arm<N>>(arm: &A, path: &CartesianPath, q: &Vector<N>) -> u32 {
-    let mut follower = arm.follower(q);
+    let mut lead = Lead::new(arm, q);
     let mut tick = 0_u32;
     let mut t_s = 0.0;
     while t_s < path.duration_s() {
         tick += 1;
         t_s = DT_S * f64::from(tick);
-        let got = follower.step(&path.at(t_s).pose, DT_S).expect("it follows");
-        black_box((got.q, arm.within_limits(&got.q)));
+        let led = lead.step(arm, Route::Tool(path), t_s, DT_S).expect("it follows");
+        black_box((led.at, arm.within_limits(&led.at.q)));
     }
     tick
 }
