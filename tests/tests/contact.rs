@@ -1,5 +1,5 @@
 //! Contact in three dimensions inside a lane: pressing and taking images makes no heap call once
-//! its tables stand, warm or cold. Refuses to judge how long it takes.
+//! its tables stand, warm or cold, and none when it is refused. Refuses to judge how long it takes.
 
 use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::space::infinite::Endless;
@@ -8,7 +8,7 @@ use taktil_mechanics::contact::space::radial::Influence;
 use taktil_mechanics::contact::space::sphere::Sphere;
 use taktil_mechanics::contact::space::surface::{Cells, Surface};
 use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_mechanics::contact::space::{Drive, Level};
+use taktil_mechanics::contact::space::{Drive, Level, Why};
 use taktil_rtcore::guard::{self, CountingAllocator};
 
 #[global_allocator]
@@ -64,4 +64,46 @@ fn pressing_and_imaging_make_no_heap_call() {
     assert!(guard::installed());
     let ((), calls) = guard::guarded(|| drop(std::hint::black_box(vec![1.0; 9])));
     assert!(calls > 0, "the guard counts");
+}
+
+/// A lane is refused by numbers; words are made of them where somebody asks.
+#[test]
+fn a_refused_press_makes_no_heap_call() {
+    let layer = Layer::new(0.8, 27.58, 0.49).unwrap();
+    let cylinder = Profile::Cylinder { radius_mm: 23.0 };
+    let mut pin = Pin::new(&layer, cylinder, [-15.0, 15.0], 0.1, Level::Fast).unwrap();
+    let mut endless = Endless::new(&layer, cylinder, 0.2).unwrap();
+    let mut sphere = Sphere::new(&layer, 10.0, Level::Fast).unwrap();
+    let (depth, force) = (Drive::PenetrationMm, Drive::ForceN);
+    // Drive and tilt, the number at fault, what of it is said.
+    let cases = [
+        (depth(f64::NAN), 0.0, "penetration_mm", "NaN is not a finite number"),
+        (depth(1e40), 0.0, "penetration_mm", "beyond sense"),
+        (depth(0.8), 0.0, "penetration_mm", "thickness or more"),
+        (depth(0.3), 0.0, "penetration_mm", "beyond the table"),
+        (depth(0.7), 0.02, "penetration_mm", "beyond the table"),
+        (force(f64::INFINITY), 0.0, "force_n", "not a finite number"),
+        (force(-1.0), 0.0, "force_n", "pulls"),
+        (force(1e9), 0.0, "force_n", "beyond the table"),
+        (force(1e9), 0.1, "force_n", "beyond the table"),
+        (depth(0.01), f64::NAN, "tilt_rad", "not a finite number"),
+        (depth(0.01), -0.3, "tilt_rad", "-0.3 rad"),
+    ];
+    for (drive, tilt, place, words) in cases {
+        pin.press(depth(0.05), 0.0).unwrap();
+        let (refused, calls) = guard::guarded(|| pin.press(drive, tilt).unwrap_err());
+        assert_eq!((calls, refused.place), (0, place), "{drive:?} {tilt}");
+        assert_eq!(pin.state().force_n, 0.0, "no contact is left");
+        let (told, calls) = guard::guarded(|| refused.to_string());
+        assert!(calls > 0 && told.contains(words), "{told}");
+    }
+    for drive in [depth(f64::NAN), depth(0.9), force(-1.0), force(1e9)] {
+        let (refused, calls) = guard::guarded(|| {
+            [endless.press(drive).unwrap_err(), sphere.press(drive).unwrap_err()]
+        });
+        assert_eq!(calls, 0, "{drive:?}");
+        let beyond = drive == force(1e9);
+        let table = |why| matches!(why, Why::Table | Why::Unreached | Why::Thickness(_));
+        assert!(refused.iter().all(|one| !beyond || table(one.why)), "{refused:?}");
+    }
 }

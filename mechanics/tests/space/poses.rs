@@ -86,7 +86,7 @@ fn short_pins_settle_or_are_refused() {
                 settled += 1;
             }
             Err(bad) => {
-                assert!(["length_mm", "penetration_mm"].contains(&bad.place.as_str()), "{bad:?}")
+                assert!(["length_mm", "penetration_mm"].contains(&bad.place), "{bad:?}")
             }
         }
     }

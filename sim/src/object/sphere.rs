@@ -66,8 +66,8 @@ impl Ball {
             let part = i as f64 / CELLS as f64;
             let delta_mm = deepest_mm * part * part;
             let mut load = |part: f64| {
-                let state =
-                    solver.press(Drive::PenetrationMm(part * delta_mm)).map_err(&located)?;
+                let state = solver.press(Drive::PenetrationMm(part * delta_mm));
+                let state = state.map_err(|refusal| located(refusal.told()))?;
                 Ok::<_, Invalid>((state.force_n, state.contact_radius_mm))
             };
             let (above, below) = (load(1.0 + STEP)?.0, load(1.0 - STEP)?.0);

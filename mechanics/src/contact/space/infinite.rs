@@ -11,7 +11,6 @@
 use super::super::kernel::{BASE_CUTOFF, Sampled};
 use super::super::layer::{Layer, Transfer};
 use super::super::{Invalid, finite, positive};
-use super::Drive;
 use super::across::Across;
 use super::pin::strip::Strips;
 use super::pin::{Profile, Stand};
@@ -19,6 +18,7 @@ use super::quadrature::{factor, solve};
 use super::radial::REACH;
 use super::table::Even;
 use super::tactels::{Array, Sampling};
+use super::{Drive, Refusal, Why};
 use core::f64::consts::PI;
 
 /// Table points per thickness.
@@ -96,7 +96,7 @@ impl Endless {
     /// # Errors
     /// What is not finite, a load below 0, and what the tables do not reach. The state is then that
     /// of no contact.
-    pub fn press(&mut self, drive: Drive) -> Result<LineState, Invalid> {
+    pub fn press(&mut self, drive: Drive) -> Result<LineState, Refusal> {
         self.state = LineState::default();
         let t = self.layer.thickness_mm;
         let target = drive.check(t)?;
@@ -169,7 +169,7 @@ impl Endless {
 
     /// Half-width and penetration (thicknesses) of the contact wanted; its punch and shape are in
     /// `sides`.
-    fn search(&mut self, by_force: bool, wanted: f64, drive: Drive) -> Result<(f64, f64), Invalid> {
+    fn search(&mut self, by_force: bool, wanted: f64, drive: Drive) -> Result<(f64, f64), Refusal> {
         let widest = self.strips.widest();
         if !self.strips.is_free() {
             let stiffness = self.plane(widest).map_or(f64::NAN, |(_, _, stiffness)| stiffness);
@@ -177,8 +177,8 @@ impl Endless {
             if delta < 1.0 {
                 return Ok((widest, delta));
             }
-            let what = format!("the bar would sink by {delta} thicknesses");
-            return Err(Invalid::new(drive.place(), what, "press less"));
+            let deep_mm = delta * self.layer.thickness_mm;
+            return Err(Refusal::new(drive.place(), Why::Thickness(deep_mm)));
         }
         let start = if by_force { wanted.sqrt() } else { self.strips.half_width(wanted) };
         let (mut b, mut slope) = (start.min(widest), 2.0);
@@ -202,8 +202,7 @@ impl Endless {
             before = Some((b, miss));
             b = (b * libm::exp((-miss / slope).clamp(-2.0, 2.0))).min(widest);
         }
-        let what = super::BEYOND_TABLE.to_owned();
-        Err(Invalid::new(drive.place(), what, "press less, or tabulate a larger penetration"))
+        Err(Refusal::new(drive.place(), Why::Table))
     }
 
     /// Penetration, load and stiffness of the contact of half-width `b`.

@@ -17,6 +17,7 @@ pub mod jacobian;
 pub mod pin;
 mod quadrature;
 pub mod radial;
+mod refusal;
 pub mod scene;
 pub mod shear;
 pub mod sphere;
@@ -24,7 +25,7 @@ pub mod surface;
 mod table;
 pub mod tactels;
 
-use super::{Invalid, finite};
+pub use refusal::{Refusal, Why};
 
 /// What is prescribed of an indenter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,37 +34,6 @@ pub enum Drive {
     ForceN(f64),
     /// Penetration in mm of the point named by the indenter; 0 or less is no contact.
     PenetrationMm(f64),
-}
-
-impl Drive {
-    /// The number, when it can be one.
-    fn check(self, thickness_mm: f64) -> Result<f64, Invalid> {
-        match self {
-            Self::ForceN(force) => {
-                finite(self.place(), force)?;
-                if force < 0.0 {
-                    let what = format!("{force} pulls; rubber does not hold a rigid body");
-                    return Err(Invalid::new(self.place(), what, "give 0 or more"));
-                }
-                Ok(force)
-            }
-            Self::PenetrationMm(delta) => {
-                finite(self.place(), delta)?;
-                if delta >= thickness_mm {
-                    let what = format!("{delta} mm is the layer's thickness or more");
-                    return Err(Invalid::new(self.place(), what, "give less"));
-                }
-                Ok(delta)
-            }
-        }
-    }
-
-    fn place(self) -> &'static str {
-        match self {
-            Self::ForceN(_) => "force_n",
-            Self::PenetrationMm(_) => "penetration_mm",
-        }
-    }
 }
 
 /// What is wrong when a larger table would help.

@@ -21,7 +21,7 @@ use super::quadrature::{factor, legendre, solve};
 use super::radial::{REACH, Radial};
 use super::table::Even;
 use super::tactels::{Array, Sampling};
-use super::{Drive, Level};
+use super::{Drive, Level, Refusal, Why};
 use core::f64::consts::PI;
 
 /// Largest contact radius in radii of the sphere.
@@ -146,7 +146,7 @@ impl Sphere {
     /// # Errors
     /// What is not finite, a force below 0, and what this module refuses. The state is then that of
     /// no contact.
-    pub fn press(&mut self, drive: Drive) -> Result<SphereState, Invalid> {
+    pub fn press(&mut self, drive: Drive) -> Result<SphereState, Refusal> {
         let guess = self.a;
         self.release();
         let target = drive.check(self.layer.thickness_mm)?;
@@ -175,8 +175,7 @@ impl Sphere {
         let delta = solved.delta + change;
         let force = solved.force + change * solved.stiffness;
         if delta >= 1.0 {
-            let what = format!("the penetration would be {} mm, the thickness or more", delta * t);
-            return Err(Invalid::new(drive.place(), what, "press less"));
+            return Err(Refusal::new(drive.place(), Why::Thickness(delta * t)));
         }
         self.spread(a, delta, &solved);
         self.a = a * (1.0 - miss / 3.0);
@@ -210,7 +209,7 @@ impl Sphere {
         by_force: bool,
         wanted: f64,
         widest: f64,
-    ) -> Result<(f64, Solved, f64), Invalid> {
+    ) -> Result<(f64, Solved, f64), Refusal> {
         let (mut a, mut slope) = (start, if by_force { 3.2 } else { 2.0 });
         let mut before: Option<(f64, f64)> = None;
         for _ in 0..SEARCH {
@@ -233,8 +232,7 @@ impl Sphere {
             a = (a * libm::exp((-miss / slope).clamp(-1.5, 1.5))).min(widest);
         }
         let place = if by_force { "force_n" } else { "penetration_mm" };
-        let what = "no contact that fits the sphere and the layer reaches it".to_owned();
-        Err(Invalid::new(place, what, "press less, or use a larger sphere"))
+        Err(Refusal::new(place, Why::Unreached))
     }
 
     /// Contact of radius `a` thicknesses; `None` when the system cannot be solved.

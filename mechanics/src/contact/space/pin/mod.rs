@@ -31,7 +31,7 @@ mod work;
 use super::super::layer::Layer;
 use super::super::{Invalid, finite, positive};
 use super::tactels::Shares;
-use super::{Drive, Level};
+use super::{Drive, Level, Refusal, Why};
 use couple::Modes;
 pub use roll::Roll;
 use row::Row;
@@ -287,7 +287,7 @@ impl Pin {
     /// which more than a tenth of the penetration is left after the level's steps (pins shorter
     /// than the layer is thick); what is left of less is in `residual`. The state is then that of
     /// no contact.
-    pub fn press(&mut self, drive: Drive, tilt_rad: f64) -> Result<PinState, Invalid> {
+    pub fn press(&mut self, drive: Drive, tilt_rad: f64) -> Result<PinState, Refusal> {
         let outcome = self.try_press(drive, tilt_rad);
         match outcome {
             Ok(state) => self.state = state,
@@ -296,13 +296,12 @@ impl Pin {
         outcome
     }
 
-    fn try_press(&mut self, drive: Drive, tilt_rad: f64) -> Result<PinState, Invalid> {
+    fn try_press(&mut self, drive: Drive, tilt_rad: f64) -> Result<PinState, Refusal> {
         let t = self.layer.thickness_mm;
         let target = drive.check(t)?;
-        finite("tilt_rad", tilt_rad)?;
+        Refusal::finite("tilt_rad", tilt_rad)?;
         if tilt_rad.abs() > TILT_MAX {
-            let what = format!("{tilt_rad} rad");
-            return Err(Invalid::new("tilt_rad", what, "give at most 0.2 rad either way"));
+            return Err(Refusal::new("tilt_rad", Why::Tilt(tilt_rad)));
         }
         let slope = libm::tan(tilt_rad);
         let [from, to] = self.ends;
@@ -325,7 +324,7 @@ impl Pin {
         };
         if wanted.is_none() && guess >= 1.0 {
             // Its deeper end would go through the base.
-            return Err(Trouble::Beyond.told(drive));
+            return Err(Trouble::Beyond.refused(drive));
         }
         let mut at = self.row_for(self.guessed(wanted, guess, slope.abs()), turned);
         let mut start = guess - slope.abs() * to;
@@ -345,7 +344,7 @@ impl Pin {
                 at = at.saturating_sub(UP);
                 continue;
             }
-            let mut state = outcome.map_err(|trouble| trouble.told(drive))?;
+            let mut state = outcome.map_err(|trouble| trouble.refused(drive))?;
             let touched = state.length_mm / t;
             if !shortened && touched > 0.0 && touched < KEPT * row.length {
                 shortened = true;

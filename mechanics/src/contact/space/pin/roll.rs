@@ -6,9 +6,8 @@
 //! it. It allocates. It has nothing to say of cylinders, which roll without changing anything, and
 //! of bars that do not touch.
 
-use super::super::super::Invalid;
-use super::super::Drive;
 use super::super::tactels::Shares;
+use super::super::{Drive, Refusal};
 use super::couple::{Coupling, Parity};
 use super::row::{Row, points_for};
 use super::strip::Strips;
@@ -33,7 +32,7 @@ impl Pin {
     ///
     /// # Errors
     /// None is expected after a contact was found.
-    pub fn roll(&self) -> Result<Option<Roll>, Invalid> {
+    pub fn roll(&self) -> Result<Option<Roll>, Refusal> {
         let row = &self.rows[self.at];
         let slices = row.along.len();
         if row.strips.is_free() || !(0..slices).any(|j| row.work.touches(j)) {
@@ -48,9 +47,9 @@ impl Pin {
         // The descent b cos(theta) of a unit slope has the one moment b pi/2.
         work.hold(|j| row.work.touches(j).then_some(0.5 * half));
         let mut rate = Row { strips, coupling, work, nested: None, ..row.clone() };
-        let told = |trouble: Trouble| trouble.told(Drive::PenetrationMm(0.0));
-        rate.prepare(true).map_err(told)?;
-        rate.gradients(TOLERANCE).map_err(told)?;
+        let refused = |trouble: Trouble| trouble.refused(Drive::PenetrationMm(0.0));
+        rate.prepare(true).map_err(refused)?;
+        rate.gradients(TOLERANCE).map_err(refused)?;
         let points = points_for(rate.fineness.points, half);
         let mut rule = Vec::with_capacity(points * (n + 1));
         for i in 0..points {

@@ -1,7 +1,6 @@
 //! Memory of the solver in [`super::solve`], and why it may have no answer.
 
-use super::super::super::Invalid;
-use super::super::Drive;
+use super::super::{Drive, Refusal, Why};
 use super::direct::Dense;
 use super::strip::{Places, Strips};
 
@@ -138,7 +137,7 @@ impl Work {
     }
 }
 
-/// Why a row has no answer; words are made of it only when it is the pin's.
+/// Why a row has no answer.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Trouble {
     /// Beyond its tables, or beyond its length.
@@ -150,24 +149,12 @@ pub(super) enum Trouble {
 }
 
 impl Trouble {
-    /// In words, of what was asked for.
-    pub(super) fn told(self, drive: Drive) -> Invalid {
+    /// Of what was asked for.
+    pub(super) fn refused(self, drive: Drive) -> Refusal {
         match self {
-            Self::Beyond => {
-                let what = super::super::BEYOND_TABLE.to_owned();
-                let remedy = "press less, or tabulate a larger penetration";
-                Invalid::new(drive.place(), what, remedy)
-            }
-            Self::Unsettled(left) => {
-                let what =
-                    format!("its contact does not settle: {left:.1e} of the penetration is left");
-                let remedy = "take a finer level, or a pin longer than the layer is thick";
-                Invalid::new("length_mm", what, remedy)
-            }
-            Self::Indefinite => {
-                let what = "the slices' system is not positive".to_owned();
-                Invalid::new(drive.place(), what, "press less")
-            }
+            Self::Beyond => Refusal::new(drive.place(), Why::Table),
+            Self::Unsettled(left) => Refusal::new("length_mm", Why::Unsettled(left)),
+            Self::Indefinite => Refusal::new(drive.place(), Why::Indefinite),
         }
     }
 }

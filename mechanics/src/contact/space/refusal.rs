@@ -1,0 +1,124 @@
+//! Why an indenter is not pressed, as numbers and fixed words: a lane may be refused without a call
+//! of the heap, and [`Invalid`] is made of it by whoever tells people.
+
+use super::super::{Invalid, LARGEST, finite};
+use super::Drive;
+use core::fmt;
+
+/// A press that is refused: which of its numbers, and why.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Refusal {
+    /// Name of the number at fault.
+    pub place: &'static str,
+    /// What is wrong with it.
+    pub why: Why,
+}
+
+/// What is wrong with what was asked of an indenter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Why {
+    /// Not finite, or beyond 1e30 either way.
+    Beyond(f64),
+    /// A force below 0, N.
+    Pull(f64),
+    /// A penetration of the layer's thickness or more, mm.
+    Thickness(f64),
+    /// Steeper than a section is that of a cylinder, rad.
+    Tilt(f64),
+    /// More than the tables were made for.
+    Table,
+    /// So much of the largest penetration is left after the last step.
+    Unsettled(f64),
+    /// The slices' system is not positive.
+    Indefinite,
+    /// No contact that fits the indenter and the layer reaches it.
+    Unreached,
+}
+
+impl Refusal {
+    pub(crate) fn new(place: &'static str, why: Why) -> Self {
+        Self { place, why }
+    }
+
+    /// Refuses what is not finite or beyond sense.
+    pub(crate) fn finite(place: &'static str, value: f64) -> Result<(), Self> {
+        if value.abs() <= LARGEST { Ok(()) } else { Err(Self::new(place, Why::Beyond(value))) }
+    }
+
+    /// In words, with advice.
+    #[must_use]
+    pub fn told(&self) -> Invalid {
+        let tell = |what: String, remedy| Invalid::new(self.place, what, remedy);
+        match self.why {
+            Why::Beyond(value) => match finite(self.place, value) {
+                Err(invalid) => invalid,
+                Ok(()) => tell(format!("{value} is refused"), "give another number"),
+            },
+            Why::Pull(force) => {
+                tell(format!("{force} pulls; rubber does not hold a rigid body"), "give 0 or more")
+            }
+            Why::Thickness(depth) => {
+                tell(format!("{depth} mm is the layer's thickness or more"), "press less")
+            }
+            Why::Tilt(tilt) => tell(format!("{tilt} rad"), "give at most 0.2 rad either way"),
+            Why::Table => {
+                let remedy = "press less, or tabulate a larger penetration";
+                tell(super::BEYOND_TABLE.to_owned(), remedy)
+            }
+            Why::Unsettled(left) => {
+                let what =
+                    format!("its contact does not settle: {left:.1e} of the penetration is left");
+                tell(what, "take a finer level, or a pin longer than the layer is thick")
+            }
+            Why::Indefinite => tell("the slices' system is not positive".to_owned(), "press less"),
+            Why::Unreached => {
+                let what = "no contact that fits the indenter and the layer reaches it";
+                tell(what.to_owned(), "press less, or use a larger indenter")
+            }
+        }
+    }
+}
+
+impl From<Refusal> for Invalid {
+    fn from(refusal: Refusal) -> Self {
+        refusal.told()
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.told().fmt(f)
+    }
+}
+
+impl core::error::Error for Refusal {}
+
+impl Drive {
+    /// The number, when it can be one.
+    pub(super) fn check(self, thickness_mm: f64) -> Result<f64, Refusal> {
+        match self {
+            Self::ForceN(force) => {
+                Refusal::finite(self.place(), force)?;
+                if force < 0.0 {
+                    return Err(Refusal::new(self.place(), Why::Pull(force)));
+                }
+                Ok(force)
+            }
+            Self::PenetrationMm(delta) => {
+                Refusal::finite(self.place(), delta)?;
+                if delta >= thickness_mm {
+                    return Err(Refusal::new(self.place(), Why::Thickness(delta)));
+                }
+                Ok(delta)
+            }
+        }
+    }
+
+    /// Name of what is prescribed.
+    pub(super) fn place(self) -> &'static str {
+        match self {
+            Self::ForceN(_) => "force_n",
+            Self::PenetrationMm(_) => "penetration_mm",
+        }
+    }
+}
