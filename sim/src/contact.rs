@@ -20,7 +20,7 @@ use crate::hash::Hash;
 use crate::pin::Pin;
 use crate::rubber::Rubber;
 use slices::Law;
-pub(crate) use slices::{Bristles, Slice, Slices, Strips, tactel_middle_m};
+pub(crate) use slices::{Bristles, Slice, Slices, Strips, tactel_middle_m, yields_m_n};
 
 /// Slices of either contact; on the finger they are the tactile array's rows.
 pub const SLICES: usize = 16;
@@ -33,7 +33,7 @@ pub const PAD_HALF_M: f64 = 0.5 * SLICES as f64 * PITCH_M;
 const EDGE_M: f64 = 0.5e-3;
 /// Smallest sine between axis and normal for which there is a contact line on a pad.
 const SINE_MIN: f64 = 0.2;
-/// The same on the table: below it a pin that stands on end has no lowest side.
+/// Below it a pin that stands on end on the table has no lowest side.
 const UPRIGHT: f64 = 1e-6;
 /// Narrowest contact through which bristles travel (m).
 const HALF_WIDTH_MIN_M: f64 = 1e-9;
@@ -99,13 +99,19 @@ impl Line {
         let normal = surface.normal;
         let dip = axis.dot(normal);
         let sine2 = 1.0 - dip * dip;
-        if sine2 < sine_min * sine_min {
+        if sine2 < sine_min * sine_min && sine_min > UPRIGHT {
             return None;
         }
-        let inverse = 1.0 / sine2.sqrt();
-        let along = (axis - dip * normal) * inverse;
+        let (along, radius) = if sine2 < UPRIGHT * UPRIGHT {
+            // On end no side is the lowest; one of them carries.
+            let along = normal.any_orthonormal_vector();
+            (along, dip * pin.radius_m * along)
+        } else {
+            let inverse = 1.0 / sine2.sqrt();
+            let along = (axis - dip * normal) * inverse;
+            (along, (dip * axis - normal) * (inverse * pin.radius_m))
+        };
         let across = along.cross(normal);
-        let radius = (dip * axis - normal) * (inverse * pin.radius_m);
         let foot = pin.position + radius;
         let lever = foot - surface.origin;
         let rubber = surface.velocity + surface.spin.cross(lever);
@@ -276,5 +282,45 @@ impl Patch {
 
     pub(crate) fn digest(&self, hash: &mut Hash) {
         self.slices.bristles.digest(hash);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+
+    use super::*;
+    use crate::scene::{FingerConfig, RubberConfig};
+
+    #[test]
+    fn a_damped_contact_that_begins_to_slide_holds_no_more_than_was_done_to_it() {
+        for relaxation_ms in [0.0, 0.3, 100.0] {
+            let config = RubberConfig { relaxation_ms, ..FingerConfig::default().rubber };
+            let rubber = Rubber::blind(&config, 23.0, "table.rubber").unwrap();
+            let mut patch = Patch::new(rubber, 0.3, 0.0).along_pin(0.08);
+            let place = DVec3::new(0.0, 0.0, 0.023 - 1e-4);
+            let mut pin = Pin::at_rest(place, &DMat3::IDENTITY, (0.023, 0.08), 0.2);
+            pin.velocity = DVec3::new(0.0, 0.5, 0.0);
+            let (origin, none) = (DVec3::ZERO, DVec3::ZERO);
+            let table = Surface { origin, normal: DVec3::Z, velocity: none, spin: none };
+            let line = Line::on_table(&pin, pin.axis(), &table).unwrap();
+            let bristles_j = |patch: &Patch| {
+                let one = |slice: Slice| {
+                    let (x, y) = slice.brush_m;
+                    0.5 * slice.shear_n_m * (x * x + y * y)
+                };
+                patch.slices.each().map(one).sum::<f64>()
+            };
+            let (h, mut done_j, mut slid) = (1e-5, 0.0, false);
+            for _ in 0..100 {
+                let from = patch.slices.bristles;
+                let (reaction, _) = patch.act(&line, &from, h);
+                done_j -= h * reaction.force.dot(pin.velocity);
+                let held_j = bristles_j(&patch);
+                slid |= reaction.slip_m_s > 0.0;
+                assert!(held_j <= done_j, "{relaxation_ms} ms: {held_j:e} J of {done_j:e} J");
+            }
+            assert!(slid && bristles_j(&patch) > 0.0);
+        }
     }
 }

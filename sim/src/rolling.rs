@@ -13,7 +13,7 @@ use crate::hand::Hand;
 use crate::hash::Hash;
 use crate::opposed::Opposed;
 use crate::pin::Pin;
-use crate::spatial::{Spatial, lean_of};
+use crate::spatial::{Spatial, Tally, lean_of};
 
 /// The pin with both its contacts.
 #[derive(Clone, Debug)]
@@ -117,15 +117,16 @@ impl Rolling {
 
     /// Normal force on each tactel of the finger (N) at the latest evaluation; solves the contact
     /// in three dimensions where that is asked for and says whether it did.
-    pub(crate) fn image(&mut self, around: &Around) -> ([f64; MAX_TACTELS], bool) {
+    pub(crate) fn image(&mut self, around: &Around) -> ([f64; MAX_TACTELS], Tally) {
         let line = Line::between(&self.pin, self.pin.axis(), &around.finger);
         let lie = (line.as_ref(), &around.pad, self.across);
         seen(&mut self.pad, self.spatial.as_deref_mut(), lie, self.by_finger.normal_n)
     }
 
     /// The same of the opposed fingertip; nothing where there is none.
-    pub(crate) fn opposed_image(&mut self, around: &Around) -> ([f64; MAX_TACTELS], bool) {
-        let Some(opposed) = &mut self.opposed else { return ([0.0; MAX_TACTELS], false) };
+    pub(crate) fn opposed_image(&mut self, around: &Around) -> ([f64; MAX_TACTELS], Tally) {
+        let none = ([0.0; MAX_TACTELS], Tally::default());
+        let Some(opposed) = &mut self.opposed else { return none };
         let line = Line::between(&self.pin, self.pin.axis(), &around.table);
         let pose = opposed.pose(&around.table_axes, &around.table);
         let lie = (line.as_ref(), &pose, opposed.across);
@@ -183,25 +184,25 @@ impl Rolling {
 }
 
 /// Normal force on each tactel of a pad (N) whose pin lies along `line`, under a load of
-/// `normal_n`, and whether it was solved in three dimensions. With the line come the sensor's frame
+/// `normal_n`, and whether it was solved in three dimensions where that is asked for. With the line come the sensor's frame
 /// and the cosine between its x and the rolling direction.
 fn seen(
     pad: &mut Patch,
     spatial: Option<&mut Spatial>,
     (line, pose, across): (Option<&Line>, &Pose, f64),
     normal_n: f64,
-) -> ([f64; MAX_TACTELS], bool) {
+) -> ([f64; MAX_TACTELS], Tally) {
     let (Some(spatial), Some(line)) = (spatial, line) else {
-        return (base_forces(pad, across), false);
+        return (base_forces(pad, across), Tally::default());
     };
     if normal_n <= 0.0 {
         spatial.release();
         pad.lean = Lean::NONE;
-        return (base_forces(pad, across), false);
+        return (base_forces(pad, across), Tally::default());
     }
     let Some(solved) = spatial.solve(line, pose).filter(|s| s.force_n > 0.0) else {
         pad.lean = Lean::NONE;
-        return (base_forces(pad, across), false);
+        return (base_forces(pad, across), Tally::PLAIN);
     };
     pad.lean = lean_of(pad, &solved);
     let mut forces = spatial.forces_n();
@@ -209,5 +210,5 @@ fn seen(
     let scale = (normal_n / solved.force_n).clamp(0.0, 2.0);
     forces.iter_mut().for_each(|force| *force *= scale);
     add_drag(&mut forces, pad, across);
-    (forces, true)
+    (forces, Tally::of(pad.lean))
 }

@@ -2,7 +2,7 @@
 //! one image to the next: rows lean on each other through the layer, ends of the pin are ends.
 //! Between images the rows keep the ratio to their plane solutions that force and moment of the
 //! last solution had, linear along the axis; a test states what that leaves. Refuses nothing: where
-//! the tables end, the rows stand on their own.
+//! the tables end, the rows stand on their own, which is counted.
 //!
 //! The theory's layer has no edges. A pin that is longer than the pad is cut beyond it, and only
 //! what presses on the pad counts; the pad's own free edges are left out.
@@ -43,6 +43,29 @@ pub(crate) struct Solved {
     /// Force on the pad (N) and its moment about the pin's middle along the axis (N m).
     pub(crate) force_n: f64,
     pub(crate) moment_nm: f64,
+}
+
+/// Images under a load where three dimensions are asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Tally {
+    /// Solved.
+    pub(crate) solved: u64,
+    /// After which rows stand on their own: nothing was solved, or its force is not believed.
+    pub(crate) plain: u64,
+}
+
+impl Tally {
+    /// Of a solution that gave rows this lean.
+    pub(crate) fn of(lean: Lean) -> Tally {
+        Tally { solved: 1, plain: u64::from(lean == Lean::NONE) }
+    }
+
+    /// Of an image without a solution.
+    pub(crate) const PLAIN: Tally = Tally { solved: 0, plain: 1 };
+
+    pub(crate) fn add(&mut self, more: Tally) {
+        (self.solved, self.plain) = (self.solved + more.solved, self.plain + more.plain);
+    }
 }
 
 /// The generatrix over the pad in the solver's terms: mm, pad axes.

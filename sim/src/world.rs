@@ -82,6 +82,15 @@ impl World {
         self.orders
     }
 
+    /// Whether the scene asks for contacts in three dimensions and something looks at them, so that
+    /// [`Work::solved`] and [`Work::plain`] say how that went.
+    #[must_use]
+    pub fn solves_layers(&self) -> bool {
+        let pin = self.bench.rolling.as_deref().is_some_and(|r| r.spatial.is_some());
+        let edge = self.bench.objects.as_deref().is_some_and(|objects| objects.asked());
+        self.arrays.iter().any(Option::is_some) && (pin || edge)
+    }
+
     /// What the physics was asked to do since the start.
     #[must_use]
     pub fn work(&self) -> Work {

@@ -328,9 +328,10 @@ fn lives(seed: u64) -> bool {
     true
 }
 
-/// Scenes in which an iteration ran away, or the damping of a light guide was too much for an
-/// explicit step.
-const REMEMBERED: [u64; 2] = [86, 823];
+/// Scenes in which an iteration ran away, in which the damping of a light guide was too much for an
+/// explicit step, and in which grams under stiff rubber with 0.1 s of relaxation were called settled
+/// by the matrix of a contact that they had left.
+const REMEMBERED: [u64; 3] = [86, 91, 823];
 
 #[test]
 fn drawn_scenes_are_refused_with_their_place_or_run_soundly() {
@@ -343,9 +344,6 @@ fn scenes_that_exploded_once_do_not_any_more() {
     assert!(REMEMBERED.into_iter().all(lives));
 }
 
-/// Grams under rubber of 0.5 GPa with 0.1 s of relaxation, which no step settles.
-const KNOWN: [u64; 1] = [91];
-
 #[test]
 #[ignore = "minutes: cargo test --release -p taktil-sim --test wild -- --ignored"]
 fn two_thousand_drawn_scenes() {
@@ -356,6 +354,6 @@ fn two_thousand_drawn_scenes() {
             Err(_) => bad.push(seed),
         }
     }
-    assert_eq!(bad, KNOWN);
+    assert_eq!(bad, [0_u64; 0]);
     assert!(ran > 1000, "{ran}");
 }

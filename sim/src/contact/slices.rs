@@ -305,9 +305,22 @@ impl Slices {
         }
         if slides > 0 {
             let bristles = (new.0, new.1, &*new.2);
-            *slip_m_s = slip_m_s.max(block.slide(law.friction, s, line, bristles));
+            *slip_m_s = slip_m_s.max(block.slide((law.friction, relaxation_s), s, line, bristles));
         }
         block
+    }
+}
+
+/// How far bristles give way (m) per newton that sliding takes off the force on them: of the
+/// `weight_n_s_m` of a step's final speed only the part that stretches them, not their damper's.
+/// Else a damped contact that begins to slide would be found stretched by work that nobody did.
+pub(crate) fn yields_m_n(shear_n_m: f64, weight_n_s_m: f64, relaxation_s: f64) -> f64 {
+    if shear_n_m > 0.0 && weight_n_s_m > 0.0 {
+        1.0 / shear_n_m - relaxation_s / weight_n_s_m
+    } else if shear_n_m > 0.0 {
+        1.0 / shear_n_m
+    } else {
+        0.0
     }
 }
 
@@ -316,7 +329,7 @@ impl Block {
     /// motion of a slice that slides (m/s).
     fn slide(
         &mut self,
-        friction: f64,
+        (friction, relaxation_s): (f64, f64),
         s: &Lanes,
         line: &Line,
         (across_m, along_m, shear_n_m): (&mut Lanes, &mut Lanes, &Lanes),
@@ -331,8 +344,10 @@ impl Block {
             }
             let scale = limit / size2.sqrt();
             let slid = (force.0 * scale, force.1 * scale);
-            let per_force = if shear_n_m[i] > 0.0 { -1.0 / shear_n_m[i] } else { 0.0 };
-            (across_m[i], along_m[i]) = (slid.0 * per_force, slid.1 * per_force);
+            let back_m_n =
+                (1.0 - scale) * yields_m_n(shear_n_m[i], self.weight[1][i], relaxation_s);
+            across_m[i] += force.0 * back_m_n;
+            along_m[i] += force.1 * back_m_n;
             (self.force[1][i], self.force[2][i]) = slid;
             let creep = (linear(line.creep_across, s[i]), linear(line.creep_along, s[i]));
             fastest = fastest.max((creep.0 * creep.0 + creep.1 * creep.1).sqrt());

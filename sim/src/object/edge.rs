@@ -17,7 +17,7 @@ use crate::contact::{Lean, Line, PAD_HALF_M, PITCH_M, Surface};
 use crate::pin::Pin;
 use crate::rubber::Rubber;
 use crate::scene::{EdgeProfile, Invalid, ObjectConfig, RubberConfig};
-use crate::spatial::{Solved, Spatial};
+use crate::spatial::{Solved, Spatial, Tally};
 
 /// Longest length (m).
 const STEP_M: f64 = 0.5e-3;
@@ -112,6 +112,8 @@ pub(super) struct Ridge {
     points: [(f64, f64); POINTS],
     /// The contact in three dimensions, for straight ridges of scenes that ask for it.
     spatial: Option<Box<Spatial>>,
+    /// The scene asks for three dimensions.
+    pub(super) asked: bool,
     /// What lengths carry over their plane solutions.
     pub(super) lean: Lean,
     /// Where it was at the latest evaluation.
@@ -162,6 +164,7 @@ impl Ridge {
             used: 0,
             points,
             spatial,
+            asked: level.is_some(),
             lean: Lean::NONE,
             last: Meeting::default(),
         })
@@ -235,9 +238,9 @@ impl Ridge {
 
     /// Adds the stresses of the latest evaluation (MPa). The theory's layer has no edges: lengths
     /// beyond the pad show at its border.
-    pub(super) fn image(&mut self, shares: &Shares, image: &mut [f64; MAX_TACTELS]) {
+    pub(super) fn image(&mut self, shares: &Shares, image: &mut [f64; MAX_TACTELS]) -> Tally {
         if self.solved(image) {
-            return;
+            return Tally::of(self.lean);
         }
         self.lean = Lean::NONE;
         for pressed in self.pressed() {
@@ -246,6 +249,7 @@ impl Ridge {
                 shares.add(image, at.to_array(), weight * pressed.load_n);
             }
         }
+        if self.asked { Tally::PLAIN } else { Tally::default() }
     }
 
     /// Solves the contact in three dimensions where that is asked for, and adds its stresses.

@@ -22,12 +22,13 @@ use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Share
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z, stack};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
-use crate::contact::{Lean, PAD_HALF_M, PITCH_M};
+use crate::contact::{Lean, PAD_HALF_M, PITCH_M, yields_m_n};
 use crate::fidelity::ContactModel;
 use crate::hash::Hash;
 use crate::rolling::Around;
 use crate::rubber;
 use crate::scene::{Invalid, OBJECTS_MAX, ObjectConfig, ObjectKind, RubberConfig, WorldConfig};
+use crate::spatial::Tally;
 use crate::table::Table;
 use bar::Face;
 use edge::Ridge;
@@ -241,15 +242,12 @@ impl Object {
             return force;
         }
         let scale = limit / size;
-        let slid = scale * force;
-        if grip.shear_n_m > 0.0 {
-            grip.brush = slid / -grip.shear_n_m;
-        }
+        grip.brush += (1.0 - scale) * yields_m_n(grip.shear_n_m, weight, damping) * force;
         // Only the direction of a sliding force depends on the motion.
         let turns = |f: f64| weight * scale * (1.0 - f * f / (size * size));
         self.drag = DVec2::new(turns(force.x), turns(force.y));
         self.slip_m_s = creep.length();
-        slid
+        scale * force
     }
 
     fn lie(&self, around: &Around) -> Lie {
@@ -342,6 +340,21 @@ impl Objects {
         }
     }
 
+    /// What resists the finger's motion, three numbers an object: along its normal and against
+    /// sliding (N s/m).
+    pub(crate) fn holds(&self, into: &mut [f64]) {
+        for (three, object) in into.chunks_exact_mut(3).zip(&self.all) {
+            if object.sums.middle().is_some() {
+                three.copy_from_slice(&[object.sums.weights[0], object.drag.x, object.drag.y]);
+            }
+        }
+    }
+
+    /// Whether one is to be solved in three dimensions.
+    pub(crate) fn asked(&self) -> bool {
+        self.all.iter().any(|one| matches!(&one.shape, Shape::Ridge(ridge) if ridge.asked))
+    }
+
     /// Which objects touch, as bits.
     pub(crate) fn touched(&self) -> u8 {
         let bit = |(i, object): (usize, &Object)| u8::from(object.sums.load_n > 0.0) << i;
@@ -386,9 +399,10 @@ impl Objects {
         }
     }
 
-    /// Adds the normal force on each tactel (N) at the latest evaluation.
-    pub(crate) fn image(&mut self, forces: &mut [f64; MAX_TACTELS]) {
-        let area_mm2 = 1e6 * PITCH_M * PITCH_M;
+    /// Adds the normal force on each tactel (N) at the latest evaluation; how many of the contacts
+    /// were solved in three dimensions where that is asked for.
+    pub(crate) fn image(&mut self, forces: &mut [f64; MAX_TACTELS]) -> Tally {
+        let (area_mm2, mut all) = (1e6 * PITCH_M * PITCH_M, Tally::default());
         for object in &mut self.all {
             if object.sums.load_n <= 0.0 {
                 // Here and not where it is pressed: an iterate that lifts off is no step.
@@ -401,7 +415,7 @@ impl Objects {
             *image = [0.0; MAX_TACTELS];
             match (&mut object.shape, &self.shares) {
                 (Shape::Ball(ball), _) => ball.image(image),
-                (Shape::Ridge(ridge), Some(shares)) => ridge.image(shares, image),
+                (Shape::Ridge(ridge), Some(shares)) => all.add(ridge.image(shares, image)),
                 (Shape::Face(face), Some(shares)) => face.image(shares, image),
                 (Shape::Ridge(_) | Shape::Face(_), None) => {}
             }
@@ -409,6 +423,7 @@ impl Objects {
                 *force -= area_mm2 * stress;
             }
         }
+        all
     }
 
     /// The object that presses most, or the first one: with how it lies.

@@ -10,6 +10,7 @@ use super::*;
 use crate::contact::Surface;
 use crate::fidelity::ContactModel;
 use crate::pin::Pin;
+use crate::scene::{EdgeProfile, ObjectConfig, ObjectKind};
 use crate::{Carriage, Timing, World, WorldConfig, build_with_carriage};
 
 const FEATURES: &str = include_str!("../../../tests/fixtures/contact/tactile3d_features.csv");
@@ -116,4 +117,49 @@ fn rows_stand_on_their_own_again_once_the_finger_has_left() {
     world.advance(Nanos::from_millis(900));
     assert!(!world.truth().in_contact);
     assert_eq!(lean(&world), Some(Lean::NONE));
+}
+
+/// Images solved and images after which rows stood on their own.
+fn tally(config: &WorldConfig, up_m: f64) -> (u64, u64) {
+    let top = 1e-3 * (config.table_height_mm() + 2.0 * config.pin.radius_mm);
+    let at = |up: f64| DVec3::new(0.325, -0.127, top + up);
+    let knots = vec![(0.1, at(1e-3)), (0.3, at(up_m))];
+    let axes = DMat3::from_cols(-DVec3::X, DVec3::Y, -DVec3::Z);
+    let carriage = Carriage { axes, knots, float: None };
+    let (mut world, _devices) =
+        build_with_carriage(config, &Timing::default(), 1, carriage).unwrap();
+    assert_eq!(world.solves_layers(), config.fidelity.contact == ContactModel::Layer3d);
+    world.advance(Nanos::from_millis(400));
+    assert!(world.truth().in_contact);
+    (world.work().solved, world.work().plain)
+}
+
+#[test]
+fn where_rows_stand_on_their_own_it_is_counted() {
+    let mut config = WorldConfig::default();
+    config.pin.length_mm = 20.0;
+    assert_eq!(tally(&config, -2e-4), (0, 0), "nobody asked");
+    config.fidelity.contact = ContactModel::Layer3d;
+    let (solved, plain) = tally(&config, -2e-4);
+    assert!(solved > 20 && plain == 0, "{solved} {plain}");
+    // Far beyond small strain the tables end.
+    config.table.rubber.youngs_mpa = 500.0;
+    let (solved, plain) = tally(&config, -7e-4);
+    assert!(solved > 5 && plain > 10, "{solved} {plain}");
+}
+
+#[test]
+fn edges_that_cannot_be_solved_are_counted_as_well() {
+    let mut config = WorldConfig::default();
+    config.fidelity.contact = ContactModel::Layer3d;
+    config.pin.present = false;
+    for (profile, is_solved) in [(EdgeProfile::Straight, true), (EdgeProfile::Arc, false)] {
+        let mut edge = ObjectConfig::of(ObjectKind::Edge);
+        (edge.radius_mm, edge.length_mm, edge.profile) = (Some(5.0), Some(20.0), Some(profile));
+        edge.bend_mm = (!is_solved).then_some(100.0);
+        let above_pin_mm = edge.top_mm - 2.0 * config.pin.radius_mm;
+        config.object = vec![edge];
+        let (solved, plain) = tally(&config, 1e-3 * above_pin_mm - 1e-4);
+        assert_eq!((solved > 5, plain > 5), (is_solved, !is_solved), "{solved} {plain}");
+    }
 }

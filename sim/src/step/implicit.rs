@@ -5,22 +5,25 @@
 //!
 //! Bristles of friction and contact take part with the state that the end of the stage gives them:
 //! sticking, sliding and lost contact are found together with the motion, by the consistent tangent
-//! of each (Simo and Hughes 1998). Refuses more than a bounded number of iterations: what has not
+//! of each (Simo and Hughes 1998). A shortest step that is not resolved is taken by Euler's method
+//! backwards instead, which takes energy whatever the forces are. Refuses more than a bounded number of iterations: what has not
 //! settled then is said and taken.
 
 mod calm;
+mod newton;
 
 use glam::{DMat3, DQuat, DVec3};
-use taktil_mechanics::spatial::{split, stack};
+use taktil_mechanics::spatial::split;
 use taktil_mechanics::{Joints, Pose};
 
-use super::matrix::{Factors, Matrix12, N};
+use super::matrix::N;
 use super::{Bench, Saved};
-use crate::contact::{Line, Surface, Tangent};
+use crate::contact::Surface;
 use crate::finger::{Ahead, Rotors, Swing};
 use crate::hash::Hash;
 use crate::object::{Grip, Grips};
-use crate::rolling::{Around, Memory, Rolling, Touching};
+use crate::rolling::{Around, Memory, Touching};
+use newton::Held;
 
 /// `1 - 1/sqrt(2)`
 const GAMMA: f64 = 0.292_893_218_813_452_5;
@@ -113,15 +116,14 @@ fn joints(u: &Speeds) -> Joints {
 }
 
 impl Bench {
-    /// One step of `h` seconds from `start_s`; the state was saved by the caller. The `last` one is
-    /// not done again in halves.
-    pub(super) fn implicit(&mut self, start: &Saved, start_s: f64, h: f64, last: bool) -> Outcome {
+    /// One step of `h` seconds from `start_s`; the state was saved by the caller.
+    pub(super) fn implicit(&mut self, start: &Saved, start_s: f64, h: f64) -> Outcome {
         let first = Base::of(start);
         let tau = GAMMA * h;
         let u0 = speeds(&first.swing, first.memory.as_ref());
         let guess = core::array::from_fn(|i| u0[i] + tau * self.habit.slope[i]);
         let mut factors = None;
-        let over = Over { tau, end_s: start_s + tau, last };
+        let over = Over { tau, end_s: start_s + tau, last: false };
         let (last_1, n_1, u1) = self.stage(&first, guess, over, &mut factors);
         let second = first.carried_on(&self.save(), (1.0 - GAMMA) / GAMMA);
         let ahead: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / GAMMA);
@@ -135,6 +137,25 @@ impl Bench {
             settled: last_1.is_finite() && last_2.is_finite(),
             unseen_m_s: last_2,
             iterations: n_1 + n_2,
+        }
+    }
+
+    /// One step of first order, for what is not resolved by the shortest one of the above: its second
+    /// stage carries the first one on as if nothing would end, and what a blow stopped is thrown
+    /// back. Here all forces are those of the end, and whatever they are they take energy: this is
+    /// Euler's method backwards, on contacts that are monotone in the speeds.
+    pub(super) fn blow(&mut self, start: &Saved, start_s: f64, h: f64) -> Outcome {
+        let base = Base::of(start);
+        let u0 = speeds(&base.swing, base.memory.as_ref());
+        let over = Over { tau: h, end_s: start_s + h, last: true };
+        let (last, iterations, u) = self.stage(&base, u0, over, &mut None);
+        let off = core::array::from_fn(|i| 0.5 * (u[i] - u0[i]));
+        self.habit.forget();
+        Outcome {
+            error_m: h * self.way(&off),
+            settled: last.is_finite(),
+            unseen_m_s: last,
+            iterations,
         }
     }
 
@@ -153,7 +174,7 @@ impl Bench {
         base: &Base,
         guess: Speeds,
         Over { tau, end_s, last: finest }: Over,
-        factors: &mut Option<Factors>,
+        factors: &mut Option<Held>,
     ) -> (f64, u32, Speeds) {
         let mut u = guess;
         let mut ahead = self.finger.ahead(&base.swing, &joints(&u), tau, end_s);
@@ -168,9 +189,13 @@ impl Bench {
         for _ in 0..NEWTON_MAX {
             count += 1;
             let seen = self.evaluate(base, &ahead, &u, tau, (&table, &table_axes));
-            let change = factors
-                .get_or_insert_with(|| self.matrix(&ahead, &seen, tau).factor())
-                .solve(&seen.rest);
+            let held = factors.get_or_insert_with(|| self.held(&ahead, &seen, tau));
+            let mut change = held.factors.solve(&seen.rest);
+            if self.way(&change) < CLOSE_M_S && self.softer(&seen, held) {
+                // Stiffer than what is there by far they would call anything settled.
+                *held = self.held(&ahead, &seen, tau);
+                change = held.factors.solve(&seen.rest);
+            }
             if !change.iter().all(|x| x.is_finite()) {
                 break;
             }
@@ -280,42 +305,6 @@ impl Bench {
         seen.touch = Some((around, touching));
         seen
     }
-
-    /// Newton's matrix where the balance was evaluated last.
-    fn matrix(&self, ahead: &Ahead, seen: &Seen, tau: f64) -> Matrix12 {
-        let mut matrix = Matrix12::identity();
-        for (i, slope) in seen.slopes.iter().enumerate().take(ahead.degrees) {
-            for j in 0..=i {
-                matrix.set(i, j, ahead.inertia[(i, j)]);
-            }
-            matrix.add(i, i, tau * slope);
-        }
-        if let (Some(objects), Some(around)) = (&self.objects, &seen.pressed) {
-            objects.tangent(&around.pad, &ahead.jacobian, |weight, part| {
-                let mut row = [0.0; N];
-                row[..ahead.degrees].copy_from_slice(&part.as_slice()[..ahead.degrees]);
-                matrix.add_outer(tau * weight, &row);
-            });
-        }
-        let (Some(rolling), Some((around, touching))) = (&self.rolling, &seen.touch) else {
-            return matrix;
-        };
-        let inertia = rolling.pin.inertia();
-        for i in 0..3 {
-            matrix.set(6 + i, 6 + i, rolling.pin.mass_kg);
-            for j in 0..=i {
-                matrix.set(9 + i, 9 + j, inertia.col(j)[i]);
-            }
-        }
-        rolling.tighten(around, tau, &mut matrix);
-        if let Some((line, tangent)) = &touching.table {
-            add_contact(&mut matrix, line, tangent, tau, None);
-        }
-        if let Some((line, tangent)) = &touching.finger {
-            add_contact(&mut matrix, line, tangent, tau, Some((ahead, around.finger.origin)));
-        }
-        matrix
-    }
 }
 
 impl Base {
@@ -389,71 +378,6 @@ fn around(ahead: &Ahead, qd: &Joints, tau: f64, table: &Surface, axes: &DMat3) -
     let pad = Pose::new(rotation, ahead.pose.translation + shift);
     let finger = Surface::of_pad(&pad, &(ahead.carried + off));
     Around { pad, finger, table: *table, table_axes: *axes }
-}
-
-/// Adds how a contact's force depends on the speeds.
-fn add_contact(
-    matrix: &mut Matrix12,
-    line: &Line,
-    tangent: &Tangent,
-    tau: f64,
-    finger: Option<(&Ahead, DVec3)>,
-) {
-    let directions = [line.normal, line.across, line.along];
-    for (direction, weights) in directions.into_iter().zip(&tangent.weights) {
-        let [w0, w1, w2] = *weights;
-        if w0 <= 0.0 {
-            continue;
-        }
-        // w (v0 + s v1)^2 summed is w0 (v0 + m v1)^2 + rest v1^2 about the mean place m.
-        let mean = w1 / w0;
-        let spread = (w2 - w1 * mean).max(0.0);
-        let turn = line.axis.cross(direction);
-        let lever = line.radius.cross(direction) + mean * turn;
-        let (mut at_mean, mut lean) = ([0.0; N], [0.0; N]);
-        at_mean[6..9].copy_from_slice(&direction.to_array());
-        at_mean[9..].copy_from_slice(&lever.to_array());
-        lean[9..].copy_from_slice(&turn.to_array());
-        if let Some((ahead, tool)) = finger {
-            let lever = (line.foot - tool).cross(direction) + mean * turn;
-            let at_tool = ahead.jacobian.tr_mul(&stack(direction, lever));
-            let turned = ahead.jacobian.tr_mul(&stack(DVec3::ZERO, turn));
-            for i in 0..ahead.degrees {
-                (at_mean[i], lean[i]) = (-at_tool[i], -turned[i]);
-            }
-        }
-        if finger.is_some() {
-            matrix.add_outer(tau * w0, &at_mean);
-            matrix.add_outer(tau * spread, &lean);
-        } else {
-            matrix.add_outer_of_pin(tau * w0, &at_mean);
-            matrix.add_outer_of_pin(tau * spread, &lean);
-        }
-    }
-    if tangent.rolling > 0.0 {
-        let mut row = [0.0; N];
-        row[9..].copy_from_slice(&line.along.to_array());
-        matrix.add_outer_of_pin(tau * tangent.rolling, &row);
-    }
-}
-
-impl Rolling {
-    /// Adds how the hand's grip depends on the pin's speeds.
-    fn tighten(&self, around: &Around, tau: f64, matrix: &mut Matrix12) {
-        if !self.hand.holding {
-            return;
-        }
-        let (along_m, about) = self.hand.tangent(&self.pin, tau);
-        let n = around.table.normal;
-        let across = self.pin.axis().cross(n).normalize_or_zero();
-        for i in 0..3 {
-            for j in 0..=i {
-                let unit = if i == j { 1.0 } else { 0.0 };
-                matrix.add(6 + i, 6 + j, tau * along_m * (unit - n[i] * n[j]));
-                matrix.add(9 + i, 9 + j, tau * about * (unit - across[i] * across[j]));
-            }
-        }
-    }
 }
 
 impl crate::finger::Finger {

@@ -16,6 +16,7 @@ use crate::finger::{Finger, Swing};
 use crate::hash::Hash;
 use crate::object::{Grips, Objects};
 use crate::rolling::{Around, Memory, Rolling};
+use crate::spatial::Tally;
 use crate::table::Table;
 pub(crate) use implicit::Habit;
 
@@ -42,10 +43,21 @@ pub struct Work {
     pub contacts: u64,
     /// Tactile images computed from a contact.
     pub images: u64,
-    /// Contacts solved in three dimensions.
+    /// Contacts solved in three dimensions for an image.
     pub solved: u64,
+    /// Loaded contacts of scenes that ask for three dimensions after whose image rows stood on
+    /// their own: the solver's tables ended, there was none for that shape, or the solution's force
+    /// was far from that of the rows.
+    pub plain: u64,
     /// Scans converted to counts.
     pub scans: u64,
+}
+
+impl Work {
+    fn tell(&mut self, tally: Tally) {
+        self.solved += tally.solved;
+        self.plain += tally.plain;
+    }
 }
 
 /// The way time passes, settled when the bench is built.
@@ -162,12 +174,12 @@ impl Bench {
         }
         let around = self.around(t_s);
         if let Some(rolling) = &mut self.rolling {
-            let (pressed, solved) = rolling.image(&around);
-            self.work.solved += u64::from(solved);
+            let (pressed, tally) = rolling.image(&around);
+            self.work.tell(tally);
             forces = pressed;
         }
         if let Some(objects) = &mut self.objects {
-            objects.image(&mut forces);
+            self.work.tell(objects.image(&mut forces));
         }
         forces
     }
@@ -176,9 +188,9 @@ impl Bench {
     pub(crate) fn opposed_image(&mut self, t_s: f64) -> [f64; MAX_TACTELS] {
         let around = self.around(t_s);
         let Some(rolling) = &mut self.rolling else { return [0.0; MAX_TACTELS] };
-        let (forces, solved) = rolling.opposed_image(&around);
+        let (forces, tally) = rolling.opposed_image(&around);
         self.work.images += 1;
-        self.work.solved += u64::from(solved);
+        self.work.tell(tally);
         forces
     }
 
@@ -229,7 +241,7 @@ impl Bench {
     /// An implicit step, in halves where something happens within it.
     fn careful(&mut self, now: Nanos, t_s: f64, h: f64, depth: u32) {
         let (saved, before) = (self.save(), self.touched());
-        let outcome = self.implicit(&saved, t_s, h, depth == HALVINGS);
+        let mut outcome = self.implicit(&saved, t_s, h);
         self.work.steps += 1;
         self.work.iterations += u64::from(outcome.iterations);
         let happened = self.touched() != before || self.finger.beyond_limits();
@@ -242,7 +254,11 @@ impl Bench {
             self.careful(now, t_s + 0.5 * h, 0.5 * h, depth + 1);
             return;
         }
-        if happened {
+        if coarse {
+            self.restore(&saved);
+            outcome = self.blow(&saved, t_s, h);
+            self.work.iterations += u64::from(outcome.iterations);
+        } else if happened {
             self.habit.forget();
         }
         self.felt = outcome.unseen_m_s < FELT_M_S && !self.finger.beyond_limits();

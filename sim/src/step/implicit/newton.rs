@@ -1,0 +1,159 @@
+//! Newton's matrix of a stage: how the balance of momentum depends on the speeds, and what of the
+//! contacts it was made for. Refuses to be trusted once they have let go: a matrix far stiffer than
+//! what is there calls anything settled.
+
+use glam::DVec3;
+use taktil_mechanics::spatial::stack;
+
+use super::{Ahead, Bench, Seen};
+use crate::contact::{Line, Tangent};
+use crate::rolling::{Around, Rolling};
+use crate::scene::OBJECTS_MAX;
+use crate::step::matrix::{Factors, Matrix12, N};
+
+/// Numbers of what resists motion: see [`Bench::holds`].
+const HOLDS: usize = 12 + 3 * OBJECTS_MAX;
+/// Part of it below which Newton's matrix is made anew before a stage is called settled.
+const SOFTER: f64 = 0.5;
+
+/// Newton's matrix as it is held on to.
+pub(super) struct Held {
+    pub(super) factors: Factors,
+    /// What resisted motion then.
+    holds: [f64; HOLDS],
+}
+
+impl Bench {
+    /// Newton's matrix of a balance, factored.
+    pub(super) fn held(&self, ahead: &Ahead, seen: &Seen, tau: f64) -> Held {
+        let factors = self.matrix(ahead, seen, tau).factor();
+        Held { factors, holds: self.holds(seen) }
+    }
+
+    /// What resists motion where the balance was evaluated last: the pin's contacts, in three
+    /// directions against moving and against turning, and the objects.
+    fn holds(&self, seen: &Seen) -> [f64; HOLDS] {
+        let mut holds = [0.0; HOLDS];
+        if let Some((_, touching)) = &seen.touch {
+            for (i, contact) in [&touching.finger, &touching.table].into_iter().enumerate() {
+                let Some((_, tangent)) = contact else { continue };
+                for (j, [w0, w1, w2]) in tangent.weights.into_iter().enumerate() {
+                    let at = 6 * i + 2 * j;
+                    holds[at] = w0;
+                    holds[at + 1] = if w0 > 0.0 { (w2 - w1 * w1 / w0).max(0.0) } else { 0.0 };
+                }
+            }
+        }
+        if let (Some(objects), Some(_)) = (&self.objects, &seen.pressed) {
+            objects.holds(&mut holds[12..]);
+        }
+        holds
+    }
+
+    /// Whether something resists by far less than when the factors were made.
+    pub(super) fn softer(&self, seen: &Seen, held: &Held) -> bool {
+        let now = self.holds(seen);
+        now.iter().zip(&held.holds).any(|(now, then)| *now < SOFTER * then)
+    }
+
+    /// Newton's matrix where the balance was evaluated last.
+    pub(super) fn matrix(&self, ahead: &Ahead, seen: &Seen, tau: f64) -> Matrix12 {
+        let mut matrix = Matrix12::identity();
+        for (i, slope) in seen.slopes.iter().enumerate().take(ahead.degrees) {
+            for j in 0..=i {
+                matrix.set(i, j, ahead.inertia[(i, j)]);
+            }
+            matrix.add(i, i, tau * slope);
+        }
+        if let (Some(objects), Some(around)) = (&self.objects, &seen.pressed) {
+            objects.tangent(&around.pad, &ahead.jacobian, |weight, part| {
+                let mut row = [0.0; N];
+                row[..ahead.degrees].copy_from_slice(&part.as_slice()[..ahead.degrees]);
+                matrix.add_outer(tau * weight, &row);
+            });
+        }
+        let (Some(rolling), Some((around, touching))) = (&self.rolling, &seen.touch) else {
+            return matrix;
+        };
+        let inertia = rolling.pin.inertia();
+        for i in 0..3 {
+            matrix.set(6 + i, 6 + i, rolling.pin.mass_kg);
+            for j in 0..=i {
+                matrix.set(9 + i, 9 + j, inertia.col(j)[i]);
+            }
+        }
+        rolling.tighten(around, tau, &mut matrix);
+        if let Some((line, tangent)) = &touching.table {
+            add_contact(&mut matrix, line, tangent, tau, None);
+        }
+        if let Some((line, tangent)) = &touching.finger {
+            add_contact(&mut matrix, line, tangent, tau, Some((ahead, around.finger.origin)));
+        }
+        matrix
+    }
+}
+
+/// Adds how a contact's force depends on the speeds.
+fn add_contact(
+    matrix: &mut Matrix12,
+    line: &Line,
+    tangent: &Tangent,
+    tau: f64,
+    finger: Option<(&Ahead, DVec3)>,
+) {
+    let directions = [line.normal, line.across, line.along];
+    for (direction, weights) in directions.into_iter().zip(&tangent.weights) {
+        let [w0, w1, w2] = *weights;
+        if w0 <= 0.0 {
+            continue;
+        }
+        // w (v0 + s v1)^2 summed is w0 (v0 + m v1)^2 + rest v1^2 about the mean place m.
+        let mean = w1 / w0;
+        let spread = (w2 - w1 * mean).max(0.0);
+        let turn = line.axis.cross(direction);
+        let lever = line.radius.cross(direction) + mean * turn;
+        let (mut at_mean, mut lean) = ([0.0; N], [0.0; N]);
+        at_mean[6..9].copy_from_slice(&direction.to_array());
+        at_mean[9..].copy_from_slice(&lever.to_array());
+        lean[9..].copy_from_slice(&turn.to_array());
+        if let Some((ahead, tool)) = finger {
+            let lever = (line.foot - tool).cross(direction) + mean * turn;
+            let at_tool = ahead.jacobian.tr_mul(&stack(direction, lever));
+            let turned = ahead.jacobian.tr_mul(&stack(DVec3::ZERO, turn));
+            for i in 0..ahead.degrees {
+                (at_mean[i], lean[i]) = (-at_tool[i], -turned[i]);
+            }
+        }
+        if finger.is_some() {
+            matrix.add_outer(tau * w0, &at_mean);
+            matrix.add_outer(tau * spread, &lean);
+        } else {
+            matrix.add_outer_of_pin(tau * w0, &at_mean);
+            matrix.add_outer_of_pin(tau * spread, &lean);
+        }
+    }
+    if tangent.rolling > 0.0 {
+        let mut row = [0.0; N];
+        row[9..].copy_from_slice(&line.along.to_array());
+        matrix.add_outer_of_pin(tau * tangent.rolling, &row);
+    }
+}
+
+impl Rolling {
+    /// Adds how the hand's grip depends on the pin's speeds.
+    fn tighten(&self, around: &Around, tau: f64, matrix: &mut Matrix12) {
+        if !self.hand.holding {
+            return;
+        }
+        let (along_m, about) = self.hand.tangent(&self.pin, tau);
+        let n = around.table.normal;
+        let across = self.pin.axis().cross(n).normalize_or_zero();
+        for i in 0..3 {
+            for j in 0..=i {
+                let unit = if i == j { 1.0 } else { 0.0 };
+                matrix.add(6 + i, 6 + j, tau * along_m * (unit - n[i] * n[j]));
+                matrix.add(9 + i, 9 + j, tau * about * (unit - across[i] * across[j]));
+            }
+        }
+    }
+}
