@@ -184,8 +184,8 @@ impl Rolling {
 }
 
 /// Normal force on each tactel of a pad (N) whose pin lies along `line`, under a load of
-/// `normal_n`, and whether it was solved in three dimensions where that is asked for. With the line come the sensor's frame
-/// and the cosine between its x and the rolling direction.
+/// `normal_n`, and whether it was solved in three dimensions where that is asked for. With the line
+/// come the sensor's frame and the cosine between its x and the rolling direction.
 fn seen(
     pad: &mut Patch,
     spatial: Option<&mut Spatial>,

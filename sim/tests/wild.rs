@@ -328,9 +328,9 @@ fn lives(seed: u64) -> bool {
     true
 }
 
-/// Scenes in which an iteration ran away, in which the damping of a light guide was too much for an
-/// explicit step, and in which grams under stiff rubber with 0.1 s of relaxation were called settled
-/// by the matrix of a contact that they had left.
+/// Scenes in which an iteration ran away, in which the damping of a light guide was too much for
+/// an explicit step, and in which grams under stiff rubber with 0.1 s of relaxation were called
+/// settled by the matrix of a contact that they had left.
 const REMEMBERED: [u64; 3] = [86, 91, 823];
 
 #[test]

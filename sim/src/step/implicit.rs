@@ -6,8 +6,8 @@
 //! Bristles of friction and contact take part with the state that the end of the stage gives them:
 //! sticking, sliding and lost contact are found together with the motion, by the consistent tangent
 //! of each (Simo and Hughes 1998). A shortest step that is not resolved is taken by Euler's method
-//! backwards instead, which takes energy whatever the forces are. Refuses more than a bounded number of iterations: what has not
-//! settled then is said and taken.
+//! backwards instead, which takes energy whatever the forces are. Refuses more than a bounded
+//! number of iterations: what has not settled then is said and taken.
 
 mod calm;
 mod newton;
@@ -140,10 +140,10 @@ impl Bench {
         }
     }
 
-    /// One step of first order, for what is not resolved by the shortest one of the above: its second
-    /// stage carries the first one on as if nothing would end, and what a blow stopped is thrown
-    /// back. Here all forces are those of the end, and whatever they are they take energy: this is
-    /// Euler's method backwards, on contacts that are monotone in the speeds.
+    /// One step of first order, for what is not resolved by the shortest one of the above: its
+    /// second stage carries the first one on as if nothing would end, and what a blow stopped is
+    /// thrown back. Here all forces are those of the end, and whatever they are they take energy:
+    /// this is Euler's method backwards, on contacts that are monotone in the speeds.
     pub(super) fn blow(&mut self, start: &Saved, start_s: f64, h: f64) -> Outcome {
         let base = Base::of(start);
         let u0 = speeds(&base.swing, base.memory.as_ref());
