@@ -11,13 +11,15 @@
 //!
 //! A tilted pin touches from its deeper end on, so beside the row of slices over the whole pin
 //! there are shorter rows over its end, each a fixed part as long as the one before; the shortest
-//! that holds what touches is used, and a contact is always spread over a number of slices.
+//! that holds what touches is used, and a contact is always spread over a number of slices. At the
+//! fast level a cylinder's contacts on its end are solved when its tables are made (`corner`).
 //!
 //! Ends: strips of constant pressure see an end inside of its place, by a part of their length that
 //! a punch on the layer tells (`ends`). The slices are laid out for it, so that few of them do.
 //!
 //! It refuses what its tables do not cover: see [`Pin::new`] and [`Pin::press`].
 
+mod corner;
 mod couple;
 mod direct;
 mod ends;
@@ -32,6 +34,7 @@ use super::super::layer::Layer;
 use super::super::{Invalid, finite, positive};
 use super::tactels::Shares;
 use super::{Drive, Level, Refusal, Why};
+use corner::Corner;
 use couple::Modes;
 pub use roll::Roll;
 use row::Row;
@@ -54,7 +57,9 @@ const UP: usize = 2;
 const ROOM: f64 = 1.6;
 const DEEPEST: f64 = 0.98;
 /// Rows shorter than this (thicknesses) are not made.
-const SHORTEST_ROW: f64 = 0.1;
+const SHORTEST_ROW: f64 = 0.07;
+/// A force below this part of the rubber's modulus times its thickness squared is none.
+const NOTHING: f64 = 1e-15;
 
 /// Cross-section of an indenter that is long in one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,7 +120,7 @@ pub struct PinState {
     pub length_mm: f64,
     /// Largest error of the penetration that a slice still sees, over the largest penetration.
     pub residual: f64,
-    /// Free-boundary steps taken.
+    /// Free-boundary steps taken; 1 for a contact that was solved when the tables were made.
     pub steps: usize,
 }
 
@@ -217,6 +222,8 @@ pub struct Pin {
     ends: [f64; 2],
     /// The whole pin, then shorter and shorter rows over the end at `ends[1]`.
     rows: Vec<Row>,
+    /// Contacts on the end of a cylinder, where they were solved beforehand.
+    corner: Option<Corner>,
     /// The row of the last contact, and whether its axis runs the other way.
     at: usize,
     turned: bool,
@@ -275,7 +282,11 @@ impl Pin {
             rows.push(Row::new(layer, (strips.clone(), false), end, fineness)?);
             reach *= fineness.shorter;
         }
-        Ok(Self { layer: *layer, ends, rows, at: 0, turned: false, state: PinState::default() })
+        let tabled = level == Level::Fast && matches!(section, Section::Circle(_));
+        let deepest = penetration_max_mm / t;
+        let corner = if tabled { Corner::new(&mut rows, ends[1], deepest) } else { None };
+        let state = PinState::default();
+        Ok(Self { layer: *layer, ends, rows, corner, at: 0, turned: false, state })
     }
 
     /// Presses the pin with its axis sloping down towards +v by `tilt_rad`: the penetration at a
@@ -311,7 +322,7 @@ impl Pin {
         let whole = &self.rows[0];
         let scale = whole.modulus_mpa() * t * t;
         let (wanted, guess) = match drive {
-            Drive::ForceN(_) if target == 0.0 => {
+            Drive::ForceN(_) if target <= NOTHING * scale => {
                 self.release();
                 return Ok(self.state);
             }
@@ -325,6 +336,9 @@ impl Pin {
         if wanted.is_none() && guess >= 1.0 {
             // Its deeper end would go through the base.
             return Err(Trouble::Beyond.refused(drive));
+        }
+        if let Some(state) = self.on_corner((wanted, guess), slope, turned) {
+            return Ok(self.along_pin(state, (raised, mirror), tilt_rad));
         }
         let mut at = self.row_for(self.guessed(wanted, guess, slope.abs()), turned);
         let mut start = guess - slope.abs() * to;
@@ -344,22 +358,47 @@ impl Pin {
                 at = at.saturating_sub(UP);
                 continue;
             }
-            let mut state = outcome.map_err(|trouble| trouble.refused(drive))?;
+            let state = outcome.map_err(|trouble| trouble.refused(drive))?;
             let touched = state.length_mm / t;
             if !shortened && touched > 0.0 && touched < KEPT * row.length {
                 shortened = true;
-                let shorter = self.holding(touched);
+                let shorter = holding(&self.rows, touched);
                 if shorter > at {
                     at = shorter;
                     continue;
                 }
             }
-            state.penetration_mm -= raised * t;
-            state.tilt_rad = tilt_rad;
-            if turned {
-                state.moment_n_mm = mirror * t * state.force_n - state.moment_n_mm;
-            }
-            return Ok(state);
+            return Ok(self.along_pin(state, (raised, mirror), tilt_rad));
+        }
+    }
+
+    /// The contact on an end by what was solved beforehand.
+    fn on_corner(
+        &mut self,
+        (wanted, guess): (Option<f64>, f64),
+        slope: f64,
+        turned: bool,
+    ) -> Option<PinState> {
+        let (corner, slope) = (self.corner.as_ref()?, (slope.abs(), self.ends[1]));
+        let (at, state) = corner::read(corner, &mut self.rows, (wanted, guess), slope)?;
+        (self.at, self.turned) = (at, turned);
+        Some(state)
+    }
+
+    /// A row's state as the pin's, whose origin is `raised` and whose places are mirrored when the
+    /// row is turned.
+    fn along_pin(&self, state: PinState, (raised, mirror): (f64, f64), tilt_rad: f64) -> PinState {
+        let t = self.layer.thickness_mm;
+        let moment_n_mm = if self.turned {
+            mirror * t * state.force_n - state.moment_n_mm
+        } else {
+            state.moment_n_mm
+        };
+        PinState {
+            penetration_mm: state.penetration_mm - raised * t,
+            moment_n_mm,
+            tilt_rad,
+            ..state
         }
     }
 
@@ -388,13 +427,7 @@ impl Pin {
                 return self.at;
             }
         }
-        self.holding(touched)
-    }
-
-    /// The shortest row that holds a contact so long.
-    fn holding(&self, touched: f64) -> usize {
-        let holds = |row: &&Row| touched < FITS * row.length;
-        self.rows.iter().take_while(holds).count().saturating_sub(1)
+        holding(&self.rows, touched)
     }
 
     /// Lifts the pin off and forgets the contact.
@@ -429,6 +462,12 @@ impl Pin {
         let mirror_mm = (self.ends[0] + self.ends[1]) * self.layer.thickness_mm;
         Lie { turned: self.turned, mirror_mm }
     }
+}
+
+/// The shortest row that holds a contact so long.
+fn holding(rows: &[Row], touched: f64) -> usize {
+    let holds = |row: &&Row| touched < FITS * row.length;
+    rows.iter().take_while(holds).count().saturating_sub(1)
 }
 
 /// How a row lies along the pin.

@@ -40,8 +40,6 @@ impl Row {
         (wanted, penetration): (Option<f64>, f64),
         slope: f64,
     ) -> Result<PinState, Trouble> {
-        let t = self.layer.thickness_mm;
-        let scale = self.modulus_mpa() * t * t;
         let (penetration, residual, steps) = match self.look_up(wanted, penetration, slope) {
             Some(penetration) => (penetration, 0.0, 1),
             None => self.search(wanted, penetration, slope)?,
@@ -53,9 +51,15 @@ impl Row {
         if wanted.is_some() && self.work.given.iter().any(|given| *given >= 1.0) {
             return Err(Trouble::Beyond);
         }
-        let n = self.work.places.cosines;
-        let mut state =
-            PinState { penetration_mm: penetration * t, residual, steps, ..PinState::default() };
+        Ok(self.told(penetration, residual, steps))
+    }
+
+    /// The contact as it stands.
+    pub(super) fn told(&mut self, penetration: f64, residual: f64, steps: usize) -> PinState {
+        let (t, n) = (self.layer.thickness_mm, self.work.places.cosines);
+        let scale = self.modulus_mpa() * t * t;
+        let penetration_mm = penetration * t;
+        let mut state = PinState { penetration_mm, residual, steps, ..PinState::default() };
         for (j, v) in self.along.iter().enumerate() {
             if self.work.active[j] {
                 let force = PI * self.work.a[j * n] * self.h * scale;
@@ -66,7 +70,7 @@ impl Row {
             }
         }
         self.work.warm = state.force_n > 0.0;
-        Ok(state)
+        state
     }
 
     /// The contact by free-boundary steps, from the one before if it leads there.
@@ -112,7 +116,7 @@ impl Row {
         for (j, v) in self.along.iter().enumerate() {
             let given = penetration + slope * v;
             let work = &mut self.work;
-            // What was lifted stays so until the layer reaches it.
+            // What was lifted stays so until it is reached.
             work.effective[j] = match (work.warm, work.active[j]) {
                 (true, true) => work.effective[j] + given - work.given[j],
                 (true, false) => 0.0,
@@ -189,8 +193,7 @@ impl Row {
         search.left = (change / self.largest()).max(off / deepest.max(f64::MIN_POSITIVE));
     }
 
-    /// One step by gradients, loose while the widths are wrong; nothing is accepted but at the last
-    /// tolerance.
+    /// A step by gradients, loose while the widths are wrong, accepted at the last tolerance only.
     fn loosely(&mut self, search: &mut Search, warm: bool, first: bool) -> Result<(), Trouble> {
         let tolerance = self.fineness.tolerance;
         let tightest = TIGHTEST * tolerance;
