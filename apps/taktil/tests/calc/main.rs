@@ -3,6 +3,7 @@
 
 mod ask;
 mod goldens;
+mod hostile;
 mod jacobian;
 mod plane;
 mod refusals;
