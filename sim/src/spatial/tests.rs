@@ -1,5 +1,5 @@
-//! The simulator's pin on its pad against the exact reference images: force within 1 %, centroid
-//! within 0.02 mm, direction within 0.2 deg.
+//! The simulator's pin on its pad against the exact reference images, held to the figures that are
+//! stated of it, and what is done where it cannot be solved.
 
 use glam::{DMat3, DVec3};
 use taktil_mechanics::contact::features::{Part, image_features};
@@ -53,8 +53,8 @@ fn over_pad(case: &Case) -> (Pin, Surface, Pose) {
 #[test]
 fn pressed_pins_give_the_reference_images() {
     let area = (1e3 * PITCH_M) * (1e3 * PITCH_M);
-    for (level, force_bar, centroid_bar) in
-        [(Level::Default, 2e-3, 5e-3), (Level::Fast, 0.01, 0.02)]
+    for (level, [force_bar, centroid_bar, direction_bar]) in
+        [(Level::Default, [8e-4, 1.3e-3, 2e-3]), (Level::Fast, [4e-3, 6e-3, 0.08])]
     {
         let mut worst = [0.0_f64; 3];
         for case in pins() {
@@ -88,7 +88,7 @@ fn pressed_pins_give_the_reference_images() {
             }
             assert!(errors[0] < force_bar, "{}: force {errors:?}", case.name);
             assert!(errors[1] < centroid_bar, "{}: centroid {errors:?}", case.name);
-            assert!(errors[2] < 0.2, "{}: direction {errors:?}", case.name);
+            assert!(errors[2] < direction_bar, "{}: direction {errors:?}", case.name);
         }
         println!(
             "{level:?}: force {:.1e}, centroid {:.1e} mm, {:.1e} deg",
