@@ -4,12 +4,13 @@
 mod common;
 
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use common::Folder;
 use glam::{DMat3, DVec3};
 use taktil::calibrate::fit::{Also, Fit, fit};
-use taktil::calibrate::press::{Pad, Press, TACTELS};
-use taktil::calibrate::read;
+use taktil::calibrate::press::{Pad, Press, REST_MIN, TACTELS};
+use taktil::calibrate::{Recording, as_json, explained, read, table};
 use taktil::run::{Options, run};
 use taktil_hal::{Nanos, TactileFrame};
 use taktil_sim::scene::Electronics;
@@ -230,14 +231,32 @@ fn recorded(folder: &Path, more: &str, for_s: f64) -> PathBuf {
     log
 }
 
+/// Bytes of a log of the rolling scene with a response and little noise: what a wrong model or a
+/// wrong instant would leave is no smaller then. Recorded once for all tests.
+fn rolling() -> &'static [u8] {
+    static LOG: OnceLock<Vec<u8>> = OnceLock::new();
+    LOG.get_or_init(|| {
+        let folder = Folder::new("calibrate");
+        let more = "\n[world.tactile]\nelectronics = \"response\"\nexponent = 0.85\n\
+                    threshold_n = 0.01\nnoise_counts = 5\n";
+        std::fs::read(recorded(&folder.0, more, 5.0)).unwrap()
+    })
+}
+
+/// What is read of these bytes.
+fn read_bytes(name: &str, bytes: &[u8]) -> Result<Recording, String> {
+    let folder = Folder::new(name);
+    let path = folder.0.join("log.mcap");
+    std::fs::write(&path, bytes).unwrap();
+    read(&path)
+}
+
 #[test]
 fn a_log_of_the_rolling_scene_is_calibrated() {
-    let folder = Folder::new("calibrate");
-    // Little noise: what a wrong model or a wrong instant would leave is no smaller then.
-    let more = "\n[world.tactile]\nelectronics = \"response\"\nexponent = 0.85\n\
-                threshold_n = 0.01\nnoise_counts = 5\n";
-    let (scene, pad, pressed) = read(&recorded(&folder.0, more, 5.0)).unwrap();
-    let fit = fit(&pressed.presses, &pad, Also::default()).unwrap();
+    let recording = read_bytes("calibrate-whole", rolling()).unwrap();
+    let Recording { scene, pad, pressed, beyond, damage } = &recording;
+    assert_eq!((*beyond, damage), (0, &None));
+    let fit = fit(&pressed.presses, pad, Also::default()).unwrap();
     let z = off(&fit, &scene.world);
     println!("{:?} {:?} {:?}: {z:.2?}", fit.youngs_mpa, fit.threshold_n, fit.exponent);
     assert!(z.iter().all(|z| z.abs() < 3.5), "{z:.2?}");
@@ -246,13 +265,112 @@ fn a_log_of_the_rolling_scene_is_calibrated() {
     assert!((fit.noise_counts / rest - 1.0).abs() < 0.02, "{} {rest}", fit.noise_counts);
 }
 
+/// Places at which the records of an MCAP file begin, with their opcodes.
+fn records(bytes: &[u8]) -> Vec<(usize, u8)> {
+    let (mut at, mut all) = (8, Vec::new());
+    while at + 9 < bytes.len() - 8 {
+        all.push((at, bytes[at]));
+        let length = u64::from_le_bytes(*bytes[at + 1..].first_chunk().unwrap());
+        at += 9 + usize::try_from(length).unwrap();
+    }
+    all
+}
+
+/// The number of a topic's channel in the file.
+fn channel(bytes: &[u8], topic: &str) -> [u8; 2] {
+    let named = |at: usize| bytes[at + 17..].starts_with(topic.as_bytes());
+    let mut all = records(bytes).into_iter().filter(|(_, opcode)| *opcode == 4);
+    let (at, _) = all.find(|(at, _)| named(*at)).unwrap();
+    *bytes[at + 9..].first_chunk().unwrap()
+}
+
+#[test]
+fn of_a_log_that_was_cut_or_damaged_the_readable_part_is_used_and_that_is_said() {
+    let whole = rolling();
+    let pressed = |recording: &Recording| recording.pressed.presses.len();
+    let all = pressed(&read_bytes("calibrate-all", whole).unwrap());
+    // Cut in the middle of a record, at nine tenths.
+    let cut = read_bytes("calibrate-cut", &whole[..whole.len() * 9 / 10 + 3]).unwrap();
+    let damage = cut.damage.as_ref().unwrap().to_string();
+    assert!(damage.contains("cut"), "{damage}");
+    assert!((all / 2..all).contains(&pressed(&cut)), "{} of {all}", pressed(&cut));
+    // A byte of a message flipped there.
+    let starts = records(whole);
+    let (at, _) = starts[starts.len() * 9 / 10..].iter().find(|(_, code)| *code == 5).unwrap();
+    let mut flipped = whole.to_vec();
+    flipped[at + 60] ^= 0x10;
+    let flipped = read_bytes("calibrate-flipped", &flipped).unwrap();
+    let damage = flipped.damage.as_ref().unwrap();
+    assert!(damage.what.contains("CRC") && damage.offset == *at, "{damage}");
+    assert!((all / 2..all).contains(&pressed(&flipped)), "{} of {all}", pressed(&flipped));
+    let used = fit(&flipped.pressed.presses, &flipped.pad, Also::default()).unwrap();
+    assert!(off(&used, &flipped.scene.world).iter().all(|z| z.abs() < 3.5));
+}
+
+#[test]
+fn images_after_the_last_truth_are_left_out_and_counted() {
+    let whole = rolling();
+    let truth = channel(whole, "/world/truth");
+    let starts = records(whole);
+    let from = starts.len() * 9 / 10;
+    let mut bytes = whole[..starts[from].0].to_vec();
+    let mut images = 0;
+    for pair in starts[from..].windows(2) {
+        let (at, opcode) = pair[0];
+        if opcode != 5 {
+            break;
+        }
+        let of: [u8; 2] = *whole[at + 9..].first_chunk().unwrap();
+        images += usize::from(of == channel(whole, "/tactile_scan/image"));
+        if of != truth {
+            bytes.extend_from_slice(&whole[at..pair[1].0]);
+        }
+    }
+    let recording = read_bytes("calibrate-beyond", &bytes).unwrap();
+    assert!(recording.beyond > 50 && recording.beyond <= images, "{}", recording.beyond);
+    assert!(recording.damage.is_some(), "it has no end");
+    assert!(recording.pressed.presses.len() > 100);
+    // None at all: there is nothing to go by.
+    let mut none = whole[..8].to_vec();
+    for pair in starts.windows(2) {
+        let (at, opcode) = pair[0];
+        if !(opcode == 5 && whole[at + 9..].starts_with(&truth)) && opcode != 15 {
+            none.extend_from_slice(&whole[at..pair[1].0]);
+        }
+        if opcode == 15 {
+            break;
+        }
+    }
+    let refused = read_bytes("calibrate-no-truth", &none).unwrap_err();
+    assert!(refused.contains("does not say what the world did"), "{refused}");
+}
+
+#[test]
+fn with_too_few_images_at_rest_it_is_not_claimed_that_the_model_explains_the_others() {
+    let whole = rolling();
+    let mut recording = read_bytes("calibrate-rest", whole).unwrap();
+    let fit = fit(&recording.pressed.presses, &recording.pad, Also::default()).unwrap();
+    assert!(recording.pressed.rest_images >= REST_MIN);
+    assert_eq!(explained(&fit, &recording.pressed), Some(true));
+    (recording.pressed.rest_images, recording.pressed.rest_noise_counts) = (REST_MIN - 1, None);
+    assert_eq!(explained(&fit, &recording.pressed), None);
+    let text = table(&fit, &recording);
+    assert!(text.contains("is not told: 19 of them without a load"), "{text}");
+    assert!(as_json(&fit, &recording)["explained"].is_null());
+}
+
 #[test]
 fn logs_that_cannot_be_used_are_refused_with_the_reason() {
     let folder = Folder::new("calibrate-bad");
     let absent = read(&folder.0.join("absent.mcap")).unwrap_err();
     assert!(absent.contains("absent.mcap"), "{absent}");
-    std::fs::write(folder.0.join("no.mcap"), "not a log").unwrap();
-    assert!(read(&folder.0.join("no.mcap")).is_err());
+    let foreign = read_bytes("calibrate-foreign", b"not a log").unwrap_err();
+    assert!(foreign.contains("not an MCAP file"), "{foreign}");
+    let empty = read_bytes("calibrate-empty", b"").unwrap_err();
+    assert!(empty.contains("it is empty"), "{empty}");
+    // Cut before anything was said.
+    let bare = read_bytes("calibrate-bare", &rolling()[..500]).unwrap_err();
+    assert!(bare.contains("metadata") && bare.contains("readable up to byte"), "{bare}");
     // Before the finger touches.
     let early = read(&recorded(&folder.0, "", 0.8)).unwrap_err();
     assert!(early.contains("none of its images") || early.contains("no image"), "{early}");

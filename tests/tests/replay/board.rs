@@ -98,6 +98,9 @@ fn a_run_over_a_board_with_overruns_gives_its_bits_again() {
     assert!(outcome.equal(), "{}", replay::text(&outcome));
     assert_eq!(outcome.fed, ["operator"]);
     assert!(outcome.jobs > 200, "{}", outcome.jobs);
+    // Nothing was simulated: of a board nobody knows what pressed on its tactels.
+    let refused = taktil::calibrate::read(&path).unwrap_err();
+    assert!(refused.contains("it is of a board"), "{refused}");
     // The repeated run is a log of its own.
     assert!(Log::from_bytes(again).unwrap().find("hal.encoders").is_some());
 }

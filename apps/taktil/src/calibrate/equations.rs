@@ -166,11 +166,13 @@ pub fn each(
 /// Normal equations of one tactel: its own, those with the shared numbers, the right side.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Own {
-    /// By own factor and offset.
+    /// By own factor and offset, with what is believed beforehand.
     pub square: [[f64; 2]; 2],
     /// By these and the shared numbers.
     pub cross: [Shared; 2],
     right: [f64; 2],
+    /// The same of the readings alone.
+    read: ([[f64; 2]; 2], [f64; 2]),
 }
 
 /// Normal equations at a point.
@@ -204,17 +206,24 @@ impl Equations {
             readings: 0,
         };
         each(presses, pad, at, |_, seen| all.add(&seen));
-        all.cost = all.squares;
+        all.weigh(&at.0.tactels, beliefs);
+        all
+    }
+
+    /// The same readings under other beliefs, which the tactels are weighed by from here on: costs
+    /// under different beliefs cannot be compared.
+    pub fn weigh(&mut self, tactels: &[[f64; 2]], beliefs: &Beliefs) {
         let (gains, offsets) = (beliefs.noise / beliefs.gains, 1.0 / beliefs.offsets);
         let (gains, offsets) = (gains * gains, offsets * offsets);
-        for (own, [gain, offset]) in all.own.iter_mut().zip(&at.0.tactels) {
+        self.cost = self.squares;
+        for (own, [gain, offset]) in self.own.iter_mut().zip(tactels) {
+            (own.square, own.right) = own.read;
             own.square[0][0] += gains;
             own.square[1][1] += offsets;
             own.right[0] += gains * (1.0 - gain);
             own.right[1] -= offsets * offset;
-            all.cost += gains * (1.0 - gain) * (1.0 - gain) + offsets * offset * offset;
+            self.cost += gains * (1.0 - gain) * (1.0 - gain) + offsets * offset * offset;
         }
-        all
     }
 
     fn add(&mut self, seen: &Reading) {
@@ -222,10 +231,11 @@ impl Equations {
         self.squares += seen.left * seen.left;
         let own = &mut self.own[seen.tactel];
         let mine = [seen.by_gain, 1.0];
+        let (square, right) = &mut own.read;
         for a in 0..2 {
-            own.right[a] += mine[a] * seen.left;
+            right[a] += mine[a] * seen.left;
             for b in 0..2 {
-                own.square[a][b] += mine[a] * mine[b];
+                square[a][b] += mine[a] * mine[b];
             }
             for c in 0..SHARED {
                 own.cross[a][c] += mine[a] * seen.by[c];

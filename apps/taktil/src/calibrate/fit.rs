@@ -138,9 +138,9 @@ impl<'a> Search<'a> {
         let layers = Layers::of(pad, &point.shared, &free)?;
         let offsets = 1.0 / pad.baseline_frames.sqrt();
         let mut beliefs = Beliefs { noise: 1.0, gains: SPREAD, offsets };
-        let here = Equations::of(&presses, pad, (&point, &layers), &beliefs);
+        let mut here = Equations::of(&presses, pad, (&point, &layers), &beliefs);
         beliefs.noise = spread(&here, &free, &beliefs);
-        let here = Equations::of(&presses, pad, (&point, &layers), &beliefs);
+        here.weigh(&point.tactels, &beliefs);
         Ok(Search { presses, pad, free, point, layers, here, beliefs, damping: DAMPED })
     }
 
@@ -157,18 +157,12 @@ impl<'a> Search<'a> {
             }
             let next = (squares / told.max(1e-3)).sqrt().clamp(SPREADS.0, SPREADS.1);
             self.beliefs.gains = next;
-            self.look();
+            self.here.weigh(&self.point.tactels, &self.beliefs);
             if (next / before - 1.0).abs() < 0.02 {
                 break;
             }
         }
         self.descend(STEPS_MAX)
-    }
-
-    /// The equations under what is believed now.
-    fn look(&mut self) {
-        let at = (&self.point, &self.layers);
-        self.here = Equations::of(&self.presses, self.pad, at, &self.beliefs);
     }
 
     /// Steps until it stands still.
@@ -192,6 +186,8 @@ impl<'a> Search<'a> {
                 let done = gained < STILL * noise * noise && damping < FREE;
                 self.beliefs.noise = spread(&there, &self.free, &self.beliefs);
                 (self.point, self.here, self.damping) = (next, there, 0.1 * damping);
+                // The next comparison is under what is believed from here on, on both its sides.
+                self.here.weigh(&self.point.tactels, &self.beliefs);
                 if let Some(layers) = anew {
                     self.layers = layers;
                 }

@@ -18,14 +18,14 @@ use serde_json::json;
 use taktil_sim::scene::Electronics;
 use taktild::out;
 
-use crate::log::Log;
+use crate::log::{Damage, Log};
 use crate::replay::origin::Origin;
 use crate::run::BadOption;
 use crate::run::scene::Scene;
-use crate::sim::seek::seek;
+use crate::sim::seek::{recorded_until, seek};
 use equations::{MODULUS, SHARED};
 use fit::{Also, Estimate, Fit};
-use press::{Images, Pad, Pressed, TACTELS};
+use press::{Images, Pad, Pressed, REST_MIN, TACTELS};
 use told::{NAMES, Told};
 
 /// What is calibrated.
@@ -37,8 +37,8 @@ pub enum Calibrate {
     /// them, force and place of the contact as the simulator knows them. On a board these would
     /// have to come from a load cell and a stage; no task records them. Printed is also which of
     /// these numbers, of thickness and of Poisson's ratio the images tell apart. Exit code 0:
-    /// found; 1: the model leaves more than the noise without a load; 2: a log that cannot be used,
-    /// or that does not tell.
+    /// found; 1: the model leaves more than the noise without a load, or too few images without a
+    /// load say what that is; 2: a log that cannot be used, or that does not tell.
     Tactile {
         /// Log file (MCAP) of a scene
         log: PathBuf,
@@ -67,27 +67,55 @@ pub enum Sought {
 pub fn run(what: &Calibrate) -> anyhow::Result<ExitCode> {
     let Calibrate::Tactile { log, also, json } = what;
     let bad = |why: String| BadOption(format!("{}: {why}", log.display()));
-    let (scene, pad, pressed) = read(log).map_err(bad)?;
+    let recording = read(log).map_err(bad)?;
+    let Recording { pad, pressed, .. } = &recording;
     let also = Also {
         thickness: also.contains(&Sought::Thickness),
         poisson: also.contains(&Sought::Poisson),
     };
-    let fit = fit::fit(&pressed.presses, &pad, also).map_err(bad)?;
+    let fit = fit::fit(&pressed.presses, pad, also).map_err(bad)?;
     if *json {
-        out::line(as_json(&fit, &pressed))?;
+        out::line(as_json(&fit, &recording))?;
     } else {
-        out::line(table(&fit, &pressed, &scene).trim_end())?;
+        out::line(table(&fit, &recording).trim_end())?;
     }
-    Ok(if explained(&fit, &pressed) { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    let found = explained(&fit, pressed) == Some(true);
+    Ok(if found { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// The scene of a log, what is known of its pad, and every image with its load.
+/// What a log gives.
+#[derive(Debug)]
+pub struct Recording {
+    /// What ran.
+    pub scene: Scene,
+    /// What is known of its pad.
+    pub pad: Pad,
+    /// Every image with its load.
+    pub pressed: Pressed,
+    /// Images of which no load is known: they were made after the last truth.
+    pub beyond: usize,
+    /// Where the log ends or is damaged; none for a whole one.
+    pub damage: Option<Damage>,
+}
+
+/// The scene of a log, what is known of its pad, and every image with its load. Of a log that was
+/// cut or damaged what stands before that is used.
 ///
 /// # Errors
 /// What the log lacks.
-pub fn read(path: &Path) -> Result<(Scene, Pad, Pressed), String> {
+pub fn read(path: &Path) -> Result<Recording, String> {
     let log = Log::open(path).map_err(|error| format!("{error:#}"))?;
-    let (scene, _) = Origin::of(&log)?.into_scene()?;
+    let damage = log.damage().cloned();
+    taken(&log).map_err(|why| match &damage {
+        // What is lacking may stand in the part that cannot be read.
+        Some(damage) => format!("{why}; the log is {damage}"),
+        None => why,
+    })
+}
+
+fn taken(log: &Log) -> Result<Recording, String> {
+    let damage = log.damage().cloned();
+    let (scene, _) = Origin::of(log)?.into_scene()?;
     let scan = scene.machine.tactile_scan.clone().unwrap_or_default();
     let pad = Pad::of(&scene.world, scan.baseline_frames)?;
     if scan.response.is_some() {
@@ -98,8 +126,10 @@ pub fn read(path: &Path) -> Result<(Scene, Pad, Pressed), String> {
     let images = log.series("tactile_scan.image").ok_or(
         "it has no `tactile_scan.image`; record with the array (tactile.present) and its scan",
     )?;
-    let images = Images::of(&images)?;
-    let outcome = seek(&log, &images.at_s)?;
+    let mut images = Images::of(&images)?;
+    // A record that ends may end between an image and the truth of its instant.
+    let beyond = images.end_at(recorded_until(log)?);
+    let outcome = seek(log, &images.at_s)?;
     if let Some(at) = outcome.parted {
         return Err(format!(
             "its world cannot be met again from {} s on: another build wrote it, or it is damaged",
@@ -107,15 +137,32 @@ pub fn read(path: &Path) -> Result<(Scene, Pad, Pressed), String> {
         ));
     }
     let truths: Vec<_> = outcome.found.iter().map(|found| found.truth).collect();
-    Ok((scene, pad, images.under(&truths)?))
+    Ok(Recording { scene, pad, pressed: images.under(&truths)?, beyond, damage })
 }
 
 /// What is left over the noise, in parts of it, above which the model does not explain the images.
 const UNEXPLAINED: f64 = 1.02;
 
-/// Whether the model leaves no more than the noise.
-fn explained(fit: &Fit, pressed: &Pressed) -> bool {
-    pressed.rest_noise_counts.is_none_or(|rest| fit.noise_counts <= UNEXPLAINED * rest.max(0.5))
+/// Whether the model leaves no more than the noise; none where too few images without a load say
+/// what that is.
+#[must_use]
+pub fn explained(fit: &Fit, pressed: &Pressed) -> Option<bool> {
+    pressed.rest_noise_counts.map(|rest| fit.noise_counts <= UNEXPLAINED * rest.max(0.5))
+}
+
+/// What of the log was not used, and why.
+fn lacking(recording: &Recording) -> String {
+    let mut text = String::new();
+    if let Some(damage) = &recording.damage {
+        text += &format!("  the log is {damage}\n");
+    }
+    if recording.beyond > 0 {
+        text += &format!(
+            "  {} images after the last `world.truth` left out: their loads are not known\n",
+            recording.beyond
+        );
+    }
+    text
 }
 
 fn line(name: &str, unit: &str, estimate: Option<&Estimate>, says: f64) -> String {
@@ -127,13 +174,17 @@ fn line(name: &str, unit: &str, estimate: Option<&Estimate>, says: f64) -> Strin
     }
 }
 
-fn table(fit: &Fit, pressed: &Pressed, scene: &Scene) -> String {
+/// The fit as people read it.
+#[must_use]
+pub fn table(fit: &Fit, recording: &Recording) -> String {
+    let Recording { scene, pressed, .. } = recording;
     let tactile = &scene.world.tactile;
     let mut text = format!("{} images, {} readings", fit.images, fit.readings);
     text += &match fit.clipped {
         0 => "\n".to_owned(),
         n => format!("; {n} near the converter's end left out\n"),
     };
+    text += &lacking(recording);
     let rubber = &scene.world.finger.rubber;
     text += &line("Young's modulus", "MPa", Some(&fit.youngs_mpa), rubber.youngs_mpa);
     // An ideal array has neither.
@@ -158,7 +209,15 @@ fn table(fit: &Fit, pressed: &Pressed, scene: &Scene) -> String {
         Some(rest) => format!(", {rest:.2} without a load\n"),
         None => "\n".to_owned(),
     };
-    if !explained(fit, pressed) {
+    if explained(fit, pressed).is_none() {
+        text += &format!(
+            "  whether the model explains the images is not told: {} of them without a load, \
+             {REST_MIN} are\n  needed to know the noise; the uncertainties may not cover what is \
+             left\n",
+            pressed.rest_images
+        );
+    }
+    if explained(fit, pressed) == Some(false) {
         text += "  more than the noise is left: hysteresis, creep, crosstalk, broken tactels or \
                  another\n  contact; the uncertainties do not cover them\n";
     }
@@ -213,7 +272,10 @@ fn told(told: &Told) -> String {
     text
 }
 
-fn as_json(fit: &Fit, pressed: &Pressed) -> serde_json::Value {
+/// The fit as one JSON object.
+#[must_use]
+pub fn as_json(fit: &Fit, recording: &Recording) -> serde_json::Value {
+    let pressed = &recording.pressed;
     let one = |estimate: &Estimate| json!([estimate.value, estimate.deviation]);
     json!({
         "images": fit.images,
@@ -228,6 +290,9 @@ fn as_json(fit: &Fit, pressed: &Pressed) -> serde_json::Value {
         "gain_spread": fit.gain_spread,
         "noise_counts": fit.noise_counts,
         "rest_noise_counts": pressed.rest_noise_counts,
+        "rest_images": pressed.rest_images,
+        "images_beyond_truth": recording.beyond,
+        "damage": recording.damage.as_ref().map(ToString::to_string),
         "explained": explained(fit, pressed),
         "told_apart": {
             "order": NAMES.map(|(name, _)| name),

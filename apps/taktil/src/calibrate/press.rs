@@ -4,6 +4,7 @@
 
 use taktil_mechanics::contact::cylinder::LineContact;
 use taktil_mechanics::contact::layer;
+use taktil_rtcore::Nanos;
 use taktil_sim::scene::Stamp;
 use taktil_sim::{PITCH_M, Truth, WorldConfig};
 
@@ -21,7 +22,7 @@ const EDGE: f64 = 0.5;
 /// Lighter contacts are left out (N).
 const LIGHTEST_N: f64 = 2.0;
 /// Fewest images from which the noise without a load is told.
-const REST_MIN: usize = 20;
+pub const REST_MIN: usize = 20;
 /// Deepest penetration that is solved, in thicknesses.
 const DEEPEST: f64 = 0.2;
 /// Steps to the penetration of a force, at most.
@@ -201,6 +202,8 @@ pub struct Pressed {
     pub presses: Vec<Press>,
     /// Spread of a tactel's readings without a load (counts); none when there are too few.
     pub rest_noise_counts: Option<f64>,
+    /// Images without a load.
+    pub rest_images: usize,
 }
 
 /// The images of a log, one row each.
@@ -274,6 +277,16 @@ impl Images {
         Ok(all)
     }
 
+    /// Leaves out the images from the first on that was made after `until`; how many.
+    pub fn end_at(&mut self, until: Nanos) -> usize {
+        let whole = self.at_s.len();
+        let later = |at_s: &f64| Nanos((1e9 * at_s).round() as i64) > until;
+        let kept = self.at_s.iter().position(later).unwrap_or(whole);
+        self.at_s.truncate(kept);
+        self.counts.truncate(kept);
+        whole - kept
+    }
+
     /// With what happened at the instant of each.
     ///
     /// # Errors
@@ -292,6 +305,6 @@ impl Images {
                  in which the pin is rolled"
             ));
         }
-        Ok(Pressed { presses, rest_noise_counts: rest.noise() })
+        Ok(Pressed { presses, rest_noise_counts: rest.noise(), rest_images: rest.images })
     }
 }

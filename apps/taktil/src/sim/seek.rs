@@ -19,6 +19,8 @@ use crate::run::assemble;
 
 /// Signal in which the simulator says what happened.
 const TRUTH: &str = "world.truth";
+/// Complaint about a log in which it never does.
+const NO_STATES: &str = "it does not say what the world did";
 
 /// Which instants.
 #[derive(Clone, Debug, clap::Args)]
@@ -109,7 +111,7 @@ pub fn run(arguments: &SeekArgs) -> anyhow::Result<ExitCode> {
 pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
     let (scene, seed) = Origin::of(log)?.into_scene()?;
     let (words, states) = collect(log)?;
-    let end = states.last().map(|(t, _)| *t).ok_or("it does not say what the world did")?;
+    let end = states.last().map(|(t, _)| *t).ok_or(NO_STATES)?;
     let instant = |s: &f64| {
         let t = Nanos((1e9 * s).round() as i64);
         let inside = s.is_finite() && t >= Nanos::ZERO && t <= end;
@@ -149,6 +151,16 @@ pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
     }
     outcome.found = kept.into_iter().flatten().collect();
     Ok(outcome)
+}
+
+/// The instant up to which a log says what the world did.
+///
+/// # Errors
+/// A log that does not say it at all.
+pub fn recorded_until(log: &Log) -> Result<Nanos, String> {
+    let truth = log.find(TRUTH).ok_or_else(|| format!("it has no `{TRUTH}`"))?;
+    let last = log.messages().filter(|message| message.channel == truth).last();
+    last.map(|message| state(&message).map(|(t, _)| t)).transpose()?.ok_or_else(|| NO_STATES.into())
 }
 
 /// The words of a log in order, and what it says of the world's states.
