@@ -9,7 +9,7 @@ use taktil_signal::{ControlState, Features, MoveCheck, State, defined};
 
 use taktild::robot::AnyRobot;
 
-use super::world::{ArmTruth, WorldTruth};
+use super::world::{ArmTruth, LayerTruth, WorldTruth};
 
 /// Rolling counts from when the force first reaches this share of its set point.
 const PRESSED: f64 = 0.9;
@@ -163,6 +163,9 @@ pub struct Figures {
     pub names: Vec<String>,
     /// What the check of the queue of moves said last.
     pub moves: Option<MoveCheck>,
+    /// Contacts solved in three dimensions, and those that were to be and were not; absent where
+    /// nobody asked.
+    pub layer: Option<(u64, u64)>,
     /// Touch had the arm at some time.
     pub touched: bool,
     /// The force reached its set point: rolling took place.
@@ -187,6 +190,7 @@ struct Ids {
     control: Option<usize>,
     truth: Option<usize>,
     check: Option<usize>,
+    layer: Option<usize>,
 }
 
 /// Watches records and keeps [`Figures`].
@@ -222,6 +226,7 @@ impl Score {
             control: catalog.find("supervisor.control"),
             truth: catalog.find("world.truth"),
             check: catalog.find("trajectory.check"),
+            layer: catalog.find("world.layer"),
         };
         Score {
             ids,
@@ -385,6 +390,9 @@ impl Observer for Score {
             }
         } else if id == self.ids.check {
             self.figures.moves = MoveCheck::decode(record.body);
+        } else if id == self.ids.layer {
+            let layer = LayerTruth::decode(record.body);
+            self.figures.layer = layer.map(|layer| (layer.solved, layer.plain));
         } else if id == self.ids.features
             && let Some(features) = Features::decode(record.body)
         {

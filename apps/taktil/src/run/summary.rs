@@ -133,6 +133,7 @@ impl Ending<'_> {
             },
             "slip_mm_s": f.slip_mm_s,
             "contact_lost": f.contact_lost,
+            "layer": f.layer.map(|(solved, plain)| json!({ "solved": solved, "plain": plain })),
         })
     }
 }

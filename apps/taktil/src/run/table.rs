@@ -43,6 +43,7 @@ pub fn table(summary: &Value) -> String {
     if !summary["hold"]["finger_error_mm"]["mean"].is_null() {
         hold(&mut out, summary);
     }
+    layer(&mut out, &summary["truth"]["layer"]);
     tracking(&mut out, summary);
     lanes(&mut out, summary);
     ending(&mut out, summary);
@@ -95,6 +96,17 @@ fn rolling(out: &mut String, s: &Value) {
     row(out, "height about its mean, mm", &spread(&t["height_error_mm"], 3), "");
     let lost = format!("contact lost {} times", t["contact_lost"]);
     row(out, "fastest slip, mm/s", &number(&t["slip_mm_s"], 2), &lost);
+}
+
+/// Whether the contacts were solved as the scene asks; nothing where it does not.
+fn layer(out: &mut String, layer: &Value) {
+    let (Some(solved), Some(plain)) = (layer["solved"].as_u64(), layer["plain"].as_u64()) else {
+        return;
+    };
+    let _ = writeln!(out, "contact in three dimensions");
+    row(out, "contacts solved for images", &solved.to_string(), "");
+    let note = if plain > 0 { "the solution was lacking or not believed there" } else { "" };
+    row(out, "rows on their own", &plain.to_string(), note);
 }
 
 fn hold(out: &mut String, s: &Value) {

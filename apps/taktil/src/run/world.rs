@@ -170,6 +170,19 @@ payload! {
     }
 }
 
+payload! {
+    /// How many images were what the scene asks for: the signal `world.layer` of scenes whose
+    /// contact is solved in three dimensions. Counted since the start.
+    pub struct LayerTruth {
+        /// The instant that the world has reached, ns.
+        pub t_ns: i64,
+        /// Contacts solved in three dimensions.
+        pub solved: u64,
+        /// Contacts after which rows stood on their own. See [`taktil_sim::Work::plain`].
+        pub plain: u64,
+    }
+}
+
 impl OpposedTruth {
     fn of(truth: &Truth) -> Option<OpposedTruth> {
         let tip = truth.opposed?;
@@ -187,7 +200,8 @@ impl OpposedTruth {
     }
 }
 
-/// The task of the lane `world`; writes `truth`, and `object` and `opposed` where there are some.
+/// The task of the lane `world`; writes `truth`, and `object`, `opposed` and `layer` where there
+/// are some.
 pub struct Simulation {
     world: World,
     pin_radius_m: f64,
@@ -195,6 +209,7 @@ pub struct Simulation {
     truth: Output<WorldTruth>,
     object: Option<Output<ObjectTruth>>,
     opposed: Option<Output<OpposedTruth>>,
+    layer: Option<Output<LayerTruth>>,
     /// Hash of the world after the last job.
     state: u64,
 }
@@ -211,6 +226,7 @@ impl Simulation {
         let truth = world.truth();
         let object = truth.object.map(|_| ports.output("object"));
         let opposed = truth.opposed.map(|_| ports.output("opposed"));
+        let layer = world.solves_layers().then(|| ports.output("layer"));
         Simulation {
             world,
             pin_radius_m: pin_radius_mm * 1e-3,
@@ -218,6 +234,7 @@ impl Simulation {
             truth: ports.output("truth"),
             object,
             opposed,
+            layer,
             state: 0,
         }
     }
@@ -279,6 +296,10 @@ impl Task for Simulation {
         }
         if let (Some(port), Some(tip)) = (&self.opposed, OpposedTruth::of(&truth)) {
             io.write(port, tip);
+        }
+        if let Some(port) = &self.layer {
+            let work = self.world.work();
+            io.write(port, LayerTruth { t_ns: truth.t.0, solved: work.solved, plain: work.plain });
         }
         Ok(())
     }

@@ -44,6 +44,26 @@ fn the_pin_rolls_and_the_figures_say_so() {
 }
 
 #[test]
+fn contacts_in_three_dimensions_are_counted_where_the_scene_asks_for_them() {
+    let folder = Folder::new();
+    assert!(json(&folder, &["--for", "0.1"])["truth"]["layer"].is_null());
+    let text = std::fs::read_to_string(scenes().join("roll-pin.toml")).unwrap();
+    let machine = scenes().join("machine/puma260.toml");
+    let text = text.replace("machine/puma260.toml", machine.to_str().unwrap())
+        + "\n[world.fidelity]\ncontact = \"layer-3d\"\n";
+    std::fs::write(folder.join("scene.toml"), text).unwrap();
+    let run = ["run", "scene.toml", "--fast", "--for", "2.2"];
+    let said = taktil(folder.path(), &[&run[..], &["--json"]].concat()).ended(0);
+    let s: Value = serde_json::from_str(&said.out).unwrap();
+    let layer = &s["truth"]["layer"];
+    assert!(layer["solved"].as_u64().unwrap() > 20, "{layer}");
+    assert_eq!(layer["plain"], 0, "{layer}");
+    let table = taktil(folder.path(), &run).ended(0).out;
+    let row = format!("contacts solved for images  {}", layer["solved"]);
+    assert!(table.contains(&row) && table.contains("rows on their own"), "{table}");
+}
+
+#[test]
 fn one_seed_gives_one_recording_and_another_seed_another() {
     let folder = Folder::new();
     let run = |name: &str, seed: &str| {
