@@ -59,7 +59,7 @@ fn contacts_in_three_dimensions_are_counted_where_the_scene_asks_for_them() {
     assert!(layer["solved"].as_u64().unwrap() > 20, "{layer}");
     assert_eq!(layer["plain"], 0, "{layer}");
     let table = taktil(folder.path(), &run).ended(0).out;
-    let row = format!("contacts solved for images  {}", layer["solved"]);
+    let row = format!("contacts solved for images {}", layer["solved"]);
     assert!(table.contains(&row) && table.contains("rows on their own"), "{table}");
 }
 
