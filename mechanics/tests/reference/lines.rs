@@ -65,10 +65,10 @@ fn moves_match_the_reference() {
             let tick = row.num("tick");
             let got = path.at(tick * TICK_S).pose;
             let p = DVec3::new(row.num("px"), row.num("py"), row.num("pz"));
-            assert!((got.translation - p).length() < 2e-9, "{file} tick {tick}");
+            assert!((got.translation - p).length() < 1e-9, "{file} tick {tick}");
             let q = ["qw", "qx", "qy", "qz"].map(|column| row.num(column));
             let off = angle_between(&got.quaternion_wxyz(), &q);
-            assert!(off < 5e-9, "{file} tick {tick}: {off}");
+            assert!(off < 1e-9, "{file} tick {tick}: {off}");
             if blend != Blend::Paul {
                 continue;
             }
@@ -79,7 +79,7 @@ fn moves_match_the_reference() {
             let (_, joints) = arm.nearest(&branches, &from).expect("the path is within the limits");
             // The file's angles lie in [-pi, pi), ours within the limits.
             let off = turned(&joints, &wanted);
-            assert!(off < 5e-9, "{file} tick {tick}: {off}");
+            assert!(off < 1e-9, "{file} tick {tick}: {off}");
             previous = Some(joints);
         }
     }
