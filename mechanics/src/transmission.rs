@@ -55,6 +55,12 @@ impl<const N: usize> Transmission<N> {
         }
     }
 
+    /// The same gears with encoders of so many times the counts.
+    #[must_use]
+    pub fn with_encoders(&self, scale: f64) -> Transmission<N> {
+        Transmission { counts_per_motor_rad: self.counts_per_motor_rad * scale, ..*self }
+    }
+
     /// Encoder counts of joint angles (rad), not rounded.
     #[must_use]
     pub fn counts_f64(&self, q: &Vector<N>) -> Vector<N> {

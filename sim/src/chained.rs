@@ -100,6 +100,10 @@ impl<const N: usize> Chained<N> {
             let what = "scales masses, which only the PUMA 260's model bears".to_owned();
             return Err(invalid("arm", what, "leave link_mass_scale and tool_mass_scale out"));
         }
+        if config.encoder_scale != usual.encoder_scale {
+            let what = "scales the counts of the PUMA 260's encoders".to_owned();
+            return Err(invalid("arm", what, "say this arm's by counts_per_rev of its motors"));
+        }
         if model == ArmModel::Kinematic || !config.course_deg.is_empty() {
             let what = "asks for a course, which only the PUMA 260 follows".to_owned();
             return Err(invalid("fidelity.arm", what, "say rigid or rigid+motors"));

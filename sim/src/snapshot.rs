@@ -39,7 +39,7 @@ pub(crate) struct Feed {
 }
 
 /// Scans that can be on their way, and two before them.
-const SCANS: usize = 18;
+const SCANS: usize = 32;
 
 /// How late scans are, and whether they say so.
 #[derive(Clone, Copy, Debug, Default)]

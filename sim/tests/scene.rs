@@ -93,10 +93,11 @@ fn unknown_keys_and_wrong_types_are_refused() {
 #[test]
 fn every_number_is_refused_when_it_is_no_number_or_out_of_range() {
     type Field = (&'static str, fn(&mut WorldConfig) -> &mut f64, bool);
-    let fields: [Field; 29] = [
+    let fields: [Field; 30] = [
         ("substep_us", |c| &mut c.substep_us, true),
         ("arm.home_deg[3]", |c| &mut c.arm.home_deg[3], false),
         ("arm.coulomb_scale", |c| &mut c.arm.coulomb_scale, true),
+        ("arm.encoder_scale", |c| &mut c.arm.encoder_scale, true),
         ("arm.viscous_scale", |c| &mut c.arm.viscous_scale, true),
         ("arm.link_mass_scale[2]", |c| &mut c.arm.link_mass_scale[2], true),
         ("arm.tool_mass_scale", |c| &mut c.arm.tool_mass_scale, true),
@@ -146,7 +147,7 @@ fn what_contradicts_is_refused() {
     let found = refused(|c| c.tactile.rest_counts = 249.0);
     assert_eq!(found.place, "tactile.rest_counts");
     assert!(found.what.contains("250"), "{found}");
-    assert_eq!(refused(|c| c.tactile.late_scans = 17).place, "tactile.late_scans");
+    assert_eq!(refused(|c| c.tactile.late_scans = 31).place, "tactile.late_scans");
     assert_eq!(refused(|c| c.arm.tool_mass_scale = 0.0).place, "arm.tool_mass_scale");
     assert_eq!(refused(|c| c.tactile.bits = 7).place, "tactile.bits");
     assert_eq!(refused(|c| c.tactile.bits = 40).place, "tactile.bits");

@@ -79,7 +79,7 @@ fn tactile(draw: &mut Draw) -> TactileConfig {
         rest_counts: 5.0 * noise_counts + draw.even(0.0, 0.3 * full),
         full_scale_n: draw.size(1e-3, 1e3),
         row_us: if draw.chance(0.7) { 0.0 } else { draw.even(0.0, 300.0) },
-        late_scans: draw.one(&[0, 0, 0, 1, 16]),
+        late_scans: draw.one(&[0, 0, 0, 1, 30]),
         stamp: draw.one(&[Stamp::Scanned, Stamp::Delivered]),
         electronics: draw.one(&[
             Electronics::Ideal,

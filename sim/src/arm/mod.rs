@@ -56,7 +56,7 @@ pub(crate) struct Arm {
 impl Arm {
     pub(crate) fn new(config: &ArmConfig, model: ArmModel, every: u32) -> Result<Arm, Invalid> {
         let puma = Puma260::reference();
-        let transmission = Transmission::reference();
+        let transmission = Transmission::reference().with_encoders(config.encoder_scale);
         let q =
             Joints::from_fn(|i, _| (config.home_deg[i] + config.zero_error_deg[i]).to_radians());
         for i in 0..JOINTS {

@@ -32,6 +32,9 @@ section! {
         gear_stiffness_nm_rad: [f64; 6] [1.0, 1e7],
         /// Damping of a rotor on that spring, in parts of the critical one. Default 0.1.
         gear_damping: f64 [0.0, 2.0],
+        /// Counts of the encoders in a motor turn, over those of the arm's own; the controller is
+        /// told by `[robot.sense] encoder_scale`. Default 1.
+        encoder_scale: f64 [0.01, 1000.0],
         /// Gives the encoders index pulses, one a motor turn, that the board latches: how many
         /// counts before the home pose the nearest one below stands, one number for each joint.
         /// Default: the board reports none.
@@ -73,6 +76,7 @@ impl Default for ArmConfig {
             tool_mass_scale: 1.0,
             gear_stiffness_nm_rad: [6000.0, 9000.0, 3000.0, 300.0, 300.0, 150.0],
             gear_damping: 0.1,
+            encoder_scale: 1.0,
             index_counts: None,
             power_on_s: 0.0,
         }

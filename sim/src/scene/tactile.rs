@@ -67,7 +67,7 @@ section! {
         /// is complete. Default 0: all at once.
         row_us: f64 [0.0, 62500.0],
         /// A scan reaches the controller so many scans after it was complete. Default 0.
-        late_scans: u32 [0.0, 16.0],
+        late_scans: u32 [0.0, 30.0],
         /// The instant that a scan carries: `scanned` (default), or `delivered` by a board that
         /// does not know better, which hides how late it is.
         stamp: Stamp,

@@ -26,6 +26,9 @@ pub struct Config {
     pub home_deg: Option<Vec<f64>>,
     /// Fastest speed of each joint, deg/s, as a measure for jumps. Default: that of the arm.
     pub v_max_deg_s: Option<Vec<f64>>,
+    /// Counts of the board's encoders in a motor turn, over those that the arm is known to have: a
+    /// board that divides or multiplies them. Default: 1.
+    pub encoder_scale: f64,
     /// Failed reads in a row that are let pass with the last value held. Default: 1.
     pub failures_allowed: u32,
     /// How index pulses are used, where the board reports them.
@@ -35,7 +38,8 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Config {
         let index = IndexConfig::default();
-        Config { home_deg: None, v_max_deg_s: None, failures_allowed: 1, index }
+        let (home_deg, v_max_deg_s) = (None, None);
+        Config { home_deg, v_max_deg_s, encoder_scale: 1.0, failures_allowed: 1, index }
     }
 }
 
@@ -62,6 +66,13 @@ impl Config {
                     "give a positive speed in deg/s, at most 100000",
                 ));
             }
+        }
+        if !(0.01..=1000.0).contains(&self.encoder_scale) {
+            return Err(Invalid::new(
+                "encoder_scale",
+                format!("{} times the arm's counts is no encoder", self.encoder_scale),
+                "give a number from 0.01 to 1000; 1 for the arm's own",
+            ));
         }
         if self.failures_allowed > 100 {
             return Err(Invalid::new(
@@ -134,10 +145,11 @@ impl<const N: usize> Sense<N> {
             ));
         }
         let (home_rad, v_max_rad_s) = config.angles(robot)?;
-        let angles = Angles::new(robot.gears, v_max_rad_s, home_rad);
+        let gears = robot.gears.with_encoders(config.encoder_scale);
+        let angles = Angles::new(gears, v_max_rad_s, home_rad);
         let index = match encoders.has_index() && !config.index.ignore {
             true => {
-                let index = Index::new(&config.index, &robot.gears, encoders.mark_reach());
+                let index = Index::new(&config.index, &gears, encoders.mark_reach());
                 Some((index.map_err(|bad| bad.within("index"))?, ports.output("home")))
             }
             false => None,
@@ -273,6 +285,10 @@ mod tests {
         }
         let config = Config { failures_allowed: 101, ..Config::default() };
         assert_eq!(config.check().unwrap_err().place, "failures_allowed");
+        for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0, 1001.0] {
+            let config = Config { encoder_scale: bad, ..Config::default() };
+            assert_eq!(config.check().unwrap_err().place, "encoder_scale", "{bad}");
+        }
     }
 
     #[test]
