@@ -8,7 +8,7 @@
 //! refuses penetrations of the thickness or more, contacts wider than 0.95 of the diameter or 80
 //! thicknesses, and forces beyond the largest tabulated penetration.
 
-use super::super::kernel::{BASE_CUTOFF, Sampled};
+use super::super::kernel::{BASE_CUTOFF, Sampled, SurfaceKernel};
 use super::super::layer::{Layer, Transfer};
 use super::super::{Invalid, finite, positive};
 use super::across::Across;
@@ -73,7 +73,8 @@ impl Endless {
         }
         let transfer = layer.transfer();
         let count = |b: f64| 10 + libm::ceil(1.5 * b) as usize;
-        let strips = Strips::new(&transfer, section, penetration_max_mm / t, count)?;
+        let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
+        let strips = Strips::new(&kernel, section, penetration_max_mm / t, count)?;
         let n = strips.places.cosines;
         let lines = pairs(strips.widest());
         Ok(Self {

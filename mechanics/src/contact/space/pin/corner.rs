@@ -8,8 +8,8 @@
 //! It refuses what lies outside its contacts, and contacts of which slices are pulled: those are
 //! left to the search (`solve`).
 
-use super::row::Row;
-use super::{KEPT, PinState, holding};
+use super::row::{Row, holding};
+use super::{KEPT, PinState};
 
 /// Overlaps that are tabulated (thicknesses): up to this part of a row no longer than this, each so
 /// many times as long as the next one, down to the shortest.
@@ -104,6 +104,11 @@ impl Corner {
         }
         rows.iter_mut().for_each(Row::release);
         Some(Self { longest, slopes, solved })
+    }
+
+    /// The longest overlap.
+    pub(super) fn longest(&self) -> f64 {
+        self.longest
     }
 
     /// The cell that a number lies in, counted from the largest, and the part of the way to the

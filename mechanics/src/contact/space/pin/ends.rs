@@ -2,6 +2,7 @@
 //! so that slices can be laid out for it. It follows from a plane punch on the layer, whose force
 //! is known exactly and by strips. It refuses nothing.
 
+use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Transfer;
 use super::super::quadrature::{factor, solve};
 use super::couple::own_row;
@@ -11,7 +12,7 @@ use super::strip::punch_force;
 const STRIPS: usize = 16;
 
 /// Loss at each end of a row of strips of length `h` thicknesses, in strips.
-pub(super) fn loss(transfer: &Transfer, h: f64) -> f64 {
+pub(super) fn loss(transfer: &Transfer, kernel: &SurfaceKernel, h: f64) -> f64 {
     let row = own_row(transfer, h, STRIPS - 1);
     let mut matrix = vec![0.0; STRIPS * STRIPS];
     for i in 0..STRIPS {
@@ -26,7 +27,7 @@ pub(super) fn loss(transfer: &Transfer, h: f64) -> f64 {
     solve(&matrix, STRIPS, &mut pressure);
     let force = h * pressure.iter().sum::<f64>();
     let half = |loss: f64| 0.5 * h * (STRIPS as f64 - 2.0 * loss);
-    let [none, some] = [0.0, 0.2].map(|loss| punch_force(transfer, half(loss)));
+    let [none, some] = [0.0, 0.2].map(|loss| punch_force(kernel, half(loss)));
     (0.2 * (force - none) / (some - none)).clamp(0.0, 0.2)
 }
 
@@ -39,9 +40,10 @@ mod tests {
     fn short_strips_lose_what_the_logarithm_says_and_long_ones_less() {
         for nu in [-0.5, 0.0, 0.3, 0.49, 0.5] {
             let transfer = Transfer::new(nu);
-            let found = loss(&transfer, 0.01);
+            let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
+            let found = loss(&transfer, &kernel, 0.01);
             assert!((found - 0.1135).abs() < 5e-4, "{nu}: {found}");
-            let longer = [0.1, 0.3, 0.6, 0.8, 1.0].map(|h| loss(&transfer, h));
+            let longer = [0.1, 0.3, 0.6, 0.8, 1.0].map(|h| loss(&transfer, &kernel, h));
             assert!(
                 longer[..3].is_sorted_by(|a, b| a > b) && longer[0] < found,
                 "{nu}: {longer:?}"

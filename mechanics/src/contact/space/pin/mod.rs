@@ -12,7 +12,8 @@
 //! A tilted pin touches from its deeper end on, so beside the row of slices over the whole pin
 //! there are shorter rows over its end, each a fixed part as long as the one before; the shortest
 //! that holds what touches is used, and a contact is always spread over a number of slices. At the
-//! fast level a cylinder's contacts on its end are solved when its tables are made (`corner`).
+//! fast level a cylinder's contacts on its end (`corner`) and those on a good part of its length
+//! (`lying`) are solved when its tables are made, a bar's all are (`nested`).
 //!
 //! Ends: strips of constant pressure see an end inside of its place, by a part of their length that
 //! a punch on the layer tells (`ends`). The slices are laid out for it, so that few of them do.
@@ -23,6 +24,7 @@ mod corner;
 mod couple;
 mod direct;
 mod ends;
+mod lying;
 mod nested;
 mod roll;
 mod row;
@@ -30,14 +32,16 @@ mod solve;
 pub(super) mod strip;
 mod work;
 
+use super::super::kernel::SurfaceKernel;
 use super::super::layer::Layer;
 use super::super::{Invalid, finite, positive};
 use super::tactels::Shares;
 use super::{Drive, Level, Refusal, Why};
 use corner::Corner;
 use couple::Modes;
+use lying::Lying;
 pub use roll::Roll;
-use row::Row;
+use row::{Lie, Row, holding};
 use strip::{Section, Strips};
 use work::Trouble;
 
@@ -45,8 +49,7 @@ use work::Trouble;
 const TILT_MAX: f64 = 0.2;
 /// Shortest pin in thicknesses.
 const SHORTEST: f64 = 0.1;
-/// Part of a row that a contact is looked for on, and part below which a shorter row takes it over.
-const FITS: f64 = 0.92;
+/// Part of a row below which a shorter one takes its contact over.
 const KEPT: f64 = 0.45;
 /// So many times longer or shorter than the row in use a contact is guessed to be before that row
 /// is left at once.
@@ -268,23 +271,34 @@ impl Pin {
             let face = if matches!(section, Section::Flat(_)) { flat * b } else { 0.0 };
             (least + more * b + face) as usize
         };
-        let strips = Strips::new(&layer.transfer(), section, penetration_max_mm / t, count)?;
+        let transfer = layer.transfer();
+        let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
+        let strips = Strips::new(&kernel, section, penetration_max_mm / t, count)?;
         let ends = [from / t, to / t];
-        let mut rows = vec![Row::new(layer, (strips.clone(), true), ends, fineness)?];
+        // Short slices see how the pressure rises towards an end, and so does what is tabulated.
+        let deeper = (ROOM * penetration_max_mm / t).min(DEEPEST);
+        let risen = Strips::new(&kernel, section, deeper, count);
+        let risen = risen.unwrap_or_else(|_| strips.clone());
+        let tabled = level == Level::Fast && matches!(section, Section::Circle(_));
+        let over = if tabled { risen.clone() } else { strips };
+        let mut rows = vec![Row::new((layer, &kernel), (over, true), ends, fineness)?];
         let tolerance = 0.5 * fineness.tolerance;
         let fineness = Fineness { tolerance, ..fineness };
-        // Short slices see how the pressure rises towards an end.
-        let deeper = (ROOM * penetration_max_mm / t).min(DEEPEST);
-        let strips = Strips::new(&layer.transfer(), section, deeper, count).unwrap_or(strips);
         let mut reach = fineness.shorter * length;
         while reach >= SHORTEST_ROW {
             let end = [ends[1] - reach, ends[1]];
-            rows.push(Row::new(layer, (strips.clone(), false), end, fineness)?);
+            rows.push(Row::new((layer, &kernel), (risen.clone(), false), end, fineness)?);
             reach *= fineness.shorter;
         }
-        let tabled = level == Level::Fast && matches!(section, Section::Circle(_));
         let deepest = penetration_max_mm / t;
         let corner = if tabled { Corner::new(&mut rows, ends[1], deepest) } else { None };
+        if tabled {
+            let shortest = corner.as_ref().map_or(0.0, Corner::longest);
+            let lying = rows.iter_mut().enumerate();
+            for (_, row) in lying.take_while(|(n, row)| *n == 0 || row.length > shortest) {
+                row.lying = Lying::new(row, ends[1], deepest);
+            }
+        }
         let state = PinState::default();
         Ok(Self { layer: *layer, ends, rows, corner, at: 0, turned: false, state })
     }
@@ -340,6 +354,9 @@ impl Pin {
         if let Some(state) = self.on_corner((wanted, guess), slope, turned) {
             return Ok(self.along_pin(state, (raised, mirror), tilt_rad));
         }
+        if let Some(state) = self.lying((wanted, guess), slope, turned) {
+            return Ok(self.along_pin(state, (raised, mirror), tilt_rad));
+        }
         let mut at = self.row_for(self.guessed(wanted, guess, slope.abs()), turned);
         let mut start = guess - slope.abs() * to;
         let mut shortened = false;
@@ -381,6 +398,22 @@ impl Pin {
     ) -> Option<PinState> {
         let (corner, slope) = (self.corner.as_ref()?, (slope.abs(), self.ends[1]));
         let (at, state) = corner::read(corner, &mut self.rows, (wanted, guess), slope)?;
+        (self.at, self.turned) = (at, turned);
+        Some(state)
+    }
+
+    /// The contact on a good part of the pin by what was solved beforehand, on the shortest row
+    /// that has it.
+    fn lying(
+        &mut self,
+        (wanted, guess): (Option<f64>, f64),
+        slope: f64,
+        turned: bool,
+    ) -> Option<PinState> {
+        let along = (slope.abs(), self.ends[1]);
+        let rows = self.rows.iter_mut().enumerate().rev();
+        let (at, state) =
+            rows.filter_map(|(at, row)| Some((at, row.lie((wanted, guess), along)?))).next()?;
         (self.at, self.turned) = (at, turned);
         Some(state)
     }
@@ -461,25 +494,5 @@ impl Pin {
     fn lie(&self) -> Lie {
         let mirror_mm = (self.ends[0] + self.ends[1]) * self.layer.thickness_mm;
         Lie { turned: self.turned, mirror_mm }
-    }
-}
-
-/// The shortest row that holds a contact so long.
-fn holding(rows: &[Row], touched: f64) -> usize {
-    let holds = |row: &&Row| touched < FITS * row.length;
-    rows.iter().take_while(holds).count().saturating_sub(1)
-}
-
-/// How a row lies along the pin.
-#[derive(Clone, Copy, Debug)]
-struct Lie {
-    turned: bool,
-    mirror_mm: f64,
-}
-
-impl Lie {
-    /// Place along the pin of what is at `w_mm` along the row.
-    fn place(self, w_mm: f64) -> f64 {
-        if self.turned { self.mirror_mm - w_mm } else { w_mm }
     }
 }

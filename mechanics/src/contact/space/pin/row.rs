@@ -4,9 +4,11 @@
 //! It refuses rows of more slices than it may have.
 
 use super::super::super::Invalid;
+use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Layer;
 use super::couple::{Coupling, Parity};
 use super::ends::loss;
+use super::lying::Lying;
 use super::nested::Nested;
 use super::strip::{COSINES_MAX, Strips};
 use super::work::Work;
@@ -33,6 +35,16 @@ const WIDER: f64 = 1.6;
 /// Most slices of a row.
 const SLICES_MAX: usize = 4096;
 
+/// Part of a row that a contact is looked for on.
+const FITS: f64 = 0.92;
+
+/// When the steps of a contact end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Settled {
+    pub(super) tolerance: f64,
+    pub(super) steps: usize,
+}
+
 /// Slices of one length.
 #[derive(Clone, Debug)]
 pub(super) struct Row {
@@ -49,6 +61,8 @@ pub(super) struct Row {
     pub(super) between: Vec<f64>,
     /// All contacts of a bar, where they were solved beforehand.
     pub(super) nested: Option<Nested>,
+    /// Contacts of a cylinder on a good part of it, where they were solved beforehand.
+    pub(super) lying: Option<Lying>,
     /// Slice length and places along the axis from the origin, in thicknesses.
     pub(super) h: f64,
     pub(super) along: Vec<f64>,
@@ -63,7 +77,7 @@ impl Row {
     /// # Errors
     /// More than 4096 slices.
     pub(super) fn new(
-        layer: &Layer,
+        (layer, kernel): (&Layer, &SurfaceKernel),
         (strips, whole): (Strips, bool),
         [from, to]: [f64; 2],
         fineness: Fineness,
@@ -82,7 +96,7 @@ impl Row {
         }
         let slices = wanted as usize;
         let transfer = layer.transfer();
-        let lost = loss(&transfer, length / slices as f64);
+        let lost = loss(&transfer, kernel, length / slices as f64);
         let h = length / (slices as f64 - 2.0 * lost);
         let middle = 0.5 * (from + to);
         let place = |i: usize| middle + (i as f64 - 0.5 * (slices as f64 - 1.0)) * h;
@@ -114,10 +128,19 @@ impl Row {
             part: !whole,
             between,
             nested,
+            lying: None,
             along,
             work,
             rules: (1..=most).map(|points| rule(points, cosines)).collect(),
         })
+    }
+
+    /// Ends the steps otherwise; what ended them before.
+    pub(super) fn settle(&mut self, settled: Settled) -> Settled {
+        let Settled { tolerance, steps } = settled;
+        let before = self.fineness;
+        self.fineness = Fineness { tolerance, steps, ..before };
+        Settled { tolerance: before.tolerance, steps: before.steps }
     }
 
     /// Lifts off and forgets the contact.
@@ -176,6 +199,26 @@ impl Row {
     /// pi G/(1 - nu): pressure per unit of the kernels.
     pub(super) fn modulus_mpa(&self) -> f64 {
         PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson)
+    }
+}
+
+/// The shortest row that holds a contact so long.
+pub(super) fn holding(rows: &[Row], touched: f64) -> usize {
+    let holds = |row: &&Row| touched < FITS * row.length;
+    rows.iter().take_while(holds).count().saturating_sub(1)
+}
+
+/// How a row lies along the pin.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lie {
+    pub(super) turned: bool,
+    pub(super) mirror_mm: f64,
+}
+
+impl Lie {
+    /// Place along the pin of what is at `w_mm` along the row.
+    pub(super) fn place(self, w_mm: f64) -> f64 {
+        if self.turned { self.mirror_mm - w_mm } else { w_mm }
     }
 }
 

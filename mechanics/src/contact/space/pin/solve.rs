@@ -143,8 +143,7 @@ impl Row {
         }
         let mut search =
             Search { penetration: start, shift: 0.0, known: None, left: f64::INFINITY, wanted };
-        let mut fresh = !warm;
-        let mut step = 0;
+        let (mut fresh, mut step) = (!warm, 0);
         // A contact that is no answer yet gets more steps.
         let steps = self.fineness.steps;
         while step < steps || (search.left > UNSETTLED && step < MORE * steps) {
@@ -279,7 +278,7 @@ impl Row {
             let started = fresh || work.a[j * n] == 0.0;
             let row = &mut work.rows[j * places.len()..(j + 1) * places.len()];
             let transform = &mut work.transforms[j * work.transform..(j + 1) * work.transform];
-            if b != work.widths[j] || started {
+            if b != work.widths[j] || started || work.read {
                 work.widths[j] = b;
                 self.strips.row(b, row);
                 self.coupling.transform(b, transform);
@@ -291,6 +290,7 @@ impl Row {
                 }
             }
         }
+        work.read = false;
         Ok(())
     }
 

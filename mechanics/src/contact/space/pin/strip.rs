@@ -82,19 +82,18 @@ pub(crate) struct Strips {
 impl Strips {
     /// Tables up to a penetration (thicknesses).
     pub(crate) fn new(
-        transfer: &Transfer,
+        kernel: &SurfaceKernel,
         section: Section,
         penetration: f64,
         cosines: impl Fn(f64) -> usize,
     ) -> Result<Self, Invalid> {
-        let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
         let widest = match section {
             Section::Flat(half) if half > WIDEST => {
                 let what = format!("{half} thicknesses on each side");
                 return Err(Invalid::new("width_mm", what, "give a narrower bar"));
             }
             Section::Flat(half) => half,
-            Section::Circle(radius) => widest(&kernel, section, radius, penetration)?,
+            Section::Circle(radius) => widest(kernel, section, radius, penetration)?,
         };
         let places = Places { cosines: cosines(widest).min(COSINES_MAX) };
         let mut rows = vec![0.0; places.len() * (ROWS + 1)];
@@ -103,7 +102,7 @@ impl Strips {
                 Section::Circle(_) => widest * (i as f64).max(0.01) / ROWS as f64,
                 Section::Flat(_) => widest,
             };
-            fill(&kernel, section, b, places, row);
+            fill(kernel, section, b, places, row);
             if matches!(section, Section::Flat(_)) {
                 let own = row.to_vec();
                 rows.truncate(0);
@@ -136,13 +135,23 @@ impl Strips {
 
     /// Writes the row of half-width `b` above 0; the logarithm is in its place.
     pub(crate) fn row(&self, b: f64, out: &mut [f64]) {
-        let width = self.places.len();
         if !self.is_free() {
             out.copy_from_slice(&self.rows);
             return;
         }
+        let (parts, w) = self.around(b);
+        for (i, value) in out.iter_mut().enumerate() {
+            *value =
+                w[0] * parts[0][i] + w[1] * parts[1][i] + w[2] * parts[2][i] + w[3] * parts[3][i];
+        }
+        out[self.places.matrix(0, 0)] -= PI * PI * libm::log(b);
+    }
+
+    /// The rows around half-width `b`, and their weights.
+    fn around(&self, b: f64) -> ([&[f64]; 4], [f64; 4]) {
         let place = (b / self.widest).clamp(0.0, 1.0) * ROWS as f64;
         let cell = (place as usize).min(ROWS - 1);
+        let width = self.places.len();
         let s = place - cell as f64;
         let at = |i: isize| {
             let i = i.unsigned_abs().min(ROWS);
@@ -152,12 +161,29 @@ impl Strips {
         // Even at the lower end, one-sided at the upper one.
         let shift = if cell as usize == ROWS - 1 { 1 } else { 0 };
         let w = cubic(s + shift as f64);
-        let parts = [-1, 0, 1, 2].map(|k| at(cell - shift + k));
-        for (i, value) in out.iter_mut().enumerate() {
+        ([-1, 0, 1, 2].map(|k| at(cell - shift + k)), w)
+    }
+
+    /// Writes the cosines of the plane contact of a penetration above 0; the first one of that
+    /// penetration, or of `least` if that is more.
+    pub(crate) fn differs(&self, penetration: f64, least: f64, out: &mut [f64]) -> f64 {
+        self.contact(self.half_width(penetration), out);
+        if penetration >= least {
+            return out[0];
+        }
+        let mut first = [0.0];
+        self.contact(self.half_width(least), &mut first);
+        first[0]
+    }
+
+    /// Writes the first cosines of the plane contact of half-width `b`.
+    fn contact(&self, b: f64, out: &mut [f64]) {
+        let (parts, w) = self.around(b);
+        let from = self.places.contact(0);
+        for (i, value) in (from..).zip(out) {
             *value =
                 w[0] * parts[0][i] + w[1] * parts[1][i] + w[2] * parts[2][i] + w[3] * parts[3][i];
         }
-        out[self.places.matrix(0, 0)] -= PI * PI * libm::log(b);
     }
 
     /// Half-width of the plane contact of a penetration above 0, at most the table's.
@@ -236,11 +262,10 @@ impl Strips {
 }
 
 /// Force of a plane punch of this half-width per unit penetration.
-pub(crate) fn punch_force(transfer: &Transfer, half: f64) -> f64 {
-    let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
+pub(crate) fn punch_force(kernel: &SurfaceKernel, half: f64) -> f64 {
     let places = Places { cosines: 12 + libm::ceil(2.0 * half) as usize };
     let mut row = vec![0.0; places.len()];
-    fill(&kernel, Section::Flat(half), half, places, &mut row);
+    fill(kernel, Section::Flat(half), half, places, &mut row);
     PI * row[places.punch(0)]
 }
 

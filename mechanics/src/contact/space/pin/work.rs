@@ -28,6 +28,8 @@ pub(super) struct Work {
     pub(super) direction: Vec<f64>,
     pub(super) image: Vec<f64>,
     pub(super) warm: bool,
+    /// Whether the widths were read, so that nothing else here belongs to them.
+    pub(super) read: bool,
     pub(super) dense: Dense,
     /// Half-widths that the slices' own blocks were factored for.
     pub(super) blocked: Vec<f64>,
@@ -60,6 +62,7 @@ impl Work {
             direction: per(n),
             image: per(n),
             warm: false,
+            read: false,
             dense: Dense::new(slices, n, free),
             blocked: per(1),
             stiffness: 0.0,
@@ -111,6 +114,7 @@ impl Work {
 
     pub(super) fn clear(&mut self) {
         self.warm = false;
+        self.read = false;
         self.stiffness = 0.0;
         self.active.fill(false);
         self.a.fill(0.0);
