@@ -8,6 +8,8 @@ use taktil_rtcore::Invalid;
 use taktil_signal::per_joint;
 
 use crate::law::{Gains, Pd};
+use crate::learned::Learned;
+use crate::notch::{Notch, Shape};
 use crate::observer::Observer;
 
 /// Gains and options. Every key has a default.
@@ -34,6 +36,13 @@ pub struct Config {
     /// Takes the rate of the error from an observer with its poles at so many Hz instead: without
     /// the filter's lag and the half tick of a difference, for more noise. Default none.
     pub observer_hz: Option<f64>,
+    /// Puts a notch on the error with its middle at so many Hz: where the arm swings on what it
+    /// touches and the servo, late as it is, would stir it. Default none.
+    pub notch_hz: Option<f64>,
+    /// Damping ratio of the notch's poles: how wide it is. Default 0.3.
+    pub notch_width: f64,
+    /// What the notch leaves in its middle, 0 to 1. Default 0.15.
+    pub notch_depth: f64,
     /// Adds the torque that holds the arm against gravity at the desired joints, once they are
     /// calibrated. Default true; false is the thesis's plain PD, whose finger droops by
     /// millimetres.
@@ -44,6 +53,11 @@ pub struct Config {
     /// Desired speed at which half of Coulomb's friction is added (rad/s): below it the direction
     /// of the motion is in doubt. Default 0.01.
     pub friction_speed_rad_s: f64,
+    /// Share of each joint's Coulomb friction, as learned from its own turns, that is added along
+    /// the desired way, 0 to 1. Default 0.
+    pub learned_friction: f64,
+    /// Desired way over which that turns from one side to the other (rad). Default 5e-4.
+    pub learned_turn_rad: f64,
     /// Share of the torque that the desired acceleration takes, inertia and Coriolis, 0 to 1.
     /// Default 0.
     pub acceleration: f64,
@@ -64,9 +78,14 @@ impl Default for Config {
             kd_nms_rad: None,
             derivative_filter_hz: 60.0,
             observer_hz: None,
+            notch_hz: None,
+            notch_width: 0.3,
+            notch_depth: 0.15,
             gravity: true,
             friction: 0.0,
             friction_speed_rad_s: 0.01,
+            learned_friction: 0.0,
+            learned_turn_rad: 5e-4,
             acceleration: 0.0,
             assumed_pose_deg: None,
         }
@@ -75,6 +94,8 @@ impl Default for Config {
 
 /// Natural frequency of a joint where the configuration gives none (rad/s).
 const BANDWIDTH_RAD_S: f64 = 60.0;
+/// The servo's torque for this error is the most that a joint's friction is taken for (rad).
+const MOST_RAD: f64 = 5e-3;
 /// Above this no number of the table can be meant.
 const HUGE: f64 = 1e6;
 
@@ -110,16 +131,26 @@ impl Config {
                 ));
             }
         }
-        for (name, share) in [("friction", self.friction), ("acceleration", self.acceleration)] {
+        let shares = [
+            ("friction", self.friction),
+            ("learned_friction", self.learned_friction),
+            ("acceleration", self.acceleration),
+            ("notch_depth", self.notch_depth),
+        ];
+        for (name, share) in shares {
             if !(0.0..=1.0).contains(&share) {
                 let what = format!("{share} is no share of a model");
                 return Err(Invalid::new(name, what, "give 0 (none) to 1 (all of it)"));
             }
         }
-        if let Some(hz) = self.observer_hz.filter(|hz| !(*hz > 0.0 && *hz <= 200.0)) {
-            let what = format!("{hz} Hz is no place for poles at 400 Hz");
-            return Err(Invalid::new("observer_hz", what, "give more than 0 and at most 200"));
+        for (name, hz) in [("observer_hz", self.observer_hz), ("notch_hz", self.notch_hz)] {
+            if let Some(hz) = hz.filter(|hz| !(*hz > 0.0 && *hz < 200.0)) {
+                let what = format!("{hz} Hz is no place for poles at 400 Hz");
+                return Err(Invalid::new(name, what, "give more than 0 and less than 200"));
+            }
         }
+        positive("notch_width", self.notch_width)?;
+        positive("learned_turn_rad", self.learned_turn_rad)?;
         positive("friction_speed_rad_s", self.friction_speed_rad_s)?;
         positive("derivative_filter_hz", self.derivative_filter_hz)
     }
@@ -150,8 +181,21 @@ impl Config {
             kd_nms_rad: list("kd_nms_rad", &self.kd_nms_rad)?,
             filter_hz: self.derivative_filter_hz,
             observer_hz: self.observer_hz,
+            notch: self.notch_hz.map(|hz| {
+                let (width, depth) = (self.notch_width, self.notch_depth);
+                Shape { hz, width, depth }
+            }),
             assumed_rad: radians(list("assumed_pose_deg", &self.assumed_pose_deg)?),
         })
+    }
+
+    /// What learns the friction of joints with this tuning, where a share of it is wanted: none is
+    /// taken for more than the torque that the servo makes of 5 mrad.
+    #[must_use]
+    pub fn learned<const N: usize>(&self, tuning: &Tuning<N>) -> Option<Learned<N>> {
+        let most_nm = tuning.gains().kp_nm_rad * MOST_RAD;
+        let learned = Learned::new(self.learned_friction, self.learned_turn_rad, most_nm);
+        (self.learned_friction > 0.0).then_some(learned)
     }
 }
 
@@ -176,6 +220,8 @@ pub struct Tuning<const N: usize = 6> {
     pub filter_hz: f64,
     /// Poles of the observer (Hz), where there is one.
     pub observer_hz: Option<f64>,
+    /// The notch, where there is one.
+    pub notch: Option<Shape>,
     /// Where the arm is taken to stand before it is calibrated (rad).
     pub assumed_rad: Option<Vector<N>>,
 }
@@ -198,7 +244,7 @@ impl<const N: usize> Tuning<N> {
     /// The law.
     #[must_use]
     pub fn law(&self) -> Pd<N> {
-        let law = Pd::new(self.gains(), self.filter_hz);
+        let law = Pd::new(self.gains(), self.filter_hz).notched(self.notch.map(Notch::new));
         match self.observer_hz {
             Some(hz) => law.observed(Observer::new(&self.inertia_kg_m2, hz)),
             None => law,
@@ -233,7 +279,10 @@ mod tests {
         for bad in [f64::NAN, -0.1, 1.1, f64::INFINITY] {
             assert_eq!(refused(|c| c.friction = bad), "friction");
             assert_eq!(refused(|c| c.acceleration = bad), "acceleration");
+            assert_eq!(refused(|c| c.learned_friction = bad), "learned_friction");
+            assert_eq!(refused(|c| c.notch_depth = bad), "notch_depth");
         }
+        assert_eq!(refused(|c| c.notch_hz = Some(200.0)), "notch_hz");
         assert_eq!(refused(|c| c.friction_speed_rad_s = 0.0), "friction_speed_rad_s");
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e7] {
             assert_eq!(
@@ -243,6 +292,9 @@ mod tests {
             assert_eq!(refused(|c| c.damping = Some(vec![bad])), "damping[0]");
             assert_eq!(refused(|c| c.derivative_filter_hz = bad), "derivative_filter_hz");
             assert_eq!(refused(|c| c.observer_hz = Some(bad)), "observer_hz");
+            assert_eq!(refused(|c| c.notch_hz = Some(bad)), "notch_hz");
+            assert_eq!(refused(|c| c.notch_width = bad), "notch_width");
+            assert_eq!(refused(|c| c.learned_turn_rad = bad), "learned_turn_rad");
             assert_eq!(
                 refused(|c| c.kp_nm_rad = Some(vec![1.0, 1.0, 1.0, 1.0, 1.0, bad])),
                 "kp_nm_rad[5]"

@@ -12,6 +12,7 @@ use taktil_mechanics::chain::Vector;
 use taktil_mechanics::dynamics::{Dynamics, Friction};
 use taktil_rtcore::{Fold, StateHash};
 
+use crate::notch::Notch;
 use crate::observer::Observer;
 
 /// Gains of the joints.
@@ -127,12 +128,16 @@ pub struct Pd<const N: usize = 6> {
     last_rad: Option<Vector<N>>,
     rate_rad_s: Vector<N>,
     observer: Option<Observer<N>>,
+    notch: Option<Notch<N>>,
 }
 
 impl<const N: usize> Fold for Pd<N> {
     fn fold(&self, hash: &mut StateHash) {
         if let Some(observer) = &self.observer {
             hash.add(observer);
+        }
+        if let Some(notch) = &self.notch {
+            hash.add(notch);
         }
         hash.add(&self.last_rad.is_some());
         hash.add(self.last_rad.unwrap_or_else(Vector::zeros).as_slice())
@@ -150,6 +155,7 @@ impl<const N: usize> Pd<N> {
             last_rad: None,
             rate_rad_s: Vector::zeros(),
             observer: None,
+            notch: None,
         }
     }
 
@@ -157,6 +163,12 @@ impl<const N: usize> Pd<N> {
     #[must_use]
     pub fn observed(self, observer: Observer<N>) -> Pd<N> {
         Pd { observer: Some(observer), ..self }
+    }
+
+    /// The same law with a notch on the error, or without one.
+    #[must_use]
+    pub fn notched(self, notch: Option<Notch<N>>) -> Pd<N> {
+        Pd { notch, ..self }
     }
 
     /// Goes on with other gains and another filter: what it remembers stays, so the torque changes
@@ -185,6 +197,9 @@ impl<const N: usize> Pd<N> {
         if let Some(observer) = &mut self.observer {
             observer.reset();
         }
+        if let Some(notch) = &mut self.notch {
+            notch.reset();
+        }
     }
 
     /// Torque (N m) for an error of `error_rad` (desired minus measured), `dt_s` after the last
@@ -193,6 +208,8 @@ impl<const N: usize> Pd<N> {
     /// `None`, and a forgotten past, when the torque would not be finite. With `dt_s` not positive
     /// the rate stays as it is.
     pub fn torque_nm(&mut self, error_rad: &Vector<N>, dt_s: f64) -> Option<Vector<N>> {
+        let error_rad =
+            &self.notch.as_mut().map_or(*error_rad, |notch| notch.passed(error_rad, dt_s));
         if let Some(observer) = &mut self.observer {
             self.rate_rad_s = observer.rate_rad_s(error_rad, dt_s);
         } else if let Some(last) = self.last_rad.filter(|_| dt_s > 0.0) {

@@ -1,18 +1,21 @@
 //! The position servo of the joints at 400 Hz: PD on the error between desired and measured angles,
-//! with the torques against gravity and along the desired motion as options. Refuses to ask for
-//! torque while the mode does not allow any, while nothing is desired, or when a number is not
-//! finite; refuses limits, which are `actuate`'s.
+//! with the torques against gravity and along the desired motion, friction that is learned and a
+//! notch as options. Refuses to ask for torque while the mode does not allow any, while nothing is
+//! desired, or when a number is not finite; refuses limits, which are `actuate`'s.
 //!
 //! The filter of the rate is forgotten while the servo is idle and when the zero of the joints
 //! moves, so that neither shows up as a rate.
 
 pub mod config;
 pub mod law;
+pub mod learned;
+pub mod notch;
 pub mod observer;
 
 pub use config::{Config, Tuning};
 
 use law::{Ahead, Gains, Pd};
+use learned::Learned;
 use taktil_mechanics::arm::{Arm, Links};
 use taktil_mechanics::chain::Vector;
 use taktil_mechanics::dynamics::Dynamics;
@@ -42,6 +45,7 @@ pub struct JointServo<const N: usize = 6, L: Links<N> = Dynamics> {
     torque: Output<Torque<N>>,
     law: Pd<N>,
     ahead: Ahead<N, L>,
+    learned: Option<Learned<N>>,
     dynamics: Option<L>,
     assumed: Option<Vector<N>>,
     gravity_share: f64,
@@ -111,6 +115,7 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
         config.check()?;
         let tuning = config.tuning(robot)?;
         let knobs = Knobs::new(&tuning, ports);
+        let learned = config.learned(&tuning);
         let Config { friction, friction_speed_rad_s, acceleration, gravity, .. } = config;
         let model = (robot.friction, robot.links.clone());
         Ok(JointServo {
@@ -120,6 +125,7 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
             torque: ports.output_within("torque", sound),
             law: tuning.law(),
             ahead: Ahead::new(model, friction, friction_speed_rad_s, acceleration),
+            learned,
             dynamics: gravity.then(|| robot.links.clone()),
             assumed: tuning.assumed_rad,
             gravity_share: 0.0,
@@ -144,9 +150,17 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
         dynamics.gravity(&q) * self.gravity_share
     }
 
-    fn rest(&mut self, calibrated: bool) {
+    /// Forgets what was before.
+    fn forget(&mut self) {
         self.law.reset();
         self.ahead.reset();
+        if let Some(learned) = &mut self.learned {
+            learned.reset();
+        }
+    }
+
+    fn rest(&mut self, calibrated: bool) {
+        self.forget();
         self.gravity_share = if calibrated || self.assumed.is_some() { 1.0 } else { 0.0 };
     }
 }
@@ -171,11 +185,11 @@ impl<const N: usize, L: Links<N>> Task for JointServo<N, L> {
         };
         if joints.datum != self.datum {
             self.datum = joints.datum;
-            self.law.reset();
-            self.ahead.reset();
+            self.forget();
         }
         let goal = Vector::from(desired.q_rad);
-        let error = goal - Vector::from(joints.q_rad);
+        let measured = Vector::from(joints.q_rad);
+        let error = goal - measured;
         if error.iter().all(|x| x.is_finite()) {
             out.error_rad = error.into();
         }
@@ -189,7 +203,12 @@ impl<const N: usize, L: Links<N>> Task for JointServo<N, L> {
         if calibrated {
             model += self.ahead.torque_nm(&goal, &Vector::from(desired.qd_rad_s), dt_s);
         }
-        let torque = self.law.torque_nm(&error, dt_s).map(|torque| torque + model);
+        let mut torque = self.law.torque_nm(&error, dt_s);
+        if let (Some(learned), Some(torque)) = (&mut self.learned, &mut torque) {
+            *torque += learned.torque_nm(&goal, dt_s);
+            learned.learn(&measured, torque, dt_s);
+        }
+        let torque = torque.map(|torque| torque + model);
         let finite = torque.filter(|torque| torque.iter().all(|x| x.is_finite()));
         out.tau_nm = finite.map_or([0.0; N], Into::into);
         io.write(&self.torque, out);
@@ -198,10 +217,12 @@ impl<const N: usize, L: Links<N>> Task for JointServo<N, L> {
 
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.law).add(&self.ahead).add(&self.gravity_share).add(&self.datum);
+        if let Some(learned) = &self.learned {
+            hash.add(learned);
+        }
     }
 
     fn stop(&mut self) {
-        self.law.reset();
-        self.ahead.reset();
+        self.forget();
     }
 }

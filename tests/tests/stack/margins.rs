@@ -125,11 +125,14 @@ impl Strain {
         (config.x_c_low, config.x_c_tolerance) = (AIM, 1e-12);
     }
 
-    /// The rolling scene so strained, with the pin turned by a degree.
+    /// The rolling scene so strained, with the pin turned by a degree and a plain servo of the
+    /// joints.
     fn scene(&self, noise_counts: f64, duration_s: f64) -> Scene {
         let draft = Draft::roll_pin()
             .set("duration_s", duration_s)
             .set("world.pin.yaw_deg", 1.0)
+            .set("robot.joint_servo.damping", vec![0.5; 6])
+            .set("robot.joint_servo.derivative_filter_hz", 30.0)
             .set("world.arm.coulomb_scale", 0.0)
             .set("world.tactile.rest_counts", 1500.0)
             .set("world.tactile.noise_counts", noise_counts);

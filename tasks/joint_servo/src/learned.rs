@@ -1,0 +1,291 @@
+//! Coulomb's friction of each joint, learned from its own turns and given back where the desired
+//! way turns round. Refuses to be told it: an arm with twice the friction, or with none, is taken
+//! for what it is.
+//!
+//! A joint that slides one way, turns and slides the other way takes a torque that differs by twice
+//! its friction; what else it carries (a load, gravity that is not known) is the same before and
+//! after, and drops out. So the mean torque of the last tenth of a second before a turn and that
+//! of one soon after it give the friction (Armstrong-Helouvry, Control of Machines with Friction,
+//! 1991, does so for whole strokes). Turns that take long, strokes that were short or slow and
+//! differences against the motion teach nothing: the load has changed meanwhile.
+//!
+//! What is given back follows the desired way like a bristle: from one side to the other over a
+//! short way, so that a desired way that trembles asks for little.
+
+use taktil_mechanics::chain::Vector;
+use taktil_rtcore::{Fold, StateHash};
+
+/// Measured way after which a joint has left the other side (rad).
+const LEFT_RAD: f64 = 1e-3;
+/// Speed from which a joint slides (rad/s), and the time that it is averaged over (s).
+const SLIDES_RAD_S: f64 = 0.02;
+const SPEED_S: f64 = 0.025;
+/// After so much of sliding the torque is averaged (s), over so much (s).
+const SKIP_S: f64 = 0.05;
+const MEAN_S: f64 = 0.1;
+/// Least time of sliding before a turn, and longest time that a turn may take (s).
+const LEAST_S: f64 = 0.1;
+const LONGEST_S: f64 = 0.25;
+/// One turn weighs at least as if so many were averaged.
+const TURNS: u32 = 2;
+/// Time in which what was learned comes in (s).
+const COMES_S: f64 = 0.2;
+
+/// One joint.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Joint {
+    /// Places between the two sides, -1 to 1, of the measured and of the desired way.
+    measured: f64,
+    desired: f64,
+    speed_rad_s: f64,
+    /// The side on which it slid last, how long it did (s), its mean torque (N m) and how long ago
+    /// that was (s).
+    side: f64,
+    slid_s: f64,
+    mean_nm: f64,
+    ago_s: f64,
+    /// Mean torque before the last turn (N m), where it counts.
+    before_nm: Option<f64>,
+    /// The friction learned (N m), from so many turns, and as much of it as has come in (N m).
+    friction_nm: f64,
+    turns: u32,
+    given_nm: f64,
+}
+
+impl Fold for Joint {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.measured).add(&self.desired).add(&self.speed_rad_s).add(&self.side);
+        hash.add(&self.slid_s).add(&self.mean_nm).add(&self.ago_s).add(&self.before_nm);
+        hash.add(&self.friction_nm).add(&self.turns).add(&self.given_nm);
+    }
+}
+
+impl Joint {
+    /// It moved by `moved_rad` under this torque.
+    fn learn(&mut self, moved_rad: f64, torque_nm: f64, most_nm: f64, dt_s: f64) {
+        self.measured = between(self.measured, moved_rad, LEFT_RAD);
+        self.speed_rad_s += (moved_rad / dt_s - self.speed_rad_s) * (dt_s / SPEED_S).min(1.0);
+        self.ago_s += dt_s;
+        let slides = self.speed_rad_s * self.measured >= SLIDES_RAD_S;
+        if !slides || self.measured.abs() < 1.0 {
+            return;
+        }
+        if self.measured * self.side <= 0.0 {
+            let counts = self.slid_s >= LEAST_S && self.ago_s <= LONGEST_S;
+            self.before_nm = counts.then_some(self.mean_nm);
+            (self.side, self.slid_s) = (self.measured, 0.0);
+        }
+        (self.ago_s, self.slid_s) = (0.0, self.slid_s + dt_s);
+        let span_s = (self.slid_s - SKIP_S).clamp(dt_s, MEAN_S);
+        let change = (torque_nm - self.mean_nm) * (dt_s / span_s);
+        self.mean_nm = if self.slid_s <= SKIP_S { torque_nm } else { self.mean_nm + change };
+        if self.slid_s < SKIP_S + MEAN_S {
+            return;
+        }
+        if let Some(before_nm) = self.before_nm.take() {
+            let half_nm = 0.5 * self.side * (self.mean_nm - before_nm);
+            if half_nm > 0.0 {
+                self.turns = (self.turns + 1).min(TURNS);
+                let off_nm = half_nm.min(most_nm) - self.friction_nm;
+                self.friction_nm += off_nm / f64::from(self.turns);
+            }
+        }
+    }
+
+    /// What is given back (N m) when the desired way goes on by `way_rad`.
+    fn give(&mut self, way_rad: f64, turn_rad: f64, dt_s: f64) -> f64 {
+        self.desired = between(self.desired, way_rad, turn_rad);
+        self.given_nm += (self.friction_nm - self.given_nm) * (dt_s / COMES_S).min(1.0);
+        self.given_nm * self.desired
+    }
+}
+
+/// The place between two sides `width_rad` apart, -1 to 1, after `way_rad` more.
+fn between(place: f64, way_rad: f64, width_rad: f64) -> f64 {
+    let next = place + 2.0 * way_rad / width_rad;
+    if next.is_finite() { next.clamp(-1.0, 1.0) } else { place }
+}
+
+/// The friction of the joints.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Learned<const N: usize = 6> {
+    share: f64,
+    turn_rad: f64,
+    most_nm: Vector<N>,
+    joints: [Joint; N],
+    /// Angles of the last job (rad).
+    desired_rad: Option<Vector<N>>,
+    measured_rad: Option<Vector<N>>,
+}
+
+impl<const N: usize> Fold for Learned<N> {
+    fn fold(&self, hash: &mut StateHash) {
+        for joint in &self.joints {
+            hash.add(joint);
+        }
+        for angles in [&self.desired_rad, &self.measured_rad] {
+            hash.add(&angles.is_some()).add(angles.unwrap_or_else(Vector::zeros).as_slice());
+        }
+    }
+}
+
+impl<const N: usize> Learned<N> {
+    /// Nothing learned yet. Given back is `share` of the friction, from one side to the other over
+    /// `turn_rad` (rad) of the desired way; none is taken for more than `most_nm` (N m).
+    #[must_use]
+    pub fn new(share: f64, turn_rad: f64, most_nm: Vector<N>) -> Learned<N> {
+        let joints = [Joint::default(); N];
+        Learned { share, turn_rad, most_nm, joints, desired_rad: None, measured_rad: None }
+    }
+
+    /// Forgets all.
+    pub fn reset(&mut self) {
+        *self = Learned::new(self.share, self.turn_rad, self.most_nm);
+    }
+
+    /// The friction learned of each joint (N m).
+    #[must_use]
+    pub fn friction_nm(&self) -> Vector<N> {
+        Vector::from(self.joints.map(|joint| joint.friction_nm))
+    }
+
+    /// What is given back (N m) at desired angles (rad), `dt_s` after the last call.
+    pub fn torque_nm(&mut self, desired_rad: &Vector<N>, dt_s: f64) -> Vector<N> {
+        let last = self.desired_rad.replace(*desired_rad).unwrap_or(*desired_rad);
+        if self.share <= 0.0 || dt_s.is_nan() || dt_s <= 0.0 {
+            return Vector::zeros();
+        }
+        let mut torque = Vector::zeros();
+        for (i, joint) in self.joints.iter_mut().enumerate() {
+            torque[i] = self.share * joint.give(desired_rad[i] - last[i], self.turn_rad, dt_s);
+        }
+        torque
+    }
+
+    /// Learns from measured angles (rad) and the torque (N m) that the servo asks for at them, with
+    /// what is given back and without gravity's.
+    pub fn learn(&mut self, measured_rad: &Vector<N>, torque_nm: &Vector<N>, dt_s: f64) {
+        let last = self.measured_rad.replace(*measured_rad).unwrap_or(*measured_rad);
+        let moved = measured_rad - last;
+        let finite = moved.iter().chain(torque_nm.iter()).all(|x| x.is_finite());
+        if self.share <= 0.0 || dt_s.is_nan() || dt_s <= 0.0 || !finite {
+            return;
+        }
+        for (i, joint) in self.joints.iter_mut().enumerate() {
+            joint.learn(moved[i], torque_nm[i], self.most_nm[i], dt_s);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taktil_mechanics::Joints;
+
+    const DT_S: f64 = 0.0025;
+
+    fn learned() -> Learned {
+        Learned::new(0.8, 5e-4, Joints::repeat(4.0))
+    }
+
+    /// Slides at 50 mrad/s to and fro, `strokes` strokes of 0.5 s, under friction and a load by the
+    /// number of the stroke; what is given back in each job.
+    fn slides(
+        law: &mut Learned,
+        strokes: u32,
+        (friction_nm, load_nm): (f64, impl Fn(u32) -> f64),
+    ) -> Vec<f64> {
+        let (mut q, mut given) = (0.0, Vec::new());
+        for stroke in 0..strokes {
+            let way = if stroke % 2 == 0 { 1.0 } else { -1.0 };
+            for _ in 0..200 {
+                q += 0.05 * way * DT_S;
+                given.push(law.torque_nm(&Joints::repeat(q), DT_S)[1]);
+                let torque = way * friction_nm + load_nm(stroke);
+                law.learn(&Joints::repeat(q), &Joints::repeat(torque), DT_S);
+            }
+        }
+        given
+    }
+
+    #[test]
+    fn one_turn_tells_the_friction_whatever_the_load_and_it_is_given_along_the_desired_way() {
+        for (friction_nm, load_nm) in [(0.0, 1.0), (0.3, -5.0), (1.2, 0.0), (2.4, 5.0)] {
+            let mut law = learned();
+            slides(&mut law, 1, (friction_nm, |_| load_nm));
+            assert_eq!(law.friction_nm(), Joints::zeros(), "one way alone tells nothing");
+            let given = slides(&mut law, 3, (friction_nm, |_| load_nm));
+            let found = law.friction_nm()[1];
+            assert!((found - friction_nm).abs() < 1e-9, "{found} {friction_nm}");
+            // At the end of the stroke after the one in which it was learned.
+            let due = 0.8 * friction_nm;
+            assert!((given[595] - due).abs() <= 0.02 * friction_nm, "{} {due}", given[595]);
+        }
+    }
+
+    #[test]
+    fn what_is_given_turns_round_over_the_width_and_steps_nowhere() {
+        let mut law = learned();
+        slides(&mut law, 4, (1.0, |_| 0.0));
+        let start = law.torque_nm(&Joints::zeros(), DT_S)[0];
+        assert!((start + 0.8).abs() < 0.02, "{start}: the last stroke went down");
+        let mut last = start;
+        for step in 1..=20 {
+            let now = law.torque_nm(&Joints::repeat(5e-5 * f64::from(step)), DT_S)[0];
+            assert!(now - last < 0.17 && now >= last, "{last} {now}");
+            last = now;
+        }
+        assert!((last - 0.8).abs() < 0.02, "{last}");
+    }
+
+    #[test]
+    fn a_load_that_comes_while_it_turns_is_no_friction_beyond_the_bound() {
+        let mut law = learned();
+        slides(&mut law, 2, (0.5, |stroke| 30.0 * f64::from(stroke)));
+        assert_eq!(law.friction_nm(), Joints::zeros(), "against the motion");
+        law.reset();
+        slides(&mut law, 2, (0.5, |stroke| -30.0 * f64::from(stroke)));
+        assert_eq!(law.friction_nm(), Joints::repeat(4.0));
+    }
+
+    #[test]
+    fn a_long_rest_at_the_turn_and_a_short_stroke_before_it_teach_nothing() {
+        let mut law = learned();
+        slides(&mut law, 1, (1.0, |_| 0.0));
+        let rest = Joints::repeat(0.025);
+        for _ in 0..120 {
+            law.learn(&rest, &Joints::repeat(3.0), DT_S);
+        }
+        let back = |law: &mut Learned, from: f64, jobs: u32, torque: f64| {
+            for job in 1..=jobs {
+                let q = from + 0.05 * torque.signum() * DT_S * f64::from(job);
+                law.learn(&Joints::repeat(q), &Joints::repeat(torque), DT_S);
+            }
+        };
+        back(&mut law, 0.025, 200, -2.0);
+        assert_eq!(law.friction_nm(), Joints::zeros(), "0.3 s of rest");
+        back(&mut law, 0.0, 30, 1.0);
+        assert_eq!(law.friction_nm(), Joints::zeros(), "not yet");
+        back(&mut law, 0.00375, 200, -1.0);
+        assert_eq!(law.friction_nm(), Joints::zeros(), "75 ms of sliding");
+    }
+
+    #[test]
+    fn no_share_no_time_and_numbers_that_are_none_give_and_teach_nothing() {
+        let mut law = Learned { share: 0.0, ..learned() };
+        assert!(slides(&mut law, 4, (1.0, |_| 0.0)).iter().all(|given| *given == 0.0));
+        let mut law = learned();
+        slides(&mut law, 4, (1.0, |_| 0.0));
+        let before = law.friction_nm();
+        for dt_s in [0.0, -1.0, f64::NAN] {
+            assert_eq!(law.torque_nm(&Joints::zeros(), dt_s), Joints::zeros());
+            law.learn(&Joints::repeat(9.0), &Joints::repeat(9.0), dt_s);
+        }
+        law.learn(&Joints::repeat(f64::NAN), &Joints::repeat(1.0), DT_S);
+        law.torque_nm(&Joints::repeat(f64::NAN), DT_S);
+        assert_eq!(law.friction_nm(), before);
+        assert!(law.torque_nm(&Joints::zeros(), DT_S).iter().all(|x| x.is_finite()));
+        law.reset();
+        assert_eq!(law, learned());
+    }
+}
