@@ -107,3 +107,34 @@ fn a_refused_press_makes_no_heap_call() {
         assert!(refused.iter().all(|one| !beyond || table(one.why)), "{refused:?}");
     }
 }
+
+/// The same of a body on cells.
+#[test]
+fn a_refused_body_makes_no_heap_call() {
+    let layer = Layer::new(0.8, 27.58, 0.49).unwrap();
+    let influence = Influence::new(&layer).unwrap();
+    let cells = Cells { columns: 16, rows: 16, spacing_mm: 0.1 };
+    let mut surface = Surface::new(&influence, &cells).unwrap();
+    let bowl: Vec<f64> = (0..16 * 16)
+        .map(|cell| {
+            let [x, y] = cells.place_mm(cell);
+            0.1 * (x * x + y * y)
+        })
+        .collect();
+    let (nowhere, unsound) = ([f64::INFINITY; 256], [f64::NAN; 256]);
+    let (depth, force) = (Drive::PenetrationMm, Drive::ForceN);
+    let cases = [
+        (&bowl[..9], depth(0.01), "heights_mm", "9 heights for 256 cells"),
+        (&unsound[..], depth(0.01), "heights_mm", "one number a cell"),
+        (&nowhere[..], depth(0.01), "heights_mm", "not a finite number"),
+        (&bowl[..], depth(0.9), "penetration_mm", "thickness or more"),
+        (&bowl[..], force(-1.0), "force_n", "pulls"),
+        (&bowl[..], depth(0.4), "columns", "border"),
+    ];
+    for (heights, drive, place, words) in cases {
+        let (refused, calls) = guard::guarded(|| surface.press(heights, drive).unwrap_err());
+        assert_eq!((calls, refused.place), (0, place), "{drive:?}");
+        assert_eq!(surface.state().force_n, 0.0, "no contact is left");
+        assert!(format!("{:?}", refused.told()).contains(words), "{refused:?}");
+    }
+}

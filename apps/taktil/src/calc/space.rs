@@ -98,6 +98,14 @@ pub(super) const CONTACT: &[Field] = &[
         "Mean over the tactel, or the value under its centre.",
     ),
     Field::new(
+        "beyond",
+        Kind::Choice(&["layer", "nothing"]),
+        "",
+        Need::Default("\"layer\""),
+        "What lies beside the array: the layer goes on, or nothing does, so that a cylinder or bar \
+         with a length presses only with what is over the array; its free edges are left out.",
+    ),
+    Field::new(
         "part",
         Kind::Choice(&["full", "compressive"]),
         "",
@@ -177,6 +185,8 @@ impl Request {
         };
         let scene = Scene::new(&layer, shape, &array, sampling, level)
             .map_err(|invalid| failure(&invalid, name))?;
+        let pad = args.choice("beyond")? == "nothing";
+        let scene = if pad { scene.cut_at_array() } else { scene };
         Ok(Self { scene, drive, pose, shape: name })
     }
 }

@@ -220,3 +220,61 @@ fn a_compressive_image_is_the_image_without_its_tension() {
     assert!(full.iter().zip(&felt).all(|(s, f)| *f == s.min(0.0)));
     assert_eq!(answers[0]["features"], answers[1]["features"]);
 }
+
+/// Over a pad a pin is the piece of it that is over the array: straight, turned, moved, tilted.
+#[test]
+fn a_pin_longer_than_the_pad_is_cut_at_it() {
+    let cylinder = |length: f64, [x, y, rot, tilt]: [f64; 4], drive: (&str, f64), beyond: &str| {
+        let mut request = json!({
+            "op": "contact_3d", "t_mm": 0.8, "nu": 0.49, "level": "fast", "beyond": beyond,
+            "shape": {"cylinder": {"radius_mm": 23, "length_mm": length, "x_mm": x, "y_mm": y,
+                "rot_rad": rot, "tilt_rad": tilt}},
+        });
+        request[drive.0] = json!(drive.1);
+        request
+    };
+    let depth = ("penetration_mm", 0.03);
+    // Each with the length of the pin that is its piece over the array of 25.4 mm, and its middle.
+    let shifted = 6.0_f64;
+    let cases = [
+        ([0.0, 0.0, 0.0, 0.0], 25.4, 0.0),
+        ([1.0, 0.0, 0.0, 1e-3], 25.4, 0.0),
+        ([0.0, 0.0, 0.5, -1e-3], 25.4 / 0.5_f64.cos(), 0.0),
+        ([2.0, shifted, 0.0, 1e-3], 25.4, -shifted),
+    ];
+    for (pose, length, middle) in cases {
+        let [x, y, rot, tilt] = pose;
+        let piece = [x, y + middle, rot, tilt];
+        let deeper = ("penetration_mm", depth.1 + middle * tilt.tan());
+        let asked = [
+            cylinder(200.0, pose, depth, "nothing"),
+            cylinder(length, piece, deeper, "layer"),
+            cylinder(length, piece, deeper, "nothing"),
+        ];
+        let answers = ask(&asked);
+        let [cut, short, same] = [0, 1, 2].map(|n| answers[n]["force_n"].as_f64().unwrap());
+        // What is read differs in the fourth digit: tables are made for depths about the origin, which
+        // is elsewhere.
+        assert!((cut / short - 1.0).abs() < 1e-3 && cut > 1.0, "{pose:?}: {cut} for {short}");
+        assert!((same / short - 1.0).abs() < 1e-9, "{pose:?}: {same} for {short}");
+        let [cut, short] = [0, 1].map(|n| flat(&answers[n]["image"]));
+        let peak = short.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+        let off = cut.iter().zip(&short).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-3 * peak, "{pose:?}: {off} of {peak}");
+    }
+    // A long one under a slight tilt rests on the pad's end, not beside it.
+    let tilted = [0.0, 0.0, 0.0, 1e-3];
+    let asked = [
+        cylinder(200.0, tilted, ("force_n", 5.0), "nothing"),
+        cylinder(200.0, tilted, ("force_n", 5.0), "layer"),
+        cylinder(10.0, [30.0, 0.0, 0.0, 0.0], depth, "nothing"),
+    ];
+    let answers = ask(&asked);
+    let sum = |n: usize| answers[n]["features"]["M0"].as_f64().unwrap().abs();
+    assert!(sum(0) > 1.0 && sum(1) < 1e-3 * sum(0), "{} {}", sum(0), sum(1));
+    assert_eq!(answers[2]["force_n"], 0.0);
+    let beside = cylinder(10.0, [30.0, 0.0, 0.0, 0.0], ("force_n", 5.0), "nothing");
+    let refused = &ask_text(format!("{beside}\n").as_bytes())[0];
+    assert_eq!(refused["ok"], false);
+    assert!(refused.to_string().contains("over the array"), "{refused}");
+}

@@ -33,6 +33,17 @@ pub enum Why {
     Indefinite,
     /// No contact that fits the indenter and the layer reaches it.
     Unreached,
+    /// Heights that are not one number a cell.
+    Heights {
+        /// Heights given.
+        given: usize,
+        /// Cells of the grid.
+        cells: usize,
+    },
+    /// A body on cells is missed by so much of the penetration after the last iteration.
+    Missed(f64),
+    /// The contact reaches the border of the grid of cells.
+    Border,
 }
 
 impl Refusal {
@@ -74,6 +85,17 @@ impl Refusal {
             Why::Unreached => {
                 let what = "no contact that fits the indenter and the layer reaches it";
                 tell(what.to_owned(), "press less, or use a larger indenter")
+            }
+            Why::Heights { given, cells } => {
+                tell(format!("{given} heights for {cells} cells"), "give one number a cell")
+            }
+            Why::Missed(left) => tell(
+                format!("a miss of {left} of the penetration is left"),
+                "give a smoother body or finer cells",
+            ),
+            Why::Border => {
+                let what = "the contact reaches the grid's border";
+                tell(what.to_owned(), "give a larger grid, or press less")
             }
         }
     }

@@ -86,6 +86,8 @@ pub struct Scene {
     sampling: Sampling,
     level: Level,
     array: Array,
+    /// Whether the layer ends with the array, so that a cylinder or bar is cut there.
+    cut: bool,
     shares: Option<Shares>,
     solver: Solver,
     /// Largest penetration and ends that the solver was made for.
@@ -145,12 +147,21 @@ impl Scene {
             sampling,
             level,
             array: *array,
+            cut: false,
             shares,
             solver,
             room: (0.0, [0.0; 2]),
             pose: Pose::default(),
             touch: Touch::default(),
         })
+    }
+
+    /// The same over a pad: nothing lies beside the array, so a cylinder or bar presses with what of
+    /// its axis is over it, as if it were cut there. The pad's own free edges are left out; a sphere
+    /// and an edge stay as they are.
+    #[must_use]
+    pub fn cut_at_array(self) -> Self {
+        Self { cut: true, ..self }
     }
 
     /// The array.
@@ -265,7 +276,10 @@ impl Scene {
         let tilt = self.pose.tilt_rad;
         let profile = self.profile();
         let ends = self.ends();
-        drive.check(self.layer.thickness_mm)?;
+        let target = drive.check(self.layer.thickness_mm)?;
+        if ends[0] >= ends[1] {
+            return self.beside(drive, target);
+        }
         let reach = ends[0].abs().max(ends[1].abs());
         let more = libm::tan(tilt).abs() * reach;
         let first = match drive {
@@ -285,6 +299,21 @@ impl Scene {
                 residual: state.residual,
             })
         })
+    }
+
+    /// A pin of which nothing is over the pad.
+    fn beside(&mut self, drive: Drive, target: f64) -> Result<Touch, Invalid> {
+        self.release();
+        match drive {
+            Drive::ForceN(_) if target > 0.0 => {
+                let what = "nothing of the indenter is over the array".to_owned();
+                Err(Invalid::new(drive.place(), what, "move it over the array"))
+            }
+            Drive::ForceN(_) => Ok(Touch::default()),
+            Drive::PenetrationMm(_) => {
+                Ok(Touch { penetration_mm: Some(target), ..Touch::default() })
+            }
+        }
     }
 
     /// Presses with tables that reach deeper and deeper until they suffice.
@@ -327,7 +356,8 @@ impl Scene {
         }
     }
 
-    /// Where the indenter ends along its axis, mm from its origin.
+    /// Where the indenter ends along its axis, mm from its origin; the second is no more than the
+    /// first when nothing of it is over a pad.
     fn ends(&self) -> [f64; 2] {
         let half = match self.shape {
             Shape::Cylinder { length_mm, .. }
@@ -336,7 +366,11 @@ impl Scene {
             Shape::Sphere { .. } => Some(0.0),
         };
         if let Some(half) = half.filter(|_| !matches!(self.shape, Shape::Edge { .. })) {
-            return [-half, half];
+            if !self.cut || matches!(self.shape, Shape::Sphere { .. }) {
+                return [-half, half];
+            }
+            let chord = self.array.chord_mm(self.pose.stand);
+            return chord.map_or([0.0; 2], |[from, to]| [from.max(-half), to.min(half)]);
         }
         if !matches!(self.shape, Shape::Edge { .. }) {
             // A pin that passes by leaves nothing on the array: any piece of it will do.

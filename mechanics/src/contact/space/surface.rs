@@ -3,16 +3,16 @@
 //! (Polonsky and Keer, Wear 231, 1999), convolutions by Fourier transforms.
 //!
 //! The force's error falls as the spacing to the power 1.5, about 2e-3 with 16 cells across the
-//! contact. A contact is the guess of the next one; pressing allocates nothing.
+//! contact. A contact is the guess of the next one; pressing allocates nothing, nor does refusing.
 //!
 //! It refuses cells wider than half a thickness (the layer would be stiffer than it is between
 //! them), grids beyond 512 cells a side, contacts that reach the grid's border.
 
-use super::super::{Invalid, finite, positive};
-use super::Drive;
+use super::super::{Invalid, positive};
 use super::fourier::Convolution;
 use super::radial::Influence;
 use super::tactels::Shares;
+use super::{Drive, Refusal, Why};
 
 /// Most cells along a side of the grid.
 const SIDE_MAX: usize = 512;
@@ -127,7 +127,7 @@ impl Surface {
     /// Heights that are NaN, fall short of one a cell or are all infinite; a pull; a force or
     /// penetration that is not finite; a contact that reaches the grid's border; no convergence.
     /// The state is then that of no contact.
-    pub fn press(&mut self, heights_mm: &[f64], drive: Drive) -> Result<SurfaceState, Invalid> {
+    pub fn press(&mut self, heights_mm: &[f64], drive: Drive) -> Result<SurfaceState, Refusal> {
         let outcome = self.try_press(heights_mm, drive);
         if outcome.is_err() {
             self.release();
@@ -135,14 +135,14 @@ impl Surface {
         outcome
     }
 
-    fn try_press(&mut self, heights: &[f64], drive: Drive) -> Result<SurfaceState, Invalid> {
+    fn try_press(&mut self, heights: &[f64], drive: Drive) -> Result<SurfaceState, Refusal> {
         let target = drive.check(self.thickness_mm)?;
         if heights.len() != self.pressure.len() || heights.iter().any(|h| h.is_nan()) {
-            let what = format!("{} heights for {} cells", heights.len(), self.pressure.len());
-            return Err(Invalid::new("heights_mm", what, "give one number a cell"));
+            let why = Why::Heights { given: heights.len(), cells: self.pressure.len() };
+            return Err(Refusal::new("heights_mm", why));
         }
         let lowest = heights.iter().fold(f64::INFINITY, |least, h| least.min(*h));
-        finite("heights_mm", lowest)?;
+        Refusal::finite("heights_mm", lowest)?;
         let by_force = matches!(drive, Drive::ForceN(_));
         let none = if by_force { target == 0.0 } else { target <= lowest };
         if none {
@@ -152,10 +152,9 @@ impl Surface {
         let area = self.cells.spacing_mm * self.cells.spacing_mm;
         let start = if by_force { lowest + 1e-3 * self.thickness_mm } else { target };
         self.guess(heights, start, by_force.then_some(target / area));
-        let state = self.iterate(heights, by_force, target, area)?;
+        let state = self.iterate(heights, by_force, target, area);
         if state.residual > 1e3 * TOLERANCE || state.residual.is_nan() {
-            let what = format!("a miss of {} of the penetration is left", state.residual);
-            return Err(Invalid::new(drive.place(), what, "give a smoother body or finer cells"));
+            return Err(Refusal::new(drive.place(), Why::Missed(state.residual)));
         }
         self.check_border()?;
         self.state = state;
@@ -178,13 +177,7 @@ impl Surface {
         }
     }
 
-    fn iterate(
-        &mut self,
-        heights: &[f64],
-        by_force: bool,
-        target: f64,
-        area: f64,
-    ) -> Result<SurfaceState, Invalid> {
+    fn iterate(&mut self, heights: &[f64], by_force: bool, target: f64, area: f64) -> SurfaceState {
         let mut state = SurfaceState::default();
         let (mut before, mut restart) = (1.0, true);
         let mut penetration = target;
@@ -223,7 +216,7 @@ impl Surface {
         state.force_n = sum * area;
         state.penetration_mm = penetration;
         state.area_mm2 = carrying as f64 * area;
-        Ok(state)
+        state
     }
 
     /// Penetration that leaves no miss in the mean over the contact.
@@ -286,7 +279,7 @@ impl Surface {
         changed
     }
 
-    fn check_border(&self) -> Result<(), Invalid> {
+    fn check_border(&self) -> Result<(), Refusal> {
         let Cells { columns, rows, .. } = self.cells;
         let border = |cell: usize| {
             let (i, j) = (cell % columns, cell / columns);
@@ -294,10 +287,7 @@ impl Surface {
         };
         match self.pressure.iter().enumerate().find(|(cell, p)| **p > 0.0 && border(*cell)) {
             None => Ok(()),
-            Some(_) => {
-                let what = "the contact reaches the grid's border".to_owned();
-                Err(Invalid::new("columns", what, "give a larger grid, or press less"))
-            }
+            Some(_) => Err(Refusal::new("columns", Why::Border)),
         }
     }
 
