@@ -5,6 +5,8 @@
 //! and solves the pressure once, exactly; force and image are of second order in what the widths
 //! are off. It remembers nothing.
 //!
+//! Finer slices read the widths of coarser ones.
+//!
 //! It refuses what lies outside its contacts, and contacts of which slices are pulled: those are
 //! left to the search (`solve`).
 
@@ -256,7 +258,8 @@ impl Row {
         }
         let mut solved = None;
         for _ in 0..LIFTS {
-            solved = self.prepare(false).ok().and_then(|()| self.direct());
+            let room = self.work.dense.room;
+            solved = self.prepare(false).ok().and_then(|()| self.direct(room));
             if solved.is_none() || !self.lift() {
                 break;
             }
@@ -312,37 +315,47 @@ mod tests {
     use super::super::super::{Drive, Level};
     use super::super::{Pin, Profile};
 
-    /// The same slices with widths found by free-boundary steps; and nothing is remembered.
+    /// The same slices with widths found by free-boundary steps; and nothing is remembered. How
+    /// many contacts were read.
+    fn compare((nu, radius_mm): (f64, f64), level: Level, poses: &[(f64, f64)]) -> usize {
+        let layer = Layer::new(0.8, 27.58, nu).expect("a sound layer");
+        let profile = Profile::Cylinder { radius_mm };
+        let mut tabled = Pin::new(&layer, profile, [-8.0, 8.0], 0.2, level).expect("a pin");
+        let mut searched = tabled.clone();
+        assert!(searched.corner.take().is_some());
+        let mut read = 0;
+        for (depth_mm, tilt_rad) in poses {
+            let delta = depth_mm - 8.0 * libm::tan(*tilt_rad).abs();
+            let deep = Drive::PenetrationMm(delta);
+            searched.release();
+            let a = tabled.press(deep, *tilt_rad).expect("a contact");
+            let b = searched.press(deep, *tilt_rad).expect("a contact");
+            let off = (a.force_n / b.force_n - 1.0).abs();
+            assert!(off < 5e-3 && a.force_n > 0.0, "{nu} {depth_mm}: {a:?} {b:?}");
+            let arm = (a.moment_n_mm / a.force_n - b.moment_n_mm / b.force_n).abs();
+            assert!(arm < 0.005, "{nu} {depth_mm}: {a:?} {b:?}");
+            let loaded = Drive::ForceN(a.force_n);
+            let again = tabled.press(loaded, *tilt_rad).expect("a contact");
+            assert!((again.penetration_mm - delta).abs() < 4e-3 * depth_mm, "{a:?} {again:?}");
+            tabled.press(Drive::ForceN(5.0), 0.001).expect("another contact");
+            assert_eq!(tabled.press(deep, *tilt_rad).expect("a contact"), a);
+            read += usize::from(a.steps == 1);
+        }
+        read
+    }
+
     #[test]
     fn what_is_read_is_what_a_search_finds() {
-        let mut read = 0;
-        for (nu, radius_mm) in [(0.5, 4.0), (0.49, 23.0), (0.0, 40.0)] {
-            let layer = Layer::new(0.8, 27.58, nu).expect("a sound layer");
-            let profile = Profile::Cylinder { radius_mm };
-            let made = Pin::new(&layer, profile, [-8.0, 8.0], 0.2, Level::Fast);
-            let mut tabled = made.expect("a pin");
-            let mut searched = tabled.clone();
-            assert!(searched.corner.take().is_some());
-            for (depth_mm, tilt_rad) in
-                [(0.06, 0.19), (0.02, -0.11), (0.1, 0.05), (0.03, 0.02), (0.05, -0.016)]
-            {
-                let delta = depth_mm - 8.0 * libm::tan(tilt_rad).abs();
-                let deep = Drive::PenetrationMm(delta);
-                searched.release();
-                let a = tabled.press(deep, tilt_rad).expect("a contact");
-                let b = searched.press(deep, tilt_rad).expect("a contact");
-                let off = (a.force_n / b.force_n - 1.0).abs();
-                assert!(off < 5e-3 && a.force_n > 0.0, "{nu} {depth_mm}: {a:?} {b:?}");
-                let arm = (a.moment_n_mm / a.force_n - b.moment_n_mm / b.force_n).abs();
-                assert!(arm < 0.005, "{nu} {depth_mm}: {a:?} {b:?}");
-                let loaded = Drive::ForceN(a.force_n);
-                let again = tabled.press(loaded, tilt_rad).expect("a contact");
-                assert!((again.penetration_mm - delta).abs() < 4e-3 * depth_mm, "{a:?} {again:?}");
-                tabled.press(Drive::ForceN(5.0), 0.001).expect("another contact");
-                assert_eq!(tabled.press(deep, tilt_rad).expect("a contact"), a);
-                read += usize::from(a.steps == 1);
-            }
+        let poses = [(0.06, 0.19), (0.02, -0.11), (0.1, 0.05), (0.03, 0.02), (0.05, -0.016)];
+        for pin in [(0.5, 4.0), (0.49, 23.0), (0.0, 40.0)] {
+            assert_eq!(compare(pin, Level::Fast, &poses), 5, "{pin:?}");
         }
-        assert_eq!(read, 15);
+    }
+
+    /// Widths of the coarse slices, pressure of the fine ones.
+    #[test]
+    fn the_default_level_reads_them_too() {
+        let poses = [(0.06, 0.19), (0.02, -0.11)];
+        assert_eq!(compare((0.49, 23.0), Level::Default, &poses), 2);
     }
 }

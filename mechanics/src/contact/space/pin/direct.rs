@@ -18,7 +18,9 @@ const COSINES: usize = 8;
 /// Memory of the factored system.
 #[derive(Clone, Debug)]
 pub(crate) struct Dense {
-    most: usize,
+    /// Most unknowns while widths are searched for, and most that there is room for.
+    pub(super) most: usize,
+    pub(super) room: usize,
     active: Vec<usize>,
     /// Lower triangle, row by row, and the right sides as rows below it.
     matrix: Vec<f64>,
@@ -31,32 +33,34 @@ pub(crate) struct Dense {
 }
 
 impl Dense {
-    /// For so many slices of so many cosines, of free width or not.
-    pub(crate) fn new(slices: usize, cosines: usize, free: bool) -> Self {
-        let most = UNKNOWNS[usize::from(!free)].min(slices * cosines);
-        let most = if free && cosines > COSINES { 0 } else { most };
+    /// For so many slices of so many cosines, of free width or not, with room for so many unknowns.
+    pub(crate) fn new(slices: usize, cosines: usize, (free, room): (bool, usize)) -> Self {
+        let fits = if free && cosines > COSINES { 0 } else { slices * cosines };
+        let most = UNKNOWNS[usize::from(!free)].min(fits);
+        let room = room.min(fits).max(most);
         Self {
             most,
+            room,
             active: Vec::with_capacity(slices),
-            matrix: vec![0.0; most * (most + SIDES)],
-            column: vec![0.0; most + SIDES],
+            matrix: vec![0.0; room * (room + SIDES)],
+            column: vec![0.0; room + SIDES],
             kept: Vec::with_capacity(slices),
-            pressure: vec![0.0; most],
-            rise: vec![0.0; most],
+            pressure: vec![0.0; room],
+            rise: vec![0.0; room],
         }
     }
 }
 
 impl Row {
     /// Solves for the pressure at the present widths; force in units of the kernels and its rate by
-    /// penetration. Absent when too many slices touch or the system is not positive.
-    pub(super) fn direct(&mut self) -> Option<(f64, f64)> {
+    /// penetration. Absent when there are more than `most` unknowns or the system is not positive.
+    pub(super) fn direct(&mut self, most: usize) -> Option<(f64, f64)> {
         let n = self.work.places.cosines;
         let dense = &mut self.work.dense;
         dense.active.clear();
         dense.active.extend((0..self.along.len()).filter(|j| self.work.active[*j]));
         let size = n * dense.active.len();
-        if size > dense.most || size == 0 {
+        if size > most || size == 0 {
             return None;
         }
         if self.strips.is_free() || dense.active != dense.kept {

@@ -13,7 +13,9 @@
 //! there are shorter rows over its end, each a fixed part as long as the one before; the shortest
 //! that holds what touches is used, and a contact is always spread over a number of slices. At the
 //! fast level a cylinder's contacts on its end (`corner`) and those on a good part of its length
-//! (`lying`) are solved when its tables are made, a bar's all are (`nested`).
+//! (`lying`) are solved when its tables are made, a bar's all are (`nested`). What is read of a
+//! cylinder are its widths, on which the pressure is solved anew, so the default level reads those
+//! on an end from the fast one's tables; its bars are solved beforehand too.
 //!
 //! Ends: strips of constant pressure see an end inside of its place, by a part of their length that
 //! a punch on the layer tells (`ends`). The slices are laid out for it, so that few of them do.
@@ -24,6 +26,7 @@ mod corner;
 mod couple;
 mod direct;
 mod ends;
+mod fineness;
 mod lying;
 mod nested;
 mod roll;
@@ -38,7 +41,7 @@ use super::super::{Invalid, finite, positive};
 use super::tactels::Shares;
 use super::{Drive, Level, Refusal, Why};
 use corner::Corner;
-use couple::Modes;
+use fineness::Fineness;
 use lying::Lying;
 pub use roll::Roll;
 use row::{Lie, Row, holding};
@@ -127,96 +130,6 @@ pub struct PinState {
     pub steps: usize,
 }
 
-/// How a row is cut: slices of a length, in thicknesses, but not fewer than some, and longer ones
-/// where there would be more than enough, up to a length.
-#[derive(Clone, Copy, Debug)]
-struct Laid {
-    fewest: f64,
-    slice: f64,
-    enough: f64,
-    longest: f64,
-}
-
-impl Laid {
-    /// Slices of a row of a length, each so many times longer than usual.
-    fn count(self, length: f64, longer: f64) -> f64 {
-        let wanted = (length / (longer * self.slice)).clamp(self.fewest, self.enough);
-        wanted.max(length / self.longest)
-    }
-}
-
-/// Accuracy against time, per [`Level`].
-#[derive(Clone, Copy, Debug)]
-struct Fineness {
-    /// Each row over the end is so many times as long as the one before.
-    shorter: f64,
-    /// How the whole pin and its end are cut into slices.
-    whole: Laid,
-    end: Laid,
-    modes: Modes,
-    /// Cosines at zero width, more per thickness of half-width, and more again for a flat face.
-    cosines: (f64, f64, f64),
-    /// Wave number (times thickness) up to which the points of an image stand for the pressure.
-    points: f64,
-    tolerance: f64,
-    steps: usize,
-    /// The same for a bar, whose contacts are all solved when its tables are made.
-    nested: Option<Tabled>,
-}
-
-/// How a bar is cut, and how finely its slices couple, where time is no matter.
-#[derive(Clone, Copy, Debug)]
-struct Tabled {
-    whole: Laid,
-    end: Laid,
-    modes: Modes,
-}
-
-impl Fineness {
-    fn of(level: Level) -> Self {
-        let modes = |margin, cutoff, reach, grade| Modes { margin, cutoff, reach, grade };
-        match level {
-            Level::Fast => Self {
-                shorter: core::f64::consts::FRAC_1_SQRT_2,
-                whole: Laid { fewest: 20.0, slice: 0.6, enough: 36.0, longest: 1.0 },
-                end: Laid { fewest: 14.0, slice: 0.42, enough: 30.0, longest: 1.0 },
-                modes: modes(10.0, 5.0, 7.0, 0.2),
-                cosines: (3.0, 0.0, 1.5),
-                points: 4.5,
-                tolerance: 5e-3,
-                steps: 8,
-                nested: Some(Tabled {
-                    whole: Laid { fewest: 28.0, slice: 0.42, enough: 60.0, longest: 0.45 },
-                    end: Laid { fewest: 24.0, slice: 0.42, enough: 30.0, longest: 0.45 },
-                    modes: modes(16.0, 5.0, 12.0, 0.2),
-                }),
-            },
-            Level::Default => Self {
-                shorter: 0.5,
-                whole: Laid { fewest: 96.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
-                end: Laid { fewest: 64.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
-                modes: modes(16.0, 10.0, 12.0, 0.1),
-                cosines: (4.0, 0.5, 2.0),
-                points: 11.0,
-                tolerance: 1e-4,
-                steps: 25,
-                nested: None,
-            },
-            Level::Fine => Self {
-                shorter: 0.5,
-                whole: Laid { fewest: 100.0, slice: 0.25, enough: 4096.0, longest: 0.25 },
-                end: Laid { fewest: 100.0, slice: 0.25, enough: 4096.0, longest: 0.25 },
-                modes: modes(24.0, 20.0, 16.0, 0.05),
-                cosines: (6.0, 1.0, 2.0),
-                points: 18.0,
-                tolerance: 1e-6,
-                steps: 60,
-                nested: None,
-            },
-        }
-    }
-}
-
 /// The solver of one pin on one layer, with its memory.
 #[derive(Clone, Debug)]
 pub struct Pin {
@@ -290,15 +203,16 @@ impl Pin {
             rows.push(Row::new((layer, &kernel), (risen.clone(), false), end, fineness)?);
             reach *= fineness.shorter;
         }
-        let deepest = penetration_max_mm / t;
-        let corner = if tabled { Corner::new(&mut rows, ends[1], deepest) } else { None };
-        if tabled {
-            let shortest = corner.as_ref().map_or(0.0, Corner::longest);
-            let lying = rows.iter_mut().enumerate();
-            for (_, row) in lying.take_while(|(n, row)| *n == 0 || row.length > shortest) {
-                row.lying = Lying::new(row, ends[1], deepest);
+        let corner = match (section, level) {
+            (Section::Circle(_), Level::Fast) => {
+                solved_before(&mut rows, ends[1], penetration_max_mm / t)
             }
-        }
+            (Section::Circle(_), Level::Default) => {
+                let coarse = Self::new(layer, profile, ends_mm, penetration_max_mm, Level::Fast);
+                coarse.ok().and_then(|coarse| coarse.corner)
+            }
+            _ => None,
+        };
         let state = PinState::default();
         Ok(Self { layer: *layer, ends, rows, corner, at: 0, turned: false, state })
     }
@@ -495,4 +409,15 @@ impl Pin {
         let mirror_mm = (self.ends[0] + self.ends[1]) * self.layer.thickness_mm;
         Lie { turned: self.turned, mirror_mm }
     }
+}
+
+/// Solves the contacts of a cylinder whose rows end at `to`, down to the deepest.
+fn solved_before(rows: &mut [Row], to: f64, deepest: f64) -> Option<Corner> {
+    let corner = Corner::new(rows, to, deepest);
+    let shortest = corner.as_ref().map_or(0.0, Corner::longest);
+    let lying = rows.iter_mut().enumerate();
+    for (_, row) in lying.take_while(|(n, row)| *n == 0 || row.length > shortest) {
+        row.lying = Lying::new(row, to, deepest);
+    }
+    corner
 }

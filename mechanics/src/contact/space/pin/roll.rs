@@ -43,7 +43,7 @@ impl Pin {
         let strips = Strips::odd(&transfer, half, n);
         let modes = (row.fineness.modes, Parity::Odd);
         let coupling = Coupling::new(&transfer, modes, (n, half), (slices, row.h));
-        let mut work = Work::new(slices, &strips, coupling.transform_len());
+        let mut work = Work::new(slices, &strips, (coupling.transform_len(), 0));
         // The descent b cos(theta) of a unit slope has the one moment b pi/2.
         work.hold(|j| row.work.touches(j).then_some(0.5 * half));
         let mut rate = Row { strips, coupling, work, nested: None, ..row.clone() };

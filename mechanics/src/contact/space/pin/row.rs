@@ -6,13 +6,14 @@
 use super::super::super::Invalid;
 use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Layer;
+use super::TILT_MAX;
 use super::couple::{Coupling, Parity};
 use super::ends::loss;
+use super::fineness::{Fineness, Laid};
 use super::lying::Lying;
 use super::nested::Nested;
 use super::strip::{COSINES_MAX, Strips};
 use super::work::Work;
-use super::{Fineness, TILT_MAX};
 use core::f64::consts::PI;
 
 /// Most points across half a slice in an image.
@@ -87,7 +88,13 @@ impl Row {
         let tabled = fineness.nested.filter(|_| !strips.is_free());
         let Fineness { whole: over, end, modes, .. } = fineness;
         let (over, end, modes) = tabled.map_or((over, end, modes), |t| (t.whole, t.end, t.modes));
+        let room = if whole || !strips.is_free() { 0 } else { fineness.unknowns };
         let laid = if whole { over } else { end };
+        let fewest = match room / strips.places.cosines {
+            0 => laid.fewest,
+            most => laid.fewest.min(most as f64),
+        };
+        let laid = Laid { fewest, ..laid };
         let wide = tabled.is_none() && !strips.is_free() && strips.widest() > WIDE;
         let wanted = libm::ceil(laid.count(length, if wide { WIDER } else { 1.0 }));
         if wanted > SLICES_MAX as f64 {
@@ -110,7 +117,7 @@ impl Row {
         let between = if strips.is_free() { Vec::new() } else { coupling.between(widest) };
         let along: Vec<f64> = (0..slices).map(place).collect();
         let nested = tabled.and_then(|_| Nested::new(&strips, &between, &along));
-        let mut work = Work::new(slices, &strips, coupling.transform_len());
+        let mut work = Work::new(slices, &strips, (coupling.transform_len(), room));
         let mut steps = fineness.steps;
         if length < SHORT {
             work.relax();
@@ -155,8 +162,8 @@ impl Row {
     pub(super) fn loads(&self, mut of: impl FnMut([f64; 2], f64)) {
         let t = self.layer.thickness_mm;
         let wanted = (self.length / TOGETHER_PARTS).clamp(TOGETHER[0], TOGETHER[1]);
-        let bar = !self.strips.is_free();
-        let together = if bar { (wanted / self.h + 0.5).max(1.0) as usize } else { 1 };
+        let grouped = self.fineness.grouped && !self.strips.is_free();
+        let together = if grouped { (wanted / self.h + 0.5).max(1.0) as usize } else { 1 };
         let scale = 0.5 * PI * self.modulus_mpa() * t * t * self.h;
         let n = self.work.places.cosines;
         let mut sum = [0.0; COSINES_MAX];

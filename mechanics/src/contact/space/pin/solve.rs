@@ -157,7 +157,7 @@ impl Row {
             self.prepare(fresh)?;
             fresh = false;
             search.shift = 0.0;
-            match self.direct() {
+            match self.direct(self.work.dense.most) {
                 Some(carried) => self.exactly(&mut search, carried, step == 1),
                 None => self.loosely(&mut search, warm, step == 1)?,
             }

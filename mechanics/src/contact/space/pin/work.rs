@@ -42,7 +42,7 @@ pub(super) struct Work {
 }
 
 impl Work {
-    pub(super) fn new(slices: usize, strips: &Strips, transform: usize) -> Self {
+    pub(super) fn new(slices: usize, strips: &Strips, (transform, room): (usize, usize)) -> Self {
         let (places, free) = (strips.places, strips.is_free());
         let n = places.cosines;
         let per = |count: usize| vec![0.0; slices * count];
@@ -63,7 +63,7 @@ impl Work {
             image: per(n),
             warm: false,
             read: false,
-            dense: Dense::new(slices, n, free),
+            dense: Dense::new(slices, n, (free, room)),
             blocked: per(1),
             stiffness: 0.0,
             moves: [per(1), per(1)],

@@ -1,0 +1,111 @@
+//! How finely a pin is cut and its slices coupled, level by level. It refuses nothing.
+
+use super::super::Level;
+use super::couple::Modes;
+
+/// How a row is cut: slices of a length, in thicknesses, but not fewer than some, and longer ones
+/// where there would be more than enough, up to a length.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Laid {
+    pub(super) fewest: f64,
+    pub(super) slice: f64,
+    pub(super) enough: f64,
+    pub(super) longest: f64,
+}
+
+impl Laid {
+    /// Slices of a row of a length, each so many times longer than usual.
+    pub(super) fn count(self, length: f64, longer: f64) -> f64 {
+        let wanted = (length / (longer * self.slice)).clamp(self.fewest, self.enough);
+        wanted.max(length / self.longest)
+    }
+}
+
+/// Accuracy against time, per [`Level`].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fineness {
+    /// Each row over the end is so many times as long as the one before.
+    pub(super) shorter: f64,
+    /// How the whole pin and its end are cut into slices.
+    pub(super) whole: Laid,
+    pub(super) end: Laid,
+    pub(super) modes: Modes,
+    /// Cosines at zero width, more per thickness of half-width, and more again for a flat face.
+    pub(super) cosines: (f64, f64, f64),
+    /// Wave number (times thickness) up to which the points of an image stand for the pressure.
+    pub(super) points: f64,
+    pub(super) tolerance: f64,
+    pub(super) steps: usize,
+    /// Whether short slices of a bar stand together in an image.
+    pub(super) grouped: bool,
+    /// Most unknowns of a contact on an end whose widths are read: wide ones have fewer slices.
+    pub(super) unknowns: usize,
+    /// The same for a bar, whose contacts are all solved when its tables are made.
+    pub(super) nested: Option<Tabled>,
+}
+
+/// How a bar is cut, and how finely its slices couple, where time is no matter.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tabled {
+    pub(super) whole: Laid,
+    pub(super) end: Laid,
+    pub(super) modes: Modes,
+}
+
+/// The default level's slices, of cylinders and bars alike.
+const DEFAULT: Tabled = Tabled {
+    whole: Laid { fewest: 96.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
+    end: Laid { fewest: 64.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
+    modes: Modes { margin: 16.0, cutoff: 10.0, reach: 12.0, grade: 0.1 },
+};
+
+impl Fineness {
+    pub(super) fn of(level: Level) -> Self {
+        let modes = |margin, cutoff, reach, grade| Modes { margin, cutoff, reach, grade };
+        match level {
+            Level::Fast => Self {
+                shorter: core::f64::consts::FRAC_1_SQRT_2,
+                whole: Laid { fewest: 20.0, slice: 0.6, enough: 36.0, longest: 1.0 },
+                end: Laid { fewest: 14.0, slice: 0.42, enough: 30.0, longest: 1.0 },
+                modes: modes(10.0, 5.0, 7.0, 0.2),
+                cosines: (3.0, 0.0, 1.5),
+                points: 4.5,
+                tolerance: 5e-3,
+                steps: 8,
+                grouped: true,
+                unknowns: 54,
+                nested: Some(Tabled {
+                    whole: Laid { fewest: 28.0, slice: 0.42, enough: 60.0, longest: 0.45 },
+                    end: Laid { fewest: 24.0, slice: 0.42, enough: 30.0, longest: 0.45 },
+                    modes: modes(16.0, 5.0, 12.0, 0.2),
+                }),
+            },
+            Level::Default => Self {
+                shorter: 0.5,
+                whole: DEFAULT.whole,
+                end: DEFAULT.end,
+                modes: DEFAULT.modes,
+                cosines: (4.0, 0.5, 2.0),
+                points: 11.0,
+                tolerance: 1e-4,
+                steps: 25,
+                grouped: false,
+                unknowns: 320,
+                nested: Some(DEFAULT),
+            },
+            Level::Fine => Self {
+                shorter: 0.5,
+                whole: Laid { fewest: 100.0, slice: 0.25, enough: 4096.0, longest: 0.25 },
+                end: Laid { fewest: 100.0, slice: 0.25, enough: 4096.0, longest: 0.25 },
+                modes: modes(24.0, 20.0, 16.0, 0.05),
+                cosines: (6.0, 1.0, 2.0),
+                points: 18.0,
+                tolerance: 1e-6,
+                steps: 60,
+                grouped: false,
+                unknowns: 0,
+                nested: None,
+            },
+        }
+    }
+}
