@@ -91,6 +91,29 @@ payload! {
     }
 }
 
+payload! {
+    /// What two opposed fingertips feel of the pin between them, from `tactile_servo` where it goes
+    /// by both: the finger's first, in the units of [`Features`].
+    pub struct Pair {
+        /// When the finger's image was acquired, ns since the start of the run.
+        pub acquired_ns: i64,
+        /// Sum of the counts.
+        pub m0: [f64; 2],
+        /// First moment about the middle line of the rows.
+        pub m_x: [f64; 2],
+        /// Centroid along x in column numbers.
+        pub x_c: [f64; 2],
+        /// Direction of the pin's axis, each in its own sensor.
+        pub theta_z_rad: [f64; 2],
+        /// Direction of the pin's axis in the finger's sensor as the other image and the arm's
+        /// joints say it.
+        pub theta_z_by_other_rad: f64,
+        /// Way (mm) by which the contact went farther over the finger than over the other, along x,
+        /// since the pin was first felt by both: 0 while the pin rolls on both without sliding.
+        pub mismatch_mm: f64,
+    }
+}
+
 /// What [`Contact::kind`] says.
 pub mod contact {
     /// Something is touched: the law drives.

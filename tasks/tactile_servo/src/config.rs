@@ -6,6 +6,7 @@ use taktil_rtcore::Invalid;
 
 use crate::law::Name;
 use crate::law::model::Model;
+use crate::law::model::opposed::Opposed;
 use crate::law::projector_pid::Gains;
 use crate::law::task_frame::{Feature, TaskFrame};
 use crate::perception::noise_sum;
@@ -22,6 +23,9 @@ pub struct Config {
     pub projector_pid: Gains,
     /// What `model` goes by.
     pub model: Model,
+    /// A second fingertip on the other side of the pin, whose image `opposed` the law `model` goes
+    /// by as well. Default: none.
+    pub opposed: Option<Opposed>,
     /// The task that `task-frame` carries out.
     pub task_frame: TaskFrame,
     /// What is done when contact is lost.
@@ -87,6 +91,7 @@ impl Default for Config {
             law: Name::Thesis,
             projector_pid: Gains::default(),
             model: Model::default(),
+            opposed: None,
             task_frame: TaskFrame::default(),
             lost: Lost::default(),
             x_c_low: 2.0,
@@ -197,6 +202,9 @@ impl Config {
                 format!("is {}", self.x_c_tolerance),
                 format!("give more than 0 and less than half the stroke of {stroke}"),
             ));
+        }
+        if let Some(opposed) = &self.opposed {
+            opposed.check().map_err(|bad| bad.within("opposed"))?;
         }
         self.lost.check().map_err(|bad| bad.within("lost"))?;
         self.projector_pid.check().map_err(|bad| bad.within("projector_pid"))?;

@@ -6,9 +6,14 @@ use taktil_signal::{TactileImage, Wrench};
 
 use crate::config::Config;
 use crate::law::model::jacobian::Contact;
+use crate::law::model::opposed::Opposed;
 use crate::law::{Name, hybrid_force, model, projector_pid, task_frame, thesis};
 use crate::perception::Touch;
 use crate::perception::line::{Known, Line, line};
+
+/// What an image showed, and where there is one what another fingertip's showed, with the finger's
+/// pose.
+pub(crate) type Seen<'a> = (&'a Touch, Option<&'a Line>, Option<(&'a Opposed, &'a Line, &'a Pose)>);
 
 /// A law and what it remembers.
 #[expect(clippy::large_enum_variant, reason = "one of it exists, and the lane path has no heap")]
@@ -108,7 +113,19 @@ impl Drive {
         image: &TactileImage,
         touch: &Touch,
     ) -> Option<Line> {
-        let Drive::Model(contact, memory) = self else { return None };
+        let Drive::Model(contact, _) = self else { return None };
+        self.line_by(config, contact.whole(), image, touch)
+    }
+
+    /// The same of any fingertip's image whose sums are to be multiplied by `whole`.
+    pub(crate) fn line_by(
+        &self,
+        config: &Config,
+        whole: f64,
+        image: &TactileImage,
+        touch: &Touch,
+    ) -> Option<Line> {
+        let Drive::Model(_, memory) = self else { return None };
         let known = Known {
             noise_counts: match f64::from(image.noise_counts) {
                 measured if measured > 0.0 => measured,
@@ -117,7 +134,7 @@ impl Drive {
             speed_cols_s: memory.line_cols_s(),
             saturated_counts: config.model.saturated_counts,
         };
-        line(image, touch, &known).map(|line| line.scaled(contact.whole()))
+        line(image, touch, &known).map(|line| line.scaled(whole))
     }
 
     /// How fast the finger gives way along the pin, for a law that does; others hold it.
@@ -153,8 +170,8 @@ impl Drive {
     pub(crate) fn image(
         &mut self,
         config: &Config,
-        (touch, line): (&Touch, Option<&Line>),
-        (age_s, dt_s): (f64, f64),
+        (touch, line, other): Seen<'_>,
+        times: (f64, f64),
         x_c_desired: f64,
     ) -> Option<[f64; 4]> {
         match self {
@@ -166,7 +183,12 @@ impl Drive {
                 Some(step)
             }
             Drive::Model(contact, memory) => {
-                *memory = model::observe(config, contact, memory, (touch, line), (age_s, dt_s));
+                let other = |_: &Line, jacobian: &_| {
+                    let (opposed, line, tool) = other?;
+                    Some(opposed.felt(config, line, jacobian, tool))
+                };
+                let seen = ((touch, line), other);
+                *memory = model::observe_both(config, contact, memory, seen, times);
                 None
             }
             Drive::TaskFrame(law, memory) => {

@@ -20,20 +20,23 @@ pub mod heading;
 pub mod law;
 pub mod perception;
 pub mod phase;
+mod second;
 pub mod unfelt;
 
 pub use config::Config;
 
 use config::M0_MAX;
-use drive::Drive;
+use drive::{Drive, Seen};
 use follow::{Follower, joint_step, within_lead};
 use heading::Heading;
+use law::model::opposed::Opposed;
 use law::tool_motion;
 use perception::line::Line;
 use perception::{Touch, touch};
 use phase::Phase;
-use taktil_mechanics::Joints;
+use second::Second;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::{Joints, Pose};
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Param, Payload, Ports, StateHash, Task,
 };
@@ -63,6 +66,8 @@ pub struct TactileServo {
     image: Input<TactileImage>,
     /// Of a law that goes by the wrist.
     wrench: Option<Input<Wrench>>,
+    /// Where there is one, and the law goes by it.
+    second: Option<Second>,
     goal: Output<Goal>,
     features: Output<Features>,
     contact: Output<Contact>,
@@ -132,6 +137,7 @@ impl TactileServo {
             joints: ports.input("joints"),
             image: ports.input("image"),
             wrench: config.law.feels_the_wrist().then(|| ports.input("wrench")),
+            second: Second::new(&config, ports)?,
             goal: ports.output("goal"),
             features: ports.output("features"),
             contact: ports.output("contact"),
@@ -173,6 +179,9 @@ impl TactileServo {
         self.entered_ns = control.entered_ns;
         self.heading = Heading::new(&self.config);
         self.law.reset(&self.config);
+        if let Some(second) = &mut self.second {
+            second.reset();
+        }
         self.seen = Touch::default();
         self.phase = Phase::default();
         let start = desired.filter(|desired| desired.valid == 1);
@@ -193,10 +202,11 @@ impl TactileServo {
     /// Takes one new image in and adds the step of a law that answers images.
     fn image(
         &mut self,
-        (touch, line): (&Touch, Option<&Line>),
+        seen: Seen<'_>,
         joints: &JointState,
         (age_s, dt_s): (f64, f64),
     ) -> Result<(), FaultCode> {
+        let touch = seen.0;
         if !matches!(self.stay, Stay::Driving { .. }) {
             return Ok(());
         }
@@ -205,11 +215,25 @@ impl TactileServo {
             self.heading.update(self.law.column(touch));
         }
         let times = (age_s, dt_s);
-        let step = self.law.image(&self.config, (touch, line), times, self.heading.x_c());
+        let step = self.law.image(&self.config, seen, times, self.heading.x_c());
         let Some(step) = step.filter(|_| touch.contact) else { return Ok(()) };
         let jobs = self.jobs_per_image(dt_s);
         let image_s = self.config.image_period_ms * 1e-3;
         self.drive(&step, joints, (jobs, image_s)).map(|_| ())
+    }
+
+    /// What the second fingertip saw with the finger's image; says what both feel.
+    fn other(
+        &mut self,
+        image: &TactileImage,
+        line: Option<&Line>,
+        tool: &Pose,
+        io: &mut Io<'_>,
+    ) -> Option<(Opposed, Line)> {
+        let second = self.second.as_mut()?;
+        let (opposed, other) = second.line(&self.config, image.acquired_ns)?;
+        second.report(image.acquired_ns, (line?, &other), tool, io);
+        Some((opposed, other))
     }
 
     /// Says what happened to contact, and adds the step of one job: that of a law that answers
@@ -339,6 +363,9 @@ impl Task for TactileServo {
         let image = io.read(&self.image).fresh();
         let dt_s = cycle.dt.as_secs_f64();
         let mut outcome = self.settle(control, desired, joints.as_ref());
+        if let Some(second) = &mut self.second {
+            second.take(&self.config, &self.law, io);
+        }
         if let Some(image) = image {
             let config = &self.config;
             let tactels = usize::from(image.rows) * usize::from(image.cols);
@@ -349,7 +376,10 @@ impl Task for TactileServo {
             self.touched = touch;
             if let Some(joints) = &joints {
                 let age_s = (cycle.release - Nanos(image.acquired_ns)).as_secs_f64();
-                let seen = (&touch, line.as_ref());
+                let tool = self.arm.tool_pose(&Joints::from(joints.q_rad));
+                let other = self.other(&image, line.as_ref(), &tool, io);
+                let other = other.as_ref().map(|(opposed, line)| (opposed, line, &tool));
+                let seen = (&touch, line.as_ref(), other);
                 outcome = outcome.and(self.image(seen, joints, (age_s.clamp(0.0, 1.0), dt_s)));
             }
             io.write(&self.features, self.report(&image, &touch, line.as_ref()));
@@ -373,6 +403,9 @@ impl Task for TactileServo {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.heading).add(&self.entered_ns).add(&self.phase).add(&self.law);
         hash.add(&self.overloaded_s).add(&self.seen).add(&self.touched);
+        if let Some(second) = &self.second {
+            hash.add(second);
+        }
         match &self.stay {
             Stay::Away => hash.word(0),
             Stay::Refused => hash.word(1),

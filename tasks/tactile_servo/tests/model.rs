@@ -2,11 +2,12 @@
 //! own law, a finger that does what it was told after a delay, a table that moves. No arm, no
 //! friction: what is tried is the Jacobian, the observer, the delay and the limits.
 
+use nalgebra::Matrix4;
 use taktil_mechanics::contact::cylinder::LineContact;
 use taktil_mechanics::contact::layer::Layer;
 use taktil_tasks_tactile_servo::Config;
 use taktil_tasks_tactile_servo::law::Name;
-use taktil_tasks_tactile_servo::law::model::jacobian::{Contact, PITCH_MM, displacement};
+use taktil_tasks_tactile_servo::law::model::jacobian::{Contact, Felt, PITCH_MM, displacement};
 use taktil_tasks_tactile_servo::law::model::{Memory, after_job, displacement_of_job, observe};
 use taktil_tasks_tactile_servo::perception::Touch;
 use taktil_tasks_tactile_servo::perception::line::Line;
@@ -71,6 +72,11 @@ fn rigid() -> Config {
     config
 }
 
+/// What one fingertip makes of it.
+fn of_one(jacobian: Matrix4<f64>, error: [f64; 4], variance: [f64; 4]) -> ([f64; 4], [f64; 4]) {
+    displacement([&Felt { jacobian, error, variance }])
+}
+
 #[test]
 fn the_jacobian_at_the_set_point_is_that_of_the_rows_by_differences() {
     let config = rigid();
@@ -118,7 +124,7 @@ fn the_displacement_is_the_whole_way_to_the_set_point_from_wherever_it_touches()
         let line = plant.line();
         let [_, m0, m_x, _] = line.features;
         let error = [0.0, config.m0_counts - m0, -m_x, 0.0];
-        let (way, _) = displacement(&contact.jacobian(&line), &error, &exact);
+        let (way, _) = of_one(contact.jacobian(&line), error, exact);
         assert!((way[1] - (due - z)).abs() < 0.1 * (due - z).abs() + 1e-3, "{z} {tilt}: {way:?}");
         assert!((way[2] + tilt).abs() < 0.1 * tilt.abs() + 0.02, "{z} {tilt}: {way:?}");
     }
@@ -129,7 +135,7 @@ fn the_displacement_is_the_whole_way_to_the_set_point_from_wherever_it_touches()
     line.features = [8.0, 1_500.0, 7.5 * 1_500.0, 0.0];
     let noisy = [1e-2, 2e5, 4e6, 1.0];
     let error = [0.0, 13_500.0, -7.5 * 1_500.0, 0.0];
-    let (way, _) = displacement(&contact.jacobian(&line), &error, &noisy);
+    let (way, _) = of_one(contact.jacobian(&line), error, noisy);
     assert!(way[1] > 0.05 && way[2] < -3.0, "{way:?}");
 }
 
@@ -162,10 +168,10 @@ fn a_direction_that_cannot_be_seen_is_not_moved_along() {
     plant.at[1] = 0.03;
     let jacobian = contact.jacobian(&plant.line());
     let blind = [1e-3, 2e5, 1e12, 1e6];
-    let (way, spread) = displacement(&jacobian, &[0.0, 0.0, 3e5, 1.0], &blind);
+    let (way, spread) = of_one(jacobian, [0.0, 0.0, 3e5, 1.0], blind);
     assert!(way.iter().all(|part| part.is_finite() && part.abs() < 50.0), "{way:?}");
     assert!(spread[2] > 1e3 && spread[3] > 1e2, "{spread:?}");
-    let (way, _) = displacement(&jacobian, &[f64::MAX; 4], &[f64::MAX; 4]);
+    let (way, _) = of_one(jacobian, [f64::MAX; 4], [f64::MAX; 4]);
     assert!(way.iter().all(|part| !part.is_nan()), "{way:?}");
 }
 

@@ -2,7 +2,7 @@
 //! look at the controller's opinion where the simulator's truth is to be had.
 
 use taktil::run::world::{OpposedTruth, WorldTruth};
-use taktil_signal::{Features, TactileImage};
+use taktil_signal::{Features, Pair, TactileImage};
 use taktil_tests::bench::{Draft, run};
 
 #[test]
@@ -36,4 +36,57 @@ fn a_pin_is_rolled_between_two_fingertips_and_both_feel_it() {
     let due_n = mean(&tips.iter().map(|tip| tip.normal_n).collect::<Vec<_>>()) - weight_n;
     let share = mean(&sums) * 4.0 / 4095.0 / due_n;
     assert!((0.9..1.0).contains(&share), "{share} of {due_n} N");
+}
+
+/// Root mean squares of the true yaw (mrad) and of the true force's error (N), six seconds on.
+fn errors(scene: &Draft) -> [f64; 2] {
+    let kept = run(&scene.scene(), 1);
+    let truth = kept.of::<WorldTruth>("world.truth");
+    let settled = truth.iter().map(|(_, truth)| truth).filter(|t| t.t_ns > 4_000_000_000);
+    let (mut squares, mut count) = ([0.0; 2], 0.0);
+    for truth in settled {
+        let off = [1e3 * truth.pin_yaw_rad, truth.finger_normal_n - 15_000.0 / 1023.75];
+        squares = [squares[0] + off[0] * off[0], squares[1] + off[1] * off[1]];
+        count += 1.0;
+    }
+    squares.map(|sum| (sum / count).sqrt())
+}
+
+#[test]
+fn a_worn_fingertip_is_helped_by_the_other_unless_its_frame_is_told_wrong() {
+    let worn = || {
+        let draft = Draft::of("two-fingers.toml");
+        draft.set("world.tactile.noise_counts", 250.0).set("world.tactile.rest_counts", 1500.0)
+    };
+    // A frame that is known to 180 degrees only is not gone by.
+    let alone = worn()
+        .set("robot.tactile_servo.opposed.yaw_known_deg", 180.0)
+        .set("robot.tactile_servo.opposed.yaw_deg", 3.0);
+    let wrong = worn().set("robot.tactile_servo.opposed.yaw_deg", 3.0);
+    let [both, alone, wrong] = [worn(), alone, wrong].map(|scene| errors(&scene));
+    println!("yaw (mrad), force (N): both {both:.2?}, yaw alone {alone:.2?}, wrong {wrong:.2?}");
+    assert!(both[0] < 0.6 * alone[0] && both[1] < 0.05 * 14.65, "{both:?} and {alone:?}");
+    assert!(wrong[0] > 2.0 * both[0] && wrong[0] > alone[0], "{wrong:?}");
+}
+
+#[test]
+fn both_fingertips_say_the_same_of_the_pin_between_them() {
+    let kept = run(&Draft::of("two-fingers.toml").scene(), 1);
+    let pairs = kept.of::<Pair>("tactile_servo.pair");
+    let pairs: Vec<_> = pairs.iter().map(|(_, pair)| pair).collect();
+    let late: Vec<_> = pairs.iter().filter(|pair| pair.acquired_ns > 4_000_000_000).collect();
+    assert!(late.len() > 1000, "{} images", late.len());
+    let mean = |of: &dyn Fn(&Pair) -> f64| {
+        late.iter().map(|pair| of(pair)).sum::<f64>() / late.len() as f64
+    };
+    let [own, other] = [0, 1].map(|tip| mean(&|pair: &Pair| pair.m0[tip]));
+    assert!((own - 15_000.0).abs() < 450.0 && (other - 15_000.0).abs() < 450.0, "{own} {other}");
+    let apart = mean(&|pair: &Pair| pair.theta_z_by_other_rad - pair.theta_z_rad[0]);
+    assert!(apart.abs() < 0.005, "{apart} rad");
+    // It rolls by 20 mm on each and slides on none.
+    let columns = late.iter().map(|pair| pair.x_c[1]);
+    let travel = columns.clone().fold(0.0, f64::max) - columns.fold(17.0, f64::min);
+    assert!(travel > 11.0, "{travel} columns");
+    let slid = late.iter().map(|pair| pair.mismatch_mm.abs()).fold(0.0, f64::max);
+    assert!(slid < 1.0, "{slid} mm");
 }

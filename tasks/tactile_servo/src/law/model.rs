@@ -16,14 +16,16 @@
 
 pub mod jacobian;
 pub mod observer;
+pub mod opposed;
 
+use nalgebra::Matrix4;
 use serde::Deserialize;
 use taktil_rtcore::{Fold, Invalid, StateHash};
 
 use crate::config::Config;
 use crate::perception::Touch;
 use crate::perception::line::Line;
-use jacobian::{Contact, PITCH_MM, displacement};
+use jacobian::{Contact, Felt, PITCH_MM, displacement};
 use observer::{Axis, Noise};
 
 /// Jobs whose commands are remembered: at an image not more of them may be under way.
@@ -247,12 +249,28 @@ impl Memory {
 
 /// Takes an image in that is `age_s` old; jobs are `dt_s` apart.
 #[must_use]
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to WAY")]
 pub fn observe(
     config: &Config,
     contact: &Contact,
     memory: &Memory,
-    (touch, line): (&Touch, Option<&Line>),
+    seen: (&Touch, Option<&Line>),
+    times: (f64, f64),
+) -> Memory {
+    observe_both(config, contact, memory, (seen, |_, _| None), times)
+}
+
+/// The same with another fingertip that touches the pin: `other` says what it felt at this image,
+/// for the finger's line and Jacobian.
+#[must_use]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to WAY")]
+pub fn observe_both(
+    config: &Config,
+    contact: &Contact,
+    memory: &Memory,
+    ((touch, line), other): (
+        (&Touch, Option<&Line>),
+        impl FnOnce(&Line, &Matrix4<f64>) -> Option<Felt>,
+    ),
     (age_s, dt_s): (f64, f64),
 ) -> Memory {
     let model = &config.model;
@@ -277,7 +295,10 @@ pub fn observe(
         return *memory;
     }
     let jobs = jobs as usize;
-    let (way, spread) = displacement(&contact.jacobian(line), &error, &variance);
+    let jacobian = contact.jacobian(line);
+    let own = Felt { jacobian, error, variance };
+    let other = other(line, &jacobian);
+    let (way, spread) = displacement(core::iter::once(&own).chain(&other));
     let sums = memory.under_way(jobs);
     let mut next = *memory;
     for (i, axis) in next.axes.iter_mut().enumerate() {

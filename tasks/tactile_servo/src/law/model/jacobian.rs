@@ -266,21 +266,31 @@ impl Contact {
     }
 }
 
-/// The displacement that makes up for `error` (features wanted minus found), and its variances.
+/// What one fingertip says of the four motions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Felt {
+    /// Its features over the motions: see [`Contact::jacobian`].
+    pub jacobian: Matrix4<f64>,
+    /// Features wanted minus found.
+    pub error: [f64; 4],
+    /// Variance of each feature.
+    pub variance: [f64; 4],
+}
+
+/// The displacement that makes up for what all fingertips that touch the pin say, in the order
+/// given, and its variances.
 #[must_use]
-pub fn displacement(
-    jacobian: &Matrix4<f64>,
-    error: &[f64; 4],
-    variance: &[f64; 4],
-) -> ([f64; 4], [f64; 4]) {
+pub fn displacement<'a>(felt: impl IntoIterator<Item = &'a Felt>) -> ([f64; 4], [f64; 4]) {
     let mut normal = Matrix4::zeros();
     let mut right = Vector4::zeros();
-    for f in 0..4 {
-        let weight = 1.0 / variance[f].max(1e-12);
-        for i in 0..4 {
-            right[i] += jacobian[(f, i)] * weight * error[f];
-            for j in 0..4 {
-                normal[(i, j)] += jacobian[(f, i)] * weight * jacobian[(f, j)];
+    for Felt { jacobian, error, variance } in felt {
+        for f in 0..4 {
+            let weight = 1.0 / variance[f].max(1e-12);
+            for i in 0..4 {
+                right[i] += jacobian[(f, i)] * weight * error[f];
+                for j in 0..4 {
+                    normal[(i, j)] += jacobian[(f, i)] * weight * jacobian[(f, j)];
+                }
             }
         }
     }
