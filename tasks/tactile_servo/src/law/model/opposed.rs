@@ -5,8 +5,8 @@
 //! ```text
 //! x_c'     falls by 1/2 of a roll by +dx, as x_c: its x axis looks the other way, and the pin's
 //!          middle goes half of the finger's way
-//! M0', M_x' grow as M0 and M_x: what squeezes the pin on one side is borne on the other, at the same
-//!          place of its length; the pin's weight is no part of it
+//! M0', M_x' grow as M0 and M_x: what squeezes the pin on one side is borne on the other, at the
+//!          same place of its length; the pin's weight is no part of it
 //! theta_z' stays while the finger turns; with the turn of the finger against this one, which the
 //!          arm's joints tell, it is one more reading of theta_z: theta_z = turn - theta_z'
 //! ```
@@ -46,6 +46,9 @@ pub struct Opposed {
     pub carries_n: f64,
 }
 
+/// Columns by which the pin may have slid on either, or the place of both be known wrong: one
+/// standard deviation. Without it a slide would be taken for a turn.
+const SLID: f64 = 0.5;
 /// Places of a [`Sight`]'s tables: columns 1 to 16, or as many columns' distance, by eighths.
 const PLACES: usize = 121;
 
@@ -188,6 +191,7 @@ impl Opposed {
         let mut variance = line.variance;
         let known = 1e3 * self.yaw_known_deg.to_radians();
         variance[3] = 1e6 * variance[3] + known * known;
+        variance[0] += SLID * SLID;
         // The load's place along the pin moves with the tilt, and with it the centroid along a line
         // that lies askew.
         let middle = 0.5 * (SIDE as f64 + 1.0);

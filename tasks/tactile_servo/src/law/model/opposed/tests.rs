@@ -139,7 +139,7 @@ fn force_and_moment_of_both_pads_change_as_both_jacobians_say() {
     let step = 1e-4;
     let k = (thick.load_n_mm(even_mm + step) - thick.load_n_mm(even_mm - step)) / (2.0 * step);
     // N/mm, and N m/rad of sixteen rows.
-    let other = (16.0 * PITCH_MM * k, PITCH_MM.powi(3) * 340.0 * k * 1e-3);
+    let other = (16.0 * PITCH_MM * k, PITCH_MM * PITCH_MM * PITCH_MM * 340.0 * k * 1e-3);
     let mut config = Config::default();
     config.model.support_n_mm = 1.0 / (1.0 / 20.0 + 1.0 / other.0);
     config.model.support_nm_rad = 1.0 / (1.0 / 30.0 + 1.0 / other.1);
