@@ -239,13 +239,13 @@ fn a_pin_longer_than_the_pad_is_cut_at_it() {
     let cases = [
         ([0.0, 0.0, 0.0, 0.0], 25.4, 0.0),
         ([1.0, 0.0, 0.0, 1e-3], 25.4, 0.0),
-        ([0.0, 0.0, 0.5, -1e-3], 25.4 / 0.5_f64.cos(), 0.0),
+        ([0.0, 0.0, 0.5, -1e-3], 25.4 / libm::cos(0.5), 0.0),
         ([2.0, shifted, 0.0, 1e-3], 25.4, -shifted),
     ];
     for (pose, length, middle) in cases {
         let [x, y, rot, tilt] = pose;
         let piece = [x, y + middle, rot, tilt];
-        let deeper = ("penetration_mm", depth.1 + middle * tilt.tan());
+        let deeper = ("penetration_mm", depth.1 + middle * libm::tan(tilt));
         let asked = [
             cylinder(200.0, pose, depth, "nothing"),
             cylinder(length, piece, deeper, "layer"),
