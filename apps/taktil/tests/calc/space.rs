@@ -253,8 +253,8 @@ fn a_pin_longer_than_the_pad_is_cut_at_it() {
         ];
         let answers = ask(&asked);
         let [cut, short, same] = [0, 1, 2].map(|n| answers[n]["force_n"].as_f64().unwrap());
-        // What is read differs in the fourth digit: tables are made for depths about the origin, which
-        // is elsewhere.
+        // What is read differs in the fourth digit: tables are made for depths about the origin,
+        // which is elsewhere.
         assert!((cut / short - 1.0).abs() < 1e-3 && cut > 1.0, "{pose:?}: {cut} for {short}");
         assert!((same / short - 1.0).abs() < 1e-9, "{pose:?}: {same} for {short}");
         let [cut, short] = [0, 1].map(|n| flat(&answers[n]["image"]));

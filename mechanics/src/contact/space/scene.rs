@@ -156,9 +156,9 @@ impl Scene {
         })
     }
 
-    /// The same over a pad: nothing lies beside the array, so a cylinder or bar presses with what of
-    /// its axis is over it, as if it were cut there. The pad's own free edges are left out; a sphere
-    /// and an edge stay as they are.
+    /// The same over a pad: nothing lies beside the array, so a cylinder or bar presses with what
+    /// of its axis is over it, as if it were cut there. The pad's own free edges are left out; a
+    /// sphere and an edge stay as they are.
     #[must_use]
     pub fn cut_at_array(self) -> Self {
         Self { cut: true, ..self }
