@@ -10,6 +10,7 @@ mod chapter4;
 mod chapter5;
 mod curves;
 mod held;
+mod rolls;
 mod statements;
 mod work;
 

@@ -5,19 +5,21 @@ use std::fmt::Write;
 use std::hint::black_box;
 
 use taktil_mechanics::contact::fem::{Elements, Kind, Mesh};
+use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::plane::bed::Bed;
 use taktil_mechanics::contact::plane::chart::Chart;
 use taktil_mechanics::contact::plane::features::moments;
 use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
-use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
+use taktil_mechanics::contact::plane::{
+    Friction, Indenter, Level, Load, PointForce, Shape, Spectrum,
+};
 
-use super::bricks;
 use super::statements::{layer, plainly};
+use super::{bricks, rolls};
 use crate::bench::measure::Watch;
 
 const WIDTH: f64 = 12.7;
 const SHAPE: Shape = Shape::Flat { width_mm: WIDTH, height_mm: 6.35 };
-const ROLL: Shape = Shape::Cylinder { radius_mm: 23.0 };
 const LOAD: Load = Load { p_n_mm: 0.7, q_n_mm: 0.25 };
 
 pub(super) fn best_us(rounds: u32, mut call: impl FnMut(u32)) -> f64 {
@@ -32,14 +34,25 @@ pub(super) fn best_us(rounds: u32, mut call: impl FnMut(u32)) -> f64 {
     best
 }
 
-struct Truth {
-    x: Vec<f64>,
+/// Base stress of the finest level at some places.
+pub(super) struct Truth {
+    pub(super) x: Vec<f64>,
     szz: Vec<f64>,
-    peak: f64,
+    pub(super) peak: f64,
 }
 
 impl Truth {
-    fn error(&self, of: impl Fn(f64) -> f64) -> f64 {
+    /// Under so many point forces on a layer, with the places 20 mm wide about 0.
+    pub(super) fn of(layer: &Layer, forces: &[PointForce]) -> Self {
+        let stress = Spectrum::new(layer, forces, 0.8, 30.0);
+        let x: Vec<f64> = (-80..=80).map(|i| 0.125 * f64::from(i)).collect();
+        let szz: Vec<f64> = x.iter().map(|x| stress.szz(*x)).collect();
+        let peak = szz.iter().fold(0.0_f64, |most, s| most.max(-s));
+        Self { x, szz, peak }
+    }
+
+    /// Largest difference over the peak.
+    pub(super) fn error(&self, of: impl Fn(f64) -> f64) -> f64 {
         let off = self.x.iter().zip(&self.szz).map(|(x, s)| (of(*x) - s).abs());
         off.fold(0.0, f64::max) / self.peak
     }
@@ -57,11 +70,7 @@ pub(super) fn table() -> anyhow::Result<String> {
     let layer = layer(0.8, 0.49)?;
     let mut fine = Indenter::new(&layer, SHAPE, Friction::None, Level::Fine).map_err(plainly)?;
     fine.press(&LOAD)?;
-    let stress = Spectrum::new(&layer, &fine.point_forces(0.8), 0.8, 30.0);
-    let x: Vec<f64> = (-80..=80).map(|i| 0.125 * f64::from(i)).collect();
-    let szz: Vec<f64> = x.iter().map(|x| stress.szz(*x)).collect();
-    let peak = szz.iter().fold(0.0_f64, |most, s| most.max(-s));
-    let truth = Truth { x, szz, peak };
+    let truth = Truth::of(&layer, &fine.point_forces(0.8));
     for level in [Level::Fast, Level::Default, Level::Fine] {
         spectral(&mut out, level, &truth)?;
     }
@@ -74,7 +83,7 @@ pub(super) fn table() -> anyhow::Result<String> {
     {
         on_mesh(&mut out, [nx, nz, order], &truth)?;
     }
-    rolls(&mut out)?;
+    rolls::table(&mut out)?;
     bricks::table(&mut out)?;
     Ok(out)
 }
@@ -140,25 +149,36 @@ fn charted(out: &mut String, truth: &Truth) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn grip_of(bed: Bed) -> anyhow::Result<Grip> {
-    let face = |x: &f64| if x.abs() < 0.5 * WIDTH + 1e-6 { 0.0 } else { f64::INFINITY };
-    let heights = bed.x_mm.iter().map(face).collect();
+fn face(x: f64) -> f64 {
+    if x.abs() < 0.5 * WIDTH + 1e-6 { 0.0 } else { f64::INFINITY }
+}
+
+/// A profile on a bed, nothing touching.
+pub(super) fn grip_of(bed: Bed, height_mm: impl Fn(f64) -> f64) -> anyhow::Result<Grip> {
+    let heights = bed.x_mm.iter().map(|x| height_mm(*x)).collect();
     Grip::new(bed, heights, Law::Free).map_err(plainly)
 }
 
-fn timed(grip: &mut Grip) -> anyhow::Result<[f64; 2]> {
+/// Times from the contact before and from none, the last step under a drive without a round.
+pub(super) fn timed(
+    grip: &mut Grip,
+    drive: impl Fn(Option<u32>) -> Drive,
+) -> anyhow::Result<[f64; 2]> {
     let fresh = grip.clone();
-    let drive = |load: Load| Drive::Loads { load, height_mm: 6.35 };
     let cold = best_us(3, |_| {
         let mut grip = fresh.clone();
-        black_box(grip.step(&drive(LOAD)).is_ok());
+        black_box(grip.step(&drive(None)).is_ok());
     });
-    grip.step(&drive(LOAD))?;
+    grip.step(&drive(None))?;
     let warm = best_us(10, |round| {
-        black_box(grip.step(&drive(nudged(round))).is_ok());
+        black_box(grip.step(&drive(Some(round))).is_ok());
     });
-    grip.step(&drive(LOAD))?;
+    grip.step(&drive(None))?;
     Ok([warm, cold])
+}
+
+fn pushed(round: Option<u32>) -> Drive {
+    Drive::Loads { load: round.map_or(LOAD, nudged), height_mm: 6.35 }
 }
 
 fn on_cells(out: &mut String, n: u32, truth: &Truth) -> anyhow::Result<()> {
@@ -168,8 +188,8 @@ fn on_cells(out: &mut String, n: u32, truth: &Truth) -> anyhow::Result<()> {
     let tables = best_us(2, |_| {
         black_box(Bed::of_layer(&layer, &edges).is_ok());
     });
-    let mut grip = grip_of(Bed::of_layer(&layer, &edges).map_err(plainly)?)?;
-    let [warm, cold] = timed(&mut grip)?;
+    let mut grip = grip_of(Bed::of_layer(&layer, &edges).map_err(plainly)?, face)?;
+    let [warm, cold] = timed(&mut grip, pushed)?;
     let forces: Vec<[f64; 3]> =
         grip.bed().x_mm.iter().zip(grip.normal_n_mm()).map(|(x, p)| [*x, *p, 0.0]).collect();
     let stress = Spectrum::new(&layer, &forces, 0.8, 30.0);
@@ -182,58 +202,55 @@ fn on_cells(out: &mut String, n: u32, truth: &Truth) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn on_mesh(out: &mut String, [nx, nz, order]: [usize; 3], truth: &Truth) -> anyhow::Result<()> {
-    let layer = layer(0.8, 0.49)?;
-    let equal = Mesh::uniform(25.4, 0.8, nx, nz).map_err(plainly)?;
-    let mesh = Mesh::over([&equal.line_mm(0), &equal.line_mm(1)], order).map_err(plainly)?;
-    let kind = Kind::MeanDilatation;
-    let body = Elements::new(&layer, mesh.clone(), kind).map_err(plainly)?;
-    let tables = best_us(1, |_| {
-        black_box(Elements::new(&layer, mesh.clone(), kind).and_then(|body| body.bed()).is_ok());
-    });
-    let mut grip = grip_of(body.bed().map_err(plainly)?)?;
-    let [warm, cold] = timed(&mut grip)?;
-    let response = body.under(grip.normal_n_mm(), grip.tangential_n_mm()).map_err(plainly)?;
-    let (places, szz) = (body.mesh().row_mm(0), body.base_szz_mpa(&response));
-    let between = |x: f64| {
-        let right = places.partition_point(|place| *place < x).clamp(1, places.len() - 1);
-        let s = (x - places[right - 1]) / (places[right] - places[right - 1]);
-        szz[right - 1] * (1.0 - s) + szz[right] * s
-    };
-    let error = truth.error(between);
-    let forces = vec![[0.0, -0.01]; body.mesh().columns()];
-    let mut again = body.response();
-    let load = best_us(50, |_| body.solve(black_box(&forces), &mut again));
+fn on_mesh(out: &mut String, cut: [usize; 3], truth: &Truth) -> anyhow::Result<()> {
+    let meshed = Meshed::new(cut)?;
+    let mut grip = grip_of(meshed.body.bed().map_err(plainly)?, face)?;
+    let [warm, cold] = timed(&mut grip, pushed)?;
+    let error = meshed.error(&grip, truth)?;
+    let forces = vec![[0.0, -0.01]; meshed.body.mesh().columns()];
+    let mut again = meshed.body.response();
+    let load = best_us(50, |_| meshed.body.solve(black_box(&forces), &mut again));
+    let (name, tables) = (meshed.name, meshed.tables_us);
     writeln!(
         out,
-        "elements {nx} x {nz}, order {order} | {error:.1e} | {warm:.0} | {cold:.0} | {tables:.0} \
-         (one load, factored: {load:.1})"
+        "{name} | {error:.1e} | {warm:.0} | {cold:.0} | {tables:.0} (one load, factored: \
+         {load:.1})"
     )?;
     Ok(())
 }
 
-fn rolls(out: &mut String) -> anyhow::Result<()> {
-    writeln!(
-        out,
-        "\ncylinder R = 23, t = 0.8, nu = 0.49, P = 2: load, width\n\
-        method | error of b | us warm | us cold"
-    )?;
-    let layer = layer(0.8, 0.49)?;
-    let load = Load { p_n_mm: 2.0, q_n_mm: 0.0 };
-    let at = |round: u32| Load { p_n_mm: 2.02 + 0.02 * f64::from(round % 5), ..load };
-    let mut fine = Indenter::new(&layer, ROLL, Friction::None, Level::Fine).map_err(plainly)?;
-    let exact = fine.press(&load)?.x_right_mm;
-    for level in [Level::Fast, Level::Default, Level::Fine] {
-        let mut roll = Indenter::new(&layer, ROLL, Friction::None, level).map_err(plainly)?;
-        let error = (roll.press(&load)?.x_right_mm / exact - 1.0).abs();
-        let warm = best_us(200, |round| {
-            black_box(roll.press(&at(round)).is_ok());
+/// A layer 25.4 mm wide of so many elements along and deep, of an order.
+pub(super) struct Meshed {
+    pub(super) name: String,
+    pub(super) body: Elements,
+    /// Factor and compliances of the surface.
+    pub(super) tables_us: f64,
+}
+
+impl Meshed {
+    pub(super) fn new([nx, nz, order]: [usize; 3]) -> anyhow::Result<Self> {
+        let layer = layer(0.8, 0.49)?;
+        let equal = Mesh::uniform(25.4, 0.8, nx, nz).map_err(plainly)?;
+        let mesh = Mesh::over([&equal.line_mm(0), &equal.line_mm(1)], order).map_err(plainly)?;
+        let kind = Kind::MeanDilatation;
+        let body = Elements::new(&layer, mesh.clone(), kind).map_err(plainly)?;
+        let tables_us = best_us(1, |_| {
+            let made = Elements::new(&layer, mesh.clone(), kind).and_then(|body| body.bed());
+            black_box(made.is_ok());
         });
-        let cold = best_us(100, |round| {
-            roll.forget();
-            black_box(roll.press(&at(round)).is_ok());
-        });
-        writeln!(out, "spectral {level:?} | {error:.1e} | {warm:.1} | {cold:.1}")?;
+        let name = format!("elements {nx} x {nz}, order {order}");
+        Ok(Self { name, body, tables_us })
     }
-    Ok(())
+
+    /// Of the base stress under what a grip carries.
+    pub(super) fn error(&self, grip: &Grip, truth: &Truth) -> anyhow::Result<f64> {
+        let forces = (grip.normal_n_mm(), grip.tangential_n_mm());
+        let response = self.body.under(forces.0, forces.1).map_err(plainly)?;
+        let (places, szz) = (self.body.mesh().row_mm(0), self.body.base_szz_mpa(&response));
+        Ok(truth.error(|x| {
+            let right = places.partition_point(|place| *place < x).clamp(1, places.len() - 1);
+            let s = (x - places[right - 1]) / (places[right] - places[right - 1]);
+            szz[right - 1] * (1.0 - s) + szz[right] * s
+        }))
+    }
 }
