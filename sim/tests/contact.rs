@@ -67,7 +67,7 @@ fn rolling_does_not_drift_and_creepage_is_told() {
 }
 
 #[test]
-fn forces_balance_at_rest_to_a_micronewton() {
+fn forces_balance_at_rest_to_a_nanonewton() {
     for contact in [ContactModel::Line, ContactModel::Layer2d, ContactModel::Layer3d] {
         let mut config = WorldConfig::default();
         config.fidelity.contact = contact;
@@ -75,12 +75,17 @@ fn forces_balance_at_rest_to_a_micronewton() {
         let knots = vec![(0.0, over(z))];
         let carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
         let (mut world, _devices) = bench(&config, carriage);
-        let truth = at(&mut world, 2.0);
         let weight = config.pin.mass_kg * G;
-        assert!((truth.finger_normal_n - 15.0).abs() < 1e-6, "{contact:?}: {truth:?}");
-        assert!((truth.table_normal_n - 15.0 - weight).abs() < 1e-6, "{contact:?}: {truth:?}");
-        let sideways = truth.finger_tangential_n.0 + truth.table_tangential_n.0;
-        assert!(sideways.abs() < 1e-6, "{contact:?}: {sideways}");
+        let mut worst = [0.0_f64; 3];
+        // Between images, which are taken every 5 ms, and at them.
+        for i in 0..60 {
+            let truth = at(&mut world, 2.0 + 0.0037 * f64::from(i));
+            let sideways = truth.finger_tangential_n.0 + truth.table_tangential_n.0;
+            let off =
+                [truth.finger_normal_n - 15.0, truth.table_normal_n - 15.0 - weight, sideways];
+            worst = core::array::from_fn(|i| worst[i].max(off[i].abs()));
+        }
+        assert!(worst.iter().all(|off| *off < 1e-9), "{contact:?}: {worst:?}");
     }
 }
 
