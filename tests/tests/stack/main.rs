@@ -5,6 +5,7 @@ mod arms;
 mod determinism;
 mod edits;
 mod experiments;
+mod hard;
 mod hold;
 mod home;
 mod jog;
