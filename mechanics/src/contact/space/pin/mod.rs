@@ -13,9 +13,10 @@
 //! there are shorter rows over its end, each a fixed part as long as the one before; the shortest
 //! that holds what touches is used, and a contact is always spread over a number of slices. At the
 //! fast level a cylinder's contacts on its end (`corner`) and those on a good part of its length
-//! (`lying`) are solved when its tables are made, a bar's all are (`nested`). What is read of a
-//! cylinder are its widths, on which the pressure is solved anew, so the default level reads those
-//! on an end from the fast one's tables; its bars are solved beforehand too.
+//! (`lying`) are solved when its tables are made, a bar's all are (`nested`). On an end it is the
+//! widths that are read, and the pressure is solved on them anew; so the default level reads them
+//! from the fast one's tables. Its bars are solved beforehand too; its lying cylinders are searched
+//! for, as all is at the fine level.
 //!
 //! Ends: strips of constant pressure see an end inside of its place, by a part of their length that
 //! a punch on the layer tells (`ends`). The slices are laid out for it, so that few of them do.
