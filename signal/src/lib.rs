@@ -15,5 +15,6 @@ pub use motion::{
 };
 pub use state::{ControlState, JogCommand, JogFrame, JogState, JogWhy, Request, State, Verb};
 pub use touch::{
-    Contact, Features, MAX_TACTELS, Pair, TactileBaseline, TactileImage, Wrench, contact, defined,
+    Contact, Features, MAX_TACTELS, Pair, SATURATED, TactileBaseline, TactileImage, Wrench,
+    contact, defined,
 };

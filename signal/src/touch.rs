@@ -5,6 +5,9 @@ use taktil_rtcore::payload;
 /// Most tactels an image can carry.
 pub const MAX_TACTELS: usize = 256;
 
+/// In [`TactileImage::valid`]: to be believed, and at the converter's full scale.
+pub const SATURATED: u8 = 2;
+
 /// Bits of [`Features::defined`].
 pub mod defined {
     /// There is enough load for the features to mean anything.
@@ -29,7 +32,8 @@ payload! {
         /// Counts above the baseline, row by row: index row * cols + column. Negative values are
         /// noise and stay.
         pub counts: [f32; 256],
-        /// 1 where the tactel may be believed.
+        /// 0 where the tactel may not be believed, 1 where it may, [`SATURATED`] where it may and
+        /// its reading was at the converter's full scale: there is at least that load.
         pub valid: [u8; 256],
         /// Acquisition time of each row relative to `acquired_ns`.
         pub row_offset_ns: [i32; 16],

@@ -10,7 +10,7 @@
 
 use taktil_hal::{MAX_ROWS, MAX_TACTELS, TactileFrame};
 use taktil_rtcore::{Fold, Payload, StateHash};
-use taktil_signal::{TactileBaseline, TactileImage};
+use taktil_signal::{SATURATED, TactileBaseline, TactileImage};
 
 use crate::response::{Curve, Response};
 
@@ -234,7 +234,9 @@ impl Baseline {
         for index in 0..frame.tactels() {
             if frame.valid[index] && self.trusted[index] {
                 image.counts[index] = self.above(index, frame.values[index]) as f32;
-                image.valid[index] = 1;
+                // The rail is one of raw readings: a calibrated response moves where it shows.
+                let saturated = frame.values[index] >= self.full_scale;
+                image.valid[index] = if saturated { SATURATED } else { 1 };
             }
         }
         image
@@ -305,7 +307,7 @@ mod tests {
         pressed.values[19] = 4095;
         let image = baseline.image(&pressed);
         assert_eq!(image.counts[16..20], [0.0, 1000.0, -50.0, 3795.0]);
-        assert_eq!((image.valid[19], image.baseline_ready), (1, 1), "full scale stays valid");
+        assert_eq!((image.valid[19], image.baseline_ready), (1, 1), "no rail is known");
     }
 
     #[test]
@@ -324,6 +326,23 @@ mod tests {
         assert!(image.counts[3] < 3794.0, "only the rail is lifted: {}", image.counts[3]);
         let plain = learnt(&frames).noise_counts();
         assert!(f64::from(image.noise_counts) < plain, "noise is scaled as readings are");
+    }
+
+    #[test]
+    fn saturation_is_told_by_the_raw_reading_whatever_the_curve_makes_of_it() {
+        for (exponent, full_counts) in [(1.0, 4095.0), (0.6, 2000.0), (0.7, 4095.0), (1.6, 4095.0)]
+        {
+            let mut scan = Baseline::new(1, [false; MAX_TACTELS], RAILS);
+            let response = Response { exponent, full_counts, threshold_counts: 0.0 };
+            scan = scan.linearised(Some(response), 4095);
+            let mut rest = frame(300);
+            rest.values[5] = 1200;
+            scan.learn(&rest);
+            let mut pressed = rest;
+            (pressed.values[3], pressed.values[4], pressed.values[5]) = (3700, 4095, 4095);
+            let image = scan.image(&pressed);
+            assert_eq!(image.valid[2..6], [1, 1, SATURATED, SATURATED], "{exponent}");
+        }
     }
 
     #[test]

@@ -132,7 +132,6 @@ impl Drive {
                 _ => config.model.noise_counts,
             },
             speed_cols_s: memory.line_cols_s(),
-            saturated_counts: config.model.saturated_counts,
         };
         line(image, touch, &known).map(|line| line.scaled(whole))
     }

@@ -69,7 +69,7 @@ pub fn touch(image: &TactileImage, threshold_counts: f64, contact_counts: f64) -
     }
     let mut valid = [false; MAX_TACTELS];
     for (index, mark) in valid.iter_mut().enumerate() {
-        *mark = image.valid[index] == 1 && image.counts[index].is_finite();
+        *mark = image.valid[index] != 0 && image.counts[index].is_finite();
     }
     let marks = &valid[..tactels];
     let Ok(view) = Image::new(rows, cols, &image.counts[..tactels], Some(marks)) else {

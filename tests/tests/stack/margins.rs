@@ -231,7 +231,6 @@ fn seen(kept: &Kept, config: &Config, contact: &Contact) -> Line {
         // As the law takes it where none was measured.
         noise_counts: config.model.noise_counts,
         speed_cols_s: 0.0,
-        saturated_counts: config.model.saturated_counts,
     };
     line(image, &touch, &known).expect("a line").scaled(contact.whole())
 }

@@ -102,7 +102,6 @@ fn laws() -> anyhow::Result<Vec<(&'static str, Law)>> {
         let known = Known {
             noise_counts: f64::from(image.noise_counts),
             speed_cols_s: memory.line_cols_s(),
-            saturated_counts: ours.model.saturated_counts,
         };
         let found = line(image, &seen, &known).map(|line| line.scaled(contact.whole()));
         let image = (&seen, found.as_ref());

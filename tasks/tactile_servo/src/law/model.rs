@@ -62,8 +62,6 @@ pub struct Model {
     /// Standard deviation of a tactel (counts) where none was measured with the baseline. Default
     /// 50.
     pub noise_counts: f64,
-    /// Counts above the rest level from which a tactel counts as saturated. Default 3790.
-    pub saturated_counts: f64,
     /// Counts that a newton makes. Default 4095/4.
     pub counts_per_n: f64,
     /// Radius of the pin that the contact is solved for (mm). Default 23.
@@ -91,7 +89,6 @@ impl Default for Model {
             table_rate: [20.0, 4.0, 60.0, 60.0],
             table_slope: [0.15, 0.5, 0.5],
             noise_counts: 50.0,
-            saturated_counts: 3790.0,
             counts_per_n: 4095.0 / 4.0,
             pin_radius_mm: 23.0,
             pad_thickness_mm: 0.8,
@@ -126,7 +123,6 @@ impl Model {
             ("yield_per_s", self.yield_per_s, 0.0, 100.0),
             ("delay_ms", self.delay_ms, 0.0, 40.0),
             ("noise_counts", self.noise_counts, 0.1, 1e4),
-            ("saturated_counts", self.saturated_counts, 1.0, 65_535.0),
             ("counts_per_n", self.counts_per_n, 1e-3, 1e6),
             ("pin_radius_mm", self.pin_radius_mm, 1.0, 500.0),
             ("pad_thickness_mm", self.pad_thickness_mm, 0.05, 100.0),

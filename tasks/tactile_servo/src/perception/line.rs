@@ -10,7 +10,7 @@
 //! touches with one row, gives the same features with larger variances. Rows that were scanned at
 //! other times are moved to the time of the image.
 
-use taktil_signal::TactileImage;
+use taktil_signal::{SATURATED, TactileImage};
 
 use super::Touch;
 
@@ -81,8 +81,6 @@ pub struct Known {
     pub noise_counts: f64,
     /// Speed of the line over the columns (columns/s).
     pub speed_cols_s: f64,
-    /// Counts above the rest level from which a tactel counts as saturated.
-    pub saturated_counts: f64,
 }
 
 /// One row of the band.
@@ -94,6 +92,8 @@ struct Row {
     /// Variances of both.
     variance: [f64; 2],
     saturated: u32,
+    /// What they read together (counts).
+    at_rail: f64,
     filled: u32,
 }
 
@@ -130,7 +130,10 @@ fn row(image: &TactileImage, row: usize, middle: f64, known: &Known) -> Row {
             continue;
         };
         out.filled += u32::from(!own);
-        out.saturated += u32::from(counts >= known.saturated_counts);
+        if own && image.valid[row * SIDE + col - 1] == SATURATED {
+            out.saturated += 1;
+            out.at_rail += counts;
+        }
         let arm = col as f64 - middle;
         // What stands for a tactel shares the noise of the one it was taken from.
         let share = if own { noise } else { 2.0 * noise };
@@ -157,6 +160,7 @@ fn revived(rows: &[Row; SIDE]) -> [Row; SIDE] {
                 first: 0.5 * (below.first + above.first),
                 variance: below.variance,
                 saturated: 0,
+                at_rail: 0.0,
                 filled: COLUMNS,
             };
         }
@@ -193,7 +197,7 @@ pub fn line(image: &TactileImage, touch: &Touch, known: &Known) -> Option<Line> 
     for _ in 0..ROUNDS {
         (rows, fit) = pass(image, &fit, known)?;
     }
-    let line = summed(&rows, &fit, known);
+    let line = summed(&rows, &fit);
     (line.features[1] >= SHARE_MIN * touch.m0).then_some(line)
 }
 
@@ -243,7 +247,7 @@ fn pass(image: &TactileImage, fit: &Fit, known: &Known) -> Option<([Row; SIDE], 
 }
 
 #[expect(clippy::cast_precision_loss, reason = "row numbers are small")]
-fn summed(rows: &[Row; SIDE], fit: &Fit, known: &Known) -> Line {
+fn summed(rows: &[Row; SIDE], fit: &Fit) -> Line {
     let middle = 0.5 * (SIDE as f64 + 1.0);
     let mut line = Line {
         features: [0.0; 4],
@@ -268,7 +272,7 @@ fn summed(rows: &[Row; SIDE], fit: &Fit, known: &Known) -> Line {
     let x_c = fit.x + fit.slope * off;
     line.features = [x_c.clamp(1.0, SIDE as f64), m0, m_x, -libm::atan(fit.slope)];
     // A tactel at full scale hides load: what it may hide widens the error of the sums.
-    let hidden = f64::from(line.saturated) * 0.25 * known.saturated_counts;
+    let hidden = 0.25 * rows.iter().map(|row| row.at_rail).sum::<f64>();
     line.variance[0] = fit.variance[0] + off * off * fit.variance[1] + 1e-4;
     line.variance[1] += hidden * hidden;
     line.variance[2] += 16.0 * hidden * hidden;

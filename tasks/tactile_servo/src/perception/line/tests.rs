@@ -1,12 +1,12 @@
 //! Lines that are known, seen through noise, dead rows and rails.
 
 use taktil_rtcore::Payload;
-use taktil_signal::TactileImage;
+use taktil_signal::{SATURATED, TactileImage};
 
 use super::{Known, Line, line};
 use crate::perception::touch;
 
-const KNOWN: Known = Known { noise_counts: 50.0, speed_cols_s: 0.0, saturated_counts: 3790.0 };
+const KNOWN: Known = Known { noise_counts: 50.0, speed_cols_s: 0.0 };
 
 /// Whole counts of a parabolic line load of `total` counts, half as wide as 1.3 columns, whose axis
 /// is turned by `theta` and passes column `x` at the middle row.
@@ -133,9 +133,16 @@ fn a_tactel_at_full_scale_widens_the_error_of_the_sums() {
     let mut heavy = image(8.5, 0.0, 15_000.0);
     let before = seen(&heavy).unwrap();
     heavy.counts[7 * 16 + 7] = 3795.0;
+    heavy.valid[7 * 16 + 7] = SATURATED;
     let found = seen(&heavy).unwrap();
     assert_eq!((before.saturated, found.saturated), (0, 1));
     assert!(found.variance[1] > 2.0 * before.variance[1]);
+    // A reading that a calibrated response has made large is not at the rail.
+    heavy.counts[7 * 16 + 7] = 5000.0;
+    heavy.valid[7 * 16 + 7] = 1;
+    let found = seen(&heavy).unwrap();
+    assert_eq!(found.saturated, 0);
+    assert!(found.variance[1] < 1.1 * before.variance[1]);
 }
 
 #[test]

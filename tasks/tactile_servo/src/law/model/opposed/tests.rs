@@ -71,7 +71,7 @@ fn the_squeeze_is_read_wherever_the_pin_is_and_wherever_its_weight_lay() {
             for (i, counts) in image.counts.iter_mut().enumerate() {
                 *counts = ((load[i % 16] - rest[i % 16]) / 16.0) as f32;
             }
-            let known = Known { noise_counts: 5.0, speed_cols_s: 0.0, saturated_counts: 3790.0 };
+            let known = Known { noise_counts: 5.0, speed_cols_s: 0.0 };
             let plain = line(&image, &touch(&image, 15.0, 1000.0), &known).unwrap();
             let found = sight.squeeze(&plain, lay).features[1];
             // At the array's end the line itself is drawn inwards.
