@@ -3,9 +3,16 @@
 //! always moved together cannot be taken apart afterwards.
 //!
 //! ```text
-//! F(rest) = F_0 + drift t + J X(rest)      each feature by itself, rests weighted alike
-//! B = J / deviation of each entry          singular values: how surely a combination is seen
+//! F(rest) = F_run + drift t + J X(rest)    each feature by itself, rests weighted alike
+//! B = J / deviation, rests taken alike     singular values: how surely a combination is seen
 //! ```
+//! What a motion leaves behind, friction that holds a joint or the contact on one side, is the same
+//! for the run of rests to which this motion led, so each run has a level of its own; where that
+//! would take more than a third of the rests, all have one. The uncertainty of an entry is the
+//! larger of two: as if the line left as much of any rest, and no less than the images' noise makes
+//! of it, or by what it leaves of those that fix this entry (MacKinnon and White, J. Econometrics
+//! 29, 1985, HC3).
+//!
 //! Motions and features of the task are found by pivoted orthogonalisation (Businger and Golub
 //! 1965): always the motion that the features not yet used up show best, then the features that
 //! show these motions best.
@@ -40,6 +47,8 @@ pub struct Row {
     pub feature: usize,
     /// Its change with each motion that was made.
     pub entries: Vec<Estimate>,
+    /// One standard deviation of each, as if the line left as much of any rest.
+    pub alike: Vec<f64>,
     /// Its change with time alone (per s).
     pub drift: Estimate,
     /// Standard deviation in one image.
@@ -85,7 +94,11 @@ pub fn fit(rests: &[Rest]) -> Result<Found, String> {
     };
     let moved: Vec<(usize, f64)> =
         (0..MOTIONS).map(|j| (j, size(j))).filter(|(_, size)| *size > STOOD).collect();
-    let unknowns = 2 + moved.len();
+    let mut runs = 1 + rests.last().map_or(0, |rest| rest.run);
+    if 3 * runs > rests.len() || rests.len() < runs + 1 + moved.len() + SPARE {
+        runs = 1;
+    }
+    let unknowns = runs + 1 + moved.len();
     if moved.is_empty() || rests.len() < unknowns + SPARE {
         let (got, moved) = (rests.len(), moved.len());
         return Err(format!(
@@ -96,11 +109,11 @@ pub fn fit(rests: &[Rest]) -> Result<Found, String> {
     }
     let middle_s = rests.iter().map(|rest| rest.at_s).sum::<f64>() / n;
     let design = DMatrix::from_fn(rests.len(), unknowns, |i, j| match j {
-        0 => 1.0,
-        1 => rests[i].at_s - middle_s,
-        _ => rests[i].motion[moved[j - 2].0] - mean(moved[j - 2].0),
+        _ if j < moved.len() => rests[i].motion[moved[j].0] - mean(moved[j].0),
+        _ if j == moved.len() => rests[i].at_s - middle_s,
+        _ => f64::from(u8::from(runs == 1 || rests[i].run + moved.len() + 1 == j)),
     });
-    let tested = design.columns(2, moved.len()).into_owned();
+    let tested = design.columns(0, moved.len()).into_owned();
     let together = condition(&scaled(&tested));
     if together > TOGETHER_MAX {
         return Err(format!(
@@ -110,7 +123,7 @@ pub fn fit(rests: &[Rest]) -> Result<Found, String> {
     }
     let normal = (design.transpose() * &design).try_inverse();
     let normal = normal.ok_or("the rests do not fix a line")?;
-    let rows = (0..FEATURES).filter_map(|f| row(rests, f, &design, &normal)).collect();
+    let rows = (0..FEATURES).filter_map(|f| row(rests, f, &design, &normal, moved.len())).collect();
     let mut found = Found { moved, together, rows, signals: Vec::new() };
     let mut signals: Vec<f64> = found.signal().singular_values().iter().copied().collect();
     signals.sort_by(|a, b| b.total_cmp(a));
@@ -124,25 +137,36 @@ fn row(
     feature: usize,
     design: &DMatrix<f64>,
     normal: &DMatrix<f64>,
+    moved: usize,
 ) -> Option<Row> {
     let values: Vec<f64> = rests.iter().map(|rest| rest.mean[feature]).collect::<Option<_>>()?;
     let values = DVector::from_vec(values);
     let best = normal * design.transpose() * &values;
-    let left = (&values - design * &best).norm_squared();
+    let left = &values - design * &best;
     let n = rests.len() as f64;
     let images: f64 = rests.iter().map(|rest| rest.images as f64).sum();
     let variance =
         rests.iter().map(|r| r.variance[feature] * r.images as f64).sum::<f64>() / images;
-    // What the line leaves, and no less than the images' noise makes of it.
-    let spread = (left / (n - best.len() as f64)).max(variance * n / images);
-    let of = |j: usize| Estimate { value: best[j], error: 2.0 * (spread * normal[(j, j)]).sqrt() };
+    // As if all rests were alike, and no less than the images' noise makes of it.
+    let even = left.norm_squared() / (n - best.len() as f64);
+    let even = even.max(variance * n / images);
+    // What an entry makes of each rest.
+    let pull = normal * design.transpose();
+    let lone = |i: usize| 1.0 - (design.row(i) * pull.column(i))[0];
+    let of = |j: usize| {
+        let parts = (0..left.len()).map(|i| pull[(j, i)] * left[i] / lone(i).max(0.05));
+        let spread = parts.map(|part| part * part).sum::<f64>();
+        let least = even * normal[(j, j)];
+        Estimate { value: best[j], error: 2.0 * spread.max(least).sqrt() }
+    };
     Some(Row {
         feature,
-        entries: (2..best.len()).map(of).collect(),
-        drift: of(1),
+        entries: (0..moved).map(of).collect(),
+        alike: (0..moved).map(|j| (even * normal[(j, j)]).sqrt()).collect(),
+        drift: of(moved),
         noise: variance.sqrt(),
-        left: (left / n).sqrt(),
-        mean: best[0],
+        left: (left.norm_squared() / n).sqrt(),
+        mean: values.mean(),
     })
 }
 
@@ -187,8 +211,9 @@ impl Found {
     #[must_use]
     pub fn signal(&self) -> DMatrix<f64> {
         DMatrix::from_fn(self.rows.len(), self.moved.len(), |i, j| {
-            let entry = &self.rows[i].entries[j];
-            entry.value / (0.5 * entry.error).max(f64::MIN_POSITIVE)
+            // One scale for a row: else columns that are parallel would seem not to be.
+            let row = &self.rows[i];
+            row.entries[j].value / row.alike[j].max(f64::MIN_POSITIVE)
         })
     }
 

@@ -47,6 +47,9 @@ pub struct Rest {
     pub variance: [f64; FEATURES],
     /// Images.
     pub images: usize,
+    /// Number of the run that it belongs to: rests one after the other to which the same motion
+    /// led.
+    pub run: usize,
 }
 
 fn bad(what: String) -> BadOption {
@@ -125,6 +128,13 @@ fn displacement(from: &Pose, to: &Pose) -> [f64; MOTIONS] {
     [way.x, way.y, way.z, turn.x, turn.y, turn.z]
 }
 
+/// The motion that was made most from one place to another; a hand's breadth makes millimetres of a
+/// turn.
+fn most(from: &[f64; MOTIONS], to: &[f64; MOTIONS]) -> usize {
+    let size = |j: usize| (to[j] - from[j]).abs() * if j < 3 { 1.0 } else { 0.1 };
+    (0..MOTIONS).max_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(0)
+}
+
 /// Mean and variance of the features of some images.
 fn averaged(images: &[(f64, Touch)]) -> ([Option<f64>; FEATURES], [f64; FEATURES]) {
     let (mut mean, mut variance) = ([None; FEATURES], [0.0; FEATURES]);
@@ -150,6 +160,7 @@ pub fn rests(log: &Log, reading: &Reading) -> Result<Vec<Rest>, BadOption> {
     let measured = Angles::of(log, "sense.joints")?;
     let arm = Puma260::reference();
     let (mut found, mut origin): (Vec<Rest>, Option<[Pose; 2]>) = (Vec::new(), None);
+    let (mut run, mut before) = (0, (None, [0.0; MOTIONS]));
     let (mut first_s, mut last_s) = (f64::INFINITY, f64::NEG_INFINITY);
     for (from_s, to_s) in commanded.standstills() {
         let begin = images.partition_point(|(t_s, _)| *t_s < from_s + reading.settle_s);
@@ -164,6 +175,9 @@ pub fn rests(log: &Log, reading: &Reading) -> Result<Vec<Rest>, BadOption> {
         let poses = [wanted, real].map(|q| arm.tool_pose(&q));
         let origins = origin.get_or_insert(poses);
         let [wanted, real] = [0, 1].map(|i| displacement(&origins[i], &poses[i]));
+        let made = most(&before.1, &wanted);
+        run += usize::from(before.0.is_some_and(|before| before != made));
+        before = ((!found.is_empty()).then_some(made), wanted);
         let mut motion = if reading.commanded { wanted } else { real };
         // Across the contact the arm hardly moves: there the servo is a spring that was wound up.
         motion[2] = wanted[2];
@@ -174,6 +188,7 @@ pub fn rests(log: &Log, reading: &Reading) -> Result<Vec<Rest>, BadOption> {
             mean,
             variance,
             images: inside.len(),
+            run,
         });
     }
     let between = |t_s: f64| t_s >= first_s && t_s <= last_s;

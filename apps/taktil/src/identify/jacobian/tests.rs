@@ -40,7 +40,7 @@ fn rests(size: [f64; 4], noise: f64, drift: f64) -> Vec<Rest> {
             mean[i] = Some([8000.0, 8.5, 8.5][i] + moved + error + drift * at_s);
             variance[i] = sigma * sigma;
         }
-        Rest { at_s, motion: *motion, mean, variance, images: images as usize }
+        Rest { at_s, motion: *motion, mean, variance, images: images as usize, run: index / 4 }
     };
     steps.iter().enumerate().map(rest).collect()
 }

@@ -9,6 +9,8 @@ use taktild::operator::speech::{Meaning, Order, order};
 
 use super::LONGEST_S;
 
+/// Most ways to and fro of one step.
+const MOST_SWINGS: u32 = 64;
 /// Longest time for which keys are held, s.
 const LONGEST_HOLD_S: f64 = 3600.0;
 
@@ -24,6 +26,9 @@ pub(super) struct StepFile {
     frame: Option<String>,
     /// How long the keys are held, s.
     for_s: Option<f64>,
+    /// The keys are pushed to and fro so many times instead, the first time for `for_s`, then less
+    /// and less far, and end where they began.
+    swings: Option<u32>,
     /// What is typed in TRAJECTORY/USER: a move, `pause`, `resume`, `clear`, or `wait`.
     say: Option<String>,
     /// Not before this instant, s.
@@ -62,10 +67,16 @@ pub enum Act {
 
 /// The list, checked.
 pub(super) fn script(steps: &[StepFile], meaning: &Meaning) -> Result<Vec<Step>, Invalid> {
-    let step = |(index, step): (usize, &StepFile)| {
-        step.check(meaning).map_err(|bad| bad.within(&format!("operator[{index}]")))
-    };
-    steps.iter().enumerate().map(step).collect()
+    let mut script = Vec::new();
+    for (index, file) in steps.iter().enumerate() {
+        let within = |bad: Invalid| bad.within(&format!("operator[{index}]"));
+        let step = file.check(meaning).map_err(within)?;
+        match file.swings {
+            Some(swings) => script.extend(swung(&step, swings).map_err(within)?),
+            None => script.push(step),
+        }
+    }
+    Ok(script)
 }
 
 impl StepFile {
@@ -111,6 +122,29 @@ impl StepFile {
         let span = instant(for_s, "for_s", 1e-3, LONGEST_HOLD_S)?;
         Ok(Act::Hold { axes: *axes, frame, span })
     }
+}
+
+/// Keys that are held, pushed to and fro by `swings` ways that become less and less: what the
+/// joints' friction holds back comes to nothing, as remanence does in a field that dies away.
+fn swung(step: &Step, swings: u32) -> Result<Vec<Step>, Invalid> {
+    let Act::Hold { axes, frame, span } = step.act else {
+        let what = "only keys swing";
+        return Err(Invalid::new("swings", what, "give it with a `jog`"));
+    };
+    if !(1..=MOST_SWINGS).contains(&swings) {
+        let what = format!("is {swings}");
+        return Err(Invalid::new("swings", what, format!("give 1 to {MOST_SWINGS}")));
+    }
+    let (count, whole) = (i64::from(swings), span.0);
+    // The place after so many ways, on alternate sides.
+    let place = |ways: i64| whole * (count - ways + 1) / count;
+    let way = |ways: i64| {
+        let from = if ways == 1 { 0 } else { place(ways - 1) };
+        let to = if ways > count { 0 } else { place(ways) };
+        let axes = if ways % 2 == 1 { axes } else { axes.map(|axis| -axis) };
+        Step { act: Act::Hold { axes, frame, span: Nanos(from + to) }, ..*step }
+    };
+    Ok((1..=count + 1).map(way).collect())
 }
 
 /// What is typed.
@@ -168,6 +202,29 @@ mod tests {
         let typed = read("say = \"move by 0 0 5 straight\"").unwrap().act;
         assert!(matches!(typed, Act::Type(word) if word.values[2] == 0.005), "{typed:?}");
         assert_eq!(read("say = \"wait\"").unwrap().act, Act::Rest);
+    }
+
+    #[test]
+    fn keys_that_swing_come_to_rest_where_they_began() {
+        let keys = "jog = [0, 0, 0.5, 0, 0, 0]\nfor_s = 0.3\nat_s = 2";
+        let steps: Vec<StepFile> = vec![toml::from_str(&format!("{keys}\nswings = 3")).unwrap()];
+        let steps = script(&steps, &Meaning::default()).unwrap();
+        let ways: Vec<(f64, i64)> = steps
+            .iter()
+            .map(|step| {
+                let Act::Hold { axes, span, .. } = step.act else { panic!("{step:?}") };
+                assert_eq!(step.at, Nanos::from_secs(2));
+                (axes[2], span.0 / 1_000_000)
+            })
+            .collect();
+        assert_eq!(ways, [(0.5, 300), (-0.5, 500), (0.5, 300), (-0.5, 100)]);
+        for (text, place) in [
+            (format!("{keys}\nswings = 0"), "operator[0].swings"),
+            (format!("{keys}\nswings = 65"), "operator[0].swings"),
+            ("verb = \"stop\"\nswings = 2".to_owned(), "operator[0].swings"),
+        ] {
+            assert_eq!(read(&text).unwrap_err().place, place, "{text}");
+        }
     }
 
     #[test]
