@@ -75,3 +75,19 @@ fn what_cannot_be_measured_is_refused() {
         assert_eq!(bench(&arguments).status.code(), Some(2), "{arguments:?}");
     }
 }
+
+/// The scenes that nobody can compare are refused before anything is measured for long.
+#[test]
+fn scenes_without_touch_are_refused_by_name() {
+    let scenes = concat!(env!("CARGO_MANIFEST_DIR"), "/../../sim/scenes");
+    for (scene, span, said) in
+        [("ur5e-lines", "0.1", "this arm touches nothing"), ("hold", "0.1", "never presses")]
+    {
+        let path = format!("{scenes}/{scene}.toml");
+        let output =
+            bench(&["sim", "--only", "scenes", "--rounds", "1", "--for", span, "--scenes", &path]);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert!(text.contains(&format!("{scene}: ")) && text.contains(said), "{text}");
+    }
+}

@@ -44,6 +44,10 @@ const LATE_MAX: u32 = 30;
 const RUN_S: f64 = 10.0;
 /// The column that is headed for: no image's by chance, so that it stays.
 const AIM: f64 = 8.371_828_182_845;
+/// An error that has grown so many times by the last second is not borne: contact that is lost
+/// keeps it from growing for ever, and a swing that neither grows nor dies away would be called
+/// borne by chance.
+const GROWN: f64 = 100.0;
 /// Counts of the encoders over the arm's own.
 const FINE: f64 = 64.0;
 
@@ -318,7 +322,7 @@ impl Plant {
                 return f64::INFINITY;
             }
         }
-        most[1] / most[0]
+        if most[1] > GROWN * axis.small() { f64::INFINITY } else { most[1] / most[0] }
     }
 
     /// The gain, in terms of the default one, at which a small error neither grows nor dies away.

@@ -7,6 +7,7 @@ pub mod contact;
 mod fall;
 pub mod measure;
 pub mod readers;
+pub mod scenes;
 pub mod servo;
 pub mod sim;
 pub mod space;
@@ -43,7 +44,7 @@ pub enum Bench {
     /// The modes of the joint servo: rest and tracking error, torque noise, stability margins.
     Servo(servo::Plan),
     /// The simulator: wall time of a simulated second against error, by integrator, step and
-    /// contact model.
+    /// contact model, of the arm alone, of a pin on rails, and of scenes run by the whole stack.
     Sim(sim::Plan),
     /// The laws of touch: time from an image to the joint step.
     Touch(touch::Plan),

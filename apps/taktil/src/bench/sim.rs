@@ -18,6 +18,7 @@ use taktil_sim::{
 };
 use taktild::out;
 
+use super::scenes;
 use crate::plot::axis::{Scale, decades};
 use crate::plot::svg::{Anchor, Figure};
 use crate::run::{BadOption, writable};
@@ -34,9 +35,26 @@ pub struct Plan {
     /// One JSON object instead of the tables
     #[arg(long)]
     pub json: bool,
+    /// Which scenes, at every level.
+    #[command(flatten)]
+    pub choice: scenes::Choice,
+    /// Only one part: the arm alone, a pin on rails, or scenes by the whole stack
+    #[arg(long, value_enum)]
+    pub only: Option<Part>,
     /// Answer falls that are asked for on standard input, for a program that does the same
     #[arg(long, hide = true)]
     pub serve: bool,
+}
+
+/// What is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Part {
+    /// The arm alone.
+    Arm,
+    /// A pin rolled by a finger on rails.
+    Rails,
+    /// Scenes by the whole stack.
+    Scenes,
 }
 
 /// Free fall of the arm that is timed and compared (s).
@@ -61,21 +79,36 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
     if !(1..=1000).contains(&plan.rounds) {
         return Err(BadOption(format!("--rounds {}: give 1 to 1000", plan.rounds)).into());
     }
-    if let Some(path) = &plan.out {
-        writable("--out", path)?;
+    for (option, path) in [("--out", &plan.out), ("--scenes-out", &plan.choice.scenes_out)] {
+        path.as_ref().map_or(Ok(()), |path| writable(option, path))?;
     }
-    let arms = format!("## Arm alone, {FALL_S} s of fall\n\n{}", arms(plan.rounds)?);
-    let rows = rolls(plan.rounds)?;
-    let rolled = format!("## Pin rolled by a finger on rails, {LOAD_N} N\n\n{}", table(&rows));
+    let asked = |part: Part| plan.only.is_none_or(|only| only == part);
+    // What cannot be read is said before anything is measured.
+    let scenes = if asked(Part::Scenes) { scenes::load(&plan.choice)? } else { Vec::new() };
+    let (mut text, mut pictures) = (Vec::new(), Vec::new());
+    if asked(Part::Arm) {
+        text.push(format!("## Arm alone, {FALL_S} s of fall\n\n{}", arms(plan.rounds)?));
+    }
+    if asked(Part::Rails) {
+        let rows = rolls(plan.rounds)?;
+        let title = format!("## Pin rolled by a finger on rails, {LOAD_N} N");
+        text.push(format!("{title}\n\n{}", table(&rows)));
+        pictures.extend(plan.out.as_ref().map(|path| (path, picture(&rows))));
+    }
+    if asked(Part::Scenes) {
+        let rows = scenes::rows(&scenes, plan.rounds)?;
+        text.push(scenes::tables(&rows));
+        let path = plan.choice.scenes_out.as_ref();
+        pictures.extend(path.map(|path| (path, scenes::picture(&rows))));
+    }
+    let text = text.join("\n");
     if plan.json {
-        let tables = super::tables::json(&format!("{arms}\n{rolled}"));
+        let tables = super::tables::json(&text);
         out::line(serde_json::json!({ "rounds": plan.rounds, "tables": tables }))?;
     } else {
-        out::line(&arms)?;
-        out::line(&rolled)?;
+        out::line(&text)?;
     }
-    if let Some(path) = &plan.out {
-        let figure = picture(&rows);
+    for (path, figure) in pictures {
         std::fs::write(path, figure.file()).with_context(|| format!("{}", path.display()))?;
         if !plan.json {
             out::line(path.display())?;
@@ -364,6 +397,10 @@ mod tests {
 
     #[test]
     fn nonsense_is_refused() {
-        assert!(run(&Plan { rounds: 0, out: None, json: false, serve: false }).is_err());
+        let choice =
+            scenes::Choice { scenes: Vec::new(), span_s: 1.0, noise: 0.0, scenes_out: None };
+        let plan =
+            Plan { rounds: 0, out: None, json: false, choice, only: Some(Part::Arm), serve: false };
+        assert!(run(&plan).is_err());
     }
 }

@@ -280,14 +280,17 @@ pub fn with_law(scene: &Scene, law: Name) -> Scene {
 }
 
 /// An experiment with its scene.
-type Found = (&'static Experiment, PathBuf, Scene);
+pub(crate) type Found = (&'static Experiment, PathBuf, Scene);
 
 /// The scene of each experiment: the first by name whose title begins with its id; and which
 /// experiments have none.
 ///
 /// # Errors
 /// An experiment that `only` names and that has no scene; a folder without any.
-fn scenes(folder: &Path, only: &[String]) -> anyhow::Result<(Vec<Found>, Vec<&'static str>)> {
+pub(crate) fn scenes(
+    folder: &Path,
+    only: &[String],
+) -> anyhow::Result<(Vec<Found>, Vec<&'static str>)> {
     for id in only {
         if !EXPERIMENTS.iter().any(|e| e.id.eq_ignore_ascii_case(id)) {
             let text = format!("--only {id}: no such experiment; there are E1 to E9");

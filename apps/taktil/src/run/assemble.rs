@@ -33,8 +33,26 @@ pub fn assemble_with(
     seed: u64,
     operator: wiring::MakeOperator<'_>,
 ) -> Result<Machine, Located> {
+    whole(scene, seed, operator, false)
+}
+
+/// As [`assemble`], with a world that also says what its physics was asked to do: the signal
+/// `world.work`, which arms other than the PUMA 260 do not have.
+///
+/// # Errors
+/// As [`assemble`].
+pub fn assemble_counted(scene: &Scene, seed: u64) -> Result<Machine, Located> {
+    whole(scene, seed, script(scene), true)
+}
+
+fn whole(
+    scene: &Scene,
+    seed: u64,
+    operator: wiring::MakeOperator<'_>,
+    counted: bool,
+) -> Result<Machine, Located> {
     let plain = |devices| devices;
-    build(scene, seed, plain, operator)
+    build(scene, seed, plain, operator, counted)
         .and_then(|builder| builder.build().map_err(of_world))
         .and_then(|machine| edited(machine, scene))
         .map_err(|invalid| scene.locate(invalid))
@@ -97,7 +115,7 @@ pub fn rebuild(
         lack = noted;
         devices
     };
-    let machine = build(scene, seed, taped, script(scene)).and_then(|mut builder| {
+    let machine = build(scene, seed, taped, script(scene), false).and_then(|mut builder| {
         builder.for_replay(stall);
         builder.build().map_err(of_world)
     });
@@ -109,6 +127,7 @@ fn build(
     seed: u64,
     exchange: impl FnOnce(Devices) -> Devices,
     operator: wiring::MakeOperator<'_>,
+    counted: bool,
 ) -> Result<Builder, Invalid> {
     let mut machine = scene.machine.clone();
     let timing = timing(scene)?;
@@ -123,7 +142,7 @@ fn build(
     }
     let (world, devices) = built(scene, &timing, seed)?;
     let mut builder = wiring::assemble(machine, &scene.robot, exchange(devices), operator)?;
-    add_world(&mut builder, scene, &timing, world)?;
+    add_world(&mut builder, scene, &timing, world, counted)?;
     Ok(builder)
 }
 
@@ -164,6 +183,7 @@ fn add_world(
     scene: &Scene,
     timing: &Timing,
     world: World,
+    counted: bool,
 ) -> Result<(), Invalid> {
     let period = timing.control_period;
     // A word of the job released at r acts from r + delay: the world starts there and integrates
@@ -192,7 +212,10 @@ fn add_world(
     let (radius_mm, table) = (scene.world.pin.radius_mm, &scene.world.table);
     let pivot_mm = [table.pivot_x_mm, table.pivot_y_mm];
     builder.task(lane, WORLD, |ports| match &scene.robot {
-        AnyRobot::Puma260(_) => Ok(Box::new(Simulation::new(world, radius_mm, pivot_mm, ports))),
+        AnyRobot::Puma260(_) => {
+            let task = Simulation::new(world, radius_mm, pivot_mm, ports);
+            Ok(Box::new(if counted { task.counted(ports) } else { task }))
+        }
         AnyRobot::Six(_) => Ok(Box::new(FreeArm::<6>::new(world, ports))),
         AnyRobot::Seven(_) => Ok(Box::new(FreeArm::<7>::new(world, ports))),
     })

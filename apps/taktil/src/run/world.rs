@@ -183,6 +183,48 @@ payload! {
     }
 }
 
+payload! {
+    /// What the physics was asked to do since the start: the signal `world.work`, where somebody
+    /// asked for it. See [`taktil_sim::Work`].
+    pub struct WorkTruth {
+        /// The instant that the world has reached, ns.
+        pub t_ns: i64,
+        /// Steps of any integrator, halved ones included.
+        pub steps: u64,
+        /// Steps that were done again in halves.
+        pub halved: u64,
+        /// Implicit steps that did not settle.
+        pub unsettled: u64,
+        /// Iterations of implicit stages.
+        pub iterations: u64,
+        /// Evaluations of the contacts.
+        pub contacts: u64,
+        /// Images computed from a contact.
+        pub images: u64,
+        /// Contacts solved in three dimensions.
+        pub solved: u64,
+        /// Contacts after which rows stood on their own.
+        pub plain: u64,
+    }
+}
+
+impl WorkTruth {
+    fn of(world: &World) -> WorkTruth {
+        let work = world.work();
+        WorkTruth {
+            t_ns: world.now().0,
+            steps: work.steps,
+            halved: work.halved,
+            unsettled: work.unsettled,
+            iterations: work.iterations,
+            contacts: work.contacts,
+            images: work.images,
+            solved: work.solved,
+            plain: work.plain,
+        }
+    }
+}
+
 impl OpposedTruth {
     fn of(truth: &Truth) -> Option<OpposedTruth> {
         let tip = truth.opposed?;
@@ -200,8 +242,8 @@ impl OpposedTruth {
     }
 }
 
-/// The task of the lane `world`; writes `truth`, and `object`, `opposed` and `layer` where there
-/// are some.
+/// The task of the lane `world`; writes `truth`, `object`, `opposed` and `layer` where there are
+/// some, and `work` where it is asked for.
 pub struct Simulation {
     world: World,
     pin_radius_m: f64,
@@ -210,12 +252,13 @@ pub struct Simulation {
     object: Option<Output<ObjectTruth>>,
     opposed: Option<Output<OpposedTruth>>,
     layer: Option<Output<LayerTruth>>,
+    work: Option<Output<WorkTruth>>,
     /// Hash of the world after the last job.
     state: u64,
 }
 
 impl Simulation {
-    /// Declares its port. `pivot_mm` is the table's pivot at rest.
+    /// Declares its ports. `pivot_mm` is the table's pivot at rest.
     pub fn new(
         world: World,
         pin_radius_mm: f64,
@@ -235,8 +278,15 @@ impl Simulation {
             object,
             opposed,
             layer,
+            work: None,
             state: 0,
         }
+    }
+
+    /// Also says what the physics was asked to do.
+    pub fn counted(mut self, ports: &mut Ports) -> Simulation {
+        self.work = Some(ports.output("work"));
+        self
     }
 
     fn gap_m(&self, truth: &Truth) -> f64 {
@@ -300,6 +350,9 @@ impl Task for Simulation {
         if let Some(port) = &self.layer {
             let work = self.world.work();
             io.write(port, LayerTruth { t_ns: truth.t.0, solved: work.solved, plain: work.plain });
+        }
+        if let Some(port) = &self.work {
+            io.write(port, WorkTruth::of(&self.world));
         }
         Ok(())
     }
