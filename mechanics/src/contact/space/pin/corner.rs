@@ -34,6 +34,12 @@ const ROWS: usize = 4;
 /// pulled are let go so many times.
 const TIP: f64 = 0.02;
 const LIFTS: usize = 4;
+/// So many times widths that were read are taken a part of the way to what they should be, each at
+/// most to these parts of its penetration and this part of the largest more.
+const TOUCHES: usize = 8;
+const PART: f64 = 0.5;
+const TOUCH: [f64; 2] = [0.3, 2.0];
+const WIDER: f64 = 0.05;
 /// Part of the depth by which the pressure may miss a force at the depth that was read; the widths
 /// are read again for more, so many times.
 const MISS: f64 = 0.02;
@@ -48,7 +54,6 @@ struct Solved {
     reach: f64,
     /// Penetration that the width belongs to, over the depth, from the end to the reach.
     profile: [f64; PLACES],
-    left: f64,
 }
 
 /// Contacts on an end, by overlap and slope.
@@ -68,7 +73,6 @@ pub(super) struct Widths {
     pub(super) reach: f64,
     depth: f64,
     profile: [f64; PLACES],
-    left: f64,
 }
 
 impl Widths {
@@ -127,18 +131,23 @@ impl Corner {
         let (overlap, overlaps) = (depth / slope, self.solved.len() / self.slopes);
         let (r, across) = Self::cell(overlap, (self.longest, LONGER), overlaps)?;
         let (q, flatter) = Self::cell(slope, (STEEPEST, STEEPER), self.slopes)?;
-        let mut found = Widths { reach: 0.0, depth, profile: [0.0; PLACES], left: 0.0 };
+        let mut found = Widths { reach: 0.0, depth, profile: [0.0; PLACES] };
         for (r, across) in [(r, 1.0 - across), (r + 1, across)] {
             for (q, along) in [(q, 1.0 - flatter), (q + 1, flatter)] {
                 let solved = self.solved[r * self.slopes + q].as_ref()?;
                 let weight = across * along;
                 found.reach += weight * solved.reach * overlap;
-                found.left = found.left.max(solved.left);
                 let places = found.profile.iter_mut().zip(&solved.profile);
                 places.for_each(|(sum, value)| *sum += weight * value);
             }
         }
         Some(found)
+    }
+
+    /// The widths that a search begins with, by a force or a guessed depth.
+    pub(super) fn begin(&self, (wanted, guess): (Option<f64>, f64), slope: f64) -> Option<Widths> {
+        let depth = wanted.map_or(Some(guess), |force| self.depth_of(force, slope))?;
+        self.widths(depth, slope)
     }
 
     /// The depth under a slope at which the contact carries a force in units of the kernels.
@@ -218,7 +227,7 @@ impl Solved {
         }
         let t = row.layer.thickness_mm;
         let force = libm::log(state.force_n / (row.modulus_mpa() * t * t));
-        Some(Self { force, reach: reach / overlap, profile, left: state.residual })
+        Some(Self { force, reach: reach / overlap, profile })
     }
 }
 
@@ -235,10 +244,45 @@ impl Row {
         lifted
     }
 
+    /// Takes widths that were read some way to what they should be, as far as the level asks for:
+    /// the force and its rate; absent when they do not get there.
+    fn touched_up(&mut self, mut solved: (f64, f64)) -> Option<(f64, f64)> {
+        for _ in 0..TOUCHES {
+            if self.left_at_edges() <= self.fineness.read {
+                return Some(solved);
+            }
+            let largest = self.largest();
+            for j in (0..self.along.len()).filter(|j| self.work.active[*j]) {
+                let change = PART * self.change(j);
+                let own = &mut self.work.effective[j];
+                *own = (*own + change).clamp(TOUCH[0] * *own, TOUCH[1] * *own + WIDER * largest);
+            }
+            let room = self.work.dense.room;
+            solved = self.prepare(false).ok().and_then(|()| self.direct(room))?;
+        }
+        (self.left_at_edges() <= self.fineness.settled).then_some(solved)
+    }
+
     /// Whether its tables are wide enough.
     fn bears(&self, widths: &Widths) -> bool {
         let most = widths.depth * widths.profile.iter().fold(0.0_f64, |most, part| most.max(*part));
         self.strips.reaches(most) && self.strips.half_width(most) <= self.widest
+    }
+
+    /// Begins a search on the end at `to` from widths that are read; the penetration at the origin,
+    /// absent when it does not touch.
+    pub(super) fn begin(&mut self, widths: &Widths, to: f64, slope: f64) -> Option<f64> {
+        self.release();
+        let depth = widths.depth;
+        for (j, v) in self.along.iter().enumerate() {
+            let work = &mut self.work;
+            work.given[j] = depth - slope * (to - v);
+            work.effective[j] = widths.at(to - v);
+            work.active[j] = work.effective[j] > TIP * depth;
+        }
+        let begun = self.work.active.contains(&true) && self.prepare(true).is_ok();
+        (self.work.warm, self.work.begun) = (begun, begun);
+        begun.then_some(depth - slope * to)
     }
 
     /// The contact of the end at `to` under a slope, at widths that are read, by force or depth;
@@ -265,6 +309,7 @@ impl Row {
             }
             solved = None;
         }
+        let solved = solved.and_then(|solved| self.touched_up(solved));
         let Some((carried, rate)) = solved else {
             self.work.clear();
             return None;
@@ -278,7 +323,8 @@ impl Row {
             self.work.clear();
             return None;
         }
-        Some((self.told(depth - slope * to, widths.left, 1), depth))
+        let left = self.left_at_edges();
+        Some((self.told(depth - slope * to, left, 1), depth))
     }
 }
 

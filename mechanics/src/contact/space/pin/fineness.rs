@@ -36,6 +36,14 @@ pub(super) struct Fineness {
     pub(super) points: f64,
     pub(super) tolerance: f64,
     pub(super) steps: usize,
+    /// Part of the penetration that may be left when the steps are used up; more is no answer.
+    pub(super) settled: f64,
+    /// The same for a contact whose widths are read, before they are touched up.
+    pub(super) read: f64,
+    /// Most unknowns of a contact whose widths are settled together.
+    pub(super) together: usize,
+    /// Whether the slices of a short row take a part each of their changes.
+    pub(super) each: bool,
     /// Whether short slices of a bar stand together in an image.
     pub(super) grouped: bool,
     /// Most unknowns of a contact on an end whose widths are read: wide ones have fewer slices.
@@ -72,6 +80,10 @@ impl Fineness {
                 points: 4.5,
                 tolerance: 5e-3,
                 steps: 8,
+                settled: 5e-2,
+                read: 5e-2,
+                together: 0,
+                each: false,
                 grouped: true,
                 unknowns: 54,
                 nested: Some(Tabled {
@@ -87,10 +99,14 @@ impl Fineness {
                 modes: DEFAULT.modes,
                 cosines: (4.0, 0.5, 2.0),
                 points: 11.0,
-                tolerance: 1e-4,
+                tolerance: 2e-3,
                 steps: 25,
+                settled: 1e-2,
+                read: 7e-3,
+                together: 0,
+                each: true,
                 grouped: false,
-                unknowns: 320,
+                unknowns: 224,
                 nested: Some(DEFAULT),
             },
             Level::Fine => Self {
@@ -102,6 +118,10 @@ impl Fineness {
                 points: 18.0,
                 tolerance: 1e-6,
                 steps: 60,
+                settled: 1e-3,
+                read: 0.0,
+                together: 900,
+                each: true,
                 grouped: false,
                 unknowns: 0,
                 nested: None,

@@ -15,8 +15,9 @@
 //! fast level a cylinder's contacts on its end (`corner`) and those on a good part of its length
 //! (`lying`) are solved when its tables are made, a bar's all are (`nested`). On an end it is the
 //! widths that are read, and the pressure is solved on them anew; so the default level reads them
-//! from the fast one's tables. Its bars are solved beforehand too; its lying cylinders are searched
-//! for, as all is at the fine level.
+//! from the fast one's tables, and takes them the rest of the way. Its bars are solved beforehand
+//! too; its lying cylinders are searched for, as all is at the fine level. There the widths on an
+//! end, which do not settle one by one, are settled together (`newton`).
 //!
 //! Ends: strips of constant pressure see an end inside of its place, by a part of their length that
 //! a punch on the layer tells (`ends`). The slices are laid out for it, so that few of them do.
@@ -26,14 +27,17 @@
 mod corner;
 mod couple;
 mod direct;
+mod edge;
 mod ends;
 mod fineness;
 mod lying;
 mod nested;
+mod newton;
 mod roll;
 mod row;
 mod solve;
 pub(super) mod strip;
+mod triangle;
 mod work;
 
 use super::super::kernel::SurfaceKernel;
@@ -44,6 +48,7 @@ use super::{Drive, Level, Refusal, Why};
 use corner::Corner;
 use fineness::Fineness;
 use lying::Lying;
+use newton::Newton;
 pub use roll::Roll;
 use row::{Lie, Row, holding};
 use strip::{Section, Strips};
@@ -60,6 +65,8 @@ const KEPT: f64 = 0.45;
 const FAR: f64 = 3.0;
 /// So many rows on a contact is looked for that fills a row.
 const UP: usize = 2;
+/// Rows on which a contact is searched for from widths that were read.
+const BEGINNINGS: usize = 3;
 /// Room for the pressure's rise towards an end, in penetrations, and the most there can be.
 const ROOM: f64 = 1.6;
 const DEEPEST: f64 = 0.98;
@@ -125,7 +132,10 @@ pub struct PinState {
     pub half_width_mm: f64,
     /// Length of the pin in contact, mm.
     pub length_mm: f64,
-    /// Largest error of the penetration that a slice still sees, over the largest penetration.
+    /// How far the contact is from complementarity: the largest change of the penetration that a
+    /// slice's width belongs to by which the pressure at its edge would vanish, or by which a slice
+    /// in the air is reached, over the largest penetration. Force and image are off by its square.
+    /// Of a lying contact that was solved when the tables were made: of those that it lies between.
     pub residual: f64,
     /// Free-boundary steps taken; 1 for a contact that was solved when the tables were made.
     pub steps: usize,
@@ -141,6 +151,8 @@ pub struct Pin {
     rows: Vec<Row>,
     /// Contacts on the end of a cylinder, where they were solved beforehand.
     corner: Option<Corner>,
+    /// Memory to settle all widths together, where the level has it.
+    newton: Option<Box<Newton>>,
     /// The row of the last contact, and whether its axis runs the other way.
     at: usize,
     turned: bool,
@@ -208,14 +220,16 @@ impl Pin {
             (Section::Circle(_), Level::Fast) => {
                 solved_before(&mut rows, ends[1], penetration_max_mm / t)
             }
-            (Section::Circle(_), Level::Default) => {
+            (Section::Circle(_), Level::Default | Level::Fine) => {
                 let coarse = Self::new(layer, profile, ends_mm, penetration_max_mm, Level::Fast);
                 coarse.ok().and_then(|coarse| coarse.corner)
             }
             _ => None,
         };
+        let together = fineness.together > 0 && matches!(section, Section::Circle(_));
+        let newton = together.then(|| Box::new(Newton::new(&rows, fineness.together)));
         let state = PinState::default();
-        Ok(Self { layer: *layer, ends, rows, corner, at: 0, turned: false, state })
+        Ok(Self { layer: *layer, ends, rows, corner, newton, at: 0, turned: false, state })
     }
 
     /// Presses the pin with its axis sloping down towards +v by `tilt_rad`: the penetration at a
@@ -224,8 +238,8 @@ impl Pin {
     /// # Errors
     /// What is not finite, a pull, a tilt beyond 0.2 rad, a penetration beyond the table or of an
     /// end of the thickness or more, a force that no penetration of the table reaches, a contact of
-    /// which more than a tenth of the penetration is left after the level's steps (pins shorter
-    /// than the layer is thick); what is left of less is in `residual`. The state is then that of
+    /// which more of the penetration is left after the level's steps than 5e-2 (fast), 1e-2
+    /// (default) or 1e-3 (fine); what is left of less is in `residual`. The state is then that of
     /// no contact.
     pub fn press(&mut self, drive: Drive, tilt_rad: f64) -> Result<PinState, Refusal> {
         let outcome = self.try_press(drive, tilt_rad);
@@ -272,6 +286,9 @@ impl Pin {
         if let Some(state) = self.lying((wanted, guess), slope, turned) {
             return Ok(self.along_pin(state, (raised, mirror), tilt_rad));
         }
+        if let Some(state) = self.begun((wanted, guess), slope, turned) {
+            return Ok(self.along_pin(state, (raised, mirror), tilt_rad));
+        }
         let mut at = self.row_for(self.guessed(wanted, guess, slope.abs()), turned);
         let mut start = guess - slope.abs() * to;
         let mut shortened = false;
@@ -281,8 +298,8 @@ impl Pin {
                 self.rows[at].release();
             }
             (self.at, self.turned) = (at, turned);
-            let row = &mut self.rows[at];
-            let outcome = row.press((wanted, start), slope.abs());
+            let outcome = self.press_on(at, (wanted, start), slope.abs());
+            let row = &self.rows[at];
             if let Ok(state) = &outcome {
                 start = state.penetration_mm / t;
             }
@@ -304,6 +321,48 @@ impl Pin {
         }
     }
 
+    /// Presses a row, which has the memory to settle all its widths meanwhile.
+    fn press_on(
+        &mut self,
+        at: usize,
+        (wanted, start): (Option<f64>, f64),
+        slope: f64,
+    ) -> Result<PinState, Trouble> {
+        let row = &mut self.rows[at];
+        row.newton = self.newton.take();
+        let outcome = row.press((wanted, start), slope);
+        self.newton = row.newton.take();
+        outcome
+    }
+
+    /// The contact on an end, searched for from widths that were solved beforehand, on the shortest
+    /// of some rows that has it.
+    fn begun(
+        &mut self,
+        (wanted, guess): (Option<f64>, f64),
+        slope: f64,
+        turned: bool,
+    ) -> Option<PinState> {
+        self.newton.as_ref()?;
+        let (slope, to) = (slope.abs(), self.ends[1]);
+        let corner = self.corner.as_ref()?;
+        let widths = corner.begin((wanted, guess), slope)?;
+        let shortest = holding(&self.rows, widths.reach).max(1);
+        for at in (1..=shortest).rev().take(BEGINNINGS) {
+            self.rows[self.at].release();
+            (self.at, self.turned) = (at, turned);
+            let Some(start) = self.rows[at].begin(&widths, to, slope) else { continue };
+            let outcome = self.press_on(at, (wanted, start), slope);
+            let row = &self.rows[at];
+            let settled = |state: &PinState| state.residual <= row.fineness.settled;
+            match outcome {
+                Ok(state) if settled(&state) && !row.work.touches(0) => return Some(state),
+                _ => {}
+            }
+        }
+        None
+    }
+
     /// The contact on an end by what was solved beforehand.
     fn on_corner(
         &mut self,
@@ -311,6 +370,9 @@ impl Pin {
         slope: f64,
         turned: bool,
     ) -> Option<PinState> {
+        if self.newton.is_some() {
+            return None;
+        }
         let (corner, slope) = (self.corner.as_ref()?, (slope.abs(), self.ends[1]));
         let (at, state) = corner::read(corner, &mut self.rows, (wanted, guess), slope)?;
         (self.at, self.turned) = (at, turned);

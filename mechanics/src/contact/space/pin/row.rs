@@ -12,6 +12,7 @@ use super::ends::loss;
 use super::fineness::{Fineness, Laid};
 use super::lying::Lying;
 use super::nested::Nested;
+use super::newton::Newton;
 use super::strip::{COSINES_MAX, Strips};
 use super::work::Work;
 use core::f64::consts::PI;
@@ -64,6 +65,8 @@ pub(super) struct Row {
     pub(super) nested: Option<Nested>,
     /// Contacts of a cylinder on a good part of it, where they were solved beforehand.
     pub(super) lying: Option<Lying>,
+    /// Memory to settle all widths together.
+    pub(super) newton: Option<Box<Newton>>,
     /// Slice length and places along the axis from the origin, in thicknesses.
     pub(super) h: f64,
     pub(super) along: Vec<f64>,
@@ -120,7 +123,11 @@ impl Row {
         let mut work = Work::new(slices, &strips, (coupling.transform_len(), room));
         let mut steps = fineness.steps;
         if length < SHORT {
-            work.relax();
+            if fineness.each {
+                work.relax_each()
+            } else {
+                work.relax()
+            }
             steps *= 3;
         }
         let most = points_for(fineness.points, widest);
@@ -136,6 +143,7 @@ impl Row {
             between,
             nested,
             lying: None,
+            newton: None,
             along,
             work,
             rules: (1..=most).map(|points| rule(points, cosines)).collect(),

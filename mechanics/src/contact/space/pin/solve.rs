@@ -2,13 +2,11 @@
 
 use super::super::quadrature::{factor, solve};
 use super::PinState;
+use super::edge::edge;
 use super::row::Row;
-use super::strip::Places;
 use super::work::Trouble;
 use core::f64::consts::PI;
 
-/// Least and largest of a slice's growth over that in the plane.
-const BLUNT: [f64; 2] = [0.3, 3.0];
 /// Tolerance of the gradients over the level's, and weight of the force's error.
 const TIGHTEST: f64 = 0.1;
 const FORCE: f64 = 2.0;
@@ -16,8 +14,8 @@ const FORCE: f64 = 2.0;
 const FULL: usize = 4;
 /// Most iterations of conjugate gradients in one step.
 const GRADIENTS_MAX: usize = 200;
-/// Part of the penetration that may be left when the steps are used up; more is no answer.
-const UNSETTLED: f64 = 0.1;
+/// Steps that each width takes by itself before all are settled together, where they can be.
+const ALONE: usize = 6;
 /// So many times the level's steps, for a contact of which more than that is left.
 const MORE: usize = 4;
 
@@ -44,7 +42,7 @@ impl Row {
             Some(penetration) => (penetration, 0.0, 1),
             None => self.search(wanted, penetration, slope)?,
         };
-        if residual.is_nan() || residual > UNSETTLED {
+        if residual.is_nan() || residual > self.fineness.settled {
             return Err(Trouble::Unsettled(residual));
         }
         // By penetration this was refused before.
@@ -84,8 +82,9 @@ impl Row {
         let known = warm && wanted.is_some();
         let start = if known { self.turned_about_its_load(slope) } else { penetration };
         let mut outcome = self.iterate(start, slope, wanted);
-        let settled = outcome.as_ref().is_ok_and(|(_, residual, _)| *residual <= UNSETTLED);
-        if warm && !settled && !self.is_full() {
+        let settled =
+            outcome.as_ref().is_ok_and(|(_, residual, _)| *residual <= self.fineness.settled);
+        if warm && !self.work.begun && !settled && !self.is_full() {
             // The contact before is too far from this one to begin with.
             self.work.clear();
             outcome = self.iterate(penetration, slope, wanted);
@@ -146,7 +145,7 @@ impl Row {
         let (mut fresh, mut step) = (!warm, 0);
         // A contact that is no answer yet gets more steps.
         let steps = self.fineness.steps;
-        while step < steps || (search.left > UNSETTLED && step < MORE * steps) {
+        while step < steps || (search.left > self.fineness.settled && step < MORE * steps) {
             step += 1;
             if step > FULL && self.is_full() {
                 return Err(Trouble::Beyond);
@@ -157,6 +156,15 @@ impl Row {
             self.prepare(fresh)?;
             fresh = false;
             search.shift = 0.0;
+            let swings = self.work.relaxed != 0.0 && step > ALONE;
+            if (self.work.begun || swings)
+                && let Some(found) = self.settle_all(wanted)?
+            {
+                search.penetration += found.sunk;
+                search.left = found.left;
+                step += found.steps - 1;
+                break;
+            }
             match self.direct(self.work.dense.most) {
                 Some(carried) => self.exactly(&mut search, carried, step == 1),
                 None => self.loosely(&mut search, warm, step == 1)?,
@@ -234,7 +242,7 @@ impl Row {
 
     /// What changes are measured by: the largest penetration that a slice is given or that its
     /// width belongs to.
-    fn largest(&self) -> f64 {
+    pub(super) fn largest(&self) -> f64 {
         let given = self.work.deepest().max(f64::MIN_POSITIVE);
         if !self.strips.is_free() {
             return given;
@@ -439,13 +447,8 @@ impl Row {
             }
             let row = &work.rows[j * places.len()..(j + 1) * places.len()];
             let own = &work.a[j * n..(j + 1) * n];
-            let edge: f64 = own.iter().sum();
-            let new = if free {
-                let strength = edge / row[places.edge()];
-                row[places.penetration()] + strength * bluntness(places, row, own, strength)
-            } else {
-                own[0]
-            };
+            let new =
+                if free { row[places.penetration()] + edge(places, row, own) } else { own[0] };
             work.moves[0][j] = new - work.effective[j];
             work.cured[j] = new;
         }
@@ -456,6 +459,7 @@ impl Row {
             }
             let change = work.moves[0][j];
             let whole = work.cured[j];
+            let part = work.parts.get(j).copied().unwrap_or(part);
             let new = if part == 1.0 { whole } else { work.effective[j] + part * change };
             if free || new <= 0.0 {
                 largest = largest.max(change.abs());
@@ -465,36 +469,25 @@ impl Row {
                 work.active[j] = false;
             }
         }
-        if opened {
-            // The layer's shape under lifted slices; those that it reaches come back.
-            self.coupling.act(&self.work.transforms, &self.work.a, &mut self.work.image);
-            for j in 0..slices {
-                let work = &mut self.work;
-                if !work.active[j] && work.a[j * n] == 0.0 {
-                    let gap = work.given[j] - self.coupling.middle(j, slices);
-                    if gap > 0.0 {
-                        work.active[j] = true;
-                        work.effective[j] = gap;
-                        largest = largest.max(gap);
-                    }
+        if opened { largest.max(self.wake()) } else { largest }
+    }
+
+    /// The layer's shape under lifted slices; those that it reaches come back. The largest reach.
+    pub(super) fn wake(&mut self) -> f64 {
+        let (slices, n) = (self.along.len(), self.work.places.cosines);
+        let mut largest: f64 = 0.0;
+        self.coupling.act(&self.work.transforms, &self.work.a, &mut self.work.image);
+        for j in 0..slices {
+            let work = &mut self.work;
+            if !work.active[j] && work.a[j * n] == 0.0 {
+                let gap = work.given[j] - self.coupling.middle(j, slices);
+                if gap > 0.0 {
+                    work.active[j] = true;
+                    work.effective[j] = gap;
+                    largest = largest.max(gap);
                 }
             }
         }
         largest
     }
-}
-
-/// How much faster than on its own the slice's contact grows with what is left at its edge. At the
-/// right width the pressure ends as a square root, and moving the edge by db leaves a singularity
-/// in proportion to db and to that root's factor; widths do not act on each other. The factor is
-/// taken from the pressure without its singularity, beside the plane contact's of the same width.
-fn bluntness(places: Places, row: &[f64], own: &[f64], strength: f64) -> f64 {
-    let (mut plane, mut found) = (0.0, 0.0);
-    for (k, a) in own.iter().enumerate().skip(1) {
-        let weight = (k * k) as f64;
-        plane += weight * row[places.contact(k)];
-        found += weight * (a - strength * row[places.punch(k)]);
-    }
-    let ratio = plane / found;
-    if ratio > 0.0 { ratio.clamp(BLUNT[0], BLUNT[1]) } else { 1.0 }
 }

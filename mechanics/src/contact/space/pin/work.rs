@@ -7,6 +7,12 @@ use super::strip::{Places, Strips};
 /// Least and largest part of a change that a short row takes.
 const RELAXED: [f64; 2] = [0.15, 1.5];
 
+/// The same for each slice on its own, and what it becomes after a change that goes the other way
+/// or the same way as the one before.
+const EACH: [f64; 2] = [0.02, 0.7];
+const SWINGING: f64 = 0.6;
+const STEADY: f64 = 1.2;
+
 /// Memory of the solver; everything is slice after slice.
 #[derive(Clone, Debug)]
 pub(super) struct Work {
@@ -30,6 +36,8 @@ pub(super) struct Work {
     pub(super) warm: bool,
     /// Whether the widths were read, so that nothing else here belongs to them.
     pub(super) read: bool,
+    /// Whether the search begins at widths that were read, near those that are searched for.
+    pub(super) begun: bool,
     pub(super) dense: Dense,
     /// Half-widths that the slices' own blocks were factored for.
     pub(super) blocked: Vec<f64>,
@@ -39,6 +47,8 @@ pub(super) struct Work {
     /// that is taken; 0 where all of it always is.
     pub(super) moves: [Vec<f64>; 2],
     pub(super) relaxed: f64,
+    /// The part that each slice takes of its own, where they are not one; empty where they are.
+    pub(super) parts: Vec<f64>,
 }
 
 impl Work {
@@ -63,11 +73,13 @@ impl Work {
             image: per(n),
             warm: false,
             read: false,
+            begun: false,
             dense: Dense::new(slices, n, (free, room)),
             blocked: per(1),
             stiffness: 0.0,
             moves: [per(1), per(1)],
             relaxed: 0.0,
+            parts: Vec::new(),
         }
     }
 
@@ -77,8 +89,23 @@ impl Work {
         self.relaxed = 1.0;
     }
 
+    /// The same slice by slice: less of a change that swings, more of one that does not.
+    pub(super) fn relax_each(&mut self) {
+        self.relax();
+        self.parts = vec![1.0; self.active.len()];
+    }
+
+    /// The part of the changes that all slices take; 1 where each has its own.
     pub(super) fn relaxation(&mut self, first: bool) -> f64 {
         if self.relaxed == 0.0 {
+            return 1.0;
+        }
+        if !self.parts.is_empty() {
+            let [now, before] = &self.moves;
+            for (part, (now, before)) in self.parts.iter_mut().zip(now.iter().zip(before)) {
+                let changed = if now * before < 0.0 { SWINGING } else { STEADY };
+                *part = if first { EACH[1] } else { (*part * changed).clamp(EACH[0], EACH[1]) };
+            }
             return 1.0;
         }
         if first {
@@ -115,6 +142,7 @@ impl Work {
     pub(super) fn clear(&mut self) {
         self.warm = false;
         self.read = false;
+        self.begun = false;
         self.stiffness = 0.0;
         self.active.fill(false);
         self.a.fill(0.0);

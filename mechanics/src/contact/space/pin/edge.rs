@@ -1,0 +1,43 @@
+//! What the pressure leaves at the edge of a slice whose width is free, as the change of width that
+//! cures it. It refuses nothing.
+
+use super::row::Row;
+use super::strip::Places;
+
+/// Least and largest of a slice's growth over that in the plane.
+const BLUNT: [f64; 2] = [0.3, 3.0];
+/// Change of the penetration of a slice's width that cures what the pressure leaves at its edge.
+pub(super) fn edge(places: Places, row: &[f64], own: &[f64]) -> f64 {
+    let strength = own.iter().sum::<f64>() / row[places.edge()];
+    strength * bluntness(places, row, own, strength)
+}
+
+/// How much faster than on its own the slice's contact grows with what is left at its edge. At the
+/// right width the pressure ends as a square root, and moving the edge by db leaves a singularity
+/// in proportion to db and to that root's factor; widths do not act on each other. The factor is
+/// taken from the pressure without its singularity, beside the plane contact's of the same width.
+fn bluntness(places: Places, row: &[f64], own: &[f64], strength: f64) -> f64 {
+    let (mut plane, mut found) = (0.0, 0.0);
+    for (k, a) in own.iter().enumerate().skip(1) {
+        let weight = (k * k) as f64;
+        plane += weight * row[places.contact(k)];
+        found += weight * (a - strength * row[places.punch(k)]);
+    }
+    let ratio = plane / found;
+    if ratio > 0.0 { ratio.clamp(BLUNT[0], BLUNT[1]) } else { 1.0 }
+}
+
+impl Row {
+    /// Change of the penetration of its width that a slice on its own would take.
+    pub(super) fn change(&self, slice: usize) -> f64 {
+        let n = self.work.places.cosines;
+        let own = &self.work.a[slice * n..(slice + 1) * n];
+        edge(self.work.places, self.work.row(slice), own)
+    }
+
+    /// Largest change that a slice on its own would take, over the largest penetration.
+    pub(super) fn left_at_edges(&self) -> f64 {
+        let touching = (0..self.along.len()).filter(|j| self.work.active[*j]);
+        touching.map(|j| self.change(j).abs()).fold(0.0, f64::max) / self.largest()
+    }
+}

@@ -1,0 +1,72 @@
+//! Large symmetric systems of which only the lower triangle is there, in memory of the caller's. It
+//! refuses nothing but a system that is not positive definite.
+
+/// Dot product in eight sums.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (mut sums, (a, rest_a), (b, rest_b)) = ([0.0; 8], a.as_chunks::<8>(), b.as_chunks::<8>());
+    for (a, b) in a.iter().zip(b) {
+        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *sum += a * b;
+        }
+    }
+    let rest: f64 = rest_a.iter().zip(rest_b).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f64>() + rest
+}
+
+/// Cholesky's factor of a lower triangle of `size` rows in place; false when it is not positive.
+pub(super) fn factor(matrix: &mut [f64], size: usize) -> bool {
+    for i in 0..size {
+        let (above, row) = matrix.split_at_mut(i * size);
+        for j in 0..i {
+            let value = row[j] - dot(&row[..j], &above[j * size..j * size + j]);
+            row[j] = value / above[j * size + j];
+        }
+        let rest = row[i] - dot(&row[..i], &row[..i]);
+        if rest.is_nan() || rest <= 0.0 {
+            return false;
+        }
+        row[i] = rest.sqrt();
+    }
+    true
+}
+
+/// Solves in place with the triangle of [`factor`]; the side is zero before `from`.
+pub(super) fn solve(triangle: &[f64], size: usize, side: &mut [f64], from: usize) {
+    for i in from..size {
+        let row = &triangle[i * size..=i * size + i];
+        side[i] = (side[i] - dot(&row[from..i], &side[from..i])) / row[i];
+    }
+    for i in (0..size).rev() {
+        let row = &triangle[i * size..=i * size + i];
+        let known = side[i] / row[i];
+        side[i] = known;
+        for (value, entry) in side[..i].iter_mut().zip(row) {
+            *value -= known * entry;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_solved_system_gives_its_side_back() {
+        let size = 21;
+        let entry = |i: usize, j: usize| {
+            let apart = i.abs_diff(j) as f64;
+            if i == j { 3.0 } else { 1.0 / (1.0 + apart * apart) }
+        };
+        let mut matrix: Vec<f64> = (0..size * size).map(|at| entry(at / size, at % size)).collect();
+        let side: Vec<f64> = (0..size).map(|i| if i < 4 { 0.0 } else { i as f64 - 9.0 }).collect();
+        let mut found = side.clone();
+        assert!(factor(&mut matrix, size));
+        solve(&matrix, size, &mut found, 4);
+        for (i, wanted) in side.iter().enumerate() {
+            let back: f64 = found.iter().enumerate().map(|(j, x)| entry(i, j) * x).sum();
+            assert!((back - wanted).abs() < 1e-13, "{i}: {back} {wanted}");
+        }
+        matrix.fill(1.0);
+        assert!(!factor(&mut matrix, size));
+    }
+}
