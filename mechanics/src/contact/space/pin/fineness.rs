@@ -99,7 +99,7 @@ impl Fineness {
                 modes: DEFAULT.modes,
                 cosines: (4.0, 0.5, 2.0),
                 points: 11.0,
-                tolerance: 2e-3,
+                tolerance: 1e-4,
                 steps: 25,
                 settled: 1e-2,
                 read: 7e-3,
