@@ -234,7 +234,14 @@ fn check_value(name: &str, parameter: &Parameter, value: f64) -> Result<(), Inva
         return Ok(());
     }
     let what = format!("{value} is not within the range of {}", parameter.name);
+    let [low, high] = [*low, *high].map(shown);
     Err(Invalid::new(format!("set.{name}"), what, format!("give {low} to {high}")))
+}
+
+/// A tenth of 0.35 is to be read as 0.035.
+fn shown(end: f64) -> f64 {
+    let nine_places = (end * 1e9).round() / 1e9;
+    if (1e-3..1e5).contains(&end.abs()) { nine_places } else { end }
 }
 
 fn put(part: &mut Part, name: &str, number: u32, value: f64) -> Result<(), Invalid> {

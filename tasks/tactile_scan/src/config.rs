@@ -13,6 +13,11 @@ pub struct Config {
     /// New frames whose mean is the rest level; the finger must be free while they come. Default
     /// 40: 0.2 s at 200 Hz.
     pub baseline_frames: u32,
+    /// As long as nothing touches, frames that come later are averaged too, up to so many in all:
+    /// the newest 16 to 32 of them wait until the finger proves to have been free after them, and
+    /// the first that differs from rest level ends it. Default 400: 2 s at 200 Hz; no more than
+    /// `baseline_frames` averages those alone.
+    pub baseline_most_frames: u32,
     /// Dead tactels as [row, column], numbers from 1. Default none.
     pub dead: Vec<[u16; 2]>,
     /// A tactel whose rest level is below this is stuck low (counts). Default 1; 0 switches it off.
@@ -32,6 +37,7 @@ impl Default for Config {
     fn default() -> Config {
         Config {
             baseline_frames: 40,
+            baseline_most_frames: 400,
             dead: Vec::new(),
             rest_min_counts: 1.0,
             rest_max_share: 0.5,
@@ -46,7 +52,8 @@ const FRAMES_MAX: u32 = 10_000;
 
 impl Config {
     /// # Errors
-    /// A number of frames of 0 or above 10 000, a share outside 0 to 1, a time or level that is
+    /// A number of frames of 0 or above 10 000, or of most frames above 10 000, a share outside 0
+    /// to 1, a time or level that is
     /// negative or not finite.
     pub fn check(&self) -> Result<(), Invalid> {
         if self.baseline_frames == 0 || self.baseline_frames > FRAMES_MAX {
@@ -54,6 +61,13 @@ impl Config {
                 "baseline_frames",
                 format!("{} frames make no baseline", self.baseline_frames),
                 format!("give 1 to {FRAMES_MAX}"),
+            ));
+        }
+        if self.baseline_most_frames > FRAMES_MAX {
+            return Err(Invalid::new(
+                "baseline_most_frames",
+                format!("{} frames are more than a baseline takes", self.baseline_most_frames),
+                format!("give at most {FRAMES_MAX}"),
             ));
         }
         if !(self.rest_min_counts >= 0.0 && self.rest_min_counts <= 65_535.0) {
@@ -122,6 +136,7 @@ mod tests {
         assert_eq!(Config::default().check(), Ok(()));
         assert_eq!(place(|c| c.baseline_frames = 0), "baseline_frames");
         assert_eq!(place(|c| c.baseline_frames = u32::MAX), "baseline_frames");
+        assert_eq!(place(|c| c.baseline_most_frames = 10_001), "baseline_most_frames");
         assert_eq!(place(|c| c.rest_min_counts = -1.0), "rest_min_counts");
         assert_eq!(place(|c| c.rest_min_counts = f64::NAN), "rest_min_counts");
         assert_eq!(place(|c| c.rest_max_share = 0.0), "rest_max_share");

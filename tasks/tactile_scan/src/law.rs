@@ -8,11 +8,14 @@
 //! saturation does to the features is a matter of the load, not of validity; once readings are made
 //! linear it still reads no less than it did.
 
+use core::ops::RangeInclusive;
+
 use taktil_hal::{MAX_ROWS, MAX_TACTELS, TactileFrame};
 use taktil_rtcore::{Fold, Payload, StateHash};
 use taktil_signal::{SATURATED, TactileBaseline, TactileImage};
 
 use crate::response::{Curve, Response};
+use crate::rest::{BLOCK, Rest, Sums};
 
 /// What the rest level of a tactel must lie in (counts).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,15 +26,17 @@ pub struct Rails {
     pub high_counts: f64,
 }
 
-/// Collects frames of the free finger, then holds their mean.
+/// Collects frames of the free finger and holds their mean: as soon as there are enough of them,
+/// and then of all that come until something touches ([`crate::rest`]).
 #[derive(Clone, Debug)]
 pub struct Baseline {
-    wanted: u32,
-    seen: u32,
-    /// Sums of valid readings, exact in integers, and their numbers.
-    sums: [u64; MAX_TACTELS],
-    squares: [u64; MAX_TACTELS],
-    numbers: [u32; MAX_TACTELS],
+    least: u32,
+    most: u32,
+    /// Frames of the mean; the last whole block, which waits for the one after it; and that one.
+    seen: Sums,
+    waiting: Sums,
+    newest: Sums,
+    closed: bool,
     means: [f64; MAX_TACTELS],
     trusted: [bool; MAX_TACTELS],
     noise_counts: f64,
@@ -49,27 +54,27 @@ pub struct Baseline {
 
 impl Fold for Baseline {
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.seen);
-        // Once it is known the baseline does not change, and while it is not, nothing uses it.
-        // What it came to is folded once, when it does.
-        if self.seen < self.wanted {
-            hash.add(&self.sums).add(&self.squares).add(&self.numbers);
-        } else {
-            hash.add(&self.known);
+        // Once it is closed the baseline does not change: what it came to is folded when it does.
+        hash.add(&self.known).add(&self.closed).add(&self.seen.frames);
+        if !self.closed {
+            hash.add(&self.seen).add(&self.waiting).add(&self.newest);
         }
     }
 }
 
 impl Baseline {
-    /// A baseline of `frames` frames (at least 1); tactels marked in `dead` are never believed.
+    /// A baseline of `frames` frames (at least 1 and 1), of the least number in any case; tactels
+    /// marked in `dead` are never believed.
     #[must_use]
-    pub fn new(frames: u32, dead: [bool; MAX_TACTELS], rails: Rails) -> Baseline {
+    pub fn new(frames: RangeInclusive<u32>, dead: [bool; MAX_TACTELS], rails: Rails) -> Baseline {
+        let least = (*frames.start()).max(1);
         Baseline {
-            wanted: frames.max(1),
-            seen: 0,
-            sums: [0; MAX_TACTELS],
-            squares: [0; MAX_TACTELS],
-            numbers: [0; MAX_TACTELS],
+            least,
+            most: (*frames.end()).max(least),
+            seen: Sums::NONE,
+            waiting: Sums::NONE,
+            newest: Sums::NONE,
+            closed: false,
             means: [0.0; MAX_TACTELS],
             trusted: [false; MAX_TACTELS],
             noise_counts: 0.0,
@@ -91,11 +96,9 @@ impl Baseline {
 
     /// Begins anew: the next frames must show the free finger.
     pub fn rearm(&mut self) {
-        self.seen = 0;
-        self.sums = [0; MAX_TACTELS];
-        self.squares = [0; MAX_TACTELS];
+        (self.seen, self.waiting, self.newest) = (Sums::NONE, Sums::NONE, Sums::NONE);
+        self.closed = false;
         self.noise_counts = 0.0;
-        self.numbers = [0; MAX_TACTELS];
         self.trusted = [false; MAX_TACTELS];
         self.believed = 0;
     }
@@ -103,7 +106,13 @@ impl Baseline {
     /// Whether enough frames were seen.
     #[must_use]
     pub fn ready(&self) -> bool {
-        self.seen >= self.wanted
+        self.seen.frames >= self.least
+    }
+
+    /// Whether it changes no more: something touched, or it is of the most frames.
+    #[must_use]
+    pub fn closed(&self) -> bool {
+        self.closed
     }
 
     /// Rest level of a tactel (counts); 0 before [`Baseline::ready`].
@@ -130,7 +139,7 @@ impl Baseline {
     pub fn told(&self, acquired_ns: i64, tactels: usize) -> TactileBaseline {
         let mut told = TactileBaseline {
             acquired_ns,
-            frames: self.seen,
+            frames: self.seen.frames,
             trusted: self.believed as u32,
             noise_counts: self.noise_counts,
             ..TactileBaseline::ZERO
@@ -146,43 +155,50 @@ impl Baseline {
         told
     }
 
-    /// Takes one more frame; without effect once [`Baseline::ready`].
+    /// Takes one more frame; without effect once [`Baseline::closed`]. The newest of
+    /// [`BLOCK`] to twice as many frames count only when the finger proves to have been free after
+    /// them.
     pub fn learn(&mut self, frame: &TactileFrame) {
-        if self.ready() {
+        if self.closed {
             return;
         }
-        for index in 0..frame.tactels() {
-            if frame.valid[index] {
-                let value = u64::from(frame.values[index]);
-                self.sums[index] += value;
-                self.squares[index] += value * value;
-                self.numbers[index] += 1;
+        if !self.ready() {
+            self.seen.learn(frame);
+            if self.ready() {
+                self.settle(frame.tactels());
+                self.closed = self.seen.frames + BLOCK > self.most;
             }
+            return;
         }
-        self.seen += 1;
-        if self.ready() {
-            self.close(frame.tactels());
+        let Baseline { means, trusted, noise_counts, .. } = self;
+        let rest = Rest { means, trusted, noise_counts: *noise_counts, frames: self.seen.frames };
+        let free = rest.is_frame(frame);
+        self.newest.learn(frame);
+        let whole = self.newest.frames >= BLOCK;
+        if !free || (whole && !rest.is_block(&self.newest)) {
+            self.closed = true;
+        } else if whole {
+            let before = core::mem::replace(&mut self.waiting, self.newest);
+            self.newest = Sums::NONE;
+            if before.frames > 0 {
+                self.seen.add(&before);
+                self.settle(frame.tactels());
+                self.closed = self.seen.frames + BLOCK > self.most;
+            }
         }
     }
 
-    #[expect(clippy::cast_precision_loss, reason = "sums of 16-bit counts stay far below 2^53")]
-    fn close(&mut self, tactels: usize) {
+    /// Means, trust and noise of the frames so far.
+    fn settle(&mut self, tactels: usize) {
         let (mut variance, mut number_of_tactels) = (0.0, 0.0);
-        for index in 0..tactels {
-            let number = self.numbers[index];
+        self.trusted = [false; MAX_TACTELS];
+        for index in (0..tactels).filter(|index| !self.dead[*index]) {
             // A tactel that was valid less than half of the time has no rest level.
-            if self.dead[index] || 2 * u64::from(number) < u64::from(self.wanted) {
-                continue;
-            }
-            let mean = self.sums[index] as f64 / f64::from(number);
+            let Some(mean) = self.seen.mean(index) else { continue };
             self.means[index] = mean;
             self.trusted[index] = (self.rails.low_counts..=self.rails.high_counts).contains(&mean);
-            if self.trusted[index] && number > 1 {
-                // n sum x^2 - (sum x)^2 in integers: exact, and never negative; below 2^64 for
-                // 16-bit counts and 65 535 frames.
-                let (n, sum) = (u64::from(number), self.sums[index]);
-                let spread = n * self.squares[index] - sum * sum;
-                variance += spread as f64 / (f64::from(number) * f64::from(number - 1));
+            if let Some(own) = self.seen.variance(index).filter(|_| self.trusted[index]) {
+                variance += own;
                 number_of_tactels += 1.0;
             }
         }
@@ -261,7 +277,7 @@ mod tests {
 
     fn learnt(frames: &[TactileFrame]) -> Baseline {
         let number = u32::try_from(frames.len()).unwrap();
-        let mut baseline = Baseline::new(number, [false; MAX_TACTELS], RAILS);
+        let mut baseline = Baseline::new(number..=number, [false; MAX_TACTELS], RAILS);
         for frame in frames {
             baseline.learn(frame);
         }
@@ -270,7 +286,7 @@ mod tests {
 
     #[test]
     fn the_baseline_is_the_mean_of_exactly_the_first_frames() {
-        let mut baseline = Baseline::new(3, [false; MAX_TACTELS], RAILS);
+        let mut baseline = Baseline::new(3..=3, [false; MAX_TACTELS], RAILS);
         for (level, ready) in [(100, false), (101, false), (103, true), (4000, true)] {
             baseline.learn(&frame(level));
             assert_eq!(baseline.ready(), ready);
@@ -280,6 +296,63 @@ mod tests {
         assert!(!baseline.ready() && baseline.mean_counts(0) == 0.0);
         (0..3).for_each(|_| baseline.learn(&frame(50)));
         assert!((baseline.mean_counts(0) - 50.0).abs() < f64::EPSILON);
+    }
+
+    /// Frames of alternating level, so that the noise is 10 counts, with a load on the middle rows.
+    fn loaded(job: u32, counts: u16) -> TactileFrame {
+        let mut frame = frame(if job.is_multiple_of(2) { 290 } else { 310 });
+        frame.values[96..144].iter_mut().for_each(|value| *value += counts);
+        // Each frame has both signs, as noise has.
+        frame.values.iter_mut().skip(1).step_by(2).for_each(|value| {
+            *value = if job.is_multiple_of(2) { *value + 20 } else { *value - 20 };
+        });
+        frame
+    }
+
+    #[test]
+    fn frames_count_until_something_touches_and_none_of_a_slow_touch() {
+        let mut baseline = Baseline::new(40..=400, [false; MAX_TACTELS], RAILS);
+        // Free for 200 frames; then a load that grows by a count on each of 48 tactels a frame.
+        let mut closed = 0;
+        for job in 0..400 {
+            let load = u16::try_from(job.clamp(200, 300) - 200).unwrap();
+            baseline.learn(&loaded(job, load));
+            assert!(baseline.ready() == (job >= 39));
+            closed += u32::from(!baseline.closed());
+        }
+        assert!(baseline.closed() && (200..216).contains(&closed), "{closed}");
+        let told = baseline.told(0, MAX_TACTELS);
+        assert!((168..=200).contains(&told.frames), "{}", told.frames);
+        assert!((baseline.mean_counts(100) - 300.0).abs() < 0.01, "{}", baseline.mean_counts(100));
+        assert!((baseline.noise_counts() - 10.0).abs() < 0.05);
+        baseline.learn(&frame(900));
+        assert!((baseline.mean_counts(100) - 300.0).abs() < 0.01, "closed for good");
+        baseline.rearm();
+        assert!(!baseline.closed() && !baseline.ready());
+        (0..40).for_each(|job| baseline.learn(&loaded(job, 7)));
+        assert!(baseline.ready() && !baseline.closed(), "a restart begins anew");
+        assert!((baseline.mean_counts(100) - 307.0).abs() < 0.01);
+    }
+
+    #[test]
+    fn without_a_touch_it_ends_with_the_most_frames_and_a_tactel_that_blinks_ends_it_sooner() {
+        let frames = |blinks: bool| {
+            let mut baseline = Baseline::new(40..=400, [false; MAX_TACTELS], RAILS);
+            for job in 0..1000 {
+                let mut frame = loaded(job, 0);
+                if blinks && job == 150 {
+                    frame.values[9] = 2_500;
+                }
+                frame.valid[11] = job < 90;
+                baseline.learn(&frame);
+            }
+            assert!(baseline.closed());
+            let told = baseline.told(0, MAX_TACTELS);
+            assert!((baseline.mean_counts(9) - 300.0).abs() < 0.01);
+            (told.frames, told.valid[11])
+        };
+        assert_eq!(frames(false), (392, 0), "whole blocks of sixteen; seldom valid, not believed");
+        assert_eq!(frames(true), (120, 1));
     }
 
     #[test]
@@ -293,7 +366,7 @@ mod tests {
         assert_eq!((told.mean_counts[200], told.valid[200]), (300.0, 1));
         assert!((f64::from(baseline.image(&frame(300)).noise_counts) - due).abs() < 1e-5);
         assert_eq!(learnt(&[frame(300)]).noise_counts(), 0.0, "one frame has no spread");
-        let mut odd = Baseline::new(1, [true; MAX_TACTELS], RAILS);
+        let mut odd = Baseline::new(1..=1, [true; MAX_TACTELS], RAILS);
         odd.learn(&frame(300));
         assert_eq!((odd.noise_counts(), odd.told(0, MAX_TACTELS).trusted), (0.0, 0));
     }
@@ -314,7 +387,7 @@ mod tests {
     fn a_calibrated_response_is_taken_out_and_the_rail_stays_the_rail() {
         let frames: Vec<TactileFrame> = [290, 310, 290, 310].map(frame).to_vec();
         let response = Response { exponent: 0.8, full_counts: 4095.0, threshold_counts: 0.0 };
-        let mut linear = Baseline::new(4, [false; MAX_TACTELS], RAILS);
+        let mut linear = Baseline::new(4..=4, [false; MAX_TACTELS], RAILS);
         linear = linear.linearised(Some(response), 4095);
         frames.iter().for_each(|frame| linear.learn(frame));
         let mut pressed = frame(300);
@@ -332,7 +405,7 @@ mod tests {
     fn saturation_is_told_by_the_raw_reading_whatever_the_curve_makes_of_it() {
         for (exponent, full_counts) in [(1.0, 4095.0), (0.6, 2000.0), (0.7, 4095.0), (1.6, 4095.0)]
         {
-            let mut scan = Baseline::new(1, [false; MAX_TACTELS], RAILS);
+            let mut scan = Baseline::new(1..=1, [false; MAX_TACTELS], RAILS);
             let response = Response { exponent, full_counts, threshold_counts: 0.0 };
             scan = scan.linearised(Some(response), 4095);
             let mut rest = frame(300);
@@ -347,7 +420,7 @@ mod tests {
 
     #[test]
     fn before_the_baseline_an_image_shows_nothing() {
-        let baseline = Baseline::new(2, [false; MAX_TACTELS], RAILS);
+        let baseline = Baseline::new(2..=2, [false; MAX_TACTELS], RAILS);
         let image = baseline.image(&frame(3000));
         assert!(image.counts.iter().all(|count| *count == 0.0));
         assert!(image.valid.iter().all(|valid| *valid == 0));
@@ -362,7 +435,7 @@ mod tests {
         odd.valid[3] = false;
         let mut dead = [false; MAX_TACTELS];
         dead[0] = true;
-        let mut baseline = Baseline::new(2, dead, RAILS);
+        let mut baseline = Baseline::new(2..=2, dead, RAILS);
         baseline.learn(&odd);
         baseline.learn(&odd);
         let mut now = frame(400);

@@ -11,6 +11,7 @@
 pub mod config;
 pub mod law;
 pub mod response;
+pub mod rest;
 
 pub use config::Config;
 
@@ -61,8 +62,9 @@ impl TactileScan {
             response.check(array.full_scale()).map_err(|bad| bad.within("response"))?;
         }
         let dead = config.dead_mask(rows, cols)?;
-        let baseline = Baseline::new(config.baseline_frames, dead, rails)
-            .linearised(config.response, array.full_scale());
+        let frames = config.baseline_frames..=config.baseline_most_frames;
+        let baseline =
+            Baseline::new(frames, dead, rails).linearised(config.response, array.full_scale());
         Ok(TactileScan {
             image: ports.output("image"),
             told: ports.output("baseline"),
@@ -89,9 +91,13 @@ impl TactileScan {
             }
             _ => {}
         }
-        if !self.baseline.ready() {
+        if !self.baseline.closed() {
+            let before = self.baseline.ready();
             self.baseline.learn(&self.frame);
-            self.due = self.baseline.ready().then_some(self.frame.acquired.0);
+            // Told when it can be used, and once more when it is final.
+            if self.baseline.closed() || self.baseline.ready() != before {
+                self.due = Some(self.frame.acquired.0);
+            }
         }
         io.write(&self.image, self.baseline.image(&self.frame));
         let tactels = self.frame.tactels();

@@ -125,8 +125,9 @@ impl Drive {
         image: &TactileImage,
         touch: &Touch,
     ) -> Option<Line> {
-        let Drive::Model(_, memory) = self else { return None };
+        let Drive::Model(contact, memory) = self else { return None };
         let known = Known {
+            shape: contact.shape(),
             noise_counts: match f64::from(image.noise_counts) {
                 measured if measured > 0.0 => measured,
                 _ => config.model.noise_counts,

@@ -87,6 +87,8 @@ fn line(yaw_mrad: f64) -> Line {
     Line {
         features: [8.5, 15_000.0, 0.0, 1e-3 * yaw_mrad],
         variance: [1e-3, 2e5, 4e6, 1e-6 * VARIANCE],
+        shaped: [15_000.0, 0.0],
+        shaped_variance: [2e5, 4e6],
         y_c: 8.5,
         rows: [15_000.0 / 16.0; 16],
         saturated: 0,

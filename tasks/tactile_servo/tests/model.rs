@@ -21,13 +21,15 @@ struct Plant {
     contact: LineContact,
     /// x mm from the middle, z mm pressed, theta_x mrad, theta_z mrad of the pin on the sensor.
     at: [f64; 4],
+    /// Sums by the shape over plain ones.
+    shape_off: f64,
 }
 
 impl Plant {
     fn new() -> Plant {
         let layer = Layer::new(0.8, 2.0, 0.49).unwrap();
         let contact = LineContact::new(&layer, 23.0, 0.16).unwrap();
-        Plant { contact, at: [0.0, 0.02, 0.0, 0.0] }
+        Plant { contact, at: [0.0, 0.02, 0.0, 0.0], shape_off: 1.0 }
     }
 
     /// Depth of the load that is wanted (mm).
@@ -49,6 +51,8 @@ impl Plant {
         Line {
             features: [8.5 - 0.5 * x / PITCH_MM, m0, m_x, 1e-3 * theta_z],
             variance: [1e-3, 2e5, 4e6, 1e-5],
+            shaped: [self.shape_off * m0, self.shape_off * m_x],
+            shaped_variance: [2e5, 4e6],
             y_c: 8.5 + if m0 > 0.0 { m_x / m0 } else { 0.0 },
             rows,
             saturated: 0,
@@ -215,6 +219,24 @@ fn a_table_that_moves_evenly_is_followed_without_lag() {
         assert!(last[0].abs() < 0.05 && last[1].abs() < 1e-3 && last[2].abs() < 0.1, "{last:?}");
         let most = ways.iter().map(|way| way[3].abs()).fold(0.0, f64::max);
         assert!(most < 0.35 * rate, "at first {most} mrad behind");
+    }
+}
+
+#[test]
+fn a_shape_that_is_wrong_does_not_move_the_load() {
+    let (config, mut plant) = (rigid(), Plant::new());
+    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    for shape_off in [0.8, 1.25, 5.0, f64::NAN] {
+        plant.shape_off = shape_off;
+        // The sum that is wanted: nothing is left to go along z, whatever the sum by the shape is.
+        plant.at = [0.0, plant.due_mm(), 0.0, 0.0];
+        let mut memory = Memory::new(&config.model);
+        for _ in 0..400 {
+            let (touch, line) = (plant.touch(), plant.line());
+            memory = observe(&config, &contact, &memory, (&touch, Some(&line)), (DT_S, DT_S));
+        }
+        let [_, z, ..] = displacement_of_job(&config, &memory, 8.5, DT_S);
+        assert!(z.abs() < 1e-5, "{shape_off}: {z}");
     }
 }
 

@@ -100,6 +100,7 @@ fn laws() -> anyhow::Result<Vec<(&'static str, Law)>> {
     let by_model: Law = Box::new(move |image| {
         let seen = touch(image, ours.threshold(image.noise_counts), ours.contact_counts);
         let known = Known {
+            shape: contact.shape(),
             noise_counts: f64::from(image.noise_counts),
             speed_cols_s: memory.line_cols_s(),
         };

@@ -10,6 +10,10 @@
 //! job   -> v_x = k_x e_x, limited in speed and in change
 //!          v_i = k_i e_i + d_i + b_i v_x     (z, theta_x, theta_z), limited
 //! ```
+//! Sum and moment of the load are those by the shape that the contact's model gives a row's load
+//! ([`crate::perception::line::Shape`]), which have less noise, times the ratio that the plain ones
+//! have to them in the mean of a second: what the shape is wrong by drops out.
+//!
 //! The disturbance d is the integral action: a table that turns or rises at an even rate is
 //! followed without lag. The slope b makes the answer to a tilted table change sign with the
 //! direction of rolling at once.
@@ -41,7 +45,7 @@ const BLIND_S: f64 = 0.05;
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Model {
-    /// Gains of (x, z, theta_x, theta_z) on the way left (1/s). Default (20, 15, 12, 8).
+    /// Gains of (x, z, theta_x, theta_z) on the way left (1/s). Default (20, 25, 12, 8).
     pub gain_per_s: [f64; 4],
     /// Largest speeds (mm/s, mm/s, mrad/s, mrad/s). Default (12, 15, 300, 500).
     pub speed: [f64; 4],
@@ -57,7 +61,7 @@ pub struct Model {
     /// they are believed to change (mm/s/sqrt s, mrad/s/sqrt s). Default (20, 4, 60, 60).
     pub table_rate: [f64; 4],
     /// The same of the slopes, the way along and about (z, theta_x, theta_z) that comes with each
-    /// millimetre of rolling (mm/mm/sqrt s, mrad/mm/sqrt s). Default (0.15, 0.5, 0.5).
+    /// millimetre of rolling (mm/mm/sqrt s, mrad/mm/sqrt s). Default (0.05, 0.5, 0.5).
     pub table_slope: [f64; 3],
     /// Standard deviation of a tactel (counts) where none was measured with the baseline. Default
     /// 50.
@@ -81,13 +85,13 @@ pub struct Model {
 impl Default for Model {
     fn default() -> Model {
         Model {
-            gain_per_s: [20.0, 15.0, 12.0, 8.0],
+            gain_per_s: [20.0, 25.0, 12.0, 8.0],
             speed: [12.0, 15.0, 300.0, 500.0],
             roll_mm_s2: 100.0,
             yield_per_s: 8.0,
             delay_ms: 7.5,
             table_rate: [20.0, 4.0, 60.0, 60.0],
-            table_slope: [0.15, 0.5, 0.5],
+            table_slope: [0.05, 0.5, 0.5],
             noise_counts: 50.0,
             counts_per_n: 4095.0 / 4.0,
             pin_radius_mm: 23.0,
@@ -169,10 +173,48 @@ impl Model {
     }
 }
 
+/// Images over which sum and shaped sum are compared: 1 s at 200 Hz.
+const COMPARED: f64 = 200.0;
+
+/// Means of a line's sum and of the same by the shape (counts), over so many images: their ratio is
+/// what the shape is wrong by.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Scale {
+    sum: f64,
+    shaped: f64,
+    images: f64,
+}
+
+impl Scale {
+    /// With another image's.
+    fn with(&self, line: &Line) -> Scale {
+        let images = (self.images + 1.0).min(COMPARED);
+        Scale {
+            sum: self.sum + (line.features[1] - self.sum) / images,
+            shaped: self.shaped + (line.shaped[0] - self.shaped) / images,
+            images,
+        }
+    }
+
+    /// The line with sum and moment by the shape, as large as they are in the mean.
+    fn line(&self, line: &Line) -> Line {
+        let by = self.sum / self.shaped;
+        let mut out = *line;
+        if by > 0.5 && by < 2.0 {
+            for i in [0, 1] {
+                out.features[i + 1] = by * line.shaped[i];
+                out.variance[i + 1] = by * by * line.shaped_variance[i];
+            }
+        }
+        out
+    }
+}
+
 /// What the law remembers of the contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Memory {
     axes: [Axis; 4],
+    scale: Scale,
     /// Commands of the latest jobs, newest at `newest`.
     commands: [[f64; 4]; WAY],
     newest: usize,
@@ -189,6 +231,7 @@ impl Fold for Memory {
         for axis in &self.axes {
             hash.add(axis);
         }
+        hash.add(&self.scale.sum).add(&self.scale.shaped).add(&self.scale.images);
         for command in &self.commands {
             hash.add(&command[..]);
         }
@@ -203,6 +246,7 @@ impl Memory {
     pub fn new(model: &Model) -> Memory {
         Memory {
             axes: core::array::from_fn(|i| Axis::new(&model.noise(i))),
+            scale: Scale::default(),
             commands: [[0.0; 4]; WAY],
             newest: 0,
             speed_x_mm_s: 0.0,
@@ -279,6 +323,8 @@ pub fn observe_both(
     // Load that lies along no line tells nothing of the four motions.
     let Some(line) = line else { return *memory };
     let wanted = [MIDDLE, config.m0_counts, config.m_x_counts, config.theta_z_mrad];
+    let scale = memory.scale.with(line);
+    let line = &scale.line(line);
     let [x_c, m0, m_x, theta_z] = line.features;
     let found = [x_c, m0, m_x, 1e3 * theta_z];
     let error: [f64; 4] = core::array::from_fn(|i| wanted[i] - found[i]);
@@ -296,7 +342,7 @@ pub fn observe_both(
     let other = other(line, &jacobian);
     let (way, spread) = displacement(core::iter::once(&own).chain(&other));
     let sums = memory.under_way(jobs);
-    let mut next = *memory;
+    let mut next = Memory { scale, ..*memory };
     for (i, axis) in next.axes.iter_mut().enumerate() {
         let under_way = (sums[i], if i == 0 { 0.0 } else { sums[0] }, delay_s);
         axis.observe(&model.noise(i), way[i], spread[i], under_way);

@@ -45,6 +45,11 @@ pub struct Line {
     pub variance: [f64; 4],
     /// Centroid along y (rows).
     pub y_c: f64,
+    /// Sum and moment once more, with the tactels weighted by the share of a load that they are due
+    /// ([`Shape`]), and their variances: less noise, but right up to a factor only.
+    pub shaped: [f64; 2],
+    /// Variance of each.
+    pub shaped_variance: [f64; 2],
     /// Load of each row, evened out with the rows beside it (counts, none negative).
     pub rows: [f64; SIDE],
     /// Tactels of the band that stand at full scale: the load is at least what is said.
@@ -61,6 +66,8 @@ impl Line {
         for i in [1, 2] {
             line.features[i] *= by;
             line.variance[i] *= by * by;
+            line.shaped[i - 1] *= by;
+            line.shaped_variance[i - 1] *= by * by;
         }
         line.rows.iter_mut().for_each(|row| *row *= by);
         line
@@ -74,9 +81,40 @@ impl Line {
     }
 }
 
+/// Places of a [`Shape`]: 0 to [`BAND`] columns by sixteenths.
+const PLACES: usize = 41;
+
+/// How a row's load spreads over the columns beside the line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shape {
+    /// Part of the load on a tactel whose middle lies so many sixteenths of a column away.
+    shares: [f64; PLACES],
+}
+
+impl Shape {
+    /// Of the part of the load on a tactel so many columns beside the line, either way.
+    #[must_use]
+    pub fn new(share: impl Fn(f64) -> f64) -> Shape {
+        Shape { shares: core::array::from_fn(|place| share(place as f64 / 16.0)) }
+    }
+
+    /// A load that spreads evenly over the band: weights every tactel alike.
+    pub const EVEN: Shape = Shape { shares: [1.0 / COLUMNS as f64; PLACES] };
+
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+    fn share(&self, away: f64) -> f64 {
+        let place = (16.0 * away.abs()).min((PLACES - 1) as f64);
+        let below = (place as usize).min(PLACES - 2);
+        let rise = self.shares[below + 1] - self.shares[below];
+        self.shares[below] + rise * (place - below as f64)
+    }
+}
+
 /// What is known besides the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Known {
+    /// How a row's load spreads.
+    pub shape: Shape,
     /// Standard deviation of a tactel (counts).
     pub noise_counts: f64,
     /// Speed of the line over the columns (columns/s).
@@ -91,6 +129,8 @@ struct Row {
     first: f64,
     /// Variances of both.
     variance: [f64; 2],
+    /// Load by the shape, and its variance.
+    shaped: [f64; 2],
     saturated: u32,
     /// What they read together (counts).
     at_rail: f64,
@@ -124,6 +164,7 @@ fn row(image: &TactileImage, row: usize, middle: f64, known: &Known) -> Row {
     let to = (middle + BAND).floor().clamp(0.0, 16.0);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
     let (from, to) = (from as usize, to as usize);
+    let [mut pull, mut pulled, mut weight] = [0.0; 3];
     for col in from..=to {
         let Some((counts, own)) = value(image, row, col - 1) else {
             out.filled += 1;
@@ -141,6 +182,13 @@ fn row(image: &TactileImage, row: usize, middle: f64, known: &Known) -> Row {
         out.first += counts * arm;
         out.variance[0] += share;
         out.variance[1] += share * arm * arm;
+        let due = known.shape.share(arm);
+        pull += due * counts;
+        pulled += due * due * share;
+        weight += due * due;
+    }
+    if weight > 0.0 {
+        out.shaped = [pull / weight, pulled / (weight * weight)];
     }
     out
 }
@@ -159,6 +207,7 @@ fn revived(rows: &[Row; SIDE]) -> [Row; SIDE] {
                 sum: mean,
                 first: 0.5 * (below.first + above.first),
                 variance: below.variance,
+                shaped: [0.5 * (below.shaped[0] + above.shaped[0]), below.shaped[1]],
                 saturated: 0,
                 at_rail: 0.0,
                 filled: COLUMNS,
@@ -252,6 +301,8 @@ fn summed(rows: &[Row; SIDE], fit: &Fit) -> Line {
     let mut line = Line {
         features: [0.0; 4],
         variance: [0.0; 4],
+        shaped: [0.0; 2],
+        shaped_variance: [0.0; 2],
         y_c: middle,
         rows: loads(rows),
         saturated: 0,
@@ -266,6 +317,10 @@ fn summed(rows: &[Row; SIDE], fit: &Fit) -> Line {
         m_x += arm * row.sum;
         line.variance[1] += row.variance[0];
         line.variance[2] += arm * arm * row.variance[0];
+        let [load, variance] = row.shaped;
+        line.shaped = [line.shaped[0] + load, line.shaped[1] + arm * load];
+        line.shaped_variance[0] += variance;
+        line.shaped_variance[1] += arm * arm * variance;
     }
     line.y_c = if m0 > 0.0 { (middle + m_x / m0).clamp(1.0, SIDE as f64) } else { middle };
     let off = line.y_c - fit.y;
@@ -276,6 +331,8 @@ fn summed(rows: &[Row; SIDE], fit: &Fit) -> Line {
     line.variance[0] = fit.variance[0] + off * off * fit.variance[1] + 1e-4;
     line.variance[1] += hidden * hidden;
     line.variance[2] += 16.0 * hidden * hidden;
+    line.shaped_variance[0] += hidden * hidden;
+    line.shaped_variance[1] += 16.0 * hidden * hidden;
     line.variance[3] = fit.variance[1] + 1e-6;
     line
 }

@@ -25,7 +25,7 @@ use taktil_mechanics::contact::layer::Layer;
 use taktil_rtcore::Invalid;
 
 use super::Model;
-use crate::perception::line::{BAND, Line, SIDE};
+use crate::perception::line::{BAND, Line, SIDE, Shape};
 
 /// Distance between tactels (mm).
 pub const PITCH_MM: f64 = 1.5875;
@@ -55,6 +55,8 @@ pub struct Contact {
     compliance: [f64; 2],
     /// Whole load over the load in the band about the line.
     whole: f64,
+    /// How an even load spreads over the columns.
+    shape: Shape,
 }
 
 /// Part of an even load that the base carries within the band about its line, in the mean over the
@@ -115,7 +117,17 @@ impl Contact {
         let compliance = [1.0 / (model.support_n_mm * model.counts_per_n), 1.0 / per_mrad];
         let even_mm = line.penetration_mm(m0_counts / SIDE as f64 / per_row);
         let whole = 1.0 / within_band(&line, even_mm).clamp(0.5, 1.5);
-        Ok(Contact { load, deepest_mm, m0_counts, compliance, whole })
+        let shares = line.base_shares(even_mm);
+        let shape = Shape::new(|away| {
+            shares.left_of((away + 0.5) * PITCH_MM) - shares.left_of((away - 0.5) * PITCH_MM)
+        });
+        Ok(Contact { load, deepest_mm, m0_counts, compliance, whole, shape })
+    }
+
+    /// How the wanted load spreads over the columns.
+    #[must_use]
+    pub fn shape(&self) -> Shape {
+        self.shape
     }
 
     /// Whole load over the load in the band about the line: tails of the pressure under the layer

@@ -3,10 +3,10 @@
 use taktil_rtcore::Payload;
 use taktil_signal::{SATURATED, TactileImage};
 
-use super::{Known, Line, line};
+use super::{Known, Line, Shape, line};
 use crate::perception::touch;
 
-const KNOWN: Known = Known { noise_counts: 50.0, speed_cols_s: 0.0 };
+const KNOWN: Known = Known { shape: Shape::EVEN, noise_counts: 50.0, speed_cols_s: 0.0 };
 
 /// Whole counts of a parabolic line load of `total` counts, half as wide as 1.3 columns, whose axis
 /// is turned by `theta` and passes column `x` at the middle row.
@@ -208,4 +208,35 @@ fn a_contact_that_only_begins_and_one_of_a_single_row_have_features_and_wide_var
     assert!((x_c - 8.0).abs() < 0.1 && theta.abs() < 0.05, "{found:?}");
     assert!((m0 - 1_500.0).abs() < 1.0 && (m_x - 7.5 * 1_500.0).abs() < 10.0, "{found:?}");
     assert!(found.variance[3].sqrt() > 0.1, "one row has hardly a direction: {found:?}");
+}
+
+/// Mean of the sum by a shape and of the plain one, and their standard deviations, over noise.
+fn sums(shape: Shape) -> [f64; 4] {
+    let (known, mut seed) = (Known { shape, ..KNOWN }, 11);
+    let [mut sum, mut shaped, mut squares, mut shaped_squares] = [0.0; 4];
+    for image in (0..400).map(|step| image(6.0 + 0.01 * f64::from(step), 0.05, 15_000.0)) {
+        let noisy = noisy(&image, &mut seed);
+        let found = line(&noisy, &touch(&noisy, 150.0, 1000.0), &known).unwrap();
+        let (m0, other) = (found.features[1] - 15_000.0, found.shaped[0] - 15_000.0);
+        (sum, squares) = (sum + m0 / 400.0, squares + m0 * m0 / 400.0);
+        (shaped, shaped_squares) = (shaped + other / 400.0, shaped_squares + other * other / 400.0);
+        let due = found.shaped_variance[0].sqrt();
+        assert!(due <= found.variance[1].sqrt() + 1e-6, "{due}");
+    }
+    let spread = |square: f64, mean: f64| (square - mean * mean).sqrt();
+    [sum, shaped, spread(squares, sum), spread(shaped_squares, shaped)]
+}
+
+#[test]
+fn a_sum_by_the_shape_has_less_noise_and_by_an_even_one_is_the_plain_sum() {
+    let integral = |u: f64| {
+        let u = u.clamp(-1.3, 1.3) / 1.3;
+        0.5 + 0.75 * (u - u * u * u / 3.0)
+    };
+    let [sum, shaped, spread, less] =
+        sums(Shape::new(|away| integral(away + 0.5) - integral(away - 0.5)));
+    assert!(sum.abs() < 75.0 && shaped.abs() < 150.0, "{sum} {shaped}");
+    assert!((400.0..500.0).contains(&spread) && less < 0.88 * spread, "{spread} {less}");
+    let [sum, shaped, spread, same] = sums(Shape::EVEN);
+    assert!((sum - shaped).abs() < 1e-6 && (spread - same).abs() < 1e-6, "{sum} {shaped}");
 }

@@ -11,7 +11,7 @@ use taktil_signal::TactileImage;
 
 use super::*;
 use crate::law::model::jacobian::{Contact, displacement};
-use crate::perception::line::{Known, line};
+use crate::perception::line::{Known, Shape, line};
 use crate::perception::touch;
 
 const M0: f64 = 15_000.0;
@@ -27,6 +27,8 @@ fn even(theta: f64) -> Line {
     Line {
         features: [8.5, M0, 0.0, theta],
         variance: [1e-3, 2e5, 4e6, 1e-4],
+        shaped: [M0, 0.0],
+        shaped_variance: [2e5, 4e6],
         y_c: 8.5,
         rows: [M0 / 16.0; 16],
         saturated: 0,
@@ -71,7 +73,7 @@ fn the_squeeze_is_read_wherever_the_pin_is_and_wherever_its_weight_lay() {
             for (i, counts) in image.counts.iter_mut().enumerate() {
                 *counts = ((load[i % 16] - rest[i % 16]) / 16.0) as f32;
             }
-            let known = Known { noise_counts: 5.0, speed_cols_s: 0.0 };
+            let known = Known { shape: Shape::EVEN, noise_counts: 5.0, speed_cols_s: 0.0 };
             let plain = line(&image, &touch(&image, 15.0, 1000.0), &known).unwrap();
             let found = sight.squeeze(&plain, lay).features[1];
             // At the array's end the line itself is drawn inwards.
