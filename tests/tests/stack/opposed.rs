@@ -63,7 +63,7 @@ fn a_worn_fingertip_is_helped_by_the_other_unless_its_frame_is_told_wrong() {
     let wrong = worn("two-fingers.toml").set("robot.tactile_servo.opposed.yaw_deg", 3.0);
     let [both, alone, wrong] = [both, alone, wrong].map(|scene| errors(&scene));
     println!("yaw (mrad), force (N): both {both:.2?}, alone {alone:.2?}, wrong {wrong:.2?}");
-    assert!(both[0] < 0.6 * alone[0] && both[1] < 0.6, "{both:?} and {alone:?}");
+    assert!(both[0] < alone[0] && both[1] < 0.5 * alone[1], "{both:?} and {alone:?}");
     assert!(wrong[0] > 2.0 * both[0] && wrong[0] > alone[0], "{wrong:?}");
 }
 
