@@ -39,6 +39,9 @@ pub struct Config {
     /// Puts a notch on the error with its middle at so many Hz: where the arm swings on what it
     /// touches and the servo, late as it is, would stir it. Default none.
     pub notch_hz: Option<f64>,
+    /// Joints (from 1) whose error the notch is on: those that move the finger along the contact's
+    /// swing. Below the notch its lag takes damping from the others. Default all.
+    pub notch_joints: Option<Vec<u32>>,
     /// Damping ratio of the notch's poles: how wide it is. Default 0.3.
     pub notch_width: f64,
     /// What the notch leaves in its middle, 0 to 1. Default 0.15.
@@ -79,6 +82,7 @@ impl Default for Config {
             derivative_filter_hz: 60.0,
             observer_hz: None,
             notch_hz: None,
+            notch_joints: None,
             notch_width: 0.3,
             notch_depth: 0.15,
             gravity: true,
@@ -181,12 +185,31 @@ impl Config {
             kd_nms_rad: list("kd_nms_rad", &self.kd_nms_rad)?,
             filter_hz: self.derivative_filter_hz,
             observer_hz: self.observer_hz,
-            notch: self.notch_hz.map(|hz| {
-                let (width, depth) = (self.notch_width, self.notch_depth);
-                Shape { hz, width, depth }
-            }),
+            notch: match self.notch_hz {
+                None => None,
+                Some(hz) => {
+                    let (width, depth) = (self.notch_width, self.notch_depth);
+                    Some((Shape { hz, width, depth }, self.notched()?))
+                }
+            },
             assumed_rad: radians(list("assumed_pose_deg", &self.assumed_pose_deg)?),
         })
+    }
+
+    /// Which joints the notch is on.
+    fn notched<const N: usize>(&self) -> Result<[bool; N], Invalid> {
+        let Some(joints) = &self.notch_joints else { return Ok([true; N]) };
+        let mut on = [false; N];
+        for (place, joint) in joints.iter().enumerate() {
+            let index = (*joint as usize).checked_sub(1).filter(|index| *index < N);
+            let Some(index) = index else {
+                let what = format!("the arm has no joint {joint}");
+                let remedy = format!("give numbers from 1 to {N}");
+                return Err(Invalid::new(format!("notch_joints[{place}]"), what, remedy));
+            };
+            on[index] = true;
+        }
+        Ok(on)
     }
 
     /// What learns the friction of joints with this tuning, where a share of it is wanted: none is
@@ -220,8 +243,8 @@ pub struct Tuning<const N: usize = 6> {
     pub filter_hz: f64,
     /// Poles of the observer (Hz), where there is one.
     pub observer_hz: Option<f64>,
-    /// The notch, where there is one.
-    pub notch: Option<Shape>,
+    /// The notch, where there is one, and the joints that it is on.
+    pub notch: Option<(Shape, [bool; N])>,
     /// Where the arm is taken to stand before it is calibrated (rad).
     pub assumed_rad: Option<Vector<N>>,
 }
@@ -244,7 +267,8 @@ impl<const N: usize> Tuning<N> {
     /// The law.
     #[must_use]
     pub fn law(&self) -> Pd<N> {
-        let law = Pd::new(self.gains(), self.filter_hz).notched(self.notch.map(Notch::new));
+        let law = Pd::new(self.gains(), self.filter_hz)
+            .notched(self.notch.map(|(shape, joints)| Notch::new(shape, joints)));
         match self.observer_hz {
             Some(hz) => law.observed(Observer::new(&self.inertia_kg_m2, hz)),
             None => law,
@@ -271,6 +295,19 @@ mod tests {
         let mut config = Config::default();
         change(&mut config);
         config.check().unwrap_err().place
+    }
+
+    #[test]
+    fn a_notch_is_on_the_joints_that_are_named() {
+        let robot = Robot::puma260();
+        let on = |joints: Option<Vec<u32>>| {
+            let config = Config { notch_hz: Some(34.0), notch_joints: joints, ..Config::default() };
+            config.tuning(&robot).map(|tuning| tuning.notch.unwrap().1)
+        };
+        assert_eq!(on(None).unwrap(), [true; 6]);
+        assert_eq!(on(Some(vec![5, 2])).unwrap(), [false, true, false, false, true, false]);
+        assert_eq!(on(Some(vec![2, 0])).unwrap_err().place, "notch_joints[1]");
+        assert_eq!(on(Some(vec![7])).unwrap_err().place, "notch_joints[0]");
     }
 
     #[test]

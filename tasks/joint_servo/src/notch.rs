@@ -25,6 +25,8 @@ pub struct Shape {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Notch<const N: usize = 6> {
     shape: Shape,
+    /// Joints whose error it is on.
+    joints: [bool; N],
     /// What the filter remembers; nothing before the first error.
     state: Option<[Vector<N>; 2]>,
 }
@@ -39,10 +41,10 @@ impl<const N: usize> Fold for Notch<N> {
 }
 
 impl<const N: usize> Notch<N> {
-    /// A notch of this shape that remembers nothing.
+    /// A notch of this shape on the error of these joints; it remembers nothing.
     #[must_use]
-    pub fn new(shape: Shape) -> Notch<N> {
-        Notch { shape, state: None }
+    pub fn new(shape: Shape, joints: [bool; N]) -> Notch<N> {
+        Notch { shape, joints, state: None }
     }
 
     /// Forgets the past: the next error is taken to have stood for long.
@@ -67,7 +69,7 @@ impl<const N: usize> Notch<N> {
         let [first, second] = self.state.unwrap_or([error_rad * (1.0 - b0), error_rad * (b2 - a2)]);
         let out = error_rad * b0 + first;
         self.state = Some([(error_rad - out) * middle + second, error_rad * b2 - out * a2]);
-        out
+        Vector::from_fn(|j, _| if self.joints[j] { out[j] } else { error_rad[j] })
     }
 }
 
@@ -81,7 +83,7 @@ mod tests {
 
     /// What is left of a swing of 1 at this frequency.
     fn gain(hz: f64) -> f64 {
-        let mut notch = Notch::<6>::new(SHAPE);
+        let mut notch = Notch::<6>::new(SHAPE, [true; 6]);
         let mut most = 0.0_f64;
         for job in 0..4000 {
             let t_s = DT_S * f64::from(job);
@@ -102,8 +104,18 @@ mod tests {
     }
 
     #[test]
+    fn joints_without_it_keep_their_error() {
+        let mut notch = Notch::<6>::new(SHAPE, [false, true, true, false, true, false]);
+        notch.passed(&Joints::zeros(), DT_S);
+        let e = Joints::repeat(1.0);
+        let out = notch.passed(&e, DT_S);
+        assert_eq!([out[0], out[3], out[5]], [1.0; 3]);
+        assert!(out[1] < 0.99 && out[1] == out[2] && out[1] == out[4], "{out}");
+    }
+
+    #[test]
     fn an_error_that_stands_passes_whole_from_the_first_job_on() {
-        let mut notch = Notch::<6>::new(SHAPE);
+        let mut notch = Notch::<6>::new(SHAPE, [true; 6]);
         let e = Joints::new(0.1, -0.2, 0.0, 1.0, 3.0, -0.01);
         for _ in 0..50 {
             assert!((notch.passed(&e, DT_S) - e).amax() < 1e-14);
@@ -114,7 +126,7 @@ mod tests {
 
     #[test]
     fn without_time_between_two_errors_and_above_half_the_rate_nothing_is_done() {
-        let mut notch = Notch::<6>::new(SHAPE);
+        let mut notch = Notch::<6>::new(SHAPE, [true; 6]);
         notch.passed(&Joints::zeros(), DT_S);
         let before = notch;
         for dt_s in [0.0, -1.0, f64::NAN, 0.02] {

@@ -62,7 +62,7 @@ impl Fold for Baseline {
         hash.add(&self.known).add(&self.closed).add(&self.seen.frames).add(&self.grown);
         if !self.ready() {
             hash.add(&self.seen);
-        } else if !self.closed {
+        } else if !self.closed && self.newest.frames > 0 {
             hash.add(&self.newest);
         }
     }

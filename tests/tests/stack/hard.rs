@@ -1,6 +1,6 @@
-//! Hard cases of the simulator as scenes, `sim/scenes/hard`: the whole stack rolls a pin in each.
-//! Refuses a number that is not finite, a contact that pulls and a latched fault; judges by the
-//! simulator's truth.
+//! Hard cases of the simulator as scenes, `sim/scenes/hard`: the whole stack rolls a pin in each;
+//! and arms without friction, which hides what a servo stirs. Refuses a number that is not finite, a
+//! contact that pulls and a latched fault; judges by the simulator's truth.
 
 use std::path::PathBuf;
 use taktil::run::world::WorldTruth;
@@ -50,4 +50,48 @@ fn hard_cases_as_scenes_stay_finite_and_hold_the_pin() {
         let rms = (squares / count).sqrt();
         assert!(bound(&name).is_none_or(|most| rms < most), "{name}: {rms} of the set point");
     }
+}
+
+/// The force's error under the law `model`, rms over the set point, from two and a half seconds on.
+fn off(draft: Draft, seed: u64) -> f64 {
+    let scene = draft.set("robot.tactile_servo.law", "model").scene();
+    let kept = run(&scene, seed);
+    assert_eq!(kept.last_control().faults, 0);
+    let truth = kept.of::<WorldTruth>("world.truth");
+    let judged: Vec<f64> = truth
+        .iter()
+        .filter(|(_, truth)| truth.t_ns > 2_500_000_000)
+        .map(|(_, truth)| truth.finger_normal_n / SET_N - 1.0)
+        .collect();
+    assert!(judged.len() > 2000, "{} instants", judged.len());
+    (judged.iter().map(|off| off * off).sum::<f64>() / judged.len() as f64).sqrt()
+}
+
+#[test]
+fn no_joint_swings_where_friction_does_not_hold_it() {
+    for name in ["roll-pin", "panning", "rotated", "held/tilt-sine", "held/pan-10"] {
+        let scene = Draft::of(&format!("{name}.toml")).set("world.arm.coulomb_scale", 0.0);
+        let rms = off(scene, 1);
+        assert!(rms < 0.025, "{name}: {rms} of the set point");
+    }
+    // And where it does, until a blow frees the joints: by then they swung in these.
+    for seed in [1, 3] {
+        let rms = off(Draft::of("held/tilt-sine.toml"), seed);
+        assert!(rms < 0.025, "seed {seed}: {rms} of the set point");
+    }
+}
+
+#[test]
+fn a_notch_on_every_joint_makes_an_arm_without_friction_swing() {
+    let swing = |joints: &[i64]| {
+        let servo = "robot.joint_servo";
+        let scene = Draft::of("rotated.toml")
+            .set("world.arm.coulomb_scale", 0.0)
+            .set(&format!("{servo}.damping"), vec![0.35, 0.35, 0.35, 0.5, 0.5, 0.5])
+            .set(&format!("{servo}.derivative_filter_hz"), 120.0)
+            .set(&format!("{servo}.notch_hz"), 34.0);
+        off(scene.set(&format!("{servo}.notch_joints"), joints.to_vec()), 1)
+    };
+    let (three, all) = (swing(&[2, 3, 5]), swing(&[1, 2, 3, 4, 5, 6]));
+    assert!(three < 0.05 && all > 0.1, "{three} and {all} of the set point");
 }

@@ -38,16 +38,18 @@ fn a_pin_is_rolled_between_two_fingertips_and_both_feel_it() {
     assert!((0.9..1.0).contains(&share), "{share} of {due_n} N");
 }
 
-/// Root mean squares of the true yaw (mrad) and of the true force's error (N), six seconds on.
+/// Root mean squares of the true yaw (mrad) and of the true force's error (N) from four seconds on,
+/// over six seeds: with a worn fingertip one seed alone says little.
 fn errors(scene: &Draft) -> [f64; 2] {
-    let kept = run(&scene.scene(), 1);
-    let truth = kept.of::<WorldTruth>("world.truth");
-    let settled = truth.iter().map(|(_, truth)| truth).filter(|t| t.t_ns > 4_000_000_000);
     let (mut squares, mut count) = ([0.0; 2], 0.0);
-    for truth in settled {
-        let off = [1e3 * truth.pin_yaw_rad, truth.finger_normal_n - 15_000.0 / 1023.75];
-        squares = [squares[0] + off[0] * off[0], squares[1] + off[1] * off[1]];
-        count += 1.0;
+    for seed in 1..=6 {
+        let kept = run(&scene.scene(), seed);
+        let truth = kept.of::<WorldTruth>("world.truth");
+        for truth in truth.iter().map(|(_, truth)| truth).filter(|t| t.t_ns > 4_000_000_000) {
+            let off = [1e3 * truth.pin_yaw_rad, truth.finger_normal_n - 15_000.0 / 1023.75];
+            squares = [squares[0] + off[0] * off[0], squares[1] + off[1] * off[1]];
+            count += 1.0;
+        }
     }
     squares.map(|sum| (sum / count).sqrt())
 }
@@ -63,7 +65,7 @@ fn a_worn_fingertip_is_helped_by_the_other_unless_its_frame_is_told_wrong() {
     let wrong = worn("two-fingers.toml").set("robot.tactile_servo.opposed.yaw_deg", 3.0);
     let [both, alone, wrong] = [both, alone, wrong].map(|scene| errors(&scene));
     println!("yaw (mrad), force (N): both {both:.2?}, alone {alone:.2?}, wrong {wrong:.2?}");
-    assert!(both[0] < alone[0] && both[1] < 0.5 * alone[1], "{both:?} and {alone:?}");
+    assert!(both[0] < 0.7 * alone[0] && both[1] < 0.6, "{both:?} and {alone:?}");
     assert!(wrong[0] > 2.0 * both[0] && wrong[0] > alone[0], "{wrong:?}");
 }
 

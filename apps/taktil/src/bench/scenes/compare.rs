@@ -61,7 +61,7 @@ pub struct Course {
 /// Differences to the finest run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Apart<const N: usize> {
-    /// Largest; infinite where only one of both runs has a value.
+    /// Largest; infinite where only one of both runs has a value, NaN where neither ever has.
     pub most: [f64; N],
     /// Root mean square.
     pub rms: [f64; N],
@@ -90,11 +90,14 @@ impl<const N: usize> Sums<N> {
         }
     }
 
-    /// What they come to.
+    /// What they come to; NaN where there was nothing to compare.
     #[must_use]
     pub fn done(&self) -> Apart<N> {
-        let mean = |i: usize| self.squares[i] / f64::from(self.counts[i].max(1));
-        Apart { most: self.most, rms: core::array::from_fn(|i| mean(i).sqrt()) }
+        let known = |i: usize, value: f64| if self.counts[i] == 0 { f64::NAN } else { value };
+        Apart {
+            most: core::array::from_fn(|i| known(i, self.most[i])),
+            rms: core::array::from_fn(|i| (self.squares[i] / f64::from(self.counts[i])).sqrt()),
+        }
     }
 }
 
@@ -266,6 +269,9 @@ mod tests {
         (ours[1][1], exact[1][1]) = (f64::NAN, f64::NAN);
         let apart = course(&ours).apart(&course(&exact), Nanos::ZERO);
         assert_eq!((apart.most[2], apart.rms[2]), (f64::INFINITY, f64::INFINITY));
+        let nothing = course(&[[f64::NAN; 8]]);
+        let apart_of_nothing = nothing.apart(&nothing, Nanos::ZERO);
+        assert!(apart_of_nothing.most[0].is_nan() && apart_of_nothing.rms[0].is_nan());
         assert_eq!(apart.most[1], 0.0);
     }
 

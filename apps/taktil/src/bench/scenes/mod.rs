@@ -228,8 +228,11 @@ fn table(title: &str, heads: &[&str], rows: &[Row], cells: impl Fn(&Row) -> Vec<
     out + "\n"
 }
 
-/// Two digits that count.
+/// Two digits that count; a dash where there is nothing.
 fn told(value: f64) -> String {
+    if value.is_nan() {
+        return "–".to_owned();
+    }
     if value == 0.0 || value >= 10.0 {
         return format!("{value:.0}");
     }
