@@ -14,8 +14,9 @@
 //! 29, 1985, HC3).
 //!
 //! Motions and features of the task are found by pivoted orthogonalisation (Businger and Golub
-//! 1965): always the motion that the features not yet used up show best, then the features that
-//! show these motions best.
+//! 1965): always the motion that the features not yet used up show best, as long as the smallest
+//! singular value of the motions picked says that all are seen; then the features that show these
+//! motions best.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -27,8 +28,8 @@ const SPARE: usize = 4;
 const STOOD: f64 = 1e-3;
 /// Largest condition number of the test motions, each scaled to its own size.
 const TOGETHER_MAX: f64 = 20.0;
-/// A motion is seen when, beside the other motions of the task, it shows by this many standard
-/// deviations of the fit.
+/// Motions are seen when every combination of them shows by this many standard deviations of the
+/// fit.
 const SEEN: f64 = 3.0;
 
 /// A number with two standard deviations.
@@ -227,7 +228,12 @@ impl Found {
         let columns: Vec<usize> =
             (0..self.moved.len()).filter(|j| allowed(motions, self.moved[*j].0)).collect();
         let signal = self.signal().select_rows(&rows).select_columns(&columns);
-        let picked = pivoted(&signal, SEEN, columns.len());
+        let mut picked = pivoted(&signal, SEEN, columns.len());
+        // What is left of one motion beside those before it is no less than the smallest singular
+        // value: the pivots alone would keep two that are nearly the same.
+        while !picked.is_empty() && signal.select_columns(&picked).singular_values().min() < SEEN {
+            picked.pop();
+        }
         let shown = signal.select_columns(&picked).transpose();
         let shown = pivoted(&shown, f64::MIN_POSITIVE, picked.len());
         let mut task = Task {

@@ -1,6 +1,6 @@
 //! Rests that are made up: a Jacobian that is known, noise, drift, motions made together.
 
-use super::fit::{Found, fit};
+use super::fit::{Estimate, Found, Row, fit};
 use super::rests::Rest;
 
 /// Changes of (m0, x_c, y_c) with (x, y, z, theta_x): theta_x is a tenth of y, as on a dome.
@@ -91,6 +91,29 @@ fn what_the_image_does_not_tell_apart_is_no_task() {
     assert_eq!(found.task(&[], &[1]).motions, [0]);
     assert!(found.task(&[5], &[]).motions.is_empty());
     assert_eq!(found.signals.len(), 3);
+}
+
+#[test]
+fn two_motions_that_look_nearly_alike_are_one() {
+    // What is left of one beside the other is 4 deviations; their difference shows by 2.8.
+    let row = |feature: usize, values: [f64; 2]| Row {
+        feature,
+        entries: values.map(|value| Estimate { value, error: 2.0 }).to_vec(),
+        alike: vec![1.0; 2],
+        drift: Estimate { value: 0.0, error: 1.0 },
+        noise: 1.0,
+        left: 1.0,
+        mean: 0.0,
+    };
+    let with = |apart: f64| Found {
+        moved: vec![(1, 1.0), (3, 1.0)],
+        together: 1.0,
+        rows: vec![row(0, [100.0, 100.0]), row(2, [0.0, apart])],
+        signals: Vec::new(),
+    };
+    assert_eq!(with(4.0).task(&[], &[]).motions.len(), 1);
+    assert_eq!(with(4.0).task(&[1], &[]).motions, [0]);
+    assert_eq!(with(5.0).task(&[], &[]).motions, [0, 1]);
 }
 
 #[test]
