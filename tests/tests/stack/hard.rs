@@ -1,6 +1,6 @@
 //! Hard cases of the simulator as scenes, `sim/scenes/hard`: the whole stack rolls a pin in each;
-//! and arms without friction, which hides what a servo stirs. Refuses a number that is not finite, a
-//! contact that pulls and a latched fault; judges by the simulator's truth.
+//! and arms without friction, which hides what a servo stirs. Refuses a number that is not finite,
+//! a contact that pulls and a latched fault; judges by the simulator's truth.
 
 use std::path::PathBuf;
 use taktil::run::world::WorldTruth;
