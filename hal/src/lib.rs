@@ -1,5 +1,5 @@
 //! What hardware must offer: device traits, device nouns, time, and the stamped link between two
-//! threads.
+//! threads; and, below everything that is configured, how configurations [`explain`] themselves.
 //!
 //! A board splits into input halves (`sample`, once a cycle) and output halves (`commit`, once a
 //! cycle, and `safe`). Both take the *logical* time of the job that calls them. This crate refuses
@@ -31,6 +31,7 @@ pub mod devices;
 pub mod digital;
 pub mod encoder;
 pub mod error;
+pub mod explain;
 pub mod force_torque;
 pub mod link;
 pub mod reading;

@@ -1,5 +1,6 @@
 //! Scenes that cannot be simulated are refused with their place.
 
+use taktil_hal::explain::Explain;
 use taktil_sim::fidelity::{ArmModel, Integrator};
 use taktil_sim::scene::{Axis, Kind, Motion, ObjectConfig, ObjectKind};
 use taktil_sim::{Carriage, Float, Invalid, Timing, WorldConfig, build, build_with_carriage};

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use taktil::run::scene::Scene;
 use taktil::scenes::{schema::schema, sound_scene};
+use taktil_signal::{JogFrame, Verb};
 use taktild::source::{Meant, Source};
 
 /// The first place at which a value breaks a schema.
@@ -184,4 +185,93 @@ fn every_stated_range_is_the_parsers() {
     }
     assert!(tried > 40, "{tried}");
     assert_eq!(world["pin"]["properties"]["radius_mm"]["minimum"], json!(1.0));
+}
+
+/// Every property of a schema, with its path.
+fn properties<'a>(schema: &'a Value, path: &str, found: &mut Vec<(String, &'a Value)>) {
+    for (name, inner) in schema["properties"].as_object().into_iter().flatten() {
+        let path = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
+        found.push((path.clone(), inner));
+        properties(inner, &path, found);
+    }
+    for one in schema["anyOf"].as_array().into_iter().flatten() {
+        properties(one, path, found);
+    }
+    for (key, mark) in [("items", "[]"), ("additionalProperties", ".*")] {
+        if schema[key].is_object() {
+            properties(&schema[key], &format!("{path}{mark}"), found);
+        }
+    }
+}
+
+#[test]
+fn every_key_says_what_it_means() {
+    let schema = schema().unwrap();
+    let mut all = Vec::new();
+    properties(&schema, "", &mut all);
+    assert!(all.len() >= 400, "{}", all.len());
+    let about = |rule: &Value| rule["description"].as_str().unwrap_or_default().to_owned();
+    let silent: Vec<_> = all.iter().filter(|(_, rule)| about(rule).len() < 5).collect();
+    assert!(silent.is_empty(), "{silent:?}");
+    for (path, rule) in &all {
+        let about = about(rule);
+        // Links of the code's own documents lead nowhere in an editor.
+        assert!(!about.contains("[`") && !about.contains("::"), "{path}: {about}");
+        for word in rule["enum"].as_array().into_iter().flatten() {
+            let line = format!("\n- `{}`: ", word.as_str().unwrap());
+            let (_, told) = about.split_once(&line).unwrap_or_else(|| panic!("{path}: {line}"));
+            assert!(told.starts_with(char::is_alphanumeric) || told.starts_with('`'), "{told}");
+        }
+    }
+}
+
+#[test]
+fn a_key_is_told_in_the_words_of_its_declaration() {
+    let schema = schema().unwrap();
+    let mut all = Vec::new();
+    properties(&schema, "", &mut all);
+    let about = |path: &str| {
+        let (_, rule) = all.iter().find(|(at, _)| at == path).expect(path);
+        rule["description"].as_str().and_then(|about| about.lines().next()).expect(path)
+    };
+    let declared = [
+        ("seed", "apps/taktil/src/run/scene.rs", "seed: u64,"),
+        ("operator[].swings", "apps/taktil/src/run/scene/script.rs", "swings: Option<u32>,"),
+        ("contract.fifo", "apps/taktild/src/contract.rs", "fifo: Option<WeightName>,"),
+        ("robot.lane.*.phase_us", "apps/taktild/src/config.rs", "pub phase_us: i64,"),
+        ("robot.lane.*.misses.bucket", "apps/taktild/src/config.rs", "pub bucket: u32,"),
+        ("robot.jog.dead_man_s", "tasks/jog/src/lib.rs", "pub dead_man_s: f64,"),
+        (
+            "robot.opposed_scan.response.exponent",
+            "tasks/tactile_scan/src/response.rs",
+            "pub exponent: f64,",
+        ),
+        (
+            "robot.tactile_servo.task_frame.feature[].jacobian",
+            "tasks/tactile_servo/src/law/task_frame.rs",
+            "pub jacobian: Vec<f64>,",
+        ),
+        ("world.tactile.driver_ohm", "sim/src/scene/tactile.rs", "driver_ohm: f64 [0.0, 1e6],"),
+    ];
+    for (path, file, field) in declared {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(file);
+        let text = std::fs::read_to_string(file).unwrap();
+        let mut above: Vec<_> = text
+            .lines()
+            .take_while(|line| line.trim() != field)
+            .map(str::trim)
+            .filter(|line| !line.starts_with("#["))
+            .collect();
+        let from = above.iter().rposition(|line| !line.starts_with("///")).unwrap();
+        let comment: Vec<_> =
+            above.split_off(from + 1).iter().map(|line| line[3..].trim()).collect();
+        assert_eq!(about(path), comment.join(" "), "{path}");
+    }
+    // What is one of several words that are no declared words of the file names all of them.
+    for verb in &Verb::ALL[1..] {
+        assert!(about("operator[].verb").contains(&format!("`{}`", verb.name())), "{verb:?}");
+    }
+    for frame in JogFrame::ALL {
+        assert!(about("operator[].frame").contains(&format!("`{}`", frame.name())), "{frame:?}");
+    }
 }

@@ -3,62 +3,68 @@
 
 use std::collections::BTreeMap;
 
+use crate::own::Section;
 use crate::robot::ArmConfig;
 use serde::Deserialize;
 use taktil_rtcore::schedule::silent_after;
 use taktil_rtcore::{Allowance, Bucket, Guard, Invalid, LaneSpec, Late, Nanos, Policy, Recording};
 
-/// A machine file, or the part of a scene that replaces some of its sections.
-#[derive(Clone, Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct MachineConfig {
-    /// Lanes by name; a section of a scene replaces the lane of that name.
-    pub lane: BTreeMap<String, LaneConfig>,
-    /// What the analysis of the schedule allows for.
-    pub schedule: Option<ScheduleConfig>,
-    /// What leaves the lanes for observers and logs: `full` (default), `decisions`, `values`.
-    pub record: Option<RecordName>,
-    /// Which signal each input reads: `"task.port" = "task.port"`.
-    pub wiring: BTreeMap<String, String>,
-    /// The arm, from a URDF file; the PUMA 260 when absent.
-    pub arm: Option<ArmConfig>,
-    /// Counts to joint angles.
-    pub sense: Option<taktil_tasks_sense::Config>,
-    /// Torque to D/A words.
-    pub actuate: Option<taktil_tasks_actuate::Config>,
-    /// Choice among the sources of motion.
-    pub setpoint: Option<taktil_tasks_setpoint::Config>,
-    /// Position servo.
-    pub joint_servo: Option<taktil_tasks_joint_servo::Config>,
-    /// Motion by hand.
-    pub jog: Option<taktil_tasks_jog::Config>,
-    /// Programmed moves.
-    pub trajectory: Option<taktil_tasks_trajectory::Config>,
-    /// Tactile frames to images.
-    pub tactile_scan: Option<taktil_tasks_tactile_scan::Config>,
-    /// The same of the opposed fingertip's array, for `opposed_scan`.
-    pub opposed_scan: Option<taktil_tasks_tactile_scan::Config>,
-    /// Gauges of the wrist to a wrench.
-    pub wrist_scan: Option<taktil_tasks_wrist_scan::Config>,
-    /// Motion by touch.
-    pub tactile_servo: Option<taktil_tasks_tactile_servo::Config>,
-    /// The state machine.
-    pub supervisor: Option<taktil_tasks_supervisor::Config>,
-    /// Sections of the program's own tasks ([`crate::own`]), by name; a section of a scene replaces
-    /// the one of that name.
-    pub own: BTreeMap<String, toml::Table>,
+taktil_rtcore::explained! {
+    /// A machine file, or the part of a scene that replaces some of its sections.
+    #[derive(Clone, Debug, Default, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct MachineConfig {
+        /// Lanes by name; a section of a scene replaces the lane of that name.
+        pub lane: BTreeMap<String, LaneConfig>,
+        /// What the analysis of the schedule allows for besides the declared budgets.
+        pub schedule: Option<ScheduleConfig>,
+        /// What leaves the lanes for observers and logs: `full` (default), `decisions`, `values`.
+        pub record: Option<RecordName>,
+        /// Which signal each input reads: `"task.port" = "task.port"`; a line of a scene replaces
+        /// the line of that input.
+        pub wiring: BTreeMap<String, String>,
+        /// The arm, from a URDF file; the PUMA 260 when absent.
+        pub arm: Option<ArmConfig>,
+        /// Counts to joint angles.
+        pub sense: Option<taktil_tasks_sense::Config>,
+        /// Torque to D/A words.
+        pub actuate: Option<taktil_tasks_actuate::Config>,
+        /// Choice among the sources of motion.
+        pub setpoint: Option<taktil_tasks_setpoint::Config>,
+        /// Position servo.
+        pub joint_servo: Option<taktil_tasks_joint_servo::Config>,
+        /// Motion by hand.
+        pub jog: Option<taktil_tasks_jog::Config>,
+        /// Programmed moves.
+        pub trajectory: Option<taktil_tasks_trajectory::Config>,
+        /// Tactile frames to images.
+        pub tactile_scan: Option<taktil_tasks_tactile_scan::Config>,
+        /// Tactile frames of the opposed fingertip's array to images, for `opposed_scan`.
+        pub opposed_scan: Option<taktil_tasks_tactile_scan::Config>,
+        /// Gauges of the wrist to a wrench.
+        pub wrist_scan: Option<taktil_tasks_wrist_scan::Config>,
+        /// Motion by touch.
+        pub tactile_servo: Option<taktil_tasks_tactile_servo::Config>,
+        /// The state machine.
+        pub supervisor: Option<taktil_tasks_supervisor::Config>,
+        /// Sections of the program's own tasks, by name; a section of a scene replaces the one of
+        /// that name.
+        pub own: BTreeMap<String, Section>,
+    }
 }
 
-/// What leaves the lanes, each with all of the ones after it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RecordName {
-    /// The hash of each task's state after each job.
-    Full,
-    /// How each job came about: enough to replay the run.
-    Decisions,
-    /// Every value that is written, and what the devices answered.
-    Values,
+taktil_rtcore::explained! {
+    /// What leaves the lanes, each with all of the ones after it.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum RecordName {
+        /// The hash of each task's state after each job.
+        Full,
+        /// How each job came about: enough to replay the run.
+        Decisions,
+        /// Every value that is written, and what the devices answered.
+        Values,
+    }
 }
 
 impl RecordName {
@@ -73,14 +79,16 @@ impl RecordName {
     }
 }
 
-/// What is allowed for when the schedule is analysed, besides the declared budgets.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ScheduleConfig {
-    /// From a release to the start of its job at most, when nobody else runs, us. Default 100.
-    pub release_jitter_us: i64,
-    /// The executor's own work in each job, us. Default 5.
-    pub overhead_us: i64,
+taktil_rtcore::explained! {
+    /// What is allowed for when the schedule is analysed, besides the declared budgets.
+    #[derive(Clone, Copy, Debug, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct ScheduleConfig {
+        /// From a release to the start of its job at most, when nobody else runs, us. Default 100.
+        pub release_jitter_us: i64,
+        /// The executor's own work in each job, us. Default 5.
+        pub overhead_us: i64,
+    }
 }
 
 impl Default for ScheduleConfig {
@@ -107,71 +115,81 @@ impl ScheduleConfig {
     }
 }
 
-/// One lane in a machine file.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LaneConfig {
-    /// Time between releases, us.
-    pub period_us: i64,
-    /// Release of job 0, us.
-    #[serde(default)]
-    pub phase_us: i64,
-    /// From release to the instant at which other lanes see this lane's values, us; one period when
-    /// absent.
-    pub delivery_us: Option<i64>,
-    /// From release to the latest end that is not a miss, us; `delivery_us` when absent.
-    pub deadline_us: Option<i64>,
-    /// How the lane's thread is scheduled: `fifo` (default) or `deadline`.
-    #[serde(default)]
-    pub policy: PolicyName,
-    /// `SCHED_FIFO` priority, 1..=99; a lane scheduled by deadline has none.
-    pub priority: Option<i64>,
-    /// CPU to run on; any when absent.
-    pub cpu: Option<usize>,
-    /// Wakes early and spins to the release. Where it is left out, a lane that names a CPU
-    /// gets one of a fifth of that CPU, or a tenth, if the schedule bears it.
-    pub guard: Option<GuardConfig>,
-    /// What the lane does about superseded jobs: `skip` (default), `catch_up` or `fault`.
-    #[serde(default)]
-    pub late: LateName,
-    /// Superseded jobs in a row that a lane that catches up still runs; then it skips the rest.
-    pub catch_up_max: Option<u32>,
-    /// How many misses the lane bears before the machine is stopped.
-    #[serde(default)]
-    pub misses: BucketConfig,
-    /// Standing still for longer than this means that the lane is silent, us; ten periods and at
-    /// least 50 ms when absent.
-    pub silent_after_us: Option<i64>,
-    /// Tasks in the order in which they run.
-    pub tasks: Vec<String>,
-    /// Longest processor time of one step of each task, us. All tasks or none: a lane with gaps is
-    /// not analysed.
-    #[serde(default)]
-    pub budget_us: BTreeMap<String, i64>,
+taktil_rtcore::explained! {
+    /// One lane in a machine file.
+    #[derive(Clone, Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct LaneConfig {
+        /// Time between releases, us.
+        pub period_us: i64,
+        /// Release of job 0, us. Default 0.
+        #[serde(default)]
+        pub phase_us: i64,
+        /// From release to the instant at which other lanes see this lane's values, us; one period
+        /// when absent.
+        pub delivery_us: Option<i64>,
+        /// From release to the latest end that is not a miss, us; `delivery_us` when absent. In a
+        /// scene, for the lane that actuates, no later than its words act.
+        pub deadline_us: Option<i64>,
+        /// How the lane's thread is scheduled: `fifo` (default) or `deadline`.
+        #[serde(default)]
+        pub policy: PolicyName,
+        /// `SCHED_FIFO` priority, 1 to 99, needed with the policy `fifo`; a lane scheduled by
+        /// deadline has none.
+        pub priority: Option<i64>,
+        /// CPU to run on; any when absent.
+        pub cpu: Option<usize>,
+        /// Wakes early and spins to the release. Where it is left out, a lane that names a CPU
+        /// gets one of a fifth of that CPU, or a tenth, if the schedule bears it.
+        pub guard: Option<GuardConfig>,
+        /// What the lane does about superseded jobs: `skip` (default), `catch_up` or `fault`.
+        #[serde(default)]
+        pub late: LateName,
+        /// Superseded jobs in a row that a lane that catches up still runs, 1 to 1000; then it
+        /// skips the rest. Default 4.
+        pub catch_up_max: Option<u32>,
+        /// How many misses the lane bears before the machine is stopped. Default: 5, one of them
+        /// forgotten after 100 jobs without.
+        #[serde(default)]
+        pub misses: BucketConfig,
+        /// Standing still for longer than this means that the lane is silent, us; ten periods and
+        /// at least 50 ms when absent.
+        pub silent_after_us: Option<i64>,
+        /// Tasks in the order in which they run.
+        pub tasks: Vec<String>,
+        /// Longest processor time of one step of each task, us. All tasks or none: a lane with gaps
+        /// is not analysed.
+        #[serde(default)]
+        pub budget_us: BTreeMap<String, i64>,
+    }
 }
 
-/// How a lane's thread is scheduled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PolicyName {
-    /// `SCHED_FIFO` at the lane's priority.
-    #[default]
-    Fifo,
-    /// `SCHED_DEADLINE`, with what its tasks declare.
-    Deadline,
+taktil_rtcore::explained! {
+    /// How a lane's thread is scheduled.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum PolicyName {
+        /// `SCHED_FIFO` at the lane's priority.
+        #[default]
+        Fifo,
+        /// `SCHED_DEADLINE`, with what its tasks declare.
+        Deadline,
+    }
 }
 
-/// What a lane does about superseded jobs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum LateName {
-    /// Leaves them out.
-    #[default]
-    Skip,
-    /// Runs up to `catch_up_max` of them in a row, then leaves out the rest.
-    CatchUp,
-    /// Leaves them out and stops the machine.
-    Fault,
+taktil_rtcore::explained! {
+    /// What a lane does about superseded jobs.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum LateName {
+        /// Leaves them out.
+        #[default]
+        Skip,
+        /// Runs up to `catch_up_max` of them in a row, then leaves out the rest.
+        CatchUp,
+        /// Leaves them out and stops the machine.
+        Fault,
+    }
 }
 
 /// Superseded jobs that a lane catches up with unless it says otherwise.
@@ -179,14 +197,16 @@ const CATCH_UP_MAX: u32 = 4;
 /// More of them cannot be meant: bounded is the point.
 const CATCH_UP_LARGEST: u32 = 1000;
 
-/// The bucket of a lane: `full` misses stop the machine.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct BucketConfig {
-    /// Misses that fill it. Default 5.
-    pub bucket: u32,
-    /// Jobs in a row without a miss that take one out. Default 100.
-    pub leak_jobs: u32,
+taktil_rtcore::explained! {
+    /// The bucket of a lane: `full` misses stop the machine.
+    #[derive(Clone, Copy, Debug, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct BucketConfig {
+        /// Misses that fill it. Default 5.
+        pub bucket: u32,
+        /// Jobs in a row without a miss that take one out. Default 100.
+        pub leak_jobs: u32,
+    }
 }
 
 impl Default for BucketConfig {
@@ -196,12 +216,14 @@ impl Default for BucketConfig {
     }
 }
 
-/// The release guard of a lane.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct GuardConfig {
-    /// Largest share of a processor that may be spent spinning, at most 0.5; 0 for no guard.
-    pub cpu_share_max: f64,
+taktil_rtcore::explained! {
+    /// The release guard of a lane.
+    #[derive(Clone, Copy, Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct GuardConfig {
+        /// Largest share of a processor that may be spent spinning, at most 0.5; 0 for no guard.
+        pub cpu_share_max: f64,
+    }
 }
 
 /// Microseconds beyond this are refused before they could overflow.

@@ -6,6 +6,7 @@ use core::fmt;
 use serde::de::{Error, MapAccess, Visitor, value::MapAccessDeserializer};
 use serde::{Deserialize, Deserializer};
 use taktil_rtcore::contract::{Demands, Item, Weight};
+use taktil_rtcore::explain::{Explain, Key};
 use taktil_rtcore::live::Contract;
 
 /// `contract = "hard"`, `contract = "soft"`, or `[contract]` with some items.
@@ -25,16 +26,27 @@ impl ContractConfig {
     }
 }
 
+impl Explain for ContractConfig {
+    fn list(path: &str, about: &str, range: Option<(f64, f64)>, keys: &mut Vec<Key>) {
+        Items::list(path, about, range, keys);
+    }
+}
+
 /// The words that stand for a whole contract.
 pub const WORDS: [&str; 2] = ["hard", "soft"];
 
-/// The weight of one item.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum WeightName {
-    Hard,
-    Soft,
-    None,
+taktil_rtcore::explained! {
+    /// What missing an item means.
+    #[derive(Clone, Copy, Debug, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    enum WeightName {
+        /// The run is refused before any output is armed.
+        Hard,
+        /// It is reported.
+        Soft,
+        /// Nothing is said.
+        None,
+    }
 }
 
 impl WeightName {
@@ -47,21 +59,36 @@ impl WeightName {
     }
 }
 
-/// The table; what is absent keeps a board's weight.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Items {
-    fifo: Option<WeightName>,
-    cpu: Option<WeightName>,
-    memory: Option<WeightName>,
-    preempt_rt: Option<WeightName>,
-    throttling: Option<WeightName>,
-    rttime: Option<WeightName>,
-    cgroup: Option<WeightName>,
-    governor: Option<WeightName>,
-    isolation: Option<WeightName>,
-    clocksource: Option<WeightName>,
-    dma_latency: Option<WeightName>,
+taktil_rtcore::explained! {
+    /// The table; what is absent keeps a board's weight.
+    #[derive(Clone, Copy, Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct Items {
+        /// Every lane's thread has the `SCHED_FIFO` priority, or the reservation, that it asked
+        /// for. Default `hard`.
+        fifo: Option<WeightName>,
+        /// Every lane that names a CPU runs there and nowhere else. Default `hard`.
+        cpu: Option<WeightName>,
+        /// All memory is locked. Default `hard`.
+        memory: Option<WeightName>,
+        /// The kernel is built with PREEMPT_RT. Default `soft`.
+        preempt_rt: Option<WeightName>,
+        /// Real-time threads are not throttled. Default `soft`.
+        throttling: Option<WeightName>,
+        /// No limit on processor time without a wait (RLIMIT_RTTIME). Default `soft`.
+        rttime: Option<WeightName>,
+        /// The control group has a real-time budget, where groups have such a thing. Default
+        /// `soft`.
+        cgroup: Option<WeightName>,
+        /// Every CPU with frequency scaling runs the governor `performance`. Default `soft`.
+        governor: Option<WeightName>,
+        /// Every CPU that a lane may use is isolated. Default `soft`.
+        isolation: Option<WeightName>,
+        /// The clock source can be read without leaving the processor. Default `soft`.
+        clocksource: Option<WeightName>,
+        /// `/dev/cpu_dma_latency` is held at 0. Default `soft`.
+        dma_latency: Option<WeightName>,
+    }
 }
 
 impl Items {

@@ -5,7 +5,9 @@
 
 use std::sync::OnceLock;
 
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use taktil_rtcore::explain::Explain;
 use taktil_rtcore::{Invalid, Ports, Task};
 
 use crate::robot::AnyRobot;
@@ -24,8 +26,12 @@ pub struct OwnTask {
 }
 
 /// `[own.NAME]` of a machine file; empty when there is none.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(transparent)]
 pub struct Section(toml::Table);
+
+/// What its keys mean is known to the program that has the task.
+impl Explain for Section {}
 
 impl Section {
     /// The section that holds this table.

@@ -24,36 +24,40 @@ const LARGEST: f64 = 1e6;
 /// counts over ten joint turns fit 32 bits.
 const FINEST: f64 = 1e8;
 
-/// `[arm]`: an arm from a URDF file, and what drives it. Lists have one number for each moving
-/// joint, in the order of the file.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ArmConfig {
-    /// URDF file, relative to the file in which this stands. It gives the kinematics, the masses,
-    /// and for each joint the limits of angle, speed, effort and, where it is there, acceleration.
-    pub urdf: String,
-    /// Link at the end of the chain, whose frame is the tool's; needed where the file has several.
-    pub tip: Option<String>,
-    /// Joint angles of the home pose, where the counts are initialised (deg).
-    pub home_deg: Vec<f64>,
-    /// Motor turns in one joint turn; negative where the motor runs the other way.
-    pub gear: Vec<f64>,
-    /// Encoder counts of one motor turn, after quadrature.
-    pub counts_per_rev: Vec<f64>,
-    /// Torque constants of the motors (N m/A).
-    pub torque_constant_nm_a: Vec<f64>,
-    /// Currents at the converter's full scale (A).
-    pub current_max_a: Vec<f64>,
-    /// Width of the converter's code. Default 12.
-    #[serde(default = "usual_bits")]
-    pub dac_bits: u32,
-    /// Inertia of the rotors (kg m^2). Default 0: what the URDF says is all.
-    pub rotor_inertia_kg_m2: Option<Vec<f64>>,
-    /// Coulomb friction at the joints (N m): what the servo may compensate and the simulator does.
-    /// Default 0.
-    pub coulomb_nm: Option<Vec<f64>>,
-    /// Viscous friction at the joints (N m s/rad). Default 0.
-    pub viscous_nms_rad: Option<Vec<f64>>,
+taktil_rtcore::explained! {
+    /// `[arm]`: an arm from a URDF file, and what drives it. Lists have one number for each moving
+    /// joint, in the order of the file.
+    #[derive(Clone, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct ArmConfig {
+        /// URDF file, relative to the file in which this stands. It gives the kinematics, the
+        /// masses, and for each joint the limits of angle, speed, effort and, where it is there,
+        /// acceleration.
+        pub urdf: String,
+        /// Link at the end of the chain, whose frame is the tool's; needed where the file has
+        /// several.
+        pub tip: Option<String>,
+        /// Joint angles of the home pose, where the counts are initialised (deg).
+        pub home_deg: Vec<f64>,
+        /// Motor turns in one joint turn; negative where the motor runs the other way.
+        pub gear: Vec<f64>,
+        /// Encoder counts of one motor turn, after quadrature.
+        pub counts_per_rev: Vec<f64>,
+        /// Torque constants of the motors (N m/A).
+        pub torque_constant_nm_a: Vec<f64>,
+        /// Currents at the converter's full scale (A).
+        pub current_max_a: Vec<f64>,
+        /// Width of the converter's code. Default 12.
+        #[serde(default = "usual_bits")]
+        pub dac_bits: u32,
+        /// Inertia of the rotors (kg m^2). Default 0: what the URDF says is all.
+        pub rotor_inertia_kg_m2: Option<Vec<f64>>,
+        /// Coulomb friction at the joints (N m): what the servo may compensate and the simulator
+        /// does. Default 0.
+        pub coulomb_nm: Option<Vec<f64>>,
+        /// Viscous friction at the joints (N m s/rad). Default 0.
+        pub viscous_nms_rad: Option<Vec<f64>>,
+    }
 }
 
 fn usual_bits() -> u32 {

@@ -20,7 +20,7 @@ use taktil_tasks_wrist_scan::WristScan;
 
 use crate::config::MachineConfig;
 use crate::cpus;
-use crate::own::{self, OwnTask, Section};
+use crate::own::{self, OwnTask};
 use crate::robot::{AnyRobot, with};
 use crate::tape;
 
@@ -238,7 +238,7 @@ fn make_own(
     robot: &AnyRobot,
     ports: &mut Ports,
 ) -> Result<Box<dyn Task>, Invalid> {
-    let section = Section::new(config.own.get(task.name).cloned().unwrap_or_default());
+    let section = config.own.get(task.name).cloned().unwrap_or_default();
     let made = (task.make)(&section, robot, ports);
     made.map_err(|invalid| invalid.within(&format!("own.{}", task.name)))
 }

@@ -7,9 +7,9 @@ section! {
     /// `[arm]`
     #[serde(default)]
     pub struct ArmConfig {
-        /// Joint angles at power-up (deg), where the incremental encoders read zero. The default
-        /// puts the finger, pointing straight down, at (325, -127, -134) mm, 15 mm above the
-        /// default pin.
+        /// Joint angles at power-up (deg), where the incremental encoders read zero. The default,
+        /// (0, 46.8, -160.6, -180, 66.2, 180), puts the finger, pointing straight down, at (325,
+        /// -127, -134) mm, 15 mm above the default pin.
         home_deg: [f64; 6] [-720.0, 720.0],
         /// How far each joint really stands from `home_deg` at power-up (deg): what a careless
         /// calibration leaves. Default 0.
@@ -25,12 +25,14 @@ section! {
         /// Factors on mass and inertia of the links, of the simulated arm and not of what the
         /// controller knows of it. Default 1.
         link_mass_scale: [f64; 6] [0.1, 10.0],
-        /// The same of the tool on link 6: sensor, finger and array. Default 1.
+        /// Factor on mass and inertia of the tool on link 6 (sensor, finger and array), of the
+        /// simulated arm and not of what the controller knows of it. Default 1.
         tool_mass_scale: f64 [0.1, 10.0],
         /// Stiffness between each motor and its joint, on the joint's side (N m/rad), for the arm
-        /// `rigid+motors+compliance`. The default is an estimate: no figure for this arm is known.
+        /// `rigid+motors+compliance`. The default, (6000, 9000, 3000, 300, 300, 150), is an
+        /// estimate: no figure for this arm is known.
         gear_stiffness_nm_rad: [f64; 6] [1.0, 1e7],
-        /// Damping of a rotor on that spring, in parts of the critical one. Default 0.1.
+        /// Damping of a rotor on the spring of its gear, in parts of the critical one. Default 0.1.
         gear_damping: f64 [0.0, 2.0],
         /// Counts of the encoders in a motor turn, over those of the arm's own; the controller is
         /// told by `[robot.sense] encoder_scale`. Default 1.

@@ -6,20 +6,22 @@ use serde::Deserialize;
 use super::section::{Agree, inside, names, section};
 use super::{Invalid, invalid};
 
-/// What goes wrong.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FaultKind {
-    /// Tactile frames are lost: all of them, or a `share`.
-    DropFrames,
-    /// The encoder of a `joint` counts no more; the count stays.
-    DeadEncoder,
-    /// The drives' supply fails: no current, brakes on, and the line says so.
-    PowerLoss,
-    /// Somebody presses the emergency stop: both its lines open.
-    EmergencyStop,
-    /// The wrist's gauges keep their reading.
-    FrozenWrist,
+taktil_hal::explained! {
+    /// What goes wrong.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum FaultKind {
+        /// Tactile frames are lost: all of them, or a `share`.
+        DropFrames,
+        /// The encoder of a `joint` counts no more; the count stays.
+        DeadEncoder,
+        /// The drives' supply fails: no current, brakes on, and the line says so.
+        PowerLoss,
+        /// Somebody presses the emergency stop: both its lines open.
+        EmergencyStop,
+        /// The wrist's gauges keep their reading.
+        FrozenWrist,
+    }
 }
 
 names!(FaultKind);

@@ -26,7 +26,7 @@ pub use tactile::{Defect, DefectKind, Electronics, Stamp, TactileConfig};
 pub use wrist::WristConfig;
 
 use crate::fidelity::FidelityConfig;
-use section::{Agree, Key, Value, section};
+use section::{Agree, Value, section};
 
 /// A value that cannot be simulated: where it stands, what is wrong, what to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -195,14 +195,6 @@ impl WorldConfig {
     /// [`build`](crate::build), which solves the contact first.
     pub fn check(&self) -> Result<(), Invalid> {
         Value::check(self, "", None)
-    }
-
-    /// Every key with what it means and its range, in the order of the declarations.
-    #[must_use]
-    pub fn keys() -> Vec<Key> {
-        let mut keys = Vec::new();
-        <WorldConfig as Value>::list("", "", None, &mut keys);
-        keys
     }
 }
 

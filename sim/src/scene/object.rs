@@ -6,29 +6,33 @@ use serde::Deserialize;
 use super::section::{Agree, inside, names, section};
 use super::{Invalid, invalid};
 
-/// What an object is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ObjectKind {
-    /// A sphere, or a dome of its radius: whatever the finger can reach of it.
-    Sphere,
-    /// A plate on its edge: a rounded ridge along a curve.
-    Edge,
-    /// A bar with a flat face and sharp edges.
-    Bar,
+taktil_hal::explained! {
+    /// What an object is.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum ObjectKind {
+        /// A sphere, or a dome of its radius: whatever the finger can reach of it.
+        Sphere,
+        /// A plate on its edge: a rounded ridge along a curve.
+        Edge,
+        /// A bar with a flat face and sharp edges.
+        Bar,
+    }
 }
 
-/// The curve along which an edge runs, seen from above.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum EdgeProfile {
-    /// Straight from end to end.
-    #[default]
-    Straight,
-    /// Straight to its origin, from there on an arc.
-    Arc,
-    /// Straight to its origin, straight on from there in another direction.
-    Corner,
+taktil_hal::explained! {
+    /// The curve along which an edge runs, seen from above.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum EdgeProfile {
+        /// Straight from end to end.
+        #[default]
+        Straight,
+        /// Straight to its origin, from there on an arc.
+        Arc,
+        /// Straight to its origin, straight on from there in another direction.
+        Corner,
+    }
 }
 
 names!(ObjectKind, EdgeProfile);
@@ -55,10 +59,10 @@ section! {
         /// Turn about the table's normal, from x towards y (deg). Default 0.
         #[serde(default)]
         yaw_deg: f64 [-180.0, 180.0],
-        /// Then a turn about its own x: the top rises towards +y (deg). Default 0.
+        /// Turn about its own x after `yaw_deg`: the top rises towards +y (deg). Default 0.
         #[serde(default)]
         tilt_x_deg: f64 [-30.0, 30.0],
-        /// Then about its own y: the top rises towards +x (deg). Default 0.
+        /// Turn about its own y after `tilt_x_deg`: the top rises towards +x (deg). Default 0.
         #[serde(default)]
         tilt_y_deg: f64 [-30.0, 30.0],
         /// Radius of a sphere (default 20), or of the rounding of an edge (default 1.5) (mm).

@@ -1,19 +1,10 @@
 //! How a section of a scene is declared: its keys, what they mean and the range of every number
-//! stand in one place, from which the parser, the check and the schema are made. Refuses to
-//! know any section.
+//! stand in one place, from which the parser, the check and the schema are made
+//! ([`taktil_hal::explain`]). Refuses to know any section.
+
+pub(crate) use taktil_hal::explain::inside;
 
 use super::{Invalid, invalid};
-
-/// One key of a scene, for the schema and for people.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Key {
-    /// Dotted path from the section that was asked, `[]` for each element of a list.
-    pub path: String,
-    /// What it means, with unit and default.
-    pub about: String,
-    /// The numbers that are accepted, ends included.
-    pub range: Option<(f64, f64)>,
-}
 
 /// What a key may hold.
 pub trait Value {
@@ -22,11 +13,6 @@ pub trait Value {
     /// # Errors
     /// [`Invalid`] with the place.
     fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid>;
-
-    /// Adds this key, and those inside it, to the list.
-    fn list(path: &str, about: &str, range: Option<(f64, f64)>, keys: &mut Vec<Key>) {
-        keys.push(Key { path: path.to_owned(), about: about.to_owned(), range });
-    }
 }
 
 /// What the keys of a section have to do with each other.
@@ -39,11 +25,6 @@ pub trait Agree {
         let _ = place;
         Ok(())
     }
-}
-
-/// A place inside a section; the outermost one has no name.
-pub(crate) fn inside(place: &str, key: &str) -> String {
-    if place.is_empty() { key.to_owned() } else { format!("{place}.{key}") }
 }
 
 /// Refuses NaN, infinities and everything outside `low..=high`.
@@ -87,10 +68,6 @@ impl<T: Value> Value for Option<T> {
     fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid> {
         self.as_ref().map_or(Ok(()), |value| value.check(place, range))
     }
-
-    fn list(path: &str, about: &str, range: Option<(f64, f64)>, keys: &mut Vec<Key>) {
-        T::list(path, about, range, keys);
-    }
 }
 
 fn each<T: Value>(values: &[T], place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid> {
@@ -98,29 +75,15 @@ fn each<T: Value>(values: &[T], place: &str, range: Option<(f64, f64)>) -> Resul
     values.iter().enumerate().try_for_each(one)
 }
 
-/// An array says once what it is; the range is that of its numbers.
-fn list_array<T: Value>(path: &str, about: &str, range: Option<(f64, f64)>, keys: &mut Vec<Key>) {
-    keys.push(Key { path: path.to_owned(), about: about.to_owned(), range: None });
-    T::list(&format!("{path}[]"), "", range, keys);
-}
-
 impl<T: Value> Value for Vec<T> {
     fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid> {
         each(self, place, range)
-    }
-
-    fn list(path: &str, about: &str, range: Option<(f64, f64)>, keys: &mut Vec<Key>) {
-        list_array::<T>(path, about, range, keys);
     }
 }
 
 impl<T: Value, const N: usize> Value for [T; N] {
     fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid> {
         each(self, place, range)
-    }
-
-    fn list(path: &str, about: &str, range: Option<(f64, f64)>, keys: &mut Vec<Key>) {
-        list_array::<T>(path, about, range, keys);
     }
 }
 
@@ -138,16 +101,18 @@ macro_rules! section {
             $key:ident : $ty:ty $([$low:expr, $high:expr])?,
         )* }
     ) => {
-        $(#[doc = $about])*
-        $(#[derive($($derive),*)])?
-        #[derive(Clone, Debug, PartialEq, serde::Deserialize)]
-        #[serde(deny_unknown_fields)]
-        $(#[serde($($container)*)])*
-        pub struct $Name { $(
-            $(#[doc = $doc])*
-            $(#[serde($($field)*)])*
-            pub $key: $ty,
-        )* }
+        taktil_hal::explained! {
+            $(#[doc = $about])*
+            $(#[derive($($derive),*)])?
+            #[derive(Clone, Debug, PartialEq, serde::Deserialize)]
+            #[serde(deny_unknown_fields)]
+            $(#[serde($($container)*)])*
+            pub struct $Name { $(
+                $(#[doc = $doc])*
+                $(#[serde($($field)*)])*
+                pub $key: $ty $([$low, $high])?,
+            )* }
+        }
 
         impl $crate::scene::section::Value for $Name {
             fn check(
@@ -161,26 +126,6 @@ macro_rules! section {
                     self.$key.check(&inside(place, stringify!($key)), range)?;
                 })*
                 self.agree(place)
-            }
-
-            fn list(
-                path: &str,
-                about: &str,
-                _range: Option<(f64, f64)>,
-                keys: &mut Vec<$crate::scene::section::Key>,
-            ) {
-                use $crate::scene::section::{Key, inside};
-                let own = concat!($($about,)*).trim();
-                let about = if about.is_empty() { own } else { about };
-                if !path.is_empty() {
-                    keys.push(Key { path: path.to_owned(), about: about.to_owned(), range: None });
-                }
-                $({
-                    let range: Option<(f64, f64)> = None $(.or(Some(($low, $high))))?;
-                    let about = concat!($($doc,)*).trim();
-                    let path = inside(path, stringify!($key));
-                    <$ty as $crate::scene::section::Value>::list(&path, about, range, keys);
-                })*
             }
         }
     };

@@ -79,20 +79,22 @@ impl Default for TableConfig {
     }
 }
 
-/// What a motion moves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Axis {
-    /// `tilt_x_deg`
-    TiltX,
-    /// `tilt_y_deg`
-    TiltY,
-    /// `pan_deg`
-    Pan,
-    /// `slide_mm`
-    Slide,
-    /// `height_mm`
-    Height,
+taktil_hal::explained! {
+    /// What a motion moves.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Axis {
+        /// Turn about the table's x, on top of `tilt_x_deg`.
+        TiltX,
+        /// Turn about the table's y, on top of `tilt_y_deg`.
+        TiltY,
+        /// Turn about z0, on top of `pan_deg`.
+        Pan,
+        /// Displacement along x0, on top of `slide_mm`.
+        Slide,
+        /// Rise, on top of `height_mm`.
+        Height,
+    }
 }
 
 impl Axis {
@@ -106,19 +108,21 @@ impl Axis {
     }
 }
 
-/// How a motion runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Kind {
-    /// A rate from `from_s` to `to_s`, reached and left within `blend_s`.
-    #[default]
-    Ramp,
-    /// A change from `from_s` on, as a minimum-jerk move that ends at `to_s` or 0.05 s later.
-    Step,
-    /// An oscillation from `from_s` on, to `to_s` if that is given.
-    Sine,
-    /// Values at instants after `from_s`, written here or recorded in a file.
-    Points,
+taktil_hal::explained! {
+    /// How a motion runs.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Kind {
+        /// A rate from `from_s` to `to_s`, reached and left within `blend_s`.
+        #[default]
+        Ramp,
+        /// A change from `from_s` on, as a minimum-jerk move that ends at `to_s` or 0.05 s later.
+        Step,
+        /// An oscillation from `from_s` on, to `to_s` if that is given.
+        Sine,
+        /// Values at instants after `from_s`, written here or recorded in a file.
+        Points,
+    }
 }
 
 names!(Axis, Kind);

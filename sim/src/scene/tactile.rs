@@ -6,42 +6,48 @@ use serde::Deserialize;
 use super::section::{Agree, inside, names, section};
 use super::{Invalid, invalid};
 
-/// How much of the electronics is simulated; each with all of the ones before it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Electronics {
-    /// Counts in proportion to the force on each tactel.
-    #[default]
-    Ideal,
-    /// Gains that differ from tactel to tactel, a threshold and a power law.
-    Response,
-    /// Hysteresis and creep.
-    Memory,
-    /// Crosstalk through the network of rows and columns.
-    Network,
+taktil_hal::explained! {
+    /// How much of the electronics is simulated; each with all of the ones before it.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Electronics {
+        /// Counts in proportion to the force on each tactel.
+        #[default]
+        Ideal,
+        /// Gains that differ from tactel to tactel, a threshold and a power law.
+        Response,
+        /// Hysteresis and creep.
+        Memory,
+        /// Crosstalk through the network of rows and columns.
+        Network,
+    }
 }
 
-/// What is wrong with a tactel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum DefectKind {
-    /// Reads the rest level, whatever presses.
-    Dead,
-    /// Reads `counts`, whatever presses.
-    Stuck,
-    /// Reads `counts` in every second half of `period_s`.
-    Blinking,
+taktil_hal::explained! {
+    /// What is wrong with a tactel.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum DefectKind {
+        /// Reads the rest level, whatever presses.
+        Dead,
+        /// Reads `counts`, whatever presses.
+        Stuck,
+        /// Reads `counts` in every second half of `period_s`.
+        Blinking,
+    }
 }
 
-/// What instant a frame carries.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Stamp {
-    /// When the last row was read.
-    #[default]
-    Scanned,
-    /// When the board handed it over: nobody can tell how old it is.
-    Delivered,
+taktil_hal::explained! {
+    /// What instant a frame carries.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Stamp {
+        /// When the last row was read.
+        #[default]
+        Scanned,
+        /// When the board handed it over: nobody can tell how old it is.
+        Delivered,
+    }
 }
 
 names!(Electronics, DefectKind, Stamp);

@@ -23,21 +23,24 @@ const FOLLOWING_FLOOR_DEG: f64 = 5.0;
 /// The window's growth may be edited up to this at least, s.
 const FOLLOWING_GAIN_MAX_S: f64 = 0.2;
 
-/// Settings of [`Actuate`].
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Largest torque at each joint, N m. Default: what the arm's drives and limits allow.
-    pub torque_limit_nm: Option<Vec<f64>>,
-    /// Code of each motor's converter at which no current flows: read off with the drives on and
-    /// the brakes set. At most an eighth of the converter's range. Default 0.
-    pub dac_zero: Option<Vec<i32>>,
-    /// Half width at rest of the window in which each joint has to follow, deg. Default: 5.
-    pub following_floor_deg: Option<Vec<f64>>,
-    /// Growth of that half width with the measured speed, s. Default: 0.05.
-    pub following_gain_s: f64,
-    /// Failed writes in a row that are let pass. Default: 1.
-    pub failures_allowed: u32,
+taktil_rtcore::explained! {
+    /// Settings of [`Actuate`].
+    #[derive(Clone, Debug, Deserialize, PartialEq)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Config {
+        /// Largest torque at each joint, N m. Default: what the arm's drives and limits allow.
+        pub torque_limit_nm: Option<Vec<f64>>,
+        /// Code of each motor's converter at which no current flows: read off with the drives on
+        /// and the brakes set. At most an eighth of the converter's range. Default 0.
+        pub dac_zero: Option<Vec<i32>>,
+        /// Half width at rest of the window in which each joint has to follow, deg. Default: 5.
+        pub following_floor_deg: Option<Vec<f64>>,
+        /// Growth with the measured speed of the half width of the window in which each joint has
+        /// to follow, s. Default: 0.05.
+        pub following_gain_s: f64,
+        /// Failed writes in a row that are let pass. Default: 1.
+        pub failures_allowed: u32,
+    }
 }
 
 impl Default for Config {

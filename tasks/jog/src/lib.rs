@@ -24,25 +24,28 @@ use taktil_signal::{
 /// Slower than that in every joint the arm stands, as whoever pushes it sees it (rad/s).
 const STANDS_RAD_S: f64 = 1e-3;
 
-/// Settings of [`Jog`].
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Share of the joints' largest speeds at full push. Default 0.15.
-    pub speed: f64,
-    /// The same before the counts were initialised. Default 0.05.
-    pub speed_uncalibrated: f64,
-    /// Speed of the tool point at full push (mm/s). Default 40.
-    pub line_mm_s: f64,
-    /// Speed of turning the tool at full push (deg/s). Default 20.
-    pub turn_deg_s: f64,
-    /// Time from rest to full speed and back (s). Default 0.05.
-    pub ramp_s: f64,
-    /// Keys that were not confirmed for so long are released (s), at most 0.1. Default 0.04: the
-    /// arm stands less than 0.1 s after the last word of the hand.
-    pub dead_man_s: f64,
-    /// How far the tool may be off its way past a wrist singularity (deg). Default 1.
-    pub off_path_deg: f64,
+taktil_rtcore::explained! {
+    /// Settings of [`Jog`].
+    #[derive(Clone, Debug, Deserialize, PartialEq)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Config {
+        /// Share of the joints' largest speeds at full push. Default 0.15.
+        pub speed: f64,
+        /// Share of the joints' largest speeds at full push before the counts were initialised.
+        /// Default 0.05.
+        pub speed_uncalibrated: f64,
+        /// Speed of the tool point at full push (mm/s). Default 40.
+        pub line_mm_s: f64,
+        /// Speed of turning the tool at full push (deg/s). Default 20.
+        pub turn_deg_s: f64,
+        /// Time from rest to full speed and back (s). Default 0.05.
+        pub ramp_s: f64,
+        /// Keys that were not confirmed for so long are released (s), at most 0.1. Default 0.04:
+        /// the arm stands less than 0.1 s after the last word of the hand.
+        pub dead_man_s: f64,
+        /// How far the tool may be off its way past a wrist singularity (deg). Default 1.
+        pub off_path_deg: f64,
+    }
 }
 
 impl Default for Config {

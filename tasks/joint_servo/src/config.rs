@@ -12,62 +12,69 @@ use crate::learned::Learned;
 use crate::notch::{Notch, Shape};
 use crate::observer::Observer;
 
-/// Gains and options. Every key has a default.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Natural frequency of each joint (rad/s). Default 60: at 400 Hz with half a tick of actuation
-    /// delay it keeps a phase margin against stiff contact.
-    pub bandwidth_rad_s: Option<Vec<f64>>,
-    /// Damping ratio of each joint. Default 1.
-    pub damping: Option<Vec<f64>>,
-    /// Inertia that the gains are computed for (kg m^2). Default: the diagonal of the arm's mass
-    /// matrix, rotors included, at `inertia_pose_deg`.
-    pub inertia_kg_m2: Option<Vec<f64>>,
-    /// Pose of that mass matrix (deg). Default: where the arm is at work (PUMA 260: 0, 40, -153,
-    /// -180, 67, 180, the finger over a pin), its home pose where nothing else is known.
-    pub inertia_pose_deg: Option<Vec<f64>>,
-    /// Torque per angle (N m/rad); replaces what bandwidth and inertia give.
-    pub kp_nm_rad: Option<Vec<f64>>,
-    /// Torque per rate of the error (N m s/rad); replaces what bandwidth, damping and inertia give.
-    pub kd_nms_rad: Option<Vec<f64>>,
-    /// Corner of the low-pass on the rate of the error (Hz). Default 60.
-    pub derivative_filter_hz: f64,
-    /// Takes the rate of the error from an observer with its poles at so many Hz instead: without
-    /// the filter's lag and the half tick of a difference, for more noise. Default none.
-    pub observer_hz: Option<f64>,
-    /// Puts a notch on the error with its middle at so many Hz: where the arm swings on what it
-    /// touches and the servo, late as it is, would stir it. Default none.
-    pub notch_hz: Option<f64>,
-    /// Joints (from 1) whose error the notch is on: those that move the finger along the contact's
-    /// swing. Below the notch its lag takes damping from the others. Default all.
-    pub notch_joints: Option<Vec<u32>>,
-    /// Damping ratio of the notch's poles: how wide it is. Default 0.3.
-    pub notch_width: f64,
-    /// What the notch leaves in its middle, 0 to 1. Default 0.15.
-    pub notch_depth: f64,
-    /// Adds the torque that holds the arm against gravity at the desired joints, once they are
-    /// calibrated. Default true; false is the thesis's plain PD, whose finger droops by
-    /// millimetres.
-    pub gravity: bool,
-    /// Share of the friction model that is added along the desired motion, 0 to 1. Default 0. Less
-    /// than all of it leaves room for what the model does not know.
-    pub friction: f64,
-    /// Desired speed at which half of Coulomb's friction is added (rad/s): below it the direction
-    /// of the motion is in doubt. Default 0.01.
-    pub friction_speed_rad_s: f64,
-    /// Share of each joint's Coulomb friction, as learned from its own turns, that is added along
-    /// the desired way, 0 to 1. Default 0.
-    pub learned_friction: f64,
-    /// Desired way over which that turns from one side to the other (rad). Default 5e-4.
-    pub learned_turn_rad: f64,
-    /// Share of the torque that the desired acceleration takes, inertia and Coriolis, 0 to 1.
-    /// Default 0.
-    pub acceleration: f64,
-    /// Pose in which the arm is taken to stand at power-up (deg): before calibration the gravity
-    /// term is that of this pose plus the motion since. Default none: no gravity term before
-    /// calibration. Give it only where the arm is posed by hand before power comes on.
-    pub assumed_pose_deg: Option<Vec<f64>>,
+taktil_rtcore::explained! {
+    /// Gains and options. Every key has a default.
+    #[derive(Clone, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Config {
+        /// Natural frequency of each joint (rad/s). Default 60: at 400 Hz with half a tick of
+        /// actuation delay it keeps a phase margin against stiff contact.
+        pub bandwidth_rad_s: Option<Vec<f64>>,
+        /// Damping ratio of each joint. Default 1.
+        pub damping: Option<Vec<f64>>,
+        /// Inertia that the gains are computed for (kg m^2). Default: the diagonal of the arm's
+        /// mass matrix, rotors included, at `inertia_pose_deg`.
+        pub inertia_kg_m2: Option<Vec<f64>>,
+        /// Pose of the mass matrix that the gains are computed for (deg). Default: where the arm is
+        /// at work (PUMA 260: 0, 40, -153, -180, 67, 180, the finger over a pin), its home pose
+        /// where nothing else is known.
+        pub inertia_pose_deg: Option<Vec<f64>>,
+        /// Torque per angle (N m/rad); replaces what bandwidth and inertia give. Default none.
+        pub kp_nm_rad: Option<Vec<f64>>,
+        /// Torque per rate of the error (N m s/rad); replaces what bandwidth, damping and inertia
+        /// give. Default none.
+        pub kd_nms_rad: Option<Vec<f64>>,
+        /// Corner of the low-pass on the rate of the error (Hz). Default 60.
+        pub derivative_filter_hz: f64,
+        /// Takes the rate of the error from an observer with its poles at so many Hz instead:
+        /// without the filter's lag and the half tick of a difference, for more noise. Default
+        /// none.
+        pub observer_hz: Option<f64>,
+        /// Puts a notch on the error with its middle at so many Hz: where the arm swings on what it
+        /// touches and the servo, late as it is, would stir it. Default none.
+        pub notch_hz: Option<f64>,
+        /// Joints (from 1) whose error the notch is on: those that move the finger along the
+        /// contact's swing. Below the notch its lag takes damping from the others. Default all.
+        pub notch_joints: Option<Vec<u32>>,
+        /// Damping ratio of the notch's poles: how wide it is. Default 0.3.
+        pub notch_width: f64,
+        /// What the notch leaves in its middle, 0 to 1. Default 0.15.
+        pub notch_depth: f64,
+        /// Adds the torque that holds the arm against gravity at the desired joints, once they are
+        /// calibrated. Default true; false is the thesis's plain PD, whose finger droops by
+        /// millimetres.
+        pub gravity: bool,
+        /// Share of the friction model that is added along the desired motion, 0 to 1. Default 0.
+        /// Less than all of it leaves room for what the model does not know.
+        pub friction: f64,
+        /// Desired speed at which half of Coulomb's friction is added (rad/s): below it the
+        /// direction of the motion is in doubt. Default 0.01.
+        pub friction_speed_rad_s: f64,
+        /// Share of each joint's Coulomb friction, as learned from its own turns, that is added
+        /// along the desired way, 0 to 1. Default 0.
+        pub learned_friction: f64,
+        /// Desired way over which the learned friction turns from one side to the other (rad).
+        /// Default 5e-4.
+        pub learned_turn_rad: f64,
+        /// Share of the torque that the desired acceleration takes, inertia and Coriolis, 0 to 1.
+        /// Default 0.
+        pub acceleration: f64,
+        /// Pose in which the arm is taken to stand at power-up (deg): before calibration the
+        /// gravity term is that of this pose plus the motion since. Default none: no gravity term
+        /// before calibration; in a scene, where its arm starts. Give it only where the arm is
+        /// posed by hand before power comes on.
+        pub assumed_pose_deg: Option<Vec<f64>>,
+    }
 }
 
 impl Default for Config {

@@ -9,18 +9,20 @@ use taktil_mechanics::transmission::Transmission;
 use taktil_rtcore::{FaultCode, Invalid};
 use taktil_signal::per_joint;
 
-/// Settings of the search for the nearest index pulse; of no meaning on a board without pulses.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields, default)]
-pub struct IndexConfig {
-    /// Leaves the pulses alone: the home pose is where the operator says. Default: false.
-    pub ignore: bool,
-    /// How many counts past an index pulse each joint's motor stands in the home pose, found when
-    /// the robot was set up. Default: 0, the home pose is that of the pulses.
-    pub home_counts: Option<Vec<f64>>,
-    /// Farthest distance of a motor from its home count at a calibration, in parts of a turn, below
-    /// 0.5: farther means that the neighbouring turn may be the right one. Default: 0.25.
-    pub farthest_rev: f64,
+taktil_rtcore::explained! {
+    /// Settings of the search for the nearest index pulse; of no meaning on a board without pulses.
+    #[derive(Clone, Debug, Deserialize, PartialEq)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct IndexConfig {
+        /// Leaves the pulses alone: the home pose is where the operator says. Default: false.
+        pub ignore: bool,
+        /// How many counts past an index pulse each joint's motor stands in the home pose, found
+        /// when the robot was set up. Default: 0, the home pose is that of the pulses.
+        pub home_counts: Option<Vec<f64>>,
+        /// Farthest distance of a motor from its home count at a calibration, in parts of a turn,
+        /// below 0.5: farther means that the neighbouring turn may be the right one. Default: 0.25.
+        pub farthest_rev: f64,
+    }
 }
 
 impl Default for IndexConfig {

@@ -17,22 +17,24 @@ use taktil_signal::{ControlState, HomeCheck, JointState, Lines, per_joint};
 use index::{Found, Index, IndexConfig};
 use law::{Angles, Patience, Verdict};
 
-/// Settings of [`Sense`].
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Joint angles of the home pose, deg. Default: those of the arm (PUMA 260: 0, 0, -180, 0, 90,
-    /// 0, upper arm and hand level, forearm hanging).
-    pub home_deg: Option<Vec<f64>>,
-    /// Fastest speed of each joint, deg/s, as a measure for jumps. Default: that of the arm.
-    pub v_max_deg_s: Option<Vec<f64>>,
-    /// Counts of the board's encoders in a motor turn, over those that the arm is known to have: a
-    /// board that divides or multiplies them. Default: 1.
-    pub encoder_scale: f64,
-    /// Failed reads in a row that are let pass with the last value held. Default: 1.
-    pub failures_allowed: u32,
-    /// How index pulses are used, where the board reports them.
-    pub index: IndexConfig,
+taktil_rtcore::explained! {
+    /// Settings of [`Sense`].
+    #[derive(Clone, Debug, Deserialize, PartialEq)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Config {
+        /// Joint angles of the home pose, deg. Default: those of the arm (PUMA 260: 0, 0, -180, 0,
+        /// 90, 0, upper arm and hand level, forearm hanging); in a scene, where its arm starts.
+        pub home_deg: Option<Vec<f64>>,
+        /// Fastest speed of each joint, deg/s, as a measure for jumps. Default: that of the arm.
+        pub v_max_deg_s: Option<Vec<f64>>,
+        /// Counts of the board's encoders in a motor turn, over those that the arm is known to
+        /// have: a board that divides or multiplies them. Default: 1.
+        pub encoder_scale: f64,
+        /// Failed reads in a row that are let pass with the last value held. Default: 1.
+        pub failures_allowed: u32,
+        /// How index pulses are used, where the board reports them.
+        pub index: IndexConfig,
+    }
 }
 
 impl Default for Config {

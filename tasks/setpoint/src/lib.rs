@@ -16,25 +16,27 @@ use taktil_signal::{ControlState, Desired, Goal, JointState, State, per_joint};
 
 use law::{Bounds, Facts, Law};
 
-/// Settings of [`Setpoint`].
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Lower joint limits, deg. Default: those of the arm.
-    pub q_min_deg: Option<Vec<f64>>,
-    /// Upper joint limits, deg. Default: those of the arm.
-    pub q_max_deg: Option<Vec<f64>>,
-    /// Fastest speed of each joint, deg/s; a goal may step by 1.5 times it. Default: that of the
-    /// arm.
-    pub v_max_deg_s: Option<Vec<f64>>,
-    /// How far the first goal of a source may be from the desired joints, deg. Default: 0.2.
-    pub bumpless_deg: f64,
-    /// How far moving desired joints may be from the measured ones, deg. Default: 6.
-    pub max_lead_deg: f64,
-    /// Time in which motion without a source comes to rest, s. Default: 0.2.
-    pub stop_time_s: f64,
-    /// Age at which a goal is no goal any more, s. Default: 0.01.
-    pub goal_stale_s: f64,
+taktil_rtcore::explained! {
+    /// Settings of [`Setpoint`].
+    #[derive(Clone, Debug, Deserialize, PartialEq)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Config {
+        /// Lower joint limits, deg. Default: those of the arm.
+        pub q_min_deg: Option<Vec<f64>>,
+        /// Upper joint limits, deg. Default: those of the arm.
+        pub q_max_deg: Option<Vec<f64>>,
+        /// Fastest speed of each joint, deg/s; a goal may step by 1.5 times it. Default: that of
+        /// the arm.
+        pub v_max_deg_s: Option<Vec<f64>>,
+        /// How far the first goal of a source may be from the desired joints, deg. Default: 0.2.
+        pub bumpless_deg: f64,
+        /// How far moving desired joints may be from the measured ones, deg. Default: 6.
+        pub max_lead_deg: f64,
+        /// Time in which motion without a source comes to rest, s. Default: 0.2.
+        pub stop_time_s: f64,
+        /// Age at which a goal is no goal any more, s. Default: 0.01.
+        pub goal_stale_s: f64,
+    }
 }
 
 impl Default for Config {

@@ -17,27 +17,30 @@ use taktil_signal::{ControlState, Goal, JointState, Lines, Request};
 
 use decide::{Core, Facts, Times, Word};
 
-/// Settings of [`Supervisor`].
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Shortest time under servo with the brakes on before they are released, s. Default: 0.05.
-    pub enable_time_s: f64,
-    /// Band that no joint may leave for the arm to count as standing still, deg. Default: 0.05.
-    pub still_deg: f64,
-    /// How long it must not leave it, s. Default: 0.04.
-    pub still_time_s: f64,
-    /// Longest time that a stop may take before the drives go off, still or not, s. Default: 1.
-    pub stop_time_max_s: f64,
-    /// How long the channels of the emergency stop may disagree, s. Default: 0.02.
-    pub estop_disagree_s: f64,
-    /// How long touch may be missing before TACTILE-SERVO is left for IDLE/CALIBRATED, s. Default:
-    /// 0.02.
-    pub tactile_hold_s: f64,
-    /// Age at which the touch lane's health means that the lane is silent, s. Default: 0.1.
-    pub touch_silent_s: f64,
-    /// Age at which joints and lines have stopped coming, s. Default: 0.01.
-    pub input_stale_s: f64,
+taktil_rtcore::explained! {
+    /// Settings of [`Supervisor`].
+    #[derive(Clone, Debug, Deserialize, PartialEq)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Config {
+        /// Shortest time under servo with the brakes on before they are released, s. Default: 0.05.
+        pub enable_time_s: f64,
+        /// Band that no joint may leave for the arm to count as standing still, deg. Default: 0.05.
+        pub still_deg: f64,
+        /// How long no joint must leave the band of `still_deg` for the arm to count as standing
+        /// still, s. Default: 0.04.
+        pub still_time_s: f64,
+        /// Longest time that a stop may take before the drives go off, still or not, s. Default: 1.
+        pub stop_time_max_s: f64,
+        /// How long the channels of the emergency stop may disagree, s. Default: 0.02.
+        pub estop_disagree_s: f64,
+        /// How long touch may be missing before TACTILE-SERVO is left for IDLE/CALIBRATED, s.
+        /// Default: 0.02.
+        pub tactile_hold_s: f64,
+        /// Age at which the touch lane's health means that the lane is silent, s. Default: 0.1.
+        pub touch_silent_s: f64,
+        /// Age at which joints and lines have stopped coming, s. Default: 0.01.
+        pub input_stale_s: f64,
+    }
 }
 
 impl Default for Config {

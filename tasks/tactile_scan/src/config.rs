@@ -6,31 +6,34 @@ use taktil_rtcore::{Invalid, Nanos};
 
 use crate::response::Response;
 
-/// Every key has a default.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// New frames whose mean is the rest level; the finger must be free while they come. Default
-    /// 40: 0.2 s at 200 Hz.
-    pub baseline_frames: u32,
-    /// As long as nothing touches, frames that come later are averaged too, up to so many in all:
-    /// the newest 16 to 32 of them wait until the finger proves to have been free after them, and
-    /// the first that differs from rest level ends it. Default 400: 2 s at 200 Hz; no more than
-    /// `baseline_frames` averages those alone.
-    pub baseline_most_frames: u32,
-    /// Dead tactels as [row, column], numbers from 1. Default none.
-    pub dead: Vec<[u16; 2]>,
-    /// A tactel whose rest level is below this is stuck low (counts). Default 1; 0 switches it off.
-    pub rest_min_counts: f64,
-    /// A tactel whose rest level is above this share of the full scale is stuck high or was pressed
-    /// while the baseline was taken. Default 0.5.
-    pub rest_max_share: f64,
-    /// Without a new frame for longer than this the array counts as stale (ms). Default 20: four
-    /// scans.
-    pub stale_ms: f64,
-    /// The tactels' calibrated response, which is taken out of the readings. Default none: counts
-    /// are passed on as they are.
-    pub response: Option<Response>,
+taktil_rtcore::explained! {
+    /// Every key has a default.
+    #[derive(Clone, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Config {
+        /// New frames whose mean is the rest level; the finger must be free while they come.
+        /// Default 40: 0.2 s at 200 Hz.
+        pub baseline_frames: u32,
+        /// As long as nothing touches, frames that come later are averaged too, up to so many in
+        /// all: the newest 16 to 32 of them wait until the finger proves to have been free after
+        /// them, and the first that differs from rest level ends it. Default 400: 2 s at 200 Hz; no
+        /// more than `baseline_frames` averages those alone.
+        pub baseline_most_frames: u32,
+        /// Dead tactels as [row, column], numbers from 1. Default none.
+        pub dead: Vec<[u16; 2]>,
+        /// A tactel whose rest level is below this is stuck low (counts). Default 1; 0 switches it
+        /// off.
+        pub rest_min_counts: f64,
+        /// A tactel whose rest level is above this share of the full scale is stuck high or was
+        /// pressed while the baseline was taken. Default 0.5.
+        pub rest_max_share: f64,
+        /// Without a new frame for longer than this the array counts as stale (ms). Default 20:
+        /// four scans.
+        pub stale_ms: f64,
+        /// The tactels' calibrated response, which is taken out of the readings. Default none:
+        /// counts are passed on as they are.
+        pub response: Option<Response>,
+    }
 }
 
 impl Default for Config {

@@ -22,18 +22,21 @@ const KNEE_MIN: f64 = 1.0;
 /// Full scale grows by this factor at most; small loads of a steep curve may grow by more.
 const GROWTH_MAX: f64 = 8.0;
 
-/// `[tactile_scan.response]`: the array's calibrated curve, the same for each tactel.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Response {
-    /// Exponent of the counts over the load: 0.2 to 2. 1 is an array in proportion.
-    pub exponent: f64,
-    /// Counts above the rest level at which counts are taken for the load as they are: those of
-    /// the load that the scale from newtons to counts is stated for.
-    pub full_counts: f64,
-    /// Load below which a tactel conducts nothing, in counts of an array in proportion. Default 0.
-    #[serde(default)]
-    pub threshold_counts: f64,
+taktil_rtcore::explained! {
+    /// `[tactile_scan.response]`: the array's calibrated curve, the same for each tactel.
+    #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct Response {
+        /// Exponent of the counts over the load: 0.2 to 2. 1 is an array in proportion.
+        pub exponent: f64,
+        /// Counts above the rest level at which counts are taken for the load as they are: those of
+        /// the load that the scale from newtons to counts is stated for.
+        pub full_counts: f64,
+        /// Load below which a tactel conducts nothing, in counts of an array in proportion. Default
+        /// 0.
+        #[serde(default)]
+        pub threshold_counts: f64,
+    }
 }
 
 impl Response {

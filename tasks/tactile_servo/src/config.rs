@@ -12,74 +12,75 @@ use crate::law::task_frame::{Feature, TaskFrame};
 use crate::perception::noise_sum;
 use crate::phase::Lost;
 
-/// Every key has a default: the rolling task of the thesis.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Which law drives: `thesis` (default), `projector-pid`, `model`, `hybrid-force`,
-    /// `hybrid-force-touch` or `task-frame`.
-    pub law: Name,
-    /// What `projector-pid` and the laws of the wrist go by.
-    pub projector_pid: Gains,
-    /// What `model` goes by.
-    pub model: Model,
-    /// A second fingertip on the other side of the pin, whose image `opposed` the law `model` goes
-    /// by as well. Default: none.
-    pub opposed: Option<Opposed>,
-    /// The task that `task-frame` carries out.
-    pub task_frame: TaskFrame,
-    /// What is done when contact is lost.
-    pub lost: Lost,
-    /// Lower turning point of the centroid (column number). Default 2; it is headed for first.
-    pub x_c_low: f64,
-    /// Upper turning point (column number). Default 15.
-    pub x_c_high: f64,
-    /// A turning point counts as reached within this (columns). Default 0.5.
-    pub x_c_tolerance: f64,
-    /// Desired sum of the counts. Default 15000, about 15 N at 4095 counts for 4 N.
-    pub m0_counts: f64,
-    /// Desired first moment about the middle line (counts x rows). Default 0.
-    pub m_x_counts: f64,
-    /// Desired direction of the pin's axis (mrad). Default 0.
-    pub theta_z_mrad: f64,
-    /// Sizes of the diagonal of the feature Jacobian, for (x_c, M0, M_x, theta_z) over (dx, dz,
-    /// dtheta_x, dtheta_z) in columns/mm, counts/mm, counts x rows/mrad, mrad/mrad. Default the
-    /// thesis's (20, 20000, 200000, 1000); the signs are [`crate::law::SIGNS`].
-    pub feature_jacobian: [f64; 4],
-    /// Tactels below this count as 0 (counts). Default: three standard deviations of the noise that
-    /// was measured with the baseline; 0 lets every value in, as the thesis did.
-    pub threshold_counts: Option<f64>,
-    /// There is contact when the sum of the counts is above this, and above what noise alone
-    /// leaves of the array's sum with this threshold: see [`Config::contact_above`]. Default 1000.
-    pub contact_counts: f64,
-    /// A load of more than so many times the set point that lasts for 40 ms takes the drives' power
-    /// off ([`taktil_rtcore::FaultCode::Overload`]): something is wrong with the arm. Default 2.5.
-    pub overload_share: f64,
-    /// The pin is rolled only while the sum of the counts is at least this: before, friction could
-    /// not carry it. Default 6000; 0 rolls from first contact, as the thesis did.
-    pub roll_from_counts: f64,
-    /// Largest speed along the sensor's x (mm/s). Default 11.
-    pub roll_mm_s: f64,
-    /// Largest speed along the sensor's z in contact (mm/s). Default 4.
-    pub press_mm_s: f64,
-    /// Largest turn about the sensor's x (mrad/s). Default 100.
-    pub tilt_mrad_s: f64,
-    /// Largest turn about the sensor's z (mrad/s). Default 100.
-    pub turn_mrad_s: f64,
-    /// Speed along the sensor's z while nothing is touched (mm/s). Default 6.
-    pub seek_mm_s: f64,
-    /// Without contact the finger stops after this way (mm). Default 60.
-    pub seek_max_mm: f64,
-    /// Rate at which drift along and about the sensor's y, which touch cannot see, is taken back by
-    /// the encoders (1/s). Default 4; 0 leaves it, as the thesis did.
-    pub hold_unfelt_per_s: f64,
-    /// Time between two images (ms). Default 5.
-    pub image_period_ms: f64,
-    /// Smallest distance from a singularity, as [`taktil_mechanics::puma260::SingularDistance`]
-    /// counts it (0 to 1), at which the law acts. Default 0.05.
-    pub singular_distance_min: f64,
-    /// Most that a desired joint may be ahead of the measured one (deg). Default 3.
-    pub max_lead_deg: f64,
+taktil_rtcore::explained! {
+    /// Every key has a default: the rolling task of the thesis.
+    #[derive(Clone, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Config {
+        /// Which law drives: `thesis` (default), `projector-pid`, `model`, `hybrid-force`,
+        /// `hybrid-force-touch` or `task-frame`.
+        pub law: Name,
+        /// What `projector-pid` and the laws of the wrist go by.
+        pub projector_pid: Gains,
+        /// What `model` goes by.
+        pub model: Model,
+        /// A second fingertip on the other side of the pin, whose image `opposed` the law `model`
+        /// goes by as well. Default: none.
+        pub opposed: Option<Opposed>,
+        /// The task that `task-frame` carries out.
+        pub task_frame: TaskFrame,
+        /// What is done when contact is lost.
+        pub lost: Lost,
+        /// Lower turning point of the centroid (column number). Default 2; it is headed for first.
+        pub x_c_low: f64,
+        /// Upper turning point of the centroid (column number). Default 15.
+        pub x_c_high: f64,
+        /// A turning point of the centroid counts as reached within this (columns). Default 0.5.
+        pub x_c_tolerance: f64,
+        /// Desired sum of the counts. Default 15000, about 15 N at 4095 counts for 4 N.
+        pub m0_counts: f64,
+        /// Desired first moment about the middle line (counts x rows). Default 0.
+        pub m_x_counts: f64,
+        /// Desired direction of the pin's axis (mrad). Default 0.
+        pub theta_z_mrad: f64,
+        /// Sizes of the diagonal of the feature Jacobian, for (x_c, M0, M_x, theta_z) over (dx, dz,
+        /// dtheta_x, dtheta_z) in columns/mm, counts/mm, counts x rows/mrad, mrad/mrad. Default the
+        /// thesis's (20, 20000, 200000, 1000); the signs are the law's.
+        pub feature_jacobian: [f64; 4],
+        /// Tactels below this count as 0 (counts). Default: three standard deviations of the noise
+        /// that was measured with the baseline; 0 lets every value in, as the thesis did.
+        pub threshold_counts: Option<f64>,
+        /// There is contact when the sum of the counts is above this, and above what noise alone
+        /// leaves of the sum with this threshold on the tactels. Default 1000.
+        pub contact_counts: f64,
+        /// A load of more than so many times the set point that lasts for 40 ms takes the drives'
+        /// power off (fault `Overload`): something is wrong with the arm. Default 2.5.
+        pub overload_share: f64,
+        /// The pin is rolled only while the sum of the counts is at least this: before, friction
+        /// could not carry it. Default 6000; 0 rolls from first contact, as the thesis did.
+        pub roll_from_counts: f64,
+        /// Largest speed along the sensor's x (mm/s). Default 11.
+        pub roll_mm_s: f64,
+        /// Largest speed along the sensor's z in contact (mm/s). Default 4.
+        pub press_mm_s: f64,
+        /// Largest turn about the sensor's x (mrad/s). Default 100.
+        pub tilt_mrad_s: f64,
+        /// Largest turn about the sensor's z (mrad/s). Default 100.
+        pub turn_mrad_s: f64,
+        /// Speed along the sensor's z while nothing is touched (mm/s). Default 6.
+        pub seek_mm_s: f64,
+        /// Without contact the finger stops after this way (mm). Default 60.
+        pub seek_max_mm: f64,
+        /// Rate at which drift along and about the sensor's y, which touch cannot see, is taken
+        /// back by the encoders (1/s). Default 4; 0 leaves it, as the thesis did.
+        pub hold_unfelt_per_s: f64,
+        /// Time between two images (ms). Default 5.
+        pub image_period_ms: f64,
+        /// Smallest distance from a singularity, 0 to 1, at which the law acts. Default 0.05.
+        pub singular_distance_min: f64,
+        /// Most that a desired joint may be ahead of the measured one (deg). Default 3.
+        pub max_lead_deg: f64,
+    }
 }
 
 /// Sum of the counts of the largest array that a message holds, at full scale.

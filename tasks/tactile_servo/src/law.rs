@@ -22,23 +22,25 @@ use taktil_mechanics::Joints;
 /// Signs of the diagonal of the feature Jacobian for (x_c, M0, M_x, theta_z).
 pub const SIGNS: [f64; 4] = [-1.0, 1.0, 1.0, -1.0];
 
-/// The laws that a scene may name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Name {
-    /// [`thesis`]: the diagonal Jacobian of 1994.
-    #[default]
-    Thesis,
-    /// [`projector_pid`]: PID on selected features (Li et al. 2013).
-    ProjectorPid,
-    /// [`model`]: the coupled Jacobian of the contact, delay and table motion observed.
-    Model,
-    /// [`hybrid_force`]: the wrist's force and centre of pressure.
-    HybridForce,
-    /// [`hybrid_force`] with the centre of pressure and the direction from touch.
-    HybridForceTouch,
-    /// [`task_frame`]: the task that the scene describes.
-    TaskFrame,
+taktil_rtcore::explained! {
+    /// The laws that a scene may name.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Name {
+        /// The diagonal Jacobian of 1994.
+        #[default]
+        Thesis,
+        /// PID on selected features (Li et al. 2013).
+        ProjectorPid,
+        /// The coupled Jacobian of the contact, delay and table motion observed.
+        Model,
+        /// The wrist's force and centre of pressure.
+        HybridForce,
+        /// The wrist's force, with the centre of pressure and the direction from touch.
+        HybridForceTouch,
+        /// The task that the scene describes.
+        TaskFrame,
+    }
 }
 
 impl Name {

@@ -22,16 +22,18 @@ use crate::perception::Touch;
 const PATIENCE: f64 = 3.0;
 const WAIT_S: f64 = 0.1;
 
-/// `[tactile_servo.lost]`: what is done when contact is lost.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Lost {
-    /// The finger stands still for this time (ms). Default 20.
-    pub hold_ms: f64,
-    /// Then it seeks again, this far (mm). Default 5.
-    pub again_mm: f64,
-    /// And when nothing is there it draws back by so much (mm). Default 5.
-    pub retract_mm: f64,
+taktil_rtcore::explained! {
+    /// `[tactile_servo.lost]`: what is done when contact is lost.
+    #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Lost {
+        /// The finger stands still for this time once contact is lost (ms). Default 20.
+        pub hold_ms: f64,
+        /// Then it seeks contact again, this far (mm). Default 5.
+        pub again_mm: f64,
+        /// When nothing is found there it draws back by so much (mm). Default 5.
+        pub retract_mm: f64,
+    }
 }
 
 impl Default for Lost {

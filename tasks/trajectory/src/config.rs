@@ -13,43 +13,50 @@ use taktil_signal::per_joint;
 
 /// Most moves of a queue: one point of the path is where the arm stands.
 pub const MAX_MOVES: usize = MAX_POINTS - 1;
+const _: () = assert!(MAX_MOVES == 31, "what `Config::moves` says");
 /// Longest displacement of `by_mm`: more than the arm's reach.
 const LONGEST_MM: f64 = 1500.0;
 
-/// The queue and how it is run. Every key has a default; without moves the state is left at once.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Moves in order, at most [`MAX_MOVES`]. Points between two moves are rounded, not hit, unless
-    /// the same goal is given twice.
-    pub moves: Vec<Move>,
-    /// Half the time of each transition (s). Default 0.1.
-    pub tau_s: f64,
-    /// Share of the joints' largest speeds for moves without `t_s`. Default 0.3.
-    pub speed: f64,
-    /// Speed of the tool point in straight moves without `t_s` (mm/s). Default 50.
-    pub line_mm_s: f64,
-    /// Speed at which the tool turns in straight moves without `t_s` (deg/s). Default 30.
-    pub turn_deg_s: f64,
-    /// How the orientation passes the points between straight moves. Default `smooth`.
-    pub blend: BlendName,
-    /// How far the tool may leave a straight path past a wrist singularity (mm). Default 5.
-    pub off_path_mm: f64,
-    /// The same for its orientation (deg). Default 2.
-    pub off_path_deg: f64,
+taktil_rtcore::explained! {
+    /// The queue and how it is run. Every key has a default; without moves the state is left at
+    /// once.
+    #[derive(Clone, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Config {
+        /// Moves in order, at most 31. Points between two moves are rounded, not hit, unless the
+        /// same goal is given twice. Default none.
+        pub moves: Vec<Move>,
+        /// Half the time of each transition (s). Default 0.1.
+        pub tau_s: f64,
+        /// Share of the joints' largest speeds for moves without `t_s`. Default 0.3.
+        pub speed: f64,
+        /// Speed of the tool point in straight moves without `t_s` (mm/s). Default 50.
+        pub line_mm_s: f64,
+        /// Speed at which the tool turns in straight moves without `t_s` (deg/s). Default 30.
+        pub turn_deg_s: f64,
+        /// How the orientation passes the points between straight moves. Default `smooth`.
+        pub blend: BlendName,
+        /// How far the tool may leave a straight path past a wrist singularity (mm). Default 5.
+        pub off_path_mm: f64,
+        /// How far the tool's orientation may be off a straight path past a wrist singularity
+        /// (deg). Default 2.
+        pub off_path_deg: f64,
+    }
 }
 
-/// How the orientation passes a point between two straight moves.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum BlendName {
-    /// As Paul published it: the angular velocity steps.
-    Paul,
-    /// Paul's two angles without a step.
-    #[default]
-    Smooth,
-    /// About one axis, without a step.
-    So3,
+taktil_rtcore::explained! {
+    /// How the orientation passes a point between two straight moves.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum BlendName {
+        /// As Paul published it: the angular velocity steps.
+        Paul,
+        /// Paul's two angles without a step.
+        #[default]
+        Smooth,
+        /// About one axis, without a step.
+        So3,
+    }
 }
 
 impl Default for Config {
@@ -67,49 +74,55 @@ impl Default for Config {
     }
 }
 
-/// One move: its goal is `joints_deg`, `tool` or `by_mm`.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Move {
-    /// Goal as joint angles (deg), one a joint.
-    #[serde(default)]
-    pub joints_deg: Option<Vec<f64>>,
-    /// Goal as a pose of the tool.
-    #[serde(default)]
-    pub tool: Option<ToolGoal>,
-    /// Goal as a displacement of the tool point along the tool's own axes (mm) from where the move
-    /// before it ends; the orientation stays. `[0, 0, 5]` goes 5 mm the way the sensor looks.
-    #[serde(default)]
-    pub by_mm: Option<[f64; 3]>,
-    /// Whether the tool runs straight to its goal, which is `tool` or `by_mm` then; else the way is
-    /// straight in joint space. Between a straight move and another the arm rests. Default false.
-    #[serde(default)]
-    pub straight: bool,
-    /// Time of the segment, corner to corner (s). Default: what `speed`, or for straight moves
-    /// `line_mm_s` and `turn_deg_s`, allow.
-    #[serde(default)]
-    pub t_s: Option<f64>,
+taktil_rtcore::explained! {
+    /// One move: its goal is `joints_deg`, `tool` or `by_mm`.
+    #[derive(Clone, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct Move {
+        /// Goal as joint angles (deg), one a joint.
+        #[serde(default)]
+        pub joints_deg: Option<Vec<f64>>,
+        /// Goal as a pose of the tool.
+        #[serde(default)]
+        pub tool: Option<ToolGoal>,
+        /// Goal as a displacement of the tool point along the tool's own axes (mm) from where the
+        /// move before it ends; the orientation stays. `[0, 0, 5]` goes 5 mm the way the sensor
+        /// looks.
+        #[serde(default)]
+        pub by_mm: Option<[f64; 3]>,
+        /// Whether the tool runs straight to its goal, which is `tool` or `by_mm` then; else the
+        /// way is straight in joint space. Between a straight move and another the arm rests.
+        /// Default false.
+        #[serde(default)]
+        pub straight: bool,
+        /// Time of the segment, corner to corner (s). Default: what `speed`, or for straight moves
+        /// `line_mm_s` and `turn_deg_s`, allow.
+        #[serde(default)]
+        pub t_s: Option<f64>,
+    }
 }
 
-/// A pose of the tool frame in the base frame. Without `rotation` the sensor looks down,
-/// `R = Rz(yaw) Ry(pitch) Rx(roll) diag(-1, 1, -1)`.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ToolGoal {
-    /// Tool point (mm).
-    pub p_mm: [f64; 3],
-    /// Rotation matrix row by row.
-    #[serde(default)]
-    pub rotation: Option<[f64; 9]>,
-    /// Turn of the downward sensor about z0 (deg), applied last. Default 0.
-    #[serde(default)]
-    pub yaw_deg: f64,
-    /// Turn about y0 (deg), applied second. Default 0.
-    #[serde(default)]
-    pub pitch_deg: f64,
-    /// Turn about x0 (deg), applied first. Default 0.
-    #[serde(default)]
-    pub roll_deg: f64,
+taktil_rtcore::explained! {
+    /// A pose of the tool frame in the base frame. Without `rotation` the sensor looks down,
+    /// `R = Rz(yaw) Ry(pitch) Rx(roll) diag(-1, 1, -1)`.
+    #[derive(Clone, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct ToolGoal {
+        /// Tool point (mm).
+        pub p_mm: [f64; 3],
+        /// Rotation matrix row by row, in the place of the three angles. Default none.
+        #[serde(default)]
+        pub rotation: Option<[f64; 9]>,
+        /// Turn of the downward sensor about z0 (deg), applied last. Default 0.
+        #[serde(default)]
+        pub yaw_deg: f64,
+        /// Turn about y0 (deg), applied second. Default 0.
+        #[serde(default)]
+        pub pitch_deg: f64,
+        /// Turn about x0 (deg), applied first. Default 0.
+        #[serde(default)]
+        pub roll_deg: f64,
+    }
 }
 
 /// A goal that was found sound.

@@ -15,18 +15,20 @@ use taktil_mechanics::spatial::split;
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
 use taktil_signal::Wrench;
 
-/// `[wrist_scan]`. Every key has a default.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Readings whose mean is the rest level; the finger must be free while they come. Default 80:
-    /// 0.2 s at 400 Hz.
-    pub baseline_readings: u32,
-    /// Codes of each gauge (row) for each component of the wrench on the tool in tool axes (Fx, Fy,
-    /// Fz per N, Mx, My, Mz per N m). Default: 20 and 1000 on the diagonal.
-    pub codes_per_n_nm: [[f64; 6]; 6],
-    /// Without a new reading for longer than this the sensor counts as lost (ms). Default 20.
-    pub stale_ms: f64,
+taktil_rtcore::explained! {
+    /// `[wrist_scan]`. Every key has a default.
+    #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Config {
+        /// Readings whose mean is the rest level; the finger must be free while they come. Default
+        /// 80: 0.2 s at 400 Hz.
+        pub baseline_readings: u32,
+        /// Codes of each gauge (row) for each component of the wrench on the tool in tool axes (Fx,
+        /// Fy, Fz per N, Mx, My, Mz per N m). Default: 20 and 1000 on the diagonal.
+        pub codes_per_n_nm: [[f64; 6]; 6],
+        /// Without a new reading for longer than this the sensor counts as lost (ms). Default 20.
+        pub stale_ms: f64,
+    }
 }
 
 impl Default for Config {

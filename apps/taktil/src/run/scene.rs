@@ -10,6 +10,7 @@ use serde::Deserialize;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::{Pose, rotation_x, rotation_y, rotation_z};
+use taktil_rtcore::explain::{Explain, Key};
 use taktil_rtcore::{Invalid, Nanos, Transaction};
 use taktil_sim::scene::WorldConfig;
 use taktild::config::MachineConfig;
@@ -32,33 +33,57 @@ const SHORTEST_S: f64 = 1e-3;
 /// Longest run, s: a day.
 const LONGEST_S: f64 = 86_400.0;
 
-/// The scene file.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SceneFile {
-    title: String,
-    machine: Option<String>,
-    #[serde(default = "default_duration_s")]
-    duration_s: f64,
-    #[serde(default = "default_seed")]
-    seed: u64,
-    #[serde(default = "default_delay_us")]
-    actuation_delay_us: i64,
-    #[serde(default = "default_world_priority")]
-    world_priority: i64,
-    world_cpu: Option<usize>,
-    world_budget_us: Option<i64>,
-    #[serde(default = "soft")]
-    contract: ContractConfig,
-    start: Option<Start>,
-    #[serde(default)]
-    operator: Vec<StepFile>,
-    #[serde(default)]
-    edit: Vec<EditFile>,
-    #[serde(default)]
-    world: WorldConfig,
-    #[serde(default)]
-    robot: MachineConfig,
+taktil_rtcore::explained! {
+    /// The scene file.
+    #[derive(Clone, Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct SceneFile {
+        /// One line for people.
+        title: String,
+        /// Machine file, relative to this one. Default: none, and every section stands in
+        /// `[robot]`.
+        machine: Option<String>,
+        /// How long it runs, s: 0.001 to 86400. Default 10.
+        #[serde(default = "default_duration_s")]
+        duration_s: f64,
+        /// Seed of all chance. Default 1.
+        #[serde(default = "default_seed")]
+        seed: u64,
+        /// From the release of a job that writes a D/A word to the instant at which the word acts,
+        /// us: more than 0, at most the period of the lane that actuates. Default 1250.
+        #[serde(default = "default_delay_us")]
+        actuation_delay_us: i64,
+        /// `SCHED_FIFO` priority, 1 to 99, of the lane that simulates the world in a live run.
+        /// Default 70.
+        #[serde(default = "default_world_priority")]
+        world_priority: i64,
+        /// CPU of the lane that simulates the world; any when absent.
+        world_cpu: Option<usize>,
+        /// Longest processor time of one job of the lane that simulates the world, us; when absent
+        /// the lane is not analysed.
+        world_budget_us: Option<i64>,
+        /// Which missing real-time rights refuse a live run: `hard` for priority, CPU and memory,
+        /// `soft` (default) for none, or a table of items.
+        #[serde(default = "soft")]
+        contract: ContractConfig,
+        /// Where the arm stands when power comes on. Default `[world.arm] home_deg`, for an arm
+        /// from a file its home pose.
+        start: Option<Start>,
+        /// What the operator asks for, which keys are held and what is typed, one thing after the
+        /// other. Default nothing.
+        #[serde(default)]
+        operator: Vec<StepFile>,
+        /// Edits of parameters while it runs. Default none.
+        #[serde(default)]
+        edit: Vec<EditFile>,
+        /// What is simulated.
+        #[serde(default)]
+        world: WorldConfig,
+        /// Sections that replace those of the machine file, lanes, wires and own tasks name by
+        /// name.
+        #[serde(default)]
+        robot: MachineConfig,
+    }
 }
 
 fn soft() -> ContractConfig {
@@ -81,32 +106,40 @@ fn default_world_priority() -> i64 {
     70
 }
 
-/// Where the finger stands when power comes on, which is also the home pose in which the counts are
-/// initialised.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Start {
-    /// Tool point in the base frame, mm; for the PUMA 260.
-    finger_mm: Option<[f64; 3]>,
-    /// Joint angles instead, deg, one a joint; for any arm.
-    joints_deg: Option<Vec<f64>>,
-    /// Turn of the finger about y0, deg; along the table's own slope when absent, because touch
-    /// cannot feel this angle and someone has to set it. 0 is level; a slope that rises towards +x0
-    /// is a negative turn.
-    pitch_deg: Option<f64>,
-    /// Turn about x0, deg.
-    #[serde(default)]
-    roll_deg: f64,
-    /// Turn about z0, deg.
-    #[serde(default)]
-    yaw_deg: f64,
+taktil_rtcore::explained! {
+    /// Where the finger stands when power comes on, which is also the home pose in which the counts
+    /// are initialised.
+    #[derive(Clone, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Start {
+        /// Tool point in the base frame, mm; for the PUMA 260.
+        finger_mm: Option<[f64; 3]>,
+        /// Joint angles instead of `finger_mm`, deg, one a joint; for any arm.
+        joints_deg: Option<Vec<f64>>,
+        /// Turn of the finger about y0, deg; along the table's own slope when absent, because touch
+        /// cannot feel this angle and someone has to set it. 0 is level; a slope that rises towards
+        /// +x0 is a negative turn.
+        pitch_deg: Option<f64>,
+        /// Turn of the finger about x0, deg. Default 0.
+        #[serde(default)]
+        roll_deg: f64,
+        /// Turn of the finger about z0, deg. Default 0.
+        #[serde(default)]
+        yaw_deg: f64,
+    }
 }
 
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct EditFile {
-    at_s: f64,
-    set: BTreeMap<String, f64>,
+taktil_rtcore::explained! {
+    /// One edit: what is set, and when.
+    #[derive(Clone, Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct EditFile {
+        /// At which instant, s: 0 to 86400.
+        at_s: f64,
+        /// New values of parameters by their names, such as `"joint_servo.damping" = 0.6`; all act
+        /// at once.
+        set: BTreeMap<String, f64>,
+    }
 }
 
 /// A scene, checked and complete.
@@ -324,6 +357,12 @@ impl Scene {
 /// A declaration that cannot be asked.
 pub fn shape() -> Result<Shape, String> {
     probe::shape::<SceneFile>()
+}
+
+/// What the keys of a scene file mean.
+#[must_use]
+pub fn keys() -> Vec<Key> {
+    SceneFile::keys()
 }
 
 /// A complaint of the simulator in the core's words.

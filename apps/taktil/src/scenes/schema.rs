@@ -1,10 +1,10 @@
 //! The scene file as JSON Schema (2020-12): keys, types and which keys are needed are what the
-//! parser asks for, ranges and meanings of `[world]` what its check reads. Refuses to state
-//! anything twice: what stands here is asked of the declarations when it is printed.
+//! parser asks for, meanings are the doc comments of the declarations, ranges of `[world]` what its
+//! check reads. Refuses to state anything twice: what stands here is asked of the declarations when
+//! it is printed.
 
 use serde_json::{Map, Value, json};
-use taktil_sim::WorldConfig;
-use taktil_sim::scene::section::Key;
+use taktil_rtcore::explain::Key;
 use taktild::contract::{Items, WORDS};
 
 use super::probe::{self, Field, Shape};
@@ -15,11 +15,7 @@ use crate::run::scene;
 /// # Errors
 /// A declaration that cannot be asked.
 pub fn schema() -> Result<Value, String> {
-    let mut keys = WorldConfig::keys();
-    for key in &mut keys {
-        key.path = format!("world.{}", key.path);
-    }
-    let mut schema = of(&scene::shape()?, "", &keys)?;
+    let mut schema = of(&scene::shape()?, "", &scene::keys())?;
     if let Some(schema) = schema.as_object_mut() {
         schema.insert("$schema".into(), "https://json-schema.org/draft/2020-12/schema".into());
         schema.insert("title".into(), "Taktil scene".into());
@@ -50,17 +46,19 @@ fn of(shape: &Shape, path: &str, keys: &[Key]) -> Result<Value, String> {
         }
         Shape::Section(fields) => section(fields, path, keys)?,
         Shape::Any if path == "contract" => {
-            let items = of(&probe::shape::<Items>()?, path, keys)?;
-            json!({ "anyOf": [{ "enum": WORDS }, items] })
+            let Shape::Section(items) = probe::shape::<Items>()? else {
+                return Err(format!("{path}: its items are no table"));
+            };
+            json!({ "anyOf": [{ "enum": WORDS }, section(&items, path, keys)?] })
         }
         // What it takes is known to the program that has the task.
         Shape::Any if path.ends_with(".own.*.*") => json!({}),
         Shape::Any => return Err(format!("{path}: what may stand there is stated nowhere")),
     };
     if let Some(key) = keys.iter().find(|key| key.path == path) {
-        if !key.about.is_empty() {
-            let words: Vec<_> = key.about.split_whitespace().collect();
-            schema["description"] = json!(words.join(" "));
+        let about = about(key, shape);
+        if !about.is_empty() {
+            schema["description"] = json!(about);
         }
         if let Some((low, high)) = key.range {
             schema["minimum"] = json!(low);
@@ -68,6 +66,23 @@ fn of(shape: &Shape, path: &str, keys: &[Key]) -> Result<Value, String> {
         }
     }
     Ok(schema)
+}
+
+/// What an editor shows of a key: what it means, then a line for each of its words.
+fn about(key: &Key, shape: &Shape) -> String {
+    let mut lines = vec![plain(&key.about)];
+    if let Shape::Names(names) = shape {
+        let told = |(name, about): (&&str, &&str)| format!("- `{name}`: {}", plain(about));
+        lines.extend(names.iter().zip(key.words).map(told));
+    }
+    lines.retain(|line| !line.is_empty());
+    lines.join("\n")
+}
+
+/// A doc comment in one line, links by their names.
+fn plain(about: &str) -> String {
+    let words: Vec<_> = about.split_whitespace().collect();
+    words.join(" ").replace("[`", "`").replace("`]", "`")
 }
 
 fn section(fields: &[Field], path: &str, keys: &[Key]) -> Result<Value, String> {

@@ -34,6 +34,7 @@ use observer::{Axis, Noise};
 
 /// Jobs whose commands are remembered: at an image not more of them may be under way.
 pub const WAY: usize = 32;
+const _: () = assert!(WAY == 32, "what `Model::delay_ms` says");
 /// Middle of the columns.
 const MIDDLE: f64 = 8.5;
 /// The pin is rolled only while the load's centre lies within so many rows of the middle.
@@ -41,45 +42,49 @@ const LEVEL_ROWS: f64 = 3.5;
 /// Without an image that says something the law stands still after this time (s).
 const BLIND_S: f64 = 0.05;
 
-/// `[tactile_servo.model]`
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Model {
-    /// Gains of (x, z, theta_x, theta_z) on the way left (1/s). Default (20, 25, 12, 8).
-    pub gain_per_s: [f64; 4],
-    /// Largest speeds (mm/s, mm/s, mrad/s, mrad/s). Default (12, 15, 300, 500).
-    pub speed: [f64; 4],
-    /// Largest change of the speed of rolling (mm/s^2). Default 100.
-    pub roll_mm_s2: f64,
-    /// How fast the finger gives way to what pushes it along the pin, which touch cannot see (1/s).
-    /// Default 8; 0 stands still there.
-    pub yield_per_s: f64,
-    /// From a command to the motion of the finger (ms), with the age of an image at most [`WAY`]
-    /// jobs. Default 7.5.
-    pub delay_ms: f64,
-    /// Process noise of the rates of the table along and about (x, z, theta_x, theta_z): how fast
-    /// they are believed to change (mm/s/sqrt s, mrad/s/sqrt s). Default (20, 4, 60, 60).
-    pub table_rate: [f64; 4],
-    /// The same of the slopes, the way along and about (z, theta_x, theta_z) that comes with each
-    /// millimetre of rolling (mm/mm/sqrt s, mrad/mm/sqrt s). Default (0.05, 0.5, 0.5).
-    pub table_slope: [f64; 3],
-    /// Standard deviation of a tactel (counts) where none was measured with the baseline. Default
-    /// 50.
-    pub noise_counts: f64,
-    /// Counts that a newton makes. Default 4095/4.
-    pub counts_per_n: f64,
-    /// Radius of the pin that the contact is solved for (mm). Default 23.
-    pub pin_radius_mm: f64,
-    /// Thickness of the pad's rubber (mm). Default 0.8.
-    pub pad_thickness_mm: f64,
-    /// Its Young's modulus (MPa). Default 2.
-    pub pad_mpa: f64,
-    /// Its Poisson's ratio. Default 0.49.
-    pub pad_poisson: f64,
-    /// Stiffness of what lies behind pad and pin, arm and table, along z (N/mm). Default 14.
-    pub support_n_mm: f64,
-    /// The same about x (N m/rad). Default 20.
-    pub support_nm_rad: f64,
+taktil_rtcore::explained! {
+    /// `[tactile_servo.model]`
+    #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Model {
+        /// Gains of (x, z, theta_x, theta_z) on the way left (1/s). Default (20, 25, 12, 8).
+        pub gain_per_s: [f64; 4],
+        /// Largest speeds of (x, z, theta_x, theta_z) (mm/s, mm/s, mrad/s, mrad/s). Default (12,
+        /// 15, 300, 500).
+        pub speed: [f64; 4],
+        /// Largest change of the speed of rolling (mm/s^2). Default 100.
+        pub roll_mm_s2: f64,
+        /// How fast the finger gives way to what pushes it along the pin, which touch cannot see
+        /// (1/s). Default 8; 0 stands still there.
+        pub yield_per_s: f64,
+        /// From a command to the motion of the finger (ms), with the age of an image at most 32
+        /// jobs. Default 7.5.
+        pub delay_ms: f64,
+        /// Process noise of the rates of the table along and about (x, z, theta_x, theta_z): how
+        /// fast they are believed to change (mm/s/sqrt s, mrad/s/sqrt s). Default (20, 4, 60, 60).
+        pub table_rate: [f64; 4],
+        /// Process noise of the slopes of the table, the way along and about (z, theta_x, theta_z)
+        /// that comes with each millimetre of rolling (mm/mm/sqrt s, mrad/mm/sqrt s). Default
+        /// (0.05, 0.5, 0.5).
+        pub table_slope: [f64; 3],
+        /// Standard deviation of a tactel (counts) where none was measured with the baseline.
+        /// Default 50.
+        pub noise_counts: f64,
+        /// Counts that a newton makes. Default 4095/4.
+        pub counts_per_n: f64,
+        /// Radius of the pin that the contact is solved for (mm). Default 23.
+        pub pin_radius_mm: f64,
+        /// Thickness of the pad's rubber (mm). Default 0.8.
+        pub pad_thickness_mm: f64,
+        /// Young's modulus of the pad's rubber (MPa). Default 2.
+        pub pad_mpa: f64,
+        /// Poisson's ratio of the pad's rubber. Default 0.49.
+        pub pad_poisson: f64,
+        /// Stiffness of what lies behind pad and pin, arm and table, along z (N/mm). Default 14.
+        pub support_n_mm: f64,
+        /// Stiffness of what lies behind pad and pin about x (N m/rad). Default 20.
+        pub support_nm_rad: f64,
+    }
 }
 
 impl Default for Model {

@@ -15,21 +15,25 @@ use super::SIGNS;
 use crate::config::Config;
 use crate::perception::Touch;
 
-/// `[tactile_servo.projector_pid]`; features in the order (x_c, M0, M_x, theta_z).
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Gains {
-    /// 1 for a feature that is servoed, 0 for one that is not. Default all.
-    pub projector: [u8; 4],
-    /// Sizes of the diagonal of J: change of each feature with its motion in columns/mm,
-    /// counts/mm, counts x rows/mrad, mrad/mrad. Default those of the rolling task's contact.
-    pub jacobian: [f64; 4],
-    /// Kp (1/s). Default (4, 12, 8, 4).
-    pub kp_per_s: [f64; 4],
-    /// Ki (1/s^2). Default (0, 20, 8, 4).
-    pub ki_per_s2: [f64; 4],
-    /// Kd (1). Default 0: at the thesis's noise it only amplifies.
-    pub kd: [f64; 4],
+taktil_rtcore::explained! {
+    /// `[tactile_servo.projector_pid]`; features in the order (x_c, M0, M_x, theta_z).
+    #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Gains {
+        /// 1 for a feature that is servoed, 0 for one that is not, in the order (x_c, M0, M_x,
+        /// theta_z). Default all.
+        pub projector: [u8; 4],
+        /// Sizes of the diagonal of J: change of (x_c, M0, M_x, theta_z) with its motion in
+        /// columns/mm, counts/mm, counts x rows/mrad, mrad/mrad. Default those of the rolling
+        /// task's contact, (0.315, 14000, 2000, 1).
+        pub jacobian: [f64; 4],
+        /// Gains on the errors of (x_c, M0, M_x, theta_z), Kp (1/s). Default (4, 12, 8, 4).
+        pub kp_per_s: [f64; 4],
+        /// Gains on their integrals, Ki (1/s^2). Default (0, 20, 8, 4).
+        pub ki_per_s2: [f64; 4],
+        /// Gains on their rates, Kd (1). Default 0: at the thesis's noise they only amplify.
+        pub kd: [f64; 4],
+    }
 }
 
 impl Default for Gains {

@@ -14,26 +14,32 @@ const MOST_SWINGS: u32 = 64;
 /// Longest time for which keys are held, s.
 const LONGEST_HOLD_S: f64 = 3600.0;
 
-/// One entry of the list: `verb`, `jog` with `for_s`, or `say`.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct StepFile {
-    /// What is asked for.
-    verb: Option<String>,
-    /// How far the six axes are pushed, -1 to 1.
-    jog: Option<[f64; 6]>,
-    /// What the axes are: "joints", "base" or "tool".
-    frame: Option<String>,
-    /// How long the keys are held, s.
-    for_s: Option<f64>,
-    /// The keys are pushed to and fro so many times instead, the first time for `for_s`, then less
-    /// and less far, and end where they began.
-    swings: Option<u32>,
-    /// What is typed in TRAJECTORY/USER: a move, `pause`, `resume`, `clear`, or `wait`.
-    say: Option<String>,
-    /// Not before this instant, s.
-    #[serde(default)]
-    at_s: f64,
+taktil_rtcore::explained! {
+    /// One entry of the list: `verb`, `jog` with `for_s`, or `say`.
+    #[derive(Clone, Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub(super) struct StepFile {
+        /// What is asked for: `enable`, `calibrate`, `idle`, `manual_uncalibrated`, `manual_joint`,
+        /// `manual_cartesian`, `trajectory`, `trajectory_user`, `tactile_servo`, `stop` or `reset`.
+        verb: Option<String>,
+        /// How far the six axes are pushed, -1 to 1.
+        jog: Option<[f64; 6]>,
+        /// What the axes of a jog are: `joints` (default), the first six; `base` or `tool`, three
+        /// translations along the axes of that frame and three turns about them; `outer`, the last
+        /// six joints.
+        frame: Option<String>,
+        /// How long the keys of a jog are held, s, at most 3600; a jog needs it.
+        for_s: Option<f64>,
+        /// The keys of a jog are pushed to and fro so many times instead, 1 to 64: the first time
+        /// for `for_s`, then less and less far, and end where they began. Default: pushed once, one
+        /// way.
+        swings: Option<u32>,
+        /// What is typed in TRAJECTORY/USER: a move, `pause`, `resume`, `clear`, or `wait`.
+        say: Option<String>,
+        /// The step is not done before this instant, s. Default 0.
+        #[serde(default)]
+        at_s: f64,
+    }
 }
 
 /// One line of the operator's script.

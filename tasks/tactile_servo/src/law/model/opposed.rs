@@ -25,25 +25,29 @@ use super::jacobian::{Felt, PITCH_MM};
 use crate::config::Config;
 use crate::perception::line::{BAND, Line, SIDE};
 
-/// `[tactile_servo.opposed]`: the other fingertip, which stands still or is moved by others.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Opposed {
-    /// Turn of its frame about z0: at 0, the default, its x axis lies along x0 (deg).
-    pub yaw_deg: f64,
-    /// Standard deviation of that turn, as far as it is known (deg). Default 0.2.
-    pub yaw_known_deg: f64,
-    /// The column where the pin lies on it when it lies in the middle of the finger's columns.
-    /// Default 8.5.
-    pub x_c: f64,
-    /// Thickness of its pad's rubber (mm). Default 3.
-    pub pad_thickness_mm: f64,
-    /// Its Young's modulus (MPa). Default 0.6.
-    pub pad_mpa: f64,
-    /// Its Poisson's ratio. Default 0.49.
-    pub pad_poisson: f64,
-    /// Weight of the pin that lay on it while its rest level was taken (N). Default 0: none did.
-    pub carries_n: f64,
+taktil_rtcore::explained! {
+    /// `[tactile_servo.opposed]`: the other fingertip, which stands still or is moved by others.
+    #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Opposed {
+        /// Turn of the other fingertip's frame about z0: at 0, the default, its x axis lies along
+        /// x0 (deg).
+        pub yaw_deg: f64,
+        /// Standard deviation of `yaw_deg`, as far as it is known (deg). Default 0.2.
+        pub yaw_known_deg: f64,
+        /// The column where the pin lies on the other fingertip when it lies in the middle of the
+        /// finger's columns. Default 8.5.
+        pub x_c: f64,
+        /// Thickness of the other fingertip's rubber (mm). Default 3.
+        pub pad_thickness_mm: f64,
+        /// Young's modulus of the other fingertip's rubber (MPa). Default 0.6.
+        pub pad_mpa: f64,
+        /// Poisson's ratio of the other fingertip's rubber. Default 0.49.
+        pub pad_poisson: f64,
+        /// Weight of the pin that lay on the other fingertip while its rest level was taken (N).
+        /// Default 0: none did.
+        pub carries_n: f64,
+    }
 }
 
 /// Columns by which the pin may have slid on either, or the place of both be known wrong: one
