@@ -93,17 +93,18 @@ impl Prng {
             // Bits 0 to 7: the layer, bit 8: the sign, bits 11 to 63: the place.
             let word = self.chacha.next_u64();
             let layer = (word & 0xFF) as usize;
-            let sign = if word & 0x100 == 0 { 1.0 } else { -1.0 };
-            let x = (word >> 11) as f64 * STEP * self.layers.x[layer];
+            let signed = |x: f64| f64::from_bits(x.to_bits() ^ (word & 0x100) << 55);
+            // A signed integer becomes a floating one in a single instruction.
+            let x = (word >> 11).cast_signed() as f64 * STEP * self.layers.x[layer];
             if x < self.layers.x[layer + 1] {
-                return sign * x;
+                return signed(x);
             }
             if layer == 0 {
-                return sign * self.beyond();
+                return signed(self.beyond());
             }
             let (low, high) = (self.layers.y[layer], self.layers.y[layer + 1]);
             if low + (high - low) * self.uniform() < bell(x) {
-                return sign * x;
+                return signed(x);
             }
         }
     }

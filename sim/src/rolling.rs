@@ -70,20 +70,21 @@ impl Rolling {
     }
 
     /// Evaluates both contacts and moves their bristles on by `h` seconds.
-    pub(crate) fn touch(&mut self, around: &Around, h: f64) -> Touching {
+    pub(crate) fn touch(&mut self, around: &Around, h: f64) {
         let (pad, bed) = (self.pad.slices.bristles, self.bed.slices.bristles);
-        self.touch_from((&pad, &bed), around, h)
+        self.touch_from((&pad, &bed), around, h, &mut Touching::default());
     }
 
-    /// The same with bristles, of pad and table, that were before.
+    /// The same with bristles, of pad and table, that were before; says how it touches.
     pub(crate) fn touch_from(
         &mut self,
         (pad, bed): (&Bristles, &Bristles),
         around: &Around,
         h: f64,
-    ) -> Touching {
+        touching: &mut Touching,
+    ) {
         let axis = self.pin.axis();
-        let mut touching = Touching::default();
+        (touching.finger, touching.table) = (None, None);
         let below = match self.opposed {
             Some(_) => Line::between(&self.pin, axis, &around.table),
             None => Line::on_table(&self.pin, axis, &around.table),
@@ -112,7 +113,6 @@ impl Rolling {
             }
             None => self.by_finger = self.pad.release(),
         }
-        touching
     }
 
     /// Normal force on each tactel of the finger (N) at the latest evaluation; solves the contact

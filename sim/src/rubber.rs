@@ -93,10 +93,48 @@ pub(crate) fn located(place: &str) -> impl Fn(taktil_mechanics::contact::Invalid
 /// Solves a contact: layer, radius and deepest penetration (mm).
 type Solve = fn(&Layer, f64, f64) -> Result<LineContact, taktil_mechanics::contact::Invalid>;
 
+/// Numbers of a response.
+const PARTS: usize = 4;
+
+impl Response {
+    fn parts(&self) -> [f64; PARTS] {
+        [self.load_n_m, self.stiffness_n_m2, self.shear_n_m2, self.half_width_m]
+    }
+}
+
+impl From<[f64; PARTS]> for Response {
+    #[inline(always)]
+    fn from([load_n_m, stiffness_n_m2, shear_n_m2, half_width_m]: [f64; PARTS]) -> Response {
+        Response { load_n_m, stiffness_n_m2, shear_n_m2, half_width_m }
+    }
+}
+
+/// The way from one knot of the table to the next.
+#[derive(Clone, Copy, Debug)]
+struct Cell {
+    from: [f64; PARTS],
+    /// By how much each part grows.
+    rise: [f64; PARTS],
+    /// What Hermite's cubic through loads and stiffnesses has over the straight line, at either
+    /// end (N/m).
+    bend: [f64; 2],
+}
+
+impl Cell {
+    fn between(a: &Response, b: &Response, cell_m: f64) -> Cell {
+        let (from, to) = (a.parts(), b.parts());
+        let rise: [f64; PARTS] = core::array::from_fn(|part| to[part] - from[part]);
+        let bend = [a, b].map(|knot| cell_m * knot.stiffness_n_m2 - rise[0]);
+        Cell { from, rise, bend }
+    }
+}
+
 /// The table, and the solved contact for what is asked rarely.
 #[derive(Clone, Debug)]
 pub(crate) struct Rubber {
-    knots: Vec<Response>,
+    cells: Vec<Cell>,
+    /// The response at the deepest solved point.
+    end: Response,
     /// Work to press in as far as each knot, per metre of line (J/m).
     stored_j_m: Vec<f64>,
     per_metre: f64,
@@ -164,8 +202,11 @@ impl Rubber {
             let bend = cell_m / 12.0 * (pair[0].stiffness_n_m2 - pair[1].stiffness_n_m2);
             stored_j_m[i + 1] = stored_j_m[i] + cell_m * (mean + bend);
         }
+        let cells =
+            knots.windows(2).map(|pair| Cell::between(&pair[0], &pair[1], cell_m)).collect();
         Ok(Rubber {
-            knots,
+            cells,
+            end: knots[CELLS],
             stored_j_m,
             per_metre: CELLS as f64 / (1e-3 * deepest_mm),
             cell_m,
@@ -197,25 +238,19 @@ impl Rubber {
             return Response::default();
         }
         if delta_m >= self.deepest_m {
-            let end = self.knots[CELLS];
+            let end = self.end;
             let load_n_m = end.load_n_m + end.stiffness_n_m2 * (delta_m - self.deepest_m);
             return Response { load_n_m, ..end };
         }
         let place = delta_m * self.per_metre;
-        let cell = (place as usize).min(CELLS - 1);
+        let cell = (place as u32 as usize).min(CELLS - 1);
         let f = place - cell as f64;
-        let (a, b) = (&self.knots[cell], &self.knots[cell + 1]);
-        let mix = |x: f64, y: f64| x + f * (y - x);
-        // The load by Hermite's cubic through loads and stiffnesses, the rest by straight lines.
-        let (rise, g) = (b.load_n_m - a.load_n_m, 1.0 - f);
-        let (from, to) = (self.cell_m * a.stiffness_n_m2, self.cell_m * b.stiffness_n_m2);
-        let bend = f * g * (g * (from - rise) - f * (to - rise));
-        Response {
-            load_n_m: a.load_n_m + f * rise + bend,
-            stiffness_n_m2: mix(a.stiffness_n_m2, b.stiffness_n_m2),
-            shear_n_m2: mix(a.shear_n_m2, b.shear_n_m2),
-            half_width_m: mix(a.half_width_m, b.half_width_m),
-        }
+        let Cell { from, rise, bend } = &self.cells[cell];
+        // The load by Hermite's cubic, the rest by straight lines.
+        let mut parts: [f64; PARTS] = core::array::from_fn(|part| from[part] + f * rise[part]);
+        let g = 1.0 - f;
+        parts[0] += f * g * (g * bend[0] - f * bend[1]);
+        parts.into()
     }
 
     /// Work to press in by `delta_m`, per metre of line (J/m): the integral of the load.

@@ -165,5 +165,5 @@ fn the_pinned_digest_does_not_depend_on_build_or_machine() {
     assert!(world.truth().in_contact);
     // Changed physics changes this number; then write the new one. A number that differs between
     // debug and release or between machines is a fault.
-    assert_eq!(world.state_hash(), 0x68e3_b0d0_46a0_8d4b, "digest {:#018x}", world.state_hash());
+    assert_eq!(world.state_hash(), 0xc84c_274b_5097_ecb6, "digest {:#018x}", world.state_hash());
 }

@@ -18,11 +18,13 @@ pub(crate) struct Strip<'a> {
     pub(crate) weights: &'a [f64],
 }
 
+/// Share left of u and its slope per column.
+type Row = [[f64; 2]; COLUMNS + 1];
+
 /// Rows over an index of penetration, columns over |u| as a part of the row's reach.
 #[derive(Clone, Debug)]
 pub(crate) struct ShareTable {
-    /// Share left of u and its slope per column, row after row.
-    entries: Vec<[f64; 2]>,
+    rows: Vec<Row>,
     /// Reach of each row in mm.
     reach_mm: Vec<f64>,
 }
@@ -30,12 +32,12 @@ pub(crate) struct ShareTable {
 impl ShareTable {
     /// The table without rows.
     pub(crate) fn new() -> Self {
-        Self { entries: Vec::new(), reach_mm: Vec::new() }
+        Self { rows: Vec::new(), reach_mm: Vec::new() }
     }
 
     /// The table of a base that nobody asks for: it carries every load right under its line.
     pub(crate) fn step() -> Self {
-        Self { entries: vec![[1.0, 0.0]; 2 * (COLUMNS + 1)], reach_mm: vec![STEP_MM; 2] }
+        Self { rows: vec![[[1.0, 0.0]; COLUMNS + 1]; 2], reach_mm: vec![STEP_MM; 2] }
     }
 
     /// Adds the row of a strip, by convolving its pressure with the base kernel.
@@ -43,7 +45,8 @@ impl ShareTable {
         let reach = strip.half_width + BEYOND;
         let width = reach / COLUMNS as f64;
         self.reach_mm.push(reach * thickness_mm);
-        for column in 0..COLUMNS {
+        let mut row = [[1.0, 0.0]; COLUMNS + 1];
+        for (column, filled) in row.iter_mut().take(COLUMNS).enumerate() {
             let u = column as f64 * width;
             let mut entry = [0.0, 0.0];
             for (place, weight) in strip.places.iter().zip(strip.weights) {
@@ -51,9 +54,9 @@ impl ShareTable {
                 entry[0] += 0.5 * weight * (near[0] + far[0]);
                 entry[1] += 0.5 * weight * (near[1] + far[1]);
             }
-            self.entries.push([entry[0], entry[1] * width]);
+            *filled = [entry[0], entry[1] * width];
         }
-        self.entries.push([1.0, 0.0]);
+        self.rows.push(row);
     }
 
     /// The shares at a row index that need not be whole; indices outside are taken at the nearest
@@ -63,17 +66,16 @@ impl ShareTable {
         let row = (index as usize).min(last);
         let part = (index - row as f64).clamp(0.0, 1.0);
         let reach = self.reach_mm[row] + part * (self.reach_mm[row + 1] - self.reach_mm[row]);
-        let (start, width) = (row * (COLUMNS + 1), COLUMNS + 1);
-        let (low, rest) = self.entries[start..start + 2 * width].split_at(width);
-        BaseShares { low, high: rest, part, columns_per_mm: COLUMNS as f64 / reach }
+        let (low, high) = (&self.rows[row], &self.rows[row + 1]);
+        BaseShares { low, high, part, columns_per_mm: COLUMNS as f64 / reach }
     }
 }
 
 /// How the base carries the load of a contact line at one penetration.
 #[derive(Clone, Copy, Debug)]
 pub struct BaseShares<'a> {
-    low: &'a [[f64; 2]],
-    high: &'a [[f64; 2]],
+    low: &'a Row,
+    high: &'a Row,
     part: f64,
     columns_per_mm: f64,
 }
@@ -88,13 +90,12 @@ impl BaseShares<'_> {
         if place >= COLUMNS as f64 {
             return if u_mm > 0.0 { 1.0 } else { 0.0 };
         }
-        let column = (place as usize).min(COLUMNS - 1);
-        let (low, high) = (&self.low[column..column + 2], &self.high[column..column + 2]);
-        let entry = |k: usize| {
-            let (low, high) = (low[k], high[k]);
+        let column = (place as u32 as usize).min(COLUMNS - 1);
+        let entry = |column: usize| {
+            let (low, high) = (self.low[column], self.high[column]);
             [low[0] + self.part * (high[0] - low[0]), low[1] + self.part * (high[1] - low[1])]
         };
-        let share = hermite(entry(0), entry(1), place - column as f64);
+        let share = hermite(entry(column), entry(column + 1), place - column as f64);
         if u_mm < 0.0 { 1.0 - share } else { share }
     }
 }

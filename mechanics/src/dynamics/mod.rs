@@ -2,21 +2,22 @@
 //! and energies, all of fixed size. Friction is listed here but enters only where the caller adds
 //! it; contact forces are refused: they arrive as joint torques (`J^T` wrench).
 //!
-//! Recursive Newton-Euler after Luh, Walker and Paul (1980) in the link frames, composite bodies
-//! after Walker and Orin (1982). The motors' rotors appear as `J G^2` on the diagonal of the mass
-//! matrix; the inertia that the coupling of the wrist's gears adds off the diagonal is left out.
-//! Numbers that are not finite come out as NaN torques or accelerations, never as a panic.
+//! Recursive Newton-Euler after Luh, Walker and Paul (1980), composite bodies after Walker and Orin
+//! (1982), both on links in the fewest numbers after Gautier and Khalil (1990). The motors' rotors
+//! appear as `J G^2` on the diagonal of the mass matrix; the inertia that the coupling of the
+//! wrist's gears adds off the diagonal is left out. Numbers that are not finite come out as NaN
+//! torques or accelerations, never as a panic.
 
+mod grouped;
 mod motion;
 mod recursion;
-
-pub(crate) use recursion::carry;
 
 pub use motion::{MAX_STEPS, State, free_motion, rk4_step};
 
 use crate::chain::Vector;
 use crate::spatial::{Joints, Matrix6, Pose, SinCos};
 use glam::{DMat3, DVec3};
+use grouped::Grouped;
 
 /// One rigid body in the frame of its link.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,6 +90,17 @@ pub(crate) fn steiner(m: f64, r: DVec3) -> DMat3 {
     )
 }
 
+/// What a first moment `h` adds to the inertia when the origin moves by `-p`:
+/// `2 h.p I - h p^T - p h^T`.
+pub(crate) fn carry(h: DVec3, p: DVec3) -> DMat3 {
+    let both = 2.0 * h.dot(p);
+    DMat3::from_cols(
+        DVec3::new(both, 0.0, 0.0) - h * p.x - p * h.x,
+        DVec3::new(0.0, both, 0.0) - h * p.y - p * h.y,
+        DVec3::new(0.0, 0.0, both) - h * p.z - p * h.z,
+    )
+}
+
 /// Links 1 to 6 of the PUMA 260. Estimate: the PUMA 560 of Armstrong, Khatib and Burdick (1986)
 /// scaled with k = 0.2032/0.4318, length k, mass k^2, inertia k^4. The moment about z of link 3 is
 /// raised so that it obeys the triangle inequality, which the published value breaks.
@@ -113,14 +125,8 @@ pub const GRAVITY_M_S2: f64 = 9.81;
 /// The arm as six rigid bodies and six rotors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dynamics {
-    /// Shoulder to elbow (m).
-    pub a2_m: f64,
-    /// Shoulder offset (m).
-    pub d3_m: f64,
-    /// Elbow to wrist centre (m).
-    pub d4_m: f64,
-    /// Links in their distal Denavit-Hartenberg frames; the last one carries the tool.
-    pub bodies: [Body; 6],
+    bodies: [Body; 6],
+    grouped: Grouped,
     /// Rotor inertia seen at the joint, `J G^2` (kg m^2).
     pub reflected_kg_m2: Joints,
     /// Acceleration of free fall along -z of the base (m/s^2).
@@ -149,26 +155,35 @@ impl Dynamics {
         let gear = Joints::from(crate::transmission::GEAR_RATIO);
         let reflected_kg_m2 = Joints::from(ROTOR_INERTIA_KG_M2).component_mul(&gear);
         Dynamics {
-            a2_m: arm.a2_m,
-            d3_m: arm.d3_m,
-            d4_m: arm.d4_m,
             bodies,
+            grouped: Grouped::of(&bodies, (arm.a2_m, arm.d3_m, arm.d4_m)),
             reflected_kg_m2: reflected_kg_m2.component_mul(&gear),
             gravity_m_s2: GRAVITY_M_S2,
         }
     }
 
+    /// Links in their distal Denavit-Hartenberg frames; the last one carries the tool.
+    #[must_use]
+    pub fn bodies(&self) -> &[Body; 6] {
+        &self.bodies
+    }
+
+    /// Links in the fewest numbers, and free fall.
+    fn falling(&self) -> (&Grouped, f64) {
+        (&self.grouped, self.gravity_m_s2)
+    }
+
     /// Torques that hold the arm against gravity (N m).
     #[must_use]
     pub fn gravity(&self, q: &Joints) -> Joints {
-        recursion::gravity(self, &SinCos::of(q))
+        recursion::gravity(self.falling(), &SinCos::of(q))
     }
 
     /// Torques of the rigid links and the tool for a motion (rad, rad/s, rad/s^2 to N m), gravity
     /// included, rotors and friction not.
     #[must_use]
     pub fn inverse(&self, q: &Joints, qd: &Joints, qdd: &Joints) -> Joints {
-        recursion::newton_euler(self, &SinCos::of(q), qd, qdd)
+        recursion::newton_euler(self.falling(), &SinCos::of(q), qd, qdd)
     }
 
     /// Coriolis, centrifugal and gravity torques (N m).
@@ -180,7 +195,7 @@ impl Dynamics {
     /// [`Dynamics::bias`] at a configuration whose sines are known.
     #[must_use]
     pub fn bias_at(&self, at: &SinCos, qd: &Joints) -> Joints {
-        recursion::newton_euler(self, at, qd, &Joints::zeros())
+        recursion::newton_euler(self.falling(), at, qd, &Joints::zeros())
     }
 
     /// The mass matrix (kg m^2), rotors included.
@@ -192,7 +207,7 @@ impl Dynamics {
     /// [`Dynamics::mass_matrix`] at a configuration whose sines are known.
     #[must_use]
     pub fn mass_matrix_at(&self, at: &SinCos) -> Matrix6 {
-        let mut m = recursion::composite(self, at);
+        let mut m = recursion::composite(&self.grouped, at);
         for i in 0..6 {
             m[(i, i)] += self.reflected_kg_m2[i];
         }
@@ -216,7 +231,7 @@ impl Dynamics {
     /// Potential energy (J), zero with every mass at the height of the base frame.
     #[must_use]
     pub fn potential_j(&self, q: &Joints) -> f64 {
-        recursion::potential(self, &SinCos::of(q))
+        recursion::potential(self.falling(), &SinCos::of(q))
     }
 }
 

@@ -1,21 +1,14 @@
-//! The recursions along the chain. Refuses any chain but the PUMA's: the twists are in the code.
+//! The recursions along the chain, on links in the fewest numbers. Refuses any chain but the
+//! PUMA's: its twists and offsets are in the code.
+//!
+//! Everything about a link is seen from an origin on its own joint's axis, in axes that turn with
+//! the link; `inward::<J>` leads from the next link to link `J`, counted from 1.
 
-use super::{Dynamics, steiner};
+use super::grouped::{Grouped, Link};
 use crate::spatial::{Joints, Matrix6, SinCos};
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
-/// Twist of a link: the turn about x between two joint axes.
-#[derive(Clone, Copy)]
-enum Twist {
-    Plus90,
-    None,
-    Minus90,
-}
-
-const TWISTS: [Twist; 6] =
-    [Twist::Plus90, Twist::None, Twist::Minus90, Twist::Plus90, Twist::Minus90, Twist::None];
-
-/// One joint: `Rz(theta) Rx(alpha)` by its sine and cosine.
+/// One joint's sine and cosine.
 #[derive(Clone, Copy)]
 struct Turn {
     s: f64,
@@ -23,169 +16,337 @@ struct Turn {
 }
 
 impl Turn {
-    /// A vector of frame i-1 in frame i.
+    fn of(at: &SinCos, joint: usize) -> Turn {
+        Turn { s: at.s[joint], c: at.c[joint] }
+    }
+
+    /// A vector in axes that turned.
     #[inline(always)]
-    fn down(self, twist: Twist, v: DVec3) -> DVec3 {
-        let (x, y) = (self.c * v.x + self.s * v.y, self.c * v.y - self.s * v.x);
-        match twist {
-            Twist::Plus90 => DVec3::new(x, v.z, -y),
-            Twist::None => DVec3::new(x, y, v.z),
-            Twist::Minus90 => DVec3::new(x, -v.z, y),
+    fn down(self, v: DVec3) -> DVec3 {
+        DVec3::new(self.c * v.x + self.s * v.y, self.c * v.y - self.s * v.x, v.z)
+    }
+
+    /// A vector of the axes that turned in those that did not.
+    #[inline(always)]
+    fn up(self, v: DVec3) -> DVec3 {
+        DVec3::new(self.c * v.x - self.s * v.y, self.s * v.x + self.c * v.y, v.z)
+    }
+}
+
+/// Axes turned by +90 deg about x, seen from those before.
+#[inline(always)]
+fn plus(v: DVec3) -> DVec3 {
+    DVec3::new(v.x, -v.z, v.y)
+}
+
+/// The same by -90 deg.
+#[inline(always)]
+fn minus(v: DVec3) -> DVec3 {
+    DVec3::new(v.x, v.z, -v.y)
+}
+
+/// How a link moves: angular velocity and acceleration, and the acceleration of its origin with
+/// gravity.
+#[derive(Clone, Copy)]
+struct Moving {
+    w: DVec3,
+    wd: DVec3,
+    a: DVec3,
+}
+
+impl Moving {
+    /// The next link at the same origin, by its joint's turn.
+    #[inline(always)]
+    fn turned(self, turn: Turn, qd: f64, qdd: f64) -> Moving {
+        let (mut w, mut wd) = (turn.down(self.w), turn.down(self.wd));
+        // w x (z qd) = (w.y, -w.x, 0) qd
+        wd += DVec3::new(w.y * qd, -w.x * qd, qdd);
+        w.z += qd;
+        Moving { w, wd, a: turn.down(self.a) }
+    }
+
+    #[inline(always)]
+    fn each(self, map: impl Fn(DVec3) -> DVec3) -> Moving {
+        Moving { w: map(self.w), wd: map(self.wd), a: map(self.a) }
+    }
+
+    /// From an origin further along x.
+    #[inline(always)]
+    fn along_x(mut self, by: f64) -> Moving {
+        let (w, wd) = (self.w, self.wd);
+        let turning = DVec3::new(-(w.y * w.y + w.z * w.z), w.x * w.y + wd.z, w.x * w.z - wd.y);
+        self.a += by * turning;
+        self
+    }
+
+    /// From an origin further along z.
+    #[inline(always)]
+    fn along_z(mut self, by: f64) -> Moving {
+        let (w, wd) = (self.w, self.wd);
+        let turning = DVec3::new(w.x * w.z + wd.y, w.y * w.z - wd.x, -(w.x * w.x + w.y * w.y));
+        self.a += by * turning;
+        self
+    }
+}
+
+/// Force, and moment about the origin.
+#[derive(Clone, Copy)]
+struct Wrench {
+    f: DVec3,
+    n: DVec3,
+}
+
+impl Wrench {
+    /// What moves a link as it moves.
+    #[inline(always)]
+    fn of(link: &Link, moving: &Moving) -> Wrench {
+        let Moving { w, wd, a } = *moving;
+        let (hx, hy) = (link.hx, link.hy);
+        let (xx, yy, zz) = (w.x * w.x, w.y * w.y, w.z * w.z);
+        let (xy, xz, yz) = (w.x * w.y, w.x * w.z, w.y * w.z);
+        let f = DVec3::new(
+            hy * (xy - wd.z) - hx * (yy + zz),
+            hx * (xy + wd.z) - hy * (xx + zz),
+            hx * (xz - wd.y) + hy * (yz + wd.x),
+        );
+        let turning = |v: DVec3| {
+            DVec3::new(
+                link.xx * v.x + link.xy * v.y + link.xz * v.z,
+                link.xy * v.x + link.yz * v.z,
+                link.xz * v.x + link.yz * v.y + link.zz * v.z,
+            )
+        };
+        Wrench { f, n: turning(wd) + w.cross(turning(w)) + pulled(link, a) }
+    }
+
+    /// What accelerates everything outwards by 1 rad/s^2 about z.
+    #[inline(always)]
+    fn of_unit(outer: &Outer) -> Wrench {
+        let f = DVec3::new(-outer.h.y, outer.h.x, 0.0);
+        Wrench { f, n: DVec3::new(outer.xz, outer.yz, outer.zz) }
+    }
+
+    /// The same of the link outside link `J`, whose joint turned, seen from link `J`.
+    #[inline(always)]
+    fn inward<const J: usize>(self, arm: &Grouped, turn: Turn) -> Wrench {
+        let (f, n) = (turn.up(self.f), turn.up(self.n));
+        match J {
+            5 => Wrench { f: minus(f), n: minus(n) },
+            4 => Wrench { f: plus(f), n: plus(n) }.along_z(arm.d4),
+            3 => Wrench { f: minus(f), n: minus(n) }.along_z(arm.d3),
+            _ => {
+                let moment = DVec3::new(0.0, -f.z, f.y);
+                Wrench { f, n: n + arm.a2 * moment }
+            }
         }
     }
 
-    /// A vector of frame i in frame i-1.
+    /// About an origin from which it is `by` along z.
     #[inline(always)]
-    fn up(self, twist: Twist, v: DVec3) -> DVec3 {
-        let (y, z) = match twist {
-            Twist::Plus90 => (-v.z, v.y),
-            Twist::None => (v.y, v.z),
-            Twist::Minus90 => (v.z, -v.y),
-        };
-        DVec3::new(self.c * v.x - self.s * y, self.s * v.x + self.c * y, z)
+    fn along_z(mut self, by: f64) -> Wrench {
+        (self.n.x, self.n.y) = (self.n.x - by * self.f.y, self.n.y + by * self.f.x);
+        self
     }
 
-    /// A symmetric matrix of frame i in frame i-1.
     #[inline(always)]
-    fn up_matrix(self, twist: Twist, m: &DMat3) -> DMat3 {
-        let half = DMat3::from_cols(
-            self.up(twist, m.x_axis),
-            self.up(twist, m.y_axis),
-            self.up(twist, m.z_axis),
-        )
-        .transpose();
-        DMat3::from_cols(
-            self.up(twist, half.x_axis),
-            self.up(twist, half.y_axis),
-            self.up(twist, half.z_axis),
-        )
+    fn and(self, other: Wrench) -> Wrench {
+        Wrench { f: self.f + other.f, n: self.n + other.n }
     }
 }
 
-fn turns(at: &SinCos) -> [Turn; 6] {
-    core::array::from_fn(|i| Turn { s: at.s[i], c: at.c[i] })
+/// Moment about the origin that holds a link in a field of acceleration.
+#[inline(always)]
+fn pulled(link: &Link, a: DVec3) -> DVec3 {
+    let (hx, hy) = (link.hx, link.hy);
+    DVec3::new(hy * a.z, -hx * a.z, hx * a.y - hy * a.x)
 }
 
-/// Origins of the frames seen from the one before, in the axes of the frame itself:
-/// `(a, d sin alpha, d cos alpha)` (m).
-fn offsets(arm: &Dynamics) -> [DVec3; 6] {
-    let mut p = [DVec3::ZERO; 6];
-    p[1] = DVec3::new(arm.a2_m, 0.0, 0.0);
-    p[2] = DVec3::new(0.0, -arm.d3_m, 0.0);
-    p[3] = DVec3::new(0.0, arm.d4_m, 0.0);
-    p
+/// Part of a moment on link 2 that acts about the axis of joint 1.
+#[inline(always)]
+fn upright(turn: Turn, n: DVec3) -> f64 {
+    turn.s * n.x + turn.c * n.y
 }
 
 /// Inverse dynamics of the rigid bodies with gravity (N m).
-pub(super) fn newton_euler(arm: &Dynamics, at: &SinCos, qd: &Joints, qdd: &Joints) -> Joints {
-    let turn = turns(at);
-    let offset = offsets(arm);
-    let mut force = [DVec3::ZERO; 6];
-    let mut moment = [DVec3::ZERO; 6];
-    let (mut w, mut wd) = (DVec3::ZERO, DVec3::ZERO);
-    let mut a = DVec3::new(0.0, 0.0, arm.gravity_m_s2);
-    for i in 0..6 {
-        let (t, twist, p, body) = (turn[i], TWISTS[i], offset[i], &arm.bodies[i]);
-        // w x (z qd) = (w.y, -w.x, 0) qd
-        let turned = DVec3::new(wd.x + w.y * qd[i], wd.y - w.x * qd[i], wd.z + qdd[i]);
-        wd = t.down(twist, turned);
-        w = t.down(twist, DVec3::new(w.x, w.y, w.z + qd[i]));
-        a = t.down(twist, a) + wd.cross(p) + w.cross(w.cross(p));
-        let com = body.com_m;
-        force[i] = body.mass_kg * (a + wd.cross(com) + w.cross(w.cross(com)));
-        moment[i] = body.inertia_kg_m2 * wd + w.cross(body.inertia_kg_m2 * w);
-    }
-    gather(arm, &turn, &offset, &force, &moment)
-}
-
-/// The static case: no turning, so no moments and one turn of gravity per link.
-pub(super) fn gravity(arm: &Dynamics, at: &SinCos) -> Joints {
-    let turn = turns(at);
-    let mut force = [DVec3::ZERO; 6];
-    let mut a = DVec3::new(0.0, 0.0, arm.gravity_m_s2);
-    for i in 0..6 {
-        a = turn[i].down(TWISTS[i], a);
-        force[i] = arm.bodies[i].mass_kg * a;
-    }
-    gather(arm, &turn, &offsets(arm), &force, &[DVec3::ZERO; 6])
-}
-
-/// The inward half: joint torques that carry a force at, and a moment about, each centre of mass.
-#[inline(always)]
-fn gather(
-    arm: &Dynamics,
-    turn: &[Turn; 6],
-    offset: &[DVec3; 6],
-    force: &[DVec3; 6],
-    moment: &[DVec3; 6],
+pub(super) fn newton_euler(
+    (arm, gravity_m_s2): (&Grouped, f64),
+    at: &SinCos,
+    qd: &Joints,
+    qdd: &Joints,
 ) -> Joints {
-    let mut tau = Joints::zeros();
-    let (mut f, mut n) = (DVec3::ZERO, DVec3::ZERO);
-    for i in (0..6).rev() {
-        let p = offset[i];
-        n += p.cross(f) + (p + arm.bodies[i].com_m).cross(force[i]) + moment[i];
-        f += force[i];
-        f = turn[i].up(TWISTS[i], f);
-        n = turn[i].up(TWISTS[i], n);
-        tau[i] = n.z;
+    let turn: [Turn; 6] = core::array::from_fn(|i| Turn::of(at, i));
+    let [two, three, four, five, six] = &arm.links;
+    // Link 1 turns about the vertical; plus(y) is its z.
+    let first = Moving {
+        w: DVec3::new(0.0, qd[0], 0.0),
+        wd: DVec3::new(0.0, qdd[0], 0.0),
+        a: DVec3::new(0.0, gravity_m_s2, 0.0),
+    };
+    let m2 = first.turned(turn[1], qd[1], qdd[1]);
+    let m3 = m2.along_x(arm.a2).turned(turn[2], qd[2], qdd[2]);
+    // Into axes turned by -90 deg is out of those turned by +90 deg.
+    let m4 = m3.along_z(arm.d3).each(plus).turned(turn[3], qd[3], qdd[3]);
+    let m5 = m4.along_z(arm.d4).each(minus).turned(turn[4], qd[4], qdd[4]);
+    let m6 = m5.each(plus).turned(turn[5], qd[5], qdd[5]);
+    let w6 = Wrench::of(six, &m6);
+    let w5 = w6.inward::<5>(arm, turn[5]).and(Wrench::of(five, &m5));
+    let w4 = w5.inward::<4>(arm, turn[4]).and(Wrench::of(four, &m4));
+    let w3 = w4.inward::<3>(arm, turn[3]).and(Wrench::of(three, &m3));
+    let w2 = w3.inward::<2>(arm, turn[2]).and(Wrench::of(two, &m2));
+    let about_1 = upright(turn[1], w2.n) + arm.upright * qdd[0];
+    Joints::new(about_1, w2.n.z, w3.n.z, w4.n.z, w5.n.z, w6.n.z)
+}
+
+/// The static case (N m): links without mass pull at nothing, they only turn.
+pub(super) fn gravity((arm, gravity_m_s2): (&Grouped, f64), at: &SinCos) -> Joints {
+    let turn: [Turn; 6] = core::array::from_fn(|i| Turn::of(at, i));
+    let [two, three, four, five, six] = &arm.links;
+    let a2 = turn[1].down(DVec3::new(0.0, gravity_m_s2, 0.0));
+    let a3 = turn[2].down(a2);
+    let a4 = turn[3].down(plus(a3));
+    let a5 = turn[4].down(minus(a4));
+    let a6 = turn[5].down(plus(a5));
+    let n6 = pulled(six, a6);
+    let n5 = minus(turn[5].up(n6)) + pulled(five, a5);
+    let n4 = plus(turn[4].up(n5)) + pulled(four, a4);
+    let n3 = minus(turn[3].up(n4)) + pulled(three, a3);
+    let n2 = turn[2].up(n3) + pulled(two, a2);
+    Joints::new(upright(turn[1], n2), n2.z, n3.z, n4.z, n5.z, n6.z)
+}
+
+/// A link and everything outside it: first moment and inertia, without mass as its parts are.
+#[derive(Clone, Copy)]
+struct Outer {
+    h: DVec3,
+    xx: f64,
+    yy: f64,
+    zz: f64,
+    xy: f64,
+    xz: f64,
+    yz: f64,
+}
+
+impl Outer {
+    fn of(link: &Link) -> Outer {
+        let h = DVec3::new(link.hx, link.hy, 0.0);
+        Outer { h, xx: link.xx, yy: 0.0, zz: link.zz, xy: link.xy, xz: link.xz, yz: link.yz }
     }
-    tau
+
+    /// In axes in which its own ones turned about z.
+    #[inline(always)]
+    fn up(self, turn: Turn) -> Outer {
+        let Outer { xx, yy, zz, xy, xz, yz, .. } = self;
+        let bend = turn.s * (xx - yy) + 2.0 * turn.c * xy;
+        Outer {
+            h: turn.up(self.h),
+            xx: xx - turn.s * bend,
+            yy: yy + turn.s * bend,
+            zz,
+            xy: turn.c * bend - xy,
+            xz: turn.c * xz - turn.s * yz,
+            yz: turn.s * xz + turn.c * yz,
+        }
+    }
+
+    #[inline(always)]
+    fn plus(self) -> Outer {
+        let Outer { xx, yy, zz, xy, xz, yz, .. } = self;
+        Outer { h: plus(self.h), xx, yy: zz, zz: yy, xy: -xz, xz: xy, yz: -yz }
+    }
+
+    #[inline(always)]
+    fn minus(self) -> Outer {
+        let Outer { xx, yy, zz, xy, xz, yz, .. } = self;
+        Outer { h: minus(self.h), xx, yy: zz, zz: yy, xy: xz, xz: -xy, yz: -yz }
+    }
+
+    /// About an origin from which it is `by` along z.
+    #[inline(always)]
+    fn along_z(mut self, by: f64) -> Outer {
+        let twice = 2.0 * by * self.h.z;
+        (self.xx, self.yy) = (self.xx + twice, self.yy + twice);
+        (self.xz, self.yz) = (self.xz - by * self.h.x, self.yz - by * self.h.y);
+        self
+    }
+
+    /// See [`Wrench::inward`].
+    #[inline(always)]
+    fn inward<const J: usize>(self, arm: &Grouped, turn: Turn) -> Outer {
+        let mut out = self.up(turn);
+        match J {
+            5 => out.minus(),
+            4 => out.plus().along_z(arm.d4),
+            3 => out.minus().along_z(arm.d3),
+            _ => {
+                let twice = 2.0 * arm.a2 * out.h.x;
+                (out.yy, out.zz) = (out.yy + twice, out.zz + twice);
+                (out.xy, out.xz) = (out.xy - arm.a2 * out.h.y, out.xz - arm.a2 * out.h.z);
+                out
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn and(self, link: &Link) -> Outer {
+        Outer {
+            h: DVec3::new(self.h.x + link.hx, self.h.y + link.hy, self.h.z),
+            xx: self.xx + link.xx,
+            yy: self.yy,
+            zz: self.zz + link.zz,
+            xy: self.xy + link.xy,
+            xz: self.xz + link.xz,
+            yz: self.yz + link.yz,
+        }
+    }
 }
 
 /// The mass matrix of the rigid bodies by composite bodies (kg m^2).
-pub(super) fn composite(arm: &Dynamics, at: &SinCos) -> Matrix6 {
-    let turn = turns(at);
-    let offset = offsets(arm);
-    let mut out = Matrix6::zeros();
-    // Everything from link i outwards: mass, first moment and inertia about the origin of frame
-    // i-1.
-    let (mut mass, mut first, mut inertia) = (0.0, DVec3::ZERO, DMat3::ZERO);
-    for i in (0..6).rev() {
-        let (body, p) = (&arm.bodies[i], offset[i]);
-        // What hangs on frame i moves to the origin of frame i-1.
-        inertia = inertia + carry(first, p) + steiner(mass, p);
-        first += mass * p;
-        let com = body.com_m + p;
-        mass += body.mass_kg;
-        first += body.mass_kg * com;
-        inertia = inertia + body.inertia_kg_m2 + steiner(body.mass_kg, com);
-        first = turn[i].up(TWISTS[i], first);
-        inertia = turn[i].up_matrix(TWISTS[i], &inertia);
-        // Unit acceleration about z of frame i-1: force z x first, moment inertia z.
-        let mut f = DVec3::new(-first.y, first.x, 0.0);
-        let mut n = inertia.z_axis;
-        out[(i, i)] = n.z;
-        for j in (0..i).rev() {
-            n += offset[j].cross(f);
-            f = turn[j].up(TWISTS[j], f);
-            n = turn[j].up(TWISTS[j], n);
-            out[(i, j)] = n.z;
-            out[(j, i)] = n.z;
-        }
-    }
-    out
+pub(super) fn composite(arm: &Grouped, at: &SinCos) -> Matrix6 {
+    let turn: [Turn; 6] = core::array::from_fn(|i| Turn::of(at, i));
+    let [two, three, four, five, six] = &arm.links;
+    // Torques on all joints of an acceleration, from that on a link inwards.
+    let below_2 = |w: Wrench| [upright(turn[1], w.n), w.n.z];
+    let below_3 = |w: Wrench| {
+        let [a, b] = below_2(w.inward::<2>(arm, turn[2]));
+        [a, b, w.n.z]
+    };
+    let below_4 = |w: Wrench| {
+        let [a, b, c] = below_3(w.inward::<3>(arm, turn[3]));
+        [a, b, c, w.n.z]
+    };
+    let below_5 = |w: Wrench| {
+        let [a, b, c, d] = below_4(w.inward::<4>(arm, turn[4]));
+        [a, b, c, d, w.n.z]
+    };
+    let o6 = Outer::of(six);
+    let w6 = Wrench::of_unit(&o6);
+    let [a6, b6, c6, d6, e6] = below_5(w6.inward::<5>(arm, turn[5]));
+    let o5 = o6.inward::<5>(arm, turn[5]).and(five);
+    let [a5, b5, c5, d5, e5] = below_5(Wrench::of_unit(&o5));
+    let o4 = o5.inward::<4>(arm, turn[4]).and(four);
+    let [a4, b4, c4, d4] = below_4(Wrench::of_unit(&o4));
+    let o3 = o4.inward::<3>(arm, turn[3]).and(three);
+    let [a3, b3, c3] = below_3(Wrench::of_unit(&o3));
+    let o2 = o3.inward::<2>(arm, turn[2]).and(two);
+    let [a2, b2] = below_2(Wrench::of_unit(&o2));
+    let a1 = arm.upright + o2.up(turn[1]).yy;
+    Matrix6::from_columns(&[
+        Joints::new(a1, a2, a3, a4, a5, a6),
+        Joints::new(a2, b2, b3, b4, b5, b6),
+        Joints::new(a3, b3, c3, c4, c5, c6),
+        Joints::new(a4, b4, c4, d4, d5, d6),
+        Joints::new(a5, b5, c5, d5, e5, e6),
+        Joints::new(a6, b6, c6, d6, e6, w6.n.z),
+    ])
 }
 
-/// What a first moment `h` adds to the inertia when the origin moves by `-p`:
-/// `2 h.p I - h p^T - p h^T`.
-pub(crate) fn carry(h: DVec3, p: DVec3) -> DMat3 {
-    let both = 2.0 * h.dot(p);
-    DMat3::from_cols(
-        DVec3::new(both, 0.0, 0.0) - h * p.x - p * h.x,
-        DVec3::new(0.0, both, 0.0) - h * p.y - p * h.y,
-        DVec3::new(0.0, 0.0, both) - h * p.z - p * h.z,
-    )
-}
-
-/// Potential energy (J): the first moment of all bodies, carried inwards to the base.
-pub(super) fn potential(arm: &Dynamics, at: &SinCos) -> f64 {
-    let turn = turns(at);
-    let offset = offsets(arm);
-    let (mut mass, mut first) = (0.0, DVec3::ZERO);
-    for i in (0..6).rev() {
-        mass += arm.bodies[i].mass_kg;
-        first += arm.bodies[i].mass_kg * arm.bodies[i].com_m + mass * offset[i];
-        first = turn[i].up(TWISTS[i], first);
-    }
-    arm.gravity_m_s2 * first.z
+/// Potential energy (J): the first moment of all links, carried inwards to the base.
+pub(super) fn potential((arm, gravity_m_s2): (&Grouped, f64), at: &SinCos) -> f64 {
+    let turn: [Turn; 6] = core::array::from_fn(|i| Turn::of(at, i));
+    let [two, three, four, five, six] = arm.links.map(|link| DVec3::new(link.hx, link.hy, 0.0));
+    let h5 = minus(turn[5].up(six)) + five;
+    let h4 = plus(turn[4].up(h5)) + four;
+    let h3 = minus(turn[3].up(h4)) + three;
+    let h2 = turn[2].up(h3) + two;
+    gravity_m_s2 * (arm.raised + turn[1].up(h2).y)
 }

@@ -47,14 +47,19 @@ impl Draws {
 
 /// The PUMA 260 by its Denavit-Hartenberg rows, with its bodies and tool.
 pub(crate) fn puma() -> Chain<6> {
-    let (arm, dynamics) = (Puma260::reference(), Dynamics::reference());
+    puma_with(&Dynamics::reference())
+}
+
+/// The same with other bodies.
+pub(crate) fn puma_with(dynamics: &Dynamics) -> Chain<6> {
+    let arm = Puma260::reference();
     let row = |i: usize, a_m: f64, d_m: f64, alpha_rad: f64| Dh {
         a_m,
         d_m,
         alpha_rad,
         theta_rad: 0.0,
         spec: JointSpec {
-            body: dynamics.bodies[i],
+            body: dynamics.bodies()[i],
             q_min: arm.q_min_rad[i],
             q_max: arm.q_max_rad[i],
             speed_max: arm.speed_max_rad_s[i],

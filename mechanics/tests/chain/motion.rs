@@ -1,10 +1,10 @@
 //! Dynamics: against the PUMA's own recursion, which meets the reference data, and against what
 //! has to hold for any arm.
 
-use crate::arms::{Draws, puma, seven, slider, ur5e_like};
-use glam::DVec3;
+use crate::arms::{Draws, puma, puma_with, seven, slider, ur5e_like};
+use glam::{DMat3, DVec3};
 use taktil_mechanics::chain::{Chain, Square, Vector};
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::dynamics::{Body, Dynamics};
 
 #[test]
 fn the_puma_by_its_rows_moves_like_the_puma() {
@@ -21,6 +21,33 @@ fn the_puma_by_its_rows_moves_like_the_puma() {
         let tau = draws.vector(2.0);
         let off = chain.forward_dynamics(&q, &qd, &tau) - arm.forward(&q, &qd, &tau);
         assert!(off.amax() < 1e-9, "{:e}", off.amax());
+    }
+}
+
+#[test]
+fn links_in_the_fewest_numbers_move_like_lopsided_bodies() {
+    let mut draws = Draws(15);
+    for _ in 0..50 {
+        let mut body = || {
+            let turn = draws.rotation();
+            let sizes = DVec3::splat(0.02) + 0.5 * draws.point(0.02);
+            Body {
+                mass_kg: draws.between(0.1, 4.0),
+                com_m: draws.point(0.2),
+                inertia_kg_m2: turn * DMat3::from_diagonal(sizes) * turn.transpose(),
+            }
+        };
+        let arm = Dynamics::of_bodies(core::array::from_fn(|_| body()), &body());
+        let chain = puma_with(&arm);
+        for _ in 0..20 {
+            let q = draws.inside(&chain);
+            let (qd, qdd) = (draws.vector(3.0), draws.vector(20.0));
+            let off = chain.inverse_dynamics(&q, &qd, &qdd) - arm.inverse(&q, &qd, &qdd);
+            assert!(off.amax() < 1e-11, "{:e}", off.amax());
+            assert!((chain.gravity(&q) - arm.gravity(&q)).amax() < 1e-12);
+            assert!((chain.mass_matrix(&q) - arm.mass_matrix(&q)).amax() < 1e-13);
+            assert!((chain.potential_j(&q) - arm.potential_j(&q)).abs() < 1e-12);
+        }
     }
 }
 

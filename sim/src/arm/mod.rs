@@ -49,6 +49,8 @@ pub(crate) struct Arm {
     bias: Joints,
     jacobian: Matrix6,
     pose: Pose,
+    /// Angles at which the arm was looked at last, their sines and cosines.
+    seen: (Joints, SinCos),
     age: u32,
     every: u32,
 }
@@ -114,6 +116,7 @@ impl Arm {
             inertia_inverse: Matrix6::zeros(),
             bias: Joints::zeros(),
             jacobian: Matrix6::zeros(),
+            seen: (q, SinCos::of(&q)),
             age: 0,
             every,
         };
@@ -184,7 +187,8 @@ impl Arm {
             following.t_s = t_s;
             (self.now.q, self.now.qd) = following.at(t_s);
         }
-        (self.pose, self.jacobian) = self.puma.tool_and_jacobian_at(&SinCos::of(&self.now.q));
+        self.seen = (self.now.q, SinCos::of(&self.now.q));
+        (self.pose, self.jacobian) = self.puma.tool_and_jacobian_at(&self.seen.1);
         self.age = self.every;
     }
 
@@ -260,7 +264,8 @@ impl Arm {
         if self.braked {
             return Ahead::fixed(self.pose, Joints::zeros());
         }
-        let at = SinCos::of(&(base.q + h * guess));
+        let (q, (seen, sines)) = (base.q + h * guess, &self.seen);
+        let at = sines.further(&(q - seen)).unwrap_or_else(|| SinCos::of(&q));
         let (pose, jacobian) = self.puma.tool_and_jacobian_at(&at);
         Ahead {
             degrees: JOINTS,

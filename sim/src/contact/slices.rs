@@ -176,6 +176,8 @@ pub(super) struct Sums {
 struct Block {
     force: [Lanes; 3],
     weight: [Lanes; 3],
+    /// Some slices slide: weights across and along differ.
+    slides: bool,
 }
 
 /// What the rubber answers in one block.
@@ -303,7 +305,8 @@ impl Slices {
             block.weight[0][i] = if pressed { weight_n } else { 0.0 };
             (block.weight[1][i], block.weight[2][i]) = (weight, weight);
         }
-        if slides > 0 {
+        block.slides = slides > 0;
+        if block.slides {
             let bristles = (new.0, new.1, &*new.2);
             *slip_m_s = slip_m_s.max(block.slide((law.friction, relaxation_s), s, line, bristles));
         }
@@ -363,29 +366,47 @@ impl Block {
 impl Sums {
     #[inline(always)]
     fn add(&mut self, s: &Lanes, block: &Block) {
-        for i in 0..3 {
-            let [force, lever, _] = powers(&block.force[i], s);
-            self.force[i][0] += force;
-            self.force[i][1] += lever;
-            let weights = powers(&block.weight[i], s);
-            for (sum, weight) in self.weights[i].iter_mut().zip(weights) {
-                *sum += weight;
+        for (sums, forces) in self.force.iter_mut().zip(&block.force) {
+            sums[0] += sum(forces);
+            sums[1] += sum(&times(forces, s));
+        }
+        let [normal, across, along] = &block.weight;
+        let (normal, across) = (powers(normal, s), powers(across, s));
+        let along = if block.slides { powers(along, s) } else { across };
+        for (sums, powers) in self.weights.iter_mut().zip([normal, across, along]) {
+            for (sum, power) in sums.iter_mut().zip(powers) {
+                *sum += power;
             }
         }
     }
 }
 
-/// Sums of `w`, `w s` and `w s^2`: even and odd places apart, as the processor adds them.
+/// Sums of `w`, `w s` and `w s^2`.
 #[inline(always)]
 fn powers(w: &Lanes, s: &Lanes) -> [f64; 3] {
-    let mut sums = [[0.0; 2]; 3];
-    for (w, s) in w.as_chunks::<2>().0.iter().zip(s.as_chunks::<2>().0) {
-        for side in 0..2 {
-            let first = w[side] * s[side];
-            sums[0][side] += w[side];
-            sums[1][side] += first;
-            sums[2][side] += first * s[side];
-        }
+    let first = times(w, s);
+    [sum(w), sum(&first), sum(&times(&first, s))]
+}
+
+#[inline(always)]
+fn times(a: &Lanes, b: &Lanes) -> Lanes {
+    let mut product = [0.0; LANES];
+    for i in 0..LANES {
+        product[i] = a[i] * b[i];
     }
-    sums.map(|[even, odd]| even + odd)
+    product
+}
+
+/// By halves, as the processor adds them.
+#[inline(always)]
+fn sum(w: &Lanes) -> f64 {
+    let mut halves = [0.0; LANES / 2];
+    for i in 0..LANES / 2 {
+        halves[i] = w[i] + w[i + LANES / 2];
+    }
+    let mut quarters = [0.0; LANES / 4];
+    for i in 0..LANES / 4 {
+        quarters[i] = halves[i] + halves[i + LANES / 4];
+    }
+    quarters[0] + quarters[1]
 }

@@ -140,12 +140,15 @@ impl Array {
                 Some(factored) => factored.read(&self.conductances, row),
                 None => core::array::from_fn(|j| self.conductances[row * SLICES + j]),
             };
-            for (column, part) in seen.into_iter().enumerate() {
-                let noise = if self.noise > 0.0 { self.noise * self.prng.normal() } else { 0.0 };
+            let mut noise = [0.0; SLICES];
+            if self.noise > 0.0 {
+                noise = core::array::from_fn(|_| self.noise * self.prng.normal());
+            }
+            let most = f64::from(self.full_scale);
+            let values = &mut self.values[row * SLICES..][..SLICES];
+            for (value, (part, noise)) in values.iter_mut().zip(seen.iter().zip(&noise)) {
                 let counts = self.rest + self.counts_full * part + noise;
-                // Nearest whole number, as the cast cuts off.
-                self.values[row * SLICES + column] =
-                    (counts.clamp(0.0, f64::from(self.full_scale)) + 0.5) as u16;
+                *value = nearest(counts.clamp(0.0, most));
             }
             self.spoil(row, now);
         }
@@ -188,9 +191,28 @@ impl Array {
     }
 }
 
+/// The whole number nearest to one between 0 and 65 535; 0 for NaN. Beyond 2^52 numbers are whole:
+/// what is brought there and rounded carries it in its lowest bits.
+#[inline(always)]
+fn nearest(x: f64) -> u16 {
+    const WHOLE: f64 = (1_u64 << 52) as f64;
+    (x + WHOLE).to_bits() as u16
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_go_to_the_nearest_whole_one() {
+        for whole in [0_u16, 1, 2, 299, 300, 4095, 32_768, 65_535] {
+            let x = f64::from(whole);
+            for off in [-0.49, -1e-6, 0.0, 1e-6, 0.49] {
+                assert_eq!(nearest((x + off).max(0.0)), whole, "{x} {off}");
+            }
+        }
+        assert_eq!(nearest(f64::NAN), 0);
+    }
 
     fn array(edit: impl FnOnce(&mut TactileConfig)) -> Array {
         let mut config = TactileConfig { noise_counts: 0.0, ..TactileConfig::default() };

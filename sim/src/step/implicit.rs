@@ -102,9 +102,12 @@ struct Seen {
     rest: Speeds,
     /// How what the joints feel grows with their speeds (N m s/rad).
     slopes: [f64; 6],
-    touch: Option<(Around, Touching)>,
-    /// The surroundings, where an object is touched.
-    pressed: Option<Around>,
+    /// The surroundings of what may be touched.
+    around: Option<Around>,
+    /// The contacts of a pin.
+    touch: Option<Touching>,
+    /// Objects are touched.
+    pressed: bool,
 }
 
 fn part(u: &Speeds, from: usize) -> DVec3 {
@@ -185,10 +188,10 @@ impl Bench {
         let (_, table_axes, table) = self.table.at(end_s);
         let mut torques_at = joints(&u);
         let (mut last, mut count) = (f64::INFINITY, 0);
-        let mut before = f64::INFINITY;
+        let (mut before, mut seen) = (f64::INFINITY, Seen::default());
         for _ in 0..NEWTON_MAX {
             count += 1;
-            let seen = self.evaluate(base, &ahead, &u, tau, (&table, &table_axes));
+            self.evaluate_into(&mut seen, base, &ahead, &u, tau, (&table, &table_axes));
             let held = factors.get_or_insert_with(|| self.held(&ahead, &seen, tau));
             let mut change = held.factors.solve(&seen.rest);
             if self.way(&change) < CLOSE_M_S && self.softer(&seen, held) {
@@ -259,9 +262,23 @@ impl Bench {
         ahead: &Ahead,
         u: &Speeds,
         tau: f64,
-        (table, table_axes): (&Surface, &DMat3),
+        table: (&Surface, &DMat3),
     ) -> Seen {
         let mut seen = Seen::default();
+        self.evaluate_into(&mut seen, base, ahead, u, tau, table);
+        seen
+    }
+
+    /// The same in the place of what was seen before, from the same base.
+    fn evaluate_into(
+        &mut self,
+        seen: &mut Seen,
+        base: &Base,
+        ahead: &Ahead,
+        u: &Speeds,
+        tau: f64,
+        (table, table_axes): (&Surface, &DMat3),
+    ) {
         let rest = &mut seen.rest;
         let qd = joints(u);
         let swung = ahead.inertia * (qd - base.swing.qd) - tau * ahead.push;
@@ -270,27 +287,28 @@ impl Bench {
             rest[i] = -swung[i] - tau * rub.torque_nm;
             seen.slopes[i] = rub.slope;
         }
+        if self.objects.is_none() && self.rolling.is_none() {
+            return;
+        }
+        let around = seen.around.insert(around(ahead, &qd, tau, table, table_axes));
         if let Some(objects) = &mut self.objects {
-            let around = around(ahead, &qd, tau, table, table_axes);
             objects.remember(&base.grips);
             self.work.contacts += 1;
-            objects.touch(&around, tau);
-            if objects.touched() > 0 && ahead.degrees > 0 {
+            objects.touch(around, tau);
+            seen.pressed = objects.touched() > 0 && ahead.degrees > 0;
+            if seen.pressed {
                 let pulled = ahead.jacobian.tr_mul(&objects.wrench(&around.pad));
                 for i in 0..ahead.degrees {
                     rest[i] += tau * pulled[i];
                 }
-                seen.pressed = Some(around);
             }
         }
-        let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) else {
-            return seen;
-        };
+        let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) else { return };
         rolling.pin = memory.pin.carried(part(u, 6), part(u, 9), tau);
-        let around = around(ahead, &qd, tau, table, table_axes);
         self.work.contacts += 1;
-        let touching = rolling.touch_from((&memory.pad, &memory.bed), &around, tau);
-        let (force, moment) = rolling.load(&around);
+        let touching = seen.touch.get_or_insert_default();
+        rolling.touch_from((&memory.pad, &memory.bed), around, tau, touching);
+        let (force, moment) = rolling.load(around);
         let pin = &rolling.pin;
         let linear = pin.mass_kg * (pin.velocity - memory.pin.velocity) - tau * force;
         let angular = pin.angular_momentum() - base.turning - tau * moment;
@@ -302,8 +320,6 @@ impl Bench {
                 rest[i] += tau * pulled[i];
             }
         }
-        seen.touch = Some((around, touching));
-        seen
     }
 }
 

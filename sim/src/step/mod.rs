@@ -23,8 +23,8 @@ pub(crate) use implicit::Habit;
 /// Estimated error of place above which a step is halved (m).
 pub(crate) const ERROR_M: f64 = 2e-6;
 /// Change of speed after which the forces of a step's last iteration are those of its end (m/s):
-/// contacts of 1e5 N/m that relax within 1 ms feel 1e-7 N of it.
-const FELT_M_S: f64 = 1e-9;
+/// contacts of 1e5 N/m that relax within 1 ms feel 1e-5 N of it.
+const FELT_M_S: f64 = 1e-7;
 /// Times that a step is halved at most.
 const HALVINGS: u32 = 4;
 

@@ -70,9 +70,9 @@ pub fn rows(arm: &Puma260) -> [(f64, f64, f64); 6] {
 /// The arm as any arm: by its rows.
 fn chain() -> Result<Chain<6>> {
     let (arm, dynamics) = (Puma260::reference(), Dynamics::reference());
-    let mut bodies = dynamics.bodies.iter();
+    let mut bodies = dynamics.bodies().iter();
     let rows = rows(&arm).map(|(a_m, d_m, alpha_rad)| {
-        let body = *bodies.next().unwrap_or(&dynamics.bodies[5]);
+        let body = *bodies.next().unwrap_or(&dynamics.bodies()[5]);
         let spec = JointSpec { body, ..JointSpec::default() };
         Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
     });

@@ -85,7 +85,7 @@ impl Drop for Peer {
 fn arm() -> String {
     let (arm, dynamics) = (Puma260::reference(), Dynamics::reference());
     let mut text = format!("{:e}", arm.tool_z_m);
-    for ((a, d, alpha), body) in rows(&arm).iter().zip(&dynamics.bodies) {
+    for ((a, d, alpha), body) in rows(&arm).iter().zip(dynamics.bodies()) {
         let (c, i) = (body.com_m, body.inertia_kg_m2);
         let numbers =
             [*a, *d, *alpha, body.mass_kg, c.x, c.y, c.z, i.x_axis.x, i.y_axis.y, i.z_axis.z];

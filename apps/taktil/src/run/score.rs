@@ -332,8 +332,8 @@ impl Score {
         let holding = self.control.state == State::IdleCalibrated as u32
             && self.control.mode == Mode::Hold as u32
             && truth.t_ns > self.control.entered_ns + SETTLING_NS;
-        let wanted = self.desired.as_ref().and_then(|desired| self.robot.tool_pose(desired));
-        if let (true, Some(wanted)) = (holding, wanted) {
+        let desired = self.desired.as_ref().filter(|_| holding);
+        if let Some(wanted) = desired.and_then(|desired| self.robot.tool_pose(desired)) {
             let wanted = wanted.translation;
             let found = glam::DVec3::from_array(truth.tool_m);
             self.figures.hold_error_mm.add((found - wanted).length() * 1e3);

@@ -34,7 +34,7 @@ impl Bench {
     /// directions against moving and against turning, and the objects.
     fn holds(&self, seen: &Seen) -> [f64; HOLDS] {
         let mut holds = [0.0; HOLDS];
-        if let Some((_, touching)) = &seen.touch {
+        if let Some(touching) = &seen.touch {
             for (i, contact) in [&touching.finger, &touching.table].into_iter().enumerate() {
                 let Some((_, tangent)) = contact else { continue };
                 for (j, [w0, w1, w2]) in tangent.weights.into_iter().enumerate() {
@@ -44,7 +44,7 @@ impl Bench {
                 }
             }
         }
-        if let (Some(objects), Some(_)) = (&self.objects, &seen.pressed) {
+        if let (Some(objects), true) = (&self.objects, seen.pressed) {
             objects.holds(&mut holds[12..]);
         }
         holds
@@ -65,14 +65,16 @@ impl Bench {
             }
             matrix.add(i, i, tau * slope);
         }
-        if let (Some(objects), Some(around)) = (&self.objects, &seen.pressed) {
+        if let (Some(objects), Some(around), true) = (&self.objects, &seen.around, seen.pressed) {
             objects.tangent(&around.pad, &ahead.jacobian, |weight, part| {
                 let mut row = [0.0; N];
                 row[..ahead.degrees].copy_from_slice(&part.as_slice()[..ahead.degrees]);
                 matrix.add_outer(tau * weight, &row);
             });
         }
-        let (Some(rolling), Some((around, touching))) = (&self.rolling, &seen.touch) else {
+        let (Some(rolling), Some(around), Some(touching)) =
+            (&self.rolling, &seen.around, &seen.touch)
+        else {
             return matrix;
         };
         let inertia = rolling.pin.inertia();
