@@ -174,6 +174,21 @@ impl Pin {
         penetration_max_mm: f64,
         level: Level,
     ) -> Result<Self, Invalid> {
+        let mut made = Self::cut(layer, profile, ends_mm, penetration_max_mm, level)?;
+        if level == Level::Fast && matches!(profile, Profile::Cylinder { .. }) {
+            made.solve_lying(penetration_max_mm / layer.thickness_mm);
+        }
+        Ok(made)
+    }
+
+    /// The same without the contacts of a lying cylinder, which only the fast level reads.
+    fn cut(
+        layer: &Layer,
+        profile: Profile,
+        ends_mm: [f64; 2],
+        penetration_max_mm: f64,
+        level: Level,
+    ) -> Result<Self, Invalid> {
         layer.check()?;
         let t = layer.thickness_mm;
         let section = profile.section(t)?;
@@ -199,17 +214,16 @@ impl Pin {
         };
         let transfer = layer.transfer();
         let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
-        let strips = Strips::new(&kernel, section, penetration_max_mm / t, count)?;
-        let ends = [from / t, to / t];
+        let (ends, deepest) = ([from / t, to / t], penetration_max_mm / t);
+        let strips = Strips::new(&kernel, section, deepest, count)?;
         // Short slices see how the pressure rises towards an end, and so does what is tabulated.
-        let deeper = (ROOM * penetration_max_mm / t).min(DEEPEST);
+        let deeper = (ROOM * deepest).min(DEEPEST);
         let risen = Strips::new(&kernel, section, deeper, count);
         let risen = risen.unwrap_or_else(|_| strips.clone());
         let tabled = level == Level::Fast && matches!(section, Section::Circle(_));
         let over = if tabled { risen.clone() } else { strips };
         let mut rows = vec![Row::new((layer, &kernel), (over, true), ends, fineness)?];
-        let tolerance = 0.5 * fineness.tolerance;
-        let fineness = Fineness { tolerance, ..fineness };
+        let fineness = Fineness { tolerance: 0.5 * fineness.tolerance, ..fineness };
         let mut reach = fineness.shorter * length;
         while reach >= SHORTEST_ROW {
             let end = [ends[1] - reach, ends[1]];
@@ -217,11 +231,9 @@ impl Pin {
             reach *= fineness.shorter;
         }
         let corner = match (section, level) {
-            (Section::Circle(_), Level::Fast) => {
-                solved_before(&mut rows, ends[1], penetration_max_mm / t)
-            }
+            (Section::Circle(_), Level::Fast) => Corner::new(&mut rows, ends[1], deepest),
             (Section::Circle(_), Level::Default | Level::Fine) => {
-                let coarse = Self::new(layer, profile, ends_mm, penetration_max_mm, Level::Fast);
+                let coarse = Self::cut(layer, profile, ends_mm, penetration_max_mm, Level::Fast);
                 coarse.ok().and_then(|coarse| coarse.corner)
             }
             _ => None,
@@ -230,6 +242,16 @@ impl Pin {
         let newton = together.then(|| Box::new(Newton::new(&rows, fineness.together)));
         let state = PinState::default();
         Ok(Self { layer: *layer, ends, rows, corner, newton, at: 0, turned: false, state })
+    }
+
+    /// Solves the contacts on a good part of a cylinder, down to the deepest.
+    fn solve_lying(&mut self, deepest: f64) {
+        let shortest = self.corner.as_ref().map_or(0.0, Corner::longest);
+        for (n, row) in self.rows.iter_mut().enumerate() {
+            if n == 0 || row.length > shortest {
+                row.lying = Lying::new(row, self.ends[1], deepest);
+            }
+        }
     }
 
     /// Presses the pin with its axis sloping down towards +v by `tilt_rad`: the penetration at a
@@ -472,15 +494,4 @@ impl Pin {
         let mirror_mm = (self.ends[0] + self.ends[1]) * self.layer.thickness_mm;
         Lie { turned: self.turned, mirror_mm }
     }
-}
-
-/// Solves the contacts of a cylinder whose rows end at `to`, down to the deepest.
-fn solved_before(rows: &mut [Row], to: f64, deepest: f64) -> Option<Corner> {
-    let corner = Corner::new(rows, to, deepest);
-    let shortest = corner.as_ref().map_or(0.0, Corner::longest);
-    let lying = rows.iter_mut().enumerate();
-    for (_, row) in lying.take_while(|(n, row)| *n == 0 || row.length > shortest) {
-        row.lying = Lying::new(row, to, deepest);
-    }
-    corner
 }
