@@ -5,7 +5,7 @@ use crate::draws::{Drawn, Draws};
 use crate::{apart, peak};
 use taktil_mechanics::contact::features::{Part, image_features};
 use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::space::pin::{Pin, Profile};
+use taktil_mechanics::contact::space::pin::{Pin, Profile, Stand};
 use taktil_mechanics::contact::space::radial::Influence;
 use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_mechanics::contact::space::{Drive, Level};
@@ -64,6 +64,27 @@ fn any_pose_keeps_force_centroid_and_image() {
         }
     }
     assert!((5..25).contains(&corners), "{corners} of 30 on a corner");
+}
+
+/// The end of a tilted cylinder on a layer thicker than a tactel is wide, at the default level and
+/// at the fine one.
+#[test]
+fn the_deeper_end_stands_where_it_is() {
+    let layer = Layer::new(2.0, 27.58, 0.22).expect("a layer");
+    let influence = Influence::new(&layer).expect("a layer");
+    let made = Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::DEFAULT);
+    let shares = made.expect("tables");
+    let profile = Profile::Cylinder { radius_mm: 40.0 };
+    let stand = Stand { x_mm: 5.75, y_mm: 2.5, rot_rad: -1.37 };
+    let [found, exact] = [Level::Default, Level::Fine].map(|level| {
+        let mut pin = Pin::new(&layer, profile, [-15.75, 15.75], 0.3, level).expect("a pin");
+        pin.press(Drive::PenetrationMm(-0.02), -0.0104).expect("a contact");
+        let mut image = vec![0.0; 256];
+        pin.image(&shares, stand, &mut image);
+        image
+    });
+    let off = apart(&found, &exact) / peak(&exact);
+    assert!(off < 7e-4, "{off:e}");
 }
 
 /// Pins shorter than the layer is thick: a contact that settled, or a refusal that says why.

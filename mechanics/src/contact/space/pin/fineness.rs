@@ -46,6 +46,8 @@ pub(super) struct Fineness {
     pub(super) each: bool,
     /// Whether short slices of a bar stand together in an image.
     pub(super) grouped: bool,
+    /// Whether a slice's force is spread over its neighbours in an image.
+    pub(super) spread: bool,
     /// Most unknowns of a contact on an end whose widths are read: wide ones have fewer slices.
     pub(super) unknowns: usize,
     /// The same for a bar, whose contacts are all solved when its tables are made.
@@ -85,6 +87,7 @@ impl Fineness {
                 together: 0,
                 each: false,
                 grouped: true,
+                spread: false,
                 unknowns: 54,
                 nested: Some(Tabled {
                     whole: Laid { fewest: 28.0, slice: 0.42, enough: 60.0, longest: 0.45 },
@@ -106,6 +109,7 @@ impl Fineness {
                 together: 0,
                 each: true,
                 grouped: false,
+                spread: true,
                 unknowns: 224,
                 nested: Some(DEFAULT),
             },
@@ -123,6 +127,7 @@ impl Fineness {
                 together: 900,
                 each: true,
                 grouped: false,
+                spread: true,
                 unknowns: 0,
                 nested: None,
             },

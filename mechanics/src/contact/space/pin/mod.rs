@@ -36,6 +36,7 @@ mod newton;
 mod roll;
 mod row;
 mod solve;
+mod spread;
 pub(super) mod strip;
 mod triangle;
 mod work;

@@ -21,6 +21,9 @@ use core::f64::consts::PI;
 const POINTS_MAX: usize = 96;
 /// Rows shorter than this (thicknesses) respond otherwise than in the plane.
 const SHORT: f64 = 6.0;
+/// A whole pin shorter than this (thicknesses) is cut no finer than its end, where its image is
+/// that of spread slices.
+const FEW: f64 = 10.0;
 /// Slices longer than this (thicknesses) are too long for one row of points.
 const STAGGERED: f64 = 0.8;
 /// Slices of a bar stand together over about this part of its row, within so many thicknesses.
@@ -91,7 +94,8 @@ impl Row {
         let tabled = fineness.nested.filter(|_| !strips.is_free());
         let Fineness { whole: over, end, modes, .. } = fineness;
         let (over, end, modes) = tabled.map_or((over, end, modes), |t| (t.whole, t.end, t.modes));
-        let room = if whole || !strips.is_free() { 0 } else { fineness.unknowns };
+        let few = !whole || (fineness.spread && length < FEW);
+        let room = if few && strips.is_free() { fineness.unknowns } else { 0 };
         let laid = if whole { over } else { end };
         let fewest = match room / strips.places.cosines {
             0 => laid.fewest,
@@ -168,6 +172,9 @@ impl Row {
     /// that the base sees them twice as close, half of them the other way round. Short slices of
     /// a bar stand together where their force does.
     pub(super) fn loads(&self, mut of: impl FnMut([f64; 2], f64)) {
+        if self.fineness.spread {
+            return self.spread_loads(of);
+        }
         let t = self.layer.thickness_mm;
         let wanted = (self.length / TOGETHER_PARTS).clamp(TOGETHER[0], TOGETHER[1]);
         let grouped = self.fineness.grouped && !self.strips.is_free();

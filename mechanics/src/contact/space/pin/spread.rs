@@ -1,0 +1,58 @@
+//! The point loads that stand for slices where an image has to be right to a part in a thousand.
+//! Slices act on each other by their means: what presses is felt as if it were spread over a slice,
+//! and once more what it is felt by. So the pressure that their forces stand for is each force
+//! spread twice over a slice's length, a triangle of two lengths; in the middle of its slice it
+//! would put the ends of a pin off by the square of the length. A part of each force on the middles
+//! of its neighbours has the triangle's moments. It refuses nothing.
+
+use super::row::{Row, points_for};
+use super::strip::COSINES_MAX;
+use core::f64::consts::PI;
+
+/// Part of a slice's force that stands on each of its neighbours' middles.
+const SPREAD: f64 = 1.0 / 12.0;
+/// Neighbours whose half-widths (thicknesses) are no further apart share their points.
+const NEAR: f64 = 0.1;
+
+impl Row {
+    /// Calls with place (across, along) in mm and force in N of point loads that stand for the
+    /// contact, slice after slice.
+    pub(super) fn spread_loads(&self, mut of: impl FnMut([f64; 2], f64)) {
+        let n = self.work.places.cosines;
+        let mut sum = [0.0; COSINES_MAX];
+        let sum = &mut sum[..n];
+        let slices = self.along.len();
+        for j in (0..slices).filter(|j| self.work.touches(*j)) {
+            let (b, own) = self.work.slice(j);
+            sum.iter_mut().zip(own).for_each(|(sum, a)| *sum = (1.0 - 2.0 * SPREAD) * a);
+            let sides = [(j.checked_sub(1), -self.h), ((j + 1 < slices).then_some(j + 1), self.h)];
+            for (beside, away) in sides {
+                let touching = beside.filter(|i| self.work.touches(*i));
+                let other = touching.map(|i| self.work.slice(i));
+                match other.filter(|(width, _)| (width - b).abs() < NEAR) {
+                    Some((_, a)) => sum.iter_mut().zip(a).for_each(|(sum, a)| *sum += SPREAD * a),
+                    None => self.points((b, self.along[j] + away), (own, SPREAD), &mut of),
+                }
+            }
+            self.points((b, self.along[j]), (sum, 1.0), &mut of);
+        }
+    }
+
+    /// Calls with the points of a part of some cosines at a half-width and a place.
+    fn points(
+        &self,
+        (b, v): (f64, f64),
+        (a, part): (&[f64], f64),
+        of: &mut impl FnMut([f64; 2], f64),
+    ) {
+        let (t, n) = (self.layer.thickness_mm, self.work.places.cosines);
+        let points = points_for(self.fineness.points, b).min(self.rules.len());
+        let scale = part * 0.5 * PI * self.modulus_mpa() * t * t * self.h / points as f64;
+        for point in self.rules[points - 1].chunks_exact(n + 1) {
+            let psi: f64 = point[1..].iter().zip(a).map(|(x, y)| x * y).sum();
+            let (u, force) = (b * point[0] * t, scale * psi);
+            of([u, v * t], force);
+            of([-u, v * t], force);
+        }
+    }
+}
