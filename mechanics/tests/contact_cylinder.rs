@@ -163,7 +163,7 @@ fn everything_rises_with_penetration() {
             for (k, (now, before)) in now.iter().zip(&before).enumerate().skip(1) {
                 assert!(*now >= before - slack * before, "{k} at {delta} of t {t}: {now} {before}");
             }
-            assert!(near(contact.penetration_mm(now[0]), delta, 1e-9), "inverse at {delta}");
+            assert!(near(contact.penetration_mm(now[0]), delta, 1e-12), "inverse at {delta}");
             before = now;
         }
     }
@@ -209,6 +209,9 @@ fn without_contact_there_is_no_load_and_no_panic() {
         assert!((contact.base_share(delta, 0.0) - 0.5).abs() < 1e-15);
     }
     assert!(contact.load_n_mm(f64::MIN_POSITIVE) >= 0.0);
+    for load in [f64::MIN_POSITIVE * f64::EPSILON, f64::MIN_POSITIVE, 1e-30] {
+        assert!((0.0..1e-9).contains(&contact.penetration_mm(load)), "{load}");
+    }
     assert!(contact.load_n_mm(1e-30) >= 0.0 && contact.half_width_mm(1e-30) >= 0.0);
     assert!(contact.base_share(0.05, f64::NAN).is_nan());
 }

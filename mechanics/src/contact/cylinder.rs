@@ -44,6 +44,7 @@ pub struct LineContact {
     delta_mm: Vec<f64>,
     /// Load and stiffness at the grid's points.
     load: Vec<[f64; 2]>,
+    guide: Guide,
     /// Half-width over the root of the penetration's part of the largest.
     width_mm: Vec<f64>,
     tangential: Vec<f64>,
@@ -112,6 +113,7 @@ impl LineContact {
             penetration_max_mm: max_mm,
             delta_mm: (0..=CELLS).map(|i| grid(i) * max_mm).collect(),
             load: vec![[0.0, 0.0]],
+            guide: Guide::default(),
             width_mm: vec![0.0],
             tangential: vec![0.0],
             share,
@@ -129,6 +131,7 @@ impl LineContact {
         // as linear with the exact mean, so that it stays monotone.
         let [load, stiffness] = contact.load[1];
         contact.load[0][1] = (2.0 * load / contact.delta_mm[1] - stiffness).max(0.0);
+        contact.guide = Guide::new(&contact.load);
         contact
     }
 
@@ -205,15 +208,21 @@ impl LineContact {
         if load_n_mm > 0.0 { self.invert(load_n_mm) } else { 0.0 }
     }
 
-    /// Newton's method on one cell's cubic, kept inside a bracket; the load rises strictly.
+    /// Newton's method on one cell's cubic, kept inside a bracket; the load rises strictly. It starts
+    /// from the cubic with the ends' values and slopes turned round, and its steps square what is
+    /// left: after one below the root of what a number holds there is nothing to gain.
     fn invert(&self, load_n_mm: f64) -> f64 {
-        let above = self.load.partition_point(|[load, _]| *load <= load_n_mm).clamp(1, CELLS);
+        let above = self.guide.above(&self.load, load_n_mm);
         let (start, width) =
             (self.delta_mm[above - 1], self.delta_mm[above] - self.delta_mm[above - 1]);
         let end = |k: usize| [self.load[k][0], self.load[k][1] * width];
         let (left, right) = (end(above - 1), end(above));
+        let rise = right[0] - left[0];
         let (mut low, mut high) = (0.0, 1.0);
-        let mut s = (load_n_mm - left[0]) / (right[0] - left[0]);
+        let mut s = (load_n_mm - left[0]) / rise;
+        if left[1] > 0.5 * rise {
+            s = hermite([0.0, rise / left[1]], [1.0, rise / right[1]], s);
+        }
         for _ in 0..60 {
             let excess = hermite(left, right, s) - load_n_mm;
             if excess > 0.0 {
@@ -225,7 +234,7 @@ impl LineContact {
             let next = if newton >= low && newton <= high { newton } else { 0.5 * (low + high) };
             let step = (next - s).abs();
             s = next;
-            if step <= 1e-15 {
+            if step <= 1e-9 * s {
                 break;
             }
         }
@@ -254,6 +263,44 @@ impl LineContact {
     pub fn tangential_stiffness_n_mm2(&self, delta_mm: f64) -> f64 {
         rising(&self.tangential, self.index(delta_mm) / STRIDE as f64)
     }
+}
+
+/// Where in the table a load stands, without a search: by the load's binary exponent and the first
+/// bits of its mantissa, that is, by places evenly apart in a piecewise linear logarithm.
+#[derive(Clone, Debug, Default)]
+struct Guide {
+    /// Sixteenth of an octave of the first place, the one below the first load above 0.
+    first: u64,
+    /// First point of the table above each place's least load.
+    above: Vec<u8>,
+}
+
+impl Guide {
+    /// Of loads that rise strictly from 0.
+    fn new(load: &[[f64; 2]]) -> Self {
+        let first = sixteenth(load[1][0]) - 1;
+        let least = |place: u64| f64::from_bits(place << SIXTEENTH);
+        let above = |place| load.partition_point(|[load, _]| *load <= least(place)) as u8;
+        Self { first, above: (first..=sixteenth(load[CELLS][0])).map(above).collect() }
+    }
+
+    /// The first point above a load, which must not be NaN, 1 at least and the last one at most.
+    fn above(&self, load: &[[f64; 2]], load_n_mm: f64) -> usize {
+        let place = sixteenth(load_n_mm).saturating_sub(self.first) as usize;
+        let mut above = self.above.get(place).map_or(CELLS, |above| usize::from(*above)).max(1);
+        while above < CELLS && load[above][0] <= load_n_mm {
+            above += 1;
+        }
+        above
+    }
+}
+
+/// Bits of a number's mantissa below its first four.
+const SIXTEENTH: u32 = 48;
+
+/// The sixteenth of an octave that a number above 0 is in.
+fn sixteenth(x: f64) -> u64 {
+    x.to_bits() >> SIXTEENTH
 }
 
 fn fourth(x: f64) -> f64 {
