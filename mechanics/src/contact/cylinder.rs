@@ -208,7 +208,7 @@ impl LineContact {
         if load_n_mm > 0.0 { self.invert(load_n_mm) } else { 0.0 }
     }
 
-    /// Newton's method on one cell's cubic, kept inside a bracket; the load rises strictly. It starts
+    /// Newton's method on one cell's cubic, kept in a bracket; the load rises strictly. It starts
     /// from the cubic with the ends' values and slopes turned round, and its steps square what is
     /// left: after one below the root of what a number holds there is nothing to gain.
     fn invert(&self, load_n_mm: f64) -> f64 {
