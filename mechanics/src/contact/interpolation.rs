@@ -22,7 +22,8 @@ pub(crate) struct Stencil {
 }
 
 impl Stencil {
-    /// At `place` >= 0 grid spacings from 0, in tables of `len` values as [`six_point`] has them.
+    /// At `place` grid spacings from 0, in tables of `len` values as [`six_point`] has them. Places
+    /// from -2 on are between the first values, as the ones up to `len - 3` are between the last.
     #[inline]
     pub(crate) fn new(len: usize, place: f64) -> Self {
         const OUTER: f64 = 1.0 / 120.0;
@@ -41,6 +42,16 @@ impl Stencil {
             OUTER * low * (d3 * d4),
         ];
         Self { cell, weights }
+    }
+
+    /// The first of the six neighbours in a table.
+    pub(crate) fn first(&self) -> usize {
+        self.cell
+    }
+
+    /// The weights of the six neighbours.
+    pub(crate) fn weights(&self) -> [f64; 6] {
+        self.weights
     }
 
     /// The function of a table at that place.

@@ -45,16 +45,18 @@ fn places() -> impl Iterator<Item = (f64, f64)> {
 
 #[test]
 fn spheres_are_those_of_the_reference() {
-    for (level, tolerance) in [(Level::Fast, 3e-4), (Level::Default, 3e-6), (Level::Fine, 3e-8)] {
+    for (level, tolerance, exact) in
+        [(Level::Fast, 3e-4, 1e-5), (Level::Default, 3e-6, 1e-9), (Level::Fine, 3e-8, 1e-9)]
+    {
         for case in cases("sphere") {
             let name = &case.name;
             let mut sphere = Sphere::new(&layer(case.t, case.nu), case.radius, level).unwrap();
             let state = sphere.press(Drive::ForceN(case.force)).unwrap();
-            let near = |got: f64, wanted: f64| (got / wanted - 1.0).abs() < 1e-9;
+            let near = |got: f64, wanted: f64| (got / wanted - 1.0).abs() < exact;
             assert!(near(state.force_n, case.force), "{name}: {state:?}");
             assert!(near(state.penetration_mm, case.delta), "{name}: {state:?}");
             assert!(near(state.contact_radius_mm, case.half_width), "{name}: {state:?}");
-            assert!(state.residual < 1e-6, "{name}: {state:?}");
+            assert!(state.residual < exact.max(1e-6), "{name}: {state:?}");
             let mut image = vec![0.0; 256];
             sphere.image(&Array::THESIS, sampling(&case), case.place, &mut image).unwrap();
             let bar = if case.area { tolerance + SIX_POINTS } else { tolerance };

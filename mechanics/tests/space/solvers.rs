@@ -47,6 +47,41 @@ fn a_spheres_image_sums_to_its_force_and_stiffness_is_the_slope_of_force() {
 }
 
 #[test]
+fn a_sphere_that_is_looked_up_is_the_solved_one() {
+    // Thin and thick layers, balls and all but planes, and contacts beyond what is looked up.
+    let cases = [(0.8, 10.0, 0.49), (3.0, 10.0, 0.5), (0.3, 45.0, 0.3), (1.0, 0.6, 0.0)];
+    for (t, radius, nu) in cases.into_iter().chain([(0.8, 10.0, -0.5), (0.5, 2000.0, 0.499)]) {
+        let layer = layer(t, nu);
+        let mut read = Sphere::new(&layer, radius, Level::Fast).unwrap();
+        let mut solved = Sphere::new(&layer, radius, Level::Default).unwrap();
+        let deepest = (0.7 * t).min(0.3 * radius);
+        let mut images = [[0.0; 256]; 2];
+        for i in 1..=40 {
+            let part = f64::from(i * i) / 1600.0;
+            let delta = deepest * part * part;
+            let exact = solved.press(Drive::PenetrationMm(delta)).unwrap();
+            for drive in [Drive::PenetrationMm(delta), Drive::ForceN(exact.force_n)] {
+                let state = read.press(drive).unwrap();
+                let near = |got: f64, wanted: f64| (got / wanted - 1.0).abs() < 2e-5;
+                let what = format!("{t} {radius} {nu} {drive:?}: {state:?} {exact:?}");
+                assert!(near(state.force_n, exact.force_n), "{what}");
+                assert!(near(state.penetration_mm, exact.penetration_mm), "{what}");
+                assert!(near(state.contact_radius_mm, exact.contact_radius_mm), "{what}");
+                assert!(state.residual < 2e-5, "{what}");
+            }
+            for (sphere, image) in [&read, &solved].into_iter().zip(&mut images) {
+                sphere.image(&Array::THESIS, Sampling::Area, [0.3, -0.4], image).unwrap();
+            }
+            let off = super::apart(&images[0], &images[1]) / super::peak(&images[1]);
+            assert!(off < 1e-3, "{t} {radius} {nu} {delta}: {off}");
+        }
+        read.press(Drive::PenetrationMm(0.0)).unwrap();
+        read.image(&Array::THESIS, Sampling::Area, [0.0; 2], &mut images[0]).unwrap();
+        assert_eq!((read.state(), images[0]), (Default::default(), [0.0; 256]));
+    }
+}
+
+#[test]
 fn cells_agree_with_the_sphere_and_converge() {
     let layer = layer(0.8, 0.49);
     let influence = Influence::new(&layer).unwrap();

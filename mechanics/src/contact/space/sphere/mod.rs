@@ -10,19 +10,26 @@
 //!
 //! Measured against exact solutions: force, penetration and image 1e-6 of the peak at
 //! [`Level::Default`], 1e-8 at [`Level::Fine`]. A solved contact is the guess of the next one;
-//! solving allocates nothing.
+//! solving allocates nothing. [`Level::Fast`] solves a chart of contacts when the sphere is made
+//! (`chart.rs`) and reads it afterwards: force, penetration and radius to 1e-5, images to 6e-4 of
+//! the peak.
 //!
 //! It refuses penetrations of the thickness or more, contacts wider than 0.95 of the diameter or
 //! with a radius above 120 thicknesses, and forces that would need those.
 
-use super::super::layer::{Layer, Transfer};
+mod chart;
+mod image;
+mod kernel;
+
+use super::super::layer::Layer;
 use super::super::{Invalid, positive};
 use super::quadrature::{factor, legendre, solve};
-use super::radial::{REACH, Radial};
+use super::radial::Radial;
 use super::table::Even;
-use super::tactels::{Array, Sampling};
 use super::{Drive, Level, Refusal, Why};
+use chart::Chart;
 use core::f64::consts::PI;
+use kernel::Kernel;
 
 /// Largest contact radius in radii of the sphere.
 const STEEPEST: f64 = 0.95;
@@ -34,8 +41,6 @@ const SEARCH: usize = 60;
 const MISS: f64 = 1e-7;
 /// Points of the Gauss rules that are kept.
 const RULES: [usize; 10] = [16, 20, 24, 32, 48, 64, 96, 160, 256, 384];
-/// Points per thickness of the kernel's table.
-const DENSITY: f64 = 32.0;
 
 /// What a solved sphere says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -46,7 +51,8 @@ pub struct SphereState {
     pub penetration_mm: f64,
     /// Radius of the contact, mm.
     pub contact_radius_mm: f64,
-    /// Pressure left at the contact's edge, as part of that of a flat punch with this force.
+    /// Pressure left at the contact's edge, as part of that of a flat punch with this force; for a
+    /// contact that is looked up, the largest difference of force to contacts solved between.
     pub residual: f64,
 }
 
@@ -65,7 +71,7 @@ impl Grid {
     fn of(level: Level) -> Self {
         match level {
             Level::Fast => {
-                Self { per_thickness: 8.0, reach: 9.0, sight: 0.5, panel: 2.0, points: 4 }
+                Self { per_thickness: 8.0, reach: 9.0, sight: 0.33, panel: 2.0, points: 4 }
             }
             Level::Default => {
                 Self { per_thickness: 16.0, reach: 16.0, sight: 0.33, panel: 1.5, points: 6 }
@@ -74,6 +80,11 @@ impl Grid {
                 Self { per_thickness: 32.0, reach: 32.0, sight: 0.25, panel: 1.0, points: 8 }
             }
         }
+    }
+
+    /// Places from the axis out to where a contact of radius `a` leaves nothing more.
+    fn count(&self, a: f64) -> usize {
+        ((a + self.reach) * self.per_thickness) as usize + 8
     }
 }
 
@@ -98,6 +109,8 @@ pub struct Sphere {
     /// Contact radius in thicknesses.
     a: f64,
     state: SphereState,
+    /// At the fast level; what lies beyond it is solved.
+    chart: Option<Box<Chart>>,
 }
 
 /// One solution for a contact radius, in thicknesses and G/(1 - nu).
@@ -123,7 +136,7 @@ impl Sphere {
         let most = rule_for(widest);
         let n = RULES[most];
         let room = ((widest + grid.reach) * grid.per_thickness) as usize + 16;
-        Ok(Self {
+        let mut sphere = Self {
             layer: *layer,
             radius_mm,
             grid,
@@ -138,7 +151,12 @@ impl Sphere {
             tables: [Even::with_room(room), Even::with_room(room), Even::with_room(room)],
             a: 0.0,
             state: SphereState::default(),
-        })
+            chart: None,
+        };
+        if level == Level::Fast {
+            sphere.chart = Chart::new(&mut sphere).ok().map(Box::new);
+        }
+        Ok(sphere)
     }
 
     /// Presses the sphere to a force or a penetration; penetrations of 0 or less are no contact.
@@ -147,14 +165,47 @@ impl Sphere {
     /// What is not finite, a force below 0, and what this module refuses. The state is then that of
     /// no contact.
     pub fn press(&mut self, drive: Drive) -> Result<SphereState, Refusal> {
+        if !self.looked_up(drive) {
+            self.press_solved(drive)?;
+        }
+        Ok(self.state)
+    }
+
+    /// Reads a contact of the chart; whether there is one.
+    fn looked_up(&mut self, drive: Drive) -> bool {
+        let Some(chart) = &self.chart else { return false };
+        let t = self.layer.thickness_mm;
+        let unit_n = self.modulus() * t * t;
+        let read = match drive {
+            Drive::ForceN(force) if force > 0.0 => chart.under_force(force / unit_n),
+            Drive::PenetrationMm(delta) if delta > 0.0 => chart.at_depth(delta / t),
+            _ => None,
+        };
+        let Some(read) = read else { return false };
+        let density = self.grid.per_thickness;
+        let count = self.grid.count(read.radius);
+        let [_, pressure, flux] = &mut self.tables;
+        pressure.refill(count, density, chart.field(&read, 0));
+        flux.refill(count, density, chart.field(&read, 1));
+        (self.used, self.a) = (1, read.radius);
+        self.state = SphereState {
+            force_n: read.force * unit_n,
+            penetration_mm: read.root * read.root * t,
+            contact_radius_mm: read.radius * t,
+            residual: read.residual,
+        };
+        true
+    }
+
+    /// Solves a contact; its stiffness in units of G/(1 - nu) and the thickness.
+    fn press_solved(&mut self, drive: Drive) -> Result<f64, Refusal> {
         let guess = self.a;
         self.release();
         let target = drive.check(self.layer.thickness_mm)?;
         if target <= 0.0 {
-            return Ok(self.state);
+            return Ok(0.0);
         }
-        let t = self.layer.thickness_mm;
-        let modulus = self.layer.shear_mpa() / (1.0 - self.layer.poisson);
+        let (t, modulus) = (self.layer.thickness_mm, self.modulus());
         let radius = self.radius_mm / t;
         let (by_force, wanted) = match drive {
             Drive::ForceN(force) => (true, force / (modulus * t * t)),
@@ -164,7 +215,7 @@ impl Sphere {
         let hertz =
             if by_force { libm::cbrt(0.375 * wanted * radius) } else { (wanted * radius).sqrt() };
         let start = if guess > 0.0 { guess } else { hertz };
-        let widest = WIDEST.min(STEEPEST * radius);
+        let widest = self.widest();
         let (a, solved, miss) = self.search(start.min(widest), by_force, wanted, widest)?;
         // What is left of the miss is taken up by the punch, to second order.
         let change = if by_force {
@@ -186,7 +237,35 @@ impl Sphere {
             residual: (change * solved.punch_edge * 2.0 * PI * a / force).abs(),
         };
         self.tabulate(a);
-        Ok(self.state)
+        Ok(solved.stiffness)
+    }
+
+    /// The contact with so little force that it is a point, as fields of a force of 2 pi units.
+    fn touch_in_a_point(&mut self) {
+        self.release();
+        self.points[0] = [0.0, 0.0, self.modulus()];
+        self.used = 1;
+        self.tabulate(0.0);
+    }
+
+    /// Base pressure and flux at a point of their grid; beyond its end all of the force is inside.
+    fn fields(&self, place: usize) -> [f64; 2] {
+        let [_, pressure, flux] = &self.tables;
+        if place <= flux.last() {
+            return [pressure.sample(place), flux.sample(place)];
+        }
+        let r = place as f64 / self.grid.per_thickness;
+        [0.0, self.total_inside() / (r * r)]
+    }
+
+    /// G/(1 - nu), MPa.
+    fn modulus(&self) -> f64 {
+        self.layer.shear_mpa() / (1.0 - self.layer.poisson)
+    }
+
+    /// Largest contact radius in thicknesses.
+    fn widest(&self) -> f64 {
+        WIDEST.min(STEEPEST * self.radius_mm / self.layer.thickness_mm)
     }
 
     /// Lifts the sphere off.
@@ -283,7 +362,7 @@ impl Sphere {
     /// Keeps phi of the solution.
     fn spread(&mut self, a: f64, delta: f64, solved: &Solved) {
         self.used = RULES[solved.rule];
-        let scale = self.layer.shear_mpa() / (1.0 - self.layer.poisson);
+        let scale = self.modulus();
         let rule = &self.rules[solved.rule];
         for (i, point) in self.points[..self.used].iter_mut().enumerate() {
             let phi = delta * self.sides[0][i] - self.sides[1][i];
@@ -293,8 +372,8 @@ impl Sphere {
 
     /// Base pressure and flux over the distance from the axis.
     fn tabulate(&mut self, a: f64) {
-        let Grid { per_thickness: density, reach, sight, .. } = self.grid;
-        let count = ((a + reach) * density) as usize + 8;
+        let Grid { per_thickness: density, sight, .. } = self.grid;
+        let count = self.grid.count(a);
         let (points, radial) = (&self.points[..self.used], &self.radial);
         let slope = |x: f64| {
             let term = |[s, _, phi]: &[f64; 3]| {
@@ -337,154 +416,9 @@ impl Sphere {
         }
         flux.mirror();
     }
-
-    /// Normal stress at the base (MPa, negative) at `r_mm` from the axis.
-    #[must_use]
-    pub fn base_szz_mpa(&self, r_mm: f64) -> f64 {
-        if self.used == 0 { 0.0 } else { -self.tables[1].at(r_mm.abs() / self.layer.thickness_mm) }
-    }
-
-    /// Writes the image of the sphere with its axis at `place_mm`, row by row (row = y, column = x,
-    /// both ascending), stresses in MPa.
-    ///
-    /// # Errors
-    /// An array that [`Array::check`] refuses or an image of another length, a place that is not
-    /// finite.
-    pub fn image(
-        &self,
-        array: &Array,
-        sampling: Sampling,
-        place_mm: [f64; 2],
-        image: &mut [f64],
-    ) -> Result<(), Invalid> {
-        array.fits(image)?;
-        super::super::finite("x_mm", place_mm[0])?;
-        super::super::finite("y_mm", place_mm[1])?;
-        image.fill(0.0);
-        if self.used == 0 {
-            return Ok(());
-        }
-        let [x0, y0] = place_mm;
-        if sampling == Sampling::Centre {
-            for (n, value) in image.iter_mut().enumerate() {
-                let x = array.x_mm(n % array.cols) - x0;
-                let y = array.y_mm(n / array.cols) - y0;
-                *value = self.base_szz_mpa((x * x + y * y).sqrt());
-            }
-            return Ok(());
-        }
-        let t = self.layer.thickness_mm;
-        let pitch = array.pitch_mm / t;
-        let edge = |centre_mm: f64, at_mm: f64| (centre_mm - at_mm) / t - 0.5 * pitch;
-        let scale = 1.0 / (pitch * pitch);
-        for row in 0..=array.rows {
-            let y = edge(array.y_mm(row), y0);
-            for column in 0..=array.cols {
-                let x = edge(array.x_mm(column), x0);
-                // The edge to the right of this corner, and the one above it.
-                if column < array.cols {
-                    let through = scale * self.through(y, x, pitch);
-                    if row > 0 {
-                        image[(row - 1) * array.cols + column] -= through;
-                    }
-                    if row < array.rows {
-                        image[row * array.cols + column] += through;
-                    }
-                }
-                if row < array.rows {
-                    let through = scale * self.through(x, y, pitch);
-                    if column > 0 {
-                        image[row * array.cols + column - 1] -= through;
-                    }
-                    if column < array.cols {
-                        image[row * array.cols + column] += through;
-                    }
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Flux through the edge from `from` to `from + length` on a line at distance `level`.
-    fn through(&self, level: f64, from: f64, length: f64) -> f64 {
-        let flux = &self.tables[2];
-        let (end, to) = (flux.end(), from + length);
-        let nearest = if from > 0.0 { from } else { to.min(0.0) };
-        let total = self.total_inside();
-        if level * level + nearest * nearest >= end * end {
-            // Everything lies inside: what is left is the angle under which the edge is seen.
-            let angle = |y: f64| libm::atan2(y, level.abs());
-            let seen = total * (angle(to) - angle(from));
-            return if level < 0.0 { -seen } else { seen };
-        }
-        let panels = libm::ceil(length / self.grid.panel).max(1.0);
-        let half = 0.5 * length / panels;
-        let mut sum = 0.0;
-        for panel in 0..panels as usize {
-            let middle = from + half * (2 * panel + 1) as f64;
-            for (g, w) in &self.edge {
-                let y = middle + g * half;
-                let r2 = level * level + y * y;
-                let r = r2.sqrt();
-                sum += w * if r < end { flux.at(r) } else { total / r2 };
-            }
-        }
-        level * sum * half
-    }
-
-    /// The flux beyond the table times the square of the distance.
-    fn total_inside(&self) -> f64 {
-        let flux = &self.tables[2];
-        let last = flux.last();
-        let r = last as f64 / self.grid.per_thickness;
-        flux.sample(last) * r * r
-    }
 }
 
 fn rule_for(a: f64) -> usize {
     let wanted = 12.0 + 3.0 * a;
     RULES.iter().position(|n| *n as f64 >= wanted).unwrap_or(RULES.len() - 1)
-}
-
-/// Cosine transform of 1 - M, in thicknesses.
-#[derive(Clone, Debug)]
-struct Kernel {
-    table: Even,
-    /// Coefficients of 1/u^2 and 1/u^4 beyond the table.
-    tail: [f64; 2],
-}
-
-impl Kernel {
-    fn new(transfer: &Transfer) -> Self {
-        let count = (REACH * DENSITY) as usize + 8;
-        let rule = legendre(24);
-        let mut values = vec![0.0; count];
-        // Panels short enough for the fastest cosine of the table; 1 - M dies as exp(-2a).
-        let (panels, half) = (42, 0.25);
-        for panel in 0..panels {
-            for (g, w) in &rule {
-                let a = half * ((2 * panel + 1) as f64 + g);
-                let weight = half * w * (1.0 - a * transfer.normal_compliance(a));
-                let (sine, cosine) = (libm::sin(a / DENSITY), libm::cos(a / DENSITY));
-                let (mut s, mut c) = (0.0, 1.0);
-                for value in &mut values {
-                    *value += weight * c;
-                    (s, c) = (s * cosine + c * sine, c * cosine - s * sine);
-                }
-            }
-        }
-        let first = transfer.normal_compliance(0.0);
-        let cubic = |a: f64| (transfer.normal_compliance(a) - first) / (a * a);
-        let third = (4.0 * cubic(0.05) - cubic(0.1)) / 3.0;
-        Self { table: Even::new(&values, DENSITY), tail: [first, -6.0 * third] }
-    }
-
-    fn at(&self, u: f64) -> f64 {
-        let u = u.abs();
-        if u < self.table.end() {
-            return self.table.at(u);
-        }
-        let over = 1.0 / (u * u);
-        over * (self.tail[0] + over * self.tail[1])
-    }
 }

@@ -1,0 +1,181 @@
+//! The contacts of one sphere by the root of the penetration: force, contact radius, stiffness, and
+//! base pressure and flux over the distance from the axis, solved for a grid of that root when the
+//! chart is made and read with six neighbours afterwards. A depth or a force then costs a sum of
+//! six rows and no equation, cold or warm. What is kept is each quantity over its law at the first
+//! touch (Hertz's), so that the chart reaches down to no contact.
+//!
+//! It covers contacts up to a radius of [`WIDEST`] thicknesses; who asks for more gets nothing, and
+//! solves.
+
+use super::super::super::interpolation::Stencil;
+use super::{Drive, Refusal, Sphere};
+use core::f64::consts::PI;
+
+/// Largest contact radius of a chart, in thicknesses.
+const WIDEST: f64 = 16.0;
+/// Steps of the root of the penetration over which the contact radius grows by a thickness.
+const STEPS: f64 = 6.0;
+/// Fewest steps: the interpolation needs its neighbours.
+const FEWEST: usize = 16;
+/// Deepest penetration of a chart, in thicknesses.
+const DEEPEST: f64 = 0.5;
+/// Newton's steps for the depth of a force.
+const SEARCH: usize = 20;
+
+/// One sphere's contacts; lengths in thicknesses, forces in G/(1 - nu) thickness^2.
+#[derive(Clone, Debug)]
+pub(super) struct Chart {
+    /// Root of the deepest penetration.
+    end: f64,
+    /// Force over u^3, contact radius and stiffness over u, u the root of the penetration.
+    force: Vec<f64>,
+    radius: Vec<f64>,
+    stiffness: Vec<f64>,
+    /// Base pressure and flux for a unit of force, a row a step.
+    rows: [Vec<f64>; 2],
+    /// Length of a row.
+    width: usize,
+    /// Largest difference to a solved force half way between steps.
+    residual: f64,
+}
+
+/// A contact of the chart.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Read {
+    /// Root of the penetration.
+    pub(super) root: f64,
+    pub(super) force: f64,
+    pub(super) radius: f64,
+    pub(super) residual: f64,
+}
+
+impl Chart {
+    /// Solves the contacts; leaves the sphere without contact.
+    ///
+    /// # Errors
+    /// What pressing refuses: nothing within the chart's bounds.
+    pub(super) fn new(sphere: &mut Sphere) -> Result<Self, Refusal> {
+        let radius = sphere.radius_mm / sphere.layer.thickness_mm;
+        let [deepest, widest] = Self::largest(sphere)?;
+        let count = (libm::ceil(STEPS * widest) as usize).max(FEWEST);
+        let end = deepest.sqrt();
+        let width = sphere.grid.count(widest) + 1;
+        let mut chart = Self {
+            end,
+            force: vec![8.0 / 3.0 * radius.sqrt(); count + 1],
+            radius: vec![radius.sqrt(); count + 1],
+            stiffness: vec![4.0 * radius.sqrt(); count + 1],
+            rows: [vec![0.0; (count + 1) * width], vec![0.0; (count + 1) * width]],
+            width,
+            residual: 0.0,
+        };
+        for i in (1..=count).rev() {
+            let u = chart.root(i as f64);
+            let [force, a, stiffness] = chart.solved(sphere, u * u)?;
+            (chart.force[i], chart.radius[i], chart.stiffness[i]) =
+                (force / (u * u * u), a / u, stiffness / u);
+            chart.keep(sphere, i, force);
+        }
+        sphere.touch_in_a_point();
+        chart.keep(sphere, 0, 2.0 * PI);
+        for i in [0, 1, 2, count / 2, count - 1] {
+            let u = chart.root(i as f64 + 0.5);
+            let [force, ..] = chart.solved(sphere, u * u)?;
+            chart.residual = chart.residual.max((chart.force_at(u) / force - 1.0).abs());
+        }
+        sphere.release();
+        Ok(chart)
+    }
+
+    /// Penetration and radius of the chart's largest contact.
+    fn largest(sphere: &mut Sphere) -> Result<[f64; 2], Refusal> {
+        let bound = WIDEST.min(0.999 * sphere.widest());
+        if let Some(solved) = sphere.solve(bound).filter(|solved| solved.delta < DEEPEST) {
+            return Ok([solved.delta, bound]);
+        }
+        let t = sphere.layer.thickness_mm;
+        sphere.press_solved(Drive::PenetrationMm(DEEPEST * t))?;
+        Ok([DEEPEST, sphere.state.contact_radius_mm / t])
+    }
+
+    /// Takes over the fields of the sphere's contact as those of step `i`.
+    fn keep(&mut self, sphere: &Sphere, i: usize, force: f64) {
+        for place in 0..self.width {
+            for (row, field) in self.rows.iter_mut().zip(sphere.fields(place)) {
+                row[i * self.width + place] = field / force;
+            }
+        }
+    }
+
+    /// Force, contact radius and stiffness of a contact that is solved.
+    fn solved(&self, sphere: &mut Sphere, delta: f64) -> Result<[f64; 3], Refusal> {
+        let t = sphere.layer.thickness_mm;
+        let stiffness = sphere.press_solved(Drive::PenetrationMm(delta * t))?;
+        let force = sphere.state.force_n / (sphere.modulus() * t * t);
+        Ok([force, sphere.state.contact_radius_mm / t, stiffness])
+    }
+
+    /// The contact at a penetration above 0; absent beyond the chart.
+    pub(super) fn at_depth(&self, delta: f64) -> Option<Read> {
+        let root = delta.sqrt();
+        (root <= self.end).then(|| self.read(root))
+    }
+
+    /// The contact under a force above 0; absent beyond the chart.
+    pub(super) fn under_force(&self, force: f64) -> Option<Read> {
+        let end = self.end;
+        if force.is_nan() || force > self.force_at(end) {
+            return None;
+        }
+        let mut root = libm::cbrt(force / self.force[0]).min(end);
+        for _ in 0..SEARCH {
+            let at = self.stencil(root);
+            let slope = 2.0 * root * root * at.of(&self.stiffness);
+            let miss = root * root * root * at.of(&self.force) - force;
+            let next = (root - miss / slope).clamp(0.5 * root, end);
+            let change = (next - root).abs();
+            root = next;
+            if change <= 1e-14 * root {
+                break;
+            }
+        }
+        Some(Read { force, ..self.read(root) })
+    }
+
+    /// Root of the penetration at a place of the chart, in steps. They are three times as long at
+    /// the end as at the beginning, where the layer begins to be felt.
+    fn root(&self, place: f64) -> f64 {
+        let part = place / (self.force.len() - 1) as f64;
+        0.5 * self.end * part * (1.0 + part)
+    }
+
+    fn stencil(&self, root: f64) -> Stencil {
+        let part = 0.5 * ((1.0 + 8.0 * root / self.end).sqrt() - 1.0);
+        Stencil::new(self.force.len(), part * (self.force.len() - 1) as f64 - 2.0)
+    }
+
+    fn force_at(&self, root: f64) -> f64 {
+        root * root * root * self.stencil(root).of(&self.force)
+    }
+
+    fn read(&self, root: f64) -> Read {
+        Read {
+            root,
+            force: self.force_at(root),
+            radius: root * self.stencil(root).of(&self.radius),
+            residual: self.residual,
+        }
+    }
+
+    /// Base pressure (0) or flux (1) of a contact at a place outwards from the axis, as many as a
+    /// row holds.
+    pub(super) fn field(&self, read: &Read, which: usize) -> impl Fn(usize) -> f64 {
+        let at = self.stencil(read.root);
+        let weights = at.weights().map(|weight| weight * read.force);
+        let rows = [0, 1, 2, 3, 4, 5].map(|k| {
+            let start = (at.first() + k) * self.width;
+            &self.rows[which][start..start + self.width]
+        });
+        move |place| rows.iter().zip(&weights).map(|(row, weight)| weight * row[place]).sum()
+    }
+}

@@ -1,0 +1,110 @@
+//! What the array sees of a sphere's contact: base pressure at a place, and its mean over tactels
+//! as the flux through their edges. It refuses arrays and places that are no numbers.
+
+use super::super::super::{Invalid, finite};
+use super::super::tactels::{Array, Sampling};
+use super::Sphere;
+
+impl Sphere {
+    /// Normal stress at the base (MPa, negative) at `r_mm` from the axis.
+    #[must_use]
+    pub fn base_szz_mpa(&self, r_mm: f64) -> f64 {
+        if self.used == 0 { 0.0 } else { -self.tables[1].at(r_mm.abs() / self.layer.thickness_mm) }
+    }
+
+    /// Writes the image of the sphere with its axis at `place_mm`, row by row (row = y, column = x,
+    /// both ascending), stresses in MPa.
+    ///
+    /// # Errors
+    /// An array that [`Array::check`] refuses or an image of another length, a place that is not
+    /// finite.
+    pub fn image(
+        &self,
+        array: &Array,
+        sampling: Sampling,
+        place_mm: [f64; 2],
+        image: &mut [f64],
+    ) -> Result<(), Invalid> {
+        array.fits(image)?;
+        finite("x_mm", place_mm[0])?;
+        finite("y_mm", place_mm[1])?;
+        image.fill(0.0);
+        if self.used == 0 {
+            return Ok(());
+        }
+        let [x0, y0] = place_mm;
+        if sampling == Sampling::Centre {
+            for (n, value) in image.iter_mut().enumerate() {
+                let x = array.x_mm(n % array.cols) - x0;
+                let y = array.y_mm(n / array.cols) - y0;
+                *value = self.base_szz_mpa((x * x + y * y).sqrt());
+            }
+            return Ok(());
+        }
+        let t = self.layer.thickness_mm;
+        let pitch = array.pitch_mm / t;
+        let edge = |centre_mm: f64, at_mm: f64| (centre_mm - at_mm) / t - 0.5 * pitch;
+        let scale = 1.0 / (pitch * pitch);
+        for row in 0..=array.rows {
+            let y = edge(array.y_mm(row), y0);
+            for column in 0..=array.cols {
+                let x = edge(array.x_mm(column), x0);
+                // The edge to the right of this corner, and the one above it.
+                if column < array.cols {
+                    let through = scale * self.through(y, x, pitch);
+                    if row > 0 {
+                        image[(row - 1) * array.cols + column] -= through;
+                    }
+                    if row < array.rows {
+                        image[row * array.cols + column] += through;
+                    }
+                }
+                if row < array.rows {
+                    let through = scale * self.through(x, y, pitch);
+                    if column > 0 {
+                        image[row * array.cols + column - 1] -= through;
+                    }
+                    if column < array.cols {
+                        image[row * array.cols + column] += through;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Flux through the edge from `from` to `from + length` on a line at distance `level`.
+    fn through(&self, level: f64, from: f64, length: f64) -> f64 {
+        let flux = &self.tables[2];
+        let (end, to) = (flux.end(), from + length);
+        let nearest = if from > 0.0 { from } else { to.min(0.0) };
+        let total = self.total_inside();
+        if level * level + nearest * nearest >= end * end {
+            // Everything lies inside: what is left is the angle under which the edge is seen.
+            let angle = |y: f64| libm::atan2(y, level.abs());
+            let seen = total * (angle(to) - angle(from));
+            return if level < 0.0 { -seen } else { seen };
+        }
+        let panels = libm::ceil(length / self.grid.panel).max(1.0);
+        let half = 0.5 * length / panels;
+        let mut sum = 0.0;
+        for panel in 0..panels as usize {
+            let middle = from + half * (2 * panel + 1) as f64;
+            for (g, w) in &self.edge {
+                let y = middle + g * half;
+                let r2 = level * level + y * y;
+                let r = r2.sqrt();
+                sum += w * if r < end { flux.at(r) } else { total / r2 };
+            }
+        }
+        level * sum * half
+    }
+
+    /// The flux beyond the table times the square of the distance.
+    pub(super) fn total_inside(&self) -> f64 {
+        let flux = &self.tables[2];
+        let last = flux.last();
+        let r = last as f64 / self.grid.per_thickness;
+        flux.sample(last) * r * r
+    }
+}
