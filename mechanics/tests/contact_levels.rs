@@ -65,3 +65,35 @@ fn fast_is_half_a_percent_and_default_a_hundred_thousandth() {
     assert!(worst[0].iter().all(|miss| *miss < 5e-3), "{worst:?}");
     assert!(worst[1].iter().all(|miss| *miss < 1e-5), "{worst:?}");
 }
+
+/// Where errors are enlarged: incompressible contacts many thicknesses wide go down by a small part
+/// of what their pressure does nearby, and a circle is infinitely steep at its side.
+#[test]
+fn levels_keep_their_word_on_wide_soft_and_steep_contacts() {
+    let bar = |width_mm: f64| Shape::Flat { width_mm, height_mm: 1.5 };
+    let cases = [
+        (0.8, 0.5, bar(25.4), Friction::None, [1.0, 0.4]),
+        (0.8, 0.4999, bar(31.7), Friction::None, [0.003, 0.002]),
+        (1.75, 0.5, bar(99.0), Friction::Proportional, [0.005, 0.003]),
+        (0.2, 0.499_99, bar(14.0), Friction::Proportional, [2.0, -1.0]),
+        (3.9, 0.45, Shape::Cylinder { radius_mm: 1.68 }, Friction::None, [66.0, 0.0]),
+        (3.9, 0.45, Shape::Cylinder { radius_mm: 1.68 }, Friction::Proportional, [60.0, -40.0]),
+        (0.8, 0.5, Shape::Cylinder { radius_mm: 2.0 }, Friction::None, [80.0, 0.0]),
+    ];
+    for (t, nu, shape, friction, [p_n_mm, q_n_mm]) in cases {
+        let layer = Layer::new(t, 27.58, nu).expect("a sound layer");
+        let load = Load { p_n_mm, q_n_mm };
+        let (fine, _) = solved(&layer, shape, friction, Level::Fine, &load);
+        let width = fine.x_right_mm - fine.x_left_mm;
+        for (level, bar) in [(Level::Fast, 5e-3), (Level::Default, 1e-5)] {
+            let (found, _) = solved(&layer, shape, friction, level, &load);
+            let miss = [
+                (found.delta_mm - fine.delta_mm) / fine.delta_mm,
+                (found.slope - fine.slope) * 0.5 * width / fine.delta_mm,
+                (found.x_left_mm - fine.x_left_mm) / width,
+                (found.x_right_mm - fine.x_right_mm) / width,
+            ];
+            assert!(miss.iter().all(|m| m.abs() < bar), "{shape:?} {level:?}: {miss:?}");
+        }
+    }
+}

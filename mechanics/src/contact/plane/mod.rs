@@ -36,7 +36,7 @@ use super::layer::Layer;
 use super::stack::Stack;
 use super::{Invalid, positive};
 use core::f64::consts::PI;
-use density::{points, widest};
+use density::Density;
 use interval::Interval;
 use panels::SurfaceKernels;
 use search::Search;
@@ -208,9 +208,6 @@ pub struct Contact {
     pub residual: f64,
 }
 
-/// Points that a solver may use unless told otherwise: contacts 120 thicknesses wide.
-const CAPACITY: usize = 400;
-
 /// A rigid indenter over a layer: kernels tabulated once, storage kept, and the last contact
 /// remembered as the guess for the next.
 #[derive(Clone, Debug)]
@@ -221,7 +218,7 @@ pub struct Indenter {
     level: Level,
     kernels: SurfaceKernels,
     interval: Interval,
-    capacity: usize,
+    density: Density,
     /// Pressure of the last solution over its singular weight, and working storage.
     phi: Vec<f64>,
     work: [Vec<f64>; 2],
@@ -309,16 +306,8 @@ impl Indenter {
         kernels: SurfaceKernels,
     ) -> Result<Self, Invalid> {
         shape.check()?;
-        let mut capacity = CAPACITY;
-        if let Shape::Flat { width_mm, .. } = shape {
-            let half = 0.5 * width_mm / layer.thickness_mm;
-            let wanted = points(level, half);
-            if wanted > 2 * CAPACITY {
-                let what = format!("{width_mm} is {:.0} thicknesses", 2.0 * half);
-                return Err(Invalid::new("width_mm", what, "give a narrower bar, or take cells"));
-            }
-            capacity = wanted.max(40);
-        }
+        let density = Density::new(level, &kernels.transfer, shape, layer.thickness_mm)?;
+        let capacity = density.capacity();
         let room = || Vec::with_capacity(capacity);
         Ok(Self {
             layer: *layer,
@@ -331,7 +320,7 @@ impl Indenter {
             } else {
                 Interval::with_capacity(capacity)
             },
-            capacity,
+            density,
             phi: room(),
             work: [room(), room()],
             contact: NOTHING,
@@ -422,8 +411,8 @@ impl Indenter {
     }
 
     fn assemble(&mut self, half: f64, ratio: f64) -> Result<(), Refusal> {
-        let count = points(self.level, half);
-        if count > self.capacity || !half.is_finite() {
+        let count = self.density.points(half);
+        if count > self.density.capacity() || !half.is_finite() {
             return Err(Refusal::TooWide);
         }
         let coupling = ratio / self.kernels.transfer.m;

@@ -95,7 +95,7 @@ impl Indenter {
     fn seek(&mut self, wanted: Wanted, ratio: f64, cold: f64) -> Result<Trial, Refusal> {
         let profile = self.profile();
         let steepest = if profile.round { STEEPEST * profile.radius } else { f64::INFINITY };
-        let widest = libm::log(super::widest(self.level, self.capacity).min(steepest));
+        let widest = libm::log(self.density.widest().min(steepest));
         let [mut y, mut slope] = self.guess.unwrap_or([cold.min(widest), 2.0]);
         let tolerance = match self.level {
             Level::Fast => 1e-4,
