@@ -15,6 +15,7 @@ mod jacobian;
 mod kinematics;
 mod motion;
 mod nodes;
+mod once;
 mod plane;
 mod recover;
 mod request;
@@ -88,8 +89,8 @@ pub fn filter(input: &mut dyn BufRead, output: &mut dyn Write) -> anyhow::Result
 
 /// The answer to one request, without a line end.
 fn answer(text: &[u8]) -> String {
-    let request: Value = match serde_json::from_slice(text) {
-        Ok(request) => request,
+    let request = match serde_json::from_slice(text) {
+        Ok(once::Once(request)) => request,
         Err(error) => {
             let failure = Failure::new("bad_json", None, format!("not a JSON value: {error}"));
             return answer::refusal(&Value::Null, &failure);

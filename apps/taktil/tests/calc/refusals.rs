@@ -52,6 +52,22 @@ fn bad_lines_are_answered_and_do_not_stop_the_filter() {
 }
 
 #[test]
+fn a_key_that_stands_twice_is_refused_and_the_filter_goes_on() {
+    let text = b"{\"op\":\"fk\",\"q\":[0,0,0,0,0,0],\"q\":[1,0,0,0,0,0]}\n\
+        {\"op\":\"contact_3d\",\"shape\":{\"sphere\":{\"radius_mm\":5,\"radius_mm\":9}},\
+        \"t_mm\":0.8,\"nu\":0.4,\"force_n\":1}\n\
+        {\"op\":\"fk\",\"q\":[0,0,0,0,0,0]}\n";
+    let answers = ask_text(text);
+    assert_eq!(answers.len(), 3);
+    for (answer, key) in answers.iter().zip(["`q`", "`radius_mm`"]) {
+        assert_eq!(answer["error"]["code"], "bad_json", "{answer}");
+        let message = answer["error"]["message"].as_str().unwrap();
+        assert!(message.contains(key) && message.contains("twice"), "{message}");
+    }
+    assert_eq!(answers[2]["ok"], true);
+}
+
+#[test]
 fn deep_and_long_lines_are_survived() {
     let deep = format!("{}{}\n", "[".repeat(100_000), "]".repeat(100_000));
     let long = format!("{{\"op\": \"{}\"}}\n", "x".repeat(1 << 20));

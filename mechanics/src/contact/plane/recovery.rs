@@ -255,7 +255,7 @@ fn check(m: &[Measured; 2]) -> Result<(), Invalid> {
     for (name, m) in ["m1", "m2"].into_iter().zip(m) {
         finite(name, m.value)?;
         if m.sigma != 0.0 {
-            positive("sigma", m.sigma)?;
+            positive(&format!("{name}_sigma"), m.sigma)?;
         }
     }
     Ok(())
