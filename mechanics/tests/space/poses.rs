@@ -179,3 +179,30 @@ fn loads_of_long_pins_keep_their_direction() {
         }
     }
 }
+
+/// Beside a wide bar rubber that keeps its volume bulges: it reaches the middle of slices that are
+/// pulled on the whole. They touch in turns without end unless they stay in the air.
+#[test]
+fn wide_bars_settle_at_the_fine_level() {
+    for (t, width_mm, length_mm, depth_mm, tilt_rad) in [
+        (0.658, 4.89, 5.06, 0.0076, 0.0024),
+        (0.66, 7.6, 2.2, 0.02, 0.03),
+        (0.77, 4.5, 12.0, 0.06, 0.007),
+    ] {
+        let layer = Layer::new(t, 27.58, 0.5).expect("a layer");
+        let ends = [-length_mm, 0.0];
+        let made = |level| Pin::new(&layer, Profile::Bar { width_mm }, ends, 0.2, level);
+        let [mut fine, mut default] =
+            [Level::Fine, Level::Default].map(|level| made(level).expect("a bar"));
+        let found = fine.press(Drive::PenetrationMm(depth_mm), tilt_rad).expect("a contact");
+        assert!(found.residual <= 1e-6 && found.steps <= 40, "{found:?}");
+        let coarse = default.press(Drive::PenetrationMm(depth_mm), tilt_rad).expect("a contact");
+        let off = (coarse.force_n / found.force_n - 1.0).abs();
+        assert!(off < 3e-3, "{coarse:?} {found:?}");
+        fine.release();
+        let again = fine.press(Drive::ForceN(found.force_n), tilt_rad).expect("a contact");
+        assert!(again.residual <= 1e-6 && again.steps <= 120, "{again:?}");
+        let back = (again.penetration_mm - depth_mm).abs();
+        assert!(back < 1e-3 * depth_mm, "{found:?} {again:?}");
+    }
+}

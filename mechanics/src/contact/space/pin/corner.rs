@@ -244,23 +244,43 @@ impl Row {
         lifted
     }
 
-    /// Takes widths that were read some way to what they should be, as far as the level asks for:
-    /// the force and its rate; absent when they do not get there.
-    fn touched_up(&mut self, mut solved: (f64, f64)) -> Option<(f64, f64)> {
-        for _ in 0..TOUCHES {
-            if self.left_at_edges() <= self.fineness.read {
-                return Some(solved);
+    /// Takes widths that were read to what they should be, as far as the level asks for, at a force
+    /// or at the penetration given; what the penetration changed by, absent when they do not get
+    /// there.
+    fn touched_up(&mut self, mut solved: (f64, f64), wanted: Option<f64>) -> Option<f64> {
+        let mut sunk = 0.0;
+        self.work.mixed.restart();
+        for touch in 0..=TOUCHES {
+            if let Some(force) = wanted {
+                let part = (force - solved.0) / solved.1;
+                self.sink(part);
+                sunk += part;
             }
-            let largest = self.largest();
-            for j in (0..self.along.len()).filter(|j| self.work.active[*j]) {
-                let change = PART * self.change(j);
-                let own = &mut self.work.effective[j];
-                *own = (*own + change).clamp(TOUCH[0] * *own, TOUCH[1] * *own + WIDER * largest);
+            let left = self.left_at_edges();
+            if left <= self.fineness.read || touch == TOUCHES {
+                return (left <= self.fineness.settled).then_some(sunk);
             }
+            self.touch();
             let room = self.work.dense.room;
             solved = self.prepare(false).ok().and_then(|()| self.direct(room))?;
         }
-        (self.left_at_edges() <= self.fineness.settled).then_some(solved)
+        None
+    }
+
+    /// Moves all widths that touch by what is left at their edges and by what that did before.
+    fn touch(&mut self) {
+        let largest = self.largest();
+        let mut mixed = core::mem::take(&mut self.work.mixed);
+        for j in (0..self.along.len()).filter(|j| self.work.active[*j]) {
+            mixed.add(self.work.effective[j], self.change(j));
+        }
+        mixed.mix(PART);
+        let active = (0..self.along.len()).filter(|j| self.work.active[*j]);
+        for (j, change) in active.zip(&mixed.step) {
+            let own = &mut self.work.effective[j];
+            *own = (*own + change).clamp(TOUCH[0] * *own, TOUCH[1] * *own + WIDER * largest);
+        }
+        self.work.mixed = mixed;
     }
 
     /// Whether its tables are wide enough.
@@ -286,13 +306,14 @@ impl Row {
     }
 
     /// The contact of the end at `to` under a slope, at widths that are read, by force or depth;
-    /// the state, and the depth found. Absent when it is another contact than that.
+    /// the state, not there where widths of another depth have to be read, and the depth found.
+    /// Absent when it is another contact than that.
     pub(super) fn press_with(
         &mut self,
         widths: &Widths,
         (wanted, to): (Option<f64>, f64),
         slope: f64,
-    ) -> Option<(PinState, f64)> {
+    ) -> Option<(Option<PinState>, f64)> {
         let mut depth = widths.depth;
         for (j, v) in self.along.iter().enumerate() {
             let work = &mut self.work;
@@ -309,22 +330,23 @@ impl Row {
             }
             solved = None;
         }
-        let solved = solved.and_then(|solved| self.touched_up(solved));
-        let Some((carried, rate)) = solved else {
+        let missed = |(carried, rate): (f64, f64)| wanted.map(|force| (force - carried) / rate);
+        if let Some(part) = solved.and_then(missed).filter(|part| part.abs() > MISS * depth) {
+            // Other widths belong to that depth.
+            self.work.clear();
+            return Some((None, depth + part));
+        }
+        let Some(sunk) = solved.and_then(|solved| self.touched_up(solved, wanted)) else {
             self.work.clear();
             return None;
         };
-        if let Some(force) = wanted {
-            let part = (force - carried) / rate;
-            self.sink(part);
-            depth += part;
-        }
+        depth += sunk;
         if self.work.active[0] || !(depth > 0.0 && depth < 1.0) {
             self.work.clear();
             return None;
         }
         let left = self.left_at_edges();
-        Some((self.told(depth - slope * to, left, 1), depth))
+        Some((Some(self.told(depth - slope * to, left, 1)), depth))
     }
 }
 
@@ -346,11 +368,10 @@ pub(super) fn read(
             at -= 1;
         }
         let (state, found) = rows[at].press_with(&widths, (wanted, to), slope)?;
-        let miss = (found - depth).abs();
-        depth = found;
-        if miss <= MISS * depth {
+        if let Some(state) = state {
             return Some((at, state));
         }
+        depth = found;
     }
     None
 }

@@ -1,5 +1,6 @@
-//! What the pressure leaves at the edge of a slice whose width is free, as the change of width that
-//! cures it. It refuses nothing.
+//! What a contact is off by: what the pressure leaves at the edge of a slice whose width is free,
+//! as the change of width that cures it, and slices in the air that the layer reaches. It refuses
+//! nothing.
 
 use super::row::Row;
 use super::strip::Places;
@@ -39,5 +40,24 @@ impl Row {
     pub(super) fn left_at_edges(&self) -> f64 {
         let touching = (0..self.along.len()).filter(|j| self.work.active[*j]);
         touching.map(|j| self.change(j).abs()).fold(0.0, f64::max) / self.largest()
+    }
+
+    /// The layer's shape under lifted slices; those that it reaches come back. The largest reach.
+    pub(super) fn wake(&mut self) -> f64 {
+        let (slices, n) = (self.along.len(), self.work.places.cosines);
+        let mut largest: f64 = 0.0;
+        self.coupling.act(&self.work.transforms, &self.work.a, &mut self.work.image);
+        for j in 0..slices {
+            let work = &mut self.work;
+            if !work.active[j] && work.a[j * n] == 0.0 && !work.stays_off(j) {
+                let gap = work.given[j] - self.coupling.middle(j, slices);
+                if gap > 0.0 {
+                    work.active[j] = true;
+                    work.effective[j] = gap;
+                    largest = largest.max(gap);
+                }
+            }
+        }
+        largest
     }
 }

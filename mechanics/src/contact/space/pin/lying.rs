@@ -14,7 +14,7 @@ use super::{PinState, TILT_MAX};
 use core::f64::consts::PI;
 
 /// Depths that are tabulated: the deepest asked for, each so many times the next, so many.
-const DEPTHS: usize = 7;
+const DEPTHS: usize = 11;
 const SHALLOWER: f64 = 2.4;
 /// Shallower contacts, down to this part of the shallowest, look like it.
 const SHALLOWEST: f64 = 0.005;
@@ -233,12 +233,23 @@ impl Lying {
         }
     }
 
-    /// Logarithm of the force at a depth; absent outside.
+    /// Logarithm of the force at a depth, below the shallowest contact as it falls off there;
+    /// absent outside.
     fn force(&self, depth: f64, (slope, length): (f64, f64)) -> Option<f64> {
-        let cell = self.cell(libm::log(depth), slope * length / depth)?;
-        let mut sum = 0.0;
-        self.each(&cell, |contact, weight| sum += weight * self.forces[contact]);
-        Some(sum)
+        let (depth, fall) = (libm::log(depth), slope * length / depth);
+        let at = |depth: f64| {
+            let cell = self.cell(depth, fall)?;
+            let mut sum = 0.0;
+            self.each(&cell, |contact, weight| sum += weight * self.forces[contact]);
+            Some(sum)
+        };
+        let [.., before, last] = self.depths[..] else { return None };
+        let force = at(depth)?;
+        if depth >= last {
+            return Some(force);
+        }
+        let rate = (at(before)? - force) / (before - last);
+        Some(force + rate * (depth - last))
     }
 
     /// The depth at which a force (in units of the kernels) is carried under a slope, between two

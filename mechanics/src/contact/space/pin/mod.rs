@@ -31,6 +31,7 @@ mod edge;
 mod ends;
 mod fineness;
 mod lying;
+mod mixed;
 mod nested;
 mod newton;
 mod roll;
@@ -136,6 +137,7 @@ pub struct PinState {
     /// How far the contact is from complementarity: the largest change of the penetration that a
     /// slice's width belongs to by which the pressure at its edge would vanish, or by which a slice
     /// in the air is reached, over the largest penetration. Force and image are off by its square.
+    /// A bar's slice that is pulled on the whole stays in the air, reached in its middle or not.
     /// Of a lying contact that was solved when the tables were made: of those that it lies between.
     pub residual: f64,
     /// Free-boundary steps taken; 1 for a contact that was solved when the tables were made.

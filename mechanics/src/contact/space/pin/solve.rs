@@ -12,6 +12,8 @@ const TIGHTEST: f64 = 0.1;
 const FORCE: f64 = 2.0;
 /// Steps after which a contact that fills a part of the pin is given up for a longer part.
 const FULL: usize = 4;
+/// A penetration that turned back more often than this changes by half.
+const SWINGS: usize = 8;
 /// Most iterations of conjugate gradients in one step.
 const GRADIENTS_MAX: usize = 200;
 /// Steps that each width takes by itself before all are settled together, where they can be.
@@ -20,14 +22,26 @@ const ALONE: usize = 6;
 const MORE: usize = 4;
 
 /// Where a contact's steps have come to.
+#[derive(Default)]
 struct Search {
     wanted: Option<f64>,
     penetration: f64,
-    /// Change of the penetration that the next step begins with.
+    /// Change of the penetration that the next step begins with, and how often it turned back.
     shift: f64,
+    swings: usize,
+    shifted: f64,
     /// Force of the step before, and its penetration.
     known: Option<(f64, f64)>,
     left: f64,
+}
+
+impl Search {
+    /// A change of the penetration, half of it where the changes turn back and forth.
+    fn turned(&mut self, shift: f64) -> f64 {
+        self.swings += usize::from(shift * self.shifted < 0.0);
+        self.shifted = if self.swings > SWINGS { 0.5 * shift } else { shift };
+        self.shifted
+    }
 }
 
 impl Row {
@@ -141,8 +155,9 @@ impl Row {
             return Ok((start, 0.0, 0));
         }
         let mut search =
-            Search { penetration: start, shift: 0.0, known: None, left: f64::INFINITY, wanted };
-        let (mut fresh, mut step) = (!warm, 0);
+            Search { penetration: start, left: f64::INFINITY, wanted, ..Search::default() };
+        let (mut fresh, mut step, mut asked) = (!warm, 0, false);
+        self.work.let_back();
         // A contact that is no answer yet gets more steps.
         let steps = self.fineness.steps;
         while step < steps || (search.left > self.fineness.settled && step < MORE * steps) {
@@ -170,6 +185,11 @@ impl Row {
                 None => self.loosely(&mut search, warm, step == 1)?,
             }
             if search.left <= self.fineness.tolerance {
+                // Slices may have been let go of at another penetration.
+                if !core::mem::replace(&mut asked, true) && self.work.let_back() {
+                    search.left = f64::INFINITY;
+                    continue;
+                }
                 break;
             }
         }
@@ -191,7 +211,7 @@ impl Row {
         let mut off: f64 = 0.0;
         if let Some(force) = search.wanted {
             let whole = (force - carried) / rate;
-            let part = whole.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6);
+            let part = search.turned(whole.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6));
             self.sink(part);
             search.penetration += part;
             off = (whole - part).abs();
@@ -225,7 +245,7 @@ impl Row {
             search.left = search.left.max(FORCE * (carried / force - 1.0).abs());
             if search.left > tolerance {
                 let shift = (force - carried) / stiffness.max(f64::MIN_POSITIVE);
-                search.shift = shift.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6);
+                search.shift = search.turned(shift.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6));
                 search.penetration += search.shift;
                 for j in 0..self.along.len() {
                     if self.work.active[j] {
@@ -467,27 +487,9 @@ impl Row {
             work.effective[j] = new;
             if new <= 0.0 {
                 work.active[j] = false;
+                work.dropped[j] += u8::from(!free);
             }
         }
         if opened { largest.max(self.wake()) } else { largest }
-    }
-
-    /// The layer's shape under lifted slices; those that it reaches come back. The largest reach.
-    pub(super) fn wake(&mut self) -> f64 {
-        let (slices, n) = (self.along.len(), self.work.places.cosines);
-        let mut largest: f64 = 0.0;
-        self.coupling.act(&self.work.transforms, &self.work.a, &mut self.work.image);
-        for j in 0..slices {
-            let work = &mut self.work;
-            if !work.active[j] && work.a[j * n] == 0.0 {
-                let gap = work.given[j] - self.coupling.middle(j, slices);
-                if gap > 0.0 {
-                    work.active[j] = true;
-                    work.effective[j] = gap;
-                    largest = largest.max(gap);
-                }
-            }
-        }
-        largest
     }
 }

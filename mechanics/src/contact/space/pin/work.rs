@@ -2,6 +2,7 @@
 
 use super::super::{Drive, Refusal, Why};
 use super::direct::Dense;
+use super::mixed::Mixed;
 use super::strip::{Places, Strips};
 
 /// Least and largest part of a change that a short row takes.
@@ -12,6 +13,9 @@ const RELAXED: [f64; 2] = [0.15, 1.5];
 const EACH: [f64; 2] = [0.02, 0.7];
 const SWINGING: f64 = 0.6;
 const STEADY: f64 = 1.2;
+
+/// A bar's slice that was let go of so many times stays in the air.
+const DROPS: u8 = 2;
 
 /// Memory of the solver; everything is slice after slice.
 #[derive(Clone, Debug)]
@@ -49,6 +53,10 @@ pub(super) struct Work {
     pub(super) relaxed: f64,
     /// The part that each slice takes of its own, where they are not one; empty where they are.
     pub(super) parts: Vec<f64>,
+    /// How often a bar's slice was let go of since the contact was laid.
+    pub(super) dropped: Vec<u8>,
+    /// Steps of all widths by what the last ones did.
+    pub(super) mixed: Mixed,
 }
 
 impl Work {
@@ -80,6 +88,8 @@ impl Work {
             moves: [per(1), per(1)],
             relaxed: 0.0,
             parts: Vec::new(),
+            dropped: vec![0; slices],
+            mixed: Mixed::new(slices),
         }
     }
 
@@ -122,6 +132,19 @@ impl Work {
             self.relaxed = (-self.relaxed * along / size).clamp(RELAXED[0], RELAXED[1]);
         }
         self.relaxed
+    }
+
+    /// Whether a slice stays in the air though the layer may reach its middle: beside a wide bar
+    /// the rubber bulges there, while the slice as a whole was pulled whenever it touched.
+    pub(super) fn stays_off(&self, slice: usize) -> bool {
+        self.dropped[slice] >= DROPS
+    }
+
+    /// Lets every slice come back; whether there were some that could not.
+    pub(super) fn let_back(&mut self) -> bool {
+        let some = (0..self.dropped.len()).any(|slice| self.stays_off(slice));
+        self.dropped.fill(0);
+        some
     }
 
     /// Prescribes a descent on some slices, where they touch whatever comes.

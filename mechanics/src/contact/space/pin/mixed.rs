@@ -1,0 +1,122 @@
+//! Steps of many numbers towards where nothing is left of each, by what is left now and by what the
+//! last steps did to it (Anderson's mixing). Each number moved on its own swings where neighbours
+//! act on each other and lags where all do alike; what the last steps did tells both. It refuses
+//! nothing and allocates when it is made.
+
+use super::super::quadrature::{factor, solve};
+
+/// Steps that are remembered.
+const KEPT: usize = 4;
+/// What the squares of the changes are raised by, so that the same ones twice do no harm.
+const RAISED: f64 = 1e-6;
+
+/// Memory of the steps.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Mixed {
+    /// Places and what was left at them, now and before.
+    now: [Vec<f64>; 2],
+    before: [Vec<f64>; 2],
+    /// Changes of both, the latest first.
+    changes: Vec<[Vec<f64>; 2]>,
+    known: usize,
+    /// The step found.
+    pub(super) step: Vec<f64>,
+}
+
+impl Mixed {
+    /// For at most so many numbers.
+    pub(super) fn new(most: usize) -> Self {
+        let room = || Vec::with_capacity(most);
+        let pair = || [room(), room()];
+        let changes = (0..KEPT).map(|_| pair()).collect();
+        Self { now: pair(), before: pair(), changes, known: 0, step: room() }
+    }
+
+    /// Forgets all steps.
+    pub(super) fn restart(&mut self) {
+        self.known = 0;
+        self.now.iter_mut().chain(&mut self.before).for_each(Vec::clear);
+    }
+
+    /// Adds a number: where it is, and what is left there.
+    pub(super) fn add(&mut self, place: f64, left: f64) {
+        self.now[0].push(place);
+        self.now[1].push(left);
+    }
+
+    /// Writes the step from the numbers added since the last one, `part` of what is left in the
+    /// directions that no step tells of.
+    pub(super) fn mix(&mut self, part: f64) {
+        if self.before[0].len() == self.now[0].len() {
+            self.changes.rotate_right(1);
+            for (change, (now, before)) in
+                self.changes[0].iter_mut().zip(self.now.iter().zip(&self.before))
+            {
+                change.clear();
+                change.extend(now.iter().zip(before).map(|(now, before)| now - before));
+            }
+            self.known = (self.known + 1).min(KEPT);
+        } else {
+            self.known = 0;
+        }
+        let left = &self.now[1];
+        self.step.clear();
+        self.step.extend(left.iter().map(|left| part * left));
+        let known = &self.changes[..self.known];
+        let mut squares = [0.0; KEPT * KEPT];
+        let mut parts = [0.0; KEPT];
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let n = known.len();
+        for (i, [_, one]) in known.iter().enumerate() {
+            for (j, [_, other]) in known[..=i].iter().enumerate() {
+                squares[i * n + j] = dot(one, other);
+            }
+            squares[i * n + i] *= 1.0 + RAISED;
+            parts[i] = dot(one, left);
+        }
+        if factor(&mut squares[..n * n], n) {
+            solve(&squares[..n * n], n, &mut parts[..n]);
+            for (weight, [places, lefts]) in parts.iter().zip(known) {
+                for (step, (place, left)) in self.step.iter_mut().zip(places.iter().zip(lefts)) {
+                    *step -= weight * (place + part * left);
+                }
+            }
+        }
+        core::mem::swap(&mut self.now, &mut self.before);
+        self.now.iter_mut().for_each(Vec::clear);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Mixed;
+
+    /// Neighbours that act on each other so that each on its own would swing without end.
+    #[test]
+    fn what_swings_settles() {
+        let count = 9;
+        let left = |x: &[f64]| -> Vec<f64> {
+            let of = |i: usize| {
+                let beside = |j: usize| x.get(j).copied().unwrap_or(0.0);
+                1.0 - 2.0 * x[i] - 1.8 * (beside(i.wrapping_sub(1)) + beside(i + 1)) / 2.0
+            };
+            (0..count).map(of).collect()
+        };
+        let mut x = vec![0.0; count];
+        let mut mixed = Mixed::new(count);
+        let size = |left: &[f64]| left.iter().fold(0.0_f64, |most, left| most.max(left.abs()));
+        for _ in 0..12 {
+            let left = left(&x);
+            x.iter().zip(&left).for_each(|(x, left)| mixed.add(*x, *left));
+            mixed.mix(0.7);
+            x.iter_mut().zip(&mixed.step).for_each(|(x, step)| *x += step);
+        }
+        assert!(size(&left(&x)) < 1e-4, "{:?}", left(&x));
+        let mut alone = vec![0.0; count];
+        for _ in 0..12 {
+            let left = left(&alone);
+            alone.iter_mut().zip(&left).for_each(|(x, left)| *x += 0.7 * left);
+        }
+        assert!(size(&left(&alone)) > 1.0);
+    }
+}
