@@ -1,8 +1,9 @@
 //! Error and time of the image of drawn pins and bars in any pose: `cargo run --release -p
-//! taktil-mechanics --example pin_sweep [-- LAYERS PINS SEED... [fine]]`. The truth is the default
-//! level on slices laid over what touches; with `fine` the fine one, and the default level is
-//! judged as well. Prints the rows of the table in docs/measurements/contact-3d.md (median, nine in
-//! ten, largest; times are each pose's median), then the worst poses. Not lane code.
+//! taktil-mechanics --example pin_sweep [-- LAYERS PINS SEED... [fine|long]]`. The truth is the
+//! default level on slices laid over what touches; with `fine` the fine one, and the default level
+//! is judged as well, by shape; `long` draws long pins with an end over tactels of any size, each
+//! on a layer of its own. Prints the rows of the table in docs/measurements/contact-3d.md (median,
+//! nine in ten, largest; times are each pose's median), then the worst poses. Not lane code.
 
 #[path = "../tests/space/draws.rs"]
 mod draws;
@@ -26,6 +27,7 @@ struct Row {
     centroid_mm: f64,
     by_force_mm: f64,
     image: f64,
+    by_force: f64,
     cold_us: f64,
     warm_us: f64,
 }
@@ -41,13 +43,18 @@ fn main() {
     let fine = words.iter().any(|word| word == "fine");
     let mut rows: [Rows; 4] = Default::default();
     for seed in seeds {
-        sweep([layers, pins], Draws(*seed as u64), fine, &mut rows);
+        let draws = Draws(*seed as u64);
+        if words.iter().any(|word| word == "long") {
+            sweep_long(layers * pins, draws, &mut rows);
+        } else {
+            sweep([layers, pins], draws, fine, &mut rows);
+        }
     }
     println!("| level, contact (poses): what | median | nine in ten | largest |");
     println!("|---|---|---|---|");
     let mut worst = String::new();
-    let names = ["fast, a thickness or more", "fast, less", "default, a thickness or more"];
-    for (name, rows) in names.into_iter().chain(["default, less"]).zip(&mut rows) {
+    let names = ["fast, a thickness or more", "fast, less", "default, cylinders"];
+    for (name, rows) in names.into_iter().chain(["default, bars"]).zip(&mut rows) {
         if !rows.is_empty() {
             let name = format!("{name} ({})", rows.len());
             summary(&name, rows, &mut worst);
@@ -68,23 +75,47 @@ fn sweep([layers, pins]: [usize; 2], mut draws: Draws, fine: bool, rows: &mut [R
             let drawn = draws.pin(rubber);
             let mut exact = vec![0.0; 256];
             let force = drawn.exact(truth, &shares, &mut exact);
-            let corner = usize::from(drawn.on_corner());
+            let kinds = [drawn.on_corner(), drawn.is_bar()].map(usize::from);
             let levels = [Level::Fast, Level::Default].into_iter().enumerate();
             for (n, level) in levels.take(if fine { 2 } else { 1 }) {
                 let shares = if level == Level::Fast { &quick } else { &shares };
                 let row = measured(&drawn, level, shares, (&exact, force));
-                rows[2 * n + corner].push((row, format!("{drawn:?}")));
+                rows[2 * n + kinds[n]].push((row, format!("{drawn:?}")));
             }
         }
     }
 }
 
+/// Long pins at the default level, against the fine one.
+fn sweep_long(count: usize, mut draws: Draws, rows: &mut [Rows; 4]) {
+    for _ in 0..count {
+        let (rubber, pitch_mm) = (draws.rubber(), draws.pitch_mm());
+        let drawn = draws.long(rubber, pitch_mm);
+        let influence = Influence::new(&rubber).expect("a layer");
+        let array = Array { pitch_mm, ..Array::THESIS };
+        let made = Shares::new(&influence, &array, Sampling::Area, Fineness::DEFAULT);
+        let shares = made.expect("tables");
+        let mut exact = vec![0.0; 256];
+        // A bar that the fine level refuses has no truth.
+        let mut truth = drawn.pin(Level::Fine);
+        let deep = Drive::PenetrationMm(drawn.delta_mm);
+        let Ok(state) = truth.press(deep, drawn.pose.tilt_rad) else {
+            println!("refused by the fine level: {drawn:?}");
+            continue;
+        };
+        truth.image(&shares, drawn.pose.stand, &mut exact);
+        let row = measured(&drawn, Level::Default, &shares, (&exact, state.force_n));
+        rows[2 + usize::from(drawn.is_bar())].push((row, format!("{pitch_mm} {drawn:?}")));
+    }
+}
+
 fn summary(name: &str, rows: &mut [(Row, String)], worst: &mut String) {
-    let whats: [What; 6] = [
+    let whats: [What; 7] = [
         ("force", |row| row.force),
         ("centroid by penetration, mm", |row| row.centroid_mm),
         ("centroid by force, mm", |row| row.by_force_mm),
         ("image over its peak", |row| row.image),
+        ("the same by force", |row| row.by_force),
         ("cold, us", |row| row.cold_us),
         ("warm, us", |row| row.warm_us),
     ];
@@ -125,12 +156,16 @@ fn measured(drawn: &Drawn, level: Level, shares: &Shares, (exact, force): (&[f64
     };
     let (found, seen) = one(&mut pin, Drive::PenetrationMm(drawn.delta_mm), tilt_rad);
     let mut row = Row { force: (found / force - 1.0).abs(), ..Row::default() };
-    row.centroid_mm = apart(&seen, exact);
+    row.centroid_mm = apart(shares.array(), &seen, exact);
     let peak = exact.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-    let off = seen.iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    row.image = off / peak;
+    let off = |seen: &[f64]| {
+        seen.iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / peak
+    };
+    row.image = off(&seen);
     pin.release();
-    row.by_force_mm = apart(&one(&mut pin, Drive::ForceN(force), tilt_rad).1, exact);
+    let (_, seen) = one(&mut pin, Drive::ForceN(force), tilt_rad);
+    row.by_force_mm = apart(shares.array(), &seen, exact);
+    row.by_force = off(&seen);
     // Contacts a control period apart: pressed a little more, tilted a little further.
     let mut nudged = |pin: &mut Pin, round: u32| {
         let f = f64::from(round % 3);
@@ -146,9 +181,9 @@ fn measured(drawn: &Drawn, level: Level, shares: &Shares, (exact, force): (&[f64
 }
 
 /// Distance of the centroids, mm.
-fn apart(image: &[f64], exact: &[f64]) -> f64 {
+fn apart(array: &Array, image: &[f64], exact: &[f64]) -> f64 {
     let of = |image: &[f64]| {
-        let found = image_features(&Array::THESIS, image, Part::Full).expect("features");
+        let found = image_features(array, image, Part::Full).expect("features");
         [found.xc.expect("x"), found.yc.expect("y")]
     };
     let (a, b) = (of(image), of(exact));

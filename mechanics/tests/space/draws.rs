@@ -25,6 +25,38 @@ impl Draws {
         Layer::new(self.between(0.3, 2.3), 27.58, nu).expect("a sound layer")
     }
 
+    /// Side of a tactel, 0.5 to 2.5 mm.
+    pub(crate) fn pitch_mm(&mut self) -> f64 {
+        self.between(0.5, 2.5)
+    }
+
+    /// A pin or a bar 18 to 70 thicknesses long, lying or touching on half of its length or more,
+    /// its deeper end over 16 by 16 tactels.
+    pub(crate) fn long(&mut self, rubber: Layer, pitch_mm: f64) -> Drawn {
+        let t = rubber.thickness_mm;
+        let length_mm = t * self.between(18.0, 70.0);
+        let depth_mm = t * self.between(0.01, 0.1);
+        let profile = if self.between(0.0, 2.0) < 1.0 {
+            Profile::Bar { width_mm: self.between(0.4, 8.0) }
+        } else {
+            Profile::Cylinder { radius_mm: self.between(2.0, 45.0) }
+        };
+        let lying = self.between(0.0, 1.0) < 0.4;
+        let touched_mm = length_mm * self.between(0.5, 2.5);
+        let sign = if self.between(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+        let slope = if lying { 0.0 } else { depth_mm / touched_mm };
+        let rot_rad = self.between(-1.6, 1.6);
+        let away = sign * 0.5 * length_mm;
+        let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
+        let reach = 0.8 * 8.0 * pitch_mm;
+        let (x_mm, y_mm) =
+            (self.between(-reach, reach) + away * s, self.between(-reach, reach) - away * c);
+        let stand = Stand { x_mm, y_mm, rot_rad };
+        let delta_mm = depth_mm - 0.5 * length_mm * slope;
+        let pose = Pose { stand, tilt_rad: sign * libm::atan(slope) };
+        Drawn { rubber, profile, length_mm, touched_mm: 2.0 * length_mm, delta_mm, pose }
+    }
+
     /// A pin, every third time a bar, that touches on some part of its length.
     pub(crate) fn pin(&mut self, rubber: Layer) -> Drawn {
         let t = rubber.thickness_mm;
@@ -67,6 +99,11 @@ impl Drawn {
     /// The pin, its tables made for twice its depth.
     pub(crate) fn pin(&self, level: Level) -> Pin {
         self.part(self.length_mm, level)
+    }
+
+    /// Whether it is a bar.
+    pub(crate) fn is_bar(&self) -> bool {
+        matches!(self.profile, Profile::Bar { .. })
     }
 
     /// Whether less than a thickness of the pin touches.

@@ -87,6 +87,36 @@ fn the_deeper_end_stands_where_it_is() {
     assert!(off < 7e-4, "{off:e}");
 }
 
+/// Long pins whose end is over tactels of any size, at the default level beside the fine one: their
+/// slices are half as long as the layer is thick.
+#[test]
+fn ends_of_long_pins_are_seen_where_they_are() {
+    let mut draws = Draws(71);
+    let mut bars = 0;
+    for _ in 0..3 {
+        let (rubber, pitch_mm) = (draws.rubber(), draws.pitch_mm());
+        let drawn = draws.long(rubber, pitch_mm);
+        bars += usize::from(drawn.is_bar());
+        let array = Array { pitch_mm, ..Array::THESIS };
+        let influence = Influence::new(&rubber).expect("a layer");
+        let made = Shares::new(&influence, &array, Sampling::Area, Fineness::DEFAULT);
+        let shares = made.expect("tables");
+        let mut exact = vec![0.0; 256];
+        let force = drawn.exact(Level::Fine, &shares, &mut exact);
+        let mut pin = drawn.pin(Level::Default);
+        for drive in [Drive::PenetrationMm(drawn.delta_mm), Drive::ForceN(force)] {
+            pin.release();
+            let state = pin.press(drive, drawn.pose.tilt_rad).expect("a contact");
+            let mut image = vec![0.0; 256];
+            pin.image(&shares, drawn.pose.stand, &mut image);
+            let off = apart(&image, &exact) / peak(&exact);
+            assert!(off < 1.5e-3, "{drawn:?} {drive:?}: {off:e}");
+            assert!((state.force_n / force - 1.0).abs() < 5e-4, "{drawn:?}: {state:?}");
+        }
+    }
+    assert!((1..3).contains(&bars), "{bars} of 3 bars");
+}
+
 /// Pins shorter than the layer is thick: a contact that settled, or a refusal that says why.
 #[test]
 fn short_pins_settle_or_are_refused() {

@@ -252,7 +252,8 @@ impl Row {
         self.work.mixed.restart();
         for touch in 0..=TOUCHES {
             if let Some(force) = wanted {
-                let part = (force - solved.0) / solved.1;
+                let [over, _] = self.left_over_force();
+                let part = (force - over - solved.0) / solved.1;
                 self.sink(part);
                 sunk += part;
             }

@@ -64,7 +64,7 @@ pub(super) struct Tabled {
 
 /// The default level's slices, of cylinders and bars alike.
 const DEFAULT: Tabled = Tabled {
-    whole: Laid { fewest: 96.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
+    whole: Laid { fewest: 64.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
     end: Laid { fewest: 64.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
     modes: Modes { margin: 16.0, cutoff: 10.0, reach: 12.0, grade: 0.1 },
 };

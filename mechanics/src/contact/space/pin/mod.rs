@@ -20,7 +20,8 @@
 //! end, which do not settle one by one, are settled together (`newton`).
 //!
 //! Ends: strips of constant pressure see an end inside of its place, by a part of their length that
-//! a punch on the layer tells (`ends`). The slices are laid out for it, so that few of them do.
+//! a punch on the layer tells (`ends`). The slices are laid out for it, so that few of them do;
+//! the default and the fine level put what is left over into force and image (`leftover`).
 //!
 //! It refuses what its tables do not cover: see [`Pin::new`] and [`Pin::press`].
 
@@ -30,6 +31,7 @@ mod direct;
 mod edge;
 mod ends;
 mod fineness;
+mod leftover;
 mod lying;
 mod mixed;
 mod nested;
@@ -62,8 +64,7 @@ const TILT_MAX: f64 = 0.2;
 const SHORTEST: f64 = 0.1;
 /// Part of a row below which a shorter one takes its contact over.
 const KEPT: f64 = 0.45;
-/// So many times longer or shorter than the row in use a contact is guessed to be before that row
-/// is left at once.
+/// A contact guessed so many times longer or shorter than the row in use leaves it at once.
 const FAR: f64 = 3.0;
 /// So many rows on a contact is looked for that fills a row.
 const UP: usize = 2;
@@ -72,7 +73,7 @@ const BEGINNINGS: usize = 3;
 /// Room for the pressure's rise towards an end, in penetrations, and the most there can be.
 const ROOM: f64 = 1.6;
 const DEEPEST: f64 = 0.98;
-/// Rows shorter than this (thicknesses) are not made.
+/// Shortest row in thicknesses.
 const SHORTEST_ROW: f64 = 0.07;
 /// A force below this part of the rubber's modulus times its thickness squared is none.
 const NOTHING: f64 = 1e-15;
@@ -229,9 +230,12 @@ impl Pin {
         let fineness = Fineness { tolerance: 0.5 * fineness.tolerance, ..fineness };
         let mut reach = fineness.shorter * length;
         while reach >= SHORTEST_ROW {
-            let end = [ends[1] - reach, ends[1]];
-            rows.push(Row::new((layer, &kernel), (risen.clone(), false), end, fineness)?);
+            let (over, end) = ((risen.clone(), false), [ends[1] - reach, ends[1]]);
+            rows.push(Row::new((layer, &kernel), over, end, fineness)?);
             reach *= fineness.shorter;
+        }
+        for row in rows.iter_mut().filter(|row| row.fineness.spread) {
+            row.leftover = leftover::Leftover::new((layer, &kernel), (&risen, deepest), row);
         }
         let corner = match (section, level) {
             (Section::Circle(_), Level::Fast) => Corner::new(&mut rows, ends[1], deepest),
@@ -243,8 +247,8 @@ impl Pin {
         };
         let together = fineness.together > 0 && matches!(section, Section::Circle(_));
         let newton = together.then(|| Box::new(Newton::new(&rows, fineness.together)));
-        let state = PinState::default();
-        Ok(Self { layer: *layer, ends, rows, corner, newton, at: 0, turned: false, state })
+        let (at, turned, state) = (0, false, PinState::default());
+        Ok(Self { layer: *layer, ends, rows, corner, newton, at, turned, state })
     }
 
     /// Solves the contacts on a good part of a cylinder, down to the deepest.
@@ -420,8 +424,7 @@ impl Pin {
         Some(state)
     }
 
-    /// A row's state as the pin's, whose origin is `raised` and whose places are mirrored when the
-    /// row is turned.
+    /// A row's state as the pin's, whose origin is `raised`, mirrored when the row is turned.
     fn along_pin(&self, state: PinState, (raised, mirror): (f64, f64), tilt_rad: f64) -> PinState {
         let t = self.layer.thickness_mm;
         let moment_n_mm = if self.turned {
@@ -437,9 +440,8 @@ impl Pin {
         }
     }
 
-    /// Length of a contact to come: by penetration from its depth; by force as it grows from the
-    /// last one's, like the root of the force over the slope, or without one from a guess of its
-    /// depth.
+    /// Length of a contact to come: by penetration from its depth; by force like the root of the
+    /// force over the slope from the last one's, or without one from a guess of its depth.
     fn guessed(&self, wanted: Option<f64>, depth: f64, slope: f64) -> f64 {
         let last = self.state;
         let (t, used) = (self.layer.thickness_mm, &self.rows[self.at]);

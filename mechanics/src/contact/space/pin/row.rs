@@ -10,6 +10,7 @@ use super::TILT_MAX;
 use super::couple::{Coupling, Parity};
 use super::ends::loss;
 use super::fineness::{Fineness, Laid};
+use super::leftover::Leftover;
 use super::lying::Lying;
 use super::nested::Nested;
 use super::newton::Newton;
@@ -60,6 +61,8 @@ pub(super) struct Row {
     /// Whole length, largest half-width, in thicknesses.
     pub(super) length: f64,
     pub(super) widest: f64,
+    /// Its ends along the axis.
+    pub(super) ends: [f64; 2],
     /// Whether it lies over an end only.
     pub(super) part: bool,
     /// What two slices do to each other, by their distance, when all are equally wide.
@@ -68,6 +71,8 @@ pub(super) struct Row {
     pub(super) nested: Option<Nested>,
     /// Contacts of a cylinder on a good part of it, where they were solved beforehand.
     pub(super) lying: Option<Lying>,
+    /// What its slices leave over at an end, where that is known.
+    pub(super) leftover: Option<Leftover>,
     /// Memory to settle all widths together.
     pub(super) newton: Option<Box<Newton>>,
     /// Slice length and places along the axis from the origin, in thicknesses.
@@ -143,10 +148,12 @@ impl Row {
             h,
             length,
             widest,
+            ends: [from, to],
             part: !whole,
             between,
             nested,
             lying: None,
+            leftover: None,
             newton: None,
             along,
             work,

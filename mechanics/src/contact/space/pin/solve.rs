@@ -52,10 +52,7 @@ impl Row {
         (wanted, penetration): (Option<f64>, f64),
         slope: f64,
     ) -> Result<PinState, Trouble> {
-        let (penetration, residual, steps) = match self.look_up(wanted, penetration, slope) {
-            Some(penetration) => (penetration, 0.0, 1),
-            None => self.search(wanted, penetration, slope)?,
-        };
+        let (penetration, residual, steps) = self.carried(wanted, penetration, slope)?;
         if residual.is_nan() || residual > self.fineness.settled {
             return Err(Trouble::Unsettled(residual));
         }
@@ -81,12 +78,15 @@ impl Row {
                 state.length_mm += self.h * t;
             }
         }
+        let [force, moment] = self.left_over_force();
+        state.force_n += force * scale;
+        state.moment_n_mm += moment * scale * t;
         self.work.warm = state.force_n > 0.0;
         state
     }
 
     /// The contact by free-boundary steps, from the one before if it leads there.
-    fn search(
+    pub(super) fn search(
         &mut self,
         wanted: Option<f64>,
         penetration: f64,

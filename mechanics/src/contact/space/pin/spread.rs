@@ -14,6 +14,14 @@ const SPREAD: f64 = 1.0 / 12.0;
 /// Neighbours whose half-widths (thicknesses) are no further apart share their points.
 const NEAR: f64 = 0.1;
 
+/// Places along at which a slice at `v` of length `h` stands, and the parts of its force there.
+pub(super) fn stood(v: f64, h: f64) -> [(f64, f64); 3] {
+    [(v, 1.0 - 2.0 * SPREAD), (v - h, SPREAD), (v + h, SPREAD)]
+}
+
+/// Part of the level's wave numbers that an image of what is left over needs.
+const COARSER: f64 = 0.7;
+
 impl Row {
     /// Calls with place (across, along) in mm and force in N of point loads that stand for the
     /// contact, slice after slice.
@@ -31,22 +39,29 @@ impl Row {
                 let other = touching.map(|i| self.work.slice(i));
                 match other.filter(|(width, _)| (width - b).abs() < NEAR) {
                     Some((_, a)) => sum.iter_mut().zip(a).for_each(|(sum, a)| *sum += SPREAD * a),
-                    None => self.points((b, self.along[j] + away), (own, SPREAD), &mut of),
+                    None => self.points((b, self.along[j] + away), (own, SPREAD), 1.0, &mut of),
                 }
             }
-            self.points((b, self.along[j]), (sum, 1.0), &mut of);
+            self.points((b, self.along[j]), (sum, 1.0), 1.0, &mut of);
         }
+        // It is small, and fewer points do.
+        self.left_over(|place, cosines| {
+            self.points(place, (cosines, 1.0 / self.h), COARSER, &mut of);
+        });
     }
 
-    /// Calls with the points of a part of some cosines at a half-width and a place.
+    /// Calls with the points of a part of some cosines at a half-width and a place, for a part of
+    /// the level's wave numbers.
     fn points(
         &self,
         (b, v): (f64, f64),
         (a, part): (&[f64], f64),
+        coarser: f64,
         of: &mut impl FnMut([f64; 2], f64),
     ) {
         let (t, n) = (self.layer.thickness_mm, self.work.places.cosines);
-        let points = points_for(self.fineness.points, b).min(self.rules.len());
+        let points =
+            points_for(coarser * self.fineness.points, b).max(n / 2 + 1).min(self.rules.len());
         let scale = part * 0.5 * PI * self.modulus_mpa() * t * t * self.h / points as f64;
         for point in self.rules[points - 1].chunks_exact(n + 1) {
             let psi: f64 = point[1..].iter().zip(a).map(|(x, y)| x * y).sum();
