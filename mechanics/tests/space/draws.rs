@@ -59,12 +59,17 @@ impl Draws {
 
     /// A pin, every third time a bar, that touches on some part of its length.
     pub(crate) fn pin(&mut self, rubber: Layer) -> Drawn {
+        self.pin_within(rubber, [40.0, 8.0])
+    }
+
+    /// The same up to a length and a bar's width, mm.
+    pub(crate) fn pin_within(&mut self, rubber: Layer, [longest, widest]: [f64; 2]) -> Drawn {
         let t = rubber.thickness_mm;
-        let length_mm = self.between(3.0, 40.0).max(t);
+        let length_mm = self.between(3.0, longest).max(t);
         let bar = self.between(0.0, 3.0) < 1.0;
         let depth_mm = t * self.between(0.01, 0.1);
         let profile = if bar {
-            Profile::Bar { width_mm: self.between(0.4, 8.0) }
+            Profile::Bar { width_mm: self.between(0.4, widest) }
         } else {
             Profile::Cylinder { radius_mm: self.between(2.0, 45.0) }
         };

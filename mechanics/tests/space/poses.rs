@@ -1,5 +1,5 @@
-//! Pins and bars in any pose against a much finer solution: force and centroid at the fast level,
-//! the image at the default one. Refuses to time anything; the example `pin_sweep` does, over more.
+//! Pins and bars in any pose against a much finer solution: force, centroid and image at the fast
+//! level and at the default one. Refuses to time anything; the example `pin_sweep` does, over more.
 
 use crate::draws::{Drawn, Draws};
 use crate::{apart, peak};
@@ -51,8 +51,9 @@ fn any_pose_keeps_force_centroid_and_image() {
             let truth = (force, &exact[..]);
             let deep = Drive::PenetrationMm(drawn.delta_mm);
             let mut pin = drawn.pin(Level::Fast);
-            let [force_off, away, _] = off(&drawn, &mut pin, &quick, deep, truth);
+            let [force_off, away, image] = off(&drawn, &mut pin, &quick, deep, truth);
             assert!(force_off < 1e-2 && away < AWAY_MM, "{drawn:?}: {force_off:e} {away}");
+            assert!(image < 2e-2, "{drawn:?}: {image:e}");
             let [force_off, away, _] = off(&drawn, &mut pin, &quick, Drive::ForceN(force), truth);
             assert!(force_off < 4e-3 && away < AWAY_MM, "by force {drawn:?}: {force_off:e} {away}");
             if n % 5 == 0 {

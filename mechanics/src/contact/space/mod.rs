@@ -21,6 +21,7 @@ mod refusal;
 pub mod scene;
 pub mod shear;
 pub mod sphere;
+mod straight;
 pub mod surface;
 mod table;
 pub mod tactels;

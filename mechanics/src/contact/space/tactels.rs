@@ -11,6 +11,7 @@ use super::super::{Invalid, positive};
 use super::pin::Stand;
 use super::radial::Influence;
 use super::shear::Shear;
+use super::straight::Straight;
 
 /// Most tactels of an array.
 const TACTELS_MAX: usize = 1 << 20;
@@ -23,6 +24,13 @@ const PHASES_MAX: usize = 256;
 const THINNEST: f64 = 1000.0;
 /// Loads further from the array than this many of its widths leave nothing on it.
 const WIDTHS: f64 = 8.0;
+
+/// Straight lines on a layer thicker than this many tactels, under which few loads make an image:
+/// so many times further, and for what rubs, so many times finer on any layer.
+const THICK: f64 = 0.7;
+const FURTHER: f64 = 1.25;
+const FURTHER_SHEARED: f64 = 2.0;
+const FINER_SHEARED: f64 = 10.0 / 6.0;
 
 /// What a tactel reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,8 +55,8 @@ pub struct Fineness {
 impl Fineness {
     /// About 1e-5 of a load's largest share.
     pub const DEFAULT: Self = Self { per_thickness: 10.0, reach: 14.0, cubic: true };
-    /// About 3e-3 of it, several times faster.
-    pub const FAST: Self = Self { per_thickness: 10.0, reach: 6.0, cubic: false };
+    /// Within 1e-2 of it, several times faster; a load keeps its force.
+    pub const FAST: Self = Self { per_thickness: 6.0, reach: 6.0, cubic: false };
     /// About 1e-7 of it.
     pub const FINE: Self = Self { per_thickness: 32.0, reach: 24.0, cubic: true };
 }
@@ -148,13 +156,26 @@ impl Array {
 #[derive(Clone, Debug)]
 pub struct Shares {
     array: Array,
+    sampling: Sampling,
+    reading: Reading,
+}
+
+/// How a load's shares are read.
+#[derive(Clone, Debug)]
+enum Reading {
+    Cubic(Cubic),
+    Straight(Straight),
+}
+
+/// Blocks read by cubics.
+#[derive(Clone, Debug)]
+struct Cubic {
     /// Grid points across one tactel.
     phases: usize,
     /// Tactels of a block along each axis; the load lies in the middle cell.
     side: usize,
     /// Offset blocks by the phase along y, then along x; within a block rows along y.
     blocks: Vec<f64>,
-    cubic: bool,
 }
 
 impl Shares {
@@ -209,20 +230,98 @@ impl Shares {
             let what = format!("{t} mm under tactels of {} mm", array.pitch_mm);
             return Err(Invalid::new("thickness_mm", what, "give tactels nearer to the thickness"));
         }
-        let wanted = libm::ceil(0.5 * fineness.per_thickness * array.pitch_mm / t).max(1.0);
-        let phases = 2 * (wanted as usize).min(PHASES_MAX / 2);
+        // What rubs has nothing below it: its bends and its tail are more beside its largest share.
+        let thick = t > THICK * array.pitch_mm;
+        let [finer, further] = match (fineness.cubic, base.odd, thick) {
+            (true, ..) | (false, false, false) => [1.0; 2],
+            (false, false, true) => [1.0, FURTHER],
+            (false, true, false) => [FINER_SHEARED, 1.0],
+            (false, true, true) => [FINER_SHEARED, FURTHER_SHEARED],
+        };
+        let per_tactel = finer * fineness.per_thickness * array.pitch_mm / t;
+        let phases = 2 * (libm::ceil(0.5 * per_tactel).max(1.0) as usize).min(PHASES_MAX / 2);
         let most = WIDTHS * array.rows.max(array.cols) as f64;
-        // On a layer thick against a tactel few loads make an image: they may reach further.
-        let more = if !fineness.cubic && t > 0.7 * array.pitch_mm { 2.0 } else { 1.0 };
-        let reach = more * fineness.reach * t / array.pitch_mm;
-        let half = libm::ceil(reach + 0.5).min(most) as usize + 1;
-        let side = 2 * half;
-        let stride = phases + 3;
-        if (stride * stride).saturating_mul(side * side) > TABLE_MAX {
+        let reach = further * fineness.reach * t / array.pitch_mm;
+        let most = libm::ceil(most) as usize;
+        let half = (libm::ceil(reach + 0.5) as usize).min(most) + 1;
+        let side = Straight::side_for(reach, 2 * most);
+        let numbers = if fineness.cubic {
+            ((phases + 3) * (phases + 3)).saturating_mul(4 * half * half)
+        } else {
+            Straight::len(phases, side)
+        };
+        if numbers > TABLE_MAX {
             let what = format!("{} mm on tactels of {} mm", t, array.pitch_mm);
             return Err(Invalid::new("thickness_mm", what, "give tactels nearer to the thickness"));
         }
+        let half = if fineness.cubic { half } else { side / 2 + 1 };
         let offsets = Offsets::new(base, array, sampling, phases, half);
+        let reading = if fineness.cubic {
+            Reading::Cubic(Cubic::new(phases, half, &offsets))
+        } else {
+            let kept = sampling == Sampling::Area && !base.odd;
+            let whole = kept.then(|| 1.0 / (array.pitch_mm * array.pitch_mm));
+            Reading::Straight(Straight::new(
+                (array, phases, side),
+                |[i, j]| offsets.share(i, j),
+                whole,
+            ))
+        };
+        Ok(Self { array: *array, sampling, reading })
+    }
+
+    /// The array.
+    #[must_use]
+    pub fn array(&self) -> &Array {
+        &self.array
+    }
+
+    /// Adds the stress (MPa, negative) of a load of `force_n` at `place_mm` to an image, row by
+    /// row. Loads that are not finite, or further off the array than the table reaches, add
+    /// nothing; so does an image of the wrong length.
+    pub fn add(&self, image: &mut [f64], [x, y]: [f64; 2], force_n: f64) {
+        let Array { rows, cols, pitch_mm } = self.array;
+        if !force_n.is_finite() || force_n == 0.0 || image.len() != rows * cols {
+            return;
+        }
+        match &self.reading {
+            Reading::Cubic(shares) => {
+                // Places in tactels from the lower left corner of the array.
+                let place = [x / pitch_mm + 0.5 * cols as f64, y / pitch_mm + 0.5 * rows as f64];
+                shares.add((image, cols), place, -force_n);
+            }
+            Reading::Straight(shares) => shares.add(image, [x, y], -force_n),
+        }
+    }
+}
+
+impl Shares {
+    /// Side of the square that a tactel is the mean over, mm; absent for values under a centre.
+    pub(super) fn mean_over_mm(&self) -> Option<f64> {
+        (self.sampling == Sampling::Area).then_some(self.array.pitch_mm)
+    }
+
+    /// Tactels, along each axis, on which a load leaves something.
+    pub(super) fn side(&self) -> usize {
+        match &self.reading {
+            Reading::Cubic(shares) => shares.side,
+            Reading::Straight(shares) => shares.side(),
+        }
+    }
+
+    /// Whether a load within `about_mm` of a place may leave something on the array.
+    pub(super) fn sees(&self, [x, y]: [f64; 2], about_mm: f64) -> bool {
+        let Array { rows, cols, pitch_mm } = self.array;
+        let near = |place: f64, count: usize| {
+            place.abs() < about_mm + (0.5 * (count + self.side()) as f64 + 1.0) * pitch_mm
+        };
+        near(x, cols) && near(y, rows)
+    }
+}
+
+impl Cubic {
+    fn new(phases: usize, half: usize, offsets: &Offsets) -> Self {
+        let (side, stride) = (2 * half, phases + 3);
         let mut blocks = Vec::with_capacity(stride * stride * side * side);
         // Phase p is the place (p - 1)/phases of the load in its tactel, from its left edge.
         let along = |index: usize, phase: usize| {
@@ -238,26 +337,15 @@ impl Shares {
                 }
             }
         }
-        Ok(Self { array: *array, phases, side, blocks, cubic: fineness.cubic })
+        Self { phases, side, blocks }
     }
 
-    /// The array.
-    #[must_use]
-    pub fn array(&self) -> &Array {
-        &self.array
-    }
-
-    /// Adds the stress (MPa, negative) of a load of `force_n` at `place_mm` to an image, row by
-    /// row. Loads that are not finite, or further off the array than the table reaches, add
-    /// nothing; so does an image of the wrong length.
-    pub fn add(&self, image: &mut [f64], [x, y]: [f64; 2], force_n: f64) {
-        let Array { rows, cols, pitch_mm } = self.array;
-        // Places in tactels from the lower left corner of the array.
-        let (u, v) = (x / pitch_mm + 0.5 * cols as f64, y / pitch_mm + 0.5 * rows as f64);
-        let half = (self.side / 2) as f64;
+    /// Adds the shares of a load of `force` at a place in tactels from the lower left corner of an
+    /// array of `cols` columns.
+    fn add(&self, (image, cols): (&mut [f64], usize), [u, v]: [f64; 2], force: f64) {
+        let (half, rows) = ((self.side / 2) as f64, image.len() / cols);
         let near = |place: f64, count: usize| place > -half && place < count as f64 + half;
-        let sound = near(u, cols) && near(v, rows) && force_n.is_finite();
-        if !sound || force_n == 0.0 || image.len() != rows * cols {
+        if !(near(u, cols) && near(v, rows)) {
             return;
         }
         let first = |place: f64| libm::floor(place) as isize - (self.side as isize / 2 - 1);
@@ -269,17 +357,17 @@ impl Shares {
         };
         let ((from_x, to_x), (from_y, to_y)) = (span(left, cols), span(low, rows));
         let mut weights = [(0, 0.0); 16];
-        let used = self.weights([u - libm::floor(u), v - libm::floor(v)], &mut weights);
+        self.weights([u - libm::floor(u), v - libm::floor(v)], &mut weights);
         for row in from_y..to_y {
             let start = (low + row as isize) as usize * cols + (left + from_x as isize) as usize;
             let target = &mut image[start..start + to_x - from_x];
-            // Four blocks at a time; unused ones weigh nothing.
-            for four in weights[..used].chunks_exact(4) {
+            // Four blocks at a time.
+            for four in weights.chunks_exact(4) {
                 let [a, b, c, d] = [0, 1, 2, 3].map(|k| {
                     let start = four[k].0 + row * self.side;
                     &self.blocks[start + from_x..start + to_x]
                 });
-                let [wa, wb, wc, wd] = [0, 1, 2, 3].map(|k| -force_n * four[k].1);
+                let [wa, wb, wc, wd] = [0, 1, 2, 3].map(|k| force * four[k].1);
                 let sources = a.iter().zip(b).zip(c.iter().zip(d));
                 for (value, ((a, b), (c, d))) in target.iter_mut().zip(sources) {
                     *value += (wa * a + wb * b) + (wc * c + wd * d);
@@ -289,24 +377,18 @@ impl Shares {
     }
 
     /// Starts of the blocks that a load at a place within its tactel is read from, and their
-    /// weights; how many there are.
-    fn weights(&self, place: [f64; 2], out: &mut [(usize, f64); 16]) -> usize {
+    /// weights.
+    fn weights(&self, place: [f64; 2], out: &mut [(usize, f64); 16]) {
         let [(cell_x, w_x), (cell_y, w_y)] = place.map(|part| {
             let p = part * self.phases as f64;
             let cell = (p as usize).min(self.phases - 1);
-            let s = p - cell as f64;
-            (cell, if self.cubic { cubic(s) } else { [0.0, 1.0 - s, s, 0.0] })
+            (cell, cubic(p - cell as f64))
         });
         let (area, stride) = (self.side * self.side, self.phases + 3);
-        let taps = if self.cubic { 0..4 } else { 1..3 };
-        let mut used = 0;
-        for j in taps.clone() {
-            for i in taps.clone() {
-                out[used] = (((cell_y + j) * stride + cell_x + i) * area, w_x[i] * w_y[j]);
-                used += 1;
-            }
+        for (at, out) in out.iter_mut().enumerate() {
+            let (i, j) = (at % 4, at / 4);
+            *out = (((cell_y + j) * stride + cell_x + i) * area, w_x[i] * w_y[j]);
         }
-        used
     }
 }
 

@@ -34,6 +34,8 @@ pub(super) struct Fineness {
     pub(super) cosines: (f64, f64, f64),
     /// Wave number (times thickness) up to which the points of an image stand for the pressure.
     pub(super) points: f64,
+    /// The same for a tactel as wide as the layer is thick, where lines stand for slices.
+    pub(super) lines: f64,
     pub(super) tolerance: f64,
     pub(super) steps: usize,
     /// Part of the penetration that may be left when the steps are used up; more is no answer.
@@ -44,8 +46,6 @@ pub(super) struct Fineness {
     pub(super) together: usize,
     /// Whether the slices of a short row take a part each of their changes.
     pub(super) each: bool,
-    /// Whether short slices of a bar stand together in an image.
-    pub(super) grouped: bool,
     /// Whether a slice's force is spread over its neighbours in an image.
     pub(super) spread: bool,
     /// Most unknowns of a contact on an end whose widths are read: wide ones have fewer slices.
@@ -80,13 +80,13 @@ impl Fineness {
                 modes: modes(10.0, 10.0, 7.0, 0.2),
                 cosines: (3.0, 0.0, 1.5),
                 points: 4.5,
+                lines: 6.15,
                 tolerance: 5e-3,
                 steps: 8,
                 settled: 5e-2,
                 read: 5e-2,
                 together: 0,
                 each: false,
-                grouped: true,
                 spread: false,
                 unknowns: 54,
                 nested: Some(Tabled {
@@ -102,13 +102,13 @@ impl Fineness {
                 modes: DEFAULT.modes,
                 cosines: (4.0, 0.5, 2.0),
                 points: 11.0,
+                lines: 0.0,
                 tolerance: 1e-4,
                 steps: 25,
                 settled: 1e-2,
                 read: 7e-3,
                 together: 0,
                 each: true,
-                grouped: false,
                 spread: true,
                 unknowns: 224,
                 nested: Some(DEFAULT),
@@ -120,13 +120,13 @@ impl Fineness {
                 modes: modes(24.0, 20.0, 16.0, 0.05),
                 cosines: (6.0, 1.0, 2.0),
                 points: 18.0,
+                lines: 0.0,
                 tolerance: 1e-6,
                 steps: 60,
                 settled: 1e-3,
                 read: 0.0,
                 together: 900,
                 each: true,
-                grouped: false,
                 spread: true,
                 unknowns: 0,
                 nested: None,

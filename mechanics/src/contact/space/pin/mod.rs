@@ -31,7 +31,9 @@ mod direct;
 mod edge;
 mod ends;
 mod fineness;
+mod image;
 mod leftover;
+mod lines;
 mod lying;
 mod mixed;
 mod nested;
@@ -47,7 +49,6 @@ mod work;
 use super::super::kernel::SurfaceKernel;
 use super::super::layer::Layer;
 use super::super::{Invalid, finite, positive};
-use super::tactels::Shares;
 use super::{Drive, Level, Refusal, Why};
 use corner::Corner;
 use fineness::Fineness;
@@ -477,22 +478,6 @@ impl Pin {
     #[must_use]
     pub fn state(&self) -> PinState {
         self.state
-    }
-
-    /// Adds the image of the contact to `image`, stresses in MPa; nothing without contact, or when
-    /// the stand is not finite.
-    pub fn image(&self, shares: &Shares, stand: Stand, image: &mut [f64]) {
-        let (s, c) = (libm::sin(stand.rot_rad), libm::cos(stand.rot_rad));
-        self.loads(|[u, v], force| {
-            shares.add(image, [stand.x_mm + u * c - v * s, stand.y_mm + u * s + v * c], force);
-        });
-    }
-
-    /// Calls with place (across, along) in mm and force in N of point loads that stand for the
-    /// contact.
-    pub fn loads(&self, mut of: impl FnMut([f64; 2], f64)) {
-        let lie = self.lie();
-        self.rows[self.at].loads(|[u, w], force| of([u, lie.place(w)], force));
     }
 
     fn lie(&self) -> Lie {

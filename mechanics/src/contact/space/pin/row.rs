@@ -11,27 +11,19 @@ use super::couple::{Coupling, Parity};
 use super::ends::loss;
 use super::fineness::{Fineness, Laid};
 use super::leftover::Leftover;
+use super::lines::{POINTS_MAX, Rule};
 use super::lying::Lying;
 use super::nested::Nested;
 use super::newton::Newton;
-use super::strip::{COSINES_MAX, Strips};
+use super::strip::Strips;
 use super::work::Work;
 use core::f64::consts::PI;
 
-/// Most points across half a slice in an image.
-const POINTS_MAX: usize = 96;
 /// Rows shorter than this (thicknesses) respond otherwise than in the plane.
 const SHORT: f64 = 6.0;
 /// A whole pin shorter than this (thicknesses) is cut no finer than its end, where its image is
 /// that of spread slices.
 const FEW: f64 = 10.0;
-/// Slices longer than this (thicknesses) are too long for one row of points.
-const STAGGERED: f64 = 0.8;
-/// Slices of a bar stand together over about this part of its row, within so many thicknesses.
-const TOGETHER_PARTS: f64 = 36.0;
-const TOGETHER: [f64; 2] = [0.6, 1.0];
-/// Half-width (thicknesses) up to which the base hardly tells the two sides apart.
-const NARROW: f64 = 0.6;
 /// Penetrations, in parts of the steepest slope's, that a row is made for; least, thicknesses.
 const DEEPER: f64 = 1.8;
 const SHALLOWEST: f64 = 0.01;
@@ -79,8 +71,8 @@ pub(super) struct Row {
     pub(super) h: f64,
     pub(super) along: Vec<f64>,
     pub(super) work: Work,
-    /// For 1, 2 ... points across half a slice: cos(theta), then cos(2 k theta), point after point.
-    pub(super) rules: Vec<Vec<f64>>,
+    /// For 1, 2 ... points across half a slice.
+    pub(super) rules: Vec<Rule>,
 }
 
 impl Row {
@@ -139,7 +131,9 @@ impl Row {
             }
             steps *= 3;
         }
-        let most = points_for(fineness.points, widest);
+        let finest =
+            if fineness.spread { fineness.points } else { Self::cutoff_max(fineness.lines) };
+        let most = points_for(finest, widest);
         Ok(Self {
             layer: *layer,
             fineness: Fineness { modes, steps, ..fineness },
@@ -157,7 +151,7 @@ impl Row {
             newton: None,
             along,
             work,
-            rules: (1..=most).map(|points| rule(points, cosines)).collect(),
+            rules: (1..=most).map(|points| Rule::new(points, cosines)).collect(),
         })
     }
 
@@ -172,57 +166,6 @@ impl Row {
     /// Lifts off and forgets the contact.
     pub(super) fn release(&mut self) {
         self.work.clear();
-    }
-
-    /// Calls with place (across, along) in mm and force in N of point loads that stand for the
-    /// contact. On long slices they stand a quarter of a slice before and behind its middle, so
-    /// that the base sees them twice as close, half of them the other way round. Short slices of
-    /// a bar stand together where their force does.
-    pub(super) fn loads(&self, mut of: impl FnMut([f64; 2], f64)) {
-        if self.fineness.spread {
-            return self.spread_loads(of);
-        }
-        let t = self.layer.thickness_mm;
-        let wanted = (self.length / TOGETHER_PARTS).clamp(TOGETHER[0], TOGETHER[1]);
-        let grouped = self.fineness.grouped && !self.strips.is_free();
-        let together = if grouped { (wanted / self.h + 0.5).max(1.0) as usize } else { 1 };
-        let scale = 0.5 * PI * self.modulus_mpa() * t * t * self.h;
-        let n = self.work.places.cosines;
-        let mut sum = [0.0; COSINES_MAX];
-        let sum = &mut sum[..n];
-        let last = self.along.len() - 1;
-        let touching = (0..=last).filter(|j| self.work.touches(*j));
-        let (whole, mut passed): (f64, f64) = (touching.map(|j| self.work.a[j * n]).sum(), 0.0);
-        for group in 0..self.along.len().div_ceil(together) {
-            // Counted from the deeper end, where every contact begins.
-            let slices = (group * together..=last).take(together).map(|back| last - back);
-            let (mut b, mut moment, mut touched) = (0.0_f64, 0.0, 0);
-            sum.fill(0.0);
-            for j in slices.filter(|j| self.work.touches(*j)) {
-                let (width, a) = self.work.slice(j);
-                sum.iter_mut().zip(a).for_each(|(sum, a)| *sum += a);
-                moment += a[0] * self.along[j];
-                (b, touched) = (b.max(width), touched + 1);
-            }
-            if touched == 0 {
-                continue;
-            }
-            let v = moment / sum[0];
-            let length = self.h * f64::from(touched);
-            let aside = if length > STAGGERED { 0.25 * length * t } else { 0.0 };
-            // What one half of the force turns about the middle the other half turns back.
-            let first = if b > NARROW { passed < 0.5 * whole } else { group % 2 == 0 };
-            let mut ahead = if first { aside } else { -aside };
-            passed += sum[0];
-            let points = points_for(self.fineness.points, b).min(self.rules.len());
-            for point in self.rules[points - 1].chunks_exact(n + 1) {
-                let psi: f64 = point[1..].iter().zip(&*sum).map(|(x, y)| x * y).sum();
-                let (u, force) = (b * point[0] * t, scale / points as f64 * psi);
-                of([u, v * t + ahead], force);
-                of([-u, v * t - ahead], force);
-                ahead = -ahead;
-            }
-        }
     }
 
     /// pi G/(1 - nu): pressure per unit of the kernels.
@@ -255,15 +198,4 @@ impl Lie {
 /// error of Gauss and Chebyshev's rule with 2 n points is the Bessel function J_4n(cutoff b).
 pub(super) fn points_for(cutoff: f64, b: f64) -> usize {
     (libm::ceil(0.25 * (cutoff * b + 0.5 * cutoff)) as usize).clamp(2, POINTS_MAX)
-}
-
-/// cos(theta) and cos(2 k theta) at the points of half a strip.
-fn rule(points: usize, cosines: usize) -> Vec<f64> {
-    let mut out = Vec::with_capacity(points * (cosines + 1));
-    for i in 0..points {
-        let angle = PI * (2 * i + 1) as f64 / (4 * points) as f64;
-        out.push(libm::cos(angle));
-        out.extend((0..cosines).map(|k| libm::cos(2.0 * k as f64 * angle)));
-    }
-    out
 }

@@ -5,6 +5,7 @@
 //! would put the ends of a pin off by the square of the length. A part of each force on the middles
 //! of its neighbours has the triangle's moments. It refuses nothing.
 
+use super::lines::POINTS_MAX;
 use super::row::{Row, points_for};
 use super::strip::COSINES_MAX;
 use core::f64::consts::PI;
@@ -59,13 +60,13 @@ impl Row {
         coarser: f64,
         of: &mut impl FnMut([f64; 2], f64),
     ) {
-        let (t, n) = (self.layer.thickness_mm, self.work.places.cosines);
-        let points =
-            points_for(coarser * self.fineness.points, b).max(n / 2 + 1).min(self.rules.len());
+        let t = self.layer.thickness_mm;
+        let least = self.work.places.cosines / 2 + 1;
+        let points = points_for(coarser * self.fineness.points, b).max(least).min(self.rules.len());
         let scale = part * 0.5 * PI * self.modulus_mpa() * t * t * self.h / points as f64;
-        for point in self.rules[points - 1].chunks_exact(n + 1) {
-            let psi: f64 = point[1..].iter().zip(a).map(|(x, y)| x * y).sum();
-            let (u, force) = (b * point[0] * t, scale * psi);
+        let mut psi = [0.0; POINTS_MAX];
+        for (place, psi) in self.rules[points - 1].at(a, &mut psi) {
+            let (u, force) = (b * place * t, scale * psi);
             of([u, v * t], force);
             of([-u, v * t], force);
         }

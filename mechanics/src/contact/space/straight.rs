@@ -1,0 +1,320 @@
+//! Shares of a load among the tactels around it, read by straight lines: in single precision, each
+//! block as wide as the reach and no wider. What the reach leaves out lies on the block's rim, so
+//! that a load keeps its force. Straight lines lie inside of a bend: the nodes are moved out by
+//! what they lose on the mean. Reading neither allocates nor panics.
+//!
+//! A load lies in a cell of a grid over its tactel. Each cell has its own block of tactels, which
+//! holds the value at its lower left corner and the differences along x, y and both: one stretch of
+//! memory is all that a load reads.
+
+use super::tactels::Array;
+
+/// Rows of a block are padded with zeros to a multiple of this.
+const LANES: usize = 4;
+/// Numbers that a tactel's share in a cell is made of.
+const PARTS: usize = 4;
+/// Tactels of a row that are summed in single precision before they are added.
+const STRETCH: usize = 32;
+
+/// Blocks over the cells of a load's place within its tactel.
+#[derive(Clone, Debug)]
+pub(super) struct Straight {
+    /// Cells across one tactel, and in a millimetre.
+    phases: usize,
+    per_mm: f64,
+    /// Tactels of a block along each axis, and numbers in a row of one part of it.
+    side: usize,
+    stride: usize,
+    /// Blocks by the cell along y, then along x; within a block rows along y, then parts.
+    blocks: Vec<f32>,
+    /// Columns of the array, and the cells along x and y in which a load leaves something on it.
+    cols: usize,
+    axes: [Axis; 2],
+}
+
+/// The cells along an axis, from the first in which a load leaves something on the array.
+#[derive(Clone, Debug)]
+struct Axis {
+    /// The array's middle, in cells from the first.
+    middle: f64,
+    cells: Vec<Cell>,
+}
+
+/// What a cell's block covers of the array.
+#[derive(Clone, Copy, Debug)]
+struct Cell {
+    /// Number within the tactel.
+    cell: usize,
+    /// Tactel of the block's first row or column.
+    first: isize,
+    /// Rows or columns of the block that are on the array: from, and one beyond the last.
+    on: [usize; 2],
+}
+
+impl Straight {
+    /// Tactels of a block along each axis for a reach in tactels.
+    pub(super) fn side_for(reach: f64, most: usize) -> usize {
+        (libm::ceil(2.0 * reach) as usize + 1).clamp(2, most)
+    }
+
+    /// Tactels of a block along each axis.
+    pub(super) fn side(&self) -> usize {
+        self.side
+    }
+
+    /// Numbers that blocks of so many tactels take.
+    pub(super) fn len(phases: usize, side: usize) -> usize {
+        (phases * phases * PARTS).saturating_mul(side * side.next_multiple_of(LANES))
+    }
+
+    /// Blocks of what `share` gives for an offset of a tactel's centre from the load, in cells of
+    /// which a tactel has an even number; `whole` is what all tactels together have, where that is
+    /// kept.
+    pub(super) fn new(
+        (array, phases, side): (&Array, usize, usize),
+        share: impl Fn([isize; 2]) -> f64,
+        whole: Option<f64>,
+    ) -> Self {
+        let stride = side.next_multiple_of(LANES);
+        let mut made = Self {
+            phases,
+            per_mm: phases as f64 / array.pitch_mm,
+            side,
+            stride,
+            blocks: vec![0.0; Self::len(phases, side)],
+            cols: array.cols,
+            axes: [Axis::EMPTY, Axis::EMPTY],
+        };
+        made.axes = [array.cols, array.rows].map(|count| made.axis(count));
+        let node = |[x, y]: [isize; 2]| {
+            let middle = share([x, y]);
+            let across = share([x + 1, y]) + share([x - 1, y]);
+            let along = share([x, y + 1]) + share([x, y - 1]);
+            middle - (across + along - 4.0 * middle) / 12.0
+        };
+        let n = phases as isize;
+        let mut corners = vec![[0.0; 4]; side * side];
+        for at in 0..phases * phases {
+            let cell = [at % phases, at / phases];
+            let offset = |tactel: usize, cell: usize| {
+                (made.first(cell) + tactel as isize) * n + n / 2 - cell as isize
+            };
+            for (at, corners) in corners.iter_mut().enumerate() {
+                let [x, y] = [offset(at % side, cell[0]), offset(at / side, cell[1])];
+                *corners = [[x, y], [x - 1, y], [x, y - 1], [x - 1, y - 1]].map(node);
+            }
+            if let Some(whole) = whole {
+                keep(&mut corners, side, whole);
+            }
+            let block = &mut made.blocks[at * PARTS * side * stride..];
+            for (at, [a, b, c, d]) in corners.iter().enumerate() {
+                let parts = [*a, b - a, c - a, (d - c) - (b - a)];
+                let row = &mut block[at / side * PARTS * stride..];
+                for (part, value) in parts.into_iter().enumerate() {
+                    row[part * stride + at % side] = value as f32;
+                }
+            }
+        }
+        made
+    }
+
+    /// First tactel of a cell's block, counted from the load's.
+    fn first(&self, cell: usize) -> isize {
+        let later = self.side.is_multiple_of(2) && 2 * cell >= self.phases;
+        isize::from(later) - (self.side / 2) as isize
+    }
+
+    /// The cells along an axis of so many tactels.
+    fn axis(&self, count: usize) -> Axis {
+        let (n, side) = (self.phases as isize, self.side as isize);
+        let cell = |index: isize| {
+            let cell = index.rem_euclid(n) as usize;
+            let first = index.div_euclid(n) + self.first(cell);
+            let [from, to] = [-first, count as isize - first].map(|i| i.clamp(0, side) as usize);
+            Cell { cell, first, on: [from, to] }
+        };
+        let all = (-side * n..(count as isize + side) * n).map(|index| (index, cell(index)));
+        let seen: Vec<(isize, Cell)> = all.filter(|(_, cell)| cell.on[0] < cell.on[1]).collect();
+        let from = seen.first().map_or(0, |(index, _)| *index);
+        let cells = seen.into_iter().map(|(_, cell)| cell).collect();
+        Axis { middle: 0.5 * count as f64 * self.phases as f64 - from as f64, cells }
+    }
+
+    /// Adds the shares of a load of `force` at a place on an image of the array.
+    #[inline]
+    pub(super) fn add(&self, image: &mut [f64], place_mm: [f64; 2], force: f64) {
+        let [x, y] = [0, 1].map(|k| self.axes[k].at(place_mm[k] * self.per_mm));
+        let Some(((x, s), (y, t))) = x.zip(y) else { return };
+        let weights = [s as f32, t as f32, (s * t) as f32];
+        let (row, [low, high]) = (PARTS * self.stride, y.on);
+        let start = (y.cell * self.phases + x.cell) * self.side * row;
+        let block = &self.blocks[start + low * row..start + high * row];
+        let from = (y.first + low as isize) as usize * self.cols;
+        let image = &mut image[from..from + (high - low) * self.cols];
+        match self.stride {
+            4 => self.narrow::<4>(block, image, x, (weights, force)),
+            8 => self.narrow::<8>(block, image, x, (weights, force)),
+            12 => self.narrow::<12>(block, image, x, (weights, force)),
+            16 => self.narrow::<16>(block, image, x, (weights, force)),
+            _ => self.wide(block, image, x, (weights, force)),
+        }
+    }
+
+    /// Adds the rows of a block of any width.
+    fn wide(&self, block: &[f32], image: &mut [f64], x: Cell, (w, force): ([f32; 3], f64)) {
+        let [from, to] = x.on;
+        let mut start = (x.first + from as isize) as usize;
+        let mut sums = [0.0_f32; STRETCH];
+        for row in block.chunks_exact(PARTS * self.stride) {
+            let parts = [0, 1, 2, 3].map(|k| &row[k * self.stride + from..k * self.stride + to]);
+            for (n, target) in image[start..start + to - from].chunks_mut(STRETCH).enumerate() {
+                let sums = &mut sums[..target.len()];
+                let [a, b, c, d] = parts.map(|part| &part[n * STRETCH..][..sums.len()]);
+                let both = a.iter().zip(b).zip(c.iter().zip(d));
+                for (sum, ((a, b), (c, d))) in sums.iter_mut().zip(both) {
+                    *sum = (a + w[0] * b) + (w[1] * c + w[2] * d);
+                }
+                for (value, sum) in target.iter_mut().zip(&*sums) {
+                    *value += force * f64::from(*sum);
+                }
+            }
+            start += self.cols;
+        }
+    }
+
+    /// The same for rows of `N` numbers.
+    #[inline]
+    fn narrow<const N: usize>(
+        &self,
+        block: &[f32],
+        image: &mut [f64],
+        x: Cell,
+        (w, force): ([f32; 3], f64),
+    ) {
+        let rows = block.as_chunks::<N>().0.as_chunks::<PARTS>().0;
+        let [from, to] = x.on;
+        if x.first >= 0 && x.first as usize + N <= self.cols {
+            let mut start = x.first as usize;
+            for [a, b, c, d] in rows {
+                let sums = sums([a, b, c, d], w);
+                if let Some(target) = image[start..].first_chunk_mut::<N>() {
+                    for (value, sum) in target.iter_mut().zip(sums) {
+                        *value += force * f64::from(sum);
+                    }
+                }
+                start += self.cols;
+            }
+        } else {
+            let mut start = (x.first + from as isize) as usize;
+            for [a, b, c, d] in rows {
+                let sums = sums([a, b, c, d], w);
+                let target = &mut image[start..start + to - from];
+                for (value, sum) in target.iter_mut().zip(&sums[from..to]) {
+                    *value += force * f64::from(*sum);
+                }
+                start += self.cols;
+            }
+        }
+    }
+}
+
+impl Axis {
+    const EMPTY: Self = Self { middle: 0.0, cells: Vec::new() };
+
+    /// The cell at a place in cells from the array's middle, and the place within it, 0 to 1;
+    /// absent where a load leaves nothing, and for NaN.
+    #[inline]
+    fn at(&self, place: f64) -> Option<(Cell, f64)> {
+        /// Adding it leaves no fraction: what is lost is at most a half.
+        const WHOLE: f64 = (3_u64 << 51) as f64;
+        let shifted = place + self.middle;
+        if !(shifted >= 0.0 && shifted < self.cells.len() as f64) {
+            return None;
+        }
+        let whole = shifted - 0.5 + WHOLE;
+        let index = (whole.to_bits() & 0xffff_ffff) as usize;
+        Some((*self.cells.get(index)?, shifted - (whole - WHOLE)))
+    }
+}
+
+/// What the parts of some tactels come to.
+#[inline]
+fn sums<const N: usize>(parts: [&[f32; N]; 4], [s, t, both]: [f32; 3]) -> [f32; N] {
+    let [a, b, c, d] = parts;
+    core::array::from_fn(|k| (a[k] + s * b[k]) + (t * c[k] + both * d[k]))
+}
+
+/// Spreads what a block's corners miss of the whole evenly over the tactels at its edge.
+fn keep(corners: &mut [[f64; 4]], side: usize, whole: f64) {
+    let mut rest = [whole; 4];
+    for corner in &*corners {
+        rest.iter_mut().zip(corner).for_each(|(rest, value)| *rest -= value);
+    }
+    let rim = (4 * (side - 1)) as f64;
+    for (at, corner) in corners.iter_mut().enumerate() {
+        let (i, j) = (at % side, at / side);
+        if i == 0 || j == 0 || i + 1 == side || j + 1 == side {
+            corner.iter_mut().zip(rest).for_each(|(value, rest)| *value += rest / rim);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::layer::Layer;
+    use super::super::radial::Influence;
+    use super::super::shear::Shear;
+    use super::super::tactels::{Array, Fineness, Sampling, Shares};
+
+    /// Loads on, beside and off arrays of several shapes, narrow and wide blocks, against cubics.
+    #[test]
+    fn straight_lines_give_what_cubics_give_and_a_load_keeps_its_force() {
+        for (t, rows, cols, pitch_mm) in
+            [(0.3, 16, 16, 1.5875), (0.8, 5, 9, 1.5875), (0.5, 30, 28, 1.0), (2.2, 40, 37, 1.0)]
+        {
+            let layer = Layer::new(t, 27.58, 0.5).expect("a sound layer");
+            let influence = Influence::new(&layer).expect("a layer");
+            let shear = Shear::new(&layer).expect("a layer");
+            let array = Array { rows, cols, pitch_mm };
+            let fine = Fineness { reach: 14.0, ..Fineness::FINE };
+            let [quick, exact] = [Fineness::FAST, fine].map(|fineness| {
+                let normal = Shares::new(&influence, &array, Sampling::Area, fineness);
+                let sheared = Shares::sheared(&shear, &array, Sampling::Area, fineness);
+                [normal.expect("tables"), sheared.expect("tables")]
+            });
+            let most = |image: &[f64]| image.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+            let whole = |image: &[f64]| image.iter().sum::<f64>() * pitch_mm * pitch_mm;
+            for n in 0..60_u32 {
+                // From the middle outwards, beyond the edges too.
+                let (turn, out) = (2.4 * f64::from(n), 0.02 * f64::from(n));
+                let x = 0.5 * out * cols as f64 * pitch_mm * libm::cos(turn);
+                let y = 0.5 * out * rows as f64 * pitch_mm * libm::sin(turn);
+                for (n, (quick, exact)) in quick.iter().zip(&exact).enumerate() {
+                    let [mut a, mut b] = [vec![0.0; array.len()], vec![0.0; array.len()]];
+                    quick.add(&mut a, [x, y], 2.0);
+                    exact.add(&mut b, [x, y], 2.0);
+                    let largest = (0..12).fold(0.0_f64, |largest, part| {
+                        let mut seen = vec![0.0; array.len()];
+                        exact.add(
+                            &mut seen,
+                            [f64::from(part) / 12.0, 0.3].map(|p| p * pitch_mm),
+                            2.0,
+                        );
+                        largest.max(most(&seen))
+                    });
+                    let off =
+                        a.iter().zip(&b).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
+                    assert!(off < 1e-2 * largest, "{t} {n} {x} {y}: {off}");
+                    if n == 0 && out == 0.0 && t < 0.6 {
+                        assert!((whole(&a) + 2.0).abs() < 1e-5, "{t}: {}", whole(&a));
+                    }
+                }
+            }
+            let mut image = vec![0.0; array.len()];
+            for bad in [[f64::NAN, 0.0], [0.0, f64::INFINITY], [1e300, 0.0]] {
+                quick[0].add(&mut image, bad, 1.0);
+            }
+            assert!(image.iter().all(|value| *value == 0.0));
+        }
+    }
+}
