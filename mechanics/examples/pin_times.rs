@@ -1,8 +1,9 @@
 //! Time of the fast level's contact and image in drawn poses: `cargo run --release -p
-//! taktil-mechanics --example pin_times [-- LAYERS PINS SEED...]`. Pins up to 60 mm long and bars up
-//! to 12 mm wide, arrays of 8 x 8 to 32 x 32 tactels of 1.0 to 2.5 mm in turn, the thesis's every
-//! other layer. Prints median, nine in ten and largest, then the slowest ten with their geometry. A
-//! time is the least of some rounds, each of another contact a control period apart. Not lane code.
+//! taktil-mechanics --example pin_times [-- LAYERS PINS SEED...]`. Pins up to 60 mm long and bars
+//! up to 12 mm wide, arrays of 8 x 8 to 32 x 32 tactels of 1.0 to 2.5 mm in turn, the thesis's
+//! every other layer. Prints median, nine in ten and largest, then the slowest ten with their
+//! geometry. A time is the least of some rounds, each of another contact a control period apart.
+//! Not lane code.
 
 #[path = "../tests/space/draws.rs"]
 #[expect(dead_code, reason = "the sweep and the test judge what is only timed here")]

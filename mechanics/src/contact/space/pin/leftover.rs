@@ -151,8 +151,8 @@ impl Solved {
 }
 
 impl Row {
-    /// The contact of a force, what the slices leave over included, or of a penetration: that of the
-    /// origin, what is left, and the number of steps.
+    /// The contact of a force, what the slices leave over included, or of a penetration: that of
+    /// the origin, what is left, and the number of steps.
     pub(super) fn carried(
         &mut self,
         wanted: Option<f64>,

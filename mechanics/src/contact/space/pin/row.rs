@@ -122,21 +122,14 @@ impl Row {
         let along: Vec<f64> = (0..slices).map(place).collect();
         let nested = tabled.and_then(|_| Nested::new(&strips, &between, &along));
         let mut work = Work::new(slices, &strips, (coupling.transform_len(), room));
-        let mut steps = fineness.steps;
-        if length < SHORT {
-            if fineness.each {
-                work.relax_each()
-            } else {
-                work.relax()
-            }
-            steps *= 3;
-        }
+        let fineness = Fineness { modes, ..fineness };
+        let fineness = if length < SHORT { calmed(fineness, &mut work) } else { fineness };
         let finest =
             if fineness.spread { fineness.points } else { Self::cutoff_max(fineness.lines) };
         let most = points_for(finest, widest);
         Ok(Self {
             layer: *layer,
-            fineness: Fineness { modes, steps, ..fineness },
+            fineness,
             strips,
             coupling,
             h,
@@ -172,6 +165,16 @@ impl Row {
     pub(super) fn modulus_mpa(&self) -> f64 {
         PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson)
     }
+}
+
+/// A short row's slices act on each other so much that they take more and smaller steps.
+fn calmed(fineness: Fineness, work: &mut Work) -> Fineness {
+    if fineness.each {
+        work.relax_each();
+    } else {
+        work.relax();
+    }
+    Fineness { steps: 3 * fineness.steps, ..fineness }
 }
 
 /// The shortest row that holds a contact so long.
