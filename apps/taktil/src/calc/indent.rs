@@ -5,13 +5,13 @@
 use taktil_mechanics::contact::Invalid;
 use taktil_mechanics::contact::fem::{Elements, Kind, Mesh};
 use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::plane::bed::Bed;
-use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law, Status};
+use taktil_mechanics::contact::plane::grip::{Grip, Law};
 use taktil_mechanics::contact::plane::noslip::{NoSlip, NoSlipRefusal};
 use taktil_mechanics::contact::plane::{
     Contact, Friction, Indenter, Level, Load, Mode, PointForce, Refusal, Shape,
 };
 
+use super::cells::{cells, gripped, law_of, pressures};
 use super::field::Failure;
 use super::nodes::Nodes;
 use super::plane::{Indented, Prescribed, prescribed, shape_of};
@@ -19,10 +19,10 @@ use super::request::Args;
 
 /// How far before the wanted load the contact stands from which a warm solution starts.
 const NEIGHBOUR: f64 = 1.01;
+/// Farthest move that is meant.
+const FARTHEST_MM: f64 = 1e30;
 /// Width of the finite element layer.
 const WIDTH_MM: f64 = 25.4;
-/// Steps of a path with stick.
-const STEPS: u32 = 16;
 
 /// What every way of solving hands to the answer.
 pub(super) struct Solved {
@@ -90,11 +90,18 @@ pub(super) fn solve(
         Some(table) => Some(Law::Coulomb(table.number("coulomb")?)),
         None => None,
     };
+    // Solvers speak of the load; what was given may be a move.
+    let named = |failure: Failure| match (drive, failure.field.as_deref()) {
+        (Prescribed::Move { .. }, Some("load")) => {
+            Failure { field: Some("move".to_owned()), ..failure }
+        }
+        _ => failure,
+    };
     let text = if law.is_none() { args.choice("friction")? } else { "coulomb" };
     if args.choice("method")? == "fem" {
-        return elements(args, layer, depth, x_mm, &shape, drive);
+        return elements(args, layer, depth, x_mm, &shape, drive).map_err(named);
     }
-    match (shape, text) {
+    let solved = match (shape, text) {
         (Indented::Knife, _) => knife(drive, x_mm),
         (Indented::Rigid(shape @ (Shape::Cylinder { .. } | Shape::Parabola { .. })), "stick") => {
             no_slip(args, layer, shape, drive, x_mm)
@@ -107,7 +114,8 @@ pub(super) fn solve(
             Spectral { args, layer, shape, friction: Friction::None, drive }.solve(depth, x_mm)
         }
         (shape, _) => cells(args, layer, x_mm, &shape, drive),
-    }
+    };
+    solved.map_err(named)
 }
 
 fn knife(drive: Prescribed, x_mm: &[f64]) -> Result<Solved, Failure> {
@@ -130,7 +138,7 @@ fn knife(drive: Prescribed, x_mm: &[f64]) -> Result<Solved, Failure> {
     })
 }
 
-fn plain(p_n_mm: f64, q_n_mm: f64, mode: Mode) -> Contact {
+pub(super) fn plain(p_n_mm: f64, q_n_mm: f64, mode: Mode) -> Contact {
     Contact {
         p_n_mm,
         q_n_mm,
@@ -143,7 +151,7 @@ fn plain(p_n_mm: f64, q_n_mm: f64, mode: Mode) -> Contact {
     }
 }
 
-fn level_of(args: &Args) -> Result<Level, Failure> {
+pub(super) fn level_of(args: &Args) -> Result<Level, Failure> {
     Ok(match args.choice("level")? {
         "fast" => Level::Fast,
         "fine" => Level::Fine,
@@ -206,6 +214,11 @@ fn no_slip(
     drive: Prescribed,
     x_mm: &[f64],
 ) -> Result<Solved, Failure> {
+    if let Prescribed::Move { dx, .. } = drive
+        && dx.abs() > FARTHEST_MM
+    {
+        return Err(refused(Refusal::NotFinite));
+    }
     let open = match drive {
         Prescribed::Load(load) => load == Load::default(),
         Prescribed::Move { dz, .. } => dz <= 0.0,
@@ -246,195 +259,6 @@ fn no_slip(
         pressure: vec![None; x_mm.len()],
         symmetric: dx == 0.0,
         held: Held::Glued(Box::new(held), shape),
-    })
-}
-
-/// The law that the general solver takes.
-fn law_of(args: &Args, drive: Prescribed) -> Result<Law, Failure> {
-    if let Some(table) = args.table("friction") {
-        return Ok(Law::Coulomb(table.number("coulomb")?));
-    }
-    Ok(match (args.choice("friction")?, drive) {
-        ("stick", _) => Law::Coulomb(f64::INFINITY),
-        ("prop", Prescribed::Load(load)) if load.p_n_mm > 0.0 => {
-            Law::Proportional(load.q_n_mm / load.p_n_mm)
-        }
-        _ => Law::Free,
-    })
-}
-
-/// The profile over a place.
-fn height(shape: &Indented, x: f64) -> f64 {
-    match shape {
-        Indented::Knife => f64::INFINITY,
-        Indented::Rigid(Shape::Flat { width_mm, .. }) => {
-            if x.abs() <= 0.5 * width_mm * (1.0 + 1e-9) { 0.0 } else { f64::INFINITY }
-        }
-        Indented::Rigid(Shape::Cylinder { radius_mm: r }) => {
-            if x.abs() < *r {
-                x * x / (r + (r * r - x * x).sqrt())
-            } else {
-                f64::INFINITY
-            }
-        }
-        Indented::Rigid(Shape::Parabola { radius_mm }) => 0.5 * x * x / radius_mm,
-        Indented::Profile(places, heights) => {
-            let lowest = heights.iter().copied().fold(f64::INFINITY, f64::min);
-            let right = places.partition_point(|place| *place < x);
-            match right {
-                0 if places[0] == x => heights[0] - lowest,
-                0 => f64::INFINITY,
-                _ if right == places.len() => f64::INFINITY,
-                _ => {
-                    let s = (x - places[right - 1]) / (places[right] - places[right - 1]);
-                    heights[right - 1] * (1.0 - s) + heights[right] * s - lowest
-                }
-            }
-        }
-    }
-}
-
-/// Edges of the cells on the exact layer.
-fn edges(
-    args: &Args,
-    layer: &Layer,
-    shape: &Indented,
-    drive: Prescribed,
-) -> Result<Vec<f64>, Failure> {
-    let n: u32 = match level_of(args)? {
-        Level::Fast => 48,
-        Level::Default => 96,
-        Level::Fine => 192,
-    };
-    let part = |i: u32| f64::from(i) / f64::from(n);
-    let (low, high) = match shape {
-        Indented::Rigid(Shape::Flat { width_mm, .. }) => {
-            // Gathered at the corners.
-            let angle = |i: u32| core::f64::consts::PI * part(i);
-            return Ok((0..=n).map(|i| -0.5 * width_mm * libm::cos(angle(i))).collect());
-        }
-        Indented::Profile(x, _) => (x[0], x[x.len() - 1]),
-        Indented::Rigid(shape) => {
-            let mut free = Indenter::new(layer, *shape, Friction::None, Level::Default)
-                .map_err(|invalid| failure(&invalid))?;
-            let contact = match drive {
-                Prescribed::Load(Load { p_n_mm, .. }) => free.press(&Load { p_n_mm, q_n_mm: 0.0 }),
-                Prescribed::Move { dz, .. } => free.descend(dz),
-            };
-            let half = 1.1 * contact.map_err(refused)?.x_right_mm.max(1e-3);
-            (-half, half)
-        }
-        Indented::Knife => (-1.0, 1.0),
-    };
-    Ok((0..=n).map(|i| low + (high - low) * part(i)).collect())
-}
-
-/// Follows the path to the load or the move.
-fn follow(
-    args: &Args,
-    grip: &mut Grip,
-    shape: &Indented,
-    law: Law,
-    drive: Prescribed,
-) -> Result<(), Failure> {
-    let steps = if matches!(law, Law::Coulomb(_)) { STEPS } else { 1 };
-    let target = |f: f64| match (drive, shape) {
-        (Prescribed::Load(load), shape) => {
-            let load = Load { p_n_mm: f * load.p_n_mm, q_n_mm: f * load.q_n_mm };
-            match shape {
-                Indented::Rigid(Shape::Flat { height_mm, .. }) => {
-                    Drive::Loads { load, height_mm: *height_mm }
-                }
-                _ => Drive::Upright(load),
-            }
-        }
-        (Prescribed::Move { dz, dx }, _) => {
-            // Down first, then along.
-            Drive::Move { dz_mm: dz * (2.0 * f).min(1.0), dx_mm: dx * (2.0 * f - 1.0).max(0.0) }
-        }
-    };
-    let fresh = grip.clone();
-    args.timed(|| {
-        *grip = fresh.clone();
-        (1..=steps).try_for_each(|k| grip.step(&target(f64::from(k) / f64::from(steps))))
-    })
-    .map_err(refused)
-}
-
-fn gripped(
-    args: &Args,
-    bed: Bed,
-    shape: &Indented,
-    drive: Prescribed,
-) -> Result<(Grip, Contact), Failure> {
-    let law = law_of(args, drive)?;
-    let heights = bed.x_mm.iter().map(|x| height(shape, *x)).collect();
-    let mut grip = Grip::new(bed, heights, law).map_err(|invalid| failure(&invalid))?;
-    follow(args, &mut grip, shape, law, drive)?;
-    let bed = grip.bed();
-    let touching = |i: &usize| grip.status()[*i] != Status::Apart;
-    let under = |i: &usize| height(shape, bed.x_mm[*i]).is_finite();
-    let (first, last) = ((0..bed.count()).find(touching), (0..bed.count()).rev().find(touching));
-    let ends = ((0..bed.count()).find(under), (0..bed.count()).rev().find(under));
-    let flat = matches!(shape, Indented::Rigid(Shape::Flat { .. }));
-    let mode = match (first, first == ends.0, last == ends.1) {
-        (None, ..) => Mode::Open,
-        _ if !flat => Mode::Free,
-        (_, true, true) => Mode::Full,
-        (_, false, true) => Mode::Left,
-        (_, true, false) => Mode::Right,
-        _ => Mode::Free,
-    };
-    let [delta_mm, slope, _] = grip.rigid();
-    let load = grip.load();
-    // Without a law along x the load Q is taken by its moment alone.
-    let q = match (law_of(args, drive)?, drive) {
-        (Law::Free, Prescribed::Load(wanted)) => wanted.q_n_mm,
-        _ => load.q_n_mm,
-    };
-    let edge =
-        |i: Option<usize>, side: f64| i.map_or(0.0, |i| bed.x_mm[i] + side * 0.5 * bed.width_mm[i]);
-    let contact = Contact {
-        delta_mm,
-        slope,
-        x_left_mm: edge(first, -1.0),
-        x_right_mm: edge(last, 1.0),
-        residual: grip.residual(),
-        ..plain(load.p_n_mm, q, mode)
-    };
-    Ok((grip, contact))
-}
-
-/// Pressure of the place nearest to each x, over what it stands for.
-fn pressures(grip: &Grip, x_mm: &[f64]) -> Vec<Option<f64>> {
-    let bed = grip.bed();
-    let at = |x: &f64| {
-        let inside = |i: &usize| (x - bed.x_mm[*i]).abs() <= 0.5 * bed.width_mm[*i];
-        let i = (0..bed.count()).find(inside);
-        Some(i.map_or(0.0, |i| grip.normal_n_mm()[i] / bed.width_mm[i]))
-    };
-    x_mm.iter().map(at).collect()
-}
-
-fn cells(
-    args: &Args,
-    layer: &Layer,
-    x_mm: &[f64],
-    shape: &Indented,
-    drive: Prescribed,
-) -> Result<Solved, Failure> {
-    let edges = edges(args, layer, shape, drive)?;
-    let bed = Bed::of_layer(layer, &edges).map_err(|invalid| failure(&invalid))?;
-    let (grip, contact) = gripped(args, bed, shape, drive)?;
-    let places = grip.bed().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
-    let forces = places.map(|((x, p), q)| [*x, *p, *q]).collect();
-    Ok(Solved {
-        contact,
-        descends: true,
-        stress: Stress::Points(forces),
-        pressure: pressures(&grip, x_mm),
-        symmetric: false,
-        held: Held::Cells(Box::new(grip), law_of(args, drive)?),
     })
 }
 

@@ -128,6 +128,53 @@ fn any_profile_finds_what_touches() {
     assert!(number(&answer, "/pressure/1") > 0.1);
 }
 
+/// However much of a profile is given, cells are laid where it touches.
+#[test]
+fn a_circle_given_as_a_profile_is_the_cylinder() {
+    let x: Vec<f64> = (0..=4000).map(|i| 0.003 * f64::from(i) - 6.0).collect();
+    let z: Vec<f64> = x.iter().map(|x| 23.0 - (529.0 - x * x).sqrt()).collect();
+    let points = json!({"profile": {"x_mm": x, "z_mm": z}});
+    let round = json!({"cylinder": {"radius_mm": 23}});
+    for wanted in [
+        json!({"load": {"p_n_mm": 0.003}}),
+        json!({"load": {"p_n_mm": 4.0}}),
+        json!({"move": {"dz_mm": 0.01}}),
+    ] {
+        let of = |shape: &Value| {
+            let mut fields = wanted.clone();
+            fields["shape"] = shape.clone();
+            fields["x_mm"] = json!([0, 0.3, -1.5]);
+            contact(fields)
+        };
+        let (found, exact) = (of(&points), of(&round));
+        let peak = number(&exact, "/szz/0").abs();
+        for place in ["/szz/0", "/szz/1", "/szz/2"] {
+            near(&found, place, number(&exact, place), 3e-4 * peak);
+        }
+        for (place, bar) in [("/delta_mm", 5e-4), ("/p_n_mm", 5e-4), ("/x_right_mm", 0.02)] {
+            near(&found, place, number(&exact, place), bar * number(&exact, place));
+        }
+    }
+}
+
+#[test]
+fn a_profile_far_wider_than_its_contact_is_resolved() {
+    let wedge = json!({"profile": {"x_mm": [-900, 1, 1000], "z_mm": [90, 0, 100]}});
+    for level in ["fast", "default", "fine"] {
+        let of = |fields: Value| {
+            let mut fields = fields;
+            fields["level"] = json!(level);
+            contact(fields)
+        };
+        let tip = of(json!({"shape": wedge, "move": {"dz_mm": 0.02}}));
+        near(&tip, "/features/full/x_c", 1.0, 0.01);
+        // The same tip of a profile no wider than it has to be.
+        let short = json!({"profile": {"x_mm": [0, 1, 2], "z_mm": [0.1, 0, 0.1]}});
+        let same = of(json!({"shape": short, "move": {"dz_mm": 0.02}}));
+        near(&tip, "/p_n_mm", number(&same, "/p_n_mm"), 0.01 * number(&same, "/p_n_mm"));
+    }
+}
+
 #[test]
 fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
     let bar = json!({"flat": {"width_mm": 12.7}});
@@ -144,6 +191,12 @@ fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
         (json!({"shape": bar}), "missing_field", "load"),
         (json!({"shape": {"knife": {}}, "move": {"dz_mm": 1}}), "unreachable", "move"),
         (json!({"shape": bar, "move": {"dz_mm": 1, "dx_mm": 1}}), "unreachable", "move"),
+        (json!({"shape": roll, "move": {"dz_mm": 5}}), "unreachable", "move"),
+        (
+            json!({"shape": roll, "move": {"dz_mm": 0.01, "dx_mm": 1e31}, "friction": "stick"}),
+            "out_of_range",
+            "move",
+        ),
         (json!({"shape": bar, "load": {"p_n_mm": 1}, "depth_mm": 0.9}), "out_of_range", "depth_mm"),
         (json!({"shape": bar, "load": held, "friction": {"coulomb": 0.3}}), "slides", "load"),
         (

@@ -1,0 +1,348 @@
+//! What `contact_2d` solves on places: any profile, Coulomb's law and no slip, on cells of the
+//! exact layer or on a mesh's nodes. Cells of a profile are laid over what touches, not over all
+//! of it. Refuses what the solver refuses.
+
+use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::plane::bed::{Bed, CELLS_MAX};
+use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law, Status};
+use taktil_mechanics::contact::plane::{Contact, Friction, Indenter, Level, Load, Mode, Shape};
+
+use super::field::Failure;
+use super::indent::{Held, Solved, Stress, failure, level_of, plain, refused};
+use super::plane::{Indented, Prescribed};
+use super::request::Args;
+
+/// Steps of a path with stick.
+const STEPS: u32 = 16;
+/// How often cells are laid over less, or more, of a profile.
+const LAID: usize = 12;
+/// Cells fit a contact that with what is beside it covers this part of them.
+const FITS: f64 = 0.8;
+/// How far cells go on beside what touches, in parts of it.
+const BESIDE: f64 = 0.06;
+/// Widest cell between two places that touch, in thicknesses.
+const GAP: f64 = 10.0;
+
+/// The law that the general solver takes.
+pub(super) fn law_of(args: &Args, drive: Prescribed) -> Result<Law, Failure> {
+    if let Some(table) = args.table("friction") {
+        return Ok(Law::Coulomb(table.number("coulomb")?));
+    }
+    Ok(match (args.choice("friction")?, drive) {
+        ("stick", _) => Law::Coulomb(f64::INFINITY),
+        ("prop", Prescribed::Load(load)) if load.p_n_mm > 0.0 => {
+            Law::Proportional(load.q_n_mm / load.p_n_mm)
+        }
+        _ => Law::Free,
+    })
+}
+
+/// Height of a profile's lowest point.
+fn bottom(heights: &[f64]) -> f64 {
+    heights.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+/// The profile over a place.
+fn height(shape: &Indented, x: f64) -> f64 {
+    match shape {
+        Indented::Knife => f64::INFINITY,
+        Indented::Rigid(Shape::Flat { width_mm, .. }) => {
+            if x.abs() <= 0.5 * width_mm * (1.0 + 1e-9) { 0.0 } else { f64::INFINITY }
+        }
+        Indented::Rigid(Shape::Cylinder { radius_mm: r }) => {
+            if x.abs() < *r {
+                x * x / (r + (r * r - x * x).sqrt())
+            } else {
+                f64::INFINITY
+            }
+        }
+        Indented::Rigid(Shape::Parabola { radius_mm }) => 0.5 * x * x / radius_mm,
+        Indented::Profile(places, heights) => {
+            let lowest = bottom(heights);
+            let right = places.partition_point(|place| *place < x);
+            match right {
+                0 if places[0] == x => heights[0] - lowest,
+                0 => f64::INFINITY,
+                _ if right == places.len() => f64::INFINITY,
+                _ => {
+                    let s = (x - places[right - 1]) / (places[right] - places[right - 1]);
+                    heights[right - 1] * (1.0 - s) + heights[right] * s - lowest
+                }
+            }
+        }
+    }
+}
+
+/// Cells of a level.
+fn count(args: &Args) -> Result<u32, Failure> {
+    Ok(match level_of(args)? {
+        Level::Fast => 48,
+        Level::Default => 96,
+        Level::Fine => 192,
+    })
+}
+
+/// Edges of `n` cells of one width.
+fn even([low, high]: [f64; 2], n: u32) -> Vec<f64> {
+    (0..=n).map(|i| low + (high - low) * (f64::from(i) / f64::from(n))).collect()
+}
+
+/// Edges of about `n` cells in `runs`, with wide ones between them; more than a bed takes where
+/// they would be too many.
+fn laid(runs: &[[f64; 2]], n: u32, thickness_mm: f64) -> Vec<f64> {
+    let total: f64 = runs.iter().map(|[from, to]| to - from).sum();
+    let wide = |length: f64| (length / (GAP * thickness_mm)).ceil().min(CELLS_MAX as f64 + 1.0);
+    let mut edges: Vec<f64> = Vec::new();
+    for [from, to] in runs {
+        if let Some(&last) = edges.last() {
+            let between = even([last, *from], wide(from - last) as u32);
+            edges.extend(&between[1..between.len() - 1]);
+        }
+        let share = f64::from(n) * (to - from) / total;
+        edges.extend(even([*from, *to], share.max(wide(to - from)).max(8.0) as u32));
+    }
+    edges
+}
+
+/// Lowest height of a shape between two places; kinks are not missed.
+fn lowest(shape: &Indented, from: f64, to: f64) -> f64 {
+    let ends = height(shape, from).min(height(shape, to));
+    let Indented::Profile(x, z) = shape else { return ends };
+    let kinks = &z[x.partition_point(|x| *x < from)..x.partition_point(|x| *x < to)];
+    let bottom = bottom(z);
+    kinks.iter().fold(ends, |low, z| low.min(z - bottom))
+}
+
+/// Cells where a profile touches without friction, and a bit beside that.
+fn touched(
+    args: &Args,
+    layer: &Layer,
+    shape: &Indented,
+    drive: Prescribed,
+    whole: [f64; 2],
+) -> Result<Vec<f64>, Failure> {
+    let (n, t) = (count(args)?, layer.thickness_mm);
+    let mut runs = vec![whole];
+    if let Prescribed::Move { dz, .. } = drive
+        && let Indented::Profile(x, z) = shape
+    {
+        // What is below the surface, and the bulge beside it.
+        let bottom = bottom(z);
+        let below = |i: &usize| z[*i].min(z[i + 1]) - bottom < dz;
+        let pieces = 0..x.len() - 1;
+        let reach = |i: usize| sunk(shape, &x[i..=i + 1], dz);
+        if let (Some(first), Some(last)) = (pieces.clone().find(below), pieces.rev().find(below)) {
+            let [from, to] = [reach(first)[0], reach(last)[1]];
+            runs = vec![roughly([from, to], 0.5 * (to - from) + t, whole)];
+        }
+    }
+    for _ in 0..LAID {
+        let edges = laid(&runs, n, t);
+        let bed = Bed::of_layer(layer, &edges).map_err(|invalid| failure(&invalid))?;
+        let heights = edges.windows(2).map(|w| lowest(shape, w[0], w[1])).collect();
+        let mut grip = Grip::new(bed, heights, Law::Free).map_err(|invalid| failure(&invalid))?;
+        grip.step(&part_of(drive, shape, 1.0)).map_err(refused)?;
+        let next = beside(&edges, grip.status(), whole);
+        let length = |runs: &[[f64; 2]]| runs.iter().map(|[from, to]| to - from).sum::<f64>();
+        let within =
+            |[from, to]: &[f64; 2]| runs.iter().any(|run| run[0] <= *from && *to <= run[1]);
+        if next.is_empty() || (next.iter().all(within) && length(&next) >= FITS * length(&runs)) {
+            return Ok(edges);
+        }
+        runs = next;
+    }
+    Ok(laid(&runs, n, t))
+}
+
+/// A run with what is beside it, on a grid of the whole: a contact that is moved by little keeps
+/// its cells, so that answers can be told from each other.
+fn roughly([from, to]: [f64; 2], beside: f64, whole: [f64; 2]) -> [f64; 2] {
+    let mut step = whole[1] - whole[0];
+    if !step.is_finite() {
+        return whole;
+    }
+    while step > 0.1 * (to - from + beside) {
+        step *= 0.5;
+    }
+    let down = ((from - beside - whole[0]) / step).floor() * step + whole[0];
+    let up = ((to + beside - whole[0]) / step).ceil() * step + whole[0];
+    [down.max(whole[0]), up.min(whole[1])]
+}
+
+/// The part of a straight piece that is less than `dz` above the lowest point.
+fn sunk(shape: &Indented, piece: &[f64], dz: f64) -> [f64; 2] {
+    let [a, b] = [height(shape, piece[0]), height(shape, piece[1])];
+    let cut = piece[0] + (piece[1] - piece[0]) * (dz - a) / (b - a);
+    [if a < dz { piece[0] } else { cut }, if b < dz { piece[1] } else { cut }]
+}
+
+/// What touches, in runs, and a bit beside each.
+fn beside(edges: &[f64], status: &[Status], whole: [f64; 2]) -> Vec<[f64; 2]> {
+    let mut bare: Vec<[f64; 2]> = Vec::new();
+    for (cell, _) in edges.windows(2).zip(status).filter(|(_, status)| **status != Status::Apart) {
+        match bare.last_mut() {
+            // Rough cells touch and do not by turns.
+            Some(run) if cell[0] - run[1] <= 2.5 * (cell[1] - cell[0]) => run[1] = cell[1],
+            _ => bare.push([cell[0], cell[1]]),
+        }
+    }
+    let mut runs: Vec<[f64; 2]> = Vec::new();
+    for [from, to] in bare {
+        let after = edges.partition_point(|edge| *edge <= from);
+        let beside = (edges[after] - edges[after - 1]).max(BESIDE * (to - from));
+        let run = [(from - beside).max(whole[0]), (to + beside).min(whole[1])];
+        match runs.last_mut() {
+            Some(last) if run[0] <= last[1] => last[1] = run[1],
+            _ => runs.push(run),
+        }
+    }
+    runs
+}
+
+/// Edges of the cells on the exact layer.
+fn edges(
+    args: &Args,
+    layer: &Layer,
+    shape: &Indented,
+    drive: Prescribed,
+) -> Result<Vec<f64>, Failure> {
+    let n = count(args)?;
+    let part = |i: u32| f64::from(i) / f64::from(n);
+    let [low, high] = match shape {
+        Indented::Rigid(Shape::Flat { width_mm, .. }) => {
+            // Gathered at the corners.
+            let angle = |i: u32| core::f64::consts::PI * part(i);
+            return Ok((0..=n).map(|i| -0.5 * width_mm * libm::cos(angle(i))).collect());
+        }
+        Indented::Profile(x, _) => {
+            return touched(args, layer, shape, drive, [x[0], x[x.len() - 1]]);
+        }
+        Indented::Rigid(shape) => {
+            let mut free = Indenter::new(layer, *shape, Friction::None, Level::Default)
+                .map_err(|invalid| failure(&invalid))?;
+            let contact = match drive {
+                Prescribed::Load(Load { p_n_mm, .. }) => free.press(&Load { p_n_mm, q_n_mm: 0.0 }),
+                Prescribed::Move { dz, .. } => free.descend(dz),
+            };
+            let half = 1.1 * contact.map_err(refused)?.x_right_mm.max(1e-3);
+            [-half, half]
+        }
+        Indented::Knife => [-1.0, 1.0],
+    };
+    Ok(even([low, high], n))
+}
+
+/// A part of the way to the load or the move.
+fn part_of(drive: Prescribed, shape: &Indented, f: f64) -> Drive {
+    match (drive, shape) {
+        (Prescribed::Load(load), shape) => {
+            let load = Load { p_n_mm: f * load.p_n_mm, q_n_mm: f * load.q_n_mm };
+            match shape {
+                Indented::Rigid(Shape::Flat { height_mm, .. }) => {
+                    Drive::Loads { load, height_mm: *height_mm }
+                }
+                _ => Drive::Upright(load),
+            }
+        }
+        (Prescribed::Move { dz, dx }, _) => {
+            // Down first, then along.
+            Drive::Move { dz_mm: dz * (2.0 * f).min(1.0), dx_mm: dx * (2.0 * f - 1.0).max(0.0) }
+        }
+    }
+}
+
+/// Follows the path to the load or the move.
+fn follow(
+    args: &Args,
+    grip: &mut Grip,
+    shape: &Indented,
+    law: Law,
+    drive: Prescribed,
+) -> Result<(), Failure> {
+    let steps = if matches!(law, Law::Coulomb(_)) { STEPS } else { 1 };
+    let fresh = grip.clone();
+    args.timed(|| {
+        *grip = fresh.clone();
+        (1..=steps)
+            .try_for_each(|k| grip.step(&part_of(drive, shape, f64::from(k) / f64::from(steps))))
+    })
+    .map_err(refused)
+}
+
+/// The contact of a shape on a bed, with the features of its mode.
+pub(super) fn gripped(
+    args: &Args,
+    bed: Bed,
+    shape: &Indented,
+    drive: Prescribed,
+) -> Result<(Grip, Contact), Failure> {
+    let law = law_of(args, drive)?;
+    let heights = bed.x_mm.iter().map(|x| height(shape, *x)).collect();
+    let mut grip = Grip::new(bed, heights, law).map_err(|invalid| failure(&invalid))?;
+    follow(args, &mut grip, shape, law, drive)?;
+    let bed = grip.bed();
+    let touching = |i: &usize| grip.status()[*i] != Status::Apart;
+    let under = |i: &usize| height(shape, bed.x_mm[*i]).is_finite();
+    let (first, last) = ((0..bed.count()).find(touching), (0..bed.count()).rev().find(touching));
+    let ends = ((0..bed.count()).find(under), (0..bed.count()).rev().find(under));
+    let flat = matches!(shape, Indented::Rigid(Shape::Flat { .. }));
+    let mode = match (first, first == ends.0, last == ends.1) {
+        (None, ..) => Mode::Open,
+        _ if !flat => Mode::Free,
+        (_, true, true) => Mode::Full,
+        (_, false, true) => Mode::Left,
+        (_, true, false) => Mode::Right,
+        _ => Mode::Free,
+    };
+    let [delta_mm, slope, _] = grip.rigid();
+    let load = grip.load();
+    // Without a law along x the load Q is taken by its moment alone.
+    let q = match (law_of(args, drive)?, drive) {
+        (Law::Free, Prescribed::Load(wanted)) => wanted.q_n_mm,
+        _ => load.q_n_mm,
+    };
+    let edge =
+        |i: Option<usize>, side: f64| i.map_or(0.0, |i| bed.x_mm[i] + side * 0.5 * bed.width_mm[i]);
+    let contact = Contact {
+        delta_mm,
+        slope,
+        x_left_mm: edge(first, -1.0),
+        x_right_mm: edge(last, 1.0),
+        residual: grip.residual(),
+        ..plain(load.p_n_mm, q, mode)
+    };
+    Ok((grip, contact))
+}
+
+/// Pressure of the place nearest to each x, over what it stands for.
+pub(super) fn pressures(grip: &Grip, x_mm: &[f64]) -> Vec<Option<f64>> {
+    let bed = grip.bed();
+    let at = |x: &f64| {
+        let inside = |i: &usize| (x - bed.x_mm[*i]).abs() <= 0.5 * bed.width_mm[*i];
+        let i = (0..bed.count()).find(inside);
+        Some(i.map_or(0.0, |i| grip.normal_n_mm()[i] / bed.width_mm[i]))
+    };
+    x_mm.iter().map(at).collect()
+}
+
+pub(super) fn cells(
+    args: &Args,
+    layer: &Layer,
+    x_mm: &[f64],
+    shape: &Indented,
+    drive: Prescribed,
+) -> Result<Solved, Failure> {
+    let edges = edges(args, layer, shape, drive)?;
+    let bed = Bed::of_layer(layer, &edges).map_err(|invalid| failure(&invalid))?;
+    let (grip, contact) = gripped(args, bed, shape, drive)?;
+    let places = grip.bed().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
+    let forces = places.map(|((x, p), q)| [*x, *p, *q]).collect();
+    Ok(Solved {
+        contact,
+        descends: true,
+        stress: Stress::Points(forces),
+        pressure: pressures(&grip, x_mm),
+        symmetric: false,
+        held: Held::Cells(Box::new(grip), law_of(args, drive)?),
+    })
+}
