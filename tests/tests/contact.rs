@@ -1,10 +1,12 @@
 //! Contact in three dimensions inside a lane: pressing and taking images makes no heap call once
 //! its tables stand, warm or cold, and none when it is refused. Refuses to judge how long it takes.
 
+use taktil_mechanics::contact::features::{Part, image_features};
 use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::space::infinite::Endless;
 use taktil_mechanics::contact::space::pin::{Pin, Profile, Stand};
 use taktil_mechanics::contact::space::radial::Influence;
+use taktil_mechanics::contact::space::scene::{Pose, Scene, Shape};
 use taktil_mechanics::contact::space::sphere::Sphere;
 use taktil_mechanics::contact::space::surface::{Cells, Surface};
 use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
@@ -64,6 +66,42 @@ fn pressing_and_imaging_make_no_heap_call() {
     assert!(guard::installed());
     let ((), calls) = guard::guarded(|| drop(std::hint::black_box(vec![1.0; 9])));
     assert!(calls > 0, "the guard counts");
+}
+
+/// A scene of each shape at each level, once it has stood so and so before: forces, poses, images
+/// and their features.
+#[test]
+fn scenes_of_every_level_make_no_heap_call() {
+    let layer = Layer::new(0.8, 27.58, 0.49).unwrap();
+    let shapes = [
+        Shape::Sphere { radius_mm: 10.0 },
+        Shape::Cylinder { radius_mm: 10.0, length_mm: Some(8.0) },
+        Shape::Cylinder { radius_mm: 10.0, length_mm: None },
+        Shape::Bar { width_mm: 3.0, length_mm: Some(8.0) },
+        Shape::Edge { length_mm: Some(8.0) },
+    ];
+    for shape in shapes {
+        let tilts = matches!(shape, Shape::Cylinder { length_mm: Some(_), .. } | Shape::Bar { .. });
+        for level in [Level::Fast, Level::Default, Level::Fine] {
+            let array = Array::THESIS;
+            let mut scene = Scene::new(&layer, shape, &array, Sampling::Area, level).unwrap();
+            let mut image = vec![0.0; array.len()];
+            let mut round = |count: usize| {
+                for (n, force) in FORCES.into_iter().enumerate().take(count) {
+                    let tilt_rad = if tilts { 2e-3 * (n % 3) as f64 } else { 0.0 };
+                    let stand = Stand { x_mm: 0.3, y_mm: 0.1 * n as f64, rot_rad: 0.2 };
+                    scene.press(Drive::ForceN(force), Pose { stand, tilt_rad }).unwrap();
+                    scene.image(&mut image).unwrap();
+                    for part in [Part::Full, Part::Compressive] {
+                        std::hint::black_box(image_features(&array, &image, part)).unwrap();
+                    }
+                }
+            };
+            round(3);
+            let ((), calls) = guard::guarded(|| round(FORCES.len()));
+            assert_eq!(calls, 0, "{shape:?} {level:?}");
+        }
+    }
 }
 
 /// A lane is refused by numbers; words are made of them where somebody asks.
