@@ -202,7 +202,8 @@ impl Scene {
         }
     }
 
-    /// Presses the indenter; [`Scene::image`] then shows this contact.
+    /// Presses the indenter; [`Scene::image`] then shows this contact. A contact deeper than any
+    /// before gets deeper tables, which allocates; within them nothing does.
     ///
     /// # Errors
     /// What the solver of the shape refuses; a tilt of what has none; a penetration of an edge.
