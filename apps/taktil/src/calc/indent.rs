@@ -99,7 +99,8 @@ pub(super) fn solve(
     };
     let text = if law.is_none() { args.choice("friction")? } else { "coulomb" };
     if args.choice("method")? == "fem" {
-        return elements(args, layer, depth, x_mm, &shape, drive).map_err(named);
+        let solved = elements(args, layer, depth, x_mm, &shape, drive);
+        return solved.and_then(|solved| within(layer, solved)).map_err(named);
     }
     let solved = match (shape, text) {
         (Indented::Knife, _) => knife(drive, x_mm),
@@ -115,7 +116,21 @@ pub(super) fn solve(
         }
         (shape, _) => cells(args, layer, x_mm, &shape, drive),
     };
-    solved.map_err(named)
+    solved.and_then(|solved| within(layer, solved)).map_err(named)
+}
+
+/// A contact, unless the indenter would reach the base.
+fn within(layer: &Layer, solved: Solved) -> Result<Solved, Failure> {
+    let Contact { delta_mm, slope, x_left_mm, x_right_mm, .. } = solved.contact;
+    let deepest = delta_mm + slope.abs() * x_left_mm.abs().max(x_right_mm.abs());
+    if !solved.descends || deepest < layer.thickness_mm {
+        return Ok(solved);
+    }
+    let what = format!(
+        "the indenter would go {deepest} mm down in {} mm of rubber: press less",
+        layer.thickness_mm
+    );
+    Err(Failure::new("unreachable", Some("load"), what))
 }
 
 fn knife(drive: Prescribed, x_mm: &[f64]) -> Result<Solved, Failure> {

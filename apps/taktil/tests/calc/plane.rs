@@ -192,6 +192,14 @@ fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
         (json!({"shape": {"knife": {}}, "move": {"dz_mm": 1}}), "unreachable", "move"),
         (json!({"shape": bar, "move": {"dz_mm": 1, "dx_mm": 1}}), "unreachable", "move"),
         (json!({"shape": roll, "move": {"dz_mm": 5}}), "unreachable", "move"),
+        (json!({"shape": bar, "load": {"p_n_mm": 1e7}}), "unreachable", "load"),
+        (json!({"shape": bar, "move": {"dz_mm": 0.9}}), "unreachable", "move"),
+        (json!({"shape": bar, "load": {"p_n_mm": 1e7}, "method": "fem"}), "unreachable", "load"),
+        (
+            json!({"shape": bar, "load": {"p_n_mm": 1e7}, "friction": {"coulomb": 0.3}}),
+            "unreachable",
+            "load",
+        ),
         (
             json!({"shape": roll, "move": {"dz_mm": 0.01, "dx_mm": 1e31}, "friction": "stick"}),
             "out_of_range",
