@@ -54,7 +54,7 @@ struct Cell {
 impl Straight {
     /// Tactels of a block along each axis for a reach in tactels.
     pub(super) fn side_for(reach: f64, most: usize) -> usize {
-        (libm::ceil(2.0 * reach) as usize + 1).clamp(2, most)
+        (libm::ceil(2.0 * reach) as usize).saturating_add(1).clamp(2, most)
     }
 
     /// Tactels of a block along each axis.
