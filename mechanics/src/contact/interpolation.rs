@@ -1,5 +1,11 @@
-//! Six-point interpolation on a uniform grid, for the tables of this folder. It refuses nothing:
+//! Interpolation on a uniform grid with four and with six points, for the tables of this folder. It refuses nothing:
 //! callers stay inside their tables.
+
+/// Weights of the cubic through the values at -1, 0, 1, 2.
+pub(crate) fn cubic(s: f64) -> [f64; 4] {
+    let (a, b, c) = (s + 1.0, s - 1.0, s - 2.0);
+    [-s * b * c / 6.0, a * b * c / 2.0, -a * s * c / 2.0, a * s * b / 6.0]
+}
 
 /// The function at `place` >= 0 grid spacings from 0; `values` are those at -2, -1, 0, 1 ...
 /// spacings, at least six.

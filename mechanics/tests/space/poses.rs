@@ -237,3 +237,42 @@ fn wide_bars_settle_at_the_fine_level() {
         assert!(back < 1e-3 * depth_mm, "{found:?} {again:?}");
     }
 }
+
+/// Contacts wide for their length on an end are read as others are: they take no search, by
+/// penetration and by force, cold, and keep the default level's image.
+#[test]
+fn wide_contacts_on_an_end_are_read() {
+    for (t, nu, radius_mm, length_mm, delta_mm, tilt_rad) in [
+        (0.431, 0.5, 32.0, 5.0, -0.441, 0.19),
+        (1.096, 0.418, 33.45, 36.6, -0.71, 0.0441),
+        (0.35, 0.45, 44.0, 9.0, -0.65, 0.15),
+    ] {
+        let layer = Layer::new(t, 27.58, nu).expect("a layer");
+        let influence = Influence::new(&layer).expect("a layer");
+        let shares = Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::DEFAULT);
+        let shares = shares.expect("tables");
+        let half = 0.5 * length_mm;
+        let deepest = delta_mm + half * libm::tan(tilt_rad);
+        // The end alone: slices as short as they are on a pin of a few thicknesses.
+        let made = |from: f64, level| {
+            let profile = Profile::Cylinder { radius_mm };
+            Pin::new(&layer, profile, [from, half], 2.0 * deepest, level).expect("a pin")
+        };
+        let mut default = made(-half, Level::Default);
+        let mut fine = made((half - 4.5 * t).max(-half), Level::Fine);
+        let stand = Stand { x_mm: 0.3, y_mm: -half, rot_rad: 0.2 };
+        let mut images = [[0.0; 256]; 2];
+        let exact = fine.press(Drive::PenetrationMm(delta_mm), tilt_rad).expect("a contact");
+        fine.image(&shares, stand, &mut images[0]);
+        for drive in [Drive::PenetrationMm(delta_mm), Drive::ForceN(exact.force_n)] {
+            default.release();
+            let state = default.press(drive, tilt_rad).expect("a contact");
+            assert_eq!(state.steps, 1, "{drive:?}: {state:?}");
+            images[1].fill(0.0);
+            default.image(&shares, stand, &mut images[1]);
+            let off = apart(&images[1], &images[0]) / peak(&images[0]);
+            assert!(off < 1e-3, "{t} {radius_mm} {drive:?}: {off:e}");
+            assert!((state.force_n / exact.force_n - 1.0).abs() < 1e-3, "{state:?} {exact:?}");
+        }
+    }
+}

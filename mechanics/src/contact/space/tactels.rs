@@ -7,6 +7,7 @@
 //! this file as point loads (Gauss points of its own representation). Adding loads neither
 //! allocates nor panics; loads off the array count with what they leave on it.
 
+use super::super::interpolation::cubic;
 use super::super::{Invalid, positive};
 use super::pin::Stand;
 use super::radial::Influence;
@@ -390,12 +391,6 @@ impl Cubic {
             *out = (((cell_y + j) * stride + cell_x + i) * area, w_x[i] * w_y[j]);
         }
     }
-}
-
-/// Weights of the cubic through the values at -1, 0, 1, 2 for 0 <= s <= 1.
-fn cubic(s: f64) -> [f64; 4] {
-    let (a, b, c) = (s + 1.0, s - 1.0, s - 2.0);
-    [-s * b * c / 6.0, a * b * c / 2.0, -a * s * c / 2.0, a * s * b / 6.0]
 }
 
 /// What a load does to the base: the stress at a place from it, and its integral over a rectangle

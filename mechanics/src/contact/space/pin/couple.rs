@@ -8,9 +8,9 @@
 //! solved exactly elsewhere, and what is left falls off as kappa^-3. Lengths are in thicknesses.
 //! Acting neither allocates nor panics.
 
+use super::super::super::interpolation::cubic;
 use super::super::super::layer::Transfer;
 use super::super::quadrature::legendre;
-use super::strip::cubic;
 use core::f64::consts::PI;
 
 /// Table points per unit of the Bessel functions' argument.

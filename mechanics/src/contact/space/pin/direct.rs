@@ -12,8 +12,9 @@ use core::f64::consts::PI;
 const UNKNOWNS: [usize; 2] = [54, 96];
 /// Right sides: the penetrations given, and one of 1 everywhere.
 const SIDES: usize = 2;
-/// Most cosines of a slice whose width is free.
-const COSINES: usize = 8;
+/// Most cosines of a slice whose width is searched for, and of one whose width is read.
+const SEARCHED: usize = 8;
+const COSINES: usize = 14;
 
 /// Memory of the factored system.
 #[derive(Clone, Debug)]
@@ -35,8 +36,9 @@ pub(crate) struct Dense {
 impl Dense {
     /// For so many slices of so many cosines, of free width or not, with room for so many unknowns.
     pub(crate) fn new(slices: usize, cosines: usize, (free, room): (bool, usize)) -> Self {
-        let fits = if free && cosines > COSINES { 0 } else { slices * cosines };
-        let most = UNKNOWNS[usize::from(!free)].min(fits);
+        let up_to = |most: usize| if free && cosines > most { 0 } else { slices * cosines };
+        let [searched, fits] = [SEARCHED, COSINES].map(up_to);
+        let most = UNKNOWNS[usize::from(!free)].min(searched);
         let room = room.min(fits).max(most);
         Self {
             most,
@@ -199,6 +201,12 @@ fn pair(
         5 => sum::<5>(weights, (one, other), block),
         6 => sum::<6>(weights, (one, other), block),
         7 => sum::<7>(weights, (one, other), block),
+        8 => sum::<8>(weights, (one, other), block),
+        9 => sum::<9>(weights, (one, other), block),
+        10 => sum::<10>(weights, (one, other), block),
+        11 => sum::<11>(weights, (one, other), block),
+        12 => sum::<12>(weights, (one, other), block),
+        13 => sum::<13>(weights, (one, other), block),
         _ => sum::<COSINES>(weights, (one, other), block),
     }
 }

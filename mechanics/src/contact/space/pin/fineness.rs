@@ -2,6 +2,11 @@
 
 use super::super::Level;
 use super::couple::Modes;
+use core::f64::consts::FRAC_1_SQRT_2;
+
+/// Length (thicknesses) of a row from which the next ones follow at other lengths: what touches on
+/// them is wide for its length, and few slices hold it.
+const CLOSER: f64 = 9.0;
 
 /// How a row is cut: slices of a length, in thicknesses, but not fewer than some, and longer ones
 /// where there would be more than enough, up to a length.
@@ -24,8 +29,9 @@ impl Laid {
 /// Accuracy against time, per [`Level`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fineness {
-    /// Each row over the end is so many times as long as the one before.
-    pub(super) shorter: f64,
+    /// Each row over the end is so many times as long as the one before: down to [`CLOSER`]
+    /// thicknesses, and below that.
+    pub(super) shorter: [f64; 2],
     /// How the whole pin and its end are cut into slices.
     pub(super) whole: Laid,
     pub(super) end: Laid,
@@ -34,8 +40,9 @@ pub(super) struct Fineness {
     pub(super) cosines: (f64, f64, f64),
     /// Wave number (times thickness) up to which the points of an image stand for the pressure.
     pub(super) points: f64,
-    /// The same for a tactel as wide as the layer is thick, where lines stand for slices.
-    pub(super) lines: f64,
+    /// The same for a tactel as wide as the layer is thick, where lines stand for slices; where none
+    /// do, each slice's force is spread over its neighbours, and ends get what slices leave over.
+    pub(super) lines: Option<f64>,
     pub(super) tolerance: f64,
     pub(super) steps: usize,
     /// Part of the penetration that may be left when the steps are used up; more is no answer.
@@ -46,8 +53,6 @@ pub(super) struct Fineness {
     pub(super) together: usize,
     /// Whether the slices of a short row take a part each of their changes.
     pub(super) each: bool,
-    /// Whether a slice's force is spread over its neighbours in an image.
-    pub(super) spread: bool,
     /// Most unknowns of a contact on an end whose widths are read: wide ones have fewer slices.
     pub(super) unknowns: usize,
     /// The same for a bar, whose contacts are all solved when its tables are made.
@@ -70,24 +75,28 @@ const DEFAULT: Tabled = Tabled {
 };
 
 impl Fineness {
+    /// Length of the row after one of a length.
+    pub(super) fn next(&self, length: f64) -> f64 {
+        self.shorter[usize::from(length < CLOSER)] * length
+    }
+
     pub(super) fn of(level: Level) -> Self {
         let modes = |margin, cutoff, reach, grade| Modes { margin, cutoff, reach, grade };
         match level {
             Level::Fast => Self {
-                shorter: core::f64::consts::FRAC_1_SQRT_2,
+                shorter: [FRAC_1_SQRT_2; 2],
                 whole: Laid { fewest: 20.0, slice: 0.6, enough: 36.0, longest: 1.0 },
                 end: Laid { fewest: 14.0, slice: 0.42, enough: 30.0, longest: 1.0 },
                 modes: modes(10.0, 10.0, 7.0, 0.2),
                 cosines: (3.0, 0.0, 1.5),
                 points: 4.5,
-                lines: 6.15,
+                lines: Some(6.15),
                 tolerance: 5e-3,
                 steps: 8,
                 settled: 5e-2,
                 read: 5e-2,
                 together: 0,
                 each: false,
-                spread: false,
                 unknowns: 54,
                 nested: Some(Tabled {
                     whole: Laid { fewest: 28.0, slice: 0.42, enough: 60.0, longest: 0.45 },
@@ -96,38 +105,36 @@ impl Fineness {
                 }),
             },
             Level::Default => Self {
-                shorter: 0.5,
+                shorter: [0.5, FRAC_1_SQRT_2],
                 whole: DEFAULT.whole,
                 end: DEFAULT.end,
                 modes: DEFAULT.modes,
                 cosines: (4.0, 0.5, 2.0),
                 points: 11.0,
-                lines: 0.0,
+                lines: None,
                 tolerance: 1e-4,
                 steps: 25,
                 settled: 1e-2,
                 read: 7e-3,
                 together: 0,
                 each: true,
-                spread: true,
                 unknowns: 224,
                 nested: Some(DEFAULT),
             },
             Level::Fine => Self {
-                shorter: 0.5,
+                shorter: [0.5; 2],
                 whole: Laid { fewest: 100.0, slice: 0.25, enough: 4096.0, longest: 0.25 },
                 end: Laid { fewest: 100.0, slice: 0.25, enough: 4096.0, longest: 0.25 },
                 modes: modes(24.0, 20.0, 16.0, 0.05),
                 cosines: (6.0, 1.0, 2.0),
                 points: 18.0,
-                lines: 0.0,
+                lines: None,
                 tolerance: 1e-6,
                 steps: 60,
                 settled: 1e-3,
                 read: 0.0,
                 together: 900,
                 each: true,
-                spread: true,
                 unknowns: 0,
                 nested: None,
             },

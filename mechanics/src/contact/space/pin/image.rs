@@ -43,10 +43,10 @@ impl Row {
         seen: impl Fn([f64; 2]) -> bool,
         of: impl FnMut([f64; 2], f64),
     ) {
-        if self.fineness.spread {
-            return self.spread_loads(of);
+        match self.fineness.lines {
+            Some(lines) => self.lined_loads(self.cutoff(lines, pitch_mm), seen, of),
+            None => self.spread_loads(of),
         }
-        self.lined_loads(self.cutoff(pitch_mm), seen, of);
     }
 }
 
@@ -83,7 +83,6 @@ mod tests {
                     pin.seen_loads(&shares, stand, |_, _| loads += 1);
                     let seen = loads * (shares.side() * shares.side()).min(array.len());
                     most = [most[0].max(loads), most[1].max(seen)];
-                    println!("{t} {width_mm} {length_mm} {rot_rad}: {loads} loads, {seen} tactels");
                 }
             }
         }

@@ -9,13 +9,14 @@
 //!
 //! It refuses nothing: an end whose short pin has no solution keeps what its slices say.
 
+use super::super::super::interpolation::cubic;
 use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Layer;
 use super::ends::loss;
 use super::fineness::{Fineness, Laid};
 use super::row::Row;
 use super::spread::stood;
-use super::strip::{COSINES_MAX, Strips, cubic};
+use super::strip::{COSINES_MAX, Strips};
 use super::work::Trouble;
 use core::f64::consts::PI;
 

@@ -194,11 +194,12 @@ impl Row {
     }
 
     /// Wave number (times thickness) up to which the points of an image stand for the pressure, for
-    /// tactels of `pitch_mm` or for a point of the base. Beyond it the base sees of a wave, and the
+    /// tactels of `pitch_mm` or for a point of the base; `lines` is that of a tactel as wide as the
+    /// layer is thick. Beyond it the base sees of a wave, and the
     /// mean over a tactel leaves of that, less than one part in a hundred.
-    pub(super) fn cutoff(&self, pitch_mm: Option<f64>) -> f64 {
+    pub(super) fn cutoff(&self, lines: f64, pitch_mm: Option<f64>) -> f64 {
         let tactel = pitch_mm.map_or(POINT, |pitch| pitch / self.layer.thickness_mm);
-        (self.fineness.lines - libm::log(tactel.max(POINT))).max(COARSEST)
+        (lines - libm::log(tactel.max(POINT))).max(COARSEST)
     }
 
     /// The largest that this may be.

@@ -229,13 +229,13 @@ impl Pin {
         let over = if tabled { risen.clone() } else { strips };
         let mut rows = vec![Row::new((layer, &kernel), (over, true), ends, fineness)?];
         let fineness = Fineness { tolerance: 0.5 * fineness.tolerance, ..fineness };
-        let mut reach = fineness.shorter * length;
+        let mut reach = fineness.next(length);
         while reach >= SHORTEST_ROW {
             let (over, end) = ((risen.clone(), false), [ends[1] - reach, ends[1]]);
             rows.push(Row::new((layer, &kernel), over, end, fineness)?);
-            reach *= fineness.shorter;
+            reach = fineness.next(reach);
         }
-        for row in rows.iter_mut().filter(|row| row.fineness.spread) {
+        for row in rows.iter_mut().filter(|row| row.fineness.lines.is_none()) {
             row.leftover = leftover::Leftover::new((layer, &kernel), (&risen, deepest), row);
         }
         let corner = match (section, level) {

@@ -91,7 +91,7 @@ impl Row {
         let tabled = fineness.nested.filter(|_| !strips.is_free());
         let Fineness { whole: over, end, modes, .. } = fineness;
         let (over, end, modes) = tabled.map_or((over, end, modes), |t| (t.whole, t.end, t.modes));
-        let few = !whole || (fineness.spread && length < FEW);
+        let few = !whole || (fineness.lines.is_none() && length < FEW);
         let room = if few && strips.is_free() { fineness.unknowns } else { 0 };
         let laid = if whole { over } else { end };
         let fewest = match room / strips.places.cosines {
@@ -124,8 +124,7 @@ impl Row {
         let mut work = Work::new(slices, &strips, (coupling.transform_len(), room));
         let fineness = Fineness { modes, ..fineness };
         let fineness = if length < SHORT { calmed(fineness, &mut work) } else { fineness };
-        let finest =
-            if fineness.spread { fineness.points } else { Self::cutoff_max(fineness.lines) };
+        let finest = fineness.lines.map_or(fineness.points, Self::cutoff_max);
         let most = points_for(finest, widest);
         Ok(Self {
             layer: *layer,

@@ -487,7 +487,7 @@ impl Row {
             work.effective[j] = new;
             if new <= 0.0 {
                 work.active[j] = false;
-                work.dropped[j] += u8::from(!free);
+                work.dropped[j] = work.dropped[j].saturating_add(u8::from(!free));
             }
         }
         if opened { largest.max(self.wake()) } else { largest }

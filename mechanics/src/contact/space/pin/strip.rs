@@ -6,6 +6,7 @@
 //! Lengths are in thicknesses. It refuses contacts beyond its bounds; a row once made cannot fail.
 
 use super::super::super::Invalid;
+use super::super::super::interpolation::cubic;
 use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Transfer;
 use super::super::quadrature::{factor, solve};
@@ -267,12 +268,6 @@ pub(crate) fn punch_force(kernel: &SurfaceKernel, half: f64) -> f64 {
     let mut row = vec![0.0; places.len()];
     fill(kernel, Section::Flat(half), half, places, &mut row);
     PI * row[places.punch(0)]
-}
-
-/// Weights of the cubic through the values at -1, 0, 1, 2.
-pub(crate) fn cubic(s: f64) -> [f64; 4] {
-    let (a, b, c) = (s + 1.0, s - 1.0, s - 2.0);
-    [-s * b * c / 6.0, a * b * c / 2.0, -a * s * c / 2.0, a * s * b / 6.0]
 }
 
 /// Half-width that a little more than `penetration` needs.
