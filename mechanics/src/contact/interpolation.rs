@@ -1,5 +1,5 @@
-//! Interpolation on a uniform grid with four and with six points, for the tables of this folder. It refuses nothing:
-//! callers stay inside their tables.
+//! Interpolation on a uniform grid with four and with six points, for the tables of this folder.
+//! It refuses nothing: callers stay inside their tables.
 
 /// Weights of the cubic through the values at -1, 0, 1, 2.
 pub(crate) fn cubic(s: f64) -> [f64; 4] {

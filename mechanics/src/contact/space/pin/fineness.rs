@@ -40,8 +40,9 @@ pub(super) struct Fineness {
     pub(super) cosines: (f64, f64, f64),
     /// Wave number (times thickness) up to which the points of an image stand for the pressure.
     pub(super) points: f64,
-    /// The same for a tactel as wide as the layer is thick, where lines stand for slices; where none
-    /// do, each slice's force is spread over its neighbours, and ends get what slices leave over.
+    /// The same for a tactel as wide as the layer is thick, where lines stand for slices; where
+    /// none do, each slice's force is spread over its neighbours, and ends get what slices leave
+    /// over.
     pub(super) lines: Option<f64>,
     pub(super) tolerance: f64,
     pub(super) steps: usize,
