@@ -99,6 +99,29 @@ fn a_contact_within_one_tactel_loads_that_tactel() {
     assert!((image[0] * 25.4 * 25.4 + 0.05).abs() < 1e-6);
 }
 
+/// On a layer thicker than the whole array its tactels see what the same ones see within a larger
+/// array: what presses far beside them counts.
+#[test]
+fn tactels_alone_on_a_thick_layer_see_all_that_presses() {
+    let (t, pitch_mm) = (10.0, 0.8);
+    let cylinder = Shape::Cylinder { radius_mm: 130.0, length_mm: Some(70.0) };
+    let edge = Shape::Edge { length_mm: Some(60.0) };
+    for (shape, drive) in [(cylinder, Drive::PenetrationMm(0.5)), (edge, Drive::ForceN(1.0))] {
+        for (level, error) in [(Level::Fast, 1e-2), (Level::Default, 1e-4)] {
+            let seen = |count: usize| {
+                let array = Array { rows: count, cols: count, pitch_mm };
+                let rubber = layer(t, 0.45);
+                let mut scene = Scene::new(&rubber, shape, &array, Sampling::Area, level).unwrap();
+                let stand = Stand { x_mm: 0.2, y_mm: 0.1, rot_rad: -0.4 };
+                scene.press(drive, Pose { stand, tilt_rad: 0.0 }).unwrap();
+                image(&scene)[count * count / 2]
+            };
+            let (alone, among) = (seen(1), seen(41));
+            assert!((alone / among - 1.0).abs() < error, "{shape:?} {level:?}: {alone} {among}");
+        }
+    }
+}
+
 #[test]
 fn nothing_pressed_is_an_empty_image_and_unloading_is_complete() {
     let layer = layer(0.8, 0.49);

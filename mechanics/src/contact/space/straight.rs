@@ -53,8 +53,8 @@ struct Cell {
 
 impl Straight {
     /// Tactels of a block along each axis for a reach in tactels.
-    pub(super) fn side_for(reach: f64, most: usize) -> usize {
-        (libm::ceil(2.0 * reach) as usize).saturating_add(1).clamp(2, most)
+    pub(super) fn side_for(reach: f64) -> usize {
+        (libm::ceil(2.0 * reach) as usize).saturating_add(1).max(2)
     }
 
     /// Tactels of a block along each axis.
@@ -64,7 +64,8 @@ impl Straight {
 
     /// Numbers that blocks of so many tactels take.
     pub(super) fn len(phases: usize, side: usize) -> usize {
-        (phases * phases * PARTS).saturating_mul(side * side.next_multiple_of(LANES))
+        let stride = side.checked_next_multiple_of(LANES).unwrap_or(usize::MAX);
+        (phases * phases * PARTS).saturating_mul(side.saturating_mul(stride))
     }
 
     /// Blocks of what `share` gives for an offset of a tactel's centre from the load, in cells of

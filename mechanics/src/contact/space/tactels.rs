@@ -23,8 +23,6 @@ const PHASES_MAX: usize = 256;
 
 /// Largest tactel in thicknesses.
 const THINNEST: f64 = 1000.0;
-/// Loads further from the array than this many of its widths leave nothing on it.
-const WIDTHS: f64 = 8.0;
 
 /// Straight lines on a layer thicker than this many tactels, under which few loads make an image:
 /// so many times further, and for what rubs, so many times finer on any layer.
@@ -241,13 +239,14 @@ impl Shares {
         };
         let per_tactel = finer * fineness.per_thickness * array.pitch_mm / t;
         let phases = 2 * (libm::ceil(0.5 * per_tactel).max(1.0) as usize).min(PHASES_MAX / 2);
-        let most = WIDTHS * array.rows.max(array.cols) as f64;
         let reach = further * fineness.reach * t / array.pitch_mm;
-        let most = libm::ceil(most) as usize;
-        let half = (libm::ceil(reach + 0.5) as usize).min(most) + 1;
-        let side = Straight::side_for(reach, 2 * most);
+        // As far as the reach asks for, however small the array: a tactel alone on a thick layer
+        // sees all that a contact wider than it presses.
+        let half = (libm::ceil(reach + 0.5) as usize).saturating_add(1);
+        let side = Straight::side_for(reach);
         let numbers = if fineness.cubic {
-            ((phases + 3) * (phases + 3)).saturating_mul(4 * half * half)
+            let blocks = 4 * (phases + 3) * (phases + 3);
+            half.saturating_mul(half).saturating_mul(blocks)
         } else {
             Straight::len(phases, side)
         };
