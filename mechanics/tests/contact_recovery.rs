@@ -20,7 +20,9 @@ fn loads_and_width_come_back_whole_or_lifted() {
             let (setting, width) = (setting(friction), 12.7);
             let load = Load { p_n_mm, q_n_mm };
             let m = setting.moments(width, &load).expect("a contact");
-            assert!((m[0] + 7.15 * q_n_mm + 12.7 * p_n_mm).abs() < 1e-10);
+            // Shear acts over the layer's thickness too.
+            let lever = if friction == Friction::None { 6.35 } else { 7.15 };
+            assert!((m[0] + lever * q_n_mm + 12.7 * p_n_mm).abs() < 1e-10);
             let found = setting.loads(width, measured(m)).expect("loads");
             assert!((found.p.value - p_n_mm).abs() < 1e-5 * p_n_mm, "{found:?}");
             assert!((found.q.value - q_n_mm).abs() < 1e-5 * p_n_mm, "{found:?}");
@@ -54,6 +56,73 @@ fn uncertainties_are_those_of_many_draws() {
     assert!((spread.sqrt() / middle.p.sigma - 1.0).abs() < 0.01, "{spread} {middle:?}");
 }
 
+/// Loads at the height of the surface, low bars near the origin and thin incompressible layers:
+/// contacts like all others.
+#[test]
+fn low_bars_and_thin_layers_come_back_too() {
+    for (t, nu, height_mm, origin_mm, width, slant) in [
+        (0.8, 0.49, 0.0, 12.7, 12.7, 0.3),
+        (2.6, 0.49, 3.4, 7.55, 14.4, 0.0),
+        (0.8, 0.3, 1.0, -12.7, 15.1, -0.9),
+        (1.1, 0.31, 9.6, 5.43, 10.3, 0.1),
+        (0.1, 0.5, 6.35, 12.7, 6.35, 0.05),
+    ] {
+        let layer = Layer::new(t, 27.58, nu).expect("a sound layer");
+        let friction = Friction::Proportional;
+        let setting = Setting { layer, height_mm, origin_mm, friction };
+        let load = Load { p_n_mm: 0.4, q_n_mm: slant * 0.4 };
+        let m = measured(setting.moments(width, &load).expect("a contact"));
+        let found = setting.loads(width, m).expect("loads");
+        assert!((found.p.value - 0.4).abs() < 1e-4 * 0.4, "{height_mm}: {found:?}");
+        assert!((found.q.value - load.q_n_mm).abs() < 1e-4 * 0.4, "{height_mm}: {found:?}");
+        let found = setting.width(&load, m).expect("a width");
+        assert!((found.width.value / width - 1.0).abs() < 1e-4, "{height_mm}: {found:?}");
+    }
+}
+
+/// Bars of all widths under noise of 3 % in both moments: none is refused, and the uncertainties
+/// cover what they say.
+#[test]
+fn noise_is_never_refused_and_its_uncertainty_covers() {
+    let mut state = 7_u64;
+    let mut draw = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        f64::from((state >> 33) as u32) / f64::from(1_u32 << 31)
+    };
+    let (mut within, mut count) = ([[0_usize; 2]; 3], 0_usize);
+    for i in 0..24 {
+        let setting = setting([Friction::None, Friction::Proportional][i % 2]);
+        let width = 1.0 + 14.0 * draw();
+        let p_n_mm = 0.1 + draw();
+        let load = Load { p_n_mm, q_n_mm: 0.9 * (2.0 * draw() - 1.0) * p_n_mm * width / 12.7 };
+        let exact = setting.moments(width, &load).expect("a contact");
+        let sigma = exact.map(|m| 0.03 * m.abs());
+        for _ in 0..12 {
+            let noisy = [0, 1].map(|k| {
+                let normal = (0..12).map(|_| draw()).sum::<f64>() - 6.0;
+                Measured { value: exact[k] + sigma[k] * normal, sigma: sigma[k] }
+            });
+            let loads = setting.loads(width, noisy).expect("loads");
+            let wide = setting.width(&load, noisy).expect("a width");
+            let misses = [
+                (loads.p.value - p_n_mm) / loads.p.sigma,
+                (loads.q.value - load.q_n_mm) / loads.q.sigma,
+                (wide.width.value - width) / wide.width.sigma,
+            ];
+            count += 1;
+            for (within, miss) in within.iter_mut().zip(misses) {
+                within[0] += usize::from(miss.abs() <= 1.0);
+                within[1] += usize::from(miss.abs() <= 2.0);
+            }
+        }
+    }
+    let part = |n: usize| n as f64 / count as f64;
+    println!("{:?}", within.map(|w| w.map(part)));
+    for [one, two] in within.map(|w| w.map(part)) {
+        assert!(one > 0.62 && two > 0.91, "{one} {two}");
+    }
+}
+
 #[test]
 fn what_cannot_be_recovered_is_refused() {
     let sound = setting(Friction::None);
@@ -71,6 +140,8 @@ fn what_cannot_be_recovered_is_refused() {
     }
     let toppling = Load { p_n_mm: 0.1, q_n_mm: 0.3 };
     assert_eq!(sound.check_all(12.7, &toppling, m), Err(Unrecovered::NoContact));
+    let slack = Setting { height_mm: 0.0, ..sound };
+    assert!(matches!(slack.loads(12.7, m), Err(Unrecovered::Invalid(_))));
     let flat = Setting { height_mm: -1.0, ..sound };
     assert!(matches!(flat.width(&load, m), Err(Unrecovered::Invalid(_))));
 }

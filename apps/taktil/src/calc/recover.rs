@@ -62,7 +62,7 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
         ("sigma", "{p_n_mm, q_n_mm, width_mm}, 0 for what was given"),
         ("miss", "{m1, m2}: of the answer less the given"),
         ("consistent", "whether both misses are within 3 sigma"),
-        ("constraint", "{p, q, value}: p P + q Q = value, in case 4"),
+        ("constraint", "{p, q, value, sigma}: p P + q Q = value, of that sigma, in case 4"),
     ],
     run: recover,
 }];
@@ -109,7 +109,8 @@ fn recover(args: &Args) -> Result<Answer, Failure> {
         for name in ["p_n_mm", "q_n_mm", "width_mm"] {
             out.maybe(name, None);
         }
-        out.value("constraint", json!({"p": p, "q": q, "value": value}));
+        let sigma = m[0].sigma;
+        out.value("constraint", json!({"p": p, "q": q, "value": value, "sigma": sigma}));
         return Ok(out);
     }
     let found = match case {

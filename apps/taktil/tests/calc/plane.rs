@@ -265,6 +265,14 @@ fn loads_and_widths_are_recovered_from_moments() {
     assert_eq!(recover(all)["consistent"], true);
     let off = json!({"case": 3, "p_n_mm": 0.4, "q_n_mm": 0.05, "width_mm": 12.7});
     assert_eq!(recover(off)["consistent"], false);
+    // Frictionless, Q comes with its moment about the surface alone, as in `contact_2d`.
+    let made = contact(json!({"shape": bar, "load": load}));
+    let m = |k: &str| number(&made, &format!("/features/full/{k}"));
+    let (n1, n2) = (m("m1") + 12.7 * m("m0"), m("m2") + 25.4 * m("m1") + 161.29 * m("m0"));
+    let loads =
+        recover(json!({"case": 1, "width_mm": 12.7, "friction": "none", "m1": n1, "m2": n2}));
+    near(&loads, "/p_n_mm", 0.35, 1e-5);
+    near(&loads, "/q_n_mm", 0.05, 1e-5);
     let rest = recover(json!({"case": 4}));
     let line = |k: &str| number(&rest, &format!("/constraint/{k}"));
     assert!((line("p") * 0.35 + line("q") * 0.05 - line("value")).abs() < 1e-9);

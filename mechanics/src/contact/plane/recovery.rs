@@ -3,12 +3,22 @@
 //!
 //! Moments are those of s_zz over the base, tension counted, about an origin `origin_mm` to the
 //! left of the bar's middle (the sensor's end, say). Statics gives the first one exactly,
-//! M1 = -(h + t) Q - c P; the second, M2 = M2' - 2 c (h + t) Q - c^2 P, holds the width in M2', the
-//! moment about the middle, which the contact solver gives, lifted edges included.
+//! M1 = -l Q - c P, the lever l being h + t, or h where no shear enters the layer; the second,
+//! M2 = M2' - 2 c l Q - c^2 P, holds the width in M2', the moment about the middle, which the
+//! contact solver gives, lifted edges included.
 //!
-//! It refuses what [`Indenter::new`] refuses, moments that no contact makes, and an origin at the
-//! middle where force is wanted: there M1 does not feel P. Uncertainties are those of the
-//! moments, carried through to first order. It allocates.
+//! Moments that only noise can have put beyond every contact, up to [`BEYOND`] standard deviations,
+//! are answered by the nearest contact and told by their misses: estimates are those of largest
+//! likelihood, for which that nearest one stands. Uncertainties are those of the moments. Those of
+//! loads are carried through to first order; that of a width is how far it moves when M2 does by
+//! one standard deviation to the worse side, since M2 hardly feels a narrow bar's width. Where its
+//! uncertainty is a large part of it a width is too large in the mean: none comes out below the
+//! narrowest. Of two contacts that make the same moments, which there are where the origin is near
+//! a bar on thick rubber, the more upright is given.
+//!
+//! It refuses what [`Indenter::new`] refuses, moments further away, an origin under the bar where
+//! force is wanted, since M1 hardly feels P there, and a bar of no height without friction, whose
+//! moments do not feel Q. It allocates.
 
 use super::features::moments;
 use super::{Friction, Indenter, Level, Load, Refusal, Shape};
@@ -19,6 +29,21 @@ use crate::contact::{Invalid, finite, positive};
 const STEPS: usize = 100;
 /// Narrowest and widest bar looked for, in mm.
 pub const WIDTHS_MM: [f64; 2] = [0.2, 25.4];
+/// How far, in standard deviations, moments may lie beyond those of every contact.
+pub const BEYOND: f64 = 5.0;
+/// Largest Q/P looked for.
+pub const STEEPEST: f64 = 30.0;
+/// Cells of Q/P in which loads are looked for.
+const CELLS: i32 = 32;
+/// How near to toppling, and to the narrowest bar that stands, loads and widths are looked for.
+const STANDS: f64 = 1e-6;
+/// Narrowings of the place of a smallest value, and what each takes away.
+const NARROWINGS: usize = 40;
+const GOLDEN: f64 = 0.381_966_011_250_105_1;
+/// A weight's smallest divisor.
+const TINY: f64 = 1e-300;
+/// Noise that rounding and the solver's error make, as a part of a moment.
+const ROUNDING: f64 = 1e-6;
 
 /// The bar and the sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,8 +132,8 @@ impl Setting {
         load: &Load,
     ) -> Result<[f64; 2], Unrecovered> {
         let about_middle = self.about_middle(bar, width_mm, load)?;
-        let (c, lever) = (self.origin_mm, self.height_mm + self.layer.thickness_mm);
-        let first = -lever * load.q_n_mm;
+        let c = self.origin_mm;
+        let first = -self.lever() * load.q_n_mm;
         let total = -load.p_n_mm;
         Ok([first + c * total, about_middle + 2.0 * c * first + c * c * total])
     }
@@ -121,9 +146,12 @@ impl Setting {
         Ok(moments(&self.layer, &bar.point_forces(t), t).m[2])
     }
 
-    /// Q for a P, from the first moment.
-    fn shear(&self, p_n_mm: f64, m1: f64) -> f64 {
-        -(m1 + self.origin_mm * p_n_mm) / (self.height_mm + self.layer.thickness_mm)
+    /// Lever of Q over the base: a shear traction adds the layer's thickness.
+    fn lever(&self) -> f64 {
+        match self.friction {
+            Friction::None => self.height_mm,
+            Friction::Proportional => self.height_mm + self.layer.thickness_mm,
+        }
     }
 
     /// Case I: the width is known, the loads are not.
@@ -139,56 +167,94 @@ impl Setting {
             let remedy = "take moments about a place beside the bar: there they tell P from Q";
             return Err(Invalid::new("origin_mm", what, remedy).into());
         }
-        let bar = self.template()?;
-        let [p, q] = self.solve_loads(&bar, width_mm, [m[0].value, m[1].value])?;
-        let mut variance = [0.0; 2];
-        for k in 0..2 {
-            let step = m[k].sigma.max(1e-6 * m[k].value.abs());
-            let shifted = |sign: f64| {
-                let mut moved = [m[0].value, m[1].value];
-                moved[k] += sign * 1e-3 * step;
-                self.solve_loads(&bar, width_mm, moved)
-            };
-            let (up, down) = (shifted(1.0)?, shifted(-1.0)?);
-            for (variance, (up, down)) in variance.iter_mut().zip(up.iter().zip(down)) {
-                let slope = (up - down) / (2e-3 * step);
-                *variance += slope * slope * m[k].sigma * m[k].sigma;
-            }
+        if self.lever() == 0.0 {
+            let what = "a bar of no height without friction".to_owned();
+            let remedy = "give a height, or friction: these moments do not feel Q";
+            return Err(Invalid::new("height_mm", what, remedy).into());
         }
+        let bar = self.template()?;
+        let steepest = (0.5 * width_mm / self.height_mm).min(STEEPEST) * (1.0 - STANDS);
+        let slant = self.slant(&bar, width_mm, steepest, m)?;
+        let made = self.per_load(&bar, width_mm, slant)?;
+        let (p, off) = nearest(made, m, weights_of(m));
+        if p == 0.0 || off > BEYOND {
+            return Err(Unrecovered::NoContact);
+        }
+        let misses = [0, 1].map(|k| p * made[k] - m[k].value);
+        // Moments of P and Q = slant P are P times those of the slant.
+        let step = 1e-4 * steepest;
+        let ends = [-step, step].map(|d| (slant + d).clamp(-steepest, steepest));
+        let [less, more] =
+            [self.per_load(&bar, width_mm, ends[0])?, self.per_load(&bar, width_mm, ends[1])?];
+        let per_q = [0, 1].map(|k| (more[k] - less[k]) / (ends[1] - ends[0]));
+        let per_p = [0, 1].map(|k| made[k] - slant * per_q[k]);
+        let det = per_p[0] * per_q[1] - per_p[1] * per_q[0];
+        let sigma = |row: [f64; 2]| libm::hypot(row[1] * m[0].sigma, row[0] * m[1].sigma);
         Ok(Recovered {
-            p: Measured { value: p, sigma: variance[0].sqrt() },
-            q: Measured { value: q, sigma: variance[1].sqrt() },
+            p: Measured { value: p, sigma: sigma(per_q) / det.abs() },
+            q: Measured { value: slant * p, sigma: sigma(per_p) / det.abs() },
             width: Measured { value: width_mm, sigma: 0.0 },
-            misses: [0.0; 2],
+            misses,
         })
     }
 
-    fn solve_loads(
+    /// Both moments about the origin of a unit P with Q = `slant`; the contact's form depends on
+    /// their ratio alone.
+    fn per_load(&self, bar: &Indenter, width_mm: f64, slant: f64) -> Result<[f64; 2], Unrecovered> {
+        self.moments_of(bar, width_mm, &Load { p_n_mm: 1.0, q_n_mm: slant })
+    }
+
+    /// Q/P of the contact whose moments are in the ratio of the measured ones, or of the nearest.
+    fn slant(
         &self,
         bar: &Indenter,
         width_mm: f64,
-        m: [f64; 2],
-    ) -> Result<[f64; 2], Unrecovered> {
-        let c = self.origin_mm;
-        // M2 = M2' + 2 c M1 + c^2 P; M2' is about -P W^2/12 and always above -P (W/2 + 2 t)^2.
-        let rest = m[1] - 2.0 * c * m[0];
-        let miss = |p: f64| -> Result<f64, Unrecovered> {
-            let load = Load { p_n_mm: p, q_n_mm: self.shear(p, m[0]) };
-            Ok(self.about_middle(bar, width_mm, &load)? + c * c * p - rest)
+        steepest: f64,
+        m: [Measured; 2],
+    ) -> Result<f64, Unrecovered> {
+        let across = |made: [f64; 2]| made[0] * m[1].value - made[1] * m[0].value;
+        let miss = |slant: f64| Ok(across(self.per_load(bar, width_mm, slant)?));
+        let weights = weights_of(m);
+        let off = |slant: f64| {
+            Ok::<_, Unrecovered>(nearest(self.per_load(bar, width_mm, slant)?, m, weights).1)
         };
-        // Loads at which the bar does not topple: |Q| h < P W/2.
-        let lever = self.height_mm / (self.height_mm + self.layer.thickness_mm);
-        let edge = |side: f64| -lever * m[0] / (lever * c + side * 0.5 * width_mm);
-        let (low, high) = (edge(1.0).min(edge(-1.0)), edge(1.0).max(edge(-1.0)));
-        if !(low.is_finite() && high > 0.0) {
-            return Err(Unrecovered::NoContact);
+        let mut near = (f64::INFINITY, 0.0);
+        let along = |made: [f64; 2]| made[0] * m[0].value + made[1] * m[1].value > 0.0;
+        let mut found: Option<f64> = None;
+        let mut before: Option<(f64, [f64; 2])> = None;
+        for i in -CELLS / 2..=CELLS / 2 {
+            let slant = steepest * f64::from(2 * i) / f64::from(CELLS);
+            let made = self.per_load(bar, width_mm, slant)?;
+            let (_, far) = nearest(made, m, weights);
+            if far < near.0 {
+                near = (far, slant);
+            }
+            if let Some((last, other)) = before
+                && (across(other) < 0.0) != (across(made) < 0.0)
+                && along(made)
+            {
+                let zero = root(miss, last, slant)?;
+                // Of two the one that stands more upright.
+                found = Some(found.map_or(zero, |f| if f.abs() <= zero.abs() { f } else { zero }));
+            }
+            before = Some((slant, made));
         }
-        let inset = 1e-6 * (high - low);
-        let p = root(miss, (low + inset).max(1e-12), high - inset)?;
-        Ok([p, self.shear(p, m[0])])
+        if let Some(slant) = found {
+            return Ok(slant);
+        }
+        // The nearest: of the slants tried, then between its neighbours.
+        let cell = 2.0 * steepest / f64::from(CELLS);
+        let (mut low, mut high) = (near.1 - cell, near.1 + cell);
+        for _ in 0..NARROWINGS {
+            let inner = [low + GOLDEN * (high - low), high - GOLDEN * (high - low)]
+                .map(|slant| slant.clamp(-steepest, steepest));
+            let [a, b] = [off(inner[0])?, off(inner[1])?];
+            (low, high) = if a < b { (low, inner[1]) } else { (inner[0], high) };
+        }
+        Ok((0.5 * (low + high)).clamp(-steepest, steepest))
     }
 
-    /// Case II: the loads are known, the width is not.
+    /// Case II: the loads are known, the width is not. M1 does not feel it.
     ///
     /// # Errors
     /// See [`Unrecovered`].
@@ -198,25 +264,46 @@ impl Setting {
         positive("p_n_mm", load.p_n_mm)?;
         finite("q_n_mm", load.q_n_mm)?;
         let bar = self.template()?;
-        let miss = |width: f64| -> Result<f64, Unrecovered> {
-            Ok(m[1].value - self.moments_of(&bar, width, load)?[1])
-        };
-        let narrow = 2.0 * load.q_n_mm.abs() * self.height_mm / load.p_n_mm * (1.0 + 1e-6);
-        let [least, most] = WIDTHS_MM;
-        if narrow >= most {
+        let second =
+            |width: f64| -> Result<f64, Unrecovered> { Ok(self.moments_of(&bar, width, load)?[1]) };
+        let narrow = 2.0 * load.q_n_mm.abs() * self.height_mm / load.p_n_mm * (1.0 + STANDS);
+        let least = WIDTHS_MM[0].max(narrow);
+        let most = self.widest(&bar);
+        if least >= most {
             return Err(Unrecovered::NoContact);
         }
-        let width = root(miss, least.max(narrow), most)?;
-        let h = 1e-3 * width;
-        let inner = (width - h).max(narrow);
-        let slope = (miss(width + h)? - miss(inner)?) / (width + h - inner);
+        // It falls with the width.
+        let (narrowest, widest) = (second(least)?, second(most)?);
+        let reached = m[1].value.clamp(widest, narrowest);
+        let slack = BEYOND * m[1].sigma + ROUNDING * m[1].value.abs();
+        if (reached - m[1].value).abs() > slack {
+            return Err(Unrecovered::NoContact);
+        }
+        let of = |moment: f64| match moment {
+            m if m >= narrowest => Ok(least),
+            m if m <= widest => Ok(most),
+            m => root(|width| Ok(m - second(width)?), least, most),
+        };
+        let width = of(reached)?;
+        let (up, down) = (of(reached + m[1].sigma)?, of(reached - m[1].sigma)?);
+        let sigma = (up - width).abs().max((down - width).abs());
         let found = self.moments_of(&bar, width, load)?;
         Ok(Recovered {
             p: Measured { value: load.p_n_mm, sigma: 0.0 },
             q: Measured { value: load.q_n_mm, sigma: 0.0 },
-            width: Measured { value: width, sigma: m[1].sigma / slope.abs() },
+            width: Measured { value: width, sigma },
             misses: [found[0] - m[0].value, found[1] - m[1].value],
         })
+    }
+
+    /// The widest bar looked for that the solver's points are enough for.
+    fn widest(&self, bar: &Indenter) -> f64 {
+        let mut most = WIDTHS_MM[1];
+        let shape = |width_mm| Shape::Flat { width_mm, height_mm: self.height_mm };
+        while most > WIDTHS_MM[0] && bar.reshaped(shape(most)).is_err() {
+            most *= 0.9;
+        }
+        most
     }
 
     /// Case III: both are known; the moments are redundant and check them.
@@ -240,15 +327,30 @@ impl Setting {
         })
     }
 
-    /// Case IV: neither is known: c P + (h + t) Q = -M1 is what remains, as [c, h + t, -M1].
+    /// Case IV: neither is known: c P + l Q = -M1 is what remains, as [c, l, -M1]; the last is as
+    /// uncertain as M1.
     ///
     /// # Errors
     /// See [`Unrecovered`].
     pub fn constraint(&self, m: [Measured; 2]) -> Result<[f64; 3], Unrecovered> {
         self.check()?;
         check(&m)?;
-        Ok([self.origin_mm, self.height_mm + self.layer.thickness_mm, -m[0].value])
+        Ok([self.origin_mm, self.lever(), -m[0].value])
     }
+}
+
+/// What misses are weighed by.
+fn weights_of(m: [Measured; 2]) -> [f64; 2] {
+    m.map(|m| 1.0 / m.sigma.max(ROUNDING * m.value.abs()).max(TINY))
+}
+
+/// The P from 0 on whose moments are nearest to the measured ones, and how far they then are, in
+/// standard deviations; `made` are those of a unit P.
+fn nearest(made: [f64; 2], m: [Measured; 2], weights: [f64; 2]) -> (f64, f64) {
+    let [a, b] = [0, 1].map(|k| made[k] * weights[k]);
+    let [x, y] = [0, 1].map(|k| m[k].value * weights[k]);
+    let p = ((a * x + b * y) / (a * a + b * b)).max(0.0);
+    (p, libm::hypot(p * a - x, p * b - y))
 }
 
 fn check(m: &[Measured; 2]) -> Result<(), Invalid> {
