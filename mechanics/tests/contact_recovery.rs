@@ -117,7 +117,6 @@ fn noise_is_never_refused_and_its_uncertainty_covers() {
         }
     }
     let part = |n: usize| n as f64 / count as f64;
-    println!("{:?}", within.map(|w| w.map(part)));
     for [one, two] in within.map(|w| w.map(part)) {
         assert!(one > 0.62 && two > 0.91, "{one} {two}");
     }
