@@ -9,7 +9,7 @@ use crate::contact::layer::Transfer;
 const CAPACITY: usize = 400;
 /// A wide incompressible contact goes down by a small part of what its pressure does nearby: of
 /// errors that it enlarges more often than this, the points take care.
-const ENLARGED: f64 = 30.0;
+const ENLARGED: f64 = 8.0;
 /// Half-width in radii of a circle from which on its slope needs points of its own.
 const STEEP: f64 = 0.66;
 

@@ -86,8 +86,8 @@ impl Fineness {
         match level {
             Level::Fast => Self {
                 shorter: [FRAC_1_SQRT_2; 2],
-                whole: Laid { fewest: 20.0, slice: 0.6, enough: 36.0, longest: 1.0 },
-                end: Laid { fewest: 14.0, slice: 0.42, enough: 30.0, longest: 1.0 },
+                whole: Laid { fewest: 20.0, slice: 0.42, enough: 42.0, longest: 1.0 },
+                end: Laid { fewest: 14.0, slice: 0.3, enough: 42.0, longest: 1.0 },
                 modes: modes(10.0, 10.0, 7.0, 0.2),
                 cosines: (3.0, 0.0, 1.5),
                 points: 4.5,

@@ -38,6 +38,8 @@ const LEAST: f64 = 0.05;
 /// Evaluations by which the depth of a force is found, and how well, in its logarithm.
 const EVALUATIONS: usize = 40;
 const FOUND: f64 = 1e-7;
+/// So far inside of a range of contacts, in parts, depths are taken for ones within it.
+const INSIDE: f64 = 1e-12;
 
 /// Solved contacts of one row.
 #[derive(Clone, Debug)]
@@ -256,37 +258,67 @@ impl Lying {
     /// at which it is known to be less and more.
     fn depth_of(&self, force: f64, along: (f64, f64)) -> Option<f64> {
         let wanted = libm::log(force);
-        let (slope, length) = along;
+        let [(mut low, mut below), (mut high, mut above)] = self
+            .between(wanted, self.whole_range(along), along)
+            .or_else(|| self.any_range(wanted, along))?;
+        // Regula falsi in logarithms, with the end that stays put counted half.
+        for _ in 0..EVALUATIONS {
+            let middle = (low * above - high * below) / (above - below);
+            let miss = self.force(libm::exp(middle), along)? - wanted;
+            if miss.abs() < FOUND || above <= below {
+                return Some(libm::exp(middle));
+            }
+            if miss < 0.0 {
+                (low, below, above) = (middle, miss, 0.5 * above);
+            } else {
+                (high, above, below) = (middle, miss, 0.5 * below);
+            }
+        }
+        Some(0.5 * (libm::exp(low) + libm::exp(high)))
+    }
+
+    /// Logarithms of two depths and by how much their forces miss one, where it lies between them.
+    fn between(
+        &self,
+        wanted: f64,
+        [low, high]: [f64; 2],
+        along: (f64, f64),
+    ) -> Option<[(f64, f64); 2]> {
+        let below = self.force(low, along)? - wanted;
+        let above = self.force(high, along)? - wanted;
+        let inside = below <= 0.0 && above >= 0.0;
+        inside.then(|| [(libm::log(low), below), (libm::log(high), above)])
+    }
+
+    /// Depths between which each has the fall of a slope among its contacts.
+    fn whole_range(&self, (slope, length): (f64, f64)) -> [f64; 2] {
         let [least, most] = [self.depths[self.depths.len() - 1], self.depths[0]].map(libm::exp);
         let steepest = |[_, to]: &[usize; 2]| self.falls[to - 1];
         let flattest = |[from, _]: &[usize; 2]| self.falls[*from];
         let falls = self.solved.iter().map(steepest).fold(f64::INFINITY, f64::min);
         let flat = self.solved.iter().map(flattest).fold(0.0, f64::max);
-        let mut low = (least * SHALLOWEST).max(slope * length / falls) * (1.0 + 1e-12);
-        let mut high = if flat > 0.0 { most.min(slope * length / flat) } else { most };
-        high *= 1.0 - 1e-12;
-        let mut below = self.force(low, along)? - wanted;
-        let mut above = self.force(high, along)? - wanted;
-        if !(below <= 0.0 && above >= 0.0) {
-            return None;
+        let low = (least * SHALLOWEST).max(slope * length / falls);
+        let high = if flat > 0.0 { most.min(slope * length / flat) } else { most };
+        [low * (1.0 + INSIDE), high * (1.0 - INSIDE)]
+    }
+
+    /// Two depths around a force where not every depth has that fall: between neighbours of the
+    /// depths, and of those at which one's contacts begin and end, all or none have it.
+    fn any_range(&self, wanted: f64, along: (f64, f64)) -> Option<[(f64, f64); 2]> {
+        let reach = along.0 * along.1;
+        let mut places = [0.0; 3 * DEPTHS + 1];
+        places[3 * DEPTHS] = SHALLOWEST * self.depths.last().map_or(0.0, |last| libm::exp(*last));
+        for (places, (depth, [from, to])) in
+            places.chunks_exact_mut(3).zip(self.depths.iter().zip(&self.solved))
+        {
+            let ends = [*from, to - 1].map(|fall| reach / self.falls[fall]);
+            places.copy_from_slice(&[libm::exp(*depth), ends[0], ends[1]]);
         }
-        // Regula falsi in logarithms, with the end that stays put counted half.
-        let [mut from, mut to] = [libm::log(low), libm::log(high)];
-        for _ in 0..EVALUATIONS {
-            let middle = (from * above - to * below) / (above - below);
-            let miss = self.force(libm::exp(middle), along)? - wanted;
-            if miss.abs() < FOUND || above <= below {
-                (low, high) = (libm::exp(middle), libm::exp(middle));
-                break;
-            }
-            if miss < 0.0 {
-                (from, below, above) = (middle, miss, 0.5 * above);
-            } else {
-                (to, above, below) = (middle, miss, 0.5 * below);
-            }
-            (low, high) = (libm::exp(from), libm::exp(to));
-        }
-        Some(0.5 * (low + high))
+        places.sort_unstable_by(|a, b| b.total_cmp(a));
+        let neighbours =
+            places.windows(2).map(|two| [two[1] * (1.0 + INSIDE), two[0] * (1.0 - INSIDE)]);
+        let sound = |[low, high]: &[f64; 2]| *low > 0.0 && low < high && *high < f64::INFINITY;
+        neighbours.filter(sound).find_map(|range| self.between(wanted, range, along))
     }
 
     /// Reads the differences of a contact.
@@ -429,5 +461,24 @@ mod tests {
             }
         }
         assert!(read > 140, "{read}");
+    }
+
+    /// A depth without all of its contacts does not keep the others' from being found.
+    #[test]
+    fn a_force_is_found_though_a_shallow_depth_lacks_flat_contacts() {
+        let layer = Layer::new(1.5347918953746555, 27.58, 0.5).expect("a sound layer");
+        let profile = Profile::Cylinder { radius_mm: 7.9562116879969835 };
+        let half = 14.528183864429593;
+        let made = Pin::new(&layer, profile, [-half, half], 0.2550155, Level::Fast);
+        let mut pin = made.expect("a pin");
+        let lying = pin.rows[0].lying.as_mut().expect("tables");
+        lying.solved[8][0] = 2;
+        for (delta, tilt_rad) in [(0.107, -0.0014), (0.05, 0.0), (0.02, 0.0011), (0.004, 0.001)] {
+            let deep = pin.press(Drive::PenetrationMm(delta), tilt_rad).expect("a contact");
+            let loaded = pin.press(Drive::ForceN(deep.force_n), tilt_rad).expect("a contact");
+            assert_eq!([deep.steps, loaded.steps], [1, 1], "{delta}");
+            let off = (loaded.penetration_mm - delta).abs();
+            assert!(off < 3e-3 * (delta + half * tilt_rad.abs()), "{deep:?} {loaded:?}");
+        }
     }
 }
