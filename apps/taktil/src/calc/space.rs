@@ -84,7 +84,8 @@ pub(super) const CONTACT: &[Field] = &[
         Kind::Number,
         "N",
         Need::Optional,
-        "Force of the whole indenter (N/mm for one without ends); this or `penetration_mm`.",
+        "Force of the whole indenter (N/mm for one without ends; tilted that is cut at the array, \
+         in N); this or `penetration_mm`.",
     ),
     Field::new("penetration_mm", Kind::Number, "mm", Need::Optional, "At the origin."),
     Field::new("rows", Kind::Size(SIDE_MAX), "", Need::Default("16"), "Rows, along y."),
@@ -135,7 +136,7 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
     fields: CONTACT,
     answers: &[
         ("image", "[rows*cols] MPa, szz at the base, row by row, x and y ascending"),
-        ("force_n", "N, or N/mm without ends"),
+        ("force_n", "N, or N/mm without ends and tilt"),
         ("delta_mm", "mm, null for an edge"),
         (
             "features",

@@ -140,7 +140,7 @@ fn cylinder() -> anyhow::Result<Figure> {
             "dz (mm)",
             "-dM1/dz (N/mm)",
             cross,
-            &["thesis: not diagonal, diagonally dominant: so it is"],
+            &["thesis: not diagonal, diagonally dominant: so it is while dx is below 2 dz"],
         ),
     ];
     Ok(stacked("Feature Jacobian of the cylinder", &charts))
