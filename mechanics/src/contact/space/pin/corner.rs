@@ -37,6 +37,8 @@ const LIFTS: usize = 4;
 /// So many times widths that were read are taken a part of the way to what they should be, each at
 /// most to these parts of its penetration and this part of the largest more.
 const TOUCHES: usize = 8;
+/// From so many on, what the level settles for is enough: ends may swing about it.
+const PATIENT: usize = 3;
 const PART: f64 = 0.5;
 const TOUCH: [f64; 2] = [0.3, 2.0];
 const WIDER: f64 = 0.05;
@@ -258,8 +260,12 @@ impl Row {
                 sunk += part;
             }
             let left = self.left_at_edges();
-            if left <= self.fineness.read || touch == TOUCHES {
-                return (left <= self.fineness.settled).then_some(sunk);
+            let [wanted_left, settled] = [self.fineness.read, self.fineness.settled];
+            if left <= if touch < PATIENT { wanted_left } else { settled } {
+                return Some(sunk);
+            }
+            if touch == TOUCHES {
+                return None;
             }
             self.touch();
             let room = self.work.dense.room;

@@ -187,7 +187,8 @@ impl Lying {
                 let now = (work.effective[j] - work.given[j]) / depth;
                 rate = if j + 1 < work.active.len() { now - off } else { 0.0 };
                 off = now;
-                let scale = row.strips.differs(work.effective[j], LEAST * depth, &mut plane[..n]);
+                let at = (work.effective[j], row.strips.half_width(work.effective[j]));
+                let scale = row.strips.differs(at, LEAST * depth, &mut plane[..n]);
                 let pressure = work.a[j * n..(j + 1) * n].iter().zip(&plane);
                 own.iter_mut().zip(pressure).for_each(|(own, (a, p))| *own = (a - p) / scale);
             } else {
@@ -383,13 +384,14 @@ impl Row {
             work.given[j] = given;
             work.active[j] = false;
             if effective > 0.0 {
-                let scale = self.strips.differs(effective, LEAST * depth, own);
+                work.widths[j] = self.strips.half_width(effective);
+                let at = (effective, work.widths[j]);
+                let scale = self.strips.differs(at, LEAST * depth, own);
                 let cosines = own.iter_mut().zip(&differences[1..]);
                 cosines.for_each(|(a, difference)| *a += scale * difference);
                 work.active[j] = own[0] > 0.0;
             }
             if work.active[j] {
-                work.widths[j] = self.strips.half_width(effective);
                 work.effective[j] = effective;
                 force += PI * self.h * own[0];
             } else {

@@ -17,6 +17,9 @@ const ROWS: usize = 96;
 /// Slices and halvings by which the penetration of a force is guessed.
 const GUESS_SLICES: usize = 16;
 const GUESSES: usize = 40;
+/// Steps by which the half-width of a penetration is found, and how well.
+const INVERSIONS: usize = 12;
+const INVERTED: f64 = 1e-9;
 /// Most cosines.
 pub(crate) const COSINES_MAX: usize = 96;
 /// Largest half-width in thicknesses.
@@ -64,9 +67,13 @@ impl Places {
     pub(crate) fn edge(self) -> usize {
         self.penetration() + 1
     }
+    /// The penetration without its logarithm, which the table has in its place.
+    pub(crate) fn smooth(self) -> usize {
+        self.edge() + 1
+    }
     /// Numbers in a row.
     pub(crate) fn len(self) -> usize {
-        self.edge() + 1
+        self.smooth() + 1
     }
 }
 
@@ -145,7 +152,16 @@ impl Strips {
             *value =
                 w[0] * parts[0][i] + w[1] * parts[1][i] + w[2] * parts[2][i] + w[3] * parts[3][i];
         }
-        out[self.places.matrix(0, 0)] -= PI * PI * libm::log(b);
+        let (logarithm, places) = (PI * libm::log(b), self.places);
+        out[places.matrix(0, 0)] -= PI * logarithm;
+        out[places.penetration()] = out[places.smooth()] - logarithm * out[places.contact(0)];
+    }
+
+    /// Penetration of the plane contact of a half-width above 0, as a row has it.
+    fn penetration(&self, b: f64) -> f64 {
+        let (parts, w) = self.around(b);
+        let at = |i: usize| (0..4).map(|k| w[k] * parts[k][i]).sum::<f64>();
+        at(self.places.smooth()) - PI * libm::log(b) * at(self.places.contact(0))
     }
 
     /// The rows around half-width `b`, and their weights.
@@ -165,10 +181,10 @@ impl Strips {
         ([-1, 0, 1, 2].map(|k| at(cell - shift + k)), w)
     }
 
-    /// Writes the cosines of the plane contact of a penetration above 0; the first one of that
-    /// penetration, or of `least` if that is more.
-    pub(crate) fn differs(&self, penetration: f64, least: f64, out: &mut [f64]) -> f64 {
-        self.contact(self.half_width(penetration), out);
+    /// Writes the cosines of the plane contact of a penetration above 0 and its half-width; the
+    /// first one of that penetration, or of `least` if that is more.
+    pub(crate) fn differs(&self, (penetration, b): (f64, f64), least: f64, out: &mut [f64]) -> f64 {
+        self.contact(b, out);
         if penetration >= least {
             return out[0];
         }
@@ -187,15 +203,29 @@ impl Strips {
         }
     }
 
-    /// Half-width of the plane contact of a penetration above 0, at most the table's.
+    /// Half-width of the plane contact of a penetration above 0, at most the table's: that by which
+    /// a row has this penetration.
     pub(crate) fn half_width(&self, penetration: f64) -> f64 {
         let (low, part) = self.place(penetration);
         if part >= 1.0 {
             return self.widest;
         }
         // The penetration goes nearly as the square of the width.
+        let (first, width) = (self.places.penetration(), self.places.len());
+        let [below, above] = [low, low + 1].map(|i| self.rows[i * width + first]);
+        let below = if low == 0 { 0.0 } else { below };
         let (low, high) = (low as f64, low as f64 + 1.0);
-        self.widest / ROWS as f64 * (low * low + part * (high * high - low * low)).sqrt()
+        let per = (high * high - low * low) / (above - below);
+        let mut square = low * low + part * (high * high - low * low);
+        let unit = self.widest / ROWS as f64;
+        for _ in 0..INVERSIONS {
+            let miss = penetration - self.penetration(unit * square.sqrt());
+            square = (square + per * miss).max(0.5 * square);
+            if miss.abs() <= INVERTED * penetration {
+                break;
+            }
+        }
+        (unit * square.sqrt()).min(self.widest)
     }
 
     /// The row below a penetration and the part of the way to the next, at most the table's end.
@@ -384,6 +414,7 @@ fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &
         row[places.punch(k)] = punch[k];
     }
     row[places.penetration()] = penetration;
+    row[places.smooth()] = penetration + PI * libm::log(b) * row[places.contact(0)];
     row[places.edge()] = edge;
     if !matches!(section, Section::Circle(_)) {
         row[places.matrix(0, 0)] -= logarithm;
