@@ -268,3 +268,78 @@ fn loading_is_stiff_as_the_flat_punch_of_the_same_width() {
     let mut known = indenter(&layer, bar(3.0, 0.0), Friction::None, Level::Fine);
     near(known.descend(1.0).expect("a contact").p_n_mm, 510.001_00, 1e-5, "b = 1.5");
 }
+
+/// Under q = f p with f beyond 2 or so the layer is drawn off the bar inside; a pressure that
+/// would pull there is no contact.
+#[test]
+fn a_bar_that_friction_parts_from_the_layer_inside_its_contact_is_refused() {
+    let mut parted = 0;
+    for (nu, width, ratio, part) in [
+        (0.45, 3.0128, -6.0, 0.99),
+        (0.4999, 4.981, 6.0, 0.8),
+        (0.4999, 39.28, 6.04, 0.99),
+        (0.5, 8.97, 6.0, 0.9),
+        (0.49, 9.23, 3.0, 0.9),
+        (0.49, 9.23, 2.0, 0.9),
+        (0.3, 3.0, 3.0, 0.99),
+        (0.4999, 0.5, 3.0, 0.5),
+    ] {
+        let height = part * 0.5 * width / libm::fabs(ratio);
+        for level in [Level::Fast, Level::Default, Level::Fine] {
+            let layer = layer(1.0, nu);
+            let mut bar = indenter(&layer, bar(width, height), Friction::Proportional, level);
+            let contact = match bar.press(&load(1e-3, 1e-3 * ratio)) {
+                Ok(contact) => contact,
+                Err(refusal) => {
+                    assert_eq!(refusal, Refusal::Parts, "{nu} {width} {ratio}");
+                    assert_eq!(bar.contact().mode, Mode::Open);
+                    parted += 1;
+                    continue;
+                }
+            };
+            let [left, right] = [contact.x_left_mm, contact.x_right_mm];
+            for i in 1..400 {
+                let x = left + (right - left) * f64::from(i) / 400.0;
+                let p = bar.pressure_mpa(x) * (right - left) / 1e-3;
+                assert!(p > -1e-2, "{level:?} {nu} {width} {ratio}: {p} at {x}");
+            }
+        }
+    }
+    assert_eq!(parted, 15, "five of them, at each level");
+}
+
+/// Loads and descents whose powers are no numbers are none.
+#[test]
+fn next_to_no_load_is_none() {
+    let layer = layer(0.8, 0.49);
+    for shape in [bar(6.0, 2.0), Shape::Cylinder { radius_mm: 23.0 }] {
+        let mut any = indenter(&layer, shape, Friction::None, Level::Default);
+        for small in [5e-324, 1e-308, 1e-101] {
+            assert_eq!(any.press(&load(small, 0.0)).expect("none").mode, Mode::Open);
+            assert_eq!(any.descend(small).expect("none").mode, Mode::Open);
+            assert_eq!(any.press(&load(small, 1e-3)), Err(Refusal::Pulls));
+        }
+        let least = any.press(&load(1e-99, 0.0)).expect("a contact");
+        assert!(least.residual < 1e-6 && least.p_n_mm == 1e-99, "{least:?}");
+    }
+}
+
+/// At the least depth that the points of a traction are for, the stress is still the pressure, but
+/// for the square of that depth over the contact's width.
+#[test]
+fn close_under_the_surface_the_stress_is_the_pressure() {
+    let layer = layer(0.8, 0.49);
+    for level in [Level::Default, Level::Fine] {
+        let shape = Shape::Cylinder { radius_mm: 23.0 };
+        let mut roller = indenter(&layer, shape, Friction::None, level);
+        let half = roller.press(&load(1.0, 0.0)).expect("a contact").x_right_mm;
+        let depth = roller.shallowest_mm();
+        assert!(depth < 3e-3 * half, "{depth}");
+        let stress = Spectrum::new(&layer, &roller.point_forces(depth), depth, 2.0);
+        for i in 0..100 {
+            let x = 0.5 * half * f64::from(i) / 100.0;
+            let p = roller.pressure_mpa(x);
+            near(stress.szz(x), -p, 3e-5 * p, "szz");
+        }
+    }
+}

@@ -22,6 +22,11 @@ const FITS: f64 = 0.8;
 const BESIDE: f64 = 0.06;
 /// Widest cell between two places that touch, in thicknesses.
 const GAP: f64 = 10.0;
+/// Widest cell where something touches, in thicknesses: the base does not tell such cells from
+/// their pressure spread out.
+const WIDEST: f64 = 0.6;
+/// Depth in widths of a cell from which on that is so.
+const BLURRED: f64 = 1.65;
 
 /// The law that the general solver takes.
 pub(super) fn law_of(args: &Args, drive: Prescribed) -> Result<Law, Failure> {
@@ -87,19 +92,23 @@ fn even([low, high]: [f64; 2], n: u32) -> Vec<f64> {
     (0..=n).map(|i| low + (high - low) * (f64::from(i) / f64::from(n))).collect()
 }
 
+/// Cells of at most a width over a length; more than a bed takes where they would be too many.
+fn at_least(length: f64, width: f64) -> u32 {
+    (length / width).ceil().min(CELLS_MAX as f64 + 1.0) as u32
+}
+
 /// Edges of about `n` cells in `runs`, with wide ones between them; more than a bed takes where
 /// they would be too many.
 fn laid(runs: &[[f64; 2]], n: u32, thickness_mm: f64) -> Vec<f64> {
     let total: f64 = runs.iter().map(|[from, to]| to - from).sum();
-    let wide = |length: f64| (length / (GAP * thickness_mm)).ceil().min(CELLS_MAX as f64 + 1.0);
     let mut edges: Vec<f64> = Vec::new();
     for [from, to] in runs {
         if let Some(&last) = edges.last() {
-            let between = even([last, *from], wide(from - last) as u32);
+            let between = even([last, *from], at_least(from - last, GAP * thickness_mm));
             edges.extend(&between[1..between.len() - 1]);
         }
-        let share = f64::from(n) * (to - from) / total;
-        edges.extend(even([*from, *to], share.max(wide(to - from)).max(8.0) as u32));
+        let share = (f64::from(n) * ((to - from) / total)).max(8.0) as u32;
+        edges.extend(even([*from, *to], share.max(at_least(to - from, WIDEST * thickness_mm))));
     }
     edges
 }
@@ -172,7 +181,7 @@ fn roughly([from, to]: [f64; 2], beside: f64, whole: [f64; 2]) -> [f64; 2] {
 /// The part of a straight piece that is less than `dz` above the lowest point.
 fn sunk(shape: &Indented, piece: &[f64], dz: f64) -> [f64; 2] {
     let [a, b] = [height(shape, piece[0]), height(shape, piece[1])];
-    let cut = piece[0] + (piece[1] - piece[0]) * (dz - a) / (b - a);
+    let cut = piece[0] + (piece[1] - piece[0]) * ((dz - a) / (b - a));
     [if a < dz { piece[0] } else { cut }, if b < dz { piece[1] } else { cut }]
 }
 
@@ -207,11 +216,12 @@ fn edges(
     drive: Prescribed,
 ) -> Result<Vec<f64>, Failure> {
     let n = count(args)?;
-    let part = |i: u32| f64::from(i) / f64::from(n);
+    let widest = WIDEST * layer.thickness_mm;
     let [low, high] = match shape {
         Indented::Rigid(Shape::Flat { width_mm, .. }) => {
             // Gathered at the corners.
-            let angle = |i: u32| core::f64::consts::PI * part(i);
+            let n = n.max(at_least(0.5 * core::f64::consts::PI * width_mm, widest));
+            let angle = |i: u32| core::f64::consts::PI * (f64::from(i) / f64::from(n));
             return Ok((0..=n).map(|i| -0.5 * width_mm * libm::cos(angle(i))).collect());
         }
         Indented::Profile(x, _) => {
@@ -229,7 +239,7 @@ fn edges(
         }
         Indented::Knife => [-1.0, 1.0],
     };
-    Ok(even([low, high], n))
+    Ok(even([low, high], n.max(at_least(high - low, widest))))
 }
 
 /// A part of the way to the load or the move.
@@ -337,11 +347,14 @@ pub(super) fn cells(
     let (grip, contact) = gripped(args, bed, shape, drive)?;
     let places = grip.bed().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
     let forces = places.map(|((x, p), q)| [*x, *p, *q]).collect();
+    let touching = grip.bed().width_mm.iter().zip(grip.normal_n_mm()).filter(|(_, p)| **p != 0.0);
+    let widest = touching.fold(0.0, |most: f64, (width, _)| most.max(*width));
     Ok(Solved {
         contact,
         descends: true,
         stress: Stress::Points(forces),
         pressure: pressures(&grip, x_mm),
+        shallowest_mm: BLURRED * widest,
         symmetric: false,
         held: Held::Cells(Box::new(grip), law_of(args, drive)?),
     })

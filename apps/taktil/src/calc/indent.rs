@@ -8,19 +8,21 @@ use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::plane::grip::{Grip, Law};
 use taktil_mechanics::contact::plane::noslip::{NoSlip, NoSlipRefusal};
 use taktil_mechanics::contact::plane::{
-    Contact, Friction, Indenter, Level, Load, Mode, PointForce, Refusal, Shape,
+    Contact, Friction, Indenter, Level, Load, Mode, PointForce, Refusal, SMALLEST, Shape,
 };
 
 use super::cells::{cells, gripped, law_of, pressures};
 use super::field::Failure;
 use super::nodes::Nodes;
 use super::plane::{Indented, Prescribed, prescribed, shape_of};
-use super::request::Args;
+use super::request::{Args, counted};
 
 /// How far before the wanted load the contact stands from which a warm solution starts.
 const NEIGHBOUR: f64 = 1.01;
 /// Farthest move that is meant.
 const FARTHEST_MM: f64 = 1e30;
+/// Code of a contact that is more than one interval.
+const PARTED: &str = "parted";
 /// Width of the finite element layer.
 const WIDTH_MM: f64 = 25.4;
 
@@ -31,6 +33,8 @@ pub(super) struct Solved {
     pub(super) descends: bool,
     pub(super) stress: Stress,
     pub(super) pressure: Vec<Option<f64>>,
+    /// Least depth at which the stress is that of the pressure, not of the points it is given in.
+    pub(super) shallowest_mm: f64,
     /// Whether the stress is even in x.
     pub(super) symmetric: bool,
     pub(super) held: Held,
@@ -74,6 +78,7 @@ pub(super) fn refused(refusal: Refusal) -> Failure {
         Refusal::Slides => "slides",
         Refusal::Pulls | Refusal::NotFinite => "out_of_range",
         Refusal::TooWide | Refusal::OffChart => "unreachable",
+        Refusal::Parts => PARTED,
         Refusal::Unsettled | Refusal::Tears => "unsettled",
     };
     Failure::new(code, Some("load"), refusal.to_string())
@@ -90,13 +95,7 @@ pub(super) fn solve(
         Some(table) => Some(Law::Coulomb(table.number("coulomb")?)),
         None => None,
     };
-    // Solvers speak of the load; what was given may be a move.
-    let named = |failure: Failure| match (drive, failure.field.as_deref()) {
-        (Prescribed::Move { .. }, Some("load")) => {
-            Failure { field: Some("move".to_owned()), ..failure }
-        }
-        _ => failure,
-    };
+    let named = |failure| named(drive, failure);
     let text = if law.is_none() { args.choice("friction")? } else { "coulomb" };
     if args.choice("method")? == "fem" {
         let solved = elements(args, layer, depth, x_mm, &shape, drive);
@@ -109,14 +108,47 @@ pub(super) fn solve(
         }
         (Indented::Rigid(shape), "prop") => {
             let friction = Friction::Proportional;
-            Spectral { args, layer, shape, friction, drive }.solve(depth, x_mm)
+            match (Spectral { args, layer, shape, friction, drive }.solve(depth, x_mm)) {
+                // In two pieces, it is one for the cells.
+                Err(parted) if parted.code == PARTED => {
+                    cells(args, layer, x_mm, &Indented::Rigid(shape), drive)
+                }
+                solved => solved,
+            }
         }
         (Indented::Rigid(shape), "none") => {
             Spectral { args, layer, shape, friction: Friction::None, drive }.solve(depth, x_mm)
         }
         (shape, _) => cells(args, layer, x_mm, &shape, drive),
     };
-    solved.and_then(|solved| within(layer, solved)).map_err(named)
+    let solved = solved.and_then(|solved| within(layer, solved)).map_err(named)?;
+    resolved(depth, &solved)?;
+    Ok(solved)
+}
+
+/// Solvers speak of the load; what was given may be a move. The message names the field.
+fn named(drive: Prescribed, failure: Failure) -> Failure {
+    let field = match (drive, failure.field) {
+        (Prescribed::Move { .. }, Some(field)) if field == "load" => Some("move".to_owned()),
+        (_, field) => field,
+    };
+    let told = field.as_ref().is_none_or(|f| failure.message.contains(&format!("`{f}`")));
+    let name = field.as_ref().filter(|_| !told).map(|field| format!("`{field}`: "));
+    let message = format!("{}{}", name.unwrap_or_default(), failure.message);
+    Failure { code: failure.code, field, message }
+}
+
+/// Refuses a depth at which the points that a contact's traction is given in are told apart.
+fn resolved(depth: f64, solved: &Solved) -> Result<(), Failure> {
+    if depth < solved.shallowest_mm {
+        let what = format!(
+            "`depth_mm` is {depth:?}; the points of this contact are told apart above {:?}: give \
+             more, or read `pressure`",
+            solved.shallowest_mm
+        );
+        return Err(Failure::range("depth_mm", what));
+    }
+    Ok(())
 }
 
 /// A contact, unless the indenter would reach the base.
@@ -127,7 +159,8 @@ fn within(layer: &Layer, solved: Solved) -> Result<Solved, Failure> {
         return Ok(solved);
     }
     let what = format!(
-        "the indenter would go {deepest} mm down in {} mm of rubber: press less",
+        "the indenter would go {} mm down in {} mm of rubber: press less",
+        counted(deepest),
         layer.thickness_mm
     );
     Err(Failure::new("unreachable", Some("load"), what))
@@ -138,16 +171,14 @@ fn knife(drive: Prescribed, x_mm: &[f64]) -> Result<Solved, Failure> {
         let what = "a knife edge goes down by an infinite length under any load: give `load`";
         return Err(Failure::new("unreachable", Some("move"), what));
     };
-    if load.p_n_mm < 0.0 || (load.p_n_mm == 0.0 && load.q_n_mm != 0.0) {
-        return Err(refused(Refusal::Pulls));
-    }
-    let mode = if load.p_n_mm > 0.0 { Mode::Full } else { Mode::Open };
+    let mode = if load.presses().map_err(refused)? { Mode::Full } else { Mode::Open };
     let forces = vec![[0.0, load.p_n_mm, load.q_n_mm]];
     Ok(Solved {
         contact: plain(load.p_n_mm, load.q_n_mm, mode),
         descends: false,
         stress: Stress::Points(forces),
         pressure: x_mm.iter().map(|x| (*x != 0.0).then_some(0.0)).collect(),
+        shallowest_mm: 0.0,
         symmetric: load.q_n_mm == 0.0,
         held: Held::Line,
     })
@@ -216,6 +247,7 @@ impl Spectral<'_> {
             descends: true,
             stress: Stress::Points(indenter.point_forces(depth)),
             pressure: x_mm.iter().map(pressure).collect(),
+            shallowest_mm: indenter.shallowest_mm(),
             symmetric: contact.q_n_mm == 0.0,
             held: Held::Spectral(Box::new(indenter)),
         })
@@ -235,8 +267,8 @@ fn no_slip(
         return Err(refused(Refusal::NotFinite));
     }
     let open = match drive {
-        Prescribed::Load(load) => load == Load::default(),
-        Prescribed::Move { dz, .. } => dz <= 0.0,
+        Prescribed::Load(load) => !load.presses().map_err(refused)?,
+        Prescribed::Move { dz, .. } => dz < SMALLEST,
     };
     if open {
         return Ok(Solved {
@@ -244,6 +276,7 @@ fn no_slip(
             descends: true,
             stress: Stress::Points(Vec::new()),
             pressure: vec![Some(0.0); x_mm.len()],
+            shallowest_mm: 0.0,
             symmetric: true,
             held: Held::Line,
         });
@@ -272,6 +305,7 @@ fn no_slip(
         descends: true,
         stress: Stress::Points(held.point_forces(dx)),
         pressure: vec![None; x_mm.len()],
+        shallowest_mm: held.shallowest_mm(),
         symmetric: dx == 0.0,
         held: Held::Glued(Box::new(held), shape),
     })
@@ -326,7 +360,8 @@ fn elements(
         Some(grip) => Held::Mesh(Box::new((grip, body)), law_of(args, drive)?),
         None => Held::MeshLine,
     };
-    Ok(Solved { contact, descends, stress: Stress::Nodes(nodes), pressure, symmetric: false, held })
+    let (stress, symmetric) = (Stress::Nodes(nodes), false);
+    Ok(Solved { contact, descends, stress, pressure, shallowest_mm: 0.0, symmetric, held })
 }
 
 /// Base stress of forces on the surface of a mesh.

@@ -16,6 +16,10 @@ use super::request::Args;
 
 /// Most places of one request.
 const POINTS_MAX: usize = 100_000;
+/// Least depth of the stress, in thicknesses.
+const SHALLOWEST: f64 = 1e-12;
+/// Farthest place of a profile in mm.
+const FARTHEST_MM: f64 = 1e30;
 
 const fn number(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
     Field::new(name, Kind::Number, unit, Need::Required, doc)
@@ -149,7 +153,17 @@ pub(super) fn shape_of(args: &Args) -> Result<Indented, Failure> {
             let what = "`shape.profile` has two or more `x_mm`, ascending, and as many `z_mm`";
             return Err(Failure::new("wrong_length", Some("shape.profile"), what));
         }
+        for (name, list) in [("x_mm", x), ("z_mm", z)] {
+            if let Some(i) = list.iter().position(|place| place.abs() > FARTHEST_MM) {
+                let field = format!("shape.profile.{name}[{i}]");
+                let what = format!("`{field}` is {:e}; give at most 1e30", list[i]);
+                return Err(Failure::range(&field, what));
+            }
+        }
         shapes.push(Indented::Profile(x.to_vec(), z.to_vec()));
+    }
+    if let Some(Indented::Rigid(shape)) = shapes.last() {
+        shape.check().map_err(|invalid| failure(&invalid))?;
     }
     match shapes.pop() {
         Some(shape) if shapes.is_empty() => Ok(shape),
@@ -198,6 +212,10 @@ pub(super) fn under(args: &Args) -> Result<(Layer, &[f64], f64), Failure> {
     let depth = if args.has("depth_mm") { args.positive("depth_mm")? } else { thickness_mm };
     if depth > thickness_mm {
         let what = format!("`depth_mm` is {depth}; the layer ends at {thickness_mm}");
+        return Err(Failure::range("depth_mm", what));
+    }
+    if depth < SHALLOWEST * thickness_mm {
+        let what = format!("`depth_mm` is {depth:e}; give at least {SHALLOWEST:e} of `t_mm`");
         return Err(Failure::range("depth_mm", what));
     }
     Ok((layer, x_mm, depth))

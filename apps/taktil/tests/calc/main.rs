@@ -4,6 +4,7 @@
 mod ask;
 mod goldens;
 mod hostile;
+mod hostile_plane;
 mod jacobian;
 mod plane;
 mod refusals;

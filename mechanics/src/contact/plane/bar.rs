@@ -1,9 +1,11 @@
 //! The flat bar: whole face, or one corner lifted, from equilibrium of forces and moments.
 
-use super::{Contact, Indenter, Load, Mode, Refusal, Search};
+use super::{Contact, Friction, Indenter, Load, Mode, Refusal, Search};
 
 /// Searches for the lifted edge end after so many solutions.
 const SEARCH: usize = 60;
+/// Pull inside a contact that is more than the level's error, in parts of the mean pressure.
+const PULLS: [f64; 3] = [5e-3, 1e-5, 1e-8];
 /// How far the edge is foreseen, in steps between the last two loads.
 const FARTHEST: f64 = 4.0;
 
@@ -32,6 +34,18 @@ impl Indenter {
             }
         }
         self.lifted(load, half, force, place, ratio)
+    }
+
+    /// Whether the layer has to hold on to the bar somewhere inside the last contact.
+    pub(super) fn pulls(&self) -> bool {
+        let Contact { p_n_mm, mode, .. } = self.contact;
+        if self.friction == Friction::None || matches!(mode, Mode::Open | Mode::Free) {
+            return false;
+        }
+        let force = p_n_mm / (self.modulus_mpa() * self.layer.thickness_mm);
+        let mean = force / (core::f64::consts::PI * self.interval.half());
+        let least = self.phi.iter().copied().fold(f64::INFINITY, f64::min);
+        least < -PULLS[self.level as usize] * mean
     }
 
     /// Solves on an interval for force and place of the resultant; gives the edges' strengths over

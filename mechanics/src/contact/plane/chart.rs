@@ -197,7 +197,8 @@ impl Maker<'_> {
         let q_n_mm = s * self.half_mm / self.height_mm;
         self.solver.press(&Load { p_n_mm: 1.0, q_n_mm }).map_err(|refusal| {
             let what = format!("no contact at {s} of the way to the corner: {refusal}");
-            Invalid::new("width_mm", what, "give a bar nearer to the layer's thickness")
+            let remedy = "give a bar nearer to the layer's thickness, or more height";
+            Invalid::new("width_mm", what, remedy)
         })
     }
 

@@ -7,7 +7,8 @@
 //! layer along +x. Inside the contact the surface goes down by delta + slope x less the profile.
 //!
 //! What it refuses: pulling, a bar that topples, a contact as wide as the cylinder or too wide for
-//! the points that it may use, and everything not finite. Refusals are plain numbers
+//! the points that it may use, a bar from which friction of several times the pressure pulls the
+//! layer off between its edges, and everything not finite. Refusals are plain numbers
 //! ([`Refusal`]), since this runs inside control periods.
 //! What it does not know: free ends of the layer. Slip against stick is in [`grip`], growth without
 //! slip in [`noslip`], feature Jacobians in [`rates`]; a bar's contacts as a table in [`chart`].
@@ -28,6 +29,7 @@ mod panels;
 mod path;
 pub mod rates;
 pub mod recovery;
+mod refusal;
 mod roller;
 mod search;
 pub mod spectrum;
@@ -39,6 +41,7 @@ use core::f64::consts::PI;
 use density::Density;
 use interval::Interval;
 use panels::SurfaceKernels;
+pub use refusal::Refusal;
 use search::Search;
 pub use spectrum::{PointForce, Spectrum};
 
@@ -100,10 +103,15 @@ pub enum Level {
     Fine,
 }
 
+/// Most concentrated forces that a traction is given in.
+const FORCES_MAX: f64 = 4000.0;
+/// Loads in N/mm and descents in mm below this are none: their powers are no numbers.
+pub const SMALLEST: f64 = 1e-100;
+
 /// Line loads in N/mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
-    /// Normal load P, 0 or above.
+    /// Normal load P, 0 or above; below [`SMALLEST`] it is none.
     pub p_n_mm: f64,
     /// Tangential load Q.
     pub q_n_mm: f64,
@@ -113,16 +121,16 @@ impl Load {
     /// Whether there is a contact to look for.
     ///
     /// # Errors
-    /// A load that is not finite, or beyond 1e30 or so; one that pulls, or slides without pressing.
-    fn presses(&self) -> Result<bool, Refusal> {
+    /// A load that is not finite, or beyond 1e30; one that pulls, or slides without pressing.
+    pub fn presses(&self) -> Result<bool, Refusal> {
         let Self { p_n_mm: p, q_n_mm: q } = *self;
         if !(is_sane(p) && is_sane(q)) {
             return Err(Refusal::NotFinite);
         }
-        if p < 0.0 || (p == 0.0 && q != 0.0) {
+        if p < 0.0 || (p < SMALLEST && q != 0.0) {
             return Err(Refusal::Pulls);
         }
-        Ok(p > 0.0)
+        Ok(p >= SMALLEST)
     }
 }
 
@@ -140,51 +148,6 @@ pub enum Mode {
     /// An interval between two free edges.
     Free,
 }
-
-/// Why there is no solution.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
-    /// A load or move that is not finite, or beyond 1e30.
-    NotFinite,
-    /// P below 0, or Q without P under friction or a moment.
-    Pulls,
-    /// The moment tips the bar over: |Q| h >= P W/2.
-    Topples,
-    /// Coulomb's law cannot hold the tangential load: |Q| >= mu P.
-    Slides,
-    /// The contact would be wider than 0.98 of a cylinder's diameter or than the solver's points
-    /// can resolve.
-    TooWide,
-    /// The search for an edge, or for who sticks and who slips, did not settle; the last state
-    /// stays. Under friction far above 1 there need not be any state.
-    Unsettled,
-    /// A bar that stands nearly on its corner, which its chart leaves out.
-    OffChart,
-    /// Friction without a limit, and no state that obeys it: a place that held would be torn off,
-    /// torn off it would touch again.
-    Tears,
-}
-
-impl core::fmt::Display for Refusal {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::NotFinite => "a load or move is not finite, or beyond 1e30",
-            Self::Pulls => "P is below 0, or Q acts without P: press the indenter on",
-            Self::Topples => "the bar topples: |Q| times its height reaches P times half its width",
-            Self::Slides => "the indenter slides: |Q| reaches mu P",
-            Self::TooWide => "the contact grows too wide: press less or take a smaller indenter",
-            Self::Unsettled => {
-                "no contact that obeys every rule was found: take a smaller step, or less friction"
-            }
-            Self::OffChart => "the bar stands nearly on its corner: take the solver",
-            Self::Tears => {
-                "what never slips is torn off at an edge: give a coefficient of friction"
-            }
-        })
-    }
-}
-
-impl std::error::Error for Refusal {}
 
 /// A solved contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -353,6 +316,12 @@ impl Indenter {
     /// # Errors
     /// See [`Refusal`]; the next solution then starts cold.
     pub fn press(&mut self, load: &Load) -> Result<Contact, Refusal> {
+        let contact = self.press_whole(load)?;
+        if self.pulls() { self.keep(Err(Refusal::Parts)) } else { Ok(contact) }
+    }
+
+    /// The same, one interval even where the layer has to hold on to a bar inside it.
+    fn press_whole(&mut self, load: &Load) -> Result<Contact, Refusal> {
         let outcome = self.equilibrium(load);
         self.keep(outcome)
     }
@@ -365,7 +334,7 @@ impl Indenter {
     pub fn descend(&mut self, dz_mm: f64) -> Result<Contact, Refusal> {
         let outcome = if !is_sane(dz_mm) {
             Err(Refusal::NotFinite)
-        } else if dz_mm <= 0.0 {
+        } else if dz_mm < SMALLEST {
             Ok(NOTHING)
         } else {
             match self.shape {
@@ -454,7 +423,7 @@ impl Indenter {
     }
 
     /// The traction as concentrated forces whose stress at `depth_mm` and below is right to about
-    /// the solution's own error. Allocates.
+    /// the solution's own error, down to [`Self::shallowest_mm`]. Allocates.
     #[must_use]
     pub fn point_forces(&self, depth_mm: f64) -> Vec<PointForce> {
         let Contact { p_n_mm: p, q_n_mm: q, .. } = self.contact;
@@ -465,6 +434,18 @@ impl Indenter {
         self.forces_of(&self.phi, ratio, depth_mm)
     }
 
+    /// Least depth for which there are points enough.
+    #[must_use]
+    pub fn shallowest_mm(&self) -> f64 {
+        let Contact { x_left_mm: left, x_right_mm: right, .. } = self.contact;
+        let digits = match self.level {
+            Level::Fast => 5.1,
+            Level::Default => 7.8,
+            Level::Fine => 11.3,
+        };
+        digits * 0.5 * (right - left) / FORCES_MAX
+    }
+
     /// The traction of any `phi` on the last contact's interval.
     fn forces_of(&self, phi: &[f64], ratio: f64, depth_mm: f64) -> Vec<PointForce> {
         let Contact { x_left_mm: left, x_right_mm: right, .. } = self.contact;
@@ -473,7 +454,7 @@ impl Indenter {
         let width = half / depth_mm.min(self.layer.thickness_mm);
         // A Gauss rule of n points misses a pole at a distance d by exp(-2 n d/half).
         let digits = if self.level == Level::Fine { 13.0 } else { 8.0 };
-        let count = (24.0 + digits * width).min(4000.0) as usize;
+        let count = (24.0 + digits * width).min(FORCES_MAX) as usize;
         let alpha = self.interval.alpha();
         let mut rule = jacobi::Rule::with_capacity(count);
         rule.fill(count, alpha, -1.0 - alpha);

@@ -315,6 +315,12 @@ impl NoSlip {
         Rate { forces: strip.cosines.iter().enumerate().map(force).collect(), shift: 0.0 }
     }
 
+    /// Least depth at which the stress of [`Self::point_forces`] is right to about 1e-4.
+    #[must_use]
+    pub fn shallowest_mm(&self) -> f64 {
+        2.0 * PI * self.half_width_mm / self.tangential.len() as f64
+    }
+
     /// Both tractions as concentrated forces, after a small tangential move of `dx_mm` at fixed
     /// contact.
     #[must_use]

@@ -141,7 +141,7 @@ impl Setting {
     /// Second moment about the bar's middle.
     fn about_middle(&self, bar: &Indenter, width_mm: f64, load: &Load) -> Result<f64, Unrecovered> {
         let mut bar = bar.reshaped(Shape::Flat { width_mm, height_mm: self.height_mm })?;
-        bar.press(load)?;
+        bar.press_whole(load)?;
         let t = self.layer.thickness_mm;
         Ok(moments(&self.layer, &bar.point_forces(t), t).m[2])
     }

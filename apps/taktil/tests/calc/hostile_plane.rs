@@ -1,0 +1,97 @@
+//! Numbers at which `contact_2d` once broke: it answers them rightly, or with one error line that
+//! names the field, at once, and the filter goes on. Refuses to judge answers against references.
+
+use serde_json::{Value, json};
+
+use crate::ask::{ask_text, flat};
+
+fn contact(fields: Value) -> Value {
+    let mut request = json!({"op": "contact_2d", "t_mm": 0.8, "nu": 0.49});
+    for (name, value) in fields.as_object().unwrap() {
+        request[name] = value.clone();
+    }
+    request
+}
+
+/// A profile of three places.
+fn tip(x: [f64; 3], z: [f64; 3], drive: &str, value: Value) -> Value {
+    let shape = json!({"profile": {"x_mm": x, "z_mm": z}});
+    contact(json!({"shape": shape, drive: value, "level": "fast"}))
+}
+
+fn bar(height: f64, p: f64, q: f64, friction: Value) -> Value {
+    let shape = json!({"flat": {"width_mm": 6, "height_mm": height}});
+    contact(json!({"shape": shape, "load": {"p_n_mm": p, "q_n_mm": q}, "friction": friction}))
+}
+
+#[test]
+fn what_no_solver_can_take_is_named_at_once() {
+    let (load, down) = (json!({"p_n_mm": 1}), json!({"dz_mm": 0.05}));
+    let roll = json!({"cylinder": {"radius_mm": 23}});
+    let at = |depth: f64, friction: Value| {
+        contact(json!({"shape": roll, "load": load, "depth_mm": depth, "friction": friction}))
+    };
+    let cases = [
+        (tip([-3.0, 0.0, 1e308], [1.0, 0.0, 1.0], "load", load.clone()), "shape.profile.x_mm[2]"),
+        (tip([-3.0, 0.0, 3.0], [1e308, 0.0, 1.0], "move", down.clone()), "shape.profile.z_mm[0]"),
+        // A contact of six thousand thicknesses.
+        (tip([-3.0, 0.0, 1e5], [1.0, 0.0, 1.0], "move", down.clone()), "shape"),
+        (bar(-1.0, 1.0, 0.1, json!({"coulomb": 0.3})), "shape.flat.height_mm"),
+        (bar(1e9, 1.0, 0.3, json!("none")), "load"),
+        (bar(2.0, -1.0, 0.3, json!("prop")), "load"),
+        (bar(2.0, 1.0, 0.4, json!({"coulomb": 0.3})), "load"),
+        (bar(2.0, 1e-308, 0.4, json!("stick")), "load"),
+        (contact(json!({"shape": roll, "move": {"dz_mm": 30}})), "move"),
+        (contact(json!({"shape": roll, "load": {"p_n_mm": 1e5}})), "load"),
+        (contact(json!({"shape": {"knife": {}}, "load": {"p_n_mm": 1e31}})), "load"),
+        (at(1e-308, json!("none")), "depth_mm"),
+        (at(8e-4, json!("none")), "depth_mm"),
+        (at(0.04, json!("stick")), "depth_mm"),
+        (at(0.02, json!({"coulomb": 0.3})), "depth_mm"),
+    ];
+    let text: String = cases.iter().map(|(request, _)| format!("{request}\n")).collect();
+    let answers = ask_text(text.as_bytes());
+    assert_eq!(answers.len(), cases.len(), "one line each");
+    for ((request, field), answer) in cases.iter().zip(&answers) {
+        let error = &answer["error"];
+        assert_eq!(answer["ok"], false, "{request}: {answer}");
+        assert_eq!(error["field"], *field, "{request}: {answer}");
+        let message = error["message"].as_str().unwrap();
+        assert!(message.contains(&format!("`{field}`")), "{request}: {answer}");
+    }
+}
+
+#[test]
+fn next_to_no_load_is_no_contact() {
+    let roll = json!({"cylinder": {"radius_mm": 23}});
+    for friction in ["none", "prop", "stick"] {
+        for small in [1e-308, 5e-324] {
+            let load = json!({"p_n_mm": small});
+            let request = contact(json!({"shape": roll, "load": load, "friction": friction}));
+            let answer = &ask_text(request.to_string().as_bytes())[0];
+            assert_eq!(answer["mode"], "open", "{friction}: {answer}");
+        }
+    }
+}
+
+/// Friction of six times the pressure parts this bar from the layer inside its contact: cells find
+/// the pieces, and nothing pulls.
+#[test]
+fn a_bar_in_two_pieces_presses_everywhere() {
+    let x: Vec<f64> = (0..200).map(|i| (f64::from(i) + 0.5) * 0.025 - 2.5).collect();
+    for (width, q) in [(4.981, 6.0), (4.981, -6.0), (4.981, 1.0)] {
+        let height = 0.8 * 0.5 * width / f64::abs(q);
+        let shape = json!({"flat": {"width_mm": width, "height_mm": height}});
+        let request = contact(json!({
+            "shape": shape, "t_mm": 1.0, "nu": 0.4999, "friction": "prop", "x_mm": x,
+            "load": {"p_n_mm": 1e-3, "q_n_mm": 1e-3 * q},
+        }));
+        let answer = &ask_text(request.to_string().as_bytes())[0];
+        assert_eq!(answer["ok"], true, "{answer}");
+        let least = flat(&answer["pressure"]).into_iter().fold(f64::INFINITY, f64::min);
+        assert!(least >= 0.0, "{q}: {least}");
+        let moment = answer["features"]["full"]["m1"].as_f64().unwrap();
+        let statics = -1e-3 * q * (height + 1.0);
+        assert!((moment - statics).abs() < 1e-9 * statics.abs(), "{q}: {moment} {statics}");
+    }
+}
