@@ -341,3 +341,74 @@ fn a_pin_longer_than_the_pad_is_cut_at_the_pad() {
         assert!(y > 8.0 || (a - b).abs() < 1e-2 * size, "{n}: {a} {b}");
     }
 }
+
+#[test]
+fn tactels_of_any_size_see_a_sphere() {
+    // An edge is read where the table is, however long it is.
+    let rubber = layer(0.8, 0.49);
+    for pitch_mm in [1e-6, 40.0, 1e9, 1e28] {
+        let array = Array { rows: 3, cols: 4, pitch_mm };
+        for level in [Level::Fast, Level::Default] {
+            let shape = Shape::Sphere { radius_mm: 10.0 };
+            let mut scene = Scene::new(&rubber, shape, &array, Sampling::Area, level).unwrap();
+            let stand = Stand { x_mm: 0.3 * pitch_mm.min(1.0), y_mm: 0.2, rot_rad: 0.0 };
+            scene.press(Drive::ForceN(5.0), Pose { stand, tilt_rad: 0.0 }).unwrap();
+            let mut image = vec![0.0; 12];
+            scene.image(&mut image).unwrap();
+            let sum: f64 = image.iter().map(|s| s * pitch_mm * pitch_mm).sum();
+            let wanted = if pitch_mm > 1.0 { -5.0 } else { 0.0 };
+            let close = if level == Level::Fast { 5e-3 } else { 1e-4 };
+            assert!((sum - wanted).abs() < close, "{pitch_mm} {level:?}: {sum}");
+        }
+    }
+}
+
+#[test]
+fn the_faintest_contacts_follow_their_laws() {
+    let rubber = layer(0.8, 0.49);
+    let profile = Profile::Cylinder { radius_mm: 10.0 };
+    let mut endless = Endless::new(&rubber, profile, 0.1).unwrap();
+    let array = Array::THESIS;
+    for force in [1e-3, 1e-5, 1e-6, 1e-9, 1e-20, 1e-30] {
+        let found = endless.press(Drive::ForceN(force)).unwrap();
+        assert!((found.force_n_mm / force - 1.0).abs() < 1e-7, "{found:?}");
+        // Hertz in the plane: b^2 = 4 F R (1 - nu^2) / (pi E).
+        let modulus = rubber.youngs_mpa / (1.0 - 0.49 * 0.49);
+        let wide = (4.0 * force * 10.0 / (core::f64::consts::PI * modulus)).sqrt();
+        assert!((found.half_width_mm / wide - 1.0).abs() < 2e-3, "{found:?} {wide}");
+        let mut image = vec![0.0; 256];
+        endless.image(&array, Sampling::Area, Stand::default(), &mut image).unwrap();
+        let per_mm: f64 = image[..16].iter().sum::<f64>() * array.pitch_mm;
+        assert!((per_mm / -force - 1.0).abs() < 1e-4, "{per_mm} {force}");
+        let back = endless.press(Drive::PenetrationMm(found.penetration_mm)).unwrap();
+        assert!((back.force_n_mm / force - 1.0).abs() < 1e-5, "{back:?} {force}");
+    }
+    for level in [Level::Fast, Level::Default] {
+        let mut sphere = Sphere::new(&rubber, 10.0, level).unwrap();
+        let state = sphere.press(Drive::ForceN(1e-30)).unwrap();
+        assert!((state.force_n / 1e-30 - 1.0).abs() < 1e-9 && state.residual < 1e-5, "{state:?}");
+        let state = sphere.press(Drive::ForceN(1e-300)).unwrap();
+        assert_eq!((state.force_n, state.residual), (0.0, 0.0));
+    }
+}
+
+#[test]
+fn an_end_through_the_base_is_refused_before_any_table() {
+    let rubber = layer(0.8, 0.49);
+    let long = Shape::Cylinder { radius_mm: 10.0, length_mm: Some(1000.0) };
+    let pose = |tilt_rad: f64| Pose { tilt_rad, ..Pose::default() };
+    let refused = |tilt: f64| {
+        let told = scene(&rubber, long).press(Drive::PenetrationMm(0.03), pose(tilt));
+        told.expect_err("refused")
+    };
+    let through = refused(0.01);
+    assert_eq!(through.place, "penetration_mm");
+    assert!(through.what.contains("deeper end"), "{through:?}");
+    assert_eq!(refused(0.3).place, "tilt_rad");
+    for (pitch_mm, place) in [(1e-9, "pitch_mm"), (1e9, "pitch_mm"), (1.5, "thickness_mm")] {
+        let rubber = layer(if place == "pitch_mm" { 0.8 } else { 1e6 }, 0.49);
+        let array = Array { rows: 4, cols: 4, pitch_mm };
+        let made = Scene::new(&rubber, PIN, &array, Sampling::Area, Level::Fast);
+        assert_eq!(made.expect_err("refused").place, place);
+    }
+}

@@ -7,6 +7,7 @@ mod hard;
 mod images;
 mod kernels;
 mod poses;
+mod rates;
 mod shear;
 mod solvers;
 mod tables;

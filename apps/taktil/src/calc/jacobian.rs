@@ -123,7 +123,7 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
     answers: &[
         ("j", "[features*motions] row by row; null where undefined"),
         ("condition", "largest over smallest singular value, or null"),
-        ("error_estimate", "[features*motions]"),
+        ("error_estimate", "[features*motions], by steps and levels; null as in `j`, or not known"),
         ("p_n_mm, q_n_mm", "N/mm, of a contact_2d"),
         ("force_n", "N, or N/mm without ends, of a contact_3d"),
         ("delta_mm", "mm, null for an edge"),

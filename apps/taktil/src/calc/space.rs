@@ -17,6 +17,8 @@ use super::request::Args;
 
 /// Most rows or columns.
 const SIDE_MAX: usize = 1024;
+/// Least force or penetration that is not 0.
+const LEAST: f64 = 1e-30;
 /// How far from the contact asked for a warm solution starts.
 const NEIGHBOUR: f64 = 1.01;
 
@@ -184,12 +186,26 @@ impl Request {
                 return Err(Failure::new("missing_field", Some("force_n"), what));
             }
         };
+        sensible(drive)?;
         let scene = Scene::new(&layer, shape, &array, sampling, level)
             .map_err(|invalid| failure(&invalid, name))?;
         let pad = args.choice("beyond")? == "nothing";
         let scene = if pad { scene.cut_at_array() } else { scene };
         Ok(Self { scene, drive, pose, shape: name })
     }
+}
+
+/// Forces and penetrations that are neither 0 nor a size.
+fn sensible(drive: Drive) -> Result<(), Failure> {
+    let (field, value) = match drive {
+        Drive::ForceN(force) => ("force_n", force),
+        Drive::PenetrationMm(depth) => ("penetration_mm", depth),
+    };
+    if value == 0.0 || value.abs() >= LEAST {
+        return Ok(());
+    }
+    let what = format!("`{field}`: {value:e} is beyond sense; give 0, or at least 1e-30");
+    Err(Failure::range(field, what))
 }
 
 fn shape_of(args: &Args) -> Result<(&'static str, Shape, Pose), Failure> {

@@ -12,7 +12,7 @@ use super::super::kernel::{BASE_CUTOFF, Sampled, SurfaceKernel};
 use super::super::layer::{Layer, Transfer};
 use super::super::{Invalid, finite, positive};
 use super::across::Across;
-use super::pin::strip::Strips;
+use super::pin::strip::{Section, Strips};
 use super::pin::{Profile, Stand};
 use super::quadrature::{factor, solve};
 use super::radial::REACH;
@@ -23,8 +23,13 @@ use core::f64::consts::PI;
 
 /// Table points per thickness.
 const DENSITY: f64 = 32.0;
+/// Half-width of the narrowest contact that is read from the tables, in parts of the widest one
+/// and at most in thicknesses: of narrower ones the rows know less than the half plane does.
+const NARROWEST: (f64, f64) = (0.01, 0.02);
 /// Solutions that one search may take.
 const SEARCH: usize = 40;
+/// Penetrations beyond so many loads are of wider contacts for certain.
+const FAINT: f64 = 50.0;
 
 /// What a pressed indenter says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,6 +48,7 @@ pub struct LineState {
 #[derive(Clone, Debug)]
 pub struct Endless {
     layer: Layer,
+    section: Section,
     strips: Strips,
     density: Even,
     across: Across,
@@ -54,6 +60,22 @@ pub struct Endless {
     /// What the other line of a pair carries of the first one's load: 1, or -1 for a roll.
     mirror: f64,
     state: LineState,
+}
+
+/// A contact found, in thicknesses: the pressure of half-width `b` and penetration `delta` in a
+/// part of its size, `wide` and `depth` deep then.
+struct Found {
+    b: f64,
+    wide: f64,
+    delta: f64,
+    part: f64,
+    depth: f64,
+}
+
+impl Found {
+    fn whole(b: f64, delta: f64) -> Self {
+        Self { b, wide: b, delta, part: 1.0, depth: delta }
+    }
 }
 
 impl Endless {
@@ -79,6 +101,7 @@ impl Endless {
         let lines = pairs(strips.widest());
         Ok(Self {
             layer: *layer,
+            section,
             density: density(&transfer),
             across: Across::new(&transfer, strips.widest()),
             row: vec![0.0; strips.places.len()],
@@ -109,12 +132,12 @@ impl Endless {
             Drive::ForceN(force) => (true, force / (modulus * t)),
             Drive::PenetrationMm(delta) => (false, delta / t),
         };
-        let (b, delta) = self.search(by_force, wanted, drive)?;
+        let Found { b, wide, delta, part, depth } = self.search(by_force, wanted, drive)?;
         let [punch, shape] = &mut self.sides;
         let mut edges = [0.0; 2];
         for (p, s) in punch.iter_mut().zip(shape) {
-            *s = delta * *p - *s;
-            edges[0] += *p;
+            *s = part * (delta * *p - *s);
+            edges[0] += part * *p;
             edges[1] += *s;
         }
         let psi = &self.sides[1];
@@ -125,8 +148,8 @@ impl Endless {
         self.across.carry(&self.lines, self.mirror);
         self.state = LineState {
             force_n_mm: PI * first * modulus * t,
-            penetration_mm: delta * t,
-            half_width_mm: b * t,
+            penetration_mm: depth * t,
+            half_width_mm: wide * t,
             residual: if self.strips.is_free() {
                 (edges[1] / (delta * edges[0])).abs()
             } else {
@@ -168,18 +191,46 @@ impl Endless {
         self.state
     }
 
-    /// Half-width and penetration (thicknesses) of the contact wanted; its punch and shape are in
-    /// `sides`.
-    fn search(&mut self, by_force: bool, wanted: f64, drive: Drive) -> Result<(f64, f64), Refusal> {
+    /// The contact of a cylinder that is narrower than what is read, if it is: on a half plane
+    /// the load is b^2/(2 R) and goes with a penetration of load (1/k + 1/2), k the stiffness of a
+    /// punch as wide, whose inverse goes with the logarithm of the width.
+    fn narrow(&mut self, by_force: bool, wanted: f64) -> Option<Found> {
+        let Section::Circle(radius) = self.section else { return None };
+        let b = NARROWEST.1.min(NARROWEST.0 * self.strips.widest());
+        let largest = 0.5 * b * b / radius;
+        // A penetration is some times its load, by a logarithm.
+        if wanted > FAINT * largest {
+            return None;
+        }
+        let (delta, load, stiffness) = self.plane(b)?;
+        let depth = |force: f64| force * (1.0 / stiffness + 0.5 - 0.5 * libm::log(force / largest));
+        if wanted >= if by_force { largest } else { depth(largest) } {
+            return None;
+        }
+        let mut force = if by_force { wanted } else { wanted * largest / depth(largest) };
+        if !by_force {
+            for _ in 0..SEARCH {
+                force *= wanted / depth(force);
+            }
+        }
+        let wide = (2.0 * radius * force).sqrt();
+        Some(Found { b, wide, delta, part: force / load, depth: depth(force) })
+    }
+
+    /// The contact wanted; its punch and shape are in `sides`.
+    fn search(&mut self, by_force: bool, wanted: f64, drive: Drive) -> Result<Found, Refusal> {
         let widest = self.strips.widest();
         if !self.strips.is_free() {
             let stiffness = self.plane(widest).map_or(f64::NAN, |(_, _, stiffness)| stiffness);
             let delta = if by_force { wanted / stiffness } else { wanted };
             if delta < 1.0 {
-                return Ok((widest, delta));
+                return Ok(Found::whole(widest, delta));
             }
             let deep_mm = delta * self.layer.thickness_mm;
             return Err(Refusal::new(drive.place(), Why::Thickness(deep_mm)));
+        }
+        if let Some(found) = self.narrow(by_force, wanted) {
+            return Ok(found);
         }
         let start = if by_force { wanted.sqrt() } else { self.strips.half_width(wanted) };
         let (mut b, mut slope) = (start.min(widest), 2.0);
@@ -195,7 +246,7 @@ impl Endless {
             }
             if miss.abs() < 1e-8 {
                 let change = if by_force { (wanted - load) / stiffness } else { wanted - delta };
-                return Ok((b, delta + change));
+                return Ok(Found::whole(b, delta + change));
             }
             if miss < 0.0 && b >= widest {
                 break;

@@ -1,13 +1,15 @@
 //! Feature Jacobians of an indenter: how the features of its image change as it is moved and
-//! turned, by central differences at two steps, extrapolated, with the difference of the two as the
-//! error's estimate.
+//! turned, by central differences at two steps, extrapolated. The error's estimate is what the two
+//! steps differ by and what another level of accuracy makes of the same derivative.
 //!
 //! Motions are about the indenter's origin on the surface: dx, dy along the array, dz into the
 //! layer, right-handed rotations about x, y (which tilt a long indenter, positive about x lowering
-//! the side towards -y) and z (up). A round body turns about its own axis, which changes nothing: a
-//! sphere's rotations and a cylinder's roll are columns of 0; a bar's roll is the exact rate of its
-//! pressure ([`super::pin::Roll`]). What a motion or a feature does not define (dz of a line load,
-//! the axis of a round image) is absent, and so is then the condition number.
+//! the side towards -y) and z (up). A rotation about x or y is one about the indenter's slope, one
+//! about z and a roll about its own axis; of an axis that is tilted the one about z is the roll's
+//! part times the sine of the tilt. A round body's roll changes nothing: a sphere's rotations are
+//! columns of 0; a bar's roll is the exact rate of its pressure ([`super::pin::Roll`]). What a
+//! motion or a feature does not define (dz of a line load, the axis of a round image) is absent,
+//! and so is then the condition number.
 
 use super::super::Invalid;
 use super::super::features::{ImageFeatures, Part, image_features};
@@ -77,7 +79,8 @@ pub struct FeatureJacobian {
     pub motions: usize,
     /// Derivatives, feature after feature.
     pub values: Vec<Option<f64>>,
-    /// Estimated error of each.
+    /// Estimated error of each: what two steps of the differences and two levels of accuracy leave
+    /// between them; absent where the other level has no such contact.
     pub errors: Vec<Option<f64>>,
     /// Largest over smallest singular value, in the units of the rows and columns as they are;
     /// absent when an entry is, and for a matrix without full rank.
@@ -88,9 +91,14 @@ pub struct FeatureJacobian {
 
 /// Smallest part of the largest singular value that counts as rank.
 const RANK: f64 = 1e-10;
+/// A rotation that tilts an edge by no more than this part of itself is its roll.
+const FLAT: f64 = 1e-12;
 
 /// Differentiates the features of a scene at a contact. With a force the penetration found for it
 /// is what the motions start from. Allocates.
+///
+/// The level beside which the errors are taken is the default one, and of a scene at that level the
+/// fine one; of what is cut at the array the fast one, which is off by more than the default.
 ///
 /// # Errors
 /// What pressing refuses there and nearby; no feature or no motion.
@@ -106,6 +114,26 @@ pub fn feature_jacobian(
             return Err(Invalid::new(place, "the list is empty".to_owned(), "name at least one"));
         }
     }
+    let mut out = differences((scene, drive, pose), features, motions, true)?;
+    let other = scene
+        .at_other_level()
+        .and_then(|mut other| differences((&mut other, drive, pose), features, motions, false))
+        .map_or_else(|_| vec![None; out.values.len()], |other| other.values);
+    let values = out.values.iter().zip(&other);
+    for (error, (value, other)) in out.errors.iter_mut().zip(values) {
+        *error = (*error).zip((*value).zip(*other)).map(|(e, (a, b))| e + (a - b).abs());
+    }
+    Ok(out)
+}
+
+/// Differences at the scene's own level, extrapolated from two steps or of the shorter one alone;
+/// their errors are of the steps.
+fn differences(
+    (scene, drive, pose): (&mut Scene, Drive, Pose),
+    features: &[Feature],
+    motions: &[Motion],
+    extrapolated: bool,
+) -> Result<FeatureJacobian, Invalid> {
     let touch = scene.press(drive, pose)?;
     let drive = touch.penetration_mm.map_or(drive, Drive::PenetrationMm);
     let here = measured(scene, drive, pose, &[], 0.0)?;
@@ -125,8 +153,8 @@ pub fn feature_jacobian(
             let (drive, pose) = effect.moved(drive, pose, amount);
             measured(scene, drive, pose, &rolled, amount * effect.roll)
         };
-        let wide = [at(step)?, at(-step)?];
         let narrow = [at(0.5 * step)?, at(-0.5 * step)?];
+        let wide = if extrapolated { Some([at(step)?, at(-step)?]) } else { None };
         for (row, feature) in features.iter().enumerate() {
             let slope = |pair: &[ImageFeatures; 2], step: f64| {
                 let mut rise = feature.of(&pair[0])? - feature.of(&pair[1])?;
@@ -136,8 +164,10 @@ pub fn feature_jacobian(
                 }
                 Some(rise / (2.0 * step))
             };
-            let slopes = (feature.of(&here), slope(&wide, step), slope(&narrow, 0.5 * step));
-            let (Some(_), Some(coarse), Some(fine)) = slopes else { continue };
+            let slopes = (feature.of(&here), slope(&narrow, 0.5 * step));
+            let (Some(_), Some(fine)) = slopes else { continue };
+            let coarse = wide.as_ref().map_or(Some(fine), |wide| slope(wide, step));
+            let Some(coarse) = coarse else { continue };
             out.values[row * motions.len() + column] = Some((4.0 * fine - coarse) / 3.0);
             out.errors[row * motions.len() + column] = Some((fine - coarse).abs() / 3.0);
         }
@@ -196,12 +226,15 @@ fn effect(shape: Shape, pose: Pose, motion: Motion) -> Option<Effect> {
     let round = matches!(shape, Shape::Sphere { .. });
     let line = matches!(shape, Shape::Edge { .. });
     // A rotation about x raises the place (x, y) by y: the axis (-s, c) by c a length, the side
-    // (c, s) by s.
+    // (c, s) by s. The roll's axis leans down by the tilt: what it has of z is turned back.
+    let lean = libm::tan(pose.tilt_rad);
+    let longer = (1.0 + lean * lean).sqrt();
     let tilt = |part: f64, roll: f64| {
         if round {
             return Some(none);
         }
-        (!line || part == 0.0).then_some(Effect { tilt: -part, roll, ..none })
+        let turned = Effect { tilt: -part, roll: roll * longer, rot: roll * lean, ..none };
+        (!line || part.abs() < FLAT).then_some(turned)
     };
     match motion {
         Motion::X => Some(Effect { x: 1.0, ..none }),

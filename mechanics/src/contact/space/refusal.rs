@@ -84,7 +84,7 @@ impl Refusal {
             Why::Indefinite => tell("the slices' system is not positive".to_owned(), "press less"),
             Why::Unreached => {
                 let what = "no contact that fits the indenter and the layer reaches it";
-                tell(what.to_owned(), "press less, or use a larger indenter")
+                tell(what.to_owned(), "press less, or use another size of indenter")
             }
             Why::Heights { given, cells } => {
                 tell(format!("{given} heights for {cells} cells"), "give one number a cell")

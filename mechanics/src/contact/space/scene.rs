@@ -5,15 +5,16 @@
 //! needed, which allocates. It refuses what the solvers refuse, with the indenter's own field
 //! names.
 
+mod rates;
+
 use super::super::layer::Layer;
 use super::super::{Invalid, finite, positive};
 use super::infinite::Endless;
-use super::jacobian::Motion;
-use super::pin::{Pin, Profile, Stand};
+use super::pin::{Pin, Profile, Stand, TILT_MAX};
 use super::radial::Influence;
 use super::sphere::Sphere;
 use super::tactels::{Array, Fineness, Sampling, Shares};
-use super::{Drive, Level};
+use super::{Drive, Level, Refusal, Why};
 
 /// How far beyond the array an endless edge is carried on, in thicknesses.
 const BEYOND: f64 = 24.0;
@@ -187,21 +188,6 @@ impl Scene {
         self.shape
     }
 
-    /// A step for differences along a motion: a small part of what the contact spans.
-    pub(crate) fn step(&self, motion: Motion, penetration_mm: Option<f64>) -> f64 {
-        let t = self.layer.thickness_mm;
-        let depth = penetration_mm.unwrap_or(0.1 * t).abs().max(1e-6 * t);
-        match motion {
-            Motion::X | Motion::Y => 0.05 * t.min(self.array.pitch_mm),
-            Motion::Z => 0.05 * depth,
-            Motion::RotX | Motion::RotY => {
-                let [from, to] = self.ends();
-                0.02 * depth / (0.5 * (to - from)).max(t)
-            }
-            Motion::RotZ => 0.01,
-        }
-    }
-
     /// Presses the indenter; [`Scene::image`] then shows this contact. A contact deeper than any
     /// before gets deeper tables, which allocates; within them nothing does.
     ///
@@ -283,6 +269,7 @@ impl Scene {
         }
         let reach = ends[0].abs().max(ends[1].abs());
         let more = libm::tan(tilt).abs() * reach;
+        self.refuse_through(drive, ends)?;
         let first = match drive {
             Drive::PenetrationMm(delta) => 1.1 * (delta + more),
             Drive::ForceN(_) => 0.1 * self.layer.thickness_mm + more,
@@ -300,6 +287,22 @@ impl Scene {
                 residual: state.residual,
             })
         })
+    }
+
+    /// What no table helps: too steep a tilt, an end through the base.
+    fn refuse_through(&self, drive: Drive, ends: [f64; 2]) -> Result<(), Invalid> {
+        let tilt = self.pose.tilt_rad;
+        if tilt.abs() > TILT_MAX {
+            return Err(Refusal::new("tilt_rad", Why::Tilt(tilt)).into());
+        }
+        let Drive::PenetrationMm(delta) = drive else { return Ok(()) };
+        let slope = libm::tan(tilt);
+        let deepest = delta + (slope * ends[0]).max(slope * ends[1]);
+        if deepest < self.layer.thickness_mm {
+            return Ok(());
+        }
+        let what = format!("its deeper end would be {deepest} mm deep, the thickness or more");
+        Err(Invalid::new(drive.place(), what, "press less, tilt less, or give a shorter one"))
     }
 
     /// A pin of which nothing is over the pad.
@@ -418,30 +421,6 @@ impl Scene {
         }
     }
 
-    /// The image's rate per rad of roll of a bar about its own axis, the side towards +u lowered;
-    /// of anything else 0.
-    ///
-    /// # Errors
-    /// None is expected after a contact was found.
-    pub(crate) fn rolled(&self) -> Result<Vec<f64>, Invalid> {
-        let mut image = vec![0.0; self.array.len()];
-        let stand = self.pose.stand;
-        match (&self.solver, &self.shares) {
-            (Solver::Endless(bar), _) => {
-                if let Some(rate) = bar.roll() {
-                    rate.image(&self.array, self.sampling, stand, &mut image)?;
-                }
-            }
-            (Solver::Pin(pin), Some(shares)) => {
-                if let Some(rate) = pin.roll()? {
-                    rate.image(shares, stand, &mut image);
-                }
-            }
-            _ => {}
-        }
-        Ok(image)
-    }
-
     /// Gauss's two points on short pieces of the line.
     fn edge_image(&self, image: &mut [f64]) {
         let (Some(shares), Shape::Edge { length_mm }) = (&self.shares, self.shape) else { return };
@@ -479,7 +458,7 @@ fn is_room(error: &Invalid) -> bool {
 fn renamed(error: Invalid, drive: Drive) -> Invalid {
     if is_room(&error) || error.place == "penetration_max_mm" {
         let what = "no contact of this layer and indenter reaches it".to_owned();
-        return Invalid::new(drive.place(), what, "press less, or use a larger indenter");
+        return Invalid::new(drive.place(), what, "press less, or use another size of indenter");
     }
     error
 }

@@ -226,8 +226,7 @@ impl Shares {
         array.check()?;
         let t = base.thickness_mm;
         if array.pitch_mm > THINNEST * t {
-            let what = format!("{t} mm under tactels of {} mm", array.pitch_mm);
-            return Err(Invalid::new("thickness_mm", what, "give tactels nearer to the thickness"));
+            return Err(apart(array, t));
         }
         // What rubs has nothing below it: its bends and its tail are more beside its largest share.
         let thick = t > THICK * array.pitch_mm;
@@ -251,8 +250,7 @@ impl Shares {
             Straight::len(phases, side)
         };
         if numbers > TABLE_MAX {
-            let what = format!("{} mm on tactels of {} mm", t, array.pitch_mm);
-            return Err(Invalid::new("thickness_mm", what, "give tactels nearer to the thickness"));
+            return Err(apart(array, t));
         }
         let half = if fineness.cubic { half } else { side / 2 + 1 };
         let offsets = Offsets::new(base, array, sampling, phases, half);
@@ -293,6 +291,18 @@ impl Shares {
             Reading::Straight(shares) => shares.add(image, [x, y], -force_n),
         }
     }
+}
+
+/// Tactels and a layer that no table can join, told of whichever is further from a millimetre.
+fn apart(array: &Array, t: f64) -> Invalid {
+    let pitch = array.pitch_mm;
+    let far = |size: f64| libm::log(size).abs();
+    let (place, what) = if far(t) > far(pitch) {
+        ("thickness_mm", format!("{t:e} mm on tactels of {pitch:e} mm"))
+    } else {
+        ("pitch_mm", format!("{pitch:e} mm under a layer of {t:e} mm"))
+    };
+    Invalid::new(place, what, "give tactels nearer to the thickness")
 }
 
 impl Shares {

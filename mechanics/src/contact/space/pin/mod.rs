@@ -60,7 +60,7 @@ use strip::{Section, Strips};
 use work::Trouble;
 
 /// Steepest tilt in rad: beyond it the sections are not those of a cylinder any more.
-const TILT_MAX: f64 = 0.2;
+pub(super) const TILT_MAX: f64 = 0.2;
 /// Shortest pin in thicknesses.
 const SHORTEST: f64 = 0.1;
 /// Part of a row below which a shorter one takes its contact over.

@@ -77,27 +77,30 @@ impl Sphere {
     fn through(&self, level: f64, from: f64, length: f64) -> f64 {
         let flux = &self.tables[2];
         let (end, to) = (flux.end(), from + length);
-        let nearest = if from > 0.0 { from } else { to.min(0.0) };
         let total = self.total_inside();
-        if level * level + nearest * nearest >= end * end {
-            // Everything lies inside: what is left is the angle under which the edge is seen.
-            let angle = |y: f64| libm::atan2(y, level.abs());
+        // Beyond the table everything lies inside: what is left is the angle under which the edge
+        // is seen. The table is read between its ends alone, however long the edge.
+        let angle = |y: f64| libm::atan2(y, level.abs());
+        let seen = |from: f64, to: f64| {
             let seen = total * (angle(to) - angle(from));
-            return if level < 0.0 { -seen } else { seen };
+            if level < 0.0 { -seen } else { seen }
+        };
+        let reach = (end * end - level * level).max(0.0).sqrt();
+        let (low, high) = (from.max(-reach), to.min(reach));
+        if low >= high {
+            return seen(from, to);
         }
-        let panels = libm::ceil(length / self.grid.panel).max(1.0);
-        let half = 0.5 * length / panels;
+        let panels = libm::ceil((high - low) / self.grid.panel).max(1.0);
+        let half = 0.5 * (high - low) / panels;
         let mut sum = 0.0;
         for panel in 0..panels as usize {
-            let middle = from + half * (2 * panel + 1) as f64;
+            let middle = low + half * (2 * panel + 1) as f64;
             for (g, w) in &self.edge {
                 let y = middle + g * half;
-                let r2 = level * level + y * y;
-                let r = r2.sqrt();
-                sum += w * if r < end { flux.at(r) } else { total / r2 };
+                sum += w * flux.at((level * level + y * y).sqrt().min(end));
             }
         }
-        level * sum * half
+        seen(from, low) + level * sum * half + seen(high, to)
     }
 
     /// The flux beyond the table times the square of the distance.

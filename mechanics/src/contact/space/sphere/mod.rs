@@ -22,7 +22,7 @@ mod image;
 mod kernel;
 
 use super::super::layer::Layer;
-use super::super::{Invalid, positive};
+use super::super::{Invalid, LARGEST, positive};
 use super::quadrature::{factor, legendre, solve};
 use super::radial::Radial;
 use super::table::Even;
@@ -35,6 +35,8 @@ use kernel::Kernel;
 const STEEPEST: f64 = 0.95;
 /// Largest contact radius in thicknesses.
 const WIDEST: f64 = 120.0;
+/// Forces (N) and penetrations (mm) below this are no contact.
+const NOTHING: f64 = 1.0 / LARGEST;
 /// Solutions that one search may take.
 const SEARCH: usize = 60;
 /// The search ends at this relative miss; what is left is corrected to second order.
@@ -159,7 +161,8 @@ impl Sphere {
         Ok(sphere)
     }
 
-    /// Presses the sphere to a force or a penetration; penetrations of 0 or less are no contact.
+    /// Presses the sphere to a force or a penetration; forces and penetrations below
+    /// 1e-30 are no contact.
     ///
     /// # Errors
     /// What is not finite, a force below 0, and what this module refuses. The state is then that of
@@ -177,8 +180,8 @@ impl Sphere {
         let t = self.layer.thickness_mm;
         let unit_n = self.modulus() * t * t;
         let read = match drive {
-            Drive::ForceN(force) if force > 0.0 => chart.under_force(force / unit_n),
-            Drive::PenetrationMm(delta) if delta > 0.0 => chart.at_depth(delta / t),
+            Drive::ForceN(force) if force >= NOTHING => chart.under_force(force / unit_n),
+            Drive::PenetrationMm(delta) if delta >= NOTHING => chart.at_depth(delta / t),
             _ => None,
         };
         let Some(read) = read else { return false };
@@ -202,7 +205,7 @@ impl Sphere {
         let guess = self.a;
         self.release();
         let target = drive.check(self.layer.thickness_mm)?;
-        if target <= 0.0 {
+        if target < NOTHING {
             return Ok(0.0);
         }
         let (t, modulus) = (self.layer.thickness_mm, self.modulus());

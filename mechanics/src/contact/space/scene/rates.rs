@@ -1,0 +1,68 @@
+//! What derivatives of a scene are taken with: steps of its motions, the rate of a bar's roll, the
+//! same scene at another level.
+
+use super::super::jacobian::Motion;
+use super::{Invalid, Level, Scene, Shape, Solver};
+
+impl Scene {
+    /// The same at the level beside which this one's errors are judged, without contact: a finer
+    /// one; the fast one for what is cut at the array, of which every motion makes another pin.
+    pub(crate) fn at_other_level(&self) -> Result<Self, Invalid> {
+        let level = match self.level {
+            Level::Fast | Level::Fine => Level::Default,
+            Level::Default if self.cut || self.is_cut_in_tilt() => Level::Fast,
+            Level::Default => Level::Fine,
+        };
+        let made = Self::new(&self.layer, self.shape, &self.array, self.sampling, level)?;
+        Ok(Self { cut: self.cut, ..made })
+    }
+
+    /// Whether the indenter has no ends and slopes.
+    fn is_cut_in_tilt(&self) -> bool {
+        match self.shape {
+            Shape::Cylinder { length_mm, .. } | Shape::Bar { length_mm, .. } => {
+                length_mm.is_none() && self.pose.tilt_rad != 0.0
+            }
+            Shape::Sphere { .. } | Shape::Edge { .. } => false,
+        }
+    }
+
+    /// A step for differences along a motion: a small part of what the contact spans.
+    pub(crate) fn step(&self, motion: Motion, penetration_mm: Option<f64>) -> f64 {
+        let t = self.layer.thickness_mm;
+        let depth = penetration_mm.unwrap_or(0.1 * t).abs().max(1e-6 * t);
+        match motion {
+            Motion::X | Motion::Y => 0.05 * t.min(self.array.pitch_mm),
+            Motion::Z => 0.05 * depth,
+            Motion::RotX | Motion::RotY => {
+                let [from, to] = self.ends();
+                0.02 * depth / (0.5 * (to - from)).max(t)
+            }
+            Motion::RotZ => 0.01,
+        }
+    }
+
+    /// The image's rate per rad of roll of a bar about its own axis, the side towards +u lowered;
+    /// of anything else 0.
+    ///
+    /// # Errors
+    /// None is expected after a contact was found.
+    pub(crate) fn rolled(&self) -> Result<Vec<f64>, Invalid> {
+        let mut image = vec![0.0; self.array.len()];
+        let stand = self.pose.stand;
+        match (&self.solver, &self.shares) {
+            (Solver::Endless(bar), _) => {
+                if let Some(rate) = bar.roll() {
+                    rate.image(&self.array, self.sampling, stand, &mut image)?;
+                }
+            }
+            (Solver::Pin(pin), Some(shares)) => {
+                if let Some(rate) = pin.roll()? {
+                    rate.image(shares, stand, &mut image);
+                }
+            }
+            _ => {}
+        }
+        Ok(image)
+    }
+}
