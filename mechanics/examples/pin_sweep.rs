@@ -1,19 +1,20 @@
 //! Error and time of the image of drawn pins and bars in any pose: `cargo run --release -p
-//! taktil-mechanics --example pin_sweep [-- LAYERS PINS SEED... [fine|long] [wide]]`. The truth is
-//! the default level on slices laid over what touches; with `fine` the fine one, and the default
-//! level is judged as well, by shape; `long` draws long pins with an end over tactels of any size,
-//! each on a layer of its own; `wide` draws lengths up to 60 mm and bars up to 12 mm wide. Prints
-//! the rows of the table in docs/measurements/contact-3d.md (median, nine in ten, largest; times
-//! are each pose's median), then the worst poses. Not lane code.
+//! taktil-mechanics --example pin_sweep [-- LAYERS PINS SEED... [fine|long] [wide|shallow]]`. The
+//! truth is the default level on slices laid over what touches; with `fine` the fine one, and the
+//! default level is judged as well, by shape; `long` draws long pins with an end over tactels of
+//! any size, each on a layer of its own; `wide` draws lengths up to 60 mm and bars up to 12 mm wide;
+//! `shallow` presses 5e-4 to 5e-2 of the thickness deep what has tables for 0.1 to 0.3 of it.
+//! Prints the rows of the tables in docs/measurements/contact-3d.md (median, nine in ten, largest;
+//! times are each pose's median), then the worst poses. Not lane code.
 
 #[path = "../tests/space/draws.rs"]
-#[expect(dead_code, reason = "the test draws what the sweep gives sizes for")]
 mod draws;
 
 use draws::{Drawn, Draws};
 use std::hint::black_box;
 use std::time::Instant;
 use taktil_mechanics::contact::features::{Part, image_features};
+use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::space::pin::Pin;
 use taktil_mechanics::contact::space::radial::Influence;
 use taktil_mechanics::contact::space::scene::Pose;
@@ -35,6 +36,7 @@ struct Row {
 }
 
 type Rows = Vec<(Row, String)>;
+type Draw = fn(&mut Draws, Layer) -> Drawn;
 type What = (&'static str, fn(&Row) -> f64);
 
 fn main() {
@@ -43,15 +45,18 @@ fn main() {
     let (layers, pins) = (*asked.first().unwrap_or(&7), *asked.get(1).unwrap_or(&10));
     let seeds = asked.get(2..).filter(|seeds| !seeds.is_empty()).unwrap_or(&[11]);
     let fine = words.iter().any(|word| word == "fine");
-    let wide = words.iter().any(|word| word == "wide");
-    let largest = if wide { [60.0, 12.0] } else { [40.0, 8.0] };
+    let draw: Draw = match words.last().map(String::as_str) {
+        Some("wide") => |draws, rubber| draws.pin_within(rubber, [60.0, 12.0]),
+        Some("shallow") => Draws::shallow,
+        _ => Draws::pin,
+    };
     let mut rows: [Rows; 4] = Default::default();
     for seed in seeds {
         let draws = Draws(*seed as u64);
         if words.iter().any(|word| word == "long") {
             sweep_long(layers * pins, draws, &mut rows);
         } else {
-            sweep([layers, pins], draws, (fine, largest), &mut rows);
+            sweep([layers, pins], draws, (fine, draw), &mut rows);
         }
     }
     println!("| level, contact (poses): what | median | nine in ten | largest |");
@@ -70,7 +75,7 @@ fn main() {
 fn sweep(
     [layers, pins]: [usize; 2],
     mut draws: Draws,
-    (fine, largest): (bool, [f64; 2]),
+    (fine, draw): (bool, Draw),
     rows: &mut [Rows; 4],
 ) {
     let truth = if fine { Level::Fine } else { Level::Default };
@@ -81,7 +86,7 @@ fn sweep(
             Shares::new(&influence, &Array::THESIS, Sampling::Area, fineness).expect("tables")
         });
         for _ in 0..pins {
-            let drawn = draws.pin_within(rubber, largest);
+            let drawn = draw(&mut draws, rubber);
             let mut exact = vec![0.0; 256];
             let force = drawn.exact(truth, &shares, &mut exact);
             let kinds = [drawn.on_corner(), drawn.is_bar()].map(usize::from);

@@ -54,7 +54,8 @@ impl Draws {
         let stand = Stand { x_mm, y_mm, rot_rad };
         let delta_mm = depth_mm - 0.5 * length_mm * slope;
         let pose = Pose { stand, tilt_rad: sign * libm::atan(slope) };
-        Drawn { rubber, profile, length_mm, touched_mm: 2.0 * length_mm, delta_mm, pose }
+        let (touched_mm, made_mm) = (2.0 * length_mm, (2.0 * depth_mm).min(0.9 * t));
+        Drawn { rubber, profile, length_mm, touched_mm, made_mm, delta_mm, pose }
     }
 
     /// A pin, every third time a bar, that touches on some part of its length.
@@ -63,11 +64,34 @@ impl Draws {
     }
 
     /// The same up to a length and a bar's width, mm.
-    pub(crate) fn pin_within(&mut self, rubber: Layer, [longest, widest]: [f64; 2]) -> Drawn {
+    pub(crate) fn pin_within(&mut self, rubber: Layer, largest: [f64; 2]) -> Drawn {
+        let depth = |draws: &mut Self| draws.between(0.01, 0.1);
+        self.pressed(rubber, largest, depth)
+    }
+
+    /// A pin, every third time a bar, pressed far less than the 0.1 to 0.3 thicknesses that its
+    /// tables are made for.
+    pub(crate) fn shallow(&mut self, rubber: Layer) -> Drawn {
+        let depth = |draws: &mut Self| draws.over_decades(5e-4, 5e-2);
+        let mut drawn = self.pressed(rubber, [40.0, 8.0], depth);
+        let deepest = match drawn.profile {
+            Profile::Cylinder { radius_mm } => 0.3 * radius_mm,
+            _ => f64::INFINITY,
+        };
+        drawn.made_mm = (rubber.thickness_mm * self.between(0.1, 0.3)).min(deepest);
+        drawn
+    }
+
+    fn pressed(
+        &mut self,
+        rubber: Layer,
+        [longest, widest]: [f64; 2],
+        depth: impl Fn(&mut Self) -> f64,
+    ) -> Drawn {
         let t = rubber.thickness_mm;
         let length_mm = self.between(3.0, longest).max(t);
         let bar = self.between(0.0, 3.0) < 1.0;
-        let depth_mm = t * self.between(0.01, 0.1);
+        let depth_mm = t * depth(self);
         let profile = if bar {
             Profile::Bar { width_mm: self.between(0.4, widest) }
         } else {
@@ -85,7 +109,8 @@ impl Draws {
         let stand = Stand { x_mm, y_mm, rot_rad };
         let delta_mm = depth_mm - 0.5 * length_mm * slope;
         let pose = Pose { stand, tilt_rad: sign * libm::atan(slope) };
-        Drawn { rubber, profile, length_mm, touched_mm, delta_mm, pose }
+        let made_mm = (2.0 * depth_mm).min(0.9 * t);
+        Drawn { rubber, profile, length_mm, touched_mm, made_mm, delta_mm, pose }
     }
 }
 
@@ -95,15 +120,17 @@ pub(crate) struct Drawn {
     profile: Profile,
     pub(crate) length_mm: f64,
     touched_mm: f64,
+    /// Depth that its tables are made for.
+    made_mm: f64,
     /// Penetration at the middle.
     pub(crate) delta_mm: f64,
     pub(crate) pose: Pose,
 }
 
 impl Drawn {
-    /// The pin, its tables made for twice its depth.
+    /// The pin.
     pub(crate) fn pin(&self, level: Level) -> Pin {
-        self.part(self.length_mm, level)
+        self.part(self.length_mm, self.made_mm, level)
     }
 
     /// Whether it is a bar.
@@ -116,22 +143,28 @@ impl Drawn {
         self.touched_mm < self.rubber.thickness_mm
     }
 
-    /// So much of the pin from the end that touches.
-    fn part(&self, length_mm: f64, level: Level) -> Pin {
+    /// Depth of the end that touches, mm.
+    fn depth_mm(&self) -> f64 {
+        let far = 0.5 * self.pose.tilt_rad.signum() * self.length_mm;
+        self.delta_mm + libm::tan(self.pose.tilt_rad) * far
+    }
+
+    /// So much of the pin from the end that touches, its tables made for a depth.
+    fn part(&self, length_mm: f64, made_mm: f64, level: Level) -> Pin {
         let sign = self.pose.tilt_rad.signum();
         let far = 0.5 * sign * self.length_mm;
         let near = far - sign * length_mm;
-        let depth = self.delta_mm + libm::tan(self.pose.tilt_rad) * far;
-        let most = (2.0 * depth).min(0.9 * self.rubber.thickness_mm);
         let ends = [far.min(near), far.max(near)];
-        Pin::new(&self.rubber, self.profile, ends, most, level).expect("a pin")
+        Pin::new(&self.rubber, self.profile, ends, made_mm, level).expect("a pin")
     }
 
-    /// Force and image of a pin that is there only where it touches, and a little further.
+    /// Force and image of a pin that is there only where it touches, and a little further, its
+    /// tables made for twice its depth.
     pub(crate) fn exact(&self, level: Level, shares: &Shares, image: &mut [f64]) -> f64 {
         let t = self.rubber.thickness_mm;
         let length = self.length_mm.min(1.4 * self.touched_mm + t);
-        let mut pin = self.part(length, level);
+        let made_mm = (2.0 * self.depth_mm()).min(0.9 * t);
+        let mut pin = self.part(length, made_mm, level);
         let drive = Drive::PenetrationMm(self.delta_mm);
         let state = pin.press(drive, self.pose.tilt_rad).expect("a contact");
         let cut = length < self.length_mm && state.length_mm > 0.97 * length;

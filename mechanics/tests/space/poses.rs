@@ -67,6 +67,31 @@ fn any_pose_keeps_force_centroid_and_image() {
     assert!((5..25).contains(&corners), "{corners} of 30 on a corner");
 }
 
+/// Contacts far shallower than their tables were made for, by penetration and by force.
+#[test]
+fn shallow_contacts_keep_theirs() {
+    let mut draws = Draws(6);
+    for _ in 0..3 {
+        let rubber = draws.rubber();
+        let influence = Influence::new(&rubber).expect("a layer");
+        let [quick, shares] = [Fineness::FAST, Fineness::DEFAULT].map(|fineness| {
+            Shares::new(&influence, &Array::THESIS, Sampling::Area, fineness).expect("tables")
+        });
+        for _ in 0..10 {
+            let drawn = draws.shallow(rubber);
+            let mut exact = vec![0.0; 256];
+            let force = drawn.exact(Level::Default, &shares, &mut exact);
+            let mut pin = drawn.pin(Level::Fast);
+            for drive in [Drive::PenetrationMm(drawn.delta_mm), Drive::ForceN(force)] {
+                let [force_off, away, image] =
+                    off(&drawn, &mut pin, &quick, drive, (force, &exact));
+                assert!(force_off < 1e-2 && away < AWAY_MM, "{drawn:?}: {force_off:e} {away}");
+                assert!(image < 2e-2, "{drawn:?}: {image:e}");
+            }
+        }
+    }
+}
+
 /// The end of a tilted cylinder on a layer thicker than a tactel is wide, at the default level and
 /// at the fine one.
 #[test]

@@ -17,13 +17,13 @@ use super::{KEPT, PinState};
 /// many times as long as the next one, down to the shortest.
 const LONGEST: f64 = 6.0;
 const OVERLAP: f64 = 0.85;
-const SHORTEST: f64 = 0.08;
+const SHORTEST: f64 = 0.014;
 const LONGER: f64 = core::f64::consts::SQRT_2;
 /// Slopes that are tabulated: the steepest that may be asked for, and each so many times the next.
 const STEEPEST: f64 = 0.2035;
 const STEEPER: f64 = 1.6;
 /// Depths of tabulated contacts in parts of the deepest asked for.
-const DEPTHS: [f64; 2] = [0.015, 1.6];
+const DEPTHS: [f64; 2] = [0.001, 1.6];
 /// Places of a profile, from the end to where the contact ends.
 const PLACES: usize = 13;
 /// Fewest slices of a contact, most that may be left of it, and rows tried for it.
