@@ -2,7 +2,7 @@
 //! taktil-mechanics --example pin_sweep [-- LAYERS PINS SEED... [fine|long] [wide|shallow]]`. The
 //! truth is the default level on slices laid over what touches; with `fine` the fine one, and the
 //! default level is judged as well, by shape; `long` draws long pins with an end over tactels of
-//! any size, each on a layer of its own; `wide` draws lengths up to 60 mm and bars up to 12 mm wide;
+//! any size, each on a layer of its own; `wide` draws lengths up to 60 mm and bars up to 12 mm;
 //! `shallow` presses 5e-4 to 5e-2 of the thickness deep what has tables for 0.1 to 0.3 of it.
 //! Prints the rows of the tables in docs/measurements/contact-3d.md (median, nine in ten, largest;
 //! times are each pose's median), then the worst poses. Not lane code.
