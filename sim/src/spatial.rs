@@ -176,27 +176,16 @@ impl Spatial {
     }
 }
 
-/// Force on the pad and its moment about the pin's middle (N, N mm): slices that lie across the
-/// pad's edge count in part.
+/// Force on the pad and its moment about the pin's middle (N, N mm): what a load stands for that
+/// lies across the pad's edge counts in part.
 fn on_pad(pin: &LayerPin, lie: &Lie, origin: [f64; 2], from: f64) -> (f64, f64) {
     let half_mm = 1e3 * PAD_HALF_M;
     let [dx, dy] = lie.direction;
-    // Places along the axis come slice after slice.
-    let (mut last, mut slice_mm) = (f64::NAN, f64::INFINITY);
-    pin.loads(|[_, v], _| {
-        if (v - last).abs() < slice_mm && v != last {
-            slice_mm = (v - last).abs();
-        }
-        last = v;
-    });
+    let across_mm = pin.load_length_mm() * dy.abs();
     let (mut force, mut moment) = (0.0, 0.0);
     pin.loads(|[u, v], load| {
         let (x, y) = (origin[0] + u * dy + v * dx, origin[1] - u * dx + v * dy);
-        let part = if slice_mm.is_finite() {
-            ((half_mm - y.abs()) / (slice_mm * dy.abs()) + 0.5).clamp(0.0, 1.0)
-        } else {
-            1.0
-        };
+        let part = ((half_mm - y.abs()) / across_mm + 0.5).clamp(0.0, 1.0);
         let on = if x.abs() <= half_mm { part } else { 0.0 };
         force += on * load;
         moment += on * load * (from + v);

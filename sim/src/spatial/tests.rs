@@ -97,6 +97,30 @@ fn pressed_pins_give_the_reference_images() {
     }
 }
 
+/// A pin over the whole pad and beyond: what it presses on the pad is what the tactels see, but for
+/// what the layer carries over the pad's edge in and out.
+#[test]
+fn the_force_on_the_pad_is_what_its_tactels_see() {
+    let rubber =
+        RubberConfig { thickness_mm: 0.8, youngs_mpa: 27.58, poisson: 0.49, relaxation_ms: 0.0 };
+    for level in [Level::Fast, Level::Default] {
+        let mut spatial = Spatial::new(&rubber, (0.023, 0.06), level, "finger.rubber").unwrap();
+        for (rot, tilt, y_m) in [(0.0, 0.0, 0.0), (0.03, 2e-4, 1e-3), (-0.1, -3e-4, -2.3e-3)] {
+            let turn = taktil_mechanics::spatial::rotation_z(rot)
+                * taktil_mechanics::spatial::rotation_x(-tilt);
+            let axes = DMat3::from_cols(turn.x_axis, turn.y_axis, turn.z_axis);
+            let lowest = DVec3::new(1e-3, y_m, -1.2e-5);
+            let pin = Pin::at_rest(lowest + 0.023 * axes.z_axis, &axes, (0.023, 0.06), 0.1);
+            let surface = Surface::of_pad(&Pose::IDENTITY, &taktil_mechanics::Joints::zeros());
+            let line = Line::between(&pin, pin.axis(), &surface).unwrap();
+            let solved = spatial.solve(&line, &Pose::IDENTITY).expect("inside the tables");
+            let seen: f64 = spatial.forces_n().iter().sum();
+            let off = seen / solved.force_n - 1.0;
+            assert!(off.abs() < 2e-3, "{level:?} {rot} {tilt}: {seen} N of {solved:?}: {off:e}");
+        }
+    }
+}
+
 #[test]
 fn rows_stand_on_their_own_again_once_the_finger_has_left() {
     let mut config = WorldConfig::default();

@@ -31,6 +31,18 @@ impl Pin {
         let lie = self.lie();
         self.rows[self.at].loads(None, |_| true, |[u, w], force| of([u, lie.place(w)], force));
     }
+
+    /// Length along the axis that each of [`Pin::loads`] stands for, mm: a slice's, or the distance
+    /// of the lines that loads lie on. 0 without contact at a level of lines.
+    #[must_use]
+    pub fn load_length_mm(&self) -> f64 {
+        let row = &self.rows[self.at];
+        let apart = match row.fineness.lines {
+            Some(lines) => row.lines_apart(row.cutoff(lines, None)),
+            None => row.h,
+        };
+        apart * row.layer.thickness_mm
+    }
 }
 
 impl Row {

@@ -32,6 +32,13 @@ struct Lay {
     beyond: isize,
 }
 
+impl Lay {
+    /// Distance of neighbouring lines among slices of a length.
+    fn apart(&self, h: f64) -> f64 {
+        h * self.step as f64 / self.lines.len() as f64
+    }
+}
+
 /// A line for each slice.
 const EACH: Lay = Lay {
     step: 1,
@@ -123,9 +130,7 @@ impl Row {
         mut of: impl FnMut([f64; 2], f64),
     ) {
         let (t, n) = (self.layer.thickness_mm, self.work.places.cosines);
-        let mut touching = (0..self.along.len()).filter(|j| self.work.touches(*j));
-        let Some(first) = touching.next() else { return };
-        let last = touching.next_back().unwrap_or(first);
+        let Some([first, last]) = self.touching() else { return };
         let lay = self.lay(cutoff, last - first + 1);
         let (from, to) = (first as isize - lay.beyond, last as isize + lay.beyond);
         let count = ((to - from) as usize / lay.step + 1) * lay.lines.len();
@@ -134,7 +139,7 @@ impl Row {
         let rule = &self.rules[points_for(cutoff, widest).min(self.rules.len()) - 1];
         let points = rule.places.len();
         let each = 0.5 * PI * self.modulus_mpa() * t * t * self.h / points as f64;
-        let apart = self.h * lay.step as f64 / lay.lines.len() as f64;
+        let apart = lay.apart(self.h);
         let whole = libm::ceil(EDGE / apart) as usize;
         let mut sum = [0.0; COSINES_MAX];
         let mut psi = [0.0; POINTS_MAX];
@@ -163,6 +168,20 @@ impl Row {
                 sides.swap(0, 1);
             }
         }
+    }
+
+    /// The first and the last slice that touches.
+    fn touching(&self) -> Option<[usize; 2]> {
+        let mut touching = (0..self.along.len()).filter(|j| self.work.touches(*j));
+        let first = touching.next()?;
+        Some([first, touching.next_back().unwrap_or(first)])
+    }
+
+    /// Distance of neighbouring lines (thicknesses) that stand for wave numbers up to `cutoff`; 0
+    /// where nothing touches.
+    pub(super) fn lines_apart(&self, cutoff: f64) -> f64 {
+        self.touching()
+            .map_or(0.0, |[first, last]| self.lay(cutoff, last - first + 1).apart(self.h))
     }
 
     /// The lay for lines that stand for wave numbers up to `cutoff`.
