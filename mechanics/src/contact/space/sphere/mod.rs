@@ -6,8 +6,8 @@
 //! 1 - M; phi vanishes at the edge of the contact. Gauss's rule converges exponentially. The base
 //! pressure is the inverse Abel transform of a plane problem's. A tactel's mean is the flux of the
 //! radial field whose divergence is that pressure, so the image of a sphere well inside the array
-//! sums to the force but for the table's last flux: 9e-4 of it are left out at [`Level::Fast`], 9e-6
-//! at [`Level::Default`].
+//! sums to the force but for the table's last flux: 9e-4 of it are left out at [`Level::Fast`],
+//! 9e-6 at [`Level::Default`].
 //!
 //! Measured against exact solutions: force, penetration and image 1e-6 of the peak at
 //! [`Level::Default`], 1e-8 at [`Level::Fine`]. A solved contact is the guess of the next one;
