@@ -8,6 +8,7 @@ mod images;
 mod kernels;
 mod poses;
 mod rates;
+mod shallow;
 mod shear;
 mod solvers;
 mod tables;

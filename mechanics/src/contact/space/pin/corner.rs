@@ -17,7 +17,7 @@ use super::{KEPT, PinState};
 /// many times as long as the next one, down to the shortest.
 const LONGEST: f64 = 6.0;
 const OVERLAP: f64 = 0.85;
-const SHORTEST: f64 = 0.014;
+const SHORTEST: f64 = 0.0025;
 const LONGER: f64 = core::f64::consts::SQRT_2;
 /// Slopes that are tabulated: the steepest that may be asked for, and each so many times the next.
 const STEEPEST: f64 = 0.2035;
@@ -107,7 +107,10 @@ impl Corner {
             for q in 0..slopes {
                 let slope = STEEPEST * libm::pow(STEEPER, -(q as f64));
                 let fits = (least..=most).contains(&(overlap * slope));
-                solved.push(if fits { Solved::of(rows, (overlap, slope), to) } else { None });
+                // As flat as the one before, and as deep in parts of its overlap.
+                let near = r.checked_sub(1).and_then(|r| solved[r * slopes + q]);
+                let mut solve = || Solved::of(rows, (overlap, slope), to, near);
+                solved.push(if fits { solve() } else { None });
             }
         }
         rows.iter_mut().for_each(Row::release);
@@ -175,13 +178,25 @@ impl Corner {
 }
 
 impl Solved {
-    /// The contact of the end at `to`, found by the search on a row that suits it.
-    fn of(rows: &mut [Row], (overlap, slope): (f64, f64), to: f64) -> Option<Self> {
-        let mut at = holding(rows, overlap).max(1);
+    /// The contact of the end at `to`, found by the search on a row that suits it; one nearby tells
+    /// which, and the widths to begin with.
+    fn of(
+        rows: &mut [Row],
+        (overlap, slope): (f64, f64),
+        to: f64,
+        near: Option<Self>,
+    ) -> Option<Self> {
+        let near = near.map(|near: Self| Widths {
+            reach: near.reach * overlap,
+            depth: overlap * slope,
+            profile: near.profile,
+        });
+        let touched = near.map_or(overlap, |near| near.reach);
+        let mut at = holding(rows, touched).max(1);
         let mut found = None;
         for _ in 0..ROWS {
             rows[at].release();
-            let solved = Self::on(&mut rows[at], (overlap, slope), to);
+            let solved = Self::on(&mut rows[at], (overlap, slope), to, near.as_ref());
             let Some(solved) = solved else {
                 if found.is_some() || at == 1 {
                     break;
@@ -200,9 +215,24 @@ impl Solved {
         found
     }
 
-    fn on(row: &mut Row, (overlap, slope): (f64, f64), to: f64) -> Option<Self> {
+    fn on(
+        row: &mut Row,
+        (overlap, slope): (f64, f64),
+        to: f64,
+        near: Option<&Widths>,
+    ) -> Option<Self> {
         let depth = slope * overlap;
-        let state = row.press((None, depth - slope * to), slope).ok()?;
+        if let Some(near) = near {
+            row.begin(near, to, slope);
+        }
+        let state = match row.press((None, depth - slope * to), slope) {
+            Err(_) if near.is_some() => {
+                row.release();
+                row.press((None, depth - slope * to), slope)
+            }
+            outcome => outcome,
+        };
+        let state = state.ok()?;
         let touching: Vec<[f64; 2]> = (0..row.along.len())
             .rev()
             .filter(|j| row.work.touches(*j))

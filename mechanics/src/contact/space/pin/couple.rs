@@ -211,7 +211,8 @@ impl Coupling {
         }
     }
 
-    fn convolve(&mut self, transforms: &[f64], input: &[f64]) {
+    /// What reaches each slice of the cosines of all, mode after mode: see [`Coupling::middle`].
+    pub(crate) fn convolve(&mut self, transforms: &[f64], input: &[f64]) {
         let (n, slices) = (self.cosines, input.len() / self.cosines);
         let per_slice = self.modes * n;
         for (j, a) in input.chunks_exact(n).enumerate() {
@@ -243,7 +244,7 @@ impl Coupling {
     }
 
     /// Displacement on the middle line of a slice that carries nothing, from the last
-    /// [`Coupling::act`].
+    /// [`Coupling::convolve`].
     pub(crate) fn middle(&self, slice: usize, slices: usize) -> f64 {
         let felt = self.acted.iter().skip(slice).step_by(slices);
         self.weights.iter().zip(felt).map(|(w, a)| w * a).sum()

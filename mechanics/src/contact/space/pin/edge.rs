@@ -46,7 +46,7 @@ impl Row {
     pub(super) fn wake(&mut self) -> f64 {
         let (slices, n) = (self.along.len(), self.work.places.cosines);
         let mut largest: f64 = 0.0;
-        self.coupling.act(&self.work.transforms, &self.work.a, &mut self.work.image);
+        self.coupling.convolve(&self.work.transforms, &self.work.a);
         for j in 0..slices {
             let work = &mut self.work;
             if !work.active[j] && work.a[j * n] == 0.0 && !work.stays_off(j) {

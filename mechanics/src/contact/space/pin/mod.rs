@@ -75,7 +75,7 @@ const BEGINNINGS: usize = 3;
 const ROOM: f64 = 1.6;
 const DEEPEST: f64 = 0.98;
 /// Shortest row in thicknesses.
-const SHORTEST_ROW: f64 = 0.035;
+const SHORTEST_ROW: f64 = 0.008;
 /// A force below this part of the rubber's modulus times its thickness squared is none.
 const NOTHING: f64 = 1e-15;
 

@@ -24,8 +24,11 @@ const SHORT: f64 = 6.0;
 /// A whole pin shorter than this (thicknesses) is cut no finer than its end, where its image is
 /// that of spread slices.
 const FEW: f64 = 10.0;
-/// Penetrations, in parts of the steepest slope's, that a row is made for; least, thicknesses.
+/// Penetrations, in parts of the steepest slope's, that a row is made for, and one shorter than
+/// this (thicknesses), where widths overshoot further; least, thicknesses.
 const DEEPER: f64 = 1.8;
+const STUBBY: f64 = 0.2;
+const STUBBY_DEEPER: f64 = 2.8;
 const SHALLOWEST: f64 = 0.01;
 /// Half-width of a face (thicknesses) from which slices may be longer, and so many times.
 const WIDE: f64 = 1.2;
@@ -113,7 +116,8 @@ impl Row {
         let place = |i: usize| middle + (i as f64 - 0.5 * (slices as f64 - 1.0)) * h;
         let cosines = strips.places.cosines;
         // No tilt presses a row over an end deeper.
-        let deepest = DEEPER * (TILT_MAX * length).max(SHALLOWEST);
+        let deeper = if length < STUBBY { STUBBY_DEEPER } else { DEEPER };
+        let deepest = deeper * (TILT_MAX * length).max(SHALLOWEST);
         let widest = if whole { strips.widest() } else { strips.half_width(deepest) };
         let sizes = ((cosines, widest), (slices, h));
         let modes = modes.over(length, widest);
@@ -123,6 +127,9 @@ impl Row {
         let nested = tabled.and_then(|_| Nested::new(&strips, &between, &along));
         let mut work = Work::new(slices, &strips, (coupling.transform_len(), room));
         let fineness = Fineness { modes, ..fineness };
+        if fineness.each && strips.is_free() {
+            work.relax_each();
+        }
         let fineness = if length < SHORT { calmed(fineness, &mut work) } else { fineness };
         let finest = fineness.lines.map_or(fineness.points, Self::cutoff_max);
         let most = points_for(finest, widest);
@@ -168,11 +175,7 @@ impl Row {
 
 /// A short row's slices act on each other so much that they take more and smaller steps.
 fn calmed(fineness: Fineness, work: &mut Work) -> Fineness {
-    if fineness.each {
-        work.relax_each();
-    } else {
-        work.relax();
-    }
+    work.relax();
     Fineness { steps: 3 * fineness.steps, ..fineness }
 }
 

@@ -13,6 +13,9 @@ const RELAXED: [f64; 2] = [0.15, 1.5];
 const EACH: [f64; 2] = [0.02, 0.7];
 const SWINGING: f64 = 0.6;
 const STEADY: f64 = 1.2;
+/// On a row that is not short a slice takes all of its change, unless that goes the other way by
+/// more than this part of the one before.
+const SWUNG: f64 = 0.5;
 
 /// A bar's slice that was let go of so many times stays in the air.
 const DROPS: u8 = 2;
@@ -99,23 +102,24 @@ impl Work {
         self.relaxed = 1.0;
     }
 
-    /// The same slice by slice: less of a change that swings, more of one that does not.
+    /// Slice by slice: less of a change that swings, more of one that does not.
     pub(super) fn relax_each(&mut self) {
-        self.relax();
         self.parts = vec![1.0; self.active.len()];
     }
 
     /// The part of the changes that all slices take; 1 where each has its own.
     pub(super) fn relaxation(&mut self, first: bool) -> f64 {
-        if self.relaxed == 0.0 {
-            return 1.0;
-        }
         if !self.parts.is_empty() {
+            let (most, swung) = if self.relaxed == 0.0 { (1.0, SWUNG) } else { (EACH[1], 0.0) };
             let [now, before] = &self.moves;
             for (part, (now, before)) in self.parts.iter_mut().zip(now.iter().zip(before)) {
-                let changed = if now * before < 0.0 { SWINGING } else { STEADY };
-                *part = if first { EACH[1] } else { (*part * changed).clamp(EACH[0], EACH[1]) };
+                let swings = now * before < 0.0 && now.abs() > swung * before.abs();
+                let changed = if swings { SWINGING } else { STEADY };
+                *part = if first { most } else { (*part * changed).clamp(EACH[0], most) };
             }
+            return 1.0;
+        }
+        if self.relaxed == 0.0 {
             return 1.0;
         }
         if first {
