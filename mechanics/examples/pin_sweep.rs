@@ -4,6 +4,7 @@
 //! default level is judged as well, by shape; `long` draws long pins with an end over tactels of
 //! any size, each on a layer of its own; `wide` draws lengths up to 60 mm and bars up to 12 mm;
 //! `shallow` presses 5e-4 to 5e-2 of the thickness deep what has tables for 0.1 to 0.3 of it.
+//! Words stand anywhere among the numbers; `wide` and `shallow` not beside each other or `long`.
 //! Prints the rows of the tables in docs/measurements/contact-3d.md (median, nine in ten, largest;
 //! times are each pose's median), then the worst poses. Not lane code.
 
@@ -41,19 +42,24 @@ type What = (&'static str, fn(&Row) -> f64);
 
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).collect();
+    if let Err(what) = understood(&words) {
+        eprintln!("pin_sweep: {what}");
+        std::process::exit(2);
+    }
     let asked: Vec<usize> = words.iter().filter_map(|word| word.parse().ok()).collect();
     let (layers, pins) = (*asked.first().unwrap_or(&7), *asked.get(1).unwrap_or(&10));
     let seeds = asked.get(2..).filter(|seeds| !seeds.is_empty()).unwrap_or(&[11]);
-    let fine = words.iter().any(|word| word == "fine");
-    let draw: Draw = match words.last().map(String::as_str) {
-        Some("wide") => |draws, rubber| draws.pin_within(rubber, [60.0, 12.0]),
-        Some("shallow") => Draws::shallow,
-        _ => Draws::pin,
+    let said = |word: &str| words.iter().any(|other| other == word);
+    let fine = said("fine");
+    let draw: Draw = match (said("wide"), said("shallow")) {
+        (true, _) => |draws, rubber| draws.pin_within(rubber, [60.0, 12.0]),
+        (false, true) => Draws::shallow,
+        (false, false) => Draws::pin,
     };
     let mut rows: [Rows; 4] = Default::default();
     for seed in seeds {
         let draws = Draws(*seed as u64);
-        if words.iter().any(|word| word == "long") {
+        if said("long") {
             sweep_long(layers * pins, draws, &mut rows);
         } else {
             sweep([layers, pins], draws, (fine, draw), &mut rows);
@@ -70,6 +76,22 @@ fn main() {
         }
     }
     println!("\n{worst}");
+}
+
+/// Whether all words are known, and those that exclude each other stand alone.
+fn understood(words: &[String]) -> Result<(), String> {
+    let known = ["fine", "long", "wide", "shallow"];
+    let is_number = |word: &str| word.parse::<usize>().is_ok();
+    if let Some(word) = words.iter().find(|w| !is_number(w) && !known.contains(&w.as_str())) {
+        return Err(format!("`{word}` is no number and no word; words are {}", known.join(", ")));
+    }
+    let exclusive = ["wide", "shallow", "long"];
+    let given: Vec<&str> =
+        exclusive.into_iter().filter(|word| words.iter().any(|other| other == word)).collect();
+    match given[..] {
+        [a, b, ..] => Err(format!("`{a}` and `{b}` draw different pins: give one of them")),
+        _ => Ok(()),
+    }
 }
 
 fn sweep(

@@ -63,6 +63,89 @@ fn stated_errors_cover_what_a_level_is_off_by() {
     }
 }
 
+/// Pins that are longer than the pad or leave it with an end, and a shorter one.
+fn cut_pins() -> [(Shape, Pose); 4] {
+    let pose =
+        |x_mm, y_mm, rot_rad, tilt_rad| Pose { stand: Stand { x_mm, y_mm, rot_rad }, tilt_rad };
+    let cylinder = |length| Shape::Cylinder { radius_mm: 6.0, length_mm: Some(length) };
+    let bar = |length| Shape::Bar { width_mm: 2.5, length_mm: Some(length) };
+    [
+        (cylinder(40.0), pose(2.0, -1.0, 0.3, 0.002)),
+        (bar(40.0), pose(-1.5, 2.0, -0.7, -0.001)),
+        (cylinder(12.0), pose(0.7, 9.0, 0.1, 0.0)),
+        (bar(12.0), pose(-8.0, 1.0, 1.3, 0.003)),
+    ]
+}
+
+#[test]
+fn what_the_pad_cuts_changes_as_whole_motions_say() {
+    let drive = Drive::PenetrationMm(0.1);
+    for (shape, pose) in cut_pins() {
+        let mut pin = scene(shape, Level::Default).cut_at_array();
+        let found = feature_jacobian(&mut pin, drive, pose, &FEATURES, &MOTIONS).unwrap();
+        // Each moved pin is cut anew; steps are long, for slices come and go between them.
+        let mut measured = |column: usize, amount: f64| {
+            let mut moved = pose;
+            match MOTIONS[column] {
+                Motion::X => moved.stand.x_mm += amount,
+                Motion::Y => moved.stand.y_mm += amount,
+                _ => moved.stand.rot_rad += 0.05 * amount,
+            }
+            pin.press(drive, moved).unwrap();
+            let mut image = vec![0.0; 256];
+            pin.image(&mut image).unwrap();
+            let f = image_features(&Array::THESIS, &image, Part::Full).unwrap();
+            [f.m0, f.my, f.mx, f.xc.unwrap(), f.yc.unwrap()]
+        };
+        for column in [0, 1, 5] {
+            let step = if column == 5 { 0.05 * 0.4 } else { 0.4 };
+            let sides = [0.4, -0.4].map(|amount| measured(column, amount));
+            // What a slice more leaves of the force, at its lever.
+            let force = measured(0, 0.0)[0];
+            let levers = [force, 5.0 * force, 5.0 * force, 5.0, 5.0];
+            for (row, (more, less)) in sides[0].iter().zip(&sides[1]).enumerate() {
+                let wanted = (more - less) / (2.0 * step);
+                let value = found.values[row * 6 + column].unwrap();
+                let noise = 2e-4 * levers[row].abs() / step;
+                let off = (value - wanted).abs();
+                assert!(
+                    off < 0.02 * wanted.abs() + noise,
+                    "{shape:?} {row} {column}: {value} {wanted}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn stated_errors_cover_what_the_default_level_leaves_of_pins() {
+    let uncut = Pose { stand: Stand { x_mm: 1.0, y_mm: 0.4, rot_rad: 0.4 }, tilt_rad: 0.01 };
+    let short = [
+        (Shape::Cylinder { radius_mm: 6.0, length_mm: Some(8.0) }, uncut),
+        (Shape::Bar { width_mm: 2.5, length_mm: Some(8.0) }, uncut),
+    ];
+    let drive = Drive::PenetrationMm(0.1);
+    for (shape, pose) in cut_pins().into_iter().skip(2).chain(short) {
+        let at = |level: Level| {
+            let mut scene = scene(shape, level).cut_at_array();
+            feature_jacobian(&mut scene, drive, pose, &FEATURES, &MOTIONS).unwrap()
+        };
+        let (fine, found) = (at(Level::Fine), at(Level::Default));
+        let mut close = 0;
+        for (n, (value, truth)) in found.values.iter().zip(&fine.values).enumerate() {
+            let (value, truth) = (value.unwrap(), truth.unwrap());
+            let stated = found.errors[n].unwrap();
+            let of = found.values[n / 6 * 6..n / 6 * 6 + 6].iter().flatten();
+            let size = of.fold(0.0_f64, |most, value| most.max(value.abs()));
+            let off = (value - truth).abs();
+            assert!(off <= stated + 1e-9 * size, "{shape:?} {n}: {value} {truth} {stated}");
+            close += usize::from(stated < 0.02 * size);
+        }
+        // And they do not hide behind their size.
+        assert!(close > 38, "{shape:?}: {close}");
+    }
+}
+
 /// Turned by `turn` rad about x (0) or y (1), the axis as a vector.
 fn turned(pose: Pose, about: usize, turn: f64) -> Pose {
     let (s, c) = (libm::sin(pose.stand.rot_rad), libm::cos(pose.stand.rot_rad));

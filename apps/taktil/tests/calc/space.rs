@@ -195,7 +195,7 @@ fn a_jacobian_of_the_thesis_through_the_filter() {
     assert_eq!(j.len(), 16);
     assert!(answers[0]["condition"].as_f64().unwrap() > 1e3);
     let error = flat(&answers[0]["error_estimate"]);
-    assert!(error[5] < 1e-3 * j[5].abs());
+    assert!(error[5] < 1e-2 * j[5].abs());
     let wide = flat(&answers[1]["j"]);
     assert_eq!(wide.len(), 12);
     assert!((wide[2] / j[5] - 1.0).abs() < 1e-3, "dM0/dz is the same in both");

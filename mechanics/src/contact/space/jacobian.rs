@@ -1,6 +1,11 @@
 //! Feature Jacobians of an indenter: how the features of its image change as it is moved and
 //! turned, by central differences at two steps, extrapolated. The error's estimate is what the two
-//! steps differ by and what another level of accuracy makes of the same derivative.
+//! steps differ by, what another level of accuracy makes of the same derivative, and what the level
+//! is known to leave.
+//!
+//! Where the array's edge cuts a pin, it is moved with its ends held, and the ends are moved along
+//! it: by as much as the edge runs along the axis, times a derivative that is that of a shift along
+//! the axis and that of the length. So few pins are solved, and those cut into as many slices.
 //!
 //! Motions are about the indenter's origin on the surface: dx, dy along the array, dz into the
 //! layer, right-handed rotations about x, y (which tilt a long indenter, positive about x lowering
@@ -14,6 +19,7 @@
 use super::super::Invalid;
 use super::super::features::{ImageFeatures, Part, image_features};
 use super::Drive;
+use super::pin::Reach;
 use super::scene::{Pose, Scene, Shape, Touch};
 
 /// A feature of the image.
@@ -72,6 +78,13 @@ pub enum Motion {
     RotZ,
 }
 
+impl Motion {
+    /// Whether it is a rotation.
+    fn turns(self) -> bool {
+        matches!(self, Self::RotX | Self::RotY | Self::RotZ)
+    }
+}
+
 /// Derivatives of features with respect to motions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FeatureJacobian {
@@ -91,6 +104,8 @@ pub struct FeatureJacobian {
 
 /// Smallest part of the largest singular value that counts as rank.
 const RANK: f64 = 1e-10;
+/// The error over the difference to another level, which is off by a part of it.
+const OTHER: f64 = 1.5;
 /// A rotation that tilts an edge by no more than this part of itself is its roll.
 const FLAT: f64 = 1e-12;
 
@@ -98,7 +113,9 @@ const FLAT: f64 = 1e-12;
 /// is what the motions start from. Allocates.
 ///
 /// The level beside which the errors are taken is the default one, and of a scene at that level the
-/// fine one; of what is cut at the array the fast one, which is off by more than the default.
+/// fine one; of a pin with ends or slopes the fast one, which is off by more than the default and
+/// takes less. What a pin's level is known to leave, of the feature's largest derivative with
+/// respect to a motion of the same unit, is added.
 ///
 /// # Errors
 /// What pressing refuses there and nearby; no feature or no motion.
@@ -119,9 +136,15 @@ pub fn feature_jacobian(
         .at_other_level()
         .and_then(|mut other| differences((&mut other, drive, pose), features, motions, false))
         .map_or_else(|_| vec![None; out.values.len()], |other| other.values);
-    let values = out.values.iter().zip(&other);
-    for (error, (value, other)) in out.errors.iter_mut().zip(values) {
-        *error = (*error).zip((*value).zip(*other)).map(|(e, (a, b))| e + (a - b).abs());
+    let accuracy = scene.accuracy();
+    let rows = out.values.chunks_exact(motions.len()).zip(other.chunks_exact(motions.len()));
+    for (errors, (values, other)) in out.errors.chunks_exact_mut(motions.len()).zip(rows) {
+        for (n, error) in errors.iter_mut().enumerate() {
+            let alike = motions.iter().zip(values).filter(|(m, _)| m.turns() == motions[n].turns());
+            let size = alike.filter_map(|(_, value)| *value).fold(0.0_f64, |s, v| s.max(v.abs()));
+            let apart = values[n].zip(other[n]).map(|(a, b)| OTHER * (a - b).abs());
+            *error = error.zip(apart).map(|(steps, levels)| steps + levels + accuracy * size);
+        }
     }
     Ok(out)
 }
@@ -136,57 +159,184 @@ fn differences(
 ) -> Result<FeatureJacobian, Invalid> {
     let touch = scene.press(drive, pose)?;
     let drive = touch.penetration_mm.map_or(drive, Drive::PenetrationMm);
-    let here = measured(scene, drive, pose, &[], 0.0)?;
-    let rolled = scene.rolled()?;
-    let count = features.len() * motions.len();
-    let mut out = FeatureJacobian {
-        motions: motions.len(),
-        values: vec![None; count],
-        errors: vec![None; count],
-        condition: None,
-        touch,
-    };
-    for (column, motion) in motions.iter().enumerate() {
-        let Some(effect) = effect(scene.shape(), pose, *motion) else { continue };
-        let step = scene.step(*motion, touch.penetration_mm);
-        let mut at = |amount: f64| {
-            let (drive, pose) = effect.moved(drive, pose, amount);
-            measured(scene, drive, pose, &rolled, amount * effect.roll)
-        };
-        let narrow = [at(0.5 * step)?, at(-0.5 * step)?];
-        let wide = if extrapolated { Some([at(step)?, at(-step)?]) } else { None };
-        for (row, feature) in features.iter().enumerate() {
-            let slope = |pair: &[ImageFeatures; 2], step: f64| {
-                let mut rise = feature.of(&pair[0])? - feature.of(&pair[1])?;
-                if *feature == Feature::ThetaLong {
-                    // An axis turned by half a turn is the same axis.
-                    rise -= core::f64::consts::PI * (rise / core::f64::consts::PI).round();
-                }
-                Some(rise / (2.0 * step))
-            };
-            let slopes = (feature.of(&here), slope(&narrow, 0.5 * step));
-            let (Some(_), Some(fine)) = slopes else { continue };
-            let coarse = wide.as_ref().map_or(Some(fine), |wide| slope(wide, step));
-            let Some(coarse) = coarse else { continue };
-            out.values[row * motions.len() + column] = Some((4.0 * fine - coarse) / 3.0);
-            out.errors[row * motions.len() + column] = Some((fine - coarse).abs() / 3.0);
-        }
-    }
+    let reach = scene.hold();
+    let found = Taken { drive, pose, features, extrapolated, rolled: scene.rolled()? }
+        .columns(scene, motions, reach, touch);
     // The scene is left at the contact asked for.
+    scene.let_go();
+    let columns = found?;
     scene.press(drive, pose)?;
-    out.condition = condition(&out.values, motions.len());
-    Ok(out)
+    let all = |of: fn(&Slope) -> f64| -> Vec<Option<f64>> {
+        let row = |row: usize| columns.iter().map(move |column| column[row].as_ref().map(of));
+        (0..features.len()).flat_map(row).collect()
+    };
+    let values = all(|slope| slope.value);
+    let condition = condition(&values, motions.len());
+    let errors = all(|slope| slope.error);
+    Ok(FeatureJacobian { motions: motions.len(), values, errors, condition, touch })
 }
 
-/// Features of the image at a pose, with so much of a roll's rate added.
-fn measured(
-    scene: &mut Scene,
+/// A derivative and what its steps leave open.
+#[derive(Clone, Copy, Debug, Default)]
+struct Slope {
+    value: f64,
+    error: f64,
+}
+
+/// Derivatives of features; absent where undefined.
+type Column = Vec<Option<Slope>>;
+
+/// What differences are taken of.
+struct Taken<'a> {
     drive: Drive,
     pose: Pose,
-    rolled: &[f64],
-    roll: f64,
-) -> Result<ImageFeatures, Invalid> {
-    scene.press(drive, pose)?;
+    features: &'a [Feature],
+    extrapolated: bool,
+    /// The image's rate under a roll.
+    rolled: Vec<f64>,
+}
+
+impl Taken<'_> {
+    /// Derivatives with respect to motions, of a contact as it stands.
+    fn columns(
+        &self,
+        scene: &mut Scene,
+        motions: &[Motion],
+        reach: Option<Reach>,
+        touch: Touch,
+    ) -> Result<Vec<Column>, Invalid> {
+        let shape = scene.shape();
+        let here = measured(scene, &[], 0.0)?;
+        let defined: Vec<bool> = self.features.iter().map(|f| f.of(&here).is_some()).collect();
+        let mut columns = vec![vec![None; self.features.len()]; motions.len()];
+        // Those along the array first: they leave the contact as it is.
+        for carried in [true, false] {
+            for (column, motion) in columns.iter_mut().zip(motions) {
+                let Some(effect) = effect(shape, self.pose, *motion) else { continue };
+                if carried == (scene.is_carried() && effect.is_along()) {
+                    let step = scene.step(*motion, touch.penetration_mm);
+                    *column = self.along(scene, effect, step, carried)?;
+                }
+            }
+        }
+        if let Some(reach) = reach {
+            self.cut(scene, (motions, reach), touch.penetration_mm, &mut columns)?;
+        }
+        for column in &mut columns {
+            for (slope, defined) in column.iter_mut().zip(&defined) {
+                *slope = slope.filter(|_| *defined);
+            }
+        }
+        Ok(columns)
+    }
+
+    /// Derivatives along one motion, the ends of the indenter moving with it.
+    fn along(
+        &self,
+        scene: &mut Scene,
+        effect: Effect,
+        step: f64,
+        carried: bool,
+    ) -> Result<Column, Invalid> {
+        let mut at = |amount: f64| {
+            let (drive, pose) = effect.moved(self.drive, self.pose, amount);
+            if carried {
+                scene.put(pose);
+            } else {
+                scene.press(drive, pose)?;
+            }
+            measured(scene, &self.rolled, amount * effect.roll)
+        };
+        let narrow = [at(0.5 * step)?, at(-0.5 * step)?];
+        let wide = if self.extrapolated { Some([at(step)?, at(-step)?]) } else { None };
+        Ok(self.slopes((&narrow, wide.as_ref()), step))
+    }
+
+    /// Adds what it does that the array's edge runs along the axis meanwhile.
+    fn cut(
+        &self,
+        scene: &mut Scene,
+        (motions, reach): (&[Motion], Reach),
+        penetration_mm: Option<f64>,
+        columns: &mut [Column],
+    ) -> Result<(), Invalid> {
+        let (drive, pose, shape) = (self.drive, self.pose, scene.shape());
+        let rates: Vec<Option<[(f64, f64); 2]>> = motions
+            .iter()
+            .map(|motion| {
+                let effect = effect(shape, pose, *motion)?;
+                Some(scene.ends_rate(pose, |amount| effect.moved(drive, pose, amount).1))
+            })
+            .collect();
+        if rates.iter().flatten().flatten().all(|rate| *rate == (0.0, 0.0)) {
+            return Ok(());
+        }
+        let step = scene.step(Motion::X, penetration_mm);
+        let (s, c) = (libm::sin(pose.stand.rot_rad), libm::cos(pose.stand.rot_rad));
+        let outward = Effect { x: -s, y: c, deeper: libm::tan(pose.tilt_rad), ..Effect::default() };
+        scene.press(drive, pose)?;
+        let shifted = self.along(scene, outward, step, false)?;
+        let longer = if reach == Reach::Whole {
+            scene.press(drive, pose)?;
+            let mut at = |by: f64| {
+                let of = |scene: &Scene| measured(scene, &[], 0.0);
+                let found = scene.lengthened((drive, pose), by, of)?;
+                Ok::<ImageFeatures, Invalid>(found.unwrap_or_default())
+            };
+            let pair = [at(0.5 * step)?, at(-0.5 * step)?];
+            self.slopes((&pair, None), step)
+        } else {
+            vec![Some(Slope::default()); self.features.len()]
+        };
+        for (column, rates) in columns.iter_mut().zip(&rates) {
+            let Some([first, second]) = *rates else { continue };
+            let (mean, half) = match reach {
+                Reach::Whole => {
+                    let off = 0.5 * (first.1 + second.1);
+                    ((0.5 * (first.0 + second.0), off), (0.5 * (second.0 - first.0), off))
+                }
+                Reach::End(end) => ([first, second][end], (0.0, 0.0)),
+            };
+            for (slope, (shifted, longer)) in column.iter_mut().zip(shifted.iter().zip(&longer)) {
+                let known = slope.zip(*shifted).zip(*longer);
+                *slope = known.map(|((slope, a), b)| Slope {
+                    value: slope.value + mean.0 * a.value + half.0 * b.value,
+                    error: slope.error
+                        + mean.0.abs() * a.error
+                        + half.0.abs() * b.error
+                        + mean.1 * a.value.abs()
+                        + half.1 * b.value.abs(),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Slopes between features at half a step and at a whole one.
+    fn slopes(
+        &self,
+        (narrow, wide): (&[ImageFeatures; 2], Option<&[ImageFeatures; 2]>),
+        step: f64,
+    ) -> Column {
+        let slope = |feature: Feature, pair: &[ImageFeatures; 2], step: f64| {
+            let mut rise = feature.of(&pair[0])? - feature.of(&pair[1])?;
+            if feature == Feature::ThetaLong {
+                // An axis turned by half a turn is the same axis.
+                rise -= core::f64::consts::PI * (rise / core::f64::consts::PI).round();
+            }
+            Some(rise / (2.0 * step))
+        };
+        let one = |feature: &Feature| {
+            let fine = slope(*feature, narrow, 0.5 * step)?;
+            let coarse = wide.map_or(Some(fine), |wide| slope(*feature, wide, step))?;
+            Some(Slope { value: (4.0 * fine - coarse) / 3.0, error: (fine - coarse).abs() / 3.0 })
+        };
+        self.features.iter().map(one).collect()
+    }
+}
+
+/// Features of the image of a contact, with so much of a roll's rate added.
+fn measured(scene: &Scene, rolled: &[f64], roll: f64) -> Result<ImageFeatures, Invalid> {
     let mut image = vec![0.0; scene.array().len()];
     scene.image(&mut image)?;
     for (value, rate) in image.iter_mut().zip(rolled) {
@@ -207,6 +357,11 @@ struct Effect {
 }
 
 impl Effect {
+    /// Whether it moves the indenter along the array only.
+    fn is_along(self) -> bool {
+        self.deeper == 0.0 && self.tilt == 0.0 && self.roll == 0.0
+    }
+
     fn moved(self, drive: Drive, mut pose: Pose, amount: f64) -> (Drive, Pose) {
         pose.stand.x_mm += self.x * amount;
         pose.stand.y_mm += self.y * amount;

@@ -5,6 +5,7 @@
 //! needed, which allocates. It refuses what the solvers refuse, with the indenter's own field
 //! names.
 
+mod cut;
 mod rates;
 
 use super::super::layer::Layer;
@@ -89,6 +90,8 @@ pub struct Scene {
     array: Array,
     /// Whether the layer ends with the array, so that a cylinder or bar is cut there.
     cut: bool,
+    /// Ends that stay what they are wherever the indenter goes.
+    held: Option<[f64; 2]>,
     shares: Option<Shares>,
     solver: Solver,
     /// Largest penetration and ends that the solver was made for.
@@ -149,6 +152,7 @@ impl Scene {
             level,
             array: *array,
             cut: false,
+            held: None,
             shares,
             solver,
             room: (0.0, [0.0; 2]),
@@ -363,6 +367,9 @@ impl Scene {
     /// Where the indenter ends along its axis, mm from its origin; the second is no more than the
     /// first when nothing of it is over a pad.
     fn ends(&self) -> [f64; 2] {
+        if let Some(held) = self.held {
+            return held;
+        }
         let half = match self.shape {
             Shape::Cylinder { length_mm, .. }
             | Shape::Edge { length_mm }

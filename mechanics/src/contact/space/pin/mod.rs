@@ -33,6 +33,7 @@ mod ends;
 mod fineness;
 mod image;
 mod leftover;
+mod lengthened;
 mod lines;
 mod lying;
 mod mixed;
@@ -52,6 +53,7 @@ use super::super::{Invalid, finite, positive};
 use super::{Drive, Level, Refusal, Why};
 use corner::Corner;
 use fineness::Fineness;
+pub(crate) use lengthened::Reach;
 use lying::Lying;
 use newton::Newton;
 pub use roll::Roll;
@@ -150,6 +152,7 @@ pub struct PinState {
 #[derive(Clone, Debug)]
 pub struct Pin {
     layer: Layer,
+    level: Level,
     /// Ends of the axis in thicknesses.
     ends: [f64; 2],
     /// The whole pin, then shorter and shorter rows over the end at `ends[1]`.
@@ -249,7 +252,7 @@ impl Pin {
         let together = fineness.together > 0 && matches!(section, Section::Circle(_));
         let newton = together.then(|| Box::new(Newton::new(&rows, fineness.together)));
         let (at, turned, state) = (0, false, PinState::default());
-        Ok(Self { layer: *layer, ends, rows, corner, newton, at, turned, state })
+        Ok(Self { layer: *layer, level, ends, rows, corner, newton, at, turned, state })
     }
 
     /// Solves the contacts on a good part of a cylinder, down to the deepest.

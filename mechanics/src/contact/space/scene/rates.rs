@@ -6,19 +6,40 @@ use super::{Invalid, Level, Scene, Shape, Solver};
 
 impl Scene {
     /// The same at the level beside which this one's errors are judged, without contact: a finer
-    /// one; the fast one for what is cut at the array, of which every motion makes another pin.
+    /// one; the fast one for a pin, of which a finer one takes longer than all the rest.
     pub(crate) fn at_other_level(&self) -> Result<Self, Invalid> {
         let level = match self.level {
             Level::Fast | Level::Fine => Level::Default,
-            Level::Default if self.cut || self.is_cut_in_tilt() => Level::Fast,
+            Level::Default if self.is_pin() => Level::Fast,
             Level::Default => Level::Fine,
         };
         let made = Self::new(&self.layer, self.shape, &self.array, self.sampling, level)?;
         Ok(Self { cut: self.cut, ..made })
     }
 
+    /// Part of a derivative that the level of a pin may leave; 0 of other indenters, for which the
+    /// other level tells it.
+    pub(crate) fn accuracy(&self) -> f64 {
+        match self.level {
+            _ if !self.is_pin() => 0.0,
+            Level::Fast => 1e-2,
+            Level::Default => 1e-3,
+            Level::Fine => 1e-4,
+        }
+    }
+
+    /// Whether the indenter is cut into slices.
+    fn is_pin(&self) -> bool {
+        match self.shape {
+            Shape::Cylinder { length_mm, .. } | Shape::Bar { length_mm, .. } => {
+                length_mm.is_some() || self.pose.tilt_rad != 0.0
+            }
+            Shape::Sphere { .. } | Shape::Edge { .. } => false,
+        }
+    }
+
     /// Whether the indenter has no ends and slopes.
-    fn is_cut_in_tilt(&self) -> bool {
+    pub(super) fn is_cut_in_tilt(&self) -> bool {
         match self.shape {
             Shape::Cylinder { length_mm, .. } | Shape::Bar { length_mm, .. } => {
                 length_mm.is_none() && self.pose.tilt_rad != 0.0
