@@ -39,34 +39,59 @@ fn knife(thickness_mm: f64) -> anyhow::Result<Figure> {
     let points = line(&layer(thickness_mm, 0.49)?, &load, DEPTH_MM, &x).map_err(plainly)?;
     let half = line_half_plane(&load, DEPTH_MM, &x).map_err(plainly)?;
     let thin = thickness_mm < 1.0;
-    let chart = |name: &str, pick: fn(&LinePoint) -> Option<f64>, remark: &str| {
-        let values = |points: &[LinePoint]| -> Vec<f64> {
-            points.iter().map(|p| 1e3 * pick(p).unwrap_or(f64::NAN)).collect()
-        };
-        Chart {
-            title: format!("{name}: knife edge, 0.0876 N/mm, at a depth of 0.8 mm"),
-            x: "x (mm)",
-            y: "stress (kPa)",
-            curves: vec![
+    let chart =
+        |name: &str, pick: fn(&LinePoint) -> Option<f64>, remark: &dyn Fn(&[Curve]) -> String| {
+            let values = |points: &[LinePoint]| -> Vec<f64> {
+                points.iter().map(|p| 1e3 * pick(p).unwrap_or(f64::NAN)).collect()
+            };
+            let curves = vec![
                 Curve::new(format!("layer of {thickness_mm} mm"), &x, values(&points)),
                 Curve::new("half plane", &x, values(&half)).dashed(),
-            ],
-            remarks: vec![remark.to_owned()],
-        }
-    };
-    let (along, down) = if thin {
-        (
-            "thesis: half plane -18 kPa at +-0.8 mm, thin layer -90 at 0; here -17.4, -86.3",
-            "thesis: half plane -65, thin layer -100 kPa, then positive; here -69.7, -89.9, never",
-        )
-    } else {
-        (
-            "thesis: similar in shape, the layer higher at the load and at the far ends: so it is",
-            "thesis: the two agree closely: they do to 0.0024 kPa",
-        )
-    };
-    let charts = [chart("(a) s_xx", |p| p.sxx_mpa, along), chart("(b) s_zz", |p| p.szz_mpa, down)];
+            ];
+            Chart {
+                title: format!("{name}: knife edge, 0.0876 N/mm, at a depth of 0.8 mm"),
+                x: "x (mm)",
+                y: "stress (kPa)",
+                remarks: vec![remark(&curves)],
+                curves,
+            }
+        };
+    let charts = [
+        chart("(a) s_xx", |p| p.sxx_mpa, &|curves| along(thin, curves)),
+        chart("(b) s_zz", |p| p.szz_mpa, &|curves| down(thin, curves)),
+    ];
     Ok(stacked("Knife edge on a layer and on a half plane", &charts))
+}
+
+/// What is said of the stress along the layer: of the layer's curve and the half plane's.
+fn along(thin: bool, curves: &[Curve]) -> String {
+    if !thin {
+        let text =
+            "thesis: similar in shape, the layer higher at the load and at the far ends: so it is";
+        return text.to_owned();
+    }
+    format!(
+        "thesis: half plane -18 kPa at +-0.8 mm, thin layer -90 at 0; here {:.1}, {:.1}",
+        curves[1].lowest(),
+        curves[0].lowest()
+    )
+}
+
+/// What is said of the stress into the layer: of the layer's curve and the half plane's.
+fn down(thin: bool, curves: &[Curve]) -> String {
+    let [layer, half] = [&curves[0], &curves[1]];
+    if !thin {
+        let pairs = layer.points.iter().zip(&half.points);
+        let off = pairs.map(|((_, a), (_, b))| (a - b).abs()).fold(0.0, f64::max);
+        return format!("thesis: the two agree closely: they do to {off:.4} kPa");
+    }
+    let highest = layer.points.iter().fold(f64::NEG_INFINITY, |high, (_, s)| high.max(*s));
+    let then = if highest > 0.0 { "so" } else { "never" };
+    format!(
+        "thesis: half plane -65, thin layer -100 kPa, then positive; here {:.1}, {:.1}, {then}",
+        half.lowest(),
+        layer.lowest()
+    )
 }
 
 /// Normal stress in kPa at the surface or at the depth of the sensor.
@@ -101,8 +126,12 @@ fn bar(top: bool) -> anyhow::Result<Chart> {
             .to_owned(),
     ];
     remarks.push(if top {
-        "here at the centre -185.7 (0.8 mm), -116.7 (12.7 mm), -98.2 kPa (half plane): so it is"
-            .to_owned()
+        format!(
+            "here at the centre {:.1} (0.8 mm), {:.1} (12.7 mm), {:.1} kPa (half plane): so it is",
+            curves[0].middle(),
+            curves[1].middle(),
+            curves[2].middle()
+        )
     } else {
         "thesis: the half plane's oscillates near the edge: with A.17 corrected it does not"
             .to_owned()
@@ -139,11 +168,10 @@ fn cylinder(top: bool) -> anyhow::Result<Chart> {
         1e3 * cylinder_stresses(p, wide, *x, DEPTH_MM).szz_mpa
     };
     curves.push(Curve::new("half plane", &x, x.iter().map(half)).dashed());
-    let (place, found) = if top {
-        ("at the surface", "peaks here -727, -580, -565, half plane -564 kPa")
-    } else {
-        ("at a depth of 0.8 mm", "peaks here -522, -409, -397, half plane -396 kPa")
-    };
+    let place = if top { "at the surface" } else { "at a depth of 0.8 mm" };
+    let peaks: Vec<String> = curves.iter().map(|curve| format!("{:.0}", curve.lowest())).collect();
+    let [thin, mid, thick, half] = [&peaks[0], &peaks[1], &peaks[2], &peaks[3]];
+    let found = format!("peaks here {thin}, {mid}, {thick}, half plane {half} kPa");
     Ok(Chart {
         title: format!("Cylinder R = 25.4 mm, 0.7 N/mm: s_zz {place}"),
         x: "x (mm)",
@@ -151,7 +179,7 @@ fn cylinder(top: bool) -> anyhow::Result<Chart> {
         curves,
         remarks: vec![
             "thesis: 3.2 and 12.8 mm nearly the same, the thin layer higher: so it is".to_owned(),
-            found.to_owned(),
+            found,
         ],
     })
 }

@@ -14,7 +14,7 @@ use taktil_mechanics::contact::plane::{
 
 use super::chapter3::places;
 use super::curves::{Chart, Curve, stacked};
-use super::statements::{LB_PER_IN, layer, plainly};
+use super::statements::{LB_PER_IN, layer, plainly, regression};
 use crate::plot::svg::Figure;
 
 /// Thickness of the thesis's layer, and the depth of its sensor, in mm.
@@ -87,15 +87,17 @@ fn knife_skew() -> anyhow::Result<Figure> {
         let load = LineLoad { p_n_mm: pounds(2.0), q_n_mm: pounds(count) };
         b.push(Curve::new(format!("Q = {:.3}", load.q_n_mm), &x, knife(load, &x)?));
     }
+    let by: Vec<f64> = b[1..].iter().map(|curve| curve.lowest() / b[0].lowest()).collect();
+    let factors = format!(
+        "thesis: the peak does not vary with Q; here by factors of {:.3}, {:.3}, {:.3} at",
+        by[0], by[1], by[2]
+    );
     let charts = [
         stress_chart("(a) Knife edge, Q = 0.088 N/mm: P varies", a, &[]),
         stress_chart(
             "(b) Knife edge, P = 0.350 N/mm: Q varies",
             b,
-            &[
-                "thesis: the peak does not vary with Q; here by factors of 1.010, 1.037, 1.136 at",
-                "Q/P = 0.25, 0.5, 1: holds up to Q/P = 0.25",
-            ],
+            &[&factors, "Q/P = 0.25, 0.5, 1: holds up to Q/P = 0.25"],
         ),
     ];
     Ok(stacked("Knife edge under skew loads", &charts))
@@ -266,8 +268,8 @@ struct Row {
     part: Compressive,
 }
 
-/// All bars under all loads: by width, then P, then Q.
-fn rows(loads: &[f64]) -> anyhow::Result<Vec<Vec<Vec<Option<Row>>>>> {
+/// Presses all bars under these Q.
+fn rows(loads: &[f64]) -> anyhow::Result<Rows> {
     let layer = layer(THICK, 0.49)?;
     let one = |width: f64, p: f64, q: f64| -> anyhow::Result<Option<Row>> {
         let found = bar(width, HEIGHT, [p, q])?;
@@ -296,8 +298,42 @@ fn about_end(m: &[f64; 4], order: usize) -> f64 {
     LENGTH * sum
 }
 
-/// Name of the file, title, axis, what is read, remarks.
-type Feature = (&'static str, &'static str, &'static str, fn(&Row) -> f64, &'static [&'static str]);
+/// All bars under all loads: by width, then P, then Q.
+type Rows = Vec<Vec<Vec<Option<Row>>>>;
+
+/// Name of the file, title, axis, what is read, what is said of it.
+type Feature = (
+    &'static str,
+    &'static str,
+    &'static str,
+    fn(&Row) -> f64,
+    fn(&Rows) -> anyhow::Result<String>,
+);
+
+/// Closest that the largest compression comes to a bar's edge, of all bars, in mm.
+fn inside(rows: &Rows) -> f64 {
+    let of_width = |(width, by_load): (&f64, &Vec<Vec<Option<Row>>>)| {
+        let found = by_load.iter().flatten().flatten();
+        found.map(|row| 0.5 * width - row.part.x_peak_mm.abs()).fold(f64::INFINITY, f64::min)
+    };
+    WIDTHS.iter().zip(rows).map(of_width).fold(f64::INFINITY, f64::min)
+}
+
+/// What is said of figure 4.12; the coefficients are those of statics.
+fn first_moments() -> String {
+    let (arm, lever) = (0.5 * LENGTH * LENGTH, LENGTH * (HEIGHT + THICK));
+    format!(
+        "thesis (4.3): 319.9 P - 339.3 Q - 0.016, P negative; here {arm:.1} and {lever:.1}, statics"
+    )
+}
+
+/// What is said of figure 4.13.
+fn second_moments() -> anyhow::Result<String> {
+    let ([p, q, wp, rest], _) = regression(HEIGHT)?;
+    Ok(format!(
+        "thesis (4.4): 3786 P - 9324 Q + 10.5 W P - 19; here {p:.0}, {q:.0}, {wp:.1}, {rest:.0}"
+    ))
+}
 
 const FEATURES: [Feature; 6] = [
     (
@@ -305,49 +341,64 @@ const FEATURES: [Feature; 6] = [
         "Width of the contact above 2 kPa",
         "w_s (mm)",
         |row| row.part.widths_mm.first().copied().unwrap_or(f64::NAN),
-        &["thesis: a poor feature, it depends on P, Q, W and the threshold: so it is"],
+        |_| {
+            Ok("thesis: a poor feature, it depends on P, Q, W and the threshold: so it is"
+                .to_owned())
+        },
     ),
     (
         "fig-4-10-peak.svg",
         "Place of the largest compression",
         "x_m (mm)",
         |row| row.part.x_peak_mm,
-        &["thesis: varies little with W: not when skewed, it saturates 0.5 mm inside the edge"],
+        |rows| {
+            let edge = inside(rows);
+            Ok(format!(
+                "thesis: varies little with W: not when skewed, it saturates {edge:.1} mm \
+                 inside the edge"
+            ))
+        },
     ),
     (
         "fig-4-11-centroid.svg",
         "Centroid of the stress",
         "x_c (mm)",
         |row| row.whole.centroid_mm().unwrap_or(f64::NAN),
-        &["thesis: linear in Q, whatever W: exactly (h + t) Q/P; levelling off is not found"],
+        |_| {
+            Ok("thesis: linear in Q, whatever W: exactly (h + t) Q/P; levelling off is not found"
+                .to_owned())
+        },
     ),
     (
         "fig-4-12-first-moment.svg",
         "First moment about the sensor's end over 25.4 mm",
         "M1 (N mm)",
         |row| about_end(&row.whole.m, 1),
-        &["thesis (4.3): 319.9 P - 339.3 Q - 0.016, P negative; here 322.6 and 342.9, statics"],
+        |_| Ok(first_moments()),
     ),
     (
         "fig-4-13-second-moment.svg",
         "Second moment about the sensor's end over 25.4 mm",
         "M2 (N mm^2)",
         |row| about_end(&row.whole.m, 2),
-        &["thesis (4.4): 3786 P - 9324 Q + 10.5 W P - 19; here 3841, -9296, 40.2, -15"],
+        |_| second_moments(),
     ),
     (
         "fig-4-14-third-moment.svg",
         "Third moment about the sensor's end over 25.4 mm",
         "M3 (N mm^3)",
         |row| about_end(&row.whole.m, 3),
-        &["thesis: nearly linear in Q: about the end it is, about the middle it is not"],
+        |_| {
+            Ok("thesis: nearly linear in Q: about the end it is, about the middle it is not"
+                .to_owned())
+        },
     ),
 ];
 
 fn features() -> anyhow::Result<Vec<(&'static str, Figure)>> {
     let loads: Vec<f64> = (1..=10).map(|k| pounds(0.05 * f64::from(k))).collect();
     let rows = rows(&loads)?;
-    let chart = |(name, title, y, read, remarks): &Feature| {
+    let chart = |(name, title, y, read, said): &Feature| -> anyhow::Result<(&'static str, Figure)> {
         let mut curves = Vec::new();
         for (colour, (width, by_load)) in WIDTHS.iter().zip(&rows).enumerate() {
             for (k, row) in by_load.iter().enumerate() {
@@ -363,9 +414,9 @@ fn features() -> anyhow::Result<Vec<(&'static str, Figure)>> {
             x: "Q (N/mm)",
             y,
             curves,
-            remarks: remarks.iter().map(|&r| r.to_owned()).collect(),
+            remarks: vec![said(&rows)?],
         };
-        (*name, chart.figure())
+        Ok((*name, chart.figure()))
     };
-    Ok(FEATURES.iter().map(chart).collect())
+    FEATURES.iter().map(chart).collect()
 }

@@ -23,6 +23,16 @@ impl Curve {
         Self { label: label.into(), points, dashed: false, colour: None }
     }
 
+    /// Smallest value: the peak, in signs where compression is negative.
+    pub(super) fn lowest(&self) -> f64 {
+        self.points.iter().fold(f64::INFINITY, |low, (_, y)| low.min(*y))
+    }
+
+    /// Value in the middle of the places.
+    pub(super) fn middle(&self) -> f64 {
+        self.points.get(self.points.len() / 2).map_or(f64::NAN, |(_, y)| *y)
+    }
+
     pub(super) fn dashed(self) -> Self {
         Self { dashed: true, ..self }
     }

@@ -161,27 +161,8 @@ fn second(layer: &Layer, width_mm: f64, height_mm: f64, load: Load) -> anyhow::R
 /// The regressions (4.3) and (4.4) on the exact layer.
 fn regressions() -> anyhow::Result<String> {
     let mut out = String::new();
-    let layer = layer(0.8, 0.49)?;
     for height in [6.35, 12.7] {
-        let mut rows = Vec::new();
-        let mut lost = 0;
-        for width in [7.9, 10.3, 12.7, 15.1] {
-            for i in 1..=4 {
-                for k in 1..=10 {
-                    let (p, q) = (LB_PER_IN * f64::from(i), 0.05 * LB_PER_IN * f64::from(k));
-                    let load = Load { p_n_mm: p, q_n_mm: q };
-                    let Ok(about_middle) = second(&layer, width, height, load) else {
-                        lost += 1;
-                        continue;
-                    };
-                    let first = -(height + 0.8) * q;
-                    let m2 = about_middle + LENGTH_MM * first - 0.25 * LENGTH_MM * LENGTH_MM * p;
-                    // The thesis counts P negative.
-                    rows.push(([-p, q, -width * p, 1.0], LENGTH_MM * m2));
-                }
-            }
-        }
-        let fit = least_squares(&rows);
+        let (fit, lost) = regression(height)?;
         let lever = LENGTH_MM * (height + 0.8);
         let arm = 0.5 * LENGTH_MM * LENGTH_MM;
         writeln!(out, "C7 M1 = a P + b Q, h = {height} | 319.9, -339.3 | {arm:.1}, {:.1}", -lever)?;
@@ -193,6 +174,30 @@ fn regressions() -> anyhow::Result<String> {
         )?;
     }
     Ok(out)
+}
+
+/// Coefficients a to d of (4.4), M2 = a P + b Q + c W P + d, of bars as high as given (mm) on the
+/// exact layer, and how many of them topple.
+pub(super) fn regression(height: f64) -> anyhow::Result<([f64; 4], usize)> {
+    let layer = layer(0.8, 0.49)?;
+    let (mut rows, mut lost) = (Vec::new(), 0);
+    for width in [7.9, 10.3, 12.7, 15.1] {
+        for i in 1..=4 {
+            for k in 1..=10 {
+                let (p, q) = (LB_PER_IN * f64::from(i), 0.05 * LB_PER_IN * f64::from(k));
+                let load = Load { p_n_mm: p, q_n_mm: q };
+                let Ok(about_middle) = second(&layer, width, height, load) else {
+                    lost += 1;
+                    continue;
+                };
+                let first = -(height + 0.8) * q;
+                let m2 = about_middle + LENGTH_MM * first - 0.25 * LENGTH_MM * LENGTH_MM * p;
+                // The thesis counts P negative.
+                rows.push(([-p, q, -width * p, 1.0], LENGTH_MM * m2));
+            }
+        }
+    }
+    Ok((least_squares(&rows), lost))
 }
 
 /// Least squares of four unknowns by the normal equations.
