@@ -176,21 +176,50 @@ impl Spatial {
     }
 }
 
-/// Force on the pad and its moment about the pin's middle (N, N mm): what a load stands for that
-/// lies across the pad's edge counts in part.
+/// Force on the pad and its moment about the pin's middle (N, N mm): what a load stands for along
+/// the axis counts by the part of it that is over the pad, and pulls where that part is. Across the
+/// axis a load is a point.
 fn on_pad(pin: &LayerPin, lie: &Lie, origin: [f64; 2], from: f64) -> (f64, f64) {
     let half_mm = 1e3 * PAD_HALF_M;
     let [dx, dy] = lie.direction;
-    let across_mm = pin.load_length_mm() * dy.abs();
+    let length_mm = pin.load_length_mm();
     let (mut force, mut moment) = (0.0, 0.0);
     pin.loads(|[u, v], load| {
-        let (x, y) = (origin[0] + u * dy + v * dx, origin[1] - u * dx + v * dy);
-        let part = ((half_mm - y.abs()) / across_mm + 0.5).clamp(0.0, 1.0);
-        let on = if x.abs() <= half_mm { part } else { 0.0 };
-        force += on * load;
-        moment += on * load * (from + v);
+        let place = [origin[0] + u * dy + v * dx, origin[1] - u * dx + v * dy];
+        let (part, off_mm) = part_over(place, lie.direction, length_mm, half_mm);
+        force += part * load;
+        moment += part * load * (from + v + off_mm);
     });
     (force, moment)
+}
+
+/// The part of a piece of some length about a place along a direction that is over a square about
+/// the origin, and how far from the place along the direction the middle of that part is. A piece
+/// along the square's side is half over it.
+fn part_over(place: [f64; 2], direction: [f64; 2], length: f64, half: f64) -> (f64, f64) {
+    let (mut from, mut to) = (-0.5 * length, 0.5 * length);
+    let mut side = 1.0;
+    for (at, along) in place.into_iter().zip(direction) {
+        // A piece that leaves no more than its own rounding across a side runs beside it.
+        if along.abs() * length <= 1e-12 * half {
+            side *= match at.abs() - half {
+                beyond if beyond > 1e-12 * half => 0.0,
+                beyond if beyond < -1e-12 * half => 1.0,
+                _ => 0.5,
+            };
+            continue;
+        }
+        let ends = [(-half - at) / along, (half - at) / along];
+        from = from.max(ends[0].min(ends[1]));
+        to = to.min(ends[0].max(ends[1]));
+    }
+    if length <= 0.0 {
+        return (side, 0.0);
+    }
+    if from >= to {
+        return (0.0, 0.0);
+    }
+    (side * (to - from) / length, 0.5 * (from + to))
 }
 
 /// The factors on plane rows that give them the force and the moment of a solution.

@@ -97,6 +97,72 @@ fn pressed_pins_give_the_reference_images() {
     }
 }
 
+#[test]
+fn a_piece_counts_by_what_of_it_is_over_the_pad() {
+    let part = |place, direction, length| part_over(place, direction, length, 10.0);
+    for (swap, sign) in [(false, 1.0), (false, -1.0), (true, 1.0), (true, -1.0)] {
+        let of = |x: f64, y: f64| if swap { [sign * y, sign * x] } else { [sign * x, sign * y] };
+        // Along one side of the pad: inside, across its end, on it, beyond it, and on the edge.
+        assert_eq!(part(of(0.0, 3.0), of(1.0, 0.0), 2.0), (1.0, 0.0));
+        assert_eq!(part(of(9.5, 3.0), of(1.0, 0.0), 2.0), (0.75, -0.25));
+        assert_eq!(part(of(10.0, 3.0), of(1.0, 0.0), 2.0), (0.5, -0.5));
+        assert_eq!(part(of(11.0, 3.0), of(1.0, 0.0), 2.0), (0.0, 0.0));
+        assert_eq!(part(of(0.0, 10.0), of(1.0, 0.0), 2.0), (0.5, 0.0));
+        assert_eq!(part(of(10.0, 10.0), of(1.0, 0.0), 2.0), (0.25, -0.5));
+        assert_eq!(part(of(0.0, 10.5), of(1.0, 0.0), 2.0).0, 0.0);
+        // Askew over the corner: what is over both sides.
+        let (s, c) = (0.6, 0.8);
+        let (over, off) = part(of(9.8, 9.7), of(c, s), 2.0);
+        assert!((over - 0.5 * (1.0 + 0.25)).abs() < 1e-12, "{over}");
+        assert!((off + 0.375).abs() < 1e-12, "{off}");
+    }
+    assert_eq!(part([0.0, 0.0], [0.0, 1.0], 0.0), (1.0, 0.0));
+}
+
+/// As a pin leaves over a side, along whatever axis, its force leaves the pad as evenly as the
+/// tactels see it go, a slice's length or not.
+#[test]
+fn a_pin_leaves_the_pad_alike_in_all_directions() {
+    let rubber =
+        RubberConfig { thickness_mm: 0.8, youngs_mpa: 27.58, poisson: 0.49, relaxation_ms: 0.0 };
+    let (radius, length) = (0.023, 0.01);
+    for level in [Level::Fast, Level::Default] {
+        let mut spatial = Spatial::new(&rubber, (radius, length), level, "finger.rubber").unwrap();
+        let mut pressed = |rot: f64, out_m: f64, across_m: f64| {
+            let axes = taktil_mechanics::spatial::rotation_z(rot);
+            let lowest = out_m * axes.y_axis + across_m * axes.x_axis - 1.2e-5 * axes.z_axis;
+            let pin = Pin::at_rest(lowest + radius * axes.z_axis, &axes, (radius, length), 0.1);
+            let surface = Surface::of_pad(&Pose::IDENTITY, &taktil_mechanics::Joints::zeros());
+            let line = Line::between(&pin, pin.axis(), &surface).unwrap();
+            let solved = spatial.solve(&line, &Pose::IDENTITY).expect("inside the tables");
+            (solved, spatial.forces_n().iter().sum::<f64>())
+        };
+        let quarter = core::f64::consts::FRAC_PI_2;
+        let whole = pressed(0.0, 0.0, 0.0).0.force_n;
+        for step in [0, 2, 4, 5, 8] {
+            // In steps of a part of a slice; the fourth has its middle on the edge.
+            let out_m = PAD_HALF_M + 1.1e-4 * f64::from(step - 4);
+            let along_y = pressed(0.0, out_m, 1e-3);
+            for rot in [quarter, -quarter, 2.0 * quarter] {
+                let (solved, seen) = pressed(rot, out_m, 1e-3);
+                let off = (solved.force_n - along_y.0.force_n) / whole;
+                assert!(off.abs() < 1e-5, "{level:?} {rot} {step}: {solved:?} {along_y:?}");
+                let off = (solved.moment_nm - along_y.0.moment_nm) / (whole * length);
+                assert!(off.abs() < 1e-5, "{level:?} {rot} {step}: {solved:?} {along_y:?}");
+                // The layer carries as much out over the side as in.
+                let off = (seen - solved.force_n) / whole;
+                assert!(off.abs() < 3e-3, "{level:?} {rot} {step}: {off:e}");
+            }
+        }
+        // The axis on the pad's side: half of it, and all that is finite.
+        for rot in [0.0, quarter] {
+            let (solved, seen) = pressed(rot, 0.0, PAD_HALF_M);
+            assert!((solved.force_n / whole - 0.5).abs() < 1e-4, "{level:?} {rot}: {solved:?}");
+            assert!((seen / whole - 0.5).abs() < 3e-3, "{level:?} {rot}: {seen}");
+        }
+    }
+}
+
 /// A pin over the whole pad and beyond: what it presses on the pad is what the tactels see, but for
 /// what the layer carries over the pad's edge in and out.
 #[test]
