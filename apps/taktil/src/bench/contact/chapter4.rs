@@ -310,13 +310,14 @@ type Feature = (
     fn(&Rows) -> anyhow::Result<String>,
 );
 
-/// Closest that the largest compression comes to a bar's edge, of all bars, in mm.
-fn inside(rows: &Rows) -> f64 {
+/// How far from the edge the largest compression is under the largest Q that a bar stands: the most
+/// of all bars, in mm.
+fn from_edge(rows: &Rows) -> f64 {
     let of_width = |(width, by_load): (&f64, &Vec<Vec<Option<Row>>>)| {
-        let found = by_load.iter().flatten().flatten();
-        found.map(|row| 0.5 * width - row.part.x_peak_mm.abs()).fold(f64::INFINITY, f64::min)
+        let last = by_load[0].iter().flatten().last();
+        last.map_or(f64::NAN, |row| (0.5 * width - row.part.x_peak_mm.abs()).abs())
     };
-    WIDTHS.iter().zip(rows).map(of_width).fold(f64::INFINITY, f64::min)
+    WIDTHS.iter().zip(rows).map(of_width).fold(0.0, f64::max)
 }
 
 /// What is said of figure 4.12; the coefficients are those of statics.
@@ -352,10 +353,10 @@ const FEATURES: [Feature; 6] = [
         "x_m (mm)",
         |row| row.part.x_peak_mm,
         |rows| {
-            let edge = inside(rows);
+            let edge = from_edge(rows);
             Ok(format!(
-                "thesis: varies little with W: not when skewed, it saturates {edge:.1} mm \
-                 inside the edge"
+                "thesis: varies little with W: not when skewed; before it topples a bar has it \
+                 within {edge:.1} mm of its edge"
             ))
         },
     ),
