@@ -130,8 +130,9 @@ fn a_pins_jacobian_of_the_thesis_has_four_by_four_entries() {
     assert!((at(3, 3) - 1.0).abs() < 0.1, "and turns with it: {found:?}");
     // By symmetry the rest of the columns dx, dz, rx is nought.
     assert!(at(1, 0).abs() < 1e-4 * at(1, 1).abs() && at(2, 1).abs() < 1e-3 * at(2, 2).abs());
-    for (row, column) in [(0, 0), (1, 1), (2, 2), (3, 3)] {
-        assert!(error(row, column) < 1e-2 * at(row, column).abs(), "{found:?}");
+    // The levels differ by a hundredth in how the image turns, and 1.5 times that is stated.
+    for (row, column, share) in [(0, 0, 1e-2), (1, 1, 1e-2), (2, 2, 1e-2), (3, 3, 2.5e-2)] {
+        assert!(error(row, column) < share * at(row, column).abs(), "{found:?}");
     }
     assert!(found.condition.unwrap() > 1e3);
 }
