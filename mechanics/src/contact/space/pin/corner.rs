@@ -358,14 +358,18 @@ impl Row {
             work.effective[j] = widths.at(to - v);
             work.active[j] = work.effective[j] > TIP * depth;
         }
-        let mut solved = None;
-        for _ in 0..LIFTS {
-            let room = self.work.dense.room;
-            solved = self.prepare(false).ok().and_then(|()| self.direct(room));
+        let room = self.work.dense.room;
+        let mut solved = self.prepare(false).ok().and_then(|()| self.direct(room));
+        for lift in 1..=LIFTS {
             if solved.is_none() || !self.lift() {
                 break;
             }
-            solved = None;
+            solved = if lift == LIFTS {
+                None
+            } else {
+                self.shortened()
+                    .or_else(|| self.prepare(false).ok().and_then(|()| self.direct(room)))
+            };
         }
         let missed = |(carried, rate): (f64, f64)| wanted.map(|force| (force - carried) / rate);
         if let Some(part) = solved.and_then(missed).filter(|part| part.abs() > MISS * depth) {

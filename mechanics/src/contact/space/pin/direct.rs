@@ -22,10 +22,13 @@ pub(crate) struct Dense {
     /// Most unknowns while widths are searched for, and most that there is room for.
     pub(super) most: usize,
     pub(super) room: usize,
+    /// The slices that touch, from the end that contacts on an end stand on.
     active: Vec<usize>,
     /// Lower triangle, row by row, and the right sides as rows below it.
     matrix: Vec<f64>,
     column: Vec<f64>,
+    /// Unknowns of the factor in `matrix`; the rows of its triangle lie so far apart.
+    stride: usize,
     /// The slices of the factor in `matrix`, while it may be used again.
     kept: Vec<usize>,
     /// The pressure, and what a unit of penetration adds to it.
@@ -46,9 +49,20 @@ impl Dense {
             active: Vec::with_capacity(slices),
             matrix: vec![0.0; room * (room + SIDES)],
             column: vec![0.0; room + SIDES],
+            stride: 0,
             kept: Vec::with_capacity(slices),
             pressure: vec![0.0; room],
             rise: vec![0.0; room],
+        }
+    }
+
+    /// The pressure of the first unknowns, and its rise, from the factor and its sides.
+    fn substitute(&mut self, size: usize) {
+        let stride = self.stride;
+        let (triangle, sides) = self.matrix.split_at(stride * stride);
+        for (found, side) in [&mut self.pressure, &mut self.rise].into_iter().zip([0, stride]) {
+            found[..size].copy_from_slice(&sides[side..side + size]);
+            back(triangle, (size, stride), found);
         }
     }
 }
@@ -60,7 +74,7 @@ impl Row {
         let n = self.work.places.cosines;
         let dense = &mut self.work.dense;
         dense.active.clear();
-        dense.active.extend((0..self.along.len()).filter(|j| self.work.active[*j]));
+        dense.active.extend((0..self.along.len()).rev().filter(|j| self.work.active[*j]));
         let size = n * dense.active.len();
         if size > most || size == 0 {
             return None;
@@ -72,11 +86,8 @@ impl Row {
             if !eliminate(&mut dense.matrix, size, &mut dense.column) {
                 return None;
             }
-            let (triangle, sides) = dense.matrix.split_at(size * size);
-            dense.pressure[..size].copy_from_slice(&sides[..size]);
-            dense.rise[..size].copy_from_slice(&sides[size..2 * size]);
-            back(triangle, size, &mut dense.pressure);
-            back(triangle, size, &mut dense.rise);
+            dense.stride = size;
+            dense.substitute(size);
             dense.kept.extend_from_slice(&dense.active);
         } else {
             let (places, dense) = (self.work.places, &mut self.work.dense);
@@ -89,7 +100,30 @@ impl Row {
             }
             solve(&dense.matrix[..size * size], size, &mut dense.pressure[..size]);
         }
+        Some(self.taken_over())
+    }
+
+    /// What [`Row::direct`] would find where only slices away from the last one have been let go
+    /// since, their widths as they were: the factor of the rest is in its factor. Absent where
+    /// others have.
+    pub(super) fn shortened(&mut self) -> Option<(f64, f64)> {
         let work = &mut self.work;
+        let (n, dense) = (work.places.cosines, &mut work.dense);
+        let still = dense.active.iter().take_while(|j| work.active[**j]).count();
+        let (_, gone) = dense.active.split_at(still);
+        if still == 0 || dense.stride == 0 || gone.iter().any(|j| work.active[*j]) {
+            return None;
+        }
+        gone.iter().for_each(|j| work.a[j * n..(j + 1) * n].fill(0.0));
+        dense.active.truncate(still);
+        dense.substitute(still * n);
+        Some(self.taken_over())
+    }
+
+    /// Takes the pressure over from its system; its force in units of the kernels, and its rate.
+    fn taken_over(&mut self) -> (f64, f64) {
+        let work = &mut self.work;
+        let n = work.places.cosines;
         let (mut force, mut rate) = (0.0, 0.0);
         for (p, &j) in work.dense.active.iter().enumerate() {
             let found = &work.dense.pressure[p * n..(p + 1) * n];
@@ -97,7 +131,7 @@ impl Row {
             force += PI * self.h * found[0];
             rate += PI * self.h * work.dense.rise[p * n];
         }
-        Some((force, rate))
+        (force, rate)
     }
 
     /// Writes the system of the slices that touch, and its right sides.
@@ -111,10 +145,10 @@ impl Row {
             for (q, &i) in dense.active[..=p].iter().enumerate() {
                 let mut found = [0.0; COSINES * COSINES];
                 let block = if between.is_empty() {
-                    pair(coupling, j - i, (of(j), of(i), n), &mut found);
+                    pair(coupling, i - j, (of(j), of(i), n), &mut found);
                     &found[..]
                 } else {
-                    between.get((j - i) * n * n..).unwrap_or(&[])
+                    between.get((i - j) * n * n..).unwrap_or(&[])
                 };
                 for k in 0..n {
                     let at = (p * n + k) * size + q * n;
@@ -175,10 +209,10 @@ fn eliminate(matrix: &mut [f64], size: usize, column: &mut [f64]) -> bool {
     true
 }
 
-/// Back substitution with a lower triangle.
-fn back(triangle: &[f64], size: usize, side: &mut [f64]) {
+/// Back substitution with the first rows of a lower triangle, so far apart.
+fn back(triangle: &[f64], (size, stride): (usize, usize), side: &mut [f64]) {
     for i in (0..size).rev() {
-        let row = &triangle[i * size..=i * size + i];
+        let row = &triangle[i * stride..=i * stride + i];
         let known = side[i] / row[i];
         side[i] = known;
         for (value, entry) in side[..i].iter_mut().zip(row) {
