@@ -173,24 +173,98 @@ fn a_cylinder_moved_in_small_steps_grows_its_contact_without_slip() {
     assert!((p / exact.p_n_mm - 1.0).abs() < 0.03, "{p} {}", exact.p_n_mm);
 }
 
+/// Descent of the indenters at the edge of the layer.
+const DEEP_MM: f64 = 0.02;
+
+/// The thesis's cylinder at a place, pressed without friction: forces on the surface's nodes.
+fn cylinder_at(body: &Elements, middle: f64) -> Grip {
+    let bed = body.bed().expect("a bed");
+    let round = |x: &f64| {
+        let square = (x - middle) * (x - middle);
+        let under = 22.9_f64 * 22.9 - square;
+        if under > 0.0 { square / (22.9 + under.sqrt()) } else { f64::INFINITY }
+    };
+    let heights = bed.x_mm.iter().map(round).collect();
+    let mut grip = Grip::new(bed, heights, Law::Free).expect("a grip");
+    grip.step(&Drive::Move { dz_mm: DEEP_MM, dx_mm: 0.0 }).expect("a contact");
+    grip
+}
+
+/// A bar of 12.7 mm at a place.
+fn bar_at(body: &Elements, middle: f64) -> Grip {
+    let bed = body.bed().expect("a bed");
+    let face = |x: &f64| if (x - middle).abs() < 6.36 { 0.0 } else { f64::INFINITY };
+    let heights: Vec<f64> = bed.x_mm.iter().map(face).collect();
+    let mut grip = Grip::new(bed, heights, Law::Free).expect("a grip");
+    grip.step(&Drive::Move { dz_mm: DEEP_MM, dx_mm: 0.0 }).expect("a contact");
+    grip
+}
+
+/// The base carries the force, and its moment about the middle of the base is the force's.
+fn check_statics(body: &Elements, grip: &Grip, place: &str) {
+    let response = body.under(grip.normal_n_mm(), grip.tangential_n_mm()).expect("finite");
+    let p = grip.load().p_n_mm;
+    let carried: f64 = response.reactions.iter().map(|r| r[1]).sum();
+    let along: f64 = response.reactions.iter().map(|r| r[0]).sum();
+    assert!((carried - p).abs() < 1e-9 * p && along.abs() < 1e-9 * p, "{place}: {carried} {p}");
+    let lever = |x: &[f64], forces: &[f64]| x.iter().zip(forces).map(|(x, f)| x * f).sum::<f64>();
+    let up: Vec<f64> = response.reactions.iter().map(|r| r[1]).collect();
+    let below = lever(&body.mesh().row_mm(0), &up);
+    let above = lever(&grip.bed().x_mm, grip.normal_n_mm());
+    assert!((below - above).abs() < 1e-9 * p * 12.7, "{place}: moments {below} {above}");
+}
+
 #[test]
 fn an_indenter_at_and_past_the_edge_of_the_layer() {
     let body = elements(0.49, 128, 4, Kind::MeanDilatation);
-    let mut last = f64::INFINITY;
-    for middle in [0.0, 8.0, 12.0, 15.0] {
-        let bed = body.bed().expect("a bed");
-        let face = |x: &f64| if (x - middle).abs() < 6.36 { 0.0 } else { f64::INFINITY };
-        let heights: Vec<f64> = bed.x_mm.iter().map(face).collect();
-        let mut grip = Grip::new(bed, heights, Law::Free).expect("a grip");
-        grip.step(&Drive::Move { dz_mm: 0.01, dx_mm: 0.0 }).expect("a contact");
-        let p = grip.load().p_n_mm;
-        assert!(p > 0.0 && p < last * 1.001, "{middle}: {p} after {last}");
-        last = p;
+    let step = 25.4 / 128.0;
+    type Press = fn(&Elements, f64) -> Grip;
+    // The last touches in one node; a cylinder's half width is 0.957 mm without the rubber's give.
+    let places =
+        [(bar_at as Press, [0, 40, 60, 76, 90, 95]), (cylinder_at, [0, 50, 60, 64, 66, 68])];
+    for (press, nodes) in places {
+        let mut last = f64::INFINITY;
+        for node in nodes {
+            let middle = step * f64::from(node);
+            let (right, left) = (press(&body, middle), press(&body, -middle));
+            let p = right.load().p_n_mm;
+            assert!(p > 0.0 && p < last, "{middle}: {p} after {last}");
+            last = p;
+            for (a, b) in right.normal_n_mm().iter().zip(left.normal_n_mm().iter().rev()) {
+                assert!(*a >= 0.0 && (a - b).abs() < 1e-10 * p, "{middle}: {a} mirrored is {b}");
+            }
+            check_statics(&body, &right, "right");
+            check_statics(&body, &left, "left");
+        }
     }
     let bed = body.bed().expect("a bed");
     let nothing = vec![f64::INFINITY; bed.count()];
     let mut past = Grip::new(bed, nothing, Law::Free).expect("a grip");
     assert!(past.step(&Drive::Move { dz_mm: 0.01, dx_mm: 0.0 }).is_err());
+}
+
+/// Ten thicknesses from an end the layer might as well be infinite; over the end it is softer. Ends
+/// of the contact fall between nodes, so that the worst of four places in an element counts.
+#[test]
+fn far_from_the_edge_the_force_is_the_infinite_layers() {
+    let shape = Shape::Cylinder { radius_mm: 22.9 };
+    let mut exact = Indenter::new(&layer(0.49), shape, Friction::None, Level::Fine).expect("sound");
+    let exact = exact.descend(DEEP_MM).expect("a contact").p_n_mm;
+    let bodies = [1, 2, 4].map(|k| elements(0.49, 64 * k, 4 * k, Kind::MeanDilatation));
+    for place in [0.0, 4.7] {
+        let miss = [0, 1, 2].map(|k| {
+            let h = 25.4 / 64.0 / f64::from(1 << k);
+            let miss = |part: i32| {
+                let force = cylinder_at(&bodies[k], place + 0.25 * f64::from(part) * h);
+                (force.load().p_n_mm / exact - 1.0).abs()
+            };
+            (0..4).map(miss).fold(0.0, f64::max)
+        });
+        assert!(miss[1] < 0.6 * miss[0] && miss[2] < 0.6 * miss[1], "{place}: {miss:?}");
+        assert!(miss[2] < 0.01, "{place}: {miss:?}");
+    }
+    let edge = cylinder_at(&bodies[1], 12.7).load().p_n_mm / exact;
+    assert!(edge < 0.5, "half of it is over the layer, with a free side: {edge}");
 }
 
 #[test]
