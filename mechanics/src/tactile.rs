@@ -5,6 +5,7 @@
 //! counts after the baseline, positive under compression. In the thesis's names the subscript is
 //! the axis *about* which the moment is taken: `m_x = sum y s`, `m_xx = sum y^2 s`.
 
+use core::f64::consts::FRAC_PI_2;
 use core::fmt;
 
 /// A tactile image that borrows its numbers, row by row. `T` is `f32` on the machine, `f64` for
@@ -108,6 +109,8 @@ pub struct Moments {
     pub m_xy: f64,
     /// Sum of (y - middle line) times the value; 0 means an even load along y.
     pub m_x_centred: f64,
+    /// Sum of the values' sizes: where `m0` is but rounding of it, values cancel.
+    pub size: f64,
 }
 
 /// Sums of an image over the valid tactels whose value is at least `threshold` (counts); the
@@ -126,6 +129,7 @@ pub fn moments<T: Copy + Into<f64>>(image: &Image<'_, T>, threshold: f64) -> Mom
             if trusted && value.is_finite() && value >= threshold {
                 let x = (c + 1) as f64;
                 s0 += value;
+                m.size += value.abs();
                 s1 += x * value;
                 s2 += x * x * value;
             }
@@ -146,7 +150,8 @@ pub fn moments<T: Copy + Into<f64>>(image: &Image<'_, T>, threshold: f64) -> Mom
 /// absent.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Features {
-    /// Column number of the centroid; absent without contact (`m0 <= 0`).
+    /// Column number of the centroid; absent without contact (`m0 <= 0`, or but rounding of values
+    /// that cancel).
     pub x_c: Option<f64>,
     /// Row number of the centroid; absent without contact.
     pub y_c: Option<f64>,
@@ -165,6 +170,8 @@ pub struct Features {
     pub mu_xy: f64,
 }
 
+/// Values cancel when their sum is less than this part of the sum of their sizes.
+const NONE: f64 = 1e-12;
 /// An image counts as round when its second moments differ by less than this part of their size.
 const ROUND: f64 = 1e-6;
 
@@ -174,7 +181,7 @@ const ROUND: f64 = 1e-6;
 pub fn features(m: &Moments) -> Features {
     let mut out = Features { m0: m.m0, m_x_centred: m.m_x_centred, ..Features::default() };
     let (x_c, y_c) = (m.m_y / m.m0, m.m_x / m.m0);
-    if !(m.m0 > 0.0 && x_c.is_finite() && y_c.is_finite()) {
+    if !(m.m0 > NONE * m.size && x_c.is_finite() && y_c.is_finite()) {
         return out;
     }
     out.x_c = Some(x_c);
@@ -190,7 +197,9 @@ pub fn features(m: &Moments) -> Features {
     let size = mu_xx.abs() + mu_yy.abs();
     let rounding = 1e-12 * (m.m_xx.abs() + m.m_yy.abs());
     if across.abs().max(along.abs()) > (ROUND * size).max(rounding) {
-        out.theta_z_rad = Some(0.5 * libm::atan2(across, along));
+        let theta = 0.5 * libm::atan2(across, along);
+        // One value for each axis: -pi/2 is the axis of pi/2.
+        out.theta_z_rad = Some(if theta <= -FRAC_PI_2 { FRAC_PI_2 } else { theta });
     }
     out
 }

@@ -3,10 +3,10 @@
 //!
 //! Nothing here is NaN: what a distribution does not define (a centroid without force, the axis of
 //! a round image, the width above a level that is never reached) is absent. It refuses lists that
-//! do not fit each other and numbers that are not finite.
+//! do not fit each other and numbers that are not finite or beyond 1e30.
 
-use super::Invalid;
 use super::space::tactels::Array;
+use super::{Invalid, finite};
 
 /// An image counts as round when its second moments differ by less than this part of their size.
 const ROUND: f64 = 1e-6;
@@ -61,13 +61,10 @@ impl Part {
 ///
 /// # Errors
 /// An array that [`Array::check`] refuses, an image of another length or with a value that is not
-/// finite.
+/// finite or beyond 1e30.
 pub fn image_features(array: &Array, image: &[f64], part: Part) -> Result<ImageFeatures, Invalid> {
     array.fits(image)?;
-    if let Some(n) = image.iter().position(|value| !value.is_finite()) {
-        let what = format!("value {n} is {}", image[n]);
-        return Err(Invalid::new("image", what, "give finite stresses"));
-    }
+    image.iter().try_for_each(|value| finite("image", *value))?;
     let area = array.pitch_mm * array.pitch_mm;
     let mut out = ImageFeatures::default();
     let mut size = 0.0;
@@ -123,7 +120,7 @@ pub struct LineFeatures {
 ///
 /// # Errors
 /// Fewer than three samples, lists of different lengths, places that do not ascend, numbers that
-/// are not finite.
+/// are not finite or beyond 1e30.
 pub fn line_features(x_mm: &[f64], szz_mpa: &[f64], part: Part) -> Result<LineFeatures, Invalid> {
     check_line(x_mm, szz_mpa)?;
     let mut out = LineFeatures::default();
@@ -156,10 +153,8 @@ fn check_line(x_mm: &[f64], szz_mpa: &[f64]) -> Result<(), Invalid> {
         let what = format!("{} places and {} stresses", x_mm.len(), szz_mpa.len());
         return Err(Invalid::new("x_mm", what, "give as many of each, at least three"));
     }
-    if !x_mm.iter().chain(szz_mpa).all(|value| value.is_finite()) {
-        let what = "a number is not finite".to_owned();
-        return Err(Invalid::new("szz_mpa", what, "give finite places and stresses"));
-    }
+    x_mm.iter().try_for_each(|place| finite("x_mm", *place))?;
+    szz_mpa.iter().try_for_each(|stress| finite("szz_mpa", *stress))?;
     if x_mm.windows(2).any(|pair| pair[1] <= pair[0]) {
         let what = "the places do not ascend".to_owned();
         return Err(Invalid::new("x_mm", what, "sort them, each once"));
@@ -189,7 +184,9 @@ fn peak(x: &[f64], s: &[f64]) -> Option<(f64, f64)> {
     }
     let slope = (rise[0] * right + rise[1] * left) / (left + right);
     let step = -slope / (2.0 * bend);
-    Some((x[lowest] + step, s[lowest] - bend * step * step))
+    let vertex = (x[lowest] + step, s[lowest] - bend * step * step);
+    // Places too close for slopes to be numbers have no parabola.
+    Some(vertex).filter(|(x, s)| x.is_finite() && s.is_finite()).or(Some((x[lowest], s[lowest])))
 }
 
 /// Width of the connected region about the largest compression where the compression exceeds

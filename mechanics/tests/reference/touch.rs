@@ -128,6 +128,16 @@ fn images_without_an_answer_say_so() {
     assert_eq!((saturated.x_c, saturated.theta_z_rad), (None, None));
     let unheard = of(&[f64::NAN; 256], 0.0);
     assert_eq!((unheard.m0, unheard.x_c), (0.0, None));
+    // A row has one direction, pi/2, not -pi/2 as well.
+    let row = moments(&Image::new(1, 3, &[1.0, 2.0, 1.0], None).unwrap(), 0.0);
+    assert_eq!(features(&row).theta_z_rad, Some(FRAC_PI_2));
+    // Values that cancel leave rounding, which has no centroid whatever its sign.
+    for four in [[0.1, 0.2, -0.3, 1e-17], [0.3, -0.1, -0.2, 0.0], [1e308, -1e308, 1e308, -1e308]] {
+        let all = moments(&Image::new(1, 4, &four, None).unwrap(), f64::NEG_INFINITY);
+        assert!(all.m0.abs() < 1e-15, "{all:?}");
+        let found = features(&all);
+        assert_eq!((found.x_c, found.y_c, found.theta_z_rad), (None, None, None), "{four:?}");
+    }
 }
 
 #[test]

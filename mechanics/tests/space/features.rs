@@ -267,3 +267,27 @@ fn a_long_bar_rolls_as_one_without_ends() {
         assert!((one - other).abs() < 2e-3 * largest, "{n}: {one} {other}");
     }
 }
+
+#[test]
+fn features_of_any_numbers_are_numbers_or_refused() {
+    let array = Array { rows: 1, cols: 4, pitch_mm: 1.0 };
+    for huge in [1e308, -1e308, f64::NAN, f64::INFINITY] {
+        let refused = image_features(&array, &[huge, -huge, 1.0, huge], Part::Full);
+        assert_eq!(refused.expect_err("refused").place, "image");
+        let refused = line_features(&[0.0, 1.0, 2.0], &[0.0, huge, 0.0], Part::Full);
+        assert_eq!(refused.expect_err("refused").place, "szz_mpa");
+        let refused = width_above(&[0.0, 1.0, 2.0], &[0.0, huge, 0.0], 0.1);
+        assert_eq!(refused.expect_err("refused").place, "szz_mpa");
+        let refused = line_features(&[0.0, 1.0, huge.abs()], &[0.0; 3], Part::Full);
+        assert_eq!(refused.expect_err("refused").place, "x_mm");
+    }
+    // As large, as small and as close as numbers may be.
+    for (size, step) in [(1e30, 1e-300), (1e30, 1e29), (1e-308, 1e-300), (1e-308, 1.0)] {
+        let x = [0.0, step, 2.0 * step];
+        let found = line_features(&x, &[size, -size, size], Part::Full).unwrap();
+        assert_eq!((found.x_m, found.szz_peak), (Some(step), Some(-size)));
+        assert!(found.moments.iter().all(|moment| moment.is_finite()), "{found:?}");
+        let found = image_features(&array, &[-size, 0.0, 0.0, -size], Part::Compressive).unwrap();
+        assert_eq!((found.m0, found.xc, found.theta_long_rad), (-2.0 * size, Some(0.0), Some(0.0)));
+    }
+}

@@ -326,8 +326,10 @@ fn elements(
     let [nx, nz] = args.array::<2>("mesh")?;
     let whole = |n: f64| (1.0..=2048.0).contains(&n) && n == n.floor();
     if !(whole(nx) && whole(nz)) || nx * nz > 100_000.0 {
-        let what =
-            format!("`mesh` is [{nx}, {nz}]; wanted: whole numbers, at most 100000 elements");
+        let what = format!(
+            "`mesh` is [{nx:?}, {nz:?}]; wanted: whole numbers from 1 to 2048, at most 100000 \
+             elements in all"
+        );
         return Err(Failure::range("mesh", what));
     }
     let body = Mesh::uniform(WIDTH_MM, layer.thickness_mm, nx as usize, nz as usize)

@@ -2,7 +2,7 @@
 //! columns.
 
 use serde_json::json;
-use taktil_mechanics::tactile::{Image, features as features_of, moments};
+use taktil_mechanics::tactile::{Image, Moments, features as features_of, moments};
 
 use super::Operation;
 use super::answer::Answer;
@@ -78,6 +78,7 @@ fn features(args: &Args) -> Result<Answer, Failure> {
         let m = moments(&image, lowest);
         (m, features_of(&m))
     });
+    overflowed(&m, &values)?;
     let mut out = Answer::new();
     out.number("m0", m.m0);
     out.number("m_x", m.m_x);
@@ -92,4 +93,20 @@ fn features(args: &Args) -> Result<Answer, Failure> {
     let defined = json!({"x_c": f.x_c.is_some(), "theta_z": f.theta_z_rad.is_some()});
     out.value("defined", defined);
     Ok(out)
+}
+
+/// Values whose moments no number holds: the message names the largest and the remedy.
+fn overflowed(m: &Moments, values: &[f64]) -> Result<(), Failure> {
+    let all = [m.m0, m.m_x, m.m_y, m.m_xx, m.m_yy, m.m_xy, m.m_x_centred];
+    if all.iter().all(|moment| moment.is_finite()) {
+        return Ok(());
+    }
+    let size = |n: &usize| values[*n].abs();
+    let largest = (0..values.len()).max_by(|a, b| size(a).total_cmp(&size(b))).unwrap_or(0);
+    let place = format!("image[{largest}]");
+    let what = format!(
+        "`{place}` less the baseline is {:e}: the moments overflow, scale the image down",
+        values[largest]
+    );
+    Err(Failure::range(&place, what))
 }

@@ -311,3 +311,18 @@ fn an_end_that_nobody_reads_is_no_error() {
     let text = b"{\"op\": \"fk\"}\n{\"op\": \"fk\"}\n";
     taktil::calc::filter(&mut &text[..], &mut Closed).unwrap();
 }
+
+#[test]
+fn numbers_too_large_are_named_with_a_remedy() {
+    let shape = json!({"cylinder": {"radius_mm": 22.9}});
+    refused(
+        json!({"op": "contact_2d", "shape": shape, "load": {"p_n_mm": 1}, "method": "fem",
+            "t_mm": 0.8, "nu": 0.49, "mesh": [1e300, 4]}),
+        "out_of_range",
+        Some("mesh"),
+    );
+    let large = json!({"op": "features", "image": [1, 1e308, -5e307], "rows": 1, "cols": 3});
+    refused(large.clone(), "out_of_range", Some("image[1]"));
+    let message = one(&large)["error"]["message"].as_str().unwrap().to_owned();
+    assert!(message.contains("`image[1]`") && message.contains("scale"), "{message}");
+}
