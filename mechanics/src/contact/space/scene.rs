@@ -7,6 +7,7 @@
 
 mod cut;
 mod rates;
+mod room;
 
 use super::super::layer::Layer;
 use super::super::{Invalid, finite, positive};
@@ -19,8 +20,6 @@ use super::{Drive, Level, Refusal, Why};
 
 /// How far beyond the array an endless edge is carried on, in thicknesses.
 const BEYOND: f64 = 24.0;
-/// Largest part of the thickness that tables are made for.
-const DEEPEST: f64 = 0.98;
 
 /// A rigid indenter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -324,36 +323,6 @@ impl Scene {
         }
     }
 
-    /// Presses with tables that reach deeper and deeper until they suffice.
-    fn grow(
-        &mut self,
-        drive: Drive,
-        first_mm: f64,
-        ends: [f64; 2],
-        mut press: impl FnMut(&mut Solver, f64, bool) -> Result<Touch, Invalid>,
-    ) -> Result<Touch, Invalid> {
-        let t = self.layer.thickness_mm;
-        let same = self.room.1 == ends && !matches!(self.solver, Solver::Empty);
-        let fits = same && (matches!(drive, Drive::ForceN(_)) || first_mm <= 1.1 * self.room.0);
-        if fits {
-            match press(&mut self.solver, self.room.0, false) {
-                Err(error) if !is_room(&error) => return Err(error),
-                Ok(touch) => return Ok(touch),
-                Err(_) => {}
-            }
-        }
-        let mut most = first_mm.max(0.02 * t).min(DEEPEST * t);
-        loop {
-            self.room = (most, ends);
-            match press(&mut self.solver, most, true) {
-                Err(error) if is_room(&error) && most < DEEPEST * t => {}
-                Err(error) => return Err(renamed(error, drive)),
-                Ok(touch) => return Ok(touch),
-            }
-            most = (2.0 * most).min(DEEPEST * t);
-        }
-    }
-
     fn profile(&self) -> Profile {
         match self.shape {
             Shape::Bar { width_mm, .. } => Profile::Bar { width_mm },
@@ -454,18 +423,4 @@ fn lifted(drive: Drive) -> Option<f64> {
         Drive::PenetrationMm(delta) if delta <= 0.0 => Some(delta),
         _ => None,
     }
-}
-
-/// Whether a larger table would help.
-fn is_room(error: &Invalid) -> bool {
-    error.what == super::BEYOND_TABLE
-}
-
-/// Complaints about tables are complaints about what was asked for.
-fn renamed(error: Invalid, drive: Drive) -> Invalid {
-    if is_room(&error) || error.place == "penetration_max_mm" {
-        let what = "no contact of this layer and indenter reaches it".to_owned();
-        return Invalid::new(drive.place(), what, "press less, or use another size of indenter");
-    }
-    error
 }

@@ -1,0 +1,119 @@
+//! How deep the tables of a scene reach: as deep as a contact needs. It refuses what the deepest
+//! ones do not hold.
+
+use super::super::pin::Pin;
+use super::{Drive, Invalid, Level, Scene, Solver, Touch};
+
+/// Largest part of the thickness that tables are made for.
+const DEEPEST: f64 = 0.98;
+/// Part of a force that the fast level is asked about; it is no further off.
+const SURELY: f64 = 0.95;
+
+impl Scene {
+    /// Presses with tables that reach deeper and deeper until they suffice.
+    pub(super) fn grow(
+        &mut self,
+        drive: Drive,
+        first_mm: f64,
+        ends: [f64; 2],
+        mut press: impl FnMut(&mut Solver, f64, bool) -> Result<Touch, Invalid>,
+    ) -> Result<Touch, Invalid> {
+        let t = self.layer.thickness_mm;
+        let same = self.room.1 == ends && !matches!(self.solver, Solver::Empty);
+        let fits = same && (matches!(drive, Drive::ForceN(_)) || first_mm <= 1.1 * self.room.0);
+        if fits {
+            match press(&mut self.solver, self.room.0, false) {
+                Err(error) if !is_room(&error) => return Err(error),
+                Ok(touch) => return Ok(touch),
+                Err(_) => {}
+            }
+        }
+        let mut most = first_mm.max(0.02 * t).min(DEEPEST * t);
+        let mut needed = None;
+        loop {
+            self.room = (most, ends);
+            match press(&mut self.solver, most, true) {
+                Err(error) if is_room(&error) && most < DEEPEST * t => {}
+                Err(error) => return Err(renamed(error, drive)),
+                Ok(touch) => return Ok(touch),
+            }
+            if needed.is_none() {
+                needed = Some(self.needed(drive, ends).map_err(|error| renamed(error, drive))?);
+            }
+            most = (2.0 * most).min(DEEPEST * t);
+            while most < needed.unwrap_or(0.0).min(DEEPEST * t) {
+                most = (2.0 * most).min(DEEPEST * t);
+            }
+        }
+    }
+
+    /// A depth (mm) that tables of a pin reach at least where they hold a force, by the fast level,
+    /// whose tables cost little; 0 where it does not tell.
+    ///
+    /// # Errors
+    /// A force that is surely beyond all tables.
+    fn needed(&self, drive: Drive, ends: [f64; 2]) -> Result<f64, Invalid> {
+        let (Drive::ForceN(force), Solver::Pin(_)) = (drive, &self.solver) else { return Ok(0.0) };
+        if self.level == Level::Fast {
+            return Ok(0.0);
+        }
+        let deepest = DEEPEST * self.layer.thickness_mm;
+        let mut pin = Pin::new(&self.layer, self.profile(), ends, deepest, Level::Fast)?;
+        let slope = libm::tan(self.pose.tilt_rad);
+        match pin.press(Drive::ForceN(SURELY * force), self.pose.tilt_rad).map_err(Invalid::from) {
+            Ok(state) => Ok(state.penetration_mm + (slope * ends[0]).max(slope * ends[1])),
+            Err(error) if is_room(&error) => Err(error),
+            Err(_) => Ok(0.0),
+        }
+    }
+}
+
+/// Whether a larger table would help.
+fn is_room(error: &Invalid) -> bool {
+    error.what == super::super::BEYOND_TABLE
+}
+
+/// Complaints about tables are complaints about what was asked for.
+fn renamed(error: Invalid, drive: Drive) -> Invalid {
+    if is_room(&error) || error.place == "penetration_max_mm" {
+        let what = "no contact of this layer and indenter reaches it".to_owned();
+        return Invalid::new(drive.place(), what, "press less, or use another size of indenter");
+    }
+    error
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::super::layer::Layer;
+    use super::super::super::tactels::{Array, Sampling};
+    use super::super::{Drive, Level, Pose, Scene, Shape};
+
+    fn scene(level: Level) -> Scene {
+        let layer = Layer::new(0.8, 27.58, 0.49).expect("a layer");
+        let shape = Shape::Cylinder { radius_mm: 6.0, length_mm: Some(5.0) };
+        Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, level).expect("a scene")
+    }
+
+    /// No table but the first is made of the level asked for.
+    #[test]
+    fn a_force_far_beyond_is_refused_by_the_fast_level() {
+        for level in [Level::Default, Level::Fine] {
+            let mut scene = scene(level);
+            let refused = scene.press(Drive::ForceN(1e6), Pose::default()).expect_err("too much");
+            assert_eq!(refused.place, "force_n");
+            assert!((scene.room.0 - 0.08).abs() < 1e-12, "{level:?} {}", scene.room.0);
+        }
+    }
+
+    /// Tables between the first and the one that holds the force are left out, no others.
+    #[test]
+    fn a_force_gets_the_tables_it_would_get_step_by_step() {
+        let mut direct = scene(Level::Default);
+        let deep = direct.press(Drive::PenetrationMm(0.2), Pose::default()).expect("a contact");
+        let mut by_force = scene(Level::Default);
+        let found = by_force.press(Drive::ForceN(deep.force_n), Pose::default()).expect("the same");
+        assert!((by_force.room.0 - 0.32).abs() < 1e-12, "{}", by_force.room.0);
+        let off = found.penetration_mm.expect("a depth") - 0.2;
+        assert!(off.abs() < 2e-4, "{found:?} {deep:?}");
+    }
+}
