@@ -336,6 +336,7 @@ fn elements(
         .and_then(|mesh| Elements::new(layer, mesh, Kind::MeanDilatation))
         .map_err(|invalid| failure(&invalid))?;
     let places = body.mesh().row_mm(nz as usize);
+    stands_on_two(shape, &places)?;
     let mut grip = None;
     let (contact, normal, tangential, pressure) = if let Indented::Knife = shape {
         let solved = knife(drive, x_mm)?;
@@ -364,6 +365,20 @@ fn elements(
     };
     let (stress, symmetric) = (Stress::Nodes(nodes), false);
     Ok(Solved { contact, descends, stress, pressure, shallowest_mm: 0.0, symmetric, held })
+}
+
+/// Refuses a bar of which one node at most would carry all.
+fn stands_on_two(shape: &Indented, places: &[f64]) -> Result<(), Failure> {
+    let Indented::Rigid(Shape::Flat { width_mm, .. }) = shape else { return Ok(()) };
+    let under = places.iter().filter(|x| x.abs() <= 0.5 * width_mm).count();
+    if under >= 2 || width_mm.is_nan() || *width_mm <= 0.0 {
+        return Ok(());
+    }
+    let what = format!(
+        "`mesh` has {under} nodes under a bar {width_mm} mm wide, and 2 at least carry it; give \
+         more elements along, or a wider bar"
+    );
+    Err(Failure::range("mesh", what))
 }
 
 /// Base stress of forces on the surface of a mesh.

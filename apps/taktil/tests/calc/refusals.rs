@@ -326,3 +326,15 @@ fn numbers_too_large_are_named_with_a_remedy() {
     let message = one(&large)["error"]["message"].as_str().unwrap().to_owned();
     assert!(message.contains("`image[1]`") && message.contains("scale"), "{message}");
 }
+
+#[test]
+fn a_bar_between_the_nodes_of_its_mesh_is_not_said_to_topple() {
+    let bar = |width: f64, mesh: Value| {
+        json!({"op": "contact_2d", "shape": {"flat": {"width_mm": width}}, "load": {"p_n_mm": 1},
+            "method": "fem", "t_mm": 0.8, "nu": 0.49, "mesh": mesh})
+    };
+    for (width, mesh) in [(0.01, json!([64, 4])), (0.5, json!([64, 4])), (0.3, json!([63, 4]))] {
+        refused(bar(width, mesh), "out_of_range", Some("mesh"));
+    }
+    assert_eq!(one(&bar(0.5, json!([63, 4])))["ok"], true);
+}
