@@ -147,4 +147,13 @@ fn what_is_no_stack_is_refused() {
         assert!(sound.line(&LOADS[0], depth, &X).is_err(), "{depth}");
     }
     assert!(sound.line(&LOADS[0], 0.5, &[f64::NAN]).is_err());
+    // A skin of which a line load is more waves than anyone waits for.
+    for skin in [1e-6, 1e-12, 1e-29] {
+        let thin = stack(&[layer(skin, 1.0, 0.4), layer(1.0, 2.0, 0.4)]);
+        for depth in [0.0, 0.3 * skin] {
+            let refused = thin.line(&LOADS[0], depth, &X).expect_err("too many waves");
+            assert_eq!(refused.place, "thickness_mm", "{skin} {depth}: {refused}");
+        }
+        assert!(thin.line(&LOADS[0], 0.7, &X).is_ok());
+    }
 }

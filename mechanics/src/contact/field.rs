@@ -57,7 +57,7 @@ pub fn line(
     check(load, depth_mm, x_mm)?;
     let depth = depth_mm / layer.thickness_mm;
     if depth > 1.0 {
-        let what = format!("{depth_mm} is outside the layer");
+        let what = format!("{depth_mm:?} is outside the layer");
         return Err(Invalid::new("depth_mm", what, "give 0 to the layer's thickness"));
     }
     let nearest = |x: &f64| (x / layer.thickness_mm).abs();

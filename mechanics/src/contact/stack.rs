@@ -17,6 +17,8 @@ use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
 /// Most layers.
 pub const LAYERS_MAX: usize = 64;
+/// Most waves of a line load: some seconds.
+const WAVES_MAX: f64 = 1_048_576.0;
 /// Where a layer counts as thick against the wave.
 const THICK: f64 = 1.0;
 /// Stand-in for the wave without length.
@@ -216,7 +218,8 @@ impl Stack {
     /// Allocates; the error is that of [`line`](fn@line).
     ///
     /// # Errors
-    /// Anything not finite; a depth below 0 or above the thickness.
+    /// Anything not finite; a depth below 0 or above the thickness; a first layer thousands
+    /// of times thinner than the stack.
     pub fn line(
         &self,
         load: &LineLoad,
@@ -230,7 +233,7 @@ impl Stack {
         if depth_mm != 0.0 {
             positive("depth_mm", depth_mm)?;
             if depth_mm > whole {
-                let what = format!("{depth_mm} is outside the layers");
+                let what = format!("{depth_mm:?} is outside the layers");
                 return Err(Invalid::new("depth_mm", what, "give 0 to the whole thickness"));
             }
         }
@@ -243,7 +246,13 @@ impl Stack {
         let reach = x_mm.iter().map(|x| x.abs()).filter(|x| *x <= 2.0 * far);
         let span = reach.fold(0.0, f64::max) + 1.2 * far;
         let step = 2.0 * PI / span;
-        let count = libm::ceil(44.0 / decay / step) as usize;
+        let count = libm::ceil(44.0 / decay / step);
+        if count.is_nan() || count > WAVES_MAX {
+            let what = format!("{:?} under the surface, of {whole:?} in all", first.thickness_mm);
+            let remedy = "that takes more than a million waves: give a thicker first layer";
+            return Err(Invalid::new("thickness_mm", what, remedy));
+        }
+        let count = count as usize;
         let mut modes = Vec::with_capacity(count + 1);
         for i in 0..=count {
             let k = if i == 0 { LONGEST / whole } else { i as f64 * step };

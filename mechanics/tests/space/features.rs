@@ -137,6 +137,45 @@ fn a_pins_jacobian_of_the_thesis_has_four_by_four_entries() {
     assert!(found.condition.unwrap() > 1e3);
 }
 
+/// A pin that stands on its end touches far below its middle: steps are parts of that depth, and
+/// the middle's is many times as much.
+#[test]
+fn a_pin_on_its_end_has_the_derivatives_of_its_contact() {
+    let shape = Shape::Cylinder { radius_mm: 20.0, length_mm: Some(15.0) };
+    let rubber = layer(1.5, 0.49);
+    let of = |level| Scene::new(&rubber, shape, &Array::THESIS, Sampling::Area, level).unwrap();
+    let pose = Pose { stand: Stand::default(), tilt_rad: 0.19 };
+    let features = [Feature::M0, Feature::Yc];
+    let motions = [Motion::Z, Motion::RotX];
+    let mut tilted = of(Level::Default);
+    let deep = tilted.press(Drive::ForceN(0.5), pose).unwrap().penetration_mm.unwrap();
+    let drive = Drive::PenetrationMm(deep);
+    let found = feature_jacobian(&mut tilted, drive, pose, &features, &motions).unwrap();
+    // The end is 0.03 mm deep.
+    let mut image = vec![0.0; 256];
+    let mut at = |dz: f64, turned: f64| {
+        let pose = Pose { tilt_rad: pose.tilt_rad + turned, ..pose };
+        tilted.press(Drive::PenetrationMm(deep + dz), pose).unwrap();
+        tilted.image(&mut image).unwrap();
+        let seen = image_features(&Array::THESIS, &image, Part::Full).unwrap();
+        [seen.m0, seen.yc.unwrap()]
+    };
+    // A turn about x raises the end towards +y.
+    for (column, step, tilt) in [(0, 3e-4, 0.0), (1, 0.0, -3e-5)] {
+        let [more, less] = [at(step, tilt), at(-step, -tilt)];
+        for row in 0..2 {
+            let own = (more[row] - less[row]) / (2.0 * (step + tilt.abs()));
+            let value = found.values[row * 2 + column].unwrap();
+            let error = found.errors[row * 2 + column].unwrap();
+            assert!(
+                (value - own).abs() < 2e-3 * own.abs() + error,
+                "{row} {column}: {value} {own}"
+            );
+            assert!(error < 3e-2 * value.abs(), "{row} {column}: {value} {error}");
+        }
+    }
+}
+
 #[test]
 fn a_line_load_has_no_depth_and_a_bars_edges_follow_it() {
     let stand = Stand { x_mm: 0.2, y_mm: 0.1, rot_rad: 0.0 };

@@ -121,7 +121,7 @@ fn evaluate(request: &Value) -> Result<Answer, Failure> {
     let args = Args::of_request(object, operation.fields)?;
     let mut body = (operation.run)(&args)?;
     if let Some(field) = body.overflowed() {
-        let what = format!("`{field}` is not a finite number: the request is too large");
+        let what = format!("the answer's `{field}` is not a finite number; give smaller numbers");
         return Err(Failure::new("not_finite", None, what));
     }
     if let Some(ns) = args.best_ns() {

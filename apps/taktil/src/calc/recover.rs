@@ -147,8 +147,8 @@ fn plainly(error: Unrecovered) -> Failure {
     match error {
         Unrecovered::Invalid(invalid) => match invalid.place.as_str() {
             "width_mm" | "height_mm" => {
-                let (field, what) = (invalid.place.clone(), invalid.to_string());
-                Failure::range(&field, what)
+                let what = format!("`{}`: {}; {}", invalid.place, invalid.what, invalid.remedy);
+                Failure::range(&invalid.place, what)
             }
             _ => failure(&invalid),
         },

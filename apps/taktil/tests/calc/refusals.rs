@@ -338,3 +338,17 @@ fn a_bar_between_the_nodes_of_its_mesh_is_not_said_to_topple() {
     }
     assert_eq!(one(&bar(0.5, json!([63, 4])))["ok"], true);
 }
+
+/// The second moment of a bar on such a layer is that of its load, however wide it is.
+#[test]
+fn a_layer_that_hides_the_width_is_no_panic() {
+    for nu in [0.3, 0.5] {
+        for t_mm in [1e9, 1e12, 1e29] {
+            let answer =
+                one(&json!({"op": "recover", "case": 2, "m1": -4.72, "m2": 1, "t_mm": t_mm,
+                "p_n_mm": 0.35, "q_n_mm": 0.05, "nu": nu}));
+            let code = answer["error"]["code"].as_str();
+            assert_eq!((&answer["ok"], code), (&json!(false), Some("unreachable")), "{answer}");
+        }
+    }
+}

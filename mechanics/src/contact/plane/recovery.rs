@@ -274,6 +274,10 @@ impl Setting {
         }
         // It falls with the width.
         let (narrowest, widest) = (second(least)?, second(most)?);
+        if narrowest.partial_cmp(&widest) != Some(core::cmp::Ordering::Greater) {
+            // On a layer so thick nothing is left of the width.
+            return Err(Unrecovered::NoContact);
+        }
         let reached = m[1].value.clamp(widest, narrowest);
         let slack = BEYOND * m[1].sigma + ROUNDING * m[1].value.abs();
         if (reached - m[1].value).abs() > slack {

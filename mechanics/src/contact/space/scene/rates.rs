@@ -48,10 +48,14 @@ impl Scene {
         }
     }
 
-    /// A step for differences along a motion: a small part of what the contact spans.
+    /// A step for differences along a motion: a small part of what the contact spans. An indenter
+    /// that slopes may touch with an end while its middle is in the air.
     pub(crate) fn step(&self, motion: Motion, penetration_mm: Option<f64>) -> f64 {
         let t = self.layer.thickness_mm;
-        let depth = penetration_mm.unwrap_or(0.1 * t).abs().max(1e-6 * t);
+        let slope = libm::tan(self.pose.tilt_rad);
+        let [deeper, other] = self.ends().map(|end| slope * end);
+        let deepest = penetration_mm.map(|middle| middle + deeper.max(other));
+        let depth = deepest.unwrap_or(0.1 * t).abs().max(1e-6 * t);
         match motion {
             Motion::X | Motion::Y => 0.05 * t.min(self.array.pitch_mm),
             Motion::Z => 0.05 * depth,
