@@ -23,6 +23,8 @@ const CUT_SHORT: f64 = 40.0;
 const SHORT: f64 = 0.2;
 const PANEL_POINTS: usize = 12;
 const PANEL_RADIANS: f64 = 8.0;
+/// Points of the sum along the pin that are taken side by side.
+const LANES: usize = 8;
 /// Length of a row (thicknesses) under which it needs shorter waves than its level's.
 const WAVES: f64 = 2.4;
 const SHORTEST: f64 = 0.25;
@@ -301,13 +303,20 @@ fn push_row(
     out.resize(start + band + 1, 0.0);
     let row = &mut out[start..];
     let compliance = |a: f64| if a > ALGEBRAIC { 1.0 / a } else { transfer.normal_compliance(a) };
-    for &[q, weight, c] in points {
-        let value = weight * compliance((kappa * kappa + q * q).sqrt());
-        // cos(q m h) by its recurrence.
-        let (mut now, mut next) = (1.0, c);
+    for points in points.chunks(LANES) {
+        // Points side by side, cos(q m h) of each by its recurrence; summed one after the other.
+        let (mut value, mut twice) = ([0.0; LANES], [0.0; LANES]);
+        let (mut now, mut next) = ([1.0; LANES], [0.0; LANES]);
+        for (lane, &[q, weight, c]) in points.iter().enumerate() {
+            value[lane] = weight * compliance((kappa * kappa + q * q).sqrt());
+            (twice[lane], next[lane]) = (2.0 * c, c);
+        }
         for entry in row.iter_mut() {
-            *entry += value * now;
-            (now, next) = (next, 2.0 * c * next - now);
+            for lane in 0..LANES {
+                *entry += value[lane] * now[lane];
+                let after = twice[lane] * next[lane] - now[lane];
+                (now[lane], next[lane]) = (next[lane], after);
+            }
         }
     }
     // Beyond the cut the integrand is 2 (1 - cos(q h)) cos(q m h)/(q^3 h).

@@ -68,12 +68,9 @@ pub(super) struct Tabled {
     pub(super) modes: Modes,
 }
 
-/// The default level's slices, of cylinders and bars alike.
-const DEFAULT: Tabled = Tabled {
-    whole: Laid { fewest: 64.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
-    end: Laid { fewest: 64.0, slice: 0.5, enough: 4096.0, longest: 0.5 },
-    modes: Modes { margin: 16.0, cutoff: 10.0, reach: 12.0, grade: 0.1 },
-};
+/// The default level's slices, of a cylinder and of a bar.
+const CYLINDER: Laid = Laid { fewest: 64.0, slice: 0.35, enough: 128.0, longest: 0.5 };
+const BAR: Laid = Laid { slice: 0.5, ..CYLINDER };
 
 impl Fineness {
     /// Length of the row after one of a length.
@@ -107,10 +104,10 @@ impl Fineness {
             },
             Level::Default => Self {
                 shorter: [0.5, FRAC_1_SQRT_2],
-                whole: DEFAULT.whole,
-                end: DEFAULT.end,
-                modes: DEFAULT.modes,
-                cosines: (4.0, 0.5, 2.0),
+                whole: CYLINDER,
+                end: CYLINDER,
+                modes: modes(16.0, 10.0, 12.0, 0.1),
+                cosines: (4.0, 0.25, 2.0),
                 points: 11.0,
                 lines: None,
                 tolerance: 1e-4,
@@ -119,8 +116,8 @@ impl Fineness {
                 read: 7e-3,
                 together: 0,
                 each: true,
-                unknowns: 224,
-                nested: Some(DEFAULT),
+                unknowns: 280,
+                nested: Some(Tabled { whole: BAR, end: BAR, modes: modes(16.0, 20.0, 12.0, 0.2) }),
             },
             Level::Fine => Self {
                 shorter: [0.5; 2],

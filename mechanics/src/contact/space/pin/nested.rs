@@ -9,6 +9,7 @@
 
 use super::row::Row;
 use super::strip::Strips;
+use super::triangle::dot;
 use core::f64::consts::PI;
 
 /// Most numbers of a row's solutions.
@@ -161,15 +162,14 @@ impl Band {
                 let shared = j - left;
                 let mine = &row[at - shared..at];
                 if j == i {
-                    let rest = entry(i, i) - mine.iter().map(|a| a * a).sum::<f64>();
+                    let rest = entry(i, i) - dot(mine, mine);
                     if rest.is_nan() || rest <= 0.0 {
                         return None;
                     }
                     row[at] = rest.sqrt();
                 } else {
                     let theirs = &other[band - 1 - shared..band - 1];
-                    let dot: f64 = mine.iter().zip(theirs).map(|(a, b)| a * b).sum();
-                    row[at] = (entry(i, j) - dot) / other[band - 1];
+                    row[at] = (entry(i, j) - dot(mine, theirs)) / other[band - 1];
                 }
             }
         }
@@ -186,8 +186,7 @@ impl Band {
         for i in 0..side.len() {
             let (row, diagonal) = self.row(i);
             let known = &side[i - row.len()..i];
-            let dot: f64 = row.iter().zip(known).map(|(a, b)| a * b).sum();
-            side[i] = (side[i] - dot) / diagonal;
+            side[i] = (side[i] - dot(row, known)) / diagonal;
         }
     }
 

@@ -27,6 +27,10 @@ const STEP: [f64; 2] = [0.3, 2.0];
 const WIDER: f64 = 0.05;
 /// A slice lets go whose width belongs to less than this part of the largest penetration.
 const TIP: f64 = 1e-3;
+/// A slice that lets go and is reached in turns, more often than this, hardly touches: what is left
+/// of the largest penetration is then enough.
+const TURNS: usize = 2;
+const HARDLY: f64 = 1e-4;
 /// Part of a penetration by which it is moved to differentiate.
 const APART: f64 = 1e-4;
 
@@ -303,6 +307,7 @@ impl Row {
         let n = self.work.places.cosines;
         let mut found = Found { sunk: 0.0, left: f64::INFINITY, steps: 0 };
         let mut least = f64::INFINITY;
+        let mut lost = 0;
         tool.damping = BEGUN;
         while found.steps < STEPS {
             found.steps += 1;
@@ -332,7 +337,9 @@ impl Row {
             let woken = self.wake();
             self.extend(tool);
             found.left = found.left.max(woken / self.largest());
-            if found.left <= self.fineness.tolerance {
+            let enough = if lost > TURNS { HARDLY } else { 0.0 };
+            if found.left <= enough.max(self.fineness.tolerance) {
+                self.drop_unpressed();
                 break;
             }
             if woken > 0.0 {
@@ -347,6 +354,7 @@ impl Row {
             tool.solve();
             if self.stride(tool) {
                 least = f64::INFINITY;
+                lost += 1;
             }
         }
         Ok(Some(found))
@@ -359,6 +367,16 @@ impl Row {
         if first > 0 && work.active[first - 1] && rest.first() == Some(&(first + 1)) {
             let led = 2.0 * work.effective[first] - work.effective[first + 1];
             work.effective[first - 1] = work.effective[first - 1].max(led);
+        }
+    }
+
+    /// Leaves slices in the air that were reached and carry nothing.
+    fn drop_unpressed(&mut self) {
+        let work = &mut self.work;
+        for (j, carried) in work.a.iter().step_by(work.places.cosines).enumerate() {
+            if *carried == 0.0 {
+                (work.active[j], work.effective[j]) = (false, 0.0);
+            }
         }
     }
 
@@ -466,5 +484,17 @@ mod tests {
                 assert!(off < 1e-4 * depth_mm, "{nu} {depth_mm}: {deep:?} {loaded:?}");
             }
         }
+    }
+
+    /// A slice that is reached by a few millionths of the depth and, pressed, lets go again.
+    #[test]
+    fn a_slice_that_hardly_touches_is_left_in_the_air() {
+        let layer = Layer::new(1.0086519245058296, 27.58, 0.5).expect("a sound layer");
+        let profile = Profile::Cylinder { radius_mm: 27.46021746378392 };
+        let ends = [2.761653, 7.197372368536891];
+        let made = Pin::new(&layer, profile, ends, 0.10590090088330013, Level::Fine);
+        let deep = Drive::PenetrationMm(-0.10273535404149037);
+        let state = made.expect("a pin").press(deep, 0.0216275498468856).expect("a contact");
+        assert!(state.residual < 1e-5 && state.length_mm < 2.55, "{state:?}");
     }
 }
