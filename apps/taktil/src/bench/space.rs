@@ -174,6 +174,7 @@ fn scene_row(
     }
     let method = match (shape, level) {
         (Shape::Cylinder { length_mm: None, .. }, _) => "plane problem, one level".to_owned(),
+        (Shape::Sphere { .. }, Level::Fast) => "looked up, fast".to_owned(),
         (Shape::Sphere { .. }, _) => format!("integral equation, {level:?}").to_lowercase(),
         _ => format!("slices, {level:?}").to_lowercase(),
     };
