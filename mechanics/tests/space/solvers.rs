@@ -2,6 +2,7 @@
 
 use crate::{apart, layer, peak};
 use core::f64::consts::PI;
+use taktil_mechanics::contact::space::infinite::Endless;
 use taktil_mechanics::contact::space::pin::{Pin, Profile, Stand};
 use taktil_mechanics::contact::space::radial::Influence;
 use taktil_mechanics::contact::space::scene::{Pose, Scene, Shape};
@@ -186,6 +187,30 @@ fn a_pin_far_from_its_ends_is_the_endless_cylinder() {
     };
     let (long, endless) = (at(Some(40.0)), at(None));
     assert!(apart(&long, &endless) < 2e-4 * peak(&endless));
+}
+
+/// What is added to a pin carries what it carries without ends. Rubber that keeps its volume hardly
+/// gives way under a contact many thicknesses wide: what far slices do is most of that.
+#[test]
+fn what_is_added_to_a_pin_carries_what_the_endless_one_does() {
+    let cylinder = Profile::Cylinder { radius_mm: 45.0 };
+    for (profile, depth, level, within) in [
+        (cylinder, 0.25, Level::Fast, 8e-3),
+        (cylinder, 0.25, Level::Default, 2e-4),
+        (Profile::Bar { width_mm: 2.0 }, 0.05, Level::Default, 1e-4),
+    ] {
+        let layer = layer(0.3, 0.5);
+        let delta = Drive::PenetrationMm(0.3 * depth);
+        let force = |half: f64| {
+            let pin = Pin::new(&layer, profile, [-half, half], 0.45 * depth, level);
+            pin.expect("a pin").press(delta, 0.0).expect("a contact").force_n
+        };
+        let added = (force(20.0) - force(14.0)) / 12.0;
+        let mut endless = Endless::new(&layer, profile, 0.45 * depth).expect("a line");
+        let wanted = endless.press(delta).expect("a contact").force_n_mm;
+        let off = added / wanted - 1.0;
+        assert!(off.abs() < within, "{profile:?} {level:?}: {added} {wanted} {off:e}");
+    }
 }
 
 #[test]

@@ -50,7 +50,7 @@ impl Row {
         for j in 0..slices {
             let work = &mut self.work;
             if !work.active[j] && work.a[j * n] == 0.0 && !work.stays_off(j) {
-                let gap = work.given[j] - self.coupling.middle(j, slices);
+                let gap = work.given[j] - self.coupling.middle(j);
                 if gap > 0.0 {
                     work.active[j] = true;
                     work.effective[j] = gap;

@@ -69,7 +69,7 @@ pub(super) struct Tabled {
 }
 
 /// The default level's slices, of a cylinder and of a bar.
-const CYLINDER: Laid = Laid { fewest: 64.0, slice: 0.35, enough: 128.0, longest: 0.5 };
+const CYLINDER: Laid = Laid { fewest: 64.0, slice: 0.35, enough: 128.0, longest: 0.65 };
 const BAR: Laid = Laid { slice: 0.5, ..CYLINDER };
 
 impl Fineness {

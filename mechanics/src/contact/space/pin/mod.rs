@@ -31,6 +31,7 @@ mod direct;
 mod edge;
 mod ends;
 mod fineness;
+mod gradients;
 mod image;
 mod leftover;
 mod lengthened;

@@ -1,6 +1,6 @@
-//! The contact of a pin: free-boundary steps around conjugate gradients on the coupled slices.
+//! The contact of a pin: free-boundary steps around the pressures of the coupled slices, which
+//! `gradients` and `direct` find.
 
-use super::super::quadrature::{factor, solve};
 use super::PinState;
 use super::edge::edge;
 use super::row::Row;
@@ -14,8 +14,6 @@ const FORCE: f64 = 2.0;
 const FULL: usize = 4;
 /// A penetration that turned back more often than this changes by half.
 const SWINGS: usize = 8;
-/// Most iterations of conjugate gradients in one step.
-const GRADIENTS_MAX: usize = 200;
 /// Steps that each width takes by itself before all are settled together, where they can be.
 const ALONE: usize = 6;
 /// So many times the level's steps, for a contact of which more than that is left.
@@ -320,133 +318,6 @@ impl Row {
         }
         work.read = false;
         Ok(())
-    }
-
-    /// Each slice's own system at its present width, which steers the gradients.
-    fn block(&mut self) -> Result<(), Trouble> {
-        let work = &mut self.work;
-        let (places, n) = (work.places, work.places.cosines);
-        for j in 0..work.active.len() {
-            if !work.active[j] || work.blocked[j] == work.widths[j] {
-                continue;
-            }
-            work.blocked[j] = 0.0;
-            let row = &work.rows[j * places.len()..(j + 1) * places.len()];
-            let transform = &work.transforms[j * work.transform..(j + 1) * work.transform];
-            let block = &mut work.blocks[j * n * n..(j + 1) * n * n];
-            for k in 0..n {
-                for l in 0..=k {
-                    block[k * n + l] = row[places.matrix(k, l)];
-                }
-            }
-            self.coupling.add_block(transform, block);
-            if !factor(block, n) {
-                return Err(Trouble::Indefinite);
-            }
-            work.blocked[j] = work.widths[j];
-        }
-        Ok(())
-    }
-
-    /// out = the exact layer's matrix times input, on the active slices.
-    fn apply(&mut self, of_direction: bool) {
-        let work = &mut self.work;
-        let (places, n) = (work.places, work.places.cosines);
-        let input = if of_direction { &work.direction } else { &work.a };
-        work.image.fill(0.0);
-        let touches = |touches: &bool| *touches;
-        let from = work.active.iter().position(touches).unwrap_or(0);
-        let to = work.active.iter().rposition(touches).map_or(from, |last| last + 1);
-        let (span, per) = (from * n..to * n, work.transform);
-        let transforms = &work.transforms[from * per..to * per];
-        self.coupling.act(transforms, &input[span.clone()], &mut work.image[span]);
-        for j in 0..work.active.len() {
-            let out = &mut work.image[j * n..(j + 1) * n];
-            if !work.active[j] {
-                out.fill(0.0);
-                continue;
-            }
-            let row = &work.rows[j * places.len()..(j + 1) * places.len()];
-            let own = &input[j * n..(j + 1) * n];
-            for k in 0..n {
-                out[k] += row[places.matrix(k, k)] * own[k];
-                for l in 0..k {
-                    let entry = row[places.matrix(k, l)];
-                    out[k] += entry * own[l];
-                    out[l] += entry * own[k];
-                }
-            }
-        }
-    }
-
-    /// Preconditioned conjugate gradients for the pressure at the present widths; what is left, in
-    /// parts of the pressure's work.
-    pub(super) fn gradients(&mut self, tolerance: f64) -> Result<f64, Trouble> {
-        self.block()?;
-        let (places, n) = (self.work.places, self.work.places.cosines);
-        self.apply(false);
-        let work = &mut self.work;
-        let mut size = 0.0;
-        for j in 0..work.active.len() {
-            let span = j * n..(j + 1) * n;
-            if !work.active[j] {
-                work.residual[span].fill(0.0);
-                continue;
-            }
-            let row = &work.rows[j * places.len()..(j + 1) * places.len()];
-            for k in 0..n {
-                let given = if k == 0 { PI * work.given[j] } else { 0.0 };
-                work.residual[j * n + k] = given - row[places.shape(k)] - work.image[j * n + k];
-            }
-            size += (PI * work.given[j]) * work.a[j * n];
-        }
-        let limit = (tolerance * tolerance * size).abs();
-        let mut before = self.cure();
-        self.work.direction.copy_from_slice(&self.work.cured);
-        for _ in 0..GRADIENTS_MAX {
-            if before <= limit {
-                break;
-            }
-            self.apply(true);
-            let work = &mut self.work;
-            let curvature: f64 = work.direction.iter().zip(&work.image).map(|(a, b)| a * b).sum();
-            if curvature.is_nan() {
-                return Err(Trouble::Indefinite);
-            }
-            if curvature <= 0.0 {
-                break;
-            }
-            let length = before / curvature;
-            for (a, d) in work.a.iter_mut().zip(&work.direction) {
-                *a += length * d;
-            }
-            for (r, i) in work.residual.iter_mut().zip(&work.image) {
-                *r -= length * i;
-            }
-            let after = self.cure();
-            let factor = after / before;
-            let work = &mut self.work;
-            for (d, z) in work.direction.iter_mut().zip(&work.cured) {
-                *d = z + factor * *d;
-            }
-            before = after;
-        }
-        // As good as rounding lets it be when there is nothing to press.
-        Ok(if before <= limit { 0.0 } else { (before / size.abs()).sqrt() })
-    }
-
-    /// Solves each slice alone for the residual; the residual's size in that norm.
-    fn cure(&mut self) -> f64 {
-        let work = &mut self.work;
-        let n = work.places.cosines;
-        work.cured.copy_from_slice(&work.residual);
-        for j in 0..work.active.len() {
-            if work.active[j] {
-                let block = &work.blocks[j * n * n..(j + 1) * n * n];
-                solve(block, n, &mut work.cured[j * n..(j + 1) * n]);
-            }
-        }
-        work.cured.iter().zip(&work.residual).map(|(a, b)| a * b).sum()
     }
 
     /// New penetrations of the slices' widths from what the pressure leaves at their edges; the
