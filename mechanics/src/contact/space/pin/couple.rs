@@ -11,6 +11,7 @@
 use super::super::super::interpolation::cubic;
 use super::super::super::layer::Transfer;
 use super::super::quadrature::legendre;
+use super::cosines;
 use core::f64::consts::PI;
 
 /// Table points per unit of the Bessel functions' argument.
@@ -23,6 +24,8 @@ const CUT_SHORT: f64 = 40.0;
 const SHORT: f64 = 0.2;
 const PANEL_POINTS: usize = 12;
 const PANEL_RADIANS: f64 = 8.0;
+/// Modes that are summed side by side.
+const CHUNK: usize = 8;
 /// Points of the sum along the pin that are taken side by side.
 const LANES: usize = 8;
 /// Length of a row (thicknesses) under which it needs shorter waves than its level's.
@@ -75,13 +78,15 @@ pub(crate) enum Parity {
 pub(crate) struct Coupling {
     cosines: usize,
     modes: usize,
+    /// The modes and some more that are none, so that they come in whole numbers of chunks.
+    stride: usize,
     band: usize,
     /// Wave number of each mode.
     waves: Vec<f64>,
     /// c(m) without the plane problem times the mode's weight in a scalar product, m = 0..=band,
     /// mode fastest.
     weighted: Vec<f64>,
-    /// Modes that are left so far away, m = 0..=band.
+    /// Distances, from 1, at which some modes of a chunk are left, chunk after chunk.
     lasting: Vec<usize>,
     /// pi (-1)^k J_2k(z) on a grid over z, k fastest.
     bessel: Vec<f64>,
@@ -121,14 +126,15 @@ impl Coupling {
                 close(&mut along, band);
             }
         }
-        let mut weighted = Vec::with_capacity(modes * (band + 1));
-        let mut lasting = Vec::with_capacity(band + 1);
+        let stride = modes.next_multiple_of(CHUNK);
+        let mut weighted = Vec::with_capacity(stride * (band + 1));
+        let mut lasting = vec![0; stride / CHUNK];
         for m in 0..=band {
             let away = m.saturating_sub(1) as f64 * h;
             let left = waves.iter().take_while(|wave| *wave * away < DIED).count();
             weighted.extend((0..left).map(|n| weights[n] * along[n * (band + 1) + m]));
-            weighted.resize((m + 1) * modes, 0.0);
-            lasting.push(left);
+            weighted.resize((m + 1) * stride, 0.0);
+            lasting[..left.div_ceil(CHUNK)].fill(m);
         }
         let points = libm::ceil(waves[modes - 1] * widest * BESSEL_DENSITY) as usize + 5;
         let mut bessel = Vec::with_capacity(points * cosines);
@@ -143,13 +149,14 @@ impl Coupling {
         Self {
             cosines,
             modes,
+            stride,
             band,
             waves,
             weighted,
             lasting,
             bessel,
-            spectra: vec![0.0; modes * slices],
-            acted: vec![0.0; modes * slices],
+            spectra: vec![0.0; stride * slices],
+            acted: vec![0.0; stride * slices],
         }
     }
 
@@ -171,7 +178,7 @@ impl Coupling {
 
     /// Weights of the modes by which slices so far apart act on each other; none out of reach.
     pub(crate) fn weights_of(&self, apart: usize) -> &[f64] {
-        let from = apart * self.modes;
+        let from = apart * self.stride;
         self.weighted.get(from..from + self.modes).unwrap_or(&[])
     }
 
@@ -183,41 +190,27 @@ impl Coupling {
     /// Transforms of the cosines of a strip of half-width `b`, mode after mode.
     pub(crate) fn transform(&self, b: f64, out: &mut [f64]) {
         let n = self.cosines;
-        for (mode, values) in out.chunks_exact_mut(n).enumerate() {
-            let place = self.waves[mode] * b * BESSEL_DENSITY;
-            let cell = (place as usize).min(self.bessel.len() / n - 4);
-            let w = cubic(place - cell as f64);
-            let v = &self.bessel[cell * n..(cell + 4) * n];
-            for (k, value) in values.iter_mut().enumerate() {
-                *value = w[0] * v[k] + w[1] * v[n + k] + w[2] * v[2 * n + k] + w[3] * v[3 * n + k];
-            }
-        }
+        let last = self.bessel.len() / n - 4;
+        let places = self.waves.iter().map(|wave| {
+            let place = wave * b * BESSEL_DENSITY;
+            let cell = (place as usize).min(last);
+            (cell, cubic(place - cell as f64))
+        });
+        cosines::read(&self.bessel, n, places, out);
     }
 
     /// Adds the coupling's part of the diagonal block of a slice to the lower triangle `block`.
     pub(crate) fn add_block(&self, transform: &[f64], block: &mut [f64]) {
-        let n = self.cosines;
-        for (mode, values) in transform.chunks_exact(n).enumerate() {
-            let weight = self.weighted[mode];
-            for k in 0..n {
-                for l in 0..=k {
-                    block[k * n + l] += weight * values[k] * values[l];
-                }
-            }
-        }
+        cosines::squares(transform, &self.weighted, (self.cosines, block));
     }
 
     /// Adds what all slices do to each one: `out` and `input` hold the cosines slice after slice.
     pub(crate) fn act(&mut self, transforms: &[f64], input: &[f64], out: &mut [f64]) {
         self.convolve(transforms, input);
         let per_slice = self.modes * self.cosines;
-        let slices = transforms.chunks_exact(per_slice).zip(self.acted.chunks_exact(self.modes));
+        let slices = transforms.chunks_exact(per_slice).zip(self.acted.chunks_exact(self.stride));
         for (sums, (transform, felt)) in out.chunks_exact_mut(self.cosines).zip(slices) {
-            for (values, felt) in transform.chunks_exact(self.cosines).zip(felt) {
-                for (sum, value) in sums.iter_mut().zip(values) {
-                    *sum += felt * value;
-                }
-            }
+            cosines::felt(transform, felt, sums);
         }
     }
 
@@ -225,25 +218,28 @@ impl Coupling {
     pub(crate) fn convolve(&mut self, transforms: &[f64], input: &[f64]) {
         let (n, modes, slices) = (self.cosines, self.modes, input.len() / self.cosines);
         let inputs = input.chunks_exact(n).zip(transforms.chunks_exact(modes * n));
-        for (sums, (a, transform)) in self.spectra.chunks_exact_mut(modes).zip(inputs) {
-            for (sum, values) in sums.iter_mut().zip(transform.chunks_exact(n)) {
-                *sum = values.iter().zip(a).map(|(x, y)| x * y).sum();
-            }
+        for (sums, (a, transform)) in self.spectra.chunks_exact_mut(self.stride).zip(inputs) {
+            cosines::waves(transform, a, &mut sums[..modes]);
         }
-        for (j, to) in self.acted.chunks_exact_mut(modes).take(slices).enumerate() {
-            let own = &self.spectra[j * modes..(j + 1) * modes];
-            for ((value, weight), own) in to.iter_mut().zip(&self.weighted).zip(own) {
-                *value = weight * own;
-            }
-            for (m, left) in self.lasting.iter().enumerate().skip(1) {
-                let weights = &self.weighted[m * modes..m * modes + left];
-                let of = |slice: usize| &self.spectra[slice * modes..slice * modes + left];
-                match (j >= m, j + m < slices) {
-                    (true, true) => add_both(&mut to[..*left], weights, of(j - m), of(j + m)),
-                    (true, false) => add(&mut to[..*left], weights, of(j - m)),
-                    (false, true) => add(&mut to[..*left], weights, of(j + m)),
-                    (false, false) => break,
+        let chunks = self.stride / CHUNK;
+        let (spectra, weighted) =
+            (self.spectra.as_chunks::<CHUNK>().0, self.weighted.as_chunks::<CHUNK>().0);
+        let acted = self.acted.as_chunks_mut::<CHUNK>().0.chunks_exact_mut(chunks);
+        for (j, to) in acted.take(slices).enumerate() {
+            for (c, (to, lasting)) in to.iter_mut().zip(&self.lasting).enumerate() {
+                let of = |slice: usize| &spectra[slice * chunks + c];
+                let mut sum = [0.0; CHUNK];
+                add(&mut sum, &weighted[c], of(j));
+                for m in 1..=*lasting {
+                    let weights = &weighted[m * chunks + c];
+                    match (j >= m, j + m < slices) {
+                        (true, true) => add_both(&mut sum, weights, of(j - m), of(j + m)),
+                        (true, false) => add(&mut sum, weights, of(j - m)),
+                        (false, true) => add(&mut sum, weights, of(j + m)),
+                        (false, false) => break,
+                    }
                 }
+                *to = sum;
             }
         }
     }
@@ -251,19 +247,24 @@ impl Coupling {
     /// Displacement on the middle line of a slice that carries nothing, from the last
     /// [`Coupling::convolve`].
     pub(crate) fn middle(&self, slice: usize) -> f64 {
-        self.acted[slice * self.modes..(slice + 1) * self.modes].iter().sum()
+        self.acted[slice * self.stride..][..self.modes].iter().sum()
     }
 }
 
-/// Adds to each mode what a slice does to it.
-fn add(to: &mut [f64], weights: &[f64], of: &[f64]) {
+/// Adds to each mode of a chunk what a slice does to it.
+fn add(to: &mut [f64; CHUNK], weights: &[f64; CHUNK], of: &[f64; CHUNK]) {
     for ((value, weight), of) in to.iter_mut().zip(weights).zip(of) {
         *value += weight * of;
     }
 }
 
 /// The same for two slices equally far away.
-fn add_both(to: &mut [f64], weights: &[f64], one: &[f64], other: &[f64]) {
+fn add_both(
+    to: &mut [f64; CHUNK],
+    weights: &[f64; CHUNK],
+    one: &[f64; CHUNK],
+    other: &[f64; CHUNK],
+) {
     for (((value, weight), one), other) in to.iter_mut().zip(weights).zip(one).zip(other) {
         *value += weight * (one + other);
     }

@@ -4,6 +4,7 @@
 //! that is not positive is left to the gradients.
 
 use super::super::quadrature::solve;
+use super::cosines::sized;
 use super::couple::Coupling;
 use super::row::Row;
 use core::f64::consts::PI;
@@ -229,20 +230,7 @@ fn pair(
     block: &mut [f64; COSINES * COSINES],
 ) {
     let weights = coupling.weights_of(apart);
-    match n {
-        3 => sum::<3>(weights, (one, other), block),
-        4 => sum::<4>(weights, (one, other), block),
-        5 => sum::<5>(weights, (one, other), block),
-        6 => sum::<6>(weights, (one, other), block),
-        7 => sum::<7>(weights, (one, other), block),
-        8 => sum::<8>(weights, (one, other), block),
-        9 => sum::<9>(weights, (one, other), block),
-        10 => sum::<10>(weights, (one, other), block),
-        11 => sum::<11>(weights, (one, other), block),
-        12 => sum::<12>(weights, (one, other), block),
-        13 => sum::<13>(weights, (one, other), block),
-        _ => sum::<COSINES>(weights, (one, other), block),
-    }
+    sized!(n, sum(weights, (one, other), block), ());
 }
 
 fn sum<const N: usize>(

@@ -38,11 +38,11 @@ pub(super) struct Fineness {
     pub(super) modes: Modes,
     /// Cosines at zero width, more per thickness of half-width, and more again for a flat face.
     pub(super) cosines: (f64, f64, f64),
-    /// Wave number (times thickness) up to which the points of an image stand for the pressure.
+    /// Wave number (times thickness) up to which the points of an image stand for the pressure, for
+    /// a point of the base.
     pub(super) points: f64,
-    /// The same for a tactel as wide as the layer is thick, where lines stand for slices; where
-    /// none do, each slice's force is spread over its neighbours, and ends get what slices leave
-    /// over.
+    /// The same where lines stand for slices; where none do, each slice's force is spread over its
+    /// neighbours, and ends get what slices leave over.
     pub(super) lines: Option<f64>,
     pub(super) tolerance: f64,
     pub(super) steps: usize,
@@ -88,7 +88,7 @@ impl Fineness {
                 modes: modes(10.0, 10.0, 7.0, 0.2),
                 cosines: (3.0, 0.0, 1.5),
                 points: 4.5,
-                lines: Some(6.15),
+                lines: Some(7.497),
                 tolerance: 5e-3,
                 steps: 8,
                 settled: 5e-2,

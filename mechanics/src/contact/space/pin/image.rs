@@ -14,7 +14,12 @@ impl Pin {
 
     /// Calls with place on the array in mm and force in N of the point loads that stand for the
     /// contact under its tactels, save those of slices that are too far off it.
-    fn seen_loads(&self, shares: &Shares, stand: Stand, mut of: impl FnMut([f64; 2], f64)) {
+    pub(super) fn seen_loads(
+        &self,
+        shares: &Shares,
+        stand: Stand,
+        mut of: impl FnMut([f64; 2], f64),
+    ) {
         let (s, c) = (libm::sin(stand.rot_rad), libm::cos(stand.rot_rad));
         let place = |u: f64, v: f64| [stand.x_mm + u * c - v * s, stand.y_mm + u * s + v * c];
         let lie = self.lie();
@@ -57,7 +62,7 @@ impl Row {
     ) {
         match self.fineness.lines {
             Some(lines) => self.lined_loads(self.cutoff(lines, pitch_mm), seen, of),
-            None => self.spread_loads(of),
+            None => self.spread_loads(self.cutoff(self.fineness.points, pitch_mm), seen, of),
         }
     }
 }

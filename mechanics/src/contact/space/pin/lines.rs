@@ -213,17 +213,11 @@ impl Row {
     }
 
     /// Wave number (times thickness) up to which the points of an image stand for the pressure, for
-    /// tactels of `pitch_mm` or for a point of the base; `lines` is that of a tactel as wide as the
-    /// layer is thick. Beyond it the base sees of a wave, and the
-    /// mean over a tactel leaves of that, less than one part in a hundred.
-    pub(super) fn cutoff(&self, lines: f64, pitch_mm: Option<f64>) -> f64 {
+    /// tactels of `pitch_mm`; `finest` is that for a point of the base. The base sees the less of a
+    /// wave the shorter it is, and the mean over a tactel leaves a part of that.
+    pub(super) fn cutoff(&self, finest: f64, pitch_mm: Option<f64>) -> f64 {
         let tactel = pitch_mm.map_or(POINT, |pitch| pitch / self.layer.thickness_mm);
-        (lines - libm::log(tactel.max(POINT))).max(COARSEST)
-    }
-
-    /// The largest that this may be.
-    pub(super) fn cutoff_max(lines: f64) -> f64 {
-        lines - libm::log(POINT)
+        (finest - libm::log(tactel.max(POINT) / POINT)).max(COARSEST)
     }
 }
 

@@ -26,6 +26,7 @@
 //! It refuses what its tables do not cover: see [`Pin::new`] and [`Pin::press`].
 
 mod corner;
+mod cosines;
 mod couple;
 mod direct;
 mod edge;

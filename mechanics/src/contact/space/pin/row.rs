@@ -131,7 +131,7 @@ impl Row {
             work.relax_each();
         }
         let fineness = if length < SHORT { calmed(fineness, &mut work) } else { fineness };
-        let finest = fineness.lines.map_or(fineness.points, Self::cutoff_max);
+        let finest = fineness.lines.unwrap_or(fineness.points);
         let most = points_for(finest, widest);
         Ok(Self {
             layer: *layer,

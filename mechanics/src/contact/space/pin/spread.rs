@@ -20,19 +20,28 @@ pub(super) fn stood(v: f64, h: f64) -> [(f64, f64); 3] {
     [(v, 1.0 - 2.0 * SPREAD), (v - h, SPREAD), (v + h, SPREAD)]
 }
 
-/// Part of the level's wave numbers that an image of what is left over needs.
+/// Part of the wave numbers that an image of what is left over needs.
 const COARSER: f64 = 0.7;
 
 impl Row {
     /// Calls with place (across, along) in mm and force in N of point loads that stand for the
-    /// contact, slice after slice.
-    pub(super) fn spread_loads(&self, mut of: impl FnMut([f64; 2], f64)) {
-        let n = self.work.places.cosines;
+    /// contact up to a wave number (times thickness), slice after slice. Left out is what is not
+    /// `seen`: its middle along the axis and its reach about that, mm.
+    pub(super) fn spread_loads(
+        &self,
+        cutoff: f64,
+        seen: impl Fn([f64; 2]) -> bool,
+        mut of: impl FnMut([f64; 2], f64),
+    ) {
+        let (t, n) = (self.layer.thickness_mm, self.work.places.cosines);
         let mut sum = [0.0; COSINES_MAX];
         let sum = &mut sum[..n];
         let slices = self.along.len();
         for j in (0..slices).filter(|j| self.work.touches(*j)) {
             let (b, own) = self.work.slice(j);
+            if !seen([self.along[j] * t, (b + self.h) * t]) {
+                continue;
+            }
             sum.iter_mut().zip(own).for_each(|(sum, a)| *sum = (1.0 - 2.0 * SPREAD) * a);
             let sides = [(j.checked_sub(1), -self.h), ((j + 1 < slices).then_some(j + 1), self.h)];
             for (beside, away) in sides {
@@ -40,29 +49,29 @@ impl Row {
                 let other = touching.map(|i| self.work.slice(i));
                 match other.filter(|(width, _)| (width - b).abs() < NEAR) {
                     Some((_, a)) => sum.iter_mut().zip(a).for_each(|(sum, a)| *sum += SPREAD * a),
-                    None => self.points((b, self.along[j] + away), (own, SPREAD), 1.0, &mut of),
+                    None => self.points((b, self.along[j] + away), (own, SPREAD), cutoff, &mut of),
                 }
             }
-            self.points((b, self.along[j]), (sum, 1.0), 1.0, &mut of);
+            self.points((b, self.along[j]), (sum, 1.0), cutoff, &mut of);
         }
         // It is small, and fewer points do.
         self.left_over(|place, cosines| {
-            self.points(place, (cosines, 1.0 / self.h), COARSER, &mut of);
+            self.points(place, (cosines, 1.0 / self.h), COARSER * cutoff, &mut of);
         });
     }
 
-    /// Calls with the points of a part of some cosines at a half-width and a place, for a part of
-    /// the level's wave numbers.
+    /// Calls with the points of a part of some cosines at a half-width and a place, which stand for
+    /// it up to a wave number.
     fn points(
         &self,
         (b, v): (f64, f64),
         (a, part): (&[f64], f64),
-        coarser: f64,
+        cutoff: f64,
         of: &mut impl FnMut([f64; 2], f64),
     ) {
         let t = self.layer.thickness_mm;
         let least = self.work.places.cosines / 2 + 1;
-        let points = points_for(coarser * self.fineness.points, b).max(least).min(self.rules.len());
+        let points = points_for(cutoff, b).max(least).min(self.rules.len());
         let scale = part * 0.5 * PI * self.modulus_mpa() * t * t * self.h / points as f64;
         let mut psi = [0.0; POINTS_MAX];
         for (place, psi) in self.rules[points - 1].at(a, &mut psi) {
@@ -70,5 +79,55 @@ impl Row {
             of([u, v * t], force);
             of([-u, v * t], force);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::super::layer::Layer;
+    use super::super::super::radial::Influence;
+    use super::super::super::tactels::{Array, Fineness, Sampling, Shares};
+    use super::super::super::{Drive, Level};
+    use super::super::{Pin, Profile, Stand};
+
+    /// The image by fewer points, without what is far off the tactels, against that by all.
+    #[test]
+    fn large_tactels_need_fewer_points() {
+        let mut fewest = 1.0_f64;
+        for (t, nu, radius_mm, pitch_mm) in [
+            (0.3, 0.5, 45.0, 1.5875),
+            (0.8, 0.45, 45.0, 1.5875),
+            (2.0, 0.49, 45.0, 1.5875),
+            (0.8, 0.3, 10.0, 0.4),
+            (2.0, 0.49, 10.0, 0.5),
+        ] {
+            let layer = Layer::new(t, 27.58, nu).expect("a sound layer");
+            let influence = Influence::new(&layer).expect("a layer");
+            let array = Array { rows: 16, cols: 16, pitch_mm };
+            let shares = Shares::new(&influence, &array, Sampling::Area, Fineness::DEFAULT);
+            let shares = shares.expect("tables");
+            let profile = Profile::Cylinder { radius_mm };
+            let half = 8.0 * pitch_mm + 15.0 * t;
+            let made = Pin::new(&layer, profile, [-half, 0.3 * half], 0.25 * t, Level::Default);
+            let mut pin = made.expect("a pin");
+            pin.press(Drive::PenetrationMm(0.2 * t), 0.0).expect("a contact");
+            let stand = Stand { x_mm: 0.1, y_mm: -0.2, rot_rad: 0.3 };
+            let (s, c) = (libm::sin(stand.rot_rad), libm::cos(stand.rot_rad));
+            let (mut image, mut exact) = (vec![0.0; 256], vec![0.0; 256]);
+            let (mut seen, mut all) = (0, 0);
+            pin.image(&shares, stand, &mut image);
+            pin.seen_loads(&shares, stand, |_, _| seen += 1);
+            pin.loads(|[u, v], force| {
+                let place = [stand.x_mm + u * c - v * s, stand.y_mm + u * s + v * c];
+                shares.add(&mut exact, place, force);
+                all += 1;
+            });
+            let peak = exact.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+            for (a, b) in image.iter().zip(&exact) {
+                assert!((a - b).abs() < 1.5e-4 * peak, "{t} {pitch_mm}: {a} {b}");
+            }
+            fewest = fewest.min(f64::from(seen) / f64::from(all));
+        }
+        assert!(fewest < 0.75, "{fewest}");
     }
 }

@@ -1,0 +1,170 @@
+//! Sums over the cosines of one slice, wave after wave of its transform, with code of its own for
+//! each usual number of cosines: what is summed stays in registers. They refuse nothing, and say
+//! the same as the sums one after the other do, to the last bit.
+
+/// Calls `$of::<N>` where `$n` is a usual number of cosines, `$any` where it is not.
+macro_rules! sized {
+    ($n:expr, $of:ident($($with:expr),*), $any:expr) => {
+        match $n {
+            3 => $of::<3>($($with),*),
+            4 => $of::<4>($($with),*),
+            5 => $of::<5>($($with),*),
+            6 => $of::<6>($($with),*),
+            7 => $of::<7>($($with),*),
+            8 => $of::<8>($($with),*),
+            9 => $of::<9>($($with),*),
+            10 => $of::<10>($($with),*),
+            11 => $of::<11>($($with),*),
+            12 => $of::<12>($($with),*),
+            13 => $of::<13>($($with),*),
+            14 => $of::<14>($($with),*),
+            _ => $any,
+        }
+    };
+}
+pub(super) use sized;
+
+/// Writes what some cosines give to each wave of their transform.
+pub(super) fn waves(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
+    sized!(cosines.len(), waves_of(transform, cosines, sums), {
+        for (sum, values) in sums.iter_mut().zip(transform.chunks_exact(cosines.len())) {
+            *sum = values.iter().zip(cosines).map(|(x, y)| x * y).sum();
+        }
+    });
+}
+
+fn waves_of<const N: usize>(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
+    let Some(own) = cosines.first_chunk::<N>() else { return };
+    for (sum, values) in sums.iter_mut().zip(transform.as_chunks::<N>().0) {
+        *sum = values.iter().zip(own).map(|(x, y)| x * y).sum();
+    }
+}
+
+/// Adds to cosines what the waves of their transform bring.
+pub(super) fn felt(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
+    sized!(sums.len(), felt_of(transform, waves, sums), {
+        for (values, felt) in transform.chunks_exact(sums.len()).zip(waves) {
+            sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += felt * value);
+        }
+    });
+}
+
+fn felt_of<const N: usize>(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
+    let Some(to) = sums.first_chunk_mut::<N>() else { return };
+    let mut own = *to;
+    for (values, felt) in transform.as_chunks::<N>().0.iter().zip(waves) {
+        own.iter_mut().zip(values).for_each(|(sum, value)| *sum += felt * value);
+    }
+    *to = own;
+}
+
+/// Adds to a lower triangle of `n` rows what the waves of a transform, so heavy, make of its own
+/// cosines.
+pub(super) fn squares(transform: &[f64], weights: &[f64], (n, block): (usize, &mut [f64])) {
+    sized!(n, squares_of(transform, weights, block), {
+        for (values, weight) in transform.chunks_exact(n).zip(weights) {
+            for k in 0..n {
+                for l in 0..=k {
+                    block[k * n + l] += weight * values[k] * values[l];
+                }
+            }
+        }
+    });
+}
+
+fn squares_of<const N: usize>(transform: &[f64], weights: &[f64], block: &mut [f64]) {
+    let mut own = [[0.0; N]; N];
+    for (own, row) in own.iter_mut().zip(block.as_chunks::<N>().0) {
+        *own = *row;
+    }
+    for (values, weight) in transform.as_chunks::<N>().0.iter().zip(weights) {
+        for (row, value) in own.iter_mut().zip(values) {
+            let felt = weight * value;
+            row.iter_mut().zip(values).for_each(|(sum, other)| *sum += felt * other);
+        }
+    }
+    for ((k, row), own) in block.as_chunks_mut::<N>().0.iter_mut().enumerate().zip(&own) {
+        row[..=k].copy_from_slice(&own[..=k]);
+    }
+}
+
+/// Writes the transform of `n` cosines by cubics: four weights of four rows of a table, and where
+/// those begin, for each wave.
+pub(super) fn read(
+    table: &[f64],
+    n: usize,
+    places: impl Iterator<Item = (usize, [f64; 4])>,
+    out: &mut [f64],
+) {
+    sized!(n, read_of(table, places, out), {
+        for ((cell, w), values) in places.zip(out.chunks_exact_mut(n)) {
+            let v = &table[cell * n..(cell + 4) * n];
+            for (k, value) in values.iter_mut().enumerate() {
+                *value = w[0] * v[k] + w[1] * v[n + k] + w[2] * v[2 * n + k] + w[3] * v[3 * n + k];
+            }
+        }
+    });
+}
+
+fn read_of<const N: usize>(
+    table: &[f64],
+    places: impl Iterator<Item = (usize, [f64; 4])>,
+    out: &mut [f64],
+) {
+    let (rows, (out, _)) = (table.as_chunks::<N>().0, out.as_chunks_mut::<N>());
+    for ((cell, w), values) in places.zip(out) {
+        if let [a, b, c, d] = &rows[cell..cell + 4] {
+            for (k, value) in values.iter_mut().enumerate() {
+                *value = w[0] * a[k] + w[1] * b[k] + w[2] * c[k] + w[3] * d[k];
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers without a pattern that sums in another order would keep.
+    fn numbers(count: usize, from: f64) -> Vec<f64> {
+        (0..count).map(|i| libm::sin(from + 1.7 * i as f64) / 3.0).collect()
+    }
+
+    /// Usual numbers of cosines and others, against the sums as they are written.
+    #[test]
+    fn sums_are_the_same_to_the_last_bit() {
+        const WAVES: usize = 11;
+        for n in 2..17 {
+            let (transform, own) = (numbers(n * WAVES, 0.3), numbers(n, 2.0));
+            let weights = numbers(WAVES, 5.0);
+            let mut sums = vec![0.0; WAVES];
+            waves(&transform, &own, &mut sums);
+            for (sum, values) in sums.iter().zip(transform.chunks_exact(n)) {
+                let exact: f64 = values.iter().zip(&own).map(|(x, y)| x * y).sum();
+                assert_eq!(*sum, exact, "{n}");
+            }
+            let (mut found, mut exact) = (own.clone(), own);
+            felt(&transform, &weights, &mut found);
+            for (values, weight) in transform.chunks_exact(n).zip(&weights) {
+                exact.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
+            }
+            assert_eq!(found, exact);
+            let (mut found, mut exact) = (numbers(n * n, 1.0), numbers(n * n, 1.0));
+            squares(&transform, &weights, (n, &mut found));
+            for (values, weight) in transform.chunks_exact(n).zip(&weights) {
+                for at in (0..n * n).filter(|at| at % n <= at / n) {
+                    exact[at] += weight * values[at / n] * values[at % n];
+                }
+            }
+            assert_eq!(found, exact);
+            let mut found = vec![0.0; 3 * n];
+            let places = [0, 7, 3].map(|cell| (cell, [0.1, 0.7, 0.3, -0.1]));
+            read(&transform, n, places.into_iter(), &mut found);
+            for (at, value) in found.iter().enumerate() {
+                let (cell, w) = places[at / n];
+                let [a, b, c, d] = [0, 1, 2, 3].map(|i| transform[(cell + i) * n + at % n]);
+                assert_eq!(*value, w[0] * a + w[1] * b + w[2] * c + w[3] * d, "{n}");
+            }
+        }
+    }
+}
