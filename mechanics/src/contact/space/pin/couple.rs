@@ -34,6 +34,8 @@ const SHORTEST: f64 = 0.25;
 /// The same for the half-width of the contact.
 const NARROW: f64 = 0.6;
 const NARROWEST: f64 = 0.05;
+/// Half-width over which a contact needs no waves as short as others do.
+const BROAD: f64 = 6.0;
 /// Room between the pin and its images for the shortest waves, thicknesses.
 const CLOSE: f64 = 0.6;
 /// Waves across the pin fall off along it by this exponent before they are left out.
@@ -46,8 +48,9 @@ const ALGEBRAIC: f64 = 30.0;
 pub(crate) struct Modes {
     /// Room between the pin and its images across, thicknesses.
     pub(crate) margin: f64,
-    /// Largest wave number across.
+    /// Largest wave number across, and the least that it is where contacts are wide.
     pub(crate) cutoff: f64,
+    pub(crate) least: f64,
     /// Slices further apart than this do not act on each other.
     pub(crate) reach: f64,
     /// How fast the steps between wave numbers grow: their length is a square root of the first
@@ -57,11 +60,15 @@ pub(crate) struct Modes {
 
 impl Modes {
     /// The same for a row of a length and largest half-width: short and narrow ones feel shorter
-    /// waves. Their images are no further for that: what is taken out is the plane problem, whose
-    /// strips have no ends, so the shorter a row is the more of it is left in the images.
+    /// waves, wide ones none as short. Their images are no further for that: what is taken out is
+    /// the plane problem, whose strips have no ends, so the shorter a row is the more of it is left
+    /// in the images.
     pub(crate) fn over(self, length: f64, widest: f64) -> Self {
         let shortest = (WAVES / length.max(SHORTEST)).max(NARROW / widest.max(NARROWEST));
-        let cutoff = self.cutoff * shortest.max(1.0);
+        let cutoff = match shortest > 1.0 {
+            true => self.cutoff * shortest,
+            false => (self.cutoff * (BROAD / widest).min(1.0)).max(self.least),
+        };
         Self { cutoff, ..self }
     }
 }

@@ -79,7 +79,8 @@ impl Fineness {
     }
 
     pub(super) fn of(level: Level) -> Self {
-        let modes = |margin, cutoff, reach, grade| Modes { margin, cutoff, reach, grade };
+        let modes =
+            |margin, cutoff, reach, grade| Modes { margin, cutoff, least: cutoff, reach, grade };
         match level {
             Level::Fast => Self {
                 shorter: [FRAC_1_SQRT_2; 2],
@@ -106,7 +107,7 @@ impl Fineness {
                 shorter: [0.5, FRAC_1_SQRT_2],
                 whole: CYLINDER,
                 end: CYLINDER,
-                modes: modes(16.0, 10.0, 12.0, 0.1),
+                modes: Modes { least: 6.0, ..modes(16.0, 10.0, 12.0, 0.1) },
                 cosines: (4.0, 0.25, 2.0),
                 points: 11.0,
                 lines: None,
