@@ -108,7 +108,7 @@ impl Fineness {
                 whole: CYLINDER,
                 end: CYLINDER,
                 modes: Modes { least: 6.0, ..modes(16.0, 10.0, 12.0, 0.1) },
-                cosines: (4.0, 0.25, 2.0),
+                cosines: (4.0, 0.1, 2.0),
                 points: 11.0,
                 lines: None,
                 tolerance: 1e-4,
