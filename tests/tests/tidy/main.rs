@@ -66,6 +66,11 @@ fn files_functions_and_lines_stay_short() {
 }
 
 #[test]
+fn no_file_is_a_package_or_a_recording() {
+    none("bytes", &sizes::heavy(&Tree::read().sizes));
+}
+
+#[test]
 fn no_text_speaks_of_one_machine() {
     none("words", &text::foreign_words(&Tree::read().text));
 }

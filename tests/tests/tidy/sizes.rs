@@ -40,6 +40,17 @@ impl Ratchet {
     }
 }
 
+/// Bytes of a file.
+const FILE_BYTES: u64 = 1_000_000;
+
+/// Complaints about files that nobody wrote: packages, recordings, programs. Logs of runs, which
+/// version control passes over, may lie about.
+pub(crate) fn heavy(files: &[(String, u64)]) -> Vec<String> {
+    let found =
+        files.iter().filter(|(path, bytes)| *bytes > FILE_BYTES && !path.ends_with(".mcap"));
+    found.map(|(path, bytes)| format!("{path}: {bytes} bytes are no source; remove it")).collect()
+}
+
 /// Complaints about the tree.
 pub(crate) fn violations(files: &[Rust], ratchet: &Ratchet) -> Vec<String> {
     let now = measure(files);
@@ -118,6 +129,13 @@ fn what_is_too_long_is_seen() {
     assert_eq!(violations(&[long(FUNCTION_LINES + 1, 10)], &ratchet).len(), 1);
     assert_eq!(violations(&[long(FILE_LINES + 1, 10)], &ratchet).len(), 2);
     assert_eq!(violations(&[long(3, COLUMNS)], &ratchet).len(), 1);
+}
+
+#[test]
+fn what_is_too_heavy_is_seen() {
+    let file = |path: &str, bytes| (path.to_string(), bytes);
+    assert_eq!(heavy(&[file("x.whl", FILE_BYTES + 1)]).len(), 1);
+    assert!(heavy(&[file("x.csv", FILE_BYTES), file("x.mcap", u64::MAX)]).is_empty());
 }
 
 #[test]

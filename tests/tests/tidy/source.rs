@@ -43,6 +43,8 @@ pub(crate) struct Tree {
     pub(crate) rust: Vec<Rust>,
     /// All text files, Rust included.
     pub(crate) text: Vec<Text>,
+    /// Paths and bytes of all files, text or not.
+    pub(crate) sizes: Vec<(String, u64)>,
 }
 
 /// A file of the repository, by its path from the root.
@@ -60,7 +62,7 @@ fn skipped(name: &str) -> bool {
         || name == "node_modules"
 }
 
-fn walk(folder: &Path, prefix: &str, found: &mut Vec<Text>) {
+fn walk(folder: &Path, prefix: &str, found: &mut Tree) {
     let mut entries: Vec<_> = fs::read_dir(folder)
         .unwrap_or_else(|error| panic!("{}: {error}", folder.display()))
         .filter_map(Result::ok)
@@ -75,12 +77,13 @@ fn walk(folder: &Path, prefix: &str, found: &mut Vec<Text>) {
             if !skipped(&name) && !entry.path().join("CACHEDIR.TAG").exists() {
                 walk(&entry.path(), &format!("{path}/"), found);
             }
-        } else if kind.is_file()
-            // In a linked work tree this is a file with a path of the machine.
-            && name != ".git"
-            && let Ok(raw) = fs::read_to_string(entry.path())
-        {
-            found.push(Text { path, raw });
+        } else if kind.is_file() && name != ".git" {
+            // In a linked work tree `.git` is a file with a path of the machine.
+            let bytes = entry.metadata().expect("a file has a size").len();
+            found.sizes.push((path.clone(), bytes));
+            if let Ok(raw) = fs::read_to_string(entry.path()) {
+                found.text.push(Text { path, raw });
+            }
         }
     }
 }
@@ -88,14 +91,11 @@ fn walk(folder: &Path, prefix: &str, found: &mut Vec<Text>) {
 impl Tree {
     /// Reads the whole repository; files that are not UTF-8 are not text.
     pub(crate) fn read() -> Tree {
-        let mut text = Vec::new();
-        walk(&root(), "", &mut text);
-        let rust = text
-            .iter()
-            .filter(|file| file.path.ends_with(".rs"))
-            .map(|file| Rust::new(&file.path, &file.raw))
-            .collect();
-        Tree { rust, text }
+        let mut tree = Tree { rust: Vec::new(), text: Vec::new(), sizes: Vec::new() };
+        walk(&root(), "", &mut tree);
+        let rust = tree.text.iter().filter(|file| file.path.ends_with(".rs"));
+        tree.rust = rust.map(|file| Rust::new(&file.path, &file.raw)).collect();
+        tree
     }
 }
 
