@@ -11,7 +11,7 @@
 use super::super::super::interpolation::cubic;
 use super::super::super::layer::Transfer;
 use super::super::quadrature::legendre;
-use super::cosines;
+use super::{bessel, cosines};
 use core::f64::consts::PI;
 
 /// Table points per unit of the Bessel functions' argument.
@@ -42,6 +42,11 @@ const CLOSE: f64 = 0.6;
 const DIED: f64 = 18.0;
 /// Wave number (times thickness) from which the compliance is 1/a.
 const ALGEBRAIC: f64 = 30.0;
+/// Rows shorter than this (thicknesses) feel waves that are interpolated between so many, and the
+/// pole of the compliance that is nearest to the real axis, at any ratio of Poisson's.
+const READ: f64 = 2.5;
+const NODES: usize = 64;
+const POLE: f64 = 0.7;
 
 /// How finely the coupling is resolved.
 #[derive(Clone, Copy, Debug)]
@@ -127,10 +132,17 @@ impl Coupling {
         let band = reach.min(slices.saturating_sub(1));
         let mut along = Vec::with_capacity(modes * (band + 1));
         let points = along_pin(h, band);
-        for wave in &waves {
-            push_row(&mut along, transfer, *wave, (h, band), &points);
+        if slices as f64 * h < READ && modes > 2 * NODES {
+            read_rows(&mut along, transfer, &waves, (h, band), &points);
+        } else {
+            for wave in &waves {
+                push_row(&mut along, transfer, *wave, (h, band), &points);
+            }
+        }
+        for (row, wave) in along.chunks_exact_mut(band + 1).zip(&waves) {
+            row[0] -= PI * compliance(transfer, *wave);
             if band == reach {
-                close(&mut along, band);
+                close(row);
             }
         }
         let stride = modes.next_multiple_of(CHUNK);
@@ -145,13 +157,13 @@ impl Coupling {
         }
         let points = libm::ceil(waves[modes - 1] * widest * BESSEL_DENSITY) as usize + 5;
         let mut bessel = Vec::with_capacity(points * cosines);
+        let first = usize::from(parity == Parity::Odd);
+        let mut orders = vec![0.0; 2 * cosines - 1 + first];
         for i in 0..points {
             // One point before 0, for the cubic.
-            let z = (i as f64 - 1.0) / BESSEL_DENSITY;
-            for k in 0..cosines {
-                let sign = if k.is_multiple_of(2) { PI } else { -PI };
-                bessel.push(sign * libm::jn(2 * k as i32 + i32::from(parity == Parity::Odd), z));
-            }
+            bessel::orders((i as f64 - 1.0) / BESSEL_DENSITY, &mut orders);
+            let even = orders[first..].iter().step_by(2).zip([PI, -PI].into_iter().cycle());
+            bessel.extend(even.map(|(value, sign)| sign * value));
         }
         Self {
             cosines,
@@ -175,8 +187,9 @@ impl Coupling {
         let mut blocks = vec![0.0; (self.band + 1) * n * n];
         for (apart, block) in blocks.chunks_exact_mut(n * n).enumerate() {
             for (weight, values) in self.weights_of(apart).iter().zip(transform.chunks_exact(n)) {
-                for (entry, at) in block.iter_mut().zip(0..) {
-                    *entry += weight * values[at / n] * values[at % n];
+                for (row, value) in block.chunks_exact_mut(n).zip(values) {
+                    let felt = weight * value;
+                    row.iter_mut().zip(values).for_each(|(entry, other)| *entry += felt * other);
                 }
             }
         }
@@ -311,8 +324,49 @@ fn along_pin(h: f64, band: usize) -> (Vec<[f64; 3]>, f64) {
 pub(crate) fn own_row(transfer: &Transfer, h: f64, band: usize) -> Vec<f64> {
     let mut row = Vec::with_capacity(band + 1);
     push_row(&mut row, transfer, 0.0, (h, band), &along_pin(h, band));
-    row[0] += PI * transfer.normal_compliance(0.0);
     row
+}
+
+/// The layer's compliance M/a, for waves too short to reach its base that of the half plane.
+fn compliance(transfer: &Transfer, a: f64) -> f64 {
+    if a > ALGEBRAIC { 1.0 / a } else { transfer.normal_compliance(a) }
+}
+
+/// Appends the c(m) of all wave numbers, ascending from 0, of a short row: even functions of the
+/// wave number without a pole nearer to its real axis than the layer's, so they are interpolated
+/// over asinh, squared.
+fn read_rows(
+    out: &mut Vec<f64>,
+    transfer: &Transfer,
+    waves: &[f64],
+    (h, band): (f64, usize),
+    points: &(Vec<[f64; 3]>, f64),
+) {
+    let end = waves.last().map_or(0.0, |last| libm::asinh(last / POLE));
+    let angle = |i: usize| PI * (2 * i + 1) as f64 / (2 * NODES) as f64;
+    // The place in -1 to 1 is 2 (asinh/end)^2 - 1.
+    let nodes: [f64; NODES] = core::array::from_fn(|i| libm::cos(angle(i)));
+    let mut rows = Vec::with_capacity(NODES * (band + 1));
+    for node in nodes {
+        let wave = POLE * libm::sinh(end * (0.5 * (1.0 + node)).sqrt());
+        push_row(&mut rows, transfer, wave, (h, band), points);
+    }
+    for wave in waves {
+        let part = libm::asinh(wave / POLE) / end;
+        let place = 2.0 * part * part - 1.0;
+        let from = out.len();
+        out.resize(from + band + 1, 0.0);
+        // Lagrange's polynomial, its weights at Chebyshev's nodes (Berrut and Trefethen 2004, 5.2).
+        let mut sum = 0.0;
+        for (i, (node, row)) in nodes.iter().zip(rows.chunks_exact(band + 1)).enumerate() {
+            let away = place - node;
+            let sign = if i.is_multiple_of(2) { 1.0 } else { -1.0 };
+            let weight = sign * libm::sin(angle(i)) / if away == 0.0 { f64::EPSILON } else { away };
+            sum += weight;
+            out[from..].iter_mut().zip(row).for_each(|(entry, value)| *entry += weight * value);
+        }
+        out[from..].iter_mut().for_each(|entry| *entry /= sum);
+    }
 }
 
 /// Appends c(m), m = 0..=band, of the wave number `kappa` across.
@@ -326,13 +380,12 @@ fn push_row(
     let start = out.len();
     out.resize(start + band + 1, 0.0);
     let row = &mut out[start..];
-    let compliance = |a: f64| if a > ALGEBRAIC { 1.0 / a } else { transfer.normal_compliance(a) };
     for points in points.chunks(LANES) {
         // Points side by side, cos(q m h) of each by its recurrence; summed one after the other.
         let (mut value, mut twice) = ([0.0; LANES], [0.0; LANES]);
         let (mut now, mut next) = ([1.0; LANES], [0.0; LANES]);
         for (lane, &[q, weight, c]) in points.iter().enumerate() {
-            value[lane] = weight * compliance((kappa * kappa + q * q).sqrt());
+            value[lane] = weight * compliance(transfer, (kappa * kappa + q * q).sqrt());
             (twice[lane], next[lane]) = (2.0 * c, c);
         }
         for entry in row.iter_mut() {
@@ -349,15 +402,13 @@ fn push_row(
     if band > 0 {
         row[1] -= 0.5 * tail;
     }
-    row[0] -= PI * compliance(kappa);
 }
 
 /// Adds what slices out of reach would do to what the last one in reach does: together all do what
 /// one endless strip does, the plane problem that is taken out. A confined layer that keeps its
 /// volume falls off as exp(-0.74 x) only, and hardly gives way under a wide contact.
-fn close(along: &mut [f64], band: usize) {
-    let from = along.len() - band - 1;
-    if let [own, others @ .., last] = &mut along[from..] {
+fn close(along: &mut [f64]) {
+    if let [own, others @ .., last] = along {
         *last = -0.5 * *own - others.iter().sum::<f64>();
     }
 }
@@ -365,6 +416,32 @@ fn close(along: &mut [f64], band: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn waves_of_short_rows_are_read_between_others() {
+        for (nu, h, band) in
+            [(0.5, 0.035, 63), (0.3, 0.006, 40), (-0.4, 1.3e-4, 63), (0.0, 0.1, 23)]
+        {
+            let transfer = Transfer::new(nu);
+            let points = along_pin(h, band);
+            let waves: Vec<f64> = (0..=129).map(|n| 0.015 * f64::from(n) * f64::from(n)).collect();
+            let (mut read, mut summed) = (Vec::new(), Vec::new());
+            read_rows(&mut read, &transfer, &waves, (h, band), &points);
+            for wave in &waves {
+                push_row(&mut summed, &transfer, *wave, (h, band), &points);
+            }
+            for (at, (read, summed)) in read.iter().zip(&summed).enumerate() {
+                let scale = summed.abs().max(h);
+                let off = (read - summed).abs();
+                assert!(
+                    off < 1e-8 * scale,
+                    "{nu} {h} {} {}: {read} {summed}",
+                    at / (band + 1),
+                    at % (band + 1)
+                );
+            }
+        }
+    }
 
     #[test]
     fn panels_give_what_the_trapezoidal_rule_gives() {
