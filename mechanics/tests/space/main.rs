@@ -8,6 +8,7 @@ mod images;
 mod kernels;
 mod poses;
 mod rates;
+mod reach;
 mod shallow;
 mod shear;
 mod solvers;

@@ -191,3 +191,20 @@ fn a_tilted_pin_turns_about_the_axes_of_the_array() {
         }
     }
 }
+
+/// A contact just touched grows on one side only: no derivative, not one of the step's making.
+#[test]
+fn a_contact_without_force_has_no_derivatives() {
+    for shape in [
+        Shape::Sphere { radius_mm: 9.0 },
+        Shape::Cylinder { radius_mm: 12.0, length_mm: Some(9.0) },
+        Shape::Bar { width_mm: 2.0, length_mm: Some(6.0) },
+    ] {
+        let mut scene = scene(shape, Level::Fast);
+        let drive = Drive::ForceN(0.0);
+        let found = feature_jacobian(&mut scene, drive, Pose::default(), &FEATURES, &MOTIONS);
+        let found = found.expect("an answer");
+        assert!(found.values.iter().chain(&found.errors).all(Option::is_none), "{shape:?}");
+        assert_eq!(found.condition, None);
+    }
+}

@@ -120,6 +120,43 @@ fn cells_agree_with_the_sphere_and_converge() {
     }
 }
 
+/// A body with an edge of its own that jumps about: where it was there is nothing now.
+#[test]
+fn a_body_on_cells_may_move() {
+    let layer = layer(0.8, 0.49);
+    let influence = Influence::new(&layer).unwrap();
+    let cells = Cells { columns: 40, rows: 30, spacing_mm: 0.1 };
+    let heights = |at: [f64; 2]| -> Vec<f64> {
+        let height = |cell: usize| {
+            let [x, y] = cells.place_mm(cell);
+            let (u, v) = (x - at[0], y - at[1]);
+            if u.abs() < 0.36 && v.abs() < 0.51 { 0.05 * u * u } else { f64::INFINITY }
+        };
+        (0..40 * 30).map(height).collect()
+    };
+    let mut warm = Surface::new(&influence, &cells).unwrap();
+    let mut seed = 5_u64;
+    let mut draw = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (seed >> 33) as f64 / (1_u64 << 31) as f64
+    };
+    for n in 0..60 {
+        let body = heights([2.0 * draw() - 1.0, 1.2 * draw() - 0.6]);
+        let drive = match n % 2 {
+            0 => Drive::PenetrationMm(0.02 + 0.05 * draw()),
+            _ => Drive::ForceN(1.0 + 4.0 * draw()),
+        };
+        let moved = warm.press(&body, drive).expect("a contact");
+        let state = Surface::new(&influence, &cells).unwrap().press(&body, drive).unwrap();
+        assert!((moved.force_n / state.force_n - 1.0).abs() < 1e-5, "{n}: {moved:?} {state:?}");
+        let off = moved.penetration_mm / state.penetration_mm - 1.0;
+        assert!(off.abs() < 1e-5, "{n}: {moved:?} {state:?}");
+        for (pressure, height) in warm.pressure_mpa().iter().zip(&body) {
+            assert!(*pressure == 0.0 || height.is_finite(), "{n}: {pressure} in the air");
+        }
+    }
+}
+
 #[test]
 fn cells_agree_with_a_tilted_pin() {
     let layer = layer(0.8, 0.45);

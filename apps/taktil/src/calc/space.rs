@@ -106,7 +106,8 @@ pub(super) const CONTACT: &[Field] = &[
         "",
         Need::Default("\"layer\""),
         "What lies beside the array: the layer goes on, or nothing does, so that a cylinder or bar \
-         with a length presses only with what is over the array; its free edges are left out.",
+         with a length is cut along its axis where it leaves the array; one that hangs over a side \
+         is refused. Free edges are left out.",
     ),
     Field::new(
         "part",

@@ -1,6 +1,8 @@
 //! Contact in three dimensions through the filter: reference images, features, Jacobians, and one
 //! error line for each thing that cannot be.
 
+use core::f64::consts::FRAC_PI_2;
+
 use serde_json::{Value, json};
 
 use crate::ask::{Table, ask, ask_text, flat};
@@ -277,4 +279,64 @@ fn a_pin_longer_than_the_pad_is_cut_at_it() {
     let refused = &ask_text(format!("{beside}\n").as_bytes())[0];
     assert_eq!(refused["ok"], false);
     assert!(refused.to_string().contains("over the array"), "{refused}");
+}
+
+/// Over a pad an indenter is cut along its axis, not across: what hangs over a side is refused, on
+/// either side of where its axis leaves the pad.
+#[test]
+fn what_hangs_over_a_pads_side_is_refused() {
+    let bar = |width: f64, [x, y, rot]: [f64; 3], drive: (&str, f64)| {
+        let mut request = json!({
+            "op": "contact_3d", "t_mm": 0.8, "nu": 0.49, "level": "fast", "beyond": "nothing",
+            "shape": {"bar": {"width_mm": width, "length_mm": 10, "x_mm": x, "y_mm": y, "rot_rad": rot}},
+        });
+        request[drive.0] = json!(drive.1);
+        request
+    };
+    let deep = ("penetration_mm", 0.01);
+    let fits = [bar(3.0, [11.1, 0.0, 0.0], deep), bar(3.0, [0.0, 11.1, FRAC_PI_2], deep)];
+    for answer in ask(&fits) {
+        assert!(answer["force_n"].as_f64().unwrap() > 10.0, "{answer}");
+    }
+    let cylinder = |x: f64, depth: f64| {
+        json!({
+            "op": "contact_3d", "t_mm": 0.8, "nu": 0.49, "level": "fast", "beyond": "nothing",
+            "penetration_mm": depth,
+            "shape": {"cylinder": {"radius_mm": 23, "length_mm": 10, "x_mm": x}},
+        })
+    };
+    let hanging = [
+        (bar(3.0, [12.69, 0.0, 0.0], deep), "x_mm"),
+        (bar(3.0, [12.71, 0.0, 0.0], deep), "x_mm"),
+        (bar(3.0, [12.71, 0.0, 0.0], ("force_n", 5.0)), "x_mm"),
+        (bar(30.0, [0.0, 0.0, 0.0], deep), "x_mm"),
+        (bar(3.0, [0.0, 12.0, FRAC_PI_2], deep), "y_mm"),
+        (cylinder(12.5, 0.02), "x_mm"),
+        (cylinder(12.9, 0.02), "x_mm"),
+    ];
+    for (request, place) in hanging {
+        let refused = &ask_text(format!("{request}\n").as_bytes())[0];
+        assert_eq!(refused["ok"], false, "{request}: {refused}");
+        let field = refused["error"]["field"].as_str().unwrap();
+        assert!(field.ends_with(place), "{request}: {refused}");
+        assert!(refused.to_string().contains("over the array"), "{refused}");
+    }
+    let clear = [bar(3.0, [14.3, 0.0, 0.0], deep), cylinder(14.0, 0.02)];
+    for answer in ask(&clear) {
+        assert_eq!(answer["force_n"], 0.0);
+    }
+}
+
+/// An indenter that is far off leaves an image without a place.
+#[test]
+fn what_is_far_off_the_array_has_no_centroid() {
+    let sphere = json!({
+        "op": "contact_3d", "t_mm": 0.8, "nu": 0.49, "force_n": 5,
+        "shape": {"sphere": {"radius_mm": 10, "x_mm": 100}},
+    });
+    let answer = &ask(&[sphere])[0];
+    for name in ["xc", "yc", "mu_xx", "theta_long_rad", "xc_c", "theta_long_rad_c"] {
+        assert!(answer["features"][name].is_null(), "{name}: {answer}");
+    }
+    assert_eq!(answer["force_n"], 5.0);
 }

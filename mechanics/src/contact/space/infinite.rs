@@ -167,7 +167,7 @@ impl Endless {
             return None;
         }
         let half = self.strips.widest();
-        let strips = Strips::odd(&self.layer.transfer(), half, self.strips.places.cosines);
+        let strips = Strips::odd(&self.layer.transfer(), half, self.strips.places.cosines)?;
         let mut rate = Self { strips, mirror: -1.0, ..self.clone() };
         let places = rate.strips.places;
         rate.strips.row(half, &mut rate.row);

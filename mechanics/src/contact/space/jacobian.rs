@@ -158,10 +158,27 @@ fn differences(
     extrapolated: bool,
 ) -> Result<FeatureJacobian, Invalid> {
     let touch = scene.press(drive, pose)?;
-    let drive = touch.penetration_mm.map_or(drive, Drive::PenetrationMm);
+    let taken = Taken {
+        drive: touch.penetration_mm.map_or(drive, Drive::PenetrationMm),
+        pose,
+        features,
+        extrapolated,
+        rolled: scene.rolled()?,
+    };
+    // A contact just touched grows on one side of where it is only.
+    if matches!(drive, Drive::ForceN(_)) && touch.force_n <= 0.0 {
+        let none = vec![None; features.len() * motions.len()];
+        let (values, errors) = (none.clone(), none);
+        return Ok(FeatureJacobian {
+            motions: motions.len(),
+            values,
+            errors,
+            condition: None,
+            touch,
+        });
+    }
     let reach = scene.hold();
-    let found = Taken { drive, pose, features, extrapolated, rolled: scene.rolled()? }
-        .columns(scene, motions, reach, touch);
+    let found = taken.columns(scene, motions, reach, touch);
     // The scene is left at the contact asked for.
     scene.let_go();
     let columns = found?;

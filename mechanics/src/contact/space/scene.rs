@@ -21,6 +21,9 @@ use super::{Drive, Level, Refusal, Why};
 /// How far beyond the array an endless edge is carried on, in thicknesses.
 const BEYOND: f64 = 24.0;
 
+/// Part of the force below which a tactel's share is the rounding of sums that cancel.
+const NOISE: f64 = 1e-13;
+
 /// A rigid indenter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
@@ -162,7 +165,7 @@ impl Scene {
 
     /// The same over a pad: nothing lies beside the array, so a cylinder or bar presses with what
     /// of its axis is over it, as if it were cut there. The pad's own free edges are left out; a
-    /// sphere and an edge stay as they are.
+    /// sphere and an edge stay as they are, and what hangs over the array's side is refused.
     #[must_use]
     pub fn cut_at_array(self) -> Self {
         Self { cut: true, ..self }
@@ -267,6 +270,10 @@ impl Scene {
         let profile = self.profile();
         let ends = self.ends();
         let target = drive.check(self.layer.thickness_mm)?;
+        // A bar as it stands, a cylinder once its width is known.
+        if matches!(self.shape, Shape::Bar { .. }) && (target > 0.0 || tilt != 0.0) {
+            self.refuse_overhang(ends, self.half_overlap_mm(0.0))?;
+        }
         if ends[0] >= ends[1] {
             return self.beside(drive, target);
         }
@@ -278,7 +285,7 @@ impl Scene {
             Drive::ForceN(_) => 0.1 * self.layer.thickness_mm + more,
         };
         let (layer, level) = (self.layer, self.level);
-        self.grow(drive, first, ends, |solver, most, fresh| {
+        let touch = self.grow(drive, first, ends, |solver, most, fresh| {
             if fresh {
                 *solver = Solver::Pin(Box::new(Pin::new(&layer, profile, ends, most, level)?));
             }
@@ -289,7 +296,14 @@ impl Scene {
                 penetration_mm: Some(state.penetration_mm),
                 residual: state.residual,
             })
-        })
+        })?;
+        if let Solver::Pin(pin) = &self.solver
+            && let Err(refused) = self.refuse_overhang(ends, pin.state().half_width_mm)
+        {
+            self.release();
+            return Err(refused);
+        }
+        Ok(touch)
     }
 
     /// What no table helps: too steep a tilt, an end through the base.
@@ -318,6 +332,7 @@ impl Scene {
             }
             Drive::ForceN(_) => Ok(Touch::default()),
             Drive::PenetrationMm(_) => {
+                self.refuse_overhang([0.0; 2], self.half_overlap_mm(target))?;
                 Ok(Touch { penetration_mm: Some(target), ..Touch::default() })
             }
         }
@@ -384,7 +399,11 @@ impl Scene {
         }
         match (&self.solver, &self.shares) {
             (Solver::Sphere(sphere), _) => {
-                sphere.image(&self.array, self.sampling, [stand.x_mm, stand.y_mm], image)
+                sphere.image(&self.array, self.sampling, [stand.x_mm, stand.y_mm], image)?;
+                let noise =
+                    NOISE * self.touch.force_n / (self.array.pitch_mm * self.array.pitch_mm);
+                image.iter_mut().filter(|szz| szz.abs() <= noise).for_each(|szz| *szz = 0.0);
+                Ok(())
             }
             (Solver::Endless(cylinder), _) => {
                 cylinder.image(&self.array, self.sampling, stand, image)

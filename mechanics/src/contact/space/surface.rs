@@ -161,8 +161,14 @@ impl Surface {
         Ok(state)
     }
 
-    /// Starts from the last contact, or from a foundation of springs; to a sum of pressures.
+    /// Starts from the last contact where the body still is, or from a foundation of springs; to a
+    /// sum of pressures.
     fn guess(&mut self, heights: &[f64], penetration: f64, sum: Option<f64>) {
+        for (p, h) in self.pressure.iter_mut().zip(heights) {
+            if h.is_infinite() {
+                *p = 0.0;
+            }
+        }
         let mut total: f64 = self.pressure.iter().sum();
         if total <= 0.0 {
             for (p, h) in self.pressure.iter_mut().zip(heights) {
@@ -190,11 +196,12 @@ impl Surface {
             let (mut size, mut worst) = (0.0, 0.0_f64);
             for ((m, p), h) in self.miss.iter_mut().zip(&self.pressure).zip(heights) {
                 *m = penetration - h - *m;
-                if *p > 0.0 {
-                    size += *m * *m;
-                    worst = worst.max(m.abs());
-                } else {
-                    worst = worst.max(*m);
+                let missed = if *p > 0.0 { m.abs() } else { *m };
+                size += if *p > 0.0 { *m * *m } else { 0.0 };
+                // What is no number is the worst of all.
+                worst = if missed.is_nan() { missed } else { worst.max(missed) };
+                if worst.is_nan() {
+                    break;
                 }
             }
             let lowest = heights.iter().fold(f64::INFINITY, |least, h| least.min(*h));

@@ -127,7 +127,7 @@ impl Array {
     #[must_use]
     pub fn chord_mm(&self, stand: Stand) -> Option<[f64; 2]> {
         let (s, c) = (libm::sin(stand.rot_rad), libm::cos(stand.rot_rad));
-        let half = [self.cols, self.rows].map(|n| 0.5 * n as f64 * self.pitch_mm);
+        let half = self.half_sides_mm();
         let mut chord = [f64::NEG_INFINITY, f64::INFINITY];
         for (place, direction, half) in [(stand.x_mm, -s, half[0]), (stand.y_mm, c, half[1])] {
             if direction.abs() < 1e-12 {
@@ -141,6 +141,12 @@ impl Array {
             chord[1] = chord[1].min(ends[0].max(ends[1]));
         }
         (chord[0] < chord[1]).then_some(chord)
+    }
+
+    /// Half the array along x and along y, mm.
+    #[must_use]
+    pub fn half_sides_mm(&self) -> [f64; 2] {
+        [self.cols, self.rows].map(|n| 0.5 * n as f64 * self.pitch_mm)
     }
 
     /// Half the diagonal of the whole array, mm.

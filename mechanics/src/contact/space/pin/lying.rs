@@ -8,6 +8,7 @@
 //!
 //! It refuses what lies outside its contacts, which is left to the search (`solve`).
 
+use super::faint::fainter;
 use super::row::{Row, Settled};
 use super::strip::COSINES_MAX;
 use super::{PinState, TILT_MAX};
@@ -251,8 +252,7 @@ impl Lying {
         if depth >= last {
             return Some(force);
         }
-        let rate = (at(before)? - force) / (before - last);
-        Some(force + rate * (depth - last))
+        Some(fainter([(before, at(before)?), (last, force)], depth))
     }
 
     /// The depth at which a force (in units of the kernels) is carried under a slope, between two

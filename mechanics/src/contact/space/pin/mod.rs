@@ -32,6 +32,7 @@ mod couple;
 mod direct;
 mod edge;
 mod ends;
+mod faint;
 mod fineness;
 mod gradients;
 mod image;
@@ -42,6 +43,7 @@ mod lying;
 mod mixed;
 mod nested;
 mod newton;
+mod profile;
 mod roll;
 mod row;
 mod solve;
@@ -59,6 +61,7 @@ use fineness::Fineness;
 pub(crate) use lengthened::Reach;
 use lying::Lying;
 use newton::Newton;
+pub use profile::Profile;
 pub use roll::Roll;
 use row::{Lie, Row, holding};
 use strip::{Section, Strips};
@@ -76,44 +79,18 @@ const FAR: f64 = 3.0;
 const UP: usize = 2;
 /// Rows on which a contact is searched for from widths that were read.
 const BEGINNINGS: usize = 3;
-/// Room for the pressure's rise towards an end, in penetrations, and the most there can be.
+/// Room for the pressure's rise towards an end, in penetrations, on a row over an end and on the
+/// whole pin, and the most there can be.
 const ROOM: f64 = 1.6;
+const WHOLE_ROOM: f64 = 1.3;
 const DEEPEST: f64 = 0.98;
 /// Shortest row in thicknesses.
 const SHORTEST_ROW: f64 = 0.008;
-/// A force below this part of the rubber's modulus times its thickness squared is none.
-const NOTHING: f64 = 1e-15;
-
-/// Cross-section of an indenter that is long in one direction.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Profile {
-    /// A cylinder lying on the layer, the exact circle.
-    Cylinder {
-        /// Radius, mm.
-        radius_mm: f64,
-    },
-    /// A bar with a flat face and sharp edges.
-    Bar {
-        /// Width of the face, mm.
-        width_mm: f64,
-    },
-}
-
-impl Profile {
-    /// In thicknesses, checked.
-    pub(super) fn section(self, thickness_mm: f64) -> Result<Section, Invalid> {
-        match self {
-            Self::Cylinder { radius_mm } => {
-                positive("radius_mm", radius_mm)?;
-                Ok(Section::Circle(radius_mm / thickness_mm))
-            }
-            Self::Bar { width_mm } => {
-                positive("width_mm", width_mm)?;
-                Ok(Section::Flat(0.5 * width_mm / thickness_mm))
-            }
-        }
-    }
-}
+/// A force below this part of the rubber's modulus times its thickness squared is none, and so is a
+/// contact whose deepest place is less than a part of the thickness deep: its slices are so narrow
+/// that they feel their neighbours more than themselves.
+const NOTHING: f64 = 1e-9;
+const FAINTEST: f64 = 1e-8;
 
 /// Where the pin stands over the array.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -231,8 +208,14 @@ impl Pin {
         let deeper = (ROOM * deepest).min(DEEPEST);
         let risen = Strips::new(&kernel, section, deeper, count);
         let risen = risen.unwrap_or_else(|_| strips.clone());
-        let tabled = level == Level::Fast && matches!(section, Section::Circle(_));
-        let over = if tabled { risen.clone() } else { strips };
+        let over = match (section, level) {
+            (Section::Circle(_), Level::Fast) => risen.clone(),
+            (Section::Circle(_), _) => {
+                let deeper = (WHOLE_ROOM * deepest).min(DEEPEST);
+                Strips::new(&kernel, section, deeper, count).unwrap_or(strips)
+            }
+            _ => strips,
+        };
         let mut rows = vec![Row::new((layer, &kernel), (over, true), ends, fineness)?];
         let fineness = Fineness { tolerance: 0.5 * fineness.tolerance, ..fineness };
         let mut reach = fineness.next(length);
@@ -315,6 +298,10 @@ impl Pin {
         if wanted.is_none() && guess >= 1.0 {
             // Its deeper end would go through the base.
             return Err(Trouble::Beyond.refused(drive));
+        }
+        if wanted.is_none() && guess <= FAINTEST {
+            self.release();
+            return Ok(PinState { penetration_mm: target, tilt_rad, ..PinState::default() });
         }
         if let Some(state) = self.on_corner((wanted, guess), slope, turned) {
             return Ok(self.along_pin(state, (raised, mirror), tilt_rad));

@@ -268,8 +268,8 @@ mod tests {
     use super::super::{Pin, Profile};
     use super::{PI, Row};
 
-    /// Every solution put back into its equations. Of a row that is short for its width, cosines and
-    /// slices see nearly the same: its condition is 1e9 and more, and leaves so much.
+    /// Every solution put back into its equations. Of a row that is short for its width, cosines
+    /// and slices see nearly the same: its condition is 1e9 and more, and leaves so much.
     #[test]
     fn the_recursion_solves_systems_of_one_slice_and_more() {
         let layer = Layer::new(0.3, 27.58, 0.5).expect("a sound layer");

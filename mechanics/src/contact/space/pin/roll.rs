@@ -40,14 +40,15 @@ impl Pin {
         }
         let transfer = row.layer.transfer();
         let (n, half) = (row.strips.places.cosines, row.strips.widest());
+        let refused = |trouble: Trouble| trouble.refused(Drive::PenetrationMm(0.0));
         let strips = Strips::odd(&transfer, half, n);
+        let strips = strips.ok_or_else(|| refused(Trouble::Indefinite))?;
         let modes = (row.fineness.modes, Parity::Odd);
         let coupling = Coupling::new(&transfer, modes, (n, half), (slices, row.h));
         let mut work = Work::new(slices, &strips, (coupling.transform_len(), 0));
         // The descent b cos(theta) of a unit slope has the one moment b pi/2.
         work.hold(|j| row.work.touches(j).then_some(0.5 * half));
         let mut rate = Row { strips, coupling, work, nested: None, ..row.clone() };
-        let refused = |trouble: Trouble| trouble.refused(Drive::PenetrationMm(0.0));
         rate.prepare(true).map_err(refused)?;
         rate.gradients(TOLERANCE).map_err(refused)?;
         let points = points_for(rate.fineness.points, half);

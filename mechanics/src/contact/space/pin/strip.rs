@@ -110,7 +110,15 @@ impl Strips {
                 Section::Circle(_) => widest * (i as f64).max(0.01) / ROWS as f64,
                 Section::Flat(_) => widest,
             };
-            fill(kernel, section, b, places, row);
+            if !fill(kernel, section, b, places, row) {
+                let what = format!("cosines over {b} thicknesses to each side lose their digits");
+                return Err(Invalid::new("width_mm", what, "give a narrower contact"));
+            }
+            if i == 0 && matches!(section, Section::Circle(_)) {
+                // What goes as the width's square is nothing at none.
+                row[places.shape(0)..places.punch(0)].fill(0.0);
+                (row[places.penetration()], row[places.smooth()]) = (0.0, 0.0);
+            }
             if matches!(section, Section::Flat(_)) {
                 let own = row.to_vec();
                 rows.truncate(0);
@@ -122,13 +130,13 @@ impl Strips {
     }
 
     /// The odd problem of a bar of half-width `half`: a descent in proportion to the place across,
-    /// under psi = sum a_k cos((2 k + 1) theta).
-    pub(crate) fn odd(transfer: &Transfer, half: f64, cosines: usize) -> Self {
+    /// under psi = sum a_k cos((2 k + 1) theta); absent where the even one has no solution either.
+    pub(crate) fn odd(transfer: &Transfer, half: f64, cosines: usize) -> Option<Self> {
         let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
         let places = Places { cosines };
         let mut rows = vec![0.0; places.len()];
-        fill_odd(&kernel, half, places, &mut rows);
-        Self { places, section: Section::Flat(half), widest: half, rows }
+        let solved = fill_odd(&kernel, half, places, &mut rows);
+        solved.then_some(Self { places, section: Section::Flat(half), widest: half, rows })
     }
 
     /// Largest half-width of the table.
@@ -219,7 +227,10 @@ impl Strips {
         let mut square = low * low + part * (high * high - low * low);
         let unit = self.widest / ROWS as f64;
         for _ in 0..INVERSIONS {
-            let miss = penetration - self.penetration(unit * square.sqrt());
+            let found = self.penetration(unit * square.sqrt());
+            let miss = penetration - found;
+            // Where the logarithm is all that varies, it goes with the square found.
+            let per = if low == 0.0 && found > 0.0 { square / found } else { per };
             square = (square + per * miss).max(0.5 * square);
             if miss.abs() <= INVERTED * penetration {
                 break;
@@ -292,12 +303,12 @@ impl Strips {
     }
 }
 
-/// Force of a plane punch of this half-width per unit penetration.
+/// Force of a plane punch of this half-width per unit penetration; no number where it is too wide.
 pub(crate) fn punch_force(kernel: &SurfaceKernel, half: f64) -> f64 {
     let places = Places { cosines: 12 + libm::ceil(2.0 * half) as usize };
     let mut row = vec![0.0; places.len()];
-    fill(kernel, Section::Flat(half), half, places, &mut row);
-    PI * row[places.punch(0)]
+    let solved = fill(kernel, Section::Flat(half), half, places, &mut row);
+    if solved { PI * row[places.punch(0)] } else { f64::NAN }
 }
 
 /// Half-width that a little more than `penetration` needs.
@@ -310,12 +321,15 @@ fn widest(
     let places = Places { cosines: 12 };
     let mut row = vec![0.0; places.len()];
     let mut reached = |b: f64| {
-        fill(kernel, section, b, places, &mut row);
-        row[places.penetration()]
+        if fill(kernel, section, b, places, &mut row) {
+            row[places.penetration()]
+        } else {
+            f64::NAN
+        }
     };
     let wanted = 1.02 * penetration;
     let (mut low, mut high) = (0.0, WIDEST.min(STEEPEST * radius));
-    if reached(high) < wanted {
+    if reached(high).is_nan() || reached(high) < wanted {
         let what = format!("{penetration} thicknesses need a contact too wide");
         return Err(Invalid::new("penetration_max_mm", what, "press less"));
     }
@@ -374,8 +388,9 @@ fn lower(places: Places, row: &[f64]) -> Vec<f64> {
     matrix
 }
 
-/// Writes the row of half-width `b`, its matrix without the logarithm of b.
-fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &mut [f64]) {
+/// Writes the row of half-width `b`, its matrix without the logarithm of b; false where the plane
+/// problem is not positive definite any more.
+fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &mut [f64]) -> bool {
     let n = places.cosines;
     let half = n + 6 + libm::ceil(3.0 * b) as usize;
     let angle = |i: usize| PI * (2 * i + 1) as f64 / (4 * half) as f64;
@@ -404,7 +419,9 @@ fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &
     let mut punch = vec![0.0; n];
     punch[0] = PI;
     let mut shape: Vec<f64> = (0..n).map(|k| row[places.shape(k)]).collect();
-    factor(&mut matrix, n);
+    if !factor(&mut matrix, n) {
+        return false;
+    }
     solve(&matrix, n, &mut punch);
     solve(&matrix, n, &mut shape);
     let edge: f64 = punch.iter().sum();
@@ -419,11 +436,12 @@ fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &
     if !matches!(section, Section::Circle(_)) {
         row[places.matrix(0, 0)] -= logarithm;
     }
+    true
 }
 
 /// The same for odd pressures, which no constant moves: the matrix, and what a descent of 1 in the
 /// first cosine calls for where the even problem has its punch.
-fn fill_odd(kernel: &SurfaceKernel, b: f64, places: Places, row: &mut [f64]) {
+fn fill_odd(kernel: &SurfaceKernel, b: f64, places: Places, row: &mut [f64]) -> bool {
     let n = places.cosines;
     let half = n + 6 + libm::ceil(3.0 * b) as usize;
     let angle = |i: usize| PI * (2 * i + 1) as f64 / (4 * half) as f64;
@@ -439,8 +457,11 @@ fn fill_odd(kernel: &SurfaceKernel, b: f64, places: Places, row: &mut [f64]) {
     let mut matrix = lower(places, row);
     let mut punch = vec![0.0; n];
     punch[0] = PI;
-    factor(&mut matrix, n);
+    if !factor(&mut matrix, n) {
+        return false;
+    }
     solve(&matrix, n, &mut punch);
     row[places.punch(0)..places.penetration()].copy_from_slice(&punch);
     row[places.edge()] = punch.iter().sum();
+    true
 }

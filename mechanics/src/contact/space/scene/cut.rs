@@ -1,9 +1,11 @@
 //! What derivatives of a scene need where the array's edge cuts the indenter. A motion then moves
 //! the indenter with its ends, and the ends along it: what the second does is found once, for one
-//! end or for a length, and not from another pin for every motion. It refuses nothing of its own.
+//! end or for a length, and not from another pin for every motion. An indenter is cut along its
+//! axis only, so one that hangs over the array's side is refused.
 
 use super::super::pin::Reach;
-use super::{Drive, Invalid, Pose, Scene, Solver};
+use super::super::pin::Stand;
+use super::{Drive, Invalid, Pose, Scene, Shape, Solver};
 
 /// Steps of differences of where the array's edge cuts an axis, mm and rad.
 const NEAR: f64 = 1e-6;
@@ -31,6 +33,64 @@ impl Scene {
     /// changes but its place. Not for what is cut and not held.
     pub(crate) fn put(&mut self, pose: Pose) {
         self.pose = pose;
+    }
+
+    /// Refuses what would press beside the pad with a part of its width: a bar that hangs over the
+    /// array's side, a cylinder whose contact, so wide to each side, does.
+    ///
+    /// # Errors
+    /// What its docs say.
+    pub(super) fn refuse_overhang(
+        &self,
+        [from, to]: [f64; 2],
+        half_width_mm: f64,
+    ) -> Result<(), Invalid> {
+        let Stand { x_mm, y_mm, rot_rad } = self.pose.stand;
+        if !self.cut {
+            return Ok(());
+        }
+        let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
+        let half = self.array.half_sides_mm();
+        let over = if from < to {
+            // Both sides of its middle.
+            let v = 0.5 * (from + to);
+            let inside = |u: f64| {
+                let place = [x_mm - v * s + u * c, y_mm + v * c + u * s];
+                place.iter().zip(half).all(|(place, half)| place.abs() <= half * (1.0 + 1e-9))
+            };
+            !(inside(half_width_mm) && inside(-half_width_mm))
+        } else {
+            // The axis passes by, or ends short of the array: how far it is beside the corners.
+            let beside = |sx: f64, sy: f64| (sx * half[0] - x_mm) * c + (sy * half[1] - y_mm) * s;
+            let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
+            let away = corners.map(|(sx, sy)| beside(sx, sy));
+            let least = away.iter().fold(f64::INFINITY, |least, u| least.min(u.abs()));
+            let aside = away.iter().all(|u| *u > 0.0) || away.iter().all(|u| *u < 0.0);
+            aside && least < half_width_mm
+        };
+        if !over {
+            return Ok(());
+        }
+        let what = format!(
+            "{half_width_mm} mm to each side of the axis reach over the array's side, where nothing \
+             is cut"
+        );
+        let remedy =
+            "move it over the array, or give the part of a bar that is over it as a narrower bar";
+        Err(Invalid::new(if c.abs() >= s.abs() { "x_mm" } else { "y_mm" }, what, remedy))
+    }
+
+    /// Half the width by which the indenter, so deep, stands into the layer's face: a bar's whole
+    /// one.
+    pub(super) fn half_overlap_mm(&self, depth_mm: f64) -> f64 {
+        match self.shape {
+            Shape::Bar { width_mm, .. } => 0.5 * width_mm,
+            Shape::Cylinder { radius_mm, .. } => {
+                let depth = depth_mm.clamp(0.0, radius_mm);
+                (depth * (2.0 * radius_mm - depth)).sqrt()
+            }
+            Shape::Sphere { .. } | Shape::Edge { .. } => 0.0,
+        }
     }
 
     /// Whether [`Scene::put`] will do for motions along the array.
