@@ -359,6 +359,10 @@ fn sizes_beyond_sense_are_refused_at_once() {
     let film = layer(1e-9, 0.3);
     let refused = Scene::new(&film, PIN, &Array::THESIS, Sampling::Area, Level::Fast);
     assert_eq!(refused.expect_err("refused").place, "thickness_mm");
+    // Tactels in one line whose cells would not fit in memory.
+    let line = Array { rows: 1 << 20, cols: 1, pitch_mm: 1.5875 };
+    let refused = Scene::new(&rubber, PIN, &line, Sampling::Area, Level::Fast);
+    assert_eq!(refused.map(|_| ()).expect_err("refused").place, "rows");
     // A line far longer than the array is what it is over the array.
     let edge = |length| Shape::Edge { length_mm: Some(length) };
     let mut long = scene(&rubber, edge(1e9));

@@ -121,7 +121,7 @@ pub(super) const CONTACT: &[Field] = &[
         Kind::Choice(&["fast", "default", "fine"]),
         "",
         Need::Default("\"default\""),
-        "Error of about 1e-2, 1e-3, 1e-4 of the peak or better; sphere: 1e-4, 1e-6, 1e-8.",
+        "Error of about 1e-2, 1e-3, 1e-4 of the peak or better; sphere: 6e-4, 5e-6, 1e-8.",
     ),
     Field::new(
         "start",

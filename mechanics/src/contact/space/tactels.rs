@@ -18,6 +18,8 @@ use super::straight::Straight;
 const TACTELS_MAX: usize = 1 << 20;
 /// Most numbers in a table of shares.
 const TABLE_MAX: usize = 1 << 24;
+/// Most cells along the axes of an array.
+const CELLS_MAX: usize = 1 << 20;
 /// Most grid points across one tactel.
 const PHASES_MAX: usize = 256;
 
@@ -249,6 +251,12 @@ impl Shares {
         // sees all that a contact wider than it presses.
         let half = (libm::ceil(reach + 0.5) as usize).saturating_add(1);
         let side = Straight::side_for(reach);
+        // Of straight lines the cells along both axes are kept.
+        let cells = array.rows.saturating_add(array.cols).saturating_mul(phases);
+        if !fineness.cubic && cells > CELLS_MAX {
+            let what = format!("{} rows of {} tactels", array.rows, array.cols);
+            return Err(Invalid::new("rows", what, "give fewer in a line"));
+        }
         let numbers = if fineness.cubic {
             let blocks = 4 * (phases + 3) * (phases + 3);
             half.saturating_mul(half).saturating_mul(blocks)
@@ -308,7 +316,7 @@ fn apart(array: &Array, t: f64) -> Invalid {
     } else {
         ("pitch_mm", format!("{pitch:e} mm under a layer of {t:e} mm"))
     };
-    Invalid::new(place, what, "give tactels nearer to the thickness")
+    Invalid::new(place, what, "give tactels nearer to the thickness, or take a coarser level")
 }
 
 impl Shares {

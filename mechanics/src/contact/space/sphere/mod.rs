@@ -9,7 +9,7 @@
 //! sums to the force but for the table's last flux: 9e-4 of it are left out at [`Level::Fast`],
 //! 9e-6 at [`Level::Default`].
 //!
-//! Measured against exact solutions: force, penetration and image 1e-6 of the peak at
+//! Measured against exact solutions: force and penetration 1e-6, image 5e-6 of the peak at
 //! [`Level::Default`], 1e-8 at [`Level::Fine`]. A solved contact is the guess of the next one;
 //! solving allocates nothing. [`Level::Fast`] solves a chart of contacts when the sphere is made
 //! (`chart.rs`) and reads it afterwards: force, penetration and radius to 1e-5, images to 6e-4 of
