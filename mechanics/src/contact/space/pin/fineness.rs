@@ -100,7 +100,7 @@ impl Fineness {
                 nested: Some(Tabled {
                     whole: Laid { fewest: 28.0, slice: 0.42, enough: 60.0, longest: 0.45 },
                     end: Laid { fewest: 24.0, slice: 0.42, enough: 30.0, longest: 0.45 },
-                    modes: modes(16.0, 5.0, 12.0, 0.2),
+                    modes: modes(16.0, 10.0, 12.0, 0.2),
                 }),
             },
             Level::Default => Self {
