@@ -12,7 +12,7 @@ use super::glued::{Chebyshev, Tractions};
 use super::panels::SurfaceKernels;
 use super::rates::{Motion, Rate};
 use super::spectrum::{PointForce, legendre};
-use super::{Friction, Indenter, Level, Load, Refusal, Shape};
+use super::{Contact, Friction, Indenter, Level, Load, Refusal, Shape};
 use crate::contact::Invalid;
 use crate::contact::layer::Layer;
 use core::f64::consts::PI;
@@ -21,8 +21,12 @@ use core::f64::consts::PI;
 const DEGREE: usize = 12;
 const WIDTHS: usize = 20;
 const PANELS: usize = 2;
-/// Widest contact in thicknesses (half of it).
+/// Widest contact in thicknesses, and in radii of the circle (half of it).
 const WIDEST: f64 = 30.0;
+const STEEPEST: f64 = 0.95;
+/// How much wider than without friction a contact is looked for, under the same load and at the
+/// same descent: it has been found 3e-4 and 3 % wider at most.
+const BEYOND: [f64; 2] = [1.02, 1.1];
 
 /// A cylinder held by its contact.
 #[derive(Clone, Debug)]
@@ -186,8 +190,9 @@ impl NoSlip {
     /// a contact too wide.
     pub fn press(layer: &Layer, shape: Shape, p_n_mm: f64) -> Result<Self, NoSlipRefusal> {
         let mut free = Indenter::new(layer, shape, Friction::None, Level::Default)?;
-        let contact = free.press(&Load { p_n_mm, q_n_mm: 0.0 })?;
-        Self::grow(layer, shape, contact.x_right_mm, Some(p_n_mm), None)
+        let contact = free.press(&Load { p_n_mm, q_n_mm: 0.0 });
+        let widest = within(layer, shape, contact, BEYOND[0])?;
+        Self::grow(layer, shape, widest, Some(p_n_mm), None)
     }
 
     /// The cylinder at a descent of its lowest point.
@@ -196,8 +201,9 @@ impl NoSlip {
     /// As [`Self::press`].
     pub fn descend(layer: &Layer, shape: Shape, dz_mm: f64) -> Result<Self, NoSlipRefusal> {
         let mut free = Indenter::new(layer, shape, Friction::None, Level::Default)?;
-        let contact = free.descend(dz_mm)?;
-        Self::grow(layer, shape, 1.1 * contact.x_right_mm, None, Some(dz_mm))
+        let contact = free.descend(dz_mm);
+        let widest = within(layer, shape, contact, BEYOND[1])?;
+        Self::grow(layer, shape, widest, None, Some(dz_mm))
     }
 
     /// The cylinder grown to a half-width.
@@ -230,7 +236,7 @@ impl NoSlip {
         if widest <= 0.0 {
             return Err(Refusal::Pulls.into());
         }
-        if widest > WIDEST || (round && widest_mm > 0.95 * radius) {
+        if widest_mm > widest_of(layer, shape) {
             return Err(Refusal::TooWide.into());
         }
         let kernels = SurfaceKernels::new(&layer.transfer());
@@ -353,6 +359,28 @@ impl From<Invalid> for NoSlipRefusal {
 impl From<Refusal> for NoSlipRefusal {
     fn from(refusal: Refusal) -> Self {
         Self::Refusal(refusal)
+    }
+}
+
+/// Half the widest contact that is solved, in mm.
+fn widest_of(layer: &Layer, shape: Shape) -> f64 {
+    let thick = WIDEST * layer.thickness_mm;
+    if let Shape::Cylinder { radius_mm } = shape { thick.min(STEEPEST * radius_mm) } else { thick }
+}
+
+/// Half the width up to which a contact is looked for, from the one without friction.
+fn within(
+    layer: &Layer,
+    shape: Shape,
+    free: Result<Contact, Refusal>,
+    beyond: f64,
+) -> Result<f64, Refusal> {
+    let widest = widest_of(layer, shape);
+    match free {
+        Ok(contact) => Ok((beyond * contact.x_right_mm).min(widest)),
+        // Glued it may be narrower.
+        Err(Refusal::TooWide) => Ok(widest),
+        Err(refusal) => Err(refusal),
     }
 }
 
