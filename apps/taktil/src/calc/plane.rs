@@ -233,7 +233,7 @@ fn contact_2d(args: &Args) -> Result<Answer, Failure> {
         Stress::Points(forces) => {
             let far = forces.iter().map(|f| f[0].abs()).fold(12.7, f64::max);
             let reach = x_mm.iter().fold(far, |most, x| most.max(x.abs())) + 20.0 * thickness_mm;
-            let stress = Spectrum::new(&layer, forces, depth, reach.min(1e4));
+            let stress = Spectrum::new(&layer, forces, depth, reach);
             let szz: Vec<f64> = x_mm.iter().map(|x| stress.szz(*x)).collect();
             let full = moments(&layer, forces, depth);
             (szz, full, compressive(&stress, solved.symmetric, thresholds))
