@@ -8,6 +8,8 @@
 //! glued strip's own problem. Refuses what [`Shape::check`] refuses, bars, and contacts that are
 //! too wide. It allocates.
 
+mod sheared;
+
 use super::glued::{Chebyshev, Tractions};
 use super::panels::SurfaceKernels;
 use super::rates::{Motion, Rate};
@@ -42,6 +44,8 @@ pub struct NoSlip {
     pub tangential_n_mm2: f64,
     /// dM1/dx of the base stress at fixed contact in N/mm.
     pub first_moment_n_mm: f64,
+    /// How fast half the width grows with the descent.
+    widening: f64,
     normal: Vec<PointForce>,
     tangential: Vec<PointForce>,
 }
@@ -267,12 +271,7 @@ impl NoSlip {
                 normal.push([narrow * c * t, scale * tractions.p[j], scale * tractions.q[j]]);
             }
         }
-        let strip = Chebyshev::new(2 * (30 + libm::ceil(4.0 * b) as usize));
-        let system = strip.system(kernels, b);
-        let moved = strip.solve(&system, |_| 0.0, |_| 1.0);
-        let scale = modulus * PI / strip.count() as f64;
-        let force = |(j, c): (usize, &f64)| [b * c * t, scale * moved.p[j], scale * moved.q[j]];
-        let tangential: Vec<PointForce> = strip.cosines.iter().enumerate().map(force).collect();
+        let tangential = sheared::unit(layer, kernels, b, strip_points(b));
         let stiffness = tangential.iter().map(|f| f[2]).sum::<f64>();
         let moment = tangential.iter().map(|f| -f[0] * f[1]).sum::<f64>() - t * stiffness;
         Self {
@@ -282,6 +281,7 @@ impl NoSlip {
             delta_mm: law.descent(b) * t,
             tangential_n_mm2: stiffness,
             first_moment_n_mm: moment,
+            widening: 1.0 / (law.rate(b) * law.family.at(b).1),
             normal,
             tangential,
         }
@@ -302,7 +302,7 @@ impl NoSlip {
         let t = self.layer.thickness_mm;
         let b = self.half_width_mm / t;
         let kernels = SurfaceKernels::new(&self.layer.transfer());
-        let strip = Chebyshev::new(2 * more.max(1) * (30 + libm::ceil(4.0 * b) as usize));
+        let strip = Chebyshev::new(more.max(1) * strip_points(b));
         let system = strip.system(&kernels, b);
         let (radius, round) = match shape {
             Shape::Cylinder { radius_mm } => (radius_mm / t, true),
@@ -360,6 +360,11 @@ impl From<Refusal> for NoSlipRefusal {
     fn from(refusal: Refusal) -> Self {
         Self::Refusal(refusal)
     }
+}
+
+/// Points of a strip of half-width `b` thicknesses.
+fn strip_points(b: f64) -> usize {
+    2 * (30 + libm::ceil(4.0 * b) as usize)
 }
 
 /// Half the widest contact that is solved, in mm.
