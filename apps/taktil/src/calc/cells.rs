@@ -5,7 +5,9 @@
 use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::plane::bed::{Bed, CELLS_MAX};
 use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law, Status};
-use taktil_mechanics::contact::plane::{Contact, Friction, Indenter, Level, Load, Mode, Shape};
+use taktil_mechanics::contact::plane::{
+    Contact, Friction, Indenter, Level, Load, Mode, Refusal, Shape,
+};
 
 use super::field::Failure;
 use super::indent::{Held, Solved, Stress, failure, level_of, plain, refused};
@@ -85,13 +87,14 @@ fn height(shape: &Indented, x: f64) -> f64 {
     }
 }
 
-/// Cells of a level.
-fn count(args: &Args) -> Result<u32, Failure> {
-    Ok(match level_of(args)? {
+/// Cells of a level, so often halved.
+fn count(args: &Args, halved: u32) -> Result<u32, Failure> {
+    let cells = match level_of(args)? {
         Level::Fast => 48,
         Level::Default => 96,
         Level::Fine => 192,
-    })
+    };
+    Ok(cells >> halved)
 }
 
 /// Edges of `n` cells of one width.
@@ -305,6 +308,24 @@ fn part_of(drive: Prescribed, shape: &Indented, f: f64) -> Drive {
     }
 }
 
+/// Refuses a bar that topples whatever carries it.
+fn stands(shape: &Indented, drive: Prescribed) -> Result<(), Failure> {
+    let Indented::Rigid(Shape::Flat { width_mm, height_mm }) = shape else { return Ok(()) };
+    let Prescribed::Load(Load { p_n_mm: p, q_n_mm: q }) = drive else { return Ok(()) };
+    if p > 0.0 && q.abs() * height_mm >= p * 0.5 * width_mm {
+        return Err(refused(Refusal::Topples));
+    }
+    Ok(())
+}
+
+/// Of a bar that does not topple, but beyond the middle of its last place.
+fn on_places(shape: &Indented, refusal: Refusal) -> Failure {
+    match (shape, refusal) {
+        (Indented::Rigid(Shape::Flat { .. }), Refusal::Topples) => refused(Refusal::OnCorner),
+        _ => refused(refusal),
+    }
+}
+
 /// Follows the path to the load or the move.
 fn follow(
     args: &Args,
@@ -320,7 +341,7 @@ fn follow(
         (1..=steps)
             .try_for_each(|k| grip.step(&part_of(drive, shape, f64::from(k) / f64::from(steps))))
     })
-    .map_err(refused)
+    .map_err(|refusal| on_places(shape, refusal))
 }
 
 /// The contact of a shape on a bed, with the features of its mode.
@@ -333,6 +354,7 @@ pub(super) fn gripped(
     let law = law_of(args, drive)?;
     let heights = bed.x_mm.iter().map(|x| height(shape, *x)).collect();
     let mut grip = Grip::new(bed, heights, law).map_err(|invalid| failure(&invalid))?;
+    stands(shape, drive)?;
     follow(args, &mut grip, shape, law, drive)?;
     let bed = grip.bed();
     let touching = |i: &usize| grip.status()[*i] != Status::Apart;
@@ -386,8 +408,9 @@ fn laid_over(
     layer: &Layer,
     shape: &Indented,
     drive: Prescribed,
+    halved: u32,
 ) -> Result<(Grip, Contact), Failure> {
-    let n = count(args)?;
+    let n = count(args, halved)?;
     if let Indented::Rigid(Shape::Flat { width_mm, .. }) = shape {
         return gripped(args, bed_of(layer, &under_bar(*width_mm, n, layer))?, shape, drive);
     }
@@ -439,8 +462,9 @@ pub(super) fn cells(
     x_mm: &[f64],
     shape: &Indented,
     drive: Prescribed,
+    halved: u32,
 ) -> Result<Solved, Failure> {
-    let (grip, contact) = laid_over(args, layer, shape, drive)?;
+    let (grip, contact) = laid_over(args, layer, shape, drive, halved)?;
     let places = grip.bed().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
     let forces = places.map(|((x, p), q)| [*x, *p, *q]).collect();
     let touching = grip.bed().width_mm.iter().zip(grip.normal_n_mm()).filter(|(_, p)| **p != 0.0);
@@ -452,6 +476,7 @@ pub(super) fn cells(
         pressure: pressures(&grip, x_mm),
         shallowest_mm: BLURRED * widest,
         symmetric: false,
+        pull_n_mm: 0.0,
         held: Held::Cells(Box::new(grip), law_of(args, drive)?),
     })
 }

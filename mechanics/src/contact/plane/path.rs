@@ -1,7 +1,8 @@
-//! What drives the general contact solver and what each place of it may do. Refuses nothing: the
-//! solver in [`super::grip`] checks what it is given.
+//! What drives the general contact solver and what each place of it may do. Refuses loads that
+//! topple an indenter; all else that it is given the solver in [`super::grip`] checks.
 
-use super::Load;
+use super::bed::Bed;
+use super::{Load, Refusal};
 
 /// The law along x.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,6 +65,26 @@ impl Drive {
             Self::Pose { dz_mm, slope, dx_mm } => Some([dz_mm, slope, dx_mm]),
             Self::Loads { .. } | Self::Upright(_) => None,
         }
+    }
+}
+
+/// Refuses loads whose resultant is not between the outermost places under an indenter.
+pub(super) fn stands(drive: &Drive, bed: &Bed, height_mm: &[f64]) -> Result<(), Refusal> {
+    let Drive::Loads { load, height_mm: above } = drive else { return Ok(()) };
+    let lever = load.q_n_mm * above / load.p_n_mm.max(f64::MIN_POSITIVE);
+    let mut places = [f64::INFINITY, f64::NEG_INFINITY];
+    // What the outermost stand for.
+    let mut ends = places;
+    let under = bed.x_mm.iter().zip(&bed.width_mm).zip(height_mm).filter(|(_, h)| h.is_finite());
+    for ((x, width), _) in under {
+        places = [places[0].min(*x), places[1].max(*x)];
+        ends = [ends[0].min(x - 0.5 * width), ends[1].max(x + 0.5 * width)];
+    }
+    let within = |[low, high]: [f64; 2]| lever > low && lever < high;
+    match (within(places), within(ends)) {
+        (true, _) => Ok(()),
+        (false, true) => Err(Refusal::OnCorner),
+        (false, false) => Err(Refusal::Topples),
     }
 }
 
