@@ -132,7 +132,8 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
         (
             "features",
             "{full, compressive}; full over the infinite layer, compressive of min(szz, 0) over \
-             |x| <= 12.7 mm, as wide as the array, and so are its x_peak and szz_peak",
+             |x| <= 12.7 mm, as wide as the array, and so are its x_peak and szz_peak: an x_peak \
+             there lies beyond, or there",
         ),
         ("residual", "of the load"),
         ("ns", "with `timing`: of the contact's solution, without profile and features"),
