@@ -1,5 +1,5 @@
-//! Derivatives of the features of a contact on places, cells or nodes, by differences of the solver,
-//! and what they may be off by. Refuses what the solver refuses at the places next to the contact.
+//! Derivatives of the features of a contact on places, cells or nodes, by differences of the
+//! solver, and what they may be off by. Refuses what the solver refuses next to the contact.
 
 use taktil_mechanics::contact::plane::grip::{Drive, Grip, Status};
 use taktil_mechanics::contact::plane::rates;

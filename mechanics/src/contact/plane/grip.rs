@@ -10,7 +10,7 @@
 use super::bed::Bed;
 use super::dense::Dense;
 pub use super::path::{Drive, Law, Status};
-use super::path::{between, stands};
+use super::path::{between, entering, stands};
 use super::{Load, Refusal, is_sane};
 use crate::contact::{Invalid, finite};
 
@@ -429,7 +429,7 @@ impl Grip {
                 let surface = sum(&self.bed.down_per_p, &self.bed.down_per_q);
                 let gap = self.height_mm[i] - descent - tilt * self.bed.x_mm[i] + surface;
                 worst = worst.max(-gap / depth.max(f64::MIN_POSITIVE));
-                if gap < -slack * depth { self.entering(i) } else { was }
+                if gap < -slack * depth { entering(&self.status, i) } else { was }
             } else if self.p[i] < -slack * largest {
                 worst = worst.max(-self.p[i] / largest);
                 Status::Apart
@@ -476,17 +476,6 @@ impl Grip {
         }
         self.residual = worst.max(0.0);
         changed
-    }
-
-    /// A place that comes to touch first does as its neighbour: a stick of its own, beside slip,
-    /// would be torn off again.
-    fn entering(&self, i: usize) -> Status {
-        let n = self.status.len();
-        let beside = |d: usize| [i.checked_sub(d), Some(i + d)];
-        let of = |j: Option<usize>| j.and_then(|j| self.status.get(j)).copied();
-        let mut near = (1..n).flat_map(beside).filter_map(of);
-        let touching = near.find(|s| *s != Status::Apart);
-        touching.unwrap_or(Status::Stick)
     }
 
     /// Keeps the relative places along x for the next step.

@@ -125,3 +125,13 @@ pub enum Status {
     /// Slips with shear towards -x.
     SlipBack,
 }
+
+/// A place that comes to touch first does as its neighbour: a stick of its own, beside slip, would
+/// be torn off again.
+pub(super) fn entering(status: &[Status], i: usize) -> Status {
+    let beside = |d: usize| [i.checked_sub(d), Some(i + d)];
+    let of = |j: Option<usize>| j.and_then(|j| status.get(j)).copied();
+    let mut near = (1..status.len()).flat_map(beside).filter_map(of);
+    let touching = near.find(|s| *s != Status::Apart);
+    touching.unwrap_or(Status::Stick)
+}
