@@ -260,6 +260,31 @@ fn friction_far_above_one_settles_or_is_refused() {
     }
 }
 
+/// A search that finds no state ends after one budget of systems, fewer where they are larger.
+#[test]
+fn a_step_without_a_state_is_refused_within_its_budget() {
+    let mut grip = bar(0.49, 192, Law::Coulomb(1000.0));
+    let mut outcome = Ok(());
+    for k in 1..=16 {
+        let f = f64::from(k) / 16.0;
+        outcome = outcome.and_then(|()| grip.step(&loads(0.7 * f, 0.5 * f)));
+        assert!(grip.solves() <= 1000, "{}", grip.solves());
+    }
+    assert_eq!(outcome, Err(Refusal::Unsettled));
+    assert_eq!(grip.solves(), 1000, "all of it was tried");
+}
+
+/// Between the middle of the last cell and its edge a bar stands on nothing that could carry it,
+/// and does not topple.
+#[test]
+fn a_bar_on_its_last_cell_is_not_said_to_topple() {
+    let mut grip = bar(0.49, 32, Law::Free);
+    assert_eq!(grip.step(&loads(1.0, 0.9999)), Err(Refusal::OnCorner));
+    assert_eq!(grip.step(&loads(1.0, -0.9999)), Err(Refusal::OnCorner));
+    assert_eq!(grip.step(&loads(1.0, 1.0001)), Err(Refusal::Topples));
+    grip.step(&loads(1.0, 0.99)).expect("it stands");
+}
+
 #[test]
 fn friction_of_zero_and_of_three() {
     let mut slick = bar(0.49, 32, Law::Coulomb(0.0));

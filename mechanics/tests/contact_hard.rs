@@ -140,7 +140,7 @@ fn friction_from_none_to_three() {
                 let m = moments(&layer, &body.point_forces(0.8), 0.8).m;
                 assert!((m[0] + 1.0).abs() < 1e-10);
                 if shape == low {
-                    assert!((m[1] + (0.5 + 0.8) * ratio).abs() < 1e-9, "M1 {}", m[1]);
+                    assert!((m[1] + (0.5 + 0.8) * ratio).abs() < 1e-10, "M1 {}", m[1]);
                 }
                 let inside = 0.5 * (contact.x_left_mm + contact.x_right_mm);
                 assert!(body.pressure_mpa(inside) > 0.0);

@@ -68,6 +68,7 @@ fn base_stress_under_a_line_is_that_of_the_reference() {
 
 #[test]
 fn stresses_and_displacements_inside_are_those_of_the_reference() {
+    let mut misses = Vec::new();
     for row in rows(include_str!("fixtures/contact/line_through_thickness.csv")) {
         let layer = layer(row[1], row[0]);
         let g2 = 2.0 * layer.shear_mpa();
@@ -79,27 +80,43 @@ fn stresses_and_displacements_inside_are_those_of_the_reference() {
             assert!((found - expected).abs() < 1e-12, "Q {row:?}");
         }
         let found = [p.uz_mm, p.ux_mm, q.uz_mm, q.ux_mm].map(|u| u.expect("finite") * g2);
-        for (found, expected) in found.iter().zip(&row[10..14]) {
-            // The reference carries a constant of up to 4e-10 in its displacements.
-            assert!((found - expected).abs() < 5e-10, "u {row:?}: {found}");
+        let off = [0, 1, 2, 3].map(|i| found[i] - row[10 + i]);
+        // The odd ones carry no constant.
+        assert!(off[1].abs() < 1e-12 && off[2].abs() < 1e-12, "u {row:?}: {off:?}");
+        misses.push(([row[0], row[1], row[2]], [off[0], off[3]]));
+    }
+    only_constants_are_off(&misses);
+}
+
+/// The reference's even displacements carry a constant for each layer and depth: of up to 4e-10,
+/// and nothing else.
+fn only_constants_are_off(misses: &[([f64; 3], [f64; 2])]) {
+    for group in misses.chunk_by(|a, b| a.0 == b.0) {
+        for i in 0..2 {
+            let mean = group.iter().map(|(_, off)| off[i]).sum::<f64>() / group.len() as f64;
+            assert!(mean.abs() < 4e-10, "{:?}: {mean:e}", group[0].0);
+            for (_, off) in group {
+                assert!((off[i] - mean).abs() < 1e-12, "{:?}: {:e} {mean:e}", group[0].0, off[i]);
+            }
         }
     }
 }
 
 #[test]
 fn surface_displacements_are_those_of_the_reference() {
+    let mut misses = Vec::new();
     for row in rows(include_str!("fixtures/contact/surface_green.csv")) {
         let layer = layer(row[1], row[0]);
         let pi_g = core::f64::consts::PI * layer.shear_mpa();
         let (p, q) = (at(&layer, &P, 0.0, row[2]), at(&layer, &Q, 0.0, row[2]));
         let (uz_p, ux_q) = (p.uz_mm.expect("finite"), q.ux_mm.expect("finite"));
         let (ux_p, uz_q) = (p.ux_mm.expect("finite"), q.uz_mm.expect("finite"));
-        assert!((-pi_g * uz_p - row[3]).abs() < 2e-10, "{row:?}");
-        assert!((pi_g * ux_q - row[4]).abs() < 2e-10, "{row:?}");
+        misses.push(([row[0], row[1], 0.0], [-pi_g * uz_p - row[3], pi_g * ux_q - row[4]]));
         assert!((-2.0 * pi_g * uz_q - row[5]).abs() < 1e-13, "{row:?}");
         // Betti: the coupled displacements are the same with the loads exchanged.
         assert!((uz_q - ux_p).abs() < 1e-15, "{row:?}");
     }
+    only_constants_are_off(&misses);
 }
 
 #[test]
@@ -181,7 +198,7 @@ fn base_moments_obey_statics() {
         assert!((sum(&Q, &|x, s| x * s[0]) + t).abs() < 1e-10);
         assert!((sum(&Q, &|_, s| s[2]) - 1.0).abs() < 1e-12);
         let second = -nu / (1.0 - nu) * t * t;
-        assert!((sum(&P, &|x, s| x * x * s[0]) - second).abs() < 1e-9, "nu {nu}");
+        assert!((sum(&P, &|x, s| x * x * s[0]) - second).abs() < 1e-10, "nu {nu}");
         assert!((sum(&P, &|_, s| s[1]) + nu / (1.0 - nu)).abs() < 1e-12, "bonded base");
     }
 }

@@ -6,6 +6,7 @@ use contact_data::rows;
 use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::plane::features::moments;
 use taktil_mechanics::contact::plane::noslip::{NoSlip, NoSlipRefusal};
+use taktil_mechanics::contact::plane::rates::Motion;
 use taktil_mechanics::contact::plane::{Refusal, Shape, Spectrum};
 
 const E_MPA: f64 = 27.58;
@@ -24,7 +25,7 @@ fn grown(row: &[f64]) -> (Layer, NoSlip) {
 #[test]
 fn loads_stiffnesses_and_moments_are_those_of_the_reference() {
     let text = include_str!("fixtures/contact/cylinder_stick_relation.csv");
-    for row in rows(text).iter().step_by(3) {
+    for row in &rows(text) {
         let (layer, held) = grown(row);
         let bar = 1e-4;
         near(held.p_n_mm, row[4], bar, "P");
@@ -47,14 +48,14 @@ fn loads_stiffnesses_and_moments_are_those_of_the_reference() {
 #[test]
 fn base_stresses_are_those_of_the_reference() {
     let text = include_str!("fixtures/contact/cylinder_stick_profiles.csv");
-    for group in rows(text).chunk_by(|a, b| a[..4] == b[..4]).step_by(5) {
+    for group in rows(text).chunk_by(|a, b| a[..4] == b[..4]) {
         let (layer, held) = grown(&group[0]);
         let t = group[0][1];
         let still = Spectrum::new(&layer, &held.point_forces(0.0), t, 20.0);
         let moved = Spectrum::new(&layer, &held.point_forces(1.0), t, 20.0);
         let peak = group.iter().map(|row| row[6].abs()).fold(0.0, f64::max);
         let steepest = group.iter().map(|row| row[7].abs()).fold(0.0, f64::max);
-        for row in group.iter().step_by(4) {
+        for row in group {
             let szz = still.szz(row[5]);
             assert!((szz - row[6]).abs() < 1e-4 * peak, "{row:?} {szz}");
             let change = moved.szz(row[5]) - szz;
@@ -73,6 +74,91 @@ fn load_and_descent_lead_to_the_same_contact() {
     let descended = NoSlip::descend(&layer, shape, wide.delta_mm).expect("a contact");
     near(pressed.half_width_mm, 1.5, 3e-6, "b of P");
     near(descended.half_width_mm, 1.5, 3e-6, "b of delta");
+}
+
+/// A glued contact may be a little wider than a frictionless one: from thin layers to thick ones.
+#[test]
+fn any_cylinder_is_pressed_and_let_down_to_the_width_it_grew_to() {
+    for nu in [-0.5, 0.3, 0.49, 0.5] {
+        for t in [0.1, 3.2, 100.0] {
+            for (radius_mm, parts) in [(10.0, [0.01, 0.6]), (25.4, [0.1, 0.4])] {
+                let layer = Layer::new(t, E_MPA, nu).expect("a sound layer");
+                let shape = Shape::Cylinder { radius_mm };
+                for part in parts {
+                    let b = (part * radius_mm).min(5.0 * t);
+                    let what = format!("nu {nu} t {t} R {radius_mm} b {b}");
+                    let wide = NoSlip::widen(&layer, shape, b).expect(&what);
+                    let pressed = NoSlip::press(&layer, shape, wide.p_n_mm).expect(&what);
+                    near(pressed.half_width_mm, b, 1e-4, &format!("{what}: b of P"));
+                    near(pressed.delta_mm, wide.delta_mm, 2e-4, &format!("{what}: delta of P"));
+                    let down = NoSlip::descend(&layer, shape, wide.delta_mm).expect(&what);
+                    near(down.half_width_mm, b, 1e-4, &format!("{what}: b of delta"));
+                    near(down.p_n_mm, wide.p_n_mm, 1e-4, &format!("{what}: P of delta"));
+                }
+            }
+        }
+    }
+}
+
+/// Under these loads the glued contact is at least as wide as the frictionless one.
+#[test]
+fn what_is_wider_than_without_friction_is_found() {
+    for (nu, radius_mm, t, p) in [
+        (0.49, 25.4, 3.2, 0.7),
+        (0.49, 25.4, 12.8, 0.7),
+        (0.49, 10.0, 3.0, 0.5),
+        (0.5, 10.0, 100.0, 0.5),
+    ] {
+        let layer = Layer::new(t, E_MPA, nu).expect("a sound layer");
+        let shape = Shape::Cylinder { radius_mm };
+        let pressed = NoSlip::press(&layer, shape, p).expect("a contact");
+        near(pressed.p_n_mm, p, 1e-9, "P");
+        let wide = NoSlip::widen(&layer, shape, pressed.half_width_mm).expect("a contact");
+        near(wide.p_n_mm, p, 1e-6, "P of b");
+    }
+}
+
+/// A move along x at fixed contact pulls at one edge: more than in proportion to the move, the same
+/// either way; and a deeper contact moved along as far is what it is differenced to be.
+#[test]
+fn a_moved_cylinder_says_what_it_pulls_and_how_it_changes() {
+    let layer = Layer::new(0.8, E_MPA, 0.49).expect("a sound layer");
+    let shape = Shape::Cylinder { radius_mm: 22.9 };
+    let held = NoSlip::descend(&layer, shape, 0.005).expect("a contact");
+    assert_eq!(held.pull_n_mm(0.0), 0.0);
+    let pulls = [1e-4, 1e-3, 1e-2].map(|dx| held.pull_n_mm(dx));
+    assert!(pulls[0] > 0.0 && pulls[0] < 1e-4 * held.p_n_mm, "{pulls:?}");
+    assert!(pulls.windows(2).all(|w| w[1] > 12.0 * w[0]), "{pulls:?}");
+    near(held.pull_n_mm(-1e-2), pulls[2], 1e-9, "the other way");
+    let of = |dz: f64| {
+        let held = NoSlip::descend(&layer, shape, dz).expect("a contact");
+        moments(&layer, &held.point_forces(0.02), 0.8).m
+    };
+    let step = 1e-6;
+    let (more, less) = (of(0.005 + step), of(0.005 - step));
+    let rate = held.rate_moved(shape, Motion::Z, 0.02, 2);
+    let found = moments(&layer, &rate.forces, 0.8).m;
+    for k in 0..4 {
+        near(found[k], (more[k] - less[k]) / (2.0 * step), 3e-6, "rate");
+    }
+    near(found[1], -37.771_68, 1e-5, "dM1/dz");
+}
+
+#[test]
+fn rows_of_the_reference_are_found_by_load_and_by_descent() {
+    let text = include_str!("fixtures/contact/cylinder_stick_relation.csv");
+    for row in rows(text) {
+        let layer = Layer::new(row[1], E_MPA, row[0]).expect("a sound layer");
+        let shape = Shape::Cylinder { radius_mm: row[2] };
+        let pressed = NoSlip::press(&layer, shape, row[4]).expect("a contact");
+        near(pressed.half_width_mm, row[3], 1e-4, "b of P");
+        near(pressed.delta_mm, row[5], 1e-4, "delta of P");
+        near(pressed.tangential_n_mm2, row[7], 1e-4, "kx of P");
+        let down = NoSlip::descend(&layer, shape, row[5]).expect("a contact");
+        near(down.half_width_mm, row[3], 1e-4, "b of delta");
+        near(down.p_n_mm, row[4], 1e-4, "P of delta");
+        near(down.first_moment_n_mm, row[8], 1e-4, "dM1/dx of delta");
+    }
 }
 
 #[test]

@@ -70,7 +70,7 @@ fn bars_on_layers_of_any_thickness() {
         let mut bar = indenter(&layer, bar(first[2], 0.0), Friction::None, Level::Fine);
         bar.press(&load(first[3], 0.0)).expect("a contact");
         let stress = Spectrum::new(&layer, &bar.point_forces(depth), depth, 40.0);
-        for row in group.iter().step_by(3) {
+        for row in group {
             near(stress.szz(row[4]), row[6], 1e-8 * first[6].abs(), "szz");
             let p = bar.pressure_mpa(row[4]);
             // At the corner itself the pressure is infinite.
@@ -83,7 +83,7 @@ fn bars_on_layers_of_any_thickness() {
 fn cylinders_are_those_of_the_reference() {
     for (level, error) in LEVELS {
         let text = include_str!("fixtures/contact/cylinder_relation.csv");
-        for row in rows(text).iter().step_by(3) {
+        for row in &rows(text) {
             let (t, b) = (row[1], row[3]);
             let layer = layer(t, row[0]);
             let shape = Shape::Cylinder { radius_mm: row[2] };
@@ -116,7 +116,7 @@ fn profiles_of_cylinders_down_to_the_half_plane() {
         let mut roller = indenter(&layer, shape, Friction::None, Level::Fine);
         roller.press(&load(first[3], 0.0)).expect("a contact");
         let stress = Spectrum::new(&layer, &roller.point_forces(0.8), 0.8, 40.0);
-        for row in group.iter().step_by(4) {
+        for row in group {
             near(roller.pressure_mpa(row[4]), row[5], 1e-8 * first[5], "p");
             near(stress.szz(row[4]), row[6], 1e-8 * first[5], "szz");
         }
@@ -171,12 +171,9 @@ fn tilted_bars_are_those_of_the_reference() {
     ];
     for (friction, text) in tables {
         let mut modes = [0, 0, 0];
-        for (i, row) in tilted(text).iter().enumerate() {
+        for row in &tilted(text) {
             for (level, error) in [(Level::Fast, 2e-3), (Level::Default, 1e-6), (Level::Fine, 1e-8)]
             {
-                if level != Level::Fine && i % 4 != 0 {
-                    continue;
-                }
                 let mut bar = indenter(&row.layer, row.shape, friction, level);
                 let outcome = bar.press(&row.load);
                 if row.mode == "topples" {
@@ -187,8 +184,8 @@ fn tilted_bars_are_those_of_the_reference() {
                 let contact = outcome.expect("an equilibrium");
                 modes[usize::from(contact.mode == Mode::Left)] += 1;
                 check_tilted(row, &contact, error);
-                if i % 12 == 0 && level == Level::Fine {
-                    check_features(row, &bar);
+                if level != Level::Fast {
+                    check_features(row, &bar, level);
                 }
                 // The mirror image, warm and cold.
                 let mirrored = load(row.load.p_n_mm, -row.load.q_n_mm);
@@ -200,23 +197,30 @@ fn tilted_bars_are_those_of_the_reference() {
     }
 }
 
-fn check_features(row: &Tilted, bar: &Indenter) {
+/// The default level's error in parts of the fine one's.
+const COARSE: f64 = 10.0;
+
+/// Moments and the peak carry the level's error; M0 and M1 are statics.
+fn check_features(row: &Tilted, bar: &Indenter, level: Level) {
     let n = &row.numbers;
     let (t, peak) = (n[2], -n[24]);
+    let coarse = if level == Level::Fine { 1.0 } else { COARSE };
     let forces = bar.point_forces(t);
     let m = moments(&row.layer, &forces, t).m;
     near(m[0], -row.load.p_n_mm, 1e-10, "M0");
     near(m[1], n[14], 1e-10, "M1");
-    near(m[2], n[15], 1e-7, "M2");
-    near(m[3], n[16], 1e-6, "M3");
+    near(m[2], n[15], 1e-7 * coarse, "M2");
+    near(m[3], n[16], 1e-6 * coarse, "M3");
     let stress = Spectrum::new(&row.layer, &forces, t, 40.0);
     let thresholds = [0.01 * peak, 0.1 * peak, 0.5 * peak, 1e-3];
     let part = compressive(&stress, row.load.q_n_mm == 0.0, &thresholds);
     for (k, found) in part.moments.m.iter().enumerate() {
-        near(*found, n[18 + k], 2e-7, "compressive moment");
+        near(*found, n[18 + k], 2e-7 * coarse, "compressive moment");
     }
-    near(part.x_peak_mm, n[23], 1e-6, "x_peak");
-    near(part.szz_peak_mpa, n[24], 1e-8 * peak, "peak");
+    // Flat peaks move by more than the stress is off.
+    let aside = if level == Level::Fine { 1e-6 } else { 3e-4 };
+    near(part.x_peak_mm, n[23], aside, "x_peak");
+    near(part.szz_peak_mpa, n[24], 1e-8 * coarse * peak, "peak");
     for (k, found) in part.widths_mm.iter().enumerate() {
         // The reference interpolates its widths to about 3e-5 mm.
         near(*found, n[25 + k], 1e-4, "width");
@@ -236,7 +240,7 @@ fn pressures_and_base_stresses_of_tilted_bars() {
         let (layer, bar) = solve(&group[0], group[0][2]);
         let stress = Spectrum::new(&layer, &bar.point_forces(0.8), 0.8, 40.0);
         let peak = group.iter().map(|row| -row[7]).fold(0.0, f64::max);
-        for row in group.iter().step_by(5) {
+        for row in group {
             near(stress.szz(row[6]), row[7], 1e-7 * peak, "szz");
         }
     }

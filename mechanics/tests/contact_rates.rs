@@ -116,6 +116,16 @@ fn a_cylinders_derivative_is_that_of_the_solver_by_descent() {
     }
 }
 
+/// A parabola is round as a cylinder is: without glue a turn about its own axis changes nothing.
+#[test]
+fn a_turned_parabola_is_round() {
+    let shape = Shape::Parabola { radius_mm: 23.0 };
+    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::Proportional, Level::Default);
+    let mut body = body.expect("a sound indenter");
+    body.press(&Load { p_n_mm: 1.0, q_n_mm: 0.2 }).expect("a contact");
+    assert_eq!(body.rate(Motion::RotY, 0.8), Ok(Some(Rate::default())));
+}
+
 #[test]
 fn a_slide_shifts_the_image() {
     let shape = Shape::Flat { width_mm: 12.7, height_mm: 6.35 };

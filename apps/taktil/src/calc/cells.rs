@@ -1,11 +1,13 @@
 //! What `contact_2d` solves on places: any profile, Coulomb's law and no slip, on cells of the
-//! exact layer or on a mesh's nodes. Cells of a profile are laid over what touches, not over all
-//! of it. Refuses what the solver refuses.
+//! exact layer or on a mesh's nodes. Cells are laid over what touches, not over all of a shape, and
+//! over more of it until the contact ends inside them. Refuses what the solver refuses.
 
 use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::plane::bed::{Bed, CELLS_MAX};
 use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law, Status};
-use taktil_mechanics::contact::plane::{Contact, Friction, Indenter, Level, Load, Mode, Shape};
+use taktil_mechanics::contact::plane::{
+    Contact, Friction, Indenter, Level, Load, Mode, Refusal, Shape,
+};
 
 use super::field::Failure;
 use super::indent::{Held, Solved, Stress, failure, level_of, plain, refused};
@@ -16,10 +18,14 @@ use super::request::Args;
 const STEPS: u32 = 16;
 /// How often cells are laid over less, or more, of a profile.
 const LAID: usize = 12;
-/// Cells fit a contact that with what is beside it covers this part of them.
-const FITS: f64 = 0.8;
-/// How far cells go on beside what touches, in parts of it.
+/// Cells fit a contact that with what is beside it covers this part of them: where it touches
+/// without stick, and at last.
+const FITS: [f64; 2] = [0.8, 0.5];
+/// How far cells go on beside what touches, in parts of it; beside what they cut off; and beside
+/// half of a round indenter's contact without friction.
 const BESIDE: f64 = 0.06;
+const BEYOND: f64 = 0.3;
+const AROUND: f64 = 1.15;
 /// Widest cell between two places that touch, in thicknesses.
 const GAP: f64 = 10.0;
 /// Widest cell where something touches, in thicknesses: the base does not tell such cells from
@@ -27,6 +33,9 @@ const GAP: f64 = 10.0;
 const WIDEST: f64 = 0.6;
 /// Depth in widths of a cell from which on that is so.
 const BLURRED: f64 = 1.65;
+
+/// Stretches of the surface in mm, ascending.
+type Runs = Vec<[f64; 2]>;
 
 /// The law that the general solver takes.
 pub(super) fn law_of(args: &Args, drive: Prescribed) -> Result<Law, Failure> {
@@ -78,13 +87,14 @@ fn height(shape: &Indented, x: f64) -> f64 {
     }
 }
 
-/// Cells of a level.
-fn count(args: &Args) -> Result<u32, Failure> {
-    Ok(match level_of(args)? {
+/// Cells of a level, so often halved.
+fn count(args: &Args, halved: u32) -> Result<u32, Failure> {
+    let cells = match level_of(args)? {
         Level::Fast => 48,
         Level::Default => 96,
         Level::Fine => 192,
-    })
+    };
+    Ok(cells >> halved)
 }
 
 /// Edges of `n` cells of one width.
@@ -122,19 +132,25 @@ fn lowest(shape: &Indented, from: f64, to: f64) -> f64 {
     kinks.iter().fold(ends, |low, z| low.min(z - bottom))
 }
 
-/// Cells where a profile touches without friction, and a bit beside that.
-fn touched(
-    args: &Args,
-    layer: &Layer,
-    shape: &Indented,
-    drive: Prescribed,
-    whole: [f64; 2],
-) -> Result<Vec<f64>, Failure> {
-    let (n, t) = (count(args)?, layer.thickness_mm);
-    let mut runs = vec![whole];
-    if let Prescribed::Move { dz, .. } = drive
-        && let Indented::Profile(x, z) = shape
-    {
+/// All of a shape, and where to look first for what touches.
+fn window(layer: &Layer, shape: &Indented, drive: Prescribed) -> Result<([f64; 2], Runs), Failure> {
+    let Indented::Profile(x, z) = shape else {
+        let Indented::Rigid(round) = shape else { return Ok(([-1.0, 1.0], vec![[-1.0, 1.0]])) };
+        let mut free = Indenter::new(layer, *round, Friction::None, Level::Default)
+            .map_err(|invalid| failure(&invalid))?;
+        let contact = match drive {
+            Prescribed::Load(Load { p_n_mm, .. }) => free.press(&Load { p_n_mm, q_n_mm: 0.0 }),
+            Prescribed::Move { dz, .. } => free.descend(dz),
+        };
+        let end = match round {
+            Shape::Cylinder { radius_mm } => radius_mm * (1.0 - 1e-12),
+            _ => f64::MAX,
+        };
+        let half = (AROUND * contact.map_err(refused)?.x_right_mm.max(1e-3)).min(end);
+        return Ok(([-end, end], vec![[-half, half]]));
+    };
+    let whole = [x[0], x[x.len() - 1]];
+    if let Prescribed::Move { dz, .. } = drive {
         // What is below the surface, and the bulge beside it.
         let bottom = bottom(z);
         let below = |i: &usize| z[*i].min(z[i + 1]) - bottom < dz;
@@ -142,25 +158,54 @@ fn touched(
         let reach = |i: usize| sunk(shape, &x[i..=i + 1], dz);
         if let (Some(first), Some(last)) = (pieces.clone().find(below), pieces.rev().find(below)) {
             let [from, to] = [reach(first)[0], reach(last)[1]];
-            runs = vec![roughly([from, to], 0.5 * (to - from) + t, whole)];
+            let run = roughly([from, to], 0.5 * (to - from) + layer.thickness_mm, whole);
+            return Ok((whole, vec![run]));
         }
     }
+    Ok((whole, vec![whole]))
+}
+
+/// Where a shape touches under a law without stick, and a bit beside that, found in one step.
+fn touched(
+    layer: &Layer,
+    shape: &Indented,
+    drive: Prescribed,
+    law: Law,
+    n: u32,
+    (whole, mut runs): ([f64; 2], Runs),
+) -> Result<Runs, Failure> {
     for _ in 0..LAID {
-        let edges = laid(&runs, n, t);
-        let bed = Bed::of_layer(layer, &edges).map_err(|invalid| failure(&invalid))?;
+        let edges = laid(&runs, n, layer.thickness_mm);
+        let bed = bed_of(layer, &edges)?;
         let heights = edges.windows(2).map(|w| lowest(shape, w[0], w[1])).collect();
-        let mut grip = Grip::new(bed, heights, Law::Free).map_err(|invalid| failure(&invalid))?;
+        let mut grip = Grip::new(bed, heights, law).map_err(|invalid| failure(&invalid))?;
         grip.step(&part_of(drive, shape, 1.0)).map_err(refused)?;
-        let next = beside(&edges, grip.status(), whole);
-        let length = |runs: &[[f64; 2]]| runs.iter().map(|[from, to]| to - from).sum::<f64>();
+        let next = beside(&bare(&edges, grip.status()), &edges, whole);
         let within =
             |[from, to]: &[f64; 2]| runs.iter().any(|run| run[0] <= *from && *to <= run[1]);
-        if next.is_empty() || (next.iter().all(within) && length(&next) >= FITS * length(&runs)) {
-            return Ok(edges);
+        let fits = next.iter().all(within) && length(&next) >= FITS[0] * length(&runs);
+        if next.is_empty() || fits {
+            return Ok(runs);
         }
         runs = next;
     }
-    Ok(laid(&runs, n, t))
+    Ok(runs)
+}
+
+fn length(runs: &[[f64; 2]]) -> f64 {
+    runs.iter().map(|[from, to]| to - from).sum()
+}
+
+/// The bed of cells, unless they are too many.
+fn bed_of(layer: &Layer, edges: &[f64]) -> Result<Bed, Failure> {
+    if edges.len() > CELLS_MAX + 1 {
+        let what = format!(
+            "`shape` would touch over more than {CELLS_MAX} cells of {WIDEST} thicknesses or, \
+             where it leaves gaps, {GAP}: give a smaller one, press less, or take a thicker layer"
+        );
+        return Err(Failure::range("shape", what));
+    }
+    Bed::of_layer(layer, edges).map_err(|invalid| failure(&invalid))
 }
 
 /// A run with what is beside it, on a grid of the whole: a contact that is moved by little keeps
@@ -185,9 +230,9 @@ fn sunk(shape: &Indented, piece: &[f64], dz: f64) -> [f64; 2] {
     [if a < dz { piece[0] } else { cut }, if b < dz { piece[1] } else { cut }]
 }
 
-/// What touches, in runs, and a bit beside each.
-fn beside(edges: &[f64], status: &[Status], whole: [f64; 2]) -> Vec<[f64; 2]> {
-    let mut bare: Vec<[f64; 2]> = Vec::new();
+/// What touches, in runs.
+fn bare(edges: &[f64], status: &[Status]) -> Runs {
+    let mut bare: Runs = Vec::new();
     for (cell, _) in edges.windows(2).zip(status).filter(|(_, status)| **status != Status::Apart) {
         match bare.last_mut() {
             // Rough cells touch and do not by turns.
@@ -195,51 +240,53 @@ fn beside(edges: &[f64], status: &[Status], whole: [f64; 2]) -> Vec<[f64; 2]> {
             _ => bare.push([cell[0], cell[1]]),
         }
     }
-    let mut runs: Vec<[f64; 2]> = Vec::new();
-    for [from, to] in bare {
-        let after = edges.partition_point(|edge| *edge <= from);
-        let beside = (edges[after] - edges[after - 1]).max(BESIDE * (to - from));
-        let run = [(from - beside).max(whole[0]), (to + beside).min(whole[1])];
-        match runs.last_mut() {
-            Some(last) if run[0] <= last[1] => last[1] = run[1],
-            _ => runs.push(run),
-        }
-    }
-    runs
+    bare
 }
 
-/// Edges of the cells on the exact layer.
-fn edges(
-    args: &Args,
-    layer: &Layer,
-    shape: &Indented,
-    drive: Prescribed,
-) -> Result<Vec<f64>, Failure> {
-    let n = count(args)?;
-    let widest = WIDEST * layer.thickness_mm;
-    let [low, high] = match shape {
-        Indented::Rigid(Shape::Flat { width_mm, .. }) => {
-            // Gathered at the corners.
-            let n = n.max(at_least(0.5 * core::f64::consts::PI * width_mm, widest));
-            let angle = |i: u32| core::f64::consts::PI * (f64::from(i) / f64::from(n));
-            return Ok((0..=n).map(|i| -0.5 * width_mm * libm::cos(angle(i))).collect());
+/// What touches with a bit beside each run.
+fn beside(bare: &[[f64; 2]], edges: &[f64], whole: [f64; 2]) -> Runs {
+    let mut runs: Runs = Vec::new();
+    for &[from, to] in bare {
+        let after = edges.partition_point(|edge| *edge <= from);
+        let beside = (edges[after] - edges[after - 1]).max(BESIDE * (to - from));
+        runs.push([(from - beside).max(whole[0]), (to + beside).min(whole[1])]);
+    }
+    merged(runs)
+}
+
+/// Runs in order, those that meet as one.
+fn merged(mut runs: Runs) -> Runs {
+    runs.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut apart: Runs = Vec::new();
+    for run in runs {
+        match apart.last_mut() {
+            Some(last) if run[0] <= last[1] => last[1] = last[1].max(run[1]),
+            _ => apart.push(run),
         }
-        Indented::Profile(x, _) => {
-            return touched(args, layer, shape, drive, [x[0], x[x.len() - 1]]);
-        }
-        Indented::Rigid(shape) => {
-            let mut free = Indenter::new(layer, *shape, Friction::None, Level::Default)
-                .map_err(|invalid| failure(&invalid))?;
-            let contact = match drive {
-                Prescribed::Load(Load { p_n_mm, .. }) => free.press(&Load { p_n_mm, q_n_mm: 0.0 }),
-                Prescribed::Move { dz, .. } => free.descend(dz),
-            };
-            let half = 1.1 * contact.map_err(refused)?.x_right_mm.max(1e-3);
-            [-half, half]
-        }
-        Indented::Knife => [-1.0, 1.0],
+    }
+    apart
+}
+
+/// Whether what touches ends where its run of cells does, and not with the shape itself: it would
+/// go on, and what is solved is cut off.
+fn is_cut(bare: &[[f64; 2]], runs: &[[f64; 2]], whole: [f64; 2]) -> bool {
+    let free = |[from, to]: &[f64; 2]| {
+        runs.iter().any(|run| {
+            let slack = 1e-9 * (run[1] - run[0]);
+            let left = *from > run[0] + slack || run[0] <= whole[0];
+            let right = *to < run[1] - slack || run[1] >= whole[1];
+            left && right && *from >= run[0] - slack && *to <= run[1] + slack
+        })
     };
-    Ok(even([low, high], n.max(at_least(high - low, widest))))
+    !bare.iter().all(free)
+}
+
+/// Edges of the cells under a bar, gathered at its corners.
+fn under_bar(width_mm: f64, n: u32, layer: &Layer) -> Vec<f64> {
+    let widest = WIDEST * layer.thickness_mm;
+    let n = n.max(at_least(0.5 * core::f64::consts::PI * width_mm, widest));
+    let angle = |i: u32| core::f64::consts::PI * (f64::from(i) / f64::from(n));
+    (0..=n).map(|i| -0.5 * width_mm * libm::cos(angle(i))).collect()
 }
 
 /// A part of the way to the load or the move.
@@ -261,6 +308,24 @@ fn part_of(drive: Prescribed, shape: &Indented, f: f64) -> Drive {
     }
 }
 
+/// Refuses a bar that topples whatever carries it.
+fn stands(shape: &Indented, drive: Prescribed) -> Result<(), Failure> {
+    let Indented::Rigid(Shape::Flat { width_mm, height_mm }) = shape else { return Ok(()) };
+    let Prescribed::Load(Load { p_n_mm: p, q_n_mm: q }) = drive else { return Ok(()) };
+    if p > 0.0 && q.abs() * height_mm >= p * 0.5 * width_mm {
+        return Err(refused(Refusal::Topples));
+    }
+    Ok(())
+}
+
+/// Of a bar that does not topple, but beyond the middle of its last place.
+fn on_places(shape: &Indented, refusal: Refusal) -> Failure {
+    match (shape, refusal) {
+        (Indented::Rigid(Shape::Flat { .. }), Refusal::Topples) => refused(Refusal::OnCorner),
+        _ => refused(refusal),
+    }
+}
+
 /// Follows the path to the load or the move.
 fn follow(
     args: &Args,
@@ -276,7 +341,7 @@ fn follow(
         (1..=steps)
             .try_for_each(|k| grip.step(&part_of(drive, shape, f64::from(k) / f64::from(steps))))
     })
-    .map_err(refused)
+    .map_err(|refusal| on_places(shape, refusal))
 }
 
 /// The contact of a shape on a bed, with the features of its mode.
@@ -289,6 +354,7 @@ pub(super) fn gripped(
     let law = law_of(args, drive)?;
     let heights = bed.x_mm.iter().map(|x| height(shape, *x)).collect();
     let mut grip = Grip::new(bed, heights, law).map_err(|invalid| failure(&invalid))?;
+    stands(shape, drive)?;
     follow(args, &mut grip, shape, law, drive)?;
     let bed = grip.bed();
     let touching = |i: &usize| grip.status()[*i] != Status::Apart;
@@ -335,16 +401,70 @@ pub(super) fn pressures(grip: &Grip, x_mm: &[f64]) -> Vec<Option<f64>> {
     x_mm.iter().map(at).collect()
 }
 
+/// The contact on the exact layer, on cells that are laid over more of the shape until it ends
+/// inside them, or with the shape.
+fn laid_over(
+    args: &Args,
+    layer: &Layer,
+    shape: &Indented,
+    drive: Prescribed,
+    halved: u32,
+) -> Result<(Grip, Contact), Failure> {
+    let n = count(args, halved)?;
+    if let Indented::Rigid(Shape::Flat { width_mm, .. }) = shape {
+        return gripped(args, bed_of(layer, &under_bar(*width_mm, n, layer))?, shape, drive);
+    }
+    let start = window(layer, shape, drive)?;
+    let whole = start.0;
+    let look = |law| touched(layer, shape, drive, law, n, start.clone());
+    let mut runs = match drive {
+        // As if all slipped: stick takes less room.
+        Prescribed::Load(Load { p_n_mm: p, q_n_mm: q }) if p > 0.0 && q != 0.0 => {
+            look(Law::Proportional(q / p)).or_else(|_| look(Law::Free))?
+        }
+        _ => look(Law::Free)?,
+    };
+    let mut whole_one = None;
+    for _ in 0..LAID {
+        let edges = laid(&runs, n, layer.thickness_mm);
+        let found = gripped(args, bed_of(layer, &edges)?, shape, drive)?;
+        let bare = bare(&edges, found.0.status());
+        let next = beside(&bare, &edges, whole);
+        if is_cut(&bare, &runs, whole) {
+            let more = next.iter().map(|[from, to]| {
+                let more = BEYOND * (to - from);
+                [(from - more).max(whole[0]), (to + more).min(whole[1])]
+            });
+            let wider = merged(runs.iter().copied().chain(more).collect());
+            if wider == runs {
+                break;
+            }
+            runs = wider;
+            continue;
+        }
+        // A move along x may have gone over more than is left.
+        let moved = matches!(drive, Prescribed::Move { .. });
+        if next.is_empty() || moved || length(&next) >= FITS[1] * length(&runs) {
+            return Ok(found);
+        }
+        (whole_one, runs) = (Some(found), next);
+    }
+    whole_one.ok_or_else(|| {
+        let what = "the contact does not end inside the cells that it is solved on, however wide: \
+                    take less Q, or press less";
+        Failure::new("unreachable", Some("load"), what)
+    })
+}
+
 pub(super) fn cells(
     args: &Args,
     layer: &Layer,
     x_mm: &[f64],
     shape: &Indented,
     drive: Prescribed,
+    halved: u32,
 ) -> Result<Solved, Failure> {
-    let edges = edges(args, layer, shape, drive)?;
-    let bed = Bed::of_layer(layer, &edges).map_err(|invalid| failure(&invalid))?;
-    let (grip, contact) = gripped(args, bed, shape, drive)?;
+    let (grip, contact) = laid_over(args, layer, shape, drive, halved)?;
     let places = grip.bed().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
     let forces = places.map(|((x, p), q)| [*x, *p, *q]).collect();
     let touching = grip.bed().width_mm.iter().zip(grip.normal_n_mm()).filter(|(_, p)| **p != 0.0);
@@ -356,6 +476,7 @@ pub(super) fn cells(
         pressure: pressures(&grip, x_mm),
         shallowest_mm: BLURRED * widest,
         symmetric: false,
+        pull_n_mm: 0.0,
         held: Held::Cells(Box::new(grip), law_of(args, drive)?),
     })
 }

@@ -21,6 +21,8 @@ use super::request::{Args, counted};
 const NEIGHBOUR: f64 = 1.01;
 /// Farthest move that is meant.
 const FARTHEST_MM: f64 = 1e30;
+/// Slope of a bar that small strain does not mean: its corner then cuts as deep as it is wide.
+const STEEPEST: f64 = 1.0;
 /// Code of a contact that is more than one interval.
 const PARTED: &str = "parted";
 /// Width of the finite element layer.
@@ -37,6 +39,8 @@ pub(super) struct Solved {
     pub(super) shallowest_mm: f64,
     /// Whether the stress is even in x.
     pub(super) symmetric: bool,
+    /// What glued edges pull, which a contact that may part would not.
+    pub(super) pull_n_mm: f64,
     pub(super) held: Held,
 }
 
@@ -45,7 +49,8 @@ pub(super) enum Held {
     /// A line load, or nothing.
     Line,
     Spectral(Box<Indenter>),
-    Glued(Box<NoSlip>, Shape),
+    /// With its shape and how far it was moved along x.
+    Glued(Box<NoSlip>, Shape, f64),
     Cells(Box<Grip>, Law),
     Mesh(Box<(Grip, Elements)>, Law),
     /// A line load on elements.
@@ -77,18 +82,20 @@ pub(super) fn refused(refusal: Refusal) -> Failure {
         Refusal::Topples => "topples",
         Refusal::Slides => "slides",
         Refusal::Pulls | Refusal::NotFinite => "out_of_range",
-        Refusal::TooWide | Refusal::OffChart => "unreachable",
+        Refusal::TooWide | Refusal::OffChart | Refusal::OnCorner => "unreachable",
         Refusal::Parts => PARTED,
         Refusal::Unsettled | Refusal::Tears => "unsettled",
     };
     Failure::new(code, Some("load"), refusal.to_string())
 }
 
+/// Solves; cells or elements are so often halved in number, along each side.
 pub(super) fn solve(
     args: &Args,
     layer: &Layer,
     depth: f64,
     x_mm: &[f64],
+    halved: u32,
 ) -> Result<Solved, Failure> {
     let (drive, shape) = (prescribed(args)?, shape_of(args)?);
     let law = match args.table("friction") {
@@ -97,8 +104,13 @@ pub(super) fn solve(
     };
     let named = |failure| named(drive, failure);
     let text = if law.is_none() { args.choice("friction")? } else { "coulomb" };
+    carries(&shape, text, drive)?;
     if args.choice("method")? == "fem" {
-        let solved = elements(args, layer, depth, x_mm, &shape, drive);
+        if depth != layer.thickness_mm {
+            let what = "`fem` knows szz at the base alone: leave `depth_mm` out";
+            return Err(Failure::range("depth_mm", what));
+        }
+        let solved = elements(args, layer, &shape, drive, x_mm, halved);
         return solved.and_then(|solved| within(layer, solved)).map_err(named);
     }
     let solved = match (shape, text) {
@@ -111,7 +123,7 @@ pub(super) fn solve(
             match (Spectral { args, layer, shape, friction, drive }.solve(depth, x_mm)) {
                 // In two pieces, it is one for the cells.
                 Err(parted) if parted.code == PARTED => {
-                    cells(args, layer, x_mm, &Indented::Rigid(shape), drive)
+                    cells(args, layer, x_mm, &Indented::Rigid(shape), drive, halved)
                 }
                 solved => solved,
             }
@@ -119,11 +131,26 @@ pub(super) fn solve(
         (Indented::Rigid(shape), "none") => {
             Spectral { args, layer, shape, friction: Friction::None, drive }.solve(depth, x_mm)
         }
-        (shape, _) => cells(args, layer, x_mm, &shape, drive),
+        (shape, _) => cells(args, layer, x_mm, &shape, drive, halved),
     };
     let solved = solved.and_then(|solved| within(layer, solved)).map_err(named)?;
     resolved(depth, &solved)?;
     Ok(solved)
+}
+
+/// Refuses a load along x that nothing carries: without friction a bar still feels its moment, a
+/// round indenter or a profile that is held upright nothing.
+fn carries(shape: &Indented, friction: &str, drive: Prescribed) -> Result<(), Failure> {
+    let Prescribed::Load(Load { q_n_mm, .. }) = drive else { return Ok(()) };
+    let feels = matches!(shape, Indented::Knife | Indented::Rigid(Shape::Flat { .. }));
+    if friction != "none" || feels || q_n_mm == 0.0 {
+        return Ok(());
+    }
+    let what = format!(
+        "`load.q_n_mm` is {q_n_mm}, and without `friction` a cylinder or a profile carries none: \
+         leave it out, or give \"prop\", \"stick\" or {{\"coulomb\"}}"
+    );
+    Err(Failure::new("slides", Some("load.q_n_mm"), what))
 }
 
 /// Solvers speak of the load; what was given may be a move. The message names the field.
@@ -151,10 +178,17 @@ fn resolved(depth: f64, solved: &Solved) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A contact, unless the indenter would reach the base.
+/// A contact, unless the indenter would reach the base, or a bar lean as far.
 fn within(layer: &Layer, solved: Solved) -> Result<Solved, Failure> {
     let Contact { delta_mm, slope, x_left_mm, x_right_mm, .. } = solved.contact;
     let deepest = delta_mm + slope.abs() * x_left_mm.abs().max(x_right_mm.abs());
+    if slope.abs() >= STEEPEST {
+        let what = format!(
+            "the bar would lean on its corner with a slope of {slope:.3}, and small strain means \
+             far less than {STEEPEST}: take less Q, or a lower bar"
+        );
+        return Err(Failure::new("unreachable", Some("load"), what));
+    }
     if !solved.descends || deepest < layer.thickness_mm {
         return Ok(solved);
     }
@@ -180,6 +214,7 @@ fn knife(drive: Prescribed, x_mm: &[f64]) -> Result<Solved, Failure> {
         pressure: x_mm.iter().map(|x| (*x != 0.0).then_some(0.0)).collect(),
         shallowest_mm: 0.0,
         symmetric: load.q_n_mm == 0.0,
+        pull_n_mm: 0.0,
         held: Held::Line,
     })
 }
@@ -249,6 +284,7 @@ impl Spectral<'_> {
             pressure: x_mm.iter().map(pressure).collect(),
             shallowest_mm: indenter.shallowest_mm(),
             symmetric: contact.q_n_mm == 0.0,
+            pull_n_mm: 0.0,
             held: Held::Spectral(Box::new(indenter)),
         })
     }
@@ -278,6 +314,7 @@ fn no_slip(
             pressure: vec![Some(0.0); x_mm.len()],
             shallowest_mm: 0.0,
             symmetric: true,
+            pull_n_mm: 0.0,
             held: Held::Line,
         });
     }
@@ -307,22 +344,19 @@ fn no_slip(
         pressure: vec![None; x_mm.len()],
         shallowest_mm: held.shallowest_mm(),
         symmetric: dx == 0.0,
-        held: Held::Glued(Box::new(held), shape),
+        pull_n_mm: held.pull_n_mm(dx),
+        held: Held::Glued(Box::new(held), shape, dx),
     })
 }
 
 fn elements(
     args: &Args,
     layer: &Layer,
-    depth: f64,
-    x_mm: &[f64],
     shape: &Indented,
     drive: Prescribed,
+    x_mm: &[f64],
+    halved: u32,
 ) -> Result<Solved, Failure> {
-    if depth != layer.thickness_mm {
-        let what = "`fem` knows szz at the base alone: leave `depth_mm` out";
-        return Err(Failure::range("depth_mm", what));
-    }
     let [nx, nz] = args.array::<2>("mesh")?;
     let whole = |n: f64| (1.0..=2048.0).contains(&n) && n == n.floor();
     if !(whole(nx) && whole(nz)) || nx * nz > 100_000.0 {
@@ -332,10 +366,11 @@ fn elements(
         );
         return Err(Failure::range("mesh", what));
     }
-    let body = Mesh::uniform(WIDTH_MM, layer.thickness_mm, nx as usize, nz as usize)
+    let [nx, nz] = [nx, nz].map(|n| ((n as usize) >> halved).max(1));
+    let body = Mesh::uniform(WIDTH_MM, layer.thickness_mm, nx, nz)
         .and_then(|mesh| Elements::new(layer, mesh, Kind::MeanDilatation))
         .map_err(|invalid| failure(&invalid))?;
-    let places = body.mesh().row_mm(nz as usize);
+    let places = body.mesh().row_mm(nz);
     stands_on_two(shape, &places)?;
     let mut grip = None;
     let (contact, normal, tangential, pressure) = if let Indented::Knife = shape {
@@ -364,7 +399,8 @@ fn elements(
         None => Held::MeshLine,
     };
     let (stress, symmetric) = (Stress::Nodes(nodes), false);
-    Ok(Solved { contact, descends, stress, pressure, shallowest_mm: 0.0, symmetric, held })
+    let (shallowest_mm, pull_n_mm) = (0.0, 0.0);
+    Ok(Solved { contact, descends, stress, pressure, shallowest_mm, symmetric, pull_n_mm, held })
 }
 
 /// Refuses a bar of which one node at most would carry all.

@@ -3,7 +3,7 @@
 //! the two has, and what the contact itself refuses; what is undefined is null.
 
 use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
+use taktil_mechanics::contact::plane::grip::{Grip, Law};
 use taktil_mechanics::contact::plane::rates::{self, Image, Rate};
 use taktil_mechanics::contact::plane::{Indenter, Level, Load, Mode};
 use taktil_mechanics::contact::space::jacobian::{
@@ -12,14 +12,16 @@ use taktil_mechanics::contact::space::jacobian::{
 
 use super::Operation;
 use super::answer::Answer;
+use super::differences::differences;
 use super::field::{Failure, Field, Kind, Need};
 use super::indent::{self, Held, Solved, Stress};
 use super::nodes::Nodes;
 use super::request::Args;
 use super::{plane, space};
 
-/// Step of differences in parts of the descent and of the contact's slope.
-const STEP: f64 = 1e-4;
+/// An error in parts of the difference to half as many places: at first order, which an edge
+/// between places or a corner leaves, it is one of them; here as if at order 0.6.
+const COARSER: f64 = 2.0;
 
 /// Names of features in three dimensions, the thesis's beside ours.
 const SPACE: &[(&str, Feature)] = &[
@@ -93,7 +95,12 @@ const MOTIONS: &[&str] = &["dx", "dy", "dz", "rx", "ry", "rz"];
 pub(super) const OPERATIONS: &[Operation] = &[Operation {
     name: "feature_jacobian",
     doc: "Derivatives of a contact's features with respect to motions of the indenter, the other \
-          motions held, at a `contact_2d` or a `contact_3d` request.",
+          motions held, at a `contact_2d` or a `contact_3d` request. In plane strain they are \
+          exact; on cells and elements (a profile, {coulomb}, a bar's stick, fem) differences. \
+          Where it slides freely (none, prop) dx takes the contact along over the layer; where it \
+          is held (stick, {coulomb}) dx shears it, at fixed contact if it is a glued cylinder, \
+          whose dz is that of `contact_2d` by `move`: pressed deeper, then moved along by the \
+          same dx. Under {coulomb} and on profiles dz goes on from the contact as it is.",
     fields: &[
         Field::new(
             "contact",
@@ -123,7 +130,14 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
     answers: &[
         ("j", "[features*motions] row by row; null where undefined"),
         ("condition", "largest over smallest singular value, or null"),
-        ("error_estimate", "[features*motions], by steps and levels; null as in `j`, or not known"),
+        (
+            "error_estimate",
+            "[features*motions] what the entry may be off by: in plane strain its difference to \
+             another level or to more points; on cells and elements the largest of twice its \
+             difference to half as many, of that to the entry where one place more, or less, \
+             touches or sticks (the edge is known to one place), and of half of what both sides of \
+             the difference differ by; null as in `j`, or not known, as on one or two places",
+        ),
         ("p_n_mm, q_n_mm", "N/mm, of a contact_2d"),
         ("force_n", "N, or N/mm without ends, of a contact_3d"),
         ("delta_mm", "mm, null for an edge"),
@@ -192,14 +206,24 @@ fn jacobian(args: &Args) -> Result<Answer, Failure> {
 
 /// Derivatives of all features with respect to one motion, and their errors.
 #[derive(Default)]
-struct Column {
-    values: Vec<Option<f64>>,
-    errors: Vec<Option<f64>>,
+pub(super) struct Column {
+    pub(super) values: Vec<Option<f64>>,
+    pub(super) errors: Vec<Option<f64>>,
 }
 
 impl Column {
     fn undefined(count: usize) -> Self {
         Self { values: vec![None; count], errors: vec![None; count] }
+    }
+
+    /// What another column, of half as many places, differs by is an error as well; without one
+    /// none is known.
+    fn or_coarser(mut self, other: Option<&Column>) -> Self {
+        for (i, error) in self.errors.iter_mut().enumerate() {
+            let pair = other.and_then(|other| other.values[i]).zip(self.values[i]);
+            *error = error.zip(pair).map(|(error, (a, b))| error.max(COARSER * (a - b).abs()));
+        }
+        self
     }
 
     fn exact(values: Vec<Option<f64>>) -> Self {
@@ -218,11 +242,23 @@ fn in_plane(args: &Args, contact: &Args) -> Result<Answer, Failure> {
     let features = named(args, "features", PLANE, &["m0", "m1"])?;
     let motions = named(args, "motions", &SPACE_MOTIONS, &["dx", "dz"])?;
     let (layer, _, depth) = plane::under(contact).map_err(within)?;
-    let solved = indent::solve(contact, &layer, depth, &[]).map_err(within)?;
+    let at = |halved: u32| indent::solve(contact, &layer, depth, &[], halved);
+    let solved = at(0).map_err(within)?;
     let found = (solved.contact, solved.descends);
-    let mut moved = Moved { layer, depth, features: &features, solved };
+    let on_places = matches!(solved.held, Held::Cells(..) | Held::Mesh(..) | Held::MeshLine);
+    let moved = |solved| Moved { layer, depth, features: &features, solved };
+    let mut coarser = if on_places { at(1).ok().map(moved) } else { None };
+    let mut moved = moved(solved);
+    let mut column = |motion: Motion| {
+        let column = moved.column(motion)?;
+        if !on_places {
+            return Ok(column);
+        }
+        let other = coarser.as_mut().and_then(|coarser| coarser.column(motion).ok());
+        Ok(column.or_coarser(other.as_ref()))
+    };
     let columns = args
-        .timed(|| motions.iter().map(|motion| moved.column(*motion)).collect::<Result<Vec<_>, _>>())
+        .timed(|| motions.iter().map(|motion| column(*motion)).collect::<Result<Vec<_>, _>>())
         .map_err(within)?;
     let flat = |of: fn(&Column) -> &Vec<Option<f64>>| -> Vec<Option<f64>> {
         let row = |row: usize| columns.iter().map(move |column| of(column)[row]);
@@ -269,10 +305,10 @@ impl Moved<'_> {
         match (&mut self.solved.held, &self.solved.stress) {
             (Held::Line | Held::MeshLine, _) if !slide => Ok(none),
             (Held::Spectral(indenter), _) => spectral(indenter, motion, features, depth, symmetric),
-            (Held::Glued(held, shape), Stress::Points(forces)) => {
+            (Held::Glued(held, shape, dx), Stress::Points(forces)) => {
                 let image = image(forces);
-                let [some, more] =
-                    [1, 2].map(|n| image.derivatives(&held.rate(*shape, motion, n), features));
+                let rate = |more| held.rate_moved(*shape, motion, *dx, more);
+                let [some, more] = [1, 2].map(|n| image.derivatives(&rate(n), features));
                 Ok(Column::beside(some, &more))
             }
             (Held::Cells(_, Law::Free | Law::Proportional(_)) | Held::Line, stress) if slide => {
@@ -341,40 +377,6 @@ fn spectral(
 fn forces_of(grip: &Grip) -> Vec<[f64; 3]> {
     let places = grip.bed().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
     places.map(|((x, p), q)| [*x, *p, *q]).collect()
-}
-
-/// Central differences about a contact on places; the error is half of what the two sides differ
-/// by: where the contact sticks on one way and slips on the other, that is the answer.
-fn differences(
-    grip: &Grip,
-    motion: rates::Motion,
-    measure: impl Fn(&Grip) -> Result<Vec<Option<f64>>, Failure>,
-) -> Result<Column, Failure> {
-    let [dz, slope, dx] = grip.rigid();
-    let span = grip.bed().x_mm.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
-    let step = match motion {
-        rates::Motion::RotY => STEP * dz.abs() / span,
-        rates::Motion::X | rates::Motion::Z => STEP * dz.abs(),
-    };
-    let at = |amount: f64| {
-        let mut grip = grip.clone();
-        let [z, turn, x] = match motion {
-            rates::Motion::X => [0.0, 0.0, amount],
-            rates::Motion::Z => [amount, 0.0, 0.0],
-            rates::Motion::RotY => [0.0, amount, 0.0],
-        };
-        let pose = Drive::Pose { dz_mm: dz + z, slope: slope + turn, dx_mm: dx + x };
-        grip.step(&pose).map_err(indent::refused)?;
-        measure(&grip)
-    };
-    let (less, here, more) = (at(-step)?, at(0.0)?, at(step)?);
-    let mut column = Column::default();
-    for i in 0..here.len() {
-        let sides = || Some([(more[i]? - here[i]?) / step, (here[i]? - less[i]?) / step]);
-        column.values.push(sides().map(|[a, b]| 0.5 * (a + b)));
-        column.errors.push(sides().map(|[a, b]| 0.5 * (a - b).abs()));
-    }
-    Ok(column)
 }
 
 fn measured(nodes: &Nodes, features: &[rates::Feature]) -> Vec<Option<f64>> {

@@ -9,6 +9,7 @@
 mod answer;
 mod cells;
 mod contact;
+mod differences;
 mod dynamics;
 mod field;
 mod indent;

@@ -76,7 +76,13 @@ pub(super) const CONTACT: &[Field] = &[
         Kind::ChoiceOrTable(&["none", "prop", "stick"], COULOMB),
         "",
         Need::Default("\"none\""),
-        "No shear, shear in proportion to pressure, no slip, or {coulomb}.",
+        "No shear; shear in proportion to pressure; no slip; or {coulomb}. \"none\": of Q a bar \
+         feels its moment, others refuse it. \"stick\": what is touched stays where it is on the \
+         indenter. A cylinder grows so in endless small steps of P, symmetric, then moves along by \
+         Q or dx with its contact glued, which neither grows nor parts: linear, `pull_n_mm` says \
+         what its edge pulls. Bars and profiles are pressed on in 16 steps with Q beside P (by \
+         `move`: down, then along), and part and touch as they must; a circle's peak by P alone \
+         differs by 1 % between the two. {coulomb}: in the same 16 steps, with slip.",
     ),
     choice(
         "method",
@@ -115,10 +121,20 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
         ("slope", ""),
         ("x_left_mm", "mm"),
         ("x_right_mm", "mm"),
+        (
+            "pull_n_mm",
+            "N/mm, what the edge of a glued cylinder pulls, on either side the more; 0 of all that \
+             may part",
+        ),
         ("mode", "open, full, left or right (edge lifted), free"),
         ("pressure", "[n] MPa, null where infinite or not resolved"),
         ("szz", "[n] MPa"),
-        ("features", "{full, compressive}"),
+        (
+            "features",
+            "{full, compressive}; full over the infinite layer, compressive of min(szz, 0) over \
+             |x| <= 12.7 mm, as wide as the array, and so are its x_peak and szz_peak: an x_peak \
+             there lies beyond, or there",
+        ),
         ("residual", "of the load"),
         ("ns", "with `timing`: of the contact's solution, without profile and features"),
     ],
@@ -224,16 +240,17 @@ pub(super) fn under(args: &Args) -> Result<(Layer, &[f64], f64), Failure> {
 fn contact_2d(args: &Args) -> Result<Answer, Failure> {
     let (layer, x_mm, depth) = under(args)?;
     let thickness_mm = layer.thickness_mm;
-    let solved = indent::solve(args, &layer, depth, x_mm)?;
+    let thresholds = thresholds(args)?;
+    let solved = indent::solve(args, &layer, depth, x_mm, 0)?;
     let mut out = Answer::new();
     contact(&mut out, &solved.contact, solved.descends);
+    out.number("pull_n_mm", solved.pull_n_mm);
     out.gaps("pressure", solved.pressure.iter().copied());
-    let thresholds = args.numbers("threshold_mpa")?;
     let (szz, full, part) = match &solved.stress {
         Stress::Points(forces) => {
             let far = forces.iter().map(|f| f[0].abs()).fold(12.7, f64::max);
             let reach = x_mm.iter().fold(far, |most, x| most.max(x.abs())) + 20.0 * thickness_mm;
-            let stress = Spectrum::new(&layer, forces, depth, reach.min(1e4));
+            let stress = Spectrum::new(&layer, forces, depth, reach);
             let szz: Vec<f64> = x_mm.iter().map(|x| stress.szz(*x)).collect();
             let full = moments(&layer, forces, depth);
             (szz, full, compressive(&stress, solved.symmetric, thresholds))
@@ -244,6 +261,16 @@ fn contact_2d(args: &Args) -> Result<Answer, Failure> {
     out.value("features", features(&full, &part));
     out.number("residual", solved.contact.residual);
     Ok(out)
+}
+
+fn thresholds(args: &Args) -> Result<&[f64], Failure> {
+    let thresholds = args.numbers("threshold_mpa")?;
+    if let Some(i) = thresholds.iter().position(|threshold| *threshold < 0.0) {
+        let field = format!("threshold_mpa[{i}]");
+        let what = format!("`{field}` is {}; give 0 or more: of compression", thresholds[i]);
+        return Err(Failure::range(&field, what));
+    }
+    Ok(thresholds)
 }
 
 fn contact(out: &mut Answer, contact: &Contact, descends: bool) {

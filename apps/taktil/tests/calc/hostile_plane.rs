@@ -95,3 +95,77 @@ fn a_bar_in_two_pieces_presses_everywhere() {
         assert!((moment - statics).abs() < 1e-9 * statics.abs(), "{q}: {moment} {statics}");
     }
 }
+
+/// What small strain, a level's cells or a missing friction cannot mean is refused for what it is.
+#[test]
+fn refusals_say_what_is_the_matter_and_what_to_change() {
+    let bar = |q: f64, friction: Value| {
+        let shape = json!({"flat": {"width_mm": 12.7, "height_mm": 6.35}});
+        let load = json!({"p_n_mm": 0.7, "q_n_mm": 0.7 * q});
+        contact(json!({"shape": shape, "load": load, "friction": friction}))
+    };
+    let slick = |shape: Value, method: &str| {
+        let load = json!({"p_n_mm": 1, "q_n_mm": 0.1});
+        contact(json!({"shape": shape, "load": load, "method": method}))
+    };
+    let roll = json!({"cylinder": {"radius_mm": 23}});
+    let tip = json!({"profile": {"x_mm": [-3, 0, 3], "z_mm": [1, 0, 1]}});
+    let far = json!({"profile": {"x_mm": [-3, 0, 1e5], "z_mm": [1, 0, 1]}});
+    let wide = json!({"flat": {"width_mm": 1000, "height_mm": 1}});
+    let (load, thin) = (json!({"p_n_mm": 1}), json!([0.5, -0.1]));
+    let cases = [
+        (bar(0.999_999, json!("none")), "unreachable", "load", "slope"),
+        (bar(-0.999_999, json!("prop")), "unreachable", "load", "slope"),
+        (bar(0.999_9, json!({"coulomb": 2})), "unreachable", "load", "does not topple"),
+        (bar(1.0, json!({"coulomb": 2})), "topples", "load", "topples"),
+        (slick(roll.clone(), "layer"), "slides", "load.q_n_mm", "leave it out"),
+        (slick(roll.clone(), "fem"), "slides", "load.q_n_mm", "leave it out"),
+        (slick(tip, "layer"), "slides", "load.q_n_mm", "leave it out"),
+        (
+            contact(json!({"shape": far, "move": {"dz_mm": 0.05}, "level": "fast"})),
+            "out_of_range",
+            "shape",
+            "press less",
+        ),
+        (
+            contact(json!({"shape": wide, "load": load})),
+            "out_of_range",
+            "shape.flat.width_mm",
+            "narrower bar or a thicker layer",
+        ),
+        (
+            contact(json!({"shape": roll, "load": load, "threshold_mpa": thin})),
+            "out_of_range",
+            "threshold_mpa[1]",
+            "0 or more",
+        ),
+    ];
+    for (request, code, field, word) in cases {
+        let answer = &ask_text(request.to_string().as_bytes())[0];
+        assert_eq!(answer["error"]["code"], code, "{request}: {answer}");
+        assert_eq!(answer["error"]["field"], field, "{request}: {answer}");
+        let message = answer["error"]["message"].as_str().unwrap();
+        assert!(message.contains(word) && !message.contains("take cells"), "{answer}");
+    }
+    // A bar without friction feels the moment of Q; a leaning one that is meant is answered.
+    let answer = &ask_text(bar(0.99, json!("none")).to_string().as_bytes())[0];
+    assert!(answer["slope"].as_f64().unwrap() > 0.05, "{answer}");
+}
+
+/// A glued cylinder is moved along for ever, and says what its edge pulls; all else may part.
+#[test]
+fn a_glued_cylinder_says_what_it_pulls() {
+    let pull = |dx: f64, friction: Value| {
+        let shape = json!({"cylinder": {"radius_mm": 23}});
+        let drive = json!({"dz_mm": 0.005, "dx_mm": dx});
+        let request = contact(json!({"shape": shape, "move": drive, "friction": friction}));
+        let answer = &ask_text(request.to_string().as_bytes())[0];
+        [&answer["pull_n_mm"], &answer["p_n_mm"]].map(|value| value.as_f64().unwrap())
+    };
+    assert_eq!(pull(0.0, json!("stick"))[0], 0.0);
+    let [small, p] = pull(1e-4, json!("stick"));
+    assert!(small < 1e-3 * p, "{small} {p}");
+    let [large, p] = pull(0.2, json!("stick"));
+    assert!(large > p, "{large} {p}");
+    assert_eq!(pull(0.2, json!({"coulomb": 1}))[0], 0.0);
+}

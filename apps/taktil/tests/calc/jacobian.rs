@@ -118,6 +118,73 @@ fn a_tilted_bar_under_every_friction() {
     }
 }
 
+/// The edge of a contact on places is known to one of them: the stated error covers what that, and
+/// a coarse mesh, leave against the exact entry; and it says no hundred times too much.
+#[test]
+fn errors_stated_on_places_cover_the_exact_entry() {
+    let asked = json!({"features": ["m0", "m2", "szz_peak"], "motions": ["dz"]});
+    let x: Vec<f64> = (-300..=300).map(|i| 0.03 * f64::from(i)).collect();
+    for (radius, p) in [(23.0_f64, 0.7), (23.0, 5.0), (10.0, 2.0), (23.0, 0.1)] {
+        let z: Vec<f64> = x.iter().map(|x| radius - (radius * radius - x * x).sqrt()).collect();
+        let roll = json!({"cylinder": {"radius_mm": radius}});
+        let profile = json!({"profile": {"x_mm": x, "z_mm": z}});
+        let load = json!({"p_n_mm": p});
+        let exact = jacobian(
+            &contact(json!({"shape": roll, "load": load, "level": "fine"})),
+            asked.clone(),
+        );
+        let mut requests = vec![exact];
+        for level in ["fast", "default", "fine"] {
+            let on = contact(json!({"shape": profile, "load": load, "level": level}));
+            requests.push(jacobian(&on, asked.clone()));
+        }
+        for mesh in [[48, 3], [64, 4], [128, 8]] {
+            let on = json!({"shape": roll, "load": load, "method": "fem", "mesh": mesh});
+            requests.push(jacobian(&contact(on), asked.clone()));
+        }
+        let answers = ask(&requests);
+        let exact = flat(&answers[0]["j"]);
+        for (answer, request) in answers.iter().zip(&requests).skip(1) {
+            // On one node or two nothing is known.
+            if p < 0.5 && answer["error_estimate"][0].is_null() {
+                assert_eq!(request["contact"]["method"], "fem", "{request}");
+                continue;
+            }
+            let errors = flat(&answer["error_estimate"]);
+            for (i, found) in flat(&answer["j"]).iter().enumerate() {
+                let off = (found - exact[i]).abs();
+                assert!(off <= errors[i], "{request}: {found} {} {}", exact[i], errors[i]);
+                let most = if request["contact"]["method"] == "fem" { 10.0 } else { 0.15 };
+                assert!(errors[i] < most * exact[i].abs(), "{request}: {errors:?} {exact:?}");
+            }
+        }
+    }
+}
+
+/// A descent of a glued cylinder that stands sheared is that of `contact_2d` by move.
+#[test]
+fn a_sheared_cylinder_goes_down_as_its_contacts_do() {
+    let roll = json!({"cylinder": {"radius_mm": 22.9}});
+    let at = |dz: f64, dx: f64| {
+        let drive = json!({"dz_mm": dz, "dx_mm": dx});
+        contact(json!({"shape": roll, "move": drive, "friction": "stick"}))
+    };
+    let asked = json!({"features": NAMES, "motions": ["dz", "dx"]});
+    let answer = &ask(&[jacobian(&at(0.005, 0.02), asked)])[0];
+    let (j, errors) = (flat(&answer["j"]), flat(&answer["error_estimate"]));
+    for (column, h, [z, x]) in [(0, 2e-6, [1.0, 0.0]), (1, 1e-5, [0.0, 1.0])] {
+        let side = |side: f64| features(&at(0.005 + side * h * z, 0.02 + side * h * x));
+        let (more, less) = (side(1.0), side(-1.0));
+        for row in 0..NAMES.len() {
+            let (found, error) = (j[2 * row + column], errors[2 * row + column]);
+            let expected = (more[row] - less[row]) / (2.0 * h);
+            let bar = error + 2e-4 * expected.abs() + 2e-4;
+            assert!((found - expected).abs() < bar, "{}: {found} {expected} {error}", NAMES[row]);
+            assert!(error < 1e-3 * (1.0 + found.abs()), "{}: {found} {error}", NAMES[row]);
+        }
+    }
+}
+
 #[test]
 fn what_is_undefined_is_null() {
     let knife = contact(json!({"shape": {"knife": {}}, "load": {"p_n_mm": 1, "q_n_mm": 0.2}}));

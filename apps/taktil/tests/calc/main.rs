@@ -2,6 +2,7 @@
 //! wrong.
 
 mod ask;
+mod cells;
 mod goldens;
 mod hostile;
 mod hostile_plane;

@@ -86,6 +86,34 @@ fn a_knife_is_a_line_load_and_its_moments_are_statics() {
     }
 }
 
+/// However thin the layer, or thick: features and places far away are those of the line load.
+#[test]
+fn a_knife_on_layers_of_any_thickness() {
+    for t in [1e-4, 1e-3, 0.008, 0.5] {
+        let answer = contact(json!({
+            "shape": {"knife": {}}, "load": {"p_n_mm": 0.7, "q_n_mm": 0.05}, "t_mm": t, "x_mm": [0]
+        }));
+        // Q moves the peak aside by t/6 and lifts it by a thousandth.
+        let peak = number(&answer, "/features/compressive/szz_peak");
+        near(&answer, "/features/compressive/szz_peak", -0.575_094 / t, 1e-6 / t);
+        assert!(peak < number(&answer, "/szz/0") && peak > 1.01 * number(&answer, "/szz/0"));
+        near(&answer, "/features/compressive/m0", -0.7, 1e-8);
+        near(&answer, "/features/compressive/m1", -0.05 * t, 1e-8 * t);
+    }
+    let x = json!([0, 9000, 12_000, 50_000, -120_000]);
+    let answer = contact(json!({
+        "shape": {"knife": {}}, "load": {"p_n_mm": 0.7, "q_n_mm": 0.05}, "t_mm": 1e4, "x_mm": x
+    }));
+    let line = json!({"op": "layer_line", "t_mm": 1e4, "nu": 0.49, "depth_mm": 1e4, "x_mm": x,
+        "p_n_mm": 0.7, "q_n_mm": 0.05});
+    let line = ask_text(format!("{line}\n").as_bytes()).remove(0);
+    for place in 0..5 {
+        let path = format!("/szz/{place}");
+        near(&answer, &path, number(&line, &path), 1e-17);
+    }
+    near(&answer, "/szz/2", -3.334_009_8e-6, 1e-12);
+}
+
 #[test]
 fn methods_agree_with_each_other() {
     let bar = json!({"flat": {"width_mm": 12.7, "height_mm": 6.35}});

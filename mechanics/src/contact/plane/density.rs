@@ -45,7 +45,11 @@ impl Density {
             let wanted = density.points(half);
             if wanted > 2 * CAPACITY {
                 let what = format!("{width_mm} is {:.0} thicknesses", 2.0 * half);
-                return Err(Invalid::new("width_mm", what, "give a narrower bar, or take cells"));
+                return Err(Invalid::new(
+                    "width_mm",
+                    what,
+                    "give a narrower bar or a thicker layer",
+                ));
             }
             density.capacity = wanted.max(40);
         }

@@ -9,8 +9,13 @@ use super::spectrum::{PointForce, Spectrum, legendre};
 
 /// Half the width of the tactile array (25.4 mm): where the compressive part is gathered.
 pub const SENSOR_HALF_MM: f64 = 12.7;
-/// Cells of the sensor, at most and at least.
+/// Cells of one width over the sensor, at least and at most; where more were needed they are laid
+/// as wide as the stress is smooth.
 const CELLS: (f64, f64) = (48.0, 600.0);
+/// Parts of a cell in which the end of a width is looked for.
+const STRIDES: f64 = 0.25;
+/// Most of them.
+const STRIDES_MAX: usize = 100_000;
 /// Halvings of a bracket.
 const HALVINGS: usize = 80;
 /// Wave numbers from which the moments over a stack are extrapolated.
@@ -98,36 +103,63 @@ fn line_moments(layer: &Layer, depth_mm: f64) -> [f64; 3] {
     [2.0 * f2 * t * t, -d * t, -6.0 * h3 * t * t * t]
 }
 
+/// Edges of the cells in which a stress is gathered over the sensor. None is wider than the stress
+/// is smooth, be the layer or the contact ever so small; where there is no stress there are none.
+fn edges(stress: &Spectrum) -> Vec<f64> {
+    let count = even_count(stress);
+    if count <= CELLS.1 {
+        let width = 2.0 * SENSOR_HALF_MM / count;
+        return (0..=count as usize).map(|i| i as f64 * width - SENSOR_HALF_MM).collect();
+    }
+    let [low, high] = stress.span_mm().map(|x| x.clamp(-SENSOR_HALF_MM, SENSOR_HALF_MM));
+    let (mut x, mut edges) = (low, vec![low]);
+    while x < high {
+        let next = (x + stress.smooth_mm(x, 1.0)).min(high);
+        // A place apart from the last by less than its own rounding is the same.
+        if next <= x {
+            break;
+        }
+        edges.push(next);
+        x = next;
+    }
+    edges
+}
+
+/// Cells of one width that the depth asks for.
+fn even_count(stress: &Spectrum) -> f64 {
+    libm::ceil((2.0 * SENSOR_HALF_MM / (0.4 * stress.depth_mm())).max(CELLS.0))
+}
+
 /// Features of the compressive part of a stress over the sensor. `symmetric` says that the stress
 /// is even in x.
 #[must_use]
 pub fn compressive(stress: &Spectrum, symmetric: bool, thresholds_mpa: &[f64]) -> Compressive {
     let szz = |x: f64| stress.szz(x);
-    let count = (2.0 * SENSOR_HALF_MM / (0.4 * stress.depth_mm())).clamp(CELLS.0, CELLS.1);
-    let count = libm::ceil(count) as usize;
-    let width = 2.0 * SENSOR_HALF_MM / count as f64;
-    let edge = |i: usize| i as f64 * width - SENSOR_HALF_MM;
+    let edges = edges(stress);
     let mut moments = Moments::default();
-    let mut peak = [f64::INFINITY, 0.0];
-    let mut left = [edge(0), szz(edge(0))];
-    for i in 0..count {
-        let right = [edge(i + 1), szz(edge(i + 1))];
+    // Stress, place, and the cell's width.
+    let mut peak = [f64::INFINITY, 0.0, 0.0];
+    let mut left = [edges[0], szz(edges[0])];
+    for &edge in &edges[1..] {
+        let right = [edge, szz(edge)];
         gather(&szz, left, right, &mut moments, &mut peak);
         left = right;
     }
-    let (x_peak, at_peak) = refine_peak(stress, peak[1], 0.5 * width);
+    let (x_peak, at_peak) = refine_peak(stress, peak[1], 0.5 * peak[2]);
     let centre = szz(0.0);
     let (x_peak_mm, szz_peak_mpa) = if symmetric && centre <= at_peak * (1.0 - 1e-11) {
         (0.0, centre)
     } else {
         (x_peak, at_peak)
     };
-    let step = 0.25 * width;
+    let even = 2.0 * SENSOR_HALF_MM / even_count(stress);
+    let is_even = even_count(stress) <= CELLS.1;
+    let step = |x: f64, side: f64| STRIDES * if is_even { even } else { stress.smooth_mm(x, side) };
     let reach = |threshold: f64, side: f64| -> f64 {
         let excess = |x: f64| -szz(x) - threshold;
         let mut inner = x_peak_mm;
-        for _ in 0..100_000 {
-            let outer = inner + side * step;
+        for _ in 0..STRIDES_MAX {
+            let outer = inner + side * step(inner, side);
             if excess(outer) <= 0.0 {
                 return side * (root(&excess, inner, outer) - x_peak_mm);
             }
@@ -151,11 +183,12 @@ fn gather(
     left: [f64; 2],
     right: [f64; 2],
     moments: &mut Moments,
-    peak: &mut [f64; 2],
+    peak: &mut [f64; 3],
 ) {
+    let width = right[0] - left[0];
     for [x, s] in [left, right] {
         if s < peak[0] {
-            *peak = [s, x];
+            *peak = [s, x, width];
         }
     }
     let mut add = |from: f64, to: f64| {
@@ -163,7 +196,7 @@ fn gather(
             let x = 0.5 * (from + to) + 0.5 * (to - from) * u;
             let s = szz(x);
             if s < peak[0] {
-                *peak = [s, x];
+                *peak = [s, x, width];
             }
             let part = 0.5 * (to - from) * w * s.min(0.0);
             let mut power = part;
@@ -191,10 +224,7 @@ pub(super) fn compressive_rate(
     moments: &Moments,
 ) -> [f64; 4] {
     let szz = |x: f64| stress.szz(x);
-    let count = (2.0 * SENSOR_HALF_MM / (0.4 * stress.depth_mm())).clamp(CELLS.0, CELLS.1);
-    let count = libm::ceil(count) as usize;
-    let width = 2.0 * SENSOR_HALF_MM / count as f64;
-    let edge = |i: usize| i as f64 * width - SENSOR_HALF_MM;
+    let edges = edges(stress);
     let mut rate = [0.0; 4];
     let mut add = |from: f64, to: f64| {
         for [u, w] in legendre() {
@@ -206,13 +236,14 @@ pub(super) fn compressive_rate(
             }
         }
     };
-    let mut left = szz(edge(0));
-    for i in 0..count {
-        let right = szz(edge(i + 1));
+    let mut left = szz(edges[0]);
+    for cell in edges.windows(2) {
+        let (from, to) = (cell[0], cell[1]);
+        let right = szz(to);
         match (left < 0.0, right < 0.0) {
-            (true, true) => add(edge(i), edge(i + 1)),
-            (true, false) => add(edge(i), root(&szz, edge(i), edge(i + 1))),
-            (false, true) => add(root(&szz, edge(i), edge(i + 1)), edge(i + 1)),
+            (true, true) => add(from, to),
+            (true, false) => add(from, root(&szz, from, to)),
+            (false, true) => add(root(&szz, from, to), to),
             (false, false) => {}
         }
         left = right;
@@ -266,6 +297,33 @@ fn root(f: &impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
 mod tests {
     use super::super::spectrum::transforms;
     use super::*;
+
+    /// A stress of next to no width, and one close under the surface: the compressive part of a
+    /// line load is all of it, the peak is found, and the edge of a width is where it is said.
+    #[test]
+    fn the_scan_sees_what_is_far_smaller_than_the_sensor() {
+        for (t, depth) in [(0.008, 1.0), (1e-3, 1.0), (1e-6, 1.0), (0.8, 1e-3), (0.1, 0.01)] {
+            let layer = Layer::new(t, 27.58, 0.49).expect("a layer");
+            for [p, q] in [[0.7, 0.0], [0.7, 0.05], [0.01, -0.02]] {
+                let forces = [[0.3, p, q]];
+                let stress = Spectrum::new(&layer, &forces, depth * t, 20.0);
+                let found = compressive(&stress, false, &[0.1]);
+                let fine = (-40_000..=40_000).map(|i| 0.3 + 1e-4 * depth * t * f64::from(i));
+                let lowest = fine.map(|x| stress.szz(x)).fold(0.0, f64::min);
+                assert!((found.szz_peak_mpa / lowest - 1.0).abs() < 1e-6, "{t}: {found:?}");
+                assert_eq!(stress.szz(found.x_peak_mm), found.szz_peak_mpa);
+                let full = moments(&layer, &forces, depth * t).m;
+                if q == 0.0 {
+                    // There is hardly any tension under P alone.
+                    let miss = found.moments.m[0] / full[0] - 1.0;
+                    assert!((-1e-9..1e-3).contains(&miss), "{t}: {miss}");
+                    assert!((found.x_peak_mm - 0.3).abs() < 1e-6 * t, "{t}: {found:?}");
+                    let end = 0.3 + 0.5 * found.widths_mm[0];
+                    assert!((stress.szz(end) + 0.1).abs() < 1e-5, "{t}: {}", stress.szz(end));
+                }
+            }
+        }
+    }
 
     #[test]
     fn moments_of_line_loads_are_those_of_the_reference_and_of_the_transfer_functions() {

@@ -9,8 +9,8 @@
 
 use super::bed::Bed;
 use super::dense::Dense;
-use super::path::between;
 pub use super::path::{Drive, Law, Status};
+use super::path::{between, entering, stands};
 use super::{Load, Refusal, is_sane};
 use crate::contact::{Invalid, finite};
 
@@ -29,6 +29,10 @@ const PATIENT: [(u32, usize, bool); 5] = [
     (31, ROUNDS[1], true),
     (150, ROUNDS[1], false),
 ];
+/// Most systems that one step may solve, all attempts at it together; fewer of more places than
+/// this, in proportion.
+const SOLVES: usize = 6000;
+const PLACES: usize = 32;
 /// What counts as a violation, in parts of the largest force and of the descent; at last more, for
 /// places that all but touch.
 const SLACK: [f64; 2] = [1e-11, 5e-10];
@@ -51,6 +55,8 @@ pub struct Grip {
     touching: Vec<usize>,
     sticking: Vec<usize>,
     residual: f64,
+    /// Systems solved in this step.
+    solves: usize,
     /// Status, and forces and places along x, of the last step.
     saved: (Vec<Status>, [Vec<f64>; 3]),
     saved_rigid: ([f64; 3], f64),
@@ -92,6 +98,7 @@ impl Grip {
             touching: Vec::with_capacity(n),
             sticking: Vec::with_capacity(n),
             residual: 0.0,
+            solves: 0,
             saved: (vec![Status::Apart; n], [0; 3].map(|_| vec![0.0; n])),
             saved_rigid: ([0.0; 3], 0.0),
             next: vec![Status::Apart; n],
@@ -164,7 +171,7 @@ impl Grip {
         {
             return Err(Refusal::Slides);
         }
-        self.refuse_toppling(drive)?;
+        stands(drive, &self.bed, &self.height_mm)?;
         let lifted = |pose: [f64; 3]| pose[1] == 0.0 && pose[0] <= 0.0;
         let open = !pressed || pose.is_some_and(lifted);
         if open {
@@ -173,13 +180,14 @@ impl Grip {
             return Ok(());
         }
         self.save();
+        self.solves = 0;
         let mut outcome = self.search(drive, ROUNDS[0]);
         // Where the active set goes round in circles, shorter steps help, then patience.
         let never_slips = self.law == Law::Coulomb(f64::INFINITY);
         let patient = PATIENT.into_iter().take(if never_slips { 2 } else { PATIENT.len() });
         let attempts = SHORTER.map(|parts| (parts, ROUNDS[0], false)).into_iter();
         for (parts, rounds, afresh) in attempts.chain(patient) {
-            if outcome != Err(Refusal::Unsettled) {
+            if outcome != Err(Refusal::Unsettled) || self.solves >= self.budget() {
                 break;
             }
             self.restore();
@@ -196,6 +204,16 @@ impl Grip {
             Err(Refusal::Unsettled) if never_slips => Err(Refusal::Tears),
             _ => outcome,
         }
+    }
+
+    /// Systems solved in the last step.
+    #[must_use]
+    pub fn solves(&self) -> usize {
+        self.solves
+    }
+
+    fn budget(&self) -> usize {
+        SOLVES * PLACES / self.bed.count().max(PLACES)
     }
 
     fn save(&mut self) {
@@ -225,18 +243,6 @@ impl Grip {
         Ok(())
     }
 
-    fn refuse_toppling(&self, drive: &Drive) -> Result<(), Refusal> {
-        let Drive::Loads { load, height_mm } = drive else { return Ok(()) };
-        let under = |x: &(&f64, &f64)| x.1.is_finite();
-        let places = self.bed.x_mm.iter().zip(&self.height_mm);
-        let lever = load.q_n_mm * height_mm / load.p_n_mm.max(f64::MIN_POSITIVE);
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for (x, _) in places.filter(under) {
-            (low, high) = (low.min(*x), high.max(*x));
-        }
-        if lever > low && lever < high { Ok(()) } else { Err(Refusal::Topples) }
-    }
-
     fn open(&mut self, drive: &Drive) {
         self.status.fill(Status::Apart);
         self.p.fill(0.0);
@@ -260,6 +266,10 @@ impl Grip {
             }
         }
         for round in 0..rounds {
+            if self.solves >= self.budget() {
+                break;
+            }
+            self.solves += 1;
             self.solve(drive)?;
             if self.revise(round) == 0 {
                 self.accept();
@@ -419,7 +429,7 @@ impl Grip {
                 let surface = sum(&self.bed.down_per_p, &self.bed.down_per_q);
                 let gap = self.height_mm[i] - descent - tilt * self.bed.x_mm[i] + surface;
                 worst = worst.max(-gap / depth.max(f64::MIN_POSITIVE));
-                if gap < -slack * depth { self.entering(i) } else { was }
+                if gap < -slack * depth { entering(&self.status, i) } else { was }
             } else if self.p[i] < -slack * largest {
                 worst = worst.max(-self.p[i] / largest);
                 Status::Apart
@@ -466,17 +476,6 @@ impl Grip {
         }
         self.residual = worst.max(0.0);
         changed
-    }
-
-    /// A place that comes to touch first does as its neighbour: a stick of its own, beside slip,
-    /// would be torn off again.
-    fn entering(&self, i: usize) -> Status {
-        let n = self.status.len();
-        let beside = |d: usize| [i.checked_sub(d), Some(i + d)];
-        let of = |j: Option<usize>| j.and_then(|j| self.status.get(j)).copied();
-        let mut near = (1..n).flat_map(beside).filter_map(of);
-        let touching = near.find(|s| *s != Status::Apart);
-        touching.unwrap_or(Status::Stick)
     }
 
     /// Keeps the relative places along x for the next step.

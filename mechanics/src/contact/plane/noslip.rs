@@ -8,11 +8,13 @@
 //! glued strip's own problem. Refuses what [`Shape::check`] refuses, bars, and contacts that are
 //! too wide. It allocates.
 
+mod sheared;
+
 use super::glued::{Chebyshev, Tractions};
 use super::panels::SurfaceKernels;
 use super::rates::{Motion, Rate};
 use super::spectrum::{PointForce, legendre};
-use super::{Friction, Indenter, Level, Load, Refusal, Shape};
+use super::{Contact, Friction, Indenter, Level, Load, Refusal, Shape};
 use crate::contact::Invalid;
 use crate::contact::layer::Layer;
 use core::f64::consts::PI;
@@ -21,8 +23,12 @@ use core::f64::consts::PI;
 const DEGREE: usize = 12;
 const WIDTHS: usize = 20;
 const PANELS: usize = 2;
-/// Widest contact in thicknesses (half of it).
+/// Widest contact in thicknesses, and in radii of the circle (half of it).
 const WIDEST: f64 = 30.0;
+const STEEPEST: f64 = 0.95;
+/// How much wider than without friction a contact is looked for, under the same load and at the
+/// same descent: it has been found 3e-4 and 3 % wider at most.
+const BEYOND: [f64; 2] = [1.02, 1.1];
 
 /// A cylinder held by its contact.
 #[derive(Clone, Debug)]
@@ -38,6 +44,8 @@ pub struct NoSlip {
     pub tangential_n_mm2: f64,
     /// dM1/dx of the base stress at fixed contact in N/mm.
     pub first_moment_n_mm: f64,
+    /// How fast half the width grows with the descent.
+    widening: f64,
     normal: Vec<PointForce>,
     tangential: Vec<PointForce>,
 }
@@ -186,8 +194,9 @@ impl NoSlip {
     /// a contact too wide.
     pub fn press(layer: &Layer, shape: Shape, p_n_mm: f64) -> Result<Self, NoSlipRefusal> {
         let mut free = Indenter::new(layer, shape, Friction::None, Level::Default)?;
-        let contact = free.press(&Load { p_n_mm, q_n_mm: 0.0 })?;
-        Self::grow(layer, shape, contact.x_right_mm, Some(p_n_mm), None)
+        let contact = free.press(&Load { p_n_mm, q_n_mm: 0.0 });
+        let widest = within(layer, shape, contact, BEYOND[0])?;
+        Self::grow(layer, shape, widest, Some(p_n_mm), None)
     }
 
     /// The cylinder at a descent of its lowest point.
@@ -196,8 +205,9 @@ impl NoSlip {
     /// As [`Self::press`].
     pub fn descend(layer: &Layer, shape: Shape, dz_mm: f64) -> Result<Self, NoSlipRefusal> {
         let mut free = Indenter::new(layer, shape, Friction::None, Level::Default)?;
-        let contact = free.descend(dz_mm)?;
-        Self::grow(layer, shape, 1.1 * contact.x_right_mm, None, Some(dz_mm))
+        let contact = free.descend(dz_mm);
+        let widest = within(layer, shape, contact, BEYOND[1])?;
+        Self::grow(layer, shape, widest, None, Some(dz_mm))
     }
 
     /// The cylinder grown to a half-width.
@@ -230,7 +240,7 @@ impl NoSlip {
         if widest <= 0.0 {
             return Err(Refusal::Pulls.into());
         }
-        if widest > WIDEST || (round && widest_mm > 0.95 * radius) {
+        if widest_mm > widest_of(layer, shape) {
             return Err(Refusal::TooWide.into());
         }
         let kernels = SurfaceKernels::new(&layer.transfer());
@@ -261,12 +271,7 @@ impl NoSlip {
                 normal.push([narrow * c * t, scale * tractions.p[j], scale * tractions.q[j]]);
             }
         }
-        let strip = Chebyshev::new(2 * (30 + libm::ceil(4.0 * b) as usize));
-        let system = strip.system(kernels, b);
-        let moved = strip.solve(&system, |_| 0.0, |_| 1.0);
-        let scale = modulus * PI / strip.count() as f64;
-        let force = |(j, c): (usize, &f64)| [b * c * t, scale * moved.p[j], scale * moved.q[j]];
-        let tangential: Vec<PointForce> = strip.cosines.iter().enumerate().map(force).collect();
+        let tangential = sheared::unit(layer, kernels, b, strip_points(b));
         let stiffness = tangential.iter().map(|f| f[2]).sum::<f64>();
         let moment = tangential.iter().map(|f| -f[0] * f[1]).sum::<f64>() - t * stiffness;
         Self {
@@ -276,6 +281,7 @@ impl NoSlip {
             delta_mm: law.descent(b) * t,
             tangential_n_mm2: stiffness,
             first_moment_n_mm: moment,
+            widening: 1.0 / (law.rate(b) * law.family.at(b).1),
             normal,
             tangential,
         }
@@ -296,7 +302,7 @@ impl NoSlip {
         let t = self.layer.thickness_mm;
         let b = self.half_width_mm / t;
         let kernels = SurfaceKernels::new(&self.layer.transfer());
-        let strip = Chebyshev::new(2 * more.max(1) * (30 + libm::ceil(4.0 * b) as usize));
+        let strip = Chebyshev::new(more.max(1) * strip_points(b));
         let system = strip.system(&kernels, b);
         let (radius, round) = match shape {
             Shape::Cylinder { radius_mm } => (radius_mm / t, true),
@@ -353,6 +359,33 @@ impl From<Invalid> for NoSlipRefusal {
 impl From<Refusal> for NoSlipRefusal {
     fn from(refusal: Refusal) -> Self {
         Self::Refusal(refusal)
+    }
+}
+
+/// Points of a strip of half-width `b` thicknesses.
+fn strip_points(b: f64) -> usize {
+    2 * (30 + libm::ceil(4.0 * b) as usize)
+}
+
+/// Half the widest contact that is solved, in mm.
+fn widest_of(layer: &Layer, shape: Shape) -> f64 {
+    let thick = WIDEST * layer.thickness_mm;
+    if let Shape::Cylinder { radius_mm } = shape { thick.min(STEEPEST * radius_mm) } else { thick }
+}
+
+/// Half the width up to which a contact is looked for, from the one without friction.
+fn within(
+    layer: &Layer,
+    shape: Shape,
+    free: Result<Contact, Refusal>,
+    beyond: f64,
+) -> Result<f64, Refusal> {
+    let widest = widest_of(layer, shape);
+    match free {
+        Ok(contact) => Ok((beyond * contact.x_right_mm).min(widest)),
+        // Glued it may be narrower.
+        Err(Refusal::TooWide) => Ok(widest),
+        Err(refusal) => Err(refusal),
     }
 }
 

@@ -1,7 +1,8 @@
-//! What drives the general contact solver and what each place of it may do. Refuses nothing: the
-//! solver in [`super::grip`] checks what it is given.
+//! What drives the general contact solver and what each place of it may do. Refuses loads that
+//! topple an indenter; all else that it is given the solver in [`super::grip`] checks.
 
-use super::Load;
+use super::bed::Bed;
+use super::{Load, Refusal};
 
 /// The law along x.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,6 +68,26 @@ impl Drive {
     }
 }
 
+/// Refuses loads whose resultant is not between the outermost places under an indenter.
+pub(super) fn stands(drive: &Drive, bed: &Bed, height_mm: &[f64]) -> Result<(), Refusal> {
+    let Drive::Loads { load, height_mm: above } = drive else { return Ok(()) };
+    let lever = load.q_n_mm * above / load.p_n_mm.max(f64::MIN_POSITIVE);
+    let mut places = [f64::INFINITY, f64::NEG_INFINITY];
+    // What the outermost stand for.
+    let mut ends = places;
+    let under = bed.x_mm.iter().zip(&bed.width_mm).zip(height_mm).filter(|(_, h)| h.is_finite());
+    for ((x, width), _) in under {
+        places = [places[0].min(*x), places[1].max(*x)];
+        ends = [ends[0].min(x - 0.5 * width), ends[1].max(x + 0.5 * width)];
+    }
+    let within = |[low, high]: [f64; 2]| lever > low && lever < high;
+    match (within(places), within(ends)) {
+        (true, _) => Ok(()),
+        (false, true) => Err(Refusal::OnCorner),
+        (false, false) => Err(Refusal::Topples),
+    }
+}
+
 /// A drive part of the way from another of its kind, or from nothing.
 pub(super) fn between(start: Option<Drive>, drive: &Drive, f: f64) -> Drive {
     let mix = |a: f64, b: f64| a + f * (b - a);
@@ -103,4 +124,14 @@ pub enum Status {
     SlipForward,
     /// Slips with shear towards -x.
     SlipBack,
+}
+
+/// A place that comes to touch first does as its neighbour: a stick of its own, beside slip, would
+/// be torn off again.
+pub(super) fn entering(status: &[Status], i: usize) -> Status {
+    let beside = |d: usize| [i.checked_sub(d), Some(i + d)];
+    let of = |j: Option<usize>| j.and_then(|j| status.get(j)).copied();
+    let mut near = (1..status.len()).flat_map(beside).filter_map(of);
+    let touching = near.find(|s| *s != Status::Apart);
+    touching.unwrap_or(Status::Stick)
 }

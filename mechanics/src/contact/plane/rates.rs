@@ -67,7 +67,7 @@ impl Indenter {
         if contact.mode == Mode::Open || self.phi.is_empty() {
             return Ok(None);
         }
-        let round = matches!(self.shape, Shape::Cylinder { .. });
+        let round = matches!(self.shape, Shape::Cylinder { .. } | Shape::Parabola { .. });
         match motion {
             Motion::X => return Ok(Some(Rate { forces: Vec::new(), shift: 1.0 })),
             Motion::RotY if round => return Ok(Some(Rate::default())),
@@ -115,7 +115,7 @@ impl Image {
     #[must_use]
     pub fn new(layer: &Layer, forces: &[PointForce], depth_mm: f64, symmetric: bool) -> Self {
         let far = forces.iter().map(|f| f[0].abs()).fold(super::features::SENSOR_HALF_MM, f64::max);
-        let reach_mm = (far + 20.0 * layer.thickness_mm).min(1e4);
+        let reach_mm = far + 20.0 * layer.thickness_mm;
         let stress = Spectrum::new(layer, forces, depth_mm, reach_mm);
         let part = compressive(&stress, symmetric, &[]);
         Self { layer: *layer, reach_mm, full: moments(layer, forces, depth_mm), part, stress }

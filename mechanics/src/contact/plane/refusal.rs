@@ -20,6 +20,9 @@ pub enum Refusal {
     Unsettled,
     /// A bar that stands nearly on its corner, which its chart leaves out.
     OffChart,
+    /// A bar that stands beyond the middle of the last cell, or of the last node of a mesh, under
+    /// it, which alone would have to carry it.
+    OnCorner,
     /// Friction without a limit, and no state that obeys it: a place that held would be torn off,
     /// torn off it would touch again.
     Tears,
@@ -39,9 +42,14 @@ impl core::fmt::Display for Refusal {
             Self::Slides => "the indenter slides: |Q| reaches mu P; take less Q, or more friction",
             Self::TooWide => "the contact grows too wide: press less or take a smaller indenter",
             Self::Unsettled => {
-                "no contact that obeys every rule was found: take a smaller step, or less friction"
+                "no contact that obeys every rule was found: take a smaller step or load, or less \
+                 friction"
             }
             Self::OffChart => "the bar stands nearly on its corner: take the solver",
+            Self::OnCorner => {
+                "the bar does not topple, but stands beyond its last cell or node: take more of \
+                 them, less Q, or a lower bar"
+            }
             Self::Tears => {
                 "what never slips is torn off at an edge: give a coefficient of friction"
             }

@@ -17,6 +17,10 @@ const SHALLOW: f64 = 0.2;
 const GAUSS: usize = 10;
 const RADIANS_PER_PANEL: f64 = 5.0;
 
+/// Widest stretch on which Gauss's rule of ten points is exact to 1e-11: in distances of the force
+/// behind it, of that ahead, in thicknesses.
+const SMOOTH: [f64; 3] = [1.2, 0.75, 1.5];
+
 /// A concentrated force on the surface: place, normal and tangential part (mm, N/mm).
 pub type PointForce = [f64; 3];
 
@@ -26,6 +30,9 @@ pub struct Spectrum {
     waves: Vec<[f64; 3]>,
     /// What the half plane adds.
     shallow: Vec<PointForce>,
+    /// Where the forces act, ascending.
+    places: Vec<f64>,
+    thickness_mm: f64,
     depth_mm: f64,
     reach_mm: f64,
     middle_mm: f64,
@@ -33,7 +40,8 @@ pub struct Spectrum {
 
 impl Spectrum {
     /// Prepares the stress at a depth above 0 and up to the thickness, for places up to `reach_mm`
-    /// from x = 0.
+    /// from x = 0, however far: the number of waves goes with the width of what carries force, in
+    /// thicknesses, since beyond 40 of them from it there is nothing.
     #[must_use]
     pub fn new(layer: &Layer, forces: &[PointForce], depth_mm: f64, reach_mm: f64) -> Self {
         let t = layer.thickness_mm;
@@ -91,8 +99,12 @@ impl Spectrum {
             let scale = weight / (PI * t);
             [k, scale * (-f * sums[0] - h * sums[3]), scale * (-f * sums[1] + h * sums[2])]
         };
+        let mut places: Vec<f64> = forces.iter().map(|f| f[0]).collect();
+        places.sort_by(f64::total_cmp);
         Self {
             waves: grid.iter().map(wave).collect(),
+            places,
+            thickness_mm: t,
             shallow: if is_shallow { forces.to_vec() } else { Vec::new() },
             depth_mm,
             reach_mm: reach,
@@ -104,6 +116,23 @@ impl Spectrum {
     #[must_use]
     pub fn depth_mm(&self) -> f64 {
         self.depth_mm
+    }
+
+    /// Where there is stress at all, as far as the reach goes.
+    pub(super) fn span_mm(&self) -> [f64; 2] {
+        [self.middle_mm - self.reach_mm, self.middle_mm + self.reach_mm]
+    }
+
+    /// How far from `x_mm` on the stress is smooth: the distance of what it is not analytic at,
+    /// which lies at this depth under the forces; towards +x, or towards -x where `side` is -1.
+    pub(super) fn smooth_mm(&self, x_mm: f64, side: f64) -> f64 {
+        let right = self.places.partition_point(|place| *place < x_mm);
+        let place = |i: Option<usize>| i.and_then(|i| self.places.get(i)).copied();
+        let below = place(right.checked_sub(1)).map_or(f64::INFINITY, |place| x_mm - place);
+        let above = place(Some(right)).map_or(f64::INFINITY, |place| place - x_mm);
+        let (behind, ahead) = if side < 0.0 { (above, below) } else { (below, above) };
+        let wanted = (SMOOTH[0] * behind).min(SMOOTH[1] * ahead).min(SMOOTH[2] * self.thickness_mm);
+        wanted.max(SMOOTH[0] * self.depth_mm)
     }
 
     /// Derivative of [`Self::szz`] along x in MPa/mm.

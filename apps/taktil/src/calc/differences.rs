@@ -1,0 +1,100 @@
+//! Derivatives of the features of a contact on places, cells or nodes, by differences of the
+//! solver, and what they may be off by. Refuses what the solver refuses next to the contact.
+
+use taktil_mechanics::contact::plane::grip::{Drive, Grip, Status};
+use taktil_mechanics::contact::plane::rates;
+
+use super::field::Failure;
+use super::indent;
+use super::jacobian::Column;
+
+/// Step of differences in parts of the descent and of the contact's slope.
+const STEP: f64 = 1e-4;
+/// How often twice that step is taken, up or down, until another place touches, sticks or slips.
+const DOUBLED: i32 = 12;
+/// Places that have to touch for an error to be told from them.
+const FEWEST: usize = 3;
+
+/// Central differences about a contact on places. Their error is half of what the two sides differ
+/// by: where the contact sticks on one way and slips on the other, that is the answer; and what
+/// they are a little deeper and less deep, where one place more or less takes part: an edge between
+/// two places is known no better.
+pub(super) fn differences(
+    grip: &Grip,
+    motion: rates::Motion,
+    measure: impl Fn(&Grip) -> Result<Vec<Option<f64>>, Failure>,
+) -> Result<Column, Failure> {
+    let [less, more] = sides(grip, motion, &measure)?;
+    let mut column = Column::default();
+    for (less, more) in less.iter().zip(&more) {
+        let both = (*less).zip(*more);
+        column.values.push(both.map(|(a, b)| 0.5 * (a + b)));
+        column.errors.push(both.map(|(a, b)| 0.5 * (a - b).abs()));
+    }
+    let touching = grip.status().iter().filter(|status| **status != Status::Apart);
+    if touching.count() < FEWEST {
+        column.errors.fill(None);
+        return Ok(column);
+    }
+    for side in [-1.0, 1.0] {
+        let Some(beside) = beside(grip, side) else { continue };
+        // What cannot be moved on tells no error.
+        let Ok([less, more]) = sides(&beside, motion, &measure) else { continue };
+        for (i, error) in column.errors.iter_mut().enumerate() {
+            let (Some(known), Some(value)) = (error.as_mut(), column.values[i]) else { continue };
+            if let (Some(a), Some(b)) = (less[i], more[i]) {
+                *known = known.max((0.5 * (a + b) - value).abs());
+            }
+        }
+    }
+    Ok(column)
+}
+
+/// Slopes of the features towards less and towards more of a motion.
+fn sides(
+    grip: &Grip,
+    motion: rates::Motion,
+    measure: &impl Fn(&Grip) -> Result<Vec<Option<f64>>, Failure>,
+) -> Result<[Vec<Option<f64>>; 2], Failure> {
+    let [dz, slope, dx] = grip.rigid();
+    let span = grip.bed().x_mm.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    let step = match motion {
+        rates::Motion::RotY => STEP * dz.abs() / span,
+        rates::Motion::X | rates::Motion::Z => STEP * dz.abs(),
+    };
+    let at = |amount: f64| {
+        let mut grip = grip.clone();
+        let [z, turn, x] = match motion {
+            rates::Motion::X => [0.0, 0.0, amount],
+            rates::Motion::Z => [amount, 0.0, 0.0],
+            rates::Motion::RotY => [0.0, amount, 0.0],
+        };
+        let pose = Drive::Pose { dz_mm: dz + z, slope: slope + turn, dx_mm: dx + x };
+        grip.step(&pose).map_err(indent::refused)?;
+        measure(&grip)
+    };
+    let (less, here, more) = (at(-step)?, at(0.0)?, at(step)?);
+    let slopes = |from: &[Option<f64>], to: &[Option<f64>]| {
+        let pairs = from.iter().zip(to);
+        pairs.map(|(a, b)| (*a).zip(*b).map(|(a, b)| (b - a) / step)).collect()
+    };
+    Ok([slopes(&less, &here), slopes(&here, &more)])
+}
+
+/// The contact at the nearest descent, tried in doubled steps, at which other places take part.
+fn beside(grip: &Grip, side: f64) -> Option<Grip> {
+    let [dz, slope, dx] = grip.rigid();
+    let mut step = side * STEP * dz.abs();
+    for _ in 0..DOUBLED {
+        step *= 2.0;
+        let mut moved = grip.clone();
+        let pose = Drive::Pose { dz_mm: dz + step, slope, dx_mm: dx };
+        if moved.step(&pose).is_err() {
+            return None;
+        }
+        if moved.status() != grip.status() {
+            return Some(moved);
+        }
+    }
+    None
+}
