@@ -14,6 +14,7 @@ use super::Operation;
 use super::answer::Answer;
 use super::field::{Failure, Field, Kind, Need};
 use super::indent::{self, Held, Solved, Stress};
+use super::meshed;
 use super::nodes::Nodes;
 use super::request::Args;
 use super::{plane, space};
@@ -290,7 +291,7 @@ impl Moved<'_> {
             (Held::Mesh(both, _), _) => {
                 let (grip, body) = &**both;
                 let measure = |grip: &Grip| {
-                    let nodes = indent::base(body, grip.normal_n_mm(), grip.tangential_n_mm())?;
+                    let nodes = meshed::base(body, grip.normal_n_mm(), grip.tangential_n_mm())?;
                     Ok(measured(&nodes, features))
                 };
                 differences(grip, motion, measure)
