@@ -163,7 +163,7 @@ fn edges(grip: &Grip, shape: &Indented) -> [f64; 2] {
     let touching = |i: &usize| grip.status()[*i] != Status::Apart;
     let mut nodes = (0..grip.status().len()).filter(touching);
     let Some(first) = nodes.next() else { return [0.0; 2] };
-    [part(grip, shape, first)[0], part(grip, shape, nodes.last().unwrap_or(first))[1]]
+    [part(grip, shape, first)[0], part(grip, shape, nodes.next_back().unwrap_or(first))[1]]
 }
 
 /// Pressure of the node nearest to a place, over what it stands for; none beside the face.
