@@ -9,11 +9,11 @@
 //!
 //! In the plane the matrix is banded, since a layer is long and thin: with nodes numbered across
 //! the shorter side half the band is twice its elements and 3, so that a banded factor has no more
-//! entries than a sparse one would fill. In space it is sparse, in the order of nested dissection; [`press`] holds
-//! the contact. None of it is meant for lanes.
+//! entries than a sparse one would fill. In space it is sparse, in the order of nested dissection;
+//! [`press`] holds the contact. None of it is meant for lanes.
 //!
-//! It refuses meshes that fold or do not fit their nodes, fewer than two elements along, and, before
-//! anything is allocated for it, a factor of more than [`ENTRIES_MAX`] numbers.
+//! It refuses meshes that fold or do not fit their nodes, fewer than two elements along, and a
+//! factor of more than [`ENTRIES_MAX`] numbers, before anything is allocated for it.
 
 mod band;
 mod base;

@@ -47,8 +47,8 @@ impl Spectrum {
     /// The same in a stack of layers.
     ///
     /// # Errors
-    /// A depth that is not above 0; one so small, or a first layer so thin, that it takes more waves than [`Stack::line`]
-    /// allows.
+    /// A depth that is not above 0; one so small, or a first layer so thin, that it takes more
+    /// waves than [`Stack::line`] allows.
     pub fn of_stack(
         stack: &Stack,
         forces: &[PointForce],

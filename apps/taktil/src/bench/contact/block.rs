@@ -138,8 +138,8 @@ pub(super) fn figure(ends: &Ends) -> Figure {
                     off / peak
                 ),
                 format!(
-                    "the mesh's own error is in both: {:.2} under the load in plane strain, exactly \
-                     {:.2} kPa",
+                    "the mesh's own error is in both: {:.2} under the load in plane strain, \
+                     exactly {:.2} kPa",
                     ends.plane[which][0], ends.exact[which]
                 ),
             ],

@@ -202,7 +202,7 @@ fn image() -> anyhow::Result<Figure> {
             vec![Curve::new("M_x", &along, first.clone())],
             &[
                 "thesis: monotonic, nearly linear until its sensors saturate; here it is statics,",
-                "-23 mm times the force, until the pin topples at 20 N times 10 mm over 23 mm: 8.7 N",
+                "-23 mm times the force, until the pin topples at 20 N times 10 mm / 23 mm: 8.7 N",
             ],
         ),
         chart(
