@@ -16,11 +16,13 @@ use super::request::{Args, counted};
 
 /// Width of the layer.
 const WIDTH_MM: f64 = 25.4;
-/// Most elements along: the contact's own equations, two a node, are solved anew each round.
-const ALONG_MAX: f64 = 400.0;
-/// Most of elements along times elements in all: each node of the surface is a load on all of the
-/// mesh. Two seconds of work, at a ratio of 0.5, which takes steps, some eight.
-const WORK_MAX: f64 = 1_500_000.0;
+/// Most elements along, and down: the contact's own equations, two a node, are solved anew each
+/// round.
+const SIDE_MAX: f64 = 400.0;
+/// Most of along x along x down x the lesser of both: each node of the surface is two loads on all
+/// unknowns, each coupled to a band of the shorter side. A second of work, at a ratio of 0.5, where
+/// pressures are found in steps, some six.
+const WORK_MAX: f64 = 20_000_000.0;
 
 pub(super) fn elements(
     args: &Args,
@@ -65,13 +67,14 @@ pub(super) fn elements(
 /// Elements along and down, the one limit of all: decided before any work.
 fn counts(args: &Args) -> Result<[usize; 2], Failure> {
     let [nx, nz] = args.array::<2>("mesh")?;
-    let whole = |n: f64, least: f64| n >= least && n == n.floor();
-    if whole(nx, 2.0) && nx <= ALONG_MAX && whole(nz, 1.0) && nx * nx * nz <= WORK_MAX {
+    let whole = |n: f64, least: f64| (least..=SIDE_MAX).contains(&n) && n == n.floor();
+    if whole(nx, 2.0) && whole(nz, 1.0) && nx * nx * nz * nx.min(nz) <= WORK_MAX {
         return Ok([nx as usize, nz as usize]);
     }
     let what = format!(
-        "`mesh` is [{}, {}]; wanted: whole numbers, along 2 to {ALONG_MAX}, down 1 or more, and \
-         along x along x down at most {WORK_MAX}, as [400, 9], [256, 22] or [100, 150]",
+        "`mesh` is [{}, {}]; wanted: whole numbers, along 2 to {SIDE_MAX}, down 1 to {SIDE_MAX}, \
+         and along x along x down x the lesser of both at most {WORK_MAX}, as [400, 11], [256, 17] \
+         or [64, 64]",
         counted(nx),
         counted(nz)
     );
