@@ -257,30 +257,61 @@ fn a_sphere_on_bricks_tends_to_the_exact_layer() {
     }
 }
 
+/// Bricks gathered at the free end x = 7.2, mirrored at y = 0, the other sides free.
+fn gathered_at_the_end(n: usize, across: usize, nz: usize) -> Press {
+    let x = graded_edges(7.2, n, 9.0).expect("edges");
+    let x: Vec<f64> = x.iter().rev().map(|x| 7.2 - x).collect();
+    let y = graded_edges(3.6, across, 3.0).expect("edges");
+    let z = graded_edges(THICKNESS, nz, 0.0).expect("edges");
+    let mesh = Mesh::block(&x, &y, &z, 1).expect("a mesh").on_rollers(1, 0);
+    let body = Elements::new(&layer(0.49), mesh, Kind::MeanDilatation).expect("elements");
+    let heights = ball(body.mesh(), [0.0; 2]);
+    Press::new(body, heights).expect("a press")
+}
+
 #[test]
-fn a_sphere_at_and_past_the_edge_of_the_layer() {
-    let mut press = press(0.49, 10, 1, [0.0; 2]);
-    let mut last = f64::INFINITY;
-    for (x, part) in [(0.0, 0.5), (6.0, 1.0), (7.2, 1.0), (7.8, 1.0), (20.0, 1.0)] {
-        let heights = ball(press.body().mesh(), [x, 0.0]);
-        press = press.under(heights).expect("a press");
-        // At x = 0 the plane of symmetry takes half of it.
-        let force = press.press(Drive::PenetrationMm(0.05));
-        if x > 15.0 {
-            assert_eq!(force.expect_err("no body over the layer").place, "penetration_mm");
-            continue;
-        }
-        let force = force.expect("a contact") / part;
-        assert!(force > 0.0 && force < 1.3 * last, "{x}: {force} after {last}");
-        last = force;
+fn a_sphere_is_carried_by_less_and_less_towards_and_past_the_edge_of_the_layer() {
+    let shape = Shape::Sphere { radius_mm: RADIUS };
+    let mut scene = Scene::new(&layer(0.49), shape, &Array::THESIS, Sampling::Area, Level::Fine)
+        .expect("a scene");
+    let endless = scene.press(Drive::PenetrationMm(0.05), Pose::default()).expect("a contact");
+    let places = [4.8, 5.4, 6.0, 6.6, 7.2, 7.5, 7.8];
+    let [coarse, fine] = [(18, 15, 3), (24, 20, 4)].map(|(n, across, nz)| {
+        let mut press = Some(gathered_at_the_end(n, across, nz));
+        places.map(|x| {
+            let before = press.take().expect("a press");
+            let heights = ball(before.body().mesh(), [x, 0.0]);
+            let mut here = before.under(heights).expect("a press");
+            let half = here.press(Drive::PenetrationMm(0.05)).expect("a contact");
+            press = Some(here);
+            2.0 * half / endless.force_n
+        })
+    });
+    for parts in [coarse, fine] {
+        assert!(parts.windows(2).all(|pair| pair[1] > 0.0 && pair[1] < pair[0]), "{parts:?}");
     }
+    // Three thicknesses from the end the mesh's own error is all there is.
+    assert!((0.95..1.0).contains(&fine[0]) && fine[0] > coarse[0], "{coarse:?} {fine:?}");
+    for (x, (a, b)) in places.iter().zip(coarse.iter().zip(fine)) {
+        let bar = if *x < 6.0 { 0.03 } else { 0.01 };
+        assert!((a / b - 1.0).abs() < bar, "{x}: {a} {b}");
+    }
+}
+
+#[test]
+fn a_press_past_the_layer_or_that_pulls_is_refused() {
+    let mut press = press(0.49, 10, 1, [0.0; 2]);
+    let far = ball(press.body().mesh(), [20.0, 0.0]);
+    press = press.under(far).expect("a press");
+    let refused = press.press(Drive::PenetrationMm(0.05)).expect_err("no body over the layer");
+    assert_eq!(refused.place, "penetration_mm");
     let heights = ball(press.body().mesh(), [0.0; 2]);
     let mut press = press.under(heights).expect("a press");
     assert_eq!(press.press(Drive::PenetrationMm(-0.1)).expect("apart").to_bits(), 0);
     assert_eq!(press.press(Drive::ForceN(0.0)).expect("apart").to_bits(), 0);
     assert_eq!(press.press(Drive::ForceN(-1.0)).expect_err("pulls").place, "force_n");
     assert!(press.press(Drive::ForceN(f64::NAN)).is_err());
-    // A thousand contacts, made and broken, each as the first.
+    // Three hundred contacts, made and broken, each as the first.
     let first = press.press(Drive::PenetrationMm(0.03)).expect("a contact");
     for k in 0..300 {
         let depth = 0.03 * f64::from(k % 5) / 4.0;

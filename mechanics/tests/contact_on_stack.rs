@@ -55,7 +55,7 @@ fn two_equal_layers_are_one() {
             for depth in [0.05, 0.3, 0.8] {
                 let (p, q) = (one.point_forces(depth), two.point_forces(depth));
                 let whole_stress = Spectrum::new(&whole, &p, depth, 20.0);
-                let parted_stress = Spectrum::of_stack(&parted, &q, depth, 20.0);
+                let parted_stress = Spectrum::of_stack(&parted, &q, depth, 20.0).expect("a sum");
                 let peak = whole_stress.szz(0.0).abs();
                 for x in [-4.0, -2.1, 0.0, 0.7, 2.9, 6.0] {
                     let off = parted_stress.szz(x) - whole_stress.szz(x);
@@ -146,7 +146,7 @@ fn the_surface_takes_the_indenters_shape() {
         let first: f64 = forces.iter().map(|f| -f[0] * f[1] - 0.7 * f[2]).sum();
         let m = stack_moments(&stack, &forces, 0.7).m;
         assert!((m[1] - first).abs() < 1e-12);
-        let stress = Spectrum::of_stack(&stack, &forces, 0.7, 85.0);
+        let stress = Spectrum::of_stack(&stack, &forces, 0.7, 85.0).expect("a sum");
         let sum = |n: i32| -> f64 {
             let place = |i: i32| 0.05 * f64::from(i);
             let power = |x: f64| (0..n).fold(1.0, |power, _| power * x);
@@ -182,4 +182,22 @@ fn a_skin_too_thin_for_its_stack_is_refused_by_name() {
     let refused = Indenter::on_stack(&thin, ROLL, Friction::None, Level::Default);
     assert_eq!(refused.expect_err("too thin").place, "layers");
     assert_eq!(Bed::of_stack(&thin, &[0.0, 1.0, 2.0]).expect_err("too thin").place, "layers");
+}
+
+#[test]
+fn the_stress_under_a_skin_too_thin_for_its_stack_is_refused_by_name() {
+    // Near the surface the waves are as short as the skin is thin; deep down they are few.
+    let thin = stack(&[layer(1e-9, E_MPA, 0.49), layer(2.0, E_MPA, 0.49)]);
+    let forces = [[0.0, 1.0, 0.0]];
+    for depth in [1e-12, 1e-10, 1e-9, 1e-6] {
+        let refused = Spectrum::of_stack(&thin, &forces, depth, 20.0).err().expect("too many");
+        assert_eq!(refused.place, "thickness_mm", "{depth}: {refused}");
+    }
+    for depth in [0.0, -1.0, f64::NAN] {
+        let refused = Spectrum::of_stack(&thin, &forces, depth, 20.0).err().expect("no depth");
+        assert_eq!(refused.place, "depth_mm", "{depth}: {refused}");
+    }
+    let deep = Spectrum::of_stack(&thin, &forces, 1.0, 20.0).expect("a sum");
+    let whole = Spectrum::new(&layer(2.0, E_MPA, 0.49), &forces, 1.0, 20.0);
+    assert!((deep.szz(0.0) - whole.szz(0.0)).abs() < 1e-7 * whole.szz(0.0).abs());
 }

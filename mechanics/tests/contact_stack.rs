@@ -147,7 +147,7 @@ fn what_is_no_stack_is_refused() {
         assert!(sound.line(&LOADS[0], depth, &X).is_err(), "{depth}");
     }
     assert!(sound.line(&LOADS[0], 0.5, &[f64::NAN]).is_err());
-    // A skin of which a line load is more waves than anyone waits for.
+    // A skin of which a line load is more waves than anyone waits for, and many layers.
     for skin in [1e-6, 1e-12, 1e-29] {
         let thin = stack(&[layer(skin, 1.0, 0.4), layer(1.0, 2.0, 0.4)]);
         for depth in [0.0, 0.3 * skin] {
@@ -156,4 +156,10 @@ fn what_is_no_stack_is_refused() {
         }
         assert!(thin.line(&LOADS[0], 0.7, &X).is_ok());
     }
+    // Each wave passes through all of them.
+    let mut many = vec![layer(1e-3, 1.0, 0.4)];
+    many.resize(64, layer(1.0 / 63.0, 1.0, 0.4));
+    let refused = stack(&many).line(&LOADS[0], 0.0, &X).expect_err("too many waves in all");
+    assert!(refused.what.contains("64 layers") && refused.remedy.contains("fewer layers"));
+    assert!(stack(&many[..8]).line(&LOADS[0], 0.0, &X).is_ok());
 }

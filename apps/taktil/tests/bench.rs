@@ -61,6 +61,13 @@ fn tables_of_contact_are_told_to_programs_too() {
     let rows = parsed(&output)["tables"][0]["rows"].as_array().unwrap().clone();
     assert!(rows.len() > 20, "{rows:?}");
     assert!(rows.iter().all(|row| row["statement"].is_string() && !row["exact layer"].is_null()));
+    let text = format!("{rows:?}");
+    for id in 1..=12 {
+        assert!(text.contains(&format!("C{id} ")), "C{id} has a row: {text}");
+    }
+    // A half plane is called so, and nothing is nothing.
+    assert!(text.contains("half plane: largest p"), "{text}");
+    assert!(!text.contains("0.0e0") && !text.contains("1000000000"), "{text}");
 }
 
 #[test]

@@ -10,7 +10,7 @@
 //! Stresses and displacements at any depth are in [`super::field`].
 
 pub use super::field::{LineLoad, LinePoint, line};
-use super::kernel::{self, Sampled};
+use super::kernel;
 use super::{Invalid, finite, positive};
 
 /// A homogeneous isotropic layer, bonded to a rigid base, infinite along its surface.
@@ -73,16 +73,6 @@ impl Layer {
         let x = (x_mm / self.thickness_mm).abs();
         -kernel::cosine_integral(|a| transfer.base_normal(a), x, kernel::BASE_CUTOFF)
             / self.thickness_mm
-    }
-
-    /// [`Layer::base_szz_line`] at many places, with the samples of the sum taken once. Allocates.
-    #[must_use]
-    pub fn base_szz_lines(&self, x_mm: &[f64]) -> Vec<f64> {
-        let transfer = self.transfer();
-        let t = self.thickness_mm;
-        let reach = x_mm.iter().fold(0.0_f64, |most, x| most.max((x / t).abs()));
-        let samples = Sampled::new(|a| transfer.base_normal(a), reach, kernel::BASE_CUTOFF);
-        x_mm.iter().map(|x| -samples.cosine(x / t) / t).collect()
     }
 }
 

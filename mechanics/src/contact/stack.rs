@@ -17,8 +17,10 @@ use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
 /// Most layers.
 pub const LAYERS_MAX: usize = 64;
-/// Most waves of a line load: some seconds.
+/// Most waves of a line load.
 const WAVES_MAX: f64 = 1_048_576.0;
+/// Most waves times layers, of which each takes about 0.7 us: some six seconds.
+const WORK_MAX: f64 = 8_388_608.0;
 /// Where a layer counts as thick against the wave.
 const THICK: f64 = 1.0;
 /// Stand-in for the wave without length.
@@ -142,6 +144,19 @@ impl Stack {
         &self.layers[0]
     }
 
+    /// Refuses more waves than there is time for.
+    pub(crate) fn affords(&self, waves: f64) -> Result<(), Invalid> {
+        if waves <= WAVES_MAX && waves * self.layers.len() as f64 <= WORK_MAX {
+            return Ok(());
+        }
+        let [first, whole] = [self.surface_layer().thickness_mm, self.thickness_mm()];
+        let what =
+            format!("{first:?} under the surface, of {whole:?} in {} layers", self.layers.len());
+        let remedy = "that takes more than a million waves, or eight million in all layers: give a \
+                      thicker first layer, a greater depth, or fewer layers";
+        Err(Invalid::new("thickness_mm", what, remedy))
+    }
+
     /// Where fields have died: a stiff layer on a softer one spreads a load as a plate does.
     pub(crate) fn reach_mm(&self) -> f64 {
         let (mut stiffest, mut contrast) = (0.0_f64, 1.0_f64);
@@ -247,11 +262,7 @@ impl Stack {
         let span = reach.fold(0.0, f64::max) + 1.2 * far;
         let step = 2.0 * PI / span;
         let count = libm::ceil(44.0 / decay / step);
-        if count.is_nan() || count > WAVES_MAX {
-            let what = format!("{:?} under the surface, of {whole:?} in all", first.thickness_mm);
-            let remedy = "that takes more than a million waves: give a thicker first layer";
-            return Err(Invalid::new("thickness_mm", what, remedy));
-        }
+        self.affords(count)?;
         let count = count as usize;
         let mut modes = Vec::with_capacity(count + 1);
         for i in 0..=count {

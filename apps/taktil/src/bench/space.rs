@@ -269,14 +269,20 @@ pub fn pictures(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let pin = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(30.0) };
     let mut scene = Scene::new(&LAYER, pin, &Array::THESIS, Sampling::Area, Level::Default)?;
     let mut written = Vec::new();
-    for (name, title, step) in MOTIONS {
-        let mut images = Vec::new();
+    for (name, title, thesis, step) in MOTIONS {
+        let (mut images, mut read) = (Vec::new(), Vec::new());
         for s in [-2.0, -1.0, 0.0, 1.0, 2.0] {
             let (title, delta, pose) = step(s);
             scene.press(Drive::PenetrationMm(delta), pose)?;
             let mut image = vec![0.0; Array::THESIS.len()];
             scene.image(&mut image)?;
             let found = image_features(&Array::THESIS, &image, Part::Full)?;
+            let largest = image.iter().fold(0.0_f64, |most, szz| most.max(-1e3 * szz));
+            let turned = found.theta_long_rad.map_or(f64::NAN, f64::to_degrees);
+            let [x, y] = [found.xc, found.yc].map(|place| place.unwrap_or(f64::NAN));
+            // From -90 to 90 degrees.
+            let turned = turned.rem_euclid(180.0) - 90.0;
+            read.push([-found.m0, largest, x, y, turned]);
             // Column and row numbers from 1, the axis from y towards -x.
             let number = |mm: f64| mm / Array::THESIS.pitch_mm + 8.5;
             let axis = (found.xc, found.yc, found.theta_long_rad);
@@ -290,25 +296,66 @@ pub fn pictures(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
             images.push(Touch { title, rows: 16, cols: 16, counts, valid: Vec::new(), axis });
         }
         let path = folder.join(format!("contact-pin-{name}.svg"));
-        std::fs::write(&path, heat_maps_of(title, "kPa", &images).file())
+        let [here, place] = told(&read);
+        let remarks = [format!("thesis: {thesis}"), here, place];
+        std::fs::write(&path, heat_maps_of(title, "kPa", &remarks, &images).file())
             .with_context(|| format!("{}", path.display()))?;
         written.push(path);
     }
     Ok(written)
 }
 
+/// What is read of images, from the first to the last.
+fn told(read: &[[f64; 5]]) -> [String; 2] {
+    let all = |i: usize, digits: usize| {
+        // No sign before a zero.
+        let one = |row: &[f64; 5]| format!("{:.digits$}", row[i] + 0.0).replace("-0.00", "0.00");
+        read.iter().map(one).collect::<Vec<_>>().join(", ")
+    };
+    [
+        format!("here a force of {} N, at most {} kPa", all(0, 1), all(1, 0)),
+        format!(
+            "centroid at x = {} mm, y = {} mm; axis {} degrees from y",
+            all(2, 2),
+            all(3, 2),
+            all(4, 2)
+        ),
+    ]
+}
+
 /// Title, penetration and pose of a step.
 type Step = fn(f64) -> (String, f64, Pose);
 
-const MOTIONS: [(&str, &str, Step); 4] = [
-    ("along-x", "a pin moved along x", |s| {
-        (format!("{} mm", 2.0 * s), 0.03, at(2.0 * s, 0.0, 0.0, 0.0))
-    }),
-    ("into", "a pin moved into the layer", |s| {
-        (format!("{:.3} mm", 0.03 + 0.01 * s), 0.03 + 0.01 * s, at(0.0, 0.0, 0.0, 0.0))
-    }),
-    ("about-x", "a pin tilted", |s| (format!("{s} mrad"), 0.03, at(0.0, 0.0, 0.0, 1e-3 * s))),
-    ("about-z", "a pin turned about z", |s| {
-        (format!("{} deg", 15.0 * s), 0.03, at(0.0, 0.0, (15.0 * s).to_radians(), 0.0))
-    }),
+/// Name of the file, title, what the thesis says, the step.
+const MOTIONS: [(&str, &str, &str, Step); 4] = [
+    (
+        "along-x",
+        "Figure 5.8: a pin, R 23, L 30 mm, 0.03 mm deep, moved along x",
+        "the image is translated by as much, and does not change in any other way",
+        |s| (format!("x = {} mm", 2.0 * s), 0.03, at(2.0 * s, 0.0, 0.0, 0.0)),
+    ),
+    (
+        "into",
+        "Figure 5.6: a pin, R 23, L 30 mm, moved into the layer",
+        "a larger force raises the largest stress and the area of contact; symmetric",
+        |s| {
+            let depth = 0.03 + 0.01 * s;
+            (format!("{depth:.3} mm deep"), depth, at(0.0, 0.0, 0.0, 0.0))
+        },
+    ),
+    (
+        "about-x",
+        "Figure 5.9: a pin, R 23, L 30 mm, 0.03 mm deep at its middle, tilted about x",
+        "the stress is skewed along the pin, large in one half and small in the other",
+        |s| (format!("{s} mrad"), 0.03, at(0.0, 0.0, 0.0, 1e-3 * s)),
+    ),
+    (
+        "about-z",
+        "Figure 5.7: a pin, R 23, L 30 mm, 0.03 mm deep, turned about z",
+        "the image turns about z by the same angle",
+        |s| {
+            let degrees = 15.0 * s;
+            (format!("{degrees} deg"), 0.03, at(0.0, 0.0, degrees.to_radians(), 0.0))
+        },
+    ),
 ];

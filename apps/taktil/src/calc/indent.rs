@@ -1,9 +1,9 @@
 //! The ways in which `contact_2d` solves: a line load in closed form, the spectral solver, growth
 //! without slip, and the general solver on cells or on finite elements. Refuses combinations that
-//! none of them knows.
+//! none of them knows, and requests that say two things at once.
 
 use taktil_mechanics::contact::Invalid;
-use taktil_mechanics::contact::fem::{Elements, Kind, Mesh};
+use taktil_mechanics::contact::fem::Elements;
 use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::plane::grip::{Grip, Law};
 use taktil_mechanics::contact::plane::noslip::{NoSlip, NoSlipRefusal};
@@ -11,8 +11,9 @@ use taktil_mechanics::contact::plane::{
     Contact, Friction, Indenter, Level, Load, Mode, PointForce, Refusal, SMALLEST, Shape,
 };
 
-use super::cells::{cells, gripped, law_of, pressures};
+use super::cells::cells;
 use super::field::Failure;
+use super::meshed;
 use super::nodes::Nodes;
 use super::plane::{Indented, Prescribed, prescribed, shape_of};
 use super::request::{Args, counted};
@@ -25,8 +26,20 @@ const FARTHEST_MM: f64 = 1e30;
 const STEEPEST: f64 = 1.0;
 /// Code of a contact that is more than one interval.
 const PARTED: &str = "parted";
-/// Width of the finite element layer.
-const WIDTH_MM: f64 = 25.4;
+
+/// What `--list` says of `contact_2d` beyond its fields.
+pub(super) const NOTES: &[&str] = &[
+    "`level` is read with `method` \"layer\" alone, `mesh` with \"fem\" alone.",
+    "`mesh` is [along, down]: along 2 to 400, down 1 to 400, and along x along x down x the lesser \
+     of both at most 20000000, which is some seconds of work. On it a contact is known to a node: \
+     its edges lie midway between nodes, at most at the ends of the face and of the layer. It \
+     knows szz at the base alone.",
+    "\"stick\" and {coulomb} follow a path of 16 steps, a `move` goes down in the first 8 of them \
+     and along in the others. A place that sticks keeps what the surface had moved when a step \
+     first found it touching, so the answer depends on the steps: a load turned into its \
+     `delta_mm` and back is 2 % off on the mesh [64, 4], 0.2 to 0.4 % on [128, 8] and finer ones.",
+    "A `move` along x needs \"stick\" or {coulomb}; \"prop\" needs a `load`.",
+];
 
 /// What every way of solving hands to the answer.
 pub(super) struct Solved {
@@ -97,6 +110,7 @@ pub(super) fn solve(
     x_mm: &[f64],
     halved: u32,
 ) -> Result<Solved, Failure> {
+    unambiguous(args)?;
     let (drive, shape) = (prescribed(args)?, shape_of(args)?);
     let law = match args.table("friction") {
         Some(table) => Some(Law::Coulomb(table.number("coulomb")?)),
@@ -105,12 +119,15 @@ pub(super) fn solve(
     let named = |failure| named(drive, failure);
     let text = if law.is_none() { args.choice("friction")? } else { "coulomb" };
     carries(&shape, text, drive)?;
+    if let (Prescribed::Move { dx, .. }, Indented::Rigid(_) | Indented::Profile(..)) =
+        (drive, &shape)
+        && (text == "prop" || (text == "none" && dx != 0.0))
+    {
+        let what = "`move`: a tangential move needs \"stick\" or {\"coulomb\"}, \"prop\" a `load`";
+        return Err(Failure::new("unreachable", Some("move"), what));
+    }
     if args.choice("method")? == "fem" {
-        if depth != layer.thickness_mm {
-            let what = "`fem` knows szz at the base alone: leave `depth_mm` out";
-            return Err(Failure::range("depth_mm", what));
-        }
-        let solved = elements(args, layer, &shape, drive, x_mm, halved);
+        let solved = meshed::elements(args, (layer, depth), x_mm, &shape, drive, halved);
         return solved.and_then(|solved| within(layer, solved)).map_err(named);
     }
     let solved = match (shape, text) {
@@ -151,6 +168,26 @@ fn carries(shape: &Indented, friction: &str, drive: Prescribed) -> Result<(), Fa
          leave it out, or give \"prop\", \"stick\" or {{\"coulomb\"}}"
     );
     Err(Failure::new("slides", Some("load.q_n_mm"), what))
+}
+
+/// Refuses a load and a move at once, and a profile with places that do not ascend.
+fn unambiguous(args: &Args) -> Result<(), Failure> {
+    if args.has("load") && args.has("move") {
+        let what = "`load` and `move` are both given: leave one of them out";
+        return Err(Failure::new("conflict", Some("load"), what));
+    }
+    let Some(profile) = args.table("shape").and_then(|shape| shape.table("profile")) else {
+        return Ok(());
+    };
+    let x = profile.numbers("x_mm")?;
+    let Some(i) = x.windows(2).position(|pair| pair[0] >= pair[1]) else { return Ok(()) };
+    let field = format!("shape.profile.x_mm[{}]", i + 1);
+    let what = format!(
+        "`{field}` is {:?}, after {:?}: sort the places, each once, with their `z_mm`",
+        x[i + 1],
+        x[i]
+    );
+    Err(Failure::new("not_ascending", Some(&field), what))
 }
 
 /// Solvers speak of the load; what was given may be a move. The message names the field.
@@ -200,7 +237,7 @@ fn within(layer: &Layer, solved: Solved) -> Result<Solved, Failure> {
     Err(Failure::new("unreachable", Some("load"), what))
 }
 
-fn knife(drive: Prescribed, x_mm: &[f64]) -> Result<Solved, Failure> {
+pub(super) fn knife(drive: Prescribed, x_mm: &[f64]) -> Result<Solved, Failure> {
     let Prescribed::Load(load) = drive else {
         let what = "a knife edge goes down by an infinite length under any load: give `load`";
         return Err(Failure::new("unreachable", Some("move"), what));
@@ -251,12 +288,6 @@ struct Spectral<'a> {
 impl Spectral<'_> {
     fn solve(&self, depth: f64, x_mm: &[f64]) -> Result<Solved, Failure> {
         let Self { args, layer, shape, friction, drive } = *self;
-        if let Prescribed::Move { dx, .. } = drive
-            && (friction == Friction::Proportional || dx != 0.0)
-        {
-            let what = "a tangential move needs \"stick\" or {\"coulomb\"}, \"prop\" a `load`";
-            return Err(Failure::new("unreachable", Some("move"), what));
-        }
         let mut indenter = Indenter::new(layer, shape, friction, level_of(args)?)
             .map_err(|invalid| failure(&invalid))?;
         let run = |indenter: &mut Indenter, factor: f64| match drive {
@@ -347,79 +378,4 @@ fn no_slip(
         pull_n_mm: held.pull_n_mm(dx),
         held: Held::Glued(Box::new(held), shape, dx),
     })
-}
-
-fn elements(
-    args: &Args,
-    layer: &Layer,
-    shape: &Indented,
-    drive: Prescribed,
-    x_mm: &[f64],
-    halved: u32,
-) -> Result<Solved, Failure> {
-    let [nx, nz] = args.array::<2>("mesh")?;
-    let whole = |n: f64| (1.0..=2048.0).contains(&n) && n == n.floor();
-    if !(whole(nx) && whole(nz)) || nx * nz > 100_000.0 {
-        let what = format!(
-            "`mesh` is [{nx:?}, {nz:?}]; wanted: whole numbers from 1 to 2048, at most 100000 \
-             elements in all"
-        );
-        return Err(Failure::range("mesh", what));
-    }
-    let [nx, nz] = [nx, nz].map(|n| ((n as usize) >> halved).max(1));
-    let body = Mesh::uniform(WIDTH_MM, layer.thickness_mm, nx, nz)
-        .and_then(|mesh| Elements::new(layer, mesh, Kind::MeanDilatation))
-        .map_err(|invalid| failure(&invalid))?;
-    let places = body.mesh().row_mm(nz);
-    stands_on_two(shape, &places)?;
-    let mut grip = None;
-    let (contact, normal, tangential, pressure) = if let Indented::Knife = shape {
-        let solved = knife(drive, x_mm)?;
-        let (mut p, mut q) = (vec![0.0; places.len()], vec![0.0; places.len()]);
-        // The load on the node in the middle, or shared by the two beside it.
-        let nearest = places.iter().fold(f64::INFINITY, |least, x| least.min(x.abs()));
-        let beside = |x: &&f64| x.abs() < nearest + 1e-9;
-        let share = 1.0 / places.iter().filter(beside).count() as f64;
-        for (i, _) in places.iter().enumerate().filter(|(_, x)| beside(x)) {
-            (p[i], q[i]) = (share * solved.contact.p_n_mm, share * solved.contact.q_n_mm);
-        }
-        (solved.contact, p, q, solved.pressure)
-    } else {
-        let bed = body.bed().map_err(|invalid| failure(&invalid))?;
-        let (solved, contact) = gripped(args, bed, shape, drive)?;
-        let pressure = pressures(&solved, x_mm);
-        let (p, q) = (solved.normal_n_mm().to_vec(), solved.tangential_n_mm().to_vec());
-        grip = Some(solved);
-        (contact, p, q, pressure)
-    };
-    let nodes = base(&body, &normal, &tangential)?;
-    let descends = !matches!(shape, Indented::Knife);
-    let held = match grip {
-        Some(grip) => Held::Mesh(Box::new((grip, body)), law_of(args, drive)?),
-        None => Held::MeshLine,
-    };
-    let (stress, symmetric) = (Stress::Nodes(nodes), false);
-    let (shallowest_mm, pull_n_mm) = (0.0, 0.0);
-    Ok(Solved { contact, descends, stress, pressure, shallowest_mm, symmetric, pull_n_mm, held })
-}
-
-/// Refuses a bar of which one node at most would carry all.
-fn stands_on_two(shape: &Indented, places: &[f64]) -> Result<(), Failure> {
-    let Indented::Rigid(Shape::Flat { width_mm, .. }) = shape else { return Ok(()) };
-    let under = places.iter().filter(|x| x.abs() <= 0.5 * width_mm).count();
-    if under >= 2 || width_mm.is_nan() || *width_mm <= 0.0 {
-        return Ok(());
-    }
-    let what = format!(
-        "`mesh` has {under} nodes under a bar {width_mm} mm wide, and 2 at least carry it; give \
-         more elements along, or a wider bar"
-    );
-    Err(Failure::range("mesh", what))
-}
-
-/// Base stress of forces on the surface of a mesh.
-pub(super) fn base(body: &Elements, p: &[f64], q: &[f64]) -> Result<Nodes, Failure> {
-    let response = body.under(p, q).map_err(|invalid| failure(&invalid))?;
-    let szz = body.base_szz_mpa(&response);
-    Ok(Nodes { x: body.mesh().row_mm(0), width: body.mesh().widths_mm(0), szz })
 }

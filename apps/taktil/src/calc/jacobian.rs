@@ -15,6 +15,7 @@ use super::answer::Answer;
 use super::differences::differences;
 use super::field::{Failure, Field, Kind, Need};
 use super::indent::{self, Held, Solved, Stress};
+use super::meshed;
 use super::nodes::Nodes;
 use super::request::Args;
 use super::{plane, space};
@@ -326,7 +327,7 @@ impl Moved<'_> {
             (Held::Mesh(both, _), _) => {
                 let (grip, body) = &**both;
                 let measure = |grip: &Grip| {
-                    let nodes = indent::base(body, grip.normal_n_mm(), grip.tangential_n_mm())?;
+                    let nodes = meshed::base(body, grip.normal_n_mm(), grip.tangential_n_mm())?;
                     Ok(measured(&nodes, features))
                 };
                 differences(grip, motion, measure)

@@ -15,6 +15,7 @@ mod field;
 mod indent;
 mod jacobian;
 mod kinematics;
+mod meshed;
 mod motion;
 mod nodes;
 mod once;
@@ -32,6 +33,9 @@ use taktild::out;
 use answer::Answer;
 use field::{COMMON, Failure, Field, Kind};
 use request::Args;
+
+/// What is said of an operation beyond its fields.
+const NOTES: &[(&str, &[&str])] = &[("contact_2d", indent::NOTES)];
 
 /// A longer request line is refused (bytes).
 const LINE_MAX: u64 = 64 << 20;
@@ -111,8 +115,14 @@ fn evaluate(request: &Value) -> Result<Answer, Failure> {
     })?;
     let name = match object.get("op") {
         Some(Value::String(name)) => name.as_str(),
-        Some(_) => return Err(Failure::new("wrong_type", Some("op"), "`op` is a text")),
-        None => return Err(Failure::new("missing_field", Some("op"), "`op` is missing")),
+        Some(other) => {
+            let what = format!("`op` is {}; wanted: a text", request::kind_name(other));
+            return Err(Failure::new("wrong_type", Some("op"), what));
+        }
+        None => {
+            let what = "`op` is missing: the name of an operation, a text";
+            return Err(Failure::new("missing_field", Some("op"), what));
+        }
     };
     let operation = operations().find(|operation| operation.name == name).ok_or_else(|| {
         let known: Vec<&str> = operations().map(|operation| operation.name).collect();
@@ -149,6 +159,10 @@ pub fn list() -> String {
             operation.answers.iter().map(|(name, about)| format!("{name} {about}")).collect();
         out.push_str(&answers.join(", "));
         out.push('\n');
+        let notes = NOTES.iter().filter(|(name, _)| *name == operation.name);
+        for note in notes.flat_map(|(_, notes)| *notes) {
+            out.push_str(&format!("  note: {note}\n"));
+        }
     }
     out
 }
@@ -159,17 +173,22 @@ fn push_fields(out: &mut String, fields: &'static [Field], width: usize) {
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
         let need = field.need.shown();
         out.push_str(&format!("  {:width$}  {kind}{unit}; {need}. {}\n", field.name, field.doc));
-        if let Kind::Table(inner) | Kind::Tables(inner) | Kind::ChoiceOrTable(_, inner) = field.kind
-        {
-            for field in inner {
-                let (kind, need) = (field.kind.shown(), field.need.shown());
-                let doc = field.doc;
-                out.push_str(&format!(
-                    "    .{}  {kind} {}; {need}. {doc}\n",
-                    field.name, field.unit
-                ));
-            }
-        }
+        push_inner(out, field, 4);
+    }
+}
+
+/// The fields of an object, and of the objects in it.
+fn push_inner(out: &mut String, field: &'static Field, indent: usize) {
+    let (Kind::Table(inner) | Kind::Tables(inner) | Kind::ChoiceOrTable(_, inner)) = field.kind
+    else {
+        return;
+    };
+    for field in inner {
+        let (kind, need, unit, doc) =
+            (field.kind.shown(), field.need.shown(), field.unit, field.doc);
+        let name = field.name;
+        out.push_str(&format!("{:indent$}.{name}  {kind} {unit}; {need}. {doc}\n", ""));
+        push_inner(out, field, indent + 2);
     }
 }
 
@@ -199,6 +218,12 @@ mod tests {
             for field in operation.fields {
                 assert!(text.contains(&format!("  {}", field.name)), "{}", field.name);
             }
+        }
+        // Objects in objects too.
+        assert!(text.contains("      .height_mm  number mm; default 6.35."), "{text}");
+        for (name, notes) in NOTES {
+            assert!(operations().any(|operation| operation.name == *name));
+            assert!(notes.iter().all(|note| text.contains(note)));
         }
     }
 }

@@ -455,7 +455,7 @@ fn counts(value: &Value, place: &str, wrong: &dyn Fn() -> Failure) -> Result<[i3
     Ok(out)
 }
 
-fn kind_name(value: &Value) -> &'static str {
+pub(super) fn kind_name(value: &Value) -> &'static str {
     match value {
         Value::Null => "null (which also stands for NaN and infinity)",
         Value::Bool(_) => "true or false",

@@ -57,25 +57,40 @@ const TOP: f64 = 44.0;
 const LEFT: f64 = 30.0;
 const GAP: f64 = 24.0;
 const FOOT: f64 = 44.0;
+/// Height of a remark.
+const LINE: f64 = 17.0;
 
 /// Images side by side on one scale of counts.
 #[must_use]
 pub fn heat_maps(title: &str, images: &[Touch]) -> Figure {
-    heat_maps_of(title, "counts", images)
+    maps(title, "counts", &[], LEFT, images)
 }
 
-/// [`heat_maps`] of another unit.
+/// [`heat_maps`] of another unit, with the rows numbered and remarks below.
 #[must_use]
-pub fn heat_maps_of(title: &str, unit: &str, images: &[Touch]) -> Figure {
+pub fn heat_maps_of(title: &str, unit: &str, remarks: &[String], images: &[Touch]) -> Figure {
+    const ROOM: f64 = 64.0;
+    let mut figure = maps(title, unit, remarks, ROOM, images);
+    if let Some(first) = images.first() {
+        let (place, bottom) = (ROOM - 6.0, TOP + CELL * first.rows as f64);
+        let middle = 0.5 * (TOP + bottom) + 4.0;
+        figure.text(place, bottom, Anchor::End, "small dim", "1");
+        figure.text(place, middle, Anchor::End, "small dim", "y (row)");
+        figure.text(place, TOP + 9.0, Anchor::End, "small dim", &format!("{}", first.rows));
+    }
+    figure
+}
+
+fn maps(title: &str, unit: &str, remarks: &[String], from: f64, images: &[Touch]) -> Figure {
     let most = images.iter().flat_map(|image| &image.counts).copied();
     let most = most.filter(|count| count.is_finite()).fold(1.0, f64::max);
     let wide = |image: &Touch| CELL * image.cols as f64;
-    let width = LEFT + images.iter().map(|image| wide(image) + GAP).sum::<f64>() + 70.0;
+    let width = from + images.iter().map(|image| wide(image) + GAP).sum::<f64>() + 70.0;
     let tallest = images.iter().map(|image| image.rows).max().unwrap_or(1);
-    let height = TOP + CELL * tallest as f64 + FOOT;
+    let height = TOP + CELL * tallest as f64 + FOOT + LINE * remarks.len() as f64;
     let mut figure = Figure::new(width.max(300.0), height, title);
-    figure.text(LEFT, 18.0, Anchor::Start, "head", title);
-    let mut left = LEFT;
+    figure.text(from, 18.0, Anchor::Start, "head", title);
+    let mut left = from;
     for image in images {
         draw(&mut figure, image, left, most);
         left += wide(image) + GAP;
@@ -89,6 +104,10 @@ pub fn heat_maps_of(title: &str, unit: &str, images: &[Touch]) -> Figure {
     figure.text(left + 16.0, bottom, Anchor::Start, "small", "0");
     figure.text(left + 16.0, TOP + 9.0, Anchor::Start, "small", &plain(most));
     figure.text(left, bottom + 16.0, Anchor::Start, "small dim", unit);
+    for (i, remark) in remarks.iter().enumerate() {
+        let at = bottom + FOOT - 8.0 + LINE * i as f64;
+        figure.text(from, at, Anchor::Start, "small", remark);
+    }
     figure
 }
 

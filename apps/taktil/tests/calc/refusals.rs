@@ -328,6 +328,33 @@ fn numbers_too_large_are_named_with_a_remedy() {
 }
 
 #[test]
+fn what_came_and_what_is_wanted_are_both_said() {
+    for (op, came) in
+        [(json!(5), "a number"), (json!([]), "a list"), (json!(true), "true or false")]
+    {
+        refused(json!({"op": op}), "wrong_type", Some("op"));
+        let message = one(&json!({"op": op}))["error"]["message"].as_str().unwrap().to_owned();
+        assert_eq!(message, format!("`op` is {came}; wanted: a text"));
+    }
+    let contact = |fields: Value| {
+        let mut request = json!({"op": "contact_2d", "t_mm": 0.8, "nu": 0.49,
+            "shape": {"flat": {"width_mm": 12.7}}, "load": {"p_n_mm": 1}});
+        for (key, value) in fields.as_object().unwrap() {
+            request[key] = value.clone();
+        }
+        request
+    };
+    refused(contact(json!({"move": {"dz_mm": 0.01}})), "conflict", Some("load"));
+    refused(contact(json!({"load": null})), "missing_field", Some("load"));
+    for x in [json!([0, 1, 1]), json!([0, 2, 1])] {
+        let shape = json!({"profile": {"x_mm": x, "z_mm": [0, 0, 0]}});
+        refused(contact(json!({"shape": shape})), "not_ascending", Some("shape.profile.x_mm[2]"));
+    }
+    let shape = json!({"profile": {"x_mm": [0, 1], "z_mm": [0, 0, 0]}});
+    refused(contact(json!({"shape": shape})), "wrong_length", Some("shape.profile"));
+}
+
+#[test]
 fn a_bar_between_the_nodes_of_its_mesh_is_not_said_to_topple() {
     let bar = |width: f64, mesh: Value| {
         json!({"op": "contact_2d", "shape": {"flat": {"width_mm": width}}, "load": {"p_n_mm": 1},

@@ -1,6 +1,9 @@
 //! Cholesky's factors of a symmetric positive definite band matrix, lower half, row by row. It
 //! refuses what is not positive definite by `false`.
 
+/// Right sides that are solved at once: the factor is read once for all of them.
+pub(super) const LANES: usize = 8;
+
 /// The lower band of a matrix, then of its factor.
 #[derive(Clone, Debug)]
 pub(super) struct Band {
@@ -76,6 +79,32 @@ impl Band {
             }
         }
     }
+
+    /// [`Self::solve`] for several right sides, each with the same bits as alone.
+    pub(super) fn solve_lanes(&self, side: &mut [[f64; LANES]]) {
+        let (n, w) = (self.size, self.half + 1);
+        for i in 0..n {
+            let first = i.saturating_sub(self.half);
+            let row = &self.rows[i * w..][..w];
+            let mut known = [0.0; LANES];
+            for (a, s) in row[self.half + first - i..self.half].iter().zip(&side[first..i]) {
+                known.iter_mut().zip(s).for_each(|(known, s)| *known += a * s);
+            }
+            for (s, known) in side[i].iter_mut().zip(known) {
+                *s = (*s - known) * row[self.half];
+            }
+        }
+        for i in (0..n).rev() {
+            let first = i.saturating_sub(self.half);
+            let row = &self.rows[i * w..][..w];
+            let value = side[i].map(|s| s * row[self.half]);
+            side[i] = value;
+            let a = &row[self.half + first - i..self.half];
+            for (s, a) in side[first..i].iter_mut().zip(a) {
+                s.iter_mut().zip(value).for_each(|(s, value)| *s -= a * value);
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -102,6 +131,14 @@ mod tests {
         let row = |i: usize| (0..n).map(|j| entry(i, j) * x[j]).sum::<f64>();
         let mut side: Vec<f64> = (0..n).map(row).collect();
         assert!(band.factor());
+        let mut lanes: Vec<[f64; LANES]> =
+            side.iter().map(|s| core::array::from_fn(|lane| s * (1.0 + lane as f64))).collect();
+        band.solve_lanes(&mut lanes);
+        for lane in 0..LANES {
+            let mut alone: Vec<f64> = side.iter().map(|s| s * (1.0 + lane as f64)).collect();
+            band.solve(&mut alone);
+            assert!(alone.iter().zip(&lanes).all(|(a, b)| a.to_bits() == b[lane].to_bits()));
+        }
         band.solve(&mut side);
         assert!(side.iter().zip(&x).all(|(a, b)| (a - b).abs() < 1e-14));
         let mut bad = Band::new(2, 1);

@@ -1,6 +1,8 @@
 //! The base's normal stress out of its reactions, and the compliances of the surface for the
 //! contact solver in the plane. It allocates.
 
+use super::band::LANES;
+use super::lanes::Lanes;
 use super::layer::{Elements, Response};
 use crate::contact::Invalid;
 use crate::contact::plane::bed::{Bed, CELLS_MAX};
@@ -109,7 +111,8 @@ impl Elements<2> {
         let n = self.mesh().columns();
         if n > CELLS_MAX {
             let what = format!("{n} nodes on the surface");
-            return Err(Invalid::new("mesh", what, "give at most 999 elements along"));
+            let remedy = "give at most 1000: 999 elements of order 1 along, 499 of order 2";
+            return Err(Invalid::new("mesh", what, remedy));
         }
         let top = self.mesh().counts()[1] - 1;
         let zeros = || vec![0.0; n * n];
@@ -121,22 +124,22 @@ impl Elements<2> {
             along_per_p: zeros(),
             along_per_q: zeros(),
         };
-        let mut response = self.response();
-        let mut forces = vec![[0.0; 2]; n];
-        for j in 0..n {
-            forces[j] = [0.0, -1.0];
-            self.solve(&forces, &mut response);
-            for i in 0..n {
-                let [x, z] = response.nodes_mm[self.mesh().surface(i)];
-                (bed.down_per_p[i * n + j], bed.along_per_p[i * n + j]) = (-z, x);
+        let mut lanes = Lanes::new(self);
+        let unit: Vec<(usize, [f64; 2])> =
+            (0..n).flat_map(|j| [(j, [0.0, -1.0]), (j, [1.0, 0.0])]).collect();
+        for some in unit.chunks(LANES) {
+            lanes.solve(self, some);
+            for (lane, (j, force)) in some.iter().enumerate() {
+                let [down, along] = if force[0] == 0.0 {
+                    [&mut bed.down_per_p, &mut bed.along_per_p]
+                } else {
+                    [&mut bed.down_per_q, &mut bed.along_per_q]
+                };
+                for i in 0..n {
+                    let [x, z] = lanes.at(self, i, lane);
+                    (down[i * n + j], along[i * n + j]) = (-z, x);
+                }
             }
-            forces[j] = [1.0, 0.0];
-            self.solve(&forces, &mut response);
-            for i in 0..n {
-                let [x, z] = response.nodes_mm[self.mesh().surface(i)];
-                (bed.down_per_q[i * n + j], bed.along_per_q[i * n + j]) = (-z, x);
-            }
-            forces[j] = [0.0; 2];
         }
         Ok(bed)
     }

@@ -2,15 +2,19 @@
 //! Cholesky factor of nalgebra-sparse in the order of nested dissection in space. Solving does not
 //! allocate. Neither is on a lane's path or in a hashed result.
 
-use super::band::Band;
+use super::band::{Band, LANES};
 use nalgebra::DMatrixViewMut;
 use nalgebra_sparse::factorization::CscCholesky;
 use nalgebra_sparse::{CooMatrix, CscMatrix};
 
+/// Most numbers that a factor may keep, a quarter of a gigabyte. Of a sparse one this is taken from
+/// above, before anything is allocated.
+pub const ENTRIES_MAX: usize = 1 << 25;
+
 /// How to factor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// Nodes as they are numbered, a banded factor.
+    /// Nodes numbered across the axes of fewest nodes first, a banded factor.
     Band,
     /// Nested dissection, a sparse factor.
     Sparse,
@@ -75,6 +79,18 @@ impl Factor {
                 let count = side.len();
                 factor.solve_mut(DMatrixViewMut::from_slice(side, count, 1));
             }
+        }
+    }
+
+    /// Solves several right sides in place; the sparse factor one by one, and with an allocation.
+    pub(super) fn solve_lanes(&self, side: &mut [[f64; LANES]]) {
+        if let Self::Band(band) = self {
+            return band.solve_lanes(side);
+        }
+        for lane in 0..LANES {
+            let mut one: Vec<f64> = side.iter().map(|s| s[lane]).collect();
+            self.solve(&mut one);
+            side.iter_mut().zip(one).for_each(|(s, one)| s[lane] = one);
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use super::dissect;
 use super::element::{Element, MODES, Modes, Moduli, element, point};
-use super::factor::{Factor, Method, System};
+use super::factor::{ENTRIES_MAX, Factor, Method, System};
 use super::mesh::{Kind, Mesh};
 use crate::contact::layer::Layer;
 use crate::contact::{Invalid, finite};
@@ -12,10 +12,10 @@ use crate::contact::{Invalid, finite};
 /// found by augmented Lagrange steps.
 const STIFFEST: f64 = 2e3;
 /// Those steps, at most, and the change of pressure at which they end.
-const STEPS: usize = 60;
-const SETTLED: f64 = 1e-13;
+pub(super) const STEPS: usize = 60;
+pub(super) const SETTLED: f64 = 1e-13;
 /// Equation of a displacement that is held.
-const HELD: u32 = u32::MAX;
+pub(super) const HELD: u32 = u32::MAX;
 
 /// A mesh of a layer, factored.
 #[derive(Clone, Debug)]
@@ -23,17 +23,17 @@ pub struct Elements<const D: usize = 2> {
     mesh: Mesh<D>,
     kind: Kind,
     /// The moduli in the matrix, and what compliance is still missing: 1/K - 1/K_matrix.
-    moduli: Moduli,
-    compliance_left: f64,
+    pub(super) moduli: Moduli,
+    pub(super) compliance_left: f64,
     /// Equation of each displacement, node by node.
-    equations: Vec<u32>,
-    unknowns: usize,
+    pub(super) equations: Vec<u32>,
+    pub(super) unknowns: usize,
     /// Nodes of each element.
     connect: Vec<u32>,
-    modes: Vec<Modes<D>>,
+    pub(super) modes: Vec<Modes<D>>,
     /// Rows of the base's nodes in the stiffness of the elements there.
     base_rows: Vec<f64>,
-    factor: Factor,
+    pub(super) factor: Factor,
 }
 
 /// What a load does.
@@ -56,7 +56,8 @@ impl<const D: usize> Elements<D> {
     /// `layer` is that of the mesh.
     ///
     /// # Errors
-    /// A layer that its check refuses; elements that fold; the plain element at nu = 0.5.
+    /// A layer or a mesh that its check refuses; a factor of more than [`ENTRIES_MAX`] numbers;
+    /// elements that fold; the plain element at nu = 0.5.
     pub fn new(layer: &Layer, mesh: Mesh<D>, kind: Kind) -> Result<Self, Invalid> {
         let method = if D == 2 { Method::Band } else { Method::Sparse };
         Self::factored(layer, mesh, kind, method)
@@ -73,6 +74,7 @@ impl<const D: usize> Elements<D> {
         method: Method,
     ) -> Result<Self, Invalid> {
         layer.check()?;
+        mesh.check()?;
         let g = layer.shear_mpa();
         // K = 2 G (1 + nu)/(3 (1 - 2 nu)).
         let inverse = 3.0 * (1.0 - 2.0 * layer.poisson) / (2.0 * g * (1.0 + layer.poisson));
@@ -89,7 +91,9 @@ impl<const D: usize> Elements<D> {
             (0..count).flat_map(|e| mesh.nodes_of(e)).map(|node| node as u32).collect();
         let per = (mesh.order + 1).pow(D as u32);
         let half = connect.chunks_exact(per).map(|nodes| spread::<D>(nodes, &equations)).max();
-        let mut system = System::new(method, unknowns, half.unwrap_or(0));
+        let half = half.unwrap_or(0);
+        fits(&mesh, method, (unknowns, half))?;
+        let mut system = System::new(method, unknowns, half);
         let mut modes = Vec::with_capacity(count);
         let mut base_rows = Vec::new();
         for (e, nodes) in connect.chunks_exact(per).enumerate() {
@@ -174,7 +178,9 @@ impl<const D: usize> Elements<D> {
         let mut last = f64::INFINITY;
         while self.compliance_left != 0.0 && out.steps < STEPS {
             out.steps += 1;
-            let change = self.augment(out);
+            let change = self.raise(out);
+            self.factor.solve(&mut out.side);
+            self.spread_displacements(out);
             // Each step takes some thousand times off the error, until rounding is reached.
             if change < SETTLED || change > 0.5 * last {
                 break;
@@ -184,14 +190,14 @@ impl<const D: usize> Elements<D> {
         self.react(out);
     }
 
-    fn nodes_of(&self, e: usize) -> &[u32] {
+    pub(super) fn nodes_of(&self, e: usize) -> &[u32] {
         let per = self.connect.len() / self.modes.len();
         &self.connect[e * per..][..per]
     }
 
-    /// Raises the pressures by what the dilatation is too large, and solves again; the largest
-    /// change of a pressure relative to the largest pressure.
-    fn augment(&self, out: &mut Response<D>) -> f64 {
+    /// Raises the pressures by what the dilatation is too large, and makes the next right side; the
+    /// largest change of a pressure relative to the largest pressure.
+    fn raise(&self, out: &mut Response<D>) -> f64 {
         let (mut change, mut largest) = (0.0_f64, f64::MIN_POSITIVE);
         let bulk = self.moduli.bulk;
         for e in 0..self.modes.len() {
@@ -217,8 +223,6 @@ impl<const D: usize> Elements<D> {
                 }
             }
         }
-        self.factor.solve(&mut out.side);
-        self.spread_displacements(out);
         change / largest
     }
 
@@ -381,10 +385,42 @@ fn numbered<const D: usize>(mesh: &Mesh<D>, method: Method) -> (Vec<u32>, usize)
         }
     };
     match method {
-        Method::Band => (0..mesh.nodes.len()).for_each(|node| visit(mesh.at(node))),
+        Method::Band => {
+            // Along the axis of most nodes last: that keeps the band narrow.
+            let mut axes: [usize; D] = core::array::from_fn(|axis| axis);
+            axes.sort_by_key(|axis| core::cmp::Reverse(counts[*axis]));
+            for node in 0..mesh.nodes.len() {
+                let (mut at, mut rest) = ([0; D], node);
+                for axis in axes.into_iter().rev() {
+                    (at[axis], rest) = (rest % counts[axis], rest / counts[axis]);
+                }
+                visit(at);
+            }
+        }
         Method::Sparse => dissect::order(counts, mesh.order).into_iter().for_each(visit),
     }
     (equations, next as usize)
+}
+
+/// Refuses a factor that would not fit, before it is made.
+fn fits<const D: usize>(
+    mesh: &Mesh<D>,
+    method: Method,
+    (unknowns, half): (usize, usize),
+) -> Result<(), Invalid> {
+    let entries = match method {
+        Method::Band => unknowns as f64 * (half as f64 + 1.0),
+        Method::Sparse => dissect::entries(mesh.counts(), mesh.order),
+    };
+    if entries <= ENTRIES_MAX as f64 {
+        return Ok(());
+    }
+    let what = format!(
+        "{:?} elements of order {} keep {entries:.1e} numbers in their factor",
+        mesh.elements, mesh.order
+    );
+    let remedy = format!("give fewer elements: at most {ENTRIES_MAX} numbers are kept");
+    Err(Invalid::new("mesh", what, &remedy))
 }
 
 /// Largest distance of two equations of an element.

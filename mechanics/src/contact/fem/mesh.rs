@@ -70,23 +70,45 @@ impl<const D: usize> Mesh<D> {
         Ok(mesh)
     }
 
-    /// The same mesh with an end of an axis on rollers (0 the low end, 1 the high one).
+    /// The checks of [`Self::over`], for a mesh whose fields were changed by hand.
+    ///
+    /// # Errors
+    /// Fewer than 2 elements along or 1 across, too many, an order other than 1 and 2, nodes of
+    /// another number or not finite.
+    pub fn check(&self) -> Result<(), Invalid> {
+        check_size(&self.elements, self.order)?;
+        let wanted: usize = self.counts().iter().product();
+        if self.nodes.len() != wanted {
+            let what = format!("{} nodes for {:?} elements", self.nodes.len(), self.elements);
+            let remedy = format!("give {wanted} of them with order {}", self.order);
+            return Err(Invalid::new("mesh", what, &remedy));
+        }
+        self.nodes.iter().flatten().try_for_each(|x| finite("mesh", *x))
+    }
+
+    /// The same mesh with an end of an axis on rollers (0 the low end, 1 the high one). An axis or
+    /// an end that a mesh of `D` axes does not have changes nothing.
     #[must_use]
     pub fn on_rollers(mut self, axis: usize, end: usize) -> Self {
-        self.rollers[axis][end] = true;
+        if let Some(roller) = self.rollers.get_mut(axis).and_then(|ends| ends.get_mut(end)) {
+            *roller = true;
+        }
         self
     }
 
     /// Nodes along each axis.
     #[must_use]
     pub fn counts(&self) -> [usize; D] {
-        self.elements.map(|n| self.order * n + 1)
+        self.elements.map(|n| self.order.saturating_mul(n).saturating_add(1))
     }
 
     /// Number of the node at these places along the axes.
     #[must_use]
     pub fn node(&self, at: [usize; D]) -> usize {
-        at.iter().zip(self.counts()).fold(0, |node, (i, count)| node * count + i)
+        let next = |node: usize, (i, count): (&usize, usize)| {
+            node.saturating_mul(count).saturating_add(*i)
+        };
+        at.iter().zip(self.counts()).fold(0, next)
     }
 
     /// Places along the axes of a node.
@@ -144,15 +166,17 @@ impl<const D: usize> Mesh<D> {
         (column + 1) * self.counts()[D - 1] - 1
     }
 
-    /// Places along an axis of the nodes in the row of node 0, in mm.
+    /// Places along an axis of the nodes in the row of node 0, in mm; none along an axis that a
+    /// mesh of `D` axes does not have.
     #[must_use]
     pub fn line_mm(&self, axis: usize) -> Vec<f64> {
         let at = |i: usize| {
             let mut at = [0; D];
             at[axis] = i;
-            self.nodes[self.node(at)][axis]
+            self.nodes.get(self.node(at)).map(|place| place[axis])
         };
-        (0..self.counts()[axis]).map(at).collect()
+        let count = self.counts().get(axis).copied().unwrap_or(0);
+        (0..count).map_while(at).collect()
     }
 
     /// What each column's node of the base stands for: the integral of its shape function over the
@@ -212,10 +236,12 @@ impl Mesh<2> {
         Self::of_edges(&x, &z)
     }
 
-    /// x of the nodes along a row, j = 0 the base.
+    /// x of the nodes along a row, j = 0 the base; none along a row that there is not.
     #[must_use]
     pub fn row_mm(&self, j: usize) -> Vec<f64> {
-        (0..self.counts()[0]).map(|i| self.nodes[self.node([i, j])][0]).collect()
+        let [along, across] = self.counts();
+        let at = |i: usize| self.nodes.get(self.node([i, j])).map(|place| place[0]);
+        (0..if j < across { along } else { 0 }).map_while(at).collect()
     }
 
     /// What of a row each of its nodes stands for: the integral of its shape function, with order 1
@@ -250,8 +276,8 @@ pub fn graded_edges(length_mm: f64, count: usize, grading: f64) -> Result<Vec<f6
         return Err(Invalid::new("grading", what, "give 0 for equal elements, or more"));
     }
     if !(1..=2 * ELEMENTS_MAX).contains(&count) {
-        let what = format!("{count} elements along an axis");
-        return Err(Invalid::new("mesh", what, "give at least 1, at most 400000 in all"));
+        let what = format!("{count} steps along an axis");
+        return Err(Invalid::new("mesh", what, "give at least 1, at most 800000"));
     }
     let place = |i: usize| {
         let s = i as f64 / count as f64;
@@ -278,7 +304,7 @@ fn check_size(elements: &[usize], order: usize) -> Result<(), Invalid> {
 /// Integrals of the shape functions along a line of nodes.
 fn weights(x: &[f64], order: usize) -> Vec<f64> {
     let mut out = vec![0.0; x.len()];
-    for start in (0..x.len() - 1).step_by(order) {
+    for start in (0..x.len().saturating_sub(order)).step_by(order) {
         let length = x[start + order] - x[start];
         let parts: &[f64] =
             if order == 1 { &[0.5, 0.5] } else { &[1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0] };

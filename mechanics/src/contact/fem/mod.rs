@@ -8,22 +8,24 @@
 //! solved by augmented Lagrange steps on the same factors.
 //!
 //! In the plane the matrix is banded, since a layer is long and thin: with nodes numbered across
-//! the thickness half the band is 2 nz + 3, so that a banded factor has no more entries than a
-//! sparse one would fill. In space it is sparse, in the order of nested dissection; [`press`] holds
-//! the contact. None of it is meant for lanes.
+//! the shorter side half the band is twice its elements and 3, so that a banded factor has no more
+//! entries than a sparse one would fill. In space it is sparse, in the order of nested dissection;
+//! [`press`] holds the contact. None of it is meant for lanes.
 //!
-//! It refuses meshes that fold, fewer than two elements along, and sizes that would not fit.
+//! It refuses meshes that fold or do not fit their nodes, fewer than two elements along, and a
+//! factor of more than [`ENTRIES_MAX`] numbers, before anything is allocated for it.
 
 mod band;
 mod base;
 mod dissect;
 mod element;
 mod factor;
+mod lanes;
 pub mod layer;
 pub mod mesh;
 pub mod press;
 
-pub use factor::Method;
+pub use factor::{ENTRIES_MAX, Method};
 pub use layer::{Elements, Response};
 pub use mesh::{Kind, Mesh, graded_edges};
 pub use press::Press;

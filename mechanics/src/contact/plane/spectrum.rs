@@ -9,6 +9,7 @@
 use super::super::kernel::REACH;
 use super::super::layer::{Layer, Transfer};
 use super::super::stack::Stack;
+use crate::contact::{Invalid, positive};
 use core::f64::consts::PI;
 
 /// Above this part of the thickness the half plane is taken out.
@@ -52,13 +53,29 @@ impl Spectrum {
     }
 
     /// The same in a stack of layers.
-    #[must_use]
-    pub fn of_stack(stack: &Stack, forces: &[PointForce], depth_mm: f64, reach_mm: f64) -> Self {
+    ///
+    /// # Errors
+    /// A depth that is not above 0; one so small, or a first layer so thin, that it takes more
+    /// waves than [`Stack::line`] allows.
+    pub fn of_stack(
+        stack: &Stack,
+        forces: &[PointForce],
+        depth_mm: f64,
+        reach_mm: f64,
+    ) -> Result<Self, Invalid> {
+        positive("depth_mm", depth_mm)?;
         let t = stack.surface_layer().thickness_mm;
         let depth_mm = depth_mm.min(stack.thickness_mm());
         let of = |a: f64| stack.stress_transforms(a / t, depth_mm);
-        let shallow = depth_mm < SHALLOW * t;
-        Self::summed(&of, [t, depth_mm, stack.reach_mm()], shallow, forces, reach_mm)
+        let (shallow, far) = (depth_mm < SHALLOW * t, stack.reach_mm());
+        let [half, _, reach] = extent(forces, reach_mm, far);
+        let (span, depth) = ((reach + half) / t, depth_mm / t);
+        stack.affords(if shallow {
+            GAUSS as f64 * panels(span, depth)
+        } else {
+            steps(span, depth, far / t)
+        })?;
+        Ok(Self::summed(&of, [t, depth_mm, far], shallow, forces, reach_mm))
     }
 
     /// From the transforms F and H at a wave number over t; t, the depth, and where fields have
@@ -71,12 +88,7 @@ impl Spectrum {
         reach_mm: f64,
     ) -> Self {
         let depth = depth_mm / t;
-        let low = forces.iter().map(|f| f[0]).fold(f64::INFINITY, f64::min);
-        let high = forces.iter().map(|f| f[0]).fold(f64::NEG_INFINITY, f64::max);
-        let middle = if low <= high { 0.5 * (low + high) } else { 0.0 };
-        let half = if low <= high { 0.5 * (high - low) } else { 0.0 };
-        // Far from the nearest force there is nothing.
-        let reach = (reach_mm + middle.abs()).min(half + far_mm);
+        let [half, middle, reach] = extent(forces, reach_mm, far_mm);
         let span = (reach + half) / t;
         let grid = if is_shallow { gauss(span, depth) } else { trapezoid(span, depth, far_mm / t) };
         let wave = |&[a, weight]: &[f64; 2]| {
@@ -196,6 +208,16 @@ impl Spectrum {
     }
 }
 
+/// Half of what the forces span, its middle, and how far from there the stress is wanted.
+fn extent(forces: &[PointForce], reach_mm: f64, far_mm: f64) -> [f64; 3] {
+    let low = forces.iter().map(|f| f[0]).fold(f64::INFINITY, f64::min);
+    let high = forces.iter().map(|f| f[0]).fold(f64::NEG_INFINITY, f64::max);
+    let middle = if low <= high { 0.5 * (low + high) } else { 0.0 };
+    let half = if low <= high { 0.5 * (high - low) } else { 0.0 };
+    // Far from the nearest force there is nothing.
+    [half, middle, (reach_mm + middle.abs()).min(half + far_mm)]
+}
+
 /// F and H of szz = -(P F + i Q H)/E, each over E.
 pub(crate) fn transforms(transfer: &Transfer, a: f64, depth: f64) -> (f64, f64) {
     let Transfer { m, n, kap } = *transfer;
@@ -211,17 +233,27 @@ pub(crate) fn transforms(transfer: &Transfer, a: f64, depth: f64) -> (f64, f64) 
     (f, h)
 }
 
+/// Steps of the trapezoidal rule.
+fn steps(span: f64, depth: f64, far: f64) -> f64 {
+    libm::ceil(42.0 / depth / (2.0 * PI / (span + 1.2 * far)))
+}
+
 /// Wave numbers and weights of the trapezoidal rule.
 fn trapezoid(span: f64, depth: f64, far: f64) -> Vec<[f64; 2]> {
     let step = 2.0 * PI / (span + 1.2 * far);
-    let count = libm::ceil(42.0 / depth / step) as usize;
+    let count = steps(span, depth, far) as usize;
     (0..=count).map(|i| [i as f64 * step, if i == 0 { 0.5 * step } else { step }]).collect()
+}
+
+/// Panels of Gauss's rule.
+fn panels(span: f64, depth: f64) -> f64 {
+    libm::ceil(42.0 / (2.0 - depth) * (span / RADIANS_PER_PANEL).max(1.5))
 }
 
 /// Wave numbers and weights of Gauss's rule, panel after panel.
 pub(crate) fn gauss(span: f64, depth: f64) -> Vec<[f64; 2]> {
     let cutoff = 42.0 / (2.0 - depth);
-    let panels = libm::ceil(cutoff * (span / RADIANS_PER_PANEL).max(1.5)) as usize;
+    let panels = panels(span, depth) as usize;
     let width = cutoff / panels as f64;
     let rule = legendre();
     let mut grid = Vec::with_capacity(panels * GAUSS);

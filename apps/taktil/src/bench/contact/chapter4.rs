@@ -25,6 +25,8 @@ const LENGTH: f64 = 25.4;
 const HEIGHT: f64 = 12.7;
 /// The four widths of the bars.
 const WIDTHS: [f64; 4] = [7.9, 10.3, 12.7, 15.1];
+/// The four normal loads, in the thesis's unit.
+const COUNTS: [f64; 4] = [1.0, 2.0, 3.0, 4.0];
 /// Threshold of the contact's width in MPa.
 const THRESHOLD_MPA: f64 = 2e-3;
 
@@ -279,7 +281,7 @@ fn rows(loads: &[f64]) -> anyhow::Result<Rows> {
         }))
     };
     let of_width = |width: f64| -> anyhow::Result<Vec<Vec<Option<Row>>>> {
-        [1.0, 4.0]
+        COUNTS
             .map(|count| loads.iter().map(|q| one(width, pounds(count), *q)).collect())
             .into_iter()
             .collect()
@@ -307,7 +309,7 @@ type Feature = (
     &'static str,
     &'static str,
     fn(&Row) -> f64,
-    fn(&Rows) -> anyhow::Result<String>,
+    fn(&Rows) -> anyhow::Result<Vec<String>>,
 );
 
 /// How far from the edge the largest compression is under the largest Q that a bar stands: the most
@@ -320,33 +322,83 @@ fn from_edge(rows: &Rows) -> f64 {
     WIDTHS.iter().zip(rows).map(of_width).fold(0.0, f64::max)
 }
 
+/// Smallest and largest over the widths of what is read under the least loads.
+fn least(rows: &Rows, order: usize) -> [f64; 2] {
+    let all = rows.iter().filter_map(|by_load| by_load[0][0].as_ref());
+    all.map(|row| about_end(&row.whole.m, order))
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], m| [low.min(m), high.max(m)])
+}
+
 /// What is said of figure 4.12; the coefficients are those of statics.
-fn first_moments() -> String {
+fn first_moments(rows: &Rows) -> Vec<String> {
     let (arm, lever) = (0.5 * LENGTH * LENGTH, LENGTH * (HEIGHT + THICK));
-    format!(
-        "thesis (4.3): 319.9 P - 339.3 Q - 0.016, P negative; here {arm:.1} and {lever:.1}, statics"
-    )
+    vec![
+        format!(
+            "thesis (4.3): 319.9 P - 339.3 Q - 0.016, P negative; here {arm:.1} and {lever:.1}, \
+             statics"
+        ),
+        format!("thesis: smallest about -60; here {:.1} whatever W", least(rows, 1)[1]),
+    ]
 }
 
 /// What is said of figure 4.13.
-fn second_moments() -> anyhow::Result<String> {
+fn second_moments(rows: &Rows) -> anyhow::Result<Vec<String>> {
     let ([p, q, wp, rest], _) = regression(HEIGHT)?;
-    Ok(format!(
-        "thesis (4.4): 3786 P - 9324 Q + 10.5 W P - 19; here {p:.0}, {q:.0}, {wp:.1}, {rest:.0}"
-    ))
+    let [low, high] = least(rows, 2);
+    Ok(vec![
+        format!(
+            "thesis (4.4): 3786 P - 9324 Q + 10.5 W P - 19; here {p:.0}, {q:.0}, {wp:.1}, {rest:.0}"
+        ),
+        format!("thesis: smallest -750; here {high:.0} to {low:.0} by W"),
+    ])
 }
 
-const FEATURES: [Feature; 6] = [
-    (
-        "fig-4-9-width.svg",
-        "Width of the contact above 2 kPa",
-        "w_s (mm)",
-        |row| row.part.widths_mm.first().copied().unwrap_or(f64::NAN),
-        |_| {
-            Ok("thesis: a poor feature, it depends on P, Q, W and the threshold: so it is"
-                .to_owned())
-        },
-    ),
+/// How a curve runs, in steps that matter.
+fn course(values: &[f64]) -> &'static str {
+    const MATTERS_MM: f64 = 0.01;
+    let known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    let (Some(first), Some(last)) = (known.first(), known.last()) else { return "topples" };
+    let most = known.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let least = known.iter().copied().fold(f64::INFINITY, f64::min);
+    let [up, down] = [most - first > MATTERS_MM, first - least > MATTERS_MM];
+    let [from_most, from_least] = [most - last > MATTERS_MM, last - least > MATTERS_MM];
+    match (up, from_most, down, from_least) {
+        (true, true, ..) => "rises, then falls",
+        (_, _, true, true) => "falls, then rises",
+        (true, ..) => "rises",
+        (_, _, true, _) => "falls",
+        _ => "stays",
+    }
+}
+
+/// Figure 4.9: one chart a bar, a curve a normal load.
+fn widths(rows: &Rows, loads: &[f64]) -> Figure {
+    let chart = |(width, by_load): (&f64, &Vec<Vec<Option<Row>>>)| {
+        let read = |row: &Option<Row>| {
+            row.as_ref().and_then(|row| row.part.widths_mm.first().copied()).unwrap_or(f64::NAN)
+        };
+        let (mut curves, mut courses) = (Vec::new(), Vec::new());
+        for (count, row) in COUNTS.iter().zip(by_load) {
+            let values: Vec<f64> = row.iter().map(read).collect();
+            courses.push(format!("{:.3} {}", pounds(*count), course(&values)));
+            curves.push(Curve::new(format!("P = {:.3}", pounds(*count)), loads, values));
+        }
+        Chart {
+            title: format!("Width of the contact above 2 kPa: bar W = {width} mm, h = 12.7 mm"),
+            x: "Q (N/mm)",
+            y: "w_s (mm)",
+            curves,
+            remarks: vec![
+                "thesis: falls as Q grows until it bottoms out, the less the larger P".to_owned(),
+                format!("here, by P: {}", courses.join("; ")),
+            ],
+        }
+    };
+    let charts: Vec<Chart> = WIDTHS.iter().zip(rows).map(chart).collect();
+    stacked("Width of the contact", &charts)
+}
+
+const FEATURES: [Feature; 5] = [
     (
         "fig-4-10-peak.svg",
         "Place of the largest compression",
@@ -354,10 +406,10 @@ const FEATURES: [Feature; 6] = [
         |row| row.part.x_peak_mm,
         |rows| {
             let edge = from_edge(rows);
-            Ok(format!(
+            Ok(vec![format!(
                 "thesis: varies little with W: not when skewed; before it topples a bar has it \
                  within {edge:.1} mm of its edge"
-            ))
+            )])
         },
     ),
     (
@@ -366,8 +418,9 @@ const FEATURES: [Feature; 6] = [
         "x_c (mm)",
         |row| row.whole.centroid_mm().unwrap_or(f64::NAN),
         |_| {
-            Ok("thesis: linear in Q, whatever W: exactly (h + t) Q/P; levelling off is not found"
-                .to_owned())
+            let text =
+                "thesis: linear in Q, whatever W: exactly (h + t) Q/P; levelling off is not found";
+            Ok(vec![text.to_owned()])
         },
     ),
     (
@@ -375,14 +428,14 @@ const FEATURES: [Feature; 6] = [
         "First moment about the sensor's end over 25.4 mm",
         "M1 (N mm)",
         |row| about_end(&row.whole.m, 1),
-        |_| Ok(first_moments()),
+        |rows| Ok(first_moments(rows)),
     ),
     (
         "fig-4-13-second-moment.svg",
         "Second moment about the sensor's end over 25.4 mm",
         "M2 (N mm^2)",
         |row| about_end(&row.whole.m, 2),
-        |_| second_moments(),
+        second_moments,
     ),
     (
         "fig-4-14-third-moment.svg",
@@ -390,8 +443,9 @@ const FEATURES: [Feature; 6] = [
         "M3 (N mm^3)",
         |row| about_end(&row.whole.m, 3),
         |_| {
-            Ok("thesis: nearly linear in Q: about the end it is, about the middle it is not"
-                .to_owned())
+            let text =
+                "thesis: nearly linear in Q: about the end it is, about the middle it is not";
+            Ok(vec![text.to_owned()])
         },
     ),
 ];
@@ -402,10 +456,9 @@ fn features() -> anyhow::Result<Vec<(&'static str, Figure)>> {
     let chart = |(name, title, y, read, said): &Feature| -> anyhow::Result<(&'static str, Figure)> {
         let mut curves = Vec::new();
         for (colour, (width, by_load)) in WIDTHS.iter().zip(&rows).enumerate() {
-            for (k, row) in by_load.iter().enumerate() {
-                let values = row.iter().map(|row| row.as_ref().map_or(f64::NAN, *read));
-                let p = [pounds(1.0), pounds(4.0)][k];
-                let label = format!("W = {width}, P = {p:.3}");
+            for k in [0, COUNTS.len() - 1] {
+                let values = by_load[k].iter().map(|row| row.as_ref().map_or(f64::NAN, *read));
+                let label = format!("W = {width}, P = {:.3}", pounds(COUNTS[k]));
                 let curve = Curve::new(label, &loads, values).coloured(colour);
                 curves.push(if k == 0 { curve.dashed() } else { curve });
             }
@@ -415,9 +468,26 @@ fn features() -> anyhow::Result<Vec<(&'static str, Figure)>> {
             x: "Q (N/mm)",
             y,
             curves,
-            remarks: vec![said(&rows)?],
+            remarks: said(&rows)?,
         };
         Ok((*name, chart.figure()))
     };
-    FEATURES.iter().map(chart).collect()
+    let mut out = vec![("fig-4-9-width.svg", widths(&rows, &loads))];
+    out.extend(FEATURES.iter().map(chart).collect::<anyhow::Result<Vec<_>>>()?);
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::course;
+
+    #[test]
+    fn a_caption_says_how_its_curve_runs() {
+        assert_eq!(course(&[3.0, 2.0, 1.0, f64::NAN]), "falls");
+        assert_eq!(course(&[1.0, 2.0, 3.0]), "rises");
+        assert_eq!(course(&[1.0, 3.0, 2.0]), "rises, then falls");
+        assert_eq!(course(&[3.0, 1.0, 2.0]), "falls, then rises");
+        assert_eq!(course(&[3.0, 3.001, 2.999]), "stays");
+        assert_eq!(course(&[f64::NAN]), "topples");
+    }
 }

@@ -9,6 +9,7 @@ use taktil_mechanics::contact::features::{Part, image_features};
 use taktil_mechanics::contact::plane::bed::Bed;
 use taktil_mechanics::contact::plane::features::moments;
 use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
+use taktil_mechanics::contact::plane::noslip::NoSlip;
 use taktil_mechanics::contact::space::pin::Stand;
 use taktil_mechanics::contact::space::scene::{Pose, Scene, Shape};
 use taktil_mechanics::contact::space::tactels::{Array, Sampling};
@@ -16,9 +17,14 @@ use taktil_mechanics::contact::space::{self, Level};
 
 use super::chapter4::THICK;
 use super::curves::{Chart, Curve, stacked};
-use super::held::descents;
+use super::held::{descended, descents};
 use super::statements::{layer, plainly};
 use crate::plot::svg::Figure;
+
+/// Step of the cylinder's derivatives, in parts of its descent.
+const NEAR: f64 = 0.01;
+/// Radius of the pin, and how high over the layer the force along it acts, in mm.
+const PIN_MM: f64 = 23.0;
 
 /// Every figure with the name of its file.
 pub(super) fn all() -> anyhow::Result<Vec<(&'static str, Figure)>> {
@@ -102,11 +108,15 @@ fn edge() -> anyhow::Result<Chart> {
 fn cylinder() -> anyhow::Result<Figure> {
     let rows = descents()?;
     let dz: Vec<f64> = rows.iter().map(|(dz, _)| *dz).collect();
-    let middles: Vec<f64> = dz.windows(2).map(|w| 0.5 * (w[0] + w[1])).collect();
-    let slope = |of: &dyn Fn(usize) -> f64| -> Vec<f64> {
-        (1..rows.len()).map(|k| (of(k) - of(k - 1)) / (dz[k] - dz[k - 1])).collect()
+    // A little less and more deep, for derivatives at the descents themselves.
+    let near = |dz: &f64| Ok([descended((1.0 - NEAR) * dz)?, descended((1.0 + NEAR) * dz)?]);
+    let near: Vec<[NoSlip; 2]> = dz.iter().map(near).collect::<anyhow::Result<_>>()?;
+    let slope = |of: fn(&NoSlip) -> f64| -> Vec<f64> {
+        let one =
+            |([less, more], dz): (&[NoSlip; 2], &f64)| (of(more) - of(less)) / (2.0 * NEAR * dz);
+        near.iter().zip(&dz).map(one).collect()
     };
-    let steep = slope(&|k| rows[k].1.p_n_mm);
+    let steep = slope(|held| held.p_n_mm);
     let zero: Vec<f64> = rows
         .iter()
         .map(|(_, held)| {
@@ -115,32 +125,41 @@ fn cylinder() -> anyhow::Result<Figure> {
         })
         .collect();
     let along: Vec<f64> = rows.iter().map(|(_, held)| -held.first_moment_n_mm).collect();
-    let mut cross = Vec::new();
-    for dx in [0.0, 0.005, 0.01, 0.02] {
-        let values = slope(&|k| -dx * rows[k].1.first_moment_n_mm);
-        cross.push(Curve::new(format!("-dM1/dz at dx = {dx} mm"), &middles, values));
-    }
+    let bent = slope(|held| -held.first_moment_n_mm);
+    let cross = [0.0, 0.005, 0.01, 0.02].map(|dx| {
+        let values = bent.iter().map(|slope| dx * slope);
+        Curve::new(format!("-dM1/dz at dx = {dx} mm"), &dz, values)
+    });
+    let limit = |k: &usize| format!("{:.2}", along[*k] / (bent[*k] * dz[*k]));
+    let at = [1, 3, 7, 11, 19];
+    let limits: Vec<String> = at.iter().map(limit).collect();
+    let depths: Vec<String> = at.iter().map(|k| format!("{:.3}", dz[*k])).collect();
+    let dominant =
+        format!("as long as dx is below {} dz at dz = {} mm", limits.join(", "), depths.join(", "));
     let charts = [
         chart(
             "(5.10, 5.11) Cylinder R = 22.9 mm without slip: zeroth moment",
             "dz (mm)",
             "-dM0 (N/mm^2)",
-            vec![Curve::new("-dM0/dz", &middles, steep), Curve::new("-dM0/dx", &dz, zero)],
+            vec![Curve::new("-dM0/dz", &dz, steep), Curve::new("-dM0/dx", &dz, zero)],
             &["thesis: ridges and lone peaks: of its mesh; the exact derivatives are smooth"],
         ),
         chart(
             "(5.13) Cylinder: first moment along x",
             "dz (mm)",
             "-dM1/dx (N/mm)",
-            vec![Curve::new("-dM1/dx, at every dx", &dz, along)],
+            vec![Curve::new("-dM1/dx, at every dx", &dz, along.clone())],
             &[],
         ),
         chart(
             "(5.12) Cylinder: first moment into the layer",
             "dz (mm)",
             "-dM1/dz (N/mm)",
-            cross,
-            &["thesis: not diagonal, diagonally dominant: so it is while dx is below 2 dz"],
+            cross.into(),
+            &[
+                "thesis: not diagonal, diagonally dominant: here -dM1/dx is above -dM1/dz",
+                &dominant,
+            ],
         ),
     ];
     Ok(stacked("Feature Jacobian of the cylinder", &charts))
@@ -148,7 +167,7 @@ fn cylinder() -> anyhow::Result<Figure> {
 
 fn image() -> anyhow::Result<Figure> {
     let array = Array::THESIS;
-    let pin = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(20.0) };
+    let pin = Shape::Cylinder { radius_mm: PIN_MM, length_mm: Some(20.0) };
     let mut scene = Scene::new(&layer(THICK, 0.49)?, pin, &array, Sampling::Area, Level::Default)?;
     let mut picture = vec![0.0; array.len()];
     let mut at = |force: f64, tilt_rad: f64| -> anyhow::Result<[f64; 2]> {
@@ -167,6 +186,7 @@ fn image() -> anyhow::Result<Figure> {
     for tilt in &tilts {
         first.push(at(20.0, 1e-3 * tilt)?[1]);
     }
+    let along: Vec<f64> = first.iter().map(|mx| -mx / PIN_MM).collect();
     let charts = [
         chart(
             "(a) Pin R = 23, L = 20 mm: zeroth moment of the image, compressive part",
@@ -176,11 +196,21 @@ fn image() -> anyhow::Result<Figure> {
             &["thesis: measured in counts, monotonic: so it is, M0 = -F but for tension"],
         ),
         chart(
-            "(b) The same pin under 20 N: first moment of the image along its axis",
+            "(b) The same pin under 20 N, and a tangential force along it at its axis, 23 mm up",
+            "tangential force (N)",
+            "M_x, first moment along it (N mm)",
+            vec![Curve::new("M_x", &along, first.clone())],
+            &[
+                "thesis: monotonic, nearly linear until its sensors saturate; here it is statics,",
+                "-23 mm times the force, until the pin topples at 20 N times 10 mm / 23 mm: 8.7 N",
+            ],
+        ),
+        chart(
+            "(b) The same over the tilt that the tangential force brings",
             "tilt (mrad)",
             "M_x (N mm)",
             vec![Curve::new("M_x", &tilts, first)],
-            &["thesis: monotonic, saturating with its sensors: ours levels off as one end lifts"],
+            &["not in the thesis: it levels off as one end of the pin lifts"],
         ),
     ];
     Ok(stacked("Features of the image", &charts))

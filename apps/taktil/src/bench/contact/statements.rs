@@ -10,6 +10,7 @@ use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::plane::features::moments;
 use taktil_mechanics::contact::plane::noslip::NoSlip;
 use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
+use taktil_mechanics::contact::stack::Stack;
 
 /// One pound a inch in N/mm: the loads of the thesis are whole parts of it.
 pub(super) const LB_PER_IN: f64 = 0.175_127;
@@ -35,6 +36,7 @@ pub(super) fn table() -> anyhow::Result<String> {
     for part in [knife()?, bars()?, cylinders()?, superposition()?, regressions()?, ratios()?] {
         out.push_str(&part);
     }
+    out.push_str(&further()?);
     Ok(out)
 }
 
@@ -103,14 +105,16 @@ fn cylinders() -> anyhow::Result<String> {
     for (t, thesis) in [(0.8, "higher"), (3.2, "as 12.8"), (12.8, "as 3.2"), (1e9, "lowest")] {
         let (body, _) = pressed(t, 0.49, shape, Load { p_n_mm: 0.7, q_n_mm: 0.0 })?;
         let p = 1e3 * body.pressure_mpa(0.0);
-        writeln!(out, "C3 cylinder, t = {t}: largest p, kPa | {thesis} | {p:.1}")?;
+        let layer = if t < 1e6 { format!("t = {t}") } else { "half plane".to_owned() };
+        writeln!(out, "C3 cylinder, {layer}: largest p, kPa | {thesis} | {p:.1}")?;
     }
     let shape = Shape::Cylinder { radius_mm: 22.9 };
     let held =
         NoSlip::widen(&layer(0.8, 0.49)?, shape, 1.5).map_err(|e| anyhow::anyhow!("{e:?}"))?;
     let moved = |dx: f64| moments(held.layer(), &held.point_forces(dx), 0.8).m;
     let change = (moved(1e-3)[0] - moved(0.0)[0]) / 1e-3;
-    writeln!(out, "C8 no slip, b = 1.5: dM0/dx, N/mm^2 | 0 | {change:.1e}")?;
+    let change = if change == 0.0 { "0".to_owned() } else { format!("{change:.1e}") };
+    writeln!(out, "C8 no slip, b = 1.5: dM0/dx, N/mm^2 | 0 | {change}")?;
     writeln!(out, "C8 no slip, b = 1.5: dM1/dx, N/mm | not 0 | {:.2}", held.first_moment_n_mm)?;
     writeln!(out, "C10 no slip, b = 1.5: dQ/dx, N/mm^2 | - | {:.2}", held.tangential_n_mm2)?;
     Ok(out)
@@ -226,6 +230,23 @@ fn least_squares(rows: &[([f64; 4], f64)]) -> [f64; 4] {
         x[i] = (a[i][4] - known) / a[i][i];
     }
     x
+}
+
+/// Of what the thesis leaves for later: several bonded layers.
+fn further() -> anyhow::Result<String> {
+    let mut out = String::new();
+    let shape = Shape::Flat { width_mm: 12.7, height_mm: 6.35 };
+    let load = Load { p_n_mm: 1.0, q_n_mm: 0.0 };
+    let (_, whole) = pressed(0.8, 0.49, shape, load)?;
+    for (skin, name) in [(E_MPA, "of the same rubber"), (0.1 * E_MPA, "a tenth as stiff")] {
+        let layers = [Layer { youngs_mpa: skin, ..layer(0.3, 0.49)? }, layer(0.5, 0.49)?];
+        let stack = Stack::new(&layers).map_err(plainly)?;
+        let mut body =
+            Indenter::on_stack(&stack, shape, Friction::None, Level::Fine).map_err(plainly)?;
+        let part = body.press(&load)?.delta_mm / whole;
+        writeln!(out, "C12 bar's descent, upper 0.3 of 0.8 mm {name} | later work | {part:.6}")?;
+    }
+    Ok(out)
 }
 
 /// Loads at which bars lift off, and the centroid.
