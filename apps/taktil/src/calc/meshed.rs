@@ -18,11 +18,11 @@ use super::request::{Args, counted};
 const WIDTH_MM: f64 = 25.4;
 /// Most elements along, and down: the contact's own equations, two a node, are solved anew each
 /// round.
-const SIDE_MAX: f64 = 400.0;
+const SIDE_MAX: f64 = 512.0;
 /// Most of along x along x down x the lesser of both: each node of the surface is two loads on all
 /// unknowns, each coupled to a band of the shorter side. A second of work, at a ratio of 0.5, where
 /// pressures are found in steps, some six.
-const WORK_MAX: f64 = 20_000_000.0;
+const WORK_MAX: f64 = 268_435_456.0;
 
 pub(super) fn elements(
     args: &Args,
@@ -74,8 +74,8 @@ fn counts(args: &Args) -> Result<[usize; 2], Failure> {
     }
     let what = format!(
         "`mesh` is [{}, {}]; wanted: whole numbers, along 2 to {SIDE_MAX}, down 1 to {SIDE_MAX}, \
-         and along x along x down x the lesser of both at most {WORK_MAX}, as [400, 11], [256, 17] \
-         or [64, 64]",
+         and along x along x down x the lesser of both at most {WORK_MAX}, as [512, 32] or \
+         [128, 128]",
         counted(nx),
         counted(nz)
     );
