@@ -100,6 +100,20 @@ fn any_cylinder_is_pressed_and_let_down_to_the_width_it_grew_to() {
     }
 }
 
+/// A wide contact on what can hardly be compressed stiffens with its cube: by descent it is grown
+/// over another stretch than by its width, and the two agree.
+#[test]
+fn wide_contacts_are_grown_as_well_as_narrow_ones() {
+    let shape = Shape::Cylinder { radius_mm: 25.4 };
+    for (nu, thicknesses) in [(0.4999, 8.0), (0.4999, 12.0), (0.5, 20.0)] {
+        let layer = Layer::new(0.1, E_MPA, nu).expect("a sound layer");
+        let wide = NoSlip::widen(&layer, shape, 0.1 * thicknesses).expect("a contact");
+        let down = NoSlip::descend(&layer, shape, wide.delta_mm).expect("a contact");
+        near(down.half_width_mm, 0.1 * thicknesses, 2e-5, "b of delta");
+        near(down.p_n_mm, wide.p_n_mm, 2e-5, "P of delta");
+    }
+}
+
 /// Under these loads the glued contact is at least as wide as the frictionless one.
 #[test]
 fn what_is_wider_than_without_friction_is_found() {

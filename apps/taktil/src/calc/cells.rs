@@ -31,6 +31,8 @@ const GAP: f64 = 10.0;
 /// Widest cell where something touches, in thicknesses: the base does not tell such cells from
 /// their pressure spread out.
 const WIDEST: f64 = 0.6;
+/// How much wider cells may be that a contact is only looked for on.
+const ROUGH: f64 = 4.0;
 /// Depth in widths of a cell from which on that is so.
 const BLURRED: f64 = 1.65;
 
@@ -107,9 +109,9 @@ fn at_least(length: f64, width: f64) -> u32 {
     (length / width).ceil().min(CELLS_MAX as f64 + 1.0) as u32
 }
 
-/// Edges of about `n` cells in `runs`, with wide ones between them; more than a bed takes where
-/// they would be too many.
-fn laid(runs: &[[f64; 2]], n: u32, thickness_mm: f64) -> Vec<f64> {
+/// Edges of about `n` cells in `runs`, none wider than `widest` thicknesses, with wide ones between
+/// them; more than a bed takes where they would be too many.
+fn laid(runs: &[[f64; 2]], n: u32, thickness_mm: f64, widest: f64) -> Vec<f64> {
     let total: f64 = runs.iter().map(|[from, to]| to - from).sum();
     let mut edges: Vec<f64> = Vec::new();
     for [from, to] in runs {
@@ -118,7 +120,7 @@ fn laid(runs: &[[f64; 2]], n: u32, thickness_mm: f64) -> Vec<f64> {
             edges.extend(&between[1..between.len() - 1]);
         }
         let share = (f64::from(n) * ((to - from) / total)).max(8.0) as u32;
-        edges.extend(even([*from, *to], share.max(at_least(to - from, WIDEST * thickness_mm))));
+        edges.extend(even([*from, *to], share.max(at_least(to - from, widest * thickness_mm))));
     }
     edges
 }
@@ -175,7 +177,9 @@ fn touched(
     (whole, mut runs): ([f64; 2], Runs),
 ) -> Result<Runs, Failure> {
     for _ in 0..LAID {
-        let edges = laid(&runs, n, layer.thickness_mm);
+        // A far profile is looked at roughly at first.
+        let even = length(&runs) / (0.9 * CELLS_MAX as f64 * layer.thickness_mm);
+        let edges = laid(&runs, n, layer.thickness_mm, even.clamp(WIDEST, ROUGH * WIDEST));
         let bed = bed_of(layer, &edges)?;
         let heights = edges.windows(2).map(|w| lowest(shape, w[0], w[1])).collect();
         let mut grip = Grip::new(bed, heights, law).map_err(|invalid| failure(&invalid))?;
@@ -426,7 +430,7 @@ fn laid_over(
     };
     let mut whole_one = None;
     for _ in 0..LAID {
-        let edges = laid(&runs, n, layer.thickness_mm);
+        let edges = laid(&runs, n, layer.thickness_mm, WIDEST);
         let found = gripped(args, bed_of(layer, &edges)?, shape, drive)?;
         let bare = bare(&edges, found.0.status());
         let next = beside(&bare, &edges, whole);

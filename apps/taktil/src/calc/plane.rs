@@ -106,7 +106,13 @@ pub(super) const CONTACT: &[Field] = &[
     ),
     Field::new("depth_mm", Kind::Number, "mm", Need::Optional, "Depth of szz; t when absent."),
     Field::new("x_mm", Kind::Numbers, "mm", Need::Default("[]"), "Places, from its centre."),
-    Field::new("threshold_mpa", Kind::Numbers, "MPa", Need::Default("[]"), "For widths."),
+    Field::new(
+        "threshold_mpa",
+        Kind::Numbers,
+        "MPa",
+        Need::Default("[]"),
+        "For widths, 0 or more.",
+    ),
 ];
 
 /// What this subject offers.
@@ -132,8 +138,8 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
         (
             "features",
             "{full, compressive}; full over the infinite layer, compressive of min(szz, 0) over \
-             |x| <= 12.7 mm, as wide as the array, and so are its x_peak and szz_peak: an x_peak \
-             there lies beyond, or there",
+             |x| <= 12.7 mm, as wide as the array, and so are its x_peak and szz_peak: where \
+             x_peak is an end of it, the largest may lie beyond",
         ),
         ("residual", "of the load"),
         ("ns", "with `timing`: of the contact's solution, without profile and features"),

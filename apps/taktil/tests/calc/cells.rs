@@ -75,6 +75,19 @@ fn a_circle_held_by_friction_is_the_same_as_profile_and_as_cylinder() {
     }
 }
 
+/// A profile is looked over first: one far wider than what touches, on a thin layer, has its cells.
+#[test]
+fn a_profile_of_a_thousand_thicknesses_is_looked_over() {
+    let x: Vec<f64> = (-1000..=1000).map(|i| 0.05 * f64::from(i)).collect();
+    let z: Vec<f64> = x.iter().map(|x| 60.0 - (3600.0 - x * x).sqrt()).collect();
+    let profile = json!({"profile": {"x_mm": x, "z_mm": z}});
+    let ask = |shape: Value| {
+        let load = json!({"p_n_mm": 1, "q_n_mm": 0.5});
+        contact(&json!({"shape": shape, "load": load, "friction": "prop", "t_mm": 0.1}))
+    };
+    agree(&ask(profile), &ask(cylinder(60.0)), [0.02, 2e-3]);
+}
+
 /// A profile may carry up to its own end; a circle is upright at its own and touched before.
 #[test]
 fn contacts_end_inside_their_cells_or_with_the_shape() {

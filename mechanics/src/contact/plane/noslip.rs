@@ -19,10 +19,14 @@ use crate::contact::Invalid;
 use crate::contact::layer::Layer;
 use core::f64::consts::PI;
 
-/// Degree of P'(b)/b, number of half-widths solved, panels of the quadrature over them.
+/// Degree of P'(b)/b, number of half-widths solved, panels of the quadrature over them; and how
+/// many more of each there are for each thickness of half-width beyond the first few, in which what
+/// can hardly be compressed stiffens with its cube.
 const DEGREE: usize = 12;
 const WIDTHS: usize = 20;
 const PANELS: usize = 2;
+const MORE: [f64; 3] = [0.8, 1.2, 0.2];
+const FEW: f64 = 3.0;
 /// Widest contact in thicknesses, and in radii of the circle (half of it).
 const WIDEST: f64 = 30.0;
 const STEEPEST: f64 = 0.95;
@@ -63,14 +67,15 @@ struct Family {
 impl Family {
     fn new(kernels: &SurfaceKernels, widest: f64) -> Self {
         let points = Chebyshev::new(2 * (30 + libm::ceil(4.0 * widest) as usize));
-        let angle = |k: usize| PI * (2 * k + 1) as f64 / (2 * WIDTHS) as f64;
+        let count = refined(WIDTHS, MORE[1], widest);
+        let angle = |k: usize| PI * (2 * k + 1) as f64 / (2 * count) as f64;
         let widths: Vec<f64> =
-            (0..WIDTHS).map(|k| 0.5 * widest * (1.0 + libm::cos(angle(k)))).collect();
+            (0..count).map(|k| 0.5 * widest * (1.0 + libm::cos(angle(k)))).collect();
         let sign = |k: usize| if k.is_multiple_of(2) { 1.0 } else { -1.0 };
-        let barycentric = (0..WIDTHS).map(|k| sign(k) * libm::sin(angle(k))).collect();
+        let barycentric = (0..count).map(|k| sign(k) * libm::sin(angle(k))).collect();
         let mut family =
             Self { points, widths, barycentric, tractions: Vec::new(), descent: Vec::new() };
-        for k in 0..WIDTHS {
+        for k in 0..count {
             let b = family.widths[k];
             let system = family.points.system(kernels, b);
             let mut punch = family.points.solve(&system, |_| 1.0, |_| 0.0);
@@ -84,7 +89,7 @@ impl Family {
 
     /// Tractions and descent of a unit load on half-width `b`.
     fn at(&self, b: f64) -> (Tractions, f64) {
-        let mut weights: Vec<f64> = Vec::with_capacity(WIDTHS);
+        let mut weights: Vec<f64> = Vec::with_capacity(self.widths.len());
         for (k, width) in self.widths.iter().enumerate() {
             if b == *width {
                 return (self.tractions[k].clone(), self.descent[k] - libm::log(b));
@@ -107,15 +112,21 @@ impl Family {
     }
 }
 
+/// So many, and more for a half-width of many thicknesses.
+fn refined(few: usize, more: f64, half: f64) -> usize {
+    few + libm::ceil(more * (half - FEW).max(0.0)) as usize
+}
+
 /// Half-widths and weights of the integral over the growth from 0 to b, gathered at both ends.
 fn growth(b: f64) -> Vec<[f64; 2]> {
-    let mut rule = Vec::with_capacity(PANELS * 10);
-    for panel in 0..PANELS {
+    let panels = refined(PANELS, MORE[2], b);
+    let mut rule = Vec::with_capacity(panels * 10);
+    for panel in 0..panels {
         for [u, w] in legendre() {
-            let s = (panel as f64 + 0.5 * (1.0 + u)) / PANELS as f64;
+            let s = (panel as f64 + 0.5 * (1.0 + u)) / panels as f64;
             let v = s * (2.0 - s);
             let slope = 4.0 * v * (1.0 - s);
-            rule.push([b * (1.0 - v * v), 0.5 * w / PANELS as f64 * b * slope]);
+            rule.push([b * (1.0 - v * v), 0.5 * w / panels as f64 * b * slope]);
         }
     }
     rule
@@ -143,11 +154,12 @@ struct Growth {
 impl Growth {
     fn new(kernels: &SurfaceKernels, widest: f64, profile: &dyn Fn(f64) -> f64) -> Self {
         let family = Family::new(kernels, widest);
-        let mut dense = super::dense::Dense::with_capacity(DEGREE);
-        dense.reset(DEGREE);
-        let mut side = Vec::with_capacity(DEGREE);
-        for i in 0..DEGREE {
-            let angle = PI * (2 * i + 1) as f64 / (4 * DEGREE) as f64;
+        let degree = refined(DEGREE, MORE[0], widest);
+        let mut dense = super::dense::Dense::with_capacity(degree);
+        dense.reset(degree);
+        let mut side = Vec::with_capacity(degree);
+        for i in 0..degree {
+            let angle = PI * (2 * i + 1) as f64 / (4 * degree) as f64;
             // From near 0 up to the widest, denser there.
             let b = widest * libm::cos(angle) * libm::cos(angle);
             for [narrow, weight] in growth(b) {
