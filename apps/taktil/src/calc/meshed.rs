@@ -20,8 +20,8 @@ const WIDTH_MM: f64 = 25.4;
 /// round.
 const SIDE_MAX: f64 = 512.0;
 /// Most of along x along x down x the lesser of both: each node of the surface is two loads on all
-/// unknowns, each coupled to a band of the shorter side. A second of work, at a ratio of 0.5, where
-/// pressures are found in steps, some six.
+/// unknowns, each coupled to a band of the shorter side. Two seconds of work, at a ratio of 0.5,
+/// where pressures are found in steps, some thirteen.
 const WORK_MAX: f64 = 268_435_456.0;
 
 pub(super) fn elements(
