@@ -190,3 +190,22 @@ fn what_cannot_grow_is_refused() {
     assert_eq!(refused, NoSlipRefusal::Refusal(Refusal::TooWide));
     assert!(NoSlip::widen(&layer, shape, f64::NAN).is_err());
 }
+
+/// Rubber that gives way along as across, whose edges oscillate most: the stress just outside of a
+/// wide contact, and the stiffness, from Gauss and Jacobi's rule with the exact exponents.
+#[test]
+fn a_wide_contact_on_compressible_rubber_is_moved_along() {
+    let layer = Layer::new(0.8, E_MPA, 0.0).expect("a sound layer");
+    let shape = Shape::Cylinder { radius_mm: 10.0 };
+    let held = NoSlip::descend(&layer, shape, 0.160_031_854_305_992_98).expect("a contact");
+    near(held.tangential_n_mm2, 70.130_11, 1e-5, "kx");
+    let [still, moved] = [0.0, 1.0].map(|dx| {
+        let forces = held.point_forces(dx);
+        Spectrum::new(&layer, &forces, 0.8, 10.0)
+    });
+    let rate = |x: f64| moved.szz(x) - still.szz(x);
+    let steepest = (0..200).map(|i| rate(0.02 * f64::from(i)).abs()).fold(0.0, f64::max);
+    let off = (rate(1.5875) + 6.327_61).abs();
+    assert!(off < 1e-4 * steepest, "{off:e} of {steepest}");
+    println!("{off:e} of {steepest}, kx {}", held.tangential_n_mm2);
+}

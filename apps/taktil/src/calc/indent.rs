@@ -30,10 +30,10 @@ const PARTED: &str = "parted";
 /// What `--list` says of `contact_2d` beyond its fields.
 pub(super) const NOTES: &[&str] = &[
     "`level` is read with `method` \"layer\" alone, `mesh` with \"fem\" alone.",
-    "`mesh` is [along, down]: along 2 to 400, down 1 to 400, and along x along x down x the lesser \
-     of both at most 20000000, which is some seconds of work. On it a contact is known to a node: \
-     its edges lie midway between nodes, at most at the ends of the face and of the layer. It \
-     knows szz at the base alone.",
+    "`mesh` is [along, down]: along 2 to 512, down 1 to 512, and along x along x down x the lesser \
+     of both at most 268435456 ([512, 32]), which is some seconds of work. On it a contact is \
+     known to a node: its edges lie midway between nodes, at most at the ends of the face and of \
+     the layer. It knows szz at the base alone.",
     "\"stick\" and {coulomb} follow a path of 16 steps, a `move` goes down in the first 8 of them \
      and along in the others. A place that sticks keeps what the surface had moved when a step \
      first found it touching, so the answer depends on the steps: a load turned into its \

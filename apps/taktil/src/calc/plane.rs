@@ -95,7 +95,8 @@ pub(super) const CONTACT: &[Field] = &[
         &["fast", "default", "fine"],
         "\"default\"",
         "Error of about 1e-3, 1e-5, 1e-8 of the peak; with cells (profile, coulomb, a bar's stick) \
-         48, 96, 192 of them: 2e-3, 6e-4, 2e-4 under sharp corners, less elsewhere.",
+         48, 96, 192 of them: 2e-3, 6e-4, 2e-4 under sharp corners, less elsewhere. A cylinder's \
+         \"stick\" has one level of all, 1e-4.",
     ),
     Field::new("mesh", Kind::Vector(2), "", Need::Default("[64, 4]"), "Elements, for `fem`."),
     choice(

@@ -288,7 +288,8 @@ fn what_hangs_over_a_pads_side_is_refused() {
     let bar = |width: f64, [x, y, rot]: [f64; 3], drive: (&str, f64)| {
         let mut request = json!({
             "op": "contact_3d", "t_mm": 0.8, "nu": 0.49, "level": "fast", "beyond": "nothing",
-            "shape": {"bar": {"width_mm": width, "length_mm": 10, "x_mm": x, "y_mm": y, "rot_rad": rot}},
+            "shape": {"bar": {"width_mm": width, "length_mm": 10, "x_mm": x, "y_mm": y,
+                "rot_rad": rot}},
         });
         request[drive.0] = json!(drive.1);
         request

@@ -30,21 +30,23 @@ pub(super) struct Tractions {
 impl Chebyshev {
     pub(super) fn new(n: usize) -> Self {
         let angle = |j: usize| PI * (2 * j + 1) as f64 / (2 * n) as f64;
-        // cos and sin of k pi/(2 n): all products of angles fall on these.
-        let turn = 4 * n;
-        let circle = |k: usize| PI * k as f64 / (2 * n) as f64;
-        let cosine: Vec<f64> = (0..turn).map(|k| libm::cos(circle(k))).collect();
-        let sine: Vec<f64> = (0..turn).map(|k| libm::sin(circle(k))).collect();
+        // Sums over k of cos(k s pi/n)/k and sin(k s pi/n)/k: products of the angles' functions are
+        // those of their sums and differences, which fall on these.
+        let circle = |k: usize| PI * k as f64 / n as f64;
+        let turn: Vec<[f64; 2]> =
+            (0..2 * n).map(|k| [libm::cos(circle(k)), libm::sin(circle(k))]).collect();
+        let sum = |s: usize| {
+            let term = |k: usize| turn[k * s % (2 * n)].map(|value| value / k as f64);
+            (1..n).map(term).fold([0.0; 2], |sum, term| [sum[0] + term[0], sum[1] + term[1]])
+        };
+        let sums: Vec<[f64; 2]> = (0..2 * n).map(sum).collect();
         let (mut logarithm, mut step) = (Vec::new(), Vec::new());
         let over = PI / n as f64;
         for i in 0..n {
             for j in 0..n {
-                let (mut log, mut jump) = (0.0, 0.0);
-                for k in 1..n {
-                    let (ki, kj) = (k * (2 * i + 1) % turn, k * (2 * j + 1) % turn);
-                    log += cosine[ki] * cosine[kj] / k as f64;
-                    jump += sine[ki] * cosine[kj] / k as f64;
-                }
+                let (both, apart) = (sums[i + j + 1], sums[i.abs_diff(j)]);
+                let log = 0.5 * (both[0] + apart[0]);
+                let jump = 0.5 * (both[1] + if i >= j { apart[1] } else { -apart[1] });
                 logarithm.push(over * (LN_2 + 2.0 * log));
                 step.push(over * (1.0 - 2.0 * angle(i) / PI - 4.0 / PI * jump));
             }

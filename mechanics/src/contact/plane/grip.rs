@@ -32,7 +32,7 @@ const PATIENT: [(u32, usize, bool); 5] = [
 /// Most systems that one step may solve, all attempts at it together; fewer of more places than
 /// this, in proportion.
 const SOLVES: usize = 6000;
-const PLACES: usize = 32;
+const PLACES: usize = 128;
 /// What counts as a violation, in parts of the largest force and of the descent; at last more, for
 /// places that all but touch.
 const SLACK: [f64; 2] = [1e-11, 5e-10];

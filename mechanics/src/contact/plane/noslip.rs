@@ -25,6 +25,10 @@ use core::f64::consts::PI;
 const DEGREE: usize = 12;
 const WIDTHS: usize = 20;
 const PANELS: usize = 2;
+/// So many times the points of a strip carry the one that is moved along, up to a number: its edges
+/// oscillate, and what the series smooths out there falls off with their number.
+const FINER: usize = 3;
+const ENOUGH: usize = 400;
 const MORE: [f64; 3] = [0.8, 1.2, 0.2];
 const FEW: f64 = 3.0;
 /// Widest contact in thicknesses, and in radii of the circle (half of it).
@@ -283,7 +287,7 @@ impl NoSlip {
                 normal.push([narrow * c * t, scale * tractions.p[j], scale * tractions.q[j]]);
             }
         }
-        let tangential = sheared::unit(layer, kernels, b, strip_points(b));
+        let tangential = sheared::unit(layer, kernels, b, moved_points(b));
         let stiffness = tangential.iter().map(|f| f[2]).sum::<f64>();
         let moment = tangential.iter().map(|f| -f[0] * f[1]).sum::<f64>() - t * stiffness;
         Self {
@@ -377,6 +381,12 @@ impl From<Refusal> for NoSlipRefusal {
 /// Points of a strip of half-width `b` thicknesses.
 fn strip_points(b: f64) -> usize {
     2 * (30 + libm::ceil(4.0 * b) as usize)
+}
+
+/// Points of the strip that is moved along.
+fn moved_points(b: f64) -> usize {
+    let points = strip_points(b);
+    (FINER * points).min(ENOUGH).max(points)
 }
 
 /// Half the widest contact that is solved, in mm.

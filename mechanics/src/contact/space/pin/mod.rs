@@ -303,13 +303,7 @@ impl Pin {
             self.release();
             return Ok(PinState { penetration_mm: target, tilt_rad, ..PinState::default() });
         }
-        if let Some(state) = self.on_corner((wanted, guess), slope, turned) {
-            return Ok(self.along_pin(state, (raised, mirror), tilt_rad));
-        }
-        if let Some(state) = self.lying((wanted, guess), slope, turned) {
-            return Ok(self.along_pin(state, (raised, mirror), tilt_rad));
-        }
-        if let Some(state) = self.begun((wanted, guess), slope, turned) {
+        if let Some(state) = self.solved_before((wanted, guess), slope, turned) {
             return Ok(self.along_pin(state, (raised, mirror), tilt_rad));
         }
         let mut at = self.row_for(self.guessed(wanted, guess, slope.abs()), turned);
@@ -342,6 +336,18 @@ impl Pin {
             }
             return Ok(self.along_pin(state, (raised, mirror), tilt_rad));
         }
+    }
+
+    /// The contact by what was solved when the tables were made, where that has it.
+    fn solved_before(
+        &mut self,
+        sought: (Option<f64>, f64),
+        slope: f64,
+        turned: bool,
+    ) -> Option<PinState> {
+        self.on_corner(sought, slope, turned)
+            .or_else(|| self.lying(sought, slope, turned))
+            .or_else(|| self.begun(sought, slope, turned))
     }
 
     /// Presses a row, which has the memory to settle all its widths meanwhile.

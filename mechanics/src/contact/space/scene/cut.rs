@@ -72,8 +72,8 @@ impl Scene {
             return Ok(());
         }
         let what = format!(
-            "{half_width_mm} mm to each side of the axis reach over the array's side, where nothing \
-             is cut"
+            "{half_width_mm} mm to each side of the axis reach over the array's side, and only \
+             along it is it cut"
         );
         let remedy =
             "move it over the array, or give the part of a bar that is over it as a narrower bar";
