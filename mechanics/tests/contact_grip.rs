@@ -268,10 +268,10 @@ fn a_step_without_a_state_is_refused_within_its_budget() {
     for k in 1..=16 {
         let f = f64::from(k) / 16.0;
         outcome = outcome.and_then(|()| grip.step(&loads(0.7 * f, 0.5 * f)));
-        assert!(grip.solves() <= 1000, "{}", grip.solves());
+        assert!(grip.solves() <= 4000, "{}", grip.solves());
     }
     assert_eq!(outcome, Err(Refusal::Unsettled));
-    assert_eq!(grip.solves(), 1000, "all of it was tried");
+    assert_eq!(grip.solves(), 4000, "all of it was tried");
 }
 
 /// Between the middle of the last cell and its edge a bar stands on nothing that could carry it,
