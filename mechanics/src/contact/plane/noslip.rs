@@ -340,7 +340,9 @@ impl NoSlip {
     /// Least depth at which the stress of [`Self::point_forces`] is right to about 1e-4.
     #[must_use]
     pub fn shallowest_mm(&self) -> f64 {
-        2.0 * PI * self.half_width_mm / self.tangential.len() as f64
+        // The pressed punches have fewer points than the strip that is moved along.
+        let b = self.half_width_mm / self.layer.thickness_mm;
+        2.0 * PI * self.half_width_mm / strip_points(b) as f64
     }
 
     /// Both tractions as concentrated forces, after a small tangential move of `dx_mm` at fixed
