@@ -318,7 +318,7 @@ impl NoSlip {
         let t = self.layer.thickness_mm;
         let b = self.half_width_mm / t;
         let kernels = SurfaceKernels::new(&self.layer.transfer());
-        let strip = Chebyshev::new(more.max(1) * strip_points(b));
+        let strip = Chebyshev::new(more.max(1) * moved_points(b));
         let system = strip.system(&kernels, b);
         let (radius, round) = match shape {
             Shape::Cylinder { radius_mm } => (radius_mm / t, true),

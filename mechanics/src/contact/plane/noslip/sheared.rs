@@ -7,7 +7,7 @@ use super::super::glued::Chebyshev;
 use super::super::panels::SurfaceKernels;
 use super::super::rates::{Motion, Rate};
 use super::super::spectrum::PointForce;
-use super::{NoSlip, strip_points};
+use super::{NoSlip, moved_points};
 use crate::contact::layer::Layer;
 use core::f64::consts::PI;
 
@@ -46,7 +46,7 @@ impl NoSlip {
         let step = STEP / more as f64 * b;
         for side in [1.0, -1.0] {
             let scale = side * dx_mm * self.widening / (2.0 * step * t);
-            let forces = unit(&self.layer, &kernels, b + side * step, more * strip_points(b));
+            let forces = unit(&self.layer, &kernels, b + side * step, more * moved_points(b));
             rate.forces.extend(forces.iter().map(|[x, p, q]| [*x, scale * p, scale * q]));
         }
         rate
