@@ -13,6 +13,7 @@ use super::pin::Stand;
 use super::radial::Influence;
 use super::shear::Shear;
 use super::straight::Straight;
+use core::ops::Range;
 
 /// Most tactels of an array.
 const TACTELS_MAX: usize = 1 << 20;
@@ -22,6 +23,9 @@ const TABLE_MAX: usize = 1 << 24;
 const CELLS_MAX: usize = 1 << 20;
 /// Most grid points across one tactel.
 const PHASES_MAX: usize = 256;
+
+/// Blocks of no more tactels along each axis are read whole.
+const SIDE_AT_ONCE: usize = 11;
 
 /// Largest tactel in thicknesses.
 const THINNEST: f64 = 1000.0;
@@ -179,7 +183,7 @@ enum Reading {
 struct Cubic {
     /// Grid points across one tactel.
     phases: usize,
-    /// Tactels of a block along each axis; the load lies in the middle cell.
+    /// Tactels of a block along each axis, an odd number; the load lies in the middle one.
     side: usize,
     /// Offset blocks by the phase along y, then along x; within a block rows along y.
     blocks: Vec<f64>,
@@ -248,8 +252,9 @@ impl Shares {
         let phases = 2 * (libm::ceil(0.5 * per_tactel).max(1.0) as usize).min(PHASES_MAX / 2);
         let reach = further * fineness.reach * t / array.pitch_mm;
         // As far as the reach asks for, however small the array: a tactel alone on a thick layer
-        // sees all that a contact wider than it presses.
-        let half = (libm::ceil(reach + 0.5) as usize).saturating_add(1);
+        // sees all that a contact wider than it presses. Of tactels on each side of a load's own
+        // the next ones are beyond its reach wherever it lies in its own.
+        let half = libm::ceil(reach) as usize;
         let side = Straight::side_for(reach);
         // Of straight lines the cells along both axes are kept.
         let cells = array.rows.saturating_add(array.cols).saturating_mul(phases);
@@ -258,8 +263,8 @@ impl Shares {
             return Err(Invalid::new("rows", what, "give fewer in a line"));
         }
         let numbers = if fineness.cubic {
-            let blocks = 4 * (phases + 3) * (phases + 3);
-            half.saturating_mul(half).saturating_mul(blocks)
+            let side = half.saturating_mul(2).saturating_add(1);
+            side.saturating_mul(side).saturating_mul((phases + 3) * (phases + 3))
         } else {
             Straight::len(phases, side)
         };
@@ -345,11 +350,11 @@ impl Shares {
 
 impl Cubic {
     fn new(phases: usize, half: usize, offsets: &Offsets) -> Self {
-        let (side, stride) = (2 * half, phases + 3);
+        let (side, stride) = (2 * half + 1, phases + 3);
         let mut blocks = Vec::with_capacity(stride * stride * side * side);
         // Phase p is the place (p - 1)/phases of the load in its tactel, from its left edge.
         let along = |index: usize, phase: usize| {
-            let tactels = index as isize - (half as isize - 1);
+            let tactels = index as isize - half as isize;
             let (n, p) = (phases as isize, phase as isize - 1);
             tactels * n + n / 2 - p
         };
@@ -372,7 +377,7 @@ impl Cubic {
         if !(near(u, cols) && near(v, rows)) {
             return;
         }
-        let first = |place: f64| libm::floor(place) as isize - (self.side as isize / 2 - 1);
+        let first = |place: f64| libm::floor(place) as isize - self.side as isize / 2;
         let (left, low) = (first(u), first(v));
         let span = |first: isize, count: usize| {
             let from = (-first).clamp(0, self.side as isize);
@@ -382,20 +387,44 @@ impl Cubic {
         let ((from_x, to_x), (from_y, to_y)) = (span(left, cols), span(low, rows));
         let mut weights = [(0, 0.0); 16];
         self.weights([u - libm::floor(u), v - libm::floor(v)], &mut weights);
-        for row in from_y..to_y {
+        let target = |row: usize| {
             let start = (low + row as isize) as usize * cols + (left + from_x as isize) as usize;
-            let target = &mut image[start..start + to_x - from_x];
-            // Four blocks at a time.
-            for four in weights.chunks_exact(4) {
-                let [a, b, c, d] = [0, 1, 2, 3].map(|k| {
-                    let start = four[k].0 + row * self.side;
-                    &self.blocks[start + from_x..start + to_x]
-                });
-                let [wa, wb, wc, wd] = [0, 1, 2, 3].map(|k| force * four[k].1);
-                let sources = a.iter().zip(b).zip(c.iter().zip(d));
-                for (value, ((a, b), (c, d))) in target.iter_mut().zip(sources) {
-                    *value += (wa * a + wb * b) + (wc * c + wd * d);
-                }
+            start..start + to_x - from_x
+        };
+        let mut sums = [0.0; SIDE_AT_ONCE * SIDE_AT_ONCE];
+        let rows = from_y * self.side..to_y * self.side;
+        let Some(sums) = sums.get_mut(..rows.len()).filter(|_| self.side <= SIDE_AT_ONCE) else {
+            for row in from_y..to_y {
+                let span = row * self.side + from_x..row * self.side + to_x;
+                self.read(&weights, force, span, &mut image[target(row)]);
+            }
+            return;
+        };
+        // Rows of a small block lie side by side.
+        self.read(&weights, force, rows, sums);
+        for (row, sums) in (from_y..to_y).zip(sums.chunks_exact(self.side)) {
+            let seen = image[target(row)].iter_mut().zip(&sums[from_x..to_x]);
+            seen.for_each(|(value, sum)| *value += sum);
+        }
+    }
+
+    /// Adds a span of the weighted blocks, four at a time.
+    fn read(
+        &self,
+        weights: &[(usize, f64); 16],
+        force: f64,
+        span: Range<usize>,
+        out: &mut [f64],
+    ) {
+        for four in weights.chunks_exact(4) {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|k| {
+                let start = four[k].0;
+                &self.blocks[start + span.start..start + span.end]
+            });
+            let [wa, wb, wc, wd] = [0, 1, 2, 3].map(|k| force * four[k].1);
+            let sources = a.iter().zip(b).zip(c.iter().zip(d));
+            for (value, ((a, b), (c, d))) in out.iter_mut().zip(sources) {
+                *value += (wa * a + wb * b) + (wc * c + wd * d);
             }
         }
     }

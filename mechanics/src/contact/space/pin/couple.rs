@@ -102,8 +102,12 @@ pub(crate) struct Coupling {
     lasting: Vec<usize>,
     /// pi (-1)^k J_2k(z) on a grid over z, k fastest.
     bessel: Vec<f64>,
-    /// Sums across each slice and what reaches it of all, slice after slice.
-    spectra: Vec<f64>,
+    /// `weighted` chunk after chunk, each as far as some of its modes are left.
+    near: Vec<[f64; CHUNK]>,
+    /// Sums across one slice; across each, chunk after chunk; and what reaches it of all, slice
+    /// after slice.
+    passing: Vec<f64>,
+    spectra: Vec<[f64; CHUNK]>,
     acted: Vec<f64>,
 }
 
@@ -155,6 +159,11 @@ impl Coupling {
             weighted.resize((m + 1) * stride, 0.0);
             lasting[..left.div_ceil(CHUNK)].fill(m);
         }
+        let by_chunk = weighted.as_chunks().0;
+        let near = lasting.iter().enumerate().flat_map(|(c, lasting)| {
+            by_chunk[c..].iter().step_by(stride / CHUNK).take(lasting + 1).copied()
+        });
+        let near = near.collect();
         let points = libm::ceil(waves[modes - 1] * widest * BESSEL_DENSITY) as usize + 5;
         let mut bessel = Vec::with_capacity(points * cosines);
         let first = usize::from(parity == Parity::Odd);
@@ -174,7 +183,9 @@ impl Coupling {
             weighted,
             lasting,
             bessel,
-            spectra: vec![0.0; stride * slices],
+            near,
+            passing: vec![0.0; stride],
+            spectra: vec![[0.0; CHUNK]; stride / CHUNK * slices],
             acted: vec![0.0; stride * slices],
         }
     }
@@ -237,29 +248,20 @@ impl Coupling {
     /// What reaches each slice of the cosines of all, mode by mode: see [`Coupling::middle`].
     pub(crate) fn convolve(&mut self, transforms: &[f64], input: &[f64]) {
         let (n, modes, slices) = (self.cosines, self.modes, input.len() / self.cosines);
-        let inputs = input.chunks_exact(n).zip(transforms.chunks_exact(modes * n));
-        for (sums, (a, transform)) in self.spectra.chunks_exact_mut(self.stride).zip(inputs) {
-            cosines::waves(transform, a, &mut sums[..modes]);
-        }
         let chunks = self.stride / CHUNK;
-        let (spectra, weighted) =
-            (self.spectra.as_chunks::<CHUNK>().0, self.weighted.as_chunks::<CHUNK>().0);
-        let acted = self.acted.as_chunks_mut::<CHUNK>().0.chunks_exact_mut(chunks);
-        for (j, to) in acted.take(slices).enumerate() {
-            for (c, (to, lasting)) in to.iter_mut().zip(&self.lasting).enumerate() {
-                let of = |slice: usize| &spectra[slice * chunks + c];
-                let mut sum = [0.0; CHUNK];
-                add(&mut sum, &weighted[c], of(j));
-                for m in 1..=*lasting {
-                    let weights = &weighted[m * chunks + c];
-                    match (j >= m, j + m < slices) {
-                        (true, true) => add_both(&mut sum, weights, of(j - m), of(j + m)),
-                        (true, false) => add(&mut sum, weights, of(j - m)),
-                        (false, true) => add(&mut sum, weights, of(j + m)),
-                        (false, false) => break,
-                    }
-                }
-                *to = sum;
+        let inputs = input.chunks_exact(n).zip(transforms.chunks_exact(modes * n));
+        for (j, (a, transform)) in inputs.enumerate() {
+            cosines::waves(transform, a, &mut self.passing[..modes]);
+            let sums = self.passing.as_chunks().0.iter();
+            sums.enumerate().for_each(|(c, sums)| self.spectra[c * slices + j] = *sums);
+        }
+        let (acted, mut weights) = (self.acted.as_chunks_mut().0, &self.near[..]);
+        let columns = self.spectra[..chunks * slices].chunks_exact(slices.max(1));
+        for (c, (column, lasting)) in columns.zip(&self.lasting).enumerate() {
+            let (own, rest) = weights.split_at(lasting + 1);
+            weights = rest;
+            for j in 0..slices {
+                acted[j * chunks + c] = reached(own, column.split_at(j));
             }
         }
     }
@@ -269,6 +271,27 @@ impl Coupling {
     pub(crate) fn middle(&self, slice: usize) -> f64 {
         self.acted[slice * self.stride..][..self.modes].iter().sum()
     }
+}
+
+/// What reaches a slice of those before it and of those from it on, by weights of 0, 1 ... slices'
+/// distance.
+fn reached(
+    weights: &[[f64; CHUNK]],
+    (before, from): (&[[f64; CHUNK]], &[[f64; CHUNK]]),
+) -> [f64; CHUNK] {
+    let mut sum = [0.0; CHUNK];
+    let ([own, after @ ..], [first, away @ ..]) = (from, weights) else { return sum };
+    add(&mut sum, first, own);
+    let both = before.len().min(after.len()).min(away.len());
+    let (near, far) = away.split_at(both);
+    for ((weights, one), other) in near.iter().zip(before.iter().rev()).zip(after) {
+        add_both(&mut sum, weights, one, other);
+    }
+    // One side ends.
+    let (before, after) = (before[..before.len() - both].iter().rev(), after[both..].iter());
+    far.iter().zip(before).for_each(|(weights, of)| add(&mut sum, weights, of));
+    far.iter().zip(after).for_each(|(weights, of)| add(&mut sum, weights, of));
+    sum
 }
 
 /// Adds to each mode of a chunk what a slice does to it.
