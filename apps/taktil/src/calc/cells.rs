@@ -15,7 +15,7 @@ use super::plane::{Indented, Prescribed};
 use super::request::Args;
 
 /// Steps of a path with stick.
-const STEPS: u32 = 16;
+const STEPS: u32 = 64;
 /// How often cells are laid over less, or more, of a profile.
 const LAID: usize = 12;
 /// Cells fit a contact that with what is beside it covers this part of them: where it touches
@@ -305,6 +305,7 @@ fn part_of(drive: Prescribed, shape: &Indented, f: f64) -> Drive {
                 _ => Drive::Upright(load),
             }
         }
+        (Prescribed::Move { dz, dx: 0.0 }, _) => Drive::Move { dz_mm: dz * f, dx_mm: 0.0 },
         (Prescribed::Move { dz, dx }, _) => {
             // Down first, then along.
             Drive::Move { dz_mm: dz * (2.0 * f).min(1.0), dx_mm: dx * (2.0 * f - 1.0).max(0.0) }

@@ -34,10 +34,10 @@ pub(super) const NOTES: &[&str] = &[
      of both at most 268435456 ([512, 32]), which is some seconds of work. On it a contact is \
      known to a node: its edges lie midway between nodes, at most at the ends of the face and of \
      the layer. It knows szz at the base alone.",
-    "\"stick\" and {coulomb} follow a path of 16 steps, a `move` goes down in the first 8 of them \
-     and along in the others. A place that sticks keeps what the surface had moved when a step \
-     first found it touching, so the answer depends on the steps: a load turned into its \
-     `delta_mm` and back is 2 % off on the mesh [64, 4], 0.2 to 0.4 % on [128, 8] and finer ones.",
+    "\"stick\" and {coulomb} follow a path of 64 steps, a `move` along x goes down in the first 32 \
+     of them and along in the others. A place that sticks keeps what the surface had moved when a \
+     step first found it touching, so the answer depends on the steps: a load turned into its \
+     `delta_mm` and back is up to 0.2 % off on the mesh [64, 4] and on finer ones.",
     "A `move` along x needs \"stick\" or {coulomb}; \"prop\" needs a `load`.",
 ];
 

@@ -80,9 +80,9 @@ pub(super) const CONTACT: &[Field] = &[
          feels its moment, others refuse it. \"stick\": what is touched stays where it is on the \
          indenter. A cylinder grows so in endless small steps of P, symmetric, then moves along by \
          Q or dx with its contact glued, which neither grows nor parts: linear, `pull_n_mm` says \
-         what its edge pulls. Bars and profiles are pressed on in 16 steps with Q beside P (by \
+         what its edge pulls. Bars and profiles are pressed on in 64 steps with Q beside P (by \
          `move`: down, then along), and part and touch as they must; a circle's peak by P alone \
-         differs by 1 % between the two. {coulomb}: in the same 16 steps, with slip.",
+         differs by 0.2 % between the two. {coulomb}: in the same 64 steps, with slip.",
     ),
     choice(
         "method",

@@ -182,7 +182,11 @@ impl Request {
         let drive = match (args.has("force_n"), args.has("penetration_mm")) {
             (true, false) => Drive::ForceN(args.number("force_n")?),
             (false, true) => Drive::PenetrationMm(args.number("penetration_mm")?),
-            _ => {
+            (true, true) => {
+                let what = "`force_n` and `penetration_mm` are both given: leave one of them out";
+                return Err(Failure::new("conflict", Some("force_n"), what));
+            }
+            (false, false) => {
                 let what = "give either `force_n` or `penetration_mm`";
                 return Err(Failure::new("missing_field", Some("force_n"), what));
             }

@@ -217,6 +217,11 @@ fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
         (json!({"shape": bar, "load": {"p_n_mm": 1, "q_n_mm": 2}}), "topples", "load"),
         (json!({"shape": roll, "load": {"p_n_mm": 1e9}}), "unreachable", "load"),
         (json!({"shape": bar}), "missing_field", "load"),
+        (
+            json!({"shape": roll, "load": {"p_n_mm": 1}, "move": {"dz_mm": 0.01}}),
+            "conflict",
+            "load",
+        ),
         (json!({"shape": {"knife": {}}, "move": {"dz_mm": 1}}), "unreachable", "move"),
         (json!({"shape": bar, "move": {"dz_mm": 1, "dx_mm": 1}}), "unreachable", "move"),
         (json!({"shape": roll, "move": {"dz_mm": 5}}), "unreachable", "move"),

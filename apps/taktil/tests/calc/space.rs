@@ -119,7 +119,7 @@ fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
         (with("level", json!("best")), "unknown_value", "level"),
         (with("part", json!("tensile")), "unknown_value", "part"),
         (with("shape", json!({"edge": {"tilt_rad": 0.1}})), "unknown_field", "shape.edge.tilt_rad"),
-        (both, "missing_field", "force_n"),
+        (both, "conflict", "force_n"),
         (
             json!({"op": "contact_3d", "shape": {"edge": {}}, "t_mm": 0.8, "nu": 0.49,
                 "penetration_mm": 0.1}),
