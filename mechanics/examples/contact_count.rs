@@ -7,15 +7,16 @@ use std::hint::black_box;
 use taktil_mechanics::contact::fem::{Elements, Kind, Mesh, Method};
 use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape};
-use taktil_mechanics::contact::space::{self, Drive};
 use taktil_mechanics::contact::space::pin::{Pin, Profile, Stand};
 use taktil_mechanics::contact::space::radial::Influence;
 use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
+use taktil_mechanics::contact::space::{self, Drive};
 
 type Solve = Box<dyn FnMut(u32)>;
+/// Its name and what makes its solution.
+type Case = (&'static str, fn() -> Solve);
 
-/// Case and what makes its solution.
-const CASES: [(&str, fn() -> Solve); 8] = [
+const CASES: [Case; 8] = [
     ("bar-warm", || plane(BAR, Friction::Proportional, Level::Fast, 0.6, true)),
     ("bar-whole-warm", || plane(BAR, Friction::Proportional, Level::Fast, 0.05, true)),
     ("bar-cold", || plane(BAR, Friction::Proportional, Level::Default, 0.6, false)),

@@ -32,6 +32,7 @@ mod share;
 pub mod space;
 pub mod stack;
 mod stick;
+mod triangle;
 
 /// A parameter that the theory cannot take: where it stands, what is wrong, what would help.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -10,11 +10,11 @@
 
 use super::super::kernel::{BASE_CUTOFF, Sampled, SurfaceKernel};
 use super::super::layer::{Layer, Transfer};
+use super::super::triangle::{factor, solve};
 use super::super::{Invalid, finite, positive};
 use super::across::Across;
 use super::pin::strip::{Section, Strips};
 use super::pin::{Profile, Stand};
-use super::quadrature::{factor, solve};
 use super::radial::REACH;
 use super::table::Even;
 use super::tactels::{Array, Sampling};

@@ -409,13 +409,7 @@ impl Cubic {
     }
 
     /// Adds a span of the weighted blocks, four at a time.
-    fn read(
-        &self,
-        weights: &[(usize, f64); 16],
-        force: f64,
-        span: Range<usize>,
-        out: &mut [f64],
-    ) {
+    fn read(&self, weights: &[(usize, f64); 16], force: f64, span: Range<usize>, out: &mut [f64]) {
         for four in weights.chunks_exact(4) {
             let [a, b, c, d] = [0, 1, 2, 3].map(|k| {
                 let start = four[k].0;

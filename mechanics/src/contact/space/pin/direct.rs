@@ -3,7 +3,7 @@
 //! one width, so the factor stays as long as the same slices touch. It refuses nothing: a system
 //! that is not positive is left to the gradients.
 
-use super::super::quadrature::solve;
+use super::super::super::triangle::solve;
 use super::cosines::sized;
 use super::couple::Coupling;
 use super::row::Row;

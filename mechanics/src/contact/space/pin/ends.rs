@@ -4,7 +4,7 @@
 
 use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Transfer;
-use super::super::quadrature::{factor, solve};
+use super::super::super::triangle::{factor, solve};
 use super::couple::own_row;
 use super::strip::punch_force;
 

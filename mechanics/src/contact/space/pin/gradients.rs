@@ -3,7 +3,7 @@
 //!
 //! It refuses slices whose own system is not positive definite.
 
-use super::super::quadrature::{factor, solve};
+use super::super::super::triangle::{factor, solve};
 use super::row::Row;
 use super::work::Trouble;
 use core::f64::consts::PI;

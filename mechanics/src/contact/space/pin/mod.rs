@@ -49,7 +49,6 @@ mod row;
 mod solve;
 mod spread;
 pub(super) mod strip;
-mod triangle;
 mod work;
 
 use super::super::kernel::SurfaceKernel;

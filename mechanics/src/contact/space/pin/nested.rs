@@ -8,9 +8,9 @@
 //! It refuses rows whose solutions would not fit, and contacts of which slices further in are
 //! pulled: those are left to the search (`solve`).
 
+use super::super::super::triangle::{dot, factor, solve};
 use super::row::Row;
 use super::strip::Strips;
-use super::triangle::{dot, factor, solve};
 use core::f64::consts::PI;
 
 /// Most numbers of a row's solutions.
@@ -207,7 +207,7 @@ impl<'a> Levinson<'a> {
         // E^-1 of the gap, which is symmetric: its rows give columns.
         for (k, row) in self.gap.chunks_exact(n).enumerate() {
             self.felt.copy_from_slice(row);
-            solve(&self.factor, n, &mut self.felt, 0);
+            solve(&self.factor, n, &mut self.felt);
             self.felt.iter().enumerate().for_each(|(l, value)| self.turn[l * n + k] = -value);
         }
         add_product(&mut self.error, &self.gap, &self.turn, n);
@@ -239,7 +239,7 @@ impl<'a> Levinson<'a> {
                 *felt -= dot(row, slice);
             }
         }
-        solve(&self.factor, n, &mut self.felt, 0);
+        solve(&self.factor, n, &mut self.felt);
         own.copy_from_slice(&self.felt);
         let turned = self.ahead.chunks_exact(n * n).skip(1).zip(before.chunks_exact_mut(n).rev());
         for (block, slice) in turned {

@@ -7,8 +7,8 @@
 //! It refuses nothing: a contact that is too large for its memory is left to the steps of
 //! [`super::solve`], and what does not settle says so.
 
+use super::super::super::triangle::{dot, factor, solve, solve_from};
 use super::row::Row;
-use super::triangle::{dot, factor, solve};
 use super::work::Trouble;
 use core::f64::consts::PI;
 
@@ -154,8 +154,8 @@ impl Newton {
                 rise[p * n + k] = one;
             }
         }
-        solve(&self.matrix, size, pressure, 0);
-        solve(&self.matrix, size, rise, 0);
+        solve(&self.matrix, size, pressure);
+        solve(&self.matrix, size, rise);
         let total = |side: &[f64]| PI * side.iter().step_by(n).sum::<f64>();
         Some((total(pressure), total(rise)))
     }
@@ -170,7 +170,7 @@ impl Newton {
             let side = &mut self.sides[(p + 2) * size..(p + 3) * size];
             side.fill(0.0);
             side[p * n..(p + 1) * n].fill(1.0 / work.row(j)[places.edge()]);
-            solve(&self.matrix, size, side, p * n);
+            solve_from(&self.matrix, size, side, p * n);
         }
         let modes = per / n;
         for (p, &j) in self.active.iter().enumerate() {
@@ -279,7 +279,7 @@ impl Newton {
             }
             step.copy_from_slice(&self.slope[..count]);
             if factor(damped, count) {
-                return solve(damped, count, step, 0);
+                return solve(damped, count, step);
             }
             if self.damping >= STIFFEST {
                 return step.fill(0.0);

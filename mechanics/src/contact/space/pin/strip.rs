@@ -9,7 +9,7 @@ use super::super::super::Invalid;
 use super::super::super::interpolation::cubic;
 use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Transfer;
-use super::super::quadrature::{factor, solve};
+use super::super::super::triangle::{factor, solve};
 use core::f64::consts::{LN_2, PI};
 
 /// Rows of the table over the half-width.

@@ -23,8 +23,9 @@ mod image;
 mod kernel;
 
 use super::super::layer::Layer;
+use super::super::triangle::{factor, solve};
 use super::super::{Invalid, LARGEST, positive};
-use super::quadrature::{factor, legendre, solve};
+use super::quadrature::legendre;
 use super::radial::Radial;
 use super::table::Even;
 use super::{Drive, Level, Refusal, Why};

@@ -1,20 +1,27 @@
-//! Large symmetric systems of which only the lower triangle is there, in memory of the caller's. It
+//! Symmetric systems of which only the lower triangle is there, in memory of the caller's. It
 //! refuses nothing but a system that is not positive definite.
 
-/// Dot product in eight sums.
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (mut sums, (a, rest_a), (b, rest_b)) = ([0.0; 8], a.as_chunks::<8>(), b.as_chunks::<8>());
+/// Terms of a dot product that are taken side by side.
+const LANES: usize = 8;
+
+/// Dot product, a long one in eight sums.
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let plain = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    if a.len() < LANES {
+        return plain(a, b);
+    }
+    let ((a, rest_a), (b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let mut sums = [0.0; LANES];
     for (a, b) in a.iter().zip(b) {
         for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
             *sum += a * b;
         }
     }
-    let rest: f64 = rest_a.iter().zip(rest_b).map(|(a, b)| a * b).sum();
-    sums.iter().sum::<f64>() + rest
+    sums.iter().sum::<f64>() + plain(rest_a, rest_b)
 }
 
 /// Cholesky's factor of a lower triangle of `size` rows in place; false when it is not positive.
-pub(super) fn factor(matrix: &mut [f64], size: usize) -> bool {
+pub(crate) fn factor(matrix: &mut [f64], size: usize) -> bool {
     for i in 0..size {
         let (above, row) = matrix.split_at_mut(i * size);
         for j in 0..i {
@@ -30,8 +37,13 @@ pub(super) fn factor(matrix: &mut [f64], size: usize) -> bool {
     true
 }
 
-/// Solves in place with the triangle of [`factor`]; the side is zero before `from`.
-pub(super) fn solve(triangle: &[f64], size: usize, side: &mut [f64], from: usize) {
+/// Solves in place with the triangle of [`factor`].
+pub(crate) fn solve(triangle: &[f64], size: usize, side: &mut [f64]) {
+    solve_from(triangle, size, side, 0);
+}
+
+/// The same for a side that is zero before `from`.
+pub(crate) fn solve_from(triangle: &[f64], size: usize, side: &mut [f64], from: usize) {
     for i in from..size {
         let row = &triangle[i * size..=i * size + i];
         side[i] = (side[i] - dot(&row[from..i], &side[from..i])) / row[i];
@@ -61,7 +73,7 @@ mod tests {
         let side: Vec<f64> = (0..size).map(|i| if i < 4 { 0.0 } else { i as f64 - 9.0 }).collect();
         let mut found = side.clone();
         assert!(factor(&mut matrix, size));
-        solve(&matrix, size, &mut found, 4);
+        solve_from(&matrix, size, &mut found, 4);
         for (i, wanted) in side.iter().enumerate() {
             let back: f64 = found.iter().enumerate().map(|(j, x)| entry(i, j) * x).sum();
             assert!((back - wanted).abs() < 1e-13, "{i}: {back} {wanted}");
