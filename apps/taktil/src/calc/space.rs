@@ -121,7 +121,8 @@ pub(super) const CONTACT: &[Field] = &[
         Kind::Choice(&["fast", "default", "fine"]),
         "",
         Need::Default("\"default\""),
-        "Error of about 1e-2, 1e-3, 1e-4 of the peak or better; sphere: 6e-4, 5e-6, 1e-8.",
+        "Error of about 1e-2, 1e-3, 6e-4 of the peak or better (fine: 1e-4 away from ends); sphere: \
+         6e-4, 1e-4, 2e-7; without ends 5e-6 at every level.",
     ),
     Field::new(
         "start",
@@ -275,6 +276,16 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
         Ok(touch)
     };
     let touch = args.timed_after(&mut state, prepare, compute).map_err(refused)?;
+    if let Drive::ForceN(force) = drive
+        && force > 0.0
+        && touch.force_n == 0.0
+    {
+        let what = format!(
+            "`force_n`: {force:e} N is no more than a billionth of the Young's modulus on a square \
+             of the thickness, which cannot be told from none; give more, or 0"
+        );
+        return Err(Failure::new("unreachable", Some("force_n"), what));
+    }
     let mut image = state.1;
     let features = |part: Part| image_features(&array, &image, part).map_err(refused);
     let mut named = Map::new();

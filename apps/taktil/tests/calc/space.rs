@@ -119,6 +119,12 @@ fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
         (with("level", json!("best")), "unknown_value", "level"),
         (with("part", json!("tensile")), "unknown_value", "part"),
         (with("shape", json!({"edge": {"tilt_rad": 0.1}})), "unknown_field", "shape.edge.tilt_rad"),
+        (
+            json!({"op": "contact_3d", "shape": {"cylinder": {"radius_mm": 23, "length_mm": 30}},
+                "t_mm": 0.8, "nu": 0.49, "youngs_mpa": 1e11, "force_n": 5}),
+            "unreachable",
+            "force_n",
+        ),
         (both, "conflict", "force_n"),
         (
             json!({"op": "contact_3d", "shape": {"edge": {}}, "t_mm": 0.8, "nu": 0.49,

@@ -121,7 +121,7 @@ impl Setting {
     /// A bar to be reshaped: its kernels are tabulated once.
     fn template(&self) -> Result<Indenter, Unrecovered> {
         self.check()?;
-        let shape = Shape::Flat { width_mm: 1.0, height_mm: self.height_mm };
+        let shape = Shape::Flat { width_mm: self.layer.thickness_mm, height_mm: self.height_mm };
         Ok(Indenter::new(&self.layer, shape, self.friction, Level::Default)?)
     }
 

@@ -44,6 +44,7 @@ impl Pin {
         let row = &self.rows[self.at];
         let apart = match row.fineness.lines {
             Some(lines) => row.lines_apart(row.cutoff(lines, None)),
+            None if row.halved(row.cutoff(row.fineness.points, None)) => 0.5 * row.h,
             None => row.h,
         };
         apart * row.layer.thickness_mm

@@ -10,20 +10,38 @@ use super::row::{Row, points_for};
 use super::strip::COSINES_MAX;
 use core::f64::consts::PI;
 
-/// Part of a slice's force that stands on each of its neighbours' middles.
-const SPREAD: f64 = 1.0 / 12.0;
+/// Parts of a slice's force on its middle, between it and each neighbour's, and on each of those:
+/// the triangle's moments up to the third. With nothing between them, loads are a slice apart, and
+/// the base feels the wave of that length where slices are long; half as far apart, of the two
+/// halves neither has more of the force than the other, and that wave is gone.
+const WHOLE: [f64; 3] = [5.0 / 6.0, 0.0, 1.0 / 12.0];
+const HALVED: [f64; 3] = [11.0 / 24.0, 0.25, 1.0 / 48.0];
+/// Slices longer than this (thicknesses) are halved near ends, where their stand counts beside what
+/// they leave over: so far from an end, thicknesses.
+const LONG: f64 = 0.5;
+const NEAR_END: f64 = 5.0;
+/// Elsewhere those are whose wave number is not so much above the one that an image is made for.
+const ABOVE: f64 = 1.6;
 /// Neighbours whose half-widths (thicknesses) are no further apart share their points.
 const NEAR: f64 = 0.1;
 
 /// Places along at which a slice at `v` of length `h` stands, and the parts of its force there.
-pub(super) fn stood(v: f64, h: f64) -> [(f64, f64); 3] {
-    [(v, 1.0 - 2.0 * SPREAD), (v - h, SPREAD), (v + h, SPREAD)]
+pub(super) fn stood(v: f64, h: f64) -> [(f64, f64); 5] {
+    let [own, between, beside] = if h > LONG { HALVED } else { WHOLE };
+    let half = 0.5 * h;
+    [(v, own), (v - half, between), (v + half, between), (v - h, beside), (v + h, beside)]
 }
 
 /// Part of the wave numbers that an image of what is left over needs.
 const COARSER: f64 = 0.7;
 
 impl Row {
+    /// Whether the points of a contact up to a wave number (times thickness) stand between slices,
+    /// too, away from ends.
+    pub(super) fn halved(&self, cutoff: f64) -> bool {
+        self.h > LONG && 2.0 * PI / self.h < cutoff + ABOVE
+    }
+
     /// Calls with place (across, along) in mm and force in N of point loads that stand for the
     /// contact up to a wave number (times thickness), slice after slice. Left out is what is not
     /// `seen`: its middle along the axis and its reach about that, mm.
@@ -34,22 +52,40 @@ impl Row {
         mut of: impl FnMut([f64; 2], f64),
     ) {
         let (t, n) = (self.layer.thickness_mm, self.work.places.cosines);
-        let mut sum = [0.0; COSINES_MAX];
-        let sum = &mut sum[..n];
+        let mut room = [[0.0; COSINES_MAX]; 2];
+        let [sum, joint] = room.each_mut().map(|room| &mut room[..n]);
         let slices = self.along.len();
+        let everywhere = self.halved(cutoff);
+        let by_ends = if self.h > LONG { libm::ceil(NEAR_END / self.h) as usize } else { 0 };
+        let stands = |j: usize| {
+            if everywhere || j.min(slices - 1 - j) < by_ends { HALVED } else { WHOLE }
+        };
         for j in (0..slices).filter(|j| self.work.touches(*j)) {
             let (b, own) = self.work.slice(j);
             if !seen([self.along[j] * t, (b + self.h) * t]) {
                 continue;
             }
-            sum.iter_mut().zip(own).for_each(|(sum, a)| *sum = (1.0 - 2.0 * SPREAD) * a);
+            let [middle, between, beside] = stands(j);
+            sum.iter_mut().zip(own).for_each(|(sum, a)| *sum = middle * a);
             let sides = [(j.checked_sub(1), -self.h), ((j + 1 < slices).then_some(j + 1), self.h)];
-            for (beside, away) in sides {
-                let touching = beside.filter(|i| self.work.touches(*i));
-                let other = touching.map(|i| self.work.slice(i));
-                match other.filter(|(width, _)| (width - b).abs() < NEAR) {
-                    Some((_, a)) => sum.iter_mut().zip(a).for_each(|(sum, a)| *sum += SPREAD * a),
-                    None => self.points((b, self.along[j] + away), (own, SPREAD), cutoff, &mut of),
+            for (neighbour, away) in sides {
+                let touching = neighbour.filter(|i| self.work.touches(*i));
+                let near = |i: &usize| (self.work.slice(*i).0 - b).abs() < NEAR;
+                let place = self.along[j] + 0.5 * away;
+                let Some(i) = touching.filter(near) else {
+                    self.points((b, self.along[j] + away), (own, beside), cutoff, &mut of);
+                    if between > 0.0 {
+                        self.points((b, place), (own, between), cutoff, &mut of);
+                    }
+                    continue;
+                };
+                let ((width, a), [_, half, part]) = (self.work.slice(i), stands(i));
+                sum.iter_mut().zip(a).for_each(|(sum, a)| *sum += part * a);
+                // What is between two stands there once.
+                if i > j && between + half > 0.0 {
+                    let both = own.iter().zip(a).map(|(own, a)| between * own + half * a);
+                    joint.iter_mut().zip(both).for_each(|(joint, both)| *joint = both);
+                    self.points((0.5 * (b + width), place), (joint, 1.0), cutoff, &mut of);
                 }
             }
             self.points((b, self.along[j]), (sum, 1.0), cutoff, &mut of);

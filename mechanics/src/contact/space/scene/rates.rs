@@ -23,8 +23,8 @@ impl Scene {
         match self.level {
             _ if !self.is_pin() => 0.0,
             Level::Fast => 1e-2,
-            Level::Default => 1e-3,
-            Level::Fine => 1e-4,
+            Level::Default => 3e-3,
+            Level::Fine => 6e-4,
         }
     }
 
