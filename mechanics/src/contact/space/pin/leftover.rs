@@ -15,7 +15,7 @@ use super::super::super::layer::Layer;
 use super::ends::loss;
 use super::fineness::{Fineness, Laid};
 use super::row::Row;
-use super::spread::stood;
+use super::spread::{LONG as HALVED, stood};
 use super::strip::{COSINES_MAX, Strips};
 use super::work::Trouble;
 use core::f64::consts::PI;
@@ -240,9 +240,11 @@ impl Row {
 }
 
 /// Distance of the loads that stand for what slices of length `h` leave over: a third or a half of
-/// it, or a whole multiple.
+/// it, a quarter where there are loads between slices, or a whole multiple; so all loads of the
+/// slices lie alike among them.
 fn apart(h: f64) -> f64 {
     match h {
+        h if h > HALVED => 0.25 * h,
         h if h > LONGER => h / 3.0,
         h if h > APART => 0.5 * h,
         h => h * libm::floor(APART / h),

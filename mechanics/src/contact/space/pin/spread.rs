@@ -10,24 +10,28 @@ use super::row::{Row, points_for};
 use super::strip::COSINES_MAX;
 use core::f64::consts::PI;
 
-/// Parts of a slice's force on its middle, between it and each neighbour's, and on each of those:
-/// the triangle's moments up to the third. With nothing between them, loads are a slice apart, and
-/// the base feels the wave of that length where slices are long; half as far apart, of the two
-/// halves neither has more of the force than the other, and that wave is gone.
-const WHOLE: [f64; 3] = [5.0 / 6.0, 0.0, 1.0 / 12.0];
-const HALVED: [f64; 3] = [11.0 / 24.0, 0.25, 1.0 / 48.0];
-/// Slices longer than this (thicknesses) are halved near ends, where their stand counts beside what
-/// they leave over: so far from an end, thicknesses.
-const LONG: f64 = 0.5;
-const NEAR_END: f64 = 5.0;
+/// Slices longer than this (thicknesses) stand between their middles, too, near ends, where their
+/// stand counts beside what they leave over; up to the first distance from an end (thicknesses) with
+/// all of it, from there to the second less and less.
+pub(super) const LONG: f64 = 0.5;
+const NEAR_END: [f64; 2] = [4.5, 9.5];
 /// Elsewhere those are whose wave number is not so much above the one that an image is made for.
 const ABOVE: f64 = 1.6;
 /// Neighbours whose half-widths (thicknesses) are no further apart share their points.
 const NEAR: f64 = 0.1;
 
-/// Places along at which a slice at `v` of length `h` stands, and the parts of its force there.
+/// Parts of a slice's force on its middle, between it and each neighbour's, and on each of those:
+/// the triangle's moments up to the third. With nothing between them (`halved` is 0) loads are a
+/// slice apart, and the base feels the wave of that length where slices are long; `halved` (1) they
+/// are half as far apart, neither half has more of the force than the other, and that wave is gone.
+fn stand(halved: f64) -> [f64; 3] {
+    [5.0 / 6.0 - 0.375 * halved, 0.25 * halved, 1.0 / 12.0 - 0.0625 * halved]
+}
+
+/// Places along at which a slice at `v` of length `h` stands near an end, and the parts of its
+/// force there.
 pub(super) fn stood(v: f64, h: f64) -> [(f64, f64); 5] {
-    let [own, between, beside] = if h > LONG { HALVED } else { WHOLE };
+    let [own, between, beside] = stand(if h > LONG { 1.0 } else { 0.0 });
     let half = 0.5 * h;
     [(v, own), (v - half, between), (v + half, between), (v - h, beside), (v + h, beside)]
 }
@@ -56,9 +60,14 @@ impl Row {
         let [sum, joint] = room.each_mut().map(|room| &mut room[..n]);
         let slices = self.along.len();
         let everywhere = self.halved(cutoff);
-        let by_ends = if self.h > LONG { libm::ceil(NEAR_END / self.h) as usize } else { 0 };
         let stands = |j: usize| {
-            if everywhere || j.min(slices - 1 - j) < by_ends { HALVED } else { WHOLE }
+            let away = j.min(slices - 1 - j) as f64 * self.h;
+            let [all, none] = NEAR_END;
+            stand(match self.h > LONG {
+                true if everywhere || away < all => 1.0,
+                true if away < none => 0.5 + 0.5 * libm::cos(PI * (away - all) / (none - all)),
+                _ => 0.0,
+            })
         };
         for j in (0..slices).filter(|j| self.work.touches(*j)) {
             let (b, own) = self.work.slice(j);
