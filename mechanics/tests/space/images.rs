@@ -237,8 +237,8 @@ fn a_long_pin_is_an_endless_one_away_from_its_ends() {
     }
 }
 
-/// Squares seen nearly along a side are convolutions of a wide box and a narrow one, on thick rubber
-/// of two narrow ones: the differences of the second integral are small then.
+/// Squares seen nearly along a side are convolutions of a wide box and a narrow one, on thick
+/// rubber of two narrow ones: the differences of the second integral are small then.
 #[test]
 fn means_of_a_cylinder_without_ends_hold_in_any_direction_on_any_layer() {
     let array = Array::THESIS;

@@ -121,8 +121,8 @@ pub(super) const CONTACT: &[Field] = &[
         Kind::Choice(&["fast", "default", "fine"]),
         "",
         Need::Default("\"default\""),
-        "Error of about 1e-2, 1e-3, 6e-4 of the peak or better (fine: 1e-4 away from ends); sphere: \
-         6e-4, 1e-4, 2e-7; without ends 5e-6 at every level.",
+        "Error of about 1e-2, 1e-3, 6e-4 of the peak or better (fine: 1e-4 away from ends); of a \
+         sphere: 6e-4, 1e-4, 2e-7; without ends 5e-6 at every level.",
     ),
     Field::new(
         "start",

@@ -5,8 +5,9 @@
 //! difference of the pressure's second integral, whatever its direction (`across.rs`).
 //!
 //! Measured against exact solutions: 1e-6 of the peak or better, means over tactels under a quarter
-//! of the thickness 5e-6. Forces are N per mm of length. It refuses penetrations of the thickness or more, contacts wider than 0.95 of the diameter or 80
-//! thicknesses, and forces beyond the largest tabulated penetration.
+//! of the thickness 5e-6. Forces are N per mm of length. It refuses penetrations of the thickness
+//! or more, contacts wider than 0.95 of the diameter or 80 thicknesses, and forces beyond the
+//! largest tabulated penetration.
 
 use super::super::kernel::{BASE_CUTOFF, Sampled, SurfaceKernel};
 use super::super::layer::{Layer, Transfer};

@@ -11,6 +11,7 @@
 //! slip.
 
 mod across;
+mod cubic;
 mod fourier;
 pub mod infinite;
 pub mod jacobian;

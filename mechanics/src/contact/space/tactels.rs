@@ -7,13 +7,12 @@
 //! this file as point loads (Gauss points of its own representation). Adding loads neither
 //! allocates nor panics; loads off the array count with what they leave on it.
 
-use super::super::interpolation::cubic;
 use super::super::{Invalid, positive};
+use super::cubic::Cubic;
 use super::pin::Stand;
 use super::radial::Influence;
 use super::shear::Shear;
 use super::straight::Straight;
-use core::ops::Range;
 
 /// Most tactels of an array.
 const TACTELS_MAX: usize = 1 << 20;
@@ -23,9 +22,6 @@ const TABLE_MAX: usize = 1 << 24;
 const CELLS_MAX: usize = 1 << 20;
 /// Most grid points across one tactel.
 const PHASES_MAX: usize = 256;
-
-/// Blocks of no more tactels along each axis are read whole.
-const SIDE_AT_ONCE: usize = 11;
 
 /// Largest tactel in thicknesses.
 const THINNEST: f64 = 1000.0;
@@ -178,17 +174,6 @@ enum Reading {
     Straight(Straight),
 }
 
-/// Blocks read by cubics.
-#[derive(Clone, Debug)]
-struct Cubic {
-    /// Grid points across one tactel.
-    phases: usize,
-    /// Tactels of a block along each axis, an odd number; the load lies in the middle one.
-    side: usize,
-    /// Offset blocks by the phase along y, then along x; within a block rows along y.
-    blocks: Vec<f64>,
-}
-
 impl Shares {
     /// Tabulates the shares of normal loads; allocates.
     ///
@@ -274,7 +259,7 @@ impl Shares {
         let half = if fineness.cubic { half } else { side / 2 + 1 };
         let offsets = Offsets::new(base, array, sampling, phases, half);
         let reading = if fineness.cubic {
-            Reading::Cubic(Cubic::new(phases, half, &offsets))
+            Reading::Cubic(Cubic::new(phases, half, |i, j| offsets.share(i, j)))
         } else {
             let kept = sampling == Sampling::Area && !base.odd;
             let whole = kept.then(|| 1.0 / (array.pitch_mm * array.pitch_mm));
@@ -333,7 +318,7 @@ impl Shares {
     /// Tactels, along each axis, on which a load leaves something.
     pub(super) fn side(&self) -> usize {
         match &self.reading {
-            Reading::Cubic(shares) => shares.side,
+            Reading::Cubic(shares) => shares.side(),
             Reading::Straight(shares) => shares.side(),
         }
     }
@@ -345,97 +330,6 @@ impl Shares {
             place.abs() < about_mm + (0.5 * (count + self.side()) as f64 + 1.0) * pitch_mm
         };
         near(x, cols) && near(y, rows)
-    }
-}
-
-impl Cubic {
-    fn new(phases: usize, half: usize, offsets: &Offsets) -> Self {
-        let (side, stride) = (2 * half + 1, phases + 3);
-        let mut blocks = Vec::with_capacity(stride * stride * side * side);
-        // Phase p is the place (p - 1)/phases of the load in its tactel, from its left edge.
-        let along = |index: usize, phase: usize| {
-            let tactels = index as isize - half as isize;
-            let (n, p) = (phases as isize, phase as isize - 1);
-            tactels * n + n / 2 - p
-        };
-        for p_y in 0..stride {
-            for p_x in 0..stride {
-                for row in 0..side {
-                    let y = along(row, p_y);
-                    blocks.extend((0..side).map(|column| offsets.share(along(column, p_x), y)));
-                }
-            }
-        }
-        Self { phases, side, blocks }
-    }
-
-    /// Adds the shares of a load of `force` at a place in tactels from the lower left corner of an
-    /// array of `cols` columns.
-    fn add(&self, (image, cols): (&mut [f64], usize), [u, v]: [f64; 2], force: f64) {
-        let (half, rows) = ((self.side / 2) as f64, image.len() / cols);
-        let near = |place: f64, count: usize| place > -half && place < count as f64 + half;
-        if !(near(u, cols) && near(v, rows)) {
-            return;
-        }
-        let first = |place: f64| libm::floor(place) as isize - self.side as isize / 2;
-        let (left, low) = (first(u), first(v));
-        let span = |first: isize, count: usize| {
-            let from = (-first).clamp(0, self.side as isize);
-            let to = (count as isize - first).clamp(from, self.side as isize);
-            (from as usize, to as usize)
-        };
-        let ((from_x, to_x), (from_y, to_y)) = (span(left, cols), span(low, rows));
-        let mut weights = [(0, 0.0); 16];
-        self.weights([u - libm::floor(u), v - libm::floor(v)], &mut weights);
-        let target = |row: usize| {
-            let start = (low + row as isize) as usize * cols + (left + from_x as isize) as usize;
-            start..start + to_x - from_x
-        };
-        let mut sums = [0.0; SIDE_AT_ONCE * SIDE_AT_ONCE];
-        let rows = from_y * self.side..to_y * self.side;
-        let Some(sums) = sums.get_mut(..rows.len()).filter(|_| self.side <= SIDE_AT_ONCE) else {
-            for row in from_y..to_y {
-                let span = row * self.side + from_x..row * self.side + to_x;
-                self.read(&weights, force, span, &mut image[target(row)]);
-            }
-            return;
-        };
-        // Rows of a small block lie side by side.
-        self.read(&weights, force, rows, sums);
-        for (row, sums) in (from_y..to_y).zip(sums.chunks_exact(self.side)) {
-            let seen = image[target(row)].iter_mut().zip(&sums[from_x..to_x]);
-            seen.for_each(|(value, sum)| *value += sum);
-        }
-    }
-
-    /// Adds a span of the weighted blocks, four at a time.
-    fn read(&self, weights: &[(usize, f64); 16], force: f64, span: Range<usize>, out: &mut [f64]) {
-        for four in weights.chunks_exact(4) {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|k| {
-                let start = four[k].0;
-                &self.blocks[start + span.start..start + span.end]
-            });
-            let [wa, wb, wc, wd] = [0, 1, 2, 3].map(|k| force * four[k].1);
-            let sources = a.iter().zip(b).zip(c.iter().zip(d));
-            for (value, ((a, b), (c, d))) in out.iter_mut().zip(sources) {
-                *value += (wa * a + wb * b) + (wc * c + wd * d);
-            }
-        }
-    }
-
-    /// Starts of the blocks that a load at a place within its tactel is read from, and their
-    /// weights.
-    fn weights(&self, place: [f64; 2], out: &mut [(usize, f64); 16]) {
-        let [(cell_x, w_x), (cell_y, w_y)] = place.map(|part| {
-            let p = part * self.phases as f64;
-            let cell = (p as usize).min(self.phases - 1);
-            (cell, cubic(p - cell as f64))
-        });
-        let (area, stride) = (self.side * self.side, self.phases + 3);
-        for (at, out) in out.iter_mut().enumerate() {
-            let (i, j) = (at % 4, at / 4);
-            *out = (((cell_y + j) * stride + cell_x + i) * area, w_x[i] * w_y[j]);
-        }
     }
 }
 

@@ -2,6 +2,8 @@
 //! orders goes up while the order is below the argument, and comes down from beyond it where it
 //! is above (Miller's algorithm; Abramowitz and Stegun 9.12). It refuses nothing.
 
+use core::f64::consts::PI;
+
 /// Orders beyond the last one wanted, and beyond the argument, at which coming down begins.
 const BEYOND: usize = 100;
 /// Values of the recurrence above this are made smaller, all together.
@@ -51,6 +53,19 @@ fn downwards(x: f64, out: &mut [f64]) {
         }
     }
     out.iter_mut().for_each(|value| *value /= sum);
+}
+
+/// pi (-1)^k J_2k, J_2k+1 where `odd` is 1, k fastest, at so many points of a density from one
+/// before 0, which a cubic needs.
+pub(super) fn table((points, density): (usize, f64), (cosines, odd): (usize, usize)) -> Vec<f64> {
+    let mut table = Vec::with_capacity(points * cosines);
+    let mut all = vec![0.0; 2 * cosines - 1 + odd];
+    for i in 0..points {
+        orders((i as f64 - 1.0) / density, &mut all);
+        let wanted = all[odd..].iter().step_by(2).zip([PI, -PI].into_iter().cycle());
+        table.extend(wanted.map(|(value, sign)| sign * value));
+    }
+    table
 }
 
 #[cfg(test)]

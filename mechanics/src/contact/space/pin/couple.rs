@@ -159,31 +159,19 @@ impl Coupling {
             weighted.resize((m + 1) * stride, 0.0);
             lasting[..left.div_ceil(CHUNK)].fill(m);
         }
-        let by_chunk = weighted.as_chunks().0;
-        let near = lasting.iter().enumerate().flat_map(|(c, lasting)| {
-            by_chunk[c..].iter().step_by(stride / CHUNK).take(lasting + 1).copied()
-        });
-        let near = near.collect();
         let points = libm::ceil(waves[modes - 1] * widest * BESSEL_DENSITY) as usize + 5;
-        let mut bessel = Vec::with_capacity(points * cosines);
-        let first = usize::from(parity == Parity::Odd);
-        let mut orders = vec![0.0; 2 * cosines - 1 + first];
-        for i in 0..points {
-            // One point before 0, for the cubic.
-            bessel::orders((i as f64 - 1.0) / BESSEL_DENSITY, &mut orders);
-            let even = orders[first..].iter().step_by(2).zip([PI, -PI].into_iter().cycle());
-            bessel.extend(even.map(|(value, sign)| sign * value));
-        }
+        let odd = usize::from(parity == Parity::Odd);
+        let bessel = bessel::table((points, BESSEL_DENSITY), (cosines, odd));
         Self {
             cosines,
             modes,
             stride,
             band,
             waves,
+            near: by_chunk(&weighted, &lasting),
             weighted,
             lasting,
             bessel,
-            near,
             passing: vec![0.0; stride],
             spectra: vec![[0.0; CHUNK]; stride / CHUNK * slices],
             acted: vec![0.0; stride * slices],
@@ -271,6 +259,16 @@ impl Coupling {
     pub(crate) fn middle(&self, slice: usize) -> f64 {
         self.acted[slice * self.stride..][..self.modes].iter().sum()
     }
+}
+
+/// Weights of all distances chunk after chunk, each as far as some of its modes are left.
+fn by_chunk(weighted: &[f64], lasting: &[usize]) -> Vec<[f64; CHUNK]> {
+    let (all, count) = (weighted.as_chunks().0, lasting.len());
+    let chunks = lasting
+        .iter()
+        .enumerate()
+        .flat_map(|(c, lasting)| all[c..].iter().step_by(count).take(lasting + 1).copied());
+    chunks.collect()
 }
 
 /// What reaches a slice of those before it and of those from it on, by weights of 0, 1 ... slices'

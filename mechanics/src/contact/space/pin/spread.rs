@@ -11,8 +11,8 @@ use super::strip::COSINES_MAX;
 use core::f64::consts::PI;
 
 /// Slices longer than this (thicknesses) stand between their middles, too, near ends, where their
-/// stand counts beside what they leave over; up to the first distance from an end (thicknesses) with
-/// all of it, from there to the second less and less.
+/// stand counts beside what they leave over; up to the first distance from an end (thicknesses)
+/// with all of it, from there to the second less and less.
 pub(super) const LONG: f64 = 0.5;
 const NEAR_END: [f64; 2] = [4.5, 9.5];
 /// Elsewhere those are whose wave number is not so much above the one that an image is made for.
