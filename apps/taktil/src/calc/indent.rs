@@ -37,7 +37,7 @@ pub(super) const NOTES: &[&str] = &[
     "\"stick\" and {coulomb} follow a path of 64 steps, a `move` along x goes down in the first 32 \
      of them and along in the others. A place that sticks keeps what the surface had moved when a \
      step first found it touching, so the answer depends on the steps: a load turned into its \
-     `delta_mm` and back is up to 0.2 % off on the mesh [64, 4] and on finer ones.",
+     `delta_mm` and back is up to 0.3 % off on the mesh [64, 4] and on finer ones.",
     "A `move` along x needs \"stick\" or {coulomb}; \"prop\" needs a `load`.",
 ];
 

@@ -82,7 +82,7 @@ pub(super) const CONTACT: &[Field] = &[
          Q or dx with its contact glued, which neither grows nor parts: linear, `pull_n_mm` says \
          what its edge pulls. Bars and profiles are pressed on in 64 steps with Q beside P (by \
          `move`: down, then along), and part and touch as they must; a circle's peak by P alone \
-         differs by 0.2 % between the two. {coulomb}: in the same 64 steps, with slip.",
+         differs by up to 0.3 % between the two. {coulomb}: in the same 64 steps, with slip.",
     ),
     choice(
         "method",

@@ -108,3 +108,20 @@ fn contacts_end_inside_their_cells_or_with_the_shape() {
         }
     }
 }
+
+/// The cylinder's own solver grows its contact in endless small steps, cells in some.
+#[test]
+fn a_circle_that_sticks_is_the_cylinder() {
+    for (radius, p) in [(23.0, 0.5), (23.0, 5.0), (40.0, 2.0)] {
+        let x: Vec<f64> = (-40..=40).map(|i| 0.01 * f64::from(i)).collect();
+        let under = |shape: Value| {
+            let load = json!({"p_n_mm": p});
+            let answer =
+                contact(&json!({"shape": shape, "load": load, "friction": "stick", "x_mm": x}));
+            let szz = answer["szz"].as_array().unwrap_or_else(|| panic!("{answer}"));
+            szz.iter().filter_map(Value::as_f64).fold(0.0, f64::min)
+        };
+        let off = under(circle(radius)) / under(cylinder(radius)) - 1.0;
+        assert!(off.abs() < 3e-3, "{radius} {p}: {off:e}");
+    }
+}

@@ -122,3 +122,26 @@ fn a_profile_past_the_layer_touches_nothing_and_carries_nothing() {
         refused(&json!({"shape": between, "load": {"p_n_mm": 0.01}}), "out_of_range", "mesh");
     assert!(message.contains("no node under the profile"), "{message}");
 }
+
+/// A place that sticks keeps what the surface had moved when a step found it touching, so both ways
+/// agree as well as their steps are small.
+#[test]
+fn a_load_without_slip_turned_into_its_descent_comes_back() {
+    for (radius, nu, p, mesh) in [
+        (23.0, 0.49, 0.8, json!([64, 4])),
+        (60.0, 0.49, 0.8, json!([100, 6])),
+        (5.0, 0.3, 3.0, json!([128, 8])),
+        (23.0, 0.4999, 2.0, json!([96, 6])),
+    ] {
+        let with = |key: &str, drive: Value| {
+            let mut fields = json!({"shape": {"cylinder": {"radius_mm": radius}}, "nu": nu,
+                "friction": "stick", "mesh": mesh});
+            fields[key] = drive;
+            on_mesh(&fields)
+        };
+        let down = number(&with("load", json!({"p_n_mm": p})), "/delta_mm");
+        let back = with("move", json!({"dz_mm": down}));
+        let off = number(&back, "/p_n_mm") / p - 1.0;
+        assert!(off.abs() < 4e-3, "{radius} {nu} {p} {mesh}: {off:e}");
+    }
+}
