@@ -10,6 +10,9 @@ use core::f64::consts::PI;
 /// Tolerance of the gradients over the level's, and weight of the force's error.
 const TIGHTEST: f64 = 0.1;
 const FORCE: f64 = 2.0;
+/// Part of what is left at the edges by which a force changes on its own: a smaller change of the
+/// penetration does not tell its rate.
+const NOISE: f64 = 0.3;
 /// Steps after which a contact that fills a part of the pin is given up for a longer part.
 const FULL: usize = 4;
 /// A penetration that turned back more often than this changes by half.
@@ -228,34 +231,55 @@ impl Row {
         let unsolved = self.gradients(limit)?;
         search.left = (self.adjust(first) / self.largest()).max(unsolved);
         if let Some(force) = search.wanted {
-            let (carried, own) = self.totals();
-            let penetration = search.penetration;
-            let stiffness = match search.known.filter(|(_, at)| *at != penetration) {
-                Some((before, at)) => {
-                    let stiffest = if self.work.relaxed == 0.0 { 2.0 } else { 8.0 };
-                    ((carried - before) / (penetration - at)).clamp(0.5 * own, stiffest * own)
-                }
-                None if self.work.stiffness > 0.0 => self.work.stiffness * own,
-                None => own,
-            };
-            self.work.stiffness = stiffness / own;
-            search.known = Some((carried, penetration));
-            search.left = search.left.max(FORCE * (carried / force - 1.0).abs());
+            let rate = self.rate(search, force);
             if search.left > tolerance {
-                let shift = (force - carried) / stiffness.max(f64::MIN_POSITIVE);
-                search.shift = search.turned(shift.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6));
-                search.penetration += search.shift;
-                for j in 0..self.along.len() {
-                    if self.work.active[j] {
-                        self.work.effective[j] += search.shift;
-                    }
-                }
+                let (carried, _) = search.known.unwrap_or_default();
+                let shift = (force - carried) / rate.max(f64::MIN_POSITIVE);
+                let shift = search.turned(shift.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6));
+                search.shift = shift;
+                search.penetration += shift;
+                self.foresee(shift);
             }
         }
         if limit > tolerance {
             search.left = search.left.max(limit);
         }
         Ok(())
+    }
+
+    /// Notes the force at the present penetration and what it misses; its rate, from the steps where
+    /// they tell one.
+    fn rate(&mut self, search: &mut Search, force: f64) -> f64 {
+        let (carried, own) = self.totals();
+        let penetration = search.penetration;
+        let least =
+            if self.strips.is_free() { NOISE * search.left * penetration.abs() } else { 0.0 };
+        let rate = match search.known.filter(|(_, at)| (penetration - at).abs() > least) {
+            Some((before, at)) => {
+                let stiffest = if self.work.relaxed == 0.0 { 2.0 } else { 8.0 };
+                ((carried - before) / (penetration - at)).clamp(0.5 * own, stiffest * own)
+            }
+            None if self.work.stiffness > 0.0 => self.work.stiffness * own,
+            None => own,
+        };
+        self.work.stiffness = rate / own;
+        search.known = Some((carried, penetration));
+        search.left = search.left.max(FORCE * (carried / force - 1.0).abs());
+        rate
+    }
+
+    /// Widths and pressures after a change of the penetration, each slice's as the plane one's at
+    /// the rate of the whole.
+    fn foresee(&mut self, shift: f64) {
+        let work = &mut self.work;
+        let (places, n) = (work.places, work.places.cosines);
+        let rise = shift * work.stiffness;
+        for j in (0..self.along.len()).filter(|j| work.active[*j]) {
+            work.effective[j] += shift;
+            let punch = j * places.len() + places.punch(0);
+            let own = work.a[j * n..(j + 1) * n].iter_mut();
+            own.zip(&work.rows[punch..punch + n]).for_each(|(a, punch)| *a += rise * punch);
+        }
     }
 
     /// What changes are measured by: the largest penetration that a slice is given or that its

@@ -8,6 +8,9 @@ use super::{Drive, Invalid, Level, Scene, Solver, Touch};
 const DEEPEST: f64 = 0.98;
 /// Part of a force that the fast level is asked about; it is no further off.
 const SURELY: f64 = 0.95;
+/// Tables are so many times deeper than the fast level needs for that part: deeper ones cost every
+/// contact more cosines.
+const AMPLE: f64 = 1.15;
 
 impl Scene {
     /// Presses with tables that reach deeper and deeper until they suffice.
@@ -29,7 +32,7 @@ impl Scene {
             }
         }
         let mut most = first_mm.max(0.02 * t).min(DEEPEST * t);
-        let mut needed = None;
+        let mut asked = false;
         loop {
             self.room = (most, ends);
             match press(&mut self.solver, most, true) {
@@ -37,13 +40,14 @@ impl Scene {
                 Err(error) => return Err(renamed(error, drive)),
                 Ok(touch) => return Ok(touch),
             }
-            if needed.is_none() {
-                needed = Some(self.needed(drive, ends).map_err(|error| renamed(error, drive))?);
+            if asked {
+                most = 2.0 * most;
+            } else {
+                let needed = self.needed(drive, ends).map_err(|error| renamed(error, drive))?;
+                most = if needed > most { AMPLE * needed } else { 2.0 * most };
             }
-            most = (2.0 * most).min(DEEPEST * t);
-            while most < needed.unwrap_or(0.0).min(DEEPEST * t) {
-                most = (2.0 * most).min(DEEPEST * t);
-            }
+            asked = true;
+            most = most.min(DEEPEST * t);
         }
     }
 
@@ -105,14 +109,14 @@ mod tests {
         }
     }
 
-    /// Tables between the first and the one that holds the force are left out, no others.
+    /// Neither step by step nor much deeper than it needs.
     #[test]
-    fn a_force_gets_the_tables_it_would_get_step_by_step() {
+    fn a_force_gets_the_tables_that_hold_it() {
         let mut direct = scene(Level::Default);
         let deep = direct.press(Drive::PenetrationMm(0.2), Pose::default()).expect("a contact");
         let mut by_force = scene(Level::Default);
         let found = by_force.press(Drive::ForceN(deep.force_n), Pose::default()).expect("the same");
-        assert!((by_force.room.0 - 0.32).abs() < 1e-12, "{}", by_force.room.0);
+        assert!((0.2..0.24).contains(&by_force.room.0), "{}", by_force.room.0);
         let off = found.penetration_mm.expect("a depth") - 0.2;
         assert!(off.abs() < 2e-4, "{found:?} {deep:?}");
     }
