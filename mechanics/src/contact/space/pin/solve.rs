@@ -247,8 +247,8 @@ impl Row {
         Ok(())
     }
 
-    /// Notes the force at the present penetration and what it misses; its rate, from the steps where
-    /// they tell one.
+    /// Notes the force at the present penetration and what it misses; its rate, from the steps
+    /// where they tell one.
     fn rate(&mut self, search: &mut Search, force: f64) -> f64 {
         let (carried, own) = self.totals();
         let penetration = search.penetration;

@@ -41,7 +41,7 @@ impl Scene {
                 Ok(touch) => return Ok(touch),
             }
             if asked {
-                most = 2.0 * most;
+                most *= 2.0;
             } else {
                 let needed = self.needed(drive, ends).map_err(|error| renamed(error, drive))?;
                 most = if needed > most { AMPLE * needed } else { 2.0 * most };
