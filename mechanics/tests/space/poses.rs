@@ -338,3 +338,65 @@ fn wide_contacts_on_an_end_are_read() {
         }
     }
 }
+
+/// Wide contacts on rubber that keeps its volume, lying or leaning, many slices each: the force is
+/// found along with the widths, cold, and from a contact of a little less force and tilt.
+#[test]
+fn a_force_takes_hardly_more_steps_than_a_penetration() {
+    let mut draws = Draws(2101);
+    let (mut by_depth, mut by_force, mut warm) = (0, 0, 0);
+    for n in 0..30 {
+        let t = draws.between(0.3, 0.8);
+        let layer = Layer::new(t, 27.58, 0.5).expect("a sound layer");
+        let profile = Profile::Cylinder { radius_mm: draws.between(15.0, 45.0) };
+        let (length, depth) = (draws.between(6.0, 60.0), t * draws.between(0.02, 0.3));
+        let tilt = if n % 3 == 0 { 0.0 } else { draws.between(-2.5, 2.5) * depth / length };
+        let half = 0.5 * length;
+        let made = Pin::new(&layer, profile, [-half, half], 1.1 * depth, Level::Default);
+        let mut pin = made.expect("a pin");
+        let deep = Drive::PenetrationMm(depth - half * libm::tan(tilt.abs()));
+        let exact = pin.press(deep, tilt).expect("a contact");
+        pin.release();
+        let found = pin.press(Drive::ForceN(exact.force_n), tilt).expect("the same contact");
+        let off = (found.penetration_mm - exact.penetration_mm).abs();
+        assert!(off < 2e-4 * depth, "{exact:?} {found:?}");
+        by_depth += exact.steps;
+        by_force += found.steps;
+        let more = pin.press(Drive::ForceN(1.02 * exact.force_n), 1.01 * tilt);
+        warm += more.expect("a contact a little further").steps;
+    }
+    assert!(by_force * 100 <= by_depth * 107, "{by_force} steps, {by_depth} by penetration");
+    assert!(warm <= 30 * 5, "{warm} steps warm");
+}
+
+/// Leaning contacts that nearly fill a row of slices, where the rubber swells beside a slice that
+/// is let go: by force they settle as they do by penetration, without slices that touch in turns.
+#[test]
+fn leaning_contacts_settle_by_force() {
+    for (radius_mm, t, length_mm, part, tilt_rad) in [
+        (45.0, 0.3, 40.0, 0.25, 0.004),
+        (45.0, 0.3, 20.0, 0.25, 0.004),
+        (45.0, 0.3, 40.0, 0.25, 0.008),
+        (45.0, 0.3, 36.0, 0.25, 0.008),
+        (45.0, 0.3, 60.0, 0.25, 0.008),
+        (32.0, 0.3, 36.0, 0.25, -0.008),
+        (45.0, 0.4, 60.0, 0.15, 0.004),
+    ] {
+        let layer = Layer::new(t, 27.58, 0.5).expect("a sound layer");
+        let (half, depth) = (0.5 * length_mm, part * t);
+        for room in [1.1, 1.15] {
+            let profile = Profile::Cylinder { radius_mm };
+            let made = Pin::new(&layer, profile, [-half, half], room * depth, Level::Default);
+            let mut pin = made.expect("a pin");
+            let deep = Drive::PenetrationMm(depth - half * libm::tan(f64::abs(tilt_rad)));
+            let exact = pin.press(deep, tilt_rad).expect("a contact");
+            pin.release();
+            let found = pin.press(Drive::ForceN(exact.force_n), tilt_rad);
+            let found = found.expect("the same contact");
+            let off = (found.penetration_mm - exact.penetration_mm).abs();
+            assert!(off < 1e-4 * depth, "{exact:?} {found:?}");
+            assert!(exact.steps <= 15 && found.steps <= 24, "{exact:?} {found:?}");
+            assert!(found.residual < 3e-4, "{found:?}");
+        }
+    }
+}

@@ -4,6 +4,7 @@
 
 use super::row::Row;
 use super::strip::Places;
+use super::work::Work;
 
 /// Least and largest of a slice's growth over that in the plane.
 const BLUNT: [f64; 2] = [0.3, 3.0];
@@ -26,6 +27,17 @@ fn bluntness(places: Places, row: &[f64], own: &[f64], strength: f64) -> f64 {
     }
     let ratio = plane / found;
     if ratio > 0.0 { ratio.clamp(BLUNT[0], BLUNT[1]) } else { 1.0 }
+}
+
+/// Penetration of the width of a slice in the air to which those that touch on both of its sides
+/// lead; absent where none touch on one side. The rubber between them swells by more than that.
+fn led(work: &Work, slice: usize) -> Option<f64> {
+    let n = work.places.cosines;
+    let touches = |j: &usize| work.active[*j] && work.a[j * n] != 0.0;
+    let before = (0..slice).rev().find(touches)?;
+    let after = (slice + 1..work.active.len()).find(touches)?;
+    let part = (slice - before) as f64 / (after - before) as f64;
+    Some((1.0 - part) * work.effective[before] + part * work.effective[after])
 }
 
 impl Row {
@@ -52,8 +64,10 @@ impl Row {
             if !work.active[j] && work.a[j * n] == 0.0 && !work.stays_off(j) {
                 let gap = work.given[j] - self.coupling.middle(j);
                 if gap > 0.0 {
+                    let led = if self.strips.is_free() { led(&self.work, j) } else { None };
+                    let work = &mut self.work;
                     work.active[j] = true;
-                    work.effective[j] = gap;
+                    work.effective[j] = led.map_or(gap, |led| gap.min(led));
                     largest = largest.max(gap);
                 }
             }

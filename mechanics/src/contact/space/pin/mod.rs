@@ -74,8 +74,11 @@ const SHORTEST: f64 = 0.1;
 const KEPT: f64 = 0.45;
 /// A contact guessed so many times longer or shorter than the row in use leaves it at once.
 const FAR: f64 = 3.0;
-/// So many rows on a contact is looked for that fills a row.
+/// So many rows on at most a contact is looked for that fills a row.
 const UP: usize = 2;
+/// So many times what the plane tells of a force a contact is long, where it leans on rubber that
+/// keeps its volume: longer than it is otherwise, which costs less than a row that is too short.
+const GUESSED: f64 = 1.12;
 /// Rows on which a contact is searched for from widths that were read.
 const BEGINNINGS: usize = 3;
 /// Room for the pressure's rise towards an end, in penetrations, on a row over an end and on the
@@ -316,11 +319,16 @@ impl Pin {
             (self.at, self.turned) = (at, turned);
             let outcome = self.press_on(at, (wanted, start), slope.abs());
             let row = &self.rows[at];
-            if let Ok(state) = &outcome {
-                start = state.penetration_mm / t;
+            match &outcome {
+                Ok(state) => start = state.penetration_mm / t,
+                Err(Trouble::Filled(at)) => start = *at,
+                Err(_) => {}
             }
             if at > 0 && (outcome.is_err() || row.work.touches(0)) {
-                at = at.saturating_sub(UP);
+                // By force it is known by now how far the pin reaches in.
+                let reach = start / slope.abs() + to;
+                let holding = if wanted.is_some() { holding(&self.rows, reach) } else { 0 };
+                at = holding.clamp(at.saturating_sub(UP), at - 1);
                 continue;
             }
             let state = outcome.map_err(|trouble| trouble.refused(drive))?;
@@ -450,7 +458,8 @@ impl Pin {
                 let steeper = slope / libm::tan(last.tilt_rad).abs();
                 last.length_mm / t * (more / steeper).sqrt()
             }
-            _ => depth / slope,
+            Some(_) => GUESSED * depth / slope,
+            None => depth / slope,
         }
     }
 

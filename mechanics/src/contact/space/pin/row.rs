@@ -37,7 +37,7 @@ const WIDER: f64 = 1.6;
 const SLICES_MAX: usize = 4096;
 
 /// Part of a row that a contact is looked for on.
-const FITS: f64 = 0.92;
+pub(super) const FITS: f64 = 0.92;
 
 /// When the steps of a contact end.
 #[derive(Clone, Copy, Debug)]

@@ -3,15 +3,15 @@
 
 use super::PinState;
 use super::edge::edge;
-use super::row::Row;
+use super::row::{FITS, Row};
 use super::work::Trouble;
 use core::f64::consts::PI;
 
 /// Tolerance of the gradients over the level's, and weight of the force's error.
 const TIGHTEST: f64 = 0.1;
 const FORCE: f64 = 2.0;
-/// Part of what is left at the edges by which a force changes on its own: a smaller change of the
-/// penetration does not tell its rate.
+/// A change of the penetration (in depths) tells the force's rate if it is more than this part of
+/// what is left at the edges.
 const NOISE: f64 = 0.3;
 /// Steps after which a contact that fills a part of the pin is given up for a longer part.
 const FULL: usize = 4;
@@ -164,14 +164,14 @@ impl Row {
         while step < steps || (search.left > self.fineness.settled && step < MORE * steps) {
             step += 1;
             if step > FULL && self.is_full() {
-                return Err(Trouble::Beyond);
+                return Err(Trouble::Filled(search.penetration));
             }
             for given in &mut self.work.given {
                 *given += search.shift;
             }
             self.prepare(fresh)?;
             fresh = false;
-            search.shift = 0.0;
+            self.work.shifted = core::mem::take(&mut search.shift).abs();
             let swings = self.work.relaxed != 0.0 && step > ALONE;
             if (self.work.begun || swings)
                 && let Some(found) = self.settle_all(wanted)?
@@ -184,6 +184,9 @@ impl Row {
             match self.direct(self.work.dense.most) {
                 Some(carried) => self.exactly(&mut search, carried, step == 1),
                 None => self.loosely(&mut search, warm, step == 1)?,
+            }
+            if wanted.is_some() && !warm && step > 1 && self.leaves(search.penetration / slope) {
+                return Err(Trouble::Filled(search.penetration));
             }
             if search.left <= self.fineness.tolerance {
                 // Slices may have been let go of at another penetration.
@@ -231,9 +234,10 @@ impl Row {
         let unsolved = self.gradients(limit)?;
         search.left = (self.adjust(first) / self.largest()).max(unsolved);
         if let Some(force) = search.wanted {
-            let rate = self.rate(search, force);
+            let (carried, own) = self.totals();
+            let rate = own * self.stiffness(search, (carried, own), deepest);
+            search.left = search.left.max(FORCE * (carried / force - 1.0).abs());
             if search.left > tolerance {
-                let (carried, _) = search.known.unwrap_or_default();
                 let shift = (force - carried) / rate.max(f64::MIN_POSITIVE);
                 let shift = search.turned(shift.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6));
                 search.shift = shift;
@@ -247,33 +251,33 @@ impl Row {
         Ok(())
     }
 
-    /// Notes the force at the present penetration and what it misses; its rate, from the steps
-    /// where they tell one.
-    fn rate(&mut self, search: &mut Search, force: f64) -> f64 {
-        let (carried, own) = self.totals();
-        let penetration = search.penetration;
-        let least =
-            if self.strips.is_free() { NOISE * search.left * penetration.abs() } else { 0.0 };
-        let rate = match search.known.filter(|(_, at)| (penetration - at).abs() > least) {
-            Some((before, at)) => {
-                let stiffest = if self.work.relaxed == 0.0 { 2.0 } else { 8.0 };
-                ((carried - before) / (penetration - at)).clamp(0.5 * own, stiffest * own)
-            }
-            None if self.work.stiffness > 0.0 => self.work.stiffness * own,
-            None => own,
+    /// Rate of the force over that of independent slices, from the last two steps where they tell
+    /// it: widths that are not found yet change the force, too, and on a short row as much as the
+    /// penetration does.
+    fn stiffness(&mut self, search: &mut Search, (carried, own): (f64, f64), deepest: f64) -> f64 {
+        let at = search.penetration;
+        let least = match (self.strips.is_free(), self.work.relaxed == 0.0) {
+            (false, _) => 0.0,
+            (true, true) => NOISE * search.left * deepest,
+            (true, false) => f64::INFINITY,
         };
-        self.work.stiffness = rate / own;
-        search.known = Some((carried, penetration));
-        search.left = search.left.max(FORCE * (carried / force - 1.0).abs());
-        rate
+        let before = search.known.replace((carried, at));
+        let tells = |(_, other): &(f64, f64)| own > 0.0 && (at - other).abs() > least;
+        if let Some((force, other)) = before.filter(tells) {
+            let stiffest = if self.work.relaxed == 0.0 { 2.0 } else { 8.0 };
+            self.work.stiffness = ((carried - force) / (at - other) / own).clamp(0.5, stiffest);
+        } else if self.work.stiffness <= 0.0 {
+            self.work.stiffness = 1.0;
+        }
+        self.work.stiffness
     }
 
-    /// Widths and pressures after a change of the penetration, each slice's as the plane one's at
-    /// the rate of the whole.
+    /// Widths and pressures after a change of the penetration, each free slice's as the plane one's
+    /// at the rate of the whole.
     fn foresee(&mut self, shift: f64) {
         let work = &mut self.work;
         let (places, n) = (work.places, work.places.cosines);
-        let rise = shift * work.stiffness;
+        let rise = if self.strips.is_free() { shift * work.stiffness } else { 0.0 };
         for j in (0..self.along.len()).filter(|j| work.active[*j]) {
             work.effective[j] += shift;
             let punch = j * places.len() + places.punch(0);
@@ -291,6 +295,12 @@ impl Row {
         }
         let slices = self.work.effective.iter().zip(&self.work.active);
         slices.filter(|(_, active)| **active).fold(given, |most, (own, _)| most.max(*own))
+    }
+
+    /// Whether a contact that the rigid pin enters so far from the origin leaves the row for a
+    /// longer one. On a short row the penetration is not known until the widths are.
+    fn leaves(&self, from: f64) -> bool {
+        self.part && self.work.relaxed == 0.0 && from + self.ends[1] > FITS * self.length
     }
 
     /// Whether the contact fills a row that is not the whole pin.

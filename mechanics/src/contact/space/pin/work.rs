@@ -54,6 +54,8 @@ pub(super) struct Work {
     /// that is taken; 0 where all of it always is.
     pub(super) moves: [Vec<f64>; 2],
     pub(super) relaxed: f64,
+    /// What the penetration changed by since the last step.
+    pub(super) shifted: f64,
     /// The part that each slice takes of its own, where they are not one; empty where they are.
     pub(super) parts: Vec<f64>,
     /// How often a bar's slice was let go of since the contact was laid.
@@ -90,6 +92,7 @@ impl Work {
             stiffness: 0.0,
             moves: [per(1), per(1)],
             relaxed: 0.0,
+            shifted: 0.0,
             parts: Vec::new(),
             dropped: vec![0; slices],
             mixed: Mixed::new(slices),
@@ -110,10 +113,13 @@ impl Work {
     /// The part of the changes that all slices take; 1 where each has its own.
     pub(super) fn relaxation(&mut self, first: bool) -> f64 {
         if !self.parts.is_empty() {
-            let (most, swung) = if self.relaxed == 0.0 { (1.0, SWUNG) } else { (EACH[1], 0.0) };
+            let (most, swung, shifted) =
+                if self.relaxed == 0.0 { (1.0, SWUNG, self.shifted) } else { (EACH[1], 0.0, 0.0) };
             let [now, before] = &self.moves;
             for (part, (now, before)) in self.parts.iter_mut().zip(now.iter().zip(before)) {
-                let swings = now * before < 0.0 && now.abs() > swung * before.abs();
+                // What the penetration moved by is no swing of a slice's own.
+                let least = (swung * before.abs()).max(shifted);
+                let swings = now * before < 0.0 && now.abs() > least;
                 let changed = if swings { SWINGING } else { STEADY };
                 *part = if first { most } else { (*part * changed).clamp(EACH[0], most) };
             }
@@ -199,8 +205,10 @@ impl Work {
 /// Why a row has no answer.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Trouble {
-    /// Beyond its tables, or beyond its length.
+    /// Beyond its tables.
     Beyond,
+    /// It fills a row that is not the whole pin; the penetration at the origin that it came to.
+    Filled(f64),
     /// So much of the penetration is left: no contact.
     Unsettled(f64),
     /// The slices' system is not positive.
@@ -211,7 +219,7 @@ impl Trouble {
     /// Of what was asked for.
     pub(super) fn refused(self, drive: Drive) -> Refusal {
         match self {
-            Self::Beyond => Refusal::new(drive.place(), Why::Table),
+            Self::Beyond | Self::Filled(_) => Refusal::new(drive.place(), Why::Table),
             Self::Unsettled(left) => Refusal::new("length_mm", Why::Unsettled(left)),
             Self::Indefinite => Refusal::new(drive.place(), Why::Indefinite),
         }
