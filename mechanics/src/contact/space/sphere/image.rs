@@ -9,7 +9,19 @@ impl Sphere {
     /// Normal stress at the base (MPa, negative) at `r_mm` from the axis.
     #[must_use]
     pub fn base_szz_mpa(&self, r_mm: f64) -> f64 {
-        if self.used == 0 { 0.0 } else { -self.tables[1].at(r_mm.abs() / self.layer.thickness_mm) }
+        if self.used == 0 { 0.0 } else { -self.pressure(r_mm.abs() / self.layer.thickness_mm) }
+    }
+
+    /// Base pressure at a distance from the axis in thicknesses.
+    #[inline]
+    fn pressure(&self, r: f64) -> f64 {
+        self.pieces.as_ref().map_or_else(|| self.tables[1].at(r), |pieces| pieces[0].at(r))
+    }
+
+    /// Flux at a distance from the axis up to the table's end.
+    #[inline]
+    fn flux(&self, r: f64) -> f64 {
+        self.pieces.as_ref().map_or_else(|| self.tables[2].at(r), |pieces| pieces[1].at(r))
     }
 
     /// Writes the image of the sphere with its axis at `place_mm`, row by row (row = y, column = x,
@@ -34,10 +46,13 @@ impl Sphere {
         }
         let [x0, y0] = place_mm;
         if sampling == Sampling::Centre {
-            for (n, value) in image.iter_mut().enumerate() {
-                let x = array.x_mm(n % array.cols) - x0;
-                let y = array.y_mm(n / array.cols) - y0;
-                *value = self.base_szz_mpa((x * x + y * y).sqrt());
+            let over = 1.0 / self.layer.thickness_mm;
+            for (row, values) in image.chunks_exact_mut(array.cols).enumerate() {
+                let y = over * (array.y_mm(row) - y0);
+                for (column, value) in values.iter_mut().enumerate() {
+                    let x = over * (array.x_mm(column) - x0);
+                    *value = -self.pressure((x * x + y * y).sqrt());
+                }
             }
             return Ok(());
         }
@@ -75,13 +90,15 @@ impl Sphere {
 
     /// Flux through the edge from `from` to `from + length` on a line at distance `level`.
     fn through(&self, level: f64, from: f64, length: f64) -> f64 {
-        let flux = &self.tables[2];
-        let (end, to) = (flux.end(), from + length);
+        let (end, to) = (self.tables[2].end(), from + length);
         let total = self.total_inside();
         // Beyond the table everything lies inside: what is left is the angle under which the edge
         // is seen. The table is read between its ends alone, however long the edge.
         let angle = |y: f64| libm::atan2(y, level.abs());
         let seen = |from: f64, to: f64| {
+            if from >= to {
+                return 0.0;
+            }
             let seen = total * (angle(to) - angle(from));
             if level < 0.0 { -seen } else { seen }
         };
@@ -97,7 +114,7 @@ impl Sphere {
             let middle = low + half * (2 * panel + 1) as f64;
             for (g, w) in &self.edge {
                 let y = middle + g * half;
-                sum += w * flux.at((level * level + y * y).sqrt().min(end));
+                sum += w * self.flux((level * level + y * y).sqrt().min(end));
             }
         }
         seen(from, low) + level * sum * half + seen(high, to)

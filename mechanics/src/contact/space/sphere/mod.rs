@@ -27,7 +27,7 @@ use super::super::triangle::{factor, solve};
 use super::super::{Invalid, LARGEST, positive};
 use super::quadrature::legendre;
 use super::radial::Radial;
-use super::table::Even;
+use super::table::{Even, Pieces};
 use super::{Drive, Level, Refusal, Why};
 use chart::Chart;
 use core::f64::consts::PI;
@@ -110,6 +110,8 @@ pub struct Sphere {
     used: usize,
     /// Projected slope, base pressure and flux of the contact last solved.
     tables: [Even; 3],
+    /// Base pressure and flux once more, at the fast level.
+    pieces: Option<Box<[Pieces; 2]>>,
     /// Contact radius in thicknesses.
     a: f64,
     state: SphereState,
@@ -153,12 +155,15 @@ impl Sphere {
             points: vec![[0.0; 3]; n],
             used: 0,
             tables: [Even::with_room(room), Even::with_room(room), Even::with_room(room)],
+            pieces: None,
             a: 0.0,
             state: SphereState::default(),
             chart: None,
         };
         if level == Level::Fast {
             sphere.chart = Chart::new(&mut sphere).ok().map(Box::new);
+            let pieces = || Pieces::with_room(room);
+            sphere.pieces = Some(Box::new([pieces(), pieces()]));
         }
         Ok(sphere)
     }
@@ -192,6 +197,7 @@ impl Sphere {
         let [_, pressure, flux] = &mut self.tables;
         pressure.refill(count, density, chart.field(&read, 0));
         flux.refill(count, density, chart.field(&read, 1));
+        self.cut();
         (self.used, self.a) = (1, read.radius);
         self.state = SphereState {
             force_n: read.force * unit_n,
@@ -242,7 +248,17 @@ impl Sphere {
             residual: (change * solved.punch_edge * 2.0 * PI * a / force).abs(),
         };
         self.tabulate(a);
+        self.cut();
         Ok(solved.stiffness)
+    }
+
+    /// Base pressure and flux in pieces, where the level reads those.
+    fn cut(&mut self) {
+        let [_, pressure, flux] = &self.tables;
+        if let Some(pieces) = &mut self.pieces {
+            pieces[0].refill(pressure);
+            pieces[1].refill(flux);
+        }
     }
 
     /// The contact with so little force that it is a point, as fields of a force of 2 pi units.
