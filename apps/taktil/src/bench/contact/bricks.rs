@@ -48,7 +48,7 @@ pub(super) fn table(out: &mut String) -> anyhow::Result<()> {
         let (off, miss) = (apart(&image, &exact), (found / force - 1.0).abs());
         writeln!(
             out,
-            "integral equation {level:?} | {off:.1e} | {miss:.1e} | {warm:.0} | {cold:.0} | -"
+            "integral equation {level:?} | {off:.1e} | {miss:.1e} | {warm:.1} | {cold:.1} | -"
         )?;
     }
     for (n, nz, order) in [(15, 2, 1), (30, 4, 1), (15, 2, 2)] {
