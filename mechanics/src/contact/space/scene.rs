@@ -282,7 +282,9 @@ impl Scene {
         self.refuse_through(drive, ends)?;
         let first = match drive {
             Drive::PenetrationMm(delta) => 1.1 * (delta + more),
-            Drive::ForceN(_) => 0.1 * self.layer.thickness_mm + more,
+            // The fast level is not asked what it needs itself.
+            Drive::ForceN(_) if self.level == Level::Fast => 0.1 * self.layer.thickness_mm + more,
+            Drive::ForceN(_) => 0.1 * self.layer.thickness_mm,
         };
         let (layer, level) = (self.layer, self.level);
         let touch = self.grow(drive, first, ends, |solver, most, fresh| {

@@ -109,15 +109,19 @@ mod tests {
         }
     }
 
-    /// Neither step by step nor much deeper than it needs.
+    /// Neither step by step nor much deeper than it needs, lying or leaning.
     #[test]
     fn a_force_gets_the_tables_that_hold_it() {
-        let mut direct = scene(Level::Default);
-        let deep = direct.press(Drive::PenetrationMm(0.2), Pose::default()).expect("a contact");
-        let mut by_force = scene(Level::Default);
-        let found = by_force.press(Drive::ForceN(deep.force_n), Pose::default()).expect("the same");
-        assert!((0.2..0.24).contains(&by_force.room.0), "{}", by_force.room.0);
-        let off = found.penetration_mm.expect("a depth") - 0.2;
-        assert!(off.abs() < 2e-4, "{found:?} {deep:?}");
+        for tilt_rad in [0.0, 0.03, -0.1] {
+            let mut direct = scene(Level::Default);
+            let pose = Pose { tilt_rad, ..Pose::default() };
+            let delta = 0.2 - 2.5 * libm::tan(f64::abs(tilt_rad));
+            let deep = direct.press(Drive::PenetrationMm(delta), pose).expect("a contact");
+            let mut by_force = scene(Level::Default);
+            let found = by_force.press(Drive::ForceN(deep.force_n), pose).expect("the same");
+            assert!((0.2..0.24).contains(&by_force.room.0), "{tilt_rad}: {}", by_force.room.0);
+            let off = found.penetration_mm.expect("a depth") - delta;
+            assert!(off.abs() < 2e-4, "{found:?} {deep:?}");
+        }
     }
 }
