@@ -9,9 +9,15 @@ pub(crate) fn cubic(s: f64) -> [f64; 4] {
 
 /// The function at `place` >= 0 grid spacings from 0; `values` are those at -2, -1, 0, 1 ...
 /// spacings, at least six.
-#[inline]
 pub(crate) fn six_point(values: &[f64], place: f64) -> f64 {
-    Stencil::new(values.len(), place).of(values)
+    let cell = (place as usize).min(values.len() - 6);
+    let x = place - cell as f64;
+    let v = &values[cell..cell + 6];
+    let (d0, d1, d2, d3, d4, d5) = (x + 2.0, x + 1.0, x, x - 1.0, x - 2.0, x - 3.0);
+    let (low, high) = (d0 * d1 * d2, d3 * d4 * d5);
+    let left = d1 * d2 * v[0] / -120.0 + d0 * d2 * v[1] / 24.0 - d0 * d1 * v[2] / 12.0;
+    let right = d4 * d5 * v[3] / 12.0 - d3 * d5 * v[4] / 24.0 + d3 * d4 * v[5] / 120.0;
+    high * left + low * right
 }
 
 /// Lagrange's weights of the six neighbours of a place, for any table on the same grid.

@@ -31,6 +31,23 @@ impl Even {
         self.end = (count - 4) as f64 / density;
     }
 
+    /// Refills a table in place with a weighted sum of rows of values on the same grid.
+    pub(crate) fn combine(
+        &mut self,
+        (count, density): (usize, f64),
+        rows: [&[f64]; 6],
+        weights: [f64; 6],
+    ) {
+        self.values.resize(count + 2, 0.0);
+        let rows = rows.map(|row| &row[..count]);
+        for (i, value) in self.values[2..count + 2].iter_mut().enumerate() {
+            *value = rows.iter().zip(&weights).map(|(row, weight)| weight * row[i]).sum();
+        }
+        self.mirror();
+        self.density = density;
+        self.end = (count - 4) as f64 / density;
+    }
+
     /// A table with room for `count` values that holds zeros.
     pub(crate) fn with_room(count: usize) -> Self {
         Self { values: vec![0.0; count + 2], density: 1.0, end: 0.0 }
@@ -70,23 +87,24 @@ impl Even {
 }
 
 /// An even function by a cubic from each grid point to the next: coarser than six points, and a
-/// third of their time a read. It too reads 0 beyond its end.
+/// third of their time a read. It ends where its table does.
 #[derive(Clone, Debug)]
 pub(crate) struct Pieces {
     /// Coefficients of the powers of the part of the way to the next point.
     cubics: Vec<[f64; 4]>,
     density: f64,
+    end: f64,
 }
 
 impl Pieces {
     /// With room for tables of `count` values.
     pub(crate) fn with_room(count: usize) -> Self {
-        Self { cubics: Vec::with_capacity(count), density: 1.0 }
+        Self { cubics: vec![[0.0; 4]; count], density: 1.0, end: 0.0 }
     }
 
     /// The function of a table.
     pub(crate) fn refill(&mut self, table: &Even) {
-        self.density = table.density;
+        (self.density, self.end) = (table.density, table.end);
         self.cubics.clear();
         // The values at -1, 0, 1 and 2 spacings of each point.
         self.cubics.extend(table.values[1..].windows(4).map(|near| {
@@ -98,9 +116,12 @@ impl Pieces {
         }));
     }
 
-    /// The function at `x` >= 0; 0 beyond the end.
+    /// The function at `x` >= 0; 0 beyond the end and for NaN.
     #[inline]
     pub(crate) fn at(&self, x: f64) -> f64 {
+        if x.is_nan() || x >= self.end {
+            return 0.0;
+        }
         let place = x * self.density;
         let cell = place as u32;
         let Some([a, b, c, d]) = self.cubics.get(cell as usize) else { return 0.0 };
@@ -113,7 +134,7 @@ impl Pieces {
 mod tests {
     use super::{Even, Pieces};
 
-    /// To the fourth order of the spacing, up to the table's end.
+    /// To the fourth order of the spacing, and to the table's end.
     #[test]
     fn pieces_follow_their_table() {
         let mut off = [0.0_f64; 2];
@@ -122,10 +143,28 @@ mod tests {
             let table = Even::new(&values, density);
             let mut pieces = Pieces::with_room(64);
             pieces.refill(&table);
-            let places = (0..300).map(|i| f64::from(i) * 0.01);
+            let end = table.end();
+            let places = (0..999).map(|i| f64::from(i) * 0.001 * end);
             *off = places.map(|x| (pieces.at(x) - libm::cos(x)).abs()).fold(0.0, f64::max);
-            assert_eq!(pieces.at(64.0 / density), 0.0);
+            for x in [end, 2.0 * end, f64::INFINITY, f64::NAN] {
+                assert_eq!([pieces.at(x), table.at(x)], [0.0; 2], "{x}");
+            }
         }
         assert!(off[0] < 1e-5 && off[0] > 14.0 * off[1] && off[0] < 18.0 * off[1], "{off:?}");
+    }
+
+    /// What rows and weights give is what their sum is refilled with.
+    #[test]
+    fn rows_are_combined() {
+        let rows: Vec<Vec<f64>> =
+            (0..6).map(|k| (0..12).map(|i| libm::sin(f64::from(k * i))).collect()).collect();
+        let weights = [0.5, -1.0, 2.0, 0.25, 1.5, -0.75];
+        let [mut combined, mut refilled] = [Even::with_room(12), Even::with_room(12)];
+        combined.combine((10, 4.0), [0, 1, 2, 3, 4, 5].map(|k| &rows[k][..]), weights);
+        refilled.refill(10, 4.0, |i| (0..6).map(|k| weights[k] * rows[k][i]).sum());
+        for x in [0.0, 0.1, 0.7, 1.4, 1.6] {
+            assert_eq!(combined.at(x), refilled.at(x), "{x}");
+        }
+        assert!(combined.at(0.7) != 0.0 && combined.last() == 9);
     }
 }

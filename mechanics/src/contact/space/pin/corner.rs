@@ -10,8 +10,9 @@
 //! It refuses what lies outside its contacts, and contacts of which slices are pulled: those are
 //! left to the search (`solve`).
 
+use super::PinState;
 use super::row::{Row, holding};
-use super::{KEPT, PinState};
+use super::rows::KEPT;
 
 /// Overlaps that are tabulated (thicknesses): up to this part of a row no longer than this, each so
 /// many times as long as the next one, down to the shortest.

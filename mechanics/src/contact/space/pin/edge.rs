@@ -30,7 +30,8 @@ fn bluntness(places: Places, row: &[f64], own: &[f64], strength: f64) -> f64 {
 }
 
 /// Penetration of the width of a slice in the air to which those that touch on both of its sides
-/// lead; absent where none touch on one side. The rubber between them swells by more than that.
+/// lead; absent where none touch on one side. The rubber swells between them, so that the slice is
+/// reached by more than that: too wide, it would let go again.
 fn led(work: &Work, slice: usize) -> Option<f64> {
     let n = work.places.cosines;
     let touches = |j: &usize| work.active[*j] && work.a[j * n] != 0.0;

@@ -46,6 +46,7 @@ mod newton;
 mod profile;
 mod roll;
 mod row;
+mod rows;
 mod solve;
 mod spread;
 pub(super) mod strip;
@@ -70,15 +71,6 @@ use work::Trouble;
 pub(super) const TILT_MAX: f64 = 0.2;
 /// Shortest pin in thicknesses.
 const SHORTEST: f64 = 0.1;
-/// Part of a row below which a shorter one takes its contact over.
-const KEPT: f64 = 0.45;
-/// A contact guessed so many times longer or shorter than the row in use leaves it at once.
-const FAR: f64 = 3.0;
-/// So many rows on at most a contact is looked for that fills a row.
-const UP: usize = 2;
-/// So many times what the plane tells of a force a contact is long, where it leans on rubber that
-/// keeps its volume: longer than it is otherwise, which costs less than a row that is too short.
-const GUESSED: f64 = 1.12;
 /// Rows on which a contact is searched for from widths that were read.
 const BEGINNINGS: usize = 3;
 /// Room for the pressure's rise towards an end, in penetrations, on a row over an end and on the
@@ -308,41 +300,9 @@ impl Pin {
         if let Some(state) = self.solved_before((wanted, guess), slope, turned) {
             return Ok(self.along_pin(state, (raised, mirror), tilt_rad));
         }
-        let mut at = self.row_for(self.guessed(wanted, guess, slope.abs()), turned);
-        let mut start = guess - slope.abs() * to;
-        let mut shortened = false;
-        // Each row tried is longer than the one before it, up to the whole pin; once a shorter one.
-        loop {
-            if (at, turned) != (self.at, self.turned) {
-                self.rows[at].release();
-            }
-            (self.at, self.turned) = (at, turned);
-            let outcome = self.press_on(at, (wanted, start), slope.abs());
-            let row = &self.rows[at];
-            match &outcome {
-                Ok(state) => start = state.penetration_mm / t,
-                Err(Trouble::Filled(at)) => start = *at,
-                Err(_) => {}
-            }
-            if at > 0 && (outcome.is_err() || row.work.touches(0)) {
-                // By force it is known by now how far the pin reaches in.
-                let reach = start / slope.abs() + to;
-                let holding = if wanted.is_some() { holding(&self.rows, reach) } else { 0 };
-                at = holding.clamp(at.saturating_sub(UP), at - 1);
-                continue;
-            }
-            let state = outcome.map_err(|trouble| trouble.refused(drive))?;
-            let touched = state.length_mm / t;
-            if !shortened && touched > 0.0 && touched < KEPT * row.length {
-                shortened = true;
-                let shorter = holding(&self.rows, touched);
-                if shorter > at {
-                    at = shorter;
-                    continue;
-                }
-            }
-            return Ok(self.along_pin(state, (raised, mirror), tilt_rad));
-        }
+        let state = self.on_rows((wanted, guess), slope.abs(), turned);
+        let state = state.map_err(|trouble| trouble.refused(drive))?;
+        Ok(self.along_pin(state, (raised, mirror), tilt_rad))
     }
 
     /// The contact by what was solved when the tables were made, where that has it.
@@ -355,20 +315,6 @@ impl Pin {
         self.on_corner(sought, slope, turned)
             .or_else(|| self.lying(sought, slope, turned))
             .or_else(|| self.begun(sought, slope, turned))
-    }
-
-    /// Presses a row, which has the memory to settle all its widths meanwhile.
-    fn press_on(
-        &mut self,
-        at: usize,
-        (wanted, start): (Option<f64>, f64),
-        slope: f64,
-    ) -> Result<PinState, Trouble> {
-        let row = &mut self.rows[at];
-        row.newton = self.newton.take();
-        let outcome = row.press((wanted, start), slope);
-        self.newton = row.newton.take();
-        outcome
     }
 
     /// The contact on an end, searched for from widths that were solved beforehand, on the shortest
@@ -445,34 +391,6 @@ impl Pin {
             tilt_rad,
             ..state
         }
-    }
-
-    /// Length of a contact to come: by penetration from its depth; by force like the root of the
-    /// force over the slope from the last one's, or without one from a guess of its depth.
-    fn guessed(&self, wanted: Option<f64>, depth: f64, slope: f64) -> f64 {
-        let last = self.state;
-        let (t, used) = (self.layer.thickness_mm, &self.rows[self.at]);
-        match wanted {
-            Some(force) if used.work.is_warm() && last.tilt_rad != 0.0 => {
-                let more = force * used.modulus_mpa() * t * t / last.force_n;
-                let steeper = slope / libm::tan(last.tilt_rad).abs();
-                last.length_mm / t * (more / steeper).sqrt()
-            }
-            Some(_) => GUESSED * depth / slope,
-            None => depth / slope,
-        }
-    }
-
-    /// The row to begin with for a contact guessed so long: the one in use when that may do.
-    fn row_for(&self, touched: f64, turned: bool) -> usize {
-        let used = &self.rows[self.at];
-        if used.work.is_warm() && turned == self.turned {
-            let part = touched / used.length;
-            if (part < FAR || self.at == 0) && part > 1.0 / FAR {
-                return self.at;
-            }
-        }
-        holding(&self.rows, touched)
     }
 
     /// Lifts the pin off and forgets the contact.

@@ -54,7 +54,7 @@ pub(super) struct Work {
     /// that is taken; 0 where all of it always is.
     pub(super) moves: [Vec<f64>; 2],
     pub(super) relaxed: f64,
-    /// What the penetration changed by since the last step.
+    /// What the penetration changed by before this step; 0 where the step itself changes it.
     pub(super) shifted: f64,
     /// The part that each slice takes of its own, where they are not one; empty where they are.
     pub(super) parts: Vec<f64>,

@@ -11,6 +11,9 @@ const SURELY: f64 = 0.95;
 /// Tables are so many times deeper than the fast level needs for that part: deeper ones cost every
 /// contact more cosines.
 const AMPLE: f64 = 1.15;
+/// Tables that cannot be made and tables that are too shallow are taken for the same when they are
+/// so near to each other, in thicknesses.
+const CLOSE: f64 = 2e-3;
 
 impl Scene {
     /// Presses with tables that reach deeper and deeper until they suffice.
@@ -32,21 +35,28 @@ impl Scene {
             }
         }
         let mut most = first_mm.max(0.02 * t).min(DEEPEST * t);
+        // The deepest tables that were too shallow, and the shallowest that cannot be made.
+        let (mut made, mut limit) = (0.0, f64::INFINITY);
         let mut asked = false;
         loop {
             self.room = (most, ends);
             match press(&mut self.solver, most, true) {
-                Err(error) if is_room(&error) && most < DEEPEST * t => {}
+                Err(error) if is_room(&error) && most < DEEPEST * t => made = most,
+                Err(error) if cannot_be_made(&error) && most > made + CLOSE * t => limit = most,
                 Err(error) => return Err(renamed(error, drive)),
                 Ok(touch) => return Ok(touch),
             }
-            if asked {
-                most *= 2.0;
-            } else {
-                let needed = self.needed(drive, ends).map_err(|error| renamed(error, drive))?;
-                most = if needed > most { AMPLE * needed } else { 2.0 * most };
+            let needed = match (asked, made > 0.0) {
+                (false, true) => {
+                    asked = true;
+                    self.needed(drive, ends).map_err(|error| renamed(error, drive))?
+                }
+                _ => 0.0,
+            };
+            most = if needed > most { AMPLE * needed } else { 2.0 * most };
+            if most >= limit {
+                most = 0.5 * (made + limit);
             }
-            asked = true;
             most = most.min(DEEPEST * t);
         }
     }
@@ -62,7 +72,9 @@ impl Scene {
             return Ok(0.0);
         }
         let deepest = DEEPEST * self.layer.thickness_mm;
-        let mut pin = Pin::new(&self.layer, self.profile(), ends, deepest, Level::Fast)?;
+        // A small indenter, or a thin layer, has no contacts so deep.
+        let made = Pin::new(&self.layer, self.profile(), ends, deepest, Level::Fast);
+        let Ok(mut pin) = made else { return Ok(0.0) };
         let slope = libm::tan(self.pose.tilt_rad);
         match pin.press(Drive::ForceN(SURELY * force), self.pose.tilt_rad).map_err(Invalid::from) {
             Ok(state) => Ok(state.penetration_mm + (slope * ends[0]).max(slope * ends[1])),
@@ -77,9 +89,14 @@ fn is_room(error: &Invalid) -> bool {
     error.what == super::super::BEYOND_TABLE
 }
 
+/// Whether a shallower table would help.
+fn cannot_be_made(error: &Invalid) -> bool {
+    error.place == "penetration_max_mm"
+}
+
 /// Complaints about tables are complaints about what was asked for.
 fn renamed(error: Invalid, drive: Drive) -> Invalid {
-    if is_room(&error) || error.place == "penetration_max_mm" {
+    if is_room(&error) || cannot_be_made(&error) {
         let what = "no contact of this layer and indenter reaches it".to_owned();
         return Invalid::new(drive.place(), what, "press less, or use another size of indenter");
     }
@@ -122,6 +139,37 @@ mod tests {
             assert!((0.2..0.24).contains(&by_force.room.0), "{tilt_rad}: {}", by_force.room.0);
             let off = found.penetration_mm.expect("a depth") - delta;
             assert!(off.abs() < 2e-4, "{found:?} {deep:?}");
+        }
+    }
+    /// Indenters about as small as the layer is thick, and layers thinner than their contacts by
+    /// far, have no contacts as deep as tables may be: the tables that hold a force are found.
+    #[test]
+    fn a_force_is_reached_where_the_deepest_tables_cannot_be_made() {
+        for (t, poisson, radius_mm, part) in [
+            (0.8, 0.3, 0.3, 0.18),
+            (0.8, 0.5, 1.0, 0.18),
+            (0.8, 0.5, 0.3, 0.3),
+            (0.05, 0.5, 45.0, 0.2),
+        ] {
+            for tilt_rad in [0.0, 0.02, -0.04] {
+                if t < 0.1 && tilt_rad != 0.0 {
+                    continue;
+                }
+                let layer = Layer::new(t, 27.58, poisson).expect("a layer");
+                let shape = Shape::Cylinder { radius_mm, length_mm: Some(5.0) };
+                let made = || {
+                    let array = Array::THESIS;
+                    Scene::new(&layer, shape, &array, Sampling::Area, Level::Default)
+                };
+                let pose = Pose { tilt_rad, ..Pose::default() };
+                let delta = part * t - 2.5 * libm::tan(f64::abs(tilt_rad));
+                let mut direct = made().expect("a scene");
+                let deep = direct.press(Drive::PenetrationMm(delta), pose).expect("a contact");
+                let found = made().expect("a scene").press(Drive::ForceN(deep.force_n), pose);
+                let found = found.unwrap_or_else(|error| panic!("{t} {radius_mm}: {error}"));
+                let off = found.penetration_mm.expect("a depth") - delta;
+                assert!(off.abs() < 1e-3 * part * t, "{found:?} {deep:?}");
+            }
         }
     }
 }
