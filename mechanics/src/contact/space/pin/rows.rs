@@ -5,8 +5,8 @@ use super::row::holding;
 use super::work::Trouble;
 use super::{Pin, PinState};
 
-/// Part of a row below which a shorter one takes its contact over; by force the row was guessed, and
-/// may be longer than need be.
+/// Part of a row below which a shorter one takes its contact over; by force the row was guessed,
+/// and may be longer than need be.
 pub(super) const KEPT: f64 = 0.45;
 const KEPT_BY_FORCE: f64 = 0.36;
 /// A contact guessed so many times longer or shorter than the row in use leaves it at once.
