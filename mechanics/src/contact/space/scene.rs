@@ -245,7 +245,7 @@ impl Scene {
 
     fn press_endless(&mut self, drive: Drive) -> Result<Touch, Invalid> {
         let first = match drive {
-            Drive::PenetrationMm(delta) => 1.1 * delta,
+            Drive::PenetrationMm(delta) => room::MARGIN * delta,
             Drive::ForceN(_) => 0.1 * self.layer.thickness_mm,
         };
         drive.check(self.layer.thickness_mm)?;
@@ -281,7 +281,7 @@ impl Scene {
         let more = libm::tan(tilt).abs() * reach;
         self.refuse_through(drive, ends)?;
         let first = match drive {
-            Drive::PenetrationMm(delta) => 1.1 * (delta + more),
+            Drive::PenetrationMm(delta) => room::MARGIN * (delta + more),
             // The fast level is not asked what it needs itself.
             Drive::ForceN(_) if self.level == Level::Fast => 0.1 * self.layer.thickness_mm + more,
             Drive::ForceN(_) => 0.1 * self.layer.thickness_mm,

@@ -31,23 +31,6 @@ impl Even {
         self.end = (count - 4) as f64 / density;
     }
 
-    /// Refills a table in place with a weighted sum of rows of values on the same grid.
-    pub(crate) fn combine(
-        &mut self,
-        (count, density): (usize, f64),
-        rows: [&[f64]; 6],
-        weights: [f64; 6],
-    ) {
-        self.values.resize(count + 2, 0.0);
-        let rows = rows.map(|row| &row[..count]);
-        for (i, value) in self.values[2..count + 2].iter_mut().enumerate() {
-            *value = rows.iter().zip(&weights).map(|(row, weight)| weight * row[i]).sum();
-        }
-        self.mirror();
-        self.density = density;
-        self.end = (count - 4) as f64 / density;
-    }
-
     /// A table with room for `count` values that holds zeros.
     pub(crate) fn with_room(count: usize) -> Self {
         Self { values: vec![0.0; count + 2], density: 1.0, end: 0.0 }
@@ -151,20 +134,5 @@ mod tests {
             }
         }
         assert!(off[0] < 1e-5 && off[0] > 14.0 * off[1] && off[0] < 18.0 * off[1], "{off:?}");
-    }
-
-    /// What rows and weights give is what their sum is refilled with.
-    #[test]
-    fn rows_are_combined() {
-        let rows: Vec<Vec<f64>> =
-            (0..6).map(|k| (0..12).map(|i| libm::sin(f64::from(k * i))).collect()).collect();
-        let weights = [0.5, -1.0, 2.0, 0.25, 1.5, -0.75];
-        let [mut combined, mut refilled] = [Even::with_room(12), Even::with_room(12)];
-        combined.combine((10, 4.0), [0, 1, 2, 3, 4, 5].map(|k| &rows[k][..]), weights);
-        refilled.refill(10, 4.0, |i| (0..6).map(|k| weights[k] * rows[k][i]).sum());
-        for x in [0.0, 0.1, 0.7, 1.4, 1.6] {
-            assert_eq!(combined.at(x), refilled.at(x), "{x}");
-        }
-        assert!(combined.at(0.7) != 0.0 && combined.last() == 9);
     }
 }

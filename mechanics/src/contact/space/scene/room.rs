@@ -14,6 +14,8 @@ const AMPLE: f64 = 1.15;
 /// Tables that cannot be made and tables that are too shallow are taken for the same when they are
 /// so near to each other, in thicknesses.
 const CLOSE: f64 = 2e-3;
+/// Tables for a penetration are so many times deeper.
+pub(super) const MARGIN: f64 = 1.1;
 
 impl Scene {
     /// Presses with tables that reach deeper and deeper until they suffice.
@@ -26,7 +28,7 @@ impl Scene {
     ) -> Result<Touch, Invalid> {
         let t = self.layer.thickness_mm;
         let same = self.room.1 == ends && !matches!(self.solver, Solver::Empty);
-        let fits = same && (matches!(drive, Drive::ForceN(_)) || first_mm <= 1.1 * self.room.0);
+        let fits = same && (matches!(drive, Drive::ForceN(_)) || first_mm <= MARGIN * self.room.0);
         if fits {
             match press(&mut self.solver, self.room.0, false) {
                 Err(error) if !is_room(&error) => return Err(error),
@@ -35,27 +37,27 @@ impl Scene {
             }
         }
         let mut most = first_mm.max(0.02 * t).min(DEEPEST * t);
-        // The deepest tables that were too shallow, and the shallowest that cannot be made.
-        let (mut made, mut limit) = (0.0, f64::INFINITY);
+        // Tables that are too shallow, by penetration without a look, and that cannot be made.
+        let known = if matches!(drive, Drive::ForceN(_)) { 0.0 } else { most / MARGIN };
+        let (mut shallow, mut limit) = (known, f64::INFINITY);
         let mut asked = false;
         loop {
             self.room = (most, ends);
+            let apart = CLOSE * t;
             match press(&mut self.solver, most, true) {
-                Err(error) if is_room(&error) && most < DEEPEST * t => made = most,
-                Err(error) if cannot_be_made(&error) && most > made + CLOSE * t => limit = most,
+                Err(error) if is_room(&error) && most < (limit - apart).min(DEEPEST * t) => {
+                    shallow = most;
+                }
+                Err(error) if cannot_be_made(&error) && most > shallow + apart => limit = most,
                 Err(error) => return Err(renamed(error, drive)),
                 Ok(touch) => return Ok(touch),
             }
-            let needed = match (asked, made > 0.0) {
-                (false, true) => {
-                    asked = true;
-                    self.needed(drive, ends).map_err(|error| renamed(error, drive))?
-                }
-                _ => 0.0,
-            };
+            let asks = shallow > 0.0 && !core::mem::replace(&mut asked, true);
+            let needed = if asks { self.needed(drive, ends) } else { Ok(0.0) };
+            let needed = needed.map_err(|error| renamed(error, drive))?;
             most = if needed > most { AMPLE * needed } else { 2.0 * most };
             if most >= limit {
-                most = 0.5 * (made + limit);
+                most = 0.5 * (shallow + limit);
             }
             most = most.min(DEEPEST * t);
         }
@@ -107,7 +109,7 @@ fn renamed(error: Invalid, drive: Drive) -> Invalid {
 mod tests {
     use super::super::super::super::layer::Layer;
     use super::super::super::tactels::{Array, Sampling};
-    use super::super::{Drive, Level, Pose, Scene, Shape};
+    use super::super::{Drive, Invalid, Level, Pose, Scene, Shape, Touch};
 
     fn scene(level: Level) -> Scene {
         let layer = Layer::new(0.8, 27.58, 0.49).expect("a layer");
@@ -141,6 +143,7 @@ mod tests {
             assert!(off.abs() < 2e-4, "{found:?} {deep:?}");
         }
     }
+
     /// Indenters about as small as the layer is thick, and layers thinner than their contacts by
     /// far, have no contacts as deep as tables may be: the tables that hold a force are found.
     #[test]
@@ -171,5 +174,34 @@ mod tests {
                 assert!(off.abs() < 1e-3 * part * t, "{found:?} {deep:?}");
             }
         }
+    }
+    /// Between tables that are too shallow and those that cannot be made few are tried: as deep as
+    /// they can be for what they may hold, and no more for what they do not.
+    #[test]
+    fn few_tables_are_tried_below_those_that_cannot_be_made() {
+        let mut tried = Vec::new();
+        let mut grown = |enough_mm: f64| {
+            tried.clear();
+            let found =
+                scene(Level::Default).grow(Drive::ForceN(1.0), 0.08, [-2.5, 2.5], |_, most, _| {
+                    tried.push(most);
+                    if most > 0.3 {
+                        Err(Invalid::new("penetration_max_mm", String::new(), ""))
+                    } else if most < enough_mm {
+                        Err(Invalid::new(
+                            "force_n",
+                            super::super::super::BEYOND_TABLE.to_owned(),
+                            "",
+                        ))
+                    } else {
+                        Ok(Touch::default())
+                    }
+                });
+            (found.is_ok(), tried.len())
+        };
+        let (found, count) = grown(0.297);
+        assert!(found && count <= 10, "{count}");
+        let (found, count) = grown(f64::INFINITY);
+        assert!(!found && count <= 12, "{count}");
     }
 }

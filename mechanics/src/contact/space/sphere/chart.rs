@@ -167,14 +167,15 @@ impl Chart {
         }
     }
 
-    /// Base pressure (0) or flux (1) of a contact, as many places outwards from the axis as a row
-    /// holds: rows and their weights.
-    pub(super) fn field(&self, read: &Read, which: usize) -> ([&[f64]; 6], [f64; 6]) {
+    /// Base pressure (0) or flux (1) of a contact at a place outwards from the axis, as many as a
+    /// row holds.
+    pub(super) fn field(&self, read: &Read, which: usize) -> impl Fn(usize) -> f64 {
         let at = self.stencil(read.root);
+        let weights = at.weights().map(|weight| weight * read.force);
         let rows = [0, 1, 2, 3, 4, 5].map(|k| {
             let start = (at.first() + k) * self.width;
             &self.rows[which][start..start + self.width]
         });
-        (rows, at.weights().map(|weight| weight * read.force))
+        move |place| rows.iter().zip(&weights).map(|(row, weight)| weight * row[place]).sum()
     }
 }

@@ -195,10 +195,8 @@ impl Sphere {
         let density = self.grid.per_thickness;
         let count = self.grid.count(read.radius);
         let [_, pressure, flux] = &mut self.tables;
-        for (which, table) in [pressure, flux].into_iter().enumerate() {
-            let (rows, weights) = chart.field(&read, which);
-            table.combine((count, density), rows, weights);
-        }
+        pressure.refill(count, density, chart.field(&read, 0));
+        flux.refill(count, density, chart.field(&read, 1));
         self.cut();
         (self.used, self.a) = (1, read.radius);
         self.state = SphereState {
