@@ -2,6 +2,7 @@
 //! It refuses nothing: callers stay inside their tables.
 
 /// Weights of the cubic through the values at -1, 0, 1, 2.
+#[inline]
 pub(crate) fn cubic(s: f64) -> [f64; 4] {
     let (a, b, c) = (s + 1.0, s - 1.0, s - 2.0);
     [-s * b * c / 6.0, a * b * c / 2.0, -a * s * c / 2.0, a * s * b / 6.0]

@@ -33,6 +33,7 @@ pub mod space;
 pub mod stack;
 mod stick;
 mod triangle;
+mod wide;
 
 /// A parameter that the theory cannot take: where it stands, what is wrong, what would help.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,10 +1,26 @@
 //! Symmetric systems of which only the lower triangle is there, in memory of the caller's. It
 //! refuses nothing but a system that is not positive definite.
 
+use super::wide::wide;
+
 /// Terms of a dot product that are taken side by side.
 const LANES: usize = 8;
 
+wide! {
+    /// Cholesky's factor of a lower triangle of `size` rows in place; false when it is not
+    /// positive.
+    pub(crate) fn factor(matrix: &mut [f64], size: usize) -> bool = factored;
+
+    /// Solves in place with the triangle of [`factor`].
+    pub(crate) fn solve(triangle: &[f64], size: usize, side: &mut [f64]) = solved;
+
+    /// The same for a side that is zero before `from`.
+    pub(crate) fn solve_from(triangle: &[f64], size: usize, side: &mut [f64], from: usize)
+        = solved_from;
+}
+
 /// Dot product, a long one in eight sums.
+#[inline(always)]
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let plain = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     if a.len() < LANES {
@@ -20,8 +36,8 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + plain(rest_a, rest_b)
 }
 
-/// Cholesky's factor of a lower triangle of `size` rows in place; false when it is not positive.
-pub(crate) fn factor(matrix: &mut [f64], size: usize) -> bool {
+#[inline(always)]
+fn factored(matrix: &mut [f64], size: usize) -> bool {
     for i in 0..size {
         let (above, row) = matrix.split_at_mut(i * size);
         for j in 0..i {
@@ -37,13 +53,13 @@ pub(crate) fn factor(matrix: &mut [f64], size: usize) -> bool {
     true
 }
 
-/// Solves in place with the triangle of [`factor`].
-pub(crate) fn solve(triangle: &[f64], size: usize, side: &mut [f64]) {
-    solve_from(triangle, size, side, 0);
+#[inline(always)]
+fn solved(triangle: &[f64], size: usize, side: &mut [f64]) {
+    solved_from(triangle, size, side, 0);
 }
 
-/// The same for a side that is zero before `from`.
-pub(crate) fn solve_from(triangle: &[f64], size: usize, side: &mut [f64], from: usize) {
+#[inline(always)]
+fn solved_from(triangle: &[f64], size: usize, side: &mut [f64], from: usize) {
     for i in from..size {
         let row = &triangle[i * size..=i * size + i];
         side[i] = (side[i] - dot(&row[from..i], &side[from..i])) / row[i];
@@ -71,9 +87,12 @@ mod tests {
         };
         let mut matrix: Vec<f64> = (0..size * size).map(|at| entry(at / size, at % size)).collect();
         let side: Vec<f64> = (0..size).map(|i| if i < 4 { 0.0 } else { i as f64 - 9.0 }).collect();
-        let mut found = side.clone();
-        assert!(factor(&mut matrix, size));
+        let (mut found, mut narrow) = (side.clone(), side.clone());
+        let mut other = matrix.clone();
+        assert!(factor(&mut matrix, size) && factored(&mut other, size));
         solve_from(&matrix, size, &mut found, 4);
+        solved_from(&other, size, &mut narrow, 4);
+        assert!(matrix == other && found == narrow, "to the last bit in registers of any width");
         for (i, wanted) in side.iter().enumerate() {
             let back: f64 = found.iter().enumerate().map(|(j, x)| entry(i, j) * x).sum();
             assert!((back - wanted).abs() < 1e-13, "{i}: {back} {wanted}");

@@ -3,6 +3,7 @@
 //! nothing.
 
 use super::super::interpolation::cubic;
+use super::super::wide::wide;
 use core::ops::Range;
 
 /// Blocks of no more tactels along each axis are read whole.
@@ -49,7 +50,12 @@ impl Cubic {
 
     /// Adds the shares of a load of `force` at a place in tactels from the lower left corner of an
     /// array of `cols` columns.
-    pub(super) fn add(&self, (image, cols): (&mut [f64], usize), [u, v]: [f64; 2], force: f64) {
+    pub(super) fn add(&self, image: (&mut [f64], usize), place: [f64; 2], force: f64) {
+        add(self, image, place, force);
+    }
+
+    #[inline(always)]
+    fn added(&self, (image, cols): (&mut [f64], usize), [u, v]: [f64; 2], force: f64) {
         let (half, rows) = ((self.side / 2) as f64, image.len() / cols);
         let near = |place: f64, count: usize| place > -half && place < count as f64 + half;
         if !(near(u, cols) && near(v, rows)) {
@@ -87,13 +93,13 @@ impl Cubic {
     }
 
     /// Adds a span of the weighted blocks, four at a time.
+    #[inline(always)]
     fn read(&self, weights: &[(usize, f64); 16], force: f64, span: Range<usize>, out: &mut [f64]) {
-        for four in weights.chunks_exact(4) {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|k| {
-                let start = four[k].0;
-                &self.blocks[start + span.start..start + span.end]
-            });
-            let [wa, wb, wc, wd] = [0, 1, 2, 3].map(|k| force * four[k].1);
+        for four in weights.as_chunks::<4>().0 {
+            let [(a, wa), (b, wb), (c, wc), (d, wd)] = four;
+            let block = |start: &usize| &self.blocks[start + span.start..start + span.end];
+            let [a, b, c, d] = [block(a), block(b), block(c), block(d)];
+            let [wa, wb, wc, wd] = [force * wa, force * wb, force * wc, force * wd];
             let sources = a.iter().zip(b).zip(c.iter().zip(d));
             for (value, ((a, b), (c, d))) in out.iter_mut().zip(sources) {
                 *value += (wa * a + wb * b) + (wc * c + wd * d);
@@ -103,6 +109,7 @@ impl Cubic {
 
     /// Starts of the blocks that a load at a place within its tactel is read from, and their
     /// weights.
+    #[inline(always)]
     fn weights(&self, place: [f64; 2], out: &mut [(usize, f64); 16]) {
         let [(cell_x, w_x), (cell_y, w_y)] = place.map(|part| {
             let p = part * self.phases as f64;
@@ -113,6 +120,31 @@ impl Cubic {
         for (at, out) in out.iter_mut().enumerate() {
             let (i, j) = (at % 4, at / 4);
             *out = (((cell_y + j) * stride + cell_x + i) * area, w_x[i] * w_y[j]);
+        }
+    }
+}
+
+wide! {
+    fn add(to: &Cubic, image: (&mut [f64], usize), place: [f64; 2], force: f64) = Cubic::added;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Blocks that are read whole and row by row, over the array's edges too.
+    #[test]
+    fn loads_are_added_alike_in_wide_and_narrow_registers() {
+        let share = |i: isize, j: isize| 1.0 / (3.0 + (i * i) as f64 + 0.7 * (j * j) as f64);
+        for half in [0, 1, 4, 7] {
+            let cubic = Cubic::new(4, half, share);
+            let [mut wide, mut narrow] = [vec![0.0; 11 * 13], vec![0.0; 11 * 13]];
+            for n in -20..40 {
+                let place = [0.37, 0.43].map(|part| part * f64::from(n));
+                cubic.add((&mut wide, 13), place, 0.7);
+                cubic.added((&mut narrow, 13), place, 0.7);
+            }
+            assert!(wide == narrow && wide.iter().any(|value| *value > 0.0), "{half}");
         }
     }
 }

@@ -7,6 +7,7 @@
 //! holds the value at its lower left corner and the differences along x, y and both: one stretch of
 //! memory is all that a load reads.
 
+use super::super::wide::wide;
 use super::tactels::Array;
 
 /// Rows of a block are padded with zeros to a multiple of this.
@@ -144,7 +145,13 @@ impl Straight {
     /// Adds the shares of a load of `force` at a place on an image of the array.
     #[inline]
     pub(super) fn add(&self, image: &mut [f64], place_mm: [f64; 2], force: f64) {
-        let [x, y] = [0, 1].map(|k| self.axes[k].at(place_mm[k] * self.per_mm));
+        add(self, image, place_mm, force);
+    }
+
+    #[inline(always)]
+    fn added(&self, image: &mut [f64], place_mm: [f64; 2], force: f64) {
+        let [across, along] = &self.axes;
+        let [x, y] = [across.at(place_mm[0] * self.per_mm), along.at(place_mm[1] * self.per_mm)];
         let Some(((x, s), (y, t))) = x.zip(y) else { return };
         let weights = [s as f32, t as f32, (s * t) as f32];
         let (row, [low, high]) = (PARTS * self.stride, y.on);
@@ -162,15 +169,18 @@ impl Straight {
     }
 
     /// Adds the rows of a block of any width.
+    #[inline(always)]
     fn wide(&self, block: &[f32], image: &mut [f64], x: Cell, (w, force): ([f32; 3], f64)) {
         let [from, to] = x.on;
         let mut start = (x.first + from as isize) as usize;
         let mut sums = [0.0_f32; STRETCH];
         for row in block.chunks_exact(PARTS * self.stride) {
-            let parts = [0, 1, 2, 3].map(|k| &row[k * self.stride + from..k * self.stride + to]);
+            let part = |k: usize| &row[k * self.stride + from..k * self.stride + to];
+            let parts = [part(0), part(1), part(2), part(3)];
             for (n, target) in image[start..start + to - from].chunks_mut(STRETCH).enumerate() {
                 let sums = &mut sums[..target.len()];
-                let [a, b, c, d] = parts.map(|part| &part[n * STRETCH..][..sums.len()]);
+                let part = |k: usize| &parts[k][n * STRETCH..][..target.len()];
+                let [a, b, c, d] = [part(0), part(1), part(2), part(3)];
                 let both = a.iter().zip(b).zip(c.iter().zip(d));
                 for (sum, ((a, b), (c, d))) in sums.iter_mut().zip(both) {
                     *sum = (a + w[0] * b) + (w[1] * c + w[2] * d);
@@ -184,7 +194,7 @@ impl Straight {
     }
 
     /// The same for rows of `N` numbers.
-    #[inline]
+    #[inline(always)]
     fn narrow<const N: usize>(
         &self,
         block: &[f32],
@@ -196,19 +206,25 @@ impl Straight {
         let [from, to] = x.on;
         if x.first >= 0 && x.first as usize + N <= self.cols {
             let mut start = x.first as usize;
-            for [a, b, c, d] in rows {
-                let sums = sums([a, b, c, d], w);
+            for row in rows {
+                let mut sums = [0.0; N];
+                sum(row, w, &mut sums);
                 if let Some(target) = image[start..].first_chunk_mut::<N>() {
-                    for (value, sum) in target.iter_mut().zip(sums) {
-                        *value += force * f64::from(sum);
+                    for (value, sum) in target.iter_mut().zip(&sums) {
+                        *value += force * f64::from(*sum);
                     }
                 }
                 start += self.cols;
             }
         } else {
+            // All sums before the first of them is read: what was just written wide and is read
+            // from another place on makes the processor wait.
+            let mut sums = [[0.0; N]; N];
+            for (row, sums) in rows.iter().zip(&mut sums) {
+                sum(row, w, sums);
+            }
             let mut start = (x.first + from as isize) as usize;
-            for [a, b, c, d] in rows {
-                let sums = sums([a, b, c, d], w);
+            for sums in &sums[..rows.len().min(N)] {
                 let target = &mut image[start..start + to - from];
                 for (value, sum) in target.iter_mut().zip(&sums[from..to]) {
                     *value += force * f64::from(*sum);
@@ -224,7 +240,7 @@ impl Axis {
 
     /// The cell at a place in cells from the array's middle, and the place within it, 0 to 1;
     /// absent where a load leaves nothing, and for NaN.
-    #[inline]
+    #[inline(always)]
     fn at(&self, place: f64) -> Option<(Cell, f64)> {
         /// Adding it leaves no fraction: what is lost is at most a half.
         const WHOLE: f64 = (3_u64 << 51) as f64;
@@ -238,11 +254,17 @@ impl Axis {
     }
 }
 
+wide! {
+    fn add(to: &Straight, image: &mut [f64], place_mm: [f64; 2], force: f64) = Straight::added;
+}
+
 /// What the parts of some tactels come to.
-#[inline]
-fn sums<const N: usize>(parts: [&[f32; N]; 4], [s, t, both]: [f32; 3]) -> [f32; N] {
+#[inline(always)]
+fn sum<const N: usize>(parts: &[[f32; N]; PARTS], [s, t, both]: [f32; 3], sums: &mut [f32; N]) {
     let [a, b, c, d] = parts;
-    core::array::from_fn(|k| (a[k] + s * b[k]) + (t * c[k] + both * d[k]))
+    for (k, sum) in sums.iter_mut().enumerate() {
+        *sum = (a[k] + s * b[k]) + (t * c[k] + both * d[k]);
+    }
 }
 
 /// Spreads what a block's corners miss of the whole evenly over the tactels at its edge.
@@ -266,6 +288,7 @@ mod tests {
     use super::super::radial::Influence;
     use super::super::shear::Shear;
     use super::super::tactels::{Array, Fineness, Sampling, Shares};
+    use super::*;
 
     /// Loads on, beside and off arrays of several shapes, narrow and wide blocks, against cubics.
     #[test]
@@ -316,6 +339,23 @@ mod tests {
                 quick[0].add(&mut image, bad, 1.0);
             }
             assert!(image.iter().all(|value| *value == 0.0));
+        }
+    }
+
+    /// Blocks of all widths, over the array's edges too.
+    #[test]
+    fn loads_are_added_alike_in_wide_and_narrow_registers() {
+        let array = Array { rows: 11, cols: 13, pitch_mm: 1.5 };
+        let share = |[i, j]: [isize; 2]| 1.0 / (3.0 + (i * i) as f64 + 0.7 * (j * j) as f64);
+        for side in [2, 3, 4, 7, 10, 16, 17] {
+            let straight = Straight::new((&array, 4, side), share, None);
+            let [mut wide, mut narrow] = [vec![0.0; array.len()], vec![0.0; array.len()]];
+            for n in -20..20 {
+                let place = [0.71, -0.43].map(|part| part * f64::from(n));
+                straight.add(&mut wide, place, 0.7);
+                straight.added(&mut narrow, place, 0.7);
+            }
+            assert!(wide == narrow && wide.iter().any(|value| *value > 0.0), "{side}");
         }
     }
 }

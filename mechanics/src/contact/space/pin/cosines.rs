@@ -2,6 +2,9 @@
 //! each usual number of cosines: what is summed stays in registers. They refuse nothing, and say
 //! the same as the sums one after the other do, to the last bit.
 
+use super::super::super::interpolation::cubic;
+use super::super::super::wide::wide;
+
 /// Calls `$of::<N>` where `$n` is a usual number of cosines, `$any` where it is not.
 macro_rules! sized {
     ($n:expr, $of:ident($($with:expr),*), $any:expr) => {
@@ -24,8 +27,24 @@ macro_rules! sized {
 }
 pub(super) use sized;
 
-/// Writes what some cosines give to each wave of their transform.
-pub(super) fn waves(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
+wide! {
+    /// Writes what some cosines give to each wave of their transform.
+    pub(super) fn waves(transform: &[f64], cosines: &[f64], sums: &mut [f64]) = given;
+
+    /// Adds to cosines what the waves of their transform bring.
+    pub(super) fn felt(transform: &[f64], waves: &[f64], sums: &mut [f64]) = brought;
+
+    /// Adds to a lower triangle of some rows what the waves of a transform, so heavy, make of its
+    /// own cosines.
+    pub(super) fn squares(transform: &[f64], weights: &[f64], rows: (usize, &mut [f64])) = squared;
+
+    /// Writes the transform of so many cosines by cubics in a table: of each wave by its place
+    /// there, its wave number times two factors.
+    pub(super) fn read(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64]) = sought;
+}
+
+#[inline(always)]
+fn given(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
     sized!(cosines.len(), waves_of(transform, cosines, sums), {
         for (sum, values) in sums.iter_mut().zip(transform.chunks_exact(cosines.len())) {
             *sum = values.iter().zip(cosines).map(|(x, y)| x * y).sum();
@@ -33,6 +52,7 @@ pub(super) fn waves(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
     });
 }
 
+#[inline(always)]
 fn waves_of<const N: usize>(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
     let Some(own) = cosines.first_chunk::<N>() else { return };
     for (sum, values) in sums.iter_mut().zip(transform.as_chunks::<N>().0) {
@@ -40,8 +60,8 @@ fn waves_of<const N: usize>(transform: &[f64], cosines: &[f64], sums: &mut [f64]
     }
 }
 
-/// Adds to cosines what the waves of their transform bring.
-pub(super) fn felt(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
+#[inline(always)]
+fn brought(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
     sized!(sums.len(), felt_of(transform, waves, sums), {
         for (values, felt) in transform.chunks_exact(sums.len()).zip(waves) {
             sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += felt * value);
@@ -49,6 +69,7 @@ pub(super) fn felt(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
     });
 }
 
+#[inline(always)]
 fn felt_of<const N: usize>(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
     let Some(to) = sums.first_chunk_mut::<N>() else { return };
     let mut own = *to;
@@ -58,9 +79,8 @@ fn felt_of<const N: usize>(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
     *to = own;
 }
 
-/// Adds to a lower triangle of `n` rows what the waves of a transform, so heavy, make of its own
-/// cosines.
-pub(super) fn squares(transform: &[f64], weights: &[f64], (n, block): (usize, &mut [f64])) {
+#[inline(always)]
+fn squared(transform: &[f64], weights: &[f64], (n, block): (usize, &mut [f64])) {
     sized!(n, squares_of(transform, weights, block), {
         for (values, weight) in transform.chunks_exact(n).zip(weights) {
             for k in 0..n {
@@ -72,6 +92,7 @@ pub(super) fn squares(transform: &[f64], weights: &[f64], (n, block): (usize, &m
     });
 }
 
+#[inline(always)]
 fn squares_of<const N: usize>(transform: &[f64], weights: &[f64], block: &mut [f64]) {
     let mut own = [[0.0; N]; N];
     for (own, row) in own.iter_mut().zip(block.as_chunks::<N>().0) {
@@ -88,14 +109,14 @@ fn squares_of<const N: usize>(transform: &[f64], weights: &[f64], block: &mut [f
     }
 }
 
-/// Writes the transform of `n` cosines by cubics: four weights of four rows of a table, and where
-/// those begin, for each wave.
-pub(super) fn read(
-    table: &[f64],
-    n: usize,
-    places: impl Iterator<Item = (usize, [f64; 4])>,
-    out: &mut [f64],
-) {
+#[inline(always)]
+fn sought(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64]) {
+    let last = table.len() / n - 4;
+    let places = waves.iter().map(|wave| {
+        let place = wave * by[0] * by[1];
+        let cell = (place as usize).min(last);
+        (cell, cubic(place - cell as f64))
+    });
     sized!(n, read_of(table, places, out), {
         for ((cell, w), values) in places.zip(out.chunks_exact_mut(n)) {
             let v = &table[cell * n..(cell + 4) * n];
@@ -106,6 +127,7 @@ pub(super) fn read(
     });
 }
 
+#[inline(always)]
 fn read_of<const N: usize>(
     table: &[f64],
     places: impl Iterator<Item = (usize, [f64; 4])>,
@@ -157,11 +179,15 @@ mod tests {
                 }
             }
             assert_eq!(found, exact);
-            let mut found = vec![0.0; 3 * n];
-            let places = [0, 7, 3].map(|cell| (cell, [0.1, 0.7, 0.3, -0.1]));
-            read(&transform, n, places.into_iter(), &mut found);
+            let (mut found, mut narrow) = (vec![0.0; 4 * n], vec![0.0; 4 * n]);
+            let (places, by) = ([0.0, 0.6, 3.7, 7.2], [0.5, 16.0]);
+            let sparse = places.map(|place| place / 8.0);
+            read(&transform, n, &sparse, by, &mut found);
+            sought(&transform, n, &sparse, by, &mut narrow);
+            assert_eq!(found, narrow);
             for (at, value) in found.iter().enumerate() {
-                let (cell, w) = places[at / n];
+                let cell = libm::floor(places[at / n]) as usize;
+                let w = cubic(places[at / n] - cell as f64);
                 let [a, b, c, d] = [0, 1, 2, 3].map(|i| transform[(cell + i) * n + at % n]);
                 assert_eq!(*value, w[0] * a + w[1] * b + w[2] * c + w[3] * d, "{n}");
             }

@@ -8,9 +8,9 @@
 //! solved exactly elsewhere, and what is left falls off as kappa^-3. Lengths are in thicknesses.
 //! Acting neither allocates nor panics.
 
-use super::super::super::interpolation::cubic;
 use super::super::super::layer::Transfer;
 use super::super::quadrature::legendre;
+use super::gather::{CHUNK, LANES, add_points, by_chunk, gather};
 use super::{bessel, cosines};
 use core::f64::consts::PI;
 
@@ -24,10 +24,6 @@ const CUT_SHORT: f64 = 40.0;
 const SHORT: f64 = 0.2;
 const PANEL_POINTS: usize = 12;
 const PANEL_RADIANS: f64 = 8.0;
-/// Modes that are summed side by side.
-const CHUNK: usize = 8;
-/// Points of the sum along the pin that are taken side by side.
-const LANES: usize = 8;
 /// Length of a row (thicknesses) under which it needs shorter waves than its level's.
 const WAVES: f64 = 2.4;
 const SHORTEST: f64 = 0.25;
@@ -208,14 +204,7 @@ impl Coupling {
 
     /// Transforms of the cosines of a strip of half-width `b`, mode after mode.
     pub(crate) fn transform(&self, b: f64, out: &mut [f64]) {
-        let n = self.cosines;
-        let last = self.bessel.len() / n - 4;
-        let places = self.waves.iter().map(|wave| {
-            let place = wave * b * BESSEL_DENSITY;
-            let cell = (place as usize).min(last);
-            (cell, cubic(place - cell as f64))
-        });
-        cosines::read(&self.bessel, n, places, out);
+        cosines::read(&self.bessel, self.cosines, &self.waves, [b, BESSEL_DENSITY], out);
     }
 
     /// Adds the coupling's part of the diagonal block of a slice to the lower triangle `block`.
@@ -243,71 +232,14 @@ impl Coupling {
             let sums = self.passing.as_chunks().0.iter();
             sums.enumerate().for_each(|(c, sums)| self.spectra[c * slices + j] = *sums);
         }
-        let (acted, mut weights) = (self.acted.as_chunks_mut().0, &self.near[..]);
-        let columns = self.spectra[..chunks * slices].chunks_exact(slices.max(1));
-        for (c, (column, lasting)) in columns.zip(&self.lasting).enumerate() {
-            let (own, rest) = weights.split_at(lasting + 1);
-            weights = rest;
-            for j in 0..slices {
-                acted[j * chunks + c] = reached(own, column.split_at(j));
-            }
-        }
+        let spectra = &self.spectra[..chunks * slices];
+        gather((&self.near, &self.lasting), (spectra, slices), self.acted.as_chunks_mut().0);
     }
 
     /// Displacement on the middle line of a slice that carries nothing, from the last
     /// [`Coupling::convolve`].
     pub(crate) fn middle(&self, slice: usize) -> f64 {
         self.acted[slice * self.stride..][..self.modes].iter().sum()
-    }
-}
-
-/// Weights of all distances chunk after chunk, each as far as some of its modes are left.
-fn by_chunk(weighted: &[f64], lasting: &[usize]) -> Vec<[f64; CHUNK]> {
-    let (all, count) = (weighted.as_chunks().0, lasting.len());
-    let chunks = lasting
-        .iter()
-        .enumerate()
-        .flat_map(|(c, lasting)| all[c..].iter().step_by(count).take(lasting + 1).copied());
-    chunks.collect()
-}
-
-/// What reaches a slice of those before it and of those from it on, by weights of 0, 1 ... slices'
-/// distance.
-fn reached(
-    weights: &[[f64; CHUNK]],
-    (before, from): (&[[f64; CHUNK]], &[[f64; CHUNK]]),
-) -> [f64; CHUNK] {
-    let mut sum = [0.0; CHUNK];
-    let ([own, after @ ..], [first, away @ ..]) = (from, weights) else { return sum };
-    add(&mut sum, first, own);
-    let both = before.len().min(after.len()).min(away.len());
-    let (near, far) = away.split_at(both);
-    for ((weights, one), other) in near.iter().zip(before.iter().rev()).zip(after) {
-        add_both(&mut sum, weights, one, other);
-    }
-    // One side ends.
-    let (before, after) = (before[..before.len() - both].iter().rev(), after[both..].iter());
-    far.iter().zip(before).for_each(|(weights, of)| add(&mut sum, weights, of));
-    far.iter().zip(after).for_each(|(weights, of)| add(&mut sum, weights, of));
-    sum
-}
-
-/// Adds to each mode of a chunk what a slice does to it.
-fn add(to: &mut [f64; CHUNK], weights: &[f64; CHUNK], of: &[f64; CHUNK]) {
-    for ((value, weight), of) in to.iter_mut().zip(weights).zip(of) {
-        *value += weight * of;
-    }
-}
-
-/// The same for two slices equally far away.
-fn add_both(
-    to: &mut [f64; CHUNK],
-    weights: &[f64; CHUNK],
-    one: &[f64; CHUNK],
-    other: &[f64; CHUNK],
-) {
-    for (((value, weight), one), other) in to.iter_mut().zip(weights).zip(one).zip(other) {
-        *value += weight * (one + other);
     }
 }
 
@@ -402,20 +334,12 @@ fn push_row(
     out.resize(start + band + 1, 0.0);
     let row = &mut out[start..];
     for points in points.chunks(LANES) {
-        // Points side by side, cos(q m h) of each by its recurrence; summed one after the other.
-        let (mut value, mut twice) = ([0.0; LANES], [0.0; LANES]);
-        let (mut now, mut next) = ([1.0; LANES], [0.0; LANES]);
+        let (mut values, mut cosines) = ([0.0; LANES], [0.0; LANES]);
         for (lane, &[q, weight, c]) in points.iter().enumerate() {
-            value[lane] = weight * compliance(transfer, (kappa * kappa + q * q).sqrt());
-            (twice[lane], next[lane]) = (2.0 * c, c);
+            values[lane] = weight * compliance(transfer, (kappa * kappa + q * q).sqrt());
+            cosines[lane] = c;
         }
-        for entry in row.iter_mut() {
-            for lane in 0..LANES {
-                *entry += value[lane] * now[lane];
-                let after = twice[lane] * next[lane] - now[lane];
-                (now[lane], next[lane]) = (next[lane], after);
-            }
-        }
+        add_points(row, &values, &cosines);
     }
     // Beyond the cut the integrand is 2 (1 - cos(q h)) cos(q m h)/(q^3 h).
     let tail = h / (cut * cut);

@@ -4,8 +4,8 @@
 //! that is not positive is left to the gradients.
 
 use super::super::super::triangle::solve;
+use super::super::super::wide::wide;
 use super::cosines::sized;
-use super::couple::Coupling;
 use super::row::Row;
 use core::f64::consts::PI;
 
@@ -146,7 +146,7 @@ impl Row {
             for (q, &i) in dense.active[..=p].iter().enumerate() {
                 let mut found = [0.0; COSINES * COSINES];
                 let block = if between.is_empty() {
-                    pair(coupling, i - j, (of(j), of(i), n), &mut found);
+                    pair(coupling.weights_of(i - j), (of(j), of(i), n), &mut found);
                     &found[..]
                 } else {
                     between.get((i - j) * n * n..).unwrap_or(&[])
@@ -184,9 +184,24 @@ impl Row {
     }
 }
 
-/// Cholesky's factor in place, column after column, and the sides below it carried through; false
-/// when the matrix is not positive definite.
-fn eliminate(matrix: &mut [f64], size: usize, column: &mut [f64]) -> bool {
+wide! {
+    /// Cholesky's factor in place, column after column, and the sides below it carried through;
+    /// false when the matrix is not positive definite.
+    fn eliminate(matrix: &mut [f64], size: usize, column: &mut [f64]) -> bool = eliminated;
+
+    /// Back substitution with the first rows of a lower triangle, so far apart.
+    fn back(triangle: &[f64], rows: (usize, usize), side: &mut [f64]) = substituted;
+
+    /// What two slices do to each other by such weights, from their transforms of `n` cosines.
+    fn pair(
+        weights: &[f64],
+        transforms: (&[f64], &[f64], usize),
+        block: &mut [f64; COSINES * COSINES],
+    ) = paired;
+}
+
+#[inline(always)]
+fn eliminated(matrix: &mut [f64], size: usize, column: &mut [f64]) -> bool {
     for j in 0..size {
         let pivot = matrix[j * size + j];
         if pivot.is_nan() || pivot <= 0.0 {
@@ -210,8 +225,8 @@ fn eliminate(matrix: &mut [f64], size: usize, column: &mut [f64]) -> bool {
     true
 }
 
-/// Back substitution with the first rows of a lower triangle, so far apart.
-fn back(triangle: &[f64], (size, stride): (usize, usize), side: &mut [f64]) {
+#[inline(always)]
+fn substituted(triangle: &[f64], (size, stride): (usize, usize), side: &mut [f64]) {
     for i in (0..size).rev() {
         let row = &triangle[i * stride..=i * stride + i];
         let known = side[i] / row[i];
@@ -222,17 +237,16 @@ fn back(triangle: &[f64], (size, stride): (usize, usize), side: &mut [f64]) {
     }
 }
 
-/// What two slices so far apart do to each other, from their transforms of `n` cosines.
-fn pair(
-    coupling: &Coupling,
-    apart: usize,
+#[inline(always)]
+fn paired(
+    weights: &[f64],
     (one, other, n): (&[f64], &[f64], usize),
     block: &mut [f64; COSINES * COSINES],
 ) {
-    let weights = coupling.weights_of(apart);
     sized!(n, sum(weights, (one, other), block), ());
 }
 
+#[inline(always)]
 fn sum<const N: usize>(
     weights: &[f64],
     (one, other): (&[f64], &[f64]),
@@ -250,5 +264,43 @@ fn sum<const N: usize>(
     }
     for (to, row) in block.chunks_exact_mut(N).zip(&sums) {
         to.copy_from_slice(row);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn numbers(count: usize, from: f64) -> Vec<f64> {
+        (0..count).map(|i| libm::sin(from + 1.7 * i as f64) / 3.0).collect()
+    }
+
+    /// What two slices do to each other, a system's factor and its solution.
+    #[test]
+    fn systems_are_solved_alike_in_wide_and_narrow_registers() {
+        const WAVES: usize = 37;
+        for n in 3..=COSINES {
+            let [one, other] = [0.3, 2.0].map(|from| numbers(WAVES * n, from));
+            let weights = numbers(WAVES, 5.0);
+            let [mut wide, mut narrow] = [[0.0; COSINES * COSINES]; 2];
+            pair(&weights, (&one, &other, n), &mut wide);
+            paired(&weights, (&one, &other, n), &mut narrow);
+            assert_eq!(wide, narrow);
+            let exact: f64 = (0..WAVES).map(|m| weights[m] * one[m * n + 1] * other[m * n]).sum();
+            assert!((wide[n] - exact).abs() < 1e-14, "{n}: {} {exact}", wide[n]);
+
+            let size = 5 * n;
+            let mut matrix = numbers(size * (size + SIDES), 1.0);
+            (0..size).for_each(|i| matrix[i * size + i] = 20.0);
+            let (mut other, mut column) = (matrix.clone(), vec![0.0; size + SIDES]);
+            assert!(eliminate(&mut matrix, size, &mut column));
+            assert!(eliminated(&mut other, size, &mut column));
+            assert_eq!(matrix, other);
+            let (triangle, sides) = matrix.split_at(size * size);
+            let [mut wide, mut narrow] = [sides[..size].to_vec(), sides[..size].to_vec()];
+            back(triangle, (size, size), &mut wide);
+            substituted(triangle, (size, size), &mut narrow);
+            assert_eq!(wide, narrow);
+        }
     }
 }

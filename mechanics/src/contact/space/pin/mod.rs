@@ -34,6 +34,7 @@ mod edge;
 mod ends;
 mod faint;
 mod fineness;
+mod gather;
 mod gradients;
 mod image;
 mod leftover;

@@ -5,10 +5,8 @@ use super::row::holding;
 use super::work::Trouble;
 use super::{Pin, PinState};
 
-/// Part of a row below which a shorter one takes its contact over; by force the row was guessed,
-/// and may be longer than need be.
+/// Part of a row below which a shorter one takes its contact over.
 pub(super) const KEPT: f64 = 0.45;
-const KEPT_BY_FORCE: f64 = 0.36;
 /// A contact guessed so many times longer or shorter than the row in use leaves it at once.
 const FAR: f64 = 3.0;
 /// So many rows on at most a contact is looked for that fills a row.
@@ -53,8 +51,7 @@ impl Pin {
             }
             let state = outcome?;
             let touched = state.length_mm / t;
-            let kept = if wanted.is_some() { KEPT_BY_FORCE } else { KEPT };
-            if !shortened && touched > 0.0 && touched < kept * row.length {
+            if !shortened && touched > 0.0 && touched < KEPT * row.length {
                 shortened = true;
                 let shorter = holding(&self.rows, touched);
                 if shorter > at {
