@@ -1,6 +1,8 @@
 //! Small dense linear systems, row by row, by elimination with row pivots, in storage that is kept.
 //! A pivot of exactly 0 makes every answer NaN or infinite; callers check what they get.
 
+use super::super::wide::wide;
+
 /// A square matrix that becomes its factors.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Dense {
@@ -30,31 +32,8 @@ impl Dense {
 
     /// Factors in place.
     pub(crate) fn factor(&mut self) {
-        let n = self.size;
         self.rows.clear();
-        for pivot in 0..n {
-            let mut largest = pivot;
-            for row in pivot + 1..n {
-                if self.entries[row * n + pivot].abs() > self.entries[largest * n + pivot].abs() {
-                    largest = row;
-                }
-            }
-            self.rows.push(largest);
-            if largest != pivot {
-                let (above, below) = self.entries.split_at_mut(largest * n);
-                above[pivot * n..][..n].swap_with_slice(&mut below[..n]);
-            }
-            let (above, below) = self.entries.split_at_mut((pivot + 1) * n);
-            let source = &above[pivot * n..];
-            let over = 1.0 / source[pivot];
-            for row in below.chunks_exact_mut(n) {
-                let factor = row[pivot] * over;
-                row[pivot] = factor;
-                for (entry, known) in row[pivot + 1..].iter_mut().zip(&source[pivot + 1..]) {
-                    *entry -= factor * known;
-                }
-            }
-        }
+        eliminate(self.size, &mut self.entries, &mut self.rows);
     }
 
     /// Solves for one right side in place, after [`Self::factor`].
@@ -77,6 +56,39 @@ impl Dense {
     }
 }
 
+wide! {
+    /// Turns a square matrix of so many rows into its factors, and tells which row each pivot came
+    /// from.
+    fn eliminate(n: usize, entries: &mut [f64], rows: &mut Vec<usize>) = eliminated;
+}
+
+#[inline(always)]
+fn eliminated(n: usize, entries: &mut [f64], rows: &mut Vec<usize>) {
+    for pivot in 0..n {
+        let mut largest = pivot;
+        for row in pivot + 1..n {
+            if entries[row * n + pivot].abs() > entries[largest * n + pivot].abs() {
+                largest = row;
+            }
+        }
+        rows.push(largest);
+        if largest != pivot {
+            let (above, below) = entries.split_at_mut(largest * n);
+            above[pivot * n..][..n].swap_with_slice(&mut below[..n]);
+        }
+        let (above, below) = entries.split_at_mut((pivot + 1) * n);
+        let source = &above[pivot * n..];
+        let over = 1.0 / source[pivot];
+        for row in below.chunks_exact_mut(n) {
+            let factor = row[pivot] * over;
+            row[pivot] = factor;
+            for (entry, known) in row[pivot + 1..].iter_mut().zip(&source[pivot + 1..]) {
+                *entry -= factor * known;
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -95,5 +107,17 @@ mod tests {
         dense.factor();
         dense.solve(&mut side);
         assert!(side.iter().zip(&x).all(|(s, x)| (s - x).abs() < 1e-14));
+    }
+
+    #[test]
+    fn systems_are_factored_alike_in_wide_and_narrow_registers() {
+        for n in [1, 2, 5, 12, 31] {
+            let entry = |at: usize| libm::sin(0.3 + 1.7 * at as f64);
+            let mut wide: Vec<f64> = (0..n * n).map(entry).collect();
+            let (mut narrow, mut rows) = (wide.clone(), [vec![], vec![]]);
+            eliminate(n, &mut wide, &mut rows[0]);
+            eliminated(n, &mut narrow, &mut rows[1]);
+            assert!(wide == narrow && rows[0] == rows[1], "{n}");
+        }
     }
 }
