@@ -40,7 +40,8 @@ wide! {
 
     /// Writes the transform of so many cosines by cubics in a table: of each wave by its place
     /// there, its wave number times two factors.
-    pub(super) fn read(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64]) = sought;
+    pub(super) fn read(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64])
+        = sought;
 }
 
 #[inline(always)]
