@@ -11,6 +11,7 @@
 
 pub use super::field::{LineLoad, LinePoint, line};
 use super::kernel;
+use super::wide::ask;
 use super::{Invalid, finite, positive};
 
 /// A homogeneous isotropic layer, bonded to a rigid base, infinite along its surface.
@@ -92,6 +93,8 @@ impl Transfer {
     /// Constants for a Poisson's ratio.
     #[must_use]
     pub fn new(poisson: f64) -> Self {
+        // All contacts on the layer are made of it, before a lane presses them.
+        ask();
         Self { m: 2.0 * (1.0 - poisson), n: 1.0 - 2.0 * poisson, kap: 3.0 - 4.0 * poisson }
     }
 

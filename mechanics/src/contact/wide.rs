@@ -3,8 +3,7 @@
 //! side, no sum changes its order, and nothing is fused. It refuses nothing.
 
 /// Declares functions that call another one, which has to be `#[inline(always)]` as all that it
-/// spends its time in, compiled for the registers that the processor has. The first call asks the
-/// processor, which tables see to: they are made by such functions, too.
+/// spends its time in, compiled for the registers that the processor has.
 macro_rules! wide {
     ($(
         $(#[$about:meta])*
@@ -29,3 +28,9 @@ macro_rules! wide {
     )*};
 }
 pub(crate) use wide;
+
+/// Has the processor asked, which takes it some microseconds once, so that no lane does.
+pub(crate) fn ask() {
+    #[cfg(target_arch = "x86_64")]
+    let _ = std::arch::is_x86_feature_detected!("avx");
+}
