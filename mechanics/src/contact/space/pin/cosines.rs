@@ -5,6 +5,9 @@
 use super::super::super::interpolation::cubic;
 use super::super::super::wide::wide;
 
+/// Waves whose places are found side by side.
+const LANES: usize = 4;
+
 /// Calls `$of::<N>` where `$n` is a usual number of cosines, `$any` where it is not.
 macro_rules! sized {
     ($n:expr, $of:ident($($with:expr),*), $any:expr) => {
@@ -112,36 +115,54 @@ fn squares_of<const N: usize>(transform: &[f64], weights: &[f64], block: &mut [f
 
 #[inline(always)]
 fn sought(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64]) {
-    let last = table.len() / n - 4;
-    let places = waves.iter().map(|wave| {
-        let place = wave * by[0] * by[1];
-        let cell = (place as usize).min(last);
-        (cell, cubic(place - cell as f64))
-    });
-    sized!(n, read_of(table, places, out), {
-        for ((cell, w), values) in places.zip(out.chunks_exact_mut(n)) {
-            let v = &table[cell * n..(cell + 4) * n];
-            for (k, value) in values.iter_mut().enumerate() {
-                *value = w[0] * v[k] + w[1] * v[n + k] + w[2] * v[2 * n + k] + w[3] * v[3 * n + k];
+    sized!(n, read_of(table, waves, by, out), {
+        for (waves, out) in waves.chunks(LANES).zip(out.chunks_mut(LANES * n)) {
+            let (cells, weights) = places(waves, by, table.len() / n);
+            for (lane, values) in out.chunks_exact_mut(n).enumerate() {
+                let v = &table[cells[lane] * n..(cells[lane] + 4) * n];
+                let [a, b, c, d] = &weights;
+                let w = [a[lane], b[lane], c[lane], d[lane]];
+                for (k, value) in values.iter_mut().enumerate() {
+                    let [e, f] = [w[0] * v[k] + w[1] * v[n + k], w[2] * v[2 * n + k]];
+                    *value = e + f + w[3] * v[3 * n + k];
+                }
             }
         }
     });
 }
 
 #[inline(always)]
-fn read_of<const N: usize>(
-    table: &[f64],
-    places: impl Iterator<Item = (usize, [f64; 4])>,
-    out: &mut [f64],
-) {
-    let (rows, (out, _)) = (table.as_chunks::<N>().0, out.as_chunks_mut::<N>());
-    for ((cell, w), values) in places.zip(out) {
-        if let [a, b, c, d] = &rows[cell..cell + 4] {
-            for (k, value) in values.iter_mut().enumerate() {
-                *value = w[0] * a[k] + w[1] * b[k] + w[2] * c[k] + w[3] * d[k];
+fn read_of<const N: usize>(table: &[f64], waves: &[f64], by: [f64; 2], out: &mut [f64]) {
+    let (rows, out) = (table.as_chunks::<N>().0, out.as_chunks_mut::<N>().0);
+    for (waves, out) in waves.chunks(LANES).zip(out.chunks_mut(LANES)) {
+        let (cells, [wa, wb, wc, wd]) = places(waves, by, rows.len());
+        for (lane, values) in out.iter_mut().enumerate() {
+            if let [a, b, c, d] = &rows[cells[lane]..cells[lane] + 4] {
+                for (k, value) in values.iter_mut().enumerate() {
+                    let [e, f] = [wa[lane] * a[k] + wb[lane] * b[k], wc[lane] * c[k]];
+                    *value = e + f + wd[lane] * d[k];
+                }
             }
         }
     }
+}
+
+/// Where some waves are between so many rows of a table: the first of four rows, and the weights of
+/// all, those of the first row first.
+#[inline(always)]
+fn places(waves: &[f64], by: [f64; 2], rows: usize) -> ([usize; LANES], [[f64; LANES]; 4]) {
+    let (mut cells, mut rest, mut weights) = ([0; LANES], [0.0; LANES], [[0.0; LANES]; 4]);
+    for ((cell, rest), wave) in cells.iter_mut().zip(&mut rest).zip(waves) {
+        let place = wave * by[0] * by[1];
+        *cell = (place as usize).min(rows - 4);
+        *rest = place - *cell as f64;
+    }
+    for lane in 0..LANES {
+        let [a, b, c, d] = cubic(rest[lane]);
+        (weights[0][lane], weights[1][lane]) = (a, b);
+        (weights[2][lane], weights[3][lane]) = (c, d);
+    }
+    (cells, weights)
 }
 
 #[cfg(test)]
