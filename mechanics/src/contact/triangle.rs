@@ -93,6 +93,10 @@ mod tests {
         solve_from(&matrix, size, &mut found, 4);
         solved_from(&other, size, &mut narrow, 4);
         assert!(matrix == other && found == narrow, "to the last bit in registers of any width");
+        solve(&matrix, size, &mut narrow);
+        let mut again = found.clone();
+        solved(&matrix, size, &mut again);
+        assert!(narrow == again && narrow != found);
         for (i, wanted) in side.iter().enumerate() {
             let back: f64 = found.iter().enumerate().map(|(j, x)| entry(i, j) * x).sum();
             assert!((back - wanted).abs() < 1e-13, "{i}: {back} {wanted}");

@@ -166,11 +166,11 @@ fn places(waves: &[f64], by: [f64; 2], rows: usize) -> ([usize; LANES], [[f64; L
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// Numbers without a pattern that sums in another order would keep.
-    fn numbers(count: usize, from: f64) -> Vec<f64> {
+    pub(in super::super) fn numbers(count: usize, from: f64) -> Vec<f64> {
         (0..count).map(|i| libm::sin(from + 1.7 * i as f64) / 3.0).collect()
     }
 

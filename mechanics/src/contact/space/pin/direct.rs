@@ -269,11 +269,8 @@ fn sum<const N: usize>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::cosines::tests::numbers;
     use super::*;
-
-    fn numbers(count: usize, from: f64) -> Vec<f64> {
-        (0..count).map(|i| libm::sin(from + 1.7 * i as f64) / 3.0).collect()
-    }
 
     /// What two slices do to each other, a system's factor and its solution.
     #[test]

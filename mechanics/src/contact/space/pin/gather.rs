@@ -107,11 +107,11 @@ fn add_both(
 
 #[cfg(test)]
 mod tests {
+    use super::super::cosines::tests::numbers;
     use super::*;
 
-    fn chunks<const N: usize>(count: usize, from: f64) -> Vec<[f64; N]> {
-        let value = |at: usize| libm::sin(from + 1.7 * at as f64) / 3.0;
-        (0..count).map(|i| core::array::from_fn(|k| value(N * i + k))).collect()
+    fn chunks(count: usize, from: f64) -> Vec<[f64; CHUNK]> {
+        numbers(count * CHUNK, from).as_chunks().0.to_vec()
     }
 
     /// Slices that reach each other for several distances, against the sums as they are written and
