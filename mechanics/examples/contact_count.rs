@@ -9,6 +9,7 @@ use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape};
 use taktil_mechanics::contact::space::pin::{Pin, Profile, Stand};
 use taktil_mechanics::contact::space::radial::Influence;
+use taktil_mechanics::contact::space::sphere::Sphere;
 use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_mechanics::contact::space::{self, Drive};
 
@@ -16,7 +17,7 @@ type Solve = Box<dyn FnMut(u32)>;
 /// Its name and what makes its solution.
 type Case = (&'static str, fn() -> Solve);
 
-const CASES: [Case; 8] = [
+const CASES: [Case; 10] = [
     ("bar-warm", || plane(BAR, Friction::Proportional, Level::Fast, 0.6, true)),
     ("bar-whole-warm", || plane(BAR, Friction::Proportional, Level::Fast, 0.05, true)),
     ("bar-cold", || plane(BAR, Friction::Proportional, Level::Default, 0.6, false)),
@@ -24,6 +25,8 @@ const CASES: [Case; 8] = [
     ("cylinder-cold", || plane(CYLINDER, Friction::None, Level::Default, 0.0, false)),
     ("pin-warm", || pin(space::Level::Fast, Fineness::FAST, true)),
     ("pin-cold", || pin(space::Level::Default, Fineness::DEFAULT, false)),
+    ("sphere-cold", || sphere(0.8, 10.0, 5.0)),
+    ("sphere-wide-cold", || sphere(0.1, 100.0, 4000.0)),
     ("mesh-load", mesh),
 ];
 
@@ -82,6 +85,22 @@ fn pin(level: space::Level, fineness: Fineness, warm: bool) -> Solve {
         let stand = Stand { x_mm: 0.7, y_mm: -0.4, rot_rad: 0.35 };
         image.fill(0.0);
         pin.image(&shares, stand, black_box(&mut image));
+    })
+}
+
+/// A sphere near the middle of the array, at the default level from no contact, and its image.
+fn sphere(thickness_mm: f64, radius_mm: f64, force_n: f64) -> Solve {
+    let rubber = Layer { thickness_mm, poisson: 0.5, ..rubber() };
+    let mut sphere = Sphere::new(&rubber, radius_mm, space::Level::Default).expect("a sphere");
+    let mut image = vec![0.0; Array::THESIS.len()];
+    Box::new(move |round| {
+        sphere.release();
+        let force = force_n * (1.0 + 0.003 * f64::from(round % 3));
+        black_box(sphere.press(Drive::ForceN(force)).expect("a contact"));
+        let place = [0.4, -0.3];
+        sphere
+            .image(&Array::THESIS, Sampling::Area, place, black_box(&mut image))
+            .expect("an image");
     })
 }
 

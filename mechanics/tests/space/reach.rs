@@ -1,7 +1,9 @@
 //! How deep and how faint a contact may be: all that tables were made for, down to nothing.
 
 use crate::draws::Draws;
+use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::space::pin::{Pin, Profile};
+use taktil_mechanics::contact::space::sphere::Sphere;
 use taktil_mechanics::contact::space::{Drive, Level};
 
 /// Tables made for a penetration hold all below it: an end sees its slices rise, but the contact
@@ -72,5 +74,45 @@ fn faint_contacts_push() {
         for drive in [Drive::PenetrationMm(1e-9), Drive::ForceN(1e-9)] {
             assert_eq!(pin.press(drive, 0.0).expect("no contact").force_n, 0.0);
         }
+    }
+}
+
+/// Spheres that touch on 3 to 100 thicknesses to each side, where the search from no contact is led
+/// by fewer points: a force leads back to its penetration, warm or cold, and a contact that fits is
+/// found.
+#[test]
+fn wide_spheres_are_found_by_force_and_by_depth() {
+    for nu in [0.0, 0.3, 0.49, 0.4999, 0.5] {
+        for (wide, depth) in [(3.0, 0.1), (8.0, 0.2), (20.0, 0.2), (40.0, 0.2), (60.0, 0.15)] {
+            let layer = Layer::new(1.0, 1.0, nu).expect("a layer");
+            let radius_mm = 0.5 * wide * wide / depth;
+            let mut sphere = Sphere::new(&layer, radius_mm, Level::Default).expect("a sphere");
+            let mut pressed = |drive, cold: bool| {
+                if cold {
+                    sphere.release();
+                }
+                sphere.press(drive).unwrap_or_else(|no| panic!("{nu} {wide} {drive:?}: {no:?}"))
+            };
+            let deep = pressed(Drive::PenetrationMm(depth), true);
+            for cold in [false, true] {
+                let loaded = pressed(Drive::ForceN(deep.force_n), cold);
+                let off = loaded.penetration_mm / depth - 1.0;
+                assert!(
+                    off.abs() < 1e-8 && loaded.residual < 1e-5,
+                    "{nu} {wide} {cold} {loaded:?}"
+                );
+                pressed(Drive::PenetrationMm(0.5 * depth), false);
+                let again = pressed(Drive::PenetrationMm(depth), cold);
+                assert!((again.force_n / deep.force_n - 1.0).abs() < 1e-8, "{again:?} {deep:?}");
+            }
+        }
+    }
+    // A contact of 120 thicknesses is the widest; what needs more says so.
+    let layer = Layer::new(1.0, 1.0, 0.5).expect("a layer");
+    let mut sphere = Sphere::new(&layer, 25_000.0, Level::Default).expect("a sphere");
+    assert!(sphere.press(Drive::PenetrationMm(0.1)).expect("fits").contact_radius_mm > 80.0);
+    for drive in [Drive::PenetrationMm(0.5), Drive::ForceN(1e9)] {
+        let refused = sphere.press(drive).expect_err("too wide");
+        assert_eq!(refused.why, taktil_mechanics::contact::space::Why::Unreached, "{refused:?}");
     }
 }

@@ -15,7 +15,11 @@ pub(crate) fn legendre(n: usize) -> Vec<(f64, f64)> {
                 p = ((2.0 * k + 1.0) * x * q - k * old) / (k + 1.0);
             }
             slope = n as f64 * (x * p - q) / (x * x - 1.0);
-            x -= p / slope;
+            let next = x - p / slope;
+            if next == x {
+                break;
+            }
+            x = next;
         }
         (x, 2.0 / ((1.0 - x * x) * slope * slope))
     };

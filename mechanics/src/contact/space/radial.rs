@@ -69,8 +69,8 @@ impl Radial {
     }
 
     /// Slope of the base pressure under a unit line load at `x` >= 0, times -pi/x.
-    pub(crate) fn base_slope(&self, x: f64) -> f64 {
-        self.base_slope.at(x)
+    pub(crate) fn base_slope(&self) -> &Even {
+        &self.base_slope
     }
 }
 

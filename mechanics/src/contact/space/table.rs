@@ -46,6 +46,11 @@ impl Even {
         self.values.len() - 3
     }
 
+    /// Grid points in a unit of the argument.
+    pub(crate) fn density(&self) -> f64 {
+        self.density
+    }
+
     /// Sets the value at grid point `i`; [`Even::mirror`] has to follow.
     pub(crate) fn set(&mut self, i: usize, value: f64) {
         self.values[i + 2] = value;

@@ -8,7 +8,7 @@
 //! solves.
 
 use super::super::super::interpolation::Stencil;
-use super::{Drive, Refusal, Sphere};
+use super::{Drive, ENOUGH, Refusal, Sphere, rule_for};
 use core::f64::consts::PI;
 
 /// Largest contact radius of a chart, in thicknesses.
@@ -90,7 +90,9 @@ impl Chart {
     /// Penetration and radius of the chart's largest contact.
     fn largest(sphere: &mut Sphere) -> Result<[f64; 2], Refusal> {
         let bound = WIDEST.min(0.999 * sphere.widest());
-        if let Some(solved) = sphere.solve(bound).filter(|solved| solved.delta < DEEPEST) {
+        if let Some(solved) =
+            sphere.solve(bound, rule_for(bound, ENOUGH)).filter(|solved| solved.delta < DEEPEST)
+        {
             return Ok([solved.delta, bound]);
         }
         let t = sphere.layer.thickness_mm;

@@ -18,6 +18,7 @@
 //! It refuses penetrations of the thickness or more, contacts wider than 0.95 of the diameter or
 //! with a radius above 120 thicknesses, and forces that would need those.
 
+mod base;
 mod chart;
 mod image;
 mod kernel;
@@ -29,6 +30,7 @@ use super::quadrature::legendre;
 use super::radial::Radial;
 use super::table::{Even, Pieces};
 use super::{Drive, Level, Refusal, Why};
+use base::Line;
 use chart::Chart;
 use core::f64::consts::PI;
 use kernel::Kernel;
@@ -41,10 +43,20 @@ const WIDEST: f64 = 120.0;
 const NOTHING: f64 = 1.0 / LARGEST;
 /// Solutions that one search may take.
 const SEARCH: usize = 60;
+/// Largest contact radius, in thicknesses, that a search from no contact begins with: a wide
+/// contact on a layer carries its force on far less than on a half space.
+const START: f64 = 16.0;
 /// The search ends at this relative miss; what is left is corrected to second order.
 const MISS: f64 = 1e-7;
+/// Points of a contact's rule, and more of them for each thickness of its radius; those that lead
+/// a search from no contact until it misses by less than [`ROUGH_MISS`].
+const ENOUGH: [f64; 2] = [12.0, 3.0];
+const ROUGH: [f64; 2] = [12.0, 2.0];
+const ROUGH_MISS: f64 = 1e-3;
+/// The most of such steps: where one rule gives way to the next they can go in circles.
+const ROUGH_STEPS: usize = 8;
 /// Points of the Gauss rules that are kept.
-const RULES: [usize; 10] = [16, 20, 24, 32, 48, 64, 96, 160, 256, 384];
+const RULES: [usize; 16] = [16, 20, 24, 32, 40, 48, 56, 64, 80, 96, 128, 160, 192, 256, 320, 384];
 
 /// What a solved sphere says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -98,7 +110,7 @@ pub struct Sphere {
     layer: Layer,
     radius_mm: f64,
     grid: Grid,
-    radial: Radial,
+    line: Line,
     kernel: Kernel,
     rules: Vec<Vec<(f64, f64)>>,
     edge: Vec<(f64, f64)>,
@@ -110,6 +122,8 @@ pub struct Sphere {
     used: usize,
     /// Projected slope, base pressure and flux of the contact last solved.
     tables: [Even; 3],
+    /// Sums of the loads' slopes on the tables' grid.
+    sums: Vec<f64>,
     /// Base pressure and flux once more, at the fast level.
     pieces: Option<Box<[Pieces; 2]>>,
     /// Contact radius in thicknesses.
@@ -139,14 +153,14 @@ impl Sphere {
         let transfer = layer.transfer();
         let (grid, widest) =
             (Grid::of(level), WIDEST.min(STEEPEST * radius_mm / layer.thickness_mm));
-        let most = rule_for(widest);
+        let most = rule_for(widest, ENOUGH);
         let n = RULES[most];
         let room = ((widest + grid.reach) * grid.per_thickness) as usize + 16;
         let mut sphere = Self {
             layer: *layer,
             radius_mm,
             grid,
-            radial: Radial::new(&transfer),
+            line: Line::new(&Radial::new(&transfer), grid.per_thickness),
             kernel: Kernel::new(&transfer),
             rules: RULES[..=most].iter().map(|n| legendre(*n)).collect(),
             edge: legendre(grid.points),
@@ -155,6 +169,7 @@ impl Sphere {
             points: vec![[0.0; 3]; n],
             used: 0,
             tables: [Even::with_room(room), Even::with_room(room), Even::with_room(room)],
+            sums: vec![0.0; room],
             pieces: None,
             a: 0.0,
             state: SphereState::default(),
@@ -225,9 +240,9 @@ impl Sphere {
         // Hertz: F = (8/3) a^3/R and delta = a^2/R, in these units.
         let hertz =
             if by_force { libm::cbrt(0.375 * wanted * radius) } else { (wanted * radius).sqrt() };
-        let start = if guess > 0.0 { guess } else { hertz };
+        let start = if guess > 0.0 { guess } else { hertz.min(START) };
         let widest = self.widest();
-        let (a, solved, miss) = self.search(start.min(widest), by_force, wanted, widest)?;
+        let (a, solved, miss) = self.search(start.min(widest), guess == 0.0, (by_force, wanted))?;
         // What is left of the miss is taken up by the punch, to second order.
         let change = if by_force {
             (wanted - solved.force) / solved.stiffness
@@ -306,14 +321,23 @@ impl Sphere {
     fn search(
         &mut self,
         start: f64,
-        by_force: bool,
-        wanted: f64,
-        widest: f64,
+        cold: bool,
+        (by_force, wanted): (bool, f64),
     ) -> Result<(f64, Solved, f64), Refusal> {
+        let widest = self.widest();
         let (mut a, mut slope) = (start, if by_force { 3.2 } else { 2.0 });
         let mut before: Option<(f64, f64)> = None;
-        for _ in 0..SEARCH {
-            let Some(solved) = self.solve(a) else { break };
+        // From no contact the first steps are long ones: few points tell their way.
+        let mut rough = cold;
+        for step in 0..SEARCH {
+            let points = if rough { ROUGH } else { ENOUGH };
+            let Some(solved) = self.solve(a, rule_for(a, points)) else {
+                if !rough {
+                    break;
+                }
+                (rough, before) = (false, None);
+                continue;
+            };
             let reached = if by_force { solved.force } else { solved.delta };
             let miss = libm::log(reached / wanted);
             if let Some((a_before, miss_before)) = before {
@@ -322,13 +346,18 @@ impl Sphere {
                     slope = ((miss - miss_before) / run).clamp(1.0, 8.0);
                 }
             }
-            if miss.abs() < MISS {
+            if !rough && miss.abs() < MISS {
                 return Ok((a, solved, miss));
             }
-            if miss < 0.0 && a >= widest {
+            let out_of_reach = miss < 0.0 && a >= widest;
+            if out_of_reach && !rough {
                 break;
             }
             before = Some((a, miss));
+            let led = out_of_reach || miss.abs() < ROUGH_MISS || step == ROUGH_STEPS;
+            if rough && led {
+                (rough, before) = (false, None);
+            }
             a = (a * libm::exp((-miss / slope).clamp(-1.5, 1.5))).min(widest);
         }
         let place = if by_force { "force_n" } else { "penetration_mm" };
@@ -336,8 +365,7 @@ impl Sphere {
     }
 
     /// Contact of radius `a` thicknesses; `None` when the system cannot be solved.
-    fn solve(&mut self, a: f64) -> Option<Solved> {
-        let rule = rule_for(a).min(self.rules.len() - 1);
+    fn solve(&mut self, a: f64, rule: usize) -> Option<Solved> {
         let n = RULES[rule];
         for (point, (x, w)) in self.points.iter_mut().zip(&self.rules[rule]) {
             *point = [0.5 * a * (1.0 + x), 0.5 * a * w, 0.0];
@@ -390,56 +418,10 @@ impl Sphere {
             *point = [0.5 * a * (1.0 + rule[i].0), 0.5 * a * rule[i].1, scale * phi];
         }
     }
-
-    /// Base pressure and flux over the distance from the axis.
-    fn tabulate(&mut self, a: f64) {
-        let Grid { per_thickness: density, sight, .. } = self.grid;
-        let count = self.grid.count(a);
-        let (points, radial) = (&self.points[..self.used], &self.radial);
-        let slope = |x: f64| {
-            let term = |[s, _, phi]: &[f64; 3]| {
-                let (near, far) = (x - s, x + s);
-                phi * (near * radial.base_slope(near.abs()) + far * radial.base_slope(far))
-            };
-            -points.iter().map(term).sum::<f64>() / x
-        };
-        let [projected, pressure, flux] = &mut self.tables;
-        let h = 1.0 / density;
-        // Even and smooth at 0: the value there from its neighbours.
-        let middle = 1.5 * slope(h) - 0.6 * slope(2.0 * h) + 0.1 * slope(3.0 * h);
-        projected.refill(count, density, |i| if i == 0 { middle } else { slope(i as f64 * h) });
-        let end = projected.end();
-        let along = |i: usize| {
-            let r = i as f64 * h;
-            let steps = libm::floor((end * end - r * r).max(0.0).sqrt() / sight) as usize;
-            let mut sum = 0.5 * projected.at(r);
-            for k in 1..=steps {
-                let v = k as f64 * sight;
-                sum += projected.at((r * r + v * v).sqrt());
-            }
-            -sight / PI * sum
-        };
-        pressure.refill(count, density, along);
-        let mut inside = 0.0;
-        let moment = |i: isize| pressure.sample(i.unsigned_abs()) * i as f64 * h;
-        flux.refill(count, density, |_| 0.0);
-        flux.set(0, 0.5 * pressure.sample(0));
-        for i in 1..count {
-            // The integral over one spacing by the polynomial through six values.
-            let m = i as isize - 1;
-            let right = (m + 3).min(count as isize - 1);
-            let outer = moment(m - 2) + moment(right);
-            let inner = moment(m - 1) + moment((m + 2).min(right));
-            let middle = moment(m) + moment(m + 1);
-            inside += h * (11.0 * outer - 93.0 * inner + 802.0 * middle) / 1440.0;
-            let r = i as f64 * h;
-            flux.set(i, inside / (r * r));
-        }
-        flux.mirror();
-    }
 }
 
-fn rule_for(a: f64) -> usize {
-    let wanted = 12.0 + 3.0 * a;
+/// The rule for a contact of radius `a`, by points that it has at least and more for each thickness.
+fn rule_for(a: f64, [least, each]: [f64; 2]) -> usize {
+    let wanted = least + each * a;
     RULES.iter().position(|n| *n as f64 >= wanted).unwrap_or(RULES.len() - 1)
 }
