@@ -45,8 +45,8 @@ impl Line {
         }
     }
 
-    /// Adds what a load at `s` thicknesses from the axis does to the places 0, 1, 2 ... of the grid:
-    /// `load` times their distance from it times the kernel there.
+    /// Adds what a load at `s` thicknesses from the axis does to the grid: at each place
+    /// `load` times the distance from it times the kernel there.
     fn add(&self, load: f64, s: f64, per_thickness: f64, sums: &mut [f64]) {
         let stride = self.rows.len();
         let start = self.centre - s * self.density;

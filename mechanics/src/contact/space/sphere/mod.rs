@@ -420,7 +420,8 @@ impl Sphere {
     }
 }
 
-/// The rule for a contact of radius `a`, by points that it has at least and more for each thickness.
+/// The rule for a contact of radius `a`, by the points that it has at least and those that each
+/// thickness adds.
 fn rule_for(a: f64, [least, each]: [f64; 2]) -> usize {
     let wanted = least + each * a;
     RULES.iter().position(|n| *n as f64 >= wanted).unwrap_or(RULES.len() - 1)
