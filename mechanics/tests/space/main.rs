@@ -3,6 +3,7 @@
 
 mod draws;
 mod features;
+mod grip;
 mod hard;
 mod images;
 mod kernels;

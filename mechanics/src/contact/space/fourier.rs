@@ -1,4 +1,4 @@
-//! Convolution of real fields with an even kernel, by Fourier transforms on a padded grid. Sizes
+//! Convolution of real fields with a kernel that is even or odd along each axis, by Fourier transforms on a padded grid. Sizes
 //! are powers of two. Transforming neither allocates nor panics; the same input gives the same
 //! bits on every machine.
 
@@ -62,22 +62,33 @@ impl Line {
     }
 }
 
-/// A kernel that is even along both axes, ready to be convolved with fields of one size.
+/// A kernel that is even or odd along each axis, ready to be convolved with fields of one size.
 #[derive(Clone, Debug)]
 pub(crate) struct Convolution {
     columns: usize,
     rows: usize,
     across: Line,
     along: Line,
-    /// The kernel's transform, real, in the order of the transforms, with the normalisation.
+    /// The kernel's transform, real or imaginary throughout, in the order of the transforms, with
+    /// the normalisation.
     spectrum: Vec<f64>,
+    imaginary: bool,
     grid: Vec<Complex>,
     column: Vec<Complex>,
 }
 
 impl Convolution {
-    /// Takes the kernel at offsets (i, j), 0 <= i < columns, 0 <= j < rows.
+    /// Takes an even kernel at offsets (i, j), 0 <= i < columns, 0 <= j < rows.
     pub(crate) fn new(columns: usize, rows: usize, kernel: impl Fn(usize, usize) -> f64) -> Self {
+        Self::of([columns, rows], [false; 2], kernel)
+    }
+
+    /// The same of a kernel that is odd along the axes named so.
+    pub(crate) fn of(
+        [columns, rows]: [usize; 2],
+        odd: [bool; 2],
+        kernel: impl Fn(usize, usize) -> f64,
+    ) -> Self {
         let length = |n: usize| (2 * n).next_power_of_two();
         let (across, along) = (Line::new(length(columns)), Line::new(length(rows)));
         let (width, height) = (across.length, along.length);
@@ -87,14 +98,16 @@ impl Convolution {
             across,
             along,
             spectrum: vec![0.0; width * height],
+            imaginary: odd[0] != odd[1],
             grid: vec![[0.0; 2]; width * height],
             column: vec![[0.0; 2]; height],
         };
         for (n, value) in made.grid.iter_mut().enumerate() {
-            let (i, j) = (n % width, n / width);
-            let (i, j) = (i.min(width - i), j.min(height - j));
+            let (at, of) = (n % width, n / width);
+            let (i, j) = (at.min(width - at), of.min(height - of));
             if i < columns && j < rows {
-                *value = [kernel(i, j), 0.0];
+                let turned = (odd[0] && i != at) != (odd[1] && j != of);
+                *value = [if turned { -kernel(i, j) } else { kernel(i, j) }, 0.0];
             }
         }
         made.rows_forward(height);
@@ -102,7 +115,8 @@ impl Convolution {
             made.load_column(i);
             made.along.forward(&mut made.column);
             for (j, value) in made.column.iter().enumerate() {
-                made.spectrum[i * height + j] = value[0] / (width * height) as f64;
+                let part = value[usize::from(made.imaginary)];
+                made.spectrum[i * height + j] = part / (width * height) as f64;
             }
         }
         made
@@ -132,6 +146,9 @@ impl Convolution {
             let spectrum = &self.spectrum[i * height..(i + 1) * height];
             for (value, factor) in self.column.iter_mut().zip(spectrum) {
                 *value = [value[0] * factor, value[1] * factor];
+                if self.imaginary {
+                    *value = [-value[1], value[0]];
+                }
             }
             self.along.backward(&mut self.column);
             for (j, value) in self.column[..self.rows].iter().enumerate() {
@@ -175,17 +192,28 @@ mod tests {
 
     #[test]
     fn a_convolution_is_the_double_sum() {
+        for odd in [[false, false], [true, false], [false, true], [true, true]] {
+            check(odd);
+        }
+    }
+
+    fn check(odd: [bool; 2]) {
         let (columns, rows) = (5, 3);
-        let kernel = |i: usize, j: usize| 1.0 / (1.0 + i as f64 + 2.5 * (j * j) as f64);
-        let mut convolution = Convolution::new(columns, rows, kernel);
+        let kernel = |i: usize, j: usize| {
+            let nothing = (odd[0] && i == 0) || (odd[1] && j == 0);
+            if nothing { 0.0 } else { 1.0 / (1.0 + i as f64 + 2.5 * (j * j) as f64) }
+        };
+        let mut convolution = Convolution::of([columns, rows], odd, kernel);
         let field = |seed: f64| -> Vec<f64> {
             (0..columns * rows).map(|n| libm::sin(seed * (n + 1) as f64)).collect()
         };
         let (mut first, mut second) = (field(1.3), field(0.7));
         let expected = |field: &[f64], n: usize| -> f64 {
-            let offset = |a: usize, b: usize| a.abs_diff(b);
             let term = |(m, value): (usize, &f64)| {
-                kernel(offset(n % columns, m % columns), offset(n / columns, m / columns)) * value
+                let [(i, k), (j, l)] = [(n % columns, m % columns), (n / columns, m / columns)];
+                let turned = (odd[0] && i < k) != (odd[1] && j < l);
+                let size = kernel(i.abs_diff(k), j.abs_diff(l)) * value;
+                if turned { -size } else { size }
             };
             field.iter().enumerate().map(term).sum()
         };

@@ -41,6 +41,24 @@ impl Cells {
         let along = |i: usize, n: usize| (i as f64 - 0.5 * (n as f64 - 1.0)) * self.spacing_mm;
         [along(cell % self.columns, self.columns), along(cell / self.columns, self.rows)]
     }
+
+    /// Cells of constant traction as point loads in their middles, to fourth order: place (mm) and
+    /// load (N) of each that is not nothing.
+    pub(super) fn loads(&self, traction_mpa: &[f64], mut each: impl FnMut([f64; 2], f64)) {
+        let Self { columns, rows, spacing_mm } = *self;
+        let at = |i: usize, j: usize| {
+            // Wraps to a number beyond the grid on its far side.
+            if i < columns && j < rows { traction_mpa[j * columns + i] } else { 0.0 }
+        };
+        for cell in 0..columns * rows {
+            let (i, j) = (cell % columns, cell / columns);
+            let around = at(i.wrapping_sub(1), j) + at(i + 1, j) + at(i, j.wrapping_sub(1));
+            let load = (20.0 * at(i, j) + around + at(i, j + 1)) / 24.0;
+            if load != 0.0 {
+                each(self.place_mm(cell), load * spacing_mm * spacing_mm);
+            }
+        }
+    }
 }
 
 /// What a pressed body says.
@@ -318,21 +336,8 @@ impl Surface {
 
     /// The same of `ratio` times the pressure: with [`Shares::sheared`] the image of what rubs.
     pub fn image_of(&self, shares: &Shares, place_mm: [f64; 2], ratio: f64, image: &mut [f64]) {
-        let Cells { columns, rows, spacing_mm } = self.cells;
-        let area = spacing_mm * spacing_mm;
-        let at = |i: usize, j: usize| {
-            // Wraps to a number beyond the grid on its far side.
-            if i < columns && j < rows { self.pressure[j * columns + i] } else { 0.0 }
-        };
-        for cell in 0..columns * rows {
-            let (i, j) = (cell % columns, cell / columns);
-            // A cell of constant pressure as point loads, to fourth order.
-            let around = at(i.wrapping_sub(1), j) + at(i + 1, j) + at(i, j.wrapping_sub(1));
-            let load = (20.0 * at(i, j) + around + at(i, j + 1)) / 24.0;
-            if load != 0.0 {
-                let [x, y] = self.cells.place_mm(cell);
-                shares.add(image, [place_mm[0] + x, place_mm[1] + y], ratio * load * area);
-            }
-        }
+        self.cells.loads(&self.pressure, |[x, y], load| {
+            shares.add(image, [place_mm[0] + x, place_mm[1] + y], ratio * load);
+        });
     }
 }
