@@ -52,7 +52,8 @@ fn a_disc_that_sticks_is_as_stiff_as_in_closed_form() {
         let turn = Carry { turn_rad: 1e-3, ..Carry::default() };
         grip.step(&face, drive, &Carry::default()).unwrap();
         let state = grip.step(&face, drive, &turn).unwrap();
-        off[1] = state.torque_n_mm / (16.0 / 3.0 * shear_mpa * radius.powi(3) * 1e-3) - 1.0;
+        off[1] =
+            state.torque_n_mm / (16.0 / 3.0 * shear_mpa * (radius * radius * radius) * 1e-3) - 1.0;
     }
     for k in 0..2 {
         assert!(off[1][k].abs() < 0.02 && off[1][k].abs() < 0.7 * off[0][k].abs(), "{off:?}");
@@ -73,24 +74,18 @@ fn a_sphere_slides_from_its_edge_inwards() {
     let whole = 3.0 * friction * pressed.force_n * 1.5 / (16.0 * thick.shear_mpa() * radius);
     for part in [0.3, 0.6, 0.9] {
         let left: f64 = 1.0 - part;
-        let shift = whole * (1.0 - left.powf(2.0 / 3.0)) - grip.moved_at_the_middle();
+        let shift = whole * (1.0 - libm::pow(left, 2.0 / 3.0)) - moved_at_the_middle(&grip);
         let state = grip.step(&ball, drive, &along(shift, 0.0)).unwrap();
         let carried = state.force_n[0] / (friction * pressed.force_n);
         assert!((carried - part).abs() < 0.02, "{part}: {carried}");
-        let stuck = state.area_mm2[0] / (PI * radius * radius * left.powf(2.0 / 3.0));
+        let stuck = state.area_mm2[0] / (PI * radius * radius * libm::pow(left, 2.0 / 3.0));
         assert!((stuck - 1.0).abs() < 0.12, "{part}: {stuck}");
     }
 }
 
-trait Middle {
-    fn moved_at_the_middle(&self) -> f64;
-}
-
-impl Middle for Grip {
-    /// Displacement along x of a cell beside the middle, which sticks.
-    fn moved_at_the_middle(&self) -> f64 {
-        self.moved_mm()[0][24 * 48 + 24]
-    }
+/// Displacement along x of a cell beside the middle, which sticks.
+fn moved_at_the_middle(grip: &Grip) -> f64 {
+    grip.moved_mm()[0][24 * 48 + 24]
 }
 
 /// Every cell keeps the rule, whatever the path: a press, carries along, across, back, a turn, and
@@ -124,14 +119,17 @@ fn every_cell_keeps_the_rule() {
                 ];
                 let slip = [0, 1].map(|k| way[k] - (grip.moved_mm()[k][n] - before[k][n]));
                 let q = [0, 1].map(|k| grip.traction_mpa()[k][n]);
-                let size = q[0].hypot(q[1]);
+                let size = libm::hypot(q[0], q[1]);
                 let limit = friction * grip.pressure_mpa()[n];
                 assert!(size <= limit * (1.0 + 1e-12), "{nu} {n}: {size} {limit}");
                 match status {
                     Status::Apart => assert!(size == 0.0),
                     Status::Sticks => {
                         seen[0] += 1;
-                        assert!(slip[0].hypot(slip[1]) < 1e-6 * largest, "{nu} {n}: {slip:?}");
+                        assert!(
+                            libm::hypot(slip[0], slip[1]) < 1e-6 * largest,
+                            "{nu} {n}: {slip:?}"
+                        );
                     }
                     Status::Slides => {
                         seen[1] += 1;
@@ -237,8 +235,8 @@ fn the_image_has_the_moments_of_statics() {
                 (image, state, grip)
             });
     let (image, state, grip) = &images[0];
-    let moment = |image: &[f64], power: i32| -> f64 {
-        let at = |n: usize| array.x_mm(n % array.cols).powi(power);
+    let moment = |image: &[f64], power: usize| -> f64 {
+        let at = |n: usize| if power == 0 { 1.0 } else { array.x_mm(n % array.cols) };
         0.25 * image.iter().enumerate().map(|(n, s)| s * at(n)).sum::<f64>()
     };
     let sum = moment(image, 0);

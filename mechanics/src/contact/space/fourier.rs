@@ -1,6 +1,6 @@
-//! Convolution of real fields with a kernel that is even or odd along each axis, by Fourier transforms on a padded grid. Sizes
-//! are powers of two. Transforming neither allocates nor panics; the same input gives the same
-//! bits on every machine.
+//! Convolution of real fields with a kernel that is even or odd along each axis, by Fourier
+//! transforms on a padded grid. Sizes are powers of two. Transforming neither allocates nor panics;
+//! the same input gives the same bits on every machine.
 
 use core::f64::consts::PI;
 

@@ -29,6 +29,8 @@ const SETTLED: f64 = 1e-7;
 /// asked for.
 const GRADIENTS: usize = 4000;
 const TOLERANCE: f64 = 1e-7;
+/// The same while the sinking still changes: this part of its change, or this at the loosest.
+const LOOSE: f64 = 1e-3;
 /// A cell of which less of the limit is free slides.
 const FREE: f64 = 1e-6;
 
@@ -176,6 +178,7 @@ impl Grip {
     ) -> Result<GripState, Invalid> {
         let mut traction = self.traction.clone();
         let mut sunk = self.sunk(&traction);
+        let mut tolerance = LOOSE;
         for turn in 1..=TURNS {
             if heights.len() != sunk.len() {
                 self.surface.press(heights, drive)?;
@@ -187,11 +190,13 @@ impl Grip {
                 wanted[0][n] += carry.shift_mm[0] - carry.turn_rad * y - drawn[0][n];
                 wanted[1][n] += carry.shift_mm[1] + carry.turn_rad * x - drawn[1][n];
             }
-            let residual = self.pull(&wanted, &mut traction);
+            let residual = self.pull(&wanted, &mut traction, tolerance);
             let sinks = self.sunk(&traction);
             let change = sinks.iter().zip(&sunk).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             sunk = sinks;
-            if change <= SETTLED * pressed.penetration_mm.abs() || pressed.force_n == 0.0 {
+            let change = change / pressed.penetration_mm.abs().max(f64::MIN_POSITIVE);
+            let settled = change <= SETTLED && tolerance <= TOLERANCE;
+            if settled || pressed.force_n == 0.0 {
                 let mut state = self.told(&traction, pressed);
                 (state.residual, state.turns) = (residual, turn);
                 if residual > 1e3 * TOLERANCE || residual.is_nan() {
@@ -206,6 +211,7 @@ impl Grip {
                 self.traction = traction;
                 return Ok(state);
             }
+            tolerance = (LOOSE * change).clamp(TOLERANCE, LOOSE);
         }
         let what = format!("pressure and friction of {} do not settle", self.friction);
         Err(Invalid::new("friction", what, "give less friction"))
@@ -246,7 +252,7 @@ impl Grip {
 
     /// Tractions within their limits that move the surface as wanted where they can; the slip that
     /// is left against the rule, over the largest displacement wanted.
-    fn pull(&mut self, wanted: &Field, traction: &mut Field) -> f64 {
+    fn pull(&mut self, wanted: &Field, traction: &mut Field, tolerance: f64) -> f64 {
         let pressure = self.surface.pressure_mpa();
         let limits: Vec<f64> = pressure.iter().map(|p| self.friction * p).collect();
         let touched = || limits.iter().enumerate().filter(|(_, limit)| **limit > 0.0);
@@ -281,7 +287,7 @@ impl Grip {
                 }
             }
             left = worst * self.softest / largest;
-            if left <= TOLERANCE || left.is_nan() {
+            if left <= tolerance || left.is_nan() {
                 break;
             }
             let next = 0.5 + (0.25 + momentum * momentum).sqrt();

@@ -1,14 +1,13 @@
 //! Contact in three dimensions: rigid indenters on the bonded layer, and the image that an array of
-//! tactels at its base makes of them. Small strain; indenters without friction, and in [`shear`]
-//! tangential loads and friction in proportion to the pressure.
+//! tactels at its base makes of them. Small strain; indenters without friction, in [`shear`]
+//! tangential loads and friction in proportion to the pressure, in [`grip`] stick and slip.
 //!
 //! Frame: x and y along the surface, z up; the array is centred on the origin, its columns along x
 //! and its rows along y. Forces in N push the indenter into the layer, stresses are negative under
 //! compression, penetrations are positive downwards.
 //!
 //! What it refuses: what is not finite, an indenter that would need more than it can resolve, a
-//! force that no penetration reaches. What it does not know: free ends of the layer, stick and
-//! slip.
+//! force that no penetration reaches. What it does not know: free ends of the layer.
 
 mod across;
 mod cubic;

@@ -10,7 +10,7 @@
 //!
 //! Frame as in [`super`]; a load Q > 0 pushes the layer along +x, displacements w are downwards. It
 //! refuses what is not finite; contacts under friction also what [`Surface::press`] refuses and
-//! friction that does not settle. Stick and slip it does not know.
+//! friction that does not settle. Stick and slip are [`super::grip`]'s.
 
 use super::super::layer::Layer;
 use super::super::{Invalid, finite};
