@@ -3,6 +3,7 @@
 //! figures. Refuses to judge statements by itself: the verdicts stand in
 //! `docs/measurements/contact.md`.
 
+mod beside;
 mod block;
 mod bricks;
 mod chapter3;
@@ -32,6 +33,9 @@ pub struct Plan {
     /// Leave out the timing, whose figures differ from run to run
     #[arg(long)]
     no_timing: bool,
+    /// Python that may have the package ContactMechanics, which is timed beside ours if it has
+    #[arg(long, value_name = "PROGRAM", default_value = "python3")]
+    python: PathBuf,
     /// One JSON object instead of the tables
     #[arg(long)]
     json: bool,
@@ -51,6 +55,8 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
     if !plan.no_timing {
         text += "\n";
         text += &work::table()?;
+        text += "\n";
+        text += &beside::table(&plan.python, &std::env::current_exe()?);
     }
     if plan.json {
         out::line(serde_json::json!({ "tables": super::tables::json(&text) }))?;

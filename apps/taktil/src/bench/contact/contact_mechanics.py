@@ -1,4 +1,5 @@
-"""A sphere on the bonded layer, ours and the package ContactMechanics (PyPI) in turns in one process.
+"""A sphere on the bonded layer, ours and the package ContactMechanics (PyPI) in turns in one process:
+`taktil bench contact` runs it where the package is installed.
 
 usage: contact_mechanics.py PATH_OF_TAKTIL
 needs: pip install ContactMechanics
@@ -103,12 +104,11 @@ def main():
             times.setdefault(name, []).append(elapsed * 1e3)
             image = package.image(force)
             errors[name] = (np.abs(image - exact).max() / peak, force.sum() / 5 - 1)
-    print("| method | image error | force error | ms, median | ms, least |")
-    print("|---|---|---|---|---|")
+    print("method | image error | force error | ms, median | ms, least")
     for name, spent in times.items():
         image, force = errors[name]
-        print(f"| {name} | {image:.1e} | {force:+.1e} | {statistics.median(spent):.3f} "
-              f"| {min(spent):.3f} |")
+        print(f"{name} | {image:.1e} | {force:+.1e} | {statistics.median(spent):.3f} "
+              f"| {min(spent):.3f}")
     for name, spent in times.items():
         if name.startswith("Contact"):
             better = [n for n in times if n.startswith("taktil") and errors[n][0] <= errors[name][0]]
