@@ -180,6 +180,7 @@ impl Grip {
         let mut sunk = self.sunk(&traction);
         let mut tolerance = LOOSE;
         for turn in 1..=TURNS {
+            // Before heights that are too many are left out.
             if heights.len() != sunk.len() {
                 self.surface.press(heights, drive)?;
             }
