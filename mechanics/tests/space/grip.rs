@@ -217,44 +217,43 @@ fn borders_of_friction() {
 }
 
 /// The image sums to the force, its moment is the pressure's and -t Q; a carry along y is one along
-/// x in a mirror.
+/// x in a mirror, on an array that is no square and off its middle.
 #[test]
 fn the_image_has_the_moments_of_statics() {
     let rubber = layer(0.8, 0.49);
     let (influence, shear) = (Influence::new(&rubber).unwrap(), Shear::new(&rubber).unwrap());
-    let array = Array { rows: 33, cols: 33, pitch_mm: 0.5 };
-    let normal = Shares::new(&influence, &array, Sampling::Area, Fineness::FINE).unwrap();
-    let sheared = Shares::sheared(&shear, &array, Sampling::Area, Fineness::FINE).unwrap();
+    let array = Array { rows: 29, cols: 35, pitch_mm: 0.5 };
+    let arrays = [array, Array { rows: array.cols, cols: array.rows, ..array }];
+    let normal =
+        arrays.map(|one| Shares::new(&influence, &one, Sampling::Area, Fineness::FINE).unwrap());
+    let [sheared, turned] =
+        arrays.map(|one| Shares::sheared(&shear, &one, Sampling::Area, Fineness::FINE).unwrap());
     let cells = Cells { columns: 30, rows: 30, spacing_mm: 0.1 };
     let ball = heights(&cells, |x, y| (x * x + y * y) / 20.0);
-    let mut images =
-        [carry(&cells, &rubber, &ball, [2e-3, 0.0]), carry(&cells, &rubber, &ball, [0.0, 2e-3])]
-            .map(|(grip, state)| {
-                let mut image = vec![0.0; array.len()];
-                grip.image(&normal, [&sheared; 2], [0.0; 2], &mut image).unwrap();
-                (image, state, grip)
-            });
-    let (image, state, grip) = &images[0];
-    let moment = |image: &[f64], power: usize| -> f64 {
-        let at = |n: usize| if power == 0 { 1.0 } else { array.x_mm(n % array.cols) };
-        0.25 * image.iter().enumerate().map(|(n, s)| s * at(n)).sum::<f64>()
+    let (grip, state) = carry(&cells, &rubber, &ball, [2e-3, 0.0]);
+    let (across, _) = carry(&cells, &rubber, &ball, [0.0, 2e-3]);
+    let mut images = [vec![0.0; array.len()], vec![0.0; array.len()]];
+    grip.image(&normal[0], [&sheared, &turned], [0.2, -0.1], &mut images[0]).unwrap();
+    across.image(&normal[1], [&turned, &sheared], [-0.1, 0.2], &mut images[1]).unwrap();
+    let moment = |power: usize| -> f64 {
+        let at = |n: usize| if power == 0 { 1.0 } else { array.x_mm(n % array.cols) - 0.2 };
+        0.25 * images[0].iter().enumerate().map(|(n, s)| s * at(n)).sum::<f64>()
     };
-    let sum = moment(image, 0);
+    let sum = moment(0);
     assert!((sum / -state.pressed.force_n - 1.0).abs() < 2e-3, "{sum} {state:?}");
     let pressed: f64 =
         grip.pressure_mpa().iter().enumerate().map(|(n, p)| 0.01 * p * cells.place_mm(n)[0]).sum();
     let wanted = -pressed - 0.8 * state.force_n[0];
-    let found = moment(image, 1);
+    let found = moment(1);
     assert!((found / wanted - 1.0).abs() < 0.02, "{found} {wanted}");
-    let largest = image.iter().fold(0.0_f64, |most, s| most.max(s.abs()));
-    for n in 0..array.len() {
-        let mirrored = images[1].0[(n % 33) * 33 + n / 33];
-        assert!((images[0].0[n] - mirrored).abs() < 1e-6 * largest, "{n}");
+    let largest = crate::peak(&images[0]);
+    for (n, value) in images[0].iter().enumerate() {
+        let mirrored = images[1][(n % array.cols) * array.rows + n / array.cols];
+        assert!((value - mirrored).abs() < 1e-6 * largest, "{n}");
     }
-    let other = Array { rows: 4, ..array };
-    let few = Shares::sheared(&shear, &other, Sampling::Area, Fineness::FAST).unwrap();
-    let (image, _, grip) = &mut images[1];
-    assert_eq!(grip.image(&normal, [&few; 2], [0.0; 2], image).unwrap_err().place, "sheared");
+    // Not the mirror's shares.
+    let refused = grip.image(&normal[0], [&sheared; 2], [0.0; 2], &mut images[0]).unwrap_err();
+    assert_eq!(refused.place, "sheared");
 }
 
 fn carry(cells: &Cells, rubber: &Layer, ball: &[f64], shift_mm: [f64; 2]) -> (Grip, GripState) {

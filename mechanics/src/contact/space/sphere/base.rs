@@ -34,7 +34,7 @@ impl Line {
         let density = table.density();
         let (last, stride) = (table.last(), (density / per_thickness) as usize);
         let centre = last - last % stride;
-        let at = |i: usize| if i <= 2 * centre { table.sample(i.abs_diff(centre)) } else { 0.0 };
+        let at = |i: usize| table.sample(i.abs_diff(centre));
         let row = |j: usize| (j..=2 * centre).step_by(stride).map(at).collect();
         Self {
             rows: (0..stride).map(row).collect(),
