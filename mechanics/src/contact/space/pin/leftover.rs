@@ -5,7 +5,8 @@
 //! from the end alone, so it is found when tables are made, from a short pin on slices of this
 //! length and on much shorter ones, cosine by cosine: the moments of the difference along the
 //! pin. The image gets them back. A cylinder's are taken at some depths of its end; a bar's go
-//! with it.
+//! with it. Where the pin leans, what is left over changes in proportion, which a second contact
+//! of the short pin tells.
 //!
 //! It refuses nothing: an end whose short pin has no solution keeps what its slices say.
 
@@ -43,6 +44,12 @@ const BEYOND: usize = 2;
 /// second none.
 const COUNTED: [f64; 2] = [1.0, 4.2];
 
+/// Part of an end's depth that a thickness of the short pin rises by where it leans, the number of
+/// the depth at which it does, and the most of it that a contact is taken to lean by.
+const LEANING: f64 = 0.1;
+const LEANS: usize = 1;
+const STEEPEST: f64 = 0.5;
+
 /// Force of what is left over from which a force is searched for again, in tolerances.
 const OVER: f64 = 0.5;
 
@@ -56,6 +63,16 @@ struct Solved {
     loads: Vec<f64>,
 }
 
+/// An end that touches.
+#[derive(Clone, Copy, Debug)]
+struct End {
+    depth: f64,
+    /// Part of the depth that a thickness inwards rises by.
+    rise: f64,
+    /// Mean pressure of the last slice.
+    last: f64,
+}
+
 /// The leftover of an end, from the deepest to the shallowest.
 #[derive(Clone, Debug)]
 pub(super) struct Leftover {
@@ -63,6 +80,9 @@ pub(super) struct Leftover {
     /// Distance of the loads, thicknesses.
     apart: f64,
     solved: Vec<Solved>,
+    /// What the loads change by where the pin rises by all of the depth in a thickness; so little
+    /// that it is found at one depth.
+    leaning: Vec<f64>,
 }
 
 impl Leftover {
@@ -95,22 +115,28 @@ impl Leftover {
         let (mut coarse, mut fine) = (row(slices)?, row(shorter * slices)?);
         let depths = if strips.is_free() { DEPTHS } else { 1 };
         let mut solved = Vec::with_capacity(depths);
-        let mut depth = deepest;
-        for _ in 0..depths {
-            solved.extend(Solved::of(&mut coarse, &mut fine, depth));
+        let (mut depth, mut leaning) = (deepest, None);
+        for at in 0..depths {
+            let level = Solved::of(&mut coarse, &mut fine, depth);
+            if let Some(level) = level.as_ref().filter(|_| at == LEANS.min(depths - 1)) {
+                leaning = level.leaning(&mut coarse, &mut fine);
+            }
+            solved.extend(level);
             depth /= SHALLOWER;
         }
-        (!solved.is_empty()).then_some(Self {
+        let loads = solved.first()?.loads.len();
+        Some(Self {
             cosines: strips.places.cosines,
             apart: apart(coarse.h),
+            leaning: leaning.unwrap_or_else(|| vec![0.0; loads]),
             solved,
         })
     }
 
     /// Calls with the cosines (times thickness), the half-width over the last slice's and the place
-    /// inwards from the end of what is to be added at an end of a depth, whose last slice has so
-    /// large a mean pressure.
-    fn at(&self, (depth, last): (f64, f64), mut of: impl FnMut(&[f64], (f64, f64))) {
+    /// inwards from the end of what is to be added at an end.
+    fn at(&self, end: End, mut of: impl FnMut(&[f64], (f64, f64))) {
+        let End { depth, rise, last } = end;
         let after = self.solved.iter().position(|solved| solved.depth <= depth);
         let after = after.unwrap_or(self.solved.len() - 1);
         let (a, b) = (&self.solved[after.saturating_sub(1)], &self.solved[after]);
@@ -119,10 +145,12 @@ impl Leftover {
         let wider = a.wider + part * (b.wider - a.wider);
         let n = self.cosines;
         let mut sum = [0.0; COSINES_MAX];
-        let both = a.loads.chunks_exact(n).zip(b.loads.chunks_exact(n));
-        for (i, (a, b)) in both.enumerate() {
-            for (value, (a, b)) in sum.iter_mut().zip(a.iter().zip(b)) {
-                *value = last * (a + part * (b - a));
+        for i in 0..a.loads.len() / n {
+            let stretch = i * n..(i + 1) * n;
+            let lists = [&a.loads, &b.loads, &self.leaning];
+            let [a, b, leaning] = lists.map(|list| &list[stretch.clone()]);
+            for (k, value) in sum[..n].iter_mut().enumerate() {
+                *value = last * (a[k] + part * (b[k] - a[k]) + rise * leaning[k]);
             }
             of(&sum[..n], (wider, self.apart * (i as f64 - BEYOND as f64)));
         }
@@ -131,24 +159,47 @@ impl Leftover {
 
 impl Solved {
     fn of(coarse: &mut Row, fine: &mut Row, depth: f64) -> Option<Self> {
-        for row in [&mut *coarse, &mut *fine] {
-            row.release();
-            row.press((None, depth), 0.0).ok()?;
-        }
-        let n = coarse.work.places.cosines;
-        let apart = apart(coarse.h);
-        let count = libm::ceil(COUNTED[1] / apart) as usize + BEYOND + 2;
-        let mut loads = vec![0.0; count * n];
+        coarse.release();
+        fine.release();
+        press_both(coarse, fine, (depth, 0.0))?;
         // The widest: what is carried to a narrower one does not converge.
-        let end = coarse.work.widths[coarse.along.len() - 1];
+        let end = coarse.end_width();
         let width = fine.work.widths.iter().chain(&coarse.work.widths).fold(end, |w, b| w.max(*b));
-        coarse.deposit((-1.0, apart), width, &mut loads);
-        fine.deposit((1.0, apart), width, &mut loads);
-        let last = coarse.work.a[(coarse.along.len() - 1) * n];
-        loads.iter_mut().for_each(|load| *load /= last);
-        let sound = last > 0.0 && loads.iter().all(|load| load.is_finite());
-        sound.then_some(Self { depth, wider: width / end, loads })
+        let wider = width / end;
+        let loads = difference(coarse, fine, wider)?;
+        Some(Self { depth, wider, loads })
     }
+
+    /// What the loads change by where the pin leans, after the contact of this depth; nothing where
+    /// the short pins do not settle.
+    fn leaning(&self, coarse: &mut Row, fine: &mut Row) -> Option<Vec<f64>> {
+        press_both(coarse, fine, (self.depth, LEANING * self.depth))?;
+        let loads = difference(coarse, fine, self.wider)?;
+        Some(loads.iter().zip(&self.loads).map(|(b, a)| (b - a) / LEANING).collect())
+    }
+}
+
+/// Presses both short pins so deep at their far end, rising so much in a thickness from there.
+fn press_both(coarse: &mut Row, fine: &mut Row, (depth, rise): (f64, f64)) -> Option<()> {
+    for row in [coarse, fine] {
+        row.press((None, depth - rise * row.ends[1]), rise).ok()?;
+    }
+    Some(())
+}
+
+/// What the longer slices leave over near the far end, over the last one's mean pressure, as loads
+/// over a half-width so many times the last one's.
+fn difference(coarse: &Row, fine: &Row, wider: f64) -> Option<Vec<f64>> {
+    let n = coarse.work.places.cosines;
+    let apart = apart(coarse.h);
+    let count = libm::ceil(COUNTED[1] / apart) as usize + BEYOND + 2;
+    let mut loads = vec![0.0; count * n];
+    let width = wider * coarse.end_width();
+    coarse.deposit((-1.0, apart), width, &mut loads);
+    fine.deposit((1.0, apart), width, &mut loads);
+    let last = coarse.work.a[(coarse.along.len() - 1) * n];
+    loads.iter_mut().for_each(|load| *load /= last);
+    (last > 0.0 && loads.iter().all(|load| load.is_finite())).then_some(loads)
 }
 
 impl Row {
@@ -189,16 +240,24 @@ impl Row {
         let Some(leftover) = &self.leftover else { return };
         let [near, far] = self.ends;
         let last = self.along.len() - 1;
-        for (j, end, inwards) in [(last, far, -1.0), (0, near, 1.0)] {
+        let given = &self.work.given;
+        let slope = (given[last] - given[0]) / (self.along[last] - self.along[0]).max(self.h);
+        for (j, place, inwards) in [(last, far, -1.0), (0, near, 1.0)] {
             // A row over an end has one.
             if self.work.touches(j) && !(self.part && j == 0) {
                 let (b, own) = self.work.slice(j);
-                let state = (self.work.given[j], own[0]);
-                leftover.at(state, |cosines, (wider, away)| {
-                    of((wider * b, end + inwards * away), cosines);
+                let rise = (-inwards * slope / given[j]).clamp(-STEEPEST, STEEPEST);
+                let end = End { depth: given[j], rise, last: own[0] };
+                leftover.at(end, |cosines, (wider, away)| {
+                    of((wider * b, place + inwards * away), cosines);
                 });
             }
         }
+    }
+
+    /// Half-width of the last slice.
+    fn end_width(&self) -> f64 {
+        self.work.widths[self.along.len() - 1]
     }
 
     /// Force of what the slices leave over, in units of the kernels, and its moment about the
