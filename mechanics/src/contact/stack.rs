@@ -25,6 +25,8 @@ const WORK_MAX: f64 = 8_388_608.0;
 const THICK: f64 = 1.0;
 /// Stand-in for the wave without length.
 const LONGEST: f64 = 1e-6;
+/// Furthest that fields may reach, in thicknesses of the surface layer, where they are tabulated.
+const REACH_MAX: f64 = 640.0;
 
 /// Layers from the surface down to the base.
 #[derive(Clone, Debug, PartialEq)]
@@ -166,6 +168,35 @@ impl Stack {
         }
         // A base that does not give ends the spreading: contrasts beyond 1e6 count as that.
         REACH * self.thickness_mm() * libm::cbrt(contrast.min(1e6))
+    }
+
+    /// The same in thicknesses of the surface layer, for tables.
+    ///
+    /// # Errors
+    /// A surface layer too thin against that distance.
+    pub(crate) fn reach(&self) -> Result<f64, Invalid> {
+        let reach = libm::ceil(self.reach_mm() / self.surface_layer().thickness_mm).max(REACH);
+        if reach <= REACH_MAX {
+            return Ok(reach);
+        }
+        let what = format!("fields die after {reach} thicknesses of the surface layer");
+        let remedy = "give a thicker surface layer, or one less stiff against those below";
+        Err(Invalid::new("layers", what, remedy))
+    }
+
+    /// At the wave number a over the surface layer's thickness, in that layer's units: displacement
+    /// per tangential traction across the wave vector.
+    pub(crate) fn across_compliance(&self, a: f64) -> f64 {
+        let surface = self.surface_layer();
+        let k = a / surface.thickness_mm;
+        let above = |below: f64, layer: &Layer| {
+            let (h, g) = (layer.thickness_mm, layer.shear_mpa());
+            let tanh = libm::tanh(k * h);
+            let own = if k > 0.0 { tanh / k } else { h };
+            (below + own / g) / (1.0 + below * g * k * tanh)
+        };
+        let all = self.layers.iter().rev().fold(0.0, above);
+        all * surface.shear_mpa() / surface.thickness_mm
     }
 
     /// At the wave number a over the surface layer's thickness, in that layer's units: M/a, T/a and

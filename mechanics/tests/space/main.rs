@@ -13,6 +13,7 @@ mod reach;
 mod shallow;
 mod shear;
 mod solvers;
+mod stack;
 mod tables;
 
 use taktil_mechanics::contact::layer::Layer;

@@ -208,3 +208,21 @@ fn what_is_no_layer_is_refused_and_far_away_there_is_nothing() {
     let near = shear.surface_point([31.0, 5.0]);
     assert!(near.iter().all(|u| u.abs() < 1e-10), "{near:?}");
 }
+
+/// Where a layer's fields have died the closed form of a cell and the tables' rest are each other's
+/// opposite, across the tables' end too.
+#[test]
+fn cells_far_off_are_not_moved() {
+    let layer = layer(0.8, 0.3);
+    let shear = Shear::new(&layer).unwrap();
+    let unit = 0.16 / layer.shear_mpa();
+    for i in 0..60 {
+        let r = 0.8 * (34.0 + 0.37 * f64::from(i));
+        for place in [[r, 0.0], [0.0, r], [0.6 * r, -0.8 * r]] {
+            let moved = shear.surface_cell(place, [0.2; 2]);
+            for u in moved {
+                assert!(u.abs() < 1e-9 * unit, "{place:?}: {moved:?}");
+            }
+        }
+    }
+}

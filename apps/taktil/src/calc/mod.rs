@@ -19,6 +19,7 @@ mod meshed;
 mod motion;
 mod nodes;
 mod once;
+mod path;
 mod plane;
 mod recover;
 mod request;
@@ -55,7 +56,7 @@ fn operations() -> impl Iterator<Item = &'static Operation> {
     [kinematics::OPERATIONS, dynamics::OPERATIONS, motion::OPERATIONS]
         .into_iter()
         .chain([touch::OPERATIONS, contact::OPERATIONS, plane::OPERATIONS, space::OPERATIONS])
-        .chain([jacobian::OPERATIONS, recover::OPERATIONS])
+        .chain([path::OPERATIONS, jacobian::OPERATIONS, recover::OPERATIONS])
         .flatten()
 }
 

@@ -22,23 +22,24 @@ const LEAST: f64 = 1e-30;
 /// How far from the contact asked for a warm solution starts.
 const NEIGHBOUR: f64 = 1.01;
 
-const fn number(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
+pub(super) const fn number(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
     Field::new(name, Kind::Number, unit, Need::Required, doc)
 }
 
-const fn default(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
+pub(super) const fn default(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
     Field::new(name, Kind::Number, unit, Need::Default("0"), doc)
 }
 
-const X: Field = default("x_mm", "mm", "Place of its origin.");
-const Y: Field = default("y_mm", "mm", "Place of its origin.");
-const ROT: Field = default("rot_rad", "rad", "Direction of the axis: (-sin, cos).");
-const TILT: Field = default("tilt_rad", "rad", "Slope of the axis, deeper towards its end.");
+pub(super) const X: Field = default("x_mm", "mm", "Place of its origin.");
+pub(super) const Y: Field = default("y_mm", "mm", "Place of its origin.");
+pub(super) const ROT: Field = default("rot_rad", "rad", "Direction of the axis: (-sin, cos).");
+pub(super) const TILT: Field =
+    default("tilt_rad", "rad", "Slope of the axis, deeper towards its end.");
 const LENGTH: Field =
     Field::new("length_mm", Kind::Number, "mm", Need::Optional, "Absent: without ends.");
-const RADIUS: Field = number("radius_mm", "mm", "Radius.");
+pub(super) const RADIUS: Field = number("radius_mm", "mm", "Radius.");
 
-const SPHERE: &[Field] = &[RADIUS, X, Y];
+pub(super) const SPHERE: &[Field] = &[RADIUS, X, Y];
 const CYLINDER: &[Field] = &[RADIUS, LENGTH, X, Y, ROT, TILT];
 const EDGE: &[Field] = &[LENGTH, X, Y, ROT];
 const BAR: &[Field] = &[number("width_mm", "mm", "Width."), LENGTH, X, Y, ROT, TILT];
@@ -75,6 +76,29 @@ const SHAPES: &[Field] = &[
     ),
 ];
 
+/// Fields of the array.
+pub(super) const ROWS: Field =
+    Field::new("rows", Kind::Size(SIDE_MAX), "", Need::Default("16"), "Rows, along y.");
+pub(super) const COLS: Field =
+    Field::new("cols", Kind::Size(SIDE_MAX), "", Need::Default("16"), "Columns, along x.");
+pub(super) const PITCH: Field =
+    Field::new("pitch_mm", Kind::Number, "mm", Need::Default("1.5875"), "Side of a tactel.");
+pub(super) const SAMPLING: Field = Field::new(
+    "sampling",
+    Kind::Choice(&["area", "centre"]),
+    "",
+    Need::Default("\"area\""),
+    "Mean over the tactel, or the value under its centre.",
+);
+/// What is kept of an image.
+pub(super) const PART: Field = Field::new(
+    "part",
+    Kind::Choice(&["full", "compressive"]),
+    "",
+    Need::Default("\"full\""),
+    "What the image keeps; the features are always of both.",
+);
+
 /// Fields of a contact.
 pub(super) const CONTACT: &[Field] = &[
     Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "Exactly one of its fields."),
@@ -90,16 +114,10 @@ pub(super) const CONTACT: &[Field] = &[
          in N); this or `penetration_mm`.",
     ),
     Field::new("penetration_mm", Kind::Number, "mm", Need::Optional, "At the origin."),
-    Field::new("rows", Kind::Size(SIDE_MAX), "", Need::Default("16"), "Rows, along y."),
-    Field::new("cols", Kind::Size(SIDE_MAX), "", Need::Default("16"), "Columns, along x."),
-    Field::new("pitch_mm", Kind::Number, "mm", Need::Default("1.5875"), "Side of a tactel."),
-    Field::new(
-        "sampling",
-        Kind::Choice(&["area", "centre"]),
-        "",
-        Need::Default("\"area\""),
-        "Mean over the tactel, or the value under its centre.",
-    ),
+    ROWS,
+    COLS,
+    PITCH,
+    SAMPLING,
     Field::new(
         "beyond",
         Kind::Choice(&["layer", "nothing"]),
@@ -109,13 +127,7 @@ pub(super) const CONTACT: &[Field] = &[
          with a length is cut along its axis where it leaves the array; one that hangs over a side \
          is refused. Free edges are left out.",
     ),
-    Field::new(
-        "part",
-        Kind::Choice(&["full", "compressive"]),
-        "",
-        Need::Default("\"full\""),
-        "What the image keeps; the features are always of both.",
-    ),
+    PART,
     Field::new(
         "level",
         Kind::Choice(&["fast", "default", "fine"]),
@@ -168,37 +180,48 @@ impl Request {
             youngs_mpa: args.number("youngs_mpa")?,
             poisson: args.number("nu")?,
         };
-        let array = Array {
-            rows: args.size("rows")?,
-            cols: args.size("cols")?,
-            pitch_mm: args.number("pitch_mm")?,
-        };
-        let sampling =
-            if args.choice("sampling")? == "area" { Sampling::Area } else { Sampling::Centre };
+        let (array, sampling) = array_of(args)?;
         let level = match args.choice("level")? {
             "fast" => Level::Fast,
             "fine" => Level::Fine,
             _ => Level::Default,
         };
-        let drive = match (args.has("force_n"), args.has("penetration_mm")) {
-            (true, false) => Drive::ForceN(args.number("force_n")?),
-            (false, true) => Drive::PenetrationMm(args.number("penetration_mm")?),
-            (true, true) => {
-                let what = "`force_n` and `penetration_mm` are both given: leave one of them out";
-                return Err(Failure::new("conflict", Some("force_n"), what));
-            }
-            (false, false) => {
-                let what = "give either `force_n` or `penetration_mm`";
-                return Err(Failure::new("missing_field", Some("force_n"), what));
-            }
-        };
-        sensible(drive)?;
+        let drive = drive_of(args)?;
         let scene = Scene::new(&layer, shape, &array, sampling, level)
             .map_err(|invalid| failure(&invalid, name))?;
         let pad = args.choice("beyond")? == "nothing";
         let scene = if pad { scene.cut_at_array() } else { scene };
         Ok(Self { scene, drive, pose, shape: name })
     }
+}
+
+/// The array of a request and what its tactels report.
+pub(super) fn array_of(args: &Args) -> Result<(Array, Sampling), Failure> {
+    let array = Array {
+        rows: args.size("rows")?,
+        cols: args.size("cols")?,
+        pitch_mm: args.number("pitch_mm")?,
+    };
+    let area = args.choice("sampling")? == "area";
+    Ok((array, if area { Sampling::Area } else { Sampling::Centre }))
+}
+
+/// The force or the penetration of a request.
+pub(super) fn drive_of(args: &Args) -> Result<Drive, Failure> {
+    let drive = match (args.has("force_n"), args.has("penetration_mm")) {
+        (true, false) => Drive::ForceN(args.number("force_n")?),
+        (false, true) => Drive::PenetrationMm(args.number("penetration_mm")?),
+        (true, true) => {
+            let what = "`force_n` and `penetration_mm` are both given: leave one of them out";
+            return Err(Failure::new("conflict", Some("force_n"), what));
+        }
+        (false, false) => {
+            let what = "give either `force_n` or `penetration_mm`";
+            return Err(Failure::new("missing_field", Some("force_n"), what));
+        }
+    };
+    sensible(drive)?;
+    Ok(drive)
 }
 
 /// Forces and penetrations that are neither 0 nor a size.
@@ -287,10 +310,7 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
         return Err(Failure::new("unreachable", Some("force_n"), what));
     }
     let mut image = state.1;
-    let features = |part: Part| image_features(&array, &image, part).map_err(refused);
-    let mut named = Map::new();
-    push_features(&mut named, &features(Part::Full)?, "");
-    push_features(&mut named, &features(Part::Compressive)?, "_c");
+    let features = features_of(&array, &image).map_err(refused)?;
     if args.choice("part")? == "compressive" {
         Part::Compressive.keep(&mut image);
     }
@@ -298,9 +318,18 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
     out.list("image", &image);
     out.number("force_n", touch.force_n);
     out.maybe("delta_mm", touch.penetration_mm);
-    out.value("features", Value::Object(named));
+    out.value("features", features);
     out.number("residual", touch.residual);
     Ok(out)
+}
+
+/// Features of an image and of its compressive part.
+pub(super) fn features_of(array: &Array, image: &[f64]) -> Result<Value, Invalid> {
+    let mut named = Map::new();
+    for (part, ending) in [(Part::Full, ""), (Part::Compressive, "_c")] {
+        push_features(&mut named, &image_features(array, image, part)?, ending);
+    }
+    Ok(Value::Object(named))
 }
 
 /// Features under the reference's names; finite, since the image is.

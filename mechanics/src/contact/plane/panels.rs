@@ -16,8 +16,6 @@ use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 /// interpolation's error is under (1/64)^9.
 const PANELS_PER_THICKNESS: f64 = 8.0;
 const TERMS: usize = 9;
-/// Longest reach of a stack's kernels, in thicknesses of its surface layer.
-const REACH_MAX: f64 = 640.0;
 
 /// A function from 0 on as a polynomial in the place inside each panel (-1 to 1).
 #[derive(Clone, Debug)]
@@ -115,14 +113,8 @@ impl SurfaceKernels {
     /// # Errors
     /// A surface layer too thin against the distance at which the stack's fields die.
     pub(crate) fn of_stack(stack: &Stack) -> Result<Self, Invalid> {
-        let surface = stack.surface_layer();
-        let reach = libm::ceil(stack.reach_mm() / surface.thickness_mm).max(REACH);
-        if reach > REACH_MAX {
-            let what = format!("fields die after {reach} thicknesses of the surface layer");
-            let remedy = "give a thicker surface layer, or one less stiff against those below";
-            return Err(Invalid::new("layers", what, remedy));
-        }
-        Ok(Self::tabulate(&surface.transfer(), &|a| stack.surface_compliances(a), reach))
+        let (transfer, reach) = (stack.surface_layer().transfer(), stack.reach()?);
+        Ok(Self::tabulate(&transfer, &|a| stack.surface_compliances(a), reach))
     }
 
     /// From normal and tangential compliance and their coupling at each wave number.

@@ -13,6 +13,7 @@ mod across;
 mod cubic;
 mod fourier;
 pub mod grip;
+mod ground;
 pub mod infinite;
 pub mod jacobian;
 pub mod pin;

@@ -1,5 +1,5 @@
-//! What a normal point load does to the bonded layer: displacement of the surface and normal stress
-//! at the base, as functions of the distance alone.
+//! What a normal point load does to the bonded layer, or to several on each other: displacement of
+//! the surface and normal stress at the base, as functions of the distance alone.
 //!
 //! Both are Hankel transforms of the layer's transfer functions of k = |k|: w_hat = (1 - nu)/(G k)
 //! M(k t) p_hat and szz_hat = -B(k t) p_hat with B = F/E of [`super::super::layer`]. A radial
@@ -11,9 +11,12 @@
 //!
 //! Cells are integrated: the singular part in closed form (Love, 1929), the rest by Gauss's rule.
 //! Nothing special happens at nu = 0.5, nor far away, where both die at least as exp(-0.739 r/t).
+//! Of a stack the surface layer's singular part is all there is; lengths are in its thicknesses.
 
 use super::super::Invalid;
-use super::super::layer::{Layer, Transfer};
+use super::super::layer::Layer;
+use super::super::stack::Stack;
+use super::ground::{Ground, Sizes, tanh_over};
 use super::table::Even;
 use core::f64::consts::PI;
 
@@ -29,7 +32,21 @@ const IMAGES: usize = 56;
 /// Where the base function and the displacement's remainder have fallen under 1e-15.
 pub(super) const CUTOFFS: [f64; 2] = [40.0, 21.0];
 
-/// The two kernels of one Poisson's ratio, lengths in thicknesses.
+/// How a kernel is tabulated: where it has died, in thicknesses, and points in a thickness.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Grid {
+    pub(super) reach: f64,
+    pub(super) density: f64,
+}
+
+impl Grid {
+    /// Number of points.
+    pub(super) fn count(&self) -> usize {
+        (self.reach * self.density) as usize + 8
+    }
+}
+
+/// The two kernels, lengths in thicknesses (of the layer at the surface).
 #[derive(Clone, Debug)]
 pub(crate) struct Radial {
     /// integral of (M(a) - 1) J0(a r) over a from 0.
@@ -41,19 +58,16 @@ pub(crate) struct Radial {
 }
 
 impl Radial {
-    /// Tabulates both kernels: a few milliseconds.
-    pub(crate) fn new(transfer: &Transfer) -> Self {
-        let count = (REACH * DENSITY) as usize + 8;
-        let slope = slopes(|a| transfer.base_normal(a), CUTOFFS[0], count, DENSITY);
-        let base = sight(&slope, count, DENSITY, SIGHT);
-        let compliance = |a: f64| {
-            let tanh_over = if a > 0.0 { libm::tanh(a) / a } else { 1.0 };
-            transfer.normal_compliance(a) - tanh_over
-        };
-        let slopes = slopes(compliance, CUTOFFS[1], count, DENSITY);
-        let remainder = sight(&slopes, count, DENSITY, SIGHT);
+    /// Tabulates both kernels: a few milliseconds for a layer, up to a second for a stack.
+    pub(super) fn new(ground: &Ground) -> Self {
+        let grid = Grid { reach: ground.reach, density: DENSITY };
+        let cutoffs = ground.cutoffs();
+        let slope = slopes(|a| ground.base(a), cutoffs[0], grid);
+        let base = sight(&slope, grid, SIGHT);
+        let compliance = |a: f64| ground.normal(a) - tanh_over(a);
+        let remainder = sight(&slopes(compliance, cutoffs[1], grid), grid, SIGHT);
         let rest = |i: usize| images(i as f64 / DENSITY) + 2.0 * remainder[i];
-        let rest: Vec<f64> = (0..count).map(rest).collect();
+        let rest: Vec<f64> = (0..grid.count()).map(rest).collect();
         let base: Vec<f64> = base.iter().map(|b| b / PI).collect();
         Self { rest: Even::new(&rest, DENSITY), base: Even::new(&base, DENSITY), base_slope: slope }
     }
@@ -95,10 +109,10 @@ pub(super) fn images(r: f64) -> f64 {
     last[0]
 }
 
-/// q(x) = integral over a from 0 of g(a) a^2 sinc(a x), for an even g that dies exponentially, at
-/// `density` points a thickness.
-pub(super) fn slopes(g: impl Fn(f64) -> f64, cutoff: f64, count: usize, density: f64) -> Even {
-    let period = 2.2 * REACH;
+/// q(x) = integral over a from 0 of g(a) a^2 sinc(a x), for an even g that dies exponentially.
+pub(super) fn slopes(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Even {
+    let (count, density) = (grid.count(), grid.density);
+    let period = 2.2 * grid.reach;
     let step = 2.0 * PI / period;
     let samples = libm::ceil(cutoff / step) as usize;
     let mut q = vec![0.0; count];
@@ -117,10 +131,10 @@ pub(super) fn slopes(g: impl Fn(f64) -> f64, cutoff: f64, count: usize, density:
 
 /// (1/pi) integral over v from 0 of q(sqrt(r^2 + v^2)) at r = 0, 1, 2 ... table spacings. With q of
 /// [`slopes`] it is half the integral of a g(a) J0(a r).
-pub(super) fn sight(q: &Even, count: usize, density: f64, step: f64) -> Vec<f64> {
+pub(super) fn sight(q: &Even, grid: Grid, step: f64) -> Vec<f64> {
     let along = |i: usize| {
-        let r = i as f64 / density;
-        let steps = libm::ceil(REACH / step) as usize;
+        let r = i as f64 / grid.density;
+        let steps = libm::ceil(grid.reach / step) as usize;
         let point = |k: usize| {
             let v = k as f64 * step;
             let weight = if k == 0 { 0.5 } else { 1.0 };
@@ -128,17 +142,17 @@ pub(super) fn sight(q: &Even, count: usize, density: f64, step: f64) -> Vec<f64>
         };
         step / PI * (0..=steps).map(point).sum::<f64>()
     };
-    (0..count).map(along).collect()
+    (0..grid.count()).map(along).collect()
 }
 
 /// Points and weights of Gauss's rule with three points on (-1, 1).
 pub(super) const GAUSS: [(f64, f64); 3] =
     [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
 
-/// Influence of normal loads on a [`Layer`] in three dimensions, in mm, N and MPa.
+/// Influence of normal loads on a [`Layer`] or a [`Stack`] in three dimensions, in mm, N and MPa.
 #[derive(Clone, Debug)]
 pub struct Influence {
-    layer: Layer,
+    sizes: Sizes,
     radial: Radial,
 }
 
@@ -148,26 +162,48 @@ impl Influence {
     /// # Errors
     /// A layer that [`Layer::check`] refuses.
     pub fn new(layer: &Layer) -> Result<Self, Invalid> {
-        layer.check()?;
-        Ok(Self { layer: *layer, radial: Radial::new(&layer.transfer()) })
+        Ok(Self::of(&Ground::layer(layer)?))
     }
 
-    /// The layer.
+    /// Tabulates the kernels of several layers: up to a second; allocates.
+    ///
+    /// # Errors
+    /// A surface layer too thin against the distance at which the stack's fields die.
+    pub fn of_stack(stack: &Stack) -> Result<Self, Invalid> {
+        Ok(Self::of(&Ground::stack(stack)?))
+    }
+
+    fn of(ground: &Ground) -> Self {
+        Self { sizes: ground.sizes, radial: Radial::new(ground) }
+    }
+
+    /// The layer, of a stack the one at the surface.
     #[must_use]
     pub fn layer(&self) -> &Layer {
-        &self.layer
+        &self.sizes.surface
+    }
+
+    /// From the surface to the base, mm.
+    #[must_use]
+    pub fn thickness_mm(&self) -> f64 {
+        self.sizes.thickness_mm
+    }
+
+    /// Sizes of what it stands on.
+    pub(super) fn sizes(&self) -> Sizes {
+        self.sizes
     }
 
     /// (1 - nu)/(2 pi G) in 1/MPa: a half space's displacement times distance per load.
     fn compliance(&self) -> f64 {
-        (1.0 - self.layer.poisson) / (2.0 * PI * self.layer.shear_mpa())
+        (1.0 - self.layer().poisson) / (2.0 * PI * self.layer().shear_mpa())
     }
 
     /// Downward displacement of the surface per unit point load, mm/N, at a distance above 0;
     /// infinite at 0 and NaN for NaN.
     #[must_use]
     pub fn surface_point(&self, r_mm: f64) -> f64 {
-        let t = self.layer.thickness_mm;
+        let t = self.layer().thickness_mm;
         let r = r_mm.abs() / t;
         self.compliance() / t * (1.0 / r + self.radial.rest(r))
     }
@@ -175,7 +211,7 @@ impl Influence {
     /// Normal stress at the base per unit point load, 1/mm^2, negative under the load; 0 for NaN.
     #[must_use]
     pub fn base_point(&self, r_mm: f64) -> f64 {
-        let t = self.layer.thickness_mm;
+        let t = self.layer().thickness_mm;
         -self.radial.base(r_mm.abs() / t) / (t * t)
     }
 
@@ -183,7 +219,7 @@ impl Influence {
     /// about the origin, mm/MPa.
     #[must_use]
     pub fn surface_cell(&self, [x, y]: [f64; 2], [a, b]: [f64; 2]) -> f64 {
-        let t = self.layer.thickness_mm;
+        let t = self.layer().thickness_mm;
         let rest = self.over([x, y], [a, b], |r| self.radial.rest(r));
         self.compliance() * (love([x, y], [a, b]) + rest / t)
     }
@@ -191,13 +227,13 @@ impl Influence {
     /// Normal stress at the base under (x, y) per unit pressure on such a rectangle, negative.
     #[must_use]
     pub fn base_cell(&self, place: [f64; 2], half_mm: [f64; 2]) -> f64 {
-        let t = self.layer.thickness_mm;
+        let t = self.layer().thickness_mm;
         -self.over(place, half_mm, |r| self.radial.base(r)) / (t * t)
     }
 
     /// Integral of a smooth kernel of the distance over the rectangle, in mm^2.
     fn over(&self, place: [f64; 2], half_mm: [f64; 2], of: impl Fn(f64) -> f64) -> f64 {
-        let t = self.layer.thickness_mm;
+        let t = self.layer().thickness_mm;
         over_cell(place, half_mm, (4.0, t), |[u, v]| of((u * u + v * v).sqrt() / t))
     }
 }

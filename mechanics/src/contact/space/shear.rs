@@ -1,5 +1,6 @@
-//! Tangential loads on the bonded layer in three dimensions: displacement of the surface, normal
-//! stress at the base, and contacts that rub with a traction in proportion to their pressure.
+//! Tangential loads on the bonded layer, or several on each other, in three dimensions:
+//! displacement of the surface, normal stress at the base, and contacts that rub with a traction in
+//! proportion to their pressure.
 //!
 //! Along its wave vector a tangential traction is the plane problem's, with T and N of
 //! [`super::super::layer`]; across it the layer shears alone, u_hat = tanh(k t)/(G k) q_hat. The
@@ -13,9 +14,11 @@
 //! friction that does not settle. Stick and slip are [`super::grip`]'s.
 
 use super::super::layer::Layer;
+use super::super::stack::Stack;
 use super::super::{Invalid, finite};
 use super::Drive;
-use super::radial::{CUTOFFS, GAUSS, REACH, images, love, over_cell, sight, slopes};
+use super::ground::{Ground, Sizes, tanh_over};
+use super::radial::{GAUSS, Grid, images, love, over_cell, sight, slopes};
 use super::surface::{Surface, SurfaceState};
 use super::table::Even;
 use core::f64::consts::PI;
@@ -39,7 +42,7 @@ struct Orders {
 
 impl Orders {
     /// From the values of f at the table's points; `far` is the integral of s f(s) up to a far s.
-    fn new(values: &[f64], far: impl Fn(f64) -> f64) -> Self {
+    fn new(values: &[f64], grid: Grid, far: impl Fn(f64) -> f64) -> Self {
         let level = Even::new(values, DENSITY);
         let cell = |i: usize| -> f64 {
             let part = |(place, weight): (f64, f64)| {
@@ -48,7 +51,7 @@ impl Orders {
             };
             GAUSS.into_iter().map(part).sum()
         };
-        let (middle, end) = ((MIDDLE * DENSITY) as usize, (REACH * DENSITY) as usize);
+        let (middle, end) = ((MIDDLE * DENSITY) as usize, (grid.reach * DENSITY) as usize);
         let mut sums: Vec<f64> = (0..values.len()).map(|i| far(i as f64 / DENSITY)).collect();
         sums[0] = 0.0;
         for i in 0..middle {
@@ -64,12 +67,9 @@ impl Orders {
         Self { level, mean: Even::new(&means, DENSITY) }
     }
 
-    fn of(g: impl Fn(f64) -> f64, cutoff: f64) -> Self {
-        let count = points();
+    fn of(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Self {
         let total = g(0.0);
-        let half = sight(&slopes(g, cutoff, count, DENSITY), count, DENSITY, SIGHT);
-        let values: Vec<f64> = half.iter().map(|f| 2.0 * f).collect();
-        Self::new(&values, |_| total)
+        Self::new(&levels(g, cutoff, grid), grid, |_| total)
     }
 
     /// Integral of a g(a) J2(a r).
@@ -78,13 +78,18 @@ impl Orders {
     }
 }
 
+/// Integral of a g(a) J0(a r) at the table's points.
+fn levels(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Vec<f64> {
+    let half = sight(&slopes(g, cutoff, grid), grid, SIGHT);
+    half.iter().map(|f| 2.0 * f).collect()
+}
+
 /// (1/r) integral of a B(a) J1(a r) of an odd B: the slope of a transform of order 0, taken under
 /// the line of sight, so that what is left of it far out is right against its own size.
-fn moment(base: impl Fn(f64) -> f64) -> Even {
-    let count = points();
-    let step = 2.0 * PI / (2.2 * REACH);
-    let samples = libm::ceil(CUTOFFS[0] / step) as usize;
-    let mut slope = vec![0.0; count];
+fn moment(base: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Even {
+    let step = 2.0 * PI / (2.2 * grid.reach);
+    let samples = libm::ceil(cutoff / step) as usize;
+    let mut slope = vec![0.0; grid.count()];
     for k in 1..=samples {
         let a = k as f64 * step;
         let weight = step * a * a * a * base(a);
@@ -92,7 +97,7 @@ fn moment(base: impl Fn(f64) -> f64) -> Even {
             *value += weight * bow(a * i as f64 / DENSITY);
         }
     }
-    let half = sight(&Even::new(&slope, DENSITY), count, DENSITY, SIGHT);
+    let half = sight(&Even::new(&slope, DENSITY), grid, SIGHT);
     let values: Vec<f64> = half.iter().map(|f| 2.0 * f).collect();
     Even::new(&values, DENSITY)
 }
@@ -108,15 +113,11 @@ fn bow(y: f64) -> f64 {
     (sine - y * cosine) / (s * y)
 }
 
-fn points() -> usize {
-    (REACH * DENSITY) as usize + 8
-}
-
-/// Influence of tangential loads along x on a [`Layer`], in mm, N and MPa.
+/// Influence of tangential loads along x on a [`Layer`] or a [`Stack`], in mm, N and MPa.
 #[derive(Clone, Debug)]
 pub struct Shear {
-    layer: Layer,
-    /// Of T/a less tanh(a)/a, of tanh(a)/a less 1/a, and of N less n.
+    sizes: Sizes,
+    /// Of T/a less what it is across, of that less 1/a, and of N less n.
     along: Orders,
     across: Orders,
     coupling: Orders,
@@ -130,55 +131,81 @@ impl Shear {
     /// # Errors
     /// A layer that [`Layer::check`] refuses.
     pub fn new(layer: &Layer) -> Result<Self, Invalid> {
-        layer.check()?;
-        let transfer = layer.transfer();
-        let tanh_over = |a: f64| if a > 0.0 { libm::tanh(a) / a } else { 1.0 };
-        let across: Vec<f64> = (0..points()).map(|i| images(i as f64 / DENSITY)).collect();
-        Ok(Self {
-            layer: *layer,
-            along: Orders::of(|a| transfer.tangential_compliance(a) - tanh_over(a), CUTOFFS[1]),
-            // 1/r and its images leave 1 of the wave without length.
-            across: Orders::new(&across, |r| 1.0 - r),
-            coupling: Orders::of(|a| transfer.coupling(a) - transfer.n, CUTOFFS[1]),
-            base: moment(|a| transfer.base_normal_from_tangential(a)),
-        })
+        Ok(Self::of(&Ground::layer(layer)?))
     }
 
-    /// The layer.
+    /// Tabulates the kernels of several layers: as long for so many thicknesses of the surface
+    /// layer as a layer's fields reach, squared; allocates.
+    ///
+    /// # Errors
+    /// A surface layer too thin against the distance at which the stack's fields die.
+    pub fn of_stack(stack: &Stack) -> Result<Self, Invalid> {
+        Ok(Self::of(&Ground::stack(stack)?))
+    }
+
+    fn of(ground: &Ground) -> Self {
+        let grid = Grid { reach: ground.reach, density: DENSITY };
+        let [base, surface] = ground.cutoffs();
+        let mut across: Vec<f64> = (0..grid.count()).map(|i| images(i as f64 / DENSITY)).collect();
+        if ground.is_stack() {
+            let more = levels(|a| ground.across(a) - tanh_over(a), surface, grid);
+            across.iter_mut().zip(more).for_each(|(value, more)| *value += more);
+        }
+        let longest = ground.across(0.0);
+        let far_out = ground.coupling_far_out();
+        Self {
+            sizes: ground.sizes,
+            along: Orders::of(|a| ground.tangential(a) - ground.across(a), surface, grid),
+            // 1/r and the rest leave what the wave without length is moved by.
+            across: Orders::new(&across, grid, |r| longest - r),
+            coupling: Orders::of(|a| ground.coupling(a) - far_out, surface, grid),
+            base: moment(|a| ground.base_from_tangential(a), base, grid),
+        }
+    }
+
+    /// The layer, of a stack the one at the surface.
     #[must_use]
     pub fn layer(&self) -> &Layer {
-        &self.layer
+        &self.sizes.surface
+    }
+
+    /// Sizes of what it stands on.
+    pub(super) fn sizes(&self) -> Sizes {
+        self.sizes
     }
 
     /// Displacements along x, along y and downwards at (x, y) per unit point load along +x at the
     /// origin, mm/N; infinite or NaN at the origin itself.
     #[must_use]
     pub fn surface_point(&self, [x, y]: [f64; 2]) -> [f64; 3] {
-        let t = self.layer.thickness_mm;
-        let nu = self.layer.poisson;
-        let r2 = x * x + y * y;
-        let r = r2.sqrt();
-        // Far off the closed form and the tables' rest are each other's opposite.
-        if r >= self.along.level.end() * t {
+        let t = self.layer().thickness_mm;
+        let [x, y] = [x / t, y / t];
+        if (x * x + y * y).sqrt() >= self.along.level.end() {
             return [0.0; 3];
         }
-        let rest = self.rest([x, y]);
-        let unit = 1.0 / (2.0 * PI * self.layer.shear_mpa());
-        let n = 1.0 - 2.0 * nu;
-        [
-            unit * (((1.0 - nu) + nu * x * x / r2) / r + rest[0] / t),
-            unit * (nu * x * y / (r2 * r) + rest[1] / t),
-            unit * (0.5 * n * x / r2 + rest[2] / t),
-        ]
+        let unit = 1.0 / (2.0 * PI * t * self.layer().shear_mpa());
+        let (near, rest) = (self.half_space([x, y]), self.rest([x, y]));
+        [0, 1, 2].map(|k| unit * (near[k] + rest[k]))
     }
 
-    /// What the layer adds to the half space, times 2 pi G t per unit load.
-    fn rest(&self, [x, y]: [f64; 2]) -> [f64; 3] {
-        let t = self.layer.thickness_mm;
-        let nu = self.layer.poisson;
-        let (x, y) = (x / t, y / t);
+    /// What a half space of the layer at the surface moves by, times 2 pi G t per unit load; places
+    /// in thicknesses.
+    fn half_space(&self, [x, y]: [f64; 2]) -> [f64; 3] {
+        let nu = self.layer().poisson;
         let r2 = x * x + y * y;
         let r = r2.sqrt();
+        [((1.0 - nu) + nu * x * x / r2) / r, nu * x * y / (r2 * r), 0.5 * (1.0 - 2.0 * nu) * x / r2]
+    }
+
+    /// What the layer adds to that.
+    fn rest(&self, [x, y]: [f64; 2]) -> [f64; 3] {
+        let nu = self.layer().poisson;
+        let r2 = x * x + y * y;
+        let r = r2.sqrt();
+        // Far off the whole has died.
+        if r >= self.along.level.end() {
+            return self.half_space([x, y]).map(|u| -u);
+        }
         let even = (1.0 - nu) * self.along.level.at(r) + (2.0 - nu) * self.across.level.at(r);
         let turned = (1.0 - nu) * self.along.second(r) - nu * self.across.second(r);
         // cos and sin of twice the angle; the second order vanishes at the origin.
@@ -190,7 +217,7 @@ impl Shear {
     /// the load, lifted behind it.
     #[must_use]
     pub fn base_point(&self, [x, y]: [f64; 2]) -> f64 {
-        let t = self.layer.thickness_mm;
+        let t = self.layer().thickness_mm;
         let r = (x * x + y * y).sqrt() / t;
         -x / t * self.base.at(r) / (2.0 * PI * t * t)
     }
@@ -199,9 +226,9 @@ impl Shear {
     /// about the origin, mm/MPa.
     #[must_use]
     pub fn surface_cell(&self, place: [f64; 2], half_mm: [f64; 2]) -> [f64; 3] {
-        let t = self.layer.thickness_mm;
-        let nu = self.layer.poisson;
-        let unit = 1.0 / (2.0 * PI * self.layer.shear_mpa());
+        let t = self.layer().thickness_mm;
+        let nu = self.layer().poisson;
+        let unit = 1.0 / (2.0 * PI * self.layer().shear_mpa());
         let corners = |of: &dyn Fn(f64, f64) -> f64| corners(place, half_mm, of);
         // Antiderivatives of x^2/r^3, x y/r^3 and x/r^2.
         let squared = corners(&|u, v| if v == 0.0 { 0.0 } else { v * libm::asinh(u / v.abs()) });
@@ -211,7 +238,9 @@ impl Shear {
             let angle = if u == 0.0 { 0.0 } else { u * libm::atan(v / u) };
             angle + if r2 > 0.0 { 0.5 * v * libm::log(r2) } else { 0.0 }
         });
-        let rest = |k: usize| over_cell(place, half_mm, (8.0, t), |at| self.rest(at)[k]) / t;
+        let rest = |k: usize| {
+            over_cell(place, half_mm, (8.0, t), |at| self.rest(at.map(|x| x / t))[k]) / t
+        };
         [
             unit * ((1.0 - nu) * love(place, half_mm) + nu * squared + rest(0)),
             unit * (nu * mixed + rest(1)),
@@ -222,7 +251,7 @@ impl Shear {
     /// Normal stress at the base under (x, y) per unit traction along +x on such a rectangle.
     #[must_use]
     pub fn base_cell(&self, place: [f64; 2], half_mm: [f64; 2]) -> f64 {
-        over_cell(place, half_mm, (8.0, self.layer.thickness_mm), |at| self.base_point(at))
+        over_cell(place, half_mm, (8.0, self.layer().thickness_mm), |at| self.base_point(at))
     }
 
     /// Normal stress at the base at (x, y) under point loads (place, force along x and y), MPa.

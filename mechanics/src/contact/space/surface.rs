@@ -5,8 +5,8 @@
 //! The force's error falls as the spacing to the power 1.5, about 2e-3 with 16 cells across the
 //! contact. A contact is the guess of the next one; pressing allocates nothing, nor does refusing.
 //!
-//! It refuses cells wider than half a thickness (the layer would be stiffer than it is between
-//! them), grids beyond 512 cells a side, contacts that reach the grid's border.
+//! It refuses cells wider than half a thickness, of several layers that of the one at the surface
+//! (the layer would be stiffer than it is between them), grids beyond 512 cells a side, contacts that reach the grid's border.
 
 use super::super::{Invalid, positive};
 use super::fourier::Convolution;
@@ -117,7 +117,7 @@ impl Surface {
             cells: *cells,
             convolution: Convolution::new(cells.columns, cells.rows, kernel),
             softness: kernel(0, 0),
-            thickness_mm: t,
+            thickness_mm: influence.thickness_mm(),
             pressure: vec![0.0; count],
             miss: vec![0.0; count],
             direction: vec![0.0; count],

@@ -9,6 +9,7 @@
 
 use super::super::{Invalid, positive};
 use super::cubic::Cubic;
+use super::ground::Sizes;
 use super::pin::Stand;
 use super::radial::Influence;
 use super::shear::Shear;
@@ -186,7 +187,7 @@ impl Shares {
         fineness: Fineness,
     ) -> Result<Self, Invalid> {
         let base = Base {
-            thickness_mm: influence.layer().thickness_mm,
+            sizes: influence.sizes(),
             point: &|[x, y]| influence.base_point((x * x + y * y).sqrt()),
             cell: &|place, half| influence.base_cell(place, half),
             odd: false,
@@ -206,7 +207,7 @@ impl Shares {
         fineness: Fineness,
     ) -> Result<Self, Invalid> {
         let base = Base {
-            thickness_mm: shear.layer().thickness_mm,
+            sizes: shear.sizes(),
             point: &|place| shear.base_point(place),
             cell: &|place, half| shear.base_cell(place, half),
             odd: true,
@@ -221,7 +222,7 @@ impl Shares {
         fineness: Fineness,
     ) -> Result<Self, Invalid> {
         array.check()?;
-        let t = base.thickness_mm;
+        let Sizes { thickness_mm: t, spread_mm, .. } = base.sizes;
         if array.pitch_mm > THINNEST * t {
             return Err(apart(array, t));
         }
@@ -235,7 +236,7 @@ impl Shares {
         };
         let per_tactel = finer * fineness.per_thickness * array.pitch_mm / t;
         let phases = 2 * (libm::ceil(0.5 * per_tactel).max(1.0) as usize).min(PHASES_MAX / 2);
-        let reach = further * fineness.reach * t / array.pitch_mm;
+        let reach = further * fineness.reach * spread_mm / array.pitch_mm;
         // As far as the reach asks for, however small the array: a tactel alone on a thick layer
         // sees all that a contact wider than it presses. Of tactels on each side of a load's own
         // the next ones are beyond its reach wherever it lies in its own.
@@ -336,7 +337,7 @@ impl Shares {
 /// What a load does to the base: the stress at a place from it, and its integral over a rectangle
 /// of some half-sides about that place.
 struct Base<'a> {
-    thickness_mm: f64,
+    sizes: Sizes,
     point: &'a dyn Fn([f64; 2]) -> f64,
     cell: &'a dyn Fn([f64; 2], [f64; 2]) -> f64,
     /// Whether both change sign with x; they are even along y.

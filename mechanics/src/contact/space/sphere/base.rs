@@ -139,13 +139,14 @@ impl Sphere {
 #[cfg(test)]
 mod tests {
     use super::super::super::super::layer::Layer;
+    use super::super::super::ground::Ground;
     use super::*;
 
     /// Loads anywhere, far beyond the table too, on grids as dense as the table and less.
     #[test]
     fn places_read_what_the_table_says_there() {
         let layer = Layer::new(1.0, 1.0, 0.5).expect("a layer");
-        let radial = Radial::new(&layer.transfer());
+        let radial = Radial::new(&Ground::layer(&layer).expect("a layer"));
         for density in [8.0, 16.0, 32.0] {
             let line = Line::new(&radial, density);
             for s in [0.0, 0.3, -0.3, 2.503_17, -2.503_17, 17.0, -17.9, 39.99, -39.99, 97.3, -97.3]

@@ -26,6 +26,7 @@ mod kernel;
 use super::super::layer::Layer;
 use super::super::triangle::{factor, solve};
 use super::super::{Invalid, LARGEST, positive};
+use super::ground::Ground;
 use super::quadrature::legendre;
 use super::radial::Radial;
 use super::table::{Even, Pieces};
@@ -160,7 +161,7 @@ impl Sphere {
             layer: *layer,
             radius_mm,
             grid,
-            line: Line::new(&Radial::new(&transfer), grid.per_thickness),
+            line: Line::new(&Radial::new(&Ground::layer(layer)?), grid.per_thickness),
             kernel: Kernel::new(&transfer),
             rules: RULES[..=most].iter().map(|n| legendre(*n)).collect(),
             edge: legendre(grid.points),
