@@ -130,8 +130,8 @@ fn the_default_level_is_a_thousandth_off_at_most() {
         (1.03, 0.39, cylinder(26.5), 29.1, 0.079, 0.0073, 0.00221, [-4.9, -5.8, -0.68]),
         // By force on a row longer than it has to be it was 1.1e-3 off.
         (1.97, 0.224, cylinder(40.17), 31.48, 0.287, -0.01964, -0.01036, [5.75, 2.5, -1.37]),
-        // While what slices leave over at an end did not know that the pin leans it was 8.3e-4 off here,
-        // 1.1e-3 of shorter slices.
+        // While what slices leave over at an end did not know that the pin leans it was 8.3e-4 off
+        // here, 1.1e-3 of shorter slices.
         (
             2.2651,
             0.3353,

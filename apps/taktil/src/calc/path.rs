@@ -392,7 +392,15 @@ fn contact_path_3d(args: &Args) -> Result<Answer, Failure> {
         let mut states = Vec::with_capacity(steps.len());
         for (i, step) in steps.iter().enumerate() {
             body.carried(&step.1);
-            let state = solver.step(&body.heights(&cells), step);
+            let heights = body.heights(&cells);
+            if heights.iter().all(|height| height.is_infinite()) {
+                let what = format!(
+                    "step {i}: no cell's middle lies under the body: put it over the cells, or \
+                     make them smaller"
+                );
+                return Err(Failure::range("shape", what));
+            }
+            let state = solver.step(&heights, step);
             states.push(state.map_err(|invalid| in_step(i, in_cells(&invalid)))?);
         }
         Ok((solver, states))

@@ -8,6 +8,7 @@ mod hostile;
 mod hostile_plane;
 mod jacobian;
 mod meshed;
+mod path;
 mod plane;
 mod refusals;
 mod space;

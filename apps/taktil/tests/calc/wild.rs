@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use crate::ask::{ask_text, flat};
+use crate::ask::ask_text;
 
 const WILD: [f64; 14] =
     [5e-324, 1e-308, 1e-300, 1e-160, 1e-80, 1e-30, 1e-9, 1e9, 1e30, 1e80, 1e160, 1e300, 1e308, 0.0];
@@ -23,6 +23,11 @@ impl Draws {
         }
         let wild = WILD[self.below(WILD.len())];
         json!(if self.below(4) == 0 { -wild } else { wild })
+    }
+
+    /// The same less often, for requests of many numbers.
+    fn rarely(&mut self, sound: f64) -> Value {
+        if self.below(4) > 0 { json!(sound) } else { self.number(sound) }
     }
 
     fn of<'a>(&mut self, words: &[&'a str]) -> &'a str {
@@ -93,6 +98,35 @@ impl Draws {
         request
     }
 
+    fn path(&mut self) -> Value {
+        let at = json!({"x_mm": self.rarely(0.05), "y_mm": self.rarely(-0.1)});
+        let shape = self.of(&["sphere", "cylinder", "bar"]);
+        let mut inner = at;
+        match shape {
+            "bar" => inner["width_mm"] = self.rarely(1.0),
+            _ => inner["radius_mm"] = self.rarely(10.0),
+        }
+        if shape != "sphere" {
+            inner["length_mm"] = self.rarely(1.2);
+            inner["rot_rad"] = self.rarely(0.4);
+            inner["tilt_rad"] = self.rarely(0.002);
+        }
+        let layers: Vec<Value> = (0..=self.below(3))
+            .map(|_| {
+                json!({"t_mm": self.rarely(0.4), "nu": self.rarely(0.45),
+                    "youngs_mpa": self.rarely(27.58)})
+            })
+            .collect();
+        let mut step = |drive: &str, sound: f64| {
+            json!({drive: self.rarely(sound), "dx_mm": self.rarely(0.002),
+                "dy_mm": self.rarely(0.0), "turn_rad": self.rarely(0.001)})
+        };
+        let steps = json!([step("force_n", 0.5), step("penetration_mm", 0.01)]);
+        json!({"op": "contact_path_3d", "shape": {shape: inner}, "layers": layers, "steps": steps,
+            "cells": {"columns": 16, "rows": 20, "spacing_mm": self.rarely(0.12)},
+            "friction": self.rarely(0.4), "rows": 4, "cols": 4, "pitch_mm": self.rarely(1.6)})
+    }
+
     fn layer(&mut self, op: &str) -> Value {
         json!({"op": op, "t_mm": self.number(0.8), "nu": self.number(0.45),
             "youngs_mpa": self.number(27.58)})
@@ -107,12 +141,12 @@ fn fault(request: &Value, answer: &Value, fields: &[&str]) -> Option<String> {
         let told = error["message"].as_str().is_some_and(|message| message.len() > 10);
         return (!coded || !told).then(|| format!("{request}: {answer}"));
     }
-    let whole = |values: &Value| match values {
-        Value::Array(items) => {
-            items.iter().all(Value::is_number) && flat(values).iter().all(|v| v.is_finite())
+    fn whole(values: &Value) -> bool {
+        match values {
+            Value::Array(items) => items.iter().all(whole),
+            other => other.as_f64().is_some_and(f64::is_finite),
         }
-        other => other.is_number(),
-    };
+    }
     let bad = fields.iter().find(|field| !whole(&answer[**field]))?;
     Some(format!("{bad} of {request}: {}", answer[*bad]))
 }
@@ -142,4 +176,13 @@ fn contact_in_the_plane_answers_or_refuses_any_number() {
     let requests: Vec<Value> = (0..400).map(|_| draws.plane()).collect();
     let answered = judged(&requests, &["szz", "p_n_mm", "q_n_mm", "residual"]);
     assert!((20..300).contains(&answered), "{answered}");
+}
+
+#[test]
+fn bodies_carried_along_answer_or_refuse_any_number() {
+    let mut draws = Draws(3);
+    let requests: Vec<Value> = (0..150).map(|_| draws.path()).collect();
+    let lists = ["image", "force_n", "along_n", "torque_n_mm", "delta_mm", "residual"];
+    let answered = judged(&requests, &lists);
+    assert!((5..120).contains(&answered), "{answered}");
 }

@@ -85,11 +85,6 @@ impl<'a> Ground<'a> {
         self.stack.map_or_else(|| tanh_over(a), |stack| stack.across_compliance(a))
     }
 
-    /// Whether that is not what one layer says.
-    pub(super) fn is_stack(&self) -> bool {
-        self.stack.is_some()
-    }
-
     /// Normal stress at the base per pressure.
     pub(super) fn base(&self, a: f64) -> f64 {
         let Some(stack) = self.stack else { return self.transfer.base_normal(a) };

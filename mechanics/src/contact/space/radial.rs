@@ -5,7 +5,8 @@
 //! M(k t) p_hat and szz_hat = -B(k t) p_hat with B = F/E of [`super::super::layer`]. A radial
 //! function is the inverse Abel transform of its projection, and the projection's transform is that
 //! of the plane problem; so both tables come from cosine sums of even analytic functions and one
-//! trapezoidal rule along the line of sight, all exponentially convergent. The singular part of the
+//! trapezoidal rule along the line of sight in the variable whose sinh is the place on it, all
+//! exponentially convergent. The singular part of the
 //! displacement, 1/r and its images 2 (-1)^n/sqrt(r^2 + 4 n^2 t^2) (those of tanh(k t)/k), is
 //! taken exactly.
 //!
@@ -24,9 +25,10 @@ use core::f64::consts::PI;
 pub(crate) const REACH: f64 = 40.0;
 /// Table points per thickness.
 const DENSITY: f64 = 32.0;
-/// Step along the line of sight; the integrands are analytic in a strip of half-width 1, so the
-/// rule's error is exp(-2 pi/0.25).
-const SIGHT: f64 = 0.25;
+/// Step of the angle whose sinh is the place on the line of sight. The functions seen are singular
+/// on the imaginary axis alone and die within 45 degrees about the real one, so the rule's error is
+/// exp(-2 pi (pi/4)/0.125).
+const SIGHT: f64 = 0.125;
 /// Image terms summed one by one before the tail is averaged.
 const IMAGES: usize = 56;
 /// Where the base function and the displacement's remainder have fallen under 1e-15.
@@ -63,9 +65,9 @@ impl Radial {
         let grid = Grid { reach: ground.reach, density: DENSITY };
         let cutoffs = ground.cutoffs();
         let slope = slopes(|a| ground.base(a), cutoffs[0], grid);
-        let base = sight(&slope, grid, SIGHT);
+        let base = sight(&slope, grid);
         let compliance = |a: f64| ground.normal(a) - tanh_over(a);
-        let remainder = sight(&slopes(compliance, cutoffs[1], grid), grid, SIGHT);
+        let remainder = sight(&slopes(compliance, cutoffs[1], grid), grid);
         let rest = |i: usize| images(i as f64 / DENSITY) + 2.0 * remainder[i];
         let rest: Vec<f64> = (0..grid.count()).map(rest).collect();
         let base: Vec<f64> = base.iter().map(|b| b / PI).collect();
@@ -88,11 +90,20 @@ impl Radial {
     }
 }
 
-/// 2 sum over n >= 1 of (-1)^n/sqrt(r^2 + 4 n^2): partial sums, the last ones averaged.
+/// 2 sum over n >= 1 of (-1)^n/sqrt(r^2 + 4 n^2).
 pub(super) fn images(r: f64) -> f64 {
+    alternating(|n2| 2.0 / (r * r + n2 * n2).sqrt())
+}
+
+/// (1/r^2) integral of s [`images`]\(s) from 0 to r.
+pub(super) fn images_mean(r: f64) -> f64 {
+    alternating(|n2| 2.0 / ((r * r + n2 * n2).sqrt() + n2))
+}
+
+/// Sum over n >= 1 of (-1)^n times a smooth function of 2 n: partial sums, the last ones averaged.
+fn alternating(of: impl Fn(f64) -> f64) -> f64 {
     let term = |n: usize| {
-        let n2 = (2 * n) as f64;
-        let size = 2.0 / (r * r + n2 * n2).sqrt();
+        let size = of((2 * n) as f64);
         if n.is_multiple_of(2) { size } else { -size }
     };
     let mut sum: f64 = (1..IMAGES).map(term).sum();
@@ -129,18 +140,60 @@ pub(super) fn slopes(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Even {
     Even::new(&q, density)
 }
 
+/// (1/r) integral over a from 0 of g(a) J1(a r) at the table's points, for an even g that dies
+/// exponentially: the slope of a transform of order 0, taken under the line of sight, so that what
+/// is left of it far out is right against its own size. What g leaves at 0 goes with a Gaussian.
+pub(super) fn means(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Vec<f64> {
+    let step = 2.0 * PI / (2.2 * grid.reach);
+    let samples = libm::ceil(cutoff / step) as usize;
+    let level = g(0.0);
+    let mut slope = vec![0.0; grid.count()];
+    for k in 1..=samples {
+        let a = k as f64 * step;
+        let weight = step * a * a * (g(a) - level * libm::exp(-a * a));
+        let (sine, cosine) = (libm::sin(a / grid.density), libm::cos(a / grid.density));
+        let (mut s, mut c) = (0.0, 1.0);
+        for (i, value) in slope.iter_mut().enumerate() {
+            *value += weight * bow(a * i as f64 / grid.density, [s, c]);
+            (s, c) = (s * cosine + c * sine, c * cosine - s * sine);
+        }
+    }
+    let seen = sight(&Even::new(&slope, grid.density), grid);
+    let gaussian = |r: f64| if r > 0.0 { -libm::expm1(-0.25 * r * r) / (r * r) } else { 0.25 };
+    let mean = |(i, seen): (usize, f64)| 2.0 * seen + level * gaussian(i as f64 / grid.density);
+    seen.into_iter().enumerate().map(mean).collect()
+}
+
+/// (sin y - y cos y)/y^3, given sin y and cos y.
+fn bow(y: f64, [sine, cosine]: [f64; 2]) -> f64 {
+    let s = y * y;
+    if y < 0.5 {
+        let inner = 1.0 - s / 88.0 * (1.0 - s / 130.0);
+        return 1.0 / 3.0 - s / 30.0 * (1.0 - s / 28.0 * (1.0 - s / 54.0 * inner));
+    }
+    (sine - y * cosine) / (s * y)
+}
+
 /// (1/pi) integral over v from 0 of q(sqrt(r^2 + v^2)) at r = 0, 1, 2 ... table spacings. With q of
 /// [`slopes`] it is half the integral of a g(a) J0(a r).
-pub(super) fn sight(q: &Even, grid: Grid, step: f64) -> Vec<f64> {
+pub(super) fn sight(q: &Even, grid: Grid) -> Vec<f64> {
+    let steps = libm::ceil(libm::asinh(grid.reach) / SIGHT) as usize;
+    let angle = |k: usize| k as f64 * SIGHT;
+    let stretch = |k: usize| [libm::sinh(angle(k)), libm::cosh(angle(k))];
+    let stretches: Vec<[f64; 2]> = (0..=steps).map(stretch).collect();
     let along = |i: usize| {
         let r = i as f64 / grid.density;
-        let steps = libm::ceil(grid.reach / step) as usize;
-        let point = |k: usize| {
-            let v = k as f64 * step;
-            let weight = if k == 0 { 0.5 } else { 1.0 };
-            weight * q.at((r * r + v * v).sqrt())
-        };
-        step / PI * (0..=steps).map(point).sum::<f64>()
+        // From the nearest singularity of what is seen.
+        let scale = (r * r + 1.0).sqrt();
+        let mut sum = 0.5 * q.at(r);
+        for [sinh, cosh] in &stretches[1..] {
+            let v = scale * sinh;
+            if v > grid.reach {
+                break;
+            }
+            sum += cosh * q.at((r * r + v * v).sqrt());
+        }
+        SIGHT / PI * scale * sum
     };
     (0..grid.count()).map(along).collect()
 }

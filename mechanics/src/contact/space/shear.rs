@@ -4,10 +4,9 @@
 //!
 //! Along its wave vector a tangential traction is the plane problem's, with T and N of
 //! [`super::super::layer`]; across it the layer shears alone, u_hat = tanh(k t)/(G k) q_hat. The
-//! inverse transforms are Hankel's of order 0, 1 and 2; those of order 1 and 2 follow from order 0
-//! by (1/r) integral of s f(s) ds = integral of g(a) J1(a r), J2 = 2 J1(y)/y - J0. What a half
-//! space does (Cerruti; Johnson, Contact Mechanics, 1985, section 3.6) is kept in closed form, the
-//! rest is tabulated, and nu = 0.5 is an ordinary value.
+//! inverse transforms are Hankel's of order 0, 1 and 2; that of order 2 follows from the others by
+//! J2 = 2 J1(y)/y - J0. What a half space does (Cerruti; Johnson, Contact Mechanics, 1985, section
+//! 3.6) is kept in closed form, the rest is tabulated, and nu = 0.5 is an ordinary value.
 //!
 //! Frame as in [`super`]; a load Q > 0 pushes the layer along +x, displacements w are downwards. It
 //! refuses what is not finite; contacts under friction also what [`Surface::press`] refuses and
@@ -18,16 +17,13 @@ use super::super::stack::Stack;
 use super::super::{Invalid, finite};
 use super::Drive;
 use super::ground::{Ground, Sizes, tanh_over};
-use super::radial::{GAUSS, Grid, images, love, over_cell, sight, slopes};
+use super::radial::{Grid, images, images_mean, love, means, over_cell, sight, slopes};
 use super::surface::{Surface, SurfaceState};
 use super::table::Even;
 use core::f64::consts::PI;
 
-/// Table points per thickness, and the step along the line of sight.
-const DENSITY: f64 = 160.0;
-const SIGHT: f64 = 0.125;
-/// From here on the means are summed from the far end.
-const MIDDLE: f64 = 3.0;
+/// Table points per thickness.
+const DENSITY: f64 = 64.0;
 /// Rounds of pressure under friction, and the change at which they end, over the penetration.
 const ROUNDS: usize = 60;
 const SETTLED: f64 = 1e-7;
@@ -41,76 +37,30 @@ struct Orders {
 }
 
 impl Orders {
-    /// From the values of f at the table's points; `far` is the integral of s f(s) up to a far s.
-    fn new(values: &[f64], grid: Grid, far: impl Fn(f64) -> f64) -> Self {
-        let level = Even::new(values, DENSITY);
-        let cell = |i: usize| -> f64 {
-            let part = |(place, weight): (f64, f64)| {
-                let s = (i as f64 + 0.5 + 0.5 * place) / DENSITY;
-                0.5 * weight / DENSITY * s * level.at(s)
-            };
-            GAUSS.into_iter().map(part).sum()
-        };
-        let (middle, end) = ((MIDDLE * DENSITY) as usize, (grid.reach * DENSITY) as usize);
-        let mut sums: Vec<f64> = (0..values.len()).map(|i| far(i as f64 / DENSITY)).collect();
-        sums[0] = 0.0;
-        for i in 0..middle {
-            sums[i + 1] = sums[i] + cell(i);
-        }
-        for i in (middle + 1..end).rev() {
-            sums[i] = sums[i + 1] - cell(i);
-        }
-        let place = |i: usize| i as f64 / DENSITY;
-        let mean = |(i, sum): (usize, &f64)| sum / (place(i) * place(i));
-        let mut means: Vec<f64> = sums.iter().enumerate().map(mean).collect();
-        means[0] = 0.5 * values[0];
-        Self { level, mean: Even::new(&means, DENSITY) }
+    fn of(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Self {
+        Self::more(g, cutoff, grid, |_| [0.0; 2])
     }
 
-    fn of(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Self {
-        let total = g(0.0);
-        Self::new(&levels(g, cutoff, grid), grid, |_| total)
+    /// The same with more of both at each distance.
+    fn more(
+        g: impl Fn(f64) -> f64,
+        cutoff: f64,
+        grid: Grid,
+        more: impl Fn(f64) -> [f64; 2],
+    ) -> Self {
+        let mut level = sight(&slopes(&g, cutoff, grid), grid);
+        let mut mean = means(g, cutoff, grid);
+        for (i, (level, mean)) in level.iter_mut().zip(&mut mean).enumerate() {
+            let [more_level, more_mean] = more(i as f64 / DENSITY);
+            (*level, *mean) = (2.0 * *level + more_level, *mean + more_mean);
+        }
+        Self { level: Even::new(&level, DENSITY), mean: Even::new(&mean, DENSITY) }
     }
 
     /// Integral of a g(a) J2(a r).
     fn second(&self, r: f64) -> f64 {
         2.0 * self.mean.at(r) - self.level.at(r)
     }
-}
-
-/// Integral of a g(a) J0(a r) at the table's points.
-fn levels(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Vec<f64> {
-    let half = sight(&slopes(g, cutoff, grid), grid, SIGHT);
-    half.iter().map(|f| 2.0 * f).collect()
-}
-
-/// (1/r) integral of a B(a) J1(a r) of an odd B: the slope of a transform of order 0, taken under
-/// the line of sight, so that what is left of it far out is right against its own size.
-fn moment(base: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Even {
-    let step = 2.0 * PI / (2.2 * grid.reach);
-    let samples = libm::ceil(cutoff / step) as usize;
-    let mut slope = vec![0.0; grid.count()];
-    for k in 1..=samples {
-        let a = k as f64 * step;
-        let weight = step * a * a * a * base(a);
-        for (i, value) in slope.iter_mut().enumerate() {
-            *value += weight * bow(a * i as f64 / DENSITY);
-        }
-    }
-    let half = sight(&Even::new(&slope, DENSITY), grid, SIGHT);
-    let values: Vec<f64> = half.iter().map(|f| 2.0 * f).collect();
-    Even::new(&values, DENSITY)
-}
-
-/// (sin y - y cos y)/y^3.
-fn bow(y: f64) -> f64 {
-    let s = y * y;
-    if y < 0.5 {
-        let inner = 1.0 - s / 88.0 * (1.0 - s / 130.0);
-        return 1.0 / 3.0 - s / 30.0 * (1.0 - s / 28.0 * (1.0 - s / 54.0 * inner));
-    }
-    let (sine, cosine) = libm::sincos(y);
-    (sine - y * cosine) / (s * y)
 }
 
 /// Influence of tangential loads along x on a [`Layer`] or a [`Stack`], in mm, N and MPa.
@@ -126,7 +76,7 @@ pub struct Shear {
 }
 
 impl Shear {
-    /// Tabulates the kernels of a layer: a fifth of a second; allocates.
+    /// Tabulates the kernels of a layer; allocates.
     ///
     /// # Errors
     /// A layer that [`Layer::check`] refuses.
@@ -146,20 +96,15 @@ impl Shear {
     fn of(ground: &Ground) -> Self {
         let grid = Grid { reach: ground.reach, density: DENSITY };
         let [base, surface] = ground.cutoffs();
-        let mut across: Vec<f64> = (0..grid.count()).map(|i| images(i as f64 / DENSITY)).collect();
-        if ground.is_stack() {
-            let more = levels(|a| ground.across(a) - tanh_over(a), surface, grid);
-            across.iter_mut().zip(more).for_each(|(value, more)| *value += more);
-        }
-        let longest = ground.across(0.0);
         let far_out = ground.coupling_far_out();
+        // What is under the waves that a single layer feels is in the images.
+        let across = |a: f64| ground.across(a) - tanh_over(a);
         Self {
             sizes: ground.sizes,
             along: Orders::of(|a| ground.tangential(a) - ground.across(a), surface, grid),
-            // 1/r and the rest leave what the wave without length is moved by.
-            across: Orders::new(&across, grid, |r| longest - r),
+            across: Orders::more(across, surface, grid, |r| [images(r), images_mean(r)]),
             coupling: Orders::of(|a| ground.coupling(a) - far_out, surface, grid),
-            base: moment(|a| ground.base_from_tangential(a), base, grid),
+            base: Even::new(&means(|a| a * ground.base_from_tangential(a), base, grid), DENSITY),
         }
     }
 

@@ -6,7 +6,8 @@
 //! contact. A contact is the guess of the next one; pressing allocates nothing, nor does refusing.
 //!
 //! It refuses cells wider than half a thickness, of several layers that of the one at the surface
-//! (the layer would be stiffer than it is between them), grids beyond 512 cells a side, contacts that reach the grid's border.
+//! (the layer would be stiffer than it is between them), grids beyond 512 cells a side, contacts
+//! that reach the grid's border.
 
 use super::super::{Invalid, positive};
 use super::fourier::Convolution;
