@@ -453,7 +453,7 @@ impl Indenter {
         let middle = 0.5 * (right + left);
         let width = half / depth_mm.min(self.layer.thickness_mm);
         // A Gauss rule of n points misses a pole at a distance d by exp(-2 n d/half).
-        let digits = if self.level == Level::Fine { 13.0 } else { 8.0 };
+        let digits = if self.level == Level::Fine { 13.0 } else { 11.0 };
         let count = (24.0 + digits * width).min(FORCES_MAX) as usize;
         let alpha = self.interval.alpha();
         let mut rule = jacobi::Rule::with_capacity(count);
