@@ -1,80 +1,61 @@
 //! Convolution of real fields with a kernel that is even or odd along each axis, by Fourier
-//! transforms on a padded grid. Sizes are powers of two. Transforming neither allocates nor panics;
-//! the same input gives the same bits on every machine.
+//! transforms on a padded grid (realfft). Convolving neither allocates nor panics. The transforms
+//! take what instructions the processor has: results differ in their last bits between machines, so
+//! nothing that is hashed may come from here.
 
-use core::f64::consts::PI;
+use core::fmt;
+use realfft::num_complex::Complex64;
+use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use rustfft::{Fft, FftPlanner};
+use std::sync::Arc;
 
-/// A complex number.
-type Complex = [f64; 2];
+const ZERO: Complex64 = Complex64::new(0.0, 0.0);
 
-/// Transforms of one length, in place, forwards (exponent -i).
-#[derive(Clone, Debug)]
-struct Line {
-    length: usize,
-    twiddles: Vec<Complex>,
-}
-
-impl Line {
-    fn new(length: usize) -> Self {
-        let twiddle = |k: usize| {
-            let angle = -2.0 * PI * k as f64 / length as f64;
-            [libm::cos(angle), libm::sin(angle)]
-        };
-        Self { length, twiddles: (0..length / 2).map(twiddle).collect() }
-    }
-
-    /// Decimation in frequency: the result is in bit-reversed order.
-    fn forward(&self, x: &mut [Complex]) {
-        let mut span = self.length;
-        while span > 1 {
-            let (half, stride) = (span / 2, self.length / span);
-            for chunk in x.chunks_exact_mut(span) {
-                let (low, high) = chunk.split_at_mut(half);
-                let factors = self.twiddles.iter().step_by(stride);
-                for ((a, b), w) in low.iter_mut().zip(high).zip(factors) {
-                    let (sum, rest) = ([a[0] + b[0], a[1] + b[1]], [a[0] - b[0], a[1] - b[1]]);
-                    *a = sum;
-                    *b = [rest[0] * w[0] - rest[1] * w[1], rest[0] * w[1] + rest[1] * w[0]];
-                }
-            }
-            span = half;
-        }
-    }
-
-    /// Undoes [`Line::forward`], but for the factor of the length.
-    fn backward(&self, x: &mut [Complex]) {
-        let mut span = 2;
-        while span <= self.length {
-            let (half, stride) = (span / 2, self.length / span);
-            for chunk in x.chunks_exact_mut(span) {
-                let (low, high) = chunk.split_at_mut(half);
-                let factors = self.twiddles.iter().step_by(stride);
-                for ((a, b), w) in low.iter_mut().zip(high).zip(factors) {
-                    let turned = [b[0] * w[0] + b[1] * w[1], b[1] * w[0] - b[0] * w[1]];
-                    (*a, *b) = (
-                        [a[0] + turned[0], a[1] + turned[1]],
-                        [a[0] - turned[0], a[1] - turned[1]],
-                    );
-                }
-            }
-            span *= 2;
-        }
-    }
+/// Transforms along x, of real rows, and along y, of what they become.
+#[derive(Clone)]
+struct Plans {
+    row: Arc<dyn RealToComplex<f64>>,
+    row_back: Arc<dyn ComplexToReal<f64>>,
+    column: Arc<dyn Fft<f64>>,
+    column_back: Arc<dyn Fft<f64>>,
 }
 
 /// A kernel that is even or odd along each axis, ready to be convolved with fields of one size.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub(crate) struct Convolution {
     columns: usize,
     rows: usize,
-    across: Line,
-    along: Line,
-    /// The kernel's transform, real or imaginary throughout, in the order of the transforms, with
-    /// the normalisation.
+    plans: Plans,
+    /// The kernel's transform, real or imaginary throughout, column by column, with the
+    /// normalisation.
     spectrum: Vec<f64>,
     imaginary: bool,
-    grid: Vec<Complex>,
-    column: Vec<Complex>,
+    /// Transformed rows, and one row or column of them.
+    grid: Vec<Complex64>,
+    column: Vec<Complex64>,
+    row: Vec<f64>,
+    scratch: Vec<Complex64>,
+}
+
+impl fmt::Debug for Convolution {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { columns, rows, .. } = self;
+        write!(f, "Convolution of {columns} x {rows}")
+    }
+}
+
+/// The least even number from `least` on without a prime factor above 5.
+fn length(least: usize) -> usize {
+    let smooth = |n: &usize| {
+        let left = [2, 3, 5].iter().fold(*n, |mut left, prime| {
+            while left.is_multiple_of(*prime) {
+                left /= prime;
+            }
+            left
+        });
+        left == 1
+    };
+    (least.next_multiple_of(2)..).step_by(2).find(smooth).unwrap_or(least)
 }
 
 impl Convolution {
@@ -89,100 +70,102 @@ impl Convolution {
         odd: [bool; 2],
         kernel: impl Fn(usize, usize) -> f64,
     ) -> Self {
-        let length = |n: usize| (2 * n).next_power_of_two();
-        let (across, along) = (Line::new(length(columns)), Line::new(length(rows)));
-        let (width, height) = (across.length, along.length);
+        let [width, height] = [columns, rows].map(|n| length(2 * n));
+        let (mut real, mut complex) = (RealFftPlanner::new(), FftPlanner::new());
+        let plans = Plans {
+            row: real.plan_fft_forward(width),
+            row_back: real.plan_fft_inverse(width),
+            column: complex.plan_fft_forward(height),
+            column_back: complex.plan_fft_inverse(height),
+        };
+        let scratch = [
+            plans.row.get_scratch_len(),
+            plans.row_back.get_scratch_len(),
+            plans.column.get_inplace_scratch_len(),
+            plans.column_back.get_inplace_scratch_len(),
+        ];
+        let half = width / 2 + 1;
         let mut made = Self {
             columns,
             rows,
-            across,
-            along,
-            spectrum: vec![0.0; width * height],
+            plans,
+            spectrum: vec![0.0; half * height],
             imaginary: odd[0] != odd[1],
-            grid: vec![[0.0; 2]; width * height],
-            column: vec![[0.0; 2]; height],
+            grid: vec![ZERO; half * height],
+            column: vec![ZERO; height],
+            row: vec![0.0; width],
+            scratch: vec![ZERO; scratch.into_iter().max().unwrap_or(0)],
         };
-        for (n, value) in made.grid.iter_mut().enumerate() {
-            let (at, of) = (n % width, n / width);
-            let (i, j) = (at.min(width - at), of.min(height - of));
-            if i < columns && j < rows {
+        for of in 0..height {
+            let j = of.min(height - of);
+            for at in 0..width {
+                let i = at.min(width - at);
                 let turned = (odd[0] && i != at) != (odd[1] && j != of);
-                *value = [if turned { -kernel(i, j) } else { kernel(i, j) }, 0.0];
+                let value = if i < columns && j < rows { kernel(i, j) } else { 0.0 };
+                made.row[at] = if turned { -value } else { value };
             }
+            made.row_forward(of);
         }
-        made.rows_forward(height);
-        for i in 0..width {
-            made.load_column(i);
-            made.along.forward(&mut made.column);
+        let scale = 1.0 / (width * height) as f64;
+        for i in 0..half {
+            made.column_forward(i, height);
             for (j, value) in made.column.iter().enumerate() {
-                let part = value[usize::from(made.imaginary)];
-                made.spectrum[i * height + j] = part / (width * height) as f64;
+                let part = if made.imaginary { value.im } else { value.re };
+                made.spectrum[i * height + j] = scale * part;
             }
         }
         made
     }
 
-    /// Convolves two fields at once, row by row; both are replaced by the results.
-    pub(crate) fn apply(&mut self, first: &mut [f64], second: Option<&mut [f64]>) {
-        let (width, height) = (self.across.length, self.along.length);
-        let columns = self.columns;
-        self.grid.fill([0.0; 2]);
-        for (row, values) in first.chunks_exact(columns).enumerate() {
-            for (target, value) in self.grid[row * width..].iter_mut().zip(values) {
-                target[0] = *value;
-            }
+    /// Convolves a field, row by row; it is replaced by the result.
+    pub(crate) fn apply(&mut self, field: &mut [f64]) {
+        let (columns, rows) = (self.columns, self.rows);
+        let (height, half) = (self.column.len(), self.row.len() / 2 + 1);
+        for (j, values) in field.chunks_exact(columns).enumerate() {
+            self.row[..columns].copy_from_slice(values);
+            self.row[columns..].fill(0.0);
+            self.row_forward(j);
         }
-        if let Some(second) = &second {
-            for (row, values) in second.chunks_exact(columns).enumerate() {
-                for (target, value) in self.grid[row * width..].iter_mut().zip(values.iter()) {
-                    target[1] = *value;
-                }
-            }
-        }
-        self.rows_forward(self.rows);
-        for i in 0..width {
-            self.load_column(i);
-            self.along.forward(&mut self.column);
+        for i in 0..half {
+            self.column_forward(i, rows);
             let spectrum = &self.spectrum[i * height..(i + 1) * height];
             for (value, factor) in self.column.iter_mut().zip(spectrum) {
-                *value = [value[0] * factor, value[1] * factor];
-                if self.imaginary {
-                    *value = [-value[1], value[0]];
-                }
+                let [re, im] = [value.re * factor, value.im * factor];
+                *value =
+                    if self.imaginary { Complex64::new(-im, re) } else { Complex64::new(re, im) };
             }
-            self.along.backward(&mut self.column);
-            for (j, value) in self.column[..self.rows].iter().enumerate() {
-                self.grid[j * width + i] = *value;
-            }
-        }
-        for row in self.grid.chunks_exact_mut(width).take(self.rows) {
-            self.across.backward(row);
-        }
-        for (row, values) in first.chunks_exact_mut(columns).enumerate() {
-            for (value, source) in values.iter_mut().zip(&self.grid[row * width..]) {
-                *value = source[0];
+            self.plans.column_back.process_with_scratch(&mut self.column, &mut self.scratch);
+            for (j, value) in self.column[..rows].iter().enumerate() {
+                self.grid[j * half + i] = *value;
             }
         }
-        if let Some(second) = second {
-            for (row, values) in second.chunks_exact_mut(columns).enumerate() {
-                for (value, source) in values.iter_mut().zip(&self.grid[row * width..]) {
-                    *value = source[1];
-                }
-            }
+        for (values, from) in field.chunks_exact_mut(columns).zip(self.grid.chunks_exact_mut(half))
+        {
+            // What a real row's transform has none of, but for rounding.
+            (from[0].im, from[half - 1].im) = (0.0, 0.0);
+            let back = &self.plans.row_back;
+            let done = back.process_with_scratch(from, &mut self.row, &mut self.scratch);
+            debug_assert!(done.is_ok(), "the lengths are the plan's");
+            values.copy_from_slice(&self.row[..columns]);
         }
     }
 
-    fn rows_forward(&mut self, count: usize) {
-        for row in self.grid.chunks_exact_mut(self.across.length).take(count) {
-            self.across.forward(row);
-        }
+    /// Transforms the row at hand into one of the grid.
+    fn row_forward(&mut self, j: usize) {
+        let half = self.row.len() / 2 + 1;
+        let to = &mut self.grid[j * half..(j + 1) * half];
+        let done = self.plans.row.process_with_scratch(&mut self.row, to, &mut self.scratch);
+        debug_assert!(done.is_ok(), "the lengths are the plan's");
     }
 
-    fn load_column(&mut self, i: usize) {
-        let width = self.across.length;
-        for (j, value) in self.column.iter_mut().enumerate() {
-            *value = self.grid[j * width + i];
+    /// Transforms a column of the grid's first rows, with nothing below them.
+    fn column_forward(&mut self, i: usize, rows: usize) {
+        let half = self.row.len() / 2 + 1;
+        for (value, from) in self.column[..rows].iter_mut().zip(self.grid.chunks_exact(half)) {
+            *value = from[i];
         }
+        self.column[rows..].fill(ZERO);
+        self.plans.column.process_with_scratch(&mut self.column, &mut self.scratch);
     }
 }
 
@@ -191,23 +174,26 @@ mod tests {
     use super::*;
 
     #[test]
+    fn lengths_are_even_and_smooth() {
+        let lengths = [1, 2, 7, 10, 14, 33, 96, 97, 512, 1022].map(length);
+        assert_eq!(lengths, [2, 2, 8, 10, 16, 36, 96, 100, 512, 1024]);
+    }
+
+    #[test]
     fn a_convolution_is_the_double_sum() {
         for odd in [[false, false], [true, false], [false, true], [true, true]] {
-            check(odd);
+            for size in [[5, 3], [4, 4], [1, 1], [7, 13]] {
+                check(size, odd);
+            }
         }
     }
 
-    fn check(odd: [bool; 2]) {
-        let (columns, rows) = (5, 3);
+    fn check([columns, rows]: [usize; 2], odd: [bool; 2]) {
         let kernel = |i: usize, j: usize| {
             let nothing = (odd[0] && i == 0) || (odd[1] && j == 0);
             if nothing { 0.0 } else { 1.0 / (1.0 + i as f64 + 2.5 * (j * j) as f64) }
         };
         let mut convolution = Convolution::of([columns, rows], odd, kernel);
-        let field = |seed: f64| -> Vec<f64> {
-            (0..columns * rows).map(|n| libm::sin(seed * (n + 1) as f64)).collect()
-        };
-        let (mut first, mut second) = (field(1.3), field(0.7));
         let expected = |field: &[f64], n: usize| -> f64 {
             let term = |(m, value): (usize, &f64)| {
                 let [(i, k), (j, l)] = [(n % columns, m % columns), (n / columns, m / columns)];
@@ -217,12 +203,15 @@ mod tests {
             };
             field.iter().enumerate().map(term).sum()
         };
-        let wanted: Vec<[f64; 2]> =
-            (0..columns * rows).map(|n| [expected(&first, n), expected(&second, n)]).collect();
-        convolution.apply(&mut first, Some(&mut second));
-        for (n, [a, b]) in wanted.iter().enumerate() {
-            assert!((first[n] - a).abs() < 1e-13, "{n}: {} {a}", first[n]);
-            assert!((second[n] - b).abs() < 1e-13, "{n}: {} {b}", second[n]);
+        // Twice: nothing is left of the first one.
+        for seed in [1.3, 0.7] {
+            let mut field: Vec<f64> =
+                (0..columns * rows).map(|n| libm::sin(seed * (n + 1) as f64)).collect();
+            let wanted: Vec<f64> = (0..columns * rows).map(|n| expected(&field, n)).collect();
+            convolution.apply(&mut field);
+            for (n, (found, wanted)) in field.iter().zip(&wanted).enumerate() {
+                assert!((found - wanted).abs() < 1e-13, "{n}: {found} {wanted}");
+            }
         }
     }
 }

@@ -222,9 +222,10 @@ impl Grip {
     fn stretched(&mut self, traction: &Field) -> Field {
         let [mut along, mut across] = traction.clone();
         let [mut x, mut y] = traction.clone();
-        self.own[0].apply(&mut x, None);
-        self.own[1].apply(&mut y, None);
-        self.mixed.apply(&mut along, Some(&mut across));
+        self.own[0].apply(&mut x);
+        self.own[1].apply(&mut y);
+        self.mixed.apply(&mut along);
+        self.mixed.apply(&mut across);
         x.iter_mut().zip(&across).for_each(|(u, more)| *u += more);
         y.iter_mut().zip(&along).for_each(|(u, more)| *u += more);
         [x, y]
@@ -233,8 +234,8 @@ impl Grip {
     /// What they make it sink by.
     fn sunk(&mut self, traction: &Field) -> Vec<f64> {
         let [mut x, mut y] = traction.clone();
-        self.sinking[0].apply(&mut x, None);
-        self.sinking[1].apply(&mut y, None);
+        self.sinking[0].apply(&mut x);
+        self.sinking[1].apply(&mut y);
         x.iter_mut().zip(y).for_each(|(w, more)| *w += more);
         x
     }
@@ -245,7 +246,7 @@ impl Grip {
         let pressure = self.surface.pressure_mpa();
         let mut moved = [pressure.to_vec(), pressure.to_vec()];
         for (part, kernel) in moved.iter_mut().zip(&mut self.sinking) {
-            kernel.apply(part, None);
+            kernel.apply(part);
             part.iter_mut().for_each(|u| *u = -*u);
         }
         moved

@@ -208,7 +208,7 @@ impl Surface {
         let mut penetration = target;
         for iteration in 1..=ITERATIONS {
             self.miss.copy_from_slice(&self.pressure);
-            self.convolution.apply(&mut self.miss, None);
+            self.convolution.apply(&mut self.miss);
             if by_force {
                 penetration = self.level(heights);
             }
@@ -260,7 +260,7 @@ impl Surface {
     /// One step along the direction; whether the contact changed so that the direction is void.
     fn step(&mut self, sum: Option<f64>) -> bool {
         self.moved.copy_from_slice(&self.direction);
-        self.convolution.apply(&mut self.moved, None);
+        self.convolution.apply(&mut self.moved);
         let (mut mean, mut count) = (0.0, 0.0);
         if sum.is_some() {
             for (m, p) in self.moved.iter().zip(&self.pressure) {
