@@ -163,8 +163,10 @@ impl Stack {
     pub(crate) fn reach_mm(&self) -> f64 {
         let (mut stiffest, mut contrast) = (0.0_f64, 1.0_f64);
         for layer in &self.layers {
-            stiffest = stiffest.max(layer.youngs_mpa);
-            contrast = contrast.max(stiffest / layer.youngs_mpa);
+            // As a plate, and along itself as a membrane.
+            let stiffness = layer.youngs_mpa / (1.0 - layer.poisson * layer.poisson);
+            stiffest = stiffest.max(stiffness);
+            contrast = contrast.max(stiffest / stiffness);
         }
         // A base that does not give ends the spreading: contrasts beyond 1e6 count as that.
         REACH * self.thickness_mm() * libm::cbrt(contrast.min(1e6))

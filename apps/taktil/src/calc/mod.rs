@@ -7,6 +7,7 @@
 //! [`list`] all come from it.
 
 mod answer;
+mod body;
 mod cells;
 mod contact;
 mod differences;

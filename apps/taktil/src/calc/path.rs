@@ -3,7 +3,7 @@
 //!
 //! It refuses what the solvers refuse, more than one way to say a thing, and more cells in more
 //! steps than there is time for. Heights given cell by cell stay on their cells however the body is
-//! carried.
+//! carried. A body that did not touch is carried through the air.
 
 use taktil_mechanics::contact::Invalid;
 use taktil_mechanics::contact::features::Part;
@@ -18,36 +18,21 @@ use taktil_mechanics::contact::stack::Stack;
 
 use super::Operation;
 use super::answer::Answer;
+use super::body::{Body, FAR, SHAPES};
 use super::field::{Failure, Field, Kind, Need};
 use super::request::Args;
 use super::space::{
-    COLS, PART, PITCH, RADIUS, ROT, ROWS, SAMPLING, SPHERE, TILT, X, Y, array_of, default,
-    drive_of, features_of, number,
+    COLS, PART, PITCH, ROWS, SAMPLING, array_of, default, drive_of, features_of, number,
 };
 
 /// Most cells along a side.
 const SIDE_MAX: usize = 512;
-/// Most cells times steps, and most cells that rub.
+/// Most cells times steps, the same where they rub, and most cells that do.
 const WORK_MAX: usize = 1 << 18;
+const RUBBING_MAX: usize = 1 << 16;
 const RUBBED_MAX: usize = 1 << 14;
-
-const LENGTH: Field = number("length_mm", "mm", "Length along the axis.");
-const CYLINDER: &[Field] = &[RADIUS, LENGTH, X, Y, ROT, TILT];
-const BAR: &[Field] = &[number("width_mm", "mm", "Width."), LENGTH, X, Y, ROT, TILT];
-const HEIGHTS: &[Field] = &[Field::new(
-    "heights_mm",
-    Kind::Numbers,
-    "mm",
-    Need::Required,
-    "Of the face over its zero height, a cell, row by row; it stays on its cells.",
-)];
-
-const SHAPES: &[Field] = &[
-    shape("sphere", SPHERE, "{radius_mm, x_mm, y_mm}."),
-    shape("cylinder", CYLINDER, "Lying {radius_mm, length_mm, x_mm, y_mm, rot_rad, tilt_rad}."),
-    shape("bar", BAR, "A flat face {width_mm, length_mm, x_mm, y_mm, rot_rad, tilt_rad}."),
-    shape("heights", HEIGHTS, "Any face {heights_mm}."),
-];
+/// Least force that is not none, over Young's modulus on a square of the surface layer's thickness.
+const FAINT: f64 = 1e-12;
 
 const LAYER: &[Field] = &[
     number("t_mm", "mm", "Thickness."),
@@ -64,14 +49,10 @@ const CELLS: &[Field] = &[
 const STEP: &[Field] = &[
     Field::new("force_n", Kind::Number, "N", Need::Optional, "This or `penetration_mm`."),
     Field::new("penetration_mm", Kind::Number, "mm", Need::Optional, "Of the zero height."),
-    default("dx_mm", "mm", "Carry along x since the step before."),
-    default("dy_mm", "mm", "Carry along y since the step before."),
-    default("turn_rad", "rad", "Turn about z, through the middle of the cells."),
+    default("dx_mm", "mm", "Carry along x since the step before; in the air unless that touched."),
+    default("dy_mm", "mm", "The same along y."),
+    default("turn_rad", "rad", "Turn about z, through the middle of the cells; the same."),
 ];
-
-const fn shape(name: &'static str, fields: &'static [Field], doc: &'static str) -> Field {
-    Field::new(name, Kind::Table(fields), "", Need::Optional, doc)
-}
 
 const FIELDS: &[Field] = &[
     Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "Exactly one of its fields."),
@@ -88,7 +69,7 @@ const FIELDS: &[Field] = &[
         Kind::Number,
         "",
         Need::Default("0"),
-        "Coulomb's coefficient; above 0 on at most 16384 cells.",
+        "Coulomb's coefficient; above 0 on at most 16384 cells, and 65536 times steps.",
     ),
     Field::new("steps", Kind::Tables(STEP), "", Need::Required, "One after another."),
     ROWS,
@@ -109,8 +90,10 @@ const FIELDS: &[Field] = &[
 pub(super) const OPERATIONS: &[Operation] = &[Operation {
     name: "contact_path_3d",
     doc: "A rigid body on cells of bonded layers over an array of tactels, pressed and carried \
-          along step by step under Coulomb's friction; the force is 1e-3 or 2e-3 off with 16 cells \
-          across the contact, falling as the spacing to 1.5.",
+          along step by step under Coulomb's friction; the force of a round body is 1e-3 or 2e-3 \
+          off with 16 cells across the contact, falling as the spacing to 1.5; a face is as wide \
+          and long as the cells whose middles it covers, and 3e-2 off with 16 across, falling as \
+          the spacing.",
     fields: FIELDS,
     answers: &[
         ("image", "[rows*cols] MPa, szz at the base after the last step, as of contact_3d"),
@@ -127,104 +110,6 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
     ],
     run: contact_path_3d,
 }];
-
-/// A face over the cells.
-enum Face {
-    Sphere { radius: f64 },
-    Cylinder { radius: f64, half_length: f64 },
-    Bar { half_width: f64, half_length: f64 },
-    Heights(Vec<f64>),
-}
-
-/// A face with where it is, mm and rad; the direction of its axis is (-sin, cos) of its turn.
-struct Body {
-    face: Face,
-    place: [f64; 2],
-    rot: f64,
-    tilt: f64,
-}
-
-impl Body {
-    fn of(args: &Args, cells: &Cells) -> Result<Self, Failure> {
-        let names = ["sphere", "cylinder", "bar", "heights"];
-        let bad = || {
-            let what = format!("`shape` has exactly one of the fields {}", names.join(", "));
-            Failure::new("wrong_type", Some("shape"), what)
-        };
-        let table = args.table("shape").ok_or_else(bad)?;
-        let mut given = names.into_iter().filter_map(|n| table.table(n).map(|inner| (n, inner)));
-        let (Some((name, inner)), None) = (given.next(), given.next()) else { return Err(bad()) };
-        let size = |field: &str| -> Result<f64, Failure> {
-            let value = inner.number(field)?;
-            if value > 0.0 {
-                return Ok(value);
-            }
-            let place = format!("shape.{name}.{field}");
-            Err(Failure::range(&place, format!("`{place}` is {value:?}; it has to be above 0")))
-        };
-        let half = |field: &str| size(field).map(|value| 0.5 * value);
-        let face = match name {
-            "sphere" => Face::Sphere { radius: size("radius_mm")? },
-            "cylinder" => {
-                Face::Cylinder { radius: size("radius_mm")?, half_length: half("length_mm")? }
-            }
-            "bar" => Face::Bar { half_width: half("width_mm")?, half_length: half("length_mm")? },
-            _ => {
-                let heights = inner.numbers("heights_mm")?;
-                let (given, wanted) = (heights.len(), cells.columns * cells.rows);
-                if given != wanted {
-                    let place = "shape.heights.heights_mm";
-                    let what = format!("`{place}` has {given} heights for {wanted} cells");
-                    return Err(Failure::new("wrong_length", Some(place), what));
-                }
-                Face::Heights(heights.to_vec())
-            }
-        };
-        let or_0 = |field: &str| if inner.has(field) { inner.number(field) } else { Ok(0.0) };
-        let place = [or_0("x_mm")?, or_0("y_mm")?];
-        Ok(Self { face, place, rot: or_0("rot_rad")?, tilt: or_0("tilt_rad")? })
-    }
-
-    /// Goes along with a carry, turned first.
-    fn carried(&mut self, carry: &Carry) {
-        let (s, c) = (libm::sin(carry.turn_rad), libm::cos(carry.turn_rad));
-        let ([x, y], [dx, dy]) = (self.place, carry.shift_mm);
-        self.place = [c * x - s * y + dx, s * x + c * y + dy];
-        self.rot += carry.turn_rad;
-    }
-
-    /// Height over the zero height at a place; infinite where there is no face.
-    fn height(&self, [x, y]: [f64; 2]) -> f64 {
-        let (x, y) = (x - self.place[0], y - self.place[1]);
-        let (s, c) = (libm::sin(self.rot), libm::cos(self.rot));
-        let (across, along) = (c * x + s * y, c * y - s * x);
-        let round = |radius: f64, square: f64| {
-            let left = radius * radius - square;
-            if left < 0.0 { f64::INFINITY } else { square / (radius + left.sqrt()) }
-        };
-        let face = match &self.face {
-            Face::Sphere { radius } => return round(*radius, x * x + y * y),
-            Face::Heights(_) => return f64::INFINITY,
-            Face::Cylinder { radius, half_length } if along.abs() <= *half_length => {
-                round(*radius, across * across)
-            }
-            Face::Bar { half_width, half_length }
-                if along.abs() <= *half_length && across.abs() <= *half_width =>
-            {
-                0.0
-            }
-            Face::Cylinder { .. } | Face::Bar { .. } => return f64::INFINITY,
-        };
-        face - self.tilt * along
-    }
-
-    fn heights(&self, cells: &Cells) -> Vec<f64> {
-        match &self.face {
-            Face::Heights(heights) => heights.clone(),
-            _ => (0..cells.columns * cells.rows).map(|n| self.height(cells.place_mm(n))).collect(),
-        }
-    }
-}
 
 /// What the body stands on.
 enum Rubber {
@@ -248,6 +133,15 @@ impl Rubber {
             [layer] => Ok(Self::Layer(*layer)),
             _ => Ok(Self::Stack(Stack::new(&layers).map_err(|invalid| failure(&invalid))?)),
         }
+    }
+
+    /// Forces below this are none.
+    fn faint_n(&self) -> f64 {
+        let layer = match self {
+            Self::Layer(layer) => layer,
+            Self::Stack(stack) => stack.surface_layer(),
+        };
+        FAINT * layer.youngs_mpa * layer.thickness_mm * layer.thickness_mm
     }
 
     fn influence(&self) -> Result<Influence, Invalid> {
@@ -299,12 +193,23 @@ impl Solver {
 /// What makes the image.
 struct Seen {
     array: Array,
+    sampling: Sampling,
     normal: Shares,
     /// Of the array and of its mirror.
     sheared: Option<[Shares; 2]>,
 }
 
 impl Seen {
+    /// With the tables of what rubs.
+    fn rubbed(mut self, shear: &Shear, fineness: Fineness) -> Result<Self, Failure> {
+        let mirror = Array { rows: self.array.cols, cols: self.array.rows, ..self.array };
+        let of = |array: &Array| {
+            Shares::sheared(shear, array, self.sampling, fineness).map_err(|i| unseen(&i))
+        };
+        self.sheared = Some([of(&self.array)?, of(&mirror)?]);
+        Ok(self)
+    }
+
     fn image(&self, solver: &Solver) -> Result<Vec<f64>, Invalid> {
         let mut image = vec![0.0; self.array.len()];
         match (solver, &self.sheared) {
@@ -319,11 +224,28 @@ impl Seen {
 }
 
 /// The steps of a path.
-fn steps_of(args: &Args) -> Result<Vec<(Drive, Carry)>, Failure> {
+fn steps_of(args: &Args, faint_n: f64) -> Result<Vec<(Drive, Carry)>, Failure> {
     let one = |(i, step): (usize, &Args)| -> Result<(Drive, Carry), Failure> {
         let drive = drive_of(step).map_err(|failure| in_step(i, failure))?;
-        let shift_mm = [step.number("dx_mm")?, step.number("dy_mm")?];
-        Ok((drive, Carry { shift_mm, turn_rad: step.number("turn_rad")? }))
+        if let Drive::ForceN(force) = drive
+            && force > 0.0
+            && force < faint_n
+        {
+            let what = format!(
+                "`force_n`: {force:e} N cannot be told from none on this rubber; give more, or 0"
+            );
+            return Err(in_step(i, Failure::new("unreachable", Some("force_n"), what)));
+        }
+        let carried = |name: &str| -> Result<f64, Failure> {
+            let value = step.number(name)?;
+            if value.abs() <= FAR {
+                return Ok(value);
+            }
+            let what = format!("`{name}`: {value:e} is beyond sense; give at most {FAR:e}");
+            Err(in_step(i, Failure::range(name, what)))
+        };
+        let shift_mm = [carried("dx_mm")?, carried("dy_mm")?];
+        Ok((drive, Carry { shift_mm, turn_rad: carried("turn_rad")? }))
     };
     let steps = args.tables("steps")?.iter().enumerate().map(one).collect::<Result<Vec<_>, _>>()?;
     if steps.is_empty() {
@@ -344,67 +266,48 @@ fn cells_of(args: &Args, steps: usize, friction: f64) -> Result<Cells, Failure> 
         let what = format!("`cells`: {count} that rub; give at most {RUBBED_MAX}");
         return Err(Failure::range("cells", what));
     }
-    if count.saturating_mul(steps) > WORK_MAX {
+    let most = if friction > 0.0 { RUBBING_MAX } else { WORK_MAX };
+    if count.saturating_mul(steps) > most {
         let what =
-            format!("`steps`: {steps} on {count} cells; cells times steps is {WORK_MAX} at most");
+            format!("`steps`: {steps} on {count} cells; give {most} cells times steps at most");
         return Err(Failure::range("steps", what));
     }
     Ok(cells)
 }
 
-/// The tables of an array.
+/// The tables of an array, as far as it and the cells can be apart.
 fn seen(
     influence: &Influence,
-    shear: Option<&Shear>,
+    cells: &Cells,
     (array, sampling): (Array, Sampling),
-) -> Result<Seen, Invalid> {
-    let normal = Shares::new(influence, &array, sampling, Fineness::DEFAULT)?;
-    let mirror = Array { rows: array.cols, cols: array.rows, ..array };
-    let of =
-        |shear: &Shear, array: &Array| Shares::sheared(shear, array, sampling, Fineness::DEFAULT);
-    let sheared = match shear {
-        Some(shear) => Some([of(shear, &array)?, of(shear, &mirror)?]),
-        None => None,
-    };
-    Ok(Seen { array, normal, sheared })
+) -> Result<(Seen, Fineness), Failure> {
+    array.check().map_err(|invalid| failure(&invalid))?;
+    let [x, y] = array.half_sides_mm();
+    let half = |count: usize| 0.5 * count as f64 * cells.spacing_mm;
+    let apart_mm = (x + half(cells.columns)).max(y + half(cells.rows)) + 2.0 * array.pitch_mm;
+    let reach = Fineness::DEFAULT.reach.min(apart_mm / influence.spread_mm());
+    let fineness = Fineness { reach, ..Fineness::DEFAULT };
+    let normal = Shares::new(influence, &array, sampling, fineness).map_err(|i| unseen(&i))?;
+    Ok((Seen { array, sampling, normal, sheared: None }, fineness))
 }
 
 fn contact_path_3d(args: &Args) -> Result<Answer, Failure> {
-    let steps = steps_of(args)?;
+    let rubber = Rubber::of(args)?;
+    let steps = steps_of(args, rubber.faint_n())?;
     let friction = args.number("friction")?;
     let cells = cells_of(args, steps.len(), friction)?;
-    let body = |cells| Body::of(args, cells);
-    body(&cells)?;
-    let rubber = Rubber::of(args)?;
+    let body = Body::of(args, &cells)?;
     let refused = |invalid: Invalid| failure(&invalid);
     let influence = rubber.influence().map_err(refused)?;
     let surface = Surface::new(&influence, &cells).map_err(|invalid| in_cells(&invalid))?;
-    let shear = if friction == 0.0 { None } else { Some(rubber.shear().map_err(refused)?) };
-    let solver = match &shear {
-        Some(shear) => {
-            Solver::Rough(Box::new(Grip::new(surface, shear, friction).map_err(refused)?))
-        }
-        None => Solver::Smooth(Box::new(surface)),
-    };
-    let seen = seen(&influence, shear.as_ref(), array_of(args)?).map_err(refused)?;
-    let walked = args.timed(|| -> Result<(Solver, Vec<GripState>), Failure> {
-        let (mut solver, mut body) = (solver.clone(), body(&cells)?);
-        let mut states = Vec::with_capacity(steps.len());
-        for (i, step) in steps.iter().enumerate() {
-            body.carried(&step.1);
-            let heights = body.heights(&cells);
-            if heights.iter().all(|height| height.is_infinite()) {
-                let what = format!(
-                    "step {i}: no cell's middle lies under the body: put it over the cells, or \
-                     make them smaller"
-                );
-                return Err(Failure::range("shape", what));
-            }
-            let state = solver.step(&heights, step);
-            states.push(state.map_err(|invalid| in_step(i, in_cells(&invalid)))?);
-        }
-        Ok((solver, states))
-    });
+    let (mut seen, fineness) = seen(&influence, &cells, array_of(args)?)?;
+    let mut solver = Solver::Smooth(Box::new(surface.clone()));
+    if friction != 0.0 {
+        let shear = rubber.shear().map_err(refused)?;
+        let grip = Grip::new(surface, &shear, friction).map_err(refused)?;
+        (solver, seen) = (Solver::Rough(Box::new(grip)), seen.rubbed(&shear, fineness)?);
+    }
+    let walked = args.timed(|| walk(solver.clone(), body.clone(), &cells, &steps));
     let (solver, states) = walked?;
     let mut image = seen.image(&solver).map_err(refused)?;
     let features = features_of(&seen.array, &image).map_err(refused)?;
@@ -427,6 +330,30 @@ fn contact_path_3d(args: &Args) -> Result<Answer, Failure> {
     Ok(out)
 }
 
+/// Takes the steps.
+fn walk(
+    mut solver: Solver,
+    mut body: Body,
+    cells: &Cells,
+    steps: &[(Drive, Carry)],
+) -> Result<(Solver, Vec<GripState>), Failure> {
+    let mut states: Vec<GripState> = Vec::with_capacity(steps.len());
+    for (i, (drive, carry)) in steps.iter().enumerate() {
+        body.carried(carry);
+        let heights = body.heights(cells).map_err(|failure| in_step(i, failure))?;
+        // What does not touch goes through the air.
+        let touched = states.last().is_some_and(|state| state.pressed.force_n > 0.0);
+        let carry = if touched { *carry } else { Carry::default() };
+        let step = solver.step(&heights, &(*drive, carry));
+        let mut state = step.map_err(|invalid| in_step(i, in_cells(&invalid)))?;
+        if let Drive::PenetrationMm(wanted) = drive {
+            state.pressed.penetration_mm = *wanted;
+        }
+        states.push(state);
+    }
+    Ok((solver, states))
+}
+
 /// Every step's answers.
 fn told(out: &mut Answer, states: &[GripState]) {
     let mut list = |name, of: fn(&GripState) -> f64| {
@@ -444,6 +371,16 @@ fn told(out: &mut Answer, states: &[GripState]) {
 
 fn failure(invalid: &Invalid) -> Failure {
     told_of(&invalid.place, invalid)
+}
+
+/// An array that no table can join to the layers.
+fn unseen(invalid: &Invalid) -> Failure {
+    let field = if invalid.place == "thickness_mm" { "layers" } else { invalid.place.as_str() };
+    let what = format!(
+        "`{field}`: {}; give tactels nearer to the thickness, or layers less unlike each other",
+        invalid.what
+    );
+    Failure::range(field, what)
 }
 
 fn told_of(field: &str, invalid: &Invalid) -> Failure {
@@ -472,8 +409,7 @@ fn in_cells(invalid: &Invalid) -> Failure {
 fn in_step(i: usize, failure: Failure) -> Failure {
     let Failure { code, field, message } = failure;
     let field = match field.as_deref() {
-        Some("shift_mm") => Some(format!("steps[{i}].dx_mm")),
-        Some(inner @ ("force_n" | "penetration_mm" | "turn_rad")) => {
+        Some(inner @ ("force_n" | "penetration_mm" | "dx_mm" | "dy_mm" | "turn_rad")) => {
             Some(format!("steps[{i}].{inner}"))
         }
         _ => field,

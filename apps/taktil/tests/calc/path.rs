@@ -134,6 +134,65 @@ fn pins_and_bars_lie_as_they_do_elsewhere() {
     assert!(peak(&flat(&answers[2]["along_n"])) < 0.02, "{}", answers[2]["along_n"]);
 }
 
+/// A body let up to where friction had lifted or sunk the rubber still touches it once that is gone.
+#[test]
+fn what_is_let_up_far_touches_as_if_pressed_anew() {
+    let bar = json!({
+        "shape": {"bar": {"width_mm": 1, "length_mm": 2, "x_mm": 0, "y_mm": 0, "tilt_rad": 0.02}},
+        "layers": [{"t_mm": 0.8, "nu": 0.3}], "friction": 1.0,
+        "cells": {"columns": 48, "rows": 80, "spacing_mm": 0.05},
+        "steps": [{"penetration_mm": 0.02}, {"penetration_mm": 0.02, "dy_mm": 0.05},
+                  {"penetration_mm": -0.018}],
+    });
+    let mut anew = bar.clone();
+    anew["steps"] = json!([{"penetration_mm": 0.02}, {"force_n": 0.0, "dy_mm": 0.05},
+                           {"penetration_mm": -0.018}]);
+    let answers = ask(&[with(bar), with(anew)]);
+    let [let_up, wanted] = [0, 1].map(|i| last(&answers[i], "force_n"));
+    assert!(wanted > 0.015 && (let_up / wanted - 1.0).abs() < 0.1, "{let_up} {wanted}");
+    assert_eq!(last(&answers[0], "delta_mm"), -0.018);
+}
+
+#[test]
+fn what_does_not_touch_is_carried_through_the_air() {
+    let placed = with(json!({
+        "shape": {"sphere": {"radius_mm": 10, "x_mm": 0.05, "y_mm": 0.0}},
+        "steps": [{"force_n": 2.0}],
+    }));
+    let carried = with(json!({"steps": [{"force_n": 2.0, "dx_mm": 0.05}]}));
+    let lifted = with(json!({
+        "steps": [{"force_n": 2.0}, {"penetration_mm": -0.5}, {"force_n": 2.0, "dx_mm": 0.05}],
+    }));
+    let answers = ask(&[placed, carried, lifted]);
+    for answer in &answers[1..] {
+        assert!(apart(&answers[0]["image"], &answer["image"]) < 1e-6);
+        assert!(last(answer, "along_n").abs() < 1e-9, "{}", answer["along_n"]);
+    }
+    assert_eq!(flat(&answers[2]["delta_mm"])[1], -0.5);
+}
+
+/// However far a stiff skin spreads a load, an array sees it from no further than the cells.
+#[test]
+fn a_stiff_skin_has_an_image_on_any_array() {
+    let skin = with(json!({
+        "shape": {"sphere": {"radius_mm": 3000, "x_mm": 0, "y_mm": 0}},
+        "layers": [{"t_mm": 1, "nu": 0.3, "youngs_mpa": 82740}, {"t_mm": 0.1, "nu": 0.3}],
+        "cells": {"columns": 32, "rows": 32, "spacing_mm": 0.5}, "friction": 0,
+        "steps": [{"force_n": 100}],
+    }));
+    let mut requests = vec![];
+    for pitch_mm in [0.5, 1.1, 1.5875, 3.0] {
+        let mut request = skin.clone();
+        (request["pitch_mm"], request["rows"], request["cols"]) =
+            (json!(pitch_mm), json!(40), json!(40));
+        requests.push(request);
+    }
+    let answers = ask(&requests);
+    // The widest array carries all of it.
+    let whole = answers[3]["features"]["M0"].as_f64().unwrap();
+    assert!((whole + 100.0).abs() < 1e-2, "{whole}");
+}
+
 #[test]
 fn each_thing_that_cannot_be_is_one_error_line() {
     let ten = vec![json!({"force_n": 1.0}); 300];
@@ -150,7 +209,25 @@ fn each_thing_that_cannot_be_is_one_error_line() {
             "out_of_range",
             "steps[1].force_n",
         ),
-        (json!({"steps": [{"force_n": 1.0, "dx_mm": 1e300}]}), "out_of_range", "shape"),
+        (json!({"steps": [{"force_n": 1.0, "dx_mm": 1e300}]}), "out_of_range", "steps[0].dx_mm"),
+        (json!({"steps": [{"force_n": 1.0, "dy_mm": -1e31}]}), "out_of_range", "steps[0].dy_mm"),
+        (json!({"steps": [{"force_n": 1e-18}]}), "unreachable", "steps[0].force_n"),
+        (
+            json!({"shape": {"bar": {"width_mm": 1, "length_mm": 2, "x_mm": 0, "y_mm": 0,
+                                     "tilt_rad": 0.3}}}),
+            "out_of_range",
+            "shape.bar.tilt_rad",
+        ),
+        (
+            json!({"shape": {"heights": {"heights_mm": vec![1e300; 1600]}}}),
+            "out_of_range",
+            "shape.heights.heights_mm",
+        ),
+        (
+            json!({"shape": {"sphere": {"radius_mm": 1e250, "x_mm": 1e200, "y_mm": 0}}}),
+            "out_of_range",
+            "shape.sphere",
+        ),
         (json!({"steps": [{"force_n": 1.0, "dx_mm": 5.0}]}), "out_of_range", "cells.columns"),
         (json!({"steps": ten}), "out_of_range", "steps"),
         (json!({"steps": [{"force_n": 900.0}]}), "out_of_range", "cells.columns"),
@@ -189,7 +266,7 @@ fn each_thing_that_cannot_be_is_one_error_line() {
         (
             json!({"shape": {"sphere": {"radius_mm": 1e-9, "x_mm": 0, "y_mm": 0}}}),
             "out_of_range",
-            "shape",
+            "shape.sphere",
         ),
         (json!({"pitch_mm": 0.0}), "out_of_range", "pitch_mm"),
         (json!({"dx_mm": 1.0}), "unknown_field", "dx_mm"),

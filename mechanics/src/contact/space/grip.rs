@@ -197,7 +197,9 @@ impl Grip {
             sunk = sinks;
             let change = change / pressed.penetration_mm.abs().max(f64::MIN_POSITIVE);
             let settled = change <= SETTLED && tolerance <= TOLERANCE;
-            if settled || pressed.force_n == 0.0 {
+            // Off the surface as friction left it the body may touch again once that is gone.
+            let apart = pressed.force_n == 0.0 && change == 0.0;
+            if settled || apart {
                 let mut state = self.told(&traction, pressed);
                 (state.residual, state.turns) = (residual, turn);
                 if residual > 1e3 * TOLERANCE || residual.is_nan() {

@@ -242,6 +242,12 @@ impl Influence {
         self.sizes.thickness_mm
     }
 
+    /// Fields die along the surface in so many mm as they do in one thickness of a layer.
+    #[must_use]
+    pub fn spread_mm(&self) -> f64 {
+        self.sizes.spread_mm
+    }
+
     /// Sizes of what it stands on.
     pub(super) fn sizes(&self) -> Sizes {
         self.sizes
