@@ -18,6 +18,7 @@
 //! outside the theory's reach.
 //! What it does not know: finite strain, viscosity; free ends of the layer outside [`fem`].
 
+mod antiplane;
 mod collocation;
 pub mod cylinder;
 pub mod features;

@@ -146,6 +146,26 @@ impl Stack {
         &self.layers[0]
     }
 
+    /// The layers, surface first.
+    pub(crate) fn layers(&self) -> &[Layer] {
+        &self.layers
+    }
+
+    /// Number of layers.
+    pub(crate) fn count(&self) -> usize {
+        self.layers.len()
+    }
+
+    /// The layer at a depth; the upper one at an interface.
+    pub(crate) fn layer_at(&self, depth_mm: f64) -> &Layer {
+        let mut bottom = 0.0;
+        let within = |layer: &&Layer| {
+            bottom += layer.thickness_mm;
+            depth_mm <= bottom
+        };
+        self.layers.iter().find(within).unwrap_or(&self.layers[self.layers.len() - 1])
+    }
+
     /// Refuses more waves than there is time for.
     pub(crate) fn affords(&self, waves: f64) -> Result<(), Invalid> {
         if waves <= WAVES_MAX && waves * self.layers.len() as f64 <= WORK_MAX {
@@ -184,21 +204,6 @@ impl Stack {
         let what = format!("fields die after {reach} thicknesses of the surface layer");
         let remedy = "give a thicker surface layer, or one less stiff against those below";
         Err(Invalid::new("layers", what, remedy))
-    }
-
-    /// At the wave number a over the surface layer's thickness, in that layer's units: displacement
-    /// per tangential traction across the wave vector.
-    pub(crate) fn across_compliance(&self, a: f64) -> f64 {
-        let surface = self.surface_layer();
-        let k = a / surface.thickness_mm;
-        let above = |below: f64, layer: &Layer| {
-            let (h, g) = (layer.thickness_mm, layer.shear_mpa());
-            let tanh = libm::tanh(k * h);
-            let own = if k > 0.0 { tanh / k } else { h };
-            (below + own / g) / (1.0 + below * g * k * tanh)
-        };
-        let all = self.layers.iter().rev().fold(0.0, above);
-        all * surface.shear_mpa() / surface.thickness_mm
     }
 
     /// At the wave number a over the surface layer's thickness, in that layer's units: M/a, T/a and

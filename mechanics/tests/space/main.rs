@@ -3,6 +3,7 @@
 
 mod draws;
 mod features;
+mod field;
 mod grip;
 mod hard;
 mod images;

@@ -1,9 +1,11 @@
-//! Calc operation on the elastic layer: `layer_line`. Refuses what the theory refuses, with the
-//! request's own field names.
+//! Calc operations on the elastic layer and on several: `layer_line` and `layer_point`. Refuse what
+//! the theory refuses, with the request's own field names.
 
 use taktil_mechanics::contact::Invalid;
 use taktil_mechanics::contact::field::{LineLoad, LinePoint, line, line_half_plane};
 use taktil_mechanics::contact::layer::Layer;
+use taktil_mechanics::contact::space::field::{PointLoad, point};
+use taktil_mechanics::contact::stack::Stack;
 
 use super::Operation;
 use super::answer::Answer;
@@ -17,8 +19,63 @@ const fn number(name: &'static str, unit: &'static str, doc: &'static str) -> Fi
     Field::new(name, Kind::Number, unit, Need::Required, doc)
 }
 
+/// Fields of one of several layers.
+const LAYER: &[Field] = &[
+    number("t_mm", "mm", "Thickness."),
+    number("nu", "", "Poisson's ratio, in (-1, 0.5]."),
+    Field::new("youngs_mpa", Kind::Number, "MPa", Need::Default("27.58"), "Young's modulus."),
+];
+
+/// Layers of a request.
+pub(super) const LAYERS: Field = Field::new(
+    "layers",
+    Kind::Tables(LAYER),
+    "",
+    Need::Required,
+    "One layer or several on each other, the one at the surface first.",
+);
+
+/// The layers of a request, each checked.
+pub(super) fn layers_of(args: &Args) -> Result<Stack, Failure> {
+    let mut layers = Vec::new();
+    for (i, table) in args.tables("layers")?.iter().enumerate() {
+        let layer = Layer {
+            thickness_mm: table.number("t_mm")?,
+            youngs_mpa: table.number("youngs_mpa")?,
+            poisson: table.number("nu")?,
+        };
+        layer.check().map_err(|invalid| {
+            let place = format!("layers[{i}].{}", of_layer(&invalid.place));
+            let what = format!("`{place}`: {}; {}", invalid.what, invalid.remedy);
+            Failure::range(&place, what)
+        })?;
+        layers.push(layer);
+    }
+    Stack::new(&layers).map_err(|invalid| failure(&invalid))
+}
+
 /// What this subject offers.
-pub(super) const OPERATIONS: &[Operation] = &[Operation {
+pub(super) const OPERATIONS: &[Operation] = &[LINE, POINT];
+
+const POINT: Operation = Operation {
+    name: "layer_point",
+    doc: "Stresses and displacements under a point load on bonded layers, at any depth.",
+    fields: &[
+        LAYERS,
+        number("p_n", "N", "Normal load, positive into the layers."),
+        Field::new("q_n", Kind::Number, "N", Need::Default("0"), "Tangential load along x."),
+        number("depth_mm", "mm", "Depth under the surface, above 0."),
+        Field::new("x_mm", Kind::Numbers, "mm", Need::Required, "Places, from the load."),
+        Field::new("y_mm", Kind::Numbers, "mm", Need::Required, "Their y, as many."),
+    ],
+    answers: &[
+        ("stress", "[n][6] MPa, xx yy zz yz xz xy, z up"),
+        ("moved_mm", "[n][3] mm, along x, y and z"),
+    ],
+    run: layer_point,
+};
+
+const LINE: Operation = Operation {
     name: "layer_line",
     doc: "Stresses and displacements under a line load on a bonded layer or a half plane.",
     fields: &[
@@ -44,14 +101,19 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
         ("ux_mm", "[n] mm, null where infinite or undetermined"),
     ],
     run: layer_line,
-}];
+};
 
-fn failure(invalid: &Invalid) -> Failure {
-    let field = match invalid.place.as_str() {
+/// A layer's constant under the request's name.
+fn of_layer(place: &str) -> &str {
+    match place {
         "thickness_mm" => "t_mm",
         "poisson" => "nu",
         other => other,
-    };
+    }
+}
+
+fn failure(invalid: &Invalid) -> Failure {
+    let field = of_layer(&invalid.place);
     Failure::range(field, format!("`{field}`: {}; {}", invalid.what, invalid.remedy))
 }
 
@@ -89,5 +151,27 @@ fn layer_line(args: &Args) -> Result<Answer, Failure> {
     out.gaps("sxz", column(|p| p.sxz_mpa));
     out.gaps("uz_mm", column(|p| p.uz_mm));
     out.gaps("ux_mm", column(|p| p.ux_mm));
+    Ok(out)
+}
+
+fn layer_point(args: &Args) -> Result<Answer, Failure> {
+    let stack = layers_of(args)?;
+    let load = PointLoad { p_n: args.number("p_n")?, q_n: args.number("q_n")? };
+    let depth = args.number("depth_mm")?;
+    let [x, y] = [args.numbers("x_mm")?, args.numbers("y_mm")?];
+    if x.len() != y.len() || x.len() > POINTS_MAX {
+        let what = format!(
+            "`y_mm` has {} places for {} of `x_mm`: give as many, and at most {POINTS_MAX}",
+            y.len(),
+            x.len()
+        );
+        return Err(Failure::new("wrong_length", Some("y_mm"), what));
+    }
+    let places: Vec<[f64; 2]> = x.iter().zip(y).map(|(x, y)| [*x, *y]).collect();
+    let fields =
+        args.timed(|| point(&stack, &load, depth, &places)).map_err(|invalid| failure(&invalid))?;
+    let mut out = Answer::new();
+    out.rows("stress", fields.iter().map(|field| &field.stress_mpa));
+    out.rows("moved_mm", fields.iter().map(|field| &field.moved_mm));
     Ok(out)
 }

@@ -7,7 +7,6 @@
 
 use taktil_mechanics::contact::Invalid;
 use taktil_mechanics::contact::features::Part;
-use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::contact::space::Drive;
 use taktil_mechanics::contact::space::grip::{Carry, Grip, GripState};
 use taktil_mechanics::contact::space::radial::Influence;
@@ -19,6 +18,7 @@ use taktil_mechanics::contact::stack::Stack;
 use super::Operation;
 use super::answer::Answer;
 use super::body::{Body, FAR, SHAPES};
+use super::contact::{LAYERS, layers_of};
 use super::field::{Failure, Field, Kind, Need};
 use super::request::Args;
 use super::space::{
@@ -33,12 +33,6 @@ const RUBBING_MAX: usize = 1 << 16;
 const RUBBED_MAX: usize = 1 << 14;
 /// Least force that is not none, over Young's modulus on a square of the surface layer's thickness.
 const FAINT: f64 = 1e-12;
-
-const LAYER: &[Field] = &[
-    number("t_mm", "mm", "Thickness."),
-    number("nu", "", "Poisson's ratio, in (-1, 0.5]."),
-    Field::new("youngs_mpa", Kind::Number, "MPa", Need::Default("27.58"), "Young's modulus."),
-];
 
 const CELLS: &[Field] = &[
     Field::new("columns", Kind::Size(SIDE_MAX), "", Need::Default("48"), "Along x, 4 or more."),
@@ -56,13 +50,7 @@ const STEP: &[Field] = &[
 
 const FIELDS: &[Field] = &[
     Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "Exactly one of its fields."),
-    Field::new(
-        "layers",
-        Kind::Tables(LAYER),
-        "",
-        Need::Required,
-        "One layer or several on each other, the one at the surface first.",
-    ),
+    LAYERS,
     Field::new("cells", Kind::Table(CELLS), "", Need::Required, "Of the surface, about x = y = 0."),
     Field::new(
         "friction",
@@ -111,52 +99,10 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
     run: contact_path_3d,
 }];
 
-/// What the body stands on.
-enum Rubber {
-    Layer(Layer),
-    Stack(Stack),
-}
-
-impl Rubber {
-    fn of(args: &Args) -> Result<Self, Failure> {
-        let mut layers = Vec::new();
-        for (i, table) in args.tables("layers")?.iter().enumerate() {
-            let layer = Layer {
-                thickness_mm: table.number("t_mm")?,
-                youngs_mpa: table.number("youngs_mpa")?,
-                poisson: table.number("nu")?,
-            };
-            layer.check().map_err(|invalid| in_layer(i, &invalid))?;
-            layers.push(layer);
-        }
-        match layers.as_slice() {
-            [layer] => Ok(Self::Layer(*layer)),
-            _ => Ok(Self::Stack(Stack::new(&layers).map_err(|invalid| failure(&invalid))?)),
-        }
-    }
-
-    /// Forces below this are none.
-    fn faint_n(&self) -> f64 {
-        let layer = match self {
-            Self::Layer(layer) => layer,
-            Self::Stack(stack) => stack.surface_layer(),
-        };
-        FAINT * layer.youngs_mpa * layer.thickness_mm * layer.thickness_mm
-    }
-
-    fn influence(&self) -> Result<Influence, Invalid> {
-        match self {
-            Self::Layer(layer) => Influence::new(layer),
-            Self::Stack(stack) => Influence::of_stack(stack),
-        }
-    }
-
-    fn shear(&self) -> Result<Shear, Invalid> {
-        match self {
-            Self::Layer(layer) => Shear::new(layer),
-            Self::Stack(stack) => Shear::of_stack(stack),
-        }
-    }
+/// Forces below this are none.
+fn faint_n(stack: &Stack) -> f64 {
+    let layer = stack.surface_layer();
+    FAINT * layer.youngs_mpa * layer.thickness_mm * layer.thickness_mm
 }
 
 /// The solver, with friction or without.
@@ -292,18 +238,18 @@ fn seen(
 }
 
 fn contact_path_3d(args: &Args) -> Result<Answer, Failure> {
-    let rubber = Rubber::of(args)?;
-    let steps = steps_of(args, rubber.faint_n())?;
+    let stack = layers_of(args)?;
+    let steps = steps_of(args, faint_n(&stack))?;
     let friction = args.number("friction")?;
     let cells = cells_of(args, steps.len(), friction)?;
     let body = Body::of(args, &cells)?;
     let refused = |invalid: Invalid| failure(&invalid);
-    let influence = rubber.influence().map_err(refused)?;
+    let influence = Influence::of_stack(&stack).map_err(refused)?;
     let surface = Surface::new(&influence, &cells).map_err(|invalid| in_cells(&invalid))?;
     let (mut seen, fineness) = seen(&influence, &cells, array_of(args)?)?;
     let mut solver = Solver::Smooth(Box::new(surface.clone()));
     if friction != 0.0 {
-        let shear = rubber.shear().map_err(refused)?;
+        let shear = Shear::of_stack(&stack).map_err(refused)?;
         let grip = Grip::new(surface, &shear, friction).map_err(refused)?;
         (solver, seen) = (Solver::Rough(Box::new(grip)), seen.rubbed(&shear, fineness)?);
     }
@@ -385,15 +331,6 @@ fn unseen(invalid: &Invalid) -> Failure {
 
 fn told_of(field: &str, invalid: &Invalid) -> Failure {
     Failure::range(field, format!("`{field}`: {}; {}", invalid.what, invalid.remedy))
-}
-
-fn in_layer(i: usize, invalid: &Invalid) -> Failure {
-    let field = match invalid.place.as_str() {
-        "thickness_mm" => "t_mm",
-        "poisson" => "nu",
-        other => other,
-    };
-    told_of(&format!("layers[{i}].{field}"), invalid)
 }
 
 /// What a grid of cells refuses is told of its own fields.

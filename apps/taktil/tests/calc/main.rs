@@ -7,6 +7,7 @@ mod goldens;
 mod hostile;
 mod hostile_plane;
 mod jacobian;
+mod layer;
 mod meshed;
 mod path;
 mod plane;

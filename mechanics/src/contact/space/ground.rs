@@ -2,10 +2,9 @@
 //! transfer functions of the wave number are in units of the layer at the surface, whose closed
 //! forms near a load are those of the whole.
 //!
-//! Across its wave vector a tangential traction shears every layer alone: what lies below gives
-//! way by c per traction, the top of a layer of thickness h and shear modulus G above it by
-//! (c + tanh(k h)/(G k))/(1 + c G k tanh(k h)). The rest is [`super::super::layer`]'s and
-//! [`super::super::stack`]'s.
+//! Along its wave vector a traction is the plane problem's, [`super::super::layer`]'s and
+//! [`super::super::stack`]'s; across it a layer gives way by tanh(k t)/(G k), several as in
+//! [`super::super::antiplane`].
 //!
 //! It refuses layers that their check refuses, and stacks whose fields die too far off.
 
@@ -47,6 +46,9 @@ impl<'a> Ground<'a> {
     }
 
     pub(super) fn stack(stack: &'a Stack) -> Result<Self, Invalid> {
+        if let [layer] = stack.layers() {
+            return Self::layer(layer);
+        }
         let surface = *stack.surface_layer();
         let reach = stack.reach()?;
         let thickness_mm = stack.thickness_mm();

@@ -11,6 +11,7 @@
 
 mod across;
 mod cubic;
+pub mod field;
 mod fourier;
 pub mod grip;
 mod ground;
