@@ -88,7 +88,8 @@ impl Body {
                 if given != wanted {
                     let place = "shape.heights.heights_mm";
                     let what = format!(
-                        "`{place}` has {given} heights for {wanted} cells: give one a cell, row by row"
+                        "`{place}` has {given} heights for {wanted} cells: give one a cell, row \
+                         by row"
                     );
                     return Err(Failure::new("wrong_length", Some(place), what));
                 }

@@ -134,7 +134,7 @@ fn pins_and_bars_lie_as_they_do_elsewhere() {
     assert!(peak(&flat(&answers[2]["along_n"])) < 0.02, "{}", answers[2]["along_n"]);
 }
 
-/// A body let up to where friction had lifted or sunk the rubber still touches it once that is gone.
+/// A body let up to where friction had sunk the rubber still touches it once that is gone.
 #[test]
 fn what_is_let_up_far_touches_as_if_pressed_anew() {
     let bar = json!({
@@ -193,10 +193,19 @@ fn a_stiff_skin_has_an_image_on_any_array() {
     assert!((whole + 100.0).abs() < 1e-2, "{whole}");
 }
 
+/// Requests with these fields are refused with this code and field.
+fn refused_by_name(cases: &[(Value, &str, &str)]) {
+    for (fields, code, field) in cases {
+        let answer = &ask_text(with(fields.clone()).to_string().as_bytes())[0];
+        let error = &answer["error"];
+        assert_eq!([&error["code"], &error["field"]], [code, field], "{fields}: {answer}");
+    }
+}
+
 #[test]
-fn each_thing_that_cannot_be_is_one_error_line() {
+fn steps_and_layers_that_cannot_be_are_one_error_line() {
     let ten = vec![json!({"force_n": 1.0}); 300];
-    for (fields, code, field) in [
+    refused_by_name(&[
         (json!({"steps": []}), "out_of_range", "steps"),
         (json!({"steps": [{}]}), "missing_field", "steps[0].force_n"),
         (
@@ -243,6 +252,12 @@ fn each_thing_that_cannot_be_is_one_error_line() {
             "out_of_range",
             "layers",
         ),
+    ]);
+}
+
+#[test]
+fn bodies_and_cells_that_cannot_be_are_one_error_line() {
+    refused_by_name(&[
         (json!({"friction": -0.1}), "out_of_range", "friction"),
         (
             json!({"cells": {"columns": 512, "rows": 512, "spacing_mm": 0.02}}),
@@ -270,11 +285,7 @@ fn each_thing_that_cannot_be_is_one_error_line() {
         ),
         (json!({"pitch_mm": 0.0}), "out_of_range", "pitch_mm"),
         (json!({"dx_mm": 1.0}), "unknown_field", "dx_mm"),
-    ] {
-        let answer = &ask_text(with(fields.clone()).to_string().as_bytes())[0];
-        let error = &answer["error"];
-        assert_eq!([&error["code"], &error["field"]], [code, field], "{fields}: {answer}");
-    }
+    ]);
     // Lifted off there is nothing, and no image to take features of.
     let answer = &ask(&[with(json!({"steps": [{"force_n": 2.0}, {"force_n": 0.0}]}))])[0];
     assert_eq!(peak(&flat(&answer["image"])), 0.0);

@@ -2,11 +2,11 @@
 //! coefficients integrated over the cells, conjugate gradients that keep pressures positive
 //! (Polonsky and Keer, Wear 231, 1999), convolutions by Fourier transforms.
 //!
-//! Of a round body the force's error falls as the spacing to the power 1.5, about 2e-3 with 16 cells
-//! across the contact. A face with edges is as wide as the cells whose middles it covers and its
-//! pressure infinite there: with edges on those of cells the error is of the first order, 3e-2 with
-//! 16 cells across a bar. A contact is the guess of the next one; pressing allocates nothing, nor
-//! does refusing.
+//! Of a round body the force's error falls as the spacing to the power 1.5, about 2e-3 with 16
+//! cells across the contact. A face with edges is as wide as the cells whose middles it covers and
+//! its pressure infinite there: with edges on those of cells the error is of the first order, 3e-2
+//! with 16 cells across a bar. A contact is the guess of the next one; pressing allocates nothing,
+//! nor does refusing.
 //!
 //! It refuses cells wider than half a thickness, of several layers that of the one at the surface
 //! (the layer would be stiffer than it is between them), grids beyond 512 cells a side, contacts
