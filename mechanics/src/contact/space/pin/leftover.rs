@@ -211,26 +211,18 @@ impl Row {
         penetration: f64,
         slope: f64,
     ) -> Result<(f64, f64, usize), Trouble> {
-        let found = self.find(wanted, penetration, slope)?;
+        let Some(found) = self.look_up(wanted, penetration, slope) else {
+            // Steps to a force count what is left over as they go.
+            return self.search(wanted, penetration, slope);
+        };
         let [over, _] = self.left_over_force();
         let Some(force) = wanted.filter(|w| over.abs() > OVER * self.fineness.tolerance * w) else {
-            return Ok(found);
+            return Ok((found, 0.0, 1));
         };
         self.work.warm = true;
-        let again = self.find(Some(force - over), found.0, slope)?;
-        Ok((again.0, again.1, found.2 + again.2))
-    }
-
-    /// The contact that the tables have, or that steps lead to.
-    fn find(
-        &mut self,
-        wanted: Option<f64>,
-        penetration: f64,
-        slope: f64,
-    ) -> Result<(f64, f64, usize), Trouble> {
-        match self.look_up(wanted, penetration, slope) {
-            Some(penetration) => Ok((penetration, 0.0, 1)),
-            None => self.search(wanted, penetration, slope),
+        match self.look_up(Some(force - over), found, slope) {
+            Some(again) => Ok((again, 0.0, 2)),
+            None => self.search(wanted, found, slope),
         }
     }
 

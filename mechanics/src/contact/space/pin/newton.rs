@@ -314,7 +314,8 @@ impl Row {
             self.prepare(false)?;
             let Some((carried, rate)) = tool.pressures(self) else { return Ok(None) };
             let size = tool.active.len() * n;
-            let part = wanted.map_or(0.0, |force| (force / self.h - carried) / rate);
+            let [over, _] = self.left_over_force();
+            let part = wanted.map_or(0.0, |force| ((force - over) / self.h - carried) / rate);
             found.sunk += part;
             self.work.given.iter_mut().for_each(|given| *given += part);
             for (p, &j) in tool.active.iter().enumerate() {

@@ -214,7 +214,8 @@ impl Row {
         let deepest = self.work.deepest();
         let mut off: f64 = 0.0;
         if let Some(force) = search.wanted {
-            let whole = (force - carried) / rate;
+            let [over, _] = self.left_over_force();
+            let whole = (force - over - carried) / rate;
             let part = search.turned(whole.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6));
             self.sink(part);
             search.penetration += part;
@@ -236,6 +237,7 @@ impl Row {
         if let Some(force) = search.wanted {
             let (carried, own) = self.totals();
             let rate = own * self.stiffness(search, (carried, own), deepest);
+            let carried = carried + self.left_over_force()[0];
             search.left = search.left.max(FORCE * (carried / force - 1.0).abs());
             if search.left > tolerance {
                 let shift = (force - carried) / rate.max(f64::MIN_POSITIVE);
