@@ -306,8 +306,7 @@ impl Row {
     ) -> Result<Option<Found>, Trouble> {
         let n = self.work.places.cosines;
         let mut found = Found { sunk: 0.0, left: f64::INFINITY, steps: 0 };
-        let mut least = f64::INFINITY;
-        let mut lost = 0;
+        let (mut least, mut lost) = (f64::INFINITY, 0);
         tool.damping = BEGUN;
         while found.steps < STEPS {
             found.steps += 1;
