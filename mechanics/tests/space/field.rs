@@ -120,6 +120,26 @@ fn fields_keep_hookes_law_and_equilibrium() {
 }
 
 #[test]
+fn layers_stay_bonded() {
+    let stack = three();
+    for (interface, [x, y]) in [(0.3, [0.2, 0.1]), (0.8, [-0.5, 0.7]), (0.8, [0.05, 0.0])] {
+        let [over, under] =
+            [-1.0, 1.0].map(|side| one(&stack, BOTH, interface + side * 1e-8, [x, y]));
+        let size = over.stress_mpa.iter().fold(0.0, |most: f64, s| most.max(s.abs()));
+        for k in [2, 3, 4] {
+            let off = over.stress_mpa[k] - under.stress_mpa[k];
+            assert!(off.abs() < 1e-6 * size, "{interface} {x} {k}: {off:e}");
+        }
+        for k in 0..3 {
+            let off = over.moved_mm[k] - under.moved_mm[k];
+            assert!(off.abs() < 1e-6 * size, "{interface} {x} {k}: {off:e}");
+        }
+        // Along the surface they are pulled each by their own stiffness.
+        assert!((over.stress_mpa[0] - under.stress_mpa[0]).abs() > 1e-3 * size);
+    }
+}
+
+#[test]
 fn tables_of_the_surface_and_the_base_are_its_ends() {
     for stack in [three(), stack(&[(0.8, E_MPA, 0.49)])] {
         let (normal, shear) =

@@ -70,6 +70,22 @@ pub(crate) const BANS: &[Ban] = &[
         remedy: "call `libm::`, or multiply out",
     },
     Ban {
+        what: "takes Fourier transforms, whose last bits are the processor's",
+        words: &["realfft*", "rustfft*"],
+        rooms: ALL,
+        except: &[("mechanics/src/contact/space/fourier.rs", "the one place that convolves cells")],
+        tests: true,
+        remedy: "convolve by `contact::space`'s cells, and hash nothing of it",
+    },
+    Ban {
+        what: "stands on cells, whose last bits are the processor's",
+        words: &["space::surface*", "space::grip*"],
+        rooms: &["hal/src/", "rtcore/src/", "signal/src/", "tasks/", "sim/src/"],
+        except: &[],
+        tests: true,
+        remedy: "press a sphere, a pin or a bar: their bits are the same everywhere",
+    },
+    Ban {
         what: "orders memory by hand",
         words: &[
             "UnsafeCell",

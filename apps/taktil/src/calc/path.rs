@@ -246,13 +246,14 @@ fn contact_path_3d(args: &Args) -> Result<Answer, Failure> {
     let refused = |invalid: Invalid| failure(&invalid);
     let influence = Influence::of_stack(&stack).map_err(refused)?;
     let surface = Surface::new(&influence, &cells).map_err(|invalid| in_cells(&invalid))?;
-    let (mut seen, fineness) = seen(&influence, &cells, array_of(args)?)?;
-    let mut solver = Solver::Smooth(Box::new(surface.clone()));
-    if friction != 0.0 {
+    let (seen, fineness) = seen(&influence, &cells, array_of(args)?)?;
+    let (solver, seen) = if friction == 0.0 {
+        (Solver::Smooth(Box::new(surface)), seen)
+    } else {
         let shear = Shear::of_stack(&stack).map_err(refused)?;
         let grip = Grip::new(surface, &shear, friction).map_err(refused)?;
-        (solver, seen) = (Solver::Rough(Box::new(grip)), seen.rubbed(&shear, fineness)?);
-    }
+        (Solver::Rough(Box::new(grip)), seen.rubbed(&shear, fineness)?)
+    };
     let walked = args.timed(|| walk(solver.clone(), body.clone(), &cells, &steps));
     let (solver, states) = walked?;
     let mut image = seen.image(&solver).map_err(refused)?;

@@ -6,9 +6,8 @@
 //! function is the inverse Abel transform of its projection, and the projection's transform is that
 //! of the plane problem; so both tables come from cosine sums of even analytic functions and one
 //! trapezoidal rule along the line of sight in the variable whose sinh is the place on it, all
-//! exponentially convergent. The singular part of the
-//! displacement, 1/r and its images 2 (-1)^n/sqrt(r^2 + 4 n^2 t^2) (those of tanh(k t)/k), is
-//! taken exactly.
+//! exponentially convergent. The singular part of the displacement, 1/r and its images
+//! 2 (-1)^n/sqrt(r^2 + 4 n^2 t^2) (those of tanh(k t)/k), is taken exactly.
 //!
 //! Cells are integrated: the singular part in closed form (Love, 1929), the rest by Gauss's rule.
 //! Nothing special happens at nu = 0.5, nor far away, where both die at least as exp(-0.739 r/t).
@@ -60,7 +59,7 @@ pub(crate) struct Radial {
 }
 
 impl Radial {
-    /// Tabulates both kernels: a few milliseconds for a layer, up to a second for a stack.
+    /// Tabulates both kernels: a few milliseconds for a layer, up to half a second for a stack.
     pub(super) fn new(ground: &Ground) -> Self {
         let grid = Grid { reach: ground.reach, density: DENSITY };
         let cutoffs = ground.cutoffs();
@@ -218,7 +217,7 @@ impl Influence {
         Ok(Self::of(&Ground::layer(layer)?))
     }
 
-    /// Tabulates the kernels of several layers: up to a second; allocates.
+    /// Tabulates the kernels of several layers: up to half a second; allocates.
     ///
     /// # Errors
     /// A surface layer too thin against the distance at which the stack's fields die.

@@ -16,6 +16,7 @@ use super::super::layer::Layer;
 use super::super::stack::Stack;
 use super::super::{Invalid, finite};
 use super::Drive;
+use super::fourier::Convolution;
 use super::ground::{Ground, Sizes, tanh_over};
 use super::radial::{Grid, images, images_mean, love, means, over_cell, sight, slopes};
 use super::surface::{Surface, SurfaceState};
@@ -228,24 +229,19 @@ impl Shear {
         let (columns, rows) = (cells.columns, cells.rows);
         let offset = |i: usize| i as f64 * cells.spacing_mm;
         // Odd along x, even along y.
-        let table: Vec<f64> = (0..columns * rows)
-            .map(|n| self.surface_cell([offset(n % columns), offset(n / columns)], half)[2])
-            .collect();
+        let mut sinking = Convolution::of([columns, rows], [true, false], |i, j| {
+            self.surface_cell([offset(i), offset(j)], half)[2]
+        });
         let mut sunk = vec![0.0; heights_mm.len()];
         for _ in 0..ROUNDS {
             let raised: Vec<f64> = heights_mm.iter().zip(&sunk).map(|(h, s)| h + s).collect();
             let state = surface.press(&raised, drive)?;
-            let pressure = surface.pressure_mpa();
+            let mut sinks = surface.pressure_mpa().to_vec();
+            sinking.apply(&mut sinks);
             let mut moved = 0.0_f64;
-            for (n, before) in sunk.iter_mut().enumerate() {
-                let mut sum = 0.0;
-                for (m, p) in pressure.iter().enumerate().filter(|(_, p)| **p > 0.0) {
-                    let (i, k) = (n % columns, m % columns);
-                    let away = (n / columns).abs_diff(m / columns) * columns + i.abs_diff(k);
-                    sum += if i < k { -p * table[away] } else { p * table[away] };
-                }
-                moved = moved.max((ratio * sum - *before).abs());
-                *before = ratio * sum;
+            for (before, sinks) in sunk.iter_mut().zip(sinks) {
+                moved = moved.max((ratio * sinks - *before).abs());
+                *before = ratio * sinks;
             }
             if moved <= SETTLED * state.penetration_mm.abs() {
                 return Ok(state);
