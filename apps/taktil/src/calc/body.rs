@@ -5,9 +5,9 @@
 use taktil_mechanics::contact::space::grip::Carry;
 use taktil_mechanics::contact::space::surface::Cells;
 
-use super::field::{Failure, Field, Kind, Need};
+use super::field::{Failure, Field, Kind, Need, number};
 use super::request::Args;
-use super::space::{RADIUS, ROT, SPHERE, TILT, X, Y, number};
+use super::space::{RADIUS, ROT, SPHERE, TILT, X, Y};
 
 /// Largest tilt, rad.
 const TILT_MAX: f64 = 0.2;

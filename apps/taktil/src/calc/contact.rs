@@ -9,15 +9,11 @@ use taktil_mechanics::contact::stack::Stack;
 
 use super::Operation;
 use super::answer::Answer;
-use super::field::{Failure, Field, Kind, Need};
+use super::field::{Failure, Field, Kind, Need, number};
 use super::request::Args;
 
 /// Most points of one request.
 const POINTS_MAX: usize = 100_000;
-
-const fn number(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
-    Field::new(name, Kind::Number, unit, Need::Required, doc)
-}
 
 /// Fields of one of several layers.
 const LAYER: &[Field] = &[

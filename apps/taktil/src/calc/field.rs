@@ -72,6 +72,11 @@ impl Field {
     }
 }
 
+/// A number that has to be there.
+pub(super) const fn number(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
+    Field::new(name, Kind::Number, unit, Need::Required, doc)
+}
+
 /// Fields that every operation takes.
 pub(super) const COMMON: &[Field] = &[
     Field::new("op", Kind::Any, "", Need::Required, "Name of the operation."),

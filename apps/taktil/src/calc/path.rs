@@ -19,11 +19,9 @@ use super::Operation;
 use super::answer::Answer;
 use super::body::{Body, FAR, SHAPES};
 use super::contact::{LAYERS, layers_of};
-use super::field::{Failure, Field, Kind, Need};
+use super::field::{Failure, Field, Kind, Need, number};
 use super::request::Args;
-use super::space::{
-    COLS, PART, PITCH, ROWS, SAMPLING, array_of, default, drive_of, features_of, number,
-};
+use super::space::{COLS, PART, PITCH, ROWS, SAMPLING, array_of, default, drive_of, features_of};
 
 /// Most cells along a side.
 const SIDE_MAX: usize = 512;

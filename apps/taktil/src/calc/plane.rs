@@ -9,7 +9,7 @@ use taktil_mechanics::contact::plane::{Contact, Load, Mode, Shape, Spectrum};
 
 use super::Operation;
 use super::answer::Answer;
-use super::field::{Failure, Field, Kind, Need};
+use super::field::{Failure, Field, Kind, Need, number};
 use super::indent::{self, Stress, failure};
 use super::nodes::Nodes;
 use super::request::Args;
@@ -20,10 +20,6 @@ const POINTS_MAX: usize = 100_000;
 const SHALLOWEST: f64 = 1e-12;
 /// Farthest place of a profile in mm.
 const FARTHEST_MM: f64 = 1e30;
-
-const fn number(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
-    Field::new(name, Kind::Number, unit, Need::Required, doc)
-}
 
 const fn optional(name: &'static str, kind: Kind, doc: &'static str) -> Field {
     Field::new(name, kind, "", Need::Optional, doc)

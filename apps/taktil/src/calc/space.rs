@@ -12,7 +12,7 @@ use taktil_mechanics::contact::space::{Drive, Level};
 
 use super::Operation;
 use super::answer::Answer;
-use super::field::{Failure, Field, Kind, Need};
+use super::field::{Failure, Field, Kind, Need, number};
 use super::request::Args;
 
 /// Most rows or columns.
@@ -21,10 +21,6 @@ const SIDE_MAX: usize = 1024;
 const LEAST: f64 = 1e-30;
 /// How far from the contact asked for a warm solution starts.
 const NEIGHBOUR: f64 = 1.01;
-
-pub(super) const fn number(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
-    Field::new(name, Kind::Number, unit, Need::Required, doc)
-}
 
 pub(super) const fn default(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
     Field::new(name, Kind::Number, unit, Need::Default("0"), doc)
