@@ -1,10 +1,10 @@
 //! One rubber layer under the pin, tabulated over the penetration in SI units: line load, normal
 //! and tangential stiffness, contact width, all from one look-up. The contact itself is solved by
-//! `taktil_mechanics::contact`; this module only re-samples it. Refuses layers that it refuses.
+//! `taktil_contact`; this module only re-samples it. Refuses layers that it refuses.
 
-use taktil_mechanics::contact::cylinder::{BaseShares, LineContact};
-use taktil_mechanics::contact::field::{LineLoad, line};
-use taktil_mechanics::contact::layer::Layer;
+use taktil_contact::cylinder::{BaseShares, LineContact};
+use taktil_contact::field::{LineLoad, line};
+use taktil_contact::layer::Layer;
 
 use crate::scene::{Invalid, RubberConfig, invalid};
 
@@ -43,7 +43,7 @@ pub(crate) struct Trace {
 }
 
 impl Trace {
-    fn new(layer: &Layer) -> Result<Trace, taktil_mechanics::contact::Invalid> {
+    fn new(layer: &Layer) -> Result<Trace, taktil_contact::Invalid> {
         let step_mm = TRACE_REACH * layer.thickness_mm / TRACE_PLACES as f64;
         let places: Vec<f64> = (0..=TRACE_PLACES).map(|i| step_mm * i as f64).collect();
         let load = LineLoad { p_n_mm: 0.0, q_n_mm: 1.0 };
@@ -81,17 +81,17 @@ impl Trace {
 }
 
 /// The layer of a rubber.
-pub(crate) fn layer(config: &RubberConfig) -> Result<Layer, taktil_mechanics::contact::Invalid> {
+pub(crate) fn layer(config: &RubberConfig) -> Result<Layer, taktil_contact::Invalid> {
     Layer::new(config.thickness_mm, config.youngs_mpa, config.poisson)
 }
 
 /// A complaint about a rubber, at the place of that rubber.
-pub(crate) fn located(place: &str) -> impl Fn(taktil_mechanics::contact::Invalid) -> Invalid {
+pub(crate) fn located(place: &str) -> impl Fn(taktil_contact::Invalid) -> Invalid {
     move |e| Invalid { place: format!("{place}.{}", e.place), what: e.what, remedy: e.remedy }
 }
 
 /// Solves a contact: layer, radius and deepest penetration (mm).
-type Solve = fn(&Layer, f64, f64) -> Result<LineContact, taktil_mechanics::contact::Invalid>;
+type Solve = fn(&Layer, f64, f64) -> Result<LineContact, taktil_contact::Invalid>;
 
 /// Numbers of a response.
 const PARTS: usize = 4;

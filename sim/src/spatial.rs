@@ -7,12 +7,12 @@
 //! The theory's layer has no edges. A pin that is longer than the pad is cut beyond it, and only
 //! what presses on the pad counts; the pad's own free edges are left out.
 
+use taktil_contact::space::pin::{Pin as LayerPin, Profile, Stand};
+use taktil_contact::space::radial::Influence;
+use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
+use taktil_contact::space::{Drive, Level};
 use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::Pose;
-use taktil_mechanics::contact::space::pin::{Pin as LayerPin, Profile, Stand};
-use taktil_mechanics::contact::space::radial::Influence;
-use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_mechanics::contact::space::{Drive, Level};
 
 use crate::contact::{Lean, Line, PAD_HALF_M, PITCH_M, Patch, Slice};
 use crate::rubber;

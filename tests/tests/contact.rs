@@ -1,16 +1,16 @@
 //! Contact in three dimensions inside a lane: pressing and taking images makes no heap call once
 //! its tables stand, warm or cold, and none when it is refused. Refuses to judge how long it takes.
 
-use taktil_mechanics::contact::features::{Part, image_features};
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::space::infinite::Endless;
-use taktil_mechanics::contact::space::pin::{Pin, Profile, Stand};
-use taktil_mechanics::contact::space::radial::Influence;
-use taktil_mechanics::contact::space::scene::{Pose, Scene, Shape};
-use taktil_mechanics::contact::space::sphere::Sphere;
-use taktil_mechanics::contact::space::surface::{Cells, Surface};
-use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_mechanics::contact::space::{Drive, Level, Why};
+use taktil_contact::features::{Part, image_features};
+use taktil_contact::layer::Layer;
+use taktil_contact::space::infinite::Endless;
+use taktil_contact::space::pin::{Pin, Profile, Stand};
+use taktil_contact::space::radial::Influence;
+use taktil_contact::space::scene::{Pose, Scene, Shape};
+use taktil_contact::space::sphere::Sphere;
+use taktil_contact::space::surface::{Cells, Surface};
+use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
+use taktil_contact::space::{Drive, Level, Why};
 use taktil_rtcore::guard::{self, CountingAllocator};
 
 #[global_allocator]

@@ -2,12 +2,12 @@
 //! element loads make no heap call once they are made, warm or cold. Refuses to judge how long it
 //! takes.
 
-use taktil_mechanics::contact::fem::{Elements, Kind, Mesh};
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::plane::bed::Bed;
-use taktil_mechanics::contact::plane::chart::Chart;
-use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
-use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Refusal, Shape};
+use taktil_contact::fem::{Elements, Kind, Mesh};
+use taktil_contact::layer::Layer;
+use taktil_contact::plane::bed::Bed;
+use taktil_contact::plane::chart::Chart;
+use taktil_contact::plane::grip::{Drive, Grip, Law};
+use taktil_contact::plane::{Friction, Indenter, Level, Load, Refusal, Shape};
 use taktil_rtcore::guard::{self, CountingAllocator};
 
 #[global_allocator]

@@ -7,9 +7,9 @@
 //! over that ratio is the whole contact.
 
 use glam::{DVec2, DVec3};
+use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape};
+use taktil_contact::space::tactels::Shares;
 use taktil_hal::MAX_TACTELS;
-use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape};
-use taktil_mechanics::contact::space::tactels::Shares;
 
 use super::{Lie, Meeting, Sums, layer_of, on_pad};
 use crate::rubber;

@@ -7,9 +7,9 @@
 use core::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
+use taktil_contact::space::Level;
+use taktil_contact::space::tactels::Shares;
 use taktil_hal::MAX_TACTELS;
-use taktil_mechanics::contact::space::Level;
-use taktil_mechanics::contact::space::tactels::Shares;
 use taktil_mechanics::{Joints, Pose};
 
 use super::{Lie, Meeting, RUBBER, Sums, layer_of, on_pad};

@@ -1,5 +1,5 @@
 //! Bodies fixed to the table against the finger's pad: a sphere, an edge, a flat bar. The normal
-//! load of each comes from `taktil_mechanics::contact`, with Kelvin-Voigt damping that never pulls;
+//! load of each comes from `taktil_contact`, with Kelvin-Voigt damping that never pulls;
 //! one brush of bristles in the middle of its load resists sliding (Kalker's one-point form, as
 //! under the pin). Refuses to move the bodies: they ride on the table, and the pin does not feel
 //! them. Left out: friction against turning about the pad's normal, energy under objects.
@@ -14,11 +14,11 @@ mod sphere;
 mod tests;
 
 use glam::{DMat3, DVec2, DVec3};
+use taktil_contact::layer::Layer;
+use taktil_contact::space::Level;
+use taktil_contact::space::radial::Influence;
+use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_hal::MAX_TACTELS;
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::space::Level;
-use taktil_mechanics::contact::space::radial::Influence;
-use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z, stack};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 

@@ -8,11 +8,11 @@
 use core::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
+use taktil_contact::layer::Layer;
+use taktil_contact::space::sphere::Sphere;
+use taktil_contact::space::tactels::{Array, Sampling};
+use taktil_contact::space::{Drive, Level};
 use taktil_hal::MAX_TACTELS;
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::space::sphere::Sphere;
-use taktil_mechanics::contact::space::tactels::{Array, Sampling};
-use taktil_mechanics::contact::space::{Drive, Level};
 
 use super::{Meeting, Sums, layer_of};
 use crate::contact::PAD_HALF_M;

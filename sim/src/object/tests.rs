@@ -2,7 +2,7 @@
 //! direction within 0.2 deg. A ridge with the rounding of a pin is that pin; where plane strain is
 //! not enough, what it leaves is held as it is.
 
-use taktil_mechanics::contact::features::{ImageFeatures, Part, image_features};
+use taktil_contact::features::{ImageFeatures, Part, image_features};
 
 use super::*;
 use crate::scene::EdgeProfile;
@@ -173,7 +173,7 @@ fn the_nearest_length_is_the_nearest() {
     }
 }
 
-const TILTED: &str = include_str!("../../../mechanics/tests/fixtures/contact/punch_tilt_none.csv");
+const TILTED: &str = include_str!("../../../contact/tests/fixtures/contact/punch_tilt_none.csv");
 
 #[test]
 fn a_tilted_bar_carries_what_the_reference_says() {

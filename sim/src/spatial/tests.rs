@@ -2,7 +2,7 @@
 //! stated of it, and what is done where it cannot be solved.
 
 use glam::{DMat3, DVec3};
-use taktil_mechanics::contact::features::{Part, image_features};
+use taktil_contact::features::{Part, image_features};
 
 use taktil_hal::Nanos;
 

@@ -3,8 +3,8 @@
 //! friction: what is tried is the Jacobian, the observer, the delay and the limits.
 
 use nalgebra::Matrix4;
-use taktil_mechanics::contact::cylinder::LineContact;
-use taktil_mechanics::contact::layer::Layer;
+use taktil_contact::cylinder::LineContact;
+use taktil_contact::layer::Layer;
 use taktil_tasks_tactile_servo::Config;
 use taktil_tasks_tactile_servo::law::Name;
 use taktil_tasks_tactile_servo::law::model::jacobian::{Contact, Felt, PITCH_MM, displacement};

@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
-use taktil_mechanics::contact::features::{Part, image_features};
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::space::pin::Stand;
-use taktil_mechanics::contact::space::radial::Influence;
-use taktil_mechanics::contact::space::scene::{Pose, Scene, Shape};
-use taktil_mechanics::contact::space::surface::{Cells, Surface};
-use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_mechanics::contact::space::{Drive, Level};
+use taktil_contact::features::{Part, image_features};
+use taktil_contact::layer::Layer;
+use taktil_contact::space::pin::Stand;
+use taktil_contact::space::radial::Influence;
+use taktil_contact::space::scene::{Pose, Scene, Shape};
+use taktil_contact::space::surface::{Cells, Surface};
+use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
+use taktil_contact::space::{Drive, Level};
 use taktil_rtcore::linux;
 use taktild::out;
 

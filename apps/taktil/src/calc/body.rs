@@ -2,8 +2,8 @@
 //! given by its heights. Refuses sizes that are none, tilts that are not small, and bodies that no
 //! cell lies under.
 
-use taktil_mechanics::contact::space::grip::Carry;
-use taktil_mechanics::contact::space::surface::Cells;
+use taktil_contact::space::grip::Carry;
+use taktil_contact::space::surface::Cells;
 
 use super::field::{Failure, Field, Kind, Need, number};
 use super::request::Args;

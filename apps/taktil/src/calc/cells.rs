@@ -2,12 +2,10 @@
 //! exact layer or on a mesh's nodes. Cells are laid over what touches, not over all of a shape, and
 //! over more of it until the contact ends inside them. Refuses what the solver refuses.
 
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::plane::bed::{Bed, CELLS_MAX};
-use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law, Status};
-use taktil_mechanics::contact::plane::{
-    Contact, Friction, Indenter, Level, Load, Mode, Refusal, Shape,
-};
+use taktil_contact::layer::Layer;
+use taktil_contact::plane::bed::{Bed, CELLS_MAX};
+use taktil_contact::plane::grip::{Drive, Grip, Law, Status};
+use taktil_contact::plane::{Contact, Friction, Indenter, Level, Load, Mode, Refusal, Shape};
 
 use super::field::Failure;
 use super::indent::{Held, Solved, Stress, failure, level_of, plain, refused};

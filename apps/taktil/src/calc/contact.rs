@@ -1,11 +1,11 @@
 //! Calc operations on the elastic layer and on several: `layer_line` and `layer_point`. Refuse what
 //! the theory refuses, with the request's own field names.
 
-use taktil_mechanics::contact::Invalid;
-use taktil_mechanics::contact::field::{LineLoad, LinePoint, line, line_half_plane};
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::space::field::{PointLoad, point};
-use taktil_mechanics::contact::stack::Stack;
+use taktil_contact::Invalid;
+use taktil_contact::field::{LineLoad, LinePoint, line, line_half_plane};
+use taktil_contact::layer::Layer;
+use taktil_contact::space::field::{PointLoad, point};
+use taktil_contact::stack::Stack;
 
 use super::Operation;
 use super::answer::Answer;

@@ -1,8 +1,8 @@
 //! Derivatives of the features of a contact on places, cells or nodes, by differences of the
 //! solver, and what they may be off by. Refuses what the solver refuses next to the contact.
 
-use taktil_mechanics::contact::plane::grip::{Drive, Grip, Status};
-use taktil_mechanics::contact::plane::rates;
+use taktil_contact::plane::grip::{Drive, Grip, Status};
+use taktil_contact::plane::rates;
 
 use super::field::Failure;
 use super::indent;

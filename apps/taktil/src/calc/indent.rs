@@ -2,12 +2,12 @@
 //! without slip, and the general solver on cells or on finite elements. Refuses combinations that
 //! none of them knows, and requests that say two things at once.
 
-use taktil_mechanics::contact::Invalid;
-use taktil_mechanics::contact::fem::Elements;
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::plane::grip::{Grip, Law};
-use taktil_mechanics::contact::plane::noslip::{NoSlip, NoSlipRefusal};
-use taktil_mechanics::contact::plane::{
+use taktil_contact::Invalid;
+use taktil_contact::fem::Elements;
+use taktil_contact::layer::Layer;
+use taktil_contact::plane::grip::{Grip, Law};
+use taktil_contact::plane::noslip::{NoSlip, NoSlipRefusal};
+use taktil_contact::plane::{
     Contact, Friction, Indenter, Level, Load, Mode, PointForce, Refusal, SMALLEST, Shape,
 };
 

@@ -2,13 +2,11 @@
 //! of the indenter, at a `contact_2d` or a `contact_3d` request. Refuses features that the other of
 //! the two has, and what the contact itself refuses; what is undefined is null.
 
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::plane::grip::{Grip, Law};
-use taktil_mechanics::contact::plane::rates::{self, Image, Rate};
-use taktil_mechanics::contact::plane::{Indenter, Level, Load, Mode};
-use taktil_mechanics::contact::space::jacobian::{
-    Feature, Motion, condition, feature_jacobian as in_space,
-};
+use taktil_contact::layer::Layer;
+use taktil_contact::plane::grip::{Grip, Law};
+use taktil_contact::plane::rates::{self, Image, Rate};
+use taktil_contact::plane::{Indenter, Level, Load, Mode};
+use taktil_contact::space::jacobian::{Feature, Motion, condition, feature_jacobian as in_space};
 
 use super::Operation;
 use super::answer::Answer;

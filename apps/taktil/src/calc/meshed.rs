@@ -2,10 +2,10 @@
 //! an answer would take longer than some seconds, before anything is made of them; other depths
 //! than the base; loads with nothing over the layer.
 
-use taktil_mechanics::contact::fem::{Elements, Kind, Mesh};
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::plane::grip::{Grip, Status};
-use taktil_mechanics::contact::plane::{Contact, Mode, Shape};
+use taktil_contact::fem::{Elements, Kind, Mesh};
+use taktil_contact::layer::Layer;
+use taktil_contact::plane::grip::{Grip, Status};
+use taktil_contact::plane::{Contact, Mode, Shape};
 
 use super::cells::{gripped, law_of};
 use super::field::Failure;

@@ -1,7 +1,7 @@
 //! Base stress of a finite element contact and its features. Refuses nothing: places outside the
 //! mesh carry nothing.
 
-use taktil_mechanics::contact::plane::features::{Compressive, Moments};
+use taktil_contact::plane::features::{Compressive, Moments};
 
 /// Base stress on the nodes of a mesh, straight between them.
 pub(super) struct Nodes {

@@ -5,15 +5,15 @@
 //! steps than there is time for. Heights given cell by cell stay on their cells however the body is
 //! carried. A body that did not touch is carried through the air.
 
-use taktil_mechanics::contact::Invalid;
-use taktil_mechanics::contact::features::Part;
-use taktil_mechanics::contact::space::Drive;
-use taktil_mechanics::contact::space::grip::{Carry, Grip, GripState};
-use taktil_mechanics::contact::space::radial::Influence;
-use taktil_mechanics::contact::space::shear::Shear;
-use taktil_mechanics::contact::space::surface::{Cells, Surface};
-use taktil_mechanics::contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_mechanics::contact::stack::Stack;
+use taktil_contact::Invalid;
+use taktil_contact::features::Part;
+use taktil_contact::space::Drive;
+use taktil_contact::space::grip::{Carry, Grip, GripState};
+use taktil_contact::space::radial::Influence;
+use taktil_contact::space::shear::Shear;
+use taktil_contact::space::surface::{Cells, Surface};
+use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
+use taktil_contact::stack::Stack;
 
 use super::Operation;
 use super::answer::Answer;

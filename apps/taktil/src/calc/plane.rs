@@ -3,9 +3,9 @@
 //! in the modules that solve.
 
 use serde_json::{Value, json};
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::plane::features::{Compressive, Moments, compressive, moments};
-use taktil_mechanics::contact::plane::{Contact, Load, Mode, Shape, Spectrum};
+use taktil_contact::layer::Layer;
+use taktil_contact::plane::features::{Compressive, Moments, compressive, moments};
+use taktil_contact::plane::{Contact, Load, Mode, Shape, Spectrum};
 
 use super::Operation;
 use super::answer::Answer;

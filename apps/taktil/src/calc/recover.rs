@@ -2,9 +2,9 @@
 //! thesis's four cases. Refuses moments that no contact makes.
 
 use serde_json::{Value, json};
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::plane::recovery::{Measured, Recovered, Setting, Unrecovered};
-use taktil_mechanics::contact::plane::{Friction, Load};
+use taktil_contact::layer::Layer;
+use taktil_contact::plane::recovery::{Measured, Recovered, Setting, Unrecovered};
+use taktil_contact::plane::{Friction, Load};
 
 use super::Operation;
 use super::answer::Answer;

@@ -2,13 +2,13 @@
 //! solvers refuse, and forces that no penetration reaches.
 
 use serde_json::{Map, Value};
-use taktil_mechanics::contact::Invalid;
-use taktil_mechanics::contact::features::{ImageFeatures, Part, image_features};
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::space::pin::Stand;
-use taktil_mechanics::contact::space::scene::{Pose, Scene, Shape, Touch};
-use taktil_mechanics::contact::space::tactels::{Array, Sampling};
-use taktil_mechanics::contact::space::{Drive, Level};
+use taktil_contact::Invalid;
+use taktil_contact::features::{ImageFeatures, Part, image_features};
+use taktil_contact::layer::Layer;
+use taktil_contact::space::pin::Stand;
+use taktil_contact::space::scene::{Pose, Scene, Shape, Touch};
+use taktil_contact::space::tactels::{Array, Sampling};
+use taktil_contact::space::{Drive, Level};
 
 use super::Operation;
 use super::answer::Answer;

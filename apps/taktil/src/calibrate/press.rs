@@ -2,8 +2,8 @@
 //! rubber puts on the tactels under it. Refuses contacts that are not a pin across rows, and images
 //! whose instant or counts are not those of the sensor.
 
-use taktil_mechanics::contact::cylinder::LineContact;
-use taktil_mechanics::contact::layer;
+use taktil_contact::cylinder::LineContact;
+use taktil_contact::layer;
 use taktil_rtcore::Nanos;
 use taktil_sim::scene::Stamp;
 use taktil_sim::{PITCH_M, Truth, WorldConfig};

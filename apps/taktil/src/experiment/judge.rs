@@ -2,9 +2,9 @@
 //! the controller believes. Computed while records pass. Refuses to judge before the force first
 //! reached its set point, and to guess what did not happen.
 
+use taktil_contact::cylinder::LineContact;
+use taktil_contact::layer::Layer;
 use taktil_mechanics::Joints;
-use taktil_mechanics::contact::cylinder::LineContact;
-use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::dynamics::GRAVITY_M_S2;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};

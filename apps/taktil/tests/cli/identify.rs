@@ -4,9 +4,9 @@
 use std::path::Path;
 
 use serde_json::Value;
+use taktil_contact::cylinder::LineContact;
+use taktil_contact::layer::Layer;
 use taktil_mechanics::Joints;
-use taktil_mechanics::contact::cylinder::LineContact;
-use taktil_mechanics::contact::layer::Layer;
 use taktil_mechanics::robot::Robot;
 use taktil_tasks_joint_servo::Config;
 

@@ -2,8 +2,8 @@
 //! same elements of order 2 in the plane and in space, so that their difference is that of the
 //! ends. A quarter of the layer; 25.4 mm wide, its sides free. Refuses what the elements refuse.
 
-use taktil_mechanics::contact::fem::{Elements, Kind, Mesh, graded_edges};
-use taktil_mechanics::contact::field::{LineLoad, line};
+use taktil_contact::fem::{Elements, Kind, Mesh, graded_edges};
+use taktil_contact::field::{LineLoad, line};
 
 use super::curves::{Chart, Curve, stacked};
 use super::statements::{LB_PER_IN, layer, plainly};

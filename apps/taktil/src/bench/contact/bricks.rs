@@ -4,11 +4,11 @@
 use std::fmt::Write;
 use std::hint::black_box;
 
-use taktil_mechanics::contact::fem::{Elements, Kind, Mesh, Press, graded_edges};
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::space::scene::{Pose, Scene, Shape};
-use taktil_mechanics::contact::space::tactels::{Array, Sampling};
-use taktil_mechanics::contact::space::{Drive, Level};
+use taktil_contact::fem::{Elements, Kind, Mesh, Press, graded_edges};
+use taktil_contact::layer::Layer;
+use taktil_contact::space::scene::{Pose, Scene, Shape};
+use taktil_contact::space::tactels::{Array, Sampling};
+use taktil_contact::space::{Drive, Level};
 
 use super::statements::{layer, plainly};
 use super::work::best_us;

@@ -2,12 +2,12 @@
 //! flat bar (3.8, 3.9) and a cylinder (3.10, 3.11) at several thicknesses. Refuses what the contact
 //! modules refuse.
 
-use taktil_mechanics::contact::field::{LineLoad, LinePoint, line, line_half_plane};
-use taktil_mechanics::contact::half_plane::{
+use taktil_contact::field::{LineLoad, LinePoint, line, line_half_plane};
+use taktil_contact::half_plane::{
     cylinder_half_width_mm, cylinder_pressure_mpa, cylinder_stresses, punch_pressure_mpa,
     punch_stresses,
 };
-use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
+use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
 
 use super::curves::{Chart, Curve, stacked};
 use super::statements::{LB_PER_IN, layer, plainly};

@@ -4,13 +4,11 @@
 
 use core::f64::consts::PI;
 
-use taktil_mechanics::contact::field::{LineLoad, line};
-use taktil_mechanics::contact::plane::bed::Bed;
-use taktil_mechanics::contact::plane::features::{Compressive, Moments, compressive, moments};
-use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
-use taktil_mechanics::contact::plane::{
-    Friction, Indenter, Level, Load, PointForce, Shape, Spectrum,
-};
+use taktil_contact::field::{LineLoad, line};
+use taktil_contact::plane::bed::Bed;
+use taktil_contact::plane::features::{Compressive, Moments, compressive, moments};
+use taktil_contact::plane::grip::{Drive, Grip, Law};
+use taktil_contact::plane::{Friction, Indenter, Level, Load, PointForce, Shape, Spectrum};
 
 use super::chapter3::places;
 use super::curves::{Chart, Curve, stacked};

@@ -5,15 +5,15 @@
 
 use core::f64::consts::PI;
 
-use taktil_mechanics::contact::features::{Part, image_features};
-use taktil_mechanics::contact::plane::bed::Bed;
-use taktil_mechanics::contact::plane::features::moments;
-use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
-use taktil_mechanics::contact::plane::noslip::NoSlip;
-use taktil_mechanics::contact::space::pin::Stand;
-use taktil_mechanics::contact::space::scene::{Pose, Scene, Shape};
-use taktil_mechanics::contact::space::tactels::{Array, Sampling};
-use taktil_mechanics::contact::space::{self, Level};
+use taktil_contact::features::{Part, image_features};
+use taktil_contact::plane::bed::Bed;
+use taktil_contact::plane::features::moments;
+use taktil_contact::plane::grip::{Drive, Grip, Law};
+use taktil_contact::plane::noslip::NoSlip;
+use taktil_contact::space::pin::Stand;
+use taktil_contact::space::scene::{Pose, Scene, Shape};
+use taktil_contact::space::tactels::{Array, Sampling};
+use taktil_contact::space::{self, Level};
 
 use super::chapter4::THICK;
 use super::curves::{Chart, Curve, stacked};

@@ -1,9 +1,9 @@
 //! The thesis's figures of the cylinder held without slip (4.16 to 4.18) and of superposition (4.19
 //! to 4.21), on the exact layer. Refuses what the contact modules refuse.
 
-use taktil_mechanics::contact::plane::features::moments;
-use taktil_mechanics::contact::plane::noslip::NoSlip;
-use taktil_mechanics::contact::plane::{Shape, Spectrum};
+use taktil_contact::plane::features::moments;
+use taktil_contact::plane::noslip::NoSlip;
+use taktil_contact::plane::{Shape, Spectrum};
 
 use super::chapter3::places;
 use super::chapter4::{THICK, bar_kpa, pounds};

@@ -4,10 +4,10 @@
 use std::fmt::Write;
 use std::hint::black_box;
 
-use taktil_mechanics::contact::cylinder::LineContact;
-use taktil_mechanics::contact::plane::bed::Bed;
-use taktil_mechanics::contact::plane::grip::Drive;
-use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
+use taktil_contact::cylinder::LineContact;
+use taktil_contact::plane::bed::Bed;
+use taktil_contact::plane::grip::Drive;
+use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
 
 use super::statements::{layer, plainly};
 use super::work::{Meshed, Truth, best_us, grip_of, timed};

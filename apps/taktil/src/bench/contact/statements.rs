@@ -3,14 +3,14 @@
 
 use std::fmt::Write;
 
-use taktil_mechanics::contact::Invalid;
-use taktil_mechanics::contact::field::{LineLoad, line};
-use taktil_mechanics::contact::half_plane::line_stresses;
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::plane::features::moments;
-use taktil_mechanics::contact::plane::noslip::NoSlip;
-use taktil_mechanics::contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
-use taktil_mechanics::contact::stack::Stack;
+use taktil_contact::Invalid;
+use taktil_contact::field::{LineLoad, line};
+use taktil_contact::half_plane::line_stresses;
+use taktil_contact::layer::Layer;
+use taktil_contact::plane::features::moments;
+use taktil_contact::plane::noslip::NoSlip;
+use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
+use taktil_contact::stack::Stack;
 
 /// One pound a inch in N/mm: the loads of the thesis are whole parts of it.
 pub(super) const LB_PER_IN: f64 = 0.175_127;

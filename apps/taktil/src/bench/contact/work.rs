@@ -4,15 +4,13 @@
 use std::fmt::Write;
 use std::hint::black_box;
 
-use taktil_mechanics::contact::fem::{Elements, Kind, Mesh};
-use taktil_mechanics::contact::layer::Layer;
-use taktil_mechanics::contact::plane::bed::Bed;
-use taktil_mechanics::contact::plane::chart::Chart;
-use taktil_mechanics::contact::plane::features::moments;
-use taktil_mechanics::contact::plane::grip::{Drive, Grip, Law};
-use taktil_mechanics::contact::plane::{
-    Friction, Indenter, Level, Load, PointForce, Shape, Spectrum,
-};
+use taktil_contact::fem::{Elements, Kind, Mesh};
+use taktil_contact::layer::Layer;
+use taktil_contact::plane::bed::Bed;
+use taktil_contact::plane::chart::Chart;
+use taktil_contact::plane::features::moments;
+use taktil_contact::plane::grip::{Drive, Grip, Law};
+use taktil_contact::plane::{Friction, Indenter, Level, Load, PointForce, Shape, Spectrum};
 
 use super::statements::{layer, plainly};
 use super::{bricks, rolls};

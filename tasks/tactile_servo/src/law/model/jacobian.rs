@@ -3,7 +3,7 @@
 //! where a direction cannot be seen, the answer is small and its variance says so.
 //!
 //! Each row of tactels is a spring that only pushes, with the law of a rigid cylinder on a bonded
-//! layer ([`taktil_mechanics::contact::cylinder`]); behind them lies the compliance of what holds
+//! layer ([`taktil_contact::cylinder`]); behind them lies the compliance of what holds
 //! finger and pin, diagonal in z and theta_x. Sum and moment of the load say how deep the pin lies
 //! in the pad along the rows, a straight line (Newton on a convex energy); each row's stiffness is
 //! then that of the chord from its depth to the even one wanted. So J times the displacement is the
@@ -20,8 +20,8 @@
 //! with it and no singularity of J can make it large.
 
 use nalgebra::{Matrix4, Vector4};
-use taktil_mechanics::contact::cylinder::LineContact;
-use taktil_mechanics::contact::layer::Layer;
+use taktil_contact::cylinder::LineContact;
+use taktil_contact::layer::Layer;
 use taktil_rtcore::Invalid;
 
 use super::Model;

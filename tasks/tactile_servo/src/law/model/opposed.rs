@@ -15,9 +15,9 @@
 
 use nalgebra::Matrix4;
 use serde::Deserialize;
+use taktil_contact::cylinder::{BaseShares, LineContact};
+use taktil_contact::layer::Layer;
 use taktil_mechanics::Pose;
-use taktil_mechanics::contact::cylinder::{BaseShares, LineContact};
-use taktil_mechanics::contact::layer::Layer;
 use taktil_rtcore::Invalid;
 
 use super::Model;

@@ -3,9 +3,9 @@
 
 use glam::{DMat3, DVec3};
 use nalgebra::{Matrix4, Vector4};
+use taktil_contact::cylinder::LineContact;
+use taktil_contact::layer::Layer;
 use taktil_mechanics::Pose;
-use taktil_mechanics::contact::cylinder::LineContact;
-use taktil_mechanics::contact::layer::Layer;
 use taktil_rtcore::Payload;
 use taktil_signal::TactileImage;
 

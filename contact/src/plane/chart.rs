@@ -1,0 +1,227 @@
+//! Every contact of one flat bar under loads at one height, tabulated: for use many times inside a
+//! control period.
+//!
+//! The contact's size goes with P, and its form with Q/P alone: with the place of the loads'
+//! resultant over half the width, s = 2 Q h/(P W). The whole face touches up to some s, one edge is
+//! lifted beyond it; each part is smooth and read by cubics, the lifted one over the logarithm of
+//! 1 - s. What a chart says is right to 1e-5 (relative; stresses to 2e-5 of the peak). Reading
+//! neither allocates nor panics, and there is no cold start.
+//!
+//! It refuses what the solver refuses, and bars that stand nearly on their corner
+//! ([`Refusal::OffChart`]).
+
+use super::features::{Moments, moments};
+use super::{Contact, Friction, Indenter, Level, Load, Mode, NOTHING, Refusal, Shape, Spectrum};
+use crate::layer::Layer;
+use crate::{Invalid, positive};
+
+/// Cells of the table while the whole face touches, and while an edge is lifted.
+const CELLS: [usize; 2] = [32, 384];
+/// Smallest tabulated distance of the resultant from the corner, as a part of the largest.
+const NARROWEST: f64 = 0.02;
+/// Halvings by which the first lifted contact is found.
+const HALVINGS: usize = 40;
+/// How far on its own side of that contact each table begins.
+const ASIDE: f64 = 1e-9;
+/// Places of a row, in mm and N: descent, slope, the edge that may lift, moments 0 to 3; stresses
+/// follow.
+const STRESSES: usize = 7;
+
+/// The contacts of a bar, read by load.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    half_mm: f64,
+    height_mm: f64,
+    /// The resultant's place over half the width at which an edge lifts.
+    lifts: f64,
+    /// Rows per unit load while the whole face touches, and while the left edge is lifted.
+    rows: [Vec<f64>; 2],
+    points: usize,
+    width: usize,
+    /// Where the last contact stands: which table, first row, weights; what was read there.
+    place: (usize, usize, [f64; 4]),
+    read: [f64; STRESSES],
+    contact: Contact,
+}
+
+impl Chart {
+    /// Solves the contacts of a bar (some tenths of a second) with their base stress at `x_mm`;
+    /// allocates.
+    ///
+    /// # Errors
+    /// A layer or sizes that their checks refuse; a height of 0, at which nothing tilts; places
+    /// that are not finite.
+    pub fn new(
+        layer: &Layer,
+        (width_mm, height_mm): (f64, f64),
+        friction: Friction,
+        x_mm: &[f64],
+    ) -> Result<Self, Invalid> {
+        positive("height_mm", height_mm)?;
+        for x in x_mm {
+            crate::finite("x_mm", *x)?;
+        }
+        let shape = Shape::Flat { width_mm, height_mm };
+        let solver = Indenter::new(layer, shape, friction, Level::Fine)?;
+        let half_mm = 0.5 * width_mm;
+        let reach = x_mm.iter().fold(half_mm, |most, x| most.max(x.abs()));
+        let mut maker = Maker { solver, half_mm, height_mm, reach, x_mm };
+        let lifts = maker.first_lifted()?;
+        let width = STRESSES + 2 * x_mm.len();
+        let mut rows = [Vec::new(), Vec::new()];
+        for i in 0..=CELLS[0] {
+            let s = lifts * (1.0 - ASIDE) * i as f64 / CELLS[0] as f64;
+            maker.push(s, &mut rows[0])?;
+        }
+        for i in 0..=CELLS[1] {
+            let part = i as f64 / CELLS[1] as f64;
+            let left = (1.0 - lifts) * (1.0 - ASIDE) * libm::exp(part * libm::log(NARROWEST));
+            maker.push(1.0 - left, &mut rows[1])?;
+        }
+        Ok(Self {
+            half_mm,
+            height_mm,
+            lifts,
+            rows,
+            points: x_mm.len(),
+            width,
+            place: (0, 0, [0.0; 4]),
+            read: [0.0; STRESSES],
+            contact: NOTHING,
+        })
+    }
+
+    /// The contact under a load.
+    ///
+    /// # Errors
+    /// See [`Refusal`]; the contact is then that of no load.
+    pub fn press(&mut self, load: &Load) -> Result<Contact, Refusal> {
+        self.contact = NOTHING;
+        let Load { p_n_mm: p, q_n_mm: q } = *load;
+        if !load.presses()? {
+            return Ok(NOTHING);
+        }
+        let s = (q / p * self.height_mm / self.half_mm).abs();
+        if s >= 1.0 {
+            return Err(Refusal::Topples);
+        }
+        let (part, place) = if s <= self.lifts {
+            (0, s / self.lifts)
+        } else {
+            let left = (1.0 - s) / (1.0 - self.lifts);
+            if left < NARROWEST {
+                return Err(Refusal::OffChart);
+            }
+            (1, libm::log(left) / libm::log(NARROWEST))
+        };
+        let (first, weights) = cubic(CELLS[part], place);
+        self.place = (part, first, weights);
+        let mut read = [0.0; STRESSES];
+        self.gather(0, &mut read);
+        self.read = read;
+        let sign = if q < 0.0 { -1.0 } else { 1.0 };
+        let free = read[2].clamp(-self.half_mm, self.half_mm);
+        let (x_left_mm, x_right_mm, mode) = match (part, q < 0.0) {
+            (0, _) => (-self.half_mm, self.half_mm, Mode::Full),
+            (_, false) => (free, self.half_mm, Mode::Left),
+            (_, true) => (-self.half_mm, -free, Mode::Right),
+        };
+        self.contact = Contact {
+            p_n_mm: p,
+            q_n_mm: q,
+            delta_mm: p * read[0],
+            slope: sign * p * read[1],
+            x_left_mm,
+            x_right_mm,
+            mode,
+            residual: 0.0,
+        };
+        Ok(self.contact)
+    }
+
+    /// Moments of the base stress of the last contact over the infinite layer.
+    #[must_use]
+    pub fn moments(&self) -> Moments {
+        let (p, sign) = (self.contact.p_n_mm, self.sign());
+        let m = [0, 1, 2, 3].map(|k| p * self.read[3 + k] * if k % 2 == 1 { sign } else { 1.0 });
+        Moments { m }
+    }
+
+    /// Writes the base stress (MPa) of the last contact at the chart's places; nothing unless there
+    /// is one value a place.
+    pub fn base_szz_mpa(&self, out: &mut [f64]) {
+        if out.len() != self.points {
+            return;
+        }
+        self.gather(STRESSES + if self.sign() < 0.0 { self.points } else { 0 }, out);
+        out.iter_mut().for_each(|value| *value *= self.contact.p_n_mm);
+    }
+
+    /// Columns from `column` on, per unit load, at the place of the last contact.
+    fn gather(&self, column: usize, out: &mut [f64]) {
+        let (part, first, w) = self.place;
+        let count = out.len();
+        let row = |k: usize| &self.rows[part][(first + k) * self.width + column..][..count];
+        let (pairs, more) = (row(0).iter().zip(row(1)), row(2).iter().zip(row(3)));
+        for (value, ((a, b), (c, d))) in out.iter_mut().zip(pairs.zip(more)) {
+            *value = (w[0] * a + w[1] * b) + (w[2] * c + w[3] * d);
+        }
+    }
+
+    fn sign(&self) -> f64 {
+        if self.contact.q_n_mm < 0.0 { -1.0 } else { 1.0 }
+    }
+}
+
+/// First row and weights of the cubic through the four rows nearest to a part of the way along a
+/// table of `cells` cells.
+fn cubic(cells: usize, part: f64) -> (usize, [f64; 4]) {
+    let place = part.clamp(0.0, 1.0) * cells as f64;
+    let first = (place as usize).clamp(1, cells - 2) - 1;
+    let s = place - (first + 1) as f64;
+    let (a, b, c) = (s + 1.0, s - 1.0, s - 2.0);
+    (first, [-s * b * c / 6.0, a * b * c / 2.0, -a * s * c / 2.0, a * s * b / 6.0])
+}
+
+/// What makes the rows.
+struct Maker<'a> {
+    solver: Indenter,
+    half_mm: f64,
+    height_mm: f64,
+    reach: f64,
+    x_mm: &'a [f64],
+}
+
+impl Maker<'_> {
+    fn contact(&mut self, s: f64) -> Result<Contact, Invalid> {
+        let q_n_mm = s * self.half_mm / self.height_mm;
+        self.solver.press(&Load { p_n_mm: 1.0, q_n_mm }).map_err(|refusal| {
+            let what = format!("no contact at {s} of the way to the corner: {refusal}");
+            let remedy = "give a bar nearer to the layer's thickness, or more height";
+            Invalid::new("width_mm", what, remedy)
+        })
+    }
+
+    /// The place of the resultant at which an edge lifts.
+    fn first_lifted(&mut self) -> Result<f64, Invalid> {
+        let (mut low, mut high) = (0.0, 1.0 - 1e-3);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if self.contact(middle)?.mode == Mode::Full { low = middle } else { high = middle }
+        }
+        Ok(0.5 * (low + high))
+    }
+
+    fn push(&mut self, s: f64, rows: &mut Vec<f64>) -> Result<(), Invalid> {
+        let contact = self.contact(s)?;
+        let layer = *self.solver.layer();
+        let depth = layer.thickness_mm;
+        let forces = self.solver.point_forces(depth);
+        rows.extend([contact.delta_mm, contact.slope, contact.x_left_mm]);
+        rows.extend(moments(&layer, &forces, depth).m);
+        let stress = Spectrum::new(&layer, &forces, depth, self.reach);
+        rows.extend(self.x_mm.iter().map(|x| stress.szz(*x)));
+        rows.extend(self.x_mm.iter().map(|x| stress.szz(-x)));
+        Ok(())
+    }
+}

@@ -1,0 +1,121 @@
+//! How many points an interval gets, by level, width and what makes it hard. It refuses a bar too
+//! wide for the points that there may be; of other contacts callers compare with them.
+
+use super::{Level, Shape};
+use crate::Invalid;
+use crate::layer::Transfer;
+
+/// Points that a solver may use unless told otherwise: contacts 120 thicknesses wide.
+const CAPACITY: usize = 400;
+/// A wide incompressible contact goes down by a small part of what its pressure does nearby: of
+/// errors that it enlarges more often than this, the points take care.
+const ENLARGED: f64 = 8.0;
+/// Half-width in radii of a circle from which on its slope needs points of its own.
+const STEEP: f64 = 0.66;
+
+/// Points of an indenter's intervals.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Density {
+    level: Level,
+    /// Compliance of the wave without length.
+    floor: f64,
+    /// Radius of a circle in thicknesses; infinite for what has none.
+    radius: f64,
+    capacity: usize,
+    widest: f64,
+}
+
+impl Density {
+    /// # Errors
+    /// A bar too wide for the points.
+    pub(super) fn new(
+        level: Level,
+        transfer: &Transfer,
+        shape: Shape,
+        thickness_mm: f64,
+    ) -> Result<Self, Invalid> {
+        let radius = match shape {
+            Shape::Cylinder { radius_mm } => radius_mm / thickness_mm,
+            Shape::Flat { .. } | Shape::Parabola { .. } => f64::INFINITY,
+        };
+        let floor = transfer.normal_compliance(0.0);
+        let mut density = Self { level, floor, radius, capacity: CAPACITY, widest: 0.0 };
+        if let Shape::Flat { width_mm, .. } = shape {
+            let half = 0.5 * width_mm / thickness_mm;
+            let wanted = density.points(half);
+            if wanted > 2 * CAPACITY {
+                let what = format!("{width_mm} is {:.0} thicknesses", 2.0 * half);
+                return Err(Invalid::new(
+                    "width_mm",
+                    what,
+                    "give a narrower bar or a thicker layer",
+                ));
+            }
+            density.capacity = wanted.max(40);
+        }
+        density.widest = density.widest_of(density.capacity);
+        Ok(density)
+    }
+
+    /// Points that there are.
+    pub(super) fn capacity(&self) -> usize {
+        self.capacity
+    }
+
+    /// Largest half-width in thicknesses that they are enough for.
+    pub(super) fn widest(&self) -> f64 {
+        self.widest
+    }
+
+    /// Points at least, and for each thickness of half-width: the kernel's nearest singularities
+    /// lie 2i thicknesses away, so the error falls as exp(-4 n/half) where that is the slower.
+    fn plain(&self) -> [f64; 2] {
+        match self.level {
+            Level::Fast => [5.0, 3.2],
+            Level::Default => [10.0, 4.9],
+            Level::Fine => [14.0, 6.4],
+        }
+    }
+
+    /// Points for a half-width of `half` thicknesses.
+    pub(super) fn points(&self, half: f64) -> usize {
+        let [least, each] = self.plain();
+        let wanted = (least + each * half + self.soft(half)).max(self.steep(half)).min(1e6);
+        // In steps, so that the nodes can often be kept while an edge is searched.
+        let step = if self.level == Level::Fast { 2 } else { 4 };
+        (libm::ceil(wanted) as usize).next_multiple_of(step)
+    }
+
+    /// Points more where the layer gives way only by flowing sideways: errors of the kernel count
+    /// as often as its compliance nearby exceeds that of the whole contact.
+    fn soft(&self, half: f64) -> f64 {
+        if self.floor * ENLARGED >= 1.0 || half * half * half <= ENLARGED {
+            return 0.0;
+        }
+        let enlarged = 1.0 / (self.floor + 1.0 / (half * half * half));
+        0.4 * half * libm::log(enlarged / ENLARGED).max(0.0)
+    }
+
+    /// Points that a circle's slope asks for: it is infinite a radius away.
+    fn steep(&self, half: f64) -> f64 {
+        if half < STEEP * self.radius {
+            return 0.0;
+        }
+        let away = (self.radius / half).max(1.01);
+        let digits = match self.level {
+            Level::Fast => 6.0,
+            Level::Default => 11.5,
+            Level::Fine => 16.0,
+        };
+        digits / libm::log(away + (away * away - 1.0).sqrt())
+    }
+
+    fn widest_of(&self, points: usize) -> f64 {
+        let [least, each] = self.plain();
+        let mut half = (points as f64 - 4.0 - least) / each;
+        while self.soft(half) > 0.0 && self.points(half) > points {
+            half *= 0.99;
+        }
+        half
+    }
+}
