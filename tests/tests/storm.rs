@@ -7,10 +7,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use taktil::log::Log;
 use taktil_drivers_regmap::registers::BLOCK_BYTES;
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
 use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Nanos};
+use taktil_record::Log;
 use taktil_rtcore::linux::{become_fifo, monotonic};
 use taktil_rtcore::status::LaneHealth;
 use taktil_rtcore::{Cycle, FaultCode, FaultSet, Io, Mode, Output, Payload, Task};

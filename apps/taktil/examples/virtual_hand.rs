@@ -16,9 +16,9 @@ use std::time::Duration;
 use anyhow::{Context, bail, ensure};
 use evdev::uinput::VirtualDevice;
 use evdev::{AbsInfo, AbsoluteAxisCode, AttributeSet, InputEvent, KeyCode, UinputAbsSetup};
-use taktil::log::{Log, METADATA_RESULT};
+use taktil_machine_console::out;
+use taktil_record::{Log, METADATA_RESULT};
 use taktil_rtcore::linux;
-use taktild::out;
 
 /// Longest from a release or a pull to the last motion (ms), and from a press to the first.
 const REST_MS: f64 = 100.0;

@@ -7,14 +7,14 @@ use std::process::ExitCode;
 
 use clap::Args;
 use serde_json::json;
+use taktil_machine_console::out;
 use taktil_mechanics::Joints;
 use taktil_mechanics::chain::{Chain, Effort, Vector};
 use taktil_mechanics::spatial::{rotation_vector, wrap_angle};
-use taktild::out;
 use taktild::source::{Meant, Source};
 use taktild::urdf::{self, Described};
 
-use crate::run::BadOption;
+use taktil_machine_console::option::BadOption;
 
 /// Most poses that are tried.
 const MOST: u32 = 10_000_000;

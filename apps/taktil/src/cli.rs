@@ -6,25 +6,21 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use taktild::out;
+use taktil_machine_console::out;
 use taktild::source::Located;
 
 use crate::arm::{self, ArmArgs};
 use crate::bench::{self, Bench};
 use crate::calibrate::{self, Calibrate};
-use crate::diff;
-use crate::doctor;
 use crate::experiment::{self, Experiments};
 use crate::identify::{self, Identify};
 use crate::jitter::{self, JitterArgs};
-use crate::keys;
 use crate::plot::{self, PlotArgs};
-use crate::postmortem;
-use crate::replay;
-use crate::run::{self, BadOption, Options};
+use crate::run::{self, Options};
 use crate::scenes::{self, SceneArgs};
 use crate::sim::{self, Sim};
-use crate::tell;
+use crate::{diff, doctor, keys, postmortem, replay, tell};
+use taktil_machine_console::option::BadOption;
 use taktild::operator::socket::SERVICE_SOCKET;
 
 /// Exit code for input that cannot be used.

@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use taktil_machine_console::out;
 use taktil_rtcore::payload::Kind;
-use taktild::out;
 
-use crate::log::{Channel, FieldInfo, Log, METADATA_RUN, Message};
-use crate::run::BadOption;
+use taktil_machine_console::option::BadOption;
+use taktil_record::{Channel, FieldInfo, Log, METADATA_RUN, Message};
 
 mod print;
 

@@ -10,17 +10,17 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
+use taktil_machine_console::out;
+use taktil_machine_console::signals::{self, Second};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::replay::{self, Gap, Script};
 use taktil_rtcore::{LaneSpec, Machine, Nanos};
-use taktild::out;
-use taktild::signals::{self, Second};
 use taktild::tape::player::Tapes;
 
 use crate::diff::{Comparison, first_text, seconds, to_json};
-use crate::log::{Channel, Log, McapLog};
-use crate::run::{BadOption, writable};
 use origin::Origin;
+use taktil_machine_console::option::{BadOption, writable};
+use taktil_record::{Channel, Log, McapLog};
 
 /// Exit code of a log that is not whole, even when all that could be replayed is equal.
 const NOT_WHOLE: u8 = 2;

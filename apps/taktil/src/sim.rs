@@ -8,13 +8,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::mpsc;
 
+use taktil_machine_console::out;
 use taktil_rtcore::{Nanos, linux};
-use taktild::out;
 
-use crate::run::BadOption;
 use crate::run::assemble::assemble;
 use crate::run::digest;
 use crate::run::scene::{self, Scene};
+use taktil_machine_console::option::BadOption;
 
 /// Most scenes that are simulated at the same time.
 const THREADS_MAX: usize = 64;

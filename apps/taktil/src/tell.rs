@@ -8,9 +8,9 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
-use taktild::out;
+use taktil_machine_console::out;
 
-use crate::run::BadOption;
+use taktil_machine_console::option::BadOption;
 
 /// Longest that an answer may take: moves are waited for.
 const PATIENCE: Duration = Duration::from_secs(3600);

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use taktil::diff::{Change, Comparison, to_json};
-use taktil::log::{Log, McapLog};
 use taktil_hal::Nanos;
+use taktil_record::{Log, McapLog};
 use taktil_rtcore::Payload;
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record, Signal};
 

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use taktil::diff::Comparison;
-use taktil::log::{Log, METADATA_RESULT, METADATA_RUN, McapLog};
 use taktil_hal::Nanos;
+use taktil_record::{Log, METADATA_RESULT, METADATA_RUN, McapLog};
 use taktil_rtcore::Payload;
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record, Signal};
 use taktil_signal::{Features, JointState, TactileImage};

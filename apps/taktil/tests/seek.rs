@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use common::Folder;
-use taktil::log::Log;
 use taktil::run::world::WorldTruth;
 use taktil::run::{Options, run};
 use taktil::sim::seek::seek;
+use taktil_record::Log;
 use taktil_rtcore::Payload;
 
 fn scenes() -> PathBuf {

@@ -4,15 +4,11 @@
 pub mod config;
 pub mod contract;
 pub mod cpus;
-pub mod flight;
-pub mod log;
 pub mod operator;
-pub mod out;
 pub mod own;
 pub mod process;
 pub mod robot;
 pub mod service;
-pub mod signals;
 pub mod source;
 pub mod tape;
 pub mod urdf;

@@ -18,17 +18,17 @@ use taktil_rtcore::{Invalid, Machine, Nanos};
 
 use crate::config::MachineConfig;
 use crate::contract::ContractConfig;
-use crate::flight::{FlightConfig, Keeper};
-use crate::log::McapLog;
 use crate::operator::socket::{SERVICE_SOCKET, Socket};
 use crate::operator::speech::Meaning;
 use crate::operator::{self, Mouth, Remote};
-use crate::out;
 use crate::robot::{self, AnyRobot, Broken};
-use crate::signals::{self, Second};
 use crate::source::{Located, Meant, Source};
 use crate::tape::player::{About, Lack, Tapes};
 use crate::wiring;
+use taktil_machine_console::out;
+use taktil_machine_console::signals::{self, Second};
+use taktil_record::McapLog;
+use taktil_record::flight::{FlightConfig, Keeper};
 
 /// Longest run of the service: ten years, so that every release fits its integer.
 const FOREVER: Nanos = Nanos::from_secs(10 * 365 * 86_400);

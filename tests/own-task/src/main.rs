@@ -6,7 +6,7 @@ mod sway;
 use std::process::ExitCode;
 
 use taktil_rtcore::guard::CountingAllocator;
-use taktild::out;
+use taktil_machine_console::out;
 use taktild::own::{self, OwnTask};
 
 // As in the house's programs: heap calls inside jobs are counted.

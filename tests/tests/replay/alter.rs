@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use taktil::log::{Log, METADATA_RUN, McapLog};
 use taktil::run::scene::Scene;
+use taktil_record::{Log, METADATA_RUN, McapLog};
 use taktil_rtcore::Nanos;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_tests::bench::{Draft, machine};

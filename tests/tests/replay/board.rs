@@ -6,11 +6,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use taktil::log::Log;
 use taktil::replay;
 use taktil_drivers_regmap::registers::BLOCK_BYTES;
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
 use taktil_hal::{MAX_TACTELS, Nanos};
+use taktil_record::Log;
 use taktil_rtcore::linux::monotonic;
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Payload, Task};

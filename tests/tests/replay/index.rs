@@ -5,9 +5,9 @@ use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
 use taktil::diff::Comparison;
-use taktil::log::{Log, McapLog};
 use taktil::replay;
 use taktil::run::scene::Scene;
+use taktil_record::{Log, McapLog};
 use taktil_rtcore::live::{self, Contract, Pace, Terms};
 use taktil_rtcore::{Payload, virtual_time};
 use taktil_signal::{HomeCheck, JointState};

@@ -12,9 +12,9 @@ use std::sync::atomic::AtomicBool;
 
 use alter::{Altered, rewrite};
 use taktil::diff::{Change, Comparison};
-use taktil::log::{Log, McapLog};
 use taktil::replay::{self, Outcome};
 use taktil::run::scene::Scene;
+use taktil_record::{Log, McapLog};
 use taktil_rtcore::live::{self, Contract, Pace, Terms};
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Payload, virtual_time};

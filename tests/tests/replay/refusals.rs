@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use taktil::log::{Log, METADATA_RUN, McapLog};
 use taktil::replay;
+use taktil_record::{Log, METADATA_RUN, McapLog};
 use taktil_rtcore::Recording;
 use taktil_tests::bench::Folder;
 

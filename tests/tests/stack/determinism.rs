@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 
-use taktil::log::{Log, McapLog};
 use taktil::run::digest::Digest;
+use taktil_record::{Log, McapLog};
 use taktil_rtcore::virtual_time;
 
 use taktil_tests::bench::{Draft, Folder, machine, run};

@@ -73,7 +73,7 @@ pub(crate) const BANS: &[Ban] = &[
         rooms: ALL,
         except: &[],
         tests: false,
-        remedy: "return a value; the command line says it by `taktild::out`, which does not panic",
+        remedy: "return a value; the command line says it by `taktil_machine_console::out`, which does not panic",
     },
     Ban {
         what: "is debris",

@@ -6,12 +6,12 @@ use std::io::BufRead;
 
 use serde_json::json;
 use taktil_hal::{LinesOut, Nanos};
+use taktil_machine_console::out;
 use taktil_rtcore::linux;
 use taktil_sim::fidelity::{ArmModel, Integrator};
 use taktil_sim::{Timing, WorldConfig, build};
-use taktild::out;
 
-use crate::run::BadOption;
+use taktil_machine_console::option::BadOption;
 
 /// Period of the words to the devices.
 const PERIOD: Nanos = Nanos::from_micros(2_500);

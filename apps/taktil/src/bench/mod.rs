@@ -16,12 +16,12 @@ pub mod touch;
 
 use std::process::ExitCode;
 
+use taktil_machine_console::out;
 use taktil_rtcore::Recording;
-use taktild::out;
 
-use crate::run::BadOption;
 use chain::{Chain, Flow, Shape};
 use measure::{Contest, Contestant, Plan};
+use taktil_machine_console::option::BadOption;
 
 /// What can be measured.
 #[derive(Clone, Debug, clap::Subcommand)]

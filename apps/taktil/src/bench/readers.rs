@@ -5,9 +5,9 @@
 use std::process::ExitCode;
 
 use serde_json::json;
+use taktil_machine_console::out;
 use taktil_rtcore::Recording;
 use taktil_rtcore::record::{Observer, Record};
-use taktild::out;
 
 use super::HOPS;
 use super::chain::{BATCH, Chain, Flow, Shape};

@@ -9,6 +9,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use glam::{DMat3, DVec3};
 use taktil_hal::{Devices, LinesOut, Nanos, TactileFrame};
+use taktil_machine_console::out;
 use taktil_mechanics::spatial::rotation_x;
 use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_rtcore::linux;
@@ -16,12 +17,11 @@ use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
 use taktil_sim::{
     Carriage, Float, PITCH_M, Timing, World, WorldConfig, build, build_with_carriage,
 };
-use taktild::out;
 
 use super::scenes;
 use crate::plot::axis::{Scale, decades};
 use crate::plot::svg::{Anchor, Figure};
-use crate::run::{BadOption, writable};
+use taktil_machine_console::option::{BadOption, writable};
 
 /// How to measure, and where the picture goes.
 #[derive(Clone, Debug, clap::Args)]

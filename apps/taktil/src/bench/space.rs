@@ -15,11 +15,11 @@ use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::surface::{Cells, Surface};
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_contact::space::{Drive, Level};
+use taktil_machine_console::out;
 use taktil_rtcore::linux;
-use taktild::out;
 
 use crate::plot::heat::{Touch, heat_maps_of};
-use crate::run::{BadOption, folder};
+use taktil_machine_console::option::{BadOption, folder};
 
 /// How to measure, and where pictures go.
 #[derive(Clone, Debug, clap::Args)]

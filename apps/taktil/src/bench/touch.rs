@@ -4,6 +4,7 @@
 
 use std::process::ExitCode;
 
+use taktil_machine_console::out;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{Payload, linux};
@@ -15,9 +16,8 @@ use taktil_tasks_tactile_servo::law::model::{self, Memory};
 use taktil_tasks_tactile_servo::law::{projector_pid, thesis, tool_motion};
 use taktil_tasks_tactile_servo::perception::line::{Known, line};
 use taktil_tasks_tactile_servo::perception::touch;
-use taktild::out;
 
-use crate::run::BadOption;
+use taktil_machine_console::option::BadOption;
 
 /// How much to measure.
 #[derive(Clone, Debug, clap::Args)]

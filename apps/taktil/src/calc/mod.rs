@@ -30,7 +30,7 @@ mod touch;
 use std::io::{BufRead, Read, Write};
 
 use serde_json::Value;
-use taktild::out;
+use taktil_machine_console::out;
 
 use answer::Answer;
 use field::{COMMON, Failure, Field, Kind};

@@ -15,17 +15,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use serde_json::json;
+use taktil_machine_console::out;
 use taktil_sim::scene::Electronics;
-use taktild::out;
 
-use crate::log::{Damage, Log};
 use crate::replay::origin::Origin;
-use crate::run::BadOption;
 use crate::run::scene::Scene;
 use crate::sim::seek::{recorded_until, seek};
 use equations::{MODULUS, SHARED};
 use fit::{Also, Estimate, Fit};
 use press::{Images, Pad, Pressed, REST_MIN, TACTELS};
+use taktil_machine_console::option::BadOption;
+use taktil_record::{Damage, Log};
 use told::{NAMES, Told};
 
 /// What is calibrated.

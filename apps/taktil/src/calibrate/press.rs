@@ -8,7 +8,7 @@ use taktil_rtcore::Nanos;
 use taktil_sim::scene::Stamp;
 use taktil_sim::{PITCH_M, Truth, WorldConfig};
 
-use crate::series::Series;
+use taktil_record::series::Series;
 
 /// Rows and columns.
 pub const SIDE: usize = 16;

@@ -6,7 +6,7 @@ use std::fmt;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use crate::run::BadOption;
+use taktil_machine_console::option::BadOption;
 
 /// No file that is asked for is longer (bytes).
 const FILE_MAX: u64 = 4 << 20;

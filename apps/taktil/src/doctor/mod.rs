@@ -24,9 +24,9 @@ pub use print::{script, table, to_json};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use crate::run::BadOption;
 use facts::Facts;
-use taktild::out;
+use taktil_machine_console::option::BadOption;
+use taktil_machine_console::out;
 
 /// What the command line says.
 #[derive(Clone, Debug, Default)]

@@ -9,13 +9,14 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::Args;
-use taktild::out;
+use taktil_machine_console::out;
 
 use super::judge::{TRACED, Trace, Verdict};
 use super::{SEEDS_MAX, in_parallel, laws, one, with_law};
 use crate::plot::axis::plain;
 use crate::run::scene::Scene;
-use crate::run::{BadOption, targets};
+use crate::run::targets;
+use taktil_machine_console::option::BadOption;
 
 /// Bounds: force rms over its set point, yaw (deg), tilt (deg).
 const FORCE_SHARE: f64 = 0.1;

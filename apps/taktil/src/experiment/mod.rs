@@ -17,16 +17,17 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use anyhow::Context;
 use clap::{Args, Subcommand};
+use taktil_machine_console::out;
+use taktil_machine_console::signals::{self, Second};
 use taktil_rtcore::virtual_time;
 /// The laws of touch.
 pub use taktil_tasks_tactile_servo::law::Name;
-use taktild::out;
-use taktild::signals::{self, Second};
 
 use crate::run::scene::Scene;
-use crate::run::{self, BadOption, assemble};
+use crate::run::{self, assemble};
 use chapter6::{EXPERIMENTS, Experiment, MEASURES};
 use judge::{Judge, Verdict};
+use taktil_machine_console::option::BadOption;
 
 /// Most seeds of one call.
 const SEEDS_MAX: u64 = 1_000;
@@ -156,7 +157,7 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
         return Err(BadOption(text).into());
     }
     let (found, missing) = scenes(&options.scenes, &options.only)?;
-    run::folder("--out", &options.out)?;
+    taktil_machine_console::option::folder("--out", &options.out)?;
     let mut plan = Vec::new();
     for (e, (experiment, _, scene)) in found.iter().enumerate() {
         for law in &laws {

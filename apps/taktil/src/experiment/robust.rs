@@ -7,15 +7,15 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use taktil_machine_console::out;
 use taktil_sim::scene::{Defect, DefectKind, Electronics, Fault, FaultKind, Stamp};
-use taktild::out;
 
 use super::judge::Verdict;
 use super::{in_parallel, laws, one, with_law};
 use crate::plot::axis::plain;
-use crate::run::BadOption;
 use crate::run::scene::Scene;
 use crate::run::score::Spread;
+use taktil_machine_console::option::BadOption;
 
 /// Most draws of one call.
 const DRAWS_MAX: u64 = 10_000;

@@ -11,13 +11,13 @@
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
+use taktil_machine_console::out;
 use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::{Dynamics, Friction};
-use taktild::out;
 
-use crate::log::Log;
-use crate::run::BadOption;
-use crate::series::Series;
+use taktil_machine_console::option::BadOption;
+use taktil_record::Log;
+use taktil_record::series::Series;
 
 /// Samples of a window.
 const WINDOW: usize = 20;

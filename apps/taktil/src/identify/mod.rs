@@ -7,10 +7,10 @@ pub mod jacobian;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use taktild::out;
+use taktil_machine_console::out;
 
-use crate::log::Log;
-use crate::run::BadOption;
+use taktil_machine_console::option::BadOption;
+use taktil_record::Log;
 
 /// What can be identified.
 #[derive(Clone, Debug, clap::Subcommand)]

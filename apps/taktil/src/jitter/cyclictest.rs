@@ -11,7 +11,7 @@ use hdrhistogram::Histogram;
 use taktil_rtcore::{Nanos, linux};
 
 use super::measure::{Lanes, histogram};
-use crate::run::BadOption;
+use taktil_machine_console::option::BadOption;
 
 /// The binary, found on the PATH.
 const BINARY: &str = "cyclictest";

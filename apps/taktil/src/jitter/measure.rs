@@ -12,7 +12,7 @@ use taktil_rtcore::{
     Misses, Nanos, Task,
 };
 
-use crate::run::BadOption;
+use taktil_machine_console::option::BadOption;
 
 /// A task that does nothing: all that is measured is the executor.
 struct Empty;

@@ -15,15 +15,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use serde_json::Value;
+use taktil_machine_console::out;
+use taktil_machine_console::signals::{self, Second};
 use taktil_rtcore::Nanos;
-use taktild::out;
-use taktild::signals::{self, Second};
 
-use crate::run::{BadOption, writable};
 use compare::Comparison;
 use cyclictest::Cyclictest;
 use load::Load;
 use measure::{Lanes, Measured};
+use taktil_machine_console::option::{BadOption, writable};
 
 /// What the command line says.
 #[derive(Clone, Debug, clap::Args)]

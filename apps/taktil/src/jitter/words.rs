@@ -10,7 +10,7 @@ use taktil_rtcore::guard;
 use super::Findings;
 use super::compare::{QUANTILES, Ratios, middle};
 use super::measure::LaneSum;
-use crate::run::summary::{attested, misses_json};
+use taktil_record::granted::{attested, misses_json};
 
 /// What a machine is good for, by its worst lateness; after the latency test of LinuxCNC.
 const GRADES: [(u64, &str); 5] = [

@@ -14,16 +14,16 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::bail;
+use taktil_machine_console::out;
+use taktil_machine_console::signals::{self, Ended};
 use taktil_rtcore::linux;
-use taktild::out;
-use taktild::signals::{self, Ended};
 use taktild::source::{Meant, Source};
 
-use crate::run::BadOption;
 use crate::tell::Line;
 use device::{Input, Looked};
 use hand::Hand;
 use map::{DEFAULT, Map, MapFile};
+use taktil_machine_console::option::BadOption;
 use terminal::Terminal;
 
 /// Time between two looks at the devices, and two confirmations of held keys: a quarter of the

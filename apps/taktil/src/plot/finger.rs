@@ -4,7 +4,7 @@
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 
-use crate::series::Series;
+use taktil_record::series::Series;
 
 /// Tool point and the two angles of the sensor frame over time; NaN while uncalibrated.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -49,7 +49,7 @@ fn turn_deg(along: f64, across: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::series::Column;
+    use taktil_record::series::Column;
 
     fn series(q: [f64; 6], calibrated: f64) -> Series {
         let column = |name: &str, values: Vec<f64>| Column {

@@ -18,10 +18,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use taktild::out;
+use taktil_machine_console::out;
 
-use crate::log::Log;
 use svg::Figure;
+use taktil_record::Log;
 use views::VIEWS;
 
 /// What `taktil plot` was asked for.

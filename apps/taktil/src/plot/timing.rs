@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::histogram::{Histogram, log_histogram};
 use super::svg::Figure;
-use crate::log::{Log, METADATA_RESULT};
+use taktil_record::{Log, METADATA_RESULT};
 
 /// Key of the closing metadata under which a run's summary (JSON) is kept.
 pub const SUMMARY_KEY: &str = "summary";

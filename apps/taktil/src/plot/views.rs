@@ -6,8 +6,8 @@ use taktil_signal::State;
 use super::chart::{Band, Line, Panel, Strip, shown};
 use super::finger::{Finger, finger};
 use super::heat::Touch;
-use crate::log::Log;
-use crate::series::Series;
+use taktil_record::Log;
+use taktil_record::series::Series;
 
 /// Panels over time that belong together.
 #[derive(Clone, Debug, PartialEq)]

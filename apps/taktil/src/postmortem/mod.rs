@@ -10,16 +10,16 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
+use taktil_machine_console::out;
 use taktil_rtcore::flight::{self, LaneTrace, Read};
 use taktil_rtcore::linux::wall_clock;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::status::{LaneHealth, ModeStatus};
 use taktil_rtcore::{FaultCode, FaultSet, Mode, Nanos, Payload};
-use taktild::out;
 
-use crate::log::{METADATA_ATTESTATION, McapLog, bytes};
-use crate::run::BadOption;
 use about::About;
+use taktil_machine_console::option::BadOption;
+use taktil_record::{METADATA_ATTESTATION, McapLog, bytes};
 
 /// Values of a field that are shown.
 const SHOWN: usize = 6;

@@ -8,9 +8,9 @@ use taktild::service;
 use taktild::source::{Located, Source};
 use taktild::tape::player::{About, Lack, Tapes};
 
-use crate::log::{Log, METADATA_RUN};
 use crate::run::scene::Scene;
 use crate::run::{RECORDED, assemble};
+use taktil_record::{Log, METADATA_RUN};
 
 /// What ran.
 pub(crate) enum Origin {

@@ -9,11 +9,11 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde_json::Value;
 
-use crate::log::{Log, METADATA_RUN};
 use crate::plot::chart::{Panel, stack};
 use crate::plot::svg::{DARK, Figure, LIGHT, escape};
 use crate::plot::views::{self, FeaturePanels, Stated, THESIS_E1};
 use crate::plot::{snapshots, timing};
+use taktil_record::{Log, METADATA_RUN};
 
 /// The style sheet of reports.
 pub(crate) const STYLE: &str = include_str!("report.css");

@@ -21,26 +21,28 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::bail;
 use serde_json::{Value, json};
-use taktil_rtcore::live::{Account, Attestation, Audience, Contract, Hang, Pace, Terms};
+use taktil_machine_console::out;
+use taktil_machine_console::signals::{self, Second};
+use taktil_record::flight::Keeper;
+use taktil_rtcore::live::{self, Account, Attestation, Audience, Contract, Hang, Pace, Terms};
 use taktil_rtcore::record::{Observer, Record};
-use taktil_rtcore::{Invalid, Machine, Nanos, linux, live, virtual_time};
+use taktil_rtcore::{Invalid, Machine, Nanos, linux, virtual_time};
 use taktil_tasks_joint_servo::Tuning;
-use taktild::flight::Keeper;
 use taktild::operator::Hand;
 use taktild::operator::socket::Socket;
 use taktild::operator::speech::Meaning;
-use taktild::out;
 use taktild::robot::AnyRobot;
-use taktild::signals::{self, Second};
 use taktild::wiring::MakeOperator;
 
-use crate::log::{Log, METADATA_ATTESTATION, McapLog};
 use digest::Digest;
 use operator::Operator;
 use progress::Progress;
 use scene::Scene;
 use score::{Score, Targets};
-use summary::{Ending, attested};
+use summary::Ending;
+use taktil_machine_console::option::{self, BadOption};
+use taktil_record::granted::attested;
+use taktil_record::{Log, METADATA_ATTESTATION, McapLog};
 
 /// What the command line says.
 #[derive(Clone, Debug, Default)]
@@ -277,45 +279,9 @@ fn flight(
 ) -> anyhow::Result<Option<Keeper>> {
     let Some(path) = &options.flight else { return Ok(None) };
     let texts = [("scene_text", &*scene.source.text), ("machine_text", scene.machine_text())];
-    let started = Keeper::start(machine, path, taktild::flight::SECONDS, &texts);
+    let started = Keeper::start(machine, path, taktil_record::flight::SECONDS, &texts);
     let bad = |bad: Invalid| BadOption(format!("--flight: {}; {}", bad.what, bad.remedy));
     Ok(Some(started.map_err(bad)?))
-}
-
-/// An option of the command line that cannot be used.
-#[derive(Debug)]
-pub struct BadOption(pub String);
-
-impl std::fmt::Display for BadOption {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for BadOption {}
-
-/// Refuses a file that cannot be written before the work whose result is to stand in it. One that
-/// is there keeps what it holds until then.
-///
-/// # Errors
-/// [`BadOption`] with the option's name.
-pub fn writable(option: &str, path: &Path) -> Result<(), BadOption> {
-    let opened = std::fs::OpenOptions::new().create(true).append(true).open(path);
-    opened.map(drop).map_err(|error| {
-        let shown = path.display();
-        BadOption(format!("{option} {shown}: {error}; name a file that can be written"))
-    })
-}
-
-/// Makes a folder before the work whose results are to lie in it.
-///
-/// # Errors
-/// [`BadOption`] with the option's name.
-pub fn folder(option: &str, path: &Path) -> Result<(), BadOption> {
-    std::fs::create_dir_all(path).map_err(|error| {
-        let shown = path.display();
-        BadOption(format!("{option} {shown}: {error}; name a folder that can be made"))
-    })
 }
 
 /// Runs a machine to its end in virtual time.
@@ -376,7 +342,7 @@ fn log_path(options: &Options, scene: &Scene) -> anyhow::Result<Option<PathBuf>>
         if folder.exists() && !folder.is_dir() {
             bail!(BadOption(format!("--report {}: is a file; name a folder", folder.display())));
         }
-        self::folder("--report", folder)?;
+        option::folder("--report", folder)?;
     }
     let beside = options.report.as_ref().map(|folder| folder.join("run.mcap"));
     let path = options.log.clone().or(beside);

@@ -4,10 +4,10 @@
 use std::io::IsTerminal;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use taktil_machine_console::out;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Nanos, Payload};
 use taktil_signal::{ControlState, Features, State};
-use taktild::out;
 
 /// Logical time between two looks at the bar.
 const STEP: Nanos = Nanos::from_millis(50);

@@ -3,12 +3,12 @@
 
 use hdrhistogram::Histogram;
 use serde_json::{Value, json};
-use taktil_rtcore::contract::Shortfall;
-use taktil_rtcore::live::{Account, Attestation, LaneGrant};
-use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, Misses, guard};
+use taktil_rtcore::live::{Account, Attestation};
+use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
 
 use super::score::{Figures, Span, Spread};
 use super::{budgets, moves};
+use taktil_record::granted::{attested, misses_json};
 
 /// Where the figures of one run come from.
 pub struct Ending<'a> {
@@ -138,55 +138,6 @@ impl Ending<'_> {
     }
 }
 
-/// What was granted and read back; nulls and empty lists in virtual time.
-#[must_use]
-pub fn attested(attestation: Option<&Attestation>) -> Value {
-    let granted = |a: &Attestation| {
-        let lane = |lane: &LaneGrant| {
-            let (policy, priority) = (&lane.policy, lane.priority);
-            let reserved = lane.reserved.map(|r| {
-                let (runtime, deadline, period) = (r.runtime.0, r.deadline.0, r.period.0);
-                json!({ "runtime_ns": runtime, "deadline_ns": deadline, "period_ns": period })
-            });
-            json!({
-                "lane": lane.lane,
-                "policy": policy,
-                "priority": priority,
-                "cpus": lane.cpus,
-                "reserved": reserved,
-            })
-        };
-        a.lanes.iter().map(lane).collect::<Vec<_>>()
-    };
-    let facts = |a: &Attestation| {
-        let row = |(name, value): (&str, String)| (name.to_owned(), Value::from(value));
-        Value::Object(a.facts.rows().into_iter().map(row).collect())
-    };
-    json!({
-        "granted": attestation.map(Attestation::granted),
-        "missing": attestation.map_or(&[][..], |a| &a.missing),
-        "shortfalls": attestation.map(shortfalls),
-        "notes": attestation.map_or(&[][..], |a| &a.notes),
-        "preempt_rt": attestation.map(|a| a.preempt_rt),
-        "virtual_machine": attestation.map(|a| a.virtual_machine),
-        "lanes": attestation.map(granted),
-        "facts": attestation.map(facts),
-    })
-}
-
-fn shortfalls(attestation: &Attestation) -> Vec<Value> {
-    let row = |short: &Shortfall| {
-        json!({
-            "item": short.item.name(),
-            "weight": short.weight.name(),
-            "found": short.found,
-            "wanted": short.wanted(),
-            "remedy": short.remedy(),
-        })
-    };
-    attestation.shortfalls.iter().map(row).collect()
-}
-
 /// Finger travel over contact travel: 2 when nothing slips.
 fn rolling_ratio(f: &Figures) -> Option<f64> {
     let contact_mm = f.x_c.width()? * PITCH_MM;
@@ -250,13 +201,6 @@ fn bins(histogram: &Histogram<u64>) -> Value {
         }
     }
     Value::Array(bins)
-}
-
-/// Counts by cause.
-#[must_use]
-pub fn misses_json(misses: &Misses) -> Value {
-    let row = |(name, count): (&str, u64)| (name.to_owned(), Value::from(count));
-    Value::Object(misses.rows().into_iter().map(row).collect())
 }
 
 fn lane_json(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> Value {

@@ -6,12 +6,12 @@ pub mod schema;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use taktild::out;
+use taktil_machine_console::out;
 use taktild::source::Located;
 
-use crate::run::BadOption;
 use crate::run::assemble;
 use crate::run::scene::Scene;
+use taktil_machine_console::option::BadOption;
 
 /// What is asked about scenes.
 #[derive(Clone, Debug, clap::Args)]

@@ -7,15 +7,15 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 use taktil_hal::{DacCode, Devices, LinesOut};
+use taktil_machine_console::out;
 use taktil_rtcore::{Nanos, Payload};
 use taktil_sim::{Truth, World};
-use taktild::out;
 use taktild::tape::{AnalogWord, DigitalWord, name};
 
-use crate::log::{Channel, Log, Message};
 use crate::replay::origin::Origin;
-use crate::run::BadOption;
 use crate::run::assemble;
+use taktil_machine_console::option::BadOption;
+use taktil_record::{Channel, Log, Message};
 
 /// Signal in which the simulator says what happened.
 const TRUTH: &str = "world.truth";

@@ -5,8 +5,8 @@
 use std::path::PathBuf;
 use std::process::{Command, ExitCode, Stdio};
 
-use taktil::log::{Log, METADATA_RESULT};
 use taktil::run::{self, Options};
+use taktil_record::{Log, METADATA_RESULT};
 use taktil_signal::{ControlState, Typed};
 use taktil_tests_script::Hanging;
 use taktild::operator::Remote;

@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use taktil::log::{Log, METADATA_RESULT};
+use taktil_record::{Log, METADATA_RESULT};
 
 use crate::process::{Folder, Running, TAKTIL, scenes};
 

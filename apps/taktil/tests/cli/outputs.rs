@@ -4,7 +4,7 @@
 use std::fs::File;
 use std::process::{Command, Output, Stdio};
 
-use taktil::log::Log;
+use taktil_record::Log;
 
 use crate::process::{Folder, Said, TAKTIL, scenes};
 

@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
-use taktil::log::Log;
+use taktil_record::Log;
 
 use crate::process::{Folder, TAKTIL, scenes, taktil};
 

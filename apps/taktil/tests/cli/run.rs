@@ -2,7 +2,7 @@
 //! Refuses to look at wall time.
 
 use serde_json::Value;
-use taktil::log::Log;
+use taktil_record::Log;
 
 use crate::process::{Folder, scenes, taktil};
 
@@ -75,7 +75,7 @@ fn one_seed_gives_one_recording_and_another_seed_another() {
     let (a, b, c) = (run("a.mcap", "7"), run("b.mcap", "7"), run("c.mcap", "8"));
     let same = |a: &Log, b: &Log| {
         let mut pairs = a.messages().zip(b.messages());
-        let equal = |(a, b): (taktil::log::Message<'_>, taktil::log::Message<'_>)| {
+        let equal = |(a, b): (taktil_record::Message<'_>, taktil_record::Message<'_>)| {
             (a.channel, a.tick, a.release_ns, a.data) == (b.channel, b.tick, b.release_ns, b.data)
         };
         a.messages().count() == b.messages().count() && pairs.all(equal)

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
-use taktil::log::McapLog;
 use taktil::plot::timing::SUMMARY_KEY;
 use taktil_hal::Nanos;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::{Joints, Pose};
+use taktil_record::McapLog;
 use taktil_rtcore::Payload;
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record, Signal};
 use taktil_signal::{Applied, ControlState, Features, JointState, State, TactileImage, Torque};

@@ -7,9 +7,9 @@ mod xml;
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
-use taktil::log::Log;
 use taktil::plot::{PlotArgs, run, view_names};
 use taktil::report;
+use taktil_record::Log;
 
 fn directory(name: &str) -> PathBuf {
     let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pictures").join(name);

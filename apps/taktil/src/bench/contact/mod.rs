@@ -19,10 +19,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
-use taktild::out;
+use taktil_machine_console::out;
 
 use super::space;
-use crate::run::folder;
+use taktil_machine_console::option::folder;
 
 /// What to do.
 #[derive(Clone, Debug, clap::Args)]

@@ -14,11 +14,11 @@ use std::path::{Path, PathBuf};
 use taktil_sim::fidelity::{ContactModel, Integrator};
 
 use crate::experiment;
-use crate::run::BadOption;
 use crate::run::scene::{Scene, duration};
 use crate::run::world::WorkTruth;
 use compare::{Apart, timed, watched};
 pub use picture::picture;
+use taktil_machine_console::option::BadOption;
 
 /// Which scenes, and how much of them.
 #[derive(Clone, Debug, clap::Args)]

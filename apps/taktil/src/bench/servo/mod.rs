@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
+use taktil_machine_console::out;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
@@ -17,13 +18,12 @@ use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Payload};
 use taktil_signal::{Desired, Torque};
 use taktil_tasks_joint_servo::Config;
-use taktild::out;
 
-use crate::run::BadOption;
 use crate::run::assemble::assemble;
 use crate::run::scene::Scene;
 use crate::run::world::WorldTruth;
 use margin::{Loop, Margin};
+use taktil_machine_console::option::BadOption;
 
 /// Time without desired motion after which the arm counts as at rest.
 const RESTING_S: f64 = 0.5;

@@ -16,13 +16,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
+use taktil_machine_console::out;
 use taktil_tasks_tactile_servo::law::task_frame::{Feature, Motion, Servoed, TaskFrame};
-use taktild::out;
 
-use crate::log::Log;
-use crate::run::BadOption;
 use fit::{Found, Task, fit};
 use rests::{Reading, rests};
+use taktil_machine_console::option::BadOption;
+use taktil_record::Log;
 
 /// Motions by their names, with their units.
 const MOTIONS: [(&str, Motion, &str); 6] = [

@@ -9,8 +9,8 @@ use taktil_rtcore::Payload;
 use taktil_signal::TactileImage;
 use taktil_tasks_tactile_servo::perception::{Touch, touch};
 
-use crate::log::Log;
-use crate::run::BadOption;
+use taktil_machine_console::option::BadOption;
+use taktil_record::Log;
 
 /// Motions of the sensor: along x, y, z (mm) and about them (mrad).
 pub const MOTIONS: usize = 6;

@@ -8,10 +8,10 @@ use std::fmt;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
+use crate::{CDR_HEADER, CRC, FieldInfo, STAMP, parse_schema};
 use anyhow::{Context, bail};
 use mcap::records::{Record, op};
 use taktil_rtcore::payload::Kind;
-use taktild::log::{CDR_HEADER, CRC, FieldInfo, STAMP, parse_schema};
 
 use crate::series::{Column, Series};
 

@@ -6,9 +6,14 @@
 //! Times in a file are logical releases in ns since the start of the run, so that two runs of one
 //! seed write the same messages bit for bit.
 
+pub mod flight;
+pub mod granted;
+mod reader;
 pub mod schema;
+pub mod series;
 mod writer;
 
+pub use reader::{Channel, Damage, Log, Message, bytes};
 pub use schema::{FieldInfo, SchemaError, parse_schema, schema_text, topic};
 pub use writer::McapLog;
 

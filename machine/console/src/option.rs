@@ -1,0 +1,40 @@
+//! Options of a command line that cannot be used: what is wrong with them, and the checks of files
+//! and folders that an option names.
+
+use std::path::Path;
+
+/// An option of the command line that cannot be used.
+#[derive(Debug)]
+pub struct BadOption(pub String);
+
+impl std::fmt::Display for BadOption {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for BadOption {}
+
+/// Refuses a file that cannot be written before the work whose result is to stand in it. One that
+/// is there keeps what it holds until then.
+///
+/// # Errors
+/// [`BadOption`] with the option's name.
+pub fn writable(option: &str, path: &Path) -> Result<(), BadOption> {
+    let opened = std::fs::OpenOptions::new().create(true).append(true).open(path);
+    opened.map(drop).map_err(|error| {
+        let shown = path.display();
+        BadOption(format!("{option} {shown}: {error}; name a file that can be written"))
+    })
+}
+
+/// Makes a folder before the work whose results are to lie in it.
+///
+/// # Errors
+/// [`BadOption`] with the option's name.
+pub fn folder(option: &str, path: &Path) -> Result<(), BadOption> {
+    std::fs::create_dir_all(path).map_err(|error| {
+        let shown = path.display();
+        BadOption(format!("{option} {shown}: {error}; name a folder that can be made"))
+    })
+}
