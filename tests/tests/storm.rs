@@ -10,6 +10,7 @@ use std::time::Duration;
 use taktil_drivers_regmap::registers::BLOCK_BYTES;
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
 use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Nanos};
+use taktil_machine_service::service::Service;
 use taktil_record::Log;
 use taktil_rtcore::linux::{become_fifo, monotonic};
 use taktil_rtcore::status::LaneHealth;
@@ -17,7 +18,6 @@ use taktil_rtcore::{Cycle, FaultCode, FaultSet, Io, Mode, Output, Payload, Task}
 use taktil_signal::{ControlState, JogCommand, JointState, Request, State, TypedMove, Verb};
 use taktil_sim::{Timing, World, WorldConfig};
 use taktil_tests::bench::{Draft, Folder};
-use taktild::service::Service;
 use toml::{Table, Value};
 
 /// Jobs of the operator's lane, of 10 ms each, from the start to the storm.

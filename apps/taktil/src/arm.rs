@@ -7,12 +7,12 @@ use std::process::ExitCode;
 
 use clap::Args;
 use serde_json::json;
+use taktil_machine::source::{Meant, Source};
+use taktil_machine::urdf::{self, Described};
 use taktil_machine_console::out;
 use taktil_mechanics::Joints;
 use taktil_mechanics::chain::{Chain, Effort, Vector};
 use taktil_mechanics::spatial::{rotation_vector, wrap_angle};
-use taktild::source::{Meant, Source};
-use taktild::urdf::{self, Described};
 
 use taktil_machine_console::option::BadOption;
 

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use taktil_machine::source::Located;
 use taktil_machine_console::out;
-use taktild::source::Located;
 
 use crate::arm::{self, ArmArgs};
 use crate::bench::{self, Bench};
@@ -20,8 +20,8 @@ use crate::run::{self, Options};
 use crate::scenes::{self, SceneArgs};
 use crate::sim::{self, Sim};
 use crate::{diff, doctor, keys, postmortem, replay, tell};
+use taktil_machine::operator::socket::SERVICE_SOCKET;
 use taktil_machine_console::option::BadOption;
-use taktild::operator::socket::SERVICE_SOCKET;
 
 /// Exit code for input that cannot be used.
 const BAD_INPUT: u8 = 2;

@@ -10,12 +10,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
+use taktil_machine::tape::player::Tapes;
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, Second};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::replay::{self, Gap, Script};
 use taktil_rtcore::{LaneSpec, Machine, Nanos};
-use taktild::tape::player::Tapes;
 
 use crate::diff::{Comparison, first_text, seconds, to_json};
 use origin::Origin;

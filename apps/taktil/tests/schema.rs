@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use taktil::run::scene::Scene;
 use taktil::scenes::{schema::schema, sound_scene};
+use taktil_machine::source::{Meant, Source};
 use taktil_signal::{JogFrame, Verb};
-use taktild::source::{Meant, Source};
 
 /// The first place at which a value breaks a schema.
 fn broken(schema: &Value, value: &Value, place: &str) -> Option<String> {
@@ -237,9 +237,9 @@ fn a_key_is_told_in_the_words_of_its_declaration() {
     let declared = [
         ("seed", "apps/taktil/src/run/scene.rs", "seed: u64,"),
         ("operator[].swings", "apps/taktil/src/run/scene/script.rs", "swings: Option<u32>,"),
-        ("contract.fifo", "apps/taktild/src/contract.rs", "fifo: Option<WeightName>,"),
-        ("robot.lane.*.phase_us", "apps/taktild/src/config.rs", "pub phase_us: i64,"),
-        ("robot.lane.*.misses.bucket", "apps/taktild/src/config.rs", "pub bucket: u32,"),
+        ("contract.fifo", "machine/src/contract.rs", "fifo: Option<WeightName>,"),
+        ("robot.lane.*.phase_us", "machine/src/config.rs", "pub phase_us: i64,"),
+        ("robot.lane.*.misses.bucket", "machine/src/config.rs", "pub bucket: u32,"),
         ("robot.jog.dead_man_s", "tasks/jog/src/lib.rs", "pub dead_man_s: f64,"),
         (
             "robot.opposed_scan.response.exponent",

@@ -13,8 +13,8 @@ use taktil_drivers_regmap::registers::{
     DAC, DAC_STROBE, DIGITAL_OUT, OUT_BRAKE_RELEASE, OUT_ENABLE, OUT_WATCHDOG_FEED, WATCHDOG_MS,
 };
 use taktil_hal::{CHANNELS, DacCode};
+use taktil_machine::operator::Remote;
 use taktil_tests_script::Hanging;
-use taktild::operator::Remote;
 
 use process::{CHILD, DRIVING, Folder, NO_FLIGHT, Rig, Service, ZERO_VOLTS, check, command};
 
@@ -216,7 +216,7 @@ fn the_service_whose_operator_hangs() {
         println!("nothing to do: this is the child of another test");
         return;
     };
-    let service = taktild::service::Service::with_operator(
+    let service = taktil_machine_service::service::Service::with_operator(
         Path::new(&config),
         Box::new(|ports| Ok(Box::new(Hanging { until_then: Remote::new(None, ports), tick: 200 }))),
     );
@@ -237,7 +237,7 @@ fn a_task_that_does_not_return_is_named_and_ends_the_service_and_the_board_is_sa
         rig.registers.write(register, DRIVING);
     }
     let (code, lines) = service.end();
-    assert_eq!(code, Some(taktild::service::EXIT_HUNG), "{lines:?}");
+    assert_eq!(code, Some(taktil_machine_service::service::EXIT_HUNG), "{lines:?}");
     assert!(lines.iter().any(|line| line.contains("task `operator` in lane servo")), "{lines:?}");
     assert_eq!(rig.registers.read(DAC_STROBE), strobe, "somebody still writes");
     let model = rig.fallen_silent();

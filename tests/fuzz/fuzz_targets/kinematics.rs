@@ -9,13 +9,12 @@ use nalgebra::Vector6;
 use taktil_fuzz::{Numbers, finite, rigid};
 use taktil_mechanics::arm::{Arm, Follow};
 use taktil_mechanics::chain::{Chain, Effort, Vector};
-use taktil_mechanics::dls;
+use taktil_mechanics::{dls, Joints, Pose};
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::puma260::Puma260;
-use taktil_mechanics::{Joints, Pose};
 
 fn chain<const N: usize>(text: &str) -> Chain<N> {
-    taktild::urdf::read(text, None).expect("ours").chain().expect("sound")
+    taktil_machine::urdf::read(text, None).expect("ours").chain().expect("sound")
 }
 
 static SIX: LazyLock<Chain<6>> =

@@ -10,8 +10,8 @@ use taktil::keys::map::MapFile;
 use taktil::run::scene::Scene;
 use taktil_fuzz::{finite, rigid};
 use taktil_mechanics::chain::Vector;
-use taktild::operator::speech::{Meaning, order};
-use taktild::source::Source;
+use taktil_machine::operator::speech::{Meaning, order};
+use taktil_machine::source::Source;
 
 const MACHINE: &str = include_str!("../../../sim/scenes/machine/puma260.toml");
 const SCENE: &str = include_str!("../../../sim/scenes/hold.toml");
@@ -37,7 +37,7 @@ fn scene(scene: &str, machine: &str) {
 }
 
 fn arm(text: &str) {
-    let Ok(described) = taktild::urdf::read(text, None) else { return };
+    let Ok(described) = taktil_machine::urdf::read(text, None) else { return };
     if let Ok(chain) = described.chain::<6>() {
         let q = Vector::<6>::repeat(0.3);
         rigid("pose", &chain.tool_pose(&q));

@@ -5,9 +5,9 @@ mod sway;
 
 use std::process::ExitCode;
 
-use taktil_rtcore::guard::CountingAllocator;
+use taktil_machine::own::{self, OwnTask};
 use taktil_machine_console::out;
-use taktild::own::{self, OwnTask};
+use taktil_rtcore::guard::CountingAllocator;
 
 // As in the house's programs: heap calls inside jobs are counted.
 #[global_allocator]

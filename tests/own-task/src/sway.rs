@@ -4,12 +4,12 @@
 use core::f64::consts::TAU;
 
 use serde::Deserialize;
+use taktil_machine::own::Section;
+use taktil_machine::robot::AnyRobot;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Ports, StateHash, Task, payload,
 };
 use taktil_signal::{ControlState, Desired, Goal, State};
-use taktild::own::Section;
-use taktild::robot::AnyRobot;
 
 /// `[own.sway]`.
 #[derive(Clone, Copy, Debug, Deserialize)]

@@ -10,13 +10,13 @@ use taktil::replay;
 use taktil_drivers_regmap::registers::BLOCK_BYTES;
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
 use taktil_hal::{MAX_TACTELS, Nanos};
+use taktil_machine_service::service::Service;
 use taktil_record::Log;
 use taktil_rtcore::linux::monotonic;
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Payload, Task};
 use taktil_signal::{JogCommand, Request, TypedMove, Verb};
 use taktil_tests::bench::Folder;
-use taktild::service::Service;
 
 /// Asks for the drives, and keeps the processor for longer than two periods every so often.
 struct Hog {

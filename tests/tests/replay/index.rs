@@ -7,12 +7,12 @@ use std::sync::atomic::AtomicBool;
 use taktil::diff::Comparison;
 use taktil::replay;
 use taktil::run::scene::Scene;
+use taktil_machine::tape::IndexEntry;
 use taktil_record::{Log, McapLog};
 use taktil_rtcore::live::{self, Contract, Pace, Terms};
 use taktil_rtcore::{Payload, virtual_time};
 use taktil_signal::{HomeCheck, JointState};
 use taktil_tests::bench::{Draft, Folder, machine};
-use taktild::tape::IndexEntry;
 
 use crate::alter::rewrite_as;
 use crate::{Recorder, about, place, replayed};

@@ -14,12 +14,12 @@ use alter::{Altered, rewrite};
 use taktil::diff::{Change, Comparison};
 use taktil::replay::{self, Outcome};
 use taktil::run::scene::Scene;
+use taktil_machine::tape::EncoderEntry;
 use taktil_record::{Log, McapLog};
 use taktil_rtcore::live::{self, Contract, Pace, Terms};
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Payload, virtual_time};
 use taktil_tests::bench::{Draft, Folder, machine};
-use taktild::tape::EncoderEntry;
 
 /// What `taktil run` says of itself in a log.
 fn about(scene: &Scene, mode: &str) -> Altered {

@@ -7,13 +7,13 @@ use std::sync::{Arc, Mutex};
 
 use taktil::run::operator::Operator;
 use taktil::run::scene::Scene;
+use taktil_machine::wiring;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Cycle, FaultCode, Io, LaneSpec, Machine, Mode, Nanos, Payload, Task, virtual_time,
 };
 use taktil_signal::{ControlState, State};
 use taktil_sim::{Timing, World};
-use taktild::wiring;
 
 use taktil_tests::bench::Draft;
 

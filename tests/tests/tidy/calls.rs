@@ -73,7 +73,7 @@ pub(crate) const BANS: &[Ban] = &[
         rooms: ALL,
         except: &[],
         tests: false,
-        remedy: "return a value; the command line says it by `taktil_machine_console::out`, which does not panic",
+        remedy: "return a value; the command line says it by `console::out`, which does not panic",
     },
     Ban {
         what: "is debris",
@@ -131,8 +131,8 @@ pub(crate) const BANS: &[Ban] = &[
             ("apps/taktil/src/run/", "a signal sets the flag that ends a run"),
             ("apps/taktil/src/experiment/", "threads take runs off a plan until a flag ends them"),
             ("apps/taktil/src/jitter/", "a flag ends the load's threads and a measurement"),
-            ("apps/taktild/src/service.rs", "a flag ends the service"),
-            ("apps/taktild/src/signals.rs", "a signal sets the flag that ends a program"),
+            ("machine/service/src/service.rs", "a flag ends the service"),
+            ("machine/console/src/signals.rs", "a signal sets the flag that ends a program"),
         ],
         tests: false,
         remedy: "send values through `hal::link` or a port",
@@ -187,6 +187,8 @@ pub(crate) const BANS: &[Ban] = &[
         rooms: ALL,
         except: &[
             ("apps/", "applications know files and formats"),
+            ("machine/", "descriptions are files, and so is what `cpus` asks the kernel"),
+            ("record/src/", "a recording is a file"),
             ("drivers/regmap/src/io.rs", "a register file is a device node"),
             ("rtcore/src/linux.rs", "what the kernel says of itself, before the first job"),
             ("rtcore/src/mapping.rs", "a flight recorder is a file in memory, made before a run"),

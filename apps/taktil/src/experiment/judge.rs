@@ -13,7 +13,7 @@ use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_signal::{Applied, Features, defined};
 use taktil_sim::scene::{RubberConfig, WorldConfig};
 
-use taktild::robot::AnyRobot;
+use taktil_machine::robot::AnyRobot;
 
 use crate::run::score::{Figures, Score, Spread, Targets};
 use crate::run::summary::PITCH_MM;

@@ -6,9 +6,9 @@ use std::str::FromStr;
 
 use evdev::{AbsoluteAxisCode, KeyCode};
 use serde::Deserialize;
+use taktil_machine::operator::speech::{Meaning, order};
 use taktil_rtcore::Invalid;
 use taktil_signal::JogFrame;
-use taktild::operator::speech::{Meaning, order};
 
 /// The map that comes with the program.
 pub const DEFAULT: &str = include_str!("default.toml");

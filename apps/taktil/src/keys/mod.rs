@@ -14,10 +14,11 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::bail;
+use taktil_machine::operator::socket::SERVICE_SOCKET;
+use taktil_machine::source::{Meant, Source};
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, Ended};
 use taktil_rtcore::linux;
-use taktild::source::{Meant, Source};
 
 use crate::tell::Line;
 use device::{Input, Looked};
@@ -34,7 +35,7 @@ const LOOK: Duration = Duration::from_millis(10);
 #[derive(Clone, Debug, clap::Args)]
 pub struct KeysArgs {
     /// Socket of the run or the service
-    #[arg(long, value_name = "SOCKET", default_value = taktild::operator::socket::SERVICE_SOCKET)]
+    #[arg(long, value_name = "SOCKET", default_value = SERVICE_SOCKET)]
     at: PathBuf,
     /// Event device, or a named pipe that gives such events; may be said again. Without it, every
     /// one that has keys of the map

@@ -3,10 +3,10 @@
 
 use std::path::PathBuf;
 
+use taktil_machine::source::{Located, Source};
+use taktil_machine::tape::player::{About, Lack, Tapes};
+use taktil_machine_service::service;
 use taktil_rtcore::{Machine, Nanos};
-use taktild::service;
-use taktild::source::{Located, Source};
-use taktild::tape::player::{About, Lack, Tapes};
 
 use crate::run::scene::Scene;
 use crate::run::{RECORDED, assemble};

@@ -2,12 +2,12 @@
 //! run live or in virtual time.
 
 use taktil_hal::Devices;
+use taktil_machine::robot::AnyRobot;
+use taktil_machine::source::Located;
+use taktil_machine::tape::player::{About, Lack, Tapes};
+use taktil_machine::wiring;
 use taktil_rtcore::{Builder, Invalid, LaneSpec, Late, Machine, Nanos};
 use taktil_sim::{Timing, World};
-use taktild::robot::AnyRobot;
-use taktild::source::Located;
-use taktild::tape::player::{About, Lack, Tapes};
-use taktild::wiring;
 
 use super::operator::Operator;
 use super::scene::{Scene, foreign};

@@ -21,6 +21,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::bail;
 use serde_json::{Value, json};
+use taktil_machine::operator::Hand;
+use taktil_machine::operator::socket::Socket;
+use taktil_machine::operator::speech::Meaning;
+use taktil_machine::robot::AnyRobot;
+use taktil_machine::wiring::MakeOperator;
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, Second};
 use taktil_record::flight::Keeper;
@@ -28,11 +33,6 @@ use taktil_rtcore::live::{self, Account, Attestation, Audience, Contract, Hang, 
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos, linux, virtual_time};
 use taktil_tasks_joint_servo::Tuning;
-use taktild::operator::Hand;
-use taktild::operator::socket::Socket;
-use taktild::operator::speech::Meaning;
-use taktild::robot::AnyRobot;
-use taktild::wiring::MakeOperator;
 
 use digest::Digest;
 use operator::Operator;
@@ -150,8 +150,8 @@ impl Observer for Watch {
 /// Runs a scene and says how it went; exit 0 without faults, 1 with one.
 ///
 /// # Errors
-/// Bad input as [`taktild::source::Located`] or [`BadOption`]; anything else is a failure of the
-/// run.
+/// Bad input as [`Located`](taktil_machine::source::Located) or [`BadOption`]; anything else is a
+/// failure of the run.
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     run_by(options, |scene| {
         let (socket, hand) = listen(options, scene)?;
@@ -262,7 +262,7 @@ fn listen(options: &Options, scene: &Scene) -> anyhow::Result<(Option<Socket>, O
         let what = "--operator: virtual time does not wait for people; leave --fast out";
         bail!(BadOption(what.into()));
     }
-    let (mouth, hand) = taktild::operator::pair();
+    let (mouth, hand) = taktil_machine::operator::pair();
     let pace = scene.machine.trajectory.clone().unwrap_or_default();
     let meaning = Meaning { pace, robot: scene.robot.clone() };
     let socket = Socket::listen(path, mouth, meaning)

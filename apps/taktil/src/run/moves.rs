@@ -2,8 +2,8 @@
 //! call a queue good that was not looked at to its end.
 
 use serde_json::{Value, json};
+use taktil_machine::operator::status::REASONS;
 use taktil_signal::MoveCheck;
-use taktild::operator::status::REASONS;
 
 /// Deviations below these are rounding.
 const ROUNDING_MM: f64 = 1e-4;

@@ -3,12 +3,12 @@
 //! at it. Keys of a jog are held while the machine is in a MANUAL state, for as long as the script
 //! says; moves are typed while it is in TRAJECTORY/USER. Somebody at a socket may ask besides.
 
+use taktil_machine::operator::status::heard;
+use taktil_machine::operator::{Hand, Said};
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, StateHash, Task,
 };
 use taktil_signal::{ControlState, JogCommand, Request, State, Typed, TypedMove, Verb};
-use taktild::operator::status::heard;
-use taktild::operator::{Hand, Said};
 
 use super::scene::{Act, Step};
 

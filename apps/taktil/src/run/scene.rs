@@ -7,17 +7,17 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
+use taktil_machine::config::MachineConfig;
+use taktil_machine::contract::ContractConfig;
+use taktil_machine::operator::speech::Meaning;
+use taktil_machine::robot::{self, AnyRobot, Broken};
+use taktil_machine::source::{Located, Meant, Source};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::{Pose, rotation_x, rotation_y, rotation_z};
 use taktil_rtcore::explain::{Explain, Key};
 use taktil_rtcore::{Invalid, Nanos, Transaction};
 use taktil_sim::scene::WorldConfig;
-use taktild::config::MachineConfig;
-use taktild::contract::ContractConfig;
-use taktild::operator::speech::Meaning;
-use taktild::robot::{self, AnyRobot, Broken};
-use taktild::source::{Located, Meant, Source};
 
 use crate::scenes::probe::{self, Shape};
 

@@ -7,7 +7,7 @@ use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{FaultSet, Mode, Payload};
 use taktil_signal::{ControlState, Features, MoveCheck, State, defined};
 
-use taktild::robot::AnyRobot;
+use taktil_machine::robot::AnyRobot;
 
 use super::world::{ArmTruth, LayerTruth, WorldTruth};
 

@@ -6,8 +6,8 @@ pub mod schema;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use taktil_machine::source::Located;
 use taktil_machine_console::out;
-use taktild::source::Located;
 
 use crate::run::assemble;
 use crate::run::scene::Scene;

@@ -4,8 +4,8 @@
 //! it is printed.
 
 use serde_json::{Map, Value, json};
+use taktil_machine::contract::{Items, WORDS};
 use taktil_rtcore::explain::Key;
-use taktild::contract::{Items, WORDS};
 
 use super::probe::{self, Field, Shape};
 use crate::run::scene;

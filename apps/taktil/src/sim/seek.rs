@@ -7,10 +7,10 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 use taktil_hal::{DacCode, Devices, LinesOut};
+use taktil_machine::tape::{AnalogWord, DigitalWord, name};
 use taktil_machine_console::out;
 use taktil_rtcore::{Nanos, Payload};
 use taktil_sim::{Truth, World};
-use taktild::tape::{AnalogWord, DigitalWord, name};
 
 use crate::replay::origin::Origin;
 use crate::run::assemble;

@@ -6,10 +6,10 @@ use std::path::PathBuf;
 use std::process::{Command, ExitCode, Stdio};
 
 use taktil::run::{self, Options};
+use taktil_machine::operator::Remote;
 use taktil_record::{Log, METADATA_RESULT};
 use taktil_signal::{ControlState, Typed};
 use taktil_tests_script::Hanging;
-use taktild::operator::Remote;
 
 use crate::process::{Folder, Running, scenes};
 

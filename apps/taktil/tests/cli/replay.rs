@@ -6,10 +6,10 @@ use std::path::PathBuf;
 use serde_json::Value;
 use taktil::run::assemble::assemble;
 use taktil::run::scene::Scene;
+use taktil_machine::tape::EncoderEntry;
 use taktil_record::{Log, METADATA_RUN, McapLog};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Nanos, Payload};
-use taktild::tape::EncoderEntry;
 
 use crate::process::{Folder, Said, scenes, taktil};
 

@@ -1,8 +1,8 @@
 //! Motions of the table that stand in files: a CSV beside the scene with `t_s` and one value a
 //! line. Every complaint names the file's own line. Refuses columns whose unit is not the axis's.
 
+use taktil_machine::source::{Located, Mark, Source};
 use taktil_sim::scene::{Axis, Motion, POINTS_MAX, WorldConfig};
-use taktild::source::{Located, Mark, Source};
 
 /// Gives a scene the text of a file that it names.
 pub type Read<'a> = &'a dyn Fn(&str) -> Result<Source, String>;

@@ -3,9 +3,9 @@
 //! can hold and moves that no arm could make.
 
 use serde::Deserialize;
+use taktil_machine::operator::speech::{Meaning, Order, order};
 use taktil_rtcore::{Invalid, Nanos};
 use taktil_signal::{JogFrame, TypedMove, Verb};
-use taktild::operator::speech::{Meaning, Order, order};
 
 use super::LONGEST_S;
 

@@ -3,13 +3,13 @@
 
 use std::path::PathBuf;
 
+use taktil_machine::source::Source;
+use taktil_machine::urdf::{load, locate, read};
 use taktil_mechanics::Joints;
 use taktil_mechanics::chain::{Chain, Effort, Vector};
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::puma260::Puma260;
-use taktild::source::Source;
-use taktild::urdf::{load, locate, read};
 
 fn file(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../sim/arms").join(name)

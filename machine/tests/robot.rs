@@ -3,8 +3,8 @@
 
 use std::path::PathBuf;
 
-use taktild::robot::{AnyRobot, ArmConfig, Broken, build, load};
-use taktild::source::Source;
+use taktil_machine::robot::{AnyRobot, ArmConfig, Broken, build, load};
+use taktil_machine::source::Source;
 
 fn arms() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../sim/arms")

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use clap::Parser;
 
 use crate::service::Service;
-use crate::source::Located;
+use taktil_machine::source::Located;
 use taktil_machine_console::out;
 
 /// Robot control over real boards, as a systemd service. It comes up with the drives off and waits

@@ -16,15 +16,15 @@ use taktil_rtcore::live::{self, Attestation, Audience, Contract, Hang, Pace, Ter
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos};
 
-use crate::config::MachineConfig;
-use crate::contract::ContractConfig;
-use crate::operator::socket::{SERVICE_SOCKET, Socket};
-use crate::operator::speech::Meaning;
-use crate::operator::{self, Mouth, Remote};
-use crate::robot::{self, AnyRobot, Broken};
-use crate::source::{Located, Meant, Source};
-use crate::tape::player::{About, Lack, Tapes};
-use crate::wiring;
+use taktil_machine::config::MachineConfig;
+use taktil_machine::contract::ContractConfig;
+use taktil_machine::operator::socket::{SERVICE_SOCKET, Socket};
+use taktil_machine::operator::speech::Meaning;
+use taktil_machine::operator::{self, Mouth, Remote};
+use taktil_machine::robot::{self, AnyRobot, Broken};
+use taktil_machine::source::{Located, Meant, Source};
+use taktil_machine::tape::player::{About, Lack, Tapes};
+use taktil_machine::wiring;
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, Second};
 use taktil_record::McapLog;

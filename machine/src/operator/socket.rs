@@ -366,8 +366,7 @@ impl Client {
 
 #[cfg(test)]
 mod tests {
-    use super::super::pair;
-    use super::super::{Hand, Said};
+    use super::super::{Hand, Said, pair};
     use super::*;
 
     /// A socket of this process, whoever is connected to it, and the lane's end.

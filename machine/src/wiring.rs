@@ -2,8 +2,9 @@
 //! it does not know which devices these are. Robot, rehearsal and tests assemble the same machine
 //! here.
 
-use taktil_hal::{AnalogIn, Devices, ForceTorque};
-use taktil_hal::{AnalogOut, DigitalIn, DigitalOut, Encoders, TactileArray};
+use taktil_hal::{
+    AnalogIn, AnalogOut, Devices, DigitalIn, DigitalOut, Encoders, ForceTorque, TactileArray,
+};
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Builder, Invalid, Nanos, Ports, Task};
@@ -19,10 +20,9 @@ use taktil_tasks_trajectory::Trajectory;
 use taktil_tasks_wrist_scan::WristScan;
 
 use crate::config::MachineConfig;
-use crate::cpus;
 use crate::own::{self, OwnTask};
 use crate::robot::{AnyRobot, with};
-use crate::tape;
+use crate::{cpus, tape};
 
 /// Builds the operator's task: a script, a socket, or nobody.
 pub type MakeOperator<'a> = Box<dyn FnOnce(&mut Ports) -> Result<Box<dyn Task>, Invalid> + 'a>;

@@ -1,0 +1,13 @@
+//! Description in, machine out: reads machine files and arms, wires tasks to devices and builds the
+//! machine that an executor runs. Complaints about a file name its line and the remedy.
+
+pub mod config;
+pub mod contract;
+pub mod cpus;
+pub mod operator;
+pub mod own;
+pub mod robot;
+pub mod source;
+pub mod tape;
+pub mod urdf;
+pub mod wiring;
