@@ -3,8 +3,8 @@
 //! the lane path and the platform's elementary functions (all of them come from `libm`).
 //!
 //! Units are m, rad, s, kg, N, N m; the exception is [`tactile`] (tactel numbers, counts).
-//! Functions of finite numbers return finite numbers; what a NaN does is stated where it matters, and
-//! where nothing is stated it comes out as NaN and nothing panics.
+//! Functions of finite numbers return finite numbers; what a NaN does is stated where it matters,
+//! and where nothing is stated it comes out as NaN and nothing panics.
 
 pub mod arm;
 pub mod chain;

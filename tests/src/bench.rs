@@ -4,8 +4,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-use taktil::run::assemble::assemble;
-use taktil::run::scene::Scene;
+use taktil_lab_scene::assemble::assemble;
+use taktil_lab_scene::scene::Scene;
 use taktil_rtcore::live::Audience;
 use taktil_rtcore::parameter::Edit;
 use taktil_rtcore::record::{Catalog, Observer, Record};

@@ -5,10 +5,9 @@
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
-use taktil::run::scene::Scene;
-use taktil_rtcore::guard;
+use taktil_lab_scene::scene::Scene;
 use taktil_rtcore::live::{self, Contract, Pace, Terms};
-use taktil_rtcore::{Machine, virtual_time};
+use taktil_rtcore::{Machine, guard, virtual_time};
 use taktil_tests::bench::{Draft, Kept, machine};
 
 /// Live runs that are compared, and tries to get them from a busy machine.

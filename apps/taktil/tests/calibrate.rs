@@ -8,11 +8,11 @@ use std::sync::OnceLock;
 
 use common::Folder;
 use glam::{DMat3, DVec3};
-use taktil::calibrate::fit::{Also, Fit, fit};
-use taktil::calibrate::press::{Pad, Press, REST_MIN, TACTELS};
-use taktil::calibrate::{Recording, as_json, explained, read, table};
-use taktil::run::{Options, run};
 use taktil_hal::{Nanos, TactileFrame};
+use taktil_lab_command::run::{Options, run};
+use taktil_lab_identify::calibrate::fit::{Also, Fit, fit};
+use taktil_lab_identify::calibrate::press::{Pad, Press, REST_MIN, TACTELS};
+use taktil_lab_identify::calibrate::{Recording, as_json, explained, read, table};
 use taktil_sim::scene::Electronics;
 use taktil_sim::{Carriage, Float, Timing, WorldConfig, build_with_carriage, tactel_gains};
 

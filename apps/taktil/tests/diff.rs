@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use taktil::diff::{Change, Comparison, to_json};
 use taktil_hal::Nanos;
+use taktil_lab_command::diff::{Change, Comparison, to_json};
 use taktil_record::{Log, McapLog};
 use taktil_rtcore::Payload;
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record, Signal};

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use taktil::doctor::{CpuList, Host, Report, Verdict, examine, script, table, to_json};
+use taktil_lab_host::doctor::{CpuList, Host, Report, Verdict, examine, script, table, to_json};
 
 const HOSTS: [(&str, u8); 6] = [
     ("rt-pc-good", 0),

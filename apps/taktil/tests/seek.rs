@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use common::Folder;
-use taktil::run::world::WorldTruth;
-use taktil::run::{Options, run};
-use taktil::sim::seek::seek;
+use taktil_lab_command::run::{Options, run};
+use taktil_lab_scene::seek::seek;
+use taktil_lab_scene::world::WorldTruth;
 use taktil_record::Log;
 use taktil_rtcore::Payload;
 

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use clap::Parser;
 
 use crate::service::Service;
+use taktil_machine::own::{self, OwnTask};
 use taktil_machine::source::Located;
 use taktil_machine_console::out;
 
@@ -32,9 +33,13 @@ struct Arguments {
     log: Option<PathBuf>,
 }
 
-/// Runs the command line of this process.
+/// Runs the command line of this process; `tasks` are wired like those of Taktil itself.
 #[must_use]
-pub fn main() -> ExitCode {
+pub fn main(tasks: &'static [OwnTask]) -> ExitCode {
+    if let Err(bad) = own::register(tasks) {
+        out::warn(bad);
+        return ExitCode::from(2);
+    }
     let arguments = Arguments::parse();
     let mut service = match Service::load(&arguments.config) {
         Ok(service) => service,

@@ -4,8 +4,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use taktil::bench::HOPS;
-use taktil::bench::measure::Contestant;
+use taktil_lab_bench::HOPS;
+use taktil_lab_bench::measure::Contestant;
 
 /// Where its logs lie; removed at the end.
 pub struct Folder(PathBuf);
@@ -42,7 +42,7 @@ macro_rules! app {
 
             use anyhow::anyhow;
             use cu29::prelude::*;
-            use taktil::bench::measure::Watch;
+            use taktil_lab_bench::measure::Watch;
             use taktil_rtcore::Nanos;
 
             #[copper_runtime(config = $config)]

@@ -7,7 +7,7 @@ mod tasks;
 use std::process::ExitCode;
 
 use clap::Parser;
-use taktil::bench::{self, measure::Plan};
+use taktil_lab_bench::measure::Plan;
 use taktil_rtcore::guard::CountingAllocator;
 
 #[global_allocator]
@@ -23,5 +23,5 @@ struct Arguments {
 fn main() -> anyhow::Result<ExitCode> {
     let arguments = Arguments::parse();
     let folder = copper::Folder::new()?;
-    bench::executor(&arguments.plan, copper::all(folder.path())?)
+    taktil_lab_bench::executor(&arguments.plan, copper::all(folder.path())?)
 }

@@ -12,7 +12,8 @@ fuzz_target!(|bytes: &[u8]| {
         return;
     }
     let mut answers = Vec::new();
-    taktil::calc::filter(&mut &bytes[..], &mut answers).expect("nothing here can fail to be read");
+    taktil_lab_calc::filter(&mut &bytes[..], &mut answers)
+        .expect("nothing here can fail to be read");
     let answers = String::from_utf8(answers).expect("answers are text");
     assert_eq!(answers.lines().count(), lines.len(), "one answer a line: {answers}");
     for answer in answers.lines() {

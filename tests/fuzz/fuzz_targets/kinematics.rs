@@ -9,9 +9,9 @@ use nalgebra::Vector6;
 use taktil_fuzz::{Numbers, finite, rigid};
 use taktil_mechanics::arm::{Arm, Follow};
 use taktil_mechanics::chain::{Chain, Effort, Vector};
-use taktil_mechanics::{dls, Joints, Pose};
 use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::{Joints, Pose, dls};
 
 fn chain<const N: usize>(text: &str) -> Chain<N> {
     taktil_machine::urdf::read(text, None).expect("ours").chain().expect("sound")

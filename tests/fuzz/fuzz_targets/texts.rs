@@ -6,12 +6,12 @@
 use std::path::PathBuf;
 
 use libfuzzer_sys::fuzz_target;
-use taktil::keys::map::MapFile;
-use taktil::run::scene::Scene;
 use taktil_fuzz::{finite, rigid};
-use taktil_mechanics::chain::Vector;
+use taktil_lab_command::keys::map::MapFile;
+use taktil_lab_scene::scene::Scene;
 use taktil_machine::operator::speech::{Meaning, order};
 use taktil_machine::source::Source;
+use taktil_mechanics::chain::Vector;
 
 const MACHINE: &str = include_str!("../../../sim/scenes/machine/puma260.toml");
 const SCENE: &str = include_str!("../../../sim/scenes/hold.toml");

@@ -5,8 +5,7 @@ mod sway;
 
 use std::process::ExitCode;
 
-use taktil_machine::own::{self, OwnTask};
-use taktil_machine_console::out;
+use taktil_machine::own::OwnTask;
 use taktil_rtcore::guard::CountingAllocator;
 
 // As in the house's programs: heap calls inside jobs are counted.
@@ -17,9 +16,5 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 static TASKS: [OwnTask; 1] = [OwnTask { name: "sway", make: sway::make }];
 
 fn main() -> ExitCode {
-    if let Err(bad) = own::register(&TASKS) {
-        out::warn(bad);
-        return ExitCode::from(2);
-    }
-    taktil::cli::main()
+    taktil_lab_command::main(&TASKS)
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use taktil::run::scene::Scene;
+use taktil_lab_scene::scene::Scene;
 use taktil_record::{Log, METADATA_RUN, McapLog};
 use taktil_rtcore::Nanos;
 use taktil_rtcore::record::{Catalog, Observer, Record};

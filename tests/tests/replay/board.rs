@@ -6,10 +6,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use taktil::replay;
 use taktil_drivers_regmap::registers::BLOCK_BYTES;
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
 use taktil_hal::{MAX_TACTELS, Nanos};
+use taktil_lab_command::replay;
 use taktil_machine_service::service::Service;
 use taktil_record::Log;
 use taktil_rtcore::linux::monotonic;
@@ -99,7 +99,7 @@ fn a_run_over_a_board_with_overruns_gives_its_bits_again() {
     assert_eq!(outcome.fed, ["operator"]);
     assert!(outcome.jobs > 200, "{}", outcome.jobs);
     // Nothing was simulated: of a board nobody knows what pressed on its tactels.
-    let refused = taktil::calibrate::read(&path).unwrap_err();
+    let refused = taktil_lab_identify::calibrate::read(&path).unwrap_err();
     assert!(refused.contains("it is of a board"), "{refused}");
     // The repeated run is a log of its own.
     assert!(Log::from_bytes(again).unwrap().find("hal.encoders").is_some());

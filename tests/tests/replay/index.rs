@@ -4,9 +4,9 @@
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
-use taktil::diff::Comparison;
-use taktil::replay;
-use taktil::run::scene::Scene;
+use taktil_lab_command::diff::Comparison;
+use taktil_lab_command::replay;
+use taktil_lab_scene::scene::Scene;
 use taktil_machine::tape::IndexEntry;
 use taktil_record::{Log, McapLog};
 use taktil_rtcore::live::{self, Contract, Pace, Terms};

@@ -11,9 +11,9 @@ use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
 use alter::{Altered, rewrite};
-use taktil::diff::{Change, Comparison};
-use taktil::replay::{self, Outcome};
-use taktil::run::scene::Scene;
+use taktil_lab_command::diff::{Change, Comparison};
+use taktil_lab_command::replay::{self, Outcome};
+use taktil_lab_scene::scene::Scene;
 use taktil_machine::tape::EncoderEntry;
 use taktil_record::{Log, McapLog};
 use taktil_rtcore::live::{self, Contract, Pace, Terms};

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use taktil::replay;
+use taktil_lab_command::replay;
 use taktil_record::{Log, METADATA_RUN, McapLog};
 use taktil_rtcore::Recording;
 use taktil_tests::bench::Folder;

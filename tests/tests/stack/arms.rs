@@ -3,9 +3,9 @@
 //! touch: these arms feel nothing.
 
 use glam::DVec3;
-use taktil::run::assemble::assemble;
-use taktil::run::scene::Scene;
-use taktil::run::world::ArmTruth;
+use taktil_lab_scene::assemble::assemble;
+use taktil_lab_scene::scene::Scene;
+use taktil_lab_scene::world::ArmTruth;
 use taktil_rtcore::Nanos;
 use taktil_signal::{Desired, JointState, MoveCheck, State};
 use taktil_tests::bench::{Draft, Folder, Kept, run};

@@ -3,8 +3,8 @@
 
 use std::sync::atomic::AtomicBool;
 
-use taktil::run::assemble::assemble;
-use taktil::run::scene::Scene;
+use taktil_lab_scene::assemble::assemble;
+use taktil_lab_scene::scene::Scene;
 use taktil_rtcore::live::{self, Contract, Pace, Terms};
 use taktil_rtcore::parameter::Edit;
 use taktil_rtcore::{Nanos, guard};

@@ -3,8 +3,8 @@
 //! that the scene is the experiment: the table moves as stated and the pin is rolled throughout.
 //! How well the finger follows is the law's affair, and printed.
 
-use taktil::run::scene::Scene;
-use taktil::run::world::WorldTruth;
+use taktil_lab_scene::scene::Scene;
+use taktil_lab_scene::world::WorldTruth;
 use taktil_rtcore::Nanos;
 use taktil_signal::{Features, State};
 

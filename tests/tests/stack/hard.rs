@@ -3,7 +3,7 @@
 //! a contact that pulls and a latched fault; judges by the simulator's truth.
 
 use std::path::PathBuf;
-use taktil::run::world::WorldTruth;
+use taktil_lab_scene::world::WorldTruth;
 use taktil_tests::bench::{Draft, run};
 
 /// Set point (N): 15000 counts at 4095 for 4 N.

@@ -3,8 +3,8 @@
 //! configuration stands for.
 
 use glam::DVec3;
-use taktil::run::scene::Scene;
-use taktil::run::world::WorldTruth;
+use taktil_lab_scene::scene::Scene;
+use taktil_lab_scene::world::WorldTruth;
 use taktil_mechanics::Joints;
 use taktil_mechanics::dynamics::{Dynamics, Friction};
 use taktil_mechanics::robot::Robot;

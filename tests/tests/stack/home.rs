@@ -2,7 +2,7 @@
 //! the pulses do not bear out is refused. Refuses to look at angles that only the controller
 //! believes: the simulated arm's own are the measure.
 
-use taktil::run::world::WorldTruth;
+use taktil_lab_scene::world::WorldTruth;
 use taktil_rtcore::{FaultCode, FaultSet};
 use taktil_signal::{ControlState, HomeCheck, JointState, State};
 use toml::Value;

@@ -1,8 +1,8 @@
 //! Motion under an operator's hand in the whole stack: minutes of random keys, and the tool along
 //! the axes asked for. Refuses to depend on which keys: whatever is held, the bounds hold.
 
-use taktil::run::scene::{Act, Scene, Step};
-use taktil::run::world::WorldTruth;
+use taktil_lab_scene::scene::{Act, Scene, Step};
+use taktil_lab_scene::world::WorldTruth;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{FaultSet, Nanos};

@@ -1,8 +1,8 @@
 //! The laws of touch side by side on the same scenes and seeds, judged by the simulator's truth.
 //! Refuses to compare what was not run under both.
 
-use taktil::experiment::judge::Verdict;
-use taktil::experiment::{Name, one, with_law};
+use taktil_lab_experiment::judge::Verdict;
+use taktil_lab_experiment::{Name, one, with_law};
 use taktil_rtcore::FaultCode;
 use taktil_tests::bench::Draft;
 
@@ -81,7 +81,7 @@ fn a_delay_that_the_law_cannot_remember_at_its_period_is_refused_with_its_place(
     let refused = |scene: &str, delay_ms: f64| {
         let mut scene = with_law(&Draft::of(scene).scene(), Name::Model);
         scene.machine.tactile_servo.as_mut().expect("a section").model.delay_ms = delay_ms;
-        taktil::run::assemble::assemble(&scene, 1).err().map(|bad| format!("{bad:#}"))
+        taktil_lab_scene::assemble::assemble(&scene, 1).err().map(|bad| format!("{bad:#}"))
     };
     assert_eq!(refused("roll-pin-1khz.toml", 30.0), None);
     assert_eq!(refused("roll-pin.toml", 40.0), None);

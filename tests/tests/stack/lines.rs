@@ -2,7 +2,7 @@
 //! queue that the arm cannot follow moves nothing. Refuses gains of its own.
 
 use glam::DVec3;
-use taktil::run::world::WorldTruth;
+use taktil_lab_scene::world::WorldTruth;
 use taktil_rtcore::{FaultCode, FaultSet, Nanos};
 use taktil_signal::{ControlState, Goal, MoveCheck, State, Typed};
 use toml::{Table, Value};

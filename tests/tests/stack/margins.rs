@@ -13,9 +13,9 @@
 //! a number of the linear loop. What the arm's own encoders add to it is a test of its own.
 
 use nalgebra::{DMatrix, DVector};
-use taktil::experiment::{Name, with_law};
-use taktil::run::scene::Scene;
-use taktil::run::world::WorldTruth;
+use taktil_lab_experiment::{Name, with_law};
+use taktil_lab_scene::scene::Scene;
+use taktil_lab_scene::world::WorldTruth;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::rotation_vector;

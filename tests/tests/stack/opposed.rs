@@ -1,7 +1,7 @@
 //! A pin between two fingertips: the arm rolls it by the touch of one, both feel it. Refuses to
 //! look at the controller's opinion where the simulator's truth is to be had.
 
-use taktil::run::world::{OpposedTruth, WorldTruth};
+use taktil_lab_scene::world::{OpposedTruth, WorldTruth};
 use taktil_signal::{Features, Pair, TactileImage};
 use taktil_tests::bench::{Draft, run};
 

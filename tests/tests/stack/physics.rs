@@ -1,8 +1,8 @@
 //! What only real forces do: without friction nothing rolls, without contact nothing is felt.
 //! Refuses to look at the controller's opinion where the simulator's truth is to be had.
 
-use taktil::run::scene::Scene;
-use taktil::run::world::WorldTruth;
+use taktil_lab_scene::scene::Scene;
+use taktil_lab_scene::world::WorldTruth;
 use taktil_signal::{Features, State, TactileImage, defined};
 
 use taktil_tests::bench::{Draft, Kept, run};

@@ -2,8 +2,8 @@
 //! and slopes. Features are what the robot saw, positions what the simulator knows. Refuses scenes
 //! of its own: only keys of the one scene file are changed.
 
-use taktil::run::scene::Scene;
-use taktil::run::world::WorldTruth;
+use taktil_lab_scene::scene::Scene;
+use taktil_lab_scene::world::WorldTruth;
 use taktil_rtcore::Nanos;
 use taktil_signal::{Features, State, defined};
 

@@ -5,8 +5,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
-use taktil::run::operator::Operator;
-use taktil::run::scene::Scene;
+use taktil_lab_scene::operator::Operator;
+use taktil_lab_scene::scene::Scene;
 use taktil_machine::wiring;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{

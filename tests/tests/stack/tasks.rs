@@ -2,7 +2,7 @@
 //! a bar. Each is judged by the simulator's truth over several seeds, and beside it runs a control
 //! that knows only how to press and must fail. Refuses to judge by features.
 
-use taktil::run::world::{ObjectTruth, WorldTruth};
+use taktil_lab_scene::world::{ObjectTruth, WorldTruth};
 use taktil_rtcore::Nanos;
 use taktil_signal::{Contact, State};
 use taktil_tests::bench::{Draft, run};

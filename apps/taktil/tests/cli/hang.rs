@@ -5,7 +5,7 @@
 use std::path::PathBuf;
 use std::process::{Command, ExitCode, Stdio};
 
-use taktil::run::{self, Options};
+use taktil_lab_command::run::{self, Options};
 use taktil_machine::operator::Remote;
 use taktil_record::{Log, METADATA_RESULT};
 use taktil_signal::{ControlState, Typed};

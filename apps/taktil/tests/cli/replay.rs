@@ -4,8 +4,8 @@
 use std::path::PathBuf;
 
 use serde_json::Value;
-use taktil::run::assemble::assemble;
-use taktil::run::scene::Scene;
+use taktil_lab_scene::assemble::assemble;
+use taktil_lab_scene::scene::Scene;
 use taktil_machine::tape::EncoderEntry;
 use taktil_record::{Log, METADATA_RUN, McapLog};
 use taktil_rtcore::record::{Observer, Record};

@@ -173,8 +173,8 @@ fn key_maps_and_devices_that_cannot_be_used_are_refused() {
 
 /// The bytes that a keyboard's event device gives.
 fn event(code: evdev::KeyCode, down: bool) -> Vec<u8> {
-    let key = taktil::keys::events::bytes(1, code.0, i32::from(down));
-    [key, taktil::keys::events::bytes(0, 0, 0)].concat()
+    let key = taktil_lab_command::keys::events::bytes(1, code.0, i32::from(down));
+    [key, taktil_lab_command::keys::events::bytes(0, 0, 0)].concat()
 }
 
 #[test]
@@ -199,7 +199,7 @@ fn events_through_a_pipe_move_the_arm_until_the_pipe_ends() {
     let hung = joints(&folder);
     assert!(hung[4] < before[4] - 0.5, "{before:?} {hung:?}");
     // The key repeats: it is held, and the arm goes on as long as it does.
-    let repeat = taktil::keys::events::bytes(1, KeyCode::KEY_G.0, 2);
+    let repeat = taktil_lab_command::keys::events::bytes(1, KeyCode::KEY_G.0, 2);
     let gone = (0..1000).any(|_| {
         wire.write_all(&repeat).unwrap();
         std::thread::sleep(std::time::Duration::from_millis(33));
@@ -240,7 +240,7 @@ fn a_hand_that_hangs_with_keys_held_is_silence() {
     let mut wire = std::fs::OpenOptions::new().write(true).open(&pipe).unwrap();
     let before = joints(&folder);
     wire.write_all(&event(KeyCode::KEY_G, true)).unwrap();
-    let repeat = taktil::keys::events::bytes(1, KeyCode::KEY_G.0, 2);
+    let repeat = taktil_lab_command::keys::events::bytes(1, KeyCode::KEY_G.0, 2);
     let moving = (0..1000).any(|_| {
         wire.write_all(&repeat).unwrap();
         std::thread::sleep(std::time::Duration::from_millis(30));

@@ -1,0 +1,223 @@
+//! Chains of small tasks on one lane: a source, hops that pass a value on, a sink. Refuses to do
+//! anything in a task that the executor would not see: what is timed is the executor.
+
+use core::hint::black_box;
+
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{
+    Builder, Cycle, FaultCode, Input, Invalid, Io, LaneSpec, Machine, Nanos, Output, Payload,
+    Ports, Recording, Task, bare,
+};
+
+taktil_rtcore::payload! {
+    /// A small value: one integer.
+    pub struct Small {
+        /// Counts up.
+        pub count: i32,
+    }
+}
+
+taktil_rtcore::payload! {
+    /// What a joint servo passes on: six numbers.
+    pub struct Joints {
+        /// Angles, rad.
+        pub q_rad: [f64; 6],
+    }
+}
+
+/// A payload that a source can make.
+pub trait Counted: Payload {
+    /// The value of job `tick`.
+    fn of(tick: u64) -> Self;
+}
+
+impl Counted for Small {
+    fn of(tick: u64) -> Small {
+        #[expect(clippy::cast_possible_truncation, reason = "any number will do")]
+        let count = tick as i32;
+        Small { count }
+    }
+}
+
+impl Counted for Joints {
+    fn of(tick: u64) -> Joints {
+        #[expect(clippy::cast_precision_loss, reason = "any number will do")]
+        let q = tick as f64;
+        Joints { q_rad: [q; 6] }
+    }
+}
+
+struct Source<T>(Output<T>);
+
+impl<T: Counted> Task for Source<T> {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        io.write(&self.0, T::of(cycle.tick));
+        Ok(())
+    }
+}
+
+struct Hop<T>(Input<T>, Output<T>);
+
+impl<T: Payload> Task for Hop<T> {
+    fn step(&mut self, _cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let value = io.read(&self.0).value;
+        io.write(&self.1, value);
+        Ok(())
+    }
+}
+
+struct Sink<T>(Input<T>);
+
+impl<T: Payload> Task for Sink<T> {
+    fn step(&mut self, _cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        black_box(io.read(&self.0).value);
+        Ok(())
+    }
+}
+
+/// Which payload flows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Flow {
+    /// [`Small`].
+    I32,
+    /// [`Joints`].
+    F64x6,
+}
+
+impl Flow {
+    /// As people write it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Flow::I32 => "i32",
+            Flow::F64x6 => "[f64; 6]",
+        }
+    }
+}
+
+/// How a chain is to be run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// Hops between source and sink.
+    pub hops: usize,
+    /// What flows.
+    pub flow: Flow,
+    /// Whether every value is recorded.
+    pub recording: Recording,
+    /// Whether each task is timed, as a lane with budgets does.
+    pub time_tasks: bool,
+}
+
+/// Jobs between two looks at the ring; it holds more.
+pub(super) const BATCH: u64 = 250;
+
+/// A chain, ready to run.
+pub struct Chain {
+    machine: Machine,
+    records: u64,
+}
+
+struct Count(u64);
+
+impl Observer for Count {
+    fn record(&mut self, record: &Record<'_>) {
+        self.0 += black_box(u64::from(!record.body.is_empty()));
+    }
+}
+
+fn build<T: Counted>(shape: Shape) -> Result<Machine, Invalid> {
+    fn boxed<T: Task + 'static>(task: T) -> Result<Box<dyn Task>, Invalid> {
+        Ok(Box::new(task))
+    }
+    let mut builder = Builder::new();
+    builder.recording(shape.recording);
+    if shape.time_tasks {
+        builder.time_tasks();
+    }
+    let lane = builder.lane(LaneSpec::new("chain", Nanos::from_millis(1), 50))?;
+    builder.task(lane, "task0", |ports: &mut Ports| boxed(Source::<T>(ports.output("out"))))?;
+    for n in 1..=shape.hops {
+        builder.task(lane, &format!("task{n}"), |ports: &mut Ports| {
+            boxed(Hop::<T>(ports.input("in"), ports.output("out")))
+        })?;
+        builder.bind(format!("task{n}.in"), format!("task{}.out", n - 1));
+    }
+    builder.task(lane, "sink", |ports: &mut Ports| boxed(Sink::<T>(ports.input("in"))))?;
+    builder.bind("sink.in", format!("task{}.out", shape.hops));
+    builder.build()
+}
+
+impl Chain {
+    /// Builds and starts it.
+    ///
+    /// # Errors
+    /// More hops than a lane has seats.
+    pub fn new(shape: Shape) -> anyhow::Result<Chain> {
+        let machine = match shape.flow {
+            Flow::I32 => build::<Small>(shape),
+            Flow::F64x6 => build::<Joints>(shape),
+        };
+        let mut machine = machine.map_err(|invalid| anyhow::anyhow!("{invalid}"))?;
+        bare::start(&mut machine).map_err(|(task, _)| anyhow::anyhow!("{task} refused"))?;
+        Ok(Chain { machine, records: 0 })
+    }
+
+    /// Runs `cycles` jobs of the lane; records leave it between them, as the carrying thread takes
+    /// them in a live run. `lap` is called with true before each batch of jobs and with false after
+    /// it: what lies between is the lane's time.
+    pub fn run(&mut self, cycles: u64, mut lap: impl FnMut(bool)) {
+        let mut left = cycles;
+        let mut count = Count(0);
+        while left > 0 {
+            let jobs = left.min(BATCH);
+            lap(true);
+            bare::jobs(&mut self.machine, 0, jobs);
+            lap(false);
+            self.drain(&mut count);
+            left -= jobs;
+        }
+        self.records += count.0;
+    }
+
+    /// Runs jobs and leaves their records in the ring.
+    pub(super) fn run_undrained(&mut self, jobs: u64) {
+        bare::jobs(&mut self.machine, 0, jobs);
+    }
+
+    /// Hands what is in the ring to an observer.
+    pub(super) fn drain(&mut self, observer: &mut dyn Observer) {
+        bare::drain(&mut self.machine, observer);
+    }
+
+    /// Records that came out so far.
+    #[must_use]
+    pub fn records(&self) -> u64 {
+        self.records
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_value_is_recorded_or_none() {
+        for (recording, flow) in [(Recording::Values, Flow::I32), (Recording::Off, Flow::F64x6)] {
+            let shape = Shape { hops: 6, flow, recording, time_tasks: false };
+            let mut chain = Chain::new(shape).unwrap();
+            let mut laps = 0;
+            chain.run(1000, |_| laps += 1);
+            assert_eq!(laps, 2 * 1000 / BATCH);
+            // Source, six hops and the lane's health.
+            let expected = if recording == Recording::Values { 8 * 1000 } else { 0 };
+            assert_eq!(chain.records(), expected);
+        }
+    }
+
+    #[test]
+    fn a_chain_longer_than_a_lane_is_refused() {
+        let shape =
+            Shape { hops: 99, flow: Flow::I32, recording: Recording::Off, time_tasks: false };
+        assert!(Chain::new(shape).is_err());
+    }
+}

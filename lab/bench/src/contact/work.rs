@@ -1,0 +1,254 @@
+//! Work against precision: base stress of a tilted bar by every method, time beside error.
+//! Refuses to be a gate: times differ from run to run.
+
+use std::fmt::Write;
+use std::hint::black_box;
+
+use taktil_contact::fem::{Elements, Kind, Mesh};
+use taktil_contact::layer::Layer;
+use taktil_contact::plane::bed::Bed;
+use taktil_contact::plane::chart::Chart;
+use taktil_contact::plane::features::moments;
+use taktil_contact::plane::grip::{Drive, Grip, Law};
+use taktil_contact::plane::{Friction, Indenter, Level, Load, PointForce, Shape, Spectrum};
+
+use super::statements::{layer, plainly};
+use super::{bricks, rolls};
+use crate::measure::Watch;
+
+const WIDTH: f64 = 12.7;
+const SHAPE: Shape = Shape::Flat { width_mm: WIDTH, height_mm: 6.35 };
+const LOAD: Load = Load { p_n_mm: 0.7, q_n_mm: 0.25 };
+
+pub(super) fn best_us(rounds: u32, mut call: impl FnMut(u32)) -> f64 {
+    let mut best = f64::INFINITY;
+    for round in 0..rounds {
+        let mut watch = Watch::default();
+        watch.lap(true);
+        call(round);
+        watch.lap(false);
+        best = best.min(watch.total().0 as f64 * 1e-3);
+    }
+    best
+}
+
+/// Base stress of the finest level at some places.
+pub(super) struct Truth {
+    pub(super) x: Vec<f64>,
+    szz: Vec<f64>,
+    pub(super) peak: f64,
+}
+
+impl Truth {
+    /// Under so many point forces on a layer, with the places 20 mm wide about 0.
+    pub(super) fn of(layer: &Layer, forces: &[PointForce]) -> Self {
+        let stress = Spectrum::new(layer, forces, 0.8, 30.0);
+        let x: Vec<f64> = (-80..=80).map(|i| 0.125 * f64::from(i)).collect();
+        let szz: Vec<f64> = x.iter().map(|x| stress.szz(*x)).collect();
+        let peak = szz.iter().fold(0.0_f64, |most, s| most.max(-s));
+        Self { x, szz, peak }
+    }
+
+    /// Largest difference over the peak.
+    pub(super) fn error(&self, of: impl Fn(f64) -> f64) -> f64 {
+        let off = self.x.iter().zip(&self.szz).map(|(x, s)| (of(*x) - s).abs());
+        off.fold(0.0, f64::max) / self.peak
+    }
+}
+
+/// The table.
+///
+/// # Errors
+/// What the contact modules refuse: none of it with these numbers.
+pub(super) fn table() -> anyhow::Result<String> {
+    let mut out = String::from(
+        "tilted bar W = 12.7, t = 0.8, nu = 0.49, (P, Q) = (0.7, 0.25), frictionless, base s_zz\n\
+         method | error/peak | us warm | us cold | us tables\n",
+    );
+    let layer = layer(0.8, 0.49)?;
+    let mut fine = Indenter::new(&layer, SHAPE, Friction::None, Level::Fine).map_err(plainly)?;
+    fine.press(&LOAD)?;
+    let truth = Truth::of(&layer, &fine.point_forces(0.8));
+    for level in [Level::Fast, Level::Default, Level::Fine] {
+        spectral(&mut out, level, &truth)?;
+    }
+    charted(&mut out, &truth)?;
+    for cells in [48, 96, 192] {
+        on_cells(&mut out, cells, &truth)?;
+    }
+    for (nx, nz, order) in
+        [(64, 4, 1), (128, 8, 1), (256, 16, 1), (32, 2, 2), (64, 4, 2), (128, 8, 2), (400, 8, 2)]
+    {
+        on_mesh(&mut out, [nx, nz, order], &truth)?;
+    }
+    rolls::table(&mut out)?;
+    bricks::table(&mut out)?;
+    Ok(out)
+}
+
+/// Never twice the same, and never the load itself: a contact that is there already costs nothing.
+fn nudged(round: u32) -> Load {
+    let f = 1.002 + 0.002 * f64::from(round % 5);
+    Load { p_n_mm: LOAD.p_n_mm, q_n_mm: LOAD.q_n_mm * f }
+}
+
+fn spectral(out: &mut String, level: Level, truth: &Truth) -> anyhow::Result<()> {
+    let layer = layer(0.8, 0.49)?;
+    let tables = best_us(3, |_| {
+        black_box(Indenter::new(&layer, SHAPE, Friction::None, level).is_ok());
+    });
+    let mut body = Indenter::new(&layer, SHAPE, Friction::None, level).map_err(plainly)?;
+    body.press(&LOAD)?;
+    let stress = Spectrum::new(&layer, &body.point_forces(0.8), 0.8, 30.0);
+    let error = truth.error(|x| stress.szz(x));
+    let warm = best_us(200, |round| {
+        black_box(body.press(&nudged(round)).is_ok());
+    });
+    let cold = best_us(50, |round| {
+        body.forget();
+        black_box(body.press(&nudged(round)).is_ok());
+    });
+    writeln!(out, "spectral {level:?} | {error:.1e} | {warm:.1} | {cold:.1} | {tables:.0}")?;
+    Ok(())
+}
+
+/// The bar's chart: no warm and no cold start, so one time; then with the stress at all places.
+fn charted(out: &mut String, truth: &Truth) -> anyhow::Result<()> {
+    const CALLS: u32 = 1000;
+    let (layer, size) = (layer(0.8, 0.49)?, (WIDTH, 6.35));
+    let make = |x: &[f64]| Chart::new(&layer, size, Friction::None, x);
+    let tables = best_us(1, |_| {
+        black_box(make(&truth.x).is_ok());
+    });
+    let mut chart = make(&truth.x).map_err(plainly)?;
+    chart.press(&LOAD)?;
+    let mut szz = vec![0.0; truth.x.len()];
+    chart.base_szz_mpa(&mut szz);
+    let off = szz.iter().zip(&truth.szz).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let error = off / truth.peak;
+    let mut many = |stress: bool| {
+        let whole = best_us(50, |_| {
+            for round in 0..CALLS {
+                black_box(chart.press(&nudged(round)).is_ok());
+                if stress {
+                    chart.base_szz_mpa(black_box(&mut szz));
+                }
+            }
+        });
+        whole / f64::from(CALLS)
+    };
+    let (alone, all) = (many(false), many(true));
+    writeln!(
+        out,
+        "chart | {error:.1e} | {alone:.3} | {alone:.3} | {tables:.0} (with the stress at {} \
+         places: {all:.2})",
+        truth.x.len()
+    )?;
+    Ok(())
+}
+
+fn face(x: f64) -> f64 {
+    if x.abs() < 0.5 * WIDTH + 1e-6 { 0.0 } else { f64::INFINITY }
+}
+
+/// A profile on a bed, nothing touching.
+pub(super) fn grip_of(bed: Bed, height_mm: impl Fn(f64) -> f64) -> anyhow::Result<Grip> {
+    let heights = bed.x_mm.iter().map(|x| height_mm(*x)).collect();
+    Grip::new(bed, heights, Law::Free).map_err(plainly)
+}
+
+/// Times from the contact before and from none, the last step under a drive without a round.
+pub(super) fn timed(
+    grip: &mut Grip,
+    drive: impl Fn(Option<u32>) -> Drive,
+) -> anyhow::Result<[f64; 2]> {
+    let fresh = grip.clone();
+    let cold = best_us(3, |_| {
+        let mut grip = fresh.clone();
+        black_box(grip.step(&drive(None)).is_ok());
+    });
+    grip.step(&drive(None))?;
+    let warm = best_us(10, |round| {
+        black_box(grip.step(&drive(Some(round))).is_ok());
+    });
+    grip.step(&drive(None))?;
+    Ok([warm, cold])
+}
+
+fn pushed(round: Option<u32>) -> Drive {
+    Drive::Loads { load: round.map_or(LOAD, nudged), height_mm: 6.35 }
+}
+
+fn on_cells(out: &mut String, n: u32, truth: &Truth) -> anyhow::Result<()> {
+    let layer = layer(0.8, 0.49)?;
+    let angle = |i: u32| core::f64::consts::PI * f64::from(i) / f64::from(n);
+    let edges: Vec<f64> = (0..=n).map(|i| -0.5 * WIDTH * libm::cos(angle(i))).collect();
+    let tables = best_us(2, |_| {
+        black_box(Bed::of_layer(&layer, &edges).is_ok());
+    });
+    let mut grip = grip_of(Bed::of_layer(&layer, &edges).map_err(plainly)?, face)?;
+    let [warm, cold] = timed(&mut grip, pushed)?;
+    let forces: Vec<[f64; 3]> =
+        grip.bed().x_mm.iter().zip(grip.normal_n_mm()).map(|(x, p)| [*x, *p, 0.0]).collect();
+    let stress = Spectrum::new(&layer, &forces, 0.8, 30.0);
+    let error = truth.error(|x| stress.szz(x));
+    let m1 = moments(&layer, &forces, 0.8).m[1] + 6.35 * LOAD.q_n_mm;
+    writeln!(
+        out,
+        "cells {n} | {error:.1e} (M1 off {m1:.0e}) | {warm:.0} | {cold:.0} | {tables:.0}"
+    )?;
+    Ok(())
+}
+
+fn on_mesh(out: &mut String, cut: [usize; 3], truth: &Truth) -> anyhow::Result<()> {
+    let meshed = Meshed::new(cut)?;
+    let mut grip = grip_of(meshed.body.bed().map_err(plainly)?, face)?;
+    let [warm, cold] = timed(&mut grip, pushed)?;
+    let error = meshed.error(&grip, truth)?;
+    let forces = vec![[0.0, -0.01]; meshed.body.mesh().columns()];
+    let mut again = meshed.body.response();
+    let load = best_us(50, |_| meshed.body.solve(black_box(&forces), &mut again));
+    let (name, tables) = (meshed.name, meshed.tables_us);
+    writeln!(
+        out,
+        "{name} | {error:.1e} | {warm:.0} | {cold:.0} | {tables:.0} (one load, factored: \
+         {load:.1})"
+    )?;
+    Ok(())
+}
+
+/// A layer 25.4 mm wide of so many elements along and deep, of an order.
+pub(super) struct Meshed {
+    pub(super) name: String,
+    pub(super) body: Elements,
+    /// Factor and compliances of the surface.
+    pub(super) tables_us: f64,
+}
+
+impl Meshed {
+    pub(super) fn new([nx, nz, order]: [usize; 3]) -> anyhow::Result<Self> {
+        let layer = layer(0.8, 0.49)?;
+        let equal = Mesh::uniform(25.4, 0.8, nx, nz).map_err(plainly)?;
+        let mesh = Mesh::over([&equal.line_mm(0), &equal.line_mm(1)], order).map_err(plainly)?;
+        let kind = Kind::MeanDilatation;
+        let body = Elements::new(&layer, mesh.clone(), kind).map_err(plainly)?;
+        let tables_us = best_us(1, |_| {
+            let made = Elements::new(&layer, mesh.clone(), kind).and_then(|body| body.bed());
+            black_box(made.is_ok());
+        });
+        let name = format!("elements {nx} x {nz}, order {order}");
+        Ok(Self { name, body, tables_us })
+    }
+
+    /// Of the base stress under what a grip carries.
+    pub(super) fn error(&self, grip: &Grip, truth: &Truth) -> anyhow::Result<f64> {
+        let forces = (grip.normal_n_mm(), grip.tangential_n_mm());
+        let response = self.body.under(forces.0, forces.1).map_err(plainly)?;
+        let (places, szz) = (self.body.mesh().row_mm(0), self.body.base_szz_mpa(&response));
+        Ok(truth.error(|x| {
+            let right = places.partition_point(|place| *place < x).clamp(1, places.len() - 1);
+            let s = (x - places[right - 1]) / (places[right] - places[right - 1]);
+            szz[right - 1] * (1.0 - s) + szz[right] * s
+        }))
+    }
+}

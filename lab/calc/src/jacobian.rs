@@ -1,0 +1,406 @@
+//! Calc operation `feature_jacobian`: derivatives of a contact's features with respect to motions
+//! of the indenter, at a `contact_2d` or a `contact_3d` request. Refuses features that the other of
+//! the two has, and what the contact itself refuses; what is undefined is null.
+
+use taktil_contact::layer::Layer;
+use taktil_contact::plane::grip::{Grip, Law};
+use taktil_contact::plane::rates::{self, Image, Rate};
+use taktil_contact::plane::{Indenter, Level, Load, Mode};
+use taktil_contact::space::jacobian::{Feature, Motion, condition, feature_jacobian as in_space};
+
+use super::answer::Answer;
+use super::differences::differences;
+use super::field::{Failure, Field, Kind, Need};
+use super::indent::{self, Held, Solved, Stress};
+use super::nodes::Nodes;
+use super::request::Args;
+use super::{Operation, meshed, plane, space};
+
+/// An error in parts of the difference to half as many places: at first order, which an edge
+/// between places or a corner leaves, it is one of them; here as if at order 0.6.
+const COARSER: f64 = 2.0;
+
+/// Names of features in three dimensions, the thesis's beside ours.
+const SPACE: &[(&str, Feature)] = &[
+    ("M0", Feature::M0),
+    ("m0", Feature::M0),
+    ("My", Feature::My),
+    ("m_y", Feature::My),
+    ("Mx", Feature::Mx),
+    ("m_x", Feature::Mx),
+    ("xc", Feature::Xc),
+    ("x_c", Feature::Xc),
+    ("yc", Feature::Yc),
+    ("y_c", Feature::Yc),
+    ("mu_xx", Feature::MuXx),
+    ("mu_xy", Feature::MuXy),
+    ("mu_yy", Feature::MuYy),
+    ("theta_long_rad", Feature::ThetaLong),
+    ("theta_z", Feature::ThetaLong),
+];
+
+/// Names of features in plane strain; `_c` of the compressive part.
+const PLANE: &[(&str, rates::Feature)] = &[
+    ("m0", rates::Feature::Moment(0)),
+    ("M0", rates::Feature::Moment(0)),
+    ("m1", rates::Feature::Moment(1)),
+    ("m2", rates::Feature::Moment(2)),
+    ("m3", rates::Feature::Moment(3)),
+    ("x_c", rates::Feature::Centroid),
+    ("xc", rates::Feature::Centroid),
+    ("m0_c", rates::Feature::CompressiveMoment(0)),
+    ("m1_c", rates::Feature::CompressiveMoment(1)),
+    ("m2_c", rates::Feature::CompressiveMoment(2)),
+    ("m3_c", rates::Feature::CompressiveMoment(3)),
+    ("x_c_c", rates::Feature::CompressiveCentroid),
+    ("xc_c", rates::Feature::CompressiveCentroid),
+    ("x_peak", rates::Feature::PeakPlace),
+    ("szz_peak", rates::Feature::PeakStress),
+];
+
+const FEATURES: &[&str] = &[
+    "M0",
+    "My",
+    "Mx",
+    "xc",
+    "yc",
+    "mu_xx",
+    "mu_xy",
+    "mu_yy",
+    "theta_long_rad",
+    "m0",
+    "m_y",
+    "m_x",
+    "x_c",
+    "y_c",
+    "theta_z",
+    "m1",
+    "m2",
+    "m3",
+    "m0_c",
+    "m1_c",
+    "m2_c",
+    "m3_c",
+    "x_c_c",
+    "xc_c",
+    "x_peak",
+    "szz_peak",
+];
+const MOTIONS: &[&str] = &["dx", "dy", "dz", "rx", "ry", "rz"];
+
+/// What this subject offers.
+pub(super) const OPERATIONS: &[Operation] = &[Operation {
+    name: "feature_jacobian",
+    doc: "Derivatives of a contact's features with respect to motions of the indenter, the other \
+          motions held, at a `contact_2d` or a `contact_3d` request. In plane strain they are \
+          exact; on cells and elements (a profile, {coulomb}, a bar's stick, fem) differences. \
+          Where it slides freely (none, prop) dx takes the contact along over the layer; where it \
+          is held (stick, {coulomb}) dx shears it, at fixed contact if it is a glued cylinder, \
+          whose dz is that of `contact_2d` by `move`: pressed deeper, then moved along by the \
+          same dx. Under {coulomb} and on profiles dz goes on from the contact as it is.",
+    fields: &[
+        Field::new(
+            "contact",
+            Kind::Request,
+            "",
+            Need::Required,
+            "A contact_2d or contact_3d request; without `op` a contact_3d.",
+        ),
+        Field::new(
+            "features",
+            Kind::Names(FEATURES),
+            "",
+            Need::Optional,
+            "Rows; names of the thesis mean the same. Absent: m0, m1; in 3-D xc, M0, Mx, \
+             theta_long_rad.",
+        ),
+        Field::new(
+            "motions",
+            Kind::Names(MOTIONS),
+            "mm, rad",
+            Need::Optional,
+            "Columns: dx, dy along the array, dz into the layer, turns about x, y, z (up) through \
+             the indenter's origin, a round one's about its own axis. Absent: dx, dz; in 3-D dx, \
+             dz, rx, rz.",
+        ),
+    ],
+    answers: &[
+        ("j", "[features*motions] row by row; null where undefined"),
+        ("condition", "largest over smallest singular value, or null"),
+        (
+            "error_estimate",
+            "[features*motions] what the entry may be off by: in plane strain its difference to \
+             another level or to more points; on cells and elements the largest of twice its \
+             difference to half as many, of that to the entry where one place more, or less, \
+             touches or sticks (the edge is known to one place), and of half of what both sides of \
+             the difference differ by; null as in `j`, or not known, as on one or two places",
+        ),
+        ("p_n_mm, q_n_mm", "N/mm, of a contact_2d"),
+        ("force_n", "N, or N/mm without ends, of a contact_3d"),
+        ("delta_mm", "mm, null for an edge"),
+    ],
+    run: jacobian,
+}];
+
+fn within(failure: Failure) -> Failure {
+    Failure { field: failure.field.map(|field| format!("contact.{field}")), ..failure }
+}
+
+/// The rows or columns asked for, or what stands for none.
+fn named<T: Copy>(
+    args: &Args,
+    list: &str,
+    known: &[(&'static str, T)],
+    absent: &[&str],
+) -> Result<Vec<T>, Failure> {
+    let names = if args.has(list) { args.names(list)? } else { absent };
+    if names.is_empty() {
+        let what = format!("`{list}`: the list is empty; name at least one");
+        return Err(Failure::range(list, what));
+    }
+    let one = |(i, name): (usize, &&str)| {
+        let found = known.iter().find(|(known, _)| known == name);
+        found.map(|(_, value)| *value).ok_or_else(|| {
+            let place = format!("{list}[{i}]");
+            let all: Vec<&str> = known.iter().map(|(known, _)| *known).collect();
+            let what = format!("`{place}` is \"{name}\"; this contact has: {}", all.join(", "));
+            Failure::new("unknown_value", Some(&place), what)
+        })
+    };
+    names.iter().enumerate().map(one).collect()
+}
+
+const SPACE_MOTIONS: [(&str, Motion); 6] = [
+    ("dx", Motion::X),
+    ("dy", Motion::Y),
+    ("dz", Motion::Z),
+    ("rx", Motion::RotX),
+    ("ry", Motion::RotY),
+    ("rz", Motion::RotZ),
+];
+
+fn jacobian(args: &Args) -> Result<Answer, Failure> {
+    let known = [("contact_3d", space::CONTACT), ("contact_2d", plane::CONTACT)];
+    let (op, contact) = args.request("contact", &known)?;
+    if op == "contact_2d" {
+        return in_plane(args, &contact);
+    }
+    let features = named(args, "features", SPACE, &["xc", "M0", "Mx", "theta_long_rad"])?;
+    let motions = named(args, "motions", &SPACE_MOTIONS, &["dx", "dz", "rx", "rz"])?;
+    let space::Request { mut scene, drive, pose, shape } =
+        space::Request::of(&contact).map_err(within)?;
+    let found = args
+        .timed(|| in_space(&mut scene, drive, pose, &features, &motions))
+        .map_err(|invalid| within(space::failure(&invalid, shape)))?;
+    let mut out = Answer::new();
+    out.gaps("j", found.values);
+    out.maybe("condition", found.condition);
+    out.gaps("error_estimate", found.errors);
+    out.number("force_n", found.touch.force_n);
+    out.maybe("delta_mm", found.touch.penetration_mm);
+    Ok(out)
+}
+
+/// Derivatives of all features with respect to one motion, and their errors.
+#[derive(Default)]
+pub(super) struct Column {
+    pub(super) values: Vec<Option<f64>>,
+    pub(super) errors: Vec<Option<f64>>,
+}
+
+impl Column {
+    fn undefined(count: usize) -> Self {
+        Self { values: vec![None; count], errors: vec![None; count] }
+    }
+
+    /// What another column, of half as many places, differs by is an error as well; without one
+    /// none is known.
+    fn or_coarser(mut self, other: Option<&Column>) -> Self {
+        for (i, error) in self.errors.iter_mut().enumerate() {
+            let pair = other.and_then(|other| other.values[i]).zip(self.values[i]);
+            *error = error.zip(pair).map(|(error, (a, b))| error.max(COARSER * (a - b).abs()));
+        }
+        self
+    }
+
+    fn exact(values: Vec<Option<f64>>) -> Self {
+        let errors = values.iter().map(|value| value.map(|_| 0.0)).collect();
+        Self { values, errors }
+    }
+
+    /// The values, with what a second way of computing them differs by.
+    fn beside(values: Vec<Option<f64>>, other: &[Option<f64>]) -> Self {
+        let errors = values.iter().zip(other).map(|(a, b)| Some(((*a)? - (*b)?).abs()));
+        Self { errors: errors.collect(), values }
+    }
+}
+
+fn in_plane(args: &Args, contact: &Args) -> Result<Answer, Failure> {
+    let features = named(args, "features", PLANE, &["m0", "m1"])?;
+    let motions = named(args, "motions", &SPACE_MOTIONS, &["dx", "dz"])?;
+    let (layer, _, depth) = plane::under(contact).map_err(within)?;
+    let at = |halved: u32| indent::solve(contact, &layer, depth, &[], halved);
+    let solved = at(0).map_err(within)?;
+    let found = (solved.contact, solved.descends);
+    let on_places = matches!(solved.held, Held::Cells(..) | Held::Mesh(..) | Held::MeshLine);
+    let moved = |solved| Moved { layer, depth, features: &features, solved };
+    let mut coarser = if on_places { at(1).ok().map(moved) } else { None };
+    let mut moved = moved(solved);
+    let mut column = |motion: Motion| {
+        let column = moved.column(motion)?;
+        if !on_places {
+            return Ok(column);
+        }
+        let other = coarser.as_mut().and_then(|coarser| coarser.column(motion).ok());
+        Ok(column.or_coarser(other.as_ref()))
+    };
+    let columns = args
+        .timed(|| motions.iter().map(|motion| column(*motion)).collect::<Result<Vec<_>, _>>())
+        .map_err(within)?;
+    let flat = |of: fn(&Column) -> &Vec<Option<f64>>| -> Vec<Option<f64>> {
+        let row = |row: usize| columns.iter().map(move |column| of(column)[row]);
+        (0..features.len()).flat_map(row).collect()
+    };
+    let values = flat(|column| &column.values);
+    let mut out = Answer::new();
+    out.maybe("condition", condition(&values, motions.len()));
+    out.gaps("j", values);
+    out.gaps("error_estimate", flat(|column| &column.errors));
+    out.number("p_n_mm", found.0.p_n_mm);
+    out.number("q_n_mm", found.0.q_n_mm);
+    out.maybe("delta_mm", found.1.then_some(found.0.delta_mm));
+    Ok(out)
+}
+
+/// A contact in plane strain that is moved on.
+struct Moved<'a> {
+    layer: Layer,
+    depth: f64,
+    features: &'a [rates::Feature],
+    solved: Solved,
+}
+
+impl Moved<'_> {
+    fn column(&mut self, motion: Motion) -> Result<Column, Failure> {
+        let none = Column::undefined(self.features.len());
+        if self.solved.contact.mode == Mode::Open {
+            return Ok(none);
+        }
+        let motion = match motion {
+            Motion::X => rates::Motion::X,
+            Motion::Z => rates::Motion::Z,
+            Motion::RotY => rates::Motion::RotY,
+            // Plane strain is the same all along y, and does not know the other turns.
+            Motion::Y => return Ok(Column::exact(self.still())),
+            Motion::RotX | Motion::RotZ => return Ok(none),
+        };
+        let slide = motion == rates::Motion::X;
+        let symmetric = self.solved.symmetric;
+        let (layer, depth, features) = (self.layer, self.depth, self.features);
+        let image = |forces: &[[f64; 3]]| Image::new(&layer, forces, depth, symmetric);
+        let shift = Rate { forces: Vec::new(), shift: 1.0 };
+        match (&mut self.solved.held, &self.solved.stress) {
+            (Held::Line | Held::MeshLine, _) if !slide => Ok(none),
+            (Held::Spectral(indenter), _) => spectral(indenter, motion, features, depth, symmetric),
+            (Held::Glued(held, shape, dx), Stress::Points(forces)) => {
+                let image = image(forces);
+                let rate = |more| held.rate_moved(*shape, motion, *dx, more);
+                let [some, more] = [1, 2].map(|n| image.derivatives(&rate(n), features));
+                Ok(Column::beside(some, &more))
+            }
+            (Held::Cells(_, Law::Free | Law::Proportional(_)) | Held::Line, stress) if slide => {
+                let Stress::Points(forces) = stress else { return Ok(none) };
+                Ok(Column::exact(image(forces).derivatives(&shift, features)))
+            }
+            (Held::Mesh(_, Law::Free | Law::Proportional(_)) | Held::MeshLine, stress) if slide => {
+                let Stress::Nodes(nodes) = stress else { return Ok(none) };
+                Ok(Column::exact(shifted(nodes, features)))
+            }
+            (Held::Cells(grip, _), _) => {
+                let measure = |grip: &Grip| Ok(image(&forces_of(grip)).features(features));
+                differences(grip, motion, measure)
+            }
+            (Held::Mesh(both, _), _) => {
+                let (grip, body) = &**both;
+                let measure = |grip: &Grip| {
+                    let nodes = meshed::base(body, grip.normal_n_mm(), grip.tangential_n_mm())?;
+                    Ok(measured(&nodes, features))
+                };
+                differences(grip, motion, measure)
+            }
+            _ => Ok(none),
+        }
+    }
+
+    /// No change, of what is defined.
+    fn still(&self) -> Vec<Option<f64>> {
+        let features = match &self.solved.stress {
+            Stress::Points(forces) => {
+                Image::new(&self.layer, forces, self.depth, false).features(self.features)
+            }
+            Stress::Nodes(nodes) => measured(nodes, self.features),
+        };
+        features.iter().map(|feature| feature.map(|_| 0.0)).collect()
+    }
+}
+
+/// Exact derivatives; their error is the difference to those of another level.
+fn spectral(
+    indenter: &mut Indenter,
+    motion: rates::Motion,
+    features: &[rates::Feature],
+    depth: f64,
+    symmetric: bool,
+) -> Result<Column, Failure> {
+    let contact = *indenter.contact();
+    let other = if indenter.level() == Level::Default { Level::Fine } else { Level::Default };
+    let mut beside = indenter.at_level(other).map_err(|invalid| indent::failure(&invalid))?;
+    let load = Load { p_n_mm: contact.p_n_mm, q_n_mm: contact.q_n_mm };
+    beside.press(&load).map_err(indent::refused)?;
+    let of = |indenter: &mut Indenter| {
+        let forces = indenter.point_forces(depth);
+        let image = Image::new(indenter.layer(), &forces, depth, symmetric);
+        let rate = indenter.rate(motion, depth).map_err(indent::refused)?;
+        Ok(match rate {
+            Some(rate) => image.derivatives(&rate, features),
+            None => vec![None; features.len()],
+        })
+    };
+    let values = of(indenter)?;
+    let other = of(&mut beside)?;
+    Ok(Column::beside(values, &other))
+}
+
+fn forces_of(grip: &Grip) -> Vec<[f64; 3]> {
+    let places = grip.bed().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
+    places.map(|((x, p), q)| [*x, *p, *q]).collect()
+}
+
+fn measured(nodes: &Nodes, features: &[rates::Feature]) -> Vec<Option<f64>> {
+    let (full, part) = (nodes.moments(false), nodes.compressive(&[]));
+    let one = |feature: &rates::Feature| match *feature {
+        rates::Feature::Moment(order) => full.m.get(order).copied(),
+        rates::Feature::Centroid => full.centroid_mm(),
+        rates::Feature::CompressiveMoment(order) => part.moments.m.get(order).copied(),
+        rates::Feature::CompressiveCentroid => part.moments.centroid_mm(),
+        rates::Feature::PeakPlace => Some(part.x_peak_mm),
+        rates::Feature::PeakStress => Some(part.szz_peak_mpa),
+    };
+    features.iter().map(one).collect()
+}
+
+/// A slide over a mesh, taken as over a layer without ends.
+fn shifted(nodes: &Nodes, features: &[rates::Feature]) -> Vec<Option<f64>> {
+    let (full, part) = (nodes.moments(false).m, nodes.compressive(&[]).moments.m);
+    let power = |m: &[f64; 4], order: usize| match order {
+        0 => Some(0.0),
+        _ => m.get(order - 1).map(|below| order as f64 * below),
+    };
+    let one = |feature: &rates::Feature| match *feature {
+        rates::Feature::Moment(order) => power(&full, order),
+        rates::Feature::CompressiveMoment(order) => power(&part, order),
+        rates::Feature::PeakStress => Some(0.0),
+        _ => Some(1.0),
+    };
+    features.iter().map(one).collect()
+}

@@ -1,0 +1,317 @@
+//! The command line: what can be asked, and the exit codes: 0 ok, 1 failed, 2 bad input. Refuses to
+//! do the work itself.
+
+use std::io::{BufReader, BufWriter, IsTerminal};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use taktil_lab_experiment::Experiments;
+use taktil_lab_host::doctor;
+use taktil_lab_host::jitter::{self, JitterArgs};
+use taktil_lab_identify::Identify;
+use taktil_lab_identify::calibrate::{self, Calibrate};
+use taktil_lab_plot::PlotArgs;
+use taktil_machine::operator::socket::SERVICE_SOCKET;
+use taktil_machine::own::{self, OwnTask};
+use taktil_machine::source::Located;
+use taktil_machine_console::option::BadOption;
+use taktil_machine_console::out;
+
+use crate::arm::{self, ArmArgs};
+use crate::bench::{self, Bench};
+use crate::run::{self, Options};
+use crate::scenes::{self, SceneArgs};
+use crate::sim::{self, Sim};
+use crate::{diff, keys, postmortem, replay, tell};
+
+/// Exit code for input that cannot be used.
+const BAD_INPUT: u8 = 2;
+
+/// Hard real-time robot control with touch: run the stack on a simulated robot, look at what
+/// happened, use its mathematics.
+#[derive(Parser, Debug)]
+#[command(
+    name = "taktil",
+    version,
+    after_help = "\
+Start here:
+  taktil run sim/scenes/roll-pin.toml                a PUMA 260 rolls a pin by touch, live, 10 s
+  taktil run sim/scenes/roll-pin.toml --fast         in virtual time, repeatable bit for bit
+  taktil run sim/scenes/roll-pin.toml --report out   and a page with pictures: out/report.html
+  echo '{\"op\":\"fk\",\"q\":[0,0.7,-2.7,-3.1,1.2,3.1]}' | taktil calc
+
+Exit codes: 0 ok, 1 it failed or the answer is no, 2 bad input, 130 ended by a second Ctrl-C;
+what else they mean stands in the help of each command."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand, Debug)]
+enum Command {
+    /// Run the whole stack on the simulated robot of a scene.
+    ///
+    /// Live by default: one SCHED_FIFO thread a lane, on the kernel's clock. Where the right to
+    /// SCHED_FIFO is missing the run says so, marks every timing figure and goes on. With --fast
+    /// all lanes share one thread in virtual time: same values, same digest. Exit code 0: no fault,
+    /// also when Ctrl-C ended it; 1: a fault was latched, a task hung, the contract did not hold,
+    /// or what was asked for could not be written; 2: bad input.
+    Run {
+        /// Scene file (TOML); see sim/scenes
+        scene: PathBuf,
+        /// Virtual time: as fast as the processor allows, repeatable bit for bit
+        #[arg(long)]
+        fast: bool,
+        /// Seed of all noise, instead of the scene's
+        #[arg(long, value_name = "N", allow_negative_numbers = true)]
+        seed: Option<u64>,
+        /// Simulated seconds, instead of the scene's
+        #[arg(long = "for", value_name = "S", allow_negative_numbers = true)]
+        for_s: Option<f64>,
+        /// Record every port value to this MCAP file
+        #[arg(long, value_name = "F.mcap")]
+        log: Option<PathBuf>,
+        /// Write report.html with figures into this folder (and run.mcap unless --log says where)
+        #[arg(long, value_name = "DIR")]
+        report: Option<PathBuf>,
+        /// Keep the newest ten seconds of every lane in this file in memory (/dev/shm, /run)
+        #[arg(long, value_name = "FILE")]
+        flight: Option<PathBuf>,
+        /// Listen to an operator at this Unix-domain socket: `taktil tell`, `taktil move`
+        #[arg(long, value_name = "SOCKET")]
+        operator: Option<PathBuf>,
+        /// One JSON object on standard output instead of the table
+        #[arg(long)]
+        json: bool,
+        /// Do not run: print when each lane is released and whether it can meet its deadline
+        #[arg(long)]
+        plan: bool,
+    },
+    /// Check scene files without running them; print what may stand in one.
+    Scene(SceneArgs),
+    /// Digests of simulated runs, and the world of a log at any instant.
+    #[command(subcommand)]
+    Sim(Sim),
+    /// Draw a log as SVG figures, or write its signals as CSV.
+    ///
+    /// Without --what every view that the log allows is made: features, positions, angles,
+    /// tracking, torques, truth, image, timing. A signal such as sense.joints, or one of its fields
+    /// such as sense.joints.q_rad, is a view too. Exit code 0: drawn; 2: no such log, view or
+    /// place.
+    Plot {
+        /// Log file (MCAP) of a run
+        log: PathBuf,
+        /// Views or signals, separated by commas
+        #[arg(long, value_name = "NAME", value_delimiter = ',')]
+        what: Vec<String>,
+        /// Tables (t_s and one column a signal) instead of pictures
+        #[arg(long)]
+        csv: bool,
+        /// Folder to write to, `-` for standard output; a folder beside the log when absent
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+    },
+    /// Compare two logs: the first place where they part, with tick, time, task, field, values.
+    ///
+    /// Signals are compared message by message and bit for bit. Exit code 0: equal; 1: different,
+    /// or equal only as far as a damaged file can be read; 2: not a log.
+    Diff {
+        /// First log (MCAP)
+        a: PathBuf,
+        /// Second log
+        b: PathBuf,
+        /// One JSON object instead of sentences
+        #[arg(long)]
+        json: bool,
+    },
+    /// What a flight recorder kept of a process that has ended, however it ended.
+    ///
+    /// Last jobs and the task that was running, mode, faults, last values. Exit code 0: read; 2: no
+    /// flight recording.
+    Postmortem {
+        /// The recorder's file, or a copy of it
+        file: PathBuf,
+        /// Write all its records as a log too, for plot and diff
+        #[arg(long, value_name = "F.mcap")]
+        log: Option<PathBuf>,
+        /// One JSON object instead of sentences
+        #[arg(long)]
+        json: bool,
+    },
+    /// Run what a log records again, and compare every value, decision and state bit for bit.
+    ///
+    /// Devices answer from the log, and lanes do what they did then: jobs left out and values that
+    /// came late included. Exit code 0: equal; 1: different, with the first place; 2: not a log
+    /// that can be replayed, or one that is not whole.
+    Replay {
+        /// Log file (MCAP) of `taktil run --log` or `taktild --log`
+        log: PathBuf,
+        /// One JSON object instead of sentences
+        #[arg(long)]
+        json: bool,
+        /// Write the repeated run to this MCAP file
+        #[arg(long, value_name = "F.mcap")]
+        out: Option<PathBuf>,
+    },
+    /// Whether this host is fit for real time: what is expected, what was found, what helps.
+    ///
+    /// Changes nothing. Exit code 0: fine; 1: warnings; 2: not fit for motion.
+    Doctor {
+        /// One JSON object instead of the table
+        #[arg(long)]
+        json: bool,
+        /// Judge a recorded tree of /proc and /sys instead of this host; nothing is tried
+        #[arg(long, value_name = "DIR")]
+        root: Option<PathBuf>,
+        /// CPUs that the lanes are to use, such as 2,3; without it the isolated ones
+        #[arg(long, value_name = "LIST")]
+        cpus: Option<String>,
+        /// Print a shell script of the remedies instead of the table; it is never run
+        #[arg(long, conflicts_with = "json")]
+        fix_script: bool,
+    },
+    /// How late this machine releases jobs: empty lanes on the real executor, beside cyclictest.
+    ///
+    /// Exit code 0 however late it is; 2: an option that cannot be used, or no cyclictest.
+    Jitter(JitterArgs),
+    /// Type a move to a running machine: `joint`, `to` or `by`, and numbers.
+    ///
+    /// The machine is in TRAJECTORY/USER (`taktil tell trajectory_user`). Angles in degrees,
+    /// lengths in mm; `to` takes x y z and, if wanted, yaw pitch roll of the downward tool. The
+    /// whole move is looked at before it counts; it is joined to one of its kind under way without
+    /// a stop. Options behind the numbers: `straight`, `in SECONDS`, `now` (instead of what is
+    /// under way). Exit code 0: found good (--wait: done); 1: refused, with joint and time; 2: bad
+    /// input.
+    Move {
+        /// Socket of the run or the service
+        #[arg(long, value_name = "SOCKET", default_value = SERVICE_SOCKET)]
+        at: PathBuf,
+        /// Come back when the moves are done
+        #[arg(long)]
+        wait: bool,
+        /// Such as: by 0 0 20 straight in 2
+        #[arg(required = true, trailing_var_arg = true, allow_hyphen_values = true)]
+        words: Vec<String>,
+    },
+    /// Say something to a running machine, in words, or line by line from standard input.
+    ///
+    /// Words: enable, calibrate, idle, stop and the other verbs of the state machine; move, pause,
+    /// resume, clear, wait; jog FRAME A1 .. A6, release; state. A script ends at the first line
+    /// that is refused. Exit code 0: all granted; 1: something was refused; 2: bad input.
+    Tell {
+        /// Socket of the run or the service
+        #[arg(long, value_name = "SOCKET", default_value = SERVICE_SOCKET)]
+        at: PathBuf,
+        /// Such as: trajectory_user. None: lines from standard input
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        words: Vec<String>,
+    },
+    /// A keyboard or a gamepad as the operator's hand: hold to run, unplug is release.
+    ///
+    /// Held keys are said to the machine every 10 ms; it lets go when it has not heard them for 40.
+    /// A gamepad moves nothing unless its dead-man's switch is held. --list prints the key map.
+    /// Exit code 0: ended by Ctrl-C or the end of the input; 1: the last device or the machine has
+    /// gone; 2: bad input.
+    Keys(keys::KeysArgs),
+    /// The experiments of the thesis over laws and seeds, side by side.
+    #[command(subcommand)]
+    Experiment(Experiments),
+    /// Numbers of the robot from the log of a run.
+    #[command(subcommand)]
+    Identify(Identify),
+    /// Numbers of its sensors from the log of a run.
+    #[command(subcommand)]
+    Calibrate(Calibrate),
+    /// What parts of this program cost, in time and instructions.
+    #[command(subcommand)]
+    Bench(Bench),
+    /// What an arm from a URDF file is taken for, and how its inverse fares on random poses.
+    ///
+    /// Exit code 1: a closed form missed a pose; 2: the file describes no serial chain.
+    Arm(ArmArgs),
+    /// The mathematics as a filter: one JSON request a line on stdin, one JSON answer a line on
+    /// stdout.
+    Calc {
+        /// Print every operation with its fields, units and defaults
+        #[arg(long)]
+        list: bool,
+    },
+}
+
+/// Runs the command line of this process; `tasks` are wired like those of Taktil itself.
+#[must_use]
+pub fn main(tasks: &'static [OwnTask]) -> ExitCode {
+    if let Err(bad) = own::register(tasks) {
+        out::warn(bad);
+        return ExitCode::from(BAD_INPUT);
+    }
+    let cli = Cli::parse();
+    match dispatch(cli.command) {
+        Ok(code) => code,
+        Err(error) => complain(&error),
+    }
+}
+
+fn complain(error: &anyhow::Error) -> ExitCode {
+    if let Some(located) = error.downcast_ref::<Located>() {
+        out::warn(located);
+        return ExitCode::from(BAD_INPUT);
+    }
+    out::warn(format_args!("error: {error:#}"));
+    ExitCode::from(if error.is::<BadOption>() { BAD_INPUT } else { 1 })
+}
+
+fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
+    match command {
+        Command::Run { scene, fast, seed, for_s, log, report, flight, operator, json, plan } => {
+            let options =
+                Options { scene, fast, seed, for_s, log, report, flight, operator, json, plan };
+            run::run(&options)
+        }
+        Command::Scene(arguments) => scenes::run(&arguments),
+        Command::Sim(what) => sim::run(&what),
+        Command::Move { at, wait, words } => {
+            let typed = format!("move {}", words.join(" "));
+            let lines = [typed, "wait".to_owned()];
+            tell::say(&at, lines.into_iter().take(1 + usize::from(wait)))
+        }
+        Command::Keys(arguments) => keys::run(&arguments),
+        Command::Tell { at, words } if words.is_empty() => tell::script(&at),
+        Command::Tell { at, words } => tell::say(&at, [words.join(" ")]),
+        Command::Plot { log, what, csv, out } => {
+            let arguments = PlotArgs { log, what, csv, out };
+            // What can go wrong here is the log, a name or the place to write to: all of it input.
+            taktil_lab_plot::run(&arguments, &mut std::io::stdout().lock())
+                .map_err(|error| BadOption(format!("{error:#}")))?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Doctor { json, root, cpus, fix_script } => {
+            doctor::run(&doctor::Options { json, root, cpus, fix_script })
+        }
+        Command::Diff { a, b, json } => diff::run(&diff::Options { a, b, json }),
+        Command::Postmortem { file, log, json } => {
+            postmortem::run(&postmortem::Options { file, log, json })
+        }
+        Command::Replay { log, json, out } => replay::run(&replay::Options { log, json, out }),
+        Command::Jitter(arguments) => jitter::run(&arguments),
+        Command::Experiment(what) => taktil_lab_experiment::run(&what),
+        Command::Identify(what) => taktil_lab_identify::run(&what),
+        Command::Calibrate(what) => calibrate::run(&what),
+        Command::Bench(bench) => bench::run(&bench),
+        Command::Arm(arguments) => arm::run(&arguments),
+        Command::Calc { list: true } => {
+            out::text(taktil_lab_calc::list())?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Calc { list: false } => {
+            if std::io::stdin().is_terminal() {
+                out::warn("one JSON request a line, then Ctrl-D; `taktil calc --list` shows them");
+            }
+            let mut input = BufReader::new(std::io::stdin().lock());
+            let mut output = BufWriter::new(std::io::stdout().lock());
+            taktil_lab_calc::filter(&mut input, &mut output).map(|()| ExitCode::SUCCESS)
+        }
+    }
+}

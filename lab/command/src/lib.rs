@@ -1,0 +1,17 @@
+//! The command line of Taktil as a function of the tasks that a program adds: [`main`] reads the
+//! arguments, does what they ask and returns the exit code. Each command is a module here, or an
+//! instrument in a crate of its own.
+
+pub mod arm;
+pub mod bench;
+pub mod cli;
+pub mod diff;
+pub mod keys;
+pub mod postmortem;
+pub mod replay;
+pub mod run;
+pub mod scenes;
+pub mod sim;
+pub mod tell;
+
+pub use cli::main;

@@ -1,0 +1,288 @@
+//! `taktil replay`: the run of a log again, from the recorded answers of its devices and the
+//! recorded decisions of its lanes, compared with the log bit for bit. Refuses to call a run equal
+//! beyond the instant until which its record is whole, and logs that do not say what ran.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use serde_json::{Value, json};
+use taktil_machine::tape::player::Tapes;
+use taktil_machine_console::out;
+use taktil_machine_console::signals::{self, Second};
+use taktil_rtcore::record::{Catalog, Observer, Record};
+use taktil_rtcore::replay::{self, Gap, Script};
+use taktil_rtcore::{LaneSpec, Machine, Nanos};
+
+use crate::diff::{Comparison, first_text, seconds, to_json};
+use taktil_lab_scene::origin::Origin;
+use taktil_machine_console::option::{BadOption, writable};
+use taktil_record::{Channel, Log, McapLog};
+
+/// Exit code of a log that is not whole, even when all that could be replayed is equal.
+const NOT_WHOLE: u8 = 2;
+
+/// What the command line says.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// The log.
+    pub log: PathBuf,
+    /// JSON instead of sentences.
+    pub json: bool,
+    /// Where the repeated run is written to.
+    pub out: Option<PathBuf>,
+}
+
+/// How a replay went.
+#[derive(Debug)]
+pub struct Outcome {
+    /// Scene or board, mode and seed, for people.
+    pub title: String,
+    /// The log up to the end of the replay beside the repeated run.
+    pub comparison: Comparison,
+    /// Where the log is not whole, in words and as an instant.
+    pub gap: Option<(String, Nanos)>,
+    /// What is wrong with a log that holds all of the run, in words.
+    pub flaw: Option<String>,
+    /// The first answer of a device that the tapes lack.
+    pub lack: Option<(&'static str, Nanos)>,
+    /// Tasks that were run again, lane by lane.
+    pub rerun: Vec<String>,
+    /// Tasks whose values were taken from the log.
+    pub fed: Vec<String>,
+    /// Jobs that were repeated.
+    pub jobs: u64,
+    /// The instant that was reached.
+    pub reached: Nanos,
+}
+
+impl Outcome {
+    /// Everything that was repeated is equal.
+    #[must_use]
+    pub fn equal(&self) -> bool {
+        self.comparison.same_readable() && self.lack.is_none()
+    }
+
+    fn code(&self) -> ExitCode {
+        match (self.equal(), &self.gap) {
+            (false, _) => ExitCode::from(1),
+            (true, Some(_)) => ExitCode::from(NOT_WHOLE),
+            (true, None) => ExitCode::SUCCESS,
+        }
+    }
+}
+
+/// Replays a log and says how it went; exit 0 equal, 1 different, 2 a log that cannot be used or is
+/// not whole.
+///
+/// # Errors
+/// A log that cannot be used, as [`BadOption`].
+pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
+    let bad = |error: anyhow::Error| BadOption(format!("{error:#}"));
+    let log = Log::open(&options.log).map_err(bad)?;
+    if let Some(out) = &options.out {
+        writable("--out", out)?;
+    }
+    let damage = log.damage().map(|damage| format!("; the file is {damage}")).unwrap_or_default();
+    let (outcome, repeated) = repeat(log).map_err(|what| {
+        let shown = options.log.display();
+        BadOption(format!("{shown} cannot be replayed: {what}{damage}"))
+    })?;
+    if let Some(out) = &options.out {
+        std::fs::write(out, repeated)
+            .map_err(|error| BadOption(format!("cannot write {}: {error}", out.display())))?;
+    }
+    if options.json {
+        out::line(object(&outcome))?;
+    } else {
+        out::text(text(&outcome))?;
+    }
+    Ok(outcome.code())
+}
+
+/// Runs what `log` records again; returns how it went, and the repeated run as a log.
+///
+/// # Errors
+/// Why the log cannot be replayed, in one sentence.
+pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
+    let origin = Origin::of(&log)?;
+    let (plain, _) = origin.machine(Tapes::default(), Nanos::ZERO)?;
+    let signals = matched(&log, plain.catalog())?;
+    let seated = |task: &&str| plain.seats().flatten().any(|seat| seat == *task);
+    let fed: Vec<&str> = origin.fed().into_iter().filter(seated).collect();
+    let specs: Vec<LaneSpec> = plain.figures().map(|(spec, _)| spec.clone()).collect();
+    let mut script = Script::new(plain.catalog(), &fed);
+    let tapes = collect(&log, plain.catalog(), &signals, &mut script)?;
+    if script.jobs() == 0 {
+        return Err("it holds no decision: the run ended before its first job".to_owned());
+    }
+    let (flaw, cut) = match log.damage() {
+        Some(damage) if damage.whole => (Some(damage.to_string()), None),
+        damage => (None, damage.map(ToString::to_string)),
+    };
+    let gap = script.gap(specs.iter(), cut.is_some());
+    let until = gap.as_ref().map_or(Nanos::MAX, |gap| gap.until);
+    let (mut machine, lack) = origin.machine(tapes, script.longest_pause(specs.iter()))?;
+    let about = BTreeMap::from([("replay_of".to_owned(), origin.title())]);
+    let plainly = |error: anyhow::Error| format!("{error:#}");
+    let mut repeated = McapLog::memory(machine.catalog(), &about).map_err(plainly)?;
+    let stop = signals::watch(Second::Kills).map_err(plainly)?;
+    let reached = replay::run(&mut machine, &script, &fed, until, &stop, &mut repeated)
+        .map_err(|error| error.to_string())?;
+    let bytes = repeated.into_bytes().map_err(plainly)?;
+    let again = Log::from_bytes(bytes.clone()).map_err(plainly)?;
+    let end = again.messages().map(|message| message.release_ns).max().unwrap_or(0);
+    log.end_at(until.0);
+    let mut comparison = Comparison::new(&log, &again);
+    comparison.remarks.clear();
+    // What was cut is told as the gap that it is.
+    (comparison.damage, comparison.broken) = ([None, None], None);
+    let outcome = Outcome {
+        title: origin.title(),
+        comparison,
+        gap: gap.map(|gap| (told(&gap, cut.as_deref()), gap.until)),
+        flaw,
+        lack: lack.first(),
+        rerun: rerun(&machine, &fed),
+        fed: fed.iter().map(|task| (*task).to_owned()).collect(),
+        jobs: machine.figures().map(|(_, figures)| figures.jobs).sum(),
+        reached: reached.min(Nanos(end)),
+    };
+    Ok((outcome, bytes))
+}
+
+fn told(gap: &Gap, cut: Option<&str>) -> String {
+    let after = gap.after.map_or_else(|| "its start".to_owned(), |tick| format!("tick {tick}"));
+    match cut {
+        Some(damage) => damage.to_owned(),
+        None => format!("records of lane {} after {after} were lost in the run", gap.lane),
+    }
+}
+
+fn rerun(machine: &Machine, fed: &[&str]) -> Vec<String> {
+    let seats = machine.seats().flatten();
+    seats.filter(|task| !fed.contains(task)).map(str::to_owned).collect()
+}
+
+/// The number in `catalog` of each channel of the log; `None` for channels that it does not have.
+fn matched(log: &Log, catalog: &Catalog) -> Result<Vec<Option<usize>>, String> {
+    let remedy = "replay it with the build that wrote it";
+    for signal in &catalog.signals {
+        let Some(index) = log.find(&signal.name) else {
+            return Err(format!("it has no signal `{}`; {remedy}", signal.name));
+        };
+        let there = log.channels()[index].payload_fields();
+        let same = there.len() == signal.fields.len()
+            && there.iter().zip(signal.fields).all(|(a, b)| {
+                (a.name.as_str(), a.kind, a.count, a.array) == (b.name, b.kind, b.count, b.array)
+            });
+        if !same {
+            return Err(format!("its signal `{}` has other fields; {remedy}", signal.name));
+        }
+    }
+    let number = |channel: &Channel| catalog.find(&channel.signal);
+    if let Some(stranger) = log.channels().iter().find(|channel| number(channel).is_none()) {
+        return Err(format!("its signal `{}` is unknown here; {remedy}", stranger.signal));
+    }
+    if let Some(lane) =
+        catalog.lanes.iter().find(|lane| catalog.find(&format!("{}.decision", lane.name)).is_none())
+    {
+        return Err(format!(
+            "the decisions of lane `{}` were not recorded; record with `record = \"full\"`",
+            lane.name
+        ));
+    }
+    Ok(log.channels().iter().map(number).collect())
+}
+
+/// Hands every record to the script and to the tapes.
+fn collect(
+    log: &Log,
+    catalog: &Catalog,
+    signals: &[Option<usize>],
+    script: &mut Script,
+) -> Result<Tapes, String> {
+    let mut tapes = Tapes::default();
+    for message in log.messages() {
+        let Some(signal) = signals[message.channel] else { continue };
+        let about = &catalog.signals[signal];
+        let release = Nanos(message.release_ns);
+        let body = message.body.get(..about.size).unwrap_or_default();
+        script.record(&Record { signal, tick: message.tick, release, body });
+        if !tapes.append(&about.name, release, body) {
+            return Err(format!("an entry of `{}` cannot be read", about.name));
+        }
+    }
+    Ok(tapes)
+}
+
+/// The outcome in sentences.
+#[must_use]
+pub fn text(outcome: &Outcome) -> String {
+    let mut out = format!("replay of {}\n", outcome.title);
+    let _ = writeln!(
+        out,
+        "  {} jobs up to {} s; run again: {}; fed from the log: {}",
+        outcome.jobs,
+        seconds(outcome.reached.0),
+        outcome.rerun.join(", "),
+        outcome.fed.join(", ")
+    );
+    let (messages, repeated) = outcome.comparison.messages();
+    let signals = outcome.comparison.compared.len();
+    if outcome.equal() {
+        let until = if outcome.gap.is_some() { "equal until there" } else { "equal" };
+        let _ = writeln!(
+            out,
+            "{until}: {messages} records of {signals} signals, bit for bit: values, device \
+             answers, decisions, states"
+        );
+    } else {
+        let _ = writeln!(
+            out,
+            "different: {messages} records in the log, {repeated} repeated; the log was altered, a \
+             task is no function of its inputs, or another build of taktil {} wrote it",
+            env!("CARGO_PKG_VERSION")
+        );
+    }
+    if let Some(first) = outcome.comparison.first() {
+        out += &first_text(first, ["recorded", "repeated"]);
+    }
+    if let Some((device, release)) = outcome.lack {
+        let at = seconds(release.0);
+        let _ = writeln!(out, "tape {device} holds no answer for the job released at {at} s");
+    }
+    if let Some(flaw) = &outcome.flaw {
+        let _ = writeln!(out, "the file is damaged all the same: {flaw}");
+    }
+    if let Some((why, until)) = &outcome.gap {
+        let _ = writeln!(out, "not whole: {why}; complete until {} s", seconds(until.0));
+    }
+    out
+}
+
+/// The outcome for programs: one object.
+#[must_use]
+pub fn object(outcome: &Outcome) -> Value {
+    let mut object = to_json(&outcome.comparison);
+    object["equal"] = json!(outcome.equal() && outcome.gap.is_none());
+    object["replay_of"] = json!(outcome.title);
+    object["jobs"] = json!(outcome.jobs);
+    object["reached_ns"] = json!(outcome.reached.0);
+    object["rerun"] = json!(outcome.rerun);
+    object["fed"] = json!(outcome.fed);
+    object["gap"] = json!(
+        outcome
+            .gap
+            .as_ref()
+            .map(|(why, until)| { json!({ "why": why, "complete_until_ns": until.0 }) })
+    );
+    object["flaw"] = json!(outcome.flaw);
+    object["lack"] = json!(
+        outcome
+            .lack
+            .map(|(device, release)| { json!({ "tape": device, "release_ns": release.0 }) })
+    );
+    object
+}

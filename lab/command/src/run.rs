@@ -1,0 +1,355 @@
+//! `taktil run`: the whole stack on the simulated robot, live on `SCHED_FIFO` threads or in virtual
+//! time. Refuses to end without saying what happened.
+
+pub mod plan;
+mod progress;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::bail;
+use serde_json::{Value, json};
+use taktil_machine::operator::Hand;
+use taktil_machine::operator::socket::Socket;
+use taktil_machine::operator::speech::Meaning;
+use taktil_machine::wiring::MakeOperator;
+use taktil_machine_console::out;
+use taktil_machine_console::signals::{self, Second};
+use taktil_record::flight::Keeper;
+use taktil_rtcore::live::{self, Account, Attestation, Audience, Contract, Hang, Pace, Terms};
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{Invalid, Machine, Nanos, linux, virtual_time};
+
+use progress::Progress;
+use taktil_lab_report::table;
+use taktil_lab_scene::digest::Digest;
+use taktil_lab_scene::operator::Operator;
+use taktil_lab_scene::scene::{self, Scene};
+use taktil_lab_scene::score::Score;
+use taktil_lab_scene::summary::Ending;
+use taktil_lab_scene::{RECORDED, assemble, targets};
+use taktil_machine_console::option::{self, BadOption};
+use taktil_record::granted::attested;
+use taktil_record::{Log, METADATA_ATTESTATION, McapLog};
+
+/// What the command line says.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Scene file.
+    pub scene: PathBuf,
+    /// Virtual time instead of live.
+    pub fast: bool,
+    /// Seed instead of the scene's.
+    pub seed: Option<u64>,
+    /// Seconds instead of the scene's.
+    pub for_s: Option<f64>,
+    /// Log file to write.
+    pub log: Option<PathBuf>,
+    /// Folder for the report.
+    pub report: Option<PathBuf>,
+    /// Flight recorder's file.
+    pub flight: Option<PathBuf>,
+    /// Socket at which an operator is listened to.
+    pub operator: Option<PathBuf>,
+    /// JSON on standard output instead of the table.
+    pub json: bool,
+    /// The analysis of the schedule and its releases, instead of a run.
+    pub plan: bool,
+}
+
+/// Everything that watches a run.
+struct Watch {
+    digest: Digest,
+    score: Score,
+    log: Option<McapLog>,
+    keeper: Option<Keeper>,
+    socket: Option<Socket>,
+    progress: Progress,
+    now: Nanos,
+    /// What the kernel's monotonic clock said at the log's zero, by the first and the newest look.
+    zero: Option<(Nanos, Nanos)>,
+}
+
+impl Audience for Watch {
+    fn attested(&mut self, attestation: &Attestation) {
+        if let Some(keeper) = &mut self.keeper {
+            keeper.attested(attestation);
+        }
+        if let Some(log) = &mut self.log {
+            log.note(METADATA_ATTESTATION, &attested(Some(attestation)).to_string());
+        }
+        if !attestation.granted() {
+            let missing = attestation.missing.join("; ");
+            out::warn(format_args!(
+                "not real time: {missing}; timing figures are marked, the simulated robot runs"
+            ));
+        }
+    }
+
+    fn passed(&mut self, now: Nanos) {
+        let zero = linux::monotonic() - now;
+        self.zero = Some((self.zero.map_or(zero, |(first, _)| first), zero));
+        self.now = now;
+        if let Some(keeper) = &mut self.keeper {
+            keeper.passed(now);
+        }
+        if let Some(log) = &mut self.log {
+            log.flush();
+        }
+        if let Some(socket) = &mut self.socket {
+            socket.poll(now);
+        }
+    }
+
+    fn hung(&mut self, hang: &Hang) {
+        self.progress.finish();
+        out::warn(format_args!("error: {hang}; the run is over, outputs are safe"));
+        if let Err(error) = close_hung(self.log.take(), hang) {
+            out::warn(format_args!("error: {error:#}"));
+        }
+        // Its thread cannot be joined.
+        std::process::exit(1);
+    }
+}
+
+/// Closes the log of a run that cannot end, with what is known about its end.
+///
+/// # Errors
+/// As [`McapLog::finish`].
+pub fn close_hung(log: Option<McapLog>, hang: &Hang) -> anyhow::Result<()> {
+    let Some(log) = log else { return Ok(()) };
+    log.finish_with(&BTreeMap::from([("hung".to_owned(), hang.to_string())]))
+}
+
+impl Observer for Watch {
+    fn record(&mut self, record: &Record<'_>) {
+        self.digest.record(record);
+        self.score.record(record);
+        if let Some(log) = &mut self.log {
+            log.record(record);
+        }
+        if let Some(socket) = &mut self.socket {
+            socket.record(record);
+        }
+        self.progress.record(record);
+    }
+}
+
+/// Runs a scene and says how it went; exit 0 without faults, 1 with one.
+///
+/// # Errors
+/// Bad input as [`Located`](taktil_machine::source::Located) or [`BadOption`]; anything else is a
+/// failure of the run.
+pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
+    run_by(options, |scene| {
+        let (socket, hand) = listen(options, scene)?;
+        let script = scene.script.clone();
+        let operator: MakeOperator<'static> =
+            Box::new(move |ports| Ok(Box::new(Operator::with(script, hand, ports)?)));
+        Ok((operator, socket))
+    })
+}
+
+/// As [`run`], with an operator of one's own.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with(
+    options: &Options,
+    operator: impl FnOnce(&Scene) -> MakeOperator<'static>,
+) -> anyhow::Result<ExitCode> {
+    run_by(options, |scene| Ok((operator(scene), None)))
+}
+
+/// With whoever asks, and where somebody else is listened to.
+fn run_by(
+    options: &Options,
+    operator: impl FnOnce(&Scene) -> anyhow::Result<(MakeOperator<'static>, Option<Socket>)>,
+) -> anyhow::Result<ExitCode> {
+    let scene = Scene::load(&options.scene)?;
+    let seed = options.seed.unwrap_or(scene.seed);
+    let until = match options.for_s {
+        None => scene.duration,
+        Some(seconds) => scene::duration(seconds, "--for")
+            .map_err(|bad| BadOption(format!("--for {seconds}: {}; {}", bad.what, bad.remedy)))?,
+    };
+    if options.plan {
+        let machine = assemble::assemble(&scene, seed)?;
+        out::text(if options.json { plan::json(&machine) } else { plan::text(&machine) })?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let (operator, socket) = operator(&scene)?;
+    let mut machine = assemble::assemble_with(&scene, seed, operator)?;
+    let log_path = log_path(options, &scene)?;
+    let targets = targets(&scene);
+    let force_set_point_n = targets.m0 / targets.counts_per_n;
+    let catalog = machine.catalog().clone();
+    let log = log_path.as_ref().map(|path| {
+        let log = McapLog::create(path, &catalog, &metadata(&scene, seed, options));
+        log.map_err(|error| BadOption(format!("{error:#}")))
+    });
+    let mut watch = Watch {
+        digest: Digest::new(&catalog),
+        score: Score::new(&catalog, targets, scene.robot.clone()),
+        log: log.transpose()?,
+        keeper: flight(&mut machine, &scene, options)?,
+        socket,
+        progress: Progress::new(&catalog, until, options.json),
+        now: Nanos::ZERO,
+        zero: None,
+    };
+    if let Some(socket) = &mut watch.socket {
+        socket.attach(&catalog);
+    }
+    let stop = signals::watch(Second::Kills)?;
+    let begin = linux::monotonic();
+    let (reached, account) =
+        execute(&mut machine, (options.fast, scene.contract.contract()), until, &stop, &mut watch)?;
+    let wall = linux::monotonic() - begin;
+    watch.progress.finish();
+    let ending = Ending {
+        scene: options.scene.display().to_string(),
+        title: &scene.title,
+        seed,
+        account: account.as_ref(),
+        sim_s: reached.as_secs_f64(),
+        wall_s: wall.as_secs_f64(),
+        digest: watch.digest.hex(),
+        figures: &watch.score.figures,
+        force_set_point_n,
+        lanes: machine.figures().collect(),
+        panics: machine.panics().collect(),
+        log: log_path.as_ref().map(|path| path.display().to_string()),
+        interrupted: stop.load(Ordering::SeqCst),
+        repeat: repeat(options, seed, until, &scene),
+    };
+    let summary = ending.json();
+    let closed =
+        watch.log.take().map_or(Ok(()), |log| log.finish_with(&result(&summary, watch.zero)));
+    // A log that cannot be closed, on a full disk, does not take the table with it.
+    finish(options, log_path.as_deref(), &summary)?;
+    closed?;
+    Ok(if ending.ok() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// What a log ends with: the summary, and of a live run how its times stand to the kernel's
+/// monotonic clock (CLOCK_MONOTONIC), to some us: what that showed at the log's zero, and by how
+/// much a late simulation has put off the rest.
+fn result(summary: &Value, zero: Option<(Nanos, Nanos)>) -> BTreeMap<String, String> {
+    let clock = zero.map(|(first, newest)| {
+        let clock = json!({ "monotonic_ns": first.0, "slipped_ns": (newest - first).0 });
+        ("clock".to_owned(), clock.to_string())
+    });
+    [("summary".to_owned(), summary.to_string())].into_iter().chain(clock).collect()
+}
+
+/// Listens where `--operator` says.
+fn listen(options: &Options, scene: &Scene) -> anyhow::Result<(Option<Socket>, Option<Hand>)> {
+    let Some(path) = &options.operator else { return Ok((None, None)) };
+    if options.fast {
+        let what = "--operator: virtual time does not wait for people; leave --fast out";
+        bail!(BadOption(what.into()));
+    }
+    let (mouth, hand) = taktil_machine::operator::pair();
+    let pace = scene.machine.trajectory.clone().unwrap_or_default();
+    let meaning = Meaning { pace, robot: scene.robot.clone() };
+    let socket = Socket::listen(path, mouth, meaning)
+        .map_err(|bad| BadOption(format!("--operator: {}; {}", bad.what, bad.remedy)))?;
+    out::warn(format_args!("an operator is listened to: taktil tell --at {} ...", path.display()));
+    Ok((Some(socket), Some(hand)))
+}
+
+/// Starts the flight recorder where `--flight` says.
+fn flight(
+    machine: &mut Machine,
+    scene: &Scene,
+    options: &Options,
+) -> anyhow::Result<Option<Keeper>> {
+    let Some(path) = &options.flight else { return Ok(None) };
+    let texts = [("scene_text", &*scene.source.text), ("machine_text", scene.machine_text())];
+    let started = Keeper::start(machine, path, taktil_record::flight::SECONDS, &texts);
+    let bad = |bad: Invalid| BadOption(format!("--flight: {}; {}", bad.what, bad.remedy));
+    Ok(Some(started.map_err(bad)?))
+}
+
+fn execute(
+    machine: &mut Machine,
+    (fast, contract): (bool, Contract),
+    until: Nanos,
+    stop: &AtomicBool,
+    watch: &mut Watch,
+) -> anyhow::Result<(Nanos, Option<Account>)> {
+    if fast {
+        let reached = virtual_time::run(machine, until, stop, watch).map_err(|(task, fault)| {
+            anyhow::anyhow!("task `{task}` refused to start: {}", fault.text())
+        })?;
+        return Ok((reached, None));
+    }
+    let terms = Terms { until, contract, pace: Pace::Slip };
+    let account = live::run(machine, terms, stop, watch)?;
+    Ok((watch.now.min(until), Some(account)))
+}
+
+/// Says how it went, then draws the report: what can fail comes last.
+fn finish(options: &Options, log: Option<&Path>, summary: &Value) -> anyhow::Result<()> {
+    let next = match (&options.report, log) {
+        (Some(folder), _) => format!("report                     {}/report.html", folder.display()),
+        (None, Some(log)) => format!("next                       taktil plot {}", log.display()),
+        (None, None) => "next                       add --report out to see it drawn".to_owned(),
+    };
+    let told = if options.json {
+        out::line(summary)
+    } else {
+        out::text(format_args!("{}  {next}\n", table::table(summary)))
+    };
+    if let (Some(folder), Some(log)) = (&options.report, log) {
+        taktil_lab_report::write(folder, &Log::open(log)?, summary)?;
+    }
+    told.map(drop)
+}
+
+/// A report is drawn from a log: without `--log` it lies beside the report. Places that cannot be
+/// written, and the run's own input, are refused before anything is written.
+fn log_path(options: &Options, scene: &Scene) -> anyhow::Result<Option<PathBuf>> {
+    if let Some(folder) = &options.report {
+        if folder.exists() && !folder.is_dir() {
+            bail!(BadOption(format!("--report {}: is a file; name a folder", folder.display())));
+        }
+        option::folder("--report", folder)?;
+    }
+    let beside = options.report.as_ref().map(|folder| folder.join("run.mcap"));
+    let path = options.log.clone().or(beside);
+    let real = |path: &Path| std::fs::canonicalize(path).ok();
+    if let Some(log) = path.as_deref().and_then(real)
+        && scene.files().any(|file| real(file).as_ref() == Some(&log))
+    {
+        bail!(BadOption(format!("{} is what this run reads; name another log", log.display())));
+    }
+    Ok(path)
+}
+
+fn metadata(scene: &Scene, seed: u64, options: &Options) -> BTreeMap<String, String> {
+    let recorded = scene.recorded().map(|(name, text)| (format!("{RECORDED}{name}"), text.into()));
+    let about = BTreeMap::from([
+        ("scene".to_owned(), options.scene.display().to_string()),
+        ("scene_text".to_owned(), scene.source.text.clone()),
+        ("machine_text".to_owned(), scene.machine_text().to_owned()),
+        ("seed".to_owned(), seed.to_string()),
+        ("mode".to_owned(), if options.fast { "fast" } else { "live" }.to_owned()),
+        ("taktil".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+    ]);
+    about.into_iter().chain(recorded).collect()
+}
+
+fn repeat(options: &Options, seed: u64, until: Nanos, scene: &Scene) -> String {
+    let mut words = format!("taktil run {} --seed {seed}", options.scene.display());
+    if until != scene.duration {
+        words += &format!(" --for {}", until.as_secs_f64());
+    }
+    if options.fast {
+        words += " --fast";
+    }
+    words
+}

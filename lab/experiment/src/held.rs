@@ -1,0 +1,195 @@
+//! `taktil experiment held`: any scenes, not only those of the thesis, against the bounds that a
+//! law of touch has to keep without being tuned for them. Refuses to average a failure away: each
+//! scene is told by its worst seed.
+
+use std::fmt::Write as _;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::Args;
+use taktil_machine_console::out;
+
+use super::judge::{TRACED, Trace, Verdict};
+use super::{SEEDS_MAX, in_parallel, laws, one, with_law};
+use taktil_lab_plot::axis::plain;
+use taktil_lab_scene::scene::Scene;
+use taktil_lab_scene::targets;
+use taktil_machine_console::option::BadOption;
+
+/// Bounds: force rms over its set point, yaw (deg), tilt (deg).
+const FORCE_SHARE: f64 = 0.1;
+const YAW_DEG: f64 = 2.0;
+const TILT_DEG: f64 = 1.0;
+
+/// Options of `taktil experiment held`.
+#[derive(Args, Debug)]
+pub struct Held {
+    /// Scenes, or folders of them
+    #[arg(required = true, value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+    /// The law
+    #[arg(long, default_value = "model")]
+    law: String,
+    /// Seeds 1 to N
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    seeds: u64,
+    /// Only this seed
+    #[arg(long, value_name = "K")]
+    seed: Option<u64>,
+    /// Samples of the first run, as a table with commas
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Threads; one a processor when absent
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+}
+
+/// What a scene came to: its worst seed of each number.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Worst {
+    faults: u32,
+    losses: u32,
+    force_share: f64,
+    yaw_deg: f64,
+    yaw_rms_deg: f64,
+    tilt_deg: f64,
+    slip_mm_s: f64,
+    strokes: u32,
+}
+
+impl Worst {
+    fn of(verdicts: &[&Verdict], set_point_n: f64) -> Worst {
+        let most = |of: &dyn Fn(&Verdict) -> Option<f64>| {
+            verdicts.iter().map(|v| of(v).unwrap_or(f64::INFINITY)).fold(0.0, f64::max)
+        };
+        Worst {
+            faults: verdicts.iter().filter(|v| !v.figures.faults.is_empty()).count() as u32,
+            losses: verdicts.iter().map(|v| v.figures.contact_lost).sum(),
+            force_share: most(&|v| v.force_n.rms()) / set_point_n,
+            yaw_deg: most(&|v| v.yaw_deg.peak()),
+            yaw_rms_deg: most(&|v| v.yaw_deg.rms()),
+            tilt_deg: most(&|v| v.tilt_deg.peak()),
+            slip_mm_s: most(&|v| v.figures.slip_mm_s),
+            strokes: verdicts.iter().map(|v| v.figures.strokes).min().unwrap_or(0),
+        }
+    }
+
+    fn holds(&self) -> bool {
+        self.faults == 0
+            && self.losses == 0
+            && self.force_share <= FORCE_SHARE
+            && self.yaw_deg <= YAW_DEG
+            && self.tilt_deg <= TILT_DEG
+    }
+}
+
+/// The scene files that are meant, in order.
+fn files(named: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+    let mut out = Vec::new();
+    for path in named {
+        if !path.is_dir() {
+            out.push(path.clone());
+            continue;
+        }
+        let entries = std::fs::read_dir(path)
+            .map_err(|error| BadOption(format!("{}: {error}", path.display())))?;
+        let mut inside: Vec<PathBuf> = entries
+            .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+            .filter(|path| path.extension().is_some_and(|ending| ending == "toml"))
+            .collect();
+        inside.sort();
+        out.append(&mut inside);
+    }
+    if out.is_empty() {
+        return Err(BadOption("no scene in what was named".to_owned()).into());
+    }
+    Ok(out)
+}
+
+fn table(trace: &Trace) -> String {
+    let mut out = format!("t_s,{}\n", TRACED.join(","));
+    for (index, t_s) in trace.t_s.iter().enumerate() {
+        let _ = write!(out, "{t_s}");
+        for column in &trace.columns {
+            let _ = write!(out, ",{}", column[index]);
+        }
+        out.push('\n');
+    }
+    out
+}
+
+fn name(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Runs the scenes.
+///
+/// # Errors
+/// Bad input as [`BadOption`] or a located complaint about a scene.
+pub fn run(options: &Held) -> anyhow::Result<ExitCode> {
+    let law = laws(std::slice::from_ref(&options.law))?[0];
+    if options.seeds == 0 || options.seeds > SEEDS_MAX {
+        let text = format!("--seeds {}: give 1 to {SEEDS_MAX}", options.seeds);
+        return Err(BadOption(text).into());
+    }
+    let seeds = options.seed.map_or(1..=options.seeds, |seed| seed..=seed);
+    let mut scenes = Vec::new();
+    for path in files(&options.scenes)? {
+        let scene = with_law(&Scene::load(&path)?, law);
+        scenes.push((path, scene));
+    }
+    let traced = options.trace.is_some();
+    let plan: Vec<(usize, u64)> =
+        (0..scenes.len()).flat_map(|i| seeds.clone().map(move |seed| (i, seed))).collect();
+    let verdicts = in_parallel(options.threads, &plan, |(i, seed)| {
+        one(&scenes[*i].1, *seed, traced && *i == 0)
+    })?;
+    match (&options.trace, verdicts.first()) {
+        (Some(path), Some(Some(first))) => std::fs::write(path, table(&first.trace))
+            .with_context(|| format!("cannot write {}", path.display()))?,
+        (Some(path), _) => {
+            let path = path.display();
+            out::warn(format_args!("{path}: not written, its run was interrupted"));
+        }
+        (None, _) => {}
+    }
+    let each = plan.len() / scenes.len();
+    out::line(format_args!(
+        "| scene | holds | force rms / set point | yaw peak (rms), deg | tilt peak, deg | slip, \
+         mm/s | contact losses | faults | strokes |\n|{}",
+        "---|".repeat(9)
+    ))?;
+    let (mut failed, mut whole) = (0, 0);
+    for ((path, scene), verdicts) in scenes.iter().zip(verdicts.chunks(each.max(1))) {
+        // A scene of which a seed is missing has no worst seed.
+        let Some(verdicts) = verdicts.iter().map(Option::as_ref).collect::<Option<Vec<_>>>() else {
+            continue;
+        };
+        whole += 1;
+        let targets = targets(scene);
+        let worst = Worst::of(&verdicts, targets.m0 / targets.counts_per_n);
+        failed += u32::from(!worst.holds());
+        out::line(format_args!(
+            "| {} | {} | {} | {} ({}) | {} | {} | {} | {} | {} |",
+            name(path),
+            if worst.holds() { "yes" } else { "no" },
+            plain(worst.force_share),
+            plain(worst.yaw_deg),
+            plain(worst.yaw_rms_deg),
+            plain(worst.tilt_deg),
+            plain(worst.slip_mm_s),
+            worst.losses,
+            worst.faults,
+            worst.strokes
+        ))?;
+    }
+    let law = law.text();
+    out::line(format_args!("\n{whole} scenes with `{law}`: {failed} did not hold"))?;
+    let left = scenes.len() - whole;
+    if left > 0 {
+        out::warn(format_args!("interrupted: {left} scenes were not tried with every seed"));
+    }
+    Ok(if failed == 0 && left == 0 { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}

@@ -1,0 +1,307 @@
+//! What one run of an experiment came to: errors against the simulator's truth, not against what
+//! the controller believes. Computed while records pass. Refuses to judge before the force first
+//! reached its set point, and to guess what did not happen.
+
+use taktil_contact::cylinder::LineContact;
+use taktil_contact::layer::Layer;
+use taktil_mechanics::Joints;
+use taktil_mechanics::dynamics::GRAVITY_M_S2;
+use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
+use taktil_rtcore::Payload;
+use taktil_rtcore::record::{Catalog, Observer, Record};
+use taktil_signal::{Applied, Features, defined};
+use taktil_sim::scene::{RubberConfig, WorldConfig};
+
+use taktil_machine::robot::AnyRobot;
+
+use glam::DVec3;
+use taktil_lab_scene::score::{Figures, Score, Spread, Targets};
+use taktil_lab_scene::summary::PITCH_MM;
+use taktil_lab_scene::world::WorldTruth;
+
+/// The finger presses from this share of the force's set point on.
+const PRESSED: f64 = 0.9;
+/// Judging begins this long after the finger first presses, s.
+const SETTLED_S: f64 = 1.0;
+/// Settled is a force, averaged over about 50 ms, that stays within this share of its set point for
+/// [`STAYS_S`].
+const NEAR: f64 = 0.1;
+/// How long it has to stay, s.
+const STAYS_S: f64 = 0.5;
+/// One sample of a trace in so many jobs of the world.
+const EVERY: u64 = 4;
+
+/// Names of the columns of a [`Trace`] after its time.
+pub const TRACED: [&str; 13] = [
+    "x_c", "p_x", "p_z", "theta_xx", "theta_zz", "m0", "theta_z", "force", "yaw", "tilt", "height",
+    "pan", "m_x",
+];
+
+/// Samples over time, for drawing.
+#[derive(Clone, Debug, Default)]
+pub struct Trace {
+    /// Instants, s.
+    pub t_s: Vec<f64>,
+    /// Columns in the order of [`TRACED`].
+    pub columns: [Vec<f64>; TRACED.len()],
+}
+
+/// Errors of one run.
+#[derive(Clone, Debug, Default)]
+pub struct Verdict {
+    /// What every run is judged by.
+    pub figures: Figures,
+    /// True normal force minus set point, N.
+    pub force_n: Spread,
+    /// Compression of pin and rubbers minus the one that the set point makes, mm.
+    pub height_mm: Spread,
+    /// Turn of the finger against the pin about the sensor's x, deg.
+    pub tilt_deg: Spread,
+    /// Yaw of the pin on the sensor, deg: the lag behind a table that pans.
+    pub yaw_deg: Spread,
+    /// theta_z as read minus true yaw, deg.
+    pub theta_z_noise_deg: Spread,
+    /// theta_z as read, deg.
+    pub theta_z_deg: Spread,
+    /// Contact's place as read minus true one, mm.
+    pub place_mm: Spread,
+    /// Norm of the applied joint torques, N m.
+    pub torque_nm: Spread,
+    /// Change of the applied torques from job to job, N m.
+    pub torque_change_nm: Spread,
+    /// From first contact to a force that stays near its set point for half a second, s.
+    pub settling_s: Option<f64>,
+    /// Turn of the finger about z0 over the turn of the table, from the slopes of their last two
+    /// seconds of motion; absent when the table does not pan.
+    pub pan_rate_share: Option<f64>,
+    /// Samples, when they were asked for.
+    pub trace: Trace,
+}
+
+/// Watches a run.
+pub struct Judge {
+    score: Score,
+    truth: Option<usize>,
+    features: Option<usize>,
+    applied: Option<usize>,
+    arm: Puma260,
+    set_point_n: f64,
+    due_mm: f64,
+    traced: bool,
+    seen: Option<Features>,
+    last: Option<WorldTruth>,
+    torque: Option<Joints>,
+    touched_s: Option<f64>,
+    near_s: Option<f64>,
+    pressed_s: Option<f64>,
+    settled_s: Option<f64>,
+    smooth_n: f64,
+    pan: Pan,
+    jobs: u64,
+    verdict: Verdict,
+}
+
+/// Sums of a straight line through (pan of the table, turn of the finger) while the table moves.
+#[derive(Clone, Copy, Default)]
+struct Pan {
+    last: f64,
+    from: Option<(f64, f64)>,
+    to: (f64, f64),
+}
+
+/// Compression (mm) of a rubber under a line load on a cylinder.
+fn compression_mm(rubber: &RubberConfig, radius_mm: f64, load_n_mm: f64) -> Option<f64> {
+    let layer = Layer::new(rubber.thickness_mm, rubber.youngs_mpa, rubber.poisson).ok()?;
+    let deepest = (0.2 * rubber.thickness_mm).min(0.4 * radius_mm);
+    let contact = LineContact::new(&layer, radius_mm, deepest).ok()?;
+    Some(contact.penetration_mm(load_n_mm))
+}
+
+impl Judge {
+    /// For the signals of a machine over this world; with samples for drawing when `traced`.
+    #[must_use]
+    pub fn new(catalog: &Catalog, targets: Targets, world: &WorldConfig, traced: bool) -> Judge {
+        let set_point_n = targets.m0 / targets.counts_per_n;
+        let pin = &world.pin;
+        let weight_n = pin.mass_kg * GRAVITY_M_S2;
+        let on_pad = set_point_n / pin.length_mm.min(16.0 * PITCH_MM);
+        let on_table = (set_point_n + weight_n) / pin.length_mm;
+        let due = |rubber, load| compression_mm(rubber, pin.radius_mm, load).unwrap_or(0.0);
+        Judge {
+            score: Score::new(catalog, targets, AnyRobot::puma260()),
+            truth: catalog.find("world.truth"),
+            features: catalog.find("tactile_servo.features"),
+            applied: catalog.find("actuate.applied"),
+            arm: Puma260::reference(),
+            set_point_n,
+            due_mm: due(&world.finger.rubber, on_pad) + due(&world.table.rubber, on_table),
+            traced,
+            seen: None,
+            last: None,
+            torque: None,
+            touched_s: None,
+            near_s: None,
+            pressed_s: None,
+            settled_s: None,
+            smooth_n: 0.0,
+            pan: Pan::default(),
+            jobs: 0,
+            verdict: Verdict::default(),
+        }
+    }
+
+    /// What it came to.
+    #[must_use]
+    pub fn verdict(self) -> Verdict {
+        let mut verdict = self.verdict;
+        verdict.settling_s = self.settled_s.zip(self.touched_s).map(|(near, first)| near - first);
+        verdict.pan_rate_share = self.pan.from.and_then(|(table, finger)| {
+            let run = self.pan.to.0 - table;
+            (run.abs() > 0.02).then(|| (self.pan.to.1 - finger) / run)
+        });
+        verdict.figures = self.score.figures;
+        verdict
+    }
+
+    fn truth(&mut self, truth: &WorldTruth) {
+        let t_s = truth.t_ns as f64 * 1e-9;
+        let force = truth.finger_normal_n - self.set_point_n;
+        let active = self.seen.is_some_and(|seen| seen.active != 0);
+        if active && truth.in_contact != 0 {
+            self.touched_s.get_or_insert(t_s);
+        }
+        self.settle(t_s, truth.finger_normal_n);
+        let pose = self.arm.tool_pose(&Joints::from(truth.q_rad));
+        let x = pose.rotation.x_axis;
+        self.follow(truth, libm::atan2(-x.y, -x.x));
+        let height = self.height_mm(truth, pose.rotation.z_axis);
+        let judged = active && self.pressed_s.is_some_and(|from| t_s >= from + SETTLED_S);
+        if judged {
+            let verdict = &mut self.verdict;
+            verdict.force_n.add(force);
+            verdict.height_mm.add(height);
+            verdict.tilt_deg.add(truth.pin_tilt_rad.to_degrees());
+            verdict.yaw_deg.add(truth.pin_yaw_rad.to_degrees());
+        }
+        self.jobs += 1;
+        if self.traced && self.pressed_s.is_some() && self.jobs.is_multiple_of(EVERY) {
+            let z = pose.rotation.z_axis;
+            let seen = self.seen.unwrap_or_default();
+            let of = |bit: u32, value: f64| if seen.defined & bit == 0 { f64::NAN } else { value };
+            let values = [
+                of(defined::CENTROID, seen.x_c),
+                pose.translation.x * 1e3,
+                pose.translation.z * 1e3,
+                circle(libm::atan2(x.y, x.x)),
+                circle(libm::atan2(z.y, z.z)),
+                seen.m0,
+                of(defined::THETA_Z, seen.theta_z_rad.to_degrees()),
+                truth.finger_normal_n,
+                truth.pin_yaw_rad.to_degrees(),
+                truth.pin_tilt_rad.to_degrees(),
+                height,
+                truth.table_pan_rad.to_degrees(),
+                seen.m_x,
+            ];
+            self.verdict.trace.t_s.push(t_s);
+            for (column, value) in self.verdict.trace.columns.iter_mut().zip(values) {
+                column.push(value);
+            }
+        }
+        self.last = Some(*truth);
+    }
+
+    fn settle(&mut self, t_s: f64, force_n: f64) {
+        self.smooth_n += 0.05 * (force_n - self.smooth_n);
+        let near = (self.smooth_n - self.set_point_n).abs() < NEAR * self.set_point_n;
+        if force_n >= PRESSED * self.set_point_n && self.touched_s.is_some() {
+            self.pressed_s.get_or_insert(t_s);
+        }
+        if self.settled_s.is_some() {
+            return;
+        }
+        match (near, self.near_s) {
+            (true, None) => self.near_s = Some(t_s),
+            (true, Some(since)) if t_s - since > STAYS_S => self.settled_s = Some(since),
+            (false, _) => self.near_s = None,
+            _ => {}
+        }
+    }
+
+    /// How far the finger turned while the table panned.
+    fn follow(&mut self, truth: &WorldTruth, turned: f64) {
+        let pan = truth.table_pan_rad;
+        if pan != self.pan.last && self.pressed_s.is_some() {
+            self.pan.from.get_or_insert((pan, turned));
+            self.pan.to = (pan, turned);
+        }
+        self.pan.last = pan;
+    }
+
+    fn height_mm(&self, truth: &WorldTruth, face: DVec3) -> f64 {
+        let normal = rotation_z(truth.table_pan_rad)
+            * rotation_y(-truth.table_tilt_y_rad)
+            * rotation_x(truth.table_tilt_x_rad)
+            * DVec3::Z;
+        let [tool, pin] = [truth.tool_m, truth.pin_m].map(DVec3::from_array);
+        let compressed = -truth.gap_m + (tool - pin).dot(normal) - (pin - tool).dot(face);
+        compressed * 1e3 - self.due_mm
+    }
+
+    fn features(&mut self, features: &Features) {
+        self.seen = Some(*features);
+        let Some(truth) = self.last else { return };
+        let judged =
+            self.pressed_s.is_some_and(|from| truth.t_ns as f64 * 1e-9 >= from + SETTLED_S);
+        if !judged || features.active == 0 || truth.in_contact == 0 {
+            return;
+        }
+        let verdict = &mut self.verdict;
+        if features.defined & defined::THETA_Z != 0 {
+            let read = features.theta_z_rad.to_degrees();
+            verdict.theta_z_deg.add(read);
+            verdict.theta_z_noise_deg.add(read - truth.pin_yaw_rad.to_degrees());
+        }
+        if features.defined & defined::CENTROID != 0 {
+            verdict.place_mm.add((features.x_c - truth.contact_x) * PITCH_MM);
+        }
+    }
+
+    fn applied(&mut self, applied: &Applied) {
+        let torque = Joints::from(applied.tau_nm);
+        if self.pressed_s.is_some() {
+            self.verdict.torque_nm.add(torque.norm());
+            if let Some(before) = self.torque {
+                self.verdict.torque_change_nm.add((torque - before).norm());
+            }
+        }
+        self.torque = Some(torque);
+    }
+}
+
+/// Degrees from 0 to 360.
+fn circle(radians: f64) -> f64 {
+    let deg = radians.to_degrees();
+    if deg < 0.0 { deg + 360.0 } else { deg }
+}
+
+impl Observer for Judge {
+    fn record(&mut self, record: &Record<'_>) {
+        self.score.record(record);
+        let id = Some(record.signal);
+        if id == self.truth {
+            if let Some(truth) = WorldTruth::decode(record.body) {
+                self.truth(&truth);
+            }
+        } else if id == self.features {
+            if let Some(features) = Features::decode(record.body) {
+                self.features(&features);
+            }
+        } else if id == self.applied
+            && let Some(applied) = Applied::decode(record.body)
+        {
+            self.applied(&applied);
+        }
+    }
+}

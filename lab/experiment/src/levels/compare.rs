@@ -1,0 +1,287 @@
+//! One scene at one level by the whole stack: what it did, job by job, what the physics was asked
+//! to do, and how far that is from what happens at the finest level. Refuses to compare before the
+//! finger presses: until then there is nothing to feel.
+
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
+use taktil_rtcore::record::{Catalog, Observer, Record};
+use taktil_rtcore::{Nanos, Payload, linux};
+use taktil_signal::{Features, defined};
+
+use taktil_lab_scene::assemble::{assemble, assemble_counted};
+use taktil_lab_scene::scene::Scene;
+use taktil_lab_scene::score::Targets;
+use taktil_lab_scene::summary::PITCH_MM;
+use taktil_lab_scene::world::{WorkTruth, WorldTruth};
+use taktil_lab_scene::{fast, targets};
+
+/// What is compared, with units.
+pub const MEASURES: [&str; 8] = [
+    "x_c, mm",
+    "y_c, mm",
+    "theta_z, deg",
+    "p_x, mm",
+    "p_z, mm",
+    "theta_xx, deg",
+    "theta_zz, deg",
+    "yaw, deg",
+];
+/// Those of [`MEASURES`] that are angles on a circle (deg).
+const CIRCLES: core::ops::Range<usize> = 5..7;
+/// The finger presses from this share of the force's set point on.
+const PRESSED: f64 = 0.9;
+/// Comparison begins this long after the finger first presses, in the finest run (s).
+const SETTLED_S: f64 = 1.0;
+
+/// What one instant of a run is known by; NaN where there is nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Row {
+    /// The instant.
+    pub at: Nanos,
+    /// M0 and the true force, in percent of their set points.
+    pub pressed: [f64; 2],
+    /// The values of [`MEASURES`].
+    pub values: Values,
+    /// The joints (rad).
+    pub q_rad: [f64; 6],
+}
+
+/// The values of [`MEASURES`] at one instant.
+pub type Values = [f64; MEASURES.len()];
+
+/// What a run did.
+#[derive(Debug, Default)]
+pub struct Course {
+    /// A row a job of the world, from the start.
+    pub rows: Vec<Row>,
+    /// Counts at the end.
+    pub work: WorkTruth,
+}
+
+/// Differences to the finest run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Apart<const N: usize> {
+    /// Largest; infinite where only one of both runs has a value, NaN where neither ever has.
+    pub most: [f64; N],
+    /// Root mean square.
+    pub rms: [f64; N],
+}
+
+/// Differences that are collected.
+pub struct Sums<const N: usize> {
+    most: [f64; N],
+    squares: [f64; N],
+    counts: [u32; N],
+}
+
+impl<const N: usize> Default for Sums<N> {
+    fn default() -> Sums<N> {
+        Sums { most: [0.0; N], squares: [0.0; N], counts: [0; N] }
+    }
+}
+
+impl<const N: usize> Sums<N> {
+    /// Takes in the differences of an instant; NaN where neither run has a value.
+    pub fn add(&mut self, off: [f64; N]) {
+        for (i, off) in off.into_iter().enumerate().filter(|(_, off)| !off.is_nan()) {
+            self.most[i] = self.most[i].max(off);
+            self.squares[i] += off * off;
+            self.counts[i] += 1;
+        }
+    }
+
+    /// What they come to; NaN where there was nothing to compare.
+    #[must_use]
+    pub fn done(&self) -> Apart<N> {
+        let known = |i: usize, value: f64| if self.counts[i] == 0 { f64::NAN } else { value };
+        Apart {
+            most: core::array::from_fn(|i| known(i, self.most[i])),
+            rms: core::array::from_fn(|i| (self.squares[i] / f64::from(self.counts[i])).sqrt()),
+        }
+    }
+}
+
+/// Watches a run.
+struct Watch {
+    truth: Option<usize>,
+    features: Option<usize>,
+    work: Option<usize>,
+    arm: Puma260,
+    targets: Targets,
+    seen: Features,
+    course: Course,
+}
+
+impl Watch {
+    fn truth(&mut self, truth: &WorldTruth) {
+        let seen = &self.seen;
+        let of = |bit: u32, value: f64| if seen.defined & bit == 0 { f64::NAN } else { value };
+        let pose = self.arm.tool_pose(&Joints::from(truth.q_rad));
+        let (x, z) = (pose.rotation.x_axis, pose.rotation.z_axis);
+        let force_n = self.targets.m0 / self.targets.counts_per_n;
+        let values = [
+            of(defined::CENTROID, PITCH_MM * seen.x_c),
+            of(defined::CENTROID, PITCH_MM * seen.y_c),
+            of(defined::THETA_Z, seen.theta_z_rad.to_degrees()),
+            1e3 * truth.tool_m[0],
+            1e3 * truth.tool_m[2],
+            libm::atan2(x.y, x.x).to_degrees(),
+            libm::atan2(z.y, z.z).to_degrees(),
+            truth.pin_yaw_rad.to_degrees(),
+        ];
+        let pressed = [100.0 * seen.m0 / self.targets.m0, 100.0 * truth.finger_normal_n / force_n];
+        let (at, q_rad) = (Nanos(truth.t_ns), truth.q_rad);
+        self.course.rows.push(Row { at, pressed, values, q_rad });
+    }
+}
+
+impl Observer for Watch {
+    fn record(&mut self, record: &Record<'_>) {
+        let id = Some(record.signal);
+        if id == self.truth {
+            if let Some(truth) = WorldTruth::decode(record.body) {
+                self.truth(&truth);
+            }
+        } else if id == self.features {
+            self.seen = Features::decode(record.body).unwrap_or(self.seen);
+        } else if id == self.work {
+            self.course.work = WorkTruth::decode(record.body).unwrap_or(self.course.work);
+        }
+    }
+}
+
+/// Takes records and keeps none.
+struct Nobody;
+
+impl Observer for Nobody {
+    fn record(&mut self, _: &Record<'_>) {}
+}
+
+/// Runs a scene and keeps what it did; also the wall time (s), watching included.
+///
+/// # Errors
+/// A scene that cannot be assembled, a task that refuses to start.
+pub fn watched(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<(Course, f64)> {
+    let mut machine = assemble_counted(scene, seed)?;
+    let catalog: &Catalog = machine.catalog();
+    let mut watch = Watch {
+        truth: catalog.find("world.truth"),
+        features: catalog.find("tactile_servo.features"),
+        work: catalog.find("world.work"),
+        arm: Puma260::reference(),
+        targets: targets(scene),
+        seen: Features::default(),
+        course: Course::default(),
+    };
+    let spent_s = passed(&mut machine, until, &mut watch)?;
+    Ok((watch.course, spent_s))
+}
+
+/// Wall time of a run that nobody watches (s); loading the scene is apart.
+///
+/// # Errors
+/// As [`watched`].
+pub fn timed(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<f64> {
+    passed(&mut assemble(scene, seed)?, until, &mut Nobody)
+}
+
+fn passed(
+    machine: &mut taktil_rtcore::Machine,
+    until: Nanos,
+    observer: &mut dyn Observer,
+) -> anyhow::Result<f64> {
+    let start = linux::monotonic();
+    fast(machine, until, observer)?;
+    Ok((linux::monotonic() - start).as_secs_f64())
+}
+
+impl Course {
+    /// From when on runs are compared with this one; none where the finger never presses.
+    #[must_use]
+    pub fn from(&self) -> Option<Nanos> {
+        let pressed = self.rows.iter().find(|row| row.pressed[1] >= 100.0 * PRESSED);
+        pressed.map(|row| row.at + Nanos((1e9 * SETTLED_S) as i64))
+    }
+
+    /// M0 and force about their set points from an instant on, rms (%).
+    #[must_use]
+    pub fn swing(&self, from: Nanos) -> [f64; 2] {
+        let judged = || self.rows.iter().filter(|row| row.at >= from);
+        let count = judged().count().max(1) as f64;
+        [0, 1].map(|i| {
+            let off = |row: &Row| row.pressed[i] - 100.0;
+            let squares: f64 = judged().map(|row| off(row) * off(row)).sum();
+            (squares / count).sqrt()
+        })
+    }
+
+    /// How far this run is from the finest one, from an instant on.
+    #[must_use]
+    pub fn apart(&self, finest: &Course, from: Nanos) -> Apart<{ MEASURES.len() }> {
+        let mut apart = Sums::default();
+        let pairs = self.rows.iter().zip(&finest.rows).filter(|(row, _)| row.at >= from);
+        for (row, exact) in pairs {
+            apart.add(core::array::from_fn(|i| difference(i, row.values[i], exact.values[i])));
+        }
+        apart.done()
+    }
+}
+
+/// Distance of two values of a measure, the short way round where it is an angle on a circle.
+fn difference(measure: usize, a: f64, b: f64) -> f64 {
+    let off = distance(a, b);
+    if CIRCLES.contains(&measure) { off.min(360.0 - off) } else { off }
+}
+
+/// Distance of two values: NaN where there is neither, infinite where there is one.
+#[must_use]
+pub fn distance(a: f64, b: f64) -> f64 {
+    if a.is_nan() == b.is_nan() { (a - b).abs() } else { f64::INFINITY }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn course(rows: &[Values]) -> Course {
+        let at = |i: usize| Nanos::from_millis(i as i64);
+        let row =
+            |(i, values): (usize, &Values)| Row { at: at(i), values: *values, ..Row::default() };
+        Course { rows: rows.iter().enumerate().map(row).collect(), ..Course::default() }
+    }
+
+    #[test]
+    fn differences_are_those_of_the_judged_rows_and_short_on_the_circle() {
+        let mut rows = [[0.0; 8]; 3];
+        let exact = course(&rows);
+        rows[0] = [9.0; 8];
+        rows[1][0] = 3.0;
+        rows[2][5] = 359.0;
+        let apart = course(&rows).apart(&exact, Nanos::from_millis(1));
+        assert_eq!((apart.most[0], apart.rms[0]), (3.0, 4.5_f64.sqrt()));
+        assert_eq!((apart.most[5], apart.most[1]), (1.0, 0.0));
+    }
+
+    #[test]
+    fn a_feature_that_only_one_run_has_is_infinitely_off() {
+        let (mut ours, mut exact) = ([[0.0; 8]; 2], [[0.0; 8]; 2]);
+        ours[0][2] = f64::NAN;
+        (ours[1][1], exact[1][1]) = (f64::NAN, f64::NAN);
+        let apart = course(&ours).apart(&course(&exact), Nanos::ZERO);
+        assert_eq!((apart.most[2], apart.rms[2]), (f64::INFINITY, f64::INFINITY));
+        let nothing = course(&[[f64::NAN; 8]]);
+        let apart_of_nothing = nothing.apart(&nothing, Nanos::ZERO);
+        assert!(apart_of_nothing.most[0].is_nan() && apart_of_nothing.rms[0].is_nan());
+        assert_eq!(apart.most[1], 0.0);
+    }
+
+    #[test]
+    fn comparison_begins_after_the_finger_first_presses() {
+        let mut run = course(&[[0.0; 8]; 3]);
+        assert_eq!(run.from(), None);
+        run.rows[1].pressed = [104.0, 91.0];
+        assert_eq!(run.from(), Some(Nanos::from_millis(1_001)));
+        run.rows[2].pressed = [100.0, 103.0];
+        assert_eq!(run.swing(Nanos::from_millis(1)), [8.0_f64.sqrt(), 45.0_f64.sqrt()]);
+    }
+}

@@ -1,0 +1,110 @@
+//! One scene at one level with the arm led along what it did at the finest level: the same motions
+//! to the last bit, so that all that differs is contact and step. Refuses controllers: a loop that
+//! swings goes out of step with another long before their physics differ.
+
+use anyhow::Context;
+use taktil_hal::{Nanos, TactileFrame};
+use taktil_mechanics::tactile::{Image, features, moments};
+use taktil_sim::fidelity::ArmModel;
+
+use super::compare::{Apart, Course, Sums, distance};
+use taktil_lab_scene::assemble::world;
+use taktil_lab_scene::scene::Scene;
+use taktil_lab_scene::summary::PITCH_MM;
+use taktil_lab_scene::targets;
+
+/// What is compared: features of the image, and what the simulator says of force and pin. M0 and
+/// the force in percent of their set points.
+pub const MEASURES: [&str; 8] = [
+    "M0, %",
+    "x_c, mm",
+    "y_c, mm",
+    "theta_z, deg",
+    "force, %",
+    "pin x, um",
+    "pin z, um",
+    "yaw, deg",
+];
+/// Between two images.
+const SCAN: Nanos = Nanos::from_millis(5);
+
+/// The values of [`MEASURES`] at one image.
+pub type Values = [f64; MEASURES.len()];
+
+/// The scene with its arm led along a course.
+#[must_use]
+pub fn led(scene: &Scene, course: &Course) -> Scene {
+    let mut scene = scene.clone();
+    let degrees = |row: &super::compare::Row| {
+        let [a, b, c, d, e, f] = row.q_rad.map(f64::to_degrees);
+        [row.at.as_secs_f64(), a, b, c, d, e, f]
+    };
+    let arm = &mut scene.world.arm;
+    arm.course_deg = course.rows.iter().map(degrees).collect();
+    arm.zero_error_deg = [0.0; 6];
+    scene.world.fidelity.arm = ArmModel::Kinematic;
+    scene
+}
+
+/// Runs the world of a led scene: the values at each image.
+///
+/// # Errors
+/// A level that the scene cannot have.
+pub fn felt(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<Vec<Values>> {
+    let (mut world, mut devices) = world(scene, seed)?;
+    let rest = scene.world.tactile.rest_counts;
+    let (m0, counts_per_n) = (targets(scene).m0, targets(scene).counts_per_n);
+    let (mut all, mut at) = (Vec::new(), Nanos::ZERO);
+    let mut frame = TactileFrame::empty();
+    while at + SCAN <= until {
+        at += SCAN;
+        world.advance(at);
+        devices.tactile.sample(at, &mut frame)?;
+        let values = frame.values.map(|v| (f64::from(v) - rest) as f32);
+        let image = Image::new(16, 16, &values, None).context("sixteen rows of sixteen")?;
+        let moments = moments(&image, 0.0);
+        let found = features(&moments);
+        // Below a hundredth of the set point there is no contact to speak of.
+        let there = moments.m0 > 0.01 * m0;
+        let felt = |value: Option<f64>| value.filter(|_| there).unwrap_or(f64::NAN);
+        let truth = world.truth();
+        all.push([
+            100.0 * moments.m0 / m0,
+            PITCH_MM * felt(found.x_c),
+            PITCH_MM * felt(found.y_c),
+            felt(found.theta_z_rad).to_degrees(),
+            100.0 * truth.finger_normal_n * counts_per_n / m0,
+            1e6 * truth.pin.x,
+            1e6 * truth.pin.z,
+            truth.pin_yaw_rad.to_degrees(),
+        ]);
+    }
+    Ok(all)
+}
+
+/// How far one run is from the finest, from an instant on.
+#[must_use]
+pub fn apart(ours: &[Values], finest: &[Values], from: Nanos) -> Apart<{ MEASURES.len() }> {
+    let skipped = usize::try_from(from.0 / SCAN.0).unwrap_or(0);
+    let mut sums = Sums::default();
+    for (a, b) in ours.iter().zip(finest).skip(skipped) {
+        sums.add(core::array::from_fn(|i| distance(a[i], b[i])));
+    }
+    sums.done()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_before_the_comparison_do_not_count() {
+        let exact = [[0.0; 8]; 3];
+        let mut ours = exact;
+        ours[0] = [1e9; 8];
+        (ours[1][0], ours[2][0], ours[2][5]) = (4.0, 3.0, f64::NAN);
+        let apart = apart(&ours, &exact, SCAN);
+        assert_eq!((apart.most[0], apart.rms[0]), (4.0, 12.5_f64.sqrt()));
+        assert_eq!((apart.most[5], apart.most[6]), (f64::INFINITY, 0.0));
+    }
+}

@@ -1,0 +1,251 @@
+//! `taktil bench sim`, scenes: each at every level of the physics, wall time beside the difference
+//! to the finest level. First with the arm led along what it did at the finest level, where only
+//! contact and step differ; then by the whole stack in virtual time, where each loop swings in its
+//! own time. Refuses scenes in which no finger presses, and to compare noise: each level feels the
+//! same, or none.
+
+pub mod compare;
+pub mod led;
+mod picture;
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use taktil_sim::fidelity::{ContactModel, Integrator};
+
+use compare::{Apart, timed, watched};
+pub use picture::picture;
+use taktil_lab_scene::scene::{Scene, duration};
+use taktil_lab_scene::world::WorkTruth;
+use taktil_machine_console::option::BadOption;
+
+/// Which scenes, and how much of them.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Choice {
+    /// Scenes to run at every level: files, or folders of which E1 to E9 are taken
+    #[arg(long, value_name = "PATH", num_args = 1.., default_value = "sim/scenes")]
+    pub scenes: Vec<PathBuf>,
+    /// How much of each scene is run (s)
+    #[arg(long = "for", value_name = "S", default_value_t = 5.0)]
+    pub span_s: f64,
+    /// Noise of a tactel in the scenes instead of their own (counts)
+    #[arg(long, value_name = "COUNTS", default_value_t = 0.0)]
+    pub noise: f64,
+    /// File for time against error of the scenes (SVG); none without it
+    #[arg(long, value_name = "FILE")]
+    pub scenes_out: Option<PathBuf>,
+}
+
+/// A level of the physics.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Level {
+    contact: ContactModel,
+    integrator: Integrator,
+    step_us: f64,
+}
+
+const fn implicit(contact: ContactModel, step_us: f64) -> Level {
+    Level { contact, integrator: Integrator::Implicit, step_us }
+}
+
+/// What others are compared with.
+const FINEST: Level = implicit(ContactModel::Layer3dFine, 312.5);
+
+/// The default first, then ever finer contacts.
+const LEVELS: [Level; 7] = [
+    implicit(ContactModel::Line, 1250.0),
+    implicit(ContactModel::Line, 312.5),
+    Level { contact: ContactModel::Line, integrator: Integrator::Euler, step_us: 80.0 },
+    implicit(ContactModel::Layer2d, 1250.0),
+    implicit(ContactModel::Layer3d, 1250.0),
+    implicit(ContactModel::Layer3d, 312.5),
+    implicit(ContactModel::Layer3dFine, 1250.0),
+];
+
+impl Level {
+    /// What people call it.
+    fn name(&self) -> String {
+        let Level { contact, integrator, step_us } = self;
+        let contact = match contact {
+            ContactModel::Line => "line",
+            ContactModel::Layer2d => "layer-2d",
+            ContactModel::Layer3d => "layer-3d",
+            ContactModel::Layer3dFine => "layer-3d-fine",
+        };
+        let euler = if *integrator == Integrator::Euler { " euler" } else { "" };
+        format!("{contact}{euler} {step_us} us")
+    }
+
+    fn of(&self, scene: &Scene) -> Scene {
+        let mut scene = scene.clone();
+        let world = &mut scene.world;
+        (world.fidelity.contact, world.fidelity.integrator) = (self.contact, self.integrator);
+        world.substep_us = self.step_us;
+        scene
+    }
+}
+
+/// One scene at one level; differences are 0 at the finest.
+pub struct Row {
+    scene: String,
+    level: Level,
+    /// The arm led: differences.
+    led: Apart<{ led::MEASURES.len() }>,
+    /// The whole stack: differences, and wall time of a simulated second (ms).
+    whole: (Apart<{ compare::MEASURES.len() }>, f64),
+    /// M0 and force about their set points by the whole stack, rms (%).
+    swing: [f64; 2],
+    work: WorkTruth,
+}
+
+/// The scenes that were asked for, by short names.
+///
+/// # Errors
+/// A scene that cannot be read, or in which there is nothing to compare.
+pub fn load(choice: &Choice) -> anyhow::Result<Vec<(String, Scene)>> {
+    let mut found = Vec::new();
+    for path in &choice.scenes {
+        if path.is_dir() {
+            let (experiments, _) = crate::scenes(path, &[])?;
+            found.extend(experiments.into_iter().map(|(e, _, scene)| (e.id.to_owned(), scene)));
+        } else {
+            found.push((short(path), Scene::load(path)?));
+        }
+    }
+    for (name, scene) in &mut found {
+        if !scene.robot.is_puma260() {
+            return Err(BadOption(format!("--scenes: {name}: this arm touches nothing")).into());
+        }
+        scene.world.tactile.noise_counts = choice.noise;
+        scene.world.opposed.tactile.noise_counts = choice.noise;
+        scene.world.check().map_err(|bad| BadOption(format!("--noise: {name}: {bad}")))?;
+        let span = duration(choice.span_s, "--for").map_err(|bad| BadOption(bad.to_string()))?;
+        scene.duration = scene.duration.min(span);
+    }
+    Ok(found)
+}
+
+fn short(path: &Path) -> String {
+    path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// Runs every scene at every level. Wall times are the fastest of `rounds` runs; those of the two
+/// finest levels of one run.
+///
+/// # Errors
+/// A level that a scene cannot have, a scene in which the finger never presses.
+pub fn rows(scenes: &[(String, Scene)], rounds: u32) -> anyhow::Result<Vec<Row>> {
+    let mut rows = Vec::new();
+    for (name, scene) in scenes {
+        let (until, seed) = (scene.duration, scene.seed);
+        let (finest, finest_s) = watched(&FINEST.of(scene), until, seed)?;
+        let from = finest.from().filter(|from| *from < until).ok_or_else(|| {
+            let what =
+                "the finger never presses for a second; name a scene of touch, or more of it";
+            BadOption(format!("--scenes: {name}: {what}"))
+        })?;
+        let follows = led::led(scene, &finest);
+        let exact = led::felt(&FINEST.of(&follows), until, seed)?;
+        let ms = |spent_s: f64| 1e3 * spent_s / until.as_secs_f64();
+        for level in LEVELS {
+            let (chosen, follows) = (level.of(scene), level.of(&follows));
+            let (course, mut whole_s) = watched(&chosen, until, seed)?;
+            let felt = led::felt(&follows, until, seed)?;
+            if level.contact != ContactModel::Layer3dFine {
+                whole_s = f64::INFINITY;
+                for _ in 0..rounds {
+                    whole_s = whole_s.min(timed(&chosen, until, seed)?);
+                }
+            }
+            rows.push(Row {
+                scene: name.clone(),
+                level,
+                led: led::apart(&felt, &exact, from),
+                whole: (course.apart(&finest, from), ms(whole_s)),
+                swing: course.swing(from),
+                work: course.work,
+            });
+        }
+        rows.push(Row {
+            scene: name.clone(),
+            level: FINEST,
+            led: led::apart(&exact, &exact, from),
+            whole: (finest.apart(&finest, from), ms(finest_s)),
+            swing: finest.swing(from),
+            work: finest.work,
+        });
+    }
+    Ok(rows)
+}
+
+/// The tables in Markdown: differences of the same motions, of the whole stack with times, each
+/// also as rms, and what was counted.
+#[must_use]
+pub fn tables(rows: &[Row]) -> String {
+    let time = |ms: f64| vec![told(ms), told(1e3 / ms)];
+    let of_whole = ["M0 rms, %", "force rms, %", "ms a simulated second", "times real time"];
+    let (led, whole) = (&led::MEASURES, &compare::MEASURES);
+    let values = |values: &[f64]| values.iter().map(|v| told(*v)).collect::<Vec<String>>();
+    let mut out =
+        table("the same motions, largest differences to the finest level", led, rows, |row| {
+            values(&row.led.most)
+        });
+    out += &table("the same motions, rms differences to the finest level", led, rows, |row| {
+        values(&row.led.rms)
+    });
+    out += &table(
+        "the whole stack, largest differences to the finest level; M0 and force about their set \
+         points",
+        &[&whole[..], &of_whole].concat(),
+        rows,
+        |row| [values(&row.whole.0.most), values(&row.swing), time(row.whole.1)].concat(),
+    );
+    out += &table("the whole stack, rms differences to the finest level", whole, rows, |row| {
+        values(&row.whole.0.rms)
+    });
+    out += &table("the whole stack, what was counted", &COUNTED, rows, |row| {
+        let WorkTruth {
+            steps, halved, unsettled, iterations, contacts, images, solved, plain, ..
+        } = row.work;
+        let counts = [steps, halved, unsettled, iterations, contacts, images, solved, plain];
+        counts.map(|count| count.to_string()).to_vec()
+    });
+    out
+}
+
+/// What is counted.
+const COUNTED: [&str; 8] =
+    ["steps", "halved", "unsettled", "iterations", "contacts", "images", "solved", "plain"];
+
+fn table(title: &str, heads: &[&str], rows: &[Row], cells: impl Fn(&Row) -> Vec<String>) -> String {
+    let mut out = format!("## Scenes, {title}\n\n| scene | level | {} |\n", heads.join(" | "));
+    out += &format!("|{}\n", "---|".repeat(2 + heads.len()));
+    for row in rows {
+        let (scene, level) = (&row.scene, row.level.name());
+        let _ = writeln!(out, "| {scene} | {level} | {} |", cells(row).join(" | "));
+    }
+    out + "\n"
+}
+
+/// Two digits that count; a dash where there is nothing.
+fn told(value: f64) -> String {
+    if value.is_nan() {
+        return "–".to_owned();
+    }
+    if value == 0.0 || value >= 10.0 {
+        return format!("{value:.0}");
+    }
+    if value < 0.01 {
+        return format!("{value:.1e}");
+    }
+    format!(
+        "{value:.*}",
+        if value < 0.1 {
+            3
+        } else if value < 1.0 {
+            2
+        } else {
+            1
+        }
+    )
+}

@@ -1,0 +1,389 @@
+//! `taktil experiment`: the experiments of the thesis over laws and seeds, in virtual time, and a
+//! page that sets them side by side. Refuses to choose what to show: every run that was asked for
+//! is in the tables, faults and lost contacts included.
+
+pub mod chapter6;
+mod fall;
+pub mod held;
+pub mod judge;
+pub mod levels;
+mod page;
+pub mod robust;
+pub mod servo;
+pub mod sim;
+pub mod touch;
+
+use std::fs::File;
+use std::io::Write as _;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use anyhow::Context;
+use clap::{Args, Subcommand};
+use taktil_machine_console::out;
+use taktil_machine_console::signals::{self, Second};
+use taktil_rtcore::virtual_time;
+/// The laws of touch.
+pub use taktil_tasks_tactile_servo::law::Name;
+
+use chapter6::{EXPERIMENTS, Experiment, MEASURES};
+use judge::{Judge, Verdict};
+use taktil_lab_scene::assemble;
+use taktil_lab_scene::scene::Scene;
+use taktil_machine_console::option::BadOption;
+
+/// Most seeds of one call.
+const SEEDS_MAX: u64 = 1_000;
+
+/// What to try.
+#[derive(Subcommand, Debug)]
+pub enum Experiments {
+    /// Chapter 6 of the thesis, E1 to E9: laws side by side on the same seeds.
+    ///
+    /// Runs every scene of the folder whose title begins with E1 to E9, for each law and seed, and
+    /// writes report.html and report.md with figures and tables, and runs.csv with a row a run.
+    /// Until it is done the rows stand in partial.csv, each as soon as its run is done; Ctrl-C ends
+    /// it with partial.html and partial.md, and a report of before stays. Exit code 0: done; 1: a
+    /// run ended with a fault, an experiment has no scene, or it was interrupted; 2: bad input.
+    Chapter6(Chapter6),
+    /// The rolling scene with drawn pins, rubbers, frictions and tables: does a law hold?
+    ///
+    /// Exit code 0: every draw held; 1: at least one did not, and is listed; 2: bad input.
+    Robust(robust::Robust),
+    /// Any scenes against the bounds of held inputs: contact, force, yaw and tilt.
+    ///
+    /// Exit code 0: every scene held; 1: one did not; 2: bad input.
+    Held(held::Held),
+}
+
+/// Options of `taktil experiment chapter6`.
+#[derive(Args, Debug)]
+pub struct Chapter6 {
+    /// Laws: thesis, projector-pid, model, hybrid-force, hybrid-force-touch; separated by commas,
+    /// the first is what others are compared with
+    #[arg(long, value_delimiter = ',', default_value = "thesis,model")]
+    law: Vec<String>,
+    /// Seeds 1 to N
+    #[arg(long, default_value_t = 3, value_name = "N")]
+    seeds: u64,
+    /// Only these experiments, such as E1,E8
+    #[arg(long, value_delimiter = ',', value_name = "IDS")]
+    only: Vec<String>,
+    /// Folder with the scenes
+    #[arg(long, default_value = "sim/scenes", value_name = "DIR")]
+    scenes: PathBuf,
+    /// Noise of a tactel instead of the scenes' own (counts); 0 for runs without noise
+    #[arg(long, value_name = "COUNTS")]
+    noise: Option<f64>,
+    /// Threshold of the laws instead of three standard deviations of the noise (counts); 0 for none
+    #[arg(long, value_name = "COUNTS")]
+    threshold: Option<f64>,
+    /// Folder for the report
+    #[arg(long, default_value = "chapter6", value_name = "DIR")]
+    out: PathBuf,
+    /// Threads; one a processor when absent
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+}
+
+impl Chapter6 {
+    /// The scene with the noise and the threshold that were asked for.
+    fn changed(&self, mut scene: Scene) -> Scene {
+        if let Some(counts) = self.noise {
+            scene.world.tactile.noise_counts = counts;
+        }
+        if self.threshold.is_some() {
+            let servo = scene.machine.tactile_servo.get_or_insert_default();
+            servo.threshold_counts = self.threshold;
+        }
+        scene
+    }
+}
+
+/// Laws by their names.
+///
+/// # Errors
+/// A name that no law has, or none at all.
+pub(crate) fn laws(names: &[String]) -> Result<Vec<Name>, BadOption> {
+    let one = |text: &String| {
+        Name::ALL.into_iter().find(|name| name.text() == text).ok_or_else(|| {
+            let known = Name::ALL.map(Name::text).join(", ");
+            BadOption(format!("--law {text}: no such law; there are {known}"))
+        })
+    };
+    let found: Vec<Name> = names.iter().map(one).collect::<Result<_, _>>()?;
+    if found.is_empty() {
+        return Err(BadOption("--law: none given; name at least one".to_owned()));
+    }
+    Ok(found)
+}
+
+/// All runs of one experiment.
+pub(crate) struct Runs {
+    pub(crate) experiment: &'static Experiment,
+    pub(crate) scene: PathBuf,
+    pub(crate) title: String,
+    /// Verdicts by law, then by seed; none of a run that an interruption prevented.
+    pub(crate) verdicts: Vec<Vec<Option<Verdict>>>,
+}
+
+/// Does what was asked.
+///
+/// # Errors
+/// Bad input as [`BadOption`] or a located complaint about a scene.
+pub fn run(what: &Experiments) -> anyhow::Result<ExitCode> {
+    match what {
+        Experiments::Chapter6(options) => chapter6(options),
+        Experiments::Robust(options) => robust::run(options),
+        Experiments::Held(options) => held::run(options),
+    }
+}
+
+/// Removes the report of an interrupted run, if there is one: a whole one stands beside it now.
+fn remove_partial(folder: &Path) -> anyhow::Result<()> {
+    for name in ["partial.html", "partial.md"] {
+        let path = folder.join(name);
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("cannot remove {}", path.display()));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
+    let laws = laws(&options.law)?;
+    if options.seeds == 0 || options.seeds > SEEDS_MAX {
+        let text = format!("--seeds {}: give 1 to {SEEDS_MAX}", options.seeds);
+        return Err(BadOption(text).into());
+    }
+    let (found, missing) = scenes(&options.scenes, &options.only)?;
+    taktil_machine_console::option::folder("--out", &options.out)?;
+    let mut plan = Vec::new();
+    for (e, (experiment, _, scene)) in found.iter().enumerate() {
+        for law in &laws {
+            let scene = options.changed(with_law(scene, *law));
+            plan.extend(
+                (1..=options.seeds).map(|seed| (e, experiment.id, *law, scene.clone(), seed)),
+            );
+        }
+    }
+    let [unfinished, table] = ["partial.csv", "runs.csv"].map(|name| options.out.join(name));
+    let rows = Rows::create(&unfinished)?;
+    let done = in_parallel(options.threads, &plan, |(_, id, law, scene, seed)| {
+        let verdict = one(scene, *seed, *seed == 1)?;
+        rows.add(id, *law, *seed, &verdict)?;
+        Ok(verdict)
+    })?;
+    let (ran, planned) = (done.iter().flatten().count(), plan.len());
+    let mut verdicts = done.into_iter();
+    let all: Vec<Runs> = found
+        .into_iter()
+        .map(|(experiment, path, scene)| Runs {
+            experiment,
+            scene: path,
+            title: scene.title,
+            verdicts: laws
+                .iter()
+                .map(|_| verdicts.by_ref().take(options.seeds as usize).collect())
+                .collect(),
+        })
+        .collect();
+    let mut lacks = Vec::new();
+    let whole = ran == planned;
+    if whole {
+        let shown = table.display();
+        std::fs::rename(&unfinished, &table).with_context(|| format!("cannot write {shown}"))?;
+        remove_partial(&options.out)?;
+    } else {
+        lacks.push(format!("interrupted: {ran} of {planned} runs were done"));
+    }
+    if !missing.is_empty() {
+        let folder = options.scenes.display();
+        lacks.push(format!("not run: {}: no scene in {folder}", missing.join(", ")));
+    }
+    let about = page::About { laws: &laws, command: &repeat(options), lacks: &lacks };
+    let name = if whole { "report" } else { "partial" };
+    let (html, markdown) = page::write((&options.out, name), &all, &about)?;
+    out::line(format_args!("{}\n{}", html.display(), markdown.display()))?;
+    let verdicts = all.iter().flat_map(|runs| &runs.verdicts).flatten().flatten();
+    let bad = verdicts.filter(|verdict| !verdict.figures.faults.is_empty()).count();
+    if bad > 0 {
+        lacks.push(format!("{bad} runs ended with a fault; see the tables"));
+    }
+    for lack in &lacks {
+        out::warn(lack);
+    }
+    Ok(if lacks.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// The table of all runs, a row as soon as a run is done: an interruption loses none of them.
+struct Rows(File);
+
+impl Rows {
+    fn create(path: &Path) -> anyhow::Result<Rows> {
+        let shown = path.display();
+        let mut file = File::create(path).with_context(|| format!("cannot write {shown}"))?;
+        let names = MEASURES.map(|measure| format!("\"{}\"", measure.what)).join(",");
+        file.write_all(format!("experiment,law,seed,{names}\n").as_bytes())
+            .with_context(|| format!("cannot write {shown}"))?;
+        Ok(Rows(file))
+    }
+
+    /// One call of the kernel a row, so that rows of several threads do not mix.
+    fn add(&self, id: &str, law: Name, seed: u64, verdict: &Verdict) -> anyhow::Result<()> {
+        let mut row = format!("{id},{},{seed}", law.text());
+        for measure in &MEASURES {
+            let value = (measure.of)(verdict).map_or(String::new(), |value| value.to_string());
+            row += &format!(",{value}");
+        }
+        row.push('\n');
+        (&self.0).write_all(row.as_bytes()).context("cannot write partial.csv")
+    }
+}
+
+/// The command that makes the same page.
+fn repeat(options: &Chapter6) -> String {
+    let (law, scenes) = (options.law.join(","), options.scenes.display());
+    let mut words = format!("taktil experiment chapter6 --law {law} --seeds {}", options.seeds);
+    words += &format!(" --scenes {scenes}");
+    if !options.only.is_empty() {
+        words += &format!(" --only {}", options.only.join(","));
+    }
+    for (option, value) in [("noise", options.noise), ("threshold", options.threshold)] {
+        words += &value.map_or(String::new(), |value| format!(" --{option} {value}"));
+    }
+    words
+}
+
+/// Processor time of a step of the task that reads the wrist, us.
+const WRIST_BUDGET_US: i64 = 20;
+
+/// The same scene with another law; one that feels the wrist gets the task that reads it.
+#[must_use]
+pub fn with_law(scene: &Scene, law: Name) -> Scene {
+    let mut scene = scene.clone();
+    let machine = &mut scene.machine;
+    machine.tactile_servo.get_or_insert_default().law = law;
+    let named = |name: &str, tasks: &[String]| tasks.iter().position(|task| task == name);
+    let reads = machine.lane.values().any(|lane| named("wrist_scan", &lane.tasks).is_some());
+    if !law.feels_the_wrist() || reads {
+        return scene;
+    }
+    for lane in machine.lane.values_mut() {
+        let Some(place) = named("tactile_servo", &lane.tasks) else { continue };
+        lane.tasks.insert(place, "wrist_scan".to_owned());
+        if !lane.budget_us.is_empty() {
+            lane.budget_us.insert("wrist_scan".to_owned(), WRIST_BUDGET_US);
+        }
+    }
+    machine.wiring.insert("tactile_servo.wrench".to_owned(), "wrist_scan.wrench".to_owned());
+    scene
+}
+
+/// An experiment with its scene.
+pub(crate) type Found = (&'static Experiment, PathBuf, Scene);
+
+/// The scene of each experiment: the first by name whose title begins with its id; and which
+/// experiments have none.
+///
+/// # Errors
+/// An experiment that `only` names and that has no scene; a folder without any.
+pub(crate) fn scenes(
+    folder: &Path,
+    only: &[String],
+) -> anyhow::Result<(Vec<Found>, Vec<&'static str>)> {
+    for id in only {
+        if !EXPERIMENTS.iter().any(|e| e.id.eq_ignore_ascii_case(id)) {
+            let text = format!("--only {id}: no such experiment; there are E1 to E9");
+            return Err(BadOption(text).into());
+        }
+    }
+    let entries = std::fs::read_dir(folder)
+        .map_err(|error| BadOption(format!("--scenes {}: {error}", folder.display())))?;
+    let mut files: Vec<PathBuf> = entries
+        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+        .filter(|path| path.extension().is_some_and(|ending| ending == "toml"))
+        .collect();
+    files.sort();
+    let loaded: Vec<(PathBuf, Scene)> = files
+        .into_iter()
+        .map(|path| Scene::load(&path).map(|scene| (path, scene)))
+        .collect::<Result<_, _>>()?;
+    let wanted = |id: &str| only.is_empty() || only.iter().any(|o| o.eq_ignore_ascii_case(id));
+    let (mut out, mut missing) = (Vec::new(), Vec::new());
+    for experiment in EXPERIMENTS.iter().filter(|experiment| wanted(experiment.id)) {
+        let head = format!("{}:", experiment.id);
+        match loaded.iter().find(|(_, scene)| scene.title.starts_with(&head)) {
+            Some((path, scene)) => out.push((experiment, path.clone(), scene.clone())),
+            None => missing.push(experiment.id),
+        }
+    }
+    if !only.is_empty() && !missing.is_empty() {
+        let text = format!("--only {}: no scene in {}", missing.join(","), folder.display());
+        return Err(BadOption(text).into());
+    }
+    if out.is_empty() {
+        let text = format!("--scenes {}: no scene of chapter 6", folder.display());
+        return Err(BadOption(text).into());
+    }
+    Ok((out, missing))
+}
+
+/// One run in virtual time; with samples for drawing when `traced`.
+///
+/// # Errors
+/// A scene that cannot be assembled, a task that refuses to start.
+pub fn one(scene: &Scene, seed: u64, traced: bool) -> anyhow::Result<Verdict> {
+    let mut machine = assemble::assemble(scene, seed)?;
+    let catalog = machine.catalog().clone();
+    let mut judge = Judge::new(&catalog, taktil_lab_scene::targets(scene), &scene.world, traced);
+    let stop = AtomicBool::new(false);
+    virtual_time::run(&mut machine, scene.duration, &stop, &mut judge)
+        .map_err(|(task, fault)| anyhow::anyhow!("task `{task}`: {}", fault.text()))?;
+    Ok(judge.verdict())
+}
+
+/// Works a plan off on several threads; answers are in the order of the plan, whoever was first,
+/// and absent where Ctrl-C came before.
+///
+/// # Errors
+/// A part that failed.
+pub(crate) fn in_parallel<P: Sync, T: Send>(
+    threads: Option<NonZeroUsize>,
+    plan: &[P],
+    work: impl Fn(&P) -> anyhow::Result<T> + Sync,
+) -> anyhow::Result<Vec<Option<T>>> {
+    let stop = signals::watch(Second::Kills)?;
+    let threads = threads.map_or_else(
+        || std::thread::available_parallelism().map_or(1, NonZeroUsize::get),
+        NonZeroUsize::get,
+    );
+    let next = AtomicUsize::new(0);
+    let worker = || {
+        let mut done = Vec::new();
+        while !stop.load(Ordering::SeqCst) {
+            let index = next.fetch_add(1, Ordering::SeqCst);
+            let Some(part) = plan.get(index) else { break };
+            done.push((index, work(part)));
+        }
+        done
+    };
+    let done: Vec<(usize, anyhow::Result<T>)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads.min(plan.len())).map(|_| scope.spawn(worker)).collect();
+        let ended = workers.into_iter().map(|worker| match worker.join() {
+            Ok(done) => done,
+            Err(panic) => std::panic::resume_unwind(panic),
+        });
+        ended.flatten().collect()
+    });
+    let mut answers: Vec<Option<T>> = plan.iter().map(|_| None).collect();
+    for (index, answer) in done {
+        answers[index] = Some(answer.context("a run failed")?);
+    }
+    Ok(answers)
+}

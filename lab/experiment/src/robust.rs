@@ -1,0 +1,238 @@
+//! `taktil experiment robust`: the rolling scene with everything drawn that a user may change
+//! without telling the controller. Refuses to hide a draw that failed: the worst ones are listed
+//! with the command that repeats them.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use taktil_machine_console::out;
+use taktil_sim::scene::{Defect, DefectKind, Electronics, Fault, FaultKind, Stamp};
+
+use super::judge::Verdict;
+use super::{in_parallel, laws, one, with_law};
+use taktil_lab_plot::axis::plain;
+use taktil_lab_scene::scene::Scene;
+use taktil_lab_scene::score::Spread;
+use taktil_machine_console::option::BadOption;
+
+/// Most draws of one call.
+const DRAWS_MAX: u64 = 10_000;
+/// Rows and columns of the array.
+const ROWS: u16 = 16;
+
+/// Options of `taktil experiment robust`.
+#[derive(Args, Debug)]
+pub struct Robust {
+    /// The law
+    #[arg(long, default_value = "model")]
+    law: String,
+    /// Draws 1 to N, each from its own seed
+    #[arg(long, default_value_t = 20, value_name = "N")]
+    draws: u64,
+    /// Only this draw, told in full
+    #[arg(long, value_name = "K")]
+    draw: Option<u64>,
+    /// Scene that is changed
+    #[arg(long, default_value = "sim/scenes/roll-pin.toml", value_name = "FILE")]
+    scene: PathBuf,
+    /// Threads; one a processor when absent
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+}
+
+/// A draw of numbers from 0 to 1: SplitMix64 (Steele, Lea, Flood 2014).
+struct Draw(u64);
+
+impl Draw {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.next()
+    }
+}
+
+/// Kills a row of the array, which the machine may know; says so.
+fn killed(scene: &mut Scene, row: u16, known: bool) -> String {
+    scene.world.tactile.defect.push(Defect {
+        kind: DefectKind::Dead,
+        row: Some(u32::from(row)),
+        column: None,
+        counts: 0,
+        period_s: 0.1,
+        from_s: 0.0,
+    });
+    if known {
+        let scan = scene.machine.tactile_scan.get_or_insert_default();
+        scan.dead = (1..=ROWS).map(|col| [row + 1, col]).collect();
+    }
+    format!(", row {} dead{}", row + 1, if known { " and known to be" } else { "" })
+}
+
+/// The scene of a draw, and what was drawn.
+fn drawn(base: &Scene, number: u64) -> (Scene, String) {
+    let mut draw = Draw(number.wrapping_mul(0x1234_5678_9ABC_DEF1));
+    let mut scene = base.clone();
+    let world = &mut scene.world;
+    let radius = draw.between(15.0, 35.0);
+    let (pad, bed) = (draw.between(0.5, 1.5), draw.between(0.5, 1.5));
+    let (finger, table) = (draw.between(0.3, 1.2), draw.between(0.3, 1.2));
+    let mass = draw.between(0.8, 1.2);
+    let yaw = draw.between(-4.0, 4.0);
+    let tilt = draw.between(-3.0, 3.0);
+    let row = (draw.next() * f64::from(ROWS)) as u16;
+    let dead = draw.next();
+    let [spread, lossy, late] = [0.5, 0.25, 0.25].map(|share| draw.next() < share);
+    let links: [f64; 6] = core::array::from_fn(|_| draw.between(0.8, 1.2));
+    let payload = draw.between(0.8, 1.2);
+    let hidden = draw.next() < 0.5;
+    world.pin.radius_mm = radius;
+    world.finger.rubber.youngs_mpa *= pad;
+    world.table.rubber.youngs_mpa *= bed;
+    world.finger.friction = finger;
+    world.table.friction = table;
+    world.pin.mass_kg *= mass;
+    world.arm.link_mass_scale = links;
+    world.arm.tool_mass_scale = payload;
+    world.pin.yaw_deg = yaw;
+    world.table.tilt_x_deg = tilt;
+    let links = links.map(|scale| format!("{scale:.2}")).join(" ");
+    let mut about = format!(
+        "radius {radius:.1} mm, pad x {pad:.2}, bed x {bed:.2}, friction {finger:.2} and \
+         {table:.2}, mass x {mass:.2}, links x {links}, payload x {payload:.2}, yaw {yaw:.1} deg, \
+         tilt {tilt:.1} deg"
+    );
+    if spread {
+        // Gains only: a power law would shift every force by a tenth, whatever the law does.
+        world.tactile.electronics = Electronics::Response;
+        (world.tactile.exponent, world.tactile.threshold_n) = (1.0, 0.0);
+        about += ", gains spread by 6 %";
+    }
+    if lossy {
+        let lost = Fault {
+            kind: FaultKind::DropFrames,
+            at_s: 1.0,
+            for_s: None,
+            joint: None,
+            share: Some(0.1),
+            opposed: None,
+        };
+        world.fault.push(lost);
+        about += ", a tenth of the frames lost";
+    }
+    if dead < 0.25 {
+        // Half of the dead rows nobody noticed.
+        about += &killed(&mut scene, row, dead < 0.125);
+    }
+    if late {
+        scene.world.tactile.late_scans = 1;
+        about += ", images a frame late";
+        if hidden {
+            scene.world.tactile.stamp = Stamp::Delivered;
+            about += " and not saying so";
+        }
+    }
+    (scene, about)
+}
+
+fn held(verdict: &Verdict) -> bool {
+    verdict.figures.faults.is_empty()
+        && verdict.figures.contact_lost == 0
+        && verdict.settling_s.is_some()
+}
+
+/// Runs the draws.
+///
+/// # Errors
+/// Bad input as [`BadOption`] or a located complaint about the scene.
+pub fn run(options: &Robust) -> anyhow::Result<ExitCode> {
+    let law = laws(std::slice::from_ref(&options.law))?[0];
+    if options.draws == 0 || options.draws > DRAWS_MAX {
+        let text = format!("--draws {}: give 1 to {DRAWS_MAX}", options.draws);
+        return Err(BadOption(text).into());
+    }
+    let base = with_law(&Scene::load(&options.scene)?, law);
+    let numbers = options.draw.map_or(1..=options.draws, |draw| draw..=draw);
+    let plan: Vec<(u64, Scene, String)> = numbers
+        .map(|number| {
+            let (scene, about) = drawn(&base, number);
+            (number, scene, about)
+        })
+        .collect();
+    let verdicts =
+        in_parallel(options.threads, &plan, |(number, scene, _)| one(scene, *number, false))?;
+    let done = || plan.iter().zip(&verdicts).filter_map(|(draw, v)| Some((draw, v.as_ref()?)));
+    let mut lost = 0;
+    for ((number, _, about), verdict) in done() {
+        lost += u32::from(!held(verdict));
+        if options.draw.is_some() || !held(verdict) {
+            out::line(format_args!(
+                "draw {number}: {about}\n  {}\n  taktil experiment robust --law {} --scene {} \
+                 --draw {number}",
+                told(verdict),
+                law.text(),
+                options.scene.display()
+            ))?;
+        }
+    }
+    out::line(format_args!(
+        "| draws | number | force error rms, N: median | 95 % | most | tilt rms, deg: 95 % | yaw \
+         rms, deg: 95 % |\n|{}",
+        "---|".repeat(7)
+    ))?;
+    for group in ["", "frames lost", "frame late", "not saying so", "dead", "gains spread"] {
+        let of: Vec<&Verdict> = done()
+            .filter_map(|((_, _, about), verdict)| about.contains(group).then_some(verdict))
+            .collect();
+        out::line(row(if group.is_empty() { "all" } else { group }, &of))?;
+    }
+    let (number, law) = (done().count(), law.text());
+    out::line(format_args!("\n{number} draws with `{law}`: {lost} did not hold"))?;
+    let left = plan.len() - number;
+    if left > 0 {
+        out::warn(format_args!("interrupted: {left} draws were not tried"));
+    }
+    Ok(if lost == 0 && left == 0 { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// A run in words.
+fn told(verdict: &Verdict) -> String {
+    let rms = |spread: &Spread| spread.rms().map_or("-".into(), plain);
+    format!(
+        "{} faults, {} contact losses, settled after {} s; rms force {} N, tilt {} deg, yaw {} \
+         deg",
+        verdict.figures.faults.0.count_ones(),
+        verdict.figures.contact_lost,
+        verdict.settling_s.map_or("never".into(), plain),
+        rms(&verdict.force_n),
+        rms(&verdict.tilt_deg),
+        rms(&verdict.yaw_deg),
+    )
+}
+
+/// A row of the table: how some of the draws went.
+fn row(name: &str, of: &[&Verdict]) -> String {
+    let at = |share: f64, spread: fn(&Verdict) -> &Spread| {
+        let mut all: Vec<f64> = of.iter().filter_map(|v| spread(v).rms()).collect();
+        all.sort_by(f64::total_cmp);
+        let place = (share * all.len().saturating_sub(1) as f64).round() as usize;
+        all.get(place).map_or("-".into(), |value| plain(*value))
+    };
+    let force: fn(&Verdict) -> &Spread = |v| &v.force_n;
+    format!(
+        "| {name} | {} | {} | {} | {} | {} | {} |",
+        of.len(),
+        at(0.5, force),
+        at(0.95, force),
+        at(1.0, force),
+        at(0.95, |v| &v.tilt_deg),
+        at(0.95, |v| &v.yaw_deg),
+    )
+}

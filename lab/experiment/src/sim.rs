@@ -1,0 +1,406 @@
+//! `taktil bench sim`: wall time of a simulated second against error, by integrator, step and
+//! contact model, each against the finest of them in the same scene. Refuses to time what builds a
+//! scene, and controllers: the finger is on rails, the free arm has no torque.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use glam::{DMat3, DVec3};
+use taktil_hal::{Devices, LinesOut, Nanos, TactileFrame};
+use taktil_machine_console::out;
+use taktil_mechanics::spatial::rotation_x;
+use taktil_mechanics::tactile::{Image, features, moments};
+use taktil_rtcore::linux;
+use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
+use taktil_sim::{
+    Carriage, Float, PITCH_M, Timing, World, WorldConfig, build, build_with_carriage,
+};
+
+use super::levels;
+use taktil_lab_plot::axis::{Scale, decades};
+use taktil_lab_plot::svg::{Anchor, Figure};
+use taktil_machine_console::option::{BadOption, writable};
+
+/// How to measure, and where the picture goes.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Plan {
+    /// Runs of each method; the fastest counts
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub rounds: u32,
+    /// File for time against error of the centroid (SVG); none without it
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// One JSON object instead of the tables
+    #[arg(long)]
+    pub json: bool,
+    /// Which scenes, at every level.
+    #[command(flatten)]
+    pub choice: levels::Choice,
+    /// Only one part: the arm alone, a pin on rails, or scenes by the whole stack
+    #[arg(long, value_enum)]
+    pub only: Option<Part>,
+    /// Answer falls that are asked for on standard input, for a program that does the same
+    #[arg(long, hide = true)]
+    pub serve: bool,
+}
+
+/// What is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Part {
+    /// The arm alone.
+    Arm,
+    /// A pin rolled by a finger on rails.
+    Rails,
+    /// Scenes by the whole stack.
+    Scenes,
+}
+
+/// Free fall of the arm that is timed and compared (s).
+const FALL_S: f64 = 0.3;
+/// The rolling scene: pressed from the start, at rest until then, rolled until the end (s).
+const PRESSED_S: f64 = 0.3;
+const ROLLED_S: f64 = 2.3;
+/// Force on the finger (N).
+const LOAD_N: f64 = 15.0;
+/// Scan period of the default timing (s).
+const SCAN_S: f64 = 5e-3;
+
+/// Measures, prints the tables, draws the picture.
+///
+/// # Errors
+/// [`BadOption`] for a number of runs that cannot be used; a file that cannot be written.
+pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
+    if plan.serve {
+        super::fall::serve(std::io::stdin().lock())?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    if !(1..=1000).contains(&plan.rounds) {
+        return Err(BadOption(format!("--rounds {}: give 1 to 1000", plan.rounds)).into());
+    }
+    for (option, path) in [("--out", &plan.out), ("--scenes-out", &plan.choice.scenes_out)] {
+        path.as_ref().map_or(Ok(()), |path| writable(option, path))?;
+    }
+    let asked = |part: Part| plan.only.is_none_or(|only| only == part);
+    // What cannot be read is said before anything is measured.
+    let scenes = if asked(Part::Scenes) { levels::load(&plan.choice)? } else { Vec::new() };
+    let (mut text, mut pictures) = (Vec::new(), Vec::new());
+    if asked(Part::Arm) {
+        text.push(format!("## Arm alone, {FALL_S} s of fall\n\n{}", arms(plan.rounds)?));
+    }
+    if asked(Part::Rails) {
+        let rows = rolls(plan.rounds)?;
+        let title = format!("## Pin rolled by a finger on rails, {LOAD_N} N");
+        text.push(format!("{title}\n\n{}", table(&rows)));
+        pictures.extend(plan.out.as_ref().map(|path| (path, picture(&rows))));
+    }
+    if asked(Part::Scenes) {
+        let rows = levels::rows(&scenes, plan.rounds)?;
+        text.push(levels::tables(&rows));
+        let path = plan.choice.scenes_out.as_ref();
+        pictures.extend(path.map(|path| (path, levels::picture(&rows))));
+    }
+    let text = text.join("\n");
+    if plan.json {
+        let tables = taktil_lab_plot::tables::json(&text);
+        out::line(serde_json::json!({ "rounds": plan.rounds, "tables": tables }))?;
+    } else {
+        out::line(&text)?;
+    }
+    for (path, figure) in pictures {
+        std::fs::write(path, figure.file()).with_context(|| format!("{}", path.display()))?;
+        if !plan.json {
+            out::line(path.display())?;
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn seconds(s: f64) -> Nanos {
+    Nanos((1e9 * s).round() as i64)
+}
+
+/// Advances and adds the wall time that it took.
+fn timed(world: &mut World, to: Nanos, spent: &mut Nanos) {
+    let start = linux::monotonic();
+    world.advance(to);
+    *spent += linux::monotonic() - start;
+}
+
+/// Angles after the fall, and wall time of a simulated second (ms).
+fn fall(
+    arm: ArmModel,
+    integrator: Integrator,
+    substep_us: f64,
+    period_us: i64,
+) -> anyhow::Result<([f64; 6], f64)> {
+    let mut config = WorldConfig { substep_us, arm_every: 1, ..WorldConfig::default() };
+    config.pin.present = false;
+    (config.fidelity.arm, config.fidelity.integrator) = (arm, integrator);
+    if arm == ArmModel::Kinematic {
+        let [a, b, c, d, e, f] = config.arm.home_deg;
+        config.arm.course_deg = vec![[FALL_S, a + 10.0, b - 5.0, c + 5.0, d, e + 10.0, f - 10.0]];
+    }
+    let period = Nanos::from_micros(period_us);
+    let timing =
+        Timing { control_period: period, actuation_delay: Nanos::ZERO, scan_period: period * 2 };
+    let (mut world, mut devices) = build(&config, &timing, 1)?;
+    let (mut spent, mut t, mut feed) = (Nanos::ZERO, Nanos::ZERO, false);
+    while t < seconds(FALL_S) {
+        feed = !feed;
+        let order = LinesOut { enable: true, brake_release: true, watchdog_feed: feed };
+        devices.digital_out.commit(t, &order)?;
+        devices.encoders.sample(t)?;
+        t += period;
+        timed(&mut world, t, &mut spent);
+    }
+    let q = world.truth().q;
+    Ok((core::array::from_fn(|i| q[i]), spent.as_secs_f64() * 1e3 / FALL_S))
+}
+
+/// Work against precision of the arm alone, in Markdown.
+fn arms(rounds: u32) -> anyhow::Result<String> {
+    let mut out = String::from(
+        "| arm | integrator | step, us | error, rad | ms a simulated second | times real time |\n\
+         |---|---|---|---|---|---|\n",
+    );
+    let cases = [
+        (ArmModel::Kinematic, Integrator::Auto, 2500.0, 2500),
+        (ArmModel::Rigid, Integrator::Rk4, 2500.0, 2500),
+        (ArmModel::Rigid, Integrator::Rk4, 1250.0, 2500),
+        (ArmModel::Rigid, Integrator::Implicit, 2500.0, 2500),
+        (ArmModel::Rigid, Integrator::Implicit, 625.0, 2500),
+        (ArmModel::Rigid, Integrator::Euler, 1250.0, 2500),
+        (ArmModel::Rigid, Integrator::Euler, 80.0, 2500),
+        (ArmModel::RigidMotors, Integrator::Implicit, 2500.0, 2500),
+        (ArmModel::RigidMotors, Integrator::Implicit, 625.0, 2500),
+        (ArmModel::RigidMotors, Integrator::Euler, 80.0, 2500),
+        (ArmModel::Compliant, Integrator::Implicit, 2500.0, 2500),
+        (ArmModel::Compliant, Integrator::Implicit, 625.0, 2500),
+    ];
+    for (arm, integrator, step_us, period_us) in cases {
+        let (method, finest_us) = match arm {
+            ArmModel::Kinematic => (Integrator::Auto, 250.0),
+            ArmModel::Rigid => (Integrator::Rk4, 250.0),
+            ArmModel::RigidMotors | ArmModel::Compliant => (Integrator::Implicit, 20.0),
+        };
+        let (exact, _) = fall(arm, method, finest_us, period_us)?;
+        let mut best = f64::INFINITY;
+        let mut error = 0.0_f64;
+        for _ in 0..rounds {
+            let (q, ms) = fall(arm, integrator, step_us, period_us)?;
+            best = best.min(ms);
+            error = q.iter().zip(&exact).fold(0.0, |most, (a, b)| most.max((a - b).abs()));
+        }
+        writeln!(
+            out,
+            "| {arm:?} | {integrator:?} | {step_us} | {error:.1e} | {best:.2} | {:.0} |",
+            1e3 / best
+        )?;
+    }
+    Ok(out)
+}
+
+/// What is compared.
+const FEATURES: [&str; 8] =
+    ["M0, %", "x_c, mm", "y_c, mm", "theta_z, deg", "force, %", "p_x, um", "p_z, um", "yaw, deg"];
+
+/// One way to simulate the rolling scene.
+struct Row {
+    contact: ContactModel,
+    integrator: Integrator,
+    step_us: f64,
+    errors: [f64; 8],
+    ms: f64,
+}
+
+/// The pin lies turned, the finger leans: every feature has something to tell.
+fn scene(contact: ContactModel, integrator: Integrator, step_us: f64) -> (WorldConfig, Carriage) {
+    let mut config = WorldConfig { substep_us: step_us, ..WorldConfig::default() };
+    (config.fidelity.contact, config.fidelity.integrator) = (contact, integrator);
+    config.pin.yaw_deg = 2.0;
+    (config.tactile.noise_counts, config.tactile.bits) = (0.0, 16);
+    let top = 1e-3 * (config.table_height_mm() + 2.0 * config.pin.radius_mm);
+    let at = DVec3::new(0.325, -0.127, top + 1e-4);
+    let knots = vec![(PRESSED_S, at), (ROLLED_S, at + DVec3::new(0.015, 0.0, 0.0))];
+    let axes = DMat3::from_cols(-DVec3::X, DVec3::Y, -DVec3::Z) * rotation_x(2e-4);
+    let float = Some(Float { mass_kg: 1.0, load_n: LOAD_N, damping_n_s_m: 200.0 });
+    (config, Carriage { axes, knots, float })
+}
+
+/// Features at each scan once pressed, and wall time of a simulated second (ms).
+fn roll(
+    contact: ContactModel,
+    integrator: Integrator,
+    step_us: f64,
+) -> anyhow::Result<(Vec<[f64; 8]>, f64)> {
+    let (config, carriage) = scene(contact, integrator, step_us);
+    let (mut world, mut devices) = build_with_carriage(&config, &Timing::default(), 1, carriage)?;
+    let (mut spent, mut samples) = (Nanos::ZERO, Vec::new());
+    for i in 1..=(ROLLED_S / SCAN_S).round() as i64 {
+        let t = Nanos::from_millis(5) * i;
+        timed(&mut world, t, &mut spent);
+        let sample = sample(&config, &world, &mut devices, t)?;
+        if t >= seconds(PRESSED_S) {
+            samples.push(sample);
+        }
+    }
+    Ok((samples, spent.as_secs_f64() * 1e3 / ROLLED_S))
+}
+
+fn sample(
+    config: &WorldConfig,
+    world: &World,
+    devices: &mut Devices,
+    t: Nanos,
+) -> anyhow::Result<[f64; 8]> {
+    let mut frame = TactileFrame::empty();
+    devices.tactile.sample(t, &mut frame)?;
+    let rest = config.tactile.rest_counts;
+    let values = frame.values.map(|v| (f64::from(v) - rest) as f32);
+    let image = Image::new(16, 16, &values, None).context("sixteen rows of sixteen")?;
+    let moments = moments(&image, 0.0);
+    let found = features(&moments);
+    let truth = world.truth();
+    let mm = 1e3 * PITCH_M;
+    Ok([
+        moments.m0,
+        mm * found.x_c.unwrap_or(0.0),
+        mm * found.y_c.unwrap_or(0.0),
+        found.theta_z_rad.unwrap_or(0.0).to_degrees(),
+        truth.finger_normal_n,
+        1e6 * truth.pin.x,
+        1e6 * truth.tool.z,
+        truth.pin_yaw_rad.to_degrees(),
+    ])
+}
+
+/// Largest differences; M0 and the force in percent.
+fn apart(samples: &[[f64; 8]], exact: &[[f64; 8]]) -> [f64; 8] {
+    let mut worst = [0.0_f64; 8];
+    for (a, b) in samples.iter().zip(exact) {
+        for (i, most) in worst.iter_mut().enumerate() {
+            let scale = if i == 0 || i == 4 { 100.0 / b[i].abs().max(1e-9) } else { 1.0 };
+            *most = most.max(scale * (a[i] - b[i]).abs());
+        }
+    }
+    worst
+}
+
+fn rolls(rounds: u32) -> anyhow::Result<Vec<Row>> {
+    let finest = (ContactModel::Layer3dFine, Integrator::Implicit, 312.5);
+    let (exact, finest_ms) = roll(finest.0, finest.1, finest.2)?;
+    let cases = [
+        (ContactModel::Line, Integrator::Implicit, 1250.0),
+        (ContactModel::Line, Integrator::Implicit, 312.5),
+        (ContactModel::Line, Integrator::Euler, 80.0),
+        (ContactModel::Line, Integrator::Euler, 20.0),
+        (ContactModel::Layer2d, Integrator::Implicit, 1250.0),
+        (ContactModel::Layer3d, Integrator::Implicit, 1250.0),
+        (ContactModel::Layer3d, Integrator::Implicit, 312.5),
+        (ContactModel::Layer3dFine, Integrator::Implicit, 1250.0),
+    ];
+    let mut rows = Vec::new();
+    for (contact, integrator, step_us) in cases {
+        let (mut best, mut errors) = (f64::INFINITY, [0.0; 8]);
+        for _ in 0..rounds {
+            let (samples, ms) = roll(contact, integrator, step_us)?;
+            best = best.min(ms);
+            errors = apart(&samples, &exact);
+        }
+        rows.push(Row { contact, integrator, step_us, errors, ms: best });
+    }
+    let (contact, integrator, step_us) = finest;
+    rows.push(Row { contact, integrator, step_us, errors: [0.0; 8], ms: finest_ms });
+    Ok(rows)
+}
+
+fn table(rows: &[Row]) -> String {
+    let mut out = String::from("| contact | integrator | step, us |");
+    for feature in FEATURES {
+        let _ = write!(out, " {feature} |");
+    }
+    let _ = writeln!(out, " ms a simulated second | times real time |");
+    let _ = writeln!(out, "|{}", "---|".repeat(5 + FEATURES.len()));
+    for row in rows {
+        let _ = write!(out, "| {:?} | {:?} | {} |", row.contact, row.integrator, row.step_us);
+        for error in row.errors {
+            let _ = write!(out, " {error:.1e} |");
+        }
+        let _ = writeln!(out, " {:.2} | {:.0} |", row.ms, 1e3 / row.ms);
+    }
+    out
+}
+
+/// Time against the error of the centroid, both by decades.
+fn picture(rows: &[Row]) -> Figure {
+    let (width, height) = (760.0, 420.0);
+    let mut figure = Figure::new(width, height, "time of a simulated second against error");
+    figure.text(70.0, 22.0, Anchor::Start, "head", "Simulator: work against precision");
+    let log = |v: f64| libm::log10(v.max(1e-12));
+    let shown: Vec<&Row> = rows.iter().filter(|row| row.errors[1] > 0.0).collect();
+    let ends = |of: &dyn Fn(&Row) -> f64| {
+        let values = || shown.iter().map(|row| log(of(row)));
+        let (low, high) = (values().fold(9.0, f64::min), values().fold(-12.0, f64::max));
+        (libm::floor(low - 0.1), libm::ceil(high + 0.1))
+    };
+    let (from, to) = ends(&|row| row.errors[1]);
+    let x = Scale { low: from, high: to, from_px: 70.0, to_px: width - 30.0 };
+    let (low, high) = ends(&|row| row.ms);
+    let y = Scale { low, high, from_px: height - 60.0, to_px: 50.0 };
+    for tick in decades(libm::pow(10.0, from), libm::pow(10.0, to), 8.0) {
+        let place = x.place(log(tick.value));
+        figure.line((place, y.from_px), (place, y.to_px), "grid");
+        figure.text(place, y.from_px + 18.0, Anchor::Middle, "small", &tick.label);
+    }
+    for tick in decades(libm::pow(10.0, low), libm::pow(10.0, high), 6.0) {
+        let place = y.place(log(tick.value));
+        figure.line((x.from_px, place), (x.to_px, place), "grid");
+        figure.text(x.from_px - 8.0, place + 4.0, Anchor::End, "small", &tick.label);
+    }
+    let foot = "largest error of the centroid along x (mm); up: ms a simulated second";
+    figure.text(0.5 * width, height - 18.0, Anchor::Middle, "small dim", foot);
+    let mut marks: Vec<_> =
+        shown.iter().map(|row| (x.place(log(row.errors[1])), y.place(log(row.ms)), *row)).collect();
+    marks.sort_by(|a, b| a.1.total_cmp(&b.1));
+    // Names stand in a column beside the crowd, each below the last, with a line to its point.
+    let column = 0.58 * width;
+    let mut next = 0.0_f64;
+    for (across, up, row) in marks {
+        let name = format!("{:?}, {:?} {} us", row.contact, row.integrator, row.step_us);
+        if across > column + 20.0 {
+            next = next.max(up - 24.0);
+            figure.line((column + 5.0, next), (across, up), "grid");
+            figure.text(column, next + 4.0, Anchor::End, "small", &name);
+            next += 16.0;
+        } else {
+            figure.text(across + 8.0, up + 4.0, Anchor::Start, "small", &name);
+        }
+        figure.circle(across, up, 4.0, &format!("f{}", row.contact as usize % 6));
+    }
+    figure
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_of_force_are_percent_and_of_places_are_not() {
+        let exact = vec![[100.0, 1.0, 0.0, 0.0, 10.0, 0.0, 0.0, 0.0]];
+        let got = vec![[101.0, 1.5, 0.0, 0.0, 9.9, 0.0, 0.0, 0.0]];
+        let errors = apart(&got, &exact);
+        assert!((errors[0] - 1.0).abs() < 1e-9 && (errors[1] - 0.5).abs() < 1e-12);
+        assert!((errors[4] - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        let choice =
+            levels::Choice { scenes: Vec::new(), span_s: 1.0, noise: 0.0, scenes_out: None };
+        let plan =
+            Plan { rounds: 0, out: None, json: false, choice, only: Some(Part::Arm), serve: false };
+        assert!(run(&plan).is_err());
+    }
+}

@@ -1,0 +1,307 @@
+//! `taktil calibrate tactile`: the rubber's stiffness and what each tactel makes of its load, found
+//! from the images of a log whose loads are known. Refuses logs that do not say what was pressed,
+//! with what force and where.
+//!
+//! What happened at the instant of each image is met again by moving the log's world there: between
+//! two records of the truth the force may change by a newton, and an error in it would be one of
+//! the exponent.
+
+pub mod equations;
+pub mod fit;
+pub mod press;
+pub mod told;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use serde_json::json;
+use taktil_machine_console::out;
+use taktil_sim::scene::Electronics;
+
+use equations::{MODULUS, SHARED};
+use fit::{Also, Estimate, Fit};
+use press::{Images, Pad, Pressed, REST_MIN, TACTELS};
+use taktil_lab_scene::origin::Origin;
+use taktil_lab_scene::scene::Scene;
+use taktil_lab_scene::seek::{recorded_until, seek};
+use taktil_machine_console::option::BadOption;
+use taktil_record::{Damage, Log};
+use told::{NAMES, Told};
+
+/// What is calibrated.
+#[derive(Clone, Debug, clap::Subcommand)]
+pub enum Calibrate {
+    /// The tactile array: Young's modulus of its rubber, threshold, exponent, gain of each tactel.
+    ///
+    /// From the log of a scene in which a pin was rolled over the pad: the images as the robot saw
+    /// them, force and place of the contact as the simulator knows them. On a board these would
+    /// have to come from a load cell and a stage; no task records them. Printed is also which of
+    /// these numbers, of thickness and of Poisson's ratio the images tell apart. Exit code 0:
+    /// found; 1: the model leaves more than the noise without a load, or too few images without a
+    /// load say what that is; 2: a log that cannot be used, or that does not tell.
+    Tactile {
+        /// Log file (MCAP) of a scene
+        log: PathBuf,
+        /// Seek these as well instead of taking them from the scene
+        #[arg(long, value_delimiter = ',')]
+        also: Vec<Sought>,
+        /// One JSON object with every gain instead of the table
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// What may be sought beside modulus, threshold, exponent and gains.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Sought {
+    /// The layer's thickness
+    Thickness,
+    /// Poisson's ratio
+    Poisson,
+}
+
+/// Fits and prints.
+///
+/// # Errors
+/// [`BadOption`] for logs that cannot be used.
+pub fn run(what: &Calibrate) -> anyhow::Result<ExitCode> {
+    let Calibrate::Tactile { log, also, json } = what;
+    let bad = |why: String| BadOption(format!("{}: {why}", log.display()));
+    let recording = read(log).map_err(bad)?;
+    let Recording { pad, pressed, .. } = &recording;
+    let also = Also {
+        thickness: also.contains(&Sought::Thickness),
+        poisson: also.contains(&Sought::Poisson),
+    };
+    let fit = fit::fit(&pressed.presses, pad, also).map_err(bad)?;
+    if *json {
+        out::line(as_json(&fit, &recording))?;
+    } else {
+        out::line(table(&fit, &recording).trim_end())?;
+    }
+    let found = explained(&fit, pressed) == Some(true);
+    Ok(if found { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// What a log gives.
+#[derive(Debug)]
+pub struct Recording {
+    /// What ran.
+    pub scene: Scene,
+    /// What is known of its pad.
+    pub pad: Pad,
+    /// Every image with its load.
+    pub pressed: Pressed,
+    /// Images of which no load is known: they were made after the last truth.
+    pub beyond: usize,
+    /// Where the log ends or is damaged; none for a whole one.
+    pub damage: Option<Damage>,
+}
+
+/// The scene of a log, what is known of its pad, and every image with its load. Of a log that was
+/// cut or damaged what stands before that is used.
+///
+/// # Errors
+/// What the log lacks.
+pub fn read(path: &Path) -> Result<Recording, String> {
+    let log = Log::open(path).map_err(|error| format!("{error:#}"))?;
+    let damage = log.damage().cloned();
+    taken(&log).map_err(|why| match &damage {
+        // What is lacking may stand in the part that cannot be read.
+        Some(damage) => format!("{why}; the log is {damage}"),
+        None => why,
+    })
+}
+
+fn taken(log: &Log) -> Result<Recording, String> {
+    let damage = log.damage().cloned();
+    let (scene, _) = Origin::of(log)?.into_scene()?;
+    let scan = scene.machine.tactile_scan.clone().unwrap_or_default();
+    let pad = Pad::of(&scene.world, scan.baseline_frames)?;
+    if scan.response.is_some() {
+        return Err("its readings were made linear by a calibration before \
+                    (robot.tactile_scan.response); record without it"
+            .to_owned());
+    }
+    let images = log.series("tactile_scan.image").ok_or(
+        "it has no `tactile_scan.image`; record with the array (tactile.present) and its scan",
+    )?;
+    let mut images = Images::of(&images)?;
+    // A record that ends may end between an image and the truth of its instant.
+    let beyond = images.end_at(recorded_until(log)?);
+    let outcome = seek(log, &images.at_s)?;
+    if let Some(at) = outcome.parted {
+        return Err(format!(
+            "its world cannot be met again from {} s on: another build wrote it, or it is damaged",
+            at.as_secs_f64()
+        ));
+    }
+    let truths: Vec<_> = outcome.found.iter().map(|found| found.truth).collect();
+    Ok(Recording { scene, pad, pressed: images.under(&truths)?, beyond, damage })
+}
+
+/// What is left over the noise, in parts of it, above which the model does not explain the images.
+const UNEXPLAINED: f64 = 1.02;
+
+/// Whether the model leaves no more than the noise; none where too few images without a load say
+/// what that is.
+#[must_use]
+pub fn explained(fit: &Fit, pressed: &Pressed) -> Option<bool> {
+    pressed.rest_noise_counts.map(|rest| fit.noise_counts <= UNEXPLAINED * rest.max(0.5))
+}
+
+/// What of the log was not used, and why.
+fn lacking(recording: &Recording) -> String {
+    let mut text = String::new();
+    if let Some(damage) = &recording.damage {
+        text += &format!("  the log is {damage}\n");
+    }
+    if recording.beyond > 0 {
+        text += &format!(
+            "  {} images after the last `world.truth` left out: their loads are not known\n",
+            recording.beyond
+        );
+    }
+    text
+}
+
+fn line(name: &str, unit: &str, estimate: Option<&Estimate>, says: f64) -> String {
+    match estimate {
+        Some(Estimate { value, deviation }) => format!(
+            "  {name:<26} {value:>9.4} +- {deviation:.4} {unit:<6} the scene says {says:.4}\n"
+        ),
+        None => format!("  {name:<26} {says:>9.4}           {unit:<6} as the scene says\n"),
+    }
+}
+
+/// The fit as people read it.
+#[must_use]
+pub fn table(fit: &Fit, recording: &Recording) -> String {
+    let Recording { scene, pressed, .. } = recording;
+    let tactile = &scene.world.tactile;
+    let mut text = format!("{} images, {} readings", fit.images, fit.readings);
+    text += &match fit.clipped {
+        0 => "\n".to_owned(),
+        n => format!("; {n} near the converter's end left out\n"),
+    };
+    text += &lacking(recording);
+    let rubber = &scene.world.finger.rubber;
+    text += &line("Young's modulus", "MPa", Some(&fit.youngs_mpa), rubber.youngs_mpa);
+    // An ideal array has neither.
+    let responds = tactile.electronics >= Electronics::Response;
+    let (threshold_n, exponent) =
+        if responds { (tactile.threshold_n, tactile.exponent) } else { (0.0, 1.0) };
+    text += &line("threshold", "N", Some(&fit.threshold_n), threshold_n);
+    text += &line("exponent", "", Some(&fit.exponent), exponent);
+    text += &line("thickness", "mm", fit.thickness_mm.as_ref(), rubber.thickness_mm);
+    text += &line("Poisson's ratio", "", fit.poisson.as_ref(), rubber.poisson);
+    let known: Vec<&Estimate> = fit.gains.iter().flatten().collect();
+    text += &line("scale of all gains", "", Some(&fit.scale), 1.0);
+    let doubt = known.iter().map(|gain| gain.deviation).fold(0.0, f64::max);
+    text += &format!("  {:<26} {:>9.4}", "spread of the gains", fit.gain_spread);
+    text += &match TACTELS - known.len() {
+        TACTELS => "           no tactel's own is told\n".to_owned(),
+        0 => format!("           each known to {doubt:.4} or better\n"),
+        n => format!("           each known to {doubt:.4} or better, {n} pressed too little\n"),
+    };
+    text += &format!("  {:<26} {:>9.2} counts", "what is left of a reading", fit.noise_counts);
+    text += &match pressed.rest_noise_counts {
+        Some(rest) => format!(", {rest:.2} without a load\n"),
+        None => "\n".to_owned(),
+    };
+    if explained(fit, pressed).is_none() {
+        text += &format!(
+            "  whether the model explains the images is not told: {} of them without a load, \
+             {REST_MIN} are\n  needed to know the noise; the uncertainties may not cover what is \
+             left\n",
+            pressed.rest_images
+        );
+    }
+    if explained(fit, pressed) == Some(false) {
+        text += "  more than the noise is left: hysteresis, creep, crosstalk, broken tactels or \
+                 another\n  contact; the uncertainties do not cover them\n";
+    }
+    text + &told(&fit.told)
+}
+
+/// What the images tell apart.
+fn told(told: &Told) -> String {
+    let mut text = String::from("what these images tell apart, one standard deviation\n");
+    let row = |name: &str, deviations: Option<&[f64; SHARED]>| {
+        let mut row = format!("  {name:<24}");
+        for c in 0..SHARED {
+            let word = match deviations.map(|deviations| deviations[c]) {
+                None => "-".to_owned(),
+                Some(0.0) => "given".to_owned(),
+                Some(deviation) => Told::worded(c, deviation),
+            };
+            row += &format!(" {word:>15}");
+        }
+        row + "\n"
+    };
+    text += &format!("  {:<24}", "");
+    for (name, _) in NAMES {
+        text += &format!(" {name:>15}");
+    }
+    text += "\n";
+    text += &row("as sought here", Some(&told.given));
+    text += &row("thickness sought too", told.with_thickness.as_ref());
+    text += &row("all of them sought", told.all.as_ref());
+    if let Some(correlation) = &told.correlation {
+        let pairs: Vec<String> =
+            (1..SHARED).map(|c| format!("{} {:.3}", NAMES[c].0, correlation[MODULUS][c])).collect();
+        text += &format!("  then the modulus goes with {}\n", pairs.join(", "));
+    }
+    for (c, d, r) in told.together() {
+        text += &format!("  told only together: {} and {} ({r:.3})\n", NAMES[c].0, NAMES[d].0);
+    }
+    let untold = told.untold();
+    if !untold.is_empty() {
+        text += &format!("  not told without the scene: {}\n", untold.join(", "));
+    }
+    let [thicker, denser] = told.shift_percent;
+    if let Some(percent) = thicker {
+        text += &format!(
+            "  a thickness given 1 % too large moves the modulus by {percent:+.2} %: seen is \
+             E / t^{percent:.2}\n"
+        );
+    }
+    if let Some(percent) = denser {
+        text += &format!("  a Poisson's ratio given 0.01 too large moves it by {percent:+.2} %\n");
+    }
+    text
+}
+
+/// The fit as one JSON object.
+#[must_use]
+pub fn as_json(fit: &Fit, recording: &Recording) -> serde_json::Value {
+    let pressed = &recording.pressed;
+    let one = |estimate: &Estimate| json!([estimate.value, estimate.deviation]);
+    json!({
+        "images": fit.images,
+        "readings": fit.readings,
+        "clipped": fit.clipped,
+        "youngs_mpa": one(&fit.youngs_mpa),
+        "threshold_n": one(&fit.threshold_n),
+        "exponent": one(&fit.exponent),
+        "thickness_mm": fit.thickness_mm.as_ref().map(one),
+        "poisson": fit.poisson.as_ref().map(one),
+        "scale": one(&fit.scale),
+        "gain_spread": fit.gain_spread,
+        "noise_counts": fit.noise_counts,
+        "rest_noise_counts": pressed.rest_noise_counts,
+        "rest_images": pressed.rest_images,
+        "images_beyond_truth": recording.beyond,
+        "damage": recording.damage.as_ref().map(ToString::to_string),
+        "explained": explained(fit, pressed),
+        "told_apart": {
+            "order": NAMES.map(|(name, _)| name),
+            "as_sought": fit.told.given,
+            "with_thickness": fit.told.with_thickness,
+            "all": fit.told.all,
+            "correlation": fit.told.correlation,
+            "modulus_shift_percent": fit.told.shift_percent,
+        },
+        "gains": fit.gains.iter().map(|gain| gain.as_ref().map(one)).collect::<Vec<_>>(),
+    })
+}

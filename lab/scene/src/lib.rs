@@ -1,0 +1,69 @@
+//! A scene in, a machine over the simulated robot out, and what a run of it is judged by. Both
+//! executors run the machine; this crate knows neither which of them nor when.
+
+pub mod assemble;
+pub mod budgets;
+pub mod digest;
+pub mod moves;
+pub mod operator;
+pub mod origin;
+pub mod probe;
+pub mod scene;
+pub mod schema;
+pub mod score;
+pub mod seek;
+pub mod summary;
+pub mod world;
+
+use std::sync::atomic::AtomicBool;
+
+use taktil_machine::robot::AnyRobot;
+use taktil_rtcore::record::Observer;
+use taktil_rtcore::{Machine, Nanos, virtual_time};
+use taktil_tasks_joint_servo::Tuning;
+
+use scene::Scene;
+use score::Targets;
+
+/// Metadata of a log under this name, followed by the file's own, hold a file that a scene's motion
+/// names.
+pub const RECORDED: &str = "recorded:";
+
+/// Runs a machine to its end in virtual time.
+///
+/// # Errors
+/// A task that refused to start.
+pub fn fast(
+    machine: &mut Machine,
+    until: Nanos,
+    observer: &mut dyn Observer,
+) -> anyhow::Result<()> {
+    let stop = AtomicBool::new(false);
+    virtual_time::run(machine, until, &stop, observer).map(|_| ()).map_err(|(task, fault)| {
+        anyhow::anyhow!("task `{task}` refused to start: {}", fault.text())
+    })
+}
+
+/// What the features of a scene are held to.
+#[must_use]
+pub fn targets(scene: &Scene) -> Targets {
+    let servo = scene.machine.tactile_servo.clone().unwrap_or_default();
+    let tactile = &scene.world.tactile;
+    let full_scale_counts = f64::from((1u32 << tactile.bits.min(31)) - 1);
+    let joint_servo = scene.machine.joint_servo.clone().unwrap_or_default();
+    let plain = match &scene.robot {
+        AnyRobot::Puma260(robot) => joint_servo.tuning(robot).ok().map(kp),
+        AnyRobot::Six(robot) => joint_servo.tuning(robot).ok().map(kp),
+        AnyRobot::Seven(robot) => joint_servo.tuning(robot).ok().map(kp),
+    };
+    Targets {
+        m0: servo.m0_counts,
+        counts_per_n: full_scale_counts / tactile.full_scale_n,
+        pin: scene.world.pin.present,
+        plain_kp_nm_rad: plain.filter(|_| !joint_servo.gravity),
+    }
+}
+
+fn kp<const N: usize>(tuning: Tuning<N>) -> Vec<f64> {
+    tuning.gains().kp_nm_rad.as_slice().to_vec()
+}

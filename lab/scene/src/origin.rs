@@ -1,0 +1,138 @@
+//! What ran, from the metadata of a log: a scene with its machine and seed, or the service's files.
+//! Refuses logs of other versions, and logs that do not say what ran.
+
+use std::path::PathBuf;
+
+use taktil_machine::source::{Located, Source};
+use taktil_machine::tape::player::{About, Lack, Tapes};
+use taktil_machine_service::service;
+use taktil_rtcore::{Machine, Nanos};
+
+use crate::scene::Scene;
+use crate::{RECORDED, assemble};
+use taktil_record::{Log, METADATA_RUN};
+
+/// What ran.
+pub enum Origin {
+    /// A scene, live or in virtual time.
+    Scene {
+        /// The scene with its machine.
+        scene: Box<Scene>,
+        /// Seed of the run.
+        seed: u64,
+        /// One line for people.
+        title: String,
+    },
+    /// The service over a board.
+    Board {
+        /// The service's configuration file.
+        service: Source,
+        /// The machine file.
+        machine: Source,
+        /// The arm's URDF file, when one was named.
+        urdf: Option<Source>,
+        /// The devices of the board.
+        about: Box<About>,
+        /// One line for people.
+        title: String,
+    },
+}
+
+impl Origin {
+    /// Reads what ran from the metadata of a log.
+    ///
+    /// # Errors
+    /// A log of another version or without these metadata; a scene or machine that cannot be used.
+    pub fn of(log: &Log) -> Result<Origin, String> {
+        let run = log
+            .metadata()
+            .get(METADATA_RUN)
+            .filter(|about| about.contains_key("machine_text"))
+            .ok_or("it does not say what ran: it has no metadata of a run")?;
+        let here = env!("CARGO_PKG_VERSION");
+        match run.get("taktil").map(String::as_str) {
+            Some(version) if version == here => {}
+            Some(version) => {
+                return Err(format!("taktil {version} wrote it, this is {here}; use that one"));
+            }
+            None => return Err("it does not say which version wrote it".to_owned()),
+        }
+        let find =
+            |key: &str| run.get(key).cloned().ok_or_else(|| format!("its metadata lack `{key}`"));
+        let source = |path: &str, text: &str| -> Result<Source, String> {
+            Ok(Source { path: PathBuf::from(find(path)?), text: find(text)? })
+        };
+        let machine = Source { path: PathBuf::from("machine"), text: find("machine_text")? };
+        let mode = find("mode")?;
+        if mode == "board" {
+            let service = source("service", "service_text")?;
+            let about = About::parse(&find("devices")?)
+                .map_err(|why| format!("its metadata `devices` cannot be used: {why}"))?;
+            let title = format!("{}, on a board", service.path.display());
+            let urdf = run
+                .get("urdf_text")
+                .map(|text| Source { path: PathBuf::from("arm"), text: text.clone() });
+            let about = Box::new(about);
+            return Ok(Origin::Board { service, machine, urdf, about, title });
+        }
+        let scene = source("scene", "scene_text")?;
+        let seed = find("seed")?;
+        let title = format!("{}, {mode}, seed {seed}", scene.path.display());
+        let seed = seed.parse().map_err(|_| format!("its seed `{seed}` is no number"))?;
+        let machine = Some(machine).filter(|machine| !machine.text.is_empty());
+        let read = |name: &str| {
+            let text = find(&format!("{RECORDED}{name}"))?;
+            Ok(Source { path: PathBuf::from(name), text })
+        };
+        let scene = Box::new(Scene::of(scene, machine, &read).map_err(plainly)?);
+        Ok(Origin::Scene { scene, seed, title })
+    }
+
+    /// One line for people.
+    #[must_use]
+    pub fn title(&self) -> String {
+        match self {
+            Origin::Scene { title, .. } | Origin::Board { title, .. } => title.clone(),
+        }
+    }
+
+    /// Tasks that stand for what is outside the machine: what they wrote is taken from the log.
+    #[must_use]
+    pub fn fed(&self) -> Vec<&'static str> {
+        match self {
+            Origin::Scene { .. } => vec!["operator", "world"],
+            Origin::Board { .. } => vec!["operator"],
+        }
+    }
+
+    /// The scene that ran, and its seed.
+    ///
+    /// # Errors
+    /// A run over a board, which had no scene.
+    pub fn into_scene(self) -> Result<(Scene, u64), String> {
+        match self {
+            Origin::Scene { scene, seed, .. } => Ok((*scene, seed)),
+            Origin::Board { .. } => Err("it is of a board: nothing was simulated".to_owned()),
+        }
+    }
+
+    /// The machine with its devices on `tapes`.
+    ///
+    /// # Errors
+    /// As [`assemble::rebuild`] and [`service::rebuild`], on one line.
+    pub fn machine(&self, tapes: Tapes, stall: Nanos) -> Result<(Machine, Lack), String> {
+        match self {
+            Origin::Scene { scene, seed, .. } => assemble::rebuild(scene, *seed, tapes, stall),
+            Origin::Board { service, machine, urdf, about, .. } => {
+                let texts = (service, machine, urdf.as_ref());
+                service::rebuild(texts, tapes, about, stall)
+            }
+        }
+        .map_err(plainly)
+    }
+}
+
+/// A complaint about a text that stands in a log, on one line.
+fn plainly(bad: Located) -> String {
+    format!("what it says of its run cannot be used: {}", bad.what)
+}

@@ -1,0 +1,457 @@
+//! A scene: what is simulated, on which machine, who asks for what, for how long. Reads the scene
+//! file and the machine file that it names; every complaint is placed in the file where the value
+//! stands. Refuses anything it does not know.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DVec3};
+use serde::Deserialize;
+use taktil_machine::config::MachineConfig;
+use taktil_machine::contract::ContractConfig;
+use taktil_machine::operator::speech::Meaning;
+use taktil_machine::robot::{self, AnyRobot, Broken};
+use taktil_machine::source::{Located, Meant, Source};
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::{Pose, rotation_x, rotation_y, rotation_z};
+use taktil_rtcore::explain::{Explain, Key};
+use taktil_rtcore::{Invalid, Nanos, Transaction};
+use taktil_sim::scene::WorldConfig;
+
+use crate::probe::{self, Shape};
+
+mod recorded;
+mod script;
+
+pub use recorded::Read;
+pub use script::{Act, Step};
+use script::{StepFile, script};
+
+/// Shortest run, s.
+const SHORTEST_S: f64 = 1e-3;
+/// Longest run, s: a day.
+const LONGEST_S: f64 = 86_400.0;
+
+taktil_rtcore::explained! {
+    /// The scene file.
+    #[derive(Clone, Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct SceneFile {
+        /// One line for people.
+        title: String,
+        /// Machine file, relative to this one. Default: none, and every section stands in
+        /// `[robot]`.
+        machine: Option<String>,
+        /// How long it runs, s: 0.001 to 86400. Default 10.
+        #[serde(default = "default_duration_s")]
+        duration_s: f64,
+        /// Seed of all chance. Default 1.
+        #[serde(default = "default_seed")]
+        seed: u64,
+        /// From the release of a job that writes a D/A word to the instant at which the word acts,
+        /// us: more than 0, at most the period of the lane that actuates. Default 1250.
+        #[serde(default = "default_delay_us")]
+        actuation_delay_us: i64,
+        /// `SCHED_FIFO` priority, 1 to 99, of the lane that simulates the world in a live run.
+        /// Default 70.
+        #[serde(default = "default_world_priority")]
+        world_priority: i64,
+        /// CPU of the lane that simulates the world; any when absent.
+        world_cpu: Option<usize>,
+        /// Longest processor time of one job of the lane that simulates the world, us; when absent
+        /// the lane is not analysed.
+        world_budget_us: Option<i64>,
+        /// Which missing real-time rights refuse a live run: `hard` for priority, CPU and memory,
+        /// `soft` (default) for none, or a table of items.
+        #[serde(default = "soft")]
+        contract: ContractConfig,
+        /// Where the arm stands when power comes on. Default `[world.arm] home_deg`, for an arm
+        /// from a file its home pose.
+        start: Option<Start>,
+        /// What the operator asks for, which keys are held and what is typed, one thing after the
+        /// other. Default nothing.
+        #[serde(default)]
+        operator: Vec<StepFile>,
+        /// Edits of parameters while it runs. Default none.
+        #[serde(default)]
+        edit: Vec<EditFile>,
+        /// What is simulated.
+        #[serde(default)]
+        world: WorldConfig,
+        /// Sections that replace those of the machine file, lanes, wires and own tasks name by
+        /// name.
+        #[serde(default)]
+        robot: MachineConfig,
+    }
+}
+
+fn soft() -> ContractConfig {
+    ContractConfig::SOFT
+}
+
+fn default_duration_s() -> f64 {
+    10.0
+}
+
+fn default_seed() -> u64 {
+    1
+}
+
+fn default_delay_us() -> i64 {
+    1250
+}
+
+fn default_world_priority() -> i64 {
+    70
+}
+
+taktil_rtcore::explained! {
+    /// Where the finger stands when power comes on, which is also the home pose in which the counts
+    /// are initialised.
+    #[derive(Clone, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Start {
+        /// Tool point in the base frame, mm; for the PUMA 260.
+        finger_mm: Option<[f64; 3]>,
+        /// Joint angles instead of `finger_mm`, deg, one a joint; for any arm.
+        joints_deg: Option<Vec<f64>>,
+        /// Turn of the finger about y0, deg; along the table's own slope when absent, because touch
+        /// cannot feel this angle and someone has to set it. 0 is level; a slope that rises towards
+        /// +x0 is a negative turn.
+        pitch_deg: Option<f64>,
+        /// Turn of the finger about x0, deg. Default 0.
+        #[serde(default)]
+        roll_deg: f64,
+        /// Turn of the finger about z0, deg. Default 0.
+        #[serde(default)]
+        yaw_deg: f64,
+    }
+}
+
+taktil_rtcore::explained! {
+    /// One edit: what is set, and when.
+    #[derive(Clone, Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct EditFile {
+        /// At which instant, s: 0 to 86400.
+        at_s: f64,
+        /// New values of parameters by their names, such as `"joint_servo.damping" = 0.6`; all act
+        /// at once.
+        set: BTreeMap<String, f64>,
+    }
+}
+
+/// A scene, checked and complete.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// The scene file, for complaints that come later and for the log.
+    pub source: Source,
+    machine_source: Option<Source>,
+    /// Files that motions of the table and the arm name, with those names.
+    recorded: Vec<(String, Source)>,
+    /// One line for people.
+    pub title: String,
+    /// How long it runs.
+    pub duration: Nanos,
+    /// Seed when the command line gives none.
+    pub seed: u64,
+    /// A D/A word acts this long after the release of the job that wrote it.
+    pub actuation_delay: Nanos,
+    /// Priority of the lane that simulates the world.
+    pub world_priority: i64,
+    /// CPU of that lane.
+    pub world_cpu: Option<usize>,
+    /// Declared time of one job of that lane; it is not analysed when absent.
+    pub world_budget: Option<Nanos>,
+    /// Which missing real-time rights refuse a live run.
+    pub contract: ContractConfig,
+    /// The operator's script, in order.
+    pub script: Vec<Step>,
+    /// Edits of parameters, in order of time.
+    pub edits: Vec<Transaction>,
+    /// What is simulated.
+    pub world: WorldConfig,
+    /// The machine that controls it.
+    pub machine: MachineConfig,
+    /// Its arm.
+    pub robot: AnyRobot,
+    /// Where the joints of the arm stand when power comes on (deg).
+    pub start_deg: Vec<f64>,
+}
+
+impl Scene {
+    /// Reads a scene and its machine.
+    ///
+    /// # Errors
+    /// Anything wrong, located in the file where it stands.
+    pub fn load(path: &Path) -> Result<Scene, Located> {
+        let source = Source::read(path, Meant::Scene)?;
+        let file: SceneFile = source.parse()?;
+        let machine_source = match &file.machine {
+            None => None,
+            Some(name) => Some(read_machine(&source, path, name)?),
+        };
+        let beside = |name: &str| {
+            let path = path.parent().unwrap_or(Path::new("")).join(name);
+            Source::read(&path, Meant::Motion).map_err(|error| error.what)
+        };
+        Scene::of(source, machine_source, &beside)
+    }
+
+    /// A scene from texts that were read already, such as those that stand in a log. `read` gives
+    /// the files that its motions name.
+    ///
+    /// # Errors
+    /// As [`Scene::load`].
+    pub fn of(
+        source: Source,
+        machine_source: Option<Source>,
+        read: Read<'_>,
+    ) -> Result<Scene, Located> {
+        let file: SceneFile = source.parse()?;
+        let base = match &machine_source {
+            None => MachineConfig::default(),
+            Some(machine) => machine.parse()?,
+        };
+        let edits = edits(&file.edit).map_err(|invalid| source.locate(invalid))?;
+        let mut world = file.world.clone();
+        let mut recorded = recorded::fill(&mut world, &source, read)?;
+        let machine = base.overridden_by(file.robot.clone());
+        let robot = match &machine.arm {
+            None => AnyRobot::puma260(),
+            Some(arm) => {
+                let (name, urdf) = arm_file(&file, arm, read).map_err(|invalid| {
+                    let own = invalid.clone().within("robot");
+                    match &machine_source {
+                        Some(machine) if !source.holds(&own.place) => machine.locate(invalid),
+                        _ => source.locate(own),
+                    }
+                })?;
+                let built = robot::build(arm, &urdf);
+                recorded.push((name, urdf));
+                built.map_err(|bad| match (bad, &machine_source) {
+                    (Broken::File(located), _) => *located,
+                    (Broken::Section(bad), Some(machine)) if file.robot.arm.is_none() => {
+                        machine.locate(bad)
+                    }
+                    (Broken::Section(bad), _) => source.locate(bad.within("robot")),
+                })?
+            }
+        };
+        let pace = machine.trajectory.clone().unwrap_or_default();
+        let meaning = Meaning { pace, robot };
+        let script = script(&file.operator, &meaning).map_err(|invalid| source.locate(invalid))?;
+        let robot = meaning.robot;
+        let mut scene = Scene {
+            machine,
+            machine_source,
+            recorded,
+            title: file.title.clone(),
+            duration: Nanos::ZERO,
+            seed: file.seed,
+            actuation_delay: Nanos::ZERO,
+            world_priority: file.world_priority,
+            world_cpu: file.world_cpu,
+            // Clamped beyond what any deadline allows, so that it is refused and cannot overflow.
+            world_budget: file
+                .world_budget_us
+                .map(|us| Nanos::from_micros(us.clamp(-1, 1_000_000_000))),
+            contract: file.contract,
+            script,
+            edits,
+            world,
+            start_deg: robot.home_rad().iter().map(|q| q.to_degrees()).collect(),
+            robot,
+            source,
+        };
+        scene.complete(&file).map_err(|invalid| scene.locate(invalid))?;
+        Ok(scene)
+    }
+
+    fn complete(&mut self, file: &SceneFile) -> Result<(), Invalid> {
+        self.duration = duration(file.duration_s, "duration_s")?;
+        if !(-1_000_000..=1_000_000).contains(&file.actuation_delay_us) {
+            return Err(Invalid::new(
+                "actuation_delay_us",
+                format!("{} us is no actuation delay", file.actuation_delay_us),
+                "give more than 0 and at most the period of the lane that actuates",
+            ));
+        }
+        self.actuation_delay = Nanos::from_micros(file.actuation_delay_us);
+        self.world.check().map_err(|bad| foreign(bad).within("world"))?;
+        self.stand(file.start.as_ref())?;
+        // The machine is told where the arm stands unless its own file insists on something else.
+        let servo = self.machine.joint_servo.get_or_insert_default();
+        servo.assumed_pose_deg.get_or_insert_with(|| self.start_deg.clone());
+        let sense = self.machine.sense.get_or_insert_default();
+        sense.home_deg.get_or_insert_with(|| self.start_deg.clone());
+        Ok(())
+    }
+
+    /// Puts the arm where it starts.
+    fn stand(&mut self, start: Option<&Start>) -> Result<(), Invalid> {
+        let puma = self.robot.is_puma260();
+        match start.map(|start| (start, &start.finger_mm, &start.joints_deg)) {
+            None if puma => self.start_deg = self.world.arm.home_deg.to_vec(),
+            None => {}
+            Some((_, None, Some(joints_deg))) => self.start_deg.clone_from(joints_deg),
+            Some((start, Some(finger_mm), None)) if puma => {
+                self.start_deg = home(start, finger_mm, &self.world)?.to_vec();
+            }
+            Some((_, Some(_), None)) => {
+                let what = "is a place for the PUMA 260's finger";
+                let remedy = "give joints_deg, one angle for each joint of this arm";
+                return Err(Invalid::new("start.finger_mm", what, remedy));
+            }
+            Some(_) => {
+                let what = "has not exactly one of finger_mm and joints_deg";
+                return Err(Invalid::new("start", what, "give one of them"));
+            }
+        }
+        // Without angles given here they are the scene's own, which the bench looks at.
+        if start.is_some_and(|start| start.joints_deg.is_some()) {
+            self.robot.check_pose("start.joints_deg", &self.start_deg)?;
+        }
+        if let (true, Ok(six)) = (puma, <[f64; 6]>::try_from(self.start_deg.as_slice())) {
+            self.world.arm.home_deg = six;
+        }
+        Ok(())
+    }
+
+    /// The files that were read.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        let machine = self.machine_source.as_ref().map(|source| source.path.as_path());
+        let recorded = self.recorded.iter().map(|(_, source)| source.path.as_path());
+        [self.source.path.as_path()].into_iter().chain(machine).chain(recorded)
+    }
+
+    /// The files that its motions name: the name and the text of each.
+    pub fn recorded(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.recorded.iter().map(|(name, source)| (name.as_str(), source.text.as_str()))
+    }
+
+    /// The text of the machine file; empty when the scene names none.
+    #[must_use]
+    pub fn machine_text(&self) -> &str {
+        self.machine_source.as_ref().map_or("", |source| &source.text)
+    }
+
+    /// Puts a complaint at its place in the scene or in the machine file.
+    #[must_use]
+    pub fn locate(&self, invalid: Invalid) -> Located {
+        let section = invalid.place.split(['.', '[']).next().unwrap_or_default();
+        let in_scene = invalid.clone().within("robot");
+        match &self.machine_source {
+            _ if self.source.holds(&invalid.place) => self.source.locate(invalid),
+            _ if self.source.holds(&in_scene.place) => self.source.locate(in_scene),
+            Some(machine) if machine.holds(section) => machine.locate(invalid),
+            _ => self.source.locate(invalid),
+        }
+    }
+}
+
+/// What may stand in a scene file.
+///
+/// # Errors
+/// A declaration that cannot be asked.
+pub fn shape() -> Result<Shape, String> {
+    probe::shape::<SceneFile>()
+}
+
+/// What the keys of a scene file mean.
+#[must_use]
+pub fn keys() -> Vec<Key> {
+    SceneFile::keys()
+}
+
+/// A complaint of the simulator in the core's words.
+#[must_use]
+pub fn foreign(bad: taktil_sim::scene::Invalid) -> Invalid {
+    Invalid { place: bad.place, what: bad.what, remedy: bad.remedy }
+}
+
+/// Seconds from a person into an exact span.
+///
+/// # Errors
+/// Not finite, not positive, longer than a day.
+pub fn duration(seconds: f64, place: &str) -> Result<Nanos, Invalid> {
+    if (SHORTEST_S..=LONGEST_S).contains(&seconds) {
+        #[expect(clippy::cast_possible_truncation, reason = "at most a day of nanoseconds")]
+        return Ok(Nanos((seconds * 1e9).round() as i64));
+    }
+    let remedy = format!("give {SHORTEST_S} to {LONGEST_S} seconds");
+    let plain = seconds == 0.0 || (1e-6..1e9).contains(&seconds.abs()) || !seconds.is_finite();
+    let shown = if plain { format!("{seconds}") } else { format!("{seconds:e}") };
+    Err(Invalid::new(place, format!("{shown} s is not a duration"), remedy))
+}
+
+fn read_machine(scene: &Source, path: &Path, name: &str) -> Result<Source, Located> {
+    let machine: PathBuf = path.parent().unwrap_or(Path::new("")).join(name);
+    Source::read(&machine, Meant::Machine).map_err(|error| {
+        let located = scene.locate(Invalid::new("machine", error.what, error.remedy));
+        Located { what: located.what, ..located }
+    })
+}
+
+fn edits(files: &[EditFile]) -> Result<Vec<Transaction>, Invalid> {
+    let one = |(index, file): (usize, &EditFile)| {
+        if !(file.at_s.is_finite() && (0.0..=LONGEST_S).contains(&file.at_s)) {
+            return Err(Invalid::new(
+                format!("edit[{index}].at_s"),
+                format!("{} s is not an instant of a run", file.at_s),
+                "give 0 or more seconds",
+            ));
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "at most a day of nanoseconds")]
+        let at = Nanos((file.at_s * 1e9).round() as i64);
+        let set = file.set.iter().map(|(name, value)| (name.clone(), *value)).collect();
+        Ok(Transaction { at, set })
+    };
+    files.iter().enumerate().map(one).collect()
+}
+
+/// The URDF of an arm: the name by which it is read, from the scene's folder on, and the file.
+fn arm_file(
+    file: &SceneFile,
+    arm: &robot::ArmConfig,
+    read: Read<'_>,
+) -> Result<(String, Source), Invalid> {
+    // The name is relative to the file in which it stands.
+    let machine = file.machine.as_deref().filter(|_| file.robot.arm.is_none());
+    let folder = machine.and_then(|machine| Path::new(machine).parent()).unwrap_or(Path::new(""));
+    let name = folder.join(&arm.urdf).display().to_string();
+    let remedy = "name a URDF file by its path from the folder of the file in which this stands";
+    let urdf = read(&name).map_err(|what| Invalid::new("arm.urdf", what, remedy))?;
+    Ok((name, urdf))
+}
+
+/// Joint angles (deg) of the start pose, on the branch of the thesis's rolling posture.
+fn home(start: &Start, finger_mm: &[f64; 3], world: &WorldConfig) -> Result<[f64; 6], Invalid> {
+    let pitch_deg = start.pitch_deg.unwrap_or(-world.table.tilt_y_deg);
+    let all = finger_mm.iter().chain([&pitch_deg, &start.roll_deg, &start.yaw_deg]);
+    if all.clone().any(|value| !value.is_finite()) {
+        let remedy = "give finite millimetres and degrees";
+        return Err(Invalid::new("start", "a number is not finite", remedy));
+    }
+    let tilt = rotation_z(start.yaw_deg.to_radians())
+        * rotation_y(pitch_deg.to_radians())
+        * rotation_x(start.roll_deg.to_radians());
+    let level = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
+    let tool = Pose { rotation: tilt * level, translation: DVec3::from_array(*finger_mm) * 1e-3 };
+    let arm = Puma260::reference();
+    let near = Joints::from_row_slice(&WorldConfig::default().arm.home_deg) * (1f64.to_radians());
+    let branches = arm.inverse(&arm.tool_to_wrist(&tool), Some(&near));
+    let (_, q) = arm.nearest(&branches, &near).ok_or_else(|| {
+        Invalid::new(
+            "start.finger_mm",
+            format!("the arm cannot put its finger at {finger_mm:?} mm like this"),
+            "the rolling place is about [325, -127, -149]",
+        )
+    })?;
+    let mut deg = [0.0; 6];
+    for (out, angle) in deg.iter_mut().zip(q.iter()) {
+        *out = angle.to_degrees();
+    }
+    Ok(deg)
+}

@@ -1,0 +1,102 @@
+//! The scene file as JSON Schema (2020-12): keys, types and which keys are needed are what the
+//! parser asks for, meanings are the doc comments of the declarations, ranges of `[world]` what its
+//! check reads. Refuses to state anything twice: what stands here is asked of the declarations when
+//! it is printed.
+
+use serde_json::{Map, Value, json};
+use taktil_machine::contract::{Items, WORDS};
+use taktil_rtcore::explain::Key;
+
+use super::probe::{self, Field, Shape};
+use crate::scene;
+
+/// The schema of a scene file.
+///
+/// # Errors
+/// A declaration that cannot be asked.
+pub fn schema() -> Result<Value, String> {
+    let mut schema = of(&scene::shape()?, "", &scene::keys())?;
+    if let Some(schema) = schema.as_object_mut() {
+        schema.insert("$schema".into(), "https://json-schema.org/draft/2020-12/schema".into());
+        schema.insert("title".into(), "Taktil scene".into());
+    }
+    Ok(schema)
+}
+
+fn of(shape: &Shape, path: &str, keys: &[Key]) -> Result<Value, String> {
+    let mut schema = match shape {
+        Shape::Number => json!({ "type": "number" }),
+        Shape::Integer(true) => json!({ "type": "integer" }),
+        Shape::Integer(false) => json!({ "type": "integer", "minimum": 0 }),
+        Shape::Boolean => json!({ "type": "boolean" }),
+        Shape::Text => json!({ "type": "string" }),
+        Shape::Names(names) => json!({ "enum": names }),
+        Shape::List(inner, length) => {
+            let items = of(inner, &format!("{path}[]"), keys)?;
+            let mut list = json!({ "type": "array", "items": items });
+            if let Some(length) = length {
+                list["minItems"] = json!(length);
+                list["maxItems"] = json!(length);
+            }
+            list
+        }
+        Shape::Map(inner) => {
+            let inner = of(inner, &format!("{path}.*"), keys)?;
+            json!({ "type": "object", "additionalProperties": inner })
+        }
+        Shape::Section(fields) => section(fields, path, keys)?,
+        Shape::Any if path == "contract" => {
+            let Shape::Section(items) = probe::shape::<Items>()? else {
+                return Err(format!("{path}: its items are no table"));
+            };
+            json!({ "anyOf": [{ "enum": WORDS }, section(&items, path, keys)?] })
+        }
+        // What it takes is known to the program that has the task.
+        Shape::Any if path.ends_with(".own.*.*") => json!({}),
+        Shape::Any => return Err(format!("{path}: what may stand there is stated nowhere")),
+    };
+    if let Some(key) = keys.iter().find(|key| key.path == path) {
+        let about = about(key, shape);
+        if !about.is_empty() {
+            schema["description"] = json!(about);
+        }
+        if let Some((low, high)) = key.range {
+            schema["minimum"] = json!(low);
+            schema["maximum"] = json!(high);
+        }
+    }
+    Ok(schema)
+}
+
+/// What an editor shows of a key: what it means, then a line for each of its words.
+fn about(key: &Key, shape: &Shape) -> String {
+    let mut lines = vec![plain(&key.about)];
+    if let Shape::Names(names) = shape {
+        let told = |(name, about): (&&str, &&str)| format!("- `{name}`: {}", plain(about));
+        lines.extend(names.iter().zip(key.words).map(told));
+    }
+    lines.retain(|line| !line.is_empty());
+    lines.join("\n")
+}
+
+/// A doc comment in one line, links by their names.
+fn plain(about: &str) -> String {
+    let words: Vec<_> = about.split_whitespace().collect();
+    words.join(" ").replace("[`", "`").replace("`]", "`")
+}
+
+fn section(fields: &[Field], path: &str, keys: &[Key]) -> Result<Value, String> {
+    let mut properties = Map::new();
+    for field in fields {
+        let dot = if path.is_empty() { "" } else { "." };
+        let inner = of(&field.shape, &format!("{path}{dot}{}", field.name), keys)?;
+        properties.insert(field.name.to_owned(), inner);
+    }
+    let required: Vec<_> = fields.iter().filter(|f| f.required).map(|f| f.name).collect();
+    let mut section =
+        json!({ "type": "object", "properties": properties, "additionalProperties": false });
+    if !required.is_empty() {
+        section["required"] = json!(required);
+    }
+    Ok(section)
+}

@@ -1,0 +1,179 @@
+//! The world of a recorded run at any instant, moved there by the log's own
+//! words, and compared with what the log says of it on the way. Refuses logs without the devices'
+//! tapes, and instants that the record does not reach.
+
+use taktil_hal::{DacCode, Devices, LinesOut};
+use taktil_machine::tape::{AnalogWord, DigitalWord, name};
+use taktil_rtcore::{Nanos, Payload};
+use taktil_sim::{Truth, World};
+
+use crate::assemble;
+use crate::origin::Origin;
+use taktil_record::{Channel, Log, Message};
+
+/// Signal in which the simulator says what happened.
+const TRUTH: &str = "world.truth";
+/// Complaint about a log in which it never does.
+const NO_STATES: &str = "it does not say what the world did";
+
+/// The world at an instant.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// What happens there.
+    pub truth: Truth,
+    /// There is a pin, and what the truth says of it means something.
+    pub pin: bool,
+    /// Hash of the whole state.
+    pub state: u64,
+    /// Angles of the joints, however many (rad).
+    pub q_rad: Vec<f64>,
+    /// Speeds of the joints (rad/s).
+    pub qd_rad_s: Vec<f64>,
+}
+
+impl Found {
+    fn of(world: &World, pin: bool) -> Found {
+        let (q, qd) = world.joints();
+        let (truth, state) = (world.truth(), world.state_hash());
+        Found { truth, pin, state, q_rad: q.to_vec(), qd_rad_s: qd.to_vec() }
+    }
+}
+
+/// What a search found.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// One for each instant, in the order in which they were asked for.
+    pub found: Vec<Found>,
+    /// Recorded states that were met again, bit for bit.
+    pub equal: u64,
+    /// The first recorded state that was not, and its instant.
+    pub parted: Option<Nanos>,
+}
+
+/// A word of the log.
+#[derive(Clone, Copy, Debug)]
+enum Word {
+    Analog(AnalogWord),
+    Digital(DigitalWord),
+}
+
+/// The world of a log at several instants (s); at the end of the record when there are none.
+///
+/// # Errors
+/// Why log or instants cannot be used, in one sentence.
+pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
+    let (scene, seed) = Origin::of(log)?.into_scene()?;
+    let (words, states) = collect(log)?;
+    let end = states.last().map(|(t, _)| *t).ok_or(NO_STATES)?;
+    let instant = |s: &f64| {
+        let t = Nanos((1e9 * s).round() as i64);
+        let inside = s.is_finite() && t >= Nanos::ZERO && t <= end;
+        inside.then_some(t).ok_or_else(|| {
+            format!("--at {s}: the record reaches from 0 to {} s", end.as_secs_f64())
+        })
+    };
+    let asked: Vec<Nanos> = match at_s {
+        [] => vec![end],
+        some => some.iter().map(instant).collect::<Result<_, _>>()?,
+    };
+    let (mut world, mut devices) = assemble::world(&scene, seed).map_err(|bad| bad.what)?;
+    let mut outcome = Outcome { found: Vec::new(), equal: 0, parted: None };
+    let mut kept: Vec<Option<Found>> = vec![None; asked.len()];
+    let mut words = words.into_iter().peekable();
+    let mut aside = |world: &mut World, until: Nanos| {
+        for (slot, t) in kept.iter_mut().zip(&asked) {
+            if slot.is_none() && *t <= until {
+                // To the side, so that steps on the way stay as they were in the run.
+                let (mut other, _halves) = world.snapshot().revive();
+                other.advance(*t);
+                *slot = Some(Found::of(&other, scene.world.pin.present));
+            }
+        }
+    };
+    for (t, state) in states {
+        while let Some((release, word)) = words.next_if(|(release, _)| *release < t) {
+            commit(&mut devices, release, word)?;
+        }
+        aside(&mut world, t);
+        world.advance(t);
+        if world.state_hash() == state {
+            outcome.equal += 1;
+        } else if outcome.parted.is_none() {
+            outcome.parted = Some(t);
+        }
+    }
+    outcome.found = kept.into_iter().flatten().collect();
+    Ok(outcome)
+}
+
+/// The instant up to which a log says what the world did.
+///
+/// # Errors
+/// A log that does not say it at all.
+pub fn recorded_until(log: &Log) -> Result<Nanos, String> {
+    let truth = log.find(TRUTH).ok_or_else(|| format!("it has no `{TRUTH}`"))?;
+    let last = log.messages().filter(|message| message.channel == truth).last();
+    last.map(|message| state(&message).map(|(t, _)| t)).transpose()?.ok_or_else(|| NO_STATES.into())
+}
+
+/// The words of a log in order, and what it says of the world's states.
+type Record = (Vec<(Nanos, Word)>, Vec<(Nanos, u64)>);
+
+fn collect(log: &Log) -> Result<Record, String> {
+    let find = |name: &str| log.find(name).ok_or_else(|| format!("it has no `{name}`"));
+    let (analog, digital) = (find(name::ANALOG_OUT)?, find(name::DIGITAL_OUT)?);
+    let truth = find(TRUTH)?;
+    let fields = log.channels().get(truth).map(Channel::payload_fields).unwrap_or_default();
+    if !fields.iter().map(|field| &*field.name).take(2).eq(["t_ns", "state_hash"]) {
+        return Err(format!("its `{TRUTH}` does not begin with an instant and a state"));
+    }
+    let (mut words, mut states) = (Vec::new(), Vec::new());
+    for message in log.messages() {
+        let release = Nanos(message.release_ns);
+        if message.channel == analog {
+            let word = read::<AnalogWord>(&message)?;
+            words.push((release, Word::Analog(word)));
+        } else if message.channel == digital {
+            let word = read::<DigitalWord>(&message)?;
+            words.push((release, Word::Digital(word)));
+        } else if message.channel == truth {
+            states.push(state(&message)?);
+        }
+    }
+    Ok((words, states))
+}
+
+/// The payload of a message, which may have padding behind it.
+fn read<T: Payload>(message: &Message<'_>) -> Result<T, String> {
+    let at_s = Nanos(message.release_ns).as_secs_f64();
+    let value = message.body.get(..T::SIZE).and_then(T::decode);
+    value.ok_or_else(|| format!("a record at {at_s} s cannot be read"))
+}
+
+/// The instant and the hash with which the truth begins, whatever the arm.
+fn state(message: &Message<'_>) -> Result<(Nanos, u64), String> {
+    let words = message.body.split_first_chunk::<8>();
+    let words = words.and_then(|(t, rest)| Some((t, rest.first_chunk::<8>()?)));
+    let at_s = Nanos(message.release_ns).as_secs_f64();
+    let (t, hash) = words.ok_or_else(|| format!("a record at {at_s} s cannot be read"))?;
+    Ok((Nanos(i64::from_le_bytes(*t)), u64::from_le_bytes(*hash)))
+}
+
+/// Writes a word that was taken; one that was refused moved nothing.
+fn commit(devices: &mut Devices, release: Nanos, word: Word) -> Result<(), String> {
+    let refused = |_| format!("the devices refuse the word at {} s", release.as_secs_f64());
+    match word {
+        Word::Analog(word) if word.outcome == 0 => {
+            devices.analog_out.commit(release, &word.codes.map(DacCode)).map_err(refused)
+        }
+        Word::Digital(word) if word.outcome == 0 => {
+            let lines = LinesOut {
+                enable: word.enable != 0,
+                brake_release: word.brake_release != 0,
+                watchdog_feed: word.watchdog_feed != 0,
+            };
+            devices.digital_out.commit(release, &lines).map_err(refused)
+        }
+        Word::Analog(_) | Word::Digital(_) => Ok(()),
+    }
+}
