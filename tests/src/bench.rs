@@ -1,5 +1,5 @@
-//! Scenes changed by key, runs kept record by record, folders that vanish: what tests of the whole
-//! stack share. Refuses to judge: that is the tests' affair. It panics on everything unexpected.
+//! What tests of the whole stack share: scenes whose keys can be changed, runs that are recorded in
+//! memory, and temporary folders. Every function panics on what it does not expect.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -14,19 +14,19 @@ use taktil_signal::{Contact, ControlState};
 use toml::{Table, Value};
 
 /// A folder of one test, removed at its end.
-pub struct Folder(PathBuf);
+pub struct TemporaryFolder(PathBuf);
 
-impl Folder {
+impl TemporaryFolder {
     /// A new one under the system's folder for temporary files.
     #[must_use]
     #[expect(clippy::new_without_default, reason = "making it has an effect")]
-    pub fn new() -> Folder {
+    pub fn new() -> TemporaryFolder {
         static NUMBER: AtomicU32 = AtomicU32::new(0);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let name = format!("taktil-stack-{}-{number}", std::process::id());
         let path = std::env::temp_dir().join(name);
         std::fs::create_dir_all(&path).unwrap();
-        Folder(path)
+        TemporaryFolder(path)
     }
 
     /// Where it is.
@@ -36,35 +36,35 @@ impl Folder {
     }
 }
 
-impl Drop for Folder {
+impl Drop for TemporaryFolder {
     fn drop(&mut self) {
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
 /// A scene of the repository as a table whose keys can be changed.
-pub struct Draft(Table);
+pub struct SceneDraft(Table);
 
-impl Draft {
+impl SceneDraft {
     /// `sim/scenes/NAME`, with its machine found from anywhere.
     #[must_use]
-    pub fn of(name: &str) -> Draft {
+    pub fn of(name: &str) -> SceneDraft {
         let path = crate::root().join("sim/scenes").join(name);
         let mut table: Table = std::fs::read_to_string(&path).unwrap().parse().unwrap();
         let machine = path.with_file_name(table["machine"].as_str().unwrap());
         table.insert("machine".into(), machine.display().to_string().into());
-        Draft(table)
+        SceneDraft(table)
     }
 
     /// The rolling experiment.
     #[must_use]
-    pub fn roll_pin() -> Draft {
-        Draft::of("roll-pin.toml")
+    pub fn roll_pin() -> SceneDraft {
+        SceneDraft::of("roll-pin.toml")
     }
 
     /// Sets the value at a dotted key, making the tables on the way; of a list the first.
     #[must_use]
-    pub fn set(mut self, key: &str, value: impl Into<Value>) -> Draft {
+    pub fn set(mut self, key: &str, value: impl Into<Value>) -> SceneDraft {
         let (tables, last) = key.rsplit_once('.').unwrap_or(("", key));
         let mut table = &mut self.0;
         for name in tables.split('.').filter(|name| !name.is_empty()) {
@@ -86,7 +86,7 @@ impl Draft {
 
     /// Keeps the operator's first `count` requests.
     #[must_use]
-    pub fn first_requests(mut self, count: usize) -> Draft {
+    pub fn first_requests(mut self, count: usize) -> SceneDraft {
         let steps = self.0["operator"].as_array_mut().unwrap();
         assert!(steps.len() >= count);
         steps.truncate(count);
@@ -102,7 +102,7 @@ impl Draft {
     /// The scene that this text stands for, read as the program reads it.
     #[must_use]
     pub fn scene(&self) -> Scene {
-        let folder = Folder::new();
+        let folder = TemporaryFolder::new();
         let path = folder.path().join("scene.toml");
         std::fs::write(&path, self.text()).unwrap();
         Scene::load(&path).unwrap_or_else(|bad| panic!("{bad}"))
@@ -117,25 +117,25 @@ struct Row {
 }
 
 /// Every record of a run.
-pub struct Kept {
+pub struct RecordedRun {
     catalog: Catalog,
     rows: Vec<Row>,
 }
 
-impl Observer for Kept {
+impl Observer for RecordedRun {
     fn record(&mut self, record: &Record<'_>) {
         let (signal, tick, release) = (record.signal, record.tick, record.release);
         self.rows.push(Row { signal, tick, release, body: record.body.to_vec() });
     }
 }
 
-impl Audience for Kept {}
+impl Audience for RecordedRun {}
 
-impl Kept {
+impl RecordedRun {
     /// Nothing yet.
     #[must_use]
-    pub fn new(machine: &Machine) -> Kept {
-        Kept { catalog: machine.catalog().clone(), rows: Vec::new() }
+    pub fn new(machine: &Machine) -> RecordedRun {
+        RecordedRun { catalog: machine.catalog().clone(), rows: Vec::new() }
     }
 
     /// All values of a signal with the releases that wrote them.
@@ -164,10 +164,10 @@ impl Kept {
     /// Where two runs differ first among the jobs released before `until`, signal by signal, as a
     /// person wants to read it.
     #[must_use]
-    pub fn difference(&self, other: &Kept, until: Nanos) -> Option<String> {
+    pub fn difference(&self, other: &RecordedRun, until: Nanos) -> Option<String> {
         assert_eq!(self.catalog, other.catalog);
         for (id, signal) in self.catalog.signals.iter().enumerate() {
-            let of = |kept: &Kept| -> Vec<(u64, Nanos, Vec<u8>)> {
+            let of = |kept: &RecordedRun| -> Vec<(u64, Nanos, Vec<u8>)> {
                 let rows = kept.rows.iter();
                 let rows = rows.filter(|row| row.signal == id && row.release < until);
                 rows.map(|row| (row.tick, row.release, row.body.clone())).collect()
@@ -197,9 +197,9 @@ pub fn machine(scene: &Scene, seed: u64) -> Machine {
 
 /// Runs a scene in virtual time to its end and keeps every record.
 #[must_use]
-pub fn run(scene: &Scene, seed: u64) -> Kept {
+pub fn run(scene: &Scene, seed: u64) -> RecordedRun {
     let mut machine = machine(scene, seed);
-    let mut kept = Kept::new(&machine);
+    let mut kept = RecordedRun::new(&machine);
     let stop = AtomicBool::new(false);
     let reached = virtual_time::run(&mut machine, scene.duration, &stop, &mut kept).unwrap();
     assert_eq!(reached, scene.duration);

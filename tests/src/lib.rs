@@ -1,5 +1,5 @@
-//! What is true of the whole house stands in this crate's tests; this library holds only what more
-//! than one of them needs. Refuses product code: nothing imports it.
+//! What more than one test of the whole repository needs. The tests themselves stand in
+//! `tests/tests`. No product crate depends on this library.
 
 use std::path::{Path, PathBuf};
 

@@ -22,29 +22,33 @@ use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Builder, Cycle, FaultCode, Io, LaneSpec, Misses, Nanos, Task, linux};
 
-/// Long enough that a host's stall seldom fills it.
-const PERIOD: Nanos = Nanos::from_millis(20);
-const DEADLINE: Nanos = Nanos::from_millis(4);
+/// The period of the lane: long enough that a host's stall seldom fills it.
+const LANE_PERIOD: Nanos = Nanos::from_millis(20);
+/// The deadline of its jobs.
+const LANE_DEADLINE: Nanos = Nanos::from_millis(4);
 /// What a provocation costs: more than the deadline, less than the period.
-const TROUBLE: Nanos = Nanos::from_millis(8);
-/// One job in so many is troubled, from this one on.
-const EVERY: u64 = 3;
-/// Troubled jobs of a run.
-const TROUBLED: u64 = 10;
-/// Priority of the lane and of who takes its processor.
-const PRIORITY: u8 = 50;
-const ABOVE: u8 = 60;
-const CPU: usize = 0;
-/// Touched in one job: at half a microsecond each they take longer than the deadline; so much
-/// memory at once comes fresh from the kernel, always.
-const PAGES: usize = 9_000;
-const PAGE: usize = 4096;
+const PROVOCATION_TIME: Nanos = Nanos::from_millis(8);
+/// One job in this many is provoked.
+const PROVOCATION_INTERVAL_JOBS: u64 = 3;
+/// Provoked jobs of a run.
+const PROVOKED_JOBS: u64 = 10;
+/// Priority of the lane.
+const LANE_PRIORITY: u8 = 50;
+/// Priority of the thread that takes the lane's processor.
+const PREEMPTING_PRIORITY: u8 = 60;
+/// The processor of both.
+const LANE_CPU: usize = 0;
+/// Pages that one job touches. At half a microsecond each they take longer than the deadline; so
+/// much memory at once always comes fresh from the kernel.
+const TOUCHED_PAGES: usize = 9_000;
+/// Bytes of a page.
+const PAGE_BYTES: usize = 4096;
 
 /// What real-time threads of the throttled control group may use in each period, and what the task
 /// takes: more than two periods' worth, less than its deadline.
 const GROUP_RUNTIME: Nanos = Nanos::from_micros(1_500);
 const GROUP_PERIOD: Nanos = Nanos::from_millis(10);
-const GROUP_BURN: Nanos = Nanos::from_micros(3_500);
+const GROUP_JOB_TIME: Nanos = Nanos::from_micros(3_500);
 
 /// How a job is troubled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,42 +87,42 @@ const ALL: [(Provocation, &str, &str, &str); 9] = [
     ),
 ];
 
-/// Troubles one job in [`EVERY`].
-struct Troubled {
+/// Troubles one job in [`PROVOCATION_INTERVAL_JOBS`].
+struct Provoked {
     provocation: Provocation,
     ask: PipeWriter,
     answer: PipeReader,
     pages: Vec<u8>,
 }
 
-fn burn(how_long: Nanos) {
+fn spin(how_long: Nanos) {
     let end = linux::thread_cpu_time() + how_long;
     while linux::thread_cpu_time() < end {
         std::hint::spin_loop();
     }
 }
 
-impl Task for Troubled {
+impl Task for Provoked {
     fn step(&mut self, cycle: &Cycle, _io: &mut Io<'_>) -> Result<(), FaultCode> {
         if self.provocation == UnlockedPages && cycle.tick == 0 {
             // Pages of 4 KiB, as a small robot's computer has them.
             nix::sys::prctl::set_thp_disable(true).expect("a process may choose its pages");
             linux::unlock_memory();
         }
-        if cycle.tick % EVERY != EVERY - 1 {
+        if cycle.tick % PROVOCATION_INTERVAL_JOBS != PROVOCATION_INTERVAL_JOBS - 1 {
             self.pages = Vec::new();
             return Ok(());
         }
         match self.provocation {
-            Overrun => burn(TROUBLE),
-            Sleep => std::thread::sleep(Duration::from_nanos(TROUBLE.0.unsigned_abs())),
+            Overrun => spin(PROVOCATION_TIME),
+            Sleep => std::thread::sleep(Duration::from_nanos(PROVOCATION_TIME.0.unsigned_abs())),
             BlockingRead => {
                 self.ask.write_all(&[1]).expect("the helper lives");
                 self.answer.read_exact(&mut [0]).expect("the helper answers");
             }
             UnlockedPages => {
-                self.pages = vec![0; PAGES * PAGE];
-                for page in self.pages.chunks_mut(PAGE) {
+                self.pages = vec![0; TOUCHED_PAGES * PAGE_BYTES];
+                for page in self.pages.chunks_mut(PAGE_BYTES) {
                     page[0] = 1;
                 }
                 black_box(&self.pages);
@@ -126,7 +130,7 @@ impl Task for Troubled {
             SpinnerInTheJob | SpinnerAtTheRelease | StopAtTheRelease => {
                 self.ask.write_all(&[1]).expect("the helper lives");
             }
-            RtGroup => burn(GROUP_BURN),
+            RtGroup => spin(GROUP_JOB_TIME),
             StopInTheJob => raise(Signal::SIGSTOP).expect("a process may stop itself"),
         }
         Ok(())
@@ -136,20 +140,21 @@ impl Task for Troubled {
 /// Waits for the task's word and does what the provocation needs from outside the lane.
 fn helper(provocation: Provocation, mut asked: PipeReader, mut answer: PipeWriter) {
     if matches!(provocation, SpinnerInTheJob | SpinnerAtTheRelease | StopAtTheRelease) {
-        linux::pin_to(CPU).unwrap();
-        linux::become_fifo(ABOVE).unwrap();
+        linux::pin_to(LANE_CPU).unwrap();
+        linux::become_fifo(PREEMPTING_PRIORITY).unwrap();
     }
-    let to_the_release = Duration::from_nanos((PERIOD - Nanos::from_millis(1)).0.unsigned_abs());
+    let to_the_release =
+        Duration::from_nanos((LANE_PERIOD - Nanos::from_millis(1)).0.unsigned_abs());
     while asked.read_exact(&mut [0]).is_ok() {
         match provocation {
             BlockingRead => {
-                std::thread::sleep(Duration::from_nanos(TROUBLE.0.unsigned_abs()));
+                std::thread::sleep(Duration::from_nanos(PROVOCATION_TIME.0.unsigned_abs()));
                 answer.write_all(&[1]).unwrap();
             }
-            SpinnerInTheJob => burn(TROUBLE),
+            SpinnerInTheJob => spin(PROVOCATION_TIME),
             SpinnerAtTheRelease => {
                 std::thread::sleep(to_the_release);
-                burn(TROUBLE);
+                spin(PROVOCATION_TIME);
             }
             StopAtTheRelease => {
                 std::thread::sleep(to_the_release);
@@ -160,29 +165,29 @@ fn helper(provocation: Provocation, mut asked: PipeReader, mut answer: PipeWrite
     }
 }
 
-/// Nobody watches.
-struct Nobody;
+/// NullObserver watches.
+struct NullObserver;
 
-impl Observer for Nobody {
+impl Observer for NullObserver {
     fn record(&mut self, _record: &Record<'_>) {}
 }
 
-impl Audience for Nobody {}
+impl Audience for NullObserver {}
 
 fn provoke(provocation: Provocation) -> Misses {
     let (asked, ask) = pipe().unwrap();
     let (answered, answer) = pipe().unwrap();
     let helper = std::thread::spawn(move || helper(provocation, asked, answer));
     let mut builder = Builder::new();
-    let mut spec = LaneSpec::new("lane", PERIOD, PRIORITY);
-    (spec.deadline, spec.cpu) = (DEADLINE, Some(CPU));
+    let mut spec = LaneSpec::new("lane", LANE_PERIOD, LANE_PRIORITY);
+    (spec.deadline, spec.cpu) = (LANE_DEADLINE, Some(LANE_CPU));
     let lane = builder.lane(spec).unwrap();
-    let task = Troubled { provocation, ask, answer: answered, pages: Vec::new() };
+    let task = Provoked { provocation, ask, answer: answered, pages: Vec::new() };
     builder.task(lane, "troubled", |_| Ok(Box::new(task))).unwrap();
     let mut machine = builder.build().unwrap();
-    let jobs = i64::try_from(EVERY * TROUBLED + 1).unwrap();
-    let terms = Terms { until: PERIOD * jobs, contract: Contract::Soft, pace: Pace::Fixed };
-    live::run(&mut machine, terms, &AtomicBool::new(false), &mut Nobody).unwrap();
+    let jobs = i64::try_from(PROVOCATION_INTERVAL_JOBS * PROVOKED_JOBS + 1).unwrap();
+    let terms = Terms { until: LANE_PERIOD * jobs, contract: Contract::Soft, pace: Pace::Fixed };
+    live::run(&mut machine, terms, &AtomicBool::new(false), &mut NullObserver).unwrap();
     let misses = machine.figures().next().unwrap().1.misses;
     drop(machine);
     helper.join().unwrap();
@@ -194,17 +199,17 @@ const CHILD: &str = "TAKTIL_PROVOKE";
 const GROUP: &str = "TAKTIL_PROVOKE_GROUP";
 
 /// A control group whose real-time threads are throttled, for as long as it lives.
-struct Throttled(PathBuf);
+struct ThrottledGroup(PathBuf);
 
-impl Throttled {
+impl ThrottledGroup {
     /// Makes one.
     ///
     /// # Errors
     /// The file that is not there or cannot be written, and why: such groups are of kernels with
     /// `CONFIG_RT_GROUP_SCHED` and the first version's `cpu` controller.
-    fn new() -> Result<Throttled, String> {
+    fn new() -> Result<ThrottledGroup, String> {
         let name = format!("taktil-causes-{}", std::process::id());
-        let group = Throttled(Path::new("/sys/fs/cgroup/cpu").join(name));
+        let group = ThrottledGroup(Path::new("/sys/fs/cgroup/cpu").join(name));
         let told = |path: &Path, why: std::io::Error| format!("{}: {why}", path.display());
         std::fs::create_dir(&group.0).map_err(|why| told(&group.0, why))?;
         let budget = [("cpu.rt_period_us", GROUP_PERIOD), ("cpu.rt_runtime_us", GROUP_RUNTIME)];
@@ -222,7 +227,7 @@ impl Throttled {
     }
 }
 
-impl Drop for Throttled {
+impl Drop for ThrottledGroup {
     fn drop(&mut self) {
         // Whoever was in it has ended.
         let _ = std::fs::remove_dir(&self.0);
@@ -246,7 +251,7 @@ fn child_that_is_troubled() {
 
 /// Runs one provocation in a process of its own, which may be stopped and is then continued.
 #[expect(clippy::zombie_processes, reason = "waited for by its number, which also tells of a stop")]
-fn ask_child(name: &str, group: Option<&Throttled>) -> Vec<(String, u64)> {
+fn ask_child(name: &str, group: Option<&ThrottledGroup>) -> Vec<(String, u64)> {
     let mut child = Command::new(std::env::current_exe().unwrap())
         .args(["child_that_is_troubled", "--exact", "--nocapture"])
         .env(CHILD, name)
@@ -257,7 +262,7 @@ fn ask_child(name: &str, group: Option<&Throttled>) -> Vec<(String, u64)> {
         .unwrap();
     let pid = Pid::from_raw(i32::try_from(child.id()).unwrap());
     while let Ok(WaitStatus::Stopped(..)) = waitpid(pid, Some(WaitPidFlag::WUNTRACED)) {
-        std::thread::sleep(Duration::from_nanos(TROUBLE.0.unsigned_abs()));
+        std::thread::sleep(Duration::from_nanos(PROVOCATION_TIME.0.unsigned_abs()));
         kill(pid, Signal::SIGCONT).unwrap();
     }
     let mut text = String::new();
@@ -267,8 +272,8 @@ fn ask_child(name: &str, group: Option<&Throttled>) -> Vec<(String, u64)> {
     parsed.map(|(cause, count)| (cause.to_owned(), count.parse().unwrap())).collect()
 }
 
-fn may_be_fifo() -> bool {
-    std::thread::spawn(|| linux::become_fifo(ABOVE).is_ok()).join().unwrap()
+fn is_fifo_allowed() -> bool {
+    std::thread::spawn(|| linux::become_fifo(PREEMPTING_PRIORITY).is_ok()).join().unwrap()
 }
 
 #[test]
@@ -276,7 +281,7 @@ fn each_cause_is_told_when_it_is_provoked() {
     if std::env::var_os(CHILD).is_some() {
         return;
     }
-    if !may_be_fifo() {
+    if !is_fifo_allowed() {
         taktil_tests_script::skipped(
             "causes of misses: no right to SCHED_FIFO here; run it as root",
         );
@@ -286,7 +291,7 @@ fn each_cause_is_told_when_it_is_provoked() {
         String::from("| provoked | expected | found in 10 troubled jobs |\n|---|---|---|\n");
     let mut wrong = Vec::new();
     for (provocation, name, what, expected) in ALL {
-        let group = match (provocation == RtGroup).then(Throttled::new).transpose() {
+        let group = match (provocation == RtGroup).then(ThrottledGroup::new).transpose() {
             Ok(group) => group,
             Err(why) => {
                 taktil_tests_script::skipped(format_args!(
@@ -300,7 +305,7 @@ fn each_cause_is_told_when_it_is_provoked() {
         let mut found = ask_child(name, group.as_ref());
         let told = |found: &[(String, u64)]| {
             let most = found.iter().max_by_key(|(_, count)| *count).cloned();
-            most.is_some_and(|(cause, count)| cause == expected && count * 10 >= TROUBLED * 8)
+            most.is_some_and(|(cause, count)| cause == expected && count * 10 >= PROVOKED_JOBS * 8)
         };
         if !told(&found) {
             println!("once more: {name}: {found:?}");

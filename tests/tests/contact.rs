@@ -1,5 +1,5 @@
-//! Contact in three dimensions inside a lane: pressing and taking images makes no heap call once
-//! its tables stand, warm or cold, and none when it is refused. Refuses to judge how long it takes.
+//! Contact in three dimensions inside a lane: once the tables are built, neither pressing nor
+//! taking images makes a heap call, from a cold or a warm start, nor does a load that is refused.
 
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::layer::Layer;
@@ -17,7 +17,7 @@ use taktil_rtcore::guard::{self, CountingAllocator};
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// Forces of a contact that comes, stays, goes and comes again, N.
-const FORCES: [f64; 7] = [5.0, 5.1, 20.0, 0.0, 0.3, 40.0, 4.0];
+const FORCES_N: [f64; 7] = [5.0, 5.1, 20.0, 0.0, 0.3, 40.0, 4.0];
 
 #[test]
 fn pressing_and_imaging_make_no_heap_call() {
@@ -39,7 +39,7 @@ fn pressing_and_imaging_make_no_heap_call() {
         })
         .collect();
     let mut image = vec![0.0; Array::THESIS.len()];
-    for (n, force) in FORCES.into_iter().enumerate() {
+    for (n, force) in FORCES_N.into_iter().enumerate() {
         let tilt = 1e-3 * (n as f64 - 2.0);
         let stand = Stand { x_mm: 0.3, y_mm: 0.1 * n as f64, rot_rad: 0.2 };
         let ((), calls) = guard::guarded(|| {
@@ -87,7 +87,7 @@ fn scenes_of_every_level_make_no_heap_call() {
             let mut scene = Scene::new(&layer, shape, &array, Sampling::Area, level).unwrap();
             let mut image = vec![0.0; array.len()];
             let mut round = || {
-                for (n, force) in FORCES.into_iter().enumerate() {
+                for (n, force) in FORCES_N.into_iter().enumerate() {
                     let tilt_rad = if tilts { 2e-3 * (n % 3) as f64 } else { 0.0 };
                     let stand = Stand { x_mm: 0.3, y_mm: 0.1 * n as f64, rot_rad: 0.2 };
                     scene.press(Drive::ForceN(force), Pose { stand, tilt_rad }).unwrap();

@@ -1,5 +1,5 @@
-//! The live executor over the whole stack: the same bits as virtual time, misses or not, because
-//! the simulated world waits; and not one heap call inside a job. Refuses to judge timing.
+//! The live executor over the whole stack gives the same bits as virtual time, with or without
+//! misses, because the simulated world waits. No job makes a heap call.
 #![expect(clippy::disallowed_types, reason = "a test keeps others away from the processors")]
 
 use std::sync::Mutex;
@@ -8,17 +8,17 @@ use std::sync::atomic::AtomicBool;
 use taktil_lab_scene::scene::Scene;
 use taktil_rtcore::live::{self, Contract, Pace, Terms};
 use taktil_rtcore::{Machine, guard, virtual_time};
-use taktil_tests::bench::{Draft, Kept, machine};
+use taktil_tests::bench::{RecordedRun, SceneDraft, machine};
 
 /// Live runs that are compared, and tries to get them from a busy machine.
-const RUNS: usize = 4;
-const TRIES: usize = 12;
+const COMPARED_RUNS: usize = 4;
+const LIVE_RUNS_MAX: usize = 12;
 
 /// Images at 200 Hz with a servo at 400 Hz, and both at 1 kHz.
 const SCENES: [&str; 2] = ["roll-pin.toml", "roll-pin-1khz.toml"];
 
-fn short(file: &str) -> Scene {
-    Draft::of(file).set("duration_s", 0.5).scene()
+fn short_scene(file: &str) -> Scene {
+    SceneDraft::of(file).set("duration_s", 0.5).scene()
 }
 
 /// Every heap call that a lane counted, with the lane's name.
@@ -28,13 +28,13 @@ fn allocations(machine: &Machine) -> Vec<(String, u64)> {
 }
 
 /// Records that the observer was too slow to take; without them nothing can be compared.
-fn lost(machine: &Machine) -> u64 {
+fn lost_records(machine: &Machine) -> u64 {
     machine.figures().map(|(_, f)| f.records_dropped + f.values_dropped).sum()
 }
 
-fn run_live(scene: &Scene) -> (Kept, u64) {
+fn run_live(scene: &Scene) -> (RecordedRun, u64) {
     let mut machine = machine(scene, 1);
-    let mut kept = Kept::new(&machine);
+    let mut kept = RecordedRun::new(&machine);
     let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
     let stop = AtomicBool::new(false);
     let account = live::run(&mut machine, terms, &stop, &mut kept).unwrap();
@@ -45,7 +45,7 @@ fn run_live(scene: &Scene) -> (Kept, u64) {
     }
     let misses: u64 = machine.figures().map(|(_, figures)| figures.misses.total()).sum();
     println!("live: {misses} misses, slipped by {}", account.slipped);
-    (kept, lost(&machine))
+    (kept, lost_records(&machine))
 }
 
 /// Two live machines at once would spoil each other.
@@ -61,24 +61,25 @@ fn live_and_virtual_time_give_the_same_bits_whatever_the_host_does() {
 
 /// A few live runs of the beginning of a scene with one in virtual time.
 fn compare(file: &str) {
-    let scene = short(file);
+    let scene = short_scene(file);
     let mut machine = machine(&scene, 1);
-    let mut expected = Kept::new(&machine);
+    let mut expected = RecordedRun::new(&machine);
     let stop = AtomicBool::new(false);
     virtual_time::run(&mut machine, scene.duration, &stop, &mut expected).unwrap();
     let mut compared = 0;
-    for _ in 0..TRIES {
+    for _ in 0..LIVE_RUNS_MAX {
         let (kept, lost) = run_live(&scene);
         if lost == 0 {
             assert_eq!(kept.difference(&expected, scene.duration), None, "{file}");
             compared += 1;
         }
-        if compared == RUNS {
+        if compared == COMPARED_RUNS {
             return;
         }
     }
-    let why =
-        format_args!("{file}: of {TRIES} live runs a busy machine left {compared} to compare");
+    let why = format_args!(
+        "{file}: of {LIVE_RUNS_MAX} live runs a busy machine left {compared} to compare"
+    );
     taktil_tests_script::skipped(why);
 }
 
@@ -86,9 +87,9 @@ fn compare(file: &str) {
 fn the_whole_task_allocates_nothing_in_virtual_time() {
     let _alone = ONE_AT_A_TIME.lock();
     for file in SCENES {
-        let scene = Draft::of(file).scene();
+        let scene = SceneDraft::of(file).scene();
         let mut machine = machine(&scene, 1);
-        let mut kept = Kept::new(&machine);
+        let mut kept = RecordedRun::new(&machine);
         let stop = AtomicBool::new(false);
         virtual_time::run(&mut machine, scene.duration, &stop, &mut kept).unwrap();
         assert!(guard::installed());

@@ -1,6 +1,5 @@
-//! Plane contact inside a lane: pressing bars and cylinders, steps with stick and slip, and finite
-//! element loads make no heap call once they are made, warm or cold. Refuses to judge how long it
-//! takes.
+//! Plane contact inside a lane: bars and cylinders that are pressed, steps with stick and slip, and
+//! finite element loads make no heap call once they are built, from a cold or a warm start.
 
 use taktil_contact::fem::{Elements, Kind, Mesh};
 use taktil_contact::layer::Layer;
@@ -14,7 +13,7 @@ use taktil_rtcore::guard::{self, CountingAllocator};
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// P and Q of contacts that come, tilt, go, are refused and come again, N/mm.
-const LOADS: [[f64; 2]; 9] = [
+const LOADS_N_MM: [[f64; 2]; 9] = [
     [0.5, 0.0],
     [0.5, 0.1],
     [0.5, 0.45],
@@ -48,7 +47,7 @@ fn plane_contact_makes_no_heap_call() {
     let mut response = elements.response();
     let forces = [[0.1, -1.0]; 65];
     let (mut solved, mut refused) = (0, 0);
-    for [p_n_mm, q_n_mm] in LOADS {
+    for [p_n_mm, q_n_mm] in LOADS_N_MM {
         let load = Load { p_n_mm, q_n_mm };
         let ((), calls) = guard::guarded(|| {
             for body in &mut bodies {

@@ -1,6 +1,6 @@
-//! A storm of misses in one lane stops the whole robot: the service runs in real time over a
-//! board's registers, behind which the simulated arm goes on whatever the lanes do; the lane of the
-//! operator alone begins to be late, while the arm is on its way in the servo lane.
+//! A storm of misses in one lane stops the whole robot. The service runs in real time over a
+//! board's registers, behind which the simulated arm goes on whatever the lanes do. Only the
+//! operator's lane begins to be late, while the servo lane moves the arm.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -17,12 +17,13 @@ use taktil_rtcore::status::LaneHealth;
 use taktil_rtcore::{Cycle, FaultCode, FaultSet, Io, Mode, Output, Payload, Task};
 use taktil_signal::{ControlState, JogCommand, JointState, Request, State, TypedMove, Verb};
 use taktil_sim::{Timing, World, WorldConfig};
-use taktil_tests::bench::{Draft, Folder};
+use taktil_tests::bench::{SceneDraft, TemporaryFolder};
 use toml::{Table, Value};
 
-/// Jobs of the operator's lane, of 10 ms each, from the start to the storm.
-const STORM: u64 = 140;
-const RUN: Nanos = Nanos::from_millis(2_200);
+/// The job of the operator's lane, of 10 ms each, at which the storm begins.
+const STORM_START_JOB: u64 = 140;
+/// The length of the run.
+const RUN_TIME: Nanos = Nanos::from_millis(2_200);
 
 /// Asks for drives, calibration and the programmed moves; then, where it is to, sleeps through its
 /// deadlines.
@@ -44,7 +45,7 @@ impl Task for Operator {
         io.write(&self.request, Request { verb: verb as u32, sequence });
         io.write(&self.jog, JogCommand::default());
         io.write(&self.moves, TypedMove::default());
-        if self.late && cycle.tick >= STORM {
+        if self.late && cycle.tick >= STORM_START_JOB {
             std::thread::sleep(Duration::from_millis(12));
         }
         Ok(())
@@ -84,7 +85,7 @@ impl Bench {
 }
 
 /// What the board and the arm were left with.
-struct Left {
+struct FinalState {
     volts: [DacCode; CHANNELS],
     lines: LinesOut,
     speed_rad_s: f64,
@@ -93,7 +94,7 @@ struct Left {
 /// The service's file: the machine of the scene of straight lines, with the operator in a lane of
 /// its own whose bucket alone can fill.
 fn service(folder: &Path, board: &Config) -> (Table, WorldConfig) {
-    let draft = Draft::of("lines.toml").set("world.pin.present", false);
+    let draft = SceneDraft::of("lines.toml").set("world.pin.present", false);
     let world = draft.scene().world;
     let machine = draft.value("machine").as_str().unwrap().to_owned();
     let mut lanes: Table = std::fs::read_to_string(machine.as_str()).unwrap().parse().unwrap();
@@ -140,9 +141,9 @@ fn service(folder: &Path, board: &Config) -> (Table, WorldConfig) {
     (file, world)
 }
 
-/// Runs the service for `RUN`; returns its log and what was left.
-fn run(late: bool) -> (Log, Left) {
-    let folder = Folder::new();
+/// Runs the service for `RUN_TIME`; returns its log and what was left.
+fn run(late: bool) -> (Log, FinalState) {
+    let folder = TemporaryFolder::new();
     let path = folder.path().join("board.bin");
     let board = Config { path, watchdog_ms: 1000, stale_ms: 1000, ..Config::default() };
     std::fs::write(&board.path, vec![0; BLOCK_BYTES]).unwrap();
@@ -157,12 +158,12 @@ fn run(late: bool) -> (Log, Left) {
             let _granted = become_fifo(90);
             let begin = monotonic();
             let mut now = Nanos::ZERO;
-            while now < RUN {
+            while now < RUN_TIME {
                 now = Nanos::from_millis((monotonic() - begin).0 / 1_000_000);
                 bench.tick(now);
                 std::thread::sleep(Duration::from_millis(1));
             }
-            let left = Left {
+            let left = FinalState {
                 volts: bench.model.volts(),
                 lines: bench.model.lines_out(),
                 speed_rad_s: bench.world.truth().qd.amax(),
@@ -193,12 +194,12 @@ fn values<T: Payload>(log: &Log, name: &str) -> Vec<(Nanos, T)> {
     messages.map(|m| (Nanos(m.release_ns), T::decode(&m.body[..T::SIZE]).unwrap())).collect()
 }
 
-fn storm(faults: u64) -> bool {
+fn has_storm_fault(faults: u64) -> bool {
     FaultSet(faults).contains(FaultCode::OverrunStorm)
 }
 
 /// The fastest joint's mean speed over the 25 ms before an instant, rad/s.
-fn speed(joints: &[(Nanos, JointState)], at: Nanos) -> f64 {
+fn mean_speed_rad_s(joints: &[(Nanos, JointState)], at: Nanos) -> f64 {
     let before = |instant: Nanos| joints.iter().rfind(|(release, _)| *release <= instant).unwrap();
     let (from, to) = (before(at - Nanos::from_millis(25)), before(at));
     let ways = from.1.q_rad.iter().zip(&to.1.q_rad).map(|(a, b)| (b - a).abs());
@@ -211,20 +212,26 @@ fn a_storm_in_a_lane_beside_stops_the_arm() {
     let control: Vec<(Nanos, ControlState)> = values(&log, "supervisor.control");
     let joints: Vec<(Nanos, JointState)> = values(&log, "sense.joints");
     let own: Vec<(Nanos, LaneHealth)> = values(&log, "operator.health");
-    let (raised, _) = own.iter().find(|(_, health)| storm(health.faults)).expect("a storm");
-    let (heard, found) = control.iter().find(|(_, control)| storm(control.faults)).expect("heard");
+    let (raised, _) =
+        own.iter().find(|(_, health)| has_storm_fault(health.faults)).expect("a storm");
+    let (heard, found) =
+        control.iter().find(|(_, control)| has_storm_fault(control.faults)).expect("heard");
     let before = control.iter().rfind(|(at, _)| at < heard).expect("a job before").1;
     assert_eq!(before.mode, u32::from(Mode::Moving as u8), "{before:?}");
     // Told by the end of that lane's job, acted upon by the servo lane's next ones.
     assert!(*heard - *raised < Nanos::from_millis(60), "raised {raised}, heard {heard}");
     assert_eq!(found.mode, u32::from(Mode::Stopping as u8));
-    assert!(speed(&joints, *heard) > 0.1, "the arm was on its way: {}", speed(&joints, *heard));
+    assert!(
+        mean_speed_rad_s(&joints, *heard) > 0.1,
+        "the arm was on its way: {}",
+        mean_speed_rad_s(&joints, *heard)
+    );
     let (ended, last) = control.last().unwrap();
     assert_eq!(last.mode, u32::from(Mode::Fault as u8), "until somebody resets: {last:?}");
-    assert!(speed(&joints, *ended) < 1e-3, "{}", speed(&joints, *ended));
+    assert!(mean_speed_rad_s(&joints, *ended) < 1e-3, "{}", mean_speed_rad_s(&joints, *ended));
     // Decelerated under servo, not let fall: the drives went off when it stood.
     let off = control.iter().find(|(at, c)| at > heard && c.mode == last.mode).unwrap().0;
-    assert!(speed(&joints, off) < 0.06, "{}", speed(&joints, off));
+    assert!(mean_speed_rad_s(&joints, off) < 0.06, "{}", mean_speed_rad_s(&joints, off));
     assert!(off - *heard < Nanos::from_millis(1_000), "{heard} to {off}");
     assert_eq!(left.volts, [DacCode(0); CHANNELS]);
     assert!(!left.lines.enable && !left.lines.brake_release, "{:?}", left.lines);
@@ -238,7 +245,11 @@ fn without_the_storm_it_goes_on() {
     let joints: Vec<(Nanos, JointState)> = values(&log, "sense.joints");
     let (ended, last) = control.last().unwrap();
     // Single misses are this machine's.
-    assert!(!storm(last.faults), "{last:?}");
+    assert!(!has_storm_fault(last.faults), "{last:?}");
     assert_eq!((last.state, last.mode), (State::Trajectory as u32, u32::from(Mode::Moving as u8)));
-    assert!(speed(&joints, *ended) > 0.1, "it stands: {}", speed(&joints, *ended));
+    assert!(
+        mean_speed_rad_s(&joints, *ended) > 0.1,
+        "it stands: {}",
+        mean_speed_rad_s(&joints, *ended)
+    );
 }

@@ -1,5 +1,5 @@
-//! The service's unit as systemd reads it, without installing anything. Refuses to claim more: that
-//! the service starts under its restrictions is not shown here.
+//! Checks the service's unit file with systemd's own tools, without installing anything. That the
+//! service starts under these restrictions is not shown here.
 
 use std::fs;
 use std::io::Write;
@@ -45,7 +45,7 @@ fn unit() -> String {
     fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-fn put(path: &Path, text: &str) {
+fn write(path: &Path, text: &str) {
     fs::create_dir_all(path.parent().expect("a file has a folder")).expect("folders can be made");
     fs::write(path, text).expect("the build folder can be written");
 }
@@ -64,12 +64,12 @@ fn stage(name: &str, unit: &str) -> PathBuf {
             Some("mount") => "[Mount]\nWhat=/dev/x\nWhere=/\n",
             _ => "[Unit]\nDescription=stand-in\n",
         };
-        put(&units.join(stand_in), text);
+        write(&units.join(stand_in), text);
     }
-    put(&units.join("systemd-journald.service"), "[Service]\nExecStart=/usr/bin/taktild\n");
-    put(&units.join(UNIT), unit);
+    write(&units.join("systemd-journald.service"), "[Service]\nExecStart=/usr/bin/taktild\n");
+    write(&units.join(UNIT), unit);
     let binary = stage.join("usr/bin/taktild");
-    put(&binary, "#!/bin/sh\n");
+    write(&binary, "#!/bin/sh\n");
     fs::set_permissions(&binary, fs::Permissions::from_mode(0o755)).expect("it can be executable");
     stage
 }
@@ -163,7 +163,7 @@ fn every_block_of_the_unit_says_why() {
 /// Complaints of `systemd-sysusers` about a file of users.
 fn sysusers(name: &str, text: &str) -> Option<String> {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-    put(&path, text);
+    write(&path, text);
     let file = path.to_str().expect("the build folder has a plain name");
     let output = run("systemd-sysusers", &["--dry-run", file])?;
     let said = String::from_utf8_lossy(&output.stderr).into_owned();

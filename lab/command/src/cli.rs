@@ -5,7 +5,7 @@ use std::io::{BufReader, BufWriter, IsTerminal};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use taktil_lab_experiment::Experiments;
 use taktil_lab_host::doctor;
 use taktil_lab_host::jitter::{self, JitterArgs};
@@ -238,6 +238,12 @@ enum Command {
         #[arg(long)]
         list: bool,
     },
+}
+
+/// The definition of the command line: subcommands, options and their help.
+#[must_use]
+pub fn definition() -> clap::Command {
+    Cli::command()
 }
 
 /// Runs the command line of this process; `tasks` are wired like those of Taktil itself.

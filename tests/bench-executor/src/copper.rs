@@ -1,5 +1,5 @@
-//! cu29's applications as contestants. Its log goes to memory (`/dev/shm`), so that no disk is
-//! measured. Refuses to change its defaults, save that logging is off where the name says so.
+//! Applications of cu29 as contestants. Its log goes to memory (`/dev/shm`), so that no disk is
+//! measured. Its defaults stay, except that logging is off where the name says so.
 
 use std::path::{Path, PathBuf};
 
@@ -33,7 +33,7 @@ impl Drop for Folder {
 }
 
 /// Bytes of one file of the log.
-const SLAB: usize = 64 * 1024 * 1024;
+const LOG_SLAB_BYTES: usize = 64 * 1024 * 1024;
 
 macro_rules! app {
     ($module:ident, $config:tt) => {
@@ -52,7 +52,7 @@ macro_rules! app {
             pub fn start(folder: &Path) -> anyhow::Result<Box<dyn FnMut(u64) -> Nanos>> {
                 let path = folder.join(concat!(stringify!($module), ".copper"));
                 let mut app = App::builder()
-                    .with_log_path(path, Some(super::SLAB))
+                    .with_log_path(path, Some(super::LOG_SLAB_BYTES))
                     .and_then(|builder| builder.build())
                     .map_err(|error| anyhow!("{error}"))?
                     .start()

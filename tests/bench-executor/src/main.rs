@@ -1,5 +1,4 @@
 //! `taktil bench executor` with cu29 beside it: the same chains, the same slices, the same counter.
-//! Refuses to judge: it prints both.
 
 mod copper;
 mod tasks;

@@ -1,5 +1,5 @@
-//! The same chain for cu29: a source, hops that pass a value on, a sink. Refuses to do anything
-//! that ours does not.
+//! The chain of tasks for cu29: a source, hops that pass a value on, a sink. They do exactly what
+//! ours do.
 
 use core::hint::black_box;
 

@@ -20,9 +20,9 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::{Joints, Pose};
 
 /// Joint vectors of a slice.
-const SAMPLES: usize = 512;
+const SLICE_SAMPLES: usize = 512;
 /// Times that a slice goes through them.
-const ROUNDS: u32 = 8;
+const SLICE_ROUNDS: u32 = 8;
 
 /// A motion.
 pub struct Sample {
@@ -45,7 +45,7 @@ fn samples() -> Vec<Sample> {
     let mut six =
         |low: &Joints, high: &Joints| Joints::from_fn(|i, _| low[i] + (high[i] - low[i]) * unit());
     let (slow, fast) = (Joints::repeat(-2.0), Joints::repeat(2.0));
-    (0..SAMPLES)
+    (0..SLICE_SAMPLES)
         .map(|_| Sample {
             q: six(&arm.q_min_rad, &arm.q_max_rad),
             qd: six(&slow, &fast),
@@ -82,12 +82,12 @@ fn chain() -> Result<Chain<6>> {
 
 fn clock<T>(inputs: &[T], mut call: impl FnMut(&T)) -> f64 {
     let start = Instant::now();
-    for _ in 0..ROUNDS {
+    for _ in 0..SLICE_ROUNDS {
         for input in inputs {
             call(black_box(input));
         }
     }
-    start.elapsed().as_secs_f64() * 1e9 / (f64::from(ROUNDS) * inputs.len() as f64)
+    start.elapsed().as_secs_f64() * 1e9 / (f64::from(SLICE_ROUNDS) * inputs.len() as f64)
 }
 
 /// Slices of one thing.
@@ -162,7 +162,7 @@ impl Bench {
                 self.note("inverse", &format!("{OPW}, continuing"), continuing);
             } else {
                 for index in 0..self.peers.len() {
-                    let ns = self.peers[index].time(what, ROUNDS)?;
+                    let ns = self.peers[index].time(what, SLICE_ROUNDS)?;
                     let name = self.peers[index].name.clone();
                     self.note(what, &name, ns);
                 }
@@ -337,6 +337,9 @@ fn main() -> Result<ExitCode> {
     }
     bench.residuals()?;
     bench.compare()?;
-    println!("{SAMPLES} random joint vectors, {slices} alternating slices of {ROUNDS} passes:");
+    println!(
+        "{SLICE_SAMPLES} random joint vectors, {slices} alternating slices of {SLICE_ROUNDS} \
+         passes:"
+    );
     Ok(if bench.print() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

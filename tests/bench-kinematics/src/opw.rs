@@ -1,4 +1,5 @@
-//! rs-opw-kinematics on the same arm. Refuses to be timed unless its forward kinematics are ours.
+//! The library rs-opw-kinematics on the same arm. It is timed only when its forward kinematics are
+//! ours.
 
 use anyhow::{Result, ensure};
 use glam_opw::{DMat3, DQuat, DVec3};

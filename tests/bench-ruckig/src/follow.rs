@@ -1,6 +1,5 @@
-//! The simulated PUMA 260 under the house's joint servo, which follows joint set points at 400 Hz:
-//! counts, converters, friction and the actuation delay are in it. Refuses to know who makes the
-//! set points.
+//! The simulated PUMA 260 under the joint servo, which follows joint set points at 400 Hz: counts,
+//! converters, friction and the actuation delay are included.
 
 use anyhow::{Context, anyhow};
 use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, Nanos};
@@ -13,13 +12,13 @@ use taktil_tasks_joint_servo::Config;
 use taktil_tasks_joint_servo::law::{Ahead, Pd};
 
 /// The servo's period.
-pub const PERIOD: Nanos = Nanos::from_micros(2_500);
+pub const SERVO_PERIOD: Nanos = Nanos::from_micros(2_500);
 /// Ticks for the brakes to let go and the arm to settle, and ticks watched after a move.
-const SETTLE: i64 = 200;
+const SETTLING_TICKS: i64 = 200;
 
 /// How far the arm was from its set points.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Missed {
+pub struct TrackingError {
     /// Root mean square over joints and ticks of the move (rad).
     pub rms_rad: f64,
     /// The largest (rad).
@@ -30,7 +29,7 @@ pub struct Missed {
     pub torque_share: f64,
 }
 
-struct Rig {
+struct SimulatedServo {
     world: World,
     devices: Devices,
     tick: i64,
@@ -39,8 +38,8 @@ struct Rig {
     zero: [i32; 6],
 }
 
-impl Rig {
-    fn new(home: &Joints) -> anyhow::Result<Rig> {
+impl SimulatedServo {
+    fn new(home: &Joints) -> anyhow::Result<SimulatedServo> {
         let mut config = WorldConfig::default();
         config.pin.present = false;
         config.table.height_mm = Some(-900.0);
@@ -52,7 +51,7 @@ impl Rig {
             Config { damping: Some(vec![0.5; 6]), derivative_filter_hz: 30.0, ..Config::default() };
         let tuning = servo.tuning(&Robot::puma260()).map_err(|bad| anyhow!("{bad:?}"))?;
         let model = (Friction::reference(), Dynamics::reference());
-        Ok(Rig {
+        Ok(SimulatedServo {
             world,
             devices,
             tick: 0,
@@ -65,7 +64,7 @@ impl Rig {
     /// One period towards a set point; how far the true joints are from it at its start, and the
     /// share of the drives' peak torque that was asked for.
     fn step(&mut self, q: &Joints, qd: &Joints) -> anyhow::Result<(Joints, f64)> {
-        let (now, dt_s) = (PERIOD * self.tick, PERIOD.as_secs_f64());
+        let (now, dt_s) = (SERVO_PERIOD * self.tick, SERVO_PERIOD.as_secs_f64());
         let gears = Transmission::reference();
         let off = self.world.truth().q - q;
         let counts = self.devices.encoders.sample(now)?.value;
@@ -83,7 +82,7 @@ impl Rig {
         self.devices.digital_out.commit(now, &lines)?;
         self.devices.analog_out.commit(now, &codes)?;
         self.tick += 1;
-        self.world.advance(PERIOD * self.tick);
+        self.world.advance(SERVO_PERIOD * self.tick);
         let share = torque.abs().component_div(&drive.peak_joint_torque(&gears)).max();
         Ok((off, share))
     }
@@ -93,15 +92,15 @@ impl Rig {
 ///
 /// # Errors
 /// The simulator refuses the pose; there are no set points.
-pub fn follow(points: &[(Joints, Joints)]) -> anyhow::Result<Missed> {
+pub fn follow(points: &[(Joints, Joints)]) -> anyhow::Result<TrackingError> {
     let (first, _) = points.first().context("no set points")?;
     let (last, _) = points.last().context("no set points")?;
     let rest = Joints::zeros();
-    let mut rig = Rig::new(first)?;
-    for _ in 0..SETTLE {
+    let mut rig = SimulatedServo::new(first)?;
+    for _ in 0..SETTLING_TICKS {
         rig.step(first, &rest)?;
     }
-    let (mut missed, mut square) = (Missed::default(), 0.0);
+    let (mut missed, mut square) = (TrackingError::default(), 0.0);
     for (q, qd) in points {
         let (off, share) = rig.step(q, qd)?;
         square += off.norm_squared();
@@ -109,7 +108,7 @@ pub fn follow(points: &[(Joints, Joints)]) -> anyhow::Result<Missed> {
         missed.torque_share = missed.torque_share.max(share);
     }
     missed.rms_rad = (square / (6.0 * points.len() as f64)).sqrt();
-    for _ in 0..SETTLE {
+    for _ in 0..SETTLING_TICKS {
         missed.after_rad = missed.after_rad.max(rig.step(last, &rest)?.0.amax());
     }
     Ok(missed)

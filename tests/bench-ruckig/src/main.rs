@@ -9,20 +9,20 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use anyhow::{Context, anyhow};
-use follow::{Missed, PERIOD, follow};
+use follow::{SERVO_PERIOD, TrackingError, follow};
 use rsruckig::prelude::*;
 use taktil_mechanics::Joints;
 use taktil_mechanics::paul::{JointPath, segment_time_s};
 use taktil_mechanics::puma260::Puma260;
 
 /// Moves that are made.
-const MOVES: usize = 24;
+const MOVES_MADE: usize = 24;
 /// Share of the joints' largest speeds: a brisk programme.
-const SPEED: f64 = 0.5;
+const SPEED_SHARE: f64 = 0.5;
 /// Paul's half transition (s): the tasks' default.
 const TAU_S: f64 = 0.1;
 /// Rounds of the timing; the best and the middle one are told.
-const ROUNDS: usize = 41;
+const TIMING_ROUNDS: usize = 41;
 
 /// Finds out all of a move at instants.
 trait Way {
@@ -89,14 +89,14 @@ impl Dice {
 
 fn moves() -> anyhow::Result<Vec<Move>> {
     let (arm, mut dice) = (Puma260::reference(), Dice(7));
-    let speed = arm.speed_max_rad_s * SPEED;
+    let speed = arm.speed_max_rad_s * SPEED_SHARE;
     let mut pose = || {
         Joints::from_fn(|i, _| {
             let (low, high) = (arm.q_min_rad[i], arm.q_max_rad[i]);
             low + (0.2 + 0.6 * dice.share()) * (high - low)
         })
     };
-    (0..MOVES)
+    (0..MOVES_MADE)
         .map(|_| {
             let (from, to) = (pose(), pose());
             let time_s = segment_time_s(&from, &to, &speed, TAU_S);
@@ -116,7 +116,7 @@ fn ruckig(one: &Move, limits: &Limits, sync: Synchronization) -> anyhow::Result<
         input.max_acceleration[i] = limits.acceleration[i];
         input.max_jerk[i] = limits.jerk[i];
     }
-    let mut otg = Ruckig::<6, ThrowErrorHandler>::new(None, PERIOD.as_secs_f64());
+    let mut otg = Ruckig::<6, ThrowErrorHandler>::new(None, SERVO_PERIOD.as_secs_f64());
     let mut way = Trajectory::new(None);
     otg.calculate(&input, &mut way).map_err(|bad| anyhow!("{bad}"))?;
     Ok(way)
@@ -128,14 +128,14 @@ struct Row {
     duration_s: f64,
     acceleration: f64,
     jerk: f64,
-    missed: Missed,
+    missed: TrackingError,
     square: f64,
 }
 
 fn measure(ways: &mut [Box<dyn Way>], limits: &Limits) -> anyhow::Result<Row> {
-    let (dt_s, mut row) = (PERIOD.as_secs_f64(), Row::default());
+    let (dt_s, mut row) = (SERVO_PERIOD.as_secs_f64(), Row::default());
     for way in ways.iter_mut() {
-        row.duration_s += way.duration_s() / MOVES as f64;
+        row.duration_s += way.duration_s() / MOVES_MADE as f64;
         // Jerk as the change of acceleration over a tenth of a tick, where it does not step.
         let fine = dt_s / 10.0;
         let mut last = way.at(0.0).2;
@@ -155,7 +155,7 @@ fn measure(ways: &mut [Box<dyn Way>], limits: &Limits) -> anyhow::Result<Row> {
             })
             .collect();
         let missed = follow(&points)?;
-        row.square += missed.rms_rad * missed.rms_rad / MOVES as f64;
+        row.square += missed.rms_rad * missed.rms_rad / MOVES_MADE as f64;
         row.missed.peak_rad = row.missed.peak_rad.max(missed.peak_rad);
         row.missed.after_rad = row.missed.after_rad.max(missed.after_rad);
         row.missed.torque_share = row.missed.torque_share.max(missed.torque_share);
@@ -165,13 +165,13 @@ fn measure(ways: &mut [Box<dyn Way>], limits: &Limits) -> anyhow::Result<Row> {
 
 /// Nanoseconds of one evaluation: best and median of rounds over all moves.
 fn cost_ns(ways: &mut [Box<dyn Way>]) -> (f64, f64) {
-    let mut rounds: Vec<f64> = (0..ROUNDS)
+    let mut rounds: Vec<f64> = (0..TIMING_ROUNDS)
         .map(|_| {
             let (begin, mut ticks) = (Instant::now(), 0);
             for way in ways.iter_mut() {
-                let count = (way.duration_s() / PERIOD.as_secs_f64()) as i64;
+                let count = (way.duration_s() / SERVO_PERIOD.as_secs_f64()) as i64;
                 for tick in 0..count {
-                    black_box(way.at(black_box(tick as f64 * PERIOD.as_secs_f64())));
+                    black_box(way.at(black_box(tick as f64 * SERVO_PERIOD.as_secs_f64())));
                 }
                 ticks += count;
             }
@@ -179,12 +179,12 @@ fn cost_ns(ways: &mut [Box<dyn Way>]) -> (f64, f64) {
         })
         .collect();
     rounds.sort_by(f64::total_cmp);
-    (rounds[0], rounds[ROUNDS / 2])
+    (rounds[0], rounds[TIMING_ROUNDS / 2])
 }
 
 /// Nanoseconds of laying one move: best and median.
 fn lay_ns(mut lay: impl FnMut(&Move), moves: &[Move]) -> (f64, f64) {
-    let mut rounds: Vec<f64> = (0..ROUNDS)
+    let mut rounds: Vec<f64> = (0..TIMING_ROUNDS)
         .map(|_| {
             let begin = Instant::now();
             moves.iter().for_each(&mut lay);
@@ -192,12 +192,12 @@ fn lay_ns(mut lay: impl FnMut(&Move), moves: &[Move]) -> (f64, f64) {
         })
         .collect();
     rounds.sort_by(f64::total_cmp);
-    (rounds[0], rounds[ROUNDS / 2])
+    (rounds[0], rounds[TIMING_ROUNDS / 2])
 }
 
 fn main() -> anyhow::Result<()> {
     let (arm, moves) = (Puma260::reference(), moves()?);
-    let speed = arm.speed_max_rad_s * SPEED;
+    let speed = arm.speed_max_rad_s * SPEED_SHARE;
     // What Paul's transitions ask for at most: of acceleration 3/4 dv/tau, of jerk 3/2 dv/tau^2.
     let like = Limits {
         speed,
@@ -215,8 +215,8 @@ fn main() -> anyhow::Result<()> {
         ("rsruckig, the arm's acceleration, four times the jerk", Some((harder, phase))),
     ];
     println!(
-        "{MOVES} moves between random poses at {SPEED} of the joints' speeds; acceleration and \
-         jerk in parts of Paul's largest\n"
+        "{MOVES_MADE} moves between random poses at {SPEED_SHARE} of the joints' speeds; \
+         acceleration and jerk in parts of Paul's largest\n"
     );
     println!(
         "| set points by | duration, s | acceleration | jerk | tracking rms, deg | peak, deg | \

@@ -8,7 +8,7 @@ use libfuzzer_sys::fuzz_target;
 fuzz_target!(|bytes: &[u8]| {
     let lines: Vec<&[u8]> =
         bytes.split(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty()).collect();
-    if lines.iter().any(|line| long(line)) {
+    if lines.iter().any(|line| is_long(line)) {
         return;
     }
     let mut answers = Vec::new();
@@ -23,7 +23,7 @@ fuzz_target!(|bytes: &[u8]| {
 });
 
 /// Whether a line might ask for much work: of contact, or again and again.
-fn long(line: &[u8]) -> bool {
+fn is_long(line: &[u8]) -> bool {
     let has = |word: &[u8]| line.windows(word.len()).any(|part| part == word);
     [&b"repeat"[..], b"layer_line", b"contact", b"feature_jacobian", b"recover", b"\\u"]
         .into_iter()

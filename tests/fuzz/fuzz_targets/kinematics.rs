@@ -29,7 +29,7 @@ const ANGLE_MAX: f64 = 1e6;
 /// Motion up to which the dynamics promises finite torques.
 const MOTION_MAX: f64 = 1e60;
 
-fn missed(a: &Pose, b: &Pose) -> f64 {
+fn pose_error(a: &Pose, b: &Pose) -> f64 {
     let turned = a.rotation - b.rotation;
     let turned = turned.to_cols_array().into_iter().fold(0.0, |most: f64, x| most.max(x.abs()));
     turned.max((a.translation - b.translation).abs().max_element())
@@ -52,7 +52,7 @@ fn puma(n: &mut Numbers<'_>) {
     );
     for branch in &branches {
         finite("branch", branch.q.iter());
-        let off = missed(&arm.wrist_pose(&branch.q), &wrist);
+        let off = pose_error(&arm.wrist_pose(&branch.q), &wrist);
         // On the boundary of the reach the wrist centre may be a nanometre out.
         assert!(off < 2e-9, "a branch misses its pose by {off:e}: {:?}", branch.q);
         if branch.singular_flags == 0 {
@@ -78,7 +78,7 @@ fn puma(n: &mut Numbers<'_>) {
 }
 
 /// Any pose, near or far, and any other previous joints.
-fn anywhere(n: &mut Numbers<'_>) {
+fn any_pose(n: &mut Numbers<'_>) {
     let arm = Puma260::reference();
     let pose = n.pose(1e300);
     let before = n.vector::<6>(1e300);
@@ -107,7 +107,7 @@ fn any_chain<const N: usize>(chain: &Chain<N>, n: &mut Numbers<'_>) {
     match chain.search(&pose, &before, &effort) {
         Ok(found) => {
             assert!(chain.within_limits(&found.q), "{:?}", found.q);
-            assert!(missed(&chain.tool_pose(&found.q), &pose) < 1e-8);
+            assert!(pose_error(&chain.tool_pose(&found.q), &pose) < 1e-8);
         }
         Err(nearest) => finite("nearest", nearest.q.iter()),
     }
@@ -160,7 +160,7 @@ fuzz_target!(|bytes: &[u8]| {
     let mut n = Numbers::new(bytes);
     match n.byte() % 8 {
         0 | 1 => puma(&mut n),
-        2 => anywhere(&mut n),
+        2 => any_pose(&mut n),
         3 => any_chain(&*SIX, &mut n),
         4 => any_chain(&*SEVEN, &mut n),
         5 => any_chain(&*ROUND, &mut n),

@@ -115,7 +115,7 @@ macro_rules! roll_model {
     };
 }
 
-/// Of two lanes that report a stall the larger figure stands, and nobody sees it shrink.
+/// The larger figure of two lanes that report a stall stands, and nobody sees it shrink.
 macro_rules! slip_model {
     ($variant:ident) => {
         loom::model(|| {
@@ -138,7 +138,7 @@ macro_rules! slip_model {
     };
 }
 
-/// Of storms in two lanes none is lost, and nobody sees the count shrink.
+/// No storm in one of two lanes is lost, and nobody sees the count shrink.
 macro_rules! storms_model {
     ($variant:ident) => {
         loom::model(|| {
@@ -163,7 +163,7 @@ macro_rules! storms_model {
 
 mod tests {
     /// A model that has to fail, in silence.
-    fn rejected(model: impl FnOnce() + std::panic::UnwindSafe) {
+    fn assert_rejected(model: impl FnOnce() + std::panic::UnwindSafe) {
         let hook = std::panic::take_hook();
         std::panic::set_hook(Box::new(|_| {}));
         let outcome = std::panic::catch_unwind(model);
@@ -178,13 +178,13 @@ mod tests {
         roll_model!(right);
         slip_model!(right);
         storms_model!(right);
-        rejected(|| done_model!(done_relaxed_store));
-        rejected(|| done_model!(done_relaxed_load));
-        rejected(|| start_model!(start_relaxed_store));
-        rejected(|| start_model!(start_relaxed_load));
-        rejected(|| roll_model!(roll_relaxed_come));
-        rejected(|| roll_model!(roll_load_and_store));
-        rejected(|| slip_model!(slip_load_and_store));
-        rejected(|| storms_model!(storms_load_and_store));
+        assert_rejected(|| done_model!(done_relaxed_store));
+        assert_rejected(|| done_model!(done_relaxed_load));
+        assert_rejected(|| start_model!(start_relaxed_store));
+        assert_rejected(|| start_model!(start_relaxed_load));
+        assert_rejected(|| roll_model!(roll_relaxed_come));
+        assert_rejected(|| roll_model!(roll_load_and_store));
+        assert_rejected(|| slip_model!(slip_load_and_store));
+        assert_rejected(|| storms_model!(storms_load_and_store));
     }
 }

@@ -1,5 +1,4 @@
 //! `taktil` with the task `sway`: `own-task run scene.toml --fast`, and every other command.
-//! Refuses to decide anything: the task is in `sway`.
 
 mod sway;
 

@@ -148,7 +148,7 @@ impl Task for Sway {
 mod tests {
     use super::*;
 
-    const FASTEST: [f64; 6] = [2.0; 6];
+    const SPEED_MAX_RAD_S: [f64; 6] = [2.0; 6];
 
     fn config() -> Config {
         Config { joint: 6, span_deg: 30.0, period_s: 2.0, times: 2 }
@@ -169,8 +169,8 @@ mod tests {
 
     #[test]
     fn what_cannot_be_meant_is_refused_with_its_place() {
-        assert_eq!(config().check(&FASTEST), Ok(()));
-        let place = |config: Config| config.check(&FASTEST).unwrap_err().place;
+        assert_eq!(config().check(&SPEED_MAX_RAD_S), Ok(()));
+        let place = |config: Config| config.check(&SPEED_MAX_RAD_S).unwrap_err().place;
         for joint in [0, 7] {
             assert_eq!(place(Config { joint, ..config() }), "joint");
         }

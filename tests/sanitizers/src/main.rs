@@ -1,5 +1,5 @@
-//! `taktil-sanitizers clean | malloc | open | thread | link | live | race`: one thing each, under a
-//! sanitizer that has to find it or has to stay silent. Refuses to judge: `run` does.
+//! `taktil-sanitizers clean | malloc | open | thread | link | live | race` does one thing each
+//! under a sanitizer, which has to find it or has to stay silent. The script `run` judges.
 
 mod race;
 
@@ -25,28 +25,28 @@ payload! {
 
 /// What a job does wrong.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Sin {
+enum Violation {
     None,
     Malloc,
     Open,
     Thread,
 }
 
-struct Passer {
-    sin: Sin,
+struct RelayTask {
+    violation: Violation,
     from: Input<Numbers>,
     to: Output<Numbers>,
 }
 
-impl Task for Passer {
+impl Task for RelayTask {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let mut value = io.read(&self.from).value;
         value.x[0] += 1.0;
-        match self.sin {
-            Sin::None => {}
-            Sin::Malloc => drop(std::hint::black_box(vec![cycle.tick; 3])),
-            Sin::Open => drop(std::fs::File::open("/dev/null")),
-            Sin::Thread => drop(thread::spawn(|| ()).join()),
+        match self.violation {
+            Violation::None => {}
+            Violation::Malloc => drop(std::hint::black_box(vec![cycle.tick; 3])),
+            Violation::Open => drop(std::fs::File::open("/dev/null")),
+            Violation::Thread => drop(thread::spawn(|| ()).join()),
         }
         io.write(&self.to, value);
         Ok(())
@@ -64,7 +64,7 @@ impl Observer for Sum {
 impl Audience for Sum {}
 
 /// Two lanes in a ring, each with two tasks, so that every kind of link is used.
-fn machine(sin: Sin) -> Machine {
+fn machine(violation: Violation) -> Machine {
     let mut builder = Builder::new();
     for (name, period_us, other) in [("fast", 1000, "slow0.x"), ("slow", 2000, "fast0.x")] {
         let lane = builder.lane(LaneSpec::new(name, Nanos::from_micros(period_us), 40)).unwrap();
@@ -73,7 +73,7 @@ fn machine(sin: Sin) -> Machine {
             builder
                 .task(lane, &task, |ports| {
                     let (from, to) = (ports.input("in"), ports.output("x"));
-                    Ok(Box::new(Passer { sin, from, to }))
+                    Ok(Box::new(RelayTask { violation, from, to }))
                 })
                 .unwrap();
             builder.bind(format!("{task}.in"), signal);
@@ -83,22 +83,22 @@ fn machine(sin: Sin) -> Machine {
     builder.build().unwrap()
 }
 
-fn in_virtual_time(sin: Sin) {
+fn run_in_virtual_time(violation: Violation) {
     let stop = AtomicBool::new(false);
     let mut sum = Sum(0.0);
-    virtual_time::run(&mut machine(sin), Nanos::from_millis(100), &stop, &mut sum).unwrap();
+    virtual_time::run(&mut machine(violation), Nanos::from_millis(100), &stop, &mut sum).unwrap();
     println!("ran: {}", sum.0);
 }
 
-fn on_threads(pace: Pace) {
+fn run_on_threads(pace: Pace) {
     let terms = Terms { until: Nanos::from_millis(500), contract: Contract::Soft, pace };
     let mut sum = Sum(0.0);
-    live::run(&mut machine(Sin::None), terms, &AtomicBool::new(false), &mut sum).unwrap();
+    live::run(&mut machine(Violation::None), terms, &AtomicBool::new(false), &mut sum).unwrap();
     println!("ran: {}", sum.0);
 }
 
 /// Two threads and the exchange between them.
-fn over_a_link() {
+fn send_over_link() {
     let (mut sender, mut receiver) = link(64);
     let all = Nanos(200_000);
     let writer = thread::spawn(move || {
@@ -121,12 +121,12 @@ fn over_a_link() {
 
 fn main() -> ExitCode {
     match std::env::args().nth(1).as_deref() {
-        Some("clean") => in_virtual_time(Sin::None),
-        Some("malloc") => in_virtual_time(Sin::Malloc),
-        Some("open") => in_virtual_time(Sin::Open),
-        Some("thread") => in_virtual_time(Sin::Thread),
-        Some("link") => over_a_link(),
-        Some("live") => [Pace::Slip, Pace::Fixed].into_iter().for_each(on_threads),
+        Some("clean") => run_in_virtual_time(Violation::None),
+        Some("malloc") => run_in_virtual_time(Violation::Malloc),
+        Some("open") => run_in_virtual_time(Violation::Open),
+        Some("thread") => run_in_virtual_time(Violation::Thread),
+        Some("link") => send_over_link(),
+        Some("live") => [Pace::Slip, Pace::Fixed].into_iter().for_each(run_on_threads),
         Some("race") => race::run(),
         _ => return ExitCode::from(2),
     }

@@ -1,5 +1,5 @@
-//! A data race, on purpose: two threads write one number without order. ThreadSanitizer has to find
-//! it, or finding nothing elsewhere would mean nothing. Refuses to be used for anything else.
+//! A data race on purpose: two threads write one number without order. ThreadSanitizer has to find
+//! it; otherwise its silence elsewhere would mean nothing.
 #![allow(unsafe_code)]
 
 use std::cell::UnsafeCell;

@@ -1,5 +1,5 @@
-//! Numbers for tests that try many cases: which ones does not matter, that they repeat does.
-//! Refuses to be good: where the quality of chance counts, `rand_chacha` is meant.
+//! Numbers for tests that try many cases: the sequence repeats, its quality does not matter. Where
+//! it does, use `rand_chacha`.
 
 /// A linear congruential generator (Knuth's MMIX), of which the upper bits are used.
 #[derive(Clone, Debug)]
@@ -21,9 +21,9 @@ impl Dice {
 
     /// A number from `low` up to, and without, `high`, in steps of 2^-31 of the range.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        const PARTS: u32 = 1 << 31;
-        let part = u32::try_from(self.roll(PARTS.into())).unwrap_or(0);
-        low + (high - low) * f64::from(part) / f64::from(PARTS)
+        const RANGE_PARTS: u32 = 1 << 31;
+        let part = u32::try_from(self.roll(RANGE_PARTS.into())).unwrap_or(0);
+        low + (high - low) * f64::from(part) / f64::from(RANGE_PARTS)
     }
 }
 

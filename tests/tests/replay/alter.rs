@@ -1,4 +1,4 @@
-//! Logs written again with something changed, sums and all.
+//! Writes logs again with something changed, checksums included.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,14 +7,14 @@ use taktil_lab_scene::scene::Scene;
 use taktil_record::{Log, METADATA_RUN, McapLog};
 use taktil_rtcore::Nanos;
 use taktil_rtcore::record::{Catalog, Observer, Record};
-use taktil_tests::bench::{Draft, machine};
+use taktil_tests::bench::{SceneDraft, machine};
 
 /// Metadata of a log.
 pub(crate) type Altered = BTreeMap<String, String>;
 
 /// The signals of the rolling experiment.
 pub(crate) fn catalog() -> Catalog {
-    let scene: Scene = Draft::roll_pin().scene();
+    let scene: Scene = SceneDraft::roll_pin().scene();
     machine(&scene, 1).catalog().clone()
 }
 

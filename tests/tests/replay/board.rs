@@ -16,7 +16,7 @@ use taktil_rtcore::linux::monotonic;
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Payload, Task};
 use taktil_signal::{JogCommand, Request, TypedMove, Verb};
-use taktil_tests::bench::Folder;
+use taktil_tests::bench::TemporaryFolder;
 
 /// Asks for the drives, and keeps the processor for longer than two periods every so often.
 struct Hog {
@@ -41,7 +41,7 @@ impl Task for Hog {
 }
 
 /// Runs the service over a loop-back board for a second and a half, recording to `log`.
-fn serve(folder: &Folder, log: &Path) {
+fn serve(folder: &TemporaryFolder, log: &Path) {
     let board = Config { path: folder.path().join("board.bin"), ..Config::default() };
     std::fs::write(&board.path, vec![0; BLOCK_BYTES]).unwrap();
     let machine = taktil_tests::root().join("sim/scenes/machine/puma260.toml");
@@ -82,7 +82,7 @@ fn serve(folder: &Folder, log: &Path) {
 
 #[test]
 fn a_run_over_a_board_with_overruns_gives_its_bits_again() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     let path = folder.path().join("board.mcap");
     serve(&folder, &path);
     let log = Log::open(&path).unwrap();

@@ -1,5 +1,5 @@
-//! Home by index pulses over the replay: the pulses are an input like the counts, on a tape of
-//! their own. Refuses a run in which the pulses decide nothing.
+//! Replay of a run that finds home by index pulses: the pulses are an input like the counts, with a
+//! tape of their own, and the runs here depend on them.
 
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
@@ -12,26 +12,26 @@ use taktil_record::{Log, McapLog};
 use taktil_rtcore::live::{self, Contract, Pace, Terms};
 use taktil_rtcore::{Payload, virtual_time};
 use taktil_signal::{HomeCheck, JointState};
-use taktil_tests::bench::{Draft, Folder, machine};
+use taktil_tests::bench::{SceneDraft, TemporaryFolder, machine};
 
 use crate::alter::rewrite_as;
-use crate::{Recorder, about, place, replayed};
+use crate::{Recorder, divergence, replay_outcome, run_metadata};
 
 /// As far as the second calibration, which the pulses grant, and 50 ms of what follows from it.
 fn scene() -> Scene {
-    Draft::of("home.toml").first_requests(7).set("duration_s", 4.0).scene()
+    SceneDraft::of("home.toml").first_requests(7).set("duration_s", 4.0).scene()
 }
 
 /// Live runs until one is recorded whole: a machine that stands still for half a second loses
 /// records.
-const TRIES: usize = 5;
+const LIVE_RUNS_MAX: usize = 5;
 
 /// The bytes of the run: in virtual time, or live and then maybe not whole, which is said.
 fn record(live: bool) -> (Vec<u8>, bool) {
-    let (scene, folder) = (scene(), Folder::new());
+    let (scene, folder) = (scene(), TemporaryFolder::new());
     let path = folder.path().join("run.mcap");
     let mut machine = machine(&scene, 1);
-    let about = about(&scene, if live { "live" } else { "fast" });
+    let about = run_metadata(&scene, if live { "live" } else { "fast" });
     let mut log = Recorder(McapLog::create(&path, machine.catalog(), &about).unwrap());
     let stop = AtomicBool::new(false);
     if live {
@@ -46,7 +46,7 @@ fn record(live: bool) -> (Vec<u8>, bool) {
 }
 
 /// The bytes of a run in virtual time, recorded once for all tests.
-fn recorded() -> &'static [u8] {
+fn recorded_bytes() -> &'static [u8] {
     static BYTES: OnceLock<Vec<u8>> = OnceLock::new();
     BYTES.get_or_init(|| record(false).0)
 }
@@ -59,7 +59,7 @@ fn values<T: Payload>(log: &Log, signal: &str) -> Vec<(u64, T)> {
 }
 
 /// The tick at which the pulses granted the home pose.
-fn granted(log: &Log) -> u64 {
+fn home_grant_tick(log: &Log) -> u64 {
     let told: Vec<(u64, HomeCheck)> = values(log, "sense.home");
     assert_eq!(told.len(), 2, "asked twice");
     assert!(told[0].1.refused != 0 && told[1].1.refused == 0, "denied, then granted");
@@ -68,15 +68,15 @@ fn granted(log: &Log) -> u64 {
 
 #[test]
 fn a_live_run_that_finds_home_by_index_pulses_gives_its_bits_again() {
-    let mut runs = (0..TRIES).map(|_| record(true));
+    let mut runs = (0..LIVE_RUNS_MAX).map(|_| record(true));
     let Some((bytes, _)) = runs.find(|(_, whole)| *whole) else {
         taktil_tests_script::skipped("this machine lost records of every live run");
         return;
     };
     let log = Log::from_bytes(bytes).unwrap();
-    let virtually = Log::from_bytes(recorded().to_vec()).unwrap();
+    let virtually = Log::from_bytes(recorded_bytes().to_vec()).unwrap();
     assert!(Comparison::new(&log, &virtually).equal(), "live and virtual time carry the same bits");
-    let tick = granted(&log);
+    let tick = home_grant_tick(&log);
     let pulses: Vec<(u64, IndexEntry)> = values(&log, "hal.index");
     assert!(pulses[0].1.seen.iter().all(|seen| *seen == 0), "none at power-up");
     assert!(pulses.iter().any(|row| row.0 == tick && row.1.seen[..6] == [1; 6]), "all by then");
@@ -90,10 +90,10 @@ fn a_live_run_that_finds_home_by_index_pulses_gives_its_bits_again() {
 
 #[test]
 fn a_pulse_that_was_altered_is_found_and_moves_the_home_pose() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     let (whole, path) = (folder.path().join("whole.mcap"), folder.path().join("altered.mcap"));
-    std::fs::write(&whole, recorded()).unwrap();
-    let tick = granted(&Log::open(&whole).unwrap());
+    std::fs::write(&whole, recorded_bytes()).unwrap();
+    let tick = home_grant_tick(&Log::open(&whole).unwrap());
     let catalog = machine(&scene(), 1).catalog().clone();
     rewrite_as(&catalog, &whole, &path, None, |signal, at, body| {
         if signal == "hal.index" && at == tick {
@@ -103,13 +103,13 @@ fn a_pulse_that_was_altered_is_found_and_moves_the_home_pose() {
         }
         true
     });
-    let outcome = replayed(&path);
+    let outcome = replay_outcome(&path);
     assert!(!outcome.equal());
-    let (signal, at, _, _) = place(&outcome.comparison);
+    let (signal, at, _, _) = divergence(&outcome.comparison);
     assert_eq!(at, tick);
     assert!(["sense.home", "sense.joints"].contains(&signal.as_str()), "{signal}");
     // Pulses that the log does not have are named.
     rewrite_as(&catalog, &whole, &path, None, |signal, at, _| signal != "hal.index" || at != 77);
-    let lack = replayed(&path).lack.map(|(tape, at)| (tape, at.0));
+    let lack = replay_outcome(&path).lack.map(|(tape, at)| (tape, at.0));
     assert_eq!(lack, Some(("hal.index", 77 * 2_500_000)));
 }

@@ -1,5 +1,5 @@
-//! Logs replayed: runs in virtual time, live on the simulated robot and over a board with overruns
-//! give the recorded bits again; whatever was altered, cut or left out is found or refused.
+//! Replay of logs: runs in virtual time, live on the simulated robot and over a board with overruns
+//! give the recorded bits again. Whatever was altered, cut or left out is found or refused.
 
 mod alter;
 mod board;
@@ -19,10 +19,10 @@ use taktil_record::{Log, McapLog};
 use taktil_rtcore::live::{self, Contract, Pace, Terms};
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Payload, virtual_time};
-use taktil_tests::bench::{Draft, Folder, machine};
+use taktil_tests::bench::{SceneDraft, TemporaryFolder, machine};
 
 /// What `taktil run` says of itself in a log.
-fn about(scene: &Scene, mode: &str) -> Altered {
+fn run_metadata(scene: &Scene, mode: &str) -> Altered {
     let mut about = Altered::new();
     about.insert("scene".into(), scene.source.path.display().to_string());
     about.insert("scene_text".into(), scene.source.text.clone());
@@ -34,18 +34,19 @@ fn about(scene: &Scene, mode: &str) -> Altered {
 }
 
 fn scene(seconds: f64) -> Scene {
-    Draft::roll_pin().set("duration_s", seconds).scene()
+    SceneDraft::roll_pin().set("duration_s", seconds).scene()
 }
 
 /// One second of the rolling experiment in virtual time, recorded once for all tests.
-fn recorded() -> &'static Path {
-    static FOLDER: OnceLock<(Folder, PathBuf)> = OnceLock::new();
+fn recorded_run() -> &'static Path {
+    static FOLDER: OnceLock<(TemporaryFolder, PathBuf)> = OnceLock::new();
     let make = || {
-        let folder = Folder::new();
+        let folder = TemporaryFolder::new();
         let path = folder.path().join("run.mcap");
         let scene = scene(1.0);
         let mut machine = machine(&scene, 1);
-        let mut log = McapLog::create(&path, machine.catalog(), &about(&scene, "fast")).unwrap();
+        let mut log =
+            McapLog::create(&path, machine.catalog(), &run_metadata(&scene, "fast")).unwrap();
         virtual_time::run(&mut machine, scene.duration, &AtomicBool::new(false), &mut log).unwrap();
         log.finish().unwrap();
         (folder, path)
@@ -53,13 +54,13 @@ fn recorded() -> &'static Path {
     &FOLDER.get_or_init(make).1
 }
 
-fn replayed(path: &Path) -> Outcome {
+fn replay_outcome(path: &Path) -> Outcome {
     let log = Log::open(path).unwrap();
     replay::repeat(log).unwrap_or_else(|why| panic!("{why}")).0
 }
 
 /// The first divergence as signal, tick, field and element.
-fn place(comparison: &Comparison) -> (String, u64, String, Option<usize>) {
+fn divergence(comparison: &Comparison) -> (String, u64, String, Option<usize>) {
     let first = comparison.first().expect("they must differ");
     match &first.change {
         Change::Field { field, index, .. } => {
@@ -71,7 +72,7 @@ fn place(comparison: &Comparison) -> (String, u64, String, Option<usize>) {
 
 #[test]
 fn a_run_in_virtual_time_gives_its_bits_again() {
-    let outcome = replayed(recorded());
+    let outcome = replay_outcome(recorded_run());
     assert!(outcome.equal() && outcome.gap.is_none(), "{}", replay::text(&outcome));
     assert_eq!(outcome.jobs, 400 + 400 + 200);
     assert_eq!(outcome.fed, ["operator", "world"]);
@@ -87,19 +88,19 @@ fn a_run_in_virtual_time_gives_its_bits_again() {
 
 #[test]
 fn a_live_run_on_the_simulated_robot_gives_its_bits_again() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     let path = folder.path().join("live.mcap");
     let scene = scene(1.0);
     let mut machine = machine(&scene, 1);
     let mut log =
-        Recorder(McapLog::create(&path, machine.catalog(), &about(&scene, "live")).unwrap());
+        Recorder(McapLog::create(&path, machine.catalog(), &run_metadata(&scene, "live")).unwrap());
     let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
     live::run(&mut machine, terms, &AtomicBool::new(false), &mut log).unwrap();
     log.0.finish().unwrap();
-    let outcome = replayed(&path);
+    let outcome = replay_outcome(&path);
     assert!(outcome.equal(), "{}", replay::text(&outcome));
     if outcome.gap.is_none() {
-        let both = Comparison::new(&Log::open(&path).unwrap(), &Log::open(recorded()).unwrap());
+        let both = Comparison::new(&Log::open(&path).unwrap(), &Log::open(recorded_run()).unwrap());
         assert!(both.equal(), "live and virtual time carry the same bits");
     }
 }
@@ -117,9 +118,9 @@ impl live::Audience for Recorder {}
 
 #[test]
 fn one_flipped_bit_of_a_recorded_input_is_found_with_its_tick_and_field() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     let path = folder.path().join("altered.mcap");
-    rewrite(recorded(), &path, None, |signal, tick, body| {
+    rewrite(recorded_run(), &path, None, |signal, tick, body| {
         if signal == "hal.encoders" && tick == 321 {
             let mut entry = EncoderEntry::decode(body).unwrap();
             entry.counts[2] ^= 1;
@@ -127,13 +128,13 @@ fn one_flipped_bit_of_a_recorded_input_is_found_with_its_tick_and_field() {
         }
         true
     });
-    let [a, b] = [recorded(), &path].map(|path| Log::open(path).unwrap());
-    let found = place(&Comparison::new(&a, &b));
+    let [a, b] = [recorded_run(), &path].map(|path| Log::open(path).unwrap());
+    let found = divergence(&Comparison::new(&a, &b));
     assert_eq!(found, ("hal.encoders".into(), 321, "counts".into(), Some(2)));
     // The replay takes the input as it stands: what follows from it is different.
-    let outcome = replayed(&path);
+    let outcome = replay_outcome(&path);
     assert!(!outcome.equal());
-    let (signal, tick, field, _) = place(&outcome.comparison);
+    let (signal, tick, field, _) = divergence(&outcome.comparison);
     assert_eq!((signal.as_str(), tick, field.as_str()), ("sense.joints", 321, "q_rad"));
     let first = outcome.comparison.first().unwrap();
     assert_eq!((first.lane.as_str(), first.task_and_port().0), ("servo", "sense"));
@@ -141,10 +142,10 @@ fn one_flipped_bit_of_a_recorded_input_is_found_with_its_tick_and_field() {
 
 #[test]
 fn a_byte_flipped_on_the_disk_is_found_with_its_tick_and_field_too() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     let path = folder.path().join("flipped.mcap");
-    let mut bytes = std::fs::read(recorded()).unwrap();
-    let log = Log::open(recorded()).unwrap();
+    let mut bytes = std::fs::read(recorded_run()).unwrap();
+    let log = Log::open(recorded_run()).unwrap();
     let encoders = log.find("hal.encoders").unwrap();
     let message = log.messages().find(|m| m.channel == encoders && m.tick == 200).unwrap();
     let at = bytes.windows(message.data.len()).position(|window| window == message.data).unwrap();
@@ -152,8 +153,8 @@ fn a_byte_flipped_on_the_disk_is_found_with_its_tick_and_field_too() {
     bytes[at + 16 + 8 + 3 * 4 + 1] ^= 0x10;
     std::fs::write(&path, &bytes).unwrap();
     let comparison = Comparison::new(&log, &Log::open(&path).unwrap());
-    assert_eq!(place(&comparison), ("hal.encoders".into(), 200, "counts".into(), Some(3)));
-    let outcome = replayed(&path);
+    assert_eq!(divergence(&comparison), ("hal.encoders".into(), 200, "counts".into(), Some(3)));
+    let outcome = replay_outcome(&path);
     let (why, until) = outcome.gap.as_ref().expect("it is not whole");
     assert!(why.contains("fails its CRC on /hal/encoders at tick 200"), "{why}");
     assert!(outcome.equal(), "{}", replay::text(&outcome));
@@ -162,10 +163,10 @@ fn a_byte_flipped_on_the_disk_is_found_with_its_tick_and_field_too() {
 
 #[test]
 fn an_altered_decision_is_found() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     let altered = |name: &str, change: &dyn Fn(&mut Decision)| {
         let path = folder.path().join(name);
-        rewrite(recorded(), &path, None, |signal, tick, body| {
+        rewrite(recorded_run(), &path, None, |signal, tick, body| {
             if signal == "servo.decision" && tick == 300 {
                 let mut decision = Decision::decode(body).unwrap();
                 change(&mut decision);
@@ -173,14 +174,14 @@ fn an_altered_decision_is_found() {
             }
             true
         });
-        replayed(&path)
+        replay_outcome(&path)
     };
     let late = altered("late.mcap", &|decision| decision.lags[0] += 1);
     assert!(!late.equal());
     let first = late.comparison.first().unwrap();
     assert_eq!((first.lane.as_str(), first.tick), ("servo", 300));
     let told = altered("told.mcap", &|decision| decision.missed += 1);
-    assert_eq!(place(&told.comparison), ("servo.health".into(), 300, "missed".into(), None));
+    assert_eq!(divergence(&told.comparison), ("servo.health".into(), 300, "missed".into(), None));
     for (name, gapped) in [
         ("skipped.mcap", altered("skipped.mcap", &|decision| decision.skipped += 1)),
         ("lost.mcap", altered("lost.mcap", &|decision| decision.lost += 1)),
@@ -194,18 +195,18 @@ fn an_altered_decision_is_found() {
 
 #[test]
 fn an_altered_state_names_its_task() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     let path = folder.path().join("state.mcap");
-    let log = Log::open(recorded()).unwrap();
+    let log = Log::open(recorded_run()).unwrap();
     let tasks = &log.channels()[log.find("servo.state").unwrap()].elements;
     let place = tasks.iter().position(|task| task == "setpoint").unwrap();
-    rewrite(recorded(), &path, None, |signal, tick, body| {
+    rewrite(recorded_run(), &path, None, |signal, tick, body| {
         if signal == "servo.state" && tick == 250 {
             body[8 * place] ^= 1;
         }
         true
     });
-    let outcome = replayed(&path);
+    let outcome = replay_outcome(&path);
     let first = outcome.comparison.first().unwrap();
     assert_eq!((first.tick, first.task_and_port()), (250, ("setpoint", "state")));
     assert!(replay::text(&outcome).contains("setpoint"), "{}", replay::text(&outcome));
@@ -213,10 +214,12 @@ fn an_altered_state_names_its_task() {
 
 #[test]
 fn a_missing_answer_of_a_device_is_named() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     let path = folder.path().join("lack.mcap");
-    rewrite(recorded(), &path, None, |signal, tick, _| !(signal == "hal.tactile" && tick == 77));
-    let outcome = replayed(&path);
+    rewrite(recorded_run(), &path, None, |signal, tick, _| {
+        !(signal == "hal.tactile" && tick == 77)
+    });
+    let outcome = replay_outcome(&path);
     assert_eq!(outcome.lack.map(|(tape, at)| (tape, at.0)), Some(("hal.tactile", 77 * 5_000_000)));
     assert!(!outcome.equal());
     let said = replay::text(&outcome);
@@ -228,12 +231,12 @@ fn a_missing_answer_of_a_device_is_named() {
 
 #[test]
 fn a_cut_log_is_replayed_as_far_as_it_is_whole() {
-    let folder = Folder::new();
-    let bytes = std::fs::read(recorded()).unwrap();
+    let folder = TemporaryFolder::new();
+    let bytes = std::fs::read(recorded_run()).unwrap();
     for (part, name) in [(bytes.len() / 2, "half.mcap"), (bytes.len() * 9 / 10, "most.mcap")] {
         let path = folder.path().join(name);
         std::fs::write(&path, &bytes[..part]).unwrap();
-        let outcome = replayed(&path);
+        let outcome = replay_outcome(&path);
         let (_, until) = outcome.gap.as_ref().expect("it is not whole");
         assert!(outcome.equal() && outcome.jobs > 300, "{}", replay::text(&outcome));
         assert!(outcome.reached < *until && until.0 < 1_000_000_000);
@@ -241,6 +244,6 @@ fn a_cut_log_is_replayed_as_far_as_it_is_whole() {
     // Only what repeats the messages is missing: nothing is lost.
     let path = folder.path().join("summary.mcap");
     std::fs::write(&path, &bytes[..bytes.len() - 9]).unwrap();
-    let outcome = replayed(&path);
+    let outcome = replay_outcome(&path);
     assert!(outcome.gap.is_none() && outcome.flaw.is_some());
 }

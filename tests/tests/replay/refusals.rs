@@ -6,10 +6,10 @@ use std::path::Path;
 use taktil_lab_command::replay;
 use taktil_record::{Log, METADATA_RUN, McapLog};
 use taktil_rtcore::Recording;
-use taktil_tests::bench::Folder;
+use taktil_tests::bench::TemporaryFolder;
 
 use crate::alter::{Altered, catalog, rewrite};
-use crate::{about, recorded, scene};
+use crate::{recorded_run, run_metadata, scene};
 
 fn refusal(path: &Path) -> String {
     let why = replay::repeat(Log::open(path).unwrap()).map(|_| ()).unwrap_err();
@@ -17,36 +17,37 @@ fn refusal(path: &Path) -> String {
     why
 }
 
-fn with(change: impl FnOnce(&mut Altered)) -> String {
-    let folder = Folder::new();
+fn refusal_of_change(change: impl FnOnce(&mut Altered)) -> String {
+    let folder = TemporaryFolder::new();
     let path = folder.path().join("altered.mcap");
-    let mut about = Log::open(recorded()).unwrap().metadata()[METADATA_RUN].clone();
+    let mut about = Log::open(recorded_run()).unwrap().metadata()[METADATA_RUN].clone();
     change(&mut about);
-    rewrite(recorded(), &path, Some(about), |_, _, _| true);
+    rewrite(recorded_run(), &path, Some(about), |_, _, _| true);
     refusal(&path)
 }
 
 #[test]
 fn metadata_that_do_not_say_what_ran_are_refused_in_one_line() {
-    let none = with(BTreeMap::clear);
+    let none = refusal_of_change(BTreeMap::clear);
     assert!(none.contains("does not say what ran"), "{none}");
-    let other = with(|about| drop(about.insert("taktil".into(), "0.0.9".into())));
+    let other = refusal_of_change(|about| drop(about.insert("taktil".into(), "0.0.9".into())));
     assert!(other.contains("taktil 0.0.9 wrote it, this is"), "{other}");
-    let seed = with(|about| drop(about.insert("seed".into(), "many".into())));
+    let seed = refusal_of_change(|about| drop(about.insert("seed".into(), "many".into())));
     assert!(seed.contains("seed `many` is no number"), "{seed}");
-    let scene = with(|about| drop(about.insert("scene_text".into(), "title = 3".into())));
+    let scene =
+        refusal_of_change(|about| drop(about.insert("scene_text".into(), "title = 3".into())));
     assert!(scene.contains("what it says of its run cannot be used"), "{scene}");
-    let lacks = with(|about| drop(about.remove("scene_text")));
+    let lacks = refusal_of_change(|about| drop(about.remove("scene_text")));
     assert!(lacks.contains("lack `scene_text`"), "{lacks}");
-    let board = with(|about| drop(about.insert("mode".into(), "board".into())));
+    let board = refusal_of_change(|about| drop(about.insert("mode".into(), "board".into())));
     assert!(board.contains("lack `service`"), "{board}");
 }
 
 #[test]
 fn signals_that_do_not_fit_this_build_are_refused_by_name() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     let path = folder.path().join("a.mcap");
-    let about = about(&scene(1.0), "fast");
+    let about = run_metadata(&scene(1.0), "fast");
     let write = |change: &dyn Fn(&mut taktil_rtcore::record::Catalog)| {
         let mut catalog = catalog();
         change(&mut catalog);
@@ -69,12 +70,12 @@ fn signals_that_do_not_fit_this_build_are_refused_by_name() {
 
 #[test]
 fn a_run_without_decisions_says_that_it_was_recorded_so() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     let path = folder.path().join("values.mcap");
-    let scene = taktil_tests::bench::Draft::roll_pin().set("robot.record", "values").scene();
+    let scene = taktil_tests::bench::SceneDraft::roll_pin().set("robot.record", "values").scene();
     let machine = taktil_tests::bench::machine(&scene, 1);
     assert!(machine.catalog().find("servo.decision").is_none());
-    let log = McapLog::create(&path, machine.catalog(), &about(&scene, "fast")).unwrap();
+    let log = McapLog::create(&path, machine.catalog(), &run_metadata(&scene, "fast")).unwrap();
     log.finish().unwrap();
     let why = refusal(&path);
     assert!(why.contains("the decisions of lane `servo` were not recorded"), "{why}");
@@ -83,7 +84,7 @@ fn a_run_without_decisions_says_that_it_was_recorded_so() {
 
 #[test]
 fn files_that_are_no_logs_are_refused_before_that() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     let open = |bytes: &[u8]| {
         let path = folder.path().join("file");
         std::fs::write(&path, bytes).unwrap();
@@ -93,6 +94,6 @@ fn files_that_are_no_logs_are_refused_before_that() {
     assert!(open(b"tick,release\n").contains("not an MCAP file"));
     // A header and nothing behind it: a log, but of nothing.
     let path = folder.path().join("short");
-    std::fs::write(&path, &std::fs::read(recorded()).unwrap()[..40]).unwrap();
+    std::fs::write(&path, &std::fs::read(recorded_run()).unwrap()[..40]).unwrap();
     assert!(refusal(&path).contains("does not say what ran"));
 }

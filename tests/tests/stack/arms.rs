@@ -1,6 +1,6 @@
-//! Arms from URDF files under the same tasks as the PUMA 260: their programmes are run to where
-//! they lead, what they cannot do is refused with the joint's name, and nothing moves then. Refuses
-//! touch: these arms feel nothing.
+//! Arms from URDF files under the same tasks as the PUMA 260: their programmes run to their end,
+//! and what an arm cannot do is refused with the joint's name before anything moves. These arms
+//! have no sense of touch.
 
 use glam::DVec3;
 use taktil_lab_scene::assemble::assemble;
@@ -8,16 +8,20 @@ use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::world::ArmTruth;
 use taktil_rtcore::Nanos;
 use taktil_signal::{Desired, JointState, MoveCheck, State};
-use taktil_tests::bench::{Draft, Folder, Kept, run};
+use taktil_tests::bench::{RecordedRun, SceneDraft, TemporaryFolder, run};
 use toml::{Table, Value};
 
-fn truth<const N: usize>(kept: &Kept) -> Vec<ArmTruth<N>> {
+fn truth<const N: usize>(kept: &RecordedRun) -> Vec<ArmTruth<N>> {
     kept.of::<ArmTruth<N>>("world.truth").into_iter().map(|row| row.1).collect()
 }
 
 /// A run that came to its end in order: the check passed, nothing failed, the arm rests where its
 /// counts were initialised. Gives the true tool in mm.
-fn sound<const N: usize>(kept: &Kept, moves: u32, home_deg: [f64; N]) -> Vec<DVec3> {
+fn tool_path_of_complete_run<const N: usize>(
+    kept: &RecordedRun,
+    moves: u32,
+    home_deg: [f64; N],
+) -> Vec<DVec3> {
     let control = kept.last_control();
     assert_eq!((control.faults, control.refused), (0, 0), "{control:?}");
     assert_eq!(State::from_code(control.state), Some(State::IdleCalibrated));
@@ -40,15 +44,15 @@ fn sound<const N: usize>(kept: &Kept, moves: u32, home_deg: [f64; N]) -> Vec<DVe
 }
 
 /// How near the tool came to a place (mm).
-fn near(tools: &[DVec3], place: [f64; 3]) -> f64 {
+fn distance_mm(tools: &[DVec3], place: [f64; 3]) -> f64 {
     let place = DVec3::from_array(place);
     tools.iter().map(|tool| (*tool - place).length()).fold(f64::INFINITY, f64::min)
 }
 
 #[test]
 fn an_arm_like_the_ur5e_runs_its_programme() {
-    let kept = run(&Draft::of("ur5e-lines.toml").scene(), 1);
-    let tools = sound::<6>(&kept, 6, [0.0, -75.0, 90.0, -105.0, -90.0, 0.0]);
+    let kept = run(&SceneDraft::of("ur5e-lines.toml").scene(), 1);
+    let tools = tool_path_of_complete_run::<6>(&kept, 6, [0.0, -75.0, 90.0, -105.0, -90.0, 0.0]);
     // Ends of legs are hit, the corner between two lines is rounded.
     for (corner, within_mm) in [
         ([-450.0, -150.0, 350.0], 1.0),
@@ -56,7 +60,7 @@ fn an_arm_like_the_ur5e_runs_its_programme() {
         ([-450.0, 0.0, 250.0], 4.0),
         ([-400.0, -150.0, 350.0], 1.0),
     ] {
-        let off = near(&tools, corner);
+        let off = distance_mm(&tools, corner);
         assert!(off < within_mm, "{corner:?}: {off} mm");
     }
     // Down the first line x and y stand still.
@@ -73,8 +77,9 @@ fn an_arm_like_the_ur5e_runs_its_programme() {
 
 #[test]
 fn an_arm_of_seven_joints_runs_its_programme() {
-    let kept = run(&Draft::of("seven-lines.toml").scene(), 1);
-    let tools = sound::<7>(&kept, 4, [0.0, -30.0, 0.0, -120.0, 0.0, 90.0, 45.0]);
+    let kept = run(&SceneDraft::of("seven-lines.toml").scene(), 1);
+    let tools =
+        tool_path_of_complete_run::<7>(&kept, 4, [0.0, -30.0, 0.0, -120.0, 0.0, 90.0, 45.0]);
     // The tool's z looks down: 60 mm along -z is up, then aside by 80 and 40.
     let top = tools.iter().map(|p| p.z).fold(f64::NEG_INFINITY, f64::max);
     let start = tools[0];
@@ -87,21 +92,21 @@ fn an_arm_of_seven_joints_runs_its_programme() {
 #[test]
 fn a_run_of_another_arm_repeats_bit_for_bit() {
     for name in ["ur5e-lines.toml", "seven-lines.toml"] {
-        let mut scene = Draft::of(name).scene();
+        let mut scene = SceneDraft::of(name).scene();
         scene.duration = Nanos::from_millis(2500);
         let (one, two) = (run(&scene, 1), run(&scene, 1));
         assert!(one.bodies("world.truth") == two.bodies("world.truth"), "{name}");
     }
 }
 
-fn queue(moves: &[&str]) -> Value {
+fn move_list(moves: &[&str]) -> Value {
     let one = |text: &&str| Value::Table(text.parse::<Table>().unwrap());
     Value::Array(moves.iter().map(one).collect())
 }
 
 /// What is said of a scene that cannot be.
-fn refused(draft: &Draft) -> String {
-    let folder = Folder::new();
+fn complaint(draft: &SceneDraft) -> String {
+    let folder = TemporaryFolder::new();
     let path = folder.path().join("scene.toml");
     std::fs::write(&path, draft.text()).unwrap();
     let loaded = Scene::load(&path).and_then(|scene| assemble(&scene, 1).map(|_| ()));
@@ -110,39 +115,41 @@ fn refused(draft: &Draft) -> String {
 
 #[test]
 fn what_the_arm_cannot_do_is_refused_by_the_joint_s_name() {
-    let ur5e = || Draft::of("ur5e-lines.toml");
-    let far = queue(&["joints_deg = [0.0, 0.0, 190.0, 0.0, 0.0, 0.0]"]);
-    let text = refused(&ur5e().set("robot.trajectory.moves", far));
+    let ur5e = || SceneDraft::of("ur5e-lines.toml");
+    let far = move_list(&["joints_deg = [0.0, 0.0, 190.0, 0.0, 0.0, 0.0]"]);
+    let text = complaint(&ur5e().set("robot.trajectory.moves", far));
     assert!(text.contains("190 is outside the limits of joint 3 (`joint3`)"), "{text}");
-    let short = queue(&["joints_deg = [0.0, 0.0, 0.0, 0.0, 0.0]"]);
-    let text = refused(&ur5e().set("robot.trajectory.moves", short));
+    let short = move_list(&["joints_deg = [0.0, 0.0, 0.0, 0.0, 0.0]"]);
+    let text = complaint(&ur5e().set("robot.trajectory.moves", short));
     assert!(text.contains("has 5 numbers, the arm has 6 joints"), "{text}");
-    let away = queue(&["tool = { p_mm = [2000.0, 0.0, 0.0] }"]);
-    let text = refused(&ur5e().set("robot.trajectory.moves", away));
+    let away = move_list(&["tool = { p_mm = [2000.0, 0.0, 0.0] }"]);
+    let text = complaint(&ur5e().set("robot.trajectory.moves", away));
     assert!(text.contains("cannot be reached"), "{text}");
-    let text = refused(&ur5e().set("world.pin.present", true));
+    let text = complaint(&ur5e().set("world.pin.present", true));
     assert!(text.contains("only the PUMA 260 feels a pin"), "{text}");
     let ball = "of = [{ kind = \"sphere\" }]".parse::<Table>().unwrap();
-    let text = refused(&ur5e().set("world.object", ball["of"].clone()));
+    let text = complaint(&ur5e().set("world.object", ball["of"].clone()));
     assert!(text.contains("world.object: stands there, but only the PUMA 260 feels"), "{text}");
-    let text = refused(&ur5e().set("start", "x = 1".parse::<Table>().unwrap()));
+    let text = complaint(&ur5e().set("start", "x = 1".parse::<Table>().unwrap()));
     assert!(text.contains("unknown field"), "{text}");
     let finger = "finger_mm = [325.0, -127.0, -124.0]".parse::<Table>().unwrap();
-    let text = refused(&ur5e().set("start", finger));
+    let text = complaint(&ur5e().set("start", finger));
     assert!(text.contains("is a place for the PUMA 260's finger"), "{text}");
     let bent = "joints_deg = [0.0, 0.0, 200.0, 0.0, 0.0, 0.0]".parse::<Table>().unwrap();
-    let text = refused(&ur5e().set("start", bent));
+    let text = complaint(&ur5e().set("start", bent));
     assert!(text.contains("200 is outside the limits of joint 3 (`joint3`)"), "{text}");
-    let text =
-        refused(&Draft::of("seven-lines.toml").set("robot.joint_servo.damping", vec![1.0; 6]));
+    let text = complaint(
+        &SceneDraft::of("seven-lines.toml").set("robot.joint_servo.damping", vec![1.0; 6]),
+    );
     assert!(text.contains("damping") && text.contains("the arm has 7 joints"), "{text}");
 }
 
 #[test]
 fn a_line_out_of_reach_moves_nothing_and_says_when() {
     // Within the sum of the lengths, so that only the look along it can tell.
-    let line = queue(&["straight = true\nby_mm = [0.0, 0.0, -500.0]"]);
-    let kept = run(&Draft::of("ur5e-lines.toml").set("robot.trajectory.moves", line).scene(), 1);
+    let line = move_list(&["straight = true\nby_mm = [0.0, 0.0, -500.0]"]);
+    let kept =
+        run(&SceneDraft::of("ur5e-lines.toml").set("robot.trajectory.moves", line).scene(), 1);
     let check = kept.of::<MoveCheck>("trajectory.check").last().unwrap().1;
     assert_eq!(check.verdict, 3, "{check:?}");
     assert!(check.reason != 0 && check.t_s > 0.0, "{check:?}");

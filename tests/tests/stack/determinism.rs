@@ -1,5 +1,5 @@
-//! One seed, one run: digests, recordings byte for byte, and one number that every profile and
-//! machine must give. Refuses tolerances.
+//! One seed gives one run: digests, recordings byte for byte, and one digest that every profile and
+//! machine must give. There are no tolerances.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
@@ -8,7 +8,7 @@ use taktil_lab_scene::digest::Digest;
 use taktil_record::{Log, McapLog};
 use taktil_rtcore::virtual_time;
 
-use taktil_tests::bench::{Draft, Folder, machine, run};
+use taktil_tests::bench::{SceneDraft, TemporaryFolder, machine, run};
 
 /// Digest of the first 2 s of `roll-pin.toml` with seed 1: enabling, calibration, approach, first
 /// touch. The tests of both profiles on any machine give it. It changes whenever a law, a gain, a
@@ -17,7 +17,7 @@ use taktil_tests::bench::{Draft, Folder, machine, run};
 const PINNED: &str = "ae68e748b34c9e3a";
 
 fn digest(seed: u64) -> String {
-    let scene = Draft::roll_pin().set("duration_s", 2.0).scene();
+    let scene = SceneDraft::roll_pin().set("duration_s", 2.0).scene();
     let mut machine = machine(&scene, seed);
     let mut digest = Digest::new(machine.catalog());
     let stop = AtomicBool::new(false);
@@ -41,7 +41,7 @@ fn debug_release_and_every_machine_give_the_pinned_digest() {
 
 #[test]
 fn a_scene_has_its_digest_alone_and_beside_others() {
-    let scene = Draft::roll_pin().set("duration_s", 2.0).scene();
+    let scene = SceneDraft::roll_pin().set("duration_s", 2.0).scene();
     let mut told = Vec::new();
     let tell = |seed, digest: &str| {
         told.push((seed, digest.to_owned()));
@@ -56,8 +56,8 @@ fn a_scene_has_its_digest_alone_and_beside_others() {
 }
 
 /// The bytes of a recording of a short run, and how many messages it holds.
-fn recording(folder: &Folder, name: &str, seed: u64, about: &str) -> (Vec<u8>, usize) {
-    let scene = Draft::roll_pin().set("duration_s", 1.5).scene();
+fn recording(folder: &TemporaryFolder, name: &str, seed: u64, about: &str) -> (Vec<u8>, usize) {
+    let scene = SceneDraft::roll_pin().set("duration_s", 1.5).scene();
     let mut machine = machine(&scene, seed);
     let path = folder.path().join(name);
     let metadata = BTreeMap::from([("about".to_owned(), about.to_owned())]);
@@ -72,7 +72,7 @@ fn recording(folder: &Folder, name: &str, seed: u64, about: &str) -> (Vec<u8>, u
 
 #[test]
 fn a_recording_is_the_same_byte_for_byte() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     let (first, messages) = recording(&folder, "a.mcap", 1, "x");
     assert!(messages > 5_000, "{messages}");
     assert!(first == recording(&folder, "b.mcap", 1, "x").0, "two recordings of one seed differ");
@@ -81,7 +81,7 @@ fn a_recording_is_the_same_byte_for_byte() {
 
 #[test]
 fn messages_do_not_depend_on_metadata() {
-    let folder = Folder::new();
+    let folder = TemporaryFolder::new();
     recording(&folder, "a.mcap", 1, "today");
     recording(&folder, "b.mcap", 1, "next year");
     let [a, b] = ["a.mcap", "b.mcap"].map(|name| Log::open(&folder.path().join(name)).unwrap());
@@ -93,7 +93,7 @@ fn messages_do_not_depend_on_metadata() {
 
 #[test]
 fn no_signal_of_two_runs_differs() {
-    let scene = Draft::roll_pin().set("duration_s", 1.0).scene();
+    let scene = SceneDraft::roll_pin().set("duration_s", 1.0).scene();
     let (first, again, other) = (run(&scene, 1), run(&scene, 1), run(&scene, 2));
     assert_eq!(first.difference(&again, scene.duration), None);
     assert!(first.difference(&other, scene.duration).is_some());

@@ -9,12 +9,12 @@ use taktil_rtcore::live::{self, Contract, Pace, Terms};
 use taktil_rtcore::parameter::Edit;
 use taktil_rtcore::{Nanos, guard};
 use taktil_signal::Torque;
-use taktil_tests::bench::{Draft, Kept, machine, run};
+use taktil_tests::bench::{RecordedRun, SceneDraft, machine, run};
 use toml::{Table, Value};
 
 /// The rolling scene, short, with damping, press speed and window edited at 0.4 s, damping again
 /// later.
-fn edited() -> Scene {
+fn edited_scene() -> Scene {
     let edit = |at_s: f64, set: &[(&str, f64)]| {
         let set = set.iter().map(|(name, value)| ((*name).to_owned(), Value::from(*value)));
         let mut table = Table::new();
@@ -33,12 +33,12 @@ fn edited() -> Scene {
         ),
         edit(0.45, &[("joint_servo.damping[2]", 0.4)]),
     ];
-    Draft::roll_pin().set("duration_s", 0.6).set("edit", edits).scene()
+    SceneDraft::roll_pin().set("duration_s", 0.6).set("edit", edits).scene()
 }
 
 #[test]
 fn an_edit_changes_what_it_says_from_its_instant_on_and_is_recorded() {
-    let scene = edited();
+    let scene = edited_scene();
     let kept = run(&scene, 1);
     let edits = kept.of::<Edit>("servo.edit");
     let at: Vec<Nanos> = edits.iter().map(|(release, _)| *release).collect();
@@ -48,8 +48,8 @@ fn an_edit_changes_what_it_says_from_its_instant_on_and_is_recorded() {
     let damping = [0.35, 0.35, 0.35, 0.5, 0.5, 0.5];
     assert_eq!(first.old[1..7], damping, "{first:?}");
     assert_eq!((edits[1].1.old[0], edits[1].1.new[0]), (0.6, 0.4));
-    let plain = run(&Draft::roll_pin().set("duration_s", 0.6).scene(), 1);
-    let torque = |kept: &Kept| kept.of::<Torque>("joint_servo.torque");
+    let plain = run(&SceneDraft::roll_pin().set("duration_s", 0.6).scene(), 1);
+    let torque = |kept: &RecordedRun| kept.of::<Torque>("joint_servo.torque");
     let (edited, plain) = (torque(&kept), torque(&plain));
     let differs = edited.iter().zip(&plain).find(|(a, b)| a != b).expect("the gains matter");
     assert!(differs.0.0 >= Nanos::from_millis(400), "not before: {}", differs.0.0);
@@ -57,10 +57,10 @@ fn an_edit_changes_what_it_says_from_its_instant_on_and_is_recorded() {
 
 #[test]
 fn edits_are_the_same_bits_live() {
-    let scene = edited();
+    let scene = edited_scene();
     let expected = run(&scene, 1);
     let mut machine = machine(&scene, 1);
-    let mut kept = Kept::new(&machine);
+    let mut kept = RecordedRun::new(&machine);
     let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
     live::run(&mut machine, terms, &AtomicBool::new(false), &mut kept).unwrap();
     if machine.figures().any(|(_, figures)| figures.records_dropped > 0) {
@@ -79,7 +79,7 @@ fn edits_that_cannot_be_meant_are_refused_where_they_stand() {
         let mut edit = Table::new();
         edit.insert("at_s".into(), at_s.into());
         edit.insert("set".into(), Value::Table(set));
-        let scene = Draft::roll_pin().set("edit", vec![Value::Table(edit)]).scene();
+        let scene = SceneDraft::roll_pin().set("edit", vec![Value::Table(edit)]).scene();
         assemble(&scene, 1).err().expect("must be refused").to_string()
     };
     let text = refused(1.0, "joint_servo.damping", f64::NAN);

@@ -1,7 +1,7 @@
 //! The thesis's experiments E1 to E9 (chapter 6) as scenes, each run once in virtual time: what the
-//! table really did, what the finger made of it, and beside it what the thesis says. Judged is only
-//! that the scene is the experiment: the table moves as stated and the pin is rolled throughout.
-//! How well the finger follows is the law's affair, and printed.
+//! table really did, how the finger followed, and beside it what the thesis reports. The test
+//! checks only that the scene is the experiment: the table moves as stated and the pin rolls
+//! throughout. How well the finger follows is printed.
 
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::world::WorldTruth;
@@ -23,35 +23,36 @@ struct Experiment {
     follows_deg: Option<f64>,
 }
 
-const STILL: (f64, f64) = (0.0, 0.0);
+/// The turn of a table that stands still, at the start and at the end (deg).
+const NO_TURN_DEG: (f64, f64) = (0.0, 0.0);
 
 const ALL: [Experiment; 9] = [
     Experiment {
         id: "E1",
         file: "roll-pin",
         thesis: "p_x 308..342 mm, p_z -148.2..-149.6 mm, three reversals",
-        table_deg: [STILL, STILL, STILL],
+        table_deg: [NO_TURN_DEG, NO_TURN_DEG, NO_TURN_DEG],
         follows_deg: Some(1.0),
     },
     Experiment {
         id: "E2",
         file: "tilted-y",
         thesis: "p_x 285..318 mm, p_z -156.5..-152 mm",
-        table_deg: [STILL, (0.0, 8.0), STILL],
+        table_deg: [NO_TURN_DEG, (0.0, 8.0), NO_TURN_DEG],
         follows_deg: Some(1.0),
     },
     Experiment {
         id: "E3",
         file: "tilted-x",
         thesis: "finger 14 deg from E1 about x",
-        table_deg: [(0.0, 14.0), STILL, STILL],
+        table_deg: [(0.0, 14.0), NO_TURN_DEG, NO_TURN_DEG],
         follows_deg: Some(1.0),
     },
     Experiment {
         id: "E4",
         file: "panned",
         thesis: "finger 22 deg from E1 about z",
-        table_deg: [STILL, STILL, (0.0, 22.0)],
+        table_deg: [NO_TURN_DEG, NO_TURN_DEG, (0.0, 22.0)],
         follows_deg: Some(1.0),
     },
     Experiment {
@@ -65,28 +66,28 @@ const ALL: [Experiment; 9] = [
         id: "E6",
         file: "turning-y",
         thesis: "p_z -149.5 -> -134.5 mm, longer forward and shorter backward strokes",
-        table_deg: [STILL, (8.4, 8.4), STILL],
+        table_deg: [NO_TURN_DEG, (8.4, 8.4), NO_TURN_DEG],
         follows_deg: Some(1.0),
     },
     Experiment {
         id: "E7",
         file: "turning-x",
         thesis: "finger 170 -> 185 deg about x, then steady",
-        table_deg: [(15.0, 15.0), STILL, STILL],
+        table_deg: [(15.0, 15.0), NO_TURN_DEG, NO_TURN_DEG],
         follows_deg: Some(1.0),
     },
     Experiment {
         id: "E8",
         file: "panning",
         thesis: "follows 5 deg/s at 1.2 deg/s: the weak point",
-        table_deg: [STILL, STILL, (30.0, 30.0)],
+        table_deg: [NO_TURN_DEG, NO_TURN_DEG, (30.0, 30.0)],
         follows_deg: None,
     },
     Experiment {
         id: "E9",
         file: "slid",
         thesis: "44 mm more than a stroke, x_c hardly changes",
-        table_deg: [STILL, STILL, STILL],
+        table_deg: [NO_TURN_DEG, NO_TURN_DEG, NO_TURN_DEG],
         follows_deg: Some(1.0),
     },
 ];

@@ -1,17 +1,17 @@
-//! Hard cases of the simulator as scenes, `sim/scenes/hard`: the whole stack rolls a pin in each;
-//! and arms without friction, which hides what a servo stirs. Refuses a number that is not finite,
-//! a contact that pulls and a latched fault; judges by the simulator's truth.
+//! Hard cases of the simulator as scenes in `sim/scenes/hard`: the whole stack rolls a pin in each.
+//! Numbers stay finite, contact never pulls, and no fault is latched. Arms without friction, which
+//! would hide the swings that a servo causes, are among them.
 
 use std::path::PathBuf;
 use taktil_lab_scene::world::WorldTruth;
-use taktil_tests::bench::{Draft, run};
+use taktil_tests::bench::{SceneDraft, run};
 
 /// Set point (N): 15000 counts at 4095 for 4 N.
 const SET_N: f64 = 15_000.0 / 1023.75;
 
 /// Bound of the force's error, rms over the set point, once the pin is held; none where the pin
 /// cannot be held.
-fn bound(name: &str) -> Option<f64> {
+fn force_error_max(name: &str) -> Option<f64> {
     match name {
         // Nothing keeps the pin under the finger.
         "frictionless" => None,
@@ -31,7 +31,7 @@ fn hard_cases_as_scenes_stay_finite_and_hold_the_pin() {
     assert!(files.len() >= 11, "{files:?}");
     for file in files {
         let name = file.file_stem().unwrap().to_str().unwrap().to_owned();
-        let kept = run(&Draft::of(&format!("hard/{name}.toml")).scene(), 1);
+        let kept = run(&SceneDraft::of(&format!("hard/{name}.toml")).scene(), 1);
         assert_eq!(kept.last_control().faults, 0, "{name}");
         let truth = kept.of::<WorldTruth>("world.truth");
         let (mut squares, mut count) = (0.0, 0.0);
@@ -43,17 +43,20 @@ fn hard_cases_as_scenes_stay_finite_and_hold_the_pin() {
             if truth.t_ns > 4_000_000_000 {
                 let off = truth.finger_normal_n / SET_N - 1.0;
                 (squares, count) = (squares + off * off, count + 1.0);
-                assert!(bound(&name).is_none() || truth.in_contact == 1, "{name}: lost");
+                assert!(force_error_max(&name).is_none() || truth.in_contact == 1, "{name}: lost");
             }
         }
         assert!(count > 1000.0, "{name}: {count} instants");
         let rms = (squares / count).sqrt();
-        assert!(bound(&name).is_none_or(|most| rms < most), "{name}: {rms} of the set point");
+        assert!(
+            force_error_max(&name).is_none_or(|most| rms < most),
+            "{name}: {rms} of the set point"
+        );
     }
 }
 
 /// The force's error under the law `model`, rms over the set point, from two and a half seconds on.
-fn off(draft: Draft, seed: u64) -> f64 {
+fn force_error(draft: SceneDraft, seed: u64) -> f64 {
     let scene = draft.set("robot.tactile_servo.law", "model").scene();
     let kept = run(&scene, seed);
     assert_eq!(kept.last_control().faults, 0);
@@ -70,18 +73,18 @@ fn off(draft: Draft, seed: u64) -> f64 {
 #[test]
 fn no_joint_swings_where_friction_does_not_hold_it() {
     for name in ["roll-pin", "panning", "rotated", "held/tilt-sine", "held/pan-10"] {
-        let scene = Draft::of(&format!("{name}.toml")).set("world.arm.coulomb_scale", 0.0);
-        let rms = off(scene, 1);
+        let scene = SceneDraft::of(&format!("{name}.toml")).set("world.arm.coulomb_scale", 0.0);
+        let rms = force_error(scene, 1);
         assert!(rms < 0.025, "{name}: {rms} of the set point");
     }
     // And where it does, until a blow frees the joints: by then they swung in these.
     for seed in [1, 3] {
-        let rms = off(Draft::of("held/tilt-sine.toml"), seed);
+        let rms = force_error(SceneDraft::of("held/tilt-sine.toml"), seed);
         assert!(rms < 0.025, "seed {seed}: {rms} of the set point");
     }
     // Nor where what is known of friction is given back: the wrist swung at 25 Hz in these.
     for seed in [1, 4] {
-        let rms = off(Draft::of("held/wide-swing.toml"), seed);
+        let rms = force_error(SceneDraft::of("held/wide-swing.toml"), seed);
         assert!(rms < 0.05, "seed {seed}: {rms} of the set point");
     }
 }
@@ -90,12 +93,12 @@ fn no_joint_swings_where_friction_does_not_hold_it() {
 fn a_notch_on_every_joint_makes_an_arm_without_friction_swing() {
     let swing = |joints: &[i64]| {
         let servo = "robot.joint_servo";
-        let scene = Draft::of("rotated.toml")
+        let scene = SceneDraft::of("rotated.toml")
             .set("world.arm.coulomb_scale", 0.0)
             .set(&format!("{servo}.damping"), vec![0.35, 0.35, 0.35, 0.5, 0.5, 0.5])
             .set(&format!("{servo}.derivative_filter_hz"), 120.0)
             .set(&format!("{servo}.notch_hz"), 34.0);
-        off(scene.set(&format!("{servo}.notch_joints"), joints.to_vec()), 1)
+        force_error(scene.set(&format!("{servo}.notch_joints"), joints.to_vec()), 1)
     };
     let (three, all) = (swing(&[2, 3, 5]), swing(&[1, 2, 3, 4, 5, 6]));
     assert!(three < 0.05 && all > 0.1, "{three} and {all} of the set point");

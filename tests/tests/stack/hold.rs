@@ -1,6 +1,6 @@
-//! Holding still: with the gravity term the finger stays, without it every joint gives way by what
-//! gravity and Kp say, less what friction bears. Refuses gains of its own: they are those that the
-//! configuration stands for.
+//! Holding still: with the gravity term the finger keeps its place; without it every joint gives
+//! way by the angle that gravity, Kp and friction predict. The gains are those of the
+//! configuration.
 
 use glam::DVec3;
 use taktil_lab_scene::scene::Scene;
@@ -11,36 +11,36 @@ use taktil_mechanics::robot::Robot;
 use taktil_rtcore::Nanos;
 use taktil_signal::{ControlState, State, Torque};
 
-use taktil_tests::bench::{Draft, Kept, run};
+use taktil_tests::bench::{RecordedRun, SceneDraft, run};
 
 /// After the state was entered, how long settling may take.
-const SETTLING: Nanos = Nanos::from_secs(1);
+const SETTLING_TIME: Nanos = Nanos::from_secs(1);
 
 /// The machine stands in IDLE for at least 10 s, a hand's breadth over the pin.
-fn standing() -> Scene {
-    Draft::of("hold.toml").set("duration_s", 12.0).scene()
+fn standing_scene() -> Scene {
+    SceneDraft::of("hold.toml").set("duration_s", 12.0).scene()
 }
 
-fn plain(coulomb_scale: f64) -> Scene {
-    let mut scene = standing();
+fn scene_without_gravity_term(coulomb_scale: f64) -> Scene {
+    let mut scene = standing_scene();
     scene.machine.joint_servo.get_or_insert_default().gravity = false;
     scene.world.arm.coulomb_scale = coulomb_scale;
     scene
 }
 
 /// When the machine came to stand in IDLE/CALIBRATED, checked to hold for 10 s from there.
-fn settled(kept: &Kept) -> Nanos {
+fn settling_end(kept: &RecordedRun) -> Nanos {
     let control = kept.last_control();
     assert_eq!((control.state, control.faults), (State::IdleCalibrated as u32, 0));
     let last = kept.of::<ControlState>("supervisor.control").last().unwrap().0;
     assert!(last - Nanos(control.entered_ns) > Nanos::from_secs(10), "held for less than 10 s");
-    Nanos(control.entered_ns) + SETTLING
+    Nanos(control.entered_ns) + SETTLING_TIME
 }
 
 /// Mean error of each joint, desired minus measured, and mean measured angles (rad).
 #[expect(clippy::cast_precision_loss, reason = "counts of samples")]
-fn mean_error(kept: &Kept) -> (Joints, Joints) {
-    let since = settled(kept);
+fn mean_error(kept: &RecordedRun) -> (Joints, Joints) {
+    let since = settling_end(kept);
     let torque = kept.of::<Torque>("joint_servo.torque");
     let errors: Vec<Joints> =
         torque.iter().filter(|row| row.0 >= since).map(|row| row.1.error_rad.into()).collect();
@@ -62,8 +62,8 @@ fn stiffness(scene: &Scene) -> Joints {
 
 #[test]
 fn with_the_gravity_term_the_finger_keeps_its_place() {
-    let kept = run(&standing(), 1);
-    let since = settled(&kept);
+    let kept = run(&standing_scene(), 1);
+    let since = settling_end(&kept);
     let truth: Vec<(Nanos, WorldTruth)> = kept.of("world.truth");
     // Its place is where it stood with the brakes on.
     let place = DVec3::from_array(truth[0].1.tool_m);
@@ -75,7 +75,7 @@ fn with_the_gravity_term_the_finger_keeps_its_place() {
 
 #[test]
 fn without_it_and_without_friction_the_droop_is_gravity_over_kp() {
-    let scene = plain(0.0);
+    let scene = scene_without_gravity_term(0.0);
     let kept = run(&scene, 1);
     let (error, q) = mean_error(&kept);
     let dynamics = Dynamics::reference();
@@ -99,7 +99,7 @@ fn without_it_and_without_friction_the_droop_is_gravity_over_kp() {
 
 #[test]
 fn without_it_friction_bears_a_part_of_the_load() {
-    let scene = plain(1.0);
+    let scene = scene_without_gravity_term(1.0);
     let kept = run(&scene, 1);
     let (error, q) = mean_error(&kept);
     let dynamics = Dynamics::reference();

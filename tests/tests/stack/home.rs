@@ -1,20 +1,19 @@
-//! The home pose by index pulses: a zero that is off by a degree is found to the count, and what
-//! the pulses do not bear out is refused. Refuses to look at angles that only the controller
-//! believes: the simulated arm's own are the measure.
+//! The home pose by index pulses: a zero that is off by a degree is found to the count, and a pose
+//! that contradicts the pulses is refused. The simulated arm's own angles are the measure.
 
 use taktil_lab_scene::world::WorldTruth;
 use taktil_rtcore::{FaultCode, FaultSet};
 use taktil_signal::{ControlState, HomeCheck, JointState, State};
 use toml::Value;
 
-use taktil_tests::bench::{Draft, Kept, run};
+use taktil_tests::bench::{RecordedRun, SceneDraft, run};
 
 fn list(values: [f64; 6]) -> Value {
     Value::Array(values.map(Value::Float).to_vec())
 }
 
 /// Largest distance of what `sense` says from where the joints are, in the last job (rad).
-fn wrong_rad(kept: &Kept) -> f64 {
+fn wrong_rad(kept: &RecordedRun) -> f64 {
     let said = kept.of::<JointState>("sense.joints").pop().unwrap();
     let truth = kept.of::<WorldTruth>("world.truth").pop().unwrap().1;
     (0..6).map(|i| (said.1.q_rad[i] - truth.q_rad[i]).abs()).fold(0.0, f64::max)
@@ -22,7 +21,7 @@ fn wrong_rad(kept: &Kept) -> f64 {
 
 #[test]
 fn a_zero_that_is_off_is_found_by_the_pulses() {
-    let kept = run(&Draft::of("home.toml").scene(), 1);
+    let kept = run(&SceneDraft::of("home.toml").scene(), 1);
     let told = kept.of::<HomeCheck>("sense.home");
     assert_eq!(told.len(), 2);
     assert_eq!(told[0].1.refused, FaultCode::IndexMissing as u32, "nothing has turned yet");
@@ -41,7 +40,7 @@ fn a_zero_that_is_off_is_found_by_the_pulses() {
 
 #[test]
 fn without_pulses_the_same_zero_stays_wrong() {
-    let draft = Draft::of("home.toml").set("robot.sense.index.ignore", true);
+    let draft = SceneDraft::of("home.toml").set("robot.sense.index.ignore", true);
     let kept = run(&draft.scene(), 1);
     assert!(wrong_rad(&kept) > 0.3f64.to_radians(), "the pulses made no difference");
 }
@@ -50,7 +49,7 @@ fn without_pulses_the_same_zero_stays_wrong() {
 fn a_pose_that_is_far_from_home_by_the_pulses_is_refused() {
     // The pulses are where they are; home is said to be a third of a turn of motor 2 away.
     let home = [120.0, 400.0 + 333.0, 777.0, 0.0, 31.0, 650.0];
-    let draft = Draft::of("home.toml").set("robot.sense.index.home_counts", list(home));
+    let draft = SceneDraft::of("home.toml").set("robot.sense.index.home_counts", list(home));
     let kept = run(&draft.scene(), 1);
     let told = kept.of::<HomeCheck>("sense.home");
     assert_eq!((told[1].1.refused, told[1].1.motor), (FaultCode::IndexFar as u32, 2));

@@ -1,5 +1,5 @@
 //! Motion under an operator's hand in the whole stack: minutes of random keys, and the tool along
-//! the axes asked for. Refuses to depend on which keys: whatever is held, the bounds hold.
+//! the axes asked for. The bounds hold whatever keys are pressed.
 
 use taktil_lab_scene::scene::{Act, Scene, Step};
 use taktil_lab_scene::world::WorldTruth;
@@ -8,7 +8,7 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{FaultSet, Nanos};
 use taktil_signal::{ControlState, Desired, JogFrame, JointState, State, Verb};
 
-use taktil_tests::bench::{Draft, Kept, run};
+use taktil_tests::bench::{RecordedRun, SceneDraft, run};
 use taktil_tests_script::dice::Dice;
 
 fn axis(dice: &mut Dice) -> f64 {
@@ -21,7 +21,7 @@ fn ask(verb: Verb) -> Step {
 
 /// The arm high above the table, then these acts.
 fn scene(acts: impl IntoIterator<Item = Step>, duration_s: f64) -> Scene {
-    let mut scene = Draft::of("hold.toml").set("duration_s", duration_s).scene();
+    let mut scene = SceneDraft::of("hold.toml").set("duration_s", duration_s).scene();
     scene.script = vec![ask(Verb::Enable), ask(Verb::Calibrate)];
     scene.script.extend(acts);
     scene
@@ -41,7 +41,7 @@ fn random_keys(frames: &[JogFrame], seconds: i64, dice: &mut Dice) -> Vec<Step> 
 }
 
 /// No setpoint steps further than the joint's largest speed in one tick, none leaves the limits.
-fn check_setpoints(kept: &Kept) -> f64 {
+fn check_setpoints(kept: &RecordedRun) -> f64 {
     let arm = Puma260::reference();
     let mut before: Option<Joints> = None;
     let mut farthest = 0.0f64;
@@ -107,7 +107,7 @@ fn keys_move_the_true_tool_along_the_axes_asked_for() {
 
 #[test]
 fn the_home_pose_is_jogged_to_before_the_zeros_are_known() {
-    let mut scene = Draft::of("hold.toml").set("duration_s", 4.0).scene();
+    let mut scene = SceneDraft::of("hold.toml").set("duration_s", 4.0).scene();
     let axes = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
     let span = Nanos::from_secs(1);
     let hold = Act::Hold { axes, frame: JogFrame::Joints, span };
@@ -130,7 +130,7 @@ fn the_home_pose_is_jogged_to_before_the_zeros_are_known() {
 
 #[test]
 fn the_tour_goes_through_the_states_in_order_without_a_fault() {
-    let kept = run(&Draft::of("tour.toml").scene(), 1);
+    let kept = run(&SceneDraft::of("tour.toml").scene(), 1);
     let mut states = Vec::new();
     for (_, control) in kept.of::<ControlState>("supervisor.control") {
         let state = State::from_code(control.state).unwrap();

@@ -1,14 +1,13 @@
 //! The laws of touch side by side on the same scenes and seeds, judged by the simulator's truth.
-//! Refuses to compare what was not run under both.
 
 use taktil_lab_experiment::judge::Verdict;
 use taktil_lab_experiment::{Name, one, with_law};
 use taktil_rtcore::FaultCode;
-use taktil_tests::bench::Draft;
+use taktil_tests::bench::SceneDraft;
 
 /// A scene of the repository under a law.
 fn run(scene: &str, law: Name, seed: u64) -> Verdict {
-    let verdict = one(&with_law(&Draft::of(scene).scene(), law), seed, false).unwrap();
+    let verdict = one(&with_law(&SceneDraft::of(scene).scene(), law), seed, false).unwrap();
     let figures = &verdict.figures;
     assert!(figures.faults.is_empty() && figures.contact_lost == 0, "{scene} {law:?} {seed}");
     verdict
@@ -70,7 +69,7 @@ fn the_wrist_alone_cannot_follow_a_panning_table_and_with_touch_it_can() {
 #[test]
 fn an_arm_that_does_not_know_where_it_is_and_presses_too_hard_loses_its_power() {
     let fault: toml::Table = "kind = 'dead_encoder'\njoint = 2\nat_s = 5.0".parse().unwrap();
-    let draft = Draft::of("roll-pin.toml").set("world.fault", vec![fault]);
+    let draft = SceneDraft::of("roll-pin.toml").set("world.fault", vec![fault]);
     let verdict = one(&with_law(&draft.scene(), Name::Model), 1, false).unwrap();
     let faults = &verdict.figures.faults;
     assert!(faults.contains(FaultCode::Overload), "{faults:?}");
@@ -79,7 +78,7 @@ fn an_arm_that_does_not_know_where_it_is_and_presses_too_hard_loses_its_power() 
 #[test]
 fn a_delay_that_the_law_cannot_remember_at_its_period_is_refused_with_its_place() {
     let refused = |scene: &str, delay_ms: f64| {
-        let mut scene = with_law(&Draft::of(scene).scene(), Name::Model);
+        let mut scene = with_law(&SceneDraft::of(scene).scene(), Name::Model);
         scene.machine.tactile_servo.as_mut().expect("a section").model.delay_ms = delay_ms;
         taktil_lab_scene::assemble::assemble(&scene, 1).err().map(|bad| format!("{bad:#}"))
     };

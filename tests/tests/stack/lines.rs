@@ -1,5 +1,5 @@
-//! Programmed moves of the whole stack: the true tool runs straight where it was told to, and a
-//! queue that the arm cannot follow moves nothing. Refuses gains of its own.
+//! Programmed moves of the whole stack: the true tool runs along the straight lines that were asked
+//! for, and a queue that the arm cannot follow moves nothing.
 
 use glam::DVec3;
 use taktil_lab_scene::world::WorldTruth;
@@ -7,20 +7,20 @@ use taktil_rtcore::{FaultCode, FaultSet, Nanos};
 use taktil_signal::{ControlState, Goal, MoveCheck, State, Typed};
 use toml::{Table, Value};
 
-use taktil_tests::bench::{Draft, Kept, run};
+use taktil_tests::bench::{RecordedRun, SceneDraft, run};
 
-fn tools(kept: &Kept) -> Vec<(Nanos, DVec3)> {
+fn tool_positions(kept: &RecordedRun) -> Vec<(Nanos, DVec3)> {
     let truth = kept.of::<WorldTruth>("world.truth");
     truth.iter().map(|row| (row.0, DVec3::from_array(row.1.tool_m) * 1e3)).collect()
 }
 
 #[test]
 fn the_true_tool_runs_straight_lines() {
-    let kept = run(&Draft::of("lines.toml").scene(), 1);
+    let kept = run(&SceneDraft::of("lines.toml").scene(), 1);
     assert_eq!(kept.last_control().faults, 0);
     let check = kept.of::<MoveCheck>("trajectory.check").last().unwrap().1;
     assert_eq!((check.verdict, check.moves, check.reason), (2, 6, 0), "{check:?}");
-    let tools = tools(&kept);
+    let tools = tool_positions(&kept);
     // Along the first side of the square, y and z stand still to the servo's own error.
     let side: Vec<&DVec3> = tools
         .iter()
@@ -55,11 +55,11 @@ fn a_queue_that_meets_a_limit_moves_nothing_and_says_which_joint() {
     let mut other = turn.clone();
     other.insert("tool".into(), Value::Table(tool));
     // One way round or the other, joint 6 has to meet its limit.
-    let refused: Vec<(Kept, MoveCheck)> = [turn, other]
+    let refused: Vec<(RecordedRun, MoveCheck)> = [turn, other]
         .into_iter()
         .map(|table| {
             let moves = vec![Value::Table(table)];
-            let draft = Draft::of("lines.toml").set("robot.trajectory.moves", moves);
+            let draft = SceneDraft::of("lines.toml").set("robot.trajectory.moves", moves);
             let kept = run(&draft.scene(), 1);
             let check = kept.of::<MoveCheck>("trajectory.check").last().unwrap().1;
             (kept, check)
@@ -82,7 +82,7 @@ fn a_queue_that_meets_a_limit_moves_nothing_and_says_which_joint() {
 }
 
 /// The scene with its programme stopped on its way by words of the script, for this long.
-fn stopped(name: &str, at_s: f64, for_s: f64) -> Kept {
+fn interrupted_run(name: &str, at_s: f64, for_s: f64) -> RecordedRun {
     let mut steps: Vec<Value> = Vec::new();
     let mut step = |pairs: &[(&str, Value)]| {
         let table: Table =
@@ -94,13 +94,13 @@ fn stopped(name: &str, at_s: f64, for_s: f64) -> Kept {
     }
     step(&[("say", "pause".into()), ("at_s", at_s.into())]);
     step(&[("say", "resume".into()), ("at_s", (at_s + for_s).into())]);
-    run(&Draft::of(name).set("operator", steps).scene(), 1)
+    run(&SceneDraft::of(name).set("operator", steps).scene(), 1)
 }
 
 #[test]
 fn a_programme_stops_on_its_path_and_goes_on() {
-    let plain = run(&Draft::of("lines.toml").first_requests(3).scene(), 1);
-    let goals = |kept: &Kept| -> Vec<(Nanos, Goal)> {
+    let plain = run(&SceneDraft::of("lines.toml").first_requests(3).scene(), 1);
+    let goals = |kept: &RecordedRun| -> Vec<(Nanos, Goal)> {
         let all = kept.of::<Goal>("trajectory.goal");
         all.into_iter().filter(|row| row.1.valid == 1).collect()
     };
@@ -109,7 +109,7 @@ fn a_programme_stops_on_its_path_and_goes_on() {
     let free = goals(&plain);
     // In the joint move, in a line, at a corner between lines, and between two legs.
     for at_s in [0.75, 1.6, 2.4, 3.3, 4.6] {
-        let kept = stopped("lines.toml", at_s, 1.0);
+        let kept = interrupted_run("lines.toml", at_s, 1.0);
         assert_eq!(kept.last_control().faults, 0, "{at_s}");
         let got = goals(&kept);
         // It stood, for most of a second.

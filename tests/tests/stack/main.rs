@@ -1,5 +1,5 @@
 //! The whole stack over the simulated robot, in virtual time: what it promises about physics and
-//! repeatability. Refuses anything that depends on how fast this machine is.
+//! repeatability. No result depends on how fast this machine is.
 
 mod arms;
 mod determinism;

@@ -28,28 +28,29 @@ use taktil_tasks_tactile_servo::law::model::{Memory, after_job, displacement_of_
 use taktil_tasks_tactile_servo::law::thesis;
 use taktil_tasks_tactile_servo::perception::line::{Known, Line, line};
 use taktil_tasks_tactile_servo::perception::{Touch, touch};
-use taktil_tests::bench::{Draft, Kept, run};
+use taktil_tests::bench::{RecordedRun, SceneDraft, run};
 
-/// One job.
-const JOB: Nanos = Nanos::from_micros(2_500);
-/// Earlier steps and commands that decide the next step: of a spring that swings, and a servo.
-const ORDER: usize = 16;
-/// From here on the finger presses.
-const SETTLED: Nanos = Nanos::from_secs(3);
+/// The period of the servo lane.
+const SERVO_PERIOD: Nanos = Nanos::from_micros(2_500);
+/// Number of earlier steps and commands that decide the next step: enough for the servo and a
+/// spring that swings.
+const MODEL_ORDER: usize = 16;
+/// The finger presses from this instant on.
+const PRESSING_START: Nanos = Nanos::from_secs(3);
 /// Noise of a tactel that stirs a loop to be identified (counts).
 const STIR_COUNTS: f64 = 200.0;
 /// Most scans that an image may be late in the simulator.
 const LATE_MAX: u32 = 30;
 /// How long the runs are that judge a loop (s).
 const RUN_S: f64 = 10.0;
-/// The column that is headed for: no image's by chance, so that it stays.
-const AIM: f64 = 8.371_828_182_845;
-/// An error that has grown so many times by the last second is not borne: contact that is lost
-/// keeps it from growing for ever, and a swing that neither grows nor dies away would be called
-/// borne by chance.
-const GROWN: f64 = 100.0;
-/// Counts of the encoders over the arm's own.
-const FINE: f64 = 64.0;
+/// The column that the law is to reach (tactels): no image's by chance, so that it stays.
+const TARGET_COLUMN: f64 = 8.371_828_182_845;
+/// A loop whose error has grown by this factor in the last second is unstable. A lost contact keeps
+/// the error from growing for ever, and a swing that neither grows nor dies away would otherwise be
+/// called stable by chance.
+const ERROR_GROWTH_MAX: f64 = 100.0;
+/// How many times finer the encoders are than the arm's own, where their steps must not matter.
+const FINE_ENCODER_FACTOR: f64 = 64.0;
 
 /// A loop of one law.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,17 +72,17 @@ impl Axis {
     }
 
     /// A gain of the law `thesis`, over its own, that stirs the loop well within its margin.
-    fn stirring(self) -> f64 {
+    fn stirring_gain(self) -> f64 {
         [5.0, 0.1, 0.3, 30.0][self.index()]
     }
 
     /// A small error (columns, counts, mrad, mrad).
-    fn small(self) -> f64 {
+    fn small_error(self) -> f64 {
         [1e-3, 15.0, 1e-2, 2.0][self.index()]
     }
 
     /// What is controlled, in that unit.
-    fn done(self, truth: &WorldTruth) -> f64 {
+    fn controlled_value(self, truth: &WorldTruth) -> f64 {
         match self {
             Axis::Roll => truth.contact_x,
             Axis::Press => truth.finger_normal_n * Config::default().model.counts_per_n,
@@ -91,14 +92,14 @@ impl Axis {
     }
 
     /// The feature by which the laws see it.
-    fn felt(self, features: &Features) -> f64 {
+    fn feature(self, features: &Features) -> f64 {
         [features.x_c, features.m0, features.m_x, 1e3 * features.theta_z_rad][self.index()]
     }
 }
 
 /// How a loop is strained: its gain times so much, images so many scans late.
 #[derive(Clone, Copy, Debug)]
-struct Strain {
+struct LoopChange {
     law: Name,
     axis: Axis,
     gain: f64,
@@ -107,7 +108,7 @@ struct Strain {
     fine: f64,
 }
 
-impl Strain {
+impl LoopChange {
     /// Without the limits of speed, which hold what grows.
     fn config(&self) -> Config {
         let mut config = Config { law: self.law, ..Config::default() };
@@ -126,13 +127,13 @@ impl Strain {
             config.feature_jacobian[at] /= self.gain;
         }
         // Headed for the middle for good.
-        (config.x_c_low, config.x_c_tolerance) = (AIM, 1e-12);
+        (config.x_c_low, config.x_c_tolerance) = (TARGET_COLUMN, 1e-12);
     }
 
     /// The rolling scene so strained, with the pin turned by a degree and a plain servo of the
     /// joints.
     fn scene(&self, noise_counts: f64, duration_s: f64) -> Scene {
-        let draft = Draft::roll_pin()
+        let draft = SceneDraft::roll_pin()
             .set("duration_s", duration_s)
             .set("world.pin.yaw_deg", 1.0)
             .set("robot.joint_servo.damping", vec![0.5; 6])
@@ -168,23 +169,23 @@ impl Strain {
 
 /// What is controlled, in the middle between two times at which the world tells it, by the four
 /// times around an instant.
-fn done_at(truth: &[(Nanos, WorldTruth)], axis: Axis, at: Nanos) -> Option<f64> {
+fn controlled_value_at(truth: &[(Nanos, WorldTruth)], axis: Axis, at: Nanos) -> Option<f64> {
     let next = truth.partition_point(|(_, truth)| truth.t_ns < at.0);
     let around = truth.get(next.checked_sub(2)?..next + 2)?;
-    let y: Vec<f64> = around.iter().map(|(_, truth)| axis.done(truth)).collect();
+    let y: Vec<f64> = around.iter().map(|(_, truth)| axis.controlled_value(truth)).collect();
     Some((9.0 * (y[1] + y[2]) - y[0] - y[3]) / 16.0)
 }
 
 /// Steps commanded along or about an axis (mm, mrad), and what came of them, job by job.
-fn commanded_and_done(kept: &Kept, axis: Axis) -> (Vec<f64>, Vec<f64>) {
+fn commands_and_responses(kept: &RecordedRun, axis: Axis) -> (Vec<f64>, Vec<f64>) {
     let arm = Puma260::reference();
     let desired: Vec<(Nanos, Desired)> = kept.of("setpoint.desired");
     let truth: Vec<(Nanos, WorldTruth)> = kept.of("world.truth");
     let pose = |q: &[f64; 6]| arm.tool_pose(&Joints::from(*q));
     let (mut u, mut y) = (Vec::new(), Vec::new());
-    for pair in desired.windows(2).filter(|pair| pair[1].0 >= SETTLED) {
+    for pair in desired.windows(2).filter(|pair| pair[1].0 >= PRESSING_START) {
         let (last, now) = (pose(&pair[0].1.q_rad), pose(&pair[1].1.q_rad));
-        let Some(done) = done_at(&truth, axis, pair[1].0) else { continue };
+        let Some(done) = controlled_value_at(&truth, axis, pair[1].0) else { continue };
         let moved = last.rotation.transpose() * (now.translation - last.translation);
         let turned = rotation_vector(&last.rotation, &now.rotation);
         u.push(1e3 * [moved.x, moved.z, turned.x, turned.z][axis.index()]);
@@ -194,12 +195,14 @@ fn commanded_and_done(kept: &Kept, axis: Axis) -> (Vec<f64>, Vec<f64>) {
 }
 
 /// The feature for each unit of what is controlled, by least squares over a run.
-fn scale(kept: &Kept, axis: Axis) -> f64 {
+fn feature_per_unit(kept: &RecordedRun, axis: Axis) -> f64 {
     let features: Vec<(Nanos, Features)> = kept.of("tactile_servo.features");
     let truth: Vec<(Nanos, WorldTruth)> = kept.of("world.truth");
-    let settled = features.iter().filter(|(at, _)| *at >= SETTLED);
+    let settled = features.iter().filter(|(at, _)| *at >= PRESSING_START);
     let pairs: Vec<[f64; 2]> = settled
-        .filter_map(|(_, f)| Some([done_at(&truth, axis, Nanos(f.acquired_ns))?, axis.felt(f)]))
+        .filter_map(|(_, f)| {
+            Some([controlled_value_at(&truth, axis, Nanos(f.acquired_ns))?, axis.feature(f)])
+        })
         .collect();
     let count = pairs.len() as f64;
     let mean = [0, 1].map(|i| pairs.iter().map(|pair| pair[i]).sum::<f64>() / count);
@@ -212,25 +215,25 @@ fn scale(kept: &Kept, axis: Axis) -> f64 {
 /// Steps of y by earlier ones and by commands, `[a, b]`, by least squares.
 fn plant(u: &[f64], y: &[f64]) -> [Vec<f64>; 2] {
     let steps: Vec<f64> = y.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let rows = steps.len() - ORDER;
-    let past = DMatrix::from_fn(rows, 2 * ORDER, |r, i| {
-        if i < ORDER { steps[r + ORDER - 1 - i] } else { u[r + 2 * ORDER - i] }
+    let rows = steps.len() - MODEL_ORDER;
+    let past = DMatrix::from_fn(rows, 2 * MODEL_ORDER, |r, i| {
+        if i < MODEL_ORDER { steps[r + MODEL_ORDER - 1 - i] } else { u[r + 2 * MODEL_ORDER - i] }
     });
-    let next = DVector::from_fn(rows, |r, _| steps[r + ORDER]);
+    let next = DVector::from_fn(rows, |r, _| steps[r + MODEL_ORDER]);
     let size: Vec<f64> = past.column_iter().map(|column| column.norm().max(1e-300)).collect();
-    let even = DMatrix::from_fn(rows, 2 * ORDER, |r, i| past[(r, i)] / size[i]);
+    let even = DMatrix::from_fn(rows, 2 * MODEL_ORDER, |r, i| past[(r, i)] / size[i]);
     let mut normal = even.transpose() * &even;
-    for i in 0..2 * ORDER {
+    for i in 0..2 * MODEL_ORDER {
         normal[(i, i)] += 1e-9;
     }
     let found = normal.cholesky().expect("positive").solve(&(even.transpose() * &next));
-    [0, ORDER].map(|from| (from..from + ORDER).map(|i| found[i] / size[i]).collect())
+    [0, MODEL_ORDER].map(|from| (from..from + MODEL_ORDER).map(|i| found[i] / size[i]).collect())
 }
 
 /// The line of an image in the middle of the run, as the law sees it.
-fn seen(kept: &Kept, config: &Config, contact: &Contact) -> Line {
+fn line_of_image(kept: &RecordedRun, config: &Config, contact: &Contact) -> Line {
     let images: Vec<(Nanos, TactileImage)> = kept.of("tactile_scan.image");
-    let image = &images.iter().find(|(t, _)| *t >= SETTLED).expect("an image").1;
+    let image = &images.iter().find(|(t, _)| *t >= PRESSING_START).expect("an image").1;
     let touch = touch(image, config.threshold(image.noise_counts), config.contact_counts);
     let known = Known {
         shape: contact.shape(),
@@ -253,21 +256,27 @@ struct Plant {
 
 impl Plant {
     /// What a run of the stack says that noise stirs by way of the law `thesis`, every image.
-    fn identified(axis: Axis) -> Plant {
-        let strain = Strain { law: Name::Thesis, axis, gain: axis.stirring(), late: 0, fine: FINE };
+    fn identify(axis: Axis) -> Plant {
+        let strain = LoopChange {
+            law: Name::Thesis,
+            axis,
+            gain: axis.stirring_gain(),
+            late: 0,
+            fine: FINE_ENCODER_FACTOR,
+        };
         let kept = run(&strain.scene(STIR_COUNTS, 4.0 * RUN_S), 1);
-        let (u, y) = commanded_and_done(&kept, axis);
+        let (u, y) = commands_and_responses(&kept, axis);
         let [past, taps] = plant(&u, &y);
-        let scale = scale(&kept, axis);
+        let scale = feature_per_unit(&kept, axis);
         let config = strain.config();
         let contact = Contact::new(&config.model, config.m0_counts).unwrap();
-        let like = seen(&run(&strain.scene(0.0, RUN_S), 1), &config, &contact);
+        let like = line_of_image(&run(&strain.scene(0.0, RUN_S), 1), &config, &contact);
         Plant { axis, past, taps, scale, like }
     }
 
     /// The image in which what is controlled is off by so much.
     fn image(&self, config: &Config, off: f64) -> Line {
-        let mut features = [AIM, config.m0_counts, 0.0, 0.0];
+        let mut features = [TARGET_COLUMN, config.m0_counts, 0.0, 0.0];
         let unit = if self.axis == Axis::Turn { 1e-3 } else { 1.0 };
         features[self.axis.index()] += unit * self.scale * off;
         features[1] = features[1].max(config.contact_counts);
@@ -277,14 +286,14 @@ impl Plant {
 
     /// Growth of a small error in the loop of the law over the plant: last second over the second
     /// after two, of ten.
-    fn growth(&self, strain: &Strain) -> f64 {
+    fn growth(&self, strain: &LoopChange) -> f64 {
         let (axis, config) = (strain.axis, strain.config());
         let old = thesis::Law::new(&config);
         let contact = Contact::new(&config.model, config.m0_counts).unwrap();
         let mut memory = Memory::new(&config.model);
-        let dt_s = JOB.as_secs_f64();
-        let (mut off, mut pending) = (axis.small(), 0.0);
-        let (mut commands, mut steps) = ([0.0; ORDER], [0.0; ORDER]);
+        let dt_s = SERVO_PERIOD.as_secs_f64();
+        let (mut off, mut pending) = (axis.small_error(), 0.0);
+        let (mut commands, mut steps) = ([0.0; MODEL_ORDER], [0.0; MODEL_ORDER]);
         let mut scans = vec![off; strain.late as usize + 1];
         let mut most = [1e-300_f64; 2];
         for job in 0..4_000 {
@@ -300,12 +309,12 @@ impl Plant {
                     let shown = (&touch, Some(&image));
                     memory = observe(&config, &contact, &memory, shown, (dt_s, dt_s));
                 }
-                let step = displacement_of_job(&config, &memory, AIM, dt_s);
+                let step = displacement_of_job(&config, &memory, TARGET_COLUMN, dt_s);
                 memory = after_job(&config.model, &memory, &step, dt_s);
                 step[axis.index()]
             } else {
                 if arrives {
-                    pending = 0.5 * old.displacement(&touch, AIM)[axis.index()];
+                    pending = 0.5 * old.displacement(&touch, TARGET_COLUMN)[axis.index()];
                 }
                 pending
             };
@@ -321,17 +330,23 @@ impl Plant {
                 3_600.. => most[1] = most[1].max(off.abs()),
                 _ => {}
             }
-            if off.is_nan() || off.abs() > 1e4 * axis.small() {
+            if off.is_nan() || off.abs() > 1e4 * axis.small_error() {
                 return f64::INFINITY;
             }
         }
-        if most[1] > GROWN * axis.small() { f64::INFINITY } else { most[1] / most[0] }
+        if most[1] > ERROR_GROWTH_MAX * axis.small_error() {
+            f64::INFINITY
+        } else {
+            most[1] / most[0]
+        }
     }
 
     /// The gain, in terms of the default one, at which a small error neither grows nor dies away.
     fn gain_limit(&self, law: Name) -> f64 {
         let axis = self.axis;
-        let bears = |gain| self.growth(&Strain { law, axis, gain, late: 0, fine: FINE }) < 1.0;
+        let bears = |gain| {
+            self.growth(&LoopChange { law, axis, gain, late: 0, fine: FINE_ENCODER_FACTOR }) < 1.0
+        };
         let (mut low, mut high) = (0.01, 5_000.0);
         assert!(bears(low) && !bears(high), "the limit is not within {low} and {high}");
         while high / low > 1.01 {
@@ -344,31 +359,33 @@ impl Plant {
     /// The first lateness (scans) that the loop does not bear.
     fn late_limit(&self, law: Name, gain: f64) -> u32 {
         let axis = self.axis;
-        let bears = |late| self.growth(&Strain { law, axis, gain, late, fine: FINE }) < 1.0;
+        let bears = |late| {
+            self.growth(&LoopChange { law, axis, gain, late, fine: FINE_ENCODER_FACTOR }) < 1.0
+        };
         (0..100).find(|late| !bears(*late)).expect("some lateness is too much")
     }
 }
 
 /// Rms of what is controlled, about its mean, over the last second and a half of a run.
-fn swing(strain: &Strain) -> f64 {
+fn swing_rms(strain: &LoopChange) -> f64 {
     let kept = run(&strain.scene(0.0, RUN_S), 1);
-    let (_, y) = commanded_and_done(&kept, strain.axis);
+    let (_, y) = commands_and_responses(&kept, strain.axis);
     let last = &y[y.len().saturating_sub(600)..];
     let mean = last.iter().sum::<f64>() / last.len() as f64;
     (last.iter().map(|y| (y - mean) * (y - mean)).sum::<f64>() / last.len() as f64).sqrt()
 }
 
 /// A loop that is strained ever more, and where it gives way.
-struct Found {
+struct StabilityLimit {
     /// What the linear loop says.
     limit: f64,
     /// Before and behind it, as parts of it, and how the stack swings there.
     tried: [(f64, f64); 2],
 }
 
-impl Found {
+impl StabilityLimit {
     /// Says so; behind the limit the stack swings ten times as much as it may before.
-    fn told(&self, what: &str, most_calm: f64) {
+    fn report(&self, what: &str, most_calm: f64) {
         let [(before, calm), (after, swings)] = self.tried;
         println!(
             "| {what} | {:.3} | {calm:.4} at {before:.2} | {swings:.3} at {after:.2} |",
@@ -381,63 +398,81 @@ impl Found {
 }
 
 /// By the gain, images on time.
-fn by_gain(plant: &Plant, law: Name) -> Found {
+fn by_gain(plant: &Plant, law: Name) -> StabilityLimit {
     let (limit, axis) = (plant.gain_limit(law), plant.axis);
-    let at =
-        |part: f64| (part, swing(&Strain { law, axis, gain: part * limit, late: 0, fine: FINE }));
-    Found { limit, tried: [at(0.8), at(1.2)] }
+    let at = |part: f64| {
+        (
+            part,
+            swing_rms(&LoopChange {
+                law,
+                axis,
+                gain: part * limit,
+                late: 0,
+                fine: FINE_ENCODER_FACTOR,
+            }),
+        )
+    };
+    StabilityLimit { limit, tried: [at(0.8), at(1.2)] }
 }
 
 /// By images that are late.
-fn by_delay(plant: &Plant, law: Name, gain: f64) -> Found {
+fn by_delay(plant: &Plant, law: Name, gain: f64) -> StabilityLimit {
     let (limit, axis) = (plant.late_limit(law, gain), plant.axis);
     let part = |late: u32| f64::from(late) / f64::from(limit);
-    let at = |late: u32| (part(late), swing(&Strain { law, axis, gain, late, fine: FINE }));
+    let at = |late: u32| {
+        (part(late), swing_rms(&LoopChange { law, axis, gain, late, fine: FINE_ENCODER_FACTOR }))
+    };
     // Whole scans within a fifth of the limit.
     let (before, after) = ((limit * 4).div_ceil(5), (limit * 6 / 5).min(LATE_MAX));
-    Found { limit: f64::from(limit), tried: [at(before), at(after)] }
+    StabilityLimit { limit: f64::from(limit), tried: [at(before), at(after)] }
 }
 
-/// What is calm (columns, counts, mrad, mrad): what the converters leave of it.
-const CALM: [f64; 4] = [0.02, 100.0, 0.02, 0.15];
+/// Largest root mean square of a loop at rest (columns, counts, mrad, mrad): what the converters
+/// leave of it.
+const CALM_SWING_MAX: [f64; 4] = [0.02, 100.0, 0.02, 0.15];
 
 #[test]
 fn both_laws_swing_along_x_where_the_linear_loops_say() {
-    let plant = Plant::identified(Axis::Roll);
-    by_gain(&plant, Name::Thesis).told("roll, thesis, gain x", CALM[0]);
-    by_gain(&plant, Name::Model).told("roll, model, gain x", CALM[0]);
+    let plant = Plant::identify(Axis::Roll);
+    by_gain(&plant, Name::Thesis).report("roll, thesis, gain x", CALM_SWING_MAX[0]);
+    by_gain(&plant, Name::Model).report("roll, model, gain x", CALM_SWING_MAX[0]);
 }
 
 #[test]
 fn both_laws_swing_along_z_where_the_linear_loops_say() {
-    let plant = Plant::identified(Axis::Press);
-    by_gain(&plant, Name::Thesis).told("press, thesis, gain x", CALM[1]);
-    by_delay(&plant, Name::Model, 1.0).told("press, model, scans late", CALM[1]);
-    by_delay(&plant, Name::Model, 0.6).told("press, model, gain x 0.6, scans late", CALM[1]);
+    let plant = Plant::identify(Axis::Press);
+    by_gain(&plant, Name::Thesis).report("press, thesis, gain x", CALM_SWING_MAX[1]);
+    by_delay(&plant, Name::Model, 1.0).report("press, model, scans late", CALM_SWING_MAX[1]);
+    by_delay(&plant, Name::Model, 0.6)
+        .report("press, model, gain x 0.6, scans late", CALM_SWING_MAX[1]);
 }
 
 #[test]
 fn both_laws_swing_about_x_where_the_linear_loops_say() {
-    let plant = Plant::identified(Axis::Tilt);
-    by_gain(&plant, Name::Thesis).told("theta_x, thesis, gain x", CALM[2]);
-    by_delay(&plant, Name::Model, 0.4).told("theta_x, model, gain x 0.4, scans late", CALM[2]);
+    let plant = Plant::identify(Axis::Tilt);
+    by_gain(&plant, Name::Thesis).report("theta_x, thesis, gain x", CALM_SWING_MAX[2]);
+    by_delay(&plant, Name::Model, 0.4)
+        .report("theta_x, model, gain x 0.4, scans late", CALM_SWING_MAX[2]);
 }
 
 #[test]
 fn both_laws_swing_about_z_where_the_linear_loops_say() {
-    let plant = Plant::identified(Axis::Turn);
-    by_gain(&plant, Name::Thesis).told("theta_z, thesis, gain x", CALM[3]);
-    by_delay(&plant, Name::Model, 1.0).told("theta_z, model, scans late", CALM[3]);
-    by_delay(&plant, Name::Model, 5.0).told("theta_z, model, gain x 5, scans late", CALM[3]);
+    let plant = Plant::identify(Axis::Turn);
+    by_gain(&plant, Name::Thesis).report("theta_z, thesis, gain x", CALM_SWING_MAX[3]);
+    by_delay(&plant, Name::Model, 1.0).report("theta_z, model, scans late", CALM_SWING_MAX[3]);
+    by_delay(&plant, Name::Model, 5.0)
+        .report("theta_z, model, gain x 5, scans late", CALM_SWING_MAX[3]);
 }
 
 #[test]
 fn the_arm_s_own_encoders_make_the_press_loop_of_the_thesis_swing_before_its_limit() {
     let (law, axis) = (Name::Thesis, Axis::Press);
-    let limit = Plant::identified(axis).gain_limit(law);
-    let at = |part: f64, fine: f64| swing(&Strain { law, axis, gain: part * limit, late: 0, fine });
+    let limit = Plant::identify(axis).gain_limit(law);
+    let at = |part: f64, fine: f64| {
+        swing_rms(&LoopChange { law, axis, gain: part * limit, late: 0, fine })
+    };
     let own = [0.2, 0.4, 0.6, 0.8, 1.2].map(|part| at(part, 1.0));
     println!("own encoders, 0.2, 0.4, 0.6, 0.8, 1.2 of the limit: {own:.0?} counts");
-    assert!(own[3] > 10.0 * at(0.8, FINE), "{own:?}");
+    assert!(own[3] > 10.0 * at(0.8, FINE_ENCODER_FACTOR), "{own:?}");
     assert!(own[0] < 0.5 * own[4] && own[3] > 0.5 * own[4], "{own:?}");
 }

@@ -1,13 +1,13 @@
-//! A pin between two fingertips: the arm rolls it by the touch of one, both feel it. Refuses to
-//! look at the controller's opinion where the simulator's truth is to be had.
+//! A pin between two fingertips: the arm rolls it by the touch of one, both feel it. The
+//! simulator's truth is the measure wherever it exists.
 
 use taktil_lab_scene::world::{OpposedTruth, WorldTruth};
 use taktil_signal::{Features, Pair, TactileImage};
-use taktil_tests::bench::{Draft, run};
+use taktil_tests::bench::{SceneDraft, run};
 
 #[test]
 fn a_pin_is_rolled_between_two_fingertips_and_both_feel_it() {
-    let scene = Draft::of("opposed-pads.toml").scene();
+    let scene = SceneDraft::of("opposed-pads.toml").scene();
     let kept = run(&scene, 1);
     let features = kept.of::<Features>("tactile_servo.features");
     let turns = |row: Option<&(_, Features)>| row.map_or(0, |row| row.1.reversals);
@@ -40,7 +40,7 @@ fn a_pin_is_rolled_between_two_fingertips_and_both_feel_it() {
 
 /// Root mean squares of the true yaw (mrad) and of the true force's error (N) from four seconds on,
 /// over six seeds: with a worn fingertip one seed alone says little.
-fn errors(scene: &Draft) -> [f64; 2] {
+fn errors(scene: &SceneDraft) -> [f64; 2] {
     let (mut squares, mut count) = ([0.0; 2], 0.0);
     for seed in 1..=6 {
         let kept = run(&scene.scene(), seed);
@@ -57,7 +57,7 @@ fn errors(scene: &Draft) -> [f64; 2] {
 #[test]
 fn a_worn_fingertip_is_helped_by_the_other_unless_its_frame_is_told_wrong() {
     let worn = |name: &str| {
-        let noisy = Draft::of(name).set("world.tactile.noise_counts", 250.0);
+        let noisy = SceneDraft::of(name).set("world.tactile.noise_counts", 250.0);
         noisy.set("world.tactile.rest_counts", 1500.0)
     };
     let both = worn("two-fingers.toml");
@@ -71,7 +71,7 @@ fn a_worn_fingertip_is_helped_by_the_other_unless_its_frame_is_told_wrong() {
 
 #[test]
 fn both_fingertips_say_the_same_of_the_pin_between_them() {
-    let kept = run(&Draft::of("two-fingers.toml").scene(), 1);
+    let kept = run(&SceneDraft::of("two-fingers.toml").scene(), 1);
     let pairs = kept.of::<Pair>("tactile_servo.pair");
     let pairs: Vec<_> = pairs.iter().map(|(_, pair)| pair).collect();
     let late: Vec<_> = pairs.iter().filter(|pair| pair.acquired_ns > 4_000_000_000).collect();

@@ -1,20 +1,20 @@
-//! What only real forces do: without friction nothing rolls, without contact nothing is felt.
-//! Refuses to look at the controller's opinion where the simulator's truth is to be had.
+//! Effects that need real forces: without friction nothing rolls, without contact nothing is felt.
+//! The simulator's truth is the measure wherever it exists, not the controller's estimate.
 
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::world::WorldTruth;
 use taktil_signal::{Features, State, TactileImage, defined};
 
-use taktil_tests::bench::{Draft, Kept, run};
+use taktil_tests::bench::{RecordedRun, SceneDraft, run};
 
 /// The finger presses from this share of its set point on.
-const PRESSED: f64 = 0.9;
+const PRESSED_SHARE: f64 = 0.9;
 
 /// Strokes as the program counts them: reversals of a finger that presses.
-fn strokes(scene: &Scene) -> (u32, Kept) {
+fn strokes(scene: &Scene) -> (u32, RecordedRun) {
     let servo = scene.machine.tactile_servo.clone().unwrap_or_default();
     let kept = run(scene, 1);
-    let pressed = |f: &&(_, Features)| f.1.active != 0 && f.1.m0 >= PRESSED * servo.m0_counts;
+    let pressed = |f: &&(_, Features)| f.1.active != 0 && f.1.m0 >= PRESSED_SHARE * servo.m0_counts;
     let features = kept.of::<Features>("tactile_servo.features");
     assert!(features.iter().any(|(_, f)| f.active != 0), "never tried");
     let since = features.iter().find(pressed).map(|row| row.0);
@@ -28,7 +28,7 @@ fn strokes(scene: &Scene) -> (u32, Kept) {
 #[test]
 fn without_friction_the_pin_slips_and_the_strokes_fail() {
     for surfaces in [&["table", "finger"][..], &["table"], &["finger"]] {
-        let mut draft = Draft::roll_pin();
+        let mut draft = SceneDraft::roll_pin();
         for surface in surfaces {
             draft = draft.set(&format!("world.{surface}.friction"), 0.0);
         }
@@ -42,13 +42,13 @@ fn without_friction_the_pin_slips_and_the_strokes_fail() {
 
 #[test]
 fn with_friction_the_same_count_finds_strokes() {
-    assert!(strokes(&Draft::roll_pin().scene()).0 >= 2);
+    assert!(strokes(&SceneDraft::roll_pin().scene()).0 >= 2);
 }
 
 #[test]
 fn a_lifted_finger_feels_nothing() {
     // Enabled and calibrated, but never lowered.
-    let scene = Draft::roll_pin().first_requests(2).set("duration_s", 4.0).scene();
+    let scene = SceneDraft::roll_pin().first_requests(2).set("duration_s", 4.0).scene();
     let kept = run(&scene, 1);
     assert_eq!(kept.last_control().state, State::IdleCalibrated as u32);
     assert!(kept.of::<WorldTruth>("world.truth").iter().all(|(_, t)| t.in_contact == 0));
@@ -80,7 +80,7 @@ fn a_lifted_finger_feels_nothing() {
 
 #[test]
 fn a_lifted_finger_never_reports_contact() {
-    let scene = Draft::roll_pin().first_requests(2).scene();
+    let scene = SceneDraft::roll_pin().first_requests(2).scene();
     let features = run(&scene, 1).of::<Features>("tactile_servo.features");
     let wrong = features.iter().filter(|(_, f)| f.defined & defined::CONTACT != 0);
     let most = features.iter().map(|(_, f)| f.m0).fold(0.0, f64::max);
@@ -90,7 +90,7 @@ fn a_lifted_finger_never_reports_contact() {
 #[test]
 fn a_pressed_finger_feels_what_presses_it() {
     // The neighbour of the test above: the same figures see a contact.
-    let kept = run(&Draft::roll_pin().set("duration_s", 4.0).scene(), 1);
+    let kept = run(&SceneDraft::roll_pin().set("duration_s", 4.0).scene(), 1);
     let features = kept.of::<Features>("tactile_servo.features");
     assert!(features.iter().any(|(_, f)| f.defined & defined::CONTACT != 0));
     assert!(kept.of::<WorldTruth>("world.truth").iter().any(|(_, t)| t.in_contact != 0));

@@ -1,5 +1,5 @@
-//! The end of a run: however it ends, the boards are told the safe values at once, and do not need
-//! their own watchdogs for it. Refuses to wait for silence to do the work.
+//! The end of a run: however it ends, the boards get the safe values at once and do not need their
+//! own watchdogs for it.
 #![expect(clippy::disallowed_types, reason = "a test looks at the world between runs")]
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,7 +15,7 @@ use taktil_rtcore::{
 use taktil_signal::{ControlState, State};
 use taktil_sim::{Timing, World};
 
-use taktil_tests::bench::Draft;
+use taktil_tests::bench::SceneDraft;
 
 /// Advances a world that the test can look at afterwards.
 struct Shared(Arc<Mutex<World>>);
@@ -70,8 +70,8 @@ fn machine(scene: &Scene) -> (Machine, Arc<Mutex<World>>) {
 }
 
 /// Runs until a while after `state` was entered, ends, and looks at the boards.
-fn ended_in(state: State, after: Nanos) {
-    let scene = Draft::roll_pin().scene();
+fn check_end_in(state: State, after: Nanos) {
+    let scene = SceneDraft::roll_pin().scene();
     let (mut machine, world) = machine(&scene);
     let control = machine.catalog().find("supervisor.control").unwrap();
     let stop = AtomicBool::new(false);
@@ -100,15 +100,15 @@ fn ended_in(state: State, after: Nanos) {
 
 #[test]
 fn a_run_ended_while_holding_leaves_the_outputs_safe() {
-    ended_in(State::IdleCalibrated, Nanos::ZERO);
+    check_end_in(State::IdleCalibrated, Nanos::ZERO);
 }
 
 #[test]
 fn a_run_ended_in_mid_move_leaves_the_outputs_safe() {
-    ended_in(State::Trajectory, Nanos::from_millis(200));
+    check_end_in(State::Trajectory, Nanos::from_millis(200));
 }
 
 #[test]
 fn a_run_ended_in_mid_stroke_leaves_the_outputs_safe() {
-    ended_in(State::TactileServo, Nanos::from_millis(2_000));
+    check_end_in(State::TactileServo, Nanos::from_millis(2_000));
 }

@@ -1,17 +1,17 @@
 //! Tasks of touch on objects: holding contact, following a surface, following an edge, levelling on
-//! a bar. Each is judged by the simulator's truth over several seeds, and beside it runs a control
-//! that knows only how to press and must fail. Refuses to judge by features.
+//! a bar. The simulator's truth over several seeds is the measure. Beside each task runs a control
+//! that can only press, and must fail.
 
 use taktil_lab_scene::world::{ObjectTruth, WorldTruth};
 use taktil_rtcore::Nanos;
 use taktil_signal::{Contact, State};
-use taktil_tests::bench::{Draft, run};
+use taktil_tests::bench::{SceneDraft, run};
 use toml::{Table, Value};
 
-/// Judged is from so long after the force has first reached most of its set point.
-const SETTLING: Nanos = Nanos::from_millis(1_500);
+/// The judgement begins this long after the force has first reached PRESSED_SHARE.
+const SETTLING_TIME: Nanos = Nanos::from_millis(1_500);
 /// The share of the set point that counts as pressed.
-const PRESSED: f64 = 0.8;
+const PRESSED_SHARE: f64 = 0.8;
 
 /// What came of a task.
 #[derive(Clone, Copy, Debug, Default)]
@@ -22,9 +22,9 @@ struct Outcome {
     lost: usize,
     /// Root mean square and peak of the load's distance from the middle of the pad (mm).
     place_mm: (f64, f64),
-    /// Of an edge's distance from the middle of the pad (mm).
+    /// Root mean square and peak of an edge's distance from the middle of the pad (mm).
     off_mm: (f64, f64),
-    /// Of the angle between edge and sensor (deg).
+    /// Root mean square and peak of the angle between edge and sensor (deg).
     yaw_deg: (f64, f64),
     /// Way along the edge (mm), or of the finger.
     along_mm: f64,
@@ -45,7 +45,7 @@ fn spread(values: impl Iterator<Item = f64>) -> (f64, f64) {
 }
 
 /// The outcome of a run; nothing when the finger never pressed or the machine stopped.
-fn outcome(draft: &Draft, seed: u64) -> Option<Outcome> {
+fn outcome(draft: &SceneDraft, seed: u64) -> Option<Outcome> {
     let scene = draft.scene();
     let kept = run(&scene, seed);
     let control = kept.last_control();
@@ -56,7 +56,8 @@ fn outcome(draft: &Draft, seed: u64) -> Option<Outcome> {
     let config = scene.machine.tactile_servo.clone().unwrap_or_default();
     let due_n = config.m0_counts * 4.0 / 4095.0;
     let all: Vec<(Nanos, ObjectTruth)> = kept.of("world.object");
-    let since = all.iter().find(|(_, felt)| felt.normal_n > PRESSED * due_n)?.0 + SETTLING;
+    let since =
+        all.iter().find(|(_, felt)| felt.normal_n > PRESSED_SHARE * due_n)?.0 + SETTLING_TIME;
     let felt: Vec<ObjectTruth> =
         all.iter().filter(|(t, _)| *t >= since).map(|(_, felt)| *felt).collect();
     let world: Vec<(Nanos, WorldTruth)> = kept.of("world.truth");
@@ -85,7 +86,7 @@ fn outcome(draft: &Draft, seed: u64) -> Option<Outcome> {
 }
 
 /// The same scene with a law that presses, and feeds, and nothing else.
-fn pressing_only(draft: Draft) -> Draft {
+fn pressing_only(draft: SceneDraft) -> SceneDraft {
     let mut press = Table::new();
     press.insert("name".into(), "m0".into());
     press.insert("jacobian".into(), Value::Array(vec![14_000.0.into()]));
@@ -97,25 +98,25 @@ fn pressing_only(draft: Draft) -> Draft {
 }
 
 /// What a variant is called, and what it changes.
-type Variant = (&'static str, fn(Draft) -> Draft);
+type Variant = (&'static str, fn(SceneDraft) -> SceneDraft);
 
 /// Every variant with every seed; says what came of each.
 fn judge(what: &str, variants: &[Variant], file: &str, sound: impl Fn(&Outcome) -> bool) {
     for (variant, change) in variants {
         for seed in 1..=3 {
-            let outcome = outcome(&change(Draft::of(file)), seed);
+            let outcome = outcome(&change(SceneDraft::of(file)), seed);
             println!("{what}, {variant}, seed {seed}: {outcome:.2?}");
             let outcome = outcome.unwrap_or_else(|| panic!("{what}, {variant}: stopped"));
             assert!(sound(&outcome), "{what}, {variant}, seed {seed}: {outcome:?}");
         }
     }
-    let control = outcome(&pressing_only(Draft::of(file)), 1);
+    let control = outcome(&pressing_only(SceneDraft::of(file)), 1);
     println!("{what}, pressing only: {control:.2?}");
     let control = control.unwrap_or_else(|| panic!("{what}: the control did not run to its end"));
     assert!(!sound(&control), "{what}: the control should fail");
 }
 
-fn as_it_is(draft: Draft) -> Draft {
+fn as_it_is(draft: SceneDraft) -> SceneDraft {
     draft
 }
 
@@ -162,7 +163,7 @@ fn a_first_touch_at_the_edge_of_the_pad_does_not_bounce() {
     ];
     for (variant, change) in variants {
         for seed in [1, 4, 7, 8, 9, 11, 12] {
-            let draft = change(Draft::of("follow-surface.toml")).set("duration_s", 2.5);
+            let draft = change(SceneDraft::of("follow-surface.toml")).set("duration_s", 2.5);
             let kept = run(&draft.scene(), seed);
             let felt: Vec<(Nanos, ObjectTruth)> = kept.of("world.object");
             let first = felt.iter().position(|(_, felt)| felt.normal_n > 0.0).unwrap();

@@ -1,6 +1,6 @@
-//! What a line may not say in which room. Works on text, so it sees what it is told to see and no
-//! more; the compiler's lints (clippy.toml) see through names. Refuses exceptions without a reason
-//! and exceptions that nothing uses any longer.
+//! What a line may not say in which crate. The rule works on text and sees no more than the listed
+//! words; the compiler's lints (clippy.toml) see through names. Every exception has a reason, and
+//! one that nothing uses is a complaint.
 
 use crate::source::{Rust, is_word};
 
@@ -277,7 +277,7 @@ pub(crate) fn violations(files: &[Rust], bans: &[Ban]) -> Vec<String> {
             let used = files
                 .iter()
                 .filter(|file| file.path.starts_with(prefix))
-                .any(|file| file.lines.iter().any(|line| spoken(&line.code, ban).is_some()));
+                .any(|file| file.lines.iter().any(|line| banned_word(&line.code, ban).is_some()));
             if !used {
                 found
                     .push(format!("{prefix}: no line {}; drop its exception ({reason})", ban.what));
@@ -297,7 +297,7 @@ pub(crate) fn in_file(file: &Rust, ban: &Ban) -> Vec<String> {
         if line.test && !ban.tests {
             continue;
         }
-        if let Some(word) = spoken(&line.code, ban) {
+        if let Some(word) = banned_word(&line.code, ban) {
             let place = format!("{}:{}", file.path, number + 1);
             found.push(format!("{place}: `{word}` {}; {}", ban.what, ban.remedy));
         }
@@ -306,7 +306,7 @@ pub(crate) fn in_file(file: &Rust, ban: &Ban) -> Vec<String> {
 }
 
 /// The first banned word on a line.
-fn spoken(code: &str, ban: &Ban) -> Option<&'static str> {
+fn banned_word(code: &str, ban: &Ban) -> Option<&'static str> {
     ban.words.iter().find(|word| find_word(code, word)).copied()
 }
 

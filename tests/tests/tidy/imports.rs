@@ -1,6 +1,5 @@
-//! Who may import whom: the table of ARCHITECTURE.md against what `cargo metadata` says of normal
-//! and build dependencies. Refuses a table that is not complete: every crate has exactly one row,
-//! every row has a crate.
+//! Who may import whom: compares the table of ARCHITECTURE.md with what `cargo metadata` says of
+//! normal and build dependencies. Every crate has exactly one row, every row has a crate.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
@@ -80,8 +79,8 @@ fn covers(list: &[String], room: &str) -> bool {
     })
 }
 
-/// Every crate of the workspace by its folder.
-pub(crate) fn crates() -> BTreeMap<String, Crate> {
+/// What `cargo metadata` says of the workspace.
+pub(crate) fn metadata() -> Value {
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_string());
     let output = Command::new(cargo)
         .args(["metadata", "--no-deps", "--format-version", "1", "--manifest-path"])
@@ -89,8 +88,12 @@ pub(crate) fn crates() -> BTreeMap<String, Crate> {
         .output()
         .expect("cargo runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let metadata: Value = serde_json::from_slice(&output.stdout).expect("cargo speaks JSON");
-    from_metadata(&metadata)
+    serde_json::from_slice(&output.stdout).expect("cargo speaks JSON")
+}
+
+/// Every crate of the workspace by its folder.
+pub(crate) fn crates() -> BTreeMap<String, Crate> {
+    from_metadata(&metadata())
 }
 
 fn text<'a>(value: &'a Value, key: &str) -> &'a str {
@@ -129,7 +132,7 @@ fn from_metadata(metadata: &Value) -> BTreeMap<String, Crate> {
 }
 
 /// Every crate of ours that a crate reaches through normal dependencies.
-pub(crate) fn reached(from: &str, crates: &BTreeMap<String, Crate>) -> BTreeSet<String> {
+pub(crate) fn reachable(from: &str, crates: &BTreeMap<String, Crate>) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     let mut open = vec![from.to_string()];
     while let Some(room) = open.pop() {
@@ -140,6 +143,15 @@ pub(crate) fn reached(from: &str, crates: &BTreeMap<String, Crate>) -> BTreeSet<
         }
     }
     found
+}
+
+/// Folders of simulators and instruments, which the shipped service must not contain.
+const INSTRUMENTS: &[&str] = &["sim", "lab", "plot"];
+
+/// The reachable crates that stand in such a folder, or are called like one.
+pub(crate) fn instruments(reachable: &BTreeSet<String>) -> Vec<&String> {
+    let inside = |room: &&String| room.split('/').any(|part| INSTRUMENTS.contains(&part));
+    reachable.iter().filter(inside).collect()
 }
 
 /// Complaints: a crate without a row, a row without a crate, an import that its row does not allow.
@@ -226,6 +238,13 @@ fn each_breach_is_seen() {
 }
 
 #[test]
+fn an_instrument_in_the_service_is_seen() {
+    let rooms = ["hal", "simple", "sim", "lab/scene", "lab/plot", "tasks/lab_scan"];
+    let reachable = rooms.iter().map(ToString::to_string).collect();
+    assert_eq!(instruments(&reachable), ["lab/plot", "lab/scene", "sim"]);
+}
+
+#[test]
 fn metadata_is_read() {
     let metadata: Value = serde_json::from_str(
         r#"{"workspace_root": "/w", "packages": [{"manifest_path": "/w/tasks/odd/Cargo.toml",
@@ -240,5 +259,5 @@ fn metadata_is_read() {
     assert_eq!(odd.ours, BTreeSet::from(["hal".to_string()]));
     assert_eq!(odd.others, BTreeSet::from(["nix".to_string()]));
     assert_eq!(odd.for_tests, BTreeSet::from(["taktil-hal".to_string()]));
-    assert_eq!(reached("tasks/odd", &crates), BTreeSet::from(["hal".to_string()]));
+    assert_eq!(reachable("tasks/odd", &crates), BTreeSet::from(["hal".to_string()]));
 }

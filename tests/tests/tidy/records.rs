@@ -1,5 +1,5 @@
-//! Whether the project's memory is complete: decisions listed, dependencies explained, links alive,
-//! toolchain and lock file fixed. Refuses to judge whether a reason is good.
+//! Checks that the project's records are complete: decisions listed, dependencies explained, links
+//! alive, toolchain and lock file fixed. Whether a reason is good is left to reviewers.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -26,7 +26,7 @@ pub(crate) fn decisions() -> (String, Vec<(String, String)>) {
 }
 
 /// Complaints: a record that the index does not link, two with one number, one without a status.
-pub(crate) fn unlisted(index: &str, files: &[(String, String)]) -> Vec<String> {
+pub(crate) fn unlisted_decisions(index: &str, files: &[(String, String)]) -> Vec<String> {
     let mut found = Vec::new();
     let mut numbers = BTreeSet::new();
     for (name, text) in files {
@@ -48,7 +48,7 @@ pub(crate) fn unlisted(index: &str, files: &[(String, String)]) -> Vec<String> {
 }
 
 /// Complaints: a dependency without a row in the record, a row without a dependency.
-pub(crate) fn unexplained(manifest: &str, record: &str) -> Vec<String> {
+pub(crate) fn unexplained_dependencies(manifest: &str, record: &str) -> Vec<String> {
     let manifest: toml::Table = manifest.parse().expect("Cargo.toml is TOML");
     let used: BTreeSet<String> = manifest["workspace"]["dependencies"]
         .as_table()
@@ -152,7 +152,7 @@ fn targets(line: &str) -> impl Iterator<Item = &str> {
 }
 
 /// A path from the root, `.` and `..` taken out.
-fn resolve(folder: &str, target: &str) -> String {
+pub(crate) fn resolve(folder: &str, target: &str) -> String {
     let mut parts: Vec<&str> = Vec::new();
     for part in folder.split('/').chain(target.split('/')) {
         match part {
@@ -167,7 +167,7 @@ fn resolve(folder: &str, target: &str) -> String {
 }
 
 /// Complaints about a toolchain that is not one exact version, the one that the manifest promises.
-pub(crate) fn unpinned(toolchain: &str, manifest: &str) -> Vec<String> {
+pub(crate) fn unpinned_toolchain(toolchain: &str, manifest: &str) -> Vec<String> {
     let toolchain: toml::Table = toolchain.parse().expect("rust-toolchain.toml is TOML");
     let manifest: toml::Table = manifest.parse().expect("Cargo.toml is TOML");
     let channel = toolchain["toolchain"]["channel"].as_str().unwrap_or("");
@@ -185,7 +185,7 @@ pub(crate) fn unpinned(toolchain: &str, manifest: &str) -> Vec<String> {
 
 /// Complaints about build output that version control would take in: crates outside the workspace
 /// have folders of their own.
-pub(crate) fn taken_output(ignore: &str) -> Vec<String> {
+pub(crate) fn tracked_output(ignore: &str) -> Vec<String> {
     let anywhere = |name: &str| ignore.lines().any(|line| line.trim() == name);
     let folders = ["target/", "target-*/"];
     let open = folders.into_iter().filter(|name| !anywhere(name));
@@ -221,17 +221,17 @@ fn an_unlisted_or_shapeless_decision_is_seen() {
     let whole = "# A\n\nStatus: in force\n\n## Why\n\n## Costs\n".to_string();
     let record = |name: &str, text: &str| (name.to_string(), text.to_string());
     let index = "| [A](0001-a.md) | [B](0001-b.md) |";
-    assert!(unlisted(index, &[record("0001-a.md", &whole)]).is_empty());
-    assert_eq!(unlisted("", &[record("0001-a.md", &whole)]).len(), 1);
-    assert_eq!(unlisted(index, &[record("0001-a.md", "# A\n")]).len(), 3);
+    assert!(unlisted_decisions(index, &[record("0001-a.md", &whole)]).is_empty());
+    assert_eq!(unlisted_decisions("", &[record("0001-a.md", &whole)]).len(), 1);
+    assert_eq!(unlisted_decisions(index, &[record("0001-a.md", "# A\n")]).len(), 3);
     let twice = [record("0001-a.md", &whole), record("0001-b.md", &whole)];
-    assert_eq!(unlisted(index, &twice).len(), 1);
+    assert_eq!(unlisted_decisions(index, &twice).len(), 1);
 }
 
 #[test]
 fn an_unexplained_dependency_is_seen() {
     let manifest = "[workspace.dependencies]\nours = { path = \"hal\" }\nnix = \"1\"\nlibc = \"1\"";
-    let found = unexplained(manifest, "| `nix` | why |\n| `gone` | why |");
+    let found = unexplained_dependencies(manifest, "| `nix` | why |\n| `gone` | why |");
     assert_eq!(found, ["libc: no row says why", "gone: a row, but not used"]);
 }
 
@@ -266,17 +266,17 @@ fn a_dead_link_is_seen() {
 fn a_loose_toolchain_is_seen() {
     let toolchain = |channel: &str| format!("[toolchain]\nchannel = \"{channel}\"");
     let manifest = "[workspace.package]\nrust-version = \"1.95\"";
-    assert!(unpinned(&toolchain("1.95.0"), manifest).is_empty());
-    assert_eq!(unpinned(&toolchain("1.95"), manifest).len(), 1);
-    assert_eq!(unpinned(&toolchain("stable"), manifest).len(), 2);
-    assert_eq!(unpinned(&toolchain("1.96.0"), manifest).len(), 1);
+    assert!(unpinned_toolchain(&toolchain("1.95.0"), manifest).is_empty());
+    assert_eq!(unpinned_toolchain(&toolchain("1.95"), manifest).len(), 1);
+    assert_eq!(unpinned_toolchain(&toolchain("stable"), manifest).len(), 2);
+    assert_eq!(unpinned_toolchain(&toolchain("1.96.0"), manifest).len(), 1);
 }
 
 #[test]
 fn a_private_source_is_seen() {
     let lock = |source: &str| format!("[[package]]\nname = \"a\"\nsource = \"{source}\"");
-    assert_eq!(taken_output("/target\n/target-*").len(), 2);
-    assert!(taken_output("target/\ntarget-*/\n/out").is_empty());
+    assert_eq!(tracked_output("/target\n/target-*").len(), 2);
+    assert!(tracked_output("target/\ntarget-*/\n/out").is_empty());
     assert!(lock_file(&lock(PUBLIC), "/target").is_empty());
     assert_eq!(lock_file(&lock("git+https://a.b/c"), "Cargo.lock").len(), 2);
     assert_eq!(lock_file("version = 4", "").len(), 1);

@@ -1,5 +1,5 @@
 //! The repository as text: files found by walking the tree, Rust split into code and comments.
-//! Refuses to understand Rust beyond strings, comments, braces and test modules.
+//! Strings, comments, braces and test modules are all that is understood of Rust.
 
 use std::fs;
 use std::path::Path;
@@ -53,7 +53,7 @@ pub(crate) fn read(path: &str) -> String {
 }
 
 /// Folders that are nobody's source: build output, caches, version control.
-fn skipped(name: &str) -> bool {
+fn is_skipped(name: &str) -> bool {
     name == ".git"
         || name == "target"
         || name.starts_with("target-")
@@ -74,7 +74,7 @@ fn walk(folder: &Path, prefix: &str, found: &mut Tree) {
         let kind = entry.file_type().expect("a file has a type");
         if kind.is_dir() {
             // Cargo marks its output folders, whatever they are called.
-            if !skipped(&name) && !entry.path().join("CACHEDIR.TAG").exists() {
+            if !is_skipped(&name) && !entry.path().join("CACHEDIR.TAG").exists() {
                 walk(&entry.path(), &format!("{path}/"), found);
             }
         } else if kind.is_file() && name != ".git" {

@@ -1,5 +1,5 @@
-//! Rules about words: module docs, names of rooms, ignored tests, and what no text of the project
-//! may mention. Refuses spelling and taste.
+//! Rules about words: module docs, names of files, ignored tests, and what no text of the project
+//! may mention.
 
 use crate::source::{Rust, Text};
 
@@ -9,7 +9,7 @@ pub(crate) fn undocumented_modules(files: &[Rust]) -> Vec<String> {
         .iter()
         .filter(|file| !file.raw.starts_with("//! "))
         .map(|file| {
-            format!("{}:1: the first line is not `//! what for, and what it refuses`", file.path)
+            format!("{}:1: the first line is not `//!` and what the module is for", file.path)
         })
         .collect()
 }
@@ -66,7 +66,7 @@ pub(crate) fn foreign_words(files: &[Text]) -> Vec<String> {
             continue;
         }
         for (number, line) in file.raw.lines().enumerate() {
-            for complaint in foreign(line) {
+            for complaint in foreign_words_of_line(line) {
                 found.push(format!("{}:{}: {complaint}", file.path, number + 1));
             }
         }
@@ -75,7 +75,7 @@ pub(crate) fn foreign_words(files: &[Text]) -> Vec<String> {
 }
 
 /// Complaints about one line.
-fn foreign(line: &str) -> Vec<String> {
+fn foreign_words_of_line(line: &str) -> Vec<String> {
     let mut found = Vec::new();
     for (word, why) in FOREIGN {
         if line.contains(word) {
@@ -125,7 +125,7 @@ fn a_junk_drawer_is_seen() {
 #[test]
 fn a_foreign_word_is_seen() {
     for (word, _) in FOREIGN {
-        assert_eq!(foreign(&format!("see {word}x")).len(), 1, "{word}");
+        assert_eq!(foreign_words_of_line(&format!("see {word}x")).len(), 1, "{word}");
     }
     for bad in [
         concat!("solves is", "sue 7"),
@@ -133,8 +133,8 @@ fn a_foreign_word_is_seen() {
         concat!("issues", "-3"),
         concat!("https:/", "/registry.lab.example/x"),
     ] {
-        assert_eq!(foreign(bad).len(), 1, "{bad}");
+        assert_eq!(foreign_words_of_line(bad).len(), 1, "{bad}");
     }
     let good = "issues a command; https://crates.io, https://github.com/rust-lang/crates.io-index";
-    assert!(foreign(good).is_empty());
+    assert!(foreign_words_of_line(good).is_empty());
 }

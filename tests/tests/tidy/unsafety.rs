@@ -1,5 +1,5 @@
-//! Where `unsafe` may stand, and that each use is argued. Refuses a list that promises more than is
-//! there: a listed file without `unsafe` leaves the list.
+//! Where `unsafe` may stand, and that each use is argued. A listed file without `unsafe` is a
+//! complaint too: it leaves the list.
 
 use crate::calls::find_word;
 use crate::source::Rust;
@@ -16,7 +16,7 @@ pub(crate) const LISTED: &[(&str, &str)] = &[
 ];
 
 /// Lines above a use in which its argument may stand.
-const REACH: usize = 12;
+const ARGUMENT_DISTANCE_LINES: usize = 12;
 
 /// Complaints about the tree.
 pub(crate) fn violations(files: &[Rust]) -> Vec<String> {
@@ -49,7 +49,7 @@ pub(crate) fn in_file(file: &Rust) -> Vec<String> {
         let asked = find_word(&line.code, "unsafe fn");
         if !listed {
             found.push(format!("{place}: unsafe outside the listed files"));
-        } else if !asked && !argued(file, number) {
+        } else if !asked && !has_argument(file, number) {
             found.push(format!("{place}: unsafe without a `SAFETY:` comment above it"));
         }
     }
@@ -57,7 +57,7 @@ pub(crate) fn in_file(file: &Rust) -> Vec<String> {
 }
 
 /// An argument stands on the line, or above it within the same statement and its comments.
-fn argued(file: &Rust, number: usize) -> bool {
+fn has_argument(file: &Rust, number: usize) -> bool {
     let says = |line: usize| {
         let comment = &file.lines[line].comment;
         comment.contains("SAFETY:")
@@ -65,7 +65,7 @@ fn argued(file: &Rust, number: usize) -> bool {
     if says(number) {
         return true;
     }
-    for above in (number.saturating_sub(REACH)..number).rev() {
+    for above in (number.saturating_sub(ARGUMENT_DISTANCE_LINES)..number).rev() {
         if says(above) {
             return true;
         }

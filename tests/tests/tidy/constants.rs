@@ -1,0 +1,66 @@
+//! Finds numeric constants whose names say no quantity: a single word such as `STEPS` tells neither
+//! what is counted nor in which unit.
+
+use crate::ratchet::Complaint;
+use crate::source::Rust;
+use crate::tokens::{Token, tokens};
+
+/// Types of numbers; a constant of such a type, or of an array of it, is a quantity.
+const NUMERIC_TYPES: &[&str] = &[
+    "f32", "f64", "u8", "u16", "u32", "u64", "u128", "usize", "i8", "i16", "i32", "i64", "i128",
+    "isize", "Nanos", "Duration",
+];
+
+/// Complaints about numeric constants of one word.
+pub(crate) fn of_one_word(files: &[Rust]) -> Vec<Complaint> {
+    let mut found = Vec::new();
+    for file in files {
+        let tokens = tokens(file, true);
+        for (at, _) in tokens.iter().enumerate().filter(|(_, token)| token.text == "const") {
+            let [name, colon, rest @ ..] = &tokens[at + 1..] else { continue };
+            let word = name.text.chars().all(|c| c.is_uppercase() || c.is_numeric());
+            if word && colon.text == ":" && is_numeric(rest) {
+                let text = format!("`{}` is one word; name the quantity and its unit", name.text);
+                found.push(Complaint::new(&file.path, name.line, &text));
+            }
+        }
+    }
+    found
+}
+
+/// Whether the tokens begin with a numeric type and the end of a declaration. A parameter of a
+/// generic item ends with a comma or an angle bracket instead.
+fn is_numeric(tokens: &[Token]) -> bool {
+    let mut depth = 0;
+    let end = tokens.iter().find(|token| {
+        match token.text.as_str() {
+            "[" | "(" | "<" => depth += 1,
+            "]" | ")" | ">" => depth -= 1,
+            _ => {}
+        }
+        depth < 0 || (depth == 0 && ["=", ";", ","].contains(&token.text.as_str()))
+    });
+    let declaration = end.is_some_and(|end| end.text == "=" || end.text == ";");
+    let kind = tokens.iter().take_while(|token| token.text != "=" && token.text != ",");
+    declaration && kind.into_iter().any(|token| NUMERIC_TYPES.contains(&token.text.as_str()))
+}
+
+#[cfg(test)]
+fn count(raw: &str) -> usize {
+    of_one_word(&[Rust::new("hal/src/a.rs", raw)]).len()
+}
+
+#[test]
+fn a_numeric_constant_of_one_word_is_seen() {
+    assert_eq!(count("const STEPS: usize = 4;"), 1);
+    assert_eq!(count("pub(crate) const TIP: [[f64; 2]; 2] = [[0.0; 2]; 2];"), 1);
+    assert_eq!(count("trait T {\n    const ORDER: u32;\n}"), 1);
+    assert_eq!(count("fn f() {\n    const PERIOD: Nanos = Nanos::ZERO;\n}"), 1);
+}
+
+#[test]
+fn other_constants_are_left_alone() {
+    assert_eq!(count("const NEWTON_STEPS_MAX: usize = 4;\nconst NAME: &str = \"f64\";"), 0);
+    assert_eq!(count("fn f<const N: usize>() {}\nstruct S<\n    const N: usize,\n>;"), 0);
+    assert_eq!(count("const fn f(x: usize) -> usize { x }\nlet p: *const u8 = q;"), 0);
+}
