@@ -8,9 +8,10 @@ use serde::Deserialize;
 use taktil_hal::CHANNELS;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::{Motion, Vector};
-use taktil_mechanics::dynamics::Friction;
+use taktil_mechanics::chain::Motion;
+use taktil_mechanics::friction::Friction;
 use taktil_mechanics::robot::{ChainRobot, Robot};
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_rtcore::Invalid;
 use taktil_signal::per_joint;
@@ -142,8 +143,8 @@ impl AnyRobot {
     }
 }
 
-fn sized<const N: usize>(q: &[f64]) -> Option<Vector<N>> {
-    <[f64; N]>::try_from(q).ok().map(Vector::from)
+fn sized<const N: usize>(q: &[f64]) -> Option<JointVector<N>> {
+    <[f64; N]>::try_from(q).ok().map(JointVector::from)
 }
 
 /// Joint angles within the limits (rad).
@@ -151,9 +152,9 @@ fn pose<const N: usize, A: Arm<N>>(
     place: &str,
     degrees: &[f64],
     robot: &Robot<N, A>,
-) -> Result<Vector<N>, Invalid> {
+) -> Result<JointVector<N>, Invalid> {
     let degrees = per_joint::<N>(place, degrees)?;
-    let q = Vector::from(degrees.map(f64::to_radians));
+    let q = JointVector::from(degrees.map(f64::to_radians));
     for i in 0..N {
         let (low, high) = (robot.arm.q_min()[i], robot.arm.q_max()[i]);
         if !(low <= q[i] && q[i] <= high) {
@@ -229,8 +230,8 @@ fn chain<const N: usize>(
         gears,
         drive,
         friction: Friction { coulomb_nm: motors.coulomb, viscous_nms_rad: motors.viscous },
-        home_rad: Vector::zeros(),
-        at_work_rad: Vector::zeros(),
+        home_rad: JointVector::zeros(),
+        at_work_rad: JointVector::zeros(),
         names: described.names.clone(),
     };
     let home = pose("home_deg", &config.home_deg, &robot).map_err(Broken::Section)?;
@@ -251,13 +252,13 @@ fn chain<const N: usize>(
 
 /// The lists of the section, checked.
 struct Motors<const N: usize> {
-    gear: Vector<N>,
-    counts: Vector<N>,
-    constant: Vector<N>,
-    current: Vector<N>,
-    rotor_kg_m2: Vector<N>,
-    coulomb: Vector<N>,
-    viscous: Vector<N>,
+    gear: JointVector<N>,
+    counts: JointVector<N>,
+    constant: JointVector<N>,
+    current: JointVector<N>,
+    rotor_kg_m2: JointVector<N>,
+    coulomb: JointVector<N>,
+    viscous: JointVector<N>,
 }
 
 impl<const N: usize> Motors<N> {
@@ -270,7 +271,7 @@ impl<const N: usize> Motors<N> {
         let list = |place: &str, list: &[f64], sound: &dyn Fn(f64) -> bool, remedy: &str| {
             let numbers = per_joint::<N>(place, list)?;
             match numbers.iter().position(|x| !sound(*x)) {
-                None => Ok(Vector::from(numbers)),
+                None => Ok(JointVector::from(numbers)),
                 Some(i) => {
                     let what = format!("{} for joint {} (`{}`)", numbers[i], i + 1, names[i]);
                     Err(Invalid::new(format!("{place}[{i}]"), what, remedy))
@@ -282,7 +283,7 @@ impl<const N: usize> Motors<N> {
             list(place, numbers, &size, "give a number above 0, at most 1000000")
         };
         let or_none = |place: &str, numbers: &Option<Vec<f64>>| match numbers {
-            None => Ok(Vector::zeros()),
+            None => Ok(JointVector::zeros()),
             Some(numbers) => {
                 let sound = |x: f64| (0.0..=LARGEST).contains(&x);
                 list(place, numbers, &sound, "give 0 or more, at most 1000000")

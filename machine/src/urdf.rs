@@ -9,7 +9,7 @@ use std::path::Path;
 use glam::DVec3;
 use taktil_mechanics::Pose;
 use taktil_mechanics::chain::{Chain, JointSpec, Motion};
-use taktil_mechanics::dynamics::Body;
+use taktil_mechanics::rigid_body::Body;
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
 use taktil_rtcore::Invalid;
 use urdf_rs::{Joint, JointType, Robot};

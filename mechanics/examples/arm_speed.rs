@@ -5,8 +5,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 use taktil_mechanics::dls::damped_least_squares;
-use taktil_mechanics::dynamics::{Dynamics, State, rk4_step};
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::{Dynamics, State, rk4_step};
 use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_mechanics::{Joints, Pose};
 

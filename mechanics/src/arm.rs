@@ -9,8 +9,7 @@
 
 use core::fmt::{self, Debug};
 
-use crate::chain::{Square, Vector};
-use crate::spatial::Pose;
+use crate::spatial::{JointMatrix, JointVector, Pose};
 
 /// An arm of `N` joints.
 pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
@@ -20,22 +19,22 @@ pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
     type Links: Links<N>;
 
     /// Lower joint limits (rad or m).
-    fn q_min(&self) -> &Vector<N>;
+    fn q_min(&self) -> &JointVector<N>;
     /// Upper joint limits (rad or m).
-    fn q_max(&self) -> &Vector<N>;
+    fn q_max(&self) -> &JointVector<N>;
     /// Largest joint speeds (rad/s or m/s).
-    fn speed_max(&self) -> &Vector<N>;
+    fn speed_max(&self) -> &JointVector<N>;
     /// Largest joint accelerations for planning (rad/s^2 or m/s^2).
-    fn acceleration_max(&self) -> &Vector<N>;
+    fn acceleration_max(&self) -> &JointVector<N>;
     /// The same arm with other largest speeds.
     #[must_use]
-    fn with_speed_max(&self, speed_max: &Vector<N>) -> Self;
+    fn with_speed_max(&self, speed_max: &JointVector<N>) -> Self;
 
     /// The tool frame in the base frame.
-    fn tool_pose(&self, q: &Vector<N>) -> Pose;
+    fn tool_pose(&self, q: &JointVector<N>) -> Pose;
     /// The joints that reach a tool pose within the limits nearest to `before`, as far as they are
     /// found; the work is bounded, for a lane.
-    fn reach(&self, tool: &Pose, before: &Vector<N>) -> Option<Vector<N>>;
+    fn reach(&self, tool: &Pose, before: &JointVector<N>) -> Option<JointVector<N>>;
     /// False for a tool pose that cannot be reached at all; true may be a pose that cannot either.
     fn may_reach(&self, tool: &Pose) -> bool;
     /// Whether some joints within the limits reach a tool pose; searched with patience, not for a
@@ -44,23 +43,23 @@ pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
     /// Scaled distances from singularities, in size: of shoulder, elbow and wrist where the arm has
     /// these names; else the smallest singular value of the Jacobian, lengths counted in mean
     /// links, in all three places.
-    fn singular(&self, q: &Vector<N>) -> [f64; 3];
+    fn singular(&self, q: &JointVector<N>) -> [f64; 3];
     /// Starts to follow tool paths from rest at `q`.
-    fn follower(&self, q: &Vector<N>) -> Self::Follower;
+    fn follower(&self, q: &JointVector<N>) -> Self::Follower;
 
     /// Whether every joint lies inside its limits as it stands; NaN does not.
-    fn within_limits(&self, q: &Vector<N>) -> bool {
+    fn within_limits(&self, q: &JointVector<N>) -> bool {
         (0..N).all(|i| self.q_min()[i] <= q[i] && q[i] <= self.q_max()[i])
     }
 
     /// How far `joint` may go from `here` on the way to `to` (rad or m): to its limit, or to where
     /// a tool that is led straight cannot come back from.
-    fn room(&self, joint: usize, here: &Vector<N>, to: &Vector<N>) -> f64 {
+    fn room(&self, joint: usize, here: &JointVector<N>, to: &JointVector<N>) -> f64 {
         self.room_to_limit(joint, here, to).max(0.0)
     }
 
     /// How far `joint` may go from `here` on the way to `to` until its limit; negative beyond it.
-    fn room_to_limit(&self, joint: usize, here: &Vector<N>, to: &Vector<N>) -> f64 {
+    fn room_to_limit(&self, joint: usize, here: &JointVector<N>, to: &JointVector<N>) -> f64 {
         if to[joint] > here[joint] {
             self.q_max()[joint] - here[joint]
         } else {
@@ -72,17 +71,17 @@ pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
 /// The masses of an arm of `N` joints, motors included, friction not.
 pub trait Links<const N: usize>: Clone + Debug + Send + 'static {
     /// The mass matrix (kg m^2).
-    fn mass_matrix(&self, q: &Vector<N>) -> Square<N>;
+    fn mass_matrix(&self, q: &JointVector<N>) -> JointMatrix<N>;
     /// Coriolis, centrifugal and gravity torques (N m).
-    fn bias(&self, q: &Vector<N>, qd: &Vector<N>) -> Vector<N>;
+    fn bias(&self, q: &JointVector<N>, qd: &JointVector<N>) -> JointVector<N>;
     /// Torques that hold the arm against gravity (N m).
-    fn gravity(&self, q: &Vector<N>) -> Vector<N>;
+    fn gravity(&self, q: &JointVector<N>) -> JointVector<N>;
 }
 
 /// Follows a path of tool poses tick by tick from where it was started.
 pub trait Follow<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
     /// The joints of the last tick (rad).
-    fn joints(&self) -> &Vector<N>;
+    fn joints(&self) -> &JointVector<N>;
 
     /// The joints for tool pose `tool` (base frame) one tick of `dt_s` (s) after the last.
     ///
@@ -95,7 +94,7 @@ pub trait Follow<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Followed<const N: usize = 6> {
     /// Joint angles (rad).
-    pub q: Vector<N>,
+    pub q: JointVector<N>,
     /// Distance of the tool point from its path (m).
     pub off_m: f64,
     /// Angle between the tool's orientation and the one wanted (rad).

@@ -8,16 +8,18 @@
 
 pub mod arm;
 pub mod chain;
+mod cholesky;
 pub mod dls;
-pub mod dynamics;
-pub mod lead;
+pub mod feasibility;
+pub mod friction;
 pub mod limits;
 pub mod paul;
-pub mod preview;
 pub mod puma260;
+pub mod rigid_body;
 pub mod robot;
 pub mod spatial;
 pub mod tactile;
+pub mod tracking;
 pub mod transmission;
 
 pub use spatial::{Joints, Matrix6, Pose};

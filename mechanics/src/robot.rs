@@ -3,9 +3,11 @@
 //! built.
 
 use crate::arm::Arm;
-use crate::chain::{Chain, Vector};
-use crate::dynamics::{Dynamics, Friction};
+use crate::chain::Chain;
+use crate::friction::Friction;
 use crate::puma260::Puma260;
+use crate::puma260::dynamics::Dynamics;
+use crate::spatial::JointVector;
 use crate::transmission::{Drive, Transmission};
 
 /// Everything that the tasks and a simulator know of an arm of `N` joints.
@@ -22,11 +24,11 @@ pub struct Robot<const N: usize = 6, A: Arm<N> = Puma260> {
     /// Friction of the joints.
     pub friction: Friction<N>,
     /// Joints of the home pose, where the counts are initialised (rad).
-    pub home_rad: Vector<N>,
+    pub home_rad: JointVector<N>,
     /// Joints at which the servo's gains are computed (rad).
-    pub at_work_rad: Vector<N>,
+    pub at_work_rad: JointVector<N>,
     /// Largest torques at the joints (N m).
-    pub torque_max_nm: Vector<N>,
+    pub torque_max_nm: JointVector<N>,
     /// What people call the joints; a joint without a name has its number.
     pub names: Vec<String>,
 }
@@ -36,7 +38,7 @@ impl Robot<6, Puma260> {
     #[must_use]
     pub fn puma260() -> Robot<6, Puma260> {
         let (gears, drive) = (Transmission::reference(), Drive::reference());
-        let radians = |degrees: [f64; 6]| Vector::from(degrees.map(f64::to_radians));
+        let radians = |degrees: [f64; 6]| JointVector::from(degrees.map(f64::to_radians));
         Robot {
             arm: Puma260::reference(),
             links: Dynamics::reference(),

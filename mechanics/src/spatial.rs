@@ -5,9 +5,17 @@
 //! rad/s), a wrench is (force in N, moment in N m).
 
 use glam::{DMat3, DQuat, DVec3};
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 
-/// One number per joint (rad, rad/s, rad/s^2 or N m), joint 1 first.
+/// One number for each of `N` joints (rad, rad/s, rad/s^2, N m; m and N for prismatic joints), the
+/// joint nearest to the base first.
+pub type JointVector<const N: usize> = SVector<f64, N>;
+/// `N` by `N` numbers, one row and one column for each joint: a mass matrix (kg m^2) or the matrix
+/// of a transmission.
+pub type JointMatrix<const N: usize> = SMatrix<f64, N, N>;
+/// A Jacobian: rows vx vy vz wx wy wz, one column for each joint.
+pub type Jacobian<const N: usize> = SMatrix<f64, 6, N>;
+/// A [`JointVector`] of six joints.
 pub type Joints = nalgebra::Vector6<f64>;
 /// Six by six numbers: a Jacobian (rows vx vy vz wx wy wz) or a mass matrix.
 pub type Matrix6 = nalgebra::Matrix6<f64>;

@@ -2,8 +2,7 @@
 //! the codes of the converters that set motor currents. Refuses to know which device reads or
 //! writes.
 
-use crate::chain::{Square, Vector};
-use crate::spatial::{Joints, Matrix6};
+use crate::spatial::{JointMatrix, JointVector, Joints, Matrix6};
 use core::f64::consts::TAU;
 
 /// Motor revolutions per joint revolution (published for the PUMA 260 of the Babybot robot; tooth
@@ -21,9 +20,9 @@ pub const COUPLING_65: f64 = -5.6;
 /// The gears: `motor angle = G joint angle`, G lower triangular in its last three rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transmission<const N: usize = 6> {
-    gear: Square<N>,
-    gear_inverse: Square<N>,
-    counts_per_motor_rad: Vector<N>,
+    gear: JointMatrix<N>,
+    gear_inverse: JointMatrix<N>,
+    counts_per_motor_rad: JointVector<N>,
 }
 
 impl Transmission<6> {
@@ -47,10 +46,10 @@ impl<const N: usize> Transmission<N> {
     /// runs the other way), and encoder counts per motor revolution; zero counts at q = 0. Ratios
     /// and counts that are not finite or zero give angles that are not finite.
     #[must_use]
-    pub fn independent(ratio: &Vector<N>, counts_per_rev: &Vector<N>) -> Transmission<N> {
+    pub fn independent(ratio: &JointVector<N>, counts_per_rev: &JointVector<N>) -> Transmission<N> {
         Transmission {
-            gear: Square::from_diagonal(ratio),
-            gear_inverse: Square::from_diagonal(&ratio.map(f64::recip)),
+            gear: JointMatrix::from_diagonal(ratio),
+            gear_inverse: JointMatrix::from_diagonal(&ratio.map(f64::recip)),
             counts_per_motor_rad: counts_per_rev / TAU,
         }
     }
@@ -63,7 +62,7 @@ impl<const N: usize> Transmission<N> {
 
     /// Encoder counts of joint angles (rad), not rounded.
     #[must_use]
-    pub fn counts_f64(&self, q: &Vector<N>) -> Vector<N> {
+    pub fn counts_f64(&self, q: &JointVector<N>) -> JointVector<N> {
         (self.gear * q).component_mul(&self.counts_per_motor_rad)
     }
 
@@ -71,45 +70,45 @@ impl<const N: usize> Transmission<N> {
     /// beyond 32 bits stay at the end of the range; with a joint that is not finite, counts that
     /// are NaN become 0.
     #[must_use]
-    pub fn counts(&self, q: &Vector<N>) -> [i32; N] {
+    pub fn counts(&self, q: &JointVector<N>) -> [i32; N] {
         let exact = self.counts_f64(q);
         core::array::from_fn(|i| saturate(exact[i].round()))
     }
 
     /// Joint angles (rad) of encoder counts.
     #[must_use]
-    pub fn joints(&self, counts: &[i32; N]) -> Vector<N> {
-        let counts = Vector::<N>::from(counts.map(f64::from));
+    pub fn joints(&self, counts: &[i32; N]) -> JointVector<N> {
+        let counts = JointVector::<N>::from(counts.map(f64::from));
         self.gear_inverse * counts.component_div(&self.counts_per_motor_rad)
     }
 
     /// Motor torques that make joint torques (N m): `G^-T tau`.
     #[must_use]
-    pub fn motor_torque(&self, joint_nm: &Vector<N>) -> Vector<N> {
+    pub fn motor_torque(&self, joint_nm: &JointVector<N>) -> JointVector<N> {
         self.gear_inverse.tr_mul(joint_nm)
     }
 
     /// Joint torques that motor torques make (N m): `G^T tau`.
     #[must_use]
-    pub fn joint_torque(&self, motor_nm: &Vector<N>) -> Vector<N> {
+    pub fn joint_torque(&self, motor_nm: &JointVector<N>) -> JointVector<N> {
         self.gear.tr_mul(motor_nm)
     }
 
     /// Motor speeds of joint speeds (rad/s), or motor angles of joint angles (rad).
     #[must_use]
-    pub fn motor_speed(&self, qd: &Vector<N>) -> Vector<N> {
+    pub fn motor_speed(&self, qd: &JointVector<N>) -> JointVector<N> {
         self.gear * qd
     }
 
     /// Encoder counts in one turn of each motor.
     #[must_use]
-    pub fn counts_per_rev(&self) -> Vector<N> {
+    pub fn counts_per_rev(&self) -> JointVector<N> {
         self.counts_per_motor_rad * TAU
     }
 
     /// G itself (motor rad per joint rad).
     #[must_use]
-    pub fn gear(&self) -> &Square<N> {
+    pub fn gear(&self) -> &JointMatrix<N> {
         &self.gear
     }
 }
@@ -118,9 +117,9 @@ impl<const N: usize> Transmission<N> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive<const N: usize = 6> {
     /// Torque constants (N m/A).
-    pub torque_constant_nm_a: Vector<N>,
+    pub torque_constant_nm_a: JointVector<N>,
     /// Current at full scale of the converter (A).
-    pub current_max_a: Vector<N>,
+    pub current_max_a: JointVector<N>,
     /// Width of the two's complement code; values outside 2..=24 are taken as the nearer end.
     pub dac_bits: u32,
 }
@@ -178,8 +177,8 @@ impl<const N: usize> Drive<N> {
 
     /// Largest torque at each joint (N m) with its own motor at full scale and the others idle.
     #[must_use]
-    pub fn peak_joint_torque(&self, gears: &Transmission<N>) -> Vector<N> {
-        Vector::from_fn(|i, _| self.full_scale_nm(i) * gears.gear[(i, i)].abs())
+    pub fn peak_joint_torque(&self, gears: &Transmission<N>) -> JointVector<N> {
+        JointVector::from_fn(|i, _| self.full_scale_nm(i) * gears.gear[(i, i)].abs())
     }
 }
 

@@ -3,7 +3,7 @@
 
 use glam::{DMat3, DVec3};
 use taktil_hal::{MAX_TACTELS, Nanos};
-use taktil_mechanics::dynamics::GRAVITY_M_S2;
+use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::stack;
 use taktil_mechanics::{Joints, Pose};
 

@@ -9,8 +9,9 @@
 
 use glam::DVec3;
 use taktil_hal::{AXES, AdcCode, CHANNELS, Counts, LinesIn, LinesOut, Nanos};
+use taktil_mechanics::Joints;
+use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::{split, stack};
-use taktil_mechanics::{Joints, dynamics::GRAVITY_M_S2};
 
 use crate::contact::{Patch, Reaction};
 use crate::devices::{LONGEST_SILENCE, Scan, WorldEnds};

@@ -2,7 +2,7 @@
 
 use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, Nanos};
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::{Dynamics, LINKS, TOOL};
+use taktil_mechanics::puma260::dynamics::{Dynamics, LINKS, TOOL};
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::fidelity::ArmModel;
 use taktil_sim::{Timing, World, WorldConfig, build};

@@ -7,7 +7,7 @@ use common::lowered;
 use taktil_hal::{
     Arrival, CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Marks, Nanos, TactileFrame,
 };
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
 use taktil_sim::scene::{

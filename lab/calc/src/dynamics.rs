@@ -4,7 +4,8 @@
 use core::f64::consts::TAU;
 
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::{Dynamics, Friction, State, free_motion as integrate};
+use taktil_mechanics::friction::Friction;
+use taktil_mechanics::puma260::dynamics::{Dynamics, State, free_motion as integrate};
 
 use super::Operation;
 use super::answer::Answer;

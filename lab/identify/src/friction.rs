@@ -13,7 +13,8 @@ use std::process::ExitCode;
 use serde_json::{Value, json};
 use taktil_machine_console::out;
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::{Dynamics, Friction};
+use taktil_mechanics::friction::Friction;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 
 use taktil_machine_console::option::BadOption;
 use taktil_record::Log;

@@ -5,9 +5,9 @@
 //! A redundant arm takes the shortest way in its joints from tick to tick; where it stands after a
 //! closed path of the tool depends on that path.
 
-use super::{Chain, Effort, Square, Vector};
+use super::{Chain, Effort};
 use crate::arm::{Arm, Follow, Followed, Links, Lost};
-use crate::spatial::Pose;
+use crate::spatial::{JointMatrix, JointVector, Pose};
 
 /// What a lane may spend on one pose: a few starts, about half a millisecond when all of them fail.
 const LANE: Effort = Effort { starts: 4, steps: 40, reached_m: 1e-10, reached_rad: 1e-10 };
@@ -20,33 +20,33 @@ impl<const N: usize> Arm<N> for Chain<N> {
     type Follower = Follower<N>;
     type Links = Chain<N>;
 
-    fn q_min(&self) -> &Vector<N> {
+    fn q_min(&self) -> &JointVector<N> {
         &self.limits.q_min
     }
 
-    fn q_max(&self) -> &Vector<N> {
+    fn q_max(&self) -> &JointVector<N> {
         &self.limits.q_max
     }
 
-    fn speed_max(&self) -> &Vector<N> {
+    fn speed_max(&self) -> &JointVector<N> {
         &self.limits.speed_max
     }
 
-    fn acceleration_max(&self) -> &Vector<N> {
+    fn acceleration_max(&self) -> &JointVector<N> {
         &self.limits.acceleration_max
     }
 
-    fn with_speed_max(&self, speed_max: &Vector<N>) -> Chain<N> {
+    fn with_speed_max(&self, speed_max: &JointVector<N>) -> Chain<N> {
         let mut other = *self;
         other.limits.speed_max = *speed_max;
         other
     }
 
-    fn tool_pose(&self, q: &Vector<N>) -> Pose {
+    fn tool_pose(&self, q: &JointVector<N>) -> Pose {
         Chain::tool_pose(self, q)
     }
 
-    fn reach(&self, tool: &Pose, before: &Vector<N>) -> Option<Vector<N>> {
+    fn reach(&self, tool: &Pose, before: &JointVector<N>) -> Option<JointVector<N>> {
         self.search(tool, before, &LANE).ok().map(|found| found.q)
     }
 
@@ -62,28 +62,28 @@ impl<const N: usize> Arm<N> for Chain<N> {
         self.search(tool, &middle, &Effort::default()).is_ok()
     }
 
-    fn singular(&self, q: &Vector<N>) -> [f64; 3] {
+    fn singular(&self, q: &JointVector<N>) -> [f64; 3] {
         let Some(wrist) = &self.wrist else { return [self.singular_values(q)[5]; 3] };
         let six = crate::spatial::Joints::from_fn(|i, _| q[i]);
         let distance = wrist.singular_distance(&six);
         [distance.shoulder.abs(), distance.elbow.abs(), distance.wrist.abs()]
     }
 
-    fn follower(&self, q: &Vector<N>) -> Follower<N> {
+    fn follower(&self, q: &JointVector<N>) -> Follower<N> {
         Follower { arm: *self, q: *q }
     }
 }
 
 impl<const N: usize> Links<N> for Chain<N> {
-    fn mass_matrix(&self, q: &Vector<N>) -> Square<N> {
+    fn mass_matrix(&self, q: &JointVector<N>) -> JointMatrix<N> {
         Chain::mass_matrix(self, q)
     }
 
-    fn bias(&self, q: &Vector<N>, qd: &Vector<N>) -> Vector<N> {
+    fn bias(&self, q: &JointVector<N>, qd: &JointVector<N>) -> JointVector<N> {
         Chain::bias(self, q, qd)
     }
 
-    fn gravity(&self, q: &Vector<N>) -> Vector<N> {
+    fn gravity(&self, q: &JointVector<N>) -> JointVector<N> {
         Chain::gravity(self, q)
     }
 }
@@ -92,7 +92,7 @@ impl<const N: usize> Links<N> for Chain<N> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Follower<const N: usize> {
     arm: Chain<N>,
-    q: Vector<N>,
+    q: JointVector<N>,
 }
 
 impl<const N: usize> Follower<N> {
@@ -113,7 +113,7 @@ impl<const N: usize> Follower<N> {
 }
 
 impl<const N: usize> Follow<N> for Follower<N> {
-    fn joints(&self) -> &Vector<N> {
+    fn joints(&self) -> &JointVector<N> {
         &self.q
     }
 

@@ -4,10 +4,10 @@
 
 use core::fmt;
 
-use super::wrist::SphericalWrist;
-use super::{Chain, Limits, Link, MAX_JOINTS, Vector};
-use crate::dynamics::{Body, GRAVITY_M_S2};
-use crate::spatial::{Pose, rotation_x, rotation_z};
+use super::spherical_wrist::SphericalWrist;
+use super::{Chain, Limits, Link, MAX_JOINTS};
+use crate::rigid_body::{Body, GRAVITY_M_S2};
+use crate::spatial::{JointVector, Pose, rotation_x, rotation_z};
 use glam::{DMat3, DVec3};
 
 /// No length of an arm is larger (m).
@@ -135,7 +135,7 @@ impl<const N: usize> Chain<N> {
             length += spec.mount.translation.length();
             aligned = align;
         }
-        let column = |of: fn(&JointSpec) -> f64| Vector::<N>::from_fn(|i, _| of(&joints[i]));
+        let column = |of: fn(&JointSpec) -> f64| JointVector::<N>::from_fn(|i, _| of(&joints[i]));
         let mut chain = Chain {
             links,
             tool: Pose::new(aligned.transpose(), DVec3::ZERO).compose(tool),

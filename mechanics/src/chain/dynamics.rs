@@ -2,13 +2,14 @@
 //! bodies (Walker and Orin 1982) in the frames of the links. Refuses friction and contact: both
 //! arrive as joint efforts.
 
-use super::{Chain, Motion, Square, Vector};
-use crate::dynamics::{carry, steiner};
-use crate::spatial::Pose;
+use super::{Chain, Motion};
+use crate::cholesky::solve_positive;
+use crate::rigid_body::{carry, steiner};
+use crate::spatial::{JointMatrix, JointVector, Pose};
 use glam::{DMat3, DVec3};
 
 /// Frames of the links, each in the one before.
-fn steps<const N: usize>(chain: &Chain<N>, q: &Vector<N>) -> [Pose; N] {
+fn steps<const N: usize>(chain: &Chain<N>, q: &JointVector<N>) -> [Pose; N] {
     core::array::from_fn(|i| {
         let link = &chain.links[i];
         match link.motion {
@@ -31,7 +32,12 @@ impl<const N: usize> Chain<N> {
     /// Joint efforts of the rigid links for a motion (rad, rad/s, rad/s^2 to N m; sliding joints in
     /// m and N), gravity included, drives and friction not.
     #[must_use]
-    pub fn inverse_dynamics(&self, q: &Vector<N>, qd: &Vector<N>, qdd: &Vector<N>) -> Vector<N> {
+    pub fn inverse_dynamics(
+        &self,
+        q: &JointVector<N>,
+        qd: &JointVector<N>,
+        qdd: &JointVector<N>,
+    ) -> JointVector<N> {
         let step = steps(self, q);
         let (mut force, mut moment) = ([DVec3::ZERO; N], [DVec3::ZERO; N]);
         let (mut w, mut wd, mut a) = (DVec3::ZERO, DVec3::ZERO, self.against_gravity);
@@ -60,7 +66,7 @@ impl<const N: usize> Chain<N> {
 
     /// Efforts that hold the chain against gravity.
     #[must_use]
-    pub fn gravity(&self, q: &Vector<N>) -> Vector<N> {
+    pub fn gravity(&self, q: &JointVector<N>) -> JointVector<N> {
         let step = steps(self, q);
         let mut force = [DVec3::ZERO; N];
         let mut a = self.against_gravity;
@@ -72,8 +78,8 @@ impl<const N: usize> Chain<N> {
     }
 
     /// The inward half: efforts that carry a force at, and a moment about, each centre of mass.
-    fn gather(&self, step: &[Pose; N], force: &[DVec3; N], moment: &[DVec3; N]) -> Vector<N> {
-        let mut tau = Vector::<N>::zeros();
+    fn gather(&self, step: &[Pose; N], force: &[DVec3; N], moment: &[DVec3; N]) -> JointVector<N> {
+        let mut tau = JointVector::<N>::zeros();
         let (mut f, mut n) = (DVec3::ZERO, DVec3::ZERO);
         for i in (0..N).rev() {
             n += self.links[i].body.com_m.cross(force[i]) + moment[i];
@@ -90,15 +96,15 @@ impl<const N: usize> Chain<N> {
 
     /// Coriolis, centrifugal and gravity efforts.
     #[must_use]
-    pub fn bias(&self, q: &Vector<N>, qd: &Vector<N>) -> Vector<N> {
-        self.inverse_dynamics(q, qd, &Vector::zeros())
+    pub fn bias(&self, q: &JointVector<N>, qd: &JointVector<N>) -> JointVector<N> {
+        self.inverse_dynamics(q, qd, &JointVector::zeros())
     }
 
     /// The mass matrix, drives included.
     #[must_use]
-    pub fn mass_matrix(&self, q: &Vector<N>) -> Square<N> {
+    pub fn mass_matrix(&self, q: &JointVector<N>) -> JointMatrix<N> {
         let step = steps(self, q);
-        let mut out = Square::<N>::zeros();
+        let mut out = JointMatrix::<N>::zeros();
         // Everything from link i outwards: mass, first moment and inertia about its origin.
         let (mut mass, mut first, mut inertia) = (0.0, DVec3::ZERO, DMat3::ZERO);
         for i in (0..N).rev() {
@@ -134,7 +140,7 @@ impl<const N: usize> Chain<N> {
 
     /// Potential energy (J), zero with every mass at the origin of the base.
     #[must_use]
-    pub fn potential_j(&self, q: &Vector<N>) -> f64 {
+    pub fn potential_j(&self, q: &JointVector<N>) -> f64 {
         let (mut mass, mut first) = (0.0, DVec3::ZERO);
         for (link, step) in self.links.iter().zip(steps(self, q)).rev() {
             mass += link.body.mass_kg;
@@ -147,41 +153,14 @@ impl<const N: usize> Chain<N> {
     /// Joint accelerations under joint efforts, drives included, friction not. NaN for numbers that
     /// are not finite and for joints that carry neither mass nor drive.
     #[must_use]
-    pub fn forward_dynamics(&self, q: &Vector<N>, qd: &Vector<N>, effort: &Vector<N>) -> Vector<N> {
+    pub fn forward_dynamics(
+        &self,
+        q: &JointVector<N>,
+        qd: &JointVector<N>,
+        effort: &JointVector<N>,
+    ) -> JointVector<N> {
         let mut out = effort - self.bias(q, qd);
         solve_positive(&mut self.mass_matrix(q), &mut out);
         out
-    }
-}
-
-/// Solves a symmetric positive definite system by Cholesky in place; NaN where it is neither.
-pub(super) fn solve_positive<const N: usize>(m: &mut Square<N>, b: &mut Vector<N>) {
-    for j in 0..N {
-        let mut d = m[(j, j)];
-        for k in 0..j {
-            d -= m[(j, k)] * m[(j, k)];
-        }
-        // The square root of a negative number is the NaN that is promised.
-        let root = d.sqrt();
-        m[(j, j)] = root;
-        for i in j + 1..N {
-            let mut sum = m[(i, j)];
-            for k in 0..j {
-                sum -= m[(i, k)] * m[(j, k)];
-            }
-            m[(i, j)] = sum / root;
-        }
-    }
-    for i in 0..N {
-        for k in 0..i {
-            b[i] -= m[(i, k)] * b[k];
-        }
-        b[i] /= m[(i, i)];
-    }
-    for i in (0..N).rev() {
-        for k in i + 1..N {
-            b[i] -= m[(k, i)] * b[k];
-        }
-        b[i] /= m[(i, i)];
     }
 }

@@ -1,7 +1,7 @@
 //! Poses and Jacobians of a chain. Refuses nothing: finite joints give finite frames.
 
-use super::{Chain, Jacobian, Link, Motion, Vector};
-use crate::spatial::Pose;
+use super::{Chain, Link, Motion};
+use crate::spatial::{Jacobian, JointVector, Pose};
 use glam::{DMat3, DVec3};
 
 /// Axes and origins of the joints and the tool, all in the base frame.
@@ -35,7 +35,7 @@ impl Link {
 }
 
 impl<const N: usize> Chain<N> {
-    pub(super) fn frames(&self, q: &Vector<N>) -> Frames<N> {
+    pub(super) fn frames(&self, q: &JointVector<N>) -> Frames<N> {
         let mut at = Pose::IDENTITY;
         let (mut axis, mut origin) = ([DVec3::ZERO; N], [DVec3::ZERO; N]);
         for i in 0..N {
@@ -48,7 +48,7 @@ impl<const N: usize> Chain<N> {
 
     /// The tool frame in the base frame.
     #[must_use]
-    pub fn tool_pose(&self, q: &Vector<N>) -> Pose {
+    pub fn tool_pose(&self, q: &JointVector<N>) -> Pose {
         let mut at = Pose::IDENTITY;
         for (link, q) in self.links.iter().zip(q.iter()) {
             at = link.behind(&at, *q);
@@ -58,13 +58,13 @@ impl<const N: usize> Chain<N> {
 
     /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the base frame.
     #[must_use]
-    pub fn jacobian_base(&self, q: &Vector<N>) -> Jacobian<N> {
+    pub fn jacobian_base(&self, q: &JointVector<N>) -> Jacobian<N> {
         self.jacobian_of(&self.frames(q), &DMat3::IDENTITY)
     }
 
     /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the tool frame.
     #[must_use]
-    pub fn jacobian_tool(&self, q: &Vector<N>) -> Jacobian<N> {
+    pub fn jacobian_tool(&self, q: &JointVector<N>) -> Jacobian<N> {
         let frames = self.frames(q);
         self.jacobian_of(&frames, &frames.tool.rotation.transpose())
     }
@@ -90,7 +90,7 @@ impl<const N: usize> Chain<N> {
     /// One-sided rotations after Hestenes (1958), on the rows of the Jacobian: small values keep
     /// their accuracy.
     #[must_use]
-    pub fn singular_values(&self, q: &Vector<N>) -> [f64; 6] {
+    pub fn singular_values(&self, q: &JointVector<N>) -> [f64; 6] {
         let mut j = self.jacobian_base(q);
         for column in 0..N {
             for row in 0..3 {

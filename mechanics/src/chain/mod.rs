@@ -1,6 +1,6 @@
 //! Any serial chain of turning and sliding joints: forward kinematics, Jacobians, rigid-body
 //! dynamics, and the inverse by damped steps; arms of six joints with a spherical wrist are
-//! recognised and solved in closed form ([`wrist`]). Refuses trees, loops, and sizes that are not
+//! recognised and solved in closed form ([`spherical_wrist`]). Refuses trees, loops, and sizes that are not
 //! known when the code is compiled: the number of joints is a constant, so nothing here allocates.
 //!
 //! A chain is described by its joints ([`JointSpec`]), from Denavit-Hartenberg rows
@@ -12,27 +12,19 @@
 mod arm;
 mod build;
 mod dynamics;
+mod inverse;
 mod kinematics;
-mod search;
-pub mod wrist;
+pub mod spherical_wrist;
 
 pub use arm::Follower;
 pub use build::{BadChain, Dh, JointSpec, Motion};
-pub use search::{Effort, Found, NotFound};
+pub use inverse::{Effort, Found, NotFound};
 
-use crate::dynamics::Body;
 use crate::limits;
-use crate::spatial::Pose;
+use crate::rigid_body::Body;
+use crate::spatial::{JointVector, Pose};
 use glam::DVec3;
-use nalgebra::{SMatrix, SVector};
-use wrist::SphericalWrist;
-
-/// One number per joint, the one nearest to the base first.
-pub type Vector<const N: usize> = SVector<f64, N>;
-/// Rows vx vy vz wx wy wz, one column per joint.
-pub type Jacobian<const N: usize> = SMatrix<f64, 6, N>;
-/// A mass matrix.
-pub type Square<const N: usize> = SMatrix<f64, N, N>;
+use spherical_wrist::SphericalWrist;
 
 /// Most joints that a chain may have.
 pub const MAX_JOINTS: usize = 8;
@@ -59,15 +51,15 @@ impl Link {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits<const N: usize> {
     /// Lower ends (rad or m).
-    pub q_min: Vector<N>,
+    pub q_min: JointVector<N>,
     /// Upper ends (rad or m).
-    pub q_max: Vector<N>,
+    pub q_max: JointVector<N>,
     /// Largest speeds (rad/s or m/s).
-    pub speed_max: Vector<N>,
+    pub speed_max: JointVector<N>,
     /// Largest accelerations for planning (rad/s^2 or m/s^2).
-    pub acceleration_max: Vector<N>,
+    pub acceleration_max: JointVector<N>,
     /// Largest torques (N m) or forces (N).
-    pub effort_max: Vector<N>,
+    pub effort_max: JointVector<N>,
 }
 
 /// A serial chain of `N` joints.
@@ -79,7 +71,7 @@ pub struct Chain<const N: usize> {
     against_gravity: DVec3,
     limits: Limits<N>,
     /// Inertia of the drives seen at the joints.
-    reflected: Vector<N>,
+    reflected: JointVector<N>,
     /// Mean length of a link (m): what a radian is weighed against.
     scale_m: f64,
     wrist: Option<SphericalWrist>,
@@ -94,7 +86,7 @@ impl<const N: usize> Chain<N> {
 
     /// Inertia of the drives seen at the joints (kg m^2, kg for sliding joints).
     #[must_use]
-    pub fn reflected(&self) -> &Vector<N> {
+    pub fn reflected(&self) -> &JointVector<N> {
         &self.reflected
     }
 
@@ -113,7 +105,7 @@ impl<const N: usize> Chain<N> {
 
     /// Whether every joint lies inside its limits as it stands; NaN does not.
     #[must_use]
-    pub fn within_limits(&self, q: &Vector<N>) -> bool {
+    pub fn within_limits(&self, q: &JointVector<N>) -> bool {
         (0..N).all(|i| self.limits.q_min[i] <= q[i] && q[i] <= self.limits.q_max[i])
     }
 
@@ -121,7 +113,11 @@ impl<const N: usize> Chain<N> {
     /// `previous`, and the largest joint distance; sliding joints stay. `None` outside the limits
     /// or where a number is not finite.
     #[must_use]
-    pub fn expand(&self, q: &Vector<N>, previous: &Vector<N>) -> Option<(Vector<N>, f64)> {
+    pub fn expand(
+        &self,
+        q: &JointVector<N>,
+        previous: &JointVector<N>,
+    ) -> Option<(JointVector<N>, f64)> {
         let slides = (0..N).any(|i| {
             let outside = q[i] < self.limits.q_min[i] || q[i] > self.limits.q_max[i];
             self.links[i].motion == Motion::Slide && outside

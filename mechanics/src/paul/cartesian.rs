@@ -9,8 +9,8 @@
 
 use glam::{DMat3, DVec3};
 
+use super::drive_transform::{Drive, align};
 use super::timing::{Piece, Timing, check_counts};
-use super::turn::{Drive, align};
 use super::{MAX_POINTS, PathError};
 use crate::spatial::{Pose, rotation_of, rotation_vector};
 

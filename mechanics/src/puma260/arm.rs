@@ -1,9 +1,9 @@
 //! The PUMA 260 as planning and leading see an arm. Refuses nothing of its own.
 
 use super::Puma260;
-use super::follow::Follower;
+use super::dynamics::Dynamics;
+use super::follower::Follower;
 use crate::arm::{Arm, Follow, Followed, Links, Lost};
-use crate::dynamics::Dynamics;
 use crate::spatial::{Joints, Matrix6, Pose, wrap_angle};
 
 /// How far from a singularity joints 1 and 3 are stopped when the tool is led by hand (rad): at the

@@ -8,7 +8,8 @@
 //! the upper arm lies along +x0, the forearm stands along +z0 and T6 is not turned.
 
 mod arm;
-pub mod follow;
+pub mod dynamics;
+pub mod follower;
 pub(crate) mod inverse;
 
 pub use inverse::{Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, WRIST_SINGULAR};

@@ -4,10 +4,11 @@
 
 use crate::arms::{Draws, puma, seven, slider, ur5e_like};
 use glam::{DMat3, DVec3};
-use taktil_mechanics::chain::{Chain, Effort, Vector};
+use taktil_mechanics::chain::{Chain, Effort};
 use taktil_mechanics::dls::{damped_least_squares, damping_squared, limit_speed};
-use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::Dynamics;
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::{Joints, Pose};
 
 /// Any finite number.
@@ -30,8 +31,8 @@ fn odd(draws: &mut Draws) -> f64 {
     }
 }
 
-fn vector<const N: usize>(draws: &mut Draws) -> Vector<N> {
-    Vector::from_fn(|_, _| odd(draws))
+fn vector<const N: usize>(draws: &mut Draws) -> JointVector<N> {
+    JointVector::from_fn(|_, _| odd(draws))
 }
 
 fn pose(draws: &mut Draws) -> Pose {

@@ -3,9 +3,11 @@
 
 use crate::rows::UR5E;
 use glam::{DMat3, DVec3};
-use taktil_mechanics::chain::{Chain, Dh, JointSpec, Motion, Vector};
-use taktil_mechanics::dynamics::{Body, Dynamics};
+use taktil_mechanics::chain::{Chain, Dh, JointSpec, Motion};
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::Dynamics;
+use taktil_mechanics::rigid_body::Body;
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::spatial::{Pose, rotation_of};
 
 pub(crate) const HALF: f64 = core::f64::consts::FRAC_PI_2;
@@ -27,13 +29,13 @@ impl Draws {
         low + (high - low) * unit
     }
 
-    pub(crate) fn inside<const N: usize>(&mut self, arm: &Chain<N>) -> Vector<N> {
+    pub(crate) fn inside<const N: usize>(&mut self, arm: &Chain<N>) -> JointVector<N> {
         let limits = arm.limits();
-        Vector::from_fn(|i, _| self.between(limits.q_min[i], limits.q_max[i]))
+        JointVector::from_fn(|i, _| self.between(limits.q_min[i], limits.q_max[i]))
     }
 
-    pub(crate) fn vector<const N: usize>(&mut self, size: f64) -> Vector<N> {
-        Vector::from_fn(|_, _| self.between(-size, size))
+    pub(crate) fn vector<const N: usize>(&mut self, size: f64) -> JointVector<N> {
+        JointVector::from_fn(|_, _| self.between(-size, size))
     }
 
     pub(crate) fn point(&mut self, size: f64) -> DVec3 {

@@ -5,27 +5,28 @@ use crate::arms::{Draws, puma, seven, ur5e_like};
 use glam::DVec3;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::{Arm, Follow, Lost};
-use taktil_mechanics::chain::{Chain, Vector};
-use taktil_mechanics::lead::Route;
+use taktil_mechanics::chain::Chain;
+use taktil_mechanics::feasibility::{Preview, Refusal, Terms};
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
-use taktil_mechanics::preview::{Preview, Refusal, Terms};
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::JointVector;
+use taktil_mechanics::tracking::Route;
 use taktil_mechanics::transmission::Transmission;
 
-fn bent() -> Vector<6> {
-    Vector::<6>::new(0.2, -1.3, 1.6, -1.9, -1.5, 0.4)
+fn bent() -> JointVector<6> {
+    JointVector::<6>::new(0.2, -1.3, 1.6, -1.9, -1.5, 0.4)
 }
 
-fn curled() -> Vector<7> {
-    Vector::from([0.1, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5])
+fn curled() -> JointVector<7> {
+    JointVector::from([0.1, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5])
 }
 
 fn terms<const N: usize>(arm: Chain<N>) -> Terms<N, Chain<N>> {
     Terms {
         arm,
         dynamics: arm,
-        torque_max_nm: Vector::repeat(f64::INFINITY),
+        torque_max_nm: JointVector::repeat(f64::INFINITY),
         off_max_m: 1e-3,
         off_max_rad: 1e-3,
         tick_s: 0.0025,
@@ -33,13 +34,13 @@ fn terms<const N: usize>(arm: Chain<N>) -> Terms<N, Chain<N>> {
 }
 
 /// A line of the tool by `way` (base, m) in `t_s`.
-fn line<const N: usize>(arm: &Chain<N>, q: &Vector<N>, way: DVec3, t_s: f64) -> CartesianPath {
+fn line<const N: usize>(arm: &Chain<N>, q: &JointVector<N>, way: DVec3, t_s: f64) -> CartesianPath {
     let here = arm.tool_pose(q);
     let there = Pose::new(here.rotation, here.translation + way);
     CartesianPath::new(&[here, there], &[t_s], 0.1, Blend::Smooth).unwrap()
 }
 
-fn stays_on_the_line<const N: usize>(arm: Chain<N>, q: Vector<N>) {
+fn stays_on_the_line<const N: usize>(arm: Chain<N>, q: JointVector<N>) {
     let path = line(&arm, &q, DVec3::new(0.05, 0.08, 0.06), 1.0);
     let preview = Preview::of(Route::Tool(&path), &q, &terms(arm)).unwrap();
     assert!(preview.off_m.value < 1e-9 && preview.off_rad.value < 1e-9, "{preview:?}");
@@ -77,7 +78,7 @@ fn what_an_arm_cannot_follow_names_the_joint() {
     let Refusal::Lost { why, .. } = refused else { panic!("{refused}") };
     assert_eq!(why, Lost::Limit { joint: 3 });
     // Too weak.
-    let weak = Terms { torque_max_nm: Vector::repeat(1.0), ..terms };
+    let weak = Terms { torque_max_nm: JointVector::repeat(1.0), ..terms };
     let slow = line(&arm, &q, DVec3::new(0.0, 0.1, 0.0), 2.0);
     let refused = Preview::of(Route::Tool(&slow), &q, &weak).unwrap_err();
     assert!(matches!(refused, Refusal::Torque { ratio, .. } if ratio > 1.0), "{refused}");
@@ -155,20 +156,23 @@ fn the_puma_by_its_rows_is_the_puma_to_planning() {
         }
         assert_eq!(chain.within_limits(&q), Arm::within_limits(&own, &q));
     }
-    let slow = Arm::with_speed_max(&chain, &Vector::repeat(0.1));
-    assert_eq!(Arm::speed_max(&slow), &Vector::<6>::repeat(0.1));
-    assert_eq!(Arm::room(&chain, 0, &Vector::zeros(), &Vector::repeat(1.0)), own.q_max_rad[0]);
-    assert_eq!(Arm::room(&chain, 0, &Vector::repeat(9.0), &Vector::repeat(10.0)), 0.0);
+    let slow = Arm::with_speed_max(&chain, &JointVector::repeat(0.1));
+    assert_eq!(Arm::speed_max(&slow), &JointVector::<6>::repeat(0.1));
+    assert_eq!(
+        Arm::room(&chain, 0, &JointVector::zeros(), &JointVector::repeat(1.0)),
+        own.q_max_rad[0]
+    );
+    assert_eq!(Arm::room(&chain, 0, &JointVector::repeat(9.0), &JointVector::repeat(10.0)), 0.0);
 }
 
 #[test]
 fn gears_without_coupling_count_there_and_back() {
-    let ratio = Vector::from([100.0, -50.0, 30.0, 120.0, 80.0, -101.0, 7.0]);
-    let gears = Transmission::independent(&ratio, &Vector::repeat(4096.0));
+    let ratio = JointVector::from([100.0, -50.0, 30.0, 120.0, 80.0, -101.0, 7.0]);
+    let gears = Transmission::independent(&ratio, &JointVector::repeat(4096.0));
     let counts = [1000, -2000, 3, 40_000, 0, 77, -5];
     assert_eq!(gears.counts(&gears.joints(&counts)), counts);
     let q = gears.joints(&[4096, 4096, 4096, 4096, 4096, 4096, 4096]);
     assert!((q[0] - core::f64::consts::TAU / 100.0).abs() < 1e-15 && q[1] < 0.0);
-    let motor = gears.motor_torque(&Vector::repeat(1.0));
-    assert!((gears.joint_torque(&motor) - Vector::repeat(1.0)).amax() < 1e-15);
+    let motor = gears.motor_torque(&JointVector::repeat(1.0));
+    assert!((gears.joint_torque(&motor) - JointVector::repeat(1.0)).amax() < 1e-15);
 }

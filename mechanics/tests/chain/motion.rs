@@ -3,8 +3,10 @@
 
 use crate::arms::{Draws, puma, puma_with, seven, slider, ur5e_like};
 use glam::{DMat3, DVec3};
-use taktil_mechanics::chain::{Chain, Square, Vector};
-use taktil_mechanics::dynamics::{Body, Dynamics};
+use taktil_mechanics::chain::Chain;
+use taktil_mechanics::puma260::dynamics::Dynamics;
+use taktil_mechanics::rigid_body::Body;
+use taktil_mechanics::spatial::{JointMatrix, JointVector};
 
 #[test]
 fn the_puma_by_its_rows_moves_like_the_puma() {
@@ -57,8 +59,8 @@ fn check_energy<const N: usize>(chain: &Chain<N>, seed: u64) {
     for _ in 0..100 {
         let (q, qd, qdd) = (draws.inside(chain), draws.vector(2.0), draws.vector(5.0));
         let m = chain.mass_matrix(&q);
-        let still = Vector::zeros();
-        let rigid = m - Square::from_diagonal(chain.reflected());
+        let still = JointVector::zeros();
+        let rigid = m - JointMatrix::from_diagonal(chain.reflected());
         let inertial = chain.inverse_dynamics(&q, &still, &qdd) - chain.gravity(&q);
         assert!((rigid * qdd - inertial).amax() < 1e-12 * (1.0 + inertial.amax()));
         // qd . (Coriolis terms) is half of qd . dM/dt qd.
@@ -74,8 +76,8 @@ fn check_energy<const N: usize>(chain: &Chain<N>, seed: u64) {
         );
         assert!((back - qdd).amax() < 1e-8, "{:e}", (back - qdd).amax());
         // Gravity is the slope of the potential energy.
-        let slope = Vector::<N>::from_fn(|i, _| {
-            let mut aside = Vector::<N>::zeros();
+        let slope = JointVector::<N>::from_fn(|i, _| {
+            let mut aside = JointVector::<N>::zeros();
             aside[i] = h;
             (chain.potential_j(&(q + aside)) - chain.potential_j(&(q - aside))) / (2.0 * h)
         });
@@ -93,7 +95,7 @@ fn matrices_forces_and_energies_agree() {
 
 #[test]
 fn gravity_may_point_anywhere() {
-    let (floor, q) = (ur5e_like(), Vector::<6>::new(0.3, -1.0, 1.2, 0.4, -0.7, 2.0));
+    let (floor, q) = (ur5e_like(), JointVector::<6>::new(0.3, -1.0, 1.2, 0.4, -0.7, 2.0));
     assert!(floor.gravity(&q)[0].abs() < 1e-13, "a vertical axis bears nothing");
     let ceiling = floor.with_gravity(DVec3::new(0.0, 0.0, 9.81));
     assert!((ceiling.gravity(&q) + floor.gravity(&q)).amax() < 1e-13);

@@ -4,7 +4,8 @@
 use crate::arms::{Draws, puma, seven, slider, ur5e_like};
 use glam::DVec3;
 use taktil_mechanics::Pose;
-use taktil_mechanics::chain::{Chain, Effort, Vector};
+use taktil_mechanics::chain::{Chain, Effort};
+use taktil_mechanics::spatial::JointVector;
 
 /// Share of random reachable poses that are reached from random joints, and the mean of starts.
 fn share<const N: usize>(chain: &Chain<N>, seed: u64, count: u32) -> (f64, f64) {
@@ -64,7 +65,7 @@ fn a_tick_of_motion_takes_the_nearest_joints_in_few_steps() {
 #[test]
 fn whole_turns_stay_with_the_joints_before() {
     let chain = ur5e_like();
-    let before = Vector::<6>::new(5.5, -1.0, 1.2, -4.0, 1.0, 6.0);
+    let before = JointVector::<6>::new(5.5, -1.0, 1.2, -4.0, 1.0, 6.0);
     let got = chain.search(&chain.tool_pose(&before), &before, &Effort::default()).unwrap();
     assert!((got.q - before).amax() < 1e-9, "{}", got.q);
     let (turned, distance) =
@@ -75,38 +76,41 @@ fn whole_turns_stay_with_the_joints_before() {
 #[test]
 fn what_cannot_be_reached_is_said_with_how_far_off() {
     let chain = ur5e_like();
-    let mut far = chain.tool_pose(&Vector::zeros());
+    let mut far = chain.tool_pose(&JointVector::zeros());
     far.translation = DVec3::new(2.0, 0.0, 0.1625);
     let few = Effort { starts: 4, ..Effort::default() };
-    let lost = chain.search(&far, &Vector::repeat(0.3), &few).unwrap_err();
+    let lost = chain.search(&far, &JointVector::repeat(0.3), &few).unwrap_err();
     assert!(lost.off_m + lost.off_rad > 0.5 && chain.within_limits(&lost.q), "{lost}");
     for bad in [f64::NAN, f64::INFINITY, 1e300] {
         let mut pose = far;
         pose.translation.y = bad;
-        assert_eq!(chain.search(&pose, &Vector::zeros(), &few).unwrap_err().off_m, f64::INFINITY);
-        let lost = Vector::repeat(bad);
+        assert_eq!(
+            chain.search(&pose, &JointVector::zeros(), &few).unwrap_err().off_m,
+            f64::INFINITY
+        );
+        let lost = JointVector::repeat(bad);
         assert_eq!(chain.search(&far, &lost, &few).unwrap_err().off_m, f64::INFINITY);
     }
     let none = Effort { starts: 0, ..few };
-    assert!(chain.search(&far, &Vector::zeros(), &none).is_err());
+    assert!(chain.search(&far, &JointVector::zeros(), &none).is_err());
     // A slider's goal beyond its slide is not turned back into it.
     let slide = slider();
-    let mut q = Vector::<5>::zeros();
+    let mut q = JointVector::<5>::zeros();
     q[1] = 1.5;
-    assert_eq!(slide.expand(&q, &Vector::zeros()), None);
+    assert_eq!(slide.expand(&q, &JointVector::zeros()), None);
 }
 
 #[test]
 fn rates_follow_a_twist_and_say_what_they_miss() {
     let chain = seven();
-    let q = Vector::<7>::from([0.1, 0.4, -0.3, -1.8, 0.2, 1.7, 0.5]);
+    let q = JointVector::<7>::from([0.1, 0.4, -0.3, -1.8, 0.2, 1.7, 0.5]);
     let twist = nalgebra::Vector6::new(0.1, -0.2, 0.05, 0.3, 0.1, -0.2);
     let (rates, missed) = chain.rates(&q, &twist, 0.0);
     assert!(missed.amax() < 1e-10 && (chain.jacobian_base(&q) * rates - twist).amax() < 1e-10);
     let (slow, missed) = chain.rates(&q, &twist, 0.5);
     assert!(slow.norm() < rates.norm() && missed.amax() > 1e-3);
     for bad in [f64::NAN, f64::INFINITY] {
-        assert_eq!(chain.rates(&q, &(twist * bad), 0.1).0, Vector::<7>::zeros());
+        assert_eq!(chain.rates(&q, &(twist * bad), 0.1).0, JointVector::<7>::zeros());
         assert!(chain.rates(&q, &twist, bad).0.iter().all(|x| x.is_finite()));
     }
     let pose = Pose::IDENTITY;

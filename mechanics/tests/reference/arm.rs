@@ -5,8 +5,10 @@ use crate::draws::Draws;
 use crate::table::{joints, list, number, rows, toml};
 use nalgebra::Vector6;
 use taktil_mechanics::dls::{damped_least_squares, damping_squared, limit_speed, singular_values};
-use taktil_mechanics::dynamics::{Dynamics, Friction, GRAVITY_M_S2, LINKS, TOOL};
+use taktil_mechanics::friction::Friction;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::{Dynamics, LINKS, TOOL};
+use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_mechanics::{Joints, Matrix6};
 

@@ -5,8 +5,10 @@ use crate::table::{joints, rows, toml};
 use core::f64::consts::TAU;
 use glam::{DMat3, DVec3};
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::{Body, Dynamics, Friction, State, free_motion, rk4_step};
+use taktil_mechanics::friction::Friction;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::{Dynamics, State, free_motion, rk4_step};
+use taktil_mechanics::rigid_body::Body;
 
 #[test]
 fn inverse_dynamics_match_the_reference() {

@@ -2,14 +2,14 @@
 
 use glam::DVec3;
 use taktil_mechanics::arm::Lost;
-use taktil_mechanics::dynamics::Dynamics;
-use taktil_mechanics::lead::{Lead, Route, SETTLE_S};
+use taktil_mechanics::feasibility::{Inspection, Preview, Refusal, Terms, Verdict};
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
-use taktil_mechanics::preview::{Inspection, Preview, Refusal, Terms, Verdict};
 use taktil_mechanics::puma260::Puma260;
-use taktil_mechanics::puma260::follow::Follower;
+use taktil_mechanics::puma260::dynamics::Dynamics;
+use taktil_mechanics::puma260::follower::Follower;
 use taktil_mechanics::spatial::{rotation_about, rotation_y};
+use taktil_mechanics::tracking::{Lead, Route, SETTLE_S};
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_mechanics::{Joints, Pose};
 

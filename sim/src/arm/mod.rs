@@ -10,8 +10,9 @@ mod friction;
 mod gear;
 
 use taktil_hal::CHANNELS;
-use taktil_mechanics::dynamics::{Dynamics, Friction, LINKS, State, TOOL, rk4_step};
+use taktil_mechanics::friction::Friction;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::{Dynamics, LINKS, State, TOOL, rk4_step};
 use taktil_mechanics::spatial::{SinCos, stack};
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_mechanics::{Joints, Matrix6, Pose};

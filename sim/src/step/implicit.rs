@@ -408,7 +408,7 @@ impl crate::finger::Finger {
 
 #[cfg(test)]
 mod tests {
-    use taktil_mechanics::dynamics::Dynamics;
+    use taktil_mechanics::puma260::dynamics::Dynamics;
 
     use super::*;
 

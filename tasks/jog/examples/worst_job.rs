@@ -10,8 +10,9 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::{JointSpec, Vector};
+use taktil_mechanics::chain::JointSpec;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::JointVector;
 use taktil_signal::JogFrame;
 use taktil_tasks_jog::Config;
 use taktil_tasks_jog::law::{Law, Push};
@@ -46,7 +47,7 @@ fn longest<const N: usize, A: Arm<N>>(arm: &A) -> (Vec<Job<N, A>>, Vec<u32>) {
     let rates = Config::default().rates(arm, true);
     let (mut dice, mut kept, mut counts) = (Dice::new(7), Vec::new(), vec![0; 64]);
     for _ in 0..STARTS {
-        let at = Vector::from_fn(|i, _| dice.between(arm.q_min()[i], arm.q_max()[i]));
+        let at = JointVector::from_fn(|i, _| dice.between(arm.q_min()[i], arm.q_max()[i]));
         let mut law = Law::new(arm, &rates, &at, true);
         let (mut push, mut left) = (Push::NONE, 0);
         for _ in 0..JOBS {

@@ -17,9 +17,9 @@ pub use config::{Config, Tuning};
 use law::{Ahead, Gains, Pd};
 use learned::Learned;
 use taktil_mechanics::arm::{Arm, Links};
-use taktil_mechanics::chain::Vector;
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Mode, Output, Param, Ports, StateHash, Task,
 };
@@ -47,7 +47,7 @@ pub struct JointServo<const N: usize = 6, L: Links<N> = Dynamics> {
     ahead: Ahead<N, L>,
     learned: Option<Learned<N>>,
     dynamics: Option<L>,
-    assumed: Option<Vector<N>>,
+    assumed: Option<JointVector<N>>,
     gravity_share: f64,
     datum: u32,
     knobs: Knobs<N>,
@@ -136,7 +136,12 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
 
     /// The gravity term (N m): all of it when the servo starts calibrated or from an assumed pose,
     /// ramped in when the joints become calibrated under torque, none before.
-    fn gravity_nm(&mut self, q_desired: &Vector<N>, calibrated: bool, dt_s: f64) -> Vector<N> {
+    fn gravity_nm(
+        &mut self,
+        q_desired: &JointVector<N>,
+        calibrated: bool,
+        dt_s: f64,
+    ) -> JointVector<N> {
         let q = match self.assumed {
             _ if calibrated => Some(*q_desired),
             Some(pose) => Some(pose + q_desired),
@@ -144,7 +149,7 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
         };
         let (Some(dynamics), Some(q)) = (&self.dynamics, q) else {
             self.gravity_share = 0.0;
-            return Vector::zeros();
+            return JointVector::zeros();
         };
         self.gravity_share = (self.gravity_share + dt_s / GRAVITY_RAMP_S).min(1.0);
         dynamics.gravity(&q) * self.gravity_share
@@ -187,8 +192,8 @@ impl<const N: usize, L: Links<N>> Task for JointServo<N, L> {
             self.datum = joints.datum;
             self.forget();
         }
-        let goal = Vector::from(desired.q_rad);
-        let measured = Vector::from(joints.q_rad);
+        let goal = JointVector::from(desired.q_rad);
+        let measured = JointVector::from(joints.q_rad);
         let error = goal - measured;
         if error.iter().all(|x| x.is_finite()) {
             out.error_rad = error.into();
@@ -201,7 +206,7 @@ impl<const N: usize, L: Links<N>> Task for JointServo<N, L> {
         let dt_s = cycle.dt.as_secs_f64();
         let mut model = self.gravity_nm(&goal, calibrated, dt_s);
         if calibrated {
-            model += self.ahead.torque_nm(&goal, &Vector::from(desired.qd_rad_s), dt_s);
+            model += self.ahead.torque_nm(&goal, &JointVector::from(desired.qd_rad_s), dt_s);
         }
         let mut torque = self.law.torque_nm(&error, dt_s);
         if let (Some(learned), Some(torque)) = (&mut self.learned, &mut torque) {

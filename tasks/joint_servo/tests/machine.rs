@@ -1,7 +1,7 @@
 //! The task in a machine, in virtual time, fed by scripts.
 
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, FaultSet, Mode, Payload};
 use taktil_signal::{ControlState, Desired, JointState, Torque};

@@ -7,11 +7,11 @@
 use glam::DVec3;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::Vector;
-use taktil_mechanics::lead::Route;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 use taktil_mechanics::paul::{JointPath, PathError, segment_time_s};
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::spatial::rotation_vector;
+use taktil_mechanics::tracking::Route;
 use taktil_rtcore::StateHash;
 
 use crate::config::{BlendName, Config, Goal, Step};
@@ -83,7 +83,7 @@ impl<const N: usize> Leg<N> {
     /// # Errors
     /// A pace whose `tau_s` is no time.
     pub fn room<A: Arm<N>>(arm: &A, pace: &Pace) -> Result<Leg<N>, Refusal> {
-        let rest = Vector::zeros();
+        let rest = JointVector::zeros();
         let tool = CartesianPath::rest(&arm.tool_pose(&rest), pace.tau_s, pace.blend);
         let joints = JointPath::rest(&rest, pace.tau_s);
         let (joints, tool) = (joints.map_err(limits)?, tool.map_err(limits)?);
@@ -97,7 +97,7 @@ impl<const N: usize> Leg<N> {
     pub fn begin<A: Arm<N>>(
         &mut self,
         arm: &A,
-        start: &Vector<N>,
+        start: &JointVector<N>,
         steps: &[Step<N>],
         first: usize,
         pace: &Pace,
@@ -215,7 +215,7 @@ impl<const N: usize> Leg<N> {
     }
 
     fn wait(&mut self, pace: &Pace) -> Result<(), Refusal> {
-        let here = self.joints.points().last().copied().unwrap_or_else(Vector::zeros);
+        let here = self.joints.points().last().copied().unwrap_or_else(JointVector::zeros);
         self.joints.push(&here, 2.0 * pace.tau_s).map_err(limits)
     }
 
@@ -278,7 +278,7 @@ fn shifted(pose: &Pose, shift: &[f64; 3]) -> Pose {
     Pose::new(pose.rotation, pose.apply(DVec3::from_array(*shift)))
 }
 
-fn below<const N: usize>(values: &Vector<N>, limits: &Vector<N>) -> bool {
+fn below<const N: usize>(values: &JointVector<N>, limits: &JointVector<N>) -> bool {
     (0..N).all(|i| values[i] <= limits[i] * (1.0 + SLACK))
 }
 

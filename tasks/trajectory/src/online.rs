@@ -5,11 +5,11 @@
 //! the arm cannot make, and with it what was typed after it; what was found good before goes on.
 
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::Vector;
-use taktil_mechanics::lead::{Lead, Led, Route, SETTLE_S};
+use taktil_mechanics::feasibility::{Inspection, Preview, Refusal, Terms, Verdict};
 use taktil_mechanics::paul::Setpoint;
-use taktil_mechanics::preview::{Inspection, Preview, Refusal, Terms, Verdict};
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::JointVector;
+use taktil_mechanics::tracking::{Lead, Led, Route, SETTLE_S};
 use taktil_rtcore::{Payload, StateHash};
 use taktil_signal::{MoveCheck, MoveKind, Typed, TypedMove};
 
@@ -47,7 +47,7 @@ enum Ahead<const N: usize> {
     /// It is looked at.
     Looking(Join),
     /// It was found good, and waits for the end of the leg that is run; joints there (rad).
-    Good { start: Vector<N>, end: Vector<N>, stop_tau_s: f64 },
+    Good { start: JointVector<N>, end: JointVector<N>, stop_tau_s: f64 },
 }
 
 /// The leg that is run.
@@ -56,7 +56,7 @@ struct Run<const N: usize, A: Arm<N>> {
     clock: Clock,
     lead: Lead<N, A>,
     /// Joints at its end (rad).
-    end: Vector<N>,
+    end: JointVector<N>,
     /// Half the time of a pause (s).
     stop_tau_s: f64,
 }
@@ -87,7 +87,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     /// # Errors
     /// A pace that allows no path at all.
     pub fn room(plan: &Plan<N, A>) -> Result<Online<N, A>, law::Refusal> {
-        let rest = Vector::zeros();
+        let rest = JointVector::zeros();
         let hand = || Leg::room(&plan.arm, &plan.pace);
         let hands = [hand()?, hand()?];
         let terms = Terms { tick_s: 1.0, ..plan.terms.clone() };
@@ -113,7 +113,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     pub fn begin(
         &mut self,
         plan: &mut Plan<N, A>,
-        start: &Vector<N>,
+        start: &JointVector<N>,
         tick_s: f64,
         last: Option<TypedMove>,
     ) {

@@ -4,12 +4,12 @@
 //! and to go on where the arm cannot follow.
 
 use taktil_mechanics::arm::{Arm, Lost};
-use taktil_mechanics::chain::Vector;
-use taktil_mechanics::lead::{Lead, Route};
+use taktil_mechanics::feasibility::{Inspection, Peak, Preview, Refusal, Terms, Verdict};
 use taktil_mechanics::paul::Setpoint;
-use taktil_mechanics::preview::{Inspection, Peak, Preview, Refusal, Terms, Verdict};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
+use taktil_mechanics::tracking::{Lead, Route};
 use taktil_rtcore::{Payload, StateHash};
 use taktil_signal::MoveCheck;
 
@@ -54,7 +54,7 @@ struct Begin<const N: usize> {
     /// Number of its first step.
     step: usize,
     /// Joints (rad).
-    q: Vector<N>,
+    q: JointVector<N>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -83,7 +83,7 @@ pub struct Program<const N: usize = 6, A: Arm<N> = Puma260> {
     inspection: Inspection<N, A>,
     lead: Lead<N, A>,
     /// Where the arm is wanted now (rad).
-    q: Vector<N>,
+    q: JointVector<N>,
     check: MoveCheck,
     /// Whether the arm is to stand on its path.
     paused: bool,
@@ -106,7 +106,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     /// # Errors
     /// A pace that allows no path at all.
     pub fn room(plan: &Plan<N, A>) -> Result<Program<N, A>, law::Refusal> {
-        let q = Vector::zeros();
+        let q = JointVector::zeros();
         let hand = || Leg::room(&plan.arm, &plan.pace);
         let hands = [hand()?, hand()?];
         let terms = Terms { tick_s: 1.0, ..plan.terms.clone() };
@@ -133,7 +133,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     pub fn begin(
         &mut self,
         plan: &mut Plan<N, A>,
-        start: &Vector<N>,
+        start: &JointVector<N>,
         tick_s: f64,
     ) -> Result<(), MoveCheck> {
         plan.terms.tick_s = tick_s;
@@ -199,7 +199,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     }
 
     /// The leg after those looked at begins with `step` at `q`.
-    fn begin_leg(&mut self, plan: &Plan<N, A>, step: usize, q: Vector<N>) -> Result<(), Why> {
+    fn begin_leg(&mut self, plan: &Plan<N, A>, step: usize, q: JointVector<N>) -> Result<(), Why> {
         self.begins[self.legs] = Begin { step, q };
         self.stage = Stage::Laying;
         self.hands[0].begin(&plan.arm, &q, &plan.steps, step, &plan.pace).map_err(Why::Planned)

@@ -4,10 +4,10 @@
 use glam::DVec3;
 use taktil_mechanics::Joints;
 use taktil_mechanics::Pose;
-use taktil_mechanics::lead::{REST_TOLERANCE, SETTLE_S};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::{rotation_of, rotation_vector};
+use taktil_mechanics::tracking::{REST_TOLERANCE, SETTLE_S};
 use taktil_rtcore::Payload;
 use taktil_signal::{MoveCheck, MoveKind, TypedMove};
 use taktil_tasks_trajectory::config::{Goal, Step};

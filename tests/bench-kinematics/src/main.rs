@@ -15,8 +15,8 @@ use glam::DVec3;
 use peer::Peer;
 use rs_opw_kinematics::kinematic_traits::Kinematics;
 use taktil_mechanics::chain::{Chain, Dh, JointSpec};
-use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::{Joints, Pose};
 
 /// Joint vectors of a slice.

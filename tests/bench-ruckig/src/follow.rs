@@ -5,7 +5,8 @@
 use anyhow::{Context, anyhow};
 use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, Nanos};
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::{Dynamics, Friction};
+use taktil_mechanics::friction::Friction;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::{Timing, World, WorldConfig, build};

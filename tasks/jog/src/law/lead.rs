@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 use taktil_mechanics::arm::{Arm, Follow, Lost};
-use taktil_mechanics::chain::Vector;
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::spatial::rotation_of;
 use taktil_mechanics::{Joints, Pose};
 use taktil_signal::{JogFrame, JogWhy};
@@ -46,7 +46,7 @@ struct Tried<const N: usize, F> {
     speed: Joints,
     follower: F,
     /// Speeds of the joints (rad/s).
-    qd: Vector<N>,
+    qd: JointVector<N>,
 }
 
 /// What is left of the tries on one way, and what the last one that failed failed for.
@@ -66,7 +66,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         let (mut obstacle, mut spent) = (None, 0);
         for (speed, wanted) in [(ramped, 1.0), (*before, share)] {
             if speed == Joints::zeros() {
-                if self.reachable(&Vector::zeros(), dt_s) {
+                if self.reachable(&JointVector::zeros(), dt_s) {
                     break;
                 }
                 continue;
@@ -181,7 +181,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     }
 
     /// Where the joints are led in one job at this speed of the tool.
-    fn trial(&self, speed: &Joints, dt_s: f64) -> Result<(A::Follower, Vector<N>), Lost> {
+    fn trial(&self, speed: &Joints, dt_s: f64) -> Result<(A::Follower, JointVector<N>), Lost> {
         let mut follower = self.follower;
         let got = follower.step(&self.displaced(speed, dt_s), dt_s)?;
         // The tool point is off by its lever where the tool is turned; by more, it slides along the
@@ -202,7 +202,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     /// The joint that is slowest to brake and how much slower the tool has to be, if it, led to `q`
     /// (rad) in one job and left to the brakes there ([`Law::coast`]), would come to rest off its
     /// line or too late.
-    fn strays(&self, speed: &Joints, q: &Vector<N>, dt_s: f64) -> Option<(usize, f64)> {
+    fn strays(&self, speed: &Joints, q: &JointVector<N>, dt_s: f64) -> Option<(usize, f64)> {
         let qd = (q - self.q) / dt_s;
         let (mut slowest, mut jobs) = (0, 0.0);
         for joint in 0..N {
@@ -232,7 +232,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
 
     /// Between which multiples of the speeds `qd` (rad/s) every joint's acceleration is one that it
     /// has; the first is larger than the second when there is none.
-    fn between(&self, qd: &Vector<N>, dt_s: f64) -> (f64, f64) {
+    fn between(&self, qd: &JointVector<N>, dt_s: f64) -> (f64, f64) {
         let (mut least, mut most) = (0.0f64, f64::INFINITY);
         for joint in 0..N {
             let change = PLANNED_SHARE * self.arm.acceleration_max()[joint] * dt_s;
@@ -249,14 +249,14 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     }
 
     /// Whether the joints can have the speeds `qd` (rad/s) in one job.
-    fn reachable(&self, qd: &Vector<N>, dt_s: f64) -> bool {
+    fn reachable(&self, qd: &JointVector<N>, dt_s: f64) -> bool {
         let change = self.arm.acceleration_max() * dt_s;
         (0..N).all(|joint| (qd[joint] - self.qd[joint]).abs() <= change[joint])
     }
 
     /// The speed of the joint that is hastiest towards its edge over the one from which it can be
     /// braked before it, when they go to `q` (rad) in `dt_s` (s); and which edge that is.
-    fn haste(&self, q: &Vector<N>, dt_s: f64) -> (f64, Obstacle) {
+    fn haste(&self, q: &JointVector<N>, dt_s: f64) -> (f64, Obstacle) {
         let (mut most, mut hastiest, mut left) = (f64::MIN_POSITIVE, 0, 0.0);
         for joint in 0..N {
             let way = (q[joint] - self.q[joint]).abs();

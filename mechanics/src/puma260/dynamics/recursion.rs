@@ -4,7 +4,7 @@
 //! Everything about a link is seen from an origin on its own joint's axis, in axes that turn with
 //! the link; `inward::<J>` leads from the next link to link `J`, counted from 1.
 
-use super::grouped::{Grouped, Link};
+use super::base_parameters::{Grouped, Link};
 use crate::spatial::{Joints, Matrix6, SinCos};
 use glam::DVec3;
 

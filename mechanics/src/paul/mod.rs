@@ -8,12 +8,12 @@
 //! not hit: at the corner the path is 3/16 tau dv away, dv being the change of speed.
 
 pub mod cartesian;
+mod drive_transform;
 mod timing;
-mod turn;
 
 use core::fmt;
 
-use crate::chain::Vector;
+use crate::spatial::JointVector;
 use timing::{Piece, Timing, check_counts};
 
 /// Most points of a path.
@@ -23,18 +23,18 @@ pub const MAX_POINTS: usize = 32;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setpoint<const N: usize = 6> {
     /// Joint angles (rad).
-    pub q: Vector<N>,
+    pub q: JointVector<N>,
     /// Joint speeds (rad/s).
-    pub qd: Vector<N>,
+    pub qd: JointVector<N>,
     /// Joint accelerations (rad/s^2).
-    pub qdd: Vector<N>,
+    pub qdd: JointVector<N>,
 }
 
 impl<const N: usize> Setpoint<N> {
     /// At rest at `q`.
     #[must_use]
-    pub fn rest(q: &Vector<N>) -> Setpoint<N> {
-        Setpoint { q: *q, qd: Vector::zeros(), qdd: Vector::zeros() }
+    pub fn rest(q: &JointVector<N>) -> Setpoint<N> {
+        Setpoint { q: *q, qd: JointVector::zeros(), qdd: JointVector::zeros() }
     }
 }
 
@@ -146,7 +146,7 @@ impl std::error::Error for PathError {}
 /// A path of joint motion, of fixed size. With one point it is a rest of two tau.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointPath<const N: usize = 6> {
-    points: [Vector<N>; MAX_POINTS],
+    points: [JointVector<N>; MAX_POINTS],
     timing: Timing,
 }
 
@@ -156,7 +156,11 @@ impl<const N: usize> JointPath<N> {
     ///
     /// # Errors
     /// See [`PathError`]. A segment of no length is allowed: it is a wait.
-    pub fn new(points: &[Vector<N>], t_s: &[f64], tau_s: f64) -> Result<JointPath<N>, PathError> {
+    pub fn new(
+        points: &[JointVector<N>],
+        t_s: &[f64],
+        tau_s: f64,
+    ) -> Result<JointPath<N>, PathError> {
         check_counts(points.len(), t_s.len())?;
         let mut path = JointPath::rest(&points[0], tau_s)?;
         for (q, time_s) in points[1..].iter().zip(t_s) {
@@ -169,8 +173,8 @@ impl<const N: usize> JointPath<N> {
     ///
     /// # Errors
     /// As [`JointPath::restart`].
-    pub fn rest(q: &Vector<N>, tau_s: f64) -> Result<JointPath<N>, PathError> {
-        let points = [Vector::zeros(); MAX_POINTS];
+    pub fn rest(q: &JointVector<N>, tau_s: f64) -> Result<JointPath<N>, PathError> {
+        let points = [JointVector::zeros(); MAX_POINTS];
         let mut path = JointPath { points, timing: Timing::new(tau_s)? };
         path.restart(q, tau_s)?;
         Ok(path)
@@ -180,7 +184,7 @@ impl<const N: usize> JointPath<N> {
     ///
     /// # Errors
     /// A joint that is not finite, a `tau_s` (s) that is not positive.
-    pub fn restart(&mut self, q: &Vector<N>, tau_s: f64) -> Result<(), PathError> {
+    pub fn restart(&mut self, q: &JointVector<N>, tau_s: f64) -> Result<(), PathError> {
         self.timing.restart(tau_s)?;
         self.set(0, q)
     }
@@ -190,14 +194,14 @@ impl<const N: usize> JointPath<N> {
     /// # Errors
     /// A full path, a joint that is not finite, a time that is not positive or leaves no room for
     /// two transitions. The path is spoilt then.
-    pub fn push(&mut self, q: &Vector<N>, time_s: f64) -> Result<(), PathError> {
+    pub fn push(&mut self, q: &JointVector<N>, time_s: f64) -> Result<(), PathError> {
         let point = self.timing.count();
         self.set(point, q)?;
         let way = (q - self.points[point - 1]).amax();
         self.timing.push(time_s, way)
     }
 
-    fn set(&mut self, point: usize, q: &Vector<N>) -> Result<(), PathError> {
+    fn set(&mut self, point: usize, q: &JointVector<N>) -> Result<(), PathError> {
         if let Some(joint) = q.iter().position(|x| !x.is_finite()) {
             return Err(PathError::PointNotFinite { point, joint });
         }
@@ -226,7 +230,7 @@ impl<const N: usize> JointPath<N> {
 
     /// The points (rad).
     #[must_use]
-    pub fn points(&self) -> &[Vector<N>] {
+    pub fn points(&self) -> &[JointVector<N>] {
         &self.points[..self.timing.count()]
     }
 
@@ -240,7 +244,7 @@ impl<const N: usize> JointPath<N> {
             Piece::Transition(corner, since) => self.transition(corner, since),
             Piece::Segment(corner, since) => {
                 let qd = self.speed_after(corner);
-                Setpoint { q: self.points[corner] + qd * since, qd, qdd: Vector::zeros() }
+                Setpoint { q: self.points[corner] + qd * since, qd, qdd: JointVector::zeros() }
             }
         }
     }
@@ -261,42 +265,43 @@ impl<const N: usize> JointPath<N> {
     }
 
     /// Speed of the segment that ends at a corner (rad/s); 0 at the first.
-    fn speed_before(&self, corner: usize) -> Vector<N> {
-        if corner == 0 { Vector::zeros() } else { self.speed_after(corner - 1) }
+    fn speed_before(&self, corner: usize) -> JointVector<N> {
+        if corner == 0 { JointVector::zeros() } else { self.speed_after(corner - 1) }
     }
 
     /// Speed of the segment that starts at a corner (rad/s); 0 at the last.
-    fn speed_after(&self, corner: usize) -> Vector<N> {
+    fn speed_after(&self, corner: usize) -> JointVector<N> {
         if corner + 1 >= self.timing.count() {
-            return Vector::zeros();
+            return JointVector::zeros();
         }
         (self.points[corner + 1] - self.points[corner]) / self.timing.time_s(corner)
     }
 
     /// Largest speed of each joint on the whole path (rad/s): that of its fastest segment.
     #[must_use]
-    pub fn peak_speed(&self) -> Vector<N> {
-        (0..self.timing.count()).fold(Vector::zeros(), |top, i| top.sup(&self.speed_after(i).abs()))
+    pub fn peak_speed(&self) -> JointVector<N> {
+        (0..self.timing.count())
+            .fold(JointVector::zeros(), |top, i| top.sup(&self.speed_after(i).abs()))
     }
 
     /// Largest acceleration of each joint on the whole path (rad/s^2): that at its sharpest corner.
     #[must_use]
-    pub fn peak_acceleration(&self) -> Vector<N> {
+    pub fn peak_acceleration(&self) -> JointVector<N> {
         let corners = 0..self.timing.count();
-        corners.fold(Vector::zeros(), |top, i| top.sup(&self.peak_acceleration_at(i)))
+        corners.fold(JointVector::zeros(), |top, i| top.sup(&self.peak_acceleration_at(i)))
     }
 
     /// Largest acceleration of each joint at corner `corner` (rad/s^2): 3/4 dv/tau. That of the
     /// last one changes when the path goes on.
     #[must_use]
-    pub fn peak_acceleration_at(&self, corner: usize) -> Vector<N> {
+    pub fn peak_acceleration_at(&self, corner: usize) -> JointVector<N> {
         let change = self.speed_after(corner) - self.speed_before(corner);
         change.abs() * (0.75 / self.timing.tau_s())
     }
 
     /// Speed of each joint in segment `segment`, in size (rad/s).
     #[must_use]
-    pub fn speed_in(&self, segment: usize) -> Vector<N> {
+    pub fn speed_in(&self, segment: usize) -> JointVector<N> {
         self.speed_after(segment).abs()
     }
 }
@@ -305,9 +310,9 @@ impl<const N: usize> JointPath<N> {
 /// room for two transitions. Infinite when a speed is not positive and its joint moves.
 #[must_use]
 pub fn segment_time_s<const N: usize>(
-    from: &Vector<N>,
-    to: &Vector<N>,
-    speed_max: &Vector<N>,
+    from: &JointVector<N>,
+    to: &JointVector<N>,
+    speed_max: &JointVector<N>,
     tau_s: f64,
 ) -> f64 {
     let mut time = 2.0 * tau_s;

@@ -11,10 +11,10 @@
 use core::f64::consts::PI;
 use core::fmt;
 
-use super::dynamics::solve_positive;
-use super::{Chain, MAX_JOINTS, Motion, Vector};
+use super::{Chain, MAX_JOINTS, Motion};
+use crate::cholesky::solve_positive;
 use crate::puma260::inverse::sane;
-use crate::spatial::{Pose, rotation_vector};
+use crate::spatial::{Jacobian, JointVector, Pose, rotation_vector};
 use glam::{DMat3, DVec3};
 use nalgebra::{Matrix6, Vector6};
 
@@ -47,7 +47,7 @@ impl Effort {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Found<const N: usize> {
     /// Joint values inside the limits (rad or m).
-    pub q: Vector<N>,
+    pub q: JointVector<N>,
     /// Which start led there, 1 for the joints before.
     pub starts: u32,
     /// Steps taken in all.
@@ -62,7 +62,7 @@ pub struct Found<const N: usize> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NotFound<const N: usize> {
     /// The nearest joints that were seen inside the limits.
-    pub q: Vector<N>,
+    pub q: JointVector<N>,
     /// Distance of their tool point (m); infinite where the pose or the joints before are not
     /// finite.
     pub off_m: f64,
@@ -131,7 +131,7 @@ impl<const N: usize> Chain<N> {
     pub fn search(
         &self,
         tool: &Pose,
-        previous: &Vector<N>,
+        previous: &JointVector<N>,
         effort: &Effort,
     ) -> Result<Found<N>, NotFound<N>> {
         let mut best = NotFound { q: *previous, off_m: f64::INFINITY, off_rad: f64::INFINITY };
@@ -158,13 +158,13 @@ impl<const N: usize> Chain<N> {
     }
 
     /// Joints clamped into their limits.
-    fn inside(&self, q: &Vector<N>) -> Vector<N> {
-        Vector::<N>::from_fn(|i, _| q[i].clamp(self.limits.q_min[i], self.limits.q_max[i]))
+    fn inside(&self, q: &JointVector<N>) -> JointVector<N> {
+        JointVector::<N>::from_fn(|i, _| q[i].clamp(self.limits.q_min[i], self.limits.q_max[i]))
     }
 
     /// Start number `n` of the sequence that spreads over the limits, one turn of them at most.
-    fn start(&self, n: u32) -> Vector<N> {
-        Vector::<N>::from_fn(|i, _| {
+    fn start(&self, n: u32) -> JointVector<N> {
+        JointVector::<N>::from_fn(|i, _| {
             let (low, high) = (self.limits.q_min[i], self.limits.q_max[i]);
             let middle = 0.5 * (low + high);
             let half = match self.links[i].motion {
@@ -191,10 +191,10 @@ impl<const N: usize> Chain<N> {
     fn descend(
         &self,
         goal: &Pose,
-        from: &Vector<N>,
+        from: &JointVector<N>,
         effort: &Effort,
         steps: &mut u32,
-    ) -> (Vector<N>, Miss) {
+    ) -> (JointVector<N>, Miss) {
         let mut q = *from;
         let mut frames = self.frames(&q);
         let mut miss = self.miss(goal, &frames.tool);
@@ -230,11 +230,11 @@ impl<const N: usize> Chain<N> {
     /// step would point elsewhere and stall along the limit.
     fn within(
         &self,
-        q: &Vector<N>,
-        jacobian: &super::Jacobian<N>,
+        q: &JointVector<N>,
+        jacobian: &Jacobian<N>,
         error: &Vector6<f64>,
         damping: f64,
-    ) -> Vector<N> {
+    ) -> JointVector<N> {
         let (mut j, mut free) = (*jacobian, [true; N]);
         let mut step = self.damped(&j, error, damping);
         for _ in 0..HELD {
@@ -257,12 +257,7 @@ impl<const N: usize> Chain<N> {
 
     /// `J^T (J J^T + damping I)^-1 error` with positions counted in mean links; rest where a
     /// number is not finite.
-    fn damped(
-        &self,
-        jacobian: &super::Jacobian<N>,
-        error: &Vector6<f64>,
-        damping: f64,
-    ) -> Vector<N> {
+    fn damped(&self, jacobian: &Jacobian<N>, error: &Vector6<f64>, damping: f64) -> JointVector<N> {
         let mut j = *jacobian;
         for column in 0..N {
             for row in 0..3 {
@@ -283,11 +278,11 @@ impl<const N: usize> Chain<N> {
         let mut x = *error;
         solve_positive(&mut square, &mut x);
         let step = j.tr_mul(&x);
-        if step.iter().all(|x| x.is_finite()) { step } else { Vector::zeros() }
+        if step.iter().all(|x| x.is_finite()) { step } else { JointVector::zeros() }
     }
 
     /// A step shortened as a whole to the longest one.
-    fn shortened(&self, step: &Vector<N>) -> Vector<N> {
+    fn shortened(&self, step: &JointVector<N>) -> JointVector<N> {
         let most = (0..N).fold(0.0_f64, |most, i| {
             let size = match self.links[i].motion {
                 Motion::Turn => step[i].abs(),
@@ -305,10 +300,10 @@ impl<const N: usize> Chain<N> {
     #[must_use]
     pub fn rates(
         &self,
-        q: &Vector<N>,
+        q: &JointVector<N>,
         twist: &Vector6<f64>,
         damping: f64,
-    ) -> (Vector<N>, Vector6<f64>) {
+    ) -> (JointVector<N>, Vector6<f64>) {
         let j = self.jacobian_base(q);
         let mut scaled = *twist;
         let linear = DVec3::new(twist[0], twist[1], twist[2]) / self.scale_m;

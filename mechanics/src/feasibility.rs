@@ -9,9 +9,9 @@
 use core::fmt;
 
 use crate::arm::{Arm, Links, Lost};
-use crate::chain::Vector;
-use crate::lead::{Lead, Route};
 use crate::puma260::Puma260;
+use crate::spatial::JointVector;
+use crate::tracking::{Lead, Route};
 
 /// Most ticks that a preview walks.
 const TICKS_MAX: f64 = 1e7;
@@ -28,7 +28,7 @@ pub struct Terms<const N: usize = 6, A: Arm<N> = Puma260> {
     /// Links, tool and motors, for the torque.
     pub dynamics: A::Links,
     /// Largest torque of each joint (N m); infinite where it does not matter.
-    pub torque_max_nm: Vector<N>,
+    pub torque_max_nm: JointVector<N>,
     /// Largest distance of the tool point from its path (m), past a wrist singularity.
     pub off_max_m: f64,
     /// Largest angle between the tool and its path (rad), past a wrist singularity.
@@ -65,7 +65,7 @@ pub struct Preview<const N: usize = 6> {
     /// Largest angle between the tool and its path (rad).
     pub off_rad: Peak,
     /// Joints at the end (rad).
-    pub end: Vector<N>,
+    pub end: JointVector<N>,
 }
 
 /// Why a move is not started.
@@ -137,7 +137,7 @@ const START_TOLERANCE: f64 = 1e-6;
 /// Refuses to start `route` anywhere but at joints `start` (rad).
 fn check_start<const N: usize, A: Arm<N>>(
     route: Route<'_, N>,
-    start: &Vector<N>,
+    start: &JointVector<N>,
     arm: &A,
 ) -> Result<(), Refusal> {
     let (off, turned) = match route {
@@ -160,15 +160,15 @@ fn check_start<const N: usize, A: Arm<N>>(
 struct Walk<const N: usize> {
     preview: Preview<N>,
     /// Joints one tick ago (rad).
-    before: Vector<N>,
+    before: JointVector<N>,
     /// Joints at the last look at the torque and the one before (rad).
-    looks: [Vector<N>; 2],
+    looks: [JointVector<N>; 2],
     /// Ticks since the last look at the torque.
     since: u32,
 }
 
 impl<const N: usize> Walk<N> {
-    fn new(start: &Vector<N>, duration_s: f64) -> Walk<N> {
+    fn new(start: &JointVector<N>, duration_s: f64) -> Walk<N> {
         let least = Peak { value: 0.0, t_s: 0.0 };
         let preview = Preview {
             duration_s,
@@ -186,7 +186,7 @@ impl<const N: usize> Walk<N> {
     /// Takes in the joints at `t_s`: their speed since the last tick, now and then their torque.
     fn step<A: Arm<N>>(
         &mut self,
-        q: &Vector<N>,
+        q: &JointVector<N>,
         t_s: f64,
         terms: &Terms<N, A>,
     ) -> Result<(), Refusal> {
@@ -218,7 +218,7 @@ impl<const N: usize> Walk<N> {
     /// The torque at the last look, from the joints before, at and after it.
     fn look_at_torque<A: Arm<N>>(
         &mut self,
-        q: &Vector<N>,
+        q: &JointVector<N>,
         t_s: f64,
         terms: &Terms<N, A>,
     ) -> Result<(), Refusal> {
@@ -291,7 +291,7 @@ impl<const N: usize, A: Arm<N>> Inspection<N, A> {
     /// A route that starts elsewhere, and a tick that does not fit it.
     pub fn new(
         route: Route<'_, N>,
-        start: &Vector<N>,
+        start: &JointVector<N>,
         terms: &Terms<N, A>,
     ) -> Result<Inspection<N, A>, Refusal> {
         check_start(route, start, &terms.arm)?;
@@ -392,7 +392,7 @@ impl<const N: usize> Preview<N> {
     /// The first thing that the arm cannot do.
     pub fn of<A: Arm<N>>(
         route: Route<'_, N>,
-        start: &Vector<N>,
+        start: &JointVector<N>,
         terms: &Terms<N, A>,
     ) -> Result<Preview<N>, Refusal> {
         let mut inspection = Inspection::new(route, start, terms)?;

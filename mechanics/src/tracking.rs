@@ -4,10 +4,10 @@
 //! for ever: an arm that is not on its goal [`SETTLE_S`] after the route's end is lost.
 
 use crate::arm::{Arm, Follow, Lost};
-use crate::chain::Vector;
 use crate::paul::cartesian::CartesianPath;
 use crate::paul::{JointPath, Setpoint};
 use crate::puma260::Puma260;
+use crate::spatial::JointVector;
 
 /// Longest that an arm may take to come to rest on its goal after the route's end (s).
 pub const SETTLE_S: f64 = 2.0;
@@ -43,7 +43,7 @@ impl<const N: usize> Route<'_, N> {
 pub struct Lead<const N: usize = 6, A: Arm<N> = Puma260> {
     follower: A::Follower,
     /// Joint speeds of the last tick (rad/s).
-    qd: Vector<N>,
+    qd: JointVector<N>,
     /// The route's time in the last tick (s).
     t_s: f64,
     /// For how long the tool has been wanted at one place and not come to rest there (s).
@@ -70,25 +70,25 @@ pub struct Led<const N: usize = 6> {
 impl<const N: usize, A: Arm<N>> Lead<N, A> {
     /// From rest at `q` (rad).
     #[must_use]
-    pub fn new(arm: &A, q: &Vector<N>) -> Lead<N, A> {
-        Lead::moving(arm, q, &Vector::zeros(), 0.0)
+    pub fn new(arm: &A, q: &JointVector<N>) -> Lead<N, A> {
+        Lead::moving(arm, q, &JointVector::zeros(), 0.0)
     }
 
     /// From `q` (rad), where the joints have the speeds `qd` (rad/s), at `t_s` (s) of a route.
     #[must_use]
-    pub fn moving(arm: &A, q: &Vector<N>, qd: &Vector<N>, t_s: f64) -> Lead<N, A> {
+    pub fn moving(arm: &A, q: &JointVector<N>, qd: &JointVector<N>, t_s: f64) -> Lead<N, A> {
         Lead { follower: arm.follower(q), qd: *qd, t_s, late_s: 0.0 }
     }
 
     /// The joints to which it has led along a tool path (rad).
     #[must_use]
-    pub fn joints(&self) -> &Vector<N> {
+    pub fn joints(&self) -> &JointVector<N> {
         self.follower.joints()
     }
 
     /// Joint speeds of the last tick (rad/s).
     #[must_use]
-    pub fn speeds(&self) -> &Vector<N> {
+    pub fn speeds(&self) -> &JointVector<N> {
         &self.qd
     }
 
@@ -141,12 +141,12 @@ impl<const N: usize, A: Arm<N>> Lead<N, A> {
 }
 
 /// Whether a joint can stop within one tick.
-fn slow<const N: usize, A: Arm<N>>(arm: &A, joint: usize, qd: &Vector<N>, dt_s: f64) -> bool {
+fn slow<const N: usize, A: Arm<N>>(arm: &A, joint: usize, qd: &JointVector<N>, dt_s: f64) -> bool {
     qd[joint].abs() <= arm.acceleration_max()[joint] * dt_s
 }
 
 /// The joint that still has the farthest to go, told by its share of its speed.
-fn behind<const N: usize, A: Arm<N>>(arm: &A, qd: &Vector<N>) -> Lost {
+fn behind<const N: usize, A: Arm<N>>(arm: &A, qd: &JointVector<N>) -> Lost {
     let share = |joint: &usize| qd[*joint].abs() / arm.speed_max()[*joint];
     let joint = (0..N).max_by(|a, b| share(a).total_cmp(&share(b))).unwrap_or(0);
     Lost::Behind { joint }

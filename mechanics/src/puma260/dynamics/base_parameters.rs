@@ -5,7 +5,7 @@
 //!
 //! All of it is exact: the torques are those of the bodies, to rounding.
 
-use super::{Body, carry, steiner};
+use crate::rigid_body::{Body, carry, steiner};
 use glam::{DMat3, DVec3};
 
 /// A link that turns about its z axis, seen from an origin on that axis, in axes that turn with it:

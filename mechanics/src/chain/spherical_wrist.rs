@@ -11,13 +11,13 @@
 
 use core::f64::consts::PI;
 
-use super::{Chain, Motion, Vector};
+use super::{Chain, Motion};
 use crate::limits;
 use crate::puma260::inverse::{DOUBLE_ROOT, WRIST_HOLD, sane};
 use crate::puma260::{
     Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, SingularDistance, WRIST_SINGULAR,
 };
-use crate::spatial::{Joints, Pose, wrap_angle};
+use crate::spatial::{JointVector, Joints, Pose, wrap_angle};
 use glam::{DMat3, DVec2, DVec3};
 
 /// How exactly axes have to meet, be parallel and be square: relative to the arm's size, and in
@@ -73,7 +73,7 @@ impl SphericalWrist {
         if N != 6 || chain.links.iter().any(|link| link.motion != Motion::Turn) {
             return None;
         }
-        let zero = chain.frames(&Vector::<N>::zeros());
+        let zero = chain.frames(&JointVector::<N>::zeros());
         let (z, o) = (zero.axis, zero.origin);
         let size = chain.scale_m * 6.0;
         let square = |a: DVec3, b: DVec3| a.dot(b).abs() < EXACT;
@@ -102,7 +102,7 @@ impl SphericalWrist {
         let wrist = DMat3::from_cols(z[4].cross(z[3]), z[4], z[3]);
         let sixth = wrist.transpose() * z[5];
         let tool = zero.tool;
-        let six = |v: &Vector<N>| Joints::from_fn(|i, _| v[i]);
+        let six = |v: &JointVector<N>| Joints::from_fn(|i, _| v[i]);
         Some(SphericalWrist {
             foot,
             base,

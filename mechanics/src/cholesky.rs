@@ -1,0 +1,35 @@
+//! Solution of small symmetric positive definite systems, such as those of a mass matrix.
+
+use crate::spatial::{JointMatrix, JointVector};
+
+/// Solves a symmetric positive definite system by Cholesky in place; NaN where it is neither.
+pub(crate) fn solve_positive<const N: usize>(m: &mut JointMatrix<N>, b: &mut JointVector<N>) {
+    for j in 0..N {
+        let mut d = m[(j, j)];
+        for k in 0..j {
+            d -= m[(j, k)] * m[(j, k)];
+        }
+        // The square root of a negative number is the NaN that is promised.
+        let root = d.sqrt();
+        m[(j, j)] = root;
+        for i in j + 1..N {
+            let mut sum = m[(i, j)];
+            for k in 0..j {
+                sum -= m[(i, k)] * m[(j, k)];
+            }
+            m[(i, j)] = sum / root;
+        }
+    }
+    for i in 0..N {
+        for k in 0..i {
+            b[i] -= m[(i, k)] * b[k];
+        }
+        b[i] /= m[(i, i)];
+    }
+    for i in (0..N).rev() {
+        for k in i + 1..N {
+            b[i] -= m[(k, i)] * b[k];
+        }
+        b[i] /= m[(i, i)];
+    }
+}
