@@ -8,7 +8,7 @@ use serde::Deserialize;
 use taktil_hal::CHANNELS;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::Motion;
+use taktil_mechanics::chain::JointKind;
 use taktil_mechanics::friction::Friction;
 use taktil_mechanics::robot::{ChainRobot, Robot};
 use taktil_mechanics::spatial::JointVector;
@@ -113,7 +113,7 @@ impl AnyRobot {
     /// What a joint is called, 0 the first.
     #[must_use]
     pub fn joint(&self, index: usize) -> String {
-        with!(self, robot => robot.joint(index))
+        with!(self, robot => robot.joint_label(index))
     }
 
     /// Joints of the home pose (rad).
@@ -131,7 +131,7 @@ impl AnyRobot {
     /// Torques that hold the arm against gravity (N m); `None` for another number of joints.
     #[must_use]
     pub fn gravity_nm(&self, q: &[f64]) -> Option<Vec<f64>> {
-        with!(self, robot => Some(robot.links.gravity(&sized(q)?).as_slice().to_vec()))
+        with!(self, robot => Some(robot.dynamics.gravity_torque(&sized(q)?).as_slice().to_vec()))
     }
 
     /// Refuses joint angles (deg) that are not those of this arm, at `place`.
@@ -158,7 +158,7 @@ fn pose<const N: usize, A: Arm<N>>(
     for i in 0..N {
         let (low, high) = (robot.arm.q_min()[i], robot.arm.q_max()[i]);
         if !(low <= q[i] && q[i] <= high) {
-            let what = format!("{} is outside the limits of {}", degrees[i], robot.joint(i));
+            let what = format!("{} is outside the limits of {}", degrees[i], robot.joint_label(i));
             let remedy =
                 format!("give {:.1} to {:.1} degrees", low.to_degrees(), high.to_degrees());
             return Err(Invalid::new(format!("{place}[{i}]"), what, remedy));
@@ -176,7 +176,7 @@ pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, Broken> {
         .map_err(|bad| Broken::File(Box::new(urdf::locate(urdf, bad))))?;
     let of_file = |bad| Broken::File(Box::new(urdf::locate(urdf, bad)));
     for (name, joint) in described.names.iter().zip(&described.joints) {
-        if joint.motion == Motion::Slide {
+        if joint.kind == JointKind::Prismatic {
             let what = "slides: the tasks drive turning joints";
             return Err(of_file(Invalid::new(name, what, "fix it, or name a tip before it")));
         }
@@ -213,10 +213,10 @@ fn chain<const N: usize>(
     let motors = Motors::<N>::of(config, &described.names).map_err(Broken::Section)?;
     let mut driven = described.clone();
     for (i, joint) in driven.joints.iter_mut().enumerate() {
-        joint.reflected = motors.rotor_kg_m2[i] * motors.gear[i] * motors.gear[i];
+        joint.reflected_inertia = motors.rotor_kg_m2[i] * motors.gear[i] * motors.gear[i];
     }
     let arm = driven.chain::<N>().map_err(of_file)?;
-    let gears = Transmission::independent(&motors.gear, &motors.counts);
+    let gears = Transmission::uncoupled(&motors.gear, &motors.counts);
     let drive = Drive {
         torque_constant_nm_a: motors.constant,
         current_max_a: motors.current,
@@ -224,23 +224,23 @@ fn chain<const N: usize>(
     };
     let peak = drive.peak_joint_torque(&gears);
     let mut robot = Robot {
-        links: arm,
+        dynamics: arm,
         torque_max_nm: peak.inf(&arm.limits().effort_max),
         arm,
         gears,
         drive,
         friction: Friction { coulomb_nm: motors.coulomb, viscous_nms_rad: motors.viscous },
         home_rad: JointVector::zeros(),
-        at_work_rad: JointVector::zeros(),
-        names: described.names.clone(),
+        nominal_rad: JointVector::zeros(),
+        joint_names: described.names.clone(),
     };
     let home = pose("home_deg", &config.home_deg, &robot).map_err(Broken::Section)?;
-    (robot.home_rad, robot.at_work_rad) = (home, home);
-    let still = arm.gravity(&home);
+    (robot.home_rad, robot.nominal_rad) = (home, home);
+    let still = arm.gravity_torque(&home);
     if let Some(i) = (0..N).find(|i| still[*i].abs() > robot.torque_max_nm[*i]) {
         let what = format!(
             "{} cannot hold itself at home: gravity asks for {:.2} N m, it has {:.2}",
-            robot.joint(i),
+            robot.joint_label(i),
             still[i].abs(),
             robot.torque_max_nm[i]
         );

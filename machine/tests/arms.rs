@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use taktil_machine::source::Source;
 use taktil_machine::urdf::{load, locate, read};
 use taktil_mechanics::Joints;
-use taktil_mechanics::chain::{Chain, Effort};
+use taktil_mechanics::chain::{Chain, SearchBudget};
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::puma260::dynamics::Dynamics;
@@ -50,11 +50,11 @@ fn the_puma_s_file_is_the_built_in_puma() {
         assert!((got.translation - want.translation).length() < 1e-15);
         assert!(got.rotation.abs_diff_eq(want.rotation, 2e-15));
         let (qd, qdd) = (Joints::from_fn(|_, _| draw(-2.0, 2.0)), Joints::repeat(3.0));
-        let off = chain.inverse_dynamics(&q, &qd, &qdd) - dynamics.inverse(&q, &qd, &qdd);
+        let off = chain.inverse_dynamics(&q, &qd, &qdd) - dynamics.inverse_dynamics(&q, &qd, &qdd);
         assert!(off.amax() < 1e-13, "{off}");
-        let own = arm.inverse(&arm.tool_to_wrist(&want), Some(&q));
-        for (a, b) in own.iter().zip(&wrist.inverse(&want, Some(&q))) {
-            let d = arm.singular_distance(&q).smallest();
+        let own = arm.inverse_kinematics(&arm.tool_to_wrist(&want), Some(&q));
+        for (a, b) in own.iter().zip(&wrist.inverse_kinematics(&want, Some(&q))) {
+            let d = arm.singularity_distance(&q).smallest();
             let apart = (a.q - b.q).map(taktil_mechanics::spatial::wrap_angle).amax();
             assert!(apart < 1e-14 / (d * d), "{apart:e}");
         }
@@ -76,8 +76,12 @@ fn moves<const N: usize>(arm: &Chain<N>, home: &JointVector<N>) {
             let share = 4.0 * x * (1.0 - x);
             let mut goal = start;
             goal.translation += 0.12 * share * start.rotation.x_axis;
-            let found = arm.search(&goal, &q, &Effort::TICK).unwrap();
-            assert!(found.off_m <= 1e-10 && found.off_rad <= 1e-10 && found.steps <= 6);
+            let found = arm.inverse_kinematics(&goal, &q, &SearchBudget::TICK).unwrap();
+            assert!(
+                found.position_error_m <= 1e-10
+                    && found.orientation_error_rad <= 1e-10
+                    && found.steps <= 6
+            );
             let speed = ((found.q - q) / 0.0025).component_div(&limits.speed_max).amax();
             fastest = fastest.max(speed);
             q = found.q;

@@ -57,25 +57,25 @@ fn main() {
         black_box(arm.jacobian_tool(q));
     });
     measure("inverse, eight branches", &poses, |(pose, q)| {
-        black_box(arm.inverse(pose, Some(q)));
+        black_box(arm.inverse_kinematics(pose, Some(q)));
     });
     measure("inverse and nearest", &poses, |(pose, q)| {
-        black_box(arm.nearest(&arm.inverse(pose, Some(q)), q));
+        black_box(arm.nearest_branch(&arm.inverse_kinematics(pose, Some(q)), q));
     });
     measure("damped least squares", &motions, |(q, qd, _)| {
         black_box(damped_least_squares(&arm.jacobian_base(q), qd, 0.01));
     });
     measure("inverse dynamics", &motions, |(q, qd, qdd)| {
-        black_box(dynamics.inverse(q, qd, qdd));
+        black_box(dynamics.inverse_dynamics(q, qd, qdd));
     });
     measure("gravity", &q, |q| {
-        black_box(dynamics.gravity(q));
+        black_box(dynamics.gravity_torque(q));
     });
     measure("mass matrix", &q, |q| {
         black_box(dynamics.mass_matrix(q));
     });
     measure("forward dynamics", &motions, |(q, qd, tau)| {
-        black_box(dynamics.forward(q, qd, tau));
+        black_box(dynamics.forward_dynamics(q, qd, tau));
     });
     measure("Runge-Kutta step", &motions, |(q, qd, tau)| {
         let state = State { q: *q, qd: *qd };

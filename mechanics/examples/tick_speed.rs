@@ -15,7 +15,7 @@ use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::JointVector;
-use taktil_mechanics::tracking::{Lead, Route};
+use taktil_mechanics::tracking::{PathRef, PathTracker};
 
 #[path = "../tests/rows/mod.rs"]
 mod rows;
@@ -35,14 +35,14 @@ fn square<const N: usize, A: Arm<N>>(arm: &A, q: &JointVector<N>) -> CartesianPa
 
 /// Follows the square once; the number of ticks.
 fn follow<const N: usize, A: Arm<N>>(arm: &A, path: &CartesianPath, q: &JointVector<N>) -> u32 {
-    let mut lead = Lead::new(arm, q);
+    let mut lead = PathTracker::new(arm, q);
     let mut tick = 0_u32;
     let mut t_s = 0.0;
     while t_s < path.duration_s() {
         tick += 1;
         t_s = DT_S * f64::from(tick);
-        let led = lead.step(arm, Route::Tool(path), t_s, DT_S).expect("it follows");
-        black_box((led.at, arm.within_limits(&led.at.q)));
+        let led = lead.step(arm, PathRef::Cartesian(path), t_s, DT_S).expect("it follows");
+        black_box((led.setpoint, arm.within_limits(&led.setpoint.q)));
     }
     tick
 }

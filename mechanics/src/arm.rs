@@ -14,9 +14,9 @@ use crate::spatial::{JointMatrix, JointVector, Pose};
 /// An arm of `N` joints.
 pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
     /// Leads the arm along a tool path.
-    type Follower: Follow<N>;
+    type Follower: PathFollower<N>;
     /// The arm's masses.
-    type Links: Links<N>;
+    type Dynamics: ArmDynamics<N>;
 
     /// Lower joint limits (rad or m).
     fn q_min(&self) -> &JointVector<N>;
@@ -34,16 +34,20 @@ pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
     fn tool_pose(&self, q: &JointVector<N>) -> Pose;
     /// The joints that reach a tool pose within the limits nearest to `before`, as far as they are
     /// found; the work is bounded, for a lane.
-    fn reach(&self, tool: &Pose, before: &JointVector<N>) -> Option<JointVector<N>>;
+    fn inverse_kinematics_near(
+        &self,
+        tool: &Pose,
+        before: &JointVector<N>,
+    ) -> Option<JointVector<N>>;
     /// False for a tool pose that cannot be reached at all; true may be a pose that cannot either.
-    fn may_reach(&self, tool: &Pose) -> bool;
+    fn is_within_reach_bound(&self, tool: &Pose) -> bool;
     /// Whether some joints within the limits reach a tool pose; searched with patience, not for a
     /// lane.
-    fn can_reach(&self, tool: &Pose) -> bool;
+    fn is_reachable(&self, tool: &Pose) -> bool;
     /// Scaled distances from singularities, in size: of shoulder, elbow and wrist where the arm has
     /// these names; else the smallest singular value of the Jacobian, lengths counted in mean
     /// links, in all three places.
-    fn singular(&self, q: &JointVector<N>) -> [f64; 3];
+    fn singularity_distances(&self, q: &JointVector<N>) -> [f64; 3];
     /// Starts to follow tool paths from rest at `q`.
     fn follower(&self, q: &JointVector<N>) -> Self::Follower;
 
@@ -54,12 +58,12 @@ pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
 
     /// How far `joint` may go from `here` on the way to `to` (rad or m): to its limit, or to where
     /// a tool that is led straight cannot come back from.
-    fn room(&self, joint: usize, here: &JointVector<N>, to: &JointVector<N>) -> f64 {
-        self.room_to_limit(joint, here, to).max(0.0)
+    fn remaining_travel(&self, joint: usize, here: &JointVector<N>, to: &JointVector<N>) -> f64 {
+        self.travel_to_limit(joint, here, to).max(0.0)
     }
 
     /// How far `joint` may go from `here` on the way to `to` until its limit; negative beyond it.
-    fn room_to_limit(&self, joint: usize, here: &JointVector<N>, to: &JointVector<N>) -> f64 {
+    fn travel_to_limit(&self, joint: usize, here: &JointVector<N>, to: &JointVector<N>) -> f64 {
         if to[joint] > here[joint] {
             self.q_max()[joint] - here[joint]
         } else {
@@ -69,72 +73,74 @@ pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
 }
 
 /// The masses of an arm of `N` joints, motors included, friction not.
-pub trait Links<const N: usize>: Clone + Debug + Send + 'static {
+pub trait ArmDynamics<const N: usize>: Clone + Debug + Send + 'static {
     /// The mass matrix (kg m^2).
     fn mass_matrix(&self, q: &JointVector<N>) -> JointMatrix<N>;
     /// Coriolis, centrifugal and gravity torques (N m).
-    fn bias(&self, q: &JointVector<N>, qd: &JointVector<N>) -> JointVector<N>;
+    fn bias_torque(&self, q: &JointVector<N>, qd: &JointVector<N>) -> JointVector<N>;
     /// Torques that hold the arm against gravity (N m).
-    fn gravity(&self, q: &JointVector<N>) -> JointVector<N>;
+    fn gravity_torque(&self, q: &JointVector<N>) -> JointVector<N>;
 }
 
 /// Follows a path of tool poses tick by tick from where it was started.
-pub trait Follow<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
+pub trait PathFollower<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
     /// The joints of the last tick (rad).
     fn joints(&self) -> &JointVector<N>;
 
     /// The joints for tool pose `tool` (base frame) one tick of `dt_s` (s) after the last.
     ///
     /// # Errors
-    /// [`Lost`]; the joints stay as they were.
-    fn step(&mut self, tool: &Pose, dt_s: f64) -> Result<Followed<N>, Lost>;
+    /// [`FollowError`]; the joints stay as they were.
+    fn step(&mut self, tool: &Pose, dt_s: f64) -> Result<FollowerStep<N>, FollowError>;
 }
 
 /// The joints of one tick, and what they miss.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Followed<const N: usize = 6> {
+pub struct FollowerStep<const N: usize = 6> {
     /// Joint angles (rad).
     pub q: JointVector<N>,
     /// Distance of the tool point from its path (m).
-    pub off_m: f64,
+    pub position_error_m: f64,
     /// Angle between the tool's orientation and the one wanted (rad).
-    pub off_rad: f64,
+    pub orientation_error_rad: f64,
 }
 
 /// Why a path cannot be followed any further.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
-pub enum Lost {
+pub enum FollowError {
     /// The pose is out of reach, or holds a number that is not finite.
     OutOfReach,
     /// This joint (0 is the first) would have to leave its limits.
-    Limit {
+    JointLimit {
         /// Index of the joint.
         joint: usize,
     },
     /// This joint (0 is the first) would have to be faster than its limit by this ratio.
-    TooFast {
+    SpeedLimit {
         /// Index of the joint.
         joint: usize,
         /// Speed wanted over the speed allowed, above 1.
         ratio: f64,
     },
     /// The path has ended, and this joint (0 is the first) did not catch up with it in time.
-    Behind {
+    NotSettled {
         /// Index of the joint.
         joint: usize,
     },
 }
 
-impl fmt::Display for Lost {
+impl fmt::Display for FollowError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Lost::OutOfReach => write!(f, "the tool pose is out of the arm's reach"),
-            Lost::Limit { joint } => write!(f, "joint {} would leave its limits", joint + 1),
-            Lost::TooFast { joint, ratio } => {
+            FollowError::OutOfReach => write!(f, "the tool pose is out of the arm's reach"),
+            FollowError::JointLimit { joint } => {
+                write!(f, "joint {} would leave its limits", joint + 1)
+            }
+            FollowError::SpeedLimit { joint, ratio } => {
                 write!(f, "joint {} would need {ratio:.2} times its speed", joint + 1)
             }
-            Lost::Behind { joint } => {
+            FollowError::NotSettled { joint } => {
                 write!(f, "joint {} would still be short of the goal", joint + 1)
             }
         }

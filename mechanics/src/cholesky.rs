@@ -3,7 +3,10 @@
 use crate::spatial::{JointMatrix, JointVector};
 
 /// Solves a symmetric positive definite system by Cholesky in place; NaN where it is neither.
-pub(crate) fn solve_positive<const N: usize>(m: &mut JointMatrix<N>, b: &mut JointVector<N>) {
+pub(crate) fn solve_positive_definite<const N: usize>(
+    m: &mut JointMatrix<N>,
+    b: &mut JointVector<N>,
+) {
     for j in 0..N {
         let mut d = m[(j, j)];
         for k in 0..j {

@@ -32,7 +32,7 @@ pub fn damped_least_squares(
     let largest = jacobian.amax().max(lambda.abs());
     let mut diagonal = [0.0; 6];
     for (k, pivot) in diagonal.iter_mut().enumerate() {
-        *pivot = reflect(&mut a, &mut b, k);
+        *pivot = apply_householder_reflection(&mut a, &mut b, k);
         if pivot.is_nan() || pivot.abs() <= 1e-15 * largest {
             return None;
         }
@@ -50,7 +50,7 @@ pub fn damped_least_squares(
 
 /// One Householder step on column `k` (columns are stored as rows of `a`); returns the new
 /// diagonal.
-fn reflect(a: &mut [[f64; 12]; 6], b: &mut [f64; 12], k: usize) -> f64 {
+fn apply_householder_reflection(a: &mut [[f64; 12]; 6], b: &mut [f64; 12], k: usize) -> f64 {
     let norm = a[k][k..].iter().map(|x| x * x).sum::<f64>().sqrt();
     if norm == 0.0 {
         return 0.0;
@@ -88,7 +88,7 @@ pub fn damping_squared(distance: f64, threshold: f64, lambda_max: f64) -> f64 {
 /// `qd` scaled as a whole so that no joint is faster than `limit` (both rad/s), and the factor
 /// (1 = untouched). A vector that is not finite becomes rest, factor 0.
 #[must_use]
-pub fn limit_speed(qd: &Joints, limit: &Joints) -> (Joints, f64) {
+pub fn scale_to_speed_limits(qd: &Joints, limit: &Joints) -> (Joints, f64) {
     if !qd.iter().all(|x| x.is_finite()) {
         return (Joints::zeros(), 0.0);
     }
@@ -102,7 +102,7 @@ pub fn limit_speed(qd: &Joints, limit: &Joints) -> (Joints, f64) {
 }
 
 /// Most sweeps of the singular value iteration; a Jacobian needs about ten.
-const MAX_SWEEPS: usize = 200;
+const SVD_SWEEPS_MAX: usize = 200;
 
 /// Singular values of a Jacobian, largest first (mixed units). All NaN when a number is not finite
 /// or so large that the iteration does not settle.
@@ -111,6 +111,6 @@ pub fn singular_values(jacobian: &Matrix6) -> [f64; 6] {
     if !jacobian.iter().all(|x| x.is_finite()) {
         return [f64::NAN; 6];
     }
-    let svd = jacobian.try_svd(false, false, 5.0 * f64::EPSILON, MAX_SWEEPS);
+    let svd = jacobian.try_svd(false, false, 5.0 * f64::EPSILON, SVD_SWEEPS_MAX);
     svd.map_or([f64::NAN; 6], |svd| svd.singular_values.into())
 }

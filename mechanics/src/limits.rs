@@ -9,7 +9,7 @@ use nalgebra::SVector;
 /// (rad).
 #[must_use]
 #[inline]
-pub fn some_turn_inside(low: f64, high: f64, angle_rad: f64) -> bool {
+pub fn has_equivalent_in_range(low: f64, high: f64, angle_rad: f64) -> bool {
     if angle_rad < low {
         // The first turn at or above the lower limit; one is enough for most limits.
         let once = angle_rad + TAU;
@@ -29,7 +29,7 @@ pub fn some_turn_inside(low: f64, high: f64, angle_rad: f64) -> bool {
 /// turn is inside or `previous` holds a number that is not finite.
 #[must_use]
 #[inline]
-pub fn nearest_turns<const N: usize>(
+pub fn nearest_equivalent<const N: usize>(
     q: &SVector<f64, N>,
     previous: &SVector<f64, N>,
     low: &SVector<f64, N>,

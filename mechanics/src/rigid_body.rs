@@ -36,7 +36,7 @@ impl Body {
 
     /// The same body of so many times the density.
     #[must_use]
-    pub fn scaled(&self, by: f64) -> Body {
+    pub fn with_density_factor(&self, by: f64) -> Body {
         Body {
             mass_kg: by * self.mass_kg,
             com_m: self.com_m,
@@ -46,7 +46,7 @@ impl Body {
 
     /// The body of a frame that stands at `pose` in another, seen from that other one.
     #[must_use]
-    pub fn seen_from(&self, pose: &Pose) -> Body {
+    pub fn expressed_in(&self, pose: &Pose) -> Body {
         let turn = pose.rotation;
         Body {
             mass_kg: self.mass_kg,
@@ -57,19 +57,19 @@ impl Body {
 
     /// Two bodies of one frame, welded.
     #[must_use]
-    pub fn weld(&self, other: &Body) -> Body {
+    pub fn combine(&self, other: &Body) -> Body {
         let mass_kg = self.mass_kg + other.mass_kg;
         if mass_kg <= 0.0 {
             return *self;
         }
         let com_m = (self.mass_kg * self.com_m + other.mass_kg * other.com_m) / mass_kg;
-        let about = |b: &Body| b.inertia_kg_m2 + steiner(b.mass_kg, b.com_m - com_m);
+        let about = |b: &Body| b.inertia_kg_m2 + parallel_axis_inertia(b.mass_kg, b.com_m - com_m);
         Body { mass_kg, com_m, inertia_kg_m2: about(self) + about(other) }
     }
 }
 
 /// The inertia of a point mass `m` (kg) at `r` (m) about the origin (kg m^2).
-pub(crate) fn steiner(m: f64, r: DVec3) -> DMat3 {
+pub(crate) fn parallel_axis_inertia(m: f64, r: DVec3) -> DMat3 {
     let square = r.length_squared();
     m * DMat3::from_cols(
         DVec3::new(square, 0.0, 0.0) - r * r.x,
@@ -80,7 +80,7 @@ pub(crate) fn steiner(m: f64, r: DVec3) -> DMat3 {
 
 /// What a first moment `h` adds to the inertia when the origin moves by `-p`:
 /// `2 h.p I - h p^T - p h^T`.
-pub(crate) fn carry(h: DVec3, p: DVec3) -> DMat3 {
+pub(crate) fn first_moment_inertia(h: DVec3, p: DVec3) -> DMat3 {
     let both = 2.0 * h.dot(p);
     DMat3::from_cols(
         DVec3::new(both, 0.0, 0.0) - h * p.x - p * h.x,

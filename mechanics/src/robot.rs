@@ -16,7 +16,7 @@ pub struct Robot<const N: usize = 6, A: Arm<N> = Puma260> {
     /// Kinematics and limits.
     pub arm: A,
     /// Masses, motors included.
-    pub links: A::Links,
+    pub dynamics: A::Dynamics,
     /// Gears and encoders.
     pub gears: Transmission<N>,
     /// Amplifiers and converters.
@@ -26,11 +26,11 @@ pub struct Robot<const N: usize = 6, A: Arm<N> = Puma260> {
     /// Joints of the home pose, where the counts are initialised (rad).
     pub home_rad: JointVector<N>,
     /// Joints at which the servo's gains are computed (rad).
-    pub at_work_rad: JointVector<N>,
+    pub nominal_rad: JointVector<N>,
     /// Largest torques at the joints (N m).
     pub torque_max_nm: JointVector<N>,
     /// What people call the joints; a joint without a name has its number.
-    pub names: Vec<String>,
+    pub joint_names: Vec<String>,
 }
 
 impl Robot<6, Puma260> {
@@ -41,14 +41,14 @@ impl Robot<6, Puma260> {
         let radians = |degrees: [f64; 6]| JointVector::from(degrees.map(f64::to_radians));
         Robot {
             arm: Puma260::reference(),
-            links: Dynamics::reference(),
+            dynamics: Dynamics::reference(),
             torque_max_nm: drive.peak_joint_torque(&gears),
             gears,
             drive,
             friction: Friction::reference(),
             home_rad: radians([0.0, 0.0, -180.0, 0.0, 90.0, 0.0]),
-            at_work_rad: radians([0.0, 40.0, -153.0, -180.0, 67.0, 180.0]),
-            names: Vec::new(),
+            nominal_rad: radians([0.0, 40.0, -153.0, -180.0, 67.0, 180.0]),
+            joint_names: Vec::new(),
         }
     }
 }
@@ -59,8 +59,8 @@ pub type ChainRobot<const N: usize> = Robot<N, Chain<N>>;
 impl<const N: usize, A: Arm<N>> Robot<N, A> {
     /// What a joint (0 is the first) is called: its number, and its name where it has one.
     #[must_use]
-    pub fn joint(&self, index: usize) -> String {
-        match self.names.get(index) {
+    pub fn joint_label(&self, index: usize) -> String {
+        match self.joint_names.get(index) {
             Some(name) => format!("joint {} (`{name}`)", index + 1),
             None => format!("joint {}", index + 1),
         }

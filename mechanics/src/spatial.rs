@@ -33,7 +33,7 @@ pub struct SinCos {
 impl SinCos {
     /// Of joint angles (rad).
     #[must_use]
-    pub fn of(q: &Joints) -> SinCos {
+    pub fn new(q: &Joints) -> SinCos {
         let (mut s, mut c) = ([0.0; 6], [0.0; 6]);
         for i in 0..6 {
             (s[i], c[i]) = libm::sincos(q[i]);
@@ -44,8 +44,8 @@ impl SinCos {
     /// The same of angles further by `by` (rad), by the addition theorem and short series: within
     /// 4e-16, at a fifth of the cost. None if one of them is further than [`SinCos::NEAR_RAD`].
     #[must_use]
-    pub fn further(&self, by: &Joints) -> Option<SinCos> {
-        let near = by.iter().all(|angle| angle.abs() <= SinCos::NEAR_RAD);
+    pub fn incremented(&self, by: &Joints) -> Option<SinCos> {
+        let near = by.iter().all(|angle| angle.abs() <= SinCos::INCREMENT_MAX_RAD);
         near.then(|| {
             let mut next = *self;
             for i in 0..6 {
@@ -61,7 +61,7 @@ impl SinCos {
     }
 
     /// How far [`SinCos::further`] goes (rad).
-    pub const NEAR_RAD: f64 = 0.01;
+    pub const INCREMENT_MAX_RAD: f64 = 0.01;
 }
 
 /// A frame seen from another: `x_outer = rotation * x_inner + translation` (m).
@@ -193,7 +193,7 @@ pub fn rotation_vector(from: &DMat3, to: &DMat3) -> DVec3 {
 
 /// The rotation of a rotation vector (rad).
 #[must_use]
-pub fn rotation_of(vector: DVec3) -> DMat3 {
+pub fn rotation_from_vector(vector: DVec3) -> DMat3 {
     let angle = vector.length();
     if angle == 0.0 { DMat3::IDENTITY } else { rotation_about(vector / angle, angle) }
 }
@@ -216,61 +216,65 @@ pub fn wrap_angle(angle_rad: f64) -> f64 {
 
 /// `glam` to `nalgebra`.
 #[must_use]
-pub fn vector(v: DVec3) -> Vector3<f64> {
+pub fn to_nalgebra_vector(v: DVec3) -> Vector3<f64> {
     Vector3::new(v.x, v.y, v.z)
 }
 
 /// `nalgebra` to `glam`.
 #[must_use]
-pub fn dvec3(v: &Vector3<f64>) -> DVec3 {
+pub fn to_glam_vector(v: &Vector3<f64>) -> DVec3 {
     DVec3::new(v.x, v.y, v.z)
 }
 
 /// `glam` to `nalgebra`.
 #[must_use]
-pub fn matrix(m: &DMat3) -> Matrix3<f64> {
-    Matrix3::from_columns(&[vector(m.x_axis), vector(m.y_axis), vector(m.z_axis)])
+pub fn to_nalgebra_matrix(m: &DMat3) -> Matrix3<f64> {
+    Matrix3::from_columns(&[
+        to_nalgebra_vector(m.x_axis),
+        to_nalgebra_vector(m.y_axis),
+        to_nalgebra_vector(m.z_axis),
+    ])
 }
 
 /// `nalgebra` to `glam`.
 #[must_use]
-pub fn dmat3(m: &Matrix3<f64>) -> DMat3 {
+pub fn to_glam_matrix(m: &Matrix3<f64>) -> DMat3 {
     DMat3::from_cols_array(&[m.m11, m.m21, m.m31, m.m12, m.m22, m.m32, m.m13, m.m23, m.m33])
 }
 
 /// Stacks a twist or wrench.
 #[must_use]
-pub fn stack(linear: DVec3, angular: DVec3) -> Vector6<f64> {
+pub fn spatial_vector(linear: DVec3, angular: DVec3) -> Vector6<f64> {
     Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
 }
 
 /// The linear and the angular half of a twist or wrench.
 #[must_use]
-pub fn split(v: &Vector6<f64>) -> (DVec3, DVec3) {
+pub fn linear_and_angular(v: &Vector6<f64>) -> (DVec3, DVec3) {
     (DVec3::new(v[0], v[1], v[2]), DVec3::new(v[3], v[4], v[5]))
 }
 
 /// A twist or wrench of the inner frame in the axes of the outer one; the point stays.
 #[must_use]
-pub fn turn(rotation: &DMat3, v: &Vector6<f64>) -> Vector6<f64> {
-    let (linear, angular) = split(v);
-    stack(*rotation * linear, *rotation * angular)
+pub fn rotate_spatial_vector(rotation: &DMat3, v: &Vector6<f64>) -> Vector6<f64> {
+    let (linear, angular) = linear_and_angular(v);
+    spatial_vector(*rotation * linear, *rotation * angular)
 }
 
 /// The wrench about a point `shift` away from the one it is given about (same axes):
 /// the moment becomes `m - shift x f`.
 #[must_use]
-pub fn move_wrench(wrench: &Vector6<f64>, shift: DVec3) -> Vector6<f64> {
-    let (force, moment) = split(wrench);
-    stack(force, moment - shift.cross(force))
+pub fn wrench_at_point(wrench: &Vector6<f64>, shift: DVec3) -> Vector6<f64> {
+    let (force, moment) = linear_and_angular(wrench);
+    spatial_vector(force, moment - shift.cross(force))
 }
 
 /// The twist of the point `shift` away from the one it is given of (same body, same axes):
 /// the velocity becomes `v + w x shift`.
 #[must_use]
-pub fn move_twist(twist: &Vector6<f64>, shift: DVec3) -> Vector6<f64> {
-    let (linear, angular) = split(twist);
-    stack(linear + angular.cross(shift), angular)
+pub fn twist_at_point(twist: &Vector6<f64>, shift: DVec3) -> Vector6<f64> {
+    let (linear, angular) = linear_and_angular(twist);
+    spatial_vector(linear + angular.cross(shift), angular)
 }
 
 #[cfg(test)]
@@ -280,11 +284,12 @@ mod tests {
 
     #[test]
     fn sines_of_angles_near_by_follow_from_those_that_are_known() {
-        let near = SinCos::NEAR_RAD;
+        let near = SinCos::INCREMENT_MAX_RAD;
         for i in 0..1000 {
             let q = Joints::from_fn(|j, _| 0.013 * f64::from(i) - 6.0 + 0.7 * j as f64);
             let by = Joints::new(near, -near, 1e-3, -1e-5, 1e-9, 0.0);
-            let (found, exact) = (SinCos::of(&q).further(&by).unwrap(), SinCos::of(&(q + by)));
+            let (found, exact) =
+                (SinCos::new(&q).incremented(&by).unwrap(), SinCos::new(&(q + by)));
             for j in 0..6 {
                 // The sum of the angles is itself rounded.
                 let fair = 4e-16 + f64::EPSILON * q[j].abs();
@@ -294,7 +299,7 @@ mod tests {
         }
         for far in [1.1 * near, f64::NAN, f64::INFINITY] {
             let by = Joints::new(0.0, 0.0, far, 0.0, 0.0, 0.0);
-            assert_eq!(SinCos::of(&Joints::zeros()).further(&by), None);
+            assert_eq!(SinCos::new(&Joints::zeros()).incremented(&by), None);
         }
     }
 
@@ -336,14 +341,19 @@ mod tests {
 
     #[test]
     fn power_does_not_depend_on_the_point() {
-        let twist = stack(DVec3::new(0.1, -0.2, 0.3), DVec3::new(1.0, 2.0, -0.5));
-        let wrench = stack(DVec3::new(4.0, 5.0, 6.0), DVec3::new(-0.1, 0.7, 0.2));
+        let twist = spatial_vector(DVec3::new(0.1, -0.2, 0.3), DVec3::new(1.0, 2.0, -0.5));
+        let wrench = spatial_vector(DVec3::new(4.0, 5.0, 6.0), DVec3::new(-0.1, 0.7, 0.2));
         let shift = DVec3::new(0.3, -0.1, 0.9);
-        let moved = move_twist(&twist, shift).dot(&move_wrench(&wrench, shift));
+        let moved = twist_at_point(&twist, shift).dot(&wrench_at_point(&wrench, shift));
         assert!((moved - twist.dot(&wrench)).abs() < 1e-14);
         let r = rotation_x(0.7);
-        assert!((turn(&r, &twist).dot(&turn(&r, &wrench)) - twist.dot(&wrench)).abs() < 1e-14);
-        assert_eq!(dmat3(&matrix(&r)), r);
-        assert_eq!(dvec3(&vector(shift)), shift);
+        assert!(
+            (rotate_spatial_vector(&r, &twist).dot(&rotate_spatial_vector(&r, &wrench))
+                - twist.dot(&wrench))
+            .abs()
+                < 1e-14
+        );
+        assert_eq!(to_glam_matrix(&to_nalgebra_matrix(&r)), r);
+        assert_eq!(to_glam_vector(&to_nalgebra_vector(shift)), shift);
     }
 }

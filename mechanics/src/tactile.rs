@@ -24,18 +24,18 @@ pub enum ImageError {
     /// No row or no column.
     Empty,
     /// The number of values is not rows times columns.
-    Values {
+    ValueCount {
         /// Values wanted.
-        wanted: usize,
+        expected: usize,
         /// Values given.
-        given: usize,
+        actual: usize,
     },
     /// The number of validity marks is not rows times columns.
-    Marks {
+    ValidityCount {
         /// Marks wanted.
-        wanted: usize,
+        expected: usize,
         /// Marks given.
-        given: usize,
+        actual: usize,
     },
 }
 
@@ -43,10 +43,10 @@ impl fmt::Display for ImageError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             ImageError::Empty => write!(f, "an image needs a row and a column"),
-            ImageError::Values { wanted, given } => {
+            ImageError::ValueCount { expected: wanted, actual: given } => {
                 write!(f, "the image has {wanted} tactels, there are {given} values")
             }
-            ImageError::Marks { wanted, given } => {
+            ImageError::ValidityCount { expected: wanted, actual: given } => {
                 write!(f, "the image has {wanted} tactels, there are {given} validity marks")
             }
         }
@@ -71,10 +71,10 @@ impl<'a, T: Copy + Into<f64>> Image<'a, T> {
             return Err(ImageError::Empty);
         }
         if values.len() != wanted {
-            return Err(ImageError::Values { wanted, given: values.len() });
+            return Err(ImageError::ValueCount { expected: wanted, actual: values.len() });
         }
         if let Some(marks) = valid.filter(|marks| marks.len() != wanted) {
-            return Err(ImageError::Marks { wanted, given: marks.len() });
+            return Err(ImageError::ValidityCount { expected: wanted, actual: marks.len() });
         }
         Ok(Image { rows, cols, values, valid })
     }
@@ -110,7 +110,7 @@ pub struct Moments {
     /// Sum of (y - middle line) times the value; 0 means an even load along y.
     pub m_x_centred: f64,
     /// Sum of the values' sizes: where `m0` is but rounding of it, values cancel.
-    pub size: f64,
+    pub absolute_sum: f64,
 }
 
 /// Sums of an image over the valid tactels whose value is at least `threshold` (counts); the
@@ -129,7 +129,7 @@ pub fn moments<T: Copy + Into<f64>>(image: &Image<'_, T>, threshold: f64) -> Mom
             if trusted && value.is_finite() && value >= threshold {
                 let x = (c + 1) as f64;
                 s0 += value;
-                m.size += value.abs();
+                m.absolute_sum += value.abs();
                 s1 += x * value;
                 s2 += x * x * value;
             }
@@ -171,9 +171,9 @@ pub struct Features {
 }
 
 /// Values cancel when their sum is less than this part of the sum of their sizes.
-const NONE: f64 = 1e-12;
+const CANCELLATION_RATIO: f64 = 1e-12;
 /// An image counts as round when its second moments differ by less than this part of their size.
-const ROUND: f64 = 1e-6;
+const ROUNDNESS_RATIO: f64 = 1e-6;
 
 /// Features of the moments: `x_c = m_y/m0`, `y_c = m_x/m0`, `theta_z = 1/2 atan2(-2 mu_xy, mu_xx -
 /// mu_yy)`.
@@ -181,7 +181,7 @@ const ROUND: f64 = 1e-6;
 pub fn features(m: &Moments) -> Features {
     let mut out = Features { m0: m.m0, m_x_centred: m.m_x_centred, ..Features::default() };
     let (x_c, y_c) = (m.m_y / m.m0, m.m_x / m.m0);
-    if !(m.m0 > NONE * m.size && x_c.is_finite() && y_c.is_finite()) {
+    if !(m.m0 > CANCELLATION_RATIO * m.absolute_sum && x_c.is_finite() && y_c.is_finite()) {
         return out;
     }
     out.x_c = Some(x_c);
@@ -196,7 +196,7 @@ pub fn features(m: &Moments) -> Features {
     let (across, along) = (-2.0 * mu_xy, mu_xx - mu_yy);
     let size = mu_xx.abs() + mu_yy.abs();
     let rounding = 1e-12 * (m.m_xx.abs() + m.m_yy.abs());
-    if across.abs().max(along.abs()) > (ROUND * size).max(rounding) {
+    if across.abs().max(along.abs()) > (ROUNDNESS_RATIO * size).max(rounding) {
         let theta = 0.5 * libm::atan2(across, along);
         // One value for each axis: -pi/2 is the axis of pi/2.
         out.theta_z_rad = Some(if theta <= -FRAC_PI_2 { FRAC_PI_2 } else { theta });

@@ -191,7 +191,7 @@ impl<const N: usize> Loose for Chained<N> {
         for _ in 0..PASSES {
             let mean = (self.qd + end) * 0.5;
             let middle = self.q + mean * (0.5 * h);
-            let push = driven - self.robot.arm.bias(&middle, &mean);
+            let push = driven - self.robot.arm.bias_torque(&middle, &mean);
             end = self.speeds(&self.robot.arm.mass_matrix(&middle), &push, end, h);
         }
         for i in 0..N {
@@ -205,7 +205,7 @@ impl<const N: usize> Loose for Chained<N> {
 
     fn drive(&mut self, codes: [i32; CHANNELS], enabled: bool, braked: bool) {
         (self.codes, self.enabled, self.braked) = (codes, enabled, braked);
-        let motor_nm = JointVector::from_fn(|i, _| self.robot.drive.torque(codes[i], i));
+        let motor_nm = JointVector::from_fn(|i, _| self.robot.drive.motor_torque_nm(codes[i], i));
         self.torque = self.robot.gears.joint_torque(&motor_nm);
     }
 
@@ -219,7 +219,7 @@ impl<const N: usize> Loose for Chained<N> {
     }
 
     fn home_counts(&self) -> (Vec<i32>, Vec<f64>) {
-        (vec![0; N], self.robot.gears.counts_per_rev().as_slice().to_vec())
+        (vec![0; N], self.robot.gears.counts_per_revolution().as_slice().to_vec())
     }
 
     fn current_codes(&self) -> [i32; CHANNELS] {
@@ -236,7 +236,7 @@ impl<const N: usize> Loose for Chained<N> {
 
     fn energy_j(&self) -> f64 {
         let arm = &self.robot.arm;
-        0.5 * self.qd.dot(&(arm.mass_matrix(&self.q) * self.qd)) + arm.potential_j(&self.q)
+        0.5 * self.qd.dot(&(arm.mass_matrix(&self.q) * self.qd)) + arm.potential_energy_j(&self.q)
     }
 
     fn digest(&self, hash: &mut Hash) {

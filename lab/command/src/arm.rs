@@ -11,7 +11,7 @@ use taktil_machine::source::{Meant, Source};
 use taktil_machine::urdf::{self, Described};
 use taktil_machine_console::out;
 use taktil_mechanics::Joints;
-use taktil_mechanics::chain::{Chain, Effort};
+use taktil_mechanics::chain::{Chain, SearchBudget};
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::spatial::{rotation_vector, wrap_angle};
 
@@ -117,14 +117,14 @@ fn study<const N: usize>(
         };
         if let Some(wrist) = arm.spherical_wrist() {
             let own = Joints::from_fn(|i, _| q[i]);
-            let branches = wrist.inverse(&pose, Some(&own));
+            let branches = wrist.inverse_kinematics(&pose, Some(&own));
             for branch in &branches {
                 note(&JointVector::<N>::from_fn(|i, _| branch.q[i]));
             }
             let apart = |b: &Joints| (b - own).map(wrap_angle).amax();
             tried.found += u32::from(!branches.is_empty());
             tried.own_lost += u32::from(!branches.iter().any(|b| apart(&b.q) < 1e-6));
-        } else if let Ok(found) = arm.search(&pose, &before, &Effort::default()) {
+        } else if let Ok(found) = arm.inverse_kinematics(&pose, &before, &SearchBudget::default()) {
             note(&found.q);
             tried.found += 1;
             tried.starts += found.starts;

@@ -184,7 +184,7 @@ impl Rows {
             let mut taken = dynamics.mass_matrix(&self.q[begin + WINDOW / 2]) * acceleration;
             let mut given = Joints::zeros();
             for row in rows.clone() {
-                taken += dynamics.bias(&self.q[row], &self.wanted[row]) / count;
+                taken += dynamics.bias_torque(&self.q[row], &self.wanted[row]) / count;
                 given += self.applied[row] / count;
             }
             for (joint, found) in found.iter_mut().enumerate() {

@@ -5,20 +5,25 @@
 //! A redundant arm takes the shortest way in its joints from tick to tick; where it stands after a
 //! closed path of the tool depends on that path.
 
-use super::{Chain, Effort};
-use crate::arm::{Arm, Follow, Followed, Links, Lost};
+use super::{Chain, SearchBudget};
+use crate::arm::{Arm, ArmDynamics, FollowError, FollowerStep, PathFollower};
 use crate::spatial::{JointMatrix, JointVector, Pose};
 
 /// What a lane may spend on one pose: a few starts, about half a millisecond when all of them fail.
-const LANE: Effort = Effort { starts: 4, steps: 40, reached_m: 1e-10, reached_rad: 1e-10 };
+const LANE_BUDGET: SearchBudget = SearchBudget {
+    starts: 4,
+    steps: 40,
+    position_tolerance_m: 1e-10,
+    orientation_tolerance_rad: 1e-10,
+};
 /// Rounding that a limit forgives, relative.
-const SLACK: f64 = 1e-9;
+const LIMIT_ROUNDING: f64 = 1e-9;
 /// A miss beyond these is no path any more (m, rad).
 const LARGEST_MISS: (f64, f64) = (0.05, 0.3);
 
 impl<const N: usize> Arm<N> for Chain<N> {
     type Follower = Follower<N>;
-    type Links = Chain<N>;
+    type Dynamics = Chain<N>;
 
     fn q_min(&self) -> &JointVector<N> {
         &self.limits.q_min
@@ -46,26 +51,30 @@ impl<const N: usize> Arm<N> for Chain<N> {
         Chain::tool_pose(self, q)
     }
 
-    fn reach(&self, tool: &Pose, before: &JointVector<N>) -> Option<JointVector<N>> {
-        self.search(tool, before, &LANE).ok().map(|found| found.q)
+    fn inverse_kinematics_near(
+        &self,
+        tool: &Pose,
+        before: &JointVector<N>,
+    ) -> Option<JointVector<N>> {
+        self.inverse_kinematics(tool, before, &LANE_BUDGET).ok().map(|found| found.q)
     }
 
-    fn may_reach(&self, tool: &Pose) -> bool {
+    fn is_within_reach_bound(&self, tool: &Pose) -> bool {
         #[expect(clippy::cast_precision_loss, reason = "at most eight")]
-        let longest = self.scale_m * N as f64;
-        let slides: f64 = (0..N).map(|i| self.links[i].longest_slide(&self.limits, i)).sum();
-        tool.is_finite() && tool.translation.length() <= (longest + slides) * (1.0 + SLACK)
+        let longest = self.mean_link_m * N as f64;
+        let slides: f64 = (0..N).map(|i| self.links[i].travel_bound_m(&self.limits, i)).sum();
+        tool.is_finite() && tool.translation.length() <= (longest + slides) * (1.0 + LIMIT_ROUNDING)
     }
 
-    fn can_reach(&self, tool: &Pose) -> bool {
+    fn is_reachable(&self, tool: &Pose) -> bool {
         let middle = (self.limits.q_min + self.limits.q_max) * 0.5;
-        self.search(tool, &middle, &Effort::default()).is_ok()
+        self.inverse_kinematics(tool, &middle, &SearchBudget::default()).is_ok()
     }
 
-    fn singular(&self, q: &JointVector<N>) -> [f64; 3] {
+    fn singularity_distances(&self, q: &JointVector<N>) -> [f64; 3] {
         let Some(wrist) = &self.wrist else { return [self.singular_values(q)[5]; 3] };
         let six = crate::spatial::Joints::from_fn(|i, _| q[i]);
-        let distance = wrist.singular_distance(&six);
+        let distance = wrist.singularity_distance(&six);
         [distance.shoulder.abs(), distance.elbow.abs(), distance.wrist.abs()]
     }
 
@@ -74,17 +83,17 @@ impl<const N: usize> Arm<N> for Chain<N> {
     }
 }
 
-impl<const N: usize> Links<N> for Chain<N> {
+impl<const N: usize> ArmDynamics<N> for Chain<N> {
     fn mass_matrix(&self, q: &JointVector<N>) -> JointMatrix<N> {
         Chain::mass_matrix(self, q)
     }
 
-    fn bias(&self, q: &JointVector<N>, qd: &JointVector<N>) -> JointVector<N> {
-        Chain::bias(self, q, qd)
+    fn bias_torque(&self, q: &JointVector<N>, qd: &JointVector<N>) -> JointVector<N> {
+        Chain::bias_torque(self, q, qd)
     }
 
-    fn gravity(&self, q: &JointVector<N>) -> JointVector<N> {
-        Chain::gravity(self, q)
+    fn gravity_torque(&self, q: &JointVector<N>) -> JointVector<N> {
+        Chain::gravity_torque(self, q)
     }
 }
 
@@ -97,32 +106,41 @@ pub struct Follower<const N: usize> {
 
 impl<const N: usize> Follower<N> {
     /// Where a pose that was not reached leaves the arm: at a limit, out of reach, or near enough.
-    fn missed(&self, near: &super::NotFound<N>) -> Result<(), Lost> {
+    fn check_miss(&self, near: &super::IkFailure<N>) -> Result<(), FollowError> {
         let limits = &self.arm.limits;
         let at_limit = |i: &usize| {
-            let rounding = SLACK * (1.0 + near.q[*i].abs());
+            let rounding = LIMIT_ROUNDING * (1.0 + near.q[*i].abs());
             near.q[*i] <= limits.q_min[*i] + rounding || near.q[*i] >= limits.q_max[*i] - rounding
         };
         if let Some(joint) = (0..N).find(at_limit) {
-            return Err(Lost::Limit { joint });
+            return Err(FollowError::JointLimit { joint });
         }
         // A NaN is not below.
-        let small = near.off_m < LARGEST_MISS.0 && near.off_rad < LARGEST_MISS.1;
-        if small { Ok(()) } else { Err(Lost::OutOfReach) }
+        let small =
+            near.position_error_m < LARGEST_MISS.0 && near.orientation_error_rad < LARGEST_MISS.1;
+        if small { Ok(()) } else { Err(FollowError::OutOfReach) }
     }
 }
 
-impl<const N: usize> Follow<N> for Follower<N> {
+impl<const N: usize> PathFollower<N> for Follower<N> {
     fn joints(&self) -> &JointVector<N> {
         &self.q
     }
 
-    fn step(&mut self, tool: &Pose, dt_s: f64) -> Result<Followed<N>, Lost> {
-        let got = match self.arm.search(tool, &self.q, &Effort::TICK) {
-            Ok(found) => Followed { q: found.q, off_m: found.off_m, off_rad: found.off_rad },
+    fn step(&mut self, tool: &Pose, dt_s: f64) -> Result<FollowerStep<N>, FollowError> {
+        let got = match self.arm.inverse_kinematics(tool, &self.q, &SearchBudget::TICK) {
+            Ok(found) => FollowerStep {
+                q: found.q,
+                position_error_m: found.position_error_m,
+                orientation_error_rad: found.orientation_error_rad,
+            },
             Err(near) => {
-                self.missed(&near)?;
-                Followed { q: near.q, off_m: near.off_m, off_rad: near.off_rad }
+                self.check_miss(&near)?;
+                FollowerStep {
+                    q: near.q,
+                    position_error_m: near.position_error_m,
+                    orientation_error_rad: near.orientation_error_rad,
+                }
             }
         };
         let mut worst = (0, 0.0);
@@ -133,8 +151,8 @@ impl<const N: usize> Follow<N> for Follower<N> {
                 worst = (joint, ratio);
             }
         }
-        if worst.1 > 1.0 + SLACK {
-            return Err(Lost::TooFast { joint: worst.0, ratio: worst.1 });
+        if worst.1 > 1.0 + LIMIT_ROUNDING {
+            return Err(FollowError::SpeedLimit { joint: worst.0, ratio: worst.1 });
         }
         self.q = got.q;
         Ok(got)

@@ -11,41 +11,51 @@
 use core::f64::consts::PI;
 use core::fmt;
 
-use super::{Chain, MAX_JOINTS, Motion};
-use crate::cholesky::solve_positive;
-use crate::puma260::inverse::sane;
+use super::{Chain, JointKind, MAX_JOINTS};
+use crate::cholesky::solve_positive_definite;
+use crate::puma260::inverse::is_bounded;
 use crate::spatial::{Jacobian, JointVector, Pose, rotation_vector};
 use glam::{DMat3, DVec3};
 use nalgebra::{Matrix6, Vector6};
 
 /// How much may be tried, and what is good enough.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Effort {
+pub struct SearchBudget {
     /// Starts, the one from the joints before included.
     pub starts: u32,
     /// Steps from each start.
     pub steps: u32,
     /// Distance of the tool point that counts as reached (m).
-    pub reached_m: f64,
+    pub position_tolerance_m: f64,
     /// Angle of the tool that counts as reached (rad).
-    pub reached_rad: f64,
+    pub orientation_tolerance_rad: f64,
 }
 
-impl Default for Effort {
+impl Default for SearchBudget {
     /// 64 starts of 40 steps, 1e-10 m, 1e-10 rad.
-    fn default() -> Effort {
-        Effort { starts: 64, steps: 40, reached_m: 1e-10, reached_rad: 1e-10 }
+    fn default() -> SearchBudget {
+        SearchBudget {
+            starts: 64,
+            steps: 40,
+            position_tolerance_m: 1e-10,
+            orientation_tolerance_rad: 1e-10,
+        }
     }
 }
 
-impl Effort {
+impl SearchBudget {
     /// What a tick of following allows: one start of few steps.
-    pub const TICK: Effort = Effort { starts: 1, steps: 12, reached_m: 1e-10, reached_rad: 1e-10 };
+    pub const TICK: SearchBudget = SearchBudget {
+        starts: 1,
+        steps: 12,
+        position_tolerance_m: 1e-10,
+        orientation_tolerance_rad: 1e-10,
+    };
 }
 
 /// Joints that reach a pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Found<const N: usize> {
+pub struct IkSolution<const N: usize> {
     /// Joint values inside the limits (rad or m).
     pub q: JointVector<N>,
     /// Which start led there, 1 for the joints before.
@@ -53,48 +63,48 @@ pub struct Found<const N: usize> {
     /// Steps taken in all.
     pub steps: u32,
     /// Distance of the tool point left (m).
-    pub off_m: f64,
+    pub position_error_m: f64,
     /// Angle of the tool left (rad).
-    pub off_rad: f64,
+    pub orientation_error_rad: f64,
 }
 
 /// No start reached the pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NotFound<const N: usize> {
+pub struct IkFailure<const N: usize> {
     /// The nearest joints that were seen inside the limits.
     pub q: JointVector<N>,
     /// Distance of their tool point (m); infinite where the pose or the joints before are not
     /// finite.
-    pub off_m: f64,
+    pub position_error_m: f64,
     /// Angle of their tool (rad).
-    pub off_rad: f64,
+    pub orientation_error_rad: f64,
 }
 
-impl<const N: usize> fmt::Display for NotFound<N> {
+impl<const N: usize> fmt::Display for IkFailure<N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
             "the pose was not reached: the nearest try misses it by {:.3e} m and {:.3e} rad",
-            self.off_m, self.off_rad
+            self.position_error_m, self.orientation_error_rad
         )
     }
 }
 
-impl<const N: usize> std::error::Error for NotFound<N> {}
+impl<const N: usize> std::error::Error for IkFailure<N> {}
 
 /// No joint moves further in one step (rad, or mean links).
-const LONGEST_STEP: f64 = 0.6;
+const STEP_MAX_RAD: f64 = 0.6;
 /// Damping that is never gone below, relative to the squares of the Jacobian (about 1).
-const LEAST_DAMPING: f64 = 1e-14;
+const DAMPING_MIN: f64 = 1e-14;
 /// Times that joints at their limits are taken out of one step.
-const HELD: u32 = 3;
+const LIMIT_ROUNDS_MAX: u32 = 3;
 /// Steps after the goal was reached, as long as each still halves what is missed.
-const POLISH: u32 = 3;
+const REFINEMENT_STEPS_MAX: u32 = 3;
 /// Squares of the miss below which rounding is all that is left.
-const ROUNDING: f64 = 1e-31;
+const SQUARED_ERROR_MIN: f64 = 1e-31;
 
 /// Fractions of the golden sequence in eight dimensions, `1/g^k` with `g^9 = g + 1` (Roberts 2018).
-const GOLDEN: [f64; MAX_JOINTS] = [
+const LOW_DISCREPANCY_FRACTIONS: [f64; MAX_JOINTS] = [
     0.921_599_319_633_983,
     0.849_345_305_949_820_3,
     0.782_756_056_097_671_4,
@@ -107,16 +117,16 @@ const GOLDEN: [f64; MAX_JOINTS] = [
 
 /// How far a try is from its goal.
 #[derive(Clone, Copy)]
-struct Miss {
+struct PoseError {
     /// Position over the mean link, rotation vector; base frame.
-    error: Vector6<f64>,
-    off_m: f64,
-    off_rad: f64,
+    scaled: Vector6<f64>,
+    position_error_m: f64,
+    orientation_error_rad: f64,
 }
 
-impl Miss {
-    fn square(&self) -> f64 {
-        0.5 * self.error.norm_squared()
+impl PoseError {
+    fn half_squared_norm(&self) -> f64 {
+        0.5 * self.scaled.norm_squared()
     }
 }
 
@@ -126,98 +136,116 @@ impl<const N: usize> Chain<N> {
     /// then from other starts.
     ///
     /// # Errors
-    /// [`NotFound`]; a pose that is out of reach is one, so is one that holds a number that is not
+    /// [`IkFailure`]; a pose that is out of reach is one, so is one that holds a number that is not
     /// finite.
-    pub fn search(
+    pub fn inverse_kinematics(
         &self,
         tool: &Pose,
         previous: &JointVector<N>,
-        effort: &Effort,
-    ) -> Result<Found<N>, NotFound<N>> {
-        let mut best = NotFound { q: *previous, off_m: f64::INFINITY, off_rad: f64::INFINITY };
-        if !(sane(tool, 1e9) && previous.iter().all(|x| x.abs() <= 1e9)) {
+        effort: &SearchBudget,
+    ) -> Result<IkSolution<N>, IkFailure<N>> {
+        let mut best = IkFailure {
+            q: *previous,
+            position_error_m: f64::INFINITY,
+            orientation_error_rad: f64::INFINITY,
+        };
+        if !(is_bounded(tool, 1e9) && previous.iter().all(|x| x.abs() <= 1e9)) {
             return Err(best);
         }
         let mut steps = 0;
         let mut least = f64::INFINITY;
         for start in 0..effort.starts {
-            let from = if start == 0 { self.inside(previous) } else { self.start(start) };
-            let (q, miss) = self.descend(tool, &from, effort, &mut steps);
-            let reached = miss.off_m <= effort.reached_m && miss.off_rad <= effort.reached_rad;
-            let Some((q, _)) = self.expand(&q, previous) else { continue };
+            let from =
+                if start == 0 { self.clamp_to_limits(previous) } else { self.start_point(start) };
+            let (q, miss) = self.iterate(tool, &from, effort, &mut steps);
+            let reached = miss.position_error_m <= effort.position_tolerance_m
+                && miss.orientation_error_rad <= effort.orientation_tolerance_rad;
+            let Some((q, _)) = self.nearest_equivalent(&q, previous) else { continue };
             if reached {
-                let (off_m, off_rad) = (miss.off_m, miss.off_rad);
-                return Ok(Found { q, starts: start + 1, steps, off_m, off_rad });
+                let (off_m, off_rad) = (miss.position_error_m, miss.orientation_error_rad);
+                return Ok(IkSolution {
+                    q,
+                    starts: start + 1,
+                    steps,
+                    position_error_m: off_m,
+                    orientation_error_rad: off_rad,
+                });
             }
-            if miss.square() < least {
-                least = miss.square();
-                best = NotFound { q, off_m: miss.off_m, off_rad: miss.off_rad };
+            if miss.half_squared_norm() < least {
+                least = miss.half_squared_norm();
+                best = IkFailure {
+                    q,
+                    position_error_m: miss.position_error_m,
+                    orientation_error_rad: miss.orientation_error_rad,
+                };
             }
         }
         Err(best)
     }
 
     /// Joints clamped into their limits.
-    fn inside(&self, q: &JointVector<N>) -> JointVector<N> {
+    fn clamp_to_limits(&self, q: &JointVector<N>) -> JointVector<N> {
         JointVector::<N>::from_fn(|i, _| q[i].clamp(self.limits.q_min[i], self.limits.q_max[i]))
     }
 
     /// Start number `n` of the sequence that spreads over the limits, one turn of them at most.
-    fn start(&self, n: u32) -> JointVector<N> {
+    fn start_point(&self, n: u32) -> JointVector<N> {
         JointVector::<N>::from_fn(|i, _| {
             let (low, high) = (self.limits.q_min[i], self.limits.q_max[i]);
             let middle = 0.5 * (low + high);
-            let half = match self.links[i].motion {
-                Motion::Turn => (0.5 * (high - low)).min(PI),
-                Motion::Slide => 0.5 * (high - low),
+            let half = match self.links[i].kind {
+                JointKind::Revolute => (0.5 * (high - low)).min(PI),
+                JointKind::Prismatic => 0.5 * (high - low),
             };
-            let x = f64::from(n) * GOLDEN[i] + 0.5;
+            let x = f64::from(n) * LOW_DISCREPANCY_FRACTIONS[i] + 0.5;
             middle + half * (2.0 * (x - x.floor()) - 1.0)
         })
     }
 
-    fn miss(&self, goal: &Pose, at: &Pose) -> Miss {
+    fn pose_error(&self, goal: &Pose, at: &Pose) -> PoseError {
         let p = goal.translation - at.translation;
         let r = at.rotation * rotation_vector(&at.rotation, &goal.rotation);
-        let s = p / self.scale_m;
-        Miss {
-            error: Vector6::new(s.x, s.y, s.z, r.x, r.y, r.z),
-            off_m: p.length(),
-            off_rad: r.length(),
+        let s = p / self.mean_link_m;
+        PoseError {
+            scaled: Vector6::new(s.x, s.y, s.z, r.x, r.y, r.z),
+            position_error_m: p.length(),
+            orientation_error_rad: r.length(),
         }
     }
 
     /// Damped steps from one start; the best place that was passed.
-    fn descend(
+    fn iterate(
         &self,
         goal: &Pose,
         from: &JointVector<N>,
-        effort: &Effort,
+        effort: &SearchBudget,
         steps: &mut u32,
-    ) -> (JointVector<N>, Miss) {
+    ) -> (JointVector<N>, PoseError) {
         let mut q = *from;
         let mut frames = self.frames(&q);
-        let mut miss = self.miss(goal, &frames.tool);
+        let mut miss = self.pose_error(goal, &frames.tool);
         let mut best = (q, miss);
         let mut polished = 0;
         for _ in 0..effort.steps {
-            let square = miss.square();
-            if square <= ROUNDING {
+            let square = miss.half_squared_norm();
+            if square <= SQUARED_ERROR_MIN {
                 break;
             }
             *steps += 1;
-            let j = self.jacobian_of(&frames, &DMat3::IDENTITY);
-            let step = self.within(&q, &j, &miss.error, square + LEAST_DAMPING);
-            q = self.inside(&(q + self.shortened(&step)));
+            let j = self.jacobian_from_frames(&frames, &DMat3::IDENTITY);
+            let step = self.step_within_limits(&q, &j, &miss.scaled, square + DAMPING_MIN);
+            q = self.clamp_to_limits(&(q + self.limit_step(&step)));
             frames = self.frames(&q);
-            miss = self.miss(goal, &frames.tool);
-            let better = miss.square() < 0.25 * best.1.square();
-            if miss.square() < best.1.square() {
+            miss = self.pose_error(goal, &frames.tool);
+            let better = miss.half_squared_norm() < 0.25 * best.1.half_squared_norm();
+            if miss.half_squared_norm() < best.1.half_squared_norm() {
                 best = (q, miss);
             }
-            if best.1.off_m <= effort.reached_m && best.1.off_rad <= effort.reached_rad {
+            if best.1.position_error_m <= effort.position_tolerance_m
+                && best.1.orientation_error_rad <= effort.orientation_tolerance_rad
+            {
                 polished += 1;
-                if !better || polished > POLISH {
+                if !better || polished > REFINEMENT_STEPS_MAX {
                     break;
                 }
             }
@@ -228,7 +256,7 @@ impl<const N: usize> Chain<N> {
     /// The damped step of the joints that can make it: one that stands at a limit and would leave
     /// it is taken out, and the others make the step without it. Clamped afterwards instead, the
     /// step would point elsewhere and stall along the limit.
-    fn within(
+    fn step_within_limits(
         &self,
         q: &JointVector<N>,
         jacobian: &Jacobian<N>,
@@ -236,8 +264,8 @@ impl<const N: usize> Chain<N> {
         damping: f64,
     ) -> JointVector<N> {
         let (mut j, mut free) = (*jacobian, [true; N]);
-        let mut step = self.damped(&j, error, damping);
-        for _ in 0..HELD {
+        let mut step = self.damped_step(&j, error, damping);
+        for _ in 0..LIMIT_ROUNDS_MAX {
             let leaves = |i: usize| {
                 (q[i] <= self.limits.q_min[i] && step[i] < 0.0)
                     || (q[i] >= self.limits.q_max[i] && step[i] > 0.0)
@@ -250,18 +278,23 @@ impl<const N: usize> Chain<N> {
                 free[i] = false;
                 j.column_mut(i).fill(0.0);
             }
-            step = self.damped(&j, error, damping);
+            step = self.damped_step(&j, error, damping);
         }
         step
     }
 
     /// `J^T (J J^T + damping I)^-1 error` with positions counted in mean links; rest where a
     /// number is not finite.
-    fn damped(&self, jacobian: &Jacobian<N>, error: &Vector6<f64>, damping: f64) -> JointVector<N> {
+    fn damped_step(
+        &self,
+        jacobian: &Jacobian<N>,
+        error: &Vector6<f64>,
+        damping: f64,
+    ) -> JointVector<N> {
         let mut j = *jacobian;
         for column in 0..N {
             for row in 0..3 {
-                j[(row, column)] /= self.scale_m;
+                j[(row, column)] /= self.mean_link_m;
             }
         }
         let mut square = Matrix6::zeros();
@@ -276,21 +309,21 @@ impl<const N: usize> Chain<N> {
             }
         }
         let mut x = *error;
-        solve_positive(&mut square, &mut x);
+        solve_positive_definite(&mut square, &mut x);
         let step = j.tr_mul(&x);
         if step.iter().all(|x| x.is_finite()) { step } else { JointVector::zeros() }
     }
 
     /// A step shortened as a whole to the longest one.
-    fn shortened(&self, step: &JointVector<N>) -> JointVector<N> {
+    fn limit_step(&self, step: &JointVector<N>) -> JointVector<N> {
         let most = (0..N).fold(0.0_f64, |most, i| {
-            let size = match self.links[i].motion {
-                Motion::Turn => step[i].abs(),
-                Motion::Slide => step[i].abs() / self.scale_m,
+            let size = match self.links[i].kind {
+                JointKind::Revolute => step[i].abs(),
+                JointKind::Prismatic => step[i].abs() / self.mean_link_m,
             };
             most.max(size)
         });
-        if most > LONGEST_STEP { step * (LONGEST_STEP / most) } else { *step }
+        if most > STEP_MAX_RAD { step * (STEP_MAX_RAD / most) } else { *step }
     }
 
     /// Joint rates for a twist of the tool point `[v; w]` (base frame), damped least squares with
@@ -298,7 +331,7 @@ impl<const N: usize> Chain<N> {
     /// of the twist comes beside them. Numbers that are not finite, or too large to square, give
     /// rest.
     #[must_use]
-    pub fn rates(
+    pub fn resolved_rates(
         &self,
         q: &JointVector<N>,
         twist: &Vector6<f64>,
@@ -306,10 +339,10 @@ impl<const N: usize> Chain<N> {
     ) -> (JointVector<N>, Vector6<f64>) {
         let j = self.jacobian_base(q);
         let mut scaled = *twist;
-        let linear = DVec3::new(twist[0], twist[1], twist[2]) / self.scale_m;
+        let linear = DVec3::new(twist[0], twist[1], twist[2]) / self.mean_link_m;
         scaled.fixed_rows_mut::<3>(0).copy_from_slice(&linear.to_array());
-        let damping = damping.abs().clamp(LEAST_DAMPING, 1e100);
-        let rates = self.damped(&j, &scaled, damping);
+        let damping = damping.abs().clamp(DAMPING_MIN, 1e100);
+        let rates = self.damped_step(&j, &scaled, damping);
         (rates, twist - j * rates)
     }
 }

@@ -1,6 +1,6 @@
 //! Poses and Jacobians of a chain. Refuses nothing: finite joints give finite frames.
 
-use super::{Chain, Link, Motion};
+use super::{Chain, JointKind, Link};
 use crate::spatial::{Jacobian, JointVector, Pose};
 use glam::{DMat3, DVec3};
 
@@ -14,7 +14,7 @@ pub(super) struct Frames<const N: usize> {
 
 /// `rotation * Rz(q)`.
 #[inline(always)]
-fn turned(rotation: &DMat3, q: f64) -> DMat3 {
+fn rotated_about_z(rotation: &DMat3, q: f64) -> DMat3 {
     let (s, c) = libm::sincos(q);
     let (x, y) = (rotation.x_axis, rotation.y_axis);
     DMat3::from_cols(c * x + s * y, c * y - s * x, rotation.z_axis)
@@ -23,11 +23,13 @@ fn turned(rotation: &DMat3, q: f64) -> DMat3 {
 impl Link {
     /// The frame of this link behind its joint, given the one before.
     #[inline(always)]
-    fn behind(&self, before: &Pose, q: f64) -> Pose {
-        let mounted = before.compose(&self.mount);
-        match self.motion {
-            Motion::Turn => Pose::new(turned(&mounted.rotation, q), mounted.translation),
-            Motion::Slide => {
+    fn link_pose(&self, before: &Pose, q: f64) -> Pose {
+        let mounted = before.compose(&self.origin);
+        match self.kind {
+            JointKind::Revolute => {
+                Pose::new(rotated_about_z(&mounted.rotation, q), mounted.translation)
+            }
+            JointKind::Prismatic => {
                 Pose::new(mounted.rotation, mounted.translation + q * mounted.rotation.z_axis)
             }
         }
@@ -39,7 +41,7 @@ impl<const N: usize> Chain<N> {
         let mut at = Pose::IDENTITY;
         let (mut axis, mut origin) = ([DVec3::ZERO; N], [DVec3::ZERO; N]);
         for i in 0..N {
-            at = self.links[i].behind(&at, q[i]);
+            at = self.links[i].link_pose(&at, q[i]);
             axis[i] = at.rotation.z_axis;
             origin[i] = at.translation;
         }
@@ -51,7 +53,7 @@ impl<const N: usize> Chain<N> {
     pub fn tool_pose(&self, q: &JointVector<N>) -> Pose {
         let mut at = Pose::IDENTITY;
         for (link, q) in self.links.iter().zip(q.iter()) {
-            at = link.behind(&at, *q);
+            at = link.link_pose(&at, *q);
         }
         at.compose(&self.tool)
     }
@@ -59,23 +61,25 @@ impl<const N: usize> Chain<N> {
     /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the base frame.
     #[must_use]
     pub fn jacobian_base(&self, q: &JointVector<N>) -> Jacobian<N> {
-        self.jacobian_of(&self.frames(q), &DMat3::IDENTITY)
+        self.jacobian_from_frames(&self.frames(q), &DMat3::IDENTITY)
     }
 
     /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the tool frame.
     #[must_use]
     pub fn jacobian_tool(&self, q: &JointVector<N>) -> Jacobian<N> {
         let frames = self.frames(q);
-        self.jacobian_of(&frames, &frames.tool.rotation.transpose())
+        self.jacobian_from_frames(&frames, &frames.tool.rotation.transpose())
     }
 
-    pub(super) fn jacobian_of(&self, frames: &Frames<N>, into: &DMat3) -> Jacobian<N> {
+    pub(super) fn jacobian_from_frames(&self, frames: &Frames<N>, into: &DMat3) -> Jacobian<N> {
         let mut out = Jacobian::<N>::zeros();
         for i in 0..N {
             let axis = frames.axis[i];
-            let (v, w) = match self.links[i].motion {
-                Motion::Turn => (axis.cross(frames.tool.translation - frames.origin[i]), axis),
-                Motion::Slide => (axis, DVec3::ZERO),
+            let (v, w) = match self.links[i].kind {
+                JointKind::Revolute => {
+                    (axis.cross(frames.tool.translation - frames.origin[i]), axis)
+                }
+                JointKind::Prismatic => (axis, DVec3::ZERO),
             };
             let (v, w) = (*into * v, *into * w);
             out.column_mut(i).copy_from_slice(&[v.x, v.y, v.z, w.x, w.y, w.z]);
@@ -94,14 +98,14 @@ impl<const N: usize> Chain<N> {
         let mut j = self.jacobian_base(q);
         for column in 0..N {
             for row in 0..3 {
-                j[(row, column)] /= self.scale_m;
+                j[(row, column)] /= self.mean_link_m;
             }
         }
-        for _ in 0..SWEEPS {
+        for _ in 0..JACOBI_SWEEPS_MAX {
             let mut turned = false;
             for a in 0..6 {
                 for b in a + 1..6 {
-                    turned |= orthogonalise(&mut j, a, b);
+                    turned |= orthogonalise_rows(&mut j, a, b);
                 }
             }
             if !turned {
@@ -118,10 +122,10 @@ impl<const N: usize> Chain<N> {
 }
 
 /// Most sweeps over the pairs of rows; ten are usual.
-const SWEEPS: usize = 30;
+const JACOBI_SWEEPS_MAX: usize = 30;
 
 /// Turns two rows in their plane until they are square to each other; false when they were.
-fn orthogonalise<const N: usize>(j: &mut Jacobian<N>, a: usize, b: usize) -> bool {
+fn orthogonalise_rows<const N: usize>(j: &mut Jacobian<N>, a: usize, b: usize) -> bool {
     let (mut alpha, mut beta, mut gamma) = (0.0, 0.0, 0.0);
     for k in 0..N {
         let (x, y) = (j[(a, k)], j[(b, k)]);

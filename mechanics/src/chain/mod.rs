@@ -17,8 +17,8 @@ mod kinematics;
 pub mod spherical_wrist;
 
 pub use arm::Follower;
-pub use build::{BadChain, Dh, JointSpec, Motion};
-pub use inverse::{Effort, Found, NotFound};
+pub use build::{ChainError, DhRow, JointKind, JointSpec};
+pub use inverse::{IkFailure, IkSolution, SearchBudget};
 
 use crate::limits;
 use crate::rigid_body::Body;
@@ -32,17 +32,17 @@ pub const MAX_JOINTS: usize = 8;
 /// A joint inside: it moves about or along z of a frame mounted on the link before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Link {
-    mount: Pose,
-    motion: Motion,
+    origin: Pose,
+    kind: JointKind,
     body: Body,
 }
 
 impl Link {
     /// How far a joint can lie from its zero along its axis (m); a turning one does not.
-    fn longest_slide<const N: usize>(&self, limits: &Limits<N>, joint: usize) -> f64 {
-        match self.motion {
-            Motion::Turn => 0.0,
-            Motion::Slide => limits.q_min[joint].abs().max(limits.q_max[joint].abs()),
+    fn travel_bound_m<const N: usize>(&self, limits: &Limits<N>, joint: usize) -> f64 {
+        match self.kind {
+            JointKind::Revolute => 0.0,
+            JointKind::Prismatic => limits.q_min[joint].abs().max(limits.q_max[joint].abs()),
         }
     }
 }
@@ -68,12 +68,12 @@ pub struct Chain<const N: usize> {
     links: [Link; N],
     tool: Pose,
     /// Acceleration of a body at rest against gravity, base frame: +9.81 along the vertical.
-    against_gravity: DVec3,
+    base_acceleration: DVec3,
     limits: Limits<N>,
     /// Inertia of the drives seen at the joints.
-    reflected: JointVector<N>,
+    reflected_inertia: JointVector<N>,
     /// Mean length of a link (m): what a radian is weighed against.
-    scale_m: f64,
+    mean_link_m: f64,
     wrist: Option<SphericalWrist>,
 }
 
@@ -86,8 +86,8 @@ impl<const N: usize> Chain<N> {
 
     /// Inertia of the drives seen at the joints (kg m^2, kg for sliding joints).
     #[must_use]
-    pub fn reflected(&self) -> &JointVector<N> {
-        &self.reflected
+    pub fn reflected_inertia(&self) -> &JointVector<N> {
+        &self.reflected_inertia
     }
 
     /// The tool in the frame of the last joint (z along its axis).
@@ -113,14 +113,14 @@ impl<const N: usize> Chain<N> {
     /// `previous`, and the largest joint distance; sliding joints stay. `None` outside the limits
     /// or where a number is not finite.
     #[must_use]
-    pub fn expand(
+    pub fn nearest_equivalent(
         &self,
         q: &JointVector<N>,
         previous: &JointVector<N>,
     ) -> Option<(JointVector<N>, f64)> {
         let slides = (0..N).any(|i| {
             let outside = q[i] < self.limits.q_min[i] || q[i] > self.limits.q_max[i];
-            self.links[i].motion == Motion::Slide && outside
+            self.links[i].kind == JointKind::Prismatic && outside
         });
         if slides || !q.iter().all(|x| x.is_finite()) {
             return None;
@@ -128,11 +128,12 @@ impl<const N: usize> Chain<N> {
         let mut wish = *previous;
         for i in 0..N {
             // A slide has no turns: it is where it is.
-            if self.links[i].motion == Motion::Slide && wish[i].is_finite() {
+            if self.links[i].kind == JointKind::Prismatic && wish[i].is_finite() {
                 wish[i] = q[i];
             }
         }
-        let (out, _) = limits::nearest_turns(q, &wish, &self.limits.q_min, &self.limits.q_max)?;
+        let (out, _) =
+            limits::nearest_equivalent(q, &wish, &self.limits.q_min, &self.limits.q_max)?;
         Some((out, (out - previous).amax()))
     }
 }

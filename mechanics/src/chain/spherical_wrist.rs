@@ -11,56 +11,56 @@
 
 use core::f64::consts::PI;
 
-use super::{Chain, Motion};
+use super::{Chain, JointKind};
 use crate::limits;
-use crate::puma260::inverse::{DOUBLE_ROOT, WRIST_HOLD, sane};
+use crate::puma260::inverse::{DOUBLE_ROOT_DISTANCE, WRIST_SINGULAR_SINE, is_bounded};
 use crate::puma260::{
-    Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, SingularDistance, WRIST_SINGULAR,
+    Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, SingularityDistance, WRIST_SINGULAR,
 };
 use crate::spatial::{JointVector, Joints, Pose, wrap_angle};
 use glam::{DMat3, DVec2, DVec3};
 
 /// How exactly axes have to meet, be parallel and be square: relative to the arm's size, and in
 /// cosines.
-const EXACT: f64 = 1e-9;
+const GEOMETRY_TOLERANCE: f64 = 1e-9;
 /// How far a wrist centre may be out of reach, relative to the longest reach.
 const REACH_TOLERANCE: f64 = 2.5e-9;
 /// Distance of the wrist centre from axis 2 over the longest reach below which joint 2 is free.
-const FOLDED: f64 = 2.5e-12;
+const JOINT2_FREE_DISTANCE: f64 = 2.5e-12;
 
 /// What the closed form needs to know of an arm, all from its pose at zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SphericalWrist {
     /// Where axis 1 is nearest to axis 2 (m, base frame).
-    foot: DVec3,
+    shoulder_foot: DVec3,
     /// Columns: the plane's x, the common direction of axes 2 and 3 up to sign, axis 1.
     base: DMat3,
     /// Distance from axis 1 to axis 2 along the plane's x (m).
-    ahead_m: f64,
+    shoulder_offset_m: f64,
     /// Distance of the wrist centre from axis 1 along the plane's normal (m).
-    aside_m: f64,
+    lateral_offset_m: f64,
     /// Upper arm and forearm, in the plane as (z, x), so that turns about the normal count
     /// positive (m).
-    upper: DVec2,
-    fore: DVec2,
+    upper_arm: DVec2,
+    forearm: DVec2,
     /// Signs of joints 2 and 3 about the plane's normal.
     sign: [f64; 2],
     /// Columns: x, axis 5, axis 4 at zero.
     wrist: DMat3,
     /// Angle about axis 5 from axis 4 to axis 6 at zero (rad).
-    bent_rad: f64,
+    axis6_angle_rad: f64,
     /// Turn about axis 5 by that angle.
-    bend: DMat3,
+    axis6_rotation: DMat3,
     /// Rotation of the tool at zero.
     tool_rotation: DMat3,
     /// The wrist centre in the tool's axes, from the tool point (m).
-    centre: DVec3,
+    centre_in_tool: DVec3,
     q_min: Joints,
     q_max: Joints,
 }
 
 /// The first three joints of a branch.
-struct Root {
+struct ArmSolution {
     shoulder: i8,
     elbow: i8,
     q: [f64; 3],
@@ -69,20 +69,20 @@ struct Root {
 
 impl SphericalWrist {
     /// The closed form of a chain, if it is of the family.
-    pub(super) fn recognise<const N: usize>(chain: &Chain<N>) -> Option<SphericalWrist> {
-        if N != 6 || chain.links.iter().any(|link| link.motion != Motion::Turn) {
+    pub(super) fn from_chain<const N: usize>(chain: &Chain<N>) -> Option<SphericalWrist> {
+        if N != 6 || chain.links.iter().any(|link| link.kind != JointKind::Revolute) {
             return None;
         }
         let zero = chain.frames(&JointVector::<N>::zeros());
         let (z, o) = (zero.axis, zero.origin);
-        let size = chain.scale_m * 6.0;
-        let square = |a: DVec3, b: DVec3| a.dot(b).abs() < EXACT;
-        let near = |a: DVec3, b: DVec3| (a - b).length() < EXACT * size;
+        let size = chain.mean_link_m * 6.0;
+        let square = |a: DVec3, b: DVec3| a.dot(b).abs() < GEOMETRY_TOLERANCE;
+        let near = |a: DVec3, b: DVec3| (a - b).length() < GEOMETRY_TOLERANCE * size;
         // Axes 4 and 5 meet where axis 4 is nearest to axis 5; axis 6 goes through there.
         let centre = o[3] + (o[4] - o[3]).dot(z[3]) * z[3];
         let on = |i: usize| near(centre, o[i] + (centre - o[i]).dot(z[i]) * z[i]);
         let wrist = square(z[3], z[4]) && square(z[4], z[5]) && on(4) && on(5);
-        let arm = z[1].cross(z[2]).length() < EXACT && square(z[0], z[1]);
+        let arm = z[1].cross(z[2]).length() < GEOMETRY_TOLERANCE && square(z[0], z[1]);
         if !(wrist && arm) {
             return None;
         }
@@ -90,13 +90,17 @@ impl SphericalWrist {
         // The plane's x points to where the arm is at zero: that is "forward".
         let across = z[1].cross(z[0]);
         let forward = (centre - foot).dot(across);
-        let along = if forward.abs() > EXACT * size { forward } else { (o[2] - o[1]).dot(across) };
+        let along = if forward.abs() > GEOMETRY_TOLERANCE * size {
+            forward
+        } else {
+            (o[2] - o[1]).dot(across)
+        };
         let x = if along < 0.0 { -across } else { across };
         let y = z[0].cross(x);
         let base = DMat3::from_cols(x, y, z[0]);
         let plane = |v: DVec3| DVec2::new(v.dot(z[0]), v.dot(x));
         let (upper, fore) = (plane(o[2] - o[1]), plane(centre - o[2]));
-        if upper.length() < EXACT * size || fore.length() < EXACT * size {
+        if upper.length() < GEOMETRY_TOLERANCE * size || fore.length() < GEOMETRY_TOLERANCE * size {
             return None;
         }
         let wrist = DMat3::from_cols(z[4].cross(z[3]), z[4], z[3]);
@@ -104,29 +108,29 @@ impl SphericalWrist {
         let tool = zero.tool;
         let six = |v: &JointVector<N>| Joints::from_fn(|i, _| v[i]);
         Some(SphericalWrist {
-            foot,
+            shoulder_foot: foot,
             base,
-            ahead_m: (o[1] - foot).dot(x),
-            aside_m: (centre - foot).dot(y),
-            upper,
-            fore,
+            shoulder_offset_m: (o[1] - foot).dot(x),
+            lateral_offset_m: (centre - foot).dot(y),
+            upper_arm: upper,
+            forearm: fore,
             sign: [z[1].dot(y).signum(), z[2].dot(y).signum()],
             wrist,
-            bent_rad: libm::atan2(sixth.x, sixth.z),
-            bend: DMat3::from_cols(
+            axis6_angle_rad: libm::atan2(sixth.x, sixth.z),
+            axis6_rotation: DMat3::from_cols(
                 DVec3::new(sixth.z, 0.0, -sixth.x),
                 DVec3::Y,
                 DVec3::new(sixth.x, 0.0, sixth.z),
             ),
             tool_rotation: tool.rotation,
-            centre: tool.rotation.transpose() * (centre - tool.translation),
+            centre_in_tool: tool.rotation.transpose() * (centre - tool.translation),
             q_min: six(&chain.limits.q_min),
             q_max: six(&chain.limits.q_max),
         })
     }
 
-    fn longest_m(&self) -> f64 {
-        self.upper.length() + self.fore.length()
+    fn reach_m(&self) -> f64 {
+        self.upper_arm.length() + self.forearm.length()
     }
 
     /// All branches that reach tool pose `tool` (base frame, orthonormal rotation), ordered by
@@ -135,19 +139,19 @@ impl SphericalWrist {
     /// 4 and 6 in line); joint 4 where it is free as for
     /// [`Puma260::inverse`](crate::puma260::Puma260::inverse).
     #[must_use]
-    pub fn inverse(&self, tool: &Pose, previous: Option<&Joints>) -> Branches {
+    pub fn inverse_kinematics(&self, tool: &Pose, previous: Option<&Joints>) -> Branches {
         let mut out = Branches::empty();
-        let longest = self.longest_m();
-        let bound = 10.0 * (longest + self.foot.length() + self.centre.length())
-            + self.ahead_m.abs()
-            + self.aside_m.abs();
-        if !sane(tool, bound) {
+        let longest = self.reach_m();
+        let bound = 10.0 * (longest + self.shoulder_foot.length() + self.centre_in_tool.length())
+            + self.shoulder_offset_m.abs()
+            + self.lateral_offset_m.abs();
+        if !is_bounded(tool, bound) {
             return out;
         }
         let previous = previous.filter(|q| q.iter().all(|x| x.is_finite()));
-        let centre = tool.apply(self.centre) - self.foot;
+        let centre = tool.apply(self.centre_in_tool) - self.shoulder_foot;
         let p = self.base.transpose() * centre;
-        let aside = self.aside_m.abs();
+        let aside = self.lateral_offset_m.abs();
         let r = (p.x * p.x + p.y * p.y).sqrt();
         let slack = REACH_TOLERANCE * longest;
         if aside - r > slack {
@@ -157,22 +161,22 @@ impl SphericalWrist {
         let azimuth = libm::atan2(p.y, p.x);
         for shoulder in [1_i8, -1] {
             let reach = f64::from(shoulder) * reach;
-            let theta1 = wrap_angle(azimuth - libm::atan2(self.aside_m, reach));
-            let target = DVec2::new(p.z, reach - self.ahead_m);
-            let Some(opening) = self.opening(target, slack) else { continue };
+            let theta1 = wrap_angle(azimuth - libm::atan2(self.lateral_offset_m, reach));
+            let target = DVec2::new(p.z, reach - self.shoulder_offset_m);
+            let Some(opening) = self.elbow_opening(target, slack) else { continue };
             for elbow in [1_i8, -1] {
-                let stretched = signed_angle(self.upper, self.fore);
+                let stretched = signed_angle(self.upper_arm, self.forearm);
                 let bend = f64::from(elbow) * self.sign[1] * opening - stretched;
-                let mut root = Root { shoulder, elbow, q: [theta1, 0.0, 0.0], flags: 0 };
+                let mut root = ArmSolution { shoulder, elbow, q: [theta1, 0.0, 0.0], flags: 0 };
                 root.q[2] = wrap_angle(self.sign[1] * bend);
-                root.q[1] = self.second(target, bend, previous);
-                if reach.abs() < DOUBLE_ROOT * longest {
+                root.q[1] = self.joint_2(target, bend, previous);
+                if reach.abs() < DOUBLE_ROOT_DISTANCE * longest {
                     root.flags |= SHOULDER_SINGULAR;
                 }
-                if libm::sin(opening).abs() < DOUBLE_ROOT {
+                if libm::sin(opening).abs() < DOUBLE_ROOT_DISTANCE {
                     root.flags |= ELBOW_SINGULAR;
                 }
-                self.complete(&tool.rotation, &root, previous, &mut out);
+                self.push_wrist_branches(&tool.rotation, &root, previous, &mut out);
             }
         }
         out
@@ -180,8 +184,8 @@ impl SphericalWrist {
 
     /// Angle between forearm and upper arm that spans the distance of `target`, in `[0, pi]`, 0
     /// stretched; `None` out of reach.
-    fn opening(&self, target: DVec2, slack: f64) -> Option<f64> {
-        let (a, b) = (self.upper.length(), self.fore.length());
+    fn elbow_opening(&self, target: DVec2, slack: f64) -> Option<f64> {
+        let (a, b) = (self.upper_arm.length(), self.forearm.length());
         let square = target.length_squared();
         let distance = square.sqrt();
         if distance - (a + b) > slack || (a - b).abs() - distance > slack {
@@ -193,11 +197,14 @@ impl SphericalWrist {
     }
 
     /// Joint 2 when the elbow is bent by `bend` about the plane's normal (rad).
-    fn second(&self, target: DVec2, bend: f64, previous: Option<&Joints>) -> f64 {
+    fn joint_2(&self, target: DVec2, bend: f64, previous: Option<&Joints>) -> f64 {
         let (s, c) = libm::sincos(bend);
-        let fore = DVec2::new(c * self.fore.x - s * self.fore.y, s * self.fore.x + c * self.fore.y);
-        let arm = self.upper + fore;
-        let folded = FOLDED * self.longest_m();
+        let fore = DVec2::new(
+            c * self.forearm.x - s * self.forearm.y,
+            s * self.forearm.x + c * self.forearm.y,
+        );
+        let arm = self.upper_arm + fore;
+        let folded = JOINT2_FREE_DISTANCE * self.reach_m();
         if target.length_squared() < folded * folded {
             return previous.map_or(0.0, |q| wrap_angle(q[1]));
         }
@@ -205,40 +212,42 @@ impl SphericalWrist {
     }
 
     /// Both wrists of an arm.
-    fn complete(
+    fn push_wrist_branches(
         &self,
         rotation: &DMat3,
-        root: &Root,
+        root: &ArmSolution,
         previous: Option<&Joints>,
         out: &mut Branches,
     ) {
         let [q1, q2, q3] = root.q;
-        let turned = self.base * arm_turn(q1, self.sign[0] * q2 + self.sign[1] * q3);
+        let turned = self.base * arm_rotation(q1, self.sign[0] * q2 + self.sign[1] * q3);
         let turned = turned * self.base.transpose();
         let w = turned.transpose() * *rotation * self.tool_rotation.transpose();
-        let m = self.wrist.transpose() * w * self.wrist * self.bend;
+        let m = self.wrist.transpose() * w * self.wrist * self.axis6_rotation;
         let (mx, my) = (m.z_axis.x, m.z_axis.y);
-        let singular = mx * mx + my * my < WRIST_HOLD * WRIST_HOLD;
-        let q4 = if singular { self.held(previous) } else { libm::atan2(my, mx) };
+        let singular = mx * mx + my * my < WRIST_SINGULAR_SINE * WRIST_SINGULAR_SINE;
+        let q4 = if singular { self.free_joint_4(previous) } else { libm::atan2(my, mx) };
         let (s4, c4) = libm::sincos(q4);
         let angle = libm::atan2(c4 * mx + s4 * my, m.z_axis.z);
         let q6 = libm::atan2(c4 * m.x_axis.y - s4 * m.x_axis.x, c4 * m.y_axis.y - s4 * m.y_axis.x);
         let flags = root.flags | if singular { WRIST_SINGULAR } else { 0 };
-        for (wrist, last) in [(1, [q4, angle, q6]), (-1, [half_turn(q4), -angle, half_turn(q6)])] {
+        for (wrist, last) in
+            [(1, [q4, angle, q6]), (-1, [half_turn_away(q4), -angle, half_turn_away(q6)])]
+        {
             let [q4, angle, q6] = last.map(wrap_angle);
-            let q = Joints::new(q1, q2, q3, q4, wrap_angle(angle - self.bent_rad), q6);
+            let q = Joints::new(q1, q2, q3, q4, wrap_angle(angle - self.axis6_angle_rad), q6);
             let in_limits =
-                (0..6).all(|i| limits::some_turn_inside(self.q_min[i], self.q_max[i], q[i]));
+                (0..6).all(|i| limits::has_equivalent_in_range(self.q_min[i], self.q_max[i], q[i]));
             let (shoulder, elbow) = (root.shoulder, root.elbow);
             out.push(Branch { shoulder, elbow, wrist, q, in_limits, singular_flags: flags });
         }
     }
 
     /// Joint 4 of the branch with wrist +1 where it is free.
-    fn held(&self, previous: Option<&Joints>) -> f64 {
+    fn free_joint_4(&self, previous: Option<&Joints>) -> f64 {
         match previous {
             None => 0.0,
-            Some(q) if wrap_angle(wrap_angle(q[4]) + self.bent_rad) < 0.0 => {
+            Some(q) if wrap_angle(wrap_angle(q[4]) + self.axis6_angle_rad) < 0.0 => {
                 wrap_angle(wrap_angle(q[3]) + PI)
             }
             Some(q) => wrap_angle(q[3]),
@@ -248,10 +257,14 @@ impl SphericalWrist {
     /// The branch nearest to `previous` and its joints, expanded by whole turns inside the limits:
     /// the one whose largest joint distance is smallest, the first of equals.
     #[must_use]
-    pub fn nearest(&self, branches: &Branches, previous: &Joints) -> Option<(usize, Joints)> {
+    pub fn nearest_branch(
+        &self,
+        branches: &Branches,
+        previous: &Joints,
+    ) -> Option<(usize, Joints)> {
         let mut best: Option<(usize, Joints, f64)> = None;
         for (index, branch) in branches.iter().enumerate() {
-            let turns = limits::nearest_turns(&branch.q, previous, &self.q_min, &self.q_max);
+            let turns = limits::nearest_equivalent(&branch.q, previous, &self.q_min, &self.q_max);
             let Some((q, distance)) = turns else { continue };
             if best.as_ref().is_none_or(|b| distance < b.2) {
                 best = Some((index, q, distance));
@@ -265,24 +278,27 @@ impl SphericalWrist {
     /// the elbow's opening, positive on the side of elbow +1; the sine of the angle between axes 4
     /// and 6.
     #[must_use]
-    pub fn singular_distance(&self, q: &Joints) -> SingularDistance {
+    pub fn singularity_distance(&self, q: &Joints) -> SingularityDistance {
         let bend = self.sign[1] * q[2];
         let (s, c) = libm::sincos(bend);
-        let fore = DVec2::new(c * self.fore.x - s * self.fore.y, s * self.fore.x + c * self.fore.y);
+        let fore = DVec2::new(
+            c * self.forearm.x - s * self.forearm.y,
+            s * self.forearm.x + c * self.forearm.y,
+        );
         let (s, c) = libm::sincos(self.sign[0] * q[1]);
-        let arm = self.upper + fore;
-        let reach = self.ahead_m + s * arm.x + c * arm.y;
-        let lengths = self.upper.length() * self.fore.length();
-        SingularDistance {
-            shoulder: reach / (self.longest_m() + self.ahead_m.abs()),
-            elbow: self.sign[1] * self.upper.perp_dot(fore) / lengths,
-            wrist: libm::sin(q[4] + self.bent_rad),
+        let arm = self.upper_arm + fore;
+        let reach = self.shoulder_offset_m + s * arm.x + c * arm.y;
+        let lengths = self.upper_arm.length() * self.forearm.length();
+        SingularityDistance {
+            shoulder: reach / (self.reach_m() + self.shoulder_offset_m.abs()),
+            elbow: self.sign[1] * self.upper_arm.perp_dot(fore) / lengths,
+            wrist: libm::sin(q[4] + self.axis6_angle_rad),
         }
     }
 }
 
 /// `Rz(q1) Ry(q23)` in the axes of the base.
-fn arm_turn(q1: f64, q23: f64) -> DMat3 {
+fn arm_rotation(q1: f64, q23: f64) -> DMat3 {
     let ((s1, c1), (s, c)) = (libm::sincos(q1), libm::sincos(q23));
     DMat3::from_cols(
         DVec3::new(c1 * c, s1 * c, -s),
@@ -291,7 +307,7 @@ fn arm_turn(q1: f64, q23: f64) -> DMat3 {
     )
 }
 
-fn half_turn(angle_rad: f64) -> f64 {
+fn half_turn_away(angle_rad: f64) -> f64 {
     if angle_rad < 0.0 { angle_rad + PI } else { angle_rad - PI }
 }
 

@@ -8,21 +8,21 @@ use glam::{DMat3, DVec3};
 use crate::spatial::{rotation_y, rotation_z, wrap_angle};
 
 /// Below this a turn of the approach axis has no direction (rad).
-const NO_TURN_RAD: f64 = 1e-9;
+const THETA_MIN_RAD: f64 = 1e-9;
 
 /// Paul's drive: the approach axis turns by `theta` about the axis (-sin psi, cos psi, 0) of the
 /// first frame, then the hand by `phi` about it. In Euler's terms z-y-z with
 /// (psi, theta, phi - psi). All in rad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Drive {
+pub(super) struct DriveTransform {
     pub(super) psi: f64,
     pub(super) theta: f64,
     pub(super) phi: f64,
 }
 
-impl Drive {
+impl DriveTransform {
     /// The drive that turns `from` into `to`.
-    pub(super) fn between(from: &DMat3, to: &DMat3) -> Drive {
+    pub(super) fn between(from: &DMat3, to: &DMat3) -> DriveTransform {
         let seen = from.transpose() * *to;
         let (nx, ny, nz) = (seen.z_axis.x, seen.z_axis.y, seen.z_axis.z);
         let psi = libm::atan2(ny, nx);
@@ -37,7 +37,7 @@ impl Drive {
             -sin_psi * sin_theta,
         );
         let phi = libm::atan2(second.dot(seen.x_axis), second.dot(seen.y_axis));
-        Drive { psi, theta, phi }
+        DriveTransform { psi, theta, phi }
     }
 
     /// The rotation of the drive.
@@ -46,7 +46,7 @@ impl Drive {
     }
 
     /// Angular velocity (rad/s) in the axes of the first frame, for rates in rad/s.
-    pub(super) fn angular_velocity(&self, rate: &Drive) -> DVec3 {
+    pub(super) fn angular_velocity(&self, rate: &DriveTransform) -> DVec3 {
         let swung = rotation_z(self.psi);
         DVec3::Z * rate.psi
             + swung.y_axis * rate.theta
@@ -54,21 +54,24 @@ impl Drive {
     }
 
     /// Whether theta is too small for psi to mean anything.
-    fn is_undirected(&self) -> bool {
-        self.theta.abs() < NO_TURN_RAD
+    fn has_no_direction(&self) -> bool {
+        self.theta.abs() < THETA_MIN_RAD
     }
 }
 
 /// Brings the directions of the drives before and after a corner together, so that psi sweeps less
 /// than a quarter turn: wrap, then turn one of them round, then wrap again. Returns the sweep of
 /// psi from `before.psi`. `None` is a rest: that side takes the other's direction.
-pub(super) fn align(before: Option<&mut Drive>, after: Option<&Drive>) -> (f64, f64) {
+pub(super) fn align_directions(
+    before: Option<&mut DriveTransform>,
+    after: Option<&DriveTransform>,
+) -> (f64, f64) {
     match (before, after) {
         (Some(before), Some(after)) => {
-            if before.is_undirected() {
+            if before.has_no_direction() {
                 return (after.psi, 0.0);
             }
-            if after.is_undirected() {
+            if after.has_no_direction() {
                 return (before.psi, 0.0);
             }
             let mut sweep = wrap_angle(after.psi - before.psi);
@@ -88,7 +91,7 @@ pub(super) fn align(before: Option<&mut Drive>, after: Option<&Drive>) -> (f64, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spatial::{rotation_of, rotation_vector, rotation_x};
+    use crate::spatial::{rotation_from_vector, rotation_vector, rotation_x};
 
     fn near(a: &DMat3, b: &DMat3, tolerance: f64) -> bool {
         a.abs_diff_eq(*b, tolerance)
@@ -109,20 +112,22 @@ mod tests {
     fn a_drive_and_a_vector_lead_from_one_to_the_other() {
         let from = rotation_z(0.4) * rotation_x(-1.0);
         for to in some_rotations() {
-            let drive = Drive::between(&from, &to);
+            let drive = DriveTransform::between(&from, &to);
             assert!(near(&(from * drive.rotation()), &to, 4e-15), "{drive:?}");
             let vector = rotation_vector(&from, &to);
-            assert!(near(&(from * rotation_of(vector)), &to, 4e-15), "{vector:?}");
+            assert!(near(&(from * rotation_from_vector(vector)), &to, 4e-15), "{vector:?}");
             assert!(vector.length() <= PI + 1e-15);
         }
     }
 
     #[test]
     fn angular_velocity_is_the_rate_of_the_rotation() {
-        let (at, rate) =
-            (Drive { psi: 0.7, theta: -1.2, phi: 2.0 }, Drive { psi: 0.3, theta: 0.5, phi: -0.9 });
+        let (at, rate) = (
+            DriveTransform { psi: 0.7, theta: -1.2, phi: 2.0 },
+            DriveTransform { psi: 0.3, theta: 0.5, phi: -0.9 },
+        );
         let step = 1e-5;
-        let after = |s: f64| Drive {
+        let after = |s: f64| DriveTransform {
             psi: at.psi + rate.psi * s,
             theta: at.theta + rate.theta * s,
             phi: at.phi + rate.phi * s,
@@ -136,20 +141,20 @@ mod tests {
 
     #[test]
     fn directions_are_wrapped_before_and_after_they_are_tested() {
-        let drive = |psi: f64| Drive { psi, theta: 0.4, phi: 0.0 };
+        let drive = |psi: f64| DriveTransform { psi, theta: 0.4, phi: 0.0 };
         // 3.1 and -3.1 are 0.08 apart, not 6.2: no reversal.
         let mut before = drive(3.1);
-        let (_, sweep) = align(Some(&mut before), Some(&drive(-3.1)));
+        let (_, sweep) = align_directions(Some(&mut before), Some(&drive(-3.1)));
         assert!((sweep - (2.0 * PI - 6.2)).abs() < 1e-14 && before == drive(3.1));
         // Opposite directions: the drive before turns round.
         let mut before = drive(0.0);
-        let (psi, sweep) = align(Some(&mut before), Some(&drive(3.0)));
+        let (psi, sweep) = align_directions(Some(&mut before), Some(&drive(3.0)));
         assert!((psi - PI).abs() < 1e-15 && (sweep - (3.0 - PI)).abs() < 1e-15);
         assert!((before.theta + 0.4).abs() < 1e-15);
         // No turn on one side: the other's direction.
-        let mut still = Drive { psi: 1.0, theta: 1e-10, phi: 0.2 };
-        assert_eq!(align(Some(&mut still), Some(&drive(2.0))), (2.0, 0.0));
-        assert_eq!(align(Some(&mut drive(2.0)), Some(&still)), (2.0, 0.0));
-        assert_eq!(align(None, Some(&drive(2.0))), (2.0, 0.0));
+        let mut still = DriveTransform { psi: 1.0, theta: 1e-10, phi: 0.2 };
+        assert_eq!(align_directions(Some(&mut still), Some(&drive(2.0))), (2.0, 0.0));
+        assert_eq!(align_directions(Some(&mut drive(2.0)), Some(&still)), (2.0, 0.0));
+        assert_eq!(align_directions(None, Some(&drive(2.0))), (2.0, 0.0));
     }
 }

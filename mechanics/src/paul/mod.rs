@@ -3,7 +3,7 @@
 //! point as a path is laid, what it could not follow; evaluation refuses nothing. A path is laid in
 //! place and never copied by itself: it is a few kB, and a lane lays one point a job.
 //!
-//! Motion starts at t = 0. Corner i is at `c_i = tau + T_1 + .. + T_i`; within tau of a corner the
+//! JointKind starts at t = 0. Corner i is at `c_i = tau + T_1 + .. + T_i`; within tau of a corner the
 //! transition runs, elsewhere the segment; the move ends at `c_n + tau`. Inner points are rounded,
 //! not hit: at the corner the path is 3/16 tau dv away, dv being the change of speed.
 
@@ -14,7 +14,7 @@ mod timing;
 use core::fmt;
 
 use crate::spatial::JointVector;
-use timing::{Piece, Timing, check_counts};
+use timing::{PathPhase, Timing, check_counts};
 
 /// Most points of a path.
 pub const MAX_POINTS: usize = 32;
@@ -55,9 +55,9 @@ pub enum PathError {
     /// The number of segment times is not one less than the number of points.
     SegmentCount {
         /// Times wanted.
-        wanted: usize,
+        expected: usize,
         /// Times given.
-        given: usize,
+        actual: usize,
     },
     /// A joint of a point is NaN or infinite.
     PointNotFinite {
@@ -67,7 +67,7 @@ pub enum PathError {
         joint: usize,
     },
     /// A pose is not finite, or its rotation is none.
-    NotAPose {
+    InvalidPose {
         /// Index of the point.
         point: usize,
     },
@@ -85,7 +85,7 @@ pub enum PathError {
         tau_s: f64,
     },
     /// A segment's speed, or the acceleration of its transitions, is beyond all numbers.
-    BeyondNumbers {
+    Overflow {
         /// Index of the segment.
         segment: usize,
     },
@@ -109,20 +109,20 @@ impl fmt::Display for PathError {
             PathError::TooManyPoints { points } => {
                 write!(f, "a path holds {MAX_POINTS} points, there are {points}")
             }
-            PathError::SegmentCount { wanted, given } => {
+            PathError::SegmentCount { expected: wanted, actual: given } => {
                 write!(f, "the points make {wanted} segments, there are {given} times")
             }
             PathError::PointNotFinite { point, joint } => {
                 write!(f, "joint {} of point {point} is not a finite number", joint + 1)
             }
-            PathError::NotAPose { point } => {
+            PathError::InvalidPose { point } => {
                 write!(
                     f,
                     "point {point} is not a pose: its rotation has columns that are not of length \
                      1, square to each other and right-handed, or a number is not finite"
                 )
             }
-            PathError::BeyondNumbers { segment } => {
+            PathError::Overflow { segment } => {
                 write!(f, "segment {segment} is too long for its time: its speed is no number")
             }
             PathError::SegmentTime { segment, time_s } => {
@@ -186,7 +186,7 @@ impl<const N: usize> JointPath<N> {
     /// A joint that is not finite, a `tau_s` (s) that is not positive.
     pub fn restart(&mut self, q: &JointVector<N>, tau_s: f64) -> Result<(), PathError> {
         self.timing.restart(tau_s)?;
-        self.set(0, q)
+        self.set_point(0, q)
     }
 
     /// Goes on to `q` (rad) in `time_s` (s) and ends there, in place.
@@ -195,13 +195,13 @@ impl<const N: usize> JointPath<N> {
     /// A full path, a joint that is not finite, a time that is not positive or leaves no room for
     /// two transitions. The path is spoilt then.
     pub fn push(&mut self, q: &JointVector<N>, time_s: f64) -> Result<(), PathError> {
-        let point = self.timing.count();
-        self.set(point, q)?;
+        let point = self.timing.point_count();
+        self.set_point(point, q)?;
         let way = (q - self.points[point - 1]).amax();
         self.timing.push(time_s, way)
     }
 
-    fn set(&mut self, point: usize, q: &JointVector<N>) -> Result<(), PathError> {
+    fn set_point(&mut self, point: usize, q: &JointVector<N>) -> Result<(), PathError> {
         if let Some(joint) = q.iter().position(|x| !x.is_finite()) {
             return Err(PathError::PointNotFinite { point, joint });
         }
@@ -231,19 +231,19 @@ impl<const N: usize> JointPath<N> {
     /// The points (rad).
     #[must_use]
     pub fn points(&self) -> &[JointVector<N>] {
-        &self.points[..self.timing.count()]
+        &self.points[..self.timing.point_count()]
     }
 
     /// The setpoint at `t_s`: the first point at rest before the start (NaN counts as before), the
     /// last point at rest from the end on.
     #[must_use]
     pub fn at(&self, t_s: f64) -> Setpoint<N> {
-        match self.timing.piece(t_s) {
-            Piece::Start => Setpoint::rest(&self.points[0]),
-            Piece::End => Setpoint::rest(&self.points[self.timing.count() - 1]),
-            Piece::Transition(corner, since) => self.transition(corner, since),
-            Piece::Segment(corner, since) => {
-                let qd = self.speed_after(corner);
+        match self.timing.phase(t_s) {
+            PathPhase::BeforeStart => Setpoint::rest(&self.points[0]),
+            PathPhase::AfterEnd => Setpoint::rest(&self.points[self.timing.point_count() - 1]),
+            PathPhase::Transition(corner, since) => self.transition(corner, since),
+            PathPhase::Segment(corner, since) => {
+                let qd = self.velocity_after(corner);
                 Setpoint { q: self.points[corner] + qd * since, qd, qdd: JointVector::zeros() }
             }
         }
@@ -254,8 +254,8 @@ impl<const N: usize> JointPath<N> {
         let tau = self.timing.tau_s();
         let b = &self.points[corner];
         let h = (since + tau) / (2.0 * tau);
-        let before = self.speed_before(corner) * -tau;
-        let after = self.speed_after(corner) * tau;
+        let before = self.velocity_before(corner) * -tau;
+        let after = self.velocity_after(corner) * tau;
         let change = after + before;
         Setpoint {
             q: (change * ((2.0 - h) * h * h) - before * 2.0) * h + b + before,
@@ -265,44 +265,44 @@ impl<const N: usize> JointPath<N> {
     }
 
     /// Speed of the segment that ends at a corner (rad/s); 0 at the first.
-    fn speed_before(&self, corner: usize) -> JointVector<N> {
-        if corner == 0 { JointVector::zeros() } else { self.speed_after(corner - 1) }
+    fn velocity_before(&self, corner: usize) -> JointVector<N> {
+        if corner == 0 { JointVector::zeros() } else { self.velocity_after(corner - 1) }
     }
 
     /// Speed of the segment that starts at a corner (rad/s); 0 at the last.
-    fn speed_after(&self, corner: usize) -> JointVector<N> {
-        if corner + 1 >= self.timing.count() {
+    fn velocity_after(&self, corner: usize) -> JointVector<N> {
+        if corner + 1 >= self.timing.point_count() {
             return JointVector::zeros();
         }
-        (self.points[corner + 1] - self.points[corner]) / self.timing.time_s(corner)
+        (self.points[corner + 1] - self.points[corner]) / self.timing.segment_time_s(corner)
     }
 
     /// Largest speed of each joint on the whole path (rad/s): that of its fastest segment.
     #[must_use]
     pub fn peak_speed(&self) -> JointVector<N> {
-        (0..self.timing.count())
-            .fold(JointVector::zeros(), |top, i| top.sup(&self.speed_after(i).abs()))
+        (0..self.timing.point_count())
+            .fold(JointVector::zeros(), |top, i| top.sup(&self.velocity_after(i).abs()))
     }
 
     /// Largest acceleration of each joint on the whole path (rad/s^2): that at its sharpest corner.
     #[must_use]
     pub fn peak_acceleration(&self) -> JointVector<N> {
-        let corners = 0..self.timing.count();
-        corners.fold(JointVector::zeros(), |top, i| top.sup(&self.peak_acceleration_at(i)))
+        let corners = 0..self.timing.point_count();
+        corners.fold(JointVector::zeros(), |top, i| top.sup(&self.corner_acceleration(i)))
     }
 
     /// Largest acceleration of each joint at corner `corner` (rad/s^2): 3/4 dv/tau. That of the
     /// last one changes when the path goes on.
     #[must_use]
-    pub fn peak_acceleration_at(&self, corner: usize) -> JointVector<N> {
-        let change = self.speed_after(corner) - self.speed_before(corner);
+    pub fn corner_acceleration(&self, corner: usize) -> JointVector<N> {
+        let change = self.velocity_after(corner) - self.velocity_before(corner);
         change.abs() * (0.75 / self.timing.tau_s())
     }
 
     /// Speed of each joint in segment `segment`, in size (rad/s).
     #[must_use]
-    pub fn speed_in(&self, segment: usize) -> JointVector<N> {
-        self.speed_after(segment).abs()
+    pub fn segment_speed(&self, segment: usize) -> JointVector<N> {
+        self.velocity_after(segment).abs()
     }
 }
 

@@ -8,33 +8,33 @@ use super::{MAX_POINTS, PathError};
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Timing {
     /// Segment i leads from point i to point i + 1 (s).
-    times_s: [f64; MAX_POINTS],
+    segment_times_s: [f64; MAX_POINTS],
     /// When each corner is (s).
     corners_s: [f64; MAX_POINTS],
-    count: usize,
+    point_count: usize,
     tau_s: f64,
 }
 
 /// The piece of a path that runs at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Piece {
+pub(super) enum PathPhase {
     /// Before the start, at rest in the first point.
-    Start,
+    BeforeStart,
     /// The transition about a corner, from -tau to tau after it (s).
     Transition(usize, f64),
     /// The segment that leaves a corner, so long after it (s).
     Segment(usize, f64),
     /// After the end, at rest in the last point.
-    End,
+    AfterEnd,
 }
 
 impl Timing {
     /// A clock for one point: two tau of rest.
     pub(super) fn new(tau_s: f64) -> Result<Timing, PathError> {
         let mut timing = Timing {
-            times_s: [0.0; MAX_POINTS],
+            segment_times_s: [0.0; MAX_POINTS],
             corners_s: [0.0; MAX_POINTS],
-            count: 1,
+            point_count: 1,
             tau_s: 0.0,
         };
         timing.restart(tau_s)?;
@@ -49,15 +49,15 @@ impl Timing {
         if !(tau_s > 0.0 && tau_s.is_finite()) || beyond {
             return Err(PathError::TransitionTime { tau_s });
         }
-        (self.count, self.tau_s, self.corners_s[0]) = (1, tau_s, tau_s);
+        (self.point_count, self.tau_s, self.corners_s[0]) = (1, tau_s, tau_s);
         Ok(())
     }
 
     /// One more point, `time_s` (s) after the last and `way` from it, in whatever it is measured.
     pub(super) fn push(&mut self, time_s: f64, way: f64) -> Result<(), PathError> {
-        let (segment, tau_s) = (self.count - 1, self.tau_s);
-        if self.count == MAX_POINTS {
-            return Err(PathError::TooManyPoints { points: self.count + 1 });
+        let (segment, tau_s) = (self.point_count - 1, self.tau_s);
+        if self.point_count == MAX_POINTS {
+            return Err(PathError::TooManyPoints { points: self.point_count + 1 });
         }
         if !(time_s > 0.0 && time_s.is_finite()) {
             return Err(PathError::SegmentTime { segment, time_s });
@@ -69,51 +69,51 @@ impl Timing {
         // A corner's change of speed is that of two segments at most, and more than its 1.5 / tau
         // is never its acceleration.
         if !(corner_s + tau_s).is_finite() || !(8.0 * way / time_s / tau_s).is_finite() {
-            return Err(PathError::BeyondNumbers { segment });
+            return Err(PathError::Overflow { segment });
         }
-        self.times_s[segment] = time_s;
-        self.corners_s[self.count] = corner_s;
-        self.count += 1;
+        self.segment_times_s[segment] = time_s;
+        self.corners_s[self.point_count] = corner_s;
+        self.point_count += 1;
         Ok(())
     }
 
     pub(super) fn corners_s(&self) -> &[f64] {
-        &self.corners_s[..self.count]
+        &self.corners_s[..self.point_count]
     }
 
-    pub(super) fn count(&self) -> usize {
-        self.count
+    pub(super) fn point_count(&self) -> usize {
+        self.point_count
     }
 
     pub(super) fn tau_s(&self) -> f64 {
         self.tau_s
     }
 
-    pub(super) fn time_s(&self, segment: usize) -> f64 {
-        self.times_s[segment]
+    pub(super) fn segment_time_s(&self, segment: usize) -> f64 {
+        self.segment_times_s[segment]
     }
 
     pub(super) fn duration_s(&self) -> f64 {
-        self.corners_s[self.count - 1] + self.tau_s
+        self.corners_s[self.point_count - 1] + self.tau_s
     }
 
     /// What runs at `t_s`; NaN counts as before the start.
-    pub(super) fn piece(&self, t_s: f64) -> Piece {
+    pub(super) fn phase(&self, t_s: f64) -> PathPhase {
         if t_s.is_nan() || t_s <= 0.0 {
-            return Piece::Start;
+            return PathPhase::BeforeStart;
         }
         if t_s >= self.duration_s() {
-            return Piece::End;
+            return PathPhase::AfterEnd;
         }
         let mut corner = 0;
-        while corner + 1 < self.count && t_s >= self.corners_s[corner + 1] - self.tau_s {
+        while corner + 1 < self.point_count && t_s >= self.corners_s[corner + 1] - self.tau_s {
             corner += 1;
         }
         let since = t_s - self.corners_s[corner];
-        if since <= self.tau_s || corner + 1 == self.count {
-            Piece::Transition(corner, since)
+        if since <= self.tau_s || corner + 1 == self.point_count {
+            PathPhase::Transition(corner, since)
         } else {
-            Piece::Segment(corner, since)
+            PathPhase::Segment(corner, since)
         }
     }
 }
@@ -127,7 +127,7 @@ pub(super) fn check_counts(points: usize, times: usize) -> Result<(), PathError>
         return Err(PathError::TooManyPoints { points });
     }
     if times != points - 1 {
-        return Err(PathError::SegmentCount { wanted: points - 1, given: times });
+        return Err(PathError::SegmentCount { expected: points - 1, actual: times });
     }
     Ok(())
 }

@@ -21,14 +21,14 @@ pub const ELBOW_SINGULAR: u8 = 2;
 pub const WRIST_SINGULAR: u8 = 4;
 
 /// Scaled distance below which a double root of shoulder or elbow is flagged.
-pub(crate) const DOUBLE_ROOT: f64 = 1e-7;
+pub(crate) const DOUBLE_ROOT_DISTANCE: f64 = 1e-7;
 /// `|sin theta5|` below which theta4 is held: far under what one count moves, and what it costs in
 /// the pose is at most its own size.
-pub(crate) const WRIST_HOLD: f64 = 1e-11;
+pub(crate) const WRIST_SINGULAR_SINE: f64 = 1e-11;
 /// How far (m) a wrist centre may be out of reach and still be taken as on the boundary.
 const REACH_TOLERANCE_M: f64 = 1e-9;
 /// Distance of the wrist centre from the shoulder (m) below which theta2 is free.
-const FOLDED_M: f64 = 1e-12;
+const THETA2_FREE_DISTANCE_M: f64 = 1e-12;
 
 /// One solution of the inverse.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -112,7 +112,7 @@ impl<'a> IntoIterator for &'a Branches {
 }
 
 /// The first three joints of a branch.
-struct ArmRoot {
+struct ArmSolution {
     shoulder: i8,
     elbow: i8,
     theta: [f64; 3],
@@ -128,10 +128,10 @@ impl Puma260 {
     /// is not finite, and one whose rotation holds a number above 2 has no branch; `previous` that
     /// is not finite counts as absent.
     #[must_use]
-    pub fn inverse(&self, wrist: &Pose, previous: Option<&Joints>) -> Branches {
+    pub fn inverse_kinematics(&self, wrist: &Pose, previous: Option<&Joints>) -> Branches {
         let mut out = Branches::empty();
         let p = wrist.translation;
-        if !sane(wrist, self.reach_bound_m()) {
+        if !is_bounded(wrist, self.coordinate_bound_m()) {
             return out;
         }
         let previous = previous.filter(|q| q.iter().all(|x| x.is_finite()));
@@ -154,15 +154,16 @@ impl Puma260 {
             let turn = libm::sincos(theta1);
             for elbow in [1_i8, -1] {
                 let theta3 = wrap_angle(-FRAC_PI_2 + f64::from(elbow) * opening);
-                let root = self.arm_root(shoulder, elbow, [theta1, theta3], reach, p.z, previous);
-                self.complete(&wrist.rotation, &root, turn, previous, &mut out);
+                let root =
+                    self.arm_solution(shoulder, elbow, [theta1, theta3], reach, p.z, previous);
+                self.push_wrist_branches(&wrist.rotation, &root, turn, previous, &mut out);
             }
         }
         out
     }
 
     /// No coordinate of a wrist centre in reach is larger (m).
-    fn reach_bound_m(&self) -> f64 {
+    fn coordinate_bound_m(&self) -> f64 {
         2.0 * (self.a2_m.abs() + self.d3_m.abs() + self.d4_m.abs())
     }
 
@@ -176,7 +177,7 @@ impl Puma260 {
     }
 
     /// Joint 2 for joints 1 and 3, the reach in the plane of the arm and the height (m).
-    fn arm_root(
+    fn arm_solution(
         &self,
         shoulder: i8,
         elbow: i8,
@@ -184,46 +185,48 @@ impl Puma260 {
         reach: f64,
         height: f64,
         previous: Option<&Joints>,
-    ) -> ArmRoot {
+    ) -> ArmSolution {
         let (s3, c3) = libm::sincos(theta3);
         let (x, y) = (self.a2_m - self.d4_m * s3, self.d4_m * c3);
-        let theta2 = if reach * reach + height * height < FOLDED_M * FOLDED_M {
-            previous.map_or(0.0, |q| q[1])
-        } else {
-            libm::atan2(height * x - reach * y, reach * x + height * y)
-        };
+        let theta2 =
+            if reach * reach + height * height < THETA2_FREE_DISTANCE_M * THETA2_FREE_DISTANCE_M {
+                previous.map_or(0.0, |q| q[1])
+            } else {
+                libm::atan2(height * x - reach * y, reach * x + height * y)
+            };
         let mut flags = 0;
-        if reach.abs() < DOUBLE_ROOT * (self.a2_m + self.d4_m) {
+        if reach.abs() < DOUBLE_ROOT_DISTANCE * (self.a2_m + self.d4_m) {
             flags |= SHOULDER_SINGULAR;
         }
-        if c3.abs() < DOUBLE_ROOT {
+        if c3.abs() < DOUBLE_ROOT_DISTANCE {
             flags |= ELBOW_SINGULAR;
         }
-        ArmRoot { shoulder, elbow, theta: [theta1, wrap_angle(theta2), theta3], flags }
+        ArmSolution { shoulder, elbow, theta: [theta1, wrap_angle(theta2), theta3], flags }
     }
 
     /// Both wrists of an arm; `turn` is sine and cosine of theta1.
-    fn complete(
+    fn push_wrist_branches(
         &self,
         rotation: &DMat3,
-        root: &ArmRoot,
+        root: &ArmSolution,
         (s1, c1): (f64, f64),
         previous: Option<&Joints>,
         out: &mut Branches,
     ) {
         let [t1, t2, t3] = root.theta;
-        let w = forearm((s1, c1), t2 + t3).transpose() * *rotation;
+        let w = forearm_rotation((s1, c1), t2 + t3).transpose() * *rotation;
         let (wx, wy) = (w.z_axis.x, w.z_axis.y);
-        let singular = wx * wx + wy * wy < WRIST_HOLD * WRIST_HOLD;
-        let theta4 = if singular { held_theta4(previous) } else { libm::atan2(-wy, -wx) };
-        let (theta5, theta6) = last_two(&w, theta4);
-        let inside = (self.some_turn_inside(0, t1) & self.some_turn_inside(1, t2))
-            & self.some_turn_inside(2, t3);
+        let singular = wx * wx + wy * wy < WRIST_SINGULAR_SINE * WRIST_SINGULAR_SINE;
+        let theta4 = if singular { free_theta4(previous) } else { libm::atan2(-wy, -wx) };
+        let (theta5, theta6) = theta5_and_theta6(&w, theta4);
+        let inside = (self.has_equivalent_in_range(0, t1) & self.has_equivalent_in_range(1, t2))
+            & self.has_equivalent_in_range(2, t3);
         let flags = root.flags | if singular { WRIST_SINGULAR } else { 0 };
         // The other wrist: half a turn of axes 4 and 6, joint 5 mirrored.
-        for (wrist, last) in
-            [(1, [theta4, theta5, theta6]), (-1, [half_turn(theta4), -theta5, half_turn(theta6)])]
-        {
+        for (wrist, last) in [
+            (1, [theta4, theta5, theta6]),
+            (-1, [half_turn_away(theta4), -theta5, half_turn_away(theta6)]),
+        ] {
             let [t4, t5, t6] = last.map(wrap_angle);
             out.push(Branch {
                 shoulder: root.shoulder,
@@ -231,16 +234,16 @@ impl Puma260 {
                 wrist,
                 q: Joints::new(t1, t2, t3, t4, t5, t6),
                 in_limits: inside
-                    && self.some_turn_inside(3, t4)
-                    && self.some_turn_inside(4, t5)
-                    && self.some_turn_inside(5, t6),
+                    && self.has_equivalent_in_range(3, t4)
+                    && self.has_equivalent_in_range(4, t5)
+                    && self.has_equivalent_in_range(5, t6),
                 singular_flags: flags,
             });
         }
     }
 
-    fn some_turn_inside(&self, joint: usize, angle_rad: f64) -> bool {
-        limits::some_turn_inside(self.q_min_rad[joint], self.q_max_rad[joint], angle_rad)
+    fn has_equivalent_in_range(&self, joint: usize, angle_rad: f64) -> bool {
+        limits::has_equivalent_in_range(self.q_min_rad[joint], self.q_max_rad[joint], angle_rad)
     }
 
     /// The branch nearest to `previous` and its joints, expanded by whole turns: of all shifts
@@ -248,10 +251,16 @@ impl Puma260 {
     /// wins. `None` when no branch is inside the limits or `previous` holds a number that is not
     /// finite.
     #[must_use]
-    pub fn nearest(&self, branches: &Branches, previous: &Joints) -> Option<(usize, Joints)> {
+    pub fn nearest_branch(
+        &self,
+        branches: &Branches,
+        previous: &Joints,
+    ) -> Option<(usize, Joints)> {
         let mut best: Option<(usize, Joints, f64)> = None;
         for (index, branch) in branches.iter().enumerate() {
-            let Some((q, distance)) = self.expand(&branch.q, previous) else { continue };
+            let Some((q, distance)) = self.nearest_equivalent(&branch.q, previous) else {
+                continue;
+            };
             if best.as_ref().is_none_or(|b| distance < b.2) {
                 best = Some((index, q, distance));
             }
@@ -263,11 +272,11 @@ impl Puma260 {
     /// whether inside the limits or not: for drawing a motion, not for making it. `None` out of
     /// reach or where a number is not finite.
     #[must_use]
-    pub fn continued(&self, tool: &Pose, previous: &Joints) -> Option<Joints> {
+    pub fn inverse_without_limits(&self, tool: &Pose, previous: &Joints) -> Option<Joints> {
         if previous.iter().any(|x| !x.is_finite()) {
             return None;
         }
-        let branches = self.inverse(&self.tool_to_wrist(tool), Some(previous));
+        let branches = self.inverse_kinematics(&self.tool_to_wrist(tool), Some(previous));
         let mut best: Option<(Joints, f64)> = None;
         for branch in &branches {
             let shift = (branch.q - previous).map(wrap_angle);
@@ -281,22 +290,26 @@ impl Puma260 {
 
     /// The whole-turn shift of `q` inside the limits nearest to `previous`, and the largest joint
     /// distance. Joints are independent, so each takes its own nearest turn.
-    pub(super) fn expand(&self, q: &Joints, previous: &Joints) -> Option<(Joints, f64)> {
-        limits::nearest_turns(q, previous, &self.q_min_rad, &self.q_max_rad)
+    pub(super) fn nearest_equivalent(
+        &self,
+        q: &Joints,
+        previous: &Joints,
+    ) -> Option<(Joints, f64)> {
+        limits::nearest_equivalent(q, previous, &self.q_min_rad, &self.q_max_rad)
     }
 }
 
 /// Whether a pose is made of numbers, none of them beyond what a rotation and a place in reach are
 /// made of: then nothing that follows overflows.
 #[inline]
-pub(crate) fn sane(pose: &Pose, bound_m: f64) -> bool {
+pub(crate) fn is_bounded(pose: &Pose, bound_m: f64) -> bool {
     let rotation = pose.rotation.to_cols_array();
     let place = pose.translation.to_array();
     rotation.iter().all(|x| x.abs() <= 2.0) && place.iter().all(|x| x.abs() <= bound_m)
 }
 
 /// Rotation of the forearm's frame in the base, for sine and cosine of theta1 and theta2 + theta3.
-pub(super) fn forearm((s1, c1): (f64, f64), theta23: f64) -> DMat3 {
+pub(super) fn forearm_rotation((s1, c1): (f64, f64), theta23: f64) -> DMat3 {
     let (s23, c23) = libm::sincos(theta23);
     DMat3::from_cols(
         DVec3::new(c1 * c23, s1 * c23, s23),
@@ -307,7 +320,7 @@ pub(super) fn forearm((s1, c1): (f64, f64), theta23: f64) -> DMat3 {
 
 /// theta5 and theta6 that come nearest to the wrist's rotation `w` with this theta4; they meet it
 /// but for the part of the approach that lies out of the plane of theta4.
-pub(super) fn last_two(w: &DMat3, theta4: f64) -> (f64, f64) {
+pub(super) fn theta5_and_theta6(w: &DMat3, theta4: f64) -> (f64, f64) {
     let (s4, c4) = libm::sincos(theta4);
     let theta5 = libm::atan2(-(c4 * w.z_axis.x + s4 * w.z_axis.y), w.z_axis.z);
     let theta6 =
@@ -315,12 +328,12 @@ pub(super) fn last_two(w: &DMat3, theta4: f64) -> (f64, f64) {
     (theta5, theta6)
 }
 
-fn half_turn(angle_rad: f64) -> f64 {
+fn half_turn_away(angle_rad: f64) -> f64 {
     if angle_rad < 0.0 { angle_rad + PI } else { angle_rad - PI }
 }
 
 /// theta4 of the branch with wrist +1 where it is free; the other branch is half a turn away.
-fn held_theta4(previous: Option<&Joints>) -> f64 {
+fn free_theta4(previous: Option<&Joints>) -> f64 {
     match previous {
         None => 0.0,
         Some(q) if q[4] < 0.0 => wrap_angle(q[3] + PI),

@@ -41,7 +41,7 @@ pub struct Puma260 {
 /// How far a pose is from each of the three singularities: the scaled factors of the determinant
 /// of the Jacobian, signed, 0 at the singularity, at most 1 in size.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SingularDistance {
+pub struct SingularityDistance {
     /// Distance of the wrist centre from the plane of the first axis, over the longest reach:
     /// `(a2 c2 - d4 s23) / (a2 + d4)`.
     pub shoulder: f64,
@@ -51,7 +51,7 @@ pub struct SingularDistance {
     pub wrist: f64,
 }
 
-impl SingularDistance {
+impl SingularityDistance {
     /// The smallest of the three in size.
     #[must_use]
     pub fn smallest(&self) -> f64 {
@@ -59,8 +59,8 @@ impl SingularDistance {
     }
 }
 
-/// Sines and cosines of a joint vector and what every formula of the arm makes of them.
-struct Sines {
+/// TrigTerms and cosines of a joint vector and what every formula of the arm makes of them.
+struct TrigTerms {
     s: [f64; 6],
     c: [f64; 6],
     s23: f64,
@@ -82,31 +82,33 @@ impl Puma260 {
             d3_m: 0.1270,
             d4_m: 0.2032,
             tool_z_m: 0.2,
-            q_min_rad: radians([-159.0, -76.0, -214.0, -194.0, -122.0, -267.0]),
-            q_max_rad: radians([159.0, 256.0, 34.0, 384.0, 122.0, 267.0]),
-            speed_max_rad_s: radians([190.0, 125.0, 205.0, 205.0, 225.0, 280.0]),
-            acceleration_max_rad_s2: radians([950.0, 625.0, 1025.0, 1025.0, 1125.0, 1400.0]),
+            q_min_rad: joints_from_degrees([-159.0, -76.0, -214.0, -194.0, -122.0, -267.0]),
+            q_max_rad: joints_from_degrees([159.0, 256.0, 34.0, 384.0, 122.0, 267.0]),
+            speed_max_rad_s: joints_from_degrees([190.0, 125.0, 205.0, 205.0, 225.0, 280.0]),
+            acceleration_max_rad_s2: joints_from_degrees([
+                950.0, 625.0, 1025.0, 1025.0, 1125.0, 1400.0,
+            ]),
         }
     }
 
-    fn sines(&self, q: &Joints) -> Sines {
-        self.sines_of(&SinCos::of(q))
+    fn trig_terms(&self, q: &Joints) -> TrigTerms {
+        self.trig_terms_at(&SinCos::new(q))
     }
 
-    fn sines_of(&self, at: &SinCos) -> Sines {
+    fn trig_terms_at(&self, at: &SinCos) -> TrigTerms {
         let SinCos { s, c } = *at;
         let s23 = s[1] * c[2] + c[1] * s[2];
         let c23 = c[1] * c[2] - s[1] * s[2];
-        Sines { s, c, s23, c23, reach: self.a2_m * c[1] - self.d4_m * s23 }
+        TrigTerms { s, c, s23, c23, reach: self.a2_m * c[1] - self.d4_m * s23 }
     }
 
     /// T6 (wrist centre) in the base frame.
     #[must_use]
     pub fn wrist_pose(&self, q: &Joints) -> Pose {
-        self.wrist_pose_of(&self.sines(q))
+        self.wrist_pose_from(&self.trig_terms(q))
     }
 
-    fn wrist_pose_of(&self, k: &Sines) -> Pose {
+    fn wrist_pose_from(&self, k: &TrigTerms) -> Pose {
         let rotation = arm_rotation(k) * wrist_rotation(k);
         let translation = DVec3::new(
             k.c[0] * k.reach + k.s[0] * self.d3_m,
@@ -134,7 +136,7 @@ impl Puma260 {
     /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the base frame.
     #[must_use]
     pub fn jacobian_base(&self, q: &Joints) -> Matrix6 {
-        self.tool_and_jacobian_at(&SinCos::of(q)).1
+        self.tool_and_jacobian_at(&SinCos::new(q)).1
     }
 
     /// [`Puma260::tool_pose`] and [`Puma260::jacobian_base`] at a configuration whose sines are
@@ -142,25 +144,25 @@ impl Puma260 {
     #[must_use]
     pub fn tool_and_jacobian_at(&self, at: &SinCos) -> (Pose, Matrix6) {
         let (linear, angular, tool) = self.jacobian_columns(at);
-        (tool, columns(&linear, &angular))
+        (tool, jacobian_from_columns(&linear, &angular))
     }
 
     /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the tool frame.
     #[must_use]
     pub fn jacobian_tool(&self, q: &Joints) -> Matrix6 {
-        let (mut linear, mut angular, tool) = self.jacobian_columns(&SinCos::of(q));
+        let (mut linear, mut angular, tool) = self.jacobian_columns(&SinCos::new(q));
         let back = tool.rotation.transpose();
         for i in 0..6 {
             linear[i] = back * linear[i];
             angular[i] = back * angular[i];
         }
-        columns(&linear, &angular)
+        jacobian_from_columns(&linear, &angular)
     }
 
     /// Columns of the Jacobian of the tool point, linear and angular, and the tool's frame.
     fn jacobian_columns(&self, at: &SinCos) -> ([DVec3; 6], [DVec3; 6], Pose) {
-        let k = self.sines_of(at);
-        let pose = self.wrist_pose_of(&k);
+        let k = self.trig_terms_at(at);
+        let pose = self.wrist_pose_from(&k);
         let arm = arm_rotation(&k);
         let approach = pose.rotation.z_axis;
         let tool = pose.translation + self.tool_z_m * approach;
@@ -187,17 +189,17 @@ impl Puma260 {
     /// Determinant of the Jacobian (m^3), the same for every tool on z6 and in both frames, from
     /// its factors: `a2 (d4 c3) (a2 c2 - d4 s23) s5`.
     #[must_use]
-    pub fn determinant(&self, q: &Joints) -> f64 {
-        let k = self.sines(q);
+    pub fn jacobian_determinant(&self, q: &Joints) -> f64 {
+        let k = self.trig_terms(q);
         self.a2_m * (self.d4_m * k.c[2]) * k.reach * k.s[4]
     }
 
     /// The three factors of the determinant, scaled.
     #[must_use]
-    pub fn singular_distance(&self, q: &Joints) -> SingularDistance {
-        let k = self.sines(q);
+    pub fn singularity_distance(&self, q: &Joints) -> SingularityDistance {
+        let k = self.trig_terms(q);
         let shoulder = k.reach / (self.a2_m + self.d4_m);
-        SingularDistance { shoulder, elbow: k.c[2], wrist: k.s[4] }
+        SingularityDistance { shoulder, elbow: k.c[2], wrist: k.s[4] }
     }
 
     /// Whether every joint lies inside its limits as it stands; NaN does not.
@@ -208,7 +210,7 @@ impl Puma260 {
 }
 
 /// R03: the turns of the first three joints.
-fn arm_rotation(k: &Sines) -> DMat3 {
+fn arm_rotation(k: &TrigTerms) -> DMat3 {
     let (s1, c1) = (k.s[0], k.c[0]);
     DMat3::from_cols(
         DVec3::new(c1 * k.c23, s1 * k.c23, k.s23),
@@ -218,7 +220,7 @@ fn arm_rotation(k: &Sines) -> DMat3 {
 }
 
 /// `Rz(theta4) Ry(-theta5) Rz(theta6)`.
-fn wrist_rotation(k: &Sines) -> DMat3 {
+fn wrist_rotation(k: &TrigTerms) -> DMat3 {
     let (s4, c4, s5, c5, s6, c6) = (k.s[3], k.c[3], k.s[4], k.c[4], k.s[5], k.c[5]);
     DMat3::from_cols(
         DVec3::new(c4 * c5 * c6 - s4 * s6, s4 * c5 * c6 + c4 * s6, s5 * c6),
@@ -227,7 +229,7 @@ fn wrist_rotation(k: &Sines) -> DMat3 {
     )
 }
 
-fn columns(linear: &[DVec3; 6], angular: &[DVec3; 6]) -> Matrix6 {
+fn jacobian_from_columns(linear: &[DVec3; 6], angular: &[DVec3; 6]) -> Matrix6 {
     let mut j = Matrix6::zeros();
     for i in 0..6 {
         let (v, w) = (linear[i], angular[i]);
@@ -236,6 +238,6 @@ fn columns(linear: &[DVec3; 6], angular: &[DVec3; 6]) -> Matrix6 {
     j
 }
 
-fn radians(degrees: [f64; 6]) -> Joints {
+fn joints_from_degrees(degrees: [f64; 6]) -> Joints {
     Joints::from(degrees.map(f64::to_radians))
 }

@@ -48,7 +48,7 @@ impl Draws {
     fn regular(&mut self, arm: &Puma260) -> Joints {
         loop {
             let q = self.joints(arm);
-            if arm.singular_distance(&q).smallest() > 0.2 {
+            if arm.singularity_distance(&q).smallest() > 0.2 {
                 return q;
             }
         }
@@ -109,9 +109,9 @@ pub(crate) fn random(count: u32, seed: u64) -> Tally {
     for _ in 0..count {
         let q = draws.joints(&arm);
         let pose = arm.wrist_pose(&q);
-        let branches = arm.inverse(&pose, Some(&q));
+        let branches = arm.inverse_kinematics(&pose, Some(&q));
         tally.take(&arm, &pose, &branches);
-        let d = arm.singular_distance(&q);
+        let d = arm.singularity_distance(&q);
         let product = (d.shoulder * d.elbow * d.wrist).abs();
         tally.own(&branches, &q, (6.4e-14 / product).clamp(1e-12, 1e-6));
         // A double root is one place reached twice: only there may two branches come close.
@@ -146,7 +146,7 @@ pub(crate) fn near_singular(count: u32, seed: u64) -> Tally {
             q[1] = libm::atan2(x, y) + eps;
         }
         let pose = arm.wrist_pose(&q);
-        let branches = arm.inverse(&pose, Some(&q));
+        let branches = arm.inverse_kinematics(&pose, Some(&q));
         tally.take(&arm, &pose, &branches);
         let size = eps.abs();
         let tolerance = match kind {
@@ -178,12 +178,12 @@ pub(crate) fn through_the_wrist(starts: u32, steps: u32, seed: u64) -> Tally {
             let share = f64::from(n) / f64::from(steps);
             q[4] = if n == steps { 0.0 } else { 1e-3 * libm::pow(10.0, -12.0 * share) };
             let pose = arm.wrist_pose(&q);
-            let branches = arm.inverse(&pose, Some(&before));
+            let branches = arm.inverse_kinematics(&pose, Some(&before));
             tally.take(&arm, &pose, &branches);
             tally.pairs(&branches, 1e-2);
             let tolerance = if q[4] < 1e-11 { 1e-9 } else { 1e-9 + 4e-15 / q[4] };
             // Joints 4 and 6 are known no better than that, and each step starts from the last.
-            match arm.nearest(&branches, &before) {
+            match arm.nearest_branch(&branches, &before) {
                 Some((_, near)) => {
                     let off = apart(&near, &q);
                     tally.lost += u32::from(off > 2.0 * tolerance);

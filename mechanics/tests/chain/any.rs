@@ -4,8 +4,8 @@
 
 use crate::arms::{Draws, puma, seven, slider, ur5e_like};
 use glam::{DMat3, DVec3};
-use taktil_mechanics::chain::{Chain, Effort};
-use taktil_mechanics::dls::{damped_least_squares, damping_squared, limit_speed};
+use taktil_mechanics::chain::{Chain, SearchBudget};
+use taktil_mechanics::dls::{damped_least_squares, damping_squared, scale_to_speed_limits};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::spatial::JointVector;
@@ -59,19 +59,22 @@ fn the_puma_s_kinematics_answer_every_finite_number() {
         assert!(arm.tool_pose(&q).is_finite());
         finite("Jacobian", arm.jacobian_base(&q).iter());
         finite("Jacobian", arm.jacobian_tool(&q).iter());
-        assert!(arm.determinant(&q).is_finite() && arm.singular_distance(&q).smallest() <= 1.0);
+        assert!(
+            arm.jacobian_determinant(&q).is_finite()
+                && arm.singularity_distance(&q).smallest() <= 1.0
+        );
         let pose = pose(&mut draws);
-        let branches = arm.inverse(&pose, Some(&q));
+        let branches = arm.inverse_kinematics(&pose, Some(&q));
         for branch in &branches {
             finite("branch", branch.q.iter());
         }
-        if let Some((_, near)) = arm.nearest(&branches, &other) {
+        if let Some((_, near)) = arm.nearest_branch(&branches, &other) {
             finite("nearest", near.iter());
         }
-        if let Some(near) = arm.continued(&pose, &other) {
+        if let Some(near) = arm.inverse_without_limits(&pose, &other) {
             finite("continued", near.iter());
         }
-        finite("speeds", limit_speed(&q, &arm.speed_max_rad_s).0.iter());
+        finite("speeds", scale_to_speed_limits(&q, &arm.speed_max_rad_s).0.iter());
         if let Some(rates) = damped_least_squares(&arm.jacobian_base(&q), &other, odd(&mut draws)) {
             finite("rates", rates.iter());
         }
@@ -88,16 +91,16 @@ fn the_puma_s_dynamics_answer_motions_up_to_1e60() {
         let q: Joints = vector(&mut draws);
         let qd = vector::<6>(&mut draws).map(|x: f64| x.clamp(-1e60, 1e60));
         let qdd = vector::<6>(&mut draws).map(|x: f64| x.clamp(-1e60, 1e60));
-        finite("torque", arm.inverse(&q, &qd, &qdd).iter());
-        finite("gravity", arm.gravity(&q).iter());
+        finite("torque", arm.inverse_dynamics(&q, &qd, &qdd).iter());
+        finite("gravity", arm.gravity_torque(&q).iter());
         finite("mass matrix", arm.mass_matrix(&q).iter());
-        finite("acceleration", arm.forward(&q, &qd, &qdd).iter());
+        finite("acceleration", arm.forward_dynamics(&q, &qd, &qdd).iter());
     }
 }
 
 fn chain_answers<const N: usize>(chain: &Chain<N>, seed: u64) {
     let mut draws = Draws(seed);
-    let effort = Effort { starts: 2, steps: 6, ..Effort::default() };
+    let effort = SearchBudget { starts: 2, steps: 6, ..SearchBudget::default() };
     for _ in 0..2_000 {
         // Slides have a length: the place of a tool on a slide of 1e300 m is no number.
         let q = vector::<N>(&mut draws).map(|x: f64| x.clamp(-1e60, 1e60));
@@ -108,16 +111,16 @@ fn chain_answers<const N: usize>(chain: &Chain<N>, seed: u64) {
         finite("Jacobian", chain.jacobian_tool(&q).iter());
         finite("singular values", chain.singular_values(&q).iter());
         finite("torque", chain.inverse_dynamics(&q, &qd, &qdd).iter());
-        finite("gravity", chain.gravity(&q).iter());
+        finite("gravity", chain.gravity_torque(&q).iter());
         finite("mass matrix", chain.mass_matrix(&q).iter());
         let pose = pose(&mut draws);
-        match chain.search(&pose, &vector(&mut draws), &effort) {
+        match chain.inverse_kinematics(&pose, &vector(&mut draws), &effort) {
             Ok(found) => finite("found", found.q.iter()),
             Err(lost) => finite("not found", lost.q.iter()),
         }
         let twist = vector::<6>(&mut draws).map(|x: f64| x.clamp(-1e60, 1e60));
-        finite("rates", chain.rates(&q, &twist, odd(&mut draws)).0.iter());
-        if let Some((near, _)) = chain.expand(&q, &vector(&mut draws)) {
+        finite("rates", chain.resolved_rates(&q, &twist, odd(&mut draws)).0.iter());
+        if let Some((near, _)) = chain.nearest_equivalent(&q, &vector(&mut draws)) {
             finite("expanded", near.iter());
         }
     }
@@ -139,14 +142,14 @@ fn the_closed_form_answers_every_finite_number() {
         let wrist = arm.spherical_wrist().unwrap();
         for _ in 0..200 {
             let before: Joints = vector(&mut draws);
-            let branches = wrist.inverse(&pose(&mut draws), Some(&before));
+            let branches = wrist.inverse_kinematics(&pose(&mut draws), Some(&before));
             for branch in &branches {
                 finite("branch", branch.q.iter());
             }
-            if let Some((_, near)) = wrist.nearest(&branches, &before) {
+            if let Some((_, near)) = wrist.nearest_branch(&branches, &before) {
                 finite("nearest", near.iter());
             }
-            let d = wrist.singular_distance(&before);
+            let d = wrist.singularity_distance(&before);
             assert!(d.smallest().is_finite());
         }
     }

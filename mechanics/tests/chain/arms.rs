@@ -3,12 +3,12 @@
 
 use crate::rows::UR5E;
 use glam::{DMat3, DVec3};
-use taktil_mechanics::chain::{Chain, Dh, JointSpec, Motion};
+use taktil_mechanics::chain::{Chain, DhRow, JointKind, JointSpec};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::rigid_body::Body;
 use taktil_mechanics::spatial::JointVector;
-use taktil_mechanics::spatial::{Pose, rotation_of};
+use taktil_mechanics::spatial::{Pose, rotation_from_vector};
 
 pub(crate) const HALF: f64 = core::f64::consts::FRAC_PI_2;
 pub(crate) const PI: f64 = core::f64::consts::PI;
@@ -43,7 +43,7 @@ impl Draws {
     }
 
     pub(crate) fn rotation(&mut self) -> DMat3 {
-        rotation_of(self.point(3.0))
+        rotation_from_vector(self.point(3.0))
     }
 }
 
@@ -55,7 +55,7 @@ pub(crate) fn puma() -> Chain<6> {
 /// The same with other bodies.
 pub(crate) fn puma_with(dynamics: &Dynamics) -> Chain<6> {
     let arm = Puma260::reference();
-    let row = |i: usize, a_m: f64, d_m: f64, alpha_rad: f64| Dh {
+    let row = |i: usize, a_m: f64, d_m: f64, alpha_rad: f64| DhRow {
         a_m,
         d_m,
         alpha_rad,
@@ -66,7 +66,7 @@ pub(crate) fn puma_with(dynamics: &Dynamics) -> Chain<6> {
             q_max: arm.q_max_rad[i],
             speed_max: arm.speed_max_rad_s[i],
             acceleration_max: arm.acceleration_max_rad_s2[i],
-            reflected: dynamics.reflected_kg_m2[i],
+            reflected_inertia: dynamics.reflected_inertia_kg_m2[i],
             ..JointSpec::default()
         },
     };
@@ -108,7 +108,7 @@ pub(crate) fn ur5e_like() -> Chain<6> {
             effort_max: 28.0,
             ..JointSpec::default()
         };
-        Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
+        DhRow { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
     };
     Chain::from_dh(&core::array::from_fn::<_, 6, _>(row), &Pose::IDENTITY).unwrap()
 }
@@ -128,7 +128,7 @@ pub(crate) fn seven() -> Chain<7> {
     let joints = rows.map(|(a, d, alpha, q_min, q_max)| {
         let twist = taktil_mechanics::spatial::rotation_x(alpha);
         JointSpec {
-            mount: Pose::new(twist, DVec3::new(a, 0.0, 0.0) + twist * DVec3::new(0.0, 0.0, d)),
+            origin: Pose::new(twist, DVec3::new(a, 0.0, 0.0) + twist * DVec3::new(0.0, 0.0, d)),
             body: body(2.0, [0.01, -0.03, 0.04]),
             q_min,
             q_max,
@@ -184,7 +184,7 @@ impl Drawn {
             let mount = before.inverse().compose(&frame);
             before = frame;
             JointSpec {
-                mount: square(&mount),
+                origin: square(&mount),
                 axis: frame.rotation.transpose() * (base.rotation * self.axes[i]),
                 q_min: -PI,
                 q_max: PI,
@@ -207,13 +207,13 @@ fn square(pose: &Pose) -> Pose {
 pub(crate) fn slider() -> Chain<5> {
     let mut draws = Draws(7);
     let joints: [JointSpec; 5] = core::array::from_fn(|i| JointSpec {
-        mount: Pose::new(draws.rotation(), draws.point(0.4)),
+        origin: Pose::new(draws.rotation(), draws.point(0.4)),
         axis: draws.point(1.0),
-        motion: if i % 2 == 1 { Motion::Slide } else { Motion::Turn },
+        kind: if i % 2 == 1 { JointKind::Prismatic } else { JointKind::Revolute },
         body: body(1.0 + draws.between(0.0, 2.0), draws.point(0.1).to_array()),
         q_min: -0.8,
         q_max: 0.9,
-        reflected: 0.01,
+        reflected_inertia: 0.01,
         ..JointSpec::default()
     });
     Chain::new(&joints, &Pose::new(draws.rotation(), draws.point(0.2))).unwrap()

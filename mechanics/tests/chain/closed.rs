@@ -3,7 +3,7 @@
 
 use crate::arms::{Draws, PI, drawn, puma, seven, ur5e_like};
 use glam::DVec3;
-use taktil_mechanics::chain::{Chain, Dh, JointSpec};
+use taktil_mechanics::chain::{Chain, DhRow, JointSpec};
 use taktil_mechanics::puma260::{Puma260, WRIST_SINGULAR};
 use taktil_mechanics::spatial::wrap_angle;
 use taktil_mechanics::{Joints, Pose};
@@ -27,21 +27,21 @@ fn the_puma_by_the_general_path_is_the_puma_by_its_own() {
     for n in 0..5000 {
         let q = draws.inside(&chain);
         let tool = arm.tool_pose(&q);
-        let own = arm.inverse(&arm.tool_to_wrist(&tool), Some(&q));
-        let got = wrist.inverse(&tool, Some(&q));
+        let own = arm.inverse_kinematics(&arm.tool_to_wrist(&tool), Some(&q));
+        let got = wrist.inverse_kinematics(&tool, Some(&q));
         assert_eq!((own.len(), got.len()), (8, 8));
-        let d = arm.singular_distance(&q);
+        let d = arm.singularity_distance(&q);
         let ill = 1e-14 / (d.smallest() * d.smallest());
         for (a, b) in own.iter().zip(&got) {
             assert_eq!((a.shoulder, a.elbow, a.wrist), (b.shoulder, b.elbow, b.wrist));
             assert_eq!((a.in_limits, a.singular_flags), (b.in_limits, b.singular_flags));
             assert!(apart(&a.q, &b.q) < ill, "draw {n}: {:e} {d:?}", apart(&a.q, &b.q));
         }
-        let e = wrist.singular_distance(&q);
+        let e = wrist.singularity_distance(&q);
         assert!((e.shoulder - d.shoulder).abs() < 1e-15);
         assert!((e.elbow.abs() - d.elbow.abs()).abs() < 1e-15 && (e.wrist - d.wrist).abs() < 1e-15);
-        let (_, near) = wrist.nearest(&got, &q).unwrap();
-        assert!((near - arm.nearest(&own, &q).unwrap().1).amax() < ill);
+        let (_, near) = wrist.nearest_branch(&got, &q).unwrap();
+        assert!((near - arm.nearest_branch(&own, &q).unwrap().1).amax() < ill);
     }
 }
 
@@ -55,16 +55,16 @@ fn any_arm_of_the_family_is_recognised_and_solved() {
         for _ in 0..50 {
             let q = draws.inside(&arm);
             let tool = arm.tool_pose(&q);
-            let got = wrist.inverse(&tool, Some(&q));
+            let got = wrist.inverse_kinematics(&tool, Some(&q));
             branches[got.len()] += 1;
             for branch in &got {
                 assert!(miss(&arm, &branch.q, &tool) < 2e-14, "arm {n}: {branch:?}");
-                let d = wrist.singular_distance(&branch.q);
+                let d = wrist.singularity_distance(&branch.q);
                 assert!(f64::from(branch.shoulder) * d.shoulder > -1e-9, "{branch:?} {d:?}");
                 assert!(f64::from(branch.elbow) * d.elbow > -1e-7, "{branch:?} {d:?}");
                 assert!(f64::from(branch.wrist) * d.wrist > -1e-14, "{branch:?} {d:?}");
             }
-            let d = wrist.singular_distance(&q).smallest();
+            let d = wrist.singularity_distance(&q).smallest();
             if d > 1e-4 {
                 let nearest = got.iter().map(|b| apart(&b.q, &q)).fold(f64::INFINITY, f64::min);
                 assert!(nearest < 1e-13 / (d * d), "arm {n}: {nearest:e} at {d:e}");
@@ -102,7 +102,7 @@ fn the_wrist_stays_with_its_joints_down_to_the_singularity() {
         let wrist = arm.spherical_wrist().unwrap();
         let mut q = draws.inside(&arm);
         // Joint 5 where axes 4 and 6 are in line.
-        let zero = wrist.singular_distance(&Joints::zeros()).wrist;
+        let zero = wrist.singularity_distance(&Joints::zeros()).wrist;
         let bent = libm::asin(zero);
         let straight = [-bent, bent + PI, bent - PI]
             .into_iter()
@@ -115,11 +115,11 @@ fn the_wrist_stays_with_its_joints_down_to_the_singularity() {
             .unwrap();
         for off in [1e-3, 1e-6, 1e-9, 1e-12, 0.0, -1e-12, -1e-7] {
             q[4] = straight + off;
-            let d = wrist.singular_distance(&q);
+            let d = wrist.singularity_distance(&q);
             if d.shoulder.abs() < 0.05 || d.elbow.abs() < 0.05 {
                 continue;
             }
-            let got = wrist.inverse(&arm.tool_pose(&q), Some(&q));
+            let got = wrist.inverse_kinematics(&arm.tool_pose(&q), Some(&q));
             let held = off.abs() < 1e-11;
             let tolerance = if held { 2e-9 } else { 2e-9 + 2e-13 / off.abs() };
             let near = got.iter().find(|b| apart(&b.q, &q) < tolerance);
@@ -146,12 +146,12 @@ fn a_known_industrial_arm_is_solved_from_its_rows() {
     let chain = arm.chain(&mut draws);
     let wrist = chain.spherical_wrist().unwrap();
     let q = Joints::new(0.3, -0.4, 0.9, 1.1, 0.7, -2.0);
-    let got = wrist.inverse(&chain.tool_pose(&q), None);
+    let got = wrist.inverse_kinematics(&chain.tool_pose(&q), None);
     assert_eq!(got.len(), 8);
     assert!(got.iter().all(|b| miss(&chain, &b.q, &chain.tool_pose(&q)) < 1e-14));
     // Stretched ahead: with the shoulder turned about it is 50 mm further, which is too far.
     let far = Joints::new(0.3, 1.3, 0.4, 1.1, 0.7, -2.0);
-    assert_eq!(wrist.inverse(&chain.tool_pose(&far), None).len(), 4);
+    assert_eq!(wrist.inverse_kinematics(&chain.tool_pose(&far), None).len(), 4);
     assert!(got.iter().any(|b| apart(&b.q, &q) < 1e-13));
 }
 
@@ -163,16 +163,16 @@ fn what_is_out_of_reach_or_no_number_has_no_branch() {
     for bad in [0.7, -3.0, 1e300, f64::NAN, f64::INFINITY] {
         let mut pose = good;
         pose.translation.x = bad;
-        assert!(wrist.inverse(&pose, None).is_empty());
+        assert!(wrist.inverse_kinematics(&pose, None).is_empty());
     }
     let mut pose = good;
     pose.rotation.y_axis.y = f64::NAN;
-    assert!(wrist.inverse(&pose, None).is_empty());
-    let lost = wrist.inverse(&good, Some(&Joints::repeat(f64::NAN)));
-    assert_eq!(lost, wrist.inverse(&good, None));
-    assert_eq!(wrist.nearest(&lost, &Joints::repeat(f64::NAN)), None);
+    assert!(wrist.inverse_kinematics(&pose, None).is_empty());
+    let lost = wrist.inverse_kinematics(&good, Some(&Joints::repeat(f64::NAN)));
+    assert_eq!(lost, wrist.inverse_kinematics(&good, None));
+    assert_eq!(wrist.nearest_branch(&lost, &Joints::repeat(f64::NAN)), None);
     // Rows with a sliding joint or fewer joints are another arm.
     let spec = JointSpec::default();
-    let row = Dh { a_m: 0.1, d_m: 0.0, alpha_rad: 1.0, theta_rad: 0.0, spec };
+    let row = DhRow { a_m: 0.1, d_m: 0.0, alpha_rad: 1.0, theta_rad: 0.0, spec };
     assert!(Chain::from_dh(&[row; 3], &Pose::IDENTITY).unwrap().spherical_wrist().is_none());
 }

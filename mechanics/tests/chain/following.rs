@@ -4,14 +4,14 @@
 use crate::arms::{Draws, puma, seven, ur5e_like};
 use glam::DVec3;
 use taktil_mechanics::Pose;
-use taktil_mechanics::arm::{Arm, Follow, Lost};
+use taktil_mechanics::arm::{Arm, FollowError, PathFollower};
 use taktil_mechanics::chain::Chain;
-use taktil_mechanics::feasibility::{Preview, Refusal, Terms};
+use taktil_mechanics::feasibility::{FeasibilityCriteria, FeasibilityReport, Infeasible};
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::JointVector;
-use taktil_mechanics::tracking::Route;
+use taktil_mechanics::tracking::PathRef;
 use taktil_mechanics::transmission::Transmission;
 
 fn bent() -> JointVector<6> {
@@ -22,13 +22,13 @@ fn curled() -> JointVector<7> {
     JointVector::from([0.1, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5])
 }
 
-fn terms<const N: usize>(arm: Chain<N>) -> Terms<N, Chain<N>> {
-    Terms {
+fn terms<const N: usize>(arm: Chain<N>) -> FeasibilityCriteria<N, Chain<N>> {
+    FeasibilityCriteria {
         arm,
         dynamics: arm,
         torque_max_nm: JointVector::repeat(f64::INFINITY),
-        off_max_m: 1e-3,
-        off_max_rad: 1e-3,
+        position_error_max_m: 1e-3,
+        orientation_error_max_rad: 1e-3,
         tick_s: 0.0025,
     }
 }
@@ -42,11 +42,17 @@ fn line<const N: usize>(arm: &Chain<N>, q: &JointVector<N>, way: DVec3, t_s: f64
 
 fn stays_on_the_line<const N: usize>(arm: Chain<N>, q: JointVector<N>) {
     let path = line(&arm, &q, DVec3::new(0.05, 0.08, 0.06), 1.0);
-    let preview = Preview::of(Route::Tool(&path), &q, &terms(arm)).unwrap();
-    assert!(preview.off_m.value < 1e-9 && preview.off_rad.value < 1e-9, "{preview:?}");
-    let end = arm.tool_pose(&preview.end).translation;
+    let preview = FeasibilityReport::of(PathRef::Cartesian(&path), &q, &terms(arm)).unwrap();
+    assert!(
+        preview.position_error_m.value < 1e-9 && preview.orientation_error_rad.value < 1e-9,
+        "{preview:?}"
+    );
+    let end = arm.tool_pose(&preview.end_q).translation;
     assert!((end - path.points()[1].translation).length() < 1e-9, "{end}");
-    assert!(preview.speed.iter().all(|peak| peak.value > 0.0 && peak.value < 0.9), "{preview:?}");
+    assert!(
+        preview.speed_ratio.iter().all(|peak| peak.value > 0.0 && peak.value < 0.9),
+        "{preview:?}"
+    );
 }
 
 #[test]
@@ -61,27 +67,31 @@ fn what_an_arm_cannot_follow_names_the_joint() {
     let terms = terms(arm);
     // Ten times as fast as the arm is.
     let hasty = line(&arm, &q, DVec3::new(0.0, 0.4, 0.0), 0.2);
-    let refused = Preview::of(Route::Tool(&hasty), &q, &terms).unwrap_err();
-    let Refusal::Lost { why: Lost::TooFast { joint, ratio }, t_s } = refused else {
+    let refused = FeasibilityReport::of(PathRef::Cartesian(&hasty), &q, &terms).unwrap_err();
+    let Infeasible::NotFollowed { error: FollowError::SpeedLimit { joint, ratio }, t_s } = refused
+    else {
         panic!("{refused}")
     };
     assert!(joint < 7 && ratio > 1.0 && t_s > 0.0, "{refused}");
     // Out of reach, or on the way there at a limit.
     let far = line(&arm, &q, DVec3::new(2.0, 0.0, 0.0), 20.0);
-    let refused = Preview::of(Route::Tool(&far), &q, &terms).unwrap_err();
-    assert!(matches!(refused, Refusal::Lost { .. } | Refusal::Off { .. }), "{refused}");
+    let refused = FeasibilityReport::of(PathRef::Cartesian(&far), &q, &terms).unwrap_err();
+    assert!(
+        matches!(refused, Infeasible::NotFollowed { .. } | Infeasible::PathDeviation { .. }),
+        "{refused}"
+    );
     // A joint beyond its limit by the joints' own motion.
     let mut over = q;
     over[3] = 0.2;
     let path = JointPath::new(&[q, over], &[4.0], 0.1).unwrap();
-    let refused = Preview::of(Route::Joints(&path), &q, &terms).unwrap_err();
-    let Refusal::Lost { why, .. } = refused else { panic!("{refused}") };
-    assert_eq!(why, Lost::Limit { joint: 3 });
+    let refused = FeasibilityReport::of(PathRef::Joint(&path), &q, &terms).unwrap_err();
+    let Infeasible::NotFollowed { error: why, .. } = refused else { panic!("{refused}") };
+    assert_eq!(why, FollowError::JointLimit { joint: 3 });
     // Too weak.
-    let weak = Terms { torque_max_nm: JointVector::repeat(1.0), ..terms };
+    let weak = FeasibilityCriteria { torque_max_nm: JointVector::repeat(1.0), ..terms };
     let slow = line(&arm, &q, DVec3::new(0.0, 0.1, 0.0), 2.0);
-    let refused = Preview::of(Route::Tool(&slow), &q, &weak).unwrap_err();
-    assert!(matches!(refused, Refusal::Torque { ratio, .. } if ratio > 1.0), "{refused}");
+    let refused = FeasibilityReport::of(PathRef::Cartesian(&slow), &q, &weak).unwrap_err();
+    assert!(matches!(refused, Infeasible::Torque { ratio, .. } if ratio > 1.0), "{refused}");
 }
 
 #[test]
@@ -130,8 +140,8 @@ fn poses_are_reached_near_where_the_arm_is_or_not_at_all() {
     for _ in 0..200 {
         let q = bent() + draws.vector::<6>(0.3);
         let pose = arm.tool_pose(&q);
-        assert!(arm.may_reach(&pose) && arm.can_reach(&pose));
-        if let Some(got) = arm.reach(&pose, &bent()) {
+        assert!(arm.is_within_reach_bound(&pose) && arm.is_reachable(&pose));
+        if let Some(got) = arm.inverse_kinematics_near(&pose, &bent()) {
             found += 1;
             assert!(arm.within_limits(&got));
             let off = arm.tool_pose(&got).translation - pose.translation;
@@ -140,9 +150,13 @@ fn poses_are_reached_near_where_the_arm_is_or_not_at_all() {
     }
     assert!(found >= 198, "{found} of 200");
     let far = Pose::new(glam::DMat3::IDENTITY, DVec3::new(3.0, 0.0, 0.0));
-    assert!(!arm.may_reach(&far) && !arm.can_reach(&far) && arm.reach(&far, &bent()).is_none());
+    assert!(
+        !arm.is_within_reach_bound(&far)
+            && !arm.is_reachable(&far)
+            && arm.inverse_kinematics_near(&far, &bent()).is_none()
+    );
     let lost = Pose::new(glam::DMat3::IDENTITY, DVec3::splat(f64::NAN));
-    assert!(!arm.may_reach(&lost) && !arm.can_reach(&lost));
+    assert!(!arm.is_within_reach_bound(&lost) && !arm.is_reachable(&lost));
 }
 
 #[test]
@@ -151,7 +165,7 @@ fn the_puma_by_its_rows_is_the_puma_to_planning() {
     let mut draws = Draws(7);
     for _ in 0..200 {
         let q = draws.inside(&chain);
-        for (a, b) in chain.singular(&q).iter().zip(own.singular(&q)) {
+        for (a, b) in chain.singularity_distances(&q).iter().zip(own.singularity_distances(&q)) {
             assert!((a - b).abs() < 1e-12, "{a} {b}");
         }
         assert_eq!(chain.within_limits(&q), Arm::within_limits(&own, &q));
@@ -159,16 +173,19 @@ fn the_puma_by_its_rows_is_the_puma_to_planning() {
     let slow = Arm::with_speed_max(&chain, &JointVector::repeat(0.1));
     assert_eq!(Arm::speed_max(&slow), &JointVector::<6>::repeat(0.1));
     assert_eq!(
-        Arm::room(&chain, 0, &JointVector::zeros(), &JointVector::repeat(1.0)),
+        Arm::remaining_travel(&chain, 0, &JointVector::zeros(), &JointVector::repeat(1.0)),
         own.q_max_rad[0]
     );
-    assert_eq!(Arm::room(&chain, 0, &JointVector::repeat(9.0), &JointVector::repeat(10.0)), 0.0);
+    assert_eq!(
+        Arm::remaining_travel(&chain, 0, &JointVector::repeat(9.0), &JointVector::repeat(10.0)),
+        0.0
+    );
 }
 
 #[test]
 fn gears_without_coupling_count_there_and_back() {
     let ratio = JointVector::from([100.0, -50.0, 30.0, 120.0, 80.0, -101.0, 7.0]);
-    let gears = Transmission::independent(&ratio, &JointVector::repeat(4096.0));
+    let gears = Transmission::uncoupled(&ratio, &JointVector::repeat(4096.0));
     let counts = [1000, -2000, 3, 40_000, 0, 77, -5];
     assert_eq!(gears.counts(&gears.joints(&counts)), counts);
     let q = gears.joints(&[4096, 4096, 4096, 4096, 4096, 4096, 4096]);

@@ -4,7 +4,7 @@ use crate::arms::{Draws, PI, puma, seven, slider, ur5e_like};
 use crate::{derivative, rows};
 use glam::{DMat3, DVec3};
 use taktil_mechanics::Pose;
-use taktil_mechanics::chain::{Chain, Dh, JointSpec};
+use taktil_mechanics::chain::{Chain, DhRow, JointSpec};
 use taktil_mechanics::dls::singular_values;
 use taktil_mechanics::puma260::Puma260;
 
@@ -96,8 +96,8 @@ fn what_is_no_chain_is_refused_with_its_joint() {
     };
     assert!(Chain::new(&good, &Pose::IDENTITY).is_ok());
     for bad in [f64::NAN, f64::INFINITY, -f64::INFINITY, 1e300] {
-        refused(&|j| j.mount.translation.x = bad);
-        refused(&|j| j.mount.rotation.x_axis.x = bad);
+        refused(&|j| j.origin.translation.x = bad);
+        refused(&|j| j.origin.rotation.x_axis.x = bad);
         refused(&|j| j.axis.y = bad);
         refused(&|j| j.body.mass_kg = bad);
         refused(&|j| j.body.com_m.z = bad);
@@ -105,18 +105,18 @@ fn what_is_no_chain_is_refused_with_its_joint() {
         refused(&|j| j.q_max = bad);
         refused(&|j| j.speed_max = bad);
         refused(&|j| j.effort_max = bad);
-        refused(&|j| j.reflected = bad);
+        refused(&|j| j.reflected_inertia = bad);
     }
     refused(&|j| j.axis = DVec3::ZERO);
     refused(&|j| j.body.mass_kg = -1.0);
     refused(&|j| j.body.inertia_kg_m2.x_axis.y = 0.1);
     refused(&|j| (j.q_min, j.q_max) = (1.0, -1.0));
     refused(&|j| j.speed_max = 0.0);
-    refused(&|j| j.mount.rotation = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)));
+    refused(&|j| j.origin.rotation = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)));
     let nobody: [JointSpec; 0] = [];
     assert_eq!(Chain::new(&nobody, &Pose::IDENTITY).unwrap_err().joint, 0);
     assert_eq!(Chain::new(&[JointSpec::default(); 9], &Pose::IDENTITY).unwrap_err().joint, 9);
     let spec = JointSpec::default();
-    let row = Dh { a_m: 0.1, d_m: f64::NAN, alpha_rad: 0.0, theta_rad: PI, spec };
+    let row = DhRow { a_m: 0.1, d_m: f64::NAN, alpha_rad: 0.0, theta_rad: PI, spec };
     assert_eq!(Chain::from_dh(&[row; 2], &Pose::IDENTITY).unwrap_err().joint, 0);
 }

@@ -15,13 +15,13 @@ fn the_puma_by_its_rows_moves_like_the_puma() {
     for _ in 0..500 {
         let q = draws.inside(&chain);
         let (qd, qdd) = (draws.vector(3.0), draws.vector(20.0));
-        let off = chain.inverse_dynamics(&q, &qd, &qdd) - arm.inverse(&q, &qd, &qdd);
+        let off = chain.inverse_dynamics(&q, &qd, &qdd) - arm.inverse_dynamics(&q, &qd, &qdd);
         assert!(off.amax() < 1e-13, "{:e}", off.amax());
-        assert!((chain.gravity(&q) - arm.gravity(&q)).amax() < 1e-14);
-        assert!((chain.bias(&q, &qd) - arm.bias(&q, &qd)).amax() < 1e-13);
+        assert!((chain.gravity_torque(&q) - arm.gravity_torque(&q)).amax() < 1e-14);
+        assert!((chain.bias_torque(&q, &qd) - arm.bias_torque(&q, &qd)).amax() < 1e-13);
         assert!((chain.mass_matrix(&q) - arm.mass_matrix(&q)).amax() < 1e-15);
         let tau = draws.vector(2.0);
-        let off = chain.forward_dynamics(&q, &qd, &tau) - arm.forward(&q, &qd, &tau);
+        let off = chain.forward_dynamics(&q, &qd, &tau) - arm.forward_dynamics(&q, &qd, &tau);
         assert!(off.amax() < 1e-9, "{:e}", off.amax());
     }
 }
@@ -39,16 +39,16 @@ fn links_in_the_fewest_numbers_move_like_lopsided_bodies() {
                 inertia_kg_m2: turn * DMat3::from_diagonal(sizes) * turn.transpose(),
             }
         };
-        let arm = Dynamics::of_bodies(core::array::from_fn(|_| body()), &body());
+        let arm = Dynamics::from_bodies(core::array::from_fn(|_| body()), &body());
         let chain = puma_with(&arm);
         for _ in 0..20 {
             let q = draws.inside(&chain);
             let (qd, qdd) = (draws.vector(3.0), draws.vector(20.0));
-            let off = chain.inverse_dynamics(&q, &qd, &qdd) - arm.inverse(&q, &qd, &qdd);
+            let off = chain.inverse_dynamics(&q, &qd, &qdd) - arm.inverse_dynamics(&q, &qd, &qdd);
             assert!(off.amax() < 1e-11, "{:e}", off.amax());
-            assert!((chain.gravity(&q) - arm.gravity(&q)).amax() < 1e-12);
+            assert!((chain.gravity_torque(&q) - arm.gravity_torque(&q)).amax() < 1e-12);
             assert!((chain.mass_matrix(&q) - arm.mass_matrix(&q)).amax() < 1e-13);
-            assert!((chain.potential_j(&q) - arm.potential_j(&q)).abs() < 1e-12);
+            assert!((chain.potential_energy_j(&q) - arm.potential_energy_j(&q)).abs() < 1e-12);
         }
     }
 }
@@ -60,28 +60,30 @@ fn check_energy<const N: usize>(chain: &Chain<N>, seed: u64) {
         let (q, qd, qdd) = (draws.inside(chain), draws.vector(2.0), draws.vector(5.0));
         let m = chain.mass_matrix(&q);
         let still = JointVector::zeros();
-        let rigid = m - JointMatrix::from_diagonal(chain.reflected());
-        let inertial = chain.inverse_dynamics(&q, &still, &qdd) - chain.gravity(&q);
+        let rigid = m - JointMatrix::from_diagonal(chain.reflected_inertia());
+        let inertial = chain.inverse_dynamics(&q, &still, &qdd) - chain.gravity_torque(&q);
         assert!((rigid * qdd - inertial).amax() < 1e-12 * (1.0 + inertial.amax()));
         // qd . (Coriolis terms) is half of qd . dM/dt qd.
         let h = 1e-6;
         let rate =
             (chain.mass_matrix(&(q + qd * h)) - chain.mass_matrix(&(q - qd * h))) / (2.0 * h);
-        let coriolis = chain.bias(&q, &qd) - chain.gravity(&q);
+        let coriolis = chain.bias_torque(&q, &qd) - chain.gravity_torque(&q);
         assert!((qd.dot(&coriolis) - 0.5 * qd.dot(&(rate * qd))).abs() < 1e-7);
         let back = chain.forward_dynamics(
             &q,
             &qd,
-            &(chain.inverse_dynamics(&q, &qd, &qdd) + chain.reflected().component_mul(&qdd)),
+            &(chain.inverse_dynamics(&q, &qd, &qdd)
+                + chain.reflected_inertia().component_mul(&qdd)),
         );
         assert!((back - qdd).amax() < 1e-8, "{:e}", (back - qdd).amax());
         // Gravity is the slope of the potential energy.
         let slope = JointVector::<N>::from_fn(|i, _| {
             let mut aside = JointVector::<N>::zeros();
             aside[i] = h;
-            (chain.potential_j(&(q + aside)) - chain.potential_j(&(q - aside))) / (2.0 * h)
+            (chain.potential_energy_j(&(q + aside)) - chain.potential_energy_j(&(q - aside)))
+                / (2.0 * h)
         });
-        let off = (slope - chain.gravity(&q)).amax();
+        let off = (slope - chain.gravity_torque(&q)).amax();
         assert!(off < 1e-7, "{off:e}");
     }
 }
@@ -96,11 +98,11 @@ fn matrices_forces_and_energies_agree() {
 #[test]
 fn gravity_may_point_anywhere() {
     let (floor, q) = (ur5e_like(), JointVector::<6>::new(0.3, -1.0, 1.2, 0.4, -0.7, 2.0));
-    assert!(floor.gravity(&q)[0].abs() < 1e-13, "a vertical axis bears nothing");
+    assert!(floor.gravity_torque(&q)[0].abs() < 1e-13, "a vertical axis bears nothing");
     let ceiling = floor.with_gravity(DVec3::new(0.0, 0.0, 9.81));
-    assert!((ceiling.gravity(&q) + floor.gravity(&q)).amax() < 1e-13);
+    assert!((ceiling.gravity_torque(&q) + floor.gravity_torque(&q)).amax() < 1e-13);
     let wall = floor.with_gravity(DVec3::new(0.0, 9.81, 0.0));
-    assert!(wall.gravity(&q)[0].abs() > 1.0);
+    assert!(wall.gravity_torque(&q)[0].abs() > 1.0);
     assert_eq!(floor.with_gravity(DVec3::NAN), floor);
     assert_eq!(floor.with_gravity(DVec3::splat(1e9)), floor);
 }

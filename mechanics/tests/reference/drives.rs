@@ -14,7 +14,7 @@ fn counts_match_the_reference_and_come_back() {
     assert_eq!(file.len(), 50);
     for row in file {
         let q = row.joints("q");
-        let (got, want, exact) = (gears.counts(&q), row.joints("n"), gears.counts_f64(&q));
+        let (got, want, exact) = (gears.counts(&q), row.joints("n"), gears.exact_counts(&q));
         for i in 0..6 {
             let half = ((exact[i] - exact[i].floor()) - 0.5).abs() < 1e-6;
             assert!(
@@ -38,7 +38,7 @@ fn every_count_survives_the_way_there_and_back() {
         let q = draws.joints(&arm);
         let counts = gears.counts(&q);
         assert_eq!(gears.counts(&gears.joints(&counts)), counts);
-        let back = gears.counts_f64(&gears.joints(&counts)) - gears.counts_f64(&q);
+        let back = gears.exact_counts(&gears.joints(&counts)) - gears.exact_counts(&q);
         assert!(back.amax() <= 0.5 + 1e-9);
     }
     assert_eq!(gears.counts(&Joints::repeat(f64::NAN)), [0; 6]);
@@ -49,7 +49,7 @@ fn every_count_survives_the_way_there_and_back() {
 #[test]
 fn joint_four_drags_its_neighbours() {
     let gears = Transmission::reference();
-    let counts = gears.counts_f64(&Joints::new(0.0, 0.0, 0.0, TAU, 0.0, 0.0));
+    let counts = gears.exact_counts(&Joints::new(0.0, 0.0, 0.0, TAU, 0.0, 0.0));
     let want = Joints::new(0.0, 0.0, 0.0, 43.5111 * 800.0, -9.8462 * 800.0, 800.0);
     assert!((counts - want).amax() < 1e-9);
 }
@@ -75,24 +75,24 @@ fn the_torque_map_keeps_power() {
 fn codes_are_two_s_complement_of_the_current() {
     let drive = Drive::reference();
     assert_eq!(drive.code_range(), (-2048, 2047));
-    assert_eq!(drive.code(0.0, 0), 0);
-    assert_eq!(drive.code(0.275, 0), 2047);
-    assert_eq!(drive.code(-0.275, 0), -2048);
-    assert_eq!(drive.code(1e300, 1), 2047);
-    assert_eq!(drive.code(f64::NEG_INFINITY, 1), -2048);
-    assert_eq!(drive.code(f64::NAN, 2), 0);
-    assert_eq!(drive.code(0.1, 6), 0);
-    assert_eq!(drive.code(0.03, 3), 1024);
-    assert!((drive.torque(1024, 3) - 0.03).abs() < 1e-15);
-    assert!((drive.torque(i32::MAX, 3) - 0.06 * 2047.0 / 2048.0).abs() < 1e-15);
+    assert_eq!(drive.dac_code(0.0, 0), 0);
+    assert_eq!(drive.dac_code(0.275, 0), 2047);
+    assert_eq!(drive.dac_code(-0.275, 0), -2048);
+    assert_eq!(drive.dac_code(1e300, 1), 2047);
+    assert_eq!(drive.dac_code(f64::NEG_INFINITY, 1), -2048);
+    assert_eq!(drive.dac_code(f64::NAN, 2), 0);
+    assert_eq!(drive.dac_code(0.1, 6), 0);
+    assert_eq!(drive.dac_code(0.03, 3), 1024);
+    assert!((drive.motor_torque_nm(1024, 3) - 0.03).abs() < 1e-15);
+    assert!((drive.motor_torque_nm(i32::MAX, 3) - 0.06 * 2047.0 / 2048.0).abs() < 1e-15);
     for joint in 0..6 {
         for code in -2048..=2047 {
-            assert_eq!(drive.code(drive.torque(code, joint), joint), code);
+            assert_eq!(drive.dac_code(drive.motor_torque_nm(code, joint), joint), code);
         }
     }
     let peak = drive.peak_joint_torque(&Transmission::reference());
     let want = Joints::new(12.8, 19.2, 11.8, 2.6, 2.4, 1.9);
     assert!((peak - want).amax() < 0.06, "{peak}");
     let broken = Drive { current_max_a: Joints::zeros(), ..drive };
-    assert_eq!(broken.code(1.0, 0), 0);
+    assert_eq!(broken.dac_code(1.0, 0), 0);
 }

@@ -73,10 +73,11 @@ fn moves_match_the_reference() {
                 continue;
             }
             let wanted = row.joints("q");
-            let branches = arm.inverse(&arm.tool_to_wrist(&got), previous.as_ref());
+            let branches = arm.inverse_kinematics(&arm.tool_to_wrist(&got), previous.as_ref());
             let start = Joints::from_fn(|i, _| inside(wanted[i], &arm, i));
             let from = previous.unwrap_or(start);
-            let (_, joints) = arm.nearest(&branches, &from).expect("the path is within the limits");
+            let (_, joints) =
+                arm.nearest_branch(&branches, &from).expect("the path is within the limits");
             // The file's angles lie in [-pi, pi), ours within the limits.
             let off = turned(&joints, &wanted);
             assert!(off < 1e-9, "{file} tick {tick}: {off}");
@@ -198,7 +199,7 @@ fn paths_that_are_none_are_refused() {
     bad[3].rotation.y_axis.z = f64::INFINITY;
     for pose in bad {
         let refused = new(&[good, pose], &[1.0], 0.1).unwrap_err();
-        assert_eq!(refused, PathError::NotAPose { point: 1 });
+        assert_eq!(refused, PathError::InvalidPose { point: 1 });
         assert!(refused.to_string().contains("point 1"));
     }
     assert!(new(&[good, good], &[1.0], 0.6).is_err(), "tau");

@@ -18,10 +18,10 @@ fn inverse_dynamics_match_the_reference() {
     assert_eq!(file.len(), 100);
     for row in file {
         let (q, qd, qdd) = (row.joints("q"), row.joints("qd"), row.joints("qdd"));
-        let tau = arm.inverse(&q, &qd, &qdd);
+        let tau = arm.inverse_dynamics(&q, &qd, &qdd);
         assert!((tau - row.joints("tau")).amax() < 1e-10, "row {}", row.word("id"));
-        assert!((arm.gravity(&q) - row.joints("grav")).amax() < 1e-10);
-        let full = tau + arm.reflected_kg_m2.component_mul(&qdd) + friction.torque_nm(&qd);
+        assert!((arm.gravity_torque(&q) - row.joints("grav")).amax() < 1e-10);
+        let full = tau + arm.reflected_inertia_kg_m2.component_mul(&qdd) + friction.torque_nm(&qd);
         assert!((full - row.joints("full")).amax() < 1e-10, "row {}", row.word("id"));
     }
 }
@@ -43,19 +43,22 @@ fn recursion_mass_matrix_and_forward_dynamics_agree() {
             let (q, qd, qdd) = (draws.joints(&geometry), draws.six(4.0), draws.six(20.0));
             let m = arm.mass_matrix(&q);
             assert_eq!(m, m.transpose());
-            assert!((arm.gravity(&q) - arm.bias(&q, &Joints::zeros())).amax() < 1e-13);
-            let tau = arm.inverse(&q, &qd, &qdd) + arm.reflected_kg_m2.component_mul(&qdd);
-            assert!((m * qdd + arm.bias(&q, &qd) - tau).amax() < 1e-12);
-            assert!((arm.forward(&q, &qd, &tau) - qdd).amax() < 1e-11);
-            assert!(arm.kinetic_j(&q, &qd) > 0.0);
+            assert!(
+                (arm.gravity_torque(&q) - arm.bias_torque(&q, &Joints::zeros())).amax() < 1e-13
+            );
+            let tau = arm.inverse_dynamics(&q, &qd, &qdd)
+                + arm.reflected_inertia_kg_m2.component_mul(&qdd);
+            assert!((m * qdd + arm.bias_torque(&q, &qd) - tau).amax() < 1e-12);
+            assert!((arm.forward_dynamics(&q, &qd, &tau) - qdd).amax() < 1e-11);
+            assert!(arm.kinetic_energy_j(&q, &qd) > 0.0);
             // Gravity torques are the slope of the potential energy.
             for i in 0..6 {
                 let at = |h: f64| {
                     let mut moved = q;
                     moved[i] += h;
-                    arm.potential_j(&moved)
+                    arm.potential_energy_j(&moved)
                 };
-                assert!(((at(1e-5) - at(-1e-5)) / 2e-5 - arm.gravity(&q)[i]).abs() < 1e-8);
+                assert!(((at(1e-5) - at(-1e-5)) / 2e-5 - arm.gravity_torque(&q)[i]).abs() < 1e-8);
             }
         }
     }
@@ -65,13 +68,13 @@ fn recursion_mass_matrix_and_forward_dynamics_agree() {
 fn welding_adds_mass_and_moves_the_centre() {
     let one = Body::diagonal(1.0, [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]);
     let two = Body::diagonal(3.0, [0.0, 0.0, -1.0], [0.0, 0.0, 0.5]);
-    let both = one.weld(&two);
+    let both = one.combine(&two);
     assert_eq!((both.mass_kg, both.com_m), (4.0, DVec3::new(0.0, 0.0, -0.5)));
     let inertia = both.inertia_kg_m2;
     // Reduced mass 3/4 kg at 2 m.
     assert_eq!((inertia.x_axis.x, inertia.y_axis.y, inertia.z_axis.z), (3.0, 3.0, 0.5));
     let nothing = Body::diagonal(0.0, [0.0; 3], [0.0; 3]);
-    assert_eq!(nothing.weld(&nothing), nothing);
+    assert_eq!(nothing.combine(&nothing), nothing);
 }
 
 /// Follows a reference run at 1 ms and returns the largest joint and energy errors.
@@ -84,8 +87,9 @@ fn follow(name: &str, mut torque: impl FnMut(f64, &Joints, &Joints) -> Joints) -
         let (t, until) = (pair[0].num("t"), pair[1].num("t"));
         state = free_motion(&arm, &state, t, until - t, 1e-3, &mut torque);
         worst = worst.max((state.q - pair[1].joints("q")).amax());
-        energy = energy.max((arm.kinetic_j(&state.q, &state.qd) - pair[1].num("kinetic")).abs());
-        energy = energy.max((arm.potential_j(&state.q) - pair[1].num("potential")).abs());
+        energy =
+            energy.max((arm.kinetic_energy_j(&state.q, &state.qd) - pair[1].num("kinetic")).abs());
+        energy = energy.max((arm.potential_energy_j(&state.q) - pair[1].num("potential")).abs());
     }
     (worst, energy)
 }
@@ -116,7 +120,7 @@ fn the_driven_run_matches_the_reference() {
 fn free_fall_keeps_its_energy_at_servo_steps() {
     let arm = Dynamics::reference();
     let start = State { q: Joints::new(0.4, 0.8, -1.7, -0.4, 0.6, 1.0), qd: Joints::repeat(0.5) };
-    let total = |s: &State| arm.kinetic_j(&s.q, &s.qd) + arm.potential_j(&s.q);
+    let total = |s: &State| arm.kinetic_energy_j(&s.q, &s.qd) + arm.potential_energy_j(&s.q);
     let end = free_motion(&arm, &start, 0.0, 0.5, 0.0025, &mut |_, _, _| Joints::zeros());
     assert!((total(&end) - total(&start)).abs() < 1e-6);
     assert!((end.q - start.q).amax() > 0.3, "it must have fallen");
@@ -140,7 +144,7 @@ fn bad_spans_and_lost_numbers_are_harmless() {
     let _ = free_motion(&arm, &start, 0.0, 0.01, 0.001, &mut count);
     assert_eq!(calls, 40, "ten steps of four, not eleven");
     let lost = Joints::repeat(f64::NAN);
-    assert!(arm.forward(&lost, &start.qd, &start.qd).iter().all(|x| x.is_nan()));
+    assert!(arm.forward_dynamics(&lost, &start.qd, &start.qd).iter().all(|x| x.is_nan()));
     let next = rk4_step(&arm, &start, 0.0, 1e-3, &mut |_, _, _| lost);
     assert!(next.qd.iter().all(|x| x.is_nan()));
     let still = Friction::reference().torque_nm(&Joints::zeros());

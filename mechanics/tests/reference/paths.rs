@@ -97,7 +97,7 @@ fn paths_that_cannot_be_followed_are_refused() {
     assert_eq!(JointPath::new(&[a], &[], 0.1), Err(PathError::TooFewPoints { points: 1 }));
     assert_eq!(JointPath::new(&many, &times, 0.1), Err(PathError::TooManyPoints { points: 33 }));
     assert!(JointPath::new(&many[1..], &times[1..], 0.1).is_ok());
-    let count = PathError::SegmentCount { wanted: 1, given: 2 };
+    let count = PathError::SegmentCount { expected: 1, actual: 2 };
     assert_eq!(JointPath::new(&[a, b], &[1.0, 1.0], 0.1), Err(count));
     let mut lost = b;
     lost[3] = f64::NAN;
@@ -137,7 +137,7 @@ fn segment_times_respect_the_slowest_joint() {
 #[test]
 fn what_has_no_finite_speed_is_refused_however_finite_its_points_are() {
     let (a, far) = (Joints::zeros(), Joints::repeat(1e9));
-    let beyond = Err(PathError::BeyondNumbers { segment: 0 });
+    let beyond = Err(PathError::Overflow { segment: 0 });
     assert_eq!(JointPath::new(&[a, far], &[1e-150], 1e-151), beyond);
     assert_eq!(JointPath::new(&[a, Joints::repeat(1e308)], &[1.0], 0.1), beyond);
     assert_eq!(JointPath::new(&[-far * 1e299, far * 1e299], &[1.0], 0.1), beyond);

@@ -143,11 +143,11 @@ fn images_without_an_answer_say_so() {
 #[test]
 fn wrong_lengths_are_refused() {
     let values = [0.0_f32; 255];
-    let wanted = ImageError::Values { wanted: 256, given: 255 };
+    let wanted = ImageError::ValueCount { expected: 256, actual: 255 };
     assert_eq!(Image::new(16, 16, &values, None).unwrap_err(), wanted);
     assert_eq!(Image::new(0, 16, &values[..0], None).unwrap_err(), ImageError::Empty);
     let marks = [true; 3];
-    let wanted = ImageError::Marks { wanted: 255, given: 3 };
+    let wanted = ImageError::ValidityCount { expected: 255, actual: 3 };
     assert_eq!(Image::new(15, 17, &values, Some(&marks)).unwrap_err(), wanted);
     assert!(Image::new(usize::MAX, 3, &values, None).is_err());
 }

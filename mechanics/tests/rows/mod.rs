@@ -4,7 +4,7 @@
 use core::f64::consts::FRAC_PI_2 as HALF;
 
 use taktil_mechanics::Pose;
-use taktil_mechanics::chain::{Chain, Dh, JointSpec};
+use taktil_mechanics::chain::{Chain, DhRow, JointSpec};
 
 /// Six joints, 2 to 4 parallel, no spherical wrist: as Universal Robots publishes them for its
 /// UR5e.
@@ -31,7 +31,7 @@ pub(crate) const SEVEN: [(f64, f64, f64); 7] = [
 
 /// The chain of such rows, every joint with the same limits.
 pub(crate) fn chain<const N: usize>(rows: &[(f64, f64, f64); N], spec: &JointSpec) -> Chain<N> {
-    let row = |(a_m, d_m, alpha_rad): (f64, f64, f64)| Dh {
+    let row = |(a_m, d_m, alpha_rad): (f64, f64, f64)| DhRow {
         a_m,
         d_m,
         alpha_rad,

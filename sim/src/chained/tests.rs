@@ -3,7 +3,7 @@
 use core::f64::consts::FRAC_PI_2;
 
 use super::*;
-use taktil_mechanics::chain::{Chain, Dh, JointSpec};
+use taktil_mechanics::chain::{Chain, DhRow, JointSpec};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::puma260::dynamics::{Dynamics, LINKS, TOOL};
 use taktil_mechanics::rigid_body::Body;
@@ -12,7 +12,7 @@ use taktil_mechanics::transmission::{Drive, Transmission};
 /// A robot of `N` links of 2 kg that turn about axes across each other.
 fn robot<const N: usize>(coulomb_nm: f64, reach_rad: f64) -> ChainRobot<N> {
     let body = Body::diagonal(2.0, [-0.1, 0.0, 0.0], [0.01, 0.02, 0.02]);
-    let row = |i: usize| Dh {
+    let row = |i: usize| DhRow {
         a_m: 0.2,
         d_m: 0.05,
         alpha_rad: if i.is_multiple_of(2) { FRAC_PI_2 } else { 0.0 },
@@ -24,9 +24,9 @@ fn robot<const N: usize>(coulomb_nm: f64, reach_rad: f64) -> ChainRobot<N> {
 
 fn robot_of<const N: usize>(arm: Chain<N>, coulomb_nm: f64) -> ChainRobot<N> {
     ChainRobot {
-        links: arm,
+        dynamics: arm,
         arm,
-        gears: Transmission::independent(&JointVector::repeat(100.0), &JointVector::repeat(4000.0)),
+        gears: Transmission::uncoupled(&JointVector::repeat(100.0), &JointVector::repeat(4000.0)),
         drive: Drive {
             torque_constant_nm_a: JointVector::repeat(0.1),
             current_max_a: JointVector::repeat(10.0),
@@ -37,9 +37,9 @@ fn robot_of<const N: usize>(arm: Chain<N>, coulomb_nm: f64) -> ChainRobot<N> {
             viscous_nms_rad: JointVector::zeros(),
         },
         home_rad: JointVector::zeros(),
-        at_work_rad: JointVector::zeros(),
+        nominal_rad: JointVector::zeros(),
         torque_max_nm: JointVector::repeat(100.0),
-        names: Vec::new(),
+        joint_names: Vec::new(),
     }
 }
 
@@ -80,14 +80,14 @@ fn a_free_swing_keeps_its_energy_to_second_order() {
 fn the_puma_as_a_chain_swings_as_the_puma() {
     let (puma, dynamics) = (Puma260::reference(), Dynamics::reference());
     let twists = [FRAC_PI_2, 0.0, -FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2, 0.0];
-    let row = |i: usize| Dh {
+    let row = |i: usize| DhRow {
         a_m: if i == 1 { puma.a2_m } else { 0.0 },
         d_m: [0.0, 0.0, puma.d3_m, puma.d4_m, 0.0, 0.0][i],
         alpha_rad: twists[i],
         theta_rad: 0.0,
         spec: JointSpec {
-            body: if i == 5 { LINKS[5].weld(&TOOL) } else { LINKS[i] },
-            reflected: dynamics.reflected_kg_m2[i],
+            body: if i == 5 { LINKS[5].combine(&TOOL) } else { LINKS[i] },
+            reflected_inertia: dynamics.reflected_inertia_kg_m2[i],
             q_min: -100.0,
             q_max: 100.0,
             ..JointSpec::default()

@@ -66,11 +66,11 @@ impl<const N: usize> Law<N> {
         let mut motor_nm = JointVector::zeros();
         for (i, code) in codes.iter_mut().enumerate() {
             let (low, high) = self.drive.code_range();
-            *code = (self.drive.code(asked_nm[i], i) + self.zero[i]).clamp(low, high);
-            motor_nm[i] = self.drive.torque(*code - self.zero[i], i);
+            *code = (self.drive.dac_code(asked_nm[i], i) + self.zero[i]).clamp(low, high);
+            motor_nm[i] = self.drive.motor_torque_nm(*code - self.zero[i], i);
             // Rounding moves a torque by at most half a step; more than that was cut off at the end
             // of the range.
-            if (asked_nm[i] - motor_nm[i]).abs() > 0.6 * self.drive.torque(1, i) {
+            if (asked_nm[i] - motor_nm[i]).abs() > 0.6 * self.drive.motor_torque_nm(1, i) {
                 limited |= 1 << i;
             }
         }
@@ -80,7 +80,9 @@ impl<const N: usize> Law<N> {
     /// What a code on all channels stands for at the joints, N m: for the safe value.
     #[must_use]
     pub fn torque_of(&self, code: i32) -> [f64; N] {
-        self.joint_torque(&JointVector::from_fn(|i, _| self.drive.torque(code - self.zero[i], i)))
+        self.joint_torque(&JointVector::from_fn(|i, _| {
+            self.drive.motor_torque_nm(code - self.zero[i], i)
+        }))
     }
 
     fn joint_torque(&self, motor_nm: &JointVector<N>) -> [f64; N] {

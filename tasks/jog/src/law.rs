@@ -10,7 +10,7 @@
 mod lead;
 
 use glam::DVec3;
-use taktil_mechanics::arm::{Arm, Follow, Lost};
+use taktil_mechanics::arm::{Arm, FollowError, PathFollower};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::{Joints, Pose};
@@ -110,11 +110,15 @@ pub struct Obstacle {
     pub joint: Option<usize>,
 }
 
-impl From<Lost> for Obstacle {
-    fn from(lost: Lost) -> Obstacle {
+impl From<FollowError> for Obstacle {
+    fn from(lost: FollowError) -> Obstacle {
         match lost {
-            Lost::Limit { joint } => Obstacle { why: JogWhy::Limit, joint: Some(joint) },
-            Lost::TooFast { joint, .. } => Obstacle { why: JogWhy::Singular, joint: Some(joint) },
+            FollowError::JointLimit { joint } => {
+                Obstacle { why: JogWhy::Limit, joint: Some(joint) }
+            }
+            FollowError::SpeedLimit { joint, .. } => {
+                Obstacle { why: JogWhy::Singular, joint: Some(joint) }
+            }
             _ => Obstacle { why: JogWhy::Reach, joint: None },
         }
     }

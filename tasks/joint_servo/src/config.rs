@@ -1,7 +1,7 @@
 //! `[joint_servo]`: gains and options, checked. Refuses gains that are not positive and finite.
 
 use serde::Deserialize;
-use taktil_mechanics::arm::{Arm, Links};
+use taktil_mechanics::arm::{Arm, ArmDynamics};
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::Invalid;
@@ -182,7 +182,7 @@ impl Config {
         let pose = radians(list("inertia_pose_deg", &self.inertia_pose_deg)?);
         let inertia = match list("inertia_kg_m2", &self.inertia_kg_m2)? {
             Some(inertia) => JointVector::from(inertia),
-            None => robot.links.mass_matrix(&pose.unwrap_or(robot.at_work_rad)).diagonal(),
+            None => robot.dynamics.mass_matrix(&pose.unwrap_or(robot.nominal_rad)).diagonal(),
         };
         Ok(Tuning {
             bandwidth_rad_s: bandwidth.unwrap_or([BANDWIDTH_RAD_S; N]),
@@ -360,7 +360,10 @@ mod tests {
         let gains = Config::default().tuning(&robot).unwrap().gains();
         for joint in 0..6 {
             let inertia = gains.kp_nm_rad[joint] / 3600.0;
-            assert!(inertia > robot.links.reflected_kg_m2[joint], "joint {joint}: {inertia}");
+            assert!(
+                inertia > robot.dynamics.reflected_inertia_kg_m2[joint],
+                "joint {joint}: {inertia}"
+            );
             let kd = gains.kd_nms_rad[joint];
             assert!((kd - 120.0 * inertia).abs() < 1e-12 * kd);
         }

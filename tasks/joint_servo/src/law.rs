@@ -7,7 +7,7 @@
 //! the rate goes through a first-order low-pass first (backward Euler: `r += a ((e - e_last)/dt -
 //! r)` with `a = w dt/(1 + w dt)`, stable for every dt).
 
-use taktil_mechanics::arm::Links;
+use taktil_mechanics::arm::ArmDynamics;
 use taktil_mechanics::friction::Friction;
 use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::spatial::JointVector;
@@ -67,7 +67,7 @@ impl<const N: usize, L> Fold for Ahead<N, L> {
     }
 }
 
-impl<const N: usize, L: Links<N>> Ahead<N, L> {
+impl<const N: usize, L: ArmDynamics<N>> Ahead<N, L> {
     /// Of an arm with this friction and these links; nothing was desired before.
     #[must_use]
     pub fn new(
@@ -118,7 +118,8 @@ impl<const N: usize, L: Links<N>> Ahead<N, L> {
             let qdd = if dt_s > 0.0 { (qd - last) / dt_s } else { JointVector::zeros() };
             // The motors' inertia with the links'; gravity is somebody else's.
             let dynamics = &self.dynamics;
-            let moving = dynamics.mass_matrix(q) * qdd + dynamics.bias(q, qd) - dynamics.gravity(q);
+            let moving = dynamics.mass_matrix(q) * qdd + dynamics.bias_torque(q, qd)
+                - dynamics.gravity_torque(q);
             torque += moving * self.acceleration_share;
         }
         self.last_rad_s = Some(*qd);
@@ -259,10 +260,11 @@ mod tests {
         let dynamics = Dynamics::reference();
         let q = Joints::new(0.1, 0.7, -2.6, 0.3, 0.7, 0.2);
         let (before, qd) = (Joints::repeat(0.1), Joints::new(0.2, -0.1, 0.4, 0.1, 0.0, 0.3));
-        let coriolis = dynamics.bias(&q, &before) - dynamics.gravity(&q);
+        let coriolis = dynamics.bias_torque(&q, &before) - dynamics.gravity_torque(&q);
         assert!((ahead.torque_nm(&q, &before, DT_S) - coriolis).amax() < 1e-12, "no past");
         let qdd = (qd - before) / DT_S;
-        let wanted = dynamics.mass_matrix(&q) * qdd + dynamics.bias(&q, &qd) - dynamics.gravity(&q);
+        let wanted = dynamics.mass_matrix(&q) * qdd + dynamics.bias_torque(&q, &qd)
+            - dynamics.gravity_torque(&q);
         let got = ahead.torque_nm(&q, &qd, DT_S);
         assert!((got - wanted).amax() < 1e-9, "{got} {wanted}");
         assert_eq!(ahead.last_rad_s(), Some(&qd));

@@ -16,7 +16,7 @@ pub use config::{Config, Tuning};
 
 use law::{Ahead, Gains, Pd};
 use learned::Learned;
-use taktil_mechanics::arm::{Arm, Links};
+use taktil_mechanics::arm::{Arm, ArmDynamics};
 use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::JointVector;
@@ -38,7 +38,7 @@ fn sound<const N: usize>(torque: &Torque<N>) -> bool {
 }
 
 /// The task.
-pub struct JointServo<const N: usize = 6, L: Links<N> = Dynamics> {
+pub struct JointServo<const N: usize = 6, L: ArmDynamics<N> = Dynamics> {
     desired: Input<Desired<N>>,
     joints: Input<JointState<N>>,
     control: Input<ControlState>,
@@ -100,14 +100,14 @@ impl<const N: usize> Knobs<N> {
     }
 }
 
-impl<const N: usize, L: Links<N>> JointServo<N, L> {
+impl<const N: usize, L: ArmDynamics<N>> JointServo<N, L> {
     /// Declares `desired`, `joints`, `control` and `torque`, and as parameters `bandwidth_rad_s` or
     /// `kp_nm_rad`, `damping` or `kd_nms_rad` (one a joint, whichever the gains are given by) and
     /// `derivative_filter_hz`.
     ///
     /// # Errors
     /// What [`Config::check`] and [`Config::tuning`] refuse.
-    pub fn new<A: Arm<N, Links = L>>(
+    pub fn new<A: Arm<N, Dynamics = L>>(
         config: Config,
         robot: &Robot<N, A>,
         ports: &mut Ports,
@@ -117,7 +117,7 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
         let knobs = Knobs::new(&tuning, ports);
         let learned = config.learned(&tuning);
         let Config { friction, friction_speed_rad_s, acceleration, gravity, .. } = config;
-        let model = (robot.friction, robot.links.clone());
+        let model = (robot.friction, robot.dynamics.clone());
         Ok(JointServo {
             desired: ports.input("desired"),
             joints: ports.input("joints"),
@@ -126,7 +126,7 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
             law: tuning.law(),
             ahead: Ahead::new(model, friction, friction_speed_rad_s, acceleration),
             learned,
-            dynamics: gravity.then(|| robot.links.clone()),
+            dynamics: gravity.then(|| robot.dynamics.clone()),
             assumed: tuning.assumed_rad,
             gravity_share: 0.0,
             datum: 0,
@@ -152,7 +152,7 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
             return JointVector::zeros();
         };
         self.gravity_share = (self.gravity_share + dt_s / GRAVITY_RAMP_S).min(1.0);
-        dynamics.gravity(&q) * self.gravity_share
+        dynamics.gravity_torque(&q) * self.gravity_share
     }
 
     /// Forgets what was before.
@@ -170,7 +170,7 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
     }
 }
 
-impl<const N: usize, L: Links<N>> Task for JointServo<N, L> {
+impl<const N: usize, L: ArmDynamics<N>> Task for JointServo<N, L> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         if let Some((gains, filter_hz)) = self.knobs.edited(io) {
             self.law.retune(gains, filter_hz);

@@ -175,7 +175,7 @@ impl Patience {
 mod tests {
     use super::*;
     use taktil_mechanics::Joints;
-    use taktil_mechanics::transmission::{COUNTS_PER_REV, GEAR_RATIO};
+    use taktil_mechanics::transmission::{COUNTS_PER_REVOLUTION, GEAR_RATIO};
 
     const TICK: Nanos = Nanos(2_500_000);
 
@@ -186,7 +186,7 @@ mod tests {
     }
 
     fn joint_1_rad(counts: f64) -> f64 {
-        counts * core::f64::consts::TAU / COUNTS_PER_REV[0] / GEAR_RATIO[0]
+        counts * core::f64::consts::TAU / COUNTS_PER_REVOLUTION[0] / GEAR_RATIO[0]
     }
 
     #[test]

@@ -147,7 +147,7 @@ impl<const N: usize> Sense<N> {
             ));
         }
         let (home_rad, v_max_rad_s) = config.angles(robot)?;
-        let gears = robot.gears.with_encoders(config.encoder_scale);
+        let gears = robot.gears.with_encoder_scale(config.encoder_scale);
         let angles = Angles::new(gears, v_max_rad_s, home_rad);
         let index = match encoders.has_index() && !config.index.ignore {
             true => {

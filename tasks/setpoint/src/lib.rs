@@ -99,7 +99,7 @@ impl Config {
                 format!("q_min_deg[{i}]"),
                 format!(
                     "the lower limit {low} of {} is not below the upper limit {high}",
-                    robot.joint(i)
+                    robot.joint_label(i)
                 ),
                 "swap them or move them apart",
             ));
@@ -251,7 +251,7 @@ mod tests {
         assert_eq!(config.check(), Ok(()));
         let bad = config.bounds(&robot).unwrap_err();
         assert_eq!(bad.place, "q_min_deg[2]");
-        let named = Robot { names: (1..7).map(|n| format!("axis_{n}")).collect(), ..robot };
+        let named = Robot { joint_names: (1..7).map(|n| format!("axis_{n}")).collect(), ..robot };
         assert!(config.bounds(&named).unwrap_err().what.contains("joint 3 (`axis_3`)"));
         let config = Config { q_max_deg: Some(vec![1.0, f64::NAN]), ..Config::default() };
         assert_eq!(config.check().unwrap_err().place, "q_max_deg[1]");

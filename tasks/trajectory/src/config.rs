@@ -212,7 +212,7 @@ impl Move {
             (None, Some(tool), None) => {
                 tool.check().map_err(|invalid| invalid.within("tool"))?;
                 let pose = tool.pose();
-                if !robot.arm.can_reach(&pose) {
+                if !robot.arm.is_reachable(&pose) {
                     return Err(Invalid::new(
                         "tool",
                         format!("{:?} mm cannot be reached within the joint limits", tool.p_mm),
@@ -249,7 +249,7 @@ fn check_joints<const N: usize, A: Arm<N>>(
         if !(low <= q[joint] && q[joint] <= high) {
             return Err(Invalid::new(
                 format!("joints_deg[{joint}]"),
-                format!("{} is outside the limits of {}", degrees[joint], robot.joint(joint)),
+                format!("{} is outside the limits of {}", degrees[joint], robot.joint_label(joint)),
                 format!("give {:.1} to {:.1} degrees", low.to_degrees(), high.to_degrees()),
             ));
         }

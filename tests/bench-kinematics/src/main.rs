@@ -14,7 +14,7 @@ use anyhow::{Context, Result, bail, ensure};
 use glam::DVec3;
 use peer::Peer;
 use rs_opw_kinematics::kinematic_traits::Kinematics;
-use taktil_mechanics::chain::{Chain, Dh, JointSpec};
+use taktil_mechanics::chain::{Chain, DhRow, JointSpec};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::{Joints, Pose};
@@ -74,7 +74,7 @@ fn chain() -> Result<Chain<6>> {
     let rows = rows(&arm).map(|(a_m, d_m, alpha_rad)| {
         let body = *bodies.next().unwrap_or(&dynamics.bodies()[5]);
         let spec = JointSpec { body, ..JointSpec::default() };
-        Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
+        DhRow { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
     });
     let tool = DVec3::new(0.0, 0.0, arm.tool_z_m);
     Ok(Chain::from_dh(&rows, &Pose::new(Pose::IDENTITY.rotation, tool))?)

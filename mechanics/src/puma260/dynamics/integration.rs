@@ -14,7 +14,7 @@ pub struct State {
 }
 
 /// Most steps that one call of [`free_motion`] takes.
-pub const MAX_STEPS: u32 = 10_000_000;
+pub const STEPS_MAX: u32 = 10_000_000;
 
 /// One step of `step_s` from `state` at `t_s`. `torque_nm(t, q, qd)` is everything that acts on
 /// the joints beside gravity, friction with its sign included; it is asked four times.
@@ -28,7 +28,7 @@ pub fn rk4_step(
 ) -> State {
     let mut slope = |t: f64, at: &State| State {
         q: at.qd,
-        qd: arm.forward(&at.q, &at.qd, &torque_nm(t, &at.q, &at.qd)),
+        qd: arm.forward_dynamics(&at.q, &at.qd, &torque_nm(t, &at.q, &at.qd)),
     };
     let along = |k: &State, h: f64| State { q: state.q + k.q * h, qd: state.qd + k.qd * h };
     let half = 0.5 * step_s;
@@ -56,7 +56,7 @@ pub fn free_motion(
 ) -> State {
     // A hair of slack: a span of exactly n steps must not take n + 1 for its rounding.
     let count = (span_s / step_s * (1.0 - 1e-12)).ceil();
-    if !(span_s > 0.0 && step_s > 0.0 && count <= f64::from(MAX_STEPS)) {
+    if !(span_s > 0.0 && step_s > 0.0 && count <= f64::from(STEPS_MAX)) {
         return *start;
     }
     let step = span_s / count;

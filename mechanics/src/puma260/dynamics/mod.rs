@@ -12,16 +12,16 @@ mod base_parameters;
 mod integration;
 mod recursion;
 
-pub use integration::{MAX_STEPS, State, free_motion, rk4_step};
+pub use integration::{STEPS_MAX, State, free_motion, rk4_step};
 
 use super::Puma260;
-use crate::cholesky::solve_positive;
+use crate::cholesky::solve_positive_definite;
 use crate::rigid_body::{Body, GRAVITY_M_S2};
 use crate::spatial::{Joints, Matrix6, SinCos};
 use crate::transmission::GEAR_RATIO;
-use base_parameters::Grouped;
+use base_parameters::BaseParameters;
 
-/// Links 1 to 6 of the PUMA 260. Estimate: the PUMA 560 of Armstrong, Khatib and Burdick (1986)
+/// ArmDynamics 1 to 6 of the PUMA 260. Estimate: the PUMA 560 of Armstrong, Khatib and Burdick (1986)
 /// scaled with k = 0.2032/0.4318, length k, mass k^2, inertia k^4. The moment about z of link 3 is
 /// raised so that it obeys the triangle inequality, which the published value breaks.
 pub const LINKS: [Body; 6] = [
@@ -43,9 +43,9 @@ pub const ROTOR_INERTIA_KG_M2: [f64; 6] = [33e-6, 33e-6, 33e-6, 10e-6, 10e-6, 10
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dynamics {
     bodies: [Body; 6],
-    grouped: Grouped,
+    base_parameters: BaseParameters,
     /// Rotor inertia seen at the joint, `J G^2` (kg m^2).
-    pub reflected_kg_m2: Joints,
+    pub reflected_inertia_kg_m2: Joints,
     /// Acceleration of free fall along -z of the base (m/s^2).
     pub gravity_m_s2: f64,
 }
@@ -60,73 +60,73 @@ impl Dynamics {
     /// The reference arm with another body (in the axes of T6) on its flange.
     #[must_use]
     pub fn with_tool(tool: &Body) -> Dynamics {
-        Dynamics::of_bodies(LINKS, tool)
+        Dynamics::from_bodies(LINKS, tool)
     }
 
     /// The reference arm with other links, and a body on its flange.
     #[must_use]
-    pub fn of_bodies(links: [Body; 6], tool: &Body) -> Dynamics {
+    pub fn from_bodies(links: [Body; 6], tool: &Body) -> Dynamics {
         let arm = Puma260::reference();
         let mut bodies = links;
-        bodies[5] = bodies[5].weld(tool);
+        bodies[5] = bodies[5].combine(tool);
         let gear = Joints::from(GEAR_RATIO);
         let reflected_kg_m2 = Joints::from(ROTOR_INERTIA_KG_M2).component_mul(&gear);
         Dynamics {
             bodies,
-            grouped: Grouped::of(&bodies, (arm.a2_m, arm.d3_m, arm.d4_m)),
-            reflected_kg_m2: reflected_kg_m2.component_mul(&gear),
+            base_parameters: BaseParameters::new(&bodies, (arm.a2_m, arm.d3_m, arm.d4_m)),
+            reflected_inertia_kg_m2: reflected_kg_m2.component_mul(&gear),
             gravity_m_s2: GRAVITY_M_S2,
         }
     }
 
-    /// Links in their distal Denavit-Hartenberg frames; the last one carries the tool.
+    /// ArmDynamics in their distal Denavit-Hartenberg frames; the last one carries the tool.
     #[must_use]
     pub fn bodies(&self) -> &[Body; 6] {
         &self.bodies
     }
 
-    /// Links in the fewest numbers, and free fall.
-    fn falling(&self) -> (&Grouped, f64) {
-        (&self.grouped, self.gravity_m_s2)
+    /// ArmDynamics in the fewest numbers, and free fall.
+    fn falling(&self) -> (&BaseParameters, f64) {
+        (&self.base_parameters, self.gravity_m_s2)
     }
 
     /// Torques that hold the arm against gravity (N m).
     #[must_use]
-    pub fn gravity(&self, q: &Joints) -> Joints {
-        recursion::gravity(self.falling(), &SinCos::of(q))
+    pub fn gravity_torque(&self, q: &Joints) -> Joints {
+        recursion::gravity_torque(self.falling(), &SinCos::new(q))
     }
 
     /// Torques of the rigid links and the tool for a motion (rad, rad/s, rad/s^2 to N m), gravity
     /// included, rotors and friction not.
     #[must_use]
-    pub fn inverse(&self, q: &Joints, qd: &Joints, qdd: &Joints) -> Joints {
-        recursion::newton_euler(self.falling(), &SinCos::of(q), qd, qdd)
+    pub fn inverse_dynamics(&self, q: &Joints, qd: &Joints, qdd: &Joints) -> Joints {
+        recursion::recursive_newton_euler(self.falling(), &SinCos::new(q), qd, qdd)
     }
 
     /// Coriolis, centrifugal and gravity torques (N m).
     #[must_use]
-    pub fn bias(&self, q: &Joints, qd: &Joints) -> Joints {
-        self.bias_at(&SinCos::of(q), qd)
+    pub fn bias_torque(&self, q: &Joints, qd: &Joints) -> Joints {
+        self.bias_torque_at(&SinCos::new(q), qd)
     }
 
     /// [`Dynamics::bias`] at a configuration whose sines are known.
     #[must_use]
-    pub fn bias_at(&self, at: &SinCos, qd: &Joints) -> Joints {
-        recursion::newton_euler(self.falling(), at, qd, &Joints::zeros())
+    pub fn bias_torque_at(&self, at: &SinCos, qd: &Joints) -> Joints {
+        recursion::recursive_newton_euler(self.falling(), at, qd, &Joints::zeros())
     }
 
     /// The mass matrix (kg m^2), rotors included.
     #[must_use]
     pub fn mass_matrix(&self, q: &Joints) -> Matrix6 {
-        self.mass_matrix_at(&SinCos::of(q))
+        self.mass_matrix_at(&SinCos::new(q))
     }
 
     /// [`Dynamics::mass_matrix`] at a configuration whose sines are known.
     #[must_use]
     pub fn mass_matrix_at(&self, at: &SinCos) -> Matrix6 {
-        let mut m = recursion::composite(&self.grouped, at);
+        let mut m = recursion::composite_rigid_body(&self.base_parameters, at);
         for i in 0..6 {
-            m[(i, i)] += self.reflected_kg_m2[i];
+            m[(i, i)] += self.reflected_inertia_kg_m2[i];
         }
         m
     }
@@ -134,22 +134,22 @@ impl Dynamics {
     /// Joint accelerations under joint torques (rad/s^2), rotors included, friction not. NaN for
     /// numbers that are not finite.
     #[must_use]
-    pub fn forward(&self, q: &Joints, qd: &Joints, tau_nm: &Joints) -> Joints {
-        let at = SinCos::of(q);
-        let mut acceleration = tau_nm - self.bias_at(&at, qd);
-        solve_positive(&mut self.mass_matrix_at(&at), &mut acceleration);
+    pub fn forward_dynamics(&self, q: &Joints, qd: &Joints, tau_nm: &Joints) -> Joints {
+        let at = SinCos::new(q);
+        let mut acceleration = tau_nm - self.bias_torque_at(&at, qd);
+        solve_positive_definite(&mut self.mass_matrix_at(&at), &mut acceleration);
         acceleration
     }
 
     /// Kinetic energy (J), rotors included.
     #[must_use]
-    pub fn kinetic_j(&self, q: &Joints, qd: &Joints) -> f64 {
+    pub fn kinetic_energy_j(&self, q: &Joints, qd: &Joints) -> f64 {
         0.5 * qd.dot(&(self.mass_matrix(q) * qd))
     }
 
     /// Potential energy (J), zero with every mass at the height of the base frame.
     #[must_use]
-    pub fn potential_j(&self, q: &Joints) -> f64 {
-        recursion::potential(self.falling(), &SinCos::of(q))
+    pub fn potential_energy_j(&self, q: &Joints) -> f64 {
+        recursion::potential_energy_j(self.falling(), &SinCos::new(q))
     }
 }

@@ -4,75 +4,75 @@
 //! Everything about a link is seen from an origin on its own joint's axis, in axes that turn with
 //! the link; `inward::<J>` leads from the next link to link `J`, counted from 1.
 
-use super::base_parameters::{Grouped, Link};
+use super::base_parameters::{BaseParameters, LinkParameters};
 use crate::spatial::{Joints, Matrix6, SinCos};
 use glam::DVec3;
 
 /// One joint's sine and cosine.
 #[derive(Clone, Copy)]
-struct Turn {
+struct JointRotation {
     s: f64,
     c: f64,
 }
 
-impl Turn {
-    fn of(at: &SinCos, joint: usize) -> Turn {
-        Turn { s: at.s[joint], c: at.c[joint] }
+impl JointRotation {
+    fn new(at: &SinCos, joint: usize) -> JointRotation {
+        JointRotation { s: at.s[joint], c: at.c[joint] }
     }
 
     /// A vector in axes that turned.
     #[inline(always)]
-    fn down(self, v: DVec3) -> DVec3 {
+    fn to_link(self, v: DVec3) -> DVec3 {
         DVec3::new(self.c * v.x + self.s * v.y, self.c * v.y - self.s * v.x, v.z)
     }
 
     /// A vector of the axes that turned in those that did not.
     #[inline(always)]
-    fn up(self, v: DVec3) -> DVec3 {
+    fn to_parent(self, v: DVec3) -> DVec3 {
         DVec3::new(self.c * v.x - self.s * v.y, self.s * v.x + self.c * v.y, v.z)
     }
 }
 
 /// Axes turned by +90 deg about x, seen from those before.
 #[inline(always)]
-fn plus(v: DVec3) -> DVec3 {
+fn rotate_x_plus_90(v: DVec3) -> DVec3 {
     DVec3::new(v.x, -v.z, v.y)
 }
 
 /// The same by -90 deg.
 #[inline(always)]
-fn minus(v: DVec3) -> DVec3 {
+fn rotate_x_minus_90(v: DVec3) -> DVec3 {
     DVec3::new(v.x, v.z, -v.y)
 }
 
 /// How a link moves: angular velocity and acceleration, and the acceleration of its origin with
 /// gravity.
 #[derive(Clone, Copy)]
-struct Moving {
+struct LinkMotion {
     w: DVec3,
     wd: DVec3,
     a: DVec3,
 }
 
-impl Moving {
+impl LinkMotion {
     /// The next link at the same origin, by its joint's turn.
     #[inline(always)]
-    fn turned(self, turn: Turn, qd: f64, qdd: f64) -> Moving {
-        let (mut w, mut wd) = (turn.down(self.w), turn.down(self.wd));
+    fn across_joint(self, turn: JointRotation, qd: f64, qdd: f64) -> LinkMotion {
+        let (mut w, mut wd) = (turn.to_link(self.w), turn.to_link(self.wd));
         // w x (z qd) = (w.y, -w.x, 0) qd
         wd += DVec3::new(w.y * qd, -w.x * qd, qdd);
         w.z += qd;
-        Moving { w, wd, a: turn.down(self.a) }
+        LinkMotion { w, wd, a: turn.to_link(self.a) }
     }
 
     #[inline(always)]
-    fn each(self, map: impl Fn(DVec3) -> DVec3) -> Moving {
-        Moving { w: map(self.w), wd: map(self.wd), a: map(self.a) }
+    fn map(self, map: impl Fn(DVec3) -> DVec3) -> LinkMotion {
+        LinkMotion { w: map(self.w), wd: map(self.wd), a: map(self.a) }
     }
 
     /// From an origin further along x.
     #[inline(always)]
-    fn along_x(mut self, by: f64) -> Moving {
+    fn at_offset_x(mut self, by: f64) -> LinkMotion {
         let (w, wd) = (self.w, self.wd);
         let turning = DVec3::new(-(w.y * w.y + w.z * w.z), w.x * w.y + wd.z, w.x * w.z - wd.y);
         self.a += by * turning;
@@ -81,7 +81,7 @@ impl Moving {
 
     /// From an origin further along z.
     #[inline(always)]
-    fn along_z(mut self, by: f64) -> Moving {
+    fn at_offset_z(mut self, by: f64) -> LinkMotion {
         let (w, wd) = (self.w, self.wd);
         let turning = DVec3::new(w.x * w.z + wd.y, w.y * w.z - wd.x, -(w.x * w.x + w.y * w.y));
         self.a += by * turning;
@@ -99,8 +99,8 @@ struct Wrench {
 impl Wrench {
     /// What moves a link as it moves.
     #[inline(always)]
-    fn of(link: &Link, moving: &Moving) -> Wrench {
-        let Moving { w, wd, a } = *moving;
+    fn new(link: &LinkParameters, moving: &LinkMotion) -> Wrench {
+        let LinkMotion { w, wd, a } = *moving;
         let (hx, hy) = (link.hx, link.hy);
         let (xx, yy, zz) = (w.x * w.x, w.y * w.y, w.z * w.z);
         let (xy, xz, yz) = (w.x * w.y, w.x * w.z, w.y * w.z);
@@ -116,24 +116,24 @@ impl Wrench {
                 link.xz * v.x + link.yz * v.y + link.zz * v.z,
             )
         };
-        Wrench { f, n: turning(wd) + w.cross(turning(w)) + pulled(link, a) }
+        Wrench { f, n: turning(wd) + w.cross(turning(w)) + weight_moment(link, a) }
     }
 
     /// What accelerates everything outwards by 1 rad/s^2 about z.
     #[inline(always)]
-    fn of_unit(outer: &Outer) -> Wrench {
+    fn of_unit_acceleration(outer: &CompositeBody) -> Wrench {
         let f = DVec3::new(-outer.h.y, outer.h.x, 0.0);
         Wrench { f, n: DVec3::new(outer.xz, outer.yz, outer.zz) }
     }
 
     /// The same of the link outside link `J`, whose joint turned, seen from link `J`.
     #[inline(always)]
-    fn inward<const J: usize>(self, arm: &Grouped, turn: Turn) -> Wrench {
-        let (f, n) = (turn.up(self.f), turn.up(self.n));
+    fn in_parent<const J: usize>(self, arm: &BaseParameters, turn: JointRotation) -> Wrench {
+        let (f, n) = (turn.to_parent(self.f), turn.to_parent(self.n));
         match J {
-            5 => Wrench { f: minus(f), n: minus(n) },
-            4 => Wrench { f: plus(f), n: plus(n) }.along_z(arm.d4),
-            3 => Wrench { f: minus(f), n: minus(n) }.along_z(arm.d3),
+            5 => Wrench { f: rotate_x_minus_90(f), n: rotate_x_minus_90(n) },
+            4 => Wrench { f: rotate_x_plus_90(f), n: rotate_x_plus_90(n) }.about_offset_z(arm.d4),
+            3 => Wrench { f: rotate_x_minus_90(f), n: rotate_x_minus_90(n) }.about_offset_z(arm.d3),
             _ => {
                 let moment = DVec3::new(0.0, -f.z, f.y);
                 Wrench { f, n: n + arm.a2 * moment }
@@ -143,80 +143,80 @@ impl Wrench {
 
     /// About an origin from which it is `by` along z.
     #[inline(always)]
-    fn along_z(mut self, by: f64) -> Wrench {
+    fn about_offset_z(mut self, by: f64) -> Wrench {
         (self.n.x, self.n.y) = (self.n.x - by * self.f.y, self.n.y + by * self.f.x);
         self
     }
 
     #[inline(always)]
-    fn and(self, other: Wrench) -> Wrench {
+    fn plus(self, other: Wrench) -> Wrench {
         Wrench { f: self.f + other.f, n: self.n + other.n }
     }
 }
 
 /// Moment about the origin that holds a link in a field of acceleration.
 #[inline(always)]
-fn pulled(link: &Link, a: DVec3) -> DVec3 {
+fn weight_moment(link: &LinkParameters, a: DVec3) -> DVec3 {
     let (hx, hy) = (link.hx, link.hy);
     DVec3::new(hy * a.z, -hx * a.z, hx * a.y - hy * a.x)
 }
 
 /// Part of a moment on link 2 that acts about the axis of joint 1.
 #[inline(always)]
-fn upright(turn: Turn, n: DVec3) -> f64 {
+fn moment_about_vertical(turn: JointRotation, n: DVec3) -> f64 {
     turn.s * n.x + turn.c * n.y
 }
 
 /// Inverse dynamics of the rigid bodies with gravity (N m).
-pub(super) fn newton_euler(
-    (arm, gravity_m_s2): (&Grouped, f64),
+pub(super) fn recursive_newton_euler(
+    (arm, gravity_m_s2): (&BaseParameters, f64),
     at: &SinCos,
     qd: &Joints,
     qdd: &Joints,
 ) -> Joints {
-    let turn: [Turn; 6] = core::array::from_fn(|i| Turn::of(at, i));
+    let turn: [JointRotation; 6] = core::array::from_fn(|i| JointRotation::new(at, i));
     let [two, three, four, five, six] = &arm.links;
-    // Link 1 turns about the vertical; plus(y) is its z.
-    let first = Moving {
+    // LinkParameters 1 turns about the vertical; plus(y) is its z.
+    let first = LinkMotion {
         w: DVec3::new(0.0, qd[0], 0.0),
         wd: DVec3::new(0.0, qdd[0], 0.0),
         a: DVec3::new(0.0, gravity_m_s2, 0.0),
     };
-    let m2 = first.turned(turn[1], qd[1], qdd[1]);
-    let m3 = m2.along_x(arm.a2).turned(turn[2], qd[2], qdd[2]);
+    let m2 = first.across_joint(turn[1], qd[1], qdd[1]);
+    let m3 = m2.at_offset_x(arm.a2).across_joint(turn[2], qd[2], qdd[2]);
     // Into axes turned by -90 deg is out of those turned by +90 deg.
-    let m4 = m3.along_z(arm.d3).each(plus).turned(turn[3], qd[3], qdd[3]);
-    let m5 = m4.along_z(arm.d4).each(minus).turned(turn[4], qd[4], qdd[4]);
-    let m6 = m5.each(plus).turned(turn[5], qd[5], qdd[5]);
-    let w6 = Wrench::of(six, &m6);
-    let w5 = w6.inward::<5>(arm, turn[5]).and(Wrench::of(five, &m5));
-    let w4 = w5.inward::<4>(arm, turn[4]).and(Wrench::of(four, &m4));
-    let w3 = w4.inward::<3>(arm, turn[3]).and(Wrench::of(three, &m3));
-    let w2 = w3.inward::<2>(arm, turn[2]).and(Wrench::of(two, &m2));
-    let about_1 = upright(turn[1], w2.n) + arm.upright * qdd[0];
+    let m4 = m3.at_offset_z(arm.d3).map(rotate_x_plus_90).across_joint(turn[3], qd[3], qdd[3]);
+    let m5 = m4.at_offset_z(arm.d4).map(rotate_x_minus_90).across_joint(turn[4], qd[4], qdd[4]);
+    let m6 = m5.map(rotate_x_plus_90).across_joint(turn[5], qd[5], qdd[5]);
+    let w6 = Wrench::new(six, &m6);
+    let w5 = w6.in_parent::<5>(arm, turn[5]).plus(Wrench::new(five, &m5));
+    let w4 = w5.in_parent::<4>(arm, turn[4]).plus(Wrench::new(four, &m4));
+    let w3 = w4.in_parent::<3>(arm, turn[3]).plus(Wrench::new(three, &m3));
+    let w2 = w3.in_parent::<2>(arm, turn[2]).plus(Wrench::new(two, &m2));
+    let about_1 = moment_about_vertical(turn[1], w2.n) + arm.vertical_inertia * qdd[0];
     Joints::new(about_1, w2.n.z, w3.n.z, w4.n.z, w5.n.z, w6.n.z)
 }
 
 /// The static case (N m): links without mass pull at nothing, they only turn.
-pub(super) fn gravity((arm, gravity_m_s2): (&Grouped, f64), at: &SinCos) -> Joints {
-    let turn: [Turn; 6] = core::array::from_fn(|i| Turn::of(at, i));
+pub(super) fn gravity_torque((arm, gravity_m_s2): (&BaseParameters, f64), at: &SinCos) -> Joints {
+    let turn: [JointRotation; 6] = core::array::from_fn(|i| JointRotation::new(at, i));
     let [two, three, four, five, six] = &arm.links;
-    let a2 = turn[1].down(DVec3::new(0.0, gravity_m_s2, 0.0));
-    let a3 = turn[2].down(a2);
-    let a4 = turn[3].down(plus(a3));
-    let a5 = turn[4].down(minus(a4));
-    let a6 = turn[5].down(plus(a5));
-    let n6 = pulled(six, a6);
-    let n5 = minus(turn[5].up(n6)) + pulled(five, a5);
-    let n4 = plus(turn[4].up(n5)) + pulled(four, a4);
-    let n3 = minus(turn[3].up(n4)) + pulled(three, a3);
-    let n2 = turn[2].up(n3) + pulled(two, a2);
-    Joints::new(upright(turn[1], n2), n2.z, n3.z, n4.z, n5.z, n6.z)
+    let a2 = turn[1].to_link(DVec3::new(0.0, gravity_m_s2, 0.0));
+    let a3 = turn[2].to_link(a2);
+    let a4 = turn[3].to_link(rotate_x_plus_90(a3));
+    let a5 = turn[4].to_link(rotate_x_minus_90(a4));
+    let a6 = turn[5].to_link(rotate_x_plus_90(a5));
+    let n6 = weight_moment(six, a6);
+    let n5 = rotate_x_minus_90(turn[5].to_parent(n6)) + weight_moment(five, a5);
+    let n4 = rotate_x_plus_90(turn[4].to_parent(n5)) + weight_moment(four, a4);
+    let n3 = rotate_x_minus_90(turn[3].to_parent(n4)) + weight_moment(three, a3);
+    let n2 = turn[2].to_parent(n3) + weight_moment(two, a2);
+    Joints::new(moment_about_vertical(turn[1], n2), n2.z, n3.z, n4.z, n5.z, n6.z)
 }
 
 /// A link and everything outside it: first moment and inertia, without mass as its parts are.
 #[derive(Clone, Copy)]
-struct Outer {
+struct CompositeBody {
     h: DVec3,
     xx: f64,
     yy: f64,
@@ -226,19 +226,27 @@ struct Outer {
     yz: f64,
 }
 
-impl Outer {
-    fn of(link: &Link) -> Outer {
+impl CompositeBody {
+    fn new(link: &LinkParameters) -> CompositeBody {
         let h = DVec3::new(link.hx, link.hy, 0.0);
-        Outer { h, xx: link.xx, yy: 0.0, zz: link.zz, xy: link.xy, xz: link.xz, yz: link.yz }
+        CompositeBody {
+            h,
+            xx: link.xx,
+            yy: 0.0,
+            zz: link.zz,
+            xy: link.xy,
+            xz: link.xz,
+            yz: link.yz,
+        }
     }
 
     /// In axes in which its own ones turned about z.
     #[inline(always)]
-    fn up(self, turn: Turn) -> Outer {
-        let Outer { xx, yy, zz, xy, xz, yz, .. } = self;
+    fn to_parent_axes(self, turn: JointRotation) -> CompositeBody {
+        let CompositeBody { xx, yy, zz, xy, xz, yz, .. } = self;
         let bend = turn.s * (xx - yy) + 2.0 * turn.c * xy;
-        Outer {
-            h: turn.up(self.h),
+        CompositeBody {
+            h: turn.to_parent(self.h),
             xx: xx - turn.s * bend,
             yy: yy + turn.s * bend,
             zz,
@@ -249,20 +257,20 @@ impl Outer {
     }
 
     #[inline(always)]
-    fn plus(self) -> Outer {
-        let Outer { xx, yy, zz, xy, xz, yz, .. } = self;
-        Outer { h: plus(self.h), xx, yy: zz, zz: yy, xy: -xz, xz: xy, yz: -yz }
+    fn rotate_x_plus_90(self) -> CompositeBody {
+        let CompositeBody { xx, yy, zz, xy, xz, yz, .. } = self;
+        CompositeBody { h: rotate_x_plus_90(self.h), xx, yy: zz, zz: yy, xy: -xz, xz: xy, yz: -yz }
     }
 
     #[inline(always)]
-    fn minus(self) -> Outer {
-        let Outer { xx, yy, zz, xy, xz, yz, .. } = self;
-        Outer { h: minus(self.h), xx, yy: zz, zz: yy, xy: xz, xz: -xy, yz: -yz }
+    fn rotate_x_minus_90(self) -> CompositeBody {
+        let CompositeBody { xx, yy, zz, xy, xz, yz, .. } = self;
+        CompositeBody { h: rotate_x_minus_90(self.h), xx, yy: zz, zz: yy, xy: xz, xz: -xy, yz: -yz }
     }
 
     /// About an origin from which it is `by` along z.
     #[inline(always)]
-    fn along_z(mut self, by: f64) -> Outer {
+    fn about_offset_z(mut self, by: f64) -> CompositeBody {
         let twice = 2.0 * by * self.h.z;
         (self.xx, self.yy) = (self.xx + twice, self.yy + twice);
         (self.xz, self.yz) = (self.xz - by * self.h.x, self.yz - by * self.h.y);
@@ -271,12 +279,12 @@ impl Outer {
 
     /// See [`Wrench::inward`].
     #[inline(always)]
-    fn inward<const J: usize>(self, arm: &Grouped, turn: Turn) -> Outer {
-        let mut out = self.up(turn);
+    fn in_parent<const J: usize>(self, arm: &BaseParameters, turn: JointRotation) -> CompositeBody {
+        let mut out = self.to_parent_axes(turn);
         match J {
-            5 => out.minus(),
-            4 => out.plus().along_z(arm.d4),
-            3 => out.minus().along_z(arm.d3),
+            5 => out.rotate_x_minus_90(),
+            4 => out.rotate_x_plus_90().about_offset_z(arm.d4),
+            3 => out.rotate_x_minus_90().about_offset_z(arm.d3),
             _ => {
                 let twice = 2.0 * arm.a2 * out.h.x;
                 (out.yy, out.zz) = (out.yy + twice, out.zz + twice);
@@ -287,8 +295,8 @@ impl Outer {
     }
 
     #[inline(always)]
-    fn and(self, link: &Link) -> Outer {
-        Outer {
+    fn with_link(self, link: &LinkParameters) -> CompositeBody {
+        CompositeBody {
             h: DVec3::new(self.h.x + link.hx, self.h.y + link.hy, self.h.z),
             xx: self.xx + link.xx,
             yy: self.yy,
@@ -301,35 +309,35 @@ impl Outer {
 }
 
 /// The mass matrix of the rigid bodies by composite bodies (kg m^2).
-pub(super) fn composite(arm: &Grouped, at: &SinCos) -> Matrix6 {
-    let turn: [Turn; 6] = core::array::from_fn(|i| Turn::of(at, i));
+pub(super) fn composite_rigid_body(arm: &BaseParameters, at: &SinCos) -> Matrix6 {
+    let turn: [JointRotation; 6] = core::array::from_fn(|i| JointRotation::new(at, i));
     let [two, three, four, five, six] = &arm.links;
     // Torques on all joints of an acceleration, from that on a link inwards.
-    let below_2 = |w: Wrench| [upright(turn[1], w.n), w.n.z];
+    let below_2 = |w: Wrench| [moment_about_vertical(turn[1], w.n), w.n.z];
     let below_3 = |w: Wrench| {
-        let [a, b] = below_2(w.inward::<2>(arm, turn[2]));
+        let [a, b] = below_2(w.in_parent::<2>(arm, turn[2]));
         [a, b, w.n.z]
     };
     let below_4 = |w: Wrench| {
-        let [a, b, c] = below_3(w.inward::<3>(arm, turn[3]));
+        let [a, b, c] = below_3(w.in_parent::<3>(arm, turn[3]));
         [a, b, c, w.n.z]
     };
     let below_5 = |w: Wrench| {
-        let [a, b, c, d] = below_4(w.inward::<4>(arm, turn[4]));
+        let [a, b, c, d] = below_4(w.in_parent::<4>(arm, turn[4]));
         [a, b, c, d, w.n.z]
     };
-    let o6 = Outer::of(six);
-    let w6 = Wrench::of_unit(&o6);
-    let [a6, b6, c6, d6, e6] = below_5(w6.inward::<5>(arm, turn[5]));
-    let o5 = o6.inward::<5>(arm, turn[5]).and(five);
-    let [a5, b5, c5, d5, e5] = below_5(Wrench::of_unit(&o5));
-    let o4 = o5.inward::<4>(arm, turn[4]).and(four);
-    let [a4, b4, c4, d4] = below_4(Wrench::of_unit(&o4));
-    let o3 = o4.inward::<3>(arm, turn[3]).and(three);
-    let [a3, b3, c3] = below_3(Wrench::of_unit(&o3));
-    let o2 = o3.inward::<2>(arm, turn[2]).and(two);
-    let [a2, b2] = below_2(Wrench::of_unit(&o2));
-    let a1 = arm.upright + o2.up(turn[1]).yy;
+    let o6 = CompositeBody::new(six);
+    let w6 = Wrench::of_unit_acceleration(&o6);
+    let [a6, b6, c6, d6, e6] = below_5(w6.in_parent::<5>(arm, turn[5]));
+    let o5 = o6.in_parent::<5>(arm, turn[5]).with_link(five);
+    let [a5, b5, c5, d5, e5] = below_5(Wrench::of_unit_acceleration(&o5));
+    let o4 = o5.in_parent::<4>(arm, turn[4]).with_link(four);
+    let [a4, b4, c4, d4] = below_4(Wrench::of_unit_acceleration(&o4));
+    let o3 = o4.in_parent::<3>(arm, turn[3]).with_link(three);
+    let [a3, b3, c3] = below_3(Wrench::of_unit_acceleration(&o3));
+    let o2 = o3.in_parent::<2>(arm, turn[2]).with_link(two);
+    let [a2, b2] = below_2(Wrench::of_unit_acceleration(&o2));
+    let a1 = arm.vertical_inertia + o2.to_parent_axes(turn[1]).yy;
     Matrix6::from_columns(&[
         Joints::new(a1, a2, a3, a4, a5, a6),
         Joints::new(a2, b2, b3, b4, b5, b6),
@@ -341,12 +349,12 @@ pub(super) fn composite(arm: &Grouped, at: &SinCos) -> Matrix6 {
 }
 
 /// Potential energy (J): the first moment of all links, carried inwards to the base.
-pub(super) fn potential((arm, gravity_m_s2): (&Grouped, f64), at: &SinCos) -> f64 {
-    let turn: [Turn; 6] = core::array::from_fn(|i| Turn::of(at, i));
+pub(super) fn potential_energy_j((arm, gravity_m_s2): (&BaseParameters, f64), at: &SinCos) -> f64 {
+    let turn: [JointRotation; 6] = core::array::from_fn(|i| JointRotation::new(at, i));
     let [two, three, four, five, six] = arm.links.map(|link| DVec3::new(link.hx, link.hy, 0.0));
-    let h5 = minus(turn[5].up(six)) + five;
-    let h4 = plus(turn[4].up(h5)) + four;
-    let h3 = minus(turn[3].up(h4)) + three;
-    let h2 = turn[2].up(h3) + two;
-    gravity_m_s2 * (arm.raised + turn[1].up(h2).y)
+    let h5 = rotate_x_minus_90(turn[5].to_parent(six)) + five;
+    let h4 = rotate_x_plus_90(turn[4].to_parent(h5)) + four;
+    let h3 = rotate_x_minus_90(turn[3].to_parent(h4)) + three;
+    let h2 = turn[2].to_parent(h3) + two;
+    gravity_m_s2 * (arm.vertical_first_moment + turn[1].to_parent(h2).y)
 }

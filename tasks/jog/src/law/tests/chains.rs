@@ -3,7 +3,7 @@
 
 use super::super::*;
 use core::f64::consts::{FRAC_PI_2, PI};
-use taktil_mechanics::chain::{Chain, Dh, JointSpec};
+use taktil_mechanics::chain::{Chain, DhRow, JointSpec};
 
 const DT_S: f64 = 0.0025;
 
@@ -17,7 +17,7 @@ fn chain<const N: usize>(rows: [(f64, f64, f64); N]) -> Chain<N> {
             acceleration_max: 15.0,
             ..JointSpec::default()
         };
-        Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
+        DhRow { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
     });
     Chain::from_dh(&dh, &Pose::IDENTITY).unwrap()
 }
