@@ -1,11 +1,10 @@
-//! What the planning and leading of motion has to know of an arm, whatever solves its kinematics:
-//! limits, tool pose, joints for a pose, distance from singularities, a follower of tool paths, and
-//! the torques of its links. Refuses to say how: the PUMA 260 does it in closed form
-//! ([`Puma260`](crate::puma260::Puma260)), any other chain by damped steps
-//! ([`Chain`](crate::chain::Chain)).
+//! The interface between an arm and the code that plans and tracks its motion: limits, tool pose,
+//! inverse kinematics, distance from singularities, a follower of tool paths, and the rigid-body
+//! dynamics. The PUMA 260 implements it in closed form ([`Puma260`](crate::puma260::Puma260)), any
+//! other chain by damped least-squares steps ([`Chain`](crate::chain::Chain)).
 //!
-//! Dispatch is settled when the code is compiled: what runs for the PUMA 260 is what would run if
-//! there were no other arm.
+//! The traits are resolved at compile time: the code that runs for the PUMA 260 is the code that
+//! would run if there were no other arm.
 
 use core::fmt::{self, Debug};
 
@@ -13,9 +12,9 @@ use crate::spatial::{JointMatrix, JointVector, Pose};
 
 /// An arm of `N` joints.
 pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
-    /// Leads the arm along a tool path.
+    /// Finds the joints for one pose of a tool path after another.
     type Follower: PathFollower<N>;
-    /// The arm's masses.
+    /// The rigid-body dynamics of the arm.
     type Dynamics: ArmDynamics<N>;
 
     /// Lower joint limits (rad or m).
@@ -32,37 +31,40 @@ pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
 
     /// The tool frame in the base frame.
     fn tool_pose(&self, q: &JointVector<N>) -> Pose;
-    /// The joints that reach a tool pose within the limits nearest to `before`, as far as they are
-    /// found; the work is bounded, for a lane.
+    /// Joints inside the limits that reach the tool pose `tool` (base frame), near `before` (rad or
+    /// m). `None` where none are found. The work is bounded, so that a lane may call it.
     fn inverse_kinematics_near(
         &self,
         tool: &Pose,
         before: &JointVector<N>,
     ) -> Option<JointVector<N>>;
-    /// False for a tool pose that cannot be reached at all; true may be a pose that cannot either.
+    /// A necessary condition of reachability at little cost: false only for a tool pose (base frame)
+    /// that no joints reach. A pose for which it is true may be out of reach nevertheless.
     fn is_within_reach_bound(&self, tool: &Pose) -> bool;
-    /// Whether some joints within the limits reach a tool pose; searched with patience, not for a
-    /// lane.
+    /// Whether some joints inside the limits reach the tool pose `tool` (base frame). It searches
+    /// from many starts and takes too long for a lane.
     fn is_reachable(&self, tool: &Pose) -> bool;
-    /// Scaled distances from singularities, in size: of shoulder, elbow and wrist where the arm has
-    /// these names; else the smallest singular value of the Jacobian, lengths counted in mean
-    /// links, in all three places.
+    /// Absolute values of the scaled distances from the singularities of shoulder, elbow and wrist,
+    /// between 0 and 1. An arm without these singularities returns three times the smallest
+    /// singular value of its Jacobian, with lengths divided by its mean link length.
     fn singularity_distances(&self, q: &JointVector<N>) -> [f64; 3];
-    /// Starts to follow tool paths from rest at `q`.
+    /// A follower of tool paths that starts from rest at `q` (rad or m).
     fn follower(&self, q: &JointVector<N>) -> Self::Follower;
 
-    /// Whether every joint lies inside its limits as it stands; NaN does not.
+    /// Whether every joint of `q` (rad or m), without any shift by whole turns, lies inside its
+    /// limits. NaN does not.
     fn within_limits(&self, q: &JointVector<N>) -> bool {
         (0..N).all(|i| self.q_min()[i] <= q[i] && q[i] <= self.q_max()[i])
     }
 
-    /// How far `joint` may go from `here` on the way to `to` (rad or m): to its limit, or to where
-    /// a tool that is led straight cannot come back from.
+    /// How far `joint` may move from `here` in the direction of `to` (rad or m, not negative): up to
+    /// its limit, or up to a singularity beyond which a straight motion of the tool cannot return.
     fn remaining_travel(&self, joint: usize, here: &JointVector<N>, to: &JointVector<N>) -> f64 {
         self.travel_to_limit(joint, here, to).max(0.0)
     }
 
-    /// How far `joint` may go from `here` on the way to `to` until its limit; negative beyond it.
+    /// How far `joint` may move from `here` in the direction of `to` until its limit (rad or m);
+    /// negative where `here` is beyond the limit.
     fn travel_to_limit(&self, joint: usize, here: &JointVector<N>, to: &JointVector<N>) -> f64 {
         if to[joint] > here[joint] {
             self.q_max()[joint] - here[joint]
@@ -72,40 +74,41 @@ pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
     }
 }
 
-/// The masses of an arm of `N` joints, motors included, friction not.
+/// The rigid-body dynamics of an arm of `N` joints. The inertia of the motors is included, friction
+/// is not. Torques of prismatic joints are forces (N).
 pub trait ArmDynamics<const N: usize>: Clone + Debug + Send + 'static {
-    /// The mass matrix (kg m^2).
+    /// The mass matrix at `q` (kg m^2), symmetric and positive definite.
     fn mass_matrix(&self, q: &JointVector<N>) -> JointMatrix<N>;
-    /// Coriolis, centrifugal and gravity torques (N m).
+    /// Coriolis, centrifugal and gravity torques at `q` (rad) and `qd` (rad/s) (N m).
     fn bias_torque(&self, q: &JointVector<N>, qd: &JointVector<N>) -> JointVector<N>;
-    /// Torques that hold the arm against gravity (N m).
+    /// The torques that hold the arm at rest at `q` (rad) against gravity (N m).
     fn gravity_torque(&self, q: &JointVector<N>) -> JointVector<N>;
 }
 
-/// Follows a path of tool poses tick by tick from where it was started.
+/// Finds the joints along a path of tool poses, tick by tick, from the joints where it started.
 pub trait PathFollower<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
-    /// The joints of the last tick (rad).
+    /// The joints of the last tick (rad or m).
     fn joints(&self) -> &JointVector<N>;
 
-    /// The joints for tool pose `tool` (base frame) one tick of `dt_s` (s) after the last.
+    /// The joints for the tool pose `tool` (base frame), one tick of `dt_s` (s) after the last one.
     ///
     /// # Errors
-    /// [`FollowError`]; the joints stay as they were.
+    /// [`FollowError`] where the arm cannot follow; the joints of the last tick are kept.
     fn step(&mut self, tool: &Pose, dt_s: f64) -> Result<FollowerStep<N>, FollowError>;
 }
 
-/// The joints of one tick, and what they miss.
+/// The joints of one tick and the error of the tool pose that they leave.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FollowerStep<const N: usize = 6> {
-    /// Joint angles (rad).
+    /// Joint values (rad or m).
     pub q: JointVector<N>,
     /// Distance of the tool point from its path (m).
     pub position_error_m: f64,
-    /// Angle between the tool's orientation and the one wanted (rad).
+    /// Angle between the tool's orientation and that of the path (rad).
     pub orientation_error_rad: f64,
 }
 
-/// Why a path cannot be followed any further.
+/// The reason why a path cannot be followed any further.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum FollowError {
@@ -116,14 +119,14 @@ pub enum FollowError {
         /// Index of the joint.
         joint: usize,
     },
-    /// This joint (0 is the first) would have to be faster than its limit by this ratio.
+    /// This joint (0 is the first) would have to move faster than its limit.
     SpeedLimit {
         /// Index of the joint.
         joint: usize,
-        /// Speed wanted over the speed allowed, above 1.
+        /// Required speed over the largest speed, above 1.
         ratio: f64,
     },
-    /// The path has ended, and this joint (0 is the first) did not catch up with it in time.
+    /// The path has ended, and this joint (0 is the first) did not settle at the goal in time.
     NotSettled {
         /// Index of the joint.
         joint: usize,

@@ -77,7 +77,7 @@ impl Rig {
         let (drive, motor) = (Drive::reference(), gears.motor_torque(&torque));
         let mut codes = [DacCode(0); CHANNELS];
         for i in 0..6 {
-            codes[i] = DacCode(drive.code(motor[i], i));
+            codes[i] = DacCode(drive.dac_code(motor[i], i));
         }
         let watchdog_feed = self.tick % 2 == 0;
         let lines = LinesOut { enable: true, brake_release: true, watchdog_feed };

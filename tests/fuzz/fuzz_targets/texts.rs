@@ -41,7 +41,7 @@ fn arm(text: &str) {
     if let Ok(chain) = described.chain::<6>() {
         let q = Vector::<6>::repeat(0.3);
         rigid("pose", &chain.tool_pose(&q));
-        finite("gravity", chain.gravity_torque(&q).iter());
+        finite("gravity", chain.gravity(&q).iter());
     }
     if let Ok(chain) = described.chain::<7>() {
         rigid("pose", &chain.tool_pose(&Vector::<7>::repeat(0.3)));
