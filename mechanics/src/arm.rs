@@ -38,8 +38,8 @@ pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
         tool: &Pose,
         before: &JointVector<N>,
     ) -> Option<JointVector<N>>;
-    /// A necessary condition of reachability at little cost: false only for a tool pose (base frame)
-    /// that no joints reach. A pose for which it is true may be out of reach nevertheless.
+    /// A necessary condition of reachability at little cost: false only for a tool pose (base
+    /// frame) that no joints reach. A pose for which it is true may be out of reach nevertheless.
     fn is_within_reach_bound(&self, tool: &Pose) -> bool;
     /// Whether some joints inside the limits reach the tool pose `tool` (base frame). It searches
     /// from many starts and takes too long for a lane.
@@ -57,8 +57,9 @@ pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
         (0..N).all(|i| self.q_min()[i] <= q[i] && q[i] <= self.q_max()[i])
     }
 
-    /// How far `joint` may move from `here` in the direction of `to` (rad or m, not negative): up to
-    /// its limit, or up to a singularity beyond which a straight motion of the tool cannot return.
+    /// How far `joint` may move from `here` in the direction of `to` (rad or m, not negative): up
+    /// to its limit, or up to a singularity beyond which a straight motion of the tool cannot
+    /// return.
     fn remaining_travel(&self, joint: usize, here: &JointVector<N>, to: &JointVector<N>) -> f64 {
         self.travel_to_limit(joint, here, to).max(0.0)
     }

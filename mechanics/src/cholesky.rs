@@ -2,7 +2,9 @@
 
 use crate::spatial::{JointMatrix, JointVector};
 
-/// Solves a symmetric positive definite system by Cholesky in place; NaN where it is neither.
+/// Solves `m x = b` for a symmetric positive definite matrix `m` by Cholesky factorisation, in
+/// place: the lower triangle of `m` becomes the factor and `b` the solution. Only the lower
+/// triangle of `m` is read. The solution is NaN where `m` is not positive definite.
 pub(crate) fn solve_positive_definite<const N: usize>(
     m: &mut JointMatrix<N>,
     b: &mut JointVector<N>,
@@ -12,7 +14,7 @@ pub(crate) fn solve_positive_definite<const N: usize>(
         for k in 0..j {
             d -= m[(j, k)] * m[(j, k)];
         }
-        // The square root of a negative number is the NaN that is promised.
+        // The square root of a negative number makes the NaN that the caller is promised.
         let root = d.sqrt();
         m[(j, j)] = root;
         for i in j + 1..N {

@@ -7,9 +7,9 @@
 use crate::spatial::{Joints, Matrix6};
 use nalgebra::Vector6;
 
-/// The joint speeds `qd` (rad/s) that minimise `|J qd - x|^2 + lambda^2 |qd|^2`, that is `qd = J^T (J
-/// J^T + lambda^2 I)^-1 x` with equal weights of all rows. `jacobian` is J with rows vx vy vz wx wy
-/// wz, `twist` is x = `[v; w]` (m/s, rad/s) in the frame of the Jacobian, `lambda` has the mixed
+/// The joint speeds `qd` (rad/s) that minimise `|J qd - x|^2 + lambda^2 |qd|^2`, that is `qd = J^T
+/// (J J^T + lambda^2 I)^-1 x` with equal weights of all rows. `jacobian` is J with rows vx vy vz wx
+/// wy wz, `twist` is x = `[v; w]` (m/s, rad/s) in the frame of the Jacobian, `lambda` has the mixed
 /// units of the Jacobian and its sign does not matter.
 ///
 /// The 12 by 6 system `[J; lambda I]` is solved by Householder reflections, which unlike the normal
@@ -50,9 +50,9 @@ pub fn damped_least_squares(
     qd.iter().all(|x| x.is_finite()).then_some(qd)
 }
 
-/// Applies the Householder reflection that zeroes column `k` of the stacked matrix below its diagonal
-/// to all later columns and to the right-hand side `b`. Columns are stored as rows of `a`. Returns
-/// the new diagonal element.
+/// Applies the Householder reflection that zeroes column `k` of the stacked matrix below its
+/// diagonal to all later columns and to the right-hand side `b`. Columns are stored as rows of `a`.
+/// Returns the new diagonal element.
 fn apply_householder_reflection(a: &mut [[f64; 12]; 6], b: &mut [f64; 12], k: usize) -> f64 {
     let norm = a[k][k..].iter().map(|x| x * x).sum::<f64>().sqrt();
     if norm == 0.0 {
@@ -91,8 +91,8 @@ pub fn damping_squared(distance: f64, threshold: f64, lambda_max: f64) -> f64 {
 }
 
 /// The joint speeds `qd` times one common factor, so that no joint is faster than `limit` (both
-/// rad/s) and the direction of the motion is kept, and that factor in `[0, 1]`. For a vector that is
-/// not finite both are 0.
+/// rad/s) and the direction of the motion is kept, and that factor in `[0, 1]`. For a vector that
+/// is not finite both are 0.
 #[must_use]
 pub fn scale_to_speed_limits(qd: &Joints, limit: &Joints) -> (Joints, f64) {
     if !qd.iter().all(|x| x.is_finite()) {

@@ -1,7 +1,7 @@
-//! The check of a whole move before it starts. It tracks the path tick by tick until the arm rests at
-//! its goal. The first limit that the move would exceed is reported with joint and time. A feasible
-//! move is reported with its figures: duration, speeds, torques, distances from singularities and
-//! errors of the path.
+//! The check of a whole move before it starts. It tracks the path tick by tick until the arm rests
+//! at its goal. The first limit that the move would exceed is reported with joint and time. A
+//! feasible move is reported with its figures: duration, speeds, torques, distances from
+//! singularities and errors of the path.
 //!
 //! [`FeasibilityCheck`] checks a few ticks in each call, for a lane that has a deadline;
 //! [`FeasibilityReport::of`] checks the whole move in one call.
@@ -121,8 +121,8 @@ impl fmt::Display for Infeasible {
             ),
             Infeasible::PathDeviation { position_error_m, orientation_error_rad, t_s } => write!(
                 f,
-                "past the wrist singularity the tool would be {:.3} mm and {orientation_error_rad:.4} rad off \
-                 its path after {t_s:.3} s of the move",
+                "past the wrist singularity the tool would be {:.3} mm and \
+                 {orientation_error_rad:.4} rad off its path after {t_s:.3} s of the move",
                 position_error_m * 1e3
             ),
             Infeasible::StartMismatch { distance } => {
@@ -195,8 +195,8 @@ impl<const N: usize> Evaluation<N> {
         }
     }
 
-    /// Checks the joints `q` (rad) of the tick at `t_s` (s): in every tick their speed since the last
-    /// one and their distance from singularities, in one of [`TORQUE_CHECK_TICKS`] the torque.
+    /// Checks the joints `q` (rad) of the tick at `t_s` (s): in every tick their speed since the
+    /// last one and their distance from singularities, in one of [`TORQUE_CHECK_TICKS`] the torque.
     fn step<A: Arm<N>>(
         &mut self,
         q: &JointVector<N>,
@@ -230,8 +230,8 @@ impl<const N: usize> Evaluation<N> {
         Ok(())
     }
 
-    /// Checks the torque at the last sample. Its velocity and acceleration are central differences of
-    /// the samples before and after it; `q` (rad) is the one after it.
+    /// Checks the torque at the last sample. Its velocity and acceleration are central differences
+    /// of the samples before and after it; `q` (rad) is the one after it.
     fn check_torque<A: Arm<N>>(
         &mut self,
         q: &JointVector<N>,
@@ -305,8 +305,8 @@ pub struct FeasibilityCheck<const N: usize = 6, A: Arm<N> = Puma260> {
 }
 
 impl<const N: usize, A: Arm<N>> FeasibilityCheck<N, A> {
-    /// A check of the whole `path` from rest at the joints `start` (rad). A tool path is followed on
-    /// the branch of the inverse kinematics to which `start` belongs.
+    /// A check of the whole `path` from rest at the joints `start` (rad). A tool path is followed
+    /// on the branch of the inverse kinematics to which `start` belongs.
     ///
     /// # Errors
     /// [`Infeasible::StartMismatch`] and [`Infeasible::InvalidTick`].
@@ -326,7 +326,8 @@ impl<const N: usize, A: Arm<N>> FeasibilityCheck<N, A> {
         })
     }
 
-    /// A check of the rest of `path` from the time `start_s` (s) on, to which `tracker` has tracked it.
+    /// A check of the rest of `path` from the time `start_s` (s) on, to which `tracker` has tracked
+    /// it.
     ///
     /// # Errors
     /// [`Infeasible::InvalidTick`].
@@ -379,8 +380,8 @@ impl<const N: usize, A: Arm<N>> FeasibilityCheck<N, A> {
         if self.is_complete() { FeasibilityStatus::Feasible } else { FeasibilityStatus::InProgress }
     }
 
-    /// Whether the arm has rested at its goal for long enough that the torque which brought it to rest
-    /// has been checked.
+    /// Whether the arm has rested at its goal for long enough that the torque which brought it to
+    /// rest has been checked.
     fn is_complete(&self) -> bool {
         let is_last = |finished| self.tick >= self.ticks.max(finished + 2 * TORQUE_CHECK_TICKS - 1);
         self.finished_tick.is_some_and(is_last)

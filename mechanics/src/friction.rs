@@ -13,8 +13,8 @@ pub struct Friction<const N: usize = 6> {
 }
 
 impl Friction<6> {
-    /// Estimate: joint-side values of the PUMA 560 (Armstrong, Khatib and Burdick 1986) times
-    /// 0.104, the cube of the ratio of lengths.
+    /// An estimate for the PUMA 260: the values of the PUMA 560 at its joints (Armstrong, Khatib
+    /// and Burdick 1986) times 0.104, the cube of the ratio of lengths.
     #[must_use]
     pub fn reference() -> Friction<6> {
         Friction {
@@ -25,8 +25,8 @@ impl Friction<6> {
 }
 
 impl<const N: usize> Friction<N> {
-    /// The torque a motor must add to keep joints moving at `qd` (rad/s): `viscous qd + coulomb
-    /// sign(qd)`, the sign of 0 being 0 (N m).
+    /// The torque that overcomes friction at the joint speeds `qd` (rad/s): `viscous qd + coulomb
+    /// sign(qd)` with a sign of 0 at rest (N m).
     #[must_use]
     pub fn torque_nm(&self, qd: &JointVector<N>) -> JointVector<N> {
         let sign = qd.map(|v| if v == 0.0 { 0.0 } else { v.signum() });

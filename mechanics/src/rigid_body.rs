@@ -1,5 +1,6 @@
-//! The inertial parameters of one rigid body (mass, centre of mass, inertia tensor), their change of
-//! frame and their sum. Both models of an arm, the PUMA 260 and the general chain, are made of them.
+//! The inertial parameters of one rigid body (mass, centre of mass, inertia tensor), their change
+//! of frame and their sum. Both models of an arm, the PUMA 260 and the general chain, are made of
+//! them.
 
 use crate::spatial::Pose;
 use glam::{DMat3, DVec3};
@@ -19,7 +20,8 @@ pub struct Body {
 }
 
 impl Body {
-    /// A body whose axes of inertia are those of the link.
+    /// A body whose principal axes of inertia are parallel to those of the link frame: mass (kg),
+    /// centre of mass (m), moments of inertia about the centre of mass (kg m^2).
     #[must_use]
     pub const fn diagonal(mass_kg: f64, com_m: [f64; 3], inertia_kg_m2: [f64; 3]) -> Body {
         let [x, y, z] = inertia_kg_m2;
@@ -34,28 +36,28 @@ impl Body {
         }
     }
 
-    /// The same body of so many times the density.
+    /// The same body with `factor` times its density.
     #[must_use]
-    pub fn with_density_factor(&self, by: f64) -> Body {
+    pub fn with_density_factor(&self, factor: f64) -> Body {
         Body {
-            mass_kg: by * self.mass_kg,
+            mass_kg: factor * self.mass_kg,
             com_m: self.com_m,
-            inertia_kg_m2: by * self.inertia_kg_m2,
+            inertia_kg_m2: factor * self.inertia_kg_m2,
         }
     }
 
-    /// The body of a frame that stands at `pose` in another, seen from that other one.
+    /// The same body expressed in an outer frame, in which its own frame stands at `pose`.
     #[must_use]
     pub fn expressed_in(&self, pose: &Pose) -> Body {
-        let turn = pose.rotation;
+        let rotation = pose.rotation;
         Body {
             mass_kg: self.mass_kg,
             com_m: pose.apply(self.com_m),
-            inertia_kg_m2: turn * self.inertia_kg_m2 * turn.transpose(),
+            inertia_kg_m2: rotation * self.inertia_kg_m2 * rotation.transpose(),
         }
     }
 
-    /// Two bodies of one frame, welded.
+    /// The rigid union of two bodies, both expressed in the same frame.
     #[must_use]
     pub fn combine(&self, other: &Body) -> Body {
         let mass_kg = self.mass_kg + other.mass_kg;
@@ -68,7 +70,8 @@ impl Body {
     }
 }
 
-/// The inertia of a point mass `m` (kg) at `r` (m) about the origin (kg m^2).
+/// The inertia of a point mass `m` (kg) at `r` (m) about the origin (kg m^2): the term of the
+/// parallel axis theorem (Steiner).
 pub(crate) fn parallel_axis_inertia(m: f64, r: DVec3) -> DMat3 {
     let square = r.length_squared();
     m * DMat3::from_cols(
@@ -78,8 +81,8 @@ pub(crate) fn parallel_axis_inertia(m: f64, r: DVec3) -> DMat3 {
     )
 }
 
-/// What a first moment `h` adds to the inertia when the origin moves by `-p`:
-/// `2 h.p I - h p^T - p h^T`.
+/// The term that a first moment `h` (kg m) adds to the inertia about the origin when the origin
+/// moves by `-p` (m): `2 h.p I - h p^T - p h^T` (kg m^2).
 pub(crate) fn first_moment_inertia(h: DVec3, p: DVec3) -> DMat3 {
     let both = 2.0 * h.dot(p);
     DMat3::from_cols(

@@ -1,6 +1,6 @@
-//! Tracking of a path tick by tick, until the arm rests at its goal. A tool path that passes a wrist
-//! singularity may end before the joints have caught up with it; then the tracker goes on until the
-//! arm has settled, for at most [`SETTLING_TIME_MAX_S`].
+//! Tracking of a path tick by tick, until the arm rests at its goal. A tool path that passes a
+//! wrist singularity may end before the joints have caught up with it; then the tracker goes on
+//! until the arm has settled, for at most [`SETTLING_TIME_MAX_S`].
 //!
 //! The same code checks a move before it starts ([`feasibility`](crate::feasibility)) and makes it,
 //! so that the motion that was checked is the motion that runs.
@@ -56,8 +56,8 @@ pub struct PathTracker<const N: usize = 6, A: Arm<N> = Puma260> {
 /// The result of one tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackerStep<const N: usize = 6> {
-    /// The setpoint of the joints. Along a tool path its speeds and accelerations are differences of
-    /// the last ticks.
+    /// The setpoint of the joints. Along a tool path its speeds and accelerations are differences
+    /// of the last ticks.
     pub setpoint: Setpoint<N>,
     /// Distance of the tool point from its path (m); 0 along a joint path.
     pub position_error_m: f64,
@@ -110,8 +110,8 @@ impl<const N: usize, A: Arm<N>> PathTracker<N, A> {
     /// Goes on to the time `t_s` (s) of `path`, one tick of `dt_s` (s) after the last one.
     ///
     /// # Errors
-    /// [`FollowError`] along a tool path. Where the follower reports it, the joints of the last tick
-    /// are kept.
+    /// [`FollowError`] along a tool path. Where the follower reports it, the joints of the last
+    /// tick are kept.
     pub fn step(
         &mut self,
         arm: &A,

@@ -1,7 +1,8 @@
 //! Any serial chain of turning and sliding joints: forward kinematics, Jacobians, rigid-body
 //! dynamics, and the inverse by damped steps; arms of six joints with a spherical wrist are
-//! recognised and solved in closed form ([`spherical_wrist`]). Refuses trees, loops, and sizes that are not
-//! known when the code is compiled: the number of joints is a constant, so nothing here allocates.
+//! recognised and solved in closed form ([`spherical_wrist`]). Refuses trees, loops, and sizes that
+//! are not known when the code is compiled: the number of joints is a constant, so nothing here
+//! allocates.
 //!
 //! A chain is described by its joints ([`JointSpec`]), from Denavit-Hartenberg rows
 //! ([`Chain::from_dh`]) or from any frames and axes. Inside, every joint moves about or along the z

@@ -1,11 +1,11 @@
-//! Paul's Cartesian motion: the tool runs straight lines between poses, rounded at the corners by
-//! the same quartic as joint paths; its orientation turns by Paul's two-angle drive or about one
-//! axis (Paul 1981, chapter 5). Refuses, at construction, paths it could not follow; whether an arm
-//! can is not its question.
+//! Paul's Cartesian motion: the tool moves along straight lines between poses, rounded at the
+//! corners by the same quartic as joint paths. Its orientation rotates by Paul's drive transform or
+//! about one axis (Paul 1981, chapter 5). Whether an arm can follow the path is checked elsewhere
+//! ([`feasibility`](crate::feasibility)).
 //!
-//! With Paul's own blend the direction psi of the turn moves at a constant rate through a corner,
-//! so that the angular velocity steps by `2 sin(theta/2) dpsi / (2 tau)` where a transition begins
-//! and ends. [`Blend::Smooth`] and [`Blend::So3`] do not step.
+//! With Paul's own blend the direction psi of the rotation changes at a constant rate through a
+//! corner, so that the angular velocity steps by `2 sin(theta/2) dpsi / (2 tau)` where a transition
+//! begins and ends. With [`Blend::Smooth`] and [`Blend::So3`] it is continuous.
 
 use glam::{DMat3, DVec3};
 
@@ -14,58 +14,60 @@ use super::timing::{PathPhase, Timing, check_counts};
 use super::{MAX_POINTS, PathError};
 use crate::spatial::{Pose, rotation_from_vector, rotation_vector};
 
-/// How far `R R^T` of a point may be from the identity.
+/// Largest difference of an element of `R^T R` of a point from that of the identity (1).
 const ROTATION_TOLERANCE: f64 = 1e-6;
 
-/// How the orientation passes a corner.
+/// The blend of the orientation at a corner.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Blend {
-    /// As published: psi moves linearly through the transition; the angular velocity steps.
+    /// As published: psi changes linearly through the transition, and the angular velocity steps.
     Paul,
-    /// psi moves with `h^3 (10 - 15 h + 6 h^2)`: no step.
+    /// psi changes with `h^3 (10 - 15 h + 6 h^2)`, so that the angular velocity is continuous.
     #[default]
     Smooth,
-    /// Rotation vectors before and after the corner fade out and in; segments turn about one axis.
-    /// Twice continuously differentiable, and it never turns further than needed.
+    /// Rotation vectors before and after the corner are weighted by the quartic, and each segment
+    /// rotates about one axis. The orientation is twice continuously differentiable and never
+    /// rotates further than needed.
     So3,
 }
 
-/// A setpoint of the tool, all in the base frame.
+/// A setpoint of the tool, in the base frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseSetpoint {
-    /// Where the tool is to be.
+    /// Desired pose of the tool frame.
     pub pose: Pose,
-    /// Velocity of its origin (m/s).
+    /// Velocity of the origin of the tool frame (m/s).
     pub velocity_m_s: DVec3,
-    /// Its angular velocity (rad/s).
+    /// Angular velocity of the tool frame (rad/s).
     pub angular_rad_s: DVec3,
 }
 
 impl PoseSetpoint {
-    /// At rest at `pose`.
+    /// The setpoint at rest at `pose`.
     #[must_use]
     pub fn rest(pose: &Pose) -> PoseSetpoint {
         PoseSetpoint { pose: *pose, velocity_m_s: DVec3::ZERO, angular_rad_s: DVec3::ZERO }
     }
 }
 
-/// How the orientation goes through one corner, seen from the corner's own frame.
+/// The rotation through the transition at one corner, in the axes of the corner's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum CornerRotation {
-    /// psi from where it starts by a sweep; theta and phi before the corner, and after it per tau.
-    TwoAngle { psi: f64, sweep: f64, before: DriveTransform, after: DriveTransform },
-    /// Rotation vectors to the point tau before the corner and to the one tau after it.
+    /// psi at the start of the transition and its change (rad); the drive transforms to the point
+    /// tau before the corner and to the point tau after it.
+    TwoAngle { psi: f64, psi_change: f64, before: DriveTransform, after: DriveTransform },
+    /// Rotation vectors to the point tau before the corner and to the point tau after it (rad).
     RotationVectors { before: DVec3, after: DVec3 },
 }
 
-/// How the orientation goes along one segment, seen from its first point.
+/// The rotation along one segment, in the axes of its first point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum SegmentRotation {
     TwoAngle(DriveTransform),
     RotationVector(DVec3),
 }
 
-/// A path of the tool, of fixed size. With one pose it is a rest of two tau.
+/// A path of the tool, of fixed size. With one pose it is a rest that lasts two tau.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CartesianPath {
     points: [Pose; MAX_POINTS],
@@ -75,8 +77,9 @@ pub struct CartesianPath {
     blend: Blend,
 }
 
-/// The quartic of a transition: the parts of the way from before and to after the corner, and
-/// their rates (1/s).
+/// The quartic of a transition at one instant: the weights of the displacements to the point before
+/// and to the point after the corner, and the rates of the weights (1/s). `fraction` is the elapsed
+/// part of the transition, 0 to 1.
 struct TransitionBlend {
     fraction: f64,
     weight_after: f64,
@@ -101,11 +104,12 @@ impl TransitionBlend {
 }
 
 impl CartesianPath {
-    /// A path through tool `poses`, segment i taking `t_s[i]` (s), transitions of half time `tau_s`
-    /// (s) at every point, rest before the first and after the last.
+    /// A path through the tool poses `poses` (base frame), where segment i takes `t_s[i]` (s) and
+    /// every pose has a transition of half time `tau_s` (s). The tool rests before the first and
+    /// after the last pose.
     ///
     /// # Errors
-    /// See [`PathError`]. A segment of no length is allowed: it is a wait or a turn on the spot.
+    /// [`PathError`]. A segment without length is allowed: it is a wait or a rotation on the spot.
     pub fn new(
         poses: &[Pose],
         t_s: &[f64],
@@ -120,10 +124,10 @@ impl CartesianPath {
         Ok(path)
     }
 
-    /// A rest at `pose`, to be laid on from there.
+    /// A path of one pose, at rest at `pose` (base frame), to which poses can be appended.
     ///
     /// # Errors
-    /// As [`CartesianPath::restart`].
+    /// Those of [`CartesianPath::restart`].
     pub fn rest(pose: &Pose, tau_s: f64, blend: Blend) -> Result<CartesianPath, PathError> {
         let none = CornerRotation::RotationVectors { before: DVec3::ZERO, after: DVec3::ZERO };
         let mut path = CartesianPath {
@@ -137,10 +141,10 @@ impl CartesianPath {
         Ok(path)
     }
 
-    /// Forgets the path and rests at `pose`, in place.
+    /// Replaces the path in place by a rest at `pose` (base frame).
     ///
     /// # Errors
-    /// A pose that is none, a `tau_s` (s) that is not positive.
+    /// [`PathError::InvalidPose`], [`PathError::TransitionTime`].
     pub fn restart(&mut self, pose: &Pose, tau_s: f64, blend: Blend) -> Result<(), PathError> {
         self.timing.restart(tau_s)?;
         self.blend = blend;
@@ -149,18 +153,20 @@ impl CartesianPath {
         Ok(())
     }
 
-    /// Goes on to `pose` in `time_s` (s) and ends there, in place: the corner before is laid anew,
-    /// now that the way goes on from it.
+    /// Appends, in place, a segment that reaches `pose` (base frame) after `time_s` (s) and ends
+    /// there. The transition at the corner before it is computed again, because the path now goes
+    /// on there.
     ///
     /// # Errors
-    /// A full path, a pose that is none, a time that is not positive or leaves no room for two
-    /// transitions. The path is spoilt then.
+    /// [`PathError`] where the path is full, the pose is not a pose, or the time is not positive or
+    /// too short for two transitions. The path must not be used after an error.
     pub fn push(&mut self, pose: &Pose, time_s: f64) -> Result<(), PathError> {
         let point = self.timing.point_count();
         self.set_point(point, pose)?;
-        // Orientations turn by two and a half turns at most, drives and their sweeps together.
-        let way = (pose.translation - self.points[point - 1].translation).length().max(16.0);
-        self.timing.push(time_s, way)?;
+        // Below 16 rad, which is more than two and a half turns, lie all angles of an orientation:
+        // its drive transform and the change of psi together.
+        let distance = (pose.translation - self.points[point - 1].translation).length().max(16.0);
+        self.timing.push(time_s, distance)?;
         self.segment_rotations[point - 1] = self.segment_rotation(point - 1);
         self.corner_rotations[point - 1] = self.corner_rotation(point - 1);
         self.corner_rotations[point] = self.corner_rotation(point);
@@ -176,6 +182,7 @@ impl CartesianPath {
         Ok(())
     }
 
+    /// The rotation along segment `segment`.
     fn segment_rotation(&self, segment: usize) -> SegmentRotation {
         let (from, to) = (&self.points[segment].rotation, &self.points[segment + 1].rotation);
         match self.blend {
@@ -186,6 +193,7 @@ impl CartesianPath {
         }
     }
 
+    /// The rotation through the transition at corner `corner`.
     fn corner_rotation(&self, corner: usize) -> CornerRotation {
         let tau = self.timing.tau_s();
         let here = &self.points[corner].rotation;
@@ -211,17 +219,17 @@ impl CartesianPath {
         });
         let after =
             (!last).then(|| DriveTransform::between(here, &self.points[corner + 1].rotation));
-        let (psi, sweep) = align_directions(before.as_mut(), after.as_ref());
+        let (psi, psi_change) = align_directions(before.as_mut(), after.as_ref());
         let mut after = after.unwrap_or_default();
         if !last {
             after.theta *= share(corner);
             after.phi *= share(corner);
         }
-        CornerRotation::TwoAngle { psi, sweep, before: before.unwrap_or_default(), after }
+        CornerRotation::TwoAngle { psi, psi_change, before: before.unwrap_or_default(), after }
     }
 
-    /// Orientation at the part `r` of a segment, and its change over the whole segment as a vector
-    /// in the base frame (rad).
+    /// The orientation after the part `r` of a segment, and the change of orientation per whole
+    /// segment at that place as a vector in the base frame (rad).
     fn rotation_along(&self, segment: usize, r: f64) -> (DMat3, DVec3) {
         let from = &self.points[segment].rotation;
         match &self.segment_rotations[segment] {
@@ -237,32 +245,32 @@ impl CartesianPath {
         }
     }
 
-    /// How long the move takes (s): all segments and two tau.
+    /// Duration of the move (s): all segments and two tau.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.timing.duration_s()
     }
 
-    /// When each corner is (s).
+    /// Times of the corners (s).
     #[must_use]
     pub fn corners_s(&self) -> &[f64] {
         self.timing.corners_s()
     }
 
-    /// The half time of the transitions (s).
+    /// Half time tau of the transitions (s).
     #[must_use]
     pub fn tau_s(&self) -> f64 {
         self.timing.tau_s()
     }
 
-    /// The poses.
+    /// The poses of the path (base frame).
     #[must_use]
     pub fn points(&self) -> &[Pose] {
         &self.points[..self.timing.point_count()]
     }
 
-    /// The setpoint at `t_s`: the first pose at rest before the start (NaN counts as before), the
-    /// last pose at rest from the end on.
+    /// The setpoint at `t_s` (s). Before the start, and for NaN, it is the first pose at rest; from
+    /// the end on it is the last pose at rest.
     #[must_use]
     pub fn at(&self, t_s: f64) -> PoseSetpoint {
         match self.timing.phase(t_s) {
@@ -273,6 +281,7 @@ impl CartesianPath {
         }
     }
 
+    /// The setpoint on a segment, `since` (s) after the corner where it starts.
     fn segment(&self, corner: usize, since: f64) -> PoseSetpoint {
         let time = self.timing.segment_time_s(corner);
         let (rotation, change) = self.rotation_along(corner, since / time);
@@ -285,49 +294,51 @@ impl CartesianPath {
         }
     }
 
+    /// The setpoint on the transition at a corner, `since` (s) after the corner, from -tau to tau.
     fn transition(&self, corner: usize, since: f64) -> PoseSetpoint {
         let tau = self.timing.tau_s();
-        let fade = TransitionBlend::at(since, tau);
+        let weights = TransitionBlend::at(since, tau);
         let here = &self.points[corner];
         let speed_before = if corner == 0 { DVec3::ZERO } else { self.velocity_after(corner - 1) };
         let (before, after) = (speed_before * -tau, self.velocity_after(corner) * tau);
         let (turn, rate) =
-            transition_rotation(&self.corner_rotations[corner], &fade, tau, self.blend);
+            transition_rotation(&self.corner_rotations[corner], &weights, tau, self.blend);
         PoseSetpoint {
             pose: Pose::new(
                 here.rotation * turn,
-                here.translation + before * fade.weight_before + after * fade.weight_after,
+                here.translation + before * weights.weight_before + after * weights.weight_after,
             ),
-            velocity_m_s: before * fade.rate_before + after * fade.rate_after,
+            velocity_m_s: before * weights.rate_before + after * weights.rate_after,
             angular_rad_s: here.rotation * rate,
         }
     }
 
-    /// Velocity of the segment that starts at a corner (m/s); 0 at the last.
+    /// Velocity of the segment that starts at a corner (m/s); 0 at the last corner.
     fn velocity_after(&self, corner: usize) -> DVec3 {
         if corner + 1 >= self.timing.point_count() {
             return DVec3::ZERO;
         }
-        let way = self.points[corner + 1].translation - self.points[corner].translation;
-        way / self.timing.segment_time_s(corner)
+        let displacement = self.points[corner + 1].translation - self.points[corner].translation;
+        displacement / self.timing.segment_time_s(corner)
     }
 }
 
-/// The turn inside a transition and its angular velocity (rad/s), in the corner's frame.
+/// The rotation and the angular velocity (rad/s) inside a transition, in the axes of the corner's
+/// frame.
 fn transition_rotation(
     corner: &CornerRotation,
-    fade: &TransitionBlend,
+    weights: &TransitionBlend,
     tau: f64,
     blend: Blend,
 ) -> (DMat3, DVec3) {
     match corner {
         CornerRotation::RotationVectors { before, after } => {
-            let out = rotation_from_vector(*before * fade.weight_before);
-            let angular = *before * fade.rate_before + out * (*after * fade.rate_after);
-            (out * rotation_from_vector(*after * fade.weight_after), angular)
+            let out = rotation_from_vector(*before * weights.weight_before);
+            let angular = *before * weights.rate_before + out * (*after * weights.rate_after);
+            (out * rotation_from_vector(*after * weights.weight_after), angular)
         }
-        CornerRotation::TwoAngle { psi, sweep, before, after } => {
-            let h = fade.fraction;
+        CornerRotation::TwoAngle { psi, psi_change, before, after } => {
+            let h = weights.fraction;
             let (part, rate) = match blend {
                 Blend::Paul => (h, 0.5 / tau),
                 Blend::Smooth | Blend::So3 => {
@@ -336,20 +347,21 @@ fn transition_rotation(
                 }
             };
             let now = DriveTransform {
-                psi: psi + sweep * part,
-                theta: before.theta * fade.weight_before + after.theta * fade.weight_after,
-                phi: before.phi * fade.weight_before + after.phi * fade.weight_after,
+                psi: psi + psi_change * part,
+                theta: before.theta * weights.weight_before + after.theta * weights.weight_after,
+                phi: before.phi * weights.weight_before + after.phi * weights.weight_after,
             };
             let rates = DriveTransform {
-                psi: sweep * rate,
-                theta: before.theta * fade.rate_before + after.theta * fade.rate_after,
-                phi: before.phi * fade.rate_before + after.phi * fade.rate_after,
+                psi: psi_change * rate,
+                theta: before.theta * weights.rate_before + after.theta * weights.rate_after,
+                phi: before.phi * weights.rate_before + after.phi * weights.rate_after,
             };
             (now.rotation(), now.angular_velocity(&rates))
         }
     }
 }
 
+/// Whether a pose is finite and its matrix a rotation, within [`ROTATION_TOLERANCE`].
 fn is_rigid_transform(pose: &Pose) -> bool {
     let r = pose.rotation;
     let off = r.transpose() * r - DMat3::IDENTITY;

@@ -1,5 +1,6 @@
-//! Turns between two orientations by Paul's two-angle drive (Paul 1981, chapter 5). Refuses
-//! translations: those are straight lines.
+//! Paul's drive transform between two orientations (Paul 1981, chapter 5): the rotation by two
+//! angles in which the approach axis takes the shortest way. Translations are straight lines and
+//! not part of it.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 
@@ -7,12 +8,12 @@ use glam::{DMat3, DVec3};
 
 use crate::spatial::{rotation_y, rotation_z, wrap_angle};
 
-/// Below this a turn of the approach axis has no direction (rad).
+/// Below this angle theta the rotation of the approach axis has no direction psi (rad).
 const THETA_MIN_RAD: f64 = 1e-9;
 
-/// Paul's drive: the approach axis turns by `theta` about the axis (-sin psi, cos psi, 0) of the
-/// first frame, then the hand by `phi` about it. In Euler's terms z-y-z with
-/// (psi, theta, phi - psi). All in rad.
+/// Paul's drive transform: the approach axis rotates by `theta` about the axis (-sin psi, cos psi,
+/// 0) of the first frame, then the hand by `phi` about the approach axis. These are the Euler
+/// angles z-y-z (psi, theta, phi - psi). All angles are in rad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct DriveTransform {
     pub(super) psi: f64,
@@ -21,47 +22,50 @@ pub(super) struct DriveTransform {
 }
 
 impl DriveTransform {
-    /// The drive that turns `from` into `to`.
+    /// The drive transform from the orientation `from` to the orientation `to`.
     pub(super) fn between(from: &DMat3, to: &DMat3) -> DriveTransform {
-        let seen = from.transpose() * *to;
-        let (nx, ny, nz) = (seen.z_axis.x, seen.z_axis.y, seen.z_axis.z);
+        let relative = from.transpose() * *to;
+        let (nx, ny, nz) = (relative.z_axis.x, relative.z_axis.y, relative.z_axis.z);
         let psi = libm::atan2(ny, nx);
         let theta = libm::atan2(libm::hypot(nx, ny), nz);
         let (sin_psi, cos_psi) = libm::sincos(psi);
         let (sin_theta, cos_theta) = libm::sincos(theta);
         let versine = 1.0 - cos_theta;
-        // The second axis of the frame turned by theta alone; phi is measured from it.
-        let second = DVec3::new(
+        // The y axis of the frame after the rotation by theta alone, from which phi is measured.
+        let y_axis = DVec3::new(
             -sin_psi * cos_psi * versine,
             cos_psi * cos_psi * versine + cos_theta,
             -sin_psi * sin_theta,
         );
-        let phi = libm::atan2(second.dot(seen.x_axis), second.dot(seen.y_axis));
+        let phi = libm::atan2(y_axis.dot(relative.x_axis), y_axis.dot(relative.y_axis));
         DriveTransform { psi, theta, phi }
     }
 
-    /// The rotation of the drive.
+    /// The rotation matrix of the drive transform.
     pub(super) fn rotation(&self) -> DMat3 {
         rotation_z(self.psi) * rotation_y(self.theta) * rotation_z(self.phi - self.psi)
     }
 
-    /// Angular velocity (rad/s) in the axes of the first frame, for rates in rad/s.
+    /// The angular velocity (rad/s) in the axes of the first frame, at the rates `rate` of the
+    /// three angles (rad/s).
     pub(super) fn angular_velocity(&self, rate: &DriveTransform) -> DVec3 {
-        let swung = rotation_z(self.psi);
+        let about_psi = rotation_z(self.psi);
         DVec3::Z * rate.psi
-            + swung.y_axis * rate.theta
-            + (swung * rotation_y(self.theta)).z_axis * (rate.phi - rate.psi)
+            + about_psi.y_axis * rate.theta
+            + (about_psi * rotation_y(self.theta)).z_axis * (rate.phi - rate.psi)
     }
 
-    /// Whether theta is too small for psi to mean anything.
+    /// Whether theta is too small for the direction psi to be defined.
     fn has_no_direction(&self) -> bool {
         self.theta.abs() < THETA_MIN_RAD
     }
 }
 
-/// Brings the directions of the drives before and after a corner together, so that psi sweeps less
-/// than a quarter turn: wrap, then turn one of them round, then wrap again. Returns the sweep of
-/// psi from `before.psi`. `None` is a rest: that side takes the other's direction.
+/// Aligns the directions psi of the drive transforms before and after a corner, so that psi changes
+/// by at most a quarter turn: where the wrapped difference is larger, `before` is replaced by the
+/// same rotation with psi half a turn further and theta negative. Returns psi at the start of the
+/// transition and its change (rad). `None` stands for a rest, which takes the direction of the
+/// other side.
 pub(super) fn align_directions(
     before: Option<&mut DriveTransform>,
     after: Option<&DriveTransform>,
@@ -82,8 +86,8 @@ pub(super) fn align_directions(
             }
             (before.psi, sweep)
         }
-        (Some(one), None) => (one.psi, 0.0),
-        (None, Some(one)) => (one.psi, 0.0),
+        (Some(drive), None) => (drive.psi, 0.0),
+        (None, Some(drive)) => (drive.psi, 0.0),
         (None, None) => (0.0, 0.0),
     }
 }

@@ -1,11 +1,12 @@
 //! Paul's joint motion: straight segments between points, rounded at the corners by a quartic that
-//! keeps speed and acceleration continuous (Paul 1981, chapter 5; Paul 1979). Refuses, point by
-//! point as a path is laid, what it could not follow; evaluation refuses nothing. A path is laid in
-//! place and never copied by itself: it is a few kB, and a lane lays one point a job.
+//! keeps speed and acceleration continuous (Paul 1981, chapter 5; Paul 1979). A path that could not
+//! be followed is refused point by point while it is built; its evaluation cannot fail. A path is
+//! built in place and never copied, because it is a few kB and a lane appends one point a job.
 //!
-//! JointKind starts at t = 0. Corner i is at `c_i = tau + T_1 + .. + T_i`; within tau of a corner the
-//! transition runs, elsewhere the segment; the move ends at `c_n + tau`. Inner points are rounded,
-//! not hit: at the corner the path is 3/16 tau dv away, dv being the change of speed.
+//! Motion starts at t = 0. Corner i is at `c_i = tau + T_1 + .. + T_i`. Within tau of a corner the
+//! transition runs, elsewhere the segment, and the move ends at `c_n + tau`. Inner points are
+//! rounded and not reached: at the corner the path is 3/16 tau dv away from the point, where dv is
+//! the change of speed.
 
 pub mod cartesian;
 mod drive_transform;
@@ -16,7 +17,7 @@ use core::fmt;
 use crate::spatial::JointVector;
 use timing::{PathPhase, Timing, check_counts};
 
-/// Most points of a path.
+/// Largest number of points of a path.
 pub const MAX_POINTS: usize = 32;
 
 /// A setpoint of the joints.
@@ -31,32 +32,32 @@ pub struct Setpoint<const N: usize = 6> {
 }
 
 impl<const N: usize> Setpoint<N> {
-    /// At rest at `q`.
+    /// The setpoint at rest at `q` (rad).
     #[must_use]
     pub fn rest(q: &JointVector<N>) -> Setpoint<N> {
         Setpoint { q: *q, qd: JointVector::zeros(), qdd: JointVector::zeros() }
     }
 }
 
-/// Why a path was refused.
+/// The reason why points and times do not make a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum PathError {
     /// Fewer than two points.
     TooFewPoints {
-        /// How many there were.
+        /// Number of points.
         points: usize,
     },
     /// More than [`MAX_POINTS`].
     TooManyPoints {
-        /// How many there were.
+        /// Number of points.
         points: usize,
     },
     /// The number of segment times is not one less than the number of points.
     SegmentCount {
-        /// Times wanted.
+        /// Number of segments between the points.
         expected: usize,
-        /// Times given.
+        /// Number of times.
         actual: usize,
     },
     /// A joint of a point is NaN or infinite.
@@ -66,7 +67,7 @@ pub enum PathError {
         /// Index of the joint.
         joint: usize,
     },
-    /// A pose is not finite, or its rotation is none.
+    /// A pose is not finite, or its matrix is not a rotation.
     InvalidPose {
         /// Index of the point.
         point: usize,
@@ -78,22 +79,22 @@ pub enum PathError {
         /// The time (s).
         time_s: f64,
     },
-    /// The transition half time tau is NaN, infinite, zero or negative, or so short that one over
-    /// its square is no number.
+    /// The transition half time tau is NaN, infinite, zero or negative, or so short that the
+    /// reciprocal of its square is not finite.
     TransitionTime {
         /// The time (s).
         tau_s: f64,
     },
-    /// A segment's speed, or the acceleration of its transitions, is beyond all numbers.
+    /// The speed of a segment, or the acceleration of its transitions, is not finite.
     Overflow {
         /// Index of the segment.
         segment: usize,
     },
-    /// tau is longer than half a segment, its transitions would overlap.
+    /// The transitions at both ends of a segment would overlap: tau is longer than half its time.
     TransitionsOverlap {
         /// Index of the segment.
         segment: usize,
-        /// The segment's time (s).
+        /// The time of the segment (s).
         time_s: f64,
         /// tau (s).
         tau_s: f64,
@@ -143,7 +144,7 @@ impl fmt::Display for PathError {
 
 impl std::error::Error for PathError {}
 
-/// A path of joint motion, of fixed size. With one point it is a rest of two tau.
+/// A path through joint angles, of fixed size. With one point it is a rest that lasts two tau.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointPath<const N: usize = 6> {
     points: [JointVector<N>; MAX_POINTS],
@@ -151,11 +152,12 @@ pub struct JointPath<const N: usize = 6> {
 }
 
 impl<const N: usize> JointPath<N> {
-    /// A path through `points` (rad), segment i taking `t_s[i]` (s), transitions of half time
-    /// `tau_s` (s) at every point, rest before the first and after the last.
+    /// A path through `points` (rad), where segment i takes `t_s[i]` (s) and every point has a
+    /// transition of half time `tau_s` (s). The arm rests before the first and after the last
+    /// point.
     ///
     /// # Errors
-    /// See [`PathError`]. A segment of no length is allowed: it is a wait.
+    /// [`PathError`]. A segment without length is allowed: it is a wait.
     pub fn new(
         points: &[JointVector<N>],
         t_s: &[f64],
@@ -169,10 +171,10 @@ impl<const N: usize> JointPath<N> {
         Ok(path)
     }
 
-    /// A rest at `q` (rad), to be laid on from there.
+    /// A path of one point, at rest at `q` (rad), to which points can be appended.
     ///
     /// # Errors
-    /// As [`JointPath::restart`].
+    /// Those of [`JointPath::restart`].
     pub fn rest(q: &JointVector<N>, tau_s: f64) -> Result<JointPath<N>, PathError> {
         let points = [JointVector::zeros(); MAX_POINTS];
         let mut path = JointPath { points, timing: Timing::new(tau_s)? };
@@ -180,25 +182,25 @@ impl<const N: usize> JointPath<N> {
         Ok(path)
     }
 
-    /// Forgets the path and rests at `q` (rad), in place.
+    /// Replaces the path in place by a rest at `q` (rad).
     ///
     /// # Errors
-    /// A joint that is not finite, a `tau_s` (s) that is not positive.
+    /// [`PathError::PointNotFinite`], [`PathError::TransitionTime`].
     pub fn restart(&mut self, q: &JointVector<N>, tau_s: f64) -> Result<(), PathError> {
         self.timing.restart(tau_s)?;
         self.set_point(0, q)
     }
 
-    /// Goes on to `q` (rad) in `time_s` (s) and ends there, in place.
+    /// Appends, in place, a segment that reaches `q` (rad) after `time_s` (s) and ends there.
     ///
     /// # Errors
-    /// A full path, a joint that is not finite, a time that is not positive or leaves no room for
-    /// two transitions. The path is spoilt then.
+    /// [`PathError`] where the path is full, a joint is not finite, or the time is not positive or
+    /// too short for two transitions. The path must not be used after an error.
     pub fn push(&mut self, q: &JointVector<N>, time_s: f64) -> Result<(), PathError> {
         let point = self.timing.point_count();
         self.set_point(point, q)?;
-        let way = (q - self.points[point - 1]).amax();
-        self.timing.push(time_s, way)
+        let distance = (q - self.points[point - 1]).amax();
+        self.timing.push(time_s, distance)
     }
 
     fn set_point(&mut self, point: usize, q: &JointVector<N>) -> Result<(), PathError> {
@@ -210,32 +212,32 @@ impl<const N: usize> JointPath<N> {
         Ok(())
     }
 
-    /// How long the move takes (s): all segments and two tau.
+    /// Duration of the move (s): all segments and two tau.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.timing.duration_s()
     }
 
-    /// When each corner is (s).
+    /// Times of the corners (s).
     #[must_use]
     pub fn corners_s(&self) -> &[f64] {
         self.timing.corners_s()
     }
 
-    /// The half time of the transitions (s).
+    /// Half time tau of the transitions (s).
     #[must_use]
     pub fn tau_s(&self) -> f64 {
         self.timing.tau_s()
     }
 
-    /// The points (rad).
+    /// The points of the path (rad).
     #[must_use]
     pub fn points(&self) -> &[JointVector<N>] {
         &self.points[..self.timing.point_count()]
     }
 
-    /// The setpoint at `t_s`: the first point at rest before the start (NaN counts as before), the
-    /// last point at rest from the end on.
+    /// The setpoint at `t_s` (s). Before the start, and for NaN, it is the first point at rest;
+    /// from the end on it is the last point at rest.
     #[must_use]
     pub fn at(&self, t_s: f64) -> Setpoint<N> {
         match self.timing.phase(t_s) {
@@ -249,7 +251,8 @@ impl<const N: usize> JointPath<N> {
         }
     }
 
-    /// The quartic about a corner, `since` from -tau to tau after it.
+    /// The setpoint on the quartic of the transition at a corner, `since` (s) after the corner,
+    /// from -tau to tau.
     fn transition(&self, corner: usize, since: f64) -> Setpoint<N> {
         let tau = self.timing.tau_s();
         let b = &self.points[corner];
@@ -264,12 +267,12 @@ impl<const N: usize> JointPath<N> {
         }
     }
 
-    /// Speed of the segment that ends at a corner (rad/s); 0 at the first.
+    /// Velocity of the segment that ends at a corner (rad/s); 0 at the first corner.
     fn velocity_before(&self, corner: usize) -> JointVector<N> {
         if corner == 0 { JointVector::zeros() } else { self.velocity_after(corner - 1) }
     }
 
-    /// Speed of the segment that starts at a corner (rad/s); 0 at the last.
+    /// Velocity of the segment that starts at a corner (rad/s); 0 at the last corner.
     fn velocity_after(&self, corner: usize) -> JointVector<N> {
         if corner + 1 >= self.timing.point_count() {
             return JointVector::zeros();
@@ -277,37 +280,38 @@ impl<const N: usize> JointPath<N> {
         (self.points[corner + 1] - self.points[corner]) / self.timing.segment_time_s(corner)
     }
 
-    /// Largest speed of each joint on the whole path (rad/s): that of its fastest segment.
+    /// Largest speed of each joint on the whole path (rad/s), which is that of its fastest segment.
     #[must_use]
     pub fn peak_speed(&self) -> JointVector<N> {
         (0..self.timing.point_count())
-            .fold(JointVector::zeros(), |top, i| top.sup(&self.velocity_after(i).abs()))
+            .fold(JointVector::zeros(), |largest, i| largest.sup(&self.velocity_after(i).abs()))
     }
 
-    /// Largest acceleration of each joint on the whole path (rad/s^2): that at its sharpest corner.
+    /// Largest acceleration of each joint on the whole path (rad/s^2), over all corners.
     #[must_use]
     pub fn peak_acceleration(&self) -> JointVector<N> {
         let corners = 0..self.timing.point_count();
-        corners.fold(JointVector::zeros(), |top, i| top.sup(&self.corner_acceleration(i)))
+        corners.fold(JointVector::zeros(), |largest, i| largest.sup(&self.corner_acceleration(i)))
     }
 
-    /// Largest acceleration of each joint at corner `corner` (rad/s^2): 3/4 dv/tau. That of the
-    /// last one changes when the path goes on.
+    /// Largest acceleration of each joint at corner `corner` (rad/s^2): 3/4 dv/tau. The value of
+    /// the last corner changes when a point is appended.
     #[must_use]
     pub fn corner_acceleration(&self, corner: usize) -> JointVector<N> {
         let change = self.velocity_after(corner) - self.velocity_before(corner);
         change.abs() * (0.75 / self.timing.tau_s())
     }
 
-    /// Speed of each joint in segment `segment`, in size (rad/s).
+    /// Absolute speed of each joint in segment `segment` (rad/s).
     #[must_use]
     pub fn segment_speed(&self, segment: usize) -> JointVector<N> {
         self.velocity_after(segment).abs()
     }
 }
 
-/// The shortest time (s) of a segment whose joints stay within `speed_max` (rad/s) and that leaves
-/// room for two transitions. Infinite when a speed is not positive and its joint moves.
+/// The shortest time (s) of a segment from `from` to `to` (rad) whose joints stay within
+/// `speed_max` (rad/s) and which is long enough for two transitions of half time `tau_s` (s).
+/// Infinite where a joint moves whose largest speed is not positive.
 #[must_use]
 pub fn segment_time_s<const N: usize>(
     from: &JointVector<N>,
