@@ -1,4 +1,4 @@
-//! The PUMA 260 as planning and leading see an arm. Refuses nothing of its own.
+//! The PUMA 260 as an [`Arm`]: its closed forms behind the traits of planning and tracking.
 
 use super::Puma260;
 use super::dynamics::Dynamics;
@@ -6,8 +6,8 @@ use super::follower::Follower;
 use crate::arm::{Arm, ArmDynamics, FollowError, FollowerStep, PathFollower};
 use crate::spatial::{Joints, Matrix6, Pose, wrap_angle};
 
-/// How far from a singularity joints 1 and 3 are stopped when the tool is led by hand (rad): at the
-/// singularity itself no tool is slow enough for them to come back.
+/// Angle from a singularity at which joints 1 and 3 are stopped when an operator jogs the arm
+/// (rad). At the singularity itself no motion of the tool is slow enough for them to come back.
 const SINGULARITY_MARGIN_RAD: f64 = 0.01;
 
 impl Arm<6> for Puma260 {
@@ -61,8 +61,8 @@ impl Arm<6> for Puma260 {
         Follower::new(self, q)
     }
 
-    /// Joint 1 not to where the wrist centre is beside its axis, nor joint 3 to where the arm is
-    /// stretched.
+    /// Beside its limit, joint 1 stops before the shoulder singularity, and joint 3 before the
+    /// elbow singularity, where the arm is stretched.
     fn remaining_travel(&self, joint: usize, here: &Joints, to: &Joints) -> f64 {
         let limit = self.travel_to_limit(joint, here, to);
         let reach = |q: &Joints| self.singularity_distance(q).shoulder.abs();

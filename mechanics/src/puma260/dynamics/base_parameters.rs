@@ -1,18 +1,22 @@
-//! The arm's inertia in the fewest numbers: what of a link does not tell its own turning from that
-//! of the link before it is handed on inwards (Gautier and Khalil 1990). A link is left with no
-//! mass, a first moment across its joint's axis and five moments of inertia; the recursions of the
-//! module beside are written for such links. Refuses any chain but the PUMA's: its twists are here.
+//! The base inertial parameters of the PUMA 260: the smallest set of numbers that determines its
+//! torques (Gautier and Khalil 1990). The part of a link's inertia that acts in the same way as a
+//! part of the link before it is regrouped to that link. A link is left with no mass, a first
+//! moment perpendicular to the axis of its joint and five moments of inertia, for which the
+//! recursions are written.
 //!
-//! All of it is exact: the torques are those of the bodies, to rounding.
+//! The regrouping is exact: the torques are those of the bodies to rounding. The twists of the PUMA
+//! 260 are written into the code.
 
+use crate::puma260::Puma260;
 use crate::rigid_body::{Body, first_moment_inertia, parallel_axis_inertia};
 use glam::{DMat3, DVec3};
 
-/// A link that turns about its z axis, seen from an origin on that axis, in axes that turn with it:
-/// no mass, nothing along the axis, no moment of inertia about y.
+/// The base parameters of a link that rotates about its z axis, about an origin on that axis and in
+/// axes that rotate with it. Its mass, its first moment along z and its moment of inertia about y
+/// are zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct LinkParameters {
-    /// First moment (kg m).
+    /// First moment of mass (kg m).
     pub(super) hx: f64,
     pub(super) hy: f64,
     /// Inertia about the origin (kg m^2).
@@ -23,28 +27,40 @@ pub(super) struct LinkParameters {
     pub(super) zz: f64,
 }
 
-/// The whole arm.
+/// The base parameters of the whole arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct BaseParameters {
-    /// Moment of inertia of link 1 about the vertical (kg m^2).
+    /// Moment of inertia of link 1 about the vertical axis of joint 1 (kg m^2).
     pub(super) vertical_inertia: f64,
-    /// Its first moment along the vertical (kg m).
+    /// First moment of link 1 along the vertical (kg m).
     pub(super) vertical_first_moment: f64,
-    /// ArmDynamics 2 to 6.
+    /// Links 2 to 6.
     pub(super) links: [LinkParameters; 5],
-    /// From the shoulder's axis to the elbow's, along x (m).
+    /// Distance from the axis of joint 2 to that of joint 3, along x (m).
     pub(super) a2: f64,
-    /// Along the elbow's axis to the next one's, and along that to the wrist's centre (m).
+    /// Offset along the axis of joint 3, and distance along the axis of joint 4 to the wrist centre
+    /// (m).
     pub(super) d3: f64,
     pub(super) d4: f64,
 }
 
-/// Turn about x from a joint's axis to the next one's: signs of `(sin, cos)`, a quarter turn or
-/// none.
-const TWIST_SIN_COS: [(f64, f64); 6] =
-    [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0)];
+/// Sine and cosine of the twist about x from the axis of a joint to that of the next one.
+struct Twist {
+    sin: f64,
+    cos: f64,
+}
 
-/// Mass, first moment and inertia about an origin.
+/// The twists of the six joints: +90, 0, -90, +90, -90 and 0 deg.
+const TWISTS: [Twist; 6] = [
+    Twist { sin: 1.0, cos: 0.0 },
+    Twist { sin: 0.0, cos: 1.0 },
+    Twist { sin: -1.0, cos: 0.0 },
+    Twist { sin: 1.0, cos: 0.0 },
+    Twist { sin: -1.0, cos: 0.0 },
+    Twist { sin: 0.0, cos: 1.0 },
+];
+
+/// Mass (kg), first moment (kg m) and inertia (kg m^2) about an origin.
 #[derive(Clone, Copy)]
 struct Moments {
     mass: f64,
@@ -53,26 +69,28 @@ struct Moments {
 }
 
 impl Moments {
-    /// A body of a link's frame about the origin of the joint before it, in axes of that joint that
-    /// turn with the link; `offset` leads from that origin to the frame, in the frame's axes.
-    fn new(body: &Body, offset: DVec3, turn: DMat3) -> Moments {
+    /// The moments of `body`, which is given in the frame of its link, about the origin of the
+    /// joint of that link. `offset` is the vector from that origin to the frame, in the axes of the
+    /// frame (m). `twist` takes the axes of the frame to those of the joint, which rotate with the
+    /// link.
+    fn new(body: &Body, offset: DVec3, twist: DMat3) -> Moments {
         let com = body.com_m + offset;
         let inertia = body.inertia_kg_m2 + parallel_axis_inertia(body.mass_kg, com);
         Moments {
             mass: body.mass_kg,
-            first: turn * (body.mass_kg * com),
-            inertia: turn * inertia * turn.transpose(),
+            first: twist * (body.mass_kg * com),
+            inertia: twist * inertia * twist.transpose(),
         }
     }
 
-    /// What does not notice a turn about z, taken out: a mass on the axis and equal moments of
-    /// inertia across it.
+    /// Takes out the part that a rotation about z does not change, and returns it: the mass and
+    /// first moment on the axis, and equal moments of inertia about x and y.
     fn take_regrouped(&mut self) -> Moments {
-        let across = self.inertia.y_axis.y;
+        let transverse = self.inertia.y_axis.y;
         let axial = Moments {
             mass: self.mass,
             first: DVec3::new(0.0, 0.0, self.first.z),
-            inertia: DMat3::from_diagonal(DVec3::new(across, across, 0.0)),
+            inertia: DMat3::from_diagonal(DVec3::new(transverse, transverse, 0.0)),
         };
         self.mass = 0.0;
         self.first.z = 0.0;
@@ -80,10 +98,11 @@ impl Moments {
         axial
     }
 
-    /// Adds what is seen from an origin at `place`, in axes turned by `turn`.
-    fn add(&mut self, other: &Moments, place: DVec3, turn: DMat3) {
-        let first = turn * other.first;
-        let inertia = turn * other.inertia * turn.transpose();
+    /// Adds the moments `other`, whose origin is at `place` (m) and whose axes are rotated by
+    /// `twist`.
+    fn add(&mut self, other: &Moments, place: DVec3, twist: DMat3) {
+        let first = twist * other.first;
+        let inertia = twist * other.inertia * twist.transpose();
         self.inertia +=
             inertia + first_moment_inertia(first, place) + parallel_axis_inertia(other.mass, place);
         self.first += first + other.mass * place;
@@ -92,22 +111,24 @@ impl Moments {
 }
 
 impl BaseParameters {
-    /// Of the links' bodies in their distal Denavit-Hartenberg frames.
-    pub(super) fn new(bodies: &[Body; 6], (a2, d3, d4): (f64, f64, f64)) -> BaseParameters {
-        let turns = TWIST_SIN_COS.map(|(sin, cos)| {
+    /// The base parameters of six bodies, given in their distal Denavit-Hartenberg frames, on an
+    /// arm with the dimensions of `arm`.
+    pub(super) fn new(bodies: &[Body; 6], arm: &Puma260) -> BaseParameters {
+        let (a2, d3, d4) = (arm.a2_m, arm.d3_m, arm.d4_m);
+        let twists = TWISTS.map(|Twist { sin, cos }| {
             DMat3::from_cols(DVec3::X, DVec3::new(0.0, cos, sin), DVec3::new(0.0, -sin, cos))
         });
-        // From each joint to the next, in axes of that joint that turn with its link.
+        // Vectors from the origin of each joint to that of the next one, in the axes of the former.
         let mut places = [DVec3::ZERO; 6];
         places[1] = DVec3::new(a2, 0.0, 0.0);
         places[2] = DVec3::new(0.0, 0.0, d3);
         places[3] = DVec3::new(0.0, 0.0, d4);
         let mut all: [Moments; 6] = core::array::from_fn(|i| {
-            Moments::new(&bodies[i], turns[i].transpose() * places[i], turns[i])
+            Moments::new(&bodies[i], twists[i].transpose() * places[i], twists[i])
         });
         for i in (1..6).rev() {
             let axial = all[i].take_regrouped();
-            all[i - 1].add(&axial, places[i - 1], turns[i - 1]);
+            all[i - 1].add(&axial, places[i - 1], twists[i - 1]);
         }
         let links = core::array::from_fn(|i| {
             let Moments { first, inertia, .. } = &all[i + 1];

@@ -1,10 +1,10 @@
-//! Free motion of the arm under given torques, by the classical fourth-order method of Runge and
-//! Kutta with fixed steps. Refuses adaptive steps: the same call makes the same bits.
+//! Integration of the motion of the arm under given torques, by the classical fourth-order method
+//! of Runge and Kutta. Steps are fixed and not adaptive, so that the same call makes the same bits.
 
 use super::Dynamics;
 use crate::spatial::Joints;
 
-/// Joint angles (rad) and speeds (rad/s).
+/// The state of motion of the arm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Joint angles (rad).
@@ -13,11 +13,11 @@ pub struct State {
     pub qd: Joints,
 }
 
-/// Most steps that one call of [`free_motion`] takes.
+/// Largest number of steps in one call of [`free_motion`].
 pub const STEPS_MAX: u32 = 10_000_000;
 
-/// One step of `step_s` from `state` at `t_s`. `torque_nm(t, q, qd)` is everything that acts on
-/// the joints beside gravity, friction with its sign included; it is asked four times.
+/// The state one step of `step_s` (s) after `state` at `t_s` (s). `torque_nm(t, q, qd)` returns the
+/// joint torques (N m) beside gravity, including friction with its sign; it is called four times.
 #[must_use]
 pub fn rk4_step(
     arm: &Dynamics,
@@ -43,8 +43,9 @@ pub fn rk4_step(
     }
 }
 
-/// The state after `span_s`, in equal steps none longer than `step_s`. Spans and steps that are
-/// not positive and finite, and more than [`MAX_STEPS`] steps, leave the state as it is.
+/// The state `span_s` (s) after `start` at `t_s` (s), by equal steps that are not longer than
+/// `step_s` (s), under the torques of [`rk4_step`]. It is `start` itself where the span or the step
+/// is not positive and finite, or more than [`STEPS_MAX`] steps would be needed.
 #[must_use]
 pub fn free_motion(
     arm: &Dynamics,
@@ -54,7 +55,7 @@ pub fn free_motion(
     step_s: f64,
     torque_nm: &mut impl FnMut(f64, &Joints, &Joints) -> Joints,
 ) -> State {
-    // A hair of slack: a span of exactly n steps must not take n + 1 for its rounding.
+    // The factor keeps a span of exactly n steps from taking n + 1 steps because of rounding.
     let count = (span_s / step_s * (1.0 - 1e-12)).ceil();
     if !(span_s > 0.0 && step_s > 0.0 && count <= f64::from(STEPS_MAX)) {
         return *start;

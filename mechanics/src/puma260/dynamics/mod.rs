@@ -1,12 +1,11 @@
 //! Rigid-body dynamics of the PUMA 260: inverse dynamics, gravity, mass matrix, forward dynamics
-//! and energies, all of fixed size. Friction is listed here but enters only where the caller adds
-//! it; contact forces are refused: they arrive as joint torques (`J^T` wrench).
+//! and energies. Friction and contact forces are not included; a caller adds them as joint torques.
 //!
-//! Recursive Newton-Euler after Luh, Walker and Paul (1980), composite bodies after Walker and Orin
-//! (1982), both on links in the fewest numbers after Gautier and Khalil (1990). The motors' rotors
-//! appear as `J G^2` on the diagonal of the mass matrix; the inertia that the coupling of the
-//! wrist's gears adds off the diagonal is left out. Numbers that are not finite come out as NaN
-//! torques or accelerations, never as a panic.
+//! The algorithms are the recursive Newton-Euler one (Luh, Walker and Paul 1980) and that of
+//! composite rigid bodies (Walker and Orin 1982), on the base parameters of Gautier and Khalil
+//! (1990). The rotors of the motors appear as the reflected inertia `J G^2` on the diagonal of the
+//! mass matrix; the inertia that the coupling of the wrist's gears adds off the diagonal is
+//! neglected. Numbers that are not finite make NaN torques or accelerations and no panic.
 
 mod base_parameters;
 mod integration;
@@ -21,9 +20,10 @@ use crate::spatial::{Joints, Matrix6, SinCos};
 use crate::transmission::GEAR_RATIO;
 use base_parameters::BaseParameters;
 
-/// ArmDynamics 1 to 6 of the PUMA 260. Estimate: the PUMA 560 of Armstrong, Khatib and Burdick (1986)
-/// scaled with k = 0.2032/0.4318, length k, mass k^2, inertia k^4. The moment about z of link 3 is
-/// raised so that it obeys the triangle inequality, which the published value breaks.
+/// Links 1 to 6 of the PUMA 260, in their distal Denavit-Hartenberg frames. Estimate: the PUMA 560
+/// of Armstrong, Khatib and Burdick (1986), scaled with k = 0.2032/0.4318: lengths by k, masses by
+/// k^2, inertias by k^4. The moment of inertia about z of link 3 is raised so that it obeys the
+/// triangle inequality, which the published value violates.
 pub const LINKS: [Body; 6] = [
     Body::diagonal(2.0, [0.0, -0.05, 0.0], [0.012, 0.017165, 0.012]),
     Body::diagonal(3.853, [-0.1712, 0.0028235, 0.10706], [0.0063754, 0.025698, 0.026433]),
@@ -33,37 +33,38 @@ pub const LINKS: [Body; 6] = [
     Body::diagonal(0.01993, [0.0, 0.0, 0.015059], [7.3563e-06, 7.3563e-06, 1.9617e-06]),
 ];
 
-/// Force/torque sensor, finger and tactile array on link 6 (estimate).
+/// Force/torque sensor, finger and tactile array, in the frame of link 6 (estimate).
 pub const TOOL: Body = Body::diagonal(0.45, [0.0, 0.0, 0.115], [9.0e-04, 9.0e-04, 1.2e-04]);
 
-/// Inertia of the rotors (kg m^2, estimate).
+/// Moments of inertia of the rotors about their own axes (kg m^2, estimate).
 pub const ROTOR_INERTIA_KG_M2: [f64; 6] = [33e-6, 33e-6, 33e-6, 10e-6, 10e-6, 10e-6];
 
-/// The arm as six rigid bodies and six rotors.
+/// The dynamic model of the arm: six rigid bodies and six rotors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dynamics {
     bodies: [Body; 6],
     base_parameters: BaseParameters,
-    /// Rotor inertia seen at the joint, `J G^2` (kg m^2).
+    /// Reflected inertia of the rotors at the joints, `J G^2` (kg m^2).
     pub reflected_inertia_kg_m2: Joints,
     /// Acceleration of free fall along -z of the base (m/s^2).
     pub gravity_m_s2: f64,
 }
 
 impl Dynamics {
-    /// The reference arm with its tool.
+    /// The reference arm with the tool [`TOOL`].
     #[must_use]
     pub fn reference() -> Dynamics {
         Dynamics::with_tool(&TOOL)
     }
 
-    /// The reference arm with another body (in the axes of T6) on its flange.
+    /// The reference arm with the body `tool`, in the frame T6, on its flange.
     #[must_use]
     pub fn with_tool(tool: &Body) -> Dynamics {
         Dynamics::from_bodies(LINKS, tool)
     }
 
-    /// The reference arm with other links, and a body on its flange.
+    /// An arm with the dimensions of the reference arm and the bodies `links`, in their distal
+    /// Denavit-Hartenberg frames, and with the body `tool`, in the frame T6, on its flange.
     #[must_use]
     pub fn from_bodies(links: [Body; 6], tool: &Body) -> Dynamics {
         let arm = Puma260::reference();
@@ -73,55 +74,63 @@ impl Dynamics {
         let reflected_kg_m2 = Joints::from(ROTOR_INERTIA_KG_M2).component_mul(&gear);
         Dynamics {
             bodies,
-            base_parameters: BaseParameters::new(&bodies, (arm.a2_m, arm.d3_m, arm.d4_m)),
+            base_parameters: BaseParameters::new(&bodies, &arm),
             reflected_inertia_kg_m2: reflected_kg_m2.component_mul(&gear),
             gravity_m_s2: GRAVITY_M_S2,
         }
     }
 
-    /// ArmDynamics in their distal Denavit-Hartenberg frames; the last one carries the tool.
+    /// The links in their distal Denavit-Hartenberg frames; the last one includes the tool.
     #[must_use]
     pub fn bodies(&self) -> &[Body; 6] {
         &self.bodies
     }
 
-    /// ArmDynamics in the fewest numbers, and free fall.
-    fn falling(&self) -> (&BaseParameters, f64) {
-        (&self.base_parameters, self.gravity_m_s2)
-    }
-
-    /// Torques that hold the arm against gravity (N m).
+    /// The torques that hold the arm at rest at `q` (rad) against gravity (N m).
     #[must_use]
     pub fn gravity_torque(&self, q: &Joints) -> Joints {
-        recursion::gravity_torque(self.falling(), &SinCos::new(q))
+        recursion::gravity_torque(&self.base_parameters, self.gravity_m_s2, &SinCos::new(q))
     }
 
-    /// Torques of the rigid links and the tool for a motion (rad, rad/s, rad/s^2 to N m), gravity
-    /// included, rotors and friction not.
+    /// Inverse dynamics by the recursive Newton-Euler algorithm: the joint torques (N m) of the
+    /// links and the tool for the motion `q` (rad), `qd` (rad/s), `qdd` (rad/s^2). Gravity is
+    /// included, rotors and friction are not.
     #[must_use]
     pub fn inverse_dynamics(&self, q: &Joints, qd: &Joints, qdd: &Joints) -> Joints {
-        recursion::recursive_newton_euler(self.falling(), &SinCos::new(q), qd, qdd)
+        recursion::recursive_newton_euler(
+            &self.base_parameters,
+            self.gravity_m_s2,
+            &SinCos::new(q),
+            qd,
+            qdd,
+        )
     }
 
-    /// Coriolis, centrifugal and gravity torques (N m).
+    /// Coriolis, centrifugal and gravity torques at `q` (rad) and `qd` (rad/s) (N m).
     #[must_use]
     pub fn bias_torque(&self, q: &Joints, qd: &Joints) -> Joints {
         self.bias_torque_at(&SinCos::new(q), qd)
     }
 
-    /// [`Dynamics::bias`] at a configuration whose sines are known.
+    /// [`Dynamics::bias`] at a configuration whose sines and cosines are known.
     #[must_use]
     pub fn bias_torque_at(&self, at: &SinCos, qd: &Joints) -> Joints {
-        recursion::recursive_newton_euler(self.falling(), at, qd, &Joints::zeros())
+        recursion::recursive_newton_euler(
+            &self.base_parameters,
+            self.gravity_m_s2,
+            at,
+            qd,
+            &Joints::zeros(),
+        )
     }
 
-    /// The mass matrix (kg m^2), rotors included.
+    /// The mass matrix at `q` (rad), rotors included (kg m^2).
     #[must_use]
     pub fn mass_matrix(&self, q: &Joints) -> Matrix6 {
         self.mass_matrix_at(&SinCos::new(q))
     }
 
-    /// [`Dynamics::mass_matrix`] at a configuration whose sines are known.
+    /// [`Dynamics::mass_matrix`] at a configuration whose sines and cosines are known.
     #[must_use]
     pub fn mass_matrix_at(&self, at: &SinCos) -> Matrix6 {
         let mut m = recursion::composite_rigid_body(&self.base_parameters, at);
@@ -131,8 +140,9 @@ impl Dynamics {
         m
     }
 
-    /// Joint accelerations under joint torques (rad/s^2), rotors included, friction not. NaN for
-    /// numbers that are not finite.
+    /// Forward dynamics: the joint accelerations (rad/s^2) under the joint torques `tau_nm` (N m)
+    /// at `q` (rad) and `qd` (rad/s). Rotors are included, friction is not. NaN where a number is
+    /// not finite.
     #[must_use]
     pub fn forward_dynamics(&self, q: &Joints, qd: &Joints, tau_nm: &Joints) -> Joints {
         let at = SinCos::new(q);
@@ -141,15 +151,16 @@ impl Dynamics {
         acceleration
     }
 
-    /// Kinetic energy (J), rotors included.
+    /// Kinetic energy at `q` (rad) and `qd` (rad/s), rotors included (J).
     #[must_use]
     pub fn kinetic_energy_j(&self, q: &Joints, qd: &Joints) -> f64 {
         0.5 * qd.dot(&(self.mass_matrix(q) * qd))
     }
 
-    /// Potential energy (J), zero with every mass at the height of the base frame.
+    /// Potential energy at `q` (rad) (J); it is zero where every mass is at the height of the base
+    /// frame.
     #[must_use]
     pub fn potential_energy_j(&self, q: &Joints) -> f64 {
-        recursion::potential_energy_j(self.falling(), &SinCos::new(q))
+        recursion::potential_energy_j(&self.base_parameters, self.gravity_m_s2, &SinCos::new(q))
     }
 }

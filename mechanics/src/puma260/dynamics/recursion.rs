@@ -1,14 +1,16 @@
-//! The recursions along the chain, on links in the fewest numbers. Refuses any chain but the
-//! PUMA's: its twists and offsets are in the code.
+//! The recursions along the links of the PUMA 260, on its base parameters: recursive Newton-Euler
+//! (Luh, Walker and Paul 1980), gravity, composite rigid bodies (Walker and Orin 1982) and
+//! potential energy. The twists and offsets of the PUMA 260 are written into the code.
 //!
-//! Everything about a link is seen from an origin on its own joint's axis, in axes that turn with
-//! the link; `inward::<J>` leads from the next link to link `J`, counted from 1.
+//! Quantities of a link are about an origin on the axis of its own joint, in axes that rotate with
+//! the link. `in_parent::<J>` takes a quantity of the next link to the origin and axes of link `J`,
+//! counted from 1.
 
 use super::base_parameters::{BaseParameters, LinkParameters};
 use crate::spatial::{Joints, Matrix6, SinCos};
 use glam::DVec3;
 
-/// One joint's sine and cosine.
+/// The rotation of one link about the z axis of its joint: sine and cosine of the joint angle.
 #[derive(Clone, Copy)]
 struct JointRotation {
     s: f64,
@@ -20,33 +22,33 @@ impl JointRotation {
         JointRotation { s: at.s[joint], c: at.c[joint] }
     }
 
-    /// A vector in axes that turned.
+    /// The vector `v`, given in the axes before the joint, in the axes of the link.
     #[inline(always)]
     fn to_link(self, v: DVec3) -> DVec3 {
         DVec3::new(self.c * v.x + self.s * v.y, self.c * v.y - self.s * v.x, v.z)
     }
 
-    /// A vector of the axes that turned in those that did not.
+    /// The vector `v`, given in the axes of the link, in the axes before the joint.
     #[inline(always)]
     fn to_parent(self, v: DVec3) -> DVec3 {
         DVec3::new(self.c * v.x - self.s * v.y, self.s * v.x + self.c * v.y, v.z)
     }
 }
 
-/// Axes turned by +90 deg about x, seen from those before.
+/// The vector `v` rotated by +90 deg about x.
 #[inline(always)]
 fn rotate_x_plus_90(v: DVec3) -> DVec3 {
     DVec3::new(v.x, -v.z, v.y)
 }
 
-/// The same by -90 deg.
+/// The vector `v` rotated by -90 deg about x.
 #[inline(always)]
 fn rotate_x_minus_90(v: DVec3) -> DVec3 {
     DVec3::new(v.x, v.z, -v.y)
 }
 
-/// How a link moves: angular velocity and acceleration, and the acceleration of its origin with
-/// gravity.
+/// The motion of a link: angular velocity `w` (rad/s), angular acceleration `wd` (rad/s^2), and the
+/// acceleration `a` of its origin minus that of free fall (m/s^2).
 #[derive(Clone, Copy)]
 struct LinkMotion {
     w: DVec3,
@@ -55,7 +57,8 @@ struct LinkMotion {
 }
 
 impl LinkMotion {
-    /// The next link at the same origin, by its joint's turn.
+    /// The motion of the next link at the same origin, whose joint has the angle of `turn`, the
+    /// speed `qd` (rad/s) and the acceleration `qdd` (rad/s^2).
     #[inline(always)]
     fn across_joint(self, turn: JointRotation, qd: f64, qdd: f64) -> LinkMotion {
         let (mut w, mut wd) = (turn.to_link(self.w), turn.to_link(self.wd));
@@ -65,31 +68,32 @@ impl LinkMotion {
         LinkMotion { w, wd, a: turn.to_link(self.a) }
     }
 
+    /// The same motion with `map` applied to each of its vectors.
     #[inline(always)]
     fn map(self, map: impl Fn(DVec3) -> DVec3) -> LinkMotion {
         LinkMotion { w: map(self.w), wd: map(self.wd), a: map(self.a) }
     }
 
-    /// From an origin further along x.
+    /// The motion of the point of the link that lies `by` (m) from its origin along x.
     #[inline(always)]
     fn at_offset_x(mut self, by: f64) -> LinkMotion {
         let (w, wd) = (self.w, self.wd);
-        let turning = DVec3::new(-(w.y * w.y + w.z * w.z), w.x * w.y + wd.z, w.x * w.z - wd.y);
-        self.a += by * turning;
+        let relative = DVec3::new(-(w.y * w.y + w.z * w.z), w.x * w.y + wd.z, w.x * w.z - wd.y);
+        self.a += by * relative;
         self
     }
 
-    /// From an origin further along z.
+    /// The motion of the point of the link that lies `by` (m) from its origin along z.
     #[inline(always)]
     fn at_offset_z(mut self, by: f64) -> LinkMotion {
         let (w, wd) = (self.w, self.wd);
-        let turning = DVec3::new(w.x * w.z + wd.y, w.y * w.z - wd.x, -(w.x * w.x + w.y * w.y));
-        self.a += by * turning;
+        let relative = DVec3::new(w.x * w.z + wd.y, w.y * w.z - wd.x, -(w.x * w.x + w.y * w.y));
+        self.a += by * relative;
         self
     }
 }
 
-/// Force, and moment about the origin.
+/// A force `f` (N) and its moment `n` about the origin (N m).
 #[derive(Clone, Copy)]
 struct Wrench {
     f: DVec3,
@@ -97,7 +101,7 @@ struct Wrench {
 }
 
 impl Wrench {
-    /// What moves a link as it moves.
+    /// The wrench that causes the motion `moving` of a link (Newton and Euler).
     #[inline(always)]
     fn new(link: &LinkParameters, moving: &LinkMotion) -> Wrench {
         let LinkMotion { w, wd, a } = *moving;
@@ -109,24 +113,25 @@ impl Wrench {
             hx * (xy + wd.z) - hy * (xx + zz),
             hx * (xz - wd.y) + hy * (yz + wd.x),
         );
-        let turning = |v: DVec3| {
+        let inertia_times = |v: DVec3| {
             DVec3::new(
                 link.xx * v.x + link.xy * v.y + link.xz * v.z,
                 link.xy * v.x + link.yz * v.z,
                 link.xz * v.x + link.yz * v.y + link.zz * v.z,
             )
         };
-        Wrench { f, n: turning(wd) + w.cross(turning(w)) + weight_moment(link, a) }
+        Wrench { f, n: inertia_times(wd) + w.cross(inertia_times(w)) + weight_moment(link, a) }
     }
 
-    /// What accelerates everything outwards by 1 rad/s^2 about z.
+    /// The wrench that accelerates the composite body `outer` by 1 rad/s^2 about z.
     #[inline(always)]
     fn of_unit_acceleration(outer: &CompositeBody) -> Wrench {
         let f = DVec3::new(-outer.h.y, outer.h.x, 0.0);
         Wrench { f, n: DVec3::new(outer.xz, outer.yz, outer.zz) }
     }
 
-    /// The same of the link outside link `J`, whose joint turned, seen from link `J`.
+    /// The same wrench about the origin and in the axes of link `J`, for the wrench of the link
+    /// next to `J`, whose joint has the angle of `turn`.
     #[inline(always)]
     fn in_parent<const J: usize>(self, arm: &BaseParameters, turn: JointRotation) -> Wrench {
         let (f, n) = (turn.to_parent(self.f), turn.to_parent(self.n));
@@ -141,42 +146,48 @@ impl Wrench {
         }
     }
 
-    /// About an origin from which it is `by` along z.
+    /// The same wrench about an origin from which the present one lies `by` (m) along z.
     #[inline(always)]
     fn about_offset_z(mut self, by: f64) -> Wrench {
         (self.n.x, self.n.y) = (self.n.x - by * self.f.y, self.n.y + by * self.f.x);
         self
     }
 
+    /// The sum of two wrenches about the same origin.
     #[inline(always)]
     fn plus(self, other: Wrench) -> Wrench {
         Wrench { f: self.f + other.f, n: self.n + other.n }
     }
 }
 
-/// Moment about the origin that holds a link in a field of acceleration.
+/// The moment about the origin that holds a link against the acceleration `a` (m/s^2) of a uniform
+/// field (N m).
 #[inline(always)]
 fn weight_moment(link: &LinkParameters, a: DVec3) -> DVec3 {
     let (hx, hy) = (link.hx, link.hy);
     DVec3::new(hy * a.z, -hx * a.z, hx * a.y - hy * a.x)
 }
 
-/// Part of a moment on link 2 that acts about the axis of joint 1.
+/// The component about the axis of joint 1, which is vertical, of the moment `n` in the axes of
+/// link 2, whose joint has the angle of `turn`.
 #[inline(always)]
 fn moment_about_vertical(turn: JointRotation, n: DVec3) -> f64 {
     turn.s * n.x + turn.c * n.y
 }
 
-/// Inverse dynamics of the rigid bodies with gravity (N m).
+/// Inverse dynamics of the rigid bodies (N m) at the joint speeds `qd` (rad/s) and accelerations
+/// `qdd` (rad/s^2), with gravity.
 pub(super) fn recursive_newton_euler(
-    (arm, gravity_m_s2): (&BaseParameters, f64),
+    arm: &BaseParameters,
+    gravity_m_s2: f64,
     at: &SinCos,
     qd: &Joints,
     qdd: &Joints,
 ) -> Joints {
     let turn: [JointRotation; 6] = core::array::from_fn(|i| JointRotation::new(at, i));
     let [two, three, four, five, six] = &arm.links;
-    // LinkParameters 1 turns about the vertical; plus(y) is its z.
+    // Link 1 rotates about the vertical. Its axes are those after the twist of +90 deg, so that the
+    // vertical is their y.
     let first = LinkMotion {
         w: DVec3::new(0.0, qd[0], 0.0),
         wd: DVec3::new(0.0, qdd[0], 0.0),
@@ -184,7 +195,7 @@ pub(super) fn recursive_newton_euler(
     };
     let m2 = first.across_joint(turn[1], qd[1], qdd[1]);
     let m3 = m2.at_offset_x(arm.a2).across_joint(turn[2], qd[2], qdd[2]);
-    // Into axes turned by -90 deg is out of those turned by +90 deg.
+    // Expressing a vector in axes rotated by -90 deg rotates its components by +90 deg.
     let m4 = m3.at_offset_z(arm.d3).map(rotate_x_plus_90).across_joint(turn[3], qd[3], qdd[3]);
     let m5 = m4.at_offset_z(arm.d4).map(rotate_x_minus_90).across_joint(turn[4], qd[4], qdd[4]);
     let m6 = m5.map(rotate_x_plus_90).across_joint(turn[5], qd[5], qdd[5]);
@@ -197,8 +208,9 @@ pub(super) fn recursive_newton_euler(
     Joints::new(about_1, w2.n.z, w3.n.z, w4.n.z, w5.n.z, w6.n.z)
 }
 
-/// The static case (N m): links without mass pull at nothing, they only turn.
-pub(super) fn gravity_torque((arm, gravity_m_s2): (&BaseParameters, f64), at: &SinCos) -> Joints {
+/// The torques that hold the arm against gravity (N m). Links in base parameters have no mass, so
+/// that only moments and no forces are propagated.
+pub(super) fn gravity_torque(arm: &BaseParameters, gravity_m_s2: f64, at: &SinCos) -> Joints {
     let turn: [JointRotation; 6] = core::array::from_fn(|i| JointRotation::new(at, i));
     let [two, three, four, five, six] = &arm.links;
     let a2 = turn[1].to_link(DVec3::new(0.0, gravity_m_s2, 0.0));
@@ -214,7 +226,8 @@ pub(super) fn gravity_torque((arm, gravity_m_s2): (&BaseParameters, f64), at: &S
     Joints::new(moment_about_vertical(turn[1], n2), n2.z, n3.z, n4.z, n5.z, n6.z)
 }
 
-/// A link and everything outside it: first moment and inertia, without mass as its parts are.
+/// A link and all links outside it as one rigid body: first moment `h` (kg m) and moments of
+/// inertia (kg m^2). Its mass is zero, as those of its parts are.
 #[derive(Clone, Copy)]
 struct CompositeBody {
     h: DVec3,
@@ -240,7 +253,7 @@ impl CompositeBody {
         }
     }
 
-    /// In axes in which its own ones turned about z.
+    /// The same body in the axes before the joint, which has the angle of `turn`.
     #[inline(always)]
     fn to_parent_axes(self, turn: JointRotation) -> CompositeBody {
         let CompositeBody { xx, yy, zz, xy, xz, yz, .. } = self;
@@ -256,19 +269,21 @@ impl CompositeBody {
         }
     }
 
+    /// The same body rotated by +90 deg about x.
     #[inline(always)]
     fn rotate_x_plus_90(self) -> CompositeBody {
         let CompositeBody { xx, yy, zz, xy, xz, yz, .. } = self;
         CompositeBody { h: rotate_x_plus_90(self.h), xx, yy: zz, zz: yy, xy: -xz, xz: xy, yz: -yz }
     }
 
+    /// The same body rotated by -90 deg about x.
     #[inline(always)]
     fn rotate_x_minus_90(self) -> CompositeBody {
         let CompositeBody { xx, yy, zz, xy, xz, yz, .. } = self;
         CompositeBody { h: rotate_x_minus_90(self.h), xx, yy: zz, zz: yy, xy: xz, xz: -xy, yz: -yz }
     }
 
-    /// About an origin from which it is `by` along z.
+    /// The same body about an origin from which the present one lies `by` (m) along z.
     #[inline(always)]
     fn about_offset_z(mut self, by: f64) -> CompositeBody {
         let twice = 2.0 * by * self.h.z;
@@ -277,7 +292,7 @@ impl CompositeBody {
         self
     }
 
-    /// See [`Wrench::inward`].
+    /// The same body about the origin and in the axes of link `J`, see [`Wrench::in_parent`].
     #[inline(always)]
     fn in_parent<const J: usize>(self, arm: &BaseParameters, turn: JointRotation) -> CompositeBody {
         let mut out = self.to_parent_axes(turn);
@@ -294,6 +309,7 @@ impl CompositeBody {
         }
     }
 
+    /// The union of the body with `link`, about the same origin.
     #[inline(always)]
     fn with_link(self, link: &LinkParameters) -> CompositeBody {
         CompositeBody {
@@ -308,11 +324,11 @@ impl CompositeBody {
     }
 }
 
-/// The mass matrix of the rigid bodies by composite bodies (kg m^2).
+/// The mass matrix of the rigid bodies (kg m^2) by the composite rigid body algorithm.
 pub(super) fn composite_rigid_body(arm: &BaseParameters, at: &SinCos) -> Matrix6 {
     let turn: [JointRotation; 6] = core::array::from_fn(|i| JointRotation::new(at, i));
     let [two, three, four, five, six] = &arm.links;
-    // Torques on all joints of an acceleration, from that on a link inwards.
+    // The torques at the joints up to that of a link, from the wrench on that link.
     let below_2 = |w: Wrench| [moment_about_vertical(turn[1], w.n), w.n.z];
     let below_3 = |w: Wrench| {
         let [a, b] = below_2(w.in_parent::<2>(arm, turn[2]));
@@ -348,8 +364,8 @@ pub(super) fn composite_rigid_body(arm: &BaseParameters, at: &SinCos) -> Matrix6
     ])
 }
 
-/// Potential energy (J): the first moment of all links, carried inwards to the base.
-pub(super) fn potential_energy_j((arm, gravity_m_s2): (&BaseParameters, f64), at: &SinCos) -> f64 {
+/// Potential energy (J), from the vertical component of the first moment of all links.
+pub(super) fn potential_energy_j(arm: &BaseParameters, gravity_m_s2: f64, at: &SinCos) -> f64 {
     let turn: [JointRotation; 6] = core::array::from_fn(|i| JointRotation::new(at, i));
     let [two, three, four, five, six] = arm.links.map(|link| DVec3::new(link.hx, link.hy, 0.0));
     let h5 = rotate_x_minus_90(turn[5].to_parent(six)) + five;
