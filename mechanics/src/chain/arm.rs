@@ -1,25 +1,28 @@
-//! Any chain as planning and leading see an arm: poses are reached by damped steps from where the
-//! arm is, tick by tick. Refuses a path that it cannot follow to a tenth of a nanometre, unless the
-//! miss is small: then the miss is told, and whoever leads decides.
+//! Any chain as an [`Arm`]: its iterative inverse kinematics behind the traits of planning and
+//! tracking. A pose that is not reached exactly, but with a small error, is reported with that
+//! error, and the caller decides; with a larger error the path is not followed.
 //!
-//! A redundant arm takes the shortest way in its joints from tick to tick; where it stands after a
-//! closed path of the tool depends on that path.
+//! From tick to tick a redundant arm takes the joints nearest to the last ones. Its joints after a
+//! closed path of the tool therefore depend on that path.
 
 use super::{Chain, SearchBudget};
 use crate::arm::{Arm, ArmDynamics, FollowError, FollowerStep, PathFollower};
 use crate::spatial::{JointMatrix, JointVector, Pose};
 
-/// What a lane may spend on one pose: a few starts, about half a millisecond when all of them fail.
+/// The search budget of a lane for one pose: a few starts, about half a millisecond where all of
+/// them fail.
 const LANE_BUDGET: SearchBudget = SearchBudget {
     starts: 4,
     steps: 40,
     position_tolerance_m: 1e-10,
     orientation_tolerance_rad: 1e-10,
 };
-/// Rounding that a limit forgives, relative.
+/// Relative excess over a limit that counts as rounding.
 const LIMIT_ROUNDING: f64 = 1e-9;
-/// A miss beyond these is no path any more (m, rad).
-const LARGEST_MISS: (f64, f64) = (0.05, 0.3);
+/// Largest error of the position with which a path counts as followed (m).
+const POSITION_ERROR_MAX_M: f64 = 0.05;
+/// Largest error of the orientation with which a path counts as followed (rad).
+const ORIENTATION_ERROR_MAX_RAD: f64 = 0.3;
 
 impl<const N: usize> Arm<N> for Chain<N> {
     type Follower = Follower<N>;
@@ -61,9 +64,10 @@ impl<const N: usize> Arm<N> for Chain<N> {
 
     fn is_within_reach_bound(&self, tool: &Pose) -> bool {
         #[expect(clippy::cast_precision_loss, reason = "at most eight")]
-        let longest = self.mean_link_m * N as f64;
-        let slides: f64 = (0..N).map(|i| self.links[i].travel_bound_m(&self.limits, i)).sum();
-        tool.is_finite() && tool.translation.length() <= (longest + slides) * (1.0 + LIMIT_ROUNDING)
+        let links_m = self.mean_link_m * N as f64;
+        let travel_m: f64 = (0..N).map(|i| self.links[i].travel_bound_m(&self.limits, i)).sum();
+        tool.is_finite()
+            && tool.translation.length() <= (links_m + travel_m) * (1.0 + LIMIT_ROUNDING)
     }
 
     fn is_reachable(&self, tool: &Pose) -> bool {
@@ -97,7 +101,7 @@ impl<const N: usize> ArmDynamics<N> for Chain<N> {
     }
 }
 
-/// Follows a path of tool poses from where it was last.
+/// The state of a follower of tool poses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Follower<const N: usize> {
     arm: Chain<N>,
@@ -105,20 +109,22 @@ pub struct Follower<const N: usize> {
 }
 
 impl<const N: usize> Follower<N> {
-    /// Where a pose that was not reached leaves the arm: at a limit, out of reach, or near enough.
-    fn check_miss(&self, near: &super::IkFailure<N>) -> Result<(), FollowError> {
+    /// The reason why a pose was not reached, from the nearest joints: a joint at its limit, or out
+    /// of reach. `Ok` where the error is small enough to follow.
+    fn check_miss(&self, nearest: &super::IkFailure<N>) -> Result<(), FollowError> {
         let limits = &self.arm.limits;
         let at_limit = |i: &usize| {
-            let rounding = LIMIT_ROUNDING * (1.0 + near.q[*i].abs());
-            near.q[*i] <= limits.q_min[*i] + rounding || near.q[*i] >= limits.q_max[*i] - rounding
+            let rounding = LIMIT_ROUNDING * (1.0 + nearest.q[*i].abs());
+            nearest.q[*i] <= limits.q_min[*i] + rounding
+                || nearest.q[*i] >= limits.q_max[*i] - rounding
         };
         if let Some(joint) = (0..N).find(at_limit) {
             return Err(FollowError::JointLimit { joint });
         }
-        // A NaN is not below.
-        let small =
-            near.position_error_m < LARGEST_MISS.0 && near.orientation_error_rad < LARGEST_MISS.1;
-        if small { Ok(()) } else { Err(FollowError::OutOfReach) }
+        // NaN is not small.
+        let is_small = nearest.position_error_m < POSITION_ERROR_MAX_M
+            && nearest.orientation_error_rad < ORIENTATION_ERROR_MAX_RAD;
+        if is_small { Ok(()) } else { Err(FollowError::OutOfReach) }
     }
 }
 
@@ -128,33 +134,33 @@ impl<const N: usize> PathFollower<N> for Follower<N> {
     }
 
     fn step(&mut self, tool: &Pose, dt_s: f64) -> Result<FollowerStep<N>, FollowError> {
-        let got = match self.arm.inverse_kinematics(tool, &self.q, &SearchBudget::TICK) {
+        let followed = match self.arm.inverse_kinematics(tool, &self.q, &SearchBudget::TICK) {
             Ok(found) => FollowerStep {
                 q: found.q,
                 position_error_m: found.position_error_m,
                 orientation_error_rad: found.orientation_error_rad,
             },
-            Err(near) => {
-                self.check_miss(&near)?;
+            Err(nearest) => {
+                self.check_miss(&nearest)?;
                 FollowerStep {
-                    q: near.q,
-                    position_error_m: near.position_error_m,
-                    orientation_error_rad: near.orientation_error_rad,
+                    q: nearest.q,
+                    position_error_m: nearest.position_error_m,
+                    orientation_error_rad: nearest.orientation_error_rad,
                 }
             }
         };
-        let mut worst = (0, 0.0);
+        let (mut fastest, mut largest) = (0, 0.0);
         for joint in 0..N {
-            let way = (got.q[joint] - self.q[joint]).abs();
-            let ratio = way / (self.arm.limits.speed_max[joint] * dt_s);
-            if ratio > worst.1 {
-                worst = (joint, ratio);
+            let distance = (followed.q[joint] - self.q[joint]).abs();
+            let ratio = distance / (self.arm.limits.speed_max[joint] * dt_s);
+            if ratio > largest {
+                (fastest, largest) = (joint, ratio);
             }
         }
-        if worst.1 > 1.0 + LIMIT_ROUNDING {
-            return Err(FollowError::SpeedLimit { joint: worst.0, ratio: worst.1 });
+        if largest > 1.0 + LIMIT_ROUNDING {
+            return Err(FollowError::SpeedLimit { joint: fastest, ratio: largest });
         }
-        self.q = got.q;
-        Ok(got)
+        self.q = followed.q;
+        Ok(followed)
     }
 }

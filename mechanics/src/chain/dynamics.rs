@@ -1,6 +1,7 @@
-//! Rigid-body dynamics of a chain: recursive Newton-Euler (Luh, Walker and Paul 1980) and composite
-//! bodies (Walker and Orin 1982) in the frames of the links. Refuses friction and contact: both
-//! arrive as joint efforts.
+//! Rigid-body dynamics of a chain in the frames of its links: recursive Newton-Euler (Luh, Walker
+//! and Paul 1980) and composite rigid bodies (Walker and Orin 1982). Friction and contact forces
+//! are not included; a caller adds them as joint efforts. An *effort* is the torque of a revolute
+//! joint (N m) or the force of a prismatic one (N).
 
 use super::{Chain, JointKind};
 use crate::cholesky::solve_positive_definite;
@@ -8,7 +9,7 @@ use crate::rigid_body::{first_moment_inertia, parallel_axis_inertia};
 use crate::spatial::{JointMatrix, JointVector, Pose};
 use glam::{DMat3, DVec3};
 
-/// Frames of the links, each in the one before.
+/// The pose of the frame of each link in the frame of the link before it, at `q` (rad or m).
 fn link_poses<const N: usize>(chain: &Chain<N>, q: &JointVector<N>) -> [Pose; N] {
     core::array::from_fn(|i| {
         let link = &chain.links[i];
@@ -29,8 +30,9 @@ fn link_poses<const N: usize>(chain: &Chain<N>, q: &JointVector<N>) -> [Pose; N]
 }
 
 impl<const N: usize> Chain<N> {
-    /// Joint efforts of the rigid links for a motion (rad, rad/s, rad/s^2 to N m; sliding joints in
-    /// m and N), gravity included, drives and friction not.
+    /// Inverse dynamics by the recursive Newton-Euler algorithm: the joint efforts (N m or N) of
+    /// the links for the motion `q` (rad or m), `qd`, `qdd`. Gravity is included, drives and
+    /// friction are not.
     #[must_use]
     pub fn inverse_dynamics(
         &self,
@@ -38,14 +40,16 @@ impl<const N: usize> Chain<N> {
         qd: &JointVector<N>,
         qdd: &JointVector<N>,
     ) -> JointVector<N> {
-        let step = link_poses(self, q);
+        let pose = link_poses(self, q);
         let (mut force, mut moment) = ([DVec3::ZERO; N], [DVec3::ZERO; N]);
+        // Angular velocity and acceleration of the link, and the acceleration of its origin minus
+        // that of free fall, in the axes of the link.
         let (mut w, mut wd, mut a) = (DVec3::ZERO, DVec3::ZERO, self.base_acceleration);
         for i in 0..N {
-            let down = step[i].rotation.transpose();
-            let p = step[i].translation;
-            a = down * (a + wd.cross(p) + w.cross(w.cross(p)));
-            (w, wd) = (down * w, down * wd);
+            let to_link = pose[i].rotation.transpose();
+            let p = pose[i].translation;
+            a = to_link * (a + wd.cross(p) + w.cross(w.cross(p)));
+            (w, wd) = (to_link * w, to_link * wd);
             match self.links[i].kind {
                 JointKind::Revolute => {
                     // w x (z qd) = (w.y, -w.x, 0) qd
@@ -53,6 +57,7 @@ impl<const N: usize> Chain<N> {
                     w.z += qd[i];
                 }
                 JointKind::Prismatic => {
+                    // The Coriolis acceleration 2 w x (z qd).
                     a += DVec3::new(2.0 * w.y * qd[i], -2.0 * w.x * qd[i], qdd[i]);
                 }
             }
@@ -61,26 +66,27 @@ impl<const N: usize> Chain<N> {
             force[i] = body.mass_kg * (a + wd.cross(com) + w.cross(w.cross(com)));
             moment[i] = body.inertia_kg_m2 * wd + w.cross(body.inertia_kg_m2 * w);
         }
-        self.propagate_inward(&step, &force, &moment)
+        self.propagate_inward(&pose, &force, &moment)
     }
 
-    /// Efforts that hold the chain against gravity.
+    /// The efforts (N m or N) that hold the chain at rest at `q` (rad or m) against gravity.
     #[must_use]
     pub fn gravity_torque(&self, q: &JointVector<N>) -> JointVector<N> {
-        let step = link_poses(self, q);
+        let pose = link_poses(self, q);
         let mut force = [DVec3::ZERO; N];
         let mut a = self.base_acceleration;
         for i in 0..N {
-            a = step[i].rotation.transpose() * a;
+            a = pose[i].rotation.transpose() * a;
             force[i] = self.links[i].body.mass_kg * a;
         }
-        self.propagate_inward(&step, &force, &[DVec3::ZERO; N])
+        self.propagate_inward(&pose, &force, &[DVec3::ZERO; N])
     }
 
-    /// The inward half: efforts that carry a force at, and a moment about, each centre of mass.
+    /// The inward recursion: the efforts that balance a force (N) at and a moment (N m) about the
+    /// centre of mass of each link, given in the axes of the link.
     fn propagate_inward(
         &self,
-        step: &[Pose; N],
+        pose: &[Pose; N],
         force: &[DVec3; N],
         moment: &[DVec3; N],
     ) -> JointVector<N> {
@@ -93,24 +99,26 @@ impl<const N: usize> Chain<N> {
                 JointKind::Revolute => n.z,
                 JointKind::Prismatic => f.z,
             };
-            f = step[i].rotation * f;
-            n = step[i].rotation * n + step[i].translation.cross(f);
+            f = pose[i].rotation * f;
+            n = pose[i].rotation * n + pose[i].translation.cross(f);
         }
         tau
     }
 
-    /// Coriolis, centrifugal and gravity efforts.
+    /// Coriolis, centrifugal and gravity efforts (N m or N) at `q` (rad or m) and `qd`.
     #[must_use]
     pub fn bias_torque(&self, q: &JointVector<N>, qd: &JointVector<N>) -> JointVector<N> {
         self.inverse_dynamics(q, qd, &JointVector::zeros())
     }
 
-    /// The mass matrix, drives included.
+    /// The mass matrix at `q` (rad or m), drives included (kg m^2; kg for prismatic joints), by the
+    /// composite rigid body algorithm.
     #[must_use]
     pub fn mass_matrix(&self, q: &JointVector<N>) -> JointMatrix<N> {
-        let step = link_poses(self, q);
+        let pose = link_poses(self, q);
         let mut out = JointMatrix::<N>::zeros();
-        // Everything from link i outwards: mass, first moment and inertia about its origin.
+        // The composite body of link i and all links outside it: mass, first moment, and inertia
+        // about the origin of link i.
         let (mut mass, mut first, mut inertia) = (0.0, DVec3::ZERO, DMat3::ZERO);
         for i in (0..N).rev() {
             let body = &self.links[i].body;
@@ -118,7 +126,7 @@ impl<const N: usize> Chain<N> {
             first += body.mass_kg * body.com_m;
             inertia =
                 inertia + body.inertia_kg_m2 + parallel_axis_inertia(body.mass_kg, body.com_m);
-            // Unit acceleration of joint i: force and moment on the whole.
+            // Force and moment that accelerate the composite body by one unit of joint i.
             let (mut f, mut n) = match self.links[i].kind {
                 JointKind::Revolute => (DVec3::new(-first.y, first.x, 0.0), inertia.z_axis),
                 JointKind::Prismatic => {
@@ -132,10 +140,10 @@ impl<const N: usize> Chain<N> {
                 };
                 out[(i, j)] = entry;
                 out[(j, i)] = entry;
-                f = step[j].rotation * f;
-                n = step[j].rotation * n + step[j].translation.cross(f);
+                f = pose[j].rotation * f;
+                n = pose[j].rotation * n + pose[j].translation.cross(f);
             }
-            let (r, p) = (step[i].rotation, step[i].translation);
+            let (r, p) = (pose[i].rotation, pose[i].translation);
             first = r * first;
             inertia = r * inertia * r.transpose()
                 + first_moment_inertia(first, p)
@@ -148,20 +156,22 @@ impl<const N: usize> Chain<N> {
         out
     }
 
-    /// Potential energy (J), zero with every mass at the origin of the base.
+    /// Potential energy at `q` (rad or m) (J); it is zero where every mass is at the origin of the
+    /// base.
     #[must_use]
     pub fn potential_energy_j(&self, q: &JointVector<N>) -> f64 {
         let (mut mass, mut first) = (0.0, DVec3::ZERO);
-        for (link, step) in self.links.iter().zip(link_poses(self, q)).rev() {
+        for (link, pose) in self.links.iter().zip(link_poses(self, q)).rev() {
             mass += link.body.mass_kg;
             first += link.body.mass_kg * link.body.com_m;
-            first = step.rotation * first + mass * step.translation;
+            first = pose.rotation * first + mass * pose.translation;
         }
         self.base_acceleration.dot(first)
     }
 
-    /// Joint accelerations under joint efforts, drives included, friction not. NaN for numbers that
-    /// are not finite and for joints that carry neither mass nor drive.
+    /// Forward dynamics: the joint accelerations (rad/s^2 or m/s^2) under the joint efforts
+    /// `effort` (N m or N) at `q` (rad or m) and `qd`. Drives are included, friction is not. NaN
+    /// where a number is not finite and for a joint that moves neither a mass nor a drive.
     #[must_use]
     pub fn forward_dynamics(
         &self,

@@ -1,12 +1,12 @@
-//! The inverse of any chain by damped steps from where the arm is, and from other starts when that
-//! fails. Refuses to pretend: what was not reached is an error that says how far off the nearest
-//! try was. Starts are a fixed sequence, steps and starts are counted, so that a call has a longest
-//! time and the same call gives the same bits.
+//! The iterative inverse kinematics of any chain, from given joints and, where that fails, from
+//! other starting points. A pose that is not reached is an error with the nearest joints and their
+//! error. Starting points are a fixed sequence, and steps and starts are counted, so that a call
+//! has a bounded time and the same call gives the same bits.
 //!
 //! Steps are those of Levenberg and Marquardt in the form of Sugihara (2011): the damping is half
-//! the square of what is missed, so it vanishes towards a solution, and the last steps double the
-//! digits. Being minimal in the joints, they leave a redundant arm near its start. Joints at their
-//! limits are taken out of a step that would push them on.
+//! the square of the error, so that it vanishes towards a solution and convergence becomes
+//! quadratic. The steps have the smallest norm, so that a redundant arm stays near its start. A
+//! joint at its limit is taken out of a step that would push it beyond.
 
 use core::f64::consts::PI;
 use core::fmt;
@@ -18,21 +18,21 @@ use crate::spatial::{Jacobian, JointVector, Pose, rotation_vector};
 use glam::{DMat3, DVec3};
 use nalgebra::{Matrix6, Vector6};
 
-/// How much may be tried, and what is good enough.
+/// The bounds of the work and the tolerances of the inverse kinematics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SearchBudget {
-    /// Starts, the one from the joints before included.
+    /// Number of starting points, including the previous joints.
     pub starts: u32,
-    /// Steps from each start.
+    /// Largest number of steps from each starting point.
     pub steps: u32,
-    /// Distance of the tool point that counts as reached (m).
+    /// Distance of the tool point at which the pose counts as reached (m).
     pub position_tolerance_m: f64,
-    /// Angle of the tool that counts as reached (rad).
+    /// Angle of the tool at which the pose counts as reached (rad).
     pub orientation_tolerance_rad: f64,
 }
 
 impl Default for SearchBudget {
-    /// 64 starts of 40 steps, 1e-10 m, 1e-10 rad.
+    /// 64 starting points of 40 steps, tolerances of 1e-10 m and 1e-10 rad.
     fn default() -> SearchBudget {
         SearchBudget {
             starts: 64,
@@ -44,7 +44,7 @@ impl Default for SearchBudget {
 }
 
 impl SearchBudget {
-    /// What a tick of following allows: one start of few steps.
+    /// The budget of one tick of a follower: one starting point and few steps.
     pub const TICK: SearchBudget = SearchBudget {
         starts: 1,
         steps: 12,
@@ -53,30 +53,30 @@ impl SearchBudget {
     };
 }
 
-/// Joints that reach a pose.
+/// A solution of the inverse kinematics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IkSolution<const N: usize> {
     /// Joint values inside the limits (rad or m).
     pub q: JointVector<N>,
-    /// Which start led there, 1 for the joints before.
+    /// Number of starting points used; 1 where the previous joints led to the solution.
     pub starts: u32,
-    /// Steps taken in all.
+    /// Number of steps over all starting points.
     pub steps: u32,
-    /// Distance of the tool point left (m).
+    /// Remaining distance of the tool point (m).
     pub position_error_m: f64,
-    /// Angle of the tool left (rad).
+    /// Remaining angle of the tool (rad).
     pub orientation_error_rad: f64,
 }
 
-/// No start reached the pose.
+/// The pose was not reached from any starting point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IkFailure<const N: usize> {
-    /// The nearest joints that were seen inside the limits.
+    /// The nearest joints found inside the limits (rad or m).
     pub q: JointVector<N>,
-    /// Distance of their tool point (m); infinite where the pose or the joints before are not
+    /// Distance of their tool point (m); infinite where the pose or the previous joints are not
     /// finite.
     pub position_error_m: f64,
-    /// Angle of their tool (rad).
+    /// Angle of their tool (rad); infinite in the same case.
     pub orientation_error_rad: f64,
 }
 
@@ -92,18 +92,19 @@ impl<const N: usize> fmt::Display for IkFailure<N> {
 
 impl<const N: usize> std::error::Error for IkFailure<N> {}
 
-/// No joint moves further in one step (rad, or mean links).
+/// Largest change of a joint in one step (rad; for prismatic joints mean link lengths).
 const STEP_MAX_RAD: f64 = 0.6;
-/// Damping that is never gone below, relative to the squares of the Jacobian (about 1).
+/// Smallest damping lambda^2 (1, where the elements of the scaled Jacobian are about 1).
 const DAMPING_MIN: f64 = 1e-14;
-/// Times that joints at their limits are taken out of one step.
+/// How often joints at their limits are taken out of one step.
 const LIMIT_ROUNDS_MAX: u32 = 3;
-/// Steps after the goal was reached, as long as each still halves what is missed.
+/// Largest number of steps after the tolerances are met, as long as each at least halves the error.
 const REFINEMENT_STEPS_MAX: u32 = 3;
-/// Squares of the miss below which rounding is all that is left.
+/// Half the square of the scaled error below which only rounding is left (rad^2).
 const SQUARED_ERROR_MIN: f64 = 1e-31;
 
-/// Fractions of the golden sequence in eight dimensions, `1/g^k` with `g^9 = g + 1` (Roberts 2018).
+/// Increments of a low-discrepancy sequence in eight dimensions, `1/g^k` with `g^9 = g + 1`
+/// (Roberts 2018).
 const LOW_DISCREPANCY_FRACTIONS: [f64; MAX_JOINTS] = [
     0.921_599_319_633_983,
     0.849_345_305_949_820_3,
@@ -115,10 +116,10 @@ const LOW_DISCREPANCY_FRACTIONS: [f64; MAX_JOINTS] = [
     0.520_399_851_198_154_4,
 ];
 
-/// How far a try is from its goal.
+/// The error of a tool pose.
 #[derive(Clone, Copy)]
 struct PoseError {
-    /// Position over the mean link, rotation vector; base frame.
+    /// Position error over the mean link length, and rotation vector (rad), in the base frame.
     scaled: Vector6<f64>,
     position_error_m: f64,
     orientation_error_rad: f64,
@@ -131,18 +132,18 @@ impl PoseError {
 }
 
 impl<const N: usize> Chain<N> {
-    /// Joints whose tool pose is `tool` (base frame, orthonormal rotation), inside the limits:
-    /// first from `previous`, which leads to the solution nearest to it where the motion is small,
-    /// then from other starts.
+    /// Joints inside the limits whose tool pose is `tool` (base frame, orthonormal rotation). The
+    /// search starts at `previous` (rad or m), which leads to the nearest solution where the motion
+    /// is small, and then at other points of the joint space.
     ///
     /// # Errors
-    /// [`IkFailure`]; a pose that is out of reach is one, so is one that holds a number that is not
-    /// finite.
+    /// [`IkFailure`] where the pose is out of reach or not found within the budget, and where a
+    /// number is not finite.
     pub fn inverse_kinematics(
         &self,
         tool: &Pose,
         previous: &JointVector<N>,
-        effort: &SearchBudget,
+        budget: &SearchBudget,
     ) -> Result<IkSolution<N>, IkFailure<N>> {
         let mut best = IkFailure {
             q: *previous,
@@ -154,41 +155,41 @@ impl<const N: usize> Chain<N> {
         }
         let mut steps = 0;
         let mut least = f64::INFINITY;
-        for start in 0..effort.starts {
+        for start in 0..budget.starts {
             let from =
                 if start == 0 { self.clamp_to_limits(previous) } else { self.start_point(start) };
-            let (q, miss) = self.iterate(tool, &from, effort, &mut steps);
-            let reached = miss.position_error_m <= effort.position_tolerance_m
-                && miss.orientation_error_rad <= effort.orientation_tolerance_rad;
+            let (q, error) = self.iterate(tool, &from, budget, &mut steps);
+            let is_reached = error.position_error_m <= budget.position_tolerance_m
+                && error.orientation_error_rad <= budget.orientation_tolerance_rad;
             let Some((q, _)) = self.nearest_equivalent(&q, previous) else { continue };
-            if reached {
-                let (off_m, off_rad) = (miss.position_error_m, miss.orientation_error_rad);
+            if is_reached {
                 return Ok(IkSolution {
                     q,
                     starts: start + 1,
                     steps,
-                    position_error_m: off_m,
-                    orientation_error_rad: off_rad,
+                    position_error_m: error.position_error_m,
+                    orientation_error_rad: error.orientation_error_rad,
                 });
             }
-            if miss.half_squared_norm() < least {
-                least = miss.half_squared_norm();
+            if error.half_squared_norm() < least {
+                least = error.half_squared_norm();
                 best = IkFailure {
                     q,
-                    position_error_m: miss.position_error_m,
-                    orientation_error_rad: miss.orientation_error_rad,
+                    position_error_m: error.position_error_m,
+                    orientation_error_rad: error.orientation_error_rad,
                 };
             }
         }
         Err(best)
     }
 
-    /// Joints clamped into their limits.
+    /// The joints `q` clamped to their limits.
     fn clamp_to_limits(&self, q: &JointVector<N>) -> JointVector<N> {
         JointVector::<N>::from_fn(|i, _| q[i].clamp(self.limits.q_min[i], self.limits.q_max[i]))
     }
 
-    /// Start number `n` of the sequence that spreads over the limits, one turn of them at most.
+    /// Starting point number `n`, of a sequence that spreads over the limits, but over at most one
+    /// turn.
     fn start_point(&self, n: u32) -> JointVector<N> {
         JointVector::<N>::from_fn(|i, _| {
             let (low, high) = (self.limits.q_min[i], self.limits.q_max[i]);
@@ -202,6 +203,7 @@ impl<const N: usize> Chain<N> {
         })
     }
 
+    /// The error of the pose `at` from `goal`.
     fn pose_error(&self, goal: &Pose, at: &Pose) -> PoseError {
         let p = goal.translation - at.translation;
         let r = at.rotation * rotation_vector(&at.rotation, &goal.rotation);
@@ -213,39 +215,40 @@ impl<const N: usize> Chain<N> {
         }
     }
 
-    /// Damped steps from one start; the best place that was passed.
+    /// Damped steps from one starting point. Returns the joints with the smallest error on the way,
+    /// and their error. `steps` is increased by the number of steps.
     fn iterate(
         &self,
         goal: &Pose,
         from: &JointVector<N>,
-        effort: &SearchBudget,
+        budget: &SearchBudget,
         steps: &mut u32,
     ) -> (JointVector<N>, PoseError) {
         let mut q = *from;
         let mut frames = self.frames(&q);
-        let mut miss = self.pose_error(goal, &frames.tool);
-        let mut best = (q, miss);
-        let mut polished = 0;
-        for _ in 0..effort.steps {
-            let square = miss.half_squared_norm();
-            if square <= SQUARED_ERROR_MIN {
+        let mut error = self.pose_error(goal, &frames.tool);
+        let mut best = (q, error);
+        let mut refinements = 0;
+        for _ in 0..budget.steps {
+            let half_square = error.half_squared_norm();
+            if half_square <= SQUARED_ERROR_MIN {
                 break;
             }
             *steps += 1;
             let j = self.jacobian_from_frames(&frames, &DMat3::IDENTITY);
-            let step = self.step_within_limits(&q, &j, &miss.scaled, square + DAMPING_MIN);
+            let step = self.step_within_limits(&q, &j, &error.scaled, half_square + DAMPING_MIN);
             q = self.clamp_to_limits(&(q + self.limit_step(&step)));
             frames = self.frames(&q);
-            miss = self.pose_error(goal, &frames.tool);
-            let better = miss.half_squared_norm() < 0.25 * best.1.half_squared_norm();
-            if miss.half_squared_norm() < best.1.half_squared_norm() {
-                best = (q, miss);
+            error = self.pose_error(goal, &frames.tool);
+            let is_halved = error.half_squared_norm() < 0.25 * best.1.half_squared_norm();
+            if error.half_squared_norm() < best.1.half_squared_norm() {
+                best = (q, error);
             }
-            if best.1.position_error_m <= effort.position_tolerance_m
-                && best.1.orientation_error_rad <= effort.orientation_tolerance_rad
+            if best.1.position_error_m <= budget.position_tolerance_m
+                && best.1.orientation_error_rad <= budget.orientation_tolerance_rad
             {
-                polished += 1;
-                if !better || polished > REFINEMENT_STEPS_MAX {
+                refinements += 1;
+                if !is_halved || refinements > REFINEMENT_STEPS_MAX {
                     break;
                 }
             }
@@ -253,9 +256,9 @@ impl<const N: usize> Chain<N> {
         best
     }
 
-    /// The damped step of the joints that can make it: one that stands at a limit and would leave
-    /// it is taken out, and the others make the step without it. Clamped afterwards instead, the
-    /// step would point elsewhere and stall along the limit.
+    /// The damped step without the joints that stand at a limit and would move beyond it. The other
+    /// joints make the step without them. If the full step were clamped instead, it would change
+    /// its direction and the iteration would stall along the limit.
     fn step_within_limits(
         &self,
         q: &JointVector<N>,
@@ -266,15 +269,15 @@ impl<const N: usize> Chain<N> {
         let (mut j, mut free) = (*jacobian, [true; N]);
         let mut step = self.damped_step(&j, error, damping);
         for _ in 0..LIMIT_ROUNDS_MAX {
-            let leaves = |i: usize| {
+            let leaves_limits = |i: usize| {
                 (q[i] <= self.limits.q_min[i] && step[i] < 0.0)
                     || (q[i] >= self.limits.q_max[i] && step[i] > 0.0)
             };
-            let held: [bool; N] = core::array::from_fn(|i| free[i] && leaves(i));
-            if !held.contains(&true) {
+            let blocked: [bool; N] = core::array::from_fn(|i| free[i] && leaves_limits(i));
+            if !blocked.contains(&true) {
                 break;
             }
-            for i in (0..N).filter(|i| held[*i]) {
+            for i in (0..N).filter(|i| blocked[*i]) {
                 free[i] = false;
                 j.column_mut(i).fill(0.0);
             }
@@ -283,8 +286,8 @@ impl<const N: usize> Chain<N> {
         step
     }
 
-    /// `J^T (J J^T + damping I)^-1 error` with positions counted in mean links; rest where a
-    /// number is not finite.
+    /// The damped least-squares step `J^T (J J^T + damping I)^-1 error`, with positions divided by
+    /// the mean link length. It is zero where a number is not finite.
     fn damped_step(
         &self,
         jacobian: &Jacobian<N>,
@@ -314,22 +317,22 @@ impl<const N: usize> Chain<N> {
         if step.iter().all(|x| x.is_finite()) { step } else { JointVector::zeros() }
     }
 
-    /// A step shortened as a whole to the longest one.
+    /// `step` times a common factor, so that no joint changes by more than [`STEP_MAX_RAD`].
     fn limit_step(&self, step: &JointVector<N>) -> JointVector<N> {
-        let most = (0..N).fold(0.0_f64, |most, i| {
+        let largest = (0..N).fold(0.0_f64, |largest, i| {
             let size = match self.links[i].kind {
                 JointKind::Revolute => step[i].abs(),
                 JointKind::Prismatic => step[i].abs() / self.mean_link_m,
             };
-            most.max(size)
+            largest.max(size)
         });
-        if most > STEP_MAX_RAD { step * (STEP_MAX_RAD / most) } else { *step }
+        if largest > STEP_MAX_RAD { step * (STEP_MAX_RAD / largest) } else { *step }
     }
 
-    /// Joint rates for a twist of the tool point `[v; w]` (base frame), damped least squares with
-    /// positions counted in mean links; `damping` is lambda^2 in that measure. What the rates miss
-    /// of the twist comes beside them. Numbers that are not finite, or too large to square, give
-    /// rest.
+    /// Resolved-rate motion: the joint rates (rad/s or m/s) at `q` (rad or m) for the twist `[v;
+    /// w]` of the tool point (base frame; m/s, rad/s), by damped least squares with positions
+    /// divided by the mean link length, and the part of the twist that the rates leave. `damping`
+    /// is lambda^2. Numbers that are not finite, or too large to square, give rates of zero.
     #[must_use]
     pub fn resolved_rates(
         &self,
