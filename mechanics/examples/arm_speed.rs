@@ -10,13 +10,13 @@ use taktil_mechanics::puma260::dynamics::{Dynamics, State, rk4_step};
 use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_mechanics::{Joints, Pose};
 
-const SAMPLES: usize = 1024;
-const ROUNDS: usize = 40;
+const SAMPLE_COUNT: usize = 1024;
+const ROUND_COUNT: usize = 40;
 
 #[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
 fn measure<T>(name: &str, inputs: &[T], mut call: impl FnMut(&T)) {
     let mut best = f64::INFINITY;
-    for _ in 0..ROUNDS {
+    for _ in 0..ROUND_COUNT {
         let start = Instant::now();
         for input in inputs {
             call(black_box(input));
@@ -38,7 +38,7 @@ fn main() {
     let mut six =
         |low: &Joints, high: &Joints| Joints::from_fn(|i, _| low[i] + (high[i] - low[i]) * unit());
     let ones = Joints::repeat(1.0);
-    let q: Vec<Joints> = (0..SAMPLES).map(|_| six(&arm.q_min_rad, &arm.q_max_rad)).collect();
+    let q: Vec<Joints> = (0..SAMPLE_COUNT).map(|_| six(&arm.q_min_rad, &arm.q_max_rad)).collect();
     let motions: Vec<(Joints, Joints, Joints)> =
         q.iter().map(|q| (*q, six(&-ones, &ones), six(&-ones, &ones))).collect();
     let poses: Vec<(Pose, Joints)> = q.iter().map(|q| (arm.wrist_pose(q), *q)).collect();

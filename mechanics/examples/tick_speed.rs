@@ -17,11 +17,11 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::tracking::{PathRef, PathTracker};
 
-#[path = "../tests/rows/mod.rs"]
-mod rows;
+#[path = "../tests/dh_rows/mod.rs"]
+mod dh_rows;
 
 const DT_S: f64 = 0.0025;
-const ROUNDS: usize = 201;
+const ROUND_COUNT: usize = 201;
 
 /// A square of the tool about where joints `q` put it, and back.
 fn square<const N: usize, A: Arm<N>>(arm: &A, q: &JointVector<N>) -> CartesianPath {
@@ -50,7 +50,7 @@ fn follow<const N: usize, A: Arm<N>>(arm: &A, path: &CartesianPath, q: &JointVec
 /// Best, median and largest of many rounds, in ns a tick.
 #[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
 fn measure(name: &str, mut round: impl FnMut() -> u32) {
-    let mut times: Vec<f64> = (0..ROUNDS)
+    let mut times: Vec<f64> = (0..ROUND_COUNT)
         .map(|_| {
             let start = Instant::now();
             let ticks = round();
@@ -58,7 +58,7 @@ fn measure(name: &str, mut round: impl FnMut() -> u32) {
         })
         .collect();
     times.sort_by(f64::total_cmp);
-    let (best, median, most) = (times[0], times[ROUNDS / 2], times[ROUNDS - 1]);
+    let (best, median, most) = (times[0], times[ROUND_COUNT / 2], times[ROUND_COUNT - 1]);
     println!("{name:<36} {best:8.0} {median:8.0} {most:8.0}");
 }
 
@@ -88,12 +88,12 @@ fn main() {
     });
     // Limits that do not matter.
     let spec = JointSpec { speed_max: 10.0, ..JointSpec::default() };
-    let six = rows::chain(&rows::UR5E, &spec);
-    let bent = JointVector::<6>::new(0.2, -1.3, 1.6, -1.9, -1.5, 0.4);
-    let path = square(&six, &bent);
-    measure("six joints by damped steps, line", || follow(&six, &path, &bent));
-    let seven = rows::chain(&rows::SEVEN, &spec);
-    let curled = JointVector::<7>::from([0.1, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5]);
-    let path = square(&seven, &curled);
-    measure("seven joints by damped steps, line", || follow(&seven, &path, &curled));
+    let six = dh_rows::chain(&dh_rows::UR5E_ROWS, &spec);
+    let six_joint_start = JointVector::<6>::new(0.2, -1.3, 1.6, -1.9, -1.5, 0.4);
+    let path = square(&six, &six_joint_start);
+    measure("six joints by damped steps, line", || follow(&six, &path, &six_joint_start));
+    let seven = dh_rows::chain(&dh_rows::SEVEN_JOINT_ROWS, &spec);
+    let seven_joint_start = JointVector::<7>::from([0.1, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5]);
+    let path = square(&seven, &seven_joint_start);
+    measure("seven joints by damped steps, line", || follow(&seven, &path, &seven_joint_start));
 }

@@ -1,7 +1,7 @@
 //! The closed-form inverse: every branch of the reference, every start of many, and the hard
 //! places.
 
-use crate::draws::Draws;
+use crate::lcg::Lcg;
 use crate::table::rows;
 use core::f64::consts::{FRAC_PI_2, PI};
 use glam::{DMat3, DVec3};
@@ -57,10 +57,10 @@ fn every_branch_of_the_reference_is_found() {
 #[test]
 fn twenty_thousand_random_poses_are_met_by_all_branches_and_the_start_is_among_them() {
     let arm = Puma260::reference();
-    let mut draws = Draws::new(1);
+    let mut lcg = Lcg::new(1);
     let mut worst: (f64, f64) = (0.0, 0.0);
     for n in 0..20_000 {
-        let q = draws.joints(&arm);
+        let q = lcg.joints(&arm);
         let pose = arm.wrist_pose(&q);
         let branches = arm.inverse_kinematics(&pose, Some(&q));
         assert_eq!(branches.len(), 8, "draw {n}");
@@ -115,14 +115,14 @@ fn near_singular_poses_are_met_and_the_joints_before_are_found_again() {
 #[test]
 fn the_wrist_stays_with_its_joints_down_to_the_singularity() {
     let arm = Puma260::reference();
-    let mut draws = Draws::new(2);
+    let mut lcg = Lcg::new(2);
     for n in 0..2_000 {
-        let mut q = draws.joints(&arm);
+        let mut q = lcg.joints(&arm);
         q[4] = match n % 4 {
             0 => 0.0,
             1 => 1e-14,
             2 => -3e-12,
-            _ => draws.between(-1e-11, 1e-11),
+            _ => lcg.between(-1e-11, 1e-11),
         };
         let d = arm.singularity_distance(&q);
         if d.shoulder.abs() < 0.05 || d.elbow.abs() < 0.05 {

@@ -18,8 +18,8 @@ use taktil_tasks_jog::Config;
 use taktil_tasks_jog::law::{Law, Push};
 use taktil_tests_script::dice::Dice;
 
-#[path = "../../../mechanics/tests/rows/mod.rs"]
-mod rows;
+#[path = "../../../mechanics/tests/dh_rows/mod.rs"]
+mod dh_rows;
 
 const DT_S: f64 = 0.0025;
 /// Starts, and the jobs from each.
@@ -113,6 +113,6 @@ fn main() {
         acceleration_max: 15.0,
         ..JointSpec::default()
     };
-    show("six joints", &rows::chain(&rows::UR5E, &spec));
-    show("seven joints", &rows::chain(&rows::SEVEN, &spec));
+    show("six joints", &dh_rows::chain(&dh_rows::UR5E_ROWS, &spec));
+    show("seven joints", &dh_rows::chain(&dh_rows::SEVEN_JOINT_ROWS, &spec));
 }

@@ -1,14 +1,15 @@
-//! Repeatable random joint vectors. Refuses to be a good generator: it only has to spread.
+//! Repeatable random joint vectors from a linear congruential generator. Its quality is enough to
+//! spread test poses.
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 
 /// A linear congruential generator, constants of Knuth's MMIX.
-pub(crate) struct Draws(u64);
+pub(crate) struct Lcg(u64);
 
-impl Draws {
-    pub(crate) fn new(seed: u64) -> Draws {
-        Draws(seed)
+impl Lcg {
+    pub(crate) fn new(seed: u64) -> Lcg {
+        Lcg(seed)
     }
 
     /// Uniform in [0, 1).

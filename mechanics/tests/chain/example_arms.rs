@@ -1,7 +1,9 @@
 //! Arms for the tests, and repeatable random numbers. Dimensions come from public data sheets and
 //! documentation where a maker is named; masses there are estimates.
 
-use crate::rows::UR5E;
+pub(crate) use core::f64::consts::{FRAC_PI_2, PI};
+
+use crate::dh_rows::UR5E_ROWS;
 use glam::{DMat3, DVec3};
 use taktil_mechanics::chain::{Chain, DhRow, JointKind, JointSpec};
 use taktil_mechanics::puma260::Puma260;
@@ -10,13 +12,10 @@ use taktil_mechanics::rigid_body::Body;
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::spatial::{Pose, rotation_from_vector};
 
-pub(crate) const HALF: f64 = core::f64::consts::FRAC_PI_2;
-pub(crate) const PI: f64 = core::f64::consts::PI;
-
 /// A linear congruential generator, constants of Knuth's MMIX.
-pub(crate) struct Draws(pub(crate) u64);
+pub(crate) struct Lcg(pub(crate) u64);
 
-impl Draws {
+impl Lcg {
     pub(crate) fn word(&mut self) -> u64 {
         self.0 =
             self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -47,12 +46,12 @@ impl Draws {
     }
 }
 
-/// The PUMA 260 by its Denavit-Hartenberg rows, with its bodies and tool.
+/// The PUMA 260 as a chain of Denavit-Hartenberg rows, with its bodies and tool.
 pub(crate) fn puma() -> Chain<6> {
     puma_with(&Dynamics::reference())
 }
 
-/// The same with other bodies.
+/// The same chain with the bodies of `dynamics`.
 pub(crate) fn puma_with(dynamics: &Dynamics) -> Chain<6> {
     let arm = Puma260::reference();
     let row = |i: usize, a_m: f64, d_m: f64, alpha_rad: f64| DhRow {
@@ -71,11 +70,11 @@ pub(crate) fn puma_with(dynamics: &Dynamics) -> Chain<6> {
         },
     };
     let rows = [
-        row(0, 0.0, 0.0, HALF),
+        row(0, 0.0, 0.0, FRAC_PI_2),
         row(1, arm.a2_m, 0.0, 0.0),
-        row(2, 0.0, arm.d3_m, -HALF),
-        row(3, 0.0, arm.d4_m, HALF),
-        row(4, 0.0, 0.0, -HALF),
+        row(2, 0.0, arm.d3_m, -FRAC_PI_2),
+        row(3, 0.0, arm.d4_m, FRAC_PI_2),
+        row(4, 0.0, 0.0, -FRAC_PI_2),
         row(5, 0.0, 0.0, 0.0),
     ];
     let tool = Pose::new(DMat3::IDENTITY, DVec3::new(0.0, 0.0, arm.tool_z_m));
@@ -87,7 +86,7 @@ fn body(mass_kg: f64, com_m: [f64; 3]) -> Body {
     Body::diagonal(mass_kg, com_m, [size, 1.2 * size, 0.7 * size])
 }
 
-/// Six turning joints, 2 to 4 parallel, no spherical wrist.
+/// Six revolute joints, 2 to 4 parallel, no spherical wrist.
 pub(crate) fn ur5e_like() -> Chain<6> {
     let masses = [
         (3.761, [0.0, -0.02561, 0.00193], 2.0 * PI),
@@ -98,7 +97,7 @@ pub(crate) fn ur5e_like() -> Chain<6> {
         (0.365, [0.0, 0.0, -0.001159], 2.0 * PI),
     ];
     let row = |i: usize| {
-        let ((a_m, d_m, alpha_rad), (mass_kg, com_m, range)) = (UR5E[i], masses[i]);
+        let ((a_m, d_m, alpha_rad), (mass_kg, com_m, range)) = (UR5E_ROWS[i], masses[i]);
         let spec = JointSpec {
             body: body(mass_kg, com_m),
             q_min: -range,
@@ -113,17 +112,17 @@ pub(crate) fn ur5e_like() -> Chain<6> {
     Chain::from_dh(&core::array::from_fn::<_, 6, _>(row), &Pose::IDENTITY).unwrap()
 }
 
-/// Seven turning joints with offsets at elbow and wrist: rows and limits that Franka Robotics
-/// publishes for its arm, which are modified ones, so each is the mount of its joint.
+/// Seven revolute joints with offsets at elbow and wrist: rows and limits that Franka Robotics
+/// publishes for its arm, which are modified ones, so that each row is the origin of its joint.
 pub(crate) fn seven() -> Chain<7> {
     let rows = [
         (0.0, 0.333, 0.0, -2.8973, 2.8973),
-        (0.0, 0.0, -HALF, -1.7628, 1.7628),
-        (0.0, 0.316, HALF, -2.8973, 2.8973),
-        (0.0825, 0.0, HALF, -3.0718, -0.0698),
-        (-0.0825, 0.384, -HALF, -2.8973, 2.8973),
-        (0.0, 0.0, HALF, -0.0175, 3.7525),
-        (0.088, 0.0, HALF, -2.8973, 2.8973),
+        (0.0, 0.0, -FRAC_PI_2, -1.7628, 1.7628),
+        (0.0, 0.316, FRAC_PI_2, -2.8973, 2.8973),
+        (0.0825, 0.0, FRAC_PI_2, -3.0718, -0.0698),
+        (-0.0825, 0.384, -FRAC_PI_2, -2.8973, 2.8973),
+        (0.0, 0.0, FRAC_PI_2, -0.0175, 3.7525),
+        (0.088, 0.0, FRAC_PI_2, -2.8973, 2.8973),
     ];
     let joints = rows.map(|(a, d, alpha, q_min, q_max)| {
         let twist = taktil_mechanics::spatial::rotation_x(alpha);
@@ -139,48 +138,48 @@ pub(crate) fn seven() -> Chain<7> {
 }
 
 /// Axes and points of an arm of the family with a spherical wrist, in the base frame at zero.
-pub(crate) struct Drawn {
+pub(crate) struct WristArmGeometry {
     pub(crate) axes: [DVec3; 6],
     pub(crate) points: [DVec3; 6],
 }
 
-/// Any arm of that family: all offsets, either sign of parallel axes, bent at zero.
-pub(crate) fn drawn(draws: &mut Draws) -> Drawn {
-    let sign = |draws: &mut Draws| if draws.word() >> 63 == 0 { 1.0 } else { -1.0 };
+/// Any arm of that family: all offsets, either sign of parallel axes, six_joint_start at zero.
+pub(crate) fn random_wrist_arm(lcg: &mut Lcg) -> WristArmGeometry {
+    let sign = |lcg: &mut Lcg| if lcg.word() >> 63 == 0 { 1.0 } else { -1.0 };
     let (z, y) = (DVec3::Z, DVec3::Y);
-    let shoulder = DVec3::new(draws.between(-0.2, 0.2), draws.between(-0.1, 0.1), 0.3);
-    let elbow = shoulder + draws.point(0.2) + DVec3::new(0.1, 0.0, 0.4);
-    let centre = elbow + draws.point(0.15) + DVec3::new(0.4, 0.0, 0.1);
-    let wrist = draws.rotation();
-    let bent = draws.between(-PI, PI);
-    let (s, c) = (libm::sin(bent), libm::cos(bent));
+    let shoulder = DVec3::new(lcg.between(-0.2, 0.2), lcg.between(-0.1, 0.1), 0.3);
+    let elbow = shoulder + lcg.point(0.2) + DVec3::new(0.1, 0.0, 0.4);
+    let centre = elbow + lcg.point(0.15) + DVec3::new(0.4, 0.0, 0.1);
+    let wrist = lcg.rotation();
+    let six_joint_start = lcg.between(-PI, PI);
+    let (s, c) = (libm::sin(six_joint_start), libm::cos(six_joint_start));
     let axes = [
-        z * sign(draws),
-        y * sign(draws),
-        y * sign(draws),
+        z * sign(lcg),
+        y * sign(lcg),
+        y * sign(lcg),
         wrist.z_axis,
-        wrist.y_axis * sign(draws),
+        wrist.y_axis * sign(lcg),
         s * wrist.x_axis + c * wrist.z_axis,
     ];
-    let on = |draws: &mut Draws, point: DVec3, axis: DVec3| point + axis * draws.between(-0.3, 0.3);
+    let on = |lcg: &mut Lcg, point: DVec3, axis: DVec3| point + axis * lcg.between(-0.3, 0.3);
     let points = [
-        on(draws, DVec3::ZERO, axes[0]),
-        on(draws, shoulder, axes[1]),
-        on(draws, elbow, axes[2]),
-        on(draws, centre, axes[3]),
-        on(draws, centre, axes[4]),
-        on(draws, centre, axes[5]),
+        on(lcg, DVec3::ZERO, axes[0]),
+        on(lcg, shoulder, axes[1]),
+        on(lcg, elbow, axes[2]),
+        on(lcg, centre, axes[3]),
+        on(lcg, centre, axes[4]),
+        on(lcg, centre, axes[5]),
     ];
-    Drawn { axes, points }
+    WristArmGeometry { axes, points }
 }
 
-impl Drawn {
-    /// The chain, every joint in a frame of its own turn, on a base of any turn.
-    pub(crate) fn chain(&self, draws: &mut Draws) -> Chain<6> {
-        let base = Pose::new(draws.rotation(), draws.point(0.5));
+impl WristArmGeometry {
+    /// The chain, every joint in a frame with a random rotation, on a base with a random pose.
+    pub(crate) fn chain(&self, lcg: &mut Lcg) -> Chain<6> {
+        let base = Pose::new(lcg.rotation(), lcg.point(0.5));
         let mut before = Pose::IDENTITY;
         let joints: [JointSpec; 6] = core::array::from_fn(|i| {
-            let frame = base.compose(&Pose::new(draws.rotation(), self.points[i]));
+            let frame = base.compose(&Pose::new(lcg.rotation(), self.points[i]));
             let mount = before.inverse().compose(&frame);
             before = frame;
             JointSpec {
@@ -191,11 +190,11 @@ impl Drawn {
                 ..JointSpec::default()
             }
         });
-        Chain::new(&joints, &Pose::new(draws.rotation(), draws.point(0.2))).unwrap()
+        Chain::new(&joints, &Pose::new(lcg.rotation(), lcg.point(0.2))).unwrap()
     }
 }
 
-/// A pose whose rotation is orthonormal again to the last bit or so.
+/// The pose with its rotation made orthonormal to rounding.
 fn square(pose: &Pose) -> Pose {
     let r = pose.rotation;
     let x = r.x_axis.normalize();
@@ -203,18 +202,18 @@ fn square(pose: &Pose) -> Pose {
     Pose::new(DMat3::from_cols(x, z.cross(x), z), pose.translation)
 }
 
-/// Turning and sliding joints in turn.
+/// Revolute and prismatic joints in alternation.
 pub(crate) fn slider() -> Chain<5> {
-    let mut draws = Draws(7);
+    let mut lcg = Lcg(7);
     let joints: [JointSpec; 5] = core::array::from_fn(|i| JointSpec {
-        origin: Pose::new(draws.rotation(), draws.point(0.4)),
-        axis: draws.point(1.0),
+        origin: Pose::new(lcg.rotation(), lcg.point(0.4)),
+        axis: lcg.point(1.0),
         kind: if i % 2 == 1 { JointKind::Prismatic } else { JointKind::Revolute },
-        body: body(1.0 + draws.between(0.0, 2.0), draws.point(0.1).to_array()),
+        body: body(1.0 + lcg.between(0.0, 2.0), lcg.point(0.1).to_array()),
         q_min: -0.8,
         q_max: 0.9,
         reflected_inertia: 0.01,
         ..JointSpec::default()
     });
-    Chain::new(&joints, &Pose::new(draws.rotation(), draws.point(0.2))).unwrap()
+    Chain::new(&joints, &Pose::new(lcg.rotation(), lcg.point(0.2))).unwrap()
 }

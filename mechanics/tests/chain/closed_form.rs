@@ -1,7 +1,7 @@
 //! The closed form for spherical wrists: recognised by axes alone, all branches, the joints before
 //! found again; and the PUMA by the general path equal to its own.
 
-use crate::arms::{Draws, PI, drawn, puma, seven, ur5e_like};
+use crate::example_arms::{Lcg, PI, puma, random_wrist_arm, seven, ur5e_like};
 use glam::DVec3;
 use taktil_mechanics::chain::{Chain, DhRow, JointSpec};
 use taktil_mechanics::puma260::{Puma260, WRIST_SINGULAR};
@@ -23,9 +23,9 @@ fn miss(chain: &Chain<6>, q: &Joints, tool: &Pose) -> f64 {
 fn the_puma_by_the_general_path_is_the_puma_by_its_own() {
     let (arm, chain) = (Puma260::reference(), puma());
     let wrist = chain.spherical_wrist().expect("recognised");
-    let mut draws = Draws(21);
+    let mut lcg = Lcg(21);
     for n in 0..5000 {
-        let q = draws.inside(&chain);
+        let q = lcg.inside(&chain);
         let tool = arm.tool_pose(&q);
         let own = arm.inverse_kinematics(&arm.tool_to_wrist(&tool), Some(&q));
         let got = wrist.inverse_kinematics(&tool, Some(&q));
@@ -47,13 +47,13 @@ fn the_puma_by_the_general_path_is_the_puma_by_its_own() {
 
 #[test]
 fn any_arm_of_the_family_is_recognised_and_solved() {
-    let mut draws = Draws(22);
+    let mut lcg = Lcg(22);
     let mut branches = [0_u32; 9];
     for n in 0..200 {
-        let arm = drawn(&mut draws).chain(&mut draws);
+        let arm = random_wrist_arm(&mut lcg).chain(&mut lcg);
         let wrist = arm.spherical_wrist().unwrap_or_else(|| panic!("arm {n}: not recognised"));
         for _ in 0..50 {
-            let q = draws.inside(&arm);
+            let q = lcg.inside(&arm);
             let tool = arm.tool_pose(&q);
             let got = wrist.inverse_kinematics(&tool, Some(&q));
             branches[got.len()] += 1;
@@ -80,31 +80,31 @@ fn arms_of_other_kinds_are_not_taken_for_one() {
     assert!(ur5e_like().spherical_wrist().is_none());
     assert!(seven().spherical_wrist().is_none());
     // One millionth of a metre beside the wrist's centre is not a spherical wrist.
-    let mut draws = Draws(23);
+    let mut lcg = Lcg(23);
     for i in 0..3 {
-        let mut arm = drawn(&mut draws);
+        let mut arm = random_wrist_arm(&mut lcg);
         let aside = arm.axes[3 + i].any_orthonormal_vector();
         arm.points[3 + i] += 1e-6 * (aside + arm.axes[3 + i].cross(aside));
-        assert!(arm.chain(&mut draws).spherical_wrist().is_none(), "axis {}", i + 4);
-        let mut arm = drawn(&mut draws);
+        assert!(arm.chain(&mut lcg).spherical_wrist().is_none(), "axis {}", i + 4);
+        let mut arm = random_wrist_arm(&mut lcg);
         arm.axes[i] = (arm.axes[i] + DVec3::new(1e-6, 0.0, 1e-6)).normalize();
         if i > 0 {
-            assert!(arm.chain(&mut draws).spherical_wrist().is_none(), "axis {}", i + 1);
+            assert!(arm.chain(&mut lcg).spherical_wrist().is_none(), "axis {}", i + 1);
         }
     }
 }
 
 #[test]
 fn the_wrist_stays_with_its_joints_down_to_the_singularity() {
-    let mut draws = Draws(24);
+    let mut lcg = Lcg(24);
     for n in 0..100 {
-        let arm = drawn(&mut draws).chain(&mut draws);
+        let arm = random_wrist_arm(&mut lcg).chain(&mut lcg);
         let wrist = arm.spherical_wrist().unwrap();
-        let mut q = draws.inside(&arm);
+        let mut q = lcg.inside(&arm);
         // Joint 5 where axes 4 and 6 are in line.
         let zero = wrist.singularity_distance(&Joints::zeros()).wrist;
-        let bent = libm::asin(zero);
-        let straight = [-bent, bent + PI, bent - PI]
+        let six_joint_start = libm::asin(zero);
+        let straight = [-six_joint_start, six_joint_start + PI, six_joint_start - PI]
             .into_iter()
             .find(|x| {
                 let at = Joints::new(0.0, 0.0, 0.0, 0.0, *x, 0.0);
@@ -138,12 +138,12 @@ fn a_known_industrial_arm_is_solved_from_its_rows() {
     let at = |x: f64, z: f64| DVec3::new(x, 0.0, z);
     let (y, z) = (DVec3::Y, DVec3::Z);
     let points = [at(0.0, 0.0), at(0.025, 0.4), at(0.025, 0.715), at(-0.01, 1.08)];
-    let arm = crate::arms::Drawn {
+    let arm = crate::example_arms::WristArmGeometry {
         axes: [z, y, y, z, y, z],
         points: [points[0], points[1], points[2], points[3], points[3], points[3]],
     };
-    let mut draws = Draws(25);
-    let chain = arm.chain(&mut draws);
+    let mut lcg = Lcg(25);
+    let chain = arm.chain(&mut lcg);
     let wrist = chain.spherical_wrist().unwrap();
     let q = Joints::new(0.3, -0.4, 0.9, 1.1, 0.7, -2.0);
     let got = wrist.inverse_kinematics(&chain.tool_pose(&q), None);

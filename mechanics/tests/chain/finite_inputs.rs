@@ -1,8 +1,8 @@
-//! No finite number, however odd, makes a NaN or a panic: bits drawn at random, zeros of either
-//! sign, the smallest and the largest, and steps beside singularities, in every place of every
-//! argument. Dynamics are held to motions up to 1e60, which is what they promise.
+//! No finite number, however odd, makes a NaN or a panic: bits random_wrist_arm at random, zeros of
+//! either sign, the smallest and the largest, and steps beside singularities, in every place of
+//! every argument. Dynamics are held to motions up to 1e60, which is what they promise.
 
-use crate::arms::{Draws, puma, seven, slider, ur5e_like};
+use crate::example_arms::{Lcg, puma, seven, slider, ur5e_like};
 use glam::{DMat3, DVec3};
 use taktil_mechanics::chain::{Chain, SearchBudget};
 use taktil_mechanics::dls::{damped_least_squares, damping_squared, scale_to_speed_limits};
@@ -12,37 +12,37 @@ use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::{Joints, Pose};
 
 /// Any finite number.
-fn odd(draws: &mut Draws) -> f64 {
-    match draws.word() >> 60 {
+fn odd(lcg: &mut Lcg) -> f64 {
+    match lcg.word() >> 60 {
         0 => 0.0,
         1 => -0.0,
         2 => f64::MIN_POSITIVE,
-        3 => f64::from_bits(draws.word() & 0xfff),
+        3 => f64::from_bits(lcg.word() & 0xfff),
         4 => f64::MAX,
         5 => -f64::MAX,
         6 => core::f64::consts::FRAC_PI_2,
         7 => -core::f64::consts::PI,
-        8 | 9 => draws.between(-1.0, 1.0),
-        10 => draws.between(-1e-9, 1e-9),
+        8 | 9 => lcg.between(-1.0, 1.0),
+        10 => lcg.between(-1e-9, 1e-9),
         _ => {
-            let bits = f64::from_bits(draws.word());
+            let bits = f64::from_bits(lcg.word());
             if bits.is_finite() { bits } else { 1.0 }
         }
     }
 }
 
-fn vector<const N: usize>(draws: &mut Draws) -> JointVector<N> {
-    JointVector::from_fn(|_, _| odd(draws))
+fn vector<const N: usize>(lcg: &mut Lcg) -> JointVector<N> {
+    JointVector::from_fn(|_, _| odd(lcg))
 }
 
-fn pose(draws: &mut Draws) -> Pose {
-    let point = |draws: &mut Draws| DVec3::new(odd(draws), odd(draws), odd(draws));
-    let rotation = if draws.word() >> 63 == 0 {
-        draws.rotation()
+fn pose(lcg: &mut Lcg) -> Pose {
+    let point = |lcg: &mut Lcg| DVec3::new(odd(lcg), odd(lcg), odd(lcg));
+    let rotation = if lcg.word() >> 63 == 0 {
+        lcg.rotation()
     } else {
-        DMat3::from_cols(point(draws), point(draws), point(draws))
+        DMat3::from_cols(point(lcg), point(lcg), point(lcg))
     };
-    let place = if draws.word() >> 63 == 0 { draws.point(0.4) } else { point(draws) };
+    let place = if lcg.word() >> 63 == 0 { lcg.point(0.4) } else { point(lcg) };
     Pose::new(rotation, place)
 }
 
@@ -53,9 +53,9 @@ fn finite<'a>(what: &str, values: impl IntoIterator<Item = &'a f64>) {
 #[test]
 fn the_puma_s_kinematics_answer_every_finite_number() {
     let arm = Puma260::reference();
-    let mut draws = Draws(41);
+    let mut lcg = Lcg(41);
     for _ in 0..20_000 {
-        let (q, other): (Joints, Joints) = (vector(&mut draws), vector(&mut draws));
+        let (q, other): (Joints, Joints) = (vector(&mut lcg), vector(&mut lcg));
         assert!(arm.tool_pose(&q).is_finite());
         finite("Jacobian", arm.jacobian_base(&q).iter());
         finite("Jacobian", arm.jacobian_tool(&q).iter());
@@ -63,7 +63,7 @@ fn the_puma_s_kinematics_answer_every_finite_number() {
             arm.jacobian_determinant(&q).is_finite()
                 && arm.singularity_distance(&q).smallest() <= 1.0
         );
-        let pose = pose(&mut draws);
+        let pose = pose(&mut lcg);
         let branches = arm.inverse_kinematics(&pose, Some(&q));
         for branch in &branches {
             finite("branch", branch.q.iter());
@@ -75,10 +75,10 @@ fn the_puma_s_kinematics_answer_every_finite_number() {
             finite("continued", near.iter());
         }
         finite("speeds", scale_to_speed_limits(&q, &arm.speed_max_rad_s).0.iter());
-        if let Some(rates) = damped_least_squares(&arm.jacobian_base(&q), &other, odd(&mut draws)) {
+        if let Some(rates) = damped_least_squares(&arm.jacobian_base(&q), &other, odd(&mut lcg)) {
             finite("rates", rates.iter());
         }
-        let damping = damping_squared(odd(&mut draws), odd(&mut draws), draws.between(-1e3, 1e3));
+        let damping = damping_squared(odd(&mut lcg), odd(&mut lcg), lcg.between(-1e3, 1e3));
         assert!(damping.is_finite());
     }
 }
@@ -86,11 +86,11 @@ fn the_puma_s_kinematics_answer_every_finite_number() {
 #[test]
 fn the_puma_s_dynamics_answer_motions_up_to_1e60() {
     let arm = Dynamics::reference();
-    let mut draws = Draws(42);
+    let mut lcg = Lcg(42);
     for _ in 0..5_000 {
-        let q: Joints = vector(&mut draws);
-        let qd = vector::<6>(&mut draws).map(|x: f64| x.clamp(-1e60, 1e60));
-        let qdd = vector::<6>(&mut draws).map(|x: f64| x.clamp(-1e60, 1e60));
+        let q: Joints = vector(&mut lcg);
+        let qd = vector::<6>(&mut lcg).map(|x: f64| x.clamp(-1e60, 1e60));
+        let qdd = vector::<6>(&mut lcg).map(|x: f64| x.clamp(-1e60, 1e60));
         finite("torque", arm.inverse_dynamics(&q, &qd, &qdd).iter());
         finite("gravity", arm.gravity_torque(&q).iter());
         finite("mass matrix", arm.mass_matrix(&q).iter());
@@ -99,12 +99,12 @@ fn the_puma_s_dynamics_answer_motions_up_to_1e60() {
 }
 
 fn chain_answers<const N: usize>(chain: &Chain<N>, seed: u64) {
-    let mut draws = Draws(seed);
+    let mut lcg = Lcg(seed);
     let effort = SearchBudget { starts: 2, steps: 6, ..SearchBudget::default() };
     for _ in 0..2_000 {
         // Slides have a length: the place of a tool on a slide of 1e300 m is no number.
-        let q = vector::<N>(&mut draws).map(|x: f64| x.clamp(-1e60, 1e60));
-        let (qd, qdd) = (vector::<N>(&mut draws), vector::<N>(&mut draws));
+        let q = vector::<N>(&mut lcg).map(|x: f64| x.clamp(-1e60, 1e60));
+        let (qd, qdd) = (vector::<N>(&mut lcg), vector::<N>(&mut lcg));
         let (qd, qdd) = (qd.map(|x| x.clamp(-1e60, 1e60)), qdd.map(|x| x.clamp(-1e60, 1e60)));
         assert!(chain.tool_pose(&q).is_finite());
         finite("Jacobian", chain.jacobian_base(&q).iter());
@@ -113,14 +113,14 @@ fn chain_answers<const N: usize>(chain: &Chain<N>, seed: u64) {
         finite("torque", chain.inverse_dynamics(&q, &qd, &qdd).iter());
         finite("gravity", chain.gravity_torque(&q).iter());
         finite("mass matrix", chain.mass_matrix(&q).iter());
-        let pose = pose(&mut draws);
-        match chain.inverse_kinematics(&pose, &vector(&mut draws), &effort) {
+        let pose = pose(&mut lcg);
+        match chain.inverse_kinematics(&pose, &vector(&mut lcg), &effort) {
             Ok(found) => finite("found", found.q.iter()),
             Err(lost) => finite("not found", lost.q.iter()),
         }
-        let twist = vector::<6>(&mut draws).map(|x: f64| x.clamp(-1e60, 1e60));
-        finite("rates", chain.resolved_rates(&q, &twist, odd(&mut draws)).0.iter());
-        if let Some((near, _)) = chain.nearest_equivalent(&q, &vector(&mut draws)) {
+        let twist = vector::<6>(&mut lcg).map(|x: f64| x.clamp(-1e60, 1e60));
+        finite("rates", chain.resolved_rates(&q, &twist, odd(&mut lcg)).0.iter());
+        if let Some((near, _)) = chain.nearest_equivalent(&q, &vector(&mut lcg)) {
             finite("expanded", near.iter());
         }
     }
@@ -136,13 +136,13 @@ fn chains_answer_every_finite_number() {
 
 #[test]
 fn the_closed_form_answers_every_finite_number() {
-    let mut draws = Draws(47);
+    let mut lcg = Lcg(47);
     for _ in 0..40 {
-        let arm = crate::arms::drawn(&mut draws).chain(&mut draws);
+        let arm = crate::example_arms::random_wrist_arm(&mut lcg).chain(&mut lcg);
         let wrist = arm.spherical_wrist().unwrap();
         for _ in 0..200 {
-            let before: Joints = vector(&mut draws);
-            let branches = wrist.inverse_kinematics(&pose(&mut draws), Some(&before));
+            let before: Joints = vector(&mut lcg);
+            let branches = wrist.inverse_kinematics(&pose(&mut lcg), Some(&before));
             for branch in &branches {
                 finite("branch", branch.q.iter());
             }

@@ -1,6 +1,6 @@
 //! Counts, gears, torques and converter codes.
 
-use crate::draws::Draws;
+use crate::lcg::Lcg;
 use crate::table::rows;
 use core::f64::consts::TAU;
 use taktil_mechanics::Joints;
@@ -33,9 +33,9 @@ fn counts_match_the_reference_and_come_back() {
 fn every_count_survives_the_way_there_and_back() {
     let gears = Transmission::reference();
     let arm = Puma260::reference();
-    let mut draws = Draws::new(5);
+    let mut lcg = Lcg::new(5);
     for _ in 0..20_000 {
-        let q = draws.joints(&arm);
+        let q = lcg.joints(&arm);
         let counts = gears.counts(&q);
         assert_eq!(gears.counts(&gears.joints(&counts)), counts);
         let back = gears.exact_counts(&gears.joints(&counts)) - gears.exact_counts(&q);
@@ -57,9 +57,9 @@ fn joint_four_drags_its_neighbours() {
 #[test]
 fn the_torque_map_keeps_power() {
     let gears = Transmission::reference();
-    let mut draws = Draws::new(6);
+    let mut lcg = Lcg::new(6);
     for _ in 0..1000 {
-        let (tau, qd) = (draws.six(10.0), draws.six(3.0));
+        let (tau, qd) = (lcg.six(10.0), lcg.six(3.0));
         let motor = gears.motor_torque(&tau);
         assert!((motor.dot(&gears.motor_speed(&qd)) - tau.dot(&qd)).abs() < 1e-12);
         assert!((gears.joint_torque(&motor) - tau).amax() < 1e-13);

@@ -1,6 +1,6 @@
 //! Dynamics: torques, mass matrix, energies and whole motions.
 
-use crate::draws::Draws;
+use crate::lcg::Lcg;
 use crate::table::{joints, rows, toml};
 use core::f64::consts::TAU;
 use glam::{DMat3, DVec3};
@@ -37,10 +37,10 @@ fn recursion_mass_matrix_and_forward_dynamics_agree() {
             1e-3, 2e-4, -1e-4, 2e-4, 2e-3, 3e-4, -1e-4, 3e-4, 1.5e-3,
         ]),
     };
-    let mut draws = Draws::new(7);
+    let mut lcg = Lcg::new(7);
     for arm in [Dynamics::reference(), Dynamics::with_tool(&lopsided)] {
         for _ in 0..1000 {
-            let (q, qd, qdd) = (draws.joints(&geometry), draws.six(4.0), draws.six(20.0));
+            let (q, qd, qdd) = (lcg.joints(&geometry), lcg.six(4.0), lcg.six(20.0));
             let m = arm.mass_matrix(&q);
             assert_eq!(m, m.transpose());
             assert!(

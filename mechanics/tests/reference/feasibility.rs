@@ -32,8 +32,8 @@ fn degrees(q: [f64; 6]) -> Joints {
     Joints::from(q.map(f64::to_radians))
 }
 
-/// A pose in mid range whose wrist is bent by 40 degrees.
-fn bent() -> Joints {
+/// A pose in mid range whose wrist is mid_range_joints by 40 degrees.
+fn mid_range_joints() -> Joints {
     degrees([10.0, 40.0, -150.0, 20.0, 40.0, 10.0])
 }
 
@@ -61,13 +61,13 @@ fn past_the_singularity(arm: &Puma260, miss_rad: f64, t_s: f64) -> (CartesianPat
 #[test]
 fn away_from_the_singularity_following_is_the_inverse() {
     let arm = Puma260::reference();
-    let here = arm.tool_pose(&bent());
+    let here = arm.tool_pose(&mid_range_joints());
     let there = Pose::new(
         rotation_y(-0.2) * here.rotation,
         here.translation + DVec3::new(0.02, -0.03, 0.01),
     );
     let path = CartesianPath::new(&[here, there], &[1.0], 0.1, Blend::Smooth).unwrap();
-    let mut follower = Follower::new(&arm, &bent());
+    let mut follower = Follower::new(&arm, &mid_range_joints());
     for tick in 0..500 {
         let pose = path.at(f64::from(tick) * TICK_S).pose;
         let got = follower.step(&pose, TICK_S).unwrap();
@@ -174,13 +174,13 @@ fn a_move_that_must_cross_a_limit_names_joint_and_time() {
 #[test]
 fn what_is_out_of_reach_too_fast_too_heavy_or_elsewhere_is_refused() {
     let terms = terms();
-    let here = terms.arm.tool_pose(&bent());
+    let here = terms.arm.tool_pose(&mid_range_joints());
     let line = |dx: f64, t_s: f64| {
         let to = Pose::new(here.rotation, here.translation + DVec3::new(dx, 0.0, 0.0));
         CartesianPath::new(&[here, to], &[t_s], 0.1, Blend::So3).unwrap()
     };
     let of = |path: &CartesianPath| {
-        FeasibilityReport::of(PathRef::Cartesian(path), &bent(), &terms).unwrap_err()
+        FeasibilityReport::of(PathRef::Cartesian(path), &mid_range_joints(), &terms).unwrap_err()
     };
     // Stretching, the elbow would have to be infinitely fast just before the end of its reach.
     let stretched = of(&line(0.8, 5.0));
@@ -202,7 +202,8 @@ fn what_is_out_of_reach_too_fast_too_heavy_or_elsewhere_is_refused() {
     );
     let weak = FeasibilityCriteria { torque_max_nm: terms.torque_max_nm * 1e-3, ..terms.clone() };
     let refusal =
-        FeasibilityReport::of(PathRef::Cartesian(&line(0.01, 1.0)), &bent(), &weak).unwrap_err();
+        FeasibilityReport::of(PathRef::Cartesian(&line(0.01, 1.0)), &mid_range_joints(), &weak)
+            .unwrap_err();
     assert!(matches!(refusal, Infeasible::Torque { .. }), "{refusal}");
     let elsewhere =
         FeasibilityReport::of(PathRef::Cartesian(&line(0.01, 1.0)), &degrees([0.0; 6]), &terms)
@@ -210,7 +211,8 @@ fn what_is_out_of_reach_too_fast_too_heavy_or_elsewhere_is_refused() {
     assert!(matches!(elsewhere, Infeasible::StartMismatch { distance: off } if off > 0.01));
     for tick_s in [0.0, -1.0, f64::NAN, 1e-12] {
         let bad = FeasibilityCriteria { tick_s, ..terms.clone() };
-        let refused = FeasibilityReport::of(PathRef::Cartesian(&line(0.01, 1.0)), &bent(), &bad);
+        let refused =
+            FeasibilityReport::of(PathRef::Cartesian(&line(0.01, 1.0)), &mid_range_joints(), &bad);
         assert_eq!(refused, Err(Infeasible::InvalidTick), "{tick_s}");
     }
     let nan = FeasibilityReport::of(
@@ -224,9 +226,10 @@ fn what_is_out_of_reach_too_fast_too_heavy_or_elsewhere_is_refused() {
 #[test]
 fn joint_moves_are_looked_at_too() {
     let terms = terms();
-    let there = bent() + degrees([20.0, 10.0, -15.0, 30.0, -20.0, 40.0]);
-    let path = JointPath::new(&[bent(), there], &[1.0], 0.2).unwrap();
-    let preview = FeasibilityReport::of(PathRef::Joint(&path), &bent(), &terms).unwrap();
+    let there = mid_range_joints() + degrees([20.0, 10.0, -15.0, 30.0, -20.0, 40.0]);
+    let path = JointPath::new(&[mid_range_joints(), there], &[1.0], 0.2).unwrap();
+    let preview =
+        FeasibilityReport::of(PathRef::Joint(&path), &mid_range_joints(), &terms).unwrap();
     assert!((preview.end_q - there).amax() < 1e-15);
     let wanted = path.peak_speed();
     for joint in 0..6 {
@@ -235,9 +238,13 @@ fn joint_moves_are_looked_at_too() {
         assert!(preview.torque_ratio[joint].value > 0.0);
     }
     assert_eq!((preview.position_error_m.value, preview.orientation_error_rad.value), (0.0, 0.0));
-    let far = JointPath::new(&[bent(), degrees([200.0, 0.0, 0.0, 0.0, 0.0, 0.0])], &[4.0], 0.2);
-    let refusal =
-        FeasibilityReport::of(PathRef::Joint(&far.unwrap()), &bent(), &terms).unwrap_err();
+    let far = JointPath::new(
+        &[mid_range_joints(), degrees([200.0, 0.0, 0.0, 0.0, 0.0, 0.0])],
+        &[4.0],
+        0.2,
+    );
+    let refusal = FeasibilityReport::of(PathRef::Joint(&far.unwrap()), &mid_range_joints(), &terms)
+        .unwrap_err();
     assert!(
         matches!(
             refusal,
@@ -252,11 +259,11 @@ fn joint_moves_are_looked_at_too() {
 #[test]
 fn the_branch_is_kept_and_nan_is_out_of_reach() {
     let arm = Puma260::reference();
-    let mut follower = Follower::new(&arm, &bent());
-    let mut pose = arm.tool_pose(&bent());
+    let mut follower = Follower::new(&arm, &mid_range_joints());
+    let mut pose = arm.tool_pose(&mid_range_joints());
     pose.translation.x = f64::NAN;
     assert_eq!(follower.step(&pose, TICK_S), Err(FollowError::OutOfReach));
-    assert_eq!(follower.joints(), &bent(), "nothing moved");
+    assert_eq!(follower.joints(), &mid_range_joints(), "nothing moved");
     // A jump of the target is too fast, not another branch.
     let other = arm.tool_pose(&degrees([60.0, 40.0, -150.0, 20.0, 40.0, 10.0]));
     assert!(matches!(follower.step(&other, TICK_S), Err(FollowError::SpeedLimit { joint: 0, .. })));
@@ -299,7 +306,7 @@ fn a_move_takes_until_the_arm_rests_on_its_goal() {
     let end = terms.arm.tool_pose(&preview.end_q);
     assert!((end.translation - path.points()[1].translation).length() < 1e-12);
     assert!(end.rotation.abs_diff_eq(path.points()[1].rotation, 1e-12));
-    // TrackerStep by hand it is the same tick by tick.
+    // The tracker by itself gives the same joints tick by tick.
     let mut lead = PathTracker::new(&terms.arm, &start);
     let mut tick = 0;
     let led = loop {

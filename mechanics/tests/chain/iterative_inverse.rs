@@ -1,7 +1,7 @@
 //! The inverse by damped steps: found, in few steps, inside the limits; the same call, the same
 //! bits; and no pretence where nothing is to be found.
 
-use crate::arms::{Draws, puma, seven, slider, ur5e_like};
+use crate::example_arms::{Lcg, puma, seven, slider, ur5e_like};
 use glam::DVec3;
 use taktil_mechanics::Pose;
 use taktil_mechanics::chain::{Chain, SearchBudget};
@@ -9,10 +9,10 @@ use taktil_mechanics::spatial::JointVector;
 
 /// Share of random reachable poses that are reached from random joints, and the mean of starts.
 fn share<const N: usize>(chain: &Chain<N>, seed: u64, count: u32) -> (f64, f64) {
-    let mut draws = Draws(seed);
+    let mut lcg = Lcg(seed);
     let (mut found, mut starts) = (0.0, 0.0);
     for _ in 0..count {
-        let (goal, before) = (draws.inside(chain), draws.inside(chain));
+        let (goal, before) = (lcg.inside(chain), lcg.inside(chain));
         let tool = chain.tool_pose(&goal);
         if let Ok(got) = chain.inverse_kinematics(&tool, &before, &SearchBudget::default()) {
             let at = chain.tool_pose(&got.q);
@@ -38,14 +38,14 @@ fn random_poses_are_found() {
 }
 
 fn follows<const N: usize>(chain: &Chain<N>, seed: u64) {
-    let mut draws = Draws(seed);
+    let mut lcg = Lcg(seed);
     for _ in 0..50 {
-        let q = draws.inside(chain) * 0.9;
+        let q = lcg.inside(chain) * 0.9;
         if !chain.within_limits(&q) || chain.singular_values(&q)[5.min(N - 1)] < 0.1 {
             continue;
         }
         // A tick of motion: the nearest solution is the one that is found.
-        let near = q + draws.vector::<N>(0.01);
+        let near = q + lcg.vector::<N>(0.01);
         if !chain.within_limits(&near) {
             continue;
         }

@@ -1,37 +1,36 @@
-//! What the closed-form inverse of the PUMA 260 has to hold over many poses, as sums that a test
-//! and a program (`examples/inverse_bars.rs`) compare with their bars. Refuses to judge: it counts
-//! and keeps the worst.
+//! Statistics of the closed-form inverse kinematics of the PUMA 260 over many poses. A test and an
+//! example (`examples/inverse_accuracy.rs`) compare them with their bounds.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 use taktil_mechanics::puma260::{Branches, Puma260};
 use taktil_mechanics::spatial::{rotation_vector, wrap_angle};
 use taktil_mechanics::{Joints, Pose};
 
-/// What was seen.
+/// Counts and largest errors over the poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Tally {
-    /// Poses asked.
+pub(crate) struct Statistics {
+    /// Number of poses.
     pub(crate) poses: u32,
     /// Poses with fewer than eight branches.
-    pub(crate) short: u32,
-    /// Pairs of branches that are one.
-    pub(crate) doubles: u32,
+    pub(crate) missing: u32,
+    /// Pairs of branches that coincide.
+    pub(crate) duplicates: u32,
     /// Poses whose own joints were not among the branches, to the tolerance of the reference data.
-    pub(crate) lost: u32,
+    pub(crate) not_found: u32,
     /// Numbers that are not finite.
     pub(crate) not_finite: u32,
     /// Worst distance of a branch's wrist centre from the pose (m).
-    pub(crate) off_m: f64,
+    pub(crate) position_error_m: f64,
     /// Worst angle of a branch to the pose (rad).
-    pub(crate) off_rad: f64,
+    pub(crate) orientation_error_rad: f64,
     /// Worst ratio of the distance from the pose's own joints to its tolerance.
     pub(crate) ratio: f64,
 }
 
-/// Repeatable numbers.
-struct Draws(u64);
+/// A linear congruential generator, constants of Knuth's MMIX.
+struct Lcg(u64);
 
-impl Draws {
+impl Lcg {
     fn between(&mut self, low: f64, high: f64) -> f64 {
         self.0 =
             self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -54,8 +53,8 @@ impl Draws {
         }
     }
 
-    /// Ten to the power of `least` to 0.1 in size, either sign, even in its logarithm; 0 once in
-    /// twenty where `least` is below -6.
+    /// A number of either sign whose absolute value lies between ten to the power of `least` and
+    /// 0.1, with a uniform logarithm; 0 once in twenty times where `least` is below -6.
     fn small(&mut self, least: f64) -> f64 {
         let size = libm::pow(10.0, self.between(least, -1.0));
         match self.between(0.0, 20.0) {
@@ -66,35 +65,37 @@ impl Draws {
     }
 }
 
-fn apart(a: &Joints, b: &Joints) -> f64 {
+fn joint_distance(a: &Joints, b: &Joints) -> f64 {
     (a - b).map(wrap_angle).amax()
 }
 
-impl Tally {
-    fn take(&mut self, arm: &Puma260, pose: &Pose, branches: &Branches) {
+impl Statistics {
+    fn add_errors(&mut self, arm: &Puma260, pose: &Pose, branches: &Branches) {
         self.poses += 1;
-        self.short += u32::from(branches.len() < 8);
+        self.missing += u32::from(branches.len() < 8);
         for branch in branches {
             let got = arm.wrist_pose(&branch.q);
             let off = (got.translation - pose.translation).length();
             let turn = rotation_vector(&pose.rotation, &got.rotation).length();
             self.not_finite += u32::from(!(off.is_finite() && turn.is_finite()));
-            (self.off_m, self.off_rad) = (self.off_m.max(off), self.off_rad.max(turn));
+            (self.position_error_m, self.orientation_error_rad) =
+                (self.position_error_m.max(off), self.orientation_error_rad.max(turn));
         }
     }
 
     /// Pairs nearer than `least` (rad).
-    fn pairs(&mut self, branches: &Branches, least: f64) {
+    fn count_duplicates(&mut self, branches: &Branches, least: f64) {
         for (index, a) in branches.iter().enumerate() {
             for b in branches.iter().skip(index + 1) {
-                self.doubles += u32::from(apart(&a.q, &b.q) < least);
+                self.duplicates += u32::from(joint_distance(&a.q, &b.q) < least);
             }
         }
     }
 
-    fn own(&mut self, branches: &Branches, q: &Joints, tolerance: f64) {
-        let nearest = branches.iter().map(|b| apart(&b.q, q)).fold(f64::INFINITY, f64::min);
-        self.lost += u32::from(nearest.is_nan() || nearest > tolerance);
+    fn check_own_joints(&mut self, branches: &Branches, q: &Joints, tolerance: f64) {
+        let nearest =
+            branches.iter().map(|b| joint_distance(&b.q, q)).fold(f64::INFINITY, f64::min);
+        self.not_found += u32::from(nearest.is_nan() || nearest > tolerance);
         self.ratio = self.ratio.max(nearest / tolerance);
     }
 }
@@ -102,37 +103,37 @@ impl Tally {
 /// Random joints inside the limits: residuals, eight different branches, the joints found again.
 /// Their tolerance is that of the reference data: 6.4e-14 over the factors of the determinant,
 /// 1e-6 at a double root.
-pub(crate) fn random(count: u32, seed: u64) -> Tally {
+pub(crate) fn random(count: u32, seed: u64) -> Statistics {
     let arm = Puma260::reference();
-    let mut draws = Draws(seed);
-    let mut tally = Tally::default();
+    let mut lcg = Lcg(seed);
+    let mut statistics = Statistics::default();
     for _ in 0..count {
-        let q = draws.joints(&arm);
+        let q = lcg.joints(&arm);
         let pose = arm.wrist_pose(&q);
         let branches = arm.inverse_kinematics(&pose, Some(&q));
-        tally.take(&arm, &pose, &branches);
+        statistics.add_errors(&arm, &pose, &branches);
         let d = arm.singularity_distance(&q);
         let product = (d.shoulder * d.elbow * d.wrist).abs();
-        tally.own(&branches, &q, (6.4e-14 / product).clamp(1e-12, 1e-6));
-        // A double root is one place reached twice: only there may two branches come close.
-        tally.pairs(&branches, 0.1 * d.shoulder.abs().min(d.elbow.abs()));
+        statistics.check_own_joints(&branches, &q, (6.4e-14 / product).clamp(1e-12, 1e-6));
+        // Two branches may come close only near a double root.
+        statistics.count_duplicates(&branches, 0.1 * d.shoulder.abs().min(d.elbow.abs()));
     }
-    tally
+    statistics
 }
 
 /// Joints at and beside one singularity, 1e-12 to 0.1 away or in it, or two, 1e-6 to 0.1 away, with
 /// the joints given as the ones before. The tolerance is that of the reference data for the kind
 /// and the distance.
-pub(crate) fn near_singular(count: u32, seed: u64) -> Tally {
+pub(crate) fn near_singular(count: u32, seed: u64) -> Statistics {
     let arm = Puma260::reference();
-    let mut draws = Draws(seed);
-    let mut tally = Tally::default();
+    let mut lcg = Lcg(seed);
+    let mut statistics = Statistics::default();
     for n in 0..count {
-        let mut q = draws.regular(&arm);
+        let mut q = lcg.regular(&arm);
         let kind = n % 5;
-        // Where two meet nearer than that, the double root's rounding turns the singular wrist at
-        // will: only the pose is determined.
-        let eps = if kind < 3 { draws.small(-12.0) } else { draws.small(-6.0) };
+        // Nearer to two singularities at once only the pose is determined: the rounding of the
+        // double root rotates the singular wrist arbitrarily.
+        let eps = if kind < 3 { lcg.small(-12.0) } else { lcg.small(-6.0) };
         if kind == 0 || kind >= 3 {
             q[4] = eps;
         }
@@ -140,14 +141,14 @@ pub(crate) fn near_singular(count: u32, seed: u64) -> Tally {
             q[2] = -FRAC_PI_2 + eps;
         }
         if kind == 2 || kind == 4 {
-            // Joint 2 where the reach is eps: a2 c2 - d4 s23 turns with joint 2 as a whole.
+            // Joint 2 where the reach is eps: a2 c2 - d4 s23 rotates with joint 2 as a whole.
             let (s3, c3) = libm::sincos(q[2]);
             let (x, y) = (arm.a2_m - arm.d4_m * s3, arm.d4_m * c3);
             q[1] = libm::atan2(x, y) + eps;
         }
         let pose = arm.wrist_pose(&q);
         let branches = arm.inverse_kinematics(&pose, Some(&q));
-        tally.take(&arm, &pose, &branches);
+        statistics.add_errors(&arm, &pose, &branches);
         let size = eps.abs();
         let tolerance = match kind {
             0 if size < 1e-11 => 1e-9,
@@ -157,21 +158,21 @@ pub(crate) fn near_singular(count: u32, seed: u64) -> Tally {
             _ => 6.4e-14 / (size * size),
         };
         let most = if kind < 3 { 1e-6_f64.max(if kind == 0 { 1e-2 } else { 0.0 }) } else { 0.064 };
-        tally.own(&branches, &q, tolerance.clamp(1e-11, most));
+        statistics.check_own_joints(&branches, &q, tolerance.clamp(1e-11, most));
     }
-    tally
+    statistics
 }
 
 /// Joint 5 from 1e-3 to 0 in `steps` and through to the other side, the joints of each step given
 /// to the next: every step has eight branches, no two of them one, and the way back to the joints
 /// that made it.
-pub(crate) fn through_the_wrist(starts: u32, steps: u32, seed: u64) -> Tally {
+pub(crate) fn through_the_wrist(starts: u32, steps: u32, seed: u64) -> Statistics {
     let arm = Puma260::reference();
-    let mut draws = Draws(seed);
-    let mut tally = Tally::default();
+    let mut lcg = Lcg(seed);
+    let mut statistics = Statistics::default();
     for _ in 0..starts {
-        let mut q = draws.regular(&arm);
-        q[3] = draws.between(-PI, PI);
+        let mut q = lcg.regular(&arm);
+        q[3] = lcg.between(-PI, PI);
         q[4] = 1e-3;
         let mut before = q;
         for n in 0..=steps {
@@ -179,20 +180,21 @@ pub(crate) fn through_the_wrist(starts: u32, steps: u32, seed: u64) -> Tally {
             q[4] = if n == steps { 0.0 } else { 1e-3 * libm::pow(10.0, -12.0 * share) };
             let pose = arm.wrist_pose(&q);
             let branches = arm.inverse_kinematics(&pose, Some(&before));
-            tally.take(&arm, &pose, &branches);
-            tally.pairs(&branches, 1e-2);
+            statistics.add_errors(&arm, &pose, &branches);
+            statistics.count_duplicates(&branches, 1e-2);
             let tolerance = if q[4] < 1e-11 { 1e-9 } else { 1e-9 + 4e-15 / q[4] };
-            // Joints 4 and 6 are known no better than that, and each step starts from the last.
+            // Joints 4 and 6 are determined only to this tolerance, and each step starts from the
+            // last one.
             match arm.nearest_branch(&branches, &before) {
                 Some((_, near)) => {
-                    let off = apart(&near, &q);
-                    tally.lost += u32::from(off > 2.0 * tolerance);
-                    tally.ratio = tally.ratio.max(off / (2.0 * tolerance));
+                    let off = joint_distance(&near, &q);
+                    statistics.not_found += u32::from(off > 2.0 * tolerance);
+                    statistics.ratio = statistics.ratio.max(off / (2.0 * tolerance));
                 }
-                None => tally.lost += 1,
+                None => statistics.not_found += 1,
             }
             before = q;
         }
     }
-    tally
+    statistics
 }

@@ -1,31 +1,31 @@
 //! Denavit-Hartenberg rows (a (m), d (m), alpha (rad)) of two public arms, for tests and examples
-//! that want an arm beside the PUMA 260. Refuses limits and masses: each user has its own.
+//! that need an arm other than the PUMA 260. Limits and masses are left to each user.
 
-use core::f64::consts::FRAC_PI_2 as HALF;
+use core::f64::consts::FRAC_PI_2;
 
 use taktil_mechanics::Pose;
 use taktil_mechanics::chain::{Chain, DhRow, JointSpec};
 
 /// Six joints, 2 to 4 parallel, no spherical wrist: as Universal Robots publishes them for its
 /// UR5e.
-pub(crate) const UR5E: [(f64, f64, f64); 6] = [
-    (0.0, 0.1625, HALF),
+pub(crate) const UR5E_ROWS: [(f64, f64, f64); 6] = [
+    (0.0, 0.1625, FRAC_PI_2),
     (-0.425, 0.0, 0.0),
     (-0.3922, 0.0, 0.0),
-    (0.0, 0.1333, HALF),
-    (0.0, 0.0997, -HALF),
+    (0.0, 0.1333, FRAC_PI_2),
+    (0.0, 0.0997, -FRAC_PI_2),
     (0.0, 0.0996, 0.0),
 ];
 
 /// Seven joints with offsets at elbow and wrist: those that Franka Robotics publishes for its arm,
 /// in the standard convention.
-pub(crate) const SEVEN: [(f64, f64, f64); 7] = [
-    (0.0, 0.333, -HALF),
-    (0.0, 0.0, HALF),
-    (0.0825, 0.316, HALF),
-    (-0.0825, 0.0, -HALF),
-    (0.0, 0.384, HALF),
-    (0.088, 0.0, HALF),
+pub(crate) const SEVEN_JOINT_ROWS: [(f64, f64, f64); 7] = [
+    (0.0, 0.333, -FRAC_PI_2),
+    (0.0, 0.0, FRAC_PI_2),
+    (0.0825, 0.316, FRAC_PI_2),
+    (-0.0825, 0.0, -FRAC_PI_2),
+    (0.0, 0.384, FRAC_PI_2),
+    (0.088, 0.0, FRAC_PI_2),
     (0.0, 0.107, 0.0),
 ];
 

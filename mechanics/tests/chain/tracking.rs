@@ -1,7 +1,7 @@
 //! Arms led along paths of the tool, as planning sees them: on the path, within limits and speeds,
 //! or lost with the joint that is at fault.
 
-use crate::arms::{Draws, puma, seven, ur5e_like};
+use crate::example_arms::{Lcg, puma, seven, ur5e_like};
 use glam::DVec3;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::{Arm, FollowError, PathFollower};
@@ -14,11 +14,11 @@ use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::tracking::PathRef;
 use taktil_mechanics::transmission::Transmission;
 
-fn bent() -> JointVector<6> {
+fn six_joint_start() -> JointVector<6> {
     JointVector::<6>::new(0.2, -1.3, 1.6, -1.9, -1.5, 0.4)
 }
 
-fn curled() -> JointVector<7> {
+fn seven_joint_start() -> JointVector<7> {
     JointVector::from([0.1, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5])
 }
 
@@ -57,13 +57,13 @@ fn stays_on_the_line<const N: usize>(arm: Chain<N>, q: JointVector<N>) {
 
 #[test]
 fn lines_are_followed_to_rounding() {
-    stays_on_the_line(ur5e_like(), bent());
-    stays_on_the_line(seven(), curled());
+    stays_on_the_line(ur5e_like(), six_joint_start());
+    stays_on_the_line(seven(), seven_joint_start());
 }
 
 #[test]
 fn what_an_arm_cannot_follow_names_the_joint() {
-    let (arm, q) = (seven(), curled());
+    let (arm, q) = (seven(), seven_joint_start());
     let terms = terms(arm);
     // Ten times as fast as the arm is.
     let hasty = line(&arm, &q, DVec3::new(0.0, 0.4, 0.0), 0.2);
@@ -97,8 +97,8 @@ fn what_an_arm_cannot_follow_names_the_joint() {
 #[test]
 fn a_follower_that_is_lost_stays_where_it_was() {
     let arm = ur5e_like();
-    let mut follower = arm.follower(&bent());
-    let here = arm.tool_pose(&bent());
+    let mut follower = arm.follower(&six_joint_start());
+    let here = arm.tool_pose(&six_joint_start());
     let bad = [
         Pose::new(here.rotation, DVec3::splat(9.0)),
         Pose::new(here.rotation, DVec3::splat(f64::NAN)),
@@ -107,7 +107,7 @@ fn a_follower_that_is_lost_stays_where_it_was() {
     ];
     for pose in bad {
         assert!(follower.step(&pose, 0.0025).is_err(), "{pose:?}");
-        assert_eq!(follower.joints(), &bent());
+        assert_eq!(follower.joints(), &six_joint_start());
     }
     for dt_s in [0.0, f64::NAN] {
         let aside = Pose::new(here.rotation, here.translation + DVec3::new(1e-4, 0.0, 0.0));
@@ -120,7 +120,7 @@ fn a_follower_that_is_lost_stays_where_it_was() {
 fn who_is_pushed_outward_comes_to_the_end_of_the_reach() {
     let arm = ur5e_like();
     for way in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::new(0.6, 0.0, 0.8)] {
-        let mut follower = arm.follower(&bent());
+        let mut follower = arm.follower(&six_joint_start());
         // As a jog does it: from where the arm came to, a little further, at 0.1 m/s for a minute.
         let stuck = (0..24_000).find(|_| {
             let here = arm.tool_pose(follower.joints());
@@ -135,13 +135,13 @@ fn who_is_pushed_outward_comes_to_the_end_of_the_reach() {
 #[test]
 fn poses_are_reached_near_where_the_arm_is_or_not_at_all() {
     let arm = ur5e_like();
-    let mut draws = Draws(5);
+    let mut lcg = Lcg(5);
     let mut found = 0;
     for _ in 0..200 {
-        let q = bent() + draws.vector::<6>(0.3);
+        let q = six_joint_start() + lcg.vector::<6>(0.3);
         let pose = arm.tool_pose(&q);
         assert!(arm.is_within_reach_bound(&pose) && arm.is_reachable(&pose));
-        if let Some(got) = arm.inverse_kinematics_near(&pose, &bent()) {
+        if let Some(got) = arm.inverse_kinematics_near(&pose, &six_joint_start()) {
             found += 1;
             assert!(arm.within_limits(&got));
             let off = arm.tool_pose(&got).translation - pose.translation;
@@ -153,7 +153,7 @@ fn poses_are_reached_near_where_the_arm_is_or_not_at_all() {
     assert!(
         !arm.is_within_reach_bound(&far)
             && !arm.is_reachable(&far)
-            && arm.inverse_kinematics_near(&far, &bent()).is_none()
+            && arm.inverse_kinematics_near(&far, &six_joint_start()).is_none()
     );
     let lost = Pose::new(glam::DMat3::IDENTITY, DVec3::splat(f64::NAN));
     assert!(!arm.is_within_reach_bound(&lost) && !arm.is_reachable(&lost));
@@ -162,9 +162,9 @@ fn poses_are_reached_near_where_the_arm_is_or_not_at_all() {
 #[test]
 fn the_puma_by_its_rows_is_the_puma_to_planning() {
     let (chain, own) = (puma(), Puma260::reference());
-    let mut draws = Draws(7);
+    let mut lcg = Lcg(7);
     for _ in 0..200 {
-        let q = draws.inside(&chain);
+        let q = lcg.inside(&chain);
         for (a, b) in chain.singularity_distances(&q).iter().zip(own.singularity_distances(&q)) {
             assert!((a - b).abs() < 1e-12, "{a} {b}");
         }

@@ -1,7 +1,7 @@
 //! Dynamics: against the PUMA's own recursion, which meets the reference data, and against what
 //! has to hold for any arm.
 
-use crate::arms::{Draws, puma, puma_with, seven, slider, ur5e_like};
+use crate::example_arms::{Lcg, puma, puma_with, seven, slider, ur5e_like};
 use glam::{DMat3, DVec3};
 use taktil_mechanics::chain::Chain;
 use taktil_mechanics::puma260::dynamics::Dynamics;
@@ -11,16 +11,16 @@ use taktil_mechanics::spatial::{JointMatrix, JointVector};
 #[test]
 fn the_puma_by_its_rows_moves_like_the_puma() {
     let (arm, chain) = (Dynamics::reference(), puma());
-    let mut draws = Draws(11);
+    let mut lcg = Lcg(11);
     for _ in 0..500 {
-        let q = draws.inside(&chain);
-        let (qd, qdd) = (draws.vector(3.0), draws.vector(20.0));
+        let q = lcg.inside(&chain);
+        let (qd, qdd) = (lcg.vector(3.0), lcg.vector(20.0));
         let off = chain.inverse_dynamics(&q, &qd, &qdd) - arm.inverse_dynamics(&q, &qd, &qdd);
         assert!(off.amax() < 1e-13, "{:e}", off.amax());
         assert!((chain.gravity_torque(&q) - arm.gravity_torque(&q)).amax() < 1e-14);
         assert!((chain.bias_torque(&q, &qd) - arm.bias_torque(&q, &qd)).amax() < 1e-13);
         assert!((chain.mass_matrix(&q) - arm.mass_matrix(&q)).amax() < 1e-15);
-        let tau = draws.vector(2.0);
+        let tau = lcg.vector(2.0);
         let off = chain.forward_dynamics(&q, &qd, &tau) - arm.forward_dynamics(&q, &qd, &tau);
         assert!(off.amax() < 1e-9, "{:e}", off.amax());
     }
@@ -28,22 +28,22 @@ fn the_puma_by_its_rows_moves_like_the_puma() {
 
 #[test]
 fn links_in_the_fewest_numbers_move_like_lopsided_bodies() {
-    let mut draws = Draws(15);
+    let mut lcg = Lcg(15);
     for _ in 0..50 {
         let mut body = || {
-            let turn = draws.rotation();
-            let sizes = DVec3::splat(0.02) + 0.5 * draws.point(0.02);
+            let turn = lcg.rotation();
+            let sizes = DVec3::splat(0.02) + 0.5 * lcg.point(0.02);
             Body {
-                mass_kg: draws.between(0.1, 4.0),
-                com_m: draws.point(0.2),
+                mass_kg: lcg.between(0.1, 4.0),
+                com_m: lcg.point(0.2),
                 inertia_kg_m2: turn * DMat3::from_diagonal(sizes) * turn.transpose(),
             }
         };
         let arm = Dynamics::from_bodies(core::array::from_fn(|_| body()), &body());
         let chain = puma_with(&arm);
         for _ in 0..20 {
-            let q = draws.inside(&chain);
-            let (qd, qdd) = (draws.vector(3.0), draws.vector(20.0));
+            let q = lcg.inside(&chain);
+            let (qd, qdd) = (lcg.vector(3.0), lcg.vector(20.0));
             let off = chain.inverse_dynamics(&q, &qd, &qdd) - arm.inverse_dynamics(&q, &qd, &qdd);
             assert!(off.amax() < 1e-11, "{:e}", off.amax());
             assert!((chain.gravity_torque(&q) - arm.gravity_torque(&q)).amax() < 1e-12);
@@ -55,9 +55,9 @@ fn links_in_the_fewest_numbers_move_like_lopsided_bodies() {
 
 /// Mass matrix, gravity and Coriolis terms agree with each other and with the energy of each mass.
 fn check_energy<const N: usize>(chain: &Chain<N>, seed: u64) {
-    let mut draws = Draws(seed);
+    let mut lcg = Lcg(seed);
     for _ in 0..100 {
-        let (q, qd, qdd) = (draws.inside(chain), draws.vector(2.0), draws.vector(5.0));
+        let (q, qd, qdd) = (lcg.inside(chain), lcg.vector(2.0), lcg.vector(5.0));
         let m = chain.mass_matrix(&q);
         let still = JointVector::zeros();
         let rigid = m - JointMatrix::from_diagonal(chain.reflected_inertia());
