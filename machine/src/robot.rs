@@ -8,9 +8,10 @@ use serde::Deserialize;
 use taktil_hal::CHANNELS;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::{Motion, Vector};
-use taktil_mechanics::dynamics::Friction;
+use taktil_mechanics::chain::JointKind;
+use taktil_mechanics::friction::Friction;
 use taktil_mechanics::robot::{ChainRobot, Robot};
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_rtcore::Invalid;
 use taktil_signal::per_joint;
@@ -112,7 +113,7 @@ impl AnyRobot {
     /// What a joint is called, 0 the first.
     #[must_use]
     pub fn joint(&self, index: usize) -> String {
-        with!(self, robot => robot.joint(index))
+        with!(self, robot => robot.joint_label(index))
     }
 
     /// Joints of the home pose (rad).
@@ -130,7 +131,7 @@ impl AnyRobot {
     /// Torques that hold the arm against gravity (N m); `None` for another number of joints.
     #[must_use]
     pub fn gravity_nm(&self, q: &[f64]) -> Option<Vec<f64>> {
-        with!(self, robot => Some(robot.links.gravity(&sized(q)?).as_slice().to_vec()))
+        with!(self, robot => Some(robot.dynamics.gravity_torque(&sized(q)?).as_slice().to_vec()))
     }
 
     /// Refuses joint angles (deg) that are not those of this arm, at `place`.
@@ -142,8 +143,8 @@ impl AnyRobot {
     }
 }
 
-fn sized<const N: usize>(q: &[f64]) -> Option<Vector<N>> {
-    <[f64; N]>::try_from(q).ok().map(Vector::from)
+fn sized<const N: usize>(q: &[f64]) -> Option<JointVector<N>> {
+    <[f64; N]>::try_from(q).ok().map(JointVector::from)
 }
 
 /// Joint angles within the limits (rad).
@@ -151,13 +152,13 @@ fn pose<const N: usize, A: Arm<N>>(
     place: &str,
     degrees: &[f64],
     robot: &Robot<N, A>,
-) -> Result<Vector<N>, Invalid> {
+) -> Result<JointVector<N>, Invalid> {
     let degrees = per_joint::<N>(place, degrees)?;
-    let q = Vector::from(degrees.map(f64::to_radians));
+    let q = JointVector::from(degrees.map(f64::to_radians));
     for i in 0..N {
         let (low, high) = (robot.arm.q_min()[i], robot.arm.q_max()[i]);
         if !(low <= q[i] && q[i] <= high) {
-            let what = format!("{} is outside the limits of {}", degrees[i], robot.joint(i));
+            let what = format!("{} is outside the limits of {}", degrees[i], robot.joint_label(i));
             let remedy =
                 format!("give {:.1} to {:.1} degrees", low.to_degrees(), high.to_degrees());
             return Err(Invalid::new(format!("{place}[{i}]"), what, remedy));
@@ -175,7 +176,7 @@ pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, Broken> {
         .map_err(|bad| Broken::File(Box::new(urdf::locate(urdf, bad))))?;
     let of_file = |bad| Broken::File(Box::new(urdf::locate(urdf, bad)));
     for (name, joint) in described.names.iter().zip(&described.joints) {
-        if joint.motion == Motion::Slide {
+        if joint.kind == JointKind::Prismatic {
             let what = "slides: the tasks drive turning joints";
             return Err(of_file(Invalid::new(name, what, "fix it, or name a tip before it")));
         }
@@ -212,10 +213,10 @@ fn chain<const N: usize>(
     let motors = Motors::<N>::of(config, &described.names).map_err(Broken::Section)?;
     let mut driven = described.clone();
     for (i, joint) in driven.joints.iter_mut().enumerate() {
-        joint.reflected = motors.rotor_kg_m2[i] * motors.gear[i] * motors.gear[i];
+        joint.reflected_inertia = motors.rotor_kg_m2[i] * motors.gear[i] * motors.gear[i];
     }
     let arm = driven.chain::<N>().map_err(of_file)?;
-    let gears = Transmission::independent(&motors.gear, &motors.counts);
+    let gears = Transmission::uncoupled(&motors.gear, &motors.counts);
     let drive = Drive {
         torque_constant_nm_a: motors.constant,
         current_max_a: motors.current,
@@ -223,23 +224,23 @@ fn chain<const N: usize>(
     };
     let peak = drive.peak_joint_torque(&gears);
     let mut robot = Robot {
-        links: arm,
+        dynamics: arm,
         torque_max_nm: peak.inf(&arm.limits().effort_max),
         arm,
         gears,
         drive,
         friction: Friction { coulomb_nm: motors.coulomb, viscous_nms_rad: motors.viscous },
-        home_rad: Vector::zeros(),
-        at_work_rad: Vector::zeros(),
-        names: described.names.clone(),
+        home_rad: JointVector::zeros(),
+        nominal_rad: JointVector::zeros(),
+        joint_names: described.names.clone(),
     };
     let home = pose("home_deg", &config.home_deg, &robot).map_err(Broken::Section)?;
-    (robot.home_rad, robot.at_work_rad) = (home, home);
-    let still = arm.gravity(&home);
+    (robot.home_rad, robot.nominal_rad) = (home, home);
+    let still = arm.gravity_torque(&home);
     if let Some(i) = (0..N).find(|i| still[*i].abs() > robot.torque_max_nm[*i]) {
         let what = format!(
             "{} cannot hold itself at home: gravity asks for {:.2} N m, it has {:.2}",
-            robot.joint(i),
+            robot.joint_label(i),
             still[i].abs(),
             robot.torque_max_nm[i]
         );
@@ -251,13 +252,13 @@ fn chain<const N: usize>(
 
 /// The lists of the section, checked.
 struct Motors<const N: usize> {
-    gear: Vector<N>,
-    counts: Vector<N>,
-    constant: Vector<N>,
-    current: Vector<N>,
-    rotor_kg_m2: Vector<N>,
-    coulomb: Vector<N>,
-    viscous: Vector<N>,
+    gear: JointVector<N>,
+    counts: JointVector<N>,
+    constant: JointVector<N>,
+    current: JointVector<N>,
+    rotor_kg_m2: JointVector<N>,
+    coulomb: JointVector<N>,
+    viscous: JointVector<N>,
 }
 
 impl<const N: usize> Motors<N> {
@@ -270,7 +271,7 @@ impl<const N: usize> Motors<N> {
         let list = |place: &str, list: &[f64], sound: &dyn Fn(f64) -> bool, remedy: &str| {
             let numbers = per_joint::<N>(place, list)?;
             match numbers.iter().position(|x| !sound(*x)) {
-                None => Ok(Vector::from(numbers)),
+                None => Ok(JointVector::from(numbers)),
                 Some(i) => {
                     let what = format!("{} for joint {} (`{}`)", numbers[i], i + 1, names[i]);
                     Err(Invalid::new(format!("{place}[{i}]"), what, remedy))
@@ -282,7 +283,7 @@ impl<const N: usize> Motors<N> {
             list(place, numbers, &size, "give a number above 0, at most 1000000")
         };
         let or_none = |place: &str, numbers: &Option<Vec<f64>>| match numbers {
-            None => Ok(Vector::zeros()),
+            None => Ok(JointVector::zeros()),
             Some(numbers) => {
                 let sound = |x: f64| (0.0..=LARGEST).contains(&x);
                 list(place, numbers, &sound, "give 0 or more, at most 1000000")

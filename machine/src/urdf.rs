@@ -8,8 +8,8 @@ use std::path::Path;
 
 use glam::DVec3;
 use taktil_mechanics::Pose;
-use taktil_mechanics::chain::{Chain, JointSpec, Motion};
-use taktil_mechanics::dynamics::Body;
+use taktil_mechanics::chain::{Chain, JointKind, JointSpec};
+use taktil_mechanics::rigid_body::Body;
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
 use taktil_rtcore::Invalid;
 use urdf_rs::{Joint, JointType, Robot};
@@ -119,7 +119,7 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<Described, Invalid> {
             let what = format!("moves beside or behind the way to `{tip}`");
             return Err(Invalid::new(carrier, what, "make it fixed, or name another tip"));
         };
-        let body = body(link).seen_from(&at);
+        let body = body(link).expressed_in(&at);
         if !(0.0..=HEAVIEST_KG).contains(&body.mass_kg) {
             let what = format!("a mass of {} kg", body.mass_kg);
             return Err(Invalid::new(&link.name, what, "give 0 to 100 t"));
@@ -134,7 +134,7 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<Described, Invalid> {
             ));
         }
         if body.mass_kg > 0.0 {
-            joints[index].body = body.weld(&joints[index].body);
+            joints[index].body = body.combine(&joints[index].body);
         }
     }
     if joints.is_empty() {
@@ -256,7 +256,7 @@ fn body(link: &urdf_rs::Link) -> Body {
             DVec3::new(i.ixz, i.iyz, i.izz),
         ),
     };
-    own.seen_from(&pose(&inertial.origin))
+    own.expressed_in(&pose(&inertial.origin))
 }
 
 /// Whether the tensor is that of some body: no axis has a negative moment, nor one that is larger
@@ -297,8 +297,8 @@ fn no_negative_axis(i: &urdf_rs::Inertia) -> bool {
 fn spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
     let refuse = |what: &str, remedy: &str| Err(Invalid::new(&joint.name, what, remedy));
     let motion = match joint.joint_type {
-        JointType::Revolute | JointType::Continuous => Motion::Turn,
-        JointType::Prismatic => Motion::Slide,
+        JointType::Revolute | JointType::Continuous => JointKind::Revolute,
+        JointType::Prismatic => JointKind::Prismatic,
         _ => {
             return refuse(
                 "is neither revolute, continuous, prismatic nor fixed",
@@ -322,7 +322,7 @@ fn spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
     if !endless && farthest >= f64::MAX {
         return refuse("has no lower or no upper limit", "give both, or call it continuous");
     }
-    if motion == Motion::Turn && !endless && farthest > FARTHEST_RAD {
+    if motion == JointKind::Revolute && !endless && farthest > FARTHEST_RAD {
         return refuse(
             "its limits are more than ten turns either way",
             "give radians, not degrees, or call it continuous",
@@ -333,9 +333,9 @@ fn spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
         return refuse("has an acceleration of 0", "give more than 0, or leave it out");
     }
     Ok(JointSpec {
-        mount: *mount,
+        origin: *mount,
         axis: DVec3::from_array(joint.axis.xyz.0),
-        motion,
+        kind: motion,
         q_min: if endless { -ENDLESS_RAD } else { limit.lower },
         q_max: if endless { ENDLESS_RAD } else { limit.upper },
         speed_max: limit.velocity,

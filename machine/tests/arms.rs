@@ -6,10 +6,11 @@ use std::path::PathBuf;
 use taktil_machine::source::Source;
 use taktil_machine::urdf::{load, locate, read};
 use taktil_mechanics::Joints;
-use taktil_mechanics::chain::{Chain, Effort, Vector};
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::chain::{Chain, SearchBudget};
 use taktil_mechanics::paul::JointPath;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::Dynamics;
+use taktil_mechanics::spatial::JointVector;
 
 fn file(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../sim/arms").join(name)
@@ -26,9 +27,12 @@ fn draws(seed: u64) -> impl FnMut(f64, f64) -> f64 {
     }
 }
 
-fn inside<const N: usize>(arm: &Chain<N>, draw: &mut impl FnMut(f64, f64) -> f64) -> Vector<N> {
+fn inside<const N: usize>(
+    arm: &Chain<N>,
+    draw: &mut impl FnMut(f64, f64) -> f64,
+) -> JointVector<N> {
     let limits = arm.limits();
-    Vector::from_fn(|i, _| draw(limits.q_min[i].max(-7.0), limits.q_max[i].min(7.0)))
+    JointVector::from_fn(|i, _| draw(limits.q_min[i].max(-7.0), limits.q_max[i].min(7.0)))
 }
 
 #[test]
@@ -46,11 +50,11 @@ fn the_puma_s_file_is_the_built_in_puma() {
         assert!((got.translation - want.translation).length() < 1e-15);
         assert!(got.rotation.abs_diff_eq(want.rotation, 2e-15));
         let (qd, qdd) = (Joints::from_fn(|_, _| draw(-2.0, 2.0)), Joints::repeat(3.0));
-        let off = chain.inverse_dynamics(&q, &qd, &qdd) - dynamics.inverse(&q, &qd, &qdd);
+        let off = chain.inverse_dynamics(&q, &qd, &qdd) - dynamics.inverse_dynamics(&q, &qd, &qdd);
         assert!(off.amax() < 1e-13, "{off}");
-        let own = arm.inverse(&arm.tool_to_wrist(&want), Some(&q));
-        for (a, b) in own.iter().zip(&wrist.inverse(&want, Some(&q))) {
-            let d = arm.singular_distance(&q).smallest();
+        let own = arm.inverse_kinematics(&arm.tool_to_wrist(&want), Some(&q));
+        for (a, b) in own.iter().zip(&wrist.inverse_kinematics(&want, Some(&q))) {
+            let d = arm.singularity_distance(&q).smallest();
             let apart = (a.q - b.q).map(taktil_mechanics::spatial::wrap_angle).amax();
             assert!(apart < 1e-14 / (d * d), "{apart:e}");
         }
@@ -59,7 +63,7 @@ fn the_puma_s_file_is_the_built_in_puma() {
 
 /// A joint move, then straight lines through damped steps tick by tick, as a trajectory asks for
 /// them: on the path to rounding, within speeds, the same bits again.
-fn moves<const N: usize>(arm: &Chain<N>, home: &Vector<N>) {
+fn moves<const N: usize>(arm: &Chain<N>, home: &JointVector<N>) {
     let limits = arm.limits();
     assert!(arm.within_limits(home) && arm.singular_values(home)[5] > 0.1);
     let start = arm.tool_pose(home);
@@ -72,8 +76,12 @@ fn moves<const N: usize>(arm: &Chain<N>, home: &Vector<N>) {
             let share = 4.0 * x * (1.0 - x);
             let mut goal = start;
             goal.translation += 0.12 * share * start.rotation.x_axis;
-            let found = arm.search(&goal, &q, &Effort::TICK).unwrap();
-            assert!(found.off_m <= 1e-10 && found.off_rad <= 1e-10 && found.steps <= 6);
+            let found = arm.inverse_kinematics(&goal, &q, &SearchBudget::TICK).unwrap();
+            assert!(
+                found.position_error_m <= 1e-10
+                    && found.orientation_error_rad <= 1e-10
+                    && found.steps <= 6
+            );
             let speed = ((found.q - q) / 0.0025).component_div(&limits.speed_max).amax();
             fastest = fastest.max(speed);
             q = found.q;
@@ -91,7 +99,7 @@ fn moves<const N: usize>(arm: &Chain<N>, home: &Vector<N>) {
 fn accelerations_are_read_or_refused_and_never_dropped() {
     let text = std::fs::read_to_string(file("ur5e-like.urdf")).unwrap();
     let chain: Chain<6> = read(&text, None).unwrap().chain().unwrap();
-    assert_eq!(chain.limits().acceleration_max, Vector::<6>::repeat(13.0));
+    assert_eq!(chain.limits().acceleration_max, JointVector::<6>::repeat(13.0));
     let old = text.replacen(" version=\"1.2\"", "", 1);
     let bad = read(&old, None).unwrap_err();
     assert!(bad.what.contains("from version 1.2 on"), "{bad:?}");
@@ -108,17 +116,17 @@ fn two_other_arms_follow_a_line() {
     assert_eq!((six.name.as_str(), six.tip.as_str(), six.names.len()), ("ur5e_like", "tool", 6));
     let arm: Chain<6> = six.chain().unwrap();
     assert!(arm.spherical_wrist().is_none());
-    let home = Vector::<6>::new(0.2, -1.3, 1.6, -1.9, -1.5, 0.4);
+    let home = JointVector::<6>::new(0.2, -1.3, 1.6, -1.9, -1.5, 0.4);
     moves(&arm, &home);
     // Paul's joint motion takes the six joints as they are.
-    let goal = home + Vector::<6>::new(0.5, 0.2, -0.3, 0.4, 0.1, -0.6);
+    let goal = home + JointVector::<6>::new(0.5, 0.2, -0.3, 0.4, 0.1, -0.6);
     let path = JointPath::new(&[home, goal], &[1.0], 0.1).unwrap();
     assert!(path.peak_speed().component_div(&arm.limits().speed_max).amax() < 1.0);
-    let torque = arm.inverse_dynamics(&home, &Vector::zeros(), &Vector::zeros());
+    let torque = arm.inverse_dynamics(&home, &JointVector::zeros(), &JointVector::zeros());
     assert!(torque.component_div(&arm.limits().effort_max).amax() < 1.0, "{torque}");
 
     let seven: Chain<7> = load(&file("seven-joints.urdf"), None).unwrap().chain().unwrap();
-    moves(&seven, &Vector::from([0.1, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5]));
+    moves(&seven, &JointVector::from([0.1, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5]));
     let cut = load(&file("seven-joints.urdf"), Some("link6")).unwrap_err();
     assert!(cut.to_string().contains("`joint7`: moves beside or behind"), "{cut}");
 }

@@ -50,7 +50,7 @@ fn a_file_and_its_motors_make_a_robot() {
     assert_eq!(robot.joint(2), "joint 3 (`joint3`)");
     // The motor makes 0.12 * 13 * 101 = 157.6 N m, the file allows 150 and 28.
     assert_eq!((six.torque_max_nm[0], six.torque_max_nm[5]), (150.0, 28.0));
-    assert!((six.arm.reflected()[0] - 1e-4 * 101.0 * 101.0).abs() < 1e-12);
+    assert!((six.arm.reflected_inertia()[0] - 1e-4 * 101.0 * 101.0).abs() < 1e-12);
     assert_eq!(six.friction.coulomb_nm.amax(), 0.0);
     let q = robot.home_rad();
     assert!(robot.tool_pose(&q).is_some() && robot.tool_pose(&q[..5]).is_none());

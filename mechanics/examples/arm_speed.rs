@@ -5,18 +5,18 @@
 use std::hint::black_box;
 use std::time::Instant;
 use taktil_mechanics::dls::damped_least_squares;
-use taktil_mechanics::dynamics::{Dynamics, State, rk4_step};
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::{Dynamics, State, rk4_step};
 use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_mechanics::{Joints, Pose};
 
-const SAMPLES: usize = 1024;
-const ROUNDS: usize = 40;
+const SAMPLE_COUNT: usize = 1024;
+const ROUND_COUNT: usize = 40;
 
 #[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
 fn measure<T>(name: &str, inputs: &[T], mut call: impl FnMut(&T)) {
     let mut best = f64::INFINITY;
-    for _ in 0..ROUNDS {
+    for _ in 0..ROUND_COUNT {
         let start = Instant::now();
         for input in inputs {
             call(black_box(input));
@@ -38,7 +38,7 @@ fn main() {
     let mut six =
         |low: &Joints, high: &Joints| Joints::from_fn(|i, _| low[i] + (high[i] - low[i]) * unit());
     let ones = Joints::repeat(1.0);
-    let q: Vec<Joints> = (0..SAMPLES).map(|_| six(&arm.q_min_rad, &arm.q_max_rad)).collect();
+    let q: Vec<Joints> = (0..SAMPLE_COUNT).map(|_| six(&arm.q_min_rad, &arm.q_max_rad)).collect();
     let motions: Vec<(Joints, Joints, Joints)> =
         q.iter().map(|q| (*q, six(&-ones, &ones), six(&-ones, &ones))).collect();
     let poses: Vec<(Pose, Joints)> = q.iter().map(|q| (arm.wrist_pose(q), *q)).collect();
@@ -57,25 +57,25 @@ fn main() {
         black_box(arm.jacobian_tool(q));
     });
     measure("inverse, eight branches", &poses, |(pose, q)| {
-        black_box(arm.inverse(pose, Some(q)));
+        black_box(arm.inverse_kinematics(pose, Some(q)));
     });
     measure("inverse and nearest", &poses, |(pose, q)| {
-        black_box(arm.nearest(&arm.inverse(pose, Some(q)), q));
+        black_box(arm.nearest_branch(&arm.inverse_kinematics(pose, Some(q)), q));
     });
     measure("damped least squares", &motions, |(q, qd, _)| {
         black_box(damped_least_squares(&arm.jacobian_base(q), qd, 0.01));
     });
     measure("inverse dynamics", &motions, |(q, qd, qdd)| {
-        black_box(dynamics.inverse(q, qd, qdd));
+        black_box(dynamics.inverse_dynamics(q, qd, qdd));
     });
     measure("gravity", &q, |q| {
-        black_box(dynamics.gravity(q));
+        black_box(dynamics.gravity_torque(q));
     });
     measure("mass matrix", &q, |q| {
         black_box(dynamics.mass_matrix(q));
     });
     measure("forward dynamics", &motions, |(q, qd, tau)| {
-        black_box(dynamics.forward(q, qd, tau));
+        black_box(dynamics.forward_dynamics(q, qd, tau));
     });
     measure("Runge-Kutta step", &motions, |(q, qd, tau)| {
         let state = State { q: *q, qd: *qd };

@@ -1,19 +1,28 @@
-//! Frames, twists and wrenches, and the only place where `glam` and `nalgebra` meet. Refuses every
-//! parametrisation of rotations by angles.
+//! Frames, rotations, twists and wrenches, and the conversions between `glam` and `nalgebra`, which
+//! no other module makes. Rotations are matrices or rotation vectors, never triples of angles.
 //!
-//! Six-vectors are stacked `[linear; angular]`: a twist is (velocity in m/s, angular velocity in
-//! rad/s), a wrench is (force in N, moment in N m).
+//! Spatial vectors are stacked `[linear; angular]`: a twist is (velocity in m/s, angular velocity
+//! in rad/s), a wrench is (force in N, moment in N m). Both belong to a point and to axes, which
+//! the documentation of each function names.
 
 use glam::{DMat3, DQuat, DVec3};
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 
-/// One number per joint (rad, rad/s, rad/s^2 or N m), joint 1 first.
+/// One number for each of `N` joints (rad, rad/s, rad/s^2, N m; m and N for prismatic joints), the
+/// joint nearest to the base first.
+pub type JointVector<const N: usize> = SVector<f64, N>;
+/// `N` by `N` numbers, one row and one column for each joint: a mass matrix (kg m^2) or the matrix
+/// of a transmission.
+pub type JointMatrix<const N: usize> = SMatrix<f64, N, N>;
+/// A Jacobian: rows vx vy vz wx wy wz, one column for each joint.
+pub type Jacobian<const N: usize> = SMatrix<f64, 6, N>;
+/// A [`JointVector`] of six joints.
 pub type Joints = nalgebra::Vector6<f64>;
-/// Six by six numbers: a Jacobian (rows vx vy vz wx wy wz) or a mass matrix.
+/// Six by six numbers: a Jacobian (rows vx vy vz wx wy wz) or a mass matrix (kg m^2) of six joints.
 pub type Matrix6 = nalgebra::Matrix6<f64>;
 
-/// Sines and cosines of six joint angles: what everything about an arm at one configuration is made
-/// of, computed once.
+/// Sines and cosines of six joint angles. Kinematics and dynamics at one configuration share them,
+/// so that they are computed once.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SinCos {
     /// Sines.
@@ -23,9 +32,9 @@ pub struct SinCos {
 }
 
 impl SinCos {
-    /// Of joint angles (rad).
+    /// The sines and cosines of the joint angles `q` (rad).
     #[must_use]
-    pub fn of(q: &Joints) -> SinCos {
+    pub fn new(q: &Joints) -> SinCos {
         let (mut s, mut c) = ([0.0; 6], [0.0; 6]);
         for i in 0..6 {
             (s[i], c[i]) = libm::sincos(q[i]);
@@ -33,30 +42,31 @@ impl SinCos {
         SinCos { s, c }
     }
 
-    /// The same of angles further by `by` (rad), by the addition theorem and short series: within
-    /// 4e-16, at a fifth of the cost. None if one of them is further than [`SinCos::NEAR_RAD`].
+    /// The sines and cosines of the same angles plus `increment` (rad), by the addition theorem and
+    /// short series. The error is below 4e-16, at a fifth of the cost of [`SinCos::new`]. `None`
+    /// where an increment is larger than [`SinCos::INCREMENT_MAX_RAD`] or NaN.
     #[must_use]
-    pub fn further(&self, by: &Joints) -> Option<SinCos> {
-        let near = by.iter().all(|angle| angle.abs() <= SinCos::NEAR_RAD);
-        near.then(|| {
+    pub fn incremented(&self, increment: &Joints) -> Option<SinCos> {
+        let is_small = increment.iter().all(|angle| angle.abs() <= SinCos::INCREMENT_MAX_RAD);
+        is_small.then(|| {
             let mut next = *self;
             for i in 0..6 {
-                let (angle, square) = (by[i], by[i] * by[i]);
-                // What is left out is below 1e-18.
+                let (angle, square) = (increment[i], increment[i] * increment[i]);
+                // The terms of the series that are left out are below 1e-18.
                 let sine = angle * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)));
-                let less = square * (0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0)));
-                next.s[i] = self.s[i] + (self.c[i] * sine - self.s[i] * less);
-                next.c[i] = self.c[i] - (self.s[i] * sine + self.c[i] * less);
+                let versine = square * (0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0)));
+                next.s[i] = self.s[i] + (self.c[i] * sine - self.s[i] * versine);
+                next.c[i] = self.c[i] - (self.s[i] * sine + self.c[i] * versine);
             }
             next
         })
     }
 
-    /// How far [`SinCos::further`] goes (rad).
-    pub const NEAR_RAD: f64 = 0.01;
+    /// Largest increment that [`SinCos::incremented`] takes (rad).
+    pub const INCREMENT_MAX_RAD: f64 = 0.01;
 }
 
-/// A frame seen from another: `x_outer = rotation * x_inner + translation` (m).
+/// The pose of an inner frame in an outer one: `x_outer = rotation * x_inner + translation` (m).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Columns are the inner axes n, o, a in the outer frame.
@@ -72,16 +82,17 @@ impl Default for Pose {
 }
 
 impl Pose {
-    /// The frame itself.
+    /// The pose of a frame in itself.
     pub const IDENTITY: Pose = Pose { rotation: DMat3::IDENTITY, translation: DVec3::ZERO };
 
-    /// A pose of its two parts.
+    /// The pose with these axes and this origin (m).
     #[must_use]
     pub const fn new(rotation: DMat3, translation: DVec3) -> Pose {
         Pose { rotation, translation }
     }
 
-    /// A pose of a rotation matrix listed row by row (`r11 r12 r13 r21 ..`) and an origin (m).
+    /// The pose with the rotation matrix `r`, listed row by row (`r11 r12 r13 r21 ..`), and the
+    /// origin `p` (m).
     #[must_use]
     pub const fn from_rows(r: &[f64; 9], p: &[f64; 3]) -> Pose {
         let rotation = DMat3::from_cols(
@@ -92,7 +103,7 @@ impl Pose {
         Pose { rotation, translation: DVec3::new(p[0], p[1], p[2]) }
     }
 
-    /// The rotation matrix row by row.
+    /// The elements of the rotation matrix, row by row.
     #[must_use]
     pub fn rotation_rows(&self) -> [f64; 9] {
         let (n, o, a) = (self.rotation.x_axis, self.rotation.y_axis, self.rotation.z_axis);
@@ -107,7 +118,8 @@ impl Pose {
         [sign * q.w, sign * q.x, sign * q.y, sign * q.z]
     }
 
-    /// `self` then `inner`: the pose of a frame given in `self`, seen from outside.
+    /// The product `self * inner`: the pose in the outer frame of a frame whose pose in the inner
+    /// frame is `inner`.
     #[must_use]
     pub fn compose(&self, inner: &Pose) -> Pose {
         Pose {
@@ -116,14 +128,14 @@ impl Pose {
         }
     }
 
-    /// The outer frame seen from the inner one. The rotation is taken as orthonormal.
+    /// The pose of the outer frame in the inner one. The rotation must be orthonormal.
     #[must_use]
     pub fn inverse(&self) -> Pose {
         let rotation = self.rotation.transpose();
         Pose { rotation, translation: -(rotation * self.translation) }
     }
 
-    /// A point of the inner frame in the outer one (m).
+    /// The coordinates in the outer frame of the point `point` of the inner frame (m).
     #[must_use]
     pub fn apply(&self, point: DVec3) -> DVec3 {
         self.rotation * point + self.translation
@@ -136,28 +148,28 @@ impl Pose {
     }
 }
 
-/// The turn by `angle_rad` about x.
+/// The rotation by `angle_rad` about x.
 #[must_use]
 pub fn rotation_x(angle_rad: f64) -> DMat3 {
     let (s, c) = libm::sincos(angle_rad);
     DMat3::from_cols(DVec3::X, DVec3::new(0.0, c, s), DVec3::new(0.0, -s, c))
 }
 
-/// The turn by `angle_rad` about y.
+/// The rotation by `angle_rad` about y.
 #[must_use]
 pub fn rotation_y(angle_rad: f64) -> DMat3 {
     let (s, c) = libm::sincos(angle_rad);
     DMat3::from_cols(DVec3::new(c, 0.0, -s), DVec3::Y, DVec3::new(s, 0.0, c))
 }
 
-/// The turn by `angle_rad` about z.
+/// The rotation by `angle_rad` about z.
 #[must_use]
 pub fn rotation_z(angle_rad: f64) -> DMat3 {
     let (s, c) = libm::sincos(angle_rad);
     DMat3::from_cols(DVec3::new(c, s, 0.0), DVec3::new(-s, c, 0.0), DVec3::Z)
 }
 
-/// The turn about `axis` (unit length) by `angle_rad`, Rodrigues' formula.
+/// The rotation about `axis` (unit length) by `angle_rad`, by Rodrigues' formula.
 #[must_use]
 pub fn rotation_about(axis: DVec3, angle_rad: f64) -> DMat3 {
     let (s, c) = libm::sincos(angle_rad);
@@ -169,8 +181,8 @@ pub fn rotation_about(axis: DVec3, angle_rad: f64) -> DMat3 {
     )
 }
 
-/// The rotation vector (axis times angle in [0, pi], rad) that turns `from` into `to`, in the axes
-/// of `from`.
+/// The rotation vector (axis times angle in `[0, pi]`, rad) of the rotation from `from` to `to`, in
+/// the axes of `from`: the matrix logarithm of `from^T to`.
 #[must_use]
 pub fn rotation_vector(from: &DMat3, to: &DMat3) -> DVec3 {
     let q = DQuat::from_mat3(&(from.transpose() * *to));
@@ -183,15 +195,16 @@ pub fn rotation_vector(from: &DMat3, to: &DMat3) -> DVec3 {
     v * (2.0 * libm::atan2(sine, q.w * sign) / sine)
 }
 
-/// The rotation of a rotation vector (rad).
+/// The rotation matrix of a rotation vector (rad): the matrix exponential of its cross product
+/// matrix.
 #[must_use]
-pub fn rotation_of(vector: DVec3) -> DMat3 {
+pub fn rotation_from_vector(vector: DVec3) -> DMat3 {
     let angle = vector.length();
     if angle == 0.0 { DMat3::IDENTITY } else { rotation_about(vector / angle, angle) }
 }
 
-/// The angle in `[-pi, pi)` that differs from a finite `angle_rad` by whole turns; exact when it
-/// already lies there. NaN and infinities give NaN.
+/// The angle in `[-pi, pi)` that differs from `angle_rad` by whole turns (rad). An angle that
+/// already lies there is returned unchanged. NaN and infinities give NaN.
 #[must_use]
 pub fn wrap_angle(angle_rad: f64) -> f64 {
     use core::f64::consts::{PI, TAU};
@@ -206,63 +219,69 @@ pub fn wrap_angle(angle_rad: f64) -> f64 {
     if turned >= PI { turned - TAU } else { turned.clamp(-PI, PI) }
 }
 
-/// `glam` to `nalgebra`.
+/// A vector of `glam` as one of `nalgebra`.
 #[must_use]
-pub fn vector(v: DVec3) -> Vector3<f64> {
+pub fn to_nalgebra_vector(v: DVec3) -> Vector3<f64> {
     Vector3::new(v.x, v.y, v.z)
 }
 
-/// `nalgebra` to `glam`.
+/// A vector of `nalgebra` as one of `glam`.
 #[must_use]
-pub fn dvec3(v: &Vector3<f64>) -> DVec3 {
+pub fn to_glam_vector(v: &Vector3<f64>) -> DVec3 {
     DVec3::new(v.x, v.y, v.z)
 }
 
-/// `glam` to `nalgebra`.
+/// A matrix of `glam` as one of `nalgebra`.
 #[must_use]
-pub fn matrix(m: &DMat3) -> Matrix3<f64> {
-    Matrix3::from_columns(&[vector(m.x_axis), vector(m.y_axis), vector(m.z_axis)])
+pub fn to_nalgebra_matrix(m: &DMat3) -> Matrix3<f64> {
+    Matrix3::from_columns(&[
+        to_nalgebra_vector(m.x_axis),
+        to_nalgebra_vector(m.y_axis),
+        to_nalgebra_vector(m.z_axis),
+    ])
 }
 
-/// `nalgebra` to `glam`.
+/// A matrix of `nalgebra` as one of `glam`.
 #[must_use]
-pub fn dmat3(m: &Matrix3<f64>) -> DMat3 {
+pub fn to_glam_matrix(m: &Matrix3<f64>) -> DMat3 {
     DMat3::from_cols_array(&[m.m11, m.m21, m.m31, m.m12, m.m22, m.m32, m.m13, m.m23, m.m33])
 }
 
-/// Stacks a twist or wrench.
+/// The twist or wrench `[linear; angular]` of its two halves.
 #[must_use]
-pub fn stack(linear: DVec3, angular: DVec3) -> Vector6<f64> {
+pub fn spatial_vector(linear: DVec3, angular: DVec3) -> Vector6<f64> {
     Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
 }
 
 /// The linear and the angular half of a twist or wrench.
 #[must_use]
-pub fn split(v: &Vector6<f64>) -> (DVec3, DVec3) {
+pub fn linear_and_angular(v: &Vector6<f64>) -> (DVec3, DVec3) {
     (DVec3::new(v[0], v[1], v[2]), DVec3::new(v[3], v[4], v[5]))
 }
 
-/// A twist or wrench of the inner frame in the axes of the outer one; the point stays.
+/// The twist or wrench `v`, given in the axes of an inner frame, in the axes of the outer frame,
+/// where `rotation` is that of the inner frame in the outer one. The point to which it belongs
+/// stays.
 #[must_use]
-pub fn turn(rotation: &DMat3, v: &Vector6<f64>) -> Vector6<f64> {
-    let (linear, angular) = split(v);
-    stack(*rotation * linear, *rotation * angular)
+pub fn rotate_spatial_vector(rotation: &DMat3, v: &Vector6<f64>) -> Vector6<f64> {
+    let (linear, angular) = linear_and_angular(v);
+    spatial_vector(*rotation * linear, *rotation * angular)
 }
 
-/// The wrench about a point `shift` away from the one it is given about (same axes):
+/// The wrench about the point that lies `shift` (m) from the point of `wrench`, in the same axes:
 /// the moment becomes `m - shift x f`.
 #[must_use]
-pub fn move_wrench(wrench: &Vector6<f64>, shift: DVec3) -> Vector6<f64> {
-    let (force, moment) = split(wrench);
-    stack(force, moment - shift.cross(force))
+pub fn wrench_at_point(wrench: &Vector6<f64>, shift: DVec3) -> Vector6<f64> {
+    let (force, moment) = linear_and_angular(wrench);
+    spatial_vector(force, moment - shift.cross(force))
 }
 
-/// The twist of the point `shift` away from the one it is given of (same body, same axes):
-/// the velocity becomes `v + w x shift`.
+/// The twist of the point that lies `shift` (m) from the point of `twist`, on the same body and in
+/// the same axes: the velocity becomes `v + w x shift`.
 #[must_use]
-pub fn move_twist(twist: &Vector6<f64>, shift: DVec3) -> Vector6<f64> {
-    let (linear, angular) = split(twist);
-    stack(linear + angular.cross(shift), angular)
+pub fn twist_at_point(twist: &Vector6<f64>, shift: DVec3) -> Vector6<f64> {
+    let (linear, angular) = linear_and_angular(twist);
+    spatial_vector(linear + angular.cross(shift), angular)
 }
 
 #[cfg(test)]
@@ -271,12 +290,13 @@ mod tests {
     use core::f64::consts::{PI, TAU};
 
     #[test]
-    fn sines_of_angles_near_by_follow_from_those_that_are_known() {
-        let near = SinCos::NEAR_RAD;
+    fn incremented_sines_are_those_of_the_incremented_angles() {
+        let near = SinCos::INCREMENT_MAX_RAD;
         for i in 0..1000 {
             let q = Joints::from_fn(|j, _| 0.013 * f64::from(i) - 6.0 + 0.7 * j as f64);
             let by = Joints::new(near, -near, 1e-3, -1e-5, 1e-9, 0.0);
-            let (found, exact) = (SinCos::of(&q).further(&by).unwrap(), SinCos::of(&(q + by)));
+            let (found, exact) =
+                (SinCos::new(&q).incremented(&by).unwrap(), SinCos::new(&(q + by)));
             for j in 0..6 {
                 // The sum of the angles is itself rounded.
                 let fair = 4e-16 + f64::EPSILON * q[j].abs();
@@ -286,7 +306,7 @@ mod tests {
         }
         for far in [1.1 * near, f64::NAN, f64::INFINITY] {
             let by = Joints::new(0.0, 0.0, far, 0.0, 0.0, 0.0);
-            assert_eq!(SinCos::of(&Joints::zeros()).further(&by), None);
+            assert_eq!(SinCos::new(&Joints::zeros()).incremented(&by), None);
         }
     }
 
@@ -328,14 +348,19 @@ mod tests {
 
     #[test]
     fn power_does_not_depend_on_the_point() {
-        let twist = stack(DVec3::new(0.1, -0.2, 0.3), DVec3::new(1.0, 2.0, -0.5));
-        let wrench = stack(DVec3::new(4.0, 5.0, 6.0), DVec3::new(-0.1, 0.7, 0.2));
+        let twist = spatial_vector(DVec3::new(0.1, -0.2, 0.3), DVec3::new(1.0, 2.0, -0.5));
+        let wrench = spatial_vector(DVec3::new(4.0, 5.0, 6.0), DVec3::new(-0.1, 0.7, 0.2));
         let shift = DVec3::new(0.3, -0.1, 0.9);
-        let moved = move_twist(&twist, shift).dot(&move_wrench(&wrench, shift));
+        let moved = twist_at_point(&twist, shift).dot(&wrench_at_point(&wrench, shift));
         assert!((moved - twist.dot(&wrench)).abs() < 1e-14);
         let r = rotation_x(0.7);
-        assert!((turn(&r, &twist).dot(&turn(&r, &wrench)) - twist.dot(&wrench)).abs() < 1e-14);
-        assert_eq!(dmat3(&matrix(&r)), r);
-        assert_eq!(dvec3(&vector(shift)), shift);
+        assert!(
+            (rotate_spatial_vector(&r, &twist).dot(&rotate_spatial_vector(&r, &wrench))
+                - twist.dot(&wrench))
+            .abs()
+                < 1e-14
+        );
+        assert_eq!(to_glam_matrix(&to_nalgebra_matrix(&r)), r);
+        assert_eq!(to_glam_vector(&to_nalgebra_vector(shift)), shift);
     }
 }

@@ -5,7 +5,7 @@
 use glam::{DMat3, DVec3};
 use taktil_contact::space::Level;
 use taktil_hal::{AXES, AdcCode, CHANNELS, Counts, Devices, LinesOut, Nanos};
-use taktil_mechanics::dynamics::GRAVITY_M_S2;
+use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::robot::ChainRobot;
 use taktil_mechanics::spatial::rotation_z;
 use taktil_mechanics::transmission::Drive;

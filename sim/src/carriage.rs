@@ -3,7 +3,7 @@
 //! Refuses turning: the orientation is fixed.
 
 use glam::{DMat3, DVec3};
-use taktil_mechanics::spatial::stack;
+use taktil_mechanics::spatial::spatial_vector;
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
 use crate::arm::Rub;
@@ -105,7 +105,7 @@ impl Riding {
     }
 
     pub(crate) fn twist(&self) -> Joints {
-        stack(self.velocity, DVec3::ZERO)
+        spatial_vector(self.velocity, DVec3::ZERO)
     }
 
     /// Mass that follows the finger along its normal (kg); none when the place is prescribed.
@@ -138,11 +138,11 @@ impl Riding {
         let (mut place, mut velocity) = self.plan.at(end_s);
         let Some(float) = self.plan.float else {
             let pose = Pose::new(self.plan.axes, place);
-            return Ahead::fixed(pose, stack(velocity, DVec3::ZERO));
+            return Ahead::fixed(pose, spatial_vector(velocity, DVec3::ZERO));
         };
         (place.z, velocity.z) = (base.q[0] + h * guess[0], 0.0);
         let pose = Pose::new(self.plan.axes, place);
-        let mut ahead = Ahead::fixed(pose, stack(velocity, DVec3::ZERO));
+        let mut ahead = Ahead::fixed(pose, spatial_vector(velocity, DVec3::ZERO));
         ahead.degrees = 1;
         ahead.inertia[(0, 0)] = float.mass_kg;
         ahead.push[0] = -float.load_n;

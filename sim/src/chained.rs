@@ -9,9 +9,9 @@
 use core::fmt::Debug;
 
 use taktil_hal::CHANNELS;
-use taktil_mechanics::chain::{Square, Vector};
-use taktil_mechanics::dynamics::Friction;
+use taktil_mechanics::friction::Friction;
 use taktil_mechanics::robot::ChainRobot;
+use taktil_mechanics::spatial::{JointMatrix, JointVector};
 use taktil_mechanics::{Joints, Pose};
 
 use crate::arm::rub;
@@ -63,11 +63,11 @@ pub(crate) struct Chained<const N: usize> {
     robot: ChainRobot<N>,
     friction: Friction<N>,
     start_counts: [i32; N],
-    q: Vector<N>,
-    qd: Vector<N>,
-    bristle: Vector<N>,
+    q: JointVector<N>,
+    qd: JointVector<N>,
+    bristle: JointVector<N>,
     codes: [i32; CHANNELS],
-    torque: Vector<N>,
+    torque: JointVector<N>,
     enabled: bool,
     braked: bool,
     pose: Pose,
@@ -85,7 +85,7 @@ impl<const N: usize> Chained<N> {
             let what = format!("starts with {} joints, has {N}", start.len());
             return Err(invalid("arm", what, "give one angle for each joint"));
         };
-        let q = Vector::from(start);
+        let q = JointVector::from(start);
         if !robot.arm.within_limits(&q) {
             let what = "starts outside the limits of its joints".to_owned();
             return Err(invalid("arm", what, "give angles within them"));
@@ -123,10 +123,10 @@ impl<const N: usize> Chained<N> {
             robot: robot.clone(),
             friction,
             q,
-            qd: Vector::zeros(),
-            bristle: Vector::zeros(),
+            qd: JointVector::zeros(),
+            bristle: JointVector::zeros(),
             codes: [0; CHANNELS],
-            torque: Vector::zeros(),
+            torque: JointVector::zeros(),
             enabled: false,
             braked: true,
         })
@@ -134,7 +134,13 @@ impl<const N: usize> Chained<N> {
 
     /// Speeds at the end of a step from those at its beginning, with inertia and other torques
     /// held.
-    fn speeds(&self, inertia: &Square<N>, push: &Vector<N>, guess: Vector<N>, h: f64) -> Vector<N> {
+    fn speeds(
+        &self,
+        inertia: &JointMatrix<N>,
+        push: &JointVector<N>,
+        guess: JointVector<N>,
+        h: f64,
+    ) -> JointVector<N> {
         let mut speed = guess;
         for _ in 0..ITERATIONS {
             let mut matrix = *inertia;
@@ -177,15 +183,15 @@ impl<const N: usize> Loose for Chained<N> {
 
     fn step(&mut self, h: f64) {
         if self.braked {
-            self.qd = Vector::zeros();
+            self.qd = JointVector::zeros();
             return;
         }
-        let driven = if self.enabled { self.torque } else { Vector::zeros() };
+        let driven = if self.enabled { self.torque } else { JointVector::zeros() };
         let mut end = self.qd;
         for _ in 0..PASSES {
             let mean = (self.qd + end) * 0.5;
             let middle = self.q + mean * (0.5 * h);
-            let push = driven - self.robot.arm.bias(&middle, &mean);
+            let push = driven - self.robot.arm.bias_torque(&middle, &mean);
             end = self.speeds(&self.robot.arm.mass_matrix(&middle), &push, end, h);
         }
         for i in 0..N {
@@ -199,7 +205,7 @@ impl<const N: usize> Loose for Chained<N> {
 
     fn drive(&mut self, codes: [i32; CHANNELS], enabled: bool, braked: bool) {
         (self.codes, self.enabled, self.braked) = (codes, enabled, braked);
-        let motor_nm = Vector::from_fn(|i, _| self.robot.drive.torque(codes[i], i));
+        let motor_nm = JointVector::from_fn(|i, _| self.robot.drive.motor_torque_nm(codes[i], i));
         self.torque = self.robot.gears.joint_torque(&motor_nm);
     }
 
@@ -213,7 +219,7 @@ impl<const N: usize> Loose for Chained<N> {
     }
 
     fn home_counts(&self) -> (Vec<i32>, Vec<f64>) {
-        (vec![0; N], self.robot.gears.counts_per_rev().as_slice().to_vec())
+        (vec![0; N], self.robot.gears.counts_per_revolution().as_slice().to_vec())
     }
 
     fn current_codes(&self) -> [i32; CHANNELS] {
@@ -230,7 +236,7 @@ impl<const N: usize> Loose for Chained<N> {
 
     fn energy_j(&self) -> f64 {
         let arm = &self.robot.arm;
-        0.5 * self.qd.dot(&(arm.mass_matrix(&self.q) * self.qd)) + arm.potential_j(&self.q)
+        0.5 * self.qd.dot(&(arm.mass_matrix(&self.q) * self.qd)) + arm.potential_energy_j(&self.q)
     }
 
     fn digest(&self, hash: &mut Hash) {

@@ -13,7 +13,7 @@
 mod slices;
 
 use glam::DVec3;
-use taktil_mechanics::spatial::split;
+use taktil_mechanics::spatial::linear_and_angular;
 use taktil_mechanics::{Joints, Pose};
 
 use crate::hash::Hash;
@@ -56,7 +56,7 @@ pub struct Surface {
 impl Surface {
     /// The face of a pad with a frame and a twist of its origin.
     pub(crate) fn of_pad(pose: &Pose, twist: &Joints) -> Surface {
-        let (velocity, spin) = split(twist);
+        let (velocity, spin) = linear_and_angular(twist);
         Surface { origin: pose.translation, normal: pose.rotation.z_axis, velocity, spin }
     }
 }

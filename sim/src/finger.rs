@@ -2,7 +2,7 @@
 //! degrees of freedom, and what an implicit stage has to know about its end. Refuses to know what
 //! touches the finger.
 
-use taktil_mechanics::spatial::{SinCos, split};
+use taktil_mechanics::spatial::{SinCos, linear_and_angular};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
 use crate::arm::{Arm, Rub};
@@ -129,7 +129,7 @@ impl Finger {
     pub(crate) fn step(&mut self, h: f64, wrench: &Joints) {
         match self {
             Finger::Arm(arm) => arm.step(h, wrench),
-            Finger::Carriage(riding) => riding.step(h, split(wrench).0),
+            Finger::Carriage(riding) => riding.step(h, linear_and_angular(wrench).0),
             Finger::Chained(unheld) => unheld.arm.step(h),
         }
     }

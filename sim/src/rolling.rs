@@ -3,8 +3,8 @@
 
 use glam::{DMat3, DVec3};
 use taktil_hal::{MAX_TACTELS, Nanos};
-use taktil_mechanics::dynamics::GRAVITY_M_S2;
-use taktil_mechanics::spatial::stack;
+use taktil_mechanics::rigid_body::GRAVITY_M_S2;
+use taktil_mechanics::spatial::spatial_vector;
 use taktil_mechanics::{Joints, Pose};
 
 use crate::contact::{Bristles, Lean, Line, Patch, Reaction, Surface, Tangent};
@@ -166,7 +166,7 @@ impl Rolling {
     /// Wrench of the pin on the tool about the tool point (base axes).
     pub(crate) fn wrench(&self, tool: DVec3) -> Joints {
         let moment = self.by_finger.moment_about(tool, self.pin.position);
-        stack(-self.by_finger.force, -moment)
+        spatial_vector(-self.by_finger.force, -moment)
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {

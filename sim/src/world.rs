@@ -9,8 +9,9 @@
 
 use glam::DVec3;
 use taktil_hal::{AXES, AdcCode, CHANNELS, Counts, LinesIn, LinesOut, Nanos};
-use taktil_mechanics::spatial::{split, stack};
-use taktil_mechanics::{Joints, dynamics::GRAVITY_M_S2};
+use taktil_mechanics::Joints;
+use taktil_mechanics::rigid_body::GRAVITY_M_S2;
+use taktil_mechanics::spatial::{linear_and_angular, spatial_vector};
 
 use crate::contact::{Patch, Reaction};
 use crate::devices::{LONGEST_SILENCE, Scan, WorldEnds};
@@ -259,15 +260,16 @@ impl World {
         let rolling = self.bench.rolling.as_ref().map(|r| r.wrench(pose.translation));
         let objects = self.bench.objects.as_ref().map(|objects| objects.wrench(pose));
         let sum = rolling.unwrap_or_default() + objects.unwrap_or_default();
-        let (force, moment) = split(&sum);
+        let (force, moment) = linear_and_angular(&sum);
         let back = pose.rotation.transpose();
-        stack(back * force, back * moment)
+        spatial_vector(back * force, back * moment)
     }
 
     /// What really happens now.
     #[must_use]
     pub fn truth(&self) -> Truth {
-        let (pose, twist) = (self.bench.finger.pose(), split(&self.bench.finger.twist()));
+        let (pose, twist) =
+            (self.bench.finger.pose(), linear_and_angular(&self.bench.finger.twist()));
         let (arm_q, arm_qd, enabled, braked) = match &self.bench.finger {
             Finger::Arm(arm) => (arm.now.q, arm.now.qd, arm.enabled, arm.braked),
             Finger::Carriage(_) => (Joints::zeros(), Joints::zeros(), false, true),

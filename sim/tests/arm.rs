@@ -2,7 +2,7 @@
 
 use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, Nanos};
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::{Dynamics, LINKS, TOOL};
+use taktil_mechanics::puma260::dynamics::{Dynamics, LINKS, TOOL};
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::fidelity::ArmModel;
 use taktil_sim::{Timing, World, WorldConfig, build};
@@ -37,7 +37,7 @@ fn codes_of(torque: &Joints) -> [DacCode; CHANNELS] {
     let drive = Drive::reference();
     let mut codes = [DacCode(0); CHANNELS];
     for i in 0..6 {
-        codes[i] = DacCode(drive.code(motor[i], i));
+        codes[i] = DacCode(drive.dac_code(motor[i], i));
     }
     codes
 }
@@ -55,12 +55,12 @@ fn scaled_masses_are_those_of_the_simulated_arm_alone() {
     for scale in [0.5, 1.5] {
         let mut config = free_of_pin();
         (config.arm.link_mass_scale, config.arm.tool_mass_scale) = ([scale; 6], scale);
-        let bodies = LINKS.map(|link| link.scaled(scale));
-        let heavy = Dynamics::of_bodies(bodies, &TOOL.scaled(scale));
+        let bodies = LINKS.map(|link| link.with_density_factor(scale));
+        let heavy = Dynamics::from_bodies(bodies, &TOOL.with_density_factor(scale));
         let moved = |dynamics: &Dynamics| {
             let (mut world, mut devices) = build(&config, &Timing::default(), 1).unwrap();
             let start = world.truth().q;
-            let hold = codes_of(&dynamics.gravity(&start));
+            let hold = codes_of(&dynamics.gravity_torque(&start));
             run(&mut world, &mut devices, 80, |_| hold);
             (world.truth().q - start).amax()
         };
@@ -74,7 +74,7 @@ fn scaled_masses_are_those_of_the_simulated_arm_alone() {
 fn gravity_torque_and_friction_hold_it_dead_still() {
     let (mut world, mut devices) = build(&free_of_pin(), &Timing::default(), 1).unwrap();
     let start = world.truth();
-    let gravity = Dynamics::reference().gravity(&start.q);
+    let gravity = Dynamics::reference().gravity_torque(&start.q);
     // 4 s under a constant word that is off by half a code at most: friction takes the rest.
     run(&mut world, &mut devices, 1600, |_| codes_of(&gravity));
     let end = world.truth();
@@ -114,7 +114,7 @@ fn torques_move_the_joints_in_their_direction_and_counts_follow() {
         let model = Dynamics::reference();
         let push = Drive::reference().peak_joint_torque(&Transmission::reference())[joint] * 0.4;
         run(&mut world, &mut devices, 60, |world| {
-            let mut torque = model.gravity(&world.truth().q);
+            let mut torque = model.gravity_torque(&world.truth().q);
             torque[joint] += push;
             codes_of(&torque)
         });
@@ -132,7 +132,7 @@ fn torques_move_the_joints_in_their_direction_and_counts_follow() {
 #[test]
 fn currents_are_echoed_on_the_analog_inputs() {
     let (mut world, mut devices) = build(&free_of_pin(), &Timing::default(), 1).unwrap();
-    let gravity = Dynamics::reference().gravity(&world.truth().q);
+    let gravity = Dynamics::reference().gravity_torque(&world.truth().q);
     let codes = codes_of(&gravity);
     run(&mut world, &mut devices, 4, |_| codes);
     let seen = devices.analog_in.sample(PERIOD * 4).unwrap().value;
@@ -145,7 +145,7 @@ fn one_seed_is_one_run() {
         let (mut world, mut devices) =
             build(&WorldConfig::default(), &Timing::default(), seed).unwrap();
         let mut frame = taktil_hal::TactileFrame::empty();
-        let gravity = Dynamics::reference().gravity(&world.truth().q);
+        let gravity = Dynamics::reference().gravity_torque(&world.truth().q);
         run(&mut world, &mut devices, 200, |_| codes_of(&(0.7 * gravity)));
         devices.tactile.sample(world.now(), &mut frame).unwrap();
         (world.state_hash(), frame.values)
@@ -160,7 +160,7 @@ fn one_seed_is_one_run() {
 fn the_pinned_digest_does_not_depend_on_build_or_machine() {
     let (mut world, mut devices) = build(&WorldConfig::default(), &Timing::default(), 1).unwrap();
     // The arm sags onto the pin.
-    let gravity = Dynamics::reference().gravity(&world.truth().q);
+    let gravity = Dynamics::reference().gravity_torque(&world.truth().q);
     run(&mut world, &mut devices, 400, |_| codes_of(&(0.5 * gravity)));
     assert!(world.truth().in_contact);
     // Changed physics changes this number; then write the new one. A number that differs between

@@ -6,8 +6,8 @@ mod common;
 use common::nominal;
 use glam::DVec3;
 use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, Nanos, TactileFrame};
-use taktil_mechanics::dynamics::Dynamics;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_mechanics::{Joints, Pose};
 use taktil_sim::{PITCH_M, Timing, World, WorldConfig, build};
@@ -48,11 +48,11 @@ impl Servo {
         self.last = q;
         let damping = self.gain * (1.4 / BANDWIDTH_RAD_S);
         let torque = self.gain.component_mul(&(desired - q)) - damping.component_mul(&speed)
-            + Dynamics::reference().gravity(&q);
+            + Dynamics::reference().gravity_torque(&q);
         let motor = gears.motor_torque(&torque);
         let mut codes = [DacCode(0); CHANNELS];
         for i in 0..6 {
-            codes[i] = DacCode(Drive::reference().code(motor[i], i));
+            codes[i] = DacCode(Drive::reference().dac_code(motor[i], i));
         }
         let feed = self.tick % 2 == 0;
         let order = LinesOut { enable: true, brake_release: true, watchdog_feed: feed };
@@ -67,8 +67,8 @@ impl Servo {
     fn joints_at(&self, place: DVec3) -> Joints {
         let arm = Puma260::reference();
         let wrist = arm.tool_to_wrist(&Pose::new(nominal(), place));
-        let branches = arm.inverse(&wrist, Some(&self.last));
-        arm.nearest(&branches, &self.last).expect("the place is within reach").1
+        let branches = arm.inverse_kinematics(&wrist, Some(&self.last));
+        arm.nearest_branch(&branches, &self.last).expect("the place is within reach").1
     }
 }
 

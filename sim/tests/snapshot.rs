@@ -7,7 +7,7 @@ use common::lowered;
 use taktil_hal::{
     Arrival, CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Marks, Nanos, TactileFrame,
 };
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
 use taktil_sim::scene::{
@@ -20,11 +20,11 @@ const PERIOD: Nanos = Nanos::from_micros(2_500);
 /// Half of what holds the arm, with a ripple: it sinks onto the pin.
 fn word(tick: i64) -> Written {
     let home = WorldConfig::default().arm.home_deg.map(f64::to_radians);
-    let gravity = Dynamics::reference().gravity(&home.into());
+    let gravity = Dynamics::reference().gravity_torque(&home.into());
     let motor = Transmission::reference().motor_torque(&(0.5 * gravity));
     let mut codes = [DacCode(0); CHANNELS];
     for i in 0..6 {
-        codes[i] = DacCode(Drive::reference().code(motor[i], i) + (tick % 7) as i32);
+        codes[i] = DacCode(Drive::reference().dac_code(motor[i], i) + (tick % 7) as i32);
     }
     let lines = LinesOut { enable: true, brake_release: true, watchdog_feed: tick % 2 == 0 };
     Written { release: PERIOD * tick, codes, lines }

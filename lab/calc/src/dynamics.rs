@@ -4,7 +4,8 @@
 use core::f64::consts::TAU;
 
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::{Dynamics, Friction, State, free_motion as integrate};
+use taktil_mechanics::friction::Friction;
+use taktil_mechanics::puma260::dynamics::{Dynamics, State, free_motion as integrate};
 
 use super::Operation;
 use super::answer::Answer;
@@ -99,12 +100,12 @@ fn rnea(args: &Args) -> Result<Answer, Failure> {
     let (q, qd, qdd) = (args.joints("q")?, args.joints("qd")?, args.joints("qdd")?);
     let terms = args.choice("terms")?;
     let tau = args.timed(|| match terms {
-        "grav" => arm.gravity(&q),
+        "grav" => arm.gravity_torque(&q),
         "full" => {
-            let rotors = arm.reflected_kg_m2.component_mul(&qdd);
-            arm.inverse(&q, &qd, &qdd) + rotors + friction.torque_nm(&qd)
+            let rotors = arm.reflected_inertia_kg_m2.component_mul(&qdd);
+            arm.inverse_dynamics(&q, &qd, &qdd) + rotors + friction.torque_nm(&qd)
         }
-        _ => arm.inverse(&q, &qd, &qdd),
+        _ => arm.inverse_dynamics(&q, &qd, &qdd),
     });
     let mut out = Answer::new();
     out.list("tau_nm", tau.as_slice());
@@ -190,8 +191,8 @@ fn free_motion(args: &Args) -> Result<Answer, Failure> {
     out.list("t_s", &times);
     out.rows("q", states.iter().map(|(_, s)| s.q.as_slice()));
     out.rows("qd", states.iter().map(|(_, s)| s.qd.as_slice()));
-    let kinetic: Vec<f64> = states.iter().map(|(_, s)| arm.kinetic_j(&s.q, &s.qd)).collect();
-    let potential: Vec<f64> = states.iter().map(|(_, s)| arm.potential_j(&s.q)).collect();
+    let kinetic: Vec<f64> = states.iter().map(|(_, s)| arm.kinetic_energy_j(&s.q, &s.qd)).collect();
+    let potential: Vec<f64> = states.iter().map(|(_, s)| arm.potential_energy_j(&s.q)).collect();
     out.list("kinetic_j", &kinetic);
     out.list("potential_j", &potential);
     Ok(out)

@@ -129,10 +129,10 @@ fn jacobian(args: &Args) -> Result<Answer, Failure> {
     let in_tool = args.choice("frame")? == "tool";
     let j = args.timed(|| if in_tool { arm.jacobian_tool(&q) } else { arm.jacobian_base(&q) });
     let sigma = singular_values(&j);
-    let distance = arm.singular_distance(&q);
+    let distance = arm.singularity_distance(&q);
     let mut out = Answer::new();
     out.list("j", &row_by_row(&j));
-    out.number("det", arm.determinant(&q));
+    out.number("det", arm.jacobian_determinant(&q));
     out.number("sigma_max", sigma[0]);
     out.number("sigma_min", sigma[5]);
     out.numbers_of(
@@ -162,7 +162,7 @@ fn ik(args: &Args) -> Result<Answer, Failure> {
     let pose = Pose::from_rows(&args.array("r")?, &args.array("p")?);
     refuse_no_rotation(&pose, "r")?;
     let previous = if args.has("previous") { Some(args.joints("previous")?) } else { None };
-    let branches = args.timed(|| arm.inverse(&pose, previous.as_ref()));
+    let branches = args.timed(|| arm.inverse_kinematics(&pose, previous.as_ref()));
     let mut list = Vec::new();
     for branch in branches.iter() {
         list.push(json!({
@@ -177,7 +177,10 @@ fn ik(args: &Args) -> Result<Answer, Failure> {
     let mut out = Answer::new();
     out.value("branches", list.into());
     if let Some(previous) = previous {
-        out.value("nearest", json!(arm.nearest(&branches, &previous).map(|(index, _)| index)));
+        out.value(
+            "nearest",
+            json!(arm.nearest_branch(&branches, &previous).map(|(index, _)| index)),
+        );
     }
     Ok(out)
 }

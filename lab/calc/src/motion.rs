@@ -104,7 +104,7 @@ fn encoder(args: &Args) -> Result<Answer, Failure> {
     match (args.has("q"), args.has("counts")) {
         (true, false) => {
             let q = args.joints("q")?;
-            let exact = gears.counts_f64(&q);
+            let exact = gears.exact_counts(&q);
             if let Some(joint) = exact.iter().position(|n| n.abs() > f64::from(i32::MAX)) {
                 let place = format!("q[{joint}]");
                 return Err(Failure::range(
@@ -134,7 +134,7 @@ fn path_failure(error: PathError) -> Failure {
             ("wrong_length", "points".to_owned())
         }
         PathError::SegmentCount { .. } => ("wrong_length", "t_s".to_owned()),
-        PathError::NotAPose { point } => ("not_a_rotation", format!("poses[{point}].r")),
+        PathError::InvalidPose { point } => ("not_a_rotation", format!("poses[{point}].r")),
         PathError::PointNotFinite { point, joint } => {
             ("wrong_type", format!("points[{point}][{joint}]"))
         }
@@ -213,7 +213,7 @@ fn paul_cartesian(args: &Args) -> Result<Answer, Failure> {
         let mut joints = vec![args.joints("start_q")?];
         for (t_s, setpoint) in ticks.times().zip(&setpoints) {
             let before = joints[joints.len() - 1];
-            let q = arm.continued(&setpoint.pose, &before).ok_or_else(|| {
+            let q = arm.inverse_without_limits(&setpoint.pose, &before).ok_or_else(|| {
                 let what = format!("no joints reach the tool pose at {t_s} s");
                 Failure::new("unreachable", Some("poses"), what)
             })?;

@@ -11,7 +11,8 @@ use taktil_machine::source::{Meant, Source};
 use taktil_machine::urdf::{self, Described};
 use taktil_machine_console::out;
 use taktil_mechanics::Joints;
-use taktil_mechanics::chain::{Chain, Effort, Vector};
+use taktil_mechanics::chain::{Chain, SearchBudget};
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::spatial::{rotation_vector, wrap_angle};
 
 use taktil_machine_console::option::BadOption;
@@ -98,7 +99,7 @@ fn study<const N: usize>(
     let mut draw = || {
         let limits = arm.limits();
         // A joint without ends is drawn over one turn either way.
-        Vector::<N>::from_fn(|i, _| {
+        JointVector::<N>::from_fn(|i, _| {
             let (low, high) = (limits.q_min[i].max(-7.0), limits.q_max[i].min(7.0));
             low + (high - low) * unit()
         })
@@ -107,7 +108,7 @@ fn study<const N: usize>(
     for _ in 0..arguments.poses {
         let (q, before) = (draw(), draw());
         let pose = arm.tool_pose(&q);
-        let mut note = |got: &Vector<N>| {
+        let mut note = |got: &JointVector<N>| {
             let at = arm.tool_pose(got);
             let off = (at.translation - pose.translation).length();
             tried.off_m = tried.off_m.max(off);
@@ -116,14 +117,14 @@ fn study<const N: usize>(
         };
         if let Some(wrist) = arm.spherical_wrist() {
             let own = Joints::from_fn(|i, _| q[i]);
-            let branches = wrist.inverse(&pose, Some(&own));
+            let branches = wrist.inverse_kinematics(&pose, Some(&own));
             for branch in &branches {
-                note(&Vector::<N>::from_fn(|i, _| branch.q[i]));
+                note(&JointVector::<N>::from_fn(|i, _| branch.q[i]));
             }
             let apart = |b: &Joints| (b - own).map(wrap_angle).amax();
             tried.found += u32::from(!branches.is_empty());
             tried.own_lost += u32::from(!branches.iter().any(|b| apart(&b.q) < 1e-6));
-        } else if let Ok(found) = arm.search(&pose, &before, &Effort::default()) {
+        } else if let Ok(found) = arm.inverse_kinematics(&pose, &before, &SearchBudget::default()) {
             note(&found.q);
             tried.found += 1;
             tried.starts += found.starts;

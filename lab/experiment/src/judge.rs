@@ -5,8 +5,8 @@
 use taktil_contact::cylinder::LineContact;
 use taktil_contact::layer::Layer;
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::GRAVITY_M_S2;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
 use taktil_rtcore::Payload;
 use taktil_rtcore::record::{Catalog, Observer, Record};

@@ -13,7 +13,8 @@ use std::process::ExitCode;
 use serde_json::{Value, json};
 use taktil_machine_console::out;
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::{Dynamics, Friction};
+use taktil_mechanics::friction::Friction;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 
 use taktil_machine_console::option::BadOption;
 use taktil_record::Log;
@@ -183,7 +184,7 @@ impl Rows {
             let mut taken = dynamics.mass_matrix(&self.q[begin + WINDOW / 2]) * acceleration;
             let mut given = Joints::zeros();
             for row in rows.clone() {
-                taken += dynamics.bias(&self.q[row], &self.wanted[row]) / count;
+                taken += dynamics.bias_torque(&self.q[row], &self.wanted[row]) / count;
                 given += self.applied[row] / count;
             }
             for (joint, found) in found.iter_mut().enumerate() {

@@ -73,7 +73,7 @@ mod tests {
             &[-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0],
             &[0.325, 0.0, -0.149],
         );
-        let branches = arm.inverse(&arm.tool_to_wrist(&tool), None);
+        let branches = arm.inverse_kinematics(&arm.tool_to_wrist(&tool), None);
         let q = branches.as_slice()[0].q;
         let finger = finger(&series(q.into(), 1.0));
         assert!((finger.p_mm[0][0] - 325.0).abs() < 1e-9);

@@ -441,8 +441,8 @@ fn home(start: &Start, finger_mm: &[f64; 3], world: &WorldConfig) -> Result<[f64
     let tool = Pose { rotation: tilt * level, translation: DVec3::from_array(*finger_mm) * 1e-3 };
     let arm = Puma260::reference();
     let near = Joints::from_row_slice(&WorldConfig::default().arm.home_deg) * (1f64.to_radians());
-    let branches = arm.inverse(&arm.tool_to_wrist(&tool), Some(&near));
-    let (_, q) = arm.nearest(&branches, &near).ok_or_else(|| {
+    let branches = arm.inverse_kinematics(&arm.tool_to_wrist(&tool), Some(&near));
+    let (_, q) = arm.nearest_branch(&branches, &near).ok_or_else(|| {
         Invalid::new(
             "start.finger_mm",
             format!("the arm cannot put its finger at {finger_mm:?} mm like this"),

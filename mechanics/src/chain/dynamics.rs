@@ -1,52 +1,63 @@
-//! Rigid-body dynamics of a chain: recursive Newton-Euler (Luh, Walker and Paul 1980) and composite
-//! bodies (Walker and Orin 1982) in the frames of the links. Refuses friction and contact: both
-//! arrive as joint efforts.
+//! Rigid-body dynamics of a chain in the frames of its links: recursive Newton-Euler (Luh, Walker
+//! and Paul 1980) and composite rigid bodies (Walker and Orin 1982). Friction and contact forces
+//! are not included; a caller adds them as joint efforts. An *effort* is the torque of a revolute
+//! joint (N m) or the force of a prismatic one (N).
 
-use super::{Chain, Motion, Square, Vector};
-use crate::dynamics::{carry, steiner};
-use crate::spatial::Pose;
+use super::{Chain, JointKind};
+use crate::cholesky::solve_positive_definite;
+use crate::rigid_body::{first_moment_inertia, parallel_axis_inertia};
+use crate::spatial::{JointMatrix, JointVector, Pose};
 use glam::{DMat3, DVec3};
 
-/// Frames of the links, each in the one before.
-fn steps<const N: usize>(chain: &Chain<N>, q: &Vector<N>) -> [Pose; N] {
+/// The pose of the frame of each link in the frame of the link before it, at `q` (rad or m).
+fn link_poses<const N: usize>(chain: &Chain<N>, q: &JointVector<N>) -> [Pose; N] {
     core::array::from_fn(|i| {
         let link = &chain.links[i];
-        match link.motion {
-            Motion::Turn => {
+        match link.kind {
+            JointKind::Revolute => {
                 let (s, c) = libm::sincos(q[i]);
-                let (x, y) = (link.mount.rotation.x_axis, link.mount.rotation.y_axis);
+                let (x, y) = (link.origin.rotation.x_axis, link.origin.rotation.y_axis);
                 let rotation =
-                    DMat3::from_cols(c * x + s * y, c * y - s * x, link.mount.rotation.z_axis);
-                Pose::new(rotation, link.mount.translation)
+                    DMat3::from_cols(c * x + s * y, c * y - s * x, link.origin.rotation.z_axis);
+                Pose::new(rotation, link.origin.translation)
             }
-            Motion::Slide => Pose::new(
-                link.mount.rotation,
-                link.mount.translation + q[i] * link.mount.rotation.z_axis,
+            JointKind::Prismatic => Pose::new(
+                link.origin.rotation,
+                link.origin.translation + q[i] * link.origin.rotation.z_axis,
             ),
         }
     })
 }
 
 impl<const N: usize> Chain<N> {
-    /// Joint efforts of the rigid links for a motion (rad, rad/s, rad/s^2 to N m; sliding joints in
-    /// m and N), gravity included, drives and friction not.
+    /// Inverse dynamics by the recursive Newton-Euler algorithm: the joint efforts (N m or N) of
+    /// the links for the motion `q` (rad or m), `qd`, `qdd`. Gravity is included, drives and
+    /// friction are not.
     #[must_use]
-    pub fn inverse_dynamics(&self, q: &Vector<N>, qd: &Vector<N>, qdd: &Vector<N>) -> Vector<N> {
-        let step = steps(self, q);
+    pub fn inverse_dynamics(
+        &self,
+        q: &JointVector<N>,
+        qd: &JointVector<N>,
+        qdd: &JointVector<N>,
+    ) -> JointVector<N> {
+        let pose = link_poses(self, q);
         let (mut force, mut moment) = ([DVec3::ZERO; N], [DVec3::ZERO; N]);
-        let (mut w, mut wd, mut a) = (DVec3::ZERO, DVec3::ZERO, self.against_gravity);
+        // Angular velocity and acceleration of the link, and the acceleration of its origin minus
+        // that of free fall, in the axes of the link.
+        let (mut w, mut wd, mut a) = (DVec3::ZERO, DVec3::ZERO, self.base_acceleration);
         for i in 0..N {
-            let down = step[i].rotation.transpose();
-            let p = step[i].translation;
-            a = down * (a + wd.cross(p) + w.cross(w.cross(p)));
-            (w, wd) = (down * w, down * wd);
-            match self.links[i].motion {
-                Motion::Turn => {
+            let to_link = pose[i].rotation.transpose();
+            let p = pose[i].translation;
+            a = to_link * (a + wd.cross(p) + w.cross(w.cross(p)));
+            (w, wd) = (to_link * w, to_link * wd);
+            match self.links[i].kind {
+                JointKind::Revolute => {
                     // w x (z qd) = (w.y, -w.x, 0) qd
                     wd += DVec3::new(w.y * qd[i], -w.x * qd[i], qdd[i]);
                     w.z += qd[i];
                 }
-                Motion::Slide => {
+                JointKind::Prismatic => {
+                    // The Coriolis acceleration 2 w x (z qd).
                     a += DVec3::new(2.0 * w.y * qd[i], -2.0 * w.x * qd[i], qdd[i]);
                 }
             }
@@ -55,133 +66,121 @@ impl<const N: usize> Chain<N> {
             force[i] = body.mass_kg * (a + wd.cross(com) + w.cross(w.cross(com)));
             moment[i] = body.inertia_kg_m2 * wd + w.cross(body.inertia_kg_m2 * w);
         }
-        self.gather(&step, &force, &moment)
+        self.propagate_inward(&pose, &force, &moment)
     }
 
-    /// Efforts that hold the chain against gravity.
+    /// The efforts (N m or N) that hold the chain at rest at `q` (rad or m) against gravity.
     #[must_use]
-    pub fn gravity(&self, q: &Vector<N>) -> Vector<N> {
-        let step = steps(self, q);
+    pub fn gravity_torque(&self, q: &JointVector<N>) -> JointVector<N> {
+        let pose = link_poses(self, q);
         let mut force = [DVec3::ZERO; N];
-        let mut a = self.against_gravity;
+        let mut a = self.base_acceleration;
         for i in 0..N {
-            a = step[i].rotation.transpose() * a;
+            a = pose[i].rotation.transpose() * a;
             force[i] = self.links[i].body.mass_kg * a;
         }
-        self.gather(&step, &force, &[DVec3::ZERO; N])
+        self.propagate_inward(&pose, &force, &[DVec3::ZERO; N])
     }
 
-    /// The inward half: efforts that carry a force at, and a moment about, each centre of mass.
-    fn gather(&self, step: &[Pose; N], force: &[DVec3; N], moment: &[DVec3; N]) -> Vector<N> {
-        let mut tau = Vector::<N>::zeros();
+    /// The inward recursion: the efforts that balance a force (N) at and a moment (N m) about the
+    /// centre of mass of each link, given in the axes of the link.
+    fn propagate_inward(
+        &self,
+        pose: &[Pose; N],
+        force: &[DVec3; N],
+        moment: &[DVec3; N],
+    ) -> JointVector<N> {
+        let mut tau = JointVector::<N>::zeros();
         let (mut f, mut n) = (DVec3::ZERO, DVec3::ZERO);
         for i in (0..N).rev() {
             n += self.links[i].body.com_m.cross(force[i]) + moment[i];
             f += force[i];
-            tau[i] = match self.links[i].motion {
-                Motion::Turn => n.z,
-                Motion::Slide => f.z,
+            tau[i] = match self.links[i].kind {
+                JointKind::Revolute => n.z,
+                JointKind::Prismatic => f.z,
             };
-            f = step[i].rotation * f;
-            n = step[i].rotation * n + step[i].translation.cross(f);
+            f = pose[i].rotation * f;
+            n = pose[i].rotation * n + pose[i].translation.cross(f);
         }
         tau
     }
 
-    /// Coriolis, centrifugal and gravity efforts.
+    /// Coriolis, centrifugal and gravity efforts (N m or N) at `q` (rad or m) and `qd`.
     #[must_use]
-    pub fn bias(&self, q: &Vector<N>, qd: &Vector<N>) -> Vector<N> {
-        self.inverse_dynamics(q, qd, &Vector::zeros())
+    pub fn bias_torque(&self, q: &JointVector<N>, qd: &JointVector<N>) -> JointVector<N> {
+        self.inverse_dynamics(q, qd, &JointVector::zeros())
     }
 
-    /// The mass matrix, drives included.
+    /// The mass matrix at `q` (rad or m), drives included (kg m^2; kg for prismatic joints), by the
+    /// composite rigid body algorithm.
     #[must_use]
-    pub fn mass_matrix(&self, q: &Vector<N>) -> Square<N> {
-        let step = steps(self, q);
-        let mut out = Square::<N>::zeros();
-        // Everything from link i outwards: mass, first moment and inertia about its origin.
+    pub fn mass_matrix(&self, q: &JointVector<N>) -> JointMatrix<N> {
+        let pose = link_poses(self, q);
+        let mut out = JointMatrix::<N>::zeros();
+        // The composite body of link i and all links outside it: mass, first moment, and inertia
+        // about the origin of link i.
         let (mut mass, mut first, mut inertia) = (0.0, DVec3::ZERO, DMat3::ZERO);
         for i in (0..N).rev() {
             let body = &self.links[i].body;
             mass += body.mass_kg;
             first += body.mass_kg * body.com_m;
-            inertia = inertia + body.inertia_kg_m2 + steiner(body.mass_kg, body.com_m);
-            // Unit acceleration of joint i: force and moment on the whole.
-            let (mut f, mut n) = match self.links[i].motion {
-                Motion::Turn => (DVec3::new(-first.y, first.x, 0.0), inertia.z_axis),
-                Motion::Slide => (DVec3::new(0.0, 0.0, mass), DVec3::new(first.y, -first.x, 0.0)),
+            inertia =
+                inertia + body.inertia_kg_m2 + parallel_axis_inertia(body.mass_kg, body.com_m);
+            // Force and moment that accelerate the composite body by one unit of joint i.
+            let (mut f, mut n) = match self.links[i].kind {
+                JointKind::Revolute => (DVec3::new(-first.y, first.x, 0.0), inertia.z_axis),
+                JointKind::Prismatic => {
+                    (DVec3::new(0.0, 0.0, mass), DVec3::new(first.y, -first.x, 0.0))
+                }
             };
             for j in (0..=i).rev() {
-                let entry = match self.links[j].motion {
-                    Motion::Turn => n.z,
-                    Motion::Slide => f.z,
+                let entry = match self.links[j].kind {
+                    JointKind::Revolute => n.z,
+                    JointKind::Prismatic => f.z,
                 };
                 out[(i, j)] = entry;
                 out[(j, i)] = entry;
-                f = step[j].rotation * f;
-                n = step[j].rotation * n + step[j].translation.cross(f);
+                f = pose[j].rotation * f;
+                n = pose[j].rotation * n + pose[j].translation.cross(f);
             }
-            let (r, p) = (step[i].rotation, step[i].translation);
+            let (r, p) = (pose[i].rotation, pose[i].translation);
             first = r * first;
-            inertia = r * inertia * r.transpose() + carry(first, p) + steiner(mass, p);
+            inertia = r * inertia * r.transpose()
+                + first_moment_inertia(first, p)
+                + parallel_axis_inertia(mass, p);
             first += mass * p;
         }
         for i in 0..N {
-            out[(i, i)] += self.reflected[i];
+            out[(i, i)] += self.reflected_inertia[i];
         }
         out
     }
 
-    /// Potential energy (J), zero with every mass at the origin of the base.
+    /// Potential energy at `q` (rad or m) (J); it is zero where every mass is at the origin of the
+    /// base.
     #[must_use]
-    pub fn potential_j(&self, q: &Vector<N>) -> f64 {
+    pub fn potential_energy_j(&self, q: &JointVector<N>) -> f64 {
         let (mut mass, mut first) = (0.0, DVec3::ZERO);
-        for (link, step) in self.links.iter().zip(steps(self, q)).rev() {
+        for (link, pose) in self.links.iter().zip(link_poses(self, q)).rev() {
             mass += link.body.mass_kg;
             first += link.body.mass_kg * link.body.com_m;
-            first = step.rotation * first + mass * step.translation;
+            first = pose.rotation * first + mass * pose.translation;
         }
-        self.against_gravity.dot(first)
+        self.base_acceleration.dot(first)
     }
 
-    /// Joint accelerations under joint efforts, drives included, friction not. NaN for numbers that
-    /// are not finite and for joints that carry neither mass nor drive.
+    /// Forward dynamics: the joint accelerations (rad/s^2 or m/s^2) under the joint efforts
+    /// `effort` (N m or N) at `q` (rad or m) and `qd`. Drives are included, friction is not. NaN
+    /// where a number is not finite and for a joint that moves neither a mass nor a drive.
     #[must_use]
-    pub fn forward_dynamics(&self, q: &Vector<N>, qd: &Vector<N>, effort: &Vector<N>) -> Vector<N> {
-        let mut out = effort - self.bias(q, qd);
-        solve_positive(&mut self.mass_matrix(q), &mut out);
+    pub fn forward_dynamics(
+        &self,
+        q: &JointVector<N>,
+        qd: &JointVector<N>,
+        effort: &JointVector<N>,
+    ) -> JointVector<N> {
+        let mut out = effort - self.bias_torque(q, qd);
+        solve_positive_definite(&mut self.mass_matrix(q), &mut out);
         out
-    }
-}
-
-/// Solves a symmetric positive definite system by Cholesky in place; NaN where it is neither.
-pub(super) fn solve_positive<const N: usize>(m: &mut Square<N>, b: &mut Vector<N>) {
-    for j in 0..N {
-        let mut d = m[(j, j)];
-        for k in 0..j {
-            d -= m[(j, k)] * m[(j, k)];
-        }
-        // The square root of a negative number is the NaN that is promised.
-        let root = d.sqrt();
-        m[(j, j)] = root;
-        for i in j + 1..N {
-            let mut sum = m[(i, j)];
-            for k in 0..j {
-                sum -= m[(i, k)] * m[(j, k)];
-            }
-            m[(i, j)] = sum / root;
-        }
-    }
-    for i in 0..N {
-        for k in 0..i {
-            b[i] -= m[(i, k)] * b[k];
-        }
-        b[i] /= m[(i, i)];
-    }
-    for i in (0..N).rev() {
-        for k in i + 1..N {
-            b[i] -= m[(k, i)] * b[k];
-        }
-        b[i] /= m[(i, i)];
     }
 }

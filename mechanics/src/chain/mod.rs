@@ -1,73 +1,65 @@
-//! Any serial chain of turning and sliding joints: forward kinematics, Jacobians, rigid-body
-//! dynamics, and the inverse by damped steps; arms of six joints with a spherical wrist are
-//! recognised and solved in closed form ([`wrist`]). Refuses trees, loops, and sizes that are not
-//! known when the code is compiled: the number of joints is a constant, so nothing here allocates.
+//! Any serial chain of revolute and prismatic joints: forward kinematics, Jacobians, rigid-body
+//! dynamics, and the inverse kinematics by damped least-squares steps. Arms of six joints with a
+//! spherical wrist are recognised and solved in closed form ([`spherical_wrist`]). Trees and loops
+//! are not covered. The number of joints is a compile-time constant, so that nothing allocates.
 //!
 //! A chain is described by its joints ([`JointSpec`]), from Denavit-Hartenberg rows
-//! ([`Chain::from_dh`]) or from any frames and axes. Inside, every joint moves about or along the z
-//! axis of its own frame; what the caller sees are joint values, the base frame and the tool
-//! frame. Numbers that are finite, of joints, poses, and motions up to 1e60 in size, give numbers
-//! that are finite.
+//! ([`Chain::from_dh`]) or from any frames and axes. Internally every joint moves about or along
+//! the z axis of its own frame; the caller sees joint values, the base frame and the tool frame.
+//! Finite joints and poses, and motions up to 1e60 in size, give finite results.
 
 mod arm;
 mod build;
 mod dynamics;
+mod inverse;
 mod kinematics;
-mod search;
-pub mod wrist;
+pub mod spherical_wrist;
 
 pub use arm::Follower;
-pub use build::{BadChain, Dh, JointSpec, Motion};
-pub use search::{Effort, Found, NotFound};
+pub use build::{ChainError, DhRow, JointKind, JointSpec};
+pub use inverse::{IkFailure, IkSolution, SearchBudget};
 
-use crate::dynamics::Body;
 use crate::limits;
-use crate::spatial::Pose;
+use crate::rigid_body::Body;
+use crate::spatial::{JointVector, Pose};
 use glam::DVec3;
-use nalgebra::{SMatrix, SVector};
-use wrist::SphericalWrist;
+use spherical_wrist::SphericalWrist;
 
-/// One number per joint, the one nearest to the base first.
-pub type Vector<const N: usize> = SVector<f64, N>;
-/// Rows vx vy vz wx wy wz, one column per joint.
-pub type Jacobian<const N: usize> = SMatrix<f64, 6, N>;
-/// A mass matrix.
-pub type Square<const N: usize> = SMatrix<f64, N, N>;
-
-/// Most joints that a chain may have.
+/// Largest number of joints of a chain.
 pub const MAX_JOINTS: usize = 8;
 
-/// A joint inside: it moves about or along z of a frame mounted on the link before.
+/// A link and its joint, which moves about or along the z axis of a frame fixed to the link before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Link {
-    mount: Pose,
-    motion: Motion,
+    origin: Pose,
+    kind: JointKind,
     body: Body,
 }
 
 impl Link {
-    /// How far a joint can lie from its zero along its axis (m); a turning one does not.
-    fn longest_slide<const N: usize>(&self, limits: &Limits<N>, joint: usize) -> f64 {
-        match self.motion {
-            Motion::Turn => 0.0,
-            Motion::Slide => limits.q_min[joint].abs().max(limits.q_max[joint].abs()),
+    /// Largest distance of a prismatic joint from its zero along its axis (m); 0 for a revolute
+    /// joint.
+    fn travel_bound_m<const N: usize>(&self, limits: &Limits<N>, joint: usize) -> f64 {
+        match self.kind {
+            JointKind::Revolute => 0.0,
+            JointKind::Prismatic => limits.q_min[joint].abs().max(limits.q_max[joint].abs()),
         }
     }
 }
 
-/// What the joints may do.
+/// Limits of the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits<const N: usize> {
-    /// Lower ends (rad or m).
-    pub q_min: Vector<N>,
-    /// Upper ends (rad or m).
-    pub q_max: Vector<N>,
+    /// Lower limits (rad or m).
+    pub q_min: JointVector<N>,
+    /// Upper limits (rad or m).
+    pub q_max: JointVector<N>,
     /// Largest speeds (rad/s or m/s).
-    pub speed_max: Vector<N>,
+    pub speed_max: JointVector<N>,
     /// Largest accelerations for planning (rad/s^2 or m/s^2).
-    pub acceleration_max: Vector<N>,
+    pub acceleration_max: JointVector<N>,
     /// Largest torques (N m) or forces (N).
-    pub effort_max: Vector<N>,
+    pub effort_max: JointVector<N>,
 }
 
 /// A serial chain of `N` joints.
@@ -75,13 +67,13 @@ pub struct Limits<const N: usize> {
 pub struct Chain<const N: usize> {
     links: [Link; N],
     tool: Pose,
-    /// Acceleration of a body at rest against gravity, base frame: +9.81 along the vertical.
-    against_gravity: DVec3,
+    /// Acceleration of the base that has the effect of gravity (m/s^2, base frame): 9.81 upwards.
+    base_acceleration: DVec3,
     limits: Limits<N>,
-    /// Inertia of the drives seen at the joints.
-    reflected: Vector<N>,
-    /// Mean length of a link (m): what a radian is weighed against.
-    scale_m: f64,
+    /// Reflected inertia of the drives (kg m^2 or kg).
+    reflected_inertia: JointVector<N>,
+    /// Mean length of a link (m), by which positions are divided to compare them with angles.
+    mean_link_m: f64,
     wrist: Option<SphericalWrist>,
 }
 
@@ -92,51 +84,58 @@ impl<const N: usize> Chain<N> {
         &self.limits
     }
 
-    /// Inertia of the drives seen at the joints (kg m^2, kg for sliding joints).
+    /// Reflected inertia of the drives at the joints (kg m^2; kg for prismatic joints).
     #[must_use]
-    pub fn reflected(&self) -> &Vector<N> {
-        &self.reflected
+    pub fn reflected_inertia(&self) -> &JointVector<N> {
+        &self.reflected_inertia
     }
 
-    /// The tool in the frame of the last joint (z along its axis).
+    /// The pose of the tool in the frame of the last joint, whose z axis is the axis of the joint.
     #[must_use]
     pub fn tool(&self) -> &Pose {
         &self.tool
     }
 
-    /// The closed form of the inverse, where the arm was recognised: six turning joints, the last
-    /// three with axes that meet at right angles, joints 2 and 3 parallel, joint 1 square to them.
+    /// The closed-form inverse kinematics, where the arm allows it: six revolute joints, the axes
+    /// of the last three meet at one point with right angles between neighbours, axes 2 and 3 are
+    /// parallel, and axis 1 is perpendicular to them.
     #[must_use]
     pub fn spherical_wrist(&self) -> Option<&SphericalWrist> {
         self.wrist.as_ref()
     }
 
-    /// Whether every joint lies inside its limits as it stands; NaN does not.
+    /// Whether every joint of `q` (rad or m), without any shift by whole turns, lies inside its
+    /// limits. NaN does not.
     #[must_use]
-    pub fn within_limits(&self, q: &Vector<N>) -> bool {
+    pub fn within_limits(&self, q: &JointVector<N>) -> bool {
         (0..N).all(|i| self.limits.q_min[i] <= q[i] && q[i] <= self.limits.q_max[i])
     }
 
-    /// `q` shifted by whole turns, joint by joint, to the place inside the limits nearest to
-    /// `previous`, and the largest joint distance; sliding joints stay. `None` outside the limits
-    /// or where a number is not finite.
+    /// `q` with its revolute joints shifted by whole turns to be inside the limits and nearest to
+    /// `previous` (rad or m), and its largest distance from `previous` over all joints. `None`
+    /// where a joint has no equivalent inside its limits or a number is not finite.
     #[must_use]
-    pub fn expand(&self, q: &Vector<N>, previous: &Vector<N>) -> Option<(Vector<N>, f64)> {
-        let slides = (0..N).any(|i| {
+    pub fn nearest_equivalent(
+        &self,
+        q: &JointVector<N>,
+        previous: &JointVector<N>,
+    ) -> Option<(JointVector<N>, f64)> {
+        let is_outside = (0..N).any(|i| {
             let outside = q[i] < self.limits.q_min[i] || q[i] > self.limits.q_max[i];
-            self.links[i].motion == Motion::Slide && outside
+            self.links[i].kind == JointKind::Prismatic && outside
         });
-        if slides || !q.iter().all(|x| x.is_finite()) {
+        if is_outside || !q.iter().all(|x| x.is_finite()) {
             return None;
         }
-        let mut wish = *previous;
+        let mut wanted = *previous;
         for i in 0..N {
-            // A slide has no turns: it is where it is.
-            if self.links[i].motion == Motion::Slide && wish[i].is_finite() {
-                wish[i] = q[i];
+            // A prismatic joint has no equivalents, so that its value is its own nearest one.
+            if self.links[i].kind == JointKind::Prismatic && wanted[i].is_finite() {
+                wanted[i] = q[i];
             }
         }
-        let (out, _) = limits::nearest_turns(q, &wish, &self.limits.q_min, &self.limits.q_max)?;
+        let (out, _) =
+            limits::nearest_equivalent(q, &wanted, &self.limits.q_min, &self.limits.q_max)?;
         Some((out, (out - previous).amax()))
     }
 }

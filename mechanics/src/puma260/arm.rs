@@ -1,18 +1,18 @@
-//! The PUMA 260 as planning and leading see an arm. Refuses nothing of its own.
+//! The PUMA 260 as an [`Arm`]: its closed forms behind the traits of planning and tracking.
 
 use super::Puma260;
-use super::follow::Follower;
-use crate::arm::{Arm, Follow, Followed, Links, Lost};
-use crate::dynamics::Dynamics;
+use super::dynamics::Dynamics;
+use super::follower::Follower;
+use crate::arm::{Arm, ArmDynamics, FollowError, FollowerStep, PathFollower};
 use crate::spatial::{Joints, Matrix6, Pose, wrap_angle};
 
-/// How far from a singularity joints 1 and 3 are stopped when the tool is led by hand (rad): at the
-/// singularity itself no tool is slow enough for them to come back.
-const EDGE_RAD: f64 = 0.01;
+/// Angle from a singularity at which joints 1 and 3 are stopped when an operator jogs the arm
+/// (rad). At the singularity itself no motion of the tool is slow enough for them to come back.
+const SINGULARITY_MARGIN_RAD: f64 = 0.01;
 
 impl Arm<6> for Puma260 {
     type Follower = Follower;
-    type Links = Dynamics;
+    type Dynamics = Dynamics;
 
     fn q_min(&self) -> &Joints {
         &self.q_min_rad
@@ -38,22 +38,22 @@ impl Arm<6> for Puma260 {
         Puma260::tool_pose(self, q)
     }
 
-    fn reach(&self, tool: &Pose, before: &Joints) -> Option<Joints> {
-        let branches = self.inverse(&self.tool_to_wrist(tool), Some(before));
-        Some(self.nearest(&branches, before)?.1)
+    fn inverse_kinematics_near(&self, tool: &Pose, before: &Joints) -> Option<Joints> {
+        let branches = self.inverse_kinematics(&self.tool_to_wrist(tool), Some(before));
+        Some(self.nearest_branch(&branches, before)?.1)
     }
 
-    fn may_reach(&self, tool: &Pose) -> bool {
-        !self.inverse(&self.tool_to_wrist(tool), None).is_empty()
+    fn is_within_reach_bound(&self, tool: &Pose) -> bool {
+        !self.inverse_kinematics(&self.tool_to_wrist(tool), None).is_empty()
     }
 
-    fn can_reach(&self, tool: &Pose) -> bool {
-        let branches = self.inverse(&self.tool_to_wrist(tool), None);
+    fn is_reachable(&self, tool: &Pose) -> bool {
+        let branches = self.inverse_kinematics(&self.tool_to_wrist(tool), None);
         branches.iter().any(|branch| branch.in_limits)
     }
 
-    fn singular(&self, q: &Joints) -> [f64; 3] {
-        let distance = self.singular_distance(q);
+    fn singularity_distances(&self, q: &Joints) -> [f64; 3] {
+        let distance = self.singularity_distance(q);
         [distance.shoulder.abs(), distance.elbow.abs(), distance.wrist.abs()]
     }
 
@@ -61,43 +61,44 @@ impl Arm<6> for Puma260 {
         Follower::new(self, q)
     }
 
-    /// Joint 1 not to where the wrist centre is beside its axis, nor joint 3 to where the arm is
-    /// stretched.
-    fn room(&self, joint: usize, here: &Joints, to: &Joints) -> f64 {
-        let limit = self.room_to_limit(joint, here, to);
-        let reach = |q: &Joints| self.singular_distance(q).shoulder.abs();
+    /// Beside its limit, joint 1 stops before the shoulder singularity, and joint 3 before the
+    /// elbow singularity, where the arm is stretched.
+    fn remaining_travel(&self, joint: usize, here: &Joints, to: &Joints) -> f64 {
+        let limit = self.travel_to_limit(joint, here, to);
+        let reach = |q: &Joints| self.singularity_distance(q).shoulder.abs();
         let opening = |q: &Joints| wrap_angle(q[2] + core::f64::consts::FRAC_PI_2).abs();
         let singular = match joint {
             0 if reach(to) < reach(here) => {
-                libm::atan2(reach(here) * (self.a2_m + self.d4_m), self.d3_m.abs()) - EDGE_RAD
+                libm::atan2(reach(here) * (self.a2_m + self.d4_m), self.d3_m.abs())
+                    - SINGULARITY_MARGIN_RAD
             }
-            2 if opening(to) < opening(here) => opening(here) - EDGE_RAD,
+            2 if opening(to) < opening(here) => opening(here) - SINGULARITY_MARGIN_RAD,
             _ => f64::INFINITY,
         };
         limit.min(singular).max(0.0)
     }
 }
 
-impl Follow<6> for Follower {
+impl PathFollower<6> for Follower {
     fn joints(&self) -> &Joints {
         Follower::joints(self)
     }
 
-    fn step(&mut self, tool: &Pose, dt_s: f64) -> Result<Followed, Lost> {
+    fn step(&mut self, tool: &Pose, dt_s: f64) -> Result<FollowerStep, FollowError> {
         Follower::step(self, tool, dt_s)
     }
 }
 
-impl Links<6> for Dynamics {
+impl ArmDynamics<6> for Dynamics {
     fn mass_matrix(&self, q: &Joints) -> Matrix6 {
         Dynamics::mass_matrix(self, q)
     }
 
-    fn bias(&self, q: &Joints, qd: &Joints) -> Joints {
-        Dynamics::bias(self, q, qd)
+    fn bias_torque(&self, q: &Joints, qd: &Joints) -> Joints {
+        Dynamics::bias_torque(self, q, qd)
     }
 
-    fn gravity(&self, q: &Joints) -> Joints {
-        Dynamics::gravity(self, q)
+    fn gravity_torque(&self, q: &Joints) -> Joints {
+        Dynamics::gravity_torque(self, q)
     }
 }

@@ -1,10 +1,10 @@
-//! Closed-form inverse of the PUMA 260: all eight branches, their limits and the one nearest to
-//! the joints before. Refuses poses out of reach (no branch) and poses that hold a NaN (no
-//! branch).
+//! The closed-form inverse kinematics of the PUMA 260: all eight branches, whether they lie inside
+//! the limits, and the branch nearest to given joints. A pose out of reach, or with a number that
+//! is not finite, has no branch.
 //!
-//! Every angle comes from `atan2` of quantities formed without cancellation, and theta5, theta6
-//! are taken after theta4 is fixed (premultiplication, Paul and Zhang 1986), so that the pose is
-//! met to rounding even where a joint itself is badly determined.
+//! Every angle comes from `atan2` of quantities that are formed without cancellation. theta5 and
+//! theta6 are computed for the value of theta4 (premultiplication, Paul and Zhang 1986), so that
+//! the pose is reached to rounding even where a joint itself is badly determined.
 
 use super::Puma260;
 use crate::limits;
@@ -12,42 +12,46 @@ use crate::spatial::{Joints, Pose, wrap_angle};
 use core::f64::consts::{FRAC_PI_2, PI};
 use glam::{DMat3, DVec3};
 
-/// Bit of [`Branch::singular_flags`]: the wrist centre is on the cylinder of the shoulder offset,
-/// both shoulder roots fall together.
+/// Bit of [`Branch::singular_flags`]: the wrist centre lies on the cylinder about axis 1 whose
+/// radius is the shoulder offset, where both shoulder solutions coincide.
 pub const SHOULDER_SINGULAR: u8 = 1;
-/// Bit of [`Branch::singular_flags`]: arm stretched or folded, both elbow roots fall together.
+/// Bit of [`Branch::singular_flags`]: the arm is stretched or folded, and both elbow solutions
+/// coincide.
 pub const ELBOW_SINGULAR: u8 = 2;
-/// Bit of [`Branch::singular_flags`]: axes 4 and 6 in line, theta4 is free and was held.
+/// Bit of [`Branch::singular_flags`]: axes 4 and 6 are in line. theta4 is free and was taken from
+/// the previous joints.
 pub const WRIST_SINGULAR: u8 = 4;
 
-/// Scaled distance below which a double root of shoulder or elbow is flagged.
-pub(crate) const DOUBLE_ROOT: f64 = 1e-7;
-/// `|sin theta5|` below which theta4 is held: far under what one count moves, and what it costs in
-/// the pose is at most its own size.
-pub(crate) const WRIST_HOLD: f64 = 1e-11;
-/// How far (m) a wrist centre may be out of reach and still be taken as on the boundary.
+/// Scaled distance from the shoulder or elbow singularity below which both solutions are flagged as
+/// coinciding.
+pub(crate) const DOUBLE_ROOT_DISTANCE: f64 = 1e-7;
+/// `|sin theta5|` below which theta4 is taken as free (rad). It is far below one encoder count, and
+/// the error of the orientation that it causes is at most its own value.
+pub(crate) const WRIST_SINGULAR_SINE: f64 = 1e-11;
+/// Distance beyond the reach at which a wrist centre still counts as on its boundary (m).
 const REACH_TOLERANCE_M: f64 = 1e-9;
 /// Distance of the wrist centre from the shoulder (m) below which theta2 is free.
-const FOLDED_M: f64 = 1e-12;
+const THETA2_FREE_DISTANCE_M: f64 = 1e-12;
 
-/// One solution of the inverse.
+/// One solution of the inverse kinematics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Branch {
-    /// +1: the wrist centre is forward of the shoulder (positive reach); -1: behind it.
+    /// +1 where the wrist centre is in front of the shoulder (positive reach), -1 where it is
+    /// behind it.
     pub shoulder: i8,
-    /// +1: theta3 above -90 deg; -1: below.
+    /// +1 where theta3 is above -90 deg, -1 where it is below.
     pub elbow: i8,
-    /// +1: theta5 >= 0; -1: theta5 < 0.
+    /// +1 where theta5 >= 0, -1 where theta5 < 0.
     pub wrist: i8,
     /// Joint angles (rad), each in `[-pi, pi)`.
     pub q: Joints,
-    /// Whether some whole-turn shift of every joint lies inside the limits.
+    /// Whether every joint, shifted by whole turns where needed, lies inside its limits.
     pub in_limits: bool,
-    /// [`SHOULDER_SINGULAR`], [`ELBOW_SINGULAR`], [`WRIST_SINGULAR`].
+    /// Bits [`SHOULDER_SINGULAR`], [`ELBOW_SINGULAR`] and [`WRIST_SINGULAR`].
     pub singular_flags: u8,
 }
 
-/// The solutions of one pose: 8, 4 or none, ordered by shoulder, elbow, wrist, +1 first.
+/// The solutions for one pose: 8, 4 or none, ordered by shoulder, elbow and wrist with +1 first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Branches {
     branches: [Branch; 8],
@@ -72,24 +76,24 @@ impl Branches {
         self.len += 1;
     }
 
-    /// The solutions.
+    /// The solutions as a slice.
     #[must_use]
     pub fn as_slice(&self) -> &[Branch] {
         &self.branches[..self.len]
     }
 
-    /// The solutions in order.
+    /// An iterator over the solutions.
     pub fn iter(&self) -> core::slice::Iter<'_, Branch> {
         self.as_slice().iter()
     }
 
-    /// How many there are.
+    /// The number of solutions.
     #[must_use]
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether the pose is out of reach.
+    /// Whether there is no solution: the pose is out of reach.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len == 0
@@ -111,8 +115,16 @@ impl<'a> IntoIterator for &'a Branches {
     }
 }
 
-/// The first three joints of a branch.
-struct ArmRoot {
+/// The wrist centre in the vertical plane of the arm, from the shoulder.
+struct PlanarPoint {
+    /// Horizontal distance (m), negative behind the shoulder.
+    reach: f64,
+    /// Height (m).
+    height: f64,
+}
+
+/// The first three joints of a branch (rad).
+struct ArmSolution {
     shoulder: i8,
     elbow: i8,
     theta: [f64; 3],
@@ -120,54 +132,57 @@ struct ArmRoot {
 }
 
 impl Puma260 {
-    /// All branches that reach T6 `wrist` (base frame, orthonormal rotation).
+    /// All branches that reach the pose `wrist` of T6 (base frame, orthonormal rotation).
     ///
-    /// `previous` decides theta4 where the wrist is singular: the branch with the sign of the
-    /// previous theta5 keeps the previous theta4, the other is half a turn from it; without
-    /// `previous` theta4 = 0. A pose out of reach by more than a nanometre, one with a number that
-    /// is not finite, and one whose rotation holds a number above 2 has no branch; `previous` that
-    /// is not finite counts as absent.
+    /// `previous` (rad) decides theta4 where the wrist is singular: the branch with the sign of the
+    /// previous theta5 keeps the previous theta4, and the other branch is half a turn away from it.
+    /// Without `previous` theta4 is 0 there. There is no branch for a pose that is out of reach by
+    /// more than a nanometre, that has a number that is not finite, or whose rotation has an
+    /// element above 2. A `previous` that is not finite counts as absent.
     #[must_use]
-    pub fn inverse(&self, wrist: &Pose, previous: Option<&Joints>) -> Branches {
+    pub fn inverse_kinematics(&self, wrist: &Pose, previous: Option<&Joints>) -> Branches {
         let mut out = Branches::empty();
         let p = wrist.translation;
-        if !sane(wrist, self.reach_bound_m()) {
+        if !is_bounded(wrist, self.coordinate_bound_m()) {
             return out;
         }
         let previous = previous.filter(|q| q.iter().all(|x| x.is_finite()));
         let r = (p.x * p.x + p.y * p.y).sqrt();
         let d3 = self.d3_m.abs();
         let l2 = (r - d3) * (r + d3) + p.z * p.z;
+        // `l` is the distance of the wrist centre from the shoulder in the plane of the arm.
         let (stretched, folded) = (self.a2_m + self.d4_m, (self.a2_m - self.d4_m).abs());
         let l = l2.max(0.0).sqrt();
-        let outside = d3 - r > REACH_TOLERANCE_M
+        let is_outside = d3 - r > REACH_TOLERANCE_M
             || l - stretched > REACH_TOLERANCE_M
             || folded - l > REACH_TOLERANCE_M;
-        if outside {
+        if is_outside {
             return out;
         }
         let azimuth = libm::atan2(p.y, p.x);
         let opening = self.elbow_opening(l2);
         for shoulder in [1_i8, -1] {
             let reach = f64::from(shoulder) * ((r - d3) * (r + d3)).max(0.0).sqrt();
+            let centre = PlanarPoint { reach, height: p.z };
             let theta1 = wrap_angle(azimuth + libm::atan2(self.d3_m, reach));
-            let turn = libm::sincos(theta1);
+            let (sin1, cos1) = libm::sincos(theta1);
             for elbow in [1_i8, -1] {
                 let theta3 = wrap_angle(-FRAC_PI_2 + f64::from(elbow) * opening);
-                let root = self.arm_root(shoulder, elbow, [theta1, theta3], reach, p.z, previous);
-                self.complete(&wrist.rotation, &root, turn, previous, &mut out);
+                let arm = self.arm_solution(shoulder, elbow, theta1, theta3, &centre, previous);
+                self.push_wrist_branches(&wrist.rotation, &arm, sin1, cos1, previous, &mut out);
             }
         }
         out
     }
 
-    /// No coordinate of a wrist centre in reach is larger (m).
-    fn reach_bound_m(&self) -> f64 {
+    /// An upper bound of the coordinates of any wrist centre within reach (m).
+    fn coordinate_bound_m(&self) -> f64 {
         2.0 * (self.a2_m.abs() + self.d3_m.abs() + self.d4_m.abs())
     }
 
-    /// Angle of the elbow from stretched, in `[0, pi]`, for the square of the distance from the
-    /// shoulder to the wrist centre (m^2): an arc cosine without loss near either end.
+    /// The angle of the elbow from the stretched arm, in `[0, pi]` (rad), for the squared distance
+    /// `l2` (m^2) of the wrist centre from the shoulder. It is the law of cosines in a form that
+    /// keeps its accuracy near either end.
     fn elbow_opening(&self, l2: f64) -> f64 {
         let (a2, d4) = (self.a2_m, self.d4_m);
         let below = (((a2 + d4) * (a2 + d4) - l2) / (2.0 * a2)).max(0.0);
@@ -175,83 +190,97 @@ impl Puma260 {
         2.0 * libm::atan2(below.sqrt(), above.sqrt())
     }
 
-    /// Joint 2 for joints 1 and 3, the reach in the plane of the arm and the height (m).
-    fn arm_root(
+    /// The first three joints: theta2 for theta1 and theta3 (rad) and the wrist
+    /// centre in the plane of the arm.
+    fn arm_solution(
         &self,
         shoulder: i8,
         elbow: i8,
-        [theta1, theta3]: [f64; 2],
-        reach: f64,
-        height: f64,
+        theta1: f64,
+        theta3: f64,
+        centre: &PlanarPoint,
         previous: Option<&Joints>,
-    ) -> ArmRoot {
+    ) -> ArmSolution {
+        let PlanarPoint { reach, height } = *centre;
         let (s3, c3) = libm::sincos(theta3);
         let (x, y) = (self.a2_m - self.d4_m * s3, self.d4_m * c3);
-        let theta2 = if reach * reach + height * height < FOLDED_M * FOLDED_M {
-            previous.map_or(0.0, |q| q[1])
-        } else {
-            libm::atan2(height * x - reach * y, reach * x + height * y)
-        };
+        let theta2 =
+            if reach * reach + height * height < THETA2_FREE_DISTANCE_M * THETA2_FREE_DISTANCE_M {
+                previous.map_or(0.0, |q| q[1])
+            } else {
+                libm::atan2(height * x - reach * y, reach * x + height * y)
+            };
         let mut flags = 0;
-        if reach.abs() < DOUBLE_ROOT * (self.a2_m + self.d4_m) {
+        if reach.abs() < DOUBLE_ROOT_DISTANCE * (self.a2_m + self.d4_m) {
             flags |= SHOULDER_SINGULAR;
         }
-        if c3.abs() < DOUBLE_ROOT {
+        if c3.abs() < DOUBLE_ROOT_DISTANCE {
             flags |= ELBOW_SINGULAR;
         }
-        ArmRoot { shoulder, elbow, theta: [theta1, wrap_angle(theta2), theta3], flags }
+        ArmSolution { shoulder, elbow, theta: [theta1, wrap_angle(theta2), theta3], flags }
     }
 
-    /// Both wrists of an arm; `turn` is sine and cosine of theta1.
-    fn complete(
+    /// Appends the two branches of the wrist for the first three joints `arm` and the rotation of
+    /// T6. `sin1` and `cos1` are those of theta1.
+    fn push_wrist_branches(
         &self,
         rotation: &DMat3,
-        root: &ArmRoot,
-        (s1, c1): (f64, f64),
+        arm: &ArmSolution,
+        sin1: f64,
+        cos1: f64,
         previous: Option<&Joints>,
         out: &mut Branches,
     ) {
-        let [t1, t2, t3] = root.theta;
-        let w = forearm((s1, c1), t2 + t3).transpose() * *rotation;
+        let [t1, t2, t3] = arm.theta;
+        let w = forearm_rotation(sin1, cos1, t2 + t3).transpose() * *rotation;
         let (wx, wy) = (w.z_axis.x, w.z_axis.y);
-        let singular = wx * wx + wy * wy < WRIST_HOLD * WRIST_HOLD;
-        let theta4 = if singular { held_theta4(previous) } else { libm::atan2(-wy, -wx) };
-        let (theta5, theta6) = last_two(&w, theta4);
-        let inside = (self.some_turn_inside(0, t1) & self.some_turn_inside(1, t2))
-            & self.some_turn_inside(2, t3);
-        let flags = root.flags | if singular { WRIST_SINGULAR } else { 0 };
-        // The other wrist: half a turn of axes 4 and 6, joint 5 mirrored.
-        for (wrist, last) in
-            [(1, [theta4, theta5, theta6]), (-1, [half_turn(theta4), -theta5, half_turn(theta6)])]
-        {
+        let is_singular = wx * wx + wy * wy < WRIST_SINGULAR_SINE * WRIST_SINGULAR_SINE;
+        let theta4 = if is_singular { free_theta4(previous) } else { libm::atan2(-wy, -wx) };
+        let (theta5, theta6) = theta5_and_theta6(&w, theta4);
+        let arm_in_limits = (self.has_equivalent_in_range(0, t1)
+            & self.has_equivalent_in_range(1, t2))
+            & self.has_equivalent_in_range(2, t3);
+        let flags = arm.flags | if is_singular { WRIST_SINGULAR } else { 0 };
+        // The other wrist: axes 4 and 6 are half a turn away, and joint 5 has the other sign.
+        for (wrist, last) in [
+            (1, [theta4, theta5, theta6]),
+            (-1, [half_turn_away(theta4), -theta5, half_turn_away(theta6)]),
+        ] {
             let [t4, t5, t6] = last.map(wrap_angle);
             out.push(Branch {
-                shoulder: root.shoulder,
-                elbow: root.elbow,
+                shoulder: arm.shoulder,
+                elbow: arm.elbow,
                 wrist,
                 q: Joints::new(t1, t2, t3, t4, t5, t6),
-                in_limits: inside
-                    && self.some_turn_inside(3, t4)
-                    && self.some_turn_inside(4, t5)
-                    && self.some_turn_inside(5, t6),
+                in_limits: arm_in_limits
+                    && self.has_equivalent_in_range(3, t4)
+                    && self.has_equivalent_in_range(4, t5)
+                    && self.has_equivalent_in_range(5, t6),
                 singular_flags: flags,
             });
         }
     }
 
-    fn some_turn_inside(&self, joint: usize, angle_rad: f64) -> bool {
-        limits::some_turn_inside(self.q_min_rad[joint], self.q_max_rad[joint], angle_rad)
+    /// Whether `angle_rad` plus whole turns lies inside the limits of `joint`.
+    fn has_equivalent_in_range(&self, joint: usize, angle_rad: f64) -> bool {
+        limits::has_equivalent_in_range(self.q_min_rad[joint], self.q_max_rad[joint], angle_rad)
     }
 
-    /// The branch nearest to `previous` and its joints, expanded by whole turns: of all shifts
-    /// inside the limits the one whose largest joint distance is smallest. The first of equals
-    /// wins. `None` when no branch is inside the limits or `previous` holds a number that is not
-    /// finite.
+    /// The index of the branch nearest to `previous` (rad), and its joints (rad), shifted by whole
+    /// turns to be near `previous` and inside the limits. The distance is the largest one of any
+    /// joint; of equal branches the first one is taken. `None` where no branch is inside the limits
+    /// or `previous` has a number that is not finite.
     #[must_use]
-    pub fn nearest(&self, branches: &Branches, previous: &Joints) -> Option<(usize, Joints)> {
+    pub fn nearest_branch(
+        &self,
+        branches: &Branches,
+        previous: &Joints,
+    ) -> Option<(usize, Joints)> {
         let mut best: Option<(usize, Joints, f64)> = None;
         for (index, branch) in branches.iter().enumerate() {
-            let Some((q, distance)) = self.expand(&branch.q, previous) else { continue };
+            let Some((q, distance)) = self.nearest_equivalent(&branch.q, previous) else {
+                continue;
+            };
             if best.as_ref().is_none_or(|b| distance < b.2) {
                 best = Some((index, q, distance));
             }
@@ -259,15 +288,15 @@ impl Puma260 {
         best.map(|(index, q, _)| (index, q))
     }
 
-    /// The joints that reach tool pose `tool` (base frame) nearest to `previous`, on its turns,
-    /// whether inside the limits or not: for drawing a motion, not for making it. `None` out of
-    /// reach or where a number is not finite.
+    /// The joints nearest to `previous` (rad) that reach the tool pose `tool` (base frame), inside
+    /// or outside the limits: for the drawing of a motion, not for its execution. `None` where the
+    /// pose is out of reach or a number is not finite.
     #[must_use]
-    pub fn continued(&self, tool: &Pose, previous: &Joints) -> Option<Joints> {
+    pub fn inverse_without_limits(&self, tool: &Pose, previous: &Joints) -> Option<Joints> {
         if previous.iter().any(|x| !x.is_finite()) {
             return None;
         }
-        let branches = self.inverse(&self.tool_to_wrist(tool), Some(previous));
+        let branches = self.inverse_kinematics(&self.tool_to_wrist(tool), Some(previous));
         let mut best: Option<(Joints, f64)> = None;
         for branch in &branches {
             let shift = (branch.q - previous).map(wrap_angle);
@@ -279,35 +308,40 @@ impl Puma260 {
         best.map(|(q, _)| q)
     }
 
-    /// The whole-turn shift of `q` inside the limits nearest to `previous`, and the largest joint
-    /// distance. Joints are independent, so each takes its own nearest turn.
-    pub(super) fn expand(&self, q: &Joints, previous: &Joints) -> Option<(Joints, f64)> {
-        limits::nearest_turns(q, previous, &self.q_min_rad, &self.q_max_rad)
+    /// [`limits::nearest_equivalent`] of `q` inside the limits of this arm.
+    pub(super) fn nearest_equivalent(
+        &self,
+        q: &Joints,
+        previous: &Joints,
+    ) -> Option<(Joints, f64)> {
+        limits::nearest_equivalent(q, previous, &self.q_min_rad, &self.q_max_rad)
     }
 }
 
-/// Whether a pose is made of numbers, none of them beyond what a rotation and a place in reach are
-/// made of: then nothing that follows overflows.
+/// Whether the elements of the rotation are at most 2 and those of the translation at most
+/// `bound_m` (m) in size, so that no later computation overflows. NaN is not.
 #[inline]
-pub(crate) fn sane(pose: &Pose, bound_m: f64) -> bool {
+pub(crate) fn is_bounded(pose: &Pose, bound_m: f64) -> bool {
     let rotation = pose.rotation.to_cols_array();
-    let place = pose.translation.to_array();
-    rotation.iter().all(|x| x.abs() <= 2.0) && place.iter().all(|x| x.abs() <= bound_m)
+    let translation = pose.translation.to_array();
+    rotation.iter().all(|x| x.abs() <= 2.0) && translation.iter().all(|x| x.abs() <= bound_m)
 }
 
-/// Rotation of the forearm's frame in the base, for sine and cosine of theta1 and theta2 + theta3.
-pub(super) fn forearm((s1, c1): (f64, f64), theta23: f64) -> DMat3 {
+/// The rotation of the frame of the forearm in the base frame, for the sine and cosine of theta1,
+/// and for theta2 + theta3 (rad).
+pub(super) fn forearm_rotation(sin1: f64, cos1: f64, theta23: f64) -> DMat3 {
     let (s23, c23) = libm::sincos(theta23);
     DMat3::from_cols(
-        DVec3::new(c1 * c23, s1 * c23, s23),
-        DVec3::new(-s1, c1, 0.0),
-        DVec3::new(-c1 * s23, -s1 * s23, c23),
+        DVec3::new(cos1 * c23, sin1 * c23, s23),
+        DVec3::new(-sin1, cos1, 0.0),
+        DVec3::new(-cos1 * s23, -sin1 * s23, c23),
     )
 }
 
-/// theta5 and theta6 that come nearest to the wrist's rotation `w` with this theta4; they meet it
-/// but for the part of the approach that lies out of the plane of theta4.
-pub(super) fn last_two(w: &DMat3, theta4: f64) -> (f64, f64) {
+/// theta5 and theta6 (rad) that for a given `theta4` come nearest to the rotation `w` of T6 in the
+/// frame of the forearm. The error is the component of the approach axis normal to the plane that
+/// theta4 determines.
+pub(super) fn theta5_and_theta6(w: &DMat3, theta4: f64) -> (f64, f64) {
     let (s4, c4) = libm::sincos(theta4);
     let theta5 = libm::atan2(-(c4 * w.z_axis.x + s4 * w.z_axis.y), w.z_axis.z);
     let theta6 =
@@ -315,12 +349,13 @@ pub(super) fn last_two(w: &DMat3, theta4: f64) -> (f64, f64) {
     (theta5, theta6)
 }
 
-fn half_turn(angle_rad: f64) -> f64 {
+/// The angle half a turn away, nearer to zero (rad).
+fn half_turn_away(angle_rad: f64) -> f64 {
     if angle_rad < 0.0 { angle_rad + PI } else { angle_rad - PI }
 }
 
-/// theta4 of the branch with wrist +1 where it is free; the other branch is half a turn away.
-fn held_theta4(previous: Option<&Joints>) -> f64 {
+/// theta4 (rad) of the branch with wrist +1 at the wrist singularity, where it is free.
+fn free_theta4(previous: Option<&Joints>) -> f64 {
     match previous {
         None => 0.0,
         Some(q) if q[4] < 0.0 => wrap_angle(q[3] + PI),

@@ -1,14 +1,16 @@
-//! Closed-form kinematics of the PUMA 260: forward, Jacobian, named singularities, limits; the
-//! inverse is [`Puma260::inverse`]. Refuses other arms: a chain of other twists is another module.
+//! Closed-form kinematics of the PUMA 260: forward kinematics, Jacobians, singularities and limits;
+//! the inverse kinematics is [`Puma260::inverse_kinematics`], the dynamics [`dynamics`].
 //!
 //! Distal Denavit-Hartenberg frames with the twists of Paul and Zhang (1986), `A_i = Rz(theta_i)
-//! Tz(d_i) Tx(a_i) Rx(alpha_i)`, alpha = (+90, 0, -90, +90, -90, 0) deg; only a2, d3 and d4 are
-//! not zero. The base frame sits where the axes of joints 1 and 2 cross, z up. T6 has its origin
-//! at the wrist centre and z6 as approach; the tool point is `T6 * Trans(0, 0, tool_z)`. At q = 0
-//! the upper arm lies along +x0, the forearm stands along +z0 and T6 is not turned.
+//! Tz(d_i) Tx(a_i) Rx(alpha_i)`, alpha = (+90, 0, -90, +90, -90, 0) deg; only a2, d3 and d4 are not
+//! zero. The base frame has its origin where the axes of joints 1 and 2 cross, and its z axis
+//! points up. T6 has its origin at the wrist centre and z6 as approach axis; the tool point is `T6
+//! * Trans(0, 0, tool_z)`. At q = 0 the upper arm lies along +x0, the forearm stands along +z0, and
+//! the axes of T6 are those of the base frame.
 
 mod arm;
-pub mod follow;
+pub mod dynamics;
+pub mod follower;
 pub(crate) mod inverse;
 
 pub use inverse::{Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, WRIST_SINGULAR};
@@ -16,16 +18,16 @@ pub use inverse::{Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, WRIST_SIN
 use crate::spatial::{Joints, Matrix6, Pose, SinCos};
 use glam::{DMat3, DVec3};
 
-/// Dimensions and limits of one arm.
+/// Dimensions and limits of a PUMA 260.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Puma260 {
-    /// Shoulder to elbow (m).
+    /// Length of the upper arm, from shoulder to elbow (m).
     pub a2_m: f64,
     /// Shoulder offset along the axis of joint 2 (m).
     pub d3_m: f64,
-    /// Elbow to wrist centre (m).
+    /// Length of the forearm, from elbow to wrist centre (m).
     pub d4_m: f64,
-    /// Wrist centre to tool point along z6 (m).
+    /// Distance from the wrist centre to the tool point along z6 (m).
     pub tool_z_m: f64,
     /// Lower joint limits (rad).
     pub q_min_rad: Joints,
@@ -37,12 +39,12 @@ pub struct Puma260 {
     pub acceleration_max_rad_s2: Joints,
 }
 
-/// How far a pose is from each of the three singularities: the scaled factors of the determinant
-/// of the Jacobian, signed, 0 at the singularity, at most 1 in size.
+/// The distances of a configuration from the three singularities: the scaled factors of the
+/// determinant of the Jacobian. They are signed, 0 at the singularity and between -1 and 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SingularDistance {
-    /// Distance of the wrist centre from the plane of the first axis, over the longest reach:
-    /// `(a2 c2 - d4 s23) / (a2 + d4)`.
+pub struct SingularityDistance {
+    /// Distance of the wrist centre from the axis of joint 1 in the plane of the arm, over the
+    /// longest reach: `(a2 c2 - d4 s23) / (a2 + d4)`.
     pub shoulder: f64,
     /// `cos theta3`: 0 with the arm stretched or folded.
     pub elbow: f64,
@@ -50,16 +52,16 @@ pub struct SingularDistance {
     pub wrist: f64,
 }
 
-impl SingularDistance {
-    /// The smallest of the three in size.
+impl SingularityDistance {
+    /// The smallest absolute value of the three.
     #[must_use]
     pub fn smallest(&self) -> f64 {
         self.shoulder.abs().min(self.elbow.abs()).min(self.wrist.abs())
     }
 }
 
-/// Sines and cosines of a joint vector and what every formula of the arm makes of them.
-struct Sines {
+/// Sines and cosines of a joint vector, and the terms that several formulas of the arm share.
+struct TrigTerms {
     s: [f64; 6],
     c: [f64; 6],
     s23: f64,
@@ -69,11 +71,11 @@ struct Sines {
 }
 
 impl Puma260 {
-    /// The reference arm: a2 = d4 = 8.0 in and d3 = 5.0 in (teaching material of the University of
-    /// Pennsylvania for its PUMA 260; another source has 4.9 in for d3), tool length of a flange,
-    /// force sensor and finger (estimate); limits from the maker's ranges 318, 332, 248, 578, 244,
-    /// 534 deg moved into this zero; speeds of 1500 motor rev/min and accelerations that reach
-    /// them in 0.2 s (estimates).
+    /// The reference arm. Dimensions a2 = d4 = 8.0 in and d3 = 5.0 in are from teaching material of
+    /// the University of Pennsylvania for its PUMA 260 (another source has 4.9 in for d3). The tool
+    /// length is that of a flange, force sensor and finger (estimate). The limits are the maker's
+    /// ranges of 318, 332, 248, 578, 244 and 534 deg, shifted to this zero. The speeds are those at
+    /// 1500 motor revolutions per minute, and the accelerations reach them in 0.2 s (estimates).
     #[must_use]
     pub fn reference() -> Puma260 {
         Puma260 {
@@ -81,31 +83,33 @@ impl Puma260 {
             d3_m: 0.1270,
             d4_m: 0.2032,
             tool_z_m: 0.2,
-            q_min_rad: radians([-159.0, -76.0, -214.0, -194.0, -122.0, -267.0]),
-            q_max_rad: radians([159.0, 256.0, 34.0, 384.0, 122.0, 267.0]),
-            speed_max_rad_s: radians([190.0, 125.0, 205.0, 205.0, 225.0, 280.0]),
-            acceleration_max_rad_s2: radians([950.0, 625.0, 1025.0, 1025.0, 1125.0, 1400.0]),
+            q_min_rad: joints_from_degrees([-159.0, -76.0, -214.0, -194.0, -122.0, -267.0]),
+            q_max_rad: joints_from_degrees([159.0, 256.0, 34.0, 384.0, 122.0, 267.0]),
+            speed_max_rad_s: joints_from_degrees([190.0, 125.0, 205.0, 205.0, 225.0, 280.0]),
+            acceleration_max_rad_s2: joints_from_degrees([
+                950.0, 625.0, 1025.0, 1025.0, 1125.0, 1400.0,
+            ]),
         }
     }
 
-    fn sines(&self, q: &Joints) -> Sines {
-        self.sines_of(&SinCos::of(q))
+    fn trig_terms(&self, q: &Joints) -> TrigTerms {
+        self.trig_terms_at(&SinCos::new(q))
     }
 
-    fn sines_of(&self, at: &SinCos) -> Sines {
+    fn trig_terms_at(&self, at: &SinCos) -> TrigTerms {
         let SinCos { s, c } = *at;
         let s23 = s[1] * c[2] + c[1] * s[2];
         let c23 = c[1] * c[2] - s[1] * s[2];
-        Sines { s, c, s23, c23, reach: self.a2_m * c[1] - self.d4_m * s23 }
+        TrigTerms { s, c, s23, c23, reach: self.a2_m * c[1] - self.d4_m * s23 }
     }
 
-    /// T6 (wrist centre) in the base frame.
+    /// The pose of T6, with its origin at the wrist centre, in the base frame, at `q` (rad).
     #[must_use]
     pub fn wrist_pose(&self, q: &Joints) -> Pose {
-        self.wrist_pose_of(&self.sines(q))
+        self.wrist_pose_from(&self.trig_terms(q))
     }
 
-    fn wrist_pose_of(&self, k: &Sines) -> Pose {
+    fn wrist_pose_from(&self, k: &TrigTerms) -> Pose {
         let rotation = arm_rotation(k) * wrist_rotation(k);
         let translation = DVec3::new(
             k.c[0] * k.reach + k.s[0] * self.d3_m,
@@ -115,7 +119,8 @@ impl Puma260 {
         Pose { rotation, translation }
     }
 
-    /// The tool frame in the base frame: axes of T6, origin at the tool point.
+    /// Forward kinematics: the pose of the tool frame in the base frame at `q` (rad). It has the
+    /// axes of T6 and its origin at the tool point.
     #[must_use]
     pub fn tool_pose(&self, q: &Joints) -> Pose {
         let wrist = self.wrist_pose(q);
@@ -123,43 +128,46 @@ impl Puma260 {
         Pose { rotation: wrist.rotation, translation }
     }
 
-    /// T6 of a tool pose.
+    /// The pose of T6 that belongs to the tool pose `tool` (both in the base frame).
     #[must_use]
     pub fn tool_to_wrist(&self, tool: &Pose) -> Pose {
         let translation = tool.translation - self.tool_z_m * tool.rotation.z_axis;
         Pose { rotation: tool.rotation, translation }
     }
 
-    /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the base frame.
+    /// The Jacobian of the tool point at `q` (rad), rows vx vy vz wx wy wz, both halves in the base
+    /// frame.
     #[must_use]
     pub fn jacobian_base(&self, q: &Joints) -> Matrix6 {
-        self.tool_and_jacobian_at(&SinCos::of(q)).1
+        self.tool_and_jacobian_at(&SinCos::new(q)).1
     }
 
-    /// [`Puma260::tool_pose`] and [`Puma260::jacobian_base`] at a configuration whose sines are
-    /// known, at little more than the cost of the second.
+    /// [`Puma260::tool_pose`] and [`Puma260::jacobian_base`] at a configuration whose sines and
+    /// cosines are known, at little more than the cost of the Jacobian alone.
     #[must_use]
     pub fn tool_and_jacobian_at(&self, at: &SinCos) -> (Pose, Matrix6) {
         let (linear, angular, tool) = self.jacobian_columns(at);
-        (tool, columns(&linear, &angular))
+        (tool, jacobian_from_columns(&linear, &angular))
     }
 
-    /// Jacobian of the tool point, rows vx vy vz wx wy wz, both halves in the tool frame.
+    /// The Jacobian of the tool point at `q` (rad), rows vx vy vz wx wy wz, both halves in the tool
+    /// frame.
     #[must_use]
     pub fn jacobian_tool(&self, q: &Joints) -> Matrix6 {
-        let (mut linear, mut angular, tool) = self.jacobian_columns(&SinCos::of(q));
+        let (mut linear, mut angular, tool) = self.jacobian_columns(&SinCos::new(q));
         let back = tool.rotation.transpose();
         for i in 0..6 {
             linear[i] = back * linear[i];
             angular[i] = back * angular[i];
         }
-        columns(&linear, &angular)
+        jacobian_from_columns(&linear, &angular)
     }
 
-    /// Columns of the Jacobian of the tool point, linear and angular, and the tool's frame.
+    /// The columns of the Jacobian of the tool point in the base frame, linear and angular, and the
+    /// pose of the tool.
     fn jacobian_columns(&self, at: &SinCos) -> ([DVec3; 6], [DVec3; 6], Pose) {
-        let k = self.sines_of(at);
-        let pose = self.wrist_pose_of(&k);
+        let k = self.trig_terms_at(at);
+        let pose = self.wrist_pose_from(&k);
         let arm = arm_rotation(&k);
         let approach = pose.rotation.z_axis;
         let tool = pose.translation + self.tool_z_m * approach;
@@ -183,31 +191,32 @@ impl Puma260 {
         (linear, angular, Pose { rotation: pose.rotation, translation: tool })
     }
 
-    /// Determinant of the Jacobian (m^3), the same for every tool on z6 and in both frames, from
-    /// its factors: `a2 (d4 c3) (a2 c2 - d4 s23) s5`.
+    /// The determinant of the Jacobian at `q` (rad) (m^3), from its factors `a2 (d4 c3) (a2 c2 - d4
+    /// s23) s5`. It is the same for every tool on z6 and in both frames.
     #[must_use]
-    pub fn determinant(&self, q: &Joints) -> f64 {
-        let k = self.sines(q);
+    pub fn jacobian_determinant(&self, q: &Joints) -> f64 {
+        let k = self.trig_terms(q);
         self.a2_m * (self.d4_m * k.c[2]) * k.reach * k.s[4]
     }
 
-    /// The three factors of the determinant, scaled.
+    /// The scaled factors of the determinant of the Jacobian at `q` (rad).
     #[must_use]
-    pub fn singular_distance(&self, q: &Joints) -> SingularDistance {
-        let k = self.sines(q);
+    pub fn singularity_distance(&self, q: &Joints) -> SingularityDistance {
+        let k = self.trig_terms(q);
         let shoulder = k.reach / (self.a2_m + self.d4_m);
-        SingularDistance { shoulder, elbow: k.c[2], wrist: k.s[4] }
+        SingularityDistance { shoulder, elbow: k.c[2], wrist: k.s[4] }
     }
 
-    /// Whether every joint lies inside its limits as it stands; NaN does not.
+    /// Whether every joint of `q` (rad), without any shift by whole turns, lies inside its limits.
+    /// NaN does not.
     #[must_use]
     pub fn within_limits(&self, q: &Joints) -> bool {
         (0..6).all(|i| self.q_min_rad[i] <= q[i] && q[i] <= self.q_max_rad[i])
     }
 }
 
-/// R03: the turns of the first three joints.
-fn arm_rotation(k: &Sines) -> DMat3 {
+/// The rotation of frame 3, which is that of the first three joints, in the base frame.
+fn arm_rotation(k: &TrigTerms) -> DMat3 {
     let (s1, c1) = (k.s[0], k.c[0]);
     DMat3::from_cols(
         DVec3::new(c1 * k.c23, s1 * k.c23, k.s23),
@@ -216,8 +225,8 @@ fn arm_rotation(k: &Sines) -> DMat3 {
     )
 }
 
-/// `Rz(theta4) Ry(-theta5) Rz(theta6)`.
-fn wrist_rotation(k: &Sines) -> DMat3 {
+/// The rotation of T6 in frame 3: `Rz(theta4) Ry(-theta5) Rz(theta6)`.
+fn wrist_rotation(k: &TrigTerms) -> DMat3 {
     let (s4, c4, s5, c5, s6, c6) = (k.s[3], k.c[3], k.s[4], k.c[4], k.s[5], k.c[5]);
     DMat3::from_cols(
         DVec3::new(c4 * c5 * c6 - s4 * s6, s4 * c5 * c6 + c4 * s6, s5 * c6),
@@ -226,7 +235,7 @@ fn wrist_rotation(k: &Sines) -> DMat3 {
     )
 }
 
-fn columns(linear: &[DVec3; 6], angular: &[DVec3; 6]) -> Matrix6 {
+fn jacobian_from_columns(linear: &[DVec3; 6], angular: &[DVec3; 6]) -> Matrix6 {
     let mut j = Matrix6::zeros();
     for i in 0..6 {
         let (v, w) = (linear[i], angular[i]);
@@ -235,6 +244,6 @@ fn columns(linear: &[DVec3; 6], angular: &[DVec3; 6]) -> Matrix6 {
     j
 }
 
-fn radians(degrees: [f64; 6]) -> Joints {
+fn joints_from_degrees(degrees: [f64; 6]) -> Joints {
     Joints::from(degrees.map(f64::to_radians))
 }

@@ -1,19 +1,19 @@
 //! Poses and Jacobians.
 
-use crate::arms::{Draws, PI, puma, seven, slider, ur5e_like};
-use crate::{derivative, rows};
+use crate::example_arms::{Lcg, PI, puma, seven, slider, ur5e_like};
+use crate::{derivative, dh_rows};
 use glam::{DMat3, DVec3};
 use taktil_mechanics::Pose;
-use taktil_mechanics::chain::{Chain, Dh, JointSpec};
+use taktil_mechanics::chain::{Chain, DhRow, JointSpec};
 use taktil_mechanics::dls::singular_values;
 use taktil_mechanics::puma260::Puma260;
 
 #[test]
 fn the_puma_by_its_rows_is_the_puma() {
     let (arm, chain) = (Puma260::reference(), puma());
-    let mut draws = Draws(1);
+    let mut lcg = Lcg(1);
     for _ in 0..2000 {
-        let q = draws.inside(&chain);
+        let q = lcg.inside(&chain);
         let (got, want) = (chain.tool_pose(&q), arm.tool_pose(&q));
         assert!(got.rotation.abs_diff_eq(want.rotation, 3e-15));
         assert!((got.translation - want.translation).length() < 1e-15);
@@ -37,10 +37,11 @@ fn published_rows_reach_the_published_place() {
 #[test]
 fn rows_of_either_convention_are_the_same_arm() {
     // Franka Robotics publishes modified rows, the examples use standard ones.
-    let (modified, standard) = (seven(), rows::chain(&rows::SEVEN, &JointSpec::default()));
-    let mut draws = Draws(3);
+    let (modified, standard) =
+        (seven(), dh_rows::chain(&dh_rows::SEVEN_JOINT_ROWS, &JointSpec::default()));
+    let mut lcg = Lcg(3);
     for _ in 0..500 {
-        let q = draws.inside(&modified);
+        let q = lcg.inside(&modified);
         let (got, want) = (standard.tool_pose(&q), modified.tool_pose(&q));
         assert!((got.translation - want.translation).length() < 1e-14);
         assert!(got.rotation.abs_diff_eq(want.rotation, 1e-14));
@@ -48,11 +49,11 @@ fn rows_of_either_convention_are_the_same_arm() {
 }
 
 fn check_derivative<const N: usize>(chain: &Chain<N>, seed: u64) {
-    let mut draws = Draws(seed);
+    let mut lcg = Lcg(seed);
     for _ in 0..100 {
-        let q = draws.inside(chain);
-        let jacobians = (chain.jacobian_base(&q), chain.jacobian_tool(&q));
-        derivative::check(&q, &draws.vector(1.0), |q| chain.tool_pose(q), jacobians);
+        let q = lcg.inside(chain);
+        let (base, tool) = (chain.jacobian_base(&q), chain.jacobian_tool(&q));
+        derivative::check(&q, &lcg.vector(1.0), |q| chain.tool_pose(q), base, tool);
     }
 }
 
@@ -66,9 +67,9 @@ fn jacobians_are_derivatives_of_the_pose() {
 #[test]
 fn singular_values_are_those_of_the_scaled_jacobian() {
     let chain = puma();
-    let mut draws = Draws(5);
+    let mut lcg = Lcg(5);
     for _ in 0..200 {
-        let q = draws.inside(&chain);
+        let q = lcg.inside(&chain);
         let got = chain.singular_values(&q);
         let mut j = chain.jacobian_base(&q);
         // The mean of 0.2032, 0.127, 0.2032 and the tool's 0.2 over six joints.
@@ -77,7 +78,7 @@ fn singular_values_are_those_of_the_scaled_jacobian() {
             assert!((a - b).abs() < 1e-13 * got[0], "{got:?}");
         }
     }
-    let mut straight = draws.inside(&chain);
+    let mut straight = lcg.inside(&chain);
     straight[4] = 0.0;
     assert!(chain.singular_values(&straight)[5] < 1e-15);
     assert!(chain.singular_values(&nalgebra::SVector::repeat(f64::NAN))[5].is_nan());
@@ -96,8 +97,8 @@ fn what_is_no_chain_is_refused_with_its_joint() {
     };
     assert!(Chain::new(&good, &Pose::IDENTITY).is_ok());
     for bad in [f64::NAN, f64::INFINITY, -f64::INFINITY, 1e300] {
-        refused(&|j| j.mount.translation.x = bad);
-        refused(&|j| j.mount.rotation.x_axis.x = bad);
+        refused(&|j| j.origin.translation.x = bad);
+        refused(&|j| j.origin.rotation.x_axis.x = bad);
         refused(&|j| j.axis.y = bad);
         refused(&|j| j.body.mass_kg = bad);
         refused(&|j| j.body.com_m.z = bad);
@@ -105,18 +106,18 @@ fn what_is_no_chain_is_refused_with_its_joint() {
         refused(&|j| j.q_max = bad);
         refused(&|j| j.speed_max = bad);
         refused(&|j| j.effort_max = bad);
-        refused(&|j| j.reflected = bad);
+        refused(&|j| j.reflected_inertia = bad);
     }
     refused(&|j| j.axis = DVec3::ZERO);
     refused(&|j| j.body.mass_kg = -1.0);
     refused(&|j| j.body.inertia_kg_m2.x_axis.y = 0.1);
     refused(&|j| (j.q_min, j.q_max) = (1.0, -1.0));
     refused(&|j| j.speed_max = 0.0);
-    refused(&|j| j.mount.rotation = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)));
+    refused(&|j| j.origin.rotation = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)));
     let nobody: [JointSpec; 0] = [];
     assert_eq!(Chain::new(&nobody, &Pose::IDENTITY).unwrap_err().joint, 0);
     assert_eq!(Chain::new(&[JointSpec::default(); 9], &Pose::IDENTITY).unwrap_err().joint, 9);
     let spec = JointSpec::default();
-    let row = Dh { a_m: 0.1, d_m: f64::NAN, alpha_rad: 0.0, theta_rad: PI, spec };
+    let row = DhRow { a_m: 0.1, d_m: f64::NAN, alpha_rad: 0.0, theta_rad: PI, spec };
     assert_eq!(Chain::from_dh(&[row; 2], &Pose::IDENTITY).unwrap_err().joint, 0);
 }

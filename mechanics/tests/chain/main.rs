@@ -1,14 +1,15 @@
-//! Serial chains against the PUMA 260's own code, against derivatives and energies, and against
-//! themselves there and back; and every finite number that anybody may give them.
+//! Tests of serial chains: against the closed forms of the PUMA 260, against derivatives and
+//! energies, by forward and inverse kinematics in turn, and with extreme finite numbers as
+//! arguments.
 
-mod any;
-mod arms;
-mod closed;
+mod closed_form;
 #[path = "../derivative/mod.rs"]
 mod derivative;
-mod following;
+#[path = "../dh_rows/mod.rs"]
+mod dh_rows;
+mod dynamics;
+mod example_arms;
+mod finite_inputs;
 mod forward;
-mod motion;
-#[path = "../rows/mod.rs"]
-mod rows;
-mod searching;
+mod iterative_inverse;
+mod tracking;

@@ -1,12 +1,16 @@
 //! Forward kinematics, Jacobians, singularities and damped least squares.
 
 use crate::derivative;
-use crate::draws::Draws;
+use crate::lcg::Lcg;
 use crate::table::{joints, list, number, rows, toml};
 use nalgebra::Vector6;
-use taktil_mechanics::dls::{damped_least_squares, damping_squared, limit_speed, singular_values};
-use taktil_mechanics::dynamics::{Dynamics, Friction, GRAVITY_M_S2, LINKS, TOOL};
+use taktil_mechanics::dls::{
+    damped_least_squares, damping_squared, scale_to_speed_limits, singular_values,
+};
+use taktil_mechanics::friction::Friction;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::{Dynamics, LINKS, TOOL};
+use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_mechanics::{Joints, Matrix6};
 
@@ -29,9 +33,9 @@ fn the_parameters_are_those_of_the_file() {
     assert_eq!(radians(&joints(&limits, "a_max_deg_s2")), arm.acceleration_max_rad_s2);
 
     let gears = Transmission::reference();
-    assert_eq!(gears.gear().diagonal(), joints(&drive, "gear_ratio"));
+    assert_eq!(gears.gear_matrix().diagonal(), joints(&drive, "gear_ratio"));
     let coupling = [(4, 3, "c54"), (5, 3, "c64"), (5, 4, "c65")];
-    assert!(coupling.iter().all(|&(r, c, key)| gears.gear()[(r, c)] == number(&drive[key])));
+    assert!(coupling.iter().all(|&(r, c, key)| gears.gear_matrix()[(r, c)] == number(&drive[key])));
     let amplifiers = Drive::reference();
     assert_eq!(amplifiers.torque_constant_nm_a, joints(&drive, "torque_constant"));
     assert_eq!(amplifiers.current_max_a, joints(&drive, "current_max"));
@@ -42,7 +46,7 @@ fn the_parameters_are_those_of_the_file() {
     assert_eq!(friction.viscous_nms_rad, joints(&drive, "viscous"));
     let gear = joints(&drive, "gear_ratio");
     let reflected = joints(&drive, "motor_inertia").component_mul(&gear).component_mul(&gear);
-    assert!((Dynamics::reference().reflected_kg_m2 - reflected).amax() < 1e-16);
+    assert!((Dynamics::reference().reflected_inertia_kg_m2 - reflected).amax() < 1e-16);
     assert_eq!(list(&section("meta"), "gravity"), [0.0, 0.0, -GRAVITY_M_S2]);
 
     let links = file["link"].as_array().unwrap().iter().map(|l| l.as_table().unwrap().clone());
@@ -80,7 +84,7 @@ fn jacobians_and_determinants_match_the_reference() {
     for (row, q) in rows("kinematics/jacobian_base.csv").iter().zip(&q) {
         let j = arm.jacobian_base(q);
         assert!((j - row.matrix()).amax() < 2e-12, "row {}", row.word("id"));
-        assert!((arm.determinant(q) - row.num("det")).abs() < 1e-12);
+        assert!((arm.jacobian_determinant(q) - row.num("det")).abs() < 1e-12);
         assert!((j.determinant() - row.num("det")).abs() < 1e-12);
         let sigma = singular_values(&j);
         assert!((sigma[0] - row.num("sigma_max")).abs() < 1e-11);
@@ -96,32 +100,32 @@ fn jacobians_and_determinants_match_the_reference() {
 #[test]
 fn the_jacobian_is_the_derivative_of_the_pose() {
     let arm = Puma260::reference();
-    let mut draws = Draws::new(3);
+    let mut lcg = Lcg::new(3);
     for _ in 0..300 {
-        let q = draws.joints(&arm);
-        let jacobians = (arm.jacobian_base(&q), arm.jacobian_tool(&q));
-        derivative::check(&q, &draws.six(1.0), |q| arm.tool_pose(q), jacobians);
+        let q = lcg.joints(&arm);
+        let (base, tool) = (arm.jacobian_base(&q), arm.jacobian_tool(&q));
+        derivative::check(&q, &lcg.six(1.0), |q| arm.tool_pose(q), base, tool);
     }
 }
 
 #[test]
 fn singularities_have_their_names() {
     let arm = Puma260::reference();
-    let mut draws = Draws::new(4);
+    let mut lcg = Lcg::new(4);
     for _ in 0..1000 {
-        let q = draws.joints(&arm);
-        let d = arm.singular_distance(&q);
+        let q = lcg.joints(&arm);
+        let d = arm.singularity_distance(&q);
         let product = arm.a2_m * arm.d4_m * (arm.a2_m + arm.d4_m) * d.shoulder * d.elbow * d.wrist;
-        assert!((product - arm.determinant(&q)).abs() < 1e-16);
+        assert!((product - arm.jacobian_determinant(&q)).abs() < 1e-16);
         assert!(d.smallest() <= d.elbow.abs() && d.shoulder.abs() <= 1.0);
     }
     let half = core::f64::consts::FRAC_PI_2;
     let stretched = Joints::new(0.1, 0.4, -half, 0.3, 0.8, 0.2);
-    assert!(arm.singular_distance(&stretched).elbow.abs() < 1e-15);
-    assert!(arm.singular_distance(&stretched).wrist > 0.7);
-    assert!(arm.singular_distance(&Joints::zeros()).wrist == 0.0);
+    assert!(arm.singularity_distance(&stretched).elbow.abs() < 1e-15);
+    assert!(arm.singularity_distance(&stretched).wrist > 0.7);
+    assert!(arm.singularity_distance(&Joints::zeros()).wrist == 0.0);
     let overhead = Joints::new(0.1, half, 0.0, 0.0, 1.0, 0.0);
-    assert!((arm.singular_distance(&overhead).shoulder + 0.5).abs() < 1e-15);
+    assert!((arm.singularity_distance(&overhead).shoulder + 0.5).abs() < 1e-15);
 }
 
 #[test]
@@ -159,13 +163,16 @@ fn damping_refuses_what_has_no_answer_and_limits_the_rest() {
     assert_eq!(damping_squared(0.0, 0.0, 0.5), 0.0);
 
     let fast = Joints::new(1.0, -30.0, 2.0, 0.0, 0.0, 5.0);
-    let (slow, factor) = limit_speed(&fast, &arm.speed_max_rad_s);
+    let (slow, factor) = scale_to_speed_limits(&fast, &arm.speed_max_rad_s);
     assert!(
         (slow[1] + arm.speed_max_rad_s[1]).abs() < 1e-15 && (slow - fast * factor).amax() == 0.0
     );
-    assert_eq!(limit_speed(&Joints::repeat(0.1), &arm.speed_max_rad_s), (Joints::repeat(0.1), 1.0));
     assert_eq!(
-        limit_speed(&Joints::repeat(f64::NAN), &arm.speed_max_rad_s),
+        scale_to_speed_limits(&Joints::repeat(0.1), &arm.speed_max_rad_s),
+        (Joints::repeat(0.1), 1.0)
+    );
+    assert_eq!(
+        scale_to_speed_limits(&Joints::repeat(f64::NAN), &arm.speed_max_rad_s),
         (Joints::zeros(), 0.0)
     );
     assert!(singular_values(&(j * f64::NAN)).iter().all(|s| s.is_nan()));
@@ -177,7 +184,7 @@ fn numbers_that_are_not_finite_come_out_as_nan() {
     let arm = Puma260::reference();
     let lost = Joints::new(0.0, f64::NAN, 0.0, 0.0, 0.0, 0.0);
     assert!(!arm.wrist_pose(&lost).is_finite());
-    assert!(arm.determinant(&lost).is_nan() && !arm.within_limits(&lost));
+    assert!(arm.jacobian_determinant(&lost).is_nan() && !arm.within_limits(&lost));
     let huge = Joints::repeat(1e300);
     assert!(
         arm.wrist_pose(&huge).is_finite() && arm.jacobian_tool(&huge).iter().all(|x| x.is_finite())

@@ -1,7 +1,7 @@
 //! The closed-form inverse: every branch of the reference, every start of many, and the hard
 //! places.
 
-use crate::draws::Draws;
+use crate::lcg::Lcg;
 use crate::table::rows;
 use core::f64::consts::{FRAC_PI_2, PI};
 use glam::{DMat3, DVec3};
@@ -27,7 +27,7 @@ fn every_branch_of_the_reference_is_found() {
     assert_eq!(branches.len(), 800);
     for (index, row) in rows("kinematics/ik_poses.csv").iter().enumerate() {
         let pose = row.pose();
-        let got = arm.inverse(&pose, None);
+        let got = arm.inverse_kinematics(&pose, None);
         assert_eq!(got.len(), 8);
         assert_eq!(
             got.iter().filter(|b| b.in_limits).count(),
@@ -57,18 +57,18 @@ fn every_branch_of_the_reference_is_found() {
 #[test]
 fn twenty_thousand_random_poses_are_met_by_all_branches_and_the_start_is_among_them() {
     let arm = Puma260::reference();
-    let mut draws = Draws::new(1);
+    let mut lcg = Lcg::new(1);
     let mut worst: (f64, f64) = (0.0, 0.0);
     for n in 0..20_000 {
-        let q = draws.joints(&arm);
+        let q = lcg.joints(&arm);
         let pose = arm.wrist_pose(&q);
-        let branches = arm.inverse(&pose, Some(&q));
+        let branches = arm.inverse_kinematics(&pose, Some(&q));
         assert_eq!(branches.len(), 8, "draw {n}");
         for branch in &branches {
             let (position, rotation) = miss(&arm, &branch.q, &pose);
             worst = (worst.0.max(position), worst.1.max(rotation));
             assert!(branch.q.iter().all(|x| (-PI..PI).contains(x)));
-            let d = arm.singular_distance(&branch.q);
+            let d = arm.singularity_distance(&branch.q);
             let signs = [
                 (branch.shoulder, d.shoulder),
                 (branch.elbow, branch.q[2].signum() * d.elbow),
@@ -79,9 +79,9 @@ fn twenty_thousand_random_poses_are_met_by_all_branches_and_the_start_is_among_t
             let above = wrap_angle(branch.q[2] + FRAC_PI_2);
             assert!(f64::from(branch.elbow) * above >= -1e-7);
         }
-        let (index, near) = arm.nearest(&branches, &q).unwrap();
+        let (index, near) = arm.nearest_branch(&branches, &q).unwrap();
         let error = (near - q).amax();
-        let d = arm.singular_distance(&q).smallest();
+        let d = arm.singularity_distance(&q).smallest();
         assert!(
             error < 1e-14 / (d * d).min(1.0) + 2e-8 * f64::from(d < 1e-6),
             "draw {n}: {error:e} at {d:e}"
@@ -99,7 +99,7 @@ fn near_singular_poses_are_met_and_the_joints_before_are_found_again() {
     assert_eq!(file.len(), 50);
     for row in file {
         let (pose, q) = (row.pose(), row.joints("q"));
-        let branches = arm.inverse(&pose, Some(&q));
+        let branches = arm.inverse_kinematics(&pose, Some(&q));
         assert_eq!(branches.len(), 8, "case {}", row.word("case_id"));
         for branch in &branches {
             let (position, rotation) = miss(&arm, &branch.q, &pose);
@@ -115,21 +115,21 @@ fn near_singular_poses_are_met_and_the_joints_before_are_found_again() {
 #[test]
 fn the_wrist_stays_with_its_joints_down_to_the_singularity() {
     let arm = Puma260::reference();
-    let mut draws = Draws::new(2);
+    let mut lcg = Lcg::new(2);
     for n in 0..2_000 {
-        let mut q = draws.joints(&arm);
+        let mut q = lcg.joints(&arm);
         q[4] = match n % 4 {
             0 => 0.0,
             1 => 1e-14,
             2 => -3e-12,
-            _ => draws.between(-1e-11, 1e-11),
+            _ => lcg.between(-1e-11, 1e-11),
         };
-        let d = arm.singular_distance(&q);
+        let d = arm.singularity_distance(&q);
         if d.shoulder.abs() < 0.05 || d.elbow.abs() < 0.05 {
             continue;
         }
-        let branches = arm.inverse(&arm.wrist_pose(&q), Some(&q));
-        let (index, near) = arm.nearest(&branches, &q).unwrap();
+        let branches = arm.inverse_kinematics(&arm.wrist_pose(&q), Some(&q));
+        let (index, near) = arm.nearest_branch(&branches, &q).unwrap();
         assert!((near - q).amax() < 1e-9, "draw {n}: {:e}", (near - q).amax());
         assert_eq!(branches[index].singular_flags, WRIST_SINGULAR);
         // The other wrist is half a turn away, not a copy.
@@ -137,7 +137,7 @@ fn the_wrist_stays_with_its_joints_down_to_the_singularity() {
         assert!((wrap_angle(other[3] - near[3]).abs() - PI).abs() < 1e-9);
     }
     let straight = arm.wrist_pose(&Joints::new(0.3, 0.2, 0.1, 1.0, 0.0, 0.5));
-    let alone = arm.inverse(&straight, None);
+    let alone = arm.inverse_kinematics(&straight, None);
     assert!(alone.iter().any(|b| b.q[3] == 0.0 && (b.q[5] - 1.5).abs() < 1e-12));
 }
 
@@ -145,15 +145,15 @@ fn the_wrist_stays_with_its_joints_down_to_the_singularity() {
 fn double_roots_are_flagged() {
     let arm = Puma260::reference();
     let stretched = arm.wrist_pose(&Joints::new(0.4, 0.3, -FRAC_PI_2, 0.2, 0.7, 0.1));
-    let branches = arm.inverse(&stretched, None);
+    let branches = arm.inverse_kinematics(&stretched, None);
     assert!(branches.len() == 8 && branches.iter().all(|b| b.singular_flags == ELBOW_SINGULAR));
     let pose = Pose::new(DMat3::IDENTITY, DVec3::new(0.0, -arm.d3_m, 0.25));
-    let branches = arm.inverse(&pose, None);
+    let branches = arm.inverse_kinematics(&pose, None);
     assert!(branches.iter().all(|b| b.singular_flags & SHOULDER_SINGULAR != 0));
     // Folded on itself, the wrist centre on the shoulder axis: theta2 is free and held.
     let pose = Pose::new(DMat3::IDENTITY, DVec3::new(0.0, -arm.d3_m, 0.0));
     let before = Joints::new(0.0, 0.75, 0.0, 0.0, 0.0, 0.0);
-    for branch in &arm.inverse(&pose, Some(&before)) {
+    for branch in &arm.inverse_kinematics(&pose, Some(&before)) {
         assert!((branch.q[1] - 0.75).abs() < 1e-15 && branch.q.iter().all(|x| x.is_finite()));
         assert!(miss(&arm, &branch.q, &pose).0 < 1e-15);
     }
@@ -172,30 +172,30 @@ fn what_is_out_of_reach_has_no_branch() {
         at(f64::INFINITY, 0.0, 0.1),
         Pose::new(DMat3::IDENTITY * f64::NAN, DVec3::new(0.2, -0.127, 0.2)),
     ] {
-        let branches = arm.inverse(&pose, None);
-        assert!(branches.is_empty() && arm.nearest(&branches, &Joints::zeros()).is_none());
+        let branches = arm.inverse_kinematics(&pose, None);
+        assert!(branches.is_empty() && arm.nearest_branch(&branches, &Joints::zeros()).is_none());
     }
     let edge = libm::hypot(arm.a2_m + arm.d4_m, arm.d3_m);
-    assert_eq!(arm.inverse(&at(edge, 0.0, 0.0), None).len(), 8);
-    assert_eq!(arm.inverse(&at(edge + 1e-6, 0.0, 0.0), None).len(), 0);
+    assert_eq!(arm.inverse_kinematics(&at(edge, 0.0, 0.0), None).len(), 8);
+    assert_eq!(arm.inverse_kinematics(&at(edge + 1e-6, 0.0, 0.0), None).len(), 0);
 }
 
 #[test]
 fn whole_turns_follow_the_joints_before_and_the_limits() {
     let arm = Puma260::reference();
     let q = Joints::new(0.3, 1.0, -1.0, 6.0, 0.8, -4.4);
-    let branches = arm.inverse(&arm.wrist_pose(&q), None);
-    let (_, near) = arm.nearest(&branches, &q).unwrap();
+    let branches = arm.inverse_kinematics(&arm.wrist_pose(&q), None);
+    let (_, near) = arm.nearest_branch(&branches, &q).unwrap();
     assert!((near - q).amax() < 1e-12, "joint 4 beyond half a turn: {near}");
     let mut short = q;
     short[3] -= core::f64::consts::TAU;
-    let (_, near) = arm.nearest(&branches, &short).unwrap();
+    let (_, near) = arm.nearest_branch(&branches, &short).unwrap();
     assert!((near[3] - short[3]).abs() < 1e-12);
     // A wish outside the limits is answered inside them.
     let far = Joints::repeat(40.0);
-    let (_, near) = arm.nearest(&branches, &far).unwrap();
+    let (_, near) = arm.nearest_branch(&branches, &far).unwrap();
     assert!(arm.within_limits(&near));
-    assert_eq!(arm.nearest(&branches, &Joints::repeat(f64::NAN)), None);
-    let lost = arm.inverse(&arm.wrist_pose(&q), Some(&Joints::repeat(f64::NAN)));
-    assert_eq!(lost, arm.inverse(&arm.wrist_pose(&q), None));
+    assert_eq!(arm.nearest_branch(&branches, &Joints::repeat(f64::NAN)), None);
+    let lost = arm.inverse_kinematics(&arm.wrist_pose(&q), Some(&Joints::repeat(f64::NAN)));
+    assert_eq!(lost, arm.inverse_kinematics(&arm.wrist_pose(&q), None));
 }

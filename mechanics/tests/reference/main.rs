@@ -1,15 +1,15 @@
-//! The mathematics against reference data computed elsewhere, and against itself on many random
-//! poses. Refuses tolerances wider than the data's own.
+//! Tests against reference data that other programs computed, and of consistency at many random
+//! poses. Tolerances are not wider than the accuracy of the data.
 
 mod arm;
+mod cartesian_paths;
 #[path = "../derivative/mod.rs"]
 mod derivative;
-mod draws;
-mod drives;
+mod dynamics;
+mod feasibility;
 mod inverse;
-mod lines;
-mod motion;
-mod paths;
-mod previews;
+mod joint_paths;
+mod lcg;
 mod table;
-mod touch;
+mod tactile;
+mod transmission;

@@ -2,7 +2,7 @@
 //! damped, yielding at the Coulomb torque, so that a joint at rest really rests; viscous friction
 //! is added. Refuses to chatter: the torque is a continuous function of the step's final speed.
 
-use taktil_mechanics::dynamics::Friction;
+use taktil_mechanics::friction::Friction;
 
 /// Joint displacement at which a bristle yields (rad).
 const BRISTLE_RAD: f64 = 1e-4;

@@ -7,7 +7,7 @@
 //! own equation is one piecewise linear, rising function of the rotor's speed.
 
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::Friction;
+use taktil_mechanics::friction::Friction;
 
 use super::friction::{Rub, rub};
 use crate::finger::Swing;

@@ -10,9 +10,10 @@ mod friction;
 mod gear;
 
 use taktil_hal::CHANNELS;
-use taktil_mechanics::dynamics::{Dynamics, Friction, LINKS, State, TOOL, rk4_step};
+use taktil_mechanics::friction::Friction;
 use taktil_mechanics::puma260::Puma260;
-use taktil_mechanics::spatial::{SinCos, stack};
+use taktil_mechanics::puma260::dynamics::{Dynamics, LINKS, State, TOOL, rk4_step};
+use taktil_mechanics::spatial::{SinCos, spatial_vector};
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
@@ -58,7 +59,7 @@ pub(crate) struct Arm {
 impl Arm {
     pub(crate) fn new(config: &ArmConfig, model: ArmModel, every: u32) -> Result<Arm, Invalid> {
         let puma = Puma260::reference();
-        let transmission = Transmission::reference().with_encoders(config.encoder_scale);
+        let transmission = Transmission::reference().with_encoder_scale(config.encoder_scale);
         let q =
             Joints::from_fn(|i, _| (config.home_deg[i] + config.zero_error_deg[i]).to_radians());
         for i in 0..JOINTS {
@@ -86,15 +87,18 @@ impl Arm {
             coulomb_nm: rubs * config.coulomb_scale * reference.coulomb_nm,
             viscous_nms_rad: rubs * config.viscous_scale * reference.viscous_nms_rad,
         };
-        let links = core::array::from_fn(|i| LINKS[i].scaled(config.link_mass_scale[i]));
-        let mut dynamics = Dynamics::of_bodies(links, &TOOL.scaled(config.tool_mass_scale));
+        let links =
+            core::array::from_fn(|i| LINKS[i].with_density_factor(config.link_mass_scale[i]));
+        let mut dynamics =
+            Dynamics::from_bodies(links, &TOOL.with_density_factor(config.tool_mass_scale));
         let mut now = Swing { q, ..Swing::default() };
         let gears = (model == ArmModel::Compliant).then(|| {
             let stiffness = Joints::from(config.gear_stiffness_nm_rad);
-            let gears = Gears::new(stiffness, config.gear_damping, dynamics.reflected_kg_m2);
+            let gears =
+                Gears::new(stiffness, config.gear_damping, dynamics.reflected_inertia_kg_m2);
             // The rotors are with the motors, not with the links.
-            dynamics.reflected_kg_m2 = Joints::zeros();
-            now.motor.q = gears.balanced(&q, &dynamics.gravity(&q));
+            dynamics.reflected_inertia_kg_m2 = Joints::zeros();
+            now.motor.q = gears.balanced(&q, &dynamics.gravity_torque(&q));
             gears
         });
         let turned = if gears.is_some() { now.motor.q } else { q };
@@ -116,7 +120,7 @@ impl Arm {
             inertia_inverse: Matrix6::zeros(),
             bias: Joints::zeros(),
             jacobian: Matrix6::zeros(),
-            seen: (q, SinCos::of(&q)),
+            seen: (q, SinCos::new(&q)),
             age: 0,
             every,
         };
@@ -131,7 +135,7 @@ impl Arm {
             return None;
         }
         let normal = self.pose.rotation.z_axis;
-        let lever = self.jacobian.tr_mul(&stack(normal, glam::DVec3::ZERO));
+        let lever = self.jacobian.tr_mul(&spatial_vector(normal, glam::DVec3::ZERO));
         Some(1.0 / lever.dot(&(self.inertia_inverse * lever)))
     }
 
@@ -145,7 +149,7 @@ impl Arm {
         self.codes = codes;
         let mut motor_nm = Joints::zeros();
         for i in 0..JOINTS {
-            motor_nm[i] = self.drive.torque(codes[i], i);
+            motor_nm[i] = self.drive.motor_torque_nm(codes[i], i);
         }
         self.torque = self.transmission.joint_torque(&motor_nm);
     }
@@ -176,7 +180,7 @@ impl Arm {
         if let Some(factor) = inertia.cholesky() {
             self.inertia_inverse = factor.inverse();
         }
-        self.bias = self.dynamics.bias(&self.now.q, &self.now.qd);
+        self.bias = self.dynamics.bias_torque(&self.now.q, &self.now.qd);
         self.jacobian = self.puma.jacobian_base(&self.now.q);
         self.age = 0;
     }
@@ -187,7 +191,7 @@ impl Arm {
             following.t_s = t_s;
             (self.now.q, self.now.qd) = following.at(t_s);
         }
-        self.seen = (self.now.q, SinCos::of(&self.now.q));
+        self.seen = (self.now.q, SinCos::new(&self.now.q));
         (self.pose, self.jacobian) = self.puma.tool_and_jacobian_at(&self.seen.1);
         self.age = self.every;
     }
@@ -258,19 +262,19 @@ impl Arm {
     pub(crate) fn ahead(&self, base: &Swing, guess: &Joints, h: f64, end_s: f64) -> Ahead {
         if let Some(following) = &self.following {
             let (q, qd) = following.at(end_s);
-            let (pose, jacobian) = self.puma.tool_and_jacobian_at(&SinCos::of(&q));
+            let (pose, jacobian) = self.puma.tool_and_jacobian_at(&SinCos::new(&q));
             return Ahead::fixed(pose, jacobian * qd);
         }
         if self.braked {
             return Ahead::fixed(self.pose, Joints::zeros());
         }
         let (q, (seen, sines)) = (base.q + h * guess, &self.seen);
-        let at = sines.further(&(q - seen)).unwrap_or_else(|| SinCos::of(&q));
+        let at = sines.incremented(&(q - seen)).unwrap_or_else(|| SinCos::new(&q));
         let (pose, jacobian) = self.puma.tool_and_jacobian_at(&at);
         Ahead {
             degrees: JOINTS,
             inertia: self.dynamics.mass_matrix_at(&at),
-            push: self.on_joints() - self.dynamics.bias_at(&at, guess),
+            push: self.on_joints() - self.dynamics.bias_torque_at(&at, guess),
             jacobian,
             pose,
             carried: Joints::zeros(),
@@ -281,7 +285,7 @@ impl Arm {
 
     /// Torques beside friction at other speeds (rad/s) than those that [`Arm::ahead`] guessed.
     pub(crate) fn push(&self, at: &SinCos, speeds: &Joints) -> Joints {
-        self.on_joints() - self.dynamics.bias_at(at, speeds)
+        self.on_joints() - self.dynamics.bias_torque_at(at, speeds)
     }
 
     /// What joint `i` feels at the end of a stage beside its torque: friction, or its gear.
@@ -331,10 +335,10 @@ impl Arm {
     pub(crate) fn home_counts(&self, config: &ArmConfig) -> (Vec<i32>, Vec<f64>) {
         let home = Joints::from_fn(|i, _| config.home_deg[i].to_radians());
         // Behind gears that give way the motors stand where gravity holds the joints.
-        let held = |gears: &Gears| gears.balanced(&home, &self.dynamics.gravity(&home));
+        let held = |gears: &Gears| gears.balanced(&home, &self.dynamics.gravity_torque(&home));
         let home = self.transmission.counts(&self.gears.as_ref().map_or(home, held));
         let read = (0..JOINTS).map(|i| home[i].wrapping_sub(self.start_counts[i])).collect();
-        (read, self.transmission.counts_per_rev().as_slice().to_vec())
+        (read, self.transmission.counts_per_revolution().as_slice().to_vec())
     }
 
     /// The codes that flow as current now; none when the drives are off.
@@ -346,7 +350,7 @@ impl Arm {
     pub(crate) fn energy_j(&self) -> f64 {
         let Swing { q, qd, .. } = &self.now;
         let gears_j = self.gears.map_or(0.0, |gears| gears.energy_j(&self.now));
-        self.dynamics.kinetic_j(q, qd) + self.dynamics.potential_j(q) + gears_j
+        self.dynamics.kinetic_energy_j(q, qd) + self.dynamics.potential_energy_j(q) + gears_j
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {
@@ -372,7 +376,7 @@ impl Arm {
 
     /// Energy of motion (J).
     pub(crate) fn kinetic_j(&self) -> f64 {
-        self.dynamics.kinetic_j(&self.now.q, &self.now.qd)
+        self.dynamics.kinetic_energy_j(&self.now.q, &self.now.qd)
     }
 }
 

@@ -3,15 +3,16 @@
 use core::f64::consts::FRAC_PI_2;
 
 use super::*;
-use taktil_mechanics::chain::{Chain, Dh, JointSpec};
-use taktil_mechanics::dynamics::{Body, Dynamics, LINKS, TOOL};
+use taktil_mechanics::chain::{Chain, DhRow, JointSpec};
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::{Dynamics, LINKS, TOOL};
+use taktil_mechanics::rigid_body::Body;
 use taktil_mechanics::transmission::{Drive, Transmission};
 
 /// A robot of `N` links of 2 kg that turn about axes across each other.
 fn robot<const N: usize>(coulomb_nm: f64, reach_rad: f64) -> ChainRobot<N> {
     let body = Body::diagonal(2.0, [-0.1, 0.0, 0.0], [0.01, 0.02, 0.02]);
-    let row = |i: usize| Dh {
+    let row = |i: usize| DhRow {
         a_m: 0.2,
         d_m: 0.05,
         alpha_rad: if i.is_multiple_of(2) { FRAC_PI_2 } else { 0.0 },
@@ -23,22 +24,22 @@ fn robot<const N: usize>(coulomb_nm: f64, reach_rad: f64) -> ChainRobot<N> {
 
 fn robot_of<const N: usize>(arm: Chain<N>, coulomb_nm: f64) -> ChainRobot<N> {
     ChainRobot {
-        links: arm,
+        dynamics: arm,
         arm,
-        gears: Transmission::independent(&Vector::repeat(100.0), &Vector::repeat(4000.0)),
+        gears: Transmission::uncoupled(&JointVector::repeat(100.0), &JointVector::repeat(4000.0)),
         drive: Drive {
-            torque_constant_nm_a: Vector::repeat(0.1),
-            current_max_a: Vector::repeat(10.0),
+            torque_constant_nm_a: JointVector::repeat(0.1),
+            current_max_a: JointVector::repeat(10.0),
             dac_bits: 16,
         },
         friction: Friction {
-            coulomb_nm: Vector::repeat(coulomb_nm),
-            viscous_nms_rad: Vector::zeros(),
+            coulomb_nm: JointVector::repeat(coulomb_nm),
+            viscous_nms_rad: JointVector::zeros(),
         },
-        home_rad: Vector::zeros(),
-        at_work_rad: Vector::zeros(),
-        torque_max_nm: Vector::repeat(100.0),
-        names: Vec::new(),
+        home_rad: JointVector::zeros(),
+        nominal_rad: JointVector::zeros(),
+        torque_max_nm: JointVector::repeat(100.0),
+        joint_names: Vec::new(),
     }
 }
 
@@ -79,14 +80,14 @@ fn a_free_swing_keeps_its_energy_to_second_order() {
 fn the_puma_as_a_chain_swings_as_the_puma() {
     let (puma, dynamics) = (Puma260::reference(), Dynamics::reference());
     let twists = [FRAC_PI_2, 0.0, -FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2, 0.0];
-    let row = |i: usize| Dh {
+    let row = |i: usize| DhRow {
         a_m: if i == 1 { puma.a2_m } else { 0.0 },
         d_m: [0.0, 0.0, puma.d3_m, puma.d4_m, 0.0, 0.0][i],
         alpha_rad: twists[i],
         theta_rad: 0.0,
         spec: JointSpec {
-            body: if i == 5 { LINKS[5].weld(&TOOL) } else { LINKS[i] },
-            reflected: dynamics.reflected_kg_m2[i],
+            body: if i == 5 { LINKS[5].combine(&TOOL) } else { LINKS[i] },
+            reflected_inertia: dynamics.reflected_inertia_kg_m2[i],
             q_min: -100.0,
             q_max: 100.0,
             ..JointSpec::default()
@@ -97,11 +98,13 @@ fn the_puma_as_a_chain_swings_as_the_puma() {
     let start = [0.1, 0.6, -2.4, 0.3, 0.9, -0.2];
     let mut arm = released(&robot_of(chain, 0.0), start);
     let mut other =
-        taktil_mechanics::dynamics::State { q: Joints::from(start), qd: Joints::zeros() };
+        taktil_mechanics::puma260::dynamics::State { q: Joints::from(start), qd: Joints::zeros() };
     let mut none = |_: f64, _: &Joints, _: &Joints| Joints::zeros();
     for _ in 0..2000 {
         arm.step(2.5e-4);
-        other = taktil_mechanics::dynamics::rk4_step(&dynamics, &other, 0.0, 2.5e-4, &mut none);
+        other = taktil_mechanics::puma260::dynamics::rk4_step(
+            &dynamics, &other, 0.0, 2.5e-4, &mut none,
+        );
     }
     let off = (arm.q - other.q).amax();
     println!("after 0.5 s {off:.1e} rad from the reference");
@@ -114,14 +117,14 @@ fn brakes_hold_stops_stop_and_friction_sticks() {
     arm.drive([0; CHANNELS], true, true);
     let before = arm.q;
     (0..100).for_each(|_| arm.step(1e-3));
-    assert_eq!((arm.q, arm.qd), (before, Vector::zeros()));
+    assert_eq!((arm.q, arm.qd), (before, JointVector::zeros()));
     arm.drive([0; CHANNELS], false, false);
     (0..4000).for_each(|_| arm.step(1e-3));
     assert!(arm.q.amax() <= 0.5 && arm.q.amax() > 0.499, "{}", arm.q);
     // More friction than gravity: it creeps by less than its bristles give way, and then rests.
     let mut stuck = released::<7>(&robot(500.0, 3.0), [0.1; 7]);
     (0..2000).for_each(|_| stuck.step(1.25e-3));
-    assert!((stuck.q - Vector::<7>::repeat(0.1)).amax() < 1e-4, "{}", stuck.q);
+    assert!((stuck.q - JointVector::<7>::repeat(0.1)).amax() < 1e-4, "{}", stuck.q);
     assert!(stuck.qd.amax() < 1e-9, "{}", stuck.qd);
 }
 

@@ -19,7 +19,7 @@ use taktil_contact::space::Level;
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_hal::MAX_TACTELS;
-use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z, stack};
+use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z, spatial_vector};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
 use crate::contact::{Lean, PAD_HALF_M, PITCH_M, yields_m_n};
@@ -384,7 +384,7 @@ impl Objects {
             force += object.force;
             moment += object.moment;
         }
-        stack(pad.rotation * force, pad.rotation * moment)
+        spatial_vector(pad.rotation * force, pad.rotation * moment)
     }
 
     /// Calls with a weight and a row over the finger's speeds, see [`Object::tangent`];
@@ -394,7 +394,7 @@ impl Objects {
             object.tangent(|weight, row| {
                 let linear = pad.rotation * DVec3::new(row[0], row[1], row[2]);
                 let angular = pad.rotation * DVec3::new(row[3], row[4], row[5]);
-                of(weight, jacobian.tr_mul(&stack(linear, angular)));
+                of(weight, jacobian.tr_mul(&spatial_vector(linear, angular)));
             });
         }
     }

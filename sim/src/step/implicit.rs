@@ -13,7 +13,7 @@ mod calm;
 mod newton;
 
 use glam::{DMat3, DQuat, DVec3};
-use taktil_mechanics::spatial::split;
+use taktil_mechanics::spatial::linear_and_angular;
 use taktil_mechanics::{Joints, Pose};
 
 use super::matrix::N;
@@ -380,7 +380,7 @@ fn speeds(swing: &Swing, memory: Option<&Memory>) -> Speeds {
 /// The pin's surroundings when the stage ends at the speeds `qd`.
 fn around(ahead: &Ahead, qd: &Joints, tau: f64, table: &Surface, axes: &DMat3) -> Around {
     let off = ahead.jacobian * (qd - ahead.guess);
-    let (shift, turn) = split(&(tau * off));
+    let (shift, turn) = linear_and_angular(&(tau * off));
     // Cayley's rotation: exact in length, of third order in the angle.
     let half = 0.5 * turn;
     let (square, twice) = (half.length_squared(), 2.0 / (1.0 + half.length_squared()));
@@ -408,7 +408,7 @@ impl crate::finger::Finger {
 
 #[cfg(test)]
 mod tests {
-    use taktil_mechanics::dynamics::Dynamics;
+    use taktil_mechanics::puma260::dynamics::Dynamics;
 
     use super::*;
 
@@ -420,7 +420,7 @@ mod tests {
             let [a, b, c, d] = [1, 12, 144, 1728].map(|per| angle(pose / per % 12));
             let q = Joints::new(0.0, a, b, c, d, 0.0);
             let inertia = arm.mass_matrix(&q).cholesky().unwrap();
-            most = most.max(inertia.solve(&arm.gravity(&q)).amax());
+            most = most.max(inertia.solve(&arm.gravity_torque(&q)).amax());
         }
         assert!((0.4 * FALLING_RAD_S2..0.5 * FALLING_RAD_S2).contains(&most), "{most}");
     }

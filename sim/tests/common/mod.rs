@@ -72,7 +72,7 @@ pub fn lowered(mm: f64) -> [f64; 6] {
             * (pose.rotation.x_axis.cross(start.rotation.x_axis)
                 + pose.rotation.y_axis.cross(start.rotation.y_axis)
                 + pose.rotation.z_axis.cross(start.rotation.z_axis));
-        let wanted = taktil_mechanics::spatial::stack(miss, turn);
+        let wanted = taktil_mechanics::spatial::spatial_vector(miss, turn);
         q += puma.jacobian_base(&q).lu().solve(&wanted).unwrap();
     }
     core::array::from_fn(|i| q[i].to_degrees())

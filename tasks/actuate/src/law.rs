@@ -1,7 +1,7 @@
 //! From joint torque to converter codes, and the windows that watch the way there. Refuses devices
 //! and ports, and refuses to decide whether torque is allowed: that is the mode's word.
 
-use taktil_mechanics::chain::Vector;
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_rtcore::{FaultCode, Mode};
 
@@ -21,7 +21,7 @@ pub struct Command<const N: usize = 6> {
 pub struct Law<const N: usize = 6> {
     transmission: Transmission<N>,
     drive: Drive<N>,
-    torque_limit_nm: Vector<N>,
+    torque_limit_nm: JointVector<N>,
     /// Codes at which no current flows.
     zero: [i32; N],
 }
@@ -32,7 +32,7 @@ impl<const N: usize> Law<N> {
     pub fn new(
         transmission: Transmission<N>,
         drive: Drive<N>,
-        torque_limit_nm: Vector<N>,
+        torque_limit_nm: JointVector<N>,
     ) -> Law<N> {
         Law { transmission, drive, torque_limit_nm, zero: [0; N] }
     }
@@ -53,7 +53,7 @@ impl<const N: usize> Law<N> {
             return Err(FaultCode::NotFinite);
         }
         let mut limited = 0;
-        let mut joint_nm = Vector::zeros();
+        let mut joint_nm = JointVector::zeros();
         for (i, tau) in tau_nm.iter().enumerate() {
             let limit = self.torque_limit_nm[i];
             joint_nm[i] = tau.clamp(-limit, limit);
@@ -63,14 +63,14 @@ impl<const N: usize> Law<N> {
         }
         let asked_nm = self.transmission.motor_torque(&joint_nm);
         let mut codes = [0; N];
-        let mut motor_nm = Vector::zeros();
+        let mut motor_nm = JointVector::zeros();
         for (i, code) in codes.iter_mut().enumerate() {
             let (low, high) = self.drive.code_range();
-            *code = (self.drive.code(asked_nm[i], i) + self.zero[i]).clamp(low, high);
-            motor_nm[i] = self.drive.torque(*code - self.zero[i], i);
+            *code = (self.drive.dac_code(asked_nm[i], i) + self.zero[i]).clamp(low, high);
+            motor_nm[i] = self.drive.motor_torque_nm(*code - self.zero[i], i);
             // Rounding moves a torque by at most half a step; more than that was cut off at the end
             // of the range.
-            if (asked_nm[i] - motor_nm[i]).abs() > 0.6 * self.drive.torque(1, i) {
+            if (asked_nm[i] - motor_nm[i]).abs() > 0.6 * self.drive.motor_torque_nm(1, i) {
                 limited |= 1 << i;
             }
         }
@@ -80,10 +80,12 @@ impl<const N: usize> Law<N> {
     /// What a code on all channels stands for at the joints, N m: for the safe value.
     #[must_use]
     pub fn torque_of(&self, code: i32) -> [f64; N] {
-        self.joint_torque(&Vector::from_fn(|i, _| self.drive.torque(code - self.zero[i], i)))
+        self.joint_torque(&JointVector::from_fn(|i, _| {
+            self.drive.motor_torque_nm(code - self.zero[i], i)
+        }))
     }
 
-    fn joint_torque(&self, motor_nm: &Vector<N>) -> [f64; N] {
+    fn joint_torque(&self, motor_nm: &JointVector<N>) -> [f64; N] {
         self.transmission.joint_torque(motor_nm).into()
     }
 }

@@ -8,8 +8,8 @@ pub mod law;
 use serde::Deserialize;
 use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Kind, LinesOut};
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::Vector;
 use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::Drive;
 use taktil_rtcore::{
     Cycle, FaultCode, Freshness, Input, Invalid, Io, Mode, Output, Param, Ports, StateHash, Task,
@@ -126,7 +126,7 @@ impl Config {
     fn limit_nm<const N: usize, A: Arm<N>>(
         &self,
         robot: &Robot<N, A>,
-    ) -> Result<Vector<N>, Invalid> {
+    ) -> Result<JointVector<N>, Invalid> {
         match &self.torque_limit_nm {
             Some(list) => per_joint("torque_limit_nm", list).map(|limit: [f64; N]| limit.into()),
             None => Ok(robot.torque_max_nm),

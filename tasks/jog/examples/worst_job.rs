@@ -10,15 +10,16 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::{JointSpec, Vector};
+use taktil_mechanics::chain::JointSpec;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::JointVector;
 use taktil_signal::JogFrame;
 use taktil_tasks_jog::Config;
 use taktil_tasks_jog::law::{Law, Push};
 use taktil_tests_script::dice::Dice;
 
-#[path = "../../../mechanics/tests/rows/mod.rs"]
-mod rows;
+#[path = "../../../mechanics/tests/dh_rows/mod.rs"]
+mod dh_rows;
 
 const DT_S: f64 = 0.0025;
 /// Starts, and the jobs from each.
@@ -46,7 +47,7 @@ fn longest<const N: usize, A: Arm<N>>(arm: &A) -> (Vec<Job<N, A>>, Vec<u32>) {
     let rates = Config::default().rates(arm, true);
     let (mut dice, mut kept, mut counts) = (Dice::new(7), Vec::new(), vec![0; 64]);
     for _ in 0..STARTS {
-        let at = Vector::from_fn(|i, _| dice.between(arm.q_min()[i], arm.q_max()[i]));
+        let at = JointVector::from_fn(|i, _| dice.between(arm.q_min()[i], arm.q_max()[i]));
         let mut law = Law::new(arm, &rates, &at, true);
         let (mut push, mut left) = (Push::NONE, 0);
         for _ in 0..JOBS {
@@ -112,6 +113,6 @@ fn main() {
         acceleration_max: 15.0,
         ..JointSpec::default()
     };
-    show("six joints", &rows::chain(&rows::UR5E, &spec));
-    show("seven joints", &rows::chain(&rows::SEVEN, &spec));
+    show("six joints", &dh_rows::chain(&dh_rows::UR5E_ROWS, &spec));
+    show("seven joints", &dh_rows::chain(&dh_rows::SEVEN_JOINT_ROWS, &spec));
 }

@@ -10,9 +10,9 @@
 mod lead;
 
 use glam::DVec3;
-use taktil_mechanics::arm::{Arm, Follow, Lost};
-use taktil_mechanics::chain::Vector;
+use taktil_mechanics::arm::{Arm, FollowError, PathFollower};
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::{Joints, Pose};
 use taktil_rtcore::StateHash;
 use taktil_signal::{JogFrame, JogWhy};
@@ -31,7 +31,7 @@ const SAME_PUSH: f64 = 0.9;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates<const N: usize = 6> {
     /// Of each joint at full push (rad/s).
-    pub joints_rad_s: Vector<N>,
+    pub joints_rad_s: JointVector<N>,
     /// Time in which an axis ramps from rest to full speed (s).
     pub ramp_s: f64,
     /// Of the tool point at full push (m/s).
@@ -67,9 +67,9 @@ pub struct Law<const N: usize = 6, A: Arm<N> = Puma260> {
     arm: A,
     rates: Rates<N>,
     /// Where the joints are to be (rad).
-    q: Vector<N>,
+    q: JointVector<N>,
     /// Their speeds in the last job (rad/s).
-    qd: Vector<N>,
+    qd: JointVector<N>,
     /// Speeds of the axes at hand: rad/s of joints, or m/s and rad/s of the tool.
     speed: Joints,
     frame: JogFrame,
@@ -92,9 +92,9 @@ pub struct Law<const N: usize = 6, A: Arm<N> = Puma260> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step<const N: usize = 6> {
     /// Joints (rad).
-    pub q: Vector<N>,
+    pub q: JointVector<N>,
     /// Their speeds (rad/s).
-    pub qd: Vector<N>,
+    pub qd: JointVector<N>,
     /// Why the arm stands, or is slower than it is pushed.
     pub obstacle: Option<Obstacle>,
     /// How often the arm was asked for joints.
@@ -110,11 +110,15 @@ pub struct Obstacle {
     pub joint: Option<usize>,
 }
 
-impl From<Lost> for Obstacle {
-    fn from(lost: Lost) -> Obstacle {
+impl From<FollowError> for Obstacle {
+    fn from(lost: FollowError) -> Obstacle {
         match lost {
-            Lost::Limit { joint } => Obstacle { why: JogWhy::Limit, joint: Some(joint) },
-            Lost::TooFast { joint, .. } => Obstacle { why: JogWhy::Singular, joint: Some(joint) },
+            FollowError::JointLimit { joint } => {
+                Obstacle { why: JogWhy::Limit, joint: Some(joint) }
+            }
+            FollowError::SpeedLimit { joint, .. } => {
+                Obstacle { why: JogWhy::Singular, joint: Some(joint) }
+            }
             _ => Obstacle { why: JogWhy::Reach, joint: None },
         }
     }
@@ -123,15 +127,15 @@ impl From<Lost> for Obstacle {
 impl<const N: usize, A: Arm<N>> Law<N, A> {
     /// At rest at `q` (rad); without `limited` the angles mean nothing and no limit applies.
     #[must_use]
-    pub fn new(arm: &A, rates: &Rates<N>, q: &Vector<N>, limited: bool) -> Law<N, A> {
+    pub fn new(arm: &A, rates: &Rates<N>, q: &JointVector<N>, limited: bool) -> Law<N, A> {
         // The tool leads no joint faster than the share at which a hand can guide it.
-        let share = Vector::from_fn(|i, _| LED_SHARE[usize::from(i >= HEAVY)]);
+        let share = JointVector::from_fn(|i, _| LED_SHARE[usize::from(i >= HEAVY)]);
         let arm = arm.with_speed_max(&arm.speed_max().component_mul(&share));
         Law {
             arm,
             rates: *rates,
             q: *q,
-            qd: Vector::zeros(),
+            qd: JointVector::zeros(),
             speed: Joints::zeros(),
             frame: JogFrame::Joints,
             follower: arm.follower(q),
@@ -146,7 +150,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     /// One job of `dt_s` (s). Another frame than that in motion counts once the motion has ended.
     pub fn step(&mut self, push: &Push, dt_s: f64) -> Step<N> {
         // Joints may be braked still when the axes are at rest.
-        let moving = self.speed != Joints::zeros() || self.qd != Vector::<N>::zeros();
+        let moving = self.speed != Joints::zeros() || self.qd != JointVector::<N>::zeros();
         let axes = if moving && push.frame != self.frame { [0.0; 6] } else { push.clean() };
         let pushed = axes.iter().any(|axis| *axis != 0.0);
         self.rest_s = if pushed { self.rates.ramp_s } else { (self.rest_s - dt_s).max(0.0) };

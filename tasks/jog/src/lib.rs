@@ -11,9 +11,9 @@ pub mod law;
 use law::{Law, Obstacle, Push, Rates, Step};
 use serde::Deserialize;
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::Vector;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Payload, Ports, StateHash, Task,
 };
@@ -211,7 +211,7 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
         }
         let rates = self.config.rates(&self.arm, state != State::ManualUncalibrated);
         let limited = state != State::ManualUncalibrated;
-        let law = Law::new(&self.arm, &rates, &Vector::from(start.q_rad), limited);
+        let law = Law::new(&self.arm, &rates, &JointVector::from(start.q_rad), limited);
         self.stay = Some(Stay { law, entered_ns: control.entered_ns, datum: joints.datum });
         Some(state)
     }

@@ -1,9 +1,9 @@
 //! `[joint_servo]`: gains and options, checked. Refuses gains that are not positive and finite.
 
 use serde::Deserialize;
-use taktil_mechanics::arm::{Arm, Links};
-use taktil_mechanics::chain::Vector;
+use taktil_mechanics::arm::{Arm, ArmDynamics};
 use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::Invalid;
 use taktil_signal::per_joint;
 
@@ -181,8 +181,8 @@ impl Config {
         let damping = list("damping", &self.damping)?;
         let pose = radians(list("inertia_pose_deg", &self.inertia_pose_deg)?);
         let inertia = match list("inertia_kg_m2", &self.inertia_kg_m2)? {
-            Some(inertia) => Vector::from(inertia),
-            None => robot.links.mass_matrix(&pose.unwrap_or(robot.at_work_rad)).diagonal(),
+            Some(inertia) => JointVector::from(inertia),
+            None => robot.dynamics.mass_matrix(&pose.unwrap_or(robot.nominal_rad)).diagonal(),
         };
         Ok(Tuning {
             bandwidth_rad_s: bandwidth.unwrap_or([BANDWIDTH_RAD_S; N]),
@@ -229,8 +229,8 @@ impl Config {
     }
 }
 
-fn radians<const N: usize>(degrees: Option<[f64; N]>) -> Option<Vector<N>> {
-    degrees.map(|degrees| Vector::from(degrees.map(f64::to_radians)))
+fn radians<const N: usize>(degrees: Option<[f64; N]>) -> Option<JointVector<N>> {
+    degrees.map(|degrees| JointVector::from(degrees.map(f64::to_radians)))
 }
 
 /// The table for an arm, complete.
@@ -241,7 +241,7 @@ pub struct Tuning<const N: usize = 6> {
     /// Damping ratios.
     pub damping: [f64; N],
     /// Inertia that the gains are computed for (kg m^2).
-    pub inertia_kg_m2: Vector<N>,
+    pub inertia_kg_m2: JointVector<N>,
     /// Torque per angle (N m/rad), in place of what bandwidth and inertia give.
     pub kp_nm_rad: Option<[f64; N]>,
     /// Torque per rate of the error (N m s/rad), likewise.
@@ -253,7 +253,7 @@ pub struct Tuning<const N: usize = 6> {
     /// The notch, where there is one, and the joints that it is on.
     pub notch: Option<(Shape, [bool; N])>,
     /// Where the arm is taken to stand before it is calibrated (rad).
-    pub assumed_rad: Option<Vector<N>>,
+    pub assumed_rad: Option<JointVector<N>>,
 }
 
 impl<const N: usize> Tuning<N> {
@@ -262,12 +262,12 @@ impl<const N: usize> Tuning<N> {
     pub fn gains(&self) -> Gains<N> {
         let placed = Gains::placed(
             &self.inertia_kg_m2,
-            &Vector::from(self.bandwidth_rad_s),
-            &Vector::from(self.damping),
+            &JointVector::from(self.bandwidth_rad_s),
+            &JointVector::from(self.damping),
         );
         Gains {
-            kp_nm_rad: self.kp_nm_rad.map_or(placed.kp_nm_rad, Vector::from),
-            kd_nms_rad: self.kd_nms_rad.map_or(placed.kd_nms_rad, Vector::from),
+            kp_nm_rad: self.kp_nm_rad.map_or(placed.kp_nm_rad, JointVector::from),
+            kd_nms_rad: self.kd_nms_rad.map_or(placed.kd_nms_rad, JointVector::from),
         }
     }
 
@@ -360,7 +360,10 @@ mod tests {
         let gains = Config::default().tuning(&robot).unwrap().gains();
         for joint in 0..6 {
             let inertia = gains.kp_nm_rad[joint] / 3600.0;
-            assert!(inertia > robot.links.reflected_kg_m2[joint], "joint {joint}: {inertia}");
+            assert!(
+                inertia > robot.dynamics.reflected_inertia_kg_m2[joint],
+                "joint {joint}: {inertia}"
+            );
             let kd = gains.kd_nms_rad[joint];
             assert!((kd - 120.0 * inertia).abs() < 1e-12 * kd);
         }
@@ -370,8 +373,8 @@ mod tests {
             ..Config::default()
         };
         let gains = given.tuning(&robot).unwrap().gains();
-        assert_eq!(gains.kp_nm_rad, Vector::<6>::repeat(7.0));
-        assert_eq!(gains.kd_nms_rad, Vector::<6>::repeat(240.0));
+        assert_eq!(gains.kp_nm_rad, JointVector::<6>::repeat(7.0));
+        assert_eq!(gains.kd_nms_rad, JointVector::<6>::repeat(240.0));
         type Set = fn(&mut Config, Vec<f64>);
         let lists: [(&str, Set); 7] = [
             ("bandwidth_rad_s", |c, x| c.bandwidth_rad_s = Some(x)),

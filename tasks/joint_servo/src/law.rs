@@ -7,9 +7,10 @@
 //! the rate goes through a first-order low-pass first (backward Euler: `r += a ((e - e_last)/dt -
 //! r)` with `a = w dt/(1 + w dt)`, stable for every dt).
 
-use taktil_mechanics::arm::Links;
-use taktil_mechanics::chain::Vector;
-use taktil_mechanics::dynamics::{Dynamics, Friction};
+use taktil_mechanics::arm::ArmDynamics;
+use taktil_mechanics::friction::Friction;
+use taktil_mechanics::puma260::dynamics::Dynamics;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{Fold, StateHash};
 
 use crate::notch::Notch;
@@ -19,9 +20,9 @@ use crate::observer::Observer;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gains<const N: usize = 6> {
     /// Torque per angle (N m/rad).
-    pub kp_nm_rad: Vector<N>,
+    pub kp_nm_rad: JointVector<N>,
     /// Torque per rate (N m s/rad).
-    pub kd_nms_rad: Vector<N>,
+    pub kd_nms_rad: JointVector<N>,
 }
 
 impl<const N: usize> Gains<N> {
@@ -29,9 +30,9 @@ impl<const N: usize> Gains<N> {
     /// `s^2 + 2 damping w s + w^2`: `kp = I w^2`, `kd = 2 damping w I`.
     #[must_use]
     pub fn placed(
-        inertia_kg_m2: &Vector<N>,
-        bandwidth_rad_s: &Vector<N>,
-        damping: &Vector<N>,
+        inertia_kg_m2: &JointVector<N>,
+        bandwidth_rad_s: &JointVector<N>,
+        damping: &JointVector<N>,
     ) -> Gains<N> {
         let kd_over_damping = 2.0 * inertia_kg_m2.component_mul(bandwidth_rad_s);
         Gains {
@@ -56,17 +57,17 @@ pub struct Ahead<const N: usize = 6, L = Dynamics> {
     /// The arm's links and motors.
     pub dynamics: L,
     /// Speed desired in the last job (rad/s).
-    last_rad_s: Option<Vector<N>>,
+    last_rad_s: Option<JointVector<N>>,
 }
 
 impl<const N: usize, L> Fold for Ahead<N, L> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.last_rad_s.is_some());
-        hash.add(self.last_rad_s.unwrap_or_else(Vector::zeros).as_slice());
+        hash.add(self.last_rad_s.unwrap_or_else(JointVector::zeros).as_slice());
     }
 }
 
-impl<const N: usize, L: Links<N>> Ahead<N, L> {
+impl<const N: usize, L: ArmDynamics<N>> Ahead<N, L> {
     /// Of an arm with this friction and these links; nothing was desired before.
     #[must_use]
     pub fn new(
@@ -92,15 +93,20 @@ impl<const N: usize, L: Links<N>> Ahead<N, L> {
 
     /// The speed desired in the last job (rad/s).
     #[must_use]
-    pub fn last_rad_s(&self) -> Option<&Vector<N>> {
+    pub fn last_rad_s(&self) -> Option<&JointVector<N>> {
         self.last_rad_s.as_ref()
     }
 
     /// Torque (N m) for desired angles (rad) and speeds (rad/s), `dt_s` after the last call.
     /// Coulomb's part is `share coulomb qd / (|qd| + half)`: smooth where the direction is in
     /// doubt, all of it where it is not.
-    pub fn torque_nm(&mut self, q: &Vector<N>, qd: &Vector<N>, dt_s: f64) -> Vector<N> {
-        let mut torque = Vector::zeros();
+    pub fn torque_nm(
+        &mut self,
+        q: &JointVector<N>,
+        qd: &JointVector<N>,
+        dt_s: f64,
+    ) -> JointVector<N> {
+        let mut torque = JointVector::zeros();
         if self.friction_share > 0.0 {
             let Friction { coulomb_nm, viscous_nms_rad } = &self.friction;
             let direction = qd.map(|v| v / (v.abs() + self.friction_speed_rad_s));
@@ -109,10 +115,11 @@ impl<const N: usize, L: Links<N>> Ahead<N, L> {
         }
         if self.acceleration_share > 0.0 {
             let last = self.last_rad_s.unwrap_or(*qd);
-            let qdd = if dt_s > 0.0 { (qd - last) / dt_s } else { Vector::zeros() };
+            let qdd = if dt_s > 0.0 { (qd - last) / dt_s } else { JointVector::zeros() };
             // The motors' inertia with the links'; gravity is somebody else's.
             let dynamics = &self.dynamics;
-            let moving = dynamics.mass_matrix(q) * qdd + dynamics.bias(q, qd) - dynamics.gravity(q);
+            let moving = dynamics.mass_matrix(q) * qdd + dynamics.bias_torque(q, qd)
+                - dynamics.gravity_torque(q);
             torque += moving * self.acceleration_share;
         }
         self.last_rad_s = Some(*qd);
@@ -125,8 +132,8 @@ impl<const N: usize, L: Links<N>> Ahead<N, L> {
 pub struct Pd<const N: usize = 6> {
     gains: Gains<N>,
     corner_rad_s: f64,
-    last_rad: Option<Vector<N>>,
-    rate_rad_s: Vector<N>,
+    last_rad: Option<JointVector<N>>,
+    rate_rad_s: JointVector<N>,
     observer: Option<Observer<N>>,
     notch: Option<Notch<N>>,
 }
@@ -140,7 +147,7 @@ impl<const N: usize> Fold for Pd<N> {
             hash.add(notch);
         }
         hash.add(&self.last_rad.is_some());
-        hash.add(self.last_rad.unwrap_or_else(Vector::zeros).as_slice())
+        hash.add(self.last_rad.unwrap_or_else(JointVector::zeros).as_slice())
             .add(self.rate_rad_s.as_slice());
     }
 }
@@ -153,7 +160,7 @@ impl<const N: usize> Pd<N> {
             gains,
             corner_rad_s: core::f64::consts::TAU * filter_hz,
             last_rad: None,
-            rate_rad_s: Vector::zeros(),
+            rate_rad_s: JointVector::zeros(),
             observer: None,
             notch: None,
         }
@@ -186,14 +193,14 @@ impl<const N: usize> Pd<N> {
 
     /// The filtered rate of the error (rad/s).
     #[must_use]
-    pub fn rate_rad_s(&self) -> &Vector<N> {
+    pub fn rate_rad_s(&self) -> &JointVector<N> {
         &self.rate_rad_s
     }
 
     /// Forgets the past: the next call sees a rate of 0.
     pub fn reset(&mut self) {
         self.last_rad = None;
-        self.rate_rad_s = Vector::zeros();
+        self.rate_rad_s = JointVector::zeros();
         if let Some(observer) = &mut self.observer {
             observer.reset();
         }
@@ -207,7 +214,7 @@ impl<const N: usize> Pd<N> {
     ///
     /// `None`, and a forgotten past, when the torque would not be finite. With `dt_s` not positive
     /// the rate stays as it is.
-    pub fn torque_nm(&mut self, error_rad: &Vector<N>, dt_s: f64) -> Option<Vector<N>> {
+    pub fn torque_nm(&mut self, error_rad: &JointVector<N>, dt_s: f64) -> Option<JointVector<N>> {
         let error_rad =
             &self.notch.as_mut().map_or(*error_rad, |notch| notch.passed(error_rad, dt_s));
         if let Some(observer) = &mut self.observer {
@@ -253,10 +260,11 @@ mod tests {
         let dynamics = Dynamics::reference();
         let q = Joints::new(0.1, 0.7, -2.6, 0.3, 0.7, 0.2);
         let (before, qd) = (Joints::repeat(0.1), Joints::new(0.2, -0.1, 0.4, 0.1, 0.0, 0.3));
-        let coriolis = dynamics.bias(&q, &before) - dynamics.gravity(&q);
+        let coriolis = dynamics.bias_torque(&q, &before) - dynamics.gravity_torque(&q);
         assert!((ahead.torque_nm(&q, &before, DT_S) - coriolis).amax() < 1e-12, "no past");
         let qdd = (qd - before) / DT_S;
-        let wanted = dynamics.mass_matrix(&q) * qdd + dynamics.bias(&q, &qd) - dynamics.gravity(&q);
+        let wanted = dynamics.mass_matrix(&q) * qdd + dynamics.bias_torque(&q, &qd)
+            - dynamics.gravity_torque(&q);
         let got = ahead.torque_nm(&q, &qd, DT_S);
         assert!((got - wanted).amax() < 1e-9, "{got} {wanted}");
         assert_eq!(ahead.last_rad_s(), Some(&qd));

@@ -14,7 +14,7 @@
 //! tenth of a second less is given, by how long the joint went between them: what is given leads
 //! the joint there, and a loop around the servo would swing on it.
 
-use taktil_mechanics::chain::Vector;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{Fold, StateHash};
 
 /// Measured way after which a joint has left the other side (rad).
@@ -128,11 +128,11 @@ fn between(place: f64, way_rad: f64, width_rad: f64) -> f64 {
 pub struct Learned<const N: usize = 6> {
     share: f64,
     turn_rad: f64,
-    most_nm: Vector<N>,
+    most_nm: JointVector<N>,
     joints: [Joint; N],
     /// Angles of the last job (rad).
-    desired_rad: Option<Vector<N>>,
-    measured_rad: Option<Vector<N>>,
+    desired_rad: Option<JointVector<N>>,
+    measured_rad: Option<JointVector<N>>,
 }
 
 impl<const N: usize> Fold for Learned<N> {
@@ -141,7 +141,7 @@ impl<const N: usize> Fold for Learned<N> {
             hash.add(joint);
         }
         for angles in [&self.desired_rad, &self.measured_rad] {
-            hash.add(&angles.is_some()).add(angles.unwrap_or_else(Vector::zeros).as_slice());
+            hash.add(&angles.is_some()).add(angles.unwrap_or_else(JointVector::zeros).as_slice());
         }
     }
 }
@@ -150,7 +150,7 @@ impl<const N: usize> Learned<N> {
     /// Nothing learned yet. Given back is `share` of the friction, from one side to the other over
     /// `turn_rad` (rad) of the desired way; none is taken for more than `most_nm` (N m).
     #[must_use]
-    pub fn new(share: f64, turn_rad: f64, most_nm: Vector<N>) -> Learned<N> {
+    pub fn new(share: f64, turn_rad: f64, most_nm: JointVector<N>) -> Learned<N> {
         let joints = [Joint::default(); N];
         Learned { share, turn_rad, most_nm, joints, desired_rad: None, measured_rad: None }
     }
@@ -162,17 +162,17 @@ impl<const N: usize> Learned<N> {
 
     /// The friction learned of each joint (N m).
     #[must_use]
-    pub fn friction_nm(&self) -> Vector<N> {
-        Vector::from(self.joints.map(|joint| joint.friction_nm))
+    pub fn friction_nm(&self) -> JointVector<N> {
+        JointVector::from(self.joints.map(|joint| joint.friction_nm))
     }
 
     /// What is given back (N m) at desired angles (rad), `dt_s` after the last call.
-    pub fn torque_nm(&mut self, desired_rad: &Vector<N>, dt_s: f64) -> Vector<N> {
+    pub fn torque_nm(&mut self, desired_rad: &JointVector<N>, dt_s: f64) -> JointVector<N> {
         let last = self.desired_rad.replace(*desired_rad).unwrap_or(*desired_rad);
         if self.share <= 0.0 || dt_s.is_nan() || dt_s <= 0.0 {
-            return Vector::zeros();
+            return JointVector::zeros();
         }
-        let mut torque = Vector::zeros();
+        let mut torque = JointVector::zeros();
         for (i, joint) in self.joints.iter_mut().enumerate() {
             torque[i] = self.share * joint.give(desired_rad[i] - last[i], self.turn_rad, dt_s);
         }
@@ -181,7 +181,7 @@ impl<const N: usize> Learned<N> {
 
     /// Learns from measured angles (rad) and the torque (N m) that the servo asks for at them, with
     /// what is given back and without gravity's.
-    pub fn learn(&mut self, measured_rad: &Vector<N>, torque_nm: &Vector<N>, dt_s: f64) {
+    pub fn learn(&mut self, measured_rad: &JointVector<N>, torque_nm: &JointVector<N>, dt_s: f64) {
         let last = self.measured_rad.replace(*measured_rad).unwrap_or(*measured_rad);
         let moved = measured_rad - last;
         let finite = moved.iter().chain(torque_nm.iter()).all(|x| x.is_finite());

@@ -16,10 +16,10 @@ pub use config::{Config, Tuning};
 
 use law::{Ahead, Gains, Pd};
 use learned::Learned;
-use taktil_mechanics::arm::{Arm, Links};
-use taktil_mechanics::chain::Vector;
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::arm::{Arm, ArmDynamics};
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Mode, Output, Param, Ports, StateHash, Task,
 };
@@ -38,7 +38,7 @@ fn sound<const N: usize>(torque: &Torque<N>) -> bool {
 }
 
 /// The task.
-pub struct JointServo<const N: usize = 6, L: Links<N> = Dynamics> {
+pub struct JointServo<const N: usize = 6, L: ArmDynamics<N> = Dynamics> {
     desired: Input<Desired<N>>,
     joints: Input<JointState<N>>,
     control: Input<ControlState>,
@@ -47,7 +47,7 @@ pub struct JointServo<const N: usize = 6, L: Links<N> = Dynamics> {
     ahead: Ahead<N, L>,
     learned: Option<Learned<N>>,
     dynamics: Option<L>,
-    assumed: Option<Vector<N>>,
+    assumed: Option<JointVector<N>>,
     gravity_share: f64,
     datum: u32,
     knobs: Knobs<N>,
@@ -100,14 +100,14 @@ impl<const N: usize> Knobs<N> {
     }
 }
 
-impl<const N: usize, L: Links<N>> JointServo<N, L> {
+impl<const N: usize, L: ArmDynamics<N>> JointServo<N, L> {
     /// Declares `desired`, `joints`, `control` and `torque`, and as parameters `bandwidth_rad_s` or
     /// `kp_nm_rad`, `damping` or `kd_nms_rad` (one a joint, whichever the gains are given by) and
     /// `derivative_filter_hz`.
     ///
     /// # Errors
     /// What [`Config::check`] and [`Config::tuning`] refuse.
-    pub fn new<A: Arm<N, Links = L>>(
+    pub fn new<A: Arm<N, Dynamics = L>>(
         config: Config,
         robot: &Robot<N, A>,
         ports: &mut Ports,
@@ -117,7 +117,7 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
         let knobs = Knobs::new(&tuning, ports);
         let learned = config.learned(&tuning);
         let Config { friction, friction_speed_rad_s, acceleration, gravity, .. } = config;
-        let model = (robot.friction, robot.links.clone());
+        let model = (robot.friction, robot.dynamics.clone());
         Ok(JointServo {
             desired: ports.input("desired"),
             joints: ports.input("joints"),
@@ -126,7 +126,7 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
             law: tuning.law(),
             ahead: Ahead::new(model, friction, friction_speed_rad_s, acceleration),
             learned,
-            dynamics: gravity.then(|| robot.links.clone()),
+            dynamics: gravity.then(|| robot.dynamics.clone()),
             assumed: tuning.assumed_rad,
             gravity_share: 0.0,
             datum: 0,
@@ -136,7 +136,12 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
 
     /// The gravity term (N m): all of it when the servo starts calibrated or from an assumed pose,
     /// ramped in when the joints become calibrated under torque, none before.
-    fn gravity_nm(&mut self, q_desired: &Vector<N>, calibrated: bool, dt_s: f64) -> Vector<N> {
+    fn gravity_nm(
+        &mut self,
+        q_desired: &JointVector<N>,
+        calibrated: bool,
+        dt_s: f64,
+    ) -> JointVector<N> {
         let q = match self.assumed {
             _ if calibrated => Some(*q_desired),
             Some(pose) => Some(pose + q_desired),
@@ -144,10 +149,10 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
         };
         let (Some(dynamics), Some(q)) = (&self.dynamics, q) else {
             self.gravity_share = 0.0;
-            return Vector::zeros();
+            return JointVector::zeros();
         };
         self.gravity_share = (self.gravity_share + dt_s / GRAVITY_RAMP_S).min(1.0);
-        dynamics.gravity(&q) * self.gravity_share
+        dynamics.gravity_torque(&q) * self.gravity_share
     }
 
     /// Forgets what was before.
@@ -165,7 +170,7 @@ impl<const N: usize, L: Links<N>> JointServo<N, L> {
     }
 }
 
-impl<const N: usize, L: Links<N>> Task for JointServo<N, L> {
+impl<const N: usize, L: ArmDynamics<N>> Task for JointServo<N, L> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         if let Some((gains, filter_hz)) = self.knobs.edited(io) {
             self.law.retune(gains, filter_hz);
@@ -187,8 +192,8 @@ impl<const N: usize, L: Links<N>> Task for JointServo<N, L> {
             self.datum = joints.datum;
             self.forget();
         }
-        let goal = Vector::from(desired.q_rad);
-        let measured = Vector::from(joints.q_rad);
+        let goal = JointVector::from(desired.q_rad);
+        let measured = JointVector::from(joints.q_rad);
         let error = goal - measured;
         if error.iter().all(|x| x.is_finite()) {
             out.error_rad = error.into();
@@ -201,7 +206,7 @@ impl<const N: usize, L: Links<N>> Task for JointServo<N, L> {
         let dt_s = cycle.dt.as_secs_f64();
         let mut model = self.gravity_nm(&goal, calibrated, dt_s);
         if calibrated {
-            model += self.ahead.torque_nm(&goal, &Vector::from(desired.qd_rad_s), dt_s);
+            model += self.ahead.torque_nm(&goal, &JointVector::from(desired.qd_rad_s), dt_s);
         }
         let mut torque = self.law.torque_nm(&error, dt_s);
         if let (Some(learned), Some(torque)) = (&mut self.learned, &mut torque) {

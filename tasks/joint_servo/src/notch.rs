@@ -7,7 +7,7 @@
 //! kept in place, as a biquad in transposed direct form II: gain 1 far below and above, `depth` in
 //! the middle.
 
-use taktil_mechanics::chain::Vector;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{Fold, StateHash};
 
 /// Middle, width and depth of a notch.
@@ -28,13 +28,13 @@ pub struct Notch<const N: usize = 6> {
     /// Joints whose error it is on.
     joints: [bool; N],
     /// What the filter remembers; nothing before the first error.
-    state: Option<[Vector<N>; 2]>,
+    state: Option<[JointVector<N>; 2]>,
 }
 
 impl<const N: usize> Fold for Notch<N> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.state.is_some());
-        for state in self.state.unwrap_or([Vector::zeros(); 2]) {
+        for state in self.state.unwrap_or([JointVector::zeros(); 2]) {
             hash.add(state.as_slice());
         }
     }
@@ -54,7 +54,7 @@ impl<const N: usize> Notch<N> {
 
     /// The error (rad) without what lies in the notch, `dt_s` after the last; the error itself
     /// where the notch would lie above half the rate, and without time between the two.
-    pub fn passed(&mut self, error_rad: &Vector<N>, dt_s: f64) -> Vector<N> {
+    pub fn passed(&mut self, error_rad: &JointVector<N>, dt_s: f64) -> JointVector<N> {
         let Shape { hz, width, depth } = self.shape;
         let part = hz * dt_s;
         if !(part > 0.0 && part < 0.5) {
@@ -69,7 +69,7 @@ impl<const N: usize> Notch<N> {
         let [first, second] = self.state.unwrap_or([error_rad * (1.0 - b0), error_rad * (b2 - a2)]);
         let out = error_rad * b0 + first;
         self.state = Some([(error_rad - out) * middle + second, error_rad * b2 - out * a2]);
-        Vector::from_fn(|j, _| if self.joints[j] { out[j] } else { error_rad[j] })
+        JointVector::from_fn(|j, _| if self.joints[j] { out[j] } else { error_rad[j] })
     }
 }
 

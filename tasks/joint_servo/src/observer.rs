@@ -14,7 +14,7 @@
 //!                                                         d = d + (1 - p)^3 nu/dt^2
 //! ```
 
-use taktil_mechanics::chain::Vector;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{Fold, StateHash};
 
 /// Part of a tick after which a torque acts on the joint.
@@ -23,26 +23,26 @@ const DELAY: f64 = 0.5;
 /// The observer of the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observer<const N: usize = 6> {
-    inertia_kg_m2: Vector<N>,
+    inertia_kg_m2: JointVector<N>,
     corner_rad_s: f64,
-    error_rad: Option<Vector<N>>,
-    rate_rad_s: Vector<N>,
-    unknown_rad_s2: Vector<N>,
+    error_rad: Option<JointVector<N>>,
+    rate_rad_s: JointVector<N>,
+    unknown_rad_s2: JointVector<N>,
     /// Torques of the law in the last job and the one before (N m).
-    asked_nm: [Vector<N>; 2],
+    asked_nm: [JointVector<N>; 2],
 }
 
 impl<const N: usize> Observer<N> {
     /// An observer of joints with this inertia, its poles at `corner_hz` (Hz).
     #[must_use]
-    pub fn new(inertia_kg_m2: &Vector<N>, corner_hz: f64) -> Observer<N> {
+    pub fn new(inertia_kg_m2: &JointVector<N>, corner_hz: f64) -> Observer<N> {
         Observer {
             inertia_kg_m2: *inertia_kg_m2,
             corner_rad_s: core::f64::consts::TAU * corner_hz,
             error_rad: None,
-            rate_rad_s: Vector::zeros(),
-            unknown_rad_s2: Vector::zeros(),
-            asked_nm: [Vector::zeros(); 2],
+            rate_rad_s: JointVector::zeros(),
+            unknown_rad_s2: JointVector::zeros(),
+            asked_nm: [JointVector::zeros(); 2],
         }
     }
 
@@ -50,16 +50,16 @@ impl<const N: usize> Observer<N> {
     pub fn reset(&mut self) {
         *self = Observer {
             error_rad: None,
-            rate_rad_s: Vector::zeros(),
-            unknown_rad_s2: Vector::zeros(),
-            asked_nm: [Vector::zeros(); 2],
+            rate_rad_s: JointVector::zeros(),
+            unknown_rad_s2: JointVector::zeros(),
+            asked_nm: [JointVector::zeros(); 2],
             ..*self
         };
     }
 
     /// Takes in an error (rad), `dt_s` after the last; gives its rate (rad/s). Without time between
     /// the two the rate stays.
-    pub fn rate_rad_s(&mut self, measured_rad: &Vector<N>, dt_s: f64) -> Vector<N> {
+    pub fn rate_rad_s(&mut self, measured_rad: &JointVector<N>, dt_s: f64) -> JointVector<N> {
         let Some(error) = self.error_rad.filter(|_| dt_s > 0.0) else {
             self.error_rad = Some(*measured_rad);
             return self.rate_rad_s;
@@ -78,7 +78,7 @@ impl<const N: usize> Observer<N> {
     }
 
     /// What the law asks for in this job (N m).
-    pub fn asked(&mut self, torque_nm: &Vector<N>) {
+    pub fn asked(&mut self, torque_nm: &JointVector<N>) {
         self.asked_nm = [*torque_nm, self.asked_nm[0]];
     }
 }
@@ -86,7 +86,7 @@ impl<const N: usize> Observer<N> {
 impl<const N: usize> Fold for Observer<N> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.error_rad.is_some());
-        hash.add(self.error_rad.unwrap_or_else(Vector::zeros).as_slice())
+        hash.add(self.error_rad.unwrap_or_else(JointVector::zeros).as_slice())
             .add(self.rate_rad_s.as_slice());
         hash.add(self.unknown_rad_s2.as_slice());
         for asked in &self.asked_nm {

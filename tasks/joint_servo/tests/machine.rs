@@ -1,7 +1,7 @@
 //! The task in a machine, in virtual time, fed by scripts.
 
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, FaultSet, Mode, Payload};
 use taktil_signal::{ControlState, Desired, JointState, Torque};
@@ -86,7 +86,7 @@ fn gravity_is_whole_at_once_when_calibrated_and_comes_in_slowly_otherwise() {
         desired: |_| wanted(POSE),
         joints: |_| at(POSE),
     };
-    let weight = Dynamics::reference().gravity(&Joints::from(POSE));
+    let weight = Dynamics::reference().gravity_torque(&Joints::from(POSE));
     let (torques, _) = run(Config::default(), &script, 3);
     assert_eq!(torques[0].tau_nm, [0.0; 6]);
     assert_eq!(Joints::from(torques[1].tau_nm), weight);

@@ -95,7 +95,7 @@ impl<const N: usize> Index<N> {
             Some(list) => per_joint("home_counts", list)?,
             None => [0.0; N],
         };
-        let per_rev = gears.counts_per_rev();
+        let per_rev = gears.counts_per_revolution();
         let mut turn = [0; N];
         for (i, turn) in turn.iter_mut().enumerate() {
             // The way through counts per radian leaves a rounding.

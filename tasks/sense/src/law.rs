@@ -3,7 +3,7 @@
 //! the error's kind.
 
 use taktil_hal::{Kind, Nanos};
-use taktil_mechanics::chain::Vector;
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::Transmission;
 use taktil_rtcore::{FaultCode, Fold, StateHash};
 use taktil_signal::JointState;
@@ -16,18 +16,18 @@ pub const JUMP_MARGIN: f64 = 1.5;
 #[derive(Clone, Copy, Debug)]
 struct Last<const N: usize> {
     /// Joint angles without the zero offset, rad.
-    raw_rad: Vector<N>,
+    raw_rad: JointVector<N>,
     acquired: Nanos,
-    qd_rad_s: Vector<N>,
+    qd_rad_s: JointVector<N>,
 }
 
 /// Turns samples of the encoder board into joint states.
 #[derive(Clone, Debug)]
 pub struct Angles<const N: usize = 6> {
     transmission: Transmission<N>,
-    v_max_rad_s: Vector<N>,
-    home_rad: Vector<N>,
-    offset_rad: Vector<N>,
+    v_max_rad_s: JointVector<N>,
+    home_rad: JointVector<N>,
+    offset_rad: JointVector<N>,
     datum: u32,
     calibrated: bool,
     last: Option<Last<N>>,
@@ -38,14 +38,14 @@ impl<const N: usize> Angles<N> {
     #[must_use]
     pub fn new(
         transmission: Transmission<N>,
-        v_max_rad_s: Vector<N>,
-        home_rad: Vector<N>,
+        v_max_rad_s: JointVector<N>,
+        home_rad: JointVector<N>,
     ) -> Angles<N> {
         Angles {
             transmission,
             v_max_rad_s,
             home_rad,
-            offset_rad: Vector::zeros(),
+            offset_rad: JointVector::zeros(),
             datum: 0,
             calibrated: false,
             last: None,
@@ -54,7 +54,7 @@ impl<const N: usize> Angles<N> {
 
     /// Joint angles of so many counts (rad).
     #[must_use]
-    pub fn span_rad(&self, counts: &[i32; N]) -> Vector<N> {
+    pub fn span_rad(&self, counts: &[i32; N]) -> JointVector<N> {
         self.transmission.joints(counts)
     }
 
@@ -81,7 +81,7 @@ impl<const N: usize> Angles<N> {
         home: Option<&[i32; N]>,
     ) -> Result<JointState<N>, FaultCode> {
         let raw_rad = self.transmission.joints(&counts);
-        let mut qd_rad_s = Vector::zeros();
+        let mut qd_rad_s = JointVector::zeros();
         if let Some(last) = self.last {
             let span_s = (acquired - last.acquired).as_secs_f64().max(0.0);
             let moved_rad = raw_rad - last.raw_rad;
@@ -175,7 +175,7 @@ impl Patience {
 mod tests {
     use super::*;
     use taktil_mechanics::Joints;
-    use taktil_mechanics::transmission::{COUNTS_PER_REV, GEAR_RATIO};
+    use taktil_mechanics::transmission::{COUNTS_PER_REVOLUTION, GEAR_RATIO};
 
     const TICK: Nanos = Nanos(2_500_000);
 
@@ -186,7 +186,7 @@ mod tests {
     }
 
     fn joint_1_rad(counts: f64) -> f64 {
-        counts * core::f64::consts::TAU / COUNTS_PER_REV[0] / GEAR_RATIO[0]
+        counts * core::f64::consts::TAU / COUNTS_PER_REVOLUTION[0] / GEAR_RATIO[0]
     }
 
     #[test]

@@ -9,8 +9,8 @@ pub mod law;
 use serde::Deserialize;
 use taktil_hal::{Counts, DigitalIn, Encoders, LinesIn};
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::Vector;
 use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Ports, StateHash, Task};
 use taktil_signal::{ControlState, HomeCheck, JointState, Lines, per_joint};
 
@@ -93,10 +93,10 @@ impl Config {
     fn angles<const N: usize, A: Arm<N>>(
         &self,
         robot: &Robot<N, A>,
-    ) -> Result<(Vector<N>, Vector<N>), Invalid> {
-        let radians = |place: &str, list: &Option<Vec<f64>>, usual: &Vector<N>| match list {
+    ) -> Result<(JointVector<N>, JointVector<N>), Invalid> {
+        let radians = |place: &str, list: &Option<Vec<f64>>, usual: &JointVector<N>| match list {
             Some(list) => per_joint(place, list)
-                .map(|degrees: [f64; N]| Vector::from(degrees.map(f64::to_radians))),
+                .map(|degrees: [f64; N]| JointVector::from(degrees.map(f64::to_radians))),
             // By way of degrees, as if they stood in a file.
             None => Ok(usual.map(|x| x.to_degrees().to_radians())),
         };
@@ -147,7 +147,7 @@ impl<const N: usize> Sense<N> {
             ));
         }
         let (home_rad, v_max_rad_s) = config.angles(robot)?;
-        let gears = robot.gears.with_encoders(config.encoder_scale);
+        let gears = robot.gears.with_encoder_scale(config.encoder_scale);
         let angles = Angles::new(gears, v_max_rad_s, home_rad);
         let index = match encoders.has_index() && !config.index.ignore {
             true => {

@@ -11,7 +11,7 @@
 //!     TACTILE-SERVO ─────────────────> goal of the tactile servo ┴> slow down to rest, hold
 //! ```
 
-use taktil_mechanics::chain::Vector;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{FaultCode, Fold, Mode, StateHash};
 use taktil_signal::{Desired, Goal, JointState, State};
 
@@ -46,11 +46,11 @@ pub const fn source(state: State) -> Source {
 #[derive(Clone, Debug)]
 pub struct Bounds<const N: usize = 6> {
     /// Lower joint limits.
-    pub q_min_rad: Vector<N>,
+    pub q_min_rad: JointVector<N>,
     /// Upper joint limits.
-    pub q_max_rad: Vector<N>,
+    pub q_max_rad: JointVector<N>,
     /// Largest speeds.
-    pub v_max_rad_s: Vector<N>,
+    pub v_max_rad_s: JointVector<N>,
     /// How far the first goal of a source may be from the desired joints.
     pub bumpless_rad: f64,
     /// How far desired joints may be from the measured ones.
@@ -82,18 +82,18 @@ pub struct Facts<const N: usize = 6> {
 #[derive(Clone, Copy, Debug)]
 struct Accepted<const N: usize> {
     source: Source,
-    goal_rad: Vector<N>,
+    goal_rad: JointVector<N>,
 }
 
 /// The desired joints and what is needed to move them on.
 #[derive(Clone, Debug)]
 pub struct Law<const N: usize = 6> {
     bounds: Bounds<N>,
-    q_rad: Vector<N>,
-    qd_rad_s: Vector<N>,
+    q_rad: JointVector<N>,
+    qd_rad_s: JointVector<N>,
     /// Deceleration under way, rad/s^2, not negative.
-    brake_rad_s2: Vector<N>,
-    measured_rad: Vector<N>,
+    brake_rad_s2: JointVector<N>,
+    measured_rad: JointVector<N>,
     datum: Option<u32>,
     accepted: Option<Accepted<N>>,
 }
@@ -114,7 +114,7 @@ impl<const N: usize> Law<N> {
     /// Nothing is desired before the first [`Law::step`].
     #[must_use]
     pub fn new(bounds: Bounds<N>) -> Law<N> {
-        let zero = Vector::zeros();
+        let zero = JointVector::zeros();
         Law {
             bounds,
             q_rad: zero,
@@ -169,7 +169,7 @@ impl<const N: usize> Law<N> {
     /// Takes the measurement; when the zero of the angles has moved, the desired angles move with
     /// it.
     fn rebase(&mut self, measured: &JointState<N>) {
-        let now_rad = Vector::from(measured.q_rad);
+        let now_rad = JointVector::from(measured.q_rad);
         match self.datum {
             None => self.q_rad = now_rad,
             Some(datum) if datum != measured.datum => {
@@ -185,8 +185,8 @@ impl<const N: usize> Law<N> {
     }
 
     fn rest(&mut self) {
-        self.qd_rad_s = Vector::zeros();
-        self.brake_rad_s2 = Vector::zeros();
+        self.qd_rad_s = JointVector::zeros();
+        self.brake_rad_s2 = JointVector::zeros();
         self.accepted = None;
     }
 
@@ -198,8 +198,8 @@ impl<const N: usize> Law<N> {
         goal: &Goal<N>,
         facts: &Facts<N>,
     ) -> Result<bool, FaultCode> {
-        let goal_rad = Vector::from(goal.q_rad);
-        let goal_rad_s = Vector::from(goal.qd_rad_s);
+        let goal_rad = JointVector::from(goal.q_rad);
+        let goal_rad_s = JointVector::from(goal.qd_rad_s);
         let accepted = self.accepted.filter(|accepted| accepted.source == source);
         self.accepted = None;
         let bounds = &self.bounds;
@@ -229,7 +229,7 @@ impl<const N: usize> Law<N> {
     }
 
     /// True when a goal is beyond a limit, unless it leads back from further outside.
-    fn leaves_limits(&self, goal_rad: &Vector<N>) -> bool {
+    fn leaves_limits(&self, goal_rad: &JointVector<N>) -> bool {
         (0..N).any(|i| {
             let low = self.bounds.q_min_rad[i].min(self.q_rad[i]);
             let high = self.bounds.q_max_rad[i].max(self.q_rad[i]);
@@ -240,7 +240,7 @@ impl<const N: usize> Law<N> {
     /// Without a source: every joint's speed falls evenly to zero, within the time to stop of the
     /// speed last taken over.
     fn slow_down(&mut self, facts: &Facts<N>) {
-        if self.qd_rad_s == Vector::<N>::zeros() {
+        if self.qd_rad_s == JointVector::<N>::zeros() {
             return;
         }
         for i in 0..N {
@@ -260,14 +260,20 @@ impl<const N: usize> Law<N> {
 }
 
 /// Every joint within its bound, which belongs to it; NaN is not.
-fn within<const N: usize>(x: &Vector<N>, bound: impl Fn(usize) -> f64) -> bool {
+fn within<const N: usize>(x: &JointVector<N>, bound: impl Fn(usize) -> f64) -> bool {
     (0..N).all(|i| x[i].abs() <= bound(i))
 }
 
 /// `q_rad` moved to at most `lead_rad` from the measured joints.
-fn led<const N: usize>(q_rad: &Vector<N>, measured_rad: &Vector<N>, lead_rad: f64) -> Vector<N> {
+fn led<const N: usize>(
+    q_rad: &JointVector<N>,
+    measured_rad: &JointVector<N>,
+    lead_rad: f64,
+) -> JointVector<N> {
     // `max` and `min` instead of `clamp`: a measured NaN bounds nothing and panics nowhere.
-    Vector::from_fn(|i, _| q_rad[i].max(measured_rad[i] - lead_rad).min(measured_rad[i] + lead_rad))
+    JointVector::from_fn(|i, _| {
+        q_rad[i].max(measured_rad[i] - lead_rad).min(measured_rad[i] + lead_rad)
+    })
 }
 
 #[cfg(test)]

@@ -7,8 +7,8 @@ pub mod law;
 
 use serde::Deserialize;
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::Vector;
 use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, StateHash, Task,
 };
@@ -84,12 +84,12 @@ impl Config {
     /// # Errors
     /// A list of another length than the arm, and reversed limits.
     fn bounds<const N: usize, A: Arm<N>>(&self, robot: &Robot<N, A>) -> Result<Bounds<N>, Invalid> {
-        let radians = |place: &str, list: &Option<Vec<f64>>, usual: &Vector<N>| {
+        let radians = |place: &str, list: &Option<Vec<f64>>, usual: &JointVector<N>| {
             let degrees = match list {
                 Some(list) => per_joint(place, list)?,
                 None => usual.map(f64::to_degrees).into(),
             };
-            Ok(Vector::from(degrees.map(f64::to_radians)))
+            Ok(JointVector::from(degrees.map(f64::to_radians)))
         };
         let q_min_rad = radians("q_min_deg", &self.q_min_deg, robot.arm.q_min())?;
         let q_max_rad = radians("q_max_deg", &self.q_max_deg, robot.arm.q_max())?;
@@ -99,7 +99,7 @@ impl Config {
                 format!("q_min_deg[{i}]"),
                 format!(
                     "the lower limit {low} of {} is not below the upper limit {high}",
-                    robot.joint(i)
+                    robot.joint_label(i)
                 ),
                 "swap them or move them apart",
             ));
@@ -251,7 +251,7 @@ mod tests {
         assert_eq!(config.check(), Ok(()));
         let bad = config.bounds(&robot).unwrap_err();
         assert_eq!(bad.place, "q_min_deg[2]");
-        let named = Robot { names: (1..7).map(|n| format!("axis_{n}")).collect(), ..robot };
+        let named = Robot { joint_names: (1..7).map(|n| format!("axis_{n}")).collect(), ..robot };
         assert!(config.bounds(&named).unwrap_err().what.contains("joint 3 (`axis_3`)"));
         let config = Config { q_max_deg: Some(vec![1.0, f64::NAN]), ..Config::default() };
         assert_eq!(config.check().unwrap_err().place, "q_max_deg[1]");

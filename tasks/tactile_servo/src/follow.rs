@@ -22,7 +22,7 @@ pub fn joint_step(
     motion: &Joints,
     distance_min: f64,
 ) -> Result<Joints, FaultCode> {
-    let distance = arm.singular_distance(q).smallest();
+    let distance = arm.singularity_distance(q).smallest();
     if distance.is_nan() || distance < distance_min {
         return Err(FaultCode::Singular);
     }
@@ -105,7 +105,7 @@ impl Follower {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use taktil_mechanics::spatial::split;
+    use taktil_mechanics::spatial::linear_and_angular;
 
     fn rolling() -> Joints {
         Joints::from([0.0, 40.2, -153.4, -180.0, 66.8, 180.0].map(f64::to_radians))
@@ -119,7 +119,7 @@ mod tests {
         let step = joint_step(&arm, &q, &motion, 0.05).unwrap();
         let (before, after) = (arm.tool_pose(&q), arm.tool_pose(&(q + step)));
         let moved = before.rotation.transpose() * (after.translation - before.translation);
-        let (linear, angular) = split(&motion);
+        let (linear, angular) = linear_and_angular(&motion);
         assert!((moved - linear).length() < 1e-10, "{moved}");
         let turned = before.rotation.transpose() * after.rotation;
         assert!((turned.y_axis.z - angular.x).abs() < 1e-10);
@@ -132,7 +132,7 @@ mod tests {
         let arm = Puma260::reference();
         let motion = Joints::new(1e-4, 0.0, 0.0, 0.0, 0.0, 0.0);
         let mut q = rolling();
-        let distance = arm.singular_distance(&q).smallest();
+        let distance = arm.singularity_distance(&q).smallest();
         assert!(joint_step(&arm, &q, &motion, distance).is_ok(), "the limit itself is far enough");
         assert_eq!(joint_step(&arm, &q, &motion, distance * 1.000_001), Err(FaultCode::Singular));
         q[4] = 0.02;

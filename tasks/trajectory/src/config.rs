@@ -4,9 +4,9 @@
 use serde::Deserialize;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::Vector;
 use taktil_mechanics::paul::MAX_POINTS;
 use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
 use taktil_rtcore::Invalid;
 use taktil_signal::per_joint;
@@ -129,7 +129,7 @@ taktil_rtcore::explained! {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Goal<const N: usize = 6> {
     /// Joint angles (rad).
-    Joints(Vector<N>),
+    Joints(JointVector<N>),
     /// Tool pose in the base frame.
     Tool(Pose),
     /// Displacement in the tool's axes (m).
@@ -212,7 +212,7 @@ impl Move {
             (None, Some(tool), None) => {
                 tool.check().map_err(|invalid| invalid.within("tool"))?;
                 let pose = tool.pose();
-                if !robot.arm.can_reach(&pose) {
+                if !robot.arm.is_reachable(&pose) {
                     return Err(Invalid::new(
                         "tool",
                         format!("{:?} mm cannot be reached within the joint limits", tool.p_mm),
@@ -241,15 +241,15 @@ impl Move {
 fn check_joints<const N: usize, A: Arm<N>>(
     degrees: &[f64],
     robot: &Robot<N, A>,
-) -> Result<Vector<N>, Invalid> {
+) -> Result<JointVector<N>, Invalid> {
     let degrees = per_joint::<N>("joints_deg", degrees)?;
-    let q = Vector::from(degrees.map(f64::to_radians));
+    let q = JointVector::from(degrees.map(f64::to_radians));
     for joint in 0..N {
         let (low, high) = (robot.arm.q_min()[joint], robot.arm.q_max()[joint]);
         if !(low <= q[joint] && q[joint] <= high) {
             return Err(Invalid::new(
                 format!("joints_deg[{joint}]"),
-                format!("{} is outside the limits of {}", degrees[joint], robot.joint(joint)),
+                format!("{} is outside the limits of {}", degrees[joint], robot.joint_label(joint)),
                 format!("give {:.1} to {:.1} degrees", low.to_degrees(), high.to_degrees()),
             ));
         }

@@ -7,18 +7,18 @@
 use glam::DVec3;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::Vector;
-use taktil_mechanics::lead::Route;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
 use taktil_mechanics::paul::{JointPath, PathError, segment_time_s};
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::spatial::rotation_vector;
+use taktil_mechanics::tracking::PathRef;
 use taktil_rtcore::StateHash;
 
 use crate::config::{BlendName, Config, Goal, Step};
 
 /// Why a queue cannot be run from here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
+pub enum Infeasible {
     /// Move with this index has no solution within the limits.
     Unreachable {
         /// Position in the queue.
@@ -82,8 +82,8 @@ impl<const N: usize> Leg<N> {
     ///
     /// # Errors
     /// A pace whose `tau_s` is no time.
-    pub fn room<A: Arm<N>>(arm: &A, pace: &Pace) -> Result<Leg<N>, Refusal> {
-        let rest = Vector::zeros();
+    pub fn room<A: Arm<N>>(arm: &A, pace: &Pace) -> Result<Leg<N>, Infeasible> {
+        let rest = JointVector::zeros();
         let tool = CartesianPath::rest(&arm.tool_pose(&rest), pace.tau_s, pace.blend);
         let joints = JointPath::rest(&rest, pace.tau_s);
         let (joints, tool) = (joints.map_err(limits)?, tool.map_err(limits)?);
@@ -97,13 +97,13 @@ impl<const N: usize> Leg<N> {
     pub fn begin<A: Arm<N>>(
         &mut self,
         arm: &A,
-        start: &Vector<N>,
+        start: &JointVector<N>,
         steps: &[Step<N>],
         first: usize,
         pace: &Pace,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Infeasible> {
         if !arm.within_limits(start) {
-            return Err(Refusal::Limits);
+            return Err(Infeasible::Limits);
         }
         self.straight = steps.get(first).is_some_and(|step| step.straight);
         (self.next, self.whole) = (first, false);
@@ -122,13 +122,13 @@ impl<const N: usize> Leg<N> {
     /// of its limit, or the tool than its speeds, and at least two tau.
     ///
     /// # Errors
-    /// [`Refusal`], its index counted from the beginning of the queue.
+    /// [`Infeasible`], its index counted from the beginning of the queue.
     pub fn lay<A: Arm<N>>(
         &mut self,
         arm: &A,
         steps: &[Step<N>],
         pace: &Pace,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Infeasible> {
         if self.whole {
             return Ok(());
         }
@@ -169,7 +169,7 @@ impl<const N: usize> Leg<N> {
         arm: &A,
         step: &Step<N>,
         pace: &Pace,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Infeasible> {
         self.whole = false;
         self.next = 0;
         self.lay(arm, core::slice::from_ref(step), pace)
@@ -179,8 +179,8 @@ impl<const N: usize> Leg<N> {
     #[must_use]
     pub fn left(&self, t_s: f64) -> usize {
         let ends = match self.route() {
-            Route::Joints(path) => path.corners_s(),
-            Route::Tool(path) => path.corners_s(),
+            PathRef::Joint(path) => path.corners_s(),
+            PathRef::Cartesian(path) => path.corners_s(),
         };
         ends.iter().skip(1).filter(|end_s| **end_s > t_s).count()
     }
@@ -199,8 +199,8 @@ impl<const N: usize> Leg<N> {
 
     /// The way so far, ending at rest.
     #[must_use]
-    pub fn route(&self) -> Route<'_, N> {
-        if self.straight { Route::Tool(&self.tool) } else { Route::Joints(&self.joints) }
+    pub fn route(&self) -> PathRef<'_, N> {
+        if self.straight { PathRef::Cartesian(&self.tool) } else { PathRef::Joint(&self.joints) }
     }
 
     /// Folds what says how far it is laid; where it leads follows from the queue and the start.
@@ -214,21 +214,21 @@ impl<const N: usize> Leg<N> {
         }
     }
 
-    fn wait(&mut self, pace: &Pace) -> Result<(), Refusal> {
-        let here = self.joints.points().last().copied().unwrap_or_else(Vector::zeros);
+    fn wait(&mut self, pace: &Pace) -> Result<(), Infeasible> {
+        let here = self.joints.points().last().copied().unwrap_or_else(JointVector::zeros);
         self.joints.push(&here, 2.0 * pace.tau_s).map_err(limits)
     }
 
     /// One straight move of the tool.
-    fn line<A: Arm<N>>(&mut self, arm: &A, step: &Step<N>, pace: &Pace) -> Result<(), Refusal> {
+    fn line<A: Arm<N>>(&mut self, arm: &A, step: &Step<N>, pace: &Pace) -> Result<(), Infeasible> {
         let before = self.tool.points().last().copied().unwrap_or_default();
         let pose = match &step.goal {
             Goal::Tool(pose) => *pose,
             Goal::By(shift) => shifted(&before, shift),
             Goal::Joints(q) => arm.tool_pose(q),
         };
-        if !arm.may_reach(&pose) {
-            return Err(Refusal::Unreachable { index: self.next });
+        if !arm.is_within_reach_bound(&pose) {
+            return Err(Infeasible::Unreachable { index: self.next });
         }
         let way = (pose.translation - before.translation).length() / pace.line_m_s;
         let turn = rotation_vector(&before.rotation, &pose.rotation).length() / pace.turn_rad_s;
@@ -237,16 +237,16 @@ impl<const N: usize> Leg<N> {
     }
 
     /// One move of the joints.
-    fn turn<A: Arm<N>>(&mut self, arm: &A, step: &Step<N>, pace: &Pace) -> Result<(), Refusal> {
+    fn turn<A: Arm<N>>(&mut self, arm: &A, step: &Step<N>, pace: &Pace) -> Result<(), Infeasible> {
         let corner = self.joints.points().len() - 1;
         let before = self.joints.points()[corner];
-        let unreachable = Refusal::Unreachable { index: self.next };
+        let unreachable = Infeasible::Unreachable { index: self.next };
         let point = match &step.goal {
             Goal::Joints(q) => *q,
-            Goal::Tool(pose) => arm.reach(pose, &before).ok_or(unreachable)?,
+            Goal::Tool(pose) => arm.inverse_kinematics_near(pose, &before).ok_or(unreachable)?,
             Goal::By(shift) => {
                 let pose = shifted(&arm.tool_pose(&before), shift);
-                arm.reach(&pose, &before).ok_or(unreachable)?
+                arm.inverse_kinematics_near(&pose, &before).ok_or(unreachable)?
             }
         };
         let speed_max = arm.speed_max() * pace.speed;
@@ -254,23 +254,23 @@ impl<const N: usize> Leg<N> {
             step.t_s.unwrap_or_else(|| segment_time_s(&before, &point, &speed_max, pace.tau_s));
         self.joints.push(&point, time_s).map_err(limits)?;
         let able =
-            arm.within_limits(&point) && below(&self.joints.speed_in(corner), arm.speed_max());
+            arm.within_limits(&point) && below(&self.joints.segment_speed(corner), arm.speed_max());
         if !able {
-            return Err(Refusal::Limits);
+            return Err(Infeasible::Limits);
         }
         self.corner_below(arm, corner)
     }
 
     /// Refuses a corner that asks for more acceleration than there is.
-    fn corner_below<A: Arm<N>>(&self, arm: &A, corner: usize) -> Result<(), Refusal> {
-        let peak = self.joints.peak_acceleration_at(corner);
-        if below(&peak, arm.acceleration_max()) { Ok(()) } else { Err(Refusal::Limits) }
+    fn corner_below<A: Arm<N>>(&self, arm: &A, corner: usize) -> Result<(), Infeasible> {
+        let peak = self.joints.corner_acceleration(corner);
+        if below(&peak, arm.acceleration_max()) { Ok(()) } else { Err(Infeasible::Limits) }
     }
 }
 
 /// Paths refuse what the check at load or the limits should have.
-fn limits(_: PathError) -> Refusal {
-    Refusal::Limits
+fn limits(_: PathError) -> Infeasible {
+    Infeasible::Limits
 }
 
 /// A pose displaced along its own axes (m).
@@ -278,7 +278,7 @@ fn shifted(pose: &Pose, shift: &[f64; 3]) -> Pose {
     Pose::new(pose.rotation, pose.apply(DVec3::from_array(*shift)))
 }
 
-fn below<const N: usize>(values: &Vector<N>, limits: &Vector<N>) -> bool {
+fn below<const N: usize>(values: &JointVector<N>, limits: &JointVector<N>) -> bool {
     (0..N).all(|i| values[i] <= limits[i] * (1.0 + SLACK))
 }
 
@@ -309,7 +309,7 @@ mod tests {
         steps: &[Step],
         first: usize,
         pace: &Pace,
-    ) -> Result<Leg, Refusal> {
+    ) -> Result<Leg, Infeasible> {
         let mut leg = Leg::room(arm, pace)?;
         leg.begin(arm, start, steps, first, pace)?;
         while !leg.is_whole() {
@@ -323,7 +323,7 @@ mod tests {
         start: &Joints,
         steps: &[Step],
         pace: &Pace,
-    ) -> Result<JointPath, Refusal> {
+    ) -> Result<JointPath, Infeasible> {
         leg(arm, start, steps, 0, pace).map(|leg| leg.joints)
     }
 
@@ -383,13 +383,13 @@ mod tests {
     #[test]
     fn what_the_arm_cannot_do_is_refused() {
         let arm = Puma260::reference();
-        let limits = Err(Refusal::Limits);
+        let limits = Err(Infeasible::Limits);
         let far =
             Pose::from_rows(&[-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0], &[0.9, 0.0, 0.0]);
         let steps = [to(rolling()), Step { goal: Goal::Tool(far), straight: false, t_s: None }];
         assert_eq!(
             plan(&arm, &rolling(), &steps, &pace(0.1, 0.3)),
-            Err(Refusal::Unreachable { index: 1 })
+            Err(Infeasible::Unreachable { index: 1 })
         );
         let hasty =
             Step { goal: Goal::Joints(rolling().add_scalar(0.3)), straight: false, t_s: Some(0.2) };
@@ -425,10 +425,10 @@ mod tests {
         let steps = [aside, by(0.01), by(-0.02), aside];
         let pace = pace(0.1, 0.3);
         let one = leg(&arm, &rolling(), &steps, 0, &pace).unwrap();
-        assert!(matches!(one.route(), Route::Joints(_)) && one.next_step() == 1);
+        assert!(matches!(one.route(), PathRef::Joint(_)) && one.next_step() == 1);
         let start = aside_joints();
         let two = leg(&arm, &start, &steps, 1, &pace).unwrap();
-        let Route::Tool(path) = two.route() else { panic!("a straight leg") };
+        let PathRef::Cartesian(path) = two.route() else { panic!("a straight leg") };
         assert_eq!((two.next_step(), path.points().len()), (3, 3));
         assert_eq!(path.points()[0], arm.tool_pose(&start));
         let span = path.points()[2].translation - path.points()[0].translation;
@@ -440,7 +440,7 @@ mod tests {
         assert_eq!((wait.next_step(), wait.route().duration_s()), (4, 0.4), "a wait");
         let far = [aside, by(0.01), by(0.9)];
         let refused = leg(&arm, &start, &far, 1, &pace);
-        assert_eq!(refused.err(), Some(Refusal::Unreachable { index: 2 }));
+        assert_eq!(refused.err(), Some(Infeasible::Unreachable { index: 2 }));
     }
 
     #[test]
@@ -463,8 +463,10 @@ mod tests {
             for tick in 0..1000 {
                 let t_s = 0.0025 * f64::from(tick);
                 match (used.route(), fresh.route()) {
-                    (Route::Joints(a), Route::Joints(b)) => assert_eq!(a.at(t_s), b.at(t_s)),
-                    (Route::Tool(a), Route::Tool(b)) => assert_eq!(a.at(t_s), b.at(t_s)),
+                    (PathRef::Joint(a), PathRef::Joint(b)) => assert_eq!(a.at(t_s), b.at(t_s)),
+                    (PathRef::Cartesian(a), PathRef::Cartesian(b)) => {
+                        assert_eq!(a.at(t_s), b.at(t_s))
+                    }
                     other => panic!("{other:?}"),
                 }
             }

@@ -23,9 +23,9 @@ pub use config::{BlendName, Config, Move, ToolGoal};
 use online::Online;
 use program::{Outcome, Plan, Program};
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::Vector;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Output, Payload, Ports, StateHash, Task,
 };
@@ -114,7 +114,7 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
         let (Some(start), Some(joints)) = (start, joints.filter(|j| j.calibrated == 1)) else {
             return Err((FaultCode::MoveRefused, None));
         };
-        let start = Vector::from(start.q_rad);
+        let start = JointVector::from(start.q_rad);
         if typing {
             self.online.begin(&mut self.plan, &start, tick_s, word);
             self.progress = Progress::Online { datum: joints.datum };

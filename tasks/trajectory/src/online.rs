@@ -5,11 +5,13 @@
 //! the arm cannot make, and with it what was typed after it; what was found good before goes on.
 
 use taktil_mechanics::arm::Arm;
-use taktil_mechanics::chain::Vector;
-use taktil_mechanics::lead::{Lead, Led, Route, SETTLE_S};
+use taktil_mechanics::feasibility::{
+    FeasibilityCheck, FeasibilityCriteria, FeasibilityReport, FeasibilityStatus, Infeasible,
+};
 use taktil_mechanics::paul::Setpoint;
-use taktil_mechanics::preview::{Inspection, Preview, Refusal, Terms, Verdict};
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::spatial::JointVector;
+use taktil_mechanics::tracking::{PathRef, PathTracker, SETTLING_TIME_MAX_S, TrackerStep};
 use taktil_rtcore::{Payload, StateHash};
 use taktil_signal::{MoveCheck, MoveKind, Typed, TypedMove};
 
@@ -47,16 +49,16 @@ enum Ahead<const N: usize> {
     /// It is looked at.
     Looking(Join),
     /// It was found good, and waits for the end of the leg that is run; joints there (rad).
-    Good { start: Vector<N>, end: Vector<N>, stop_tau_s: f64 },
+    Good { start: JointVector<N>, end: JointVector<N>, stop_tau_s: f64 },
 }
 
 /// The leg that is run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Run<const N: usize, A: Arm<N>> {
     clock: Clock,
-    lead: Lead<N, A>,
+    lead: PathTracker<N, A>,
     /// Joints at its end (rad).
-    end: Vector<N>,
+    end: JointVector<N>,
     /// Half the time of a pause (s).
     stop_tau_s: f64,
 }
@@ -71,7 +73,7 @@ pub struct Online<const N: usize = 6, A: Arm<N> = Puma260> {
     at: usize,
     run: Option<Run<N, A>>,
     ahead: Ahead<N>,
-    inspection: Inspection<N, A>,
+    inspection: FeasibilityCheck<N, A>,
     /// The rest of the path is to be forgotten once the arm stands.
     dropping: bool,
     setpoint: Setpoint<N>,
@@ -86,12 +88,12 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     ///
     /// # Errors
     /// A pace that allows no path at all.
-    pub fn room(plan: &Plan<N, A>) -> Result<Online<N, A>, law::Refusal> {
-        let rest = Vector::zeros();
+    pub fn room(plan: &Plan<N, A>) -> Result<Online<N, A>, law::Infeasible> {
+        let rest = JointVector::zeros();
         let hand = || Leg::room(&plan.arm, &plan.pace);
         let hands = [hand()?, hand()?];
-        let terms = Terms { tick_s: 1.0, ..plan.terms.clone() };
-        let inspection = Inspection::new(hands[0].route(), &rest, &terms);
+        let terms = FeasibilityCriteria { tick_s: 1.0, ..plan.terms.clone() };
+        let inspection = FeasibilityCheck::new(hands[0].route(), &rest, &terms);
         let step = Step { goal: crate::config::Goal::Joints(rest), straight: false, t_s: None };
         Ok(Online {
             queue: [Waiting { step, sequence: 0 }; MAX_TYPED],
@@ -100,7 +102,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
             at: 0,
             run: None,
             ahead: Ahead::Free,
-            inspection: inspection.map_err(|_| law::Refusal::Limits)?,
+            inspection: inspection.map_err(|_| law::Infeasible::Limits)?,
             dropping: false,
             setpoint: Setpoint::rest(&rest),
             typed: Typed::ZERO,
@@ -113,7 +115,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     pub fn begin(
         &mut self,
         plan: &mut Plan<N, A>,
-        start: &Vector<N>,
+        start: &JointVector<N>,
         tick_s: f64,
         last: Option<TypedMove>,
     ) {
@@ -171,7 +173,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
                 self.drop_path();
             }
             if self.waiting == MAX_TYPED {
-                self.refuse(word.sequence, &Why::Planned(law::Refusal::Limits));
+                self.refuse(word.sequence, &Why::Planned(law::Infeasible::Limits));
                 return;
             }
             self.queue[self.waiting] = Waiting { step, sequence: word.sequence };
@@ -233,12 +235,12 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
             Ahead::Looking(join) => {
                 let route = self.hands[1 - self.at].route();
                 match self.inspection.advance(LOOKED_A_JOB, route, &plan.terms) {
-                    Verdict::Open => {}
-                    Verdict::Refused(why) => {
+                    FeasibilityStatus::InProgress => {}
+                    FeasibilityStatus::Infeasible(why) => {
                         let sequence = self.queue[0].sequence;
                         self.refuse(sequence, &Why::Cannot(why));
                     }
-                    Verdict::Passed => self.passed(plan, join),
+                    FeasibilityStatus::Feasible => self.passed(plan, join),
                 }
             }
         }
@@ -256,31 +258,32 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
             match free.go_on(arm, step, pace) {
                 Ok(()) => {
                     let lead = match running.route() {
-                        Route::Joints(path) => {
+                        PathRef::Joint(path) => {
                             let at = path.at(from_s);
-                            Lead::moving(arm, &at.q, &at.qd, from_s)
+                            PathTracker::with_velocity(arm, &at.q, &at.qd, from_s)
                         }
-                        Route::Tool(_) => run.lead,
+                        PathRef::Cartesian(_) => run.lead,
                     };
-                    let looking = Inspection::onward(free.route(), &lead, from_s, terms);
+                    let looking = FeasibilityCheck::remaining(free.route(), &lead, from_s, terms);
                     self.inspection = looking.map_err(Why::Cannot)?;
                     return Ok(Join::Through);
                 }
                 // A full path, or a corner too sharp to be taken without a stop.
-                Err(law::Refusal::Limits) => {}
+                Err(law::Infeasible::Limits) => {}
                 Err(why) => return Err(Why::Planned(why)),
             }
         }
         let start = self.run.map_or(self.setpoint.q, |run| run.end);
         free.begin(arm, &start, core::slice::from_ref(step), 0, pace).map_err(Why::Planned)?;
         free.lay(arm, core::slice::from_ref(step), pace).map_err(Why::Planned)?;
-        self.inspection = Inspection::new(free.route(), &start, terms).map_err(Why::Cannot)?;
+        self.inspection =
+            FeasibilityCheck::new(free.route(), &start, terms).map_err(Why::Cannot)?;
         Ok(Join::AtRest)
     }
 
     /// The move at the front was found good: joins it, if there still is time.
     fn passed(&mut self, plan: &Plan<N, A>, join: Join) {
-        let preview = *self.inspection.preview();
+        let preview = *self.inspection.report();
         let stop_tau_s = stop_tau_s(plan, &preview);
         let begun = self.run.map_or(0.0, |run| run.clock.t_s());
         match (join, &mut self.run) {
@@ -291,7 +294,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
                     self.ahead = Ahead::Free;
                     return;
                 }
-                run.end = preview.end;
+                run.end = preview.end_q;
                 run.stop_tau_s = run.stop_tau_s.max(stop_tau_s);
                 self.at = 1 - self.at;
                 self.ahead = Ahead::Free;
@@ -302,7 +305,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
             }
             (Join::AtRest, _) => {
                 let start = self.run.map_or(self.setpoint.q, |run| run.end);
-                self.ahead = Ahead::Good { start, end: preview.end, stop_tau_s };
+                self.ahead = Ahead::Good { start, end: preview.end_q, stop_tau_s };
             }
         }
         self.check = MoveCheck { verdict: 2, moves: 1, singular: [1.0; 3], ..MoveCheck::ZERO };
@@ -327,22 +330,23 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         run.clock.advance(dt_s, run.stop_tau_s.max(tau_s));
         let (t_s, stands) = (run.clock.t_s(), run.clock.is_at_rest());
         let route = self.hands[self.at].route();
-        let Led { at, over, still, .. } = match run.lead.step(&plan.arm, route, t_s, dt_s) {
-            Ok(led) => led,
-            Err(why) => {
-                self.run = None;
-                let lost = Why::Cannot(Refusal::Lost { why, t_s });
-                self.refuse(self.typed.taken, &lost);
-                return None;
-            }
-        };
+        let TrackerStep { setpoint: at, is_finished: over, can_stop: still, .. } =
+            match run.lead.step(&plan.arm, route, t_s, dt_s) {
+                Ok(led) => led,
+                Err(why) => {
+                    self.run = None;
+                    let lost = Why::Cannot(Infeasible::NotFollowed { error: why, t_s });
+                    self.refuse(self.typed.taken, &lost);
+                    return None;
+                }
+            };
         self.setpoint = match route {
-            Route::Joints(_) if stands => Setpoint::rest(&at.q),
-            Route::Joints(_) => run.clock.paced(&at),
-            Route::Tool(_) => at,
+            PathRef::Joint(_) if stands => Setpoint::rest(&at.q),
+            PathRef::Joint(_) => run.clock.paced(&at),
+            PathRef::Cartesian(_) => at,
         };
         // Past a singularity the joints may have to come to rest after the path's time has.
-        let given_up = stands && (still || run.lead.late_s() > SETTLE_S);
+        let given_up = stands && (still || run.lead.settling_s() > SETTLING_TIME_MAX_S);
         if over || (self.dropping && given_up) {
             self.run = None;
             self.dropping = false;
@@ -357,13 +361,16 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         if (start - self.setpoint.q).amax() > SAME_RAD {
             // The arm came to rest elsewhere: a pause, or a singularity, on the way.
             self.run = None;
-            self.refuse(self.typed.judged, &Why::Cannot(Refusal::Start { off: 0.0 }));
+            self.refuse(
+                self.typed.judged,
+                &Why::Cannot(Infeasible::StartMismatch { distance: 0.0 }),
+            );
             return;
         }
         self.at = 1 - self.at;
         self.run = Some(Run {
             clock: Clock::new(self.typed.paused == 0),
-            lead: Lead::new(&plan.arm, &self.setpoint.q),
+            lead: PathTracker::new(&plan.arm, &self.setpoint.q),
             end,
             stop_tau_s,
         });
@@ -382,15 +389,15 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         hash.add(&self.run.is_some());
         if let Some(run) = &self.run {
             hash.add(&run.clock).add(run.lead.joints().as_slice()).add(run.end.as_slice());
-            if run.lead.late_s() > 0.0 {
-                hash.add(&run.lead.late_s());
+            if run.lead.settling_s() > 0.0 {
+                hash.add(&run.lead.settling_s());
             }
         }
         match &self.ahead {
             Ahead::Free => hash.word(0),
             Ahead::Looking(join) => {
                 hash.word(1 + u64::from(*join == Join::AtRest));
-                hash.add(self.inspection.preview().end.as_slice())
+                hash.add(self.inspection.report().end_q.as_slice())
             }
             Ahead::Good { end, .. } => hash.word(3).add(end.as_slice()),
         };
@@ -407,7 +414,7 @@ fn two<const N: usize>(hands: &mut [Leg<N>; 2], at: usize) -> (&Leg<N>, &mut Leg
 /// begins, for joints; from here on, for the tool, whose joints depend on the way. `None` when
 /// there is no time left for one, or the tool's path is not run at its own pace.
 fn joint<const N: usize, A: Arm<N>>(
-    route: Route<'_, N>,
+    route: PathRef<'_, N>,
     run: &Run<N, A>,
     tau_s: f64,
 ) -> Option<f64> {
@@ -415,16 +422,16 @@ fn joint<const N: usize, A: Arm<N>>(
     let t_s = run.clock.t_s();
     match route {
         _ if t_s >= corner_s => None,
-        Route::Joints(_) => Some(corner_s),
-        Route::Tool(_) => run.clock.is_running().then_some(t_s),
+        PathRef::Joint(_) => Some(corner_s),
+        PathRef::Cartesian(_) => run.clock.is_running().then_some(t_s),
     }
 }
 
 /// Half the time of a pause that every joint can bear at the largest speed of a leg.
-fn stop_tau_s<const N: usize, A: Arm<N>>(plan: &Plan<N, A>, preview: &Preview<N>) -> f64 {
+fn stop_tau_s<const N: usize, A: Arm<N>>(plan: &Plan<N, A>, preview: &FeasibilityReport<N>) -> f64 {
     let Plan { arm, .. } = plan;
     let shortest = (0..N).map(|joint| {
-        let speed = preview.speed[joint].value * arm.speed_max()[joint];
+        let speed = preview.speed_ratio[joint].value * arm.speed_max()[joint];
         STOP_SHARE * speed / arm.acceleration_max()[joint]
     });
     shortest.fold(0.0, f64::max)

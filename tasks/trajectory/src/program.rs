@@ -3,13 +3,16 @@
 //! than its neighbours, however long the queue. Refuses to move before the last leg was looked at,
 //! and to go on where the arm cannot follow.
 
-use taktil_mechanics::arm::{Arm, Lost};
-use taktil_mechanics::chain::Vector;
-use taktil_mechanics::lead::{Lead, Route};
+use taktil_mechanics::arm::{Arm, FollowError};
+use taktil_mechanics::feasibility::{
+    Extremum, FeasibilityCheck, FeasibilityCriteria, FeasibilityReport, FeasibilityStatus,
+    Infeasible,
+};
 use taktil_mechanics::paul::Setpoint;
-use taktil_mechanics::preview::{Inspection, Peak, Preview, Refusal, Terms, Verdict};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
+use taktil_mechanics::tracking::{PathRef, PathTracker};
 use taktil_rtcore::{Payload, StateHash};
 use taktil_signal::MoveCheck;
 
@@ -28,19 +31,19 @@ pub struct Plan<const N: usize = 6, A: Arm<N> = Puma260> {
     pub(crate) arm: A,
     steps: Vec<Step<N>>,
     pub(crate) pace: Pace,
-    pub(crate) terms: Terms<N, A>,
+    pub(crate) terms: FeasibilityCriteria<N, A>,
 }
 
 impl<const N: usize, A: Arm<N>> Plan<N, A> {
     /// The plan of a checked queue, looked at every `tick_s` (s).
     #[must_use]
     pub fn new(config: &Config, robot: &Robot<N, A>, steps: Vec<Step<N>>) -> Plan<N, A> {
-        let terms = Terms {
+        let terms = FeasibilityCriteria {
             arm: robot.arm,
-            dynamics: robot.links.clone(),
+            dynamics: robot.dynamics.clone(),
             torque_max_nm: robot.torque_max_nm,
-            off_max_m: config.off_path_mm * 1e-3,
-            off_max_rad: config.off_path_deg.to_radians(),
+            position_error_max_m: config.off_path_mm * 1e-3,
+            orientation_error_max_rad: config.off_path_deg.to_radians(),
             // The lane's period; known with the first job.
             tick_s: 0.0,
         };
@@ -54,7 +57,7 @@ struct Begin<const N: usize> {
     /// Number of its first step.
     step: usize,
     /// Joints (rad).
-    q: Vector<N>,
+    q: JointVector<N>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -80,10 +83,10 @@ pub struct Program<const N: usize = 6, A: Arm<N> = Puma260> {
     /// The leg at hand, and the one that is laid while it is run.
     hands: [Leg<N>; 2],
     stage: Stage,
-    inspection: Inspection<N, A>,
-    lead: Lead<N, A>,
+    inspection: FeasibilityCheck<N, A>,
+    lead: PathTracker<N, A>,
     /// Where the arm is wanted now (rad).
-    q: Vector<N>,
+    q: JointVector<N>,
     check: MoveCheck,
     /// Whether the arm is to stand on its path.
     paused: bool,
@@ -105,20 +108,20 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     ///
     /// # Errors
     /// A pace that allows no path at all.
-    pub fn room(plan: &Plan<N, A>) -> Result<Program<N, A>, law::Refusal> {
-        let q = Vector::zeros();
+    pub fn room(plan: &Plan<N, A>) -> Result<Program<N, A>, law::Infeasible> {
+        let q = JointVector::zeros();
         let hand = || Leg::room(&plan.arm, &plan.pace);
         let hands = [hand()?, hand()?];
-        let terms = Terms { tick_s: 1.0, ..plan.terms.clone() };
-        let inspection = Inspection::new(hands[0].route(), &q, &terms);
+        let terms = FeasibilityCriteria { tick_s: 1.0, ..plan.terms.clone() };
+        let inspection = FeasibilityCheck::new(hands[0].route(), &q, &terms);
         Ok(Program {
             begins: [Begin { step: 0, q }; MAX_MOVES + 1],
             legs: 0,
             leg: 0,
             hands,
             stage: Stage::Laying,
-            inspection: inspection.map_err(|_| law::Refusal::Limits)?,
-            lead: Lead::new(&plan.arm, &q),
+            inspection: inspection.map_err(|_| law::Infeasible::Limits)?,
+            lead: PathTracker::new(&plan.arm, &q),
             q,
             check: MoveCheck::ZERO,
             paused: false,
@@ -133,7 +136,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     pub fn begin(
         &mut self,
         plan: &mut Plan<N, A>,
-        start: &Vector<N>,
+        start: &JointVector<N>,
         tick_s: f64,
     ) -> Result<(), MoveCheck> {
         plan.terms.tick_s = tick_s;
@@ -166,14 +169,14 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         }
         match &self.stage {
             Stage::Laying => hash.word(0),
-            Stage::Looking => hash.word(1).add(self.inspection.preview().end.as_slice()),
+            Stage::Looking => hash.word(1).add(self.inspection.report().end_q.as_slice()),
             Stage::Returning => hash.word(2),
             Stage::Running { since, last } => {
                 hash.word(3).add(self.lead.joints().as_slice()).add(since).add(last)
             }
         };
-        if self.lead.late_s() > 0.0 {
-            hash.add(&self.lead.late_s());
+        if self.lead.settling_s() > 0.0 {
+            hash.add(&self.lead.settling_s());
         }
     }
 
@@ -199,7 +202,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     }
 
     /// The leg after those looked at begins with `step` at `q`.
-    fn begin_leg(&mut self, plan: &Plan<N, A>, step: usize, q: Vector<N>) -> Result<(), Why> {
+    fn begin_leg(&mut self, plan: &Plan<N, A>, step: usize, q: JointVector<N>) -> Result<(), Why> {
         self.begins[self.legs] = Begin { step, q };
         self.stage = Stage::Laying;
         self.hands[0].begin(&plan.arm, &q, &plan.steps, step, &plan.pace).map_err(Why::Planned)
@@ -212,7 +215,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         let at_begin = |why| (begin.step, why);
         hand.lay(&plan.arm, &plan.steps, &plan.pace).map_err(|why| at_begin(Why::Planned(why)))?;
         if hand.is_whole() {
-            self.inspection = Inspection::new(hand.route(), &begin.q, &plan.terms)
+            self.inspection = FeasibilityCheck::new(hand.route(), &begin.q, &plan.terms)
                 .map_err(|why| at_begin(Why::Cannot(why)))?;
             self.stage = Stage::Looking;
         }
@@ -223,14 +226,16 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     fn look(&mut self, plan: &Plan<N, A>, tick: u64) -> Result<(), (usize, Why)> {
         let hand = &self.hands[0];
         match self.inspection.advance(LOOKED_A_JOB, hand.route(), &plan.terms) {
-            Verdict::Open => return Ok(()),
+            FeasibilityStatus::InProgress => return Ok(()),
             // The move at hand is known to its leg only; a leg of one move is named exactly.
-            Verdict::Refused(why) => return Err((self.begins[self.legs].step, Why::Cannot(why))),
-            Verdict::Passed => {}
+            FeasibilityStatus::Infeasible(why) => {
+                return Err((self.begins[self.legs].step, Why::Cannot(why)));
+            }
+            FeasibilityStatus::Feasible => {}
         }
-        let preview = self.inspection.preview();
+        let preview = self.inspection.report();
         note(&mut self.check, preview);
-        let (next, end) = (hand.next_step(), preview.end);
+        let (next, end) = (hand.next_step(), preview.end_q);
         self.check.moves = next as u32;
         self.legs += 1;
         if next < plan.steps.len() {
@@ -272,7 +277,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     /// Starts the leg at hand in this job.
     fn start(&mut self, plan: &Plan<N, A>, tick: u64) {
         let begin = &self.begins[self.leg];
-        self.lead = Lead::new(&plan.arm, &begin.q);
+        self.lead = PathTracker::new(&plan.arm, &begin.q);
         self.q = begin.q;
         self.stage = Stage::Running { since: tick, last: tick };
         self.clock = self.paused.then(|| Clock::new(false));
@@ -317,7 +322,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
             Ok(None) => (Setpoint::rest(&self.q), false),
             Ok(Some(led)) => led,
             Err(why) => {
-                let lost = Why::Cannot(Refusal::Lost { why, t_s });
+                let lost = Why::Cannot(Infeasible::NotFollowed { error: why, t_s });
                 return self.refuse(self.begins[self.leg].step, &lost);
             }
         };
@@ -343,15 +348,15 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         plan: &Plan<N, A>,
         t_s: f64,
         ticks: u64,
-    ) -> Result<(Setpoint<N>, bool), Lost> {
+    ) -> Result<(Setpoint<N>, bool), FollowError> {
         let route = self.hands[self.leg % 2].route();
         let dt_s = seconds(ticks, plan.terms.tick_s);
         let led = self.lead.step(&plan.arm, route, t_s, dt_s)?;
         let at = match (route, &self.clock) {
-            (Route::Joints(_), Some(clock)) => clock.paced(&led.at),
-            _ => led.at,
+            (PathRef::Joint(_), Some(clock)) => clock.paced(&led.setpoint),
+            _ => led.setpoint,
         };
-        Ok((at, led.over))
+        Ok((at, led.is_finished))
     }
 
     fn refuse(&mut self, step: usize, why: &Why) -> Outcome<N> {
@@ -362,8 +367,8 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
 
 /// Why a queue is refused.
 pub(crate) enum Why {
-    Planned(law::Refusal),
-    Cannot(Refusal),
+    Planned(law::Infeasible),
+    Cannot(Infeasible),
 }
 
 #[expect(clippy::cast_precision_loss, reason = "jobs of a run stay far below 2^53")]
@@ -371,34 +376,36 @@ fn seconds(ticks: u64, tick_s: f64) -> f64 {
     ticks as f64 * tick_s
 }
 
-pub(crate) fn note<const N: usize>(check: &mut MoveCheck, preview: &Preview<N>) {
-    let most = |peaks: &[Peak; N]| peaks.iter().fold(0.0, |most: f64, peak| most.max(peak.value));
+pub(crate) fn note<const N: usize>(check: &mut MoveCheck, preview: &FeasibilityReport<N>) {
+    let most =
+        |peaks: &[Extremum; N]| peaks.iter().fold(0.0, |most: f64, peak| most.max(peak.value));
     check.duration_s += preview.duration_s;
-    check.speed_share = check.speed_share.max(most(&preview.speed));
-    check.torque_share = check.torque_share.max(most(&preview.torque));
-    check.off_path_m = check.off_path_m.max(preview.off_m.value);
-    check.off_path_rad = check.off_path_rad.max(preview.off_rad.value);
-    for (least, peak) in check.singular.iter_mut().zip(&preview.singular) {
+    check.speed_share = check.speed_share.max(most(&preview.speed_ratio));
+    check.torque_share = check.torque_share.max(most(&preview.torque_ratio));
+    check.off_path_m = check.off_path_m.max(preview.position_error_m.value);
+    check.off_path_rad = check.off_path_rad.max(preview.orientation_error_rad.value);
+    for (least, peak) in check.singular.iter_mut().zip(&preview.singularity) {
         *least = least.min(peak.value);
     }
 }
 
 pub(crate) fn refused(check: MoveCheck, step: usize, why: &Why) -> MoveCheck {
     let (moves, reason, joint, t_s, ratio) = match why {
-        Why::Planned(law::Refusal::Unreachable { index }) => (index + 1, 2, 0, 0.0, 0.0),
-        Why::Planned(law::Refusal::Limits) | Why::Cannot(Refusal::Start { .. } | Refusal::Tick) => {
+        Why::Planned(law::Infeasible::Unreachable { index }) => (index + 1, 2, 0, 0.0, 0.0),
+        Why::Planned(law::Infeasible::Limits)
+        | Why::Cannot(Infeasible::StartMismatch { .. } | Infeasible::InvalidTick) => {
             (step + 1, 6, 0, 0.0, 0.0)
         }
-        Why::Cannot(Refusal::Lost { why, t_s }) => match why {
-            Lost::Limit { joint } => (step + 1, 1, joint + 1, *t_s, 0.0),
-            Lost::TooFast { joint, ratio } => (step + 1, 3, joint + 1, *t_s, *ratio),
-            Lost::Behind { joint } => (step + 1, 7, joint + 1, *t_s, 0.0),
+        Why::Cannot(Infeasible::NotFollowed { error: why, t_s }) => match why {
+            FollowError::JointLimit { joint } => (step + 1, 1, joint + 1, *t_s, 0.0),
+            FollowError::SpeedLimit { joint, ratio } => (step + 1, 3, joint + 1, *t_s, *ratio),
+            FollowError::NotSettled { joint } => (step + 1, 7, joint + 1, *t_s, 0.0),
             _ => (step + 1, 2, 0, *t_s, 0.0),
         },
-        Why::Cannot(Refusal::Torque { joint, ratio, t_s }) => {
+        Why::Cannot(Infeasible::Torque { joint, ratio, t_s }) => {
             (step + 1, 4, joint + 1, *t_s, *ratio)
         }
-        Why::Cannot(Refusal::Off { t_s, .. }) => (step + 1, 5, 0, *t_s, 0.0),
+        Why::Cannot(Infeasible::PathDeviation { t_s, .. }) => (step + 1, 5, 0, *t_s, 0.0),
         Why::Cannot(_) => (step + 1, 6, 0, 0.0, 0.0),
     };
     #[expect(clippy::cast_possible_truncation, reason = "moves and joints are few")]

@@ -2,7 +2,7 @@
 //! the way back, what is no move.
 
 use taktil_mechanics::Pose;
-use taktil_mechanics::chain::Vector;
+use taktil_mechanics::spatial::JointVector;
 use taktil_signal::{MoveKind, TypedMove};
 
 use crate::config::{Goal, Step};
@@ -55,7 +55,7 @@ pub fn is_move(word: &TypedMove) -> bool {
 pub fn decode<const N: usize>(word: &TypedMove) -> Option<Step<N>> {
     let v = &word.values;
     let goal = match MoveKind::from_code(word.kind)? {
-        MoveKind::Joints => Goal::Joints(Vector::from_fn(|i, _| v[i])),
+        MoveKind::Joints => Goal::Joints(JointVector::from_fn(|i, _| v[i])),
         MoveKind::Tool => {
             let rows = [v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8]];
             Goal::Tool(Pose::from_rows(&rows, &[v[9], v[10], v[11]]))

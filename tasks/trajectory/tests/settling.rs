@@ -4,10 +4,10 @@
 use glam::DVec3;
 use taktil_mechanics::Joints;
 use taktil_mechanics::Pose;
-use taktil_mechanics::lead::{REST_TOLERANCE, SETTLE_S};
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
-use taktil_mechanics::spatial::{rotation_of, rotation_vector};
+use taktil_mechanics::spatial::{rotation_from_vector, rotation_vector};
+use taktil_mechanics::tracking::{GOAL_TOLERANCE_M_RAD, SETTLING_TIME_MAX_S};
 use taktil_rtcore::Payload;
 use taktil_signal::{MoveCheck, MoveKind, TypedMove};
 use taktil_tasks_trajectory::config::{Goal, Step};
@@ -45,7 +45,7 @@ fn draw(dice: &mut Dice, arm: &Puma260) -> Line {
     let here = arm.tool_pose(&start);
     let mut part = |size: f64| DVec3::from_array([(); 3].map(|()| dice.between(-size, size)));
     let (way, turn) = (part(0.05), part(0.6));
-    let goal = Pose::new(rotation_of(turn) * here.rotation, here.translation + way);
+    let goal = Pose::new(rotation_from_vector(turn) * here.rotation, here.translation + way);
     Line { start, goal, t_s: dice.between(0.3, 2.0) }
 }
 
@@ -118,14 +118,14 @@ fn every_line_that_is_granted_ends_on_its_goal() {
         within_speed(&arm, &q);
         let (off_m, off_rad) = off(&arm, q.last().unwrap(), &line.goal);
         assert!(
-            off_m.max(off_rad) < REST_TOLERANCE,
+            off_m.max(off_rad) < GOAL_TOLERANCE_M_RAD,
             "{number}: {off_m} m, {off_rad} rad: {line:?}"
         );
         // In the time that the check stated, to a tick.
         let took_s = (q.len() - 1) as f64 * TICK_S;
         assert!((took_s - check.duration_s).abs() < 1.01 * TICK_S, "{number}: {took_s} {check:?}");
         let late_s = check.duration_s - line.t_s - 0.2;
-        assert!(late_s < SETTLE_S, "{number}: {check:?}");
+        assert!(late_s < SETTLING_TIME_MAX_S, "{number}: {check:?}");
         if late_s > TICK_S {
             settled += 1;
             assert!(check.off_path_rad > 0.0, "{number}: {check:?}");
@@ -140,7 +140,7 @@ fn passing(arm: &Puma260) -> Line {
     let start = Joints::from([-10.0, 30.0, -150.0, 50.0, 30.0, -10.0].map(f64::to_radians));
     let here = arm.tool_pose(&start);
     let goal = Pose::new(
-        rotation_of(DVec3::new(0.3, 0.0, 0.0)) * here.rotation,
+        rotation_from_vector(DVec3::new(0.3, 0.0, 0.0)) * here.rotation,
         here.translation + DVec3::new(0.02, 0.01, 0.03),
     );
     Line { start, goal, t_s: 0.4 }
@@ -164,7 +164,7 @@ fn a_line_whose_joints_are_behind_at_its_end_is_led_on_to_the_goal() {
     assert!(behind.0 > 4e-3 && behind.1 > 0.02, "where the path ends: {behind:?}");
     let on_goal = |q: &Joints| {
         let (off_m, off_rad) = off(&arm, q, &line.goal);
-        off_m.max(off_rad) < REST_TOLERANCE
+        off_m.max(off_rad) < GOAL_TOLERANCE_M_RAD
     };
     let at = (PASSING..q.len()).find(|&tick| on_goal(&q[tick])).expect("it gets there");
     let late_s = (at - PASSING) as f64 * TICK_S;
@@ -210,7 +210,7 @@ fn a_typed_line_is_led_on_too_and_a_pause_on_the_way_stops_no_joint_at_once() {
         within_speed(&arm, &q);
         let on_goal = |q: &Joints| {
             let (off_m, off_rad) = off(&arm, q, &line.goal);
-            off_m.max(off_rad) < REST_TOLERANCE
+            off_m.max(off_rad) < GOAL_TOLERANCE_M_RAD
         };
         assert!(q.iter().any(on_goal), "pause {pause}: it was on its goal");
         assert_eq!((online.typed().judged, online.typed().refused), (4, 0), "pause {pause}");

@@ -11,7 +11,7 @@ use law::{Baseline, Calibration};
 use serde::Deserialize;
 use taktil_hal::{AXES, ForceTorque, Kind};
 use taktil_mechanics::Joints;
-use taktil_mechanics::spatial::split;
+use taktil_mechanics::spatial::linear_and_angular;
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
 use taktil_signal::Wrench;
 
@@ -131,7 +131,7 @@ impl Task for WristScan {
         let ready = self.baseline.ready();
         let above = Joints::from_fn(|i, _| f64::from(codes[i])) - self.baseline.codes();
         let wrench = if ready { self.calibration.wrench(&above) } else { Joints::zeros() };
-        let (force, moment) = split(&wrench);
+        let (force, moment) = linear_and_angular(&wrench);
         let out = Wrench {
             acquired_ns: reading.acquired.0,
             force_n: force.to_array(),

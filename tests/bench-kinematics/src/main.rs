@@ -14,9 +14,9 @@ use anyhow::{Context, Result, bail, ensure};
 use glam::DVec3;
 use peer::Peer;
 use rs_opw_kinematics::kinematic_traits::Kinematics;
-use taktil_mechanics::chain::{Chain, Dh, JointSpec};
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::chain::{Chain, DhRow, JointSpec};
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::{Joints, Pose};
 
 /// Joint vectors of a slice.
@@ -74,7 +74,7 @@ fn chain() -> Result<Chain<6>> {
     let rows = rows(&arm).map(|(a_m, d_m, alpha_rad)| {
         let body = *bodies.next().unwrap_or(&dynamics.bodies()[5]);
         let spec = JointSpec { body, ..JointSpec::default() };
-        Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
+        DhRow { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
     });
     let tool = DVec3::new(0.0, 0.0, arm.tool_z_m);
     Ok(Chain::from_dh(&rows, &Pose::new(Pose::IDENTITY.rotation, tool))?)
@@ -127,7 +127,7 @@ impl Bench {
             (
                 "inverse",
                 clock(&self.poses, |(pose, q)| {
-                    black_box(arm.inverse(pose, Some(q)));
+                    black_box(arm.inverse_kinematics(pose, Some(q)));
                 }),
             ),
             (
@@ -145,7 +145,7 @@ impl Bench {
             (
                 "rnea",
                 clock(&self.samples, |s| {
-                    black_box(dynamics.inverse(&s.q, &s.qd, &s.qdd));
+                    black_box(dynamics.inverse_dynamics(&s.q, &s.qd, &s.qdd));
                 }),
             ),
         ];
@@ -177,7 +177,7 @@ impl Bench {
         let wrist = chain.spherical_wrist().context("the arm is not recognised")?;
         let tools: Vec<_> = self.poses.iter().map(|(_, q)| (arm.tool_pose(q), *q)).collect();
         let ns = clock(&tools, |(pose, q)| {
-            black_box(wrist.inverse(pose, Some(q)));
+            black_box(wrist.inverse_kinematics(pose, Some(q)));
         });
         self.note("inverse", CHAIN, ns);
         let ns = clock(&self.samples, |s| {
@@ -223,7 +223,7 @@ impl Bench {
                 ensure!(answer.len() == 54, "{name} gives {} numbers", answer.len());
                 let tool = arm.tool_pose(&sample.q);
                 let jacobian = arm.jacobian_tool(&sample.q).transpose();
-                let tau = dynamics.inverse(&sample.q, &sample.qd, &sample.qdd);
+                let tau = dynamics.inverse_dynamics(&sample.q, &sample.qd, &sample.qdd);
                 let place = tool.translation.to_array();
                 let pose = tool.rotation_rows().into_iter().chain(place);
                 let ours = pose.chain(jacobian.iter().copied()).chain(tau.iter().copied());
@@ -253,7 +253,7 @@ impl Bench {
                 let place = (got.translation - pose.translation).length();
                 off.iter().fold(place, |most, x| most.max(x.abs()))
             };
-            let branches = arm.inverse(pose, Some(q));
+            let branches = arm.inverse_kinematics(pose, Some(q));
             few += usize::from(branches.len() != 8);
             ours = branches.iter().fold(ours, |m, b| m.max(entries(&arm.wrist_pose(&b.q))));
             let target = opw::pose(pose);

@@ -4,7 +4,8 @@
 use anyhow::{Context, anyhow};
 use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, Nanos};
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::{Dynamics, Friction};
+use taktil_mechanics::friction::Friction;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::{Timing, World, WorldConfig, build};
@@ -70,12 +71,12 @@ impl SimulatedServo {
         let counts = self.devices.encoders.sample(now)?.value;
         let read = gears.joints(&core::array::from_fn(|i| counts[i].0 + self.zero[i]));
         let torque = self.law.torque_nm(&(q - read), dt_s).context("the law gave no number")?
-            + Dynamics::reference().gravity(q)
+            + Dynamics::reference().gravity_torque(q)
             + self.ahead.torque_nm(q, qd, dt_s);
         let (drive, motor) = (Drive::reference(), gears.motor_torque(&torque));
         let mut codes = [DacCode(0); CHANNELS];
         for i in 0..6 {
-            codes[i] = DacCode(drive.code(motor[i], i));
+            codes[i] = DacCode(drive.dac_code(motor[i], i));
         }
         let watchdog_feed = self.tick % 2 == 0;
         let lines = LinesOut { enable: true, brake_release: true, watchdog_feed };

@@ -7,9 +7,10 @@ use std::sync::LazyLock;
 use libfuzzer_sys::fuzz_target;
 use nalgebra::Vector6;
 use taktil_fuzz::{Numbers, finite, rigid};
-use taktil_mechanics::arm::{Arm, Follow};
-use taktil_mechanics::chain::{Chain, Effort, Vector};
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::arm::{Arm, PathFollower};
+use taktil_mechanics::chain::{Chain, SearchBudget};
+use taktil_mechanics::spatial::JointVector;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::{Joints, Pose, dls};
 
@@ -43,8 +44,8 @@ fn puma(n: &mut Numbers<'_>) {
     rigid("tool pose", &arm.tool_pose(&q));
     finite("jacobian", arm.jacobian_base(&q).iter());
     finite("tool jacobian", arm.jacobian_tool(&q).iter());
-    finite("determinant", &[arm.determinant(&q), arm.singular_distance(&q).smallest()]);
-    let branches = arm.inverse(&wrist, Some(&before));
+    finite("determinant", &[arm.jacobian_determinant(&q), arm.singularity_distance(&q).smallest()]);
+    let branches = arm.inverse_kinematics(&wrist, Some(&before));
     assert!(
         matches!(branches.len(), 4 | 8),
         "{} branches of a pose that is reached",
@@ -67,13 +68,13 @@ fn puma(n: &mut Numbers<'_>) {
     }
     let dynamics = Dynamics::reference();
     let (qd, qdd) = (n.vector::<6>(MOTION_MAX), n.vector::<6>(MOTION_MAX));
-    finite("torque", dynamics.inverse(&q, &qd, &qdd).iter());
+    finite("torque", dynamics.inverse_dynamics(&q, &qd, &qdd).iter());
     finite("mass matrix", dynamics.mass_matrix(&q).iter());
     let twist = Vector6::from(n.vector::<6>(1e100));
     let rates = dls::damped_least_squares(&arm.jacobian_base(&q), &twist, n.number(1e3));
     if let Some(rates) = rates {
         finite("rates", rates.iter());
-        finite("limited", dls::limit_speed(&rates, &arm.speed_max_rad_s).0.iter());
+        finite("limited", dls::scale_to_speed_limits(&rates, &arm.speed_max_rad_s).0.iter());
     }
 }
 
@@ -82,10 +83,10 @@ fn any_pose(n: &mut Numbers<'_>) {
     let arm = Puma260::reference();
     let pose = n.pose(1e300);
     let before = n.vector::<6>(1e300);
-    for branch in &arm.inverse(&pose, Some(&before)) {
+    for branch in &arm.inverse_kinematics(&pose, Some(&before)) {
         finite("branch", branch.q.iter());
     }
-    for q in [arm.reach(&pose, &before), Arm::reach(&*SIX, &pose, &before)].into_iter().flatten() {
+    for q in [arm.inverse_kinematics_near(&pose, &before), Arm::inverse_kinematics_near(&*SIX, &pose, &before)].into_iter().flatten() {
         finite("reached", q.iter());
     }
 }
@@ -99,12 +100,12 @@ fn any_chain<const N: usize>(chain: &Chain<N>, n: &mut Numbers<'_>) {
     let (qd, qdd) = (n.vector::<N>(MOTION_MAX), n.vector::<N>(MOTION_MAX));
     finite("chain's torque", chain.inverse_dynamics(&q, &qd, &qdd).iter());
     finite("chain's mass matrix", chain.mass_matrix(&q).iter());
-    let (rates, lost) = chain.rates(&q, &Vector6::from(n.vector::<6>(1e100)), n.number(1e300));
+    let (rates, lost) = chain.resolved_rates(&q, &Vector6::from(n.vector::<6>(1e100)), n.number(1e300));
     finite("chain's rates", rates.iter());
     finite("lost", lost.iter());
-    let effort = Effort { starts: 2, ..Effort::default() };
-    let before: Vector<N> = n.vector::<N>(ANGLE_MAX);
-    match chain.search(&pose, &before, &effort) {
+    let effort = SearchBudget { starts: 2, ..SearchBudget::default() };
+    let before: JointVector<N> = n.vector::<N>(ANGLE_MAX);
+    match chain.inverse_kinematics(&pose, &before, &effort) {
         Ok(found) => {
             assert!(chain.within_limits(&found.q), "{:?}", found.q);
             assert!(pose_error(&chain.tool_pose(&found.q), &pose) < 1e-8);
@@ -114,7 +115,7 @@ fn any_chain<const N: usize>(chain: &Chain<N>, n: &mut Numbers<'_>) {
     if let Some(wrist) = chain.spherical_wrist()
         && let Ok(six) = <[f64; 6]>::try_from(before.as_slice())
     {
-        for branch in &wrist.inverse(&pose, Some(&Joints::from(six))) {
+        for branch in &wrist.inverse_kinematics(&pose, Some(&Joints::from(six))) {
             finite("chain's branch", branch.q.iter());
         }
     }
@@ -122,8 +123,8 @@ fn any_chain<const N: usize>(chain: &Chain<N>, n: &mut Numbers<'_>) {
 
 /// Follows a line between two poses from where the arm stands.
 fn follow<const N: usize, A: Arm<N>>(arm: &A, n: &mut Numbers<'_>) {
-    let inside = |q: Vector<N>| {
-        Vector::<N>::from_fn(|i, _| {
+    let inside = |q: JointVector<N>| {
+        JointVector::<N>::from_fn(|i, _| {
             let (low, high) = (arm.q_min()[i].max(-10.0), arm.q_max()[i].min(10.0));
             low + (q[i] / 4.0).rem_euclid(1.0) * (high - low)
         })
@@ -141,7 +142,7 @@ fn follow<const N: usize, A: Arm<N>>(arm: &A, n: &mut Numbers<'_>) {
         match follower.step(&tool, dt_s) {
             Ok(followed) => {
                 finite("followed", followed.q.iter());
-                finite("off", &[followed.off_m, followed.off_rad]);
+                finite("off", &[followed.position_error_m, followed.orientation_error_rad]);
                 assert!(arm.within_limits(&followed.q), "outside: {:?}", followed.q);
                 for i in 0..N {
                     let most = arm.speed_max()[i] * dt_s * (1.0 + 1e-6);

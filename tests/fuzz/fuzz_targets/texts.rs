@@ -11,7 +11,7 @@ use taktil_lab_command::keys::map::MapFile;
 use taktil_lab_scene::scene::Scene;
 use taktil_machine::operator::speech::{Meaning, order};
 use taktil_machine::source::Source;
-use taktil_mechanics::chain::Vector;
+use taktil_mechanics::spatial::JointVector;
 
 const MACHINE: &str = include_str!("../../../sim/scenes/machine/puma260.toml");
 const SCENE: &str = include_str!("../../../sim/scenes/hold.toml");
@@ -39,12 +39,12 @@ fn scene(scene: &str, machine: &str) {
 fn arm(text: &str) {
     let Ok(described) = taktil_machine::urdf::read(text, None) else { return };
     if let Ok(chain) = described.chain::<6>() {
-        let q = Vector::<6>::repeat(0.3);
+        let q = JointVector::<6>::repeat(0.3);
         rigid("pose", &chain.tool_pose(&q));
-        finite("gravity", chain.gravity(&q).iter());
+        finite("gravity", chain.gravity_torque(&q).iter());
     }
     if let Ok(chain) = described.chain::<7>() {
-        rigid("pose", &chain.tool_pose(&Vector::<7>::repeat(0.3)));
+        rigid("pose", &chain.tool_pose(&JointVector::<7>::repeat(0.3)));
     }
 }
 

@@ -6,7 +6,8 @@ use glam::DVec3;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::world::WorldTruth;
 use taktil_mechanics::Joints;
-use taktil_mechanics::dynamics::{Dynamics, Friction};
+use taktil_mechanics::friction::Friction;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::Nanos;
 use taktil_signal::{ControlState, State, Torque};
@@ -80,7 +81,7 @@ fn without_it_and_without_friction_the_droop_is_gravity_over_kp() {
     let (error, q) = mean_error(&kept);
     let dynamics = Dynamics::reference();
     let kp = stiffness(&scene);
-    let gravity = dynamics.gravity(&q);
+    let gravity = dynamics.gravity_torque(&q);
     let due = gravity.component_div(&kp);
     let mut loaded = 0;
     for joint in 0..6 {
@@ -105,7 +106,7 @@ fn without_it_friction_bears_a_part_of_the_load() {
     let dynamics = Dynamics::reference();
     let kp = stiffness(&scene);
     let band = Friction::reference().coulomb_nm;
-    let left = dynamics.gravity(&q) - kp.component_mul(&error);
+    let left = dynamics.gravity_torque(&q) - kp.component_mul(&error);
     for joint in 0..6 {
         // The 2 % is what rounding to encoder counts and D/A words may add.
         let most = band[joint] * 1.02;

@@ -135,7 +135,7 @@ fn encoder_both_ways() {
         })
         .collect();
     for (row, answer) in ask(&forth).iter().enumerate() {
-        let exact = gears.counts_f64(&Joints::from_column_slice(&table.numbers(row, "q1", 6)));
+        let exact = gears.exact_counts(&Joints::from_column_slice(&table.numbers(row, "q1", 6)));
         let pairs = flat(&answer["counts"]).into_iter().zip(table.numbers(row, "n1", 6));
         for (i, (got, want)) in pairs.enumerate() {
             let halfway = ((exact[i] - exact[i].floor()) - 0.5).abs() < 1e-6;

@@ -73,8 +73,8 @@ fn at(tick: u64, arm: &Puma260, q: &mut Joints) -> Moment {
     let (s, c) = libm::sincos(turn);
     let r = [-1.0, 0.0, 0.0, 0.0, c, s, 0.0, s, -c];
     let pose = arm.tool_to_wrist(&Pose::from_rows(&r, &[p_x, 0.02, p_z]));
-    let branches = arm.inverse(&pose, Some(q));
-    if let Some((_, next)) = arm.nearest(&branches, q) {
+    let branches = arm.inverse_kinematics(&pose, Some(q));
+    if let Some((_, next)) = arm.nearest_branch(&branches, q) {
         *q = next;
     }
     let mut joints = JointState::ZERO;

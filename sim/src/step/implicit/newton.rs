@@ -3,7 +3,7 @@
 //! what is there calls anything settled.
 
 use glam::DVec3;
-use taktil_mechanics::spatial::stack;
+use taktil_mechanics::spatial::spatial_vector;
 
 use super::{Ahead, Bench, Seen};
 use crate::contact::{Line, Tangent};
@@ -120,8 +120,8 @@ fn add_contact(
         lean[9..].copy_from_slice(&turn.to_array());
         if let Some((ahead, tool)) = finger {
             let lever = (line.foot - tool).cross(direction) + mean * turn;
-            let at_tool = ahead.jacobian.tr_mul(&stack(direction, lever));
-            let turned = ahead.jacobian.tr_mul(&stack(DVec3::ZERO, turn));
+            let at_tool = ahead.jacobian.tr_mul(&spatial_vector(direction, lever));
+            let turned = ahead.jacobian.tr_mul(&spatial_vector(DVec3::ZERO, turn));
             for i in 0..ahead.degrees {
                 (at_mean[i], lean[i]) = (-at_tool[i], -turned[i]);
             }

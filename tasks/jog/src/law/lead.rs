@@ -4,9 +4,9 @@
 //! tries again from there. What is given up is speed, never the line, a limit or an acceleration.
 
 use glam::DVec3;
-use taktil_mechanics::arm::{Arm, Follow, Lost};
-use taktil_mechanics::chain::Vector;
-use taktil_mechanics::spatial::rotation_of;
+use taktil_mechanics::arm::{Arm, FollowError, PathFollower};
+use taktil_mechanics::spatial::JointVector;
+use taktil_mechanics::spatial::rotation_from_vector;
 use taktil_mechanics::{Joints, Pose};
 use taktil_signal::{JogFrame, JogWhy};
 
@@ -46,7 +46,7 @@ struct Tried<const N: usize, F> {
     speed: Joints,
     follower: F,
     /// Speeds of the joints (rad/s).
-    qd: Vector<N>,
+    qd: JointVector<N>,
 }
 
 /// What is left of the tries on one way, and what the last one that failed failed for.
@@ -66,7 +66,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         let (mut obstacle, mut spent) = (None, 0);
         for (speed, wanted) in [(ramped, 1.0), (*before, share)] {
             if speed == Joints::zeros() {
-                if self.reachable(&Vector::zeros(), dt_s) {
+                if self.reachable(&JointVector::zeros(), dt_s) {
                     break;
                 }
                 continue;
@@ -167,7 +167,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
                 Err(lost) => lost,
             };
             tries.obstacle = Some(lost.into());
-            if let Lost::TooFast { ratio, .. } = lost {
+            if let FollowError::SpeedLimit { ratio, .. } = lost {
                 // At the edge of the reach joints go as the root of the tool's way, and a
                 // fraction is tried before it is given up.
                 let late = attempt >= SLOWER / 2;
@@ -181,20 +181,24 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     }
 
     /// Where the joints are led in one job at this speed of the tool.
-    fn trial(&self, speed: &Joints, dt_s: f64) -> Result<(A::Follower, Vector<N>), Lost> {
+    fn trial(
+        &self,
+        speed: &Joints,
+        dt_s: f64,
+    ) -> Result<(A::Follower, JointVector<N>), FollowError> {
         let mut follower = self.follower;
         let got = follower.step(&self.displaced(speed, dt_s), dt_s)?;
         // The tool point is off by its lever where the tool is turned; by more, it slides along the
         // edge of the reach.
         let way_m = DVec3::new(speed[0], speed[1], speed[2]).length() * dt_s;
-        if got.off_m > SLIDE * way_m + LEVER_M * got.off_rad + ROUNDING_M {
-            return Err(Lost::OutOfReach);
+        if got.position_error_m > SLIDE * way_m + LEVER_M * got.orientation_error_rad + ROUNDING_M {
+            return Err(FollowError::OutOfReach);
         }
-        if got.off_rad > self.rates.off_max_rad {
-            return Err(Lost::TooFast { joint: 3, ratio: 1.0 });
+        if got.orientation_error_rad > self.rates.off_max_rad {
+            return Err(FollowError::SpeedLimit { joint: 3, ratio: 1.0 });
         }
         match self.strays(speed, &got.q, dt_s) {
-            Some((joint, ratio)) => Err(Lost::TooFast { joint, ratio }),
+            Some((joint, ratio)) => Err(FollowError::SpeedLimit { joint, ratio }),
             None => Ok((follower, got.q)),
         }
     }
@@ -202,7 +206,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     /// The joint that is slowest to brake and how much slower the tool has to be, if it, led to `q`
     /// (rad) in one job and left to the brakes there ([`Law::coast`]), would come to rest off its
     /// line or too late.
-    fn strays(&self, speed: &Joints, q: &Vector<N>, dt_s: f64) -> Option<(usize, f64)> {
+    fn strays(&self, speed: &Joints, q: &JointVector<N>, dt_s: f64) -> Option<(usize, f64)> {
         let qd = (q - self.q) / dt_s;
         let (mut slowest, mut jobs) = (0, 0.0);
         for joint in 0..N {
@@ -232,7 +236,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
 
     /// Between which multiples of the speeds `qd` (rad/s) every joint's acceleration is one that it
     /// has; the first is larger than the second when there is none.
-    fn between(&self, qd: &Vector<N>, dt_s: f64) -> (f64, f64) {
+    fn between(&self, qd: &JointVector<N>, dt_s: f64) -> (f64, f64) {
         let (mut least, mut most) = (0.0f64, f64::INFINITY);
         for joint in 0..N {
             let change = PLANNED_SHARE * self.arm.acceleration_max()[joint] * dt_s;
@@ -249,26 +253,26 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     }
 
     /// Whether the joints can have the speeds `qd` (rad/s) in one job.
-    fn reachable(&self, qd: &Vector<N>, dt_s: f64) -> bool {
+    fn reachable(&self, qd: &JointVector<N>, dt_s: f64) -> bool {
         let change = self.arm.acceleration_max() * dt_s;
         (0..N).all(|joint| (qd[joint] - self.qd[joint]).abs() <= change[joint])
     }
 
     /// The speed of the joint that is hastiest towards its edge over the one from which it can be
     /// braked before it, when they go to `q` (rad) in `dt_s` (s); and which edge that is.
-    fn haste(&self, q: &Vector<N>, dt_s: f64) -> (f64, Obstacle) {
+    fn haste(&self, q: &JointVector<N>, dt_s: f64) -> (f64, Obstacle) {
         let (mut most, mut hastiest, mut left) = (f64::MIN_POSITIVE, 0, 0.0);
         for joint in 0..N {
             let way = (q[joint] - self.q[joint]).abs();
             let brake = BRAKE_SHARE * self.arm.acceleration_max()[joint];
-            let room = self.arm.room(joint, &self.q, q);
+            let room = self.arm.remaining_travel(joint, &self.q, q);
             let allowed = stoppable(room, brake, dt_s) * dt_s;
             let haste = way / allowed.max(f64::MIN_POSITIVE);
             if haste > most {
                 (most, hastiest, left) = (haste, joint, room);
             }
         }
-        let limit = left >= self.arm.room_to_limit(hastiest, &self.q, q).max(0.0);
+        let limit = left >= self.arm.travel_to_limit(hastiest, &self.q, q).max(0.0);
         let why = if limit { JogWhy::Limit } else { JogWhy::Branch };
         (most, Obstacle { why, joint: Some(hastiest) })
     }
@@ -277,7 +281,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     fn displaced(&self, speed: &Joints, span_s: f64) -> Pose {
         let here = self.arm.tool_pose(&self.q);
         let line = DVec3::new(speed[0], speed[1], speed[2]) * span_s;
-        let turn = rotation_of(DVec3::new(speed[3], speed[4], speed[5]) * span_s);
+        let turn = rotation_from_vector(DVec3::new(speed[3], speed[4], speed[5]) * span_s);
         match self.frame {
             JogFrame::Tool => {
                 Pose::new(here.rotation * turn, here.translation + here.rotation * line)

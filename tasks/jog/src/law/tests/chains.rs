@@ -3,7 +3,7 @@
 
 use super::super::*;
 use core::f64::consts::{FRAC_PI_2, PI};
-use taktil_mechanics::chain::{Chain, Dh, JointSpec};
+use taktil_mechanics::chain::{Chain, DhRow, JointSpec};
 
 const DT_S: f64 = 0.0025;
 
@@ -17,7 +17,7 @@ fn chain<const N: usize>(rows: [(f64, f64, f64); N]) -> Chain<N> {
             acceleration_max: 15.0,
             ..JointSpec::default()
         };
-        Dh { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
+        DhRow { a_m, d_m, alpha_rad, theta_rad: 0.0, spec }
     });
     Chain::from_dh(&dh, &Pose::IDENTITY).unwrap()
 }
@@ -63,29 +63,34 @@ pub(super) fn push(axis: usize, by: f64, frame: JogFrame) -> Push {
     Push { axes, frame }
 }
 
-pub(super) fn six_at() -> Vector<6> {
-    Vector::from([0.2, -1.2, 1.5, -1.8, -1.3, 0.1])
+pub(super) fn six_at() -> JointVector<6> {
+    JointVector::from([0.2, -1.2, 1.5, -1.8, -1.3, 0.1])
 }
 
-pub(super) fn seven_at() -> Vector<7> {
-    Vector::from([0.1, 0.6, 0.2, -1.4, 0.1, 0.9, 0.3])
+pub(super) fn seven_at() -> JointVector<7> {
+    JointVector::from([0.1, 0.6, 0.2, -1.4, 0.1, 0.9, 0.3])
 }
 
 /// Holds one key for 22 s, lets the tool come back for 2 s; how far it was off its line, how far it
 /// went on in the last 2.5 s, and how far it came back (m).
-fn to_the_edge<const N: usize>(arm: &Chain<N>, at: &Vector<N>, axis: usize, by: f64) -> [f64; 3] {
+fn to_the_edge<const N: usize>(
+    arm: &Chain<N>,
+    at: &JointVector<N>,
+    axis: usize,
+    by: f64,
+) -> [f64; 3] {
     let mut law = Law::new(arm, &rates(arm), at, true);
     let start = arm.tool_pose(at).translation;
     let mut along = [0.0; 3];
     along[axis] = by;
     let along = DVec3::from_array(along);
-    let (mut last, mut off, mut late) = (Vector::<N>::zeros(), 0.0f64, start);
+    let (mut last, mut off, mut late) = (JointVector::<N>::zeros(), 0.0f64, start);
     for tick in 0..8800 {
         let now = law.step(&push(axis, by, JogFrame::Base), DT_S);
         let share = now.qd.component_div(arm.speed_max()).amax();
         assert!(share <= 0.6 + 1e-9, "{axis} {by} at {tick}: {share} of the speed");
         assert!(arm.within_limits(&now.q), "{axis} {by} at {tick}: {}", now.q);
-        let change: Vector<N> = now.qd - last;
+        let change: JointVector<N> = now.qd - last;
         let worst = change.component_div(&(arm.acceleration_max() * DT_S)).amax();
         assert!(worst < 1.0 + 1e-9, "{axis} {by} at {tick}: {worst} of the acceleration");
         last = now.qd;
@@ -167,7 +172,7 @@ fn the_outer_joints_of_seven_reach_the_last_and_not_the_first() {
 
 /// Runs the tool round a square of 80 mm and back to where it began; how far each joint is then
 /// from where it was.
-fn round(law: &mut Law<7, Chain<7>>) -> Vector<7> {
+fn round(law: &mut Law<7, Chain<7>>) -> JointVector<7> {
     let before = law.q;
     for (axis, by) in [(0, 1.0), (1, 1.0), (0, -1.0), (1, -1.0)] {
         for _ in 0..320 {

@@ -28,9 +28,14 @@ fn drawn(dice: &mut Dice) -> Push {
 }
 
 /// A minute of keys; jobs that the arm took to rest after a release, at most.
-fn minute<const N: usize, A: Arm<N>>(arm: &A, rates: &Rates<N>, at: &Vector<N>, seed: u64) -> u32 {
+fn minute<const N: usize, A: Arm<N>>(
+    arm: &A,
+    rates: &Rates<N>,
+    at: &JointVector<N>,
+    seed: u64,
+) -> u32 {
     let (mut dice, mut law) = (Dice::new(seed), Law::new(arm, rates, at, true));
-    let (mut before, mut qd, mut slowest) = (*at, Vector::<N>::zeros(), 0);
+    let (mut before, mut qd, mut slowest) = (*at, JointVector::<N>::zeros(), 0);
     let mut step = |law: &mut Law<N, A>, push: &Push, seed: u64| {
         let now = law.step(push, DT_S);
         let share = (now.q - before).abs().component_div(&(arm.speed_max() * DT_S)).amax();
@@ -40,7 +45,7 @@ fn minute<const N: usize, A: Arm<N>>(arm: &A, rates: &Rates<N>, at: &Vector<N>, 
         assert!(arm.within_limits(&now.q), "seed {seed}: {}", now.q);
         assert!(now.tries <= 2 * TRIALS, "seed {seed}: {} tries", now.tries);
         (before, qd) = (now.q, now.qd);
-        now.qd == Vector::<N>::zeros()
+        now.qd == JointVector::<N>::zeros()
     };
     let mut left = 24_000u64;
     while left > 0 {
@@ -62,7 +67,7 @@ fn minute<const N: usize, A: Arm<N>>(arm: &A, rates: &Rates<N>, at: &Vector<N>, 
 fn a_minute_of_random_keys_never_makes_a_joint_jump_and_letting_go_stops_it() {
     let puma = Puma260::reference();
     let usual = crate::Config::default();
-    let bent = Vector::from([10.0, 40.0, -150.0, 20.0, 40.0, 10.0].map(f64::to_radians));
+    let bent = JointVector::from([10.0, 40.0, -150.0, 20.0, 40.0, 10.0].map(f64::to_radians));
     for seed in 1..=4 {
         let slowest = [
             minute(&puma, &usual.rates(&puma, true), &bent, seed),

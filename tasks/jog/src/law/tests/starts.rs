@@ -23,7 +23,7 @@ fn turned(a: &Pose, b: &Pose) -> f64 {
 fn held<const N: usize, A: Arm<N>>(
     arm: &A,
     rates: &Rates<N>,
-    at: &Vector<N>,
+    at: &JointVector<N>,
     (axis, by): (usize, f64),
     frame: JogFrame,
 ) -> Held {
@@ -35,11 +35,11 @@ fn held<const N: usize, A: Arm<N>>(
     if frame == JogFrame::Tool {
         along = start.rotation * along;
     }
-    let (mut off_m, mut last) = (0.0f64, Vector::<N>::zeros());
+    let (mut off_m, mut last) = (0.0f64, JointVector::<N>::zeros());
     for tick in 0..2600 {
         let now = law.step(&push(axis, by, frame), DT_S);
         assert!(arm.within_limits(&now.q), "{axis} {by} at {tick}: {}", now.q);
-        let change: Vector<N> = now.qd - last;
+        let change: JointVector<N> = now.qd - last;
         let worst = change.component_div(&(arm.acceleration_max() * DT_S)).amax();
         assert!(worst < 1.0 + 1e-9, "{axis} {by} at {tick}: {worst} of the acceleration");
         last = now.qd;
@@ -63,7 +63,7 @@ fn held<const N: usize, A: Arm<N>>(
 
 /// Every way from a start (deg).
 fn every_way<const N: usize, A: Arm<N>>(arm: &A, rates: &Rates<N>, degrees: [f64; N]) {
-    let at = Vector::from(degrees.map(f64::to_radians));
+    let at = JointVector::from(degrees.map(f64::to_radians));
     for frame in [JogFrame::Base, JogFrame::Tool] {
         for way in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
             let Held { off_m, back_m } = held(arm, rates, &at, way, frame);
