@@ -1,5 +1,5 @@
 //! Solves one contact of a lane's over and over, so that its instructions can be counted where
-//! clocks are of no use: `valgrind --tool=callgrind target/release/examples/contact_count CASE N`
+//! clocks are of no use: `valgrind --tool=callgrind target/dist/examples/contact_count CASE N`
 //! for two N, of which the difference counts. `.ci/run` does that for all cases, against the most
 //! that each may take. Without a case it lists them. Not lane code.
 

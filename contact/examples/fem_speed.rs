@@ -1,7 +1,7 @@
 //! What factoring and solving a mesh cost, by our band and by the sparse factor: unknowns, numbers
 //! kept, milliseconds to assemble and factor, microseconds a load.
 //!
-//! `cargo run --release -p taktil-contact --example fem_speed`
+//! `cargo run --profile dist -p taktil-contact --example fem_speed`
 
 use std::hint::black_box;
 use std::time::Instant;

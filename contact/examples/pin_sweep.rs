@@ -1,4 +1,4 @@
-//! Error and time of the image of drawn pins and bars in any pose: `cargo run --release -p
+//! Error and time of the image of drawn pins and bars in any pose: `cargo run --profile dist -p
 //! taktil-contact --example pin_sweep [-- LAYERS PINS SEED... [fine|long] [wide|shallow]]`. The
 //! truth is the default level on slices laid over what touches; with `fine` the fine one, and the
 //! default level is judged as well, by shape; `long` draws long pins with an end over tactels of

@@ -1,4 +1,4 @@
-//! Time of the fast level's contact and image in drawn poses: `cargo run --release -p
+//! Time of the fast level's contact and image in drawn poses: `cargo run --profile dist -p
 //! taktil-contact --example pin_times [-- LAYERS PINS SEED...]`. Pins up to 60 mm long and bars
 //! up to 12 mm wide, arrays of 8 x 8 to 32 x 32 tactels of 1.0 to 2.5 mm in turn, the thesis's
 //! every other layer. Prints median, nine in ten and largest, then the slowest ten with their

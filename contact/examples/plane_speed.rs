@@ -1,4 +1,4 @@
-//! Times the plane contact solver on this machine: `cargo run --release -p taktil-contact
+//! Times the plane contact solver on this machine: `cargo run --profile dist -p taktil-contact
 //! --example plane_speed [-- NAME LEVEL]`. Prints microseconds a solution, best of several
 //! rounds, of the cases whose names begin so. Not lane code.
 

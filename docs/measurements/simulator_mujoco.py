@@ -1,7 +1,7 @@
 """The same arm in MuJoCo and in Taktil, in turns: microseconds a step and error after 0.5 s of fall.
 
 usage: simulator_mujoco.py FOLDER_OF_FIXTURES [TAKTIL] [SLICES]
-       (tests/fixtures/kinematics target/release/taktil 41)
+       (tests/fixtures/kinematics target/dist/taktil 41)
 needs: pip install mujoco numpy
 
 Without TAKTIL only MuJoCo is timed. With it both step slice by slice in one run, so that what else

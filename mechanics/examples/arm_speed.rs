@@ -1,5 +1,5 @@
-//! Times the arm's formulas on this machine: `cargo run --release -p taktil-mechanics --example
-//! arm_speed`. Prints nanoseconds per call, best of several rounds. Not lane code: it reads the
+//! Times the arm's formulas on this machine:
+//! `cargo run --profile dist -p taktil-mechanics --example arm_speed`. Prints nanoseconds per call, best of several rounds. Not lane code: it reads the
 //! clock.
 
 use std::hint::black_box;

@@ -1,5 +1,5 @@
 //! What a tick of a trajectory costs, interpolation, inverse and limits together, for the PUMA 260
-//! and for chains of six and seven joints: `cargo run --release -p taktil-mechanics --example
+//! and for chains of six and seven joints: `cargo run --profile dist -p taktil-mechanics --example
 //! tick_speed`. With a number of ticks as argument it runs so many on the PUMA 260's line and
 //! prints nothing: for counting instructions, as the difference of two such runs. Not lane code: it
 //! reads the clock.

@@ -1,7 +1,7 @@
 //! Four lanes on two processors, live, with overruns on purpose, under a load if asked; then the
 //! same run from its record, compared bit for bit:
-//! `cargo run --release -p taktil-rtcore --example four_lanes -- 60 load`. Exit 1 when they differ.
-//! Refuses to judge timing.
+//! `cargo run --profile dist -p taktil-rtcore --example four_lanes -- 60 load`. Exit code 1 says
+//! that they differ. It does not judge timing.
 
 #[path = "../tests/four_lanes/mod.rs"]
 mod four_lanes;

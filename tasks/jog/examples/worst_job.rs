@@ -1,4 +1,4 @@
-//! What the longest job of jogging costs: `cargo run --release -p taktil-tasks-jog --example
+//! What the longest job of jogging costs: `cargo run --profile dist -p taktil-tasks-jog --example
 //! worst_job`. Random keys lead arms from random starts; the jobs that asked the arm most often for
 //! joints are kept and done again. With a number as argument each of the PUMA 260's is done so many
 //! times and nothing is printed: for counting instructions, as the difference of two such runs
