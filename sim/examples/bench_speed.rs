@@ -5,7 +5,7 @@
 
 use glam::{DMat3, DVec3};
 use taktil_hal::{Devices, LinesOut, Nanos, TactileFrame};
-use taktil_sim::{Carriage, Float, Timing, World, WorldConfig, build, build_with_carriage};
+use taktil_sim::{Carriage, FloatingGuide, Timing, World, WorldConfig, build, build_with_carriage};
 
 const SECONDS: i64 = 20;
 const RUNS: u32 = 5;
@@ -57,7 +57,7 @@ fn rolling() -> (World, Devices) {
     let knots =
         (0..=SECONDS).map(|i| (i as f64, place(if i % 2 == 0 { 0.325 } else { 0.335 }))).collect();
     let axes = DMat3::from_cols(-DVec3::X, DVec3::Y, -DVec3::Z);
-    let float = Some(Float { mass_kg: 1.0, load_n: 15.0, damping_n_s_m: 100.0 });
+    let float = Some(FloatingGuide { mass_kg: 1.0, load_n: 15.0, damping_n_s_m: 100.0 });
     let carriage = Carriage { axes, knots, float };
     build_with_carriage(&WorldConfig::default(), &Timing::default(), 1, carriage)
         .expect("a sound scene")

@@ -21,18 +21,19 @@
 //! with the table itself, edges of the table, inertial loads on the gauges, objects that move.
 
 mod arm;
-mod bench;
+mod assembly;
 mod carriage;
-mod chained;
 mod contact;
 mod devices;
 mod electronics;
 mod faults;
-pub mod fidelity;
-mod finger;
+mod free_arm;
+mod friction;
 mod hand;
 mod hash;
 mod index;
+mod last_sent;
+mod manipulator;
 mod motion;
 mod object;
 mod opposed;
@@ -44,16 +45,18 @@ pub mod scene;
 mod snapshot;
 mod spatial;
 mod step;
+mod surroundings;
 mod table;
 mod truth;
 mod world;
 
-pub use bench::{RATED_LOAD_N, build, build_with_carriage, build_with_chain};
-pub use carriage::{Carriage, Float};
+pub use assembly::{RATED_LOAD_N, build, build_with_carriage, build_with_chain};
+pub use carriage::{Carriage, FloatingGuide};
 pub use contact::{PAD_HALF_M, PITCH_M, SLICES, Surface};
 pub use devices::{ADC_MAX, LONGEST_SILENCE};
-pub use electronics::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, tactel_gains};
-pub use scene::{Invalid, Timing, WorldConfig};
+pub use electronics::tactel_gains;
+pub use scene::fidelity;
+pub use scene::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, Invalid, Timing, WorldConfig};
 pub use snapshot::{Snapshot, Story, Written};
 pub use step::Work;
 pub use table::TablePose;

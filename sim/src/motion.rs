@@ -8,7 +8,7 @@ use crate::scene::{Kind, Motion, STEP_S};
 
 /// A motion, ready to be asked at any instant.
 #[derive(Clone, Debug)]
-pub(crate) enum Course {
+pub(crate) enum MotionProfile {
     /// Rate, start, end, blend (s).
     Ramp { rate: f64, from_s: f64, to_s: f64, blend_s: f64 },
     /// Change, start, end (s).
@@ -27,24 +27,24 @@ pub(crate) struct Knot {
     slope: f64,
 }
 
-impl Course {
+impl MotionProfile {
     /// Of a motion that was checked; allocates.
-    pub(crate) fn new(motion: &Motion) -> Course {
+    pub(crate) fn new(motion: &Motion) -> MotionProfile {
         let from_s = motion.from_s;
         let of = |deg: Option<f64>, mm| motion.fitting(deg, mm).unwrap_or(0.0);
         match motion.kind {
-            Kind::Ramp => Course::Ramp {
+            Kind::Ramp => MotionProfile::Ramp {
                 rate: of(motion.rate_deg_s, motion.rate_mm_s),
                 from_s,
                 to_s: motion.to_s.unwrap_or(from_s),
                 blend_s: motion.blend_s.unwrap_or(0.0),
             },
-            Kind::Step => Course::Step {
+            Kind::Step => MotionProfile::Step {
                 by: of(motion.by_deg, motion.by_mm),
                 from_s,
                 to_s: motion.to_s.unwrap_or(from_s + STEP_S),
             },
-            Kind::Sine => Course::Sine {
+            Kind::Sine => MotionProfile::Sine {
                 amplitude: of(motion.amplitude_deg, motion.amplitude_mm),
                 frequency_hz: motion.frequency_hz.unwrap_or(1.0),
                 from_s,
@@ -52,31 +52,31 @@ impl Course {
             },
             Kind::Points => {
                 let points = motion.fitting(&motion.points_deg, &motion.points_mm);
-                Course::Points(knots(points.as_deref().unwrap_or_default(), from_s))
+                MotionProfile::Points(knots(points.as_deref().unwrap_or_default(), from_s))
             }
         }
     }
 
     /// Through points (s, value), at rest before the first and after the last.
-    pub(crate) fn through(points: &[[f64; 2]]) -> Course {
-        Course::Points(knots(points, 0.0))
+    pub(crate) fn through(points: &[[f64; 2]]) -> MotionProfile {
+        MotionProfile::Points(knots(points, 0.0))
     }
 
     /// Value and rate at an instant (s).
     pub(crate) fn at(&self, t_s: f64) -> (f64, f64) {
         match self {
-            Course::Ramp { rate, from_s, to_s, blend_s } => {
+            MotionProfile::Ramp { rate, from_s, to_s, blend_s } => {
                 ramp(*rate, t_s, (*from_s, *to_s), *blend_s)
             }
-            Course::Step { by, from_s, to_s } => step(*by, t_s, (*from_s, *to_s)),
-            Course::Sine { amplitude, frequency_hz, from_s, to_s } => {
+            MotionProfile::Step { by, from_s, to_s } => step(*by, t_s, (*from_s, *to_s)),
+            MotionProfile::Sine { amplitude, frequency_hz, from_s, to_s } => {
                 let end = t_s.clamp(*from_s, *to_s);
                 let (sin, cos) = libm::sincos(TAU * frequency_hz * (end - from_s));
                 let moves = t_s >= *from_s && t_s < *to_s;
                 let rate = if moves { amplitude * TAU * frequency_hz * cos } else { 0.0 };
                 (amplitude * sin, rate)
             }
-            Course::Points(knots) => along(knots, t_s),
+            MotionProfile::Points(knots) => along(knots, t_s),
         }
     }
 }
@@ -150,9 +150,9 @@ mod tests {
     use super::*;
     use crate::scene::Axis;
 
-    fn courses() -> Vec<(&'static str, Course)> {
+    fn courses() -> Vec<(&'static str, MotionProfile)> {
         let mut ramp = Motion::ramp(Axis::Pan, 5.0, (1.0, 3.0));
-        let plain = Course::new(&ramp);
+        let plain = MotionProfile::new(&ramp);
         ramp.blend_s = Some(0.5);
         let mut step = Motion::of(Axis::Slide, Kind::Step);
         (step.from_s, step.by_mm, step.to_s) = (1.0, Some(-7.0), Some(1.5));
@@ -162,10 +162,10 @@ mod tests {
         points.points_mm = Some(vec![[0.5, 1.0], [1.0, 4.0], [1.7, 4.5], [2.0, -1.0], [3.0, -1.0]]);
         vec![
             ("ramp", plain),
-            ("blended ramp", Course::new(&ramp)),
-            ("step", Course::new(&step)),
-            ("sine", Course::new(&sine)),
-            ("points", Course::new(&points)),
+            ("blended ramp", MotionProfile::new(&ramp)),
+            ("step", MotionProfile::new(&step)),
+            ("sine", MotionProfile::new(&sine)),
+            ("points", MotionProfile::new(&points)),
         ]
     }
 

@@ -7,9 +7,9 @@ use taktil_mechanics::Pose;
 use taktil_mechanics::spatial::rotation_z;
 
 use crate::contact::{Line, Surface};
-use crate::rolling::Around;
 use crate::scene::OpposedConfig;
 use crate::spatial::Spatial;
+use crate::surroundings::Surroundings;
 
 /// The fingertip on its mount.
 #[derive(Clone, Debug)]
@@ -48,7 +48,7 @@ impl Opposed {
     }
 
     /// How the pad lies under the pin's line.
-    pub(crate) fn under(&mut self, line: &Line, around: &Around) -> Pose {
+    pub(crate) fn under(&mut self, line: &Line, around: &Surroundings) -> Pose {
         let pad = self.pose(&around.table_axes, &around.table);
         self.across = line.across.dot(pad.rotation.x_axis);
         pad

@@ -1,19 +1,20 @@
 //! The pin with both its contacts and the hand that steadies it. Refuses to integrate: it gives the
 //! forces at a configuration, whoever chose that.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use taktil_hal::{MAX_TACTELS, Nanos};
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::spatial_vector;
 use taktil_mechanics::{Joints, Pose};
 
-use crate::contact::{Bristles, Lean, Line, Patch, Reaction, Surface, Tangent};
+use crate::contact::{Bristles, Lean, Line, Patch, Reaction, Tangent};
 use crate::electronics::{add_drag, base_forces};
 use crate::hand::Hand;
 use crate::hash::Hash;
 use crate::opposed::Opposed;
 use crate::pin::Pin;
 use crate::spatial::{Spatial, Tally, lean_of};
+use crate::surroundings::Surroundings;
 
 /// The pin with both its contacts.
 #[derive(Clone, Debug)]
@@ -42,15 +43,6 @@ pub(crate) struct Memory {
     pub(crate) bed: Bristles,
 }
 
-/// Where the pin's surroundings are and how they move.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Around {
-    pub(crate) pad: Pose,
-    pub(crate) finger: Surface,
-    pub(crate) table: Surface,
-    pub(crate) table_axes: DMat3,
-}
-
 /// The lines of contact and how the forces on them depend on the motion.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Touching {
@@ -70,7 +62,7 @@ impl Rolling {
     }
 
     /// Evaluates both contacts and moves their bristles on by `h` seconds.
-    pub(crate) fn touch(&mut self, around: &Around, h: f64) {
+    pub(crate) fn touch(&mut self, around: &Surroundings, h: f64) {
         let (pad, bed) = (self.pad.slices.bristles, self.bed.slices.bristles);
         self.touch_from((&pad, &bed), around, h, &mut Touching::default());
     }
@@ -79,7 +71,7 @@ impl Rolling {
     pub(crate) fn touch_from(
         &mut self,
         (pad, bed): (&Bristles, &Bristles),
-        around: &Around,
+        around: &Surroundings,
         h: f64,
         touching: &mut Touching,
     ) {
@@ -117,14 +109,14 @@ impl Rolling {
 
     /// Normal force on each tactel of the finger (N) at the latest evaluation; solves the contact
     /// in three dimensions where that is asked for and says whether it did.
-    pub(crate) fn image(&mut self, around: &Around) -> ([f64; MAX_TACTELS], Tally) {
+    pub(crate) fn image(&mut self, around: &Surroundings) -> ([f64; MAX_TACTELS], Tally) {
         let line = Line::between(&self.pin, self.pin.axis(), &around.finger);
         let lie = (line.as_ref(), &around.pad, self.across);
         seen(&mut self.pad, self.spatial.as_deref_mut(), lie, self.by_finger.normal_n)
     }
 
     /// The same of the opposed fingertip; nothing where there is none.
-    pub(crate) fn opposed_image(&mut self, around: &Around) -> ([f64; MAX_TACTELS], Tally) {
+    pub(crate) fn opposed_image(&mut self, around: &Surroundings) -> ([f64; MAX_TACTELS], Tally) {
         let none = ([0.0; MAX_TACTELS], Tally::default());
         let Some(opposed) = &mut self.opposed else { return none };
         let line = Line::between(&self.pin, self.pin.axis(), &around.table);
@@ -134,7 +126,7 @@ impl Rolling {
     }
 
     /// Everything that acts on the pin at the latest evaluation: force and moment about its centre.
-    pub(crate) fn load(&self, around: &Around) -> (DVec3, DVec3) {
+    pub(crate) fn load(&self, around: &Surroundings) -> (DVec3, DVec3) {
         let (finger, bed) = (&self.by_finger, &self.by_table);
         let weight = DVec3::new(0.0, 0.0, -self.pin.mass_kg * GRAVITY_M_S2);
         let (mut force, mut moment) =
@@ -148,7 +140,7 @@ impl Rolling {
     }
 
     /// Moves the pin on by an explicit step.
-    pub(crate) fn step(&mut self, around: &Around, h: f64) {
+    pub(crate) fn step(&mut self, around: &Surroundings, h: f64) {
         let (force, moment) = self.load(around);
         let axis = self.pin.axis();
         self.pin.step(h, axis, force, moment);

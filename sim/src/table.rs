@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
 
 use crate::contact::Surface;
-use crate::motion::Course;
+use crate::motion::MotionProfile;
 use crate::scene::{Axis, Motion, TableConfig};
 
 /// The five coordinates of the table or their rates.
@@ -45,7 +45,7 @@ impl TablePose {
 pub(crate) struct Table {
     start: TablePose,
     pivot: DVec3,
-    motions: Vec<(Axis, Course)>,
+    motions: Vec<(Axis, MotionProfile)>,
     /// The surface of a table that never moves, computed once.
     still: Option<(TablePose, DMat3, Surface)>,
 }
@@ -60,7 +60,7 @@ impl Table {
             height_m: 1e-3 * height_mm,
         };
         let pivot = 1e-3 * DVec3::new(config.pivot_x_mm, config.pivot_y_mm, 0.0);
-        let course = |motion: &Motion| (motion.axis, Course::new(motion));
+        let course = |motion: &Motion| (motion.axis, MotionProfile::new(motion));
         let motions = config.motion.iter().map(course).collect();
         let mut table = Table { start, pivot, motions, still: None };
         if config.motion.is_empty() {

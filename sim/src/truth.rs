@@ -8,7 +8,8 @@ use taktil_mechanics::{Joints, Pose};
 use crate::contact::{PITCH_M, Patch, Reaction, SLICES};
 use crate::object::Objects;
 use crate::pin::Pin;
-use crate::rolling::{Around, Rolling};
+use crate::rolling::Rolling;
+use crate::surroundings::Surroundings;
 use crate::table::TablePose;
 
 /// One instant of the bench; base frame unless stated. Contact values are those of the latest
@@ -112,7 +113,7 @@ pub struct Felt {
 
 impl Felt {
     /// Of all objects, what the finger feels most.
-    pub(crate) fn of(objects: &Objects, around: &Around) -> Option<Felt> {
+    pub(crate) fn of(objects: &Objects, around: &Surroundings) -> Option<Felt> {
         let (object, lie) = objects.felt(around)?;
         let middle = object.sums.middle().unwrap_or_default();
         Some(Felt {
@@ -146,7 +147,7 @@ pub struct Opposite {
 }
 
 impl Opposite {
-    pub(crate) fn of(rolling: &Rolling, around: &Around) -> Option<Opposite> {
+    pub(crate) fn of(rolling: &Rolling, around: &Surroundings) -> Option<Opposite> {
         let pose = rolling.opposed.as_ref()?.pose(&around.table_axes, &around.table);
         let (pin_yaw_rad, tilt_rad) = yaw_and_tilt(&rolling.pin, &pose);
         Some(Opposite {

@@ -17,12 +17,12 @@ use crate::contact::{Patch, Reaction};
 use crate::devices::{LONGEST_SILENCE, Scan, WorldEnds};
 use crate::electronics::{Array, Wrist, currents};
 use crate::faults::Faults;
-use crate::finger::Finger;
 use crate::hash::Hash;
 use crate::index::Index;
+use crate::last_sent::Told;
+use crate::manipulator::DriveLines;
 use crate::pin::Pin;
 use crate::scene::{FaultKind, Timing};
-use crate::snapshot::Told;
 use crate::step::{Bench, Work};
 use crate::truth::{Felt, Opposite, Truth, contact_x_tactels, creepage, yaw_and_tilt};
 
@@ -137,16 +137,11 @@ impl World {
             self.orders = LinesOut { watchdog_feed, ..LinesOut::SAFE };
         }
         let powered = self.powered();
-        if let Finger::Arm(arm) = &mut self.bench.finger {
-            arm.enabled = self.orders.enable && powered;
-            arm.braked = !(self.orders.brake_release && powered);
-            arm.drive(self.codes);
-        }
-        if let Finger::Chained(unheld) = &mut self.bench.finger {
-            let (enabled, braked) =
-                (self.orders.enable && powered, !(self.orders.brake_release && powered));
-            unheld.arm.drive(self.codes, enabled, braked);
-        }
+        let lines = DriveLines {
+            enabled: self.orders.enable && powered,
+            braked: !(self.orders.brake_release && powered),
+        };
+        self.bench.finger.drive(&self.codes, lines);
     }
 
     fn powered(&self) -> bool {
@@ -197,28 +192,17 @@ impl World {
     }
 
     fn latch_control(&mut self) {
-        let (t, mut flowing) = (self.t, [0; CHANNELS]);
-        if let Finger::Arm(arm) = &self.bench.finger {
-            for (joint, count) in arm.counts().into_iter().enumerate() {
-                if !self.faults.dead_encoder(joint, t) {
-                    self.counts[joint] = Counts(count);
-                }
+        let t = self.t;
+        for (joint, count) in self.bench.finger.counts().into_iter().enumerate() {
+            if !self.faults.dead_encoder(joint, t) {
+                self.counts[joint] = Counts(count);
             }
-            flowing = arm.current_codes();
-        }
-        if let Finger::Chained(unheld) = &self.bench.finger {
-            for (joint, count) in unheld.arm.counts().into_iter().enumerate() {
-                if !self.faults.dead_encoder(joint, t) {
-                    self.counts[joint] = Counts(count);
-                }
-            }
-            flowing = unheld.arm.current_codes();
         }
         let closed = !self.stopped();
         let lines =
             LinesIn { drive_power: self.powered(), estop_a_closed: closed, estop_b_closed: closed };
         let wrench = if self.wrist.is_some() { self.tool_wrench() } else { Joints::zeros() };
-        let currents = currents(&flowing);
+        let currents = currents(&self.bench.finger.current_codes());
         self.told.control = Some((currents, lines, t));
         // A full link counts what it drops; see `dropped`.
         if let (Some(marks), Some(index)) = (&mut self.ends.marks, &mut self.index) {
@@ -268,16 +252,9 @@ impl World {
     /// What really happens now.
     #[must_use]
     pub fn truth(&self) -> Truth {
-        let (pose, twist) =
-            (self.bench.finger.pose(), linear_and_angular(&self.bench.finger.twist()));
-        let (arm_q, arm_qd, enabled, braked) = match &self.bench.finger {
-            Finger::Arm(arm) => (arm.now.q, arm.now.qd, arm.enabled, arm.braked),
-            Finger::Carriage(_) => (Joints::zeros(), Joints::zeros(), false, true),
-            Finger::Chained(unheld) => {
-                let (enabled, braked) = unheld.arm.lines();
-                (Joints::zeros(), Joints::zeros(), enabled, braked)
-            }
-        };
+        let (pose, twist) = (self.bench.finger.pose(), split(&self.bench.finger.twist()));
+        let arm = self.bench.finger.puma_state().copied().unwrap_or_default();
+        let DriveLines { enabled, braked } = self.bench.finger.drive_lines();
         let rolling = self.bench.rolling.as_deref();
         let pin = rolling.map(|r| &r.pin);
         let finger = rolling.map_or(Reaction::default(), |r| r.by_finger);
@@ -292,8 +269,8 @@ impl World {
         let around = || self.bench.around(self.t.as_secs_f64());
         Truth {
             t: self.t,
-            q: arm_q,
-            qd: arm_qd,
+            q: arm.q,
+            qd: arm.qd,
             tool: pose.translation,
             tool_x: pose.rotation.x_axis,
             tool_z: pose.rotation.z_axis,
@@ -331,21 +308,13 @@ impl World {
     /// Angles (rad) and speeds (rad/s) of the joints; none with a carriage.
     #[must_use]
     pub fn joints(&self) -> (&[f64], &[f64]) {
-        match &self.bench.finger {
-            Finger::Arm(arm) => (arm.now.q.as_slice(), arm.now.qd.as_slice()),
-            Finger::Carriage(_) => (&[], &[]),
-            Finger::Chained(unheld) => unheld.arm.joints(),
-        }
+        self.bench.finger.joints()
     }
 
     /// Kinetic and gravitational energy of arm and pin, without the rubbers' (J).
     #[must_use]
     pub fn energy_j(&self) -> f64 {
-        let arm_j = match &self.bench.finger {
-            Finger::Arm(arm) => arm.energy_j(),
-            Finger::Carriage(_) => 0.0,
-            Finger::Chained(unheld) => unheld.arm.energy_j(),
-        };
+        let arm_j = self.bench.finger.energy_j();
         let fall = |pin: &Pin| pin.mass_kg * GRAVITY_M_S2 * pin.position.z;
         let pin = self.bench.rolling.as_deref().map(|r| &r.pin);
         arm_j + pin.map_or(0.0, |pin| pin.kinetic_j() + fall(pin))

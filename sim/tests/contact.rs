@@ -9,7 +9,7 @@ use taktil_hal::{Arrival, TactileFrame};
 use taktil_mechanics::tactile::{Features, Image, features, moments};
 use taktil_sim::fidelity::ContactModel;
 use taktil_sim::scene::{Axis, Motion};
-use taktil_sim::{Carriage, Float, PITCH_M, Truth, World, WorldConfig};
+use taktil_sim::{Carriage, FloatingGuide, PITCH_M, Truth, World, WorldConfig};
 
 const G: f64 = 9.81;
 
@@ -97,7 +97,7 @@ fn momentum_changes_by_the_forces_from_outside_alone() {
     config.pin.steadied = false;
     config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 1.5))];
     let z = meeting_height(&config) + 1e-3;
-    let float = Some(Float { mass_kg: 1.0, load_n: 15.0, damping_n_s_m: 0.0 });
+    let float = Some(FloatingGuide { mass_kg: 1.0, load_n: 15.0, damping_n_s_m: 0.0 });
     let knots = vec![(0.0, over(z))];
     let (mut world, _devices) = bench(&config, Carriage { axes: nominal(), knots, float });
     let momentum = |t: &Truth| t.tool_velocity.z + config.pin.mass_kg * t.pin_velocity.z;

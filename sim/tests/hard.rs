@@ -174,7 +174,7 @@ fn a_finger_slammed_down_at_half_a_metre_per_second() {
     let knots = vec![(0.1, over(z)), (0.2, over(z))];
     let mut carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
     // A finger of 1 kg that falls on the pin with 0.5 m/s, and bounces.
-    carriage.float = carriage.float.map(|f| taktil_sim::Float { damping_n_s_m: 5.0, ..f });
+    carriage.float = carriage.float.map(|f| taktil_sim::FloatingGuide { damping_n_s_m: 5.0, ..f });
     let (end, _) = watched(&config, carriage, 3.0);
     assert!((end.finger_normal_n - 15.0).abs() < 0.1, "{}", end.finger_normal_n);
 }

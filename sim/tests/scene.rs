@@ -3,7 +3,9 @@
 use taktil_hal::explain::Explain;
 use taktil_sim::fidelity::{ArmModel, Integrator};
 use taktil_sim::scene::{Axis, Kind, Motion, ObjectConfig, ObjectKind};
-use taktil_sim::{Carriage, Float, Invalid, Timing, WorldConfig, build, build_with_carriage};
+use taktil_sim::{
+    Carriage, FloatingGuide, Invalid, Timing, WorldConfig, build, build_with_carriage,
+};
 
 fn refused(edit: impl FnOnce(&mut WorldConfig)) -> Invalid {
     let mut config = WorldConfig::default();
@@ -306,11 +308,11 @@ fn timings_and_carriages_are_checked_too() {
     assert_eq!(carriage(|c| c.knots[0].1.x = f64::NAN), "carriage.knots");
     assert_eq!(carriage(|c| c.axes.x_axis *= 2.0), "carriage.axes");
     assert_eq!(carriage(|c| c.axes.x_axis *= -1.0), "carriage.axes", "left-handed");
-    let float = Float { mass_kg: 0.0, load_n: 1.0, damping_n_s_m: 0.0 };
+    let float = FloatingGuide { mass_kg: 0.0, load_n: 1.0, damping_n_s_m: 0.0 };
     assert_eq!(carriage_with(float), "carriage.float");
 }
 
-fn carriage_with(float: Float) -> String {
+fn carriage_with(float: FloatingGuide) -> String {
     let knots = vec![(0.0, common::over(0.0))];
     let carriage = Carriage { axes: common::nominal(), knots, float: Some(float) };
     build_with_carriage(&WorldConfig::default(), &Timing::default(), 0, carriage).unwrap_err().place

@@ -13,7 +13,7 @@ use taktil_sim::scene::{
     ObjectConfig, ObjectKind, RubberConfig, Stamp, TactileConfig,
 };
 use taktil_sim::{
-    Carriage, Float, Invalid, Timing, Truth, World, WorldConfig, build, build_with_carriage,
+    Carriage, FloatingGuide, Invalid, Timing, Truth, World, WorldConfig, build, build_with_carriage,
 };
 
 /// Numbers of a scene, by Steele, Lea and Flood's splittable generator (2014).
@@ -246,7 +246,7 @@ fn carriage(draw: &mut Draw, config: &WorldConfig) -> Carriage {
         (0.02 + down + aside, at(by, -deep)),
         (0.05 + down + aside, at(by, 0.005)),
     ];
-    let float = draw.chance(0.4).then(|| Float {
+    let float = draw.chance(0.4).then(|| FloatingGuide {
         mass_kg: draw.size(1e-3, 10.0),
         load_n: draw.even(0.0, 50.0),
         damping_n_s_m: draw.even(0.0, 500.0),

@@ -10,7 +10,6 @@ mod wrist;
 pub(crate) use array::{Array, Tip};
 pub use response::tactel_gains;
 pub(crate) use wrist::Wrist;
-pub use wrist::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM};
 
 use taktil_hal::{AdcCode, CHANNELS, MAX_TACTELS};
 

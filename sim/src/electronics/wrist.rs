@@ -10,11 +10,6 @@ use crate::hash::Hash;
 use crate::prng::{Prng, Stream};
 use crate::scene::WristConfig;
 
-/// Gauge codes per newton, unless a scene gives a matrix.
-pub const GAUGE_CODES_PER_N: f64 = 20.0;
-/// Gauge codes per newton metre.
-pub const GAUGE_CODES_PER_NM: f64 = 1000.0;
-
 /// The sensor.
 #[derive(Clone, Debug)]
 pub(crate) struct Wrist {

@@ -23,12 +23,12 @@ use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z, spatial_vect
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
 use crate::contact::{Lean, PAD_HALF_M, PITCH_M, yields_m_n};
-use crate::fidelity::ContactModel;
 use crate::hash::Hash;
-use crate::rolling::Around;
 use crate::rubber;
+use crate::scene::fidelity::ContactModel;
 use crate::scene::{Invalid, OBJECTS_MAX, ObjectConfig, ObjectKind, RubberConfig, WorldConfig};
 use crate::spatial::Tally;
+use crate::surroundings::Surroundings;
 use crate::table::Table;
 use bar::Face;
 use edge::Ridge;
@@ -183,7 +183,7 @@ impl Object {
     }
 
     /// The object from the pad.
-    fn meeting(&self, around: &Around, h: f64) -> Meeting {
+    fn meeting(&self, around: &Surroundings, h: f64) -> Meeting {
         let (table, axes) = (&around.table, &around.table_axes);
         let back = around.pad.rotation.transpose();
         let origin = around.pad.translation;
@@ -198,7 +198,7 @@ impl Object {
     }
 
     /// Evaluates the contact and moves its bristles on by `h` seconds.
-    fn touch(&mut self, around: &Around, h: f64) {
+    fn touch(&mut self, around: &Surroundings, h: f64) {
         let meeting = self.meeting(around, h);
         self.sums = match &mut self.shape {
             Shape::Ball(ball) => ball.press(&meeting, self.relaxation_s),
@@ -250,7 +250,7 @@ impl Object {
         scale * force
     }
 
-    fn lie(&self, around: &Around) -> Lie {
+    fn lie(&self, around: &Surroundings) -> Lie {
         let meeting = self.meeting(around, 0.0);
         match &self.shape {
             Shape::Ball(_) => Lie::default(),
@@ -334,7 +334,7 @@ impl Objects {
     }
 
     /// Evaluates every contact and moves the bristles on by `h` seconds.
-    pub(crate) fn touch(&mut self, around: &Around, h: f64) {
+    pub(crate) fn touch(&mut self, around: &Surroundings, h: f64) {
         for object in &mut self.all {
             object.touch(around, h);
         }
@@ -427,7 +427,7 @@ impl Objects {
     }
 
     /// The object that presses most, or the first one: with how it lies.
-    pub(crate) fn felt(&self, around: &Around) -> Option<(&Object, Lie)> {
+    pub(crate) fn felt(&self, around: &Surroundings) -> Option<(&Object, Lie)> {
         let mut most = self.all.first()?;
         for object in &self.all {
             if object.sums.load_n > most.sums.load_n {

@@ -8,6 +8,7 @@ use taktil_hal::Nanos;
 
 mod arm;
 mod fault;
+pub mod fidelity;
 mod object;
 mod opposed;
 mod rolling;
@@ -23,9 +24,9 @@ pub use opposed::OpposedConfig;
 pub use rolling::{FingerConfig, PinConfig, RubberConfig};
 pub use table::{Axis, Kind, MOTIONS_MAX, Motion, POINTS_MAX, STEP_S, TableConfig};
 pub use tactile::{Defect, DefectKind, Electronics, Stamp, TactileConfig};
-pub use wrist::WristConfig;
+pub use wrist::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, WristConfig};
 
-use crate::fidelity::FidelityConfig;
+use fidelity::FidelityConfig;
 use section::{Agree, Value, section};
 
 /// A value that cannot be simulated: where it stands, what is wrong, what to do.

@@ -4,7 +4,11 @@ use taktil_mechanics::Matrix6;
 
 use super::section::{Agree, inside, section};
 use super::{Invalid, invalid};
-use crate::electronics::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM};
+
+/// Codes of a gauge per newton, unless a scene gives a matrix.
+pub const GAUGE_CODES_PER_N: f64 = 20.0;
+/// Codes of a gauge per newton metre, unless a scene gives a matrix.
+pub const GAUGE_CODES_PER_NM: f64 = 1000.0;
 
 section! {
     /// `[wrist]`

@@ -8,8 +8,8 @@ use taktil_hal::Nanos;
 
 use super::*;
 use crate::contact::Surface;
-use crate::fidelity::ContactModel;
 use crate::pin::Pin;
+use crate::scene::fidelity::ContactModel;
 use crate::scene::{EdgeProfile, ObjectConfig, ObjectKind};
 use crate::{Carriage, Timing, World, WorldConfig, build_with_carriage};
 

@@ -19,10 +19,11 @@ use taktil_mechanics::{Joints, Pose};
 use super::matrix::N;
 use super::{Bench, Saved};
 use crate::contact::Surface;
-use crate::finger::{Ahead, Rotors, Swing};
 use crate::hash::Hash;
+use crate::manipulator::{ArmState, RotorState, StagePredictor};
 use crate::object::{Grip, Grips};
-use crate::rolling::{Around, Memory, Touching};
+use crate::rolling::{Memory, Touching};
+use crate::surroundings::Surroundings;
 use newton::Held;
 
 /// `1 - 1/sqrt(2)`
@@ -42,12 +43,10 @@ const SHRINKS: f64 = 0.05;
 /// of a stage the speed that an arm at rest may come to, on which its centrifugal and Coriolis
 /// torques depend.
 const FALLING_RAD_S2: f64 = 50.0;
-/// Distance at which turning counts as moving (m).
-const ARM_M: f64 = 0.1;
 
 /// What a stage starts from.
 struct Base {
-    swing: Swing,
+    arm: ArmState,
     memory: Option<Memory>,
     grips: Grips,
     /// Angular momentum of the pin (kg m^2/s), which its spin need not match.
@@ -103,7 +102,7 @@ struct Seen {
     /// How what the joints feel grows with their speeds (N m s/rad).
     slopes: [f64; 6],
     /// The surroundings of what may be touched.
-    around: Option<Around>,
+    around: Option<Surroundings>,
     /// The contacts of a pin.
     touch: Option<Touching>,
     /// Objects are touched.
@@ -123,17 +122,17 @@ impl Bench {
     pub(super) fn implicit(&mut self, start: &Saved, start_s: f64, h: f64) -> Outcome {
         let first = Base::of(start);
         let tau = GAMMA * h;
-        let u0 = speeds(&first.swing, first.memory.as_ref());
+        let u0 = speeds(&first.arm, first.memory.as_ref());
         let guess = core::array::from_fn(|i| u0[i] + tau * self.habit.slope[i]);
         let mut factors = None;
         let over = Over { tau, end_s: start_s + tau, last: false };
         let (last_1, n_1, u1) = self.stage(&first, guess, over, &mut factors);
         let second = first.carried_on(&self.save(), (1.0 - GAMMA) / GAMMA);
-        let ahead: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / GAMMA);
+        let u_end: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / GAMMA);
         let over = Over { end_s: start_s + h, ..over };
-        let (last_2, n_2, u2) = self.stage(&second, ahead, over, &mut factors);
+        let (last_2, n_2, u2) = self.stage(&second, u_end, over, &mut factors);
         // The embedded method takes the first stage's slopes for both.
-        let off = core::array::from_fn(|i| u2[i] - ahead[i]);
+        let off = core::array::from_fn(|i| u2[i] - u_end[i]);
         self.habit.slope = core::array::from_fn(|i| (u2[i] - u0[i]) / h);
         Outcome {
             error_m: h * self.way(&off),
@@ -149,7 +148,7 @@ impl Bench {
     /// this is Euler's method backwards, on contacts that are monotone in the speeds.
     pub(super) fn blow(&mut self, start: &Saved, start_s: f64, h: f64) -> Outcome {
         let base = Base::of(start);
-        let u0 = speeds(&base.swing, base.memory.as_ref());
+        let u0 = speeds(&base.arm, base.memory.as_ref());
         let over = Over { tau: h, end_s: start_s + h, last: true };
         let (last, iterations, u) = self.stage(&base, u0, over, &mut None);
         let off = core::array::from_fn(|i| 0.5 * (u[i] - u0[i]));
@@ -180,9 +179,9 @@ impl Bench {
         factors: &mut Option<Held>,
     ) -> (f64, u32, Speeds) {
         let mut u = guess;
-        let mut ahead = self.finger.ahead(&base.swing, &joints(&u), tau, end_s);
-        ahead.carried += ahead.jacobian * ahead.guess;
-        for slot in u.iter_mut().take(6).skip(ahead.degrees) {
+        let mut predictor = self.finger.predict_stage(&base.arm, &joints(&u), tau, end_s);
+        predictor.prescribed_twist += predictor.jacobian * predictor.guessed_speeds;
+        for slot in u.iter_mut().take(6).skip(predictor.degrees_of_freedom) {
             *slot = 0.0;
         }
         let (_, table_axes, table) = self.table.at(end_s);
@@ -191,12 +190,12 @@ impl Bench {
         let (mut before, mut seen) = (f64::INFINITY, Seen::default());
         for _ in 0..NEWTON_MAX {
             count += 1;
-            self.evaluate_into(&mut seen, base, &ahead, &u, tau, (&table, &table_axes));
-            let held = factors.get_or_insert_with(|| self.held(&ahead, &seen, tau));
+            self.evaluate_into(&mut seen, base, &predictor, &u, tau, (&table, &table_axes));
+            let held = factors.get_or_insert_with(|| self.held(&predictor, &seen, tau));
             let mut change = held.factors.solve(&seen.rest);
             if self.way(&change) < CLOSE_M_S && self.softer(&seen, held) {
                 // Stiffer than what is there by far they would call anything settled.
-                *held = self.held(&ahead, &seen, tau);
+                *held = self.held(&predictor, &seen, tau);
                 change = held.factors.solve(&seen.rest);
             }
             if !change.iter().all(|x| x.is_finite()) {
@@ -211,7 +210,7 @@ impl Bench {
             // speeds is seen anew.
             let turned = now.amax() + moved + FALLING_RAD_S2 * tau;
             if tau * moved * turned * self.finger.lever_m() > SETTLED_M_S {
-                ahead.push = self.finger.push(&ahead, &now);
+                predictor.forces = self.finger.generalised_forces(&predictor, &now);
                 torques_at = now;
             }
             let size = self.way(&change);
@@ -227,29 +226,29 @@ impl Bench {
         }
         if finest && !last.is_finite() {
             let (calm, more) =
-                self.calm(base, &ahead, (&mut u, &guess), tau, (&table, &table_axes));
+                self.calm(base, &predictor, (&mut u, &guess), tau, (&table, &table_axes));
             (last, count, *factors) = (calm, count + more, None);
         }
-        self.finish(base, &ahead, &u, tau);
+        self.finish(base, &predictor, &u, tau);
         (last, count, u)
     }
 
     /// The state at the end of a stage.
-    fn finish(&mut self, base: &Base, ahead: &Ahead, u: &Speeds, tau: f64) {
-        let mut next = base.swing;
-        for (i, speed) in u.iter().enumerate().take(ahead.degrees) {
+    fn finish(&mut self, base: &Base, predictor: &StagePredictor, u: &Speeds, tau: f64) {
+        let mut next = base.arm;
+        for (i, speed) in u.iter().enumerate().take(predictor.degrees_of_freedom) {
             next.qd[i] = *speed;
             next.q[i] += tau * speed;
-            let rub = self.finger.rub(&base.swing, i, *speed, tau);
-            next.bristle[i] = rub.bristle_rad;
-            if let Some((angle, speed)) = rub.motor {
-                (next.motor.q[i], next.motor.qd[i]) = (angle, speed);
+            let resisting = self.finger.resisting_torque(&base.arm, i, *speed, tau);
+            next.bristle[i] = resisting.bristle_rad;
+            if let Some(rotor) = resisting.rotor {
+                (next.rotors.q[i], next.rotors.qd[i]) = (rotor.angle_rad, rotor.speed_rad_s);
             }
         }
-        if ahead.degrees == 0 {
-            (next.qd, next.motor.qd) = (Joints::zeros(), Joints::zeros());
+        if predictor.degrees_of_freedom == 0 {
+            (next.qd, next.rotors.qd) = (Joints::zeros(), Joints::zeros());
         }
-        *self.finger.swing_mut() = next;
+        *self.finger.state_mut() = next;
         if let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) {
             rolling.pin = memory.pin.carried(part(u, 6), part(u, 9), tau);
         }
@@ -259,13 +258,13 @@ impl Bench {
     fn evaluate(
         &mut self,
         base: &Base,
-        ahead: &Ahead,
+        predictor: &StagePredictor,
         u: &Speeds,
         tau: f64,
         table: (&Surface, &DMat3),
     ) -> Seen {
         let mut seen = Seen::default();
-        self.evaluate_into(&mut seen, base, ahead, u, tau, table);
+        self.evaluate_into(&mut seen, base, predictor, u, tau, table);
         seen
     }
 
@@ -274,31 +273,31 @@ impl Bench {
         &mut self,
         seen: &mut Seen,
         base: &Base,
-        ahead: &Ahead,
+        predictor: &StagePredictor,
         u: &Speeds,
         tau: f64,
         (table, table_axes): (&Surface, &DMat3),
     ) {
         let rest = &mut seen.rest;
         let qd = joints(u);
-        let swung = ahead.inertia * (qd - base.swing.qd) - tau * ahead.push;
-        for i in 0..ahead.degrees {
-            let rub = self.finger.rub(&base.swing, i, qd[i], tau);
-            rest[i] = -swung[i] - tau * rub.torque_nm;
-            seen.slopes[i] = rub.slope;
+        let swung = predictor.inertia * (qd - base.arm.qd) - tau * predictor.forces;
+        for i in 0..predictor.degrees_of_freedom {
+            let resisting = self.finger.resisting_torque(&base.arm, i, qd[i], tau);
+            rest[i] = -swung[i] - tau * resisting.torque_nm;
+            seen.slopes[i] = resisting.slope;
         }
         if self.objects.is_none() && self.rolling.is_none() {
             return;
         }
-        let around = seen.around.insert(around(ahead, &qd, tau, table, table_axes));
+        let around = seen.around.insert(around(predictor, &qd, tau, table, table_axes));
         if let Some(objects) = &mut self.objects {
             objects.remember(&base.grips);
             self.work.contacts += 1;
             objects.touch(around, tau);
-            seen.pressed = objects.touched() > 0 && ahead.degrees > 0;
+            seen.pressed = objects.touched() > 0 && predictor.degrees_of_freedom > 0;
             if seen.pressed {
-                let pulled = ahead.jacobian.tr_mul(&objects.wrench(&around.pad));
-                for i in 0..ahead.degrees {
+                let pulled = predictor.jacobian.tr_mul(&objects.wrench(&around.pad));
+                for i in 0..predictor.degrees_of_freedom {
                     rest[i] += tau * pulled[i];
                 }
             }
@@ -315,8 +314,8 @@ impl Bench {
         rest[6..9].copy_from_slice(&(-linear).to_array());
         rest[9..12].copy_from_slice(&(-angular).to_array());
         if touching.finger.is_some() {
-            let pulled = ahead.jacobian.tr_mul(&rolling.wrench(around.finger.origin));
-            for i in 0..ahead.degrees {
+            let pulled = predictor.jacobian.tr_mul(&rolling.wrench(around.finger.origin));
+            for i in 0..predictor.degrees_of_freedom {
                 rest[i] += tau * pulled[i];
             }
         }
@@ -326,19 +325,19 @@ impl Bench {
 impl Base {
     fn of(saved: &Saved) -> Base {
         let turning = saved.memory.as_ref().map_or(DVec3::ZERO, |m| m.pin.angular_momentum());
-        Base { swing: saved.swing, memory: saved.memory, grips: saved.grips, turning }
+        Base { arm: saved.arm, memory: saved.memory, grips: saved.grips, turning }
     }
 
     /// This state carried on by `reach` times the way to `other`.
     fn carried_on(&self, other: &Saved, reach: f64) -> Base {
-        let (a, b) = (&self.swing, &other.swing);
-        let swing = Swing {
+        let (a, b) = (&self.arm, &other.arm);
+        let arm = ArmState {
             q: a.q + reach * (b.q - a.q),
             qd: a.qd + reach * (b.qd - a.qd),
             bristle: a.bristle + reach * (b.bristle - a.bristle),
-            motor: Rotors {
-                q: a.motor.q + reach * (b.motor.q - a.motor.q),
-                qd: a.motor.qd + reach * (b.motor.qd - a.motor.qd),
+            rotors: RotorState {
+                q: a.rotors.q + reach * (b.rotors.q - a.rotors.q),
+                qd: a.rotors.qd + reach * (b.rotors.qd - a.rotors.qd),
             },
         };
         let mix = |x: f64, y: f64| x + reach * (y - x);
@@ -348,7 +347,7 @@ impl Base {
             Grip { brush: a.brush + reach * (b.brush - a.brush), shear_n_m }
         });
         let (Some(a), Some(b)) = (&self.memory, &other.memory) else {
-            return Base { swing, memory: None, grips, turning: DVec3::ZERO };
+            return Base { arm, memory: None, grips, turning: DVec3::ZERO };
         };
         let mix3 = |x: DVec3, y: DVec3| x + reach * (y - x);
         let mut memory = *a;
@@ -363,47 +362,43 @@ impl Base {
         memory.pad = a.pad.carried_on(&b.pad, reach);
         memory.bed = a.bed.carried_on(&b.bed, reach);
         let turning = mix3(self.turning, b.pin.angular_momentum());
-        Base { swing, memory: Some(memory), grips, turning }
+        Base { arm, memory: Some(memory), grips, turning }
     }
 }
 
-fn speeds(swing: &Swing, memory: Option<&Memory>) -> Speeds {
+fn speeds(arm: &ArmState, memory: Option<&Memory>) -> Speeds {
     let (velocity, spin) =
         memory.map_or((DVec3::ZERO, DVec3::ZERO), |m| (m.pin.velocity, m.pin.spin));
     let mut u = [0.0; N];
-    u[..6].copy_from_slice(swing.qd.as_slice());
+    u[..6].copy_from_slice(arm.qd.as_slice());
     u[6..9].copy_from_slice(&velocity.to_array());
     u[9..].copy_from_slice(&spin.to_array());
     u
 }
 
 /// The pin's surroundings when the stage ends at the speeds `qd`.
-fn around(ahead: &Ahead, qd: &Joints, tau: f64, table: &Surface, axes: &DMat3) -> Around {
-    let off = ahead.jacobian * (qd - ahead.guess);
-    let (shift, turn) = linear_and_angular(&(tau * off));
+fn around(
+    predictor: &StagePredictor,
+    qd: &Joints,
+    tau: f64,
+    table: &Surface,
+    axes: &DMat3,
+) -> Surroundings {
+    let off = predictor.jacobian * (qd - predictor.guessed_speeds);
+    let (shift, turn) = split(&(tau * off));
     // Cayley's rotation: exact in length, of third order in the angle.
     let half = 0.5 * turn;
     let (square, twice) = (half.length_squared(), 2.0 / (1.0 + half.length_squared()));
     let turned = |v: DVec3| v + twice * (half.cross(v) + half.cross(half.cross(v)));
-    let r = &ahead.pose.rotation;
+    let r = &predictor.pose.rotation;
     let rotation = if square > 0.0 {
         DMat3::from_cols(turned(r.x_axis), turned(r.y_axis), turned(r.z_axis))
     } else {
         *r
     };
-    let pad = Pose::new(rotation, ahead.pose.translation + shift);
-    let finger = Surface::of_pad(&pad, &(ahead.carried + off));
-    Around { pad, finger, table: *table, table_axes: *axes }
-}
-
-impl crate::finger::Finger {
-    /// How far a unit of a coordinate moves the finger at most (m), roughly.
-    fn lever_m(&self) -> f64 {
-        match self {
-            crate::finger::Finger::Arm(_) => 5.0 * ARM_M,
-            crate::finger::Finger::Carriage(_) | crate::finger::Finger::Chained(_) => 1.0,
-        }
-    }
+    let pad = Pose::new(rotation, predictor.pose.translation + shift);
+    let finger = Surface::of_pad(&pad, &(predictor.prescribed_twist + off));
+    Surroundings { pad, finger, table: *table, table_axes: *axes }
 }
 
 #[cfg(test)]

@@ -11,12 +11,13 @@ mod matrix;
 use taktil_hal::{MAX_TACTELS, Nanos};
 use taktil_mechanics::Joints;
 
-use crate::fidelity::Integrator;
-use crate::finger::{Finger, Swing};
 use crate::hash::Hash;
+use crate::manipulator::{ArmState, Manipulator};
 use crate::object::{Grips, Objects};
-use crate::rolling::{Around, Memory, Rolling};
+use crate::rolling::{Memory, Rolling};
+use crate::scene::fidelity::Integrator;
 use crate::spatial::Tally;
+use crate::surroundings::Surroundings;
 use crate::table::Table;
 pub(crate) use implicit::Habit;
 
@@ -71,7 +72,7 @@ pub(crate) enum Method {
 /// Everything that moves.
 #[derive(Clone, Debug)]
 pub(crate) struct Bench {
-    pub(crate) finger: Finger,
+    pub(crate) finger: Box<dyn Manipulator>,
     pub(crate) rolling: Option<Box<Rolling>>,
     pub(crate) objects: Option<Box<Objects>>,
     pub(crate) table: Table,
@@ -89,7 +90,7 @@ pub(crate) struct Bench {
 /// What a step may have to be done again from.
 #[derive(Clone, Copy, Debug)]
 struct Saved {
-    swing: Swing,
+    arm: ArmState,
     memory: Option<Memory>,
     grips: Grips,
 }
@@ -123,19 +124,19 @@ impl Bench {
             }
         }
         // An arm that swings keeps what its explicit steps evaluate now and then only.
-        if self.method != Method::Euler || self.finger.is_led() {
-            self.finger.settle(to.as_secs_f64());
+        if self.method != Method::Euler || self.finger.is_prescribed() {
+            self.finger.update_kinematics(to.as_secs_f64());
         }
     }
 
     fn save(&self) -> Saved {
         let memory = self.rolling.as_ref().map(|rolling| rolling.memory());
         let grips = self.objects.as_ref().map_or(Grips::default(), |objects| objects.memory());
-        Saved { swing: *self.finger.swing(), memory, grips }
+        Saved { arm: *self.finger.state(), memory, grips }
     }
 
     fn restore(&mut self, saved: &Saved) {
-        *self.finger.swing_mut() = saved.swing;
+        *self.finger.state_mut() = saved.arm;
         if let (Some(rolling), Some(memory)) = (&mut self.rolling, &saved.memory) {
             rolling.remember(memory);
         }
@@ -145,9 +146,9 @@ impl Bench {
     }
 
     /// What finger, pad and table are to the pin at an instant.
-    pub(crate) fn around(&self, t_s: f64) -> Around {
+    pub(crate) fn around(&self, t_s: f64) -> Surroundings {
         let (_, table_axes, table) = self.table.at(t_s);
-        Around { pad: *self.finger.pose(), finger: self.finger.surface(), table, table_axes }
+        Surroundings { pad: *self.finger.pose(), finger: self.finger.surface(), table, table_axes }
     }
 
     /// Evaluates the contacts of the present state, unless the step that led there did.
@@ -214,16 +215,14 @@ impl Bench {
 
     /// The arm alone; a step that ends beyond a stop is halved to come near the instant.
     fn smooth(&mut self, h: f64, depth: u32) {
-        let before = *self.finger.swing();
+        let before = *self.finger.state();
         self.work.steps += 1;
-        if let Finger::Arm(arm) = &mut self.finger {
-            arm.swing_freely(h);
-        }
-        if !self.finger.beyond_limits() {
+        self.finger.step_rk4(h);
+        if !self.finger.is_beyond_limits() {
             return;
         }
         if depth < HALVINGS {
-            *self.finger.swing_mut() = before;
+            *self.finger.state_mut() = before;
             self.work.halved += 1;
             self.smooth(0.5 * h, depth + 1);
             self.smooth(0.5 * h, depth + 1);
@@ -244,7 +243,7 @@ impl Bench {
         let mut outcome = self.implicit(&saved, t_s, h);
         self.work.steps += 1;
         self.work.iterations += u64::from(outcome.iterations);
-        let happened = self.touched() != before || self.finger.beyond_limits();
+        let happened = self.touched() != before || self.finger.is_beyond_limits();
         let coarse = outcome.error_m > ERROR_M || !outcome.settled;
         if depth < HALVINGS && (happened || coarse) {
             self.restore(&saved);
@@ -261,7 +260,7 @@ impl Bench {
         } else if happened {
             self.habit.forget();
         }
-        self.felt = outcome.unseen_m_s < FELT_M_S && !self.finger.beyond_limits();
+        self.felt = outcome.unseen_m_s < FELT_M_S && !self.finger.is_beyond_limits();
         self.finger.stop_at_limits();
         self.work.unsettled += u64::from(!outcome.settled);
         self.error_m = self.error_m.max(outcome.error_m);

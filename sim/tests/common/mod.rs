@@ -6,7 +6,7 @@ use taktil_hal::{Devices, Nanos};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_sim::{
-    Carriage, Float, PITCH_M, Timing, Truth, World, WorldConfig, build_with_carriage,
+    Carriage, FloatingGuide, PITCH_M, Timing, Truth, World, WorldConfig, build_with_carriage,
 };
 
 /// Sensor axes of the nominal rolling pose.
@@ -25,8 +25,8 @@ pub fn meeting_height(config: &WorldConfig) -> f64 {
     1e-3 * (config.table_height_mm() + 2.0 * config.pin.radius_mm / slope)
 }
 
-pub fn load_of(load_n: f64) -> Option<Float> {
-    Some(Float { mass_kg: 1.0, load_n, damping_n_s_m: 200.0 })
+pub fn load_of(load_n: f64) -> Option<FloatingGuide> {
+    Some(FloatingGuide { mass_kg: 1.0, load_n, damping_n_s_m: 200.0 })
 }
 
 pub fn bench(config: &WorldConfig, carriage: Carriage) -> (World, Devices) {

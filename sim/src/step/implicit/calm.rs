@@ -4,7 +4,7 @@
 
 use glam::DMat3;
 
-use super::{Ahead, Base, Bench, SETTLED_M_S, Seen, Speeds, speeds};
+use super::{Base, Bench, SETTLED_M_S, Seen, Speeds, StagePredictor, speeds};
 use crate::contact::Surface;
 
 /// Iterations at most of a stage that did not settle and is not halved any more.
@@ -23,30 +23,30 @@ impl Bench {
     pub(super) fn calm(
         &mut self,
         base: &Base,
-        ahead: &Ahead,
+        predictor: &StagePredictor,
         (u, guess): (&mut Speeds, &Speeds),
         tau: f64,
         table: (&Surface, &DMat3),
     ) -> (f64, u32) {
-        let mass = self.matrix(ahead, &Seen::default(), tau).factor();
+        let mass = self.matrix(predictor, &Seen::default(), tau).factor();
         let left = |seen: &Seen| -> f64 {
             let speeds = mass.solve(&seen.rest);
             speeds.iter().zip(&seen.rest).map(|(speed, rest)| speed * rest).sum()
         };
         let mut least = f64::INFINITY;
-        for from in [*u, *guess, speeds(&base.swing, base.memory.as_ref())] {
-            let here = left(&self.evaluate(base, ahead, &from, tau, table));
+        for from in [*u, *guess, speeds(&base.arm, base.memory.as_ref())] {
+            let here = left(&self.evaluate(base, predictor, &from, tau, table));
             if here < least {
                 (least, *u) = (here, from);
             }
         }
         for count in 1..=CALM_MAX {
-            let seen = self.evaluate(base, ahead, u, tau, table);
-            let change = self.matrix(ahead, &seen, tau).factor().solve(&seen.rest);
+            let seen = self.evaluate(base, predictor, u, tau, table);
+            let change = self.matrix(predictor, &seen, tau).factor().solve(&seen.rest);
             let (mut part, mut taken) = (1.0, false);
             for _ in 0..SHORTER_MAX {
                 let next: Speeds = core::array::from_fn(|i| u[i] + part * change[i]);
-                let there = left(&self.evaluate(base, ahead, &next, tau, table));
+                let there = left(&self.evaluate(base, predictor, &next, tau, table));
                 taken = there <= (1.0 - TAKES_OFF * part) * least;
                 if taken {
                     (least, *u) = (there, next);
@@ -60,7 +60,7 @@ impl Bench {
             }
             if !taken {
                 // The contacts are left as they are at the speeds that are kept.
-                self.evaluate(base, ahead, u, tau, table);
+                self.evaluate(base, predictor, u, tau, table);
                 return (f64::INFINITY, count as u32);
             }
         }

@@ -5,11 +5,12 @@
 use glam::DVec3;
 use taktil_mechanics::spatial::spatial_vector;
 
-use super::{Ahead, Bench, Seen};
+use super::{Bench, Seen, StagePredictor};
 use crate::contact::{Line, Tangent};
-use crate::rolling::{Around, Rolling};
+use crate::rolling::Rolling;
 use crate::scene::OBJECTS_MAX;
 use crate::step::matrix::{Factors, Matrix12, N};
+use crate::surroundings::Surroundings;
 
 /// Numbers of what resists motion: see [`Bench::holds`].
 const HOLDS: usize = 12 + 3 * OBJECTS_MAX;
@@ -25,8 +26,8 @@ pub(super) struct Held {
 
 impl Bench {
     /// Newton's matrix of a balance, factored.
-    pub(super) fn held(&self, ahead: &Ahead, seen: &Seen, tau: f64) -> Held {
-        let factors = self.matrix(ahead, seen, tau).factor();
+    pub(super) fn held(&self, predictor: &StagePredictor, seen: &Seen, tau: f64) -> Held {
+        let factors = self.matrix(predictor, seen, tau).factor();
         Held { factors, holds: self.holds(seen) }
     }
 
@@ -57,18 +58,19 @@ impl Bench {
     }
 
     /// Newton's matrix where the balance was evaluated last.
-    pub(super) fn matrix(&self, ahead: &Ahead, seen: &Seen, tau: f64) -> Matrix12 {
+    pub(super) fn matrix(&self, predictor: &StagePredictor, seen: &Seen, tau: f64) -> Matrix12 {
         let mut matrix = Matrix12::identity();
-        for (i, slope) in seen.slopes.iter().enumerate().take(ahead.degrees) {
+        for (i, slope) in seen.slopes.iter().enumerate().take(predictor.degrees_of_freedom) {
             for j in 0..=i {
-                matrix.set(i, j, ahead.inertia[(i, j)]);
+                matrix.set(i, j, predictor.inertia[(i, j)]);
             }
             matrix.add(i, i, tau * slope);
         }
         if let (Some(objects), Some(around), true) = (&self.objects, &seen.around, seen.pressed) {
-            objects.tangent(&around.pad, &ahead.jacobian, |weight, part| {
+            objects.tangent(&around.pad, &predictor.jacobian, |weight, part| {
                 let mut row = [0.0; N];
-                row[..ahead.degrees].copy_from_slice(&part.as_slice()[..ahead.degrees]);
+                row[..predictor.degrees_of_freedom]
+                    .copy_from_slice(&part.as_slice()[..predictor.degrees_of_freedom]);
                 matrix.add_outer(tau * weight, &row);
             });
         }
@@ -89,7 +91,7 @@ impl Bench {
             add_contact(&mut matrix, line, tangent, tau, None);
         }
         if let Some((line, tangent)) = &touching.finger {
-            add_contact(&mut matrix, line, tangent, tau, Some((ahead, around.finger.origin)));
+            add_contact(&mut matrix, line, tangent, tau, Some((predictor, around.finger.origin)));
         }
         matrix
     }
@@ -101,7 +103,7 @@ fn add_contact(
     line: &Line,
     tangent: &Tangent,
     tau: f64,
-    finger: Option<(&Ahead, DVec3)>,
+    finger: Option<(&StagePredictor, DVec3)>,
 ) {
     let directions = [line.normal, line.across, line.along];
     for (direction, weights) in directions.into_iter().zip(&tangent.weights) {
@@ -118,11 +120,11 @@ fn add_contact(
         at_mean[6..9].copy_from_slice(&direction.to_array());
         at_mean[9..].copy_from_slice(&lever.to_array());
         lean[9..].copy_from_slice(&turn.to_array());
-        if let Some((ahead, tool)) = finger {
+        if let Some((predictor, tool)) = finger {
             let lever = (line.foot - tool).cross(direction) + mean * turn;
-            let at_tool = ahead.jacobian.tr_mul(&spatial_vector(direction, lever));
-            let turned = ahead.jacobian.tr_mul(&spatial_vector(DVec3::ZERO, turn));
-            for i in 0..ahead.degrees {
+            let at_tool = predictor.jacobian.tr_mul(&stack(direction, lever));
+            let turned = predictor.jacobian.tr_mul(&stack(DVec3::ZERO, turn));
+            for i in 0..predictor.degrees_of_freedom {
                 (at_mean[i], lean[i]) = (-at_tool[i], -turned[i]);
             }
         }
@@ -143,7 +145,7 @@ fn add_contact(
 
 impl Rolling {
     /// Adds how the hand's grip depends on the pin's speeds.
-    fn tighten(&self, around: &Around, tau: f64, matrix: &mut Matrix12) {
+    fn tighten(&self, around: &Surroundings, tau: f64, matrix: &mut Matrix12) {
         if !self.hand.holding {
             return;
         }

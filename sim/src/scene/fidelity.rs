@@ -4,7 +4,7 @@
 
 use serde::Deserialize;
 
-use crate::scene::section::{Agree, names, section};
+use super::section::{Agree, names, section};
 
 section! {
     /// `[fidelity]`: arm, contact and integrator of a scene.

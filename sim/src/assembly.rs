@@ -10,24 +10,24 @@ use taktil_mechanics::robot::ChainRobot;
 use taktil_mechanics::spatial::rotation_z;
 use taktil_mechanics::transmission::Drive;
 
-use crate::arm::{Arm, JOINTS};
-use crate::carriage::{Carriage, Riding};
-use crate::chained::Chained;
+use crate::arm::{Arm, JOINT_COUNT};
+use crate::carriage::{Carriage, MovingCarriage};
 use crate::contact::{PAD_HALF_M, Patch, Reaction, Surface};
 use crate::devices::connect;
 use crate::electronics::{Array, Tip, Wrist};
 use crate::faults::Faults;
-use crate::fidelity::{ArmModel, ContactModel, Integrator};
-use crate::finger::{Finger, Unheld};
+use crate::free_arm::FreeArm;
 use crate::hand::Hand;
 use crate::index::Index;
+use crate::last_sent::{Feed, Told};
+use crate::manipulator::Manipulator;
 use crate::object::Objects;
 use crate::opposed::Opposed;
 use crate::pin::Pin;
 use crate::rolling::Rolling;
 use crate::rubber::Rubber;
+use crate::scene::fidelity::{ContactModel, Integrator};
 use crate::scene::{Invalid, PinConfig, RubberConfig, TactileConfig, Timing, WorldConfig, invalid};
-use crate::snapshot::{Feed, Told};
 use crate::spatial::Spatial;
 use crate::step::{Bench, Habit, Method, Work};
 use crate::table::Table;
@@ -55,8 +55,8 @@ pub fn build(
     timing.check()?;
     let arm = Arm::new(&config.arm, config.fidelity.arm, config.arm_every)?;
     let mass_kg = arm.mass_at_tool_kg();
-    let board = (JOINTS, Drive::reference().code_range());
-    assemble(config, timing, seed, (Finger::Arm(Box::new(arm)), mass_kg), board)
+    let board = (JOINT_COUNT, Drive::reference().code_range());
+    assemble(config, timing, seed, (Box::new(arm), mass_kg), board)
 }
 
 /// Builds the bench with another arm, which starts at `start` (rad) and touches nothing.
@@ -85,9 +85,8 @@ pub fn build_with_chain<const N: usize>(
         let what = "is named, but this arm has a method of its own".to_owned();
         return Err(invalid("fidelity.integrator", what, "say auto"));
     }
-    let arm = Chained::new(robot, start, &config.arm, config.fidelity.arm)?;
-    let finger = Finger::Chained(Box::new(Unheld::new(Box::new(arm))));
-    assemble(config, timing, seed, (finger, None), (N, robot.drive.code_range()))
+    let arm = FreeArm::new(robot, start, &config.arm, config.fidelity.arm)?;
+    assemble(config, timing, seed, (Box::new(arm), None), (N, robot.drive.code_range()))
 }
 
 /// Builds the bench with a finger on rails instead of the arm; the encoders read zero.
@@ -103,17 +102,17 @@ pub fn build_with_carriage(
     config.check()?;
     timing.check()?;
     carriage.check()?;
-    let riding = Riding::new(carriage);
-    let mass_kg = riding.mass_kg();
-    let board = (JOINTS, Drive::reference().code_range());
-    assemble(config, timing, seed, (Finger::Carriage(Box::new(riding)), mass_kg), board)
+    let carriage = MovingCarriage::new(carriage);
+    let mass_kg = carriage.mass_kg();
+    let board = (JOINT_COUNT, Drive::reference().code_range());
+    assemble(config, timing, seed, (Box::new(carriage), mass_kg), board)
 }
 
 fn assemble(
     config: &WorldConfig,
     timing: &Timing,
     seed: u64,
-    (finger, finger_kg): (Finger, Option<f64>),
+    (finger, finger_kg): (Box<dyn Manipulator>, Option<f64>),
     board: (usize, (i32, i32)),
 ) -> Result<(World, Devices), Invalid> {
     let table = Table::new(&config.table, config.table_height_mm());
@@ -139,10 +138,10 @@ fn assemble(
     let feeds =
         [Some(Feed::of(&config.tactile)), opposed.then(|| Feed::of(&config.opposed.tactile))];
     let told = Told { board, feeds, ..Told::default() };
-    let index = index(config, &finger)?;
+    let index = index(config, finger.as_ref())?;
     let (ends, devices) = connect(timing.actuation_delay, board, index.is_some(), told.facts());
     let bench = Bench {
-        method: method(config, &finger)?,
+        method: method(config, finger.as_ref())?,
         finger,
         rolling,
         objects,
@@ -199,22 +198,17 @@ fn check_start(bench: &Bench) -> Result<(), Invalid> {
 }
 
 /// The index pulses of the discs, if the scene gives them any.
-fn index(config: &WorldConfig, finger: &Finger) -> Result<Option<Index>, Invalid> {
+fn index(config: &WorldConfig, finger: &dyn Manipulator) -> Result<Option<Index>, Invalid> {
     let Some(before) = &config.arm.index_counts else { return Ok(None) };
-    let (home, per_rev) = match finger {
-        Finger::Arm(arm) => arm.home_counts(&config.arm),
-        Finger::Chained(unheld) => unheld.arm.home_counts(),
-        Finger::Carriage(_) => return Ok(None),
-    };
-    Index::new(before, &home, &per_rev).map(Some)
+    let Some(home) = finger.home_counts() else { return Ok(None) };
+    Index::new(before, &home.counts, &home.counts_per_turn).map(Some)
 }
 
 /// The integrator for what is on the bench.
-fn method(config: &WorldConfig, finger: &Finger) -> Result<Method, Invalid> {
-    let free = matches!(finger, Finger::Arm(arm) if arm.is_smooth());
-    let smooth = free && !config.pin.present && config.object.is_empty();
+fn method(config: &WorldConfig, finger: &dyn Manipulator) -> Result<Method, Invalid> {
+    let smooth = finger.is_smooth() && !config.pin.present && config.object.is_empty();
     let integrator = config.fidelity.integrator;
-    if matches!(finger, Finger::Chained(_)) {
+    if finger.steps_by_itself() {
         // Its own step, taken in order.
         return Ok(Method::Euler);
     }
@@ -227,8 +221,7 @@ fn method(config: &WorldConfig, finger: &Finger) -> Result<Method, Invalid> {
         let what = "is euler, which knows the pin only".to_owned();
         return Err(invalid("fidelity.integrator", what, "say auto, or leave the objects out"));
     }
-    let gives_way = config.fidelity.arm == ArmModel::Compliant && matches!(finger, Finger::Arm(_));
-    if integrator == Integrator::Euler && gives_way {
+    if integrator == Integrator::Euler && finger.has_compliant_gears() {
         let what = "is euler, which cannot follow gears that give way".to_owned();
         return Err(invalid("fidelity.integrator", what, "say auto or implicit"));
     }
