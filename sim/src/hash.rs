@@ -10,20 +10,20 @@ use glam::DVec3;
 pub(crate) struct Hash(u64);
 
 /// Where it starts: the fractional part of the golden ratio times 2^64.
-const START: u64 = 0x9E37_79B9_7F4A_7C15;
+const INITIAL_VALUE: u64 = 0x9E37_79B9_7F4A_7C15;
 /// Knuth's multiplier of MMIX: odd, with well-mixed bits.
-const MULTIPLIER: u64 = 0x5851_F42D_4C95_7F2D;
+const MMIX_MULTIPLIER: u64 = 0x5851_F42D_4C95_7F2D;
 
 impl Default for Hash {
     fn default() -> Hash {
-        Hash(START)
+        Hash(INITIAL_VALUE)
     }
 }
 
 impl Hash {
     /// Adds a word.
     pub(crate) fn word(&mut self, word: u64) {
-        let product = (self.0.rotate_left(23) ^ word).wrapping_mul(MULTIPLIER);
+        let product = (self.0.rotate_left(23) ^ word).wrapping_mul(MMIX_MULTIPLIER);
         self.0 = product ^ (product >> 32);
     }
 

@@ -4,53 +4,52 @@
 use taktil_hal::link::Sender;
 use taktil_hal::{AdcCode, CHANNELS, LinesIn, Nanos};
 
-use crate::devices::Scan;
-use crate::scene::{Stamp, TactileConfig};
+use crate::devices::{BoardSpec, Scan, TactileSpec};
+use crate::scene::{ScanStamp, TactileConfig};
 
 /// What the world last told the devices, beside what it keeps anyway.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Told {
+pub(crate) struct LastSent {
     /// Channels of the boards, and the D/A's range.
-    pub(crate) board: (usize, (i32, i32)),
+    pub(crate) board: BoardSpec,
     /// The scans of the finger's array, and of the one opposed to it where there is one.
-    pub(crate) feeds: [Option<Feed>; 2],
+    pub(crate) feeds: [Option<ScanFeed>; 2],
     /// Motor currents and lines, and when.
     pub(crate) control: Option<([AdcCode; CHANNELS], LinesIn, Nanos)>,
 }
 
-impl Told {
+impl LastSent {
     /// What each array says of itself.
-    pub(crate) fn facts(&self) -> [Option<(u16, Nanos)>; 2] {
-        [0, 1].map(|tip: usize| self.feeds[tip].as_ref().map(|feed| feed.facts))
+    pub(crate) fn tactile_specs(&self) -> [Option<TactileSpec>; 2] {
+        [0, 1].map(|tip: usize| self.feeds[tip].as_ref().map(|feed| feed.spec))
     }
 }
 
 /// What a tactile array says of itself, and the scans that it handed over.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Feed {
-    /// Its largest reading, and the time from row to row.
-    pub(crate) facts: (u16, Nanos),
+pub(crate) struct ScanFeed {
+    pub(crate) spec: TactileSpec,
     /// How its scans are handed over.
-    pub(crate) delivery: Delivery,
+    pub(crate) delivery: ScanDelivery,
     /// The newest scans, on their way or taken: what each carries, and when it is visible.
-    pub(crate) scans: [Option<(Scan, Nanos, Nanos)>; SCANS],
+    pub(crate) scans: [Option<(Scan, Nanos, Nanos)>; SCAN_HISTORY_MAX],
 }
 
 /// Scans that can be on their way, and two before them.
-const SCANS: usize = 32;
+const SCAN_HISTORY_MAX: usize = 32;
 
 /// How late scans are, and whether they say so.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Delivery {
+pub(crate) struct ScanDelivery {
     /// How many scans later one arrives.
     pub(crate) late_scans: u32,
     /// It carries the instant of its arrival.
     pub(crate) hidden: bool,
 }
 
-impl Delivery {
-    pub(crate) fn of(config: &TactileConfig) -> Delivery {
-        Delivery { late_scans: config.late_scans, hidden: config.stamp == Stamp::Delivered }
+impl ScanDelivery {
+    pub(crate) fn of(config: &TactileConfig) -> ScanDelivery {
+        ScanDelivery { late_scans: config.late_scans, hidden: config.stamp == ScanStamp::Delivered }
     }
 
     /// What a scan that is whole at `t` carries, and when it is visible.
@@ -60,25 +59,25 @@ impl Delivery {
     }
 }
 
-impl Feed {
-    pub(crate) fn of(config: &TactileConfig) -> Feed {
+impl ScanFeed {
+    pub(crate) fn of(config: &TactileConfig) -> ScanFeed {
         let row = Nanos((1e3 * config.row_us).round() as i64);
-        let facts = (config.full_counts(), row);
-        Feed { facts, delivery: Delivery::of(config), ..Feed::default() }
+        let spec = TactileSpec { full_scale: config.full_counts(), row };
+        ScanFeed { spec, delivery: ScanDelivery::of(config), ..ScanFeed::default() }
     }
 
     /// One more scan went out; one that was taken long ago is forgotten.
-    pub(crate) fn scan(&mut self, scan: Scan, stamp: Nanos, visible: Nanos) {
-        let kept = (self.delivery.late_scans as usize + 2).min(SCANS);
+    pub(crate) fn record(&mut self, scan: Scan, stamp: Nanos, visible: Nanos) {
+        let kept = (self.delivery.late_scans as usize + 2).min(SCAN_HISTORY_MAX);
         self.scans[..kept].rotate_right(1);
         self.scans[0] = Some((scan, stamp, visible));
     }
 
     /// Hands over, at `now`, of those that were visible the newest, and all that were not yet.
-    pub(crate) fn tell(&self, to: &mut Sender<Scan>, now: Nanos) {
+    pub(crate) fn send(&self, to: &mut Sender<Scan>, now: Nanos) {
         let known = |scan: &(Scan, Nanos, Nanos)| scan.2 <= now;
         let first = self.scans.iter().flatten().position(known);
-        let begun = first.map_or(SCANS, |first| first + 1);
+        let begun = first.map_or(SCAN_HISTORY_MAX, |first| first + 1);
         for (scan, stamp, visible) in self.scans[..begun].iter().rev().flatten() {
             let _ = to.send(*scan, *stamp, *visible);
         }

@@ -4,7 +4,7 @@
 
 use core::f64::consts::TAU;
 
-use crate::scene::{Kind, Motion, STEP_S};
+use crate::scene::{Motion, MotionKind, STEP_DURATION_S};
 
 /// A motion, ready to be asked at any instant.
 #[derive(Clone, Debug)]
@@ -31,27 +31,27 @@ impl MotionProfile {
     /// Of a motion that was checked; allocates.
     pub(crate) fn new(motion: &Motion) -> MotionProfile {
         let from_s = motion.from_s;
-        let of = |deg: Option<f64>, mm| motion.fitting(deg, mm).unwrap_or(0.0);
+        let of = |deg: Option<f64>, mm| motion.by_unit(deg, mm).unwrap_or(0.0);
         match motion.kind {
-            Kind::Ramp => MotionProfile::Ramp {
+            MotionKind::Ramp => MotionProfile::Ramp {
                 rate: of(motion.rate_deg_s, motion.rate_mm_s),
                 from_s,
                 to_s: motion.to_s.unwrap_or(from_s),
                 blend_s: motion.blend_s.unwrap_or(0.0),
             },
-            Kind::Step => MotionProfile::Step {
+            MotionKind::Step => MotionProfile::Step {
                 by: of(motion.by_deg, motion.by_mm),
                 from_s,
-                to_s: motion.to_s.unwrap_or(from_s + STEP_S),
+                to_s: motion.to_s.unwrap_or(from_s + STEP_DURATION_S),
             },
-            Kind::Sine => MotionProfile::Sine {
+            MotionKind::Sine => MotionProfile::Sine {
                 amplitude: of(motion.amplitude_deg, motion.amplitude_mm),
                 frequency_hz: motion.frequency_hz.unwrap_or(1.0),
                 from_s,
                 to_s: motion.to_s.unwrap_or(f64::INFINITY),
             },
-            Kind::Points => {
-                let points = motion.fitting(&motion.points_deg, &motion.points_mm);
+            MotionKind::Points => {
+                let points = motion.by_unit(&motion.points_deg, &motion.points_mm);
                 MotionProfile::Points(knots(points.as_deref().unwrap_or_default(), from_s))
             }
         }
@@ -66,9 +66,9 @@ impl MotionProfile {
     pub(crate) fn at(&self, t_s: f64) -> (f64, f64) {
         match self {
             MotionProfile::Ramp { rate, from_s, to_s, blend_s } => {
-                ramp(*rate, t_s, (*from_s, *to_s), *blend_s)
+                ramp(*rate, t_s, *from_s, *to_s, *blend_s)
             }
-            MotionProfile::Step { by, from_s, to_s } => step(*by, t_s, (*from_s, *to_s)),
+            MotionProfile::Step { by, from_s, to_s } => step(*by, t_s, *from_s, *to_s),
             MotionProfile::Sine { amplitude, frequency_hz, from_s, to_s } => {
                 let end = t_s.clamp(*from_s, *to_s);
                 let (sin, cos) = libm::sincos(TAU * frequency_hz * (end - from_s));
@@ -83,7 +83,7 @@ impl MotionProfile {
 
 /// A ramp; with a blend its rate rises and falls on straight lines, so that the way is shorter by
 /// one blend.
-fn ramp(rate: f64, t_s: f64, (from_s, to_s): (f64, f64), blend_s: f64) -> (f64, f64) {
+fn ramp(rate: f64, t_s: f64, from_s: f64, to_s: f64, blend_s: f64) -> (f64, f64) {
     let moves = t_s >= from_s && t_s < to_s;
     let gone = t_s.clamp(from_s, to_s) - from_s;
     if blend_s <= 0.0 {
@@ -98,7 +98,7 @@ fn ramp(rate: f64, t_s: f64, (from_s, to_s): (f64, f64), blend_s: f64) -> (f64, 
 }
 
 /// The minimum-jerk polynomial (Flash and Hogan 1985).
-fn step(by: f64, t_s: f64, (from_s, to_s): (f64, f64)) -> (f64, f64) {
+fn step(by: f64, t_s: f64, from_s: f64, to_s: f64) -> (f64, f64) {
     let span = to_s - from_s;
     let u = ((t_s - from_s) / span).clamp(0.0, 1.0);
     let value = by * u * u * u * (10.0 + u * (6.0 * u - 15.0));
@@ -151,14 +151,14 @@ mod tests {
     use crate::scene::Axis;
 
     fn courses() -> Vec<(&'static str, MotionProfile)> {
-        let mut ramp = Motion::ramp(Axis::Pan, 5.0, (1.0, 3.0));
+        let mut ramp = Motion::ramp(Axis::Pan, 5.0, 1.0, 3.0);
         let plain = MotionProfile::new(&ramp);
         ramp.blend_s = Some(0.5);
-        let mut step = Motion::of(Axis::Slide, Kind::Step);
+        let mut step = Motion::of(Axis::Slide, MotionKind::Step);
         (step.from_s, step.by_mm, step.to_s) = (1.0, Some(-7.0), Some(1.5));
-        let mut sine = Motion::of(Axis::TiltX, Kind::Sine);
+        let mut sine = Motion::of(Axis::TiltX, MotionKind::Sine);
         (sine.from_s, sine.amplitude_deg, sine.frequency_hz) = (0.5, Some(2.0), Some(1.5));
-        let mut points = Motion::of(Axis::Height, Kind::Points);
+        let mut points = Motion::of(Axis::Height, MotionKind::Points);
         points.points_mm = Some(vec![[0.5, 1.0], [1.0, 4.0], [1.7, 4.5], [2.0, -1.0], [3.0, -1.0]]);
         vec![
             ("ramp", plain),

@@ -6,38 +6,39 @@ use glam::{DMat3, DVec3};
 use taktil_mechanics::Pose;
 use taktil_mechanics::spatial::rotation_z;
 
-use crate::contact::{Line, Surface};
+use crate::contact::{ContactLine, Surface};
 use crate::scene::OpposedConfig;
-use crate::spatial::Spatial;
+use crate::spatial::SpatialSolver;
 use crate::surroundings::Surroundings;
 
 /// The fingertip on its mount.
 #[derive(Clone, Debug)]
-pub(crate) struct Opposed {
+pub(crate) struct OpposedPad {
     /// Middle of its face and its axes, seen from the mount.
     place: DVec3,
     turn: DMat3,
     /// Cosine between the sensor's x and the rolling direction at the latest evaluation.
-    pub(crate) across: f64,
+    pub(crate) rolling_cosine: f64,
     /// The contact in three dimensions, for scenes that ask for it.
-    pub(crate) spatial: Option<Box<Spatial>>,
+    pub(crate) spatial: Option<Box<SpatialSolver>>,
 }
 
-impl Opposed {
+impl OpposedPad {
     /// Over the wanted x and y of the mount's surface as it stands at the start.
     pub(crate) fn new(
         config: &OpposedConfig,
         finger: DVec3,
-        (axes, surface): (&DMat3, &Surface),
-        spatial: Option<Box<Spatial>>,
-    ) -> Opposed {
+        axes: &DMat3,
+        surface: &Surface,
+        spatial: Option<Box<SpatialSolver>>,
+    ) -> OpposedPad {
         let (x, y) = (finger.x + 1e-3 * config.x_mm, finger.y + 1e-3 * config.y_mm);
         let (n, o) = (surface.normal, surface.origin);
         let z = o.z - (n.x * (x - o.x) + n.y * (y - o.y)) / n.z;
-        Opposed {
+        OpposedPad {
             place: axes.transpose() * (DVec3::new(x, y, z) - o),
             turn: rotation_z(config.yaw_deg.to_radians()),
-            across: 1.0,
+            rolling_cosine: 1.0,
             spatial,
         }
     }
@@ -48,9 +49,9 @@ impl Opposed {
     }
 
     /// How the pad lies under the pin's line.
-    pub(crate) fn under(&mut self, line: &Line, around: &Surroundings) -> Pose {
-        let pad = self.pose(&around.table_axes, &around.table);
-        self.across = line.across.dot(pad.rotation.x_axis);
+    pub(crate) fn pad_under(&mut self, line: &ContactLine, surroundings: &Surroundings) -> Pose {
+        let pad = self.pose(&surroundings.table_axes, &surroundings.table);
+        self.rolling_cosine = line.across.dot(pad.rotation.x_axis);
         pad
     }
 }

@@ -9,13 +9,13 @@ use taktil_contact::layer::Layer;
 use crate::scene::{Invalid, RubberConfig, invalid};
 
 /// Penetration up to which the contact is solved, in thicknesses: the range of small strain.
-const PENETRATION_MAX: f64 = 0.2;
+const PENETRATION_MAX_THICKNESSES: f64 = 0.2;
 /// Cells of the table; it stays small enough for the processor's fastest memory.
-const CELLS: usize = 512;
+const CELL_COUNT: usize = 512;
 
 /// What a slice of rubber does at a penetration, per metre of contact line.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Response {
+pub(crate) struct LineResponse {
     /// Line load (N/m).
     pub(crate) load_n_m: f64,
     /// Its derivative (N/m^2).
@@ -27,42 +27,43 @@ pub(crate) struct Response {
 }
 
 /// Reach of a tangential line load's trace at the base (thicknesses) and its places.
-const TRACE_REACH: f64 = 16.0;
-const TRACE_PLACES: usize = 512;
+const INFLUENCE_REACH_THICKNESSES: f64 = 16.0;
+const INFLUENCE_POINT_COUNT: usize = 512;
 /// Points that stand for a traction over the contact's width.
-const TRACTION_POINTS: usize = 8;
+const TRACTION_POINT_COUNT: usize = 8;
 
 /// What the base carries left of a place under a tangential line load of 1 N/m along +x, even in
 /// the place: a tangential load presses in front of itself and lifts behind.
 #[derive(Clone, Debug)]
-pub(crate) struct Trace {
+pub(crate) struct TangentialInfluence {
     left_of: Vec<f64>,
     per_m: f64,
     /// Cosines of the points of a traction in proportion to sqrt(1 - (u/b)^2), and their weights.
-    points: [(f64, f64); TRACTION_POINTS],
+    points: [(f64, f64); TRACTION_POINT_COUNT],
 }
 
-impl Trace {
-    fn new(layer: &Layer) -> Result<Trace, taktil_contact::Invalid> {
-        let step_mm = TRACE_REACH * layer.thickness_mm / TRACE_PLACES as f64;
-        let places: Vec<f64> = (0..=TRACE_PLACES).map(|i| step_mm * i as f64).collect();
+impl TangentialInfluence {
+    fn new(layer: &Layer) -> Result<TangentialInfluence, taktil_contact::Invalid> {
+        let step_mm =
+            INFLUENCE_REACH_THICKNESSES * layer.thickness_mm / INFLUENCE_POINT_COUNT as f64;
+        let places: Vec<f64> = (0..=INFLUENCE_POINT_COUNT).map(|i| step_mm * i as f64).collect();
         let load = LineLoad { p_n_mm: 0.0, q_n_mm: 1.0 };
         let stresses = line(layer, &load, layer.thickness_mm, &places)?;
         let pressed = |i: usize| -stresses[i].szz_mpa.unwrap_or(0.0);
         // From far away inwards, by Simpson's rule on pairs of cells' ends and the trapezium.
-        let mut left_of = vec![0.0; TRACE_PLACES + 1];
-        for i in (0..TRACE_PLACES).rev() {
+        let mut left_of = vec![0.0; INFLUENCE_POINT_COUNT + 1];
+        for i in (0..INFLUENCE_POINT_COUNT).rev() {
             let cell = 0.5 * step_mm * (pressed(i) + pressed(i + 1));
             left_of[i] = left_of[i + 1] - cell;
         }
-        let (n, mut points) = (TRACTION_POINTS as f64, [(0.0, 0.0); TRACTION_POINTS]);
+        let (n, mut points) = (TRACTION_POINT_COUNT as f64, [(0.0, 0.0); TRACTION_POINT_COUNT]);
         for (i, point) in points.iter_mut().enumerate() {
             // Gauss and Chebyshev's rule of the second kind.
             let angle = core::f64::consts::PI * (i as f64 + 1.0) / (n + 1.0);
             let sine = libm::sin(angle);
             *point = (libm::cos(angle), 2.0 / (n + 1.0) * sine * sine);
         }
-        Ok(Trace { left_of, per_m: 1e3 / step_mm, points })
+        Ok(TangentialInfluence { left_of, per_m: 1e3 / step_mm, points })
     }
 
     /// Part of a tangential load that presses left of `u_m` from the middle of its contact.
@@ -70,7 +71,7 @@ impl Trace {
         let at = |u: f64| {
             let place = u.abs() * self.per_m;
             let cell = place as usize;
-            if cell >= TRACE_PLACES {
+            if cell >= INFLUENCE_POINT_COUNT {
                 return 0.0;
             }
             let (a, b) = (self.left_of[cell], self.left_of[cell + 1]);
@@ -86,44 +87,46 @@ pub(crate) fn layer(config: &RubberConfig) -> Result<Layer, taktil_contact::Inva
 }
 
 /// A complaint about a rubber, at the place of that rubber.
-pub(crate) fn located(place: &str) -> impl Fn(taktil_contact::Invalid) -> Invalid {
+pub(crate) fn at_place(place: &str) -> impl Fn(taktil_contact::Invalid) -> Invalid {
     move |e| Invalid { place: format!("{place}.{}", e.place), what: e.what, remedy: e.remedy }
 }
 
 /// Solves a contact: layer, radius and deepest penetration (mm).
-type Solve = fn(&Layer, f64, f64) -> Result<LineContact, taktil_contact::Invalid>;
+type ContactSolver = fn(&Layer, f64, f64) -> Result<LineContact, taktil_contact::Invalid>;
 
 /// Numbers of a response.
-const PARTS: usize = 4;
+const RESPONSE_VALUES: usize = 4;
 
-impl Response {
-    fn parts(&self) -> [f64; PARTS] {
+impl LineResponse {
+    fn values(&self) -> [f64; RESPONSE_VALUES] {
         [self.load_n_m, self.stiffness_n_m2, self.shear_n_m2, self.half_width_m]
     }
 }
 
-impl From<[f64; PARTS]> for Response {
+impl From<[f64; RESPONSE_VALUES]> for LineResponse {
     #[inline(always)]
-    fn from([load_n_m, stiffness_n_m2, shear_n_m2, half_width_m]: [f64; PARTS]) -> Response {
-        Response { load_n_m, stiffness_n_m2, shear_n_m2, half_width_m }
+    fn from(
+        [load_n_m, stiffness_n_m2, shear_n_m2, half_width_m]: [f64; RESPONSE_VALUES],
+    ) -> LineResponse {
+        LineResponse { load_n_m, stiffness_n_m2, shear_n_m2, half_width_m }
     }
 }
 
 /// The way from one knot of the table to the next.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
-    from: [f64; PARTS],
+    from: [f64; RESPONSE_VALUES],
     /// By how much each part grows.
-    rise: [f64; PARTS],
+    rise: [f64; RESPONSE_VALUES],
     /// What Hermite's cubic through loads and stiffnesses has over the straight line, at either
     /// end (N/m).
     bend: [f64; 2],
 }
 
 impl Cell {
-    fn between(a: &Response, b: &Response, cell_m: f64) -> Cell {
-        let (from, to) = (a.parts(), b.parts());
-        let rise: [f64; PARTS] = core::array::from_fn(|part| to[part] - from[part]);
+    fn between(a: &LineResponse, b: &LineResponse, cell_m: f64) -> Cell {
+        let (from, to) = (a.values(), b.values());
+        let rise: [f64; RESPONSE_VALUES] = core::array::from_fn(|part| to[part] - from[part]);
         let bend = [a, b].map(|knot| cell_m * knot.stiffness_n_m2 - rise[0]);
         Cell { from, rise, bend }
     }
@@ -134,14 +137,14 @@ impl Cell {
 pub(crate) struct Rubber {
     cells: Vec<Cell>,
     /// The response at the deepest solved point.
-    end: Response,
+    end: LineResponse,
     /// Work to press in as far as each knot, per metre of line (J/m).
     stored_j_m: Vec<f64>,
     per_metre: f64,
     cell_m: f64,
     deepest_m: f64,
     contact: LineContact,
-    trace: Option<Trace>,
+    tangential_influence: Option<TangentialInfluence>,
     /// Damping over stiffness (s).
     pub(crate) relaxation_s: f64,
 }
@@ -153,32 +156,32 @@ impl Rubber {
         radius_mm: f64,
         place: &str,
     ) -> Result<Rubber, Invalid> {
-        Rubber::solved(config, radius_mm, place, LineContact::new)
+        Rubber::with_solver(config, radius_mm, place, LineContact::new)
     }
 
     /// The same for a layer under whose base no tactels lie.
-    pub(crate) fn blind(
+    pub(crate) fn without_base_shares(
         config: &RubberConfig,
         radius_mm: f64,
         place: &str,
     ) -> Result<Rubber, Invalid> {
-        Rubber::solved(config, radius_mm, place, LineContact::without_base)
+        Rubber::with_solver(config, radius_mm, place, LineContact::without_base)
     }
 
-    fn solved(
+    fn with_solver(
         config: &RubberConfig,
         radius_mm: f64,
         place: &str,
-        solve: Solve,
+        solve: ContactSolver,
     ) -> Result<Rubber, Invalid> {
-        let located = located(place);
-        let layer = layer(config).map_err(&located)?;
-        let deepest_mm = (PENETRATION_MAX * config.thickness_mm).min(0.2 * radius_mm);
-        let contact = solve(&layer, radius_mm, deepest_mm).map_err(&located)?;
-        let knots: Vec<Response> = (0..=CELLS)
+        let at_place = at_place(place);
+        let layer = layer(config).map_err(&at_place)?;
+        let deepest_mm = (PENETRATION_MAX_THICKNESSES * config.thickness_mm).min(0.2 * radius_mm);
+        let contact = solve(&layer, radius_mm, deepest_mm).map_err(&at_place)?;
+        let knots: Vec<LineResponse> = (0..=CELL_COUNT)
             .map(|i| {
-                let delta_mm = deepest_mm * (i as f64 / CELLS as f64);
-                Response {
+                let delta_mm = deepest_mm * (i as f64 / CELL_COUNT as f64);
+                LineResponse {
                     load_n_m: 1e3 * contact.load_n_mm(delta_mm),
                     stiffness_n_m2: 1e6 * contact.stiffness_n_mm2(delta_mm),
                     shear_n_m2: 1e6 * contact.tangential_stiffness_n_mm2(delta_mm),
@@ -186,7 +189,7 @@ impl Rubber {
                 }
             })
             .collect();
-        let sound = |k: &Response| {
+        let sound = |k: &LineResponse| {
             [k.load_n_m, k.stiffness_n_m2, k.shear_n_m2, k.half_width_m]
                 .iter()
                 .all(|x| x.is_finite() && *x >= 0.0)
@@ -195,8 +198,8 @@ impl Rubber {
             let what = "gives a contact that is not finite".to_owned();
             return Err(invalid(place, what, "take a rubber nearer to the defaults"));
         }
-        let cell_m = 1e-3 * deepest_mm / CELLS as f64;
-        let mut stored_j_m = vec![0.0; CELLS + 1];
+        let cell_m = 1e-3 * deepest_mm / CELL_COUNT as f64;
+        let mut stored_j_m = vec![0.0; CELL_COUNT + 1];
         for (i, pair) in knots.windows(2).enumerate() {
             let mean = 0.5 * (pair[0].load_n_m + pair[1].load_n_m);
             let bend = cell_m / 12.0 * (pair[0].stiffness_n_m2 - pair[1].stiffness_n_m2);
@@ -206,51 +209,56 @@ impl Rubber {
             knots.windows(2).map(|pair| Cell::between(&pair[0], &pair[1], cell_m)).collect();
         Ok(Rubber {
             cells,
-            end: knots[CELLS],
+            end: knots[CELL_COUNT],
             stored_j_m,
-            per_metre: CELLS as f64 / (1e-3 * deepest_mm),
+            per_metre: CELL_COUNT as f64 / (1e-3 * deepest_mm),
             cell_m,
             deepest_m: 1e-3 * deepest_mm,
             contact,
-            trace: None,
+            tangential_influence: None,
             relaxation_s: 1e-3 * config.relaxation_ms,
         })
     }
 
     /// The same with what tangential loads leave at the base.
-    pub(crate) fn traced(mut self, config: &RubberConfig, place: &str) -> Result<Rubber, Invalid> {
-        let located = located(place);
-        let layer = layer(config).map_err(&located)?;
-        self.trace = Some(Trace::new(&layer).map_err(&located)?);
+    pub(crate) fn with_tangential_influence(
+        mut self,
+        config: &RubberConfig,
+        place: &str,
+    ) -> Result<Rubber, Invalid> {
+        let at_place = at_place(place);
+        let layer = layer(config).map_err(&at_place)?;
+        self.tangential_influence = Some(TangentialInfluence::new(&layer).map_err(&at_place)?);
         Ok(self)
     }
 
     /// What tangential loads leave at the base, if that was asked for.
-    pub(crate) fn trace(&self) -> Option<&Trace> {
-        self.trace.as_ref()
+    pub(crate) fn tangential_influence(&self) -> Option<&TangentialInfluence> {
+        self.tangential_influence.as_ref()
     }
 
     /// The response at a penetration (m): nothing at or above the surface, a straight line on from
     /// the deepest solved point.
     #[inline]
-    pub(crate) fn at(&self, delta_m: f64) -> Response {
+    pub(crate) fn at(&self, delta_m: f64) -> LineResponse {
         if delta_m <= 0.0 || delta_m.is_nan() {
-            return Response::default();
+            return LineResponse::default();
         }
         if delta_m >= self.deepest_m {
             let end = self.end;
             let load_n_m = end.load_n_m + end.stiffness_n_m2 * (delta_m - self.deepest_m);
-            return Response { load_n_m, ..end };
+            return LineResponse { load_n_m, ..end };
         }
         let place = delta_m * self.per_metre;
-        let cell = (place as u32 as usize).min(CELLS - 1);
+        let cell = (place as u32 as usize).min(CELL_COUNT - 1);
         let f = place - cell as f64;
         let Cell { from, rise, bend } = &self.cells[cell];
         // The load by Hermite's cubic, the rest by straight lines.
-        let mut parts: [f64; PARTS] = core::array::from_fn(|part| from[part] + f * rise[part]);
+        let mut values: [f64; RESPONSE_VALUES] =
+            core::array::from_fn(|part| from[part] + f * rise[part]);
         let g = 1.0 - f;
-        parts[0] += f * g * (g * bend[0] - f * bend[1]);
-        parts.into()
+        values[0] += f * g * (g * bend[0] - f * bend[1]);
+        values.into()
     }
 
     /// Work to press in by `delta_m`, per metre of line (J/m): the integral of the load.
@@ -258,7 +266,7 @@ impl Rubber {
         if delta_m <= 0.0 || delta_m.is_nan() {
             return 0.0;
         }
-        let cell = ((delta_m * self.per_metre) as usize).min(CELLS);
+        let cell = ((delta_m * self.per_metre) as usize).min(CELL_COUNT);
         let from_m = self.cell_m * cell as f64;
         let load = |x: f64| self.at(x).load_n_m;
         // Simpson's rule is exact for the cubic of one cell.
@@ -317,7 +325,7 @@ mod tests {
     fn nothing_pulls_and_nothing_jumps() {
         let rubber = rubber();
         for bad in [0.0, -1e-6, f64::NEG_INFINITY, f64::NAN] {
-            assert_eq!(rubber.at(bad), Response::default());
+            assert_eq!(rubber.at(bad), LineResponse::default());
         }
         let end = rubber.deepest_m();
         let step = rubber.at(end * 1.000_001).load_n_m - rubber.at(end * 0.999_999).load_n_m;
@@ -328,13 +336,14 @@ mod tests {
     #[test]
     fn a_tangential_load_moves_the_load_at_the_base_by_the_thickness() {
         let config = FingerConfig::default().rubber;
-        let rubber = rubber().traced(&config, "finger.rubber").unwrap();
-        let trace = rubber.trace().unwrap();
+        let rubber = rubber().with_tangential_influence(&config, "finger.rubber").unwrap();
+        let tangential_influence = rubber.tangential_influence().unwrap();
         let (n, step_m) = (4000, 1e-5);
         let (mut sum, mut moment) = (0.0, 0.0);
         for i in -n..n {
             let (from, to) = (step_m * f64::from(i), step_m * f64::from(i + 1));
-            let part = trace.left_of(1e-3, to) - trace.left_of(1e-3, from);
+            let part =
+                tangential_influence.left_of(1e-3, to) - tangential_influence.left_of(1e-3, from);
             sum += part;
             moment += 0.5 * (from + to) * part;
         }

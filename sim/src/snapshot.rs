@@ -5,7 +5,7 @@
 use taktil_hal::link::Stamped;
 use taktil_hal::{CHANNELS, DacCode, Devices, Error, LinesOut, Nanos};
 
-use crate::devices::{WorldEnds, connect};
+use crate::devices::{WorldLinks, connect};
 use crate::world::World;
 
 /// A world at an instant. Everything that decides what happens next is in it: bodies, bristles,
@@ -14,31 +14,31 @@ use crate::world::World;
 pub struct Snapshot {
     world: World,
     codes: Vec<Stamped<[i32; CHANNELS]>>,
-    orders: Vec<Stamped<LinesOut>>,
+    lines_out: Vec<Stamped<LinesOut>>,
 }
 
 impl World {
     /// The same world at other ends.
-    fn twin(&self, ends: WorldEnds) -> World {
+    fn with_links(&self, links: WorldLinks) -> World {
         World {
             t: self.t,
             timing: self.timing,
             power_on: self.power_on,
-            bench: self.bench.clone(),
+            plant: self.plant.clone(),
             arrays: self.arrays.clone(),
             wrist: self.wrist.clone(),
             faults: self.faults.clone(),
-            ends,
+            links,
             next_control: self.next_control,
             sequences: self.sequences,
             counts: self.counts,
             index: self.index,
             gauges: self.gauges,
             codes: self.codes,
-            orders: self.orders,
-            last_word: self.last_word,
-            last_feed: self.last_feed,
-            told: self.told,
+            lines_out: self.lines_out,
+            last_code_time: self.last_code_time,
+            last_feed_time: self.last_feed_time,
+            last_sent: self.last_sent,
         }
     }
 
@@ -46,10 +46,10 @@ impl World {
     /// Allocates: not for a lane.
     #[must_use]
     pub fn snapshot(&mut self) -> Snapshot {
-        let (mut codes, mut orders) = (Vec::new(), Vec::new());
-        self.ends.codes.look(|word| codes.push(*word));
-        self.ends.orders.look(|word| orders.push(*word));
-        Snapshot { world: self.twin(WorldEnds::nowhere()), codes, orders }
+        let (mut codes, mut lines_out) = (Vec::new(), Vec::new());
+        self.links.codes.look(|word| codes.push(*word));
+        self.links.lines_out.look(|word| lines_out.push(*word));
+        Snapshot { world: self.with_links(WorldLinks::disconnected()), codes, lines_out }
     }
 }
 
@@ -62,41 +62,41 @@ impl Snapshot {
 
     /// A world that goes on from here, with devices of its own that hold what was last told.
     #[must_use]
-    pub fn revive(&self) -> (World, Devices) {
-        let told = &self.world.told;
+    pub fn restore(&self) -> (World, Devices) {
+        let last_sent = &self.world.last_sent;
         let delay = self.world.timing.actuation_delay;
-        let (mut ends, mut devices) =
-            connect(delay, told.board, self.world.index.is_some(), told.facts());
-        if let Some((currents, lines, at)) = told.control {
-            WorldEnds::tell(&mut ends.counts, self.world.counts, at);
-            if let (Some(marks), Some(index)) = (&mut ends.marks, &self.world.index) {
-                WorldEnds::tell(marks, index.marks(), at);
+        let (mut links, mut devices) =
+            connect(delay, last_sent.board, self.world.index.is_some(), last_sent.tactile_specs());
+        if let Some((currents, lines, at)) = last_sent.control {
+            WorldLinks::send(&mut links.counts, self.world.counts, at);
+            if let (Some(marks), Some(index)) = (&mut links.marks, &self.world.index) {
+                WorldLinks::send(marks, index.marks(), at);
             }
-            WorldEnds::tell(&mut ends.currents, currents, at);
-            WorldEnds::tell(&mut ends.lines, lines, at);
+            WorldLinks::send(&mut links.currents, currents, at);
+            WorldLinks::send(&mut links.lines, lines, at);
             if self.world.wrist.is_some() {
-                WorldEnds::tell(&mut ends.gauges, self.world.gauges, at);
+                WorldLinks::send(&mut links.gauges, self.world.gauges, at);
             }
         }
-        for (to, feed) in ends.scans.iter_mut().zip(&told.feeds) {
+        for (to, feed) in links.scans.iter_mut().zip(&last_sent.feeds) {
             if let Some(feed) = feed {
-                feed.tell(to, self.world.t);
+                feed.send(to, self.world.t);
             }
         }
         // As they were when they were written: the devices' ranges let them pass then.
         for word in &self.codes {
             let _ = devices.analog_out.commit(word.stamp, &word.value.map(DacCode));
         }
-        for word in &self.orders {
+        for word in &self.lines_out {
             let _ = devices.digital_out.commit(word.stamp, &word.value);
         }
-        (self.world.twin(ends), devices)
+        (self.world.with_links(links), devices)
     }
 }
 
 /// What a controller wrote at a release.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Written {
+pub struct OutputRecord {
     /// The release.
     pub release: Nanos,
     /// The D/A word.
@@ -105,7 +105,7 @@ pub struct Written {
     pub lines: LinesOut,
 }
 
-impl Written {
+impl OutputRecord {
     /// Hands it to devices.
     ///
     /// # Errors
@@ -118,21 +118,21 @@ impl Written {
 
 /// Snapshots in order, and the words written between them.
 #[derive(Debug, Default)]
-pub struct Story {
+pub struct WorldHistory {
     snapshots: Vec<Snapshot>,
-    written: Vec<Written>,
+    written: Vec<OutputRecord>,
 }
 
-impl Story {
+impl WorldHistory {
     /// Keeps a snapshot; one that is not later than the last is not kept.
-    pub fn keep(&mut self, snapshot: Snapshot) {
+    pub fn push_snapshot(&mut self, snapshot: Snapshot) {
         if self.snapshots.last().is_none_or(|last| last.now() < snapshot.now()) {
             self.snapshots.push(snapshot);
         }
     }
 
     /// Keeps what was written, in the order of releases; what comes out of order is not kept.
-    pub fn write(&mut self, written: Written) {
+    pub fn push_output(&mut self, written: OutputRecord) {
         if self.written.last().is_none_or(|last| last.release < written.release) {
             self.written.push(written);
         }
@@ -148,7 +148,7 @@ impl Story {
         let Some(snapshot) = after.checked_sub(1).and_then(|i| self.snapshots.get(i)) else {
             return Ok(None);
         };
-        let (mut world, mut devices) = snapshot.revive();
+        let (mut world, mut devices) = snapshot.restore();
         // A word of that very instant may be among those on their way: twice is once.
         let from = self.written.partition_point(|written| written.release < snapshot.now());
         for written in self.written.iter().skip(from).take_while(|w| w.release < to) {

@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn the_velocity_is_the_derivative_of_the_pose() {
-        let ramp = |axis, rate: f64| Motion::ramp(axis, rate, (1.0, 2.0));
+        let ramp = |axis, rate: f64| Motion::ramp(axis, rate, 1.0, 2.0);
         let motion = vec![
             ramp(Axis::TiltX, 3.0),
             ramp(Axis::TiltY, -5.0),

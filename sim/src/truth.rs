@@ -5,10 +5,10 @@ use glam::DVec3;
 use taktil_hal::Nanos;
 use taktil_mechanics::{Joints, Pose};
 
-use crate::contact::{PITCH_M, Patch, Reaction, SLICES};
+use crate::contact::{PITCH_M, Patch, Reaction, SLICE_COUNT};
 use crate::object::Objects;
 use crate::pin::Pin;
-use crate::rolling::Rolling;
+use crate::rolling::RollingPin;
 use crate::surroundings::Surroundings;
 use crate::table::TablePose;
 
@@ -71,9 +71,9 @@ pub struct Truth {
     /// The finger touches the pin or an object.
     pub in_contact: bool,
     /// The object that presses most, or the scene's first; none without objects.
-    pub object: Option<Felt>,
+    pub object: Option<ObjectContact>,
     /// The fingertip opposed to the finger; none where there is none.
-    pub opposed: Option<Opposite>,
+    pub opposed: Option<OpposedFingertip>,
     /// A slice is pressed deeper than the theory of small strain covers.
     pub beyond_small_strain: bool,
     /// The table's coordinates.
@@ -90,7 +90,7 @@ pub struct Truth {
 
 /// An object as the finger feels it; sensor axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Felt {
+pub struct ObjectContact {
     /// Normal force (N).
     pub normal_n: f64,
     /// Middle of the load from the middle of the pad, along x and y (m); 0 without contact.
@@ -111,18 +111,18 @@ pub struct Felt {
     pub slip_m_s: f64,
 }
 
-impl Felt {
+impl ObjectContact {
     /// Of all objects, what the finger feels most.
-    pub(crate) fn of(objects: &Objects, around: &Surroundings) -> Option<Felt> {
-        let (object, lie) = objects.felt(around)?;
+    pub(crate) fn of(objects: &Objects, surroundings: &Surroundings) -> Option<ObjectContact> {
+        let (object, placement) = objects.most_loaded(surroundings)?;
         let middle = object.sums.middle().unwrap_or_default();
-        Some(Felt {
+        Some(ObjectContact {
             normal_n: object.sums.load_n,
             place_m: middle.into(),
-            off_m: lie.off_m,
-            yaw_rad: lie.yaw_rad,
-            along_m: lie.along_m,
-            tilt_rad: lie.tilt_rad.into(),
+            off_m: placement.off_m,
+            yaw_rad: placement.yaw_rad,
+            along_m: placement.along_m,
+            tilt_rad: placement.tilt_rad.into(),
             slip_m_s: object.slip_m_s,
         })
     }
@@ -131,7 +131,7 @@ impl Felt {
 /// The fingertip opposed to the finger, and the pin as its sensor has it. Its normal and tangential
 /// forces, slip and creep are those of the table, in whose place it stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Opposite {
+pub struct OpposedFingertip {
     /// Middle of its face (m, base frame).
     pub face: DVec3,
     /// Its x axis.
@@ -146,15 +146,18 @@ pub struct Opposite {
     pub tilt_rad: f64,
 }
 
-impl Opposite {
-    pub(crate) fn of(rolling: &Rolling, around: &Surroundings) -> Option<Opposite> {
-        let pose = rolling.opposed.as_ref()?.pose(&around.table_axes, &around.table);
+impl OpposedFingertip {
+    pub(crate) fn of(
+        rolling: &RollingPin,
+        surroundings: &Surroundings,
+    ) -> Option<OpposedFingertip> {
+        let pose = rolling.opposed.as_ref()?.pose(&surroundings.table_axes, &surroundings.table);
         let (pin_yaw_rad, tilt_rad) = yaw_and_tilt(&rolling.pin, &pose);
-        Some(Opposite {
+        Some(OpposedFingertip {
             face: pose.translation,
             face_x: pose.rotation.x_axis,
             face_z: pose.rotation.z_axis,
-            contact_x_tactels: contact_x_tactels(&rolling.bed),
+            contact_x_tactels: contact_x_tactels(&rolling.support),
             pin_yaw_rad,
             tilt_rad,
         })
@@ -164,11 +167,11 @@ impl Opposite {
 /// Load-weighted place along the sensor's x in tactel numbers.
 pub(crate) fn contact_x_tactels(pad: &Patch) -> Option<f64> {
     let (mut load, mut moment) = (0.0, 0.0);
-    for slice in pad.slices.each() {
+    for slice in pad.slices.iter() {
         load += slice.load_n;
         moment += slice.load_n * slice.x_m;
     }
-    (load > 0.0).then(|| moment / load / PITCH_M + 0.5 * (SLICES + 1) as f64)
+    (load > 0.0).then(|| moment / load / PITCH_M + 0.5 * (SLICE_COUNT + 1) as f64)
 }
 
 /// Slowest rolling that creepage is told of (m/s).

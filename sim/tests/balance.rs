@@ -75,7 +75,7 @@ fn a_dropped_pin_bounces_lower_and_lower() {
         config.pin.steadied = false;
         config.table.rubber.relaxation_ms = relaxation_ms;
         // The table falls away in an instant and the pin drops on it.
-        config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 0.002))];
+        config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 0.002)];
         let (mut world, _devices) = bench(&config, lifted());
         let (start, mut falling, mut tops) = (world.truth().pin.z, true, Vec::new());
         for i in 1..4000 {
@@ -102,7 +102,7 @@ fn a_dropped_pin_bounces_lower_and_lower() {
 #[test]
 fn a_rolling_pin_left_alone_does_not_speed_up() {
     // The table tilts, the pin starts to roll, the table is level again.
-    let tilt = |rate, from_s| Motion::ramp(Axis::TiltY, rate, (from_s, from_s + 0.1));
+    let tilt = |rate, from_s| Motion::ramp(Axis::TiltY, rate, from_s, from_s + 0.1);
     let mut config = WorldConfig::default();
     config.pin.steadied = false;
     config.table.motion = vec![tilt(50.0, 0.1), tilt(-50.0, 0.5)];

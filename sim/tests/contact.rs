@@ -95,7 +95,7 @@ fn momentum_changes_by_the_forces_from_outside_alone() {
     // pushes it on: what they do to each other cancels.
     let mut config = WorldConfig::default();
     config.pin.steadied = false;
-    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 1.5))];
+    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 1.5)];
     let z = meeting_height(&config) + 1e-3;
     let float = Some(FloatingGuide { mass_kg: 1.0, load_n: 15.0, damping_n_s_m: 0.0 });
     let knots = vec![(0.0, over(z))];
@@ -121,12 +121,12 @@ fn bounces(substep_us: f64) -> (f64, f64) {
     let mut config = WorldConfig { substep_us, ..WorldConfig::default() };
     config.pin.steadied = false;
     config.table.rubber.relaxation_ms = 0.0;
-    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 0.002))];
+    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 0.002)];
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };
     let (mut world, _devices) = bench(&config, carriage);
     let mut whole = |t_s: f64| {
         at(&mut world, t_s);
-        world.energy_j() + world.rubber_j()
+        world.energy_j() + world.rubber_energy_j()
     };
     let start = whole(0.005);
     let drop_j = config.pin.mass_kg * G * 2e-3;
@@ -180,7 +180,7 @@ fn a_pin_shorter_than_the_pad_is_seen_whole_where_it_lies() {
         assert!(off_mm < 0.02, "centroid off by {off_mm} mm");
         let theta = found.theta_z_rad.unwrap() - truth.pin_yaw_rad;
         assert!(theta.abs().to_degrees() < 0.2, "{theta}");
-        assert!(world.work().solved > 100);
+        assert!(world.statistics().spatial_solutions > 100);
     }
 }
 
@@ -191,10 +191,18 @@ fn what_is_not_named_is_not_computed() {
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };
     let (mut world, _devices) = bench(&config, carriage.clone());
     world.advance(seconds(1.0));
-    let work = world.work();
-    assert_eq!((work.contacts, work.images, work.solved), (0, 0, 0), "{work:?}");
+    let work = world.statistics();
+    assert_eq!(
+        (work.contact_evaluations, work.tactile_images, work.spatial_solutions),
+        (0, 0, 0),
+        "{work:?}"
+    );
     config.pin.present = true;
     let (mut world, _devices) = bench(&config, carriage);
     world.advance(seconds(1.0));
-    assert!(world.work().contacts > 0 && world.work().solved == 0, "{:?}", world.work());
+    assert!(
+        world.statistics().contact_evaluations > 0 && world.statistics().spatial_solutions == 0,
+        "{:?}",
+        world.statistics()
+    );
 }

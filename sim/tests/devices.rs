@@ -7,7 +7,7 @@ use taktil_hal::conformance::{
     check_digital_out_observed,
 };
 use taktil_hal::{Arrival, CHANNELS, Counts, DacCode, Devices, LinesOut, Nanos};
-use taktil_sim::scene::Stamp;
+use taktil_sim::scene::ScanStamp;
 use taktil_sim::{LONGEST_SILENCE, Timing, World, WorldConfig, build};
 
 const PERIOD: Nanos = Nanos::from_micros(2_500);
@@ -96,7 +96,9 @@ fn readings_carry_the_instants_of_the_world() {
 
 #[test]
 fn late_scans_say_when_they_were_made_or_when_they_came() {
-    for (late, stamp) in [(0, Stamp::Scanned), (2, Stamp::Scanned), (2, Stamp::Delivered)] {
+    for (late, stamp) in
+        [(0, ScanStamp::Scanned), (2, ScanStamp::Scanned), (2, ScanStamp::Delivered)]
+    {
         let mut config = WorldConfig::default();
         (config.tactile.late_scans, config.tactile.stamp) = (late, stamp);
         let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
@@ -109,7 +111,7 @@ fn late_scans_say_when_they_were_made_or_when_they_came() {
             assert!(scan == 0 && late == 0 || early == Ok(Arrival::Held), "{late}: scan {scan}");
             assert_eq!(devices.tactile.sample(due, &mut frame), Ok(Arrival::New), "{late}");
             assert_eq!(i64::from(frame.sequence), scan, "{late}");
-            let hidden = if stamp == Stamp::Delivered { Nanos::ZERO } else { delay };
+            let hidden = if stamp == ScanStamp::Delivered { Nanos::ZERO } else { delay };
             assert_eq!(frame.acquired, due - hidden, "{late} {stamp:?}");
         }
     }

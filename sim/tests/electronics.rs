@@ -39,15 +39,15 @@ fn what_a_scene_does_not_name_is_not_worked_on() {
         let (mut world, mut devices) = build(config, &Timing::default(), 1).unwrap();
         let seen = frames(&mut world, &mut devices, 0.2).len();
         let gauges = devices.force_torque.sample(world.now()).is_ok();
-        (world.work(), seen, gauges)
+        (world.statistics(), seen, gauges)
     };
     let (whole, seen, gauges) = work(&config);
     assert!(whole.contacts > 0 && whole.images == 41 && whole.scans == 41 && seen >= 40 && gauges);
     config.wrist.present = false;
     assert!(!work(&config).2, "gauges without a sensor");
     config.tactile.present = false;
-    let (blind, seen, _) = work(&config);
-    assert_eq!((blind.images, blind.scans, seen), (0, 0, 0));
+    let (without_base_shares, seen, _) = work(&config);
+    assert_eq!((without_base_shares.images, without_base_shares.scans, seen), (0, 0, 0));
     config.pin.present = false;
     assert_eq!(work(&config).0.contacts, 0);
     // An array over an empty table makes scans, but no contact is looked for.

@@ -57,8 +57,12 @@ fn it_is_on_its_course_at_every_instant_without_drives() {
     let end = world.truth();
     assert!((end.q - home).amax() < 1e-15 && end.qd == Joints::zeros());
     // Nothing rubs, falls or is felt: nobody pays for it.
-    let work = world.work();
-    assert_eq!((work.iterations, work.contacts, work.images), (0, 0, 0), "{work:?}");
+    let work = world.statistics();
+    assert_eq!(
+        (work.newton_iterations, work.contact_evaluations, work.tactile_images),
+        (0, 0, 0),
+        "{work:?}"
+    );
 }
 
 #[test]

@@ -156,7 +156,7 @@ fn a_table_takes_its_objects_along() {
     };
     assert!(truth(&config).in_contact, "it stands where the scene puts it, whatever the table");
     config.table.motion =
-        vec![taktil_sim::scene::Motion::ramp(taktil_sim::scene::Axis::Height, -10.0, (0.05, 0.15))];
+        vec![taktil_sim::scene::Motion::ramp(taktil_sim::scene::Axis::Height, -10.0, 0.05, 0.15)];
     assert!(!truth(&config).in_contact, "and goes down with it");
 }
 
@@ -181,13 +181,13 @@ fn equal_runs_are_equal_and_nothing_is_paid_for_nothing() {
     let hash = |config: &WorldConfig| {
         let (mut world, _devices) = riding(config, 0.003, 0.002);
         at(&mut world, 1.7);
-        (world.state_hash(), world.work())
+        (world.state_hash(), world.statistics())
     };
     let config = with(ObjectConfig::of(ObjectKind::Edge));
     assert_eq!(hash(&config), hash(&config));
     let bare = WorldConfig { object: Vec::new(), ..config };
     let work = hash(&bare).1;
-    assert_eq!((work.contacts, work.images), (0, 0));
+    assert_eq!((work.contact_evaluations, work.tactile_images), (0, 0));
 }
 
 #[test]

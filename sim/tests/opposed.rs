@@ -79,10 +79,8 @@ fn both_arrays_show_the_force_and_the_place_that_there_is() {
 #[test]
 fn its_mount_moves_it_as_the_table() {
     let mut config = config();
-    config.table.motion = vec![
-        Motion::ramp(Axis::Slide, 4.0, (1.0, 2.0)),
-        Motion::ramp(Axis::TiltX, 0.5, (1.0, 2.0)),
-    ];
+    config.table.motion =
+        vec![Motion::ramp(Axis::Slide, 4.0, 1.0, 2.0), Motion::ramp(Axis::TiltX, 0.5, 1.0, 2.0)];
     let (mut world, mut devices) = pressing(&config, 0.0);
     let before = at(&mut world, 0.9);
     let after = at(&mut world, 2.5);
@@ -104,7 +102,7 @@ fn its_mount_moves_it_as_the_table() {
 fn a_pin_that_rolls_off_it_falls_and_stays_a_number() {
     let mut config = config();
     config.pin.steadied = false;
-    config.table.motion = vec![Motion::ramp(Axis::Slide, 60.0, (0.6, 1.6))];
+    config.table.motion = vec![Motion::ramp(Axis::Slide, 60.0, 0.6, 1.6)];
     let (mut world, _devices) = pressing(&config, 0.0);
     let held = at(&mut world, 0.5);
     assert!(held.table_normal_n > 10.0);
@@ -127,7 +125,7 @@ fn each_array_draws_from_streams_of_its_own_and_loses_frames_of_its_own() {
         let mut other = TactileFrame::empty();
         let opposed = devices.tactile_opposed.as_mut();
         let arrival = opposed.map(|array| array.sample(seconds(0.5), &mut other).unwrap());
-        (frame, other, arrival, world.work())
+        (frame, other, arrival, world.statistics())
     };
     let quiet = run(&|_| ());
     let noisy = run(&|c| c.opposed.tactile.noise_counts = 50.0);
@@ -145,11 +143,11 @@ fn each_array_draws_from_streams_of_its_own_and_loses_frames_of_its_own() {
     let lost = run(&|c| c.fault = vec![fault(Some(true))]);
     assert_eq!((lost.0, lost.1.acquired), (quiet.0, seconds(0.395)));
     // Counted: an image for each array, none for one that is not there.
-    assert_eq!(quiet.3.images, 2 * 101);
+    assert_eq!(quiet.3.tactile_images, 2 * 101);
     let blind = run(&|c| c.opposed.tactile.present = false);
-    assert_eq!((blind.2, blind.3.images), (Some(Arrival::Held), 101));
+    assert_eq!((blind.2, blind.3.tactile_images), (Some(Arrival::Held), 101));
     let alone = run(&|c| c.opposed.present = false);
-    assert_eq!((alone.2, alone.3.images), (None, 101));
+    assert_eq!((alone.2, alone.3.tactile_images), (None, 101));
 }
 
 #[test]
@@ -160,7 +158,7 @@ fn three_dimensions_agree_with_planes_and_are_solved_for_each() {
     let both = [planes, space].map(|config| {
         let (mut world, mut devices) = pressing(&config, 0.0);
         let truth = at(&mut world, 0.5);
-        (truth, frames(&mut devices, 0.5), world.work().solved)
+        (truth, frames(&mut devices, 0.5), world.statistics().spatial_solutions)
     });
     assert_eq!(both[0].2, 0);
     assert!(both[1].2 > 150, "{}", both[1].2);

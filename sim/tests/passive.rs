@@ -46,7 +46,7 @@ fn config(case: Case) -> WorldConfig {
 
 /// Largest gain over the energy at `from_s`, in 0.3 s (J).
 fn gain_j(world: &mut World, from_s: f64) -> f64 {
-    let whole = |world: &World| world.energy_j() + world.rubber_j();
+    let whole = |world: &World| world.energy_j() + world.rubber_energy_j();
     at(world, from_s);
     let (start, mut gain) = (whole(world), f64::NEG_INFINITY);
     for i in 1..=120 {
@@ -78,7 +78,7 @@ fn a_pin_dropped_on_a_slope_gains_nothing() {
         let mut config = config(case);
         (config.pin.yaw_deg, config.table.tilt_y_deg, config.table.tilt_x_deg) = (30.0, 15.0, 5.0);
         // The table falls away faster than the pin can follow.
-        config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 0.0025))];
+        config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 0.0025)];
         let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.05))], float: None };
         let (mut world, _devices) = bench(&config, carriage);
         (gain_j(&mut world, 0.0025), case.mass_kg * G * 2.5e-3)
@@ -98,7 +98,7 @@ fn a_pin_squeezed_out_takes_no_more_than_the_rubbers_held() {
         let z = meeting_height(&config) - 5e-5;
         let carriage = Carriage { axes, knots: vec![(0.0, over(z))], float: None };
         let (mut world, _devices) = bench(&config, carriage);
-        let held = world.rubber_j();
+        let held = world.rubber_energy_j();
         (gain_j(&mut world, 0.0), held)
     });
     assert!(damped < 1e-9, "{damped:e} of what they held");

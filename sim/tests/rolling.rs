@@ -98,7 +98,7 @@ fn strokes_there_and_back_return_the_pin() {
 fn a_table_that_slides_or_rises_carries_the_pin() {
     let slide = |axis, rate| {
         let mut config = WorldConfig::default();
-        config.table.motion = vec![Motion::ramp(axis, rate, (1.0, 2.0))];
+        config.table.motion = vec![Motion::ramp(axis, rate, 1.0, 2.0)];
         let z = meeting_height(&config) + 1e-4;
         let knots = vec![(0.0, over(z))];
         let carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
@@ -159,7 +159,7 @@ fn a_pressed_pin_on_a_panned_table_is_torn_between_table_and_finger() {
     let turned = |friction: f64| {
         let mut config = WorldConfig::default();
         config.finger.friction = friction;
-        config.table.motion = vec![Motion::ramp(Axis::Pan, 2.0, (0.5, 1.5))];
+        config.table.motion = vec![Motion::ramp(Axis::Pan, 2.0, 0.5, 1.5)];
         let z = meeting_height(&config) + 1e-4;
         let knots = vec![(0.0, over(z))];
         let carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
@@ -178,7 +178,7 @@ fn a_pressed_pin_on_a_panned_table_is_torn_between_table_and_finger() {
 #[test]
 fn a_panned_table_turns_a_pin_that_nobody_presses() {
     let mut config = WorldConfig::default();
-    config.table.motion = vec![Motion::ramp(Axis::Pan, 5.0, (0.5, 2.5))];
+    config.table.motion = vec![Motion::ramp(Axis::Pan, 5.0, 0.5, 2.5)];
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };
     let (mut world, _devices) = bench(&config, carriage);
     let truth = at(&mut world, 3.5);

@@ -2,7 +2,7 @@
 
 use taktil_hal::explain::Explain;
 use taktil_sim::fidelity::{ArmModel, Integrator};
-use taktil_sim::scene::{Axis, Kind, Motion, ObjectConfig, ObjectKind};
+use taktil_sim::scene::{Axis, Motion, MotionKind, ObjectConfig, ObjectKind};
 use taktil_sim::{
     Carriage, FloatingGuide, Invalid, Timing, WorldConfig, build, build_with_carriage,
 };
@@ -163,7 +163,7 @@ fn what_contradicts_is_refused() {
 
 #[test]
 fn motions_must_fit_their_axis_and_their_kind_and_run_forwards() {
-    let good = Motion::ramp(Axis::Pan, 5.0, (1.0, 2.0));
+    let good = Motion::ramp(Axis::Pan, 5.0, 1.0, 2.0);
     let with = |edit: fn(&mut Motion)| {
         let mut motion = good.clone();
         edit(&mut motion);
@@ -181,12 +181,12 @@ fn motions_must_fit_their_axis_and_their_kind_and_run_forwards() {
     assert_eq!(with(|m| m.from_s = -1.0), ".from_s");
     assert_eq!(with(|m| m.blend_s = Some(0.6)), ".blend_s");
     assert_eq!(with(|m| m.by_deg = Some(1.0)), ".by_deg");
-    assert_eq!(with(|m| m.kind = Kind::Step), ".rate_deg_s");
-    assert_eq!(with(|m| *m = Motion::of(Axis::Pan, Kind::Step)), "");
-    assert_eq!(with(|m| *m = Motion::of(Axis::Pan, Kind::Sine)), "");
+    assert_eq!(with(|m| m.kind = MotionKind::Step), ".rate_deg_s");
+    assert_eq!(with(|m| *m = Motion::of(Axis::Pan, MotionKind::Step)), "");
+    assert_eq!(with(|m| *m = Motion::of(Axis::Pan, MotionKind::Sine)), "");
     assert_eq!(refused(|c| c.table.motion = vec![good.clone(); 17]).place, "table.motion");
     let points = |points: &[[f64; 2]]| {
-        let mut motion = Motion::of(Axis::Slide, Kind::Points);
+        let mut motion = Motion::of(Axis::Slide, MotionKind::Points);
         motion.points_mm = Some(points.to_vec());
         let place = refused(|c| c.table.motion = vec![motion]).place;
         place.strip_prefix("table.motion[0].points_mm").unwrap().to_owned()
@@ -196,7 +196,7 @@ fn motions_must_fit_their_axis_and_their_kind_and_run_forwards() {
     assert_eq!(points(&[[0.0, 1.0], [1.0, f64::NAN]]), "[1][1]");
     assert_eq!(points(&[[0.0, 1.0], [1.0, 2.0], [0.5, 0.0]]), "[2][0]");
     assert_eq!(points(&[[-0.5, 1.0], [1.0, 2.0]]), "[0][0]");
-    let mut unread = Motion::of(Axis::Slide, Kind::Points);
+    let mut unread = Motion::of(Axis::Slide, MotionKind::Points);
     assert_eq!(refused(|c| c.table.motion = vec![unread.clone()]).place, "table.motion[0]");
     unread.file = Some("hand.csv".to_owned());
     assert_eq!(refused(|c| c.table.motion = vec![unread.clone()]).place, "table.motion[0].file");

@@ -11,14 +11,14 @@ use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
 use taktil_sim::scene::{
-    Axis, Electronics, Fault, FaultKind, Kind, Motion, ObjectConfig, ObjectKind, Stamp,
+    Axis, Electronics, Fault, FaultKind, Motion, MotionKind, ObjectConfig, ObjectKind, ScanStamp,
 };
-use taktil_sim::{Story, Timing, World, WorldConfig, Written, build};
+use taktil_sim::{OutputRecord, Timing, World, WorldConfig, WorldHistory, build};
 
 const PERIOD: Nanos = Nanos::from_micros(2_500);
 
 /// Half of what holds the arm, with a ripple: it sinks onto the pin.
-fn word(tick: i64) -> Written {
+fn word(tick: i64) -> OutputRecord {
     let home = WorldConfig::default().arm.home_deg.map(f64::to_radians);
     let gravity = Dynamics::reference().gravity_torque(&home.into());
     let motor = Transmission::reference().motor_torque(&(0.5 * gravity));
@@ -27,7 +27,7 @@ fn word(tick: i64) -> Written {
         codes[i] = DacCode(Drive::reference().dac_code(motor[i], i) + (tick % 7) as i32);
     }
     let lines = LinesOut { enable: true, brake_release: true, watchdog_feed: tick % 2 == 0 };
-    Written { release: PERIOD * tick, codes, lines }
+    OutputRecord { release: PERIOD * tick, codes, lines }
 }
 
 /// What is seen of a world after a tick: its state, and the frames that the controller gets.
@@ -86,7 +86,7 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
     let mut late = plain();
     late.tactile.late_scans = 3;
     let mut hidden = late.clone();
-    hidden.tactile.stamp = Stamp::Delivered;
+    hidden.tactile.stamp = ScanStamp::Delivered;
     let [opposed, opposed_solved] = between_two();
     let mut faulty = plain();
     let fault = |kind, at_s, for_s, share| Fault {
@@ -106,7 +106,7 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
     moving.table.motion = vec![Motion {
         amplitude_mm: Some(2.0),
         frequency_hz: Some(2.0),
-        ..Motion::of(Axis::Slide, Kind::Sine)
+        ..Motion::of(Axis::Slide, MotionKind::Sine)
     }];
     moving.fidelity.contact = ContactModel::Layer2d;
     let mut explicit = plain();
@@ -165,7 +165,7 @@ fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
         }
         for (tick, snapshot) in &kept {
             for _ in 0..2 {
-                let (mut again, mut halves) = snapshot.revive();
+                let (mut again, mut halves) = snapshot.restore();
                 assert_eq!(again.now(), snapshot.now());
                 // What was told before is told anew.
                 let first = halves.encoders.sample(again.now()).unwrap();
@@ -192,7 +192,7 @@ fn words_on_their_way_arrive_at_their_instant() {
     world.advance(PERIOD * 40 + Nanos::from_micros(700));
     let before = world.analog_out();
     let snapshot = world.snapshot();
-    let (mut again, _halves) = snapshot.revive();
+    let (mut again, _halves) = snapshot.restore();
     for world in [&mut world, &mut again] {
         world.advance(PERIOD * 40 + Nanos::from_micros(1_250));
         assert_eq!(world.analog_out(), before);
@@ -205,12 +205,12 @@ fn words_on_their_way_arrive_at_their_instant() {
 #[test]
 fn one_can_seek_in_a_story() {
     let (mut world, mut devices) = build(&WorldConfig::default(), &Timing::default(), 3).unwrap();
-    let mut story = Story::default();
+    let mut story = WorldHistory::default();
     assert!(story.seek(Nanos::ZERO).unwrap().is_none());
     let mut hashes = Vec::new();
     for tick in 0..300 {
         if tick % 100 == 0 {
-            story.keep(world.snapshot());
+            story.push_snapshot(world.snapshot());
         }
         story.write(word(tick));
         hashes.extend(go(&mut world, &mut devices, tick..tick + 1).iter().map(|seen| seen.0));

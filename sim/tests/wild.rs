@@ -9,8 +9,8 @@ use glam::{DMat3, DVec3};
 use taktil_hal::{Devices, Nanos, TactileFrame};
 use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
 use taktil_sim::scene::{
-    Axis, Defect, DefectKind, EdgeProfile, Electronics, Fault, FaultKind, Kind, Motion,
-    ObjectConfig, ObjectKind, RubberConfig, Stamp, TactileConfig,
+    Axis, Defect, DefectKind, EdgeProfile, Electronics, Fault, FaultKind, Motion, MotionKind,
+    ObjectConfig, ObjectKind, RubberConfig, ScanStamp, TactileConfig,
 };
 use taktil_sim::{
     Carriage, FloatingGuide, Invalid, Timing, Truth, World, WorldConfig, build, build_with_carriage,
@@ -80,7 +80,7 @@ fn tactile(draw: &mut Draw) -> TactileConfig {
         full_scale_n: draw.size(1e-3, 1e3),
         row_us: if draw.chance(0.7) { 0.0 } else { draw.even(0.0, 300.0) },
         late_scans: draw.one(&[0, 0, 0, 1, 30]),
-        stamp: draw.one(&[Stamp::Scanned, Stamp::Delivered]),
+        stamp: draw.one(&[ScanStamp::Scanned, ScanStamp::Delivered]),
         electronics: draw.one(&[
             Electronics::Ideal,
             Electronics::Response,
@@ -108,25 +108,26 @@ fn tactile(draw: &mut Draw) -> TactileConfig {
 
 fn motion(draw: &mut Draw) -> Motion {
     let axis = draw.one(&[Axis::TiltX, Axis::TiltY, Axis::Pan, Axis::Slide, Axis::Height]);
-    let kind = draw.one(&[Kind::Ramp, Kind::Step, Kind::Sine, Kind::Points]);
+    let kind =
+        draw.one(&[MotionKind::Ramp, MotionKind::Step, MotionKind::Sine, MotionKind::Points]);
     let turns = axis.unit() == "deg";
     let (most, from_s) = (if turns { 10.0 } else { 5.0 }, draw.even(0.0, 0.3));
     let by = draw.even(-most, most);
     let some = |of: bool, value: f64| of.then_some(value);
     let mut motion = Motion { from_s, ..Motion::of(axis, kind) };
     match kind {
-        Kind::Ramp => {
+        MotionKind::Ramp => {
             motion.to_s = Some(from_s + draw.size(1e-3, 1.0));
             motion.rate_deg_s = some(turns, 4.0 * by);
             motion.rate_mm_s = some(!turns, 4.0 * by);
         }
-        Kind::Step => (motion.by_deg, motion.by_mm) = (some(turns, by), some(!turns, by)),
-        Kind::Sine => {
+        MotionKind::Step => (motion.by_deg, motion.by_mm) = (some(turns, by), some(!turns, by)),
+        MotionKind::Sine => {
             motion.amplitude_deg = some(turns, 0.2 * by.abs());
             motion.amplitude_mm = some(!turns, 0.2 * by.abs());
             motion.frequency_hz = Some(draw.size(0.1, 40.0));
         }
-        Kind::Points => {
+        MotionKind::Points => {
             let points = vec![[0.0, 0.0], [0.05, by], [0.4, -by]];
             *if turns { &mut motion.points_deg } else { &mut motion.points_mm } = Some(points);
         }
@@ -313,14 +314,14 @@ fn lives(seed: u64) -> bool {
             snapshot = Some(world.snapshot());
         }
     }
-    let work = world.work();
+    let work = world.statistics();
     if !config.tactile.present && !config.opposed.present {
-        assert_eq!((work.images, work.scans), (0, 0), "scene {seed}");
+        assert_eq!((work.tactile_images, work.tactile_scans), (0, 0), "scene {seed}");
     }
     if !config.pin.present && config.object.is_empty() {
-        assert_eq!((work.contacts, work.images), (0, 0), "scene {seed}");
+        assert_eq!((work.contact_evaluations, work.tactile_images), (0, 0), "scene {seed}");
     }
-    let (mut again, _halves) = snapshot.unwrap().revive();
+    let (mut again, _halves) = snapshot.unwrap().restore();
     for i in 26..=60_u32 {
         again.advance(seconds(0.01 * f64::from(i)));
     }

@@ -13,9 +13,9 @@ use crate::prng::{Prng, Stream};
 use crate::scene::{Electronics, TactileConfig};
 
 /// Kelvin elements.
-const ELEMENTS: usize = 4;
+const KELVIN_ELEMENT_COUNT: usize = 4;
 /// The fastest of them (s); the others are 10, 100 and 1000 times as slow.
-const FASTEST_S: f64 = 0.5;
+const TIME_CONSTANT_MIN_S: f64 = 0.5;
 /// Gains lie within this factor of one another at most.
 const GAIN_MIN: f64 = 0.2;
 
@@ -32,36 +32,36 @@ fn gains(config: &TactileConfig, mut prng: Prng) -> Vec<f64> {
 
 /// What each tactel makes of its force.
 #[derive(Clone, Debug)]
-pub(crate) struct Response {
+pub(crate) struct TactelResponse {
     gains: Vec<f64>,
     threshold: f64,
     exponent: f64,
-    memory: Option<Memory>,
+    memory: Option<ViscoelasticState>,
 }
 
 /// What each tactel remembers.
 #[derive(Clone, Debug)]
-struct Memory {
+struct ViscoelasticState {
     hysteresis: f64,
     creep: f64,
     /// Middle of the play; negative infinity for a tactel that was unloaded.
     play: Vec<f64>,
-    elements: Vec<[f64; ELEMENTS]>,
+    elements: Vec<[f64; KELVIN_ELEMENT_COUNT]>,
 }
 
-impl Response {
+impl TactelResponse {
     /// None for an ideal array.
-    pub(crate) fn new(config: &TactileConfig, seed: u64, stream: Stream) -> Option<Response> {
+    pub(crate) fn new(config: &TactileConfig, seed: u64, stream: Stream) -> Option<TactelResponse> {
         if config.electronics < Electronics::Response {
             return None;
         }
-        let memory = (config.electronics >= Electronics::Memory).then(|| Memory {
+        let memory = (config.electronics >= Electronics::Memory).then(|| ViscoelasticState {
             hysteresis: config.hysteresis,
             creep: config.creep_per_decade,
             play: vec![f64::NEG_INFINITY; MAX_TACTELS],
-            elements: vec![[0.0; ELEMENTS]; MAX_TACTELS],
+            elements: vec![[0.0; KELVIN_ELEMENT_COUNT]; MAX_TACTELS],
         });
-        Some(Response {
+        Some(TactelResponse {
             gains: gains(config, Prng::new(seed, stream)),
             threshold: config.threshold_n / config.full_scale_n,
             exponent: config.exponent,
@@ -74,7 +74,7 @@ impl Response {
     pub(crate) fn conductance(&mut self, tactel: usize, load: f64, dt_s: f64) -> f64 {
         let load = self.gains[tactel] * load.max(0.0);
         let felt = match &mut self.memory {
-            Some(memory) => memory.feel(tactel, load, dt_s),
+            Some(memory) => memory.apply(tactel, load, dt_s),
             None => load,
         };
         let above = felt - self.threshold;
@@ -95,10 +95,10 @@ impl Response {
     }
 }
 
-impl Memory {
-    fn feel(&mut self, tactel: usize, load: f64, dt_s: f64) -> f64 {
+impl ViscoelasticState {
+    fn apply(&mut self, tactel: usize, load: f64, dt_s: f64) -> f64 {
         let mut strain = load;
-        let mut slow_s = FASTEST_S;
+        let mut slow_s = TIME_CONSTANT_MIN_S;
         for element in &mut self.elements[tactel] {
             *element += (load - *element) * (1.0 - libm::exp(-dt_s / slow_s));
             strain += self.creep * *element;
@@ -121,7 +121,7 @@ impl Memory {
 mod tests {
     use super::*;
 
-    fn response(edit: impl FnOnce(&mut TactileConfig)) -> Response {
+    fn response(edit: impl FnOnce(&mut TactileConfig)) -> TactelResponse {
         let mut config = TactileConfig {
             electronics: Electronics::Memory,
             gain_spread: 0.0,
@@ -132,7 +132,7 @@ mod tests {
             ..TactileConfig::default()
         };
         edit(&mut config);
-        Response::new(&config, 1, Stream::TactelGains).unwrap()
+        TactelResponse::new(&config, 1, Stream::TactelGains).unwrap()
     }
 
     #[test]

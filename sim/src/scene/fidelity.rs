@@ -4,7 +4,7 @@
 
 use serde::Deserialize;
 
-use super::section::{Agree, names, section};
+use super::section::{Consistency, names, section};
 
 section! {
     /// `[fidelity]`: arm, contact and integrator of a scene.
@@ -20,7 +20,7 @@ section! {
     }
 }
 
-impl Agree for FidelityConfig {}
+impl Consistency for FidelityConfig {}
 
 names!(ArmModel, ContactModel, Integrator);
 

@@ -22,12 +22,12 @@ pub use fault::{FAULTS_MAX, Fault, FaultKind};
 pub use object::{EdgeProfile, OBJECTS_MAX, ObjectConfig, ObjectKind};
 pub use opposed::OpposedConfig;
 pub use rolling::{FingerConfig, PinConfig, RubberConfig};
-pub use table::{Axis, Kind, MOTIONS_MAX, Motion, POINTS_MAX, STEP_S, TableConfig};
-pub use tactile::{Defect, DefectKind, Electronics, Stamp, TactileConfig};
+pub use table::{Axis, MOTIONS_MAX, Motion, MotionKind, POINTS_MAX, STEP_DURATION_S, TableConfig};
+pub use tactile::{Defect, DefectKind, Electronics, ScanStamp, TactileConfig};
 pub use wrist::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, WristConfig};
 
 use fidelity::FidelityConfig;
-use section::{Agree, Value, section};
+use section::{Consistency, Value, section};
 
 /// A value that cannot be simulated: where it stands, what is wrong, what to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -124,10 +124,10 @@ section! {
 }
 
 /// Largest angle between a pin and the columns of an opposed fingertip at the start (deg).
-const ACROSS_DEG: f64 = 70.0;
+const OPPOSED_YAW_MAX_DEG: f64 = 70.0;
 
-impl Agree for WorldConfig {
-    fn agree(&self, _place: &str) -> Result<(), Invalid> {
+impl Consistency for WorldConfig {
+    fn check_consistency(&self, _place: &str) -> Result<(), Invalid> {
         let opposed = |fault: &Fault| fault.opposed == Some(true);
         if let Some(i) = self.fault.iter().position(opposed).filter(|_| !self.opposed.present) {
             let what = "is true, but there is no opposed fingertip".to_owned();
@@ -140,10 +140,10 @@ impl Agree for WorldConfig {
         }
         let turned = self.opposed.yaw_deg - self.pin.yaw_deg;
         let turned = turned - 180.0 * (turned / 180.0).round();
-        if self.opposed.present && turned.abs() > ACROSS_DEG {
+        if self.opposed.present && turned.abs() > OPPOSED_YAW_MAX_DEG {
             let what =
                 format!("turns its rows {turned} deg away from the pin, which is to cross them");
-            let remedy = format!("stay within {ACROSS_DEG} deg of pin.yaw_deg");
+            let remedy = format!("stay within {OPPOSED_YAW_MAX_DEG} deg of pin.yaw_deg");
             return Err(invalid("opposed.yaw_deg", what, &remedy));
         }
         if self.object.len() > OBJECTS_MAX {

@@ -2,7 +2,7 @@
 
 use taktil_mechanics::Matrix6;
 
-use super::section::{Agree, inside, section};
+use super::section::{Consistency, inside, section};
 use super::{Invalid, invalid};
 
 /// Codes of a gauge per newton, unless a scene gives a matrix.
@@ -46,8 +46,8 @@ impl WristConfig {
     }
 }
 
-impl Agree for WristConfig {
-    fn agree(&self, place: &str) -> Result<(), Invalid> {
+impl Consistency for WristConfig {
+    fn check_consistency(&self, place: &str) -> Result<(), Invalid> {
         // Moments are codes per 20 mm, so that both halves of a row weigh alike.
         let even = |i: usize, m: &Matrix6, j: usize| m[(i, j)] * if j < 3 { 1.0 } else { 0.02 };
         let matrix = self.matrix();

@@ -45,7 +45,8 @@ fn over_pad(case: &Case) -> (Pin, Surface, Pose) {
     let lowest = DVec3::new(x, y, -delta);
     let pin_axes = DMat3::from_cols(turn.x_axis, turn.y_axis, turn.z_axis);
     let centre = lowest + radius * pin_axes.z_axis;
-    let pin = Pin::at_rest(centre, &pin_axes, (radius, length), 0.1);
+    let size = CylinderSize { radius_m: radius, length_m: length };
+    let pin = Pin::at_rest(centre, &pin_axes, size, 0.1);
     let pad = Pose::IDENTITY;
     (pin, Surface::of_pad(&pad, &taktil_mechanics::Joints::zeros()), pad)
 }
@@ -66,12 +67,16 @@ fn pressed_pins_give_the_reference_images() {
                 relaxation_ms: 0.0,
             };
             let (pin, surface, pad) = over_pad(&case);
-            let mut spatial =
-                Spatial::new(&rubber, (pin.radius_m, pin.length_m), level, "finger.rubber")
-                    .unwrap();
-            let line = Line::between(&pin, pin.axis(), &surface).unwrap();
+            let mut spatial = SpatialSolver::new(
+                &rubber,
+                CylinderSize { radius_m: pin.radius_m, length_m: pin.length_m },
+                level,
+                "finger.rubber",
+            )
+            .unwrap();
+            let line = ContactLine::on_pad(&pin, pin.axis(), &surface).unwrap();
             spatial.solve(&line, &pad).expect("inside the tables");
-            let forces = spatial.forces_n();
+            let forces = spatial.tactel_forces_n();
             let stresses: Vec<f64> = forces.iter().map(|f| -f / area).collect();
             let found = image_features(&Array::THESIS, &stresses, Part::Full).unwrap();
             let (m0, x_c, y_c, theta) = (n[11], n[14], n[15], n[19]);
@@ -99,7 +104,7 @@ fn pressed_pins_give_the_reference_images() {
 
 #[test]
 fn a_piece_counts_by_what_of_it_is_over_the_pad() {
-    let part = |place, direction, length| part_over(place, direction, length, 10.0);
+    let part = |place, direction, length| overlap(place, direction, length, 10.0);
     for (swap, sign) in [(false, 1.0), (false, -1.0), (true, 1.0), (true, -1.0)] {
         let of = |x: f64, y: f64| if swap { [sign * y, sign * x] } else { [sign * x, sign * y] };
         // Along one side of the pad: inside, across its end, on it, beyond it, and on the edge.
@@ -126,16 +131,17 @@ fn a_pin_leaves_the_pad_alike_in_all_directions() {
     let rubber =
         RubberConfig { thickness_mm: 0.8, youngs_mpa: 27.58, poisson: 0.49, relaxation_ms: 0.0 };
     let (radius, length) = (0.023, 0.01);
+    let size = CylinderSize { radius_m: radius, length_m: length };
     for level in [Level::Fast, Level::Default] {
-        let mut spatial = Spatial::new(&rubber, (radius, length), level, "finger.rubber").unwrap();
+        let mut spatial = SpatialSolver::new(&rubber, size, level, "finger.rubber").unwrap();
         let mut pressed = |rot: f64, out_m: f64, across_m: f64| {
             let axes = taktil_mechanics::spatial::rotation_z(rot);
             let lowest = out_m * axes.y_axis + across_m * axes.x_axis - 1.2e-5 * axes.z_axis;
-            let pin = Pin::at_rest(lowest + radius * axes.z_axis, &axes, (radius, length), 0.1);
+            let pin = Pin::at_rest(lowest + radius * axes.z_axis, &axes, size, 0.1);
             let surface = Surface::of_pad(&Pose::IDENTITY, &taktil_mechanics::Joints::zeros());
-            let line = Line::between(&pin, pin.axis(), &surface).unwrap();
+            let line = ContactLine::on_pad(&pin, pin.axis(), &surface).unwrap();
             let solved = spatial.solve(&line, &Pose::IDENTITY).expect("inside the tables");
-            (solved, spatial.forces_n().iter().sum::<f64>())
+            (solved, spatial.tactel_forces_n().iter().sum::<f64>())
         };
         let quarter = core::f64::consts::FRAC_PI_2;
         let whole = pressed(0.0, 0.0, 0.0).0.force_n;
@@ -169,18 +175,19 @@ fn a_pin_leaves_the_pad_alike_in_all_directions() {
 fn the_force_on_the_pad_is_what_its_tactels_see() {
     let rubber =
         RubberConfig { thickness_mm: 0.8, youngs_mpa: 27.58, poisson: 0.49, relaxation_ms: 0.0 };
+    let size = CylinderSize { radius_m: 0.023, length_m: 0.06 };
     for level in [Level::Fast, Level::Default] {
-        let mut spatial = Spatial::new(&rubber, (0.023, 0.06), level, "finger.rubber").unwrap();
+        let mut spatial = SpatialSolver::new(&rubber, size, level, "finger.rubber").unwrap();
         for (rot, tilt, y_m) in [(0.0, 0.0, 0.0), (0.03, 2e-4, 1e-3), (-0.1, -3e-4, -2.3e-3)] {
             let turn = taktil_mechanics::spatial::rotation_z(rot)
                 * taktil_mechanics::spatial::rotation_x(-tilt);
             let axes = DMat3::from_cols(turn.x_axis, turn.y_axis, turn.z_axis);
             let lowest = DVec3::new(1e-3, y_m, -1.2e-5);
-            let pin = Pin::at_rest(lowest + 0.023 * axes.z_axis, &axes, (0.023, 0.06), 0.1);
+            let pin = Pin::at_rest(lowest + 0.023 * axes.z_axis, &axes, size, 0.1);
             let surface = Surface::of_pad(&Pose::IDENTITY, &taktil_mechanics::Joints::zeros());
-            let line = Line::between(&pin, pin.axis(), &surface).unwrap();
+            let line = ContactLine::on_pad(&pin, pin.axis(), &surface).unwrap();
             let solved = spatial.solve(&line, &Pose::IDENTITY).expect("inside the tables");
-            let seen: f64 = spatial.forces_n().iter().sum();
+            let seen: f64 = spatial.tactel_forces_n().iter().sum();
             let off = seen / solved.force_n - 1.0;
             assert!(off.abs() < 2e-3, "{level:?} {rot} {tilt}: {seen} N of {solved:?}: {off:e}");
         }
@@ -199,14 +206,15 @@ fn rows_stand_on_their_own_again_once_the_finger_has_left() {
     let carriage = Carriage { axes, knots, float: None };
     let (mut world, _devices) =
         build_with_carriage(&config, &Timing::default(), 1, carriage).unwrap();
-    let lean = |world: &World| world.bench.rolling.as_deref().map(|rolling| rolling.pad.lean);
-    assert_eq!(lean(&world), Some(Lean::NONE));
+    let load_factor =
+        |world: &World| world.plant.rolling.as_deref().map(|rolling| rolling.pad.load_factor);
+    assert_eq!(load_factor(&world), Some(LoadFactor::ONE));
     world.advance(Nanos::from_millis(400));
     assert!(world.truth().in_contact);
-    assert_ne!(lean(&world), Some(Lean::NONE));
+    assert_ne!(load_factor(&world), Some(LoadFactor::ONE));
     world.advance(Nanos::from_millis(900));
     assert!(!world.truth().in_contact);
-    assert_eq!(lean(&world), Some(Lean::NONE));
+    assert_eq!(load_factor(&world), Some(LoadFactor::ONE));
 }
 
 /// Images solved and images after which rows stood on their own.
@@ -218,17 +226,20 @@ fn tally(config: &WorldConfig, up_m: f64) -> (u64, u64) {
     let carriage = Carriage { axes, knots, float: None };
     let (mut world, _devices) =
         build_with_carriage(config, &Timing::default(), 1, carriage).unwrap();
-    assert_eq!(world.solves_layers(), config.fidelity.contact == ContactModel::Layer3d);
+    assert_eq!(
+        world.solves_in_three_dimensions(),
+        config.fidelity.contact == ContactModel::Layer3d
+    );
     world.advance(Nanos::from_millis(400));
     assert!(world.truth().in_contact);
-    (world.work().solved, world.work().plain)
+    (world.statistics().spatial_solutions, world.statistics().spatial_failures)
 }
 
 #[test]
 fn where_rows_stand_on_their_own_it_is_counted() {
     let mut config = WorldConfig::default();
     config.pin.length_mm = 20.0;
-    assert_eq!(tally(&config, -2e-4), (0, 0), "nobody asked");
+    assert_eq!(tally(&config, -2e-4), (0, 0), "nobody is_spatial");
     config.fidelity.contact = ContactModel::Layer3d;
     let (solved, plain) = tally(&config, -2e-4);
     assert!(solved > 20 && plain == 0, "{solved} {plain}");

@@ -9,75 +9,75 @@
 //! backwards instead, which takes energy whatever the forces are. Refuses more than a bounded
 //! number of iterations: what has not settled then is said and taken.
 
-mod calm;
+mod damped;
 mod newton;
 
 use glam::{DMat3, DQuat, DVec3};
 use taktil_mechanics::spatial::linear_and_angular;
 use taktil_mechanics::{Joints, Pose};
 
-use super::matrix::N;
-use super::{Bench, Saved};
+use super::matrix::UNKNOWN_COUNT;
+use super::{Plant, SavedState};
 use crate::contact::Surface;
 use crate::hash::Hash;
 use crate::manipulator::{ArmState, RotorState, StagePredictor};
-use crate::object::{Grip, Grips};
-use crate::rolling::{Memory, Touching};
+use crate::object::{ObjectBristle, ObjectBristles};
+use crate::rolling::{PinContacts, PinState};
 use crate::surroundings::Surroundings;
-use newton::Held;
+use newton::FactoredMatrix;
 
 /// `1 - 1/sqrt(2)`
-const GAMMA: f64 = 0.292_893_218_813_452_5;
+const SDIRK_GAMMA: f64 = 0.292_893_218_813_452_5;
 /// Iterations of a stage at most.
-const NEWTON_MAX: usize = 12;
+const NEWTON_STEPS_MAX: usize = 12;
 /// A stage has settled when an iteration changes no point's speed by more than this (m/s), or when
 /// the next one would not, as the last two shrank.
-const SETTLED_M_S: f64 = 2e-8;
+const SPEED_TOLERANCE_M_S: f64 = 2e-8;
 /// Largest change after which the next one is judged without being made (m/s): what the bristles
 /// have not seen of the motion then is below 1e-10 m.
-const CLOSE_M_S: f64 = 2e-7;
+const PREDICTED_TOLERANCE_M_S: f64 = 2e-7;
 /// Factors stay in use, in both stages of a step, while each iteration changes less than this part
 /// of the one before.
-const SHRINKS: f64 = 0.05;
+const CONTRACTION_MAX: f64 = 0.05;
 /// Twice the most with which a joint that nothing holds begins to fall (rad/s^2): over the length
 /// of a stage the speed that an arm at rest may come to, on which its centrifugal and Coriolis
 /// torques depend.
-const FALLING_RAD_S2: f64 = 50.0;
+const FREE_ACCELERATION_RAD_S2: f64 = 50.0;
 
 /// What a stage starts from.
-struct Base {
+struct StageStart {
     arm: ArmState,
-    memory: Option<Memory>,
-    grips: Grips,
+    memory: Option<PinState>,
+    grips: ObjectBristles,
     /// Angular momentum of the pin (kg m^2/s), which its spin need not match.
     turning: DVec3,
 }
 
 /// What a step did.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Outcome {
+pub(super) struct StepOutcome {
     /// Difference to the embedded method of first order (m).
     pub(super) error_m: f64,
-    pub(super) settled: bool,
+    pub(super) has_converged: bool,
     /// What the last iteration changed, after the contacts were evaluated (m/s).
-    pub(super) unseen_m_s: f64,
+    pub(super) last_change_m_s: f64,
     pub(super) iterations: u32,
 }
 
-type Speeds = [f64; N];
+type Speeds = [f64; UNKNOWN_COUNT];
 
 /// What one step leaves to the next: where its iteration begins and where inertia and gravity are
 /// taken. It saves iterations; what it changes is below what an iteration may leave.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Habit {
+pub(crate) struct WarmStart {
     /// How the speeds changed (m/s^2, rad/s^2).
     slope: Speeds,
 }
 
-impl Habit {
+impl WarmStart {
     /// After something happened nothing goes on as before.
-    pub(super) fn forget(&mut self) {
-        *self = Habit::default();
+    pub(super) fn clear(&mut self) {
+        *self = WarmStart::default();
     }
 
     pub(super) fn digest(&self, hash: &mut Hash) {
@@ -88,7 +88,7 @@ impl Habit {
 /// The time of a stage: how long it moves things (s), when it ends (s), and whether its step is the
 /// shortest there is.
 #[derive(Clone, Copy)]
-struct Over {
+struct StageTime {
     tau: f64,
     end_s: f64,
     last: bool,
@@ -96,15 +96,15 @@ struct Over {
 
 /// The balance of momentum at some speeds.
 #[derive(Default)]
-struct Seen {
+struct Residual {
     /// What is left of it.
     rest: Speeds,
     /// How what the joints feel grows with their speeds (N m s/rad).
     slopes: [f64; 6],
     /// The surroundings of what may be touched.
-    around: Option<Surroundings>,
+    surroundings: Option<Surroundings>,
     /// The contacts of a pin.
-    touch: Option<Touching>,
+    touch: Option<PinContacts>,
     /// Objects are touched.
     pressed: bool,
 }
@@ -117,27 +117,27 @@ fn joints(u: &Speeds) -> Joints {
     Joints::new(u[0], u[1], u[2], u[3], u[4], u[5])
 }
 
-impl Bench {
+impl Plant {
     /// One step of `h` seconds from `start_s`; the state was saved by the caller.
-    pub(super) fn implicit(&mut self, start: &Saved, start_s: f64, h: f64) -> Outcome {
-        let first = Base::of(start);
-        let tau = GAMMA * h;
+    pub(super) fn step_sdirk(&mut self, start: &SavedState, start_s: f64, h: f64) -> StepOutcome {
+        let first = StageStart::of(start);
+        let tau = SDIRK_GAMMA * h;
         let u0 = speeds(&first.arm, first.memory.as_ref());
-        let guess = core::array::from_fn(|i| u0[i] + tau * self.habit.slope[i]);
+        let guess = core::array::from_fn(|i| u0[i] + tau * self.warm_start.slope[i]);
         let mut factors = None;
-        let over = Over { tau, end_s: start_s + tau, last: false };
-        let (last_1, n_1, u1) = self.stage(&first, guess, over, &mut factors);
-        let second = first.carried_on(&self.save(), (1.0 - GAMMA) / GAMMA);
-        let u_end: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / GAMMA);
-        let over = Over { end_s: start_s + h, ..over };
-        let (last_2, n_2, u2) = self.stage(&second, u_end, over, &mut factors);
+        let over = StageTime { tau, end_s: start_s + tau, last: false };
+        let (last_1, n_1, u1) = self.solve_stage(&first, guess, over, &mut factors);
+        let second = first.extrapolated(&self.save(), (1.0 - SDIRK_GAMMA) / SDIRK_GAMMA);
+        let u_end: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / SDIRK_GAMMA);
+        let over = StageTime { end_s: start_s + h, ..over };
+        let (last_2, n_2, u2) = self.solve_stage(&second, u_end, over, &mut factors);
         // The embedded method takes the first stage's slopes for both.
         let off = core::array::from_fn(|i| u2[i] - u_end[i]);
-        self.habit.slope = core::array::from_fn(|i| (u2[i] - u0[i]) / h);
-        Outcome {
-            error_m: h * self.way(&off),
-            settled: last_1.is_finite() && last_2.is_finite(),
-            unseen_m_s: last_2,
+        self.warm_start.slope = core::array::from_fn(|i| (u2[i] - u0[i]) / h);
+        StepOutcome {
+            error_m: h * self.largest_speed(&off),
+            has_converged: last_1.is_finite() && last_2.is_finite(),
+            last_change_m_s: last_2,
             iterations: n_1 + n_2,
         }
     }
@@ -146,23 +146,28 @@ impl Bench {
     /// second stage carries the first one on as if nothing would end, and what a blow stopped is
     /// thrown back. Here all forces are those of the end, and whatever they are they take energy:
     /// this is Euler's method backwards, on contacts that are monotone in the speeds.
-    pub(super) fn blow(&mut self, start: &Saved, start_s: f64, h: f64) -> Outcome {
-        let base = Base::of(start);
+    pub(super) fn step_backward_euler(
+        &mut self,
+        start: &SavedState,
+        start_s: f64,
+        h: f64,
+    ) -> StepOutcome {
+        let base = StageStart::of(start);
         let u0 = speeds(&base.arm, base.memory.as_ref());
-        let over = Over { tau: h, end_s: start_s + h, last: true };
-        let (last, iterations, u) = self.stage(&base, u0, over, &mut None);
+        let over = StageTime { tau: h, end_s: start_s + h, last: true };
+        let (last, iterations, u) = self.solve_stage(&base, u0, over, &mut None);
         let off = core::array::from_fn(|i| 0.5 * (u[i] - u0[i]));
-        self.habit.forget();
-        Outcome {
-            error_m: h * self.way(&off),
-            settled: last.is_finite(),
-            unseen_m_s: last,
+        self.warm_start.clear();
+        StepOutcome {
+            error_m: h * self.largest_speed(&off),
+            has_converged: last.is_finite(),
+            last_change_m_s: last,
             iterations,
         }
     }
 
     /// Speed at which the quickest point of finger or pin moves (m/s).
-    fn way(&self, u: &Speeds) -> f64 {
+    fn largest_speed(&self, u: &Speeds) -> f64 {
         let radius = self.rolling.as_ref().map_or(0.0, |r| r.pin.radius_m);
         let q = joints(u).amax() * self.finger.lever_m();
         q.max(part(u, 6).length()).max(radius * part(u, 9).length())
@@ -171,12 +176,12 @@ impl Bench {
     /// Moves everything from `base` over `tau` seconds by the forces at the end, `end_s`. Newton's
     /// `factors` may be those of a stage before; those that were used last are left there. Gives
     /// the last change (m/s), infinite when it did not settle, the iterations, and the speeds.
-    fn stage(
+    fn solve_stage(
         &mut self,
-        base: &Base,
+        base: &StageStart,
         guess: Speeds,
-        Over { tau, end_s, last: finest }: Over,
-        factors: &mut Option<Held>,
+        StageTime { tau, end_s, last: finest }: StageTime,
+        factors: &mut Option<FactoredMatrix>,
     ) -> (f64, u32, Speeds) {
         let mut u = guess;
         let mut predictor = self.finger.predict_stage(&base.arm, &joints(&u), tau, end_s);
@@ -187,16 +192,18 @@ impl Bench {
         let (_, table_axes, table) = self.table.at(end_s);
         let mut torques_at = joints(&u);
         let (mut last, mut count) = (f64::INFINITY, 0);
-        let (mut before, mut seen) = (f64::INFINITY, Seen::default());
-        for _ in 0..NEWTON_MAX {
+        let (mut before, mut residual) = (f64::INFINITY, Residual::default());
+        for _ in 0..NEWTON_STEPS_MAX {
             count += 1;
-            self.evaluate_into(&mut seen, base, &predictor, &u, tau, (&table, &table_axes));
-            let held = factors.get_or_insert_with(|| self.held(&predictor, &seen, tau));
-            let mut change = held.factors.solve(&seen.rest);
-            if self.way(&change) < CLOSE_M_S && self.softer(&seen, held) {
+            self.evaluate_into(&mut residual, base, &predictor, &u, tau, (&table, &table_axes));
+            let held = factors.get_or_insert_with(|| self.factorise(&predictor, &residual, tau));
+            let mut change = held.factors.solve(&residual.rest);
+            if self.largest_speed(&change) < PREDICTED_TOLERANCE_M_S
+                && self.has_softened(&residual, held)
+            {
                 // Stiffer than what is there by far they would call anything settled.
-                *held = self.held(&predictor, &seen, tau);
-                change = held.factors.solve(&seen.rest);
+                *held = self.factorise(&predictor, &residual, tau);
+                change = held.factors.solve(&residual.rest);
             }
             if !change.iter().all(|x| x.is_finite()) {
                 break;
@@ -208,33 +215,35 @@ impl Bench {
             let moved = (now - torques_at).amax();
             // The angles stay those that the stage guessed: only what goes with the square of the
             // speeds is seen anew.
-            let turned = now.amax() + moved + FALLING_RAD_S2 * tau;
-            if tau * moved * turned * self.finger.lever_m() > SETTLED_M_S {
+            let turned = now.amax() + moved + FREE_ACCELERATION_RAD_S2 * tau;
+            if tau * moved * turned * self.finger.lever_m() > SPEED_TOLERANCE_M_S {
                 predictor.forces = self.finger.generalised_forces(&predictor, &now);
                 torques_at = now;
             }
-            let size = self.way(&change);
+            let size = self.largest_speed(&change);
             let rate = size / before;
-            if size < SETTLED_M_S || (size < CLOSE_M_S && size * rate < 0.1 * SETTLED_M_S) {
+            if size < SPEED_TOLERANCE_M_S
+                || (size < PREDICTED_TOLERANCE_M_S && size * rate < 0.1 * SPEED_TOLERANCE_M_S)
+            {
                 last = size;
                 break;
             }
-            if rate > SHRINKS {
+            if rate > CONTRACTION_MAX {
                 *factors = None;
             }
             before = size;
         }
         if finest && !last.is_finite() {
             let (calm, more) =
-                self.calm(base, &predictor, (&mut u, &guess), tau, (&table, &table_axes));
+                self.solve_damped(base, &predictor, &mut u, &guess, tau, (&table, &table_axes));
             (last, count, *factors) = (calm, count + more, None);
         }
-        self.finish(base, &predictor, &u, tau);
+        self.take_stage(base, &predictor, &u, tau);
         (last, count, u)
     }
 
     /// The state at the end of a stage.
-    fn finish(&mut self, base: &Base, predictor: &StagePredictor, u: &Speeds, tau: f64) {
+    fn take_stage(&mut self, base: &StageStart, predictor: &StagePredictor, u: &Speeds, tau: f64) {
         let mut next = base.arm;
         for (i, speed) in u.iter().enumerate().take(predictor.degrees_of_freedom) {
             next.qd[i] = *speed;
@@ -250,71 +259,72 @@ impl Bench {
         }
         *self.finger.state_mut() = next;
         if let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) {
-            rolling.pin = memory.pin.carried(part(u, 6), part(u, 9), tau);
+            rolling.pin = memory.pin.moved(part(u, 6), part(u, 9), tau);
         }
     }
 
     /// What is left of the balance of momentum at the speeds `u`, and what it depends on.
     fn evaluate(
         &mut self,
-        base: &Base,
+        base: &StageStart,
         predictor: &StagePredictor,
         u: &Speeds,
         tau: f64,
         table: (&Surface, &DMat3),
-    ) -> Seen {
-        let mut seen = Seen::default();
-        self.evaluate_into(&mut seen, base, predictor, u, tau, table);
-        seen
+    ) -> Residual {
+        let mut residual = Residual::default();
+        self.evaluate_into(&mut residual, base, predictor, u, tau, table);
+        residual
     }
 
     /// The same in the place of what was seen before, from the same base.
     fn evaluate_into(
         &mut self,
-        seen: &mut Seen,
-        base: &Base,
+        residual: &mut Residual,
+        base: &StageStart,
         predictor: &StagePredictor,
         u: &Speeds,
         tau: f64,
         (table, table_axes): (&Surface, &DMat3),
     ) {
-        let rest = &mut seen.rest;
+        let rest = &mut residual.rest;
         let qd = joints(u);
         let swung = predictor.inertia * (qd - base.arm.qd) - tau * predictor.forces;
         for i in 0..predictor.degrees_of_freedom {
             let resisting = self.finger.resisting_torque(&base.arm, i, qd[i], tau);
             rest[i] = -swung[i] - tau * resisting.torque_nm;
-            seen.slopes[i] = resisting.slope;
+            residual.slopes[i] = resisting.slope;
         }
         if self.objects.is_none() && self.rolling.is_none() {
             return;
         }
-        let around = seen.around.insert(around(predictor, &qd, tau, table, table_axes));
+        let surroundings =
+            residual.surroundings.insert(surroundings(predictor, &qd, tau, table, table_axes));
         if let Some(objects) = &mut self.objects {
-            objects.remember(&base.grips);
-            self.work.contacts += 1;
-            objects.touch(around, tau);
-            seen.pressed = objects.touched() > 0 && predictor.degrees_of_freedom > 0;
-            if seen.pressed {
-                let pulled = predictor.jacobian.tr_mul(&objects.wrench(&around.pad));
+            objects.restore(&base.grips);
+            self.statistics.contact_evaluations += 1;
+            objects.evaluate(surroundings, tau);
+            residual.pressed = objects.contact_bits() > 0 && predictor.degrees_of_freedom > 0;
+            if residual.pressed {
+                let pulled = predictor.jacobian.tr_mul(&objects.wrench(&surroundings.pad));
                 for i in 0..predictor.degrees_of_freedom {
                     rest[i] += tau * pulled[i];
                 }
             }
         }
         let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) else { return };
-        rolling.pin = memory.pin.carried(part(u, 6), part(u, 9), tau);
-        self.work.contacts += 1;
-        let touching = seen.touch.get_or_insert_default();
-        rolling.touch_from((&memory.pad, &memory.bed), around, tau, touching);
-        let (force, moment) = rolling.load(around);
+        rolling.pin = memory.pin.moved(part(u, 6), part(u, 9), tau);
+        self.statistics.contact_evaluations += 1;
+        let contacts = residual.touch.get_or_insert_default();
+        rolling.evaluate_from(&memory.pad, &memory.support, surroundings, tau, contacts);
+        let (force, moment) = rolling.net_load(surroundings);
         let pin = &rolling.pin;
         let linear = pin.mass_kg * (pin.velocity - memory.pin.velocity) - tau * force;
         let angular = pin.angular_momentum() - base.turning - tau * moment;
         rest[6..9].copy_from_slice(&(-linear).to_array());
         rest[9..12].copy_from_slice(&(-angular).to_array());
-        if touching.finger.is_some() {
-            let pulled = predictor.jacobian.tr_mul(&rolling.wrench(around.finger.origin));
+        if contacts.finger.is_some() {
+            let pulled = predictor.jacobian.tr_mul(&rolling.wrench(surroundings.finger.origin));
             for i in 0..predictor.degrees_of_freedom {
                 rest[i] += tau * pulled[i];
             }
@@ -322,14 +332,14 @@ impl Bench {
     }
 }
 
-impl Base {
-    fn of(saved: &Saved) -> Base {
+impl StageStart {
+    fn of(saved: &SavedState) -> StageStart {
         let turning = saved.memory.as_ref().map_or(DVec3::ZERO, |m| m.pin.angular_momentum());
-        Base { arm: saved.arm, memory: saved.memory, grips: saved.grips, turning }
+        StageStart { arm: saved.arm, memory: saved.memory, grips: saved.grips, turning }
     }
 
     /// This state carried on by `reach` times the way to `other`.
-    fn carried_on(&self, other: &Saved, reach: f64) -> Base {
+    fn extrapolated(&self, other: &SavedState, reach: f64) -> StageStart {
         let (a, b) = (&self.arm, &other.arm);
         let arm = ArmState {
             q: a.q + reach * (b.q - a.q),
@@ -342,12 +352,12 @@ impl Base {
         };
         let mix = |x: f64, y: f64| x + reach * (y - x);
         let grips = core::array::from_fn(|i| {
-            let (a, b): (&Grip, &Grip) = (&self.grips[i], &other.grips[i]);
+            let (a, b): (&ObjectBristle, &ObjectBristle) = (&self.grips[i], &other.grips[i]);
             let shear_n_m = mix(a.shear_n_m, b.shear_n_m).max(0.0);
-            Grip { brush: a.brush + reach * (b.brush - a.brush), shear_n_m }
+            ObjectBristle { brush: a.brush + reach * (b.brush - a.brush), shear_n_m }
         });
         let (Some(a), Some(b)) = (&self.memory, &other.memory) else {
-            return Base { arm, memory: None, grips, turning: DVec3::ZERO };
+            return StageStart { arm, memory: None, grips, turning: DVec3::ZERO };
         };
         let mix3 = |x: DVec3, y: DVec3| x + reach * (y - x);
         let mut memory = *a;
@@ -359,17 +369,17 @@ impl Base {
         let (from, to) = (a.pin.orientation, b.pin.orientation);
         let near = if from.dot(to) < 0.0 { -to } else { to };
         pin.orientation = DQuat::normalize(from + (near - from) * reach);
-        memory.pad = a.pad.carried_on(&b.pad, reach);
-        memory.bed = a.bed.carried_on(&b.bed, reach);
+        memory.pad = a.pad.extrapolated(&b.pad, reach);
+        memory.support = a.support.extrapolated(&b.support, reach);
         let turning = mix3(self.turning, b.pin.angular_momentum());
-        Base { arm, memory: Some(memory), grips, turning }
+        StageStart { arm, memory: Some(memory), grips, turning }
     }
 }
 
-fn speeds(arm: &ArmState, memory: Option<&Memory>) -> Speeds {
+fn speeds(arm: &ArmState, memory: Option<&PinState>) -> Speeds {
     let (velocity, spin) =
         memory.map_or((DVec3::ZERO, DVec3::ZERO), |m| (m.pin.velocity, m.pin.spin));
-    let mut u = [0.0; N];
+    let mut u = [0.0; UNKNOWN_COUNT];
     u[..6].copy_from_slice(arm.qd.as_slice());
     u[6..9].copy_from_slice(&velocity.to_array());
     u[9..].copy_from_slice(&spin.to_array());
@@ -377,7 +387,7 @@ fn speeds(arm: &ArmState, memory: Option<&Memory>) -> Speeds {
 }
 
 /// The pin's surroundings when the stage ends at the speeds `qd`.
-fn around(
+fn surroundings(
     predictor: &StagePredictor,
     qd: &Joints,
     tau: f64,
@@ -417,6 +427,9 @@ mod tests {
             let inertia = arm.mass_matrix(&q).cholesky().unwrap();
             most = most.max(inertia.solve(&arm.gravity_torque(&q)).amax());
         }
-        assert!((0.4 * FALLING_RAD_S2..0.5 * FALLING_RAD_S2).contains(&most), "{most}");
+        assert!(
+            (0.4 * FREE_ACCELERATION_RAD_S2..0.5 * FREE_ACCELERATION_RAD_S2).contains(&most),
+            "{most}"
+        );
     }
 }

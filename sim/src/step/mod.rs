@@ -3,7 +3,7 @@
 //!
 //! A step of the implicit integrator is done again in halves, four times at most, when finger or
 //! table gain or lose the pin within it, when a joint comes to its stop, when its estimated error
-//! is beyond [`ERROR_M`], or when its equations did not settle.
+//! is beyond [`STEP_ERROR_MAX_M`], or when its equations did not settle.
 
 mod implicit;
 mod matrix;
@@ -13,51 +13,51 @@ use taktil_mechanics::Joints;
 
 use crate::hash::Hash;
 use crate::manipulator::{ArmState, Manipulator};
-use crate::object::{Grips, Objects};
-use crate::rolling::{Memory, Rolling};
+use crate::object::{ObjectBristles, Objects};
+use crate::rolling::{PinState, RollingPin};
 use crate::scene::fidelity::Integrator;
-use crate::spatial::Tally;
+use crate::spatial::SolveCounts;
 use crate::surroundings::Surroundings;
 use crate::table::Table;
-pub(crate) use implicit::Habit;
+pub(crate) use implicit::WarmStart;
 
 /// Estimated error of place above which a step is halved (m).
-pub(crate) const ERROR_M: f64 = 2e-6;
+pub(crate) const STEP_ERROR_MAX_M: f64 = 2e-6;
 /// Change of speed after which the forces of a step's last iteration are those of its end (m/s):
 /// contacts of 1e5 N/m that relax within 1 ms feel 1e-5 N of it.
-const FELT_M_S: f64 = 1e-7;
+const CONTACT_SPEED_TOLERANCE_M_S: f64 = 1e-7;
 /// Times that a step is halved at most.
-const HALVINGS: u32 = 4;
+const HALVINGS_MAX: u32 = 4;
 
 /// What the physics was asked to do since the start; counted, not timed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Work {
+pub struct StepStatistics {
     /// Steps of any integrator, halved ones included.
     pub steps: u64,
     /// Steps that were done again in halves.
-    pub halved: u64,
+    pub halved_steps: u64,
     /// Implicit steps that did not settle and were taken nevertheless.
-    pub unsettled: u64,
+    pub unconverged_steps: u64,
     /// Iterations of implicit stages.
-    pub iterations: u64,
+    pub newton_iterations: u64,
     /// Evaluations of the contacts of pin and objects.
-    pub contacts: u64,
+    pub contact_evaluations: u64,
     /// Tactile images computed from a contact.
-    pub images: u64,
+    pub tactile_images: u64,
     /// Contacts solved in three dimensions for an image.
-    pub solved: u64,
+    pub spatial_solutions: u64,
     /// Loaded contacts of scenes that ask for three dimensions after whose image rows stood on
     /// their own: the solver's tables ended, there was none for that shape, or the solution's force
     /// was far from that of the rows.
-    pub plain: u64,
+    pub spatial_failures: u64,
     /// Scans converted to counts.
-    pub scans: u64,
+    pub tactile_scans: u64,
 }
 
-impl Work {
-    fn tell(&mut self, tally: Tally) {
-        self.solved += tally.solved;
-        self.plain += tally.plain;
+impl StepStatistics {
+    fn add(&mut self, counts: SolveCounts) {
+        self.spatial_solutions += counts.solutions;
+        self.spatial_failures += counts.failures;
     }
 }
 
@@ -71,28 +71,28 @@ pub(crate) enum Method {
 
 /// Everything that moves.
 #[derive(Clone, Debug)]
-pub(crate) struct Bench {
+pub(crate) struct Plant {
     pub(crate) finger: Box<dyn Manipulator>,
-    pub(crate) rolling: Option<Box<Rolling>>,
+    pub(crate) rolling: Option<Box<RollingPin>>,
     pub(crate) objects: Option<Box<Objects>>,
     pub(crate) table: Table,
     pub(crate) method: Method,
     pub(crate) substep: Nanos,
     /// Largest estimated error of a step that was taken (m).
     pub(crate) error_m: f64,
-    pub(crate) work: Work,
+    pub(crate) statistics: StepStatistics,
     /// What the next implicit step may begin with.
-    pub(crate) habit: Habit,
+    pub(crate) warm_start: WarmStart,
     /// The contacts were evaluated at the present state.
-    pub(crate) felt: bool,
+    pub(crate) contacts_current: bool,
 }
 
 /// What a step may have to be done again from.
 #[derive(Clone, Copy, Debug)]
-struct Saved {
+struct SavedState {
     arm: ArmState,
-    memory: Option<Memory>,
-    grips: Grips,
+    memory: Option<PinState>,
+    grips: ObjectBristles,
 }
 
 impl Method {
@@ -108,7 +108,7 @@ impl Method {
     }
 }
 
-impl Bench {
+impl Plant {
     /// Moves everything from `from` to `to`.
     pub(crate) fn integrate(&mut self, from: Nanos, to: Nanos) {
         let span = to - from;
@@ -118,9 +118,9 @@ impl Bench {
         for i in 0..steps {
             let t_s = start_s + h * i as f64;
             match self.method {
-                Method::Euler => self.euler(from, t_s, h),
-                Method::Rk4 => self.smooth(h, 0),
-                Method::Implicit => self.careful(from, t_s, h, 0),
+                Method::Euler => self.step_euler(from, t_s, h),
+                Method::Rk4 => self.step_rk4_halved(h, 0),
+                Method::Implicit => self.step_implicit(from, t_s, h, 0),
             }
         }
         // An arm that swings keeps what its explicit steps evaluate now and then only.
@@ -129,41 +129,42 @@ impl Bench {
         }
     }
 
-    fn save(&self) -> Saved {
-        let memory = self.rolling.as_ref().map(|rolling| rolling.memory());
-        let grips = self.objects.as_ref().map_or(Grips::default(), |objects| objects.memory());
-        Saved { arm: *self.finger.state(), memory, grips }
+    fn save(&self) -> SavedState {
+        let memory = self.rolling.as_ref().map(|rolling| rolling.state());
+        let grips =
+            self.objects.as_ref().map_or(ObjectBristles::default(), |objects| objects.bristles());
+        SavedState { arm: *self.finger.state(), memory, grips }
     }
 
-    fn restore(&mut self, saved: &Saved) {
+    fn restore(&mut self, saved: &SavedState) {
         *self.finger.state_mut() = saved.arm;
         if let (Some(rolling), Some(memory)) = (&mut self.rolling, &saved.memory) {
-            rolling.remember(memory);
+            rolling.restore(memory);
         }
         if let Some(objects) = &mut self.objects {
-            objects.remember(&saved.grips);
+            objects.restore(&saved.grips);
         }
     }
 
     /// What finger, pad and table are to the pin at an instant.
-    pub(crate) fn around(&self, t_s: f64) -> Surroundings {
+    pub(crate) fn surroundings(&self, t_s: f64) -> Surroundings {
         let (_, table_axes, table) = self.table.at(t_s);
         Surroundings { pad: *self.finger.pose(), finger: self.finger.surface(), table, table_axes }
     }
 
     /// Evaluates the contacts of the present state, unless the step that led there did.
-    pub(crate) fn feel(&mut self, t_s: f64) {
-        if core::mem::replace(&mut self.felt, true) {
+    pub(crate) fn evaluate_contacts(&mut self, t_s: f64) {
+        if core::mem::replace(&mut self.contacts_current, true) {
             return;
         }
-        let around = self.around(t_s);
+        let surroundings = self.surroundings(t_s);
         if let Some(rolling) = &mut self.rolling {
-            self.work.contacts += 1;
-            rolling.touch(&around, 0.0);
+            self.statistics.contact_evaluations += 1;
+            rolling.evaluate(&surroundings, 0.0);
         }
         if let Some(objects) = &mut self.objects {
-            self.work.contacts += 1;
-            objects.touch(&around, 0.0);
+            self.statistics.contact_evaluations += 1;
+            objects.evaluate(&surroundings, 0.0);
         }
     }
 
@@ -171,101 +172,103 @@ impl Bench {
     pub(crate) fn image(&mut self, t_s: f64) -> [f64; MAX_TACTELS] {
         let mut forces = [0.0; MAX_TACTELS];
         if self.rolling.is_some() || self.objects.is_some() {
-            self.work.images += 1;
+            self.statistics.tactile_images += 1;
         }
-        let around = self.around(t_s);
+        let surroundings = self.surroundings(t_s);
         if let Some(rolling) = &mut self.rolling {
-            let (pressed, tally) = rolling.image(&around);
-            self.work.tell(tally);
+            let (pressed, tally) = rolling.image(&surroundings);
+            self.statistics.add(tally);
             forces = pressed;
         }
         if let Some(objects) = &mut self.objects {
-            self.work.tell(objects.image(&mut forces));
+            self.statistics.add(objects.image(&mut forces));
         }
         forces
     }
 
     /// Normal force on each tactel of the opposed fingertip (N).
     pub(crate) fn opposed_image(&mut self, t_s: f64) -> [f64; MAX_TACTELS] {
-        let around = self.around(t_s);
+        let surroundings = self.surroundings(t_s);
         let Some(rolling) = &mut self.rolling else { return [0.0; MAX_TACTELS] };
-        let (forces, tally) = rolling.opposed_image(&around);
-        self.work.images += 1;
-        self.work.tell(tally);
+        let (forces, tally) = rolling.opposed_image(&surroundings);
+        self.statistics.tactile_images += 1;
+        self.statistics.add(tally);
         forces
     }
 
     /// Explicit in every force.
-    fn euler(&mut self, now: Nanos, t_s: f64, h: f64) {
-        self.work.steps += 1;
-        self.felt = false;
+    fn step_euler(&mut self, now: Nanos, t_s: f64, h: f64) {
+        self.statistics.steps += 1;
+        self.contacts_current = false;
         let mut wrench = Joints::zeros();
         if self.rolling.is_some() {
-            let around = self.around(t_s);
+            let surroundings = self.surroundings(t_s);
             if let Some(rolling) = &mut self.rolling {
-                self.work.contacts += 1;
-                rolling.touch(&around, h);
-                rolling.feel(now);
-                wrench = rolling.wrench(around.finger.origin);
-                rolling.step(&around, h);
+                self.statistics.contact_evaluations += 1;
+                rolling.evaluate(&surroundings, h);
+                rolling.update_fixture(now);
+                wrench = rolling.wrench(surroundings.finger.origin);
+                rolling.step(&surroundings, h);
             }
         }
         self.finger.step(h, &wrench);
     }
 
     /// The arm alone; a step that ends beyond a stop is halved to come near the instant.
-    fn smooth(&mut self, h: f64, depth: u32) {
+    fn step_rk4_halved(&mut self, h: f64, depth: u32) {
         let before = *self.finger.state();
-        self.work.steps += 1;
+        self.statistics.steps += 1;
         self.finger.step_rk4(h);
         if !self.finger.is_beyond_limits() {
             return;
         }
-        if depth < HALVINGS {
+        if depth < HALVINGS_MAX {
             *self.finger.state_mut() = before;
-            self.work.halved += 1;
-            self.smooth(0.5 * h, depth + 1);
-            self.smooth(0.5 * h, depth + 1);
+            self.statistics.halved_steps += 1;
+            self.step_rk4_halved(0.5 * h, depth + 1);
+            self.step_rk4_halved(0.5 * h, depth + 1);
             return;
         }
         self.finger.stop_at_limits();
     }
 
-    fn touched(&self) -> (bool, bool, u8) {
-        let loaded = |r: &Rolling| (r.by_finger.normal_n > 0.0, r.by_table.normal_n > 0.0);
+    fn contact_flags(&self) -> (bool, bool, u8) {
+        let loaded =
+            |r: &RollingPin| (r.finger_reaction.normal_n > 0.0, r.support_reaction.normal_n > 0.0);
         let (finger, table) = self.rolling.as_deref().map_or((false, false), loaded);
-        (finger, table, self.objects.as_ref().map_or(0, |objects| objects.touched()))
+        (finger, table, self.objects.as_ref().map_or(0, |objects| objects.contact_bits()))
     }
 
     /// An implicit step, in halves where something happens within it.
-    fn careful(&mut self, now: Nanos, t_s: f64, h: f64, depth: u32) {
-        let (saved, before) = (self.save(), self.touched());
-        let mut outcome = self.implicit(&saved, t_s, h);
-        self.work.steps += 1;
-        self.work.iterations += u64::from(outcome.iterations);
-        let happened = self.touched() != before || self.finger.is_beyond_limits();
-        let coarse = outcome.error_m > ERROR_M || !outcome.settled;
-        if depth < HALVINGS && (happened || coarse) {
+    fn step_implicit(&mut self, now: Nanos, t_s: f64, h: f64, depth: u32) {
+        let (saved, before) = (self.save(), self.contact_flags());
+        let mut outcome = self.step_sdirk(&saved, t_s, h);
+        self.statistics.steps += 1;
+        self.statistics.newton_iterations += u64::from(outcome.iterations);
+        let happened = self.contact_flags() != before || self.finger.is_beyond_limits();
+        let coarse = outcome.error_m > STEP_ERROR_MAX_M || !outcome.has_converged;
+        if depth < HALVINGS_MAX && (happened || coarse) {
             self.restore(&saved);
-            self.habit.forget();
-            self.work.halved += 1;
-            self.careful(now, t_s, 0.5 * h, depth + 1);
-            self.careful(now, t_s + 0.5 * h, 0.5 * h, depth + 1);
+            self.warm_start.clear();
+            self.statistics.halved_steps += 1;
+            self.step_implicit(now, t_s, 0.5 * h, depth + 1);
+            self.step_implicit(now, t_s + 0.5 * h, 0.5 * h, depth + 1);
             return;
         }
         if coarse {
             self.restore(&saved);
-            outcome = self.blow(&saved, t_s, h);
-            self.work.iterations += u64::from(outcome.iterations);
+            outcome = self.step_backward_euler(&saved, t_s, h);
+            self.statistics.newton_iterations += u64::from(outcome.iterations);
         } else if happened {
-            self.habit.forget();
+            self.warm_start.clear();
         }
-        self.felt = outcome.unseen_m_s < FELT_M_S && !self.finger.is_beyond_limits();
+        self.contacts_current = outcome.last_change_m_s < CONTACT_SPEED_TOLERANCE_M_S
+            && !self.finger.is_beyond_limits();
         self.finger.stop_at_limits();
-        self.work.unsettled += u64::from(!outcome.settled);
+        self.statistics.unconverged_steps += u64::from(!outcome.has_converged);
         self.error_m = self.error_m.max(outcome.error_m);
         if let Some(rolling) = &mut self.rolling {
-            rolling.feel(now);
+            rolling.update_fixture(now);
         }
     }
 
@@ -277,7 +280,7 @@ impl Bench {
         if let Some(objects) = &self.objects {
             objects.digest(hash);
         }
-        self.habit.digest(hash);
+        self.warm_start.digest(hash);
     }
 }
 

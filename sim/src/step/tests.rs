@@ -8,7 +8,7 @@ use crate::scene::fidelity::ArmModel;
 use crate::scene::{ArmConfig, TableConfig};
 
 /// The arm alone, thrown without friction.
-fn thrown(method: Method, step_us: i64, viscous: f64) -> Bench {
+fn thrown(method: Method, step_us: i64, viscous: f64) -> Plant {
     bench_of(thrown_arm(viscous), method, step_us)
 }
 
@@ -21,8 +21,8 @@ fn thrown_arm(viscous: f64) -> Arm {
     arm
 }
 
-fn bench_of(arm: Arm, method: Method, step_us: i64) -> Bench {
-    Bench {
+fn bench_of(arm: Arm, method: Method, step_us: i64) -> Plant {
+    Plant {
         finger: Box::new(arm),
         rolling: None,
         objects: None,
@@ -30,9 +30,9 @@ fn bench_of(arm: Arm, method: Method, step_us: i64) -> Bench {
         method,
         substep: Nanos::from_micros(step_us),
         error_m: 0.0,
-        work: Work::default(),
-        habit: Habit::default(),
-        felt: false,
+        statistics: StepStatistics::default(),
+        warm_start: WarmStart::default(),
+        contacts_current: false,
     }
 }
 
@@ -95,12 +95,16 @@ fn a_joint_that_meets_its_stop_stays_there() {
             assert!(!bench.finger.is_beyond_limits());
             assert!(bench.finger.state().qd.iter().all(|v| v.is_finite()));
         }
-        assert!(method == Method::Euler || bench.work.halved > 0, "{method:?}: {:?}", bench.work);
+        assert!(
+            method == Method::Euler || bench.statistics.halved_steps > 0,
+            "{method:?}: {:?}",
+            bench.statistics
+        );
     }
 }
 
 /// The arm behind gears of one stiffness, thrown without friction, its springs at rest.
-fn springy(step_us: i64, stiffness: Option<f64>) -> Bench {
+fn springy(step_us: i64, stiffness: Option<f64>) -> Plant {
     let mut config = ArmConfig { coulomb_scale: 0.0, viscous_scale: 0.0, ..ArmConfig::default() };
     config.gear_damping = 0.0;
     if let Some(stiffness) = stiffness {
@@ -113,7 +117,7 @@ fn springy(step_us: i64, stiffness: Option<f64>) -> Bench {
     bench_of(arm, Method::Implicit, step_us)
 }
 
-fn after(mut bench: Bench, span: Nanos) -> Joints {
+fn after(mut bench: Plant, span: Nanos) -> Joints {
     bench.integrate(Nanos::ZERO, span);
     bench.finger.state().q
 }

@@ -8,44 +8,54 @@ use crate::contact::Surface;
 use crate::pin::Pin;
 
 /// Natural frequency of the pin in the hand (rad/s), critically damped.
-const GRIP_RAD_S: f64 = 100.0;
+const FIXTURE_FREQUENCY_RAD_S: f64 = 100.0;
 
 /// Where the pin was put down, seen from the table.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Hand {
+pub(crate) struct PinFixture {
     place: DVec3,
     orientation: DQuat,
-    until_n: f64,
+    release_force_n: f64,
     pub(crate) holding: bool,
 }
 
-impl Hand {
-    pub(crate) fn new(pin: &Pin, axes: &DMat3, surface: &Surface, until_n: f64) -> Hand {
+impl PinFixture {
+    pub(crate) fn new(
+        pin: &Pin,
+        axes: &DMat3,
+        surface: &Surface,
+        release_force_n: f64,
+    ) -> PinFixture {
         let back = DQuat::from_mat3(axes).normalize().conjugate();
-        Hand {
+        PinFixture {
             place: back * (pin.position - surface.origin),
             orientation: back * pin.orientation,
-            until_n,
+            release_force_n,
             holding: true,
         }
     }
 
     /// Lets go when the finger presses hard enough.
-    pub(crate) fn feel(&mut self, finger_n: f64) {
-        self.holding &= finger_n < self.until_n;
+    pub(crate) fn update(&mut self, finger_n: f64) {
+        self.holding &= finger_n < self.release_force_n;
     }
 
     /// How force and moment depend on the speeds that a step of `h` seconds ends with (N s/m,
     /// N m s/rad).
     pub(crate) fn tangent(&self, pin: &Pin, h: f64) -> (f64, f64) {
-        let weight = pin.mass_kg * GRIP_RAD_S * (GRIP_RAD_S * h + 2.0);
+        let weight = pin.mass_kg * FIXTURE_FREQUENCY_RAD_S * (FIXTURE_FREQUENCY_RAD_S * h + 2.0);
         (weight, pin.radius_m * pin.radius_m * weight)
     }
 
     /// Force and moment (about the centre) on the pin.
-    pub(crate) fn grip(&self, pin: &Pin, axes: &DMat3, surface: &Surface) -> (DVec3, DVec3) {
-        let stiffness = pin.mass_kg * GRIP_RAD_S * GRIP_RAD_S;
-        let damping = 2.0 * pin.mass_kg * GRIP_RAD_S;
+    pub(crate) fn force_and_moment(
+        &self,
+        pin: &Pin,
+        axes: &DMat3,
+        surface: &Surface,
+    ) -> (DVec3, DVec3) {
+        let stiffness = pin.mass_kg * FIXTURE_FREQUENCY_RAD_S * FIXTURE_FREQUENCY_RAD_S;
+        let damping = 2.0 * pin.mass_kg * FIXTURE_FREQUENCY_RAD_S;
         let place = surface.origin + *axes * self.place;
         let carried = surface.velocity + surface.spin.cross(place - surface.origin);
         let pull = -stiffness * (pin.position - place) - damping * (pin.velocity - carried);

@@ -9,7 +9,7 @@ use crate::scene::{Invalid, invalid};
 
 /// Where the pulses of each channel lie, and what has been latched of them.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Index {
+pub(crate) struct IndexPulses {
     joints: usize,
     /// The count of one of the pulses, and counts from one to the next.
     pulses: [(i32, i32); CHANNELS],
@@ -18,9 +18,13 @@ pub(crate) struct Index {
     marks: Marks,
 }
 
-impl Index {
+impl IndexPulses {
     /// Discs whose pulses stand `before` counts before the counts of the home pose.
-    pub(crate) fn new(before: &[f64], home: &[i32], per_rev: &[f64]) -> Result<Index, Invalid> {
+    pub(crate) fn new(
+        before: &[f64],
+        home: &[i32],
+        per_rev: &[f64],
+    ) -> Result<IndexPulses, Invalid> {
         if before.len() != home.len() {
             let what = format!("has {} numbers, the arm has {} joints", before.len(), home.len());
             return Err(invalid("arm.index_counts", what, "give one for each joint"));
@@ -31,23 +35,27 @@ impl Index {
             let (before, turn) = (before[i].round() as i32, per_rev[i].round() as i32);
             *pulse = (home[i].wrapping_sub(before), turn.max(1));
         }
-        let mut index =
-            Index { joints: home.len(), pulses, turns: [0; CHANNELS], marks: [None; CHANNELS] };
+        let mut index = IndexPulses {
+            joints: home.len(),
+            pulses,
+            turns: [0; CHANNELS],
+            marks: [None; CHANNELS],
+        };
         for i in 0..CHANNELS {
-            index.turns[i] = index.past(i, 0);
+            index.turns[i] = index.turns_past(i, 0);
         }
         Ok(index)
     }
 
-    fn past(&self, i: usize, count: i32) -> i32 {
+    fn turns_past(&self, i: usize, count: i32) -> i32 {
         let (at, turn) = self.pulses[i];
         count.wrapping_sub(at).div_euclid(turn)
     }
 
     /// The discs turned to these counts; the newest pulses since power-up.
-    pub(crate) fn turn(&mut self, counts: &[Counts; CHANNELS]) -> Marks {
+    pub(crate) fn update(&mut self, counts: &[Counts; CHANNELS]) -> Marks {
         for (i, Counts(count)) in counts.iter().enumerate().take(self.joints) {
-            let (before, now) = (self.turns[i], self.past(i, *count));
+            let (before, now) = (self.turns[i], self.turns_past(i, *count));
             if now != before {
                 // Upwards the last pulse passed is the one below, downwards the one above.
                 let (at, turn) = self.pulses[i];
@@ -75,14 +83,14 @@ impl Index {
 mod tests {
     use super::*;
 
-    fn turned(index: &mut Index, count: i32) -> Option<i32> {
-        index.turn(&[Counts(count); CHANNELS])[0].map(|Counts(count)| count)
+    fn turned(index: &mut IndexPulses, count: i32) -> Option<i32> {
+        index.update(&[Counts(count); CHANNELS])[0].map(|Counts(count)| count)
     }
 
     #[test]
     fn a_pulse_is_latched_when_it_is_passed_and_kept() {
         // Home at count 30, the pulse 10 before it: pulses at ..., -80, 20, 120, ...
-        let mut index = Index::new(&[10.0], &[30], &[100.0]).unwrap();
+        let mut index = IndexPulses::new(&[10.0], &[30], &[100.0]).unwrap();
         assert_eq!(turned(&mut index, 19), None);
         assert_eq!(turned(&mut index, 20), Some(20));
         assert_eq!(turned(&mut index, 119), Some(20));
@@ -94,7 +102,7 @@ mod tests {
 
     #[test]
     fn one_number_for_each_joint() {
-        let bad = Index::new(&[0.0; 6], &[0; 7], &[100.0; 7]).unwrap_err();
+        let bad = IndexPulses::new(&[0.0; 6], &[0; 7], &[100.0; 7]).unwrap_err();
         assert_eq!(bad.place, "arm.index_counts");
     }
 }
