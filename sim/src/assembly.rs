@@ -55,7 +55,8 @@ pub fn build(
     timing.check()?;
     let arm = Arm::new(&config.arm, config.fidelity.arm, config.arm_every)?;
     let mass_kg = arm.mass_at_tool_kg();
-    let board = BoardSpec::new(JOINT_COUNT, Drive::reference().code_range());
+    let (code_min, code_max) = Drive::reference().code_range();
+    let board = BoardSpec { joints: JOINT_COUNT, code_min, code_max };
     assemble(config, timing, seed, Box::new(arm), mass_kg, board)
 }
 
@@ -86,7 +87,8 @@ pub fn build_with_chain<const N: usize>(
         return Err(invalid("fidelity.integrator", what, "say auto"));
     }
     let arm = FreeArm::new(robot, start, &config.arm, config.fidelity.arm)?;
-    let board = BoardSpec::new(N, robot.drive.code_range());
+    let (code_min, code_max) = robot.drive.code_range();
+    let board = BoardSpec { joints: N, code_min, code_max };
     assemble(config, timing, seed, Box::new(arm), None, board)
 }
 
@@ -105,7 +107,8 @@ pub fn build_with_carriage(
     carriage.check()?;
     let carriage = MovingCarriage::new(carriage);
     let mass_kg = carriage.mass_kg();
-    let board = BoardSpec::new(JOINT_COUNT, Drive::reference().code_range());
+    let (code_min, code_max) = Drive::reference().code_range();
+    let board = BoardSpec { joints: JOINT_COUNT, code_min, code_max };
     assemble(config, timing, seed, Box::new(carriage), mass_kg, board)
 }
 

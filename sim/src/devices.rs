@@ -50,12 +50,6 @@ pub(crate) struct BoardSpec {
     pub(crate) code_max: i32,
 }
 
-impl BoardSpec {
-    pub(crate) fn new(joints: usize, (code_min, code_max): (i32, i32)) -> BoardSpec {
-        BoardSpec { joints, code_min, code_max }
-    }
-}
-
 /// What a tactile array says of itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct TactileSpec {

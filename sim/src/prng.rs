@@ -36,6 +36,9 @@ pub(crate) struct Prng {
     layers: Box<ZigguratLayers>,
 }
 
+/// Distance between neighbouring uniform numbers: 53 bits.
+#[expect(clippy::cast_precision_loss, reason = "a power of two is exact")]
+const UNIFORM_STEP: f64 = 1.0 / (1_u64 << 53) as f64;
 /// Layers of the ziggurat.
 const LAYER_COUNT: usize = 256;
 /// Where the tail begins, and the area of every layer, the lowest one's tail included.
@@ -81,21 +84,19 @@ impl Prng {
     /// Uniform in `(0, 1]`, 53 bits.
     #[expect(clippy::cast_precision_loss, reason = "the integer has 53 bits")]
     pub(crate) fn uniform(&mut self) -> f64 {
-        const RESOLUTION: f64 = 1.0 / (1_u64 << 53) as f64;
-        ((self.chacha.next_u64() >> 11) + 1) as f64 * RESOLUTION
+        ((self.chacha.next_u64() >> 11) + 1) as f64 * UNIFORM_STEP
     }
 
     /// Normal with mean 0 and standard deviation 1.
     #[expect(clippy::cast_precision_loss, reason = "the integer has 53 bits")]
     pub(crate) fn normal(&mut self) -> f64 {
-        const RESOLUTION: f64 = 1.0 / (1_u64 << 53) as f64;
         loop {
             // Bits 0 to 7: the layer, bit 8: the sign, bits 11 to 63: the place.
             let word = self.chacha.next_u64();
             let layer = (word & 0xFF) as usize;
             let signed = |x: f64| f64::from_bits(x.to_bits() ^ (word & 0x100) << 55);
             // A signed integer becomes a floating one in a single instruction.
-            let x = (word >> 11).cast_signed() as f64 * RESOLUTION * self.layers.x[layer];
+            let x = (word >> 11).cast_signed() as f64 * UNIFORM_STEP * self.layers.x[layer];
             if x < self.layers.x[layer + 1] {
                 return signed(x);
             }

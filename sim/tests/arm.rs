@@ -7,7 +7,7 @@ use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::fidelity::ArmModel;
 use taktil_sim::{Timing, World, WorldConfig, build};
 
-const PERIOD: Nanos = Nanos::from_micros(2_500);
+const CONTROL_PERIOD: Nanos = Nanos::from_micros(2_500);
 
 fn free_of_pin() -> WorldConfig {
     let mut config = WorldConfig::default();
@@ -23,12 +23,12 @@ fn run(
     mut law: impl FnMut(&World) -> [DacCode; CHANNELS],
 ) {
     for k in 0..cycles {
-        let t = PERIOD * k;
+        let t = CONTROL_PERIOD * k;
         let order = LinesOut { enable: true, brake_release: true, watchdog_feed: k % 2 == 0 };
         devices.digital_out.commit(t, &order).unwrap();
         devices.analog_out.commit(t, &law(world)).unwrap();
         devices.encoders.sample(t).unwrap();
-        world.advance(t + PERIOD);
+        world.advance(t + CONTROL_PERIOD);
     }
 }
 
@@ -80,7 +80,7 @@ fn gravity_torque_and_friction_hold_it_dead_still() {
     let end = world.truth();
     assert!((end.tool - start.tool).length() < 1e-4, "{}", end.tool - start.tool);
     assert!(end.qd.norm() < 1e-6, "{}", end.qd.norm());
-    let counts = devices.encoders.sample(PERIOD * 1600).unwrap().value;
+    let counts = devices.encoders.sample(CONTROL_PERIOD * 1600).unwrap().value;
     assert!(counts.iter().all(|c| c.0.abs() <= 2), "{counts:?}");
 }
 
@@ -122,7 +122,7 @@ fn torques_move_the_joints_in_their_direction_and_counts_follow() {
         assert!(end[joint] - start[joint] > 0.005, "joint {}: {}", joint + 1, end - start);
         let gears = Transmission::reference();
         let (now, then) = (gears.counts(&end), gears.counts(&start));
-        let seen = devices.encoders.sample(PERIOD * 60).unwrap().value;
+        let seen = devices.encoders.sample(CONTROL_PERIOD * 60).unwrap().value;
         for i in 0..6 {
             assert_eq!(seen[i].0, now[i] - then[i], "joint {}", i + 1);
         }
@@ -135,7 +135,7 @@ fn currents_are_echoed_on_the_analog_inputs() {
     let gravity = Dynamics::reference().gravity_torque(&world.truth().q);
     let codes = codes_of(&gravity);
     run(&mut world, &mut devices, 4, |_| codes);
-    let seen = devices.analog_in.sample(PERIOD * 4).unwrap().value;
+    let seen = devices.analog_in.sample(CONTROL_PERIOD * 4).unwrap().value;
     assert!((0..CHANNELS).all(|i| seen[i].0 == codes[i].0), "{seen:?}");
 }
 

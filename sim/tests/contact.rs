@@ -11,7 +11,7 @@ use taktil_sim::fidelity::ContactModel;
 use taktil_sim::scene::{Axis, Motion};
 use taktil_sim::{Carriage, FloatingGuide, PITCH_M, Truth, World, WorldConfig};
 
-const G: f64 = 9.81;
+const GRAVITY_M_S2: f64 = 9.81;
 
 #[test]
 fn pushed_past_the_limit_it_slides_at_exactly_mu_times_the_load() {
@@ -75,7 +75,7 @@ fn forces_balance_at_rest_to_a_nanonewton() {
         let knots = vec![(0.0, over(z))];
         let carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
         let (mut world, _devices) = bench(&config, carriage);
-        let weight = config.pin.mass_kg * G;
+        let weight = config.pin.mass_kg * GRAVITY_M_S2;
         let mut worst = [0.0_f64; 3];
         // Between images, which are taken every 5 ms, and at them.
         for i in 0..60 {
@@ -108,7 +108,7 @@ fn momentum_changes_by_the_forces_from_outside_alone() {
         let truth = at(&mut world, 0.005 + t_s);
         assert_eq!(truth.table_normal_n, 0.0);
         touched |= truth.in_contact;
-        let due = -(15.0 + config.pin.mass_kg * G) * t_s;
+        let due = -(15.0 + config.pin.mass_kg * GRAVITY_M_S2) * t_s;
         worst = worst.max((momentum(&truth) - momentum(&start) - due).abs());
     }
     println!("momentum: off by {worst:.1e} kg m/s at most");
@@ -129,7 +129,7 @@ fn bounces(substep_us: f64) -> (f64, f64) {
         world.energy_j() + world.rubber_energy_j()
     };
     let start = whole(0.005);
-    let drop_j = config.pin.mass_kg * G * 2e-3;
+    let drop_j = config.pin.mass_kg * GRAVITY_M_S2 * 2e-3;
     let (mut gain, mut loss) = (0.0_f64, 0.0_f64);
     for i in 1..800 {
         let change = (whole(0.005 + 1.25e-3 * f64::from(i)) - start) / drop_j;
@@ -146,7 +146,11 @@ fn energy_is_kept_with_the_order_of_the_steps() {
     assert!(fine.1 < 0.05 && fine.1 < 0.5 * coarse.1, "lost {coarse:?} {fine:?}");
 }
 
-fn seen(world: &mut World, devices: &mut taktil_hal::Devices, t_s: f64) -> (Truth, f64, Features) {
+fn observed(
+    world: &mut World,
+    devices: &mut taktil_hal::Devices,
+    t_s: f64,
+) -> (Truth, f64, Features) {
     let truth = at(world, t_s);
     let mut frame = TactileFrame::empty();
     assert_eq!(devices.tactile.sample(seconds(t_s), &mut frame), Ok(Arrival::New));
@@ -170,7 +174,7 @@ fn a_pin_shorter_than_the_pad_is_seen_whole_where_it_lies() {
         let knots = vec![(0.0, over(z))];
         let carriage = Carriage { axes: nominal(), knots, float: load_of(40.0) };
         let (mut world, mut devices) = bench(&config, carriage);
-        let (truth, m0, found) = seen(&mut world, &mut devices, 1.0);
+        let (truth, m0, found) = observed(&mut world, &mut devices, 1.0);
         let force = m0 * 4.0 / 65535.0;
         assert!((force / truth.finger_normal_n - 1.0).abs() < 0.01, "{force}");
         // The sensor's x runs against x0; the pin lies where it was put.

@@ -10,8 +10,8 @@ use taktil_hal::{Arrival, CHANNELS, Counts, DacCode, Devices, LinesOut, Nanos};
 use taktil_sim::scene::ScanStamp;
 use taktil_sim::{LONGEST_SILENCE, Timing, World, WorldConfig, build};
 
-const PERIOD: Nanos = Nanos::from_micros(2_500);
-const DELAY: Nanos = Nanos::from_micros(1_250);
+const CONTROL_PERIOD: Nanos = Nanos::from_micros(2_500);
+const ACTUATION_DELAY: Nanos = Nanos::from_micros(1_250);
 
 fn bench() -> (World, Devices) {
     build(&WorldConfig::default(), &Timing::default(), 3).unwrap()
@@ -28,7 +28,7 @@ fn all_halves_keep_the_promises() {
     for config in [WorldConfig::default(), opposed] {
         let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
         assert_eq!(devices.tactile_opposed.is_some(), config.opposed.present);
-        let mut bench = Bench::new(Nanos::ZERO, PERIOD, |t| world.advance(t));
+        let mut bench = Bench::new(Nanos::ZERO, CONTROL_PERIOD, |t| world.advance(t));
         assert_eq!(check_devices(&mut devices, &mut bench), []);
     }
 }
@@ -44,7 +44,7 @@ fn outputs_reach_the_world_and_go_safe() {
     // A word acts one delay after its release, a safe value at once; a moment later it is taken.
     let settle = || {
         let mut world = world.borrow_mut();
-        let due = world.now().max(last.get() + DELAY);
+        let due = world.now().max(last.get() + ACTUATION_DELAY);
         world.advance(due + Nanos(1));
     };
     let mut codes = || {
@@ -55,7 +55,7 @@ fn outputs_reach_the_world_and_go_safe() {
         settle();
         world.borrow().digital_out()
     };
-    let mut feed = Bench::new(Nanos::ZERO, PERIOD, advance);
+    let mut feed = Bench::new(Nanos::ZERO, CONTROL_PERIOD, advance);
     let found = check_analog_out_observed(devices.analog_out.as_mut(), &mut feed, &mut codes);
     assert_eq!(found, []);
     let found = check_analog_out_drop(devices.analog_out, &mut feed, &mut codes);
@@ -63,7 +63,7 @@ fn outputs_reach_the_world_and_go_safe() {
 
     let (fresh, mut devices) = bench();
     *world.borrow_mut() = fresh;
-    let mut feed = Bench::new(Nanos::ZERO, PERIOD, advance);
+    let mut feed = Bench::new(Nanos::ZERO, CONTROL_PERIOD, advance);
     let found = check_digital_out_observed(devices.digital_out.as_mut(), &mut feed, &mut orders);
     assert_eq!(found, []);
     let found = check_digital_out_drop(devices.digital_out, &mut feed, &mut orders);
@@ -125,7 +125,7 @@ fn words_act_from_their_own_instants() {
         let mut codes = [DacCode(0); CHANNELS];
         codes[0] = DacCode(1000);
         devices.analog_out.commit(Nanos::ZERO, &codes).unwrap();
-        devices.analog_out.commit(PERIOD, &[DacCode(0); CHANNELS]).unwrap();
+        devices.analog_out.commit(CONTROL_PERIOD, &[DacCode(0); CHANNELS]).unwrap();
         for us in instants {
             world.advance(Nanos::from_micros(*us));
         }
@@ -146,15 +146,15 @@ fn silence_drops_the_drives_and_sets_the_brakes() {
     let mut feed = false;
     for k in 0..40 {
         feed = !feed;
-        let t = PERIOD * k;
+        let t = CONTROL_PERIOD * k;
         devices.digital_out.commit(t, &lines(true, true, feed)).unwrap();
         devices.analog_out.commit(t, &word).unwrap();
-        world.advance(t + PERIOD);
+        world.advance(t + CONTROL_PERIOD);
     }
     let running = world.truth();
     assert!(running.enabled && !running.braked && running.qd[0].abs() > 0.1);
     // The last word acted at 39 periods + delay; 50 ms later everything is off.
-    let last = PERIOD * 39 + DELAY;
+    let last = CONTROL_PERIOD * 39 + ACTUATION_DELAY;
     world.advance(last + LONGEST_SILENCE);
     assert_eq!(world.analog_out()[0], 1500, "not a moment too early");
     world.advance(last + LONGEST_SILENCE + Nanos(1));
@@ -170,10 +170,10 @@ fn silence_drops_the_drives_and_sets_the_brakes() {
 fn a_feed_line_that_does_not_toggle_is_no_sign_of_life() {
     let (mut world, mut devices) = bench();
     for k in 0..40 {
-        let t = PERIOD * k;
+        let t = CONTROL_PERIOD * k;
         devices.digital_out.commit(t, &lines(true, true, true)).unwrap();
         devices.analog_out.commit(t, &[DacCode(0); CHANNELS]).unwrap();
-        world.advance(t + PERIOD);
+        world.advance(t + CONTROL_PERIOD);
     }
     assert!(world.truth().braked && !world.truth().enabled);
 }

@@ -42,18 +42,24 @@ fn what_a_scene_does_not_name_is_not_worked_on() {
         (world.statistics(), seen, gauges)
     };
     let (whole, seen, gauges) = work(&config);
-    assert!(whole.contacts > 0 && whole.images == 41 && whole.scans == 41 && seen >= 40 && gauges);
+    assert!(
+        whole.contact_evaluations > 0
+            && whole.tactile_images == 41
+            && whole.tactile_scans == 41
+            && seen >= 40
+            && gauges
+    );
     config.wrist.present = false;
     assert!(!work(&config).2, "gauges without a sensor");
     config.tactile.present = false;
-    let (without_base_shares, seen, _) = work(&config);
-    assert_eq!((without_base_shares.images, without_base_shares.scans, seen), (0, 0, 0));
+    let (absent, seen, _) = work(&config);
+    assert_eq!((absent.tactile_images, absent.tactile_scans, seen), (0, 0, 0));
     config.pin.present = false;
-    assert_eq!(work(&config).0.contacts, 0);
+    assert_eq!(work(&config).0.contact_evaluations, 0);
     // An array over an empty table makes scans, but no contact is looked for.
     config.tactile.present = true;
     let (empty, seen, _) = work(&config);
-    assert!(empty.contacts == 0 && empty.scans == 41 && seen >= 40);
+    assert!(empty.contact_evaluations == 0 && empty.tactile_scans == 41 && seen >= 40);
 }
 
 #[test]

@@ -21,7 +21,7 @@ fn with(object: ObjectConfig) -> WorldConfig {
     config
 }
 
-fn seen(devices: &mut Devices, t_s: f64) -> Features {
+fn features_of(devices: &mut Devices, t_s: f64) -> Features {
     let mut frame = TactileFrame::empty();
     assert_eq!(devices.tactile.sample(seconds(t_s), &mut frame), Ok(Arrival::New));
     let values: [f32; MAX_TACTELS] = frame.values.map(|v| (f64::from(v) - 300.0) as f32);
@@ -53,7 +53,7 @@ fn at_rest_the_object_carries_the_load_and_the_image_shows_it() {
         assert!((truth.finger_normal_n - 8.0).abs() < 1e-6 && truth.in_contact);
         // The sensor looks down: what pushes it up pushes it along -z.
         assert!((truth.tool_wrench[2] + 8.0).abs() < 1e-6, "{}", truth.tool_wrench[2]);
-        let seen = seen(&mut devices, 2.0);
+        let seen = features_of(&mut devices, 2.0);
         let force = seen.m0 / COUNTS_PER_N;
         assert!((force - 8.0).abs() < 0.1, "{kind:?}: the image sums to {force} N");
         assert!((seen.x_c.unwrap() - 8.5).abs() < 0.02, "{:?}", seen.x_c);
@@ -68,7 +68,7 @@ fn the_images_middle_is_where_the_sphere_is() {
     let felt = at(&mut world, 2.0).object.unwrap();
     // The sensor's x runs along -x0.
     assert!((felt.place_m.0 + 3.1e-3).abs() < 1e-9 && (felt.place_m.1 + 2.2e-3).abs() < 1e-9);
-    let seen = seen(&mut devices, 2.0);
+    let seen = features_of(&mut devices, 2.0);
     let mm = |place: Option<f64>| 1e3 * PITCH_M * (place.unwrap() - 8.5);
     assert!((mm(seen.x_c) + 3.1).abs() < 0.02 && (mm(seen.y_c) + 2.2).abs() < 0.02, "{seen:?}");
 }
@@ -83,7 +83,7 @@ fn an_edges_image_is_turned_as_the_edge_is() {
         assert!((felt.yaw_rad.to_degrees() + yaw_deg).abs() < 1e-9, "{}", felt.yaw_rad);
         let across = 2e-3 * libm::cos(f64::to_radians(yaw_deg));
         assert!((felt.off_m + across).abs() < 1e-9, "{} {across}", felt.off_m);
-        let theta = seen(&mut devices, 2.0).theta_z_rad.unwrap();
+        let theta = features_of(&mut devices, 2.0).theta_z_rad.unwrap();
         let off = (theta - felt.yaw_rad).to_degrees();
         assert!(off.abs() < 0.6, "{yaw_deg}: the image is off by {off} deg");
     }

@@ -34,7 +34,7 @@ fn frames(devices: &mut Devices, t_s: f64) -> [TactileFrame; 2] {
     frames
 }
 
-fn seen(frame: &TactileFrame) -> (Moments, Features) {
+fn moments_and_features(frame: &TactileFrame) -> (Moments, Features) {
     let values: [f32; MAX_TACTELS] = frame.values.map(|v| (f64::from(v) - 300.0) as f32);
     let image = Image::new(16, 16, &values, None).unwrap();
     let moments = moments(&image, 0.0);
@@ -55,7 +55,7 @@ fn both_arrays_show_the_force_and_the_place_that_there_is() {
             (truth.table_normal_n, opposed.contact_x_tactels.unwrap()),
         ];
         for (frame, (force_n, x)) in frames.iter().zip(due) {
-            let (sums, seen) = seen(frame);
+            let (sums, seen) = moments_and_features(frame);
             // Rounding on 256 tactels.
             assert!((sums.m0 * 4.0 / 4095.0 - force_n).abs() < 0.05, "{} {force_n}", sums.m0);
             // A layer thinner than a tactel is wide: the place is seen to a tenth of one.
@@ -95,7 +95,7 @@ fn its_mount_moves_it_as_the_table() {
     assert!(parts.iter().all(|part| *part > 0.1_f64.to_radians()), "{parts:?}");
     // Its image leans with it: the middle of the load is off the middle row.
     let [_, opposed] = frames(&mut devices, 2.5);
-    assert!((seen(&opposed).1.y_c.unwrap() - 8.5).abs() > 0.2);
+    assert!((moments_and_features(&opposed).1.y_c.unwrap() - 8.5).abs() > 0.2);
 }
 
 #[test]
@@ -163,7 +163,7 @@ fn three_dimensions_agree_with_planes_and_are_solved_for_each() {
     assert_eq!(both[0].2, 0);
     assert!(both[1].2 > 150, "{}", both[1].2);
     for (frame, other) in both[0].1.iter().zip(&both[1].1) {
-        let [a, b] = [frame, other].map(|frame| seen(frame).0.m0);
+        let [a, b] = [frame, other].map(|frame| moments_and_features(frame).0.m0);
         assert!((a / b - 1.0).abs() < 0.02, "{a} {b}");
     }
 }

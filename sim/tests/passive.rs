@@ -9,7 +9,7 @@ use glam::DMat3;
 use taktil_sim::scene::{Axis, Motion, RubberConfig};
 use taktil_sim::{Carriage, World, WorldConfig};
 
-const G: f64 = 9.81;
+const GRAVITY_M_S2: f64 = 9.81;
 
 /// What is varied.
 #[derive(Clone, Copy, Debug)]
@@ -81,7 +81,7 @@ fn a_pin_dropped_on_a_slope_gains_nothing() {
         config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 0.0025)];
         let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.05))], float: None };
         let (mut world, _devices) = bench(&config, carriage);
-        (gain_j(&mut world, 0.0025), case.mass_kg * G * 2.5e-3)
+        (gain_j(&mut world, 0.0025), case.mass_kg * GRAVITY_M_S2 * 2.5e-3)
     });
     // What is left is the rounding of sums over the weight's whole height.
     assert!(damped < 1e-11, "{damped:e} of the drop's energy");

@@ -1,5 +1,5 @@
 //! A revived world goes on bit for bit, whatever its sensors remember and whenever it was taken; a
-//! story can be sought in; worlds side by side do not know of each other.
+//! history can be sought in; worlds side by side do not know of each other.
 
 mod common;
 
@@ -15,7 +15,7 @@ use taktil_sim::scene::{
 };
 use taktil_sim::{OutputRecord, Timing, World, WorldConfig, WorldHistory, build};
 
-const PERIOD: Nanos = Nanos::from_micros(2_500);
+const CONTROL_PERIOD: Nanos = Nanos::from_micros(2_500);
 
 /// Half of what holds the arm, with a ripple: it sinks onto the pin.
 fn word(tick: i64) -> OutputRecord {
@@ -27,7 +27,7 @@ fn word(tick: i64) -> OutputRecord {
         codes[i] = DacCode(Drive::reference().dac_code(motor[i], i) + (tick % 7) as i32);
     }
     let lines = LinesOut { enable: true, brake_release: true, watchdog_feed: tick % 2 == 0 };
-    OutputRecord { release: PERIOD * tick, codes, lines }
+    OutputRecord { release: CONTROL_PERIOD * tick, codes, lines }
 }
 
 /// What is seen of a world after a tick: its state, and the frames that the controller gets.
@@ -38,7 +38,7 @@ fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) ->
     ticks
         .map(|tick| {
             word(tick).commit(devices).unwrap();
-            world.advance(PERIOD * (tick + 1));
+            world.advance(CONTROL_PERIOD * (tick + 1));
             let arrays = [Some(&mut devices.tactile), devices.tactile_opposed.as_mut()];
             let scans = arrays.map(|array| {
                 let arrival = array?.sample(world.now(), &mut frame);
@@ -145,12 +145,12 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
 
 #[test]
 fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
-    const END: i64 = 320;
+    const END_TICK: i64 = 320;
     for (name, config) in scenes() {
         let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
         let mut kept = Vec::new();
         let mut told = Vec::new();
-        for tick in 0..END {
+        for tick in 0..END_TICK {
             if [0, 1, 97, 240, 301].contains(&tick) {
                 kept.push((tick, world.snapshot()));
             }
@@ -159,9 +159,9 @@ fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
         assert!(world.truth().in_contact, "{name} never touches");
         if config.arm.index_counts.is_some() {
             let marks = |seen: &Seen| seen.3.expect("pulses are reported");
-            let came = marks(&told[END as usize - 1]).iter().flatten().count();
+            let came = marks(&told[END_TICK as usize - 1]).iter().flatten().count();
             assert!(came > 0, "{name}: no pulse came");
-            assert_ne!(marks(&told[0]), marks(&told[END as usize - 1]));
+            assert_ne!(marks(&told[0]), marks(&told[END_TICK as usize - 1]));
         }
         for (tick, snapshot) in &kept {
             for _ in 0..2 {
@@ -169,14 +169,14 @@ fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
                 assert_eq!(again.now(), snapshot.now());
                 // What was told before is told anew.
                 let first = halves.encoders.sample(again.now()).unwrap();
-                assert_eq!(first.acquired, PERIOD * *tick);
+                assert_eq!(first.acquired, CONTROL_PERIOD * *tick);
                 if *tick > 0 {
                     let mut frame = TactileFrame::empty();
                     let _ = halves.tactile.sample(again.now(), &mut frame);
                     let opposed = halves.tactile_opposed.as_mut();
                     let _ = opposed.map(|array| array.sample(again.now(), &mut frame));
                 }
-                let rest = go(&mut again, &mut halves, *tick..END);
+                let rest = go(&mut again, &mut halves, *tick..END_TICK);
                 assert!(rest == told[*tick as usize..], "{name}: another way after tick {tick}");
             }
         }
@@ -189,14 +189,14 @@ fn words_on_their_way_arrive_at_their_instant() {
     go(&mut world, &mut devices, 0..40);
     word(40).commit(&mut devices).unwrap();
     // Between release and effect, and at an instant that is no event.
-    world.advance(PERIOD * 40 + Nanos::from_micros(700));
+    world.advance(CONTROL_PERIOD * 40 + Nanos::from_micros(700));
     let before = world.analog_out();
     let snapshot = world.snapshot();
     let (mut again, _halves) = snapshot.restore();
     for world in [&mut world, &mut again] {
-        world.advance(PERIOD * 40 + Nanos::from_micros(1_250));
+        world.advance(CONTROL_PERIOD * 40 + Nanos::from_micros(1_250));
         assert_eq!(world.analog_out(), before);
-        world.advance(PERIOD * 41);
+        world.advance(CONTROL_PERIOD * 41);
         assert_ne!(world.analog_out(), before);
     }
     assert_eq!(world.state_hash(), again.state_hash());
@@ -205,19 +205,19 @@ fn words_on_their_way_arrive_at_their_instant() {
 #[test]
 fn one_can_seek_in_a_story() {
     let (mut world, mut devices) = build(&WorldConfig::default(), &Timing::default(), 3).unwrap();
-    let mut story = WorldHistory::default();
-    assert!(story.seek(Nanos::ZERO).unwrap().is_none());
+    let mut history = WorldHistory::default();
+    assert!(history.seek(Nanos::ZERO).unwrap().is_none());
     let mut hashes = Vec::new();
     for tick in 0..300 {
         if tick % 100 == 0 {
-            story.push_snapshot(world.snapshot());
+            history.push_snapshot(world.snapshot());
         }
-        story.write(word(tick));
+        history.push_output(word(tick));
         hashes.extend(go(&mut world, &mut devices, tick..tick + 1).iter().map(|seen| seen.0));
     }
     for tick in [299, 0, 100, 157, 99] {
-        let to = PERIOD * (tick + 1);
-        let (found, _devices) = story.seek(to).unwrap().expect("after the first snapshot");
+        let to = CONTROL_PERIOD * (tick + 1);
+        let (found, _devices) = history.seek(to).unwrap().expect("after the first snapshot");
         assert_eq!(found.now(), to);
         assert_eq!(found.state_hash(), hashes[tick as usize], "tick {tick}");
     }
