@@ -1,5 +1,5 @@
-//! Puts a bench together from its description: checks it, solves the contacts, sets the pin on the
-//! table in static balance, connects the devices, latches the first samples. Refuses scenes whose
+//! Builds a world from its description: checks it, solves the contacts, puts the pin on the table
+//! in static balance, connects the devices and latches the first samples. Refuses scenes whose
 //! stiffness the integration step cannot follow.
 
 use glam::{DMat3, DVec3};
@@ -33,15 +33,15 @@ use crate::step::{Method, Plant, StepStatistics, WarmStart};
 use crate::table::Table;
 use crate::world::World;
 
-/// Load at which the stability of the integration is judged (N): four times the rolling task's.
-/// Sixteen times the stiffness at this load is where the integration would break.
+/// Load at which the stability of the integration is judged (N): four times the load of the rolling
+/// task. The integration would become unstable at sixteen times the stiffness at this load.
 pub const RATED_LOAD_N: f64 = 60.0;
-/// Largest product of step and natural frequency that is accepted.
+/// Largest accepted product of step and natural frequency.
 const STEP_FREQUENCY_MAX: f64 = 0.5;
 /// Largest share of a step's stability that contact damping may take.
 const STEP_DAMPING_MAX: f64 = 1.0;
 
-/// Builds the bench with the arm.
+/// Builds the bench with the PUMA 260.
 ///
 /// # Errors
 /// [`Invalid`] with the place inside the configuration: see [`WorldConfig::check`]; also a contact
@@ -63,8 +63,8 @@ pub fn build(
 /// Builds the bench with another arm, which starts at `start` (rad) and touches nothing.
 ///
 /// # Errors
-/// As [`build`]; a pin or an object, which this arm could not feel, and an integrator that it
-/// cannot have.
+/// The errors of [`build`]; also a pin or an object, which this arm could not feel, and a named
+/// integrator, because this arm has its own method.
 pub fn build_with_chain<const N: usize>(
     config: &WorldConfig,
     timing: &Timing,
@@ -92,10 +92,11 @@ pub fn build_with_chain<const N: usize>(
     assemble(config, timing, seed, Box::new(arm), None, board)
 }
 
-/// Builds the bench with a finger on rails instead of the arm; the encoders read zero.
+/// Builds the bench with a finger on rails instead of an arm; the encoders read zero.
 ///
 /// # Errors
-/// As [`build`]; `carriage` when its path or its float is not finite or not in order.
+/// The errors of [`build`]; also `carriage` when its path or its guide is not finite or not in
+/// order.
 pub fn build_with_carriage(
     config: &WorldConfig,
     timing: &Timing,
@@ -186,7 +187,7 @@ fn assemble(
 }
 
 /// Refuses a finger that starts inside the pin or an object, or deeper in its rubber than small
-/// strain goes: the first step would be an explosion.
+/// strain goes: the first step would throw the bodies apart.
 fn check_start(plant: &Plant) -> Result<(), Invalid> {
     let mut inside = None;
     if let Some(rolling) = &plant.rolling {
@@ -206,19 +207,19 @@ fn check_start(plant: &Plant) -> Result<(), Invalid> {
     Err(invalid(&place, what, remedy))
 }
 
-/// The index pulses of the discs, if the scene gives them any.
+/// The index pulses of the encoder discs, if the scene describes them.
 fn index(config: &WorldConfig, finger: &dyn Manipulator) -> Result<Option<IndexPulses>, Invalid> {
     let Some(before) = &config.arm.index_counts else { return Ok(None) };
     let Some(home) = finger.home_counts() else { return Ok(None) };
     IndexPulses::new(before, &home.counts, &home.counts_per_turn).map(Some)
 }
 
-/// The integrator for what is on the bench.
+/// The integrator for the bodies on the bench.
 fn method(config: &WorldConfig, finger: &dyn Manipulator) -> Result<Method, Invalid> {
     let smooth = finger.is_smooth() && !config.pin.present && config.object.is_empty();
     let integrator = config.fidelity.integrator;
     if finger.steps_by_itself() {
-        // Its own step, taken in order.
+        // The explicit loop calls the step of the manipulator, which has its own method.
         return Ok(Method::Euler);
     }
     if integrator == Integrator::Rk4 && !smooth {
@@ -237,7 +238,7 @@ fn method(config: &WorldConfig, finger: &dyn Manipulator) -> Result<Method, Inva
     Ok(Method::of(integrator, smooth))
 }
 
-/// The pin on the table, sunk in until the rubber carries its weight.
+/// The pin on the table, pressed in until the rubber carries its weight.
 fn place_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<RollingPin, Invalid> {
     let c = &config.pin;
     let (radius_m, length_m) = (1e-3 * c.radius_mm, 1e-3 * c.length_mm);
@@ -291,7 +292,8 @@ fn place_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolli
     })
 }
 
-/// The rubber of a fingertip under the pin, as faithful as the scene asks for.
+/// The rubber of a fingertip under the pin, with the solver in three dimensions if the scene asks
+/// for it.
 fn fingertip(
     config: &WorldConfig,
     rubber: &RubberConfig,
@@ -311,7 +313,7 @@ fn fingertip(
     Ok((layer, Some(Box::new(SpatialSolver::new(rubber, size, level, place)?))))
 }
 
-/// The point over the wanted x and y at a distance from the surface.
+/// The point over the configured x and y at a distance from the surface.
 fn pin_centre_above(c: &PinConfig, finger: DVec3, surface: &Surface, distance_m: f64) -> DVec3 {
     let (x, y) = (finger.x + 1e-3 * c.x_mm, finger.y + 1e-3 * c.y_mm);
     let (n, o) = (surface.normal, surface.origin);
@@ -319,7 +321,7 @@ fn pin_centre_above(c: &PinConfig, finger: DVec3, surface: &Surface, distance_m:
     DVec3::new(x, y, z)
 }
 
-/// Judges the step against the fastest oscillation of the pin between its rubbers.
+/// Compares the step with the fastest oscillation of the pin between its rubbers.
 fn check_step(
     config: &WorldConfig,
     rolling: &RollingPin,
@@ -330,7 +332,7 @@ fn check_step(
     let on_pad = pad.at(pad.penetration_m(RATED_LOAD_N / pad_m));
     let on_bed = support.at(support.penetration_m(RATED_LOAD_N / pin.length_m));
     let finger_mobility = finger_kg.map_or(0.0, |m| 1.0 / m);
-    // Bound of the largest eigenvalue; across its axis a rolling pin is three times as mobile.
+    // This bounds the largest eigenvalue; a rolling pin is three times as mobile across its axis.
     let square = |pad_n_m2: f64, bed_n_m2: f64, mobility: f64| {
         mobility * (pad_n_m2 * pad_m + bed_n_m2 * pin.length_m) + finger_mobility * pad_n_m2 * pad_m
     };

@@ -1,6 +1,6 @@
-//! A finger on rails instead of the arm: its place along a path is prescribed, so that the contact
+//! A finger on rails instead of an arm: its place along a path is prescribed, so that the contact
 //! can be studied and checked without a servo. Optionally it floats along z0 under a constant load.
-//! Refuses turning: the orientation is fixed.
+//! Refuses to turn: the orientation is fixed.
 
 use glam::{DMat3, DVec3};
 use taktil_mechanics::spatial::{split, stack};
@@ -11,10 +11,10 @@ use crate::hash::Hash;
 use crate::manipulator::{ArmState, Manipulator, StagePredictor};
 use crate::scene::{Invalid, invalid};
 
-/// What carries the finger when it floats along z0.
+/// The guide of a finger that floats along z0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FloatingGuide {
-    /// Moving mass (kg), weightless: its weight counts in the load.
+    /// Moving mass (kg), without weight: its weight is part of the load.
     pub mass_kg: f64,
     /// Force along -z0 (N).
     pub load_n: f64,
@@ -30,7 +30,7 @@ pub struct Carriage {
     /// Instants (s, increasing) and places of the sensor's centre (m); between them the finger
     /// moves with a smooth start and stop, outside them it rests.
     pub knots: Vec<(f64, DVec3)>,
-    /// With it z of the knots is only the start.
+    /// The guide of a floating finger; then z of the knots is only the start.
     pub float: Option<FloatingGuide>,
 }
 
@@ -41,7 +41,7 @@ pub(crate) struct MovingCarriage {
     t_s: f64,
     pose: Pose,
     velocity: DVec3,
-    /// Height and its speed in the first place, when it floats.
+    /// Height and its speed in the first place, if the carriage floats.
     state: ArmState,
 }
 
@@ -73,7 +73,7 @@ impl Carriage {
         Ok(())
     }
 
-    /// Place and velocity at an instant (s), floating aside.
+    /// Place and velocity at an instant (s), without the floating.
     fn at(&self, t_s: f64) -> (DVec3, DVec3) {
         let knots = &self.knots;
         let after = knots.iter().position(|(t, _)| *t > t_s);

@@ -1,14 +1,16 @@
-//! Line contact between the pin and a flat rubber surface, in slices along the pin's axis: normal
-//! load with Kelvin-Voigt damping that never pulls, and per slice a brush against tangential
-//! motion. Rolling, slip, yaw torque and tilting moments are what comes out of it; none of them is
-//! written anywhere. Refuses pins that stand on end on a pad (axis within 11.5 deg of the
-//! normal): no row crosses them. The table carries them, on the lowest places of their rim.
+//! The line contact between the pin and a flat rubber surface, computed in slices along the pin's
+//! axis. Each slice has a normal load with Kelvin-Voigt damping that never pulls, and a brush of
+//! bristles that resists tangential motion. Rolling, slip, yaw torque and tilting moments result
+//! from these forces; no law states them. Refuses pins that stand on end on a pad (axis within 11.5
+//! deg of the normal): no row crosses them. The table carries such a pin on the lowest places of
+//! its rim.
 //!
-//! Brush (Kalker's simplified theory in its one-point form): bristles enter the contact unstressed
-//! at its leading edge and are carried through its width `2b`, so their mean deflection `xi` obeys
-//! `d xi/dt = v - (u / b) xi`, with `v` the velocity of the pin's surface over the rubber and `u`
-//! the speed at which the contact line travels over it. Growing contact adds unstressed bristles
-//! (the force stays, `xi` shrinks); the force is returned to Coulomb's cone when it leaves it.
+//! The brush is Kalker's simplified theory in its one-point form: bristles enter the contact
+//! unstressed at its leading edge and are carried through its width `2b`, so their mean deflection
+//! `xi` obeys `d xi/dt = v - (u / b) xi`, with `v` the velocity of the pin's surface over the
+//! rubber and `u` the speed at which the contact line travels over it. Growing contact adds
+//! unstressed bristles (the force stays, `xi` shrinks); a force that leaves Coulomb's cone is
+//! returned to it.
 
 mod slices;
 
@@ -24,22 +26,23 @@ pub(crate) use slices::{
     BristleState, Slice, SliceGeometry, Slices, slip_compliance_m_n, tactel_centre_m,
 };
 
-/// Slices of either contact; on the finger they are the tactile array's rows.
+/// Number of slices of either contact; on the finger they are the rows of the tactile array.
 pub const SLICE_COUNT: usize = 16;
 /// Tactel pitch (m).
 pub const PITCH_M: f64 = 1.5875e-3;
 /// Half the tactile pad's side (m): 16 tactels, 25.4 mm.
 pub const PAD_HALF_M: f64 = 0.5 * SLICE_COUNT as f64 * PITCH_M;
 
-/// Over this distance the load fades out as the contact line leaves the pad (m).
+/// Distance over which the load fades out as the contact line leaves the pad (m).
 const EDGE_FADE_M: f64 = 0.5e-3;
-/// Smallest sine between axis and normal for which there is a contact line on a pad.
+/// Smallest sine of the angle between axis and normal for which a pad has a contact line.
 const AXIS_SINE_MIN: f64 = 0.2;
-/// Below it a pin that stands on end on the table has no lowest side.
+/// Sine of the angle between axis and normal below which a pin that stands on end on the table has
+/// no lowest side.
 const UPRIGHT_SINE: f64 = 1e-6;
-/// Narrowest contact through which bristles travel (m).
+/// Half-width of the narrowest contact through which bristles travel (m).
 const HALF_WIDTH_MIN_M: f64 = 1e-9;
-/// Spin at which rolling resistance has come up fully (rad/s).
+/// Spin at which rolling resistance reaches its full moment (rad/s).
 const FULL_RESISTANCE_SPIN_RAD_S: f64 = 0.1;
 
 /// A plane of rubber that moves as a rigid body.
@@ -56,7 +59,7 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// The face of a pad with a frame and a twist of its origin.
+    /// The face of a pad with this frame, whose origin moves with this twist.
     pub(crate) fn of_pad(pose: &Pose, twist: &Joints) -> Surface {
         let (velocity, spin) = linear_and_angular(twist);
         Surface { origin: pose.translation, normal: pose.rotation.z_axis, velocity, spin }
@@ -90,13 +93,13 @@ impl Linear {
 pub(crate) struct ContactLine {
     /// The generatrix at s = 0 (m).
     pub(crate) foot: DVec3,
-    /// From the pin's centre to there (m).
+    /// From the pin's centre to the generatrix at s = 0 (m).
     pub(crate) radius: DVec3,
     pub(crate) axis: DVec3,
     pub(crate) normal: DVec3,
     /// Rolling direction in the surface.
     pub(crate) across: DVec3,
-    /// The axis laid into the surface.
+    /// Direction of the axis projected onto the surface.
     pub(crate) along: DVec3,
     /// Height of the generatrix over the surface (m).
     pub(crate) height: Linear,
@@ -112,12 +115,12 @@ pub(crate) struct ContactLine {
 }
 
 impl ContactLine {
-    /// On a pad.
+    /// The contact line on a pad; none for a pin that stands on end.
     pub(crate) fn on_pad(pin: &Pin, axis: DVec3, surface: &Surface) -> Option<ContactLine> {
         ContactLine::with_axis_sine(pin, axis, surface, AXIS_SINE_MIN)
     }
 
-    /// On the table, which bears a pin that has tipped over.
+    /// The contact line on the table, which also bears a pin that has tipped over.
     pub(crate) fn on_table(pin: &Pin, axis: DVec3, surface: &Surface) -> Option<ContactLine> {
         ContactLine::with_axis_sine(pin, axis, surface, UPRIGHT_SINE)
     }
@@ -135,7 +138,7 @@ impl ContactLine {
             return None;
         }
         let (along, radius) = if sine2 < UPRIGHT_SINE * UPRIGHT_SINE {
-            // On end no side is the lowest; one of them carries.
+            // A pin on end has no lowest side: any direction in the surface serves.
             let along = normal.any_orthonormal_vector();
             (along, dip * pin.radius_m * along)
         } else {
@@ -149,7 +152,8 @@ impl ContactLine {
         let rubber = surface.velocity + surface.spin.cross(lever);
         let relative = pin.velocity + pin.spin.cross(radius) - rubber;
         let slope = (pin.spin - surface.spin).cross(axis);
-        // The line follows the pin's axis and, when the surface turns, walks round the pin.
+        // The contact line follows the axis of the pin and, when the surface turns, moves around
+        // the pin.
         let walk = pin.velocity - rubber - pin.radius_m * surface.spin.cross(normal);
         Some(ContactLine {
             foot,
@@ -169,7 +173,8 @@ impl ContactLine {
 }
 
 impl ContactLine {
-    /// Whether no place of a pin this long, and of the row beyond its end, reaches the surface.
+    /// Whether no place of a pin of this length, and of the row beyond its end, reaches the
+    /// surface.
     pub(crate) fn is_clear(&self, pin_length_m: f64) -> bool {
         self.height.at_centre
             - self.height.per_m.abs() * (0.5 * pin_length_m + PITCH_M / AXIS_SINE_MIN)
@@ -177,7 +182,7 @@ impl ContactLine {
     }
 }
 
-/// What a contact does to the pin; the surface feels the opposite.
+/// Force and moment of a contact on the pin; those on the surface are opposite.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Reaction {
     /// Force on the pin (N).
@@ -188,16 +193,16 @@ pub(crate) struct Reaction {
     pub(crate) normal_n: f64,
     /// Tangential force on the pin across and along its axis (N).
     pub(crate) tangential_n: (f64, f64),
-    /// Fastest motion of a slice that slides (m/s), 0 when all stick.
+    /// Speed of the fastest slice that slides (m/s), 0 when all slices stick.
     pub(crate) slip_m_s: f64,
     /// Motion of the pin's surface over the rubber at the pin's middle, across and along (m/s).
     pub(crate) creep_m_s: (f64, f64),
-    /// Speed at which the contact line travels over the rubber there (m/s).
+    /// Speed at which the contact line travels over the rubber at the pin's middle (m/s).
     pub(crate) travel_m_s: f64,
 }
 
 impl Reaction {
-    /// The moment about another point (N m).
+    /// The moment about another point than the pin's centre (N m).
     pub(crate) fn moment_about(&self, point: DVec3, pin_centre: DVec3) -> DVec3 {
         self.moment + (pin_centre - point).cross(self.force)
     }
@@ -209,7 +214,7 @@ pub(crate) struct Patch {
     pub(crate) rubber: Rubber,
     friction: f64,
     rolling_m: f64,
-    /// What the rows carry over their plane solutions.
+    /// Ratio of the rows' loads to their plane solutions.
     pub(crate) load_factor: LoadFactor,
     pub(crate) slices: Slices,
 }
@@ -225,7 +230,7 @@ pub(crate) struct LoadFactor {
 }
 
 impl LoadFactor {
-    /// Rows on their own.
+    /// The factor of rows that do not influence each other.
     pub(crate) const ONE: LoadFactor = LoadFactor { at_centre: 1.0, per_m: 0.0 };
 
     pub(crate) fn at(self, s_m: f64) -> f64 {
@@ -233,9 +238,10 @@ impl LoadFactor {
     }
 }
 
-/// How a reaction depends on the motion that a step ends with: per direction (normal, across,
-/// along) the sums over the slices of w, w s and w s^2, w being the force per speed of approach
-/// (N s/m) and s the place along the axis (m); and the moment per spin of rolling (N m s/rad).
+/// Derivative of a reaction with respect to the motion at the end of a step. For each direction
+/// (normal, across, along) the weights are the sums over the slices of w, w s and w s^2, where w is
+/// the force per speed of approach (N s/m) and s the place along the axis (m). The rolling entry is
+/// the moment per spin of rolling (N m s/rad).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Tangent {
     pub(crate) weights: [[f64; 3]; 3],
@@ -248,19 +254,20 @@ impl Patch {
         Patch { rubber, friction, rolling_m, load_factor, slices: Slices::default() }
     }
 
-    /// The same over the whole length of a pin, instead of a pad's rows.
+    /// The patch with slices over the whole length of a pin instead of the rows of a pad.
     pub(crate) fn with_pin_slices(mut self, length_m: f64) -> Patch {
         self.slices.geometry = SliceGeometry::along_pin(length_m);
         self
     }
 
-    /// Nothing touches: bristles spring back.
+    /// Ends the contact: the bristles spring back.
     pub(crate) fn release(&mut self) -> Reaction {
         self.slices.release();
         Reaction::default()
     }
 
-    /// The same with the surface above a pin that moves past it.
+    /// Ends the contact below a pin that moves past the surface; the reaction still reports creep
+    /// and travel.
     pub(crate) fn release_above(&mut self, line: &ContactLine) -> Reaction {
         Reaction {
             creep_m_s: (line.creep_across.at_centre, line.creep_along.at_centre),
@@ -269,8 +276,9 @@ impl Patch {
         }
     }
 
-    /// Moves the bristles on from `from` by `h` seconds and returns the forces, and how they depend
-    /// on the motion if `line` is that of the step's end. With `h` = 0 only the forces.
+    /// Moves the bristles by `h` seconds from the state `from`, with `line` the contact line at the
+    /// end of the step. Returns the reaction and its derivative. With `h` = 0 only the forces are
+    /// evaluated.
     pub(crate) fn evaluate(
         &mut self,
         line: &ContactLine,
@@ -309,7 +317,7 @@ impl Patch {
         (reaction, tangent)
     }
 
-    /// Energy in the rubber and its bristles (J).
+    /// Energy stored in the rubber and its bristles (J).
     pub(crate) fn stored_energy_j(&self) -> f64 {
         let slice_j = |slice: Slice| {
             let length_m = slice.length_m * self.load_factor.at(slice.s_m);

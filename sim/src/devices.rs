@@ -1,6 +1,6 @@
-//! The hal halves of the simulated bench: each holds one end of a stamped link to the world and the
-//! newest value that was visible when it was asked. Refuses to know physics, and refuses to be
-//! ahead of its release.
+//! The hal halves of the simulated bench. Each holds one end of a stamped link to the world and the
+//! newest value that was visible when it was sampled. Refuses to know physics, and refuses to show
+//! values from after its release.
 
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{
@@ -11,11 +11,11 @@ use taktil_hal::{
 
 use crate::contact::SLICE_COUNT;
 
-/// Values that a link holds until they are taken: more than half a second at 400 Hz.
+/// Number of values that a link holds until they are taken: more than half a second at 400 Hz.
 const LINK_CAPACITY: usize = 256;
-/// Silence after which the simulated boards go safe by themselves.
+/// Silence after which the simulated boards go to their safe state by themselves.
 pub const LONGEST_SILENCE: Nanos = Nanos::from_millis(50);
-/// Codes of the simulated A/D and gauges: 12 bits.
+/// Largest code of the simulated A/D and gauges, which have 12 bits.
 pub const ADC_MAX: i32 = 2047;
 
 /// One tactile scan on its way.
@@ -25,32 +25,32 @@ pub(crate) struct Scan {
     pub(crate) values: [u16; MAX_TACTELS],
 }
 
-/// The world's ends.
+/// The world's ends of all links.
 #[derive(Debug)]
 pub(crate) struct WorldLinks {
     pub(crate) counts: Sender<[Counts; CHANNELS]>,
-    /// Of a board that latches index pulses.
+    /// Present on a board that latches index pulses.
     pub(crate) marks: Option<Sender<Marks>>,
     pub(crate) currents: Sender<[AdcCode; CHANNELS]>,
     pub(crate) gauges: Sender<[AdcCode; AXES]>,
     pub(crate) lines: Sender<LinesIn>,
-    /// Those of the finger and of the fingertip opposed to it.
+    /// The scans of the finger's array and of the array opposed to it.
     pub(crate) scans: [Sender<Scan>; 2],
     pub(crate) codes: Receiver<[i32; CHANNELS]>,
     pub(crate) lines_out: Receiver<LinesOut>,
 }
 
-/// What the boards of an arm are.
+/// The boards of an arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct BoardSpec {
-    /// Channels that are wired, one for each joint.
+    /// Number of wired channels, one for each joint.
     pub(crate) joints: usize,
-    /// Lowest and highest code of the D/A.
+    /// Lowest and highest code of the D/A converter.
     pub(crate) code_min: i32,
     pub(crate) code_max: i32,
 }
 
-/// What a tactile array says of itself.
+/// The description that a tactile array gives of itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct TactileSpec {
     /// Its largest reading (counts).
@@ -116,7 +116,7 @@ fn scan_links() -> ([Sender<Scan>; 2], [Receiver<Scan>; 2]) {
 }
 
 impl WorldLinks {
-    /// Ends of links whose other ends are gone.
+    /// Ends of links whose other ends do not exist.
     pub(crate) fn disconnected() -> WorldLinks {
         WorldLinks {
             counts: link(1).0,
@@ -130,8 +130,8 @@ impl WorldLinks {
         }
     }
 
-    /// Says what the other ends hear first: a value of the past, which is visible at once.
-    /// Links that are new have room for it.
+    /// Sends the first value of a new link with a stamp of the past, which is visible at once. A
+    /// new link always has room for it.
     pub(crate) fn send<T: Copy>(to: &mut Sender<T>, value: T, stamp: Nanos) {
         let _ = to.send(value, stamp, stamp);
     }
@@ -150,7 +150,8 @@ impl<T: Copy> NewestReading<T> {
         NewestReading { from, reading: None, asked: Nanos(i64::MIN), device }
     }
 
-    /// The same release gives the same reading, whatever has arrived meanwhile.
+    /// Samples at a release; the same release gives the same reading, whatever has arrived in
+    /// between.
     fn sample(&mut self, release: Nanos) -> Result<Reading<T>, Error> {
         if release > self.asked || self.reading.is_none() {
             self.asked = release;
@@ -162,7 +163,7 @@ impl<T: Copy> NewestReading<T> {
     }
 }
 
-/// An output half: words that act one actuation delay after their release.
+/// An output half: commands that act one actuation delay after their release.
 struct DelayedOutput<T> {
     to: Sender<T>,
     delay: Nanos,
@@ -181,7 +182,8 @@ impl<T: Copy> DelayedOutput<T> {
         Ok(())
     }
 
-    /// At once: behind the words already on their way, at the latest one's instant.
+    /// Sends a command that acts as early as possible, at the instant of the latest command on its
+    /// way.
     fn send_now(&mut self, value: T, device: &'static str) -> Result<(), Error> {
         self.send(value, self.latest - self.delay, device)
     }
@@ -200,7 +202,7 @@ impl Encoders for SimEncoders {
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
         if let Some(marks) = &mut self.marks {
-            // They come with the counts: an answer there is an answer here.
+            // The marks are sent together with the counts, so that the counts' answer covers both.
             let _ = marks.sample(release);
         }
         self.counts.sample(release)
@@ -337,7 +339,7 @@ impl AnalogOut for SimAnalogOut {
 
 impl Drop for SimAnalogOut {
     fn drop(&mut self) {
-        // A full link means a world that stopped: nothing is left to make safe.
+        // The link is full only when the world has stopped; then nothing is left to make safe.
         let _ = self.safe();
     }
 }
@@ -368,7 +370,7 @@ impl DigitalOut for SimDigitalOut {
 
 impl Drop for SimDigitalOut {
     fn drop(&mut self) {
-        // As above: a world that stopped has its brakes on.
+        // The link is full only when the world has stopped; then its brakes are on.
         let _ = self.safe();
     }
 }

@@ -1,5 +1,5 @@
-//! The scene's faults over time: which of them hold at an instant, and when that changes next.
-//! Refuses chance of its own: what is drawn comes from the seed.
+//! The scene's faults over time: the faults that are active at an instant, and the instant of the
+//! next change. Refuses random numbers other than those of the seed.
 
 use taktil_hal::Nanos;
 
@@ -7,7 +7,7 @@ use crate::hash::Hash;
 use crate::prng::{Prng, Stream};
 use crate::scene::{Fault, FaultKind};
 
-/// One fault in exact time.
+/// One fault with its instants.
 #[derive(Clone, Copy, Debug)]
 struct FaultInterval {
     kind: FaultKind,
@@ -49,18 +49,19 @@ impl Faults {
         self.intervals.iter().filter(holds)
     }
 
-    /// Whether a fault of this kind holds.
+    /// Whether a fault of this kind is active.
     pub(crate) fn is_active(&self, kind: FaultKind, now: Nanos) -> bool {
         self.active(kind, now).next().is_some()
     }
 
-    /// Whether the encoder of a joint counts no more.
+    /// Whether the encoder of a joint has stopped counting.
     pub(crate) fn has_dead_encoder(&self, joint: usize, now: Nanos) -> bool {
         self.active(FaultKind::DeadEncoder, now).any(|interval| interval.joint == joint)
     }
 
-    /// Whether the frame of the finger's array, or of the one opposed to it, that is complete now
-    /// is lost; draws once for each fault that holds.
+    /// Whether the frame that is complete now is lost, of the finger's array or of the array
+    /// opposed to it. Draws one random number for each active fault that loses a share of the
+    /// frames.
     pub(crate) fn drops_frame(&mut self, now: Nanos, opposed: bool) -> bool {
         let mut lost = false;
         for interval in &self.intervals {

@@ -1,16 +1,17 @@
-//! The hand that keeps the pin in its place on the table until the finger has it. A spring and a
-//! damper against sliding in the table's plane, against turning about its normal and against
-//! rolling; never along the normal. It follows a moving table. Refuses to come back once it let go.
+//! The fixture that holds the pin to its place on the table until the finger presses on it, as a
+//! steadying hand does. It is a spring and a damper against sliding in the table's plane, against
+//! turning about the normal and against rolling; it exerts no force along the normal. It follows a
+//! moving table. Refuses to hold again once it has released the pin.
 
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::contact::Surface;
 use crate::pin::Pin;
 
-/// Natural frequency of the pin in the hand (rad/s), critically damped.
+/// Natural frequency of the pin in the fixture (rad/s); it is critically damped.
 const FIXTURE_FREQUENCY_RAD_S: f64 = 100.0;
 
-/// Where the pin was put down, seen from the table.
+/// The place and orientation in which the pin was put down, relative to the table.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PinFixture {
     place: DVec3,
@@ -35,19 +36,19 @@ impl PinFixture {
         }
     }
 
-    /// Lets go when the finger presses hard enough.
+    /// Releases the pin when the finger presses hard enough.
     pub(crate) fn update(&mut self, finger_n: f64) {
         self.holding &= finger_n < self.release_force_n;
     }
 
-    /// How force and moment depend on the speeds that a step of `h` seconds ends with (N s/m,
-    /// N m s/rad).
+    /// Derivatives of force and moment with respect to the speeds at the end of a step of `h`
+    /// seconds (N s/m, N m s/rad).
     pub(crate) fn tangent(&self, pin: &Pin, h: f64) -> (f64, f64) {
         let weight = pin.mass_kg * FIXTURE_FREQUENCY_RAD_S * (FIXTURE_FREQUENCY_RAD_S * h + 2.0);
         (weight, pin.radius_m * pin.radius_m * weight)
     }
 
-    /// Force and moment (about the centre) on the pin.
+    /// Force on the pin and moment about its centre (N, N m).
     pub(crate) fn force_and_moment(
         &self,
         pin: &Pin,
@@ -67,7 +68,7 @@ impl PinFixture {
         let turned = sign * DVec3::new(off.x, off.y, off.z);
         let lever2 = pin.radius_m * pin.radius_m;
         let twist = -lever2 * (stiffness * turned + damping * (pin.spin - surface.spin));
-        // The direction of rolling is left alone: about it the rubber decides.
+        // The moment about the direction across the pin is left to the rubber.
         let across = pin.axis().cross(surface.normal);
         (force, twist - twist.dot(across) / across.length_squared() * across)
     }

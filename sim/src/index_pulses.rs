@@ -1,25 +1,25 @@
-//! Index pulses of the encoder discs: one a turn of each motor, latched by the simulated board with
-//! the count at which it came. Refuses to know a pulse that has not come: a mark is there only once
-//! the disc has turned past it.
+//! The index pulses of the encoder discs: one in each turn of each motor, latched by the simulated
+//! board with its count. Refuses to know a pulse in advance: a mark exists only once the disc has
+//! turned past it.
 
 use taktil_hal::{CHANNELS, Counts, Marks};
 
 use crate::hash::Hash;
 use crate::scene::{Invalid, invalid};
 
-/// Where the pulses of each channel lie, and what has been latched of them.
+/// Places of the pulses of each channel, and the pulses that were latched.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct IndexPulses {
     joints: usize,
-    /// The count of one of the pulses, and counts from one to the next.
+    /// The count of one of the pulses, and the number of counts between two pulses.
     pulses: [(i32, i32); CHANNELS],
-    /// Whole turns past that pulse, rounded down, when the counts were last looked at.
+    /// Whole turns past that pulse, rounded down, at the latest counts.
     turns: [i32; CHANNELS],
     marks: Marks,
 }
 
 impl IndexPulses {
-    /// Discs whose pulses stand `before` counts before the counts of the home pose.
+    /// Discs whose pulses come `before` counts before the counts of the home pose.
     pub(crate) fn new(
         before: &[f64],
         home: &[i32],
@@ -31,7 +31,7 @@ impl IndexPulses {
         }
         let mut pulses = [(0, 1); CHANNELS];
         for (i, pulse) in pulses.iter_mut().enumerate().take(home.len().min(CHANNELS)) {
-            // Ranges are checked: both fit.
+            // The ranges were checked, so that both numbers fit.
             let (before, turn) = (before[i].round() as i32, per_rev[i].round() as i32);
             *pulse = (home[i].wrapping_sub(before), turn.max(1));
         }
@@ -52,12 +52,13 @@ impl IndexPulses {
         count.wrapping_sub(at).div_euclid(turn)
     }
 
-    /// The discs turned to these counts; the newest pulses since power-up.
+    /// Turns the discs to these counts and returns the newest pulses since power-up.
     pub(crate) fn update(&mut self, counts: &[Counts; CHANNELS]) -> Marks {
         for (i, Counts(count)) in counts.iter().enumerate().take(self.joints) {
             let (before, now) = (self.turns[i], self.turns_past(i, *count));
             if now != before {
-                // Upwards the last pulse passed is the one below, downwards the one above.
+                // Upwards the last pulse passed is the one below the count, downwards the one above
+                // it.
                 let (at, turn) = self.pulses[i];
                 let newest = if now > before { now } else { now + 1 };
                 self.marks[i] = Some(Counts(at.wrapping_add(newest.wrapping_mul(turn))));

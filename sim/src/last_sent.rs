@@ -1,5 +1,5 @@
-//! What the world last sent to the devices, kept so that a restored world can send it anew. Refuses
-//! to know what a controller has taken of it.
+//! The readings that the world last sent to its devices, kept so that a restored world can send
+//! them anew. Refuses to know which of them a controller has taken.
 
 use taktil_hal::link::Sender;
 use taktil_hal::{AdcCode, CHANNELS, LinesIn, Nanos};
@@ -7,43 +7,44 @@ use taktil_hal::{AdcCode, CHANNELS, LinesIn, Nanos};
 use crate::devices::{BoardSpec, Scan, TactileSpec};
 use crate::scene::{ScanStamp, TactileConfig};
 
-/// What the world last told the devices, beside what it keeps anyway.
+/// The latest readings, beside those that the world stores anyway.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct LastSent {
-    /// Channels of the boards, and the D/A's range.
+    /// The arm's boards.
     pub(crate) board: BoardSpec,
-    /// The scans of the finger's array, and of the one opposed to it where there is one.
+    /// The scans of the finger's array, and of the array opposed to it where one exists.
     pub(crate) feeds: [Option<ScanFeed>; 2],
-    /// Motor currents and lines, and when.
+    /// Motor currents, lines and their instant.
     pub(crate) control: Option<([AdcCode; CHANNELS], LinesIn, Nanos)>,
 }
 
 impl LastSent {
-    /// What each array says of itself.
+    /// The description of each array.
     pub(crate) fn tactile_specs(&self) -> [Option<TactileSpec>; 2] {
         [0, 1].map(|tip: usize| self.feeds[tip].as_ref().map(|feed| feed.spec))
     }
 }
 
-/// What a tactile array says of itself, and the scans that it handed over.
+/// The description of a tactile array, and the scans that it sent.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ScanFeed {
     pub(crate) spec: TactileSpec,
-    /// How its scans are handed over.
+    /// The delay of its scans.
     pub(crate) delivery: ScanDelivery,
-    /// The newest scans, on their way or taken: what each carries, and when it is visible.
+    /// The newest scans, whether taken or on their way: the scan, its stamp and the instant from
+    /// which it is visible.
     pub(crate) scans: [Option<(Scan, Nanos, Nanos)>; SCAN_HISTORY_MAX],
 }
 
-/// Scans that can be on their way, and two before them.
+/// Number of scans that can be on their way, and two before them.
 const SCAN_HISTORY_MAX: usize = 32;
 
-/// How late scans are, and whether they say so.
+/// Delay of the scans, and whether their stamps hide it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ScanDelivery {
-    /// How many scans later one arrives.
+    /// Delay in scan periods.
     pub(crate) late_scans: u32,
-    /// It carries the instant of its arrival.
+    /// Whether a scan carries the instant of its arrival instead of that of its acquisition.
     pub(crate) hidden: bool,
 }
 
@@ -52,7 +53,7 @@ impl ScanDelivery {
         ScanDelivery { late_scans: config.late_scans, hidden: config.stamp == ScanStamp::Delivered }
     }
 
-    /// What a scan that is whole at `t` carries, and when it is visible.
+    /// The stamp of a scan that is complete at `t`, and the instant from which it is visible.
     pub(crate) fn instants(&self, t: Nanos, period: Nanos) -> (Nanos, Nanos) {
         let visible = t + period * i64::from(self.late_scans);
         (if self.hidden { visible } else { t }, visible)
@@ -66,14 +67,14 @@ impl ScanFeed {
         ScanFeed { spec, delivery: ScanDelivery::of(config), ..ScanFeed::default() }
     }
 
-    /// One more scan went out; one that was taken long ago is forgotten.
+    /// Stores a scan that was sent; the oldest scans are dropped.
     pub(crate) fn record(&mut self, scan: Scan, stamp: Nanos, visible: Nanos) {
         let kept = (self.delivery.late_scans as usize + 2).min(SCAN_HISTORY_MAX);
         self.scans[..kept].rotate_right(1);
         self.scans[0] = Some((scan, stamp, visible));
     }
 
-    /// Hands over, at `now`, of those that were visible the newest, and all that were not yet.
+    /// Sends, at `now`, the newest scan that was visible and all scans that were not visible yet.
     pub(crate) fn send(&self, to: &mut Sender<Scan>, now: Nanos) {
         let known = |scan: &(Scan, Nanos, Nanos)| scan.2 <= now;
         let first = self.scans.iter().flatten().position(known);

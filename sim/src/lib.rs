@@ -1,8 +1,8 @@
-//! A deterministic twin of the bench: a PUMA 260 with its motors, a fingertip with a 16 x 16
-//! tactile array, a pin between the fingertip's rubber and the table's, objects on the table to be
-//! touched, a table that pans, tilts, slides and rises. Refuses to know that it is being scheduled:
-//! [`World::advance`] moves it, the [`taktil_hal::Devices`] halves are all that a controller sees
-//! of it, and one seed gives one run.
+//! A deterministic simulation of the bench: a PUMA 260 with its motors, a fingertip with a 16 x 16
+//! tactile array, a pin between the rubbers of fingertip and table, objects on the table, and a
+//! table that pans, tilts, slides and rises. Refuses to know that it is being scheduled:
+//! [`World::advance`] moves it, a controller sees it through the [`taktil_hal::Devices`] halves
+//! only, and one seed gives one run.
 //!
 //! ```
 //! use taktil_hal::Nanos;
@@ -16,9 +16,10 @@
 //! ```
 //!
 //! A scene pays for what it names ([`fidelity`]): an arm with or without friction, rows of tactels
-//! on their own or leaning on each other, an explicit or an implicit integrator. What is left out:
-//! finite strain, free edges of the pad, viscoelastic memory of the rubber, contact of the finger
-//! with the table itself, edges of the table, inertial loads on the gauges, objects that move.
+//! that do or do not influence each other, an explicit or an implicit integrator. The simulation
+//! leaves out finite strain, free edges of the pad, viscoelastic memory of the rubber, contact of
+//! the finger with the table itself, edges of the table, inertial loads on the gauges, and objects
+//! that move.
 
 mod arm;
 mod assembly;

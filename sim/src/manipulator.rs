@@ -108,7 +108,7 @@ pub(crate) trait Manipulator: Debug + Send + Sync {
     /// What the integrators save and restore; a manipulator that steps by itself leaves it zero.
     fn state(&self) -> &ArmState;
 
-    /// The same for an integrator to write.
+    /// The state for an integrator to write.
     fn state_mut(&mut self) -> &mut ArmState;
 
     /// One explicit step of `h` seconds under a wrench on the tool (N, N m about the tool point,

@@ -1,21 +1,21 @@
-//! One coordinate over time: ramps with or without blends, minimum-jerk steps, sinusoids, curves
-//! through points. Refuses jumps: a value never changes within no time. Values are in the unit of
-//! whoever asks.
+//! Motion profiles of one coordinate: ramps with or without blends, minimum-jerk steps, sinusoids,
+//! curves through points. Values have the unit of the configuration. Refuses jumps: a value never
+//! changes within no time.
 
 use core::f64::consts::TAU;
 
 use crate::scene::{Motion, MotionKind, STEP_DURATION_S};
 
-/// A motion, ready to be asked at any instant.
+/// The profile of a motion, ready to be evaluated at any instant.
 #[derive(Clone, Debug)]
 pub(crate) enum MotionProfile {
-    /// Rate, start, end, blend (s).
+    /// A constant rate with blends at both ends.
     Ramp { rate: f64, from_s: f64, to_s: f64, blend_s: f64 },
-    /// Change, start, end (s).
+    /// A minimum-jerk change.
     Step { by: f64, from_s: f64, to_s: f64 },
-    /// Amplitude, cycles a second, start, end (s).
+    /// A sinusoid.
     Sine { amplitude: f64, frequency_hz: f64, from_s: f64, to_s: f64 },
-    /// Instants (s), values and slopes.
+    /// A curve through knots.
     Points(Vec<Knot>),
 }
 
@@ -28,7 +28,7 @@ pub(crate) struct Knot {
 }
 
 impl MotionProfile {
-    /// Of a motion that was checked; allocates.
+    /// The profile of a checked motion; allocates.
     pub(crate) fn new(motion: &Motion) -> MotionProfile {
         let from_s = motion.from_s;
         let of = |deg: Option<f64>, mm| motion.by_unit(deg, mm).unwrap_or(0.0);
@@ -57,7 +57,7 @@ impl MotionProfile {
         }
     }
 
-    /// Through points (s, value), at rest before the first and after the last.
+    /// A curve through points (s, value), at rest before the first and after the last.
     pub(crate) fn through(points: &[[f64; 2]]) -> MotionProfile {
         MotionProfile::Points(knots(points, 0.0))
     }
@@ -81,15 +81,15 @@ impl MotionProfile {
     }
 }
 
-/// A ramp; with a blend its rate rises and falls on straight lines, so that the way is shorter by
-/// one blend.
+/// Value and rate of a ramp. With blends the rate rises and falls on straight lines, so that the
+/// distance is shorter by one blend.
 fn ramp(rate: f64, t_s: f64, from_s: f64, to_s: f64, blend_s: f64) -> (f64, f64) {
     let moves = t_s >= from_s && t_s < to_s;
     let gone = t_s.clamp(from_s, to_s) - from_s;
     if blend_s <= 0.0 {
         return (rate * gone, if moves { rate } else { 0.0 });
     }
-    // The area under the trapezoid up to here, seen from both ends.
+    // The distance is the area under the trapezoid of the rate, from both ends.
     let up = gone.min(blend_s);
     let late = (gone - (to_s - from_s - blend_s)).max(0.0);
     let way = up * up / (2.0 * blend_s) + (gone - up) - late * late / (2.0 * blend_s);
@@ -97,7 +97,7 @@ fn ramp(rate: f64, t_s: f64, from_s: f64, to_s: f64, blend_s: f64) -> (f64, f64)
     (rate * way, if moves { rate * share } else { 0.0 })
 }
 
-/// The minimum-jerk polynomial (Flash and Hogan 1985).
+/// Value and rate of the minimum-jerk polynomial (Flash and Hogan 1985).
 fn step(by: f64, t_s: f64, from_s: f64, to_s: f64) -> (f64, f64) {
     let span = to_s - from_s;
     let u = ((t_s - from_s) / span).clamp(0.0, 1.0);
@@ -106,8 +106,8 @@ fn step(by: f64, t_s: f64, from_s: f64, to_s: f64) -> (f64, f64) {
     (value, 30.0 * by / span * u * u * rest * rest)
 }
 
-/// Slopes after Fritsch and Butland (1984): harmonic means of the neighbouring secants, none at an
-/// extremum, so that the curve never swings beyond its points. It starts and ends at rest.
+/// Knots with the slopes of Fritsch and Butland (1984): harmonic means of the neighbouring secants,
+/// zero at an extremum, so that the curve never overshoots its points. It starts and ends at rest.
 fn knots(points: &[[f64; 2]], from_s: f64) -> Vec<Knot> {
     let secant = |i: usize| {
         let ([t0, v0], [t1, v1]) = (points[i], points[i + 1]);
@@ -128,7 +128,7 @@ fn knots(points: &[[f64; 2]], from_s: f64) -> Vec<Knot> {
     points.iter().enumerate().map(knot).collect()
 }
 
-/// Hermite's cubic between the knots, at rest outside them.
+/// Value and rate of Hermite's cubic between the knots, at rest outside them.
 fn along(knots: &[Knot], t_s: f64) -> (f64, f64) {
     let next = knots.partition_point(|knot| knot.t_s <= t_s);
     let (Some(a), Some(b)) = (next.checked_sub(1).and_then(|i| knots.get(i)), knots.get(next))

@@ -1,6 +1,6 @@
-//! The second fingertip under the pin, carried by the table's mount. Refuses to press by itself:
-//! the pin's contact with it is the one with the table, on the rows of a pad instead of a plane
-//! without end.
+//! The pad of the second fingertip under the pin, carried by the table's mount. Refuses to press by
+//! itself: the pin's contact with it is the contact with the table, on the rows of a pad instead of
+//! an infinite plane.
 
 use glam::{DMat3, DVec3};
 use taktil_mechanics::Pose;
@@ -11,20 +11,20 @@ use crate::scene::OpposedConfig;
 use crate::spatial::SpatialSolver;
 use crate::surroundings::Surroundings;
 
-/// The fingertip on its mount.
+/// The pad on its mount.
 #[derive(Clone, Debug)]
 pub(crate) struct OpposedPad {
-    /// Middle of its face and its axes, seen from the mount.
+    /// Middle of its face and its axes, relative to the mount.
     place: DVec3,
     turn: DMat3,
     /// Cosine between the sensor's x and the rolling direction at the latest evaluation.
     pub(crate) rolling_cosine: f64,
-    /// The contact in three dimensions, for scenes that ask for it.
+    /// The solver of the contact in three dimensions, for scenes that ask for it.
     pub(crate) spatial: Option<Box<SpatialSolver>>,
 }
 
 impl OpposedPad {
-    /// Over the wanted x and y of the mount's surface as it stands at the start.
+    /// Puts the pad at the configured x and y on the mount's surface as it stands at the start.
     pub(crate) fn new(
         config: &OpposedConfig,
         finger: DVec3,
@@ -48,7 +48,8 @@ impl OpposedPad {
         Pose::new(*axes * self.turn, surface.origin + *axes * self.place)
     }
 
-    /// How the pad lies under the pin's line.
+    /// The sensor's frame under the pin's contact line; updates the cosine of the rolling
+    /// direction.
     pub(crate) fn pad_under(&mut self, line: &ContactLine, surroundings: &Surroundings) -> Pose {
         let pad = self.pose(&surroundings.table_axes, &surroundings.table);
         self.rolling_cosine = line.across.dot(pad.rotation.x_axis);

@@ -12,7 +12,7 @@ pub(crate) struct CylinderSize {
     pub(crate) length_m: f64,
 }
 
-/// State and inertia.
+/// State and inertia of the pin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pin {
     /// Centre of mass (m, base frame).
@@ -23,7 +23,7 @@ pub(crate) struct Pin {
     pub(crate) velocity: DVec3,
     /// Angular velocity (rad/s, base frame).
     pub(crate) spin: DVec3,
-    /// Angle turned about the own axis since the start (rad), not wrapped.
+    /// Angle turned about the pin's own axis since the start (rad), not wrapped.
     pub(crate) roll_rad: f64,
     /// Radius (m).
     pub(crate) radius_m: f64,
@@ -34,7 +34,7 @@ pub(crate) struct Pin {
 }
 
 impl Pin {
-    /// At rest, with the body axes given as columns.
+    /// A pin at rest whose body axes are the given columns.
     #[must_use]
     pub(crate) fn at_rest(position: DVec3, axes: &DMat3, size: CylinderSize, mass_kg: f64) -> Pin {
         Pin {
@@ -64,7 +64,7 @@ impl Pin {
         (along, across)
     }
 
-    /// Inertia about the centre in base axes (kg m^2) with the axis where it is.
+    /// Inertia tensor about the centre in base axes (kg m^2).
     #[must_use]
     pub(crate) fn inertia_tensor(&self) -> DMat3 {
         let (along, across) = self.principal_inertia_kg_m2();
@@ -81,7 +81,7 @@ impl Pin {
         across * self.spin + (along - across) * a.dot(self.spin) * a
     }
 
-    /// Place and direction after `h` seconds at a velocity and a spin, which it has then.
+    /// The pin after `h` seconds of motion at this velocity and spin, which it has at the end.
     #[must_use]
     pub(crate) fn moved(&self, velocity: DVec3, spin: DVec3, h: f64) -> Pin {
         let half = 0.5 * h * spin;
@@ -98,7 +98,7 @@ impl Pin {
         }
     }
 
-    /// Translational and rotational energy of motion (J).
+    /// Kinetic energy (J).
     #[must_use]
     pub(crate) fn kinetic_j(&self) -> f64 {
         let (along, across) = self.principal_inertia_kg_m2();

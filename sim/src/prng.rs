@@ -1,17 +1,17 @@
 //! Seeded random numbers: one stream of ChaCha8 for each subsystem, so that a new consumer never
-//! shifts what another one draws. Owns its maps to uniform and normal numbers, because those of a
-//! library may change between releases. Refuses any other source of chance.
+//! shifts the numbers of another one. This module has its own maps to uniform and normal numbers,
+//! because those of a library may change between releases. Refuses any other source of randomness.
 //!
 //! Normal numbers come from Marsaglia and Tsang's ziggurat (2000) with layer, sign and place from
 //! different bits (Doornik 2005): 256 layers of equal area under `exp(-x^2/2)`, of which 98.8 % of
-//! the draws need one word, one product and one comparison.
+//! the draws need one word, one multiplication and one comparison.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use crate::hash::Hash;
 
-/// Who draws; each has numbers of its own.
+/// The consumers of random numbers; each has a stream of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
 pub(crate) enum Stream {
@@ -21,15 +21,15 @@ pub(crate) enum Stream {
     TactelGains = 2,
     /// Noise of the wrist's gauges.
     WristNoise = 3,
-    /// Which frames are lost.
+    /// Losses of frames.
     LostFrames = 4,
     /// Noise of the opposed fingertip's array.
     OpposedNoise = 5,
-    /// Gains of its tactels.
+    /// Gains of the opposed fingertip's tactels, drawn once.
     OpposedGains = 6,
 }
 
-/// One subsystem's stream.
+/// The random numbers of one subsystem.
 #[derive(Clone, Debug)]
 pub(crate) struct Prng {
     chacha: ChaCha8Rng,
@@ -39,14 +39,14 @@ pub(crate) struct Prng {
 /// Distance between neighbouring uniform numbers: 53 bits.
 #[expect(clippy::cast_precision_loss, reason = "a power of two is exact")]
 const UNIFORM_STEP: f64 = 1.0 / (1_u64 << 53) as f64;
-/// Layers of the ziggurat.
+/// Number of layers of the ziggurat.
 const LAYER_COUNT: usize = 256;
-/// Where the tail begins, and the area of every layer, the lowest one's tail included.
+/// Place at which the tail begins, and the area of every layer; the lowest layer includes the tail.
 const TAIL_START: f64 = 3.654_152_885_361_009;
 const LAYER_AREA: f64 = 0.004_928_673_233_974_655;
 
-/// Edges of the layers from the lowest up, the last one 0, and the bell's height there. The first
-/// edge is that of a box of the lowest layer's area.
+/// Edges of the layers from the lowest up, of which the last one is 0, and the height of the
+/// density there. The first edge is that of a box with the lowest layer's area.
 #[derive(Debug, Clone)]
 struct ZigguratLayers {
     x: [f64; LAYER_COUNT + 1],
@@ -81,21 +81,21 @@ impl Prng {
         Prng { chacha, layers: Box::new(ZigguratLayers::new()) }
     }
 
-    /// Uniform in `(0, 1]`, 53 bits.
+    /// A uniform number in `(0, 1]` with 53 bits.
     #[expect(clippy::cast_precision_loss, reason = "the integer has 53 bits")]
     pub(crate) fn uniform(&mut self) -> f64 {
         ((self.chacha.next_u64() >> 11) + 1) as f64 * UNIFORM_STEP
     }
 
-    /// Normal with mean 0 and standard deviation 1.
+    /// A normal number with mean 0 and standard deviation 1.
     #[expect(clippy::cast_precision_loss, reason = "the integer has 53 bits")]
     pub(crate) fn normal(&mut self) -> f64 {
         loop {
-            // Bits 0 to 7: the layer, bit 8: the sign, bits 11 to 63: the place.
+            // Bits 0 to 7 choose the layer, bit 8 the sign, bits 11 to 63 the place.
             let word = self.chacha.next_u64();
             let layer = (word & 0xFF) as usize;
             let signed = |x: f64| f64::from_bits(x.to_bits() ^ (word & 0x100) << 55);
-            // A signed integer becomes a floating one in a single instruction.
+            // A signed integer is converted to a float by a single instruction.
             let x = (word >> 11).cast_signed() as f64 * UNIFORM_STEP * self.layers.x[layer];
             if x < self.layers.x[layer + 1] {
                 return signed(x);
@@ -110,7 +110,7 @@ impl Prng {
         }
     }
 
-    /// Normal on the condition that it lies in the tail (Marsaglia 1964).
+    /// A normal number on the condition that it lies in the tail (Marsaglia 1964).
     fn tail(&mut self) -> f64 {
         loop {
             let x = -libm::log(self.uniform()) / TAIL_START;
@@ -121,7 +121,7 @@ impl Prng {
         }
     }
 
-    /// Adds seed and place in the stream.
+    /// Adds the seed and the position in the stream.
     pub(crate) fn digest(&self, hash: &mut Hash) {
         for byte in self.chacha.get_seed() {
             hash.word(u64::from(byte));

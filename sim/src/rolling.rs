@@ -1,5 +1,5 @@
-//! The pin with both its contacts and the hand that steadies it. Refuses to integrate: it gives the
-//! forces at a configuration, whoever chose that.
+//! The pin with both its contacts and the fixture that steadies it. Refuses to integrate: it gives
+//! the forces at a configuration, whoever chose that configuration.
 
 use glam::DVec3;
 use taktil_hal::{MAX_TACTELS, Nanos};
@@ -16,26 +16,26 @@ use crate::pin::Pin;
 use crate::spatial::{SolveCounts, SpatialSolver, load_factor_of};
 use crate::surroundings::Surroundings;
 
-/// The pin with both its contacts.
+/// The pin, its contacts with the finger's pad and with its support, and the fixture.
 #[derive(Clone, Debug)]
 pub(crate) struct RollingPin {
     pub(crate) pin: Pin,
     pub(crate) pad: Patch,
     pub(crate) support: Patch,
-    /// The fingertip in the table's place, whose rubber the bed is then.
+    /// The fingertip in the table's place; then its rubber is the support.
     pub(crate) opposed: Option<Box<OpposedPad>>,
     pub(crate) fixture: PinFixture,
     pub(crate) released: Option<Nanos>,
-    /// Latest forces of finger and table on the pin.
+    /// Latest forces of finger and support on the pin.
     pub(crate) finger_reaction: Reaction,
     pub(crate) support_reaction: Reaction,
     /// Cosine between the sensor's x and the rolling direction at the latest evaluation.
     pub(crate) rolling_cosine: f64,
-    /// The contact with the pad in three dimensions, for scenes that ask for it.
+    /// The solver of the contact with the pad in three dimensions, for scenes that ask for it.
     pub(crate) spatial: Option<Box<SpatialSolver>>,
 }
 
-/// What the next instant depends on.
+/// Everything that the next instant depends on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PinState {
     pub(crate) pin: Pin,
@@ -43,7 +43,8 @@ pub(crate) struct PinState {
     pub(crate) support: BristleState,
 }
 
-/// The lines of contact and how the forces on them depend on the motion.
+/// The contact lines and the derivatives of the forces on them with respect to the motion; none
+/// without contact.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct PinContacts {
     pub(crate) finger: Option<(ContactLine, Tangent)>,
@@ -65,13 +66,14 @@ impl RollingPin {
         self.support.slices.bristles = state.support;
     }
 
-    /// Evaluates both contacts and moves their bristles on by `h` seconds.
+    /// Evaluates both contacts and moves their bristles by `h` seconds.
     pub(crate) fn evaluate(&mut self, surroundings: &Surroundings, h: f64) {
         let (pad, support) = (self.pad.slices.bristles, self.support.slices.bristles);
         self.evaluate_from(&pad, &support, surroundings, h, &mut PinContacts::default());
     }
 
-    /// The same with bristles, of pad and table, that were before; says how it touches.
+    /// Evaluates both contacts and moves their bristles by `h` seconds from earlier states of the
+    /// bristles; writes the contact lines into `contacts`.
     pub(crate) fn evaluate_from(
         &mut self,
         pad: &BristleState,
@@ -116,8 +118,8 @@ impl RollingPin {
         }
     }
 
-    /// Normal force on each tactel of the finger (N) at the latest evaluation; solves the contact
-    /// in three dimensions where that is asked for and says whether it did.
+    /// Normal force on each tactel of the finger (N) at the latest evaluation. Solves the contact
+    /// in three dimensions where the scene asks for that, and counts whether it succeeded.
     pub(crate) fn image(
         &mut self,
         surroundings: &Surroundings,
@@ -132,7 +134,7 @@ impl RollingPin {
         tactile_image(&mut self.pad, self.spatial.as_deref_mut(), seen)
     }
 
-    /// The same of the opposed fingertip; nothing where there is none.
+    /// Normal force on each tactel of the opposed fingertip (N); zero without one.
     pub(crate) fn opposed_image(
         &mut self,
         surroundings: &Surroundings,
@@ -150,7 +152,7 @@ impl RollingPin {
         tactile_image(&mut self.support, opposed.spatial.as_deref_mut(), seen)
     }
 
-    /// Everything that acts on the pin at the latest evaluation: force and moment about its centre.
+    /// Total force and moment about the centre on the pin at the latest evaluation (N, N m).
     pub(crate) fn net_load(&self, surroundings: &Surroundings) -> (DVec3, DVec3) {
         let (finger, support) = (&self.finger_reaction, &self.support_reaction);
         let weight = DVec3::new(0.0, 0.0, -self.pin.mass_kg * GRAVITY_M_S2);
@@ -168,14 +170,14 @@ impl RollingPin {
         (force, moment)
     }
 
-    /// Moves the pin on by an explicit step.
+    /// Moves the pin by an explicit step of `h` seconds.
     pub(crate) fn step(&mut self, surroundings: &Surroundings, h: f64) {
         let (force, moment) = self.net_load(surroundings);
         let axis = self.pin.axis();
         self.pin.step(h, axis, force, moment);
     }
 
-    /// The hand feels the finger's latest force and may let go.
+    /// Releases the fixture if the finger presses hard enough, and notes when.
     pub(crate) fn update_fixture(&mut self, now: Nanos) {
         let held = self.fixture.holding;
         self.fixture.update(self.finger_reaction.normal_n);
@@ -184,7 +186,7 @@ impl RollingPin {
         }
     }
 
-    /// Wrench of the pin on the tool about the tool point (base axes).
+    /// Wrench of the pin on the tool about the tool point (N, N m, base axes).
     pub(crate) fn wrench(&self, tool: DVec3) -> Joints {
         let moment = self.finger_reaction.moment_about(tool, self.pin.position);
         stack(-self.finger_reaction.force, -moment)
@@ -217,7 +219,7 @@ struct SeenLine<'a> {
 }
 
 /// Normal force on each tactel of a pad (N), and whether the contact was solved in three dimensions
-/// where that is asked for.
+/// where the scene asks for that.
 fn tactile_image(
     pad: &mut Patch,
     spatial: Option<&mut SpatialSolver>,
@@ -238,7 +240,7 @@ fn tactile_image(
     };
     pad.load_factor = load_factor_of(pad, &solved);
     let mut forces = spatial.tactel_forces_n();
-    // Viscous loads are spread as the elastic ones.
+    // Viscous loads have the same distribution as elastic loads.
     let scale = (normal_n / solved.force_n).clamp(0.0, 2.0);
     forces.iter_mut().for_each(|force| *force *= scale);
     add_tangential_image(&mut forces, pad, rolling_cosine);

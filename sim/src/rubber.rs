@@ -1,6 +1,6 @@
-//! One rubber layer under the pin, tabulated over the penetration in SI units: line load, normal
-//! and tangential stiffness, contact width, all from one look-up. The contact itself is solved by
-//! `taktil_contact`; this module only re-samples it. Refuses layers that it refuses.
+//! The response of one rubber layer under the pin, tabulated over the penetration in SI units: line
+//! load, normal and tangential stiffness and contact width from one look-up. `taktil_contact`
+//! solves the contact; this module samples the solution. Refuses layers that the solver refuses.
 
 use taktil_contact::cylinder::{BaseShares, LineContact};
 use taktil_contact::field::{LineLoad, line};
@@ -8,17 +8,18 @@ use taktil_contact::layer::Layer;
 
 use crate::scene::{Invalid, RubberConfig, invalid};
 
-/// Penetration up to which the contact is solved, in thicknesses: the range of small strain.
+/// Penetration up to which the contact is solved, in thicknesses of the layer: the range of small
+/// strain.
 const PENETRATION_MAX_THICKNESSES: f64 = 0.2;
-/// Cells of the table; it stays small enough for the processor's fastest memory.
+/// Number of cells of the table; the table stays small enough for the processor's first cache.
 const CELL_COUNT: usize = 512;
 
-/// What a slice of rubber does at a penetration, per metre of contact line.
+/// Response of the rubber to a penetration, per metre of contact line.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct LineResponse {
     /// Line load (N/m).
     pub(crate) load_n_m: f64,
-    /// Its derivative (N/m^2).
+    /// Derivative of the line load with respect to the penetration (N/m^2).
     pub(crate) stiffness_n_m2: f64,
     /// Stiffness against a tangential shift of a contact that sticks (N/m^2).
     pub(crate) shear_n_m2: f64,
@@ -26,19 +27,22 @@ pub(crate) struct LineResponse {
     pub(crate) half_width_m: f64,
 }
 
-/// Reach of a tangential line load's trace at the base (thicknesses) and its places.
+/// Distance from a tangential line load up to which its pressure at the base is tabulated, in
+/// thicknesses of the layer, and the number of cells.
 const INFLUENCE_REACH_THICKNESSES: f64 = 16.0;
 const INFLUENCE_POINT_COUNT: usize = 512;
-/// Points that stand for a traction over the contact's width.
+/// Number of point loads that represent a traction over the contact's width.
 const TRACTION_POINT_COUNT: usize = 8;
 
-/// What the base carries left of a place under a tangential line load of 1 N/m along +x, even in
-/// the place: a tangential load presses in front of itself and lifts behind.
+/// Pressure at the base under a tangential line load of 1 N/m along +x, integrated from the left up
+/// to each place; it is even in the place. A tangential load presses in front of itself and lifts
+/// behind.
 #[derive(Clone, Debug)]
 pub(crate) struct TangentialInfluence {
     left_of: Vec<f64>,
     per_m: f64,
-    /// Cosines of the points of a traction in proportion to sqrt(1 - (u/b)^2), and their weights.
+    /// Places of the point loads, as cosines, and their weights for a traction in proportion to
+    /// sqrt(1 - (u/b)^2).
     points: [(f64, f64); TRACTION_POINT_COUNT],
 }
 
@@ -50,7 +54,7 @@ impl TangentialInfluence {
         let load = LineLoad { p_n_mm: 0.0, q_n_mm: 1.0 };
         let stresses = line(layer, &load, layer.thickness_mm, &places)?;
         let pressed = |i: usize| -stresses[i].szz_mpa.unwrap_or(0.0);
-        // From far away inwards, by Simpson's rule on pairs of cells' ends and the trapezium.
+        // The integral starts far away and sums trapezia.
         let mut left_of = vec![0.0; INFLUENCE_POINT_COUNT + 1];
         for i in (0..INFLUENCE_POINT_COUNT).rev() {
             let cell = 0.5 * step_mm * (pressed(i) + pressed(i + 1));
@@ -58,7 +62,7 @@ impl TangentialInfluence {
         }
         let (n, mut points) = (TRACTION_POINT_COUNT as f64, [(0.0, 0.0); TRACTION_POINT_COUNT]);
         for (i, point) in points.iter_mut().enumerate() {
-            // Gauss and Chebyshev's rule of the second kind.
+            // These are places and weights of the Gauss-Chebyshev rule of the second kind.
             let angle = core::f64::consts::PI * (i as f64 + 1.0) / (n + 1.0);
             let sine = libm::sin(angle);
             *point = (libm::cos(angle), 2.0 / (n + 1.0) * sine * sine);
@@ -81,20 +85,20 @@ impl TangentialInfluence {
     }
 }
 
-/// The layer of a rubber.
+/// The layer that a configuration describes.
 pub(crate) fn layer(config: &RubberConfig) -> Result<Layer, taktil_contact::Invalid> {
     Layer::new(config.thickness_mm, config.youngs_mpa, config.poisson)
 }
 
-/// A complaint about a rubber, at the place of that rubber.
+/// Moves the place of a solver's error to the place of its rubber in the scene.
 pub(crate) fn at_place(place: &str) -> impl Fn(taktil_contact::Invalid) -> Invalid {
     move |e| Invalid { place: format!("{place}.{}", e.place), what: e.what, remedy: e.remedy }
 }
 
-/// Solves a contact: layer, radius and deepest penetration (mm).
+/// A solver of the contact for layer, radius and deepest penetration (mm).
 type ContactSolver = fn(&Layer, f64, f64) -> Result<LineContact, taktil_contact::Invalid>;
 
-/// Numbers of a response.
+/// How many numbers a response has.
 const RESPONSE_VALUES: usize = 4;
 
 impl LineResponse {
@@ -112,14 +116,14 @@ impl From<[f64; RESPONSE_VALUES]> for LineResponse {
     }
 }
 
-/// The way from one knot of the table to the next.
+/// One cell of the table, between two knots.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
     from: [f64; RESPONSE_VALUES],
-    /// By how much each part grows.
+    /// Increase of each value over the cell.
     rise: [f64; RESPONSE_VALUES],
-    /// What Hermite's cubic through loads and stiffnesses has over the straight line, at either
-    /// end (N/m).
+    /// Difference of Hermite's cubic through loads and stiffnesses to the straight line, as a
+    /// coefficient at either end (N/m).
     bend: [f64; 2],
 }
 
@@ -132,13 +136,13 @@ impl Cell {
     }
 }
 
-/// The table, and the solved contact for what is asked rarely.
+/// The table, and the solved contact for quantities that are needed rarely.
 #[derive(Clone, Debug)]
 pub(crate) struct Rubber {
     cells: Vec<Cell>,
     /// The response at the deepest solved point.
     end: LineResponse,
-    /// Work to press in as far as each knot, per metre of line (J/m).
+    /// Work up to each knot, per metre of line (J/m).
     stored_j_m: Vec<f64>,
     per_metre: f64,
     cell_m: f64,
@@ -150,7 +154,7 @@ pub(crate) struct Rubber {
 }
 
 impl Rubber {
-    /// Solves the contact of a cylinder on the layer; allocates and takes its time.
+    /// Solves the contact of a cylinder on the layer, which allocates and takes long.
     pub(crate) fn new(
         config: &RubberConfig,
         radius_mm: f64,
@@ -159,7 +163,7 @@ impl Rubber {
         Rubber::with_solver(config, radius_mm, place, LineContact::new)
     }
 
-    /// The same for a layer under whose base no tactels lie.
+    /// Does the same for a layer without tactels under its base.
     pub(crate) fn without_base_shares(
         config: &RubberConfig,
         radius_mm: f64,
@@ -220,7 +224,7 @@ impl Rubber {
         })
     }
 
-    /// The same with what tangential loads leave at the base.
+    /// Adds the table of the tangential influence at the base.
     pub(crate) fn with_tangential_influence(
         mut self,
         config: &RubberConfig,
@@ -232,13 +236,13 @@ impl Rubber {
         Ok(self)
     }
 
-    /// What tangential loads leave at the base, if that was asked for.
+    /// The tangential influence at the base, if it was asked for.
     pub(crate) fn tangential_influence(&self) -> Option<&TangentialInfluence> {
         self.tangential_influence.as_ref()
     }
 
-    /// The response at a penetration (m): nothing at or above the surface, a straight line on from
-    /// the deepest solved point.
+    /// The response at a penetration (m). It is zero at or above the surface, and goes on as a
+    /// straight line from the deepest solved point.
     #[inline]
     pub(crate) fn at(&self, delta_m: f64) -> LineResponse {
         if delta_m <= 0.0 || delta_m.is_nan() {
@@ -253,7 +257,7 @@ impl Rubber {
         let cell = (place as u32 as usize).min(CELL_COUNT - 1);
         let f = place - cell as f64;
         let Cell { from, rise, bend } = &self.cells[cell];
-        // The load by Hermite's cubic, the rest by straight lines.
+        // The load follows Hermite's cubic, the other values straight lines.
         let mut values: [f64; RESPONSE_VALUES] =
             core::array::from_fn(|part| from[part] + f * rise[part]);
         let g = 1.0 - f;
@@ -275,7 +279,8 @@ impl Rubber {
         self.stored_j_m[cell] + (delta_m - from_m) / 6.0 * sum
     }
 
-    /// Penetration at which the table carries a line load (N/m); bisection, for load time only.
+    /// Penetration at which the layer carries a line load (N/m), by bisection; only for building a
+    /// scene.
     pub(crate) fn penetration_m(&self, load_n_m: f64) -> f64 {
         let (mut low, mut high) = (0.0, self.deepest_m);
         while self.at(high).load_n_m < load_n_m && high < 1.0 {
@@ -288,7 +293,8 @@ impl Rubber {
         0.5 * (low + high)
     }
 
-    /// How the layer's base carries a line load: parts of it left of places (mm) from the line.
+    /// Distribution of a line load at the layer's base, as the part of it left of places (mm) from
+    /// the line.
     pub(crate) fn base_shares(&self, delta_m: f64) -> BaseShares<'_> {
         self.contact.base_shares(1e3 * delta_m.min(self.deepest_m))
     }

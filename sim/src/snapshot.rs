@@ -1,6 +1,6 @@
-//! A world at an instant, from which it goes on bit for bit, alone or many times over; and a story
-//! of such instants with the words between them, in which one can seek. Refuses to know what a
-//! controller has taken of what it was told: a revived world tells the latest of it anew.
+//! Snapshots of a world, from which it goes on bit for bit, alone or many times over, and a history
+//! of snapshots and outputs in which one can seek. Refuses to know which readings a controller has
+//! taken: a restored world sends the latest ones anew.
 
 use taktil_hal::link::Stamped;
 use taktil_hal::{CHANNELS, DacCode, Devices, Error, LinesOut, Nanos};
@@ -8,8 +8,8 @@ use taktil_hal::{CHANNELS, DacCode, Devices, Error, LinesOut, Nanos};
 use crate::devices::{WorldLinks, connect};
 use crate::world::World;
 
-/// A world at an instant. Everything that decides what happens next is in it: bodies, bristles,
-/// warm starts, what each tactel remembers, every stream of chance, words on their way.
+/// A world at an instant with everything that decides its future: bodies, bristles, warm starts,
+/// the state of each tactel, every stream of random numbers, commands on their way.
 #[derive(Debug)]
 pub struct Snapshot {
     world: World,
@@ -18,7 +18,7 @@ pub struct Snapshot {
 }
 
 impl World {
-    /// The same world at other ends.
+    /// A copy of the world with other links to its devices.
     fn with_links(&self, links: WorldLinks) -> World {
         World {
             t: self.t,
@@ -42,8 +42,8 @@ impl World {
         }
     }
 
-    /// The world as it stands, with the words that are on their way to it; nothing of it changes.
-    /// Allocates: not for a lane.
+    /// A snapshot of the world and of the commands on their way to it; the world does not change.
+    /// Allocates, so that it must not be called from a lane.
     #[must_use]
     pub fn snapshot(&mut self) -> Snapshot {
         let (mut codes, mut lines_out) = (Vec::new(), Vec::new());
@@ -54,13 +54,13 @@ impl World {
 }
 
 impl Snapshot {
-    /// When it was taken.
+    /// The instant of the snapshot.
     #[must_use]
     pub fn now(&self) -> Nanos {
         self.world.t
     }
 
-    /// A world that goes on from here, with devices of its own that hold what was last told.
+    /// A world that goes on from here, with devices of its own that hold the latest readings.
     #[must_use]
     pub fn restore(&self) -> (World, Devices) {
         let last_sent = &self.world.last_sent;
@@ -83,7 +83,8 @@ impl Snapshot {
                 feed.send(to, self.world.t);
             }
         }
-        // As they were when they were written: the devices' ranges let them pass then.
+        // The devices accepted these commands when they were written, so that they accept them
+        // again.
         for word in &self.codes {
             let _ = devices.analog_out.commit(word.stamp, &word.value.map(DacCode));
         }
@@ -94,7 +95,7 @@ impl Snapshot {
     }
 }
 
-/// What a controller wrote at a release.
+/// The outputs that a controller wrote at one release.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutputRecord {
     /// The release.
@@ -106,17 +107,17 @@ pub struct OutputRecord {
 }
 
 impl OutputRecord {
-    /// Hands it to devices.
+    /// Writes the outputs to devices.
     ///
     /// # Errors
-    /// What they refuse.
+    /// The error of the device that refuses its output.
     pub fn commit(&self, devices: &mut Devices) -> Result<(), Error> {
         devices.analog_out.commit(self.release, &self.codes)?;
         devices.digital_out.commit(self.release, &self.lines)
     }
 }
 
-/// Snapshots in order, and the words written between them.
+/// Snapshots in order of time, and the outputs that were written between them.
 #[derive(Debug, Default)]
 pub struct WorldHistory {
     snapshots: Vec<Snapshot>,
@@ -124,32 +125,33 @@ pub struct WorldHistory {
 }
 
 impl WorldHistory {
-    /// Keeps a snapshot; one that is not later than the last is not kept.
+    /// Appends a snapshot; a snapshot that is not later than the last one is discarded.
     pub fn push_snapshot(&mut self, snapshot: Snapshot) {
         if self.snapshots.last().is_none_or(|last| last.now() < snapshot.now()) {
             self.snapshots.push(snapshot);
         }
     }
 
-    /// Keeps what was written, in the order of releases; what comes out of order is not kept.
+    /// Appends outputs in the order of their releases; outputs out of order are discarded.
     pub fn push_output(&mut self, written: OutputRecord) {
         if self.written.last().is_none_or(|last| last.release < written.release) {
             self.written.push(written);
         }
     }
 
-    /// The world at an instant: the last snapshot before it, moved on under the words that were
+    /// The world at an instant: the last snapshot before it, advanced under the outputs that were
     /// written. None before the first snapshot.
     ///
     /// # Errors
-    /// A word that the devices refuse, which they did not when it was written.
+    /// A device refuses outputs that it accepted when they were written.
     pub fn seek(&self, to: Nanos) -> Result<Option<(World, Devices)>, Error> {
         let after = self.snapshots.partition_point(|snapshot| snapshot.now() <= to);
         let Some(snapshot) = after.checked_sub(1).and_then(|i| self.snapshots.get(i)) else {
             return Ok(None);
         };
         let (mut world, mut devices) = snapshot.restore();
-        // A word of that very instant may be among those on their way: twice is once.
+        // Outputs of that very instant may also be among the commands on their way; writing them
+        // twice has the effect of once.
         let from = self.written.partition_point(|written| written.release < snapshot.now());
         for written in self.written.iter().skip(from).take_while(|w| w.release < to) {
             world.advance(written.release);

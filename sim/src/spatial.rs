@@ -1,11 +1,12 @@
-//! The pin on the pad in three dimensions, solved at every image by `taktil_mechanics`, warm from
-//! one image to the next: rows lean on each other through the layer, ends of the pin are ends.
-//! Between images the rows keep the ratio to their plane solutions that force and moment of the
-//! last solution had, linear along the axis; a test states what that leaves. Refuses nothing: where
-//! the tables end, the rows stand on their own, which is counted.
+//! The contact of pin and pad in three dimensions, solved at every image by `taktil_contact`, warm
+//! from one image to the next. Rows influence each other through the layer, and the ends of the pin
+//! are ends. Between images each row keeps the ratio to its plane solution that reproduces force
+//! and moment of the last solution, linear along the axis; a test states the error of that. Where
+//! the solver's tables end, the image is made from independent rows, and that is counted. Refuses
+//! the pad's own free edges.
 //!
-//! The theory's layer has no edges. A pin that is longer than the pad is cut beyond it, and only
-//! what presses on the pad counts; the pad's own free edges are left out.
+//! The theory's layer has no edges. A pin that is longer than the pad is cut beyond the pad, and
+//! only the pressure on the pad counts.
 
 use taktil_contact::space::pin::{Pin as LayerPin, Profile, Stand};
 use taktil_contact::space::radial::Influence;
@@ -19,27 +20,29 @@ use crate::pin::CylinderSize;
 use crate::rubber;
 use crate::scene::{Invalid, RubberConfig};
 
-/// Largest penetration of the deepest slice, in thicknesses.
+/// Largest penetration of the deepest slice, in thicknesses of the layer.
 const PENETRATION_MAX_THICKNESSES: f64 = 0.4;
-/// A cut pin goes on beyond the pad's diagonal by so many thicknesses.
+/// Distance by which a cut pin extends beyond the pad's diagonal, in thicknesses of the layer.
 const CUT_MARGIN_THICKNESSES: f64 = 6.0;
-/// The force of a solution over that of its plane rows is believed within these bounds.
+/// Bounds of the ratio of a solution's force to the force of its plane rows; outside them the
+/// solution is discarded.
 const LOAD_RATIO_MIN: f64 = 0.3;
 const LOAD_RATIO_MAX: f64 = 3.0;
 
 /// The solver of a pin on a pad, with its tables.
 #[derive(Clone, Debug)]
 pub(crate) struct SpatialSolver {
-    /// The pin from end to end, its origin in its middle.
+    /// The whole pin, with its origin in its middle.
     whole: LayerPin,
-    /// The pin cut beyond the pad, its origin next to the pad's middle; half its length (mm).
+    /// The pin cut beyond the pad, with its origin next to the pad's middle, and half its length
+    /// (mm).
     cut: Option<(LayerPin, f64)>,
     shares: Shares,
     half_length_mm: f64,
     image_mpa: [f64; MAX_TACTELS],
 }
 
-/// A solved contact.
+/// The load of a solved contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct SpatialLoad {
     /// Force on the pad (N) and its moment about the pin's middle along the axis (N m).
@@ -47,22 +50,23 @@ pub(crate) struct SpatialLoad {
     pub(crate) moment_nm: f64,
 }
 
-/// Images under a load where three dimensions are asked for.
+/// Counts of loaded images in scenes that ask for three dimensions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct SolveCounts {
-    /// Solved.
+    /// Images that were solved.
     pub(crate) solutions: u64,
-    /// After which rows stand on their own: nothing was solved, or its force is not believed.
+    /// Images that were made from independent rows: nothing was solved, or the solution was
+    /// discarded.
     pub(crate) failures: u64,
 }
 
 impl SolveCounts {
-    /// Of a solution that gave rows this lean.
+    /// The counts of one solution that gave this load factor.
     pub(crate) fn of(load_factor: LoadFactor) -> SolveCounts {
         SolveCounts { solutions: 1, failures: u64::from(load_factor == LoadFactor::ONE) }
     }
 
-    /// Of an image without a solution.
+    /// The counts of one image without a solution.
     pub(crate) const UNSOLVED: SolveCounts = SolveCounts { solutions: 0, failures: 1 };
 
     pub(crate) fn add(&mut self, more: SolveCounts) {
@@ -71,16 +75,17 @@ impl SolveCounts {
     }
 }
 
-/// The generatrix over the pad in the solver's terms: mm, pad axes.
+/// The generatrix over the pad in the solver's units (mm) and the pad's axes.
 #[derive(Clone, Copy, Debug)]
 struct PinPlacement {
-    /// Foot of the pin's middle.
+    /// Point under the pin's middle.
     foot_mm: [f64; 2],
-    /// Direction of the axis in the pad, towards +y, and whether that is the pin's own.
+    /// Direction of the axis in the pad, chosen towards +y, and whether the pin's own axis points
+    /// that way.
     direction: [f64; 2],
     forward: bool,
     rot_rad: f64,
-    /// Penetration at the foot and its rise per mm along the direction.
+    /// Penetration under the pin's middle, and its change per mm along the direction.
     depth_mm: f64,
     slope: f64,
 }
@@ -105,8 +110,8 @@ impl PinPlacement {
 }
 
 impl SpatialSolver {
-    /// Tabulates layer, pin (radius and length) and array; allocates and takes its time. `place` is
-    /// the rubber's in the scene.
+    /// Computes the tables of layer, pin and array, which allocates and takes long. `place` is the
+    /// place of the rubber in the scene.
     pub(crate) fn new(
         config: &RubberConfig,
         size: CylinderSize,
@@ -140,7 +145,7 @@ impl SpatialSolver {
         })
     }
 
-    /// Solves the contact of the pin's lowest line with the pad; nothing where the tables end.
+    /// Solves the contact of the pin's lowest line with the pad; none where the tables end.
     pub(crate) fn solve(&mut self, line: &ContactLine, pad: &Pose) -> Option<SpatialLoad> {
         let placement = PinPlacement::of(line, pad);
         let [x, y] = placement.foot_mm;
@@ -170,7 +175,7 @@ impl SpatialSolver {
         self.image_mpa.map(|stress| -area_mm2 * stress)
     }
 
-    /// Forgets the warm start.
+    /// Discards the warm start.
     pub(crate) fn release(&mut self) {
         self.whole.release();
         if let Some((pin, _)) = &mut self.cut {
@@ -180,9 +185,9 @@ impl SpatialSolver {
     }
 }
 
-/// Force on the pad and its moment about the pin's middle (N, N mm): what a load stands for along
-/// the axis counts by the part of it that is over the pad, and pulls where that part is. Across the
-/// axis a load is a point.
+/// Force on the pad and its moment about the pin's middle (N, N mm). Each load of the solution
+/// stands for a length along the axis. It counts with the part of that length that is over the pad,
+/// and acts in the middle of that part; across the axis it acts at a point.
 fn load_on_pad(
     pin: &LayerPin,
     placement: &PinPlacement,
@@ -202,14 +207,14 @@ fn load_on_pad(
     (force, moment)
 }
 
-/// The part of a piece of some length about a place along a direction that is over a square about
-/// the origin, and how far from the place along the direction the middle of that part is. A piece
-/// along the square's side is half over it.
+/// The part of a segment of some length that is over a square about the origin, and the distance
+/// from the segment's middle to the middle of that part. The segment has its middle at `place` and
+/// the given direction; a segment on a side of the square is half over it.
 fn overlap(place: [f64; 2], direction: [f64; 2], length: f64, half: f64) -> (f64, f64) {
     let (mut from, mut to) = (-0.5 * length, 0.5 * length);
     let mut side = 1.0;
     for (at, along) in place.into_iter().zip(direction) {
-        // A piece that leaves no more than its own rounding across a side runs beside it.
+        // A segment that crosses a side by no more than rounding is parallel to that side.
         if along.abs() * length <= 1e-12 * half {
             side *= match at.abs() - half {
                 beyond if beyond > 1e-12 * half => 0.0,
@@ -231,7 +236,7 @@ fn overlap(place: [f64; 2], direction: [f64; 2], length: f64, half: f64) -> (f64
     (side * (to - from) / length, 0.5 * (from + to))
 }
 
-/// The factors on plane rows that give them the force and the moment of a solution.
+/// The load factor that gives the plane rows force and moment of a solution.
 pub(crate) fn load_factor_of(pad: &Patch, solved: &SpatialLoad) -> LoadFactor {
     let row = |slice: Slice| {
         let response = pad.rubber.at(slice.delta_m);
@@ -240,7 +245,7 @@ pub(crate) fn load_factor_of(pad: &Patch, solved: &SpatialLoad) -> LoadFactor {
     load_factor(pad.slices.iter().map(row), solved)
 }
 
-/// The same for places along the axis (m) with the loads of their plane solutions (N).
+/// The load factor for places along the axis (m) with the loads of their plane solutions (N).
 pub(crate) fn load_factor(
     plain: impl Iterator<Item = (f64, f64)>,
     solved: &SpatialLoad,

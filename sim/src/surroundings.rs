@@ -1,12 +1,12 @@
-//! Where the parts around a body are at an instant and how they move: the finger's pad and the
-//! table. Refuses to compute them; whoever evaluates contacts states them.
+//! Places and motions of the finger's pad and of the table, as the contacts of a body need them.
+//! Refuses to compute them.
 
 use glam::DMat3;
 use taktil_mechanics::Pose;
 
 use crate::contact::Surface;
 
-/// Finger and table as a contact needs them; base frame.
+/// Places and motions of finger and table in the base frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Surroundings {
     /// The sensor's frame.

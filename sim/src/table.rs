@@ -1,9 +1,9 @@
-//! Where the table's surface is at an instant and how it moves: fixed values plus motions of two
-//! tilts, pan, slide and height about a pivot. Refuses dynamics: nothing pushes the table.
+//! Place and motion of the table's surface: fixed values plus motions of two tilts, pan, slide and
+//! height about a pivot. Refuses dynamics: no force moves the table.
 //!
-//! The surface frame is `Rz(pan) Ry(-tilt_y) Rx(tilt_x)` with its origin at the pivot
-//! `(pivot_x + slide, pivot_y, height)`: a positive `tilt_y` raises the side towards +x, a positive
-//! `tilt_x` the side towards +y, a positive pan turns x towards y.
+//! The surface frame is `Rz(pan) Ry(-tilt_y) Rx(tilt_x)` with its origin at the pivot `(pivot_x +
+//! slide, pivot_y, height)`: a positive `tilt_y` raises the side towards +x, a positive `tilt_x`
+//! the side towards +y, a positive pan turns x towards y.
 
 use glam::{DMat3, DVec3};
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
@@ -40,7 +40,7 @@ impl TablePose {
     }
 }
 
-/// The table's whole story.
+/// The table with all its motions.
 #[derive(Clone, Debug)]
 pub(crate) struct Table {
     start: TablePose,

@@ -1,11 +1,12 @@
-//! The bench in time: integrates everything in sub-steps between events, lets each committed word
-//! act from its own instant, latches the devices at theirs. Refuses to know who calls it and when:
-//! `advance(to)` is all that moves it.
+//! The simulated bench in time: integrates all bodies in sub-steps between events, applies each
+//! command from its own instant, and latches the devices at theirs. Refuses to know who calls it
+//! and when: only `advance(to)` moves it.
 //!
-//! Events are the multiples of the control and scan periods, the instants from which words act, the
-//! supply coming on and the watchdogs. An interval between two events (or the end of an `advance`)
-//! is divided evenly into steps of at most `substep_us`; the state therefore depends on how time
-//! is divided among the calls, in the last bits only, and repeats exactly when they repeat.
+//! Events are the multiples of the control and scan periods, the instants from which commands act,
+//! the supply coming on, and the watchdogs. The interval between two events (or the end of an
+//! `advance`) is divided evenly into steps of at most `substep_us`. The state therefore depends on
+//! the division of time among the calls, in the last bits only, and repeats exactly when the calls
+//! repeat.
 
 use glam::DVec3;
 use taktil_hal::{AXES, AdcCode, CHANNELS, Counts, LinesIn, LinesOut, Nanos};
@@ -28,22 +29,22 @@ use crate::truth::{
     ObjectContact, OpposedFingertip, Truth, contact_x_tactels, creepage, yaw_and_tilt,
 };
 
-/// Everything that stands on the bench. Built by [`build`](crate::build).
+/// The whole simulated bench, built by [`build`](crate::build).
 #[derive(Debug)]
 pub struct World {
     pub(crate) t: Nanos,
     pub(crate) timing: Timing,
     pub(crate) power_on: Nanos,
     pub(crate) plant: Plant,
-    /// The finger's array, and that of the fingertip opposed to it.
+    /// The tactile arrays of the finger and of the fingertip opposed to it.
     pub(crate) arrays: [Option<Box<TactileSensor>>; 2],
     pub(crate) wrist: Option<Wrist>,
     pub(crate) faults: Faults,
     pub(crate) links: WorldLinks,
     pub(crate) next_control: Nanos,
-    /// Numbers of their next scans.
+    /// Sequence numbers of their next scans.
     pub(crate) sequences: [u32; 2],
-    /// What encoders and gauges read last.
+    /// Latest readings of the encoders, and of the gauges below.
     pub(crate) counts: [Counts; CHANNELS],
     pub(crate) index: Option<IndexPulses>,
     pub(crate) gauges: [AdcCode; AXES],
@@ -55,14 +56,14 @@ pub struct World {
 }
 
 impl World {
-    /// Where the bench stands in time.
+    /// The instant up to which the bench was integrated.
     #[must_use]
     pub fn now(&self) -> Nanos {
         self.t
     }
 
-    /// Integrates up to `to`; an instant that has passed changes nothing. Allocates nothing, waits
-    /// for nothing.
+    /// Integrates up to `to`; an instant that has passed changes nothing. Does not allocate and
+    /// does not block.
     pub fn advance(&mut self, to: Nanos) {
         while self.t < to {
             self.apply_commands();
@@ -85,8 +86,9 @@ impl World {
         self.lines_out
     }
 
-    /// Whether the scene asks for contacts in three dimensions and something looks at them, so that
-    /// [`StepStatistics::solved`] and [`StepStatistics::plain`] say how that went.
+    /// Whether the scene asks for contacts in three dimensions and an array exists that shows them.
+    /// Then [`StepStatistics::spatial_solutions`] and [`StepStatistics::spatial_failures`] count
+    /// the results.
     #[must_use]
     pub fn solves_in_three_dimensions(&self) -> bool {
         let pin = self.plant.rolling.as_deref().is_some_and(|r| r.spatial.is_some());
@@ -94,7 +96,7 @@ impl World {
         self.arrays.iter().any(Option::is_some) && (pin || edge)
     }
 
-    /// What the physics was asked to do since the start.
+    /// Counts of what the simulation computed since the start.
     #[must_use]
     pub fn statistics(&self) -> StepStatistics {
         self.plant.statistics
@@ -107,7 +109,7 @@ impl World {
         self.plant.error_m
     }
 
-    /// Values that could not be handed to the devices because nobody took the earlier ones.
+    /// Number of values that were lost because the devices' links were full.
     #[must_use]
     pub fn dropped(&self) -> u64 {
         let links = &self.links;
@@ -119,7 +121,7 @@ impl World {
             + links.scans.iter().map(|scans| scans.dropped()).sum::<u64>()
     }
 
-    /// Takes every word that acts by now, then sees to the watchdogs and the drives.
+    /// Applies every command that acts by now, then the watchdogs, then the drives' lines.
     fn apply_commands(&mut self) {
         while let Some(word) = self.links.codes.next(self.t) {
             self.codes = word.value;
@@ -157,7 +159,7 @@ impl World {
         self.faults.is_active(FaultKind::EmergencyStop, self.t)
     }
 
-    /// The next instant at which something other than motion happens, after now.
+    /// The next instant after now at which something other than motion happens.
     fn next_event(&self) -> Nanos {
         let events = [
             Some(self.next_control),
@@ -174,7 +176,7 @@ impl World {
         later.min().unwrap_or(Nanos::MAX)
     }
 
-    /// Samples whatever is due now.
+    /// Samples every device that is due now.
     pub(crate) fn latch(&mut self) {
         let control = self.t >= self.next_control;
         let due =
@@ -211,7 +213,7 @@ impl World {
         let wrench = if self.wrist.is_some() { self.tool_wrench() } else { Joints::zeros() };
         let currents = currents(&self.plant.finger.current_codes());
         self.last_sent.control = Some((currents, lines, t));
-        // A full link counts what it drops; see `dropped`.
+        // A full link counts the values that it loses; see `dropped`.
         if let (Some(marks), Some(index)) = (&mut self.links.marks, &mut self.index) {
             let _ = marks.send(index.update(&self.counts), t, t);
         }
@@ -227,7 +229,7 @@ impl World {
         }
     }
 
-    /// Reads the rows of tactels that are due; a scan that is whole goes out, unless it is lost.
+    /// Reads the rows of tactels that are due. A complete scan is sent, unless a fault drops it.
     fn latch_scan(&mut self, tip: usize) {
         let Some(array) = &mut self.arrays[tip] else { return };
         let t_s = self.t.as_secs_f64();
@@ -245,7 +247,7 @@ impl World {
         }
     }
 
-    /// Wrench on the tool about the tool point in tool axes.
+    /// Wrench on the tool about the tool point in tool axes (N, N m).
     fn tool_wrench(&self) -> Joints {
         let pose = self.plant.finger.pose();
         let rolling = self.plant.rolling.as_ref().map(|r| r.wrench(pose.translation));
@@ -256,7 +258,7 @@ impl World {
         spatial_vector(back * force, back * moment)
     }
 
-    /// What really happens now.
+    /// The true state of the bench now.
     #[must_use]
     pub fn truth(&self) -> Truth {
         let (pose, twist) = (self.plant.finger.pose(), split(&self.plant.finger.twist()));
@@ -318,7 +320,7 @@ impl World {
         self.plant.finger.joints()
     }
 
-    /// Kinetic and gravitational energy of arm and pin, without the rubbers' (J).
+    /// Kinetic and gravitational energy of arm and pin, without the energy of the rubbers (J).
     #[must_use]
     pub fn energy_j(&self) -> f64 {
         let arm_j = self.plant.finger.energy_j();
@@ -335,7 +337,8 @@ impl World {
         rolling.map_or(0.0, |r| r.pad.stored_energy_j() + r.support.stored_energy_j())
     }
 
-    /// A digest of what decides what happens next, save scans that are made and on their way.
+    /// A digest of everything that decides the future, except scans that are complete and on their
+    /// way.
     #[must_use]
     pub fn state_hash(&self) -> u64 {
         let mut hash = Hash::default();

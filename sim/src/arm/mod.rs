@@ -62,8 +62,8 @@ pub(crate) struct Arm {
 }
 
 impl Arm {
-    /// The arm at rest in its home pose with its zero errors, braked; explicit steps evaluate inertia,
-    /// bias and Jacobian anew after `refresh_interval` steps.
+    /// The arm at rest in its home pose with its zero errors, braked. Explicit steps evaluate
+    /// inertia, bias and Jacobian anew after `refresh_interval` steps.
     pub(crate) fn new(
         config: &ArmConfig,
         model: ArmModel,

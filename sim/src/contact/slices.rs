@@ -1,7 +1,6 @@
-//! The slices of a line contact, side by side in arrays, so that the processor takes two at a time:
-//! where they lie, what their bristles remember, and their forces. The laws are those of the module
-//! above. Refuses to know what is pressed: a slice sees a penetration and motions that vary
-//! linearly along the pin's axis.
+//! The slices of a line contact, side by side in arrays so that the processor computes several at a
+//! time: their places, the state of their bristles and their forces. Refuses to know the body that
+//! is pressed in: a slice sees a penetration and motions that vary linearly along the pin's axis.
 
 use taktil_mechanics::Pose;
 
@@ -12,29 +11,29 @@ use super::{
 use crate::hash::Hash;
 use crate::rubber::Rubber;
 
-/// Slices that are worked through together.
+/// Number of slices that are computed together in one block.
 const LANE_COUNT: usize = 8;
 const BLOCK_COUNT: usize = SLICE_COUNT / LANE_COUNT;
 type Lanes = [f64; LANE_COUNT];
-/// One number a slice.
+/// One number for each slice.
 pub(crate) type SliceValues = [Lanes; BLOCK_COUNT];
 
-/// Where the slices lie along the pin and how much of each there is.
+/// Places of the slices along the pin, and the length of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct SliceGeometry {
-    /// Middles, along the pin's axis (m).
+    /// Middles of the slices along the pin's axis (m).
     pub(crate) s_m: SliceValues,
-    /// Length of contact line in each (m): 0 off the pad or off the pin.
+    /// Length of the contact line in each slice (m): 0 off the pad or off the pin.
     pub(crate) length_m: SliceValues,
-    /// On the pad: where the contact line crosses the row, along the sensor's x (m).
+    /// On a pad, the place where the contact line crosses each row, along the sensor's x (m).
     pub(crate) x_m: SliceValues,
-    /// Blocks that have any slices.
+    /// Number of blocks that have any slices.
     blocks: usize,
 }
 
 impl SliceGeometry {
-    /// Slices over the whole length of a pin: places and widths of Gauss's rule of eight points,
-    /// which has all moments of a smooth load up to the fifteenth; there are no more than these.
+    /// Slices over the whole length of a pin, at the places and with the weights of Gauss's rule of
+    /// eight points, which is exact for all moments of a smooth load up to the fifteenth.
     pub(crate) fn along_pin(length_m: f64) -> SliceGeometry {
         const HALF_RULE: [(f64, f64); 4] = [
             (0.183_434_642_495_649_8, 0.362_683_783_378_362),
@@ -53,8 +52,9 @@ impl SliceGeometry {
         geometry
     }
 
-    /// Slices at the pad's rows. A pin across the rows has none, and neither has one whose middle
-    /// is behind the face: the plane of the face goes on for ever, the finger does not.
+    /// Places the slices at the rows of a pad. A pin across the rows has no slices, and a slice
+    /// whose middle is behind the face has no length: the plane of the face is infinite, the finger
+    /// is not.
     pub(crate) fn place_on_pad(&mut self, line: &ContactLine, pad: &Pose, pin_length_m: f64) {
         let (x_axis, y_axis) = (pad.rotation.x_axis, pad.rotation.y_axis);
         let per_row = line.axis.dot(y_axis);
@@ -85,31 +85,31 @@ impl SliceGeometry {
     }
 }
 
-/// Kept between 0 and 1, by comparisons that the processor does in pairs.
+/// Clamps a number to 0..1 by comparisons that the compiler vectorises.
 #[inline(always)]
 fn clamp_unit(x: f64) -> f64 {
     let above = if x > 0.0 { x } else { 0.0 };
     if above < 1.0 { above } else { 1.0 }
 }
 
-/// Middle of a tactel row or column (m) from the pad's centre.
+/// Centre of a tactel row or column, from the centre of the pad (m).
 pub(crate) fn tactel_centre_m(index: usize) -> f64 {
     (index as f64 - 0.5 * (SLICE_COUNT - 1) as f64) * PITCH_M
 }
 
-/// What the bristles of the slices remember; everything that the next instant depends on.
+/// State of the bristles of all slices: everything that the next instant depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct BristleState {
     /// Mean deflection across the axis (m).
     pub(crate) across_m: SliceValues,
-    /// Mean deflection along it (m).
+    /// Mean deflection along the axis (m).
     pub(crate) along_m: SliceValues,
-    /// Stiffness (N/m).
+    /// Stiffness of the bristles (N/m).
     pub(crate) shear_n_m: SliceValues,
 }
 
 impl BristleState {
-    /// These carried on by `reach` times the way to others.
+    /// The state on the straight line from this state to `to`, at `reach` times the distance.
     pub(crate) fn extrapolated(&self, to: &BristleState, reach: f64) -> BristleState {
         let mut next = *self;
         for b in 0..BLOCK_COUNT {
@@ -131,7 +131,7 @@ impl BristleState {
     }
 }
 
-/// What the slices of a contact feel.
+/// Geometry, bristles and loads of all slices of a contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Slices {
     pub(crate) geometry: SliceGeometry,
@@ -142,7 +142,7 @@ pub(crate) struct Slices {
     pub(crate) delta_m: SliceValues,
 }
 
-/// One slice, for those that look from outside.
+/// One slice, as reports and images read it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Slice {
     pub(crate) s_m: f64,
@@ -157,18 +157,18 @@ pub(crate) struct Slice {
     pub(crate) along_m: f64,
 }
 
-/// What the slices share.
+/// The laws and the step that all slices share.
 #[derive(Clone, Copy)]
 pub(super) struct ContactLaw<'a> {
     pub(super) rubber: &'a Rubber,
     pub(super) load_factor: LoadFactor,
     pub(super) friction: f64,
-    /// Length of the step whose end this is (s).
+    /// Length of the step that ends now (s).
     pub(super) h: f64,
 }
 
-/// Sums over the slices of forces and of how they depend on the motion: each of (normal, across,
-/// along), by the powers of the place along the axis.
+/// Sums over the slices of the forces and of their derivatives, for each direction (normal, across,
+/// along) and each power of the place along the axis.
 #[derive(Clone, Copy, Default)]
 pub(super) struct ForceSums {
     pub(super) force: [[f64; 2]; 3],
@@ -176,12 +176,12 @@ pub(super) struct ForceSums {
     pub(super) slip_m_s: f64,
 }
 
-/// Forces of one block and what they change by per speed.
+/// Forces of one block and their derivatives with respect to the speed.
 #[derive(Default)]
 struct BlockForces {
     force: [Lanes; 3],
     weight: [Lanes; 3],
-    /// Some slices slide: weights across and along differ.
+    /// Whether a slice slides: then the weights across and along differ.
     slides: bool,
 }
 
@@ -202,13 +202,13 @@ struct BlockResponse {
 }
 
 impl Slices {
-    /// Nothing touches: bristles spring back.
+    /// Ends the contact: the bristles spring back.
     pub(super) fn release(&mut self) {
         self.bristles = BristleState::default();
         (self.load_n, self.delta_m) = (SliceValues::default(), SliceValues::default());
     }
 
-    /// Every slice of the pad, row by row.
+    /// All slices, row by row.
     pub(crate) fn iter(&self) -> impl Iterator<Item = Slice> + '_ {
         (0..SLICE_COUNT).map(|row| {
             let at = |rows: &SliceValues| rows.as_flattened()[row];
@@ -225,7 +225,7 @@ impl Slices {
         })
     }
 
-    /// Moves the bristles on from `from`.
+    /// Moves the bristles by one step from the state `from` and sums the forces.
     pub(super) fn evaluate(
         &mut self,
         from: &BristleState,
@@ -239,7 +239,8 @@ impl Slices {
             sums.add(&self.geometry.s_m[b], &block);
         }
         for b in self.geometry.blocks.min(BLOCK_COUNT)..BLOCK_COUNT {
-            // A slice that there is not keeps nothing.
+            // A block without slices stores zeros, so that digests do not depend on what it held
+            // before.
             (self.load_n[b], self.delta_m[b]) = (Lanes::default(), Lanes::default());
             let bristles = &mut self.bristles;
             (bristles.across_m[b], bristles.along_m[b]) = (Lanes::default(), Lanes::default());
@@ -248,7 +249,7 @@ impl Slices {
         sums
     }
 
-    /// Penetrations of a block, and what the rubber answers to them.
+    /// Computes the penetrations of a block and the response of the rubber to them.
     #[inline(always)]
     fn rubber_response(&mut self, b: usize, line: &ContactLine, rubber: &Rubber) -> BlockResponse {
         let mut block = BlockResponse::default();
@@ -269,8 +270,8 @@ impl Slices {
         block
     }
 
-    /// Normal loads with their damping, and the bristles: without a branch, as if all stuck; those
-    /// that do not are returned to Coulomb's cone afterwards.
+    /// Computes the damped normal loads and the bristles as if every slice stuck, without a branch.
+    /// Slices that slide are returned to Coulomb's cone afterwards.
     #[inline(always)]
     fn bristle_forces(
         &mut self,
@@ -299,7 +300,7 @@ impl Slices {
             load[i] = if pressed { load_n } else { 0.0 };
             let weight_n = stiffness * length_m * (h + relaxation_s);
             let shear = response.shear_n_m2[i] * length_m;
-            // Growing contact adds bristles without stress.
+            // A growing contact adds bristles without stress, so that the mean deflection shrinks.
             let diluted = old.2[i] / shear;
             let kept = if shear > old.2[i] { diluted } else { 1.0 };
             let creep = (line.creep_across.at(s[i]), line.creep_along.at(s[i]));
@@ -332,9 +333,10 @@ impl Slices {
     }
 }
 
-/// How far bristles give way (m) per newton that sliding takes off the force on them: of the
-/// `weight_n_s_m` of a step's final speed only the part that stretches them, not their damper's.
-/// Else a damped contact that begins to slide would be found stretched by work that nobody did.
+/// Deflection that bristles lose per newton that sliding takes off their force (m/N). Of the
+/// derivative `weight_n_s_m` with respect to the step's final speed only the part that stretches
+/// the bristles counts, not the part of their damper. Otherwise a damped contact that begins to
+/// slide would store energy that no work put into it.
 pub(crate) fn slip_compliance_m_n(shear_n_m: f64, weight_n_s_m: f64, relaxation_s: f64) -> f64 {
     if shear_n_m > 0.0 && weight_n_s_m > 0.0 {
         1.0 / shear_n_m - relaxation_s / weight_n_s_m
@@ -346,8 +348,8 @@ pub(crate) fn slip_compliance_m_n(shear_n_m: f64, weight_n_s_m: f64, relaxation_
 }
 
 impl BlockForces {
-    /// Returns forces that left Coulomb's cone to it, and their bristles with them; the fastest
-    /// motion of a slice that slides (m/s).
+    /// Returns forces that left Coulomb's cone to it, and shortens their bristles accordingly.
+    /// Returns the speed of the fastest slice that slides (m/s).
     fn return_to_cone(
         &mut self,
         law: &ContactLaw<'_>,
@@ -374,7 +376,7 @@ impl BlockForces {
             (self.force[1][i], self.force[2][i]) = slid;
             let creep = (line.creep_across.at(s[i]), line.creep_along.at(s[i]));
             fastest = fastest.max((creep.0 * creep.0 + creep.1 * creep.1).sqrt());
-            // Only the direction of a sliding force depends on the motion.
+            // Of a sliding force only the direction depends on the motion.
             let part = self.weight[1][i] * scale;
             let turns = |f: f64| part * (1.0 - f * f / size2);
             (self.weight[1][i], self.weight[2][i]) = (turns(force.0), turns(force.1));
@@ -401,7 +403,7 @@ impl ForceSums {
     }
 }
 
-/// Sums of `w`, `w s` and `w s^2`.
+/// The sums of `w`, `w s` and `w s^2`.
 #[inline(always)]
 fn moments(w: &Lanes, s: &Lanes) -> [f64; 3] {
     let first = products(w, s);
@@ -417,7 +419,7 @@ fn products(a: &Lanes, b: &Lanes) -> Lanes {
     product
 }
 
-/// By halves, as the processor adds them.
+/// Adds the halves of the block first, which is the order of a vectorised sum.
 #[inline(always)]
 fn sum(w: &Lanes) -> f64 {
     let mut halves = [0.0; LANE_COUNT / 2];

@@ -1,9 +1,10 @@
-//! The tactile array behind its rubber: from forces to counts, row by row, through as much
-//! electronics as the scene names. Refuses to clip at zero: the rest level lies five standard
+//! The tactile array under its rubber: from forces to counts, row by row, through as much
+//! electronics as the scene names. Refuses to clip noise at zero: the rest level is five standard
 //! deviations above it.
 //!
-//! Order of effects: force on a tactel's square -> gain, hysteresis, creep, threshold, power law ->
-//! network of rows and columns -> noise on the rest level -> converter with saturation -> defects.
+//! The effects follow each other in this order: force on a tactel's square -> gain, hysteresis,
+//! creep, threshold, power law -> network of rows and columns -> noise on the rest level ->
+//! converter with saturation -> defects.
 
 use taktil_hal::{MAX_TACTELS, Nanos};
 
@@ -15,17 +16,17 @@ use crate::prng::{Prng, Stream};
 use crate::scene::section::inside;
 use crate::scene::{Defect, DefectKind, Electronics, Invalid, TactileConfig, Timing, invalid};
 
-/// Which fingertip an array is on.
+/// The fingertip that carries an array.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Fingertip {
-    /// The one that the arm moves.
+    /// The fingertip that the arm moves.
     Finger,
-    /// The one on the table's mount.
+    /// The fingertip on the table's mount.
     Opposed,
 }
 
 impl Fingertip {
-    /// Its streams of noise and gains, and its section of the scene.
+    /// The streams of random numbers for its noise and its gains, and its section of the scene.
     fn streams_and_section(self) -> (Stream, Stream, &'static str) {
         match self {
             Fingertip::Finger => (Stream::TactileNoise, Stream::TactelGains, "tactile"),
@@ -34,7 +35,7 @@ impl Fingertip {
     }
 }
 
-/// The array, and the scan that is being made.
+/// The array and the scan in progress.
 #[derive(Clone, Debug)]
 pub(crate) struct TactileSensor {
     counts_full: f64,
@@ -50,7 +51,7 @@ pub(crate) struct TactileSensor {
     period: Nanos,
     complete_at: Nanos,
     next_row: usize,
-    /// Readings of the tactels in parts of full scale, as of their rows' latest turn.
+    /// Readings of the tactels relative to full scale, as of the latest reading of their rows.
     conductances: [f64; MAX_TACTELS],
     values: [u16; MAX_TACTELS],
 }
@@ -59,7 +60,7 @@ impl TactileSensor {
     /// The array of a checked description.
     ///
     /// # Errors
-    /// Rows that take longer than a scan.
+    /// The rows together take longer than a scan.
     pub(crate) fn new(
         config: &TactileConfig,
         timing: &Timing,
@@ -97,7 +98,8 @@ impl TactileSensor {
         })
     }
 
-    /// When rows are read next. The first scan, at the very start, is read all at once.
+    /// The instant at which rows are read next. The first scan, at the very start, is read all at
+    /// once.
     pub(crate) fn next(&self) -> Nanos {
         if self.complete_at == Nanos::ZERO {
             return Nanos::ZERO;
@@ -105,8 +107,8 @@ impl TactileSensor {
         self.complete_at - self.row * (SLICE_COUNT - 1 - self.next_row) as i64
     }
 
-    /// Reads the rows that are due, each tactel under its force (N); the whole scan when its last
-    /// row was among them.
+    /// Reads the rows that are due, each tactel under its force (N). Returns the whole scan when
+    /// its last row was among them.
     pub(crate) fn read(
         &mut self,
         now: Nanos,
@@ -123,7 +125,8 @@ impl TactileSensor {
         Some(self.values)
     }
 
-    /// Every tactel of the rows draws its noise, loaded or not, so that the stream keeps step.
+    /// Converts the forces on the given rows. Every tactel draws its noise, loaded or not, so that
+    /// the stream of random numbers does not depend on the load.
     fn convert(&mut self, rows: core::ops::Range<usize>, forces: &[f64; MAX_TACTELS], now: Nanos) {
         let dt_s = self.period.as_secs_f64();
         let tactels = rows.start * SLICE_COUNT..rows.end * SLICE_COUNT;
@@ -154,7 +157,7 @@ impl TactileSensor {
         }
     }
 
-    /// What is broken reads what it reads.
+    /// Overwrites the readings of defective tactels.
     fn apply_defects(&mut self, row: usize, now: Nanos) {
         let t_s = now.as_secs_f64();
         for defect in &self.defects {
@@ -191,8 +194,8 @@ impl TactileSensor {
     }
 }
 
-/// The whole number nearest to one between 0 and 65 535; 0 for NaN. Beyond 2^52 numbers are whole:
-/// what is brought there and rounded carries it in its lowest bits.
+/// The integer nearest to a number between 0 and 65 535; 0 for NaN. Numbers above 2^52 are
+/// integers: the sum carries the rounded number in its lowest bits.
 #[inline(always)]
 fn round_to_u16(x: f64) -> u16 {
     const INTEGER_OFFSET: f64 = (1_u64 << 52) as f64;

@@ -1,41 +1,41 @@
-//! The array as what it is: resistors between 16 rows and 16 columns, one row driven at a time, the
-//! others grounded, each column's current read. Drivers and inputs have resistance, so rows and
-//! columns take other potentials than they should, and a tactel sees its neighbours. Refuses blurs:
-//! the potentials are solved for.
+//! The array as an electric network: resistors between 16 rows and 16 columns, one row driven at a
+//! time, the others grounded, each column's current read. Drivers and inputs have resistance, so
+//! that rows and columns have other potentials than intended, and a tactel's reading depends on its
+//! neighbours. Refuses to approximate the crosstalk: the potentials are solved for.
 //!
-//! Kirchhoff: row i at `r_i`, column j at `c_j`, tactel conductances `g_ij`, drivers and inputs
-//! `G`: `G (v_i - r_i) = sum_j g_ij (r_i - c_j)` and `sum_i g_ij (r_i - c_j) = G c_j`. The rows are
-//! eliminated; what is left for the columns is symmetric, positive definite and the same whichever
-//! row is driven.
+//! Kirchhoff's law, with row i at `r_i`, column j at `c_j`, tactel conductances `g_ij`, drivers and
+//! inputs `G`: `G (v_i - r_i) = sum_j g_ij (r_i - c_j)` and `sum_i g_ij (r_i - c_j) = G c_j`. The
+//! rows are eliminated; the remaining system of the columns is symmetric, positive definite and the
+//! same whichever row is driven.
 
 use crate::contact::SLICE_COUNT;
 
-/// Conductances of all tactels, row by row, in parts of that at full scale.
+/// Conductances of all tactels, row by row, relative to the conductance at full scale.
 pub(crate) type Conductances = [f64; SLICE_COUNT * SLICE_COUNT];
 
-/// Rows, columns and what drives them.
+/// The network of rows and columns with its drivers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Network {
-    /// Conductance of a driver and of an input, in parts of a tactel's at full scale.
+    /// Conductance of a driver and of an input, relative to a tactel's at full scale.
     driver: f64,
 }
 
-/// The columns' equations, factored.
+/// The factorised system of the columns.
 #[derive(Clone, Debug)]
 pub(crate) struct FactoredNetwork {
     driver: f64,
     lower: [[f64; SLICE_COUNT]; SLICE_COUNT],
-    /// Sum of what hangs on each row.
+    /// Sum of all conductances at each row.
     rows: [f64; SLICE_COUNT],
 }
 
 impl Network {
-    /// None when nothing has resistance: then no tactel sees another.
+    /// The network; none without resistance, because then no tactel influences another.
     pub(crate) fn new(full_scale_ohm: f64, driver_ohm: f64) -> Option<Network> {
         (driver_ohm > 0.0).then(|| Network { driver: full_scale_ohm / driver_ohm })
     }
 
-    /// Cholesky's factors of the columns' equations.
+    /// Makes and factorises the system of the columns by Cholesky.
     pub(crate) fn factorise(&self, g: &Conductances) -> FactoredNetwork {
         let mut rows = [self.driver; SLICE_COUNT];
         let mut a = [[0.0; SLICE_COUNT]; SLICE_COUNT];
@@ -67,7 +67,7 @@ impl Network {
 }
 
 impl FactoredNetwork {
-    /// What is read of one row, tactel by tactel, in parts of full scale.
+    /// Readings of one row, tactel by tactel, relative to full scale.
     pub(crate) fn read(&self, g: &Conductances, row: usize) -> [f64; SLICE_COUNT] {
         let share = self.driver / self.rows[row];
         let mut c: [f64; SLICE_COUNT] = core::array::from_fn(|j| share * g[row * SLICE_COUNT + j]);

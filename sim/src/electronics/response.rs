@@ -1,10 +1,11 @@
-//! How a tactel's conductance follows its force: gain, hysteresis, creep, threshold, power law.
-//! Conductances are in parts of that at full scale. Refuses neighbours: each tactel is on its own.
+//! The conductance of a tactel as a function of its force: gain, hysteresis, creep, threshold,
+//! power law. Conductances are relative to the conductance at full scale. Refuses influence of
+//! neighbours: each tactel responds on its own.
 //!
 //! Hysteresis is a play operator on the logarithm of the force (Brokate and Sprekels 1996, ch. 2):
-//! a load that goes down reads `1 + h` times what one reads that goes up, at any size of load.
-//! Creep is a chain of Kelvin elements whose time constants lie a decade apart, so that the reading
-//! under a constant load grows by the same part in each tenfold of time.
+//! a decreasing load reads `1 + h` times an increasing one, at any size of load. Creep is a chain
+//! of Kelvin elements whose time constants are a decade apart, so that the reading under a constant
+//! load grows by the same part in each tenfold of time.
 
 use taktil_hal::MAX_TACTELS;
 
@@ -12,14 +13,14 @@ use crate::hash::Hash;
 use crate::prng::{Prng, Stream};
 use crate::scene::{Electronics, TactileConfig};
 
-/// Kelvin elements.
+/// Number of Kelvin elements.
 const KELVIN_ELEMENT_COUNT: usize = 4;
-/// The fastest of them (s); the others are 10, 100 and 1000 times as slow.
+/// Time constant of the fastest element (s); the others are 10, 100 and 1000 times as slow.
 const TIME_CONSTANT_MIN_S: f64 = 0.5;
-/// Gains lie within this factor of one another at most.
+/// Smallest gain of a tactel, relative to the nominal gain.
 const GAIN_MIN: f64 = 0.2;
 
-/// The gain of each tactel of the finger's array, row by row, as a seed draws it.
+/// The gain of each tactel of the finger's array, row by row, for a seed.
 #[must_use]
 pub fn tactel_gains(config: &TactileConfig, seed: u64) -> Vec<f64> {
     gains(config, Prng::new(seed, Stream::TactelGains))
@@ -30,7 +31,7 @@ fn gains(config: &TactileConfig, mut prng: Prng) -> Vec<f64> {
     (0..MAX_TACTELS).map(gain).collect()
 }
 
-/// What each tactel makes of its force.
+/// The response of all tactels.
 #[derive(Clone, Debug)]
 pub(crate) struct TactelResponse {
     gains: Vec<f64>,
@@ -39,7 +40,7 @@ pub(crate) struct TactelResponse {
     memory: Option<ViscoelasticState>,
 }
 
-/// What each tactel remembers.
+/// The hysteresis and creep of all tactels.
 #[derive(Clone, Debug)]
 struct ViscoelasticState {
     hysteresis: f64,
@@ -50,7 +51,7 @@ struct ViscoelasticState {
 }
 
 impl TactelResponse {
-    /// None for an ideal array.
+    /// The response; none for an ideal array.
     pub(crate) fn new(config: &TactileConfig, seed: u64, stream: Stream) -> Option<TactelResponse> {
         if config.electronics < Electronics::Response {
             return None;
@@ -69,7 +70,7 @@ impl TactelResponse {
         })
     }
 
-    /// Conductance of one tactel under a load (both in parts of full scale), `dt_s` after its
+    /// Conductance of one tactel under a load (both relative to full scale), `dt_s` after its
     /// latest reading.
     pub(crate) fn conductance(&mut self, tactel: usize, load: f64, dt_s: f64) -> f64 {
         let load = self.gains[tactel] * load.max(0.0);
@@ -112,7 +113,7 @@ impl ViscoelasticState {
         let size = libm::log(strain);
         let play = self.play[tactel].clamp(size - half, size + half);
         self.play[tactel] = play;
-        // Loading is the reference: it reads as without hysteresis.
+        // An increasing load is the reference: it reads the same as without hysteresis.
         libm::exp(play + half)
     }
 }

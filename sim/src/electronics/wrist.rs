@@ -1,6 +1,6 @@
-//! The force/torque sensor at the wrist: six gauges, each of which sees something of every
-//! component of the wrench, through a matrix that its maker states. Refuses matrices that cannot be
-//! inverted: nobody could tell forces from such gauges.
+//! The force/torque sensor at the wrist: six gauges that respond to all components of the wrench
+//! through a matrix that the maker states. Refuses matrices that cannot be inverted: such gauges do
+//! not determine the wrench.
 
 use taktil_hal::{AXES, AdcCode};
 use taktil_mechanics::{Joints, Matrix6};
@@ -10,7 +10,7 @@ use crate::hash::Hash;
 use crate::prng::{Prng, Stream};
 use crate::scene::WristConfig;
 
-/// The sensor.
+/// The sensor with its noise.
 #[derive(Clone, Debug)]
 pub(crate) struct Wrist {
     matrix: Matrix6,

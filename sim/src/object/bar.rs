@@ -1,10 +1,11 @@
-//! A bar with a flat face and sharp edges, cut into short lengths along itself. Each length presses
-//! as in plane strain across the bar, level or with one edge lifted; the image is that of all loads
-//! in three dimensions. Refuses what the plane problem refuses; ends press as if the bar went on.
+//! A bar with a flat face and sharp edges, cut into short sections along its length. Each section
+//! presses as in plane strain across the bar, level or with one edge lifted; the image is that of
+//! all loads in three dimensions. Ends press as if the bar continued. Refuses contacts that the
+//! plane problem refuses.
 //!
-//! A flat face has no length of its own: load and place of its middle depend on the deepest
-//! penetration by proportion and on the ratio of slope and penetration alone, so that one table
-//! over that ratio is the whole contact.
+//! A flat face has no length scale of its own: the load is proportional to the deepest penetration,
+//! and the place of its middle depends on the ratio of slope and penetration alone, so that one
+//! table over that ratio describes the whole contact.
 
 use glam::{DVec2, DVec3};
 use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape};
@@ -15,27 +16,28 @@ use super::{ContactLoad, ObjectPlacement, RelativeMotion, on_pad, pad_layer};
 use crate::rubber;
 use crate::scene::{Invalid, ObjectConfig, RubberConfig, invalid};
 
-/// Longest length (m).
+/// Longest section (m).
 const SECTION_LENGTH_MAX_M: f64 = 0.5e-3;
-/// Knots of the table, from a level face to a load this far out in half-widths.
+/// Number of cells of the table, and the largest eccentricity of the load, in half-widths.
 const KNOT_COUNT: usize = 120;
 const ECCENTRICITY_MAX: f64 = 0.96;
-/// Points that stand for the pressure across a length.
+/// Number of point loads that represent the pressure across a section.
 const PRESSURE_POINT_COUNT: usize = 10;
 
-/// A face at one ratio of slope and penetration; lengths in half-widths.
+/// The contact at one ratio of slope and penetration; lengths are in half-widths.
 #[derive(Clone, Copy, Debug, Default)]
 struct Knot {
-    /// Rise of the penetration from the middle to the deepest edge over that at the edge.
+    /// Rise of the penetration from the middle to the deepest edge, relative to the penetration of
+    /// that edge.
     ratio: f64,
-    /// Line load over the penetration of the deepest edge (N/m^2).
+    /// Line load per penetration of the deepest edge (N/m^2).
     stiffness_n_m2: f64,
-    /// Place of the load's middle, towards the deepest edge.
+    /// Place of the middle of the load, towards the deepest edge.
     place: f64,
-    /// Middle and half of the contact.
+    /// Middle and half-width of the contact.
     middle: f64,
     half: f64,
-    /// Shares of the points at the cosines of equal angles.
+    /// Weights of the point loads at the cosines of equal angles.
     weights: [f64; PRESSURE_POINT_COUNT],
 }
 
@@ -53,7 +55,7 @@ impl Knot {
     }
 }
 
-/// One length in contact, as the pad sees it.
+/// One loaded section in the pad's frame.
 #[derive(Clone, Copy, Debug, Default)]
 struct LoadedSection {
     middle: DVec2,
@@ -63,7 +65,7 @@ struct LoadedSection {
     knot: Knot,
 }
 
-/// The bar with the table of its face.
+/// The bar with the table of its contact.
 #[derive(Clone, Debug)]
 pub(super) struct BarContact {
     half_width_m: f64,
@@ -71,13 +73,13 @@ pub(super) struct BarContact {
     step_m: f64,
     count: usize,
     knots: Vec<Knot>,
-    /// Stiffness against a tangential shift over that against a normal one.
+    /// Ratio of the stiffness against a tangential shift to the normal one.
     shear: f64,
-    /// Lengths that pressed at the latest evaluation: the first `loaded_count`. Room for all, which a clone
-    /// keeps.
+    /// Sections that were loaded at the latest evaluation: the first `loaded_count`. The vector has
+    /// room for all sections, also in a clone.
     sections: Vec<LoadedSection>,
     loaded_count: usize,
-    /// Cosines of the points.
+    /// Places of the point loads, as cosines.
     cosines: [f64; PRESSURE_POINT_COUNT],
 }
 
@@ -99,7 +101,7 @@ impl BarContact {
         let mut knots = Vec::with_capacity(KNOT_COUNT + 1);
         for k in 0..=KNOT_COUNT {
             let out = ECCENTRICITY_MAX * k as f64 / KNOT_COUNT as f64;
-            // A moment that moves the load's middle out.
+            // The moment moves the middle of the load outwards.
             let load = Load { p_n_mm: 1.0, q_n_mm: out * half_mm };
             let contact = indenter.press(&load).map_err(|refusal| {
                 let what = format!("gives no contact: {refusal}");
@@ -125,7 +127,7 @@ impl BarContact {
         }
         let half_length_m = 0.5e-3 * config.length();
         let count = libm::ceil(2.0 * half_length_m / SECTION_LENGTH_MAX_M).max(1.0);
-        // A thin layer in shear, G w / t, over its plane stiffness.
+        // This is the stiffness of a thin layer in shear, G w / t, over its plane stiffness.
         let thin = 1e6 * layer.shear_mpa() * width_mm / layer.thickness_mm;
         Ok(BarContact {
             half_width_m: 1e-3 * half_mm,
@@ -140,7 +142,7 @@ impl BarContact {
         })
     }
 
-    /// The face at a ratio of slope and penetration; beyond the table its last knot.
+    /// The contact at a ratio of slope and penetration; beyond the table its last knot.
     fn at(&self, ratio: f64) -> Knot {
         let after = self.knots.partition_point(|knot| knot.ratio < ratio);
         if after == 0 {
@@ -153,14 +155,14 @@ impl BarContact {
         Knot::mix(a, b, (ratio - a.ratio) / (b.ratio - a.ratio))
     }
 
-    /// Evaluates the contact.
+    /// Evaluates the contact at a relative motion.
     pub(super) fn evaluate(&mut self, motion: &RelativeMotion, relaxation_s: f64) -> ContactLoad {
         let mut sums = ContactLoad { half_width_m: self.half_width_m, ..ContactLoad::default() };
         self.loaded_count = 0;
         let across = motion.turn.x_axis;
         let flat = across.truncate();
         let level = flat.length();
-        // Seen from the side there is no face, and from behind there is none either.
+        // A bar on its side and a bar from behind have no face towards the pad.
         if level < 0.5 || motion.turn.z_axis.z > -0.5 {
             return sums;
         }
@@ -189,7 +191,7 @@ impl BarContact {
             self.loaded_count += 1;
             let cover = on_pad(at);
             sums.add(at, cover * load_n, 0.0);
-            // Two springs stand for the contact's stiffness against tilt.
+            // Two springs represent the contact's stiffness against tilt.
             let weight = 0.5 * cover * stiffness_n_m * (motion.h + relaxation_s);
             let lever = 0.5 * knot.half * self.half_width_m * unit;
             sums.add(at + lever, 0.0, weight);
@@ -212,7 +214,7 @@ impl BarContact {
         }
     }
 
-    /// How the face lies under the pad.
+    /// The placement of the face under the pad.
     pub(super) fn placement(&self, motion: &RelativeMotion) -> ObjectPlacement {
         let up = motion.turn.z_axis;
         let along = motion.turn.y_axis;
@@ -225,7 +227,8 @@ impl BarContact {
         }
     }
 
-    /// Load (N/m) and place of its middle (m) of one length; for tests.
+    /// Load (N/m) and place of its middle (m) for one section, which tests compare with the
+    /// reference.
     #[cfg(test)]
     pub(super) fn plane_load(&self, deepest_m: f64, slope: f64) -> (f64, f64) {
         let knot = self.at(slope * self.half_width_m / deepest_m);

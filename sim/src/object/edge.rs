@@ -1,8 +1,8 @@
-//! A plate on its edge: a rounded ridge along a curve, cut into short lengths. Each length presses
-//! as in plane strain, across its own direction; the image is that of all loads in three
-//! dimensions. Refuses what its rounding refuses as a cylinder; ends and corners press as if the
-//! ridge went on (what that leaves is measured in this module's tests). Where the scene asks for
-//! three dimensions, a straight ridge is solved so at every image, as the pin is.
+//! A plate on its edge: a rounded ridge along a curve, cut into short sections. Each section
+//! presses as in plane strain across its own direction; the image is that of all loads in three
+//! dimensions. Ends and corners press as if the ridge continued; this module's tests measure the
+//! error of that. Where the scene asks for three dimensions, a straight ridge is solved at every
+//! image, as the pin is. Refuses roundings that the contact of a cylinder refuses.
 
 use core::f64::consts::PI;
 
@@ -19,17 +19,17 @@ use crate::rubber::Rubber;
 use crate::scene::{EdgeProfile, Invalid, ObjectConfig, RubberConfig};
 use crate::spatial::{SolveCounts, SpatialLoad, SpatialSolver};
 
-/// Longest length (m).
+/// Longest section (m).
 const SECTION_LENGTH_MAX_M: f64 = 0.5e-3;
-/// Lengths so far from the one nearest to the pad's middle are looked at (m): the pad's diagonal
-/// and somewhat more.
+/// Distance along the curve from the place nearest to the pad's middle up to which sections are
+/// evaluated (m): the pad's diagonal and somewhat more.
 const SEARCH_REACH_M: f64 = 22e-3;
-/// Loads beyond the pad by so much still show at its border (m).
+/// Distance beyond the pad up to which loads show at its border (m).
 const IMAGE_MARGIN_M: f64 = 3e-3;
-/// Points that stand for the pressure across a length.
+/// Number of point loads that represent the pressure across a section.
 const PRESSURE_POINT_COUNT: usize = 6;
 
-/// Seen from above, in the object's frame.
+/// The curve seen from above, in the object's frame.
 #[derive(Clone, Copy, Debug)]
 enum Curve {
     Straight,
@@ -82,46 +82,47 @@ impl Curve {
     }
 }
 
-/// One length in contact, as the pad sees it.
+/// One loaded section in the pad's frame.
 #[derive(Clone, Copy, Debug, Default)]
 struct LoadedSection {
     at: DVec2,
     across: DVec2,
     half_width_m: f64,
     load_n: f64,
-    /// Place along the curve (m), and the elastic load on the pad without lean (N).
+    /// Place along the curve (m), and the elastic load on the pad of the plane solution (N).
     s_m: f64,
     plane_load_n: f64,
 }
 
-/// The ridge with the contact of its rounding.
+/// The edge with the contact of its rounding.
 #[derive(Clone, Debug)]
 pub(super) struct EdgeContact {
     curve: Curve,
     radius_m: f64,
     half_m: f64,
     step_m: f64,
-    /// Middle and direction of each length in the object's frame.
+    /// Middle and direction of each section in the object's frame.
     lengths: Vec<(DVec2, DVec2)>,
     rubber: Rubber,
-    /// Lengths that pressed at the latest evaluation: the first `loaded_count`. Room for all that can,
-    /// which a clone keeps.
+    /// Sections that were loaded at the latest evaluation: the first `loaded_count`. The vector has
+    /// room for all that can be loaded, also in a clone.
     sections: Vec<LoadedSection>,
     loaded_count: usize,
-    /// Cosines of the points across a length, and their weights.
+    /// Places of the point loads across a section, as cosines, and their weights.
     points: [(f64, f64); PRESSURE_POINT_COUNT],
-    /// The contact in three dimensions, for straight ridges of scenes that ask for it.
+    /// The solver in three dimensions, for straight edges of scenes that ask for it.
     spatial: Option<Box<SpatialSolver>>,
-    /// The scene asks for three dimensions.
+    /// Whether the scene asks for three dimensions.
     pub(super) is_spatial: bool,
-    /// What lengths carry over their plane solutions.
+    /// Ratio of the sections' loads to their plane solutions.
     pub(super) load_factor: LoadFactor,
-    /// Where it was at the latest evaluation.
+    /// The relative motion at the latest evaluation.
     latest_motion: RelativeMotion,
 }
 
 impl EdgeContact {
-    /// `level` asks for three dimensions; `place` is the object's.
+    /// Builds the contact of an edge; `level` asks for three dimensions, `place` is the object's
+    /// place in the scene.
     pub(super) fn new(
         config: &ObjectConfig,
         rubber: &RubberConfig,
@@ -129,10 +130,10 @@ impl EdgeContact {
         place: &str,
     ) -> Result<EdgeContact, Invalid> {
         let radius_mm = config.radius();
-        // Complaints that are the rubber's own belong to it.
+        // Errors of the rubber itself are reported at the rubber's place.
         pad_layer(rubber)?;
         let (curve, half_m) = (Curve::of(config), 0.5e-3 * config.length());
-        // A corner is a border between two lengths.
+        // A corner is a border between two sections.
         let each = libm::ceil(half_m / SECTION_LENGTH_MAX_M).max(1.0);
         let step_m = half_m / each;
         let count = 2 * each as usize;
@@ -140,7 +141,7 @@ impl EdgeContact {
         let middle = |i: usize| curve.at((i as f64 + 0.5) * step_m - half_m);
         let mut points = [(0.0, 0.0); PRESSURE_POINT_COUNT];
         for (i, point) in points.iter_mut().enumerate() {
-            // Gauss and Chebyshev's rule of the second kind.
+            // These are places and weights of the Gauss-Chebyshev rule of the second kind.
             let angle = PI * (i as f64 + 1.0) / (PRESSURE_POINT_COUNT as f64 + 1.0);
             let sine = libm::sin(angle);
             *point = (libm::cos(angle), 2.0 / (PRESSURE_POINT_COUNT as f64 + 1.0) * sine * sine);
@@ -176,7 +177,7 @@ impl EdgeContact {
         self.curve.nearest(middle.truncate(), self.half_m)
     }
 
-    /// Evaluates the contact.
+    /// Evaluates the contact at a relative motion.
     pub(super) fn evaluate(&mut self, motion: &RelativeMotion, relaxation_s: f64) -> ContactLoad {
         let mut sums = ContactLoad::default();
         self.loaded_count = 0;
@@ -190,7 +191,7 @@ impl EdgeContact {
             let along = motion.turn * along.extend(0.0);
             let ridge = motion.place + motion.turn * middle.extend(0.0);
             let axis = ridge - self.radius_m * motion.turn.z_axis;
-            // Out of the pad, across the length: there the rounding comes nearest.
+            // Across the section, out of the pad, the rounding comes nearest to the pad.
             let out = (DVec3::Z - along.z * along).normalize_or_zero();
             let foot = axis - self.radius_m * out;
             let (at, delta_m) = (foot.truncate(), -foot.z);
@@ -231,12 +232,12 @@ impl EdgeContact {
         sums
     }
 
-    /// What pressed at the latest evaluation.
+    /// The sections that were loaded at the latest evaluation.
     fn section(&self) -> &[LoadedSection] {
         &self.sections[..self.loaded_count]
     }
 
-    /// Adds the stresses of the latest evaluation (MPa). The theory's layer has no edges: lengths
+    /// Adds the stresses of the latest evaluation (MPa). The theory's layer has no edges: sections
     /// beyond the pad show at its border.
     pub(super) fn image(&mut self, shares: &Shares, image: &mut [f64; MAX_TACTELS]) -> SolveCounts {
         if self.solve_in_three_dimensions(image) {
@@ -252,7 +253,8 @@ impl EdgeContact {
         if self.is_spatial { SolveCounts::UNSOLVED } else { SolveCounts::default() }
     }
 
-    /// Solves the contact in three dimensions where that is asked for, and adds its stresses.
+    /// Solves the contact in three dimensions where the scene asks for it, and adds its stresses.
+    /// Returns whether it did.
     fn solve_in_three_dimensions(&mut self, image: &mut [f64; MAX_TACTELS]) -> bool {
         let Some(spatial) = &mut self.spatial else { return false };
         let motion = &self.latest_motion;
@@ -265,7 +267,7 @@ impl EdgeContact {
         let Some(solved) = solved else { return false };
         let sections = &self.sections[..self.loaded_count];
         let load_n: f64 = sections.iter().map(|section| on_pad(section.at) * section.load_n).sum();
-        // Viscous loads are spread as the elastic ones.
+        // Viscous loads have the same distribution as elastic loads.
         let elastic_n: f64 =
             sections.iter().map(|p| p.plane_load_n * self.load_factor.at(p.s_m)).sum();
         let damping = if elastic_n > 0.0 { (load_n / elastic_n).clamp(0.0, 2.0) } else { 1.0 };
@@ -277,19 +279,19 @@ impl EdgeContact {
         true
     }
 
-    /// The factors on plane lengths that give them force and moment of a solution.
+    /// The load factor that gives the plane sections force and moment of a solution.
     fn load_factor_of(&self, solved: &SpatialLoad) -> LoadFactor {
         let plain = self.section().iter().map(|section| (section.s_m, section.plane_load_n));
         crate::spatial::load_factor(plain, solved)
     }
 
-    /// Where the ridge runs under the pad.
+    /// The placement of the edge under the pad.
     pub(super) fn placement(&self, motion: &RelativeMotion) -> ObjectPlacement {
         let along_m = self.nearest(motion);
         let (place, direction) = self.curve.at(along_m);
         let to = motion.place + motion.turn * place.extend(0.0);
         let direction = motion.turn * direction.extend(0.0);
-        // Run towards the pad's y, whichever way the curve does.
+        // The direction is chosen towards the pad's y, whichever way the curve runs.
         let sign = if direction.y < 0.0 { -1.0 } else { 1.0 };
         let flat = (sign * direction.truncate()).normalize_or_zero();
         ObjectPlacement {
@@ -308,7 +310,7 @@ impl EdgeContact {
         (self.curve.at(self.curve.nearest(from, self.half_m)).0 - from).length()
     }
 
-    /// The same by trying every length.
+    /// The same distance, found by trying every place.
     pub(super) fn distance_by_search(&self, from: DVec2) -> f64 {
         let far = |i: i32| {
             let s = self.half_m * (f64::from(i) / 5000.0 - 1.0);

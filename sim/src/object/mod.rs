@@ -1,11 +1,12 @@
-//! Bodies fixed to the table against the finger's pad: a sphere, an edge, a flat bar. The normal
-//! load of each comes from `taktil_contact`, with Kelvin-Voigt damping that never pulls;
-//! one brush of bristles in the middle of its load resists sliding (Kalker's one-point form, as
-//! under the pin). Refuses to move the bodies: they ride on the table, and the pin does not feel
-//! them. Left out: friction against turning about the pad's normal, energy under objects.
+//! Contacts of the finger's pad with bodies fixed to the table: a sphere, an edge, a flat bar. The
+//! normal load of each comes from `taktil_contact`, with Kelvin-Voigt damping that never pulls; one
+//! brush of bristles in the middle of the load resists sliding (Kalker's one-point form, as under
+//! the pin). Refuses to move the bodies: they move with the table, and the pin does not touch them.
+//! Friction against turning about the pad's normal and the energy under objects are left out.
 //!
-//! Everything in here is seen from the pad: its axes, metres, z out of its face. An object's own
-//! frame stands at its top with z out of the table, so that its z runs against the pad's.
+//! All quantities in this module are in the pad's frame: its axes, metres, z out of its face. An
+//! object's own frame stands at its top with z out of the table, so that its z is opposite to the
+//! pad's.
 
 mod bar;
 mod edge;
@@ -34,15 +35,15 @@ use bar::BarContact;
 use edge::EdgeContact;
 use sphere::SphereContact;
 
-/// Over this distance the load fades out as a place leaves the pad (m).
+/// Distance over which the load fades out as a place leaves the pad (m).
 const EDGE_FADE_M: f64 = 0.5e-3;
-/// Narrowest contact through which bristles travel (m).
+/// Half-width of the narrowest contact through which bristles travel (m).
 const HALF_WIDTH_MIN_M: f64 = 1e-9;
 
-/// Penetration in thicknesses up to which strain is small.
+/// Penetration up to which strain is small, in thicknesses of the layer.
 const SMALL_STRAIN_THICKNESSES: f64 = 0.2;
 
-/// The bristles of one object's contact, all that it remembers.
+/// The bristles of one object's contact: everything that the next instant depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ObjectBristle {
     /// Mean deflection along the pad's x and y (m).
@@ -51,10 +52,10 @@ pub(crate) struct ObjectBristle {
     pub(crate) shear_n_m: f64,
 }
 
-/// What all objects remember.
+/// The bristles of all objects.
 pub(crate) type ObjectBristles = [ObjectBristle; OBJECTS_MAX];
 
-/// An object as the pad sees it.
+/// Place and motion of an object relative to the pad.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RelativeMotion {
     /// The object's frame (m).
@@ -63,12 +64,12 @@ pub(crate) struct RelativeMotion {
     /// Motion of the pad over the object's material, about the pad's middle (m/s, rad/s).
     pub(crate) velocity: DVec3,
     pub(crate) spin: DVec3,
-    /// The step that the motion belongs to (s).
+    /// Length of the step that the motion belongs to (s).
     pub(crate) h: f64,
 }
 
 impl RelativeMotion {
-    /// Speed at which a place on the pad and the object close in (m/s).
+    /// Speed of approach of a place on the pad and the object (m/s).
     fn closing(&self, x: f64, y: f64) -> f64 {
         self.velocity.z + self.spin.x * y - self.spin.y * x
     }
@@ -110,7 +111,7 @@ impl ContactLoad {
     }
 }
 
-/// How a place on the pad takes load: 1 well inside, 0 outside.
+/// Factor on the load at a place of the pad: 1 well inside, 0 outside.
 fn on_pad(at: DVec2) -> f64 {
     let part = |u: f64| ((PAD_HALF_M - u.abs()) / EDGE_FADE_M + 0.5).clamp(0.0, 1.0);
     part(at.x) * part(at.y)
@@ -124,7 +125,7 @@ enum Shape {
     Bar(Box<BarContact>),
 }
 
-/// How a shape lies under the pad, see [`crate::truth::ObjectContact`].
+/// Placement of a shape under the pad, see [`crate::truth::ObjectContact`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ObjectPlacement {
     pub(crate) off_m: f64,
@@ -133,11 +134,11 @@ pub(crate) struct ObjectPlacement {
     pub(crate) tilt_rad: DVec2,
 }
 
-/// One object.
+/// One object with its contact.
 #[derive(Clone, Debug)]
 pub(crate) struct Object {
     shape: Shape,
-    /// Its frame, seen from the table's.
+    /// Its frame, relative to the table's.
     place: DVec3,
     axes: DMat3,
     friction: f64,
@@ -145,7 +146,7 @@ pub(crate) struct Object {
     /// Deepest penetration that small strain covers (m).
     small_strain_m: f64,
     pub(crate) bristle: ObjectBristle,
-    /// Of the latest evaluation.
+    /// Loads of the latest evaluation.
     pub(crate) sums: ContactLoad,
     pub(crate) slip_m_s: f64,
     force: DVec3,
@@ -187,7 +188,7 @@ impl Object {
         })
     }
 
-    /// The object from the pad.
+    /// The place and motion of the object relative to the pad.
     fn relative_motion(&self, surroundings: &Surroundings, h: f64) -> RelativeMotion {
         let (table, axes) = (&surroundings.table, &surroundings.table_axes);
         let back = surroundings.pad.rotation.transpose();
@@ -202,7 +203,7 @@ impl Object {
         }
     }
 
-    /// Evaluates the contact and moves its bristles on by `h` seconds.
+    /// Evaluates the contact and moves its bristles by `h` seconds.
     fn evaluate(&mut self, surroundings: &Surroundings, h: f64) {
         let motion = self.relative_motion(surroundings, h);
         self.sums = match &mut self.shape {
@@ -249,7 +250,7 @@ impl Object {
         let scale = limit / size;
         bristle.brush +=
             (1.0 - scale) * slip_compliance_m_n(bristle.shear_n_m, weight, damping) * force;
-        // Only the direction of a sliding force depends on the motion.
+        // Of a sliding force only the direction depends on the motion.
         let turns = |f: f64| weight * scale * (1.0 - f * f / (size * size));
         self.tangential_weight = DVec2::new(turns(force.x), turns(force.y));
         self.slip_m_s = creep.length();
@@ -265,8 +266,8 @@ impl Object {
         }
     }
 
-    /// Calls with a weight (N s/m, N m s/rad) and a row over the pad's twist in its own axes, for
-    /// every direction in which the forces resist motion.
+    /// Calls `of` with a weight (N s/m, N m s/rad) and a row over the pad's twist in its own axes,
+    /// for every direction in which the forces resist motion.
     fn for_each_tangent(&self, mut of: impl FnMut(f64, [f64; 6])) {
         let Some(middle) = self.sums.middle() else { return };
         let [w, wx, wy, wxx, wxy, wyy] = self.sums.weights;
@@ -286,18 +287,18 @@ impl Object {
     }
 }
 
-/// All objects of a scene that has some.
+/// All objects of a scene that has any.
 #[derive(Clone, Debug)]
 pub(crate) struct Objects {
     all: Vec<Object>,
-    /// What tactels see of loads, for shapes that are made of them.
+    /// Responses of the tactels to point loads, for shapes whose image is made of point loads.
     shares: Option<Shares>,
     stresses_mpa: [f64; MAX_TACTELS],
 }
 
 impl Objects {
-    /// Solves the contacts and puts the objects on the table; none for a scene without. `finger` is
-    /// the finger's start.
+    /// Solves the contacts and puts the objects on the table; none for a scene without objects.
+    /// `finger` is the finger's start (m, base frame).
     pub(crate) fn new(
         config: &WorldConfig,
         table: &Table,
@@ -312,7 +313,7 @@ impl Objects {
             let mut object = Object::new(one, index, config)?;
             let (x, y) = (finger.x + 1e-3 * one.x_mm, finger.y + 1e-3 * one.y_mm);
             let (n, o) = (surface.normal, surface.origin);
-            // Over that place on the surface, by its height along the normal.
+            // The top is over that place on the surface, by its height along the normal.
             let z = o.z - (n.x * (x - o.x) + n.y * (y - o.y)) / n.z;
             let top = DVec3::new(x, y, z) + 1e-3 * one.top_mm * n;
             object.place = axes.transpose() * (top - o);
@@ -339,15 +340,15 @@ impl Objects {
         }
     }
 
-    /// Evaluates every contact and moves the bristles on by `h` seconds.
+    /// Evaluates every contact and moves the bristles by `h` seconds.
     pub(crate) fn evaluate(&mut self, surroundings: &Surroundings, h: f64) {
         for object in &mut self.all {
             object.evaluate(surroundings, h);
         }
     }
 
-    /// What resists the finger's motion, three numbers an object: along its normal and against
-    /// sliding (N s/m).
+    /// Writes the resistances to the finger's motion, three numbers for each object: along its
+    /// normal and against sliding in two directions (N s/m).
     pub(crate) fn resistances(&self, into: &mut [f64]) {
         for (three, object) in into.chunks_exact_mut(3).zip(&self.all) {
             if object.sums.middle().is_some() {
@@ -360,12 +361,12 @@ impl Objects {
         }
     }
 
-    /// Whether one is to be solved in three dimensions.
+    /// Whether an object is to be solved in three dimensions.
     pub(crate) fn is_spatial(&self) -> bool {
         self.all.iter().any(|one| matches!(&one.shape, Shape::Edge(ridge) if ridge.is_spatial))
     }
 
-    /// Which objects touch, as bits.
+    /// The objects that touch the finger, as bits.
     pub(crate) fn contact_bits(&self) -> u8 {
         let bit = |(i, object): (usize, &Object)| u8::from(object.sums.load_n > 0.0) << i;
         self.all.iter().enumerate().map(bit).sum()
@@ -376,18 +377,18 @@ impl Objects {
         self.all.iter().map(|object| object.sums.load_n).sum()
     }
 
-    /// Whether one is pressed in deeper than the theory covers.
+    /// Whether an object is pressed in deeper than the theory of small strain covers.
     pub(crate) fn beyond_small_strain(&self) -> bool {
         self.beyond_small_strain_by().is_some()
     }
 
-    /// The first one that is, and how deep it is pressed in (m).
+    /// The first object that is pressed in deeper than that, and its penetration (m).
     pub(crate) fn beyond_small_strain_by(&self) -> Option<(usize, f64)> {
         let deep = |object: &Object| object.sums.deepest_m > object.small_strain_m;
         self.all.iter().position(deep).map(|i| (i, self.all[i].sums.deepest_m))
     }
 
-    /// Wrench on the finger about the pad's middle, base axes.
+    /// Wrench on the finger about the pad's middle (N, N m, base axes).
     pub(crate) fn wrench(&self, pad: &Pose) -> Joints {
         let (mut force, mut moment) = (DVec3::ZERO, DVec3::ZERO);
         for object in &self.all {
@@ -397,8 +398,8 @@ impl Objects {
         spatial_vector(pad.rotation * force, pad.rotation * moment)
     }
 
-    /// Calls with a weight and a row over the finger's speeds, see [`Object::tangent`];
-    /// `jacobian` gives the twist of the pad in base axes.
+    /// Calls `of` with a weight and a row over the finger's speeds, see
+    /// [`Object::for_each_tangent`]; `jacobian` gives the twist of the pad in base axes.
     pub(crate) fn for_each_tangent(
         &self,
         pad: &Pose,
@@ -414,13 +415,14 @@ impl Objects {
         }
     }
 
-    /// Adds the normal force on each tactel (N) at the latest evaluation; how many of the contacts
-    /// were solved in three dimensions where that is asked for.
+    /// Adds the normal force on each tactel (N) at the latest evaluation, and counts the contacts
+    /// that were solved in three dimensions.
     pub(crate) fn image(&mut self, forces: &mut [f64; MAX_TACTELS]) -> SolveCounts {
         let (area_mm2, mut all) = (1e6 * PITCH_M * PITCH_M, SolveCounts::default());
         for object in &mut self.all {
             if object.sums.load_n <= 0.0 {
-                // Here and not where it is pressed: an iterate that lifts off is no step.
+                // The factor is reset here and not in the evaluation, because an iterate that lifts
+                // off is not a step.
                 if let Shape::Edge(ridge) = &mut object.shape {
                     ridge.load_factor = LoadFactor::ONE;
                 }
@@ -441,7 +443,7 @@ impl Objects {
         all
     }
 
-    /// The object that presses most, or the first one: with how it lies.
+    /// The object that presses most, or the first object, with its placement.
     pub(crate) fn most_loaded(
         &self,
         surroundings: &Surroundings,
@@ -471,7 +473,7 @@ impl Objects {
     }
 }
 
-/// How finely edges are solved in three dimensions, if they are.
+/// Accuracy of the solution of edges in three dimensions, for scenes that ask for it.
 fn spatial_accuracy(world: &WorldConfig) -> Option<Level> {
     match world.fidelity.contact {
         ContactModel::Layer3d => Some(Level::Fast),
@@ -480,14 +482,14 @@ fn spatial_accuracy(world: &WorldConfig) -> Option<Level> {
     }
 }
 
-/// Where complaints about the pad's rubber belong.
+/// Place of the pad's rubber in the scene, for errors.
 const RUBBER: &str = "finger.rubber";
 
 fn pad_layer(config: &RubberConfig) -> Result<Layer, Invalid> {
     rubber::layer(config).map_err(rubber::at_place(RUBBER))
 }
 
-/// What tactels see of point loads on the pad; allocates and takes its time.
+/// Responses of the tactels to point loads on the pad; allocates and takes long.
 fn tactel_shares(config: &RubberConfig) -> Result<Shares, Invalid> {
     let at_place = rubber::at_place(RUBBER);
     let influence = Influence::new(&pad_layer(config)?).map_err(&at_place)?;

@@ -1,9 +1,10 @@
-//! A sphere on the pad: load, stiffness and contact radius tabulated over the penetration from the
-//! exact solution, image solved anew for each scan, warm from the last one. Refuses spheres and
-//! rubbers that the theory refuses; beyond the table the load goes on as a straight line.
+//! A sphere on the pad. Load, stiffness and contact radius are tabulated over the penetration from
+//! the exact solution; the image is solved anew for each scan, warm from the last one. Beyond the
+//! table the load goes on as a straight line. Refuses spheres and rubbers that the theory refuses.
 //!
-//! Tangential stiffness: the sum of the half space's 8 G a / (2 - nu) (Mindlin, J. Appl. Mech. 16,
-//! 1949) and of the thin layer's G pi a^2 / t, right at both ends.
+//! The tangential stiffness is the sum of the half space's 8 G a / (2 - nu) (Mindlin, J. Appl.
+//! Mech. 16, 1949) and of the thin layer's G pi a^2 / t, which is right for thick and for thin
+//! layers.
 
 use core::f64::consts::PI;
 
@@ -23,14 +24,14 @@ use crate::scene::{Invalid, ObjectConfig, RubberConfig};
 const PENETRATION_MAX_THICKNESSES: f64 = 0.4;
 /// Deepest penetration of the table, in radii of the sphere.
 const PENETRATION_MAX_RADII: f64 = 0.2;
-/// Cells of the table; its knots stand at the squares of equal steps.
+/// Number of cells of the table; its knots stand at the squares of equal steps.
 const CELL_COUNT: usize = 96;
-/// Part of the penetration by which the stiffness is measured.
+/// Relative change of the penetration by which the stiffness is measured.
 const RELATIVE_DIFFERENCE: f64 = 1e-3;
-/// A contact is taken for at least so wide when it leaves the pad (m).
+/// Smallest half-width over which a contact's load fades out as it leaves the pad (m).
 const FADE_HALF_WIDTH_MIN_M: f64 = 0.25e-3;
 
-/// What the table says at a penetration.
+/// The contact at one penetration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Knot {
     load_n: f64,
@@ -102,7 +103,7 @@ impl SphereContact {
         }
     }
 
-    /// The table at a penetration (m) above 0.
+    /// The contact at a penetration (m) above 0.
     fn at(&self, delta_m: f64) -> Knot {
         let part = delta_m / self.deepest_m;
         if part >= 1.0 {
@@ -133,13 +134,13 @@ impl SphereContact {
         }
     }
 
-    /// Evaluates the contact.
+    /// Evaluates the contact at a relative motion.
     pub(super) fn evaluate(&mut self, motion: &RelativeMotion, relaxation_s: f64) -> ContactLoad {
         let mut sums = ContactLoad::default();
         self.sections = None;
         let centre = motion.place - self.radius_m * motion.turn.z_axis;
         let delta_m = self.radius_m - centre.z;
-        // The plane of the face goes on for ever, the finger does not.
+        // The plane of the face is infinite, the finger is not.
         if !(delta_m > 0.0 && centre.z > 0.0) {
             return sums;
         }
@@ -175,7 +176,8 @@ impl SphereContact {
         let mut own = [0.0; MAX_TACTELS];
         let read = self.solver.image(&Array::THESIS, Sampling::Area, place_mm, &mut own);
         let (Ok(state), Ok(())) = (solved, read) else { return };
-        // Beyond the table the load goes on, spread as at its end; so does what damps.
+        // Beyond the table the load keeps the distribution of the table's end; so does the viscous
+        // part.
         let scale = self.at(1e-3 * delta_mm).load_n / state.force_n * damping.clamp(0.0, 2.0);
         for (value, own) in image.iter_mut().zip(&own) {
             *value += scale * own;

@@ -1,6 +1,6 @@
-//! Pressed objects against the exact reference images: force within 1 %, centroid within 0.02 mm,
-//! direction within 0.2 deg. A ridge with the rounding of a pin is that pin; where plane strain is
-//! not enough, what it leaves is held as it is.
+//! Compares pressed objects with the exact reference images: force within 1 %, centroid within 0.02
+//! mm, direction within 0.2 deg. An edge with the rounding of a pin is that pin. Where plane strain
+//! is not enough, the tests pin down its error.
 
 use taktil_contact::features::{ImageFeatures, Part, image_features};
 
@@ -92,7 +92,7 @@ fn pressed_edges_give_the_reference_images() {
     for case in cases("inf_cylinder").into_iter().chain(cases("cylinder")) {
         let n = &case.numbers;
         let long = if n[10] > 0.0 { n[10] } else { 80.0 };
-        // Twelve millimetres are all ends: see the test below.
+        // A length of 12 mm is mostly ends, which another test checks.
         if long < 20.0 {
             continue;
         }
@@ -104,7 +104,8 @@ fn pressed_edges_give_the_reference_images() {
         let mut image = [0.0; MAX_TACTELS];
         ridge.image(&shares, &mut image);
         let found = errors(&case, &features_of(&image), true);
-        // Under 4 mrad the load grows fivefold along the pad, and lengths lean on each other.
+        // Under a tilt of 4 mrad the load grows fivefold along the pad, and sections influence each
+        // other.
         let steep = n[9].abs() > 3e-3;
         let bars = if steep { [0.02, 0.04, 0.4] } else { [0.01, 0.02, 0.2] };
         judge(&mut worst, &case, found, bars);
@@ -138,7 +139,7 @@ fn in_three_dimensions_ends_and_steep_loads_are_right_too() {
 
 #[test]
 fn ends_press_as_if_the_edge_went_on() {
-    // What plane strain leaves at two ends 12 mm apart, 15 thicknesses.
+    // The two ends are 12 mm apart, 15 thicknesses; the bound is the error of plane strain there.
     for case in cases("cylinder").into_iter().filter(|case| case.numbers[10] < 20.0) {
         let n = &case.numbers;
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
@@ -188,7 +189,7 @@ fn a_tilted_bar_carries_what_the_reference_says() {
         let n: Vec<f64> =
             line.split(',').map(|cell| cell.trim().parse().unwrap_or(f64::NAN)).collect();
         let out = (n[q] * n[h] / n[p] / (0.5 * n[w])).abs();
-        // What topples has no solution; loads beyond the table are not in it.
+        // A bar that topples has no solution, and loads beyond the table are not in it.
         if !n[delta].is_finite() || !(0.0..0.95).contains(&out) || n[w] > 25.0 {
             continue;
         }

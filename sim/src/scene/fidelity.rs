@@ -1,6 +1,5 @@
-//! How faithful each part of the physics is, by name: a scene pays for what it names and for
-//! nothing else. Refuses nothing by itself; combinations that cannot work are seen by
-//! [`build`](crate::build).
+//! The fidelity of each part of the physics, by name: a scene pays for what it names and for
+//! nothing else. [`build`](crate::build) refuses combinations that cannot work.
 
 use serde::Deserialize;
 

@@ -1,4 +1,4 @@
-//! How a section of a scene is declared: its keys, what they mean and the range of every number
+//! The declaration of a section of a scene: its keys, their meaning and the range of every number
 //! stand in one place, from which the parser, the check and the schema are made
 //! ([`taktil_hal::explain`]). Refuses to know any section.
 
@@ -6,7 +6,7 @@ pub(crate) use taktil_hal::explain::inside;
 
 use super::{Invalid, invalid};
 
-/// What a key may hold.
+/// A value that a key may hold.
 pub trait Value {
     /// Refuses NaN, infinities and everything outside `range`, at `place`.
     ///
@@ -15,7 +15,7 @@ pub trait Value {
     fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid>;
 }
 
-/// What the keys of a section have to do with each other.
+/// The consistency of the keys of a section.
 pub trait Consistency {
     /// Refuses keys that contradict each other; every number is in its range already.
     ///
@@ -87,8 +87,8 @@ impl<T: Value, const N: usize> Value for [T; N] {
 }
 
 /// Declares a section: documented keys in the order in which they are checked, each with its type
-/// and, for numbers, `[lowest, highest]`. The section still says by [`Consistency`] what its keys have to
-/// do with each other.
+/// and, for numbers, `[lowest, highest]`. The section implements [`Consistency`] for the conditions
+/// between its keys.
 macro_rules! section {
     (
         $(#[doc = $about:expr])*

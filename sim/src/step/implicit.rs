@@ -1,13 +1,14 @@
 //! Implicit steps: finger and pin move together so that momentum changes by the forces at the end
-//! of the stage, found by Newton's method on twelve speeds. Two such stages make a step of second
-//! order that damps what it cannot follow (Alexander 1977, SDIRK with `gamma = 1 - 1/sqrt(2)`: the
-//! second stage starts from the first one carried on, and ends at the step's end).
+//! of the stage, which Newton's method finds on twelve speeds. Two such stages make a step of
+//! second order that damps what it cannot follow (Alexander 1977, SDIRK with `gamma = 1 -
+//! 1/sqrt(2)`: the second stage starts from an extrapolation of the first one and ends at the
+//! step's end).
 //!
 //! Bristles of friction and contact take part with the state that the end of the stage gives them:
 //! sticking, sliding and lost contact are found together with the motion, by the consistent tangent
-//! of each (Simo and Hughes 1998). A shortest step that is not resolved is taken by Euler's method
-//! backwards instead, which takes energy whatever the forces are. Refuses more than a bounded
-//! number of iterations: what has not settled then is said and taken.
+//! of each (Simo and Hughes 1998). A shortest step that is not resolved is taken by the backward
+//! Euler method instead, which dissipates energy whatever the forces are. Refuses more than a
+//! bounded number of iterations: a step that has not converged by then is taken and counted.
 
 mod damped;
 mod newton;
@@ -26,56 +27,57 @@ use crate::rolling::{PinContacts, PinState};
 use crate::surroundings::Surroundings;
 use newton::FactoredMatrix;
 
-/// `1 - 1/sqrt(2)`
+/// Coefficient of the two-stage method: `1 - 1/sqrt(2)`.
 const SDIRK_GAMMA: f64 = 0.292_893_218_813_452_5;
-/// Iterations of a stage at most.
+/// Newton iterations of a stage at most.
 const NEWTON_STEPS_MAX: usize = 12;
-/// A stage has settled when an iteration changes no point's speed by more than this (m/s), or when
-/// the next one would not, as the last two shrank.
+/// Change of every point's speed below which a stage has converged (m/s). A stage has also
+/// converged when the ratio of the last two changes predicts that the next change is below it.
 const SPEED_TOLERANCE_M_S: f64 = 2e-8;
-/// Largest change after which the next one is judged without being made (m/s): what the bristles
-/// have not seen of the motion then is below 1e-10 m.
+/// Largest change of speed after which the next change is predicted instead of computed (m/s): the
+/// bristles then lack less than 1e-10 m of the motion.
 const PREDICTED_TOLERANCE_M_S: f64 = 2e-7;
-/// Factors stay in use, in both stages of a step, while each iteration changes less than this part
-/// of the one before.
+/// Ratio of successive changes below which a factorised matrix is used again, in both stages of a
+/// step.
 const CONTRACTION_MAX: f64 = 0.05;
-/// Twice the most with which a joint that nothing holds begins to fall (rad/s^2): over the length
-/// of a stage the speed that an arm at rest may come to, on which its centrifugal and Coriolis
+/// Twice the largest acceleration of a joint that falls freely (rad/s^2). Times the length of a
+/// stage it bounds the speed that an arm at rest may reach, on which its centrifugal and Coriolis
 /// torques depend.
 const FREE_ACCELERATION_RAD_S2: f64 = 50.0;
 
-/// What a stage starts from.
+/// State at the start of a stage.
 struct StageStart {
     arm: ArmState,
     memory: Option<PinState>,
     grips: ObjectBristles,
-    /// Angular momentum of the pin (kg m^2/s), which its spin need not match.
+    /// Angular momentum of the pin (kg m^2/s), which differs from inertia times spin after an
+    /// extrapolation.
     turning: DVec3,
 }
 
-/// What a step did.
+/// Result of a step.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct StepOutcome {
-    /// Difference to the embedded method of first order (m).
+    /// Difference of place to the embedded method of first order (m).
     pub(super) error_m: f64,
     pub(super) has_converged: bool,
-    /// What the last iteration changed, after the contacts were evaluated (m/s).
+    /// Change of speed by the last iteration, after the contacts were evaluated (m/s).
     pub(super) last_change_m_s: f64,
     pub(super) iterations: u32,
 }
 
 type Speeds = [f64; UNKNOWN_COUNT];
 
-/// What one step leaves to the next: where its iteration begins and where inertia and gravity are
-/// taken. It saves iterations; what it changes is below what an iteration may leave.
+/// What a step leaves for the next step: a guess of the speeds at its end. The guess saves
+/// iterations; it changes the result by less than the tolerance of the iteration.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct WarmStart {
-    /// How the speeds changed (m/s^2, rad/s^2).
+    /// Acceleration over the last step (m/s^2, rad/s^2).
     slope: Speeds,
 }
 
 impl WarmStart {
-    /// After something happened nothing goes on as before.
+    /// Discards the guess; after an impact or a released contact the past predicts nothing.
     pub(super) fn clear(&mut self) {
         *self = WarmStart::default();
     }
@@ -85,8 +87,8 @@ impl WarmStart {
     }
 }
 
-/// The time of a stage: how long it moves things (s), when it ends (s), and whether its step is the
-/// shortest there is.
+/// The time of a stage: its length (s), the instant of its end (s), and whether its step is the
+/// shortest one that is allowed.
 #[derive(Clone, Copy)]
 struct StageTime {
     tau: f64,
@@ -94,18 +96,18 @@ struct StageTime {
     last: bool,
 }
 
-/// The balance of momentum at some speeds.
+/// The residual of the balance of momentum at some speeds, and what it was computed from.
 #[derive(Default)]
 struct Residual {
-    /// What is left of it.
+    /// The residual itself (N s, N m s).
     rest: Speeds,
-    /// How what the joints feel grows with their speeds (N m s/rad).
+    /// Derivatives of the joints' resisting torques with respect to their speeds (N m s/rad).
     slopes: [f64; 6],
-    /// The surroundings of what may be touched.
+    /// The places of finger and table.
     surroundings: Option<Surroundings>,
-    /// The contacts of a pin.
+    /// The contact lines of the pin.
     touch: Option<PinContacts>,
-    /// Objects are touched.
+    /// Whether the finger touches an object.
     pressed: bool,
 }
 
@@ -118,7 +120,7 @@ fn joints(u: &Speeds) -> Joints {
 }
 
 impl Plant {
-    /// One step of `h` seconds from `start_s`; the state was saved by the caller.
+    /// One step of `h` seconds from `start_s` by the two-stage method; the caller saved the state.
     pub(super) fn step_sdirk(&mut self, start: &SavedState, start_s: f64, h: f64) -> StepOutcome {
         let first = StageStart::of(start);
         let tau = SDIRK_GAMMA * h;
@@ -131,7 +133,7 @@ impl Plant {
         let u_end: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / SDIRK_GAMMA);
         let over = StageTime { end_s: start_s + h, ..over };
         let (last_2, n_2, u2) = self.solve_stage(&second, u_end, over, &mut factors);
-        // The embedded method takes the first stage's slopes for both.
+        // The embedded method uses the acceleration of the first stage for the whole step.
         let off = core::array::from_fn(|i| u2[i] - u_end[i]);
         self.warm_start.slope = core::array::from_fn(|i| (u2[i] - u0[i]) / h);
         StepOutcome {
@@ -142,10 +144,10 @@ impl Plant {
         }
     }
 
-    /// One step of first order, for what is not resolved by the shortest one of the above: its
-    /// second stage carries the first one on as if nothing would end, and what a blow stopped is
-    /// thrown back. Here all forces are those of the end, and whatever they are they take energy:
-    /// this is Euler's method backwards, on contacts that are monotone in the speeds.
+    /// One step of the backward Euler method, for a shortest step that the two-stage method did not
+    /// resolve. The second stage of that method extrapolates the first one as if the motion went
+    /// on, so that an impact that stopped a body throws it back. Here all forces are those of the
+    /// end of the step, and they dissipate energy because the contacts are monotone in the speeds.
     pub(super) fn step_backward_euler(
         &mut self,
         start: &SavedState,
@@ -166,16 +168,17 @@ impl Plant {
         }
     }
 
-    /// Speed at which the quickest point of finger or pin moves (m/s).
+    /// Largest speed of any point of finger or pin (m/s).
     fn largest_speed(&self, u: &Speeds) -> f64 {
         let radius = self.rolling.as_ref().map_or(0.0, |r| r.pin.radius_m);
         let q = joints(u).amax() * self.finger.lever_m();
         q.max(part(u, 6).length()).max(radius * part(u, 9).length())
     }
 
-    /// Moves everything from `base` over `tau` seconds by the forces at the end, `end_s`. Newton's
-    /// `factors` may be those of a stage before; those that were used last are left there. Gives
-    /// the last change (m/s), infinite when it did not settle, the iterations, and the speeds.
+    /// Moves all bodies from `base` over `tau` seconds by the forces at the end, `end_s`. `factors`
+    /// may be those of an earlier stage; the factors that were used last are left there. Returns
+    /// the last change (m/s), infinite when the iteration did not converge, the number of
+    /// iterations, and the speeds.
     fn solve_stage(
         &mut self,
         base: &StageStart,
@@ -201,7 +204,8 @@ impl Plant {
             if self.largest_speed(&change) < PREDICTED_TOLERANCE_M_S
                 && self.has_softened(&residual, held)
             {
-                // Stiffer than what is there by far they would call anything settled.
+                // A matrix far stiffer than the present contacts would report convergence of any
+                // speeds.
                 *held = self.factorise(&predictor, &residual, tau);
                 change = held.factors.solve(&residual.rest);
             }
@@ -213,8 +217,8 @@ impl Plant {
             }
             let now = joints(&u);
             let moved = (now - torques_at).amax();
-            // The angles stay those that the stage guessed: only what goes with the square of the
-            // speeds is seen anew.
+            // The joint angles stay at the predicted ones; only the torques that depend on the
+            // square of the speeds are evaluated anew.
             let turned = now.amax() + moved + FREE_ACCELERATION_RAD_S2 * tau;
             if tau * moved * turned * self.finger.lever_m() > SPEED_TOLERANCE_M_S {
                 predictor.forces = self.finger.generalised_forces(&predictor, &now);
@@ -242,7 +246,7 @@ impl Plant {
         (last, count, u)
     }
 
-    /// The state at the end of a stage.
+    /// Writes the state at the end of a stage.
     fn take_stage(&mut self, base: &StageStart, predictor: &StagePredictor, u: &Speeds, tau: f64) {
         let mut next = base.arm;
         for (i, speed) in u.iter().enumerate().take(predictor.degrees_of_freedom) {
@@ -263,7 +267,7 @@ impl Plant {
         }
     }
 
-    /// What is left of the balance of momentum at the speeds `u`, and what it depends on.
+    /// The residual of the balance of momentum at the speeds `u`.
     fn evaluate(
         &mut self,
         base: &StageStart,
@@ -277,7 +281,7 @@ impl Plant {
         residual
     }
 
-    /// The same in the place of what was seen before, from the same base.
+    /// Evaluates the residual at the speeds `u` in place of an earlier residual from the same base.
     fn evaluate_into(
         &mut self,
         residual: &mut Residual,
@@ -338,7 +342,7 @@ impl StageStart {
         StageStart { arm: saved.arm, memory: saved.memory, grips: saved.grips, turning }
     }
 
-    /// This state carried on by `reach` times the way to `other`.
+    /// The state on the straight line from this state to `other`, at `reach` times the distance.
     fn extrapolated(&self, other: &SavedState, reach: f64) -> StageStart {
         let (a, b) = (&self.arm, &other.arm);
         let arm = ArmState {
@@ -386,7 +390,7 @@ fn speeds(arm: &ArmState, memory: Option<&PinState>) -> Speeds {
     u
 }
 
-/// The pin's surroundings when the stage ends at the speeds `qd`.
+/// The places and motions of finger and table when the stage ends at the speeds `qd`.
 fn surroundings(
     predictor: &StagePredictor,
     qd: &Joints,
@@ -396,7 +400,7 @@ fn surroundings(
 ) -> Surroundings {
     let off = predictor.jacobian * (qd - predictor.guessed_speeds);
     let (shift, turn) = split(&(tau * off));
-    // Cayley's rotation: exact in length, of third order in the angle.
+    // Cayley's rotation keeps lengths exactly and has an error of third order in the angle.
     let half = 0.5 * turn;
     let (square, twice) = (half.length_squared(), 2.0 / (1.0 + half.length_squared()));
     let turned = |v: DVec3| v + twice * (half.cross(v) + half.cross(half.cross(v)));

@@ -1,12 +1,12 @@
-//! Twelve equations of a symmetric positive definite system, by Cholesky in place, without
-//! allocation. Refuses nothing: a matrix that is not positive gives numbers that are not finite.
+//! A symmetric positive definite system of twelve equations, factorised in place by Cholesky
+//! without allocation. A matrix that is not positive definite gives numbers that are not finite.
 
-/// Unknowns: six of the finger, six of the pin.
+/// Unknown speeds: six of the finger and six of the pin.
 pub(super) const UNKNOWN_COUNT: usize = 12;
-/// Those of either.
+/// Unknown speeds of one body.
 const BODY_UNKNOWN_COUNT: usize = 6;
 
-/// Symmetric, of which the lower triangle counts.
+/// A symmetric matrix of which the lower triangle counts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Matrix12([[f64; UNKNOWN_COUNT]; UNKNOWN_COUNT]);
 
@@ -29,7 +29,8 @@ impl Matrix12 {
 
     /// Adds `weight` times the outer product of a row with itself.
     pub(super) fn add_outer(&mut self, weight: f64, row: &[f64; UNKNOWN_COUNT]) {
-        // Blocks of fixed size, above the diagonal too: the processor does two at a time.
+        // Blocks of fixed size, which include entries above the diagonal, let the compiler
+        // vectorise.
         for i in 0..BODY_UNKNOWN_COUNT {
             let part = weight * row[i];
             for (entry, other) in
@@ -46,7 +47,7 @@ impl Matrix12 {
         }
     }
 
-    /// As [`Matrix12::add_outer`] for a row whose first half, the finger's, is 0.
+    /// Does the same as [`Matrix12::add_outer`] for a row whose first half, the finger's, is 0.
     pub(super) fn add_outer_of_pin(&mut self, weight: f64, row: &[f64; UNKNOWN_COUNT]) {
         for i in BODY_UNKNOWN_COUNT..UNKNOWN_COUNT {
             let part = weight * row[i];

@@ -1,9 +1,10 @@
-//! The bodies on the bench and how they move over a span of time: which integrator, in how many
-//! steps, halved where something happens within one. Refuses to know clocks, words and devices.
+//! The plant: the bodies on the bench and their motion over a span of time. This module chooses the
+//! integrator and the number of steps, and halves a step in which something happens. Refuses to
+//! know clocks, commands and devices.
 //!
-//! A step of the implicit integrator is done again in halves, four times at most, when finger or
-//! table gain or lose the pin within it, when a joint comes to its stop, when its estimated error
-//! is beyond [`STEP_ERROR_MAX_M`], or when its equations did not settle.
+//! A step of the implicit integrator is repeated in halves, four times at most, when finger or
+//! table gain or lose the pin within it, when a joint reaches its stop, when its estimated error is
+//! beyond [`STEP_ERROR_MAX_M`], or when its equations did not converge.
 
 mod implicit;
 mod matrix;
@@ -21,34 +22,34 @@ use crate::surroundings::Surroundings;
 use crate::table::Table;
 pub(crate) use implicit::WarmStart;
 
-/// Estimated error of place above which a step is halved (m).
+/// Estimated error of a place above which a step is halved (m).
 pub(crate) const STEP_ERROR_MAX_M: f64 = 2e-6;
-/// Change of speed after which the forces of a step's last iteration are those of its end (m/s):
-/// contacts of 1e5 N/m that relax within 1 ms feel 1e-5 N of it.
+/// Change of speed below which the forces of a step's last iteration are those of its end (m/s):
+/// contacts of 1e5 N/m that relax within 1 ms change by 1e-5 N.
 const CONTACT_SPEED_TOLERANCE_M_S: f64 = 1e-7;
-/// Times that a step is halved at most.
+/// How often a step is halved at most.
 const HALVINGS_MAX: u32 = 4;
 
-/// What the physics was asked to do since the start; counted, not timed.
+/// Counts of what the simulation computed since the start; nothing here is a time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StepStatistics {
     /// Steps of any integrator, halved ones included.
     pub steps: u64,
-    /// Steps that were done again in halves.
+    /// Steps that were repeated in halves.
     pub halved_steps: u64,
-    /// Implicit steps that did not settle and were taken nevertheless.
+    /// Implicit steps that did not converge and were taken nevertheless.
     pub unconverged_steps: u64,
-    /// Iterations of implicit stages.
+    /// Newton iterations of implicit stages.
     pub newton_iterations: u64,
     /// Evaluations of the contacts of pin and objects.
     pub contact_evaluations: u64,
     /// Tactile images computed from a contact.
     pub tactile_images: u64,
-    /// Contacts solved in three dimensions for an image.
+    /// Contacts that were solved in three dimensions for an image.
     pub spatial_solutions: u64,
-    /// Loaded contacts of scenes that ask for three dimensions after whose image rows stood on
-    /// their own: the solver's tables ended, there was none for that shape, or the solution's force
-    /// was far from that of the rows.
+    /// Loaded contacts of scenes that ask for three dimensions whose image was made from
+    /// independent rows: the solver's tables ended, no solver exists for that shape, or the force
+    /// of the solution was far from the force of the rows.
     pub spatial_failures: u64,
     /// Scans converted to counts.
     pub tactile_scans: u64,
@@ -61,7 +62,7 @@ impl StepStatistics {
     }
 }
 
-/// The way time passes, settled when the bench is built.
+/// The integrator, chosen when the bench is built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Method {
     Euler,
@@ -69,7 +70,7 @@ pub(crate) enum Method {
     Implicit,
 }
 
-/// Everything that moves.
+/// The bodies that move, and how they are integrated.
 #[derive(Clone, Debug)]
 pub(crate) struct Plant {
     pub(crate) finger: Box<dyn Manipulator>,
@@ -81,13 +82,13 @@ pub(crate) struct Plant {
     /// Largest estimated error of a step that was taken (m).
     pub(crate) error_m: f64,
     pub(crate) statistics: StepStatistics,
-    /// What the next implicit step may begin with.
+    /// The warm start of the next implicit step.
     pub(crate) warm_start: WarmStart,
-    /// The contacts were evaluated at the present state.
+    /// Whether the contacts were evaluated at the present state.
     pub(crate) contacts_current: bool,
 }
 
-/// What a step may have to be done again from.
+/// The state at the start of a step, for repeating the step.
 #[derive(Clone, Copy, Debug)]
 struct SavedState {
     arm: ArmState,
@@ -96,7 +97,8 @@ struct SavedState {
 }
 
 impl Method {
-    /// The method of an integrator's name for what is on the bench.
+    /// The method for an integrator that a scene names; `smooth` says whether all forces are
+    /// smooth.
     pub(crate) fn of(integrator: Integrator, smooth: bool) -> Method {
         match integrator {
             Integrator::Euler => Method::Euler,
@@ -109,7 +111,7 @@ impl Method {
 }
 
 impl Plant {
-    /// Moves everything from `from` to `to`.
+    /// Moves all bodies from `from` to `to`.
     pub(crate) fn integrate(&mut self, from: Nanos, to: Nanos) {
         let span = to - from;
         let steps = (span.0 + self.substep.0 - 1) / self.substep.0;
@@ -123,7 +125,8 @@ impl Plant {
                 Method::Implicit => self.step_implicit(from, t_s, h, 0),
             }
         }
-        // An arm that swings keeps what its explicit steps evaluate now and then only.
+        // Explicit steps of an arm reuse the Jacobian of an earlier step on purpose. Every other
+        // method, and every prescribed motion, needs the kinematics of the present state here.
         if self.method != Method::Euler || self.finger.is_prescribed() {
             self.finger.update_kinematics(to.as_secs_f64());
         }
@@ -146,13 +149,13 @@ impl Plant {
         }
     }
 
-    /// What finger, pad and table are to the pin at an instant.
+    /// The places and motions of finger, pad and table at an instant.
     pub(crate) fn surroundings(&self, t_s: f64) -> Surroundings {
         let (_, table_axes, table) = self.table.at(t_s);
         Surroundings { pad: *self.finger.pose(), finger: self.finger.surface(), table, table_axes }
     }
 
-    /// Evaluates the contacts of the present state, unless the step that led there did.
+    /// Evaluates the contacts of the present state, unless the step that led there did so.
     pub(crate) fn evaluate_contacts(&mut self, t_s: f64) {
         if core::mem::replace(&mut self.contacts_current, true) {
             return;
@@ -168,7 +171,7 @@ impl Plant {
         }
     }
 
-    /// Normal force on each tactel (N); none without anything to touch.
+    /// Normal force on each tactel of the finger (N); zero when the scene has nothing to touch.
     pub(crate) fn image(&mut self, t_s: f64) -> [f64; MAX_TACTELS] {
         let mut forces = [0.0; MAX_TACTELS];
         if self.rolling.is_some() || self.objects.is_some() {
@@ -196,7 +199,7 @@ impl Plant {
         forces
     }
 
-    /// Explicit in every force.
+    /// One step of semi-implicit Euler, explicit in every force.
     fn step_euler(&mut self, now: Nanos, t_s: f64, h: f64) {
         self.statistics.steps += 1;
         self.contacts_current = false;
@@ -214,7 +217,8 @@ impl Plant {
         self.finger.step(h, &wrench);
     }
 
-    /// The arm alone; a step that ends beyond a stop is halved to come near the instant.
+    /// One Runge-Kutta step of the arm alone; a step that ends beyond a stop is halved to approach
+    /// the instant of the impact.
     fn step_rk4_halved(&mut self, h: f64, depth: u32) {
         let before = *self.finger.state();
         self.statistics.steps += 1;
@@ -239,7 +243,7 @@ impl Plant {
         (finger, table, self.objects.as_ref().map_or(0, |objects| objects.contact_bits()))
     }
 
-    /// An implicit step, in halves where something happens within it.
+    /// One implicit step, repeated in halves when something happens within it.
     fn step_implicit(&mut self, now: Nanos, t_s: f64, h: f64, depth: u32) {
         let (saved, before) = (self.save(), self.contact_flags());
         let mut outcome = self.step_sdirk(&saved, t_s, h);

@@ -1,25 +1,25 @@
-//! What is done with a stage whose iteration did not settle and whose step is not halved any more:
-//! iterations that are shortened until they help. Refuses to run away: what it leaves of the
-//! balance is never more than was left where the stage began.
+//! Damped Newton iterations for a stage that did not converge and whose step is not halved any
+//! more: each iteration is shortened until it helps. Refuses to run away: the residual at the end
+//! is never larger than where the stage began.
 
 use glam::DMat3;
 
 use super::{Plant, Residual, SPEED_TOLERANCE_M_S, Speeds, StagePredictor, StageStart, speeds};
 use crate::contact::Surface;
 
-/// Iterations at most of a stage that did not settle and is not halved any more.
+/// Iterations of such a stage at most.
 const DAMPED_STEPS_MAX: usize = 24;
-/// Times that such an iteration is shortened at most, by half.
+/// How often one iteration is halved at most.
 const STEP_HALVINGS_MAX: usize = 8;
-/// An iteration over a part of its length has to take this share of that part off what is left of
-/// the balance (Armijo 1966).
+/// Share of the predicted decrease of the residual that a shortened iteration has to reach (Armijo
+/// 1966).
 const ARMIJO_FACTOR: f64 = 0.1;
 
 impl Plant {
-    /// Newton's method by steps that are shortened until less of the balance is left, measured as
-    /// the energy of motion of what is left: it cannot run away. Begins where least is left, of
-    /// where it stands, where the stage began, and standing still with the speeds as they were.
-    /// Gives the last change (m/s), infinite when it did not settle, and the iterations.
+    /// Solves a stage by damped Newton iterations. The residual is measured as the kinetic energy
+    /// that it would give the bodies. The iteration starts from the best of three guesses: the
+    /// present speeds, the guess of the stage, and the speeds at its start. Returns the last change
+    /// (m/s), infinite when the iteration did not converge, and the number of iterations.
     pub(super) fn solve_damped(
         &mut self,
         base: &StageStart,
@@ -61,7 +61,7 @@ impl Plant {
                 return (size, count as u32);
             }
             if !taken {
-                // The contacts are left as they are at the speeds that are kept.
+                // Evaluates the contacts once more, at the speeds that are kept.
                 self.evaluate(base, predictor, u, tau, table);
                 return (f64::INFINITY, count as u32);
             }

@@ -1,6 +1,7 @@
-//! Newton's matrix of a stage: how the balance of momentum depends on the speeds, and what of the
-//! contacts it was made for. Refuses to be trusted once they have let go: a matrix far stiffer than
-//! what is there calls anything settled.
+//! Newton's matrix of a stage: the derivative of the balance of momentum with respect to the
+//! speeds, and the stiffness of the contacts for which it was made. Refuses to stay valid once a
+//! contact has been released: a matrix far stiffer than the present contacts reports convergence of
+//! any speeds.
 
 use glam::DVec3;
 use taktil_mechanics::spatial::spatial_vector;
@@ -12,20 +13,21 @@ use crate::scene::OBJECTS_MAX;
 use crate::step::matrix::{Factors, Matrix12, UNKNOWN_COUNT};
 use crate::surroundings::Surroundings;
 
-/// Numbers of what resists motion: see [`Plant::holds`].
+/// How many resistances are compared: see [`Plant::resistances`].
 const RESISTANCE_COUNT: usize = 12 + 3 * OBJECTS_MAX;
-/// Part of it below which Newton's matrix is made anew before a stage is called settled.
+/// Ratio of a resistance to its earlier value below which Newton's matrix is made anew before a
+/// stage counts as converged.
 const SOFTENING_RATIO: f64 = 0.5;
 
-/// Newton's matrix as it is held on to.
+/// A factorised Newton matrix.
 pub(super) struct FactoredMatrix {
     pub(super) factors: Factors,
-    /// What resisted motion then.
+    /// The resistances for which it was made.
     holds: [f64; RESISTANCE_COUNT],
 }
 
 impl Plant {
-    /// Newton's matrix of a balance, factored.
+    /// Makes and factorises Newton's matrix.
     pub(super) fn factorise(
         &self,
         predictor: &StagePredictor,
@@ -36,8 +38,8 @@ impl Plant {
         FactoredMatrix { factors, holds: self.resistances(residual) }
     }
 
-    /// What resists motion where the balance was evaluated last: the pin's contacts, in three
-    /// directions against moving and against turning, and the objects.
+    /// Resistances to motion at the latest evaluation: those of the pin's contacts, in three
+    /// directions against translation and against rotation, and those of the objects.
     fn resistances(&self, residual: &Residual) -> [f64; RESISTANCE_COUNT] {
         let mut holds = [0.0; RESISTANCE_COUNT];
         if let Some(contacts) = &residual.touch {
@@ -56,13 +58,13 @@ impl Plant {
         holds
     }
 
-    /// Whether something resists by far less than when the factors were made.
+    /// Whether a resistance is far smaller than when the factors were made.
     pub(super) fn has_softened(&self, residual: &Residual, held: &FactoredMatrix) -> bool {
         let now = self.resistances(residual);
         now.iter().zip(&held.holds).any(|(now, then)| *now < SOFTENING_RATIO * then)
     }
 
-    /// Newton's matrix where the balance was evaluated last.
+    /// Newton's matrix at the latest evaluation of the balance.
     pub(super) fn newton_matrix(
         &self,
         predictor: &StagePredictor,
@@ -115,7 +117,7 @@ impl Plant {
     }
 }
 
-/// Adds how a contact's force depends on the speeds.
+/// Adds the derivative of a contact's force with respect to the speeds.
 fn add_contact(
     matrix: &mut Matrix12,
     line: &ContactLine,
@@ -129,7 +131,7 @@ fn add_contact(
         if w0 <= 0.0 {
             continue;
         }
-        // w (v0 + s v1)^2 summed is w0 (v0 + m v1)^2 + rest v1^2 about the mean place m.
+        // The sum of w (v0 + s v1)^2 is w0 (v0 + m v1)^2 + spread v1^2 about the mean place m.
         let mean = w1 / w0;
         let spread = (w2 - w1 * mean).max(0.0);
         let turn = line.axis.cross(direction);
@@ -162,7 +164,7 @@ fn add_contact(
 }
 
 impl RollingPin {
-    /// Adds how the hand's grip depends on the pin's speeds.
+    /// Adds the derivative of the fixture's forces with respect to the pin's speeds.
     fn add_fixture_tangent(&self, surroundings: &Surroundings, tau: f64, matrix: &mut Matrix12) {
         if !self.fixture.holding {
             return;
