@@ -198,7 +198,7 @@ fn check_start(plant: &Plant) -> Result<(), Invalid> {
     }
     if let Some(objects) = &plant.objects {
         let found =
-            objects.beyond_small_strain_by().map(|(i, deep_m)| (format!("object[{i}]"), deep_m));
+            objects.first_beyond_small_strain().map(|(i, deep_m)| (format!("object[{i}]"), deep_m));
         inside = inside.or(found);
     }
     let Some((place, deep_m)) = inside else { return Ok(()) };

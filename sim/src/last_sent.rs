@@ -78,8 +78,8 @@ impl ScanFeed {
     pub(crate) fn send(&self, to: &mut Sender<Scan>, now: Nanos) {
         let known = |scan: &(Scan, Nanos, Nanos)| scan.2 <= now;
         let first = self.scans.iter().flatten().position(known);
-        let begun = first.map_or(SCAN_HISTORY_MAX, |first| first + 1);
-        for (scan, stamp, visible) in self.scans[..begun].iter().rev().flatten() {
+        let count = first.map_or(SCAN_HISTORY_MAX, |first| first + 1);
+        for (scan, stamp, visible) in self.scans[..count].iter().rev().flatten() {
             let _ = to.send(*scan, *stamp, *visible);
         }
     }

@@ -307,18 +307,20 @@ impl Slices {
             let wide = response.half_width_m[i];
             let half_m = if wide > HALF_WIDTH_MIN_M { wide } else { HALF_WIDTH_MIN_M };
             let keep = half_m / (half_m + h * line.travel.at(s[i]).abs());
-            let there = if delta[i] > 0.0 { keep } else { 0.0 };
-            let brush =
-                ((old.0[i] * kept + h * creep.0) * there, (old.1[i] * kept + h * creep.1) * there);
+            let carried = if delta[i] > 0.0 { keep } else { 0.0 };
+            let deflection = (
+                (old.0[i] * kept + h * creep.0) * carried,
+                (old.1[i] * kept + h * creep.1) * carried,
+            );
             let force = (
-                -shear * (brush.0 + relaxation_s * creep.0),
-                -shear * (brush.1 + relaxation_s * creep.1),
+                -shear * (deflection.0 + relaxation_s * creep.0),
+                -shear * (deflection.1 + relaxation_s * creep.1),
             );
             let weight = shear * (h * keep + relaxation_s);
             let limit = law.friction * load[i];
             let size2 = force.0 * force.0 + force.1 * force.1;
             slides += u32::from(size2 > limit * limit);
-            (new.0[i], new.1[i], new.2[i]) = (brush.0, brush.1, shear);
+            (new.0[i], new.1[i], new.2[i]) = (deflection.0, deflection.1, shear);
             block.force[0][i] = load[i];
             (block.force[1][i], block.force[2][i]) = force;
             block.weight[0][i] = if pressed { weight_n } else { 0.0 };
@@ -378,8 +380,9 @@ impl BlockForces {
             fastest = fastest.max((creep.0 * creep.0 + creep.1 * creep.1).sqrt());
             // Of a sliding force only the direction depends on the motion.
             let part = self.weight[1][i] * scale;
-            let turns = |f: f64| part * (1.0 - f * f / size2);
-            (self.weight[1][i], self.weight[2][i]) = (turns(force.0), turns(force.1));
+            let direction_weight = |f: f64| part * (1.0 - f * f / size2);
+            (self.weight[1][i], self.weight[2][i]) =
+                (direction_weight(force.0), direction_weight(force.1));
         }
         fastest
     }

@@ -74,11 +74,11 @@ impl TactelResponse {
     /// latest reading.
     pub(crate) fn conductance(&mut self, tactel: usize, load: f64, dt_s: f64) -> f64 {
         let load = self.gains[tactel] * load.max(0.0);
-        let felt = match &mut self.memory {
+        let effective_load = match &mut self.memory {
             Some(memory) => memory.apply(tactel, load, dt_s),
             None => load,
         };
-        let above = felt - self.threshold;
+        let above = effective_load - self.threshold;
         if above <= 0.0 {
             return 0.0;
         }

@@ -189,8 +189,8 @@ impl EdgeContact {
         let mut widest = 0.0;
         for (i, (middle, along)) in self.lengths.iter().enumerate().take(to).skip(from) {
             let along = motion.turn * along.extend(0.0);
-            let ridge = motion.place + motion.turn * middle.extend(0.0);
-            let axis = ridge - self.radius_m * motion.turn.z_axis;
+            let crest = motion.place + motion.turn * middle.extend(0.0);
+            let axis = crest - self.radius_m * motion.turn.z_axis;
             // Across the section, out of the pad, the rounding comes nearest to the pad.
             let out = (DVec3::Z - along.z * along).normalize_or_zero();
             let foot = axis - self.radius_m * out;

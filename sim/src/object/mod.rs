@@ -47,7 +47,7 @@ const SMALL_STRAIN_THICKNESSES: f64 = 0.2;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ObjectBristle {
     /// Mean deflection along the pad's x and y (m).
-    pub(crate) brush: DVec2,
+    pub(crate) deflection: DVec2,
     /// Stiffness (N/m).
     pub(crate) shear_n_m: f64,
 }
@@ -207,9 +207,9 @@ impl Object {
     fn evaluate(&mut self, surroundings: &Surroundings, h: f64) {
         let motion = self.relative_motion(surroundings, h);
         self.sums = match &mut self.shape {
-            Shape::Sphere(ball) => ball.evaluate(&motion, self.relaxation_s),
-            Shape::Edge(ridge) => ridge.evaluate(&motion, self.relaxation_s),
-            Shape::Bar(face) => face.evaluate(&motion, self.relaxation_s),
+            Shape::Sphere(sphere) => sphere.evaluate(&motion, self.relaxation_s),
+            Shape::Edge(edge) => edge.evaluate(&motion, self.relaxation_s),
+            Shape::Bar(bar) => bar.evaluate(&motion, self.relaxation_s),
         };
         let Some(middle) = self.sums.middle() else {
             self.bristle = ObjectBristle::default();
@@ -231,7 +231,7 @@ impl Object {
     fn tangential_force(&mut self, motion: &RelativeMotion, middle: DVec2) -> DVec2 {
         let (sums, bristle) = (&self.sums, &mut self.bristle);
         if sums.shear_n_m > bristle.shear_n_m {
-            bristle.brush *= bristle.shear_n_m / sums.shear_n_m;
+            bristle.deflection *= bristle.shear_n_m / sums.shear_n_m;
         }
         bristle.shear_n_m = sums.shear_n_m;
         let turn = motion.spin.z;
@@ -239,8 +239,8 @@ impl Object {
         let half = sums.half_width_m.max(HALF_WIDTH_MIN_M);
         let (h, damping) = (motion.h, self.relaxation_s);
         let keep = half / (half + h * sums.travel_m_s.abs());
-        bristle.brush = (bristle.brush + h * creep) * keep;
-        let force = -bristle.shear_n_m * (bristle.brush + damping * creep);
+        bristle.deflection = (bristle.deflection + h * creep) * keep;
+        let force = -bristle.shear_n_m * (bristle.deflection + damping * creep);
         let weight = bristle.shear_n_m * (h * keep + damping);
         let (limit, size) = (self.friction * sums.load_n, force.length());
         if size <= limit {
@@ -248,11 +248,11 @@ impl Object {
             return force;
         }
         let scale = limit / size;
-        bristle.brush +=
+        bristle.deflection +=
             (1.0 - scale) * slip_compliance_m_n(bristle.shear_n_m, weight, damping) * force;
         // Of a sliding force only the direction depends on the motion.
-        let turns = |f: f64| weight * scale * (1.0 - f * f / (size * size));
-        self.tangential_weight = DVec2::new(turns(force.x), turns(force.y));
+        let direction_weight = |f: f64| weight * scale * (1.0 - f * f / (size * size));
+        self.tangential_weight = DVec2::new(direction_weight(force.x), direction_weight(force.y));
         self.slip_m_s = creep.length();
         scale * force
     }
@@ -261,29 +261,29 @@ impl Object {
         let motion = self.relative_motion(surroundings, 0.0);
         match &self.shape {
             Shape::Sphere(_) => ObjectPlacement::default(),
-            Shape::Edge(ridge) => ridge.placement(&motion),
-            Shape::Bar(face) => face.placement(&motion),
+            Shape::Edge(edge) => edge.placement(&motion),
+            Shape::Bar(bar) => bar.placement(&motion),
         }
     }
 
-    /// Calls `of` with a weight (N s/m, N m s/rad) and a row over the pad's twist in its own axes,
+    /// Calls `visit` with a weight (N s/m, N m s/rad) and a row over the pad's twist in its own axes,
     /// for every direction in which the forces resist motion.
-    fn for_each_tangent(&self, mut of: impl FnMut(f64, [f64; 6])) {
+    fn for_each_tangent(&self, mut visit: impl FnMut(f64, [f64; 6])) {
         let Some(middle) = self.sums.middle() else { return };
         let [w, wx, wy, wxx, wxy, wyy] = self.sums.weights;
         if w > 0.0 {
             let (x, y) = (wx / w, wy / w);
             let [cxx, cxy, cyy] = [wxx - wx * x, wxy - wx * y, wyy - wy * y];
-            of(w, [0.0, 0.0, 1.0, y, -x, 0.0]);
+            visit(w, [0.0, 0.0, 1.0, y, -x, 0.0]);
             if cyy > 0.0 {
-                of(cyy, [0.0, 0.0, 0.0, 1.0, -cxy / cyy, 0.0]);
-                of((cxx - cxy * cxy / cyy).max(0.0), [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+                visit(cyy, [0.0, 0.0, 0.0, 1.0, -cxy / cyy, 0.0]);
+                visit((cxx - cxy * cxy / cyy).max(0.0), [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
             } else {
-                of(cxx.max(0.0), [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+                visit(cxx.max(0.0), [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
             }
         }
-        of(self.tangential_weight.x, [1.0, 0.0, 0.0, 0.0, 0.0, -middle.y]);
-        of(self.tangential_weight.y, [0.0, 1.0, 0.0, 0.0, 0.0, middle.x]);
+        visit(self.tangential_weight.x, [1.0, 0.0, 0.0, 0.0, 0.0, -middle.y]);
+        visit(self.tangential_weight.y, [0.0, 1.0, 0.0, 0.0, 0.0, middle.x]);
     }
 }
 
@@ -363,7 +363,7 @@ impl Objects {
 
     /// Whether an object is to be solved in three dimensions.
     pub(crate) fn is_spatial(&self) -> bool {
-        self.all.iter().any(|one| matches!(&one.shape, Shape::Edge(ridge) if ridge.is_spatial))
+        self.all.iter().any(|one| matches!(&one.shape, Shape::Edge(edge) if edge.is_spatial))
     }
 
     /// The objects that touch the finger, as bits.
@@ -379,11 +379,11 @@ impl Objects {
 
     /// Whether an object is pressed in deeper than the theory of small strain covers.
     pub(crate) fn beyond_small_strain(&self) -> bool {
-        self.beyond_small_strain_by().is_some()
+        self.first_beyond_small_strain().is_some()
     }
 
     /// The first object that is pressed in deeper than that, and its penetration (m).
-    pub(crate) fn beyond_small_strain_by(&self) -> Option<(usize, f64)> {
+    pub(crate) fn first_beyond_small_strain(&self) -> Option<(usize, f64)> {
         let deep = |object: &Object| object.sums.deepest_m > object.small_strain_m;
         self.all.iter().position(deep).map(|i| (i, self.all[i].sums.deepest_m))
     }
@@ -398,19 +398,19 @@ impl Objects {
         spatial_vector(pad.rotation * force, pad.rotation * moment)
     }
 
-    /// Calls `of` with a weight and a row over the finger's speeds, see
+    /// Calls `visit` with a weight and a row over the finger's speeds, see
     /// [`Object::for_each_tangent`]; `jacobian` gives the twist of the pad in base axes.
     pub(crate) fn for_each_tangent(
         &self,
         pad: &Pose,
         jacobian: &Matrix6,
-        mut of: impl FnMut(f64, Joints),
+        mut visit: impl FnMut(f64, Joints),
     ) {
         for object in &self.all {
             object.for_each_tangent(|weight, row| {
                 let linear = pad.rotation * DVec3::new(row[0], row[1], row[2]);
                 let angular = pad.rotation * DVec3::new(row[3], row[4], row[5]);
-                of(weight, jacobian.tr_mul(&spatial_vector(linear, angular)));
+                visit(weight, jacobian.tr_mul(&stack(linear, angular)));
             });
         }
     }
@@ -423,17 +423,17 @@ impl Objects {
             if object.sums.load_n <= 0.0 {
                 // The factor is reset here and not in the evaluation, because an iterate that lifts
                 // off is not a step.
-                if let Shape::Edge(ridge) = &mut object.shape {
-                    ridge.load_factor = LoadFactor::ONE;
+                if let Shape::Edge(edge) = &mut object.shape {
+                    edge.load_factor = LoadFactor::ONE;
                 }
                 continue;
             }
             let image = &mut self.stresses_mpa;
             *image = [0.0; MAX_TACTELS];
             match (&mut object.shape, &self.shares) {
-                (Shape::Sphere(ball), _) => ball.image(image),
-                (Shape::Edge(ridge), Some(shares)) => all.add(ridge.image(shares, image)),
-                (Shape::Bar(face), Some(shares)) => face.image(shares, image),
+                (Shape::Sphere(sphere), _) => sphere.image(image),
+                (Shape::Edge(edge), Some(shares)) => all.add(edge.image(shares, image)),
+                (Shape::Bar(bar), Some(shares)) => bar.image(shares, image),
                 (Shape::Edge(_) | Shape::Bar(_), None) => {}
             }
             for (force, stress) in forces.iter_mut().zip(image.iter()) {
@@ -460,12 +460,12 @@ impl Objects {
     pub(crate) fn digest(&self, hash: &mut Hash) {
         for object in &self.all {
             let bristle = &object.bristle;
-            if let Shape::Edge(ridge) = &object.shape {
-                hash.numbers(&[ridge.load_factor.at_centre, ridge.load_factor.per_m]);
+            if let Shape::Edge(edge) = &object.shape {
+                hash.numbers(&[edge.load_factor.at_centre, edge.load_factor.per_m]);
             }
             hash.numbers(&[
-                bristle.brush.x,
-                bristle.brush.y,
+                bristle.deflection.x,
+                bristle.deflection.y,
                 bristle.shear_n_m,
                 object.sums.load_n,
             ]);

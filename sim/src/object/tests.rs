@@ -98,11 +98,11 @@ fn pressed_edges_give_the_reference_images() {
         }
         let (radius_mm, length_mm) = (Some(n[2]), Some(long));
         let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
-        let mut ridge = EdgeContact::new(&edge, &rubber(&case), None, "object[0]").unwrap();
-        ridge.evaluate(&inside_pad(n), 0.0);
+        let mut contact = EdgeContact::new(&edge, &rubber(&case), None, "object[0]").unwrap();
+        contact.evaluate(&inside_pad(n), 0.0);
         let shares = tactel_shares(&rubber(&case)).unwrap();
         let mut image = [0.0; MAX_TACTELS];
-        ridge.image(&shares, &mut image);
+        contact.image(&shares, &mut image);
         let found = errors(&case, &features_of(&image), true);
         // Under a tilt of 4 mrad the load grows fivefold along the pad, and sections influence each
         // other.
@@ -120,15 +120,15 @@ fn in_three_dimensions_ends_and_steep_loads_are_right_too() {
         let n = &case.numbers;
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
         let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
-        let mut ridge =
+        let mut contact =
             EdgeContact::new(&edge, &rubber(&case), Some(Level::Fast), "object[0]").unwrap();
-        let plain = ridge.evaluate(&inside_pad(n), 0.0);
+        let plain = contact.evaluate(&inside_pad(n), 0.0);
         let shares = tactel_shares(&rubber(&case)).unwrap();
         let mut image = [0.0; MAX_TACTELS];
-        ridge.image(&shares, &mut image);
+        contact.image(&shares, &mut image);
         judge(&mut worst, &case, errors(&case, &features_of(&image), true), [0.01, 0.02, 0.2]);
         // From the image on, the load between images is that of the solution.
-        let leaning = ridge.evaluate(&inside_pad(n), 0.0);
+        let leaning = contact.evaluate(&inside_pad(n), 0.0);
         if n[10] < 20.0 {
             assert!((leaning.load_n / n[3] - 1.0).abs() < 0.01, "{}", case.name);
             assert!((plain.load_n / n[3] - 1.0).abs() > 0.03, "{}", case.name);
@@ -144,8 +144,8 @@ fn ends_press_as_if_the_edge_went_on() {
         let n = &case.numbers;
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
         let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
-        let mut ridge = EdgeContact::new(&edge, &rubber(&case), None, "object[0]").unwrap();
-        let sums = ridge.evaluate(&inside_pad(n), 0.0);
+        let mut contact = EdgeContact::new(&edge, &rubber(&case), None, "object[0]").unwrap();
+        let sums = contact.evaluate(&inside_pad(n), 0.0);
         println!("{}: force {:.4} of the exact one", case.name, sums.load_n / n[3]);
         assert!((sums.load_n / n[3] - 1.0).abs() < 0.1);
     }
@@ -165,11 +165,11 @@ fn the_nearest_length_is_the_nearest() {
     for (profile, bend_mm, corner_deg) in curves {
         let profile = Some(profile);
         let edge = ObjectConfig { profile, bend_mm, corner_deg, ..plain };
-        let ridge = EdgeContact::new(&edge, &rubber, None, "object[0]").unwrap();
+        let contact = EdgeContact::new(&edge, &rubber, None, "object[0]").unwrap();
         for i in 0..400_i32 {
             let place = 1e-3 * DVec2::new(f64::from(i % 20 - 10), f64::from(i / 20 - 10) * 3.0);
-            let least = ridge.distance_by_search(place);
-            let found = ridge.distance(place);
+            let least = contact.distance_by_search(place);
+            let found = contact.distance(place);
             assert!((least - found).abs() < 1e-4, "{edge:?} {place}: {found} {least}");
         }
     }

@@ -218,7 +218,7 @@ fn rows_stand_on_their_own_again_once_the_finger_has_left() {
 }
 
 /// Images solved and images after which rows stood on their own.
-fn tally(config: &WorldConfig, up_m: f64) -> (u64, u64) {
+fn solve_counts(config: &WorldConfig, up_m: f64) -> (u64, u64) {
     let top = 1e-3 * (config.table_height_mm() + 2.0 * config.pin.radius_mm);
     let at = |up: f64| DVec3::new(0.325, -0.127, top + up);
     let knots = vec![(0.1, at(1e-3)), (0.3, at(up_m))];
@@ -239,13 +239,13 @@ fn tally(config: &WorldConfig, up_m: f64) -> (u64, u64) {
 fn where_rows_stand_on_their_own_it_is_counted() {
     let mut config = WorldConfig::default();
     config.pin.length_mm = 20.0;
-    assert_eq!(tally(&config, -2e-4), (0, 0), "nobody is_spatial");
+    assert_eq!(solve_counts(&config, -2e-4), (0, 0), "nobody is_spatial");
     config.fidelity.contact = ContactModel::Layer3d;
-    let (solved, plain) = tally(&config, -2e-4);
+    let (solved, plain) = solve_counts(&config, -2e-4);
     assert!(solved > 20 && plain == 0, "{solved} {plain}");
     // Far beyond small strain the tables end.
     config.table.rubber.youngs_mpa = 500.0;
-    let (solved, plain) = tally(&config, -7e-4);
+    let (solved, plain) = solve_counts(&config, -7e-4);
     assert!(solved > 5 && plain > 10, "{solved} {plain}");
 }
 
@@ -260,7 +260,7 @@ fn edges_that_cannot_be_solved_are_counted_as_well() {
         edge.bend_mm = (!is_solved).then_some(100.0);
         let above_pin_mm = edge.top_mm - 2.0 * config.pin.radius_mm;
         config.object = vec![edge];
-        let (solved, plain) = tally(&config, 1e-3 * above_pin_mm - 1e-4);
+        let (solved, plain) = solve_counts(&config, 1e-3 * above_pin_mm - 1e-4);
         assert_eq!((solved > 5, plain > 5), (is_solved, !is_solved), "{solved} {plain}");
     }
 }

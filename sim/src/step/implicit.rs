@@ -48,11 +48,11 @@ const FREE_ACCELERATION_RAD_S2: f64 = 50.0;
 /// State at the start of a stage.
 struct StageStart {
     arm: ArmState,
-    memory: Option<PinState>,
-    grips: ObjectBristles,
+    pin: Option<PinState>,
+    bristles: ObjectBristles,
     /// Angular momentum of the pin (kg m^2/s), which differs from inertia times spin after an
     /// extrapolation.
-    turning: DVec3,
+    angular_momentum: DVec3,
 }
 
 /// Result of a step.
@@ -73,7 +73,7 @@ type Speeds = [f64; UNKNOWN_COUNT];
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct WarmStart {
     /// Acceleration over the last step (m/s^2, rad/s^2).
-    slope: Speeds,
+    acceleration: Speeds,
 }
 
 impl WarmStart {
@@ -83,7 +83,7 @@ impl WarmStart {
     }
 
     pub(super) fn digest(&self, hash: &mut Hash) {
-        hash.numbers(&self.slope);
+        hash.numbers(&self.acceleration);
     }
 }
 
@@ -93,28 +93,50 @@ impl WarmStart {
 struct StageTime {
     tau: f64,
     end_s: f64,
-    last: bool,
+    is_shortest: bool,
+}
+
+/// A stage as its equations see it.
+struct Stage<'a> {
+    start: &'a StageStart,
+    /// The finger at the end of the stage.
+    predictor: StagePredictor,
+    /// Length of the stage (s).
+    tau: f64,
+    /// The table at the end of the stage.
+    table: Surface,
+    table_axes: DMat3,
+}
+
+/// Result of a stage.
+struct StageResult {
+    /// Change of speed by the last iteration (m/s); infinite when the iteration did not converge.
+    last_change_m_s: f64,
+    iterations: u32,
+    speeds: Speeds,
 }
 
 /// The residual of the balance of momentum at some speeds, and what it was computed from.
 #[derive(Default)]
 struct Residual {
     /// The residual itself (N s, N m s).
-    rest: Speeds,
+    momentum: Speeds,
     /// Derivatives of the joints' resisting torques with respect to their speeds (N m s/rad).
     slopes: [f64; 6],
     /// The places of finger and table.
     surroundings: Option<Surroundings>,
     /// The contact lines of the pin.
-    touch: Option<PinContacts>,
+    contacts: Option<PinContacts>,
     /// Whether the finger touches an object.
-    pressed: bool,
+    touches_objects: bool,
 }
 
+/// Three components of a vector of speeds.
 fn part(u: &Speeds, from: usize) -> DVec3 {
     DVec3::new(u[from], u[from + 1], u[from + 2])
 }
 
+/// The finger's part of a vector of speeds.
 fn joints(u: &Speeds) -> Joints {
     Joints::new(u[0], u[1], u[2], u[3], u[4], u[5])
 }
@@ -124,23 +146,26 @@ impl Plant {
     pub(super) fn step_sdirk(&mut self, start: &SavedState, start_s: f64, h: f64) -> StepOutcome {
         let first = StageStart::of(start);
         let tau = SDIRK_GAMMA * h;
-        let u0 = speeds(&first.arm, first.memory.as_ref());
-        let guess = core::array::from_fn(|i| u0[i] + tau * self.warm_start.slope[i]);
+        let u0 = speeds(&first.arm, first.pin.as_ref());
+        let guess = core::array::from_fn(|i| u0[i] + tau * self.warm_start.acceleration[i]);
         let mut factors = None;
-        let over = StageTime { tau, end_s: start_s + tau, last: false };
-        let (last_1, n_1, u1) = self.solve_stage(&first, guess, over, &mut factors);
+        let time = StageTime { tau, end_s: start_s + tau, is_shortest: false };
+        let first_result = self.solve_stage(&first, guess, time, &mut factors);
+        let u1 = first_result.speeds;
         let second = first.extrapolated(&self.save(), (1.0 - SDIRK_GAMMA) / SDIRK_GAMMA);
         let u_end: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / SDIRK_GAMMA);
-        let over = StageTime { end_s: start_s + h, ..over };
-        let (last_2, n_2, u2) = self.solve_stage(&second, u_end, over, &mut factors);
+        let time = StageTime { end_s: start_s + h, ..time };
+        let second_result = self.solve_stage(&second, u_end, time, &mut factors);
+        let u2 = second_result.speeds;
         // The embedded method uses the acceleration of the first stage for the whole step.
-        let off = core::array::from_fn(|i| u2[i] - u_end[i]);
-        self.warm_start.slope = core::array::from_fn(|i| (u2[i] - u0[i]) / h);
+        let difference = core::array::from_fn(|i| u2[i] - u_end[i]);
+        self.warm_start.acceleration = core::array::from_fn(|i| (u2[i] - u0[i]) / h);
+        let last_change_m_s = second_result.last_change_m_s;
         StepOutcome {
-            error_m: h * self.largest_speed(&off),
-            has_converged: last_1.is_finite() && last_2.is_finite(),
-            last_change_m_s: last_2,
-            iterations: n_1 + n_2,
+            error_m: h * self.largest_speed(&difference),
+            has_converged: first_result.last_change_m_s.is_finite() && last_change_m_s.is_finite(),
+            last_change_m_s,
+            iterations: first_result.iterations + second_result.iterations,
         }
     }
 
@@ -155,15 +180,16 @@ impl Plant {
         h: f64,
     ) -> StepOutcome {
         let base = StageStart::of(start);
-        let u0 = speeds(&base.arm, base.memory.as_ref());
-        let over = StageTime { tau: h, end_s: start_s + h, last: true };
-        let (last, iterations, u) = self.solve_stage(&base, u0, over, &mut None);
-        let off = core::array::from_fn(|i| 0.5 * (u[i] - u0[i]));
+        let u0 = speeds(&base.arm, base.pin.as_ref());
+        let time = StageTime { tau: h, end_s: start_s + h, is_shortest: true };
+        let StageResult { last_change_m_s, iterations, speeds: u } =
+            self.solve_stage(&base, u0, time, &mut None);
+        let difference = core::array::from_fn(|i| 0.5 * (u[i] - u0[i]));
         self.warm_start.clear();
         StepOutcome {
-            error_m: h * self.largest_speed(&off),
-            has_converged: last.is_finite(),
-            last_change_m_s: last,
+            error_m: h * self.largest_speed(&difference),
+            has_converged: last_change_m_s.is_finite(),
+            last_change_m_s,
             iterations,
         }
     }
@@ -175,17 +201,16 @@ impl Plant {
         q.max(part(u, 6).length()).max(radius * part(u, 9).length())
     }
 
-    /// Moves all bodies from `base` over `tau` seconds by the forces at the end, `end_s`. `factors`
-    /// may be those of an earlier stage; the factors that were used last are left there. Returns
-    /// the last change (m/s), infinite when the iteration did not converge, the number of
-    /// iterations, and the speeds.
+    /// Moves all bodies from `base` over one stage by the forces at its end. `factors` may be those
+    /// of an earlier stage; the factors that were used last are left there.
     fn solve_stage(
         &mut self,
         base: &StageStart,
         guess: Speeds,
-        StageTime { tau, end_s, last: finest }: StageTime,
+        time: StageTime,
         factors: &mut Option<FactoredMatrix>,
-    ) -> (f64, u32, Speeds) {
+    ) -> StageResult {
+        let StageTime { tau, end_s, is_shortest } = time;
         let mut u = guess;
         let mut predictor = self.finger.predict_stage(&base.arm, &joints(&u), tau, end_s);
         predictor.prescribed_twist += predictor.jacobian * predictor.guessed_speeds;
@@ -193,22 +218,25 @@ impl Plant {
             *slot = 0.0;
         }
         let (_, table_axes, table) = self.table.at(end_s);
-        let mut torques_at = joints(&u);
-        let (mut last, mut count) = (f64::INFINITY, 0);
+        let mut stage = Stage { start: base, predictor, tau, table, table_axes };
+        // Joint speeds at which the generalised forces were evaluated.
+        let mut force_speeds = joints(&u);
+        let (mut last_change_m_s, mut iterations) = (f64::INFINITY, 0);
         let (mut before, mut residual) = (f64::INFINITY, Residual::default());
         for _ in 0..NEWTON_STEPS_MAX {
-            count += 1;
-            self.evaluate_into(&mut residual, base, &predictor, &u, tau, (&table, &table_axes));
-            let held = factors.get_or_insert_with(|| self.factorise(&predictor, &residual, tau));
-            let mut change = held.factors.solve(&residual.rest);
+            iterations += 1;
+            self.evaluate_into(&mut residual, &stage, &u);
+            let matrix = factors.get_or_insert_with(|| self.factorise(&stage, &residual));
+            let mut change = matrix.factors.solve(&residual.momentum);
             if self.largest_speed(&change) < PREDICTED_TOLERANCE_M_S
-                && self.has_softened(&residual, held)
+                && self.has_softened(&residual, matrix)
             {
                 // A matrix far stiffer than the present contacts would report convergence of any
                 // speeds.
-                *held = self.factorise(&predictor, &residual, tau);
-                change = held.factors.solve(&residual.rest);
+                *matrix = self.factorise(&stage, &residual);
+                change = matrix.factors.solve(&residual.momentum);
             }
+            // A matrix that is not positive definite gives no direction to go on with.
             if !change.iter().all(|x| x.is_finite()) {
                 break;
             }
@@ -216,38 +244,42 @@ impl Plant {
                 *speed += change;
             }
             let now = joints(&u);
-            let moved = (now - torques_at).amax();
+            let moved = (now - force_speeds).amax();
             // The joint angles stay at the predicted ones; only the torques that depend on the
             // square of the speeds are evaluated anew.
-            let turned = now.amax() + moved + FREE_ACCELERATION_RAD_S2 * tau;
-            if tau * moved * turned * self.finger.lever_m() > SPEED_TOLERANCE_M_S {
-                predictor.forces = self.finger.generalised_forces(&predictor, &now);
-                torques_at = now;
+            let fastest = now.amax() + moved + FREE_ACCELERATION_RAD_S2 * tau;
+            if tau * moved * fastest * self.finger.lever_m() > SPEED_TOLERANCE_M_S {
+                stage.predictor.forces = self.finger.generalised_forces(&stage.predictor, &now);
+                force_speeds = now;
             }
             let size = self.largest_speed(&change);
             let rate = size / before;
             if size < SPEED_TOLERANCE_M_S
                 || (size < PREDICTED_TOLERANCE_M_S && size * rate < 0.1 * SPEED_TOLERANCE_M_S)
             {
-                last = size;
+                last_change_m_s = size;
                 break;
             }
+            // A slow contraction means that the factors belong to other contacts.
             if rate > CONTRACTION_MAX {
                 *factors = None;
             }
             before = size;
         }
-        if finest && !last.is_finite() {
-            let (calm, more) =
-                self.solve_damped(base, &predictor, &mut u, &guess, tau, (&table, &table_axes));
-            (last, count, *factors) = (calm, count + more, None);
+        if is_shortest && !last_change_m_s.is_finite() {
+            let damped = self.solve_damped(&stage, u, &guess);
+            (last_change_m_s, u) = (damped.last_change_m_s, damped.speeds);
+            iterations += damped.iterations;
+            *factors = None;
         }
-        self.take_stage(base, &predictor, &u, tau);
-        (last, count, u)
+        self.take_stage(&stage, &u);
+        StageResult { last_change_m_s, iterations, speeds: u }
     }
 
     /// Writes the state at the end of a stage.
-    fn take_stage(&mut self, base: &StageStart, predictor: &StagePredictor, u: &Speeds, tau: f64) {
+    fn take_stage(&mut self, stage: &Stage<'_>, u: &Speeds) {
+        let Stage { start: base, predictor, tau, .. } = stage;
+        let tau = *tau;
         let mut next = base.arm;
         for (i, speed) in u.iter().enumerate().take(predictor.degrees_of_freedom) {
             next.qd[i] = *speed;
@@ -262,41 +294,28 @@ impl Plant {
             (next.qd, next.rotors.qd) = (Joints::zeros(), Joints::zeros());
         }
         *self.finger.state_mut() = next;
-        if let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) {
-            rolling.pin = memory.pin.moved(part(u, 6), part(u, 9), tau);
+        if let (Some(rolling), Some(start)) = (&mut self.rolling, &base.pin) {
+            rolling.pin = start.pin.moved(part(u, 6), part(u, 9), tau);
         }
     }
 
     /// The residual of the balance of momentum at the speeds `u`.
-    fn evaluate(
-        &mut self,
-        base: &StageStart,
-        predictor: &StagePredictor,
-        u: &Speeds,
-        tau: f64,
-        table: (&Surface, &DMat3),
-    ) -> Residual {
+    fn evaluate(&mut self, stage: &Stage<'_>, u: &Speeds) -> Residual {
         let mut residual = Residual::default();
-        self.evaluate_into(&mut residual, base, predictor, u, tau, table);
+        self.evaluate_into(&mut residual, stage, u);
         residual
     }
 
-    /// Evaluates the residual at the speeds `u` in place of an earlier residual from the same base.
-    fn evaluate_into(
-        &mut self,
-        residual: &mut Residual,
-        base: &StageStart,
-        predictor: &StagePredictor,
-        u: &Speeds,
-        tau: f64,
-        (table, table_axes): (&Surface, &DMat3),
-    ) {
-        let rest = &mut residual.rest;
+    /// Evaluates the residual at the speeds `u` in place of an earlier residual of the same stage.
+    fn evaluate_into(&mut self, residual: &mut Residual, stage: &Stage<'_>, u: &Speeds) {
+        let Stage { start: base, predictor, tau, table, table_axes } = stage;
+        let tau = *tau;
+        let momentum = &mut residual.momentum;
         let qd = joints(u);
-        let swung = predictor.inertia * (qd - base.arm.qd) - tau * predictor.forces;
+        let arm_momentum = predictor.inertia * (qd - base.arm.qd) - tau * predictor.forces;
         for i in 0..predictor.degrees_of_freedom {
             let resisting = self.finger.resisting_torque(&base.arm, i, qd[i], tau);
-            rest[i] = -swung[i] - tau * resisting.torque_nm;
+            momentum[i] = -arm_momentum[i] - tau * resisting.torque_nm;
             residual.slopes[i] = resisting.slope;
         }
         if self.objects.is_none() && self.rolling.is_none() {
@@ -305,32 +324,33 @@ impl Plant {
         let surroundings =
             residual.surroundings.insert(surroundings(predictor, &qd, tau, table, table_axes));
         if let Some(objects) = &mut self.objects {
-            objects.restore(&base.grips);
+            objects.restore(&base.bristles);
             self.statistics.contact_evaluations += 1;
             objects.evaluate(surroundings, tau);
-            residual.pressed = objects.contact_bits() > 0 && predictor.degrees_of_freedom > 0;
-            if residual.pressed {
+            residual.touches_objects =
+                objects.contact_bits() > 0 && predictor.degrees_of_freedom > 0;
+            if residual.touches_objects {
                 let pulled = predictor.jacobian.tr_mul(&objects.wrench(&surroundings.pad));
                 for i in 0..predictor.degrees_of_freedom {
-                    rest[i] += tau * pulled[i];
+                    momentum[i] += tau * pulled[i];
                 }
             }
         }
-        let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) else { return };
-        rolling.pin = memory.pin.moved(part(u, 6), part(u, 9), tau);
+        let (Some(rolling), Some(start)) = (&mut self.rolling, &base.pin) else { return };
+        rolling.pin = start.pin.moved(part(u, 6), part(u, 9), tau);
         self.statistics.contact_evaluations += 1;
-        let contacts = residual.touch.get_or_insert_default();
-        rolling.evaluate_from(&memory.pad, &memory.support, surroundings, tau, contacts);
+        let contacts = residual.contacts.get_or_insert_default();
+        rolling.evaluate_from(&start.pad, &start.support, surroundings, tau, contacts);
         let (force, moment) = rolling.net_load(surroundings);
         let pin = &rolling.pin;
-        let linear = pin.mass_kg * (pin.velocity - memory.pin.velocity) - tau * force;
-        let angular = pin.angular_momentum() - base.turning - tau * moment;
-        rest[6..9].copy_from_slice(&(-linear).to_array());
-        rest[9..12].copy_from_slice(&(-angular).to_array());
+        let linear = pin.mass_kg * (pin.velocity - start.pin.velocity) - tau * force;
+        let angular = pin.angular_momentum() - base.angular_momentum - tau * moment;
+        momentum[6..9].copy_from_slice(&(-linear).to_array());
+        momentum[9..12].copy_from_slice(&(-angular).to_array());
         if contacts.finger.is_some() {
             let pulled = predictor.jacobian.tr_mul(&rolling.wrench(surroundings.finger.origin));
             for i in 0..predictor.degrees_of_freedom {
-                rest[i] += tau * pulled[i];
+                momentum[i] += tau * pulled[i];
             }
         }
     }
@@ -338,8 +358,10 @@ impl Plant {
 
 impl StageStart {
     fn of(saved: &SavedState) -> StageStart {
-        let turning = saved.memory.as_ref().map_or(DVec3::ZERO, |m| m.pin.angular_momentum());
-        StageStart { arm: saved.arm, memory: saved.memory, grips: saved.grips, turning }
+        let angular_momentum =
+            saved.pin.as_ref().map_or(DVec3::ZERO, |state| state.pin.angular_momentum());
+        let SavedState { arm, pin, bristles } = *saved;
+        StageStart { arm, pin, bristles, angular_momentum }
     }
 
     /// The state on the straight line from this state to `other`, at `reach` times the distance.
@@ -355,17 +377,20 @@ impl StageStart {
             },
         };
         let mix = |x: f64, y: f64| x + reach * (y - x);
-        let grips = core::array::from_fn(|i| {
-            let (a, b): (&ObjectBristle, &ObjectBristle) = (&self.grips[i], &other.grips[i]);
+        let bristles = core::array::from_fn(|i| {
+            let (a, b): (&ObjectBristle, &ObjectBristle) = (&self.bristles[i], &other.bristles[i]);
             let shear_n_m = mix(a.shear_n_m, b.shear_n_m).max(0.0);
-            ObjectBristle { brush: a.brush + reach * (b.brush - a.brush), shear_n_m }
+            ObjectBristle {
+                deflection: a.deflection + reach * (b.deflection - a.deflection),
+                shear_n_m,
+            }
         });
-        let (Some(a), Some(b)) = (&self.memory, &other.memory) else {
-            return StageStart { arm, memory: None, grips, turning: DVec3::ZERO };
+        let (Some(a), Some(b)) = (&self.pin, &other.pin) else {
+            return StageStart { arm, pin: None, bristles, angular_momentum: DVec3::ZERO };
         };
         let mix3 = |x: DVec3, y: DVec3| x + reach * (y - x);
-        let mut memory = *a;
-        let pin = &mut memory.pin;
+        let mut state = *a;
+        let pin = &mut state.pin;
         pin.position = mix3(a.pin.position, b.pin.position);
         pin.velocity = mix3(a.pin.velocity, b.pin.velocity);
         pin.spin = mix3(a.pin.spin, b.pin.spin);
@@ -373,16 +398,17 @@ impl StageStart {
         let (from, to) = (a.pin.orientation, b.pin.orientation);
         let near = if from.dot(to) < 0.0 { -to } else { to };
         pin.orientation = DQuat::normalize(from + (near - from) * reach);
-        memory.pad = a.pad.extrapolated(&b.pad, reach);
-        memory.support = a.support.extrapolated(&b.support, reach);
-        let turning = mix3(self.turning, b.pin.angular_momentum());
-        StageStart { arm, memory: Some(memory), grips, turning }
+        state.pad = a.pad.extrapolated(&b.pad, reach);
+        state.support = a.support.extrapolated(&b.support, reach);
+        let angular_momentum = mix3(self.angular_momentum, b.pin.angular_momentum());
+        StageStart { arm, pin: Some(state), bristles, angular_momentum }
     }
 }
 
-fn speeds(arm: &ArmState, memory: Option<&PinState>) -> Speeds {
+/// The speeds of finger and pin as one vector.
+fn speeds(arm: &ArmState, pin: Option<&PinState>) -> Speeds {
     let (velocity, spin) =
-        memory.map_or((DVec3::ZERO, DVec3::ZERO), |m| (m.pin.velocity, m.pin.spin));
+        pin.map_or((DVec3::ZERO, DVec3::ZERO), |state| (state.pin.velocity, state.pin.spin));
     let mut u = [0.0; UNKNOWN_COUNT];
     u[..6].copy_from_slice(arm.qd.as_slice());
     u[6..9].copy_from_slice(&velocity.to_array());
@@ -398,20 +424,20 @@ fn surroundings(
     table: &Surface,
     axes: &DMat3,
 ) -> Surroundings {
-    let off = predictor.jacobian * (qd - predictor.guessed_speeds);
-    let (shift, turn) = split(&(tau * off));
+    let correction = predictor.jacobian * (qd - predictor.guessed_speeds);
+    let (shift, turn) = split(&(tau * correction));
     // Cayley's rotation keeps lengths exactly and has an error of third order in the angle.
     let half = 0.5 * turn;
     let (square, twice) = (half.length_squared(), 2.0 / (1.0 + half.length_squared()));
-    let turned = |v: DVec3| v + twice * (half.cross(v) + half.cross(half.cross(v)));
+    let rotated = |v: DVec3| v + twice * (half.cross(v) + half.cross(half.cross(v)));
     let r = &predictor.pose.rotation;
     let rotation = if square > 0.0 {
-        DMat3::from_cols(turned(r.x_axis), turned(r.y_axis), turned(r.z_axis))
+        DMat3::from_cols(rotated(r.x_axis), rotated(r.y_axis), rotated(r.z_axis))
     } else {
         *r
     };
     let pad = Pose::new(rotation, predictor.pose.translation + shift);
-    let finger = Surface::of_pad(&pad, &(predictor.prescribed_twist + off));
+    let finger = Surface::of_pad(&pad, &(predictor.prescribed_twist + correction));
     Surroundings { pad, finger, table: *table, table_axes: *axes }
 }
 

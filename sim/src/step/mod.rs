@@ -92,8 +92,8 @@ pub(crate) struct Plant {
 #[derive(Clone, Copy, Debug)]
 struct SavedState {
     arm: ArmState,
-    memory: Option<PinState>,
-    grips: ObjectBristles,
+    pin: Option<PinState>,
+    bristles: ObjectBristles,
 }
 
 impl Method {
@@ -133,19 +133,19 @@ impl Plant {
     }
 
     fn save(&self) -> SavedState {
-        let memory = self.rolling.as_ref().map(|rolling| rolling.state());
-        let grips =
+        let pin = self.rolling.as_ref().map(|rolling| rolling.state());
+        let bristles =
             self.objects.as_ref().map_or(ObjectBristles::default(), |objects| objects.bristles());
-        SavedState { arm: *self.finger.state(), memory, grips }
+        SavedState { arm: *self.finger.state(), pin, bristles }
     }
 
     fn restore(&mut self, saved: &SavedState) {
         *self.finger.state_mut() = saved.arm;
-        if let (Some(rolling), Some(memory)) = (&mut self.rolling, &saved.memory) {
-            rolling.restore(memory);
+        if let (Some(rolling), Some(pin)) = (&mut self.rolling, &saved.pin) {
+            rolling.restore(pin);
         }
         if let Some(objects) = &mut self.objects {
-            objects.restore(&saved.grips);
+            objects.restore(&saved.bristles);
         }
     }
 
@@ -179,8 +179,8 @@ impl Plant {
         }
         let surroundings = self.surroundings(t_s);
         if let Some(rolling) = &mut self.rolling {
-            let (pressed, tally) = rolling.image(&surroundings);
-            self.statistics.add(tally);
+            let (pressed, counts) = rolling.image(&surroundings);
+            self.statistics.add(counts);
             forces = pressed;
         }
         if let Some(objects) = &mut self.objects {
@@ -193,9 +193,9 @@ impl Plant {
     pub(crate) fn opposed_image(&mut self, t_s: f64) -> [f64; MAX_TACTELS] {
         let surroundings = self.surroundings(t_s);
         let Some(rolling) = &mut self.rolling else { return [0.0; MAX_TACTELS] };
-        let (forces, tally) = rolling.opposed_image(&surroundings);
+        let (forces, counts) = rolling.opposed_image(&surroundings);
         self.statistics.tactile_images += 1;
-        self.statistics.add(tally);
+        self.statistics.add(counts);
         forces
     }
 

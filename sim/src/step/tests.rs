@@ -9,7 +9,7 @@ use crate::scene::{ArmConfig, TableConfig};
 
 /// The arm alone, thrown without friction.
 fn thrown(method: Method, step_us: i64, viscous: f64) -> Plant {
-    bench_of(thrown_arm(viscous), method, step_us)
+    plant_of(thrown_arm(viscous), method, step_us)
 }
 
 fn thrown_arm(viscous: f64) -> Arm {
@@ -21,7 +21,7 @@ fn thrown_arm(viscous: f64) -> Arm {
     arm
 }
 
-fn bench_of(arm: Arm, method: Method, step_us: i64) -> Plant {
+fn plant_of(arm: Arm, method: Method, step_us: i64) -> Plant {
     Plant {
         finger: Box::new(arm),
         rolling: None,
@@ -41,14 +41,14 @@ fn bench_of(arm: Arm, method: Method, step_us: i64) -> Plant {
 fn drift(step_us: i64) -> f64 {
     let mut arm = thrown_arm(0.0);
     arm.without_stops();
-    let (mut bench, dynamics) = (bench_of(arm, Method::Rk4, step_us), Dynamics::reference());
-    let start = bench.finger.energy_j();
+    let (mut plant, dynamics) = (plant_of(arm, Method::Rk4, step_us), Dynamics::reference());
+    let start = plant.finger.energy_j();
     let (mut most, mut peak) = (0.0_f64, 0.0_f64);
     for i in 0..4000 {
         let tick = Nanos::from_micros(2500);
-        bench.integrate(tick * i, tick * (i + 1));
-        most = most.max((bench.finger.energy_j() - start).abs());
-        let ArmState { q, qd, .. } = bench.finger.state();
+        plant.integrate(tick * i, tick * (i + 1));
+        most = most.max((plant.finger.energy_j() - start).abs());
+        let ArmState { q, qd, .. } = plant.finger.state();
         peak = peak.max(dynamics.kinetic_j(q, qd));
     }
     most / peak
@@ -65,9 +65,9 @@ fn free_motion_keeps_its_energy_for_ten_seconds() {
 #[test]
 fn each_integrator_has_its_order() {
     let end = |method, step_us| {
-        let mut bench = thrown(method, step_us, 1.0);
-        bench.integrate(Nanos::ZERO, Nanos::from_millis(200));
-        bench.finger.state().q
+        let mut plant = thrown(method, step_us, 1.0);
+        plant.integrate(Nanos::ZERO, Nanos::from_millis(200));
+        plant.finger.state().q
     };
     let exact = end(Method::Rk4, 100);
     for (method, order, from_us) in
@@ -87,18 +87,18 @@ fn each_integrator_has_its_order() {
 #[test]
 fn a_joint_that_meets_its_stop_stays_there() {
     for method in [Method::Rk4, Method::Implicit, Method::Euler] {
-        let mut bench = thrown(method, 2500, 0.0);
-        bench.finger.state_mut().qd[4] = 20.0;
+        let mut plant = thrown(method, 2500, 0.0);
+        plant.finger.state_mut().qd[4] = 20.0;
         for i in 0..100 {
             let tick = Nanos::from_micros(2500);
-            bench.integrate(tick * i, tick * (i + 1));
-            assert!(!bench.finger.is_beyond_limits());
-            assert!(bench.finger.state().qd.iter().all(|v| v.is_finite()));
+            plant.integrate(tick * i, tick * (i + 1));
+            assert!(!plant.finger.is_beyond_limits());
+            assert!(plant.finger.state().qd.iter().all(|v| v.is_finite()));
         }
         assert!(
-            method == Method::Euler || bench.statistics.halved_steps > 0,
+            method == Method::Euler || plant.statistics.halved_steps > 0,
             "{method:?}: {:?}",
-            bench.statistics
+            plant.statistics
         );
     }
 }
@@ -114,12 +114,12 @@ fn springy(step_us: i64, stiffness: Option<f64>) -> Plant {
     let q = thrown_arm(0.0).state.q;
     arm.lines.braked = false;
     (arm.state.q, arm.state.rotors.q) = (q, q);
-    bench_of(arm, Method::Implicit, step_us)
+    plant_of(arm, Method::Implicit, step_us)
 }
 
-fn after(mut bench: Plant, span: Nanos) -> Joints {
-    bench.integrate(Nanos::ZERO, span);
-    bench.finger.state().q
+fn after(mut plant: Plant, span: Nanos) -> Joints {
+    plant.integrate(Nanos::ZERO, span);
+    plant.finger.state().q
 }
 
 #[test]
@@ -135,12 +135,12 @@ fn gears_that_hardly_give_way_are_stiff_ones() {
 #[test]
 fn an_arm_on_springs_keeps_its_energy_and_its_order() {
     let energies = |step_us: i64| {
-        let mut bench = springy(step_us, None);
-        let start = bench.finger.energy_j();
+        let mut plant = springy(step_us, None);
+        let start = plant.finger.energy_j();
         let most = (0..200).map(|i| {
             let tick = Nanos::from_micros(2500);
-            bench.integrate(tick * i, tick * (i + 1));
-            (bench.finger.energy_j() - start).abs()
+            plant.integrate(tick * i, tick * (i + 1));
+            (plant.finger.energy_j() - start).abs()
         });
         most.fold(0.0, f64::max)
     };

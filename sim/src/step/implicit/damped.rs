@@ -2,10 +2,7 @@
 //! more: each iteration is shortened until it helps. Refuses to run away: the residual at the end
 //! is never larger than where the stage began.
 
-use glam::DMat3;
-
-use super::{Plant, Residual, SPEED_TOLERANCE_M_S, Speeds, StagePredictor, StageStart, speeds};
-use crate::contact::Surface;
+use super::{Plant, Residual, SPEED_TOLERANCE_M_S, Speeds, Stage, StageResult, speeds};
 
 /// Iterations of such a stage at most.
 const DAMPED_STEPS_MAX: usize = 24;
@@ -22,50 +19,48 @@ impl Plant {
     /// (m/s), infinite when the iteration did not converge, and the number of iterations.
     pub(super) fn solve_damped(
         &mut self,
-        base: &StageStart,
-        predictor: &StagePredictor,
-        u: &mut Speeds,
+        stage: &Stage<'_>,
+        present: Speeds,
         guess: &Speeds,
-        tau: f64,
-        table: (&Surface, &DMat3),
-    ) -> (f64, u32) {
-        let mass = self.newton_matrix(predictor, &Residual::default(), tau).factorise();
-        let left = |residual: &Residual| -> f64 {
-            let speeds = mass.solve(&residual.rest);
-            speeds.iter().zip(&residual.rest).map(|(speed, rest)| speed * rest).sum()
+    ) -> StageResult {
+        let mass = self.newton_matrix(stage, &Residual::default()).factorise();
+        let energy = |residual: &Residual| -> f64 {
+            let speeds = mass.solve(&residual.momentum);
+            speeds.iter().zip(&residual.momentum).map(|(speed, momentum)| speed * momentum).sum()
         };
-        let mut least = f64::INFINITY;
-        for from in [*u, *guess, speeds(&base.arm, base.memory.as_ref())] {
-            let here = left(&self.evaluate(base, predictor, &from, tau, table));
-            if here < least {
-                (least, *u) = (here, from);
+        let (mut least, mut u) = (f64::INFINITY, present);
+        for from in [present, *guess, speeds(&stage.start.arm, stage.start.pin.as_ref())] {
+            let energy_here = energy(&self.evaluate(stage, &from));
+            if energy_here < least {
+                (least, u) = (energy_here, from);
             }
         }
         for count in 1..=DAMPED_STEPS_MAX {
-            let residual = self.evaluate(base, predictor, u, tau, table);
-            let change =
-                self.newton_matrix(predictor, &residual, tau).factorise().solve(&residual.rest);
-            let (mut part, mut taken) = (1.0, false);
+            let residual = self.evaluate(stage, &u);
+            let change = self.newton_matrix(stage, &residual).factorise().solve(&residual.momentum);
+            let (mut part, mut is_taken) = (1.0, false);
             for _ in 0..STEP_HALVINGS_MAX {
                 let next: Speeds = core::array::from_fn(|i| u[i] + part * change[i]);
-                let there = left(&self.evaluate(base, predictor, &next, tau, table));
-                taken = there <= (1.0 - ARMIJO_FACTOR * part) * least;
-                if taken {
-                    (least, *u) = (there, next);
+                let energy_there = energy(&self.evaluate(stage, &next));
+                is_taken = energy_there <= (1.0 - ARMIJO_FACTOR * part) * least;
+                if is_taken {
+                    (least, u) = (energy_there, next);
                     break;
                 }
                 part *= 0.5;
             }
             let size = self.largest_speed(&change);
+            let iterations = count as u32;
             if size < SPEED_TOLERANCE_M_S {
-                return (size, count as u32);
+                return StageResult { last_change_m_s: size, iterations, speeds: u };
             }
-            if !taken {
+            if !is_taken {
                 // Evaluates the contacts once more, at the speeds that are kept.
-                self.evaluate(base, predictor, u, tau, table);
-                return (f64::INFINITY, count as u32);
+                self.evaluate(stage, &u);
+                return StageResult { last_change_m_s: f64::INFINITY, iterations, speeds: u };
             }
         }
-        (f64::INFINITY, DAMPED_STEPS_MAX as u32)
+        let iterations = DAMPED_STEPS_MAX as u32;
+        StageResult { last_change_m_s: f64::INFINITY, iterations, speeds: u }
     }
 }

@@ -6,7 +6,7 @@
 use glam::DVec3;
 use taktil_mechanics::spatial::spatial_vector;
 
-use super::{Plant, Residual, StagePredictor};
+use super::{Plant, Residual, Stage, StagePredictor};
 use crate::contact::{ContactLine, Tangent};
 use crate::rolling::RollingPin;
 use crate::scene::OBJECTS_MAX;
@@ -23,54 +23,45 @@ const SOFTENING_RATIO: f64 = 0.5;
 pub(super) struct FactoredMatrix {
     pub(super) factors: Factors,
     /// The resistances for which it was made.
-    holds: [f64; RESISTANCE_COUNT],
+    resistances: [f64; RESISTANCE_COUNT],
 }
 
 impl Plant {
     /// Makes and factorises Newton's matrix.
-    pub(super) fn factorise(
-        &self,
-        predictor: &StagePredictor,
-        residual: &Residual,
-        tau: f64,
-    ) -> FactoredMatrix {
-        let factors = self.newton_matrix(predictor, residual, tau).factorise();
-        FactoredMatrix { factors, holds: self.resistances(residual) }
+    pub(super) fn factorise(&self, stage: &Stage<'_>, residual: &Residual) -> FactoredMatrix {
+        let factors = self.newton_matrix(stage, residual).factorise();
+        FactoredMatrix { factors, resistances: self.resistances(residual) }
     }
 
     /// Resistances to motion at the latest evaluation: those of the pin's contacts, in three
     /// directions against translation and against rotation, and those of the objects.
     fn resistances(&self, residual: &Residual) -> [f64; RESISTANCE_COUNT] {
-        let mut holds = [0.0; RESISTANCE_COUNT];
-        if let Some(contacts) = &residual.touch {
+        let mut resistances = [0.0; RESISTANCE_COUNT];
+        if let Some(contacts) = &residual.contacts {
             for (i, contact) in [&contacts.finger, &contacts.table].into_iter().enumerate() {
                 let Some((_, tangent)) = contact else { continue };
                 for (j, [w0, w1, w2]) in tangent.weights.into_iter().enumerate() {
                     let at = 6 * i + 2 * j;
-                    holds[at] = w0;
-                    holds[at + 1] = if w0 > 0.0 { (w2 - w1 * w1 / w0).max(0.0) } else { 0.0 };
+                    resistances[at] = w0;
+                    resistances[at + 1] = if w0 > 0.0 { (w2 - w1 * w1 / w0).max(0.0) } else { 0.0 };
                 }
             }
         }
-        if let (Some(objects), true) = (&self.objects, residual.pressed) {
-            objects.resistances(&mut holds[12..]);
+        if let (Some(objects), true) = (&self.objects, residual.touches_objects) {
+            objects.resistances(&mut resistances[12..]);
         }
-        holds
+        resistances
     }
 
     /// Whether a resistance is far smaller than when the factors were made.
-    pub(super) fn has_softened(&self, residual: &Residual, held: &FactoredMatrix) -> bool {
+    pub(super) fn has_softened(&self, residual: &Residual, matrix: &FactoredMatrix) -> bool {
         let now = self.resistances(residual);
-        now.iter().zip(&held.holds).any(|(now, then)| *now < SOFTENING_RATIO * then)
+        now.iter().zip(&matrix.resistances).any(|(now, then)| *now < SOFTENING_RATIO * then)
     }
 
     /// Newton's matrix at the latest evaluation of the balance.
-    pub(super) fn newton_matrix(
-        &self,
-        predictor: &StagePredictor,
-        residual: &Residual,
-        tau: f64,
-    ) -> Matrix12 {
+    pub(super) fn newton_matrix(&self, stage: &Stage<'_>, residual: &Residual) -> Matrix12 {
+        let (predictor, tau) = (&stage.predictor, stage.tau);
         let mut matrix = Matrix12::identity();
         for (i, slope) in residual.slopes.iter().enumerate().take(predictor.degrees_of_freedom) {
             for j in 0..=i {
@@ -79,7 +70,7 @@ impl Plant {
             matrix.add(i, i, tau * slope);
         }
         if let (Some(objects), Some(surroundings), true) =
-            (&self.objects, &residual.surroundings, residual.pressed)
+            (&self.objects, &residual.surroundings, residual.touches_objects)
         {
             objects.for_each_tangent(&surroundings.pad, &predictor.jacobian, |weight, part| {
                 let mut row = [0.0; UNKNOWN_COUNT];
@@ -89,7 +80,7 @@ impl Plant {
             });
         }
         let (Some(rolling), Some(surroundings), Some(contacts)) =
-            (&self.rolling, &residual.surroundings, &residual.touch)
+            (&self.rolling, &residual.surroundings, &residual.contacts)
         else {
             return matrix;
         };
