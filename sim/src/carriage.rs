@@ -188,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_rests_outside_the_path_and_moves_smoothly_inside() {
+    fn a_carriage_rests_outside_its_path_and_moves_smoothly_inside() {
         let knots = vec![(1.0, DVec3::ZERO), (3.0, DVec3::X), (4.0, DVec3::X + DVec3::Y)];
         let carriage = Carriage { axes: DMat3::IDENTITY, knots, float: None };
         assert_eq!(carriage.at(0.0), (DVec3::ZERO, DVec3::ZERO));

@@ -342,7 +342,7 @@ mod tests {
     use crate::scene::{FingerConfig, RubberConfig};
 
     #[test]
-    fn a_damped_contact_that_begins_to_slide_holds_no_more_than_was_done_to_it() {
+    fn a_damped_contact_that_begins_to_slide_stores_no_more_than_the_work_done_on_it() {
         for relaxation_ms in [0.0, 0.3, 100.0] {
             let config = RubberConfig { relaxation_ms, ..FingerConfig::default().rubber };
             let rubber = Rubber::without_base_shares(&config, 23.0, "table.rubber").unwrap();

@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn blends_cost_one_blend_of_way_and_steps_arrive() {
+    fn blends_shorten_a_ramp_by_one_blend_and_steps_arrive() {
         let courses = courses();
         assert!((courses[0].1.at(9.0).0 - 10.0).abs() < 1e-12);
         assert!((courses[1].1.at(9.0).0 - 7.5).abs() < 1e-12);
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_curve_passes_its_points_and_never_swings_beyond_them() {
+    fn a_curve_passes_its_points_and_never_overshoots_them() {
         let (_, course) = courses().pop().unwrap();
         for (t, value) in [(0.0, 1.0), (0.5, 1.0), (1.0, 4.0), (1.7, 4.5), (2.0, -1.0), (8.0, -1.0)]
         {

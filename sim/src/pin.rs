@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn free_fall_is_free_fall() {
+    fn a_free_pin_falls_with_gravity() {
         let mut pin = pin();
         let (h, n) = (1e-4, 10_000);
         for _ in 0..n {

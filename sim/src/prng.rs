@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn normals_have_the_moments_of_the_bell() {
+    fn normal_numbers_have_the_moments_of_the_normal_distribution() {
         let mut prng = Prng::new(7, Stream::TactileNoise);
         let (mut sums, n) = ([0.0; 4], 200_000);
         for _ in 0..n {
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn normals_are_spread_as_the_bell_is_far_out_too() {
+    fn normal_numbers_follow_the_distribution_in_the_tails_too() {
         let mut prng = Prng::new(11, Stream::WristNoise);
         let n = 1_000_000;
         let edges: [f64; 10] = [-4.0, -3.66, -3.0, -2.0, -0.5, 0.1, 1.0, 2.5, 3.66, 4.2];

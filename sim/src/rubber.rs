@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_pulls_and_nothing_jumps() {
+    fn loads_never_pull_and_never_jump() {
         let rubber = rubber();
         for bad in [0.0, -1e-6, f64::NEG_INFINITY, f64::NAN] {
             assert_eq!(rubber.at(bad), LineResponse::default());

@@ -1,4 +1,5 @@
-//! Forces balance, nothing pulls, energy is not made, steps converge.
+//! Checks that forces balance, that nothing pulls, that no energy is created, and that steps
+//! converge.
 
 mod common;
 
@@ -117,7 +118,7 @@ fn a_rolling_pin_left_alone_does_not_speed_up() {
         assert!(now <= energy + 1e-9, "{energy} grew to {now}");
         energy = now;
     }
-    // And rubber takes little from it.
+    // The rubber dissipates little of the energy.
     assert!(world.truth().pin_velocity.x < rim, "{}", world.truth().pin_velocity);
 }
 
@@ -163,7 +164,7 @@ fn tangential_forces_stay_inside_the_cone() {
 }
 
 #[test]
-fn the_hand_holds_the_pin_on_a_slope_until_the_finger_presses() {
+fn the_fixture_holds_the_pin_on_a_slope_until_the_finger_presses() {
     let mut config = WorldConfig::default();
     config.table.tilt_y_deg = 8.0;
     let (mut world, _devices) = bench(&config, lifted());
@@ -179,7 +180,7 @@ fn the_hand_holds_the_pin_on_a_slope_until_the_finger_presses() {
 }
 
 #[test]
-fn brutality_stays_finite() {
+fn violent_motions_stay_finite() {
     let config = WorldConfig::default();
     let z = meeting_height(&config);
     let knots = vec![

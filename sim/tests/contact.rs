@@ -1,4 +1,4 @@
-//! Contact in motion: sliding at the Coulomb limit, rolling without drift, balance of forces,
+//! Tests contact in motion: sliding at the Coulomb limit, rolling without drift, balance of forces,
 //! momentum and energy; and the image of a pin in three dimensions.
 
 mod common;
@@ -18,7 +18,7 @@ fn pushed_past_the_limit_it_slides_at_exactly_mu_times_the_load() {
     let mut config = WorldConfig::default();
     config.finger.friction = 0.1;
     let z = meeting_height(&config) + 1e-4;
-    // Along the pin's axis: it cannot roll out of the way.
+    // The push is along the pin's axis, so that the pin cannot roll out of the way.
     let knots = vec![(0.5, over(z)), (1.5, over(z) + DVec3::new(0.0, 0.01, 0.0))];
     let (mut world, _devices) =
         bench(&config, Carriage { axes: nominal(), knots, float: load_of(15.0) });
@@ -32,8 +32,8 @@ fn pushed_past_the_limit_it_slides_at_exactly_mu_times_the_load() {
     }
 }
 
-/// A stroke of 10 mm with the rubbers' moduli times a factor: drift of rolling (m) and the largest
-/// creepage.
+/// Drift of rolling (m) and largest creepage over a stroke of 10 mm, with the rubbers' moduli
+/// multiplied by a factor.
 fn stroke(factor: f64) -> (f64, f64) {
     let mut config = WorldConfig::default();
     config.finger.rubber.youngs_mpa *= factor;
@@ -57,7 +57,7 @@ fn stroke(factor: f64) -> (f64, f64) {
 }
 
 #[test]
-fn rolling_does_not_drift_and_creepage_is_told() {
+fn rolling_does_not_drift_and_creepage_is_reported() {
     let (drift, creepage) = stroke(100.0);
     println!("stiffness x 100: drift {drift:.2e} m, creepage up to {creepage:.2e}");
     assert!(drift < 1e-6, "{drift:e}");
@@ -77,7 +77,7 @@ fn forces_balance_at_rest_to_a_nanonewton() {
         let (mut world, _devices) = bench(&config, carriage);
         let weight = config.pin.mass_kg * GRAVITY_M_S2;
         let mut worst = [0.0_f64; 3];
-        // Between images, which are taken every 5 ms, and at them.
+        // Forces are compared at images, which are made every 5 ms, and between them.
         for i in 0..60 {
             let truth = at(&mut world, 2.0 + 0.0037 * f64::from(i));
             let sideways = truth.finger_tangential_n.0 + truth.table_tangential_n.0;
@@ -92,7 +92,7 @@ fn forces_balance_at_rest_to_a_nanonewton() {
 #[test]
 fn momentum_changes_by_the_forces_from_outside_alone() {
     // The table falls away; a finger that is pushed down with 15 N catches the falling pin and
-    // pushes it on: what they do to each other cancels.
+    // pushes it on, so that their mutual forces cancel.
     let mut config = WorldConfig::default();
     config.pin.steadied = false;
     config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 1.5)];
@@ -115,8 +115,8 @@ fn momentum_changes_by_the_forces_from_outside_alone() {
     assert!(touched && worst < 1e-7, "{worst:e}");
 }
 
-/// The pin dropped by 2 mm on undamped rubber, twenty bounces: largest gain and loss of the whole
-/// energy over the energy of the drop.
+/// Largest gain and loss of the whole energy, relative to the energy of the drop, of a pin that is
+/// dropped by 2 mm on undamped rubber and bounces twenty times.
 fn bounces(substep_us: f64) -> (f64, f64) {
     let mut config = WorldConfig { substep_us, ..WorldConfig::default() };
     config.pin.steadied = false;
@@ -159,9 +159,9 @@ fn observed(
     (truth, moments.m0, features(&moments))
 }
 
-/// A short pin of the reference's size and rubber, pressed by a finger: what the array says.
+/// The array's image of a short pin of the reference's size and rubber, pressed by a finger.
 #[test]
-fn a_pin_shorter_than_the_pad_is_seen_whole_where_it_lies() {
+fn a_short_pin_is_imaged_whole_at_its_place() {
     for (yaw_deg, x_mm, y_mm) in [(0.0, 0.0, 0.0), (20.0, 2.0, -1.5), (-15.0, -3.0, 2.0)] {
         let mut config = WorldConfig::default();
         config.fidelity.contact = ContactModel::Layer3d;
@@ -177,7 +177,7 @@ fn a_pin_shorter_than_the_pad_is_seen_whole_where_it_lies() {
         let (truth, m0, found) = observed(&mut world, &mut devices, 1.0);
         let force = m0 * 4.0 / 65535.0;
         assert!((force / truth.finger_normal_n - 1.0).abs() < 0.01, "{force}");
-        // The sensor's x runs against x0; the pin lies where it was put.
+        // The sensor's x is opposite to x0; the pin is where the scene puts it.
         let column = |mm: f64| 8.5 + mm / (1e3 * PITCH_M);
         let (dx, dy) = ((found.x_c.unwrap() - column(-x_mm)), (found.y_c.unwrap() - column(y_mm)));
         let off_mm = 1e3 * PITCH_M * dx.abs().max(dy.abs());
@@ -189,7 +189,7 @@ fn a_pin_shorter_than_the_pad_is_seen_whole_where_it_lies() {
 }
 
 #[test]
-fn what_is_not_named_is_not_computed() {
+fn parts_that_are_not_named_are_not_computed() {
     let mut config = WorldConfig::default();
     config.pin.present = false;
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };

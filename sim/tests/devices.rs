@@ -1,4 +1,4 @@
-//! The hal halves of the bench against the suite that every implementor passes, and the watchdogs.
+//! Tests the hal halves of the bench with the conformance suite of the hal, and the watchdogs.
 
 use std::cell::{Cell, RefCell};
 
@@ -22,7 +22,7 @@ fn lines(enable: bool, brake_release: bool, watchdog_feed: bool) -> LinesOut {
 }
 
 #[test]
-fn all_halves_keep_the_promises() {
+fn all_halves_pass_the_conformance_suite() {
     let mut opposed = WorldConfig::default();
     opposed.opposed.present = true;
     for config in [WorldConfig::default(), opposed] {
@@ -41,7 +41,8 @@ fn outputs_reach_the_world_and_go_safe() {
         last.set(t);
         world.borrow_mut().advance(t);
     };
-    // A word acts one delay after its release, a safe value at once; a moment later it is taken.
+    // A command acts one delay after its release, a safe value at once; a moment later it has been
+    // taken.
     let settle = || {
         let mut world = world.borrow_mut();
         let due = world.now().max(last.get() + ACTUATION_DELAY);
@@ -95,7 +96,7 @@ fn readings_carry_the_instants_of_the_world() {
 }
 
 #[test]
-fn late_scans_say_when_they_were_made_or_when_they_came() {
+fn late_scans_carry_the_instant_of_acquisition_or_of_arrival() {
     for (late, stamp) in
         [(0, ScanStamp::Scanned), (2, ScanStamp::Scanned), (2, ScanStamp::Delivered)]
     {
@@ -131,7 +132,7 @@ fn words_act_from_their_own_instants() {
         }
         world.truth().qd[0]
     };
-    // Pushed from 1.25 to 3.75 ms, however the advance is cut.
+    // The joint is driven from 1.25 to 3.75 ms, whatever the division of the advance.
     let (whole, cut) = (run(&[20_000]), run(&[1_250, 3_750, 20_000]));
     assert!(whole > 0.0 && (whole - cut).abs() < 1e-12, "{whole} {cut}");
     assert!(run(&[1_250]).abs() < 1e-12, "nothing acts before its instant");
@@ -153,7 +154,7 @@ fn silence_drops_the_drives_and_sets_the_brakes() {
     }
     let running = world.truth();
     assert!(running.enabled && !running.braked && running.qd[0].abs() > 0.1);
-    // The last word acted at 39 periods + delay; 50 ms later everything is off.
+    // The last command acts at 39 periods + delay; 50 ms later everything is off.
     let last = CONTROL_PERIOD * 39 + ACTUATION_DELAY;
     world.advance(last + LONGEST_SILENCE);
     assert_eq!(world.analog_out()[0], 1500, "not a moment too early");

@@ -1,5 +1,5 @@
-//! Hard cases: the physics may lose accuracy, it never explodes, pulls, or gives a number that is
-//! not finite.
+//! Tests hard cases: the physics may lose accuracy, but it never diverges, pulls, or gives a number
+//! that is not finite.
 
 mod common;
 
@@ -9,7 +9,7 @@ use taktil_hal::Nanos;
 use taktil_sim::scene::{Axis, Motion};
 use taktil_sim::{Carriage, Timing, Truth, World, WorldConfig, build_with_carriage};
 
-/// Presses with 15 N, rolls by 4 mm and back, lifts.
+/// A carriage that presses with 15 N, rolls the pin by 4 mm and back, and lifts.
 fn journey(config: &WorldConfig) -> Carriage {
     let z = meeting_height(config) + 1e-4;
     let dx = DVec3::new(0.004, 0.0, 0.0);
@@ -26,7 +26,7 @@ fn sound(truth: &Truth) {
     assert!((truth.pin_axis.length() - 1.0).abs() < 1e-9);
 }
 
-/// Runs for a time and looks every millisecond; the last truth and the world.
+/// Runs for a time and checks the truth every millisecond; returns the last truth and the world.
 fn watched(config: &WorldConfig, carriage: Carriage, until_s: f64) -> (Truth, World) {
     let (mut world, _devices) = bench(config, carriage);
     for i in 1..=(1000.0 * until_s) as i32 {
@@ -35,7 +35,7 @@ fn watched(config: &WorldConfig, carriage: Carriage, until_s: f64) -> (Truth, Wo
     (world.truth(), world)
 }
 
-/// The journey's end: where the pin went to, in force and place.
+/// Runs the journey and returns the truth at its turning point.
 fn rolls(name: &str, config: &WorldConfig) -> Truth {
     let (_, mut world) = watched(config, journey(config), 0.3);
     let start = world.truth();
@@ -173,7 +173,7 @@ fn a_finger_slammed_down_at_half_a_metre_per_second() {
     let z = meeting_height(&config) + 0.01;
     let knots = vec![(0.1, over(z)), (0.2, over(z))];
     let mut carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
-    // A finger of 1 kg that falls on the pin with 0.5 m/s, and bounces.
+    // A finger of 1 kg falls on the pin with 0.5 m/s and bounces.
     carriage.float = carriage.float.map(|f| taktil_sim::FloatingGuide { damping_n_s_m: 5.0, ..f });
     let (end, _) = watched(&config, carriage, 3.0);
     assert!((end.finger_normal_n - 15.0).abs() < 0.1, "{}", end.finger_normal_n);
@@ -228,7 +228,7 @@ fn a_disc_that_is_tipped_over_lies_on_the_table() {
     let (end, _) = watched(&config, Carriage { axes: nominal(), knots, float: None }, 2.0);
     let table_m = 1e-3 * config.table_height_mm();
     assert!(end.pin_axis.z.abs() > 0.9, "it stands: {}", end.pin_axis);
-    // Half as thick as it is long, on soft rubber.
+    // The disc is half as thick as it is long, on soft rubber.
     let above = end.pin.z - table_m;
     assert!((0.002..0.006).contains(&above), "{above}");
 }

@@ -1,4 +1,4 @@
-//! The tactile image against the forces that made it.
+//! Compares the tactile image with the forces that caused it.
 
 mod common;
 
@@ -43,7 +43,7 @@ fn the_sum_of_the_image_is_the_normal_force() {
         let (truth, frame) = pressed(&quiet(), nominal(), x);
         let (sums, seen) = moments_and_features(&frame, 300.0);
         let force = sums.m0 * 4.0 / 4095.0;
-        // Rounding on 256 tactels, most of which carry less than half a count.
+        // The bound is the rounding on 256 tactels, most of which carry less than half a count.
         assert!((force - truth.finger_normal_n).abs() < 0.04, "{force} {}", truth.finger_normal_n);
         let due = truth.contact_x_tactels.unwrap();
         let x_c = seen.x_c.unwrap();
@@ -93,8 +93,8 @@ fn the_images_axis_is_the_pins_axis() {
         let (truth, frame) = pressed(&config, nominal(), 0.0);
         let (_, seen) = moments_and_features(&frame, 300.0);
         let theta = seen.theta_z_rad.unwrap();
-        // About z_s = -z0 the angle has the other sign. A line of finite width looks a little less
-        // long to second moments, not less turned.
+        // About z_s = -z0 the angle has the opposite sign. To second moments a line of finite width
+        // looks slightly shorter, but not turned.
         assert!((truth.pin_yaw_rad.to_degrees() + yaw).abs() < 0.1, "{}", truth.pin_yaw_rad);
         assert!((theta - truth.pin_yaw_rad).abs() < 0.3_f64.to_radians(), "{theta}");
     }

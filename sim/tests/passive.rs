@@ -1,5 +1,5 @@
-//! A pin that nobody pushes: what it moves by, what it can fall by and what rubber and bristles
-//! hold never exceed together what they were at the start, over a grid of masses, moduli,
+//! Checks a pin that nobody pushes: its kinetic and potential energy and the energy of rubber and
+//! bristles never exceed together their value at the start, over a grid of masses, moduli,
 //! relaxation times and steps. Table and finger stand still and do no work.
 
 mod common;
@@ -11,7 +11,7 @@ use taktil_sim::{Carriage, World, WorldConfig};
 
 const GRAVITY_M_S2: f64 = 9.81;
 
-/// What is varied.
+/// One point of the grid.
 #[derive(Clone, Copy, Debug)]
 struct Case {
     mass_kg: f64,
@@ -56,7 +56,7 @@ fn gain_j(world: &mut World, from_s: f64) -> f64 {
     gain
 }
 
-/// Largest gains of damped and of undamped rubber, in parts of `scale_j` of each case.
+/// Largest gains with damped and with undamped rubber, relative to `scale_j` of each case.
 fn worst(name: &str, run: impl Fn(Case) -> (f64, f64)) -> [f64; 2] {
     let mut worst = [f64::NEG_INFINITY; 2];
     for case in grid() {
@@ -83,7 +83,7 @@ fn a_pin_dropped_on_a_slope_gains_nothing() {
         let (mut world, _devices) = bench(&config, carriage);
         (gain_j(&mut world, 0.0025), case.mass_kg * GRAVITY_M_S2 * 2.5e-3)
     });
-    // What is left is the rounding of sums over the weight's whole height.
+    // The bound is the rounding of sums over the whole height of the weight.
     assert!(damped < 1e-11, "{damped:e} of the drop's energy");
     assert!(undamped < 1e-11, "{undamped:e} of the drop's energy");
 }

@@ -1,4 +1,4 @@
-//! Scenes that cannot be simulated are refused with their place.
+//! Checks that scenes that cannot be simulated are refused with their place.
 
 use taktil_hal::explain::Explain;
 use taktil_sim::fidelity::{ArmModel, Integrator};
@@ -146,7 +146,7 @@ fn every_number_is_refused_when_it_is_no_number_or_out_of_range() {
 }
 
 #[test]
-fn what_contradicts_is_refused() {
+fn contradictions_are_refused() {
     let found = refused(|c| c.tactile.rest_counts = 249.0);
     assert_eq!(found.place, "tactile.rest_counts");
     assert!(found.what.contains("250"), "{found}");
@@ -250,20 +250,20 @@ fn a_step_too_long_for_the_rubber_is_refused_with_figures() {
         c.pin.mass_kg = 0.02;
     });
     assert_eq!(found.place, "substep_us");
-    // The remedy's own figure is accepted.
+    // The figure in the remedy is accepted.
     let digits: String = found.remedy.chars().skip(4).take_while(char::is_ascii_digit).collect();
     let mut config = WorldConfig::default();
     explicit(&mut config);
     config.pin.mass_kg = 0.02;
     config.substep_us = digits.parse().unwrap();
     build(&config, &Timing::default(), 0).unwrap();
-    // The thesis's rubber with a steel pin and a short step.
+    // The rubber of the thesis works with a steel pin and a short step.
     let mut config = WorldConfig::default();
     explicit(&mut config);
     config.finger.rubber.youngs_mpa = 27.58;
     (config.pin.mass_kg, config.substep_us) = (1.04, 50.0);
     build(&config, &Timing::default(), 0).unwrap();
-    // The implicit integrator takes all of it.
+    // The implicit integrator accepts all of these scenes.
     config.fidelity.integrator = Integrator::Auto;
     config.substep_us = 1250.0;
     build(&config, &Timing::default(), 0).unwrap();
@@ -271,7 +271,7 @@ fn a_step_too_long_for_the_rubber_is_refused_with_figures() {
 
 #[test]
 fn a_finger_that_starts_inside_something_is_refused() {
-    // The pin stands 15 mm under the finger by default, sunk into the table by its weight.
+    // The pin is 15 mm under the finger by default, pressed into the table by its weight.
     let found = refused(|c| c.table.height_mm = Some(-149.0 - 46.0 + 20.0));
     assert_eq!(found.place, "pin");
     assert!(found.what.contains("4.958 mm inside"), "{found}");

@@ -1,5 +1,6 @@
-//! The whole bench under a plain servo: PD with gravity on the joints, a force loop on the image.
-//! Not the project's controller, only proof that one can work against this physics.
+//! Runs the whole bench under a simple servo: PD control with gravity compensation on the joints, a
+//! force loop on the image. It is not the project's controller, only evidence that one can work
+//! against this physics.
 
 mod common;
 

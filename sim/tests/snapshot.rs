@@ -1,5 +1,6 @@
-//! A revived world goes on bit for bit, whatever its sensors remember and whenever it was taken; a
-//! history can be sought in; worlds side by side do not know of each other.
+//! Checks that a restored world goes on bit for bit, whatever the state of its sensors and whenever
+//! the snapshot was taken, that one can seek in a history, and that parallel worlds do not
+//! influence each other.
 
 mod common;
 
@@ -17,7 +18,7 @@ use taktil_sim::{OutputRecord, Timing, World, WorldConfig, WorldHistory, build};
 
 const CONTROL_PERIOD: Nanos = Nanos::from_micros(2_500);
 
-/// Half of what holds the arm, with a ripple: it sinks onto the pin.
+/// Half of the codes that hold the arm, with a ripple: the arm sinks onto the pin.
 fn word(tick: i64) -> OutputRecord {
     let home = WorldConfig::default().arm.home_deg.map(f64::to_radians);
     let gravity = Dynamics::reference().gravity_torque(&home.into());
@@ -30,7 +31,7 @@ fn word(tick: i64) -> OutputRecord {
     OutputRecord { release: CONTROL_PERIOD * tick, codes, lines }
 }
 
-/// What is seen of a world after a tick: its state, and the frames that the controller gets.
+/// What is observed of a world after a tick: its state, and the frames that the controller gets.
 type Seen = (u64, [Option<[u16; MAX_TACTELS]>; 2], [i32; CHANNELS], Option<Marks>);
 
 fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) -> Vec<Seen> {
@@ -51,7 +52,8 @@ fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) ->
         .collect()
 }
 
-/// An arm that is led down onto the pin, by the integrator of the house and by explicit steps.
+/// A prescribed arm that is lowered onto the pin, with the automatic integrator and with explicit
+/// steps.
 fn on_a_course() -> [WorldConfig; 2] {
     let mut led = WorldConfig::default();
     led.fidelity.arm = ArmModel::Kinematic;
@@ -63,7 +65,7 @@ fn on_a_course() -> [WorldConfig; 2] {
     [led, by_steps]
 }
 
-/// A pin between two fingertips, by strips and in space.
+/// A pin between two fingertips, with independent rows and in three dimensions.
 fn between_two() -> [WorldConfig; 2] {
     let mut strips = WorldConfig::default();
     strips.opposed.present = true;
@@ -74,7 +76,7 @@ fn between_two() -> [WorldConfig; 2] {
     [strips, solved]
 }
 
-/// Scenes that between them hold what a world can remember.
+/// Scenes that together contain everything that a world can store.
 fn scenes() -> Vec<(&'static str, WorldConfig)> {
     let plain = WorldConfig::default;
     let mut solved = plain();
@@ -144,7 +146,7 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
 }
 
 #[test]
-fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
+fn a_restored_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
     const END_TICK: i64 = 320;
     for (name, config) in scenes() {
         let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
@@ -167,7 +169,7 @@ fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
             for _ in 0..2 {
                 let (mut again, mut halves) = snapshot.restore();
                 assert_eq!(again.now(), snapshot.now());
-                // What was told before is told anew.
+                // The latest readings are sent anew.
                 let first = halves.encoders.sample(again.now()).unwrap();
                 assert_eq!(first.acquired, CONTROL_PERIOD * *tick);
                 if *tick > 0 {
@@ -184,11 +186,11 @@ fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
 }
 
 #[test]
-fn words_on_their_way_arrive_at_their_instant() {
+fn commands_on_their_way_act_at_their_instant() {
     let (mut world, mut devices) = build(&WorldConfig::default(), &Timing::default(), 3).unwrap();
     go(&mut world, &mut devices, 0..40);
     word(40).commit(&mut devices).unwrap();
-    // Between release and effect, and at an instant that is no event.
+    // The instant is between release and effect, and is no event.
     world.advance(CONTROL_PERIOD * 40 + Nanos::from_micros(700));
     let before = world.analog_out();
     let snapshot = world.snapshot();
@@ -203,7 +205,7 @@ fn words_on_their_way_arrive_at_their_instant() {
 }
 
 #[test]
-fn one_can_seek_in_a_story() {
+fn seeking_in_a_history_gives_the_state_of_that_instant() {
     let (mut world, mut devices) = build(&WorldConfig::default(), &Timing::default(), 3).unwrap();
     let mut history = WorldHistory::default();
     assert!(history.seek(Nanos::ZERO).unwrap().is_none());
@@ -224,7 +226,7 @@ fn one_can_seek_in_a_story() {
 }
 
 #[test]
-fn worlds_side_by_side_are_worlds_alone() {
+fn parallel_worlds_do_not_influence_each_other() {
     let alone = || {
         let (mut world, mut devices) =
             build(&WorldConfig::default(), &Timing::default(), 3).unwrap();

@@ -1,6 +1,6 @@
-//! Scenes drawn at random from everything that may be written, ends of the ranges included: each is
-//! refused with its place or runs; nothing that runs gives a number that is not finite, pulls,
-//! reads beyond its converter, or goes another way after a snapshot.
+//! Draws scenes at random from everything that may be written, ends of the ranges included. Each is
+//! refused with its place, or runs: no number is not finite, nothing pulls, no reading exceeds its
+//! converter, and a restored snapshot goes on identically.
 
 mod common;
 
@@ -16,7 +16,7 @@ use taktil_sim::{
     Carriage, FloatingGuide, Invalid, Timing, Truth, World, WorldConfig, build, build_with_carriage,
 };
 
-/// Numbers of a scene, by Steele, Lea and Flood's splittable generator (2014).
+/// Random numbers of a scene, by Steele, Lea and Flood's splittable generator (2014).
 struct Draw(u64);
 
 impl Draw {
@@ -40,7 +40,7 @@ impl Draw {
         of[(self.word() % of.len() as u64) as usize]
     }
 
-    /// Even in the range, and one time in eight an end of it.
+    /// A number that is uniform in the range, and one time in eight an end of it.
     fn even(&mut self, low: f64, high: f64) -> f64 {
         match self.word() % 16 {
             0 => low,
@@ -49,7 +49,7 @@ impl Draw {
         }
     }
 
-    /// Even in the logarithm; the same ends.
+    /// A number that is uniform in the logarithm, with the same probability of the ends.
     fn size(&mut self, low: f64, high: f64) -> f64 {
         match self.word() % 16 {
             0 => low,
@@ -174,7 +174,7 @@ fn faults(draw: &mut Draw) -> Vec<Fault> {
     all
 }
 
-/// A scene.
+/// A random scene.
 fn scene(draw: &mut Draw) -> WorldConfig {
     let mut c = WorldConfig::default();
     c.fidelity.arm = draw.one(&[ArmModel::Rigid, ArmModel::RigidMotors, ArmModel::Compliant]);
@@ -227,8 +227,8 @@ fn scene(draw: &mut Draw) -> WorldConfig {
     c
 }
 
-/// A finger that comes down askew, slowly or at a metre a second, drags sideways and leaves; or
-/// floats down under a load.
+/// A finger that comes down at an angle, slowly or at a metre per second, moves sideways and
+/// leaves; or floats down under a load.
 fn carriage(draw: &mut Draw, config: &WorldConfig) -> Carriage {
     let nominal = DMat3::from_cols(-DVec3::X, DVec3::Y, -DVec3::Z);
     let lean = if draw.chance(0.3) { 0.3 } else { 0.01 };
@@ -284,19 +284,19 @@ fn sound(seed: u64, truth: &Truth) {
     let pulls = truth.finger_normal_n < 0.0 || truth.table_normal_n < 0.0;
     assert!(!pulls, "scene {seed}: {truth:?}");
     assert!((truth.pin_axis.length() - 1.0).abs() < 1e-9, "scene {seed}: {truth:?}");
-    // A finger on rails knows no limit to its force and shoots grams out from a slope; an iteration
-    // that ran away is a thousand times faster still.
+    // A finger on rails has no limit to its force and shoots a pin of a few grams out from a slope;
+    // a diverging iteration is a thousand times faster still.
     assert!(truth.pin_velocity.length() < 3000.0, "scene {seed} explodes: {truth:?}");
 }
 
-/// What scans a converter's range holds.
+/// Checks that the readings of a scan are within the converter's range.
 fn read(seed: u64, devices: &mut Devices, now: Nanos, full: u16) {
     let mut frame = TactileFrame::empty();
     let _ = devices.tactile.sample(now, &mut frame);
     assert!(frame.values.iter().all(|value| *value <= full), "scene {seed} at {now}");
 }
 
-/// Whether it could be built.
+/// Runs a scene and checks it; returns whether the scene could be built.
 fn lives(seed: u64) -> bool {
     let (config, built) = bench(seed);
     let (mut world, mut devices) = match built {
@@ -329,9 +329,9 @@ fn lives(seed: u64) -> bool {
     true
 }
 
-/// Scenes in which an iteration ran away, in which the damping of a light guide was too much for
-/// an explicit step, and in which grams under stiff rubber with 0.1 s of relaxation were called
-/// settled by the matrix of a contact that they had left.
+/// Seeds of scenes that once failed: an iteration diverged, the damping of a light guide was too
+/// large for an explicit step, and grams under stiff rubber with 0.1 s of relaxation counted as
+/// converged by the matrix of a contact that they had left.
 const REGRESSION_SEEDS: [u64; 3] = [86, 91, 823];
 
 #[test]
@@ -341,7 +341,7 @@ fn drawn_scenes_are_refused_with_their_place_or_run_soundly() {
 }
 
 #[test]
-fn scenes_that_exploded_once_do_not_any_more() {
+fn scenes_that_once_diverged_stay_finite() {
     assert!(REGRESSION_SEEDS.into_iter().all(lives));
 }
 

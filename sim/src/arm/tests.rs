@@ -1,4 +1,4 @@
-//! The arm against whole motions that were computed elsewhere, to 1e-6 rad.
+//! Compares the arm with motions that another program computed, to 1e-6 rad.
 
 use core::f64::consts::TAU;
 use std::path::PathBuf;
@@ -74,20 +74,20 @@ fn the_driven_reference_is_met_at_servo_steps_and_below() {
 }
 
 #[test]
-fn a_rigid_arm_has_no_friction_to_pay_for() {
+fn a_rigid_arm_has_no_friction() {
     let config = ArmConfig::default();
     assert!(Arm::new(&config, ArmModel::Rigid, 1).unwrap().is_smooth());
     assert!(!Arm::new(&config, ArmModel::RigidMotors, 1).unwrap().is_smooth());
 }
 
 #[test]
-fn an_arm_that_stands_at_home_reads_what_it_is_said_to_read_there() {
+fn an_arm_at_home_reads_its_home_counts() {
     let mut config = ArmConfig::default();
     for model in [ArmModel::Rigid, ArmModel::RigidMotors, ArmModel::Compliant] {
         let arm = Arm::new(&config, model, 1).unwrap();
         assert_eq!(arm.home_counts().unwrap().counts, [0; JOINT_COUNT], "{model:?}");
     }
-    // Soft gears: the motors stand hundreds of counts from where the joints hang.
+    // With soft gears the motors stand hundreds of counts from the joints.
     config.gear_stiffness_nm_rad = [50.0; JOINT_COUNT];
     let arm = Arm::new(&config, ArmModel::Compliant, 1).unwrap();
     assert_eq!(arm.home_counts().unwrap().counts, [0; JOINT_COUNT]);

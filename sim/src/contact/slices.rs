@@ -378,7 +378,7 @@ impl BlockForces {
             (self.force[1][i], self.force[2][i]) = slid;
             let creep = (line.creep_across.at(s[i]), line.creep_along.at(s[i]));
             fastest = fastest.max((creep.0 * creep.0 + creep.1 * creep.1).sqrt());
-            // Of a sliding force only the direction depends on the motion.
+            // A sliding force depends on the motion by its direction only.
             let part = self.weight[1][i] * scale;
             let direction_weight = |f: f64| part * (1.0 - f * f / size2);
             (self.weight[1][i], self.weight[2][i]) =

@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_broken_reads_what_it_reads() {
+    fn defective_tactels_read_their_defects() {
         let defect = |kind, row, column, counts| Defect {
             kind,
             row,
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_take_their_turns_and_the_scan_is_whole_at_its_instant() {
+    fn rows_are_read_in_turn_and_the_scan_is_complete_at_its_instant() {
         let mut array = array(|c| c.row_us = 100.0);
         assert!(array.read(Nanos::ZERO, &[0.0; MAX_TACTELS]).is_some());
         let mut instants = Vec::new();

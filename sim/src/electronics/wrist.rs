@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gauges_saturate_and_survive_nonsense() {
+    fn gauges_saturate_and_accept_numbers_that_are_not_finite() {
         let wrench = Joints::new(1.0, -1.0, 1e9, 0.5, f64::NAN, -1e9);
         let mut wrist = Wrist::new(&WristConfig::default(), 1);
         let codes = wrist.read(&wrench).map(|c| c.0);

@@ -1,4 +1,4 @@
-//! Arms of six and seven joints that swing, stand, stick and meet their stops.
+//! Tests arms of six and seven joints that swing, hold, stick and meet their stops.
 
 use core::f64::consts::FRAC_PI_2;
 
@@ -75,7 +75,7 @@ fn a_free_swing_keeps_its_energy_to_second_order() {
     {
         println!("drift at 1 ms {coarse:.1e}, at 0.25 ms {fine:.1e}");
         assert!(coarse < 2e-2, "{coarse:e}");
-        // A quarter of the step: a sixteenth of the error, with room for its other terms.
+        // A quarter of the step gives a sixteenth of the error, with a margin for higher orders.
         assert!(fine < coarse / 6.0, "{coarse:e} {fine:e}");
     }
 }
@@ -123,7 +123,8 @@ fn brakes_hold_stops_stop_and_friction_sticks() {
     arm.drive(&[0; CHANNELS], lines(false, false));
     (0..4000).for_each(|_| arm.step(1e-3, &Joints::zeros()));
     assert!(arm.q.amax() <= 0.5 && arm.q.amax() > 0.499, "{}", arm.q);
-    // More friction than gravity: it creeps by less than its bristles give way, and then rests.
+    // With more friction than gravity the arm moves by less than its bristles yield, and then
+    // rests.
     let mut stuck = released::<7>(&robot(500.0, 3.0), [0.1; 7]);
     (0..2000).for_each(|_| stuck.step(1.25e-3, &Joints::zeros()));
     assert!((stuck.q - Vector::<7>::repeat(0.1)).amax() < 1e-4, "{}", stuck.q);
@@ -131,7 +132,7 @@ fn brakes_hold_stops_stop_and_friction_sticks() {
 }
 
 #[test]
-fn codes_turn_joints_and_counts_tell_it() {
+fn codes_turn_joints_and_counts_follow() {
     let mut arm = released::<7>(&robot(0.0, 3.0), [0.0; 7]);
     let mut codes = [0; CHANNELS];
     codes[6] = 32767;
@@ -148,7 +149,7 @@ fn codes_turn_joints_and_counts_tell_it() {
 }
 
 #[test]
-fn what_cannot_stand_is_refused() {
+fn impossible_starts_are_refused() {
     let robot = robot::<6>(0.0, 1.0);
     let place = |start: &[f64], config: &ArmConfig| {
         FreeArm::new(&robot, start, config, ArmModel::Rigid).unwrap_err().place

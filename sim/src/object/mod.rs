@@ -250,7 +250,7 @@ impl Object {
         let scale = limit / size;
         bristle.deflection +=
             (1.0 - scale) * slip_compliance_m_n(bristle.shear_n_m, weight, damping) * force;
-        // Of a sliding force only the direction depends on the motion.
+        // A sliding force depends on the motion by its direction only.
         let direction_weight = |f: f64| weight * scale * (1.0 - f * f / (size * size));
         self.tangential_weight = DVec2::new(direction_weight(force.x), direction_weight(force.y));
         self.slip_m_s = creep.length();
@@ -266,8 +266,8 @@ impl Object {
         }
     }
 
-    /// Calls `visit` with a weight (N s/m, N m s/rad) and a row over the pad's twist in its own axes,
-    /// for every direction in which the forces resist motion.
+    /// Calls `visit` with a weight (N s/m, N m s/rad) and a row over the pad's twist in its own
+    /// axes, for every direction in which the forces resist motion.
     fn for_each_tangent(&self, mut visit: impl FnMut(f64, [f64; 6])) {
         let Some(middle) = self.sums.middle() else { return };
         let [w, wx, wy, wxx, wxy, wyy] = self.sums.weights;

@@ -14,7 +14,7 @@ struct Case {
     numbers: Vec<f64>,
 }
 
-/// Area means of a shape: numbers from nu on.
+/// Reference cases of a shape with area means; the numbers are the columns from nu on.
 fn cases(shape: &str) -> Vec<Case> {
     let lines = FEATURES.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
     let number = |cell: &&str| cell.trim().parse().unwrap_or(f64::NAN);
@@ -34,7 +34,8 @@ fn rubber(case: &Case) -> RubberConfig {
     RubberConfig { thickness_mm, youngs_mpa: 27.58, poisson, relaxation_ms: 0.3 }
 }
 
-/// An object at rest whose top is `delta` mm inside the pad, turned and dipping towards its end.
+/// Relative motion of an object at rest whose top is `delta` mm inside the pad, turned and tilted
+/// as the case says.
 fn inside_pad(n: &[f64]) -> RelativeMotion {
     let tilt = if n[9].is_finite() { n[9] } else { 0.0 };
     RelativeMotion {
@@ -127,7 +128,7 @@ fn in_three_dimensions_ends_and_steep_loads_are_right_too() {
         let mut image = [0.0; MAX_TACTELS];
         contact.image(&shares, &mut image);
         judge(&mut worst, &case, errors(&case, &features_of(&image), true), [0.01, 0.02, 0.2]);
-        // From the image on, the load between images is that of the solution.
+        // After the image, the load between images is that of the solution.
         let leaning = contact.evaluate(&inside_pad(n), 0.0);
         if n[10] < 20.0 {
             assert!((leaning.load_n / n[3] - 1.0).abs() < 0.01, "{}", case.name);
@@ -138,7 +139,7 @@ fn in_three_dimensions_ends_and_steep_loads_are_right_too() {
 }
 
 #[test]
-fn ends_press_as_if_the_edge_went_on() {
+fn ends_press_as_if_the_edge_continued() {
     // The two ends are 12 mm apart, 15 thicknesses; the bound is the error of plane strain there.
     for case in cases("cylinder").into_iter().filter(|case| case.numbers[10] < 20.0) {
         let n = &case.numbers;
@@ -152,7 +153,7 @@ fn ends_press_as_if_the_edge_went_on() {
 }
 
 #[test]
-fn the_nearest_length_is_the_nearest() {
+fn the_nearest_place_on_a_curve_is_found() {
     let curves = [
         (EdgeProfile::Straight, None, None),
         (EdgeProfile::Arc, Some(30.0), None),

@@ -1,4 +1,4 @@
-//! `[arm]`, the part of the bench that moves the finger. Refuses angles that no joint has.
+//! `[arm]`: the arm and its start. Refuses angles that no joint has.
 
 use super::section::{Consistency, inside, section};
 use super::{Invalid, POINTS_MAX, invalid};

@@ -1,5 +1,5 @@
-//! `[[fault]]`: what goes wrong with the bench, and when. Refuses joints that there are not, and
-//! spans that end before they begin.
+//! `[[fault]]`: the faults of the bench and their instants. Refuses joints that do not exist, and
+//! intervals that end before they begin.
 
 use serde::Deserialize;
 
@@ -46,7 +46,7 @@ section! {
     }
 }
 
-/// The most faults of a scene.
+/// Largest number of faults in a scene.
 pub const FAULTS_MAX: usize = 32;
 
 impl Consistency for Fault {

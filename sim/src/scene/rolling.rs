@@ -1,5 +1,5 @@
-//! `[finger]` and `[pin]`: the rubber on the fingertip and what it rolls. Refuses sizes and masses
-//! that are not positive.
+//! `[finger]` and `[pin]`: the rubber on the fingertip and the pin that it rolls. Refuses sizes and
+//! masses that are not positive.
 
 use super::section::{Consistency, section};
 

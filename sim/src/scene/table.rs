@@ -1,5 +1,5 @@
-//! `[table]`: where the surface under the pin stands and how it moves. Refuses motions whose unit
-//! does not fit their axis, that run backwards or lack what their kind needs.
+//! `[table]`: place and motions of the surface under the pin. Refuses motions whose unit does not
+//! fit their axis, that run backwards or that lack a key of their kind.
 
 use serde::Deserialize;
 
@@ -39,11 +39,11 @@ section! {
     }
 }
 
-/// The most motions that a table takes.
+/// Largest number of motions of a table.
 pub const MOTIONS_MAX: usize = 16;
-/// The most points of one motion: half an hour at 50 Hz.
+/// Largest number of points of one motion: half an hour at 50 Hz.
 pub const POINTS_MAX: usize = 100_000;
-/// How long a step lasts when it does not say so (s): a table has mass.
+/// Duration of a step whose description states none (s): a table has mass.
 pub const STEP_DURATION_S: f64 = 0.05;
 
 impl Consistency for TableConfig {
@@ -98,7 +98,7 @@ taktil_hal::explained! {
 }
 
 impl Axis {
-    /// What it is measured in: `mm` or `deg`.
+    /// Unit of the axis: `mm` or `deg`.
     #[must_use]
     pub fn unit(self) -> &'static str {
         match self {
@@ -168,7 +168,7 @@ section! {
 }
 
 impl Motion {
-    /// One that lacks everything but its axis and its kind, to be filled in.
+    /// A motion without any values but its axis and its kind, for the caller to complete.
     #[must_use]
     pub fn of(axis: Axis, kind: MotionKind) -> Motion {
         Motion {
@@ -203,13 +203,12 @@ impl Motion {
         }
     }
 
-    /// Whichever of the two fits the axis.
+    /// The value whose unit fits the axis.
     pub(crate) fn by_unit<T>(&self, deg: T, mm: T) -> T {
         if self.axis.unit() == "deg" { deg } else { mm }
     }
 
-    /// Every key that not all kinds have: its name, whether it is given, and the kind it belongs
-    /// to.
+    /// The keys that belong to one kind only: name, whether it is given, and that kind.
     fn kind_specific_keys(&self) -> [(&'static str, bool, MotionKind); 11] {
         [
             ("rate_deg_s", self.rate_deg_s.is_some(), MotionKind::Ramp),
@@ -248,7 +247,7 @@ impl Motion {
         Ok(())
     }
 
-    /// The keys without which the kind cannot be.
+    /// Refuses a motion that lacks a key of its kind.
     fn check_complete(&self, place: &str) -> Result<(), Invalid> {
         let unit = self.axis.unit();
         let lacks = |key: String| {

@@ -1,5 +1,5 @@
 //! `[tactile]`: the array under the fingertip's rubber and the electronics behind it. Refuses rest
-//! levels at which noise would be clipped, and tactels that there are not.
+//! levels at which noise would be clipped, and tactels that do not exist.
 
 use serde::Deserialize;
 

@@ -448,7 +448,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_joint_that_nothing_holds_falls_half_as_fast_as_is_reckoned_with() {
+    fn free_joints_accelerate_at_half_the_bound() {
         let (arm, mut most) = (Dynamics::reference(), 0.0_f64);
         let angle = |i: u32| core::f64::consts::PI * f64::from(i) / 6.0;
         for pose in 0..12_u32.pow(4) {

@@ -116,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_solves_what_it_is_given() {
+    fn factors_solve_the_system() {
         let mut m = Matrix12::identity();
         for k in 0..20_usize {
             let row = core::array::from_fn(|i| ((7 * i + 13 * k + i * k) % 11) as f64 - 5.0);

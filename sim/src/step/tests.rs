@@ -1,4 +1,4 @@
-//! Energy over ten seconds of free motion, and the order of each integrator.
+//! Checks the energy over ten seconds of free motion, and the order of each integrator.
 
 use taktil_mechanics::dynamics::Dynamics;
 
@@ -7,7 +7,7 @@ use crate::arm::Arm;
 use crate::scene::fidelity::ArmModel;
 use crate::scene::{ArmConfig, TableConfig};
 
-/// The arm alone, thrown without friction.
+/// The arm alone, without sticking friction, in an arbitrary pose.
 fn thrown(method: Method, step_us: i64, viscous: f64) -> Plant {
     plant_of(thrown_arm(viscous), method, step_us)
 }
@@ -36,8 +36,8 @@ fn plant_of(arm: Arm, method: Method, step_us: i64) -> Plant {
     }
 }
 
-/// Largest drift of the energy over the peak of the energy of motion, in 10 s. Hard stops are out
-/// of the way: joints turn as they like.
+/// Largest drift of the energy relative to the peak of the kinetic energy, in 10 s without hard
+/// stops.
 fn drift(step_us: i64) -> f64 {
     let mut arm = thrown_arm(0.0);
     arm.without_stops();
@@ -103,7 +103,7 @@ fn a_joint_that_meets_its_stop_stays_there() {
     }
 }
 
-/// The arm behind gears of one stiffness, thrown without friction, its springs at rest.
+/// The arm with compliant gears of one stiffness, without friction, its springs unloaded.
 fn springy(step_us: i64, stiffness: Option<f64>) -> Plant {
     let mut config = ArmConfig { coulomb_scale: 0.0, viscous_scale: 0.0, ..ArmConfig::default() };
     config.gear_damping = 0.0;

@@ -1,4 +1,4 @@
-//! What the tests of the bench share: fingers on rails and ways to ride them.
+//! Helpers that the tests of the bench share: fingers on rails and their motions.
 #![allow(dead_code, unreachable_pub, reason = "every test file uses a part of it")]
 
 use glam::{DMat3, DVec3};
@@ -43,7 +43,7 @@ pub fn at(world: &mut World, t_s: f64) -> Truth {
 }
 
 /// Presses with 15 N for half a second, then moves the finger by `dx` (m) in two seconds and waits.
-/// Gives the truth before and after.
+/// Returns the truth before and after.
 pub fn stroke(config: &WorldConfig, axes: DMat3, dx: f64) -> (Truth, Truth) {
     let z = meeting_height(config) + 1e-4;
     let knots = vec![(0.5, over(z)), (2.5, over(z) + DVec3::new(dx, 0.0, 0.0))];
