@@ -113,6 +113,7 @@ pub fn build_with_carriage(
     assemble(config, timing, seed, Box::new(carriage), mass_kg, board)
 }
 
+/// Puts the bodies on the bench and connects the devices.
 fn assemble(
     config: &WorldConfig,
     timing: &Timing,
@@ -133,14 +134,7 @@ fn assemble(
     };
     let objects = Objects::new(config, &table, finger.pose().translation)?;
     let opposed = config.opposed.present;
-    let array = |tactile: &TactileConfig, tip: Fingertip| {
-        let array = tactile.present.then(|| TactileSensor::new(tactile, timing, seed, tip));
-        array.transpose().map(|array| array.map(Box::new))
-    };
-    let arrays = [
-        array(&config.tactile, Fingertip::Finger)?,
-        if opposed { array(&config.opposed.tactile, Fingertip::Opposed)? } else { None },
-    ];
+    let arrays = tactile_sensors(config, timing, seed)?;
     let feeds = [
         Some(ScanFeed::of(&config.tactile)),
         opposed.then(|| ScanFeed::of(&config.opposed.tactile)),
@@ -184,6 +178,24 @@ fn assemble(
     world.latch();
     check_start(&world.plant)?;
     Ok((world, devices))
+}
+
+/// The tactile sensors of the finger and of the fingertip opposed to it, where they exist.
+fn tactile_sensors(
+    config: &WorldConfig,
+    timing: &Timing,
+    seed: u64,
+) -> Result<[Option<Box<TactileSensor>>; 2], Invalid> {
+    let sensor = |tactile: &TactileConfig, tip: Fingertip| {
+        let sensor = tactile.present.then(|| TactileSensor::new(tactile, timing, seed, tip));
+        sensor.transpose().map(|sensor| sensor.map(Box::new))
+    };
+    let finger = sensor(&config.tactile, Fingertip::Finger)?;
+    let opposed = match config.opposed.present {
+        true => sensor(&config.opposed.tactile, Fingertip::Opposed)?,
+        false => None,
+    };
+    Ok([finger, opposed])
 }
 
 /// Refuses a finger that starts inside the pin or an object, or deeper in its rubber than small

@@ -70,18 +70,8 @@ impl Arm {
         refresh_interval: u32,
     ) -> Result<Arm, Invalid> {
         let puma = Puma260::reference();
-        let transmission = Transmission::reference().with_encoder_scale(config.encoder_scale);
-        let q =
-            Joints::from_fn(|i, _| (config.home_deg[i] + config.zero_error_deg[i]).to_radians());
-        for i in 0..JOINT_COUNT {
-            let (low, high) = (puma.q_min_rad[i], puma.q_max_rad[i]);
-            if !(low..=high).contains(&q[i]) {
-                let what = format!("is {}, outside the joint's range", config.home_deg[i]);
-                let remedy =
-                    format!("give {:.1} to {:.1} deg", low.to_degrees(), high.to_degrees());
-                return Err(invalid(&format!("arm.home_deg[{i}]"), what, &remedy));
-            }
-        }
+        let transmission = Transmission::reference().with_encoders(config.encoder_scale);
+        let q = start_angles(config, &puma)?;
         let reference = Friction::reference();
         let is_prescribed = model == ArmModel::Kinematic;
         if !is_prescribed && !config.course_deg.is_empty() {
@@ -194,6 +184,20 @@ impl Arm {
     fn hold_by_brakes(&mut self) {
         (self.state.qd, self.state.rotors.qd) = (Joints::zeros(), Joints::zeros());
     }
+}
+
+/// Angles of the joints at power-up (rad): the home pose and its zero errors.
+fn start_angles(config: &ArmConfig, puma: &Puma260) -> Result<Joints, Invalid> {
+    let q = Joints::from_fn(|i, _| (config.home_deg[i] + config.zero_error_deg[i]).to_radians());
+    for i in 0..JOINT_COUNT {
+        let (low, high) = (puma.q_min_rad[i], puma.q_max_rad[i]);
+        if !(low..=high).contains(&q[i]) {
+            let what = format!("is {}, outside the joint's range", config.home_deg[i]);
+            let remedy = format!("give {:.1} to {:.1} deg", low.to_degrees(), high.to_degrees());
+            return Err(invalid(&format!("arm.home_deg[{i}]"), what, &remedy));
+        }
+    }
+    Ok(q)
 }
 
 impl Manipulator for Arm {

@@ -37,6 +37,8 @@ const SPEED_TOLERANCE_M_S: f64 = 2e-8;
 /// Largest change of speed after which the next change is predicted instead of computed (m/s): the
 /// bristles then lack less than 1e-10 m of the motion.
 const PREDICTED_TOLERANCE_M_S: f64 = 2e-7;
+/// Share of the tolerance that a predicted change has to be below, because it is only predicted.
+const PREDICTION_MARGIN: f64 = 0.1;
 /// Ratio of successive changes below which a factorised matrix is used again, in both stages of a
 /// step.
 const CONTRACTION_MAX: f64 = 0.05;
@@ -129,6 +131,14 @@ struct Residual {
     contacts: Option<PinContacts>,
     /// Whether the finger touches an object.
     touches_objects: bool,
+}
+
+/// Whether a change of speed (m/s) is below the tolerance, or the next change will be, as `rate` is
+/// the ratio of the last two.
+fn is_converged(change_m_s: f64, rate: f64) -> bool {
+    change_m_s < SPEED_TOLERANCE_M_S
+        || (change_m_s < PREDICTED_TOLERANCE_M_S
+            && change_m_s * rate < PREDICTION_MARGIN * SPEED_TOLERANCE_M_S)
 }
 
 /// Three components of a vector of speeds.
@@ -254,9 +264,7 @@ impl Plant {
             }
             let size = self.largest_speed(&change);
             let rate = size / before;
-            if size < SPEED_TOLERANCE_M_S
-                || (size < PREDICTED_TOLERANCE_M_S && size * rate < 0.1 * SPEED_TOLERANCE_M_S)
-            {
+            if is_converged(size, rate) {
                 last_change_m_s = size;
                 break;
             }
