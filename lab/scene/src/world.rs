@@ -349,7 +349,14 @@ impl Task for Simulation {
         }
         if let Some(port) = &self.layer {
             let work = self.world.statistics();
-            io.write(port, LayerTruth { t_ns: truth.t.0, solved: work.spatial_solutions, plain: work.spatial_failures });
+            io.write(
+                port,
+                LayerTruth {
+                    t_ns: truth.t.0,
+                    solved: work.spatial_solutions,
+                    plain: work.spatial_failures,
+                },
+            );
         }
         if let Some(port) = &self.work {
             io.write(port, WorkTruth::of(&self.world));
