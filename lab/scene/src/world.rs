@@ -178,7 +178,8 @@ payload! {
         pub t_ns: i64,
         /// Contacts solved in three dimensions.
         pub solved: u64,
-        /// Contacts after which rows stood on their own. See [`taktil_sim::StepStatistics::spatial_failures`].
+        /// Contacts after which rows stood on their own. See
+        /// [`taktil_sim::StepStatistics::spatial_failures`].
         pub plain: u64,
     }
 }
