@@ -3,7 +3,7 @@
 //! Refuses to turn: the orientation is fixed.
 
 use glam::{DMat3, DVec3};
-use taktil_mechanics::spatial::{split, stack};
+use taktil_mechanics::spatial::{linear_and_angular, spatial_vector};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
 use crate::friction::ResistingTorque;
@@ -112,7 +112,7 @@ impl Manipulator for MovingCarriage {
     }
 
     fn twist(&self) -> Joints {
-        stack(self.velocity, DVec3::ZERO)
+        spatial_vector(self.velocity, DVec3::ZERO)
     }
 
     fn state(&self) -> &ArmState {
@@ -125,7 +125,7 @@ impl Manipulator for MovingCarriage {
 
     /// The step is explicit in the force on the finger and implicit in the guide's damping.
     fn step(&mut self, h: f64, wrench: &Joints) {
-        let force = split(wrench).0;
+        let force = linear_and_angular(wrench).0;
         if let Some(guide) = self.plan.float {
             let driven = self.state.qd[0] + h * (force.z - guide.load_n) / guide.mass_kg;
             self.state.qd[0] = driven / (1.0 + h * guide.damping_n_s_m / guide.mass_kg);
@@ -139,11 +139,11 @@ impl Manipulator for MovingCarriage {
         let (mut place, mut velocity) = self.plan.at(end_s);
         let Some(guide) = self.plan.float else {
             let pose = Pose::new(self.plan.axes, place);
-            return StagePredictor::prescribed(pose, stack(velocity, DVec3::ZERO));
+            return StagePredictor::prescribed(pose, spatial_vector(velocity, DVec3::ZERO));
         };
         (place.z, velocity.z) = (base.q[0] + h * guess[0], 0.0);
         let pose = Pose::new(self.plan.axes, place);
-        let mut predictor = StagePredictor::prescribed(pose, stack(velocity, DVec3::ZERO));
+        let mut predictor = StagePredictor::prescribed(pose, spatial_vector(velocity, DVec3::ZERO));
         predictor.degrees_of_freedom = 1;
         predictor.inertia[(0, 0)] = guide.mass_kg;
         predictor.forces[0] = -guide.load_n;

@@ -37,7 +37,7 @@ pub(crate) struct FreeArm<const N: usize> {
     qd: JointVector<N>,
     bristle: JointVector<N>,
     codes: [i32; CHANNELS],
-    torque: Vector<N>,
+    torque: JointVector<N>,
     lines: DriveLines,
     pose: Pose,
     /// The state that the integrators save: always zero, because this arm steps by itself.
@@ -97,7 +97,7 @@ impl<const N: usize> FreeArm<N> {
             qd: JointVector::zeros(),
             bristle: JointVector::zeros(),
             codes: [0; CHANNELS],
-            torque: Vector::zeros(),
+            torque: JointVector::zeros(),
             lines: DriveLines::SAFE,
             no_state: ArmState::default(),
         })
@@ -107,11 +107,11 @@ impl<const N: usize> FreeArm<N> {
     /// held.
     fn end_speeds(
         &self,
-        inertia: &Square<N>,
-        torque_nm: &Vector<N>,
-        guess: Vector<N>,
+        inertia: &JointMatrix<N>,
+        torque_nm: &JointVector<N>,
+        guess: JointVector<N>,
         h: f64,
-    ) -> Vector<N> {
+    ) -> JointVector<N> {
         let mut speed = guess;
         for _ in 0..NEWTON_STEPS_MAX {
             let mut matrix = *inertia;
@@ -162,15 +162,15 @@ impl<const N: usize> Manipulator for FreeArm<N> {
 
     fn step(&mut self, h: f64, _wrench: &Joints) {
         if self.lines.braked {
-            self.qd = Vector::zeros();
+            self.qd = JointVector::zeros();
             return;
         }
-        let motors_nm = if self.lines.enabled { self.torque } else { Vector::zeros() };
+        let motors_nm = if self.lines.enabled { self.torque } else { JointVector::zeros() };
         let mut end = self.qd;
         for _ in 0..MIDPOINT_EVALUATIONS {
             let mean = (self.qd + end) * 0.5;
             let middle = self.q + mean * (0.5 * h);
-            let torque_nm = motors_nm - self.robot.arm.bias(&middle, &mean);
+            let torque_nm = motors_nm - self.robot.arm.bias_torque(&middle, &mean);
             end = self.end_speeds(&self.robot.arm.mass_matrix(&middle), &torque_nm, end, h);
         }
         for i in 0..N {
@@ -199,7 +199,7 @@ impl<const N: usize> Manipulator for FreeArm<N> {
 
     fn drive(&mut self, codes: &[i32; CHANNELS], lines: DriveLines) {
         (self.codes, self.lines) = (*codes, lines);
-        let motor_nm = Vector::from_fn(|i, _| self.robot.drive.torque(codes[i], i));
+        let motor_nm = JointVector::from_fn(|i, _| self.robot.drive.motor_torque_nm(codes[i], i));
         self.torque = self.robot.gears.joint_torque(&motor_nm);
     }
 
@@ -218,7 +218,7 @@ impl<const N: usize> Manipulator for FreeArm<N> {
 
     /// The home pose is the one in which the arm started.
     fn home_counts(&self) -> Option<HomeCounts> {
-        let counts_per_turn = self.robot.gears.counts_per_rev().as_slice().to_vec();
+        let counts_per_turn = self.robot.gears.counts_per_revolution().as_slice().to_vec();
         Some(HomeCounts { counts: vec![0; N], counts_per_turn })
     }
 

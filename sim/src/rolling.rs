@@ -189,7 +189,7 @@ impl RollingPin {
     /// Wrench of the pin on the tool about the tool point (N, N m, base axes).
     pub(crate) fn wrench(&self, tool: DVec3) -> Joints {
         let moment = self.finger_reaction.moment_about(tool, self.pin.position);
-        stack(-self.finger_reaction.force, -moment)
+        spatial_vector(-self.finger_reaction.force, -moment)
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {

@@ -261,7 +261,8 @@ impl World {
     /// The true state of the bench now.
     #[must_use]
     pub fn truth(&self) -> Truth {
-        let (pose, twist) = (self.plant.finger.pose(), split(&self.plant.finger.twist()));
+        let (pose, twist) =
+            (self.plant.finger.pose(), linear_and_angular(&self.plant.finger.twist()));
         let arm = self.plant.finger.puma_state().copied().unwrap_or_default();
         let DriveLines { enabled, braked } = self.plant.finger.drive_lines();
         let rolling = self.plant.rolling.as_deref();

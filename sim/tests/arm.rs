@@ -75,7 +75,7 @@ fn scaled_masses_are_those_of_the_simulated_arm_alone() {
 fn gravity_torque_and_friction_hold_the_arm_still() {
     let (mut world, mut devices) = build(&free_of_pin(), &Timing::default(), 1).unwrap();
     let start = world.truth();
-    let gravity = Dynamics::reference().gravity(&start.q);
+    let gravity = Dynamics::reference().gravity_torque(&start.q);
     // The arm stands for 4 s under constant codes that are off by half a unit at most; friction
     // takes the rest.
     run(&mut world, &mut devices, 1600, |_| codes_of(&gravity));

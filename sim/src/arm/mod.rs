@@ -70,7 +70,7 @@ impl Arm {
         refresh_interval: u32,
     ) -> Result<Arm, Invalid> {
         let puma = Puma260::reference();
-        let transmission = Transmission::reference().with_encoders(config.encoder_scale);
+        let transmission = Transmission::reference().with_encoder_scale(config.encoder_scale);
         let q = start_angles(config, &puma)?;
         let reference = Friction::reference();
         let is_prescribed = model == ArmModel::Kinematic;
@@ -88,16 +88,21 @@ impl Arm {
             coulomb_nm: rubs * config.coulomb_scale * reference.coulomb_nm,
             viscous_nms_rad: rubs * config.viscous_scale * reference.viscous_nms_rad,
         };
-        let links = core::array::from_fn(|i| LINKS[i].scaled(config.link_mass_scale[i]));
-        let mut dynamics = Dynamics::of_bodies(links, &TOOL.scaled(config.tool_mass_scale));
+        let links =
+            core::array::from_fn(|i| LINKS[i].with_density_factor(config.link_mass_scale[i]));
+        let mut dynamics =
+            Dynamics::from_bodies(links, &TOOL.with_density_factor(config.tool_mass_scale));
         let mut state = ArmState { q, ..ArmState::default() };
         let gears = (model == ArmModel::Compliant).then(|| {
             let stiffness = Joints::from(config.gear_stiffness_nm_rad);
-            let gears =
-                CompliantGears::new(stiffness, config.gear_damping, dynamics.reflected_kg_m2);
+            let gears = CompliantGears::new(
+                stiffness,
+                config.gear_damping,
+                dynamics.reflected_inertia_kg_m2,
+            );
             // The rotors are with the motors, not with the links.
-            dynamics.reflected_kg_m2 = Joints::zeros();
-            state.rotors.q = gears.static_rotor_angles(&q, &dynamics.gravity(&q));
+            dynamics.reflected_inertia_kg_m2 = Joints::zeros();
+            state.rotors.q = gears.static_rotor_angles(&q, &dynamics.gravity_torque(&q));
             gears
         });
         let motor_q = if gears.is_some() { state.rotors.q } else { q };
@@ -120,7 +125,7 @@ impl Arm {
             bias: Joints::zeros(),
             jacobian: Matrix6::zeros(),
             reference_q: q,
-            reference_sin_cos: SinCos::of(&q),
+            reference_sin_cos: SinCos::new(&q),
             steps_since_refresh: 0,
             refresh_interval,
         };
@@ -155,7 +160,7 @@ impl Arm {
         if let Some(factor) = inertia.cholesky() {
             self.inertia_inverse = factor.inverse();
         }
-        self.bias = self.dynamics.bias(&self.state.q, &self.state.qd);
+        self.bias = self.dynamics.bias_torque(&self.state.q, &self.state.qd);
         self.jacobian = self.puma.jacobian_base(&self.state.q);
         self.steps_since_refresh = 0;
     }
@@ -260,20 +265,20 @@ impl Manipulator for Arm {
     fn predict_stage(&self, base: &ArmState, guess: &Joints, h: f64, end_s: f64) -> StagePredictor {
         if let Some(prescribed) = &self.prescribed {
             let (q, qd) = prescribed.at(end_s);
-            let (pose, jacobian) = self.puma.tool_and_jacobian_at(&SinCos::of(&q));
+            let (pose, jacobian) = self.puma.tool_and_jacobian_at(&SinCos::new(&q));
             return StagePredictor::prescribed(pose, jacobian * qd);
         }
         if self.lines.braked {
             return StagePredictor::prescribed(self.pose, Joints::zeros());
         }
         let q = base.q + h * guess;
-        let near = self.reference_sin_cos.further(&(q - self.reference_q));
-        let sin_cos = near.unwrap_or_else(|| SinCos::of(&q));
+        let near = self.reference_sin_cos.incremented(&(q - self.reference_q));
+        let sin_cos = near.unwrap_or_else(|| SinCos::new(&q));
         let (pose, jacobian) = self.puma.tool_and_jacobian_at(&sin_cos);
         StagePredictor {
             degrees_of_freedom: JOINT_COUNT,
             inertia: self.dynamics.mass_matrix_at(&sin_cos),
-            forces: self.direct_torque() - self.dynamics.bias_at(&sin_cos, guess),
+            forces: self.direct_torque() - self.dynamics.bias_torque_at(&sin_cos, guess),
             jacobian,
             pose,
             prescribed_twist: Joints::zeros(),
@@ -286,7 +291,7 @@ impl Manipulator for Arm {
         if predictor.degrees_of_freedom == 0 {
             return predictor.forces;
         }
-        self.direct_torque() - self.dynamics.bias_at(&predictor.sin_cos, speeds)
+        self.direct_torque() - self.dynamics.bias_torque_at(&predictor.sin_cos, speeds)
     }
 
     /// Friction of the joint, or the torque of its compliant gear.
@@ -307,7 +312,7 @@ impl Manipulator for Arm {
             (self.state.q, self.state.qd) = prescribed.at(t_s);
         }
         self.reference_q = self.state.q;
-        self.reference_sin_cos = SinCos::of(&self.state.q);
+        self.reference_sin_cos = SinCos::new(&self.state.q);
         (self.pose, self.jacobian) = self.puma.tool_and_jacobian_at(&self.reference_sin_cos);
         // The inverse of the inertia belongs to another state now.
         self.steps_since_refresh = self.refresh_interval;
@@ -349,7 +354,7 @@ impl Manipulator for Arm {
         (self.codes, self.lines) = (*codes, lines);
         let mut motor_nm = Joints::zeros();
         for i in 0..JOINT_COUNT {
-            motor_nm[i] = self.drive.torque(codes[i], i);
+            motor_nm[i] = self.drive.motor_torque_nm(codes[i], i);
         }
         self.torque = self.transmission.joint_torque(&motor_nm);
     }
@@ -372,11 +377,11 @@ impl Manipulator for Arm {
     fn home_counts(&self) -> Option<HomeCounts> {
         // Behind compliant gears the motors stand where gravity holds the joints.
         let sagged = |gears: &CompliantGears| {
-            gears.static_rotor_angles(&self.home, &self.dynamics.gravity(&self.home))
+            gears.static_rotor_angles(&self.home, &self.dynamics.gravity_torque(&self.home))
         };
         let home = self.transmission.counts(&self.gears.as_ref().map_or(self.home, sagged));
         let counts = (0..JOINT_COUNT).map(|i| home[i].wrapping_sub(self.start_counts[i])).collect();
-        let counts_per_turn = self.transmission.counts_per_rev().as_slice().to_vec();
+        let counts_per_turn = self.transmission.counts_per_revolution().as_slice().to_vec();
         Some(HomeCounts { counts, counts_per_turn })
     }
 
@@ -395,7 +400,7 @@ impl Manipulator for Arm {
     fn energy_j(&self) -> f64 {
         let ArmState { q, qd, .. } = &self.state;
         let gears_j = self.gears.map_or(0.0, |gears| gears.energy_j(&self.state));
-        self.dynamics.kinetic_j(q, qd) + self.dynamics.potential_j(q) + gears_j
+        self.dynamics.kinetic_energy_j(q, qd) + self.dynamics.potential_energy_j(q) + gears_j
     }
 
     fn digest(&self, hash: &mut Hash) {

@@ -106,7 +106,9 @@ fn the_puma_as_a_chain_swings_as_the_puma() {
     let mut none = |_: f64, _: &Joints, _: &Joints| Joints::zeros();
     for _ in 0..2000 {
         arm.step(2.5e-4, &Joints::zeros());
-        other = taktil_mechanics::dynamics::rk4_step(&dynamics, &other, 0.0, 2.5e-4, &mut none);
+        other = taktil_mechanics::puma260::dynamics::rk4_step(
+            &dynamics, &other, 0.0, 2.5e-4, &mut none,
+        );
     }
     let off = (arm.q - other.q).amax();
     println!("after 0.5 s {off:.1e} rad from the reference");
@@ -119,7 +121,7 @@ fn brakes_hold_stops_stop_and_friction_sticks() {
     arm.drive(&[0; CHANNELS], lines(true, true));
     let before = arm.q;
     (0..100).for_each(|_| arm.step(1e-3, &Joints::zeros()));
-    assert_eq!((arm.q, arm.qd), (before, Vector::zeros()));
+    assert_eq!((arm.q, arm.qd), (before, JointVector::zeros()));
     arm.drive(&[0; CHANNELS], lines(false, false));
     (0..4000).for_each(|_| arm.step(1e-3, &Joints::zeros()));
     assert!(arm.q.amax() <= 0.5 && arm.q.amax() > 0.499, "{}", arm.q);
@@ -127,7 +129,7 @@ fn brakes_hold_stops_stop_and_friction_sticks() {
     // rests.
     let mut stuck = released::<7>(&robot(500.0, 3.0), [0.1; 7]);
     (0..2000).for_each(|_| stuck.step(1.25e-3, &Joints::zeros()));
-    assert!((stuck.q - Vector::<7>::repeat(0.1)).amax() < 1e-4, "{}", stuck.q);
+    assert!((stuck.q - JointVector::<7>::repeat(0.1)).amax() < 1e-4, "{}", stuck.q);
     assert!(stuck.qd.amax() < 1e-9, "{}", stuck.qd);
 }
 

@@ -410,7 +410,7 @@ impl Objects {
             object.for_each_tangent(|weight, row| {
                 let linear = pad.rotation * DVec3::new(row[0], row[1], row[2]);
                 let angular = pad.rotation * DVec3::new(row[3], row[4], row[5]);
-                visit(weight, jacobian.tr_mul(&stack(linear, angular)));
+                visit(weight, jacobian.tr_mul(&spatial_vector(linear, angular)));
             });
         }
     }

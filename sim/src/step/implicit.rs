@@ -433,7 +433,7 @@ fn surroundings(
     axes: &DMat3,
 ) -> Surroundings {
     let correction = predictor.jacobian * (qd - predictor.guessed_speeds);
-    let (shift, turn) = split(&(tau * correction));
+    let (shift, turn) = linear_and_angular(&(tau * correction));
     // Cayley's rotation keeps lengths exactly and has an error of third order in the angle.
     let half = 0.5 * turn;
     let (square, twice) = (half.length_squared(), 2.0 / (1.0 + half.length_squared()));

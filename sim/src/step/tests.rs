@@ -1,6 +1,6 @@
 //! Checks the energy over ten seconds of free motion, and the order of each integrator.
 
-use taktil_mechanics::dynamics::Dynamics;
+use taktil_mechanics::puma260::dynamics::Dynamics;
 
 use super::*;
 use crate::arm::Arm;
@@ -49,7 +49,7 @@ fn drift(step_us: i64) -> f64 {
         plant.integrate(tick * i, tick * (i + 1));
         most = most.max((plant.finger.energy_j() - start).abs());
         let ArmState { q, qd, .. } = plant.finger.state();
-        peak = peak.max(dynamics.kinetic_j(q, qd));
+        peak = peak.max(dynamics.kinetic_energy_j(q, qd));
     }
     most / peak
 }

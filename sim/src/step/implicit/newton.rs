@@ -133,8 +133,8 @@ fn add_contact(
         load_factor[9..].copy_from_slice(&turn.to_array());
         if let Some((predictor, tool)) = finger {
             let lever = (line.foot - tool).cross(direction) + mean * turn;
-            let at_tool = predictor.jacobian.tr_mul(&stack(direction, lever));
-            let turned = predictor.jacobian.tr_mul(&stack(DVec3::ZERO, turn));
+            let at_tool = predictor.jacobian.tr_mul(&spatial_vector(direction, lever));
+            let turned = predictor.jacobian.tr_mul(&spatial_vector(DVec3::ZERO, turn));
             for i in 0..predictor.degrees_of_freedom {
                 (at_mean[i], load_factor[i]) = (-at_tool[i], -turned[i]);
             }
