@@ -5,10 +5,10 @@
 
 use glam::{DMat3, DVec3};
 use taktil_hal::{Devices, LinesOut, Nanos, TactileFrame};
-use taktil_sim::{Carriage, Float, Timing, World, WorldConfig, build, build_with_carriage};
+use taktil_sim::{Carriage, FloatingGuide, Timing, World, WorldConfig, build, build_with_carriage};
 
-const SECONDS: i64 = 20;
-const RUNS: u32 = 5;
+const DURATION_S: i64 = 20;
+const RUN_COUNT: u32 = 5;
 
 fn main() {
     let mut resting = WorldConfig::default();
@@ -24,7 +24,7 @@ fn main() {
 }
 
 fn report(name: &str, build: impl Fn() -> (World, Devices)) {
-    let speed = (0..RUNS).map(|_| run(build())).fold(0.0, f64::max);
+    let speed = (0..RUN_COUNT).map(|_| run(build())).fold(0.0, f64::max);
     println!("{name:32} {speed:6.0} x real time");
 }
 
@@ -34,7 +34,7 @@ fn run((mut world, mut devices): (World, Devices)) -> f64 {
     let mut frame = TactileFrame::empty();
     let (mut t, mut feed) = (Nanos::ZERO, false);
     let start = processor_time();
-    while t < Nanos::from_secs(SECONDS) {
+    while t < Nanos::from_secs(DURATION_S) {
         feed = !feed;
         let lines = LinesOut { enable: true, brake_release: true, watchdog_feed: feed };
         devices.digital_out.commit(t, &lines).expect("the link has room");
@@ -43,7 +43,7 @@ fn run((mut world, mut devices): (World, Devices)) -> f64 {
         world.advance(t + timing.actuation_delay);
         t += timing.control_period;
     }
-    Nanos::from_secs(SECONDS).0 as f64 / (processor_time() - start)
+    Nanos::from_secs(DURATION_S).0 as f64 / (processor_time() - start)
 }
 
 /// Nanoseconds that this process has spent on a processor.
@@ -54,10 +54,11 @@ fn processor_time() -> f64 {
 
 fn rolling() -> (World, Devices) {
     let place = |x: f64| DVec3::new(x, -0.127, -0.1489);
-    let knots =
-        (0..=SECONDS).map(|i| (i as f64, place(if i % 2 == 0 { 0.325 } else { 0.335 }))).collect();
+    let knots = (0..=DURATION_S)
+        .map(|i| (i as f64, place(if i % 2 == 0 { 0.325 } else { 0.335 })))
+        .collect();
     let axes = DMat3::from_cols(-DVec3::X, DVec3::Y, -DVec3::Z);
-    let float = Some(Float { mass_kg: 1.0, load_n: 15.0, damping_n_s_m: 100.0 });
+    let float = Some(FloatingGuide { mass_kg: 1.0, load_n: 15.0, damping_n_s_m: 100.0 });
     let carriage = Carriage { axes, knots, float };
     build_with_carriage(&WorldConfig::default(), &Timing::default(), 1, carriage)
         .expect("a sound scene")

@@ -1,20 +1,20 @@
-//! A finger on rails instead of the arm: its place along a path is prescribed, so that the contact
+//! A finger on rails instead of an arm: its place along a path is prescribed, so that the contact
 //! can be studied and checked without a servo. Optionally it floats along z0 under a constant load.
-//! Refuses turning: the orientation is fixed.
+//! Refuses to turn: the orientation is fixed.
 
 use glam::{DMat3, DVec3};
-use taktil_mechanics::spatial::spatial_vector;
+use taktil_mechanics::spatial::{linear_and_angular, spatial_vector};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
-use crate::arm::Rub;
-use crate::finger::{Ahead, Swing};
+use crate::friction::ResistingTorque;
 use crate::hash::Hash;
+use crate::manipulator::{ArmState, Manipulator, StagePredictor};
 use crate::scene::{Invalid, invalid};
 
-/// What carries the finger when it floats along z0.
+/// The guide of a finger that floats along z0.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Float {
-    /// Moving mass (kg), weightless: its weight counts in the load.
+pub struct FloatingGuide {
+    /// Moving mass (kg), without weight: its weight is part of the load.
     pub mass_kg: f64,
     /// Force along -z0 (N).
     pub load_n: f64,
@@ -30,19 +30,19 @@ pub struct Carriage {
     /// Instants (s, increasing) and places of the sensor's centre (m); between them the finger
     /// moves with a smooth start and stop, outside them it rests.
     pub knots: Vec<(f64, DVec3)>,
-    /// With it z of the knots is only the start.
-    pub float: Option<Float>,
+    /// The guide of a floating finger; then z of the knots is only the start.
+    pub float: Option<FloatingGuide>,
 }
 
-/// A carriage on its way.
+/// A carriage at an instant of its motion.
 #[derive(Clone, Debug)]
-pub(crate) struct Riding {
+pub(crate) struct MovingCarriage {
     plan: Carriage,
     t_s: f64,
     pose: Pose,
     velocity: DVec3,
-    /// Height and its speed in the first place, when it floats.
-    pub(crate) now: Swing,
+    /// Height and its speed in the first place, if the carriage floats.
+    state: ArmState,
 }
 
 impl Carriage {
@@ -73,7 +73,7 @@ impl Carriage {
         Ok(())
     }
 
-    /// Place and velocity at an instant (s), floating aside.
+    /// Place and velocity at an instant (s), without the floating.
     fn at(&self, t_s: f64) -> (DVec3, DVec3) {
         let knots = &self.knots;
         let after = knots.iter().position(|(t, _)| *t > t_s);
@@ -91,77 +91,95 @@ impl Carriage {
     }
 }
 
-impl Riding {
-    pub(crate) fn new(plan: Carriage) -> Riding {
+impl MovingCarriage {
+    pub(crate) fn new(plan: Carriage) -> MovingCarriage {
         let (place, velocity) = plan.at(0.0);
         let pose = Pose::new(plan.axes, place);
-        let mut now = Swing::default();
-        (now.q[0], now.qd[0]) = (place.z, velocity.z);
-        Riding { plan, t_s: 0.0, pose, velocity, now }
-    }
-
-    pub(crate) fn pose(&self) -> &Pose {
-        &self.pose
-    }
-
-    pub(crate) fn twist(&self) -> Joints {
-        spatial_vector(self.velocity, DVec3::ZERO)
+        let mut state = ArmState::default();
+        (state.q[0], state.qd[0]) = (place.z, velocity.z);
+        MovingCarriage { plan, t_s: 0.0, pose, velocity, state }
     }
 
     /// Mass that follows the finger along its normal (kg); none when the place is prescribed.
     pub(crate) fn mass_kg(&self) -> Option<f64> {
-        self.plan.float.map(|float| float.mass_kg)
+        self.plan.float.map(|guide| guide.mass_kg)
+    }
+}
+
+impl Manipulator for MovingCarriage {
+    fn pose(&self) -> &Pose {
+        &self.pose
     }
 
-    /// One step, explicit in the force on the finger and implicit in the guide's damping.
-    pub(crate) fn step(&mut self, h: f64, force: DVec3) {
-        if let Some(float) = self.plan.float {
-            let driven = self.now.qd[0] + h * (force.z - float.load_n) / float.mass_kg;
-            self.now.qd[0] = driven / (1.0 + h * float.damping_n_s_m / float.mass_kg);
-            self.now.q[0] += h * self.now.qd[0];
+    fn twist(&self) -> Joints {
+        spatial_vector(self.velocity, DVec3::ZERO)
+    }
+
+    fn state(&self) -> &ArmState {
+        &self.state
+    }
+
+    fn state_mut(&mut self) -> &mut ArmState {
+        &mut self.state
+    }
+
+    /// The step is explicit in the force on the finger and implicit in the guide's damping.
+    fn step(&mut self, h: f64, wrench: &Joints) {
+        let force = linear_and_angular(wrench).0;
+        if let Some(guide) = self.plan.float {
+            let driven = self.state.qd[0] + h * (force.z - guide.load_n) / guide.mass_kg;
+            self.state.qd[0] = driven / (1.0 + h * guide.damping_n_s_m / guide.mass_kg);
+            self.state.q[0] += h * self.state.qd[0];
         }
-        self.settle(self.t_s + h);
+        self.update_kinematics(self.t_s + h);
     }
 
-    /// Place and velocity for the present height at `t_s`.
-    pub(crate) fn settle(&mut self, t_s: f64) {
+    /// One degree of freedom when the carriage floats, none when it does not.
+    fn predict_stage(&self, base: &ArmState, guess: &Joints, h: f64, end_s: f64) -> StagePredictor {
+        let (mut place, mut velocity) = self.plan.at(end_s);
+        let Some(guide) = self.plan.float else {
+            let pose = Pose::new(self.plan.axes, place);
+            return StagePredictor::prescribed(pose, spatial_vector(velocity, DVec3::ZERO));
+        };
+        (place.z, velocity.z) = (base.q[0] + h * guess[0], 0.0);
+        let pose = Pose::new(self.plan.axes, place);
+        let mut predictor = StagePredictor::prescribed(pose, spatial_vector(velocity, DVec3::ZERO));
+        predictor.degrees_of_freedom = 1;
+        predictor.inertia[(0, 0)] = guide.mass_kg;
+        predictor.forces[0] = -guide.load_n;
+        predictor.jacobian = Matrix6::zeros();
+        predictor.jacobian[(2, 0)] = 1.0;
+        predictor.guessed_speeds = *guess;
+        predictor
+    }
+
+    /// The guide's viscous friction.
+    fn resisting_torque(&self, _: &ArmState, _: usize, speed: f64, _: f64) -> ResistingTorque {
+        let slope = self.plan.float.map_or(0.0, |guide| guide.damping_n_s_m);
+        ResistingTorque { torque_nm: slope * speed, slope, ..ResistingTorque::default() }
+    }
+
+    fn update_kinematics(&mut self, t_s: f64) {
         self.t_s = t_s;
         let (mut place, mut velocity) = self.plan.at(t_s);
         if self.plan.float.is_some() {
-            (place.z, velocity.z) = (self.now.q[0], self.now.qd[0]);
+            (place.z, velocity.z) = (self.state.q[0], self.state.qd[0]);
         }
         (self.pose.translation, self.velocity) = (place, velocity);
     }
 
-    /// See [`Ahead`]: one degree of freedom when it floats, none when it does not.
-    pub(crate) fn ahead(&self, base: &Swing, guess: &Joints, h: f64, end_s: f64) -> Ahead {
-        let (mut place, mut velocity) = self.plan.at(end_s);
-        let Some(float) = self.plan.float else {
-            let pose = Pose::new(self.plan.axes, place);
-            return Ahead::fixed(pose, spatial_vector(velocity, DVec3::ZERO));
-        };
-        (place.z, velocity.z) = (base.q[0] + h * guess[0], 0.0);
-        let pose = Pose::new(self.plan.axes, place);
-        let mut ahead = Ahead::fixed(pose, spatial_vector(velocity, DVec3::ZERO));
-        ahead.degrees = 1;
-        ahead.inertia[(0, 0)] = float.mass_kg;
-        ahead.push[0] = -float.load_n;
-        ahead.jacobian = Matrix6::zeros();
-        ahead.jacobian[(2, 0)] = 1.0;
-        ahead.guess = *guess;
-        ahead
+    fn is_prescribed(&self) -> bool {
+        true
     }
 
-    /// The guide's friction.
-    pub(crate) fn rub(&self, speed: f64) -> Rub {
-        let slope = self.plan.float.map_or(0.0, |float| float.damping_n_s_m);
-        Rub { torque_nm: slope * speed, slope, ..Rub::default() }
-    }
-
-    pub(crate) fn digest(&self, hash: &mut Hash) {
+    fn digest(&self, hash: &mut Hash) {
         hash.number(self.t_s);
         hash.vector(self.pose.translation);
         hash.vector(self.velocity);
+    }
+
+    fn clone_box(&self) -> Box<dyn Manipulator> {
+        Box::new(self.clone())
     }
 }
 
@@ -170,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_rests_outside_the_path_and_moves_smoothly_inside() {
+    fn a_carriage_rests_outside_its_path_and_moves_smoothly_inside() {
         let knots = vec![(1.0, DVec3::ZERO), (3.0, DVec3::X), (4.0, DVec3::X + DVec3::Y)];
         let carriage = Carriage { axes: DMat3::IDENTITY, knots, float: None };
         assert_eq!(carriage.at(0.0), (DVec3::ZERO, DVec3::ZERO));

@@ -1,6 +1,6 @@
-//! The hal halves of the simulated bench: each holds one end of a stamped link to the world and the
-//! newest value that was visible when it was asked. Refuses to know physics, and refuses to be
-//! ahead of its release.
+//! The hal halves of the simulated bench. Each holds one end of a stamped link to the world and the
+//! newest value that was visible when it was sampled. Refuses to know physics, and refuses to show
+//! values from after its release.
 
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{
@@ -9,13 +9,13 @@ use taktil_hal::{
     TactileArray, TactileFrame,
 };
 
-use crate::contact::SLICES;
+use crate::contact::SLICE_COUNT;
 
-/// Values that a link holds until they are taken: more than half a second at 400 Hz.
-const CAPACITY: usize = 256;
-/// Silence after which the simulated boards go safe by themselves.
+/// Number of values that a link holds until they are taken: more than half a second at 400 Hz.
+const LINK_CAPACITY: usize = 256;
+/// Silence after which the simulated boards go to their safe state by themselves.
 pub const LONGEST_SILENCE: Nanos = Nanos::from_millis(50);
-/// Codes of the simulated A/D and gauges: 12 bits.
+/// Largest code of the simulated A/D and gauges, which have 12 bits.
 pub const ADC_MAX: i32 = 2047;
 
 /// One tactile scan on its way.
@@ -25,39 +25,57 @@ pub(crate) struct Scan {
     pub(crate) values: [u16; MAX_TACTELS],
 }
 
-/// The world's ends.
+/// The world's ends of all links.
 #[derive(Debug)]
-pub(crate) struct WorldEnds {
+pub(crate) struct WorldLinks {
     pub(crate) counts: Sender<[Counts; CHANNELS]>,
-    /// Of a board that latches index pulses.
+    /// Present on a board that latches index pulses.
     pub(crate) marks: Option<Sender<Marks>>,
     pub(crate) currents: Sender<[AdcCode; CHANNELS]>,
     pub(crate) gauges: Sender<[AdcCode; AXES]>,
     pub(crate) lines: Sender<LinesIn>,
-    /// Those of the finger and of the fingertip opposed to it.
+    /// The scans of the finger's array and of the array opposed to it.
     pub(crate) scans: [Sender<Scan>; 2],
     pub(crate) codes: Receiver<[i32; CHANNELS]>,
-    pub(crate) orders: Receiver<LinesOut>,
+    pub(crate) lines_out: Receiver<LinesOut>,
 }
 
-/// Makes all links. `codes` is the D/A's range, `index` whether the encoder board latches index
-/// pulses; of the tactile arrays, the finger's and the one opposed to it, the largest reading and
-/// the time from row to row are told.
+/// The boards of an arm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct BoardSpec {
+    /// Number of wired channels, one for each joint.
+    pub(crate) joints: usize,
+    /// Lowest and highest code of the D/A converter.
+    pub(crate) code_min: i32,
+    pub(crate) code_max: i32,
+}
+
+/// The description that a tactile array gives of itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct TactileSpec {
+    /// Its largest reading (counts).
+    pub(crate) full_scale: u16,
+    /// Time from one row's reading to the next one's.
+    pub(crate) row: Nanos,
+}
+
+/// Makes all links. `index` says whether the encoder board latches index pulses; `tactile`
+/// describes the finger's array and the one opposed to it, where they exist.
 pub(crate) fn connect(
     delay: Nanos,
-    (joints, codes): (usize, (i32, i32)),
+    board: BoardSpec,
     index: bool,
-    tactile: [Option<(u16, Nanos)>; 2],
-) -> (WorldEnds, taktil_hal::Devices) {
-    let (counts_tx, counts_rx) = link(CAPACITY);
-    let (marks_tx, marks_rx) = index.then(|| link(CAPACITY)).unzip();
-    let (currents_tx, currents_rx) = link(CAPACITY);
-    let (gauges_tx, gauges_rx) = link(CAPACITY);
-    let (lines_tx, lines_rx) = link(CAPACITY);
+    tactile: [Option<TactileSpec>; 2],
+) -> (WorldLinks, taktil_hal::Devices) {
+    let (counts_tx, counts_rx) = link(LINK_CAPACITY);
+    let (marks_tx, marks_rx) = index.then(|| link(LINK_CAPACITY)).unzip();
+    let (currents_tx, currents_rx) = link(LINK_CAPACITY);
+    let (gauges_tx, gauges_rx) = link(LINK_CAPACITY);
+    let (lines_tx, lines_rx) = link(LINK_CAPACITY);
     let ([tip_tx, opposed_tx], [tip_rx, opposed_rx]) = scan_links();
-    let (codes_tx, codes_rx) = link(CAPACITY);
-    let (orders_tx, orders_rx) = link(CAPACITY);
-    let ends = WorldEnds {
+    let (codes_tx, codes_rx) = link(LINK_CAPACITY);
+    let (orders_tx, orders_rx) = link(LINK_CAPACITY);
+    let links = WorldLinks {
         counts: counts_tx,
         marks: marks_tx,
         currents: currents_tx,
@@ -65,46 +83,42 @@ pub(crate) fn connect(
         lines: lines_tx,
         scans: [tip_tx, opposed_tx],
         codes: codes_rx,
-        orders: orders_rx,
+        lines_out: orders_rx,
     };
     let devices = taktil_hal::Devices {
         encoders: Box::new(SimEncoders {
-            counts: Newest::new(counts_rx, "sim.encoders"),
-            marks: marks_rx.map(|marks| Newest::new(marks, "sim.encoders")),
-            joints,
+            counts: NewestReading::new(counts_rx, "sim.encoders"),
+            marks: marks_rx.map(|marks| NewestReading::new(marks, "sim.encoders")),
+            joints: board.joints,
         }),
-        analog_out: Box::new(SimAnalogOut {
-            order: Order::new(codes_tx, delay),
-            range: codes,
-            joints,
-        }),
+        analog_out: Box::new(SimAnalogOut { order: DelayedOutput::new(codes_tx, delay), board }),
         analog_in: Box::new(SimAnalogIn {
-            currents: Newest::new(currents_rx, "sim.analog_in"),
-            joints,
+            currents: NewestReading::new(currents_rx, "sim.analog_in"),
+            joints: board.joints,
         }),
         tactile: Box::new(SimTactile::new(tip_rx, tactile[0].unwrap_or_default())),
         tactile_opposed: tactile[1]
-            .map(|facts| Box::new(SimTactile::new(opposed_rx, facts)) as Box<dyn TactileArray>),
-        force_torque: Box::new(SimForceTorque(Newest::new(gauges_rx, "sim.force_torque"))),
-        digital_in: Box::new(SimDigitalIn(Newest::new(lines_rx, "sim.digital_in"))),
+            .map(|spec| Box::new(SimTactile::new(opposed_rx, spec)) as Box<dyn TactileArray>),
+        force_torque: Box::new(SimForceTorque(NewestReading::new(gauges_rx, "sim.force_torque"))),
+        digital_in: Box::new(SimDigitalIn(NewestReading::new(lines_rx, "sim.digital_in"))),
         digital_out: Box::new(SimDigitalOut {
-            order: Order::new(orders_tx, delay),
+            order: DelayedOutput::new(orders_tx, delay),
             last: LinesOut::SAFE,
         }),
     };
-    (ends, devices)
+    (links, devices)
 }
 
 /// The links of both arrays, senders first.
 fn scan_links() -> ([Sender<Scan>; 2], [Receiver<Scan>; 2]) {
-    let ((tip_tx, tip_rx), (opposed_tx, opposed_rx)) = (link(CAPACITY), link(CAPACITY));
+    let ((tip_tx, tip_rx), (opposed_tx, opposed_rx)) = (link(LINK_CAPACITY), link(LINK_CAPACITY));
     ([tip_tx, opposed_tx], [tip_rx, opposed_rx])
 }
 
-impl WorldEnds {
-    /// Ends of links whose other ends are gone.
-    pub(crate) fn nowhere() -> WorldEnds {
-        WorldEnds {
+impl WorldLinks {
+    /// Ends of links whose other ends do not exist.
+    pub(crate) fn disconnected() -> WorldLinks {
+        WorldLinks {
             counts: link(1).0,
             marks: None,
             currents: link(1).0,
@@ -112,52 +126,53 @@ impl WorldEnds {
             lines: link(1).0,
             scans: [link(1).0, link(1).0],
             codes: link(1).1,
-            orders: link(1).1,
+            lines_out: link(1).1,
         }
     }
 
-    /// Says what the other ends hear first: a value of the past, which is visible at once.
-    /// Links that are new have room for it.
-    pub(crate) fn tell<T: Copy>(to: &mut Sender<T>, value: T, stamp: Nanos) {
+    /// Sends the first value of a new link with a stamp of the past, which is visible at once. A
+    /// new link always has room for it.
+    pub(crate) fn send<T: Copy>(to: &mut Sender<T>, value: T, stamp: Nanos) {
         let _ = to.send(value, stamp, stamp);
     }
 }
 
 /// An input half: the newest visible value, held until a newer one is visible.
-struct Newest<T> {
+struct NewestReading<T> {
     from: Receiver<T>,
-    held: Option<Reading<T>>,
+    reading: Option<Reading<T>>,
     asked: Nanos,
     device: &'static str,
 }
 
-impl<T: Copy> Newest<T> {
-    fn new(from: Receiver<T>, device: &'static str) -> Newest<T> {
-        Newest { from, held: None, asked: Nanos(i64::MIN), device }
+impl<T: Copy> NewestReading<T> {
+    fn new(from: Receiver<T>, device: &'static str) -> NewestReading<T> {
+        NewestReading { from, reading: None, asked: Nanos(i64::MIN), device }
     }
 
-    /// The same release gives the same reading, whatever has arrived meanwhile.
+    /// Samples at a release; the same release gives the same reading, whatever has arrived in
+    /// between.
     fn sample(&mut self, release: Nanos) -> Result<Reading<T>, Error> {
-        if release > self.asked || self.held.is_none() {
+        if release > self.asked || self.reading.is_none() {
             self.asked = release;
             if let Some(new) = self.from.newest(release) {
-                self.held = Some(Reading { value: new.value, acquired: new.stamp });
+                self.reading = Some(Reading { value: new.value, acquired: new.stamp });
             }
         }
-        self.held.ok_or(Error::whole(Kind::Stale, self.device))
+        self.reading.ok_or(Error::whole(Kind::Stale, self.device))
     }
 }
 
-/// An output half: words that act one actuation delay after their release.
-struct Order<T> {
+/// An output half: commands that act one actuation delay after their release.
+struct DelayedOutput<T> {
     to: Sender<T>,
     delay: Nanos,
     latest: Nanos,
 }
 
-impl<T: Copy> Order<T> {
-    fn new(to: Sender<T>, delay: Nanos) -> Order<T> {
-        Order { to, delay, latest: Nanos::ZERO }
+impl<T: Copy> DelayedOutput<T> {
+    fn new(to: Sender<T>, delay: Nanos) -> DelayedOutput<T> {
+        DelayedOutput { to, delay, latest: Nanos::ZERO }
     }
 
     fn send(&mut self, value: T, release: Nanos, device: &'static str) -> Result<(), Error> {
@@ -167,15 +182,16 @@ impl<T: Copy> Order<T> {
         Ok(())
     }
 
-    /// At once: behind the words already on their way, at the latest one's instant.
+    /// Sends a command that acts as early as possible, at the instant of the latest command on its
+    /// way.
     fn send_now(&mut self, value: T, device: &'static str) -> Result<(), Error> {
         self.send(value, self.latest - self.delay, device)
     }
 }
 
 struct SimEncoders {
-    counts: Newest<[Counts; CHANNELS]>,
-    marks: Option<Newest<Marks>>,
+    counts: NewestReading<[Counts; CHANNELS]>,
+    marks: Option<NewestReading<Marks>>,
     joints: usize,
 }
 
@@ -186,7 +202,7 @@ impl Encoders for SimEncoders {
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
         if let Some(marks) = &mut self.marks {
-            // They come with the counts: an answer there is an answer here.
+            // The marks are sent together with the counts, so that the counts' answer covers both.
             let _ = marks.sample(release);
         }
         self.counts.sample(release)
@@ -197,13 +213,13 @@ impl Encoders for SimEncoders {
     }
 
     fn marks(&self) -> Marks {
-        let held = self.marks.as_ref().and_then(|marks| marks.held);
-        held.map_or([None; CHANNELS], |held| held.value)
+        let reading = self.marks.as_ref().and_then(|marks| marks.reading);
+        reading.map_or([None; CHANNELS], |reading| reading.value)
     }
 }
 
 struct SimAnalogIn {
-    currents: Newest<[AdcCode; CHANNELS]>,
+    currents: NewestReading<[AdcCode; CHANNELS]>,
     joints: usize,
 }
 
@@ -221,7 +237,7 @@ impl AnalogIn for SimAnalogIn {
     }
 }
 
-struct SimForceTorque(Newest<[AdcCode; AXES]>);
+struct SimForceTorque(NewestReading<[AdcCode; AXES]>);
 
 impl ForceTorque for SimForceTorque {
     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
@@ -229,7 +245,7 @@ impl ForceTorque for SimForceTorque {
     }
 }
 
-struct SimDigitalIn(Newest<LinesIn>);
+struct SimDigitalIn(NewestReading<LinesIn>);
 
 impl DigitalIn for SimDigitalIn {
     fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error> {
@@ -239,69 +255,68 @@ impl DigitalIn for SimDigitalIn {
 
 struct SimTactile {
     scans: Receiver<Scan>,
-    full_scale: u16,
-    /// Time from one row's reading to the next one's.
-    row: Nanos,
+    spec: TactileSpec,
 }
 
 impl SimTactile {
-    fn new(scans: Receiver<Scan>, (full_scale, row): (u16, Nanos)) -> SimTactile {
-        SimTactile { scans, full_scale, row }
+    fn new(scans: Receiver<Scan>, spec: TactileSpec) -> SimTactile {
+        SimTactile { scans, spec }
     }
 }
 
 impl TactileArray for SimTactile {
     fn rows(&self) -> usize {
-        SLICES
+        SLICE_COUNT
     }
 
     fn cols(&self) -> usize {
-        SLICES
+        SLICE_COUNT
     }
 
     fn full_scale(&self) -> u16 {
-        self.full_scale
+        self.spec.full_scale
     }
 
     fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
         let Some(scan) = self.scans.newest(release) else {
             return Ok(Arrival::Held);
         };
-        frame.rows = SLICES as u16;
-        frame.cols = SLICES as u16;
+        frame.rows = SLICE_COUNT as u16;
+        frame.cols = SLICE_COUNT as u16;
         frame.sequence = scan.value.sequence;
         frame.acquired = scan.stamp;
         frame.values = scan.value.values;
         frame.valid = [true; MAX_TACTELS];
         for (row, acquired) in frame.row_acquired.iter_mut().enumerate() {
-            let rest = (SLICES - 1).saturating_sub(row) as i64;
-            *acquired = (scan.stamp - self.row * rest).max(Nanos::ZERO);
+            let rest = (SLICE_COUNT - 1).saturating_sub(row) as i64;
+            *acquired = (scan.stamp - self.spec.row * rest).max(Nanos::ZERO);
         }
         Ok(Arrival::New)
     }
 }
 
 struct SimAnalogOut {
-    order: Order<[i32; CHANNELS]>,
-    range: (i32, i32),
-    joints: usize,
+    order: DelayedOutput<[i32; CHANNELS]>,
+    board: BoardSpec,
 }
 
 const ANALOG_OUT: &str = "sim.analog_out";
 
 impl AnalogOut for SimAnalogOut {
     fn channels(&self) -> usize {
-        self.joints
+        self.board.joints
     }
 
     fn code_range(&self) -> (DacCode, DacCode) {
-        (DacCode(self.range.0), DacCode(self.range.1))
+        (DacCode(self.board.code_min), DacCode(self.board.code_max))
     }
 
     fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
         let mut word = [0; CHANNELS];
-        for (channel, (slot, code)) in word.iter_mut().zip(codes).enumerate().take(self.joints) {
-            if !(self.range.0..=self.range.1).contains(&code.0) {
+        for (channel, (slot, code)) in
+            word.iter_mut().zip(codes).enumerate().take(self.board.joints)
+        {
+            if !(self.board.code_min..=self.board.code_max).contains(&code.0) {
                 return Err(Error::on_channel(Kind::OutOfRange, ANALOG_OUT, channel as u16));
             }
             *slot = code.0;
@@ -324,13 +339,13 @@ impl AnalogOut for SimAnalogOut {
 
 impl Drop for SimAnalogOut {
     fn drop(&mut self) {
-        // A full link means a world that stopped: nothing is left to make safe.
+        // The link is full only when the world has stopped; then nothing is left to make safe.
         let _ = self.safe();
     }
 }
 
 struct SimDigitalOut {
-    order: Order<LinesOut>,
+    order: DelayedOutput<LinesOut>,
     last: LinesOut,
 }
 
@@ -355,7 +370,7 @@ impl DigitalOut for SimDigitalOut {
 
 impl Drop for SimDigitalOut {
     fn drop(&mut self) {
-        // As above: a world that stopped has its brakes on.
+        // The link is full only when the world has stopped; then its brakes are on.
         let _ = self.safe();
     }
 }

@@ -1,5 +1,5 @@
-//! The scene's faults over time: which of them hold at an instant, and when that changes next.
-//! Refuses chance of its own: what is drawn comes from the seed.
+//! The scene's faults over time: the faults that are active at an instant, and the instant of the
+//! next change. Refuses random numbers other than those of the seed.
 
 use taktil_hal::Nanos;
 
@@ -7,9 +7,9 @@ use crate::hash::Hash;
 use crate::prng::{Prng, Stream};
 use crate::scene::{Fault, FaultKind};
 
-/// One fault in exact time.
+/// One fault with its instants.
 #[derive(Clone, Copy, Debug)]
-struct Span {
+struct FaultInterval {
     kind: FaultKind,
     from: Nanos,
     to: Nanos,
@@ -21,14 +21,14 @@ struct Span {
 /// All faults of a scene.
 #[derive(Clone, Debug)]
 pub(crate) struct Faults {
-    spans: Vec<Span>,
+    intervals: Vec<FaultInterval>,
     lost: Prng,
 }
 
 impl Faults {
     pub(crate) fn new(faults: &[Fault], seed: u64) -> Faults {
         let instant = |s: f64| Nanos((1e9 * s).round() as i64);
-        let span = |fault: &Fault| Span {
+        let interval = |fault: &Fault| FaultInterval {
             kind: fault.kind,
             from: instant(fault.at_s),
             to: fault.for_s.map_or(Nanos::MAX, |for_s| instant(fault.at_s + for_s)),
@@ -37,47 +37,50 @@ impl Faults {
             opposed: fault.opposed.unwrap_or(false),
         };
         Faults {
-            spans: faults.iter().map(span).collect(),
+            intervals: faults.iter().map(interval).collect(),
             lost: Prng::new(seed, Stream::LostFrames),
         }
     }
 
-    fn holding(&self, kind: FaultKind, now: Nanos) -> impl Iterator<Item = &Span> {
-        let holds = move |span: &&Span| span.kind == kind && span.from <= now && now < span.to;
-        self.spans.iter().filter(holds)
+    fn active(&self, kind: FaultKind, now: Nanos) -> impl Iterator<Item = &FaultInterval> {
+        let holds = move |interval: &&FaultInterval| {
+            interval.kind == kind && interval.from <= now && now < interval.to
+        };
+        self.intervals.iter().filter(holds)
     }
 
-    /// Whether a fault of this kind holds.
-    pub(crate) fn hold(&self, kind: FaultKind, now: Nanos) -> bool {
-        self.holding(kind, now).next().is_some()
+    /// Whether a fault of this kind is active.
+    pub(crate) fn is_active(&self, kind: FaultKind, now: Nanos) -> bool {
+        self.active(kind, now).next().is_some()
     }
 
-    /// Whether the encoder of a joint counts no more.
-    pub(crate) fn dead_encoder(&self, joint: usize, now: Nanos) -> bool {
-        self.holding(FaultKind::DeadEncoder, now).any(|span| span.joint == joint)
+    /// Whether the encoder of a joint has stopped counting.
+    pub(crate) fn has_dead_encoder(&self, joint: usize, now: Nanos) -> bool {
+        self.active(FaultKind::DeadEncoder, now).any(|interval| interval.joint == joint)
     }
 
-    /// Whether the frame of the finger's array, or of the one opposed to it, that is complete now
-    /// is lost; draws once for each fault that holds.
-    pub(crate) fn lose_frame(&mut self, now: Nanos, opposed: bool) -> bool {
+    /// Whether the frame that is complete now is lost, of the finger's array or of the array
+    /// opposed to it. Draws one random number for each active fault that loses a share of the
+    /// frames.
+    pub(crate) fn drops_frame(&mut self, now: Nanos, opposed: bool) -> bool {
         let mut lost = false;
-        for span in &self.spans {
-            let here = span.kind == FaultKind::DropFrames && span.opposed == opposed;
-            if here && span.from <= now && now < span.to {
-                lost |= span.share >= 1.0 || self.lost.uniform() <= span.share;
+        for interval in &self.intervals {
+            let here = interval.kind == FaultKind::DropFrames && interval.opposed == opposed;
+            if here && interval.from <= now && now < interval.to {
+                lost |= interval.share >= 1.0 || self.lost.uniform() <= interval.share;
             }
         }
         lost
     }
 
     /// The next instant after `now` at which a fault begins or ends.
-    pub(crate) fn next(&self, now: Nanos) -> Option<Nanos> {
-        let instants = self.spans.iter().flat_map(|span| [span.from, span.to]);
+    pub(crate) fn next_change(&self, now: Nanos) -> Option<Nanos> {
+        let instants = self.intervals.iter().flat_map(|interval| [interval.from, interval.to]);
         instants.filter(|instant| *instant > now && *instant < Nanos::MAX).min()
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {
-        if !self.spans.is_empty() {
+        if !self.intervals.is_empty() {
             self.lost.digest(hash);
         }
     }

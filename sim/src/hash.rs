@@ -1,29 +1,29 @@
 //! A 64-bit digest of the world's state, word by word over the bits of every number, so that two
-//! runs can be compared instant by instant at little cost: one product a word. Each step is a
-//! bijection of the word and of what stood before, so that one changed word is always seen. Refuses
-//! to be cryptographic.
+//! runs can be compared instant by instant at little cost: one multiplication for each word. Each
+//! step is a bijection of the word and of the earlier digest, so that one changed word always
+//! changes the digest. Refuses to be cryptographic.
 
 use glam::DVec3;
 
-/// Collects numbers.
+/// A digest in progress.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Hash(u64);
 
-/// Where it starts: the fractional part of the golden ratio times 2^64.
-const START: u64 = 0x9E37_79B9_7F4A_7C15;
-/// Knuth's multiplier of MMIX: odd, with well-mixed bits.
-const MULTIPLIER: u64 = 0x5851_F42D_4C95_7F2D;
+/// Initial value: the fractional part of the golden ratio times 2^64.
+const INITIAL_VALUE: u64 = 0x9E37_79B9_7F4A_7C15;
+/// Knuth's multiplier of MMIX, which is odd and has well-mixed bits.
+const MMIX_MULTIPLIER: u64 = 0x5851_F42D_4C95_7F2D;
 
 impl Default for Hash {
     fn default() -> Hash {
-        Hash(START)
+        Hash(INITIAL_VALUE)
     }
 }
 
 impl Hash {
     /// Adds a word.
     pub(crate) fn word(&mut self, word: u64) {
-        let product = (self.0.rotate_left(23) ^ word).wrapping_mul(MULTIPLIER);
+        let product = (self.0.rotate_left(23) ^ word).wrapping_mul(MMIX_MULTIPLIER);
         self.0 = product ^ (product >> 32);
     }
 
@@ -44,7 +44,7 @@ impl Hash {
         self.numbers(&v.to_array());
     }
 
-    /// What has been collected so far.
+    /// The digest of all words so far.
     #[must_use]
     pub(crate) fn value(&self) -> u64 {
         self.0

@@ -1,8 +1,8 @@
-//! A deterministic twin of the bench: a PUMA 260 with its motors, a fingertip with a 16 x 16
-//! tactile array, a pin between the fingertip's rubber and the table's, objects on the table to be
-//! touched, a table that pans, tilts, slides and rises. Refuses to know that it is being scheduled:
-//! [`World::advance`] moves it, the [`taktil_hal::Devices`] halves are all that a controller sees
-//! of it, and one seed gives one run.
+//! A deterministic simulation of the bench: a PUMA 260 with its motors, a fingertip with a 16 x 16
+//! tactile array, a pin between the rubbers of fingertip and table, objects on the table, and a
+//! table that pans, tilts, slides and rises. Refuses to know that it is being scheduled:
+//! [`World::advance`] moves it, a controller sees it through the [`taktil_hal::Devices`] halves
+//! only, and one seed gives one run.
 //!
 //! ```
 //! use taktil_hal::Nanos;
@@ -16,23 +16,25 @@
 //! ```
 //!
 //! A scene pays for what it names ([`fidelity`]): an arm with or without friction, rows of tactels
-//! on their own or leaning on each other, an explicit or an implicit integrator. What is left out:
-//! finite strain, free edges of the pad, viscoelastic memory of the rubber, contact of the finger
-//! with the table itself, edges of the table, inertial loads on the gauges, objects that move.
+//! that do or do not influence each other, an explicit or an implicit integrator. The simulation
+//! leaves out finite strain, free edges of the pad, viscoelastic memory of the rubber, contact of
+//! the finger with the table itself, edges of the table, inertial loads on the gauges, and objects
+//! that move.
 
 mod arm;
-mod bench;
+mod assembly;
 mod carriage;
-mod chained;
 mod contact;
 mod devices;
 mod electronics;
 mod faults;
-pub mod fidelity;
-mod finger;
-mod hand;
+mod fixture;
+mod free_arm;
+mod friction;
 mod hash;
-mod index;
+mod index_pulses;
+mod last_sent;
+mod manipulator;
 mod motion;
 mod object;
 mod opposed;
@@ -44,18 +46,20 @@ pub mod scene;
 mod snapshot;
 mod spatial;
 mod step;
+mod surroundings;
 mod table;
 mod truth;
 mod world;
 
-pub use bench::{RATED_LOAD_N, build, build_with_carriage, build_with_chain};
-pub use carriage::{Carriage, Float};
-pub use contact::{PAD_HALF_M, PITCH_M, SLICES, Surface};
+pub use assembly::{RATED_LOAD_N, build, build_with_carriage, build_with_chain};
+pub use carriage::{Carriage, FloatingGuide};
+pub use contact::{PAD_HALF_M, PITCH_M, SLICE_COUNT, Surface};
 pub use devices::{ADC_MAX, LONGEST_SILENCE};
-pub use electronics::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, tactel_gains};
-pub use scene::{Invalid, Timing, WorldConfig};
-pub use snapshot::{Snapshot, Story, Written};
-pub use step::Work;
+pub use electronics::tactel_gains;
+pub use scene::fidelity;
+pub use scene::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, Invalid, Timing, WorldConfig};
+pub use snapshot::{OutputRecord, Snapshot, WorldHistory};
+pub use step::StepStatistics;
 pub use table::TablePose;
-pub use truth::{Felt, Opposite, Truth};
+pub use truth::{ObjectContact, OpposedFingertip, Truth};
 pub use world::World;

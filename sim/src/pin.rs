@@ -5,7 +5,14 @@ use glam::{DMat3, DQuat, DVec3};
 
 use crate::hash::Hash;
 
-/// State and inertia.
+/// Radius and length of a cylinder.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct CylinderSize {
+    pub(crate) radius_m: f64,
+    pub(crate) length_m: f64,
+}
+
+/// State and inertia of the pin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pin {
     /// Centre of mass (m, base frame).
@@ -16,7 +23,7 @@ pub(crate) struct Pin {
     pub(crate) velocity: DVec3,
     /// Angular velocity (rad/s, base frame).
     pub(crate) spin: DVec3,
-    /// Angle turned about the own axis since the start (rad), not wrapped.
+    /// Angle turned about the pin's own axis since the start (rad), not wrapped.
     pub(crate) roll_rad: f64,
     /// Radius (m).
     pub(crate) radius_m: f64,
@@ -27,17 +34,17 @@ pub(crate) struct Pin {
 }
 
 impl Pin {
-    /// At rest, with the body axes given as columns.
+    /// A pin at rest whose body axes are the given columns.
     #[must_use]
-    pub(crate) fn at_rest(position: DVec3, axes: &DMat3, size_m: (f64, f64), mass_kg: f64) -> Pin {
+    pub(crate) fn at_rest(position: DVec3, axes: &DMat3, size: CylinderSize, mass_kg: f64) -> Pin {
         Pin {
             position,
             orientation: DQuat::from_mat3(axes).normalize(),
             velocity: DVec3::ZERO,
             spin: DVec3::ZERO,
             roll_rad: 0.0,
-            radius_m: size_m.0,
-            length_m: size_m.1,
+            radius_m: size.radius_m,
+            length_m: size.length_m,
             mass_kg,
         }
     }
@@ -50,17 +57,17 @@ impl Pin {
 
     /// Moments of inertia about the axis and across it (kg m^2).
     #[must_use]
-    pub(crate) fn inertia_kg_m2(&self) -> (f64, f64) {
+    pub(crate) fn principal_inertia_kg_m2(&self) -> (f64, f64) {
         let r2 = self.radius_m * self.radius_m;
         let along = 0.5 * self.mass_kg * r2;
         let across = self.mass_kg * (3.0 * r2 + self.length_m * self.length_m) / 12.0;
         (along, across)
     }
 
-    /// Inertia about the centre in base axes (kg m^2) with the axis where it is.
+    /// Inertia tensor about the centre in base axes (kg m^2).
     #[must_use]
-    pub(crate) fn inertia(&self) -> DMat3 {
-        let (along, across) = self.inertia_kg_m2();
+    pub(crate) fn inertia_tensor(&self) -> DMat3 {
+        let (along, across) = self.principal_inertia_kg_m2();
         let (a, rest) = (self.axis(), along - across);
         let outer = DMat3::from_cols(a * a.x, a * a.y, a * a.z);
         DMat3::from_diagonal(DVec3::splat(across)) + outer * rest
@@ -69,14 +76,14 @@ impl Pin {
     /// Angular momentum about the centre (kg m^2/s).
     #[must_use]
     pub(crate) fn angular_momentum(&self) -> DVec3 {
-        let (along, across) = self.inertia_kg_m2();
+        let (along, across) = self.principal_inertia_kg_m2();
         let a = self.axis();
         across * self.spin + (along - across) * a.dot(self.spin) * a
     }
 
-    /// Place and direction after `h` seconds at a velocity and a spin, which it has then.
+    /// The pin after `h` seconds of motion at this velocity and spin, which it has at the end.
     #[must_use]
-    pub(crate) fn carried(&self, velocity: DVec3, spin: DVec3, h: f64) -> Pin {
+    pub(crate) fn moved(&self, velocity: DVec3, spin: DVec3, h: f64) -> Pin {
         let half = 0.5 * h * spin;
         let turn = DQuat::from_xyzw(half.x, half.y, half.z, 1.0);
         let orientation = (turn * self.orientation).normalize();
@@ -91,10 +98,10 @@ impl Pin {
         }
     }
 
-    /// Translational and rotational energy of motion (J).
+    /// Kinetic energy (J).
     #[must_use]
     pub(crate) fn kinetic_j(&self) -> f64 {
-        let (along, across) = self.inertia_kg_m2();
+        let (along, across) = self.principal_inertia_kg_m2();
         let roll = self.spin.dot(self.axis());
         let rest = (self.spin.length_squared() - roll * roll).max(0.0);
         0.5 * (self.mass_kg * self.velocity.length_squared() + along * roll * roll + across * rest)
@@ -103,13 +110,13 @@ impl Pin {
     /// One semi-implicit Euler step of `h` seconds under a force (N) and a moment about the centre
     /// (N m): Euler's equations of a body with an axis of symmetry.
     pub(crate) fn step(&mut self, h: f64, axis: DVec3, force: DVec3, moment: DVec3) {
-        let (along, across) = self.inertia_kg_m2();
+        let (along, across) = self.principal_inertia_kg_m2();
         // I w = across w + (along - across) (a.w) a, so w x (I w) = (along - across) (a.w) (w x a)
         let roll = self.spin.dot(axis);
         let torque = moment - (along - across) * roll * self.spin.cross(axis);
         let torque_along = torque.dot(axis);
         let change = torque / across + (1.0 / along - 1.0 / across) * torque_along * axis;
-        *self = self.carried(self.velocity + h / self.mass_kg * force, self.spin + h * change, h);
+        *self = self.moved(self.velocity + h / self.mass_kg * force, self.spin + h * change, h);
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {
@@ -128,11 +135,16 @@ mod tests {
     use super::*;
 
     fn pin() -> Pin {
-        Pin::at_rest(DVec3::ZERO, &DMat3::IDENTITY, (0.023, 0.08), 0.2)
+        Pin::at_rest(
+            DVec3::ZERO,
+            &DMat3::IDENTITY,
+            CylinderSize { radius_m: 0.023, length_m: 0.08 },
+            0.2,
+        )
     }
 
     #[test]
-    fn free_fall_is_free_fall() {
+    fn a_free_pin_falls_with_gravity() {
         let mut pin = pin();
         let (h, n) = (1e-4, 10_000);
         for _ in 0..n {
@@ -149,7 +161,7 @@ mod tests {
         let mut pin = pin();
         pin.spin = DVec3::new(3.0, 10.0, -2.0);
         let momentum = |pin: &Pin| {
-            let (along, across) = pin.inertia_kg_m2();
+            let (along, across) = pin.principal_inertia_kg_m2();
             let a = pin.axis();
             across * pin.spin + (along - across) * a.dot(pin.spin) * a
         };

@@ -1,17 +1,17 @@
 //! Seeded random numbers: one stream of ChaCha8 for each subsystem, so that a new consumer never
-//! shifts what another one draws. Owns its maps to uniform and normal numbers, because those of a
-//! library may change between releases. Refuses any other source of chance.
+//! shifts the numbers of another one. This module has its own maps to uniform and normal numbers,
+//! because those of a library may change between releases. Refuses any other source of randomness.
 //!
 //! Normal numbers come from Marsaglia and Tsang's ziggurat (2000) with layer, sign and place from
 //! different bits (Doornik 2005): 256 layers of equal area under `exp(-x^2/2)`, of which 98.8 % of
-//! the draws need one word, one product and one comparison.
+//! the draws need one word, one multiplication and one comparison.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use crate::hash::Hash;
 
-/// Who draws; each has numbers of its own.
+/// The consumers of random numbers; each has a stream of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
 pub(crate) enum Stream {
@@ -21,51 +21,54 @@ pub(crate) enum Stream {
     TactelGains = 2,
     /// Noise of the wrist's gauges.
     WristNoise = 3,
-    /// Which frames are lost.
+    /// Losses of frames.
     LostFrames = 4,
     /// Noise of the opposed fingertip's array.
     OpposedNoise = 5,
-    /// Gains of its tactels.
+    /// Gains of the opposed fingertip's tactels, drawn once.
     OpposedGains = 6,
 }
 
-/// One subsystem's stream.
+/// The random numbers of one subsystem.
 #[derive(Clone, Debug)]
 pub(crate) struct Prng {
     chacha: ChaCha8Rng,
-    layers: Box<Layers>,
+    layers: Box<ZigguratLayers>,
 }
 
-/// Layers of the ziggurat.
-const LAYERS: usize = 256;
-/// Where the tail begins, and the area of every layer, the lowest one's tail included.
-const TAIL: f64 = 3.654_152_885_361_009;
-const AREA: f64 = 0.004_928_673_233_974_655;
+/// Distance between neighbouring uniform numbers: 53 bits.
+#[expect(clippy::cast_precision_loss, reason = "a power of two is exact")]
+const UNIFORM_STEP: f64 = 1.0 / (1_u64 << 53) as f64;
+/// Number of layers of the ziggurat.
+const LAYER_COUNT: usize = 256;
+/// Place at which the tail begins, and the area of every layer; the lowest layer includes the tail.
+const TAIL_START: f64 = 3.654_152_885_361_009;
+const LAYER_AREA: f64 = 0.004_928_673_233_974_655;
 
-/// Edges of the layers from the lowest up, the last one 0, and the bell's height there. The first
-/// edge is that of a box of the lowest layer's area.
+/// Edges of the layers from the lowest up, of which the last one is 0, and the height of the
+/// density there. The first edge is that of a box with the lowest layer's area.
 #[derive(Debug, Clone)]
-struct Layers {
-    x: [f64; LAYERS + 1],
-    y: [f64; LAYERS + 1],
+struct ZigguratLayers {
+    x: [f64; LAYER_COUNT + 1],
+    y: [f64; LAYER_COUNT + 1],
 }
 
-fn bell(x: f64) -> f64 {
+fn gaussian(x: f64) -> f64 {
     libm::exp(-0.5 * x * x)
 }
 
-impl Layers {
-    fn new() -> Layers {
-        let (mut x, mut y) = ([0.0; LAYERS + 1], [1.0; LAYERS + 1]);
-        (x[0], x[1]) = (AREA / bell(TAIL), TAIL);
-        for i in 1..LAYERS {
-            y[i] = bell(x[i]);
-            if i + 1 < LAYERS {
-                x[i + 1] = (-2.0 * libm::log(AREA / x[i] + y[i])).sqrt();
+impl ZigguratLayers {
+    fn new() -> ZigguratLayers {
+        let (mut x, mut y) = ([0.0; LAYER_COUNT + 1], [1.0; LAYER_COUNT + 1]);
+        (x[0], x[1]) = (LAYER_AREA / gaussian(TAIL_START), TAIL_START);
+        for i in 1..LAYER_COUNT {
+            y[i] = gaussian(x[i]);
+            if i + 1 < LAYER_COUNT {
+                x[i + 1] = (-2.0 * libm::log(LAYER_AREA / x[i] + y[i])).sqrt();
             }
         }
-        y[0] = bell(x[0]);
-        Layers { x, y }
+        y[0] = gaussian(x[0]);
+        ZigguratLayers { x, y }
     }
 }
 
@@ -75,52 +78,50 @@ impl Prng {
     pub(crate) fn new(seed: u64, stream: Stream) -> Prng {
         let mut chacha = ChaCha8Rng::seed_from_u64(seed);
         chacha.set_stream(stream as u64);
-        Prng { chacha, layers: Box::new(Layers::new()) }
+        Prng { chacha, layers: Box::new(ZigguratLayers::new()) }
     }
 
-    /// Uniform in `(0, 1]`, 53 bits.
+    /// A uniform number in `(0, 1]` with 53 bits.
     #[expect(clippy::cast_precision_loss, reason = "the integer has 53 bits")]
     pub(crate) fn uniform(&mut self) -> f64 {
-        const STEP: f64 = 1.0 / (1_u64 << 53) as f64;
-        ((self.chacha.next_u64() >> 11) + 1) as f64 * STEP
+        ((self.chacha.next_u64() >> 11) + 1) as f64 * UNIFORM_STEP
     }
 
-    /// Normal with mean 0 and standard deviation 1.
+    /// A normal number with mean 0 and standard deviation 1.
     #[expect(clippy::cast_precision_loss, reason = "the integer has 53 bits")]
     pub(crate) fn normal(&mut self) -> f64 {
-        const STEP: f64 = 1.0 / (1_u64 << 53) as f64;
         loop {
-            // Bits 0 to 7: the layer, bit 8: the sign, bits 11 to 63: the place.
+            // Bits 0 to 7 choose the layer, bit 8 the sign, bits 11 to 63 the place.
             let word = self.chacha.next_u64();
             let layer = (word & 0xFF) as usize;
             let signed = |x: f64| f64::from_bits(x.to_bits() ^ (word & 0x100) << 55);
-            // A signed integer becomes a floating one in a single instruction.
-            let x = (word >> 11).cast_signed() as f64 * STEP * self.layers.x[layer];
+            // A signed integer is converted to a float by a single instruction.
+            let x = (word >> 11).cast_signed() as f64 * UNIFORM_STEP * self.layers.x[layer];
             if x < self.layers.x[layer + 1] {
                 return signed(x);
             }
             if layer == 0 {
-                return signed(self.beyond());
+                return signed(self.tail());
             }
             let (low, high) = (self.layers.y[layer], self.layers.y[layer + 1]);
-            if low + (high - low) * self.uniform() < bell(x) {
+            if low + (high - low) * self.uniform() < gaussian(x) {
                 return signed(x);
             }
         }
     }
 
-    /// Normal on the condition that it lies in the tail (Marsaglia 1964).
-    fn beyond(&mut self) -> f64 {
+    /// A normal number on the condition that it lies in the tail (Marsaglia 1964).
+    fn tail(&mut self) -> f64 {
         loop {
-            let x = -libm::log(self.uniform()) / TAIL;
+            let x = -libm::log(self.uniform()) / TAIL_START;
             let y = -libm::log(self.uniform());
             if 2.0 * y > x * x {
-                return TAIL + x;
+                return TAIL_START + x;
             }
         }
     }
 
-    /// Adds seed and place in the stream.
+    /// Adds the seed and the position in the stream.
     pub(crate) fn digest(&self, hash: &mut Hash) {
         for byte in self.chacha.get_seed() {
             hash.word(u64::from(byte));
@@ -135,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn normals_have_the_moments_of_the_bell() {
+    fn normal_numbers_have_the_moments_of_the_normal_distribution() {
         let mut prng = Prng::new(7, Stream::TactileNoise);
         let (mut sums, n) = ([0.0; 4], 200_000);
         for _ in 0..n {
@@ -154,20 +155,20 @@ mod tests {
 
     #[test]
     fn layers_have_equal_areas_and_close_at_the_top() {
-        let layers = Layers::new();
-        for i in 1..LAYERS {
+        let layers = ZigguratLayers::new();
+        for i in 1..LAYER_COUNT {
             let area = layers.x[i] * (layers.y[i + 1] - layers.y[i]);
-            assert!((area - AREA).abs() < 1e-14, "layer {i}: {area}");
+            assert!((area - LAYER_AREA).abs() < 1e-14, "layer {i}: {area}");
             assert!(layers.x[i] > layers.x[i + 1]);
         }
         // The box and its tail: the tail's area by the error function.
-        let tail = (0.5 * core::f64::consts::PI).sqrt() * libm::erfc(TAIL / 2f64.sqrt());
-        let lowest = TAIL * layers.y[1] + tail;
-        assert!((lowest - AREA).abs() < 1e-14, "{lowest}");
+        let tail = (0.5 * core::f64::consts::PI).sqrt() * libm::erfc(TAIL_START / 2f64.sqrt());
+        let lowest = TAIL_START * layers.y[1] + tail;
+        assert!((lowest - LAYER_AREA).abs() < 1e-14, "{lowest}");
     }
 
     #[test]
-    fn normals_are_spread_as_the_bell_is_far_out_too() {
+    fn normal_numbers_follow_the_distribution_in_the_tails_too() {
         let mut prng = Prng::new(11, Stream::WristNoise);
         let n = 1_000_000;
         let edges: [f64; 10] = [-4.0, -3.66, -3.0, -2.0, -0.5, 0.1, 1.0, 2.5, 3.66, 4.2];

@@ -1,214 +1,248 @@
-//! The pin with both its contacts and the hand that steadies it. Refuses to integrate: it gives the
-//! forces at a configuration, whoever chose that.
+//! The pin with both its contacts and the fixture that steadies it. Refuses to integrate: it gives
+//! the forces at a configuration, whoever chose that configuration.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use taktil_hal::{MAX_TACTELS, Nanos};
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::spatial_vector;
 use taktil_mechanics::{Joints, Pose};
 
-use crate::contact::{Bristles, Lean, Line, Patch, Reaction, Surface, Tangent};
-use crate::electronics::{add_drag, base_forces};
-use crate::hand::Hand;
+use crate::contact::{BristleState, ContactLine, LoadFactor, Patch, Reaction, Tangent};
+use crate::electronics::{add_tangential_image, tactel_forces};
+use crate::fixture::PinFixture;
 use crate::hash::Hash;
-use crate::opposed::Opposed;
+use crate::opposed::OpposedPad;
 use crate::pin::Pin;
-use crate::spatial::{Spatial, Tally, lean_of};
+use crate::spatial::{SolveCounts, SpatialSolver, load_factor_of};
+use crate::surroundings::Surroundings;
 
-/// The pin with both its contacts.
+/// The pin, its contacts with the finger's pad and with its support, and the fixture.
 #[derive(Clone, Debug)]
-pub(crate) struct Rolling {
+pub(crate) struct RollingPin {
     pub(crate) pin: Pin,
     pub(crate) pad: Patch,
-    pub(crate) bed: Patch,
-    /// The fingertip in the table's place, whose rubber the bed is then.
-    pub(crate) opposed: Option<Box<Opposed>>,
-    pub(crate) hand: Hand,
+    pub(crate) support: Patch,
+    /// The fingertip in the table's place; then its rubber is the support.
+    pub(crate) opposed: Option<Box<OpposedPad>>,
+    pub(crate) fixture: PinFixture,
     pub(crate) released: Option<Nanos>,
-    /// Latest forces of finger and table on the pin.
-    pub(crate) by_finger: Reaction,
-    pub(crate) by_table: Reaction,
+    /// Latest forces of finger and support on the pin.
+    pub(crate) finger_reaction: Reaction,
+    pub(crate) support_reaction: Reaction,
     /// Cosine between the sensor's x and the rolling direction at the latest evaluation.
-    pub(crate) across: f64,
-    /// The contact with the pad in three dimensions, for scenes that ask for it.
-    pub(crate) spatial: Option<Box<Spatial>>,
+    pub(crate) rolling_cosine: f64,
+    /// The solver of the contact with the pad in three dimensions, for scenes that ask for it.
+    pub(crate) spatial: Option<Box<SpatialSolver>>,
 }
 
-/// What the next instant depends on.
+/// Everything that the next instant depends on.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Memory {
+pub(crate) struct PinState {
     pub(crate) pin: Pin,
-    pub(crate) pad: Bristles,
-    pub(crate) bed: Bristles,
+    pub(crate) pad: BristleState,
+    pub(crate) support: BristleState,
 }
 
-/// Where the pin's surroundings are and how they move.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Around {
-    pub(crate) pad: Pose,
-    pub(crate) finger: Surface,
-    pub(crate) table: Surface,
-    pub(crate) table_axes: DMat3,
-}
-
-/// The lines of contact and how the forces on them depend on the motion.
+/// The contact lines and the derivatives of the forces on them with respect to the motion; none
+/// without contact.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Touching {
-    pub(crate) finger: Option<(Line, Tangent)>,
-    pub(crate) table: Option<(Line, Tangent)>,
+pub(crate) struct PinContacts {
+    pub(crate) finger: Option<(ContactLine, Tangent)>,
+    pub(crate) table: Option<(ContactLine, Tangent)>,
 }
 
-impl Rolling {
-    pub(crate) fn memory(&self) -> Memory {
-        Memory { pin: self.pin, pad: self.pad.slices.bristles, bed: self.bed.slices.bristles }
+impl RollingPin {
+    pub(crate) fn state(&self) -> PinState {
+        PinState {
+            pin: self.pin,
+            pad: self.pad.slices.bristles,
+            support: self.support.slices.bristles,
+        }
     }
 
-    pub(crate) fn remember(&mut self, memory: &Memory) {
-        self.pin = memory.pin;
-        self.pad.slices.bristles = memory.pad;
-        self.bed.slices.bristles = memory.bed;
+    pub(crate) fn restore(&mut self, state: &PinState) {
+        self.pin = state.pin;
+        self.pad.slices.bristles = state.pad;
+        self.support.slices.bristles = state.support;
     }
 
-    /// Evaluates both contacts and moves their bristles on by `h` seconds.
-    pub(crate) fn touch(&mut self, around: &Around, h: f64) {
-        let (pad, bed) = (self.pad.slices.bristles, self.bed.slices.bristles);
-        self.touch_from((&pad, &bed), around, h, &mut Touching::default());
+    /// Evaluates both contacts and moves their bristles by `h` seconds.
+    pub(crate) fn evaluate(&mut self, surroundings: &Surroundings, h: f64) {
+        let (pad, support) = (self.pad.slices.bristles, self.support.slices.bristles);
+        self.evaluate_from(&pad, &support, surroundings, h, &mut PinContacts::default());
     }
 
-    /// The same with bristles, of pad and table, that were before; says how it touches.
-    pub(crate) fn touch_from(
+    /// Evaluates both contacts and moves their bristles by `h` seconds from earlier states of the
+    /// bristles; writes the contact lines into `contacts`.
+    pub(crate) fn evaluate_from(
         &mut self,
-        (pad, bed): (&Bristles, &Bristles),
-        around: &Around,
+        pad: &BristleState,
+        support: &BristleState,
+        surroundings: &Surroundings,
         h: f64,
-        touching: &mut Touching,
+        contacts: &mut PinContacts,
     ) {
         let axis = self.pin.axis();
-        (touching.finger, touching.table) = (None, None);
+        (contacts.finger, contacts.table) = (None, None);
         let below = match self.opposed {
-            Some(_) => Line::between(&self.pin, axis, &around.table),
-            None => Line::on_table(&self.pin, axis, &around.table),
+            Some(_) => ContactLine::on_pad(&self.pin, axis, &surroundings.table),
+            None => ContactLine::on_table(&self.pin, axis, &surroundings.table),
         };
         match below {
-            Some(line) if line.clear(self.pin.length_m) => self.by_table = self.bed.pass(&line),
+            Some(line) if line.is_clear(self.pin.length_m) => {
+                self.support_reaction = self.support.release_above(&line)
+            }
             Some(line) => {
                 if let Some(opposed) = &mut self.opposed {
-                    let pad = opposed.under(&line, around);
-                    self.bed.slices.strips.lie_on_pad(&line, &pad, self.pin.length_m);
+                    let pad = opposed.pad_under(&line, surroundings);
+                    self.support.slices.geometry.place_on_pad(&line, &pad, self.pin.length_m);
                 }
-                let (reaction, tangent) = self.bed.act(&line, bed, h);
-                self.by_table = reaction;
-                touching.table = Some((line, tangent));
+                let (reaction, tangent) = self.support.evaluate(&line, support, h);
+                self.support_reaction = reaction;
+                contacts.table = Some((line, tangent));
             }
-            None => self.by_table = self.bed.release(),
+            None => self.support_reaction = self.support.release(),
         }
-        match Line::between(&self.pin, axis, &around.finger) {
-            Some(line) if line.clear(self.pin.length_m) => self.by_finger = self.pad.pass(&line),
+        match ContactLine::on_pad(&self.pin, axis, &surroundings.finger) {
+            Some(line) if line.is_clear(self.pin.length_m) => {
+                self.finger_reaction = self.pad.release_above(&line)
+            }
             Some(line) => {
-                self.across = line.across.dot(around.pad.rotation.x_axis);
-                self.pad.slices.strips.lie_on_pad(&line, &around.pad, self.pin.length_m);
-                let (reaction, tangent) = self.pad.act(&line, pad, h);
-                self.by_finger = reaction;
-                touching.finger = Some((line, tangent));
+                self.rolling_cosine = line.across.dot(surroundings.pad.rotation.x_axis);
+                self.pad.slices.geometry.place_on_pad(&line, &surroundings.pad, self.pin.length_m);
+                let (reaction, tangent) = self.pad.evaluate(&line, pad, h);
+                self.finger_reaction = reaction;
+                contacts.finger = Some((line, tangent));
             }
-            None => self.by_finger = self.pad.release(),
+            None => self.finger_reaction = self.pad.release(),
         }
     }
 
-    /// Normal force on each tactel of the finger (N) at the latest evaluation; solves the contact
-    /// in three dimensions where that is asked for and says whether it did.
-    pub(crate) fn image(&mut self, around: &Around) -> ([f64; MAX_TACTELS], Tally) {
-        let line = Line::between(&self.pin, self.pin.axis(), &around.finger);
-        let lie = (line.as_ref(), &around.pad, self.across);
-        seen(&mut self.pad, self.spatial.as_deref_mut(), lie, self.by_finger.normal_n)
+    /// Normal force on each tactel of the finger (N) at the latest evaluation. Solves the contact
+    /// in three dimensions where the scene asks for that, and counts whether it succeeded.
+    pub(crate) fn image(
+        &mut self,
+        surroundings: &Surroundings,
+    ) -> ([f64; MAX_TACTELS], SolveCounts) {
+        let line = ContactLine::on_pad(&self.pin, self.pin.axis(), &surroundings.finger);
+        let seen = SeenLine {
+            line: line.as_ref(),
+            pose: &surroundings.pad,
+            rolling_cosine: self.rolling_cosine,
+            normal_n: self.finger_reaction.normal_n,
+        };
+        tactile_image(&mut self.pad, self.spatial.as_deref_mut(), seen)
     }
 
-    /// The same of the opposed fingertip; nothing where there is none.
-    pub(crate) fn opposed_image(&mut self, around: &Around) -> ([f64; MAX_TACTELS], Tally) {
-        let none = ([0.0; MAX_TACTELS], Tally::default());
+    /// Normal force on each tactel of the opposed fingertip (N); zero without one.
+    pub(crate) fn opposed_image(
+        &mut self,
+        surroundings: &Surroundings,
+    ) -> ([f64; MAX_TACTELS], SolveCounts) {
+        let none = ([0.0; MAX_TACTELS], SolveCounts::default());
         let Some(opposed) = &mut self.opposed else { return none };
-        let line = Line::between(&self.pin, self.pin.axis(), &around.table);
-        let pose = opposed.pose(&around.table_axes, &around.table);
-        let lie = (line.as_ref(), &pose, opposed.across);
-        seen(&mut self.bed, opposed.spatial.as_deref_mut(), lie, self.by_table.normal_n)
+        let line = ContactLine::on_pad(&self.pin, self.pin.axis(), &surroundings.table);
+        let pose = opposed.pose(&surroundings.table_axes, &surroundings.table);
+        let seen = SeenLine {
+            line: line.as_ref(),
+            pose: &pose,
+            rolling_cosine: opposed.rolling_cosine,
+            normal_n: self.support_reaction.normal_n,
+        };
+        tactile_image(&mut self.support, opposed.spatial.as_deref_mut(), seen)
     }
 
-    /// Everything that acts on the pin at the latest evaluation: force and moment about its centre.
-    pub(crate) fn load(&self, around: &Around) -> (DVec3, DVec3) {
-        let (finger, bed) = (&self.by_finger, &self.by_table);
+    /// Total force and moment about the centre on the pin at the latest evaluation (N, N m).
+    pub(crate) fn net_load(&self, surroundings: &Surroundings) -> (DVec3, DVec3) {
+        let (finger, support) = (&self.finger_reaction, &self.support_reaction);
         let weight = DVec3::new(0.0, 0.0, -self.pin.mass_kg * GRAVITY_M_S2);
         let (mut force, mut moment) =
-            (finger.force + bed.force + weight, finger.moment + bed.moment);
-        if self.hand.holding {
-            let (grip, twist) = self.hand.grip(&self.pin, &around.table_axes, &around.table);
+            (finger.force + support.force + weight, finger.moment + support.moment);
+        if self.fixture.holding {
+            let (grip, twist) = self.fixture.force_and_moment(
+                &self.pin,
+                &surroundings.table_axes,
+                &surroundings.table,
+            );
             force += grip;
             moment += twist;
         }
         (force, moment)
     }
 
-    /// Moves the pin on by an explicit step.
-    pub(crate) fn step(&mut self, around: &Around, h: f64) {
-        let (force, moment) = self.load(around);
+    /// Moves the pin by an explicit step of `h` seconds.
+    pub(crate) fn step(&mut self, surroundings: &Surroundings, h: f64) {
+        let (force, moment) = self.net_load(surroundings);
         let axis = self.pin.axis();
         self.pin.step(h, axis, force, moment);
     }
 
-    /// The hand feels the finger's latest force and may let go.
-    pub(crate) fn feel(&mut self, now: Nanos) {
-        let held = self.hand.holding;
-        self.hand.feel(self.by_finger.normal_n);
-        if held && !self.hand.holding {
+    /// Releases the fixture if the finger presses hard enough, and notes when.
+    pub(crate) fn update_fixture(&mut self, now: Nanos) {
+        let held = self.fixture.holding;
+        self.fixture.update(self.finger_reaction.normal_n);
+        if held && !self.fixture.holding {
             self.released = Some(now);
         }
     }
 
-    /// Wrench of the pin on the tool about the tool point (base axes).
+    /// Wrench of the pin on the tool about the tool point (N, N m, base axes).
     pub(crate) fn wrench(&self, tool: DVec3) -> Joints {
-        let moment = self.by_finger.moment_about(tool, self.pin.position);
-        spatial_vector(-self.by_finger.force, -moment)
+        let moment = self.finger_reaction.moment_about(tool, self.pin.position);
+        spatial_vector(-self.finger_reaction.force, -moment)
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {
         self.pin.digest(hash);
         self.pad.digest(hash);
-        self.bed.digest(hash);
+        self.support.digest(hash);
         if self.spatial.is_some() {
-            hash.numbers(&[self.pad.lean.0, self.pad.lean.1]);
+            hash.numbers(&[self.pad.load_factor.at_centre, self.pad.load_factor.per_m]);
             if self.opposed.is_some() {
-                hash.numbers(&[self.bed.lean.0, self.bed.lean.1]);
+                hash.numbers(&[self.support.load_factor.at_centre, self.support.load_factor.per_m]);
             }
         }
-        hash.word(u64::from(self.hand.holding));
+        hash.word(u64::from(self.fixture.holding));
     }
 }
 
-/// Normal force on each tactel of a pad (N) whose pin lies along `line`, under a load of
-/// `normal_n`, and whether it was solved in three dimensions where that is asked for. With the line
-/// come the sensor's frame and the cosine between its x and the rolling direction.
-fn seen(
-    pad: &mut Patch,
-    spatial: Option<&mut Spatial>,
-    (line, pose, across): (Option<&Line>, &Pose, f64),
+/// The contact line as a tactile sensor sees it.
+struct SeenLine<'a> {
+    /// None when the pin stands on end over the pad.
+    line: Option<&'a ContactLine>,
+    /// The sensor's frame.
+    pose: &'a Pose,
+    /// Cosine between the sensor's x and the rolling direction.
+    rolling_cosine: f64,
+    /// Normal force on the pad (N).
     normal_n: f64,
-) -> ([f64; MAX_TACTELS], Tally) {
+}
+
+/// Normal force on each tactel of a pad (N), and whether the contact was solved in three dimensions
+/// where the scene asks for that.
+fn tactile_image(
+    pad: &mut Patch,
+    spatial: Option<&mut SpatialSolver>,
+    seen: SeenLine<'_>,
+) -> ([f64; MAX_TACTELS], SolveCounts) {
+    let SeenLine { line, pose, rolling_cosine, normal_n } = seen;
     let (Some(spatial), Some(line)) = (spatial, line) else {
-        return (base_forces(pad, across), Tally::default());
+        return (tactel_forces(pad, rolling_cosine), SolveCounts::default());
     };
     if normal_n <= 0.0 {
         spatial.release();
-        pad.lean = Lean::NONE;
-        return (base_forces(pad, across), Tally::default());
+        pad.load_factor = LoadFactor::ONE;
+        return (tactel_forces(pad, rolling_cosine), SolveCounts::default());
     }
     let Some(solved) = spatial.solve(line, pose).filter(|s| s.force_n > 0.0) else {
-        pad.lean = Lean::NONE;
-        return (base_forces(pad, across), Tally::PLAIN);
+        pad.load_factor = LoadFactor::ONE;
+        return (tactel_forces(pad, rolling_cosine), SolveCounts::UNSOLVED);
     };
-    pad.lean = lean_of(pad, &solved);
-    let mut forces = spatial.forces_n();
-    // Viscous loads are spread as the elastic ones.
+    pad.load_factor = load_factor_of(pad, &solved);
+    let mut forces = spatial.tactel_forces_n();
+    // Viscous loads have the same distribution as elastic loads.
     let scale = (normal_n / solved.force_n).clamp(0.0, 2.0);
     forces.iter_mut().for_each(|force| *force *= scale);
-    add_drag(&mut forces, pad, across);
-    (forces, Tally::of(pad.lean))
+    add_tangential_image(&mut forces, pad, rolling_cosine);
+    (forces, SolveCounts::of(pad.load_factor))
 }

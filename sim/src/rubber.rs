@@ -1,6 +1,6 @@
-//! One rubber layer under the pin, tabulated over the penetration in SI units: line load, normal
-//! and tangential stiffness, contact width, all from one look-up. The contact itself is solved by
-//! `taktil_contact`; this module only re-samples it. Refuses layers that it refuses.
+//! The response of one rubber layer under the pin, tabulated over the penetration in SI units: line
+//! load, normal and tangential stiffness and contact width from one look-up. `taktil_contact`
+//! solves the contact; this module samples the solution. Refuses layers that the solver refuses.
 
 use taktil_contact::cylinder::{BaseShares, LineContact};
 use taktil_contact::field::{LineLoad, line};
@@ -8,17 +8,18 @@ use taktil_contact::layer::Layer;
 
 use crate::scene::{Invalid, RubberConfig, invalid};
 
-/// Penetration up to which the contact is solved, in thicknesses: the range of small strain.
-const PENETRATION_MAX: f64 = 0.2;
-/// Cells of the table; it stays small enough for the processor's fastest memory.
-const CELLS: usize = 512;
+/// Penetration up to which the contact is solved, in thicknesses of the layer: the range of small
+/// strain.
+const PENETRATION_MAX_THICKNESSES: f64 = 0.2;
+/// Number of cells of the table; the table stays small enough for the processor's first cache.
+const CELL_COUNT: usize = 512;
 
-/// What a slice of rubber does at a penetration, per metre of contact line.
+/// Response of the rubber to a penetration, per metre of contact line.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Response {
+pub(crate) struct LineResponse {
     /// Line load (N/m).
     pub(crate) load_n_m: f64,
-    /// Its derivative (N/m^2).
+    /// Derivative of the line load with respect to the penetration (N/m^2).
     pub(crate) stiffness_n_m2: f64,
     /// Stiffness against a tangential shift of a contact that sticks (N/m^2).
     pub(crate) shear_n_m2: f64,
@@ -26,43 +27,47 @@ pub(crate) struct Response {
     pub(crate) half_width_m: f64,
 }
 
-/// Reach of a tangential line load's trace at the base (thicknesses) and its places.
-const TRACE_REACH: f64 = 16.0;
-const TRACE_PLACES: usize = 512;
-/// Points that stand for a traction over the contact's width.
-const TRACTION_POINTS: usize = 8;
+/// Distance from a tangential line load up to which its pressure at the base is tabulated, in
+/// thicknesses of the layer, and the number of cells.
+const INFLUENCE_REACH_THICKNESSES: f64 = 16.0;
+const INFLUENCE_POINT_COUNT: usize = 512;
+/// Number of point loads that represent a traction over the contact's width.
+const TRACTION_POINT_COUNT: usize = 8;
 
-/// What the base carries left of a place under a tangential line load of 1 N/m along +x, even in
-/// the place: a tangential load presses in front of itself and lifts behind.
+/// Pressure at the base under a tangential line load of 1 N/m along +x, integrated from the left up
+/// to each place; it is even in the place. A tangential load presses in front of itself and lifts
+/// behind.
 #[derive(Clone, Debug)]
-pub(crate) struct Trace {
+pub(crate) struct TangentialInfluence {
     left_of: Vec<f64>,
     per_m: f64,
-    /// Cosines of the points of a traction in proportion to sqrt(1 - (u/b)^2), and their weights.
-    points: [(f64, f64); TRACTION_POINTS],
+    /// Places of the point loads, as cosines, and their weights for a traction in proportion to
+    /// sqrt(1 - (u/b)^2).
+    points: [(f64, f64); TRACTION_POINT_COUNT],
 }
 
-impl Trace {
-    fn new(layer: &Layer) -> Result<Trace, taktil_contact::Invalid> {
-        let step_mm = TRACE_REACH * layer.thickness_mm / TRACE_PLACES as f64;
-        let places: Vec<f64> = (0..=TRACE_PLACES).map(|i| step_mm * i as f64).collect();
+impl TangentialInfluence {
+    fn new(layer: &Layer) -> Result<TangentialInfluence, taktil_contact::Invalid> {
+        let step_mm =
+            INFLUENCE_REACH_THICKNESSES * layer.thickness_mm / INFLUENCE_POINT_COUNT as f64;
+        let places: Vec<f64> = (0..=INFLUENCE_POINT_COUNT).map(|i| step_mm * i as f64).collect();
         let load = LineLoad { p_n_mm: 0.0, q_n_mm: 1.0 };
         let stresses = line(layer, &load, layer.thickness_mm, &places)?;
         let pressed = |i: usize| -stresses[i].szz_mpa.unwrap_or(0.0);
-        // From far away inwards, by Simpson's rule on pairs of cells' ends and the trapezium.
-        let mut left_of = vec![0.0; TRACE_PLACES + 1];
-        for i in (0..TRACE_PLACES).rev() {
+        // The integral starts far away and sums trapezia.
+        let mut left_of = vec![0.0; INFLUENCE_POINT_COUNT + 1];
+        for i in (0..INFLUENCE_POINT_COUNT).rev() {
             let cell = 0.5 * step_mm * (pressed(i) + pressed(i + 1));
             left_of[i] = left_of[i + 1] - cell;
         }
-        let (n, mut points) = (TRACTION_POINTS as f64, [(0.0, 0.0); TRACTION_POINTS]);
+        let (n, mut points) = (TRACTION_POINT_COUNT as f64, [(0.0, 0.0); TRACTION_POINT_COUNT]);
         for (i, point) in points.iter_mut().enumerate() {
-            // Gauss and Chebyshev's rule of the second kind.
+            // These are places and weights of the Gauss-Chebyshev rule of the second kind.
             let angle = core::f64::consts::PI * (i as f64 + 1.0) / (n + 1.0);
             let sine = libm::sin(angle);
             *point = (libm::cos(angle), 2.0 / (n + 1.0) * sine * sine);
         }
-        Ok(Trace { left_of, per_m: 1e3 / step_mm, points })
+        Ok(TangentialInfluence { left_of, per_m: 1e3 / step_mm, points })
     }
 
     /// Part of a tangential load that presses left of `u_m` from the middle of its contact.
@@ -70,7 +75,7 @@ impl Trace {
         let at = |u: f64| {
             let place = u.abs() * self.per_m;
             let cell = place as usize;
-            if cell >= TRACE_PLACES {
+            if cell >= INFLUENCE_POINT_COUNT {
                 return 0.0;
             }
             let (a, b) = (self.left_of[cell], self.left_of[cell + 1]);
@@ -80,105 +85,107 @@ impl Trace {
     }
 }
 
-/// The layer of a rubber.
+/// The layer that a configuration describes.
 pub(crate) fn layer(config: &RubberConfig) -> Result<Layer, taktil_contact::Invalid> {
     Layer::new(config.thickness_mm, config.youngs_mpa, config.poisson)
 }
 
-/// A complaint about a rubber, at the place of that rubber.
-pub(crate) fn located(place: &str) -> impl Fn(taktil_contact::Invalid) -> Invalid {
+/// Moves the place of a solver's error to the place of its rubber in the scene.
+pub(crate) fn at_place(place: &str) -> impl Fn(taktil_contact::Invalid) -> Invalid {
     move |e| Invalid { place: format!("{place}.{}", e.place), what: e.what, remedy: e.remedy }
 }
 
-/// Solves a contact: layer, radius and deepest penetration (mm).
-type Solve = fn(&Layer, f64, f64) -> Result<LineContact, taktil_contact::Invalid>;
+/// A solver of the contact for layer, radius and deepest penetration (mm).
+type ContactSolver = fn(&Layer, f64, f64) -> Result<LineContact, taktil_contact::Invalid>;
 
-/// Numbers of a response.
-const PARTS: usize = 4;
+/// How many numbers a response has.
+const RESPONSE_VALUES: usize = 4;
 
-impl Response {
-    fn parts(&self) -> [f64; PARTS] {
+impl LineResponse {
+    fn values(&self) -> [f64; RESPONSE_VALUES] {
         [self.load_n_m, self.stiffness_n_m2, self.shear_n_m2, self.half_width_m]
     }
 }
 
-impl From<[f64; PARTS]> for Response {
+impl From<[f64; RESPONSE_VALUES]> for LineResponse {
     #[inline(always)]
-    fn from([load_n_m, stiffness_n_m2, shear_n_m2, half_width_m]: [f64; PARTS]) -> Response {
-        Response { load_n_m, stiffness_n_m2, shear_n_m2, half_width_m }
+    fn from(
+        [load_n_m, stiffness_n_m2, shear_n_m2, half_width_m]: [f64; RESPONSE_VALUES],
+    ) -> LineResponse {
+        LineResponse { load_n_m, stiffness_n_m2, shear_n_m2, half_width_m }
     }
 }
 
-/// The way from one knot of the table to the next.
+/// One cell of the table, between two knots.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
-    from: [f64; PARTS],
-    /// By how much each part grows.
-    rise: [f64; PARTS],
-    /// What Hermite's cubic through loads and stiffnesses has over the straight line, at either
-    /// end (N/m).
+    from: [f64; RESPONSE_VALUES],
+    /// Increase of each value over the cell.
+    rise: [f64; RESPONSE_VALUES],
+    /// Difference of Hermite's cubic through loads and stiffnesses to the straight line, as a
+    /// coefficient at either end (N/m).
     bend: [f64; 2],
 }
 
 impl Cell {
-    fn between(a: &Response, b: &Response, cell_m: f64) -> Cell {
-        let (from, to) = (a.parts(), b.parts());
-        let rise: [f64; PARTS] = core::array::from_fn(|part| to[part] - from[part]);
+    fn between(a: &LineResponse, b: &LineResponse, cell_m: f64) -> Cell {
+        let (from, to) = (a.values(), b.values());
+        let rise: [f64; RESPONSE_VALUES] = core::array::from_fn(|part| to[part] - from[part]);
         let bend = [a, b].map(|knot| cell_m * knot.stiffness_n_m2 - rise[0]);
         Cell { from, rise, bend }
     }
 }
 
-/// The table, and the solved contact for what is asked rarely.
+/// The table, and the solved contact for quantities that are needed rarely.
 #[derive(Clone, Debug)]
 pub(crate) struct Rubber {
     cells: Vec<Cell>,
     /// The response at the deepest solved point.
-    end: Response,
-    /// Work to press in as far as each knot, per metre of line (J/m).
+    end: LineResponse,
+    /// Work up to each knot, per metre of line (J/m).
     stored_j_m: Vec<f64>,
     per_metre: f64,
     cell_m: f64,
     deepest_m: f64,
     contact: LineContact,
-    trace: Option<Trace>,
+    tangential_influence: Option<TangentialInfluence>,
     /// Damping over stiffness (s).
     pub(crate) relaxation_s: f64,
 }
 
 impl Rubber {
-    /// Solves the contact of a cylinder on the layer; allocates and takes its time.
+    /// Solves the contact of a cylinder on the layer, which allocates and takes long.
     pub(crate) fn new(
         config: &RubberConfig,
         radius_mm: f64,
         place: &str,
     ) -> Result<Rubber, Invalid> {
-        Rubber::solved(config, radius_mm, place, LineContact::new)
+        Rubber::with_solver(config, radius_mm, place, LineContact::new)
     }
 
-    /// The same for a layer under whose base no tactels lie.
-    pub(crate) fn blind(
+    /// Does the same for a layer without tactels under its base.
+    pub(crate) fn without_base_shares(
         config: &RubberConfig,
         radius_mm: f64,
         place: &str,
     ) -> Result<Rubber, Invalid> {
-        Rubber::solved(config, radius_mm, place, LineContact::without_base)
+        Rubber::with_solver(config, radius_mm, place, LineContact::without_base)
     }
 
-    fn solved(
+    fn with_solver(
         config: &RubberConfig,
         radius_mm: f64,
         place: &str,
-        solve: Solve,
+        solve: ContactSolver,
     ) -> Result<Rubber, Invalid> {
-        let located = located(place);
-        let layer = layer(config).map_err(&located)?;
-        let deepest_mm = (PENETRATION_MAX * config.thickness_mm).min(0.2 * radius_mm);
-        let contact = solve(&layer, radius_mm, deepest_mm).map_err(&located)?;
-        let knots: Vec<Response> = (0..=CELLS)
+        let at_place = at_place(place);
+        let layer = layer(config).map_err(&at_place)?;
+        let deepest_mm = (PENETRATION_MAX_THICKNESSES * config.thickness_mm).min(0.2 * radius_mm);
+        let contact = solve(&layer, radius_mm, deepest_mm).map_err(&at_place)?;
+        let knots: Vec<LineResponse> = (0..=CELL_COUNT)
             .map(|i| {
-                let delta_mm = deepest_mm * (i as f64 / CELLS as f64);
-                Response {
+                let delta_mm = deepest_mm * (i as f64 / CELL_COUNT as f64);
+                LineResponse {
                     load_n_m: 1e3 * contact.load_n_mm(delta_mm),
                     stiffness_n_m2: 1e6 * contact.stiffness_n_mm2(delta_mm),
                     shear_n_m2: 1e6 * contact.tangential_stiffness_n_mm2(delta_mm),
@@ -186,7 +193,7 @@ impl Rubber {
                 }
             })
             .collect();
-        let sound = |k: &Response| {
+        let sound = |k: &LineResponse| {
             [k.load_n_m, k.stiffness_n_m2, k.shear_n_m2, k.half_width_m]
                 .iter()
                 .all(|x| x.is_finite() && *x >= 0.0)
@@ -195,8 +202,8 @@ impl Rubber {
             let what = "gives a contact that is not finite".to_owned();
             return Err(invalid(place, what, "take a rubber nearer to the defaults"));
         }
-        let cell_m = 1e-3 * deepest_mm / CELLS as f64;
-        let mut stored_j_m = vec![0.0; CELLS + 1];
+        let cell_m = 1e-3 * deepest_mm / CELL_COUNT as f64;
+        let mut stored_j_m = vec![0.0; CELL_COUNT + 1];
         for (i, pair) in knots.windows(2).enumerate() {
             let mean = 0.5 * (pair[0].load_n_m + pair[1].load_n_m);
             let bend = cell_m / 12.0 * (pair[0].stiffness_n_m2 - pair[1].stiffness_n_m2);
@@ -206,51 +213,56 @@ impl Rubber {
             knots.windows(2).map(|pair| Cell::between(&pair[0], &pair[1], cell_m)).collect();
         Ok(Rubber {
             cells,
-            end: knots[CELLS],
+            end: knots[CELL_COUNT],
             stored_j_m,
-            per_metre: CELLS as f64 / (1e-3 * deepest_mm),
+            per_metre: CELL_COUNT as f64 / (1e-3 * deepest_mm),
             cell_m,
             deepest_m: 1e-3 * deepest_mm,
             contact,
-            trace: None,
+            tangential_influence: None,
             relaxation_s: 1e-3 * config.relaxation_ms,
         })
     }
 
-    /// The same with what tangential loads leave at the base.
-    pub(crate) fn traced(mut self, config: &RubberConfig, place: &str) -> Result<Rubber, Invalid> {
-        let located = located(place);
-        let layer = layer(config).map_err(&located)?;
-        self.trace = Some(Trace::new(&layer).map_err(&located)?);
+    /// Adds the table of the tangential influence at the base.
+    pub(crate) fn with_tangential_influence(
+        mut self,
+        config: &RubberConfig,
+        place: &str,
+    ) -> Result<Rubber, Invalid> {
+        let at_place = at_place(place);
+        let layer = layer(config).map_err(&at_place)?;
+        self.tangential_influence = Some(TangentialInfluence::new(&layer).map_err(&at_place)?);
         Ok(self)
     }
 
-    /// What tangential loads leave at the base, if that was asked for.
-    pub(crate) fn trace(&self) -> Option<&Trace> {
-        self.trace.as_ref()
+    /// The tangential influence at the base, if it was asked for.
+    pub(crate) fn tangential_influence(&self) -> Option<&TangentialInfluence> {
+        self.tangential_influence.as_ref()
     }
 
-    /// The response at a penetration (m): nothing at or above the surface, a straight line on from
-    /// the deepest solved point.
+    /// The response at a penetration (m). It is zero at or above the surface, and goes on as a
+    /// straight line from the deepest solved point.
     #[inline]
-    pub(crate) fn at(&self, delta_m: f64) -> Response {
+    pub(crate) fn at(&self, delta_m: f64) -> LineResponse {
         if delta_m <= 0.0 || delta_m.is_nan() {
-            return Response::default();
+            return LineResponse::default();
         }
         if delta_m >= self.deepest_m {
             let end = self.end;
             let load_n_m = end.load_n_m + end.stiffness_n_m2 * (delta_m - self.deepest_m);
-            return Response { load_n_m, ..end };
+            return LineResponse { load_n_m, ..end };
         }
         let place = delta_m * self.per_metre;
-        let cell = (place as u32 as usize).min(CELLS - 1);
+        let cell = (place as u32 as usize).min(CELL_COUNT - 1);
         let f = place - cell as f64;
         let Cell { from, rise, bend } = &self.cells[cell];
-        // The load by Hermite's cubic, the rest by straight lines.
-        let mut parts: [f64; PARTS] = core::array::from_fn(|part| from[part] + f * rise[part]);
+        // The load follows Hermite's cubic, the other values straight lines.
+        let mut values: [f64; RESPONSE_VALUES] =
+            core::array::from_fn(|part| from[part] + f * rise[part]);
         let g = 1.0 - f;
-        parts[0] += f * g * (g * bend[0] - f * bend[1]);
-        parts.into()
+        values[0] += f * g * (g * bend[0] - f * bend[1]);
+        values.into()
     }
 
     /// Work to press in by `delta_m`, per metre of line (J/m): the integral of the load.
@@ -258,7 +270,7 @@ impl Rubber {
         if delta_m <= 0.0 || delta_m.is_nan() {
             return 0.0;
         }
-        let cell = ((delta_m * self.per_metre) as usize).min(CELLS);
+        let cell = ((delta_m * self.per_metre) as usize).min(CELL_COUNT);
         let from_m = self.cell_m * cell as f64;
         let load = |x: f64| self.at(x).load_n_m;
         // Simpson's rule is exact for the cubic of one cell.
@@ -267,7 +279,8 @@ impl Rubber {
         self.stored_j_m[cell] + (delta_m - from_m) / 6.0 * sum
     }
 
-    /// Penetration at which the table carries a line load (N/m); bisection, for load time only.
+    /// Penetration at which the layer carries a line load (N/m), by bisection; only for building a
+    /// scene.
     pub(crate) fn penetration_m(&self, load_n_m: f64) -> f64 {
         let (mut low, mut high) = (0.0, self.deepest_m);
         while self.at(high).load_n_m < load_n_m && high < 1.0 {
@@ -280,7 +293,8 @@ impl Rubber {
         0.5 * (low + high)
     }
 
-    /// How the layer's base carries a line load: parts of it left of places (mm) from the line.
+    /// Distribution of a line load at the layer's base, as the part of it left of places (mm) from
+    /// the line.
     pub(crate) fn base_shares(&self, delta_m: f64) -> BaseShares<'_> {
         self.contact.base_shares(1e3 * delta_m.min(self.deepest_m))
     }
@@ -314,10 +328,10 @@ mod tests {
     }
 
     #[test]
-    fn nothing_pulls_and_nothing_jumps() {
+    fn loads_never_pull_and_never_jump() {
         let rubber = rubber();
         for bad in [0.0, -1e-6, f64::NEG_INFINITY, f64::NAN] {
-            assert_eq!(rubber.at(bad), Response::default());
+            assert_eq!(rubber.at(bad), LineResponse::default());
         }
         let end = rubber.deepest_m();
         let step = rubber.at(end * 1.000_001).load_n_m - rubber.at(end * 0.999_999).load_n_m;
@@ -328,13 +342,14 @@ mod tests {
     #[test]
     fn a_tangential_load_moves_the_load_at_the_base_by_the_thickness() {
         let config = FingerConfig::default().rubber;
-        let rubber = rubber().traced(&config, "finger.rubber").unwrap();
-        let trace = rubber.trace().unwrap();
+        let rubber = rubber().with_tangential_influence(&config, "finger.rubber").unwrap();
+        let tangential_influence = rubber.tangential_influence().unwrap();
         let (n, step_m) = (4000, 1e-5);
         let (mut sum, mut moment) = (0.0, 0.0);
         for i in -n..n {
             let (from, to) = (step_m * f64::from(i), step_m * f64::from(i + 1));
-            let part = trace.left_of(1e-3, to) - trace.left_of(1e-3, from);
+            let part =
+                tangential_influence.left_of(1e-3, to) - tangential_influence.left_of(1e-3, from);
             sum += part;
             moment += 0.5 * (from + to) * part;
         }

@@ -1,11 +1,12 @@
-//! The pin on the pad in three dimensions, solved at every image by `taktil_mechanics`, warm from
-//! one image to the next: rows lean on each other through the layer, ends of the pin are ends.
-//! Between images the rows keep the ratio to their plane solutions that force and moment of the
-//! last solution had, linear along the axis; a test states what that leaves. Refuses nothing: where
-//! the tables end, the rows stand on their own, which is counted.
+//! The contact of pin and pad in three dimensions, solved at every image by `taktil_contact`, warm
+//! from one image to the next. Rows influence each other through the layer, and the ends of the pin
+//! are ends. Between images each row keeps the ratio to its plane solution that reproduces force
+//! and moment of the last solution, linear along the axis; a test states the error of that. Where
+//! the solver's tables end, the image is made from independent rows, and that is counted. Refuses
+//! the pad's own free edges.
 //!
-//! The theory's layer has no edges. A pin that is longer than the pad is cut beyond it, and only
-//! what presses on the pad counts; the pad's own free edges are left out.
+//! The theory's layer has no edges. A pin that is longer than the pad is cut beyond the pad, and
+//! only the pressure on the pad counts.
 
 use taktil_contact::space::pin::{Pin as LayerPin, Profile, Stand};
 use taktil_contact::space::radial::Influence;
@@ -14,83 +15,90 @@ use taktil_contact::space::{Drive, Level};
 use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::Pose;
 
-use crate::contact::{Lean, Line, PAD_HALF_M, PITCH_M, Patch, Slice};
+use crate::contact::{ContactLine, Linear, LoadFactor, PAD_HALF_M, PITCH_M, Patch, Slice};
+use crate::pin::CylinderSize;
 use crate::rubber;
 use crate::scene::{Invalid, RubberConfig};
 
-/// Largest penetration of the deepest slice, in thicknesses.
-const DEEPEST: f64 = 0.4;
-/// A cut pin goes on beyond the pad's diagonal by so many thicknesses.
-const BEYOND: f64 = 6.0;
-/// The force of a solution over that of its plane rows is believed within these bounds.
-const LEAN: (f64, f64) = (0.3, 3.0);
+/// Largest penetration of the deepest slice, in thicknesses of the layer.
+const PENETRATION_MAX_THICKNESSES: f64 = 0.4;
+/// Distance by which a cut pin extends beyond the pad's diagonal, in thicknesses of the layer.
+const CUT_MARGIN_THICKNESSES: f64 = 6.0;
+/// Bounds of the ratio of a solution's force to the force of its plane rows; outside them the
+/// solution is discarded.
+const LOAD_RATIO_MIN: f64 = 0.3;
+const LOAD_RATIO_MAX: f64 = 3.0;
 
 /// The solver of a pin on a pad, with its tables.
 #[derive(Clone, Debug)]
-pub(crate) struct Spatial {
-    /// The pin from end to end, its origin in its middle.
+pub(crate) struct SpatialSolver {
+    /// The whole pin, with its origin in its middle.
     whole: LayerPin,
-    /// The pin cut beyond the pad, its origin next to the pad's middle; half its length (mm).
+    /// The pin cut beyond the pad, with its origin next to the pad's middle, and half its length
+    /// (mm).
     cut: Option<(LayerPin, f64)>,
     shares: Shares,
     half_length_mm: f64,
     image_mpa: [f64; MAX_TACTELS],
 }
 
-/// A solved contact.
+/// The load of a solved contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Solved {
+pub(crate) struct SpatialLoad {
     /// Force on the pad (N) and its moment about the pin's middle along the axis (N m).
     pub(crate) force_n: f64,
     pub(crate) moment_nm: f64,
 }
 
-/// Images under a load where three dimensions are asked for.
+/// Counts of loaded images in scenes that ask for three dimensions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Tally {
-    /// Solved.
-    pub(crate) solved: u64,
-    /// After which rows stand on their own: nothing was solved, or its force is not believed.
-    pub(crate) plain: u64,
+pub(crate) struct SolveCounts {
+    /// Images that were solved.
+    pub(crate) solutions: u64,
+    /// Images that were made from independent rows: nothing was solved, or the solution was
+    /// discarded.
+    pub(crate) failures: u64,
 }
 
-impl Tally {
-    /// Of a solution that gave rows this lean.
-    pub(crate) fn of(lean: Lean) -> Tally {
-        Tally { solved: 1, plain: u64::from(lean == Lean::NONE) }
+impl SolveCounts {
+    /// The counts of one solution that gave this load factor.
+    pub(crate) fn of(load_factor: LoadFactor) -> SolveCounts {
+        SolveCounts { solutions: 1, failures: u64::from(load_factor == LoadFactor::ONE) }
     }
 
-    /// Of an image without a solution.
-    pub(crate) const PLAIN: Tally = Tally { solved: 0, plain: 1 };
+    /// The counts of one image without a solution.
+    pub(crate) const UNSOLVED: SolveCounts = SolveCounts { solutions: 0, failures: 1 };
 
-    pub(crate) fn add(&mut self, more: Tally) {
-        (self.solved, self.plain) = (self.solved + more.solved, self.plain + more.plain);
+    pub(crate) fn add(&mut self, more: SolveCounts) {
+        self.solutions += more.solutions;
+        self.failures += more.failures;
     }
 }
 
-/// The generatrix over the pad in the solver's terms: mm, pad axes.
+/// The generatrix over the pad in the solver's units (mm) and the pad's axes.
 #[derive(Clone, Copy, Debug)]
-struct Lie {
-    /// Foot of the pin's middle.
+struct PinPlacement {
+    /// Point under the pin's middle.
     foot_mm: [f64; 2],
-    /// Direction of the axis in the pad, towards +y, and whether that is the pin's own.
+    /// Direction of the axis in the pad, chosen towards +y, and whether the pin's own axis points
+    /// that way.
     direction: [f64; 2],
     forward: bool,
     rot_rad: f64,
-    /// Penetration at the foot and its rise per mm along the direction.
+    /// Penetration under the pin's middle, and its change per mm along the direction.
     depth_mm: f64,
     slope: f64,
 }
 
-impl Lie {
-    fn of(line: &Line, pad: &Pose) -> Lie {
+impl PinPlacement {
+    fn of(line: &ContactLine, pad: &Pose) -> PinPlacement {
         let lever = line.foot - pad.translation;
         let (x_axis, y_axis) = (pad.rotation.x_axis, pad.rotation.y_axis);
         let (x, y) = (line.along.dot(x_axis), line.along.dot(y_axis));
         let sign = if y < 0.0 { -1.0 } else { 1.0 };
-        let (height_m, rise) = line.height();
+        let Linear { at_centre: height_m, per_m: rise } = line.height;
         let run = line.axis.dot(line.along);
-        Lie {
+        PinPlacement {
             foot_mm: [1e3 * lever.dot(x_axis), 1e3 * lever.dot(y_axis)],
             direction: [sign * x, sign * y],
             forward: sign > 0.0,
@@ -101,72 +109,73 @@ impl Lie {
     }
 }
 
-impl Spatial {
-    /// Tabulates layer, pin (radius and length) and array; allocates and takes its time. `place` is
-    /// the rubber's in the scene.
+impl SpatialSolver {
+    /// Computes the tables of layer, pin and array, which allocates and takes long. `place` is the
+    /// place of the rubber in the scene.
     pub(crate) fn new(
         config: &RubberConfig,
-        (radius_m, length_m): (f64, f64),
+        size: CylinderSize,
         level: Level,
         place: &str,
-    ) -> Result<Spatial, Invalid> {
-        let located = rubber::located(place);
-        let layer = rubber::layer(config).map_err(&located)?;
-        let profile = Profile::Cylinder { radius_mm: 1e3 * radius_m };
-        let deepest_mm = (DEEPEST * config.thickness_mm).min(200.0 * radius_m);
-        let half_length_mm = 500.0 * length_m;
+    ) -> Result<SpatialSolver, Invalid> {
+        let at_place = rubber::at_place(place);
+        let layer = rubber::layer(config).map_err(&at_place)?;
+        let profile = Profile::Cylinder { radius_mm: 1e3 * size.radius_m };
+        let deepest_mm =
+            (PENETRATION_MAX_THICKNESSES * config.thickness_mm).min(200.0 * size.radius_m);
+        let half_length_mm = 500.0 * size.length_m;
         let pin = |half: f64| {
-            LayerPin::new(&layer, profile, [-half, half], deepest_mm, level).map_err(&located)
+            LayerPin::new(&layer, profile, [-half, half], deepest_mm, level).map_err(&at_place)
         };
-        let reach = Array::THESIS.half_diagonal_mm() + BEYOND * config.thickness_mm;
+        let reach = Array::THESIS.half_diagonal_mm() + CUT_MARGIN_THICKNESSES * config.thickness_mm;
         let cut = if half_length_mm > 1.1 * reach { Some((pin(reach)?, reach)) } else { None };
         let fineness = match level {
             Level::Fast => Fineness::FAST,
             Level::Default => Fineness::DEFAULT,
             Level::Fine => Fineness::FINE,
         };
-        let influence = Influence::new(&layer).map_err(&located)?;
+        let influence = Influence::new(&layer).map_err(&at_place)?;
         let shares = Shares::new(&influence, &Array::THESIS, Sampling::Area, fineness);
-        Ok(Spatial {
+        Ok(SpatialSolver {
             whole: pin(half_length_mm)?,
             cut,
-            shares: shares.map_err(located)?,
+            shares: shares.map_err(at_place)?,
             half_length_mm,
             image_mpa: [0.0; MAX_TACTELS],
         })
     }
 
-    /// Solves the contact of the pin's lowest line with the pad; nothing where the tables end.
-    pub(crate) fn solve(&mut self, line: &Line, pad: &Pose) -> Option<Solved> {
-        let lie = Lie::of(line, pad);
-        let [x, y] = lie.foot_mm;
-        let [dx, dy] = lie.direction;
+    /// Solves the contact of the pin's lowest line with the pad; none where the tables end.
+    pub(crate) fn solve(&mut self, line: &ContactLine, pad: &Pose) -> Option<SpatialLoad> {
+        let placement = PinPlacement::of(line, pad);
+        let [x, y] = placement.foot_mm;
+        let [dx, dy] = placement.direction;
         let nearest = -(x * dx + y * dy);
         let (pin, from) = match &mut self.cut {
             Some((pin, half)) if nearest.abs() + *half <= self.half_length_mm => (pin, nearest),
             _ => (&mut self.whole, 0.0),
         };
-        let depth_mm = lie.depth_mm + from * lie.slope;
+        let depth_mm = placement.depth_mm + from * placement.slope;
         self.image_mpa = [0.0; MAX_TACTELS];
-        let state = pin.press(Drive::PenetrationMm(depth_mm), libm::atan(lie.slope)).ok()?;
+        let state = pin.press(Drive::PenetrationMm(depth_mm), libm::atan(placement.slope)).ok()?;
         if state.force_n <= 0.0 {
-            return Some(Solved::default());
+            return Some(SpatialLoad::default());
         }
         let origin = [x + from * dx, y + from * dy];
-        let stand = Stand { x_mm: origin[0], y_mm: origin[1], rot_rad: lie.rot_rad };
+        let stand = Stand { x_mm: origin[0], y_mm: origin[1], rot_rad: placement.rot_rad };
         pin.image(&self.shares, stand, &mut self.image_mpa);
-        let (force_n, moment_n_mm) = on_pad(pin, &lie, origin, from);
-        let sign = if lie.forward { 1.0 } else { -1.0 };
-        Some(Solved { force_n, moment_nm: 1e-3 * sign * moment_n_mm })
+        let (force_n, moment_n_mm) = load_on_pad(pin, &placement, origin, from);
+        let sign = if placement.forward { 1.0 } else { -1.0 };
+        Some(SpatialLoad { force_n, moment_nm: 1e-3 * sign * moment_n_mm })
     }
 
     /// Normal force on each tactel (N) of the contact last solved.
-    pub(crate) fn forces_n(&self) -> [f64; MAX_TACTELS] {
+    pub(crate) fn tactel_forces_n(&self) -> [f64; MAX_TACTELS] {
         let area_mm2 = 1e6 * PITCH_M * PITCH_M;
         self.image_mpa.map(|stress| -area_mm2 * stress)
     }
 
-    /// Forgets the warm start.
+    /// Discards the warm start.
     pub(crate) fn release(&mut self) {
         self.whole.release();
         if let Some((pin, _)) = &mut self.cut {
@@ -176,31 +185,36 @@ impl Spatial {
     }
 }
 
-/// Force on the pad and its moment about the pin's middle (N, N mm): what a load stands for along
-/// the axis counts by the part of it that is over the pad, and pulls where that part is. Across the
-/// axis a load is a point.
-fn on_pad(pin: &LayerPin, lie: &Lie, origin: [f64; 2], from: f64) -> (f64, f64) {
+/// Force on the pad and its moment about the pin's middle (N, N mm). Each load of the solution
+/// stands for a length along the axis. It counts with the part of that length that is over the pad,
+/// and acts in the middle of that part; across the axis it acts at a point.
+fn load_on_pad(
+    pin: &LayerPin,
+    placement: &PinPlacement,
+    origin: [f64; 2],
+    from: f64,
+) -> (f64, f64) {
     let half_mm = 1e3 * PAD_HALF_M;
-    let [dx, dy] = lie.direction;
+    let [dx, dy] = placement.direction;
     let length_mm = pin.load_length_mm();
     let (mut force, mut moment) = (0.0, 0.0);
     pin.loads(|[u, v], load| {
         let place = [origin[0] + u * dy + v * dx, origin[1] - u * dx + v * dy];
-        let (part, off_mm) = part_over(place, lie.direction, length_mm, half_mm);
+        let (part, off_mm) = overlap(place, placement.direction, length_mm, half_mm);
         force += part * load;
         moment += part * load * (from + v + off_mm);
     });
     (force, moment)
 }
 
-/// The part of a piece of some length about a place along a direction that is over a square about
-/// the origin, and how far from the place along the direction the middle of that part is. A piece
-/// along the square's side is half over it.
-fn part_over(place: [f64; 2], direction: [f64; 2], length: f64, half: f64) -> (f64, f64) {
+/// The part of a segment of some length that is over a square about the origin, and the distance
+/// from the segment's middle to the middle of that part. The segment has its middle at `place` and
+/// the given direction; a segment on a side of the square is half over it.
+fn overlap(place: [f64; 2], direction: [f64; 2], length: f64, half: f64) -> (f64, f64) {
     let (mut from, mut to) = (-0.5 * length, 0.5 * length);
     let mut side = 1.0;
     for (at, along) in place.into_iter().zip(direction) {
-        // A piece that leaves no more than its own rounding across a side runs beside it.
+        // A segment that crosses a side by no more than rounding is parallel to that side.
         if along.abs() * length <= 1e-12 * half {
             side *= match at.abs() - half {
                 beyond if beyond > 1e-12 * half => 0.0,
@@ -222,17 +236,20 @@ fn part_over(place: [f64; 2], direction: [f64; 2], length: f64, half: f64) -> (f
     (side * (to - from) / length, 0.5 * (from + to))
 }
 
-/// The factors on plane rows that give them the force and the moment of a solution.
-pub(crate) fn lean_of(pad: &Patch, solved: &Solved) -> Lean {
+/// The load factor that gives the plane rows force and moment of a solution.
+pub(crate) fn load_factor_of(pad: &Patch, solved: &SpatialLoad) -> LoadFactor {
     let row = |slice: Slice| {
         let response = pad.rubber.at(slice.delta_m);
         (slice.s_m, response.load_n_m * slice.length_m)
     };
-    lean(pad.slices.each().map(row), solved)
+    load_factor(pad.slices.iter().map(row), solved)
 }
 
-/// The same for places along the axis (m) with the loads of their plane solutions (N).
-pub(crate) fn lean(plain: impl Iterator<Item = (f64, f64)>, solved: &Solved) -> Lean {
+/// The load factor for places along the axis (m) with the loads of their plane solutions (N).
+pub(crate) fn load_factor(
+    plain: impl Iterator<Item = (f64, f64)>,
+    solved: &SpatialLoad,
+) -> LoadFactor {
     let mut sums = [0.0; 3];
     for (s, load) in plain {
         sums[0] += load;
@@ -241,18 +258,18 @@ pub(crate) fn lean(plain: impl Iterator<Item = (f64, f64)>, solved: &Solved) -> 
     }
     let [whole, first, second] = sums;
     if whole <= 0.0 {
-        return Lean::NONE;
+        return LoadFactor::ONE;
     }
     let spread = second - first * first / whole;
     let ratio = solved.force_n / whole;
-    if !(LEAN.0..=LEAN.1).contains(&ratio) {
-        return Lean::NONE;
+    if !(LOAD_RATIO_MIN..=LOAD_RATIO_MAX).contains(&ratio) {
+        return LoadFactor::ONE;
     }
     let rest = solved.moment_nm - ratio * first;
     let per_m = if spread > 1e-9 * whole * PAD_HALF_M * PAD_HALF_M { rest / spread } else { 0.0 };
     let steepest = 0.5 * ratio / PAD_HALF_M;
     let per_m = per_m.clamp(-steepest, steepest);
-    Lean(ratio - per_m * first / whole, per_m)
+    LoadFactor { at_centre: ratio - per_m * first / whole, per_m }
 }
 
 #[cfg(test)]

@@ -1,15 +1,15 @@
-//! Where the table's surface is at an instant and how it moves: fixed values plus motions of two
-//! tilts, pan, slide and height about a pivot. Refuses dynamics: nothing pushes the table.
+//! Place and motion of the table's surface: fixed values plus motions of two tilts, pan, slide and
+//! height about a pivot. Refuses dynamics: no force moves the table.
 //!
-//! The surface frame is `Rz(pan) Ry(-tilt_y) Rx(tilt_x)` with its origin at the pivot
-//! `(pivot_x + slide, pivot_y, height)`: a positive `tilt_y` raises the side towards +x, a positive
-//! `tilt_x` the side towards +y, a positive pan turns x towards y.
+//! The surface frame is `Rz(pan) Ry(-tilt_y) Rx(tilt_x)` with its origin at the pivot `(pivot_x +
+//! slide, pivot_y, height)`: a positive `tilt_y` raises the side towards +x, a positive `tilt_x`
+//! the side towards +y, a positive pan turns x towards y.
 
 use glam::{DMat3, DVec3};
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
 
 use crate::contact::Surface;
-use crate::motion::Course;
+use crate::motion::MotionProfile;
 use crate::scene::{Axis, Motion, TableConfig};
 
 /// The five coordinates of the table or their rates.
@@ -40,12 +40,12 @@ impl TablePose {
     }
 }
 
-/// The table's whole story.
+/// The table with all its motions.
 #[derive(Clone, Debug)]
 pub(crate) struct Table {
     start: TablePose,
     pivot: DVec3,
-    motions: Vec<(Axis, Course)>,
+    motions: Vec<(Axis, MotionProfile)>,
     /// The surface of a table that never moves, computed once.
     still: Option<(TablePose, DMat3, Surface)>,
 }
@@ -60,7 +60,7 @@ impl Table {
             height_m: 1e-3 * height_mm,
         };
         let pivot = 1e-3 * DVec3::new(config.pivot_x_mm, config.pivot_y_mm, 0.0);
-        let course = |motion: &Motion| (motion.axis, Course::new(motion));
+        let course = |motion: &Motion| (motion.axis, MotionProfile::new(motion));
         let motions = config.motion.iter().map(course).collect();
         let mut table = Table { start, pivot, motions, still: None };
         if config.motion.is_empty() {
@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn the_velocity_is_the_derivative_of_the_pose() {
-        let ramp = |axis, rate: f64| Motion::ramp(axis, rate, (1.0, 2.0));
+        let ramp = |axis, rate: f64| Motion::ramp(axis, rate, 1.0, 2.0);
         let motion = vec![
             ramp(Axis::TiltX, 3.0),
             ramp(Axis::TiltY, -5.0),

@@ -1,24 +1,26 @@
-//! What really happens on the bench, for reports and tests. Refuses to reach the controller: none
-//! of it goes through a device.
+//! The true state of the bench, for reports and tests. Refuses to reach the controller: none of it
+//! goes through a device.
 
 use glam::DVec3;
 use taktil_hal::Nanos;
 use taktil_mechanics::{Joints, Pose};
 
-use crate::contact::{PITCH_M, Patch, Reaction, SLICES};
+use crate::contact::{PITCH_M, Patch, Reaction, SLICE_COUNT};
 use crate::object::Objects;
 use crate::pin::Pin;
-use crate::rolling::{Around, Rolling};
+use crate::rolling::RollingPin;
+use crate::surroundings::Surroundings;
 use crate::table::TablePose;
 
-/// One instant of the bench; base frame unless stated. Contact values are those of the latest
-/// evaluation: the instant itself where devices were sampled, else at most one step earlier.
+/// The true state of the bench at one instant, in the base frame unless stated otherwise. Contact
+/// values are those of the latest evaluation: of the instant itself where devices were sampled,
+/// else of at most one step earlier.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Truth {
     /// The instant.
     pub t: Nanos,
-    /// Joint angles of the PUMA 260 (rad); zero with a carriage and with another arm, whose are
-    /// [`World::joints`](crate::World::joints).
+    /// Joint angles of the PUMA 260 (rad); zero with a carriage and with another arm, whose joints
+    /// are in [`World::joints`](crate::World::joints).
     pub q: Joints,
     /// Joint speeds (rad/s).
     pub qd: Joints,
@@ -44,7 +46,7 @@ pub struct Truth {
     pub table_normal_n: f64,
     /// Force of the finger on the pin along the rolling direction and along its axis (N).
     pub finger_tangential_n: (f64, f64),
-    /// Force of the table on the pin, likewise (N).
+    /// Force of the table on the pin along the rolling direction and along its axis (N).
     pub table_tangential_n: (f64, f64),
     /// Wrench on the tool about the tool point in tool axes (N, N m).
     pub tool_wrench: Joints,
@@ -63,97 +65,101 @@ pub struct Truth {
     /// Motion of the pin's surface over the finger's rubber at the pin's middle, across and along
     /// the axis (m/s): creep while it sticks, sliding when it does not.
     pub finger_creep_m_s: (f64, f64),
-    /// The same over the table's rubber (m/s).
+    /// Motion of the pin's surface over the table's rubber at the pin's middle, across and along
+    /// the axis (m/s).
     pub table_creep_m_s: (f64, f64),
-    /// Creep across the axis over the speed of rolling, finger and table; none at rest.
+    /// Ratio of creep across the axis to the speed of rolling, for finger and table; none at rest.
     pub creepage: Option<(f64, f64)>,
-    /// The finger touches the pin or an object.
+    /// Whether the finger touches the pin or an object.
     pub in_contact: bool,
     /// The object that presses most, or the scene's first; none without objects.
-    pub object: Option<Felt>,
-    /// The fingertip opposed to the finger; none where there is none.
-    pub opposed: Option<Opposite>,
-    /// A slice is pressed deeper than the theory of small strain covers.
+    pub object: Option<ObjectContact>,
+    /// The fingertip opposed to the finger; none without one.
+    pub opposed: Option<OpposedFingertip>,
+    /// Whether a slice is pressed deeper than the theory of small strain covers.
     pub beyond_small_strain: bool,
     /// The table's coordinates.
     pub table: TablePose,
-    /// The hand still holds the pin.
+    /// Whether the fixture still holds the pin.
     pub steadied: bool,
-    /// When the hand let go.
+    /// Instant at which the fixture released the pin.
     pub released: Option<Nanos>,
-    /// The drives can put current into the motors.
+    /// Whether the drives put current into the motors.
     pub enabled: bool,
-    /// The brakes are on.
+    /// Whether the brakes are on.
     pub braked: bool,
 }
 
-/// An object as the finger feels it; sensor axes.
+/// The contact of the finger with an object, in the sensor's axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Felt {
+pub struct ObjectContact {
     /// Normal force (N).
     pub normal_n: f64,
     /// Middle of the load from the middle of the pad, along x and y (m); 0 without contact.
     pub place_m: (f64, f64),
-    /// Of an edge: distance of its line from the middle of the pad, positive towards the sensor's x
-    /// (m).
+    /// Distance of an edge's line from the middle of the pad, positive towards the sensor's x (m);
+    /// for a bar the x of its middle.
     pub off_m: f64,
-    /// Of an edge: its direction about the sensor's z, from its y towards -x (rad).
+    /// Direction of an edge or a bar about the sensor's z, from its y towards -x (rad).
     pub yaw_rad: f64,
-    /// Of an edge: length along its curve, from its origin to where it is nearest to the middle of
-    /// the pad (m).
+    /// Length along an edge's curve, from its origin to the place nearest to the middle of the pad
+    /// (m); for a bar the y of its middle.
     pub along_m: f64,
-    /// Turn of the finger against a bar's face or an edge's line about the sensor's x and y (rad);
-    /// positive about x when rows of high number are pressed more, about y when columns of low
-    /// number are. An edge has none about y, a sphere neither.
+    /// Turn of the finger against a bar's face or an edge's line about the sensor's x and y (rad).
+    /// It is positive about x when rows of high number are pressed more, and about y when columns
+    /// of low number are. An edge has no turn about y, a sphere has none at all.
     pub tilt_rad: (f64, f64),
     /// Speed of sliding (m/s), 0 when it sticks.
     pub slip_m_s: f64,
 }
 
-impl Felt {
-    /// Of all objects, what the finger feels most.
-    pub(crate) fn of(objects: &Objects, around: &Around) -> Option<Felt> {
-        let (object, lie) = objects.felt(around)?;
+impl ObjectContact {
+    /// The contact with the object that the finger presses most; none without objects.
+    pub(crate) fn of(objects: &Objects, surroundings: &Surroundings) -> Option<ObjectContact> {
+        let (object, placement) = objects.most_loaded(surroundings)?;
         let middle = object.sums.middle().unwrap_or_default();
-        Some(Felt {
+        Some(ObjectContact {
             normal_n: object.sums.load_n,
             place_m: middle.into(),
-            off_m: lie.off_m,
-            yaw_rad: lie.yaw_rad,
-            along_m: lie.along_m,
-            tilt_rad: lie.tilt_rad.into(),
+            off_m: placement.off_m,
+            yaw_rad: placement.yaw_rad,
+            along_m: placement.along_m,
+            tilt_rad: placement.tilt_rad.into(),
             slip_m_s: object.slip_m_s,
         })
     }
 }
 
-/// The fingertip opposed to the finger, and the pin as its sensor has it. Its normal and tangential
-/// forces, slip and creep are those of the table, in whose place it stands.
+/// The fingertip opposed to the finger, and the pin as its sensor sees it. Its normal and
+/// tangential forces, slip and creep are reported as those of the table, in whose place it stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Opposite {
+pub struct OpposedFingertip {
     /// Middle of its face (m, base frame).
     pub face: DVec3,
     /// Its x axis.
     pub face_x: DVec3,
     /// Its z axis, out of its face.
     pub face_z: DVec3,
-    /// As [`Truth::contact_x_tactels`], of this sensor.
+    /// The same quantity as [`Truth::contact_x_tactels`], for this sensor.
     pub contact_x_tactels: Option<f64>,
-    /// As [`Truth::pin_yaw_rad`].
+    /// The same quantity as [`Truth::pin_yaw_rad`], for this sensor.
     pub pin_yaw_rad: f64,
-    /// As [`Truth::tilt_rad`].
+    /// The same quantity as [`Truth::tilt_rad`], for this sensor.
     pub tilt_rad: f64,
 }
 
-impl Opposite {
-    pub(crate) fn of(rolling: &Rolling, around: &Around) -> Option<Opposite> {
-        let pose = rolling.opposed.as_ref()?.pose(&around.table_axes, &around.table);
+impl OpposedFingertip {
+    pub(crate) fn of(
+        rolling: &RollingPin,
+        surroundings: &Surroundings,
+    ) -> Option<OpposedFingertip> {
+        let pose = rolling.opposed.as_ref()?.pose(&surroundings.table_axes, &surroundings.table);
         let (pin_yaw_rad, tilt_rad) = yaw_and_tilt(&rolling.pin, &pose);
-        Some(Opposite {
+        Some(OpposedFingertip {
             face: pose.translation,
             face_x: pose.rotation.x_axis,
             face_z: pose.rotation.z_axis,
-            contact_x_tactels: contact_x_tactels(&rolling.bed),
+            contact_x_tactels: contact_x_tactels(&rolling.support),
             pin_yaw_rad,
             tilt_rad,
         })
@@ -163,17 +169,17 @@ impl Opposite {
 /// Load-weighted place along the sensor's x in tactel numbers.
 pub(crate) fn contact_x_tactels(pad: &Patch) -> Option<f64> {
     let (mut load, mut moment) = (0.0, 0.0);
-    for slice in pad.slices.each() {
+    for slice in pad.slices.iter() {
         load += slice.load_n;
         moment += slice.load_n * slice.x_m;
     }
-    (load > 0.0).then(|| moment / load / PITCH_M + 0.5 * (SLICES + 1) as f64)
+    (load > 0.0).then(|| moment / load / PITCH_M + 0.5 * (SLICE_COUNT + 1) as f64)
 }
 
-/// Slowest rolling that creepage is told of (m/s).
+/// Speed of rolling below which creepage is not reported (m/s).
 const ROLLING_M_S: f64 = 1e-4;
 
-/// Creep across the axis over the speed of rolling, where both contacts roll.
+/// Ratio of creep across the axis to the speed of rolling, where both contacts roll.
 pub(crate) fn creepage(finger: &Reaction, table: &Reaction) -> Option<(f64, f64)> {
     let rolls = |r: &Reaction| r.normal_n > 0.0 && r.travel_m_s.abs() > ROLLING_M_S;
     let of = |r: &Reaction| r.creep_m_s.0 / r.travel_m_s.abs();

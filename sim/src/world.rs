@@ -1,11 +1,12 @@
-//! The bench in time: integrates everything in sub-steps between events, lets each committed word
-//! act from its own instant, latches the devices at theirs. Refuses to know who calls it and when:
-//! `advance(to)` is all that moves it.
+//! The simulated bench in time: integrates all bodies in sub-steps between events, applies each
+//! command from its own instant, and latches the devices at theirs. Refuses to know who calls it
+//! and when: only `advance(to)` moves it.
 //!
-//! Events are the multiples of the control and scan periods, the instants from which words act, the
-//! supply coming on and the watchdogs. An interval between two events (or the end of an `advance`)
-//! is divided evenly into steps of at most `substep_us`; the state therefore depends on how time
-//! is divided among the calls, in the last bits only, and repeats exactly when they repeat.
+//! Events are the multiples of the control and scan periods, the instants from which commands act,
+//! the supply coming on, and the watchdogs. The interval between two events (or the end of an
+//! `advance`) is divided evenly into steps of at most `substep_us`. The state therefore depends on
+//! the division of time among the calls, in the last bits only, and repeats exactly when the calls
+//! repeat.
 
 use glam::DVec3;
 use taktil_hal::{AXES, AdcCode, CHANNELS, Counts, LinesIn, LinesOut, Nanos};
@@ -14,58 +15,60 @@ use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::{linear_and_angular, spatial_vector};
 
 use crate::contact::{Patch, Reaction};
-use crate::devices::{LONGEST_SILENCE, Scan, WorldEnds};
-use crate::electronics::{Array, Wrist, currents};
+use crate::devices::{LONGEST_SILENCE, Scan, WorldLinks};
+use crate::electronics::{TactileSensor, Wrist, currents};
 use crate::faults::Faults;
-use crate::finger::Finger;
 use crate::hash::Hash;
-use crate::index::Index;
+use crate::index_pulses::IndexPulses;
+use crate::last_sent::LastSent;
+use crate::manipulator::DriveLines;
 use crate::pin::Pin;
 use crate::scene::{FaultKind, Timing};
-use crate::snapshot::Told;
-use crate::step::{Bench, Work};
-use crate::truth::{Felt, Opposite, Truth, contact_x_tactels, creepage, yaw_and_tilt};
+use crate::step::{Plant, StepStatistics};
+use crate::truth::{
+    ObjectContact, OpposedFingertip, Truth, contact_x_tactels, creepage, yaw_and_tilt,
+};
 
-/// Everything that stands on the bench. Built by [`build`](crate::build).
+/// The whole simulated bench, built by [`build`](crate::build).
 #[derive(Debug)]
 pub struct World {
     pub(crate) t: Nanos,
     pub(crate) timing: Timing,
     pub(crate) power_on: Nanos,
-    pub(crate) bench: Bench,
-    /// The finger's array, and that of the fingertip opposed to it.
-    pub(crate) arrays: [Option<Box<Array>>; 2],
+    pub(crate) plant: Plant,
+    /// The tactile arrays of the finger and of the fingertip opposed to it.
+    pub(crate) arrays: [Option<Box<TactileSensor>>; 2],
     pub(crate) wrist: Option<Wrist>,
     pub(crate) faults: Faults,
-    pub(crate) ends: WorldEnds,
+    pub(crate) links: WorldLinks,
     pub(crate) next_control: Nanos,
-    /// Numbers of their next scans.
+    /// Sequence numbers of their next scans.
     pub(crate) sequences: [u32; 2],
-    /// What encoders and gauges read last.
+    /// Latest readings of the encoders, and of the gauges below.
     pub(crate) counts: [Counts; CHANNELS],
-    pub(crate) index: Option<Index>,
+    pub(crate) index: Option<IndexPulses>,
     pub(crate) gauges: [AdcCode; AXES],
     pub(crate) codes: [i32; CHANNELS],
-    pub(crate) orders: LinesOut,
-    pub(crate) last_word: Nanos,
-    pub(crate) last_feed: Nanos,
-    pub(crate) told: Told,
+    pub(crate) lines_out: LinesOut,
+    pub(crate) last_code_time: Nanos,
+    pub(crate) last_feed_time: Nanos,
+    pub(crate) last_sent: LastSent,
 }
 
 impl World {
-    /// Where the bench stands in time.
+    /// The instant up to which the bench was integrated.
     #[must_use]
     pub fn now(&self) -> Nanos {
         self.t
     }
 
-    /// Integrates up to `to`; an instant that has passed changes nothing. Allocates nothing, waits
-    /// for nothing.
+    /// Integrates up to `to`; an instant that has passed changes nothing. Does not allocate and
+    /// does not block.
     pub fn advance(&mut self, to: Nanos) {
         while self.t < to {
-            self.take_words();
+            self.apply_commands();
             let next = self.next_event().min(to);
-            self.bench.integrate(self.t, next);
+            self.plant.integrate(self.t, next);
             self.t = next;
             self.latch();
         }
@@ -80,111 +83,109 @@ impl World {
     /// The lines on the digital outputs.
     #[must_use]
     pub fn digital_out(&self) -> LinesOut {
-        self.orders
+        self.lines_out
     }
 
-    /// Whether the scene asks for contacts in three dimensions and something looks at them, so that
-    /// [`Work::solved`] and [`Work::plain`] say how that went.
+    /// Whether the scene asks for contacts in three dimensions and an array exists that shows them.
+    /// Then [`StepStatistics::spatial_solutions`] and [`StepStatistics::spatial_failures`] count
+    /// the results.
     #[must_use]
-    pub fn solves_layers(&self) -> bool {
-        let pin = self.bench.rolling.as_deref().is_some_and(|r| r.spatial.is_some());
-        let edge = self.bench.objects.as_deref().is_some_and(|objects| objects.asked());
+    pub fn solves_in_three_dimensions(&self) -> bool {
+        let pin = self.plant.rolling.as_deref().is_some_and(|r| r.spatial.is_some());
+        let edge = self.plant.objects.as_deref().is_some_and(|objects| objects.is_spatial());
         self.arrays.iter().any(Option::is_some) && (pin || edge)
     }
 
-    /// What the physics was asked to do since the start.
+    /// Counts of what the simulation computed since the start.
     #[must_use]
-    pub fn work(&self) -> Work {
-        self.bench.work
+    pub fn statistics(&self) -> StepStatistics {
+        self.plant.statistics
     }
 
     /// Largest difference of place between a step and its embedded method of lower order (m); 0
     /// for integrators without one.
     #[must_use]
     pub fn step_error_m(&self) -> f64 {
-        self.bench.error_m
+        self.plant.error_m
     }
 
-    /// Values that could not be handed to the devices because nobody took the earlier ones.
+    /// Number of values that were lost because the devices' links were full.
     #[must_use]
     pub fn dropped(&self) -> u64 {
-        let ends = &self.ends;
-        ends.counts.dropped()
-            + ends.marks.as_ref().map_or(0, |marks| marks.dropped())
-            + ends.currents.dropped()
-            + ends.gauges.dropped()
-            + ends.lines.dropped()
-            + ends.scans.iter().map(|scans| scans.dropped()).sum::<u64>()
+        let links = &self.links;
+        links.counts.dropped()
+            + links.marks.as_ref().map_or(0, |marks| marks.dropped())
+            + links.currents.dropped()
+            + links.gauges.dropped()
+            + links.lines.dropped()
+            + links.scans.iter().map(|scans| scans.dropped()).sum::<u64>()
     }
 
-    /// Takes every word that acts by now, then sees to the watchdogs and the drives.
-    fn take_words(&mut self) {
-        while let Some(word) = self.ends.codes.next(self.t) {
+    /// Applies every command that acts by now, then the watchdogs, then the drives' lines.
+    fn apply_commands(&mut self) {
+        while let Some(word) = self.links.codes.next(self.t) {
             self.codes = word.value;
-            self.last_word = self.t;
+            self.last_code_time = self.t;
         }
-        while let Some(word) = self.ends.orders.next(self.t) {
-            if word.value.watchdog_feed != self.orders.watchdog_feed {
-                self.last_feed = self.t;
+        while let Some(word) = self.links.lines_out.next(self.t) {
+            if word.value.watchdog_feed != self.lines_out.watchdog_feed {
+                self.last_feed_time = self.t;
             }
-            self.orders = word.value;
+            self.lines_out = word.value;
         }
-        if self.t - self.last_word >= LONGEST_SILENCE {
+        if self.t - self.last_code_time >= LONGEST_SILENCE {
             self.codes = [0; CHANNELS];
         }
-        if self.t - self.last_feed >= LONGEST_SILENCE {
-            let watchdog_feed = self.orders.watchdog_feed;
-            self.orders = LinesOut { watchdog_feed, ..LinesOut::SAFE };
+        if self.t - self.last_feed_time >= LONGEST_SILENCE {
+            let watchdog_feed = self.lines_out.watchdog_feed;
+            self.lines_out = LinesOut { watchdog_feed, ..LinesOut::SAFE };
         }
-        let powered = self.powered();
-        if let Finger::Arm(arm) = &mut self.bench.finger {
-            arm.enabled = self.orders.enable && powered;
-            arm.braked = !(self.orders.brake_release && powered);
-            arm.drive(self.codes);
-        }
-        if let Finger::Chained(unheld) = &mut self.bench.finger {
-            let (enabled, braked) =
-                (self.orders.enable && powered, !(self.orders.brake_release && powered));
-            unheld.arm.drive(self.codes, enabled, braked);
-        }
+        let powered = self.is_powered();
+        let lines = DriveLines {
+            enabled: self.lines_out.enable && powered,
+            braked: !(self.lines_out.brake_release && powered),
+        };
+        self.plant.finger.drive(&self.codes, lines);
     }
 
-    fn powered(&self) -> bool {
-        let failed = self.faults.hold(FaultKind::PowerLoss, self.t) || self.stopped();
+    fn is_powered(&self) -> bool {
+        let failed =
+            self.faults.is_active(FaultKind::PowerLoss, self.t) || self.is_emergency_stopped();
         self.t >= self.power_on && !failed
     }
 
     /// Whether somebody presses the emergency stop, which also cuts the supply.
-    fn stopped(&self) -> bool {
-        self.faults.hold(FaultKind::EmergencyStop, self.t)
+    fn is_emergency_stopped(&self) -> bool {
+        self.faults.is_active(FaultKind::EmergencyStop, self.t)
     }
 
-    /// The next instant at which something other than motion happens, after now.
+    /// The next instant after now at which something other than motion happens.
     fn next_event(&self) -> Nanos {
         let events = [
             Some(self.next_control),
             self.arrays[0].as_ref().map(|array| array.next()),
             self.arrays[1].as_ref().map(|array| array.next()),
-            self.faults.next(self.t),
+            self.faults.next_change(self.t),
             Some(self.power_on),
-            Some(self.last_word + LONGEST_SILENCE),
-            Some(self.last_feed + LONGEST_SILENCE),
-            self.ends.codes.next_visible(),
-            self.ends.orders.next_visible(),
+            Some(self.last_code_time + LONGEST_SILENCE),
+            Some(self.last_feed_time + LONGEST_SILENCE),
+            self.links.codes.next_visible(),
+            self.links.lines_out.next_visible(),
         ];
         let later = events.into_iter().flatten().filter(|instant| *instant > self.t);
         later.min().unwrap_or(Nanos::MAX)
     }
 
-    /// Samples whatever is due now.
+    /// Samples every device that is due now.
     pub(crate) fn latch(&mut self) {
         let control = self.t >= self.next_control;
-        let due = |array: &Option<Box<Array>>| array.as_ref().is_some_and(|a| self.t >= a.next());
+        let due =
+            |array: &Option<Box<TactileSensor>>| array.as_ref().is_some_and(|a| self.t >= a.next());
         let scans = [due(&self.arrays[0]), due(&self.arrays[1])];
         if !control && scans == [false; 2] {
             return;
         }
-        self.bench.feel(self.t.as_secs_f64());
+        self.plant.evaluate_contacts(self.t.as_secs_f64());
         if control {
             self.latch_control();
             self.next_control += self.timing.control_period;
@@ -197,103 +198,89 @@ impl World {
     }
 
     fn latch_control(&mut self) {
-        let (t, mut flowing) = (self.t, [0; CHANNELS]);
-        if let Finger::Arm(arm) = &self.bench.finger {
-            for (joint, count) in arm.counts().into_iter().enumerate() {
-                if !self.faults.dead_encoder(joint, t) {
-                    self.counts[joint] = Counts(count);
-                }
+        let t = self.t;
+        for (joint, count) in self.plant.finger.counts().into_iter().enumerate() {
+            if !self.faults.has_dead_encoder(joint, t) {
+                self.counts[joint] = Counts(count);
             }
-            flowing = arm.current_codes();
         }
-        if let Finger::Chained(unheld) = &self.bench.finger {
-            for (joint, count) in unheld.arm.counts().into_iter().enumerate() {
-                if !self.faults.dead_encoder(joint, t) {
-                    self.counts[joint] = Counts(count);
-                }
-            }
-            flowing = unheld.arm.current_codes();
-        }
-        let closed = !self.stopped();
-        let lines =
-            LinesIn { drive_power: self.powered(), estop_a_closed: closed, estop_b_closed: closed };
+        let closed = !self.is_emergency_stopped();
+        let lines = LinesIn {
+            drive_power: self.is_powered(),
+            estop_a_closed: closed,
+            estop_b_closed: closed,
+        };
         let wrench = if self.wrist.is_some() { self.tool_wrench() } else { Joints::zeros() };
-        let currents = currents(&flowing);
-        self.told.control = Some((currents, lines, t));
-        // A full link counts what it drops; see `dropped`.
-        if let (Some(marks), Some(index)) = (&mut self.ends.marks, &mut self.index) {
-            let _ = marks.send(index.turn(&self.counts), t, t);
+        let currents = currents(&self.plant.finger.current_codes());
+        self.last_sent.control = Some((currents, lines, t));
+        // A full link counts the values that it loses; see `dropped`.
+        if let (Some(marks), Some(index)) = (&mut self.links.marks, &mut self.index) {
+            let _ = marks.send(index.update(&self.counts), t, t);
         }
-        let _ = self.ends.counts.send(self.counts, t, t);
-        let _ = self.ends.currents.send(currents, t, t);
-        let _ = self.ends.lines.send(lines, t, t);
+        let _ = self.links.counts.send(self.counts, t, t);
+        let _ = self.links.currents.send(currents, t, t);
+        let _ = self.links.lines.send(lines, t, t);
         if let Some(wrist) = &mut self.wrist {
             let read = wrist.read(&wrench);
-            if !self.faults.hold(FaultKind::FrozenWrist, t) {
+            if !self.faults.is_active(FaultKind::FrozenWrist, t) {
                 self.gauges = read;
             }
-            let _ = self.ends.gauges.send(self.gauges, t, t);
+            let _ = self.links.gauges.send(self.gauges, t, t);
         }
     }
 
-    /// Reads the rows of tactels that are due; a scan that is whole goes out, unless it is lost.
+    /// Reads the rows of tactels that are due. A complete scan is sent, unless a fault drops it.
     fn latch_scan(&mut self, tip: usize) {
         let Some(array) = &mut self.arrays[tip] else { return };
         let t_s = self.t.as_secs_f64();
         let opposed = tip > 0;
-        let forces = if opposed { self.bench.opposed_image(t_s) } else { self.bench.image(t_s) };
+        let forces = if opposed { self.plant.opposed_image(t_s) } else { self.plant.image(t_s) };
         let Some(values) = array.read(self.t, &forces) else { return };
-        self.bench.work.scans += 1;
+        self.plant.statistics.tactile_scans += 1;
         let scan = Scan { sequence: self.sequences[tip], values };
         self.sequences[tip] = self.sequences[tip].wrapping_add(1);
-        let Some(feed) = &mut self.told.feeds[tip] else { return };
-        if !self.faults.lose_frame(self.t, opposed) {
+        let Some(feed) = &mut self.last_sent.feeds[tip] else { return };
+        if !self.faults.drops_frame(self.t, opposed) {
             let (stamp, visible) = feed.delivery.instants(self.t, self.timing.scan_period);
-            feed.scan(scan, stamp, visible);
-            let _ = self.ends.scans[tip].send(scan, stamp, visible);
+            feed.record(scan, stamp, visible);
+            let _ = self.links.scans[tip].send(scan, stamp, visible);
         }
     }
 
-    /// Wrench on the tool about the tool point in tool axes.
+    /// Wrench on the tool about the tool point in tool axes (N, N m).
     fn tool_wrench(&self) -> Joints {
-        let pose = self.bench.finger.pose();
-        let rolling = self.bench.rolling.as_ref().map(|r| r.wrench(pose.translation));
-        let objects = self.bench.objects.as_ref().map(|objects| objects.wrench(pose));
+        let pose = self.plant.finger.pose();
+        let rolling = self.plant.rolling.as_ref().map(|r| r.wrench(pose.translation));
+        let objects = self.plant.objects.as_ref().map(|objects| objects.wrench(pose));
         let sum = rolling.unwrap_or_default() + objects.unwrap_or_default();
         let (force, moment) = linear_and_angular(&sum);
         let back = pose.rotation.transpose();
         spatial_vector(back * force, back * moment)
     }
 
-    /// What really happens now.
+    /// The true state of the bench now.
     #[must_use]
     pub fn truth(&self) -> Truth {
         let (pose, twist) =
-            (self.bench.finger.pose(), linear_and_angular(&self.bench.finger.twist()));
-        let (arm_q, arm_qd, enabled, braked) = match &self.bench.finger {
-            Finger::Arm(arm) => (arm.now.q, arm.now.qd, arm.enabled, arm.braked),
-            Finger::Carriage(_) => (Joints::zeros(), Joints::zeros(), false, true),
-            Finger::Chained(unheld) => {
-                let (enabled, braked) = unheld.arm.lines();
-                (Joints::zeros(), Joints::zeros(), enabled, braked)
-            }
-        };
-        let rolling = self.bench.rolling.as_deref();
+            (self.plant.finger.pose(), linear_and_angular(&self.plant.finger.twist()));
+        let arm = self.plant.finger.puma_state().copied().unwrap_or_default();
+        let DriveLines { enabled, braked } = self.plant.finger.drive_lines();
+        let rolling = self.plant.rolling.as_deref();
         let pin = rolling.map(|r| &r.pin);
-        let finger = rolling.map_or(Reaction::default(), |r| r.by_finger);
-        let bed = rolling.map_or(Reaction::default(), |r| r.by_table);
+        let finger = rolling.map_or(Reaction::default(), |r| r.finger_reaction);
+        let support = rolling.map_or(Reaction::default(), |r| r.support_reaction);
         let (pin_yaw_rad, tilt_rad) = pin.map_or((0.0, 0.0), |pin| yaw_and_tilt(pin, pose));
         let deep = |patch: &Patch| {
             let deepest = patch.rubber.deepest_m();
-            patch.slices.each().any(|slice| slice.delta_m > deepest)
+            patch.slices.iter().any(|slice| slice.delta_m > deepest)
         };
-        let objects = self.bench.objects.as_deref();
+        let objects = self.plant.objects.as_deref();
         let on_objects_n = objects.map_or(0.0, |objects| objects.normal_n());
-        let around = || self.bench.around(self.t.as_secs_f64());
+        let surroundings = || self.plant.surroundings(self.t.as_secs_f64());
         Truth {
             t: self.t,
-            q: arm_q,
-            qd: arm_qd,
+            q: arm.q,
+            qd: arm.qd,
             tool: pose.translation,
             tool_x: pose.rotation.x_axis,
             tool_z: pose.rotation.z_axis,
@@ -303,25 +290,25 @@ impl World {
             pin_roll_rad: pin.map_or(0.0, |pin| pin.roll_rad),
             pin_velocity: pin.map_or(DVec3::ZERO, |pin| pin.velocity),
             finger_normal_n: finger.normal_n + on_objects_n,
-            table_normal_n: bed.normal_n,
+            table_normal_n: support.normal_n,
             finger_tangential_n: finger.tangential_n,
-            table_tangential_n: bed.tangential_n,
+            table_tangential_n: support.tangential_n,
             tool_wrench: self.tool_wrench(),
             contact_x_tactels: rolling.and_then(|r| contact_x_tactels(&r.pad)),
             pin_yaw_rad,
             tilt_rad,
             finger_slip_m_s: finger.slip_m_s,
-            table_slip_m_s: bed.slip_m_s,
+            table_slip_m_s: support.slip_m_s,
             finger_creep_m_s: finger.creep_m_s,
-            table_creep_m_s: bed.creep_m_s,
-            creepage: creepage(&finger, &bed),
+            table_creep_m_s: support.creep_m_s,
+            creepage: creepage(&finger, &support),
             in_contact: finger.normal_n + on_objects_n > 0.0,
-            opposed: rolling.and_then(|r| Opposite::of(r, &around())),
-            object: objects.and_then(|objects| Felt::of(objects, &around())),
-            beyond_small_strain: rolling.is_some_and(|r| deep(&r.pad) || deep(&r.bed))
+            opposed: rolling.and_then(|r| OpposedFingertip::of(r, &surroundings())),
+            object: objects.and_then(|objects| ObjectContact::of(objects, &surroundings())),
+            beyond_small_strain: rolling.is_some_and(|r| deep(&r.pad) || deep(&r.support))
                 || objects.is_some_and(|objects| objects.beyond_small_strain()),
-            table: self.bench.table.at(self.t.as_secs_f64()).0,
-            steadied: rolling.is_some_and(|r| r.hand.holding),
+            table: self.plant.table.at(self.t.as_secs_f64()).0,
+            steadied: rolling.is_some_and(|r| r.fixture.holding),
             released: rolling.and_then(|r| r.released),
             enabled,
             braked,
@@ -331,50 +318,43 @@ impl World {
     /// Angles (rad) and speeds (rad/s) of the joints; none with a carriage.
     #[must_use]
     pub fn joints(&self) -> (&[f64], &[f64]) {
-        match &self.bench.finger {
-            Finger::Arm(arm) => (arm.now.q.as_slice(), arm.now.qd.as_slice()),
-            Finger::Carriage(_) => (&[], &[]),
-            Finger::Chained(unheld) => unheld.arm.joints(),
-        }
+        self.plant.finger.joints()
     }
 
-    /// Kinetic and gravitational energy of arm and pin, without the rubbers' (J).
+    /// Kinetic and gravitational energy of arm and pin, without the energy of the rubbers (J).
     #[must_use]
     pub fn energy_j(&self) -> f64 {
-        let arm_j = match &self.bench.finger {
-            Finger::Arm(arm) => arm.energy_j(),
-            Finger::Carriage(_) => 0.0,
-            Finger::Chained(unheld) => unheld.arm.energy_j(),
-        };
+        let arm_j = self.plant.finger.energy_j();
         let fall = |pin: &Pin| pin.mass_kg * GRAVITY_M_S2 * pin.position.z;
-        let pin = self.bench.rolling.as_deref().map(|r| &r.pin);
+        let pin = self.plant.rolling.as_deref().map(|r| &r.pin);
         arm_j + pin.map_or(0.0, |pin| pin.kinetic_j() + fall(pin))
     }
 
     /// Energy in the rubbers and in the bristles on them (J), as of the latest evaluation of the
     /// contacts.
     #[must_use]
-    pub fn rubber_j(&self) -> f64 {
-        let rolling = self.bench.rolling.as_deref();
-        rolling.map_or(0.0, |r| r.pad.stored_j() + r.bed.stored_j())
+    pub fn rubber_energy_j(&self) -> f64 {
+        let rolling = self.plant.rolling.as_deref();
+        rolling.map_or(0.0, |r| r.pad.stored_energy_j() + r.support.stored_energy_j())
     }
 
-    /// A digest of what decides what happens next, save scans that are made and on their way.
+    /// A digest of everything that decides the future, except scans that are complete and on their
+    /// way.
     #[must_use]
     pub fn state_hash(&self) -> u64 {
         let mut hash = Hash::default();
         hash.word(self.t.0.cast_unsigned());
-        self.bench.digest(&mut hash);
+        self.plant.digest(&mut hash);
         for code in self.codes {
             hash.word(u64::from(code.cast_unsigned()));
         }
-        let lines = self.orders;
+        let lines = self.lines_out;
         let bits = [lines.enable, lines.brake_release, lines.watchdog_feed];
         for bit in bits {
             hash.word(u64::from(bit));
         }
-        hash.word(self.last_word.0.cast_unsigned());
-        hash.word(self.last_feed.0.cast_unsigned());
+        hash.word(self.last_code_time.0.cast_unsigned());
+        hash.word(self.last_feed_time.0.cast_unsigned());
         hash.word(u64::from(self.sequences[0]));
         if let Some(array) = &self.arrays[0] {
             array.digest(&mut hash);

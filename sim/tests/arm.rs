@@ -1,4 +1,5 @@
-//! The arm behind its codes: gravity, friction that sticks, energy, counts; and one seed, one run.
+//! Tests the arm behind its codes: gravity, friction that sticks, energy, counts. One seed gives
+//! one run.
 
 use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, Nanos};
 use taktil_mechanics::Joints;
@@ -7,7 +8,7 @@ use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::fidelity::ArmModel;
 use taktil_sim::{Timing, World, WorldConfig, build};
 
-const PERIOD: Nanos = Nanos::from_micros(2_500);
+const CONTROL_PERIOD: Nanos = Nanos::from_micros(2_500);
 
 fn free_of_pin() -> WorldConfig {
     let mut config = WorldConfig::default();
@@ -23,12 +24,12 @@ fn run(
     mut law: impl FnMut(&World) -> [DacCode; CHANNELS],
 ) {
     for k in 0..cycles {
-        let t = PERIOD * k;
+        let t = CONTROL_PERIOD * k;
         let order = LinesOut { enable: true, brake_release: true, watchdog_feed: k % 2 == 0 };
         devices.digital_out.commit(t, &order).unwrap();
         devices.analog_out.commit(t, &law(world)).unwrap();
         devices.encoders.sample(t).unwrap();
-        world.advance(t + PERIOD);
+        world.advance(t + CONTROL_PERIOD);
     }
 }
 
@@ -43,7 +44,7 @@ fn codes_of(torque: &Joints) -> [DacCode; CHANNELS] {
 }
 
 #[test]
-fn braked_it_does_not_move() {
+fn a_braked_arm_does_not_move() {
     let (mut world, _devices) = build(&WorldConfig::default(), &Timing::default(), 1).unwrap();
     let start = world.truth().q;
     world.advance(Nanos::from_secs(1));
@@ -64,28 +65,29 @@ fn scaled_masses_are_those_of_the_simulated_arm_alone() {
             run(&mut world, &mut devices, 80, |_| hold);
             (world.truth().q - start).amax()
         };
-        // Friction that sticks gives a little; a word is off by half a code at most.
+        // Friction that sticks yields a little, and a code is off by half a unit at most.
         assert!(moved(&heavy) < 1e-5, "{scale}: {}", moved(&heavy));
         assert!(moved(&Dynamics::reference()) > 0.02, "{scale}: what the controller believes");
     }
 }
 
 #[test]
-fn gravity_torque_and_friction_hold_it_dead_still() {
+fn gravity_torque_and_friction_hold_the_arm_still() {
     let (mut world, mut devices) = build(&free_of_pin(), &Timing::default(), 1).unwrap();
     let start = world.truth();
     let gravity = Dynamics::reference().gravity_torque(&start.q);
-    // 4 s under a constant word that is off by half a code at most: friction takes the rest.
+    // The arm stands for 4 s under constant codes that are off by half a unit at most; friction
+    // takes the rest.
     run(&mut world, &mut devices, 1600, |_| codes_of(&gravity));
     let end = world.truth();
     assert!((end.tool - start.tool).length() < 1e-4, "{}", end.tool - start.tool);
     assert!(end.qd.norm() < 1e-6, "{}", end.qd.norm());
-    let counts = devices.encoders.sample(PERIOD * 1600).unwrap().value;
+    let counts = devices.encoders.sample(CONTROL_PERIOD * 1600).unwrap().value;
     assert!(counts.iter().all(|c| c.0.abs() <= 2), "{counts:?}");
 }
 
 #[test]
-fn without_torque_it_falls_onto_its_stops_and_stays_finite() {
+fn without_torque_the_arm_falls_onto_its_stops_and_stays_finite() {
     let (mut world, mut devices) = build(&free_of_pin(), &Timing::default(), 1).unwrap();
     run(&mut world, &mut devices, 1200, |_| [DacCode(0); CHANNELS]);
     let truth = world.truth();
@@ -94,7 +96,7 @@ fn without_torque_it_falls_onto_its_stops_and_stays_finite() {
 }
 
 #[test]
-fn free_of_friction_it_keeps_its_energy() {
+fn an_arm_without_friction_keeps_its_energy() {
     let mut config = free_of_pin();
     config.fidelity.arm = ArmModel::Rigid;
     let (mut world, mut devices) = build(&config, &Timing::default(), 1).unwrap();
@@ -122,7 +124,7 @@ fn torques_move_the_joints_in_their_direction_and_counts_follow() {
         assert!(end[joint] - start[joint] > 0.005, "joint {}: {}", joint + 1, end - start);
         let gears = Transmission::reference();
         let (now, then) = (gears.counts(&end), gears.counts(&start));
-        let seen = devices.encoders.sample(PERIOD * 60).unwrap().value;
+        let seen = devices.encoders.sample(CONTROL_PERIOD * 60).unwrap().value;
         for i in 0..6 {
             assert_eq!(seen[i].0, now[i] - then[i], "joint {}", i + 1);
         }
@@ -135,7 +137,7 @@ fn currents_are_echoed_on_the_analog_inputs() {
     let gravity = Dynamics::reference().gravity_torque(&world.truth().q);
     let codes = codes_of(&gravity);
     run(&mut world, &mut devices, 4, |_| codes);
-    let seen = devices.analog_in.sample(PERIOD * 4).unwrap().value;
+    let seen = devices.analog_in.sample(CONTROL_PERIOD * 4).unwrap().value;
     assert!((0..CHANNELS).all(|i| seen[i].0 == codes[i].0), "{seen:?}");
 }
 
@@ -163,7 +165,7 @@ fn the_pinned_digest_does_not_depend_on_build_or_machine() {
     let gravity = Dynamics::reference().gravity_torque(&world.truth().q);
     run(&mut world, &mut devices, 400, |_| codes_of(&(0.5 * gravity)));
     assert!(world.truth().in_contact);
-    // Changed physics changes this number; then write the new one. A number that differs between
-    // debug and release or between machines is a fault.
+    // A change of the physics changes this number; then the new one is written here. A number that
+    // differs between debug and release or between machines is a fault.
     assert_eq!(world.state_hash(), 0xc84c_274b_5097_ecb6, "digest {:#018x}", world.state_hash());
 }

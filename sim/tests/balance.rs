@@ -1,4 +1,5 @@
-//! Forces balance, nothing pulls, energy is not made, steps converge.
+//! Checks that forces balance, that nothing pulls, that no energy is created, and that steps
+//! converge.
 
 mod common;
 
@@ -8,7 +9,7 @@ use taktil_sim::fidelity::Integrator;
 use taktil_sim::scene::{Axis, Motion};
 use taktil_sim::{Carriage, WorldConfig};
 
-const G: f64 = 9.81;
+const GRAVITY_M_S2: f64 = 9.81;
 
 fn lifted() -> Carriage {
     Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None }
@@ -22,7 +23,7 @@ fn a_pin_at_rest_stays_and_the_table_carries_its_weight() {
     let before = world.truth();
     for i in 1..=100 {
         let truth = at(&mut world, 0.01 * f64::from(i));
-        let weight = config.pin.mass_kg * G;
+        let weight = config.pin.mass_kg * GRAVITY_M_S2;
         assert!((truth.table_normal_n / weight - 1.0).abs() < 1e-6, "{}", truth.table_normal_n);
         assert!((truth.pin - before.pin).length() < 1e-9);
         assert!(truth.pin_velocity.length() < 1e-9 && truth.pin_roll_rad.abs() < 1e-9);
@@ -51,7 +52,7 @@ fn pressing_and_lifting_never_pulls_and_leaves_nothing() {
     assert!(most > 5.0, "{most}");
     let end = world.truth();
     assert_eq!((end.finger_normal_n, end.contact_x_tactels), (0.0, None));
-    assert!((end.table_normal_n / (config.pin.mass_kg * G) - 1.0).abs() < 1e-6);
+    assert!((end.table_normal_n / (config.pin.mass_kg * GRAVITY_M_S2) - 1.0).abs() < 1e-6);
 }
 
 #[test]
@@ -62,7 +63,7 @@ fn under_load_the_table_carries_finger_and_pin() {
     let (mut world, _devices) = bench(&config, carriage);
     let truth = at(&mut world, 2.0);
     assert!((truth.finger_normal_n - 15.0).abs() < 1e-6, "{}", truth.finger_normal_n);
-    assert!((truth.table_normal_n - 15.0 - config.pin.mass_kg * G).abs() < 1e-6);
+    assert!((truth.table_normal_n - 15.0 - config.pin.mass_kg * GRAVITY_M_S2).abs() < 1e-6);
     assert!((truth.tool_wrench[2] + 15.0).abs() < 1e-6, "{}", truth.tool_wrench);
     assert!(!truth.steadied && truth.released.is_some());
     assert!(!truth.beyond_small_strain);
@@ -75,7 +76,7 @@ fn a_dropped_pin_bounces_lower_and_lower() {
         config.pin.steadied = false;
         config.table.rubber.relaxation_ms = relaxation_ms;
         // The table falls away in an instant and the pin drops on it.
-        config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 0.002))];
+        config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 0.002)];
         let (mut world, _devices) = bench(&config, lifted());
         let (start, mut falling, mut tops) = (world.truth().pin.z, true, Vec::new());
         for i in 1..4000 {
@@ -102,7 +103,7 @@ fn a_dropped_pin_bounces_lower_and_lower() {
 #[test]
 fn a_rolling_pin_left_alone_does_not_speed_up() {
     // The table tilts, the pin starts to roll, the table is level again.
-    let tilt = |rate, from_s| Motion::ramp(Axis::TiltY, rate, (from_s, from_s + 0.1));
+    let tilt = |rate, from_s| Motion::ramp(Axis::TiltY, rate, from_s, from_s + 0.1);
     let mut config = WorldConfig::default();
     config.pin.steadied = false;
     config.table.motion = vec![tilt(50.0, 0.1), tilt(-50.0, 0.5)];
@@ -117,7 +118,7 @@ fn a_rolling_pin_left_alone_does_not_speed_up() {
         assert!(now <= energy + 1e-9, "{energy} grew to {now}");
         energy = now;
     }
-    // And rubber takes little from it.
+    // The rubber dissipates little of the energy.
     assert!(world.truth().pin_velocity.x < rim, "{}", world.truth().pin_velocity);
 }
 
@@ -163,7 +164,7 @@ fn tangential_forces_stay_inside_the_cone() {
 }
 
 #[test]
-fn the_hand_holds_the_pin_on_a_slope_until_the_finger_presses() {
+fn the_fixture_holds_the_pin_on_a_slope_until_the_finger_presses() {
     let mut config = WorldConfig::default();
     config.table.tilt_y_deg = 8.0;
     let (mut world, _devices) = bench(&config, lifted());
@@ -173,13 +174,13 @@ fn the_hand_holds_the_pin_on_a_slope_until_the_finger_presses() {
     let (mut world, _devices) = bench(&config, lifted());
     let after = at(&mut world, 0.5);
     assert!(after.pin.x < before.pin.x - 0.05, "it rolls down: {}", after.pin.x - before.pin.x);
-    let due = 0.5 * (2.0 / 3.0) * G * libm::sin(8.0_f64.to_radians()) * 0.25;
+    let due = 0.5 * (2.0 / 3.0) * GRAVITY_M_S2 * libm::sin(8.0_f64.to_radians()) * 0.25;
     let way = (after.pin - before.pin).length();
     assert!((way / due - 1.0).abs() < 0.02, "a solid cylinder rolls with 2/3 g sin: {way} {due}");
 }
 
 #[test]
-fn brutality_stays_finite() {
+fn violent_motions_stay_finite() {
     let config = WorldConfig::default();
     let z = meeting_height(&config);
     let knots = vec![

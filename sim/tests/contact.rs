@@ -1,4 +1,4 @@
-//! Contact in motion: sliding at the Coulomb limit, rolling without drift, balance of forces,
+//! Tests contact in motion: sliding at the Coulomb limit, rolling without drift, balance of forces,
 //! momentum and energy; and the image of a pin in three dimensions.
 
 mod common;
@@ -9,16 +9,16 @@ use taktil_hal::{Arrival, TactileFrame};
 use taktil_mechanics::tactile::{Features, Image, features, moments};
 use taktil_sim::fidelity::ContactModel;
 use taktil_sim::scene::{Axis, Motion};
-use taktil_sim::{Carriage, Float, PITCH_M, Truth, World, WorldConfig};
+use taktil_sim::{Carriage, FloatingGuide, PITCH_M, Truth, World, WorldConfig};
 
-const G: f64 = 9.81;
+const GRAVITY_M_S2: f64 = 9.81;
 
 #[test]
 fn pushed_past_the_limit_it_slides_at_exactly_mu_times_the_load() {
     let mut config = WorldConfig::default();
     config.finger.friction = 0.1;
     let z = meeting_height(&config) + 1e-4;
-    // Along the pin's axis: it cannot roll out of the way.
+    // The push is along the pin's axis, so that the pin cannot roll out of the way.
     let knots = vec![(0.5, over(z)), (1.5, over(z) + DVec3::new(0.0, 0.01, 0.0))];
     let (mut world, _devices) =
         bench(&config, Carriage { axes: nominal(), knots, float: load_of(15.0) });
@@ -32,8 +32,8 @@ fn pushed_past_the_limit_it_slides_at_exactly_mu_times_the_load() {
     }
 }
 
-/// A stroke of 10 mm with the rubbers' moduli times a factor: drift of rolling (m) and the largest
-/// creepage.
+/// Drift of rolling (m) and largest creepage over a stroke of 10 mm, with the rubbers' moduli
+/// multiplied by a factor.
 fn stroke(factor: f64) -> (f64, f64) {
     let mut config = WorldConfig::default();
     config.finger.rubber.youngs_mpa *= factor;
@@ -57,7 +57,7 @@ fn stroke(factor: f64) -> (f64, f64) {
 }
 
 #[test]
-fn rolling_does_not_drift_and_creepage_is_told() {
+fn rolling_does_not_drift_and_creepage_is_reported() {
     let (drift, creepage) = stroke(100.0);
     println!("stiffness x 100: drift {drift:.2e} m, creepage up to {creepage:.2e}");
     assert!(drift < 1e-6, "{drift:e}");
@@ -75,9 +75,9 @@ fn forces_balance_at_rest_to_a_nanonewton() {
         let knots = vec![(0.0, over(z))];
         let carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
         let (mut world, _devices) = bench(&config, carriage);
-        let weight = config.pin.mass_kg * G;
+        let weight = config.pin.mass_kg * GRAVITY_M_S2;
         let mut worst = [0.0_f64; 3];
-        // Between images, which are taken every 5 ms, and at them.
+        // Forces are compared at images, which are made every 5 ms, and between them.
         for i in 0..60 {
             let truth = at(&mut world, 2.0 + 0.0037 * f64::from(i));
             let sideways = truth.finger_tangential_n.0 + truth.table_tangential_n.0;
@@ -92,12 +92,12 @@ fn forces_balance_at_rest_to_a_nanonewton() {
 #[test]
 fn momentum_changes_by_the_forces_from_outside_alone() {
     // The table falls away; a finger that is pushed down with 15 N catches the falling pin and
-    // pushes it on: what they do to each other cancels.
+    // pushes it on, so that their mutual forces cancel.
     let mut config = WorldConfig::default();
     config.pin.steadied = false;
-    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 1.5))];
+    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 1.5)];
     let z = meeting_height(&config) + 1e-3;
-    let float = Some(Float { mass_kg: 1.0, load_n: 15.0, damping_n_s_m: 0.0 });
+    let float = Some(FloatingGuide { mass_kg: 1.0, load_n: 15.0, damping_n_s_m: 0.0 });
     let knots = vec![(0.0, over(z))];
     let (mut world, _devices) = bench(&config, Carriage { axes: nominal(), knots, float });
     let momentum = |t: &Truth| t.tool_velocity.z + config.pin.mass_kg * t.pin_velocity.z;
@@ -108,28 +108,28 @@ fn momentum_changes_by_the_forces_from_outside_alone() {
         let truth = at(&mut world, 0.005 + t_s);
         assert_eq!(truth.table_normal_n, 0.0);
         touched |= truth.in_contact;
-        let due = -(15.0 + config.pin.mass_kg * G) * t_s;
+        let due = -(15.0 + config.pin.mass_kg * GRAVITY_M_S2) * t_s;
         worst = worst.max((momentum(&truth) - momentum(&start) - due).abs());
     }
     println!("momentum: off by {worst:.1e} kg m/s at most");
     assert!(touched && worst < 1e-7, "{worst:e}");
 }
 
-/// The pin dropped by 2 mm on undamped rubber, twenty bounces: largest gain and loss of the whole
-/// energy over the energy of the drop.
+/// Largest gain and loss of the whole energy, relative to the energy of the drop, of a pin that is
+/// dropped by 2 mm on undamped rubber and bounces twenty times.
 fn bounces(substep_us: f64) -> (f64, f64) {
     let mut config = WorldConfig { substep_us, ..WorldConfig::default() };
     config.pin.steadied = false;
     config.table.rubber.relaxation_ms = 0.0;
-    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 0.002))];
+    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 0.002)];
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };
     let (mut world, _devices) = bench(&config, carriage);
     let mut whole = |t_s: f64| {
         at(&mut world, t_s);
-        world.energy_j() + world.rubber_j()
+        world.energy_j() + world.rubber_energy_j()
     };
     let start = whole(0.005);
-    let drop_j = config.pin.mass_kg * G * 2e-3;
+    let drop_j = config.pin.mass_kg * GRAVITY_M_S2 * 2e-3;
     let (mut gain, mut loss) = (0.0_f64, 0.0_f64);
     for i in 1..800 {
         let change = (whole(0.005 + 1.25e-3 * f64::from(i)) - start) / drop_j;
@@ -146,7 +146,11 @@ fn energy_is_kept_with_the_order_of_the_steps() {
     assert!(fine.1 < 0.05 && fine.1 < 0.5 * coarse.1, "lost {coarse:?} {fine:?}");
 }
 
-fn seen(world: &mut World, devices: &mut taktil_hal::Devices, t_s: f64) -> (Truth, f64, Features) {
+fn observed(
+    world: &mut World,
+    devices: &mut taktil_hal::Devices,
+    t_s: f64,
+) -> (Truth, f64, Features) {
     let truth = at(world, t_s);
     let mut frame = TactileFrame::empty();
     assert_eq!(devices.tactile.sample(seconds(t_s), &mut frame), Ok(Arrival::New));
@@ -155,9 +159,9 @@ fn seen(world: &mut World, devices: &mut taktil_hal::Devices, t_s: f64) -> (Trut
     (truth, moments.m0, features(&moments))
 }
 
-/// A short pin of the reference's size and rubber, pressed by a finger: what the array says.
+/// The array's image of a short pin of the reference's size and rubber, pressed by a finger.
 #[test]
-fn a_pin_shorter_than_the_pad_is_seen_whole_where_it_lies() {
+fn a_short_pin_is_imaged_whole_at_its_place() {
     for (yaw_deg, x_mm, y_mm) in [(0.0, 0.0, 0.0), (20.0, 2.0, -1.5), (-15.0, -3.0, 2.0)] {
         let mut config = WorldConfig::default();
         config.fidelity.contact = ContactModel::Layer3d;
@@ -170,31 +174,39 @@ fn a_pin_shorter_than_the_pad_is_seen_whole_where_it_lies() {
         let knots = vec![(0.0, over(z))];
         let carriage = Carriage { axes: nominal(), knots, float: load_of(40.0) };
         let (mut world, mut devices) = bench(&config, carriage);
-        let (truth, m0, found) = seen(&mut world, &mut devices, 1.0);
+        let (truth, m0, found) = observed(&mut world, &mut devices, 1.0);
         let force = m0 * 4.0 / 65535.0;
         assert!((force / truth.finger_normal_n - 1.0).abs() < 0.01, "{force}");
-        // The sensor's x runs against x0; the pin lies where it was put.
+        // The sensor's x is opposite to x0; the pin is where the scene puts it.
         let column = |mm: f64| 8.5 + mm / (1e3 * PITCH_M);
         let (dx, dy) = ((found.x_c.unwrap() - column(-x_mm)), (found.y_c.unwrap() - column(y_mm)));
         let off_mm = 1e3 * PITCH_M * dx.abs().max(dy.abs());
         assert!(off_mm < 0.02, "centroid off by {off_mm} mm");
         let theta = found.theta_z_rad.unwrap() - truth.pin_yaw_rad;
         assert!(theta.abs().to_degrees() < 0.2, "{theta}");
-        assert!(world.work().solved > 100);
+        assert!(world.statistics().spatial_solutions > 100);
     }
 }
 
 #[test]
-fn what_is_not_named_is_not_computed() {
+fn parts_that_are_not_named_are_not_computed() {
     let mut config = WorldConfig::default();
     config.pin.present = false;
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };
     let (mut world, _devices) = bench(&config, carriage.clone());
     world.advance(seconds(1.0));
-    let work = world.work();
-    assert_eq!((work.contacts, work.images, work.solved), (0, 0, 0), "{work:?}");
+    let work = world.statistics();
+    assert_eq!(
+        (work.contact_evaluations, work.tactile_images, work.spatial_solutions),
+        (0, 0, 0),
+        "{work:?}"
+    );
     config.pin.present = true;
     let (mut world, _devices) = bench(&config, carriage);
     world.advance(seconds(1.0));
-    assert!(world.work().contacts > 0 && world.work().solved == 0, "{:?}", world.work());
+    assert!(
+        world.statistics().contact_evaluations > 0 && world.statistics().spatial_solutions == 0,
+        "{:?}",
+        world.statistics()
+    );
 }

@@ -1,4 +1,4 @@
-//! The hal halves of the bench against the suite that every implementor passes, and the watchdogs.
+//! Tests the hal halves of the bench with the conformance suite of the hal, and the watchdogs.
 
 use std::cell::{Cell, RefCell};
 
@@ -7,11 +7,11 @@ use taktil_hal::conformance::{
     check_digital_out_observed,
 };
 use taktil_hal::{Arrival, CHANNELS, Counts, DacCode, Devices, LinesOut, Nanos};
-use taktil_sim::scene::Stamp;
+use taktil_sim::scene::ScanStamp;
 use taktil_sim::{LONGEST_SILENCE, Timing, World, WorldConfig, build};
 
-const PERIOD: Nanos = Nanos::from_micros(2_500);
-const DELAY: Nanos = Nanos::from_micros(1_250);
+const CONTROL_PERIOD: Nanos = Nanos::from_micros(2_500);
+const ACTUATION_DELAY: Nanos = Nanos::from_micros(1_250);
 
 fn bench() -> (World, Devices) {
     build(&WorldConfig::default(), &Timing::default(), 3).unwrap()
@@ -22,13 +22,13 @@ fn lines(enable: bool, brake_release: bool, watchdog_feed: bool) -> LinesOut {
 }
 
 #[test]
-fn all_halves_keep_the_promises() {
+fn all_halves_pass_the_conformance_suite() {
     let mut opposed = WorldConfig::default();
     opposed.opposed.present = true;
     for config in [WorldConfig::default(), opposed] {
         let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
         assert_eq!(devices.tactile_opposed.is_some(), config.opposed.present);
-        let mut bench = Bench::new(Nanos::ZERO, PERIOD, |t| world.advance(t));
+        let mut bench = Bench::new(Nanos::ZERO, CONTROL_PERIOD, |t| world.advance(t));
         assert_eq!(check_devices(&mut devices, &mut bench), []);
     }
 }
@@ -41,10 +41,11 @@ fn outputs_reach_the_world_and_go_safe() {
         last.set(t);
         world.borrow_mut().advance(t);
     };
-    // A word acts one delay after its release, a safe value at once; a moment later it is taken.
+    // A command acts one delay after its release, a safe value at once; a moment later it has been
+    // taken.
     let settle = || {
         let mut world = world.borrow_mut();
-        let due = world.now().max(last.get() + DELAY);
+        let due = world.now().max(last.get() + ACTUATION_DELAY);
         world.advance(due + Nanos(1));
     };
     let mut codes = || {
@@ -55,7 +56,7 @@ fn outputs_reach_the_world_and_go_safe() {
         settle();
         world.borrow().digital_out()
     };
-    let mut feed = Bench::new(Nanos::ZERO, PERIOD, advance);
+    let mut feed = Bench::new(Nanos::ZERO, CONTROL_PERIOD, advance);
     let found = check_analog_out_observed(devices.analog_out.as_mut(), &mut feed, &mut codes);
     assert_eq!(found, []);
     let found = check_analog_out_drop(devices.analog_out, &mut feed, &mut codes);
@@ -63,7 +64,7 @@ fn outputs_reach_the_world_and_go_safe() {
 
     let (fresh, mut devices) = bench();
     *world.borrow_mut() = fresh;
-    let mut feed = Bench::new(Nanos::ZERO, PERIOD, advance);
+    let mut feed = Bench::new(Nanos::ZERO, CONTROL_PERIOD, advance);
     let found = check_digital_out_observed(devices.digital_out.as_mut(), &mut feed, &mut orders);
     assert_eq!(found, []);
     let found = check_digital_out_drop(devices.digital_out, &mut feed, &mut orders);
@@ -95,8 +96,10 @@ fn readings_carry_the_instants_of_the_world() {
 }
 
 #[test]
-fn late_scans_say_when_they_were_made_or_when_they_came() {
-    for (late, stamp) in [(0, Stamp::Scanned), (2, Stamp::Scanned), (2, Stamp::Delivered)] {
+fn late_scans_carry_the_instant_of_acquisition_or_of_arrival() {
+    for (late, stamp) in
+        [(0, ScanStamp::Scanned), (2, ScanStamp::Scanned), (2, ScanStamp::Delivered)]
+    {
         let mut config = WorldConfig::default();
         (config.tactile.late_scans, config.tactile.stamp) = (late, stamp);
         let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
@@ -109,7 +112,7 @@ fn late_scans_say_when_they_were_made_or_when_they_came() {
             assert!(scan == 0 && late == 0 || early == Ok(Arrival::Held), "{late}: scan {scan}");
             assert_eq!(devices.tactile.sample(due, &mut frame), Ok(Arrival::New), "{late}");
             assert_eq!(i64::from(frame.sequence), scan, "{late}");
-            let hidden = if stamp == Stamp::Delivered { Nanos::ZERO } else { delay };
+            let hidden = if stamp == ScanStamp::Delivered { Nanos::ZERO } else { delay };
             assert_eq!(frame.acquired, due - hidden, "{late} {stamp:?}");
         }
     }
@@ -123,13 +126,13 @@ fn words_act_from_their_own_instants() {
         let mut codes = [DacCode(0); CHANNELS];
         codes[0] = DacCode(1000);
         devices.analog_out.commit(Nanos::ZERO, &codes).unwrap();
-        devices.analog_out.commit(PERIOD, &[DacCode(0); CHANNELS]).unwrap();
+        devices.analog_out.commit(CONTROL_PERIOD, &[DacCode(0); CHANNELS]).unwrap();
         for us in instants {
             world.advance(Nanos::from_micros(*us));
         }
         world.truth().qd[0]
     };
-    // Pushed from 1.25 to 3.75 ms, however the advance is cut.
+    // The joint is driven from 1.25 to 3.75 ms, whatever the division of the advance.
     let (whole, cut) = (run(&[20_000]), run(&[1_250, 3_750, 20_000]));
     assert!(whole > 0.0 && (whole - cut).abs() < 1e-12, "{whole} {cut}");
     assert!(run(&[1_250]).abs() < 1e-12, "nothing acts before its instant");
@@ -144,15 +147,15 @@ fn silence_drops_the_drives_and_sets_the_brakes() {
     let mut feed = false;
     for k in 0..40 {
         feed = !feed;
-        let t = PERIOD * k;
+        let t = CONTROL_PERIOD * k;
         devices.digital_out.commit(t, &lines(true, true, feed)).unwrap();
         devices.analog_out.commit(t, &word).unwrap();
-        world.advance(t + PERIOD);
+        world.advance(t + CONTROL_PERIOD);
     }
     let running = world.truth();
     assert!(running.enabled && !running.braked && running.qd[0].abs() > 0.1);
-    // The last word acted at 39 periods + delay; 50 ms later everything is off.
-    let last = PERIOD * 39 + DELAY;
+    // The last command acts at 39 periods + delay; 50 ms later everything is off.
+    let last = CONTROL_PERIOD * 39 + ACTUATION_DELAY;
     world.advance(last + LONGEST_SILENCE);
     assert_eq!(world.analog_out()[0], 1500, "not a moment too early");
     world.advance(last + LONGEST_SILENCE + Nanos(1));
@@ -168,10 +171,10 @@ fn silence_drops_the_drives_and_sets_the_brakes() {
 fn a_feed_line_that_does_not_toggle_is_no_sign_of_life() {
     let (mut world, mut devices) = bench();
     for k in 0..40 {
-        let t = PERIOD * k;
+        let t = CONTROL_PERIOD * k;
         devices.digital_out.commit(t, &lines(true, true, true)).unwrap();
         devices.analog_out.commit(t, &[DacCode(0); CHANNELS]).unwrap();
-        world.advance(t + PERIOD);
+        world.advance(t + CONTROL_PERIOD);
     }
     assert!(world.truth().braked && !world.truth().enabled);
 }

@@ -1,5 +1,6 @@
-//! The bench's electronics and its faults, seen through the devices: what a scene does not name
-//! costs nothing, what it names does what it says, and nothing disturbs another one's chances.
+//! Tests the electronics and the faults of the bench through its devices: parts that a scene does
+//! not name cost nothing, parts that it names have their effect, and no subsystem shifts the random
+//! numbers of another one.
 
 mod common;
 
@@ -19,7 +20,7 @@ fn pressing(config: &WorldConfig, speed_m_s: f64) -> (World, Devices) {
     bench(config, Carriage { axes: nominal(), knots, float: load_of(15.0) })
 }
 
-/// Frames that arrived until an instant, looked for every millisecond.
+/// Frames that arrived until an instant, sampled every millisecond.
 fn frames(world: &mut World, devices: &mut Devices, until_s: f64) -> Vec<TactileFrame> {
     let mut found = Vec::new();
     while world.now() < seconds(until_s) {
@@ -33,27 +34,33 @@ fn frames(world: &mut World, devices: &mut Devices, until_s: f64) -> Vec<Tactile
 }
 
 #[test]
-fn what_a_scene_does_not_name_is_not_worked_on() {
+fn parts_that_a_scene_does_not_name_cost_nothing() {
     let mut config = WorldConfig::default();
     let work = |config: &WorldConfig| {
         let (mut world, mut devices) = build(config, &Timing::default(), 1).unwrap();
         let seen = frames(&mut world, &mut devices, 0.2).len();
         let gauges = devices.force_torque.sample(world.now()).is_ok();
-        (world.work(), seen, gauges)
+        (world.statistics(), seen, gauges)
     };
     let (whole, seen, gauges) = work(&config);
-    assert!(whole.contacts > 0 && whole.images == 41 && whole.scans == 41 && seen >= 40 && gauges);
+    assert!(
+        whole.contact_evaluations > 0
+            && whole.tactile_images == 41
+            && whole.tactile_scans == 41
+            && seen >= 40
+            && gauges
+    );
     config.wrist.present = false;
     assert!(!work(&config).2, "gauges without a sensor");
     config.tactile.present = false;
-    let (blind, seen, _) = work(&config);
-    assert_eq!((blind.images, blind.scans, seen), (0, 0, 0));
+    let (absent, seen, _) = work(&config);
+    assert_eq!((absent.tactile_images, absent.tactile_scans, seen), (0, 0, 0));
     config.pin.present = false;
-    assert_eq!(work(&config).0.contacts, 0);
-    // An array over an empty table makes scans, but no contact is looked for.
+    assert_eq!(work(&config).0.contact_evaluations, 0);
+    // An array over an empty table makes scans, but no contact is evaluated.
     config.tactile.present = true;
     let (empty, seen, _) = work(&config);
-    assert!(empty.contacts == 0 && empty.scans == 41 && seen >= 40);
+    assert!(empty.contact_evaluations == 0 && empty.tactile_scans == 41 && seen >= 40);
 }
 
 #[test]
@@ -125,7 +132,8 @@ fn lost_frames_leave_gaps_that_only_their_seed_decides() {
     assert_ne!(some, sequences(Some(0.3), 2));
 }
 
-/// Drives joint 1 and keeps the boards fed; counts, lines and truth at the end of each period.
+/// Drives joint 1 and feeds the watchdogs; returns counts, lines and truth at the end of each
+/// period.
 fn driven(config: &WorldConfig, periods: i64) -> Vec<(i32, bool, bool, bool)> {
     let (mut world, mut devices) = build(config, &Timing::default(), 1).unwrap();
     let period = Timing::default().control_period;
@@ -151,7 +159,7 @@ fn a_dead_encoder_stays_where_it_was_and_comes_back() {
     let dead = Fault { joint: Some(1), ..fault(FaultKind::DeadEncoder, 0.1, 0.1) };
     let config = WorldConfig { fault: vec![dead], ..WorldConfig::default() };
     let seen = driven(&config, 120);
-    // Latched at 100 ms is the last count before; the fault begins there.
+    // The count latched at 100 ms is the last one before the fault, which begins there.
     let held = seen[38].0;
     assert!(seen[39..78].iter().all(|s| s.0 == held && s.1), "it moves and does not count");
     assert!(seen[81].0 != held && seen[30].0 != held);
@@ -184,7 +192,7 @@ fn joints_off_their_zeros_count_from_zero_all_the_same() {
 }
 
 #[test]
-fn one_subsystems_chance_does_not_move_anothers() {
+fn random_numbers_of_one_subsystem_do_not_shift_anothers() {
     let images = |edit: fn(&mut WorldConfig)| {
         let mut config = WorldConfig::default();
         edit(&mut config);
@@ -203,7 +211,7 @@ fn one_subsystems_chance_does_not_move_anothers() {
 }
 
 #[test]
-fn faults_and_sensors_that_cannot_be_are_refused() {
+fn impossible_faults_and_sensors_are_refused() {
     let refused = |edit: fn(&mut WorldConfig)| {
         let mut config = WorldConfig::default();
         edit(&mut config);

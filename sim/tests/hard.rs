@@ -1,5 +1,5 @@
-//! Hard cases: the physics may lose accuracy, it never explodes, pulls, or gives a number that is
-//! not finite.
+//! Tests hard cases: the physics may lose accuracy, but it never diverges, pulls, or gives a number
+//! that is not finite.
 
 mod common;
 
@@ -9,7 +9,7 @@ use taktil_hal::Nanos;
 use taktil_sim::scene::{Axis, Motion};
 use taktil_sim::{Carriage, Timing, Truth, World, WorldConfig, build_with_carriage};
 
-/// Presses with 15 N, rolls by 4 mm and back, lifts.
+/// A carriage that presses with 15 N, rolls the pin by 4 mm and back, and lifts.
 fn journey(config: &WorldConfig) -> Carriage {
     let z = meeting_height(config) + 1e-4;
     let dx = DVec3::new(0.004, 0.0, 0.0);
@@ -26,7 +26,7 @@ fn sound(truth: &Truth) {
     assert!((truth.pin_axis.length() - 1.0).abs() < 1e-9);
 }
 
-/// Runs for a time and looks every millisecond; the last truth and the world.
+/// Runs for a time and checks the truth every millisecond; returns the last truth and the world.
 fn watched(config: &WorldConfig, carriage: Carriage, until_s: f64) -> (Truth, World) {
     let (mut world, _devices) = bench(config, carriage);
     for i in 1..=(1000.0 * until_s) as i32 {
@@ -35,7 +35,7 @@ fn watched(config: &WorldConfig, carriage: Carriage, until_s: f64) -> (Truth, Wo
     (world.truth(), world)
 }
 
-/// The journey's end: where the pin went to, in force and place.
+/// Runs the journey and returns the truth at its turning point.
 fn rolls(name: &str, config: &WorldConfig) -> Truth {
     let (_, mut world) = watched(config, journey(config), 0.3);
     let start = world.truth();
@@ -44,15 +44,15 @@ fn rolls(name: &str, config: &WorldConfig) -> Truth {
     let moved = (half.pin.x - start.pin.x) / (half.tool.x - start.tool.x);
     let end = at(&mut world, 1.3);
     sound(&end);
-    let work = world.work();
+    let work = world.statistics();
     println!(
         "{name}: pin/finger {moved:.4}, force {:.4} N, back within {:.1e} m, {} steps, \
          {} halved, {} unsettled, step error {:.1e} m",
         half.finger_normal_n,
         (end.pin - start.pin).length(),
         work.steps,
-        work.halved,
-        work.unsettled,
+        work.halved_steps,
+        work.unconverged_steps,
         world.step_error_m(),
     );
     assert!((half.finger_normal_n - 15.0).abs() < 0.5, "{name}: {}", half.finger_normal_n);
@@ -102,7 +102,7 @@ fn steps_ten_times_longer_degrade_and_do_not_explode() {
     let half = at(&mut world, 0.7);
     sound(&half);
     let ratio = (half.pin.x - start.pin.x) / (half.tool.x - start.tool.x);
-    println!("12.5 ms steps: pin/finger {ratio:.5}, {:?}", world.work());
+    println!("12.5 ms steps: pin/finger {ratio:.5}, {:?}", world.statistics());
     assert!((ratio - 0.5).abs() < 5e-3, "{ratio}");
 }
 
@@ -121,7 +121,7 @@ fn grazing_contact_comes_and_goes_without_a_jump() {
     let knots = vec![(0.0, over(sunk - 2e-8) - dx), (1.0, over(sunk - 2e-8) + dx)];
     let (end, world) = watched(&config, Carriage { axes: nominal(), knots, float: None }, 1.0);
     assert!(end.finger_normal_n < 0.2, "{}", end.finger_normal_n);
-    assert_eq!(world.work().unsettled, 0);
+    assert_eq!(world.statistics().unconverged_steps, 0);
 }
 
 #[test]
@@ -152,11 +152,11 @@ fn a_dropped_pin_comes_to_rest() {
     let mut config = WorldConfig::default();
     config.pin.steadied = false;
     // The table falls away by 20 mm faster than the pin can follow.
-    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 0.02))];
+    config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 0.02)];
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };
     let (end, world) = watched(&config, carriage, 3.0);
     let weight = config.pin.mass_kg * 9.81;
-    println!("dropped 20 mm: {:?}", world.work());
+    println!("dropped 20 mm: {:?}", world.statistics());
     assert!((end.table_normal_n / weight - 1.0).abs() < 1e-3, "{}", end.table_normal_n);
     assert!(end.pin_velocity.length() < 1e-4, "{}", end.pin_velocity);
 }
@@ -168,13 +168,13 @@ fn a_finger_slammed_down_at_half_a_metre_per_second() {
     // The smooth start and stop reach 0.5 m/s in the middle, where the finger meets the pin.
     let knots = vec![(0.1, over(z + 2.5e-3)), (0.1 + 1.5 * 5e-3 / 0.5, over(z - 2.5e-3))];
     let (end, world) = watched(&config, Carriage { axes: nominal(), knots, float: None }, 0.5);
-    println!("slammed: {:.0} N at the end, {:?}", end.finger_normal_n, world.work());
+    println!("slammed: {:.0} N at the end, {:?}", end.finger_normal_n, world.statistics());
     assert!(end.in_contact && end.beyond_small_strain, "it says that the theory was left");
     let z = meeting_height(&config) + 0.01;
     let knots = vec![(0.1, over(z)), (0.2, over(z))];
     let mut carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
-    // A finger of 1 kg that falls on the pin with 0.5 m/s, and bounces.
-    carriage.float = carriage.float.map(|f| taktil_sim::Float { damping_n_s_m: 5.0, ..f });
+    // A finger of 1 kg falls on the pin with 0.5 m/s and bounces.
+    carriage.float = carriage.float.map(|f| taktil_sim::FloatingGuide { damping_n_s_m: 5.0, ..f });
     let (end, _) = watched(&config, carriage, 3.0);
     assert!((end.finger_normal_n - 15.0).abs() < 0.1, "{}", end.finger_normal_n);
 }
@@ -188,14 +188,15 @@ fn a_table_shaken_at_twenty_hertz() {
             Motion::ramp(
                 if i % 2 == 0 { Axis::Slide } else { Axis::Height },
                 if (i / 2) % 2 == 0 { 40.0 } else { -40.0 },
-                (0.5 + 0.025 * f64::from(i / 2), 0.5 + 0.025 * f64::from(i / 2 + 1)),
+                0.5 + 0.025 * f64::from(i / 2),
+                0.5 + 0.025 * f64::from(i / 2 + 1),
             )
         })
         .collect();
     let z = meeting_height(&config) + 1e-4;
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(z))], float: load_of(15.0) };
     let (end, world) = watched(&config, carriage, 1.5);
-    println!("shaken: {:.4} N at the end, {:?}", end.finger_normal_n, world.work());
+    println!("shaken: {:.4} N at the end, {:?}", end.finger_normal_n, world.statistics());
     assert!((end.finger_normal_n - 15.0).abs() < 1e-3 && end.pin.is_finite());
 }
 
@@ -227,7 +228,7 @@ fn a_disc_that_is_tipped_over_lies_on_the_table() {
     let (end, _) = watched(&config, Carriage { axes: nominal(), knots, float: None }, 2.0);
     let table_m = 1e-3 * config.table_height_mm();
     assert!(end.pin_axis.z.abs() > 0.9, "it stands: {}", end.pin_axis);
-    // Half as thick as it is long, on soft rubber.
+    // The disc is half as thick as it is long, on soft rubber.
     let above = end.pin.z - table_m;
     assert!((0.002..0.006).contains(&above), "{above}");
 }

@@ -1,4 +1,4 @@
-//! The tactile image against the forces that made it.
+//! Compares the tactile image with the forces that caused it.
 
 mod common;
 
@@ -16,7 +16,7 @@ fn newest(devices: &mut Devices, t_s: f64) -> TactileFrame {
     frame
 }
 
-fn seen(frame: &TactileFrame, rest: f64) -> (Moments, Features) {
+fn moments_and_features(frame: &TactileFrame, rest: f64) -> (Moments, Features) {
     let values: [f32; MAX_TACTELS] = frame.values.map(|v| (f64::from(v) - rest) as f32);
     let image = Image::new(16, 16, &values, None).unwrap();
     let moments = moments(&image, 0.0);
@@ -41,9 +41,9 @@ fn pressed(config: &WorldConfig, axes: glam::DMat3, x: f64) -> (taktil_sim::Trut
 fn the_sum_of_the_image_is_the_normal_force() {
     for x in [-0.012, 0.0, 0.0031, 0.008] {
         let (truth, frame) = pressed(&quiet(), nominal(), x);
-        let (sums, seen) = seen(&frame, 300.0);
+        let (sums, seen) = moments_and_features(&frame, 300.0);
         let force = sums.m0 * 4.0 / 4095.0;
-        // Rounding on 256 tactels, most of which carry less than half a count.
+        // The bound is the rounding on 256 tactels, most of which carry less than half a count.
         assert!((force - truth.finger_normal_n).abs() < 0.04, "{force} {}", truth.finger_normal_n);
         let due = truth.contact_x_tactels.unwrap();
         let x_c = seen.x_c.unwrap();
@@ -91,10 +91,10 @@ fn the_images_axis_is_the_pins_axis() {
         let mut config = quiet();
         config.pin.yaw_deg = yaw;
         let (truth, frame) = pressed(&config, nominal(), 0.0);
-        let (_, seen) = seen(&frame, 300.0);
+        let (_, seen) = moments_and_features(&frame, 300.0);
         let theta = seen.theta_z_rad.unwrap();
-        // About z_s = -z0 the angle has the other sign. A line of finite width looks a little less
-        // long to second moments, not less turned.
+        // About z_s = -z0 the angle has the opposite sign. To second moments a line of finite width
+        // looks slightly shorter, but not turned.
         assert!((truth.pin_yaw_rad.to_degrees() + yaw).abs() < 0.1, "{}", truth.pin_yaw_rad);
         assert!((theta - truth.pin_yaw_rad).abs() < 0.3_f64.to_radians(), "{theta}");
     }
@@ -105,7 +105,7 @@ fn a_tilted_finger_presses_one_side() {
     for (tilt, sign) in [(0.05_f64, 1.0), (-0.05, -1.0)] {
         let axes = nominal() * rotation_x(tilt.to_radians());
         let (truth, frame) = pressed(&quiet(), axes, 0.0);
-        let (_, seen) = seen(&frame, 300.0);
+        let (_, seen) = moments_and_features(&frame, 300.0);
         assert!(sign * truth.tilt_rad > 0.0, "{}", truth.tilt_rad);
         assert!(sign * (seen.y_c.unwrap() - 8.5) > 0.05, "{:?}", seen.y_c);
         assert!(sign * seen.m_x_centred > 0.0);

@@ -1,5 +1,5 @@
-//! An arm without masses: it is where its course says, at every instant, whatever drives, brakes
-//! and contacts do, and what it feels is what a servoed finger would feel there.
+//! Tests an arm without masses: it is on its trajectory at every instant, whatever drives, brakes
+//! and contacts do, and it feels the forces that a servoed finger would feel there.
 
 mod common;
 
@@ -31,7 +31,7 @@ fn world(config: &WorldConfig) -> (World, Devices) {
 }
 
 #[test]
-fn it_is_on_its_course_at_every_instant_without_drives() {
+fn the_arm_follows_its_trajectory_at_every_instant_without_drives() {
     let mut turned = HOME_DEG;
     (turned[0], turned[4]) = (10.0, 60.0);
     let mut config = kinematic(vec![point(0.5, turned), point(1.0, HOME_DEG)]);
@@ -50,19 +50,23 @@ fn it_is_on_its_course_at_every_instant_without_drives() {
     let (now, then) = (gears.counts(&truth.q), gears.counts(&home));
     let seen = devices.encoders.sample(seconds(0.5)).unwrap().value;
     assert!((0..6).all(|i| seen[i].0 == now[i] - then[i]), "encoders tell the course");
-    // Half of a symmetric way back is half of the time, whichever steps lead there.
+    // At half of the time a symmetric motion is half-way, whatever the steps.
     world.advance(seconds(0.75));
     assert!((world.truth().q[0] - 5f64.to_radians()).abs() < 1e-12);
     world.advance(seconds(3.0));
     let end = world.truth();
     assert!((end.q - home).amax() < 1e-15 && end.qd == Joints::zeros());
-    // Nothing rubs, falls or is felt: nobody pays for it.
-    let work = world.work();
-    assert_eq!((work.iterations, work.contacts, work.images), (0, 0, 0), "{work:?}");
+    // Nothing touches the arm, so that nothing is computed.
+    let work = world.statistics();
+    assert_eq!(
+        (work.newton_iterations, work.contact_evaluations, work.tactile_images),
+        (0, 0, 0),
+        "{work:?}"
+    );
 }
 
 #[test]
-fn what_it_presses_pushes_back_and_moves_it_not() {
+fn contact_forces_do_not_move_a_prescribed_arm() {
     for integrator in [Integrator::Auto, Integrator::Euler] {
         let mut config = kinematic(vec![point(0.5, lowered(15.1))]);
         config.fidelity.integrator = integrator;
@@ -83,7 +87,7 @@ fn what_it_presses_pushes_back_and_moves_it_not() {
 }
 
 #[test]
-fn its_state_does_not_depend_on_how_time_is_cut() {
+fn its_state_does_not_depend_on_the_division_of_time() {
     let config = kinematic(vec![point(0.5, lowered(15.2))]);
     let ((mut whole, _a), (mut cut, _b)) = (world(&config), world(&config));
     whole.advance(seconds(1.0));

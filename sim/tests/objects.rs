@@ -1,4 +1,4 @@
-//! Objects on the table against the finger: a finger on rails presses, slides off and comes back.
+//! Tests objects on the table: a finger on rails presses, slides off and comes back.
 
 mod common;
 
@@ -9,7 +9,7 @@ use taktil_mechanics::tactile::{Features, Image, features, moments};
 use taktil_sim::scene::{EdgeProfile, ObjectConfig, ObjectKind};
 use taktil_sim::{Carriage, PITCH_M, Timing, World, WorldConfig, build};
 
-/// Counts a newton: 4095 for 4 N.
+/// Counts per newton: 4095 for 4 N.
 const COUNTS_PER_N: f64 = 4095.0 / 4.0;
 /// Height of the default object's top (m).
 const TOP_M: f64 = -0.149;
@@ -21,7 +21,7 @@ fn with(object: ObjectConfig) -> WorldConfig {
     config
 }
 
-fn seen(devices: &mut Devices, t_s: f64) -> Features {
+fn features_of(devices: &mut Devices, t_s: f64) -> Features {
     let mut frame = TactileFrame::empty();
     assert_eq!(devices.tactile.sample(seconds(t_s), &mut frame), Ok(Arrival::New));
     let values: [f32; MAX_TACTELS] = frame.values.map(|v| (f64::from(v) - 300.0) as f32);
@@ -51,9 +51,9 @@ fn at_rest_the_object_carries_the_load_and_the_image_shows_it() {
         let felt = truth.object.unwrap();
         assert!((felt.normal_n - 8.0).abs() < 1e-6, "{kind:?}: {}", felt.normal_n);
         assert!((truth.finger_normal_n - 8.0).abs() < 1e-6 && truth.in_contact);
-        // The sensor looks down: what pushes it up pushes it along -z.
+        // The sensor looks down, so that a force that pushes it up pushes it along -z.
         assert!((truth.tool_wrench[2] + 8.0).abs() < 1e-6, "{}", truth.tool_wrench[2]);
-        let seen = seen(&mut devices, 2.0);
+        let seen = features_of(&mut devices, 2.0);
         let force = seen.m0 / COUNTS_PER_N;
         assert!((force - 8.0).abs() < 0.1, "{kind:?}: the image sums to {force} N");
         assert!((seen.x_c.unwrap() - 8.5).abs() < 0.02, "{:?}", seen.x_c);
@@ -66,9 +66,9 @@ fn the_images_middle_is_where_the_sphere_is() {
     let sphere = ObjectConfig { x_mm: 3.1, y_mm: -2.2, ..ObjectConfig::of(ObjectKind::Sphere) };
     let (mut world, mut devices) = riding(&with(sphere), 0.0, 0.0);
     let felt = at(&mut world, 2.0).object.unwrap();
-    // The sensor's x runs along -x0.
+    // The sensor's x is opposite to x0.
     assert!((felt.place_m.0 + 3.1e-3).abs() < 1e-9 && (felt.place_m.1 + 2.2e-3).abs() < 1e-9);
-    let seen = seen(&mut devices, 2.0);
+    let seen = features_of(&mut devices, 2.0);
     let mm = |place: Option<f64>| 1e3 * PITCH_M * (place.unwrap() - 8.5);
     assert!((mm(seen.x_c) + 3.1).abs() < 0.02 && (mm(seen.y_c) + 2.2).abs() < 0.02, "{seen:?}");
 }
@@ -79,11 +79,11 @@ fn an_edges_image_is_turned_as_the_edge_is() {
         let edge = ObjectConfig { yaw_deg, x_mm: 2.0, ..ObjectConfig::of(ObjectKind::Edge) };
         let (mut world, mut devices) = riding(&with(edge), 0.0, 0.0);
         let felt = at(&mut world, 2.0).object.unwrap();
-        // About the sensor's z, which looks down, angles have the other sign.
+        // About the sensor's z, which looks down, angles have the opposite sign.
         assert!((felt.yaw_rad.to_degrees() + yaw_deg).abs() < 1e-9, "{}", felt.yaw_rad);
         let across = 2e-3 * libm::cos(f64::to_radians(yaw_deg));
         assert!((felt.off_m + across).abs() < 1e-9, "{} {across}", felt.off_m);
-        let theta = seen(&mut devices, 2.0).theta_z_rad.unwrap();
+        let theta = features_of(&mut devices, 2.0).theta_z_rad.unwrap();
         let off = (theta - felt.yaw_rad).to_degrees();
         assert!(off.abs() < 0.6, "{yaw_deg}: the image is off by {off} deg");
     }
@@ -156,12 +156,12 @@ fn a_table_takes_its_objects_along() {
     };
     assert!(truth(&config).in_contact, "it stands where the scene puts it, whatever the table");
     config.table.motion =
-        vec![taktil_sim::scene::Motion::ramp(taktil_sim::scene::Axis::Height, -10.0, (0.05, 0.15))];
+        vec![taktil_sim::scene::Motion::ramp(taktil_sim::scene::Axis::Height, -10.0, 0.05, 0.15)];
     assert!(!truth(&config).in_contact, "and goes down with it");
 }
 
 #[test]
-fn along_the_curve_the_truth_counts_millimetres() {
+fn the_truth_measures_the_length_along_the_curve() {
     let arc = ObjectConfig {
         profile: Some(EdgeProfile::Arc),
         bend_mm: Some(40.0),
@@ -177,21 +177,21 @@ fn along_the_curve_the_truth_counts_millimetres() {
 }
 
 #[test]
-fn equal_runs_are_equal_and_nothing_is_paid_for_nothing() {
+fn equal_runs_are_equal_and_absent_parts_cost_nothing() {
     let hash = |config: &WorldConfig| {
         let (mut world, _devices) = riding(config, 0.003, 0.002);
         at(&mut world, 1.7);
-        (world.state_hash(), world.work())
+        (world.state_hash(), world.statistics())
     };
     let config = with(ObjectConfig::of(ObjectKind::Edge));
     assert_eq!(hash(&config), hash(&config));
     let bare = WorldConfig { object: Vec::new(), ..config };
     let work = hash(&bare).1;
-    assert_eq!((work.contacts, work.images), (0, 0));
+    assert_eq!((work.contact_evaluations, work.tactile_images), (0, 0));
 }
 
 #[test]
-fn what_cannot_be_is_refused_with_its_place() {
+fn impossible_values_are_refused_with_their_place() {
     let place = |config: WorldConfig| {
         build(&config, &Timing::default(), 1).map(|_| ()).map_err(|bad| bad.place).unwrap_err()
     };

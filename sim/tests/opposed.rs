@@ -1,4 +1,5 @@
-//! The second fingertip under the pin: what its array shows, what its mount moves, what it costs.
+//! Tests the second fingertip under the pin: the image of its array, the motion of its mount, its
+//! cost.
 
 mod common;
 
@@ -24,7 +25,7 @@ fn pressing(config: &WorldConfig, dx: f64) -> (World, Devices) {
     bench(config, Carriage { axes: nominal(), knots, float: load_of(15.0) })
 }
 
-/// Both newest frames, the finger's first.
+/// The newest frames of both arrays, the finger's first.
 fn frames(devices: &mut Devices, t_s: f64) -> [TactileFrame; 2] {
     let mut frames = [TactileFrame::empty(), TactileFrame::empty()];
     let now = seconds(t_s);
@@ -34,7 +35,7 @@ fn frames(devices: &mut Devices, t_s: f64) -> [TactileFrame; 2] {
     frames
 }
 
-fn seen(frame: &TactileFrame) -> (Moments, Features) {
+fn moments_and_features(frame: &TactileFrame) -> (Moments, Features) {
     let values: [f32; MAX_TACTELS] = frame.values.map(|v| (f64::from(v) - 300.0) as f32);
     let image = Image::new(16, 16, &values, None).unwrap();
     let moments = moments(&image, 0.0);
@@ -42,7 +43,7 @@ fn seen(frame: &TactileFrame) -> (Moments, Features) {
 }
 
 #[test]
-fn both_arrays_show_the_force_and_the_place_that_there_is() {
+fn both_arrays_show_force_and_place_of_the_contact() {
     let (mut world, mut devices) = pressing(&config(), 0.006);
     let before = at(&mut world, 0.5);
     let rest = frames(&mut devices, 0.5);
@@ -55,18 +56,20 @@ fn both_arrays_show_the_force_and_the_place_that_there_is() {
             (truth.table_normal_n, opposed.contact_x_tactels.unwrap()),
         ];
         for (frame, (force_n, x)) in frames.iter().zip(due) {
-            let (sums, seen) = seen(frame);
+            let (sums, seen) = moments_and_features(frame);
             // Rounding on 256 tactels.
             assert!((sums.m0 * 4.0 / 4095.0 - force_n).abs() < 0.05, "{} {force_n}", sums.m0);
-            // A layer thinner than a tactel is wide: the place is seen to a tenth of one.
+            // Under a layer that is thinner than a tactel, the place is measured to a tenth of a
+            // tactel.
             assert!((seen.x_c.unwrap() - x).abs() < 0.12, "{:?} {x}", seen.x_c);
         }
-        // The pin is at rest: the fingertip below carries its weight besides.
+        // The pin is at rest: the fingertip below also carries its weight.
         let weight_n = 0.2 * 9.81;
         assert!((truth.table_normal_n - truth.finger_normal_n - weight_n).abs() < 1e-3);
     }
-    // Rolling without slip between equal pads: the pin goes half the way, and the contact as far on
-    // either pad. The finger's columns count against x0, the other's along it.
+    // In rolling without slip between equal pads the pin moves half as far as the finger, and the
+    // contact as far on either pad. The finger's columns are counted against x0, those of the other
+    // fingertip along it.
     let way = |a: Option<f64>, b: Option<f64>| (b.unwrap() - a.unwrap()) * PITCH_M;
     let finger = way(before.contact_x_tactels, after.contact_x_tactels);
     let tip = |t: &taktil_sim::Truth| t.opposed.unwrap().contact_x_tactels;
@@ -77,34 +80,32 @@ fn both_arrays_show_the_force_and_the_place_that_there_is() {
 }
 
 #[test]
-fn its_mount_moves_it_as_the_table() {
+fn the_mount_moves_like_the_table() {
     let mut config = config();
-    config.table.motion = vec![
-        Motion::ramp(Axis::Slide, 4.0, (1.0, 2.0)),
-        Motion::ramp(Axis::TiltX, 0.5, (1.0, 2.0)),
-    ];
+    config.table.motion =
+        vec![Motion::ramp(Axis::Slide, 4.0, 1.0, 2.0), Motion::ramp(Axis::TiltX, 0.5, 1.0, 2.0)];
     let (mut world, mut devices) = pressing(&config, 0.0);
     let before = at(&mut world, 0.9);
     let after = at(&mut world, 2.5);
     let [a, b] = [before, after].map(|truth| truth.opposed.unwrap());
     assert!((b.face.x - a.face.x - 0.004).abs() < 1e-12, "{a:?} {b:?}");
     assert!((b.face_z.y + libm::sin(0.5_f64.to_radians())).abs() < 1e-12);
-    // The mount went 4 mm and the finger stood: the pin goes half of it.
+    // The mount moved by 4 mm and the finger stood, so that the pin moved by half of that.
     assert!((after.pin.x - before.pin.x - 0.002).abs() < 2e-4);
-    // The pin stands between both, and leans against each by a part of it.
+    // The pin touches both pads and leans against each with a part of the tilt.
     let parts = [b.tilt_rad.abs(), after.tilt_rad.abs()];
     assert!((parts[0] + parts[1] - 0.5_f64.to_radians()).abs() < 1e-6, "{parts:?}");
     assert!(parts.iter().all(|part| *part > 0.1_f64.to_radians()), "{parts:?}");
-    // Its image leans with it: the middle of the load is off the middle row.
+    // Its image shows the tilt: the middle of the load is off the middle row.
     let [_, opposed] = frames(&mut devices, 2.5);
-    assert!((seen(&opposed).1.y_c.unwrap() - 8.5).abs() > 0.2);
+    assert!((moments_and_features(&opposed).1.y_c.unwrap() - 8.5).abs() > 0.2);
 }
 
 #[test]
-fn a_pin_that_rolls_off_it_falls_and_stays_a_number() {
+fn a_pin_that_rolls_off_falls_with_a_finite_state() {
     let mut config = config();
     config.pin.steadied = false;
-    config.table.motion = vec![Motion::ramp(Axis::Slide, 60.0, (0.6, 1.6))];
+    config.table.motion = vec![Motion::ramp(Axis::Slide, 60.0, 0.6, 1.6)];
     let (mut world, _devices) = pressing(&config, 0.0);
     let held = at(&mut world, 0.5);
     assert!(held.table_normal_n > 10.0);
@@ -127,7 +128,7 @@ fn each_array_draws_from_streams_of_its_own_and_loses_frames_of_its_own() {
         let mut other = TactileFrame::empty();
         let opposed = devices.tactile_opposed.as_mut();
         let arrival = opposed.map(|array| array.sample(seconds(0.5), &mut other).unwrap());
-        (frame, other, arrival, world.work())
+        (frame, other, arrival, world.statistics())
     };
     let quiet = run(&|_| ());
     let noisy = run(&|c| c.opposed.tactile.noise_counts = 50.0);
@@ -144,12 +145,12 @@ fn each_array_draws_from_streams_of_its_own_and_loses_frames_of_its_own() {
     };
     let lost = run(&|c| c.fault = vec![fault(Some(true))]);
     assert_eq!((lost.0, lost.1.acquired), (quiet.0, seconds(0.395)));
-    // Counted: an image for each array, none for one that is not there.
-    assert_eq!(quiet.3.images, 2 * 101);
+    // One image is counted for each array, none for an absent one.
+    assert_eq!(quiet.3.tactile_images, 2 * 101);
     let blind = run(&|c| c.opposed.tactile.present = false);
-    assert_eq!((blind.2, blind.3.images), (Some(Arrival::Held), 101));
+    assert_eq!((blind.2, blind.3.tactile_images), (Some(Arrival::Held), 101));
     let alone = run(&|c| c.opposed.present = false);
-    assert_eq!((alone.2, alone.3.images), (None, 101));
+    assert_eq!((alone.2, alone.3.tactile_images), (None, 101));
 }
 
 #[test]
@@ -160,18 +161,18 @@ fn three_dimensions_agree_with_planes_and_are_solved_for_each() {
     let both = [planes, space].map(|config| {
         let (mut world, mut devices) = pressing(&config, 0.0);
         let truth = at(&mut world, 0.5);
-        (truth, frames(&mut devices, 0.5), world.work().solved)
+        (truth, frames(&mut devices, 0.5), world.statistics().spatial_solutions)
     });
     assert_eq!(both[0].2, 0);
     assert!(both[1].2 > 150, "{}", both[1].2);
     for (frame, other) in both[0].1.iter().zip(&both[1].1) {
-        let [a, b] = [frame, other].map(|frame| seen(frame).0.m0);
+        let [a, b] = [frame, other].map(|frame| moments_and_features(frame).0.m0);
         assert!((a / b - 1.0).abs() < 0.02, "{a} {b}");
     }
 }
 
 #[test]
-fn what_cannot_be_is_refused_with_its_place() {
+fn impossible_values_are_refused_with_their_place() {
     let refused = |edit: &dyn Fn(&mut WorldConfig)| {
         let mut config = config();
         edit(&mut config);

@@ -1,5 +1,5 @@
-//! A pin that nobody pushes: what it moves by, what it can fall by and what rubber and bristles
-//! hold never exceed together what they were at the start, over a grid of masses, moduli,
+//! Checks a pin that nobody pushes: its kinetic and potential energy and the energy of rubber and
+//! bristles never exceed together their value at the start, over a grid of masses, moduli,
 //! relaxation times and steps. Table and finger stand still and do no work.
 
 mod common;
@@ -9,9 +9,9 @@ use glam::DMat3;
 use taktil_sim::scene::{Axis, Motion, RubberConfig};
 use taktil_sim::{Carriage, World, WorldConfig};
 
-const G: f64 = 9.81;
+const GRAVITY_M_S2: f64 = 9.81;
 
-/// What is varied.
+/// One point of the grid.
 #[derive(Clone, Copy, Debug)]
 struct Case {
     mass_kg: f64,
@@ -46,7 +46,7 @@ fn config(case: Case) -> WorldConfig {
 
 /// Largest gain over the energy at `from_s`, in 0.3 s (J).
 fn gain_j(world: &mut World, from_s: f64) -> f64 {
-    let whole = |world: &World| world.energy_j() + world.rubber_j();
+    let whole = |world: &World| world.energy_j() + world.rubber_energy_j();
     at(world, from_s);
     let (start, mut gain) = (whole(world), f64::NEG_INFINITY);
     for i in 1..=120 {
@@ -56,7 +56,7 @@ fn gain_j(world: &mut World, from_s: f64) -> f64 {
     gain
 }
 
-/// Largest gains of damped and of undamped rubber, in parts of `scale_j` of each case.
+/// Largest gains with damped and with undamped rubber, relative to `scale_j` of each case.
 fn worst(name: &str, run: impl Fn(Case) -> (f64, f64)) -> [f64; 2] {
     let mut worst = [f64::NEG_INFINITY; 2];
     for case in grid() {
@@ -78,12 +78,12 @@ fn a_pin_dropped_on_a_slope_gains_nothing() {
         let mut config = config(case);
         (config.pin.yaw_deg, config.table.tilt_y_deg, config.table.tilt_x_deg) = (30.0, 15.0, 5.0);
         // The table falls away faster than the pin can follow.
-        config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, (0.0, 0.0025))];
+        config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 0.0025)];
         let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.05))], float: None };
         let (mut world, _devices) = bench(&config, carriage);
-        (gain_j(&mut world, 0.0025), case.mass_kg * G * 2.5e-3)
+        (gain_j(&mut world, 0.0025), case.mass_kg * GRAVITY_M_S2 * 2.5e-3)
     });
-    // What is left is the rounding of sums over the weight's whole height.
+    // The bound is the rounding of sums over the whole height of the weight.
     assert!(damped < 1e-11, "{damped:e} of the drop's energy");
     assert!(undamped < 1e-11, "{undamped:e} of the drop's energy");
 }
@@ -98,7 +98,7 @@ fn a_pin_squeezed_out_takes_no_more_than_the_rubbers_held() {
         let z = meeting_height(&config) - 5e-5;
         let carriage = Carriage { axes, knots: vec![(0.0, over(z))], float: None };
         let (mut world, _devices) = bench(&config, carriage);
-        let held = world.rubber_j();
+        let held = world.rubber_energy_j();
         (gain_j(&mut world, 0.0), held)
     });
     assert!(damped < 1e-9, "{damped:e} of what they held");

@@ -1,4 +1,5 @@
-//! Rolling, slipping and climbing come out of the contact forces: ratios and slopes by geometry.
+//! Checks that rolling, slipping and climbing result from the contact forces: ratios and slopes
+//! follow from geometry.
 
 mod common;
 
@@ -20,7 +21,7 @@ fn the_finger_travels_twice_the_contact() {
         let mut config = WorldConfig::default();
         config.pin.radius_mm = radius_mm;
         let (before, after) = stroke(&config, nominal(), 0.020);
-        // The contact line moves back over the finger: towards -x0, which is +x of the sensor.
+        // The contact line moves back over the finger, towards -x0, which is +x of the sensor.
         let ratio = (after.tool.x - before.tool.x) / contact_travel(&before, &after);
         println!("radius {radius_mm} mm: ratio {ratio:.4}");
         assert!((ratio - 2.0).abs() < 0.02, "radius {radius_mm}: {ratio}");
@@ -57,7 +58,8 @@ fn a_little_friction_on_one_side_makes_the_pin_slip_there() {
 fn a_finger_parallel_to_a_tilted_table_climbs_with_its_slope() {
     for deg in [-8.0, 4.0, 8.0_f64] {
         let axes = rotation_y(-deg.to_radians()) * nominal();
-        // The contact starts R tan(tilt) off the pad's middle: a longer stroke would leave the pad.
+        // The contact starts R tan(tilt) off the pad's middle, so that a longer stroke would leave
+        // the pad.
         let (before, after) = stroke(&tilted(deg), axes, 0.014);
         let slope = (after.tool.z - before.tool.z) / (after.tool.x - before.tool.x);
         let due = libm::tan(deg.to_radians());
@@ -98,7 +100,7 @@ fn strokes_there_and_back_return_the_pin() {
 fn a_table_that_slides_or_rises_carries_the_pin() {
     let slide = |axis, rate| {
         let mut config = WorldConfig::default();
-        config.table.motion = vec![Motion::ramp(axis, rate, (1.0, 2.0))];
+        config.table.motion = vec![Motion::ramp(axis, rate, 1.0, 2.0)];
         let z = meeting_height(&config) + 1e-4;
         let knots = vec![(0.0, over(z))];
         let carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
@@ -121,7 +123,7 @@ fn yaw_and_tilt_have_the_stated_signs() {
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(z))], float: load_of(15.0) };
     let (mut world, _devices) = bench(&config, carriage);
     let truth = at(&mut world, 1.0);
-    // x_s = -x0 mirrors: turned by +3 deg about z0, the axis stands at -3 deg about z_s = -z0.
+    // x_s = -x0 mirrors angles: turned by +3 deg about z0, the axis is at -3 deg about z_s = -z0.
     assert!((truth.pin_yaw_rad + 3.0_f64.to_radians()).abs() < 1e-3, "{}", truth.pin_yaw_rad);
 
     let axes = nominal() * rotation_x(0.2_f64.to_radians());
@@ -130,7 +132,8 @@ fn yaw_and_tilt_have_the_stated_signs() {
     let (mut world, _devices) = bench(&config, carriage);
     let truth = at(&mut world, 1.0);
     assert!(truth.tilt_rad > 0.5 * 0.2_f64.to_radians(), "{}", truth.tilt_rad);
-    // Rows of high number lie at +y_s = +y0: pressed more, the moment about x_s is negative.
+    // Rows of high number are at +y_s = +y0; when they are pressed more, the moment about x_s is
+    // negative.
     assert!(truth.tool_wrench[3] < -0.01, "{}", truth.tool_wrench);
 }
 
@@ -138,7 +141,7 @@ fn yaw_and_tilt_have_the_stated_signs() {
 fn a_finger_that_turns_about_its_axis_turns_the_pin_by_friction_alone() {
     let yaw = |friction: f64| {
         let mut config = WorldConfig::default();
-        // The finger alone decides: the table is slippery, the pin starts turned by 5 deg.
+        // The finger alone acts on the pin: the table is slippery, the pin starts turned by 5 deg.
         (config.finger.friction, config.table.friction) = (friction, 0.0);
         config.pin.steadied = false;
         config.pin.yaw_deg = 5.0;
@@ -159,7 +162,7 @@ fn a_pressed_pin_on_a_panned_table_is_torn_between_table_and_finger() {
     let turned = |friction: f64| {
         let mut config = WorldConfig::default();
         config.finger.friction = friction;
-        config.table.motion = vec![Motion::ramp(Axis::Pan, 2.0, (0.5, 1.5))];
+        config.table.motion = vec![Motion::ramp(Axis::Pan, 2.0, 0.5, 1.5)];
         let z = meeting_height(&config) + 1e-4;
         let knots = vec![(0.0, over(z))];
         let carriage = Carriage { axes: nominal(), knots, float: load_of(15.0) };
@@ -171,14 +174,14 @@ fn a_pressed_pin_on_a_panned_table_is_torn_between_table_and_finger() {
     println!("panned by 2 deg: pin {free:.3} deg on its own, {held:.3} deg held, {moment:.4} N m");
     assert!((free - 2.0).abs() < 0.02 && no_moment.abs() < 1e-6, "{free} {no_moment}");
     assert!(held < 1.98 && held > 0.2, "{held}");
-    // The pin turns the finger along with the table: about +z0, that is -z_s.
+    // The pin turns the finger along with the table, about +z0, which is -z_s.
     assert!(moment < -1e-3, "{moment}");
 }
 
 #[test]
 fn a_panned_table_turns_a_pin_that_nobody_presses() {
     let mut config = WorldConfig::default();
-    config.table.motion = vec![Motion::ramp(Axis::Pan, 5.0, (0.5, 2.5))];
+    config.table.motion = vec![Motion::ramp(Axis::Pan, 5.0, 0.5, 2.5)];
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };
     let (mut world, _devices) = bench(&config, carriage);
     let truth = at(&mut world, 3.5);

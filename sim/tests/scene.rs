@@ -1,9 +1,11 @@
-//! Scenes that cannot be simulated are refused with their place.
+//! Checks that scenes that cannot be simulated are refused with their place.
 
 use taktil_hal::explain::Explain;
 use taktil_sim::fidelity::{ArmModel, Integrator};
-use taktil_sim::scene::{Axis, Kind, Motion, ObjectConfig, ObjectKind};
-use taktil_sim::{Carriage, Float, Invalid, Timing, WorldConfig, build, build_with_carriage};
+use taktil_sim::scene::{Axis, Motion, MotionKind, ObjectConfig, ObjectKind};
+use taktil_sim::{
+    Carriage, FloatingGuide, Invalid, Timing, WorldConfig, build, build_with_carriage,
+};
 
 fn refused(edit: impl FnOnce(&mut WorldConfig)) -> Invalid {
     let mut config = WorldConfig::default();
@@ -144,7 +146,7 @@ fn every_number_is_refused_when_it_is_no_number_or_out_of_range() {
 }
 
 #[test]
-fn what_contradicts_is_refused() {
+fn contradictions_are_refused() {
     let found = refused(|c| c.tactile.rest_counts = 249.0);
     assert_eq!(found.place, "tactile.rest_counts");
     assert!(found.what.contains("250"), "{found}");
@@ -161,7 +163,7 @@ fn what_contradicts_is_refused() {
 
 #[test]
 fn motions_must_fit_their_axis_and_their_kind_and_run_forwards() {
-    let good = Motion::ramp(Axis::Pan, 5.0, (1.0, 2.0));
+    let good = Motion::ramp(Axis::Pan, 5.0, 1.0, 2.0);
     let with = |edit: fn(&mut Motion)| {
         let mut motion = good.clone();
         edit(&mut motion);
@@ -179,12 +181,12 @@ fn motions_must_fit_their_axis_and_their_kind_and_run_forwards() {
     assert_eq!(with(|m| m.from_s = -1.0), ".from_s");
     assert_eq!(with(|m| m.blend_s = Some(0.6)), ".blend_s");
     assert_eq!(with(|m| m.by_deg = Some(1.0)), ".by_deg");
-    assert_eq!(with(|m| m.kind = Kind::Step), ".rate_deg_s");
-    assert_eq!(with(|m| *m = Motion::of(Axis::Pan, Kind::Step)), "");
-    assert_eq!(with(|m| *m = Motion::of(Axis::Pan, Kind::Sine)), "");
+    assert_eq!(with(|m| m.kind = MotionKind::Step), ".rate_deg_s");
+    assert_eq!(with(|m| *m = Motion::of(Axis::Pan, MotionKind::Step)), "");
+    assert_eq!(with(|m| *m = Motion::of(Axis::Pan, MotionKind::Sine)), "");
     assert_eq!(refused(|c| c.table.motion = vec![good.clone(); 17]).place, "table.motion");
     let points = |points: &[[f64; 2]]| {
-        let mut motion = Motion::of(Axis::Slide, Kind::Points);
+        let mut motion = Motion::of(Axis::Slide, MotionKind::Points);
         motion.points_mm = Some(points.to_vec());
         let place = refused(|c| c.table.motion = vec![motion]).place;
         place.strip_prefix("table.motion[0].points_mm").unwrap().to_owned()
@@ -194,7 +196,7 @@ fn motions_must_fit_their_axis_and_their_kind_and_run_forwards() {
     assert_eq!(points(&[[0.0, 1.0], [1.0, f64::NAN]]), "[1][1]");
     assert_eq!(points(&[[0.0, 1.0], [1.0, 2.0], [0.5, 0.0]]), "[2][0]");
     assert_eq!(points(&[[-0.5, 1.0], [1.0, 2.0]]), "[0][0]");
-    let mut unread = Motion::of(Axis::Slide, Kind::Points);
+    let mut unread = Motion::of(Axis::Slide, MotionKind::Points);
     assert_eq!(refused(|c| c.table.motion = vec![unread.clone()]).place, "table.motion[0]");
     unread.file = Some("hand.csv".to_owned());
     assert_eq!(refused(|c| c.table.motion = vec![unread.clone()]).place, "table.motion[0].file");
@@ -248,20 +250,20 @@ fn a_step_too_long_for_the_rubber_is_refused_with_figures() {
         c.pin.mass_kg = 0.02;
     });
     assert_eq!(found.place, "substep_us");
-    // The remedy's own figure is accepted.
+    // The figure in the remedy is accepted.
     let digits: String = found.remedy.chars().skip(4).take_while(char::is_ascii_digit).collect();
     let mut config = WorldConfig::default();
     explicit(&mut config);
     config.pin.mass_kg = 0.02;
     config.substep_us = digits.parse().unwrap();
     build(&config, &Timing::default(), 0).unwrap();
-    // The thesis's rubber with a steel pin and a short step.
+    // The rubber of the thesis works with a steel pin and a short step.
     let mut config = WorldConfig::default();
     explicit(&mut config);
     config.finger.rubber.youngs_mpa = 27.58;
     (config.pin.mass_kg, config.substep_us) = (1.04, 50.0);
     build(&config, &Timing::default(), 0).unwrap();
-    // The implicit integrator takes all of it.
+    // The implicit integrator accepts all of these scenes.
     config.fidelity.integrator = Integrator::Auto;
     config.substep_us = 1250.0;
     build(&config, &Timing::default(), 0).unwrap();
@@ -269,7 +271,7 @@ fn a_step_too_long_for_the_rubber_is_refused_with_figures() {
 
 #[test]
 fn a_finger_that_starts_inside_something_is_refused() {
-    // The pin stands 15 mm under the finger by default, sunk into the table by its weight.
+    // The pin is 15 mm under the finger by default, pressed into the table by its weight.
     let found = refused(|c| c.table.height_mm = Some(-149.0 - 46.0 + 20.0));
     assert_eq!(found.place, "pin");
     assert!(found.what.contains("4.958 mm inside"), "{found}");
@@ -306,11 +308,11 @@ fn timings_and_carriages_are_checked_too() {
     assert_eq!(carriage(|c| c.knots[0].1.x = f64::NAN), "carriage.knots");
     assert_eq!(carriage(|c| c.axes.x_axis *= 2.0), "carriage.axes");
     assert_eq!(carriage(|c| c.axes.x_axis *= -1.0), "carriage.axes", "left-handed");
-    let float = Float { mass_kg: 0.0, load_n: 1.0, damping_n_s_m: 0.0 };
+    let float = FloatingGuide { mass_kg: 0.0, load_n: 1.0, damping_n_s_m: 0.0 };
     assert_eq!(carriage_with(float), "carriage.float");
 }
 
-fn carriage_with(float: Float) -> String {
+fn carriage_with(float: FloatingGuide) -> String {
     let knots = vec![(0.0, common::over(0.0))];
     let carriage = Carriage { axes: common::nominal(), knots, float: Some(float) };
     build_with_carriage(&WorldConfig::default(), &Timing::default(), 0, carriage).unwrap_err().place

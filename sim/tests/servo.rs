@@ -1,5 +1,6 @@
-//! The whole bench under a plain servo: PD with gravity on the joints, a force loop on the image.
-//! Not the project's controller, only proof that one can work against this physics.
+//! Runs the whole bench under a simple servo: PD control with gravity compensation on the joints, a
+//! force loop on the image. It is not the project's controller, only evidence that one can work
+//! against this physics.
 
 mod common;
 
@@ -12,7 +13,7 @@ use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_mechanics::{Joints, Pose};
 use taktil_sim::{PITCH_M, Timing, World, WorldConfig, build};
 
-const PERIOD: Nanos = Nanos::from_micros(2_500);
+const CONTROL_PERIOD: Nanos = Nanos::from_micros(2_500);
 const BANDWIDTH_RAD_S: f64 = 80.0;
 const WANTED_COUNTS: f64 = 15_000.0;
 
@@ -39,12 +40,12 @@ impl Servo {
 
     /// One control period towards desired joints.
     fn step(&mut self, desired: &Joints) {
-        let t = PERIOD * self.tick;
+        let t = CONTROL_PERIOD * self.tick;
         let counts = self.devices.encoders.sample(t).unwrap().value;
         let gears = Transmission::reference();
         let zero = gears.counts(&self.home);
         let q = gears.joints(&core::array::from_fn(|i| counts[i].0 + zero[i]));
-        let speed = (q - self.last) / PERIOD.as_secs_f64();
+        let speed = (q - self.last) / CONTROL_PERIOD.as_secs_f64();
         self.last = q;
         let damping = self.gain * (1.4 / BANDWIDTH_RAD_S);
         let torque = self.gain.component_mul(&(desired - q)) - damping.component_mul(&speed)
@@ -60,7 +61,7 @@ impl Servo {
         self.devices.analog_out.commit(t, &codes).unwrap();
         self.devices.tactile.sample(t, &mut self.frame).unwrap();
         self.m0 = self.frame.values.iter().map(|v| f64::from(*v) - 300.0).sum();
-        self.world.advance(t + PERIOD);
+        self.world.advance(t + CONTROL_PERIOD);
         self.tick += 1;
     }
 
@@ -98,7 +99,7 @@ fn the_arm_rolls_the_pin_by_force_and_position() {
         };
         place.z += step;
         // Strokes of +-15 mm at 10 mm/s at most, once the force has settled.
-        let phase = 10.0 / 15.0 * PERIOD.as_secs_f64() * (touched - 400).max(0) as f64;
+        let phase = 10.0 / 15.0 * CONTROL_PERIOD.as_secs_f64() * (touched - 400).max(0) as f64;
         place.x = middle + 0.015 * libm::sin(phase);
         let desired = servo.joints_at(place);
         servo.step(&desired);

@@ -1,5 +1,6 @@
-//! A revived world goes on bit for bit, whatever its sensors remember and whenever it was taken; a
-//! story can be sought in; worlds side by side do not know of each other.
+//! Checks that a restored world goes on bit for bit, whatever the state of its sensors and whenever
+//! the snapshot was taken, that one can seek in a history, and that parallel worlds do not
+//! influence each other.
 
 mod common;
 
@@ -11,14 +12,14 @@ use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
 use taktil_sim::scene::{
-    Axis, Electronics, Fault, FaultKind, Kind, Motion, ObjectConfig, ObjectKind, Stamp,
+    Axis, Electronics, Fault, FaultKind, Motion, MotionKind, ObjectConfig, ObjectKind, ScanStamp,
 };
-use taktil_sim::{Story, Timing, World, WorldConfig, Written, build};
+use taktil_sim::{OutputRecord, Timing, World, WorldConfig, WorldHistory, build};
 
-const PERIOD: Nanos = Nanos::from_micros(2_500);
+const CONTROL_PERIOD: Nanos = Nanos::from_micros(2_500);
 
-/// Half of what holds the arm, with a ripple: it sinks onto the pin.
-fn word(tick: i64) -> Written {
+/// Half of the codes that hold the arm, with a ripple: the arm sinks onto the pin.
+fn word(tick: i64) -> OutputRecord {
     let home = WorldConfig::default().arm.home_deg.map(f64::to_radians);
     let gravity = Dynamics::reference().gravity_torque(&home.into());
     let motor = Transmission::reference().motor_torque(&(0.5 * gravity));
@@ -27,10 +28,10 @@ fn word(tick: i64) -> Written {
         codes[i] = DacCode(Drive::reference().dac_code(motor[i], i) + (tick % 7) as i32);
     }
     let lines = LinesOut { enable: true, brake_release: true, watchdog_feed: tick % 2 == 0 };
-    Written { release: PERIOD * tick, codes, lines }
+    OutputRecord { release: CONTROL_PERIOD * tick, codes, lines }
 }
 
-/// What is seen of a world after a tick: its state, and the frames that the controller gets.
+/// What is observed of a world after a tick: its state, and the frames that the controller gets.
 type Seen = (u64, [Option<[u16; MAX_TACTELS]>; 2], [i32; CHANNELS], Option<Marks>);
 
 fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) -> Vec<Seen> {
@@ -38,7 +39,7 @@ fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) ->
     ticks
         .map(|tick| {
             word(tick).commit(devices).unwrap();
-            world.advance(PERIOD * (tick + 1));
+            world.advance(CONTROL_PERIOD * (tick + 1));
             let arrays = [Some(&mut devices.tactile), devices.tactile_opposed.as_mut()];
             let scans = arrays.map(|array| {
                 let arrival = array?.sample(world.now(), &mut frame);
@@ -51,7 +52,8 @@ fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) ->
         .collect()
 }
 
-/// An arm that is led down onto the pin, by the integrator of the house and by explicit steps.
+/// A prescribed arm that is lowered onto the pin, with the automatic integrator and with explicit
+/// steps.
 fn on_a_course() -> [WorldConfig; 2] {
     let mut led = WorldConfig::default();
     led.fidelity.arm = ArmModel::Kinematic;
@@ -63,7 +65,7 @@ fn on_a_course() -> [WorldConfig; 2] {
     [led, by_steps]
 }
 
-/// A pin between two fingertips, by strips and in space.
+/// A pin between two fingertips, with independent rows and in three dimensions.
 fn between_two() -> [WorldConfig; 2] {
     let mut strips = WorldConfig::default();
     strips.opposed.present = true;
@@ -74,7 +76,7 @@ fn between_two() -> [WorldConfig; 2] {
     [strips, solved]
 }
 
-/// Scenes that between them hold what a world can remember.
+/// Scenes that together contain everything that a world can store.
 fn scenes() -> Vec<(&'static str, WorldConfig)> {
     let plain = WorldConfig::default;
     let mut solved = plain();
@@ -86,7 +88,7 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
     let mut late = plain();
     late.tactile.late_scans = 3;
     let mut hidden = late.clone();
-    hidden.tactile.stamp = Stamp::Delivered;
+    hidden.tactile.stamp = ScanStamp::Delivered;
     let [opposed, opposed_solved] = between_two();
     let mut faulty = plain();
     let fault = |kind, at_s, for_s, share| Fault {
@@ -106,7 +108,7 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
     moving.table.motion = vec![Motion {
         amplitude_mm: Some(2.0),
         frequency_hz: Some(2.0),
-        ..Motion::of(Axis::Slide, Kind::Sine)
+        ..Motion::of(Axis::Slide, MotionKind::Sine)
     }];
     moving.fidelity.contact = ContactModel::Layer2d;
     let mut explicit = plain();
@@ -144,13 +146,13 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
 }
 
 #[test]
-fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
-    const END: i64 = 320;
+fn a_restored_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
+    const END_TICK: i64 = 320;
     for (name, config) in scenes() {
         let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
         let mut kept = Vec::new();
         let mut told = Vec::new();
-        for tick in 0..END {
+        for tick in 0..END_TICK {
             if [0, 1, 97, 240, 301].contains(&tick) {
                 kept.push((tick, world.snapshot()));
             }
@@ -159,24 +161,24 @@ fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
         assert!(world.truth().in_contact, "{name} never touches");
         if config.arm.index_counts.is_some() {
             let marks = |seen: &Seen| seen.3.expect("pulses are reported");
-            let came = marks(&told[END as usize - 1]).iter().flatten().count();
+            let came = marks(&told[END_TICK as usize - 1]).iter().flatten().count();
             assert!(came > 0, "{name}: no pulse came");
-            assert_ne!(marks(&told[0]), marks(&told[END as usize - 1]));
+            assert_ne!(marks(&told[0]), marks(&told[END_TICK as usize - 1]));
         }
         for (tick, snapshot) in &kept {
             for _ in 0..2 {
-                let (mut again, mut halves) = snapshot.revive();
+                let (mut again, mut halves) = snapshot.restore();
                 assert_eq!(again.now(), snapshot.now());
-                // What was told before is told anew.
+                // The latest readings are sent anew.
                 let first = halves.encoders.sample(again.now()).unwrap();
-                assert_eq!(first.acquired, PERIOD * *tick);
+                assert_eq!(first.acquired, CONTROL_PERIOD * *tick);
                 if *tick > 0 {
                     let mut frame = TactileFrame::empty();
                     let _ = halves.tactile.sample(again.now(), &mut frame);
                     let opposed = halves.tactile_opposed.as_mut();
                     let _ = opposed.map(|array| array.sample(again.now(), &mut frame));
                 }
-                let rest = go(&mut again, &mut halves, *tick..END);
+                let rest = go(&mut again, &mut halves, *tick..END_TICK);
                 assert!(rest == told[*tick as usize..], "{name}: another way after tick {tick}");
             }
         }
@@ -184,47 +186,47 @@ fn a_revived_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
 }
 
 #[test]
-fn words_on_their_way_arrive_at_their_instant() {
+fn commands_on_their_way_act_at_their_instant() {
     let (mut world, mut devices) = build(&WorldConfig::default(), &Timing::default(), 3).unwrap();
     go(&mut world, &mut devices, 0..40);
     word(40).commit(&mut devices).unwrap();
-    // Between release and effect, and at an instant that is no event.
-    world.advance(PERIOD * 40 + Nanos::from_micros(700));
+    // The instant is between release and effect, and is no event.
+    world.advance(CONTROL_PERIOD * 40 + Nanos::from_micros(700));
     let before = world.analog_out();
     let snapshot = world.snapshot();
-    let (mut again, _halves) = snapshot.revive();
+    let (mut again, _halves) = snapshot.restore();
     for world in [&mut world, &mut again] {
-        world.advance(PERIOD * 40 + Nanos::from_micros(1_250));
+        world.advance(CONTROL_PERIOD * 40 + Nanos::from_micros(1_250));
         assert_eq!(world.analog_out(), before);
-        world.advance(PERIOD * 41);
+        world.advance(CONTROL_PERIOD * 41);
         assert_ne!(world.analog_out(), before);
     }
     assert_eq!(world.state_hash(), again.state_hash());
 }
 
 #[test]
-fn one_can_seek_in_a_story() {
+fn seeking_in_a_history_gives_the_state_of_that_instant() {
     let (mut world, mut devices) = build(&WorldConfig::default(), &Timing::default(), 3).unwrap();
-    let mut story = Story::default();
-    assert!(story.seek(Nanos::ZERO).unwrap().is_none());
+    let mut history = WorldHistory::default();
+    assert!(history.seek(Nanos::ZERO).unwrap().is_none());
     let mut hashes = Vec::new();
     for tick in 0..300 {
         if tick % 100 == 0 {
-            story.keep(world.snapshot());
+            history.push_snapshot(world.snapshot());
         }
-        story.write(word(tick));
+        history.push_output(word(tick));
         hashes.extend(go(&mut world, &mut devices, tick..tick + 1).iter().map(|seen| seen.0));
     }
     for tick in [299, 0, 100, 157, 99] {
-        let to = PERIOD * (tick + 1);
-        let (found, _devices) = story.seek(to).unwrap().expect("after the first snapshot");
+        let to = CONTROL_PERIOD * (tick + 1);
+        let (found, _devices) = history.seek(to).unwrap().expect("after the first snapshot");
         assert_eq!(found.now(), to);
         assert_eq!(found.state_hash(), hashes[tick as usize], "tick {tick}");
     }
 }
 
 #[test]
-fn worlds_side_by_side_are_worlds_alone() {
+fn parallel_worlds_do_not_influence_each_other() {
     let alone = || {
         let (mut world, mut devices) =
             build(&WorldConfig::default(), &Timing::default(), 3).unwrap();

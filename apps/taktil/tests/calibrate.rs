@@ -14,7 +14,7 @@ use taktil_lab_identify::calibrate::fit::{Also, Fit, fit};
 use taktil_lab_identify::calibrate::press::{Pad, Press, REST_MIN, TACTELS};
 use taktil_lab_identify::calibrate::{Recording, as_json, explained, read, table};
 use taktil_sim::scene::Electronics;
-use taktil_sim::{Carriage, Float, Timing, WorldConfig, build_with_carriage, tactel_gains};
+use taktil_sim::{Carriage, FloatingGuide, Timing, WorldConfig, build_with_carriage, tactel_gains};
 
 /// Frames of the rest level; here it is known.
 const FRAMES: u32 = 100;
@@ -42,7 +42,7 @@ fn rolled(world: &WorldConfig, seed: u64, loads: &[f64]) -> Vec<Press> {
     let mut presses = Vec::new();
     for (later, load_n) in (0..).zip(loads) {
         let knots = vec![(0.4, at(0.0)), (0.9, at(20.0)), (1.9, at(-20.0)), (2.4, at(0.0))];
-        let float = Some(Float { mass_kg: 1.0, load_n: *load_n, damping_n_s_m: 200.0 });
+        let float = Some(FloatingGuide { mass_kg: 1.0, load_n: *load_n, damping_n_s_m: 200.0 });
         let carriage = Carriage { axes, knots, float };
         let (mut bench, mut devices) =
             build_with_carriage(world, &Timing::default(), seed, carriage).unwrap();

@@ -68,7 +68,7 @@ pub(super) fn serve(lines: impl BufRead) -> anyhow::Result<()> {
             spent += linux::monotonic() - start;
         }
         let (q, _) = world.joints();
-        if !out::line(json!({ "ns": spent.0, "steps": world.work().steps, "q_rad": q }))? {
+        if !out::line(json!({ "ns": spent.0, "steps": world.statistics().steps, "q_rad": q }))? {
             break;
         }
     }

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 use taktil_machine_console::out;
-use taktil_sim::scene::{Defect, DefectKind, Electronics, Fault, FaultKind, Stamp};
+use taktil_sim::scene::{Defect, DefectKind, Electronics, Fault, FaultKind, ScanStamp};
 
 use super::judge::Verdict;
 use super::{in_parallel, laws, one, with_law};
@@ -135,7 +135,7 @@ fn drawn(base: &Scene, number: u64) -> (Scene, String) {
         scene.world.tactile.late_scans = 1;
         about += ", images a frame late";
         if hidden {
-            scene.world.tactile.stamp = Stamp::Delivered;
+            scene.world.tactile.stamp = ScanStamp::Delivered;
             about += " and not saying so";
         }
     }

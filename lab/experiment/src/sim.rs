@@ -15,7 +15,7 @@ use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_rtcore::linux;
 use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
 use taktil_sim::{
-    Carriage, Float, PITCH_M, Timing, World, WorldConfig, build, build_with_carriage,
+    Carriage, FloatingGuide, PITCH_M, Timing, World, WorldConfig, build, build_with_carriage,
 };
 
 use super::levels;
@@ -225,7 +225,7 @@ fn scene(contact: ContactModel, integrator: Integrator, step_us: f64) -> (WorldC
     let at = DVec3::new(0.325, -0.127, top + 1e-4);
     let knots = vec![(PRESSED_S, at), (ROLLED_S, at + DVec3::new(0.015, 0.0, 0.0))];
     let axes = DMat3::from_cols(-DVec3::X, DVec3::Y, -DVec3::Z) * rotation_x(2e-4);
-    let float = Some(Float { mass_kg: 1.0, load_n: LOAD_N, damping_n_s_m: 200.0 });
+    let float = Some(FloatingGuide { mass_kg: 1.0, load_n: LOAD_N, damping_n_s_m: 200.0 });
     (config, Carriage { axes, knots, float })
 }
 

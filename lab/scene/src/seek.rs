@@ -84,7 +84,7 @@ pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
         for (slot, t) in kept.iter_mut().zip(&asked) {
             if slot.is_none() && *t <= until {
                 // To the side, so that steps on the way stay as they were in the run.
-                let (mut other, _halves) = world.snapshot().revive();
+                let (mut other, _halves) = world.snapshot().restore();
                 other.advance(*t);
                 *slot = Some(Found::of(&other, scene.world.pin.present));
             }

@@ -124,7 +124,7 @@ impl<const N: usize> Task for FreeArm<N> {
 
 payload! {
     /// The object that the finger feels most, in sensor axes: the signal `world.object` of scenes
-    /// that have objects. See [`taktil_sim::Felt`].
+    /// that have objects. See [`taktil_sim::ObjectContact`].
     pub struct ObjectTruth {
         /// The instant that the world has reached, ns.
         pub t_ns: i64,
@@ -147,7 +147,7 @@ payload! {
 
 payload! {
     /// The fingertip opposed to the finger, and the pin as its sensor has it: the signal
-    /// `world.opposed` of scenes that have one. See [`taktil_sim::Opposite`].
+    /// `world.opposed` of scenes that have one. See [`taktil_sim::OpposedFingertip`].
     pub struct OpposedTruth {
         /// The instant that the world has reached, ns.
         pub t_ns: i64,
@@ -178,14 +178,15 @@ payload! {
         pub t_ns: i64,
         /// Contacts solved in three dimensions.
         pub solved: u64,
-        /// Contacts after which rows stood on their own. See [`taktil_sim::Work::plain`].
+        /// Contacts after which rows stood on their own. See
+        /// [`taktil_sim::StepStatistics::spatial_failures`].
         pub plain: u64,
     }
 }
 
 payload! {
     /// What the physics was asked to do since the start: the signal `world.work`, where somebody
-    /// asked for it. See [`taktil_sim::Work`].
+    /// asked for it. See [`taktil_sim::StepStatistics`].
     pub struct WorkTruth {
         /// The instant that the world has reached, ns.
         pub t_ns: i64,
@@ -210,17 +211,17 @@ payload! {
 
 impl WorkTruth {
     fn of(world: &World) -> WorkTruth {
-        let work = world.work();
+        let work = world.statistics();
         WorkTruth {
             t_ns: world.now().0,
             steps: work.steps,
-            halved: work.halved,
-            unsettled: work.unsettled,
-            iterations: work.iterations,
-            contacts: work.contacts,
-            images: work.images,
-            solved: work.solved,
-            plain: work.plain,
+            halved: work.halved_steps,
+            unsettled: work.unconverged_steps,
+            iterations: work.newton_iterations,
+            contacts: work.contact_evaluations,
+            images: work.tactile_images,
+            solved: work.spatial_solutions,
+            plain: work.spatial_failures,
         }
     }
 }
@@ -269,7 +270,7 @@ impl Simulation {
         let truth = world.truth();
         let object = truth.object.map(|_| ports.output("object"));
         let opposed = truth.opposed.map(|_| ports.output("opposed"));
-        let layer = world.solves_layers().then(|| ports.output("layer"));
+        let layer = world.solves_in_three_dimensions().then(|| ports.output("layer"));
         Simulation {
             world,
             pin_radius_m: pin_radius_mm * 1e-3,
@@ -348,8 +349,15 @@ impl Task for Simulation {
             io.write(port, tip);
         }
         if let Some(port) = &self.layer {
-            let work = self.world.work();
-            io.write(port, LayerTruth { t_ns: truth.t.0, solved: work.solved, plain: work.plain });
+            let work = self.world.statistics();
+            io.write(
+                port,
+                LayerTruth {
+                    t_ns: truth.t.0,
+                    solved: work.spatial_solutions,
+                    plain: work.spatial_failures,
+                },
+            );
         }
         if let Some(port) = &self.work {
             io.write(port, WorkTruth::of(&self.world));

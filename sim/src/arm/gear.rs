@@ -1,84 +1,105 @@
-//! Gears that give way: between each motor and its joint stands a torsional spring with a damper,
-//! after Spong (1987): the rotor turns beside the link, `J' w' = tau - friction - pull`, and the
-//! link feels `pull = k (m - q) + d (w - q')` alone. Friction and encoders are on the motor's side.
+//! Compliant gears: between each motor and its joint stands a torsional spring with a damper, after
+//! Spong (1987). The rotor turns beside the link, `J' w' = tau - friction - pull`, and the link
+//! feels `pull = k (m - q) + d (w - q')` alone. Friction and encoders are on the motor's side.
 //! Refuses rotors that feel the links' turning otherwise.
 //!
-//! Within an implicit stage a rotor is eliminated: for a speed of the joint at the stage's end its
-//! own equation is one piecewise linear, rising function of the rotor's speed.
+//! Within an implicit stage a rotor is eliminated: for a speed of the joint at the stage's end the
+//! rotor's own equation is one piecewise linear, rising function of the rotor's speed.
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::friction::Friction;
 
-use super::friction::{Rub, rub};
-use crate::finger::Swing;
+use crate::friction::{ResistingTorque, RotorEnd, friction_torque};
+use crate::manipulator::ArmState;
 
-/// Steps of Newton's method on a rotor's equation; it has five straight pieces.
-const STEPS_MAX: usize = 8;
+/// Steps of Newton's method on a rotor's equation at most; the equation has five straight pieces.
+const NEWTON_STEPS_MAX: usize = 8;
+/// Change of a rotor's speed below which its equation is solved, relative to 1 rad/s plus the
+/// speed.
+const SPEED_TOLERANCE: f64 = 1e-12;
 
 /// Springs, dampers and rotors of all joints, on the joints' side.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Gears {
+pub(crate) struct CompliantGears {
     stiffness_nm_rad: Joints,
     damping_nms_rad: Joints,
     rotor_kg_m2: Joints,
 }
 
-impl Gears {
-    /// `damping` is that of each rotor on its spring, against a joint that is held, in parts of the
-    /// critical one.
-    pub(crate) fn new(stiffness_nm_rad: Joints, damping: f64, rotor_kg_m2: Joints) -> Gears {
+/// The end of an implicit stage at one joint.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct JointStage {
+    /// Which joint.
+    pub(super) joint: usize,
+    /// Speed of the joint at the end of the stage (rad/s).
+    pub(super) speed: f64,
+    /// Length of the stage (s).
+    pub(super) h: f64,
+    /// Torque of the drive during the stage (N m).
+    pub(super) motor_nm: f64,
+}
+
+impl CompliantGears {
+    /// `damping` is the damping of each rotor on its spring, against a joint that is held, relative
+    /// to the critical damping.
+    pub(crate) fn new(
+        stiffness_nm_rad: Joints,
+        damping: f64,
+        rotor_kg_m2: Joints,
+    ) -> CompliantGears {
         let critical = |i: usize| 2.0 * (stiffness_nm_rad[i] * rotor_kg_m2[i]).sqrt();
         let damping_nms_rad = Joints::from_fn(|i, _| damping * critical(i));
-        Gears { stiffness_nm_rad, damping_nms_rad, rotor_kg_m2 }
+        CompliantGears { stiffness_nm_rad, damping_nms_rad, rotor_kg_m2 }
     }
 
-    /// Where the motors stand when their springs hold joints at `q` (rad) under torques (N m).
-    pub(crate) fn balanced(&self, q: &Joints, held_nm: &Joints) -> Joints {
-        q + held_nm.component_div(&self.stiffness_nm_rad)
+    /// Angles of the rotors (rad) whose springs hold joints at `q` (rad) under torques (N m).
+    pub(crate) fn static_rotor_angles(&self, q: &Joints, torque_nm: &Joints) -> Joints {
+        q + torque_nm.component_div(&self.stiffness_nm_rad)
     }
 
-    /// What joint `i` feels of its gear when it ends a stage of `h` seconds from `base` at `speed`
-    /// and the drive makes `driven_nm`; with the rotor's place and speed then.
-    pub(crate) fn pull(
+    /// Torque of the gear on its joint at the end of a stage from `base`, with the rotor's angle
+    /// and speed there.
+    pub(super) fn resisting_torque(
         &self,
-        (base, i): (&Swing, usize),
-        (speed, h): (f64, f64),
-        driven_nm: f64,
+        base: &ArmState,
+        stage: JointStage,
         friction: &Friction,
-    ) -> Rub {
+    ) -> ResistingTorque {
+        let JointStage { joint: i, speed, h, motor_nm } = stage;
         let (k, d, rotor) =
             (self.stiffness_nm_rad[i], self.damping_nms_rad[i], self.rotor_kg_m2[i]);
         let angle = base.q[i] + h * speed;
-        let twist = |w: f64| base.motor.q[i] + h * w - angle;
+        let twist = |w: f64| base.rotors.q[i] + h * w - angle;
         let pull = |w: f64| k * twist(w) + d * (w - speed);
         let equation = |w: f64| {
-            let rubs = rub(friction, i, base.bristle[i], w, h);
-            let left = rotor * (w - base.motor.qd[i]) + h * (rubs.torque_nm + pull(w) - driven_nm);
+            let rubs = friction_torque(friction, i, base.bristle[i], w, h);
+            let left = rotor * (w - base.rotors.qd[i]) + h * (rubs.torque_nm + pull(w) - motor_nm);
             (left, rotor + h * (rubs.slope + h * k + d), rubs.bristle_rad)
         };
-        let mut w = base.motor.qd[i];
-        for _ in 0..STEPS_MAX {
+        let mut w = base.rotors.qd[i];
+        for _ in 0..NEWTON_STEPS_MAX {
             let (left, slope, _) = equation(w);
             let change = left / slope;
             w -= change;
-            if change.abs() <= 1e-12 * (1.0 + w.abs()) {
+            if change.abs() <= SPEED_TOLERANCE * (1.0 + w.abs()) {
                 break;
             }
         }
         let (_, slope, bristle_rad) = equation(w);
-        let gives = h * (h * k + d) / slope;
-        Rub {
+        // The share of a change of the joint's speed that its rotor follows.
+        let follows = h * (h * k + d) / slope;
+        ResistingTorque {
             torque_nm: -pull(w),
-            slope: (h * k + d) * (1.0 - gives),
+            slope: (h * k + d) * (1.0 - follows),
             bristle_rad,
-            motor: Some((base.motor.q[i] + h * w, w)),
+            rotor: Some(RotorEnd { angle_rad: base.rotors.q[i] + h * w, speed_rad_s: w }),
         }
     }
 
     /// Energy of rotors and springs (J).
-    pub(crate) fn energy_j(&self, now: &Swing) -> f64 {
-        let turned = now.motor.qd.component_mul(&now.motor.qd).dot(&self.rotor_kg_m2);
-        let twist = now.motor.q - now.q;
+    pub(crate) fn energy_j(&self, state: &ArmState) -> f64 {
+        let turned = state.rotors.qd.component_mul(&state.rotors.qd).dot(&self.rotor_kg_m2);
+        let twist = state.rotors.q - state.q;
         0.5 * (turned + twist.component_mul(&twist).dot(&self.stiffness_nm_rad))
     }
 }

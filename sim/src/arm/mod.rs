@@ -1,13 +1,12 @@
-//! The arm behind its motors: codes to currents to torques, friction that sticks, brakes, motion
-//! of rigid bodies, encoder counts. Refuses to servo: it does what the codes say.
+//! The PUMA 260 behind its motors: codes to currents to torques, friction that sticks, brakes,
+//! motion of rigid bodies, encoder counts. Refuses to servo: it does what the codes say.
 //!
-//! Motion goes three ways: [`Arm::step`] is semi-implicit Euler, [`Arm::swing_freely`] the
-//! classical fourth-order method for an arm that neither touches nor rubs, and [`Arm::ahead`] gives
-//! an implicit stage what it needs.
+//! The arm moves in one of three ways: [`Manipulator::step`] is semi-implicit Euler,
+//! [`Manipulator::step_rk4`] the classical fourth-order method for an arm that neither touches nor
+//! rubs, and [`Manipulator::predict_stage`] gives an implicit stage what it needs.
 
-mod course;
-mod friction;
 mod gear;
+mod prescribed;
 
 use taktil_hal::CHANNELS;
 use taktil_mechanics::friction::Friction;
@@ -17,16 +16,18 @@ use taktil_mechanics::spatial::{SinCos, spatial_vector};
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
-use crate::fidelity::ArmModel;
-use crate::finger::{Ahead, Swing};
+use crate::friction::{ResistingTorque, friction_torque};
 use crate::hash::Hash;
+use crate::manipulator::{ArmState, DriveLines, HomeCounts, Manipulator, StagePredictor};
+use crate::scene::fidelity::ArmModel;
 use crate::scene::{ArmConfig, Invalid, invalid};
-use course::Following;
-pub(crate) use friction::{Rub, rub};
-use gear::Gears;
+use gear::{CompliantGears, JointStage};
+use prescribed::PrescribedMotion;
 
 /// Joints that are driven.
-pub(crate) const JOINTS: usize = 6;
+pub(crate) const JOINT_COUNT: usize = 6;
+/// Largest distance of the finger from a joint's axis, roughly (m).
+const REACH_M: f64 = 0.5;
 
 /// State of the arm.
 #[derive(Clone, Debug)]
@@ -36,53 +37,53 @@ pub(crate) struct Arm {
     transmission: Transmission,
     drive: Drive,
     friction: Friction,
-    /// What gives way between motors and joints; none when nothing does.
-    gears: Option<Gears>,
-    /// What an arm without masses follows.
-    following: Option<Box<Following>>,
-    start_counts: [i32; JOINTS],
-    pub(crate) now: Swing,
+    /// The gears between motors and joints, if they are compliant.
+    gears: Option<CompliantGears>,
+    /// The trajectory of an arm without masses.
+    prescribed: Option<Box<PrescribedMotion>>,
+    start_counts: [i32; JOINT_COUNT],
+    /// Angles of the home pose without zero errors (rad).
+    home: Joints,
+    pub(crate) state: ArmState,
     codes: [i32; CHANNELS],
     torque: Joints,
-    pub(crate) enabled: bool,
-    pub(crate) braked: bool,
+    pub(crate) lines: DriveLines,
     inertia_inverse: Matrix6,
     bias: Joints,
     jacobian: Matrix6,
     pose: Pose,
-    /// Angles at which the arm was looked at last, their sines and cosines.
-    seen: (Joints, SinCos),
-    age: u32,
-    every: u32,
+    /// Angles of the latest evaluation of the kinematics, their sines and cosines.
+    reference_q: Joints,
+    reference_sin_cos: SinCos,
+    /// Explicit steps since inertia, bias and Jacobian were evaluated, and how many there are
+    /// between two evaluations.
+    steps_since_refresh: u32,
+    refresh_interval: u32,
 }
 
 impl Arm {
-    pub(crate) fn new(config: &ArmConfig, model: ArmModel, every: u32) -> Result<Arm, Invalid> {
+    /// The arm at rest in its home pose with its zero errors, braked. Explicit steps evaluate
+    /// inertia, bias and Jacobian anew after `refresh_interval` steps.
+    pub(crate) fn new(
+        config: &ArmConfig,
+        model: ArmModel,
+        refresh_interval: u32,
+    ) -> Result<Arm, Invalid> {
         let puma = Puma260::reference();
         let transmission = Transmission::reference().with_encoder_scale(config.encoder_scale);
-        let q =
-            Joints::from_fn(|i, _| (config.home_deg[i] + config.zero_error_deg[i]).to_radians());
-        for i in 0..JOINTS {
-            let (low, high) = (puma.q_min_rad[i], puma.q_max_rad[i]);
-            if !(low..=high).contains(&q[i]) {
-                let what = format!("is {}, outside the joint's range", config.home_deg[i]);
-                let remedy =
-                    format!("give {:.1} to {:.1} deg", low.to_degrees(), high.to_degrees());
-                return Err(invalid(&format!("arm.home_deg[{i}]"), what, &remedy));
-            }
-        }
+        let q = start_angles(config, &puma)?;
         let reference = Friction::reference();
-        let follows = model == ArmModel::Kinematic;
-        if !follows && !config.course_deg.is_empty() {
+        let is_prescribed = model == ArmModel::Kinematic;
+        if !is_prescribed && !config.course_deg.is_empty() {
             let what = "is given, but this arm moves by its torques".to_owned();
             let remedy = "say fidelity.arm = \"kinematic\", or leave the course out";
             return Err(invalid("arm.course_deg", what, remedy));
         }
-        let following = match follows {
-            true => Some(Box::new(Following::new(config, &puma, &q)?)),
+        let prescribed = match is_prescribed {
+            true => Some(Box::new(PrescribedMotion::new(config, &puma, &q)?)),
             false => None,
         };
-        let rubs = if follows || model == ArmModel::Rigid { 0.0 } else { 1.0 };
+        let rubs = if is_prescribed || model == ArmModel::Rigid { 0.0 } else { 1.0 };
         let friction = Friction {
             coulomb_nm: rubs * config.coulomb_scale * reference.coulomb_nm,
             viscous_nms_rad: rubs * config.viscous_scale * reference.viscous_nms_rad,
@@ -91,19 +92,23 @@ impl Arm {
             core::array::from_fn(|i| LINKS[i].with_density_factor(config.link_mass_scale[i]));
         let mut dynamics =
             Dynamics::from_bodies(links, &TOOL.with_density_factor(config.tool_mass_scale));
-        let mut now = Swing { q, ..Swing::default() };
+        let mut state = ArmState { q, ..ArmState::default() };
         let gears = (model == ArmModel::Compliant).then(|| {
             let stiffness = Joints::from(config.gear_stiffness_nm_rad);
-            let gears =
-                Gears::new(stiffness, config.gear_damping, dynamics.reflected_inertia_kg_m2);
+            let gears = CompliantGears::new(
+                stiffness,
+                config.gear_damping,
+                dynamics.reflected_inertia_kg_m2,
+            );
             // The rotors are with the motors, not with the links.
             dynamics.reflected_inertia_kg_m2 = Joints::zeros();
-            now.motor.q = gears.balanced(&q, &dynamics.gravity_torque(&q));
+            state.rotors.q = gears.static_rotor_angles(&q, &dynamics.gravity_torque(&q));
             gears
         });
-        let turned = if gears.is_some() { now.motor.q } else { q };
+        let motor_q = if gears.is_some() { state.rotors.q } else { q };
         let mut arm = Arm {
-            start_counts: transmission.counts(&turned),
+            start_counts: transmission.counts(&motor_q),
+            home: Joints::from_fn(|i, _| config.home_deg[i].to_radians()),
             pose: puma.tool_pose(&q),
             puma,
             dynamics,
@@ -111,18 +116,18 @@ impl Arm {
             drive: Drive::reference(),
             friction,
             gears,
-            following,
-            now,
+            prescribed,
+            state,
             codes: [0; CHANNELS],
             torque: Joints::zeros(),
-            enabled: false,
-            braked: true,
+            lines: DriveLines::SAFE,
             inertia_inverse: Matrix6::zeros(),
             bias: Joints::zeros(),
             jacobian: Matrix6::zeros(),
-            seen: (q, SinCos::new(&q)),
-            age: 0,
-            every,
+            reference_q: q,
+            reference_sin_cos: SinCos::new(&q),
+            steps_since_refresh: 0,
+            refresh_interval,
         };
         arm.refresh();
         Ok(arm)
@@ -131,7 +136,7 @@ impl Arm {
     /// Mass that a force along the finger's axis feels at the start (kg); none where it moves
     /// nothing.
     pub(crate) fn mass_at_tool_kg(&self) -> Option<f64> {
-        if self.following.is_some() {
+        if self.prescribed.is_some() {
             return None;
         }
         let normal = self.pose.rotation.z_axis;
@@ -139,230 +144,281 @@ impl Arm {
         Some(1.0 / lever.dot(&(self.inertia_inverse * lever)))
     }
 
-    /// Whether nothing sticks: the torques are smooth in the state.
-    pub(crate) fn is_smooth(&self) -> bool {
-        self.gears.is_none() && self.friction.coulomb_nm == Joints::zeros()
+    /// Torque of the motors on the joints' side (N m), zero when the drives are off.
+    fn motor_torque(&self) -> Joints {
+        if self.lines.enabled { self.torque } else { Joints::zeros() }
     }
 
-    /// Takes the codes that drive the amplifiers from now on.
-    pub(crate) fn drive(&mut self, codes: [i32; CHANNELS]) {
-        self.codes = codes;
-        let mut motor_nm = Joints::zeros();
-        for i in 0..JOINTS {
-            motor_nm[i] = self.drive.motor_torque_nm(codes[i], i);
-        }
-        self.torque = self.transmission.joint_torque(&motor_nm);
-    }
-
-    /// The tool frame.
-    pub(crate) fn pose(&self) -> &Pose {
-        &self.pose
-    }
-
-    /// Velocity of the tool point and angular velocity of the tool, stacked.
-    pub(crate) fn twist(&self) -> Joints {
-        self.jacobian * self.now.qd
-    }
-
-    /// Torque of the motors (N m), none when the drives are off.
-    fn driven(&self) -> Joints {
-        if self.enabled { self.torque } else { Joints::zeros() }
-    }
-
-    /// The part of it that acts on the joints themselves.
-    fn on_joints(&self) -> Joints {
-        if self.gears.is_some() { Joints::zeros() } else { self.driven() }
+    /// The part of the motors' torque that acts on the joints directly, not through springs (N m).
+    fn direct_torque(&self) -> Joints {
+        if self.gears.is_some() { Joints::zeros() } else { self.motor_torque() }
     }
 
     /// Evaluates inertia, bias torques and Jacobian at the present state.
     fn refresh(&mut self) {
-        let inertia = self.dynamics.mass_matrix(&self.now.q);
+        let inertia = self.dynamics.mass_matrix(&self.state.q);
         if let Some(factor) = inertia.cholesky() {
             self.inertia_inverse = factor.inverse();
         }
-        self.bias = self.dynamics.bias_torque(&self.now.q, &self.now.qd);
-        self.jacobian = self.puma.jacobian_base(&self.now.q);
-        self.age = 0;
+        self.bias = self.dynamics.bias_torque(&self.state.q, &self.state.qd);
+        self.jacobian = self.puma.jacobian_base(&self.state.q);
+        self.steps_since_refresh = 0;
     }
 
-    /// Tool frame and Jacobian of the present state, for whoever looks between steps.
-    pub(crate) fn settle(&mut self, t_s: f64) {
-        if let Some(following) = &mut self.following {
-            following.t_s = t_s;
-            (self.now.q, self.now.qd) = following.at(t_s);
-        }
-        self.seen = (self.now.q, SinCos::new(&self.now.q));
-        (self.pose, self.jacobian) = self.puma.tool_and_jacobian_at(&self.seen.1);
-        self.age = self.every;
-    }
-
-    /// One semi-implicit Euler step of `h` seconds under a wrench on the tool (N, N m about the
-    /// tool point, base frame).
-    pub(crate) fn step(&mut self, h: f64, wrench: &Joints) {
-        if let Some(following) = &self.following {
-            let next_s = following.t_s + h;
-            self.settle(next_s);
-            return;
-        }
-        if self.braked {
-            self.rest();
-            return;
-        }
-        if self.age >= self.every {
-            self.refresh();
-        }
-        self.age += 1;
-        let mut torque = self.jacobian.tr_mul(wrench) - self.bias + self.on_joints();
-        let base = self.now;
-        for i in 0..JOINTS {
-            let rub = self.rub(&base, i, base.qd[i], h);
-            self.now.bristle[i] = rub.bristle_rad;
-            if let Some((angle, speed)) = rub.motor {
-                (self.now.motor.q[i], self.now.motor.qd[i]) = (angle, speed);
-            }
-            torque[i] -= rub.torque_nm;
-        }
-        self.now.qd += h * (self.inertia_inverse * torque);
-        self.now.q += h * self.now.qd;
-        self.stop_at_limits();
-        self.pose = self.puma.tool_pose(&self.now.q);
-    }
-
-    /// One step of `h` seconds of the classical fourth-order method with the torque of the codes
-    /// held, for an arm without sticking friction.
-    pub(crate) fn swing_freely(&mut self, h: f64) {
-        if self.following.is_some() {
-            return;
-        }
-        let held = self.driven();
-        self.swing_under(0.0, h, &mut |_, _, _| held);
-    }
-
-    /// The same under any torque of time, angles and speeds beside gravity and viscous friction.
-    fn swing_under(
+    /// One step of the classical Runge-Kutta method under any torque of time, angles and speeds
+    /// beside gravity and viscous friction.
+    fn step_rk4_under(
         &mut self,
         t_s: f64,
         h: f64,
         torque_nm: &mut impl FnMut(f64, &Joints, &Joints) -> Joints,
     ) {
-        if self.braked {
-            self.rest();
+        if self.lines.braked {
+            self.hold_by_brakes();
             return;
         }
         let viscous = self.friction.viscous_nms_rad;
         let mut all =
             |t: f64, q: &Joints, qd: &Joints| torque_nm(t, q, qd) - viscous.component_mul(qd);
-        let state = State { q: self.now.q, qd: self.now.qd };
+        let state = State { q: self.state.q, qd: self.state.qd };
         let next = rk4_step(&self.dynamics, &state, t_s, h, &mut all);
-        (self.now.q, self.now.qd) = (next.q, next.qd);
+        (self.state.q, self.state.qd) = (next.q, next.qd);
     }
 
-    /// Inertia, torques and kinematics at the end of a stage of `h` seconds from `base`, if the
-    /// joints end it at the speeds `guess`, which is at `end_s`.
-    pub(crate) fn ahead(&self, base: &Swing, guess: &Joints, h: f64, end_s: f64) -> Ahead {
-        if let Some(following) = &self.following {
-            let (q, qd) = following.at(end_s);
+    /// Stops motors and joints.
+    fn hold_by_brakes(&mut self) {
+        (self.state.qd, self.state.rotors.qd) = (Joints::zeros(), Joints::zeros());
+    }
+}
+
+/// Angles of the joints at power-up (rad): the home pose and its zero errors.
+fn start_angles(config: &ArmConfig, puma: &Puma260) -> Result<Joints, Invalid> {
+    let q = Joints::from_fn(|i, _| (config.home_deg[i] + config.zero_error_deg[i]).to_radians());
+    for i in 0..JOINT_COUNT {
+        let (low, high) = (puma.q_min_rad[i], puma.q_max_rad[i]);
+        if !(low..=high).contains(&q[i]) {
+            let what = format!("is {}, outside the joint's range", config.home_deg[i]);
+            let remedy = format!("give {:.1} to {:.1} deg", low.to_degrees(), high.to_degrees());
+            return Err(invalid(&format!("arm.home_deg[{i}]"), what, &remedy));
+        }
+    }
+    Ok(q)
+}
+
+impl Manipulator for Arm {
+    fn pose(&self) -> &Pose {
+        &self.pose
+    }
+
+    fn twist(&self) -> Joints {
+        self.jacobian * self.state.qd
+    }
+
+    fn state(&self) -> &ArmState {
+        &self.state
+    }
+
+    fn state_mut(&mut self) -> &mut ArmState {
+        &mut self.state
+    }
+
+    fn step(&mut self, h: f64, wrench: &Joints) {
+        if let Some(prescribed) = &self.prescribed {
+            let next_s = prescribed.t_s + h;
+            self.update_kinematics(next_s);
+            return;
+        }
+        if self.lines.braked {
+            self.hold_by_brakes();
+            return;
+        }
+        if self.steps_since_refresh >= self.refresh_interval {
+            self.refresh();
+        }
+        self.steps_since_refresh += 1;
+        let mut torque = self.jacobian.tr_mul(wrench) - self.bias + self.direct_torque();
+        let base = self.state;
+        for i in 0..JOINT_COUNT {
+            let resisting = self.resisting_torque(&base, i, base.qd[i], h);
+            self.state.bristle[i] = resisting.bristle_rad;
+            if let Some(rotor) = resisting.rotor {
+                self.state.rotors.q[i] = rotor.angle_rad;
+                self.state.rotors.qd[i] = rotor.speed_rad_s;
+            }
+            torque[i] -= resisting.torque_nm;
+        }
+        self.state.qd += h * (self.inertia_inverse * torque);
+        self.state.q += h * self.state.qd;
+        self.stop_at_limits();
+        self.pose = self.puma.tool_pose(&self.state.q);
+    }
+
+    /// The torque of the codes is held during the step.
+    fn step_rk4(&mut self, h: f64) {
+        if self.prescribed.is_some() {
+            return;
+        }
+        let held = self.motor_torque();
+        self.step_rk4_under(0.0, h, &mut |_, _, _| held);
+    }
+
+    fn predict_stage(&self, base: &ArmState, guess: &Joints, h: f64, end_s: f64) -> StagePredictor {
+        if let Some(prescribed) = &self.prescribed {
+            let (q, qd) = prescribed.at(end_s);
             let (pose, jacobian) = self.puma.tool_and_jacobian_at(&SinCos::new(&q));
-            return Ahead::fixed(pose, jacobian * qd);
+            return StagePredictor::prescribed(pose, jacobian * qd);
         }
-        if self.braked {
-            return Ahead::fixed(self.pose, Joints::zeros());
+        if self.lines.braked {
+            return StagePredictor::prescribed(self.pose, Joints::zeros());
         }
-        let (q, (seen, sines)) = (base.q + h * guess, &self.seen);
-        let at = sines.incremented(&(q - seen)).unwrap_or_else(|| SinCos::new(&q));
-        let (pose, jacobian) = self.puma.tool_and_jacobian_at(&at);
-        Ahead {
-            degrees: JOINTS,
-            inertia: self.dynamics.mass_matrix_at(&at),
-            push: self.on_joints() - self.dynamics.bias_torque_at(&at, guess),
+        let q = base.q + h * guess;
+        let near = self.reference_sin_cos.incremented(&(q - self.reference_q));
+        let sin_cos = near.unwrap_or_else(|| SinCos::new(&q));
+        let (pose, jacobian) = self.puma.tool_and_jacobian_at(&sin_cos);
+        StagePredictor {
+            degrees_of_freedom: JOINT_COUNT,
+            inertia: self.dynamics.mass_matrix_at(&sin_cos),
+            forces: self.direct_torque() - self.dynamics.bias_torque_at(&sin_cos, guess),
             jacobian,
             pose,
-            carried: Joints::zeros(),
-            guess: *guess,
-            at,
+            prescribed_twist: Joints::zeros(),
+            guessed_speeds: *guess,
+            sin_cos,
         }
     }
 
-    /// Torques beside friction at other speeds (rad/s) than those that [`Arm::ahead`] guessed.
-    pub(crate) fn push(&self, at: &SinCos, speeds: &Joints) -> Joints {
-        self.on_joints() - self.dynamics.bias_torque_at(at, speeds)
+    fn generalised_forces(&self, predictor: &StagePredictor, speeds: &Joints) -> Joints {
+        if predictor.degrees_of_freedom == 0 {
+            return predictor.forces;
+        }
+        self.direct_torque() - self.dynamics.bias_torque_at(&predictor.sin_cos, speeds)
     }
 
-    /// What joint `i` feels at the end of a stage beside its torque: friction, or its gear.
-    pub(crate) fn rub(&self, base: &Swing, i: usize, speed: f64, h: f64) -> Rub {
+    /// Friction of the joint, or the torque of its compliant gear.
+    fn resisting_torque(&self, base: &ArmState, i: usize, speed: f64, h: f64) -> ResistingTorque {
         match &self.gears {
-            None => rub(&self.friction, i, base.bristle[i], speed, h),
-            Some(gears) => gears.pull((base, i), (speed, h), self.driven()[i], &self.friction),
-        }
-    }
-
-    /// The brakes hold motors and joints.
-    fn rest(&mut self) {
-        (self.now.qd, self.now.motor.qd) = (Joints::zeros(), Joints::zeros());
-    }
-
-    /// Whether the joints follow a course, whatever acts on them.
-    pub(crate) fn is_led(&self) -> bool {
-        self.following.is_some()
-    }
-
-    /// Whether a joint stands beyond its stops.
-    pub(crate) fn beyond_limits(&self) -> bool {
-        let (low, high) = (&self.puma.q_min_rad, &self.puma.q_max_rad);
-        (0..JOINTS).any(|i| !(low[i]..=high[i]).contains(&self.now.q[i]))
-    }
-
-    /// The hard stops: a joint that reaches one stays there without bouncing.
-    pub(crate) fn stop_at_limits(&mut self) {
-        for i in 0..JOINTS {
-            let inside = self.now.q[i].clamp(self.puma.q_min_rad[i], self.puma.q_max_rad[i]);
-            if inside != self.now.q[i] {
-                self.now.q[i] = inside;
-                self.now.qd[i] = 0.0;
+            None => friction_torque(&self.friction, i, base.bristle[i], speed, h),
+            Some(gears) => {
+                let motor_nm = self.motor_torque()[i];
+                let stage = JointStage { joint: i, speed, h, motor_nm };
+                gears.resisting_torque(base, stage, &self.friction)
             }
         }
     }
 
-    /// Incremental encoder counts: zero at power-up, the phase of the discs kept.
-    pub(crate) fn counts(&self) -> [i32; JOINTS] {
-        let turned = if self.gears.is_some() { &self.now.motor.q } else { &self.now.q };
-        let now = self.transmission.counts(turned);
-        core::array::from_fn(|i| now[i].wrapping_sub(self.start_counts[i]))
+    fn update_kinematics(&mut self, t_s: f64) {
+        if let Some(prescribed) = &mut self.prescribed {
+            prescribed.t_s = t_s;
+            (self.state.q, self.state.qd) = prescribed.at(t_s);
+        }
+        self.reference_q = self.state.q;
+        self.reference_sin_cos = SinCos::new(&self.state.q);
+        (self.pose, self.jacobian) = self.puma.tool_and_jacobian_at(&self.reference_sin_cos);
+        // The inverse of the inertia belongs to another state now.
+        self.steps_since_refresh = self.refresh_interval;
     }
 
-    /// What the encoders read in the home pose that they were to have at power-up, and their counts
-    /// in a motor turn.
-    pub(crate) fn home_counts(&self, config: &ArmConfig) -> (Vec<i32>, Vec<f64>) {
-        let home = Joints::from_fn(|i, _| config.home_deg[i].to_radians());
-        // Behind gears that give way the motors stand where gravity holds the joints.
-        let held = |gears: &Gears| gears.balanced(&home, &self.dynamics.gravity_torque(&home));
-        let home = self.transmission.counts(&self.gears.as_ref().map_or(home, held));
-        let read = (0..JOINTS).map(|i| home[i].wrapping_sub(self.start_counts[i])).collect();
-        (read, self.transmission.counts_per_revolution().as_slice().to_vec())
+    fn is_prescribed(&self) -> bool {
+        self.prescribed.is_some()
     }
 
-    /// The codes that flow as current now; none when the drives are off.
-    pub(crate) fn current_codes(&self) -> [i32; CHANNELS] {
-        if self.enabled { self.codes } else { [0; CHANNELS] }
+    fn is_smooth(&self) -> bool {
+        self.gears.is_none() && self.friction.coulomb_nm == Joints::zeros()
     }
 
-    /// Kinetic and potential energy (J).
-    pub(crate) fn energy_j(&self) -> f64 {
-        let Swing { q, qd, .. } = &self.now;
-        let gears_j = self.gears.map_or(0.0, |gears| gears.energy_j(&self.now));
+    fn has_compliant_gears(&self) -> bool {
+        self.gears.is_some()
+    }
+
+    fn lever_m(&self) -> f64 {
+        REACH_M
+    }
+
+    fn is_beyond_limits(&self) -> bool {
+        let (low, high) = (&self.puma.q_min_rad, &self.puma.q_max_rad);
+        (0..JOINT_COUNT).any(|i| !(low[i]..=high[i]).contains(&self.state.q[i]))
+    }
+
+    /// A joint that reaches a hard stop stays there without bouncing.
+    fn stop_at_limits(&mut self) {
+        for i in 0..JOINT_COUNT {
+            let inside = self.state.q[i].clamp(self.puma.q_min_rad[i], self.puma.q_max_rad[i]);
+            if inside != self.state.q[i] {
+                self.state.q[i] = inside;
+                self.state.qd[i] = 0.0;
+            }
+        }
+    }
+
+    fn drive(&mut self, codes: &[i32; CHANNELS], lines: DriveLines) {
+        (self.codes, self.lines) = (*codes, lines);
+        let mut motor_nm = Joints::zeros();
+        for i in 0..JOINT_COUNT {
+            motor_nm[i] = self.drive.motor_torque_nm(codes[i], i);
+        }
+        self.torque = self.transmission.joint_torque(&motor_nm);
+    }
+
+    fn drive_lines(&self) -> DriveLines {
+        self.lines
+    }
+
+    /// The counts are zero at power-up; the phase of the encoder discs is kept.
+    fn counts(&self) -> [i32; CHANNELS] {
+        let motor_q = if self.gears.is_some() { &self.state.rotors.q } else { &self.state.q };
+        let now = self.transmission.counts(motor_q);
+        let mut counts = [0; CHANNELS];
+        for (i, count) in counts.iter_mut().enumerate().take(JOINT_COUNT) {
+            *count = now[i].wrapping_sub(self.start_counts[i]);
+        }
+        counts
+    }
+
+    fn home_counts(&self) -> Option<HomeCounts> {
+        // Behind compliant gears the motors stand where gravity holds the joints.
+        let sagged = |gears: &CompliantGears| {
+            gears.static_rotor_angles(&self.home, &self.dynamics.gravity_torque(&self.home))
+        };
+        let home = self.transmission.counts(&self.gears.as_ref().map_or(self.home, sagged));
+        let counts = (0..JOINT_COUNT).map(|i| home[i].wrapping_sub(self.start_counts[i])).collect();
+        let counts_per_turn = self.transmission.counts_per_revolution().as_slice().to_vec();
+        Some(HomeCounts { counts, counts_per_turn })
+    }
+
+    fn current_codes(&self) -> [i32; CHANNELS] {
+        if self.lines.enabled { self.codes } else { [0; CHANNELS] }
+    }
+
+    fn joints(&self) -> (&[f64], &[f64]) {
+        (self.state.q.as_slice(), self.state.qd.as_slice())
+    }
+
+    fn puma_state(&self) -> Option<&ArmState> {
+        Some(&self.state)
+    }
+
+    fn energy_j(&self) -> f64 {
+        let ArmState { q, qd, .. } = &self.state;
+        let gears_j = self.gears.map_or(0.0, |gears| gears.energy_j(&self.state));
         self.dynamics.kinetic_energy_j(q, qd) + self.dynamics.potential_energy_j(q) + gears_j
     }
 
-    pub(crate) fn digest(&self, hash: &mut Hash) {
-        self.now.digest(hash);
+    fn digest(&self, hash: &mut Hash) {
+        self.state.digest(hash);
         if self.gears.is_some() {
-            hash.numbers(self.now.motor.q.as_slice());
-            hash.numbers(self.now.motor.qd.as_slice());
+            hash.numbers(self.state.rotors.q.as_slice());
+            hash.numbers(self.state.rotors.qd.as_slice());
         }
-        hash.word(u64::from(self.age) << 2 | u64::from(self.enabled) << 1 | u64::from(self.braked));
+        let DriveLines { enabled, braked } = self.lines;
+        let steps = u64::from(self.steps_since_refresh);
+        hash.word(steps << 2 | u64::from(enabled) << 1 | u64::from(braked));
         for code in self.codes {
             hash.word(u64::from(code.cast_unsigned()));
         }
+    }
+
+    fn clone_box(&self) -> Box<dyn Manipulator> {
+        Box::new(self.clone())
     }
 }
 
@@ -372,11 +428,6 @@ impl Arm {
     pub(crate) fn without_stops(&mut self) {
         self.puma.q_min_rad.fill(f64::NEG_INFINITY);
         self.puma.q_max_rad.fill(f64::INFINITY);
-    }
-
-    /// Energy of motion (J).
-    pub(crate) fn kinetic_j(&self) -> f64 {
-        self.dynamics.kinetic_energy_j(&self.now.q, &self.now.qd)
     }
 }
 

@@ -1,4 +1,4 @@
-//! The arm against whole motions that were computed elsewhere, to 1e-6 rad.
+//! Compares the arm with motions that another program computed, to 1e-6 rad.
 
 use core::f64::consts::TAU;
 use std::path::PathBuf;
@@ -33,14 +33,15 @@ fn follow(
     let rows = run_of(name);
     let config = ArmConfig { coulomb_scale: 0.0, ..ArmConfig::default() };
     let mut arm = Arm::new(&config, model, 1).unwrap();
-    (arm.braked, arm.now.q, arm.now.qd) = (false, rows[0].1, rows[0].2);
+    arm.lines.braked = false;
+    (arm.state.q, arm.state.qd) = (rows[0].1, rows[0].2);
     let mut worst = 0.0_f64;
     for pair in rows.windows(2) {
         let steps = ((pair[1].0 - pair[0].0) / h).round();
         for i in 0..steps as u32 {
-            arm.swing_under(pair[0].0 + h * f64::from(i), h, &mut torque);
+            arm.step_rk4_under(pair[0].0 + h * f64::from(i), h, &mut torque);
         }
-        worst = worst.max((arm.now.q - pair[1].1).amax());
+        worst = worst.max((arm.state.q - pair[1].1).amax());
     }
     worst
 }
@@ -73,25 +74,26 @@ fn the_driven_reference_is_met_at_servo_steps_and_below() {
 }
 
 #[test]
-fn a_rigid_arm_has_no_friction_to_pay_for() {
+fn a_rigid_arm_has_no_friction() {
     let config = ArmConfig::default();
     assert!(Arm::new(&config, ArmModel::Rigid, 1).unwrap().is_smooth());
     assert!(!Arm::new(&config, ArmModel::RigidMotors, 1).unwrap().is_smooth());
 }
 
 #[test]
-fn an_arm_that_stands_at_home_reads_what_it_is_said_to_read_there() {
+fn an_arm_at_home_reads_its_home_counts() {
     let mut config = ArmConfig::default();
     for model in [ArmModel::Rigid, ArmModel::RigidMotors, ArmModel::Compliant] {
         let arm = Arm::new(&config, model, 1).unwrap();
-        assert_eq!(arm.home_counts(&config).0, [0; JOINTS], "{model:?}");
+        assert_eq!(arm.home_counts().unwrap().counts, [0; JOINT_COUNT], "{model:?}");
     }
-    // Soft gears: the motors stand hundreds of counts from where the joints hang.
-    config.gear_stiffness_nm_rad = [50.0; JOINTS];
+    // With soft gears the motors stand hundreds of counts from the joints.
+    config.gear_stiffness_nm_rad = [50.0; JOINT_COUNT];
     let arm = Arm::new(&config, ArmModel::Compliant, 1).unwrap();
-    assert_eq!(arm.home_counts(&config).0, [0; JOINTS]);
-    let sag = arm.now.motor.q - arm.now.q;
+    assert_eq!(arm.home_counts().unwrap().counts, [0; JOINT_COUNT]);
+    let sag = arm.state.rotors.q - arm.state.q;
     assert!(sag.amax() > 1e-3, "{sag:?}");
-    let off = arm.transmission.counts(&arm.now.motor.q)[1] - arm.transmission.counts(&arm.now.q)[1];
+    let off =
+        arm.transmission.counts(&arm.state.rotors.q)[1] - arm.transmission.counts(&arm.state.q)[1];
     assert!(off.abs() > 10, "{off} counts");
 }

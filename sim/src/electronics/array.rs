@@ -1,48 +1,49 @@
-//! The tactile array behind its rubber: from forces to counts, row by row, through as much
-//! electronics as the scene names. Refuses to clip at zero: the rest level lies five standard
+//! The tactile array under its rubber: from forces to counts, row by row, through as much
+//! electronics as the scene names. Refuses to clip noise at zero: the rest level is five standard
 //! deviations above it.
 //!
-//! Order of effects: force on a tactel's square -> gain, hysteresis, creep, threshold, power law ->
-//! network of rows and columns -> noise on the rest level -> converter with saturation -> defects.
+//! The effects follow each other in this order: force on a tactel's square -> gain, hysteresis,
+//! creep, threshold, power law -> network of rows and columns -> noise on the rest level ->
+//! converter with saturation -> defects.
 
 use taktil_hal::{MAX_TACTELS, Nanos};
 
 use super::network::Network;
-use super::response::Response;
-use crate::contact::SLICES;
+use super::response::TactelResponse;
+use crate::contact::SLICE_COUNT;
 use crate::hash::Hash;
 use crate::prng::{Prng, Stream};
 use crate::scene::section::inside;
 use crate::scene::{Defect, DefectKind, Electronics, Invalid, TactileConfig, Timing, invalid};
 
-/// Which fingertip an array is on.
+/// The fingertip that carries an array.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Tip {
-    /// The one that the arm moves.
+pub(crate) enum Fingertip {
+    /// The fingertip that the arm moves.
     Finger,
-    /// The one on the table's mount.
+    /// The fingertip on the table's mount.
     Opposed,
 }
 
-impl Tip {
-    /// Its streams of noise and gains, and its section of the scene.
-    fn own(self) -> (Stream, Stream, &'static str) {
+impl Fingertip {
+    /// The streams of random numbers for its noise and its gains, and its section of the scene.
+    fn streams_and_section(self) -> (Stream, Stream, &'static str) {
         match self {
-            Tip::Finger => (Stream::TactileNoise, Stream::TactelGains, "tactile"),
-            Tip::Opposed => (Stream::OpposedNoise, Stream::OpposedGains, "opposed.tactile"),
+            Fingertip::Finger => (Stream::TactileNoise, Stream::TactelGains, "tactile"),
+            Fingertip::Opposed => (Stream::OpposedNoise, Stream::OpposedGains, "opposed.tactile"),
         }
     }
 }
 
-/// The array, and the scan that is being made.
+/// The array and the scan in progress.
 #[derive(Clone, Debug)]
-pub(crate) struct Array {
+pub(crate) struct TactileSensor {
     counts_full: f64,
     per_newton: f64,
     rest: f64,
     noise: f64,
     full_scale: u16,
-    response: Option<Response>,
+    response: Option<TactelResponse>,
     network: Option<Network>,
     defects: Vec<Defect>,
     prng: Prng,
@@ -50,27 +51,27 @@ pub(crate) struct Array {
     period: Nanos,
     complete_at: Nanos,
     next_row: usize,
-    /// Readings of the tactels in parts of full scale, as of their rows' latest turn.
+    /// Readings of the tactels relative to full scale, as of the latest reading of their rows.
     conductances: [f64; MAX_TACTELS],
     values: [u16; MAX_TACTELS],
 }
 
-impl Array {
+impl TactileSensor {
     /// The array of a checked description.
     ///
     /// # Errors
-    /// Rows that take longer than a scan.
+    /// The rows together take longer than a scan.
     pub(crate) fn new(
         config: &TactileConfig,
         timing: &Timing,
         seed: u64,
-        tip: Tip,
-    ) -> Result<Array, Invalid> {
-        let (noise, gains, place) = tip.own();
+        tip: Fingertip,
+    ) -> Result<TactileSensor, Invalid> {
+        let (noise, gains, place) = tip.streams_and_section();
         let row = Nanos((1e3 * config.row_us).round() as i64);
-        if row * SLICES as i64 > timing.scan_period {
+        if row * SLICE_COUNT as i64 > timing.scan_period {
             let what = format!("is {}: sixteen rows do not fit a scan", config.row_us);
-            let most = timing.scan_period.0 as f64 / (1e3 * SLICES as f64);
+            let most = timing.scan_period.0 as f64 / (1e3 * SLICE_COUNT as f64);
             let remedy = format!("give at most {most:.1}, or scan less often");
             return Err(invalid(&inside(place, "row_us"), what, &remedy));
         }
@@ -78,13 +79,13 @@ impl Array {
         let network = (config.electronics >= Electronics::Network)
             .then(|| Network::new(config.full_scale_ohm, config.driver_ohm))
             .flatten();
-        Ok(Array {
+        Ok(TactileSensor {
             counts_full: f64::from(full_scale),
             per_newton: 1.0 / config.full_scale_n,
             rest: config.rest_counts,
             noise: config.noise_counts,
             full_scale,
-            response: Response::new(config, seed, gains),
+            response: TactelResponse::new(config, seed, gains),
             network,
             defects: config.defect.clone(),
             prng: Prng::new(seed, noise),
@@ -97,36 +98,38 @@ impl Array {
         })
     }
 
-    /// When rows are read next. The first scan, at the very start, is read all at once.
+    /// The instant at which rows are read next. The first scan, at the very start, is read all at
+    /// once.
     pub(crate) fn next(&self) -> Nanos {
         if self.complete_at == Nanos::ZERO {
             return Nanos::ZERO;
         }
-        self.complete_at - self.row * (SLICES - 1 - self.next_row) as i64
+        self.complete_at - self.row * (SLICE_COUNT - 1 - self.next_row) as i64
     }
 
-    /// Reads the rows that are due, each tactel under its force (N); the whole scan when its last
-    /// row was among them.
+    /// Reads the rows that are due, each tactel under its force (N). Returns the whole scan when
+    /// its last row was among them.
     pub(crate) fn read(
         &mut self,
         now: Nanos,
         forces: &[f64; MAX_TACTELS],
     ) -> Option<[u16; MAX_TACTELS]> {
         let at_once = self.row == Nanos::ZERO || self.complete_at == Nanos::ZERO;
-        let end = if at_once { SLICES } else { self.next_row + 1 };
+        let end = if at_once { SLICE_COUNT } else { self.next_row + 1 };
         self.convert(self.next_row..end, forces, now);
-        self.next_row = end % SLICES;
-        if end < SLICES {
+        self.next_row = end % SLICE_COUNT;
+        if end < SLICE_COUNT {
             return None;
         }
         self.complete_at += self.period;
         Some(self.values)
     }
 
-    /// Every tactel of the rows draws its noise, loaded or not, so that the stream keeps step.
+    /// Converts the forces on the given rows. Every tactel draws its noise, loaded or not, so that
+    /// the stream of random numbers does not depend on the load.
     fn convert(&mut self, rows: core::ops::Range<usize>, forces: &[f64; MAX_TACTELS], now: Nanos) {
         let dt_s = self.period.as_secs_f64();
-        let tactels = rows.start * SLICES..rows.end * SLICES;
+        let tactels = rows.start * SLICE_COUNT..rows.end * SLICE_COUNT;
         for tactel in tactels {
             let load = self.per_newton * forces[tactel];
             self.conductances[tactel] = match &mut self.response {
@@ -134,28 +137,28 @@ impl Array {
                 None => load,
             };
         }
-        let factored = self.network.map(|network| network.factor(&self.conductances));
+        let factored = self.network.map(|network| network.factorise(&self.conductances));
         for row in rows {
             let seen = match &factored {
                 Some(factored) => factored.read(&self.conductances, row),
-                None => core::array::from_fn(|j| self.conductances[row * SLICES + j]),
+                None => core::array::from_fn(|j| self.conductances[row * SLICE_COUNT + j]),
             };
-            let mut noise = [0.0; SLICES];
+            let mut noise = [0.0; SLICE_COUNT];
             if self.noise > 0.0 {
                 noise = core::array::from_fn(|_| self.noise * self.prng.normal());
             }
             let most = f64::from(self.full_scale);
-            let values = &mut self.values[row * SLICES..][..SLICES];
+            let values = &mut self.values[row * SLICE_COUNT..][..SLICE_COUNT];
             for (value, (part, noise)) in values.iter_mut().zip(seen.iter().zip(&noise)) {
                 let counts = self.rest + self.counts_full * part + noise;
-                *value = nearest(counts.clamp(0.0, most));
+                *value = round_to_u16(counts.clamp(0.0, most));
             }
-            self.spoil(row, now);
+            self.apply_defects(row, now);
         }
     }
 
-    /// What is broken reads what it reads.
-    fn spoil(&mut self, row: usize, now: Nanos) {
+    /// Overwrites the readings of defective tactels.
+    fn apply_defects(&mut self, row: usize, now: Nanos) {
         let t_s = now.as_secs_f64();
         for defect in &self.defects {
             let here = defect.row.is_none_or(|r| r as usize == row);
@@ -173,9 +176,9 @@ impl Array {
                     defect.counts.min(u32::from(u16::MAX)) as u16
                 }
             };
-            let whole = 0..SLICES;
+            let whole = 0..SLICE_COUNT;
             let columns = defect.column.map_or(whole, |c| c as usize..c as usize + 1);
-            self.values[row * SLICES..][columns].fill(counts);
+            self.values[row * SLICE_COUNT..][columns].fill(counts);
         }
     }
 
@@ -191,12 +194,12 @@ impl Array {
     }
 }
 
-/// The whole number nearest to one between 0 and 65 535; 0 for NaN. Beyond 2^52 numbers are whole:
-/// what is brought there and rounded carries it in its lowest bits.
+/// The integer nearest to a number between 0 and 65 535; 0 for NaN. Numbers above 2^52 are
+/// integers: the sum carries the rounded number in its lowest bits.
 #[inline(always)]
-fn nearest(x: f64) -> u16 {
-    const WHOLE: f64 = (1_u64 << 52) as f64;
-    (x + WHOLE).to_bits() as u16
+fn round_to_u16(x: f64) -> u16 {
+    const INTEGER_OFFSET: f64 = (1_u64 << 52) as f64;
+    (x + INTEGER_OFFSET).to_bits() as u16
 }
 
 #[cfg(test)]
@@ -208,20 +211,20 @@ mod tests {
         for whole in [0_u16, 1, 2, 299, 300, 4095, 32_768, 65_535] {
             let x = f64::from(whole);
             for off in [-0.49, -1e-6, 0.0, 1e-6, 0.49] {
-                assert_eq!(nearest((x + off).max(0.0)), whole, "{x} {off}");
+                assert_eq!(round_to_u16((x + off).max(0.0)), whole, "{x} {off}");
             }
         }
-        assert_eq!(nearest(f64::NAN), 0);
+        assert_eq!(round_to_u16(f64::NAN), 0);
     }
 
-    fn array(edit: impl FnOnce(&mut TactileConfig)) -> Array {
+    fn array(edit: impl FnOnce(&mut TactileConfig)) -> TactileSensor {
         let mut config = TactileConfig { noise_counts: 0.0, ..TactileConfig::default() };
         edit(&mut config);
-        Array::new(&config, &Timing::default(), 1, Tip::Finger).unwrap()
+        TactileSensor::new(&config, &Timing::default(), 1, Fingertip::Finger).unwrap()
     }
 
-    fn scan(array: &mut Array, forces: &[f64; MAX_TACTELS]) -> [u16; MAX_TACTELS] {
-        array.convert(0..SLICES, forces, Nanos::from_secs(1));
+    fn scan(array: &mut TactileSensor, forces: &[f64; MAX_TACTELS]) -> [u16; MAX_TACTELS] {
+        array.convert(0..SLICE_COUNT, forces, Nanos::from_secs(1));
         array.values
     }
 
@@ -246,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_broken_reads_what_it_reads() {
+    fn defective_tactels_read_their_defects() {
         let defect = |kind, row, column, counts| Defect {
             kind,
             row,
@@ -263,17 +266,17 @@ mod tests {
             ];
         });
         let forces = [1.0; MAX_TACTELS];
-        array.convert(0..SLICES, &forces, Nanos::from_millis(30));
+        array.convert(0..SLICE_COUNT, &forces, Nanos::from_millis(30));
         let (pressed, seen) = (array.values[0], array.values);
         assert!((3 * 16..4 * 16 - 1).all(|i| seen[i] == 300));
         assert_eq!((seen[5 * 16 + 6], seen[5 * 16 + 5]), (4000, pressed));
         assert_eq!(seen[15], pressed);
-        array.convert(0..SLICES, &forces, Nanos::from_millis(70));
+        array.convert(0..SLICE_COUNT, &forces, Nanos::from_millis(70));
         assert!((0..16).all(|row| array.values[row * 16 + 15] == 7));
     }
 
     #[test]
-    fn rows_take_their_turns_and_the_scan_is_whole_at_its_instant() {
+    fn rows_are_read_in_turn_and_the_scan_is_complete_at_its_instant() {
         let mut array = array(|c| c.row_us = 100.0);
         assert!(array.read(Nanos::ZERO, &[0.0; MAX_TACTELS]).is_some());
         let mut instants = Vec::new();
@@ -289,9 +292,9 @@ mod tests {
         assert!(instants.windows(2).all(|pair| pair[1] - pair[0] == 100_000));
         let long = TactileConfig { row_us: 313.0, ..TactileConfig::default() };
         for (tip, place) in
-            [(Tip::Finger, "tactile.row_us"), (Tip::Opposed, "opposed.tactile.row_us")]
+            [(Fingertip::Finger, "tactile.row_us"), (Fingertip::Opposed, "opposed.tactile.row_us")]
         {
-            let bad = Array::new(&long, &Timing::default(), 1, tip).unwrap_err();
+            let bad = TactileSensor::new(&long, &Timing::default(), 1, tip).unwrap_err();
             assert!(bad.place == place && bad.remedy.contains("312.5"), "{bad}");
         }
     }

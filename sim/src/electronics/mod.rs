@@ -1,78 +1,79 @@
-//! From forces to counts: the tactile array's image, the wrist's gauges, the echo of the motor
-//! currents. Each effect is in a file of its own and costs nothing unless a scene names it. Refuses
-//! to know where the forces come from.
+//! The electronics between forces and counts: the tactile array's image, the wrist's gauges, the
+//! echo of the motor currents. Each effect is in a file of its own and costs nothing unless a scene
+//! names it. Refuses to know where the forces come from.
 
 mod array;
 mod network;
 mod response;
 mod wrist;
 
-pub(crate) use array::{Array, Tip};
+pub(crate) use array::{Fingertip, TactileSensor};
 pub use response::tactel_gains;
 pub(crate) use wrist::Wrist;
-pub use wrist::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM};
 
 use taktil_hal::{AdcCode, CHANNELS, MAX_TACTELS};
 
-use crate::contact::{PITCH_M, Patch, SLICES, tactel_middle_m};
+use crate::contact::{PITCH_M, Patch, SLICE_COUNT, tactel_centre_m};
 use crate::devices::ADC_MAX;
 
-/// Base loads below this part of a row's load are not looked for (the field dies exponentially).
-const REACH_M: f64 = 12e-3;
+/// Distance from a line load beyond which its pressure at the base is neglected (m); the field
+/// decays exponentially.
+const BASE_FIELD_REACH_M: f64 = 12e-3;
 
-/// Normal force on each tactel at the rubber's base (N), row by row: each row's load, spread as the
-/// layer spreads it and integrated over the tactels' squares, and what its tangential load presses
-/// and lifts when the rubber knows it. `across` is the cosine between the sensor's x and the
+/// Normal force on each tactel at the rubber's base (N), row by row. Each row's load has the
+/// distribution of the layer's base, integrated over the tactels' squares. Tangential loads add
+/// their part when the rubber has that table. `across` is the cosine between the sensor's x and the
 /// rolling direction.
-pub(crate) fn base_forces(pad: &Patch, across: f64) -> [f64; MAX_TACTELS] {
+pub(crate) fn tactel_forces(pad: &Patch, across: f64) -> [f64; MAX_TACTELS] {
     let mut forces = [0.0; MAX_TACTELS];
     let turned = across.abs();
-    for (row, slice) in pad.slices.each().enumerate() {
+    for (row, slice) in pad.slices.iter().enumerate() {
         if slice.load_n <= 0.0 {
             continue;
         }
         let shares = pad.rubber.base_shares(slice.delta_m);
         let share = |edge: usize| {
-            let u_m = tactel_middle_m(edge) - 0.5 * PITCH_M - slice.x_m;
-            shares.left_of(1e3 * (turned * u_m).clamp(-REACH_M, REACH_M))
+            let u_m = tactel_centre_m(edge) - 0.5 * PITCH_M - slice.x_m;
+            shares.left_of(1e3 * (turned * u_m).clamp(-BASE_FIELD_REACH_M, BASE_FIELD_REACH_M))
         };
         let mut left = share(0);
-        for column in 0..SLICES {
+        for column in 0..SLICE_COUNT {
             let right = share(column + 1);
-            forces[row * SLICES + column] = slice.load_n * (right - left);
+            forces[row * SLICE_COUNT + column] = slice.load_n * (right - left);
             left = right;
         }
     }
-    add_drag(&mut forces, pad, across);
+    add_tangential_image(&mut forces, pad, across);
     forces
 }
 
-/// Adds what the rows' tangential loads press and lift at the base, when the rubber knows it.
-pub(crate) fn add_drag(forces: &mut [f64; MAX_TACTELS], pad: &Patch, across: f64) {
-    let Some(trace) = pad.rubber.trace() else { return };
-    for (row, slice) in pad.slices.each().enumerate() {
+/// Adds the normal forces at the base that the rows' tangential loads cause, when the rubber has
+/// that table.
+pub(crate) fn add_tangential_image(forces: &mut [f64; MAX_TACTELS], pad: &Patch, across: f64) {
+    let Some(influence) = pad.rubber.tangential_influence() else { return };
+    for (row, slice) in pad.slices.iter().enumerate() {
         if slice.load_n <= 0.0 {
             continue;
         }
-        // The bristles' force on the rubber, along the rolling direction.
-        let drag_n = slice.shear_n_m * slice.brush_m.0;
+        // This is the force of the bristles on the rubber along the rolling direction.
+        let drag_n = slice.shear_n_m * slice.across_m;
         let half_width_m = pad.rubber.at(slice.delta_m).half_width_m;
         let part = |edge: usize| {
-            let u_m = tactel_middle_m(edge) - 0.5 * PITCH_M - slice.x_m;
-            trace.left_of(half_width_m, across * u_m)
+            let u_m = tactel_centre_m(edge) - 0.5 * PITCH_M - slice.x_m;
+            influence.left_of(half_width_m, across * u_m)
         };
         let mut left = part(0);
-        for column in 0..SLICES {
+        for column in 0..SLICE_COUNT {
             let right = part(column + 1);
             // The rolling direction may run against the sensor's x.
             let signed = if across < 0.0 { left - right } else { right - left };
-            forces[row * SLICES + column] += drag_n * signed;
+            forces[row * SLICE_COUNT + column] += drag_n * signed;
             left = right;
         }
     }
 }
 
-/// What the A/D reads of the motor currents.
+/// Readings of the A/D converter for the motor currents.
 pub(crate) fn currents(codes: &[i32; CHANNELS]) -> [AdcCode; CHANNELS] {
     codes.map(|code| AdcCode(code.clamp(-ADC_MAX - 1, ADC_MAX)))
 }

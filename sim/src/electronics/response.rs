@@ -1,10 +1,11 @@
-//! How a tactel's conductance follows its force: gain, hysteresis, creep, threshold, power law.
-//! Conductances are in parts of that at full scale. Refuses neighbours: each tactel is on its own.
+//! The conductance of a tactel as a function of its force: gain, hysteresis, creep, threshold,
+//! power law. Conductances are relative to the conductance at full scale. Refuses influence of
+//! neighbours: each tactel responds on its own.
 //!
 //! Hysteresis is a play operator on the logarithm of the force (Brokate and Sprekels 1996, ch. 2):
-//! a load that goes down reads `1 + h` times what one reads that goes up, at any size of load.
-//! Creep is a chain of Kelvin elements whose time constants lie a decade apart, so that the reading
-//! under a constant load grows by the same part in each tenfold of time.
+//! a decreasing load reads `1 + h` times an increasing one, at any size of load. Creep is a chain
+//! of Kelvin elements whose time constants are a decade apart, so that the reading under a constant
+//! load grows by the same part in each tenfold of time.
 
 use taktil_hal::MAX_TACTELS;
 
@@ -12,14 +13,14 @@ use crate::hash::Hash;
 use crate::prng::{Prng, Stream};
 use crate::scene::{Electronics, TactileConfig};
 
-/// Kelvin elements.
-const ELEMENTS: usize = 4;
-/// The fastest of them (s); the others are 10, 100 and 1000 times as slow.
-const FASTEST_S: f64 = 0.5;
-/// Gains lie within this factor of one another at most.
+/// Number of Kelvin elements.
+const KELVIN_ELEMENT_COUNT: usize = 4;
+/// Time constant of the fastest element (s); the others are 10, 100 and 1000 times as slow.
+const TIME_CONSTANT_MIN_S: f64 = 0.5;
+/// Smallest gain of a tactel, relative to the nominal gain.
 const GAIN_MIN: f64 = 0.2;
 
-/// The gain of each tactel of the finger's array, row by row, as a seed draws it.
+/// The gain of each tactel of the finger's array, row by row, for a seed.
 #[must_use]
 pub fn tactel_gains(config: &TactileConfig, seed: u64) -> Vec<f64> {
     gains(config, Prng::new(seed, Stream::TactelGains))
@@ -30,38 +31,38 @@ fn gains(config: &TactileConfig, mut prng: Prng) -> Vec<f64> {
     (0..MAX_TACTELS).map(gain).collect()
 }
 
-/// What each tactel makes of its force.
+/// The response of all tactels.
 #[derive(Clone, Debug)]
-pub(crate) struct Response {
+pub(crate) struct TactelResponse {
     gains: Vec<f64>,
     threshold: f64,
     exponent: f64,
-    memory: Option<Memory>,
+    memory: Option<ViscoelasticState>,
 }
 
-/// What each tactel remembers.
+/// The hysteresis and creep of all tactels.
 #[derive(Clone, Debug)]
-struct Memory {
+struct ViscoelasticState {
     hysteresis: f64,
     creep: f64,
     /// Middle of the play; negative infinity for a tactel that was unloaded.
     play: Vec<f64>,
-    elements: Vec<[f64; ELEMENTS]>,
+    elements: Vec<[f64; KELVIN_ELEMENT_COUNT]>,
 }
 
-impl Response {
-    /// None for an ideal array.
-    pub(crate) fn new(config: &TactileConfig, seed: u64, stream: Stream) -> Option<Response> {
+impl TactelResponse {
+    /// The response; none for an ideal array.
+    pub(crate) fn new(config: &TactileConfig, seed: u64, stream: Stream) -> Option<TactelResponse> {
         if config.electronics < Electronics::Response {
             return None;
         }
-        let memory = (config.electronics >= Electronics::Memory).then(|| Memory {
+        let memory = (config.electronics >= Electronics::Memory).then(|| ViscoelasticState {
             hysteresis: config.hysteresis,
             creep: config.creep_per_decade,
             play: vec![f64::NEG_INFINITY; MAX_TACTELS],
-            elements: vec![[0.0; ELEMENTS]; MAX_TACTELS],
+            elements: vec![[0.0; KELVIN_ELEMENT_COUNT]; MAX_TACTELS],
         });
-        Some(Response {
+        Some(TactelResponse {
             gains: gains(config, Prng::new(seed, stream)),
             threshold: config.threshold_n / config.full_scale_n,
             exponent: config.exponent,
@@ -69,15 +70,15 @@ impl Response {
         })
     }
 
-    /// Conductance of one tactel under a load (both in parts of full scale), `dt_s` after its
+    /// Conductance of one tactel under a load (both relative to full scale), `dt_s` after its
     /// latest reading.
     pub(crate) fn conductance(&mut self, tactel: usize, load: f64, dt_s: f64) -> f64 {
         let load = self.gains[tactel] * load.max(0.0);
-        let felt = match &mut self.memory {
-            Some(memory) => memory.feel(tactel, load, dt_s),
+        let effective_load = match &mut self.memory {
+            Some(memory) => memory.apply(tactel, load, dt_s),
             None => load,
         };
-        let above = felt - self.threshold;
+        let above = effective_load - self.threshold;
         if above <= 0.0 {
             return 0.0;
         }
@@ -95,10 +96,10 @@ impl Response {
     }
 }
 
-impl Memory {
-    fn feel(&mut self, tactel: usize, load: f64, dt_s: f64) -> f64 {
+impl ViscoelasticState {
+    fn apply(&mut self, tactel: usize, load: f64, dt_s: f64) -> f64 {
         let mut strain = load;
-        let mut slow_s = FASTEST_S;
+        let mut slow_s = TIME_CONSTANT_MIN_S;
         for element in &mut self.elements[tactel] {
             *element += (load - *element) * (1.0 - libm::exp(-dt_s / slow_s));
             strain += self.creep * *element;
@@ -112,7 +113,7 @@ impl Memory {
         let size = libm::log(strain);
         let play = self.play[tactel].clamp(size - half, size + half);
         self.play[tactel] = play;
-        // Loading is the reference: it reads as without hysteresis.
+        // An increasing load is the reference: it reads the same as without hysteresis.
         libm::exp(play + half)
     }
 }
@@ -121,7 +122,7 @@ impl Memory {
 mod tests {
     use super::*;
 
-    fn response(edit: impl FnOnce(&mut TactileConfig)) -> Response {
+    fn response(edit: impl FnOnce(&mut TactileConfig)) -> TactelResponse {
         let mut config = TactileConfig {
             electronics: Electronics::Memory,
             gain_spread: 0.0,
@@ -132,7 +133,7 @@ mod tests {
             ..TactileConfig::default()
         };
         edit(&mut config);
-        Response::new(&config, 1, Stream::TactelGains).unwrap()
+        TactelResponse::new(&config, 1, Stream::TactelGains).unwrap()
     }
 
     #[test]

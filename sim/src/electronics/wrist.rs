@@ -1,6 +1,6 @@
-//! The force/torque sensor at the wrist: six gauges, each of which sees something of every
-//! component of the wrench, through a matrix that its maker states. Refuses matrices that cannot be
-//! inverted: nobody could tell forces from such gauges.
+//! The force/torque sensor at the wrist: six gauges that respond to all components of the wrench
+//! through a matrix that the maker states. Refuses matrices that cannot be inverted: such gauges do
+//! not determine the wrench.
 
 use taktil_hal::{AXES, AdcCode};
 use taktil_mechanics::{Joints, Matrix6};
@@ -10,12 +10,7 @@ use crate::hash::Hash;
 use crate::prng::{Prng, Stream};
 use crate::scene::WristConfig;
 
-/// Gauge codes per newton, unless a scene gives a matrix.
-pub const GAUGE_CODES_PER_N: f64 = 20.0;
-/// Gauge codes per newton metre.
-pub const GAUGE_CODES_PER_NM: f64 = 1000.0;
-
-/// The sensor.
+/// The sensor with its noise.
 #[derive(Clone, Debug)]
 pub(crate) struct Wrist {
     matrix: Matrix6,
@@ -65,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gauges_saturate_and_survive_nonsense() {
+    fn gauges_saturate_and_accept_numbers_that_are_not_finite() {
         let wrench = Joints::new(1.0, -1.0, 1e9, 0.5, f64::NAN, -1e9);
         let mut wrist = Wrist::new(&WristConfig::default(), 1);
         let codes = wrist.read(&wrench).map(|c| c.0);

@@ -1,42 +1,44 @@
-//! A bar with a flat face and sharp edges, cut into short lengths along itself. Each length presses
-//! as in plane strain across the bar, level or with one edge lifted; the image is that of all loads
-//! in three dimensions. Refuses what the plane problem refuses; ends press as if the bar went on.
+//! A bar with a flat face and sharp edges, cut into short sections along its length. Each section
+//! presses as in plane strain across the bar, level or with one edge lifted; the image is that of
+//! all loads in three dimensions. Ends press as if the bar continued. Refuses contacts that the
+//! plane problem refuses.
 //!
-//! A flat face has no length of its own: load and place of its middle depend on the deepest
-//! penetration by proportion and on the ratio of slope and penetration alone, so that one table
-//! over that ratio is the whole contact.
+//! A flat face has no length scale of its own: the load is proportional to the deepest penetration,
+//! and the place of its middle depends on the ratio of slope and penetration alone, so that one
+//! table over that ratio describes the whole contact.
 
 use glam::{DVec2, DVec3};
 use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape};
 use taktil_contact::space::tactels::Shares;
 use taktil_hal::MAX_TACTELS;
 
-use super::{Lie, Meeting, Sums, layer_of, on_pad};
+use super::{ContactLoad, ObjectPlacement, RelativeMotion, on_pad, pad_layer};
 use crate::rubber;
 use crate::scene::{Invalid, ObjectConfig, RubberConfig, invalid};
 
-/// Longest length (m).
-const STEP_M: f64 = 0.5e-3;
-/// Knots of the table, from a level face to a load this far out in half-widths.
-const KNOTS: usize = 120;
-const FARTHEST: f64 = 0.96;
-/// Points that stand for the pressure across a length.
-const POINTS: usize = 10;
+/// Longest section (m).
+const SECTION_LENGTH_MAX_M: f64 = 0.5e-3;
+/// Number of cells of the table, and the largest eccentricity of the load, in half-widths.
+const KNOT_COUNT: usize = 120;
+const ECCENTRICITY_MAX: f64 = 0.96;
+/// Number of point loads that represent the pressure across a section.
+const PRESSURE_POINT_COUNT: usize = 10;
 
-/// A face at one ratio of slope and penetration; lengths in half-widths.
+/// The contact at one ratio of slope and penetration; lengths are in half-widths.
 #[derive(Clone, Copy, Debug, Default)]
 struct Knot {
-    /// Rise of the penetration from the middle to the deepest edge over that at the edge.
+    /// Rise of the penetration from the middle to the deepest edge, relative to the penetration of
+    /// that edge.
     ratio: f64,
-    /// Line load over the penetration of the deepest edge (N/m^2).
+    /// Line load per penetration of the deepest edge (N/m^2).
     stiffness_n_m2: f64,
-    /// Place of the load's middle, towards the deepest edge.
+    /// Place of the middle of the load, towards the deepest edge.
     place: f64,
-    /// Middle and half of the contact.
+    /// Middle and half-width of the contact.
     middle: f64,
     half: f64,
-    /// Shares of the points at the cosines of equal angles.
-    weights: [f64; POINTS],
+    /// Weights of the point loads at the cosines of equal angles.
+    weights: [f64; PRESSURE_POINT_COUNT],
 }
 
 impl Knot {
@@ -53,9 +55,9 @@ impl Knot {
     }
 }
 
-/// One length in contact, as the pad sees it.
+/// One loaded section in the pad's frame.
 #[derive(Clone, Copy, Debug, Default)]
-struct Pressed {
+struct LoadedSection {
     middle: DVec2,
     across: DVec2,
     side: f64,
@@ -63,42 +65,43 @@ struct Pressed {
     knot: Knot,
 }
 
-/// The bar with the table of its face.
+/// The bar with the table of its contact.
 #[derive(Clone, Debug)]
-pub(super) struct Face {
+pub(super) struct BarContact {
     half_width_m: f64,
     half_length_m: f64,
     step_m: f64,
     count: usize,
     knots: Vec<Knot>,
-    /// Stiffness against a tangential shift over that against a normal one.
+    /// Ratio of the stiffness against a tangential shift to the normal one.
     shear: f64,
-    /// Lengths that pressed at the latest evaluation: the first `used`. Room for all, which a clone
-    /// keeps.
-    met: Vec<Pressed>,
-    used: usize,
-    /// Cosines of the points.
-    cosines: [f64; POINTS],
+    /// Sections that were loaded at the latest evaluation: the first `loaded_count`. The vector has
+    /// room for all sections, also in a clone.
+    sections: Vec<LoadedSection>,
+    loaded_count: usize,
+    /// Places of the point loads, as cosines.
+    cosines: [f64; PRESSURE_POINT_COUNT],
 }
 
-impl Face {
+impl BarContact {
     pub(super) fn new(
         config: &ObjectConfig,
         pad: &RubberConfig,
         place: &str,
-    ) -> Result<Face, Invalid> {
-        let layer = layer_of(pad)?;
+    ) -> Result<BarContact, Invalid> {
+        let layer = pad_layer(pad)?;
         let width_mm = config.width_mm.unwrap_or(4.0);
         let shape = Shape::Flat { width_mm, height_mm: 1.0 };
         let mut indenter = Indenter::new(&layer, shape, Friction::None, Level::Default)
-            .map_err(rubber::located(place))?;
-        let angle = |i: usize| core::f64::consts::PI * (i as f64 + 0.5) / POINTS as f64;
+            .map_err(rubber::at_place(place))?;
+        let angle =
+            |i: usize| core::f64::consts::PI * (i as f64 + 0.5) / PRESSURE_POINT_COUNT as f64;
         let cosines = core::array::from_fn(|i| libm::cos(angle(i)));
         let half_mm = 0.5 * width_mm;
-        let mut knots = Vec::with_capacity(KNOTS + 1);
-        for k in 0..=KNOTS {
-            let out = FARTHEST * k as f64 / KNOTS as f64;
-            // A moment that moves the load's middle out.
+        let mut knots = Vec::with_capacity(KNOT_COUNT + 1);
+        for k in 0..=KNOT_COUNT {
+            let out = ECCENTRICITY_MAX * k as f64 / KNOT_COUNT as f64;
+            // The moment moves the middle of the load outwards.
             let load = Load { p_n_mm: 1.0, q_n_mm: out * half_mm };
             let contact = indenter.press(&load).map_err(|refusal| {
                 let what = format!("gives no contact: {refusal}");
@@ -107,7 +110,7 @@ impl Face {
             let deepest_mm = contact.delta_mm + contact.slope.abs() * half_mm;
             let middle_mm = 0.5 * (contact.x_right_mm + contact.x_left_mm);
             let reach_mm = 0.5 * (contact.x_right_mm - contact.x_left_mm);
-            let mut weights: [f64; POINTS] = core::array::from_fn(|i| {
+            let mut weights: [f64; PRESSURE_POINT_COUNT] = core::array::from_fn(|i| {
                 let sine = libm::sin(angle(i));
                 sine * indenter.pressure_mpa(middle_mm + reach_mm * libm::cos(angle(i)))
             });
@@ -123,23 +126,23 @@ impl Face {
             });
         }
         let half_length_m = 0.5e-3 * config.length();
-        let count = libm::ceil(2.0 * half_length_m / STEP_M).max(1.0);
-        // A thin layer in shear, G w / t, over its plane stiffness.
+        let count = libm::ceil(2.0 * half_length_m / SECTION_LENGTH_MAX_M).max(1.0);
+        // This is the stiffness of a thin layer in shear, G w / t, over its plane stiffness.
         let thin = 1e6 * layer.shear_mpa() * width_mm / layer.thickness_mm;
-        Ok(Face {
+        Ok(BarContact {
             half_width_m: 1e-3 * half_mm,
             half_length_m,
             step_m: 2.0 * half_length_m / count,
             count: count as usize,
             shear: thin / knots[0].stiffness_n_m2,
             knots,
-            met: vec![Pressed::default(); count as usize],
-            used: 0,
+            sections: vec![LoadedSection::default(); count as usize],
+            loaded_count: 0,
             cosines,
         })
     }
 
-    /// The face at a ratio of slope and penetration; beyond the table its last knot.
+    /// The contact at a ratio of slope and penetration; beyond the table its last knot.
     fn at(&self, ratio: f64) -> Knot {
         let after = self.knots.partition_point(|knot| knot.ratio < ratio);
         if after == 0 {
@@ -152,15 +155,15 @@ impl Face {
         Knot::mix(a, b, (ratio - a.ratio) / (b.ratio - a.ratio))
     }
 
-    /// Evaluates the contact.
-    pub(super) fn press(&mut self, meeting: &Meeting, relaxation_s: f64) -> Sums {
-        let mut sums = Sums { half_width_m: self.half_width_m, ..Sums::default() };
-        self.used = 0;
-        let across = meeting.turn.x_axis;
+    /// Evaluates the contact at a relative motion.
+    pub(super) fn evaluate(&mut self, motion: &RelativeMotion, relaxation_s: f64) -> ContactLoad {
+        let mut sums = ContactLoad { half_width_m: self.half_width_m, ..ContactLoad::default() };
+        self.loaded_count = 0;
+        let across = motion.turn.x_axis;
         let flat = across.truncate();
         let level = flat.length();
-        // Seen from the side there is no face, and from behind there is none either.
-        if level < 0.5 || meeting.turn.z_axis.z > -0.5 {
+        // A bar on its side and a bar from behind have no face towards the pad.
+        if level < 0.5 || motion.turn.z_axis.z > -0.5 {
             return sums;
         }
         let (unit, slope) = (flat / level, -across.z / level);
@@ -168,27 +171,28 @@ impl Face {
         let rise_m = slope.abs() * self.half_width_m;
         for i in 0..self.count {
             let s = (i as f64 + 0.5) * self.step_m - self.half_length_m;
-            let middle: DVec3 = meeting.place + s * meeting.turn.y_axis;
+            let middle: DVec3 = motion.place + s * motion.turn.y_axis;
             let deepest_m = rise_m - middle.z;
             if deepest_m <= 0.0 {
                 continue;
             }
             let knot = self.at(rise_m / deepest_m);
             let at = middle.truncate() + side * knot.place * self.half_width_m * unit;
-            let length_m = self.step_m * meeting.turn.y_axis.truncate().length();
+            let length_m = self.step_m * motion.turn.y_axis.truncate().length();
             let stiffness_n_m = knot.stiffness_n_m2 * length_m;
-            let rate = meeting.closing(at.x, at.y);
+            let rate = motion.closing(at.x, at.y);
             let load_n = stiffness_n_m * (deepest_m + relaxation_s * rate);
             if load_n <= 0.0 {
                 continue;
             }
             let middle = middle.truncate();
-            self.met[self.used] = Pressed { middle, across: unit, side, load_n, knot };
-            self.used += 1;
+            self.sections[self.loaded_count] =
+                LoadedSection { middle, across: unit, side, load_n, knot };
+            self.loaded_count += 1;
             let cover = on_pad(at);
             sums.add(at, cover * load_n, 0.0);
-            // Two springs stand for the contact's stiffness against tilt.
-            let weight = 0.5 * cover * stiffness_n_m * (meeting.h + relaxation_s);
+            // Two springs represent the contact's stiffness against tilt.
+            let weight = 0.5 * cover * stiffness_n_m * (motion.h + relaxation_s);
             let lever = 0.5 * knot.half * self.half_width_m * unit;
             sums.add(at + lever, 0.0, weight);
             sums.add(at - lever, 0.0, weight);
@@ -200,7 +204,7 @@ impl Face {
 
     /// Adds the stresses of the latest evaluation (MPa).
     pub(super) fn image(&self, shares: &Shares, image: &mut [f64; MAX_TACTELS]) {
-        for pressed in &self.met[..self.used] {
+        for pressed in &self.sections[..self.loaded_count] {
             let knot = &pressed.knot;
             for (cosine, weight) in self.cosines.iter().zip(knot.weights) {
                 let out = pressed.side * self.half_width_m * (knot.middle + knot.half * cosine);
@@ -210,22 +214,23 @@ impl Face {
         }
     }
 
-    /// How the face lies under the pad.
-    pub(super) fn lie(&self, meeting: &Meeting) -> Lie {
-        let up = meeting.turn.z_axis;
-        let along = meeting.turn.y_axis;
+    /// The placement of the face under the pad.
+    pub(super) fn placement(&self, motion: &RelativeMotion) -> ObjectPlacement {
+        let up = motion.turn.z_axis;
+        let along = motion.turn.y_axis;
         let sign = if along.y < 0.0 { -1.0 } else { 1.0 };
-        Lie {
-            off_m: meeting.place.x,
+        ObjectPlacement {
+            off_m: motion.place.x,
             yaw_rad: libm::atan2(-sign * along.x, sign * along.y),
-            along_m: meeting.place.y,
+            along_m: motion.place.y,
             tilt_rad: DVec2::new(libm::atan(up.y / up.z), -libm::atan(up.x / up.z)),
         }
     }
 
-    /// Load (N/m) and place of its middle (m) of one length; for tests.
+    /// Load (N/m) and place of its middle (m) for one section, which tests compare with the
+    /// reference.
     #[cfg(test)]
-    pub(super) fn plane(&self, deepest_m: f64, slope: f64) -> (f64, f64) {
+    pub(super) fn plane_load(&self, deepest_m: f64, slope: f64) -> (f64, f64) {
         let knot = self.at(slope * self.half_width_m / deepest_m);
         (knot.stiffness_n_m2 * deepest_m, knot.place * self.half_width_m)
     }

@@ -1,8 +1,8 @@
-//! A plate on its edge: a rounded ridge along a curve, cut into short lengths. Each length presses
-//! as in plane strain, across its own direction; the image is that of all loads in three
-//! dimensions. Refuses what its rounding refuses as a cylinder; ends and corners press as if the
-//! ridge went on (what that leaves is measured in this module's tests). Where the scene asks for
-//! three dimensions, a straight ridge is solved so at every image, as the pin is.
+//! A plate on its edge: a rounded ridge along a curve, cut into short sections. Each section
+//! presses as in plane strain across its own direction; the image is that of all loads in three
+//! dimensions. Ends and corners press as if the ridge continued; this module's tests measure the
+//! error of that. Where the scene asks for three dimensions, a straight ridge is solved at every
+//! image, as the pin is. Refuses roundings that the contact of a cylinder refuses.
 
 use core::f64::consts::PI;
 
@@ -12,24 +12,24 @@ use taktil_contact::space::tactels::Shares;
 use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::{Joints, Pose};
 
-use super::{Lie, Meeting, RUBBER, Sums, layer_of, on_pad};
-use crate::contact::{Lean, Line, PAD_HALF_M, PITCH_M, Surface};
-use crate::pin::Pin;
+use super::{ContactLoad, ObjectPlacement, RUBBER, RelativeMotion, on_pad, pad_layer};
+use crate::contact::{ContactLine, LoadFactor, PAD_HALF_M, PITCH_M, Surface};
+use crate::pin::{CylinderSize, Pin};
 use crate::rubber::Rubber;
 use crate::scene::{EdgeProfile, Invalid, ObjectConfig, RubberConfig};
-use crate::spatial::{Solved, Spatial, Tally};
+use crate::spatial::{SolveCounts, SpatialLoad, SpatialSolver};
 
-/// Longest length (m).
-const STEP_M: f64 = 0.5e-3;
-/// Lengths so far from the one nearest to the pad's middle are looked at (m): the pad's diagonal
-/// and somewhat more.
-const REACH_M: f64 = 22e-3;
-/// Loads beyond the pad by so much still show at its border (m).
-const BEYOND_M: f64 = 3e-3;
-/// Points that stand for the pressure across a length.
-const POINTS: usize = 6;
+/// Longest section (m).
+const SECTION_LENGTH_MAX_M: f64 = 0.5e-3;
+/// Distance along the curve from the place nearest to the pad's middle up to which sections are
+/// evaluated (m): the pad's diagonal and somewhat more.
+const SEARCH_REACH_M: f64 = 22e-3;
+/// Distance beyond the pad up to which loads show at its border (m).
+const IMAGE_MARGIN_M: f64 = 3e-3;
+/// Number of point loads that represent the pressure across a section.
+const PRESSURE_POINT_COUNT: usize = 6;
 
-/// Seen from above, in the object's frame.
+/// The curve seen from above, in the object's frame.
 #[derive(Clone, Copy, Debug)]
 enum Curve {
     Straight,
@@ -82,128 +82,129 @@ impl Curve {
     }
 }
 
-/// One length in contact, as the pad sees it.
+/// One loaded section in the pad's frame.
 #[derive(Clone, Copy, Debug, Default)]
-struct Pressed {
+struct LoadedSection {
     at: DVec2,
     across: DVec2,
     half_width_m: f64,
     load_n: f64,
-    /// Place along the curve (m), and the elastic load on the pad without lean (N).
+    /// Place along the curve (m), and the elastic load on the pad of the plane solution (N).
     s_m: f64,
-    plain_n: f64,
+    plane_load_n: f64,
 }
 
-/// The ridge with the contact of its rounding.
+/// The edge with the contact of its rounding.
 #[derive(Clone, Debug)]
-pub(super) struct Ridge {
+pub(super) struct EdgeContact {
     curve: Curve,
     radius_m: f64,
     half_m: f64,
     step_m: f64,
-    /// Middle and direction of each length in the object's frame.
+    /// Middle and direction of each section in the object's frame.
     lengths: Vec<(DVec2, DVec2)>,
     rubber: Rubber,
-    /// Lengths that pressed at the latest evaluation: the first `used`. Room for all that can,
-    /// which a clone keeps.
-    met: Vec<Pressed>,
-    used: usize,
-    /// Cosines of the points across a length, and their weights.
-    points: [(f64, f64); POINTS],
-    /// The contact in three dimensions, for straight ridges of scenes that ask for it.
-    spatial: Option<Box<Spatial>>,
-    /// The scene asks for three dimensions.
-    pub(super) asked: bool,
-    /// What lengths carry over their plane solutions.
-    pub(super) lean: Lean,
-    /// Where it was at the latest evaluation.
-    last: Meeting,
+    /// Sections that were loaded at the latest evaluation: the first `loaded_count`. The vector has
+    /// room for all that can be loaded, also in a clone.
+    sections: Vec<LoadedSection>,
+    loaded_count: usize,
+    /// Places of the point loads across a section, as cosines, and their weights.
+    points: [(f64, f64); PRESSURE_POINT_COUNT],
+    /// The solver in three dimensions, for straight edges of scenes that ask for it.
+    spatial: Option<Box<SpatialSolver>>,
+    /// Whether the scene asks for three dimensions.
+    pub(super) is_spatial: bool,
+    /// Ratio of the sections' loads to their plane solutions.
+    pub(super) load_factor: LoadFactor,
+    /// The relative motion at the latest evaluation.
+    latest_motion: RelativeMotion,
 }
 
-impl Ridge {
-    /// `level` asks for three dimensions; `place` is the object's.
+impl EdgeContact {
+    /// Builds the contact of an edge; `level` asks for three dimensions, `place` is the object's
+    /// place in the scene.
     pub(super) fn new(
         config: &ObjectConfig,
         rubber: &RubberConfig,
         level: Option<Level>,
         place: &str,
-    ) -> Result<Ridge, Invalid> {
+    ) -> Result<EdgeContact, Invalid> {
         let radius_mm = config.radius();
-        // Complaints that are the rubber's own belong to it.
-        layer_of(rubber)?;
+        // Errors of the rubber itself are reported at the rubber's place.
+        pad_layer(rubber)?;
         let (curve, half_m) = (Curve::of(config), 0.5e-3 * config.length());
-        // A corner is a border between two lengths.
-        let each = libm::ceil(half_m / STEP_M).max(1.0);
+        // A corner is a border between two sections.
+        let each = libm::ceil(half_m / SECTION_LENGTH_MAX_M).max(1.0);
         let step_m = half_m / each;
         let count = 2 * each as usize;
-        let most = 2 * (REACH_M / step_m) as usize + 4;
+        let most = 2 * (SEARCH_REACH_M / step_m) as usize + 4;
         let middle = |i: usize| curve.at((i as f64 + 0.5) * step_m - half_m);
-        let mut points = [(0.0, 0.0); POINTS];
+        let mut points = [(0.0, 0.0); PRESSURE_POINT_COUNT];
         for (i, point) in points.iter_mut().enumerate() {
-            // Gauss and Chebyshev's rule of the second kind.
-            let angle = PI * (i as f64 + 1.0) / (POINTS as f64 + 1.0);
+            // These are places and weights of the Gauss-Chebyshev rule of the second kind.
+            let angle = PI * (i as f64 + 1.0) / (PRESSURE_POINT_COUNT as f64 + 1.0);
             let sine = libm::sin(angle);
-            *point = (libm::cos(angle), 2.0 / (POINTS as f64 + 1.0) * sine * sine);
+            *point = (libm::cos(angle), 2.0 / (PRESSURE_POINT_COUNT as f64 + 1.0) * sine * sine);
         }
         let spatial = match (level, curve) {
             (Some(level), Curve::Straight) => {
                 let length_m = 2.0 * half_m;
-                let size_m = (1e-3 * radius_mm, length_m);
-                Some(Box::new(Spatial::new(rubber, size_m, level, RUBBER)?))
+                let size = CylinderSize { radius_m: 1e-3 * radius_mm, length_m };
+                Some(Box::new(SpatialSolver::new(rubber, size, level, RUBBER)?))
             }
             _ => None,
         };
-        Ok(Ridge {
+        Ok(EdgeContact {
             curve,
             radius_m: 1e-3 * radius_mm,
             half_m,
             step_m,
             lengths: (0..count).map(middle).collect(),
             rubber: Rubber::new(rubber, radius_mm, place)?,
-            met: vec![Pressed::default(); most],
-            used: 0,
+            sections: vec![LoadedSection::default(); most],
+            loaded_count: 0,
             points,
             spatial,
-            asked: level.is_some(),
-            lean: Lean::NONE,
-            last: Meeting::default(),
+            is_spatial: level.is_some(),
+            load_factor: LoadFactor::ONE,
+            latest_motion: RelativeMotion::default(),
         })
     }
 
     /// Length along the curve nearest to the pad's middle.
-    fn nearest(&self, meeting: &Meeting) -> f64 {
-        let middle = meeting.turn.transpose() * -meeting.place;
+    fn nearest(&self, motion: &RelativeMotion) -> f64 {
+        let middle = motion.turn.transpose() * -motion.place;
         self.curve.nearest(middle.truncate(), self.half_m)
     }
 
-    /// Evaluates the contact.
-    pub(super) fn press(&mut self, meeting: &Meeting, relaxation_s: f64) -> Sums {
-        let mut sums = Sums::default();
-        self.used = 0;
-        self.last = *meeting;
-        let near = self.nearest(meeting);
+    /// Evaluates the contact at a relative motion.
+    pub(super) fn evaluate(&mut self, motion: &RelativeMotion, relaxation_s: f64) -> ContactLoad {
+        let mut sums = ContactLoad::default();
+        self.loaded_count = 0;
+        self.latest_motion = *motion;
+        let near = self.nearest(motion);
         let index = |s: f64| ((s + self.half_m) / self.step_m).max(0.0) as usize;
-        let from = index(near - REACH_M);
-        let to = (index(near + REACH_M) + 1).min(self.lengths.len());
+        let from = index(near - SEARCH_REACH_M);
+        let to = (index(near + SEARCH_REACH_M) + 1).min(self.lengths.len());
         let mut widest = 0.0;
         for (i, (middle, along)) in self.lengths.iter().enumerate().take(to).skip(from) {
-            let along = meeting.turn * along.extend(0.0);
-            let ridge = meeting.place + meeting.turn * middle.extend(0.0);
-            let axis = ridge - self.radius_m * meeting.turn.z_axis;
-            // Out of the pad, across the length: there the rounding comes nearest.
+            let along = motion.turn * along.extend(0.0);
+            let crest = motion.place + motion.turn * middle.extend(0.0);
+            let axis = crest - self.radius_m * motion.turn.z_axis;
+            // Across the section, out of the pad, the rounding comes nearest to the pad.
             let out = (DVec3::Z - along.z * along).normalize_or_zero();
             let foot = axis - self.radius_m * out;
             let (at, delta_m) = (foot.truncate(), -foot.z);
-            let reach = PAD_HALF_M + BEYOND_M;
+            let reach = PAD_HALF_M + IMAGE_MARGIN_M;
             if !(delta_m > 0.0 && axis.z > 0.0) || at.abs().max_element() > reach {
                 continue;
             }
             let response = self.rubber.at(delta_m);
             let flat = along.truncate();
             let s_m = (i as f64 + 0.5) * self.step_m - self.half_m;
-            let plain_m = self.step_m * flat.length();
-            let length_m = plain_m * self.lean.at(s_m);
-            let rate = meeting.closing(at.x, at.y);
+            let plane_length_m = self.step_m * flat.length();
+            let length_m = plane_length_m * self.load_factor.at(s_m);
+            let rate = motion.closing(at.x, at.y);
             let damping = response.stiffness_n_m2 * relaxation_s;
             let load_n = (response.load_n_m + damping * rate) * length_m;
             if load_n <= 0.0 {
@@ -212,18 +213,18 @@ impl Ridge {
             let across = flat.perp().normalize_or_zero();
             let half_width_m = response.half_width_m;
             let cover = on_pad(at);
-            if let Some(pressed) = self.met.get_mut(self.used) {
-                let plain_n = cover * response.load_n_m * plain_m;
-                *pressed = Pressed { at, across, half_width_m, load_n, s_m, plain_n };
-                self.used += 1;
+            if let Some(section) = self.sections.get_mut(self.loaded_count) {
+                let plane_load_n = cover * response.load_n_m * plane_length_m;
+                *section = LoadedSection { at, across, half_width_m, load_n, s_m, plane_load_n };
+                self.loaded_count += 1;
             }
-            let (part, h) = (cover * length_m, meeting.h);
+            let (part, h) = (cover * length_m, motion.h);
             sums.add(at, cover * load_n, part * response.stiffness_n_m2 * (h + relaxation_s));
             sums.shear_n_m += part * response.shear_n_m2;
             if cover > 0.0 && delta_m > widest {
                 widest = delta_m;
                 sums.half_width_m = half_width_m;
-                let carried = meeting.velocity + meeting.spin.cross(axis);
+                let carried = motion.velocity + motion.spin.cross(axis);
                 sums.travel_m_s = carried.truncate().dot(across).abs();
             }
         }
@@ -231,67 +232,69 @@ impl Ridge {
         sums
     }
 
-    /// What pressed at the latest evaluation.
-    fn pressed(&self) -> &[Pressed] {
-        &self.met[..self.used]
+    /// The sections that were loaded at the latest evaluation.
+    fn section(&self) -> &[LoadedSection] {
+        &self.sections[..self.loaded_count]
     }
 
-    /// Adds the stresses of the latest evaluation (MPa). The theory's layer has no edges: lengths
+    /// Adds the stresses of the latest evaluation (MPa). The theory's layer has no edges: sections
     /// beyond the pad show at its border.
-    pub(super) fn image(&mut self, shares: &Shares, image: &mut [f64; MAX_TACTELS]) -> Tally {
-        if self.solved(image) {
-            return Tally::of(self.lean);
+    pub(super) fn image(&mut self, shares: &Shares, image: &mut [f64; MAX_TACTELS]) -> SolveCounts {
+        if self.solve_in_three_dimensions(image) {
+            return SolveCounts::of(self.load_factor);
         }
-        self.lean = Lean::NONE;
-        for pressed in self.pressed() {
+        self.load_factor = LoadFactor::ONE;
+        for section in self.section() {
             for (cosine, weight) in self.points {
-                let at = 1e3 * (pressed.at + cosine * pressed.half_width_m * pressed.across);
-                shares.add(image, at.to_array(), weight * pressed.load_n);
+                let at = 1e3 * (section.at + cosine * section.half_width_m * section.across);
+                shares.add(image, at.to_array(), weight * section.load_n);
             }
         }
-        if self.asked { Tally::PLAIN } else { Tally::default() }
+        if self.is_spatial { SolveCounts::UNSOLVED } else { SolveCounts::default() }
     }
 
-    /// Solves the contact in three dimensions where that is asked for, and adds its stresses.
-    fn solved(&mut self, image: &mut [f64; MAX_TACTELS]) -> bool {
+    /// Solves the contact in three dimensions where the scene asks for it, and adds its stresses.
+    /// Returns whether it did.
+    fn solve_in_three_dimensions(&mut self, image: &mut [f64; MAX_TACTELS]) -> bool {
         let Some(spatial) = &mut self.spatial else { return false };
-        let meeting = &self.last;
-        let middle = meeting.place - self.radius_m * meeting.turn.z_axis;
-        let size_m = (self.radius_m, 2.0 * self.half_m);
-        let pin = Pin::at_rest(middle, &meeting.turn, size_m, 1.0);
+        let motion = &self.latest_motion;
+        let middle = motion.place - self.radius_m * motion.turn.z_axis;
+        let size = CylinderSize { radius_m: self.radius_m, length_m: 2.0 * self.half_m };
+        let pin = Pin::at_rest(middle, &motion.turn, size, 1.0);
         let face = Surface::of_pad(&Pose::IDENTITY, &Joints::zeros());
-        let Some(line) = Line::between(&pin, pin.axis(), &face) else { return false };
+        let Some(line) = ContactLine::on_pad(&pin, pin.axis(), &face) else { return false };
         let solved = spatial.solve(&line, &Pose::IDENTITY).filter(|solved| solved.force_n > 0.0);
         let Some(solved) = solved else { return false };
-        let met = &self.met[..self.used];
-        let load_n: f64 = met.iter().map(|pressed| on_pad(pressed.at) * pressed.load_n).sum();
-        // Viscous loads are spread as the elastic ones.
-        let elastic_n: f64 = met.iter().map(|p| p.plain_n * self.lean.at(p.s_m)).sum();
+        let sections = &self.sections[..self.loaded_count];
+        let load_n: f64 = sections.iter().map(|section| on_pad(section.at) * section.load_n).sum();
+        // Viscous loads have the same distribution as elastic loads.
+        let elastic_n: f64 =
+            sections.iter().map(|p| p.plane_load_n * self.load_factor.at(p.s_m)).sum();
         let damping = if elastic_n > 0.0 { (load_n / elastic_n).clamp(0.0, 2.0) } else { 1.0 };
         let per_mpa = damping / (1e6 * PITCH_M * PITCH_M);
-        for (value, force) in image.iter_mut().zip(spatial.forces_n()) {
+        for (value, force) in image.iter_mut().zip(spatial.tactel_forces_n()) {
             *value -= per_mpa * force;
         }
-        self.lean = self.lean_of(&solved);
+        self.load_factor = self.load_factor_of(&solved);
         true
     }
 
-    /// The factors on plane lengths that give them force and moment of a solution.
-    fn lean_of(&self, solved: &Solved) -> Lean {
-        let plain = self.pressed().iter().map(|pressed| (pressed.s_m, pressed.plain_n));
-        crate::spatial::lean(plain, solved)
+    /// The load factor that gives the plane sections force and moment of a solution.
+    fn load_factor_of(&self, solved: &SpatialLoad) -> LoadFactor {
+        let plain = self.section().iter().map(|section| (section.s_m, section.plane_load_n));
+        crate::spatial::load_factor(plain, solved)
     }
 
-    /// Where the ridge runs under the pad.
-    pub(super) fn lie(&self, meeting: &Meeting) -> Lie {
-        let along_m = self.nearest(meeting);
+    /// The placement of the edge under the pad.
+    pub(super) fn placement(&self, motion: &RelativeMotion) -> ObjectPlacement {
+        let along_m = self.nearest(motion);
         let (place, direction) = self.curve.at(along_m);
-        let to = meeting.place + meeting.turn * place.extend(0.0);
-        let direction = meeting.turn * direction.extend(0.0);
-        // Run towards the pad's y, whichever way the curve does.
+        let to = motion.place + motion.turn * place.extend(0.0);
+        let direction = motion.turn * direction.extend(0.0);
+        // The direction is chosen towards the pad's y, whichever way the curve runs.
         let sign = if direction.y < 0.0 { -1.0 } else { 1.0 };
         let flat = (sign * direction.truncate()).normalize_or_zero();
-        Lie {
+        ObjectPlacement {
             off_m: to.x * flat.y - to.y * flat.x,
             yaw_rad: libm::atan2(-flat.x, flat.y),
             along_m,
@@ -301,14 +304,14 @@ impl Ridge {
 }
 
 #[cfg(test)]
-impl Ridge {
+impl EdgeContact {
     /// Distance from a place to the curve (m).
-    pub(super) fn far(&self, from: DVec2) -> f64 {
+    pub(super) fn distance(&self, from: DVec2) -> f64 {
         (self.curve.at(self.curve.nearest(from, self.half_m)).0 - from).length()
     }
 
-    /// The same by trying every length.
-    pub(super) fn far_by_search(&self, from: DVec2) -> f64 {
+    /// The same distance, found by trying every place.
+    pub(super) fn distance_by_search(&self, from: DVec2) -> f64 {
         let far = |i: i32| {
             let s = self.half_m * (f64::from(i) / 5000.0 - 1.0);
             (self.curve.at(s).0 - from).length()

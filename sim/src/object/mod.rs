@@ -1,11 +1,12 @@
-//! Bodies fixed to the table against the finger's pad: a sphere, an edge, a flat bar. The normal
-//! load of each comes from `taktil_contact`, with Kelvin-Voigt damping that never pulls;
-//! one brush of bristles in the middle of its load resists sliding (Kalker's one-point form, as
-//! under the pin). Refuses to move the bodies: they ride on the table, and the pin does not feel
-//! them. Left out: friction against turning about the pad's normal, energy under objects.
+//! Contacts of the finger's pad with bodies fixed to the table: a sphere, an edge, a flat bar. The
+//! normal load of each comes from `taktil_contact`, with Kelvin-Voigt damping that never pulls; one
+//! brush of bristles in the middle of the load resists sliding (Kalker's one-point form, as under
+//! the pin). Refuses to move the bodies: they move with the table, and the pin does not touch them.
+//! Friction against turning about the pad's normal and the energy under objects are left out.
 //!
-//! Everything in here is seen from the pad: its axes, metres, z out of its face. An object's own
-//! frame stands at its top with z out of the table, so that its z runs against the pad's.
+//! All quantities in this module are in the pad's frame: its axes, metres, z out of its face. An
+//! object's own frame stands at its top with z out of the table, so that its z is opposite to the
+//! pad's.
 
 mod bar;
 mod edge;
@@ -22,53 +23,53 @@ use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z, spatial_vector};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
-use crate::contact::{Lean, PAD_HALF_M, PITCH_M, yields_m_n};
-use crate::fidelity::ContactModel;
+use crate::contact::{LoadFactor, PAD_HALF_M, PITCH_M, slip_compliance_m_n};
 use crate::hash::Hash;
-use crate::rolling::Around;
 use crate::rubber;
+use crate::scene::fidelity::ContactModel;
 use crate::scene::{Invalid, OBJECTS_MAX, ObjectConfig, ObjectKind, RubberConfig, WorldConfig};
-use crate::spatial::Tally;
+use crate::spatial::SolveCounts;
+use crate::surroundings::Surroundings;
 use crate::table::Table;
-use bar::Face;
-use edge::Ridge;
-use sphere::Ball;
+use bar::BarContact;
+use edge::EdgeContact;
+use sphere::SphereContact;
 
-/// Over this distance the load fades out as a place leaves the pad (m).
-const EDGE_M: f64 = 0.5e-3;
-/// Narrowest contact through which bristles travel (m).
+/// Distance over which the load fades out as a place leaves the pad (m).
+const EDGE_FADE_M: f64 = 0.5e-3;
+/// Half-width of the narrowest contact through which bristles travel (m).
 const HALF_WIDTH_MIN_M: f64 = 1e-9;
 
-/// Penetration in thicknesses up to which strain is small.
-const SMALL: f64 = 0.2;
+/// Penetration up to which strain is small, in thicknesses of the layer.
+const SMALL_STRAIN_THICKNESSES: f64 = 0.2;
 
-/// The bristles of one object's contact, all that it remembers.
+/// The bristles of one object's contact: everything that the next instant depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Grip {
+pub(crate) struct ObjectBristle {
     /// Mean deflection along the pad's x and y (m).
-    pub(crate) brush: DVec2,
+    pub(crate) deflection: DVec2,
     /// Stiffness (N/m).
     pub(crate) shear_n_m: f64,
 }
 
-/// What all objects remember.
-pub(crate) type Grips = [Grip; OBJECTS_MAX];
+/// The bristles of all objects.
+pub(crate) type ObjectBristles = [ObjectBristle; OBJECTS_MAX];
 
-/// An object as the pad sees it.
+/// Place and motion of an object relative to the pad.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Meeting {
+pub(crate) struct RelativeMotion {
     /// The object's frame (m).
     pub(crate) place: DVec3,
     pub(crate) turn: DMat3,
     /// Motion of the pad over the object's material, about the pad's middle (m/s, rad/s).
     pub(crate) velocity: DVec3,
     pub(crate) spin: DVec3,
-    /// The step that the motion belongs to (s).
+    /// Length of the step that the motion belongs to (s).
     pub(crate) h: f64,
 }
 
-impl Meeting {
-    /// Speed at which a place on the pad and the object close in (m/s).
+impl RelativeMotion {
+    /// Speed of approach of a place on the pad and the object (m/s).
     fn closing(&self, x: f64, y: f64) -> f64 {
         self.velocity.z + self.spin.x * y - self.spin.y * x
     }
@@ -76,7 +77,7 @@ impl Meeting {
 
 /// A contact's loads, summed over its places.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Sums {
+pub(crate) struct ContactLoad {
     /// Normal load (N).
     pub(crate) load_n: f64,
     /// Its first moments about the pad's middle (N m).
@@ -93,7 +94,7 @@ pub(crate) struct Sums {
     pub(crate) deepest_m: f64,
 }
 
-impl Sums {
+impl ContactLoad {
     fn add(&mut self, at: DVec2, load_n: f64, weight: f64) {
         self.load_n += load_n;
         self.lever_nm += load_n * at;
@@ -110,47 +111,47 @@ impl Sums {
     }
 }
 
-/// How a place on the pad takes load: 1 well inside, 0 outside.
+/// Factor on the load at a place of the pad: 1 well inside, 0 outside.
 fn on_pad(at: DVec2) -> f64 {
-    let part = |u: f64| ((PAD_HALF_M - u.abs()) / EDGE_M + 0.5).clamp(0.0, 1.0);
+    let part = |u: f64| ((PAD_HALF_M - u.abs()) / EDGE_FADE_M + 0.5).clamp(0.0, 1.0);
     part(at.x) * part(at.y)
 }
 
 /// The shape of an object with what its contact needs.
 #[derive(Clone, Debug)]
 enum Shape {
-    Ball(Box<Ball>),
-    Ridge(Box<Ridge>),
-    Face(Box<Face>),
+    Sphere(Box<SphereContact>),
+    Edge(Box<EdgeContact>),
+    Bar(Box<BarContact>),
 }
 
-/// How a shape lies under the pad, see [`crate::truth::Felt`].
+/// Placement of a shape under the pad, see [`crate::truth::ObjectContact`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Lie {
+pub(crate) struct ObjectPlacement {
     pub(crate) off_m: f64,
     pub(crate) yaw_rad: f64,
     pub(crate) along_m: f64,
     pub(crate) tilt_rad: DVec2,
 }
 
-/// One object.
+/// One object with its contact.
 #[derive(Clone, Debug)]
 pub(crate) struct Object {
     shape: Shape,
-    /// Its frame, seen from the table's.
+    /// Its frame, relative to the table's.
     place: DVec3,
     axes: DMat3,
     friction: f64,
     relaxation_s: f64,
     /// Deepest penetration that small strain covers (m).
-    small_m: f64,
-    pub(crate) grip: Grip,
-    /// Of the latest evaluation.
-    pub(crate) sums: Sums,
+    small_strain_m: f64,
+    pub(crate) bristle: ObjectBristle,
+    /// Loads of the latest evaluation.
+    pub(crate) sums: ContactLoad,
     pub(crate) slip_m_s: f64,
     force: DVec3,
     moment: DVec3,
-    drag: DVec2,
+    tangential_weight: DVec2,
 }
 
 impl Object {
@@ -158,11 +159,16 @@ impl Object {
         let rubber = &world.finger.rubber;
         let place = format!("object[{index}]");
         let shape = match config.kind {
-            ObjectKind::Sphere => Shape::Ball(Box::new(Ball::new(config, rubber, &place)?)),
-            ObjectKind::Edge => {
-                Shape::Ridge(Box::new(Ridge::new(config, rubber, level_of(world), &place)?))
+            ObjectKind::Sphere => {
+                Shape::Sphere(Box::new(SphereContact::new(config, rubber, &place)?))
             }
-            ObjectKind::Bar => Shape::Face(Box::new(Face::new(config, rubber, &place)?)),
+            ObjectKind::Edge => Shape::Edge(Box::new(EdgeContact::new(
+                config,
+                rubber,
+                spatial_accuracy(world),
+                &place,
+            )?)),
+            ObjectKind::Bar => Shape::Bar(Box::new(BarContact::new(config, rubber, &place)?)),
         };
         let [yaw, x, y] =
             [config.yaw_deg, config.tilt_x_deg, -config.tilt_y_deg].map(f64::to_radians);
@@ -172,46 +178,46 @@ impl Object {
             axes: rotation_z(yaw) * rotation_x(x) * rotation_y(y),
             friction: config.friction.unwrap_or(world.finger.friction),
             relaxation_s: 1e-3 * rubber.relaxation_ms,
-            small_m: 1e-3 * SMALL * rubber.thickness_mm,
-            grip: Grip::default(),
-            sums: Sums::default(),
+            small_strain_m: 1e-3 * SMALL_STRAIN_THICKNESSES * rubber.thickness_mm,
+            bristle: ObjectBristle::default(),
+            sums: ContactLoad::default(),
             slip_m_s: 0.0,
             force: DVec3::ZERO,
             moment: DVec3::ZERO,
-            drag: DVec2::ZERO,
+            tangential_weight: DVec2::ZERO,
         })
     }
 
-    /// The object from the pad.
-    fn meeting(&self, around: &Around, h: f64) -> Meeting {
-        let (table, axes) = (&around.table, &around.table_axes);
-        let back = around.pad.rotation.transpose();
-        let origin = around.pad.translation;
+    /// The place and motion of the object relative to the pad.
+    fn relative_motion(&self, surroundings: &Surroundings, h: f64) -> RelativeMotion {
+        let (table, axes) = (&surroundings.table, &surroundings.table_axes);
+        let back = surroundings.pad.rotation.transpose();
+        let origin = surroundings.pad.translation;
         let material = table.velocity + table.spin.cross(origin - table.origin);
-        Meeting {
+        RelativeMotion {
             place: back * (table.origin + *axes * self.place - origin),
             turn: back * (*axes * self.axes),
-            velocity: back * (around.finger.velocity - material),
-            spin: back * (around.finger.spin - table.spin),
+            velocity: back * (surroundings.finger.velocity - material),
+            spin: back * (surroundings.finger.spin - table.spin),
             h,
         }
     }
 
-    /// Evaluates the contact and moves its bristles on by `h` seconds.
-    fn touch(&mut self, around: &Around, h: f64) {
-        let meeting = self.meeting(around, h);
+    /// Evaluates the contact and moves its bristles by `h` seconds.
+    fn evaluate(&mut self, surroundings: &Surroundings, h: f64) {
+        let motion = self.relative_motion(surroundings, h);
         self.sums = match &mut self.shape {
-            Shape::Ball(ball) => ball.press(&meeting, self.relaxation_s),
-            Shape::Ridge(ridge) => ridge.press(&meeting, self.relaxation_s),
-            Shape::Face(face) => face.press(&meeting, self.relaxation_s),
+            Shape::Sphere(sphere) => sphere.evaluate(&motion, self.relaxation_s),
+            Shape::Edge(edge) => edge.evaluate(&motion, self.relaxation_s),
+            Shape::Bar(bar) => bar.evaluate(&motion, self.relaxation_s),
         };
         let Some(middle) = self.sums.middle() else {
-            self.grip = Grip::default();
+            self.bristle = ObjectBristle::default();
             (self.force, self.moment) = (DVec3::ZERO, DVec3::ZERO);
-            (self.drag, self.slip_m_s) = (DVec2::ZERO, 0.0);
+            (self.tangential_weight, self.slip_m_s) = (DVec2::ZERO, 0.0);
             return;
         };
-        let pull = self.rub(&meeting, middle);
+        let pull = self.tangential_force(&motion, middle);
         let load = self.sums.load_n;
         self.force = DVec3::new(pull.x, pull.y, -load);
         self.moment = DVec3::new(
@@ -222,76 +228,77 @@ impl Object {
     }
 
     /// Tangential force on the finger (N).
-    fn rub(&mut self, meeting: &Meeting, middle: DVec2) -> DVec2 {
-        let (sums, grip) = (&self.sums, &mut self.grip);
-        if sums.shear_n_m > grip.shear_n_m {
-            grip.brush *= grip.shear_n_m / sums.shear_n_m;
+    fn tangential_force(&mut self, motion: &RelativeMotion, middle: DVec2) -> DVec2 {
+        let (sums, bristle) = (&self.sums, &mut self.bristle);
+        if sums.shear_n_m > bristle.shear_n_m {
+            bristle.deflection *= bristle.shear_n_m / sums.shear_n_m;
         }
-        grip.shear_n_m = sums.shear_n_m;
-        let turn = meeting.spin.z;
-        let creep = meeting.velocity.truncate() + turn * DVec2::new(-middle.y, middle.x);
+        bristle.shear_n_m = sums.shear_n_m;
+        let turn = motion.spin.z;
+        let creep = motion.velocity.truncate() + turn * DVec2::new(-middle.y, middle.x);
         let half = sums.half_width_m.max(HALF_WIDTH_MIN_M);
-        let (h, damping) = (meeting.h, self.relaxation_s);
+        let (h, damping) = (motion.h, self.relaxation_s);
         let keep = half / (half + h * sums.travel_m_s.abs());
-        grip.brush = (grip.brush + h * creep) * keep;
-        let force = -grip.shear_n_m * (grip.brush + damping * creep);
-        let weight = grip.shear_n_m * (h * keep + damping);
+        bristle.deflection = (bristle.deflection + h * creep) * keep;
+        let force = -bristle.shear_n_m * (bristle.deflection + damping * creep);
+        let weight = bristle.shear_n_m * (h * keep + damping);
         let (limit, size) = (self.friction * sums.load_n, force.length());
         if size <= limit {
-            (self.drag, self.slip_m_s) = (DVec2::splat(weight), 0.0);
+            (self.tangential_weight, self.slip_m_s) = (DVec2::splat(weight), 0.0);
             return force;
         }
         let scale = limit / size;
-        grip.brush += (1.0 - scale) * yields_m_n(grip.shear_n_m, weight, damping) * force;
-        // Only the direction of a sliding force depends on the motion.
-        let turns = |f: f64| weight * scale * (1.0 - f * f / (size * size));
-        self.drag = DVec2::new(turns(force.x), turns(force.y));
+        bristle.deflection +=
+            (1.0 - scale) * slip_compliance_m_n(bristle.shear_n_m, weight, damping) * force;
+        // A sliding force depends on the motion by its direction only.
+        let direction_weight = |f: f64| weight * scale * (1.0 - f * f / (size * size));
+        self.tangential_weight = DVec2::new(direction_weight(force.x), direction_weight(force.y));
         self.slip_m_s = creep.length();
         scale * force
     }
 
-    fn lie(&self, around: &Around) -> Lie {
-        let meeting = self.meeting(around, 0.0);
+    fn placement(&self, surroundings: &Surroundings) -> ObjectPlacement {
+        let motion = self.relative_motion(surroundings, 0.0);
         match &self.shape {
-            Shape::Ball(_) => Lie::default(),
-            Shape::Ridge(ridge) => ridge.lie(&meeting),
-            Shape::Face(face) => face.lie(&meeting),
+            Shape::Sphere(_) => ObjectPlacement::default(),
+            Shape::Edge(edge) => edge.placement(&motion),
+            Shape::Bar(bar) => bar.placement(&motion),
         }
     }
 
-    /// Calls with a weight (N s/m, N m s/rad) and a row over the pad's twist in its own axes, for
-    /// every direction in which the forces resist motion.
-    fn tangent(&self, mut of: impl FnMut(f64, [f64; 6])) {
+    /// Calls `visit` with a weight (N s/m, N m s/rad) and a row over the pad's twist in its own
+    /// axes, for every direction in which the forces resist motion.
+    fn for_each_tangent(&self, mut visit: impl FnMut(f64, [f64; 6])) {
         let Some(middle) = self.sums.middle() else { return };
         let [w, wx, wy, wxx, wxy, wyy] = self.sums.weights;
         if w > 0.0 {
             let (x, y) = (wx / w, wy / w);
             let [cxx, cxy, cyy] = [wxx - wx * x, wxy - wx * y, wyy - wy * y];
-            of(w, [0.0, 0.0, 1.0, y, -x, 0.0]);
+            visit(w, [0.0, 0.0, 1.0, y, -x, 0.0]);
             if cyy > 0.0 {
-                of(cyy, [0.0, 0.0, 0.0, 1.0, -cxy / cyy, 0.0]);
-                of((cxx - cxy * cxy / cyy).max(0.0), [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+                visit(cyy, [0.0, 0.0, 0.0, 1.0, -cxy / cyy, 0.0]);
+                visit((cxx - cxy * cxy / cyy).max(0.0), [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
             } else {
-                of(cxx.max(0.0), [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+                visit(cxx.max(0.0), [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
             }
         }
-        of(self.drag.x, [1.0, 0.0, 0.0, 0.0, 0.0, -middle.y]);
-        of(self.drag.y, [0.0, 1.0, 0.0, 0.0, 0.0, middle.x]);
+        visit(self.tangential_weight.x, [1.0, 0.0, 0.0, 0.0, 0.0, -middle.y]);
+        visit(self.tangential_weight.y, [0.0, 1.0, 0.0, 0.0, 0.0, middle.x]);
     }
 }
 
-/// All objects of a scene that has some.
+/// All objects of a scene that has any.
 #[derive(Clone, Debug)]
 pub(crate) struct Objects {
     all: Vec<Object>,
-    /// What tactels see of loads, for shapes that are made of them.
+    /// Responses of the tactels to point loads, for shapes whose image is made of point loads.
     shares: Option<Shares>,
     stresses_mpa: [f64; MAX_TACTELS],
 }
 
 impl Objects {
-    /// Solves the contacts and puts the objects on the table; none for a scene without. `finger` is
-    /// the finger's start.
+    /// Solves the contacts and puts the objects on the table; none for a scene without objects.
+    /// `finger` is the finger's start (m, base frame).
     pub(crate) fn new(
         config: &WorldConfig,
         table: &Table,
@@ -306,57 +313,61 @@ impl Objects {
             let mut object = Object::new(one, index, config)?;
             let (x, y) = (finger.x + 1e-3 * one.x_mm, finger.y + 1e-3 * one.y_mm);
             let (n, o) = (surface.normal, surface.origin);
-            // Over that place on the surface, by its height along the normal.
+            // The top is over that place on the surface, by its height along the normal.
             let z = o.z - (n.x * (x - o.x) + n.y * (y - o.y)) / n.z;
             let top = DVec3::new(x, y, z) + 1e-3 * one.top_mm * n;
             object.place = axes.transpose() * (top - o);
             all.push(object);
         }
-        let shares = match all.iter().all(|object| matches!(object.shape, Shape::Ball(_))) {
+        let shares = match all.iter().all(|object| matches!(object.shape, Shape::Sphere(_))) {
             true => None,
-            false => Some(shares_of(&config.finger.rubber)?),
+            false => Some(tactel_shares(&config.finger.rubber)?),
         };
         Ok(Some(Box::new(Objects { all, shares, stresses_mpa: [0.0; MAX_TACTELS] })))
     }
 
-    pub(crate) fn memory(&self) -> Grips {
-        let mut grips = Grips::default();
-        for (grip, object) in grips.iter_mut().zip(&self.all) {
-            *grip = object.grip;
+    pub(crate) fn bristles(&self) -> ObjectBristles {
+        let mut bristles = ObjectBristles::default();
+        for (bristle, object) in bristles.iter_mut().zip(&self.all) {
+            *bristle = object.bristle;
         }
-        grips
+        bristles
     }
 
-    pub(crate) fn remember(&mut self, grips: &Grips) {
-        for (object, grip) in self.all.iter_mut().zip(grips) {
-            object.grip = *grip;
+    pub(crate) fn restore(&mut self, bristles: &ObjectBristles) {
+        for (object, bristle) in self.all.iter_mut().zip(bristles) {
+            object.bristle = *bristle;
         }
     }
 
-    /// Evaluates every contact and moves the bristles on by `h` seconds.
-    pub(crate) fn touch(&mut self, around: &Around, h: f64) {
+    /// Evaluates every contact and moves the bristles by `h` seconds.
+    pub(crate) fn evaluate(&mut self, surroundings: &Surroundings, h: f64) {
         for object in &mut self.all {
-            object.touch(around, h);
+            object.evaluate(surroundings, h);
         }
     }
 
-    /// What resists the finger's motion, three numbers an object: along its normal and against
-    /// sliding (N s/m).
-    pub(crate) fn holds(&self, into: &mut [f64]) {
+    /// Writes the resistances to the finger's motion, three numbers for each object: along its
+    /// normal and against sliding in two directions (N s/m).
+    pub(crate) fn resistances(&self, into: &mut [f64]) {
         for (three, object) in into.chunks_exact_mut(3).zip(&self.all) {
             if object.sums.middle().is_some() {
-                three.copy_from_slice(&[object.sums.weights[0], object.drag.x, object.drag.y]);
+                three.copy_from_slice(&[
+                    object.sums.weights[0],
+                    object.tangential_weight.x,
+                    object.tangential_weight.y,
+                ]);
             }
         }
     }
 
-    /// Whether one is to be solved in three dimensions.
-    pub(crate) fn asked(&self) -> bool {
-        self.all.iter().any(|one| matches!(&one.shape, Shape::Ridge(ridge) if ridge.asked))
+    /// Whether an object is to be solved in three dimensions.
+    pub(crate) fn is_spatial(&self) -> bool {
+        self.all.iter().any(|one| matches!(&one.shape, Shape::Edge(edge) if edge.is_spatial))
     }
 
-    /// Which objects touch, as bits.
-    pub(crate) fn touched(&self) -> u8 {
+    /// The objects that touch the finger, as bits.
+    pub(crate) fn contact_bits(&self) -> u8 {
         let bit = |(i, object): (usize, &Object)| u8::from(object.sums.load_n > 0.0) << i;
         self.all.iter().enumerate().map(bit).sum()
     }
@@ -366,18 +377,18 @@ impl Objects {
         self.all.iter().map(|object| object.sums.load_n).sum()
     }
 
-    /// Whether one is pressed in deeper than the theory covers.
+    /// Whether an object is pressed in deeper than the theory of small strain covers.
     pub(crate) fn beyond_small_strain(&self) -> bool {
-        self.too_deep().is_some()
+        self.first_beyond_small_strain().is_some()
     }
 
-    /// The first one that is, and how deep it is pressed in (m).
-    pub(crate) fn too_deep(&self) -> Option<(usize, f64)> {
-        let deep = |object: &Object| object.sums.deepest_m > object.small_m;
+    /// The first object that is pressed in deeper than that, and its penetration (m).
+    pub(crate) fn first_beyond_small_strain(&self) -> Option<(usize, f64)> {
+        let deep = |object: &Object| object.sums.deepest_m > object.small_strain_m;
         self.all.iter().position(deep).map(|i| (i, self.all[i].sums.deepest_m))
     }
 
-    /// Wrench on the finger about the pad's middle, base axes.
+    /// Wrench on the finger about the pad's middle (N, N m, base axes).
     pub(crate) fn wrench(&self, pad: &Pose) -> Joints {
         let (mut force, mut moment) = (DVec3::ZERO, DVec3::ZERO);
         for object in &self.all {
@@ -387,37 +398,43 @@ impl Objects {
         spatial_vector(pad.rotation * force, pad.rotation * moment)
     }
 
-    /// Calls with a weight and a row over the finger's speeds, see [`Object::tangent`];
-    /// `jacobian` gives the twist of the pad in base axes.
-    pub(crate) fn tangent(&self, pad: &Pose, jacobian: &Matrix6, mut of: impl FnMut(f64, Joints)) {
+    /// Calls `visit` with a weight and a row over the finger's speeds, see
+    /// [`Object::for_each_tangent`]; `jacobian` gives the twist of the pad in base axes.
+    pub(crate) fn for_each_tangent(
+        &self,
+        pad: &Pose,
+        jacobian: &Matrix6,
+        mut visit: impl FnMut(f64, Joints),
+    ) {
         for object in &self.all {
-            object.tangent(|weight, row| {
+            object.for_each_tangent(|weight, row| {
                 let linear = pad.rotation * DVec3::new(row[0], row[1], row[2]);
                 let angular = pad.rotation * DVec3::new(row[3], row[4], row[5]);
-                of(weight, jacobian.tr_mul(&spatial_vector(linear, angular)));
+                visit(weight, jacobian.tr_mul(&spatial_vector(linear, angular)));
             });
         }
     }
 
-    /// Adds the normal force on each tactel (N) at the latest evaluation; how many of the contacts
-    /// were solved in three dimensions where that is asked for.
-    pub(crate) fn image(&mut self, forces: &mut [f64; MAX_TACTELS]) -> Tally {
-        let (area_mm2, mut all) = (1e6 * PITCH_M * PITCH_M, Tally::default());
+    /// Adds the normal force on each tactel (N) at the latest evaluation, and counts the contacts
+    /// that were solved in three dimensions.
+    pub(crate) fn image(&mut self, forces: &mut [f64; MAX_TACTELS]) -> SolveCounts {
+        let (area_mm2, mut all) = (1e6 * PITCH_M * PITCH_M, SolveCounts::default());
         for object in &mut self.all {
             if object.sums.load_n <= 0.0 {
-                // Here and not where it is pressed: an iterate that lifts off is no step.
-                if let Shape::Ridge(ridge) = &mut object.shape {
-                    ridge.lean = Lean::NONE;
+                // The factor is reset here and not in the evaluation, because an iterate that lifts
+                // off is not a step.
+                if let Shape::Edge(edge) = &mut object.shape {
+                    edge.load_factor = LoadFactor::ONE;
                 }
                 continue;
             }
             let image = &mut self.stresses_mpa;
             *image = [0.0; MAX_TACTELS];
             match (&mut object.shape, &self.shares) {
-                (Shape::Ball(ball), _) => ball.image(image),
-                (Shape::Ridge(ridge), Some(shares)) => all.add(ridge.image(shares, image)),
-                (Shape::Face(face), Some(shares)) => face.image(shares, image),
-                (Shape::Ridge(_) | Shape::Face(_), None) => {}
+                (Shape::Sphere(sphere), _) => sphere.image(image),
+                (Shape::Edge(edge), Some(shares)) => all.add(edge.image(shares, image)),
+                (Shape::Bar(bar), Some(shares)) => bar.image(shares, image),
+                (Shape::Edge(_) | Shape::Bar(_), None) => {}
             }
             for (force, stress) in forces.iter_mut().zip(image.iter()) {
                 *force -= area_mm2 * stress;
@@ -426,30 +443,38 @@ impl Objects {
         all
     }
 
-    /// The object that presses most, or the first one: with how it lies.
-    pub(crate) fn felt(&self, around: &Around) -> Option<(&Object, Lie)> {
+    /// The object that presses most, or the first object, with its placement.
+    pub(crate) fn most_loaded(
+        &self,
+        surroundings: &Surroundings,
+    ) -> Option<(&Object, ObjectPlacement)> {
         let mut most = self.all.first()?;
         for object in &self.all {
             if object.sums.load_n > most.sums.load_n {
                 most = object;
             }
         }
-        Some((most, most.lie(around)))
+        Some((most, most.placement(surroundings)))
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {
         for object in &self.all {
-            let grip = &object.grip;
-            if let Shape::Ridge(ridge) = &object.shape {
-                hash.numbers(&[ridge.lean.0, ridge.lean.1]);
+            let bristle = &object.bristle;
+            if let Shape::Edge(edge) = &object.shape {
+                hash.numbers(&[edge.load_factor.at_centre, edge.load_factor.per_m]);
             }
-            hash.numbers(&[grip.brush.x, grip.brush.y, grip.shear_n_m, object.sums.load_n]);
+            hash.numbers(&[
+                bristle.deflection.x,
+                bristle.deflection.y,
+                bristle.shear_n_m,
+                object.sums.load_n,
+            ]);
         }
     }
 }
 
-/// How finely edges are solved in three dimensions, if they are.
-fn level_of(world: &WorldConfig) -> Option<Level> {
+/// Accuracy of the solution of edges in three dimensions, for scenes that ask for it.
+fn spatial_accuracy(world: &WorldConfig) -> Option<Level> {
     match world.fidelity.contact {
         ContactModel::Layer3d => Some(Level::Fast),
         ContactModel::Layer3dFine => Some(Level::Default),
@@ -457,16 +482,16 @@ fn level_of(world: &WorldConfig) -> Option<Level> {
     }
 }
 
-/// Where complaints about the pad's rubber belong.
+/// Place of the pad's rubber in the scene, for errors.
 const RUBBER: &str = "finger.rubber";
 
-fn layer_of(config: &RubberConfig) -> Result<Layer, Invalid> {
-    rubber::layer(config).map_err(rubber::located(RUBBER))
+fn pad_layer(config: &RubberConfig) -> Result<Layer, Invalid> {
+    rubber::layer(config).map_err(rubber::at_place(RUBBER))
 }
 
-/// What tactels see of point loads on the pad; allocates and takes its time.
-fn shares_of(config: &RubberConfig) -> Result<Shares, Invalid> {
-    let located = rubber::located(RUBBER);
-    let influence = Influence::new(&layer_of(config)?).map_err(&located)?;
-    Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::FAST).map_err(&located)
+/// Responses of the tactels to point loads on the pad; allocates and takes long.
+fn tactel_shares(config: &RubberConfig) -> Result<Shares, Invalid> {
+    let at_place = rubber::at_place(RUBBER);
+    let influence = Influence::new(&pad_layer(config)?).map_err(&at_place)?;
+    Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::FAST).map_err(&at_place)
 }

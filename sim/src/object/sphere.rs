@@ -1,9 +1,10 @@
-//! A sphere on the pad: load, stiffness and contact radius tabulated over the penetration from the
-//! exact solution, image solved anew for each scan, warm from the last one. Refuses spheres and
-//! rubbers that the theory refuses; beyond the table the load goes on as a straight line.
+//! A sphere on the pad. Load, stiffness and contact radius are tabulated over the penetration from
+//! the exact solution; the image is solved anew for each scan, warm from the last one. Beyond the
+//! table the load goes on as a straight line. Refuses spheres and rubbers that the theory refuses.
 //!
-//! Tangential stiffness: the sum of the half space's 8 G a / (2 - nu) (Mindlin, J. Appl. Mech. 16,
-//! 1949) and of the thin layer's G pi a^2 / t, right at both ends.
+//! The tangential stiffness is the sum of the half space's 8 G a / (2 - nu) (Mindlin, J. Appl.
+//! Mech. 16, 1949) and of the thin layer's G pi a^2 / t, which is right for thick and for thin
+//! layers.
 
 use core::f64::consts::PI;
 
@@ -14,21 +15,23 @@ use taktil_contact::space::tactels::{Array, Sampling};
 use taktil_contact::space::{Drive, Level};
 use taktil_hal::MAX_TACTELS;
 
-use super::{Meeting, Sums, layer_of};
+use super::{ContactLoad, RelativeMotion, pad_layer};
 use crate::contact::PAD_HALF_M;
 use crate::rubber;
 use crate::scene::{Invalid, ObjectConfig, RubberConfig};
 
-/// Deepest penetration of the table, in thicknesses and in radii.
-const DEEPEST: (f64, f64) = (0.4, 0.2);
-/// Cells of the table; its knots stand at the squares of equal steps.
-const CELLS: usize = 96;
-/// Part of the penetration by which the stiffness is measured.
-const STEP: f64 = 1e-3;
-/// A contact is taken for at least so wide when it leaves the pad (m).
-const NARROWEST_M: f64 = 0.25e-3;
+/// Deepest penetration of the table, in thicknesses of the layer.
+const PENETRATION_MAX_THICKNESSES: f64 = 0.4;
+/// Deepest penetration of the table, in radii of the sphere.
+const PENETRATION_MAX_RADII: f64 = 0.2;
+/// Number of cells of the table; its knots stand at the squares of equal steps.
+const CELL_COUNT: usize = 96;
+/// Relative change of the penetration by which the stiffness is measured.
+const RELATIVE_DIFFERENCE: f64 = 1e-3;
+/// Smallest half-width over which a contact's load fades out as it leaves the pad (m).
+const FADE_HALF_WIDTH_MIN_M: f64 = 0.25e-3;
 
-/// What the table says at a penetration.
+/// The contact at one penetration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Knot {
     load_n: f64,
@@ -38,7 +41,7 @@ struct Knot {
 
 /// The sphere with its table and its solver.
 #[derive(Clone, Debug)]
-pub(super) struct Ball {
+pub(super) struct SphereContact {
     radius_m: f64,
     deepest_m: f64,
     knots: Vec<Knot>,
@@ -47,36 +50,38 @@ pub(super) struct Ball {
     thickness_m: f64,
     solver: Sphere,
     /// Place on the pad (mm), penetration (mm) and share of damping of the latest evaluation.
-    met: Option<([f64; 2], f64, f64)>,
+    sections: Option<([f64; 2], f64, f64)>,
 }
 
-impl Ball {
+impl SphereContact {
     pub(super) fn new(
         config: &ObjectConfig,
         pad: &RubberConfig,
         place: &str,
-    ) -> Result<Ball, Invalid> {
-        let located = rubber::located(place);
-        let layer = layer_of(pad)?;
+    ) -> Result<SphereContact, Invalid> {
+        let at_place = rubber::at_place(place);
+        let layer = pad_layer(pad)?;
         let radius_mm = config.radius();
-        let mut solver = Sphere::new(&layer, radius_mm, Level::Fast).map_err(&located)?;
-        let deepest_mm = (DEEPEST.0 * layer.thickness_mm).min(DEEPEST.1 * radius_mm);
-        let mut knots = vec![Knot::default(); CELLS + 1];
+        let mut solver = Sphere::new(&layer, radius_mm, Level::Fast).map_err(&at_place)?;
+        let deepest_mm = (PENETRATION_MAX_THICKNESSES * layer.thickness_mm)
+            .min(PENETRATION_MAX_RADII * radius_mm);
+        let mut knots = vec![Knot::default(); CELL_COUNT + 1];
         for (i, knot) in knots.iter_mut().enumerate().skip(1).rev() {
-            let part = i as f64 / CELLS as f64;
+            let part = i as f64 / CELL_COUNT as f64;
             let delta_mm = deepest_mm * part * part;
             let mut load = |part: f64| {
                 let state = solver.press(Drive::PenetrationMm(part * delta_mm));
-                let state = state.map_err(|refusal| located(refusal.told()))?;
+                let state = state.map_err(|refusal| at_place(refusal.told()))?;
                 Ok::<_, Invalid>((state.force_n, state.contact_radius_mm))
             };
-            let (above, below) = (load(1.0 + STEP)?.0, load(1.0 - STEP)?.0);
+            let (above, below) =
+                (load(1.0 + RELATIVE_DIFFERENCE)?.0, load(1.0 - RELATIVE_DIFFERENCE)?.0);
             let (load_n, radius_mm) = load(1.0)?;
-            let stiffness_n_m = 1e3 * (above - below) / (2.0 * STEP * delta_mm);
+            let stiffness_n_m = 1e3 * (above - below) / (2.0 * RELATIVE_DIFFERENCE * delta_mm);
             *knot = Knot { load_n, stiffness_n_m, radius_m: 1e-3 * radius_mm };
         }
         solver.release();
-        Ok(Ball::tabulated(&layer, radius_mm, deepest_mm, knots, solver))
+        Ok(SphereContact::tabulated(&layer, radius_mm, deepest_mm, knots, solver))
     }
 
     fn tabulated(
@@ -85,8 +90,8 @@ impl Ball {
         deepest_mm: f64,
         knots: Vec<Knot>,
         solver: Sphere,
-    ) -> Ball {
-        Ball {
+    ) -> SphereContact {
+        SphereContact {
             radius_m: 1e-3 * radius_mm,
             deepest_m: 1e-3 * deepest_mm,
             knots,
@@ -94,23 +99,23 @@ impl Ball {
             poisson: layer.poisson,
             thickness_m: 1e-3 * layer.thickness_mm,
             solver,
-            met: None,
+            sections: None,
         }
     }
 
-    /// The table at a penetration (m) above 0.
+    /// The contact at a penetration (m) above 0.
     fn at(&self, delta_m: f64) -> Knot {
         let part = delta_m / self.deepest_m;
         if part >= 1.0 {
-            let end = self.knots[CELLS];
+            let end = self.knots[CELL_COUNT];
             let load_n = end.load_n + end.stiffness_n_m * (delta_m - self.deepest_m);
             return Knot { load_n, ..end };
         }
-        let place = CELLS as f64 * part.max(0.0).sqrt();
-        let cell = (place as usize).min(CELLS - 1);
+        let place = CELL_COUNT as f64 * part.max(0.0).sqrt();
+        let cell = (place as usize).min(CELL_COUNT - 1);
         let (a, b) = (&self.knots[cell], &self.knots[cell + 1]);
         let knot_m = |i: usize| {
-            let part = i as f64 / CELLS as f64;
+            let part = i as f64 / CELL_COUNT as f64;
             self.deepest_m * part * part
         };
         let from_m = knot_m(cell);
@@ -129,49 +134,50 @@ impl Ball {
         }
     }
 
-    /// Evaluates the contact.
-    pub(super) fn press(&mut self, meeting: &Meeting, relaxation_s: f64) -> Sums {
-        let mut sums = Sums::default();
-        self.met = None;
-        let centre = meeting.place - self.radius_m * meeting.turn.z_axis;
+    /// Evaluates the contact at a relative motion.
+    pub(super) fn evaluate(&mut self, motion: &RelativeMotion, relaxation_s: f64) -> ContactLoad {
+        let mut sums = ContactLoad::default();
+        self.sections = None;
+        let centre = motion.place - self.radius_m * motion.turn.z_axis;
         let delta_m = self.radius_m - centre.z;
-        // The plane of the face goes on for ever, the finger does not.
+        // The plane of the face is infinite, the finger is not.
         if !(delta_m > 0.0 && centre.z > 0.0) {
             return sums;
         }
         let at = centre.truncate();
         let knot = self.at(delta_m);
-        let width_m = knot.radius_m.max(NARROWEST_M);
+        let width_m = knot.radius_m.max(FADE_HALF_WIDTH_MIN_M);
         let part = |u: f64| (0.5 * (PAD_HALF_M + width_m - u.abs()) / width_m).clamp(0.0, 1.0);
         let cover = part(at.x) * part(at.y);
-        let rate = meeting.closing(at.x, at.y);
+        let rate = motion.closing(at.x, at.y);
         let damped_n = knot.load_n + knot.stiffness_n_m * relaxation_s * rate;
         if damped_n <= 0.0 || cover <= 0.0 {
             return sums;
         }
         let pad = DVec2::splat(PAD_HALF_M);
-        let weight = cover * knot.stiffness_n_m * (meeting.h + relaxation_s);
+        let weight = cover * knot.stiffness_n_m * (motion.h + relaxation_s);
         sums.add(at.clamp(-pad, pad), cover * damped_n, weight);
         let (g_pa, a_m) = (1e6 * self.shear_mpa, knot.radius_m);
         let thin = PI * a_m * a_m / self.thickness_m;
         sums.shear_n_m = cover * g_pa * (thin + 8.0 * a_m / (2.0 - self.poisson));
         sums.half_width_m = a_m;
-        let carried = meeting.velocity + meeting.spin.cross(centre);
+        let carried = motion.velocity + motion.spin.cross(centre);
         sums.travel_m_s = DVec3::new(carried.x, carried.y, 0.0).length();
         sums.deepest_m = delta_m;
-        self.met = Some(([1e3 * at.x, 1e3 * at.y], 1e3 * delta_m, damped_n / knot.load_n));
+        self.sections = Some(([1e3 * at.x, 1e3 * at.y], 1e3 * delta_m, damped_n / knot.load_n));
         sums
     }
 
     /// Adds the stresses of the latest evaluation (MPa).
     pub(super) fn image(&mut self, image: &mut [f64; MAX_TACTELS]) {
-        let Some((place_mm, delta_mm, damping)) = self.met else { return };
+        let Some((place_mm, delta_mm, damping)) = self.sections else { return };
         let deepest_mm = 1e3 * self.deepest_m;
         let solved = self.solver.press(Drive::PenetrationMm(delta_mm.min(deepest_mm)));
         let mut own = [0.0; MAX_TACTELS];
         let read = self.solver.image(&Array::THESIS, Sampling::Area, place_mm, &mut own);
         let (Ok(state), Ok(())) = (solved, read) else { return };
-        // Beyond the table the load goes on, spread as at its end; so does what damps.
+        // Beyond the table the load keeps the distribution of the table's end; so does the viscous
+        // part.
         let scale = self.at(1e-3 * delta_mm).load_n / state.force_n * damping.clamp(0.0, 2.0);
         for (value, own) in image.iter_mut().zip(&own) {
             *value += scale * own;

@@ -1,6 +1,6 @@
-//! Pressed objects against the exact reference images: force within 1 %, centroid within 0.02 mm,
-//! direction within 0.2 deg. A ridge with the rounding of a pin is that pin; where plane strain is
-//! not enough, what it leaves is held as it is.
+//! Compares pressed objects with the exact reference images: force within 1 %, centroid within 0.02
+//! mm, direction within 0.2 deg. An edge with the rounding of a pin is that pin. Where plane strain
+//! is not enough, the tests pin down its error.
 
 use taktil_contact::features::{ImageFeatures, Part, image_features};
 
@@ -14,7 +14,7 @@ struct Case {
     numbers: Vec<f64>,
 }
 
-/// Area means of a shape: numbers from nu on.
+/// Reference cases of a shape with area means; the numbers are the columns from nu on.
 fn cases(shape: &str) -> Vec<Case> {
     let lines = FEATURES.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
     let number = |cell: &&str| cell.trim().parse().unwrap_or(f64::NAN);
@@ -34,10 +34,11 @@ fn rubber(case: &Case) -> RubberConfig {
     RubberConfig { thickness_mm, youngs_mpa: 27.58, poisson, relaxation_ms: 0.3 }
 }
 
-/// An object at rest whose top is `delta` mm inside the pad, turned and dipping towards its end.
-fn inside_pad(n: &[f64]) -> Meeting {
+/// Relative motion of an object at rest whose top is `delta` mm inside the pad, turned and tilted
+/// as the case says.
+fn inside_pad(n: &[f64]) -> RelativeMotion {
     let tilt = if n[9].is_finite() { n[9] } else { 0.0 };
-    Meeting {
+    RelativeMotion {
         place: 1e-3 * DVec3::new(n[6], n[7], -n[5]),
         turn: rotation_z(n[8].to_radians()) * rotation_x(-tilt) * rotation_y(core::f64::consts::PI),
         velocity: DVec3::ZERO,
@@ -46,7 +47,7 @@ fn inside_pad(n: &[f64]) -> Meeting {
     }
 }
 
-fn seen(image: &[f64]) -> ImageFeatures {
+fn features_of(image: &[f64]) -> ImageFeatures {
     image_features(&Array::THESIS, image, Part::Full).unwrap()
 }
 
@@ -76,12 +77,12 @@ fn pressed_spheres_give_the_reference_images() {
     for case in cases("sphere") {
         let n = &case.numbers;
         let sphere = ObjectConfig { radius_mm: Some(n[2]), ..ObjectConfig::of(ObjectKind::Sphere) };
-        let mut ball = Ball::new(&sphere, &rubber(&case), "object[0]").unwrap();
-        let sums = ball.press(&inside_pad(n), 0.0);
+        let mut ball = SphereContact::new(&sphere, &rubber(&case), "object[0]").unwrap();
+        let sums = ball.evaluate(&inside_pad(n), 0.0);
         assert!((sums.load_n / n[3] - 1.0).abs() < 1e-4, "{}: {}", case.name, sums.load_n);
         let mut image = [0.0; MAX_TACTELS];
         ball.image(&mut image);
-        judge(&mut worst, &case, errors(&case, &seen(&image), false), [2e-3, 2e-3, 0.2]);
+        judge(&mut worst, &case, errors(&case, &features_of(&image), false), [2e-3, 2e-3, 0.2]);
     }
     println!("sphere: force {:.1e}, centroid {:.1e} mm", worst[0], worst[1]);
 }
@@ -92,19 +93,20 @@ fn pressed_edges_give_the_reference_images() {
     for case in cases("inf_cylinder").into_iter().chain(cases("cylinder")) {
         let n = &case.numbers;
         let long = if n[10] > 0.0 { n[10] } else { 80.0 };
-        // Twelve millimetres are all ends: see the test below.
+        // A length of 12 mm is mostly ends, which another test checks.
         if long < 20.0 {
             continue;
         }
         let (radius_mm, length_mm) = (Some(n[2]), Some(long));
         let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
-        let mut ridge = Ridge::new(&edge, &rubber(&case), None, "object[0]").unwrap();
-        ridge.press(&inside_pad(n), 0.0);
-        let shares = shares_of(&rubber(&case)).unwrap();
+        let mut contact = EdgeContact::new(&edge, &rubber(&case), None, "object[0]").unwrap();
+        contact.evaluate(&inside_pad(n), 0.0);
+        let shares = tactel_shares(&rubber(&case)).unwrap();
         let mut image = [0.0; MAX_TACTELS];
-        ridge.image(&shares, &mut image);
-        let found = errors(&case, &seen(&image), true);
-        // Under 4 mrad the load grows fivefold along the pad, and lengths lean on each other.
+        contact.image(&shares, &mut image);
+        let found = errors(&case, &features_of(&image), true);
+        // Under a tilt of 4 mrad the load grows fivefold along the pad, and sections influence each
+        // other.
         let steep = n[9].abs() > 3e-3;
         let bars = if steep { [0.02, 0.04, 0.4] } else { [0.01, 0.02, 0.2] };
         judge(&mut worst, &case, found, bars);
@@ -119,14 +121,15 @@ fn in_three_dimensions_ends_and_steep_loads_are_right_too() {
         let n = &case.numbers;
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
         let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
-        let mut ridge = Ridge::new(&edge, &rubber(&case), Some(Level::Fast), "object[0]").unwrap();
-        let plain = ridge.press(&inside_pad(n), 0.0);
-        let shares = shares_of(&rubber(&case)).unwrap();
+        let mut contact =
+            EdgeContact::new(&edge, &rubber(&case), Some(Level::Fast), "object[0]").unwrap();
+        let plain = contact.evaluate(&inside_pad(n), 0.0);
+        let shares = tactel_shares(&rubber(&case)).unwrap();
         let mut image = [0.0; MAX_TACTELS];
-        ridge.image(&shares, &mut image);
-        judge(&mut worst, &case, errors(&case, &seen(&image), true), [0.01, 0.02, 0.2]);
-        // From the image on, the load between images is that of the solution.
-        let leaning = ridge.press(&inside_pad(n), 0.0);
+        contact.image(&shares, &mut image);
+        judge(&mut worst, &case, errors(&case, &features_of(&image), true), [0.01, 0.02, 0.2]);
+        // After the image, the load between images is that of the solution.
+        let leaning = contact.evaluate(&inside_pad(n), 0.0);
         if n[10] < 20.0 {
             assert!((leaning.load_n / n[3] - 1.0).abs() < 0.01, "{}", case.name);
             assert!((plain.load_n / n[3] - 1.0).abs() > 0.03, "{}", case.name);
@@ -136,21 +139,21 @@ fn in_three_dimensions_ends_and_steep_loads_are_right_too() {
 }
 
 #[test]
-fn ends_press_as_if_the_edge_went_on() {
-    // What plane strain leaves at two ends 12 mm apart, 15 thicknesses.
+fn ends_press_as_if_the_edge_continued() {
+    // The two ends are 12 mm apart, 15 thicknesses; the bound is the error of plane strain there.
     for case in cases("cylinder").into_iter().filter(|case| case.numbers[10] < 20.0) {
         let n = &case.numbers;
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
         let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
-        let mut ridge = Ridge::new(&edge, &rubber(&case), None, "object[0]").unwrap();
-        let sums = ridge.press(&inside_pad(n), 0.0);
+        let mut contact = EdgeContact::new(&edge, &rubber(&case), None, "object[0]").unwrap();
+        let sums = contact.evaluate(&inside_pad(n), 0.0);
         println!("{}: force {:.4} of the exact one", case.name, sums.load_n / n[3]);
         assert!((sums.load_n / n[3] - 1.0).abs() < 0.1);
     }
 }
 
 #[test]
-fn the_nearest_length_is_the_nearest() {
+fn the_nearest_place_on_a_curve_is_found() {
     let curves = [
         (EdgeProfile::Straight, None, None),
         (EdgeProfile::Arc, Some(30.0), None),
@@ -163,11 +166,11 @@ fn the_nearest_length_is_the_nearest() {
     for (profile, bend_mm, corner_deg) in curves {
         let profile = Some(profile);
         let edge = ObjectConfig { profile, bend_mm, corner_deg, ..plain };
-        let ridge = Ridge::new(&edge, &rubber, None, "object[0]").unwrap();
+        let contact = EdgeContact::new(&edge, &rubber, None, "object[0]").unwrap();
         for i in 0..400_i32 {
             let place = 1e-3 * DVec2::new(f64::from(i % 20 - 10), f64::from(i / 20 - 10) * 3.0);
-            let least = ridge.far_by_search(place);
-            let found = ridge.far(place);
+            let least = contact.distance_by_search(place);
+            let found = contact.distance(place);
             assert!((least - found).abs() < 1e-4, "{edge:?} {place}: {found} {least}");
         }
     }
@@ -182,12 +185,12 @@ fn a_tilted_bar_carries_what_the_reference_says() {
     let column = |name: &str| names.iter().position(|n| *n == name).unwrap();
     let [nu, t, w, h] = ["nu", "t_mm", "W_mm", "h_mm"].map(column);
     let [p, q, delta, slope] = ["P", "Q", "delta0", "slope"].map(column);
-    let (mut seen, mut worst) = (0, [0.0_f64; 2]);
+    let (mut features_of, mut worst) = (0, [0.0_f64; 2]);
     for line in lines {
         let n: Vec<f64> =
             line.split(',').map(|cell| cell.trim().parse().unwrap_or(f64::NAN)).collect();
         let out = (n[q] * n[h] / n[p] / (0.5 * n[w])).abs();
-        // What topples has no solution; loads beyond the table are not in it.
+        // A bar that topples has no solution, and loads beyond the table are not in it.
         if !n[delta].is_finite() || !(0.0..0.95).contains(&out) || n[w] > 25.0 {
             continue;
         }
@@ -198,15 +201,15 @@ fn a_tilted_bar_carries_what_the_reference_says() {
             relaxation_ms: 0.3,
         };
         let bar = ObjectConfig { width_mm: Some(n[w]), ..ObjectConfig::of(ObjectKind::Bar) };
-        let face = Face::new(&bar, &rubber, "object[0]").unwrap();
+        let face = BarContact::new(&bar, &rubber, "object[0]").unwrap();
         let deepest_m = 1e-3 * (n[delta] + n[slope].abs() * 0.5 * n[w]);
-        let (load_n_m, place_m) = face.plane(deepest_m, n[slope].abs());
+        let (load_n_m, place_m) = face.plane_load(deepest_m, n[slope].abs());
         let errors =
             [(1e-3 * load_n_m / n[p] - 1.0).abs(), (1e3 * place_m - out * 0.5 * n[w]).abs()];
         assert!(errors[0] < 0.01 && errors[1] < 0.02, "{line}: {errors:?}");
         worst = [worst[0].max(errors[0]), worst[1].max(errors[1])];
-        seen += 1;
+        features_of += 1;
     }
-    assert!(seen > 5, "{seen}");
-    println!("bar: {seen} cases, force {:.1e}, middle {:.1e} mm", worst[0], worst[1]);
+    assert!(features_of > 5, "{features_of}");
+    println!("bar: {features_of} cases, force {:.1e}, middle {:.1e} mm", worst[0], worst[1]);
 }

@@ -1,6 +1,6 @@
-//! `[arm]`, the part of the bench that moves the finger. Refuses angles that no joint has.
+//! `[arm]`: the arm and its start. Refuses angles that no joint has.
 
-use super::section::{Agree, inside, section};
+use super::section::{Consistency, inside, section};
 use super::{Invalid, POINTS_MAX, invalid};
 
 section! {
@@ -46,8 +46,8 @@ section! {
     }
 }
 
-impl Agree for ArmConfig {
-    fn agree(&self, place: &str) -> Result<(), Invalid> {
+impl Consistency for ArmConfig {
+    fn check_consistency(&self, place: &str) -> Result<(), Invalid> {
         let mut last_s = 0.0;
         for (i, point) in self.course_deg.iter().enumerate() {
             let place = inside(place, &format!("course_deg[{i}]"));

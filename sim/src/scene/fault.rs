@@ -1,9 +1,9 @@
-//! `[[fault]]`: what goes wrong with the bench, and when. Refuses joints that there are not, and
-//! spans that end before they begin.
+//! `[[fault]]`: the faults of the bench and their instants. Refuses joints that do not exist, and
+//! intervals that end before they begin.
 
 use serde::Deserialize;
 
-use super::section::{Agree, inside, names, section};
+use super::section::{Consistency, inside, names, section};
 use super::{Invalid, invalid};
 
 taktil_hal::explained! {
@@ -30,7 +30,7 @@ section! {
     /// `[[fault]]`: one thing that goes wrong.
     #[derive(Copy)]
     pub struct Fault {
-        /// `drop_frames`, `dead_encoder`, `power_loss`, `emergency_stop` or `frozen_wrist`.
+        /// `drop_frames`, `has_dead_encoder`, `power_loss`, `emergency_stop` or `frozen_wrist`.
         kind: FaultKind,
         /// When it begins (s).
         at_s: f64 [0.0, 1e6],
@@ -46,11 +46,11 @@ section! {
     }
 }
 
-/// The most faults of a scene.
+/// Largest number of faults in a scene.
 pub const FAULTS_MAX: usize = 32;
 
-impl Agree for Fault {
-    fn agree(&self, place: &str) -> Result<(), Invalid> {
+impl Consistency for Fault {
+    fn check_consistency(&self, place: &str) -> Result<(), Invalid> {
         let foreign = [
             ("joint", self.joint.is_some(), FaultKind::DeadEncoder),
             ("share", self.share.is_some(), FaultKind::DropFrames),

@@ -1,6 +1,6 @@
-//! What a simulated bench consists of, as text files state it: lengths in millimetres, angles in
+//! The description of a simulated bench as text files state it: lengths in millimetres, angles in
 //! degrees, each key with its unit. Refuses, with the place and the remedy, every number that
-//! physics cannot use: not finite, negative where size is meant, zero, huge, reversed.
+//! physics cannot use: not finite, negative where a size is meant, zero, huge, reversed.
 
 use core::fmt;
 
@@ -8,6 +8,7 @@ use taktil_hal::Nanos;
 
 mod arm;
 mod fault;
+pub mod fidelity;
 mod object;
 mod opposed;
 mod rolling;
@@ -21,19 +22,19 @@ pub use fault::{FAULTS_MAX, Fault, FaultKind};
 pub use object::{EdgeProfile, OBJECTS_MAX, ObjectConfig, ObjectKind};
 pub use opposed::OpposedConfig;
 pub use rolling::{FingerConfig, PinConfig, RubberConfig};
-pub use table::{Axis, Kind, MOTIONS_MAX, Motion, POINTS_MAX, STEP_S, TableConfig};
-pub use tactile::{Defect, DefectKind, Electronics, Stamp, TactileConfig};
-pub use wrist::WristConfig;
+pub use table::{Axis, MOTIONS_MAX, Motion, MotionKind, POINTS_MAX, STEP_DURATION_S, TableConfig};
+pub use tactile::{Defect, DefectKind, Electronics, ScanStamp, TactileConfig};
+pub use wrist::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, WristConfig};
 
-use crate::fidelity::FidelityConfig;
-use section::{Agree, Value, section};
+use fidelity::FidelityConfig;
+use section::{Consistency, Value, section};
 
-/// A value that cannot be simulated: where it stands, what is wrong, what to do.
+/// An error in a description: the place, what is wrong, and the remedy.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Invalid {
     /// Dotted path inside [`WorldConfig`], such as `pin.radius_mm`.
     pub place: String,
-    /// What is wrong, with the offending figure.
+    /// What is wrong, with the figure in question.
     pub what: String,
     /// What to write instead.
     pub remedy: String,
@@ -47,19 +48,19 @@ impl fmt::Display for Invalid {
 
 impl std::error::Error for Invalid {}
 
-/// Instants that the world shares with whoever drives it; all must be positive.
+/// Periods and delays that the world shares with its driver; all periods must be positive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timing {
     /// Encoders, A/D, force/torque and lines are latched at multiples of this.
     pub control_period: Nanos,
-    /// A word committed at a release acts this much later (zero allowed).
+    /// Delay between the release of a command and its effect (zero is allowed).
     pub actuation_delay: Nanos,
     /// A tactile scan is complete at multiples of this.
     pub scan_period: Nanos,
 }
 
 impl Default for Timing {
-    /// 400 Hz control, 200 Hz scans, words act after half a control period.
+    /// Control at 400 Hz, scans at 200 Hz, commands act after half a control period.
     fn default() -> Timing {
         Timing {
             control_period: Nanos::from_micros(2_500),
@@ -122,11 +123,12 @@ section! {
     }
 }
 
-/// Largest angle between a pin and the columns of an opposed fingertip at the start (deg).
-const ACROSS_DEG: f64 = 70.0;
+/// Largest angle between a pin and the columns of an opposed fingertip at the start (deg); a pin
+/// across the columns would meet no row.
+const OPPOSED_YAW_MAX_DEG: f64 = 70.0;
 
-impl Agree for WorldConfig {
-    fn agree(&self, _place: &str) -> Result<(), Invalid> {
+impl Consistency for WorldConfig {
+    fn check_consistency(&self, _place: &str) -> Result<(), Invalid> {
         let opposed = |fault: &Fault| fault.opposed == Some(true);
         if let Some(i) = self.fault.iter().position(opposed).filter(|_| !self.opposed.present) {
             let what = "is true, but there is no opposed fingertip".to_owned();
@@ -139,10 +141,10 @@ impl Agree for WorldConfig {
         }
         let turned = self.opposed.yaw_deg - self.pin.yaw_deg;
         let turned = turned - 180.0 * (turned / 180.0).round();
-        if self.opposed.present && turned.abs() > ACROSS_DEG {
+        if self.opposed.present && turned.abs() > OPPOSED_YAW_MAX_DEG {
             let what =
                 format!("turns its rows {turned} deg away from the pin, which is to cross them");
-            let remedy = format!("stay within {ACROSS_DEG} deg of pin.yaw_deg");
+            let remedy = format!("stay within {OPPOSED_YAW_MAX_DEG} deg of pin.yaw_deg");
             return Err(invalid("opposed.yaw_deg", what, &remedy));
         }
         if self.object.len() > OBJECTS_MAX {
@@ -187,18 +189,18 @@ impl WorldConfig {
         self.table.height_mm.unwrap_or(PIN_TOP_MM - 2.0 * self.pin.radius_mm)
     }
 
-    /// Refuses what cannot be simulated.
+    /// Checks the whole description.
     ///
     /// # Errors
-    /// The first key, in the order of the fields, that is not finite, out of its stated range or at
-    /// odds with another one. Whether the integration step suits the stiffness is seen by
-    /// [`build`](crate::build), which solves the contact first.
+    /// The first key, in the order of the fields, that is not finite, out of its stated range or in
+    /// contradiction with another one. [`build`](crate::build) checks whether the integration step
+    /// suits the stiffness, because it solves the contact first.
     pub fn check(&self) -> Result<(), Invalid> {
         Value::check(self, "", None)
     }
 }
 
-/// An [`Invalid`] of its three parts.
+/// Makes an [`Invalid`] of its three parts.
 pub(crate) fn invalid(place: &str, what: String, remedy: &str) -> Invalid {
     Invalid { place: place.to_owned(), what, remedy: remedy.to_owned() }
 }

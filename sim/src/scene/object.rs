@@ -3,7 +3,7 @@
 
 use serde::Deserialize;
 
-use super::section::{Agree, inside, names, section};
+use super::section::{Consistency, inside, names, section};
 use super::{Invalid, invalid};
 
 taktil_hal::explained! {
@@ -37,7 +37,7 @@ taktil_hal::explained! {
 
 names!(ObjectKind, EdgeProfile);
 
-/// The most objects of a scene.
+/// Largest number of objects in a scene.
 pub const OBJECTS_MAX: usize = 4;
 
 section! {
@@ -87,12 +87,12 @@ fn top_mm() -> f64 {
     46.0
 }
 
-/// Sharpest bend of an edge in radii of its rounding.
-const SHARPEST: f64 = 3.0;
+/// Smallest radius of an edge's arc, in radii of its rounding.
+const BEND_RADIUS_MIN_RADII: f64 = 3.0;
 
 impl ObjectConfig {
-    /// One of this kind of which nothing else is said: under the finger's start, as high as the
-    /// default pin.
+    /// An object of this kind with default values: under the finger's start, as high as the default
+    /// pin.
     #[must_use]
     pub fn of(kind: ObjectKind) -> ObjectConfig {
         ObjectConfig {
@@ -113,8 +113,8 @@ impl ObjectConfig {
         }
     }
 
-    /// Keys that belong to some kinds only, and whether they are given.
-    fn given(&self) -> [(&'static str, bool, &'static [ObjectKind]); 6] {
+    /// The keys that belong to some kinds only: name, whether it is given, and those kinds.
+    fn kind_specific_keys(&self) -> [(&'static str, bool, &'static [ObjectKind]); 6] {
         use ObjectKind::{Bar, Edge, Sphere};
         [
             ("radius_mm", self.radius_mm.is_some(), &[Sphere, Edge]),
@@ -156,13 +156,14 @@ impl ObjectConfig {
             }
         }
         let Some(bend_mm) = self.bend_mm else { return Ok(()) };
-        let least = SHARPEST * self.radius();
+        let least = BEND_RADIUS_MIN_RADII * self.radius();
         if bend_mm.abs() < least {
-            let what = format!("is {bend_mm}, sharper than {SHARPEST} times the rounding");
+            let what =
+                format!("is {bend_mm}, sharper than {BEND_RADIUS_MIN_RADII} times the rounding");
             let remedy = format!("give at least {least} either way, or a corner");
             return Err(invalid(&inside(place, "bend_mm"), what, &remedy));
         }
-        // More than half a circle would come back to the straight part.
+        // An arc of more than half a circle would meet the straight part again.
         if 0.5 * self.length() > core::f64::consts::PI * bend_mm.abs() {
             let what = format!("is {}: the arc would close", self.length());
             return Err(invalid(&inside(place, "length_mm"), what, "shorten it, or bend less"));
@@ -171,9 +172,9 @@ impl ObjectConfig {
     }
 }
 
-impl Agree for ObjectConfig {
-    fn agree(&self, place: &str) -> Result<(), Invalid> {
-        for (key, given, kinds) in self.given() {
+impl Consistency for ObjectConfig {
+    fn check_consistency(&self, place: &str) -> Result<(), Invalid> {
+        for (key, given, kinds) in self.kind_specific_keys() {
             if given && !kinds.contains(&self.kind) {
                 let what = format!("is not for a {:?}", self.kind).to_lowercase();
                 return Err(invalid(&inside(place, key), what, "leave it out"));

@@ -1,8 +1,8 @@
 //! `[opposed]`: a second fingertip that faces the first, with rubber, array and electronics of its
-//! own. Refuses to be there without a pin: nothing else is rolled between two fingers.
+//! own. Refuses to exist without a pin: nothing else is rolled between two fingers.
 
 use super::rolling::RubberConfig;
-use super::section::{Agree, section};
+use super::section::{Consistency, section};
 use super::tactile::TactileConfig;
 
 section! {
@@ -30,7 +30,7 @@ section! {
     }
 }
 
-impl Agree for OpposedConfig {}
+impl Consistency for OpposedConfig {}
 
 impl Default for OpposedConfig {
     fn default() -> OpposedConfig {

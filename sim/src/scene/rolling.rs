@@ -1,7 +1,7 @@
-//! `[finger]` and `[pin]`: the rubber on the fingertip and what it rolls. Refuses sizes and masses
-//! that are not positive.
+//! `[finger]` and `[pin]`: the rubber on the fingertip and the pin that it rolls. Refuses sizes and
+//! masses that are not positive.
 
-use super::section::{Agree, section};
+use super::section::{Consistency, section};
 
 section! {
     /// A rubber layer bonded to a rigid base.
@@ -23,7 +23,7 @@ fn relaxation_ms_default() -> f64 {
     0.3
 }
 
-impl Agree for RubberConfig {}
+impl Consistency for RubberConfig {}
 
 section! {
     /// `[finger]`
@@ -40,7 +40,7 @@ section! {
     }
 }
 
-impl Agree for FingerConfig {}
+impl Consistency for FingerConfig {}
 
 impl Default for FingerConfig {
     fn default() -> FingerConfig {
@@ -80,7 +80,7 @@ section! {
     }
 }
 
-impl Agree for PinConfig {}
+impl Consistency for PinConfig {}
 
 impl Default for PinConfig {
     fn default() -> PinConfig {

@@ -1,4 +1,4 @@
-//! How a section of a scene is declared: its keys, what they mean and the range of every number
+//! The declaration of a section of a scene: its keys, their meaning and the range of every number
 //! stand in one place, from which the parser, the check and the schema are made
 //! ([`taktil_hal::explain`]). Refuses to know any section.
 
@@ -6,7 +6,7 @@ pub(crate) use taktil_hal::explain::inside;
 
 use super::{Invalid, invalid};
 
-/// What a key may hold.
+/// A value that a key may hold.
 pub trait Value {
     /// Refuses NaN, infinities and everything outside `range`, at `place`.
     ///
@@ -15,20 +15,22 @@ pub trait Value {
     fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid>;
 }
 
-/// What the keys of a section have to do with each other.
-pub trait Agree {
+/// The consistency of the keys of a section.
+pub trait Consistency {
     /// Refuses keys that contradict each other; every number is in its range already.
     ///
     /// # Errors
     /// [`Invalid`] with its place inside the section at `place`.
-    fn agree(&self, place: &str) -> Result<(), Invalid> {
+    fn check_consistency(&self, place: &str) -> Result<(), Invalid> {
         let _ = place;
         Ok(())
     }
 }
 
-/// Refuses NaN, infinities and everything outside `low..=high`.
-fn within(place: &str, value: f64, (low, high): (f64, f64)) -> Result<(), Invalid> {
+/// Refuses NaN, infinities and everything outside the range.
+fn within(place: &str, value: f64, range: Option<(f64, f64)>) -> Result<(), Invalid> {
+    // A number without a range of its own must be finite.
+    let (low, high) = range.unwrap_or((f64::MIN, f64::MAX));
     if (low..=high).contains(&value) {
         return Ok(());
     }
@@ -37,18 +39,15 @@ fn within(place: &str, value: f64, (low, high): (f64, f64)) -> Result<(), Invali
     Err(invalid(place, format!("is {shown}"), &format!("give a number from {low} to {high}")))
 }
 
-/// A number without a range of its own must be finite.
-const ANY: (f64, f64) = (f64::MIN, f64::MAX);
-
 impl Value for f64 {
     fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid> {
-        within(place, *self, range.unwrap_or(ANY))
+        within(place, *self, range)
     }
 }
 
 impl Value for u32 {
     fn check(&self, place: &str, range: Option<(f64, f64)>) -> Result<(), Invalid> {
-        within(place, f64::from(*self), range.unwrap_or(ANY))
+        within(place, f64::from(*self), range)
     }
 }
 
@@ -88,8 +87,8 @@ impl<T: Value, const N: usize> Value for [T; N] {
 }
 
 /// Declares a section: documented keys in the order in which they are checked, each with its type
-/// and, for numbers, `[lowest, highest]`. The section still says by [`Agree`] what its keys have to
-/// do with each other.
+/// and, for numbers, `[lowest, highest]`. The section implements [`Consistency`] for the conditions
+/// between its keys.
 macro_rules! section {
     (
         $(#[doc = $about:expr])*
@@ -120,12 +119,12 @@ macro_rules! section {
                 place: &str,
                 _range: Option<(f64, f64)>,
             ) -> Result<(), $crate::scene::Invalid> {
-                use $crate::scene::section::{Agree, inside};
+                use $crate::scene::section::{Consistency, inside};
                 $({
                     let range: Option<(f64, f64)> = None $(.or(Some(($low, $high))))?;
                     self.$key.check(&inside(place, stringify!($key)), range)?;
                 })*
-                self.agree(place)
+                self.check_consistency(place)
             }
         }
     };

@@ -1,10 +1,10 @@
-//! `[table]`: where the surface under the pin stands and how it moves. Refuses motions whose unit
-//! does not fit their axis, that run backwards or lack what their kind needs.
+//! `[table]`: place and motions of the surface under the pin. Refuses motions whose unit does not
+//! fit their axis, that run backwards or that lack a key of their kind.
 
 use serde::Deserialize;
 
 use super::rolling::RubberConfig;
-use super::section::{Agree, inside, names, section};
+use super::section::{Consistency, inside, names, section};
 use super::{Invalid, invalid};
 
 section! {
@@ -39,15 +39,15 @@ section! {
     }
 }
 
-/// The most motions that a table takes.
+/// Largest number of motions of a table.
 pub const MOTIONS_MAX: usize = 16;
-/// The most points of one motion: half an hour at 50 Hz.
+/// Largest number of points of one motion: half an hour at 50 Hz.
 pub const POINTS_MAX: usize = 100_000;
-/// How long a step lasts when it does not say so (s): a table has mass.
-pub const STEP_S: f64 = 0.05;
+/// Duration of a step whose description states none (s): a table has mass.
+pub const STEP_DURATION_S: f64 = 0.05;
 
-impl Agree for TableConfig {
-    fn agree(&self, place: &str) -> Result<(), Invalid> {
+impl Consistency for TableConfig {
+    fn check_consistency(&self, place: &str) -> Result<(), Invalid> {
         if self.motion.len() > MOTIONS_MAX {
             let what = format!("has {} motions", self.motion.len());
             let remedy = format!("give at most {MOTIONS_MAX}");
@@ -98,7 +98,7 @@ taktil_hal::explained! {
 }
 
 impl Axis {
-    /// What it is measured in: `mm` or `deg`.
+    /// Unit of the axis: `mm` or `deg`.
     #[must_use]
     pub fn unit(self) -> &'static str {
         match self {
@@ -112,7 +112,7 @@ taktil_hal::explained! {
     /// How a motion runs.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
     #[serde(rename_all = "snake_case")]
-    pub enum Kind {
+    pub enum MotionKind {
         /// A rate from `from_s` to `to_s`, reached and left within `blend_s`.
         #[default]
         Ramp,
@@ -125,7 +125,7 @@ taktil_hal::explained! {
     }
 }
 
-names!(Axis, Kind);
+names!(Axis, MotionKind);
 
 section! {
     /// `[[table.motion]]`: one coordinate of the table over time. Which keys it needs goes by its
@@ -135,7 +135,7 @@ section! {
         axis: Axis,
         /// How: `ramp` (default), `step`, `sine` or `points`.
         #[serde(default)]
-        kind: Kind,
+        kind: MotionKind,
         /// Start (s). Default 0.
         #[serde(default)]
         from_s: f64 [0.0, 1e6],
@@ -168,9 +168,9 @@ section! {
 }
 
 impl Motion {
-    /// One that lacks everything but its axis and its kind, to be filled in.
+    /// A motion without any values but its axis and its kind, for the caller to complete.
     #[must_use]
-    pub fn of(axis: Axis, kind: Kind) -> Motion {
+    pub fn of(axis: Axis, kind: MotionKind) -> Motion {
         Motion {
             axis,
             kind,
@@ -192,43 +192,42 @@ impl Motion {
 
     /// A constant rate (deg/s or mm/s, whichever the axis has) between two instants (s).
     #[must_use]
-    pub fn ramp(axis: Axis, rate: f64, (from_s, to_s): (f64, f64)) -> Motion {
+    pub fn ramp(axis: Axis, rate: f64, from_s: f64, to_s: f64) -> Motion {
         let (deg, mm) = if axis.unit() == "deg" { (Some(rate), None) } else { (None, Some(rate)) };
         Motion {
             from_s,
             to_s: Some(to_s),
             rate_deg_s: deg,
             rate_mm_s: mm,
-            ..Motion::of(axis, Kind::Ramp)
+            ..Motion::of(axis, MotionKind::Ramp)
         }
     }
 
-    /// Whichever of the two fits the axis.
-    pub(crate) fn fitting<T>(&self, deg: T, mm: T) -> T {
+    /// The value whose unit fits the axis.
+    pub(crate) fn by_unit<T>(&self, deg: T, mm: T) -> T {
         if self.axis.unit() == "deg" { deg } else { mm }
     }
 
-    /// Every key that not all kinds have: its name, whether it is given, and the kind it belongs
-    /// to.
-    fn given(&self) -> [(&'static str, bool, Kind); 11] {
+    /// The keys that belong to one kind only: name, whether it is given, and that kind.
+    fn kind_specific_keys(&self) -> [(&'static str, bool, MotionKind); 11] {
         [
-            ("rate_deg_s", self.rate_deg_s.is_some(), Kind::Ramp),
-            ("rate_mm_s", self.rate_mm_s.is_some(), Kind::Ramp),
-            ("blend_s", self.blend_s.is_some(), Kind::Ramp),
-            ("by_deg", self.by_deg.is_some(), Kind::Step),
-            ("by_mm", self.by_mm.is_some(), Kind::Step),
-            ("amplitude_deg", self.amplitude_deg.is_some(), Kind::Sine),
-            ("amplitude_mm", self.amplitude_mm.is_some(), Kind::Sine),
-            ("frequency_hz", self.frequency_hz.is_some(), Kind::Sine),
-            ("points_deg", self.points_deg.is_some(), Kind::Points),
-            ("points_mm", self.points_mm.is_some(), Kind::Points),
-            ("file", self.file.is_some(), Kind::Points),
+            ("rate_deg_s", self.rate_deg_s.is_some(), MotionKind::Ramp),
+            ("rate_mm_s", self.rate_mm_s.is_some(), MotionKind::Ramp),
+            ("blend_s", self.blend_s.is_some(), MotionKind::Ramp),
+            ("by_deg", self.by_deg.is_some(), MotionKind::Step),
+            ("by_mm", self.by_mm.is_some(), MotionKind::Step),
+            ("amplitude_deg", self.amplitude_deg.is_some(), MotionKind::Sine),
+            ("amplitude_mm", self.amplitude_mm.is_some(), MotionKind::Sine),
+            ("frequency_hz", self.frequency_hz.is_some(), MotionKind::Sine),
+            ("points_deg", self.points_deg.is_some(), MotionKind::Points),
+            ("points_mm", self.points_mm.is_some(), MotionKind::Points),
+            ("file", self.file.is_some(), MotionKind::Points),
         ]
     }
 
     fn check_keys(&self, place: &str) -> Result<(), Invalid> {
         let wrong_unit = if self.axis.unit() == "deg" { "_mm" } else { "_deg" };
-        for (key, _, kind) in self.given().into_iter().filter(|(_, given, _)| *given) {
+        for (key, _, kind) in self.kind_specific_keys().into_iter().filter(|(_, given, _)| *given) {
             if kind != self.kind {
                 let (what, due) = (format!("belongs to kind {kind:?}"), format!("{:?}", self.kind));
                 let remedy = format!("leave it out or say which kind this is ({due})");
@@ -248,26 +247,28 @@ impl Motion {
         Ok(())
     }
 
-    /// The keys without which the kind cannot be.
+    /// Refuses a motion that lacks a key of its kind.
     fn check_complete(&self, place: &str) -> Result<(), Invalid> {
         let unit = self.axis.unit();
         let lacks = |key: String| {
             Err(invalid(place, format!("has no {key}"), "state it, or another kind of motion"))
         };
         let value = match self.kind {
-            Kind::Ramp => (self.rate_deg_s.or(self.rate_mm_s), format!("rate_{unit}_s")),
-            Kind::Step => (self.by_deg.or(self.by_mm), format!("by_{unit}")),
-            Kind::Sine => (self.amplitude_deg.or(self.amplitude_mm), format!("amplitude_{unit}")),
-            Kind::Points => return self.check_points(place),
+            MotionKind::Ramp => (self.rate_deg_s.or(self.rate_mm_s), format!("rate_{unit}_s")),
+            MotionKind::Step => (self.by_deg.or(self.by_mm), format!("by_{unit}")),
+            MotionKind::Sine => {
+                (self.amplitude_deg.or(self.amplitude_mm), format!("amplitude_{unit}"))
+            }
+            MotionKind::Points => return self.check_points(place),
         };
         if value.0.is_none() {
             return lacks(value.1);
         }
-        if self.kind == Kind::Sine && self.frequency_hz.is_none() {
+        if self.kind == MotionKind::Sine && self.frequency_hz.is_none() {
             return lacks("frequency_hz".to_owned());
         }
         match self.to_s {
-            None if self.kind == Kind::Ramp => lacks("to_s".to_owned()),
+            None if self.kind == MotionKind::Ramp => lacks("to_s".to_owned()),
             Some(to_s) if to_s <= self.from_s => {
                 let what = format!("is {to_s}, not after from_s = {}", self.from_s);
                 Err(invalid(&inside(place, "to_s"), what, "end after the start"))
@@ -286,7 +287,7 @@ impl Motion {
             let what = "is not for points, which bring their times".to_owned();
             return Err(invalid(&inside(place, "to_s"), what, "leave it out"));
         }
-        let points = match (self.fitting(&self.points_deg, &self.points_mm), &self.file) {
+        let points = match (self.by_unit(&self.points_deg, &self.points_mm), &self.file) {
             (Some(points), _) => points,
             (None, None) => {
                 return Err(invalid(place, format!("has no {key}"), "give points or a file"));
@@ -316,8 +317,8 @@ impl Motion {
     }
 }
 
-impl Agree for Motion {
-    fn agree(&self, place: &str) -> Result<(), Invalid> {
+impl Consistency for Motion {
+    fn check_consistency(&self, place: &str) -> Result<(), Invalid> {
         self.check_keys(place)?;
         self.check_complete(place)
     }

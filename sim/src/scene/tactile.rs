@@ -1,9 +1,9 @@
 //! `[tactile]`: the array under the fingertip's rubber and the electronics behind it. Refuses rest
-//! levels at which noise would be clipped, and tactels that there are not.
+//! levels at which noise would be clipped, and tactels that do not exist.
 
 use serde::Deserialize;
 
-use super::section::{Agree, inside, names, section};
+use super::section::{Consistency, inside, names, section};
 use super::{Invalid, invalid};
 
 taktil_hal::explained! {
@@ -41,7 +41,7 @@ taktil_hal::explained! {
     /// What instant a frame carries.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
     #[serde(rename_all = "snake_case")]
-    pub enum Stamp {
+    pub enum ScanStamp {
         /// When the last row was read.
         #[default]
         Scanned,
@@ -50,7 +50,7 @@ taktil_hal::explained! {
     }
 }
 
-names!(Electronics, DefectKind, Stamp);
+names!(Electronics, DefectKind, ScanStamp);
 
 section! {
     /// `[tactile]`
@@ -76,7 +76,7 @@ section! {
         late_scans: u32 [0.0, 30.0],
         /// The instant that a scan carries: `scanned` (default), or `delivered` by a board that
         /// does not know better, which hides how late it is.
-        stamp: Stamp,
+        stamp: ScanStamp,
         /// What is simulated: `ideal` (default), `response`, `memory` or `network`.
         electronics: Electronics,
         /// From `response` on: spread of the tactels' gains, one standard deviation. Default 0.06:
@@ -129,8 +129,8 @@ fn blink_s() -> f64 {
     0.1
 }
 
-impl Agree for Defect {
-    fn agree(&self, place: &str) -> Result<(), Invalid> {
+impl Consistency for Defect {
+    fn check_consistency(&self, place: &str) -> Result<(), Invalid> {
         if self.kind == DefectKind::Dead && self.counts != 0 {
             let what = "is not for dead tactels, which read the rest level".to_owned();
             return Err(invalid(&inside(place, "counts"), what, "leave it out, or say stuck"));
@@ -147,8 +147,8 @@ impl TactileConfig {
     }
 }
 
-impl Agree for TactileConfig {
-    fn agree(&self, place: &str) -> Result<(), Invalid> {
+impl Consistency for TactileConfig {
+    fn check_consistency(&self, place: &str) -> Result<(), Invalid> {
         let full = f64::from(self.full_counts());
         let most = [
             ("noise_counts", self.noise_counts, full / 5.0),
@@ -197,7 +197,7 @@ impl Default for TactileConfig {
             full_scale_n: 4.0,
             row_us: 0.0,
             late_scans: 0,
-            stamp: Stamp::Scanned,
+            stamp: ScanStamp::Scanned,
             electronics: Electronics::Ideal,
             gain_spread: 0.06,
             threshold_n: 0.002,

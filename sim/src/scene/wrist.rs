@@ -1,10 +1,14 @@
-//! `[wrist]`: the force/torque sensor. Refuses gauges from which no wrench can be told.
+//! `[wrist]`: the force/torque sensor. Refuses gauges that do not determine the wrench.
 
 use taktil_mechanics::Matrix6;
 
-use super::section::{Agree, inside, section};
+use super::section::{Consistency, inside, section};
 use super::{Invalid, invalid};
-use crate::electronics::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM};
+
+/// Codes of a gauge per newton, unless a scene gives a matrix.
+pub const GAUGE_CODES_PER_N: f64 = 20.0;
+/// Codes of a gauge per newton metre, unless a scene gives a matrix.
+pub const GAUGE_CODES_PER_NM: f64 = 1000.0;
 
 section! {
     /// `[wrist]`
@@ -23,12 +27,11 @@ section! {
     }
 }
 
-/// Smallest determinant of a matrix with rows scaled to length 1 that is taken for one that can be
-/// inverted.
+/// Smallest determinant, with rows scaled to length 1, of a matrix that counts as invertible.
 const DETERMINANT_MIN: f64 = 1e-6;
 
 impl WristConfig {
-    /// Codes over wrench.
+    /// Matrix from the wrench (N, N m) to the gauge codes.
     #[must_use]
     pub fn matrix(&self) -> Matrix6 {
         match &self.codes_per_n_nm {
@@ -42,9 +45,10 @@ impl WristConfig {
     }
 }
 
-impl Agree for WristConfig {
-    fn agree(&self, place: &str) -> Result<(), Invalid> {
-        // Moments are codes per 20 mm, so that both halves of a row weigh alike.
+impl Consistency for WristConfig {
+    fn check_consistency(&self, place: &str) -> Result<(), Invalid> {
+        // Moments are measured in codes per 20 mm, so that both halves of a row have a similar
+        // size.
         let even = |i: usize, m: &Matrix6, j: usize| m[(i, j)] * if j < 3 { 1.0 } else { 0.02 };
         let matrix = self.matrix();
         let scaled = Matrix6::from_fn(|i, j| {

@@ -1,204 +1,252 @@
 //! Implicit steps: finger and pin move together so that momentum changes by the forces at the end
-//! of the stage, found by Newton's method on twelve speeds. Two such stages make a step of second
-//! order that damps what it cannot follow (Alexander 1977, SDIRK with `gamma = 1 - 1/sqrt(2)`: the
-//! second stage starts from the first one carried on, and ends at the step's end).
+//! of the stage, which Newton's method finds on twelve speeds. Two such stages make a step of
+//! second order that damps what it cannot follow (Alexander 1977, SDIRK with `gamma = 1 -
+//! 1/sqrt(2)`: the second stage starts from an extrapolation of the first one and ends at the
+//! step's end).
 //!
 //! Bristles of friction and contact take part with the state that the end of the stage gives them:
 //! sticking, sliding and lost contact are found together with the motion, by the consistent tangent
-//! of each (Simo and Hughes 1998). A shortest step that is not resolved is taken by Euler's method
-//! backwards instead, which takes energy whatever the forces are. Refuses more than a bounded
-//! number of iterations: what has not settled then is said and taken.
+//! of each (Simo and Hughes 1998). A shortest step that is not resolved is taken by the backward
+//! Euler method instead, which dissipates energy whatever the forces are. Refuses more than a
+//! bounded number of iterations: a step that has not converged by then is taken and counted.
 
-mod calm;
+mod damped;
 mod newton;
 
 use glam::{DMat3, DQuat, DVec3};
 use taktil_mechanics::spatial::linear_and_angular;
 use taktil_mechanics::{Joints, Pose};
 
-use super::matrix::N;
-use super::{Bench, Saved};
+use super::matrix::UNKNOWN_COUNT;
+use super::{Plant, SavedState};
 use crate::contact::Surface;
-use crate::finger::{Ahead, Rotors, Swing};
 use crate::hash::Hash;
-use crate::object::{Grip, Grips};
-use crate::rolling::{Around, Memory, Touching};
-use newton::Held;
+use crate::manipulator::{ArmState, RotorState, StagePredictor};
+use crate::object::{ObjectBristle, ObjectBristles};
+use crate::rolling::{PinContacts, PinState};
+use crate::surroundings::Surroundings;
+use newton::FactoredMatrix;
 
-/// `1 - 1/sqrt(2)`
-const GAMMA: f64 = 0.292_893_218_813_452_5;
-/// Iterations of a stage at most.
-const NEWTON_MAX: usize = 12;
-/// A stage has settled when an iteration changes no point's speed by more than this (m/s), or when
-/// the next one would not, as the last two shrank.
-const SETTLED_M_S: f64 = 2e-8;
-/// Largest change after which the next one is judged without being made (m/s): what the bristles
-/// have not seen of the motion then is below 1e-10 m.
-const CLOSE_M_S: f64 = 2e-7;
-/// Factors stay in use, in both stages of a step, while each iteration changes less than this part
-/// of the one before.
-const SHRINKS: f64 = 0.05;
-/// Twice the most with which a joint that nothing holds begins to fall (rad/s^2): over the length
-/// of a stage the speed that an arm at rest may come to, on which its centrifugal and Coriolis
+/// Coefficient of the two-stage method: `1 - 1/sqrt(2)`.
+const SDIRK_GAMMA: f64 = 0.292_893_218_813_452_5;
+/// Newton iterations of a stage at most.
+const NEWTON_STEPS_MAX: usize = 12;
+/// Change of every point's speed below which a stage has converged (m/s). A stage has also
+/// converged when the ratio of the last two changes predicts that the next change is below it.
+const SPEED_TOLERANCE_M_S: f64 = 2e-8;
+/// Largest change of speed after which the next change is predicted instead of computed (m/s): the
+/// bristles then lack less than 1e-10 m of the motion.
+const PREDICTED_TOLERANCE_M_S: f64 = 2e-7;
+/// Share of the tolerance that a predicted change has to be below, because it is only predicted.
+const PREDICTION_MARGIN: f64 = 0.1;
+/// Ratio of successive changes below which a factorised matrix is used again, in both stages of a
+/// step.
+const CONTRACTION_MAX: f64 = 0.05;
+/// Twice the largest acceleration of a joint that falls freely (rad/s^2). Times the length of a
+/// stage it bounds the speed that an arm at rest may reach, on which its centrifugal and Coriolis
 /// torques depend.
-const FALLING_RAD_S2: f64 = 50.0;
-/// Distance at which turning counts as moving (m).
-const ARM_M: f64 = 0.1;
+const FREE_ACCELERATION_RAD_S2: f64 = 50.0;
 
-/// What a stage starts from.
-struct Base {
-    swing: Swing,
-    memory: Option<Memory>,
-    grips: Grips,
-    /// Angular momentum of the pin (kg m^2/s), which its spin need not match.
-    turning: DVec3,
+/// State at the start of a stage.
+struct StageStart {
+    arm: ArmState,
+    pin: Option<PinState>,
+    bristles: ObjectBristles,
+    /// Angular momentum of the pin (kg m^2/s), which differs from inertia times spin after an
+    /// extrapolation.
+    angular_momentum: DVec3,
 }
 
-/// What a step did.
+/// Result of a step.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Outcome {
-    /// Difference to the embedded method of first order (m).
+pub(super) struct StepOutcome {
+    /// Difference of place to the embedded method of first order (m).
     pub(super) error_m: f64,
-    pub(super) settled: bool,
-    /// What the last iteration changed, after the contacts were evaluated (m/s).
-    pub(super) unseen_m_s: f64,
+    pub(super) has_converged: bool,
+    /// Change of speed by the last iteration, after the contacts were evaluated (m/s).
+    pub(super) last_change_m_s: f64,
     pub(super) iterations: u32,
 }
 
-type Speeds = [f64; N];
+type Speeds = [f64; UNKNOWN_COUNT];
 
-/// What one step leaves to the next: where its iteration begins and where inertia and gravity are
-/// taken. It saves iterations; what it changes is below what an iteration may leave.
+/// What a step leaves for the next step: a guess of the speeds at its end. The guess saves
+/// iterations; it changes the result by less than the tolerance of the iteration.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Habit {
-    /// How the speeds changed (m/s^2, rad/s^2).
-    slope: Speeds,
+pub(crate) struct WarmStart {
+    /// Acceleration over the last step (m/s^2, rad/s^2).
+    acceleration: Speeds,
 }
 
-impl Habit {
-    /// After something happened nothing goes on as before.
-    pub(super) fn forget(&mut self) {
-        *self = Habit::default();
+impl WarmStart {
+    /// Discards the guess; after an impact or a released contact the past predicts nothing.
+    pub(super) fn clear(&mut self) {
+        *self = WarmStart::default();
     }
 
     pub(super) fn digest(&self, hash: &mut Hash) {
-        hash.numbers(&self.slope);
+        hash.numbers(&self.acceleration);
     }
 }
 
-/// The time of a stage: how long it moves things (s), when it ends (s), and whether its step is the
-/// shortest there is.
+/// The time of a stage: its length (s), the instant of its end (s), and whether its step is the
+/// shortest one that is allowed.
 #[derive(Clone, Copy)]
-struct Over {
+struct StageTime {
     tau: f64,
     end_s: f64,
-    last: bool,
+    is_shortest: bool,
 }
 
-/// The balance of momentum at some speeds.
+/// A stage as its equations see it.
+struct Stage<'a> {
+    start: &'a StageStart,
+    /// The finger at the end of the stage.
+    predictor: StagePredictor,
+    /// Length of the stage (s).
+    tau: f64,
+    /// The table at the end of the stage.
+    table: Surface,
+    table_axes: DMat3,
+}
+
+/// Result of a stage.
+struct StageResult {
+    /// Change of speed by the last iteration (m/s); infinite when the iteration did not converge.
+    last_change_m_s: f64,
+    iterations: u32,
+    speeds: Speeds,
+}
+
+/// The residual of the balance of momentum at some speeds, and what it was computed from.
 #[derive(Default)]
-struct Seen {
-    /// What is left of it.
-    rest: Speeds,
-    /// How what the joints feel grows with their speeds (N m s/rad).
+struct Residual {
+    /// The residual itself (N s, N m s).
+    momentum: Speeds,
+    /// Derivatives of the joints' resisting torques with respect to their speeds (N m s/rad).
     slopes: [f64; 6],
-    /// The surroundings of what may be touched.
-    around: Option<Around>,
-    /// The contacts of a pin.
-    touch: Option<Touching>,
-    /// Objects are touched.
-    pressed: bool,
+    /// The places of finger and table.
+    surroundings: Option<Surroundings>,
+    /// The contact lines of the pin.
+    contacts: Option<PinContacts>,
+    /// Whether the finger touches an object.
+    touches_objects: bool,
 }
 
+/// Whether a change of speed (m/s) is below the tolerance, or the next change will be, as `rate` is
+/// the ratio of the last two.
+fn is_converged(change_m_s: f64, rate: f64) -> bool {
+    change_m_s < SPEED_TOLERANCE_M_S
+        || (change_m_s < PREDICTED_TOLERANCE_M_S
+            && change_m_s * rate < PREDICTION_MARGIN * SPEED_TOLERANCE_M_S)
+}
+
+/// Three components of a vector of speeds.
 fn part(u: &Speeds, from: usize) -> DVec3 {
     DVec3::new(u[from], u[from + 1], u[from + 2])
 }
 
+/// The finger's part of a vector of speeds.
 fn joints(u: &Speeds) -> Joints {
     Joints::new(u[0], u[1], u[2], u[3], u[4], u[5])
 }
 
-impl Bench {
-    /// One step of `h` seconds from `start_s`; the state was saved by the caller.
-    pub(super) fn implicit(&mut self, start: &Saved, start_s: f64, h: f64) -> Outcome {
-        let first = Base::of(start);
-        let tau = GAMMA * h;
-        let u0 = speeds(&first.swing, first.memory.as_ref());
-        let guess = core::array::from_fn(|i| u0[i] + tau * self.habit.slope[i]);
+impl Plant {
+    /// One step of `h` seconds from `start_s` by the two-stage method; the caller saved the state.
+    pub(super) fn step_sdirk(&mut self, start: &SavedState, start_s: f64, h: f64) -> StepOutcome {
+        let first = StageStart::of(start);
+        let tau = SDIRK_GAMMA * h;
+        let u0 = speeds(&first.arm, first.pin.as_ref());
+        let guess = core::array::from_fn(|i| u0[i] + tau * self.warm_start.acceleration[i]);
         let mut factors = None;
-        let over = Over { tau, end_s: start_s + tau, last: false };
-        let (last_1, n_1, u1) = self.stage(&first, guess, over, &mut factors);
-        let second = first.carried_on(&self.save(), (1.0 - GAMMA) / GAMMA);
-        let ahead: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / GAMMA);
-        let over = Over { end_s: start_s + h, ..over };
-        let (last_2, n_2, u2) = self.stage(&second, ahead, over, &mut factors);
-        // The embedded method takes the first stage's slopes for both.
-        let off = core::array::from_fn(|i| u2[i] - ahead[i]);
-        self.habit.slope = core::array::from_fn(|i| (u2[i] - u0[i]) / h);
-        Outcome {
-            error_m: h * self.way(&off),
-            settled: last_1.is_finite() && last_2.is_finite(),
-            unseen_m_s: last_2,
-            iterations: n_1 + n_2,
+        let time = StageTime { tau, end_s: start_s + tau, is_shortest: false };
+        let first_result = self.solve_stage(&first, guess, time, &mut factors);
+        let u1 = first_result.speeds;
+        let second = first.extrapolated(&self.save(), (1.0 - SDIRK_GAMMA) / SDIRK_GAMMA);
+        let u_end: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / SDIRK_GAMMA);
+        let time = StageTime { end_s: start_s + h, ..time };
+        let second_result = self.solve_stage(&second, u_end, time, &mut factors);
+        let u2 = second_result.speeds;
+        // The embedded method uses the acceleration of the first stage for the whole step.
+        let difference = core::array::from_fn(|i| u2[i] - u_end[i]);
+        self.warm_start.acceleration = core::array::from_fn(|i| (u2[i] - u0[i]) / h);
+        let last_change_m_s = second_result.last_change_m_s;
+        StepOutcome {
+            error_m: h * self.largest_speed(&difference),
+            has_converged: first_result.last_change_m_s.is_finite() && last_change_m_s.is_finite(),
+            last_change_m_s,
+            iterations: first_result.iterations + second_result.iterations,
         }
     }
 
-    /// One step of first order, for what is not resolved by the shortest one of the above: its
-    /// second stage carries the first one on as if nothing would end, and what a blow stopped is
-    /// thrown back. Here all forces are those of the end, and whatever they are they take energy:
-    /// this is Euler's method backwards, on contacts that are monotone in the speeds.
-    pub(super) fn blow(&mut self, start: &Saved, start_s: f64, h: f64) -> Outcome {
-        let base = Base::of(start);
-        let u0 = speeds(&base.swing, base.memory.as_ref());
-        let over = Over { tau: h, end_s: start_s + h, last: true };
-        let (last, iterations, u) = self.stage(&base, u0, over, &mut None);
-        let off = core::array::from_fn(|i| 0.5 * (u[i] - u0[i]));
-        self.habit.forget();
-        Outcome {
-            error_m: h * self.way(&off),
-            settled: last.is_finite(),
-            unseen_m_s: last,
+    /// One step of the backward Euler method, for a shortest step that the two-stage method did not
+    /// resolve. The second stage of that method extrapolates the first one as if the motion went
+    /// on, so that an impact that stopped a body throws it back. Here all forces are those of the
+    /// end of the step, and they dissipate energy because the contacts are monotone in the speeds.
+    pub(super) fn step_backward_euler(
+        &mut self,
+        start: &SavedState,
+        start_s: f64,
+        h: f64,
+    ) -> StepOutcome {
+        let base = StageStart::of(start);
+        let u0 = speeds(&base.arm, base.pin.as_ref());
+        let time = StageTime { tau: h, end_s: start_s + h, is_shortest: true };
+        let StageResult { last_change_m_s, iterations, speeds: u } =
+            self.solve_stage(&base, u0, time, &mut None);
+        let difference = core::array::from_fn(|i| 0.5 * (u[i] - u0[i]));
+        self.warm_start.clear();
+        StepOutcome {
+            error_m: h * self.largest_speed(&difference),
+            has_converged: last_change_m_s.is_finite(),
+            last_change_m_s,
             iterations,
         }
     }
 
-    /// Speed at which the quickest point of finger or pin moves (m/s).
-    fn way(&self, u: &Speeds) -> f64 {
+    /// Largest speed of any point of finger or pin (m/s).
+    fn largest_speed(&self, u: &Speeds) -> f64 {
         let radius = self.rolling.as_ref().map_or(0.0, |r| r.pin.radius_m);
         let q = joints(u).amax() * self.finger.lever_m();
         q.max(part(u, 6).length()).max(radius * part(u, 9).length())
     }
 
-    /// Moves everything from `base` over `tau` seconds by the forces at the end, `end_s`. Newton's
-    /// `factors` may be those of a stage before; those that were used last are left there. Gives
-    /// the last change (m/s), infinite when it did not settle, the iterations, and the speeds.
-    fn stage(
+    /// Moves all bodies from `base` over one stage by the forces at its end. `factors` may be those
+    /// of an earlier stage; the factors that were used last are left there.
+    fn solve_stage(
         &mut self,
-        base: &Base,
+        base: &StageStart,
         guess: Speeds,
-        Over { tau, end_s, last: finest }: Over,
-        factors: &mut Option<Held>,
-    ) -> (f64, u32, Speeds) {
+        time: StageTime,
+        factors: &mut Option<FactoredMatrix>,
+    ) -> StageResult {
+        let StageTime { tau, end_s, is_shortest } = time;
         let mut u = guess;
-        let mut ahead = self.finger.ahead(&base.swing, &joints(&u), tau, end_s);
-        ahead.carried += ahead.jacobian * ahead.guess;
-        for slot in u.iter_mut().take(6).skip(ahead.degrees) {
+        let mut predictor = self.finger.predict_stage(&base.arm, &joints(&u), tau, end_s);
+        predictor.prescribed_twist += predictor.jacobian * predictor.guessed_speeds;
+        for slot in u.iter_mut().take(6).skip(predictor.degrees_of_freedom) {
             *slot = 0.0;
         }
         let (_, table_axes, table) = self.table.at(end_s);
-        let mut torques_at = joints(&u);
-        let (mut last, mut count) = (f64::INFINITY, 0);
-        let (mut before, mut seen) = (f64::INFINITY, Seen::default());
-        for _ in 0..NEWTON_MAX {
-            count += 1;
-            self.evaluate_into(&mut seen, base, &ahead, &u, tau, (&table, &table_axes));
-            let held = factors.get_or_insert_with(|| self.held(&ahead, &seen, tau));
-            let mut change = held.factors.solve(&seen.rest);
-            if self.way(&change) < CLOSE_M_S && self.softer(&seen, held) {
-                // Stiffer than what is there by far they would call anything settled.
-                *held = self.held(&ahead, &seen, tau);
-                change = held.factors.solve(&seen.rest);
+        let mut stage = Stage { start: base, predictor, tau, table, table_axes };
+        // Joint speeds at which the generalised forces were evaluated.
+        let mut force_speeds = joints(&u);
+        let (mut last_change_m_s, mut iterations) = (f64::INFINITY, 0);
+        let (mut before, mut residual) = (f64::INFINITY, Residual::default());
+        for _ in 0..NEWTON_STEPS_MAX {
+            iterations += 1;
+            self.evaluate_into(&mut residual, &stage, &u);
+            let matrix = factors.get_or_insert_with(|| self.factorise(&stage, &residual));
+            let mut change = matrix.factors.solve(&residual.momentum);
+            if self.largest_speed(&change) < PREDICTED_TOLERANCE_M_S
+                && self.has_softened(&residual, matrix)
+            {
+                // A matrix far stiffer than the present contacts would report convergence of any
+                // speeds.
+                *matrix = self.factorise(&stage, &residual);
+                change = matrix.factors.solve(&residual.momentum);
             }
+            // A matrix that is not positive definite gives no direction to go on with.
             if !change.iter().all(|x| x.is_finite()) {
                 break;
             }
@@ -206,153 +254,151 @@ impl Bench {
                 *speed += change;
             }
             let now = joints(&u);
-            let moved = (now - torques_at).amax();
-            // The angles stay those that the stage guessed: only what goes with the square of the
-            // speeds is seen anew.
-            let turned = now.amax() + moved + FALLING_RAD_S2 * tau;
-            if tau * moved * turned * self.finger.lever_m() > SETTLED_M_S {
-                ahead.push = self.finger.push(&ahead, &now);
-                torques_at = now;
+            let moved = (now - force_speeds).amax();
+            // The joint angles stay at the predicted ones; only the torques that depend on the
+            // square of the speeds are evaluated anew.
+            let fastest = now.amax() + moved + FREE_ACCELERATION_RAD_S2 * tau;
+            if tau * moved * fastest * self.finger.lever_m() > SPEED_TOLERANCE_M_S {
+                stage.predictor.forces = self.finger.generalised_forces(&stage.predictor, &now);
+                force_speeds = now;
             }
-            let size = self.way(&change);
+            let size = self.largest_speed(&change);
             let rate = size / before;
-            if size < SETTLED_M_S || (size < CLOSE_M_S && size * rate < 0.1 * SETTLED_M_S) {
-                last = size;
+            if is_converged(size, rate) {
+                last_change_m_s = size;
                 break;
             }
-            if rate > SHRINKS {
+            // A slow contraction means that the factors belong to other contacts.
+            if rate > CONTRACTION_MAX {
                 *factors = None;
             }
             before = size;
         }
-        if finest && !last.is_finite() {
-            let (calm, more) =
-                self.calm(base, &ahead, (&mut u, &guess), tau, (&table, &table_axes));
-            (last, count, *factors) = (calm, count + more, None);
+        if is_shortest && !last_change_m_s.is_finite() {
+            let damped = self.solve_damped(&stage, u, &guess);
+            (last_change_m_s, u) = (damped.last_change_m_s, damped.speeds);
+            iterations += damped.iterations;
+            *factors = None;
         }
-        self.finish(base, &ahead, &u, tau);
-        (last, count, u)
+        self.take_stage(&stage, &u);
+        StageResult { last_change_m_s, iterations, speeds: u }
     }
 
-    /// The state at the end of a stage.
-    fn finish(&mut self, base: &Base, ahead: &Ahead, u: &Speeds, tau: f64) {
-        let mut next = base.swing;
-        for (i, speed) in u.iter().enumerate().take(ahead.degrees) {
+    /// Writes the state at the end of a stage.
+    fn take_stage(&mut self, stage: &Stage<'_>, u: &Speeds) {
+        let Stage { start: base, predictor, tau, .. } = stage;
+        let tau = *tau;
+        let mut next = base.arm;
+        for (i, speed) in u.iter().enumerate().take(predictor.degrees_of_freedom) {
             next.qd[i] = *speed;
             next.q[i] += tau * speed;
-            let rub = self.finger.rub(&base.swing, i, *speed, tau);
-            next.bristle[i] = rub.bristle_rad;
-            if let Some((angle, speed)) = rub.motor {
-                (next.motor.q[i], next.motor.qd[i]) = (angle, speed);
+            let resisting = self.finger.resisting_torque(&base.arm, i, *speed, tau);
+            next.bristle[i] = resisting.bristle_rad;
+            if let Some(rotor) = resisting.rotor {
+                (next.rotors.q[i], next.rotors.qd[i]) = (rotor.angle_rad, rotor.speed_rad_s);
             }
         }
-        if ahead.degrees == 0 {
-            (next.qd, next.motor.qd) = (Joints::zeros(), Joints::zeros());
+        if predictor.degrees_of_freedom == 0 {
+            (next.qd, next.rotors.qd) = (Joints::zeros(), Joints::zeros());
         }
-        *self.finger.swing_mut() = next;
-        if let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) {
-            rolling.pin = memory.pin.carried(part(u, 6), part(u, 9), tau);
+        *self.finger.state_mut() = next;
+        if let (Some(rolling), Some(start)) = (&mut self.rolling, &base.pin) {
+            rolling.pin = start.pin.moved(part(u, 6), part(u, 9), tau);
         }
     }
 
-    /// What is left of the balance of momentum at the speeds `u`, and what it depends on.
-    fn evaluate(
-        &mut self,
-        base: &Base,
-        ahead: &Ahead,
-        u: &Speeds,
-        tau: f64,
-        table: (&Surface, &DMat3),
-    ) -> Seen {
-        let mut seen = Seen::default();
-        self.evaluate_into(&mut seen, base, ahead, u, tau, table);
-        seen
+    /// The residual of the balance of momentum at the speeds `u`.
+    fn evaluate(&mut self, stage: &Stage<'_>, u: &Speeds) -> Residual {
+        let mut residual = Residual::default();
+        self.evaluate_into(&mut residual, stage, u);
+        residual
     }
 
-    /// The same in the place of what was seen before, from the same base.
-    fn evaluate_into(
-        &mut self,
-        seen: &mut Seen,
-        base: &Base,
-        ahead: &Ahead,
-        u: &Speeds,
-        tau: f64,
-        (table, table_axes): (&Surface, &DMat3),
-    ) {
-        let rest = &mut seen.rest;
+    /// Evaluates the residual at the speeds `u` in place of an earlier residual of the same stage.
+    fn evaluate_into(&mut self, residual: &mut Residual, stage: &Stage<'_>, u: &Speeds) {
+        let Stage { start: base, predictor, tau, table, table_axes } = stage;
+        let tau = *tau;
+        let momentum = &mut residual.momentum;
         let qd = joints(u);
-        let swung = ahead.inertia * (qd - base.swing.qd) - tau * ahead.push;
-        for i in 0..ahead.degrees {
-            let rub = self.finger.rub(&base.swing, i, qd[i], tau);
-            rest[i] = -swung[i] - tau * rub.torque_nm;
-            seen.slopes[i] = rub.slope;
+        let arm_momentum = predictor.inertia * (qd - base.arm.qd) - tau * predictor.forces;
+        for i in 0..predictor.degrees_of_freedom {
+            let resisting = self.finger.resisting_torque(&base.arm, i, qd[i], tau);
+            momentum[i] = -arm_momentum[i] - tau * resisting.torque_nm;
+            residual.slopes[i] = resisting.slope;
         }
         if self.objects.is_none() && self.rolling.is_none() {
             return;
         }
-        let around = seen.around.insert(around(ahead, &qd, tau, table, table_axes));
+        let surroundings =
+            residual.surroundings.insert(surroundings(predictor, &qd, tau, table, table_axes));
         if let Some(objects) = &mut self.objects {
-            objects.remember(&base.grips);
-            self.work.contacts += 1;
-            objects.touch(around, tau);
-            seen.pressed = objects.touched() > 0 && ahead.degrees > 0;
-            if seen.pressed {
-                let pulled = ahead.jacobian.tr_mul(&objects.wrench(&around.pad));
-                for i in 0..ahead.degrees {
-                    rest[i] += tau * pulled[i];
+            objects.restore(&base.bristles);
+            self.statistics.contact_evaluations += 1;
+            objects.evaluate(surroundings, tau);
+            residual.touches_objects =
+                objects.contact_bits() > 0 && predictor.degrees_of_freedom > 0;
+            if residual.touches_objects {
+                let pulled = predictor.jacobian.tr_mul(&objects.wrench(&surroundings.pad));
+                for i in 0..predictor.degrees_of_freedom {
+                    momentum[i] += tau * pulled[i];
                 }
             }
         }
-        let (Some(rolling), Some(memory)) = (&mut self.rolling, &base.memory) else { return };
-        rolling.pin = memory.pin.carried(part(u, 6), part(u, 9), tau);
-        self.work.contacts += 1;
-        let touching = seen.touch.get_or_insert_default();
-        rolling.touch_from((&memory.pad, &memory.bed), around, tau, touching);
-        let (force, moment) = rolling.load(around);
+        let (Some(rolling), Some(start)) = (&mut self.rolling, &base.pin) else { return };
+        rolling.pin = start.pin.moved(part(u, 6), part(u, 9), tau);
+        self.statistics.contact_evaluations += 1;
+        let contacts = residual.contacts.get_or_insert_default();
+        rolling.evaluate_from(&start.pad, &start.support, surroundings, tau, contacts);
+        let (force, moment) = rolling.net_load(surroundings);
         let pin = &rolling.pin;
-        let linear = pin.mass_kg * (pin.velocity - memory.pin.velocity) - tau * force;
-        let angular = pin.angular_momentum() - base.turning - tau * moment;
-        rest[6..9].copy_from_slice(&(-linear).to_array());
-        rest[9..12].copy_from_slice(&(-angular).to_array());
-        if touching.finger.is_some() {
-            let pulled = ahead.jacobian.tr_mul(&rolling.wrench(around.finger.origin));
-            for i in 0..ahead.degrees {
-                rest[i] += tau * pulled[i];
+        let linear = pin.mass_kg * (pin.velocity - start.pin.velocity) - tau * force;
+        let angular = pin.angular_momentum() - base.angular_momentum - tau * moment;
+        momentum[6..9].copy_from_slice(&(-linear).to_array());
+        momentum[9..12].copy_from_slice(&(-angular).to_array());
+        if contacts.finger.is_some() {
+            let pulled = predictor.jacobian.tr_mul(&rolling.wrench(surroundings.finger.origin));
+            for i in 0..predictor.degrees_of_freedom {
+                momentum[i] += tau * pulled[i];
             }
         }
     }
 }
 
-impl Base {
-    fn of(saved: &Saved) -> Base {
-        let turning = saved.memory.as_ref().map_or(DVec3::ZERO, |m| m.pin.angular_momentum());
-        Base { swing: saved.swing, memory: saved.memory, grips: saved.grips, turning }
+impl StageStart {
+    fn of(saved: &SavedState) -> StageStart {
+        let angular_momentum =
+            saved.pin.as_ref().map_or(DVec3::ZERO, |state| state.pin.angular_momentum());
+        let SavedState { arm, pin, bristles } = *saved;
+        StageStart { arm, pin, bristles, angular_momentum }
     }
 
-    /// This state carried on by `reach` times the way to `other`.
-    fn carried_on(&self, other: &Saved, reach: f64) -> Base {
-        let (a, b) = (&self.swing, &other.swing);
-        let swing = Swing {
+    /// The state on the straight line from this state to `other`, at `reach` times the distance.
+    fn extrapolated(&self, other: &SavedState, reach: f64) -> StageStart {
+        let (a, b) = (&self.arm, &other.arm);
+        let arm = ArmState {
             q: a.q + reach * (b.q - a.q),
             qd: a.qd + reach * (b.qd - a.qd),
             bristle: a.bristle + reach * (b.bristle - a.bristle),
-            motor: Rotors {
-                q: a.motor.q + reach * (b.motor.q - a.motor.q),
-                qd: a.motor.qd + reach * (b.motor.qd - a.motor.qd),
+            rotors: RotorState {
+                q: a.rotors.q + reach * (b.rotors.q - a.rotors.q),
+                qd: a.rotors.qd + reach * (b.rotors.qd - a.rotors.qd),
             },
         };
         let mix = |x: f64, y: f64| x + reach * (y - x);
-        let grips = core::array::from_fn(|i| {
-            let (a, b): (&Grip, &Grip) = (&self.grips[i], &other.grips[i]);
+        let bristles = core::array::from_fn(|i| {
+            let (a, b): (&ObjectBristle, &ObjectBristle) = (&self.bristles[i], &other.bristles[i]);
             let shear_n_m = mix(a.shear_n_m, b.shear_n_m).max(0.0);
-            Grip { brush: a.brush + reach * (b.brush - a.brush), shear_n_m }
+            ObjectBristle {
+                deflection: a.deflection + reach * (b.deflection - a.deflection),
+                shear_n_m,
+            }
         });
-        let (Some(a), Some(b)) = (&self.memory, &other.memory) else {
-            return Base { swing, memory: None, grips, turning: DVec3::ZERO };
+        let (Some(a), Some(b)) = (&self.pin, &other.pin) else {
+            return StageStart { arm, pin: None, bristles, angular_momentum: DVec3::ZERO };
         };
         let mix3 = |x: DVec3, y: DVec3| x + reach * (y - x);
-        let mut memory = *a;
-        let pin = &mut memory.pin;
+        let mut state = *a;
+        let pin = &mut state.pin;
         pin.position = mix3(a.pin.position, b.pin.position);
         pin.velocity = mix3(a.pin.velocity, b.pin.velocity);
         pin.spin = mix3(a.pin.spin, b.pin.spin);
@@ -360,50 +406,47 @@ impl Base {
         let (from, to) = (a.pin.orientation, b.pin.orientation);
         let near = if from.dot(to) < 0.0 { -to } else { to };
         pin.orientation = DQuat::normalize(from + (near - from) * reach);
-        memory.pad = a.pad.carried_on(&b.pad, reach);
-        memory.bed = a.bed.carried_on(&b.bed, reach);
-        let turning = mix3(self.turning, b.pin.angular_momentum());
-        Base { swing, memory: Some(memory), grips, turning }
+        state.pad = a.pad.extrapolated(&b.pad, reach);
+        state.support = a.support.extrapolated(&b.support, reach);
+        let angular_momentum = mix3(self.angular_momentum, b.pin.angular_momentum());
+        StageStart { arm, pin: Some(state), bristles, angular_momentum }
     }
 }
 
-fn speeds(swing: &Swing, memory: Option<&Memory>) -> Speeds {
+/// The speeds of finger and pin as one vector.
+fn speeds(arm: &ArmState, pin: Option<&PinState>) -> Speeds {
     let (velocity, spin) =
-        memory.map_or((DVec3::ZERO, DVec3::ZERO), |m| (m.pin.velocity, m.pin.spin));
-    let mut u = [0.0; N];
-    u[..6].copy_from_slice(swing.qd.as_slice());
+        pin.map_or((DVec3::ZERO, DVec3::ZERO), |state| (state.pin.velocity, state.pin.spin));
+    let mut u = [0.0; UNKNOWN_COUNT];
+    u[..6].copy_from_slice(arm.qd.as_slice());
     u[6..9].copy_from_slice(&velocity.to_array());
     u[9..].copy_from_slice(&spin.to_array());
     u
 }
 
-/// The pin's surroundings when the stage ends at the speeds `qd`.
-fn around(ahead: &Ahead, qd: &Joints, tau: f64, table: &Surface, axes: &DMat3) -> Around {
-    let off = ahead.jacobian * (qd - ahead.guess);
-    let (shift, turn) = linear_and_angular(&(tau * off));
-    // Cayley's rotation: exact in length, of third order in the angle.
+/// The places and motions of finger and table when the stage ends at the speeds `qd`.
+fn surroundings(
+    predictor: &StagePredictor,
+    qd: &Joints,
+    tau: f64,
+    table: &Surface,
+    axes: &DMat3,
+) -> Surroundings {
+    let correction = predictor.jacobian * (qd - predictor.guessed_speeds);
+    let (shift, turn) = linear_and_angular(&(tau * correction));
+    // Cayley's rotation keeps lengths exactly and has an error of third order in the angle.
     let half = 0.5 * turn;
     let (square, twice) = (half.length_squared(), 2.0 / (1.0 + half.length_squared()));
-    let turned = |v: DVec3| v + twice * (half.cross(v) + half.cross(half.cross(v)));
-    let r = &ahead.pose.rotation;
+    let rotated = |v: DVec3| v + twice * (half.cross(v) + half.cross(half.cross(v)));
+    let r = &predictor.pose.rotation;
     let rotation = if square > 0.0 {
-        DMat3::from_cols(turned(r.x_axis), turned(r.y_axis), turned(r.z_axis))
+        DMat3::from_cols(rotated(r.x_axis), rotated(r.y_axis), rotated(r.z_axis))
     } else {
         *r
     };
-    let pad = Pose::new(rotation, ahead.pose.translation + shift);
-    let finger = Surface::of_pad(&pad, &(ahead.carried + off));
-    Around { pad, finger, table: *table, table_axes: *axes }
-}
-
-impl crate::finger::Finger {
-    /// How far a unit of a coordinate moves the finger at most (m), roughly.
-    fn lever_m(&self) -> f64 {
-        match self {
-            crate::finger::Finger::Arm(_) => 5.0 * ARM_M,
-            crate::finger::Finger::Carriage(_) | crate::finger::Finger::Chained(_) => 1.0,
-        }
-    }
+    let pad = Pose::new(rotation, predictor.pose.translation + shift);
+    let finger = Surface::of_pad(&pad, &(predictor.prescribed_twist + correction));
+    Surroundings { pad, finger, table: *table, table_axes: *axes }
 }
 
 #[cfg(test)]
@@ -413,7 +456,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_joint_that_nothing_holds_falls_half_as_fast_as_is_reckoned_with() {
+    fn free_joints_accelerate_at_half_the_bound() {
         let (arm, mut most) = (Dynamics::reference(), 0.0_f64);
         let angle = |i: u32| core::f64::consts::PI * f64::from(i) / 6.0;
         for pose in 0..12_u32.pow(4) {
@@ -422,6 +465,9 @@ mod tests {
             let inertia = arm.mass_matrix(&q).cholesky().unwrap();
             most = most.max(inertia.solve(&arm.gravity_torque(&q)).amax());
         }
-        assert!((0.4 * FALLING_RAD_S2..0.5 * FALLING_RAD_S2).contains(&most), "{most}");
+        assert!(
+            (0.4 * FREE_ACCELERATION_RAD_S2..0.5 * FREE_ACCELERATION_RAD_S2).contains(&most),
+            "{most}"
+        );
     }
 }

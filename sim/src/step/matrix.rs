@@ -1,18 +1,18 @@
-//! Twelve equations of a symmetric positive definite system, by Cholesky in place, without
-//! allocation. Refuses nothing: a matrix that is not positive gives numbers that are not finite.
+//! A symmetric positive definite system of twelve equations, factorised in place by Cholesky
+//! without allocation. A matrix that is not positive definite gives numbers that are not finite.
 
-/// Unknowns: six of the finger, six of the pin.
-pub(super) const N: usize = 12;
-/// Those of either.
-const HALF: usize = 6;
+/// Unknown speeds: six of the finger and six of the pin.
+pub(super) const UNKNOWN_COUNT: usize = 12;
+/// Unknown speeds of one body.
+const BODY_UNKNOWN_COUNT: usize = 6;
 
-/// Symmetric, of which the lower triangle counts.
+/// A symmetric matrix of which the lower triangle counts.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Matrix12([[f64; N]; N]);
+pub(super) struct Matrix12([[f64; UNKNOWN_COUNT]; UNKNOWN_COUNT]);
 
 impl Matrix12 {
     pub(super) fn identity() -> Matrix12 {
-        let mut m = [[0.0; N]; N];
+        let mut m = [[0.0; UNKNOWN_COUNT]; UNKNOWN_COUNT];
         for (i, row) in m.iter_mut().enumerate() {
             row[i] = 1.0;
         }
@@ -28,15 +28,18 @@ impl Matrix12 {
     }
 
     /// Adds `weight` times the outer product of a row with itself.
-    pub(super) fn add_outer(&mut self, weight: f64, row: &[f64; N]) {
-        // Blocks of fixed size, above the diagonal too: the processor does two at a time.
-        for i in 0..HALF {
+    pub(super) fn add_outer(&mut self, weight: f64, row: &[f64; UNKNOWN_COUNT]) {
+        // Blocks of fixed size, which include entries above the diagonal, let the compiler
+        // vectorise.
+        for i in 0..BODY_UNKNOWN_COUNT {
             let part = weight * row[i];
-            for (entry, other) in self.0[i][..HALF].iter_mut().zip(&row[..HALF]) {
+            for (entry, other) in
+                self.0[i][..BODY_UNKNOWN_COUNT].iter_mut().zip(&row[..BODY_UNKNOWN_COUNT])
+            {
                 *entry += part * other;
             }
         }
-        for i in HALF..N {
+        for i in BODY_UNKNOWN_COUNT..UNKNOWN_COUNT {
             let part = weight * row[i];
             for (entry, other) in self.0[i].iter_mut().zip(row) {
                 *entry += part * other;
@@ -44,20 +47,22 @@ impl Matrix12 {
         }
     }
 
-    /// As [`Matrix12::add_outer`] for a row whose first half, the finger's, is 0.
-    pub(super) fn add_outer_of_pin(&mut self, weight: f64, row: &[f64; N]) {
-        for i in HALF..N {
+    /// Does the same as [`Matrix12::add_outer`] for a row whose first half, the finger's, is 0.
+    pub(super) fn add_outer_of_pin(&mut self, weight: f64, row: &[f64; UNKNOWN_COUNT]) {
+        for i in BODY_UNKNOWN_COUNT..UNKNOWN_COUNT {
             let part = weight * row[i];
-            for (entry, other) in self.0[i][HALF..].iter_mut().zip(&row[HALF..]) {
+            for (entry, other) in
+                self.0[i][BODY_UNKNOWN_COUNT..].iter_mut().zip(&row[BODY_UNKNOWN_COUNT..])
+            {
                 *entry += part * other;
             }
         }
     }
 
     /// Cholesky's factors.
-    pub(super) fn factor(mut self) -> Factors {
-        let (m, mut inverse) = (&mut self.0, [0.0; N]);
-        for j in 0..N {
+    pub(super) fn factorise(mut self) -> Factors {
+        let (m, mut inverse) = (&mut self.0, [0.0; UNKNOWN_COUNT]);
+        for j in 0..UNKNOWN_COUNT {
             let (above, rest) = m.split_at_mut(j);
             let row = &mut rest[0];
             for (k, upper) in above.iter().enumerate() {
@@ -80,22 +85,22 @@ impl Matrix12 {
 /// Cholesky's factors: the lower triangle without its diagonal, and the diagonal's inverse.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Factors {
-    lower: [[f64; N]; N],
-    inverse: [f64; N],
+    lower: [[f64; UNKNOWN_COUNT]; UNKNOWN_COUNT],
+    inverse: [f64; UNKNOWN_COUNT],
 }
 
 impl Factors {
     /// The solution of `self x = b`.
-    pub(super) fn solve(&self, b: &[f64; N]) -> [f64; N] {
+    pub(super) fn solve(&self, b: &[f64; UNKNOWN_COUNT]) -> [f64; UNKNOWN_COUNT] {
         let mut x = *b;
-        for j in 0..N {
+        for j in 0..UNKNOWN_COUNT {
             let mut sum = x[j];
             for (entry, known) in self.lower[j][..j].iter().zip(&x) {
                 sum -= entry * known;
             }
             x[j] = sum * self.inverse[j];
         }
-        for j in (0..N).rev() {
+        for j in (0..UNKNOWN_COUNT).rev() {
             x[j] *= self.inverse[j];
             let (open, known) = x.split_at_mut(j);
             for (sum, entry) in open.iter_mut().zip(&self.lower[j]) {
@@ -111,20 +116,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_solves_what_it_is_given() {
+    fn factors_solve_the_system() {
         let mut m = Matrix12::identity();
         for k in 0..20_usize {
             let row = core::array::from_fn(|i| ((7 * i + 13 * k + i * k) % 11) as f64 - 5.0);
             m.add_outer(0.5 + k as f64, &row);
         }
         m.add(3, 2, 0.25);
-        let wanted: [f64; N] = core::array::from_fn(|i| i as f64 - 4.5);
+        let wanted: [f64; UNKNOWN_COUNT] = core::array::from_fn(|i| i as f64 - 4.5);
         let at = |i: usize, j: usize| if i >= j { m.0[i][j] } else { m.0[j][i] };
-        let b = core::array::from_fn(|i| (0..N).map(|j| at(i, j) * wanted[j]).sum());
-        let x = m.factor().solve(&b);
+        let b = core::array::from_fn(|i| (0..UNKNOWN_COUNT).map(|j| at(i, j) * wanted[j]).sum());
+        let x = m.factorise().solve(&b);
         assert!(x.iter().zip(&wanted).all(|(x, w)| (x - w).abs() < 1e-9), "{x:?}");
         let mut broken = Matrix12::identity();
         broken.set(4, 4, -1.0);
-        assert!(broken.factor().solve(&wanted).iter().any(|x| x.is_nan()));
+        assert!(broken.factorise().solve(&wanted).iter().any(|x| x.is_nan()));
     }
 }

@@ -1,9 +1,10 @@
-//! The bodies on the bench and how they move over a span of time: which integrator, in how many
-//! steps, halved where something happens within one. Refuses to know clocks, words and devices.
+//! The plant: the bodies on the bench and their motion over a span of time. This module chooses the
+//! integrator and the number of steps, and halves a step in which something happens. Refuses to
+//! know clocks, commands and devices.
 //!
-//! A step of the implicit integrator is done again in halves, four times at most, when finger or
-//! table gain or lose the pin within it, when a joint comes to its stop, when its estimated error
-//! is beyond [`ERROR_M`], or when its equations did not settle.
+//! A step of the implicit integrator is repeated in halves, four times at most, when finger or
+//! table gain or lose the pin within it, when a joint reaches its stop, when its estimated error is
+//! beyond [`STEP_ERROR_MAX_M`], or when its equations did not converge.
 
 mod implicit;
 mod matrix;
@@ -11,56 +12,57 @@ mod matrix;
 use taktil_hal::{MAX_TACTELS, Nanos};
 use taktil_mechanics::Joints;
 
-use crate::fidelity::Integrator;
-use crate::finger::{Finger, Swing};
 use crate::hash::Hash;
-use crate::object::{Grips, Objects};
-use crate::rolling::{Around, Memory, Rolling};
-use crate::spatial::Tally;
+use crate::manipulator::{ArmState, Manipulator};
+use crate::object::{ObjectBristles, Objects};
+use crate::rolling::{PinState, RollingPin};
+use crate::scene::fidelity::Integrator;
+use crate::spatial::SolveCounts;
+use crate::surroundings::Surroundings;
 use crate::table::Table;
-pub(crate) use implicit::Habit;
+pub(crate) use implicit::WarmStart;
 
-/// Estimated error of place above which a step is halved (m).
-pub(crate) const ERROR_M: f64 = 2e-6;
-/// Change of speed after which the forces of a step's last iteration are those of its end (m/s):
-/// contacts of 1e5 N/m that relax within 1 ms feel 1e-5 N of it.
-const FELT_M_S: f64 = 1e-7;
-/// Times that a step is halved at most.
-const HALVINGS: u32 = 4;
+/// Estimated error of a place above which a step is halved (m).
+pub(crate) const STEP_ERROR_MAX_M: f64 = 2e-6;
+/// Change of speed below which the forces of a step's last iteration are those of its end (m/s):
+/// contacts of 1e5 N/m that relax within 1 ms change by 1e-5 N.
+const CONTACT_SPEED_TOLERANCE_M_S: f64 = 1e-7;
+/// How often a step is halved at most.
+const HALVINGS_MAX: u32 = 4;
 
-/// What the physics was asked to do since the start; counted, not timed.
+/// Counts of what the simulation computed since the start; nothing here is a time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Work {
+pub struct StepStatistics {
     /// Steps of any integrator, halved ones included.
     pub steps: u64,
-    /// Steps that were done again in halves.
-    pub halved: u64,
-    /// Implicit steps that did not settle and were taken nevertheless.
-    pub unsettled: u64,
-    /// Iterations of implicit stages.
-    pub iterations: u64,
+    /// Steps that were repeated in halves.
+    pub halved_steps: u64,
+    /// Implicit steps that did not converge and were taken nevertheless.
+    pub unconverged_steps: u64,
+    /// Newton iterations of implicit stages.
+    pub newton_iterations: u64,
     /// Evaluations of the contacts of pin and objects.
-    pub contacts: u64,
+    pub contact_evaluations: u64,
     /// Tactile images computed from a contact.
-    pub images: u64,
-    /// Contacts solved in three dimensions for an image.
-    pub solved: u64,
-    /// Loaded contacts of scenes that ask for three dimensions after whose image rows stood on
-    /// their own: the solver's tables ended, there was none for that shape, or the solution's force
-    /// was far from that of the rows.
-    pub plain: u64,
+    pub tactile_images: u64,
+    /// Contacts that were solved in three dimensions for an image.
+    pub spatial_solutions: u64,
+    /// Loaded contacts of scenes that ask for three dimensions whose image was made from
+    /// independent rows: the solver's tables ended, no solver exists for that shape, or the force
+    /// of the solution was far from the force of the rows.
+    pub spatial_failures: u64,
     /// Scans converted to counts.
-    pub scans: u64,
+    pub tactile_scans: u64,
 }
 
-impl Work {
-    fn tell(&mut self, tally: Tally) {
-        self.solved += tally.solved;
-        self.plain += tally.plain;
+impl StepStatistics {
+    fn add(&mut self, counts: SolveCounts) {
+        self.spatial_solutions += counts.solutions;
+        self.spatial_failures += counts.failures;
     }
 }
 
-/// The way time passes, settled when the bench is built.
+/// The integrator, chosen when the bench is built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Method {
     Euler,
@@ -68,34 +70,35 @@ pub(crate) enum Method {
     Implicit,
 }
 
-/// Everything that moves.
+/// The bodies that move, and how they are integrated.
 #[derive(Clone, Debug)]
-pub(crate) struct Bench {
-    pub(crate) finger: Finger,
-    pub(crate) rolling: Option<Box<Rolling>>,
+pub(crate) struct Plant {
+    pub(crate) finger: Box<dyn Manipulator>,
+    pub(crate) rolling: Option<Box<RollingPin>>,
     pub(crate) objects: Option<Box<Objects>>,
     pub(crate) table: Table,
     pub(crate) method: Method,
     pub(crate) substep: Nanos,
     /// Largest estimated error of a step that was taken (m).
     pub(crate) error_m: f64,
-    pub(crate) work: Work,
-    /// What the next implicit step may begin with.
-    pub(crate) habit: Habit,
-    /// The contacts were evaluated at the present state.
-    pub(crate) felt: bool,
+    pub(crate) statistics: StepStatistics,
+    /// The warm start of the next implicit step.
+    pub(crate) warm_start: WarmStart,
+    /// Whether the contacts were evaluated at the present state.
+    pub(crate) contacts_current: bool,
 }
 
-/// What a step may have to be done again from.
+/// The state at the start of a step, for repeating the step.
 #[derive(Clone, Copy, Debug)]
-struct Saved {
-    swing: Swing,
-    memory: Option<Memory>,
-    grips: Grips,
+struct SavedState {
+    arm: ArmState,
+    pin: Option<PinState>,
+    bristles: ObjectBristles,
 }
 
 impl Method {
-    /// The method of an integrator's name for what is on the bench.
+    /// The method for an integrator that a scene names; `smooth` says whether all forces are
+    /// smooth.
     pub(crate) fn of(integrator: Integrator, smooth: bool) -> Method {
         match integrator {
             Integrator::Euler => Method::Euler,
@@ -107,8 +110,8 @@ impl Method {
     }
 }
 
-impl Bench {
-    /// Moves everything from `from` to `to`.
+impl Plant {
+    /// Moves all bodies from `from` to `to`.
     pub(crate) fn integrate(&mut self, from: Nanos, to: Nanos) {
         let span = to - from;
         let steps = (span.0 + self.substep.0 - 1) / self.substep.0;
@@ -117,156 +120,159 @@ impl Bench {
         for i in 0..steps {
             let t_s = start_s + h * i as f64;
             match self.method {
-                Method::Euler => self.euler(from, t_s, h),
-                Method::Rk4 => self.smooth(h, 0),
-                Method::Implicit => self.careful(from, t_s, h, 0),
+                Method::Euler => self.step_euler(from, t_s, h),
+                Method::Rk4 => self.step_rk4_halved(h, 0),
+                Method::Implicit => self.step_implicit(from, t_s, h, 0),
             }
         }
-        // An arm that swings keeps what its explicit steps evaluate now and then only.
-        if self.method != Method::Euler || self.finger.is_led() {
-            self.finger.settle(to.as_secs_f64());
+        // Explicit steps of an arm reuse the Jacobian of an earlier step on purpose. Every other
+        // method, and every prescribed motion, needs the kinematics of the present state here.
+        if self.method != Method::Euler || self.finger.is_prescribed() {
+            self.finger.update_kinematics(to.as_secs_f64());
         }
     }
 
-    fn save(&self) -> Saved {
-        let memory = self.rolling.as_ref().map(|rolling| rolling.memory());
-        let grips = self.objects.as_ref().map_or(Grips::default(), |objects| objects.memory());
-        Saved { swing: *self.finger.swing(), memory, grips }
+    fn save(&self) -> SavedState {
+        let pin = self.rolling.as_ref().map(|rolling| rolling.state());
+        let bristles =
+            self.objects.as_ref().map_or(ObjectBristles::default(), |objects| objects.bristles());
+        SavedState { arm: *self.finger.state(), pin, bristles }
     }
 
-    fn restore(&mut self, saved: &Saved) {
-        *self.finger.swing_mut() = saved.swing;
-        if let (Some(rolling), Some(memory)) = (&mut self.rolling, &saved.memory) {
-            rolling.remember(memory);
+    fn restore(&mut self, saved: &SavedState) {
+        *self.finger.state_mut() = saved.arm;
+        if let (Some(rolling), Some(pin)) = (&mut self.rolling, &saved.pin) {
+            rolling.restore(pin);
         }
         if let Some(objects) = &mut self.objects {
-            objects.remember(&saved.grips);
+            objects.restore(&saved.bristles);
         }
     }
 
-    /// What finger, pad and table are to the pin at an instant.
-    pub(crate) fn around(&self, t_s: f64) -> Around {
+    /// The places and motions of finger, pad and table at an instant.
+    pub(crate) fn surroundings(&self, t_s: f64) -> Surroundings {
         let (_, table_axes, table) = self.table.at(t_s);
-        Around { pad: *self.finger.pose(), finger: self.finger.surface(), table, table_axes }
+        Surroundings { pad: *self.finger.pose(), finger: self.finger.surface(), table, table_axes }
     }
 
-    /// Evaluates the contacts of the present state, unless the step that led there did.
-    pub(crate) fn feel(&mut self, t_s: f64) {
-        if core::mem::replace(&mut self.felt, true) {
+    /// Evaluates the contacts of the present state, unless the step that led there did so.
+    pub(crate) fn evaluate_contacts(&mut self, t_s: f64) {
+        if core::mem::replace(&mut self.contacts_current, true) {
             return;
         }
-        let around = self.around(t_s);
+        let surroundings = self.surroundings(t_s);
         if let Some(rolling) = &mut self.rolling {
-            self.work.contacts += 1;
-            rolling.touch(&around, 0.0);
+            self.statistics.contact_evaluations += 1;
+            rolling.evaluate(&surroundings, 0.0);
         }
         if let Some(objects) = &mut self.objects {
-            self.work.contacts += 1;
-            objects.touch(&around, 0.0);
+            self.statistics.contact_evaluations += 1;
+            objects.evaluate(&surroundings, 0.0);
         }
     }
 
-    /// Normal force on each tactel (N); none without anything to touch.
+    /// Normal force on each tactel of the finger (N); zero when the scene has nothing to touch.
     pub(crate) fn image(&mut self, t_s: f64) -> [f64; MAX_TACTELS] {
         let mut forces = [0.0; MAX_TACTELS];
         if self.rolling.is_some() || self.objects.is_some() {
-            self.work.images += 1;
+            self.statistics.tactile_images += 1;
         }
-        let around = self.around(t_s);
+        let surroundings = self.surroundings(t_s);
         if let Some(rolling) = &mut self.rolling {
-            let (pressed, tally) = rolling.image(&around);
-            self.work.tell(tally);
+            let (pressed, counts) = rolling.image(&surroundings);
+            self.statistics.add(counts);
             forces = pressed;
         }
         if let Some(objects) = &mut self.objects {
-            self.work.tell(objects.image(&mut forces));
+            self.statistics.add(objects.image(&mut forces));
         }
         forces
     }
 
     /// Normal force on each tactel of the opposed fingertip (N).
     pub(crate) fn opposed_image(&mut self, t_s: f64) -> [f64; MAX_TACTELS] {
-        let around = self.around(t_s);
+        let surroundings = self.surroundings(t_s);
         let Some(rolling) = &mut self.rolling else { return [0.0; MAX_TACTELS] };
-        let (forces, tally) = rolling.opposed_image(&around);
-        self.work.images += 1;
-        self.work.tell(tally);
+        let (forces, counts) = rolling.opposed_image(&surroundings);
+        self.statistics.tactile_images += 1;
+        self.statistics.add(counts);
         forces
     }
 
-    /// Explicit in every force.
-    fn euler(&mut self, now: Nanos, t_s: f64, h: f64) {
-        self.work.steps += 1;
-        self.felt = false;
+    /// One step of semi-implicit Euler, explicit in every force.
+    fn step_euler(&mut self, now: Nanos, t_s: f64, h: f64) {
+        self.statistics.steps += 1;
+        self.contacts_current = false;
         let mut wrench = Joints::zeros();
         if self.rolling.is_some() {
-            let around = self.around(t_s);
+            let surroundings = self.surroundings(t_s);
             if let Some(rolling) = &mut self.rolling {
-                self.work.contacts += 1;
-                rolling.touch(&around, h);
-                rolling.feel(now);
-                wrench = rolling.wrench(around.finger.origin);
-                rolling.step(&around, h);
+                self.statistics.contact_evaluations += 1;
+                rolling.evaluate(&surroundings, h);
+                rolling.update_fixture(now);
+                wrench = rolling.wrench(surroundings.finger.origin);
+                rolling.step(&surroundings, h);
             }
         }
         self.finger.step(h, &wrench);
     }
 
-    /// The arm alone; a step that ends beyond a stop is halved to come near the instant.
-    fn smooth(&mut self, h: f64, depth: u32) {
-        let before = *self.finger.swing();
-        self.work.steps += 1;
-        if let Finger::Arm(arm) = &mut self.finger {
-            arm.swing_freely(h);
-        }
-        if !self.finger.beyond_limits() {
+    /// One Runge-Kutta step of the arm alone; a step that ends beyond a stop is halved to approach
+    /// the instant of the impact.
+    fn step_rk4_halved(&mut self, h: f64, depth: u32) {
+        let before = *self.finger.state();
+        self.statistics.steps += 1;
+        self.finger.step_rk4(h);
+        if !self.finger.is_beyond_limits() {
             return;
         }
-        if depth < HALVINGS {
-            *self.finger.swing_mut() = before;
-            self.work.halved += 1;
-            self.smooth(0.5 * h, depth + 1);
-            self.smooth(0.5 * h, depth + 1);
+        if depth < HALVINGS_MAX {
+            *self.finger.state_mut() = before;
+            self.statistics.halved_steps += 1;
+            self.step_rk4_halved(0.5 * h, depth + 1);
+            self.step_rk4_halved(0.5 * h, depth + 1);
             return;
         }
         self.finger.stop_at_limits();
     }
 
-    fn touched(&self) -> (bool, bool, u8) {
-        let loaded = |r: &Rolling| (r.by_finger.normal_n > 0.0, r.by_table.normal_n > 0.0);
+    fn contact_flags(&self) -> (bool, bool, u8) {
+        let loaded =
+            |r: &RollingPin| (r.finger_reaction.normal_n > 0.0, r.support_reaction.normal_n > 0.0);
         let (finger, table) = self.rolling.as_deref().map_or((false, false), loaded);
-        (finger, table, self.objects.as_ref().map_or(0, |objects| objects.touched()))
+        (finger, table, self.objects.as_ref().map_or(0, |objects| objects.contact_bits()))
     }
 
-    /// An implicit step, in halves where something happens within it.
-    fn careful(&mut self, now: Nanos, t_s: f64, h: f64, depth: u32) {
-        let (saved, before) = (self.save(), self.touched());
-        let mut outcome = self.implicit(&saved, t_s, h);
-        self.work.steps += 1;
-        self.work.iterations += u64::from(outcome.iterations);
-        let happened = self.touched() != before || self.finger.beyond_limits();
-        let coarse = outcome.error_m > ERROR_M || !outcome.settled;
-        if depth < HALVINGS && (happened || coarse) {
+    /// One implicit step, repeated in halves when something happens within it.
+    fn step_implicit(&mut self, now: Nanos, t_s: f64, h: f64, depth: u32) {
+        let (saved, before) = (self.save(), self.contact_flags());
+        let mut outcome = self.step_sdirk(&saved, t_s, h);
+        self.statistics.steps += 1;
+        self.statistics.newton_iterations += u64::from(outcome.iterations);
+        let happened = self.contact_flags() != before || self.finger.is_beyond_limits();
+        let coarse = outcome.error_m > STEP_ERROR_MAX_M || !outcome.has_converged;
+        if depth < HALVINGS_MAX && (happened || coarse) {
             self.restore(&saved);
-            self.habit.forget();
-            self.work.halved += 1;
-            self.careful(now, t_s, 0.5 * h, depth + 1);
-            self.careful(now, t_s + 0.5 * h, 0.5 * h, depth + 1);
+            self.warm_start.clear();
+            self.statistics.halved_steps += 1;
+            self.step_implicit(now, t_s, 0.5 * h, depth + 1);
+            self.step_implicit(now, t_s + 0.5 * h, 0.5 * h, depth + 1);
             return;
         }
         if coarse {
             self.restore(&saved);
-            outcome = self.blow(&saved, t_s, h);
-            self.work.iterations += u64::from(outcome.iterations);
+            outcome = self.step_backward_euler(&saved, t_s, h);
+            self.statistics.newton_iterations += u64::from(outcome.iterations);
         } else if happened {
-            self.habit.forget();
+            self.warm_start.clear();
         }
-        self.felt = outcome.unseen_m_s < FELT_M_S && !self.finger.beyond_limits();
+        self.contacts_current = outcome.last_change_m_s < CONTACT_SPEED_TOLERANCE_M_S
+            && !self.finger.is_beyond_limits();
         self.finger.stop_at_limits();
-        self.work.unsettled += u64::from(!outcome.settled);
+        self.statistics.unconverged_steps += u64::from(!outcome.has_converged);
         self.error_m = self.error_m.max(outcome.error_m);
         if let Some(rolling) = &mut self.rolling {
-            rolling.feel(now);
+            rolling.update_fixture(now);
         }
     }
 
@@ -278,7 +284,7 @@ impl Bench {
         if let Some(objects) = &self.objects {
             objects.digest(hash);
         }
-        self.habit.digest(hash);
+        self.warm_start.digest(hash);
     }
 }
 

@@ -1,52 +1,55 @@
-//! Energy over ten seconds of free motion, and the order of each integrator.
+//! Checks the energy over ten seconds of free motion, and the order of each integrator.
+
+use taktil_mechanics::puma260::dynamics::Dynamics;
 
 use super::*;
 use crate::arm::Arm;
-use crate::fidelity::ArmModel;
+use crate::scene::fidelity::ArmModel;
 use crate::scene::{ArmConfig, TableConfig};
 
-/// The arm alone, thrown without friction.
-fn thrown(method: Method, step_us: i64, viscous: f64) -> Bench {
+/// The arm alone, without sticking friction, in an arbitrary pose.
+fn thrown(method: Method, step_us: i64, viscous: f64) -> Plant {
+    plant_of(thrown_arm(viscous), method, step_us)
+}
+
+fn thrown_arm(viscous: f64) -> Arm {
     let model = if viscous > 0.0 { ArmModel::RigidMotors } else { ArmModel::Rigid };
     let config = ArmConfig { coulomb_scale: 0.0, viscous_scale: viscous, ..ArmConfig::default() };
     let mut arm = Arm::new(&config, model, 1).unwrap();
-    arm.braked = false;
-    arm.now.q = Joints::new(0.430, 0.813, -1.776, -0.490, 0.606, 1.038);
-    Bench {
-        finger: Finger::Arm(Box::new(arm)),
+    arm.lines.braked = false;
+    arm.state.q = Joints::new(0.430, 0.813, -1.776, -0.490, 0.606, 1.038);
+    arm
+}
+
+fn plant_of(arm: Arm, method: Method, step_us: i64) -> Plant {
+    Plant {
+        finger: Box::new(arm),
         rolling: None,
         objects: None,
         table: Table::new(&TableConfig::default(), -195.0),
         method,
         substep: Nanos::from_micros(step_us),
         error_m: 0.0,
-        work: Work::default(),
-        habit: Habit::default(),
-        felt: false,
+        statistics: StepStatistics::default(),
+        warm_start: WarmStart::default(),
+        contacts_current: false,
     }
 }
 
-fn energy_j(bench: &Bench) -> f64 {
-    match &bench.finger {
-        Finger::Arm(arm) => arm.energy_j(),
-        Finger::Carriage(_) | Finger::Chained(_) => f64::NAN,
-    }
-}
-
-/// Largest drift of the energy over the peak of the energy of motion, in 10 s. Hard stops are out
-/// of the way: joints turn as they like.
+/// Largest drift of the energy relative to the peak of the kinetic energy, in 10 s without hard
+/// stops.
 fn drift(step_us: i64) -> f64 {
-    let mut bench = thrown(Method::Rk4, step_us, 0.0);
-    let Finger::Arm(arm) = &mut bench.finger else { unreachable!() };
+    let mut arm = thrown_arm(0.0);
     arm.without_stops();
-    let start = energy_j(&bench);
+    let (mut plant, dynamics) = (plant_of(arm, Method::Rk4, step_us), Dynamics::reference());
+    let start = plant.finger.energy_j();
     let (mut most, mut peak) = (0.0_f64, 0.0_f64);
     for i in 0..4000 {
         let tick = Nanos::from_micros(2500);
-        bench.integrate(tick * i, tick * (i + 1));
-        most = most.max((energy_j(&bench) - start).abs());
-        let Finger::Arm(arm) = &bench.finger else { unreachable!() };
-        peak = peak.max(arm.kinetic_j());
+        plant.integrate(tick * i, tick * (i + 1));
+        most = most.max((plant.finger.energy_j() - start).abs());
+        let ArmState { q, qd, .. } = plant.finger.state();
+        peak = peak.max(dynamics.kinetic_energy_j(q, qd));
     }
     most / peak
 }
@@ -62,9 +65,9 @@ fn free_motion_keeps_its_energy_for_ten_seconds() {
 #[test]
 fn each_integrator_has_its_order() {
     let end = |method, step_us| {
-        let mut bench = thrown(method, step_us, 1.0);
-        bench.integrate(Nanos::ZERO, Nanos::from_millis(200));
-        bench.finger.swing().q
+        let mut plant = thrown(method, step_us, 1.0);
+        plant.integrate(Nanos::ZERO, Nanos::from_millis(200));
+        plant.finger.state().q
     };
     let exact = end(Method::Rk4, 100);
     for (method, order, from_us) in
@@ -84,37 +87,39 @@ fn each_integrator_has_its_order() {
 #[test]
 fn a_joint_that_meets_its_stop_stays_there() {
     for method in [Method::Rk4, Method::Implicit, Method::Euler] {
-        let mut bench = thrown(method, 2500, 0.0);
-        let Finger::Arm(arm) = &mut bench.finger else { unreachable!() };
-        arm.now.qd[4] = 20.0;
+        let mut plant = thrown(method, 2500, 0.0);
+        plant.finger.state_mut().qd[4] = 20.0;
         for i in 0..100 {
             let tick = Nanos::from_micros(2500);
-            bench.integrate(tick * i, tick * (i + 1));
-            assert!(!bench.finger.beyond_limits());
-            assert!(bench.finger.swing().qd.iter().all(|v| v.is_finite()));
+            plant.integrate(tick * i, tick * (i + 1));
+            assert!(!plant.finger.is_beyond_limits());
+            assert!(plant.finger.state().qd.iter().all(|v| v.is_finite()));
         }
-        assert!(method == Method::Euler || bench.work.halved > 0, "{method:?}: {:?}", bench.work);
+        assert!(
+            method == Method::Euler || plant.statistics.halved_steps > 0,
+            "{method:?}: {:?}",
+            plant.statistics
+        );
     }
 }
 
-/// The arm behind gears of one stiffness, thrown without friction, its springs at rest.
-fn springy(step_us: i64, stiffness: Option<f64>) -> Bench {
+/// The arm with compliant gears of one stiffness, without friction, its springs unloaded.
+fn springy(step_us: i64, stiffness: Option<f64>) -> Plant {
     let mut config = ArmConfig { coulomb_scale: 0.0, viscous_scale: 0.0, ..ArmConfig::default() };
     config.gear_damping = 0.0;
     if let Some(stiffness) = stiffness {
         config.gear_stiffness_nm_rad = [stiffness; 6];
     }
-    let mut bench = thrown(Method::Implicit, step_us, 0.0);
     let mut arm = Arm::new(&config, ArmModel::Compliant, 1).unwrap();
-    let Finger::Arm(rigid) = &bench.finger else { unreachable!() };
-    (arm.braked, arm.now.q, arm.now.motor.q) = (false, rigid.now.q, rigid.now.q);
-    bench.finger = Finger::Arm(Box::new(arm));
-    bench
+    let q = thrown_arm(0.0).state.q;
+    arm.lines.braked = false;
+    (arm.state.q, arm.state.rotors.q) = (q, q);
+    plant_of(arm, Method::Implicit, step_us)
 }
 
-fn after(mut bench: Bench, span: Nanos) -> Joints {
-    bench.integrate(Nanos::ZERO, span);
-    bench.finger.swing().q
+fn after(mut plant: Plant, span: Nanos) -> Joints {
+    plant.integrate(Nanos::ZERO, span);
+    plant.finger.state().q
 }
 
 #[test]
@@ -130,12 +135,12 @@ fn gears_that_hardly_give_way_are_stiff_ones() {
 #[test]
 fn an_arm_on_springs_keeps_its_energy_and_its_order() {
     let energies = |step_us: i64| {
-        let mut bench = springy(step_us, None);
-        let start = energy_j(&bench);
+        let mut plant = springy(step_us, None);
+        let start = plant.finger.energy_j();
         let most = (0..200).map(|i| {
             let tick = Nanos::from_micros(2500);
-            bench.integrate(tick * i, tick * (i + 1));
-            (energy_j(&bench) - start).abs()
+            plant.integrate(tick * i, tick * (i + 1));
+            (plant.finger.energy_j() - start).abs()
         });
         most.fold(0.0, f64::max)
     };

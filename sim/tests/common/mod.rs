@@ -1,4 +1,4 @@
-//! What the tests of the bench share: fingers on rails and ways to ride them.
+//! Helpers that the tests of the bench share: fingers on rails and their motions.
 #![allow(dead_code, unreachable_pub, reason = "every test file uses a part of it")]
 
 use glam::{DMat3, DVec3};
@@ -6,7 +6,7 @@ use taktil_hal::{Devices, Nanos};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_sim::{
-    Carriage, Float, PITCH_M, Timing, Truth, World, WorldConfig, build_with_carriage,
+    Carriage, FloatingGuide, PITCH_M, Timing, Truth, World, WorldConfig, build_with_carriage,
 };
 
 /// Sensor axes of the nominal rolling pose.
@@ -25,8 +25,8 @@ pub fn meeting_height(config: &WorldConfig) -> f64 {
     1e-3 * (config.table_height_mm() + 2.0 * config.pin.radius_mm / slope)
 }
 
-pub fn load_of(load_n: f64) -> Option<Float> {
-    Some(Float { mass_kg: 1.0, load_n, damping_n_s_m: 200.0 })
+pub fn load_of(load_n: f64) -> Option<FloatingGuide> {
+    Some(FloatingGuide { mass_kg: 1.0, load_n, damping_n_s_m: 200.0 })
 }
 
 pub fn bench(config: &WorldConfig, carriage: Carriage) -> (World, Devices) {
@@ -43,7 +43,7 @@ pub fn at(world: &mut World, t_s: f64) -> Truth {
 }
 
 /// Presses with 15 N for half a second, then moves the finger by `dx` (m) in two seconds and waits.
-/// Gives the truth before and after.
+/// Returns the truth before and after.
 pub fn stroke(config: &WorldConfig, axes: DMat3, dx: f64) -> (Truth, Truth) {
     let z = meeting_height(config) + 1e-4;
     let knots = vec![(0.5, over(z)), (2.5, over(z) + DVec3::new(dx, 0.0, 0.0))];

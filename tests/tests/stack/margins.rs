@@ -21,7 +21,7 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::rotation_vector;
 use taktil_rtcore::Nanos;
 use taktil_signal::{Desired, Features, TactileImage};
-use taktil_sim::scene::Stamp;
+use taktil_sim::scene::ScanStamp;
 use taktil_tasks_tactile_servo::Config;
 use taktil_tasks_tactile_servo::law::model::jacobian::Contact;
 use taktil_tasks_tactile_servo::law::model::{Memory, after_job, displacement_of_job, observe};
@@ -145,7 +145,7 @@ impl LoopChange {
         scene.world.arm.encoder_scale = self.fine;
         scene.machine.sense.get_or_insert_default().encoder_scale = self.fine;
         scene.world.tactile.late_scans = self.late;
-        scene.world.tactile.stamp = Stamp::Delivered;
+        scene.world.tactile.stamp = ScanStamp::Delivered;
         let scan = scene.machine.tactile_scan.get_or_insert_default();
         (scan.stale_ms, scan.baseline_most_frames) = (300.0, 40);
         let servo = scene.machine.tactile_servo.get_or_insert_default();

@@ -5,7 +5,7 @@
 use taktil_contact::cylinder::LineContact;
 use taktil_contact::layer;
 use taktil_rtcore::Nanos;
-use taktil_sim::scene::Stamp;
+use taktil_sim::scene::ScanStamp;
 use taktil_sim::{PITCH_M, Truth, WorldConfig};
 
 use taktil_record::series::Series;
@@ -91,7 +91,8 @@ impl Pad {
                     .to_owned(),
             );
         }
-        if tactile.row_us > 0.0 || (tactile.stamp == Stamp::Delivered && tactile.late_scans > 0) {
+        if tactile.row_us > 0.0 || (tactile.stamp == ScanStamp::Delivered && tactile.late_scans > 0)
+        {
             return Err("its images were not made at the instant that they carry \
                         (tactile.row_us, tactile.stamp); record with rows read at once and \
                         stamped when scanned"

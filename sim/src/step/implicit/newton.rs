@@ -1,107 +1,120 @@
-//! Newton's matrix of a stage: how the balance of momentum depends on the speeds, and what of the
-//! contacts it was made for. Refuses to be trusted once they have let go: a matrix far stiffer than
-//! what is there calls anything settled.
+//! Newton's matrix of a stage: the derivative of the balance of momentum with respect to the
+//! speeds, and the stiffness of the contacts for which it was made. Refuses to stay valid once a
+//! contact has been released: a matrix far stiffer than the present contacts reports convergence of
+//! any speeds.
 
 use glam::DVec3;
 use taktil_mechanics::spatial::spatial_vector;
 
-use super::{Ahead, Bench, Seen};
-use crate::contact::{Line, Tangent};
-use crate::rolling::{Around, Rolling};
+use super::{Plant, Residual, Stage, StagePredictor};
+use crate::contact::{ContactLine, Tangent};
+use crate::rolling::RollingPin;
 use crate::scene::OBJECTS_MAX;
-use crate::step::matrix::{Factors, Matrix12, N};
+use crate::step::matrix::{Factors, Matrix12, UNKNOWN_COUNT};
+use crate::surroundings::Surroundings;
 
-/// Numbers of what resists motion: see [`Bench::holds`].
-const HOLDS: usize = 12 + 3 * OBJECTS_MAX;
-/// Part of it below which Newton's matrix is made anew before a stage is called settled.
-const SOFTER: f64 = 0.5;
+/// How many resistances are compared: see [`Plant::resistances`].
+const RESISTANCE_COUNT: usize = 12 + 3 * OBJECTS_MAX;
+/// Ratio of a resistance to its earlier value below which Newton's matrix is made anew before a
+/// stage counts as converged.
+const SOFTENING_RATIO: f64 = 0.5;
 
-/// Newton's matrix as it is held on to.
-pub(super) struct Held {
+/// A factorised Newton matrix.
+pub(super) struct FactoredMatrix {
     pub(super) factors: Factors,
-    /// What resisted motion then.
-    holds: [f64; HOLDS],
+    /// The resistances for which it was made.
+    resistances: [f64; RESISTANCE_COUNT],
 }
 
-impl Bench {
-    /// Newton's matrix of a balance, factored.
-    pub(super) fn held(&self, ahead: &Ahead, seen: &Seen, tau: f64) -> Held {
-        let factors = self.matrix(ahead, seen, tau).factor();
-        Held { factors, holds: self.holds(seen) }
+impl Plant {
+    /// Makes and factorises Newton's matrix.
+    pub(super) fn factorise(&self, stage: &Stage<'_>, residual: &Residual) -> FactoredMatrix {
+        let factors = self.newton_matrix(stage, residual).factorise();
+        FactoredMatrix { factors, resistances: self.resistances(residual) }
     }
 
-    /// What resists motion where the balance was evaluated last: the pin's contacts, in three
-    /// directions against moving and against turning, and the objects.
-    fn holds(&self, seen: &Seen) -> [f64; HOLDS] {
-        let mut holds = [0.0; HOLDS];
-        if let Some(touching) = &seen.touch {
-            for (i, contact) in [&touching.finger, &touching.table].into_iter().enumerate() {
+    /// Resistances to motion at the latest evaluation: those of the pin's contacts, in three
+    /// directions against translation and against rotation, and those of the objects.
+    fn resistances(&self, residual: &Residual) -> [f64; RESISTANCE_COUNT] {
+        let mut resistances = [0.0; RESISTANCE_COUNT];
+        if let Some(contacts) = &residual.contacts {
+            for (i, contact) in [&contacts.finger, &contacts.table].into_iter().enumerate() {
                 let Some((_, tangent)) = contact else { continue };
                 for (j, [w0, w1, w2]) in tangent.weights.into_iter().enumerate() {
                     let at = 6 * i + 2 * j;
-                    holds[at] = w0;
-                    holds[at + 1] = if w0 > 0.0 { (w2 - w1 * w1 / w0).max(0.0) } else { 0.0 };
+                    resistances[at] = w0;
+                    resistances[at + 1] = if w0 > 0.0 { (w2 - w1 * w1 / w0).max(0.0) } else { 0.0 };
                 }
             }
         }
-        if let (Some(objects), true) = (&self.objects, seen.pressed) {
-            objects.holds(&mut holds[12..]);
+        if let (Some(objects), true) = (&self.objects, residual.touches_objects) {
+            objects.resistances(&mut resistances[12..]);
         }
-        holds
+        resistances
     }
 
-    /// Whether something resists by far less than when the factors were made.
-    pub(super) fn softer(&self, seen: &Seen, held: &Held) -> bool {
-        let now = self.holds(seen);
-        now.iter().zip(&held.holds).any(|(now, then)| *now < SOFTER * then)
+    /// Whether a resistance is far smaller than when the factors were made.
+    pub(super) fn has_softened(&self, residual: &Residual, matrix: &FactoredMatrix) -> bool {
+        let now = self.resistances(residual);
+        now.iter().zip(&matrix.resistances).any(|(now, then)| *now < SOFTENING_RATIO * then)
     }
 
-    /// Newton's matrix where the balance was evaluated last.
-    pub(super) fn matrix(&self, ahead: &Ahead, seen: &Seen, tau: f64) -> Matrix12 {
+    /// Newton's matrix at the latest evaluation of the balance.
+    pub(super) fn newton_matrix(&self, stage: &Stage<'_>, residual: &Residual) -> Matrix12 {
+        let (predictor, tau) = (&stage.predictor, stage.tau);
         let mut matrix = Matrix12::identity();
-        for (i, slope) in seen.slopes.iter().enumerate().take(ahead.degrees) {
+        for (i, slope) in residual.slopes.iter().enumerate().take(predictor.degrees_of_freedom) {
             for j in 0..=i {
-                matrix.set(i, j, ahead.inertia[(i, j)]);
+                matrix.set(i, j, predictor.inertia[(i, j)]);
             }
             matrix.add(i, i, tau * slope);
         }
-        if let (Some(objects), Some(around), true) = (&self.objects, &seen.around, seen.pressed) {
-            objects.tangent(&around.pad, &ahead.jacobian, |weight, part| {
-                let mut row = [0.0; N];
-                row[..ahead.degrees].copy_from_slice(&part.as_slice()[..ahead.degrees]);
+        if let (Some(objects), Some(surroundings), true) =
+            (&self.objects, &residual.surroundings, residual.touches_objects)
+        {
+            objects.for_each_tangent(&surroundings.pad, &predictor.jacobian, |weight, part| {
+                let mut row = [0.0; UNKNOWN_COUNT];
+                row[..predictor.degrees_of_freedom]
+                    .copy_from_slice(&part.as_slice()[..predictor.degrees_of_freedom]);
                 matrix.add_outer(tau * weight, &row);
             });
         }
-        let (Some(rolling), Some(around), Some(touching)) =
-            (&self.rolling, &seen.around, &seen.touch)
+        let (Some(rolling), Some(surroundings), Some(contacts)) =
+            (&self.rolling, &residual.surroundings, &residual.contacts)
         else {
             return matrix;
         };
-        let inertia = rolling.pin.inertia();
+        let inertia = rolling.pin.inertia_tensor();
         for i in 0..3 {
             matrix.set(6 + i, 6 + i, rolling.pin.mass_kg);
             for j in 0..=i {
                 matrix.set(9 + i, 9 + j, inertia.col(j)[i]);
             }
         }
-        rolling.tighten(around, tau, &mut matrix);
-        if let Some((line, tangent)) = &touching.table {
+        rolling.add_fixture_tangent(surroundings, tau, &mut matrix);
+        if let Some((line, tangent)) = &contacts.table {
             add_contact(&mut matrix, line, tangent, tau, None);
         }
-        if let Some((line, tangent)) = &touching.finger {
-            add_contact(&mut matrix, line, tangent, tau, Some((ahead, around.finger.origin)));
+        if let Some((line, tangent)) = &contacts.finger {
+            add_contact(
+                &mut matrix,
+                line,
+                tangent,
+                tau,
+                Some((predictor, surroundings.finger.origin)),
+            );
         }
         matrix
     }
 }
 
-/// Adds how a contact's force depends on the speeds.
+/// Adds the derivative of a contact's force with respect to the speeds.
 fn add_contact(
     matrix: &mut Matrix12,
-    line: &Line,
+    line: &ContactLine,
     tangent: &Tangent,
     tau: f64,
-    finger: Option<(&Ahead, DVec3)>,
+    finger: Option<(&StagePredictor, DVec3)>,
 ) {
     let directions = [line.normal, line.across, line.along];
     for (direction, weights) in directions.into_iter().zip(&tangent.weights) {
@@ -109,46 +122,46 @@ fn add_contact(
         if w0 <= 0.0 {
             continue;
         }
-        // w (v0 + s v1)^2 summed is w0 (v0 + m v1)^2 + rest v1^2 about the mean place m.
+        // The sum of w (v0 + s v1)^2 is w0 (v0 + m v1)^2 + spread v1^2 about the mean place m.
         let mean = w1 / w0;
         let spread = (w2 - w1 * mean).max(0.0);
         let turn = line.axis.cross(direction);
         let lever = line.radius.cross(direction) + mean * turn;
-        let (mut at_mean, mut lean) = ([0.0; N], [0.0; N]);
+        let (mut at_mean, mut load_factor) = ([0.0; UNKNOWN_COUNT], [0.0; UNKNOWN_COUNT]);
         at_mean[6..9].copy_from_slice(&direction.to_array());
         at_mean[9..].copy_from_slice(&lever.to_array());
-        lean[9..].copy_from_slice(&turn.to_array());
-        if let Some((ahead, tool)) = finger {
+        load_factor[9..].copy_from_slice(&turn.to_array());
+        if let Some((predictor, tool)) = finger {
             let lever = (line.foot - tool).cross(direction) + mean * turn;
-            let at_tool = ahead.jacobian.tr_mul(&spatial_vector(direction, lever));
-            let turned = ahead.jacobian.tr_mul(&spatial_vector(DVec3::ZERO, turn));
-            for i in 0..ahead.degrees {
-                (at_mean[i], lean[i]) = (-at_tool[i], -turned[i]);
+            let at_tool = predictor.jacobian.tr_mul(&spatial_vector(direction, lever));
+            let turned = predictor.jacobian.tr_mul(&spatial_vector(DVec3::ZERO, turn));
+            for i in 0..predictor.degrees_of_freedom {
+                (at_mean[i], load_factor[i]) = (-at_tool[i], -turned[i]);
             }
         }
         if finger.is_some() {
             matrix.add_outer(tau * w0, &at_mean);
-            matrix.add_outer(tau * spread, &lean);
+            matrix.add_outer(tau * spread, &load_factor);
         } else {
             matrix.add_outer_of_pin(tau * w0, &at_mean);
-            matrix.add_outer_of_pin(tau * spread, &lean);
+            matrix.add_outer_of_pin(tau * spread, &load_factor);
         }
     }
     if tangent.rolling > 0.0 {
-        let mut row = [0.0; N];
+        let mut row = [0.0; UNKNOWN_COUNT];
         row[9..].copy_from_slice(&line.along.to_array());
         matrix.add_outer_of_pin(tau * tangent.rolling, &row);
     }
 }
 
-impl Rolling {
-    /// Adds how the hand's grip depends on the pin's speeds.
-    fn tighten(&self, around: &Around, tau: f64, matrix: &mut Matrix12) {
-        if !self.hand.holding {
+impl RollingPin {
+    /// Adds the derivative of the fixture's forces with respect to the pin's speeds.
+    fn add_fixture_tangent(&self, surroundings: &Surroundings, tau: f64, matrix: &mut Matrix12) {
+        if !self.fixture.holding {
             return;
         }
-        let (along_m, about) = self.hand.tangent(&self.pin, tau);
-        let n = around.table.normal;
+        let (along_m, about) = self.fixture.tangent(&self.pin, tau);
+        let n = surroundings.table.normal;
         let across = self.pin.axis().cross(n).normalize_or_zero();
         for i in 0..3 {
             for j in 0..=i {

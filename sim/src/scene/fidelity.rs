@@ -1,10 +1,9 @@
-//! How faithful each part of the physics is, by name: a scene pays for what it names and for
-//! nothing else. Refuses nothing by itself; combinations that cannot work are seen by
-//! [`build`](crate::build).
+//! The fidelity of each part of the physics, by name: a scene pays for what it names and for
+//! nothing else. [`build`](crate::build) refuses combinations that cannot work.
 
 use serde::Deserialize;
 
-use crate::scene::section::{Agree, names, section};
+use super::section::{Consistency, names, section};
 
 section! {
     /// `[fidelity]`: arm, contact and integrator of a scene.
@@ -20,7 +19,7 @@ section! {
     }
 }
 
-impl Agree for FidelityConfig {}
+impl Consistency for FidelityConfig {}
 
 names!(ArmModel, ContactModel, Integrator);
 

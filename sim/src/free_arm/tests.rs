@@ -1,4 +1,4 @@
-//! Arms of six and seven joints that swing, stand, stick and meet their stops.
+//! Tests arms of six and seven joints that swing, hold, stick and meet their stops.
 
 use core::f64::consts::FRAC_PI_2;
 
@@ -43,10 +43,14 @@ fn robot_of<const N: usize>(arm: Chain<N>, coulomb_nm: f64) -> ChainRobot<N> {
     }
 }
 
-fn released<const N: usize>(robot: &ChainRobot<N>, start: [f64; N]) -> Chained<N> {
+fn lines(enabled: bool, braked: bool) -> DriveLines {
+    DriveLines { enabled, braked }
+}
+
+fn released<const N: usize>(robot: &ChainRobot<N>, start: [f64; N]) -> FreeArm<N> {
     let model = ArmModel::RigidMotors;
-    let mut arm = Chained::new(robot, &start, &ArmConfig::default(), model).unwrap();
-    arm.drive([0; CHANNELS], false, false);
+    let mut arm = FreeArm::new(robot, &start, &ArmConfig::default(), model).unwrap();
+    arm.drive(&[0; CHANNELS], lines(false, false));
     arm
 }
 
@@ -56,7 +60,7 @@ fn drift<const N: usize>(h: f64) -> f64 {
     let start = arm.energy_j();
     let (mut most, mut peak) = (0.0_f64, 0.0_f64);
     for _ in 0..(1.0 / h).round() as u32 {
-        arm.step(h);
+        arm.step(h, &Joints::zeros());
         most = most.max((arm.energy_j() - start).abs());
         peak = peak.max(0.5 * arm.qd.dot(&(arm.robot.arm.mass_matrix(&arm.q) * arm.qd)));
     }
@@ -71,7 +75,7 @@ fn a_free_swing_keeps_its_energy_to_second_order() {
     {
         println!("drift at 1 ms {coarse:.1e}, at 0.25 ms {fine:.1e}");
         assert!(coarse < 2e-2, "{coarse:e}");
-        // A quarter of the step: a sixteenth of the error, with room for its other terms.
+        // A quarter of the step gives a sixteenth of the error, with a margin for higher orders.
         assert!(fine < coarse / 6.0, "{coarse:e} {fine:e}");
     }
 }
@@ -101,7 +105,7 @@ fn the_puma_as_a_chain_swings_as_the_puma() {
         taktil_mechanics::puma260::dynamics::State { q: Joints::from(start), qd: Joints::zeros() };
     let mut none = |_: f64, _: &Joints, _: &Joints| Joints::zeros();
     for _ in 0..2000 {
-        arm.step(2.5e-4);
+        arm.step(2.5e-4, &Joints::zeros());
         other = taktil_mechanics::puma260::dynamics::rk4_step(
             &dynamics, &other, 0.0, 2.5e-4, &mut none,
         );
@@ -114,42 +118,43 @@ fn the_puma_as_a_chain_swings_as_the_puma() {
 #[test]
 fn brakes_hold_stops_stop_and_friction_sticks() {
     let mut arm = released::<7>(&robot(0.0, 0.5), [0.1; 7]);
-    arm.drive([0; CHANNELS], true, true);
+    arm.drive(&[0; CHANNELS], lines(true, true));
     let before = arm.q;
-    (0..100).for_each(|_| arm.step(1e-3));
+    (0..100).for_each(|_| arm.step(1e-3, &Joints::zeros()));
     assert_eq!((arm.q, arm.qd), (before, JointVector::zeros()));
-    arm.drive([0; CHANNELS], false, false);
-    (0..4000).for_each(|_| arm.step(1e-3));
+    arm.drive(&[0; CHANNELS], lines(false, false));
+    (0..4000).for_each(|_| arm.step(1e-3, &Joints::zeros()));
     assert!(arm.q.amax() <= 0.5 && arm.q.amax() > 0.499, "{}", arm.q);
-    // More friction than gravity: it creeps by less than its bristles give way, and then rests.
+    // With more friction than gravity the arm moves by less than its bristles yield, and then
+    // rests.
     let mut stuck = released::<7>(&robot(500.0, 3.0), [0.1; 7]);
-    (0..2000).for_each(|_| stuck.step(1.25e-3));
+    (0..2000).for_each(|_| stuck.step(1.25e-3, &Joints::zeros()));
     assert!((stuck.q - JointVector::<7>::repeat(0.1)).amax() < 1e-4, "{}", stuck.q);
     assert!(stuck.qd.amax() < 1e-9, "{}", stuck.qd);
 }
 
 #[test]
-fn codes_turn_joints_and_counts_tell_it() {
+fn codes_turn_joints_and_counts_follow() {
     let mut arm = released::<7>(&robot(0.0, 3.0), [0.0; 7]);
     let mut codes = [0; CHANNELS];
     codes[6] = 32767;
-    arm.drive(codes, true, false);
-    arm.step(1e-3);
+    arm.drive(&codes, lines(true, false));
+    arm.step(1e-3, &Joints::zeros());
     assert!(arm.qd[6] > 0.0, "{}", arm.qd);
-    (0..20).for_each(|_| arm.step(1e-3));
+    (0..20).for_each(|_| arm.step(1e-3, &Joints::zeros()));
     let wanted = (arm.q[6] * 100.0 * 4000.0 / core::f64::consts::TAU).round();
     assert_eq!(f64::from(arm.counts()[6]), wanted);
     assert_eq!(arm.counts()[7], 0);
     assert_eq!(arm.current_codes(), codes);
-    arm.drive(codes, false, false);
+    arm.drive(&codes, lines(false, false));
     assert_eq!(arm.current_codes(), [0; CHANNELS]);
 }
 
 #[test]
-fn what_cannot_stand_is_refused() {
+fn impossible_starts_are_refused() {
     let robot = robot::<6>(0.0, 1.0);
     let place = |start: &[f64], config: &ArmConfig| {
-        Chained::new(&robot, start, config, ArmModel::Rigid).unwrap_err().place
+        FreeArm::new(&robot, start, config, ArmModel::Rigid).unwrap_err().place
     };
     let usual = ArmConfig::default();
     assert_eq!(place(&[0.0; 5], &usual), "arm");

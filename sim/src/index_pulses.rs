@@ -1,55 +1,64 @@
-//! Index pulses of the encoder discs: one a turn of each motor, latched by the simulated board with
-//! the count at which it came. Refuses to know a pulse that has not come: a mark is there only once
-//! the disc has turned past it.
+//! The index pulses of the encoder discs: one in each turn of each motor, latched by the simulated
+//! board with its count. Refuses to know a pulse in advance: a mark exists only once the disc has
+//! turned past it.
 
 use taktil_hal::{CHANNELS, Counts, Marks};
 
 use crate::hash::Hash;
 use crate::scene::{Invalid, invalid};
 
-/// Where the pulses of each channel lie, and what has been latched of them.
+/// Places of the pulses of each channel, and the pulses that were latched.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Index {
+pub(crate) struct IndexPulses {
     joints: usize,
-    /// The count of one of the pulses, and counts from one to the next.
+    /// The count of one of the pulses, and the number of counts between two pulses.
     pulses: [(i32, i32); CHANNELS],
-    /// Whole turns past that pulse, rounded down, when the counts were last looked at.
+    /// Whole turns past that pulse, rounded down, at the latest counts.
     turns: [i32; CHANNELS],
     marks: Marks,
 }
 
-impl Index {
-    /// Discs whose pulses stand `before` counts before the counts of the home pose.
-    pub(crate) fn new(before: &[f64], home: &[i32], per_rev: &[f64]) -> Result<Index, Invalid> {
+impl IndexPulses {
+    /// Discs whose pulses come `before` counts before the counts of the home pose.
+    pub(crate) fn new(
+        before: &[f64],
+        home: &[i32],
+        per_rev: &[f64],
+    ) -> Result<IndexPulses, Invalid> {
         if before.len() != home.len() {
             let what = format!("has {} numbers, the arm has {} joints", before.len(), home.len());
             return Err(invalid("arm.index_counts", what, "give one for each joint"));
         }
         let mut pulses = [(0, 1); CHANNELS];
         for (i, pulse) in pulses.iter_mut().enumerate().take(home.len().min(CHANNELS)) {
-            // Ranges are checked: both fit.
+            // The ranges were checked, so that both numbers fit.
             let (before, turn) = (before[i].round() as i32, per_rev[i].round() as i32);
             *pulse = (home[i].wrapping_sub(before), turn.max(1));
         }
-        let mut index =
-            Index { joints: home.len(), pulses, turns: [0; CHANNELS], marks: [None; CHANNELS] };
+        let mut index = IndexPulses {
+            joints: home.len(),
+            pulses,
+            turns: [0; CHANNELS],
+            marks: [None; CHANNELS],
+        };
         for i in 0..CHANNELS {
-            index.turns[i] = index.past(i, 0);
+            index.turns[i] = index.turns_past(i, 0);
         }
         Ok(index)
     }
 
-    fn past(&self, i: usize, count: i32) -> i32 {
+    fn turns_past(&self, i: usize, count: i32) -> i32 {
         let (at, turn) = self.pulses[i];
         count.wrapping_sub(at).div_euclid(turn)
     }
 
-    /// The discs turned to these counts; the newest pulses since power-up.
-    pub(crate) fn turn(&mut self, counts: &[Counts; CHANNELS]) -> Marks {
+    /// Turns the discs to these counts and returns the newest pulses since power-up.
+    pub(crate) fn update(&mut self, counts: &[Counts; CHANNELS]) -> Marks {
         for (i, Counts(count)) in counts.iter().enumerate().take(self.joints) {
-            let (before, now) = (self.turns[i], self.past(i, *count));
+            let (before, now) = (self.turns[i], self.turns_past(i, *count));
             if now != before {
-                // Upwards the last pulse passed is the one below, downwards the one above.
+                // Upwards the last pulse passed is the one below the count, downwards the one above
+                // it.
                 let (at, turn) = self.pulses[i];
                 let newest = if now > before { now } else { now + 1 };
                 self.marks[i] = Some(Counts(at.wrapping_add(newest.wrapping_mul(turn))));
@@ -75,14 +84,14 @@ impl Index {
 mod tests {
     use super::*;
 
-    fn turned(index: &mut Index, count: i32) -> Option<i32> {
-        index.turn(&[Counts(count); CHANNELS])[0].map(|Counts(count)| count)
+    fn turned(index: &mut IndexPulses, count: i32) -> Option<i32> {
+        index.update(&[Counts(count); CHANNELS])[0].map(|Counts(count)| count)
     }
 
     #[test]
     fn a_pulse_is_latched_when_it_is_passed_and_kept() {
         // Home at count 30, the pulse 10 before it: pulses at ..., -80, 20, 120, ...
-        let mut index = Index::new(&[10.0], &[30], &[100.0]).unwrap();
+        let mut index = IndexPulses::new(&[10.0], &[30], &[100.0]).unwrap();
         assert_eq!(turned(&mut index, 19), None);
         assert_eq!(turned(&mut index, 20), Some(20));
         assert_eq!(turned(&mut index, 119), Some(20));
@@ -94,7 +103,7 @@ mod tests {
 
     #[test]
     fn one_number_for_each_joint() {
-        let bad = Index::new(&[0.0; 6], &[0; 7], &[100.0; 7]).unwrap_err();
+        let bad = IndexPulses::new(&[0.0; 6], &[0; 7], &[100.0; 7]).unwrap_err();
         assert_eq!(bad.place, "arm.index_counts");
     }
 }

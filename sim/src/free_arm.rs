@@ -1,12 +1,10 @@
 //! An arm that is any chain, free of contact: codes to currents to torques, friction that sticks,
-//! brakes, motion of rigid bodies, encoder counts. Refuses to touch: whatever is felt is the PUMA
-//! 260's affair.
+//! brakes, motion of rigid bodies, encoder counts. Refuses to touch: only the PUMA 260 feels pin
+//! and objects.
 //!
 //! Steps are implicit in the friction and take inertia and bias torques at the middle of the step
-//! by one correction: second order in free motion, and a joint that sticks does not chatter,
-//! however stiff its bristle is for the step.
-
-use core::fmt::Debug;
+//! by one correction. They are of second order in free motion, and a joint that sticks does not
+//! chatter, however stiff its bristle is for the step.
 
 use taktil_hal::CHANNELS;
 use taktil_mechanics::friction::Friction;
@@ -14,52 +12,24 @@ use taktil_mechanics::robot::ChainRobot;
 use taktil_mechanics::spatial::{JointMatrix, JointVector};
 use taktil_mechanics::{Joints, Pose};
 
-use crate::arm::rub;
-use crate::fidelity::ArmModel;
+use crate::friction::{ResistingTorque, friction_torque};
 use crate::hash::Hash;
+use crate::manipulator::{ArmState, DriveLines, HomeCounts, Manipulator, StagePredictor};
+use crate::scene::fidelity::ArmModel;
 use crate::scene::{ArmConfig, Invalid, invalid};
 
-/// Evaluations of inertia and bias in a step.
-const PASSES: u32 = 2;
-/// Iterations for the speeds at the end of a step; the equations are linear but for joints that
-/// begin or cease to stick.
-const ITERATIONS: u32 = 8;
-/// Change of speed below which they have settled (rad/s).
-const SETTLED_RAD_S: f64 = 1e-12;
-
-/// An arm free of contact, whatever its number of joints.
-pub(crate) trait Loose: Debug + Send + Sync {
-    fn pose(&self) -> &Pose;
-    fn twist(&self) -> Joints;
-    /// One step of `h` seconds.
-    fn step(&mut self, h: f64);
-    /// Takes the codes that drive the amplifiers from now on, and the lines.
-    fn drive(&mut self, codes: [i32; CHANNELS], enabled: bool, braked: bool);
-    /// Incremental encoder counts, 0 behind the last joint.
-    fn counts(&self) -> [i32; CHANNELS];
-    /// What the encoders read in the home pose, in which they started, and their counts in a motor
-    /// turn.
-    fn home_counts(&self) -> (Vec<i32>, Vec<f64>);
-    /// The codes that flow as current now.
-    fn current_codes(&self) -> [i32; CHANNELS];
-    /// Joint angles (rad) and speeds (rad/s).
-    fn joints(&self) -> (&[f64], &[f64]);
-    /// Drives on, brakes on.
-    fn lines(&self) -> (bool, bool);
-    fn energy_j(&self) -> f64;
-    fn digest(&self, hash: &mut Hash);
-    fn boxed(&self) -> Box<dyn Loose>;
-}
-
-impl Clone for Box<dyn Loose> {
-    fn clone(&self) -> Box<dyn Loose> {
-        self.boxed()
-    }
-}
+/// Evaluations of inertia and bias in a step: a prediction and a correction.
+const MIDPOINT_EVALUATIONS: u32 = 2;
+/// Newton steps for the speeds at the end of a step at most; the equations are linear but for
+/// joints that begin or cease to stick.
+const NEWTON_STEPS_MAX: u32 = 8;
+/// Change of speed below which the speeds have converged (rad/s), relative to 1 rad/s plus the
+/// fastest joint's speed.
+const SPEED_TOLERANCE_RAD_S: f64 = 1e-12;
 
 /// The state of such an arm.
 #[derive(Clone, Debug)]
-pub(crate) struct Chained<const N: usize> {
+pub(crate) struct FreeArm<const N: usize> {
     robot: ChainRobot<N>,
     friction: Friction<N>,
     start_counts: [i32; N],
@@ -68,19 +38,20 @@ pub(crate) struct Chained<const N: usize> {
     bristle: JointVector<N>,
     codes: [i32; CHANNELS],
     torque: JointVector<N>,
-    enabled: bool,
-    braked: bool,
+    lines: DriveLines,
     pose: Pose,
+    /// The state that the integrators save: always zero, because this arm steps by itself.
+    no_state: ArmState,
 }
 
-impl<const N: usize> Chained<N> {
+impl<const N: usize> FreeArm<N> {
     /// At rest and braked at `start` (rad).
     pub(crate) fn new(
         robot: &ChainRobot<N>,
         start: &[f64],
         config: &ArmConfig,
         model: ArmModel,
-    ) -> Result<Chained<N>, Invalid> {
+    ) -> Result<FreeArm<N>, Invalid> {
         let Ok(start) = <[f64; N]>::try_from(start) else {
             let what = format!("starts with {} joints, has {N}", start.len());
             return Err(invalid("arm", what, "give one angle for each joint"));
@@ -117,7 +88,7 @@ impl<const N: usize> Chained<N> {
             coulomb_nm: robot.friction.coulomb_nm * (rubs * config.coulomb_scale),
             viscous_nms_rad: robot.friction.viscous_nms_rad * (rubs * config.viscous_scale),
         };
-        Ok(Chained {
+        Ok(FreeArm {
             start_counts: robot.gears.counts(&q),
             pose: robot.arm.tool_pose(&q),
             robot: robot.clone(),
@@ -127,33 +98,33 @@ impl<const N: usize> Chained<N> {
             bristle: JointVector::zeros(),
             codes: [0; CHANNELS],
             torque: JointVector::zeros(),
-            enabled: false,
-            braked: true,
+            lines: DriveLines::SAFE,
+            no_state: ArmState::default(),
         })
     }
 
     /// Speeds at the end of a step from those at its beginning, with inertia and other torques
     /// held.
-    fn speeds(
+    fn end_speeds(
         &self,
         inertia: &JointMatrix<N>,
-        push: &JointVector<N>,
+        torque_nm: &JointVector<N>,
         guess: JointVector<N>,
         h: f64,
     ) -> JointVector<N> {
         let mut speed = guess;
-        for _ in 0..ITERATIONS {
+        for _ in 0..NEWTON_STEPS_MAX {
             let mut matrix = *inertia;
-            let mut off = inertia * (speed - self.qd) - push * h;
+            let mut residual = inertia * (speed - self.qd) - torque_nm * h;
             for i in 0..N {
-                let rub = rub(&self.friction, i, self.bristle[i], speed[i], h);
-                off[i] += h * rub.torque_nm;
-                matrix[(i, i)] += h * rub.slope;
+                let resisting = friction_torque(&self.friction, i, self.bristle[i], speed[i], h);
+                residual[i] += h * resisting.torque_nm;
+                matrix[(i, i)] += h * resisting.slope;
             }
             let Some(factor) = matrix.cholesky() else { return self.qd };
-            let change = factor.solve(&off);
+            let change = factor.solve(&residual);
             speed -= change;
-            if change.amax() < SETTLED_RAD_S * (1.0 + speed.amax()) {
+            if change.amax() < SPEED_TOLERANCE_RAD_S * (1.0 + speed.amax()) {
                 break;
             }
         }
@@ -172,7 +143,7 @@ impl<const N: usize> Chained<N> {
     }
 }
 
-impl<const N: usize> Loose for Chained<N> {
+impl<const N: usize> Manipulator for FreeArm<N> {
     fn pose(&self) -> &Pose {
         &self.pose
     }
@@ -181,21 +152,30 @@ impl<const N: usize> Loose for Chained<N> {
         self.robot.arm.jacobian_base(&self.q) * self.qd
     }
 
-    fn step(&mut self, h: f64) {
-        if self.braked {
+    fn state(&self) -> &ArmState {
+        &self.no_state
+    }
+
+    fn state_mut(&mut self) -> &mut ArmState {
+        &mut self.no_state
+    }
+
+    fn step(&mut self, h: f64, _wrench: &Joints) {
+        if self.lines.braked {
             self.qd = JointVector::zeros();
             return;
         }
-        let driven = if self.enabled { self.torque } else { JointVector::zeros() };
+        let motors_nm = if self.lines.enabled { self.torque } else { JointVector::zeros() };
         let mut end = self.qd;
-        for _ in 0..PASSES {
+        for _ in 0..MIDPOINT_EVALUATIONS {
             let mean = (self.qd + end) * 0.5;
             let middle = self.q + mean * (0.5 * h);
-            let push = driven - self.robot.arm.bias_torque(&middle, &mean);
-            end = self.speeds(&self.robot.arm.mass_matrix(&middle), &push, end, h);
+            let torque_nm = motors_nm - self.robot.arm.bias_torque(&middle, &mean);
+            end = self.end_speeds(&self.robot.arm.mass_matrix(&middle), &torque_nm, end, h);
         }
         for i in 0..N {
-            self.bristle[i] = rub(&self.friction, i, self.bristle[i], end[i], h).bristle_rad;
+            let resisting = friction_torque(&self.friction, i, self.bristle[i], end[i], h);
+            self.bristle[i] = resisting.bristle_rad;
         }
         self.q += (self.qd + end) * (0.5 * h);
         self.qd = end;
@@ -203,10 +183,28 @@ impl<const N: usize> Loose for Chained<N> {
         self.pose = self.robot.arm.tool_pose(&self.q);
     }
 
-    fn drive(&mut self, codes: [i32; CHANNELS], enabled: bool, braked: bool) {
-        (self.codes, self.enabled, self.braked) = (codes, enabled, braked);
+    fn predict_stage(&self, _: &ArmState, _: &Joints, _: f64, _: f64) -> StagePredictor {
+        StagePredictor::prescribed(self.pose, Joints::zeros())
+    }
+
+    fn resisting_torque(&self, _: &ArmState, _: usize, _: f64, _: f64) -> ResistingTorque {
+        ResistingTorque::default()
+    }
+
+    fn update_kinematics(&mut self, _t_s: f64) {}
+
+    fn steps_by_itself(&self) -> bool {
+        true
+    }
+
+    fn drive(&mut self, codes: &[i32; CHANNELS], lines: DriveLines) {
+        (self.codes, self.lines) = (*codes, lines);
         let motor_nm = JointVector::from_fn(|i, _| self.robot.drive.motor_torque_nm(codes[i], i));
         self.torque = self.robot.gears.joint_torque(&motor_nm);
+    }
+
+    fn drive_lines(&self) -> DriveLines {
+        self.lines
     }
 
     fn counts(&self) -> [i32; CHANNELS] {
@@ -218,20 +216,18 @@ impl<const N: usize> Loose for Chained<N> {
         out
     }
 
-    fn home_counts(&self) -> (Vec<i32>, Vec<f64>) {
-        (vec![0; N], self.robot.gears.counts_per_revolution().as_slice().to_vec())
+    /// The home pose is the one in which the arm started.
+    fn home_counts(&self) -> Option<HomeCounts> {
+        let counts_per_turn = self.robot.gears.counts_per_revolution().as_slice().to_vec();
+        Some(HomeCounts { counts: vec![0; N], counts_per_turn })
     }
 
     fn current_codes(&self) -> [i32; CHANNELS] {
-        if self.enabled { self.codes } else { [0; CHANNELS] }
+        if self.lines.enabled { self.codes } else { [0; CHANNELS] }
     }
 
     fn joints(&self) -> (&[f64], &[f64]) {
         (self.q.as_slice(), self.qd.as_slice())
-    }
-
-    fn lines(&self) -> (bool, bool) {
-        (self.enabled, self.braked)
     }
 
     fn energy_j(&self) -> f64 {
@@ -243,13 +239,13 @@ impl<const N: usize> Loose for Chained<N> {
         for state in [&self.q, &self.qd, &self.bristle] {
             hash.numbers(state.as_slice());
         }
-        hash.word(u64::from(self.enabled) << 1 | u64::from(self.braked));
+        hash.word(u64::from(self.lines.enabled) << 1 | u64::from(self.lines.braked));
         for code in self.codes {
             hash.word(u64::from(code.cast_unsigned()));
         }
     }
 
-    fn boxed(&self) -> Box<dyn Loose> {
+    fn clone_box(&self) -> Box<dyn Manipulator> {
         Box::new(self.clone())
     }
 }

@@ -1,29 +1,30 @@
-//! A course that the joints follow exactly, for an arm without masses. Refuses angles that a joint
-//! cannot take; between its points it never swings beyond them.
+//! A trajectory that the joints follow exactly, for an arm without masses. Refuses angles that a
+//! joint cannot take; between two points of the trajectory no angle leaves the range of those
+//! points.
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 
-use super::JOINTS;
-use crate::motion::Course;
+use super::JOINT_COUNT;
+use crate::motion::MotionProfile;
 use crate::scene::{ArmConfig, Invalid, invalid};
 
-/// Six curves over one time, and where on them the arm is.
+/// The prescribed angles of all joints over time, and the instant at which the arm is.
 #[derive(Clone, Debug)]
-pub(super) struct Following {
-    joints: [Course; JOINTS],
+pub(super) struct PrescribedMotion {
+    joints: [MotionProfile; JOINT_COUNT],
     pub(super) t_s: f64,
 }
 
-impl Following {
+impl PrescribedMotion {
     /// From `start` (rad) through the points of a checked configuration.
     pub(super) fn new(
         config: &ArmConfig,
         puma: &Puma260,
         start: &Joints,
-    ) -> Result<Following, Invalid> {
+    ) -> Result<PrescribedMotion, Invalid> {
         for (k, point) in config.course_deg.iter().enumerate() {
-            for i in 0..JOINTS {
+            for i in 0..JOINT_COUNT {
                 let (low, high) = (puma.q_min_rad[i], puma.q_max_rad[i]);
                 if !(low..=high).contains(&point[i + 1].to_radians()) {
                     let what = format!("is {}, outside the joint's range", point[i + 1]);
@@ -38,14 +39,14 @@ impl Following {
             let points: Vec<[f64; 2]> = core::iter::once([0.0, start[i]])
                 .chain(config.course_deg.iter().map(point))
                 .collect();
-            Course::through(&points)
+            MotionProfile::through(&points)
         });
-        Ok(Following { joints, t_s: 0.0 })
+        Ok(PrescribedMotion { joints, t_s: 0.0 })
     }
 
     /// Angles (rad) and speeds (rad/s) at an instant.
     pub(super) fn at(&self, t_s: f64) -> (Joints, Joints) {
-        let all = self.joints.each_ref().map(|course| course.at(t_s));
+        let all = self.joints.each_ref().map(|profile| profile.at(t_s));
         (Joints::from_fn(|i, _| all[i].0), Joints::from_fn(|i, _| all[i].1))
     }
 }
