@@ -18,8 +18,9 @@
 use super::collocation::{Collocation, points_for};
 use super::kernel::{BaseKernel, SurfaceKernel};
 use super::layer::Layer;
+use super::numeric::cubic_hermite::{catmull_rom, hermite, hermite_slope, monotone_cubic};
 pub use super::share::BaseShares;
-use super::share::{ShareTable, Strip, hermite, hermite_slope};
+use super::share::{ShareTable, Strip};
 use super::stick::Stick;
 use super::{Invalid, positive};
 use core::f64::consts::PI;
@@ -194,7 +195,7 @@ impl LineContact {
     /// Half the width of the contact in mm; 0 at and below 0, and for NaN.
     #[must_use]
     pub fn half_width_mm(&self, delta_mm: f64) -> f64 {
-        self.part(delta_mm).sqrt() * smooth(&self.width_mm, self.index(delta_mm))
+        self.part(delta_mm).sqrt() * catmull_rom(&self.width_mm, self.index(delta_mm))
     }
 
     /// Penetration in mm under a line load: the inverse of [`Self::load_n_mm`]; 0 at and below 0,
@@ -261,7 +262,7 @@ impl LineContact {
     /// along x alone; the width is that of the frictionless contact.
     #[must_use]
     pub fn tangential_stiffness_n_mm2(&self, delta_mm: f64) -> f64 {
-        rising(&self.tangential, self.index(delta_mm) / STRIDE as f64)
+        monotone_cubic(&self.tangential, self.index(delta_mm) / STRIDE as f64)
     }
 }
 
@@ -314,30 +315,6 @@ fn grid_scale() -> f64 {
 /// Part of the largest penetration at grid point i.
 fn grid(i: usize) -> f64 {
     (fourth(i as f64 + SHIFT) - fourth(SHIFT)) / grid_scale()
-}
-
-/// Catmull and Rom's cubic through `values` at 0, 1, 2 ..., inside the table.
-fn smooth(values: &[f64], index: f64) -> f64 {
-    let last = values.len() - 1;
-    let i = (index as usize).min(last - 1);
-    let slope = |k: usize| {
-        let (low, high) = (k.saturating_sub(1), (k + 1).min(last));
-        (values[high] - values[low]) / (high - low) as f64
-    };
-    hermite([values[i], slope(i)], [values[i + 1], slope(i + 1)], index - i as f64)
-}
-
-/// [`smooth`] for values that rise, with its slopes held low enough to rise between them too.
-fn rising(values: &[f64], index: f64) -> f64 {
-    let last = values.len() - 1;
-    let i = (index as usize).min(last - 1);
-    let slope = |k: usize| {
-        let (low, high) = (k.saturating_sub(1), (k + 1).min(last));
-        let (left, right) = (values[k] - values[low], values[high] - values[k]);
-        let mean = (left + right) / (high - low) as f64;
-        if low == k || high == k { mean } else { mean.min(3.0 * left).min(3.0 * right) }
-    };
-    hermite([values[i], slope(i)], [values[i + 1], slope(i + 1)], index - i as f64)
 }
 
 /// What the base carries under each of the solutions, and under a line load.

@@ -1,19 +1,14 @@
 //! Fourier integrals of the layer's transfer functions and tables of their kernels in real space.
 //! Lengths are in layer thicknesses here.
-//!
-//! The transfer functions used are even and analytic in a strip about the real axis and die
-//! exponentially, so the trapezoidal rule converges exponentially: cut off where the integrand has
-//! died, with a step whose period lies so far beyond the points wanted that the images have died.
 
-use super::interpolation::{Stencil, six_point};
 use super::layer::Transfer;
+use super::numeric::interpolation::{Stencil, six_point};
+use super::wave_grid::{FIELD_REACH, trapezoidal_grid};
 
 /// Where the base functions (about a exp(-a)) have fallen under 1e-15.
 pub(crate) const BASE_CUTOFF: f64 = 40.0;
 /// Where the remainders at the surface (about a^2 exp(-2a)) have fallen under 1e-15.
 pub(crate) const SURFACE_CUTOFF: f64 = 21.0;
-/// Distance at which a field has died to about 1e-13 (decay at least exp(-0.739 x)).
-pub(crate) const REACH: f64 = 40.0;
 /// Table points per thickness.
 const DENSITY: f64 = 32.0;
 
@@ -25,11 +20,9 @@ pub(crate) struct Sampled {
 impl Sampled {
     /// Samples `transfer` for points up to `reach` thicknesses from the origin.
     pub(crate) fn new(transfer: impl Fn(f64) -> f64, reach: f64, cutoff: f64) -> Self {
-        let step = 2.0 * core::f64::consts::PI / (reach + 1.2 * REACH);
-        let count = libm::ceil(cutoff / step) as usize;
-        let weight = |i: usize| if i == 0 { 0.5 * step } else { step };
-        let sample = |i: usize| (i as f64 * step, weight(i) * transfer(i as f64 * step));
-        Self { samples: (0..=count).map(sample).collect() }
+        let grid = trapezoidal_grid(reach, FIELD_REACH, cutoff);
+        let sample = |[a, weight]: [f64; 2]| (a, weight * transfer(a));
+        Self { samples: grid.into_iter().map(sample).collect() }
     }
 
     /// (1/pi) times the integral of f(a) cos(a x) over a from 0.
@@ -59,7 +52,7 @@ impl Sampled {
 /// (1/pi) times the integral of f(a) cos(a x) over a from 0.
 pub(crate) fn cosine_integral(f: impl Fn(f64) -> f64, x: f64, cutoff: f64) -> f64 {
     // Beyond the reach the field is under the error of the sum.
-    if x > 2.0 * REACH { 0.0 } else { Sampled::new(f, x, cutoff).cosine(x) }
+    if x > 2.0 * FIELD_REACH { 0.0 } else { Sampled::new(f, x, cutoff).cosine(x) }
 }
 
 /// A function on a uniform grid from 0, read by six-point interpolation.
@@ -95,8 +88,8 @@ impl SurfaceKernel {
             let tanh_over = if a > 0.0 { libm::tanh(a) / a } else { 1.0 };
             core::f64::consts::PI * (compliance(a) - tanh_over)
         };
-        let count = (REACH * DENSITY) as usize + 8;
-        let table = Sampled::new(rest, REACH, SURFACE_CUTOFF).tabulate(1.0 / DENSITY, count);
+        let count = (FIELD_REACH * DENSITY) as usize + 8;
+        let table = Sampled::new(rest, FIELD_REACH, SURFACE_CUTOFF).tabulate(1.0 / DENSITY, count);
         let values = table.iter().enumerate().map(|(i, [cosine, _])| {
             let y = core::f64::consts::FRAC_PI_4 * i as f64 / DENSITY;
             let scaled = if y < 1e-4 { 1.0 - y * y / 3.0 } else { libm::tanh(y) / y };
@@ -108,7 +101,7 @@ impl SurfaceKernel {
 
     /// S at a distance of `x` >= 0 thicknesses.
     pub(crate) fn smooth(&self, x: f64) -> f64 {
-        if x >= REACH { libm::log(x) } else { self.smooth.at(x * DENSITY) }
+        if x >= FIELD_REACH { libm::log(x) } else { self.smooth.at(x * DENSITY) }
     }
 }
 
@@ -123,8 +116,8 @@ impl CouplingKernel {
     /// Tabulates the kernel.
     pub(crate) fn new(transfer: &Transfer) -> Self {
         let rest = |a: f64| core::f64::consts::PI * (transfer.coupling(a) - transfer.n);
-        let count = (REACH * DENSITY) as usize + 8;
-        let table = Sampled::new(rest, REACH, SURFACE_CUTOFF).tabulate(1.0 / DENSITY, count);
+        let count = (FIELD_REACH * DENSITY) as usize + 8;
+        let table = Sampled::new(rest, FIELD_REACH, SURFACE_CUTOFF).tabulate(1.0 / DENSITY, count);
         let far = -transfer.n * core::f64::consts::FRAC_PI_2;
         Self { smooth: Uniform::new(table.iter().map(|entry| entry[1]), -1.0), far }
     }
@@ -132,7 +125,8 @@ impl CouplingKernel {
     /// The kernel less its step at `x` thicknesses, of either sign.
     pub(crate) fn smooth(&self, x: f64) -> f64 {
         let distance = x.abs();
-        let value = if distance >= REACH { self.far } else { self.smooth.at(distance * DENSITY) };
+        let value =
+            if distance >= FIELD_REACH { self.far } else { self.smooth.at(distance * DENSITY) };
         if x < 0.0 { -value } else { value }
     }
 }
@@ -146,8 +140,8 @@ pub(crate) struct BaseKernel {
 impl BaseKernel {
     /// Tabulates the kernel.
     pub(crate) fn new(transfer: &Transfer) -> Self {
-        let count = (REACH * DENSITY) as usize + 8;
-        let sampled = Sampled::new(|a| transfer.base_normal(a), REACH, BASE_CUTOFF);
+        let count = (FIELD_REACH * DENSITY) as usize + 8;
+        let sampled = Sampled::new(|a| transfer.base_normal(a), FIELD_REACH, BASE_CUTOFF);
         let table = sampled.tabulate(1.0 / DENSITY, count);
         let density = Uniform::new(table.iter().map(|entry| entry[0]), 1.0);
         Self { density, half_share: Uniform::new(table.iter().map(|entry| entry[1]), -1.0) }
@@ -156,7 +150,7 @@ impl BaseKernel {
     /// Part of the load carried left of `x` thicknesses, and load per thickness of the base there.
     pub(crate) fn share_and_density(&self, x: f64) -> [f64; 2] {
         let distance = x.abs();
-        let [half, density] = if distance >= REACH {
+        let [half, density] = if distance >= FIELD_REACH {
             [0.5, 0.0]
         } else {
             let at = Stencil::new(self.density.values.len(), distance * DENSITY);

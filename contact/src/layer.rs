@@ -9,9 +9,7 @@
 //!
 //! Stresses and displacements at any depth are in [`super::field`].
 
-pub use super::field::{LineLoad, LinePoint, line};
-use super::kernel;
-use super::wide::ask;
+use super::numeric::wide::ask;
 use super::{Invalid, finite, positive};
 
 /// A homogeneous isotropic layer, bonded to a rigid base, infinite along its surface.
@@ -63,17 +61,6 @@ impl Layer {
     #[must_use]
     pub fn transfer(&self) -> Transfer {
         Transfer::new(self.poisson)
-    }
-
-    /// Normal stress at the base per unit normal line load (1/mm, negative under the load) at
-    /// `x_mm` from the line, exact to about 1e-14; NaN for NaN. A Fourier sum of several hundred
-    /// terms.
-    #[must_use]
-    pub fn base_szz_line(&self, x_mm: f64) -> f64 {
-        let transfer = self.transfer();
-        let x = (x_mm / self.thickness_mm).abs();
-        -kernel::cosine_integral(|a| transfer.base_normal(a), x, kernel::BASE_CUTOFF)
-            / self.thickness_mm
     }
 }
 

@@ -25,16 +25,15 @@ pub mod features;
 pub mod fem;
 pub mod field;
 pub mod half_plane;
-mod interpolation;
 mod kernel;
 pub mod layer;
+mod numeric;
 pub mod plane;
 mod share;
 pub mod space;
 pub mod stack;
 mod stick;
-mod triangle;
-mod wide;
+mod wave_grid;
 
 /// A parameter that the theory cannot take: where it stands, what is wrong, what would help.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -2,6 +2,7 @@
 //! and place. Reading a table neither allocates nor panics.
 
 use super::kernel::BaseKernel;
+use super::numeric::cubic_hermite::hermite;
 
 /// Columns from the contact line out to where the share is 1.
 const COLUMNS: usize = 160;
@@ -98,20 +99,4 @@ impl BaseShares<'_> {
         let share = hermite(entry(column), entry(column + 1), place - column as f64);
         if u_mm < 0.0 { 1.0 - share } else { share }
     }
-}
-
-/// Cubic through two values with their slopes per cell, at 0 <= s <= 1.
-#[inline]
-pub(crate) fn hermite(left: [f64; 2], right: [f64; 2], s: f64) -> f64 {
-    let rise = right[0] - left[0];
-    let (bend_left, bend_right) = (left[1] - rise, rise - right[1]);
-    let r = 1.0 - s;
-    left[0] + s * (rise + r * (r * bend_left + s * bend_right))
-}
-
-/// Derivative of [`hermite`] with respect to s.
-pub(crate) fn hermite_slope(left: [f64; 2], right: [f64; 2], s: f64) -> f64 {
-    let rise = right[0] - left[0];
-    let r = 1.0 - s;
-    6.0 * rise * s * r + left[1] * r * (r - 2.0 * s) + right[1] * s * (s - 2.0 * r)
 }

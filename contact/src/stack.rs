@@ -9,8 +9,9 @@
 //! [`super::field`]. It refuses an empty stack and what [`Layer::check`] refuses. It allocates.
 
 use super::field::{LineLoad, LinePoint, line};
-use super::kernel::REACH;
 use super::layer::Layer;
+use super::numeric::product::dot_in_order;
+use super::wave_grid::FIELD_REACH;
 use super::{Invalid, finite, positive};
 use core::f64::consts::PI;
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
@@ -189,7 +190,7 @@ impl Stack {
             contrast = contrast.max(stiffest / stiffness);
         }
         // A base that does not give ends the spreading: contrasts beyond 1e6 count as that.
-        REACH * self.thickness_mm() * libm::cbrt(contrast.min(1e6))
+        FIELD_REACH * self.thickness_mm() * libm::cbrt(contrast.min(1e6))
     }
 
     /// The same in thicknesses of the surface layer, for tables.
@@ -197,7 +198,8 @@ impl Stack {
     /// # Errors
     /// A surface layer too thin against that distance.
     pub(crate) fn reach(&self) -> Result<f64, Invalid> {
-        let reach = libm::ceil(self.reach_mm() / self.surface_layer().thickness_mm).max(REACH);
+        let reach =
+            libm::ceil(self.reach_mm() / self.surface_layer().thickness_mm).max(FIELD_REACH);
         if reach <= REACH_MAX {
             return Ok(reach);
         }
@@ -234,7 +236,7 @@ impl Stack {
             let column = |traction: Vector2<f64>| {
                 let c = coefficients(layer, k, &below, traction);
                 let top = functions(layer, k, layer.thickness_mm);
-                Vector2::new(dot(&top[0], &c), dot(&top[1], &c))
+                Vector2::from_fn(|i, _| dot_in_order(&top[i], c.as_slice()))
             };
             below = Matrix2::from_columns(&[
                 column(Vector2::new(1.0, 0.0)),
@@ -257,11 +259,11 @@ impl Stack {
             let bottom = top + layer.thickness_mm;
             if depth_mm <= bottom || i + 1 == self.layers.len() {
                 let f = functions(layer, k, (bottom - depth_mm).max(0.0));
-                let [ux, uz, szz, sxz, sxx] = f.map(|row| dot(&row, &c));
+                let [ux, uz, szz, sxz, sxx] = f.map(|row| dot_in_order(&row, c.as_slice()));
                 return Amplitudes { ux, uz, szz, sxz, sxx };
             }
             let f = functions(layer, k, 0.0);
-            traction = Vector2::new(dot(&f[2], &c), dot(&f[3], &c));
+            traction = Vector2::from_fn(|i, _| dot_in_order(&f[2 + i], c.as_slice()));
             top = bottom;
         }
         Amplitudes::default()
@@ -329,10 +331,6 @@ impl Stack {
         };
         Ok(x_mm.iter().enumerate().map(point).collect())
     }
-}
-
-fn dot(row: &[f64; 4], c: &Vector4<f64>) -> f64 {
-    row.iter().zip(c.iter()).map(|(a, b)| a * b).sum()
 }
 
 /// Weights of a layer's functions for tractions on its upper face over a compliance below.

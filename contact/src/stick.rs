@@ -5,9 +5,10 @@
 //! as those of every glued punch do unless nu = 0.5; the cosine series of [`super::collocation`]
 //! smooths that out, which leaves the total load right to a few parts in a hundred thousand.
 
-use super::collocation::{Collocation, Matrix, points_for};
+use super::collocation::{Collocation, points_for};
 use super::kernel::{CouplingKernel, SurfaceKernel};
 use super::layer::Transfer;
+use super::numeric::elimination::EliminationMatrix;
 use core::f64::consts::{FRAC_PI_2, PI};
 
 /// The kernels of the problem.
@@ -72,7 +73,7 @@ impl<'a> Stick<'a> {
         let series = Series::new(half);
         let even = points.even_matrix(&self.along, b);
         let over_m = 1.0 / self.transfer.m;
-        let mut matrix = Matrix::new(2 * half);
+        let mut matrix = EliminationMatrix::new(2 * half);
         for i in 0..half {
             for j in 0..half {
                 let (x, s) = (b * points.cosines[i], b * points.cosines[j]);

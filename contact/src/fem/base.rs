@@ -1,10 +1,10 @@
 //! The base's normal stress out of its reactions, and the compliances of the surface for the
 //! contact solver in the plane. It allocates.
 
-use super::band::LANES;
 use super::lanes::Lanes;
 use super::layer::{Elements, Response};
 use crate::Invalid;
+use crate::numeric::band::LANES;
 use crate::plane::bed::{Bed, CELLS_MAX};
 
 impl<const D: usize> Elements<D> {

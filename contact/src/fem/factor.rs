@@ -2,7 +2,7 @@
 //! Cholesky factor of nalgebra-sparse in the order of nested dissection in space. Solving does not
 //! allocate. Neither is on a lane's path or in a hashed result.
 
-use super::band::{Band, LANES};
+use crate::numeric::band::{Band, LANES};
 use nalgebra::DMatrixViewMut;
 use nalgebra_sparse::factorization::CscCholesky;
 use nalgebra_sparse::{CooMatrix, CscMatrix};

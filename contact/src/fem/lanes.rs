@@ -2,9 +2,9 @@
 //! and the modes of the dilatation are read once for all of them. For the compliances of a surface,
 //! which are hundreds of loads. Refuses nothing. It allocates.
 
-use super::band::LANES;
 use super::element::MODES;
 use super::layer::{Elements, HELD, SETTLED, STEPS};
+use crate::numeric::band::LANES;
 
 /// One number a lane.
 type Lane = [f64; LANES];

@@ -6,6 +6,7 @@ use super::element::{Element, MODES, Modes, Moduli, element, point};
 use super::factor::{ENTRIES_MAX, Factor, Method, System};
 use super::mesh::{Kind, Mesh};
 use crate::layer::Layer;
+use crate::numeric::product::dot_in_order;
 use crate::{Invalid, finite};
 
 /// Largest ratio of bulk to shear modulus that goes into the matrix; beyond it the pressure is
@@ -263,7 +264,7 @@ impl<const D: usize> Elements<D> {
                     let elastic: f64 = row
                         .chunks_exact(D)
                         .zip(nodes)
-                        .map(|(part, node)| dot(part, &out.nodes_mm[*node as usize]))
+                        .map(|(part, node)| dot_in_order(part, &out.nodes_mm[*node as usize]))
                         .sum();
                     let modes = self.modes[e].rows.chunks_exact(dofs).zip(out.pressure[e]);
                     let added: f64 = modes.map(|(row, p)| p * row[local * D + axis]).sum();
@@ -285,7 +286,7 @@ impl<const D: usize> Elements<D> {
             for (dof, row) in one.stiffness.chunks_exact(nodes.len() * D).enumerate() {
                 let parts = row.chunks_exact(D).zip(nodes);
                 let force: f64 =
-                    parts.map(|(part, node)| dot(part, &nodes_mm[*node as usize])).sum();
+                    parts.map(|(part, node)| dot_in_order(part, &nodes_mm[*node as usize])).sum();
                 out[nodes[dof / D] as usize][dof % D] += force;
             }
         }
@@ -344,10 +345,6 @@ impl Elements<2> {
         self.solve(&forces, &mut response);
         Ok(response)
     }
-}
-
-fn dot<const D: usize>(part: &[f64], moved: &[f64; D]) -> f64 {
-    part.iter().zip(moved).map(|(a, b)| a * b).sum()
 }
 
 /// One element, or which one folds.

@@ -15,7 +15,6 @@
 //! It refuses meshes that fold or do not fit their nodes, fewer than two elements along, and a
 //! factor of more than [`ENTRIES_MAX`] numbers, before anything is allocated for it.
 
-mod band;
 mod base;
 mod dissect;
 mod element;

@@ -6,8 +6,8 @@
 //! It refuses heights that are no profile, forces without a body underneath, and what its rounds do
 //! not settle. It allocates.
 
-use super::band::Band;
 use super::layer::{Elements, Response};
+use crate::numeric::band::Band;
 use crate::space::Drive;
 use crate::{Invalid, finite};
 

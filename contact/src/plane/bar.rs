@@ -1,6 +1,7 @@
 //! The flat bar: whole face, or one corner lifted, from equilibrium of forces and moments.
 
-use super::{Contact, Friction, Indenter, Load, Mode, Refusal, Search};
+use super::{Contact, Friction, Indenter, Load, Mode, Refusal};
+use crate::numeric::roots::BracketedSearch;
 
 /// Searches for the lifted edge end after so many solutions.
 const SEARCH: usize = 60;
@@ -96,7 +97,7 @@ impl Indenter {
             super::Level::Default => 1e-9,
             super::Level::Fine => 1e-12,
         };
-        let mut search = Search::new();
+        let mut search = BracketedSearch::new();
         let mut before: Option<[f64; 2]> = None;
         for _ in 0..SEARCH {
             let h = libm::exp(y);

@@ -8,6 +8,7 @@
 
 use super::panels::SurfaceKernels;
 use crate::layer::Layer;
+use crate::numeric::quadrature::THREE_POINT_NODE;
 use crate::stack::Stack;
 use crate::{Invalid, finite};
 use core::f64::consts::{FRAC_PI_2, PI};
@@ -134,12 +135,12 @@ fn antilog(x: f64) -> f64 {
 
 /// Mean of a smooth function over a cell of half-width `half` thicknesses.
 fn smooth_mean(f: &dyn Fn(f64) -> f64, middle: f64, half: f64) -> f64 {
-    const NODE: f64 = 0.774_596_669_241_483_4;
     let parts = (libm::ceil(2.0 * half) as usize).max(1);
     let width = half / parts as f64;
     let part = |k: usize| {
         let at = middle - half + (2 * k + 1) as f64 * width;
-        (5.0 * (f(at - NODE * width) + f(at + NODE * width)) + 8.0 * f(at)) / 18.0
+        (5.0 * (f(at - THREE_POINT_NODE * width) + f(at + THREE_POINT_NODE * width)) + 8.0 * f(at))
+            / 18.0
     };
     (0..parts).map(part).sum::<f64>() / parts as f64
 }

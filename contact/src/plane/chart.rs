@@ -13,6 +13,7 @@
 use super::features::{Moments, moments};
 use super::{Contact, Friction, Indenter, Level, Load, Mode, NOTHING, Refusal, Shape, Spectrum};
 use crate::layer::Layer;
+use crate::numeric::interpolation::cubic;
 use crate::{Invalid, positive};
 
 /// Cells of the table while the whole face touches, and while an edge is lifted.
@@ -114,7 +115,7 @@ impl Chart {
             }
             (1, libm::log(left) / libm::log(NARROWEST))
         };
-        let (first, weights) = cubic(CELLS[part], place);
+        let (first, weights) = rows_and_weights(CELLS[part], place);
         self.place = (part, first, weights);
         let mut read = [0.0; STRESSES];
         self.gather(0, &mut read);
@@ -175,12 +176,10 @@ impl Chart {
 
 /// First row and weights of the cubic through the four rows nearest to a part of the way along a
 /// table of `cells` cells.
-fn cubic(cells: usize, part: f64) -> (usize, [f64; 4]) {
+fn rows_and_weights(cells: usize, part: f64) -> (usize, [f64; 4]) {
     let place = part.clamp(0.0, 1.0) * cells as f64;
     let first = (place as usize).clamp(1, cells - 2) - 1;
-    let s = place - (first + 1) as f64;
-    let (a, b, c) = (s + 1.0, s - 1.0, s - 2.0);
-    (first, [-s * b * c / 6.0, a * b * c / 2.0, -a * s * c / 2.0, a * s * b / 6.0])
+    (first, cubic(place - (first + 1) as f64))
 }
 
 /// What makes the rows.

@@ -2,10 +2,11 @@
 //! its compressive part over a sensor, its peak, and widths above thresholds. x from the
 //! indenter's centre, over which the sensor is centred. Lengths in mm. It allocates.
 
-use super::super::kernel::REACH;
-use super::super::layer::{Layer, Transfer};
-use super::super::stack::Stack;
-use super::spectrum::{PointForce, Spectrum, legendre};
+use super::spectrum::{PointForce, Spectrum};
+use crate::layer::{Layer, Transfer};
+use crate::numeric::quadrature::legendre_array;
+use crate::stack::Stack;
+use crate::wave_grid::{FIELD_REACH, GAUSS_POINTS};
 
 /// Half the width of the tactile array (25.4 mm): where the compressive part is gathered.
 pub const SENSOR_HALF_MM: f64 = 12.7;
@@ -59,7 +60,7 @@ pub fn moments(layer: &Layer, forces: &[PointForce], depth_mm: f64) -> Moments {
 #[must_use]
 pub fn stack_moments(stack: &Stack, forces: &[PointForce], depth_mm: f64) -> Moments {
     let depth = depth_mm.min(stack.thickness_mm());
-    let width = stack.reach_mm() / REACH;
+    let width = stack.reach_mm() / FIELD_REACH;
     // Taylor coefficients F = 1 + f2 k^2 and H = -depth k + h3 k^3 from small wave numbers: steps
     // halved, even powers of the step taken out.
     let mut rows = [[0.0; 2]; HALVED];
@@ -192,7 +193,7 @@ fn gather(
         }
     }
     let mut add = |from: f64, to: f64| {
-        for [u, w] in legendre() {
+        for [u, w] in legendre_array::<GAUSS_POINTS>() {
             let x = 0.5 * (from + to) + 0.5 * (to - from) * u;
             let s = szz(x);
             if s < peak[0] {
@@ -227,7 +228,7 @@ pub(super) fn compressive_rate(
     let edges = edges(stress);
     let mut rate = [0.0; 4];
     let mut add = |from: f64, to: f64| {
-        for [u, w] in legendre() {
+        for [u, w] in legendre_array::<GAUSS_POINTS>() {
             let x = 0.5 * (from + to) + 0.5 * (to - from) * u;
             let mut power = 0.5 * (to - from) * w * change.szz(x);
             for m in &mut rate {

@@ -8,10 +8,10 @@
 //! loads that slide, topple or pull. It allocates when made, not in a step.
 
 use super::bed::Bed;
-use super::dense::Dense;
 pub use super::path::{Drive, Law, Status};
 use super::path::{between, entering, stands};
 use super::{Load, Refusal, is_sane};
+use crate::numeric::elimination::LuMatrix;
 use crate::{Invalid, finite};
 
 /// Rounds of the active set, and of a last search that has the time.
@@ -50,7 +50,7 @@ pub struct Grip {
     /// Displacement along x less the indenter's, after the last step.
     held: Vec<f64>,
     rigid: [f64; 3],
-    dense: Dense,
+    dense: LuMatrix,
     side: Vec<f64>,
     touching: Vec<usize>,
     sticking: Vec<usize>,
@@ -93,7 +93,7 @@ impl Grip {
             q: vec![0.0; n],
             held: vec![0.0; n],
             rigid: [0.0; 3],
-            dense: Dense::with_capacity(2 * n + 3),
+            dense: LuMatrix::with_capacity(2 * n + 3),
             side: Vec::with_capacity(2 * n + 3),
             touching: Vec::with_capacity(n),
             sticking: Vec::with_capacity(n),

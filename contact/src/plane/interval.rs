@@ -11,10 +11,10 @@
 //! Lengths in thicknesses, tractions in units of pi G/(1 - nu). Once made, nothing allocates.
 
 use super::cubics::Mixed;
-use super::dense::Dense;
-use super::jacobi::{self, Recurrence, Rule};
 use super::panels::SurfaceKernels;
-use crate::kernel::REACH;
+use crate::numeric::elimination::LuMatrix;
+use crate::numeric::jacobi::{self, Recurrence, Rule};
+use crate::wave_grid::FIELD_REACH;
 use core::f64::consts::{FRAC_PI_2, PI};
 
 /// Couplings nearer to each other than this are one and the same.
@@ -26,7 +26,7 @@ pub(crate) struct Interval {
     rule: Rule,
     zeros: Vec<f64>,
     recurrence: Recurrence,
-    dense: Dense,
+    dense: LuMatrix,
     half: f64,
     coupling: f64,
     /// Exponents of the collocation points held, and their number.
@@ -43,7 +43,7 @@ impl Interval {
             rule: Rule::with_capacity(capacity),
             zeros: Vec::with_capacity(capacity),
             recurrence: Recurrence::with_capacity(capacity),
-            dense: Dense::with_capacity(capacity),
+            dense: LuMatrix::with_capacity(capacity),
             half: 1.0,
             coupling: 0.0,
             held: (0, 0.0),
@@ -57,7 +57,7 @@ impl Interval {
         let mut coarse = Self::with_capacity(capacity);
         coarse.rule = Rule::with_capacity(capacity).coarse();
         coarse.recurrence = Recurrence::with_capacity(capacity).coarse();
-        coarse.mixed = Some(Mixed::with_capacity(REACH));
+        coarse.mixed = Some(Mixed::with_capacity(FIELD_REACH));
         coarse
     }
 
@@ -174,7 +174,7 @@ impl Interval {
 }
 
 /// The rows of the slope equation; `kernel` is its smooth part.
-fn fill(dense: &mut Dense, zeros: &[f64], rule: &Rule, half: f64, kernel: impl Fn(f64) -> f64) {
+fn fill(dense: &mut LuMatrix, zeros: &[f64], rule: &Rule, half: f64, kernel: impl Fn(f64) -> f64) {
     for (i, &zero) in zeros.iter().enumerate() {
         let pairs = rule.nodes.iter().zip(&rule.weights);
         for (entry, (node, weight)) in dense.row_mut(i).iter_mut().zip(pairs) {
@@ -208,8 +208,8 @@ fn exponent(kernels: &SurfaceKernels, g: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::layer::Transfer;
     use super::*;
+    use crate::layer::Transfer;
 
     /// A half plane is a very thick layer: a frictionless flat punch has p = P/(pi sqrt(a^2-x^2)).
     #[test]

@@ -17,13 +17,11 @@ mod bar;
 pub mod bed;
 pub mod chart;
 mod cubics;
-mod dense;
 mod density;
 pub mod features;
 mod glued;
 pub mod grip;
 mod interval;
-mod jacobi;
 pub mod noslip;
 mod panels;
 mod path;
@@ -31,10 +29,10 @@ pub mod rates;
 pub mod recovery;
 mod refusal;
 mod roller;
-mod search;
 pub mod spectrum;
 
 use super::layer::Layer;
+use super::numeric::jacobi;
 use super::stack::Stack;
 use super::{Invalid, positive};
 use core::f64::consts::PI;
@@ -42,7 +40,6 @@ use density::Density;
 use interval::Interval;
 use panels::SurfaceKernels;
 pub use refusal::Refusal;
-use search::Search;
 pub use spectrum::{PointForce, Spectrum};
 
 /// Shape of the rigid indenter.

@@ -13,10 +13,13 @@ mod sheared;
 use super::glued::{Chebyshev, Tractions};
 use super::panels::SurfaceKernels;
 use super::rates::{Motion, Rate};
-use super::spectrum::{PointForce, legendre};
+use super::spectrum::PointForce;
 use super::{Contact, Friction, Indenter, Level, Load, Refusal, Shape};
 use crate::Invalid;
 use crate::layer::Layer;
+use crate::numeric::elimination::LuMatrix;
+use crate::numeric::quadrature::legendre_array;
+use crate::wave_grid::GAUSS_POINTS;
 use core::f64::consts::PI;
 
 /// Degree of P'(b)/b, number of half-widths solved, panels of the quadrature over them; and how
@@ -124,9 +127,9 @@ fn refined(few: usize, more: f64, half: f64) -> usize {
 /// Half-widths and weights of the integral over the growth from 0 to b, gathered at both ends.
 fn growth(b: f64) -> Vec<[f64; 2]> {
     let panels = refined(PANELS, MORE[2], b);
-    let mut rule = Vec::with_capacity(panels * 10);
+    let mut rule = Vec::with_capacity(panels * GAUSS_POINTS);
     for panel in 0..panels {
-        for [u, w] in legendre() {
+        for [u, w] in legendre_array::<GAUSS_POINTS>() {
             let s = (panel as f64 + 0.5 * (1.0 + u)) / panels as f64;
             let v = s * (2.0 - s);
             let slope = 4.0 * v * (1.0 - s);
@@ -159,7 +162,7 @@ impl Growth {
     fn new(kernels: &SurfaceKernels, widest: f64, profile: &dyn Fn(f64) -> f64) -> Self {
         let family = Family::new(kernels, widest);
         let degree = refined(DEGREE, MORE[0], widest);
-        let mut dense = super::dense::Dense::with_capacity(degree);
+        let mut dense = LuMatrix::with_capacity(degree);
         dense.reset(degree);
         let mut side = Vec::with_capacity(degree);
         for i in 0..degree {

@@ -5,11 +5,12 @@
 //! by 1/m times that of J(x - s) q(s): K(X) = int M(a)/a cos(a X) da = S(X) - ln|X|, J(X) =
 //! int N(a)/a sin(a X) da = J0(X) + n pi/2 sign X. S, S', J0 and J0' are smooth; they are kept.
 
-use super::super::kernel::{REACH, SURFACE_CUTOFF};
-use super::super::layer::Transfer;
-use super::super::stack::Stack;
 use super::cubics::Coarse;
 use crate::Invalid;
+use crate::kernel::SURFACE_CUTOFF;
+use crate::layer::Transfer;
+use crate::stack::Stack;
+use crate::wave_grid::FIELD_REACH;
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 /// Width of a panel, and the coefficients in each: nearest singularities at +-2i, so the
@@ -105,7 +106,7 @@ impl SurfaceKernels {
             let normal = transfer.normal_compliance(a);
             [normal, transfer.tangential_compliance(a), transfer.coupling(a)]
         };
-        Self::tabulate(transfer, &functions, REACH)
+        Self::tabulate(transfer, &functions, FIELD_REACH)
     }
 
     /// The kernels of a stack, in units of its surface layer: up to a second.
@@ -153,7 +154,7 @@ impl SurfaceKernels {
         let coupling_slope = Panels::new(count, |i, j| at(i, j)[3]);
         let odd = |x: f64, value: f64| if x < 0.0 { -value } else { value };
         let coarse = Coarse::new(
-            REACH.min(reach),
+            FIELD_REACH.min(reach),
             [
                 &|x| odd(x, normal_slope.at(x.abs())),
                 &|x| coupling_slope.at(x.abs()),
@@ -272,8 +273,8 @@ impl Sums {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::kernel::{CouplingKernel, SurfaceKernel};
     use super::*;
+    use crate::kernel::{CouplingKernel, SurfaceKernel};
 
     #[test]
     fn the_panels_join_and_their_slopes_are_slopes() {
@@ -328,7 +329,7 @@ mod tests {
         for nu in [0.3, 0.49, 0.5] {
             let transfer = Transfer::new(nu);
             let kernels = SurfaceKernels::new(&transfer);
-            let rule = super::super::spectrum::legendre();
+            let rule = crate::numeric::quadrature::legendre_array::<10>();
             let integral = |kernel: &dyn Fn(f64) -> f64| -> f64 {
                 let cells = (0..320).flat_map(|i| {
                     rule.map(|[x, w]| {

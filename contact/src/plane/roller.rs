@@ -1,6 +1,7 @@
 //! The cylinder and its parabola: two free edges, found from a pressure that vanishes at both.
 
-use super::{Contact, Indenter, Level, Load, Mode, Refusal, Search, Shape};
+use super::{Contact, Indenter, Level, Load, Mode, Refusal, Shape};
+use crate::numeric::roots::BracketedSearch;
 
 /// Searches for the half-width and, under friction, for the offset end after so many solutions.
 const SEARCH: usize = 60;
@@ -102,7 +103,7 @@ impl Indenter {
             Level::Default => 1e-8,
             Level::Fine => 1e-12,
         };
-        let mut search = Search::new();
+        let mut search = BracketedSearch::new();
         let mut before: Option<[f64; 2]> = None;
         for _ in 0..SEARCH {
             let mut trial =

@@ -6,18 +6,17 @@
 //! half plane's closed form is taken out first and the rest, which dies as exp(-2a + k d), summed
 //! by Gauss's rule. Lengths in mm. It allocates.
 
-use super::super::kernel::REACH;
-use super::super::layer::{Layer, Transfer};
-use super::super::stack::Stack;
+use crate::layer::{Layer, Transfer};
+use crate::stack::Stack;
+use crate::wave_grid::{
+    DECAY_EXPONENT, FIELD_REACH, GAUSS_POINTS, gauss_grid, gauss_panels, trapezoidal_grid,
+    trapezoidal_steps,
+};
 use crate::{Invalid, positive};
 use core::f64::consts::PI;
 
 /// Above this part of the thickness the half plane is taken out.
 const SHALLOW: f64 = 0.2;
-/// Points of one panel of Gauss's rule, and its reach in radians of the fastest cosine.
-const GAUSS: usize = 10;
-const RADIANS_PER_PANEL: f64 = 5.0;
-
 /// Widest stretch on which Gauss's rule of ten points is exact to 1e-11: in distances of the force
 /// behind it, of that ahead, in thicknesses.
 const SMOOTH: [f64; 3] = [1.2, 0.75, 1.5];
@@ -49,7 +48,7 @@ impl Spectrum {
         let depth = (depth_mm / t).min(1.0);
         let transfer = layer.transfer();
         let of = |a: f64| transforms(&transfer, a, depth);
-        Self::summed(&of, [t, depth_mm, REACH * t], depth < SHALLOW, forces, reach_mm)
+        Self::summed(&of, [t, depth_mm, FIELD_REACH * t], depth < SHALLOW, forces, reach_mm)
     }
 
     /// The same in a stack of layers.
@@ -71,9 +70,9 @@ impl Spectrum {
         let [half, _, reach] = extent(forces, reach_mm, far);
         let (span, depth) = ((reach + half) / t, depth_mm / t);
         stack.affords(if shallow {
-            GAUSS as f64 * panels(span, depth)
+            GAUSS_POINTS as f64 * gauss_panels(span, depth)
         } else {
-            steps(span, depth, far / t)
+            trapezoidal_steps(span, far / t, DECAY_EXPONENT / depth)
         })?;
         Ok(Self::summed(&of, [t, depth_mm, far], shallow, forces, reach_mm))
     }
@@ -90,7 +89,11 @@ impl Spectrum {
         let depth = depth_mm / t;
         let [half, middle, reach] = extent(forces, reach_mm, far_mm);
         let span = (reach + half) / t;
-        let grid = if is_shallow { gauss(span, depth) } else { trapezoid(span, depth, far_mm / t) };
+        let grid = if is_shallow {
+            gauss_grid(span, depth)
+        } else {
+            trapezoidal_grid(span, far_mm / t, DECAY_EXPONENT / depth)
+        };
         let wave = |&[a, weight]: &[f64; 2]| {
             let (mut f, mut h) = of(a);
             if is_shallow {
@@ -231,55 +234,4 @@ pub(crate) fn transforms(transfer: &Transfer, a: f64, depth: f64) -> (f64, f64) 
     let f = a * e * cm + 0.5 * (kap * dl * sp + (a + e) * sm + kap * cp + mu * cm);
     let h = -(a * e + m * n) * sm - 0.5 * dl * (kap * cp + cm);
     (f, h)
-}
-
-/// Steps of the trapezoidal rule.
-fn steps(span: f64, depth: f64, far: f64) -> f64 {
-    libm::ceil(42.0 / depth / (2.0 * PI / (span + 1.2 * far)))
-}
-
-/// Wave numbers and weights of the trapezoidal rule.
-fn trapezoid(span: f64, depth: f64, far: f64) -> Vec<[f64; 2]> {
-    let step = 2.0 * PI / (span + 1.2 * far);
-    let count = steps(span, depth, far) as usize;
-    (0..=count).map(|i| [i as f64 * step, if i == 0 { 0.5 * step } else { step }]).collect()
-}
-
-/// Panels of Gauss's rule.
-fn panels(span: f64, depth: f64) -> f64 {
-    libm::ceil(42.0 / (2.0 - depth) * (span / RADIANS_PER_PANEL).max(1.5))
-}
-
-/// Wave numbers and weights of Gauss's rule, panel after panel.
-pub(crate) fn gauss(span: f64, depth: f64) -> Vec<[f64; 2]> {
-    let cutoff = 42.0 / (2.0 - depth);
-    let panels = panels(span, depth) as usize;
-    let width = cutoff / panels as f64;
-    let rule = legendre();
-    let mut grid = Vec::with_capacity(panels * GAUSS);
-    for panel in 0..panels {
-        for [x, w] in rule {
-            grid.push([(panel as f64 + 0.5 * (1.0 + x)) * width, 0.5 * w * width]);
-        }
-    }
-    grid
-}
-
-/// Gauss-Legendre nodes and weights on (-1, 1).
-pub(crate) fn legendre() -> [[f64; 2]; GAUSS] {
-    core::array::from_fn(|k| {
-        let n = GAUSS as f64;
-        let mut x = libm::cos(PI * (k as f64 + 0.75) / (n + 0.5));
-        let mut slope = 1.0;
-        for _ in 0..8 {
-            let (mut before, mut here) = (1.0, x);
-            for j in 2..=GAUSS {
-                let j = j as f64;
-                (before, here) = (here, ((2.0 * j - 1.0) * x * here - (j - 1.0) * before) / j);
-            }
-            slope = n * (before - x * here) / (1.0 - x * x);
-            x -= here / slope;
-        }
-        [x, 2.0 / ((1.0 - x * x) * slope * slope)]
-    })
 }

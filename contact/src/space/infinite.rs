@@ -11,7 +11,6 @@
 
 use super::super::kernel::{BASE_CUTOFF, Sampled, SurfaceKernel};
 use super::super::layer::{Layer, Transfer};
-use super::super::triangle::{factor, solve};
 use super::super::{Invalid, finite, positive};
 use super::across::Across;
 use super::pin::strip::{Section, Strips};
@@ -20,6 +19,7 @@ use super::radial::REACH;
 use super::table::Even;
 use super::tactels::{Array, Sampling};
 use super::{Drive, Refusal, Why};
+use crate::numeric::cholesky::{factor, solve};
 use core::f64::consts::PI;
 
 /// Table points per thickness.

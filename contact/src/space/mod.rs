@@ -18,7 +18,6 @@ mod ground;
 pub mod infinite;
 pub mod jacobian;
 pub mod pin;
-mod quadrature;
 pub mod radial;
 mod refusal;
 pub mod scene;

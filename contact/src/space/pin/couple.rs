@@ -9,9 +9,10 @@
 //! Acting neither allocates nor panics.
 
 use super::super::super::layer::Transfer;
-use super::super::quadrature::legendre;
+use super::cosines;
 use super::gather::{CHUNK, LANES, add_points, by_chunk, gather};
-use super::{bessel, cosines};
+use crate::numeric::bessel;
+use crate::numeric::quadrature::legendre;
 use core::f64::consts::PI;
 
 /// Table points per unit of the Bessel functions' argument.

@@ -25,7 +25,6 @@
 //!
 //! It refuses what its tables do not cover: see [`Pin::new`] and [`Pin::press`].
 
-mod bessel;
 mod corner;
 mod cosines;
 mod couple;

@@ -8,9 +8,10 @@
 //! It refuses rows whose solutions would not fit, and contacts of which slices further in are
 //! pulled: those are left to the search (`solve`).
 
-use super::super::super::triangle::{dot, factor, solve};
 use super::row::Row;
 use super::strip::Strips;
+use crate::numeric::cholesky::{factor, solve};
+use crate::numeric::product::dot;
 use core::f64::consts::PI;
 
 /// Most numbers of a row's solutions.

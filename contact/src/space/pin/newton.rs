@@ -7,9 +7,10 @@
 //! It refuses nothing: a contact that is too large for its memory is left to the steps of
 //! [`super::solve`], and what does not settle says so.
 
-use super::super::super::triangle::{dot, factor, solve, solve_from};
 use super::row::Row;
 use super::work::Trouble;
+use crate::numeric::cholesky::{factor, solve, solve_from};
+use crate::numeric::product::dot;
 use core::f64::consts::PI;
 
 /// Most steps.

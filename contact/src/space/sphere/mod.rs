@@ -24,13 +24,13 @@ mod image;
 mod kernel;
 
 use super::super::layer::Layer;
-use super::super::triangle::{factor, solve};
 use super::super::{Invalid, LARGEST, positive};
 use super::ground::Ground;
-use super::quadrature::legendre;
 use super::radial::Radial;
 use super::table::{Even, Pieces};
 use super::{Drive, Level, Refusal, Why};
+use crate::numeric::cholesky::{factor, solve};
+use crate::numeric::quadrature::legendre;
 use base::Line;
 use chart::Chart;
 use core::f64::consts::PI;

@@ -1,10 +1,8 @@
 //! Symmetric systems of which only the lower triangle is there, in memory of the caller's. It
 //! refuses nothing but a system that is not positive definite.
 
+use super::product::dot;
 use super::wide::wide;
-
-/// Terms of a dot product that are taken side by side.
-const LANES: usize = 8;
 
 wide! {
     /// Cholesky's factor of a lower triangle of `size` rows in place; false when it is not
@@ -17,23 +15,6 @@ wide! {
     /// The same for a side that is zero before `from`.
     pub(crate) fn solve_from(triangle: &[f64], size: usize, side: &mut [f64], from: usize)
         = solved_from;
-}
-
-/// Dot product, a long one in eight sums.
-#[inline(always)]
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let plain = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    if a.len() < LANES {
-        return plain(a, b);
-    }
-    let ((a, rest_a), (b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
-    let mut sums = [0.0; LANES];
-    for (a, b) in a.iter().zip(b) {
-        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
-            *sum += a * b;
-        }
-    }
-    sums.iter().sum::<f64>() + plain(rest_a, rest_b)
 }
 
 #[inline(always)]
@@ -72,6 +53,32 @@ fn solved_from(triangle: &[f64], size: usize, side: &mut [f64], from: usize) {
             *value -= known * entry;
         }
     }
+}
+
+/// Inverse of the Cholesky factor of the leading `count` rows of a small matrix.
+pub(crate) fn inverse_factor<const N: usize>(
+    products: &[[f64; N]; N],
+    count: usize,
+) -> [[f64; N]; N] {
+    let mut lower = [[0.0_f64; N]; N];
+    let mut out = [[0.0; N]; N];
+    for i in 0..count {
+        for j in 0..=i {
+            let known: f64 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
+            let rest = products[i][j] - known;
+            lower[i][j] = if i == j { rest.sqrt() } else { rest / lower[j][j] };
+        }
+    }
+    for row in 0..count {
+        let mut line = [0.0; N];
+        for (column, slot) in line.iter_mut().enumerate().take(row + 1) {
+            let known: f64 = (column..row).map(|k| lower[row][k] * out[k][column]).sum();
+            let one = if row == column { 1.0 } else { 0.0 };
+            *slot = (one - known) / lower[row][row];
+        }
+        out[row] = line;
+    }
+    out
 }
 
 #[cfg(test)]

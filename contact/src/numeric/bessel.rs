@@ -10,7 +10,7 @@ const BEYOND: usize = 100;
 const LARGE: f64 = 1e120;
 
 /// Writes J_0(z), J_1(z) ... for a finite z of either sign.
-pub(super) fn orders(z: f64, out: &mut [f64]) {
+pub(crate) fn orders(z: f64, out: &mut [f64]) {
     let x = z.abs();
     if out.len() as f64 <= x {
         upwards(x, out);
@@ -57,7 +57,7 @@ fn downwards(x: f64, out: &mut [f64]) {
 
 /// pi (-1)^k J_2k, J_2k+1 where `odd` is 1, k fastest, at so many points of a density from one
 /// before 0, which a cubic needs.
-pub(super) fn table((points, density): (usize, f64), (cosines, odd): (usize, usize)) -> Vec<f64> {
+pub(crate) fn table((points, density): (usize, f64), (cosines, odd): (usize, usize)) -> Vec<f64> {
     let mut table = Vec::with_capacity(points * cosines);
     let mut all = vec![0.0; 2 * cosines - 1 + odd];
     for i in 0..points {

@@ -2,18 +2,18 @@
 //! refuses nothing: callers bound the number of steps and check what they get.
 
 /// The bracket, place and value on either side.
-pub(super) struct Search {
+pub(crate) struct BracketedSearch {
     low: Option<[f64; 2]>,
     high: Option<[f64; 2]>,
 }
 
-impl Search {
-    pub(super) fn new() -> Self {
+impl BracketedSearch {
+    pub(crate) fn new() -> Self {
         Self { low: None, high: None }
     }
 
     /// Notes f(x); `f` rises with x. Gives the next place, `newton` being the wish.
-    pub(super) fn next(&mut self, x: f64, f: f64, newton: f64) -> f64 {
+    pub(crate) fn next(&mut self, x: f64, f: f64, newton: f64) -> f64 {
         if f < 0.0 {
             self.low = Some([x, f]);
         } else {

@@ -2,11 +2,11 @@
 //! refuses what is not positive definite by `false`.
 
 /// Right sides that are solved at once: the factor is read once for all of them.
-pub(super) const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 
 /// The lower band of a matrix, then of its factor.
 #[derive(Clone, Debug)]
-pub(super) struct Band {
+pub(crate) struct Band {
     size: usize,
     half: usize,
     /// Row i holds columns i - half to i; what lies left of column 0 stays 0.
@@ -14,24 +14,24 @@ pub(super) struct Band {
 }
 
 impl Band {
-    pub(super) fn new(size: usize, half: usize) -> Self {
+    pub(crate) fn new(size: usize, half: usize) -> Self {
         Self { size, half, rows: vec![0.0; size * (half + 1)] }
     }
 
     /// Numbers kept.
-    pub(super) fn entries(&self) -> usize {
+    pub(crate) fn entries(&self) -> usize {
         self.rows.len()
     }
 
     /// Adds to an entry and, by symmetry, to its mirror image.
-    pub(super) fn add(&mut self, row: usize, column: usize, value: f64) {
+    pub(crate) fn add(&mut self, row: usize, column: usize, value: f64) {
         if column <= row {
             self.rows[row * (self.half + 1) + self.half + column - row] += value;
         }
     }
 
     /// Factors in place; whether the matrix was positive definite.
-    pub(super) fn factor(&mut self) -> bool {
+    pub(crate) fn factor(&mut self) -> bool {
         let (n, w) = (self.size, self.half + 1);
         for i in 0..n {
             let first = i.saturating_sub(self.half);
@@ -59,7 +59,7 @@ impl Band {
     }
 
     /// Solves in place after [`Self::factor`].
-    pub(super) fn solve(&self, side: &mut [f64]) {
+    pub(crate) fn solve(&self, side: &mut [f64]) {
         let (n, w) = (self.size, self.half + 1);
         for i in 0..n {
             let first = i.saturating_sub(self.half);
@@ -81,7 +81,7 @@ impl Band {
     }
 
     /// [`Self::solve`] for several right sides, each with the same bits as alone.
-    pub(super) fn solve_lanes(&self, side: &mut [[f64; LANES]]) {
+    pub(crate) fn solve_lanes(&self, side: &mut [[f64; LANES]]) {
         let (n, w) = (self.size, self.half + 1);
         for i in 0..n {
             let first = i.saturating_sub(self.half);

@@ -1,17 +1,17 @@
 //! Small dense linear systems, row by row, by elimination with row pivots, in storage that is kept.
 //! A pivot of exactly 0 makes every answer NaN or infinite; callers check what they get.
 
-use super::super::wide::wide;
+use super::wide::wide;
 
 /// A square matrix that becomes its factors.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Dense {
+pub(crate) struct LuMatrix {
     size: usize,
     entries: Vec<f64>,
     rows: Vec<usize>,
 }
 
-impl Dense {
+impl LuMatrix {
     /// Room for matrices up to `capacity` square.
     pub(crate) fn with_capacity(capacity: usize) -> Self {
         let entries = Vec::with_capacity(capacity * capacity);
@@ -89,6 +89,104 @@ fn eliminated(n: usize, entries: &mut [f64], rows: &mut Vec<usize>) {
     }
 }
 
+/// A dense square matrix that is solved for several right sides at once and is used up by it. It
+/// divides by each pivot where [`LuMatrix`] multiplies by its inverse: the last bits differ, and the
+/// tables of the line contact are made with these.
+pub(crate) struct EliminationMatrix {
+    size: usize,
+    entries: Vec<f64>,
+}
+
+impl EliminationMatrix {
+    pub(crate) fn new(size: usize) -> Self {
+        Self { size, entries: vec![0.0; size * size] }
+    }
+
+    pub(crate) fn set(&mut self, row: usize, column: usize, value: f64) {
+        self.entries[row * self.size + column] = value;
+    }
+
+    pub(crate) fn get(&self, row: usize, column: usize) -> f64 {
+        self.entries[row * self.size + column]
+    }
+
+    /// Solves for several right sides in place by elimination with row pivots.
+    pub(crate) fn solve(mut self, sides: &mut [Vec<f64>]) {
+        for pivot in 0..self.size {
+            self.exchange(pivot, sides);
+            let (above, below) = self.entries.split_at_mut((pivot + 1) * self.size);
+            let source = &above[pivot * self.size..];
+            for (offset, row) in below.chunks_exact_mut(self.size).enumerate() {
+                let factor = row[pivot] / source[pivot];
+                for (entry, known) in row[pivot + 1..].iter_mut().zip(&source[pivot + 1..]) {
+                    *entry -= factor * known;
+                }
+                for side in sides.iter_mut() {
+                    side[pivot + 1 + offset] -= factor * side[pivot];
+                }
+            }
+        }
+        for side in sides.iter_mut() {
+            for row in (0..self.size).rev() {
+                let known: f64 =
+                    (row + 1..self.size).map(|column| self.get(row, column) * side[column]).sum();
+                side[row] = (side[row] - known) / self.get(row, row);
+            }
+        }
+    }
+
+    fn exchange(&mut self, pivot: usize, sides: &mut [Vec<f64>]) {
+        let mut largest = pivot;
+        for row in pivot + 1..self.size {
+            if self.get(row, pivot).abs() > self.get(largest, pivot).abs() {
+                largest = row;
+            }
+        }
+        if largest == pivot {
+            return;
+        }
+        for column in pivot..self.size {
+            self.entries.swap(pivot * self.size + column, largest * self.size + column);
+        }
+        for side in sides {
+            side.swap(pivot, largest);
+        }
+    }
+}
+
+/// Inverse and determinant of a small matrix by Gauss-Jordan elimination; `None` where the
+/// determinant is not above 0.
+pub(crate) fn inverse_and_determinant<const D: usize>(
+    mut m: [[f64; D]; D],
+) -> Option<([[f64; D]; D], f64)> {
+    let mut out = [[0.0; D]; D];
+    (0..D).for_each(|i| out[i][i] = 1.0);
+    let mut determinant = 1.0;
+    for pivot in 0..D {
+        let size = |row: &usize| m[*row][pivot].abs();
+        let best = (pivot..D).max_by(|a, b| size(a).total_cmp(&size(b)))?;
+        if best != pivot {
+            m.swap(best, pivot);
+            out.swap(best, pivot);
+            determinant = -determinant;
+        }
+        let value = m[pivot][pivot];
+        determinant *= value;
+        for column in 0..D {
+            m[pivot][column] /= value;
+            out[pivot][column] /= value;
+        }
+        for row in (0..D).filter(|row| *row != pivot) {
+            let factor = m[row][pivot];
+            for column in 0..D {
+                m[row][column] -= factor * m[pivot][column];
+                out[row][column] -= factor * out[pivot][column];
+            }
+        }
+    }
+    (determinant > 0.0).then_some((out, determinant))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -97,7 +195,7 @@ mod tests {
     fn a_system_that_needs_pivots_is_solved() {
         let a = [[0.0, 2.0, -1.0], [1.0, 0.0, 3.0], [4.0, -5.0, 0.0]];
         let x = [1.5, -2.0, 0.25];
-        let mut dense = Dense::with_capacity(3);
+        let mut dense = LuMatrix::with_capacity(3);
         dense.reset(3);
         for (i, row) in a.iter().enumerate() {
             dense.row_mut(i).copy_from_slice(row);
