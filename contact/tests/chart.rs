@@ -1,10 +1,11 @@
 //! Charts of bars against the solver that they were made with, at loads between their rows; what
 //! they refuse.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::chart::Chart;
 use taktil_contact::plane::features::moments;
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Mode, Refusal, Shape, Spectrum};
+use taktil_contact::plane::{Friction, Indenter, Load, Mode, Refusal, Shape, Spectrum};
 
 const PLACES: [f64; 9] = [-9.0, -6.0, -3.0, -1.0, 0.3, 1.0, 2.7, 5.9, 8.0];
 
@@ -18,7 +19,7 @@ fn charts_read_what_the_solver_says() {
     ] {
         let layer = Layer::new(t, 27.58, nu).unwrap();
         let shape = Shape::Flat { width_mm, height_mm };
-        let mut solver = Indenter::new(&layer, shape, friction, Level::Fine).unwrap();
+        let mut solver = Indenter::new(&layer, shape, friction, Accuracy::Fine).unwrap();
         let mut chart = Chart::new(&layer, (width_mm, height_mm), friction, &PLACES).unwrap();
         let mut modes = [0, 0, 0];
         for i in 0..60 {

@@ -1,10 +1,11 @@
 //! Finite elements of the layer: patch test, orders of convergence, locking and its cure, contact.
 
+use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh};
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::grip::{Drive, Grip, Law};
 use taktil_contact::plane::noslip::NoSlip;
-use taktil_contact::plane::{Friction, Indenter, Level, Load, PointForce, Shape, Spectrum};
+use taktil_contact::plane::{Friction, Indenter, Load, PointForce, Shape, Spectrum};
 
 const E_MPA: f64 = 27.58;
 
@@ -129,7 +130,7 @@ struct Miss([f64; 3]);
 
 /// The exact layer's contact: stress at the base, its peak, descent.
 fn exact(nu: f64, shape: Shape, friction: Friction, load: &Load) -> (Spectrum, f64, f64) {
-    let mut exact = Indenter::new(&layer(nu), shape, friction, Level::Fine).expect("sound");
+    let mut exact = Indenter::new(&layer(nu), shape, friction, Accuracy::Fine).expect("sound");
     let delta = exact.press(load).expect("a contact").delta_mm;
     let stress = Spectrum::new(&layer(nu), &exact.point_forces(0.8), 0.8, 30.0);
     let peak = (-1400..1400).map(|i| -stress.szz(0.005 * f64::from(i))).fold(0.0, f64::max);
@@ -313,7 +314,8 @@ fn an_indenter_at_and_past_the_edge_of_the_layer() {
 #[test]
 fn far_from_the_edge_the_force_is_the_infinite_layers() {
     let shape = Shape::Cylinder { radius_mm: 22.9 };
-    let mut exact = Indenter::new(&layer(0.49), shape, Friction::None, Level::Fine).expect("sound");
+    let mut exact =
+        Indenter::new(&layer(0.49), shape, Friction::None, Accuracy::Fine).expect("sound");
     let exact = exact.descend(DEEP_MM).expect("a contact").p_n_mm;
     let bodies = [1, 2, 4].map(|k| elements(0.49, 64 * k, 4 * k, Kind::MeanDilatation));
     for place in [0.0, 4.7] {

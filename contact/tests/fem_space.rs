@@ -1,11 +1,12 @@
 //! Bricks of the layer: patch test, plane strain as a special case, orders of convergence against
 //! the exact layer, locking and its cure, contact.
 
+use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh, Method, Press, graded_edges};
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Drive, Level};
 
 const E_MPA: f64 = 27.58;
 const THICKNESS: f64 = 0.8;
@@ -238,8 +239,9 @@ fn press(nu: f64, n: usize, order: usize, middle: [f64; 2]) -> Press {
 fn a_sphere_on_bricks_tends_to_the_exact_layer() {
     let shape = Shape::Sphere { radius_mm: RADIUS };
     for (nu, order, meshes) in [(0.49, 1, [10, 20]), (0.5, 1, [10, 20]), (0.49, 2, [5, 10])] {
-        let mut scene = Scene::new(&layer(nu), shape, &Array::THESIS, Sampling::Area, Level::Fine)
-            .expect("a scene");
+        let mut scene =
+            Scene::new(&layer(nu), shape, &Array::THESIS, Sampling::Area, Accuracy::Fine)
+                .expect("a scene");
         let exact = scene.press(Drive::PenetrationMm(0.05), Pose::default()).expect("a contact");
         let miss = meshes.map(|n| {
             let mut press = press(nu, n, order, [0.0; 2]);
@@ -272,7 +274,7 @@ fn gathered_at_the_end(n: usize, across: usize, nz: usize) -> Press {
 #[test]
 fn a_sphere_is_carried_by_less_and_less_towards_and_past_the_edge_of_the_layer() {
     let shape = Shape::Sphere { radius_mm: RADIUS };
-    let mut scene = Scene::new(&layer(0.49), shape, &Array::THESIS, Sampling::Area, Level::Fine)
+    let mut scene = Scene::new(&layer(0.49), shape, &Array::THESIS, Sampling::Area, Accuracy::Fine)
         .expect("a scene");
     let endless = scene.press(Drive::PenetrationMm(0.05), Pose::default()).expect("a contact");
     let places = [4.8, 5.4, 6.0, 6.6, 7.2, 7.5, 7.8];

@@ -1,10 +1,11 @@
 //! The general contact solver: against the spectral one, Coulomb's law, paths of loads.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::bed::Bed;
 use taktil_contact::plane::grip::{Drive, Grip, Law, Status};
 use taktil_contact::plane::noslip::NoSlip;
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Refusal, Shape};
+use taktil_contact::plane::{Friction, Indenter, Load, Refusal, Shape};
 
 const E_MPA: f64 = 27.58;
 
@@ -49,7 +50,8 @@ fn bars_agree_with_the_spectral_solver() {
         (-0.7, Friction::None),
     ] {
         let shape = Shape::Flat { width_mm: 12.7, height_mm: 6.35 };
-        let mut exact = Indenter::new(&layer(0.49), shape, friction, Level::Fine).expect("sound");
+        let mut exact =
+            Indenter::new(&layer(0.49), shape, friction, Accuracy::Fine).expect("sound");
         let load = Load { p_n_mm: 0.7, q_n_mm: 0.7 * ratio };
         let contact = exact.press(&load).expect("a contact");
         let law = match friction {
@@ -82,7 +84,8 @@ fn bars_agree_with_the_spectral_solver() {
 #[test]
 fn cylinders_agree_with_the_spectral_solver_at_second_order() {
     let shape = Shape::Cylinder { radius_mm: 25.4 };
-    let mut exact = Indenter::new(&layer(0.49), shape, Friction::None, Level::Fine).expect("sound");
+    let mut exact =
+        Indenter::new(&layer(0.49), shape, Friction::None, Accuracy::Fine).expect("sound");
     let contact = exact.descend(0.03).expect("a contact");
     let miss = |n: u32| {
         let mut grip = roll(0.49, 25.4, 2.0, n, Law::Free);

@@ -1,10 +1,11 @@
 //! Feature Jacobians in plane strain: exact derivatives against differences of the exact solver,
 //! against reference data, and where nothing is defined.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::noslip::NoSlip;
 use taktil_contact::plane::rates::{Feature, Image, Motion, Rate};
-use taktil_contact::plane::{Contact, Friction, Indenter, Level, Load, Mode, Shape};
+use taktil_contact::plane::{Contact, Friction, Indenter, Load, Mode, Shape};
 
 const ALL: [Feature; 12] = [
     Feature::Moment(0),
@@ -63,7 +64,7 @@ fn a_bars_derivatives_are_those_of_the_solver_by_load() {
         (0.8, 0.5, 12.7, 0.7, 0.62),
         (2.3, 0.3, 6.0, 1.4, 0.3),
     ] {
-        let body = Indenter::new(&layer(t, nu), bar(width), Friction::None, Level::Fine);
+        let body = Indenter::new(&layer(t, nu), bar(width), Friction::None, Accuracy::Fine);
         let mut body = body.expect("a sound indenter");
         let load = Load { p_n_mm: p, q_n_mm: q };
         body.press(&load).expect("a contact");
@@ -91,7 +92,7 @@ fn a_cylinders_derivative_is_that_of_the_solver_by_descent() {
         [(0.8, 0.49, 25.4, 0.02), (0.8, 0.5, 5.0, 0.1), (3.0, 0.2, 9.0, 0.4)]
     {
         let shape = Shape::Cylinder { radius_mm };
-        let body = Indenter::new(&layer(t, nu), shape, Friction::None, Level::Fine);
+        let body = Indenter::new(&layer(t, nu), shape, Friction::None, Accuracy::Fine);
         let mut body = body.expect("a sound indenter");
         body.descend(dz).expect("a contact");
         let found = derivatives(&mut body, Motion::Z);
@@ -120,7 +121,7 @@ fn a_cylinders_derivative_is_that_of_the_solver_by_descent() {
 #[test]
 fn a_turned_parabola_is_round() {
     let shape = Shape::Parabola { radius_mm: 23.0 };
-    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::Proportional, Level::Default);
+    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::Proportional, Accuracy::Default);
     let mut body = body.expect("a sound indenter");
     body.press(&Load { p_n_mm: 1.0, q_n_mm: 0.2 }).expect("a contact");
     assert_eq!(body.rate(Motion::RotY, 0.8), Ok(Some(Rate::default())));
@@ -129,7 +130,7 @@ fn a_turned_parabola_is_round() {
 #[test]
 fn a_slide_shifts_the_image() {
     let shape = Shape::Flat { width_mm: 12.7, height_mm: 6.35 };
-    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::Proportional, Level::Fine);
+    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::Proportional, Accuracy::Fine);
     let mut body = body.expect("a sound indenter");
     body.press(&Load { p_n_mm: 0.7, q_n_mm: 0.3 }).expect("a contact");
     let found = derivatives(&mut body, Motion::X);
@@ -179,7 +180,7 @@ fn nothing_touched_has_no_derivative_and_none_is_nan() {
     for shape in
         [Shape::Flat { width_mm: 12.7, height_mm: 6.35 }, Shape::Cylinder { radius_mm: 25.4 }]
     {
-        let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::None, Level::Default);
+        let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::None, Accuracy::Default);
         let mut body = body.expect("a sound indenter");
         for motion in [Motion::X, Motion::Z, Motion::RotY] {
             assert_eq!(body.rate(motion, 0.8), Ok(None));
@@ -207,7 +208,7 @@ fn nothing_touched_has_no_derivative_and_none_is_nan() {
 #[test]
 fn lifting_off_is_smooth() {
     let shape = Shape::Flat { width_mm: 12.7, height_mm: 6.35 };
-    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::None, Level::Fine);
+    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::None, Accuracy::Fine);
     let mut body = body.expect("a sound indenter");
     let (mut low, mut high) = (0.2, 0.35);
     while high - low > 1e-7 {

@@ -7,10 +7,11 @@
 //! The theory's layer has no edges. A pin that is longer than the pad is cut beyond it, and only
 //! what presses on the pad counts; the pad's own free edges are left out.
 
+use taktil_contact::Accuracy;
+use taktil_contact::space::Drive;
 use taktil_contact::space::pin::{Pin as LayerPin, Profile, Stand};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level};
 use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::Pose;
 
@@ -107,7 +108,7 @@ impl Spatial {
     pub(crate) fn new(
         config: &RubberConfig,
         (radius_m, length_m): (f64, f64),
-        level: Level,
+        level: Accuracy,
         place: &str,
     ) -> Result<Spatial, Invalid> {
         let located = rubber::located(place);
@@ -121,9 +122,9 @@ impl Spatial {
         let reach = Array::THESIS.half_diagonal_mm() + BEYOND * config.thickness_mm;
         let cut = if half_length_mm > 1.1 * reach { Some((pin(reach)?, reach)) } else { None };
         let fineness = match level {
-            Level::Fast => Fineness::FAST,
-            Level::Default => Fineness::DEFAULT,
-            Level::Fine => Fineness::FINE,
+            Accuracy::Fast => Fineness::FAST,
+            Accuracy::Default => Fineness::DEFAULT,
+            Accuracy::Fine => Fineness::FINE,
         };
         let influence = Influence::new(&layer).map_err(&located)?;
         let shares = Shares::new(&influence, &Array::THESIS, Sampling::Area, fineness);

@@ -1,12 +1,13 @@
 //! Plane contact inside a lane: bars and cylinders that are pressed, steps with stick and slip, and
 //! finite element loads make no heap call once they are built, from a cold or a warm start.
 
+use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh};
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::bed::Bed;
 use taktil_contact::plane::chart::Chart;
 use taktil_contact::plane::grip::{Drive, Grip, Law};
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Refusal, Shape};
+use taktil_contact::plane::{Friction, Indenter, Load, Refusal, Shape};
 use taktil_rtcore::guard::{self, CountingAllocator};
 
 #[global_allocator]
@@ -32,7 +33,7 @@ fn plane_contact_makes_no_heap_call() {
     let mut bodies = Vec::new();
     for shape in [bar, Shape::Cylinder { radius_mm: 23.0 }, Shape::Parabola { radius_mm: 5.0 }] {
         for friction in [Friction::None, Friction::Proportional] {
-            for level in [Level::Fast, Level::Default, Level::Fine] {
+            for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
                 bodies.push(Indenter::new(&layer, shape, friction, level).unwrap());
             }
         }

@@ -5,7 +5,7 @@ use crate::numeric::roots::BracketedSearch;
 
 /// Searches for the lifted edge end after so many solutions.
 const SEARCH: usize = 60;
-/// Pull inside a contact that is more than the level's error, in parts of the mean pressure.
+/// Pull inside a contact that is more than the accuracy's error, in parts of the mean pressure.
 const PULLS: [f64; 3] = [5e-3, 1e-5, 1e-8];
 /// How far the edge is foreseen, in steps between the last two loads.
 const FARTHEST: f64 = 4.0;
@@ -46,7 +46,7 @@ impl Indenter {
         let force = p_n_mm / (self.modulus_mpa() * self.layer.thickness_mm);
         let mean = force / (core::f64::consts::PI * self.interval.half());
         let least = self.phi.iter().copied().fold(f64::INFINITY, f64::min);
-        least < -PULLS[self.level as usize] * mean
+        least < -PULLS[self.accuracy as usize] * mean
     }
 
     /// Solves on an interval for force and place of the resultant; gives the edges' strengths over
@@ -92,10 +92,10 @@ impl Indenter {
             Some([y, slope]) if y < top => (self.foreseen(place, y).min(top - 1e-6), slope),
             _ => ((libm::log(2.0 * (half - place.abs()))).min(top - 0.01), 2.0),
         };
-        let tolerance = match self.level {
-            super::Level::Fast => 2e-4,
-            super::Level::Default => 1e-9,
-            super::Level::Fine => 1e-12,
+        let tolerance = match self.accuracy {
+            super::Accuracy::Fast => 2e-4,
+            super::Accuracy::Default => 1e-9,
+            super::Accuracy::Fine => 1e-12,
         };
         let mut search = BracketedSearch::new();
         let mut before: Option<[f64; 2]> = None;

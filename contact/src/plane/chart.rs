@@ -11,7 +11,8 @@
 //! ([`Refusal::OffChart`]).
 
 use super::features::{Moments, moments};
-use super::{Contact, Friction, Indenter, Level, Load, Mode, NOTHING, Refusal, Shape, Spectrum};
+use super::{Contact, Friction, Indenter, Load, Mode, NOTHING, Refusal, Shape, Spectrum};
+use crate::Accuracy;
 use crate::layer::Layer;
 use crate::numeric::interpolation::cubic;
 use crate::{Invalid, positive};
@@ -63,7 +64,7 @@ impl Chart {
             crate::finite("x_mm", *x)?;
         }
         let shape = Shape::Flat { width_mm, height_mm };
-        let solver = Indenter::new(layer, shape, friction, Level::Fine)?;
+        let solver = Indenter::new(layer, shape, friction, Accuracy::Fine)?;
         let half_mm = 0.5 * width_mm;
         let reach = x_mm.iter().fold(half_mm, |most, x| most.max(x.abs()));
         let mut maker = Maker { solver, half_mm, height_mm, reach, x_mm };

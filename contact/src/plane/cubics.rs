@@ -1,5 +1,5 @@
 //! The surface kernels as cubics in narrow panels on both sides of 0, right to about 1e-6, for the
-//! fast level: a few multiplications an entry of its matrices. Lengths in layer thicknesses.
+//! fast accuracy: a few multiplications an entry of its matrices. Lengths in layer thicknesses.
 //!
 //! It refuses nothing: beyond its reach the callers take the finer tables.
 
@@ -25,7 +25,7 @@ pub(crate) struct Cubics {
     panels: Vec<Cubic>,
 }
 
-/// What the fast level reads: slope and coupling slope, descent and coupled descent.
+/// What the fast accuracy reads: slope and coupling slope, descent and coupled descent.
 #[derive(Clone, Debug)]
 pub(crate) struct Coarse {
     slope: [Cubics; 2],

@@ -1,7 +1,8 @@
-//! How many points an interval gets, by level, width and what makes it hard. It refuses a bar too
+//! How many points an interval gets, by accuracy, width and what makes it hard. It refuses a bar too
 //! wide for the points that there may be; of other contacts callers compare with them.
 
-use super::{Level, Shape};
+use super::Shape;
+use crate::Accuracy;
 use crate::Invalid;
 use crate::layer::Transfer;
 
@@ -16,7 +17,7 @@ const STEEP: f64 = 0.66;
 /// Points of an indenter's intervals.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Density {
-    level: Level,
+    accuracy: Accuracy,
     /// Compliance of the wave without length.
     floor: f64,
     /// Radius of a circle in thicknesses; infinite for what has none.
@@ -29,7 +30,7 @@ impl Density {
     /// # Errors
     /// A bar too wide for the points.
     pub(super) fn new(
-        level: Level,
+        accuracy: Accuracy,
         transfer: &Transfer,
         shape: Shape,
         thickness_mm: f64,
@@ -39,7 +40,7 @@ impl Density {
             Shape::Flat { .. } | Shape::Parabola { .. } => f64::INFINITY,
         };
         let floor = transfer.normal_compliance(0.0);
-        let mut density = Self { level, floor, radius, capacity: CAPACITY, widest: 0.0 };
+        let mut density = Self { accuracy, floor, radius, capacity: CAPACITY, widest: 0.0 };
         if let Shape::Flat { width_mm, .. } = shape {
             let half = 0.5 * width_mm / thickness_mm;
             let wanted = density.points(half);
@@ -70,10 +71,10 @@ impl Density {
     /// Points at least, and for each thickness of half-width: the kernel's nearest singularities
     /// lie 2i thicknesses away, so the error falls as exp(-4 n/half) where that is the slower.
     fn plain(&self) -> [f64; 2] {
-        match self.level {
-            Level::Fast => [5.0, 3.2],
-            Level::Default => [10.0, 4.9],
-            Level::Fine => [14.0, 6.4],
+        match self.accuracy {
+            Accuracy::Fast => [5.0, 3.2],
+            Accuracy::Default => [10.0, 4.9],
+            Accuracy::Fine => [14.0, 6.4],
         }
     }
 
@@ -82,7 +83,7 @@ impl Density {
         let [least, each] = self.plain();
         let wanted = (least + each * half + self.soft(half)).max(self.steep(half)).min(1e6);
         // In steps, so that the nodes can often be kept while an edge is searched.
-        let step = if self.level == Level::Fast { 2 } else { 4 };
+        let step = if self.accuracy == Accuracy::Fast { 2 } else { 4 };
         (libm::ceil(wanted) as usize).next_multiple_of(step)
     }
 
@@ -102,10 +103,10 @@ impl Density {
             return 0.0;
         }
         let away = (self.radius / half).max(1.01);
-        let digits = match self.level {
-            Level::Fast => 6.0,
-            Level::Default => 11.5,
-            Level::Fine => 16.0,
+        let digits = match self.accuracy {
+            Accuracy::Fast => 6.0,
+            Accuracy::Default => 11.5,
+            Accuracy::Fine => 16.0,
         };
         digits / libm::log(away + (away * away - 1.0).sqrt())
     }

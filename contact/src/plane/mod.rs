@@ -35,6 +35,7 @@ use super::layer::Layer;
 use super::numeric::jacobi;
 use super::stack::Stack;
 use super::{Invalid, positive};
+use crate::Accuracy;
 use core::f64::consts::PI;
 use density::Density;
 use interval::Interval;
@@ -87,17 +88,6 @@ pub enum Friction {
     None,
     /// q(x) = (Q/P) p(x), with its whole effect on the pressure.
     Proportional,
-}
-
-/// How well to solve.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Level {
-    /// About 1e-3 of the peak, for control periods.
-    Fast,
-    /// 1e-5 of the peak.
-    Default,
-    /// 1e-8 of the peak (tilted bars 1e-7).
-    Fine,
 }
 
 /// Most concentrated forces that a traction is given in.
@@ -175,7 +165,7 @@ pub struct Indenter {
     layer: Layer,
     shape: Shape,
     friction: Friction,
-    level: Level,
+    accuracy: Accuracy,
     kernels: SurfaceKernels,
     interval: Interval,
     density: Density,
@@ -214,10 +204,10 @@ impl Indenter {
         layer: &Layer,
         shape: Shape,
         friction: Friction,
-        level: Level,
+        accuracy: Accuracy,
     ) -> Result<Self, Invalid> {
         layer.check()?;
-        Self::assembled(layer, shape, friction, level, SurfaceKernels::new(&layer.transfer()))
+        Self::assembled(layer, shape, friction, accuracy, SurfaceKernels::new(&layer.transfer()))
     }
 
     /// The same over several bonded layers; lengths of the contact are resolved against the surface
@@ -230,10 +220,10 @@ impl Indenter {
         stack: &Stack,
         shape: Shape,
         friction: Friction,
-        level: Level,
+        accuracy: Accuracy,
     ) -> Result<Self, Invalid> {
         let kernels = SurfaceKernels::of_stack(stack)?;
-        Self::assembled(stack.surface_layer(), shape, friction, level, kernels)
+        Self::assembled(stack.surface_layer(), shape, friction, accuracy, kernels)
     }
 
     /// Another shape over the same layer, with the kernels of this one; allocates.
@@ -241,41 +231,41 @@ impl Indenter {
     /// # Errors
     /// As [`Self::new`].
     pub fn reshaped(&self, shape: Shape) -> Result<Self, Invalid> {
-        Self::assembled(&self.layer, shape, self.friction, self.level, self.kernels.clone())
+        Self::assembled(&self.layer, shape, self.friction, self.accuracy, self.kernels.clone())
     }
 
-    /// The same indenter solved at another level, with the kernels of this one; allocates.
+    /// The same indenter solved at another accuracy, with the kernels of this one; allocates.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn at_level(&self, level: Level) -> Result<Self, Invalid> {
-        Self::assembled(&self.layer, self.shape, self.friction, level, self.kernels.clone())
+    pub fn with_accuracy(&self, accuracy: Accuracy) -> Result<Self, Invalid> {
+        Self::assembled(&self.layer, self.shape, self.friction, accuracy, self.kernels.clone())
     }
 
-    /// The level it solves at.
+    /// The accuracy it solves at.
     #[must_use]
-    pub fn level(&self) -> Level {
-        self.level
+    pub fn accuracy(&self) -> Accuracy {
+        self.accuracy
     }
 
     fn assembled(
         layer: &Layer,
         shape: Shape,
         friction: Friction,
-        level: Level,
+        accuracy: Accuracy,
         kernels: SurfaceKernels,
     ) -> Result<Self, Invalid> {
         shape.check()?;
-        let density = Density::new(level, &kernels.transfer, shape, layer.thickness_mm)?;
+        let density = Density::new(accuracy, &kernels.transfer, shape, layer.thickness_mm)?;
         let capacity = density.capacity();
         let room = || Vec::with_capacity(capacity);
         Ok(Self {
             layer: *layer,
             shape,
             friction,
-            level,
+            accuracy,
             kernels,
-            interval: if level == Level::Fast {
+            interval: if accuracy == Accuracy::Fast {
                 Interval::coarse(capacity)
             } else {
                 Interval::with_capacity(capacity)
@@ -435,10 +425,10 @@ impl Indenter {
     #[must_use]
     pub fn shallowest_mm(&self) -> f64 {
         let Contact { x_left_mm: left, x_right_mm: right, .. } = self.contact;
-        let digits = match self.level {
-            Level::Fast => 5.1,
-            Level::Default => 7.8,
-            Level::Fine => 11.3,
+        let digits = match self.accuracy {
+            Accuracy::Fast => 5.1,
+            Accuracy::Default => 7.8,
+            Accuracy::Fine => 11.3,
         };
         digits * 0.5 * (right - left) / FORCES_MAX
     }
@@ -450,7 +440,7 @@ impl Indenter {
         let middle = 0.5 * (right + left);
         let width = half / depth_mm.min(self.layer.thickness_mm);
         // A Gauss rule of n points misses a pole at a distance d by exp(-2 n d/half).
-        let digits = if self.level == Level::Fine { 13.0 } else { 11.0 };
+        let digits = if self.accuracy == Accuracy::Fine { 13.0 } else { 11.0 };
         let count = (24.0 + digits * width).min(FORCES_MAX) as usize;
         let alpha = self.interval.alpha();
         let mut rule = jacobi::Rule::with_capacity(count);

@@ -14,7 +14,8 @@ use super::glued::{Chebyshev, Tractions};
 use super::panels::SurfaceKernels;
 use super::rates::{Motion, Rate};
 use super::spectrum::PointForce;
-use super::{Contact, Friction, Indenter, Level, Load, Refusal, Shape};
+use super::{Contact, Friction, Indenter, Load, Refusal, Shape};
+use crate::Accuracy;
 use crate::Invalid;
 use crate::layer::Layer;
 use crate::numeric::elimination::LuMatrix;
@@ -212,7 +213,7 @@ impl NoSlip {
     /// A layer or shape that their checks refuse, a bar; a load that is not above 0, or that needs
     /// a contact too wide.
     pub fn press(layer: &Layer, shape: Shape, p_n_mm: f64) -> Result<Self, NoSlipRefusal> {
-        let mut free = Indenter::new(layer, shape, Friction::None, Level::Default)?;
+        let mut free = Indenter::new(layer, shape, Friction::None, Accuracy::Default)?;
         let contact = free.press(&Load { p_n_mm, q_n_mm: 0.0 });
         let widest = within(layer, shape, contact, BEYOND[0])?;
         Self::grow(layer, shape, widest, Some(p_n_mm), None)
@@ -223,7 +224,7 @@ impl NoSlip {
     /// # Errors
     /// As [`Self::press`].
     pub fn descend(layer: &Layer, shape: Shape, dz_mm: f64) -> Result<Self, NoSlipRefusal> {
-        let mut free = Indenter::new(layer, shape, Friction::None, Level::Default)?;
+        let mut free = Indenter::new(layer, shape, Friction::None, Accuracy::Default)?;
         let contact = free.descend(dz_mm);
         let widest = within(layer, shape, contact, BEYOND[1])?;
         Self::grow(layer, shape, widest, None, Some(dz_mm))

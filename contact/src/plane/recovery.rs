@@ -21,7 +21,8 @@
 //! moments do not feel Q. It allocates.
 
 use super::features::moments;
-use super::{Friction, Indenter, Level, Load, Refusal, Shape};
+use super::{Friction, Indenter, Load, Refusal, Shape};
+use crate::Accuracy;
 use crate::layer::Layer;
 use crate::{Invalid, finite, positive};
 
@@ -122,7 +123,7 @@ impl Setting {
     fn template(&self) -> Result<Indenter, Unrecovered> {
         self.check()?;
         let shape = Shape::Flat { width_mm: self.layer.thickness_mm, height_mm: self.height_mm };
-        Ok(Indenter::new(&self.layer, shape, self.friction, Level::Default)?)
+        Ok(Indenter::new(&self.layer, shape, self.friction, Accuracy::Default)?)
     }
 
     fn moments_of(

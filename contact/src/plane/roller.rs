@@ -1,6 +1,7 @@
 //! The cylinder and its parabola: two free edges, found from a pressure that vanishes at both.
 
-use super::{Contact, Indenter, Level, Load, Mode, Refusal, Shape};
+use super::{Contact, Indenter, Load, Mode, Refusal, Shape};
+use crate::Accuracy;
 use crate::numeric::roots::BracketedSearch;
 
 /// Searches for the half-width and, under friction, for the offset end after so many solutions.
@@ -98,10 +99,10 @@ impl Indenter {
         let steepest = if profile.round { STEEPEST * profile.radius } else { f64::INFINITY };
         let widest = libm::log(self.density.widest().min(steepest));
         let [mut y, mut slope] = self.guess.unwrap_or([cold.min(widest), 2.0]);
-        let tolerance = match self.level {
-            Level::Fast => 1e-4,
-            Level::Default => 1e-8,
-            Level::Fine => 1e-12,
+        let tolerance = match self.accuracy {
+            Accuracy::Fast => 1e-4,
+            Accuracy::Default => 1e-8,
+            Accuracy::Fine => 1e-12,
         };
         let mut search = BracketedSearch::new();
         let mut before: Option<[f64; 2]> = None;

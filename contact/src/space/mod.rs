@@ -41,14 +41,3 @@ pub enum Drive {
 
 /// What is wrong when a larger table would help.
 const BEYOND_TABLE: &str = "it needs a penetration beyond the table";
-
-/// Accuracy against time; each solver states what it measures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    /// For control ticks.
-    Fast,
-    /// Better than a tenth of a percent.
-    Default,
-    /// As good as the method.
-    Fine,
-}

@@ -2,10 +2,11 @@
 //! exact layer or on a mesh's nodes. Cells are laid over what touches, not over all of a shape, and
 //! over more of it until the contact ends inside them. Refuses what the solver refuses.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::bed::{Bed, CELLS_MAX};
 use taktil_contact::plane::grip::{Drive, Grip, Law, Status};
-use taktil_contact::plane::{Contact, Friction, Indenter, Level, Load, Mode, Refusal, Shape};
+use taktil_contact::plane::{Contact, Friction, Indenter, Load, Mode, Refusal, Shape};
 
 use super::field::Failure;
 use super::indent::{Held, Solved, Stress, failure, level_of, plain, refused};
@@ -90,9 +91,9 @@ fn height(shape: &Indented, x: f64) -> f64 {
 /// Cells of a level, so often halved.
 fn count(args: &Args, halved: u32) -> Result<u32, Failure> {
     let cells = match level_of(args)? {
-        Level::Fast => 48,
-        Level::Default => 96,
-        Level::Fine => 192,
+        Accuracy::Fast => 48,
+        Accuracy::Default => 96,
+        Accuracy::Fine => 192,
     };
     Ok(cells >> halved)
 }
@@ -136,7 +137,7 @@ fn lowest(shape: &Indented, from: f64, to: f64) -> f64 {
 fn window(layer: &Layer, shape: &Indented, drive: Prescribed) -> Result<([f64; 2], Runs), Failure> {
     let Indented::Profile(x, z) = shape else {
         let Indented::Rigid(round) = shape else { return Ok(([-1.0, 1.0], vec![[-1.0, 1.0]])) };
-        let mut free = Indenter::new(layer, *round, Friction::None, Level::Default)
+        let mut free = Indenter::new(layer, *round, Friction::None, Accuracy::Default)
             .map_err(|invalid| failure(&invalid))?;
         let contact = match drive {
             Prescribed::Load(Load { p_n_mm, .. }) => free.press(&Load { p_n_mm, q_n_mm: 0.0 }),

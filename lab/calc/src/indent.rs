@@ -2,13 +2,14 @@
 //! without slip, and the general solver on cells or on finite elements. Refuses combinations that
 //! none of them knows, and requests that say two things at once.
 
+use taktil_contact::Accuracy;
 use taktil_contact::Invalid;
 use taktil_contact::fem::Elements;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::grip::{Grip, Law};
 use taktil_contact::plane::noslip::{NoSlip, NoSlipRefusal};
 use taktil_contact::plane::{
-    Contact, Friction, Indenter, Level, Load, Mode, PointForce, Refusal, SMALLEST, Shape,
+    Contact, Friction, Indenter, Load, Mode, PointForce, Refusal, SMALLEST, Shape,
 };
 
 use super::cells::cells;
@@ -269,11 +270,11 @@ pub(super) fn plain(p_n_mm: f64, q_n_mm: f64, mode: Mode) -> Contact {
     }
 }
 
-pub(super) fn level_of(args: &Args) -> Result<Level, Failure> {
+pub(super) fn level_of(args: &Args) -> Result<Accuracy, Failure> {
     Ok(match args.choice("level")? {
-        "fast" => Level::Fast,
-        "fine" => Level::Fine,
-        _ => Level::Default,
+        "fast" => Accuracy::Fast,
+        "fine" => Accuracy::Fine,
+        _ => Accuracy::Default,
     })
 }
 

@@ -2,10 +2,11 @@
 //! of the indenter, at a `contact_2d` or a `contact_3d` request. Refuses features that the other of
 //! the two has, and what the contact itself refuses; what is undefined is null.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::grip::{Grip, Law};
 use taktil_contact::plane::rates::{self, Image, Rate};
-use taktil_contact::plane::{Indenter, Level, Load, Mode};
+use taktil_contact::plane::{Indenter, Load, Mode};
 use taktil_contact::space::jacobian::{Feature, Motion, condition, feature_jacobian as in_space};
 
 use super::answer::Answer;
@@ -353,8 +354,9 @@ fn spectral(
     symmetric: bool,
 ) -> Result<Column, Failure> {
     let contact = *indenter.contact();
-    let other = if indenter.level() == Level::Default { Level::Fine } else { Level::Default };
-    let mut beside = indenter.at_level(other).map_err(|invalid| indent::failure(&invalid))?;
+    let other =
+        if indenter.accuracy() == Accuracy::Default { Accuracy::Fine } else { Accuracy::Default };
+    let mut beside = indenter.with_accuracy(other).map_err(|invalid| indent::failure(&invalid))?;
     let load = Load { p_n_mm: contact.p_n_mm, q_n_mm: contact.q_n_mm };
     beside.press(&load).map_err(indent::refused)?;
     let of = |indenter: &mut Indenter| {

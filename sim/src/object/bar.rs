@@ -7,7 +7,8 @@
 //! over that ratio is the whole contact.
 
 use glam::{DVec2, DVec3};
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape};
+use taktil_contact::Accuracy;
+use taktil_contact::plane::{Friction, Indenter, Load, Shape};
 use taktil_contact::space::tactels::Shares;
 use taktil_hal::MAX_TACTELS;
 
@@ -90,7 +91,7 @@ impl Face {
         let layer = layer_of(pad)?;
         let width_mm = config.width_mm.unwrap_or(4.0);
         let shape = Shape::Flat { width_mm, height_mm: 1.0 };
-        let mut indenter = Indenter::new(&layer, shape, Friction::None, Level::Default)
+        let mut indenter = Indenter::new(&layer, shape, Friction::None, Accuracy::Default)
             .map_err(rubber::located(place))?;
         let angle = |i: usize| core::f64::consts::PI * (i as f64 + 0.5) / POINTS as f64;
         let cosines = core::array::from_fn(|i| libm::cos(angle(i)));

@@ -8,10 +8,11 @@
 use core::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Drive, Level};
 use taktil_hal::MAX_TACTELS;
 
 use super::{Meeting, Sums, layer_of};
@@ -59,7 +60,7 @@ impl Ball {
         let located = rubber::located(place);
         let layer = layer_of(pad)?;
         let radius_mm = config.radius();
-        let mut solver = Sphere::new(&layer, radius_mm, Level::Fast).map_err(&located)?;
+        let mut solver = Sphere::new(&layer, radius_mm, Accuracy::Fast).map_err(&located)?;
         let deepest_mm = (DEEPEST.0 * layer.thickness_mm).min(DEEPEST.1 * radius_mm);
         let mut knots = vec![Knot::default(); CELLS + 1];
         for (i, knot) in knots.iter_mut().enumerate().skip(1).rev() {

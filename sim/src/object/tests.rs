@@ -119,7 +119,8 @@ fn in_three_dimensions_ends_and_steep_loads_are_right_too() {
         let n = &case.numbers;
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
         let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
-        let mut ridge = Ridge::new(&edge, &rubber(&case), Some(Level::Fast), "object[0]").unwrap();
+        let mut ridge =
+            Ridge::new(&edge, &rubber(&case), Some(Accuracy::Fast), "object[0]").unwrap();
         let plain = ridge.press(&inside_pad(n), 0.0);
         let shares = shares_of(&rubber(&case)).unwrap();
         let mut image = [0.0; MAX_TACTELS];

@@ -4,11 +4,12 @@
 use std::fmt::Write;
 use std::hint::black_box;
 
+use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh, Press, graded_edges};
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Drive, Level};
 
 use super::statements::{layer, plainly};
 use super::work::best_us;
@@ -28,8 +29,8 @@ pub(super) fn table(out: &mut String) -> anyhow::Result<()> {
         method | error/peak | error of force | us warm | us cold | us tables or factor"
     )?;
     let layer = layer(0.8, 0.49)?;
-    let (exact, force) = by_scene(&layer, Level::Fine)?;
-    for level in [Level::Fast, Level::Default, Level::Fine] {
+    let (exact, force) = by_scene(&layer, Accuracy::Fine)?;
+    for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
         let shape = Shape::Sphere { radius_mm: RADIUS };
         let (image, found) = by_scene(&layer, level)?;
         let mut scene = Scene::new(&layer, shape, &POINTS, Sampling::Centre, level)?;
@@ -62,7 +63,7 @@ fn near(round: u32) -> Drive {
     Drive::PenetrationMm(0.0501 + 1e-4 * f64::from(round % 3))
 }
 
-fn by_scene(layer: &Layer, level: Level) -> anyhow::Result<(Vec<f64>, f64)> {
+fn by_scene(layer: &Layer, level: Accuracy) -> anyhow::Result<(Vec<f64>, f64)> {
     let shape = Shape::Sphere { radius_mm: RADIUS };
     let mut scene = Scene::new(layer, shape, &POINTS, Sampling::Centre, level)?;
     let touch = scene.press(DEPTH, Pose::default())?;

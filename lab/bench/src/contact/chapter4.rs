@@ -4,11 +4,12 @@
 
 use core::f64::consts::PI;
 
+use taktil_contact::Accuracy;
 use taktil_contact::field::{LineLoad, line};
 use taktil_contact::plane::bed::Bed;
 use taktil_contact::plane::features::{Compressive, Moments, compressive, moments};
 use taktil_contact::plane::grip::{Drive, Grip, Law};
-use taktil_contact::plane::{Friction, Indenter, Level, Load, PointForce, Shape, Spectrum};
+use taktil_contact::plane::{Friction, Indenter, Load, PointForce, Shape, Spectrum};
 
 use super::chapter3::places;
 use super::curves::{Chart, Curve, stacked};
@@ -160,7 +161,7 @@ pub(super) fn bar(
     let layer = layer(THICK, 0.49)?;
     let shape = Shape::Flat { width_mm, height_mm };
     let mut body =
-        Indenter::new(&layer, shape, Friction::Proportional, Level::Default).map_err(plainly)?;
+        Indenter::new(&layer, shape, Friction::Proportional, Accuracy::Default).map_err(plainly)?;
     if body.press(&Load { p_n_mm, q_n_mm }).is_err() {
         return Ok(None);
     }

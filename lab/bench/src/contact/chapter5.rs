@@ -5,15 +5,16 @@
 
 use core::f64::consts::PI;
 
+use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::plane::bed::Bed;
 use taktil_contact::plane::features::moments;
 use taktil_contact::plane::grip::{Drive, Grip, Law};
 use taktil_contact::plane::noslip::NoSlip;
+use taktil_contact::space;
 use taktil_contact::space::pin::Stand;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{self, Level};
 
 use super::chapter4::THICK;
 use super::curves::{Chart, Curve, stacked};
@@ -168,7 +169,8 @@ fn cylinder() -> anyhow::Result<Figure> {
 fn image() -> anyhow::Result<Figure> {
     let array = Array::THESIS;
     let pin = Shape::Cylinder { radius_mm: PIN_MM, length_mm: Some(20.0) };
-    let mut scene = Scene::new(&layer(THICK, 0.49)?, pin, &array, Sampling::Area, Level::Default)?;
+    let mut scene =
+        Scene::new(&layer(THICK, 0.49)?, pin, &array, Sampling::Area, Accuracy::Default)?;
     let mut picture = vec![0.0; array.len()];
     let mut at = |force: f64, tilt_rad: f64| -> anyhow::Result<[f64; 2]> {
         let pose = Pose { stand: Stand::default(), tilt_rad };

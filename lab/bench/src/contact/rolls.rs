@@ -4,10 +4,11 @@
 use std::fmt::Write;
 use std::hint::black_box;
 
+use taktil_contact::Accuracy;
 use taktil_contact::cylinder::LineContact;
 use taktil_contact::plane::bed::Bed;
 use taktil_contact::plane::grip::Drive;
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
+use taktil_contact::plane::{Friction, Indenter, Load, Shape, Spectrum};
 
 use super::statements::{layer, plainly};
 use super::work::{Meshed, Truth, best_us, grip_of, timed};
@@ -31,11 +32,11 @@ pub(super) fn table(out: &mut String) -> anyhow::Result<()> {
         method | error/peak | error of b | us warm | us cold | us tables"
     )?;
     let layer = layer(0.8, 0.49)?;
-    let mut fine = Indenter::new(&layer, ROLL, Friction::None, Level::Fine).map_err(plainly)?;
+    let mut fine = Indenter::new(&layer, ROLL, Friction::None, Accuracy::Fine).map_err(plainly)?;
     let exact = fine.press(&LOAD)?.x_right_mm;
     let forces = fine.point_forces(0.8);
     let truth = Truth::of(&layer, &forces);
-    for level in [Level::Fast, Level::Default, Level::Fine] {
+    for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
         spectral(out, level, (&truth, exact))?;
     }
     tabled(out, &Spectrum::new(&layer, &forces, 0.8, 30.0), (truth.peak, exact))?;
@@ -53,7 +54,11 @@ fn near(round: u32) -> Load {
     Load { p_n_mm: 2.02 + 0.02 * f64::from(round % 5), ..LOAD }
 }
 
-fn spectral(out: &mut String, level: Level, (truth, exact): (&Truth, f64)) -> anyhow::Result<()> {
+fn spectral(
+    out: &mut String,
+    level: Accuracy,
+    (truth, exact): (&Truth, f64),
+) -> anyhow::Result<()> {
     let layer = layer(0.8, 0.49)?;
     let tables = best_us(3, |_| {
         black_box(Indenter::new(&layer, ROLL, Friction::None, level).is_ok());

@@ -4,13 +4,14 @@
 use std::fmt::Write;
 use std::hint::black_box;
 
+use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh};
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::bed::Bed;
 use taktil_contact::plane::chart::Chart;
 use taktil_contact::plane::features::moments;
 use taktil_contact::plane::grip::{Drive, Grip, Law};
-use taktil_contact::plane::{Friction, Indenter, Level, Load, PointForce, Shape, Spectrum};
+use taktil_contact::plane::{Friction, Indenter, Load, PointForce, Shape, Spectrum};
 
 use super::statements::{layer, plainly};
 use super::{bricks, rolls};
@@ -66,10 +67,10 @@ pub(super) fn table() -> anyhow::Result<String> {
          method | error/peak | us warm | us cold | us tables\n",
     );
     let layer = layer(0.8, 0.49)?;
-    let mut fine = Indenter::new(&layer, SHAPE, Friction::None, Level::Fine).map_err(plainly)?;
+    let mut fine = Indenter::new(&layer, SHAPE, Friction::None, Accuracy::Fine).map_err(plainly)?;
     fine.press(&LOAD)?;
     let truth = Truth::of(&layer, &fine.point_forces(0.8));
-    for level in [Level::Fast, Level::Default, Level::Fine] {
+    for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
         spectral(&mut out, level, &truth)?;
     }
     charted(&mut out, &truth)?;
@@ -92,7 +93,7 @@ fn nudged(round: u32) -> Load {
     Load { p_n_mm: LOAD.p_n_mm, q_n_mm: LOAD.q_n_mm * f }
 }
 
-fn spectral(out: &mut String, level: Level, truth: &Truth) -> anyhow::Result<()> {
+fn spectral(out: &mut String, level: Accuracy, truth: &Truth) -> anyhow::Result<()> {
     let layer = layer(0.8, 0.49)?;
     let tables = best_us(3, |_| {
         black_box(Indenter::new(&layer, SHAPE, Friction::None, level).is_ok());
