@@ -109,7 +109,7 @@ fn sphere(thickness_mm: f64, radius_mm: f64, force_n: f64) -> Solve {
 fn mesh() -> Solve {
     let mesh = Mesh::uniform(25.4, 0.8, 64, 4).expect("a mesh");
     let forces = vec![[0.0, -0.01]; mesh.columns()];
-    let body = Elements::factored(&rubber(), mesh, Kind::MeanDilatation, Method::Band);
+    let body = Elements::with_method(&rubber(), mesh, Kind::MeanDilatation, Method::Band);
     let body = body.expect("a factor");
     let mut out = body.response();
     Box::new(move |_| body.solve(black_box(&forces), &mut out))

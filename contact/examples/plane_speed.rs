@@ -6,7 +6,7 @@ use std::hint::black_box;
 use std::time::Instant;
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::chart::Chart;
+use taktil_contact::plane::contact_table::ContactTable;
 use taktil_contact::plane::{Friction, Indenter, Load, Shape};
 use taktil_contact::space::Drive;
 use taktil_contact::space::infinite::Endless;
@@ -89,7 +89,7 @@ fn endless(layer: &Layer) {
 fn charted(layer: &Layer) {
     let x_mm: Vec<f64> = (-80..=80).map(|i| 0.125 * f64::from(i)).collect();
     for friction in [Friction::None, Friction::Proportional] {
-        let mut chart = Chart::new(layer, (12.7, 6.35), friction, &x_mm).expect("a chart");
+        let mut chart = ContactTable::new(layer, 12.7, 6.35, friction, &x_mm).expect("a chart");
         let mut szz = vec![0.0; x_mm.len()];
         let mut many = |stress: bool| {
             best(|_| {

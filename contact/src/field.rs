@@ -14,7 +14,7 @@ use super::{Invalid, number};
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 /// Above this depth, in thicknesses, the half plane is taken out.
-const SHALLOW: f64 = 0.05;
+const SHALLOW_DEPTH_MAX: f64 = 0.05;
 
 /// A load on a line across the layer, per unit length of the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -63,12 +63,12 @@ pub fn line(
     let nearest = |x: &f64| (x / layer.thickness_mm).abs();
     let reach = x_mm.iter().map(nearest).filter(|x| *x <= 2.0 * FIELD_REACH).fold(0.0, f64::max);
     let transfer = layer.transfer();
-    let modes = if depth >= SHALLOW {
-        Modes::inside(&transfer, depth, reach)
+    let modes = if depth >= SHALLOW_DEPTH_MAX {
+        TransferSamples::inside(&transfer, depth, reach)
     } else if depth > 0.0 {
-        Modes::shallow(&transfer, depth, reach)
+        TransferSamples::shallow(&transfer, depth, reach)
     } else {
-        Modes::surface(&transfer, reach)
+        TransferSamples::surface(&transfer, reach)
     };
     Ok(x_mm.iter().map(|x| modes.point(layer, load, x / layer.thickness_mm)).collect())
 }
@@ -137,7 +137,7 @@ struct Sums {
 
 /// Transfer functions at one wave number, each divided by E; what goes with cos first.
 #[derive(Clone, Copy)]
-struct Mode {
+struct TransferValues {
     a: f64,
     /// F, F', F'' for P.
     f: [f64; 3],
@@ -149,7 +149,7 @@ struct Mode {
 
 /// What a sum leaves out.
 #[derive(Clone, Copy, PartialEq)]
-enum Apart {
+enum SeparatePart {
     Nothing,
     /// What does not die with the wave number at the surface.
     Surface,
@@ -157,52 +157,57 @@ enum Apart {
     HalfPlane(f64),
 }
 
-struct Modes {
+struct TransferSamples {
     /// Weights over pi, and the functions.
-    modes: Vec<(f64, Mode)>,
+    modes: Vec<(f64, TransferValues)>,
     transfer: Transfer,
-    apart: Apart,
+    separate: SeparatePart,
 }
 
-impl Modes {
+impl TransferSamples {
     fn inside(transfer: &Transfer, depth: f64, reach: f64) -> Self {
         let grid = trapezoidal_grid(reach, FIELD_REACH, DECAY_EXPONENT / depth);
-        Self::sample(&grid, *transfer, Apart::Nothing, |a| Mode::inside(transfer, a, depth))
+        Self::sample(&grid, *transfer, SeparatePart::Nothing, |a| {
+            TransferValues::inside(transfer, a, depth)
+        })
     }
 
     fn shallow(transfer: &Transfer, depth: f64, reach: f64) -> Self {
         let grid = gauss_grid(reach, depth);
-        let rest = |a| Mode::inside(transfer, a, depth).less_half_plane(transfer, depth);
-        Self::sample(&grid, *transfer, Apart::HalfPlane(depth), rest)
+        let rest =
+            |a| TransferValues::inside(transfer, a, depth).without_half_plane(transfer, depth);
+        Self::sample(&grid, *transfer, SeparatePart::HalfPlane(depth), rest)
     }
 
     fn surface(transfer: &Transfer, reach: f64) -> Self {
         let grid = trapezoidal_grid(reach, FIELD_REACH, SURFACE_CUTOFF);
-        Self::sample(&grid, *transfer, Apart::Surface, |a| Mode::surface(transfer, a))
+        Self::sample(&grid, *transfer, SeparatePart::Surface, |a| {
+            TransferValues::surface(transfer, a)
+        })
     }
 
     fn sample(
         grid: &[[f64; 2]],
         transfer: Transfer,
-        apart: Apart,
-        mode: impl Fn(f64) -> Mode,
+        separate: SeparatePart,
+        mode: impl Fn(f64) -> TransferValues,
     ) -> Self {
         let modes = grid.iter().map(|[a, weight]| (weight / PI, mode(*a))).collect();
-        Self { modes, transfer, apart }
+        Self { modes, transfer, separate }
     }
 
     fn point(&self, layer: &Layer, load: &LineLoad, x: f64) -> LinePoint {
-        let depth = if let Apart::HalfPlane(depth) = self.apart { depth } else { 0.0 };
-        if self.apart != Apart::Nothing && x * x + depth * depth == 0.0 {
+        let depth = if let SeparatePart::HalfPlane(depth) = self.separate { depth } else { 0.0 };
+        if self.separate != SeparatePart::Nothing && x * x + depth * depth == 0.0 {
             return LinePoint::default();
         }
         let near = x.abs() <= 2.0 * FIELD_REACH;
         let mut sums = if near { self.sums(x) } else { Sums::default() };
-        match self.apart {
-            Apart::Nothing => {}
-            Apart::Surface => self.add_singular(&mut sums, x),
-            Apart::HalfPlane(depth) if near => self.add_half_plane(&mut sums, x, depth),
-            Apart::HalfPlane(_) => {}
+        match self.separate {
+            SeparatePart::Nothing => {}
+            SeparatePart::Surface => self.add_singular(&mut sums, x),
+            SeparatePart::HalfPlane(depth) if near => self.add_half_plane(&mut sums, x, depth),
+            SeparatePart::HalfPlane(_) => {}
         }
         let of = |pair: [f64; 2]| load.p_n_mm * pair[0] + load.q_n_mm * pair[1];
         let (t, g2) = (layer.thickness_mm, 2.0 * layer.shear_mpa());
@@ -235,8 +240,8 @@ impl Modes {
         sums
     }
 
-    /// The parts that [`Mode::less_half_plane`] leaves out: Flamant's stresses, and displacements
-    /// whose logarithm is that of the line's distance over the one's from 2 t above.
+    /// The parts that [`TransferValues::without_half_plane`] leaves out: Flamant's stresses, and
+    /// displacements whose logarithm is that of the line's distance over the one's from 2 t above.
     fn add_half_plane(&self, sums: &mut Sums, x: f64, d: f64) {
         let Transfer { m, n, .. } = self.transfer;
         let r2 = x * x + d * d;
@@ -254,7 +259,7 @@ impl Modes {
         sums.ux[0] += (d * x / r2 - angle) / PI;
     }
 
-    /// The parts that [`Mode::surface`] leaves out, in closed form.
+    /// The parts that [`TransferValues::surface`] leaves out, in closed form.
     fn add_singular(&self, sums: &mut Sums, x: f64) {
         let Transfer { m, n, .. } = self.transfer;
         // Integral of tanh(a)/a cos(a x): ln coth(pi |x|/4); of tanh(a) sin(a x): its slope.
@@ -270,7 +275,7 @@ impl Modes {
     }
 }
 
-impl Mode {
+impl TransferValues {
     fn inside(transfer: &Transfer, a: f64, depth: f64) -> Self {
         let Transfer { m, n, kap } = *transfer;
         let (dl, e) = (a * depth, a * (1.0 - depth));
@@ -310,7 +315,7 @@ impl Mode {
     }
 
     /// Less the half plane's part, with exp(-k d) - exp(-2a) over a for its 1/a.
-    fn less_half_plane(mut self, transfer: &Transfer, depth: f64) -> Self {
+    fn without_half_plane(mut self, transfer: &Transfer, depth: f64) -> Self {
         let Transfer { m, n, .. } = *transfer;
         let (a, y) = (self.a, self.a * depth);
         let decay = libm::exp(-y);

@@ -9,7 +9,7 @@
 //!
 //! Stresses and displacements at any depth are in [`super::field`].
 
-use super::numeric::wide::ask;
+use super::numeric::wide::detect_wide_registers;
 use super::{Invalid, finite, positive};
 
 /// A homogeneous isotropic layer, bonded to a rigid base, infinite along its surface.
@@ -81,7 +81,7 @@ impl Transfer {
     #[must_use]
     pub fn new(poisson: f64) -> Self {
         // All contacts on the layer are made of it, before a lane presses them.
-        ask();
+        detect_wide_registers();
         Self { m: 2.0 * (1.0 - poisson), n: 1.0 - 2.0 * poisson, kap: 3.0 - 4.0 * poisson }
     }
 

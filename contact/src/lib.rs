@@ -63,7 +63,7 @@ pub mod plane;
 mod share;
 pub mod space;
 pub mod stack;
-mod stick;
+mod sticking_strip;
 mod wave_grid;
 
 pub use accuracy::Accuracy;
@@ -93,13 +93,13 @@ impl core::fmt::Display for Invalid {
 
 impl std::error::Error for Invalid {}
 
-/// Largest number that this module takes; sizes are taken down to its inverse. Their powers and
-/// products then stay numbers.
-pub(crate) const LARGEST: f64 = 1e30;
+/// Largest magnitude of a parameter, and inverse of the smallest size: powers and products of them
+/// then stay finite.
+pub(crate) const MAGNITUDE_MAX: f64 = 1e30;
 
-/// Refuses what is not finite and above zero, and what no size can be.
+/// Refuses a size that is not finite and above zero, or is outside 1e-30 to 1e30.
 pub(crate) fn positive(place: &str, value: f64) -> Result<(), Invalid> {
-    if (1.0 / LARGEST..=LARGEST).contains(&value) {
+    if (1.0 / MAGNITUDE_MAX..=MAGNITUDE_MAX).contains(&value) {
         return Ok(());
     }
     if value.is_finite() && value > 0.0 {
@@ -110,9 +110,9 @@ pub(crate) fn positive(place: &str, value: f64) -> Result<(), Invalid> {
     Err(Invalid::new(place, what, "give a finite number above zero"))
 }
 
-/// Refuses what is not finite or beyond [`LARGEST`].
+/// Refuses a number that is not finite or beyond [`MAGNITUDE_MAX`].
 pub(crate) fn finite(place: &str, value: f64) -> Result<(), Invalid> {
-    if value.abs() <= LARGEST {
+    if value.abs() <= MAGNITUDE_MAX {
         return Ok(());
     }
     number(place, value)?;
@@ -120,7 +120,7 @@ pub(crate) fn finite(place: &str, value: f64) -> Result<(), Invalid> {
     Err(Invalid::new(place, what, "give a number between -1e30 and 1e30"))
 }
 
-/// Refuses what is not finite and nothing else, for fields in closed form.
+/// Refuses a number that is not finite; for fields in closed form, which take any magnitude.
 pub(crate) fn number(place: &str, value: f64) -> Result<(), Invalid> {
     if value.is_finite() {
         return Ok(());

@@ -77,15 +77,15 @@ fn tilt_to_a_line_of_contact() {
         for k in 1..10 {
             let short = libm::exp(-2.0 * f64::from(k));
             let contact = bar.press(&load(1.0, 1.0 - short)).expect("a contact");
-            assert_eq!(contact.mode, Mode::Left);
+            assert_eq!(contact.mode, Mode::LeftLifted);
             let now = contact.x_right_mm - contact.x_left_mm;
             assert!(now < width && now > 0.0 && contact.residual < 1e-7, "{contact:?}");
             width = now;
         }
         // The corner's own law: 4 times the resultant's distance from it.
         assert!((width / (4.0 * 6.35 * libm::exp(-18.0)) - 1.0).abs() < 0.03, "{width}");
-        assert_eq!(bar.press(&load(1.0, 1.0)), Err(Refusal::Topples));
-        assert_eq!(bar.press(&load(1.0, -1.0)), Err(Refusal::Topples));
+        assert_eq!(bar.press(&load(1.0, 1.0)), Err(Refusal::Toppling));
+        assert_eq!(bar.press(&load(1.0, -1.0)), Err(Refusal::Toppling));
         assert_eq!(bar.contact().mode, Mode::Open);
         assert_eq!(bar.press(&load(1.0, 0.0)).expect("a contact").mode, Mode::Full);
     }
@@ -102,8 +102,8 @@ fn no_load_full_unloading_and_what_pulls() {
             assert_eq!(body.press(&load(0.0, 0.0)).expect("nothing").mode, Mode::Open);
             assert_eq!(body.pressure_mpa(0.0), 0.0);
             assert!(body.point_forces(0.8).is_empty());
-            assert_eq!(body.press(&load(0.0, 0.1)), Err(Refusal::Pulls));
-            assert_eq!(body.press(&load(-1.0, 0.0)), Err(Refusal::Pulls));
+            assert_eq!(body.press(&load(0.0, 0.1)), Err(Refusal::Tension));
+            assert_eq!(body.press(&load(-1.0, 0.0)), Err(Refusal::Tension));
             for bad in [f64::NAN, f64::INFINITY] {
                 assert_eq!(body.press(&load(bad, 0.0)), Err(Refusal::NotFinite));
                 assert_eq!(body.press(&load(1.0, bad)), Err(Refusal::NotFinite));

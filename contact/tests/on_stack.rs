@@ -3,9 +3,9 @@
 use taktil_contact::Accuracy;
 use taktil_contact::field::LineLoad;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::bed::Bed;
+use taktil_contact::plane::compliance::SurfaceCompliance;
 use taktil_contact::plane::features::{moments, stack_moments};
-use taktil_contact::plane::grip::{Drive, Grip, Law};
+use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact, LoadStep};
 use taktil_contact::plane::{Contact, Friction, Indenter, Load, Shape, Spectrum};
 use taktil_contact::stack::Stack;
 
@@ -164,14 +164,15 @@ fn the_surface_takes_the_indenters_shape() {
 fn cells_stand_on_a_stack_too() {
     let parted = stack(&[layer(0.3, E_MPA, 0.49), layer(0.5, E_MPA, 0.49)]);
     let edges: Vec<f64> = (0..=40).map(|i| -3.0 + 0.15 * f64::from(i)).collect();
-    let step = |bed: Bed| {
+    let step = |bed: SurfaceCompliance| {
         let heights = vec![0.0; bed.count()];
-        let mut grip = Grip::new(bed, heights, Law::Coulomb(0.4)).expect("a grip");
-        grip.step(&Drive::Upright(Load { p_n_mm: 1.0, q_n_mm: 0.2 })).expect("a contact");
+        let mut grip =
+            FrictionalContact::new(bed, heights, FrictionLaw::Coulomb(0.4)).expect("a grip");
+        grip.step(&LoadStep::Upright(Load { p_n_mm: 1.0, q_n_mm: 0.2 })).expect("a contact");
         grip.rigid()
     };
-    let one = step(Bed::of_layer(&layer(0.8, E_MPA, 0.49), &edges).expect("a bed"));
-    let two = step(Bed::of_stack(&parted, &edges).expect("a bed"));
+    let one = step(SurfaceCompliance::of_layer(&layer(0.8, E_MPA, 0.49), &edges).expect("a bed"));
+    let two = step(SurfaceCompliance::of_stack(&parted, &edges).expect("a bed"));
     for (a, b) in one.iter().zip(two) {
         assert!((a - b).abs() < 1e-8 * a.abs().max(1e-6), "{a} {b}");
     }
@@ -182,7 +183,10 @@ fn a_skin_too_thin_for_its_stack_is_refused_by_name() {
     let thin = stack(&[layer(1e-3, E_MPA, 0.49), layer(2.0, E_MPA, 0.49)]);
     let refused = Indenter::on_stack(&thin, ROLL, Friction::None, Accuracy::Default);
     assert_eq!(refused.expect_err("too thin").place, "layers");
-    assert_eq!(Bed::of_stack(&thin, &[0.0, 1.0, 2.0]).expect_err("too thin").place, "layers");
+    assert_eq!(
+        SurfaceCompliance::of_stack(&thin, &[0.0, 1.0, 2.0]).expect_err("too thin").place,
+        "layers"
+    );
 }
 
 #[test]

@@ -31,12 +31,12 @@ fn near(found: f64, expected: f64, bar: f64, what: &str) {
 }
 
 /// Error of the level in parts of the peak.
-const LEVELS: [(Accuracy, f64); 3] =
+const ACCURACIES: [(Accuracy, f64); 3] =
     [(Accuracy::Fast, 5e-3), (Accuracy::Default, 1e-5), (Accuracy::Fine, 1e-8)];
 
 #[test]
 fn flat_bars_are_those_of_the_reference() {
-    for (level, error) in LEVELS {
+    for (level, error) in ACCURACIES {
         for row in rows(include_str!("fixtures/contact/punch_flat.csv")) {
             let (t, a) = (row[1], 0.5 * row[2]);
             let layer = layer(t, row[0]);
@@ -80,7 +80,7 @@ fn bars_on_layers_of_any_thickness() {
 
 #[test]
 fn cylinders_are_those_of_the_reference() {
-    for (level, error) in LEVELS {
+    for (level, error) in ACCURACIES {
         let text = include_str!("fixtures/contact/cylinder_relation.csv");
         for row in &rows(text) {
             let (t, b) = (row[1], row[3]);
@@ -150,7 +150,7 @@ fn check_tilted(row: &Tilted, contact: &Contact, error: f64) {
     let n = &row.numbers;
     let mode = match contact.mode {
         Mode::Full => "full",
-        Mode::Left => "left",
+        Mode::LeftLifted => "left",
         _ => "none of these",
     };
     assert_eq!(mode, row.mode, "{n:?}");
@@ -177,12 +177,12 @@ fn tilted_bars_are_those_of_the_reference() {
                 let mut bar = indenter(&row.layer, row.shape, friction, level);
                 let outcome = bar.press(&row.load);
                 if row.mode == "topples" {
-                    assert_eq!(outcome, Err(Refusal::Topples));
+                    assert_eq!(outcome, Err(Refusal::Toppling));
                     modes[2] += 1;
                     continue;
                 }
                 let contact = outcome.expect("an equilibrium");
-                modes[usize::from(contact.mode == Mode::Left)] += 1;
+                modes[usize::from(contact.mode == Mode::LeftLifted)] += 1;
                 check_tilted(row, &contact, error);
                 if level != Accuracy::Fast {
                     check_features(row, &bar, level);
@@ -197,14 +197,14 @@ fn tilted_bars_are_those_of_the_reference() {
     }
 }
 
-/// The default level's error in parts of the fine one's.
-const COARSE: f64 = 10.0;
+/// Error of the default accuracy in parts of the fine one's.
+const DEFAULT_TO_FINE_ERROR: f64 = 10.0;
 
-/// Moments and the peak carry the level's error; M0 and M1 are statics.
+/// Moments and the peak carry the error of the accuracy; M0 and M1 are statics.
 fn check_features(row: &Tilted, bar: &Indenter, level: Accuracy) {
     let n = &row.numbers;
     let (t, peak) = (n[2], -n[24]);
-    let coarse = if level == Accuracy::Fine { 1.0 } else { COARSE };
+    let coarse = if level == Accuracy::Fine { 1.0 } else { DEFAULT_TO_FINE_ERROR };
     let forces = bar.point_forces(t);
     let m = moments(&row.layer, &forces, t).m;
     near(m[0], -row.load.p_n_mm, 1e-10, "M0");
@@ -295,7 +295,7 @@ fn a_bar_that_friction_parts_from_the_layer_inside_its_contact_is_refused() {
             let contact = match bar.press(&load(1e-3, 1e-3 * ratio)) {
                 Ok(contact) => contact,
                 Err(refusal) => {
-                    assert_eq!(refusal, Refusal::Parts, "{nu} {width} {ratio}");
+                    assert_eq!(refusal, Refusal::SplitContact, "{nu} {width} {ratio}");
                     assert_eq!(bar.contact().mode, Mode::Open);
                     parted += 1;
                     continue;
@@ -321,7 +321,7 @@ fn next_to_no_load_is_none() {
         for small in [5e-324, 1e-308, 1e-101] {
             assert_eq!(any.press(&load(small, 0.0)).expect("none").mode, Mode::Open);
             assert_eq!(any.descend(small).expect("none").mode, Mode::Open);
-            assert_eq!(any.press(&load(small, 1e-3)), Err(Refusal::Pulls));
+            assert_eq!(any.press(&load(small, 1e-3)), Err(Refusal::Tension));
         }
         let least = any.press(&load(1e-99, 0.0)).expect("a contact");
         assert!(least.residual < 1e-6 && least.p_n_mm == 1e-99, "{least:?}");

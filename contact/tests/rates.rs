@@ -4,7 +4,7 @@
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::noslip::NoSlip;
-use taktil_contact::plane::rates::{Feature, Image, Motion, Rate};
+use taktil_contact::plane::rates::{Feature, Motion, StressFeatures, TractionRate};
 use taktil_contact::plane::{Contact, Friction, Indenter, Load, Mode, Shape};
 
 const ALL: [Feature; 12] = [
@@ -124,7 +124,7 @@ fn a_turned_parabola_is_round() {
     let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::Proportional, Accuracy::Default);
     let mut body = body.expect("a sound indenter");
     body.press(&Load { p_n_mm: 1.0, q_n_mm: 0.2 }).expect("a contact");
-    assert_eq!(body.rate(Motion::RotY, 0.8), Ok(Some(Rate::default())));
+    assert_eq!(body.rate(Motion::RotY, 0.8), Ok(Some(TractionRate::default())));
 }
 
 #[test]
@@ -188,7 +188,7 @@ fn nothing_touched_has_no_derivative_and_none_is_nan() {
             assert_eq!(body.rate(motion, 0.8), Ok(None));
         }
         let image = Image::new(body.layer(), &[], 0.8, true);
-        let none = image.derivatives(&Rate { forces: Vec::new(), shift: 1.0 }, &ALL);
+        let none = image.derivatives(&TractionRate { forces: Vec::new(), shift: 1.0 }, &ALL);
         assert_eq!(none[4], None);
         assert!(none.iter().flatten().all(|value| value.is_finite()));
         // A line of contact, and the least load.

@@ -7,7 +7,7 @@ use crate::numeric::elimination::inverse_and_determinant;
 use crate::numeric::quadrature::{THREE_POINT_NODE, TWO_POINT_NODE};
 
 /// Most modes of the dilatation: 1, x, y, z.
-pub(super) const MODES: usize = 4;
+pub(super) const DILATATION_MODES: usize = 4;
 
 /// Shear and bulk modulus in MPa.
 #[derive(Clone, Copy, Debug)]
@@ -26,12 +26,12 @@ pub(super) struct Modes<const D: usize> {
     pub(super) count: usize,
     middle: [f64; D],
     /// Inverse of the Cholesky factor of the raw functions' products.
-    basis: [[f64; MODES]; MODES],
+    basis: [[f64; DILATATION_MODES]; DILATATION_MODES],
 }
 
 impl<const D: usize> Modes<D> {
     /// Values of the modes at a place in mm.
-    pub(super) fn at(&self, place: &[f64; D]) -> [f64; MODES] {
+    pub(super) fn at(&self, place: &[f64; D]) -> [f64; DILATATION_MODES] {
         let raw = raw(place, &self.middle);
         self.basis.map(|row| row.iter().zip(raw).map(|(a, b)| a * b).sum())
     }
@@ -109,8 +109,8 @@ pub(super) fn point<const D: usize>(
 }
 
 /// 1 and the place from the element's middle.
-fn raw<const D: usize>(place: &[f64; D], middle: &[f64; D]) -> [f64; MODES] {
-    let mut raw = [0.0; MODES];
+fn raw<const D: usize>(place: &[f64; D], middle: &[f64; D]) -> [f64; DILATATION_MODES] {
+    let mut raw = [0.0; DILATATION_MODES];
     raw[0] = 1.0;
     for axis in 0..D {
         raw[axis + 1] = place[axis] - middle[axis];
@@ -131,7 +131,7 @@ pub(super) fn element<const D: usize>(
     let middle = core::array::from_fn(|axis| {
         corners.iter().map(|c| c[axis]).sum::<f64>() / corners.len() as f64
     });
-    let mut products = [[0.0; MODES]; MODES];
+    let mut products = [[0.0; DILATATION_MODES]; DILATATION_MODES];
     let mut rows = vec![0.0; count * dofs];
     let rule = gauss(order);
     for step in 0..rule.len().pow(D as u32) {
@@ -197,7 +197,11 @@ fn add_energy<const D: usize>(
     }
 }
 
-fn orthonormal(rows: &[f64], basis: &[[f64; MODES]; MODES], count: usize) -> Vec<f64> {
+fn orthonormal(
+    rows: &[f64],
+    basis: &[[f64; DILATATION_MODES]; DILATATION_MODES],
+    count: usize,
+) -> Vec<f64> {
     let dofs = rows.len() / count;
     let mut out = vec![0.0; rows.len()];
     for i in 0..count {

@@ -1,8 +1,7 @@
-//! Cholesky's factors of a symmetric positive definite band matrix, lower half, row by row. It
-//! refuses what is not positive definite by `false`.
+//! Cholesky factors of symmetric positive definite band matrices, lower half, row by row.
 
-/// Right sides that are solved at once: the factor is read once for all of them.
-pub(crate) const LANES: usize = 8;
+/// Right sides that are solved together: the factor is read once for all of them.
+pub(crate) const SIDES_AT_ONCE: usize = 8;
 
 /// The lower band of a matrix, then of its factor.
 #[derive(Clone, Debug)]
@@ -81,12 +80,12 @@ impl Band {
     }
 
     /// [`Self::solve`] for several right sides, each with the same bits as alone.
-    pub(crate) fn solve_lanes(&self, side: &mut [[f64; LANES]]) {
+    pub(crate) fn solve_many(&self, side: &mut [[f64; SIDES_AT_ONCE]]) {
         let (n, w) = (self.size, self.half + 1);
         for i in 0..n {
             let first = i.saturating_sub(self.half);
             let row = &self.rows[i * w..][..w];
-            let mut known = [0.0; LANES];
+            let mut known = [0.0; SIDES_AT_ONCE];
             for (a, s) in row[self.half + first - i..self.half].iter().zip(&side[first..i]) {
                 known.iter_mut().zip(s).for_each(|(known, s)| *known += a * s);
             }
@@ -131,13 +130,13 @@ mod tests {
         let row = |i: usize| (0..n).map(|j| entry(i, j) * x[j]).sum::<f64>();
         let mut side: Vec<f64> = (0..n).map(row).collect();
         assert!(band.factor());
-        let mut lanes: Vec<[f64; LANES]> =
-            side.iter().map(|s| core::array::from_fn(|lane| s * (1.0 + lane as f64))).collect();
-        band.solve_lanes(&mut lanes);
-        for lane in 0..LANES {
-            let mut alone: Vec<f64> = side.iter().map(|s| s * (1.0 + lane as f64)).collect();
+        let mut lanes: Vec<[f64; SIDES_AT_ONCE]> =
+            side.iter().map(|s| core::array::from_fn(|index| s * (1.0 + index as f64))).collect();
+        band.solve_many(&mut lanes);
+        for index in 0..SIDES_AT_ONCE {
+            let mut alone: Vec<f64> = side.iter().map(|s| s * (1.0 + index as f64)).collect();
             band.solve(&mut alone);
-            assert!(alone.iter().zip(&lanes).all(|(a, b)| a.to_bits() == b[lane].to_bits()));
+            assert!(alone.iter().zip(&lanes).all(|(a, b)| a.to_bits() == b[index].to_bits()));
         }
         band.solve(&mut side);
         assert!(side.iter().zip(&x).all(|(a, b)| (a - b).abs() < 1e-14));

@@ -1,9 +1,10 @@
-//! Small dense linear systems, row by row, by elimination with row pivots, in storage that is kept.
-//! A pivot of exactly 0 makes every answer NaN or infinite; callers check what they get.
+//! Dense linear systems by Gaussian elimination with row pivots. A pivot of exactly 0 makes every
+//! component of the solution NaN or infinite; callers check the solution.
 
 use super::wide::wide;
 
-/// A square matrix that becomes its factors.
+/// A square matrix that is factored in place, in storage that is kept from one system to the next;
+/// factoring uses wide registers.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LuMatrix {
     size: usize,
@@ -59,11 +60,11 @@ impl LuMatrix {
 wide! {
     /// Turns a square matrix of so many rows into its factors, and tells which row each pivot came
     /// from.
-    fn eliminate(n: usize, entries: &mut [f64], rows: &mut Vec<usize>) = eliminated;
+    fn eliminate(n: usize, entries: &mut [f64], rows: &mut Vec<usize>) = eliminate_in_place;
 }
 
 #[inline(always)]
-fn eliminated(n: usize, entries: &mut [f64], rows: &mut Vec<usize>) {
+fn eliminate_in_place(n: usize, entries: &mut [f64], rows: &mut Vec<usize>) {
     for pivot in 0..n {
         let mut largest = pivot;
         for row in pivot + 1..n {
@@ -90,8 +91,8 @@ fn eliminated(n: usize, entries: &mut [f64], rows: &mut Vec<usize>) {
 }
 
 /// A dense square matrix that is solved for several right sides at once and is used up by it. It
-/// divides by each pivot where [`LuMatrix`] multiplies by its inverse: the last bits differ, and the
-/// tables of the line contact are made with these.
+/// divides by each pivot where [`LuMatrix`] multiplies by its inverse: the last bits differ, and
+/// the tables of the line contact are made with these.
 pub(crate) struct EliminationMatrix {
     size: usize,
     entries: Vec<f64>,
@@ -214,7 +215,7 @@ mod tests {
             let mut wide: Vec<f64> = (0..n * n).map(entry).collect();
             let (mut narrow, mut rows) = (wide.clone(), [vec![], vec![]]);
             eliminate(n, &mut wide, &mut rows[0]);
-            eliminated(n, &mut narrow, &mut rows[1]);
+            eliminate_in_place(n, &mut narrow, &mut rows[1]);
             assert!(wide == narrow && rows[0] == rows[1], "{n}");
         }
     }

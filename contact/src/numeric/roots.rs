@@ -1,7 +1,7 @@
-//! A root search in one variable that keeps a bracket once it has one; secant steps inside it. It
-//! refuses nothing: callers bound the number of steps and check what they get.
+//! A root search in one variable that keeps a bracket once it has one and proposes the caller's
+//! Newton or secant step as long as that stays inside it. Callers bound the number of steps.
 
-/// The bracket, place and value on either side.
+/// The bracket: place and value of the function on either side of the root.
 pub(crate) struct BracketedSearch {
     low: Option<[f64; 2]>,
     high: Option<[f64; 2]>,
@@ -12,7 +12,8 @@ impl BracketedSearch {
         Self { low: None, high: None }
     }
 
-    /// Notes f(x); `f` rises with x. Gives the next place, `newton` being the wish.
+    /// Takes the value f(x) of an increasing function and returns the next place: `newton` if it
+    /// lies inside the bracket, otherwise the bracket's middle.
     pub(crate) fn next(&mut self, x: f64, f: f64, newton: f64) -> f64 {
         if f < 0.0 {
             self.low = Some([x, f]);

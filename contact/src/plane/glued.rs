@@ -6,7 +6,7 @@
 //! right to about 1e-5 (nu = 0.3) or better. Lengths in thicknesses, tractions in units of
 //! pi G/(1 - nu). It allocates.
 
-use super::panels::SurfaceKernels;
+use super::surface_kernels::SurfaceKernels;
 use crate::numeric::elimination::LuMatrix;
 use core::f64::consts::{FRAC_PI_2, LN_2, PI};
 

@@ -1,10 +1,10 @@
 //! Normal stress at any depth under a traction on the layer's surface, given as the points and
 //! weights of a quadrature rule.
 //!
-//! Its Fourier transform times the layer's transfer function is summed in the wave number. Deep
-//! down (from a fifth of the thickness) the trapezoidal rule does it exponentially well; above, the
-//! half plane's closed form is taken out first and the rest, which dies as exp(-2a + k d), summed
-//! by Gauss's rule. Lengths in mm. It allocates.
+//! Its Fourier transform times the layer's transfer function is summed in the wave number.
+//! Deep down (from a fifth of the thickness) the trapezoidal rule does it exponentially well;
+//! above, the half plane's closed form is taken out first and the rest, which dies as exp(-2a + k
+//! d), is summed by Gauss's rule. Lengths in mm. It allocates.
 
 use crate::layer::{Layer, Transfer};
 use crate::stack::Stack;
@@ -15,11 +15,11 @@ use crate::wave_grid::{
 use crate::{Invalid, positive};
 use core::f64::consts::PI;
 
-/// Above this part of the thickness the half plane is taken out.
-const SHALLOW: f64 = 0.2;
+/// Depth, in parts of the thickness, above which the half plane's part is taken out.
+const SHALLOW_DEPTH_MAX: f64 = 0.2;
 /// Widest stretch on which Gauss's rule of ten points is exact to 1e-11: in distances of the force
 /// behind it, of that ahead, in thicknesses.
-const SMOOTH: [f64; 3] = [1.2, 0.75, 1.5];
+const SMOOTH_STRETCH: [f64; 3] = [1.2, 0.75, 1.5];
 
 /// A concentrated force on the surface: place, normal and tangential part (mm, N/mm).
 pub type PointForce = [f64; 3];
@@ -48,7 +48,13 @@ impl Spectrum {
         let depth = (depth_mm / t).min(1.0);
         let transfer = layer.transfer();
         let of = |a: f64| transforms(&transfer, a, depth);
-        Self::summed(&of, [t, depth_mm, FIELD_REACH * t], depth < SHALLOW, forces, reach_mm)
+        Self::from_transforms(
+            &of,
+            [t, depth_mm, FIELD_REACH * t],
+            depth < SHALLOW_DEPTH_MAX,
+            forces,
+            reach_mm,
+        )
     }
 
     /// The same in a stack of layers.
@@ -66,20 +72,20 @@ impl Spectrum {
         let t = stack.surface_layer().thickness_mm;
         let depth_mm = depth_mm.min(stack.thickness_mm());
         let of = |a: f64| stack.stress_transforms(a / t, depth_mm);
-        let (shallow, far) = (depth_mm < SHALLOW * t, stack.reach_mm());
+        let (shallow, far) = (depth_mm < SHALLOW_DEPTH_MAX * t, stack.reach_mm());
         let [half, _, reach] = extent(forces, reach_mm, far);
         let (span, depth) = ((reach + half) / t, depth_mm / t);
-        stack.affords(if shallow {
+        stack.check_wave_count(if shallow {
             GAUSS_POINTS as f64 * gauss_panels(span, depth)
         } else {
             trapezoidal_steps(span, far / t, DECAY_EXPONENT / depth)
         })?;
-        Ok(Self::summed(&of, [t, depth_mm, far], shallow, forces, reach_mm))
+        Ok(Self::from_transforms(&of, [t, depth_mm, far], shallow, forces, reach_mm))
     }
 
     /// From the transforms F and H at a wave number over t; t, the depth, and where fields have
     /// died, in mm.
-    fn summed(
+    fn from_transforms(
         of: &dyn Fn(f64) -> (f64, f64),
         [t, depth_mm, far_mm]: [f64; 3],
         is_shallow: bool,
@@ -140,14 +146,16 @@ impl Spectrum {
 
     /// How far from `x_mm` on the stress is smooth: the distance of what it is not analytic at,
     /// which lies at this depth under the forces; towards +x, or towards -x where `side` is -1.
-    pub(super) fn smooth_mm(&self, x_mm: f64, side: f64) -> f64 {
+    pub(super) fn smooth_stretch_mm(&self, x_mm: f64, side: f64) -> f64 {
         let right = self.places.partition_point(|place| *place < x_mm);
         let place = |i: Option<usize>| i.and_then(|i| self.places.get(i)).copied();
         let below = place(right.checked_sub(1)).map_or(f64::INFINITY, |place| x_mm - place);
         let above = place(Some(right)).map_or(f64::INFINITY, |place| place - x_mm);
         let (behind, ahead) = if side < 0.0 { (above, below) } else { (below, above) };
-        let wanted = (SMOOTH[0] * behind).min(SMOOTH[1] * ahead).min(SMOOTH[2] * self.thickness_mm);
-        wanted.max(SMOOTH[0] * self.depth_mm)
+        let wanted = (SMOOTH_STRETCH[0] * behind)
+            .min(SMOOTH_STRETCH[1] * ahead)
+            .min(SMOOTH_STRETCH[2] * self.thickness_mm);
+        wanted.max(SMOOTH_STRETCH[0] * self.depth_mm)
     }
 
     /// Derivative of [`Self::szz`] along x in MPa/mm.

@@ -4,8 +4,8 @@
 
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::grip::{Grip, Law};
-use taktil_contact::plane::rates::{self, Image, Rate};
+use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact};
+use taktil_contact::plane::rates::{self, StressFeatures, TractionRate};
 use taktil_contact::plane::{Indenter, Load, Mode};
 use taktil_contact::space::jacobian::{Feature, Motion, condition, feature_jacobian as in_space};
 
@@ -299,7 +299,7 @@ impl Moved<'_> {
         let symmetric = self.solved.symmetric;
         let (layer, depth, features) = (self.layer, self.depth, self.features);
         let image = |forces: &[[f64; 3]]| Image::new(&layer, forces, depth, symmetric);
-        let shift = Rate { forces: Vec::new(), shift: 1.0 };
+        let shift = TractionRate { forces: Vec::new(), shift: 1.0 };
         match (&mut self.solved.held, &self.solved.stress) {
             (Held::Line | Held::MeshLine, _) if !slide => Ok(none),
             (Held::Spectral(indenter), _) => spectral(indenter, motion, features, depth, symmetric),
@@ -309,21 +309,28 @@ impl Moved<'_> {
                 let [some, more] = [1, 2].map(|n| image.derivatives(&rate(n), features));
                 Ok(Column::beside(some, &more))
             }
-            (Held::Cells(_, Law::Free | Law::Proportional(_)) | Held::Line, stress) if slide => {
+            (
+                Held::Cells(_, FrictionLaw::Free | FrictionLaw::Proportional(_)) | Held::Line,
+                stress,
+            ) if slide => {
                 let Stress::Points(forces) = stress else { return Ok(none) };
                 Ok(Column::exact(image(forces).derivatives(&shift, features)))
             }
-            (Held::Mesh(_, Law::Free | Law::Proportional(_)) | Held::MeshLine, stress) if slide => {
+            (
+                Held::Mesh(_, FrictionLaw::Free | FrictionLaw::Proportional(_)) | Held::MeshLine,
+                stress,
+            ) if slide => {
                 let Stress::Nodes(nodes) = stress else { return Ok(none) };
                 Ok(Column::exact(shifted(nodes, features)))
             }
             (Held::Cells(grip, _), _) => {
-                let measure = |grip: &Grip| Ok(image(&forces_of(grip)).features(features));
+                let measure =
+                    |grip: &FrictionalContact| Ok(image(&forces_of(grip)).features(features));
                 differences(grip, motion, measure)
             }
             (Held::Mesh(both, _), _) => {
                 let (grip, body) = &**both;
-                let measure = |grip: &Grip| {
+                let measure = |grip: &FrictionalContact| {
                     let nodes = meshed::base(body, grip.normal_n_mm(), grip.tangential_n_mm())?;
                     Ok(measured(&nodes, features))
                 };
@@ -373,8 +380,8 @@ fn spectral(
     Ok(Column::beside(values, &other))
 }
 
-fn forces_of(grip: &Grip) -> Vec<[f64; 3]> {
-    let places = grip.bed().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
+fn forces_of(grip: &FrictionalContact) -> Vec<[f64; 3]> {
+    let places = grip.compliance().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
     places.map(|((x, p), q)| [*x, *p, *q]).collect()
 }
 

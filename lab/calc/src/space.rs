@@ -309,7 +309,7 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
     let mut image = state.1;
     let features = features_of(&array, &image).map_err(refused)?;
     if args.choice("part")? == "compressive" {
-        Part::Compressive.keep(&mut image);
+        Part::Compressive.apply_to(&mut image);
     }
     let mut out = Answer::new();
     out.list("image", &image);

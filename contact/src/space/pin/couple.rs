@@ -158,7 +158,7 @@ impl Coupling {
         }
         let points = libm::ceil(waves[modes - 1] * widest * BESSEL_DENSITY) as usize + 5;
         let odd = usize::from(parity == Parity::Odd);
-        let bessel = bessel::table((points, BESSEL_DENSITY), (cosines, odd));
+        let bessel = bessel::table(points, BESSEL_DENSITY, cosines, odd);
         Self {
             cosines,
             modes,

@@ -10,10 +10,10 @@
 //! 9e-6 at [`Accuracy::Default`].
 //!
 //! Measured against exact solutions: force and penetration 1e-6, image 5e-6 of the peak at
-//! [`Accuracy::Default`], 1e-8 at [`Accuracy::Fine`]. A solved contact is the guess of the next one;
-//! solving allocates nothing. [`Accuracy::Fast`] solves a chart of contacts when the sphere is made
-//! (`chart.rs`) and reads it afterwards: force, penetration and radius to 1e-5, images, by cubics
-//! over the distance from the axis, to 6e-4 of the peak.
+//! [`Accuracy::Default`], 1e-8 at [`Accuracy::Fine`]. A solved contact is the guess of the next
+//! one; solving allocates nothing. [`Accuracy::Fast`] solves a chart of contacts when the sphere is
+//! made (`chart.rs`) and reads it afterwards: force, penetration and radius to 1e-5, images, by
+//! cubics over the distance from the axis, to 6e-4 of the peak.
 //!
 //! It refuses penetrations of the thickness or more, contacts wider than 0.95 of the diameter or
 //! with a radius above 120 thicknesses, and forces that would need those.
@@ -24,7 +24,7 @@ mod image;
 mod kernel;
 
 use super::super::layer::Layer;
-use super::super::{Invalid, LARGEST, positive};
+use super::super::{Invalid, MAGNITUDE_MAX, positive};
 use super::ground::Ground;
 use super::radial::Radial;
 use super::table::{Even, Pieces};
@@ -42,7 +42,7 @@ const STEEPEST: f64 = 0.95;
 /// Largest contact radius in thicknesses.
 const WIDEST: f64 = 120.0;
 /// Forces (N) and penetrations (mm) below this are no contact.
-const NOTHING: f64 = 1.0 / LARGEST;
+const NOTHING: f64 = 1.0 / MAGNITUDE_MAX;
 /// Solutions that one search may take.
 const SEARCH: usize = 60;
 /// Largest contact radius, in thicknesses, that a search from no contact begins with: a wide

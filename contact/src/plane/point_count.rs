@@ -1,32 +1,33 @@
-//! How many points an interval gets, by accuracy, width and what makes it hard. It refuses a bar too
-//! wide for the points that there may be; of other contacts callers compare with them.
+//! The number of points with which an interval is solved: by accuracy, by width, and more for soft
+//! wide layers and steep circles. Bars that are too wide for the most points are refused; for other
+//! contacts callers compare with [`PointCounts::half_width_max`].
 
 use super::Shape;
 use crate::Accuracy;
 use crate::Invalid;
 use crate::layer::Transfer;
 
-/// Points that a solver may use unless told otherwise: contacts 120 thicknesses wide.
-const CAPACITY: usize = 400;
-/// A wide incompressible contact goes down by a small part of what its pressure does nearby: of
-/// errors that it enlarges more often than this, the points take care.
-const ENLARGED: f64 = 8.0;
+/// Most points of an interval unless a bar needs more: enough for contacts 120 thicknesses wide.
+const POINTS_MAX: usize = 400;
+/// A wide incompressible contact descends by a small part of what its pressure does nearby, which
+/// enlarges relative errors. From this gain on there are more points.
+const ERROR_GAIN_MIN: f64 = 8.0;
 /// Half-width in radii of a circle from which on its slope needs points of its own.
-const STEEP: f64 = 0.66;
+const STEEP_HALF_WIDTH_RADII: f64 = 0.66;
 
 /// Points of an indenter's intervals.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Density {
+pub(super) struct PointCounts {
     accuracy: Accuracy,
-    /// Compliance of the wave without length.
-    floor: f64,
+    /// Compliance under uniform pressure, of wave number 0.
+    uniform_compliance: f64,
     /// Radius of a circle in thicknesses; infinite for what has none.
     radius: f64,
     capacity: usize,
-    widest: f64,
+    half_width_max: f64,
 }
 
-impl Density {
+impl PointCounts {
     /// # Errors
     /// A bar too wide for the points.
     pub(super) fn new(
@@ -39,12 +40,18 @@ impl Density {
             Shape::Cylinder { radius_mm } => radius_mm / thickness_mm,
             Shape::Flat { .. } | Shape::Parabola { .. } => f64::INFINITY,
         };
-        let floor = transfer.normal_compliance(0.0);
-        let mut density = Self { accuracy, floor, radius, capacity: CAPACITY, widest: 0.0 };
+        let uniform_compliance = transfer.normal_compliance(0.0);
+        let mut density = Self {
+            accuracy,
+            uniform_compliance,
+            radius,
+            capacity: POINTS_MAX,
+            half_width_max: 0.0,
+        };
         if let Shape::Flat { width_mm, .. } = shape {
             let half = 0.5 * width_mm / thickness_mm;
             let wanted = density.points(half);
-            if wanted > 2 * CAPACITY {
+            if wanted > 2 * POINTS_MAX {
                 let what = format!("{width_mm} is {:.0} thicknesses", 2.0 * half);
                 return Err(Invalid::new(
                     "width_mm",
@@ -54,7 +61,7 @@ impl Density {
             }
             density.capacity = wanted.max(40);
         }
-        density.widest = density.widest_of(density.capacity);
+        density.half_width_max = density.half_width_max_for(density.capacity);
         Ok(density)
     }
 
@@ -64,13 +71,13 @@ impl Density {
     }
 
     /// Largest half-width in thicknesses that they are enough for.
-    pub(super) fn widest(&self) -> f64 {
-        self.widest
+    pub(super) fn half_width_max(&self) -> f64 {
+        self.half_width_max
     }
 
     /// Points at least, and for each thickness of half-width: the kernel's nearest singularities
     /// lie 2i thicknesses away, so the error falls as exp(-4 n/half) where that is the slower.
-    fn plain(&self) -> [f64; 2] {
+    fn base_and_slope(&self) -> [f64; 2] {
         match self.accuracy {
             Accuracy::Fast => [5.0, 3.2],
             Accuracy::Default => [10.0, 4.9],
@@ -80,8 +87,10 @@ impl Density {
 
     /// Points for a half-width of `half` thicknesses.
     pub(super) fn points(&self, half: f64) -> usize {
-        let [least, each] = self.plain();
-        let wanted = (least + each * half + self.soft(half)).max(self.steep(half)).min(1e6);
+        let [least, each] = self.base_and_slope();
+        let wanted = (least + each * half + self.incompressible_points(half))
+            .max(self.steep_points(half))
+            .min(1e6);
         // In steps, so that the nodes can often be kept while an edge is searched.
         let step = if self.accuracy == Accuracy::Fast { 2 } else { 4 };
         (libm::ceil(wanted) as usize).next_multiple_of(step)
@@ -89,17 +98,17 @@ impl Density {
 
     /// Points more where the layer gives way only by flowing sideways: errors of the kernel count
     /// as often as its compliance nearby exceeds that of the whole contact.
-    fn soft(&self, half: f64) -> f64 {
-        if self.floor * ENLARGED >= 1.0 || half * half * half <= ENLARGED {
+    fn incompressible_points(&self, half: f64) -> f64 {
+        if self.uniform_compliance * ERROR_GAIN_MIN >= 1.0 || half * half * half <= ERROR_GAIN_MIN {
             return 0.0;
         }
-        let enlarged = 1.0 / (self.floor + 1.0 / (half * half * half));
-        0.4 * half * libm::log(enlarged / ENLARGED).max(0.0)
+        let enlarged = 1.0 / (self.uniform_compliance + 1.0 / (half * half * half));
+        0.4 * half * libm::log(enlarged / ERROR_GAIN_MIN).max(0.0)
     }
 
     /// Points that a circle's slope asks for: it is infinite a radius away.
-    fn steep(&self, half: f64) -> f64 {
-        if half < STEEP * self.radius {
+    fn steep_points(&self, half: f64) -> f64 {
+        if half < STEEP_HALF_WIDTH_RADII * self.radius {
             return 0.0;
         }
         let away = (self.radius / half).max(1.01);
@@ -111,10 +120,10 @@ impl Density {
         digits / libm::log(away + (away * away - 1.0).sqrt())
     }
 
-    fn widest_of(&self, points: usize) -> f64 {
-        let [least, each] = self.plain();
+    fn half_width_max_for(&self, points: usize) -> f64 {
+        let [least, each] = self.base_and_slope();
         let mut half = (points as f64 - 4.0 - least) / each;
-        while self.soft(half) > 0.0 && self.points(half) > points {
+        while self.incompressible_points(half) > 0.0 && self.points(half) > points {
             half *= 0.99;
         }
         half
