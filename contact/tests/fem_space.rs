@@ -284,7 +284,7 @@ fn a_sphere_is_carried_by_less_and_less_towards_and_past_the_edge_of_the_layer()
         places.map(|x| {
             let before = press.take().expect("a press");
             let heights = ball(before.body().mesh(), [x, 0.0]);
-            let mut here = before.under(heights).expect("a press");
+            let mut here = before.with_profile(heights).expect("a press");
             let half = here.press(Drive::PenetrationMm(0.05)).expect("a contact");
             press = Some(here);
             2.0 * half / endless.force_n
@@ -305,11 +305,11 @@ fn a_sphere_is_carried_by_less_and_less_towards_and_past_the_edge_of_the_layer()
 fn a_press_past_the_layer_or_that_pulls_is_refused() {
     let mut press = press(0.49, 10, 1, [0.0; 2]);
     let far = ball(press.body().mesh(), [20.0, 0.0]);
-    press = press.under(far).expect("a press");
+    press = press.with_profile(far).expect("a press");
     let refused = press.press(Drive::PenetrationMm(0.05)).expect_err("no body over the layer");
     assert_eq!(refused.place, "penetration_mm");
     let heights = ball(press.body().mesh(), [0.0; 2]);
-    let mut press = press.under(heights).expect("a press");
+    let mut press = press.with_profile(heights).expect("a press");
     assert_eq!(press.press(Drive::PenetrationMm(-0.1)).expect("apart").to_bits(), 0);
     assert_eq!(press.press(Drive::ForceN(0.0)).expect("apart").to_bits(), 0);
     assert_eq!(press.press(Drive::ForceN(-1.0)).expect_err("pulls").place, "force_n");

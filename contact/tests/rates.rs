@@ -28,13 +28,13 @@ fn layer(t: f64, nu: f64) -> Layer {
 
 fn features(body: &Indenter) -> Vec<f64> {
     let t = body.layer().thickness_mm;
-    let image = Image::new(body.layer(), &body.point_forces(t), t, false);
+    let image = StressFeatures::new(body.layer(), &body.point_forces(t), t, false);
     image.features(&ALL).iter().map(|f| f.expect("defined")).collect()
 }
 
 fn derivatives(body: &mut Indenter, motion: Motion) -> Vec<f64> {
     let t = body.layer().thickness_mm;
-    let image = Image::new(body.layer(), &body.point_forces(t), t, false);
+    let image = StressFeatures::new(body.layer(), &body.point_forces(t), t, false);
     let rate = body.rate(motion, t).expect("a rate").expect("a contact");
     image.derivatives(&rate, &ALL).iter().map(|f| f.expect("defined")).collect()
 }
@@ -139,7 +139,7 @@ fn a_slide_shifts_the_image() {
     let at = |dx: f64| {
         let forces: Vec<[f64; 3]> =
             body.point_forces(t).iter().map(|f| [f[0] + dx, f[1], f[2]]).collect();
-        let image = Image::new(body.layer(), &forces, t, false);
+        let image = StressFeatures::new(body.layer(), &forces, t, false);
         image.features(&ALL).iter().map(|f| f.expect("defined")).collect::<Vec<_>>()
     };
     let (more, less) = (at(h), at(-h));
@@ -154,7 +154,7 @@ fn a_slide_shifts_the_image() {
 fn a_glued_cylinders_rates_are_those_of_the_reference() {
     let (layer, shape) = (layer(0.8, 0.49), Shape::Cylinder { radius_mm: 22.9 });
     let held = NoSlip::widen(&layer, shape, 1.5).expect("a contact");
-    let image = Image::new(&layer, &held.point_forces(0.0), 0.8, true);
+    let image = StressFeatures::new(&layer, &held.point_forces(0.0), 0.8, true);
     let of = |motion: Motion, more: usize| -> Vec<f64> {
         let rate = held.rate(shape, motion, more);
         image.derivatives(&rate, &ALL).iter().map(|f| f.expect("defined")).collect()
@@ -187,7 +187,7 @@ fn nothing_touched_has_no_derivative_and_none_is_nan() {
             body.press(&Load::default()).expect("nothing");
             assert_eq!(body.rate(motion, 0.8), Ok(None));
         }
-        let image = Image::new(body.layer(), &[], 0.8, true);
+        let image = StressFeatures::new(body.layer(), &[], 0.8, true);
         let none = image.derivatives(&TractionRate { forces: Vec::new(), shift: 1.0 }, &ALL);
         assert_eq!(none[4], None);
         assert!(none.iter().flatten().all(|value| value.is_finite()));

@@ -298,7 +298,7 @@ impl Moved<'_> {
         let slide = motion == rates::Motion::X;
         let symmetric = self.solved.symmetric;
         let (layer, depth, features) = (self.layer, self.depth, self.features);
-        let image = |forces: &[[f64; 3]]| Image::new(&layer, forces, depth, symmetric);
+        let image = |forces: &[[f64; 3]]| StressFeatures::new(&layer, forces, depth, symmetric);
         let shift = TractionRate { forces: Vec::new(), shift: 1.0 };
         match (&mut self.solved.held, &self.solved.stress) {
             (Held::Line | Held::MeshLine, _) if !slide => Ok(none),
@@ -344,7 +344,7 @@ impl Moved<'_> {
     fn still(&self) -> Vec<Option<f64>> {
         let features = match &self.solved.stress {
             Stress::Points(forces) => {
-                Image::new(&self.layer, forces, self.depth, false).features(self.features)
+                StressFeatures::new(&self.layer, forces, self.depth, false).features(self.features)
             }
             Stress::Nodes(nodes) => measured(nodes, self.features),
         };
@@ -368,7 +368,7 @@ fn spectral(
     beside.press(&load).map_err(indent::refused)?;
     let of = |indenter: &mut Indenter| {
         let forces = indenter.point_forces(depth);
-        let image = Image::new(indenter.layer(), &forces, depth, symmetric);
+        let image = StressFeatures::new(indenter.layer(), &forces, depth, symmetric);
         let rate = indenter.rate(motion, depth).map_err(indent::refused)?;
         Ok(match rate {
             Some(rate) => image.derivatives(&rate, features),

@@ -75,11 +75,12 @@ fn charts_refuse_what_is_not_on_them() {
     assert_eq!(press(1.0, -1.5), Err(Refusal::Toppling));
     assert_eq!(press(1.0, 0.999), Err(Refusal::OutsideTable));
     assert!(press(1.0, 0.97).is_ok());
-    let new =
-        |size, x: &[f64]| ContactTable::new(&layer, size, Friction::None, x).expect_err("").place;
-    assert_eq!(new((0.0, 1.0), &[]), "width_mm");
-    assert_eq!(new((1.0, 0.0), &[]), "height_mm");
-    assert_eq!(new((1.0, f64::NAN), &[]), "height_mm");
-    assert_eq!(new((1.0, 1.0), &[f64::NAN]), "x_mm");
-    assert_eq!(new((1e9, 1.0), &[]), "width_mm");
+    let new = |[width_mm, height_mm]: [f64; 2], x: &[f64]| {
+        ContactTable::new(&layer, width_mm, height_mm, Friction::None, x).expect_err("").place
+    };
+    assert_eq!(new([0.0, 1.0], &[]), "width_mm");
+    assert_eq!(new([1.0, 0.0], &[]), "height_mm");
+    assert_eq!(new([1.0, f64::NAN], &[]), "height_mm");
+    assert_eq!(new([1.0, 1.0], &[f64::NAN]), "x_mm");
+    assert_eq!(new([1e9, 1.0], &[]), "width_mm");
 }
