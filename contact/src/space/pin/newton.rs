@@ -9,8 +9,10 @@
 
 use super::row::Row;
 use super::work::Trouble;
-use crate::numeric::cholesky::{factor, solve, solve_from};
-use crate::numeric::product::dot;
+use crate::numeric::{
+    cholesky::{factor, solve, solve_from},
+    product::dot,
+};
 use core::f64::consts::PI;
 
 /// Most steps.
@@ -414,11 +416,9 @@ impl Row {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::super::layer::Layer;
-    use super::super::super::Drive;
-    use super::super::{Pin, Profile};
+    use super::super::{Drive, Pin, Profile};
     use super::Row;
-    use crate::Accuracy;
+    use crate::{Accuracy, layer::Layer};
 
     /// What is left at the edges of a contact on an end, by their rates and by differences.
     #[test]
