@@ -1,7 +1,7 @@
 //! Cholesky factors of symmetric positive definite matrices of which only the lower triangle is
 //! stored, in memory that the caller owns.
 
-use super::product::dot;
+pub(crate) use super::product::dot;
 use super::wide::wide;
 
 wide! {

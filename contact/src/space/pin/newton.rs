@@ -9,10 +9,7 @@
 
 use super::row::Row;
 use super::work::Trouble;
-use crate::numeric::{
-    cholesky::{factor, solve, solve_from},
-    product::dot,
-};
+use crate::numeric::cholesky::{dot, factor, solve, solve_from};
 use core::f64::consts::PI;
 
 /// Most steps.
