@@ -15,7 +15,7 @@ pub(crate) fn points_for(b: f64) -> usize {
     16 + libm::ceil(3.0 * b) as usize
 }
 
-/// Chebyshev points on half a strip and what depends on their number alone.
+/// Chebyshev points on half a strip, and the sums that depend on their number alone.
 pub(crate) struct Collocation {
     /// cos theta, descending.
     pub(crate) cosines: Vec<f64>,

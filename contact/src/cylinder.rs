@@ -12,7 +12,7 @@
 //! and penetration 2e-6, stiffness 2e-5 and tangential stiffness 1e-4 relative, base stress 2e-4 of
 //! its peak, base share 5e-5. Below 2e-5 of the largest penetration they are coarser.
 //!
-//! It refuses penetrations of the layer's thickness or more, contacts wider than 0.95 of the
+//! Refused are penetrations of the layer's thickness or more, contacts wider than 0.95 of the
 //! cylinder's diameter, and contacts more than 80 times as wide as the layer is thick.
 
 use super::collocation::{Collocation, points_for};
@@ -214,8 +214,8 @@ impl LineContact {
     }
 
     /// Newton's method on one cell's cubic, kept in a bracket; the load rises strictly. It starts
-    /// from the cubic with the ends' values and slopes turned round, and its steps square what is
-    /// left: after one below the root of what a number holds there is nothing to gain.
+    /// from the cubic of the inverse function through the same ends. Convergence is quadratic, so
+    /// that a step below the root of the rounding error is the last one.
     fn invert(&self, load_n_mm: f64) -> f64 {
         let above = self.load_index.first_above(&self.load, load_n_mm);
         let (start, width) =
@@ -325,7 +325,7 @@ fn grid_fraction(i: usize) -> f64 {
     (fourth_power(i as f64 + GRID_SHIFT) - fourth_power(GRID_SHIFT)) / grid_scale()
 }
 
-/// What the base carries under each of the solutions, and under a line load.
+/// Shares of the load that the base carries under each of the solutions, and under a line load.
 fn share_table(layer: &Layer, solved: &[Solution]) -> ShareTable {
     let (t, base) = (layer.thickness_mm, BaseKernel::new(&layer.transfer()));
     let mut table = ShareTable::new();
@@ -404,7 +404,7 @@ impl Problem {
                 }
             }
             if miss.abs() < 1e-6 {
-                // What is left is of second order in the miss.
+                // After this correction the error is of second order in the miss.
                 let rest = delta_mm - solution.delta_mm;
                 solution.load_n_mm += solution.stiffness_n_mm2 * rest;
                 solution.half_width *= libm::exp(-miss / slope);

@@ -2,7 +2,7 @@
 //! principal axis, widths. Lengths in mm, stresses in MPa, negative under compression.
 //!
 //! Nothing here is NaN: what a distribution does not define (a centroid without force, the axis of
-//! a round image, the width above a level that is never reached) is absent. It refuses lists that
+//! a round image, the width above a level that is never reached) is absent. Refused are lists that
 //! do not fit each other and numbers that are not finite or beyond 1e30.
 
 use super::space::tactels::Array;

@@ -4,8 +4,8 @@
 //! trapezoidal rule in the wave number, which converges exponentially here. Close under the surface
 //! that sum would get long: there the half plane's part is taken out in closed form, and the rest,
 //! which dies as exp(-2a + k d), is summed by Gauss's rule. For the half plane: Flamant's solution,
-//! whose displacements are undetermined (they hold an arbitrary length). It refuses depths outside
-//! the layer.
+//! whose displacements are undetermined (they hold an arbitrary length). Depths outside the
+//! layer are refused.
 
 use super::kernel::{BASE_CUTOFF, SURFACE_CUTOFF, cosine_integral};
 use super::layer::{Layer, Transfer};
@@ -135,7 +135,7 @@ struct Sums {
     ux: [f64; 2],
 }
 
-/// Transfer functions at one wave number, each divided by E; what goes with cos first.
+/// Transfer functions at one wave number, each divided by E; the factor of the cosine comes first.
 #[derive(Clone, Copy)]
 struct TransferValues {
     a: f64,
@@ -147,11 +147,11 @@ struct TransferValues {
     u: [f64; 4],
 }
 
-/// What a sum leaves out.
+/// The part that a sum leaves out, which is added in closed form.
 #[derive(Clone, Copy, PartialEq)]
 enum SeparatePart {
     Nothing,
-    /// What does not die with the wave number at the surface.
+    /// The part that does not die with the wave number at the surface.
     Surface,
     /// The half plane's part at this depth.
     HalfPlane(f64),
@@ -241,7 +241,8 @@ impl TransferSamples {
     }
 
     /// The parts that [`TransferValues::without_half_plane`] leaves out: Flamant's stresses, and
-    /// displacements whose logarithm is that of the line's distance over the one's from 2 t above.
+    /// displacements whose logarithm is that of the ratio of the distances from the line and
+    /// from a line 2 t above it.
     fn add_half_plane(&self, sums: &mut Sums, x: f64, d: f64) {
         let Transfer { m, n, .. } = self.transfer;
         let r2 = x * x + d * d;
@@ -334,7 +335,7 @@ impl TransferValues {
         self
     }
 
-    /// At depth 0 without what the load itself is (a concentrated stress) and without the parts
+    /// At depth 0 without the load itself (a concentrated stress) and without the parts
     /// that do not die with a: 2 tanh a in sxx per Q, tanh(a)/a and n in the coupled displacements.
     fn surface(transfer: &Transfer, a: f64) -> Self {
         let Transfer { m, n, kap } = *transfer;

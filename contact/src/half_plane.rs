@@ -1,10 +1,10 @@
-//! Closed forms for the half plane: line load, flat punch, cylinder (Hertz), and what can be read
-//! from the stress of a line load. Plane strain.
+//! Closed forms for the half plane in plane strain: line load, flat punch, cylinder (Hertz), and
+//! the loads recovered from the stress of a line load.
 //!
 //! The formulas are those that the thesis prints as A.11 to A.20, in corrected form. Each was
 //! proven here, not taken over: displacements by differentiating them to strains, Hooke's law and
 //! A.11-A.13; the stresses under punch and cylinder by quadrature of A.11-A.13 over the pressures
-//! A.16 and A.18 (`contact/tests/half_plane.rs`). What had to be corrected:
+//! A.16 and A.18 (`contact/tests/half_plane.rs`). Corrections:
 //!
 //! - A.11-A.13: all three want a minus, compression being negative.
 //! - A.14: the last term is + x^2/r^2 (times Q), not + z^2/r^2.
@@ -127,8 +127,8 @@ pub fn line_peak_mm(load: &LineLoad, depth_mm: f64) -> f64 {
     depth_mm * q / ((4.0 * p * p + 3.0 * q * q).sqrt() + 2.0 * p)
 }
 
-/// Displacements of the surface above the moments M0, M1 felt at a depth h, incompressible rubber:
-/// along x and down (4.1, 4.2), with the length that a half plane leaves open.
+/// Displacements of the surface above the moments M0, M1 measured at a depth h, incompressible
+/// rubber: along x and down (4.1, 4.2), with the length that a half plane leaves open.
 #[must_use]
 pub fn displacements_from_moments(
     material: &Layer,

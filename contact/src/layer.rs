@@ -35,7 +35,7 @@ impl Layer {
         Ok(layer)
     }
 
-    /// The checks of [`Layer::new`], for a layer that was filled in by hand.
+    /// The checks of [`Layer::new`], for a layer whose fields were set directly.
     ///
     /// # Errors
     /// As [`Layer::new`].

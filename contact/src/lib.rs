@@ -68,7 +68,7 @@ mod wave_grid;
 
 pub use accuracy::Accuracy;
 
-/// A parameter that the theory cannot take: where it stands, what is wrong, what would help.
+/// A parameter that the theory does not cover: its name, what is wrong with it, and the remedy.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Invalid {
     /// Name of the parameter.

@@ -1,13 +1,13 @@
 //! Several layers of different rubber, bonded to each other and to a rigid base: stresses and
 //! displacements under a line load at any depth.
 //!
-//! For each wave number the compliance of what lies below is carried up from the base, layer by
+//! For each wave number the compliance of the layers below is carried up from the base, layer by
 //! layer: two conditions at a layer's lower face, two tractions at its upper one, four
 //! functions inside. Those are exponentials that die away from either face where the layer is
 //! thick against the wave, so nothing overflows, and hyperbolic combinations that stay apart where
 //! it is thin, so nothing cancels; nu = 0.5 is an ordinary value. Sums in the wave number are those
 //! of
-//! [`super::field`]. It refuses an empty stack and what [`Layer::check`] refuses. It allocates.
+//! [`super::field`]. An empty stack is refused. Summing allocates.
 
 use super::field::{LineLoad, LinePoint, line};
 use super::layer::Layer;
@@ -23,9 +23,9 @@ pub const LAYERS_MAX: usize = 64;
 const WAVES_MAX: f64 = 1_048_576.0;
 /// Most waves times layers, of which each takes about 0.7 us: some six seconds.
 const WORK_MAX: f64 = 8_388_608.0;
-/// Where a layer counts as thick against the wave.
+/// Wave number times thickness above which a layer counts as thick against the wave.
 const THICK_LAYER_WAVE_NUMBER: f64 = 1.0;
-/// Stand-in for the wave without length.
+/// Smallest wave number, in units of one over the thickness, which stands for 0.
 const WAVE_NUMBER_MIN: f64 = 1e-6;
 /// Furthest that fields may reach, in thicknesses of the surface layer, where they are tabulated.
 const REACH_MAX_THICKNESSES: f64 = 640.0;
@@ -168,7 +168,7 @@ impl Stack {
         self.layers.iter().find(within).unwrap_or(&self.layers[self.layers.len() - 1])
     }
 
-    /// Refuses more waves than there is time for.
+    /// Refuses more waves than [`WAVES_MAX`] and, times the layers, [`WORK_MAX`].
     pub(crate) fn check_wave_count(&self, waves: f64) -> Result<(), Invalid> {
         if waves <= WAVES_MAX && waves * self.layers.len() as f64 <= WORK_MAX {
             return Ok(());
@@ -228,7 +228,7 @@ impl Stack {
         (-p.szz, -q.szz)
     }
 
-    /// Compliances of what lies below each layer, surface layer first.
+    /// Compliance of the face below each layer, surface layer first.
     fn compliances(&self, k: f64) -> Vec<Matrix2<f64>> {
         let mut below = Matrix2::zeros();
         let mut all = Vec::with_capacity(self.layers.len());

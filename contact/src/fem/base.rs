@@ -90,7 +90,7 @@ fn recover_nodal_values(x: &[f64], rollers: [bool; 2], line: &mut [f64]) {
         line[2 * k] = (rows[k][3] - next) / rows[k][1];
     }
     for k in 0..count - 1 {
-        // A cubic through four corners, near a free end through what there is.
+        // A cubic through four corners; near an end through those that exist.
         let from = if k == 0 { 0 } else { k - 1 };
         let to = (k + 2).min(count - 1);
         let place = x[2 * k + 1];

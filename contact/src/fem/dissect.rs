@@ -16,8 +16,8 @@ pub(super) fn elimination_order<const D: usize>(
     out
 }
 
-/// Numbers that a factor in this order keeps at most: a part is coupled to itself and to what
-/// surrounds the box that it cuts.
+/// Upper bound of the entries of a factor in this order: a part is coupled to itself and to the
+/// nodes around the box that it cuts.
 pub(super) fn factor_entries_max<const D: usize>(counts: [usize; D], step: usize) -> f64 {
     let mut sum = 0.0;
     let volume = |[low, high]: NodeBox<D>| -> f64 {
@@ -33,7 +33,7 @@ pub(super) fn factor_entries_max<const D: usize>(counts: [usize; D], step: usize
     sum
 }
 
-/// First nodes along the axes, and what comes after the last ones.
+/// First nodes along the axes, and those after the last ones.
 type NodeBox<const D: usize> = [[usize; D]; 2];
 
 /// Visits the parts in the order of elimination, each with the box that it cuts (or fills).

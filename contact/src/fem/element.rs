@@ -37,7 +37,7 @@ impl<const D: usize> Modes<D> {
     }
 }
 
-/// What an element brings to the system, displacements node by node.
+/// Contribution of an element to the system, displacements node by node.
 #[derive(Clone, Debug)]
 pub(super) struct Element<const D: usize> {
     pub(super) stiffness: Vec<f64>,

@@ -63,7 +63,7 @@ pub(super) enum Factor {
 }
 
 impl Factor {
-    /// Numbers kept.
+    /// Number of stored entries.
     pub(super) fn entries(&self) -> usize {
         match self {
             Self::Band(band) => band.entries(),

@@ -23,7 +23,7 @@ pub(super) const FIXED_EQUATION: u32 = u32::MAX;
 pub struct Elements<const D: usize = 2> {
     mesh: Mesh<D>,
     kind: Kind,
-    /// The moduli in the matrix, and what compliance is still missing: 1/K - 1/K_matrix.
+    /// The moduli in the matrix, and the missing compliance: 1/K - 1/K_matrix.
     pub(super) moduli: Moduli,
     pub(super) compliance_left: f64,
     /// Equation of each displacement, node by node.
@@ -37,7 +37,7 @@ pub struct Elements<const D: usize = 2> {
     pub(super) factor: Factor,
 }
 
-/// What a load does.
+/// The mesh's response to a load.
 #[derive(Clone, Debug)]
 pub struct Response<const D: usize = 2> {
     /// Displacement of each node along the axes in mm.
@@ -160,7 +160,7 @@ impl<const D: usize> Elements<D> {
     }
 
     /// Solves for forces on the nodes of the surface, column by column, along the axes (z up), in
-    /// N/mm (plane) or N. What is missing counts as 0. Does not allocate.
+    /// N/mm (plane) or N. Missing forces count as 0. Does not allocate.
     pub fn solve(&self, surface: &[[f64; D]], out: &mut Response<D>) {
         out.load.fill(0.0);
         for (column, force) in surface.iter().take(self.mesh.columns()).enumerate() {
@@ -408,7 +408,7 @@ fn number_equations<const D: usize>(mesh: &Mesh<D>, method: Method) -> (Vec<u32>
     (equations, next as usize)
 }
 
-/// Refuses a factor that would not fit, before it is made.
+/// Refuses a factor of more than [`ENTRIES_MAX`] entries before it is allocated.
 fn check_factor_size<const D: usize>(
     mesh: &Mesh<D>,
     method: Method,

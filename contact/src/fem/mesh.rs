@@ -1,7 +1,8 @@
 //! Meshes of quadrilaterals over a rectangle and of bricks over a block, of order 1 or 2. Nodes are
 //! numbered across the thickness first, then along y (bricks), then along x. The last axis is z,
-//! 0 at the base. They refuse edges that do not ascend and what would not fit; whether an element
-//! folds, the elements say.
+//! 0 at the base. Edges that do not ascend and meshes
+//! of more than [`ELEMENTS_MAX`] elements are refused here, elements that fold when they are
+//! assembled.
 
 use crate::{Invalid, finite, positive};
 
@@ -70,7 +71,7 @@ impl<const D: usize> Mesh<D> {
         Ok(mesh)
     }
 
-    /// The checks of [`Self::from_edges`], for a mesh whose fields were changed by hand.
+    /// The checks of [`Self::from_edges`], for a mesh whose fields were changed directly.
     ///
     /// # Errors
     /// Fewer than 2 elements along or 1 across, too many, an order other than 1 and 2, nodes of
@@ -179,8 +180,8 @@ impl<const D: usize> Mesh<D> {
         (0..count).map_while(at).collect()
     }
 
-    /// What each column's node of the base stands for: the integral of its shape function over the
-    /// base, in mm (plane) or mm^2.
+    /// Length or area that each column's node of the base represents: the integral of its shape
+    /// function over the base, in mm (plane) or mm^2.
     #[must_use]
     pub fn base_weights(&self) -> Vec<f64> {
         let lines: Vec<Vec<f64>> =
@@ -244,8 +245,8 @@ impl Mesh<2> {
         (0..if j < across { along } else { 0 }).map_while(at).collect()
     }
 
-    /// What of a row each of its nodes stands for: the integral of its shape function, with order 1
-    /// half its two neighbours' distance.
+    /// Length of a row that each of its nodes represents: the integral of its shape function, with
+    /// order 1 half its two neighbours' distance.
     #[must_use]
     pub fn widths_mm(&self, j: usize) -> Vec<f64> {
         line_weights(&self.row_mm(j), self.order)

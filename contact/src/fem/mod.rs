@@ -12,8 +12,8 @@
 //! entries than a sparse one would fill. In space it is sparse, in the order of nested dissection;
 //! [`mesh_contact`] holds the contact. None of it is meant for control periods.
 //!
-//! It refuses meshes that fold or do not fit their nodes, fewer than two elements along, and a
-//! factor of more than [`ENTRIES_MAX`] numbers, before anything is allocated for it.
+//! Refused are meshes that fold or do not fit their nodes, fewer than two elements along, and a
+//! factor of more than [`ENTRIES_MAX`] numbers before anything is allocated for it.
 
 mod base;
 mod dissect;

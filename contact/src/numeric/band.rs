@@ -8,7 +8,7 @@ pub(crate) const SIDES_AT_ONCE: usize = 8;
 pub(crate) struct Band {
     size: usize,
     half: usize,
-    /// Row i holds columns i - half to i; what lies left of column 0 stays 0.
+    /// Row i holds columns i - half to i; entries left of column 0 stay 0.
     rows: Vec<f64>,
 }
 
@@ -17,7 +17,7 @@ impl Band {
         Self { size, half, rows: vec![0.0; size * (half + 1)] }
     }
 
-    /// Numbers kept.
+    /// Number of stored entries.
     pub(crate) fn entries(&self) -> usize {
         self.rows.len()
     }
@@ -51,7 +51,7 @@ impl Band {
             if rest.is_nan() || rest <= 0.0 {
                 return false;
             }
-            // The diagonal is kept as its inverse.
+            // The diagonal stores its inverse, so that solving multiplies.
             row[self.half] = 1.0 / rest.sqrt();
         }
         true

@@ -58,8 +58,7 @@ impl LuMatrix {
 }
 
 wide! {
-    /// Turns a square matrix of so many rows into its factors, and tells which row each pivot came
-    /// from.
+    /// Turns a square matrix of `n` rows into its factors and appends the row of each pivot.
     fn eliminate(n: usize, entries: &mut [f64], rows: &mut Vec<usize>) = eliminate_in_place;
 }
 

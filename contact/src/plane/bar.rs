@@ -106,7 +106,7 @@ impl Indenter {
         for _ in 0..EDGE_ITERATIONS_MAX {
             let h = libm::exp(y);
             let centre = side * (half - h);
-            // A negative strength asks for a narrower contact.
+            // A negative strength at the free edge means that the contact is narrower.
             let miss = -self.solve_face(h, centre, force, place, ratio)?[free];
             if let Some([y0, miss0]) = before
                 && y != y0

@@ -18,13 +18,13 @@ pub const CELLS_MAX: usize = 1000;
 /// Largest width of a cell in thicknesses: a wider one does not resolve a contact.
 const CELL_WIDTH_MAX_THICKNESSES: f64 = 20.0;
 
-/// Places on the surface and their compliances, per unit force (N/mm): row i, column j is what
-/// place i does under a force at j. Displacements in mm, normal ones downwards.
+/// Places on the surface and their compliances, per unit force (N/mm): row i, column j is the
+/// displacement of place i under a force at j. Displacements in mm, normal ones downwards.
 #[derive(Clone, Debug)]
 pub struct SurfaceCompliance {
     /// Places in mm, ascending.
     pub x_mm: Vec<f64>,
-    /// What of the surface each place stands for, in mm.
+    /// Width of the surface that each place represents, in mm.
     pub width_mm: Vec<f64>,
     /// Descent per normal force.
     pub down_per_p: Vec<f64>,

@@ -7,7 +7,7 @@
 //! 1 - s. The table is right to 1e-5 (relative; stresses to 2e-5 of the peak). Reading
 //! neither allocates nor panics, and there is no cold start.
 //!
-//! It refuses what the solver refuses, and bars that stand nearly on their corner
+//! Refused is what the solver refuses, and bars that stand nearly on their corner
 //! ([`Refusal::OutsideTable`]).
 
 use super::features::{Moments, moments};
@@ -40,7 +40,7 @@ pub struct ContactTable {
     rows: [Vec<f64>; 2],
     points: usize,
     width: usize,
-    /// Where the last contact stands: which table, first row, weights; what was read there.
+    /// Place of the last contact (which table, first row, weights) and the values read there.
     place: (usize, usize, [f64; 4]),
     read: [f64; FIRST_STRESS_COLUMN],
     contact: Contact,
@@ -152,7 +152,7 @@ impl ContactTable {
         Moments { m }
     }
 
-    /// Writes the base stress (MPa) of the last contact at the chart's places; nothing unless there
+    /// Writes the base stress (MPa) of the last contact at the table's places; nothing unless there
     /// is one value a place.
     pub fn base_szz_mpa(&self, out: &mut [f64]) {
         if out.len() != self.points {
@@ -186,7 +186,7 @@ fn rows_and_weights(cells: usize, part: f64) -> (usize, [f64; 4]) {
     (first, cubic(place - (first + 1) as f64))
 }
 
-/// What makes the rows.
+/// Computes the rows.
 struct TableBuilder<'a> {
     solver: Indenter,
     half_mm: f64,

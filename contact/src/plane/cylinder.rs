@@ -127,7 +127,7 @@ impl Indenter {
             if miss.abs() < tolerance || stuck {
                 self.guess = Some([y, slope]);
                 if let Target::Force(force) = target {
-                    // What the tolerance left open goes into the height of the pressure.
+                    // The remaining error of the force, within the tolerance, scales the pressure.
                     self.phi.iter_mut().for_each(|p| *p *= force / trial.force);
                     trial.descent = self.descent(&profile, &trial);
                 }
@@ -154,7 +154,8 @@ impl Indenter {
         for _ in 0..OFFSET_ITERATIONS_MAX {
             interval.solve(0.0, |xi| -profile.slope(centre + half * xi), &mut self.phi);
             let shape = [-1.0, 1.0].map(|xi| interval.at(&self.phi, xi));
-            // The force that both edges together ask for, and what then is left at the left one.
+            // The force at which the strengths of both edges cancel, and the strength then left at
+            // the left edge, which the offset has to remove.
             force = -(shape[0] + shape[1]) / (ends[0] + ends[1]);
             let rest = shape[0] + force * ends[0];
             if ratio == 0.0 {

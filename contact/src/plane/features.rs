@@ -129,7 +129,7 @@ fn cell_edges(stress: &Spectrum) -> Vec<f64> {
     edges
 }
 
-/// Cells of one width that the depth asks for.
+/// Number of equal cells that the depth needs.
 fn equal_cell_count(stress: &Spectrum) -> f64 {
     libm::ceil((2.0 * SENSOR_HALF_MM / (0.4 * stress.depth_mm())).max(CELLS_MIN))
 }
@@ -254,7 +254,7 @@ pub(super) fn compressive_rate(
         }
         left = right;
     }
-    // What leaves the sensor at its ends.
+    // The stress that moves past the sensor's ends.
     let ends = [-SENSOR_HALF_MM, SENSOR_HALF_MM].map(|x| (x, szz(x).min(0.0)));
     for (order, m) in rate.iter_mut().enumerate() {
         let own = if order == 0 { 0.0 } else { order as f64 * moments.m[order - 1] };

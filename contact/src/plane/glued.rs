@@ -10,7 +10,7 @@ use super::surface_kernels::SurfaceKernels;
 use crate::numeric::elimination::LuMatrix;
 use core::f64::consts::{FRAC_PI_2, LN_2, PI};
 
-/// Chebyshev points and what depends on their number alone.
+/// Chebyshev points, and the sums that depend on their number alone.
 #[derive(Clone, Debug)]
 pub(super) struct Chebyshev {
     /// cos theta, descending.

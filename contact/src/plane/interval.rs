@@ -31,7 +31,7 @@ pub(crate) struct Interval {
     coupling: f64,
     /// Number and exponent of the collocation points that `zeros` holds.
     collocation: (usize, f64),
-    /// The coarse kernel, where that is what is read.
+    /// The coarse kernel, if the solution is a fast one.
     combined: Option<CombinedKernel>,
     /// Mean descent per phi by the kernel's smooth part; empty while it is not computed.
     mean_descents: Vec<f64>,
@@ -199,7 +199,7 @@ fn fill_rows(
     }
 }
 
-/// What each phi adds to the sum over both places of the smooth part of the descent.
+/// Part of each phi in the sum over both places of the smooth part of the descent.
 fn fill_mean_descents(
     rule: &JacobiRule,
     half: f64,

@@ -58,7 +58,7 @@ pub enum LoadStep {
 }
 
 impl LoadStep {
-    /// Descent, tilt and place along x, where they are what is prescribed.
+    /// Descent, tilt and place along x, if they are prescribed.
     pub(super) fn pose(&self) -> Option<[f64; 3]> {
         match *self {
             Self::Move { dz_mm, dx_mm } => Some([dz_mm, 0.0, dx_mm]),

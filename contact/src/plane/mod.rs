@@ -6,12 +6,12 @@
 //! above the layer, and on the axis of a cylinder; a line load P > 0 presses, Q > 0 pushes the
 //! layer along +x. Inside the contact the surface goes down by delta + slope x less the profile.
 //!
-//! What it refuses: pulling, a bar that topples, a contact as wide as the cylinder or too wide for
-//! the points that it may use, a bar from which friction of several times the pressure pulls the
-//! layer off between its edges, and everything not finite. Refusals are plain numbers
-//! ([`Refusal`]), since this runs inside control periods. What it does not know: free ends of the
-//! layer. Slip against stick is in [`frictional`], growth without slip in [`noslip`], feature
-//! Jacobians in [`rates`]; a bar's contacts as a table in [`contact_table`].
+//! Refused are loads that pull, a bar that topples, a contact as wide as the cylinder or too wide
+//! for the points that it may use, a bar from which friction of several times the pressure pulls
+//! the layer off between its edges, and everything not finite. Refusals are plain numbers
+//! ([`Refusal`]), since this runs inside control periods. Not modelled are free ends of the layer.
+//! Slip against stick is in [`frictional`], growth without slip in [`noslip`], feature Jacobians in
+//! [`rates`]; a bar's contacts as a table in [`contact_table`].
 
 mod bar;
 mod coarse_kernels;

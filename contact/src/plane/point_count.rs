@@ -21,7 +21,7 @@ pub(super) struct PointCounts {
     accuracy: Accuracy,
     /// Compliance under uniform pressure, of wave number 0.
     uniform_compliance: f64,
-    /// Radius of a circle in thicknesses; infinite for what has none.
+    /// Radius of a circle in thicknesses; infinite for other shapes.
     radius: f64,
     capacity: usize,
     half_width_max: f64,
@@ -65,12 +65,12 @@ impl PointCounts {
         Ok(density)
     }
 
-    /// Points that there are.
+    /// Number of points available.
     pub(super) fn capacity(&self) -> usize {
         self.capacity
     }
 
-    /// Largest half-width in thicknesses that they are enough for.
+    /// Largest half-width in thicknesses that these points resolve.
     pub(super) fn half_width_max(&self) -> f64 {
         self.half_width_max
     }
@@ -96,8 +96,8 @@ impl PointCounts {
         (libm::ceil(wanted) as usize).next_multiple_of(step)
     }
 
-    /// Points more where the layer gives way only by flowing sideways: errors of the kernel count
-    /// as often as its compliance nearby exceeds that of the whole contact.
+    /// Additional points where the layer is nearly incompressible: errors of the kernel are
+    /// enlarged by the ratio of its compliance nearby to that of the whole contact.
     fn incompressible_points(&self, half: f64) -> f64 {
         if self.uniform_compliance * ERROR_GAIN_MIN >= 1.0 || half * half * half <= ERROR_GAIN_MIN {
             return 0.0;
@@ -106,7 +106,7 @@ impl PointCounts {
         0.4 * half * libm::log(enlarged / ERROR_GAIN_MIN).max(0.0)
     }
 
-    /// Points that a circle's slope asks for: it is infinite a radius away.
+    /// Points that a circle's slope needs, which is infinite a radius away from the middle.
     fn steep_points(&self, half: f64) -> f64 {
         if half < STEEP_HALF_WIDTH_RADII * self.radius {
             return 0.0;

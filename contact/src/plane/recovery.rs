@@ -8,17 +8,17 @@
 //! contact solver gives, lifted edges included.
 //!
 //! Moments that only noise can have put beyond every contact, up to [`MISFIT_MAX_SIGMAS`] standard
-//! deviations, are answered by the nearest contact and told by their misses: estimates are those of
-//! largest likelihood, for which that nearest one stands. Uncertainties are those of the moments.
-//! Those of loads are carried through to first order; that of a width is how far it moves when M2
-//! does by one standard deviation to the worse side, since M2 hardly feels a narrow bar's width.
-//! Where its uncertainty is a large part of it a width is too large in the mean: none comes out
-//! below the narrowest. Of two contacts that make the same moments, which there are where the
-//! origin is near a bar on thick rubber, the more upright is given.
+//! deviations, are answered by the nearest contact and its misses: estimates are those of largest
+//! likelihood, for which that nearest one stands. Uncertainties are those of the moments. Those of
+//! loads are carried through to first order; that of a width is how far it moves when M2 does by
+//! one standard deviation to the worse side, since M2 hardly depends on a narrow bar's width. Where
+//! its uncertainty is a large part of it a width is too large in the mean: none comes out below the
+//! narrowest. Of two contacts that make the same moments, which there are where the origin is near
+//! a bar on thick rubber, the more upright is given.
 //!
-//! It refuses what [`Indenter::new`] refuses, moments further away, an origin under the bar where
-//! force is wanted, since M1 hardly feels P there, and a bar of no height without friction, whose
-//! moments do not feel Q. It allocates.
+//! Refused are moments further away, an origin under the bar when forces are recovered, since M1
+//! hardly depends on P there, and a bar of no height without friction, whose moments do not depend
+//! on Q. Recovering allocates.
 
 use super::features::moments;
 use super::{Friction, Indenter, Load, Refusal, Shape};
@@ -68,7 +68,7 @@ pub struct Estimate {
     pub sigma: f64,
 }
 
-/// What was recovered; loads in N/mm, width in mm.
+/// Recovered loads in N/mm and width in mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Recovery {
     /// Normal load.
@@ -81,7 +81,7 @@ pub struct Recovery {
     pub misses: [f64; 2],
 }
 
-/// Why nothing was recovered.
+/// Why no load or width was recovered.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RecoveryError {
     /// A parameter.
@@ -293,7 +293,7 @@ impl BarOverSensor {
         // It falls with the width.
         let (narrowest, widest) = (second(least)?, second(most)?);
         if narrowest.partial_cmp(&widest) != Some(core::cmp::Ordering::Greater) {
-            // On a layer so thick nothing is left of the width.
+            // On a thick layer the moment no longer depends on the width.
             return Err(RecoveryError::NoContact);
         }
         let reached = m[1].value.clamp(widest, narrowest);
@@ -361,7 +361,7 @@ impl BarOverSensor {
     }
 }
 
-/// What misses are weighed by.
+/// Weights of the misses.
 fn weights_of(m: [Estimate; 2]) -> [f64; 2] {
     m.map(|m| 1.0 / m.sigma.max(RELATIVE_NOISE * m.value.abs()).max(SIGMA_MIN))
 }

@@ -15,16 +15,16 @@ pub enum Refusal {
     /// The contact would be wider than 0.98 of a cylinder's diameter or than the solver's points
     /// can resolve.
     TooWide,
-    /// The search for an edge, or for who sticks and who slips, did not settle; the last state
-    /// stays. Under friction far above 1 there need not be any state.
+    /// The search for an edge, or for the places that stick and slip, did not converge; the last
+    /// state stays. Under friction far above 1 there need not be any solution.
     NotConverged,
-    /// A bar that stands nearly on its corner, which its chart leaves out.
+    /// A bar that stands nearly on its corner, which its table leaves out.
     OutsideTable,
     /// A bar that stands beyond the middle of the last cell, or of the last node of a mesh, under
     /// it, which alone would have to carry it.
     OnLastNode,
-    /// Friction without a limit, and no state that obeys it: a place that held would be torn off,
-    /// torn off it would touch again.
+    /// Friction without a limit, and no state that obeys it: a place that sticks would be in
+    /// tension, and apart it would overlap.
     EdgeSeparation,
     /// A tangential traction of several times the pressure pulls the layer off the bar inside the
     /// contact, which then is not one interval.

@@ -28,7 +28,7 @@ pub type PointForce = [f64; 3];
 pub struct Spectrum {
     /// a/t, weight times the transformed stress: for cos and for sin.
     waves: Vec<[f64; 3]>,
-    /// What the half plane adds.
+    /// Forces whose half-plane part is added in closed form.
     shallow: Vec<PointForce>,
     /// Where the forces act, ascending.
     places: Vec<f64>,
@@ -40,8 +40,8 @@ pub struct Spectrum {
 
 impl Spectrum {
     /// Prepares the stress at a depth above 0 and up to the thickness, for places up to `reach_mm`
-    /// from x = 0, however far: the number of waves goes with the width of what carries force, in
-    /// thicknesses, since beyond 40 of them from it there is nothing.
+    /// from x = 0, however far: the number of waves goes with the width over which forces act, in
+    /// thicknesses, since beyond 40 of them from there the stress has died.
     #[must_use]
     pub fn new(layer: &Layer, forces: &[PointForce], depth_mm: f64, reach_mm: f64) -> Self {
         let t = layer.thickness_mm;
@@ -144,8 +144,8 @@ impl Spectrum {
         [self.middle_mm - self.reach_mm, self.middle_mm + self.reach_mm]
     }
 
-    /// How far from `x_mm` on the stress is smooth: the distance of what it is not analytic at,
-    /// which lies at this depth under the forces; towards +x, or towards -x where `side` is -1.
+    /// Length from `x_mm` on over which the stress is smooth. Its singularities lie as far above
+    /// the depth as the forces are; towards +x, or towards -x where `side` is -1.
     pub(super) fn smooth_stretch_mm(&self, x_mm: f64, side: f64) -> f64 {
         let right = self.places.partition_point(|place| *place < x_mm);
         let place = |i: Option<usize>| i.and_then(|i| self.places.get(i)).copied();
@@ -219,13 +219,14 @@ impl Spectrum {
     }
 }
 
-/// Half of what the forces span, its middle, and how far from there the stress is wanted.
+/// Half the span of the forces, its middle, and the distance from there up to which the stress is
+/// computed.
 fn extent(forces: &[PointForce], reach_mm: f64, far_mm: f64) -> [f64; 3] {
     let low = forces.iter().map(|f| f[0]).fold(f64::INFINITY, f64::min);
     let high = forces.iter().map(|f| f[0]).fold(f64::NEG_INFINITY, f64::max);
     let middle = if low <= high { 0.5 * (low + high) } else { 0.0 };
     let half = if low <= high { 0.5 * (high - low) } else { 0.0 };
-    // Far from the nearest force there is nothing.
+    // Far from the nearest force the stress has died.
     [half, middle, (reach_mm + middle.abs()).min(half + far_mm)]
 }
 

@@ -60,7 +60,7 @@ impl NoSlip {
         rate
     }
 
-    /// What the edges of the contact pull after a move of `dx_mm` along x, in N/mm: the largest
+    /// Tension at the edges of the contact after a move of `dx_mm` along x, in N/mm: the largest
     /// tension that the outermost part on either side carries in sum.
     #[must_use]
     pub fn pull_n_mm(&self, dx_mm: f64) -> f64 {

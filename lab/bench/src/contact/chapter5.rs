@@ -174,7 +174,7 @@ fn image() -> anyhow::Result<Figure> {
     let mut picture = vec![0.0; array.len()];
     let mut at = |force: f64, tilt_rad: f64| -> anyhow::Result<[f64; 2]> {
         let pose = Pose { stand: Stand::default(), tilt_rad };
-        scene.press(space::LoadStep::ForceN(force), pose)?;
+        scene.press(space::Drive::ForceN(force), pose)?;
         scene.image(&mut picture)?;
         let found = image_features(&array, &picture, Part::Compressive)?;
         Ok([found.m0, found.mx])

@@ -116,8 +116,8 @@ fn spectral(out: &mut String, level: Accuracy, truth: &Truth) -> anyhow::Result<
 /// The bar's chart: no warm and no cold start, so one time; then with the stress at all places.
 fn charted(out: &mut String, truth: &Truth) -> anyhow::Result<()> {
     const CALLS: u32 = 1000;
-    let (layer, size) = (layer(0.8, 0.49)?, (WIDTH, 6.35));
-    let make = |x: &[f64]| ContactTable::new(&layer, size, Friction::None, x);
+    let layer = layer(0.8, 0.49)?;
+    let make = |x: &[f64]| ContactTable::new(&layer, WIDTH, 6.35, Friction::None, x);
     let tables = best_us(1, |_| {
         black_box(make(&truth.x).is_ok());
     });
