@@ -23,7 +23,7 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Scalar product, summed from the first term to the last.
-#[inline]
+#[inline(always)]
 pub(crate) fn dot_in_order(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -28,13 +28,13 @@ use core::f64::consts::PI;
 const POLYNOMIAL_DEGREE: usize = 12;
 const WIDTH_COUNT: usize = 20;
 const PANEL_COUNT: usize = 2;
+const EXTRA_PER_THICKNESS: [f64; 3] = [0.8, 1.2, 0.2];
+const EXTRA_FROM_THICKNESSES: f64 = 3.0;
 /// Points of a strip that is moved along x, in multiples of those of a pressed strip, up to a
 /// largest number: its tractions oscillate at the edges, and the error that the series makes there
 /// falls with the number of points.
 const MOVED_POINT_FACTOR: usize = 3;
 const MOVED_POINTS_MAX: usize = 400;
-const EXTRA_PER_THICKNESS: [f64; 3] = [0.8, 1.2, 0.2];
-const EXTRA_FROM_THICKNESSES: f64 = 3.0;
 /// Largest half-width of a contact in thicknesses, and in radii of the circle.
 const HALF_WIDTH_MAX_THICKNESSES: f64 = 30.0;
 const HALF_WIDTH_MAX_RADII: f64 = 0.95;
