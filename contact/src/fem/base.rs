@@ -106,7 +106,7 @@ impl Elements<2> {
     /// The compliances of the surface's nodes, for the contact solver.
     ///
     /// # Errors
-    /// More nodes than a bed may have.
+    /// More nodes than [`CELLS_MAX`].
     pub fn compliance(&self) -> Result<SurfaceCompliance, Invalid> {
         let n = self.mesh().columns();
         if n > CELLS_MAX {

@@ -336,7 +336,8 @@ impl<const D: usize> Elements<D> {
 }
 
 impl Elements<2> {
-    /// Reactions and base stress under the forces of a contact on this mesh's own bed. Allocates.
+    /// Reactions and base stress under the forces of a contact on this mesh's own compliances.
+    /// Allocates.
     ///
     /// # Errors
     /// Forces that are not finite.
