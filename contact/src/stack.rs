@@ -237,7 +237,7 @@ impl Stack {
             let column = |traction: Vector2<f64>| {
                 let c = coefficients(layer, k, &below, traction);
                 let top = layer_functions(layer, k, layer.thickness_mm);
-                Vector2::from_fn(|i, _| dot_in_order(&top[i], c.as_slice()))
+                Vector2::from_fn(|i, _| dot_in_order(&top[i], c.as_ref()))
             };
             below = Matrix2::from_columns(&[
                 column(Vector2::new(1.0, 0.0)),
@@ -260,11 +260,11 @@ impl Stack {
             let bottom = top + layer.thickness_mm;
             if depth_mm <= bottom || i + 1 == self.layers.len() {
                 let f = layer_functions(layer, k, (bottom - depth_mm).max(0.0));
-                let [ux, uz, szz, sxz, sxx] = f.map(|row| dot_in_order(&row, c.as_slice()));
+                let [ux, uz, szz, sxz, sxx] = f.map(|row| dot_in_order(&row, c.as_ref()));
                 return Amplitudes { ux, uz, szz, sxz, sxx };
             }
             let f = layer_functions(layer, k, 0.0);
-            traction = Vector2::from_fn(|i, _| dot_in_order(&f[2 + i], c.as_slice()));
+            traction = Vector2::from_fn(|i, _| dot_in_order(&f[2 + i], c.as_ref()));
             top = bottom;
         }
         Amplitudes::default()

@@ -22,8 +22,7 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + plain(rest_a, rest_b)
 }
 
-/// Scalar product, summed from the first term to the last.
-#[inline(always)]
-pub(crate) fn dot_in_order(a: &[f64], b: &[f64]) -> f64 {
+/// Scalar product of the first D terms, summed from the first to the last.
+pub(crate) fn dot_in_order<const D: usize>(a: &[f64], b: &[f64; D]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
