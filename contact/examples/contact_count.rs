@@ -4,27 +4,28 @@
 //! that each may take. Without a case it lists them. Not lane code.
 
 use std::hint::black_box;
+use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh, Method};
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape};
+use taktil_contact::plane::{Friction, Indenter, Load, Shape};
+use taktil_contact::space::Drive;
 use taktil_contact::space::pin::{Pin, Profile, Stand};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{self, Drive};
 
 type Solve = Box<dyn FnMut(u32)>;
 /// Its name and what makes its solution.
 type Case = (&'static str, fn() -> Solve);
 
 const CASES: [Case; 10] = [
-    ("bar-warm", || plane(BAR, Friction::Proportional, Level::Fast, 0.6, true)),
-    ("bar-whole-warm", || plane(BAR, Friction::Proportional, Level::Fast, 0.05, true)),
-    ("bar-cold", || plane(BAR, Friction::Proportional, Level::Default, 0.6, false)),
-    ("cylinder-warm", || plane(CYLINDER, Friction::None, Level::Fast, 0.0, true)),
-    ("cylinder-cold", || plane(CYLINDER, Friction::None, Level::Default, 0.0, false)),
-    ("pin-warm", || pin(space::Level::Fast, Fineness::FAST, true)),
-    ("pin-cold", || pin(space::Level::Default, Fineness::DEFAULT, false)),
+    ("bar-warm", || plane(BAR, Friction::Proportional, Accuracy::Fast, 0.6, true)),
+    ("bar-whole-warm", || plane(BAR, Friction::Proportional, Accuracy::Fast, 0.05, true)),
+    ("bar-cold", || plane(BAR, Friction::Proportional, Accuracy::Default, 0.6, false)),
+    ("cylinder-warm", || plane(CYLINDER, Friction::None, Accuracy::Fast, 0.0, true)),
+    ("cylinder-cold", || plane(CYLINDER, Friction::None, Accuracy::Default, 0.0, false)),
+    ("pin-warm", || pin(Accuracy::Fast, Fineness::FAST, true)),
+    ("pin-cold", || pin(Accuracy::Default, Fineness::DEFAULT, false)),
     ("sphere-cold", || sphere(0.8, 10.0, 5.0)),
     ("sphere-wide-cold", || sphere(0.1, 100.0, 4000.0)),
     ("mesh-load", mesh),
@@ -54,7 +55,7 @@ fn rubber() -> Layer {
 }
 
 /// Loads that change a little from one to the next, as between control periods.
-fn plane(shape: Shape, friction: Friction, level: Level, ratio: f64, warm: bool) -> Solve {
+fn plane(shape: Shape, friction: Friction, level: Accuracy, ratio: f64, warm: bool) -> Solve {
     let mut indenter = Indenter::new(&rubber(), shape, friction, level).expect("an indenter");
     Box::new(move |round| {
         if !warm {
@@ -67,7 +68,7 @@ fn plane(shape: Shape, friction: Friction, level: Level, ratio: f64, warm: bool)
 }
 
 /// A pin of 8 mm over the whole array, a little tilted and turned, and its image.
-fn pin(level: space::Level, fineness: Fineness, warm: bool) -> Solve {
+fn pin(level: Accuracy, fineness: Fineness, warm: bool) -> Solve {
     let rubber = rubber();
     let influence = Influence::new(&rubber).expect("a layer");
     let shares = Shares::new(&influence, &Array::THESIS, Sampling::Area, fineness);
@@ -91,7 +92,7 @@ fn pin(level: space::Level, fineness: Fineness, warm: bool) -> Solve {
 /// A sphere near the middle of the array, at the default level from no contact, and its image.
 fn sphere(thickness_mm: f64, radius_mm: f64, force_n: f64) -> Solve {
     let rubber = Layer { thickness_mm, poisson: 0.5, ..rubber() };
-    let mut sphere = Sphere::new(&rubber, radius_mm, space::Level::Default).expect("a sphere");
+    let mut sphere = Sphere::new(&rubber, radius_mm, Accuracy::Default).expect("a sphere");
     let mut image = vec![0.0; Array::THESIS.len()];
     Box::new(move |round| {
         sphere.release();
@@ -108,7 +109,7 @@ fn sphere(thickness_mm: f64, radius_mm: f64, force_n: f64) -> Solve {
 fn mesh() -> Solve {
     let mesh = Mesh::uniform(25.4, 0.8, 64, 4).expect("a mesh");
     let forces = vec![[0.0, -0.01]; mesh.columns()];
-    let body = Elements::factored(&rubber(), mesh, Kind::MeanDilatation, Method::Band);
+    let body = Elements::with_method(&rubber(), mesh, Kind::MeanDilatation, Method::Band);
     let body = body.expect("a factor");
     let mut out = body.response();
     Box::new(move |_| body.solve(black_box(&forces), &mut out))

@@ -14,7 +14,7 @@ use taktil_contact::layer::Layer;
 fn report<const D: usize>(name: &str, layer: &Layer, mesh: &Mesh<D>) -> Result<(), Invalid> {
     for method in [Method::Band, Method::Sparse] {
         let start = Instant::now();
-        let body = Elements::factored(layer, mesh.clone(), Kind::MeanDilatation, method)?;
+        let body = Elements::with_method(layer, mesh.clone(), Kind::MeanDilatation, method)?;
         let made = start.elapsed().as_secs_f64() * 1e3;
         let mut forces = vec![[0.0; D]; mesh.columns()];
         forces.iter_mut().for_each(|force| force[D - 1] = -0.01);
@@ -40,7 +40,7 @@ fn main() -> Result<(), Invalid> {
     for (n, nz) in [(16, 4), (24, 6)] {
         let x = graded_edges(7.2, n, 3.0)?;
         let z = graded_edges(0.8, nz, 0.0)?;
-        let mesh = Mesh::block(&x, &x, &z, 1)?.on_rollers(0, 0).on_rollers(1, 0);
+        let mesh = Mesh::block(&x, &x, &z, 1)?.with_rollers(0, 0).with_rollers(1, 0);
         report(&format!("{n} x {n} x {nz}"), &layer, &mesh)?;
     }
     let x = graded_edges(12.7, 13, 3.0)?;

@@ -14,13 +14,14 @@ mod draws;
 use draws::{Drawn, Draws};
 use std::hint::black_box;
 use std::time::Instant;
+use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::pin::Pin;
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::Pose;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level};
 
 /// Rounds of a timing; their median counts.
 const ROUNDS: u32 = 21;
@@ -100,7 +101,7 @@ fn sweep(
     (fine, draw): (bool, Draw),
     rows: &mut [Rows; 4],
 ) {
-    let truth = if fine { Level::Fine } else { Level::Default };
+    let truth = if fine { Accuracy::Fine } else { Accuracy::Default };
     for _ in 0..layers {
         let rubber = draws.rubber();
         let influence = Influence::new(&rubber).expect("a layer");
@@ -112,9 +113,9 @@ fn sweep(
             let mut exact = vec![0.0; 256];
             let force = drawn.exact(truth, &shares, &mut exact);
             let kinds = [drawn.on_corner(), drawn.is_bar()].map(usize::from);
-            let levels = [Level::Fast, Level::Default].into_iter().enumerate();
+            let levels = [Accuracy::Fast, Accuracy::Default].into_iter().enumerate();
             for (n, level) in levels.take(if fine { 2 } else { 1 }) {
-                let shares = if level == Level::Fast { &quick } else { &shares };
+                let shares = if level == Accuracy::Fast { &quick } else { &shares };
                 let row = measured(&drawn, level, shares, (&exact, force));
                 rows[2 * n + kinds[n]].push((row, format!("{drawn:?}")));
             }
@@ -133,14 +134,14 @@ fn sweep_long(count: usize, mut draws: Draws, rows: &mut [Rows; 4]) {
         let shares = made.expect("tables");
         let mut exact = vec![0.0; 256];
         // A bar that the fine level refuses has no truth.
-        let mut truth = drawn.pin(Level::Fine);
+        let mut truth = drawn.pin(Accuracy::Fine);
         let deep = Drive::PenetrationMm(drawn.delta_mm);
         let Ok(state) = truth.press(deep, drawn.pose.tilt_rad) else {
             println!("refused by the fine level: {drawn:?}");
             continue;
         };
         truth.image(&shares, drawn.pose.stand, &mut exact);
-        let row = measured(&drawn, Level::Default, &shares, (&exact, state.force_n));
+        let row = measured(&drawn, Accuracy::Default, &shares, (&exact, state.force_n));
         rows[2 + usize::from(drawn.is_bar())].push((row, format!("{pitch_mm} {drawn:?}")));
     }
 }
@@ -180,7 +181,7 @@ fn median_us(mut call: impl FnMut(u32)) -> f64 {
     times[times.len() / 2]
 }
 
-fn measured(drawn: &Drawn, level: Level, shares: &Shares, (exact, force): (&[f64], f64)) -> Row {
+fn measured(drawn: &Drawn, level: Accuracy, shares: &Shares, (exact, force): (&[f64], f64)) -> Row {
     let mut pin = drawn.pin(level);
     let mut image = vec![0.0; 256];
     let Pose { stand, tilt_rad } = drawn.pose;

@@ -12,11 +12,12 @@ mod draws;
 use draws::{Drawn, Draws};
 use std::hint::black_box;
 use std::time::Instant;
+use taktil_contact::Accuracy;
+use taktil_contact::space::Drive;
 use taktil_contact::space::pin::Pin;
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::Pose;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level};
 
 /// Rounds of a timing; the least counts.
 const ROUNDS: u32 = 30;
@@ -86,7 +87,7 @@ fn least_us(mut call: impl FnMut(u32)) -> f64 {
 }
 
 fn timed(drawn: &Drawn, shares: &Shares) -> Timed {
-    let mut pin = drawn.pin(Level::Fast);
+    let mut pin = drawn.pin(Accuracy::Fast);
     let mut image = vec![0.0; shares.array().len()];
     let Pose { stand, tilt_rad } = drawn.pose;
     let state = pin.press(Drive::PenetrationMm(drawn.delta_mm), tilt_rad).expect("a contact");

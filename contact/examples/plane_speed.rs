@@ -4,9 +4,10 @@
 
 use std::hint::black_box;
 use std::time::Instant;
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::chart::Chart;
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape};
+use taktil_contact::plane::contact_table::ContactTable;
+use taktil_contact::plane::{Friction, Indenter, Load, Shape};
 use taktil_contact::space::Drive;
 use taktil_contact::space::infinite::Endless;
 use taktil_contact::space::pin::{Profile, Stand};
@@ -38,7 +39,7 @@ fn main() {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
     let asked = |place: usize, name: &str| wanted.get(place).is_none_or(|w| name.starts_with(w));
     for (name, shape, friction, ratio) in cases {
-        for level in [Level::Fast, Level::Default, Level::Fine] {
+        for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
             if !asked(0, name) || !asked(1, &format!("{level:?}")) {
                 continue;
             }
@@ -88,7 +89,7 @@ fn endless(layer: &Layer) {
 fn charted(layer: &Layer) {
     let x_mm: Vec<f64> = (-80..=80).map(|i| 0.125 * f64::from(i)).collect();
     for friction in [Friction::None, Friction::Proportional] {
-        let mut chart = Chart::new(layer, (12.7, 6.35), friction, &x_mm).expect("a chart");
+        let mut chart = ContactTable::new(layer, 12.7, 6.35, friction, &x_mm).expect("a chart");
         let mut szz = vec![0.0; x_mm.len()];
         let mut many = |stress: bool| {
             best(|_| {

@@ -1,13 +1,13 @@
 //! Layers sheared across a wave: displacement v and shear stress of a traction that points across
-//! its own wave vector, in [`super::stack`]. v'' = k^2 v in every layer; what lies below gives way
-//! by c per traction, and the top of a layer of thickness h and shear modulus G above it by
-//! (c + tanh(k h)/(G k))/(1 + c G k tanh(k h)). It refuses nothing.
+//! its own wave vector, in [`super::stack`]. In every layer v'' = k^2 v. If
+//! the face below has the compliance c, the top of a layer of thickness h and shear modulus G
+//! above it has the compliance (c + tanh(k h)/(G k))/(1 + c G k tanh(k h)).
 
 use super::layer::Layer;
 use super::stack::Stack;
 
-/// Displacement per traction at the top of a layer, of what gives way by `below` under it.
-fn above(layer: &Layer, k: f64, below: f64) -> f64 {
+/// Displacement per traction at the top of a layer whose lower face has the compliance `below`.
+fn top_compliance(layer: &Layer, k: f64, below: f64) -> f64 {
     let (h, g) = (layer.thickness_mm, layer.shear_mpa());
     let tanh = libm::tanh(k * h);
     let own = if k > 0.0 { tanh / k } else { h };
@@ -16,10 +16,10 @@ fn above(layer: &Layer, k: f64, below: f64) -> f64 {
 
 /// Displacement and shear stress at a height over a layer's lower face, per traction on its upper
 /// one.
-fn within(layer: &Layer, k: f64, below: f64, height: f64) -> [f64; 2] {
+fn fields_at(layer: &Layer, k: f64, below: f64, height: f64) -> [f64; 2] {
     let (h, g) = (layer.thickness_mm, layer.shear_mpa());
     let soft = below * g * k;
-    // All over e^(k h)/2.
+    // Numerators and denominator are divided by e^(k h)/2, so that nothing overflows.
     let (grown, died) = (libm::exp(k * (height - h)), libm::exp(-k * (height + h)));
     let whole = 1.0 + libm::exp(-2.0 * k * h) + soft * -libm::expm1(-2.0 * k * h);
     let [cosh, sinh] = [grown + died, grown * -libm::expm1(-2.0 * k * height)];
@@ -33,7 +33,8 @@ impl Stack {
     pub(crate) fn across_compliance(&self, a: f64) -> f64 {
         let surface = self.surface_layer();
         let k = a / surface.thickness_mm;
-        let all = self.layers().iter().rev().fold(0.0, |below, layer| above(layer, k, below));
+        let all =
+            self.layers().iter().rev().fold(0.0, |below, layer| top_compliance(layer, k, below));
         all * surface.shear_mpa() / surface.thickness_mm
     }
 
@@ -42,7 +43,7 @@ impl Stack {
     pub(crate) fn across(&self, k: f64, depth_mm: f64) -> [f64; 2] {
         let mut belows = vec![0.0];
         for layer in self.layers().iter().rev() {
-            belows.push(above(layer, k, belows[belows.len() - 1]));
+            belows.push(top_compliance(layer, k, belows[belows.len() - 1]));
         }
         let (mut traction, mut top) = (1.0, 0.0);
         let mut found = [0.0; 2];
@@ -51,7 +52,7 @@ impl Stack {
             let bottom = top + layer.thickness_mm;
             let last = depth_mm <= bottom || i + 1 == self.layers().len();
             let height = if last { (bottom - depth_mm).max(0.0) } else { 0.0 };
-            found = within(layer, k, below, height).map(|value| traction * value);
+            found = fields_at(layer, k, below, height).map(|value| traction * value);
             if last {
                 break;
             }

@@ -7,6 +7,7 @@
 //! that make the kernel K of [`super::kernel`] act without a factor.
 
 use super::kernel::SurfaceKernel;
+use super::numeric::elimination::EliminationMatrix;
 use core::f64::consts::{LN_2, PI};
 
 /// Points on the half x > 0 of a strip of half-width `b` thicknesses: enough for about 1e-7.
@@ -14,7 +15,7 @@ pub(crate) fn points_for(b: f64) -> usize {
     16 + libm::ceil(3.0 * b) as usize
 }
 
-/// Chebyshev points on half a strip and what depends on their number alone.
+/// Chebyshev points on half a strip, and the sums that depend on their number alone.
 pub(crate) struct Collocation {
     /// cos theta, descending.
     pub(crate) cosines: Vec<f64>,
@@ -41,10 +42,10 @@ impl Collocation {
     }
 
     /// The matrix from phi at the points to the displacement at the points, for even phi.
-    pub(crate) fn even_matrix(&self, kernel: &SurfaceKernel, b: f64) -> Matrix {
+    pub(crate) fn even_matrix(&self, kernel: &SurfaceKernel, b: f64) -> EliminationMatrix {
         let half = self.half();
         let constant = LN_2 - libm::log(b);
-        let mut matrix = Matrix::new(half);
+        let mut matrix = EliminationMatrix::new(half);
         for i in 0..half {
             for j in 0..=i {
                 let logarithm = constant + self.series[i - j] + self.series[i + j + 1];
@@ -73,68 +74,5 @@ impl Collocation {
             sign * value * libm::cos(angle) / libm::sin(angle)
         };
         phi.iter().enumerate().map(term).sum::<f64>() / half as f64
-    }
-}
-
-/// A dense square matrix, row by row.
-pub(crate) struct Matrix {
-    size: usize,
-    entries: Vec<f64>,
-}
-
-impl Matrix {
-    pub(crate) fn new(size: usize) -> Self {
-        Self { size, entries: vec![0.0; size * size] }
-    }
-
-    pub(crate) fn set(&mut self, row: usize, column: usize, value: f64) {
-        self.entries[row * self.size + column] = value;
-    }
-
-    pub(crate) fn get(&self, row: usize, column: usize) -> f64 {
-        self.entries[row * self.size + column]
-    }
-
-    /// Solves for several right sides in place by elimination with row pivots.
-    pub(crate) fn solve(mut self, sides: &mut [Vec<f64>]) {
-        for pivot in 0..self.size {
-            self.exchange(pivot, sides);
-            let (above, below) = self.entries.split_at_mut((pivot + 1) * self.size);
-            let source = &above[pivot * self.size..];
-            for (offset, row) in below.chunks_exact_mut(self.size).enumerate() {
-                let factor = row[pivot] / source[pivot];
-                for (entry, known) in row[pivot + 1..].iter_mut().zip(&source[pivot + 1..]) {
-                    *entry -= factor * known;
-                }
-                for side in sides.iter_mut() {
-                    side[pivot + 1 + offset] -= factor * side[pivot];
-                }
-            }
-        }
-        for side in sides.iter_mut() {
-            for row in (0..self.size).rev() {
-                let known: f64 =
-                    (row + 1..self.size).map(|column| self.get(row, column) * side[column]).sum();
-                side[row] = (side[row] - known) / self.get(row, row);
-            }
-        }
-    }
-
-    fn exchange(&mut self, pivot: usize, sides: &mut [Vec<f64>]) {
-        let mut largest = pivot;
-        for row in pivot + 1..self.size {
-            if self.get(row, pivot).abs() > self.get(largest, pivot).abs() {
-                largest = row;
-            }
-        }
-        if largest == pivot {
-            return;
-        }
-        for column in pivot..self.size {
-            self.entries.swap(pivot * self.size + column, largest * self.size + column);
-        }
-        for side in sides {
-            side.swap(pivot, largest);
-        }
     }
 }

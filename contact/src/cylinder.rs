@@ -12,30 +12,33 @@
 //! and penetration 2e-6, stiffness 2e-5 and tangential stiffness 1e-4 relative, base stress 2e-4 of
 //! its peak, base share 5e-5. Below 2e-5 of the largest penetration they are coarser.
 //!
-//! It refuses penetrations of the layer's thickness or more, contacts wider than 0.95 of the
+//! Refused are penetrations of the layer's thickness or more, contacts wider than 0.95 of the
 //! cylinder's diameter, and contacts more than 80 times as wide as the layer is thick.
 
 use super::collocation::{Collocation, points_for};
 use super::kernel::{BaseKernel, SurfaceKernel};
 use super::layer::Layer;
+use super::numeric::cubic_hermite::{catmull_rom, hermite, hermite_slope, monotone_cubic};
 pub use super::share::BaseShares;
-use super::share::{ShareTable, Strip, hermite, hermite_slope};
-use super::stick::Stick;
+use super::share::{ShareTable, StripPressure};
+use super::sticking_strip::StickingStrip;
 use super::{Invalid, positive};
 use core::f64::consts::PI;
 
-/// Grid cells over penetration; point i stands at ((i + SHIFT)^4 - SHIFT^4) of a scale.
-const CELLS: usize = 96;
-/// Keeps the first cells from growing too fast, one over the other.
-const SHIFT: f64 = 3.0;
-/// The tangential stiffness is solved at every such point of the grid; divides `CELLS`.
-const STRIDE: usize = 4;
-/// Largest half-width in thicknesses.
-const WIDEST: f64 = 40.0;
-/// Largest half-width in radii.
-const STEEPEST: f64 = 0.95;
-/// Solutions that the search for one half-width may take.
-const SEARCH: usize = 30;
+/// Grid cells over penetration; point i stands at ((i + GRID_SHIFT)^4 - GRID_SHIFT^4) of a scale.
+const PENETRATION_CELLS: usize = 96;
+/// Shift of the grid that keeps each of the first cells from being many times wider than the one
+/// before.
+const GRID_SHIFT: f64 = 3.0;
+/// The tangential stiffness is solved at each multiple of this number of grid points; it divides
+/// the number of cells.
+const TANGENTIAL_STRIDE: usize = 4;
+/// Largest half-width of a contact in thicknesses.
+const HALF_WIDTH_MAX_THICKNESSES: f64 = 40.0;
+/// Largest half-width of a contact in radii.
+const HALF_WIDTH_MAX_RADII: f64 = 0.95;
+/// Most contacts that the search for one half-width solves.
+const WIDTH_ITERATIONS_MAX: usize = 30;
 
 /// A frictionless rigid cylinder pressed into a [`Layer`], solved once and tabulated.
 #[derive(Clone, Debug)]
@@ -44,7 +47,7 @@ pub struct LineContact {
     delta_mm: Vec<f64>,
     /// Load and stiffness at the grid's points.
     load: Vec<[f64; 2]>,
-    guide: Guide,
+    load_index: LoadIndex,
     /// Half-width over the root of the penetration's part of the largest.
     width_mm: Vec<f64>,
     tangential: Vec<f64>,
@@ -58,11 +61,11 @@ impl LineContact {
     /// A layer that [`Layer::check`] refuses; a radius or penetration that is not finite and above
     /// zero; geometry outside the bounds of this module.
     pub fn new(layer: &Layer, radius_mm: f64, penetration_max_mm: f64) -> Result<Self, Invalid> {
-        Self::solved(layer, radius_mm, penetration_max_mm, true)
+        Self::solve_all(layer, radius_mm, penetration_max_mm, true)
     }
 
-    /// The same at a third of the cost for who never asks what the base carries: its shares are
-    /// those of a load that stays right under its line.
+    /// The same at a third of the cost, without what the base carries: the base shares are those of
+    /// a load that stays right under its line.
     ///
     /// # Errors
     /// As [`LineContact::new`].
@@ -71,10 +74,10 @@ impl LineContact {
         radius_mm: f64,
         penetration_max_mm: f64,
     ) -> Result<Self, Invalid> {
-        Self::solved(layer, radius_mm, penetration_max_mm, false)
+        Self::solve_all(layer, radius_mm, penetration_max_mm, false)
     }
 
-    fn solved(
+    fn solve_all(
         layer: &Layer,
         radius_mm: f64,
         penetration_max_mm: f64,
@@ -88,16 +91,17 @@ impl LineContact {
             return Err(Invalid::new("penetration_max_mm", what, "give less than the thickness"));
         }
         let problem = Problem::new(layer, radius_mm);
-        let mut solved = Vec::with_capacity(CELLS);
+        let mut solved = Vec::with_capacity(PENETRATION_CELLS);
         let mut guess = (1.5 * radius_mm * penetration_max_mm).sqrt() / layer.thickness_mm;
-        for i in (1..=CELLS).rev() {
-            let solution = problem.search(guess, grid(i) * penetration_max_mm)?;
-            let step = grid(i - 1) / grid(i);
+        for i in (1..=PENETRATION_CELLS).rev() {
+            let solution =
+                problem.solve_for_penetration(guess, grid_fraction(i) * penetration_max_mm)?;
+            let step = grid_fraction(i - 1) / grid_fraction(i);
             guess = solution.half_width * step.sqrt();
             solved.push(solution);
         }
         solved.reverse();
-        let share = if based { shares(layer, &solved) } else { ShareTable::step() };
+        let share = if based { share_table(layer, &solved) } else { ShareTable::step() };
         Ok(Self::tabulate(layer, &problem, &solved, (penetration_max_mm, share)))
     }
 
@@ -108,20 +112,20 @@ impl LineContact {
         (max_mm, share): (f64, ShareTable),
     ) -> Self {
         let t = layer.thickness_mm;
-        let stick = Stick::new(&layer.transfer(), &problem.normal);
+        let stick = StickingStrip::new(&layer.transfer(), &problem.normal);
         let mut contact = Self {
             penetration_max_mm: max_mm,
-            delta_mm: (0..=CELLS).map(|i| grid(i) * max_mm).collect(),
+            delta_mm: (0..=PENETRATION_CELLS).map(|i| grid_fraction(i) * max_mm).collect(),
             load: vec![[0.0, 0.0]],
-            guide: Guide::default(),
+            load_index: LoadIndex::default(),
             width_mm: vec![0.0],
             tangential: vec![0.0],
             share,
         };
         for (i, solution) in solved.iter().enumerate() {
             contact.load.push([solution.load_n_mm, solution.stiffness_n_mm2]);
-            contact.width_mm.push(solution.half_width * t / grid(i + 1).sqrt());
-            if (i + 1) % STRIDE == 0 {
+            contact.width_mm.push(solution.half_width * t / grid_fraction(i + 1).sqrt());
+            if (i + 1) % TANGENTIAL_STRIDE == 0 {
                 let stiffness = stick.stiffness(solution.half_width);
                 contact.tangential.push(stiffness * problem.modulus_mpa);
             }
@@ -131,25 +135,25 @@ impl LineContact {
         // as linear with the exact mean, so that it stays monotone.
         let [load, stiffness] = contact.load[1];
         contact.load[0][1] = (2.0 * load / contact.delta_mm[1] - stiffness).max(0.0);
-        contact.guide = Guide::new(&contact.load);
+        contact.load_index = LoadIndex::new(&contact.load);
         contact
     }
 
-    /// Place of a penetration on the grid, 0 to `CELLS`; 0 for NaN.
+    /// Place of a penetration on the grid, 0 to `PENETRATION_CELLS`; 0 for NaN.
     fn index(&self, delta_mm: f64) -> f64 {
-        let part = self.part(delta_mm);
-        (part * grid_scale() + fourth(SHIFT)).sqrt().sqrt() - SHIFT
+        let part = self.penetration_fraction(delta_mm);
+        (part * grid_scale() + fourth_power(GRID_SHIFT)).sqrt().sqrt() - GRID_SHIFT
     }
 
     /// Part of the largest penetration, 0 to 1; 0 for NaN.
-    fn part(&self, delta_mm: f64) -> f64 {
+    fn penetration_fraction(&self, delta_mm: f64) -> f64 {
         if delta_mm > 0.0 { (delta_mm / self.penetration_max_mm).min(1.0) } else { 0.0 }
     }
 
     /// The grid cell of a penetration, the load and slope per cell at its ends, the place in it and
     /// its width.
     fn cell(&self, delta_mm: f64) -> ([f64; 2], [f64; 2], f64, f64) {
-        let i = (self.index(delta_mm) as usize).min(CELLS - 1);
+        let i = (self.index(delta_mm) as usize).min(PENETRATION_CELLS - 1);
         let width = self.delta_mm[i + 1] - self.delta_mm[i];
         let end = |k: usize| [self.load[k][0], self.load[k][1] * width];
         (end(i), end(i + 1), (delta_mm - self.delta_mm[i]) / width, width)
@@ -166,7 +170,7 @@ impl LineContact {
     #[must_use]
     pub fn load_n_mm(&self, delta_mm: f64) -> f64 {
         if delta_mm > self.penetration_max_mm {
-            let [load, stiffness] = self.load[CELLS];
+            let [load, stiffness] = self.load[PENETRATION_CELLS];
             return load + stiffness * (delta_mm - self.penetration_max_mm);
         }
         if delta_mm > 0.0 {
@@ -181,7 +185,7 @@ impl LineContact {
     #[must_use]
     pub fn stiffness_n_mm2(&self, delta_mm: f64) -> f64 {
         if delta_mm > self.penetration_max_mm {
-            return self.load[CELLS][1];
+            return self.load[PENETRATION_CELLS][1];
         }
         if delta_mm > 0.0 {
             let (left, right, s, width) = self.cell(delta_mm);
@@ -194,14 +198,15 @@ impl LineContact {
     /// Half the width of the contact in mm; 0 at and below 0, and for NaN.
     #[must_use]
     pub fn half_width_mm(&self, delta_mm: f64) -> f64 {
-        self.part(delta_mm).sqrt() * smooth(&self.width_mm, self.index(delta_mm))
+        self.penetration_fraction(delta_mm).sqrt()
+            * catmull_rom(&self.width_mm, self.index(delta_mm))
     }
 
     /// Penetration in mm under a line load: the inverse of [`Self::load_n_mm`]; 0 at and below 0,
     /// and for NaN.
     #[must_use]
     pub fn penetration_mm(&self, load_n_mm: f64) -> f64 {
-        let [last, stiffness] = self.load[CELLS];
+        let [last, stiffness] = self.load[PENETRATION_CELLS];
         if load_n_mm >= last {
             return self.penetration_max_mm + (load_n_mm - last) / stiffness;
         }
@@ -209,10 +214,10 @@ impl LineContact {
     }
 
     /// Newton's method on one cell's cubic, kept in a bracket; the load rises strictly. It starts
-    /// from the cubic with the ends' values and slopes turned round, and its steps square what is
-    /// left: after one below the root of what a number holds there is nothing to gain.
+    /// from the cubic of the inverse function through the same ends. Convergence is quadratic, so
+    /// that a step below the root of the rounding error is the last one.
     fn invert(&self, load_n_mm: f64) -> f64 {
-        let above = self.guide.above(&self.load, load_n_mm);
+        let above = self.load_index.first_above(&self.load, load_n_mm);
         let (start, width) =
             (self.delta_mm[above - 1], self.delta_mm[above] - self.delta_mm[above - 1]);
         let end = |k: usize| [self.load[k][0], self.load[k][1] * width];
@@ -261,92 +266,72 @@ impl LineContact {
     /// along x alone; the width is that of the frictionless contact.
     #[must_use]
     pub fn tangential_stiffness_n_mm2(&self, delta_mm: f64) -> f64 {
-        rising(&self.tangential, self.index(delta_mm) / STRIDE as f64)
+        monotone_cubic(&self.tangential, self.index(delta_mm) / TANGENTIAL_STRIDE as f64)
     }
 }
 
-/// Where in the table a load stands, without a search: by the load's binary exponent and the first
-/// bits of its mantissa, that is, by places evenly apart in a piecewise linear logarithm.
+/// Finds the cell of a load in the table without a search: the load's binary exponent and the first
+/// four bits of its mantissa number the sixteenths of an octave, and each knows its first cell.
 #[derive(Clone, Debug, Default)]
-struct Guide {
+struct LoadIndex {
     /// Sixteenth of an octave of the first place, the one below the first load above 0.
     first: u64,
     /// First point of the table above each place's least load.
     above: Vec<u8>,
 }
 
-impl Guide {
-    /// Of loads that rise strictly from 0.
+impl LoadIndex {
+    /// The index of loads that increase strictly from 0.
     fn new(load: &[[f64; 2]]) -> Self {
-        let first = sixteenth(load[1][0]) - 1;
-        let least = |place: u64| f64::from_bits(place << SIXTEENTH);
+        let first = octave_sixteenth(load[1][0]) - 1;
+        let least = |place: u64| f64::from_bits(place << OCTAVE_SIXTEENTH_BITS);
         let above = |place| load.partition_point(|[load, _]| *load <= least(place)) as u8;
-        Self { first, above: (first..=sixteenth(load[CELLS][0])).map(above).collect() }
+        Self {
+            first,
+            above: (first..=octave_sixteenth(load[PENETRATION_CELLS][0])).map(above).collect(),
+        }
     }
 
     /// The first point above a load, which must not be NaN, 1 at least and the last one at most.
-    fn above(&self, load: &[[f64; 2]], load_n_mm: f64) -> usize {
-        let place = sixteenth(load_n_mm).saturating_sub(self.first) as usize;
-        let mut above = self.above.get(place).map_or(CELLS, |above| usize::from(*above)).max(1);
-        while above < CELLS && load[above][0] <= load_n_mm {
+    fn first_above(&self, load: &[[f64; 2]], load_n_mm: f64) -> usize {
+        let place = octave_sixteenth(load_n_mm).saturating_sub(self.first) as usize;
+        let mut above =
+            self.above.get(place).map_or(PENETRATION_CELLS, |above| usize::from(*above)).max(1);
+        while above < PENETRATION_CELLS && load[above][0] <= load_n_mm {
             above += 1;
         }
         above
     }
 }
 
-/// Bits of a number's mantissa below its first four.
-const SIXTEENTH: u32 = 48;
+/// Bits of a number's mantissa below its first four, which tell the sixteenth of its octave.
+const OCTAVE_SIXTEENTH_BITS: u32 = 48;
 
-/// The sixteenth of an octave that a number above 0 is in.
-fn sixteenth(x: f64) -> u64 {
-    x.to_bits() >> SIXTEENTH
+/// Number of the sixteenth of an octave in which a number above 0 lies.
+fn octave_sixteenth(x: f64) -> u64 {
+    x.to_bits() >> OCTAVE_SIXTEENTH_BITS
 }
 
-fn fourth(x: f64) -> f64 {
+fn fourth_power(x: f64) -> f64 {
     x * x * (x * x)
 }
 
 fn grid_scale() -> f64 {
-    fourth(CELLS as f64 + SHIFT) - fourth(SHIFT)
+    fourth_power(PENETRATION_CELLS as f64 + GRID_SHIFT) - fourth_power(GRID_SHIFT)
 }
 
 /// Part of the largest penetration at grid point i.
-fn grid(i: usize) -> f64 {
-    (fourth(i as f64 + SHIFT) - fourth(SHIFT)) / grid_scale()
+fn grid_fraction(i: usize) -> f64 {
+    (fourth_power(i as f64 + GRID_SHIFT) - fourth_power(GRID_SHIFT)) / grid_scale()
 }
 
-/// Catmull and Rom's cubic through `values` at 0, 1, 2 ..., inside the table.
-fn smooth(values: &[f64], index: f64) -> f64 {
-    let last = values.len() - 1;
-    let i = (index as usize).min(last - 1);
-    let slope = |k: usize| {
-        let (low, high) = (k.saturating_sub(1), (k + 1).min(last));
-        (values[high] - values[low]) / (high - low) as f64
-    };
-    hermite([values[i], slope(i)], [values[i + 1], slope(i + 1)], index - i as f64)
-}
-
-/// [`smooth`] for values that rise, with its slopes held low enough to rise between them too.
-fn rising(values: &[f64], index: f64) -> f64 {
-    let last = values.len() - 1;
-    let i = (index as usize).min(last - 1);
-    let slope = |k: usize| {
-        let (low, high) = (k.saturating_sub(1), (k + 1).min(last));
-        let (left, right) = (values[k] - values[low], values[high] - values[k]);
-        let mean = (left + right) / (high - low) as f64;
-        if low == k || high == k { mean } else { mean.min(3.0 * left).min(3.0 * right) }
-    };
-    hermite([values[i], slope(i)], [values[i + 1], slope(i + 1)], index - i as f64)
-}
-
-/// What the base carries under each of the solutions, and under a line load.
-fn shares(layer: &Layer, solved: &[Solution]) -> ShareTable {
+/// Shares of the load that the base carries under each of the solutions, and under a line load.
+fn share_table(layer: &Layer, solved: &[Solution]) -> ShareTable {
     let (t, base) = (layer.thickness_mm, BaseKernel::new(&layer.transfer()));
     let mut table = ShareTable::new();
-    table.push(&base, &Strip { half_width: 0.0, places: &[0.0], weights: &[1.0] }, t);
+    table.push(&base, &StripPressure { half_width: 0.0, places: &[0.0], weights: &[1.0] }, t);
     for Solution { half_width, places, weights, .. } in solved {
-        table.push(&base, &Strip { half_width: *half_width, places, weights }, t);
+        table.push(&base, &StripPressure { half_width: *half_width, places, weights }, t);
     }
     table
 }
@@ -404,12 +389,12 @@ impl Problem {
     }
 
     /// Contact of penetration `delta_mm`, from a guess of its half-width.
-    fn search(&self, guess: f64, delta_mm: f64) -> Result<Solution, Invalid> {
-        let widest = WIDEST.min(STEEPEST * self.radius);
+    fn solve_for_penetration(&self, guess: f64, delta_mm: f64) -> Result<Solution, Invalid> {
+        let widest = HALF_WIDTH_MAX_THICKNESSES.min(HALF_WIDTH_MAX_RADII * self.radius);
         let mut b = guess.min(widest);
         let mut slope = 2.0;
         let mut before: Option<(f64, f64)> = None;
-        for _ in 0..SEARCH {
+        for _ in 0..WIDTH_ITERATIONS_MAX {
             let mut solution = self.solve(b);
             let miss = libm::log(solution.delta_mm / delta_mm);
             if let Some((b_before, miss_before)) = before {
@@ -419,7 +404,7 @@ impl Problem {
                 }
             }
             if miss.abs() < 1e-6 {
-                // What is left is of second order in the miss.
+                // After this correction the error is of second order in the miss.
                 let rest = delta_mm - solution.delta_mm;
                 solution.load_n_mm += solution.stiffness_n_mm2 * rest;
                 solution.half_width *= libm::exp(-miss / slope);

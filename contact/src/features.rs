@@ -2,16 +2,16 @@
 //! principal axis, widths. Lengths in mm, stresses in MPa, negative under compression.
 //!
 //! Nothing here is NaN: what a distribution does not define (a centroid without force, the axis of
-//! a round image, the width above a level that is never reached) is absent. It refuses lists that
+//! a round image, the width above a level that is never reached) is absent. Refused are lists that
 //! do not fit each other and numbers that are not finite or beyond 1e30.
 
 use super::space::tactels::Array;
 use super::{Invalid, finite};
 
 /// An image counts as round when its second moments differ by less than this part of their size.
-const ROUND: f64 = 1e-6;
+const ROUND_IMAGE_TOLERANCE: f64 = 1e-6;
 /// A force counts as none when it is less than this part of the sum of its parts' sizes.
-const NONE: f64 = 1e-12;
+const ZERO_FORCE_TOLERANCE: f64 = 1e-12;
 
 /// Sums over an image of szz times the tactel's area.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -42,7 +42,7 @@ pub struct ImageFeatures {
 pub enum Part {
     /// All of them.
     Full,
-    /// Those under compression.
+    /// Only those under compression.
     Compressive,
 }
 
@@ -51,8 +51,9 @@ impl Part {
         if self == Self::Compressive { value.min(0.0) } else { value }
     }
 
-    /// Leaves this part of an image: what a sensor reports that feels compression alone.
-    pub fn keep(self, image: &mut [f64]) {
+    /// Sets what does not belong to this part of an image to 0, as a sensor does that feels
+    /// compression alone.
+    pub fn apply_to(self, image: &mut [f64]) {
         image.iter_mut().for_each(|value| *value = self.of(*value));
     }
 }
@@ -77,7 +78,7 @@ pub fn image_features(array: &Array, image: &[f64], part: Part) -> Result<ImageF
         out.mx += y * s;
         size += s.abs();
     }
-    if out.m0.abs() <= NONE * size || size == 0.0 {
+    if out.m0.abs() <= ZERO_FORCE_TOLERANCE * size || size == 0.0 {
         return Ok(out);
     }
     let (xc, yc) = (out.my / out.m0, out.mx / out.m0);
@@ -92,7 +93,7 @@ pub fn image_features(array: &Array, image: &[f64], part: Part) -> Result<ImageF
     (out.xc, out.yc) = (Some(xc), Some(yc));
     (out.mu_xx, out.mu_xy, out.mu_yy) = (Some(xx), Some(xy), Some(yy));
     let (across, along) = (-2.0 * xy, yy - xx);
-    if across.abs().max(along.abs()) > ROUND * (xx.abs() + yy.abs()) {
+    if across.abs().max(along.abs()) > ROUND_IMAGE_TOLERANCE * (xx.abs() + yy.abs()) {
         let theta = 0.5 * libm::atan2(across, along);
         // One value for each axis: -pi/2 is the axis of pi/2.
         let half = core::f64::consts::FRAC_PI_2;
@@ -139,7 +140,7 @@ pub fn line_features(x_mm: &[f64], szz_mpa: &[f64], part: Part) -> Result<LineFe
             }
         }
     }
-    if size > 0.0 && out.moments[0].abs() > NONE * size {
+    if size > 0.0 && out.moments[0].abs() > ZERO_FORCE_TOLERANCE * size {
         out.x_c = Some(out.moments[1] / out.moments[0]);
     }
     if let Some((x, s)) = peak(x_mm, szz_mpa) {

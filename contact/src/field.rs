@@ -4,17 +4,17 @@
 //! trapezoidal rule in the wave number, which converges exponentially here. Close under the surface
 //! that sum would get long: there the half plane's part is taken out in closed form, and the rest,
 //! which dies as exp(-2a + k d), is summed by Gauss's rule. For the half plane: Flamant's solution,
-//! whose displacements are undetermined (they hold an arbitrary length). It refuses depths outside
-//! the layer.
+//! whose displacements are undetermined (they hold an arbitrary length). Depths outside the
+//! layer are refused.
 
-use super::kernel::{REACH, SURFACE_CUTOFF};
+use super::kernel::{BASE_CUTOFF, SURFACE_CUTOFF, cosine_integral};
 use super::layer::{Layer, Transfer};
-use super::plane::spectrum::gauss;
+use super::wave_grid::{DECAY_EXPONENT, FIELD_REACH, gauss_grid, trapezoidal_grid};
 use super::{Invalid, number};
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 /// Above this depth, in thicknesses, the half plane is taken out.
-const SHALLOW: f64 = 0.05;
+const SHALLOW_DEPTH_MAX: f64 = 0.05;
 
 /// A load on a line across the layer, per unit length of the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -61,16 +61,28 @@ pub fn line(
         return Err(Invalid::new("depth_mm", what, "give 0 to the layer's thickness"));
     }
     let nearest = |x: &f64| (x / layer.thickness_mm).abs();
-    let reach = x_mm.iter().map(nearest).filter(|x| *x <= 2.0 * REACH).fold(0.0, f64::max);
+    let reach = x_mm.iter().map(nearest).filter(|x| *x <= 2.0 * FIELD_REACH).fold(0.0, f64::max);
     let transfer = layer.transfer();
-    let modes = if depth >= SHALLOW {
-        Modes::inside(&transfer, depth, reach)
+    let modes = if depth >= SHALLOW_DEPTH_MAX {
+        TransferSamples::inside(&transfer, depth, reach)
     } else if depth > 0.0 {
-        Modes::shallow(&transfer, depth, reach)
+        TransferSamples::shallow(&transfer, depth, reach)
     } else {
-        Modes::surface(&transfer, reach)
+        TransferSamples::surface(&transfer, reach)
     };
     Ok(x_mm.iter().map(|x| modes.point(layer, load, x / layer.thickness_mm)).collect())
+}
+
+impl Layer {
+    /// Normal stress at the base per unit normal line load (1/mm, negative under the load) at
+    /// `x_mm` from the line, exact to about 1e-14; NaN for NaN. A Fourier sum of several hundred
+    /// terms.
+    #[must_use]
+    pub fn base_szz_line(&self, x_mm: f64) -> f64 {
+        let transfer = self.transfer();
+        let x = (x_mm / self.thickness_mm).abs();
+        -cosine_integral(|a| transfer.base_normal(a), x, BASE_CUTOFF) / self.thickness_mm
+    }
 }
 
 /// [`line`](fn@line) for the half plane: stresses only.
@@ -123,9 +135,9 @@ struct Sums {
     ux: [f64; 2],
 }
 
-/// Transfer functions at one wave number, each divided by E; what goes with cos first.
+/// Transfer functions at one wave number, each divided by E; the factor of the cosine comes first.
 #[derive(Clone, Copy)]
-struct Mode {
+struct TransferValues {
     a: f64,
     /// F, F', F'' for P.
     f: [f64; 3],
@@ -135,62 +147,67 @@ struct Mode {
     u: [f64; 4],
 }
 
-/// What a sum leaves out.
+/// The part that a sum leaves out, which is added in closed form.
 #[derive(Clone, Copy, PartialEq)]
-enum Apart {
+enum SeparatePart {
     Nothing,
-    /// What does not die with the wave number at the surface.
+    /// The part that does not die with the wave number at the surface.
     Surface,
     /// The half plane's part at this depth.
     HalfPlane(f64),
 }
 
-struct Modes {
+struct TransferSamples {
     /// Weights over pi, and the functions.
-    modes: Vec<(f64, Mode)>,
+    modes: Vec<(f64, TransferValues)>,
     transfer: Transfer,
-    apart: Apart,
+    separate: SeparatePart,
 }
 
-impl Modes {
+impl TransferSamples {
     fn inside(transfer: &Transfer, depth: f64, reach: f64) -> Self {
-        let grid = trapezoid(reach, 42.0 / depth);
-        Self::sample(&grid, *transfer, Apart::Nothing, |a| Mode::inside(transfer, a, depth))
+        let grid = trapezoidal_grid(reach, FIELD_REACH, DECAY_EXPONENT / depth);
+        Self::sample(&grid, *transfer, SeparatePart::Nothing, |a| {
+            TransferValues::inside(transfer, a, depth)
+        })
     }
 
     fn shallow(transfer: &Transfer, depth: f64, reach: f64) -> Self {
-        let grid = gauss(reach, depth);
-        let rest = |a| Mode::inside(transfer, a, depth).less_half_plane(transfer, depth);
-        Self::sample(&grid, *transfer, Apart::HalfPlane(depth), rest)
+        let grid = gauss_grid(reach, depth);
+        let rest =
+            |a| TransferValues::inside(transfer, a, depth).without_half_plane(transfer, depth);
+        Self::sample(&grid, *transfer, SeparatePart::HalfPlane(depth), rest)
     }
 
     fn surface(transfer: &Transfer, reach: f64) -> Self {
-        let grid = trapezoid(reach, SURFACE_CUTOFF);
-        Self::sample(&grid, *transfer, Apart::Surface, |a| Mode::surface(transfer, a))
+        let grid = trapezoidal_grid(reach, FIELD_REACH, SURFACE_CUTOFF);
+        Self::sample(&grid, *transfer, SeparatePart::Surface, |a| {
+            TransferValues::surface(transfer, a)
+        })
     }
 
     fn sample(
         grid: &[[f64; 2]],
         transfer: Transfer,
-        apart: Apart,
-        mode: impl Fn(f64) -> Mode,
+        separate: SeparatePart,
+        mode: impl Fn(f64) -> TransferValues,
     ) -> Self {
         let modes = grid.iter().map(|[a, weight]| (weight / PI, mode(*a))).collect();
-        Self { modes, transfer, apart }
+        Self { modes, transfer, separate }
     }
 
     fn point(&self, layer: &Layer, load: &LineLoad, x: f64) -> LinePoint {
-        let depth = if let Apart::HalfPlane(depth) = self.apart { depth } else { 0.0 };
-        if self.apart != Apart::Nothing && x * x + depth * depth == 0.0 {
+        let depth = if let SeparatePart::HalfPlane(depth) = self.separate { depth } else { 0.0 };
+        if self.separate != SeparatePart::Nothing && x * x + depth * depth == 0.0 {
             return LinePoint::default();
         }
-        let near = x.abs() <= 2.0 * REACH;
+        let near = x.abs() <= 2.0 * FIELD_REACH;
         let mut sums = if near { self.sums(x) } else { Sums::default() };
-        match self.apart {
-            Apart::Nothing => {}
-            Apart::Surface => self.add_singular(&mut sums, x),
-            Apart::HalfPlane(depth) if near => self.add_half_plane(&mut sums, x, depth),
-            Apart::HalfPlane(_) => {}
+        match self.separate {
+            SeparatePart::Nothing => {}
+            SeparatePart::Surface => self.add_singular(&mut sums, x),
+            SeparatePart::HalfPlane(depth) if near => self.add_half_plane(&mut sums, x, depth),
+            SeparatePart::HalfPlane(_) => {}
         }
         let of = |pair: [f64; 2]| load.p_n_mm * pair[0] + load.q_n_mm * pair[1];
         let (t, g2) = (layer.thickness_mm, 2.0 * layer.shear_mpa());
@@ -223,8 +240,9 @@ impl Modes {
         sums
     }
 
-    /// The parts that [`Mode::less_half_plane`] leaves out: Flamant's stresses, and displacements
-    /// whose logarithm is that of the line's distance over the one's from 2 t above.
+    /// The parts that [`TransferValues::without_half_plane`] leaves out: Flamant's stresses, and
+    /// displacements whose logarithm is that of the ratio of the distances from the line and
+    /// from a line 2 t above it.
     fn add_half_plane(&self, sums: &mut Sums, x: f64, d: f64) {
         let Transfer { m, n, .. } = self.transfer;
         let r2 = x * x + d * d;
@@ -242,14 +260,14 @@ impl Modes {
         sums.ux[0] += (d * x / r2 - angle) / PI;
     }
 
-    /// The parts that [`Mode::surface`] leaves out, in closed form.
+    /// The parts that [`TransferValues::surface`] leaves out, in closed form.
     fn add_singular(&self, sums: &mut Sums, x: f64) {
         let Transfer { m, n, .. } = self.transfer;
         // Integral of tanh(a)/a cos(a x): ln coth(pi |x|/4); of tanh(a) sin(a x): its slope.
         let logarithm = -libm::log(libm::tanh(FRAC_PI_4 * x.abs()));
         sums.uz[0] -= m / PI * logarithm;
         sums.ux[1] += m / PI * logarithm;
-        if x.abs() <= 2.0 * REACH {
+        if x.abs() <= 2.0 * FIELD_REACH {
             let jump = n * FRAC_PI_2.copysign(x) / PI;
             sums.uz[1] -= jump;
             sums.ux[0] -= jump;
@@ -258,7 +276,7 @@ impl Modes {
     }
 }
 
-impl Mode {
+impl TransferValues {
     fn inside(transfer: &Transfer, a: f64, depth: f64) -> Self {
         let Transfer { m, n, kap } = *transfer;
         let (dl, e) = (a * depth, a * (1.0 - depth));
@@ -298,7 +316,7 @@ impl Mode {
     }
 
     /// Less the half plane's part, with exp(-k d) - exp(-2a) over a for its 1/a.
-    fn less_half_plane(mut self, transfer: &Transfer, depth: f64) -> Self {
+    fn without_half_plane(mut self, transfer: &Transfer, depth: f64) -> Self {
         let Transfer { m, n, .. } = *transfer;
         let (a, y) = (self.a, self.a * depth);
         let decay = libm::exp(-y);
@@ -317,7 +335,7 @@ impl Mode {
         self
     }
 
-    /// At depth 0 without what the load itself is (a concentrated stress) and without the parts
+    /// At depth 0 without the load itself (a concentrated stress) and without the parts
     /// that do not die with a: 2 tanh a in sxx per Q, tanh(a)/a and n in the coupled displacements.
     fn surface(transfer: &Transfer, a: f64) -> Self {
         let Transfer { m, n, kap } = *transfer;
@@ -335,11 +353,4 @@ impl Mode {
         let (f, h) = ([0.0, 0.0, sxx_p], [0.0, 0.0, sxx_q]);
         Self { a, f, h, u: [-down, along, coupling, -coupling] }
     }
-}
-
-/// Wave numbers and weights of the trapezoidal rule.
-fn trapezoid(reach: f64, cutoff: f64) -> Vec<[f64; 2]> {
-    let step = 2.0 * PI / (reach + 1.2 * REACH);
-    let count = libm::ceil(cutoff / step) as usize;
-    (0..=count).map(|i| [i as f64 * step, if i == 0 { 0.5 * step } else { step }]).collect()
 }

@@ -1,10 +1,10 @@
-//! Closed forms for the half plane: line load, flat punch, cylinder (Hertz), and what can be read
-//! from the stress of a line load. Plane strain.
+//! Closed forms for the half plane in plane strain: line load, flat punch, cylinder (Hertz), and
+//! the loads recovered from the stress of a line load.
 //!
 //! The formulas are those that the thesis prints as A.11 to A.20, in corrected form. Each was
 //! proven here, not taken over: displacements by differentiating them to strains, Hooke's law and
 //! A.11-A.13; the stresses under punch and cylinder by quadrature of A.11-A.13 over the pressures
-//! A.16 and A.18 (`contact/tests/half_plane.rs`). What had to be corrected:
+//! A.16 and A.18 (`contact/tests/half_plane.rs`). Corrections:
 //!
 //! - A.11-A.13: all three want a minus, compression being negative.
 //! - A.14: the last term is + x^2/r^2 (times Q), not + z^2/r^2.
@@ -17,8 +17,8 @@
 //! - 4.1, 4.2 (displacements of a thick layer's surface over a base at depth h, from the moments
 //!   there): both are minus, since M0 = -P.
 //!
-//! Depths are positive downwards, s_xz is for z up as everywhere in [`super`]. It refuses nothing:
-//! on the load itself the answers are infinite or NaN, as the formulas are.
+//! Depths are positive downwards, s_xz is for z up as everywhere in [`super`]. On the
+//! load itself the results are infinite or NaN, as the formulas are.
 
 use super::field::LineLoad;
 use super::layer::Layer;
@@ -80,7 +80,7 @@ pub fn punch_pressure_mpa(p_n_mm: f64, a_mm: f64, x_mm: f64) -> f64 {
 #[must_use]
 pub fn punch_stresses(p_n_mm: f64, a_mm: f64, x_mm: f64, depth_mm: f64) -> Stresses {
     let zeta = Complex(x_mm, depth_mm);
-    let root = root_of(a_mm, zeta);
+    let root = root_above_surface(a_mm, zeta);
     let value = root.inverse();
     let slope = zeta.times(value.times(value).times(value));
     normal_stresses(value, slope, depth_mm).scaled(p_n_mm / PI)
@@ -106,7 +106,7 @@ pub fn cylinder_half_width_mm(material: &Layer, radius_mm: f64, p_n_mm: f64) -> 
 #[must_use]
 pub fn cylinder_stresses(p_n_mm: f64, a_mm: f64, x_mm: f64, depth_mm: f64) -> Stresses {
     let zeta = Complex(x_mm, depth_mm);
-    let root = root_of(a_mm, zeta);
+    let root = root_above_surface(a_mm, zeta);
     // sqrt(a^2 - zeta^2) + i zeta, which dies far away; the sum as a quotient, without cancelling.
     let value = root.plus(Complex(depth_mm, -x_mm)).inverse().scaled(a_mm * a_mm);
     let slope = Complex(0.0, 1.0).plus(zeta.times(root.inverse()).scaled(-1.0));
@@ -127,8 +127,8 @@ pub fn line_peak_mm(load: &LineLoad, depth_mm: f64) -> f64 {
     depth_mm * q / ((4.0 * p * p + 3.0 * q * q).sqrt() + 2.0 * p)
 }
 
-/// Displacements of the surface above the moments M0, M1 felt at a depth h, incompressible rubber:
-/// along x and down (4.1, 4.2), with the length that a half plane leaves open.
+/// Displacements of the surface above the moments M0, M1 measured at a depth h, incompressible
+/// rubber: along x and down (4.1, 4.2), with the length that a half plane leaves open.
 #[must_use]
 pub fn displacements_from_moments(
     material: &Layer,
@@ -163,7 +163,7 @@ impl Stresses {
 }
 
 /// sqrt(a - zeta) sqrt(a + zeta): analytic in the upper half plane, where the body is.
-fn root_of(a: f64, zeta: Complex) -> Complex {
+fn root_above_surface(a: f64, zeta: Complex) -> Complex {
     let minus = Complex(a - zeta.0, -zeta.1);
     let plus = Complex(a + zeta.0, zeta.1);
     minus.root().times(plus.root())

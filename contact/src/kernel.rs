@@ -1,35 +1,28 @@
 //! Fourier integrals of the layer's transfer functions and tables of their kernels in real space.
 //! Lengths are in layer thicknesses here.
-//!
-//! The transfer functions used are even and analytic in a strip about the real axis and die
-//! exponentially, so the trapezoidal rule converges exponentially: cut off where the integrand has
-//! died, with a step whose period lies so far beyond the points wanted that the images have died.
 
-use super::interpolation::{Stencil, six_point};
 use super::layer::Transfer;
+use super::numeric::interpolation::{Stencil, six_point};
+use super::wave_grid::{FIELD_REACH, trapezoidal_grid};
 
 /// Where the base functions (about a exp(-a)) have fallen under 1e-15.
 pub(crate) const BASE_CUTOFF: f64 = 40.0;
 /// Where the remainders at the surface (about a^2 exp(-2a)) have fallen under 1e-15.
 pub(crate) const SURFACE_CUTOFF: f64 = 21.0;
-/// Distance at which a field has died to about 1e-13 (decay at least exp(-0.739 x)).
-pub(crate) const REACH: f64 = 40.0;
 /// Table points per thickness.
-const DENSITY: f64 = 32.0;
+const POINTS_PER_THICKNESS: f64 = 32.0;
 
 /// A transfer function sampled for the trapezoidal rule: (a, weight times value).
-pub(crate) struct Sampled {
+pub(crate) struct TransferSamples {
     samples: Vec<(f64, f64)>,
 }
 
-impl Sampled {
+impl TransferSamples {
     /// Samples `transfer` for points up to `reach` thicknesses from the origin.
     pub(crate) fn new(transfer: impl Fn(f64) -> f64, reach: f64, cutoff: f64) -> Self {
-        let step = 2.0 * core::f64::consts::PI / (reach + 1.2 * REACH);
-        let count = libm::ceil(cutoff / step) as usize;
-        let weight = |i: usize| if i == 0 { 0.5 * step } else { step };
-        let sample = |i: usize| (i as f64 * step, weight(i) * transfer(i as f64 * step));
-        Self { samples: (0..=count).map(sample).collect() }
+        let grid = trapezoidal_grid(reach, FIELD_REACH, cutoff);
+        let sample = |[a, weight]: [f64; 2]| (a, weight * transfer(a));
+        Self { samples: grid.into_iter().map(sample).collect() }
     }
 
     /// (1/pi) times the integral of f(a) cos(a x) over a from 0.
@@ -59,16 +52,16 @@ impl Sampled {
 /// (1/pi) times the integral of f(a) cos(a x) over a from 0.
 pub(crate) fn cosine_integral(f: impl Fn(f64) -> f64, x: f64, cutoff: f64) -> f64 {
     // Beyond the reach the field is under the error of the sum.
-    if x > 2.0 * REACH { 0.0 } else { Sampled::new(f, x, cutoff).cosine(x) }
+    if x > 2.0 * FIELD_REACH { 0.0 } else { TransferSamples::new(f, x, cutoff).cosine(x) }
 }
 
 /// A function on a uniform grid from 0, read by six-point interpolation.
-struct Uniform {
+struct UniformTable {
     /// Values at -2, -1, 0, 1 ... grid spacings.
     values: Vec<f64>,
 }
 
-impl Uniform {
+impl UniformTable {
     /// `values` at 0, 1, 2 ... spacings of a function with f(-x) = `parity` f(x).
     fn new(values: impl Iterator<Item = f64> + Clone, parity: f64) -> Self {
         let mirrored: Vec<f64> = values.clone().skip(1).take(2).map(|v| parity * v).collect();
@@ -84,7 +77,7 @@ impl Uniform {
 /// The logarithmic kernel of a surface displacement, K(x) = integral of f(a) cos(a x) over a from 0
 /// with a f(a) going to 1: kept as S(x) = K(x) + ln x, which is smooth and even.
 pub(crate) struct SurfaceKernel {
-    smooth: Uniform,
+    smooth: UniformTable,
 }
 
 impl SurfaceKernel {
@@ -95,27 +88,28 @@ impl SurfaceKernel {
             let tanh_over = if a > 0.0 { libm::tanh(a) / a } else { 1.0 };
             core::f64::consts::PI * (compliance(a) - tanh_over)
         };
-        let count = (REACH * DENSITY) as usize + 8;
-        let table = Sampled::new(rest, REACH, SURFACE_CUTOFF).tabulate(1.0 / DENSITY, count);
+        let count = (FIELD_REACH * POINTS_PER_THICKNESS) as usize + 8;
+        let table = TransferSamples::new(rest, FIELD_REACH, SURFACE_CUTOFF)
+            .tabulate(1.0 / POINTS_PER_THICKNESS, count);
         let values = table.iter().enumerate().map(|(i, [cosine, _])| {
-            let y = core::f64::consts::FRAC_PI_4 * i as f64 / DENSITY;
+            let y = core::f64::consts::FRAC_PI_4 * i as f64 / POINTS_PER_THICKNESS;
             let scaled = if y < 1e-4 { 1.0 - y * y / 3.0 } else { libm::tanh(y) / y };
             cosine - libm::log(core::f64::consts::FRAC_PI_4 * scaled)
         });
         let values: Vec<f64> = values.collect();
-        Self { smooth: Uniform::new(values.iter().copied(), 1.0) }
+        Self { smooth: UniformTable::new(values.iter().copied(), 1.0) }
     }
 
     /// S at a distance of `x` >= 0 thicknesses.
     pub(crate) fn smooth(&self, x: f64) -> f64 {
-        if x >= REACH { libm::log(x) } else { self.smooth.at(x * DENSITY) }
+        if x >= FIELD_REACH { libm::log(x) } else { self.smooth.at(x * POINTS_PER_THICKNESS) }
     }
 }
 
 /// The odd kernel that couples the two surface displacements, integral of N(a) sin(a x)/a over a
 /// from 0, kept without its step (n pi/2) sign(x).
 pub(crate) struct CouplingKernel {
-    smooth: Uniform,
+    smooth: UniformTable,
     far: f64,
 }
 
@@ -123,43 +117,48 @@ impl CouplingKernel {
     /// Tabulates the kernel.
     pub(crate) fn new(transfer: &Transfer) -> Self {
         let rest = |a: f64| core::f64::consts::PI * (transfer.coupling(a) - transfer.n);
-        let count = (REACH * DENSITY) as usize + 8;
-        let table = Sampled::new(rest, REACH, SURFACE_CUTOFF).tabulate(1.0 / DENSITY, count);
+        let count = (FIELD_REACH * POINTS_PER_THICKNESS) as usize + 8;
+        let table = TransferSamples::new(rest, FIELD_REACH, SURFACE_CUTOFF)
+            .tabulate(1.0 / POINTS_PER_THICKNESS, count);
         let far = -transfer.n * core::f64::consts::FRAC_PI_2;
-        Self { smooth: Uniform::new(table.iter().map(|entry| entry[1]), -1.0), far }
+        Self { smooth: UniformTable::new(table.iter().map(|entry| entry[1]), -1.0), far }
     }
 
     /// The kernel less its step at `x` thicknesses, of either sign.
     pub(crate) fn smooth(&self, x: f64) -> f64 {
         let distance = x.abs();
-        let value = if distance >= REACH { self.far } else { self.smooth.at(distance * DENSITY) };
+        let value = if distance >= FIELD_REACH {
+            self.far
+        } else {
+            self.smooth.at(distance * POINTS_PER_THICKNESS)
+        };
         if x < 0.0 { -value } else { value }
     }
 }
 
-/// What the base carries of a unit normal line load at 0: its part left of x and its density.
+/// The part of a unit normal line load at 0 that the base carries left of x, and its density there.
 pub(crate) struct BaseKernel {
-    density: Uniform,
-    half_share: Uniform,
+    density: UniformTable,
+    half_share: UniformTable,
 }
 
 impl BaseKernel {
     /// Tabulates the kernel.
     pub(crate) fn new(transfer: &Transfer) -> Self {
-        let count = (REACH * DENSITY) as usize + 8;
-        let sampled = Sampled::new(|a| transfer.base_normal(a), REACH, BASE_CUTOFF);
-        let table = sampled.tabulate(1.0 / DENSITY, count);
-        let density = Uniform::new(table.iter().map(|entry| entry[0]), 1.0);
-        Self { density, half_share: Uniform::new(table.iter().map(|entry| entry[1]), -1.0) }
+        let count = (FIELD_REACH * POINTS_PER_THICKNESS) as usize + 8;
+        let sampled = TransferSamples::new(|a| transfer.base_normal(a), FIELD_REACH, BASE_CUTOFF);
+        let table = sampled.tabulate(1.0 / POINTS_PER_THICKNESS, count);
+        let density = UniformTable::new(table.iter().map(|entry| entry[0]), 1.0);
+        Self { density, half_share: UniformTable::new(table.iter().map(|entry| entry[1]), -1.0) }
     }
 
     /// Part of the load carried left of `x` thicknesses, and load per thickness of the base there.
     pub(crate) fn share_and_density(&self, x: f64) -> [f64; 2] {
         let distance = x.abs();
-        let [half, density] = if distance >= REACH {
+        let [half, density] = if distance >= FIELD_REACH {
             [0.5, 0.0]
         } else {
-            let at = Stencil::new(self.density.values.len(), distance * DENSITY);
+            let at = Stencil::new(self.density.values.len(), distance * POINTS_PER_THICKNESS);
             [at.of(&self.half_share.values), at.of(&self.density.values)]
         };
         [if x < 0.0 { 0.5 - half } else { 0.5 + half }, density]

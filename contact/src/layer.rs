@@ -9,9 +9,7 @@
 //!
 //! Stresses and displacements at any depth are in [`super::field`].
 
-pub use super::field::{LineLoad, LinePoint, line};
-use super::kernel;
-use super::wide::ask;
+use super::numeric::wide::detect_wide_registers;
 use super::{Invalid, finite, positive};
 
 /// A homogeneous isotropic layer, bonded to a rigid base, infinite along its surface.
@@ -37,7 +35,7 @@ impl Layer {
         Ok(layer)
     }
 
-    /// The checks of [`Layer::new`], for a layer that was filled in by hand.
+    /// The checks of [`Layer::new`], for a layer whose fields were set directly.
     ///
     /// # Errors
     /// As [`Layer::new`].
@@ -64,17 +62,6 @@ impl Layer {
     pub fn transfer(&self) -> Transfer {
         Transfer::new(self.poisson)
     }
-
-    /// Normal stress at the base per unit normal line load (1/mm, negative under the load) at
-    /// `x_mm` from the line, exact to about 1e-14; NaN for NaN. A Fourier sum of several hundred
-    /// terms.
-    #[must_use]
-    pub fn base_szz_line(&self, x_mm: f64) -> f64 {
-        let transfer = self.transfer();
-        let x = (x_mm / self.thickness_mm).abs();
-        -kernel::cosine_integral(|a| transfer.base_normal(a), x, kernel::BASE_CUTOFF)
-            / self.thickness_mm
-    }
 }
 
 /// The layer's transfer functions; they depend on Poisson's ratio alone, and on the wave number
@@ -94,7 +81,7 @@ impl Transfer {
     #[must_use]
     pub fn new(poisson: f64) -> Self {
         // All contacts on the layer are made of it, before a lane presses them.
-        ask();
+        detect_wide_registers();
         Self { m: 2.0 * (1.0 - poisson), n: 1.0 - 2.0 * poisson, kap: 3.0 - 4.0 * poisson }
     }
 

@@ -1,11 +1,41 @@
 //! Contact of rigid bodies with rubber bonded to a rigid base: small strain, in plane strain and in
 //! three dimensions.
 //!
-//! Units in this module are mm, N and MPa (line loads N/mm), as in the literature on tactile
-//! sensors; callers convert at its door. Frame: x along the surface, z up out of the layer, surface
-//! at z = 0, base at z = -t; depths are positive downwards; compression is negative; a normal load
-//! P > 0 pushes the layer down, a tangential load Q > 0 pushes it along +x.
+//! The image that 16 by 16 tactels under a layer of rubber make of a pin, 8 mm in diameter, that is
+//! pressed on with 20 N, moved aside and turned:
 //!
+//! ```
+//! use taktil_contact::Accuracy;
+//! use taktil_contact::features::{Part, image_features};
+//! use taktil_contact::layer::Layer;
+//! use taktil_contact::space::Drive;
+//! use taktil_contact::space::pin::Stand;
+//! use taktil_contact::space::scene::{Pose, Scene, Shape};
+//! use taktil_contact::space::tactels::{Array, Sampling};
+//!
+//! let rubber = Layer::new(0.8, 27.58, 0.49)?; // mm, MPa, Poisson's ratio
+//! let array = Array { rows: 16, cols: 16, pitch_mm: 1.6 };
+//! let pin = Shape::Cylinder { radius_mm: 4.0, length_mm: Some(12.0) };
+//! let mut scene = Scene::new(&rubber, pin, &array, Sampling::Area, Accuracy::Fast)?;
+//!
+//! let stand = Stand { x_mm: 1.5, y_mm: -0.5, rot_rad: 0.3 };
+//! scene.press(Drive::ForceN(20.0), Pose { stand, tilt_rad: 0.0 })?;
+//! let mut image = vec![0.0; array.len()]; // MPa, negative under compression
+//! scene.image(&mut image)?;
+//!
+//! // The tactels together carry the force, and the image is centred where the pin stands.
+//! let features = image_features(&array, &image, Part::Full)?;
+//! assert!((features.m0 / -20.0 - 1.0).abs() < 0.01, "{features:?}");
+//! assert!(features.xc.is_some_and(|x_mm| (x_mm - 1.5).abs() < 0.02), "{features:?}");
+//! # Ok::<(), taktil_contact::Invalid>(())
+//! ```
+//!
+//! Units in this crate are mm, N and MPa (line loads N/mm), as in the literature on tactile
+//! sensors; callers convert where they call. Frame: x along the surface, z up out of the layer,
+//! surface at z = 0, base at z = -t; depths are positive downwards; compression is negative; a
+//! normal load P > 0 pushes the layer down, a tangential load Q > 0 pushes it along +x.
+//!
+//! - [`Accuracy`]: how well a contact is solved, and what each choice promises.
 //! - [`layer`]: the elastic layer and the exact transfer functions at its surface and its base.
 //! - [`field`]: stresses and displacements of a line load at any depth, layer or half plane.
 //! - [`half_plane`]: closed forms of the half plane; [`stack`]: several bonded layers.
@@ -14,10 +44,11 @@
 //! - [`space`]: contact in three dimensions and the image that an array of tactels makes of it.
 //! - [`features`]: features of stress distributions and of images.
 //!
-//! What it refuses: everything not finite and positive, sizes and loads beyond 1e30, and geometry
-//! outside the theory's reach.
-//! What it does not know: finite strain, viscosity; free ends of the layer outside [`fem`].
+//! Parameters that are not finite, sizes that are not above zero, sizes and loads beyond 1e30, and
+//! geometry outside the theory's reach are refused with an [`Invalid`]. Finite strain and viscosity
+//! are not modelled; free ends of the layer are modelled in [`fem`] only.
 
+mod accuracy;
 mod antiplane;
 mod collocation;
 pub mod cylinder;
@@ -25,18 +56,19 @@ pub mod features;
 pub mod fem;
 pub mod field;
 pub mod half_plane;
-mod interpolation;
 mod kernel;
 pub mod layer;
+mod numeric;
 pub mod plane;
 mod share;
 pub mod space;
 pub mod stack;
-mod stick;
-mod triangle;
-mod wide;
+mod sticking_strip;
+mod wave_grid;
 
-/// A parameter that the theory cannot take: where it stands, what is wrong, what would help.
+pub use accuracy::Accuracy;
+
+/// A parameter that the theory does not cover: its name, what is wrong with it, and the remedy.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Invalid {
     /// Name of the parameter.
@@ -61,13 +93,13 @@ impl core::fmt::Display for Invalid {
 
 impl std::error::Error for Invalid {}
 
-/// Largest number that this module takes; sizes are taken down to its inverse. Their powers and
-/// products then stay numbers.
-pub(crate) const LARGEST: f64 = 1e30;
+/// Largest magnitude of a parameter, and inverse of the smallest size: powers and products of them
+/// then stay finite.
+pub(crate) const MAGNITUDE_MAX: f64 = 1e30;
 
-/// Refuses what is not finite and above zero, and what no size can be.
+/// Refuses a size that is not finite and above zero, or is outside 1e-30 to 1e30.
 pub(crate) fn positive(place: &str, value: f64) -> Result<(), Invalid> {
-    if (1.0 / LARGEST..=LARGEST).contains(&value) {
+    if (1.0 / MAGNITUDE_MAX..=MAGNITUDE_MAX).contains(&value) {
         return Ok(());
     }
     if value.is_finite() && value > 0.0 {
@@ -78,9 +110,9 @@ pub(crate) fn positive(place: &str, value: f64) -> Result<(), Invalid> {
     Err(Invalid::new(place, what, "give a finite number above zero"))
 }
 
-/// Refuses what is not finite or beyond [`LARGEST`].
+/// Refuses a number that is not finite or beyond [`MAGNITUDE_MAX`].
 pub(crate) fn finite(place: &str, value: f64) -> Result<(), Invalid> {
-    if value.abs() <= LARGEST {
+    if value.abs() <= MAGNITUDE_MAX {
         return Ok(());
     }
     number(place, value)?;
@@ -88,7 +120,7 @@ pub(crate) fn finite(place: &str, value: f64) -> Result<(), Invalid> {
     Err(Invalid::new(place, what, "give a number between -1e30 and 1e30"))
 }
 
-/// Refuses what is not finite and nothing else, for fields in closed form.
+/// Refuses a number that is not finite; for fields in closed form, which take any magnitude.
 pub(crate) fn number(place: &str, value: f64) -> Result<(), Invalid> {
     if value.is_finite() {
         return Ok(());

@@ -1,30 +1,31 @@
-//! How the base carries the load of a contact line: cumulative shares, tabulated over penetration
-//! and place. Reading a table neither allocates nor panics.
+//! Tabulates how the base carries the load of a contact line: the share of the load left of a
+//! place, over penetration and place. Reading a table neither allocates nor panics.
 
 use super::kernel::BaseKernel;
+use super::numeric::cubic_hermite::hermite;
 
 /// Columns from the contact line out to where the share is 1.
-const COLUMNS: usize = 160;
-/// What a row reaches beyond the contact's edge, in thicknesses; exp(-0.739 * 20) is 4e-7.
-const BEYOND: f64 = 20.0;
+const COLUMN_COUNT: usize = 160;
+/// Distance beyond the contact's edge that a row covers, in thicknesses; exp(-0.739 * 20) is 4e-7.
+const MARGIN_THICKNESSES: f64 = 20.0;
 /// Reach of a step: only the line itself lies within it, and columns a mm are still a number.
-const STEP_MM: f64 = 1e-30;
+const STEP_REACH_MM: f64 = 1e-30;
 
 /// Pressure of a strip: points at +-`place` (in thicknesses), with the share of the load that each
 /// pair carries.
-pub(crate) struct Strip<'a> {
+pub(crate) struct StripPressure<'a> {
     pub(crate) half_width: f64,
     pub(crate) places: &'a [f64],
     pub(crate) weights: &'a [f64],
 }
 
 /// Share left of u and its slope per column.
-type Row = [[f64; 2]; COLUMNS + 1];
+type ShareRow = [[f64; 2]; COLUMN_COUNT + 1];
 
 /// Rows over an index of penetration, columns over |u| as a part of the row's reach.
 #[derive(Clone, Debug)]
 pub(crate) struct ShareTable {
-    rows: Vec<Row>,
+    rows: Vec<ShareRow>,
     /// Reach of each row in mm.
     reach_mm: Vec<f64>,
 }
@@ -35,18 +36,23 @@ impl ShareTable {
         Self { rows: Vec::new(), reach_mm: Vec::new() }
     }
 
-    /// The table of a base that nobody asks for: it carries every load right under its line.
+    /// The table of a base that carries every load right under its line.
     pub(crate) fn step() -> Self {
-        Self { rows: vec![[[1.0, 0.0]; COLUMNS + 1]; 2], reach_mm: vec![STEP_MM; 2] }
+        Self { rows: vec![[[1.0, 0.0]; COLUMN_COUNT + 1]; 2], reach_mm: vec![STEP_REACH_MM; 2] }
     }
 
     /// Adds the row of a strip, by convolving its pressure with the base kernel.
-    pub(crate) fn push(&mut self, kernel: &BaseKernel, strip: &Strip<'_>, thickness_mm: f64) {
-        let reach = strip.half_width + BEYOND;
-        let width = reach / COLUMNS as f64;
+    pub(crate) fn push(
+        &mut self,
+        kernel: &BaseKernel,
+        strip: &StripPressure<'_>,
+        thickness_mm: f64,
+    ) {
+        let reach = strip.half_width + MARGIN_THICKNESSES;
+        let width = reach / COLUMN_COUNT as f64;
         self.reach_mm.push(reach * thickness_mm);
-        let mut row = [[1.0, 0.0]; COLUMNS + 1];
-        for (column, filled) in row.iter_mut().take(COLUMNS).enumerate() {
+        let mut row = [[1.0, 0.0]; COLUMN_COUNT + 1];
+        for (column, filled) in row.iter_mut().take(COLUMN_COUNT).enumerate() {
             let u = column as f64 * width;
             let mut entry = [0.0, 0.0];
             for (place, weight) in strip.places.iter().zip(strip.weights) {
@@ -67,15 +73,15 @@ impl ShareTable {
         let part = (index - row as f64).clamp(0.0, 1.0);
         let reach = self.reach_mm[row] + part * (self.reach_mm[row + 1] - self.reach_mm[row]);
         let (low, high) = (&self.rows[row], &self.rows[row + 1]);
-        BaseShares { low, high, part, columns_per_mm: COLUMNS as f64 / reach }
+        BaseShares { low, high, part, columns_per_mm: COLUMN_COUNT as f64 / reach }
     }
 }
 
 /// How the base carries the load of a contact line at one penetration.
 #[derive(Clone, Copy, Debug)]
 pub struct BaseShares<'a> {
-    low: &'a Row,
-    high: &'a Row,
+    low: &'a ShareRow,
+    high: &'a ShareRow,
     part: f64,
     columns_per_mm: f64,
 }
@@ -87,10 +93,10 @@ impl BaseShares<'_> {
     #[inline]
     pub fn left_of(&self, u_mm: f64) -> f64 {
         let place = u_mm.abs() * self.columns_per_mm;
-        if place >= COLUMNS as f64 {
+        if place >= COLUMN_COUNT as f64 {
             return if u_mm > 0.0 { 1.0 } else { 0.0 };
         }
-        let column = (place as u32 as usize).min(COLUMNS - 1);
+        let column = (place as u32 as usize).min(COLUMN_COUNT - 1);
         let entry = |column: usize| {
             let (low, high) = (self.low[column], self.high[column]);
             [low[0] + self.part * (high[0] - low[0]), low[1] + self.part * (high[1] - low[1])]
@@ -98,20 +104,4 @@ impl BaseShares<'_> {
         let share = hermite(entry(column), entry(column + 1), place - column as f64);
         if u_mm < 0.0 { 1.0 - share } else { share }
     }
-}
-
-/// Cubic through two values with their slopes per cell, at 0 <= s <= 1.
-#[inline]
-pub(crate) fn hermite(left: [f64; 2], right: [f64; 2], s: f64) -> f64 {
-    let rise = right[0] - left[0];
-    let (bend_left, bend_right) = (left[1] - rise, rise - right[1]);
-    let r = 1.0 - s;
-    left[0] + s * (rise + r * (r * bend_left + s * bend_right))
-}
-
-/// Derivative of [`hermite`] with respect to s.
-pub(crate) fn hermite_slope(left: [f64; 2], right: [f64; 2], s: f64) -> f64 {
-    let rise = right[0] - left[0];
-    let r = 1.0 - s;
-    6.0 * rise * s * r + left[1] * r * (r - 2.0 * s) + right[1] * s * (s - 2.0 * r)
 }

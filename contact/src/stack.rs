@@ -1,16 +1,18 @@
 //! Several layers of different rubber, bonded to each other and to a rigid base: stresses and
 //! displacements under a line load at any depth.
 //!
-//! For each wave number the compliance of what lies below is carried up from the base, layer by
-//! layer: two conditions at a layer's lower face, two tractions at its upper one, four functions
-//! inside. Those are exponentials that die away from either face where the layer is thick against
-//! the wave, so nothing overflows, and hyperbolic combinations that stay apart where it is thin, so
-//! nothing cancels; nu = 0.5 is an ordinary value. Sums in the wave number are those of
-//! [`super::field`]. It refuses an empty stack and what [`Layer::check`] refuses. It allocates.
+//! For each wave number the compliance of the layers below is carried up from the base, layer by
+//! layer: two conditions at a layer's lower face, two tractions at its upper one, four
+//! functions inside. Those are exponentials that die away from either face where the layer is
+//! thick against the wave, so nothing overflows, and hyperbolic combinations that stay apart where
+//! it is thin, so nothing cancels; nu = 0.5 is an ordinary value. Sums in the wave number are those
+//! of
+//! [`super::field`]. An empty stack is refused. Summing allocates.
 
 use super::field::{LineLoad, LinePoint, line};
-use super::kernel::REACH;
 use super::layer::Layer;
+use super::numeric::product::dot_in_order;
+use super::wave_grid::FIELD_REACH;
 use super::{Invalid, finite, positive};
 use core::f64::consts::PI;
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
@@ -21,12 +23,12 @@ pub const LAYERS_MAX: usize = 64;
 const WAVES_MAX: f64 = 1_048_576.0;
 /// Most waves times layers, of which each takes about 0.7 us: some six seconds.
 const WORK_MAX: f64 = 8_388_608.0;
-/// Where a layer counts as thick against the wave.
-const THICK: f64 = 1.0;
-/// Stand-in for the wave without length.
-const LONGEST: f64 = 1e-6;
+/// Wave number times thickness above which a layer counts as thick against the wave.
+const THICK_LAYER_WAVE_NUMBER: f64 = 1.0;
+/// Smallest wave number, in units of one over the thickness, which stands for 0.
+const WAVE_NUMBER_MIN: f64 = 1e-6;
 /// Furthest that fields may reach, in thicknesses of the surface layer, where they are tabulated.
-const REACH_MAX: f64 = 640.0;
+const REACH_MAX_THICKNESSES: f64 = 640.0;
 
 /// Layers from the surface down to the base.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,12 +56,12 @@ pub struct Amplitudes {
 type Functions = [[f64; 4]; 5];
 
 /// Functions at height z (in mm over the layer's lower face) for wave number k.
-fn functions(layer: &Layer, k: f64, z: f64) -> Functions {
+fn layer_functions(layer: &Layer, k: f64, z: f64) -> Functions {
     let transfer = layer.transfer();
     let (m, n, kap) = (transfer.m, transfer.n, transfer.kap);
     let (g2, nu2) = (2.0 * layer.shear_mpa(), 2.0 * layer.poisson);
     let y = k * z;
-    if k * layer.thickness_mm > THICK {
+    if k * layer.thickness_mm > THICK_LAYER_WAVE_NUMBER {
         let (up, down) = (libm::exp(k * (z - layer.thickness_mm)), libm::exp(-y));
         let h = k * layer.thickness_mm - y;
         // grad(e^{kz} cos kx) and 2(1-nu) psi-fields counted from the upper face; the same from the
@@ -92,11 +94,11 @@ fn functions(layer: &Layer, k: f64, z: f64) -> Functions {
 }
 
 /// Scaling of the stress rows.
-trait Scaled {
+trait StressScaling {
     fn map_stress(self, scale: f64) -> Self;
 }
 
-impl Scaled for Functions {
+impl StressScaling for Functions {
     fn map_stress(mut self, scale: f64) -> Self {
         self[2..].iter_mut().flatten().for_each(|value| *value *= scale);
         self
@@ -166,8 +168,8 @@ impl Stack {
         self.layers.iter().find(within).unwrap_or(&self.layers[self.layers.len() - 1])
     }
 
-    /// Refuses more waves than there is time for.
-    pub(crate) fn affords(&self, waves: f64) -> Result<(), Invalid> {
+    /// Refuses more waves than [`WAVES_MAX`] and, times the layers, [`WORK_MAX`].
+    pub(crate) fn check_wave_count(&self, waves: f64) -> Result<(), Invalid> {
         if waves <= WAVES_MAX && waves * self.layers.len() as f64 <= WORK_MAX {
             return Ok(());
         }
@@ -189,7 +191,7 @@ impl Stack {
             contrast = contrast.max(stiffest / stiffness);
         }
         // A base that does not give ends the spreading: contrasts beyond 1e6 count as that.
-        REACH * self.thickness_mm() * libm::cbrt(contrast.min(1e6))
+        FIELD_REACH * self.thickness_mm() * libm::cbrt(contrast.min(1e6))
     }
 
     /// The same in thicknesses of the surface layer, for tables.
@@ -197,8 +199,9 @@ impl Stack {
     /// # Errors
     /// A surface layer too thin against that distance.
     pub(crate) fn reach(&self) -> Result<f64, Invalid> {
-        let reach = libm::ceil(self.reach_mm() / self.surface_layer().thickness_mm).max(REACH);
-        if reach <= REACH_MAX {
+        let reach =
+            libm::ceil(self.reach_mm() / self.surface_layer().thickness_mm).max(FIELD_REACH);
+        if reach <= REACH_MAX_THICKNESSES {
             return Ok(reach);
         }
         let what = format!("fields die after {reach} thicknesses of the surface layer");
@@ -210,7 +213,7 @@ impl Stack {
     /// N of [`super::layer::Transfer`].
     pub(crate) fn surface_compliances(&self, a: f64) -> [f64; 3] {
         let layer = self.surface_layer();
-        let k = a.max(LONGEST) / layer.thickness_mm;
+        let k = a.max(WAVE_NUMBER_MIN) / layer.thickness_mm;
         let (p, q) = (self.amplitudes(k, 0.0, -1.0, 0.0), self.amplitudes(k, 0.0, 0.0, 1.0));
         let g = layer.shear_mpa();
         let unit = g / ((1.0 - layer.poisson) * layer.thickness_mm);
@@ -219,13 +222,13 @@ impl Stack {
 
     /// F and H of the stress s_zz = -(P F + i Q H) at a depth, for wave number `k` in 1/mm.
     pub(crate) fn stress_transforms(&self, k: f64, depth_mm: f64) -> (f64, f64) {
-        let k = k.max(LONGEST / self.thickness_mm());
+        let k = k.max(WAVE_NUMBER_MIN / self.thickness_mm());
         let p = self.amplitudes(k, depth_mm, -1.0, 0.0);
         let q = self.amplitudes(k, depth_mm, 0.0, 1.0);
         (-p.szz, -q.szz)
     }
 
-    /// Compliances of what lies below each layer, surface layer first.
+    /// Compliance of the face below each layer, surface layer first.
     fn compliances(&self, k: f64) -> Vec<Matrix2<f64>> {
         let mut below = Matrix2::zeros();
         let mut all = Vec::with_capacity(self.layers.len());
@@ -233,8 +236,8 @@ impl Stack {
             all.push(below);
             let column = |traction: Vector2<f64>| {
                 let c = coefficients(layer, k, &below, traction);
-                let top = functions(layer, k, layer.thickness_mm);
-                Vector2::new(dot(&top[0], &c), dot(&top[1], &c))
+                let top = layer_functions(layer, k, layer.thickness_mm);
+                Vector2::from_fn(|i, _| dot_in_order(&top[i], c.as_ref()))
             };
             below = Matrix2::from_columns(&[
                 column(Vector2::new(1.0, 0.0)),
@@ -256,12 +259,12 @@ impl Stack {
             let c = coefficients(layer, k, below, traction);
             let bottom = top + layer.thickness_mm;
             if depth_mm <= bottom || i + 1 == self.layers.len() {
-                let f = functions(layer, k, (bottom - depth_mm).max(0.0));
-                let [ux, uz, szz, sxz, sxx] = f.map(|row| dot(&row, &c));
+                let f = layer_functions(layer, k, (bottom - depth_mm).max(0.0));
+                let [ux, uz, szz, sxz, sxx] = f.map(|row| dot_in_order(&row, c.as_ref()));
                 return Amplitudes { ux, uz, szz, sxz, sxx };
             }
-            let f = functions(layer, k, 0.0);
-            traction = Vector2::new(dot(&f[2], &c), dot(&f[3], &c));
+            let f = layer_functions(layer, k, 0.0);
+            traction = Vector2::from_fn(|i, _| dot_in_order(&f[2 + i], c.as_ref()));
             top = bottom;
         }
         Amplitudes::default()
@@ -300,11 +303,11 @@ impl Stack {
         let span = reach.fold(0.0, f64::max) + 1.2 * far;
         let step = 2.0 * PI / span;
         let count = libm::ceil(44.0 / decay / step);
-        self.affords(count)?;
+        self.check_wave_count(count)?;
         let count = count as usize;
         let mut modes = Vec::with_capacity(count + 1);
         for i in 0..=count {
-            let k = if i == 0 { LONGEST / whole } else { i as f64 * step };
+            let k = if i == 0 { WAVE_NUMBER_MIN / whole } else { i as f64 * step };
             let weight = if i == 0 { 0.5 * step / PI } else { step / PI };
             let at = |normal: f64, shear: f64| {
                 let own = self.amplitudes(k, depth_mm, normal, shear);
@@ -324,15 +327,11 @@ impl Stack {
         }
         let base = if alone { line(first, load, depth_mm, x_mm)? } else { Vec::new() };
         let point = |(i, x): (usize, &f64)| {
-            let sum = if x.abs() > 2.0 * far { zero() } else { sum(&modes, load, *x) };
-            if alone { add(&sum, &base[i]) } else { sum }
+            let sum = if x.abs() > 2.0 * far { zero_point() } else { sum(&modes, load, *x) };
+            if alone { sum_of_points(&sum, &base[i]) } else { sum }
         };
         Ok(x_mm.iter().enumerate().map(point).collect())
     }
-}
-
-fn dot(row: &[f64; 4], c: &Vector4<f64>) -> f64 {
-    row.iter().zip(c.iter()).map(|(a, b)| a * b).sum()
 }
 
 /// Weights of a layer's functions for tractions on its upper face over a compliance below.
@@ -342,8 +341,8 @@ fn coefficients(
     below: &Matrix2<f64>,
     traction: Vector2<f64>,
 ) -> Vector4<f64> {
-    let bottom = functions(layer, k, 0.0);
-    let top = functions(layer, k, layer.thickness_mm);
+    let bottom = layer_functions(layer, k, 0.0);
+    let top = layer_functions(layer, k, layer.thickness_mm);
     // Displacements over the thickness, stresses over G: rows and columns of one size.
     let (length, stress) = (1.0 / layer.thickness_mm, 1.0 / layer.shear_mpa());
     let mut matrix = Matrix4::zeros();
@@ -365,7 +364,7 @@ fn coefficients(
     Vector4::from_fn(|j, _| solution[j] * scales[j])
 }
 
-fn zero() -> LinePoint {
+fn zero_point() -> LinePoint {
     LinePoint {
         szz_mpa: Some(0.0),
         sxx_mpa: Some(0.0),
@@ -391,7 +390,7 @@ fn sum(modes: &[(f64, f64, Amplitudes, Amplitudes)], load: &LineLoad, x: f64) ->
     LinePoint { szz_mpa: szz, sxx_mpa: sxx, sxz_mpa: sxz, uz_mm: uz, ux_mm: ux }
 }
 
-fn add(a: &LinePoint, b: &LinePoint) -> LinePoint {
+fn sum_of_points(a: &LinePoint, b: &LinePoint) -> LinePoint {
     let both = |a: Option<f64>, b: Option<f64>| Some(a? + b?);
     LinePoint {
         szz_mpa: both(a.szz_mpa, b.szz_mpa),

@@ -1,10 +1,11 @@
 //! Finite elements of the layer: patch test, orders of convergence, locking and its cure, contact.
 
+use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh};
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::grip::{Drive, Grip, Law};
+use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact, LoadStep};
 use taktil_contact::plane::noslip::NoSlip;
-use taktil_contact::plane::{Friction, Indenter, Level, Load, PointForce, Shape, Spectrum};
+use taktil_contact::plane::{Friction, Indenter, Load, PointForce, Shape, Spectrum};
 
 const E_MPA: f64 = 27.58;
 
@@ -129,7 +130,7 @@ struct Miss([f64; 3]);
 
 /// The exact layer's contact: stress at the base, its peak, descent.
 fn exact(nu: f64, shape: Shape, friction: Friction, load: &Load) -> (Spectrum, f64, f64) {
-    let mut exact = Indenter::new(&layer(nu), shape, friction, Level::Fine).expect("sound");
+    let mut exact = Indenter::new(&layer(nu), shape, friction, Accuracy::Fine).expect("sound");
     let delta = exact.press(load).expect("a contact").delta_mm;
     let stress = Spectrum::new(&layer(nu), &exact.point_forces(0.8), 0.8, 30.0);
     let peak = (-1400..1400).map(|i| -stress.szz(0.005 * f64::from(i))).fold(0.0, f64::max);
@@ -139,12 +140,13 @@ fn exact(nu: f64, shape: Shape, friction: Friction, load: &Load) -> (Spectrum, f
 /// Errors of the base's peak and stress under what a grip carries.
 fn base_missed(
     body: &Elements,
-    grip: &Grip,
+    grip: &FrictionalContact,
     middle: f64,
     exact: &(Spectrum, f64, f64),
 ) -> [f64; 2] {
     let (stress, peak, _) = exact;
-    let response = body.under(grip.normal_n_mm(), grip.tangential_n_mm()).expect("finite");
+    let response =
+        body.response_to_contact(grip.normal_n_mm(), grip.tangential_n_mm()).expect("finite");
     let szz = body.base_szz_mpa(&response);
     let most = szz.iter().fold(0.0_f64, |most, s| most.max(-s));
     let x = body.mesh().row_mm(0);
@@ -163,9 +165,9 @@ fn upright_missed(nu: f64, shape: Shape, k: usize) -> Miss {
         let middle = quarter * f64::from(part);
         let press = if shape == BAR { bar_at } else { cylinder_at };
         let mut grip = press(&body, middle);
-        grip.step(&Drive::Move { dz_mm: exact.2, dx_mm: 0.0 }).expect("a contact");
+        grip.step(&LoadStep::Move { dz_mm: exact.2, dx_mm: 0.0 }).expect("a contact");
         let force = (grip.load().p_n_mm / load.p_n_mm - 1.0).abs();
-        grip.step(&Drive::Upright(load)).expect("a contact");
+        grip.step(&LoadStep::Upright(load)).expect("a contact");
         let [peak, stress] = base_missed(&body, &grip, middle, &exact);
         for (worst, one) in worst.iter_mut().zip([force, peak, stress]) {
             *worst = worst.max(one);
@@ -204,11 +206,12 @@ fn a_tilted_bar_on_the_mesh_tends_to_the_exact_layer() {
         let exact = exact(nu, BAR, Friction::Proportional, &load);
         let miss = [1, 2, 4].map(|k| {
             let body = elements(nu, 64 * k, 4 * k, Kind::MeanDilatation);
-            let bed = body.bed().expect("a bed");
+            let bed = body.compliance().expect("a bed");
             let face = |x: &f64| if x.abs() < 6.351 { 0.0 } else { f64::INFINITY };
             let heights = bed.x_mm.iter().map(face).collect();
-            let mut grip = Grip::new(bed, heights, Law::Proportional(ratio)).expect("a grip");
-            grip.step(&Drive::Loads { load, height_mm: 6.35 }).expect("a contact");
+            let mut grip = FrictionalContact::new(bed, heights, FrictionLaw::Proportional(ratio))
+                .expect("a grip");
+            grip.step(&LoadStep::Loads { load, height_mm: 6.35 }).expect("a contact");
             base_missed(&body, &grip, 0.0, &exact)
         });
         for (i, (order, bar)) in [(1.0, 0.008), (1.05, 0.03)].into_iter().enumerate() {
@@ -226,13 +229,14 @@ fn a_cylinder_moved_in_small_steps_grows_its_contact_without_slip() {
     let shape = Shape::Cylinder { radius_mm: 22.9 };
     let exact = NoSlip::descend(&layer(0.49), shape, 0.0326).expect("a contact");
     let body = elements(0.49, 192, 12, Kind::MeanDilatation);
-    let bed = body.bed().expect("a bed");
+    let bed = body.compliance().expect("a bed");
     let round = |x: &f64| x * x / (22.9 + (22.9_f64 * 22.9 - x * x).sqrt());
     let heights = bed.x_mm.iter().map(round).collect();
-    let mut grip = Grip::new(bed, heights, Law::Coulomb(f64::INFINITY)).expect("a grip");
+    let mut grip =
+        FrictionalContact::new(bed, heights, FrictionLaw::Coulomb(f64::INFINITY)).expect("a grip");
     for k in 1..=30 {
         let dz_mm = 0.0326 * f64::from(k) / 30.0;
-        grip.step(&Drive::Move { dz_mm, dx_mm: 0.0 }).expect("a contact");
+        grip.step(&LoadStep::Move { dz_mm, dx_mm: 0.0 }).expect("a contact");
     }
     let p = grip.load().p_n_mm;
     assert!((p / exact.p_n_mm - 1.0).abs() < 0.03, "{p} {}", exact.p_n_mm);
@@ -242,32 +246,33 @@ fn a_cylinder_moved_in_small_steps_grows_its_contact_without_slip() {
 const DEEP_MM: f64 = 0.02;
 
 /// The thesis's cylinder at a place, pressed without friction: forces on the surface's nodes.
-fn cylinder_at(body: &Elements, middle: f64) -> Grip {
-    let bed = body.bed().expect("a bed");
+fn cylinder_at(body: &Elements, middle: f64) -> FrictionalContact {
+    let bed = body.compliance().expect("a bed");
     let round = |x: &f64| {
         let square = (x - middle) * (x - middle);
         let under = 22.9_f64 * 22.9 - square;
         if under > 0.0 { square / (22.9 + under.sqrt()) } else { f64::INFINITY }
     };
     let heights = bed.x_mm.iter().map(round).collect();
-    let mut grip = Grip::new(bed, heights, Law::Free).expect("a grip");
-    grip.step(&Drive::Move { dz_mm: DEEP_MM, dx_mm: 0.0 }).expect("a contact");
+    let mut grip = FrictionalContact::new(bed, heights, FrictionLaw::Free).expect("a grip");
+    grip.step(&LoadStep::Move { dz_mm: DEEP_MM, dx_mm: 0.0 }).expect("a contact");
     grip
 }
 
 /// A bar of 12.7 mm at a place.
-fn bar_at(body: &Elements, middle: f64) -> Grip {
-    let bed = body.bed().expect("a bed");
+fn bar_at(body: &Elements, middle: f64) -> FrictionalContact {
+    let bed = body.compliance().expect("a bed");
     let face = |x: &f64| if (x - middle).abs() < 6.36 { 0.0 } else { f64::INFINITY };
     let heights: Vec<f64> = bed.x_mm.iter().map(face).collect();
-    let mut grip = Grip::new(bed, heights, Law::Free).expect("a grip");
-    grip.step(&Drive::Move { dz_mm: DEEP_MM, dx_mm: 0.0 }).expect("a contact");
+    let mut grip = FrictionalContact::new(bed, heights, FrictionLaw::Free).expect("a grip");
+    grip.step(&LoadStep::Move { dz_mm: DEEP_MM, dx_mm: 0.0 }).expect("a contact");
     grip
 }
 
 /// The base carries the force, and its moment about the middle of the base is the force's.
-fn check_statics(body: &Elements, grip: &Grip, place: &str) {
-    let response = body.under(grip.normal_n_mm(), grip.tangential_n_mm()).expect("finite");
+fn check_statics(body: &Elements, grip: &FrictionalContact, place: &str) {
+    let response =
+        body.response_to_contact(grip.normal_n_mm(), grip.tangential_n_mm()).expect("finite");
     let p = grip.load().p_n_mm;
     let carried: f64 = response.reactions.iter().map(|r| r[1]).sum();
     let along: f64 = response.reactions.iter().map(|r| r[0]).sum();
@@ -275,7 +280,7 @@ fn check_statics(body: &Elements, grip: &Grip, place: &str) {
     let lever = |x: &[f64], forces: &[f64]| x.iter().zip(forces).map(|(x, f)| x * f).sum::<f64>();
     let up: Vec<f64> = response.reactions.iter().map(|r| r[1]).collect();
     let below = lever(&body.mesh().row_mm(0), &up);
-    let above = lever(&grip.bed().x_mm, grip.normal_n_mm());
+    let above = lever(&grip.compliance().x_mm, grip.normal_n_mm());
     assert!((below - above).abs() < 1e-9 * p * 12.7, "{place}: moments {below} {above}");
 }
 
@@ -283,10 +288,10 @@ fn check_statics(body: &Elements, grip: &Grip, place: &str) {
 fn an_indenter_at_and_past_the_edge_of_the_layer() {
     let body = elements(0.49, 128, 4, Kind::MeanDilatation);
     let step = 25.4 / 128.0;
-    type Press = fn(&Elements, f64) -> Grip;
+    type MeshContact = fn(&Elements, f64) -> FrictionalContact;
     // The last touches in one node; a cylinder's half width is 0.957 mm without the rubber's give.
     let places =
-        [(bar_at as Press, [0, 40, 60, 76, 90, 95]), (cylinder_at, [0, 50, 60, 64, 66, 68])];
+        [(bar_at as MeshContact, [0, 40, 60, 76, 90, 95]), (cylinder_at, [0, 50, 60, 64, 66, 68])];
     for (press, nodes) in places {
         let mut last = f64::INFINITY;
         for node in nodes {
@@ -302,10 +307,10 @@ fn an_indenter_at_and_past_the_edge_of_the_layer() {
             check_statics(&body, &left, "left");
         }
     }
-    let bed = body.bed().expect("a bed");
+    let bed = body.compliance().expect("a bed");
     let nothing = vec![f64::INFINITY; bed.count()];
-    let mut past = Grip::new(bed, nothing, Law::Free).expect("a grip");
-    assert!(past.step(&Drive::Move { dz_mm: 0.01, dx_mm: 0.0 }).is_err());
+    let mut past = FrictionalContact::new(bed, nothing, FrictionLaw::Free).expect("a grip");
+    assert!(past.step(&LoadStep::Move { dz_mm: 0.01, dx_mm: 0.0 }).is_err());
 }
 
 /// Ten thicknesses from an end the layer might as well be infinite; over the end it is softer. Ends
@@ -313,7 +318,8 @@ fn an_indenter_at_and_past_the_edge_of_the_layer() {
 #[test]
 fn far_from_the_edge_the_force_is_the_infinite_layers() {
     let shape = Shape::Cylinder { radius_mm: 22.9 };
-    let mut exact = Indenter::new(&layer(0.49), shape, Friction::None, Level::Fine).expect("sound");
+    let mut exact =
+        Indenter::new(&layer(0.49), shape, Friction::None, Accuracy::Fine).expect("sound");
     let exact = exact.descend(DEEP_MM).expect("a contact").p_n_mm;
     let bodies = [1, 2, 4].map(|k| elements(0.49, 64 * k, 4 * k, Kind::MeanDilatation));
     for place in [0.0, 4.7] {
@@ -342,21 +348,21 @@ fn far_from_the_edge_the_force_is_the_infinite_layers() {
 fn a_load_turned_into_its_descent_and_back_is_the_load_as_the_steps_get_shorter() {
     let body = elements(0.49, 64, 4, Kind::MeanDilatation);
     let fresh = || {
-        let bed = body.bed().expect("a bed");
+        let bed = body.compliance().expect("a bed");
         let round = |x: &f64| x * x / (22.9 + (22.9_f64 * 22.9 - x * x).sqrt());
         let heights = bed.x_mm.iter().map(round).collect();
-        Grip::new(bed, heights, Law::Coulomb(f64::INFINITY)).expect("a grip")
+        FrictionalContact::new(bed, heights, FrictionLaw::Coulomb(f64::INFINITY)).expect("a grip")
     };
     let back = |steps: u32| {
         let mut by_load = fresh();
         for k in 1..=steps {
             let p_n_mm = 0.8 * f64::from(k) / f64::from(steps);
-            by_load.step(&Drive::Upright(Load { p_n_mm, q_n_mm: 0.0 })).expect("a contact");
+            by_load.step(&LoadStep::Upright(Load { p_n_mm, q_n_mm: 0.0 })).expect("a contact");
         }
         let (mut by_move, half) = (fresh(), steps / 2);
         for k in 1..=half {
             let dz_mm = by_load.rigid()[0] * f64::from(k) / f64::from(half);
-            by_move.step(&Drive::Move { dz_mm, dx_mm: 0.0 }).expect("a contact");
+            by_move.step(&LoadStep::Move { dz_mm, dx_mm: 0.0 }).expect("a contact");
         }
         (by_move.load().p_n_mm / 0.8 - 1.0).abs()
     };
@@ -397,7 +403,7 @@ fn a_factor_that_would_not_fit_is_refused_before_it_is_made() {
 fn a_bed_is_what_single_loads_do() {
     for nu in [0.49, 0.5] {
         let body = elements(nu, 14, 3, Kind::MeanDilatation);
-        let (bed, mut response) = (body.bed().expect("a bed"), body.response());
+        let (bed, mut response) = (body.compliance().expect("a bed"), body.response());
         let n = bed.count();
         for j in 0..n {
             for (force, down, along) in [
@@ -408,7 +414,7 @@ fn a_bed_is_what_single_loads_do() {
                 forces[j] = force;
                 body.solve(&forces, &mut response);
                 for i in 0..n {
-                    let [x, z] = response.nodes_mm[body.mesh().surface(i)];
+                    let [x, z] = response.nodes_mm[body.mesh().surface_node(i)];
                     let off = (down[i * n + j] + z).abs().max((along[i * n + j] - x).abs());
                     assert!(off < 1e-12 * down[j * n + j].abs().max(1e-2), "{nu} {i} {j}: {off:e}");
                 }
@@ -420,7 +426,8 @@ fn a_bed_is_what_single_loads_do() {
 #[test]
 fn a_mesh_changed_by_hand_is_refused_and_sides_that_are_none_change_nothing() {
     let mesh = Mesh::uniform(2.0, 1.0, 4, 2).expect("a mesh");
-    let odd = mesh.clone().on_rollers(2, 0).on_rollers(0, 2).on_rollers(usize::MAX, usize::MAX);
+    let odd =
+        mesh.clone().with_rollers(2, 0).with_rollers(0, 2).with_rollers(usize::MAX, usize::MAX);
     assert_eq!(odd, mesh);
     assert!(mesh.line_mm(2).is_empty() && mesh.row_mm(3).is_empty());
     let changes: [fn(&mut Mesh); 8] = [
@@ -450,8 +457,8 @@ fn what_is_no_mesh_is_refused() {
     assert!(Mesh::uniform(-1.0, 0.8, 64, 4).is_err());
     assert!(Mesh::uniform(25.4, f64::NAN, 64, 4).is_err());
     assert!(Mesh::graded(25.4, 0.8, 64, 4, -1.0).is_err());
-    assert!(Mesh::of_edges(&[0.0, 1.0, 0.5], &[0.0, 1.0]).is_err());
-    assert!(Mesh::of_edges(&[0.0, 1.0, 2.0], &[0.1, 1.0]).is_err());
+    assert!(Mesh::rectangle(&[0.0, 1.0, 0.5], &[0.0, 1.0]).is_err());
+    assert!(Mesh::rectangle(&[0.0, 1.0, 2.0], &[0.1, 1.0]).is_err());
     let mut folded = Mesh::uniform(2.0, 1.0, 2, 1).expect("a mesh");
     folded.nodes[0][0] = 5.0;
     assert_eq!(Elements::new(&layer(0.49), folded, Kind::Plain).expect_err("folds").place, "mesh");

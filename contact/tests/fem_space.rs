@@ -1,24 +1,25 @@
 //! Bricks of the layer: patch test, plane strain as a special case, orders of convergence against
 //! the exact layer, locking and its cure, contact.
 
-use taktil_contact::fem::{Elements, Kind, Mesh, Method, Press, graded_edges};
+use taktil_contact::Accuracy;
+use taktil_contact::fem::{Elements, Kind, Mesh, MeshContact, Method, graded_edges};
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Drive, Level};
 
 const E_MPA: f64 = 27.58;
-const THICKNESS: f64 = 0.8;
+const THICKNESS_MM: f64 = 0.8;
 
 fn layer(nu: f64) -> Layer {
-    Layer::new(THICKNESS, E_MPA, nu).expect("a sound layer")
+    Layer::new(THICKNESS_MM, E_MPA, nu).expect("a sound layer")
 }
 
 /// A quarter of a square block, gathered at x = y = 0, where it is on rollers.
 fn quarter(half: f64, n: usize, nz: usize, grading: f64, order: usize) -> Mesh<3> {
     let x = graded_edges(half, n, grading).expect("edges");
-    let z = graded_edges(THICKNESS, nz, 0.0).expect("edges");
-    Mesh::block(&x, &x, &z, order).expect("a mesh").on_rollers(0, 0).on_rollers(1, 0)
+    let z = graded_edges(THICKNESS_MM, nz, 0.0).expect("edges");
+    Mesh::block(&x, &x, &z, order).expect("a mesh").with_rollers(0, 0).with_rollers(1, 0)
 }
 
 /// Any linear displacement is held by forces on the boundary alone, on distorted elements too.
@@ -68,10 +69,10 @@ fn between_rollers_it_is_plane_strain() {
     for (order, nu) in [(1, 0.49), (2, 0.49), (1, 0.5), (2, 0.5)] {
         let x = graded_edges(6.0, 8, 2.0).expect("edges");
         let y = [0.0, 0.7, 1.5];
-        let z = graded_edges(THICKNESS, 3, 0.0).expect("edges");
-        let flat = Mesh::over([&x, &z], order).expect("a mesh").on_rollers(0, 0);
-        let mut deep = Mesh::block(&x, &y, &z, order).expect("a mesh").on_rollers(0, 0);
-        deep = deep.on_rollers(1, 0).on_rollers(1, 1);
+        let z = graded_edges(THICKNESS_MM, 3, 0.0).expect("edges");
+        let flat = Mesh::from_edges([&x, &z], order).expect("a mesh").with_rollers(0, 0);
+        let mut deep = Mesh::block(&x, &y, &z, order).expect("a mesh").with_rollers(0, 0);
+        deep = deep.with_rollers(1, 0).with_rollers(1, 1);
         let flat = Elements::new(&layer(nu), flat, Kind::MeanDilatation).expect("elements");
         let mut plane = flat.response();
         let forces: Vec<[f64; 2]> =
@@ -79,7 +80,8 @@ fn between_rollers_it_is_plane_strain() {
         flat.solve(&forces, &mut plane);
         let stress = flat.base_szz_mpa(&plane);
         for method in [Method::Band, Method::Sparse] {
-            let body = Elements::factored(&layer(nu), deep.clone(), Kind::MeanDilatation, method);
+            let body =
+                Elements::with_method(&layer(nu), deep.clone(), Kind::MeanDilatation, method);
             let body = body.expect("elements");
             let across = body.mesh().counts()[1];
             // Shares of the nodes along y, as forces per length ask.
@@ -212,14 +214,14 @@ fn the_plain_brick_locks_and_ours_does_not() {
     assert!(Elements::new(&layer(0.5), block, Kind::Plain).is_err());
 }
 
-const RADIUS: f64 = 10.0;
+const RADIUS_MM: f64 = 10.0;
 
 fn ball(mesh: &Mesh<3>, middle: [f64; 2]) -> Vec<f64> {
     let height = |column: usize| {
-        let [x, y, _] = mesh.nodes[mesh.surface(column)];
+        let [x, y, _] = mesh.nodes[mesh.surface_node(column)];
         let square = (x - middle[0]) * (x - middle[0]) + (y - middle[1]) * (y - middle[1]);
-        if square < 0.9 * RADIUS * RADIUS {
-            square / (RADIUS + (RADIUS * RADIUS - square).sqrt())
+        if square < 0.9 * RADIUS_MM * RADIUS_MM {
+            square / (RADIUS_MM + (RADIUS_MM * RADIUS_MM - square).sqrt())
         } else {
             f64::INFINITY
         }
@@ -227,19 +229,20 @@ fn ball(mesh: &Mesh<3>, middle: [f64; 2]) -> Vec<f64> {
     (0..mesh.columns()).map(height).collect()
 }
 
-fn press(nu: f64, n: usize, order: usize, middle: [f64; 2]) -> Press {
+fn press(nu: f64, n: usize, order: usize, middle: [f64; 2]) -> MeshContact {
     let mesh = quarter(7.2, n, n / 5, 3.0, order);
     let body = Elements::new(&layer(nu), mesh, Kind::MeanDilatation).expect("elements");
     let heights = ball(body.mesh(), middle);
-    Press::new(body, heights).expect("a press")
+    MeshContact::new(body, heights).expect("a press")
 }
 
 #[test]
 fn a_sphere_on_bricks_tends_to_the_exact_layer() {
-    let shape = Shape::Sphere { radius_mm: RADIUS };
+    let shape = Shape::Sphere { radius_mm: RADIUS_MM };
     for (nu, order, meshes) in [(0.49, 1, [10, 20]), (0.5, 1, [10, 20]), (0.49, 2, [5, 10])] {
-        let mut scene = Scene::new(&layer(nu), shape, &Array::THESIS, Sampling::Area, Level::Fine)
-            .expect("a scene");
+        let mut scene =
+            Scene::new(&layer(nu), shape, &Array::THESIS, Sampling::Area, Accuracy::Fine)
+                .expect("a scene");
         let exact = scene.press(Drive::PenetrationMm(0.05), Pose::default()).expect("a contact");
         let miss = meshes.map(|n| {
             let mut press = press(nu, n, order, [0.0; 2]);
@@ -258,21 +261,21 @@ fn a_sphere_on_bricks_tends_to_the_exact_layer() {
 }
 
 /// Bricks gathered at the free end x = 7.2, mirrored at y = 0, the other sides free.
-fn gathered_at_the_end(n: usize, across: usize, nz: usize) -> Press {
+fn gathered_at_the_end(n: usize, across: usize, nz: usize) -> MeshContact {
     let x = graded_edges(7.2, n, 9.0).expect("edges");
     let x: Vec<f64> = x.iter().rev().map(|x| 7.2 - x).collect();
     let y = graded_edges(3.6, across, 3.0).expect("edges");
-    let z = graded_edges(THICKNESS, nz, 0.0).expect("edges");
-    let mesh = Mesh::block(&x, &y, &z, 1).expect("a mesh").on_rollers(1, 0);
+    let z = graded_edges(THICKNESS_MM, nz, 0.0).expect("edges");
+    let mesh = Mesh::block(&x, &y, &z, 1).expect("a mesh").with_rollers(1, 0);
     let body = Elements::new(&layer(0.49), mesh, Kind::MeanDilatation).expect("elements");
     let heights = ball(body.mesh(), [0.0; 2]);
-    Press::new(body, heights).expect("a press")
+    MeshContact::new(body, heights).expect("a press")
 }
 
 #[test]
 fn a_sphere_is_carried_by_less_and_less_towards_and_past_the_edge_of_the_layer() {
-    let shape = Shape::Sphere { radius_mm: RADIUS };
-    let mut scene = Scene::new(&layer(0.49), shape, &Array::THESIS, Sampling::Area, Level::Fine)
+    let shape = Shape::Sphere { radius_mm: RADIUS_MM };
+    let mut scene = Scene::new(&layer(0.49), shape, &Array::THESIS, Sampling::Area, Accuracy::Fine)
         .expect("a scene");
     let endless = scene.press(Drive::PenetrationMm(0.05), Pose::default()).expect("a contact");
     let places = [4.8, 5.4, 6.0, 6.6, 7.2, 7.5, 7.8];
@@ -281,7 +284,7 @@ fn a_sphere_is_carried_by_less_and_less_towards_and_past_the_edge_of_the_layer()
         places.map(|x| {
             let before = press.take().expect("a press");
             let heights = ball(before.body().mesh(), [x, 0.0]);
-            let mut here = before.under(heights).expect("a press");
+            let mut here = before.with_profile(heights).expect("a press");
             let half = here.press(Drive::PenetrationMm(0.05)).expect("a contact");
             press = Some(here);
             2.0 * half / endless.force_n
@@ -302,11 +305,11 @@ fn a_sphere_is_carried_by_less_and_less_towards_and_past_the_edge_of_the_layer()
 fn a_press_past_the_layer_or_that_pulls_is_refused() {
     let mut press = press(0.49, 10, 1, [0.0; 2]);
     let far = ball(press.body().mesh(), [20.0, 0.0]);
-    press = press.under(far).expect("a press");
+    press = press.with_profile(far).expect("a press");
     let refused = press.press(Drive::PenetrationMm(0.05)).expect_err("no body over the layer");
     assert_eq!(refused.place, "penetration_mm");
     let heights = ball(press.body().mesh(), [0.0; 2]);
-    let mut press = press.under(heights).expect("a press");
+    let mut press = press.with_profile(heights).expect("a press");
     assert_eq!(press.press(Drive::PenetrationMm(-0.1)).expect("apart").to_bits(), 0);
     assert_eq!(press.press(Drive::ForceN(0.0)).expect("apart").to_bits(), 0);
     assert_eq!(press.press(Drive::ForceN(-1.0)).expect_err("pulls").place, "force_n");
@@ -333,6 +336,6 @@ fn what_is_no_block_is_refused() {
     assert!(Mesh::block(&many, &many, &edges, 1).is_err());
     let body = Elements::new(&layer(0.49), quarter(4.0, 2, 1, 0.0, 1), Kind::MeanDilatation)
         .expect("elements");
-    assert!(Press::new(body.clone(), vec![0.0; 3]).is_err());
-    assert!(Press::new(body, vec![f64::NAN; 9]).is_err());
+    assert!(MeshContact::new(body.clone(), vec![0.0; 3]).is_err());
+    assert!(MeshContact::new(body, vec![f64::NAN; 9]).is_err());
 }

@@ -10,7 +10,7 @@ use taktil_contact::half_plane::{
 };
 use taktil_contact::layer::Layer;
 
-const POINTS: [[f64; 2]; 6] =
+const POINTS_MM: [[f64; 2]; 6] =
     [[0.3, 0.4], [-1.2, 0.8], [2.0, 0.1], [0.0, 1.0], [-0.9, 2.5], [1.0, 0.3]];
 
 fn rubber() -> Layer {
@@ -39,7 +39,7 @@ fn hooke(u: &dyn Fn(f64, f64) -> [f64; 2], x: f64, z: f64) -> [f64; 3] {
 #[test]
 fn displacements_give_the_stresses_and_the_printed_ones_do_not() {
     for load in [load(0.7, 0.0), load(0.0, 0.4), load(0.7, -0.4)] {
-        for [x, z] in POINTS {
+        for [x, z] in POINTS_MM {
             let exact = line_stresses(&load, x, z);
             let wanted = [exact.sxx_mpa, exact.szz_mpa, -exact.sxz_mpa];
             let ours = |x: f64, z: f64| line_displacements(&rubber(), &load, x, z, 10.0);
@@ -95,7 +95,7 @@ fn polar(a: f64, x: f64, z: f64) -> [f64; 6] {
 #[test]
 fn a_17_wants_three_halves() {
     let (a, p) = (1.3, 0.9);
-    for [x, z] in POINTS {
+    for [x, z] in POINTS_MM {
         let exact = punch_stresses(p, a, x, z);
         near(exact, superposed(&|s| punch_pressure_mpa(p, a, s), a, x, z));
         let [r1, r2, r, t1, t2, t] = polar(a, x, z);
@@ -114,7 +114,7 @@ fn a_17_wants_three_halves() {
 #[test]
 fn a_20_wants_a_minus_and_no_third_term() {
     let (a, p) = (1.3, 0.9);
-    for [x, z] in POINTS {
+    for [x, z] in POINTS_MM {
         let exact = cylinder_stresses(p, a, x, z);
         near(exact, superposed(&|s| cylinder_pressure_mpa(p, a, s), a, x, z));
         let [r1, r2, r, t1, t2, t] = polar(a, x, z);

@@ -1,14 +1,15 @@
 //! Hard cases of plane contact, each with a clear outcome.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::features::moments;
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Mode, Refusal, Shape};
+use taktil_contact::plane::{Friction, Indenter, Load, Mode, Refusal, Shape};
 
 const E_MPA: f64 = 27.58;
 
 fn indenter(t: f64, nu: f64, shape: Shape, friction: Friction) -> Indenter {
     let layer = Layer::new(t, E_MPA, nu).expect("a sound layer");
-    Indenter::new(&layer, shape, friction, Level::Fine).expect("a sound indenter")
+    Indenter::new(&layer, shape, friction, Accuracy::Fine).expect("a sound indenter")
 }
 
 fn load(p_n_mm: f64, q_n_mm: f64) -> Load {
@@ -76,15 +77,15 @@ fn tilt_to_a_line_of_contact() {
         for k in 1..10 {
             let short = libm::exp(-2.0 * f64::from(k));
             let contact = bar.press(&load(1.0, 1.0 - short)).expect("a contact");
-            assert_eq!(contact.mode, Mode::Left);
+            assert_eq!(contact.mode, Mode::LeftLifted);
             let now = contact.x_right_mm - contact.x_left_mm;
             assert!(now < width && now > 0.0 && contact.residual < 1e-7, "{contact:?}");
             width = now;
         }
         // The corner's own law: 4 times the resultant's distance from it.
         assert!((width / (4.0 * 6.35 * libm::exp(-18.0)) - 1.0).abs() < 0.03, "{width}");
-        assert_eq!(bar.press(&load(1.0, 1.0)), Err(Refusal::Topples));
-        assert_eq!(bar.press(&load(1.0, -1.0)), Err(Refusal::Topples));
+        assert_eq!(bar.press(&load(1.0, 1.0)), Err(Refusal::Toppling));
+        assert_eq!(bar.press(&load(1.0, -1.0)), Err(Refusal::Toppling));
         assert_eq!(bar.contact().mode, Mode::Open);
         assert_eq!(bar.press(&load(1.0, 0.0)).expect("a contact").mode, Mode::Full);
     }
@@ -101,8 +102,8 @@ fn no_load_full_unloading_and_what_pulls() {
             assert_eq!(body.press(&load(0.0, 0.0)).expect("nothing").mode, Mode::Open);
             assert_eq!(body.pressure_mpa(0.0), 0.0);
             assert!(body.point_forces(0.8).is_empty());
-            assert_eq!(body.press(&load(0.0, 0.1)), Err(Refusal::Pulls));
-            assert_eq!(body.press(&load(-1.0, 0.0)), Err(Refusal::Pulls));
+            assert_eq!(body.press(&load(0.0, 0.1)), Err(Refusal::Tension));
+            assert_eq!(body.press(&load(-1.0, 0.0)), Err(Refusal::Tension));
             for bad in [f64::NAN, f64::INFINITY] {
                 assert_eq!(body.press(&load(bad, 0.0)), Err(Refusal::NotFinite));
                 assert_eq!(body.press(&load(1.0, bad)), Err(Refusal::NotFinite));
@@ -160,7 +161,7 @@ fn a_thousand_makes_and_breaks_keep_the_answer() {
         [(BAR, Friction::None), (BAR, Friction::Proportional), (ROLL, Friction::None)]
     {
         let layer = Layer::new(0.8, E_MPA, 0.49).expect("a sound layer");
-        let mut warm = Indenter::new(&layer, shape, friction, Level::Default).expect("sound");
+        let mut warm = Indenter::new(&layer, shape, friction, Accuracy::Default).expect("sound");
         let mut cold = warm.clone();
         for i in 0..1000 {
             let p = if i % 3 == 2 { 0.0 } else { 0.01 + 3.0 * unit() };
@@ -184,7 +185,7 @@ fn contacts_without_bounds_are_refused() {
     assert_eq!(roll.descend(5.0), Err(Refusal::TooWide));
     assert!(roll.press(&load(1.0, 0.0)).is_ok());
     let layer = Layer::new(1e-3, E_MPA, 0.49).expect("a sound layer");
-    let refused = Indenter::new(&layer, BAR, Friction::None, Level::Fine).expect_err("too wide");
+    let refused = Indenter::new(&layer, BAR, Friction::None, Accuracy::Fine).expect_err("too wide");
     assert_eq!(refused.place, "width_mm");
     for (width_mm, height_mm) in [(0.0, 1.0), (f64::NAN, 1.0), (1.0, -1.0), (1.0, f64::INFINITY)] {
         let shape = Shape::Flat { width_mm, height_mm };

@@ -5,7 +5,7 @@ mod contact_data;
 use contact_data::rows;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::features::moments;
-use taktil_contact::plane::noslip::{NoSlip, NoSlipRefusal};
+use taktil_contact::plane::noslip::{NoSlip, NoSlipError};
 use taktil_contact::plane::rates::Motion;
 use taktil_contact::plane::{Refusal, Shape, Spectrum};
 
@@ -16,7 +16,7 @@ fn near(found: f64, expected: f64, relative: f64, what: &str) {
     assert!((found - expected).abs() <= bar, "{what}: {found} not {expected}, bar {bar:e}");
 }
 
-fn grown(row: &[f64]) -> (Layer, NoSlip) {
+fn no_slip_contact(row: &[f64]) -> (Layer, NoSlip) {
     let layer = Layer::new(row[1], E_MPA, row[0]).expect("a sound layer");
     let shape = Shape::Cylinder { radius_mm: row[2] };
     (layer, NoSlip::widen(&layer, shape, row[3]).expect("a contact"))
@@ -26,7 +26,7 @@ fn grown(row: &[f64]) -> (Layer, NoSlip) {
 fn loads_stiffnesses_and_moments_are_those_of_the_reference() {
     let text = include_str!("fixtures/contact/cylinder_stick_relation.csv");
     for row in &rows(text) {
-        let (layer, held) = grown(row);
+        let (layer, held) = no_slip_contact(row);
         let bar = 1e-4;
         near(held.p_n_mm, row[4], bar, "P");
         near(held.delta_mm, row[5], bar, "delta");
@@ -49,7 +49,7 @@ fn loads_stiffnesses_and_moments_are_those_of_the_reference() {
 fn base_stresses_are_those_of_the_reference() {
     let text = include_str!("fixtures/contact/cylinder_stick_profiles.csv");
     for group in rows(text).chunk_by(|a, b| a[..4] == b[..4]) {
-        let (layer, held) = grown(&group[0]);
+        let (layer, held) = no_slip_contact(&group[0]);
         let t = group[0][1];
         let still = Spectrum::new(&layer, &held.point_forces(0.0), t, 20.0);
         let moved = Spectrum::new(&layer, &held.point_forces(1.0), t, 20.0);
@@ -100,8 +100,8 @@ fn any_cylinder_is_pressed_and_let_down_to_the_width_it_grew_to() {
     }
 }
 
-/// A wide contact on what can hardly be compressed stiffens with its cube: by descent it is grown
-/// over another stretch than by its width, and the two agree.
+/// A wide contact on what can hardly be compressed stiffens with its cube: by descent it is
+/// Grown over another stretch than by its width, and the two agree.
 #[test]
 fn wide_contacts_are_grown_as_well_as_narrow_ones() {
     let shape = Shape::Cylinder { radius_mm: 25.4 };
@@ -179,15 +179,16 @@ fn rows_of_the_reference_are_found_by_load_and_by_descent() {
 fn what_cannot_grow_is_refused() {
     let layer = Layer::new(0.8, E_MPA, 0.49).expect("a sound layer");
     let bar = Shape::Flat { width_mm: 3.0, height_mm: 0.0 };
-    assert_eq!(NoSlip::widen(&layer, bar, 1.0).expect_err("a bar"), NoSlipRefusal::Flat);
+    assert_eq!(NoSlip::widen(&layer, bar, 1.0).expect_err("a bar"), NoSlipError::Flat);
     let shape = Shape::Cylinder { radius_mm: 1.0 };
-    for (p, why) in [(0.0, Refusal::Pulls), (-1.0, Refusal::Pulls), (f64::NAN, Refusal::NotFinite)]
+    for (p, why) in
+        [(0.0, Refusal::Tension), (-1.0, Refusal::Tension), (f64::NAN, Refusal::NotFinite)]
     {
         let refused = NoSlip::press(&layer, shape, p).expect_err("no load");
-        assert_eq!(refused, NoSlipRefusal::Refusal(why));
+        assert_eq!(refused, NoSlipError::Refusal(why));
     }
     let refused = NoSlip::press(&layer, shape, 1e6).expect_err("too much");
-    assert_eq!(refused, NoSlipRefusal::Refusal(Refusal::TooWide));
+    assert_eq!(refused, NoSlipError::Refusal(Refusal::TooWide));
     assert!(NoSlip::widen(&layer, shape, f64::NAN).is_err());
 }
 

@@ -1,11 +1,12 @@
 //! Contact on several bonded layers: one layer in parts, limits, statics, and an independent sum.
 
+use taktil_contact::Accuracy;
 use taktil_contact::field::LineLoad;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::bed::Bed;
+use taktil_contact::plane::compliance::SurfaceCompliance;
 use taktil_contact::plane::features::{moments, stack_moments};
-use taktil_contact::plane::grip::{Drive, Grip, Law};
-use taktil_contact::plane::{Contact, Friction, Indenter, Level, Load, Shape, Spectrum};
+use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact, LoadStep};
+use taktil_contact::plane::{Contact, Friction, Indenter, Load, Shape, Spectrum};
 use taktil_contact::stack::Stack;
 
 const E_MPA: f64 = 27.58;
@@ -21,7 +22,7 @@ fn stack(layers: &[Layer]) -> Stack {
 }
 
 fn on(stack: &Stack, shape: Shape, friction: Friction) -> Indenter {
-    Indenter::on_stack(stack, shape, friction, Level::Fine).expect("a sound indenter")
+    Indenter::on_stack(stack, shape, friction, Accuracy::Fine).expect("a sound indenter")
 }
 
 fn close(a: &Contact, b: &Contact, bar: f64) {
@@ -48,7 +49,7 @@ fn two_equal_layers_are_one() {
             (ROLL, Friction::Proportional, 0.3),
         ] {
             let load = Load { p_n_mm: 1.0, q_n_mm: q };
-            let mut one = Indenter::new(&whole, shape, friction, Level::Fine).expect("sound");
+            let mut one = Indenter::new(&whole, shape, friction, Accuracy::Fine).expect("sound");
             let mut two = on(&parted, shape, friction);
             let (a, b) = (one.press(&load), two.press(&load));
             close(&b.expect("a contact"), &a.expect("a contact"), 1e-7);
@@ -75,7 +76,7 @@ fn a_stiff_layer_below_is_a_base_and_a_soft_one_on_top_is_all_there_is() {
     let rubber = layer(0.8, E_MPA, 0.49);
     let load = Load { p_n_mm: 1.0, q_n_mm: 0.1 };
     for shape in [BAR, ROLL] {
-        let alone = Indenter::new(&rubber, shape, Friction::None, Level::Fine);
+        let alone = Indenter::new(&rubber, shape, Friction::None, Accuracy::Fine);
         let alone = alone.expect("sound").press(&load).expect("a contact");
         let mut last = f64::INFINITY;
         for stiffer in [1e2, 1e4, 1e6] {
@@ -91,7 +92,7 @@ fn a_stiff_layer_below_is_a_base_and_a_soft_one_on_top_is_all_there_is() {
     let two = stack(&[skin, layer(0.8, E_MPA, 0.49)]);
     let little = Load { p_n_mm: 0.01, q_n_mm: 0.0 };
     let found = on(&two, ROLL, Friction::None).press(&little).expect("a contact");
-    let alone = Indenter::new(&skin, ROLL, Friction::None, Level::Fine);
+    let alone = Indenter::new(&skin, ROLL, Friction::None, Accuracy::Fine);
     let alone = alone.expect("sound").press(&little).expect("a contact");
     assert!((found.delta_mm / alone.delta_mm - 1.0).abs() < 0.02, "{found:?} {alone:?}");
 }
@@ -163,14 +164,15 @@ fn the_surface_takes_the_indenters_shape() {
 fn cells_stand_on_a_stack_too() {
     let parted = stack(&[layer(0.3, E_MPA, 0.49), layer(0.5, E_MPA, 0.49)]);
     let edges: Vec<f64> = (0..=40).map(|i| -3.0 + 0.15 * f64::from(i)).collect();
-    let step = |bed: Bed| {
+    let step = |bed: SurfaceCompliance| {
         let heights = vec![0.0; bed.count()];
-        let mut grip = Grip::new(bed, heights, Law::Coulomb(0.4)).expect("a grip");
-        grip.step(&Drive::Upright(Load { p_n_mm: 1.0, q_n_mm: 0.2 })).expect("a contact");
+        let mut grip =
+            FrictionalContact::new(bed, heights, FrictionLaw::Coulomb(0.4)).expect("a grip");
+        grip.step(&LoadStep::Upright(Load { p_n_mm: 1.0, q_n_mm: 0.2 })).expect("a contact");
         grip.rigid()
     };
-    let one = step(Bed::of_layer(&layer(0.8, E_MPA, 0.49), &edges).expect("a bed"));
-    let two = step(Bed::of_stack(&parted, &edges).expect("a bed"));
+    let one = step(SurfaceCompliance::of_layer(&layer(0.8, E_MPA, 0.49), &edges).expect("a bed"));
+    let two = step(SurfaceCompliance::of_stack(&parted, &edges).expect("a bed"));
     for (a, b) in one.iter().zip(two) {
         assert!((a - b).abs() < 1e-8 * a.abs().max(1e-6), "{a} {b}");
     }
@@ -179,9 +181,12 @@ fn cells_stand_on_a_stack_too() {
 #[test]
 fn a_skin_too_thin_for_its_stack_is_refused_by_name() {
     let thin = stack(&[layer(1e-3, E_MPA, 0.49), layer(2.0, E_MPA, 0.49)]);
-    let refused = Indenter::on_stack(&thin, ROLL, Friction::None, Level::Default);
+    let refused = Indenter::on_stack(&thin, ROLL, Friction::None, Accuracy::Default);
     assert_eq!(refused.expect_err("too thin").place, "layers");
-    assert_eq!(Bed::of_stack(&thin, &[0.0, 1.0, 2.0]).expect_err("too thin").place, "layers");
+    assert_eq!(
+        SurfaceCompliance::of_stack(&thin, &[0.0, 1.0, 2.0]).expect_err("too thin").place,
+        "layers"
+    );
 }
 
 #[test]

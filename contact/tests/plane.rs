@@ -3,11 +3,10 @@
 mod contact_data;
 
 use contact_data::{rows, words};
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::features::{compressive, moments};
-use taktil_contact::plane::{
-    Contact, Friction, Indenter, Level, Load, Mode, Refusal, Shape, Spectrum,
-};
+use taktil_contact::plane::{Contact, Friction, Indenter, Load, Mode, Refusal, Shape, Spectrum};
 
 const E_MPA: f64 = 27.58;
 
@@ -15,7 +14,7 @@ fn layer(t: f64, nu: f64) -> Layer {
     Layer::new(t, E_MPA, nu).expect("a sound layer")
 }
 
-fn indenter(layer: &Layer, shape: Shape, friction: Friction, level: Level) -> Indenter {
+fn indenter(layer: &Layer, shape: Shape, friction: Friction, level: Accuracy) -> Indenter {
     Indenter::new(layer, shape, friction, level).expect("a sound indenter")
 }
 
@@ -32,12 +31,12 @@ fn near(found: f64, expected: f64, bar: f64, what: &str) {
 }
 
 /// Error of the level in parts of the peak.
-const LEVELS: [(Level, f64); 3] =
-    [(Level::Fast, 5e-3), (Level::Default, 1e-5), (Level::Fine, 1e-8)];
+const ACCURACIES: [(Accuracy, f64); 3] =
+    [(Accuracy::Fast, 5e-3), (Accuracy::Default, 1e-5), (Accuracy::Fine, 1e-8)];
 
 #[test]
 fn flat_bars_are_those_of_the_reference() {
-    for (level, error) in LEVELS {
+    for (level, error) in ACCURACIES {
         for row in rows(include_str!("fixtures/contact/punch_flat.csv")) {
             let (t, a) = (row[1], 0.5 * row[2]);
             let layer = layer(t, row[0]);
@@ -67,7 +66,7 @@ fn bars_on_layers_of_any_thickness() {
     for group in rows.chunk_by(|a, b| a[0] == b[0]) {
         let (first, depth) = (&group[0], 0.8);
         let layer = layer(first[0], first[1]);
-        let mut bar = indenter(&layer, bar(first[2], 0.0), Friction::None, Level::Fine);
+        let mut bar = indenter(&layer, bar(first[2], 0.0), Friction::None, Accuracy::Fine);
         bar.press(&load(first[3], 0.0)).expect("a contact");
         let stress = Spectrum::new(&layer, &bar.point_forces(depth), depth, 40.0);
         for row in group {
@@ -81,7 +80,7 @@ fn bars_on_layers_of_any_thickness() {
 
 #[test]
 fn cylinders_are_those_of_the_reference() {
-    for (level, error) in LEVELS {
+    for (level, error) in ACCURACIES {
         let text = include_str!("fixtures/contact/cylinder_relation.csv");
         for row in &rows(text) {
             let (t, b) = (row[1], row[3]);
@@ -113,7 +112,7 @@ fn profiles_of_cylinders_down_to_the_half_plane() {
         let first = &group[0];
         let layer = layer(first[1], first[0]);
         let shape = Shape::Cylinder { radius_mm: first[2] };
-        let mut roller = indenter(&layer, shape, Friction::None, Level::Fine);
+        let mut roller = indenter(&layer, shape, Friction::None, Accuracy::Fine);
         roller.press(&load(first[3], 0.0)).expect("a contact");
         let stress = Spectrum::new(&layer, &roller.point_forces(0.8), 0.8, 40.0);
         for row in group {
@@ -151,7 +150,7 @@ fn check_tilted(row: &Tilted, contact: &Contact, error: f64) {
     let n = &row.numbers;
     let mode = match contact.mode {
         Mode::Full => "full",
-        Mode::Left => "left",
+        Mode::LeftLifted => "left",
         _ => "none of these",
     };
     assert_eq!(mode, row.mode, "{n:?}");
@@ -172,19 +171,20 @@ fn tilted_bars_are_those_of_the_reference() {
     for (friction, text) in tables {
         let mut modes = [0, 0, 0];
         for row in &tilted(text) {
-            for (level, error) in [(Level::Fast, 2e-3), (Level::Default, 1e-6), (Level::Fine, 1e-8)]
+            for (level, error) in
+                [(Accuracy::Fast, 2e-3), (Accuracy::Default, 1e-6), (Accuracy::Fine, 1e-8)]
             {
                 let mut bar = indenter(&row.layer, row.shape, friction, level);
                 let outcome = bar.press(&row.load);
                 if row.mode == "topples" {
-                    assert_eq!(outcome, Err(Refusal::Topples));
+                    assert_eq!(outcome, Err(Refusal::Toppling));
                     modes[2] += 1;
                     continue;
                 }
                 let contact = outcome.expect("an equilibrium");
-                modes[usize::from(contact.mode == Mode::Left)] += 1;
+                modes[usize::from(contact.mode == Mode::LeftLifted)] += 1;
                 check_tilted(row, &contact, error);
-                if level != Level::Fast {
+                if level != Accuracy::Fast {
                     check_features(row, &bar, level);
                 }
                 // The mirror image, warm and cold.
@@ -197,14 +197,14 @@ fn tilted_bars_are_those_of_the_reference() {
     }
 }
 
-/// The default level's error in parts of the fine one's.
-const COARSE: f64 = 10.0;
+/// Error of the default accuracy in parts of the fine one's.
+const DEFAULT_TO_FINE_ERROR: f64 = 10.0;
 
-/// Moments and the peak carry the level's error; M0 and M1 are statics.
-fn check_features(row: &Tilted, bar: &Indenter, level: Level) {
+/// Moments and the peak carry the error of the accuracy; M0 and M1 are statics.
+fn check_features(row: &Tilted, bar: &Indenter, level: Accuracy) {
     let n = &row.numbers;
     let (t, peak) = (n[2], -n[24]);
-    let coarse = if level == Level::Fine { 1.0 } else { COARSE };
+    let coarse = if level == Accuracy::Fine { 1.0 } else { DEFAULT_TO_FINE_ERROR };
     let forces = bar.point_forces(t);
     let m = moments(&row.layer, &forces, t).m;
     near(m[0], -row.load.p_n_mm, 1e-10, "M0");
@@ -218,7 +218,7 @@ fn check_features(row: &Tilted, bar: &Indenter, level: Level) {
         near(*found, n[18 + k], 2e-7 * coarse, "compressive moment");
     }
     // Flat peaks move by more than the stress is off.
-    let aside = if level == Level::Fine { 1e-6 } else { 1e-5 };
+    let aside = if level == Accuracy::Fine { 1e-6 } else { 1e-5 };
     near(part.x_peak_mm, n[23], aside, "x_peak");
     near(part.szz_peak_mpa, n[24], 1e-8 * coarse * peak, "peak");
     for (k, found) in part.widths_mm.iter().enumerate() {
@@ -231,7 +231,7 @@ fn check_features(row: &Tilted, bar: &Indenter, level: Level) {
 fn pressures_and_base_stresses_of_tilted_bars() {
     let solve = |row: &[f64], width: f64| {
         let layer = layer(row[1], row[0]);
-        let mut bar = indenter(&layer, bar(width, row[3]), Friction::Proportional, Level::Fine);
+        let mut bar = indenter(&layer, bar(width, row[3]), Friction::Proportional, Accuracy::Fine);
         bar.press(&load(row[4], row[5])).expect("a contact");
         (layer, bar)
     };
@@ -257,7 +257,7 @@ fn pressures_and_base_stresses_of_tilted_bars() {
 fn loading_is_stiff_as_the_flat_punch_of_the_same_width() {
     let layer = layer(0.8, 0.49);
     let shape = Shape::Cylinder { radius_mm: 25.4 };
-    let mut roller = indenter(&layer, shape, Friction::None, Level::Fine);
+    let mut roller = indenter(&layer, shape, Friction::None, Accuracy::Fine);
     let delta = roller.press(&load(8.984, 0.0)).expect("a contact").delta_mm;
     let mut at = |d: f64| {
         let c = roller.descend(d).expect("a contact");
@@ -266,10 +266,10 @@ fn loading_is_stiff_as_the_flat_punch_of_the_same_width() {
     let h = 1e-5;
     let slope = (at(delta + h).0 - at(delta - h).0) / (2.0 * h);
     let b = at(delta).1;
-    let mut punch = indenter(&layer, bar(2.0 * b, 0.0), Friction::None, Level::Fine);
+    let mut punch = indenter(&layer, bar(2.0 * b, 0.0), Friction::None, Accuracy::Fine);
     let stiffness = punch.descend(1.0).expect("a contact").p_n_mm;
     near(slope, stiffness, 1e-6 * stiffness, "dP/d delta");
-    let mut known = indenter(&layer, bar(3.0, 0.0), Friction::None, Level::Fine);
+    let mut known = indenter(&layer, bar(3.0, 0.0), Friction::None, Accuracy::Fine);
     near(known.descend(1.0).expect("a contact").p_n_mm, 510.001_00, 1e-5, "b = 1.5");
 }
 
@@ -289,13 +289,13 @@ fn a_bar_that_friction_parts_from_the_layer_inside_its_contact_is_refused() {
         (0.4999, 0.5, 3.0, 0.5),
     ] {
         let height = part * 0.5 * width / libm::fabs(ratio);
-        for level in [Level::Fast, Level::Default, Level::Fine] {
+        for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
             let layer = layer(1.0, nu);
             let mut bar = indenter(&layer, bar(width, height), Friction::Proportional, level);
             let contact = match bar.press(&load(1e-3, 1e-3 * ratio)) {
                 Ok(contact) => contact,
                 Err(refusal) => {
-                    assert_eq!(refusal, Refusal::Parts, "{nu} {width} {ratio}");
+                    assert_eq!(refusal, Refusal::SplitContact, "{nu} {width} {ratio}");
                     assert_eq!(bar.contact().mode, Mode::Open);
                     parted += 1;
                     continue;
@@ -317,11 +317,11 @@ fn a_bar_that_friction_parts_from_the_layer_inside_its_contact_is_refused() {
 fn next_to_no_load_is_none() {
     let layer = layer(0.8, 0.49);
     for shape in [bar(6.0, 2.0), Shape::Cylinder { radius_mm: 23.0 }] {
-        let mut any = indenter(&layer, shape, Friction::None, Level::Default);
+        let mut any = indenter(&layer, shape, Friction::None, Accuracy::Default);
         for small in [5e-324, 1e-308, 1e-101] {
             assert_eq!(any.press(&load(small, 0.0)).expect("none").mode, Mode::Open);
             assert_eq!(any.descend(small).expect("none").mode, Mode::Open);
-            assert_eq!(any.press(&load(small, 1e-3)), Err(Refusal::Pulls));
+            assert_eq!(any.press(&load(small, 1e-3)), Err(Refusal::Tension));
         }
         let least = any.press(&load(1e-99, 0.0)).expect("a contact");
         assert!(least.residual < 1e-6 && least.p_n_mm == 1e-99, "{least:?}");
@@ -333,7 +333,7 @@ fn next_to_no_load_is_none() {
 #[test]
 fn close_under_the_surface_the_stress_is_the_pressure() {
     let layer = layer(0.8, 0.49);
-    for level in [Level::Default, Level::Fine] {
+    for level in [Accuracy::Default, Accuracy::Fine] {
         let shape = Shape::Cylinder { radius_mm: 23.0 };
         let mut roller = indenter(&layer, shape, Friction::None, level);
         let half = roller.press(&load(1.0, 0.0)).expect("a contact").x_right_mm;

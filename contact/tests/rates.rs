@@ -1,10 +1,11 @@
 //! Feature Jacobians in plane strain: exact derivatives against differences of the exact solver,
 //! against reference data, and where nothing is defined.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::noslip::NoSlip;
-use taktil_contact::plane::rates::{Feature, Image, Motion, Rate};
-use taktil_contact::plane::{Contact, Friction, Indenter, Level, Load, Mode, Shape};
+use taktil_contact::plane::rates::{Feature, Motion, StressFeatures, TractionRate};
+use taktil_contact::plane::{Contact, Friction, Indenter, Load, Mode, Shape};
 
 const ALL: [Feature; 12] = [
     Feature::Moment(0),
@@ -27,13 +28,13 @@ fn layer(t: f64, nu: f64) -> Layer {
 
 fn features(body: &Indenter) -> Vec<f64> {
     let t = body.layer().thickness_mm;
-    let image = Image::new(body.layer(), &body.point_forces(t), t, false);
+    let image = StressFeatures::new(body.layer(), &body.point_forces(t), t, false);
     image.features(&ALL).iter().map(|f| f.expect("defined")).collect()
 }
 
 fn derivatives(body: &mut Indenter, motion: Motion) -> Vec<f64> {
     let t = body.layer().thickness_mm;
-    let image = Image::new(body.layer(), &body.point_forces(t), t, false);
+    let image = StressFeatures::new(body.layer(), &body.point_forces(t), t, false);
     let rate = body.rate(motion, t).expect("a rate").expect("a contact");
     image.derivatives(&rate, &ALL).iter().map(|f| f.expect("defined")).collect()
 }
@@ -63,7 +64,7 @@ fn a_bars_derivatives_are_those_of_the_solver_by_load() {
         (0.8, 0.5, 12.7, 0.7, 0.62),
         (2.3, 0.3, 6.0, 1.4, 0.3),
     ] {
-        let body = Indenter::new(&layer(t, nu), bar(width), Friction::None, Level::Fine);
+        let body = Indenter::new(&layer(t, nu), bar(width), Friction::None, Accuracy::Fine);
         let mut body = body.expect("a sound indenter");
         let load = Load { p_n_mm: p, q_n_mm: q };
         body.press(&load).expect("a contact");
@@ -91,7 +92,7 @@ fn a_cylinders_derivative_is_that_of_the_solver_by_descent() {
         [(0.8, 0.49, 25.4, 0.02), (0.8, 0.5, 5.0, 0.1), (3.0, 0.2, 9.0, 0.4)]
     {
         let shape = Shape::Cylinder { radius_mm };
-        let body = Indenter::new(&layer(t, nu), shape, Friction::None, Level::Fine);
+        let body = Indenter::new(&layer(t, nu), shape, Friction::None, Accuracy::Fine);
         let mut body = body.expect("a sound indenter");
         body.descend(dz).expect("a contact");
         let found = derivatives(&mut body, Motion::Z);
@@ -120,16 +121,16 @@ fn a_cylinders_derivative_is_that_of_the_solver_by_descent() {
 #[test]
 fn a_turned_parabola_is_round() {
     let shape = Shape::Parabola { radius_mm: 23.0 };
-    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::Proportional, Level::Default);
+    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::Proportional, Accuracy::Default);
     let mut body = body.expect("a sound indenter");
     body.press(&Load { p_n_mm: 1.0, q_n_mm: 0.2 }).expect("a contact");
-    assert_eq!(body.rate(Motion::RotY, 0.8), Ok(Some(Rate::default())));
+    assert_eq!(body.rate(Motion::RotY, 0.8), Ok(Some(TractionRate::default())));
 }
 
 #[test]
 fn a_slide_shifts_the_image() {
     let shape = Shape::Flat { width_mm: 12.7, height_mm: 6.35 };
-    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::Proportional, Level::Fine);
+    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::Proportional, Accuracy::Fine);
     let mut body = body.expect("a sound indenter");
     body.press(&Load { p_n_mm: 0.7, q_n_mm: 0.3 }).expect("a contact");
     let found = derivatives(&mut body, Motion::X);
@@ -138,7 +139,7 @@ fn a_slide_shifts_the_image() {
     let at = |dx: f64| {
         let forces: Vec<[f64; 3]> =
             body.point_forces(t).iter().map(|f| [f[0] + dx, f[1], f[2]]).collect();
-        let image = Image::new(body.layer(), &forces, t, false);
+        let image = StressFeatures::new(body.layer(), &forces, t, false);
         image.features(&ALL).iter().map(|f| f.expect("defined")).collect::<Vec<_>>()
     };
     let (more, less) = (at(h), at(-h));
@@ -153,7 +154,7 @@ fn a_slide_shifts_the_image() {
 fn a_glued_cylinders_rates_are_those_of_the_reference() {
     let (layer, shape) = (layer(0.8, 0.49), Shape::Cylinder { radius_mm: 22.9 });
     let held = NoSlip::widen(&layer, shape, 1.5).expect("a contact");
-    let image = Image::new(&layer, &held.point_forces(0.0), 0.8, true);
+    let image = StressFeatures::new(&layer, &held.point_forces(0.0), 0.8, true);
     let of = |motion: Motion, more: usize| -> Vec<f64> {
         let rate = held.rate(shape, motion, more);
         image.derivatives(&rate, &ALL).iter().map(|f| f.expect("defined")).collect()
@@ -179,15 +180,15 @@ fn nothing_touched_has_no_derivative_and_none_is_nan() {
     for shape in
         [Shape::Flat { width_mm: 12.7, height_mm: 6.35 }, Shape::Cylinder { radius_mm: 25.4 }]
     {
-        let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::None, Level::Default);
+        let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::None, Accuracy::Default);
         let mut body = body.expect("a sound indenter");
         for motion in [Motion::X, Motion::Z, Motion::RotY] {
             assert_eq!(body.rate(motion, 0.8), Ok(None));
             body.press(&Load::default()).expect("nothing");
             assert_eq!(body.rate(motion, 0.8), Ok(None));
         }
-        let image = Image::new(body.layer(), &[], 0.8, true);
-        let none = image.derivatives(&Rate { forces: Vec::new(), shift: 1.0 }, &ALL);
+        let image = StressFeatures::new(body.layer(), &[], 0.8, true);
+        let none = image.derivatives(&TractionRate { forces: Vec::new(), shift: 1.0 }, &ALL);
         assert_eq!(none[4], None);
         assert!(none.iter().flatten().all(|value| value.is_finite()));
         // A line of contact, and the least load.
@@ -207,7 +208,7 @@ fn nothing_touched_has_no_derivative_and_none_is_nan() {
 #[test]
 fn lifting_off_is_smooth() {
     let shape = Shape::Flat { width_mm: 12.7, height_mm: 6.35 };
-    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::None, Level::Fine);
+    let body = Indenter::new(&layer(0.8, 0.49), shape, Friction::None, Accuracy::Fine);
     let mut body = body.expect("a sound indenter");
     let (mut low, mut high) = (0.2, 0.35);
     while high - low > 1e-7 {

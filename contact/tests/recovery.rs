@@ -1,16 +1,16 @@
 //! Recovery of loads and width from moments: there and back, uncertainties, refusals.
 
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::recovery::{Measured, Setting, Unrecovered};
+use taktil_contact::plane::recovery::{BarOverSensor, Estimate, RecoveryError};
 use taktil_contact::plane::{Friction, Load};
 
-fn setting(friction: Friction) -> Setting {
+fn setting(friction: Friction) -> BarOverSensor {
     let layer = Layer::new(0.8, 27.58, 0.49).expect("a sound layer");
-    Setting { layer, height_mm: 6.35, origin_mm: 12.7, friction }
+    BarOverSensor { layer, height_mm: 6.35, origin_mm: 12.7, friction }
 }
 
-fn measured(m: [f64; 2]) -> [Measured; 2] {
-    m.map(|value| Measured { value, sigma: 0.001 * value.abs() })
+fn measured(m: [f64; 2]) -> [Estimate; 2] {
+    m.map(|value| Estimate { value, sigma: 0.001 * value.abs() })
 }
 
 #[test]
@@ -30,7 +30,7 @@ fn loads_and_width_come_back_whole_or_lifted() {
             let found = setting.width(&load, measured(m)).expect("a width");
             assert!((found.width.value - width).abs() < 1e-3, "{found:?}");
             assert!(found.width.sigma > 0.0 && found.misses[0].abs() < 1e-9);
-            let all = setting.check_all(width, &load, measured(m)).expect("a check");
+            let all = setting.check_consistency(width, &load, measured(m)).expect("a check");
             assert!(all.misses.iter().all(|miss| miss.abs() < 1e-9));
             let [c, lever, value] = setting.constraint(measured(m)).expect("a constraint");
             assert!((c * p_n_mm + lever * q_n_mm - value).abs() < 1e-9);
@@ -45,7 +45,7 @@ fn uncertainties_are_those_of_many_draws() {
     let m = setting.moments(10.0, &load).expect("a contact");
     let sigma = [0.003, 0.04];
     let at = |d: [f64; 2]| {
-        let m = [0, 1].map(|k| Measured { value: m[k] + sigma[k] * d[k], sigma: sigma[k] });
+        let m = [0, 1].map(|k| Estimate { value: m[k] + sigma[k] * d[k], sigma: sigma[k] });
         setting.loads(10.0, m).expect("loads")
     };
     let middle = at([0.0, 0.0]);
@@ -69,7 +69,7 @@ fn low_bars_and_thin_layers_come_back_too() {
     ] {
         let layer = Layer::new(t, 27.58, nu).expect("a sound layer");
         let friction = Friction::Proportional;
-        let setting = Setting { layer, height_mm, origin_mm, friction };
+        let setting = BarOverSensor { layer, height_mm, origin_mm, friction };
         let load = Load { p_n_mm: 0.4, q_n_mm: slant * 0.4 };
         let m = measured(setting.moments(width, &load).expect("a contact"));
         let found = setting.loads(width, m).expect("loads");
@@ -100,7 +100,7 @@ fn noise_is_never_refused_and_its_uncertainty_covers() {
         for _ in 0..12 {
             let noisy = [0, 1].map(|k| {
                 let normal = (0..12).map(|_| draw()).sum::<f64>() - 6.0;
-                Measured { value: exact[k] + sigma[k] * normal, sigma: sigma[k] }
+                Estimate { value: exact[k] + sigma[k] * normal, sigma: sigma[k] }
             });
             let loads = setting.loads(width, noisy).expect("loads");
             let wide = setting.width(&load, noisy).expect("a width");
@@ -126,21 +126,21 @@ fn noise_is_never_refused_and_its_uncertainty_covers() {
 fn what_cannot_be_recovered_is_refused() {
     let sound = setting(Friction::None);
     let m = measured(sound.moments(12.7, &Load { p_n_mm: 0.5, q_n_mm: 0.0 }).expect("sound"));
-    let middle = Setting { origin_mm: 0.0, ..sound };
-    assert!(matches!(middle.loads(12.7, m), Err(Unrecovered::Invalid(_))));
+    let middle = BarOverSensor { origin_mm: 0.0, ..sound };
+    assert!(matches!(middle.loads(12.7, m), Err(RecoveryError::Invalid(_))));
     let pulls = measured([6.35, 80.0]);
-    assert_eq!(sound.loads(12.7, pulls), Err(Unrecovered::NoContact));
-    let wide = Measured { value: 4.0 * m[1].value, sigma: 1.0 };
+    assert_eq!(sound.loads(12.7, pulls), Err(RecoveryError::NoContact));
+    let wide = Estimate { value: 4.0 * m[1].value, sigma: 1.0 };
     let load = Load { p_n_mm: 0.5, q_n_mm: 0.0 };
-    assert_eq!(sound.width(&load, [m[0], wide]), Err(Unrecovered::NoContact));
+    assert_eq!(sound.width(&load, [m[0], wide]), Err(RecoveryError::NoContact));
     for bad in [f64::NAN, f64::INFINITY] {
-        let bad = Measured { value: bad, sigma: 1.0 };
-        assert!(matches!(sound.loads(12.7, [bad, m[1]]), Err(Unrecovered::Invalid(_))));
+        let bad = Estimate { value: bad, sigma: 1.0 };
+        assert!(matches!(sound.loads(12.7, [bad, m[1]]), Err(RecoveryError::Invalid(_))));
     }
     let toppling = Load { p_n_mm: 0.1, q_n_mm: 0.3 };
-    assert_eq!(sound.check_all(12.7, &toppling, m), Err(Unrecovered::NoContact));
-    let slack = Setting { height_mm: 0.0, ..sound };
-    assert!(matches!(slack.loads(12.7, m), Err(Unrecovered::Invalid(_))));
-    let flat = Setting { height_mm: -1.0, ..sound };
-    assert!(matches!(flat.width(&load, m), Err(Unrecovered::Invalid(_))));
+    assert_eq!(sound.check_consistency(12.7, &toppling, m), Err(RecoveryError::NoContact));
+    let slack = BarOverSensor { height_mm: 0.0, ..sound };
+    assert!(matches!(slack.loads(12.7, m), Err(RecoveryError::Invalid(_))));
+    let flat = BarOverSensor { height_mm: -1.0, ..sound };
+    assert!(matches!(flat.width(&load, m), Err(RecoveryError::Invalid(_))));
 }

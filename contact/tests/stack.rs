@@ -7,7 +7,7 @@ use taktil_contact::stack::Stack;
 const E_MPA: f64 = 27.58;
 const LOADS: [LineLoad; 2] =
     [LineLoad { p_n_mm: 1.0, q_n_mm: 0.0 }, LineLoad { p_n_mm: 0.0, q_n_mm: 1.0 }];
-const X: [f64; 6] = [0.0, 0.1, -0.4, 0.9, 2.3, -5.0];
+const PLACES_MM: [f64; 6] = [0.0, 0.1, -0.4, 0.9, 2.3, -5.0];
 
 fn layer(t: f64, e: f64, nu: f64) -> Layer {
     Layer::new(t, e, nu).expect("a sound layer")
@@ -47,9 +47,9 @@ fn one_layer_in_parts_is_one_layer() {
         ];
         for load in LOADS {
             for depth in [0.0, 0.1, 0.3, 0.41, 0.8] {
-                let exact = line(&whole, &load, depth, &X).expect("sound points");
+                let exact = line(&whole, &load, depth, &PLACES_MM).expect("sound points");
                 for stack in &parted {
-                    let found = stack.line(&load, depth, &X).expect("sound points");
+                    let found = stack.line(&load, depth, &PLACES_MM).expect("sound points");
                     let off = worst(&exact, &found, g2);
                     // Stresses over 1/t = 1.25/mm per unit load.
                     assert!(off < 3e-12, "nu {nu}, depth {depth}: {off:e}");
@@ -87,11 +87,11 @@ fn a_rigid_layer_below_is_a_base_and_a_thick_one_above_is_alone() {
     let on_steel = stack(&[rubber, layer(2.0, 1e12, 0.3)]);
     let thick = stack(&[layer(40.0, E_MPA, 0.49), layer(1.0, 2.0, 0.3)]);
     for load in LOADS {
-        let exact = line(&rubber, &load, 0.8, &X).expect("sound points");
-        let found = on_steel.line(&load, 0.8, &X).expect("sound points");
+        let exact = line(&rubber, &load, 0.8, &PLACES_MM).expect("sound points");
+        let found = on_steel.line(&load, 0.8, &PLACES_MM).expect("sound points");
         assert!(worst(&exact, &found, 2.0 * rubber.shear_mpa()) < 1e-8);
-        let alone = line(&layer(40.0, E_MPA, 0.49), &load, 0.5, &X).expect("sound points");
-        let found = thick.line(&load, 0.5, &X).expect("sound points");
+        let alone = line(&layer(40.0, E_MPA, 0.49), &load, 0.5, &PLACES_MM).expect("sound points");
+        let found = thick.line(&load, 0.5, &PLACES_MM).expect("sound points");
         // A soft base 40 mm below still lets everything sink: stresses alone are near.
         for (a, b) in alone.iter().zip(&found) {
             let (a, b) = (values(a, 1.0), values(b, 1.0));
@@ -124,8 +124,8 @@ fn statics_hold_at_every_interface_and_fields_are_continuous_there() {
     }
     for face in [0.4, 0.5] {
         for load in LOADS {
-            let above = stack.line(&load, face - 1e-9, &X).expect("sound points");
-            let below = stack.line(&load, face + 1e-9, &X).expect("sound points");
+            let above = stack.line(&load, face - 1e-9, &PLACES_MM).expect("sound points");
+            let below = stack.line(&load, face + 1e-9, &PLACES_MM).expect("sound points");
             for (a, b) in above.iter().zip(&below) {
                 let (a, b) = (values(a, 1.0), values(b, 1.0));
                 for k in [0, 2, 3, 4] {
@@ -144,22 +144,22 @@ fn what_is_no_stack_is_refused() {
     assert_eq!(Stack::new(&[bad]).expect_err("t").place, "thickness_mm");
     let sound = stack(&[layer(1.0, 1.0, 0.4)]);
     for depth in [f64::NAN, -0.1, 1.1, -1e-6] {
-        assert!(sound.line(&LOADS[0], depth, &X).is_err(), "{depth}");
+        assert!(sound.line(&LOADS[0], depth, &PLACES_MM).is_err(), "{depth}");
     }
     assert!(sound.line(&LOADS[0], 0.5, &[f64::NAN]).is_err());
     // A skin of which a line load is more waves than anyone waits for, and many layers.
     for skin in [1e-6, 1e-12, 1e-29] {
         let thin = stack(&[layer(skin, 1.0, 0.4), layer(1.0, 2.0, 0.4)]);
         for depth in [0.0, 0.3 * skin] {
-            let refused = thin.line(&LOADS[0], depth, &X).expect_err("too many waves");
+            let refused = thin.line(&LOADS[0], depth, &PLACES_MM).expect_err("too many waves");
             assert_eq!(refused.place, "thickness_mm", "{skin} {depth}: {refused}");
         }
-        assert!(thin.line(&LOADS[0], 0.7, &X).is_ok());
+        assert!(thin.line(&LOADS[0], 0.7, &PLACES_MM).is_ok());
     }
     // Each wave passes through all of them.
     let mut many = vec![layer(1e-3, 1.0, 0.4)];
     many.resize(64, layer(1.0 / 63.0, 1.0, 0.4));
-    let refused = stack(&many).line(&LOADS[0], 0.0, &X).expect_err("too many waves in all");
+    let refused = stack(&many).line(&LOADS[0], 0.0, &PLACES_MM).expect_err("too many waves in all");
     assert!(refused.what.contains("64 layers") && refused.remedy.contains("fewer layers"));
-    assert!(stack(&many[..8]).line(&LOADS[0], 0.0, &X).is_ok());
+    assert!(stack(&many[..8]).line(&LOADS[0], 0.0, &PLACES_MM).is_ok());
 }

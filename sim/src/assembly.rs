@@ -3,7 +3,7 @@
 //! stiffness the integration step cannot follow.
 
 use glam::{DMat3, DVec3};
-use taktil_contact::space::Level;
+use taktil_contact::Accuracy;
 use taktil_hal::{AXES, AdcCode, CHANNELS, Counts, Devices, LinesOut, Nanos};
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::robot::ChainRobot;
@@ -317,8 +317,8 @@ fn fingertip(
         layer = layer.with_tangential_influence(rubber, place)?;
     }
     let level = match model {
-        ContactModel::Layer3d => Level::Fast,
-        ContactModel::Layer3dFine => Level::Default,
+        ContactModel::Layer3d => Accuracy::Fast,
+        ContactModel::Layer3dFine => Accuracy::Default,
         ContactModel::Line | ContactModel::Layer2d => return Ok((layer, None)),
     };
     let size = CylinderSize { radius_m: 1e-3 * pin.radius_mm, length_m: 1e-3 * pin.length_mm };

@@ -8,10 +8,11 @@
 //! The theory's layer has no edges. A pin that is longer than the pad is cut beyond the pad, and
 //! only the pressure on the pad counts.
 
+use taktil_contact::Accuracy;
+use taktil_contact::space::Drive;
 use taktil_contact::space::pin::{Pin as LayerPin, Profile, Stand};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level};
 use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::Pose;
 
@@ -115,7 +116,7 @@ impl SpatialSolver {
     pub(crate) fn new(
         config: &RubberConfig,
         size: CylinderSize,
-        level: Level,
+        level: Accuracy,
         place: &str,
     ) -> Result<SpatialSolver, Invalid> {
         let at_place = rubber::at_place(place);
@@ -130,9 +131,9 @@ impl SpatialSolver {
         let reach = Array::THESIS.half_diagonal_mm() + CUT_MARGIN_THICKNESSES * config.thickness_mm;
         let cut = if half_length_mm > 1.1 * reach { Some((pin(reach)?, reach)) } else { None };
         let fineness = match level {
-            Level::Fast => Fineness::FAST,
-            Level::Default => Fineness::DEFAULT,
-            Level::Fine => Fineness::FINE,
+            Accuracy::Fast => Fineness::FAST,
+            Accuracy::Default => Fineness::DEFAULT,
+            Accuracy::Fine => Fineness::FINE,
         };
         let influence = Influence::new(&layer).map_err(&at_place)?;
         let shares = Shares::new(&influence, &Array::THESIS, Sampling::Area, fineness);

@@ -1,6 +1,7 @@
 //! Contact in three dimensions inside a lane: once the tables are built, neither pressing nor
 //! taking images makes a heap call, from a cold or a warm start, nor does a load that is refused.
 
+use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::layer::Layer;
 use taktil_contact::space::infinite::Endless;
@@ -10,7 +11,7 @@ use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::surface::{Cells, Surface};
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level, Why};
+use taktil_contact::space::{Drive, Why};
 use taktil_rtcore::guard::{self, CountingAllocator};
 
 #[global_allocator]
@@ -25,11 +26,11 @@ fn pressing_and_imaging_make_no_heap_call() {
     let influence = Influence::new(&layer).unwrap();
     let shares = Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::FAST).unwrap();
     let cylinder = Profile::Cylinder { radius_mm: 23.0 };
-    let mut pin = Pin::new(&layer, cylinder, [-15.0, 15.0], 0.1, Level::Fast).unwrap();
+    let mut pin = Pin::new(&layer, cylinder, [-15.0, 15.0], 0.1, Accuracy::Fast).unwrap();
     let bar = Profile::Bar { width_mm: 4.0 };
-    let mut bar = Pin::new(&layer, bar, [-5.0, 5.0], 0.1, Level::Fast).unwrap();
+    let mut bar = Pin::new(&layer, bar, [-5.0, 5.0], 0.1, Accuracy::Fast).unwrap();
     let mut endless = Endless::new(&layer, cylinder, 0.2).unwrap();
-    let mut sphere = Sphere::new(&layer, 10.0, Level::Default).unwrap();
+    let mut sphere = Sphere::new(&layer, 10.0, Accuracy::Default).unwrap();
     let cells = Cells { columns: 48, rows: 48, spacing_mm: 0.1 };
     let mut surface = Surface::new(&influence, &cells).unwrap();
     let heights: Vec<f64> = (0..48 * 48)
@@ -82,7 +83,7 @@ fn scenes_of_every_level_make_no_heap_call() {
     ];
     for shape in shapes {
         let tilts = matches!(shape, Shape::Cylinder { length_mm: Some(_), .. } | Shape::Bar { .. });
-        for level in [Level::Fast, Level::Default, Level::Fine] {
+        for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
             let array = Array::THESIS;
             let mut scene = Scene::new(&layer, shape, &array, Sampling::Area, level).unwrap();
             let mut image = vec![0.0; array.len()];
@@ -109,9 +110,9 @@ fn scenes_of_every_level_make_no_heap_call() {
 fn a_refused_press_makes_no_heap_call() {
     let layer = Layer::new(0.8, 27.58, 0.49).unwrap();
     let cylinder = Profile::Cylinder { radius_mm: 23.0 };
-    let mut pin = Pin::new(&layer, cylinder, [-15.0, 15.0], 0.1, Level::Fast).unwrap();
+    let mut pin = Pin::new(&layer, cylinder, [-15.0, 15.0], 0.1, Accuracy::Fast).unwrap();
     let mut endless = Endless::new(&layer, cylinder, 0.2).unwrap();
-    let mut sphere = Sphere::new(&layer, 10.0, Level::Fast).unwrap();
+    let mut sphere = Sphere::new(&layer, 10.0, Accuracy::Fast).unwrap();
     let (depth, force) = (Drive::PenetrationMm, Drive::ForceN);
     // Drive and tilt, the number at fault, what of it is said.
     let cases = [

@@ -1,12 +1,13 @@
 //! Plane contact inside a lane: bars and cylinders that are pressed, steps with stick and slip, and
 //! finite element loads make no heap call once they are built, from a cold or a warm start.
 
+use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh};
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::bed::Bed;
-use taktil_contact::plane::chart::Chart;
-use taktil_contact::plane::grip::{Drive, Grip, Law};
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Refusal, Shape};
+use taktil_contact::plane::compliance::SurfaceCompliance;
+use taktil_contact::plane::contact_table::ContactTable;
+use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact, LoadStep};
+use taktil_contact::plane::{Friction, Indenter, Load, Refusal, Shape};
 use taktil_rtcore::guard::{self, CountingAllocator};
 
 #[global_allocator]
@@ -32,15 +33,15 @@ fn plane_contact_makes_no_heap_call() {
     let mut bodies = Vec::new();
     for shape in [bar, Shape::Cylinder { radius_mm: 23.0 }, Shape::Parabola { radius_mm: 5.0 }] {
         for friction in [Friction::None, Friction::Proportional] {
-            for level in [Level::Fast, Level::Default, Level::Fine] {
+            for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
                 bodies.push(Indenter::new(&layer, shape, friction, level).unwrap());
             }
         }
     }
-    let mut chart = Chart::new(&layer, (12.7, 6.35), Friction::None, &[0.0, 3.0]).unwrap();
+    let mut chart = ContactTable::new(&layer, 12.7, 6.35, Friction::None, &[0.0, 3.0]).unwrap();
     let edges: Vec<f64> = (0..=48).map(|i| f64::from(i) * 0.25 - 6.0).collect();
-    let bed = Bed::of_layer(&layer, &edges).unwrap();
-    let mut grip = Grip::new(bed, vec![0.0; 48], Law::Coulomb(0.4)).unwrap();
+    let bed = SurfaceCompliance::of_layer(&layer, &edges).unwrap();
+    let mut grip = FrictionalContact::new(bed, vec![0.0; 48], FrictionLaw::Coulomb(0.4)).unwrap();
     let mesh = Mesh::uniform(25.4, 0.8, 64, 4).unwrap();
     let soft = Layer { poisson: 0.5, ..layer };
     let elements = Elements::new(&soft, mesh, Kind::MeanDilatation).unwrap();
@@ -53,7 +54,7 @@ fn plane_contact_makes_no_heap_call() {
             for body in &mut bodies {
                 match body.press(&load) {
                     Ok(_) => solved += 1,
-                    Err(Refusal::Topples | Refusal::Pulls) => refused += 1,
+                    Err(Refusal::Toppling | Refusal::Tension) => refused += 1,
                     Err(other) => panic!("{other}"),
                 }
                 std::hint::black_box(body.pressure_mpa(0.1));
@@ -62,7 +63,7 @@ fn plane_contact_makes_no_heap_call() {
             }
             let _ = std::hint::black_box(chart.press(&load));
             chart.base_szz_mpa(std::hint::black_box(&mut [0.0; 2]));
-            let held = Drive::Loads { load, height_mm: 0.5 };
+            let held = LoadStep::Loads { load, height_mm: 0.5 };
             let _ = std::hint::black_box(grip.step(&held));
             elements.solve(&forces, &mut response);
         });

@@ -1,11 +1,11 @@
 //! The base's normal stress out of its reactions, and the compliances of the surface for the
 //! contact solver in the plane. It allocates.
 
-use super::band::LANES;
-use super::lanes::Lanes;
 use super::layer::{Elements, Response};
+use super::right_sides::RightSides;
 use crate::Invalid;
-use crate::plane::bed::{Bed, CELLS_MAX};
+use crate::numeric::band::SIDES_AT_ONCE;
+use crate::plane::compliance::{CELLS_MAX, SurfaceCompliance};
 
 impl<const D: usize> Elements<D> {
     /// Normal stress at the base's nodes in MPa, column by column. With order 1 the reactions over
@@ -17,7 +17,7 @@ impl<const D: usize> Elements<D> {
         let mesh = self.mesh();
         let mut out: Vec<f64> = response.reactions.iter().map(|r| -r[D - 1]).collect();
         if mesh.order == 1 {
-            out.iter_mut().zip(mesh.shares()).for_each(|(force, share)| *force /= share);
+            out.iter_mut().zip(mesh.base_weights()).for_each(|(force, share)| *force /= share);
             return out;
         }
         let mut stride = out.len();
@@ -31,7 +31,7 @@ impl<const D: usize> Elements<D> {
                 for (i, value) in line.iter_mut().enumerate() {
                     *value = out[start + i * stride];
                 }
-                recover(&x, mesh.rollers[axis], &mut line);
+                recover_nodal_values(&x, mesh.rollers[axis], &mut line);
                 for (i, value) in line.iter().enumerate() {
                     out[start + i * stride] = *value;
                 }
@@ -44,7 +44,7 @@ impl<const D: usize> Elements<D> {
 /// From the integrals of a smooth function with the shape functions of order 2 along a line to its
 /// values at the nodes. A parabola through three corners stands for the function under the hat of
 /// the middle one; it is mirrored at rollers, and under the half hat at a free end a straight line.
-fn recover(x: &[f64], rollers: [bool; 2], line: &mut [f64]) {
+fn recover_nodal_values(x: &[f64], rollers: [bool; 2], line: &mut [f64]) {
     let count = x.len() / 2 + 1;
     let at = |corner: usize| x[2 * corner];
     // Rows of the tridiagonal system: before, here, after, right side.
@@ -90,7 +90,7 @@ fn recover(x: &[f64], rollers: [bool; 2], line: &mut [f64]) {
         line[2 * k] = (rows[k][3] - next) / rows[k][1];
     }
     for k in 0..count - 1 {
-        // A cubic through four corners, near a free end through what there is.
+        // A cubic through four corners; near an end through those that exist.
         let from = if k == 0 { 0 } else { k - 1 };
         let to = (k + 2).min(count - 1);
         let place = x[2 * k + 1];
@@ -106,8 +106,8 @@ impl Elements<2> {
     /// The compliances of the surface's nodes, for the contact solver.
     ///
     /// # Errors
-    /// More nodes than a bed may have.
-    pub fn bed(&self) -> Result<Bed, Invalid> {
+    /// More nodes than [`CELLS_MAX`].
+    pub fn compliance(&self) -> Result<SurfaceCompliance, Invalid> {
         let n = self.mesh().columns();
         if n > CELLS_MAX {
             let what = format!("{n} nodes on the surface");
@@ -116,7 +116,7 @@ impl Elements<2> {
         }
         let top = self.mesh().counts()[1] - 1;
         let zeros = || vec![0.0; n * n];
-        let mut bed = Bed {
+        let mut compliance = SurfaceCompliance {
             x_mm: self.mesh().row_mm(top),
             width_mm: self.mesh().widths_mm(top),
             down_per_p: zeros(),
@@ -124,23 +124,23 @@ impl Elements<2> {
             along_per_p: zeros(),
             along_per_q: zeros(),
         };
-        let mut lanes = Lanes::new(self);
+        let mut right_sides = RightSides::new(self);
         let unit: Vec<(usize, [f64; 2])> =
             (0..n).flat_map(|j| [(j, [0.0, -1.0]), (j, [1.0, 0.0])]).collect();
-        for some in unit.chunks(LANES) {
-            lanes.solve(self, some);
-            for (lane, (j, force)) in some.iter().enumerate() {
+        for some in unit.chunks(SIDES_AT_ONCE) {
+            right_sides.solve(self, some);
+            for (side_index, (j, force)) in some.iter().enumerate() {
                 let [down, along] = if force[0] == 0.0 {
-                    [&mut bed.down_per_p, &mut bed.along_per_p]
+                    [&mut compliance.down_per_p, &mut compliance.along_per_p]
                 } else {
-                    [&mut bed.down_per_q, &mut bed.along_per_q]
+                    [&mut compliance.down_per_q, &mut compliance.along_per_q]
                 };
                 for i in 0..n {
-                    let [x, z] = lanes.at(self, i, lane);
+                    let [x, z] = right_sides.at(self, i, side_index);
                     (down[i * n + j], along[i * n + j]) = (-z, x);
                 }
             }
         }
-        Ok(bed)
+        Ok(compliance)
     }
 }

@@ -2,9 +2,12 @@
 //! modes of its dilatation. Isoparametric, Gauss's rule of order + 1 points along each axis.
 
 use super::mesh::Kind;
+use crate::numeric::cholesky::inverse_factor;
+use crate::numeric::elimination::inverse_and_determinant;
+use crate::numeric::quadrature::{THREE_POINT_NODE, TWO_POINT_NODE};
 
 /// Most modes of the dilatation: 1, x, y, z.
-pub(super) const MODES: usize = 4;
+pub(super) const DILATATION_MODES: usize = 4;
 
 /// Shear and bulk modulus in MPa.
 #[derive(Clone, Copy, Debug)]
@@ -23,18 +26,18 @@ pub(super) struct Modes<const D: usize> {
     pub(super) count: usize,
     middle: [f64; D],
     /// Inverse of the Cholesky factor of the raw functions' products.
-    basis: [[f64; MODES]; MODES],
+    basis: [[f64; DILATATION_MODES]; DILATATION_MODES],
 }
 
 impl<const D: usize> Modes<D> {
     /// Values of the modes at a place in mm.
-    pub(super) fn at(&self, place: &[f64; D]) -> [f64; MODES] {
+    pub(super) fn at(&self, place: &[f64; D]) -> [f64; DILATATION_MODES] {
         let raw = raw(place, &self.middle);
         self.basis.map(|row| row.iter().zip(raw).map(|(a, b)| a * b).sum())
     }
 }
 
-/// What an element brings to the system, displacements node by node.
+/// Contribution of an element to the system, displacements node by node.
 #[derive(Clone, Debug)]
 pub(super) struct Element<const D: usize> {
     pub(super) stiffness: Vec<f64>,
@@ -61,42 +64,10 @@ fn line(order: usize, s: f64) -> [[f64; 2]; 3] {
 
 /// Gauss's nodes and weights.
 fn gauss(order: usize) -> &'static [[f64; 2]] {
-    const TWO: f64 = 0.577_350_269_189_625_8;
-    const THREE: f64 = 0.774_596_669_241_483_4;
     if order == 1 {
-        return &[[-TWO, 1.0], [TWO, 1.0]];
+        return &[[-TWO_POINT_NODE, 1.0], [TWO_POINT_NODE, 1.0]];
     }
-    &[[-THREE, 5.0 / 9.0], [0.0, 8.0 / 9.0], [THREE, 5.0 / 9.0]]
-}
-
-/// Inverse and determinant; `None` where the determinant is not above 0.
-fn inverse<const D: usize>(mut m: [[f64; D]; D]) -> Option<([[f64; D]; D], f64)> {
-    let mut out = [[0.0; D]; D];
-    (0..D).for_each(|i| out[i][i] = 1.0);
-    let mut determinant = 1.0;
-    for pivot in 0..D {
-        let size = |row: &usize| m[*row][pivot].abs();
-        let best = (pivot..D).max_by(|a, b| size(a).total_cmp(&size(b)))?;
-        if best != pivot {
-            m.swap(best, pivot);
-            out.swap(best, pivot);
-            determinant = -determinant;
-        }
-        let value = m[pivot][pivot];
-        determinant *= value;
-        for column in 0..D {
-            m[pivot][column] /= value;
-            out[pivot][column] /= value;
-        }
-        for row in (0..D).filter(|row| *row != pivot) {
-            let factor = m[row][pivot];
-            for column in 0..D {
-                m[row][column] -= factor * m[pivot][column];
-                out[row][column] -= factor * out[pivot][column];
-            }
-        }
-    }
-    (determinant > 0.0).then_some((out, determinant))
+    &[[-THREE_POINT_NODE, 5.0 / 9.0], [0.0, 8.0 / 9.0], [THREE_POINT_NODE, 5.0 / 9.0]]
 }
 
 /// Shape functions at natural coordinates; `None` where the element folds.
@@ -129,7 +100,7 @@ pub(super) fn point<const D: usize>(
             }
         }
     }
-    let (back, volume) = inverse(map)?;
+    let (back, volume) = inverse_and_determinant(map)?;
     for slope in &mut slopes {
         let natural = *slope;
         *slope = core::array::from_fn(|b| (0..D).map(|a| back[b][a] * natural[a]).sum());
@@ -138,8 +109,8 @@ pub(super) fn point<const D: usize>(
 }
 
 /// 1 and the place from the element's middle.
-fn raw<const D: usize>(place: &[f64; D], middle: &[f64; D]) -> [f64; MODES] {
-    let mut raw = [0.0; MODES];
+fn raw<const D: usize>(place: &[f64; D], middle: &[f64; D]) -> [f64; DILATATION_MODES] {
+    let mut raw = [0.0; DILATATION_MODES];
     raw[0] = 1.0;
     for axis in 0..D {
         raw[axis + 1] = place[axis] - middle[axis];
@@ -160,7 +131,7 @@ pub(super) fn element<const D: usize>(
     let middle = core::array::from_fn(|axis| {
         corners.iter().map(|c| c[axis]).sum::<f64>() / corners.len() as f64
     });
-    let mut products = [[0.0; MODES]; MODES];
+    let mut products = [[0.0; DILATATION_MODES]; DILATATION_MODES];
     let mut rows = vec![0.0; count * dofs];
     let rule = gauss(order);
     for step in 0..rule.len().pow(D as u32) {
@@ -226,30 +197,11 @@ fn add_energy<const D: usize>(
     }
 }
 
-/// Inverse of the Cholesky factor of the leading `count` rows.
-fn inverse_factor(products: &[[f64; MODES]; MODES], count: usize) -> [[f64; MODES]; MODES] {
-    let mut lower = [[0.0_f64; MODES]; MODES];
-    let mut out = [[0.0; MODES]; MODES];
-    for i in 0..count {
-        for j in 0..=i {
-            let known: f64 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
-            let rest = products[i][j] - known;
-            lower[i][j] = if i == j { rest.sqrt() } else { rest / lower[j][j] };
-        }
-    }
-    for row in 0..count {
-        let mut line = [0.0; MODES];
-        for (column, slot) in line.iter_mut().enumerate().take(row + 1) {
-            let known: f64 = (column..row).map(|k| lower[row][k] * out[k][column]).sum();
-            let one = if row == column { 1.0 } else { 0.0 };
-            *slot = (one - known) / lower[row][row];
-        }
-        out[row] = line;
-    }
-    out
-}
-
-fn orthonormal(rows: &[f64], basis: &[[f64; MODES]; MODES], count: usize) -> Vec<f64> {
+fn orthonormal(
+    rows: &[f64],
+    basis: &[[f64; DILATATION_MODES]; DILATATION_MODES],
+    count: usize,
+) -> Vec<f64> {
     let dofs = rows.len() / count;
     let mut out = vec![0.0; rows.len()];
     for i in 0..count {

@@ -1,8 +1,8 @@
 //! The factored stiffness: a band of our own where nodes across a thin section are few, the sparse
 //! Cholesky factor of nalgebra-sparse in the order of nested dissection in space. Solving does not
-//! allocate. Neither is on a lane's path or in a hashed result.
+//! allocate. Neither is used inside control periods.
 
-use super::band::{Band, LANES};
+use crate::numeric::band::{Band, SIDES_AT_ONCE};
 use nalgebra::DMatrixViewMut;
 use nalgebra_sparse::factorization::CscCholesky;
 use nalgebra_sparse::{CooMatrix, CscMatrix};
@@ -63,7 +63,7 @@ pub(super) enum Factor {
 }
 
 impl Factor {
-    /// Numbers kept.
+    /// Number of stored entries.
     pub(super) fn entries(&self) -> usize {
         match self {
             Self::Band(band) => band.entries(),
@@ -83,14 +83,14 @@ impl Factor {
     }
 
     /// Solves several right sides in place; the sparse factor one by one, and with an allocation.
-    pub(super) fn solve_lanes(&self, side: &mut [[f64; LANES]]) {
+    pub(super) fn solve_many(&self, side: &mut [[f64; SIDES_AT_ONCE]]) {
         if let Self::Band(band) = self {
-            return band.solve_lanes(side);
+            return band.solve_many(side);
         }
-        for lane in 0..LANES {
-            let mut one: Vec<f64> = side.iter().map(|s| s[lane]).collect();
+        for index in 0..SIDES_AT_ONCE {
+            let mut one: Vec<f64> = side.iter().map(|s| s[index]).collect();
             self.solve(&mut one);
-            side.iter_mut().zip(one).for_each(|(s, one)| s[lane] = one);
+            side.iter_mut().zip(one).for_each(|(s, one)| s[index] = one);
         }
     }
 }

@@ -2,27 +2,28 @@
 //! allocate.
 
 use super::dissect;
-use super::element::{Element, MODES, Modes, Moduli, element, point};
+use super::element::{DILATATION_MODES, Element, Modes, Moduli, element, point};
 use super::factor::{ENTRIES_MAX, Factor, Method, System};
 use super::mesh::{Kind, Mesh};
 use crate::layer::Layer;
+use crate::numeric::product::dot_in_order;
 use crate::{Invalid, finite};
 
 /// Largest ratio of bulk to shear modulus that goes into the matrix; beyond it the pressure is
 /// found by augmented Lagrange steps.
-const STIFFEST: f64 = 2e3;
-/// Those steps, at most, and the change of pressure at which they end.
-pub(super) const STEPS: usize = 60;
-pub(super) const SETTLED: f64 = 1e-13;
-/// Equation of a displacement that is held.
-pub(super) const HELD: u32 = u32::MAX;
+const BULK_TO_SHEAR_MAX: f64 = 2e3;
+/// Most augmented Lagrange steps, and the relative change of pressure at which they end.
+pub(super) const AUGMENTED_STEPS_MAX: usize = 60;
+pub(super) const PRESSURE_TOLERANCE: f64 = 1e-13;
+/// Equation number of a displacement that is held at 0.
+pub(super) const FIXED_EQUATION: u32 = u32::MAX;
 
 /// A mesh of a layer, factored.
 #[derive(Clone, Debug)]
 pub struct Elements<const D: usize = 2> {
     mesh: Mesh<D>,
     kind: Kind,
-    /// The moduli in the matrix, and what compliance is still missing: 1/K - 1/K_matrix.
+    /// The moduli in the matrix, and the missing compliance: 1/K - 1/K_matrix.
     pub(super) moduli: Moduli,
     pub(super) compliance_left: f64,
     /// Equation of each displacement, node by node.
@@ -36,7 +37,7 @@ pub struct Elements<const D: usize = 2> {
     pub(super) factor: Factor,
 }
 
-/// What a load does.
+/// The mesh's response to a load.
 #[derive(Clone, Debug)]
 pub struct Response<const D: usize = 2> {
     /// Displacement of each node along the axes in mm.
@@ -44,7 +45,7 @@ pub struct Response<const D: usize = 2> {
     /// Force of the base on each of its nodes, column by column, in N/mm (plane) or N.
     pub reactions: Vec<[f64; D]>,
     /// Mean stress that the steps added, by its modes in each element.
-    pressure: Vec<[f64; MODES]>,
+    pressure: Vec<[f64; DILATATION_MODES]>,
     side: Vec<f64>,
     load: Vec<f64>,
     /// Augmented steps taken.
@@ -60,14 +61,14 @@ impl<const D: usize> Elements<D> {
     /// elements that fold; the plain element at nu = 0.5.
     pub fn new(layer: &Layer, mesh: Mesh<D>, kind: Kind) -> Result<Self, Invalid> {
         let method = if D == 2 { Method::Band } else { Method::Sparse };
-        Self::factored(layer, mesh, kind, method)
+        Self::with_method(layer, mesh, kind, method)
     }
 
     /// [`Self::new`] with the method named.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn factored(
+    pub fn with_method(
         layer: &Layer,
         mesh: Mesh<D>,
         kind: Kind,
@@ -82,22 +83,23 @@ impl<const D: usize> Elements<D> {
             let what = "0.5 makes the plain element infinitely stiff".to_owned();
             return Err(Invalid::new("poisson", what, "take the mean dilatation"));
         }
-        let softest = 1.0 / (STIFFEST * g);
+        let softest = 1.0 / (BULK_TO_SHEAR_MAX * g);
         let in_matrix = if kind == Kind::Plain { inverse } else { inverse.max(softest) };
         let moduli = Moduli { shear: g, bulk: 1.0 / in_matrix };
-        let (equations, unknowns) = numbered(&mesh, method);
+        let (equations, unknowns) = number_equations(&mesh, method);
         let count = mesh.elements.iter().product();
         let connect: Vec<u32> =
             (0..count).flat_map(|e| mesh.nodes_of(e)).map(|node| node as u32).collect();
         let per = (mesh.order + 1).pow(D as u32);
-        let half = connect.chunks_exact(per).map(|nodes| spread::<D>(nodes, &equations)).max();
+        let half =
+            connect.chunks_exact(per).map(|nodes| equation_distance::<D>(nodes, &equations)).max();
         let half = half.unwrap_or(0);
-        fits(&mesh, method, (unknowns, half))?;
+        check_factor_size(&mesh, method, unknowns, half)?;
         let mut system = System::new(method, unknowns, half);
         let mut modes = Vec::with_capacity(count);
         let mut base_rows = Vec::new();
         for (e, nodes) in connect.chunks_exact(per).enumerate() {
-            let one = made(&mesh, e, nodes, kind, moduli)?;
+            let one = element_matrices(&mesh, e, nodes, kind, moduli)?;
             add(&mut system, &one, nodes, &equations);
             if mesh.element_at(e)[D - 1] == 0 {
                 let dofs = per * D;
@@ -150,7 +152,7 @@ impl<const D: usize> Elements<D> {
         Response {
             nodes_mm: vec![[0.0; D]; self.mesh.nodes.len()],
             reactions: vec![[0.0; D]; self.mesh.columns()],
-            pressure: vec![[0.0; MODES]; self.modes.len()],
+            pressure: vec![[0.0; DILATATION_MODES]; self.modes.len()],
             side: vec![0.0; self.unknowns],
             load: vec![0.0; self.unknowns],
             steps: 0,
@@ -158,36 +160,37 @@ impl<const D: usize> Elements<D> {
     }
 
     /// Solves for forces on the nodes of the surface, column by column, along the axes (z up), in
-    /// N/mm (plane) or N. What is missing counts as 0. Does not allocate.
+    /// N/mm (plane) or N. Missing forces count as 0. Does not allocate.
     pub fn solve(&self, surface: &[[f64; D]], out: &mut Response<D>) {
         out.load.fill(0.0);
         for (column, force) in surface.iter().take(self.mesh.columns()).enumerate() {
-            let node = self.mesh.surface(column);
+            let node = self.mesh.surface_node(column);
             for (axis, value) in force.iter().enumerate() {
                 let place = self.equations[node * D + axis];
-                if place != HELD {
+                if place != FIXED_EQUATION {
                     out.load[place as usize] = *value;
                 }
             }
         }
-        out.pressure.fill([0.0; MODES]);
+        out.pressure.fill([0.0; DILATATION_MODES]);
         out.side.copy_from_slice(&out.load);
         self.factor.solve(&mut out.side);
         self.spread_displacements(out);
         out.steps = 0;
         let mut last = f64::INFINITY;
-        while self.compliance_left != 0.0 && out.steps < STEPS {
+        while self.compliance_left != 0.0 && out.steps < AUGMENTED_STEPS_MAX {
             out.steps += 1;
-            let change = self.raise(out);
+            let change = self.raise_pressures(out);
             self.factor.solve(&mut out.side);
             self.spread_displacements(out);
-            // Each step takes some thousand times off the error, until rounding is reached.
-            if change < SETTLED || change > 0.5 * last {
+            // Each step reduces the error about a thousandfold until rounding is reached; a change
+            // that no longer halves is rounding.
+            if change < PRESSURE_TOLERANCE || change > 0.5 * last {
                 break;
             }
             last = change;
         }
-        self.react(out);
+        self.compute_reactions(out);
     }
 
     pub(super) fn nodes_of(&self, e: usize) -> &[u32] {
@@ -195,9 +198,9 @@ impl<const D: usize> Elements<D> {
         &self.connect[e * per..][..per]
     }
 
-    /// Raises the pressures by what the dilatation is too large, and makes the next right side; the
-    /// largest change of a pressure relative to the largest pressure.
-    fn raise(&self, out: &mut Response<D>) -> f64 {
+    /// Raises the pressures in proportion to the excess of dilatation and makes the next right
+    /// side; returns the largest change of a pressure relative to the largest pressure.
+    fn raise_pressures(&self, out: &mut Response<D>) -> f64 {
         let (mut change, mut largest) = (0.0_f64, f64::MIN_POSITIVE);
         let bulk = self.moduli.bulk;
         for e in 0..self.modes.len() {
@@ -217,7 +220,7 @@ impl<const D: usize> Elements<D> {
             for (row, added) in modes.rows.chunks_exact(nodes.len() * D).zip(out.pressure[e]) {
                 for (dof, part) in row.iter().enumerate() {
                     let place = self.equations[nodes[dof / D] as usize * D + dof % D];
-                    if place != HELD {
+                    if place != FIXED_EQUATION {
                         out.side[place as usize] -= added * part;
                     }
                 }
@@ -227,9 +230,9 @@ impl<const D: usize> Elements<D> {
     }
 
     /// Coefficients of the dilatation's modes.
-    fn dilatation(&self, e: usize, out: &Response<D>) -> [f64; MODES] {
+    fn dilatation(&self, e: usize, out: &Response<D>) -> [f64; DILATATION_MODES] {
         let nodes = self.nodes_of(e);
-        let mut theta = [0.0; MODES];
+        let mut theta = [0.0; DILATATION_MODES];
         for (slot, row) in theta.iter_mut().zip(self.modes[e].rows.chunks_exact(nodes.len() * D)) {
             for (part, node) in row.chunks_exact(D).zip(nodes) {
                 let moved = &out.nodes_mm[*node as usize];
@@ -242,13 +245,13 @@ impl<const D: usize> Elements<D> {
     fn spread_displacements(&self, out: &mut Response<D>) {
         for (node, places) in out.nodes_mm.iter_mut().zip(self.equations.chunks_exact(D)) {
             for (slot, place) in node.iter_mut().zip(places) {
-                *slot = if *place == HELD { 0.0 } else { out.side[*place as usize] };
+                *slot = if *place == FIXED_EQUATION { 0.0 } else { out.side[*place as usize] };
             }
         }
     }
 
     /// Reactions of the base.
-    fn react(&self, out: &mut Response<D>) {
+    fn compute_reactions(&self, out: &mut Response<D>) {
         out.reactions.fill([0.0; D]);
         let (across, wide) = (self.mesh.elements[D - 1], self.mesh.order + 1);
         let tall = self.mesh.counts()[D - 1];
@@ -263,7 +266,7 @@ impl<const D: usize> Elements<D> {
                     let elastic: f64 = row
                         .chunks_exact(D)
                         .zip(nodes)
-                        .map(|(part, node)| dot(part, &out.nodes_mm[*node as usize]))
+                        .map(|(part, node)| dot_in_order(part, &out.nodes_mm[*node as usize]))
                         .sum();
                     let modes = self.modes[e].rows.chunks_exact(dofs).zip(out.pressure[e]);
                     let added: f64 = modes.map(|(row, p)| p * row[local * D + axis]).sum();
@@ -281,11 +284,11 @@ impl<const D: usize> Elements<D> {
         let mut out = vec![[0.0; D]; self.mesh.nodes.len()];
         for e in 0..self.modes.len() {
             let nodes = self.nodes_of(e);
-            let one = made(&self.mesh, e, nodes, self.kind, self.moduli)?;
+            let one = element_matrices(&self.mesh, e, nodes, self.kind, self.moduli)?;
             for (dof, row) in one.stiffness.chunks_exact(nodes.len() * D).enumerate() {
                 let parts = row.chunks_exact(D).zip(nodes);
                 let force: f64 =
-                    parts.map(|(part, node)| dot(part, &nodes_mm[*node as usize])).sum();
+                    parts.map(|(part, node)| dot_in_order(part, &nodes_mm[*node as usize])).sum();
                 out[nodes[dof / D] as usize][dof % D] += force;
             }
         }
@@ -325,7 +328,7 @@ impl<const D: usize> Elements<D> {
             Kind::MeanDilatation => {
                 let stress =
                     |mode: usize| self.moduli.bulk * theta[mode] + response.pressure[e][mode];
-                (0..MODES).map(|mode| shape[mode] * stress(mode)).sum()
+                (0..DILATATION_MODES).map(|mode| shape[mode] * stress(mode)).sum()
             }
         };
         Some(strain.map(|part| mean + 2.0 * self.moduli.shear * (part - raw / 3.0)))
@@ -333,11 +336,16 @@ impl<const D: usize> Elements<D> {
 }
 
 impl Elements<2> {
-    /// Reactions and base stress under the forces of a contact on this mesh's own bed. Allocates.
+    /// Reactions and base stress under the forces of a contact on this mesh's own compliances.
+    /// Allocates.
     ///
     /// # Errors
     /// Forces that are not finite.
-    pub fn under(&self, normal: &[f64], tangential: &[f64]) -> Result<Response, Invalid> {
+    pub fn response_to_contact(
+        &self,
+        normal: &[f64],
+        tangential: &[f64],
+    ) -> Result<Response, Invalid> {
         let forces: Vec<[f64; 2]> = normal.iter().zip(tangential).map(|(p, q)| [*q, -*p]).collect();
         forces.iter().flatten().try_for_each(|f| finite("forces", *f))?;
         let mut response = self.response();
@@ -346,12 +354,8 @@ impl Elements<2> {
     }
 }
 
-fn dot<const D: usize>(part: &[f64], moved: &[f64; D]) -> f64 {
-    part.iter().zip(moved).map(|(a, b)| a * b).sum()
-}
-
-/// One element, or which one folds.
-fn made<const D: usize>(
+/// The matrices of one element; an error that names the element if it folds.
+fn element_matrices<const D: usize>(
     mesh: &Mesh<D>,
     e: usize,
     nodes: &[u32],
@@ -365,10 +369,11 @@ fn made<const D: usize>(
     })
 }
 
-/// Equations in the order of elimination; none at the base and across rollers.
-fn numbered<const D: usize>(mesh: &Mesh<D>, method: Method) -> (Vec<u32>, usize) {
+/// Numbers the equations in the order of elimination; displacements at the base and across rollers
+/// have none.
+fn number_equations<const D: usize>(mesh: &Mesh<D>, method: Method) -> (Vec<u32>, usize) {
     let counts = mesh.counts();
-    let mut equations = vec![HELD; mesh.nodes.len() * D];
+    let mut equations = vec![FIXED_EQUATION; mesh.nodes.len() * D];
     let mut next = 0;
     let mut visit = |at: [usize; D]| {
         if at[D - 1] == 0 {
@@ -397,20 +402,23 @@ fn numbered<const D: usize>(mesh: &Mesh<D>, method: Method) -> (Vec<u32>, usize)
                 visit(at);
             }
         }
-        Method::Sparse => dissect::order(counts, mesh.order).into_iter().for_each(visit),
+        Method::Sparse => {
+            dissect::elimination_order(counts, mesh.order).into_iter().for_each(visit)
+        }
     }
     (equations, next as usize)
 }
 
-/// Refuses a factor that would not fit, before it is made.
-fn fits<const D: usize>(
+/// Refuses a factor of more than [`ENTRIES_MAX`] entries before it is allocated.
+fn check_factor_size<const D: usize>(
     mesh: &Mesh<D>,
     method: Method,
-    (unknowns, half): (usize, usize),
+    unknowns: usize,
+    half: usize,
 ) -> Result<(), Invalid> {
     let entries = match method {
         Method::Band => unknowns as f64 * (half as f64 + 1.0),
-        Method::Sparse => dissect::entries(mesh.counts(), mesh.order),
+        Method::Sparse => dissect::factor_entries_max(mesh.counts(), mesh.order),
     };
     if entries <= ENTRIES_MAX as f64 {
         return Ok(());
@@ -424,11 +432,11 @@ fn fits<const D: usize>(
 }
 
 /// Largest distance of two equations of an element.
-fn spread<const D: usize>(nodes: &[u32], equations: &[u32]) -> usize {
+fn equation_distance<const D: usize>(nodes: &[u32], equations: &[u32]) -> usize {
     let all = nodes.iter().flat_map(|node| &equations[*node as usize * D..][..D]);
     let (low, high) = all
-        .filter(|place| **place != HELD)
-        .fold((HELD, 0), |(low, high), place| (low.min(*place), high.max(*place)));
+        .filter(|place| **place != FIXED_EQUATION)
+        .fold((FIXED_EQUATION, 0), |(low, high), place| (low.min(*place), high.max(*place)));
     high.saturating_sub(low) as usize
 }
 
@@ -438,7 +446,7 @@ fn add<const D: usize>(system: &mut System, one: &Element<D>, nodes: &[u32], equ
     for (a, row) in one.stiffness.chunks_exact(dofs).enumerate() {
         for (b, value) in row.iter().enumerate() {
             let (row, column) = (place(a), place(b));
-            if row != HELD && column != HELD {
+            if row != FIXED_EQUATION && column != FIXED_EQUATION {
                 system.add(row as usize, column as usize, *value);
             }
         }

@@ -1,7 +1,8 @@
 //! Meshes of quadrilaterals over a rectangle and of bricks over a block, of order 1 or 2. Nodes are
 //! numbered across the thickness first, then along y (bricks), then along x. The last axis is z,
-//! 0 at the base. They refuse edges that do not ascend and what would not fit; whether an element
-//! folds, the elements say.
+//! 0 at the base. Edges that do not ascend and meshes
+//! of more than [`ELEMENTS_MAX`] elements are refused here, elements that fold when they are
+//! assembled.
 
 use crate::{Invalid, finite, positive};
 
@@ -40,7 +41,7 @@ impl<const D: usize> Mesh<D> {
     /// # Errors
     /// Fewer than 2 elements along or 1 across, edges that are not finite or do not ascend, a first
     /// height that is not 0, an order other than 1 and 2, too many elements.
-    pub fn over(edges_mm: [&[f64]; D], order: usize) -> Result<Self, Invalid> {
+    pub fn from_edges(edges_mm: [&[f64]; D], order: usize) -> Result<Self, Invalid> {
         let elements = edges_mm.map(|edges| edges.len().saturating_sub(1));
         check_size(&elements, order)?;
         for edges in edges_mm {
@@ -70,7 +71,7 @@ impl<const D: usize> Mesh<D> {
         Ok(mesh)
     }
 
-    /// The checks of [`Self::over`], for a mesh whose fields were changed by hand.
+    /// The checks of [`Self::from_edges`], for a mesh whose fields were changed directly.
     ///
     /// # Errors
     /// Fewer than 2 elements along or 1 across, too many, an order other than 1 and 2, nodes of
@@ -89,7 +90,7 @@ impl<const D: usize> Mesh<D> {
     /// The same mesh with an end of an axis on rollers (0 the low end, 1 the high one). An axis or
     /// an end that a mesh of `D` axes does not have changes nothing.
     #[must_use]
-    pub fn on_rollers(mut self, axis: usize, end: usize) -> Self {
+    pub fn with_rollers(mut self, axis: usize, end: usize) -> Self {
         if let Some(roller) = self.rollers.get_mut(axis).and_then(|ends| ends.get_mut(end)) {
             *roller = true;
         }
@@ -156,13 +157,13 @@ impl<const D: usize> Mesh<D> {
 
     /// The base's node of a column.
     #[must_use]
-    pub fn base(&self, column: usize) -> usize {
+    pub fn base_node(&self, column: usize) -> usize {
         column * self.counts()[D - 1]
     }
 
     /// The surface's node of a column.
     #[must_use]
-    pub fn surface(&self, column: usize) -> usize {
+    pub fn surface_node(&self, column: usize) -> usize {
         (column + 1) * self.counts()[D - 1] - 1
     }
 
@@ -179,14 +180,14 @@ impl<const D: usize> Mesh<D> {
         (0..count).map_while(at).collect()
     }
 
-    /// What each column's node of the base stands for: the integral of its shape function over the
-    /// base, in mm (plane) or mm^2.
+    /// Length or area that each column's node of the base represents: the integral of its shape
+    /// function over the base, in mm (plane) or mm^2.
     #[must_use]
-    pub fn shares(&self) -> Vec<f64> {
+    pub fn base_weights(&self) -> Vec<f64> {
         let lines: Vec<Vec<f64>> =
-            (0..D - 1).map(|axis| weights(&self.line_mm(axis), self.order)).collect();
+            (0..D - 1).map(|axis| line_weights(&self.line_mm(axis), self.order)).collect();
         let share = |column: usize| {
-            let at = self.at(self.base(column));
+            let at = self.at(self.base_node(column));
             (0..D - 1).map(|axis| lines[axis][at[axis]]).product()
         };
         (0..self.columns()).map(share).collect()
@@ -197,15 +198,15 @@ impl Mesh<2> {
     /// A mesh of order 1 over edges along x and heights from 0 (base) to the thickness.
     ///
     /// # Errors
-    /// As [`Self::over`].
-    pub fn of_edges(x_mm: &[f64], z_mm: &[f64]) -> Result<Self, Invalid> {
-        Self::over([x_mm, z_mm], 1)
+    /// As [`Self::from_edges`].
+    pub fn rectangle(x_mm: &[f64], z_mm: &[f64]) -> Result<Self, Invalid> {
+        Self::from_edges([x_mm, z_mm], 1)
     }
 
     /// Equal elements of order 1 over a width centred on x = 0.
     ///
     /// # Errors
-    /// As [`Self::over`]; sizes that are not finite and above 0.
+    /// As [`Self::from_edges`]; sizes that are not finite and above 0.
     pub fn uniform(
         width_mm: f64,
         thickness_mm: f64,
@@ -233,7 +234,7 @@ impl Mesh<2> {
         let place = |i: usize| if 2 * i < nx { -half[nx - 2 * i] } else { half[2 * i - nx] };
         let x: Vec<f64> = (0..=nx).map(place).collect();
         let z = graded_edges(thickness_mm, nz, 0.0)?;
-        Self::of_edges(&x, &z)
+        Self::rectangle(&x, &z)
     }
 
     /// x of the nodes along a row, j = 0 the base; none along a row that there is not.
@@ -244,11 +245,11 @@ impl Mesh<2> {
         (0..if j < across { along } else { 0 }).map_while(at).collect()
     }
 
-    /// What of a row each of its nodes stands for: the integral of its shape function, with order 1
-    /// half its two neighbours' distance.
+    /// Length of a row that each of its nodes represents: the integral of its shape function, with
+    /// order 1 half its two neighbours' distance.
     #[must_use]
     pub fn widths_mm(&self, j: usize) -> Vec<f64> {
-        weights(&self.row_mm(j), self.order)
+        line_weights(&self.row_mm(j), self.order)
     }
 }
 
@@ -256,9 +257,9 @@ impl Mesh<3> {
     /// Bricks over edges along x, along y and heights from 0 (base) to the thickness.
     ///
     /// # Errors
-    /// As [`Self::over`].
+    /// As [`Self::from_edges`].
     pub fn block(x_mm: &[f64], y_mm: &[f64], z_mm: &[f64], order: usize) -> Result<Self, Invalid> {
-        Self::over([x_mm, y_mm, z_mm], order)
+        Self::from_edges([x_mm, y_mm, z_mm], order)
     }
 }
 
@@ -302,7 +303,7 @@ fn check_size(elements: &[usize], order: usize) -> Result<(), Invalid> {
 }
 
 /// Integrals of the shape functions along a line of nodes.
-fn weights(x: &[f64], order: usize) -> Vec<f64> {
+fn line_weights(x: &[f64], order: usize) -> Vec<f64> {
     let mut out = vec![0.0; x.len()];
     for start in (0..x.len().saturating_sub(order)).step_by(order) {
         let length = x[start + order] - x[start];

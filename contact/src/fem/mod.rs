@@ -10,22 +10,21 @@
 //! In the plane the matrix is banded, since a layer is long and thin: with nodes numbered across
 //! the shorter side half the band is twice its elements and 3, so that a banded factor has no more
 //! entries than a sparse one would fill. In space it is sparse, in the order of nested dissection;
-//! [`press`] holds the contact. None of it is meant for lanes.
+//! [`mesh_contact`] holds the contact. None of it is meant for control periods.
 //!
-//! It refuses meshes that fold or do not fit their nodes, fewer than two elements along, and a
-//! factor of more than [`ENTRIES_MAX`] numbers, before anything is allocated for it.
+//! Refused are meshes that fold or do not fit their nodes, fewer than two elements along, and a
+//! factor of more than [`ENTRIES_MAX`] numbers before anything is allocated for it.
 
-mod band;
 mod base;
 mod dissect;
 mod element;
 mod factor;
-mod lanes;
 pub mod layer;
 pub mod mesh;
-pub mod press;
+pub mod mesh_contact;
+mod right_sides;
 
 pub use factor::{ENTRIES_MAX, Method};
 pub use layer::{Elements, Response};
 pub use mesh::{Kind, Mesh, graded_edges};
-pub use press::Press;
+pub use mesh_contact::MeshContact;

@@ -1,16 +1,19 @@
-//! The flat bar: whole face, or one corner lifted, from equilibrium of forces and moments.
+//! Solves the flat bar, whose whole face touches or one of whose corners is lifted, from the
+//! equilibrium of forces and moments.
 
-use super::{Contact, Friction, Indenter, Load, Mode, Refusal, Search};
+use super::{Contact, Friction, Indenter, Load, Mode, Refusal};
+use crate::numeric::roots::BracketedSearch;
 
-/// Searches for the lifted edge end after so many solutions.
-const SEARCH: usize = 60;
-/// Pull inside a contact that is more than the level's error, in parts of the mean pressure.
-const PULLS: [f64; 3] = [5e-3, 1e-5, 1e-8];
-/// How far the edge is foreseen, in steps between the last two loads.
-const FARTHEST: f64 = 4.0;
+/// Most solutions of the search for a lifted edge.
+const EDGE_ITERATIONS_MAX: usize = 60;
+/// Tension inside a contact above which it counts as one, in parts of the mean pressure: the error
+/// of each [`crate::Accuracy`].
+const TENSION_TOLERANCE: [f64; 3] = [5e-3, 1e-5, 1e-8];
+/// Farthest extrapolation of the edge, in steps between the last two loads.
+const EXTRAPOLATION_STEPS_MAX: f64 = 4.0;
 
 impl Indenter {
-    pub(super) fn bar(
+    pub(super) fn solve_bar(
         &mut self,
         width_mm: f64,
         height_mm: f64,
@@ -22,22 +25,22 @@ impl Indenter {
         // Place of the pressure's resultant, which the moment of Q dictates.
         let place = load.q_n_mm * height_mm / load.p_n_mm / t;
         if place.abs() >= half {
-            return Err(Refusal::Topples);
+            return Err(Refusal::Toppling);
         }
         let ratio = self.ratio(load);
         let lifted = self.guess.is_some_and(|guess| guess[0] < libm::log(half) - 1e-9);
         if !lifted {
-            let ends = self.face(half, 0.0, force, place, ratio)?;
+            let ends = self.solve_face(half, 0.0, force, place, ratio)?;
             if ends[0] >= 0.0 && ends[1] >= 0.0 {
                 self.guess = None;
-                return Ok(self.flat_contact(load, half, 0.0, Mode::Full));
+                return Ok(self.bar_contact(load, half, 0.0, Mode::Full));
             }
         }
-        self.lifted(load, half, force, place, ratio)
+        self.solve_lifted_edge(load, half, force, place, ratio)
     }
 
-    /// Whether the layer has to hold on to the bar somewhere inside the last contact.
-    pub(super) fn pulls(&self) -> bool {
+    /// Whether the last contact would need tension between its edges.
+    pub(super) fn has_tension(&self) -> bool {
         let Contact { p_n_mm, mode, .. } = self.contact;
         if self.friction == Friction::None || matches!(mode, Mode::Open | Mode::Free) {
             return false;
@@ -45,12 +48,12 @@ impl Indenter {
         let force = p_n_mm / (self.modulus_mpa() * self.layer.thickness_mm);
         let mean = force / (core::f64::consts::PI * self.interval.half());
         let least = self.phi.iter().copied().fold(f64::INFINITY, f64::min);
-        least < -PULLS[self.level as usize] * mean
+        least < -TENSION_TOLERANCE[self.accuracy as usize] * mean
     }
 
     /// Solves on an interval for force and place of the resultant; gives the edges' strengths over
     /// the mean one, left and right. `phi` holds the pressure, `work[0]` that of a unit slope.
-    fn face(
+    fn solve_face(
         &mut self,
         half: f64,
         centre: f64,
@@ -70,11 +73,11 @@ impl Indenter {
         self.contact.slope = slope;
         let mean = force / (core::f64::consts::PI * half);
         let ends = [-1.0, 1.0].map(|xi| interval.at(&self.phi, xi) / mean);
-        if ends.iter().all(|end| end.is_finite()) { Ok(ends) } else { Err(Refusal::Unsettled) }
+        if ends.iter().all(|end| end.is_finite()) { Ok(ends) } else { Err(Refusal::NotConverged) }
     }
 
     /// One edge free: its place from a pressure that vanishes there.
-    fn lifted(
+    fn solve_lifted_edge(
         &mut self,
         load: &Load,
         half: f64,
@@ -88,21 +91,23 @@ impl Indenter {
         // the corner; y is the logarithm of the half-width in thicknesses.
         let top = libm::log(half);
         let (mut y, mut slope) = match self.guess {
-            Some([y, slope]) if y < top => (self.foreseen(place, y).min(top - 1e-6), slope),
+            Some([y, slope]) if y < top => {
+                (self.extrapolated_edge(place, y).min(top - 1e-6), slope)
+            }
             _ => ((libm::log(2.0 * (half - place.abs()))).min(top - 0.01), 2.0),
         };
-        let tolerance = match self.level {
-            super::Level::Fast => 2e-4,
-            super::Level::Default => 1e-9,
-            super::Level::Fine => 1e-12,
+        let tolerance = match self.accuracy {
+            super::Accuracy::Fast => 2e-4,
+            super::Accuracy::Default => 1e-9,
+            super::Accuracy::Fine => 1e-12,
         };
-        let mut search = Search::new();
+        let mut search = BracketedSearch::new();
         let mut before: Option<[f64; 2]> = None;
-        for _ in 0..SEARCH {
+        for _ in 0..EDGE_ITERATIONS_MAX {
             let h = libm::exp(y);
             let centre = side * (half - h);
-            // A negative strength asks for a narrower contact.
-            let miss = -self.face(h, centre, force, place, ratio)?[free];
+            // A negative strength at the free edge means that the contact is narrower.
+            let miss = -self.solve_face(h, centre, force, place, ratio)?[free];
             if let Some([y0, miss0]) = before
                 && y != y0
             {
@@ -116,34 +121,34 @@ impl Indenter {
             if settled && y <= top {
                 if y >= top - 1e-12 {
                     self.guess = None;
-                    return Ok(self.flat_contact(load, half, 0.0, Mode::Full));
+                    return Ok(self.bar_contact(load, half, 0.0, Mode::Full));
                 }
                 self.guess = Some([y, slope]);
-                self.note(place, y);
-                let mode = if free == 0 { Mode::Left } else { Mode::Right };
-                return Ok(self.flat_contact(load, h, centre, mode));
+                self.record_edge(place, y);
+                let mode = if free == 0 { Mode::LeftLifted } else { Mode::RightLifted };
+                return Ok(self.bar_contact(load, h, centre, mode));
             }
             before = Some([y, miss]);
             y = search.next(y, miss, y + step.clamp(-2.0, 2.0));
             if y >= top {
-                // Wider than the bar: the whole face may carry after all.
-                let ends = self.face(half, 0.0, force, place, ratio)?;
+                // The edge would lie beyond the bar's corner: the whole face may touch after all.
+                let ends = self.solve_face(half, 0.0, force, place, ratio)?;
                 if ends[free] >= 0.0 {
                     self.guess = None;
-                    return Ok(self.flat_contact(load, half, 0.0, Mode::Full));
+                    return Ok(self.bar_contact(load, half, 0.0, Mode::Full));
                 }
                 y = search.next(top, -ends[free], 0.5 * (top + before.map_or(top, |b| b[0])));
             }
         }
-        Err(Refusal::Unsettled)
+        Err(Refusal::NotConverged)
     }
 
     /// The edge at a place of the loads, along the line through the last two: it depends on that
     /// place alone, since the force scales everything and friction goes with the place.
-    fn foreseen(&self, place: f64, y: f64) -> f64 {
-        let [Some([older, low]), Some([newer, high])] = self.trail else { return y };
+    fn extrapolated_edge(&self, place: f64, y: f64) -> f64 {
+        let [Some([older, low]), Some([newer, high])] = self.edge_history else { return y };
         let (run, step) = (newer - older, place - newer);
-        if step.abs() <= 1e-13 * place.abs() || step.abs() > FARTHEST * run.abs() {
+        if step.abs() <= 1e-13 * place.abs() || step.abs() > EXTRAPOLATION_STEPS_MAX * run.abs() {
             return y;
         }
         let ahead = step * (high - low) / run;
@@ -152,15 +157,15 @@ impl Indenter {
 
     /// Remembers where the edge was for a place of the loads; places too near each other to show a
     /// slope replace each other.
-    fn note(&mut self, place: f64, y: f64) {
+    fn record_edge(&mut self, place: f64, y: f64) {
         let near = |old: &[f64; 2]| (old[0] - place).abs() <= 1e-6 * place.abs();
-        if !self.trail[1].as_ref().is_some_and(near) {
-            self.trail[0] = self.trail[1];
+        if !self.edge_history[1].as_ref().is_some_and(near) {
+            self.edge_history[0] = self.edge_history[1];
         }
-        self.trail[1] = Some([place, y]);
+        self.edge_history[1] = Some([place, y]);
     }
 
-    fn flat_contact(&mut self, load: &Load, half: f64, centre: f64, mode: Mode) -> Contact {
+    fn bar_contact(&mut self, load: &Load, half: f64, centre: f64, mode: Mode) -> Contact {
         let t = self.layer.thickness_mm;
         let slope = self.contact.slope;
         let descent = self.interval.mean_descent(&self.kernels, &self.phi);
@@ -169,8 +174,8 @@ impl Indenter {
         let mut residual = (self.interval.total(&self.phi) / force - 1.0).abs();
         let mean = force / (core::f64::consts::PI * half);
         let free = match mode {
-            Mode::Left => self.interval.at(&self.phi, -1.0) / mean,
-            Mode::Right => self.interval.at(&self.phi, 1.0) / mean,
+            Mode::LeftLifted => self.interval.at(&self.phi, -1.0) / mean,
+            Mode::RightLifted => self.interval.at(&self.phi, 1.0) / mean,
             Mode::Full | Mode::Free | Mode::Open => 0.0,
         };
         residual = residual.max(free.abs());
@@ -187,7 +192,11 @@ impl Indenter {
     }
 
     /// The whole face at a descent, upright.
-    pub(super) fn flat_descent(&mut self, width_mm: f64, dz_mm: f64) -> Result<Contact, Refusal> {
+    pub(super) fn solve_bar_descent(
+        &mut self,
+        width_mm: f64,
+        dz_mm: f64,
+    ) -> Result<Contact, Refusal> {
         let t = self.layer.thickness_mm;
         let half = 0.5 * width_mm / t;
         self.assemble(half, 0.0)?;
@@ -197,6 +206,6 @@ impl Indenter {
         self.phi.iter_mut().for_each(|p| *p *= force);
         self.contact.slope = 0.0;
         let load = Load { p_n_mm: force * self.modulus_mpa() * t, q_n_mm: 0.0 };
-        Ok(self.flat_contact(&load, half, 0.0, Mode::Full))
+        Ok(self.bar_contact(&load, half, 0.0, Mode::Full))
     }
 }

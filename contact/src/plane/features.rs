@@ -2,24 +2,27 @@
 //! its compressive part over a sensor, its peak, and widths above thresholds. x from the
 //! indenter's centre, over which the sensor is centred. Lengths in mm. It allocates.
 
-use super::super::kernel::REACH;
-use super::super::layer::{Layer, Transfer};
-use super::super::stack::Stack;
-use super::spectrum::{PointForce, Spectrum, legendre};
+use super::spectrum::{PointForce, Spectrum};
+use crate::layer::{Layer, Transfer};
+use crate::numeric::quadrature::legendre_array;
+use crate::stack::Stack;
+use crate::wave_grid::{FIELD_REACH, GAUSS_POINTS};
 
-/// Half the width of the tactile array (25.4 mm): where the compressive part is gathered.
+/// Half the width of the tactile array (25.4 mm): over which the compressive part is
+/// integrated.
 pub const SENSOR_HALF_MM: f64 = 12.7;
-/// Cells of one width over the sensor, at least and at most; where more were needed they are laid
-/// as wide as the stress is smooth.
-const CELLS: (f64, f64) = (48.0, 600.0);
-/// Parts of a cell in which the end of a width is looked for.
-const STRIDES: f64 = 0.25;
-/// Most of them.
-const STRIDES_MAX: usize = 100_000;
-/// Halvings of a bracket.
-const HALVINGS: usize = 80;
-/// Wave numbers from which the moments over a stack are extrapolated.
-const HALVED: usize = 4;
+/// Least and most cells of equal width over the sensor; where more would be needed, each cell is as
+/// wide as the stress is smooth.
+const CELLS_MIN: f64 = 48.0;
+const CELLS_MAX: f64 = 600.0;
+/// Step, in parts of a cell, with which the end of a width is searched.
+const SEARCH_STEP_CELLS: f64 = 0.25;
+/// Most steps of that search.
+const SEARCH_STEPS_MAX: usize = 100_000;
+/// Most steps of a root search.
+const ROOT_ITERATIONS_MAX: usize = 80;
+/// Wave numbers, each half the one before, from which the moments over a stack are extrapolated.
+const EXTRAPOLATION_STEPS: usize = 4;
 
 /// Moments M0..M3 of szz about x = 0 in N/mm, N, N mm, N mm^2, and the centroid M1/M0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -52,34 +55,34 @@ pub struct Compressive {
 /// Moments over the infinite layer at a depth, from the tractions on the surface alone.
 #[must_use]
 pub fn moments(layer: &Layer, forces: &[PointForce], depth_mm: f64) -> Moments {
-    gathered(line_moments(layer, depth_mm), forces)
+    moments_of_forces(line_moments(layer, depth_mm), forces)
 }
 
 /// The same over a stack, right to about 1e-9 of the load times its thickness squared and cubed.
 #[must_use]
 pub fn stack_moments(stack: &Stack, forces: &[PointForce], depth_mm: f64) -> Moments {
     let depth = depth_mm.min(stack.thickness_mm());
-    let width = stack.reach_mm() / REACH;
+    let width = stack.reach_mm() / FIELD_REACH;
     // Taylor coefficients F = 1 + f2 k^2 and H = -depth k + h3 k^3 from small wave numbers: steps
     // halved, even powers of the step taken out.
-    let mut rows = [[0.0; 2]; HALVED];
+    let mut rows = [[0.0; 2]; EXTRAPOLATION_STEPS];
     for (i, row) in rows.iter_mut().enumerate() {
         let k = 0.2 / width / f64::from(1_u32 << i);
         let (f, h) = stack.stress_transforms(k, depth);
         *row = [(f - 1.0) / (k * k), (h / k + depth) / (k * k)];
     }
     let mut power = 4.0;
-    for order in 1..HALVED {
-        for i in 0..HALVED - order {
+    for order in 1..EXTRAPOLATION_STEPS {
+        for i in 0..EXTRAPOLATION_STEPS - order {
             rows[i] = [0, 1].map(|j| (power * rows[i + 1][j] - rows[i][j]) / (power - 1.0));
         }
         power *= 4.0;
     }
-    gathered([2.0 * rows[0][0], -depth, -6.0 * rows[0][1]], forces)
+    moments_of_forces([2.0 * rows[0][0], -depth, -6.0 * rows[0][1]], forces)
 }
 
 /// Moments of forces whose line loads have M2 of P, M1 and M3 of Q.
-fn gathered([second, first, third]: [f64; 3], forces: &[PointForce]) -> Moments {
+fn moments_of_forces([second, first, third]: [f64; 3], forces: &[PointForce]) -> Moments {
     let mut m = [0.0; 4];
     for &[x, p, q] in forces {
         m[0] -= p;
@@ -103,18 +106,19 @@ fn line_moments(layer: &Layer, depth_mm: f64) -> [f64; 3] {
     [2.0 * f2 * t * t, -d * t, -6.0 * h3 * t * t * t]
 }
 
-/// Edges of the cells in which a stress is gathered over the sensor. None is wider than the stress
-/// is smooth, be the layer or the contact ever so small; where there is no stress there are none.
-fn edges(stress: &Spectrum) -> Vec<f64> {
-    let count = even_count(stress);
-    if count <= CELLS.1 {
+/// Edges of the cells in which a stress is integrated over the sensor. None is wider than
+/// the stress is smooth, be the layer or the contact ever so small; where there is no stress there
+/// are none.
+fn cell_edges(stress: &Spectrum) -> Vec<f64> {
+    let count = equal_cell_count(stress);
+    if count <= CELLS_MAX {
         let width = 2.0 * SENSOR_HALF_MM / count;
         return (0..=count as usize).map(|i| i as f64 * width - SENSOR_HALF_MM).collect();
     }
     let [low, high] = stress.span_mm().map(|x| x.clamp(-SENSOR_HALF_MM, SENSOR_HALF_MM));
     let (mut x, mut edges) = (low, vec![low]);
     while x < high {
-        let next = (x + stress.smooth_mm(x, 1.0)).min(high);
+        let next = (x + stress.smooth_stretch_mm(x, 1.0)).min(high);
         // A place apart from the last by less than its own rounding is the same.
         if next <= x {
             break;
@@ -125,9 +129,9 @@ fn edges(stress: &Spectrum) -> Vec<f64> {
     edges
 }
 
-/// Cells of one width that the depth asks for.
-fn even_count(stress: &Spectrum) -> f64 {
-    libm::ceil((2.0 * SENSOR_HALF_MM / (0.4 * stress.depth_mm())).max(CELLS.0))
+/// Number of equal cells that the depth needs.
+fn equal_cell_count(stress: &Spectrum) -> f64 {
+    libm::ceil((2.0 * SENSOR_HALF_MM / (0.4 * stress.depth_mm())).max(CELLS_MIN))
 }
 
 /// Features of the compressive part of a stress over the sensor. `symmetric` says that the stress
@@ -135,14 +139,14 @@ fn even_count(stress: &Spectrum) -> f64 {
 #[must_use]
 pub fn compressive(stress: &Spectrum, symmetric: bool, thresholds_mpa: &[f64]) -> Compressive {
     let szz = |x: f64| stress.szz(x);
-    let edges = edges(stress);
+    let edges = cell_edges(stress);
     let mut moments = Moments::default();
     // Stress, place, and the cell's width.
     let mut peak = [f64::INFINITY, 0.0, 0.0];
     let mut left = [edges[0], szz(edges[0])];
     for &edge in &edges[1..] {
         let right = [edge, szz(edge)];
-        gather(&szz, left, right, &mut moments, &mut peak);
+        add_cell(&szz, left, right, &mut moments, &mut peak);
         left = right;
     }
     let (x_peak, at_peak) = refine_peak(stress, peak[1], 0.5 * peak[2]);
@@ -152,13 +156,15 @@ pub fn compressive(stress: &Spectrum, symmetric: bool, thresholds_mpa: &[f64]) -
     } else {
         (x_peak, at_peak)
     };
-    let even = 2.0 * SENSOR_HALF_MM / even_count(stress);
-    let is_even = even_count(stress) <= CELLS.1;
-    let step = |x: f64, side: f64| STRIDES * if is_even { even } else { stress.smooth_mm(x, side) };
+    let even = 2.0 * SENSOR_HALF_MM / equal_cell_count(stress);
+    let is_even = equal_cell_count(stress) <= CELLS_MAX;
+    let step = |x: f64, side: f64| {
+        SEARCH_STEP_CELLS * if is_even { even } else { stress.smooth_stretch_mm(x, side) }
+    };
     let reach = |threshold: f64, side: f64| -> f64 {
         let excess = |x: f64| -szz(x) - threshold;
         let mut inner = x_peak_mm;
-        for _ in 0..STRIDES_MAX {
+        for _ in 0..SEARCH_STEPS_MAX {
             let outer = inner + side * step(inner, side);
             if excess(outer) <= 0.0 {
                 return side * (root(&excess, inner, outer) - x_peak_mm);
@@ -178,7 +184,7 @@ pub fn compressive(stress: &Spectrum, symmetric: bool, thresholds_mpa: &[f64]) -
 }
 
 /// Adds a cell, split where the stress changes its sign.
-fn gather(
+fn add_cell(
     szz: &impl Fn(f64) -> f64,
     left: [f64; 2],
     right: [f64; 2],
@@ -192,7 +198,7 @@ fn gather(
         }
     }
     let mut add = |from: f64, to: f64| {
-        for [u, w] in legendre() {
+        for [u, w] in legendre_array::<GAUSS_POINTS>() {
             let x = 0.5 * (from + to) + 0.5 * (to - from) * u;
             let s = szz(x);
             if s < peak[0] {
@@ -224,10 +230,10 @@ pub(super) fn compressive_rate(
     moments: &Moments,
 ) -> [f64; 4] {
     let szz = |x: f64| stress.szz(x);
-    let edges = edges(stress);
+    let edges = cell_edges(stress);
     let mut rate = [0.0; 4];
     let mut add = |from: f64, to: f64| {
-        for [u, w] in legendre() {
+        for [u, w] in legendre_array::<GAUSS_POINTS>() {
             let x = 0.5 * (from + to) + 0.5 * (to - from) * u;
             let mut power = 0.5 * (to - from) * w * change.szz(x);
             for m in &mut rate {
@@ -248,7 +254,7 @@ pub(super) fn compressive_rate(
         }
         left = right;
     }
-    // What leaves the sensor at its ends.
+    // The stress that moves past the sensor's ends.
     let ends = [-SENSOR_HALF_MM, SENSOR_HALF_MM].map(|x| (x, szz(x).min(0.0)));
     for (order, m) in rate.iter_mut().enumerate() {
         let own = if order == 0 { 0.0 } else { order as f64 * moments.m[order - 1] };
@@ -274,7 +280,7 @@ fn refine_peak(stress: &Spectrum, x: f64, reach: f64) -> (f64, f64) {
 fn root(f: &impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
     let (mut a, mut b) = (from, to);
     let (mut fa, mut fb) = (f(a), f(b));
-    for _ in 0..HALVINGS {
+    for _ in 0..ROOT_ITERATIONS_MAX {
         if fb == 0.0 || (b - a).abs() < 1e-14 * (1.0 + b.abs()) {
             return b;
         }

@@ -6,11 +6,11 @@
 //! right to about 1e-5 (nu = 0.3) or better. Lengths in thicknesses, tractions in units of
 //! pi G/(1 - nu). It allocates.
 
-use super::dense::Dense;
-use super::panels::SurfaceKernels;
+use super::surface_kernels::SurfaceKernels;
+use crate::numeric::elimination::LuMatrix;
 use core::f64::consts::{FRAC_PI_2, LN_2, PI};
 
-/// Chebyshev points and what depends on their number alone.
+/// Chebyshev points, and the sums that depend on their number alone.
 #[derive(Clone, Debug)]
 pub(super) struct Chebyshev {
     /// cos theta, descending.
@@ -64,12 +64,12 @@ impl Chebyshev {
     }
 
     /// The factored system of a strip of half-width `b`: descent first, then displacement along x.
-    pub(super) fn system(&self, kernels: &SurfaceKernels, b: f64) -> Dense {
+    pub(super) fn system(&self, kernels: &SurfaceKernels, b: f64) -> LuMatrix {
         let n = self.count();
         let (over, m) = (PI / n as f64, kernels.transfer.m);
         let jump = kernels.transfer.n * FRAC_PI_2;
         let constant = -libm::log(b) * over;
-        let mut dense = Dense::with_capacity(2 * n);
+        let mut dense = LuMatrix::with_capacity(2 * n);
         dense.reset(2 * n);
         for i in 0..n {
             for j in 0..n {
@@ -89,7 +89,7 @@ impl Chebyshev {
     /// Tractions under a descent and a displacement along x, both functions of the place -1 to 1.
     pub(super) fn solve(
         &self,
-        system: &Dense,
+        system: &LuMatrix,
         descent: impl Fn(f64) -> f64,
         along: impl Fn(f64) -> f64,
     ) -> Tractions {
@@ -147,8 +147,8 @@ impl Chebyshev {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::layer::Transfer;
     use super::*;
+    use crate::layer::Transfer;
 
     /// Without coupling (nu = 0.5) and on a half plane a glued punch is a frictionless one.
     #[test]

@@ -10,82 +10,86 @@
 //!
 //! Lengths in thicknesses, tractions in units of pi G/(1 - nu). Once made, nothing allocates.
 
-use super::cubics::Mixed;
-use super::dense::Dense;
-use super::jacobi::{self, Recurrence, Rule};
-use super::panels::SurfaceKernels;
-use crate::kernel::REACH;
+use super::coarse_kernels::CombinedKernel;
+use super::surface_kernels::SurfaceKernels;
+use crate::numeric::elimination::LuMatrix;
+use crate::numeric::jacobi::{self, JacobiRecurrence, JacobiRule};
+use crate::wave_grid::FIELD_REACH;
 use core::f64::consts::{FRAC_PI_2, PI};
 
-/// Couplings nearer to each other than this are one and the same.
-const ROUNDING: f64 = 1e-14;
+/// Relative difference below which two couplings count as equal.
+const COUPLING_TOLERANCE: f64 = 1e-14;
 
 /// The discretised interval; matrix and solutions live in storage that is kept.
 #[derive(Clone, Debug)]
 pub(crate) struct Interval {
-    rule: Rule,
+    rule: JacobiRule,
     zeros: Vec<f64>,
-    recurrence: Recurrence,
-    dense: Dense,
+    recurrence: JacobiRecurrence,
+    dense: LuMatrix,
     half: f64,
     coupling: f64,
-    /// Exponents of the collocation points held, and their number.
-    held: (usize, f64),
-    /// The coarse kernel, where that is what is read.
-    mixed: Option<Mixed>,
-    /// What each phi adds to the mean descent by the kernel's smooth part; empty when not known.
-    sinks: Vec<f64>,
+    /// Number and exponent of the collocation points that `zeros` holds.
+    collocation: (usize, f64),
+    /// The coarse kernel, if the solution is a fast one.
+    combined: Option<CombinedKernel>,
+    /// Mean descent per phi by the kernel's smooth part; empty while it is not computed.
+    mean_descents: Vec<f64>,
 }
 
 impl Interval {
     pub(crate) fn with_capacity(capacity: usize) -> Self {
         Self {
-            rule: Rule::with_capacity(capacity),
+            rule: JacobiRule::with_capacity(capacity),
             zeros: Vec::with_capacity(capacity),
-            recurrence: Recurrence::with_capacity(capacity),
-            dense: Dense::with_capacity(capacity),
+            recurrence: JacobiRecurrence::with_capacity(capacity),
+            dense: LuMatrix::with_capacity(capacity),
             half: 1.0,
             coupling: 0.0,
-            held: (0, 0.0),
-            mixed: None,
-            sinks: Vec::with_capacity(capacity),
+            collocation: (0, 0.0),
+            combined: None,
+            mean_descents: Vec::with_capacity(capacity),
         }
     }
 
     /// The same for errors of about 1e-6: coarse kernels, points found no better than 1e-8.
     pub(crate) fn coarse(capacity: usize) -> Self {
         let mut coarse = Self::with_capacity(capacity);
-        coarse.rule = Rule::with_capacity(capacity).coarse();
-        coarse.recurrence = Recurrence::with_capacity(capacity).coarse();
-        coarse.mixed = Some(Mixed::with_capacity(REACH));
+        coarse.rule = JacobiRule::with_capacity(capacity).with_coarse_tolerance();
+        coarse.recurrence = JacobiRecurrence::with_capacity(capacity).with_coarse_tolerance();
+        coarse.combined = Some(CombinedKernel::with_capacity(FIELD_REACH));
         coarse
     }
 
     /// Assembles and factors for a half-width and a coupling g, with `n` points.
     pub(crate) fn assemble(&mut self, kernels: &SurfaceKernels, n: usize, half: f64, g: f64) {
-        let same = (g - self.coupling).abs() <= ROUNDING * g.abs();
+        let same = (g - self.coupling).abs() <= COUPLING_TOLERANCE * g.abs();
         if same && (n, half) == (self.rule.nodes.len(), self.half) {
             return;
         }
         let alpha = exponent(kernels, g);
         (self.half, self.coupling) = (half, g);
-        self.sinks.clear();
+        self.mean_descents.clear();
         self.rule.fill(n, alpha, -1.0 - alpha);
-        if self.held != (n, alpha) {
+        if self.collocation != (n, alpha) {
             self.fill_zeros(n - 1, alpha);
-            self.held = (n, alpha);
+            self.collocation = (n, alpha);
         }
         self.dense.reset(n);
-        match &mut self.mixed {
-            Some(mixed) if kernels.coarse.covers(2.0 * half) => {
-                kernels.coarse.slopes(g, 2.0 * half, mixed);
-                let mixed = &*mixed;
-                fill(&mut self.dense, &self.zeros, &self.rule, half, |x| mixed.at(x));
+        match &mut self.combined {
+            Some(combined) if kernels.coarse.covers(2.0 * half) => {
+                kernels.coarse.slopes(g, 2.0 * half, combined);
+                let combined = &*combined;
+                fill_rows(&mut self.dense, &self.zeros, &self.rule, half, |x| combined.at(x));
             }
             _ if g == 0.0 => {
-                fill(&mut self.dense, &self.zeros, &self.rule, half, |x| kernels.normal_slope(x));
+                fill_rows(&mut self.dense, &self.zeros, &self.rule, half, |x| {
+                    kernels.normal_slope(x)
+                });
             }
-            _ => fill(&mut self.dense, &self.zeros, &self.rule, half, |x| kernels.slopes(x, g)),
+            _ => {
+                fill_rows(&mut self.dense, &self.zeros, &self.rule, half, |x| kernels.slopes(x, g))
+            }
         }
         for (entry, weight) in self.dense.row_mut(n - 1).iter_mut().zip(&self.rule.weights) {
             *entry = half * weight;
@@ -141,40 +145,51 @@ impl Interval {
 
     /// Exponent alpha of the weight.
     pub(crate) fn alpha(&self) -> f64 {
-        self.held.1
+        self.collocation.1
     }
 
     /// Means over the interval, with the weight that turns the singular part into a constant: of
     /// the surface's descent under phi, and of any function of xi.
     pub(crate) fn mean_descent(&mut self, kernels: &SurfaceKernels, phi: &[f64]) -> f64 {
-        let (alpha, g, half) = (self.held.1, self.coupling, self.half);
+        let (alpha, g, half) = (self.collocation.1, self.coupling, self.half);
         let step = g * kernels.transfer.n * FRAC_PI_2;
         let constant = -libm::log(half) - jacobi::mean_log(-1.0 - alpha) - step;
-        if self.sinks.is_empty() {
-            let (rule, out) = (&self.rule, &mut self.sinks);
-            match &mut self.mixed {
-                Some(mixed) if kernels.coarse.covers(2.0 * half) => {
-                    kernels.coarse.descents(g, 2.0 * half, mixed);
-                    let mixed = &*mixed;
-                    fill_sinks(rule, half, out, |x| mixed.at(x));
+        if self.mean_descents.is_empty() {
+            let (rule, out) = (&self.rule, &mut self.mean_descents);
+            match &mut self.combined {
+                Some(combined) if kernels.coarse.covers(2.0 * half) => {
+                    kernels.coarse.descents(g, 2.0 * half, combined);
+                    let combined = &*combined;
+                    fill_mean_descents(rule, half, out, |x| combined.at(x));
                 }
-                _ if g == 0.0 => fill_sinks(rule, half, out, |x| kernels.normal(x)),
-                _ => fill_sinks(rule, half, out, |x| kernels.descents(x, g)),
+                _ if g == 0.0 => fill_mean_descents(rule, half, out, |x| kernels.normal(x)),
+                _ => fill_mean_descents(rule, half, out, |x| kernels.descents(x, g)),
             }
         }
-        let smooth: f64 = self.sinks.iter().zip(phi).map(|(sink, phi)| sink * phi).sum();
-        constant * self.total(phi) + half * smooth / jacobi::mass(alpha)
+        let smooth: f64 = self
+            .mean_descents
+            .iter()
+            .zip(phi)
+            .map(|(mean_descent_part, phi)| mean_descent_part * phi)
+            .sum();
+        constant * self.total(phi) + half * smooth / jacobi::weight_integral(alpha)
     }
 
     /// Mean of a function of xi under the weight of [`Self::mean_descent`].
     pub(crate) fn mean(&self, of: impl Fn(f64) -> f64) -> f64 {
         let pairs = self.rule.nodes.iter().zip(&self.rule.weights);
-        pairs.map(|(x, w)| w * of(-x)).sum::<f64>() / jacobi::mass(self.held.1)
+        pairs.map(|(x, w)| w * of(-x)).sum::<f64>() / jacobi::weight_integral(self.collocation.1)
     }
 }
 
 /// The rows of the slope equation; `kernel` is its smooth part.
-fn fill(dense: &mut Dense, zeros: &[f64], rule: &Rule, half: f64, kernel: impl Fn(f64) -> f64) {
+fn fill_rows(
+    dense: &mut LuMatrix,
+    zeros: &[f64],
+    rule: &JacobiRule,
+    half: f64,
+    kernel: impl Fn(f64) -> f64,
+) {
     for (i, &zero) in zeros.iter().enumerate() {
         let pairs = rule.nodes.iter().zip(&rule.weights);
         for (entry, (node, weight)) in dense.row_mut(i).iter_mut().zip(pairs) {
@@ -184,18 +199,24 @@ fn fill(dense: &mut Dense, zeros: &[f64], rule: &Rule, half: f64, kernel: impl F
     }
 }
 
-/// What each phi adds to the sum over both places of the smooth part of the descent.
-fn fill_sinks(rule: &Rule, half: f64, out: &mut Vec<f64>, kernel: impl Fn(f64) -> f64) {
+/// Part of each phi in the sum over both places of the smooth part of the descent.
+fn fill_mean_descents(
+    rule: &JacobiRule,
+    half: f64,
+    out: &mut Vec<f64>,
+    kernel: impl Fn(f64) -> f64,
+) {
     // Under the mirrored exponents the nodes are mirrored and keep their weights; so the sum
     // over both places has the kernel at -(s + x), the same for (s, x) and (x, s).
     let (nodes, weights) = (&rule.nodes, &rule.weights);
     out.clear();
     for (i, (node, weight)) in nodes.iter().zip(weights).enumerate() {
         let mut own = weight * kernel(-2.0 * half * node);
-        for ((other, part), sink) in nodes[..i].iter().zip(weights).zip(out.iter_mut()) {
+        for ((other, part), mean_descent_part) in nodes[..i].iter().zip(weights).zip(out.iter_mut())
+        {
             let value = kernel(-half * (node + other));
             own += part * value;
-            *sink += weight * part * value;
+            *mean_descent_part += weight * part * value;
         }
         out.push(weight * own);
     }
@@ -208,8 +229,8 @@ fn exponent(kernels: &SurfaceKernels, g: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::layer::Transfer;
     use super::*;
+    use crate::layer::Transfer;
 
     /// A half plane is a very thick layer: a frictionless flat punch has p = P/(pi sqrt(a^2-x^2)).
     #[test]

@@ -6,44 +6,42 @@
 //! above the layer, and on the axis of a cylinder; a line load P > 0 presses, Q > 0 pushes the
 //! layer along +x. Inside the contact the surface goes down by delta + slope x less the profile.
 //!
-//! What it refuses: pulling, a bar that topples, a contact as wide as the cylinder or too wide for
-//! the points that it may use, a bar from which friction of several times the pressure pulls the
-//! layer off between its edges, and everything not finite. Refusals are plain numbers
-//! ([`Refusal`]), since this runs inside control periods.
-//! What it does not know: free ends of the layer. Slip against stick is in [`grip`], growth without
-//! slip in [`noslip`], feature Jacobians in [`rates`]; a bar's contacts as a table in [`chart`].
+//! Refused are loads that pull, a bar that topples, a contact as wide as the cylinder or too wide
+//! for the points that it may use, a bar from which friction of several times the pressure pulls
+//! the layer off between its edges, and everything not finite. Refusals are plain numbers
+//! ([`Refusal`]), since this runs inside control periods. Not modelled are free ends of the layer.
+//! Slip against stick is in [`frictional`], growth without slip in [`noslip`], feature Jacobians in
+//! [`rates`]; a bar's contacts as a table in [`contact_table`].
 
 mod bar;
-pub mod bed;
-pub mod chart;
-mod cubics;
-mod dense;
-mod density;
+mod coarse_kernels;
+pub mod compliance;
+pub mod contact_table;
+mod cylinder;
 pub mod features;
+pub mod frictional;
 mod glued;
-pub mod grip;
 mod interval;
-mod jacobi;
+mod load_step;
 pub mod noslip;
-mod panels;
-mod path;
+mod point_count;
 pub mod rates;
 pub mod recovery;
 mod refusal;
-mod roller;
-mod search;
 pub mod spectrum;
+mod surface_kernels;
 
 use super::layer::Layer;
+use super::numeric::jacobi;
 use super::stack::Stack;
 use super::{Invalid, positive};
+use crate::Accuracy;
 use core::f64::consts::PI;
-use density::Density;
 use interval::Interval;
-use panels::SurfaceKernels;
+use point_count::PointCounts;
 pub use refusal::Refusal;
-use search::Search;
 pub use spectrum::{PointForce, Spectrum};
+use surface_kernels::SurfaceKernels;
 
 /// Shape of the rigid indenter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,7 +81,7 @@ impl Shape {
     }
 }
 
-/// What the tangential load does to the surface.
+/// The tangential traction that the tangential load makes on the surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Friction {
     /// No tangential traction: of the load Q only its moment about the surface acts.
@@ -92,49 +90,38 @@ pub enum Friction {
     Proportional,
 }
 
-/// How well to solve.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Level {
-    /// About 1e-3 of the peak, for control periods.
-    Fast,
-    /// 1e-5 of the peak.
-    Default,
-    /// 1e-8 of the peak (tilted bars 1e-7).
-    Fine,
-}
-
-/// Most concentrated forces that a traction is given in.
-const FORCES_MAX: f64 = 4000.0;
-/// Loads in N/mm and descents in mm below this are none: their powers are no numbers.
-pub const SMALLEST: f64 = 1e-100;
+/// Most concentrated forces into which a traction is divided.
+const POINT_FORCES_MAX: f64 = 4000.0;
+/// Loads in N/mm and descents in mm below this count as none, since their powers underflow.
+pub const LOAD_MIN: f64 = 1e-100;
 
 /// Line loads in N/mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
-    /// Normal load P, 0 or above; below [`SMALLEST`] it is none.
+    /// Normal load P, 0 or above; below [`LOAD_MIN`] it is none.
     pub p_n_mm: f64,
     /// Tangential load Q.
     pub q_n_mm: f64,
 }
 
 impl Load {
-    /// Whether there is a contact to look for.
+    /// Whether the load presses the indenter on, so that there is a contact to solve.
     ///
     /// # Errors
     /// A load that is not finite, or beyond 1e30; one that pulls, or slides without pressing.
-    pub fn presses(&self) -> Result<bool, Refusal> {
+    pub fn is_pressing(&self) -> Result<bool, Refusal> {
         let Self { p_n_mm: p, q_n_mm: q } = *self;
-        if !(is_sane(p) && is_sane(q)) {
+        if !(is_in_range(p) && is_in_range(q)) {
             return Err(Refusal::NotFinite);
         }
-        if p < 0.0 || (p < SMALLEST && q != 0.0) {
-            return Err(Refusal::Pulls);
+        if p < 0.0 || (p < LOAD_MIN && q != 0.0) {
+            return Err(Refusal::Tension);
         }
-        Ok(p >= SMALLEST)
+        Ok(p >= LOAD_MIN)
     }
 }
 
-/// Which part of the indenter touches.
+/// The part of the indenter that touches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
     /// Nothing: no load.
@@ -142,9 +129,9 @@ pub enum Mode {
     /// The whole bar.
     Full,
     /// The bar's left edge is lifted.
-    Left,
+    LeftLifted,
     /// The bar's right edge is lifted.
-    Right,
+    RightLifted,
     /// An interval between two free edges.
     Free,
 }
@@ -171,28 +158,29 @@ pub struct Contact {
     pub residual: f64,
 }
 
-/// A rigid indenter over a layer: kernels tabulated once, storage kept, and the last contact
-/// remembered as the guess for the next.
+/// A rigid indenter over a layer. Kernels are tabulated once, storage is kept, and the last contact
+/// is the initial guess for the next one.
 #[derive(Clone, Debug)]
 pub struct Indenter {
     layer: Layer,
     shape: Shape,
     friction: Friction,
-    level: Level,
+    accuracy: Accuracy,
     kernels: SurfaceKernels,
     interval: Interval,
-    density: Density,
+    point_counts: PointCounts,
     /// Pressure of the last solution over its singular weight, and working storage.
     phi: Vec<f64>,
     work: [Vec<f64>; 2],
     contact: Contact,
     /// Logarithm of the last interval's half-width in thicknesses, and how the load followed it.
     guess: Option<[f64; 2]>,
-    /// Where the loads of the last lifted bars stood, and what the edge then was: older, newer.
-    trail: [Option<[f64; 2]>; 2],
+    /// Place of the loads, and logarithm of the half-width, of the last two lifted bars: older,
+    /// newer.
+    edge_history: [Option<[f64; 2]>; 2],
 }
 
-const NOTHING: Contact = Contact {
+const NO_CONTACT: Contact = Contact {
     p_n_mm: 0.0,
     q_n_mm: 0.0,
     delta_mm: 0.0,
@@ -203,9 +191,9 @@ const NOTHING: Contact = Contact {
     residual: 0.0,
 };
 
-/// Whether a load or move is a number that can be meant.
-fn is_sane(value: f64) -> bool {
-    value.abs() <= super::LARGEST
+/// Whether a load or move is finite and within [`MAGNITUDE_MAX`](super::MAGNITUDE_MAX).
+fn is_in_range(value: f64) -> bool {
+    value.abs() <= super::MAGNITUDE_MAX
 }
 
 impl Indenter {
@@ -217,10 +205,10 @@ impl Indenter {
         layer: &Layer,
         shape: Shape,
         friction: Friction,
-        level: Level,
+        accuracy: Accuracy,
     ) -> Result<Self, Invalid> {
         layer.check()?;
-        Self::assembled(layer, shape, friction, level, SurfaceKernels::new(&layer.transfer()))
+        Self::from_kernels(layer, shape, friction, accuracy, SurfaceKernels::new(&layer.transfer()))
     }
 
     /// The same over several bonded layers; lengths of the contact are resolved against the surface
@@ -233,62 +221,63 @@ impl Indenter {
         stack: &Stack,
         shape: Shape,
         friction: Friction,
-        level: Level,
+        accuracy: Accuracy,
     ) -> Result<Self, Invalid> {
         let kernels = SurfaceKernels::of_stack(stack)?;
-        Self::assembled(stack.surface_layer(), shape, friction, level, kernels)
+        Self::from_kernels(stack.surface_layer(), shape, friction, accuracy, kernels)
     }
 
     /// Another shape over the same layer, with the kernels of this one; allocates.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn reshaped(&self, shape: Shape) -> Result<Self, Invalid> {
-        Self::assembled(&self.layer, shape, self.friction, self.level, self.kernels.clone())
+    pub fn with_shape(&self, shape: Shape) -> Result<Self, Invalid> {
+        Self::from_kernels(&self.layer, shape, self.friction, self.accuracy, self.kernels.clone())
     }
 
-    /// The same indenter solved at another level, with the kernels of this one; allocates.
+    /// The same indenter solved with another accuracy, with the kernels of this one; allocates.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn at_level(&self, level: Level) -> Result<Self, Invalid> {
-        Self::assembled(&self.layer, self.shape, self.friction, level, self.kernels.clone())
+    pub fn with_accuracy(&self, accuracy: Accuracy) -> Result<Self, Invalid> {
+        Self::from_kernels(&self.layer, self.shape, self.friction, accuracy, self.kernels.clone())
     }
 
-    /// The level it solves at.
+    /// The accuracy with which it solves.
     #[must_use]
-    pub fn level(&self) -> Level {
-        self.level
+    pub fn accuracy(&self) -> Accuracy {
+        self.accuracy
     }
 
-    fn assembled(
+    fn from_kernels(
         layer: &Layer,
         shape: Shape,
         friction: Friction,
-        level: Level,
+        accuracy: Accuracy,
         kernels: SurfaceKernels,
     ) -> Result<Self, Invalid> {
         shape.check()?;
-        let density = Density::new(level, &kernels.transfer, shape, layer.thickness_mm)?;
-        let capacity = density.capacity();
+        let point_counts =
+            PointCounts::new(accuracy, &kernels.transfer, shape, layer.thickness_mm)?;
+        let capacity = point_counts.capacity();
         let room = || Vec::with_capacity(capacity);
         Ok(Self {
             layer: *layer,
             shape,
             friction,
-            level,
+            accuracy,
             kernels,
-            interval: if level == Level::Fast {
+            interval: if accuracy == Accuracy::Fast {
                 Interval::coarse(capacity)
             } else {
                 Interval::with_capacity(capacity)
             },
-            density,
+            point_counts,
             phi: room(),
             work: [room(), room()],
-            contact: NOTHING,
+            contact: NO_CONTACT,
             guess: None,
-            trail: [None; 2],
+            edge_history: [None; 2],
         })
     }
 
@@ -306,8 +295,8 @@ impl Indenter {
 
     /// Forgets the last solution, so that the next one starts cold.
     pub fn forget(&mut self) {
-        (self.guess, self.trail) = (None, [None; 2]);
-        self.contact = NOTHING;
+        (self.guess, self.edge_history) = (None, [None; 2]);
+        self.contact = NO_CONTACT;
         self.phi.clear();
     }
 
@@ -316,14 +305,14 @@ impl Indenter {
     /// # Errors
     /// See [`Refusal`]; the next solution then starts cold.
     pub fn press(&mut self, load: &Load) -> Result<Contact, Refusal> {
-        let contact = self.press_whole(load)?;
-        if self.pulls() { self.keep(Err(Refusal::Parts)) } else { Ok(contact) }
+        let contact = self.press_one_interval(load)?;
+        if self.has_tension() { self.store(Err(Refusal::SplitContact)) } else { Ok(contact) }
     }
 
     /// The same, one interval even where the layer has to hold on to a bar inside it.
-    fn press_whole(&mut self, load: &Load) -> Result<Contact, Refusal> {
+    fn press_one_interval(&mut self, load: &Load) -> Result<Contact, Refusal> {
         let outcome = self.equilibrium(load);
-        self.keep(outcome)
+        self.store(outcome)
     }
 
     /// The contact at a descent of the indenter by `dz_mm`, a bar held upright. Does not allocate.
@@ -332,20 +321,20 @@ impl Indenter {
     /// # Errors
     /// See [`Refusal`]; proportional friction is taken as [`Friction::None`].
     pub fn descend(&mut self, dz_mm: f64) -> Result<Contact, Refusal> {
-        let outcome = if !is_sane(dz_mm) {
+        let outcome = if !is_in_range(dz_mm) {
             Err(Refusal::NotFinite)
-        } else if dz_mm < SMALLEST {
-            Ok(NOTHING)
+        } else if dz_mm < LOAD_MIN {
+            Ok(NO_CONTACT)
         } else {
             match self.shape {
-                Shape::Flat { width_mm, .. } => self.flat_descent(width_mm, dz_mm),
-                _ => self.roller_descent(dz_mm),
+                Shape::Flat { width_mm, .. } => self.solve_bar_descent(width_mm, dz_mm),
+                _ => self.solve_cylinder_descent(dz_mm),
             }
         };
-        self.keep(outcome)
+        self.store(outcome)
     }
 
-    fn keep(&mut self, outcome: Result<Contact, Refusal>) -> Result<Contact, Refusal> {
+    fn store(&mut self, outcome: Result<Contact, Refusal>) -> Result<Contact, Refusal> {
         match outcome {
             Ok(contact) => self.contact = contact,
             Err(_) => self.forget(),
@@ -357,12 +346,12 @@ impl Indenter {
     }
 
     fn equilibrium(&mut self, load: &Load) -> Result<Contact, Refusal> {
-        if !load.presses()? {
-            return Ok(NOTHING);
+        if !load.is_pressing()? {
+            return Ok(NO_CONTACT);
         }
         match self.shape {
-            Shape::Flat { width_mm, height_mm } => self.bar(width_mm, height_mm, load),
-            _ => self.roller(load),
+            Shape::Flat { width_mm, height_mm } => self.solve_bar(width_mm, height_mm, load),
+            _ => self.solve_cylinder(load),
         }
     }
 
@@ -380,8 +369,8 @@ impl Indenter {
     }
 
     fn assemble(&mut self, half: f64, ratio: f64) -> Result<(), Refusal> {
-        let count = self.density.points(half);
-        if count > self.density.capacity() || !half.is_finite() {
+        let count = self.point_counts.points(half);
+        if count > self.point_counts.capacity() || !half.is_finite() {
             return Err(Refusal::TooWide);
         }
         let coupling = ratio / self.kernels.transfer.m;
@@ -402,8 +391,8 @@ impl Indenter {
         if xi.abs() >= 1.0 - 1e-13 {
             let pinned = match self.contact.mode {
                 Mode::Full => true,
-                Mode::Left => xi > 0.0,
-                Mode::Right => xi < 0.0,
+                Mode::LeftLifted => xi > 0.0,
+                Mode::RightLifted => xi < 0.0,
                 Mode::Open | Mode::Free => false,
             };
             return if pinned { f64::INFINITY } else { 0.0 };
@@ -438,12 +427,12 @@ impl Indenter {
     #[must_use]
     pub fn shallowest_mm(&self) -> f64 {
         let Contact { x_left_mm: left, x_right_mm: right, .. } = self.contact;
-        let digits = match self.level {
-            Level::Fast => 5.1,
-            Level::Default => 7.8,
-            Level::Fine => 11.3,
+        let digits = match self.accuracy {
+            Accuracy::Fast => 5.1,
+            Accuracy::Default => 7.8,
+            Accuracy::Fine => 11.3,
         };
-        digits * 0.5 * (right - left) / FORCES_MAX
+        digits * 0.5 * (right - left) / POINT_FORCES_MAX
     }
 
     /// The traction of any `phi` on the last contact's interval.
@@ -453,10 +442,10 @@ impl Indenter {
         let middle = 0.5 * (right + left);
         let width = half / depth_mm.min(self.layer.thickness_mm);
         // A Gauss rule of n points misses a pole at a distance d by exp(-2 n d/half).
-        let digits = if self.level == Level::Fine { 13.0 } else { 11.0 };
-        let count = (24.0 + digits * width).min(FORCES_MAX) as usize;
+        let digits = if self.accuracy == Accuracy::Fine { 13.0 } else { 11.0 };
+        let count = (24.0 + digits * width).min(POINT_FORCES_MAX) as usize;
         let alpha = self.interval.alpha();
-        let mut rule = jacobi::Rule::with_capacity(count);
+        let mut rule = jacobi::JacobiRule::with_capacity(count);
         rule.fill(count, alpha, -1.0 - alpha);
         let scale = self.modulus_mpa() * half;
         let force = |(xi, weight): (&f64, &f64)| {

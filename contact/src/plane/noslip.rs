@@ -5,40 +5,44 @@
 //! A growing contact is then a superposition of glued flat punches, load dP(b') each; that the
 //! surface just outside b meets the profile there is a Volterra equation for dP/db'. It is solved
 //! by collocation, P'(b)/b being a polynomial. A small tangential move at fixed contact is the
-//! glued strip's own problem. Refuses what [`Shape::check`] refuses, bars, and contacts that are
-//! too wide. It allocates.
+//! glued strip's own problem. Bars and contacts that are too wide are refused. Solving allocates.
 
-mod sheared;
+mod tangential;
 
 use super::glued::{Chebyshev, Tractions};
-use super::panels::SurfaceKernels;
-use super::rates::{Motion, Rate};
-use super::spectrum::{PointForce, legendre};
-use super::{Contact, Friction, Indenter, Level, Load, Refusal, Shape};
+use super::rates::{Motion, TractionRate};
+use super::spectrum::PointForce;
+use super::surface_kernels::SurfaceKernels;
+use super::{Contact, Friction, Indenter, Load, Refusal, Shape};
+use crate::Accuracy;
 use crate::Invalid;
 use crate::layer::Layer;
+use crate::numeric::elimination::LuMatrix;
+use crate::numeric::quadrature::legendre_array;
+use crate::wave_grid::GAUSS_POINTS;
 use core::f64::consts::PI;
 
-/// Degree of P'(b)/b, number of half-widths solved, panels of the quadrature over them; and how
-/// many more of each there are for each thickness of half-width beyond the first few, in which what
-/// can hardly be compressed stiffens with its cube.
-const DEGREE: usize = 12;
-const WIDTHS: usize = 20;
-const PANELS: usize = 2;
-/// So many times the points of a strip carry the one that is moved along, up to a number: its edges
-/// oscillate, and what the series smooths out there falls off with their number.
-const FINER: usize = 3;
-const ENOUGH: usize = 400;
-const MORE: [f64; 3] = [0.8, 1.2, 0.2];
-const FEW: f64 = 3.0;
-/// Widest contact in thicknesses, and in radii of the circle (half of it).
-const WIDEST: f64 = 30.0;
-const STEEPEST: f64 = 0.95;
-/// How much wider than without friction a contact is looked for, under the same load and at the
-/// same descent: it has been found 3e-4 and 3 % wider at most.
-const BEYOND: [f64; 2] = [1.02, 1.1];
+/// Degree of the polynomial P'(b)/b, number of half-widths solved and of panels of the quadrature
+/// over them. Each grows by [`EXTRA_PER_THICKNESS`] for each thickness of half-width beyond
+/// [`EXTRA_FROM_THICKNESSES`], since a nearly incompressible layer stiffens with the cube of it.
+const POLYNOMIAL_DEGREE: usize = 12;
+const WIDTH_COUNT: usize = 20;
+const PANEL_COUNT: usize = 2;
+const EXTRA_PER_THICKNESS: [f64; 3] = [0.8, 1.2, 0.2];
+const EXTRA_FROM_THICKNESSES: f64 = 3.0;
+/// Points of a strip that is moved along x, in multiples of those of a pressed strip, up to a
+/// largest number: its tractions oscillate at the edges, and the error that the series makes there
+/// falls with the number of points.
+const MOVED_POINT_FACTOR: usize = 3;
+const MOVED_POINTS_MAX: usize = 400;
+/// Largest half-width of a contact in thicknesses, and in radii of the circle.
+const HALF_WIDTH_MAX_THICKNESSES: f64 = 30.0;
+const HALF_WIDTH_MAX_RADII: f64 = 0.95;
+/// Half-width up to which a contact is searched, in parts of the one without friction, under the
+/// same load and at the same descent: contacts have been found 3e-4 and 3 % wider at most.
+const WIDENING_MAX: [f64; 2] = [1.02, 1.1];
 
-/// A cylinder held by its contact.
+/// A solved contact without slip.
 #[derive(Clone, Debug)]
 pub struct NoSlip {
     layer: Layer,
@@ -59,19 +63,19 @@ pub struct NoSlip {
 }
 
 /// Glued punches of unit load over half-widths, ready to be interpolated.
-struct Family {
+struct PunchFamily {
     points: Chebyshev,
     widths: Vec<f64>,
     barycentric: Vec<f64>,
-    /// phi of both tractions times... per unit load, and the descent plus ln b.
+    /// phi of both tractions per unit load, and the descent plus ln b.
     tractions: Vec<Tractions>,
     descent: Vec<f64>,
 }
 
-impl Family {
+impl PunchFamily {
     fn new(kernels: &SurfaceKernels, widest: f64) -> Self {
         let points = Chebyshev::new(2 * (30 + libm::ceil(4.0 * widest) as usize));
-        let count = refined(WIDTHS, MORE[1], widest);
+        let count = count_for_width(WIDTH_COUNT, EXTRA_PER_THICKNESS[1], widest);
         let angle = |k: usize| PI * (2 * k + 1) as f64 / (2 * count) as f64;
         let widths: Vec<f64> =
             (0..count).map(|k| 0.5 * widest * (1.0 + libm::cos(angle(k)))).collect();
@@ -116,17 +120,18 @@ impl Family {
     }
 }
 
-/// So many, and more for a half-width of many thicknesses.
-fn refined(few: usize, more: f64, half: f64) -> usize {
-    few + libm::ceil(more * (half - FEW).max(0.0)) as usize
+/// A number that grows by `more` for each thickness of half-width beyond
+/// [`EXTRA_FROM_THICKNESSES`].
+fn count_for_width(few: usize, more: f64, half: f64) -> usize {
+    few + libm::ceil(more * (half - EXTRA_FROM_THICKNESSES).max(0.0)) as usize
 }
 
 /// Half-widths and weights of the integral over the growth from 0 to b, gathered at both ends.
-fn growth(b: f64) -> Vec<[f64; 2]> {
-    let panels = refined(PANELS, MORE[2], b);
-    let mut rule = Vec::with_capacity(panels * 10);
+fn growth_rule(b: f64) -> Vec<[f64; 2]> {
+    let panels = count_for_width(PANEL_COUNT, EXTRA_PER_THICKNESS[2], b);
+    let mut rule = Vec::with_capacity(panels * GAUSS_POINTS);
     for panel in 0..panels {
-        for [u, w] in legendre() {
+        for [u, w] in legendre_array::<GAUSS_POINTS>() {
             let s = (panel as f64 + 0.5 * (1.0 + u)) / panels as f64;
             let v = s * (2.0 - s);
             let slope = 4.0 * v * (1.0 - s);
@@ -137,7 +142,7 @@ fn growth(b: f64) -> Vec<[f64; 2]> {
 }
 
 /// Chebyshev polynomial k at x.
-fn polynomial(k: usize, x: f64) -> f64 {
+fn chebyshev_polynomial(k: usize, x: f64) -> f64 {
     let (mut before, mut here) = (1.0, x);
     if k == 0 {
         return 1.0;
@@ -149,31 +154,31 @@ fn polynomial(k: usize, x: f64) -> f64 {
 }
 
 /// The law of growth: P'(b) = b sum c_k T_k(2 b/widest - 1).
-struct Growth {
-    family: Family,
+struct GrowthLaw {
+    family: PunchFamily,
     widest: f64,
     coefficients: Vec<f64>,
 }
 
-impl Growth {
+impl GrowthLaw {
     fn new(kernels: &SurfaceKernels, widest: f64, profile: &dyn Fn(f64) -> f64) -> Self {
-        let family = Family::new(kernels, widest);
-        let degree = refined(DEGREE, MORE[0], widest);
-        let mut dense = super::dense::Dense::with_capacity(degree);
+        let family = PunchFamily::new(kernels, widest);
+        let degree = count_for_width(POLYNOMIAL_DEGREE, EXTRA_PER_THICKNESS[0], widest);
+        let mut dense = LuMatrix::with_capacity(degree);
         dense.reset(degree);
         let mut side = Vec::with_capacity(degree);
         for i in 0..degree {
             let angle = PI * (2 * i + 1) as f64 / (4 * degree) as f64;
             // From near 0 up to the widest, denser there.
             let b = widest * libm::cos(angle) * libm::cos(angle);
-            for [narrow, weight] in growth(b) {
+            for [narrow, weight] in growth_rule(b) {
                 let (tractions, descent) = family.at(narrow);
                 let series = family.points.series(&tractions.p);
                 let outside =
                     family.points.descent_outside(kernels, narrow, b, &tractions, &series);
                 let gap = weight * narrow * (descent - outside);
                 for (k, entry) in dense.row_mut(i).iter_mut().enumerate() {
-                    *entry += gap * polynomial(k, 2.0 * narrow / widest - 1.0);
+                    *entry += gap * chebyshev_polynomial(k, 2.0 * narrow / widest - 1.0);
                 }
             }
             let scale = 1.0 / profile(b);
@@ -188,17 +193,17 @@ impl Growth {
     fn rate(&self, b: f64) -> f64 {
         let x = 2.0 * b / self.widest - 1.0;
         let terms = self.coefficients.iter().enumerate();
-        b * terms.map(|(k, c)| c * polynomial(k, x)).sum::<f64>()
+        b * terms.map(|(k, c)| c * chebyshev_polynomial(k, x)).sum::<f64>()
     }
 
     fn load(&self, b: f64) -> f64 {
-        growth(b).iter().map(|[narrow, weight]| weight * self.rate(*narrow)).sum()
+        growth_rule(b).iter().map(|[narrow, weight]| weight * self.rate(*narrow)).sum()
     }
 
     fn descent(&self, b: f64) -> f64 {
         let part =
             |[narrow, weight]: &[f64; 2]| weight * self.rate(*narrow) * self.family.at(*narrow).1;
-        growth(b).iter().map(part).sum()
+        growth_rule(b).iter().map(part).sum()
     }
 }
 
@@ -208,10 +213,10 @@ impl NoSlip {
     /// # Errors
     /// A layer or shape that their checks refuse, a bar; a load that is not above 0, or that needs
     /// a contact too wide.
-    pub fn press(layer: &Layer, shape: Shape, p_n_mm: f64) -> Result<Self, NoSlipRefusal> {
-        let mut free = Indenter::new(layer, shape, Friction::None, Level::Default)?;
+    pub fn press(layer: &Layer, shape: Shape, p_n_mm: f64) -> Result<Self, NoSlipError> {
+        let mut free = Indenter::new(layer, shape, Friction::None, Accuracy::Default)?;
         let contact = free.press(&Load { p_n_mm, q_n_mm: 0.0 });
-        let widest = within(layer, shape, contact, BEYOND[0])?;
+        let widest = search_half_width_mm(layer, shape, contact, WIDENING_MAX[0])?;
         Self::grow(layer, shape, widest, Some(p_n_mm), None)
     }
 
@@ -219,10 +224,10 @@ impl NoSlip {
     ///
     /// # Errors
     /// As [`Self::press`].
-    pub fn descend(layer: &Layer, shape: Shape, dz_mm: f64) -> Result<Self, NoSlipRefusal> {
-        let mut free = Indenter::new(layer, shape, Friction::None, Level::Default)?;
+    pub fn descend(layer: &Layer, shape: Shape, dz_mm: f64) -> Result<Self, NoSlipError> {
+        let mut free = Indenter::new(layer, shape, Friction::None, Accuracy::Default)?;
         let contact = free.descend(dz_mm);
-        let widest = within(layer, shape, contact, BEYOND[1])?;
+        let widest = search_half_width_mm(layer, shape, contact, WIDENING_MAX[1])?;
         Self::grow(layer, shape, widest, None, Some(dz_mm))
     }
 
@@ -230,7 +235,7 @@ impl NoSlip {
     ///
     /// # Errors
     /// As [`Self::press`].
-    pub fn widen(layer: &Layer, shape: Shape, b_mm: f64) -> Result<Self, NoSlipRefusal> {
+    pub fn widen(layer: &Layer, shape: Shape, b_mm: f64) -> Result<Self, NoSlipError> {
         super::positive("half_width_mm", b_mm)?;
         Self::grow(layer, shape, b_mm, None, None)
     }
@@ -241,22 +246,22 @@ impl NoSlip {
         widest_mm: f64,
         p_n_mm: Option<f64>,
         dz_mm: Option<f64>,
-    ) -> Result<Self, NoSlipRefusal> {
+    ) -> Result<Self, NoSlipError> {
         layer.check()?;
         shape.check()?;
         let t = layer.thickness_mm;
         let radius = match shape {
             Shape::Cylinder { radius_mm } => radius_mm,
             Shape::Parabola { radius_mm } => radius_mm,
-            Shape::Flat { .. } => return Err(NoSlipRefusal::Flat),
+            Shape::Flat { .. } => return Err(NoSlipError::Flat),
         };
         let round = matches!(shape, Shape::Cylinder { .. });
         let widest = widest_mm / t;
         // Without a contact (zero load) the width is 0.
         if widest <= 0.0 {
-            return Err(Refusal::Pulls.into());
+            return Err(Refusal::Tension.into());
         }
-        if widest_mm > widest_of(layer, shape) {
+        if widest_mm > half_width_max_mm(layer, shape) {
             return Err(Refusal::TooWide.into());
         }
         let kernels = SurfaceKernels::new(&layer.transfer());
@@ -264,30 +269,30 @@ impl NoSlip {
         let profile = |x: f64| {
             if round { x * x / (r + (r * r - x * x).sqrt()) } else { 0.5 * x * x / r }
         };
-        let law = Growth::new(&kernels, widest, &profile);
+        let law = GrowthLaw::new(&kernels, widest, &profile);
         let modulus = PI * layer.shear_mpa() / (1.0 - layer.poisson);
         let b = match (p_n_mm, dz_mm) {
-            (Some(p), _) => reach(&|b| law.load(b), p / (modulus * t), widest)?,
-            (None, Some(dz)) => reach(&|b| law.descent(b), dz / t, widest)?,
+            (Some(p), _) => half_width_reaching(&|b| law.load(b), p / (modulus * t), widest)?,
+            (None, Some(dz)) => half_width_reaching(&|b| law.descent(b), dz / t, widest)?,
             (None, None) => widest,
         };
         Ok(Self::assemble(layer, &kernels, &law, b))
     }
 
-    fn assemble(layer: &Layer, kernels: &SurfaceKernels, law: &Growth, b: f64) -> Self {
+    fn assemble(layer: &Layer, kernels: &SurfaceKernels, law: &GrowthLaw, b: f64) -> Self {
         let t = layer.thickness_mm;
         let modulus = PI * layer.shear_mpa() / (1.0 - layer.poisson);
         let points = &law.family.points;
         let over = PI / points.count() as f64;
         let mut normal = Vec::new();
-        for [narrow, weight] in growth(b) {
+        for [narrow, weight] in growth_rule(b) {
             let (tractions, _) = law.family.at(narrow);
             let scale = modulus * t * over * weight * law.rate(narrow);
             for (j, c) in points.cosines.iter().enumerate() {
                 normal.push([narrow * c * t, scale * tractions.p[j], scale * tractions.q[j]]);
             }
         }
-        let tangential = sheared::unit(layer, kernels, b, moved_points(b));
+        let tangential = tangential::unit_move_forces(layer, kernels, b, moved_points(b));
         let stiffness = tangential.iter().map(|f| f[2]).sum::<f64>();
         let moment = tangential.iter().map(|f| -f[0] * f[1]).sum::<f64>() - t * stiffness;
         Self {
@@ -314,7 +319,7 @@ impl NoSlip {
     /// its own axis. `more` times as many points as the contact itself was solved with tell the
     /// error.
     #[must_use]
-    pub fn rate(&self, shape: Shape, motion: Motion, more: usize) -> Rate {
+    pub fn rate(&self, shape: Shape, motion: Motion, more: usize) -> TractionRate {
         let t = self.layer.thickness_mm;
         let b = self.half_width_mm / t;
         let kernels = SurfaceKernels::new(&self.layer.transfer());
@@ -334,7 +339,7 @@ impl NoSlip {
         let modulus = PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson);
         let scale = scale * t * modulus * PI / strip.count() as f64;
         let force = |(j, c): (usize, &f64)| [b * c * t, scale * moved.p[j], scale * moved.q[j]];
-        Rate { forces: strip.cosines.iter().enumerate().map(force).collect(), shift: 0.0 }
+        TractionRate { forces: strip.cosines.iter().enumerate().map(force).collect(), shift: 0.0 }
     }
 
     /// Least depth at which the stress of [`Self::point_forces`] is right to about 1e-4.
@@ -359,7 +364,7 @@ impl NoSlip {
 
 /// Why there is no contact without slip.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum NoSlipRefusal {
+pub enum NoSlipError {
     /// A parameter.
     Invalid(Invalid),
     /// A load.
@@ -368,13 +373,13 @@ pub enum NoSlipRefusal {
     Flat,
 }
 
-impl From<Invalid> for NoSlipRefusal {
+impl From<Invalid> for NoSlipError {
     fn from(invalid: Invalid) -> Self {
         Self::Invalid(invalid)
     }
 }
 
-impl From<Refusal> for NoSlipRefusal {
+impl From<Refusal> for NoSlipError {
     fn from(refusal: Refusal) -> Self {
         Self::Refusal(refusal)
     }
@@ -388,23 +393,27 @@ fn strip_points(b: f64) -> usize {
 /// Points of the strip that is moved along.
 fn moved_points(b: f64) -> usize {
     let points = strip_points(b);
-    (FINER * points).min(ENOUGH).max(points)
+    (MOVED_POINT_FACTOR * points).min(MOVED_POINTS_MAX).max(points)
 }
 
 /// Half the widest contact that is solved, in mm.
-fn widest_of(layer: &Layer, shape: Shape) -> f64 {
-    let thick = WIDEST * layer.thickness_mm;
-    if let Shape::Cylinder { radius_mm } = shape { thick.min(STEEPEST * radius_mm) } else { thick }
+fn half_width_max_mm(layer: &Layer, shape: Shape) -> f64 {
+    let thick = HALF_WIDTH_MAX_THICKNESSES * layer.thickness_mm;
+    if let Shape::Cylinder { radius_mm } = shape {
+        thick.min(HALF_WIDTH_MAX_RADII * radius_mm)
+    } else {
+        thick
+    }
 }
 
 /// Half the width up to which a contact is looked for, from the one without friction.
-fn within(
+fn search_half_width_mm(
     layer: &Layer,
     shape: Shape,
     free: Result<Contact, Refusal>,
     beyond: f64,
 ) -> Result<f64, Refusal> {
-    let widest = widest_of(layer, shape);
+    let widest = half_width_max_mm(layer, shape);
     match free {
         Ok(contact) => Ok((beyond * contact.x_right_mm).min(widest)),
         // Glued it may be narrower.
@@ -414,7 +423,7 @@ fn within(
 }
 
 /// The half-width at which a rising function reaches a value.
-fn reach(of: &dyn Fn(f64) -> f64, value: f64, widest: f64) -> Result<f64, Refusal> {
+fn half_width_reaching(of: &dyn Fn(f64) -> f64, value: f64, widest: f64) -> Result<f64, Refusal> {
     let (mut low, mut high) = (0.0, widest);
     if of(widest) < value * (1.0 - 1e-9) {
         return Err(Refusal::TooWide);

@@ -11,8 +11,8 @@
 //! side towards +x; a round indenter turns about its own axis, which changes nothing unless it is
 //! glued. Other motions are held, and so is the ratio Q/P under friction in proportion.
 //!
-//! Undefined, and therefore absent: everything where nothing touches, the peak of a stress without
-//! compression. It refuses contacts that cannot be assembled again. It allocates.
+//! Derivatives are absent where nothing touches; those of the peak are absent for a stress without
+//! compression. Differentiating allocates.
 
 use super::features::{Compressive, Moments, compressive, compressive_rate, moments};
 use super::spectrum::{PointForce, Spectrum};
@@ -47,9 +47,9 @@ pub enum Feature {
     PeakStress,
 }
 
-/// How the tractions change per unit of a motion.
+/// TractionRate of the tractions per unit of a motion.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Rate {
+pub struct TractionRate {
     /// Change of the concentrated forces, per mm or rad.
     pub forces: Vec<PointForce>,
     /// How far everything shifts along x, mm per mm or rad.
@@ -62,15 +62,15 @@ impl Indenter {
     ///
     /// # Errors
     /// See [`Refusal`]; none is expected after a solution.
-    pub fn rate(&mut self, motion: Motion, depth_mm: f64) -> Result<Option<Rate>, Refusal> {
+    pub fn rate(&mut self, motion: Motion, depth_mm: f64) -> Result<Option<TractionRate>, Refusal> {
         let contact = self.contact;
         if contact.mode == Mode::Open || self.phi.is_empty() {
             return Ok(None);
         }
         let round = matches!(self.shape, Shape::Cylinder { .. } | Shape::Parabola { .. });
         match motion {
-            Motion::X => return Ok(Some(Rate { forces: Vec::new(), shift: 1.0 })),
-            Motion::RotY if round => return Ok(Some(Rate::default())),
+            Motion::X => return Ok(Some(TractionRate { forces: Vec::new(), shift: 1.0 })),
+            Motion::RotY if round => return Ok(Some(TractionRate::default())),
             Motion::Z | Motion::RotY => {}
         }
         let t = self.layer.thickness_mm;
@@ -97,12 +97,12 @@ impl Indenter {
         let phi: Vec<f64> =
             punch.iter().zip(tilted).map(|(p, d)| scale * (force * p + *d)).collect();
         let ratio = if self.friction == Friction::None { 0.0 } else { ratio };
-        Ok(Some(Rate { forces: self.forces_of(&phi, ratio, depth_mm), shift: 0.0 }))
+        Ok(Some(TractionRate { forces: self.forces_of(&phi, ratio, depth_mm), shift: 0.0 }))
     }
 }
 
-/// The stress of a contact with what its features are differentiated from.
-pub struct Image {
+/// The stress of a contact, its features and their derivatives.
+pub struct StressFeatures {
     layer: Layer,
     stress: Spectrum,
     reach_mm: f64,
@@ -110,7 +110,7 @@ pub struct Image {
     part: Compressive,
 }
 
-impl Image {
+impl StressFeatures {
     /// The stress at a depth under forces on the surface; `symmetric` as in [`compressive`].
     #[must_use]
     pub fn new(layer: &Layer, forces: &[PointForce], depth_mm: f64, symmetric: bool) -> Self {
@@ -138,7 +138,7 @@ impl Image {
 
     /// Derivatives of features under a rate; absent where undefined.
     #[must_use]
-    pub fn derivatives(&self, rate: &Rate, features: &[Feature]) -> Vec<Option<f64>> {
+    pub fn derivatives(&self, rate: &TractionRate, features: &[Feature]) -> Vec<Option<f64>> {
         let depth = self.stress.depth_mm();
         let change = Spectrum::new(&self.layer, &rate.forces, depth, self.reach_mm);
         let linear = moments(&self.layer, &rate.forces, depth).m;

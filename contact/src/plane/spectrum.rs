@@ -1,26 +1,25 @@
 //! Normal stress at any depth under a traction on the layer's surface, given as the points and
 //! weights of a quadrature rule.
 //!
-//! Its Fourier transform times the layer's transfer function is summed in the wave number. Deep
-//! down (from a fifth of the thickness) the trapezoidal rule does it exponentially well; above, the
-//! half plane's closed form is taken out first and the rest, which dies as exp(-2a + k d), summed
-//! by Gauss's rule. Lengths in mm. It allocates.
+//! Its Fourier transform times the layer's transfer function is summed in the wave number.
+//! Deep down (from a fifth of the thickness) the trapezoidal rule does it exponentially well;
+//! above, the half plane's closed form is taken out first and the rest, which dies as exp(-2a + k
+//! d), is summed by Gauss's rule. Lengths in mm. It allocates.
 
-use super::super::kernel::REACH;
-use super::super::layer::{Layer, Transfer};
-use super::super::stack::Stack;
+use crate::layer::{Layer, Transfer};
+use crate::stack::Stack;
+use crate::wave_grid::{
+    DECAY_EXPONENT, FIELD_REACH, GAUSS_POINTS, gauss_grid, gauss_panels, trapezoidal_grid,
+    trapezoidal_steps,
+};
 use crate::{Invalid, positive};
 use core::f64::consts::PI;
 
-/// Above this part of the thickness the half plane is taken out.
-const SHALLOW: f64 = 0.2;
-/// Points of one panel of Gauss's rule, and its reach in radians of the fastest cosine.
-const GAUSS: usize = 10;
-const RADIANS_PER_PANEL: f64 = 5.0;
-
+/// Depth, in parts of the thickness, above which the half plane's part is taken out.
+const SHALLOW_DEPTH_MAX: f64 = 0.2;
 /// Widest stretch on which Gauss's rule of ten points is exact to 1e-11: in distances of the force
 /// behind it, of that ahead, in thicknesses.
-const SMOOTH: [f64; 3] = [1.2, 0.75, 1.5];
+const SMOOTH_STRETCH: [f64; 3] = [1.2, 0.75, 1.5];
 
 /// A concentrated force on the surface: place, normal and tangential part (mm, N/mm).
 pub type PointForce = [f64; 3];
@@ -29,7 +28,7 @@ pub type PointForce = [f64; 3];
 pub struct Spectrum {
     /// a/t, weight times the transformed stress: for cos and for sin.
     waves: Vec<[f64; 3]>,
-    /// What the half plane adds.
+    /// Forces whose half-plane part is added in closed form.
     shallow: Vec<PointForce>,
     /// Where the forces act, ascending.
     places: Vec<f64>,
@@ -41,15 +40,21 @@ pub struct Spectrum {
 
 impl Spectrum {
     /// Prepares the stress at a depth above 0 and up to the thickness, for places up to `reach_mm`
-    /// from x = 0, however far: the number of waves goes with the width of what carries force, in
-    /// thicknesses, since beyond 40 of them from it there is nothing.
+    /// from x = 0, however far: the number of waves goes with the width over which forces act, in
+    /// thicknesses, since beyond 40 of them from there the stress has died.
     #[must_use]
     pub fn new(layer: &Layer, forces: &[PointForce], depth_mm: f64, reach_mm: f64) -> Self {
         let t = layer.thickness_mm;
         let depth = (depth_mm / t).min(1.0);
         let transfer = layer.transfer();
         let of = |a: f64| transforms(&transfer, a, depth);
-        Self::summed(&of, [t, depth_mm, REACH * t], depth < SHALLOW, forces, reach_mm)
+        Self::from_transforms(
+            &of,
+            [t, depth_mm, FIELD_REACH * t],
+            depth < SHALLOW_DEPTH_MAX,
+            forces,
+            reach_mm,
+        )
     }
 
     /// The same in a stack of layers.
@@ -67,20 +72,20 @@ impl Spectrum {
         let t = stack.surface_layer().thickness_mm;
         let depth_mm = depth_mm.min(stack.thickness_mm());
         let of = |a: f64| stack.stress_transforms(a / t, depth_mm);
-        let (shallow, far) = (depth_mm < SHALLOW * t, stack.reach_mm());
+        let (shallow, far) = (depth_mm < SHALLOW_DEPTH_MAX * t, stack.reach_mm());
         let [half, _, reach] = extent(forces, reach_mm, far);
         let (span, depth) = ((reach + half) / t, depth_mm / t);
-        stack.affords(if shallow {
-            GAUSS as f64 * panels(span, depth)
+        stack.check_wave_count(if shallow {
+            GAUSS_POINTS as f64 * gauss_panels(span, depth)
         } else {
-            steps(span, depth, far / t)
+            trapezoidal_steps(span, far / t, DECAY_EXPONENT / depth)
         })?;
-        Ok(Self::summed(&of, [t, depth_mm, far], shallow, forces, reach_mm))
+        Ok(Self::from_transforms(&of, [t, depth_mm, far], shallow, forces, reach_mm))
     }
 
     /// From the transforms F and H at a wave number over t; t, the depth, and where fields have
     /// died, in mm.
-    fn summed(
+    fn from_transforms(
         of: &dyn Fn(f64) -> (f64, f64),
         [t, depth_mm, far_mm]: [f64; 3],
         is_shallow: bool,
@@ -90,7 +95,11 @@ impl Spectrum {
         let depth = depth_mm / t;
         let [half, middle, reach] = extent(forces, reach_mm, far_mm);
         let span = (reach + half) / t;
-        let grid = if is_shallow { gauss(span, depth) } else { trapezoid(span, depth, far_mm / t) };
+        let grid = if is_shallow {
+            gauss_grid(span, depth)
+        } else {
+            trapezoidal_grid(span, far_mm / t, DECAY_EXPONENT / depth)
+        };
         let wave = |&[a, weight]: &[f64; 2]| {
             let (mut f, mut h) = of(a);
             if is_shallow {
@@ -135,16 +144,18 @@ impl Spectrum {
         [self.middle_mm - self.reach_mm, self.middle_mm + self.reach_mm]
     }
 
-    /// How far from `x_mm` on the stress is smooth: the distance of what it is not analytic at,
-    /// which lies at this depth under the forces; towards +x, or towards -x where `side` is -1.
-    pub(super) fn smooth_mm(&self, x_mm: f64, side: f64) -> f64 {
+    /// Length from `x_mm` on over which the stress is smooth. Its singularities lie as far above
+    /// the depth as the forces are; towards +x, or towards -x where `side` is -1.
+    pub(super) fn smooth_stretch_mm(&self, x_mm: f64, side: f64) -> f64 {
         let right = self.places.partition_point(|place| *place < x_mm);
         let place = |i: Option<usize>| i.and_then(|i| self.places.get(i)).copied();
         let below = place(right.checked_sub(1)).map_or(f64::INFINITY, |place| x_mm - place);
         let above = place(Some(right)).map_or(f64::INFINITY, |place| place - x_mm);
         let (behind, ahead) = if side < 0.0 { (above, below) } else { (below, above) };
-        let wanted = (SMOOTH[0] * behind).min(SMOOTH[1] * ahead).min(SMOOTH[2] * self.thickness_mm);
-        wanted.max(SMOOTH[0] * self.depth_mm)
+        let wanted = (SMOOTH_STRETCH[0] * behind)
+            .min(SMOOTH_STRETCH[1] * ahead)
+            .min(SMOOTH_STRETCH[2] * self.thickness_mm);
+        wanted.max(SMOOTH_STRETCH[0] * self.depth_mm)
     }
 
     /// Derivative of [`Self::szz`] along x in MPa/mm.
@@ -208,13 +219,14 @@ impl Spectrum {
     }
 }
 
-/// Half of what the forces span, its middle, and how far from there the stress is wanted.
+/// Half the span of the forces, its middle, and the distance from there up to which the stress is
+/// computed.
 fn extent(forces: &[PointForce], reach_mm: f64, far_mm: f64) -> [f64; 3] {
     let low = forces.iter().map(|f| f[0]).fold(f64::INFINITY, f64::min);
     let high = forces.iter().map(|f| f[0]).fold(f64::NEG_INFINITY, f64::max);
     let middle = if low <= high { 0.5 * (low + high) } else { 0.0 };
     let half = if low <= high { 0.5 * (high - low) } else { 0.0 };
-    // Far from the nearest force there is nothing.
+    // Far from the nearest force the stress has died.
     [half, middle, (reach_mm + middle.abs()).min(half + far_mm)]
 }
 
@@ -231,55 +243,4 @@ pub(crate) fn transforms(transfer: &Transfer, a: f64, depth: f64) -> (f64, f64) 
     let f = a * e * cm + 0.5 * (kap * dl * sp + (a + e) * sm + kap * cp + mu * cm);
     let h = -(a * e + m * n) * sm - 0.5 * dl * (kap * cp + cm);
     (f, h)
-}
-
-/// Steps of the trapezoidal rule.
-fn steps(span: f64, depth: f64, far: f64) -> f64 {
-    libm::ceil(42.0 / depth / (2.0 * PI / (span + 1.2 * far)))
-}
-
-/// Wave numbers and weights of the trapezoidal rule.
-fn trapezoid(span: f64, depth: f64, far: f64) -> Vec<[f64; 2]> {
-    let step = 2.0 * PI / (span + 1.2 * far);
-    let count = steps(span, depth, far) as usize;
-    (0..=count).map(|i| [i as f64 * step, if i == 0 { 0.5 * step } else { step }]).collect()
-}
-
-/// Panels of Gauss's rule.
-fn panels(span: f64, depth: f64) -> f64 {
-    libm::ceil(42.0 / (2.0 - depth) * (span / RADIANS_PER_PANEL).max(1.5))
-}
-
-/// Wave numbers and weights of Gauss's rule, panel after panel.
-pub(crate) fn gauss(span: f64, depth: f64) -> Vec<[f64; 2]> {
-    let cutoff = 42.0 / (2.0 - depth);
-    let panels = panels(span, depth) as usize;
-    let width = cutoff / panels as f64;
-    let rule = legendre();
-    let mut grid = Vec::with_capacity(panels * GAUSS);
-    for panel in 0..panels {
-        for [x, w] in rule {
-            grid.push([(panel as f64 + 0.5 * (1.0 + x)) * width, 0.5 * w * width]);
-        }
-    }
-    grid
-}
-
-/// Gauss-Legendre nodes and weights on (-1, 1).
-pub(crate) fn legendre() -> [[f64; 2]; GAUSS] {
-    core::array::from_fn(|k| {
-        let n = GAUSS as f64;
-        let mut x = libm::cos(PI * (k as f64 + 0.75) / (n + 0.5));
-        let mut slope = 1.0;
-        for _ in 0..8 {
-            let (mut before, mut here) = (1.0, x);
-            for j in 2..=GAUSS {
-                let j = j as f64;
-                (before, here) = (here, ((2.0 * j - 1.0) * x * here - (j - 1.0) * before) / j);
-            }
-            slope = n * (before - x * here) / (1.0 - x * x);
-            x -= here / slope;
-        }
-        [x, 2.0 / ((1.0 - x * x) * slope * slope)]
-    })
 }

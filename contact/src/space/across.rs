@@ -6,9 +6,9 @@
 //! unit line's base pressure, so a contact costs one convolution and a tactel four readings.
 //! Carrying and reading neither allocate nor panic. It refuses nothing.
 
-use super::super::interpolation::six_point;
 use super::super::kernel::BASE_CUTOFF;
 use super::super::layer::Transfer;
+use crate::numeric::interpolation::six_point;
 use core::f64::consts::PI;
 
 /// Grid points per thickness: six points leave 3e-8 of the peak.

@@ -2,8 +2,8 @@
 //! over the load's place within its own tactel. Reading neither allocates nor panics; it refuses
 //! nothing.
 
-use super::super::interpolation::cubic;
-use super::super::wide::wide;
+use crate::numeric::interpolation::cubic;
+use crate::numeric::wide::wide;
 use core::ops::Range;
 
 /// Blocks of no more tactels along each axis are read whole.

@@ -14,8 +14,8 @@
 use super::super::Invalid;
 use super::super::stack::{Amplitudes, Stack};
 use super::super::{finite, positive};
-use super::quadrature::legendre;
 use super::radial::REACH;
+use crate::numeric::quadrature::legendre;
 use core::f64::consts::PI;
 
 /// Points of a panel.

@@ -9,9 +9,8 @@
 //! or more, contacts wider than 0.95 of the diameter or 80 thicknesses, and forces beyond the
 //! largest tabulated penetration.
 
-use super::super::kernel::{BASE_CUTOFF, Sampled, SurfaceKernel};
+use super::super::kernel::{BASE_CUTOFF, SurfaceKernel, TransferSamples};
 use super::super::layer::{Layer, Transfer};
-use super::super::triangle::{factor, solve};
 use super::super::{Invalid, finite, positive};
 use super::across::Across;
 use super::pin::strip::{Section, Strips};
@@ -20,6 +19,7 @@ use super::radial::REACH;
 use super::table::Even;
 use super::tactels::{Array, Sampling};
 use super::{Drive, Refusal, Why};
+use crate::numeric::cholesky::{factor, solve};
 use core::f64::consts::PI;
 
 /// Table points per thickness.
@@ -355,7 +355,7 @@ fn lay(lines: &mut [[f64; 2]], a: &[f64], [half, scale]: [f64; 2], odd: f64) {
 /// The base pressure of a unit line load, in thicknesses.
 fn density(transfer: &Transfer) -> Even {
     let count = (REACH * DENSITY) as usize + 8;
-    let samples = Sampled::new(|a| transfer.base_normal(a), REACH, BASE_CUTOFF);
+    let samples = TransferSamples::new(|a| transfer.base_normal(a), REACH, BASE_CUTOFF);
     let values: Vec<f64> = (0..count).map(|i| samples.cosine(i as f64 / DENSITY)).collect();
     Even::new(&values, DENSITY)
 }

@@ -18,7 +18,6 @@ mod ground;
 pub mod infinite;
 pub mod jacobian;
 pub mod pin;
-mod quadrature;
 pub mod radial;
 mod refusal;
 pub mod scene;
@@ -42,14 +41,3 @@ pub enum Drive {
 
 /// What is wrong when a larger table would help.
 const BEYOND_TABLE: &str = "it needs a penetration beyond the table";
-
-/// Accuracy against time; each solver states what it measures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    /// For control ticks.
-    Fast,
-    /// Better than a tenth of a percent.
-    Default,
-    /// As good as the method.
-    Fine,
-}

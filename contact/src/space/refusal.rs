@@ -1,7 +1,7 @@
 //! Why an indenter is not pressed, as numbers and fixed words: a lane may be refused without a call
 //! of the heap, and [`Invalid`] is made of it by whoever tells people.
 
-use super::super::{Invalid, LARGEST, finite};
+use super::super::{Invalid, MAGNITUDE_MAX, finite};
 use super::Drive;
 use core::fmt;
 
@@ -53,7 +53,11 @@ impl Refusal {
 
     /// Refuses what is not finite or beyond sense.
     pub(crate) fn finite(place: &'static str, value: f64) -> Result<(), Self> {
-        if value.abs() <= LARGEST { Ok(()) } else { Err(Self::new(place, Why::Beyond(value))) }
+        if value.abs() <= MAGNITUDE_MAX {
+            Ok(())
+        } else {
+            Err(Self::new(place, Why::Beyond(value)))
+        }
     }
 
     /// In words, with advice.

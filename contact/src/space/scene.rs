@@ -16,7 +16,8 @@ use super::pin::{Pin, Profile, Stand, TILT_MAX};
 use super::radial::Influence;
 use super::sphere::Sphere;
 use super::tactels::{Array, Fineness, Sampling, Shares};
-use super::{Drive, Level, Refusal, Why};
+use super::{Drive, Refusal, Why};
+use crate::Accuracy;
 
 /// How far beyond the array an endless edge is carried on, in thicknesses.
 const BEYOND: f64 = 24.0;
@@ -88,7 +89,7 @@ pub struct Scene {
     layer: Layer,
     shape: Shape,
     sampling: Sampling,
-    level: Level,
+    level: Accuracy,
     array: Array,
     /// Whether the layer ends with the array, so that a cylinder or bar is cut there.
     cut: bool,
@@ -112,7 +113,7 @@ impl Scene {
         shape: Shape,
         array: &Array,
         sampling: Sampling,
-        level: Level,
+        level: Accuracy,
     ) -> Result<Self, Invalid> {
         layer.check()?;
         array.check()?;
@@ -137,9 +138,9 @@ impl Scene {
             }
         };
         let fineness = match level {
-            Level::Fast => Fineness::FAST,
-            Level::Default => Fineness::DEFAULT,
-            Level::Fine => Fineness::FINE,
+            Accuracy::Fast => Fineness::FAST,
+            Accuracy::Default => Fineness::DEFAULT,
+            Accuracy::Fine => Fineness::FINE,
         };
         let direct = matches!(shape, Shape::Sphere { .. });
         let shares = if direct {
@@ -283,7 +284,9 @@ impl Scene {
         let first = match drive {
             Drive::PenetrationMm(delta) => room::MARGIN * (delta + more),
             // The fast level is not asked what it needs itself.
-            Drive::ForceN(_) if self.level == Level::Fast => 0.1 * self.layer.thickness_mm + more,
+            Drive::ForceN(_) if self.level == Accuracy::Fast => {
+                0.1 * self.layer.thickness_mm + more
+            }
             Drive::ForceN(_) => 0.1 * self.layer.thickness_mm,
         };
         let (layer, level) = (self.layer, self.level);

@@ -7,8 +7,8 @@
 //! holds the value at its lower left corner and the differences along x, y and both: one stretch of
 //! memory is all that a load reads.
 
-use super::super::wide::wide;
 use super::tactels::Array;
+use crate::numeric::wide::wide;
 
 /// Rows of a block are padded with zeros to a multiple of this.
 const LANES: usize = 4;

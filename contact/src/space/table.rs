@@ -1,7 +1,7 @@
 //! Even functions on a uniform grid, read by six-point interpolation. It refuses nothing: beyond
 //! its end a function reads 0, and callers put what is left there themselves.
 
-use super::super::interpolation::six_point;
+use crate::numeric::interpolation::six_point;
 
 /// An even function sampled at 0, 1/density, 2/density ...
 #[derive(Clone, Debug)]

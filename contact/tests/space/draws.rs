@@ -1,8 +1,8 @@
 //! Drawn pins and bars: any size, layer and pose, from lying on their whole length to standing on a
 //! corner, and a much finer solution of each. Shared by the test and the timed sweep.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Level;
 use taktil_contact::space::pin::{Pin, Profile, Stand};
 use taktil_contact::space::scene::Pose;
 use taktil_contact::space::{Drive, tactels::Shares};
@@ -129,7 +129,7 @@ pub(crate) struct Drawn {
 
 impl Drawn {
     /// The pin.
-    pub(crate) fn pin(&self, level: Level) -> Pin {
+    pub(crate) fn pin(&self, level: Accuracy) -> Pin {
         self.part(self.length_mm, self.made_mm, level)
     }
 
@@ -150,7 +150,7 @@ impl Drawn {
     }
 
     /// So much of the pin from the end that touches, its tables made for a depth.
-    fn part(&self, length_mm: f64, made_mm: f64, level: Level) -> Pin {
+    fn part(&self, length_mm: f64, made_mm: f64, level: Accuracy) -> Pin {
         let sign = self.pose.tilt_rad.signum();
         let far = 0.5 * sign * self.length_mm;
         let near = far - sign * length_mm;
@@ -160,7 +160,7 @@ impl Drawn {
 
     /// Force and image of a pin that is there only where it touches, and a little further, its
     /// tables made for twice its depth.
-    pub(crate) fn exact(&self, level: Level, shares: &Shares, image: &mut [f64]) -> f64 {
+    pub(crate) fn exact(&self, level: Accuracy, shares: &Shares, image: &mut [f64]) -> f64 {
         let t = self.rubber.thickness_mm;
         let length = self.length_mm.min(1.4 * self.touched_mm + t);
         let made_mm = (2.0 * self.depth_mm()).min(0.9 * t);

@@ -3,8 +3,10 @@
 
 use crate::layer;
 use core::f64::consts::FRAC_PI_2;
+use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features, line_features, width_above};
-use taktil_contact::plane::{Friction, Indenter, Level as PlaneLevel, Shape as PlaneShape, rates};
+use taktil_contact::plane::{Friction, Indenter, Shape as PlaneShape, rates};
+use taktil_contact::space::Drive;
 use taktil_contact::space::infinite::Endless;
 use taktil_contact::space::jacobian::{Feature, Motion, condition, feature_jacobian};
 use taktil_contact::space::pin::{Pin, Profile, Stand};
@@ -13,7 +15,6 @@ use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::surface::{Cells, Surface};
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level};
 
 #[test]
 fn moments_of_a_polygon_are_exact() {
@@ -79,7 +80,7 @@ fn condition_numbers_of_known_matrices() {
 }
 
 fn scene(shape: Shape, array: &Array) -> Scene {
-    Scene::new(&layer(0.8, 0.49), shape, array, Sampling::Area, Level::Default).unwrap()
+    Scene::new(&layer(0.8, 0.49), shape, array, Sampling::Area, Accuracy::Default).unwrap()
 }
 
 #[test]
@@ -92,7 +93,7 @@ fn a_spheres_jacobian_is_its_stiffness_and_its_motion() {
         feature_jacobian(&mut scene, Drive::ForceN(5.0), Pose::default(), &features, &motions)
             .unwrap();
     // Slope of the force over a small change of penetration, both ways.
-    let mut sphere = Sphere::new(&layer(0.8, 0.49), 10.0, Level::Default).unwrap();
+    let mut sphere = Sphere::new(&layer(0.8, 0.49), 10.0, Accuracy::Default).unwrap();
     let delta = found.touch.penetration_mm.unwrap();
     let mut force = |delta| sphere.press(Drive::PenetrationMm(delta)).unwrap().force_n;
     let slope = (force(delta + 1e-5) - force(delta - 1e-5)) / 2e-5;
@@ -145,7 +146,7 @@ fn a_pin_on_its_end_has_the_derivatives_of_its_contact() {
     let pose = Pose { stand: Stand::default(), tilt_rad: 0.19 };
     let features = [Feature::M0, Feature::Yc];
     let motions = [Motion::Z, Motion::RotX];
-    let mut tilted = of(Level::Default);
+    let mut tilted = of(Accuracy::Default);
     let deep = tilted.press(Drive::ForceN(0.5), pose).unwrap().penetration_mm.unwrap();
     let drive = Drive::PenetrationMm(deep);
     let found = feature_jacobian(&mut tilted, drive, pose, &features, &motions).unwrap();
@@ -238,7 +239,7 @@ fn a_bars_roll_is_the_rate_of_the_full_solution() {
     };
     let (coarse, fine) = (rate(0.1), rate(0.05));
     let profile = Profile::Bar { width_mm: size[0] };
-    let mut pin = Pin::new(&rubber, profile, [-2.4, 2.4], 0.1, Level::Fine).unwrap();
+    let mut pin = Pin::new(&rubber, profile, [-2.4, 2.4], 0.1, Accuracy::Fine).unwrap();
     assert!(pin.roll().unwrap().is_none(), "nothing touches");
     pin.press(Drive::PenetrationMm(delta), 0.0).unwrap();
     let roll = pin.roll().unwrap().unwrap();
@@ -266,7 +267,7 @@ fn a_long_bar_rolls_as_one_without_ends() {
     // The moment about the axis that a roll calls for, per mm of the plane problem.
     let rubber = layer(0.8, 0.49);
     let shape = PlaneShape::Flat { width_mm: 3.0, height_mm: 0.0 };
-    let mut plane = Indenter::new(&rubber, shape, Friction::None, PlaneLevel::Fine).unwrap();
+    let mut plane = Indenter::new(&rubber, shape, Friction::None, Accuracy::Fine).unwrap();
     plane.descend(0.02).unwrap();
     let rate = plane.rate(rates::Motion::RotY, 0.8).unwrap().unwrap();
     let per_mm: f64 = rate.forces.iter().map(|f| f[0] * f[1]).sum();
@@ -290,7 +291,7 @@ fn a_long_bar_rolls_as_one_without_ends() {
     let influence = Influence::new(&rubber).unwrap();
     let shares = Shares::new(&influence, &array, Sampling::Area, Fineness::FINE).unwrap();
     let profile = Profile::Bar { width_mm: 3.0 };
-    let mut pin = Pin::new(&rubber, profile, [-30.0, 30.0], 0.1, Level::Default).unwrap();
+    let mut pin = Pin::new(&rubber, profile, [-30.0, 30.0], 0.1, Accuracy::Default).unwrap();
     let mut endless = Endless::new(&rubber, profile, 0.1).unwrap();
     assert!(endless.roll().is_none(), "nothing touches");
     pin.press(Drive::PenetrationMm(0.02), 0.0).unwrap();

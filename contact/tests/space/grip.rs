@@ -5,8 +5,8 @@
 use crate::layer;
 use core::f64::consts::PI;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::bed::Bed;
-use taktil_contact::plane::grip as plane;
+use taktil_contact::plane::compliance::SurfaceCompliance;
+use taktil_contact::plane::frictional as plane;
 use taktil_contact::space::Drive;
 use taktil_contact::space::grip::{Carry, Grip, GripState, Status};
 use taktil_contact::space::radial::Influence;
@@ -276,14 +276,16 @@ fn the_middle_of_a_long_cylinder_is_the_plane_problem() {
         let face = heights(&cells, |x, y| if y.abs() < 6.4 { x * x / 20.0 } else { f64::INFINITY });
         let edges: Vec<f64> =
             (0..=columns).map(|i| (i as f64 - 0.5 * columns as f64) * spacing_mm).collect();
-        let bed = Bed::of_layer(&rubber, &edges).unwrap();
+        let bed = SurfaceCompliance::of_layer(&rubber, &edges).unwrap();
         let profile = bed.x_mm.iter().map(|x| x * x / 20.0).collect();
-        let mut flat = plane::Grip::new(bed, profile, plane::Law::Coulomb(friction)).unwrap();
+        let mut flat =
+            plane::FrictionalContact::new(bed, profile, plane::FrictionLaw::Coulomb(friction))
+                .unwrap();
         let mut place = 0.0;
         for shift in [0.0, 1.5e-3, 2e-3, -2.5e-3] {
             place += shift;
             grip.step(&face, Drive::PenetrationMm(0.02), &along(shift, 0.0)).unwrap();
-            flat.step(&plane::Drive::Move { dz_mm: 0.02, dx_mm: place }).unwrap();
+            flat.step(&plane::LoadStep::Move { dz_mm: 0.02, dx_mm: place }).unwrap();
             let middle = 82 * columns;
             let peak = crate::peak(flat.normal_n_mm()) / spacing_mm;
             for i in 0..columns {

@@ -3,7 +3,9 @@
 //! and numbers that are none.
 
 use crate::{apart, layer, peak};
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::infinite::Endless;
 use taktil_contact::space::pin::{Pin, Profile, Stand};
 use taktil_contact::space::radial::Influence;
@@ -11,12 +13,11 @@ use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::surface::{Cells, Surface};
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level};
 
 const PIN: Shape = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(20.0) };
 
 fn scene(layer: &Layer, shape: Shape) -> Scene {
-    Scene::new(layer, shape, &Array::THESIS, Sampling::Area, Level::Default).unwrap()
+    Scene::new(layer, shape, &Array::THESIS, Sampling::Area, Accuracy::Default).unwrap()
 }
 
 fn image(scene: &Scene) -> Vec<f64> {
@@ -49,7 +50,7 @@ fn layers_a_hundred_times_thinner_and_thicker_than_the_contact() {
     for nu in [0.3, 0.5] {
         // Contact radius about 1 mm on 0.01 mm of rubber.
         let thin = layer(0.01, nu);
-        let mut sphere = Sphere::new(&thin, 200.0, Level::Default).unwrap();
+        let mut sphere = Sphere::new(&thin, 200.0, Accuracy::Default).unwrap();
         let state = sphere.press(Drive::PenetrationMm(0.0015)).unwrap();
         assert!(state.contact_radius_mm > 75.0 * 0.01, "{state:?}");
         if nu == 0.3 {
@@ -133,7 +134,7 @@ fn a_layer_far_thicker_than_the_contact_is_a_half_space() {
         let taken = base_takes(nu) / core::f64::consts::PI;
         for thickness in [10.0, 50.0, 100.0, 400.0] {
             let rubber = layer(thickness, nu);
-            let mut sphere = Sphere::new(&rubber, radius, Level::Default).unwrap();
+            let mut sphere = Sphere::new(&rubber, radius, Accuracy::Default).unwrap();
             let state = sphere.press(Drive::PenetrationMm(delta)).unwrap();
             let modulus = rubber.youngs_mpa / (1.0 - nu * nu);
             let mut wanted = half_space(&rubber, radius, delta);
@@ -154,7 +155,7 @@ fn a_layer_far_thicker_than_the_contact_is_a_half_space() {
 #[test]
 fn a_contact_within_one_tactel_loads_that_tactel() {
     let layer = layer(0.05, 0.49);
-    let mut sphere = Sphere::new(&layer, 2.0, Level::Default).unwrap();
+    let mut sphere = Sphere::new(&layer, 2.0, Accuracy::Default).unwrap();
     let state = sphere.press(Drive::ForceN(0.05)).unwrap();
     assert!(state.contact_radius_mm < 0.2, "{state:?}");
     let place = [Array::THESIS.x_mm(5), Array::THESIS.y_mm(11)];
@@ -177,7 +178,7 @@ fn tactels_alone_on_a_thick_layer_see_all_that_presses() {
     let cylinder = Shape::Cylinder { radius_mm: 130.0, length_mm: Some(70.0) };
     let edge = Shape::Edge { length_mm: Some(60.0) };
     for (shape, drive) in [(cylinder, Drive::PenetrationMm(0.5)), (edge, Drive::ForceN(1.0))] {
-        for (level, error) in [(Level::Fast, 1e-2), (Level::Default, 1e-4)] {
+        for (level, error) in [(Accuracy::Fast, 1e-2), (Accuracy::Default, 1e-4)] {
             let seen = |count: usize| {
                 let array = Array { rows: count, cols: count, pitch_mm };
                 let rubber = layer(t, 0.45);
@@ -224,7 +225,7 @@ fn nothing_pressed_is_an_empty_image_and_unloading_is_complete() {
 
 #[test]
 fn spheres_at_the_arrays_edge_and_off_it() {
-    let mut sphere = Sphere::new(&layer(0.8, 0.49), 10.0, Level::Default).unwrap();
+    let mut sphere = Sphere::new(&layer(0.8, 0.49), 10.0, Accuracy::Default).unwrap();
     sphere.press(Drive::ForceN(5.0)).unwrap();
     let sum_at = |place: [f64; 2]| {
         let mut image = vec![0.0; 256];
@@ -282,7 +283,7 @@ fn a_pin_tilted_until_it_touches_in_a_point() {
 fn a_thousand_makes_and_breaks_end_where_a_cold_start_ends() {
     let layer = layer(0.8, 0.49);
     let profile = Profile::Cylinder { radius_mm: 23.0 };
-    let make = || Pin::new(&layer, profile, [-6.0, 6.0], 0.1, Level::Fast).unwrap();
+    let make = || Pin::new(&layer, profile, [-6.0, 6.0], 0.1, Accuracy::Fast).unwrap();
     let mut warm = make();
     let mut seed = 7_u64;
     let mut draw = || {
@@ -303,7 +304,7 @@ fn a_thousand_makes_and_breaks_end_where_a_cold_start_ends() {
         let off = (state.force_n - cold.force_n).abs();
         assert!(off < 5e-3 * cold.force_n + 1e-9, "{n}: {state:?} {cold:?}");
     }
-    let mut sphere = Sphere::new(&layer, 10.0, Level::Fast).unwrap();
+    let mut sphere = Sphere::new(&layer, 10.0, Accuracy::Fast).unwrap();
     for n in 0..1000 {
         let force = if n % 2 == 0 { 20.0 * draw() } else { 0.0 };
         assert!((sphere.press(Drive::ForceN(force)).unwrap().force_n - force).abs() < 1e-9);
@@ -339,11 +340,11 @@ fn what_is_no_number_is_refused_and_leaves_no_contact() {
         [(0, 16, 1.0), (16, 0, 1.0), (16, 16, f64::NAN), (1 << 11, 1 << 11, 1.0)]
     {
         let array = Array { rows, cols, pitch_mm };
-        assert!(Scene::new(&layer, PIN, &array, Sampling::Area, Level::Fast).is_err());
+        assert!(Scene::new(&layer, PIN, &array, Sampling::Area, Accuracy::Fast).is_err());
     }
     for radius_mm in [0.0, -1.0, f64::NAN] {
         let shape = Shape::Sphere { radius_mm };
-        let refused = Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, Level::Fast);
+        let refused = Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, Accuracy::Fast);
         assert_eq!(refused.expect_err("refused").place, "radius_mm");
     }
 }
@@ -357,11 +358,11 @@ fn sizes_beyond_sense_are_refused_at_once() {
         assert_eq!(refused.expect_err("refused").place, place);
     }
     let film = layer(1e-9, 0.3);
-    let refused = Scene::new(&film, PIN, &Array::THESIS, Sampling::Area, Level::Fast);
+    let refused = Scene::new(&film, PIN, &Array::THESIS, Sampling::Area, Accuracy::Fast);
     assert_eq!(refused.expect_err("refused").place, "thickness_mm");
     // Tactels in one line whose cells would not fit in memory.
     let line = Array { rows: 1 << 20, cols: 1, pitch_mm: 1.5875 };
-    let refused = Scene::new(&rubber, PIN, &line, Sampling::Area, Level::Fast);
+    let refused = Scene::new(&rubber, PIN, &line, Sampling::Area, Accuracy::Fast);
     assert_eq!(refused.map(|_| ()).expect_err("refused").place, "rows");
     // A line far longer than the array is what it is over the array.
     let edge = |length| Shape::Edge { length_mm: Some(length) };
@@ -422,7 +423,7 @@ fn tactels_of_any_size_see_a_sphere() {
     let rubber = layer(0.8, 0.49);
     for pitch_mm in [1e-6, 40.0, 1e9, 1e28] {
         let array = Array { rows: 3, cols: 4, pitch_mm };
-        for level in [Level::Fast, Level::Default] {
+        for level in [Accuracy::Fast, Accuracy::Default] {
             let shape = Shape::Sphere { radius_mm: 10.0 };
             let mut scene = Scene::new(&rubber, shape, &array, Sampling::Area, level).unwrap();
             let stand = Stand { x_mm: 0.3 * pitch_mm.min(1.0), y_mm: 0.2, rot_rad: 0.0 };
@@ -431,7 +432,7 @@ fn tactels_of_any_size_see_a_sphere() {
             scene.image(&mut image).unwrap();
             let sum: f64 = image.iter().map(|s| s * pitch_mm * pitch_mm).sum();
             let wanted = if pitch_mm > 1.0 { -5.0 } else { 0.0 };
-            let close = if level == Level::Fast { 5e-3 } else { 1e-4 };
+            let close = if level == Accuracy::Fast { 5e-3 } else { 1e-4 };
             assert!((sum - wanted).abs() < close, "{pitch_mm} {level:?}: {sum}");
         }
     }
@@ -457,7 +458,7 @@ fn the_faintest_contacts_follow_their_laws() {
         let back = endless.press(Drive::PenetrationMm(found.penetration_mm)).unwrap();
         assert!((back.force_n_mm / force - 1.0).abs() < 1e-5, "{back:?} {force}");
     }
-    for level in [Level::Fast, Level::Default] {
+    for level in [Accuracy::Fast, Accuracy::Default] {
         let mut sphere = Sphere::new(&rubber, 10.0, level).unwrap();
         let state = sphere.press(Drive::ForceN(1e-30)).unwrap();
         assert!((state.force_n / 1e-30 - 1.0).abs() < 1e-9 && state.residual < 1e-5, "{state:?}");
@@ -482,7 +483,7 @@ fn an_end_through_the_base_is_refused_before_any_table() {
     for (pitch_mm, place) in [(1e-9, "pitch_mm"), (1e9, "pitch_mm"), (1.5, "thickness_mm")] {
         let rubber = layer(if place == "pitch_mm" { 0.8 } else { 1e6 }, 0.49);
         let array = Array { rows: 4, cols: 4, pitch_mm };
-        let made = Scene::new(&rubber, PIN, &array, Sampling::Area, Level::Fast);
+        let made = Scene::new(&rubber, PIN, &array, Sampling::Area, Accuracy::Fast);
         assert_eq!(made.expect_err("refused").place, place);
     }
 }

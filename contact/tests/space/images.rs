@@ -4,13 +4,14 @@
 
 use crate::tables::{Case, cases};
 use crate::{apart, layer, peak};
+use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
+use taktil_contact::space::Drive;
 use taktil_contact::space::infinite::Endless;
 use taktil_contact::space::pin::{Profile, Stand};
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Drive, Level};
 
 /// What six by six Gauss points miss of a tactel's mean.
 const SIX_POINTS: f64 = 3.5e-5;
@@ -49,9 +50,11 @@ fn places() -> impl Iterator<Item = (f64, f64)> {
 
 #[test]
 fn spheres_are_those_of_the_reference() {
-    for (level, tolerance, exact) in
-        [(Level::Fast, 3e-4, 1e-5), (Level::Default, 3e-6, 1e-9), (Level::Fine, 3e-8, 1e-9)]
-    {
+    for (level, tolerance, exact) in [
+        (Accuracy::Fast, 3e-4, 1e-5),
+        (Accuracy::Default, 3e-6, 1e-9),
+        (Accuracy::Fine, 3e-8, 1e-9),
+    ] {
         for case in cases("sphere") {
             let name = &case.name;
             let mut sphere = Sphere::new(&layer(case.t, case.nu), case.radius, level).unwrap();
@@ -107,7 +110,7 @@ fn endless_cylinders_are_those_of_the_reference() {
 }
 
 /// Pin of a case, pressed, and its image.
-fn pin(case: &Case, level: Level, drive: Drive) -> (f64, f64, Vec<f64>) {
+fn pin(case: &Case, level: Accuracy, drive: Drive) -> (f64, f64, Vec<f64>) {
     let shape = Shape::Cylinder { radius_mm: case.radius, length_mm: Some(case.length) };
     let layer = layer(case.t, case.nu);
     let mut scene = Scene::new(&layer, shape, &Array::THESIS, sampling(case), level).unwrap();
@@ -128,11 +131,11 @@ fn pins_are_those_of_the_reference() {
             (false, true) => 4e-3,
             (false, false) => 6e-3,
         };
-        let (force, _, image) = pin(&case, Level::Default, Drive::PenetrationMm(case.delta));
+        let (force, _, image) = pin(&case, Accuracy::Default, Drive::PenetrationMm(case.delta));
         let off = apart(&image, &case.image) / peak(&case.image);
         assert!(off < bar, "{}: {off:e}", case.name);
         assert!((force / case.force - 1.0).abs() < 1e-3, "{}: {force}", case.name);
-        let (_, delta, again) = pin(&case, Level::Default, Drive::ForceN(force));
+        let (_, delta, again) = pin(&case, Accuracy::Default, Drive::ForceN(force));
         assert!((delta / case.delta - 1.0).abs() < 2e-4, "{}: {delta}", case.name);
         assert!(apart(&again, &image) < 5e-4 * peak(&image), "{}", case.name);
     }
@@ -141,7 +144,7 @@ fn pins_are_those_of_the_reference() {
 #[test]
 fn fast_pins_keep_force_and_centroid() {
     for case in cases("cylinder").iter().filter(|case| case.area) {
-        let (force, _, image) = pin(case, Level::Fast, Drive::PenetrationMm(case.delta));
+        let (force, _, image) = pin(case, Accuracy::Fast, Drive::PenetrationMm(case.delta));
         let found = image_features(&Array::THESIS, &image, Part::Full).unwrap();
         let wanted = image_features(&Array::THESIS, &case.image, Part::Full).unwrap();
         let name = &case.name;
@@ -217,7 +220,7 @@ fn a_long_pin_is_an_endless_one_away_from_its_ends() {
                     Shape::Cylinder { radius_mm, length_mm: Some(length_mm) }
                 }
             };
-            let scene = Scene::new(&rubber, shape, &array, sampling, Level::Default);
+            let scene = Scene::new(&rubber, shape, &array, sampling, Accuracy::Default);
             let pose = Pose { stand, tilt_rad: 0.0 };
             let mut scene = scene.unwrap();
             scene.press(deep, pose).unwrap();

@@ -3,12 +3,13 @@
 
 use crate::draws::{Drawn, Draws};
 use crate::{apart, peak};
+use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::pin::{Pin, Profile, Stand};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level};
 
 const AWAY_MM: f64 = 0.02;
 
@@ -47,18 +48,18 @@ fn any_pose_keeps_force_centroid_and_image() {
             let drawn = draws.pin(rubber);
             corners += usize::from(drawn.on_corner());
             let mut exact = vec![0.0; 256];
-            let force = drawn.exact(Level::Default, &shares, &mut exact);
+            let force = drawn.exact(Accuracy::Default, &shares, &mut exact);
             let truth = (force, &exact.clone()[..]);
             let deep = Drive::PenetrationMm(drawn.delta_mm);
-            let mut pin = drawn.pin(Level::Fast);
+            let mut pin = drawn.pin(Accuracy::Fast);
             let [force_off, away, image] = off(&drawn, &mut pin, &quick, deep, truth);
             assert!(force_off < 1e-2 && away < AWAY_MM, "{drawn:?}: {force_off:e} {away}");
             assert!(image < 2e-2, "{drawn:?}: {image:e}");
             let [force_off, away, _] = off(&drawn, &mut pin, &quick, Drive::ForceN(force), truth);
             assert!(force_off < 4e-3 && away < AWAY_MM, "by force {drawn:?}: {force_off:e} {away}");
             if n % 2 == 0 {
-                let force = drawn.exact(Level::Fine, &shares, &mut exact);
-                let mut pin = drawn.pin(Level::Default);
+                let force = drawn.exact(Accuracy::Fine, &shares, &mut exact);
+                let mut pin = drawn.pin(Accuracy::Default);
                 for drive in [deep, Drive::ForceN(force)] {
                     let truth = (force, &exact[..]);
                     let [force_off, away, image] = off(&drawn, &mut pin, &shares, drive, truth);
@@ -84,8 +85,8 @@ fn shallow_contacts_keep_theirs() {
         for _ in 0..10 {
             let drawn = draws.shallow(rubber);
             let mut exact = vec![0.0; 256];
-            let force = drawn.exact(Level::Default, &shares, &mut exact);
-            let mut pin = drawn.pin(Level::Fast);
+            let force = drawn.exact(Accuracy::Default, &shares, &mut exact);
+            let mut pin = drawn.pin(Accuracy::Fast);
             for drive in [Drive::PenetrationMm(drawn.delta_mm), Drive::ForceN(force)] {
                 let [force_off, away, image] =
                     off(&drawn, &mut pin, &quick, drive, (force, &exact));
@@ -106,7 +107,7 @@ fn the_deeper_end_stands_where_it_is() {
     let shares = made.expect("tables");
     let profile = Profile::Cylinder { radius_mm: 40.0 };
     let stand = Stand { x_mm: 5.75, y_mm: 2.5, rot_rad: -1.37 };
-    let [found, exact] = [Level::Default, Level::Fine].map(|level| {
+    let [found, exact] = [Accuracy::Default, Accuracy::Fine].map(|level| {
         let mut pin = Pin::new(&layer, profile, [-15.75, 15.75], 0.3, level).expect("a pin");
         pin.press(Drive::PenetrationMm(-0.02), -0.0104).expect("a contact");
         let mut image = vec![0.0; 256];
@@ -157,7 +158,7 @@ fn the_default_level_is_a_thousandth_off_at_most() {
             pin.image(&shares, Stand { x_mm, y_mm, rot_rad }, &mut image);
             (state.force_n, image)
         };
-        let [mut pin, mut fine] = [Level::Default, Level::Fine]
+        let [mut pin, mut fine] = [Accuracy::Default, Accuracy::Fine]
             .map(|level| Pin::new(&layer, profile, ends, made_mm, level).expect("a pin"));
         let [found, exact] =
             [&mut pin, &mut fine].map(|pin| seen(pin, Drive::PenetrationMm(delta_mm)));
@@ -186,8 +187,8 @@ fn ends_of_long_pins_are_seen_where_they_are() {
         let made = Shares::new(&influence, &array, Sampling::Area, Fineness::DEFAULT);
         let shares = made.expect("tables");
         let mut exact = vec![0.0; 256];
-        let force = drawn.exact(Level::Fine, &shares, &mut exact);
-        let mut pin = drawn.pin(Level::Default);
+        let force = drawn.exact(Accuracy::Fine, &shares, &mut exact);
+        let mut pin = drawn.pin(Accuracy::Default);
         for drive in [Drive::PenetrationMm(drawn.delta_mm), Drive::ForceN(force)] {
             pin.release();
             let state = pin.press(drive, drawn.pose.tilt_rad).expect("a contact");
@@ -213,7 +214,7 @@ fn short_pins_settle_or_are_refused() {
         let radius_mm = draws.between(3.0, 30.0);
         let (ends, deepest) = ([-0.5 * length, 0.5 * length], (0.45 * t).min(0.3 * radius_mm));
         let profile = Profile::Cylinder { radius_mm };
-        let mut pin = Pin::new(&layer, profile, ends, deepest, Level::Fast).expect("a pin");
+        let mut pin = Pin::new(&layer, profile, ends, deepest, Accuracy::Fast).expect("a pin");
         let drive = Drive::PenetrationMm(deepest * draws.between(0.02, 0.85));
         match pin.press(drive, draws.between(-0.1, 0.1)) {
             Ok(state) => {
@@ -240,7 +241,7 @@ fn a_force_that_a_penetration_makes_is_reached() {
         let layer = Layer::new(t, 1.0, 0.3).expect("a layer");
         let profile = Profile::Bar { width_mm };
         let ends = [-0.5 * length_mm, 0.5 * length_mm];
-        let mut pin = Pin::new(&layer, profile, ends, 0.9 * t, Level::Fast).expect("a pin");
+        let mut pin = Pin::new(&layer, profile, ends, 0.9 * t, Accuracy::Fast).expect("a pin");
         let deep = pin.press(Drive::PenetrationMm(part * t), 0.0).expect("a contact");
         pin.release();
         let again = pin.press(Drive::ForceN(deep.force_n), 0.0).expect("the same contact");
@@ -256,7 +257,7 @@ fn a_force_that_a_penetration_makes_is_reached() {
 fn an_end_beyond_the_layer_is_refused() {
     let layer = Layer::new(0.8, 1.0, 0.3).expect("a layer");
     for profile in [Profile::Bar { width_mm: 3.0 }, Profile::Cylinder { radius_mm: 20.0 }] {
-        for level in [Level::Fast, Level::Default] {
+        for level in [Accuracy::Fast, Accuracy::Default] {
             let mut pin = Pin::new(&layer, profile, [-6.0, 6.0], 0.5, level).expect("a pin");
             for (delta_mm, tilt_rad) in [(0.05, 0.19), (0.05, -0.19), (0.4, 0.07)] {
                 let deep = pin.press(Drive::PenetrationMm(delta_mm), tilt_rad);
@@ -278,7 +279,7 @@ fn loads_of_long_pins_keep_their_direction() {
         let layer = Layer::new(thickness_mm, 27.58, 0.49).expect("a layer");
         for profile in [Profile::Cylinder { radius_mm }, Profile::Bar { width_mm: 1.5 }] {
             let ends = [-0.5 * 56.0 * thickness_mm, 0.5 * 56.0 * thickness_mm];
-            let mut pin = Pin::new(&layer, profile, ends, 0.1, Level::Fast).expect("a pin");
+            let mut pin = Pin::new(&layer, profile, ends, 0.1, Accuracy::Fast).expect("a pin");
             for tilt_rad in [0.0, 0.0005, -0.002] {
                 pin.press(Drive::PenetrationMm(0.02), tilt_rad).expect("a contact");
                 let (mut force, mut moment, mut along, mut across) = (0.0, 0.0, 0.0, 0.0);
@@ -307,7 +308,7 @@ fn wide_bars_settle_at_the_fine_level() {
         let ends = [-length_mm, 0.0];
         let made = |level| Pin::new(&layer, Profile::Bar { width_mm }, ends, 0.2, level);
         let [mut fine, mut default] =
-            [Level::Fine, Level::Default].map(|level| made(level).expect("a bar"));
+            [Accuracy::Fine, Accuracy::Default].map(|level| made(level).expect("a bar"));
         let found = fine.press(Drive::PenetrationMm(depth_mm), tilt_rad).expect("a contact");
         assert!(found.residual <= 1e-6 && found.steps <= 40, "{found:?}");
         let coarse = default.press(Drive::PenetrationMm(depth_mm), tilt_rad).expect("a contact");
@@ -341,8 +342,8 @@ fn wide_contacts_on_an_end_are_read() {
             let profile = Profile::Cylinder { radius_mm };
             Pin::new(&layer, profile, [from, half], 2.0 * deepest, level).expect("a pin")
         };
-        let mut default = made(-half, Level::Default);
-        let mut fine = made((half - 4.5 * t).max(-half), Level::Fine);
+        let mut default = made(-half, Accuracy::Default);
+        let mut fine = made((half - 4.5 * t).max(-half), Accuracy::Fine);
         let stand = Stand { x_mm: 0.3, y_mm: -half, rot_rad: 0.2 };
         let mut images = [[0.0; 256]; 2];
         let exact = fine.press(Drive::PenetrationMm(delta_mm), tilt_rad).expect("a contact");
@@ -373,7 +374,7 @@ fn a_force_takes_hardly_more_steps_than_a_penetration() {
         let (length, depth) = (draws.between(6.0, 60.0), t * draws.between(0.02, 0.3));
         let tilt = if n % 3 == 0 { 0.0 } else { draws.between(-2.5, 2.5) * depth / length };
         let half = 0.5 * length;
-        let made = Pin::new(&layer, profile, [-half, half], 1.1 * depth, Level::Default);
+        let made = Pin::new(&layer, profile, [-half, half], 1.1 * depth, Accuracy::Default);
         let mut pin = made.expect("a pin");
         let deep = Drive::PenetrationMm(depth - half * libm::tan(tilt.abs()));
         let exact = pin.press(deep, tilt).expect("a contact");
@@ -407,7 +408,7 @@ fn leaning_contacts_settle_by_force() {
         let (half, depth) = (0.5 * length_mm, part * t);
         for room in [1.1, 1.15] {
             let profile = Profile::Cylinder { radius_mm };
-            let made = Pin::new(&layer, profile, [-half, half], room * depth, Level::Default);
+            let made = Pin::new(&layer, profile, [-half, half], room * depth, Accuracy::Default);
             let mut pin = made.expect("a pin");
             let deep = Drive::PenetrationMm(depth - half * libm::tan(f64::abs(tilt_rad)));
             let exact = pin.press(deep, tilt_rad).expect("a contact");

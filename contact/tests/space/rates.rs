@@ -1,12 +1,13 @@
 //! Feature Jacobians beside a finer level and beside rotations of one's own.
 
 use crate::layer;
+use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
+use taktil_contact::space::Drive;
 use taktil_contact::space::jacobian::{Feature, Motion, feature_jacobian};
 use taktil_contact::space::pin::Stand;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Drive, Level};
 
 const FEATURES: [Feature; 9] = [
     Feature::M0,
@@ -22,7 +23,7 @@ const FEATURES: [Feature; 9] = [
 const MOTIONS: [Motion; 6] =
     [Motion::X, Motion::Y, Motion::Z, Motion::RotX, Motion::RotY, Motion::RotZ];
 
-fn scene(shape: Shape, level: Level) -> Scene {
+fn scene(shape: Shape, level: Accuracy) -> Scene {
     Scene::new(&layer(1.2, 0.45), shape, &Array::THESIS, Sampling::Area, level).unwrap()
 }
 
@@ -41,11 +42,11 @@ fn stated_errors_cover_what_a_level_is_off_by() {
     ];
     for (shape, drive, tilt_rad) in shapes {
         let pose = Pose { stand: Stand { x_mm: 10.5, y_mm: -1.3, rot_rad: 0.4 }, tilt_rad };
-        let at = |level: Level| {
+        let at = |level: Accuracy| {
             feature_jacobian(&mut scene(shape, level), drive, pose, &FEATURES, &MOTIONS).unwrap()
         };
-        let fine = at(Level::Fine);
-        for level in [Level::Fast, Level::Default] {
+        let fine = at(Accuracy::Fine);
+        for level in [Accuracy::Fast, Accuracy::Default] {
             let found = at(level);
             for (n, value) in found.values.iter().enumerate() {
                 let (Some(value), Some(truth)) = (*value, fine.values[n]) else {
@@ -81,7 +82,7 @@ fn cut_pins() -> [(Shape, Pose); 4] {
 fn what_the_pad_cuts_changes_as_whole_motions_say() {
     let drive = Drive::PenetrationMm(0.1);
     for (shape, pose) in cut_pins() {
-        let mut pin = scene(shape, Level::Default).cut_at_array();
+        let mut pin = scene(shape, Accuracy::Default).cut_at_array();
         let found = feature_jacobian(&mut pin, drive, pose, &FEATURES, &MOTIONS).unwrap();
         // Each moved pin is cut anew; steps are long, for slices come and go between them.
         let mut measured = |column: usize, amount: f64| {
@@ -126,11 +127,11 @@ fn stated_errors_cover_what_the_default_level_leaves_of_pins() {
     ];
     let drive = Drive::PenetrationMm(0.1);
     for (shape, pose) in cut_pins().into_iter().skip(2).chain(short) {
-        let at = |level: Level| {
+        let at = |level: Accuracy| {
             let mut scene = scene(shape, level).cut_at_array();
             feature_jacobian(&mut scene, drive, pose, &FEATURES, &MOTIONS).unwrap()
         };
-        let (fine, found) = (at(Level::Fine), at(Level::Default));
+        let (fine, found) = (at(Accuracy::Fine), at(Accuracy::Default));
         let mut close = 0;
         for (n, (value, truth)) in found.values.iter().zip(&fine.values).enumerate() {
             let (value, truth) = (value.unwrap(), truth.unwrap());
@@ -169,7 +170,7 @@ fn a_tilted_pin_turns_about_the_axes_of_the_array() {
     let (pose, drive) = (Pose { stand, tilt_rad: 0.12 }, Drive::PenetrationMm(-0.2));
     let features = [Feature::M0, Feature::Xc, Feature::Yc, Feature::ThetaLong];
     let motions = [Motion::RotX, Motion::RotY, Motion::RotZ];
-    let mut pin = scene(shape, Level::Default);
+    let mut pin = scene(shape, Accuracy::Default);
     let found = feature_jacobian(&mut pin, drive, pose, &features, &motions).unwrap();
     let mut measured = |pose: Pose| {
         pin.press(drive, pose).unwrap();
@@ -200,7 +201,7 @@ fn a_contact_without_force_has_no_derivatives() {
         Shape::Cylinder { radius_mm: 12.0, length_mm: Some(9.0) },
         Shape::Bar { width_mm: 2.0, length_mm: Some(6.0) },
     ] {
-        let mut scene = scene(shape, Level::Fast);
+        let mut scene = scene(shape, Accuracy::Fast);
         let drive = Drive::ForceN(0.0);
         let found = feature_jacobian(&mut scene, drive, Pose::default(), &FEATURES, &MOTIONS);
         let found = found.expect("an answer");

@@ -1,10 +1,11 @@
 //! How deep and how faint a contact may be: all that tables were made for, down to nothing.
 
 use crate::draws::Draws;
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::pin::{Pin, Profile};
 use taktil_contact::space::sphere::Sphere;
-use taktil_contact::space::{Drive, Level};
 
 /// Tables made for a penetration hold all below it: an end sees its slices rise, but the contact
 /// asked for is there.
@@ -18,8 +19,8 @@ fn what_tables_are_made_for_is_reached() {
         let most_mm = (0.1 * t).min(0.1 * radius_mm);
         let tilt_rad = if n % 3 == 0 { 0.0 } else { draws.between(0.0, 0.5 * most_mm / length_mm) };
         let (half, profile) = (0.5 * length_mm, Profile::Cylinder { radius_mm });
-        for level in [Level::Fast, Level::Default, Level::Fine] {
-            if level == Level::Fine && n % 5 > 0 {
+        for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
+            if level == Accuracy::Fine && n % 5 > 0 {
                 continue;
             }
             let mut pin = Pin::new(&layer, profile, [-half, half], most_mm, level).expect("a pin");
@@ -40,7 +41,7 @@ fn what_tables_are_made_for_is_reached() {
 fn faint_contacts_push() {
     let layer = crate::layer(0.8, 0.49);
     let profile = Profile::Cylinder { radius_mm: 23.0 };
-    let [mut fast, mut default, mut fine] = [Level::Fast, Level::Default, Level::Fine]
+    let [mut fast, mut default, mut fine] = [Accuracy::Fast, Accuracy::Default, Accuracy::Fine]
         .map(|level| Pin::new(&layer, profile, [-10.0, 10.0], 0.05, level).expect("a pin"));
     let mut before: Option<f64> = None;
     for exponent in 3..=8 {
@@ -86,7 +87,7 @@ fn wide_spheres_are_found_by_force_and_by_depth() {
         for (wide, depth) in [(3.0, 0.1), (8.0, 0.2), (20.0, 0.2), (40.0, 0.2), (60.0, 0.15)] {
             let layer = Layer::new(1.0, 1.0, nu).expect("a layer");
             let radius_mm = 0.5 * wide * wide / depth;
-            let mut sphere = Sphere::new(&layer, radius_mm, Level::Default).expect("a sphere");
+            let mut sphere = Sphere::new(&layer, radius_mm, Accuracy::Default).expect("a sphere");
             let mut pressed = |drive, cold: bool| {
                 if cold {
                     sphere.release();
@@ -109,7 +110,7 @@ fn wide_spheres_are_found_by_force_and_by_depth() {
     }
     // A contact of 120 thicknesses is the widest; what needs more says so.
     let layer = Layer::new(1.0, 1.0, 0.5).expect("a layer");
-    let mut sphere = Sphere::new(&layer, 25_000.0, Level::Default).expect("a sphere");
+    let mut sphere = Sphere::new(&layer, 25_000.0, Accuracy::Default).expect("a sphere");
     assert!(sphere.press(Drive::PenetrationMm(0.1)).expect("fits").contact_radius_mm > 80.0);
     for drive in [Drive::PenetrationMm(0.5), Drive::ForceN(1e9)] {
         let refused = sphere.press(drive).expect_err("too wide");

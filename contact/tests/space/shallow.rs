@@ -2,14 +2,15 @@
 //! few micrometres long, and along long pins, where end slices act on each other more than on
 //! themselves.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::pin::{Pin, Profile};
-use taktil_contact::space::{Drive, Level};
 
 fn cylinder((t, nu): (f64, f64), (radius_mm, half_mm): (f64, f64), made_mm: f64) -> [Pin; 2] {
     let layer = Layer::new(t, 27.58, nu).expect("a layer");
     let profile = Profile::Cylinder { radius_mm };
-    [Level::Fast, Level::Default]
+    [Accuracy::Fast, Accuracy::Default]
         .map(|level| Pin::new(&layer, profile, [-half_mm, half_mm], made_mm, level).expect("a pin"))
 }
 

@@ -192,7 +192,7 @@ fn the_image_of_a_sheared_contact_carries_its_force_and_its_moment() {
     assert!(whole[middle + 1] < still[middle + 1] && whole[middle - 1] > still[middle - 1]);
     // What feels compression alone loses the tension and nothing else.
     let mut felt = image.clone();
-    Part::Compressive.keep(&mut felt);
+    Part::Compressive.apply_to(&mut felt);
     assert!(felt.iter().zip(&image).all(|(f, s)| *f == s.min(0.0)) && sum(&felt) < -0.1);
 }
 

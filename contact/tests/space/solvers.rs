@@ -2,6 +2,8 @@
 
 use crate::{apart, layer, peak};
 use core::f64::consts::PI;
+use taktil_contact::Accuracy;
+use taktil_contact::space::Drive;
 use taktil_contact::space::infinite::Endless;
 use taktil_contact::space::pin::{Pin, Profile, Stand};
 use taktil_contact::space::radial::Influence;
@@ -9,7 +11,6 @@ use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::surface::{Cells, Surface};
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level};
 
 /// 32 by 32 tactels on two inches: wide enough to hold a whole image.
 const WIDE: Array = Array { rows: 32, cols: 32, pitch_mm: 1.5875 };
@@ -22,7 +23,7 @@ fn sum(array: &Array, image: &[f64]) -> f64 {
 fn a_sphere_on_a_thick_layer_is_hertzs() {
     let (radius, t, nu) = (10.0, 1e5, 0.3);
     let layer = layer(t, nu);
-    let mut sphere = Sphere::new(&layer, radius, Level::Default).unwrap();
+    let mut sphere = Sphere::new(&layer, radius, Accuracy::Default).unwrap();
     // Shallow, so that the circle is its parabola.
     let delta = 1e-4;
     let state = sphere.press(Drive::PenetrationMm(delta)).unwrap();
@@ -35,7 +36,7 @@ fn a_sphere_on_a_thick_layer_is_hertzs() {
 #[test]
 fn a_spheres_image_sums_to_its_force_and_stiffness_is_the_slope_of_force() {
     for (nu, t) in [(-0.5, 0.8), (0.0, 0.8), (0.3, 0.8), (0.49, 0.8), (0.5, 0.8), (0.49, 0.2)] {
-        let mut sphere = Sphere::new(&layer(t, nu), 10.0, Level::Fine).unwrap();
+        let mut sphere = Sphere::new(&layer(t, nu), 10.0, Accuracy::Fine).unwrap();
         let state = sphere.press(Drive::ForceN(5.0)).unwrap();
         let mut image = vec![0.0; WIDE.len()];
         sphere.image(&WIDE, Sampling::Area, [0.4, -0.3], &mut image).unwrap();
@@ -53,8 +54,8 @@ fn a_sphere_that_is_looked_up_is_the_solved_one() {
     let cases = [(0.8, 10.0, 0.49), (3.0, 10.0, 0.5), (0.3, 45.0, 0.3), (1.0, 0.6, 0.0)];
     for (t, radius, nu) in cases.into_iter().chain([(0.8, 10.0, -0.5), (0.5, 2000.0, 0.499)]) {
         let layer = layer(t, nu);
-        let mut read = Sphere::new(&layer, radius, Level::Fast).unwrap();
-        let mut solved = Sphere::new(&layer, radius, Level::Default).unwrap();
+        let mut read = Sphere::new(&layer, radius, Accuracy::Fast).unwrap();
+        let mut solved = Sphere::new(&layer, radius, Accuracy::Default).unwrap();
         let deepest = (0.7 * t).min(0.3 * radius);
         let mut images = [[0.0; 256]; 2];
         for i in 1..=40 {
@@ -88,7 +89,7 @@ fn cells_agree_with_the_sphere_and_converge() {
     let influence = Influence::new(&layer).unwrap();
     let shares = Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::DEFAULT);
     let shares = shares.unwrap();
-    let mut sphere = Sphere::new(&layer, 10.0, Level::Default).unwrap();
+    let mut sphere = Sphere::new(&layer, 10.0, Accuracy::Default).unwrap();
     let exact = sphere.press(Drive::ForceN(5.0)).unwrap();
     let mut wanted = vec![0.0; 256];
     sphere.image(&Array::THESIS, Sampling::Area, [0.4, -0.3], &mut wanted).unwrap();
@@ -164,7 +165,7 @@ fn cells_agree_with_a_tilted_pin() {
     let (radius, length, delta, tilt) = (8.0, 6.0, 0.02, 0.004);
     let profile = Profile::Cylinder { radius_mm: radius };
     let ends = [-0.5 * length, 0.5 * length];
-    let mut pin = Pin::new(&layer, profile, ends, 0.05, Level::Default).unwrap();
+    let mut pin = Pin::new(&layer, profile, ends, 0.05, Accuracy::Default).unwrap();
     let state = pin.press(Drive::PenetrationMm(delta), tilt).unwrap();
     // The pin's ends stand between cells: 60 cells of 0.1 mm.
     let cells = Cells { columns: 32, rows: 64, spacing_mm: 0.1 };
@@ -203,7 +204,7 @@ fn halving_the_slices_changes_little() {
             let mut pin = Pin::new(&layer, profile, ends, 0.1 * t, level).unwrap();
             pin.press(Drive::PenetrationMm(0.04 * t), 0.001).unwrap()
         };
-        let (coarse, fine) = (press(Level::Default), press(Level::Fine));
+        let (coarse, fine) = (press(Accuracy::Default), press(Accuracy::Fine));
         let off = coarse.force_n / fine.force_n - 1.0;
         assert!(off.abs() < 1e-3, "nu {nu}, t {t}: {off:e}");
     }
@@ -215,7 +216,8 @@ fn a_pin_far_from_its_ends_is_the_endless_cylinder() {
     let at = |length_mm| {
         let shape = Shape::Cylinder { radius_mm: 23.0, length_mm };
         let array = Array { rows: 4, cols: 16, pitch_mm: 1.5875 };
-        let mut scene = Scene::new(&layer, shape, &array, Sampling::Area, Level::Default).unwrap();
+        let mut scene =
+            Scene::new(&layer, shape, &array, Sampling::Area, Accuracy::Default).unwrap();
         let stand = Stand { x_mm: 0.3, y_mm: 0.0, rot_rad: 0.2 };
         scene.press(Drive::PenetrationMm(0.02), Pose { stand, tilt_rad: 0.0 }).unwrap();
         let mut image = vec![0.0; array.len()];
@@ -232,9 +234,9 @@ fn a_pin_far_from_its_ends_is_the_endless_cylinder() {
 fn what_is_added_to_a_pin_carries_what_the_endless_one_does() {
     let cylinder = Profile::Cylinder { radius_mm: 45.0 };
     for (profile, depth, level, within) in [
-        (cylinder, 0.25, Level::Fast, 8e-3),
-        (cylinder, 0.25, Level::Default, 2e-4),
-        (Profile::Bar { width_mm: 2.0 }, 0.05, Level::Default, 1e-4),
+        (cylinder, 0.25, Accuracy::Fast, 8e-3),
+        (cylinder, 0.25, Accuracy::Default, 2e-4),
+        (Profile::Bar { width_mm: 2.0 }, 0.05, Accuracy::Default, 1e-4),
     ] {
         let layer = layer(0.3, 0.5);
         let delta = Drive::PenetrationMm(0.3 * depth);
@@ -257,7 +259,7 @@ fn a_flat_bar_has_the_plane_stiffness_and_its_force_on_the_base() {
         let shape = Shape::Bar { width_mm: 12.7, length_mm: None };
         let layer = layer(0.8, nu);
         let mut scene =
-            Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, Level::Default).unwrap();
+            Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, Accuracy::Default).unwrap();
         let touch = scene.press(Drive::ForceN(1.96), Pose::default()).unwrap();
         let off = touch.penetration_mm.unwrap() / 1.96 / wanted - 1.0;
         assert!(off.abs() < if nu == 0.49 { 1e-6 } else { 6e-3 }, "nu {nu}: {off:e}");
@@ -268,7 +270,7 @@ fn a_flat_bar_has_the_plane_stiffness_and_its_force_on_the_base() {
     }
     let shape = Shape::Bar { width_mm: 6.35, length_mm: Some(12.0) };
     let layer = layer(0.8, 0.49);
-    let mut scene = Scene::new(&layer, shape, &WIDE, Sampling::Area, Level::Default).unwrap();
+    let mut scene = Scene::new(&layer, shape, &WIDE, Sampling::Area, Accuracy::Default).unwrap();
     let touch = scene.press(Drive::ForceN(20.0), Pose::default()).unwrap();
     assert!((touch.force_n / 20.0 - 1.0).abs() < 2e-4, "{touch:?}");
     let mut image = vec![0.0; WIDE.len()];
@@ -281,7 +283,7 @@ fn an_edge_is_the_line_load() {
     let layer = layer(0.8, 0.49);
     let shape = Shape::Edge { length_mm: None };
     let mut scene =
-        Scene::new(&layer, shape, &Array::THESIS, Sampling::Centre, Level::Fine).unwrap();
+        Scene::new(&layer, shape, &Array::THESIS, Sampling::Centre, Accuracy::Fine).unwrap();
     let stand = Stand { x_mm: 0.25, y_mm: 1.0, rot_rad: 0.3 };
     scene.press(Drive::ForceN(0.5), Pose { stand, tilt_rad: 0.0 }).unwrap();
     let mut image = vec![0.0; 256];
@@ -293,7 +295,7 @@ fn an_edge_is_the_line_load() {
         assert!((value - wanted).abs() < 2e-6, "{n}: {value} {wanted}");
     }
     let shape = Shape::Edge { length_mm: Some(8.0) };
-    let mut scene = Scene::new(&layer, shape, &WIDE, Sampling::Area, Level::Default).unwrap();
+    let mut scene = Scene::new(&layer, shape, &WIDE, Sampling::Area, Accuracy::Default).unwrap();
     scene.press(Drive::ForceN(3.0), Pose::default()).unwrap();
     let mut image = vec![0.0; WIDE.len()];
     scene.image(&mut image).unwrap();
@@ -305,7 +307,7 @@ fn a_half_turn_mirrors_the_image() {
     let layer = layer(0.8, 0.49);
     let shape = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(30.0) };
     let mut scene =
-        Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, Level::Default).unwrap();
+        Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, Accuracy::Default).unwrap();
     let mut at = |rot_rad: f64, tilt_rad: f64| {
         let stand = Stand { x_mm: 0.0, y_mm: 0.0, rot_rad };
         scene.release();

@@ -7,14 +7,15 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
+use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::pin::Stand;
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::surface::{Cells, Surface};
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level};
 use taktil_machine_console::out;
 use taktil_rtcore::linux;
 
@@ -103,9 +104,9 @@ pub fn table(rounds: u32) -> anyhow::Result<String> {
     ];
     for (problem, shape, pose, drive) in problems {
         let (exact, force) = finest(shape, pose, drive)?;
-        let levels: &[Level] = match shape {
-            Shape::Cylinder { length_mm: None, .. } => &[Level::Default],
-            _ => &[Level::Fast, Level::Default, Level::Fine],
+        let levels: &[Accuracy] = match shape {
+            Shape::Cylinder { length_mm: None, .. } => &[Accuracy::Default],
+            _ => &[Accuracy::Fast, Accuracy::Default, Accuracy::Fine],
         };
         for level in levels.iter().copied() {
             rows.push(scene_row(problem, shape, pose, drive, level, (&exact, force), rounds)?);
@@ -134,7 +135,7 @@ pub fn table(rounds: u32) -> anyhow::Result<String> {
 
 /// Image and force of the finest method.
 fn finest(shape: Shape, pose: Pose, drive: Drive) -> anyhow::Result<(Vec<f64>, f64)> {
-    let mut scene = Scene::new(&LAYER, shape, &Array::THESIS, Sampling::Area, Level::Fine)?;
+    let mut scene = Scene::new(&LAYER, shape, &Array::THESIS, Sampling::Area, Accuracy::Fine)?;
     let touch = scene.press(drive, pose)?;
     let mut image = vec![0.0; Array::THESIS.len()];
     scene.image(&mut image)?;
@@ -146,7 +147,7 @@ fn scene_row(
     shape: Shape,
     pose: Pose,
     drive: Drive,
-    level: Level,
+    level: Accuracy,
     (exact, force): (&[f64], f64),
     rounds: u32,
 ) -> anyhow::Result<Row> {
@@ -174,7 +175,7 @@ fn scene_row(
     }
     let method = match (shape, level) {
         (Shape::Cylinder { length_mm: None, .. }, _) => "plane problem, one level".to_owned(),
-        (Shape::Sphere { .. }, Level::Fast) => "looked up, fast".to_owned(),
+        (Shape::Sphere { .. }, Accuracy::Fast) => "looked up, fast".to_owned(),
         (Shape::Sphere { .. }, _) => format!("integral equation, {level:?}").to_lowercase(),
         _ => format!("slices, {level:?}").to_lowercase(),
     };
@@ -235,7 +236,7 @@ fn cells_row(
 }
 
 fn sphere_penetration() -> anyhow::Result<f64> {
-    let mut scene = Scene::new(&LAYER, SPHERE, &Array::THESIS, Sampling::Area, Level::Fine)?;
+    let mut scene = Scene::new(&LAYER, SPHERE, &Array::THESIS, Sampling::Area, Accuracy::Fine)?;
     let touch = scene.press(Drive::ForceN(5.0), SPHERE_AT)?;
     touch.penetration_mm.context("a sphere has a penetration")
 }
@@ -267,7 +268,7 @@ fn median_us(times: &mut [taktil_rtcore::Nanos]) -> f64 {
 /// A folder that cannot be written.
 pub fn pictures(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let pin = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(30.0) };
-    let mut scene = Scene::new(&LAYER, pin, &Array::THESIS, Sampling::Area, Level::Default)?;
+    let mut scene = Scene::new(&LAYER, pin, &Array::THESIS, Sampling::Area, Accuracy::Default)?;
     let mut written = Vec::new();
     for (name, title, thesis, step) in MOTIONS {
         let (mut images, mut read) = (Vec::new(), Vec::new());

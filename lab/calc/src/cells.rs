@@ -2,10 +2,11 @@
 //! exact layer or on a mesh's nodes. Cells are laid over what touches, not over all of a shape, and
 //! over more of it until the contact ends inside them. Refuses what the solver refuses.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::bed::{Bed, CELLS_MAX};
-use taktil_contact::plane::grip::{Drive, Grip, Law, Status};
-use taktil_contact::plane::{Contact, Friction, Indenter, Level, Load, Mode, Refusal, Shape};
+use taktil_contact::plane::compliance::{CELLS_MAX, SurfaceCompliance};
+use taktil_contact::plane::frictional::{ContactStatus, FrictionLaw, FrictionalContact, LoadStep};
+use taktil_contact::plane::{Contact, Friction, Indenter, Load, Mode, Refusal, Shape};
 
 use super::field::Failure;
 use super::indent::{Held, Solved, Stress, failure, level_of, plain, refused};
@@ -38,16 +39,16 @@ const BLURRED: f64 = 1.65;
 type Runs = Vec<[f64; 2]>;
 
 /// The law that the general solver takes.
-pub(super) fn law_of(args: &Args, drive: Prescribed) -> Result<Law, Failure> {
+pub(super) fn law_of(args: &Args, drive: Prescribed) -> Result<FrictionLaw, Failure> {
     if let Some(table) = args.table("friction") {
-        return Ok(Law::Coulomb(table.number("coulomb")?));
+        return Ok(FrictionLaw::Coulomb(table.number("coulomb")?));
     }
     Ok(match (args.choice("friction")?, drive) {
-        ("stick", _) => Law::Coulomb(f64::INFINITY),
+        ("stick", _) => FrictionLaw::Coulomb(f64::INFINITY),
         ("prop", Prescribed::Load(load)) if load.p_n_mm > 0.0 => {
-            Law::Proportional(load.q_n_mm / load.p_n_mm)
+            FrictionLaw::Proportional(load.q_n_mm / load.p_n_mm)
         }
-        _ => Law::Free,
+        _ => FrictionLaw::Free,
     })
 }
 
@@ -90,9 +91,9 @@ fn height(shape: &Indented, x: f64) -> f64 {
 /// Cells of a level, so often halved.
 fn count(args: &Args, halved: u32) -> Result<u32, Failure> {
     let cells = match level_of(args)? {
-        Level::Fast => 48,
-        Level::Default => 96,
-        Level::Fine => 192,
+        Accuracy::Fast => 48,
+        Accuracy::Default => 96,
+        Accuracy::Fine => 192,
     };
     Ok(cells >> halved)
 }
@@ -136,7 +137,7 @@ fn lowest(shape: &Indented, from: f64, to: f64) -> f64 {
 fn window(layer: &Layer, shape: &Indented, drive: Prescribed) -> Result<([f64; 2], Runs), Failure> {
     let Indented::Profile(x, z) = shape else {
         let Indented::Rigid(round) = shape else { return Ok(([-1.0, 1.0], vec![[-1.0, 1.0]])) };
-        let mut free = Indenter::new(layer, *round, Friction::None, Level::Default)
+        let mut free = Indenter::new(layer, *round, Friction::None, Accuracy::Default)
             .map_err(|invalid| failure(&invalid))?;
         let contact = match drive {
             Prescribed::Load(Load { p_n_mm, .. }) => free.press(&Load { p_n_mm, q_n_mm: 0.0 }),
@@ -170,7 +171,7 @@ fn touched(
     layer: &Layer,
     shape: &Indented,
     drive: Prescribed,
-    law: Law,
+    law: FrictionLaw,
     n: u32,
     (whole, mut runs): ([f64; 2], Runs),
 ) -> Result<Runs, Failure> {
@@ -180,7 +181,8 @@ fn touched(
         let edges = laid(&runs, n, layer.thickness_mm, even.clamp(WIDEST, ROUGH * WIDEST));
         let bed = bed_of(layer, &edges)?;
         let heights = edges.windows(2).map(|w| lowest(shape, w[0], w[1])).collect();
-        let mut grip = Grip::new(bed, heights, law).map_err(|invalid| failure(&invalid))?;
+        let mut grip =
+            FrictionalContact::new(bed, heights, law).map_err(|invalid| failure(&invalid))?;
         grip.step(&part_of(drive, shape, 1.0)).map_err(refused)?;
         let next = beside(&bare(&edges, grip.status()), &edges, whole);
         let within =
@@ -199,7 +201,7 @@ fn length(runs: &[[f64; 2]]) -> f64 {
 }
 
 /// The bed of cells, unless they are too many.
-fn bed_of(layer: &Layer, edges: &[f64]) -> Result<Bed, Failure> {
+fn bed_of(layer: &Layer, edges: &[f64]) -> Result<SurfaceCompliance, Failure> {
     if edges.len() > CELLS_MAX + 1 {
         let what = format!(
             "`shape` would touch over more than {CELLS_MAX} cells of {WIDEST} thicknesses or, \
@@ -207,7 +209,7 @@ fn bed_of(layer: &Layer, edges: &[f64]) -> Result<Bed, Failure> {
         );
         return Err(Failure::range("shape", what));
     }
-    Bed::of_layer(layer, edges).map_err(|invalid| failure(&invalid))
+    SurfaceCompliance::of_layer(layer, edges).map_err(|invalid| failure(&invalid))
 }
 
 /// A run with what is beside it, on a grid of the whole: a contact that is moved by little keeps
@@ -233,9 +235,11 @@ fn sunk(shape: &Indented, piece: &[f64], dz: f64) -> [f64; 2] {
 }
 
 /// What touches, in runs.
-fn bare(edges: &[f64], status: &[Status]) -> Runs {
+fn bare(edges: &[f64], status: &[ContactStatus]) -> Runs {
     let mut bare: Runs = Vec::new();
-    for (cell, _) in edges.windows(2).zip(status).filter(|(_, status)| **status != Status::Apart) {
+    for (cell, _) in
+        edges.windows(2).zip(status).filter(|(_, status)| **status != ContactStatus::Apart)
+    {
         match bare.last_mut() {
             // Rough cells touch and do not by turns.
             Some(run) if cell[0] - run[1] <= 2.5 * (cell[1] - cell[0]) => run[1] = cell[1],
@@ -292,21 +296,21 @@ fn under_bar(width_mm: f64, n: u32, layer: &Layer) -> Vec<f64> {
 }
 
 /// A part of the way to the load or the move.
-fn part_of(drive: Prescribed, shape: &Indented, f: f64) -> Drive {
+fn part_of(drive: Prescribed, shape: &Indented, f: f64) -> LoadStep {
     match (drive, shape) {
         (Prescribed::Load(load), shape) => {
             let load = Load { p_n_mm: f * load.p_n_mm, q_n_mm: f * load.q_n_mm };
             match shape {
                 Indented::Rigid(Shape::Flat { height_mm, .. }) => {
-                    Drive::Loads { load, height_mm: *height_mm }
+                    LoadStep::Loads { load, height_mm: *height_mm }
                 }
-                _ => Drive::Upright(load),
+                _ => LoadStep::Upright(load),
             }
         }
-        (Prescribed::Move { dz, dx: 0.0 }, _) => Drive::Move { dz_mm: dz * f, dx_mm: 0.0 },
+        (Prescribed::Move { dz, dx: 0.0 }, _) => LoadStep::Move { dz_mm: dz * f, dx_mm: 0.0 },
         (Prescribed::Move { dz, dx }, _) => {
             // Down first, then along.
-            Drive::Move { dz_mm: dz * (2.0 * f).min(1.0), dx_mm: dx * (2.0 * f - 1.0).max(0.0) }
+            LoadStep::Move { dz_mm: dz * (2.0 * f).min(1.0), dx_mm: dx * (2.0 * f - 1.0).max(0.0) }
         }
     }
 }
@@ -316,7 +320,7 @@ fn stands(shape: &Indented, drive: Prescribed) -> Result<(), Failure> {
     let Indented::Rigid(Shape::Flat { width_mm, height_mm }) = shape else { return Ok(()) };
     let Prescribed::Load(Load { p_n_mm: p, q_n_mm: q }) = drive else { return Ok(()) };
     if p > 0.0 && q.abs() * height_mm >= p * 0.5 * width_mm {
-        return Err(refused(Refusal::Topples));
+        return Err(refused(Refusal::Toppling));
     }
     Ok(())
 }
@@ -324,7 +328,7 @@ fn stands(shape: &Indented, drive: Prescribed) -> Result<(), Failure> {
 /// Of a bar that does not topple, but beyond the middle of its last place.
 fn on_places(shape: &Indented, refusal: Refusal) -> Failure {
     match (shape, refusal) {
-        (Indented::Rigid(Shape::Flat { .. }), Refusal::Topples) => refused(Refusal::OnCorner),
+        (Indented::Rigid(Shape::Flat { .. }), Refusal::Toppling) => refused(Refusal::OnLastNode),
         _ => refused(refusal),
     }
 }
@@ -332,12 +336,12 @@ fn on_places(shape: &Indented, refusal: Refusal) -> Failure {
 /// Follows the path to the load or the move.
 fn follow(
     args: &Args,
-    grip: &mut Grip,
+    grip: &mut FrictionalContact,
     shape: &Indented,
-    law: Law,
+    law: FrictionLaw,
     drive: Prescribed,
 ) -> Result<(), Failure> {
-    let steps = if matches!(law, Law::Coulomb(_)) { STEPS } else { 1 };
+    let steps = if matches!(law, FrictionLaw::Coulomb(_)) { STEPS } else { 1 };
     let fresh = grip.clone();
     args.timed(|| {
         *grip = fresh.clone();
@@ -350,17 +354,18 @@ fn follow(
 /// The contact of a shape on a bed, with the features of its mode.
 pub(super) fn gripped(
     args: &Args,
-    bed: Bed,
+    bed: SurfaceCompliance,
     shape: &Indented,
     drive: Prescribed,
-) -> Result<(Grip, Contact), Failure> {
+) -> Result<(FrictionalContact, Contact), Failure> {
     let law = law_of(args, drive)?;
     let heights = bed.x_mm.iter().map(|x| height(shape, *x)).collect();
-    let mut grip = Grip::new(bed, heights, law).map_err(|invalid| failure(&invalid))?;
+    let mut grip =
+        FrictionalContact::new(bed, heights, law).map_err(|invalid| failure(&invalid))?;
     stands(shape, drive)?;
     follow(args, &mut grip, shape, law, drive)?;
-    let bed = grip.bed();
-    let touching = |i: &usize| grip.status()[*i] != Status::Apart;
+    let bed = grip.compliance();
+    let touching = |i: &usize| grip.status()[*i] != ContactStatus::Apart;
     let under = |i: &usize| height(shape, bed.x_mm[*i]).is_finite();
     let (first, last) = ((0..bed.count()).find(touching), (0..bed.count()).rev().find(touching));
     let ends = ((0..bed.count()).find(under), (0..bed.count()).rev().find(under));
@@ -369,15 +374,15 @@ pub(super) fn gripped(
         (None, ..) => Mode::Open,
         _ if !flat => Mode::Free,
         (_, true, true) => Mode::Full,
-        (_, false, true) => Mode::Left,
-        (_, true, false) => Mode::Right,
+        (_, false, true) => Mode::LeftLifted,
+        (_, true, false) => Mode::RightLifted,
         _ => Mode::Free,
     };
     let [delta_mm, slope, _] = grip.rigid();
     let load = grip.load();
     // Without a law along x the load Q is taken by its moment alone.
     let q = match (law_of(args, drive)?, drive) {
-        (Law::Free, Prescribed::Load(wanted)) => wanted.q_n_mm,
+        (FrictionLaw::Free, Prescribed::Load(wanted)) => wanted.q_n_mm,
         _ => load.q_n_mm,
     };
     let edge =
@@ -394,8 +399,8 @@ pub(super) fn gripped(
 }
 
 /// Pressure of the place nearest to each x, over what it stands for.
-pub(super) fn pressures(grip: &Grip, x_mm: &[f64]) -> Vec<Option<f64>> {
-    let bed = grip.bed();
+pub(super) fn pressures(grip: &FrictionalContact, x_mm: &[f64]) -> Vec<Option<f64>> {
+    let bed = grip.compliance();
     let at = |x: &f64| {
         let inside = |i: &usize| (x - bed.x_mm[*i]).abs() <= 0.5 * bed.width_mm[*i];
         let i = (0..bed.count()).find(inside);
@@ -412,7 +417,7 @@ fn laid_over(
     shape: &Indented,
     drive: Prescribed,
     halved: u32,
-) -> Result<(Grip, Contact), Failure> {
+) -> Result<(FrictionalContact, Contact), Failure> {
     let n = count(args, halved)?;
     if let Indented::Rigid(Shape::Flat { width_mm, .. }) = shape {
         return gripped(args, bed_of(layer, &under_bar(*width_mm, n, layer))?, shape, drive);
@@ -423,9 +428,9 @@ fn laid_over(
     let mut runs = match drive {
         // As if all slipped: stick takes less room.
         Prescribed::Load(Load { p_n_mm: p, q_n_mm: q }) if p > 0.0 && q != 0.0 => {
-            look(Law::Proportional(q / p)).or_else(|_| look(Law::Free))?
+            look(FrictionLaw::Proportional(q / p)).or_else(|_| look(FrictionLaw::Free))?
         }
-        _ => look(Law::Free)?,
+        _ => look(FrictionLaw::Free)?,
     };
     let mut whole_one = None;
     for _ in 0..LAID {
@@ -468,9 +473,10 @@ pub(super) fn cells(
     halved: u32,
 ) -> Result<Solved, Failure> {
     let (grip, contact) = laid_over(args, layer, shape, drive, halved)?;
-    let places = grip.bed().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
+    let places = grip.compliance().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
     let forces = places.map(|((x, p), q)| [*x, *p, *q]).collect();
-    let touching = grip.bed().width_mm.iter().zip(grip.normal_n_mm()).filter(|(_, p)| **p != 0.0);
+    let touching =
+        grip.compliance().width_mm.iter().zip(grip.normal_n_mm()).filter(|(_, p)| **p != 0.0);
     let widest = touching.fold(0.0, |most: f64, (width, _)| most.max(*width));
     Ok(Solved {
         contact,

@@ -1,7 +1,7 @@
 //! Derivatives of the features of a contact on places, cells or nodes, by differences of the
 //! solver, and what they may be off by. Refuses what the solver refuses next to the contact.
 
-use taktil_contact::plane::grip::{Drive, Grip, Status};
+use taktil_contact::plane::frictional::{ContactStatus, FrictionalContact, LoadStep};
 use taktil_contact::plane::rates;
 
 use super::field::Failure;
@@ -20,9 +20,9 @@ const FEWEST: usize = 3;
 /// they are a little deeper and less deep, where one place more or less takes part: an edge between
 /// two places is known no better.
 pub(super) fn differences(
-    grip: &Grip,
+    grip: &FrictionalContact,
     motion: rates::Motion,
-    measure: impl Fn(&Grip) -> Result<Vec<Option<f64>>, Failure>,
+    measure: impl Fn(&FrictionalContact) -> Result<Vec<Option<f64>>, Failure>,
 ) -> Result<Column, Failure> {
     let [less, more] = sides(grip, motion, &measure)?;
     let mut column = Column::default();
@@ -31,7 +31,7 @@ pub(super) fn differences(
         column.values.push(both.map(|(a, b)| 0.5 * (a + b)));
         column.errors.push(both.map(|(a, b)| 0.5 * (a - b).abs()));
     }
-    let touching = grip.status().iter().filter(|status| **status != Status::Apart);
+    let touching = grip.status().iter().filter(|status| **status != ContactStatus::Apart);
     if touching.count() < FEWEST {
         column.errors.fill(None);
         return Ok(column);
@@ -52,12 +52,12 @@ pub(super) fn differences(
 
 /// Slopes of the features towards less and towards more of a motion.
 fn sides(
-    grip: &Grip,
+    grip: &FrictionalContact,
     motion: rates::Motion,
-    measure: &impl Fn(&Grip) -> Result<Vec<Option<f64>>, Failure>,
+    measure: &impl Fn(&FrictionalContact) -> Result<Vec<Option<f64>>, Failure>,
 ) -> Result<[Vec<Option<f64>>; 2], Failure> {
     let [dz, slope, dx] = grip.rigid();
-    let span = grip.bed().x_mm.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    let span = grip.compliance().x_mm.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     let step = match motion {
         rates::Motion::RotY => STEP * dz.abs() / span,
         rates::Motion::X | rates::Motion::Z => STEP * dz.abs(),
@@ -69,7 +69,7 @@ fn sides(
             rates::Motion::Z => [amount, 0.0, 0.0],
             rates::Motion::RotY => [0.0, amount, 0.0],
         };
-        let pose = Drive::Pose { dz_mm: dz + z, slope: slope + turn, dx_mm: dx + x };
+        let pose = LoadStep::Pose { dz_mm: dz + z, slope: slope + turn, dx_mm: dx + x };
         grip.step(&pose).map_err(indent::refused)?;
         measure(&grip)
     };
@@ -82,13 +82,13 @@ fn sides(
 }
 
 /// The contact at the nearest descent, tried in doubled steps, at which other places take part.
-fn beside(grip: &Grip, side: f64) -> Option<Grip> {
+fn beside(grip: &FrictionalContact, side: f64) -> Option<FrictionalContact> {
     let [dz, slope, dx] = grip.rigid();
     let mut step = side * STEP * dz.abs();
     for _ in 0..DOUBLED {
         step *= 2.0;
         let mut moved = grip.clone();
-        let pose = Drive::Pose { dz_mm: dz + step, slope, dx_mm: dx };
+        let pose = LoadStep::Pose { dz_mm: dz + step, slope, dx_mm: dx };
         if moved.step(&pose).is_err() {
             return None;
         }

@@ -2,13 +2,14 @@
 //! without slip, and the general solver on cells or on finite elements. Refuses combinations that
 //! none of them knows, and requests that say two things at once.
 
+use taktil_contact::Accuracy;
 use taktil_contact::Invalid;
 use taktil_contact::fem::Elements;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::grip::{Grip, Law};
-use taktil_contact::plane::noslip::{NoSlip, NoSlipRefusal};
+use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact};
+use taktil_contact::plane::noslip::{NoSlip, NoSlipError};
 use taktil_contact::plane::{
-    Contact, Friction, Indenter, Level, Load, Mode, PointForce, Refusal, SMALLEST, Shape,
+    Contact, Friction, Indenter, LOAD_MIN, Load, Mode, PointForce, Refusal, Shape,
 };
 
 use super::cells::cells;
@@ -64,8 +65,8 @@ pub(super) enum Held {
     Spectral(Box<Indenter>),
     /// With its shape and how far it was moved along x.
     Glued(Box<NoSlip>, Shape, f64),
-    Cells(Box<Grip>, Law),
-    Mesh(Box<(Grip, Elements)>, Law),
+    Cells(Box<FrictionalContact>, FrictionLaw),
+    Mesh(Box<(FrictionalContact, Elements)>, FrictionLaw),
     /// A line load on elements.
     MeshLine,
 }
@@ -92,12 +93,12 @@ pub(super) fn failure(invalid: &Invalid) -> Failure {
 
 pub(super) fn refused(refusal: Refusal) -> Failure {
     let code = match refusal {
-        Refusal::Topples => "topples",
-        Refusal::Slides => "slides",
-        Refusal::Pulls | Refusal::NotFinite => "out_of_range",
-        Refusal::TooWide | Refusal::OffChart | Refusal::OnCorner => "unreachable",
-        Refusal::Parts => PARTED,
-        Refusal::Unsettled | Refusal::Tears => "unsettled",
+        Refusal::Toppling => "topples",
+        Refusal::Sliding => "slides",
+        Refusal::Tension | Refusal::NotFinite => "out_of_range",
+        Refusal::TooWide | Refusal::OutsideTable | Refusal::OnLastNode => "unreachable",
+        Refusal::SplitContact => PARTED,
+        Refusal::NotConverged | Refusal::EdgeSeparation => "unsettled",
     };
     Failure::new(code, Some("load"), refusal.to_string())
 }
@@ -113,7 +114,7 @@ pub(super) fn solve(
     unambiguous(args)?;
     let (drive, shape) = (prescribed(args)?, shape_of(args)?);
     let law = match args.table("friction") {
-        Some(table) => Some(Law::Coulomb(table.number("coulomb")?)),
+        Some(table) => Some(FrictionLaw::Coulomb(table.number("coulomb")?)),
         None => None,
     };
     let named = |failure| named(drive, failure);
@@ -242,7 +243,7 @@ pub(super) fn knife(drive: Prescribed, x_mm: &[f64]) -> Result<Solved, Failure> 
         let what = "a knife edge goes down by an infinite length under any load: give `load`";
         return Err(Failure::new("unreachable", Some("move"), what));
     };
-    let mode = if load.presses().map_err(refused)? { Mode::Full } else { Mode::Open };
+    let mode = if load.is_pressing().map_err(refused)? { Mode::Full } else { Mode::Open };
     let forces = vec![[0.0, load.p_n_mm, load.q_n_mm]];
     Ok(Solved {
         contact: plain(load.p_n_mm, load.q_n_mm, mode),
@@ -269,11 +270,11 @@ pub(super) fn plain(p_n_mm: f64, q_n_mm: f64, mode: Mode) -> Contact {
     }
 }
 
-pub(super) fn level_of(args: &Args) -> Result<Level, Failure> {
+pub(super) fn level_of(args: &Args) -> Result<Accuracy, Failure> {
     Ok(match args.choice("level")? {
-        "fast" => Level::Fast,
-        "fine" => Level::Fine,
-        _ => Level::Default,
+        "fast" => Accuracy::Fast,
+        "fine" => Accuracy::Fine,
+        _ => Accuracy::Default,
     })
 }
 
@@ -334,8 +335,8 @@ fn no_slip(
         return Err(refused(Refusal::NotFinite));
     }
     let open = match drive {
-        Prescribed::Load(load) => !load.presses().map_err(refused)?,
-        Prescribed::Move { dz, .. } => dz < SMALLEST,
+        Prescribed::Load(load) => !load.is_pressing().map_err(refused)?,
+        Prescribed::Move { dz, .. } => dz < LOAD_MIN,
     };
     if open {
         return Ok(Solved {
@@ -354,9 +355,9 @@ fn no_slip(
         Prescribed::Move { dz, .. } => NoSlip::descend(layer, shape, dz),
     });
     let held = grown.map_err(|error| match error {
-        NoSlipRefusal::Invalid(invalid) => failure(&invalid),
-        NoSlipRefusal::Refusal(refusal) => refused(refusal),
-        NoSlipRefusal::Flat => Failure::new("internal", Some("shape"), "a bar does not grow"),
+        NoSlipError::Invalid(invalid) => failure(&invalid),
+        NoSlipError::Refusal(refusal) => refused(refusal),
+        NoSlipError::Flat => Failure::new("internal", Some("shape"), "a bar does not grow"),
     })?;
     let dx = match drive {
         Prescribed::Load(load) => load.q_n_mm / held.tangential_n_mm2,

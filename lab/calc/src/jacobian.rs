@@ -2,10 +2,11 @@
 //! of the indenter, at a `contact_2d` or a `contact_3d` request. Refuses features that the other of
 //! the two has, and what the contact itself refuses; what is undefined is null.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::grip::{Grip, Law};
-use taktil_contact::plane::rates::{self, Image, Rate};
-use taktil_contact::plane::{Indenter, Level, Load, Mode};
+use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact};
+use taktil_contact::plane::rates::{self, StressFeatures, TractionRate};
+use taktil_contact::plane::{Indenter, Load, Mode};
 use taktil_contact::space::jacobian::{Feature, Motion, condition, feature_jacobian as in_space};
 
 use super::answer::Answer;
@@ -297,8 +298,8 @@ impl Moved<'_> {
         let slide = motion == rates::Motion::X;
         let symmetric = self.solved.symmetric;
         let (layer, depth, features) = (self.layer, self.depth, self.features);
-        let image = |forces: &[[f64; 3]]| Image::new(&layer, forces, depth, symmetric);
-        let shift = Rate { forces: Vec::new(), shift: 1.0 };
+        let image = |forces: &[[f64; 3]]| StressFeatures::new(&layer, forces, depth, symmetric);
+        let shift = TractionRate { forces: Vec::new(), shift: 1.0 };
         match (&mut self.solved.held, &self.solved.stress) {
             (Held::Line | Held::MeshLine, _) if !slide => Ok(none),
             (Held::Spectral(indenter), _) => spectral(indenter, motion, features, depth, symmetric),
@@ -308,21 +309,28 @@ impl Moved<'_> {
                 let [some, more] = [1, 2].map(|n| image.derivatives(&rate(n), features));
                 Ok(Column::beside(some, &more))
             }
-            (Held::Cells(_, Law::Free | Law::Proportional(_)) | Held::Line, stress) if slide => {
+            (
+                Held::Cells(_, FrictionLaw::Free | FrictionLaw::Proportional(_)) | Held::Line,
+                stress,
+            ) if slide => {
                 let Stress::Points(forces) = stress else { return Ok(none) };
                 Ok(Column::exact(image(forces).derivatives(&shift, features)))
             }
-            (Held::Mesh(_, Law::Free | Law::Proportional(_)) | Held::MeshLine, stress) if slide => {
+            (
+                Held::Mesh(_, FrictionLaw::Free | FrictionLaw::Proportional(_)) | Held::MeshLine,
+                stress,
+            ) if slide => {
                 let Stress::Nodes(nodes) = stress else { return Ok(none) };
                 Ok(Column::exact(shifted(nodes, features)))
             }
             (Held::Cells(grip, _), _) => {
-                let measure = |grip: &Grip| Ok(image(&forces_of(grip)).features(features));
+                let measure =
+                    |grip: &FrictionalContact| Ok(image(&forces_of(grip)).features(features));
                 differences(grip, motion, measure)
             }
             (Held::Mesh(both, _), _) => {
                 let (grip, body) = &**both;
-                let measure = |grip: &Grip| {
+                let measure = |grip: &FrictionalContact| {
                     let nodes = meshed::base(body, grip.normal_n_mm(), grip.tangential_n_mm())?;
                     Ok(measured(&nodes, features))
                 };
@@ -336,7 +344,7 @@ impl Moved<'_> {
     fn still(&self) -> Vec<Option<f64>> {
         let features = match &self.solved.stress {
             Stress::Points(forces) => {
-                Image::new(&self.layer, forces, self.depth, false).features(self.features)
+                StressFeatures::new(&self.layer, forces, self.depth, false).features(self.features)
             }
             Stress::Nodes(nodes) => measured(nodes, self.features),
         };
@@ -353,13 +361,14 @@ fn spectral(
     symmetric: bool,
 ) -> Result<Column, Failure> {
     let contact = *indenter.contact();
-    let other = if indenter.level() == Level::Default { Level::Fine } else { Level::Default };
-    let mut beside = indenter.at_level(other).map_err(|invalid| indent::failure(&invalid))?;
+    let other =
+        if indenter.accuracy() == Accuracy::Default { Accuracy::Fine } else { Accuracy::Default };
+    let mut beside = indenter.with_accuracy(other).map_err(|invalid| indent::failure(&invalid))?;
     let load = Load { p_n_mm: contact.p_n_mm, q_n_mm: contact.q_n_mm };
     beside.press(&load).map_err(indent::refused)?;
     let of = |indenter: &mut Indenter| {
         let forces = indenter.point_forces(depth);
-        let image = Image::new(indenter.layer(), &forces, depth, symmetric);
+        let image = StressFeatures::new(indenter.layer(), &forces, depth, symmetric);
         let rate = indenter.rate(motion, depth).map_err(indent::refused)?;
         Ok(match rate {
             Some(rate) => image.derivatives(&rate, features),
@@ -371,8 +380,8 @@ fn spectral(
     Ok(Column::beside(values, &other))
 }
 
-fn forces_of(grip: &Grip) -> Vec<[f64; 3]> {
-    let places = grip.bed().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
+fn forces_of(grip: &FrictionalContact) -> Vec<[f64; 3]> {
+    let places = grip.compliance().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
     places.map(|((x, p), q)| [*x, *p, *q]).collect()
 }
 

@@ -4,7 +4,7 @@
 
 use taktil_contact::fem::{Elements, Kind, Mesh};
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::grip::{Grip, Status};
+use taktil_contact::plane::frictional::{ContactStatus, FrictionalContact};
 use taktil_contact::plane::{Contact, Mode, Shape};
 
 use super::cells::{gripped, law_of};
@@ -47,7 +47,7 @@ pub(super) fn elements(
         return beside(&body, x_mm, drive);
     }
     stands(shape, &body.mesh().row_mm(nz))?;
-    let bed = body.bed().map_err(|invalid| failure(&invalid))?;
+    let bed = body.compliance().map_err(|invalid| failure(&invalid))?;
     let (grip, mut contact) = gripped(args, bed, shape, drive)?;
     if contact.mode != Mode::Open {
         [contact.x_left_mm, contact.x_right_mm] = edges(&grip, shape);
@@ -117,7 +117,7 @@ fn past(shape: &Indented) -> bool {
 fn beside(body: &Elements, x_mm: &[f64], drive: Prescribed) -> Result<Solved, Failure> {
     let dz = match drive {
         Prescribed::Move { dz, .. } => dz,
-        Prescribed::Load(load) if !load.presses().map_err(refused)? => 0.0,
+        Prescribed::Load(load) if !load.is_pressing().map_err(refused)? => 0.0,
         Prescribed::Load(_) => {
             let what = "`load`: nothing of the indenter is over the layer, which ends at x = -12.7 \
                         and 12.7 mm: give a profile over it";
@@ -156,34 +156,34 @@ fn stands(shape: &Indented, places: &[f64]) -> Result<(), Failure> {
 
 /// Where what a node stands for begins and ends: midway to its neighbours, at most at the layer's
 /// and the face's ends.
-fn part(grip: &Grip, shape: &Indented, node: usize) -> [f64; 2] {
-    let (x, [low, high]) = (&grip.bed().x_mm, face(shape));
+fn part(grip: &FrictionalContact, shape: &Indented, node: usize) -> [f64; 2] {
+    let (x, [low, high]) = (&grip.compliance().x_mm, face(shape));
     let middle = |other: Option<&f64>| other.map_or(x[node], |other| 0.5 * (x[node] + other));
     let left = middle(node.checked_sub(1).and_then(|i| x.get(i)));
     [left.max(low), middle(x.get(node + 1)).min(high)]
 }
 
 /// First and last place that touch.
-fn edges(grip: &Grip, shape: &Indented) -> [f64; 2] {
-    let touching = |i: &usize| grip.status()[*i] != Status::Apart;
+fn edges(grip: &FrictionalContact, shape: &Indented) -> [f64; 2] {
+    let touching = |i: &usize| grip.status()[*i] != ContactStatus::Apart;
     let mut nodes = (0..grip.status().len()).filter(touching);
     let Some(first) = nodes.next() else { return [0.0; 2] };
     [part(grip, shape, first)[0], part(grip, shape, nodes.next_back().unwrap_or(first))[1]]
 }
 
 /// Pressure of the node nearest to a place, over what it stands for; none beside the face.
-fn pressure(grip: &Grip, shape: &Indented, x: f64) -> f64 {
+fn pressure(grip: &FrictionalContact, shape: &Indented, x: f64) -> f64 {
     let inside = |i: &usize| {
         let [left, right] = part(grip, shape, *i);
         left <= x && x <= right
     };
-    let node = (0..grip.bed().count()).find(inside);
-    node.map_or(0.0, |i| grip.normal_n_mm()[i] / grip.bed().width_mm[i])
+    let node = (0..grip.compliance().count()).find(inside);
+    node.map_or(0.0, |i| grip.normal_n_mm()[i] / grip.compliance().width_mm[i])
 }
 
 /// Base stress of forces on the surface of a mesh.
 pub(super) fn base(body: &Elements, p: &[f64], q: &[f64]) -> Result<Nodes, Failure> {
-    let response = body.under(p, q).map_err(|invalid| failure(&invalid))?;
+    let response = body.response_to_contact(p, q).map_err(|invalid| failure(&invalid))?;
     let szz = body.base_szz_mpa(&response);
     Ok(Nodes { x: body.mesh().row_mm(0), width: body.mesh().widths_mm(0), szz })
 }

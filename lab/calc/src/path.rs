@@ -257,7 +257,7 @@ fn contact_path_3d(args: &Args) -> Result<Answer, Failure> {
     let mut image = seen.image(&solver).map_err(refused)?;
     let features = features_of(&seen.array, &image).map_err(refused)?;
     if args.choice("part")? == "compressive" {
-        Part::Compressive.keep(&mut image);
+        Part::Compressive.apply_to(&mut image);
     }
     let mut out = Answer::new();
     out.list("image", &image);

@@ -286,8 +286,8 @@ fn contact(out: &mut Answer, contact: &Contact, descends: bool) {
     let mode = match contact.mode {
         Mode::Open => "open",
         Mode::Full => "full",
-        Mode::Left => "left",
-        Mode::Right => "right",
+        Mode::LeftLifted => "left",
+        Mode::RightLifted => "right",
         Mode::Free => "free",
     };
     out.value("mode", Value::from(mode));

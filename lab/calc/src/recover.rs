@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::recovery::{Measured, Recovered, Setting, Unrecovered};
+use taktil_contact::plane::recovery::{BarOverSensor, Estimate, Recovery, RecoveryError};
 use taktil_contact::plane::{Friction, Load};
 
 use super::Operation;
@@ -75,10 +75,10 @@ fn needed(args: &Args, name: &str) -> Result<f64, Failure> {
     Err(Failure::new("missing_field", Some(name), what))
 }
 
-fn measured(args: &Args, name: &str, sigma: &str) -> Result<Measured, Failure> {
+fn measured(args: &Args, name: &str, sigma: &str) -> Result<Estimate, Failure> {
     let value = args.number(name)?;
     let sigma = if args.has(sigma) { args.positive(sigma)? } else { SIGMA * value.abs() };
-    Ok(Measured { value, sigma })
+    Ok(Estimate { value, sigma })
 }
 
 fn recover(args: &Args) -> Result<Answer, Failure> {
@@ -91,13 +91,13 @@ fn recover(args: &Args) -> Result<Answer, Failure> {
         "none" => Friction::None,
         _ => Friction::Proportional,
     };
-    let setting = Setting {
+    let setting = BarOverSensor {
         layer,
         height_mm: args.number("height_mm")?,
         origin_mm: args.number("origin_mm")?,
         friction,
     };
-    setting.check().map_err(|invalid| plainly(Unrecovered::Invalid(invalid)))?;
+    setting.check().map_err(|invalid| plainly(RecoveryError::Invalid(invalid)))?;
     let m = [measured(args, "m1", "m1_sigma")?, measured(args, "m2", "m2_sigma")?];
     let load = |args: &Args| -> Result<Load, Failure> {
         Ok(Load { p_n_mm: needed(args, "p_n_mm")?, q_n_mm: args.number("q_n_mm")? })
@@ -124,13 +124,13 @@ fn recover(args: &Args) -> Result<Answer, Failure> {
         }
         _ => {
             let (width, load) = (needed(args, "width_mm")?, load(args)?);
-            args.timed(|| setting.check_all(width, &load, m))
+            args.timed(|| setting.check_consistency(width, &load, m))
         }
     };
     Ok(shown(&found.map_err(plainly)?, m))
 }
 
-fn shown(found: &Recovered, m: [Measured; 2]) -> Answer {
+fn shown(found: &Recovery, m: [Estimate; 2]) -> Answer {
     let mut out = Answer::new();
     let all = [("p_n_mm", found.p), ("q_n_mm", found.q), ("width_mm", found.width)];
     for (name, measured) in all {
@@ -143,16 +143,16 @@ fn shown(found: &Recovered, m: [Measured; 2]) -> Answer {
     out
 }
 
-fn plainly(error: Unrecovered) -> Failure {
+fn plainly(error: RecoveryError) -> Failure {
     match error {
-        Unrecovered::Invalid(invalid) => match invalid.place.as_str() {
+        RecoveryError::Invalid(invalid) => match invalid.place.as_str() {
             "width_mm" | "height_mm" => {
                 let what = format!("`{}`: {}; {}", invalid.place, invalid.what, invalid.remedy);
                 Failure::range(&invalid.place, what)
             }
             _ => failure(&invalid),
         },
-        Unrecovered::NoContact => {
+        RecoveryError::NoContact => {
             let what = "no contact of such a bar makes these moments; check their origin and signs";
             Failure::new("unreachable", Some("m2"), what)
         }

@@ -2,13 +2,14 @@
 //! solvers refuse, and forces that no penetration reaches.
 
 use serde_json::{Map, Value};
+use taktil_contact::Accuracy;
 use taktil_contact::Invalid;
 use taktil_contact::features::{ImageFeatures, Part, image_features};
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::pin::Stand;
 use taktil_contact::space::scene::{Pose, Scene, Shape, Touch};
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Drive, Level};
 
 use super::Operation;
 use super::answer::Answer;
@@ -178,9 +179,9 @@ impl Request {
         };
         let (array, sampling) = array_of(args)?;
         let level = match args.choice("level")? {
-            "fast" => Level::Fast,
-            "fine" => Level::Fine,
-            _ => Level::Default,
+            "fast" => Accuracy::Fast,
+            "fine" => Accuracy::Fine,
+            _ => Accuracy::Default,
         };
         let drive = drive_of(args)?;
         let scene = Scene::new(&layer, shape, &array, sampling, level)
@@ -308,7 +309,7 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
     let mut image = state.1;
     let features = features_of(&array, &image).map_err(refused)?;
     if args.choice("part")? == "compressive" {
-        Part::Compressive.keep(&mut image);
+        Part::Compressive.apply_to(&mut image);
     }
     let mut out = Answer::new();
     out.list("image", &image);

@@ -8,7 +8,8 @@
 //! table over that ratio describes the whole contact.
 
 use glam::{DVec2, DVec3};
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape};
+use taktil_contact::Accuracy;
+use taktil_contact::plane::{Friction, Indenter, Load, Shape};
 use taktil_contact::space::tactels::Shares;
 use taktil_hal::MAX_TACTELS;
 
@@ -92,7 +93,7 @@ impl BarContact {
         let layer = pad_layer(pad)?;
         let width_mm = config.width_mm.unwrap_or(4.0);
         let shape = Shape::Flat { width_mm, height_mm: 1.0 };
-        let mut indenter = Indenter::new(&layer, shape, Friction::None, Level::Default)
+        let mut indenter = Indenter::new(&layer, shape, Friction::None, Accuracy::Default)
             .map_err(rubber::at_place(place))?;
         let angle =
             |i: usize| core::f64::consts::PI * (i as f64 + 0.5) / PRESSURE_POINT_COUNT as f64;

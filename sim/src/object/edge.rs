@@ -7,7 +7,7 @@
 use core::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
-use taktil_contact::space::Level;
+use taktil_contact::Accuracy;
 use taktil_contact::space::tactels::Shares;
 use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::{Joints, Pose};
@@ -126,7 +126,7 @@ impl EdgeContact {
     pub(super) fn new(
         config: &ObjectConfig,
         rubber: &RubberConfig,
-        level: Option<Level>,
+        level: Option<Accuracy>,
         place: &str,
     ) -> Result<EdgeContact, Invalid> {
         let radius_mm = config.radius();

@@ -15,8 +15,8 @@ mod sphere;
 mod tests;
 
 use glam::{DMat3, DVec2, DVec3};
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Level;
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_hal::MAX_TACTELS;
@@ -474,10 +474,10 @@ impl Objects {
 }
 
 /// Accuracy of the solution of edges in three dimensions, for scenes that ask for it.
-fn spatial_accuracy(world: &WorldConfig) -> Option<Level> {
+fn spatial_accuracy(world: &WorldConfig) -> Option<Accuracy> {
     match world.fidelity.contact {
-        ContactModel::Layer3d => Some(Level::Fast),
-        ContactModel::Layer3dFine => Some(Level::Default),
+        ContactModel::Layer3d => Some(Accuracy::Fast),
+        ContactModel::Layer3dFine => Some(Accuracy::Default),
         ContactModel::Line | ContactModel::Layer2d => None,
     }
 }

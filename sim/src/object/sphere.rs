@@ -9,10 +9,11 @@
 use core::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Drive, Level};
 use taktil_hal::MAX_TACTELS;
 
 use super::{ContactLoad, RelativeMotion, pad_layer};
@@ -62,7 +63,7 @@ impl SphereContact {
         let at_place = rubber::at_place(place);
         let layer = pad_layer(pad)?;
         let radius_mm = config.radius();
-        let mut solver = Sphere::new(&layer, radius_mm, Level::Fast).map_err(&at_place)?;
+        let mut solver = Sphere::new(&layer, radius_mm, Accuracy::Fast).map_err(&at_place)?;
         let deepest_mm = (PENETRATION_MAX_THICKNESSES * layer.thickness_mm)
             .min(PENETRATION_MAX_RADII * radius_mm);
         let mut knots = vec![Knot::default(); CELL_COUNT + 1];

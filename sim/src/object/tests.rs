@@ -122,7 +122,7 @@ fn in_three_dimensions_ends_and_steep_loads_are_right_too() {
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
         let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
         let mut contact =
-            EdgeContact::new(&edge, &rubber(&case), Some(Level::Fast), "object[0]").unwrap();
+            EdgeContact::new(&edge, &rubber(&case), Some(Accuracy::Fast), "object[0]").unwrap();
         let plain = contact.evaluate(&inside_pad(n), 0.0);
         let shares = tactel_shares(&rubber(&case)).unwrap();
         let mut image = [0.0; MAX_TACTELS];

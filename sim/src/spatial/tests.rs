@@ -55,7 +55,7 @@ fn over_pad(case: &Case) -> (Pin, Surface, Pose) {
 fn pressed_pins_give_the_reference_images() {
     let area = (1e3 * PITCH_M) * (1e3 * PITCH_M);
     for (level, [force_bar, centroid_bar, direction_bar]) in
-        [(Level::Default, [8e-4, 1.3e-3, 2e-3]), (Level::Fast, [4e-3, 6e-3, 0.08])]
+        [(Accuracy::Default, [8e-4, 1.3e-3, 2e-3]), (Accuracy::Fast, [4e-3, 6e-3, 0.08])]
     {
         let mut worst = [0.0_f64; 3];
         for case in pins() {
@@ -133,7 +133,7 @@ fn a_pin_leaves_the_pad_alike_in_all_directions() {
         RubberConfig { thickness_mm: 0.8, youngs_mpa: 27.58, poisson: 0.49, relaxation_ms: 0.0 };
     let (radius, length) = (0.023, 0.01);
     let size = CylinderSize { radius_m: radius, length_m: length };
-    for level in [Level::Fast, Level::Default] {
+    for level in [Accuracy::Fast, Accuracy::Default] {
         let mut spatial = SpatialSolver::new(&rubber, size, level, "finger.rubber").unwrap();
         let mut pressed = |rot: f64, out_m: f64, across_m: f64| {
             let axes = taktil_mechanics::spatial::rotation_z(rot);
@@ -178,7 +178,7 @@ fn the_force_on_the_pad_is_what_its_tactels_see() {
     let rubber =
         RubberConfig { thickness_mm: 0.8, youngs_mpa: 27.58, poisson: 0.49, relaxation_ms: 0.0 };
     let size = CylinderSize { radius_m: 0.023, length_m: 0.06 };
-    for level in [Level::Fast, Level::Default] {
+    for level in [Accuracy::Fast, Accuracy::Default] {
         let mut spatial = SpatialSolver::new(&rubber, size, level, "finger.rubber").unwrap();
         for (rot, tilt, y_m) in [(0.0, 0.0, 0.0), (0.03, 2e-4, 1e-3), (-0.1, -3e-4, -2.3e-3)] {
             let turn = taktil_mechanics::spatial::rotation_z(rot)

@@ -10,7 +10,7 @@ pub(crate) const LISTED: &[(&str, &str)] = &[
     ("rtcore/src/linux.rs", "no crate that we have reads a deadline reservation back"),
     ("rtcore/src/linux/runaway.rs", "a signal's handler"),
     ("rtcore/src/mapping.rs", "a flight recorder's file is mapped memory"),
-    ("contact/src/wide.rs", "wider registers are used where the processor has them"),
+    ("contact/src/numeric/wide.rs", "wider registers are used where the processor has them"),
     ("drivers/regmap/src/io.rs", "a mapped register file is volatile memory"),
     ("tests/sanitizers/src/race.rs", "a race on purpose, which the sanitizer has to find"),
 ];

@@ -2,8 +2,8 @@
 //! each usual number of cosines: what is summed stays in registers. They refuse nothing, and say
 //! the same as the sums one after the other do, to the last bit.
 
-use super::super::super::interpolation::cubic;
-use super::super::super::wide::wide;
+use crate::numeric::interpolation::cubic;
+use crate::numeric::wide::wide;
 
 /// Waves whose places are found side by side.
 const LANES: usize = 4;

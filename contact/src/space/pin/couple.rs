@@ -9,9 +9,10 @@
 //! Acting neither allocates nor panics.
 
 use super::super::super::layer::Transfer;
-use super::super::quadrature::legendre;
+use super::cosines;
 use super::gather::{CHUNK, LANES, add_points, by_chunk, gather};
-use super::{bessel, cosines};
+use crate::numeric::bessel;
+use crate::numeric::quadrature::legendre;
 use core::f64::consts::PI;
 
 /// Table points per unit of the Bessel functions' argument.
@@ -157,7 +158,7 @@ impl Coupling {
         }
         let points = libm::ceil(waves[modes - 1] * widest * BESSEL_DENSITY) as usize + 5;
         let odd = usize::from(parity == Parity::Odd);
-        let bessel = bessel::table((points, BESSEL_DENSITY), (cosines, odd));
+        let bessel = bessel::table(points, BESSEL_DENSITY, cosines, odd);
         Self {
             cosines,
             modes,

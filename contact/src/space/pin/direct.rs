@@ -3,10 +3,10 @@
 //! one width, so the factor stays as long as the same slices touch. It refuses nothing: a system
 //! that is not positive is left to the gradients.
 
-use super::super::super::triangle::solve;
-use super::super::super::wide::wide;
 use super::cosines::sized;
 use super::row::Row;
+use crate::numeric::cholesky::solve;
+use crate::numeric::wide::wide;
 use core::f64::consts::PI;
 
 /// Most unknowns where the width is free, where it is fixed.

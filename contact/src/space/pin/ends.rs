@@ -4,9 +4,9 @@
 
 use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Transfer;
-use super::super::super::triangle::{factor, solve};
 use super::couple::own_row;
 use super::strip::punch_force;
+use crate::numeric::cholesky::{factor, solve};
 
 /// Strips of the punch.
 const STRIPS: usize = 16;

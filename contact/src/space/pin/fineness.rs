@@ -1,7 +1,7 @@
 //! How finely a pin is cut and its slices coupled, level by level. It refuses nothing.
 
-use super::super::Level;
 use super::couple::Modes;
+use crate::Accuracy;
 use core::f64::consts::FRAC_1_SQRT_2;
 
 /// Length (thicknesses) of a row from which the next ones follow at other lengths: what touches on
@@ -26,7 +26,7 @@ impl Laid {
     }
 }
 
-/// Accuracy against time, per [`Level`].
+/// Accuracy against time, per [`Accuracy`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fineness {
     /// Each row over the end is so many times as long as the one before: down to [`CLOSER`]
@@ -78,11 +78,11 @@ impl Fineness {
         self.shorter[usize::from(length < CLOSER)] * length
     }
 
-    pub(super) fn of(level: Level) -> Self {
+    pub(super) fn of(level: Accuracy) -> Self {
         let modes =
             |margin, cutoff, reach, grade| Modes { margin, cutoff, least: cutoff, reach, grade };
         match level {
-            Level::Fast => Self {
+            Accuracy::Fast => Self {
                 shorter: [FRAC_1_SQRT_2; 2],
                 whole: Laid { fewest: 20.0, slice: 0.42, enough: 42.0, longest: 1.0 },
                 end: Laid { fewest: 14.0, slice: 0.3, enough: 42.0, longest: 1.0 },
@@ -103,7 +103,7 @@ impl Fineness {
                     modes: modes(16.0, 10.0, 12.0, 0.2),
                 }),
             },
-            Level::Default => Self {
+            Accuracy::Default => Self {
                 shorter: [0.5, FRAC_1_SQRT_2],
                 whole: CYLINDER,
                 end: CYLINDER,
@@ -120,7 +120,7 @@ impl Fineness {
                 unknowns: 280,
                 nested: Some(Tabled { whole: BAR, end: BAR, modes: modes(16.0, 20.0, 12.0, 0.2) }),
             },
-            Level::Fine => Self {
+            Accuracy::Fine => Self {
                 shorter: [0.5; 2],
                 whole: Laid { fewest: 100.0, slice: 0.25, enough: 4096.0, longest: 0.25 },
                 end: Laid { fewest: 100.0, slice: 0.25, enough: 4096.0, longest: 0.25 },

@@ -1,7 +1,7 @@
 //! The sums of a row's coupling that take most of its time: what reaches each slice of all, some
 //! waves side by side, and the sum along the pin, some points side by side. They refuse nothing.
 
-use super::super::super::wide::wide;
+use crate::numeric::wide::wide;
 
 /// Modes that are summed side by side: with fewer an addition waits for the one before it.
 pub(super) const CHUNK: usize = 16;

@@ -3,9 +3,9 @@
 //!
 //! It refuses slices whose own system is not positive definite.
 
-use super::super::super::triangle::{factor, solve};
 use super::row::Row;
 use super::work::Trouble;
+use crate::numeric::cholesky::{factor, solve};
 use core::f64::consts::PI;
 
 /// Most iterations of conjugate gradients in one step.

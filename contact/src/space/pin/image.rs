@@ -71,11 +71,12 @@ impl Row {
 #[cfg(test)]
 mod tests {
     use super::super::super::super::layer::Layer;
+    use super::super::super::Drive;
     use super::super::super::radial::Influence;
     use super::super::super::tactels::{Array, Fineness, Sampling};
-    use super::super::super::{Drive, Level};
     use super::super::Profile;
     use super::*;
+    use crate::Accuracy;
 
     /// Most loads of an image, and most tactels that they add to.
     const LOADS_MAX: usize = 4000;
@@ -93,7 +94,8 @@ mod tests {
             for (width_mm, length_mm) in [(12.0, 24.0), (8.0, 36.0)] {
                 let (profile, ends) =
                     (Profile::Bar { width_mm }, [-0.5, 0.5].map(|p| p * length_mm));
-                let mut pin = Pin::new(&layer, profile, ends, 0.1 * t, Level::Fast).expect("a bar");
+                let mut pin =
+                    Pin::new(&layer, profile, ends, 0.1 * t, Accuracy::Fast).expect("a bar");
                 for (rot_rad, tilt_rad) in [(0.0, 0.0), (0.785, 0.0), (1.2, 0.2 * t / length_mm)] {
                     pin.press(Drive::PenetrationMm(0.05 * t), tilt_rad).expect("a contact");
                     let mut loads = 0;

@@ -10,7 +10,6 @@
 //!
 //! It refuses nothing: an end whose short pin has no solution keeps what its slices say.
 
-use super::super::super::interpolation::cubic;
 use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Layer;
 use super::ends::loss;
@@ -19,6 +18,7 @@ use super::row::Row;
 use super::spread::{LONG as HALVED, stood};
 use super::strip::{COSINES_MAX, Strips};
 use super::work::Trouble;
+use crate::numeric::interpolation::cubic;
 use core::f64::consts::PI;
 
 /// Half the length of the short pin, thicknesses.

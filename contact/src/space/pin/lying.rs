@@ -406,9 +406,10 @@ impl Row {
 #[cfg(test)]
 mod tests {
     use super::super::super::super::layer::Layer;
-    use super::super::super::{Drive, Level};
+    use super::super::super::Drive;
     use super::super::{Pin, Profile};
     use super::Settled;
+    use crate::Accuracy;
 
     /// The same slices with widths found by free-boundary steps; and nothing is remembered.
     #[test]
@@ -423,7 +424,7 @@ mod tests {
         ] {
             let layer = Layer::new(t, 27.58, nu).expect("a sound layer");
             let profile = Profile::Cylinder { radius_mm };
-            let made = Pin::new(&layer, profile, [-half_mm, half_mm], 0.2 * t, Level::Fast);
+            let made = Pin::new(&layer, profile, [-half_mm, half_mm], 0.2 * t, Accuracy::Fast);
             let mut tabled = made.expect("a pin");
             tabled.corner = None;
             let mut searched = tabled.clone();
@@ -471,7 +472,7 @@ mod tests {
         let layer = Layer::new(1.5347918953746555, 27.58, 0.5).expect("a sound layer");
         let profile = Profile::Cylinder { radius_mm: 7.9562116879969835 };
         let half = 14.528183864429593;
-        let made = Pin::new(&layer, profile, [-half, half], 0.2550155, Level::Fast);
+        let made = Pin::new(&layer, profile, [-half, half], 0.2550155, Accuracy::Fast);
         let mut pin = made.expect("a pin");
         let lying = pin.rows[0].lying.as_mut().expect("tables");
         lying.solved[8][0] = 2;

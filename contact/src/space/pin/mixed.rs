@@ -3,7 +3,7 @@
 //! act on each other and lags where all do alike; what the last steps did tells both. It refuses
 //! nothing and allocates when it is made.
 
-use super::super::super::triangle::{factor, solve};
+use crate::numeric::cholesky::{factor, solve};
 
 /// Steps that are remembered.
 const KEPT: usize = 4;

@@ -25,7 +25,6 @@
 //!
 //! It refuses what its tables do not cover: see [`Pin::new`] and [`Pin::press`].
 
-mod bessel;
 mod corner;
 mod cosines;
 mod couple;
@@ -56,7 +55,8 @@ mod work;
 use super::super::kernel::SurfaceKernel;
 use super::super::layer::Layer;
 use super::super::{Invalid, finite, positive};
-use super::{Drive, Level, Refusal, Why};
+use super::{Drive, Refusal, Why};
+use crate::Accuracy;
 use corner::Corner;
 use fineness::Fineness;
 pub(crate) use lengthened::Reach;
@@ -127,7 +127,7 @@ pub struct PinState {
 #[derive(Clone, Debug)]
 pub struct Pin {
     layer: Layer,
-    level: Level,
+    level: Accuracy,
     /// Ends of the axis in thicknesses.
     ends: [f64; 2],
     /// The whole pin, then shorter and shorter rows over the end at `ends[1]`.
@@ -155,10 +155,10 @@ impl Pin {
         profile: Profile,
         ends_mm: [f64; 2],
         penetration_max_mm: f64,
-        level: Level,
+        level: Accuracy,
     ) -> Result<Self, Invalid> {
         let mut made = Self::cut(layer, profile, ends_mm, penetration_max_mm, level)?;
-        if level == Level::Fast && matches!(profile, Profile::Cylinder { .. }) {
+        if level == Accuracy::Fast && matches!(profile, Profile::Cylinder { .. }) {
             made.solve_lying(penetration_max_mm / layer.thickness_mm);
         }
         Ok(made)
@@ -170,7 +170,7 @@ impl Pin {
         profile: Profile,
         ends_mm: [f64; 2],
         penetration_max_mm: f64,
-        level: Level,
+        level: Accuracy,
     ) -> Result<Self, Invalid> {
         layer.check()?;
         let t = layer.thickness_mm;
@@ -204,7 +204,7 @@ impl Pin {
         let risen = Strips::new(&kernel, section, deeper, count);
         let risen = risen.unwrap_or_else(|_| strips.clone());
         let over = match (section, level) {
-            (Section::Circle(_), Level::Fast) => risen.clone(),
+            (Section::Circle(_), Accuracy::Fast) => risen.clone(),
             (Section::Circle(_), _) => {
                 let deeper = (WHOLE_ROOM * deepest).min(DEEPEST);
                 Strips::new(&kernel, section, deeper, count).unwrap_or(strips)
@@ -223,9 +223,9 @@ impl Pin {
             row.leftover = leftover::Leftover::new((layer, &kernel), (&risen, deepest), row);
         }
         let corner = match (section, level) {
-            (Section::Circle(_), Level::Fast) => Corner::new(&mut rows, ends[1], deepest),
-            (Section::Circle(_), Level::Default | Level::Fine) => {
-                let coarse = Self::cut(layer, profile, ends_mm, penetration_max_mm, Level::Fast);
+            (Section::Circle(_), Accuracy::Fast) => Corner::new(&mut rows, ends[1], deepest),
+            (Section::Circle(_), Accuracy::Default | Accuracy::Fine) => {
+                let coarse = Self::cut(layer, profile, ends_mm, penetration_max_mm, Accuracy::Fast);
                 coarse.ok().and_then(|coarse| coarse.corner)
             }
             _ => None,

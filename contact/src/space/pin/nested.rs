@@ -8,9 +8,10 @@
 //! It refuses rows whose solutions would not fit, and contacts of which slices further in are
 //! pulled: those are left to the search (`solve`).
 
-use super::super::super::triangle::{dot, factor, solve};
 use super::row::Row;
 use super::strip::Strips;
+use crate::numeric::cholesky::{factor, solve};
+use crate::numeric::product::dot;
 use core::f64::consts::PI;
 
 /// Most numbers of a row's solutions.
@@ -264,9 +265,10 @@ fn add_product(sum: &mut [f64], one: &[f64], other: &[f64], n: usize) {
 #[cfg(test)]
 mod tests {
     use super::super::super::super::layer::Layer;
-    use super::super::super::{Drive, Level};
+    use super::super::super::Drive;
     use super::super::{Pin, Profile};
     use super::{PI, Row};
+    use crate::Accuracy;
 
     /// Every solution put back into its equations. Of a row that is short for its width, cosines
     /// and slices see nearly the same: its condition is 1e9 and more, and leaves so much.
@@ -275,7 +277,7 @@ mod tests {
         let layer = Layer::new(0.3, 27.58, 0.5).expect("a sound layer");
         for (width_mm, length_mm) in [(2.5, 6.0), (0.2, 0.9), (5.0, 0.05)] {
             let profile = Profile::Bar { width_mm };
-            let made = Pin::new(&layer, profile, [0.0, length_mm], 0.1, Level::Default);
+            let made = Pin::new(&layer, profile, [0.0, length_mm], 0.1, Accuracy::Default);
             for row in &made.expect("a bar").rows {
                 let bar = if row.length > 4.0 { 1e-11 } else { 1e-5 };
                 for m in [1, 2, 7, row.along.len()] {
@@ -316,7 +318,7 @@ mod tests {
         {
             let layer = Layer::new(0.8, 27.58, nu).expect("a sound layer");
             let profile = Profile::Bar { width_mm };
-            let made = Pin::new(&layer, profile, [-5.0, 5.0], 0.2, Level::Fast);
+            let made = Pin::new(&layer, profile, [-5.0, 5.0], 0.2, Accuracy::Fast);
             let mut tabled = made.expect("a bar");
             let mut searched = tabled.clone();
             searched.rows.iter_mut().for_each(|row| {

@@ -7,9 +7,9 @@
 //! It refuses nothing: a contact that is too large for its memory is left to the steps of
 //! [`super::solve`], and what does not settle says so.
 
-use super::super::super::triangle::{dot, factor, solve, solve_from};
 use super::row::Row;
 use super::work::Trouble;
+use crate::numeric::cholesky::{dot, factor, solve, solve_from};
 use core::f64::consts::PI;
 
 /// Most steps.
@@ -413,17 +413,16 @@ impl Row {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::super::layer::Layer;
-    use super::super::super::{Drive, Level};
-    use super::super::{Pin, Profile};
+    use super::super::{Drive, Pin, Profile};
     use super::Row;
+    use crate::{Accuracy, layer::Layer};
 
     /// What is left at the edges of a contact on an end, by their rates and by differences.
     #[test]
     fn rates_are_those_of_differences() {
         let layer = Layer::new(0.8, 27.58, 0.3).expect("a sound layer");
         let profile = Profile::Cylinder { radius_mm: 10.0 };
-        let mut pin = Pin::new(&layer, profile, [-4.0, 4.0], 0.1, Level::Fine).expect("a pin");
+        let mut pin = Pin::new(&layer, profile, [-4.0, 4.0], 0.1, Accuracy::Fine).expect("a pin");
         let deep = Drive::PenetrationMm(0.05 - 4.0 * libm::tan(0.06));
         pin.press(deep, 0.06).expect("a contact");
         let mut tool = pin.newton.take().expect("memory");
@@ -470,7 +469,7 @@ mod tests {
         for (nu, radius_mm) in [(0.5, 4.0), (0.1, 40.0)] {
             let layer = Layer::new(0.8, 27.58, nu).expect("a sound layer");
             let profile = Profile::Cylinder { radius_mm };
-            let made = Pin::new(&layer, profile, [-5.0, 5.0], 0.12, Level::Fine);
+            let made = Pin::new(&layer, profile, [-5.0, 5.0], 0.12, Accuracy::Fine);
             let mut pin = made.expect("a pin");
             for (depth_mm, tilt_rad) in [(0.02, 0.19), (0.08, 0.15), (0.05, -0.1), (0.06, 0.04)] {
                 let delta_mm = depth_mm - 5.0 * libm::tan(tilt_rad).abs();
@@ -492,7 +491,7 @@ mod tests {
         let layer = Layer::new(1.0086519245058296, 27.58, 0.5).expect("a sound layer");
         let profile = Profile::Cylinder { radius_mm: 27.46021746378392 };
         let ends = [2.761653, 7.197372368536891];
-        let made = Pin::new(&layer, profile, ends, 0.10590090088330013, Level::Fine);
+        let made = Pin::new(&layer, profile, ends, 0.10590090088330013, Accuracy::Fine);
         let deep = Drive::PenetrationMm(-0.10273535404149037);
         let state = made.expect("a pin").press(deep, 0.0216275498468856).expect("a contact");
         assert!(state.residual < 1e-5 && state.length_mm < 2.55, "{state:?}");

@@ -130,10 +130,11 @@ impl Row {
 #[cfg(test)]
 mod tests {
     use super::super::super::super::layer::Layer;
+    use super::super::super::Drive;
     use super::super::super::radial::Influence;
     use super::super::super::tactels::{Array, Fineness, Sampling, Shares};
-    use super::super::super::{Drive, Level};
     use super::super::{Pin, Profile, Stand};
+    use crate::Accuracy;
 
     /// The image by fewer points, without what is far off the tactels, against that by all.
     #[test]
@@ -153,7 +154,7 @@ mod tests {
             let shares = shares.expect("tables");
             let profile = Profile::Cylinder { radius_mm };
             let half = 8.0 * pitch_mm + 15.0 * t;
-            let made = Pin::new(&layer, profile, [-half, 0.3 * half], 0.25 * t, Level::Default);
+            let made = Pin::new(&layer, profile, [-half, 0.3 * half], 0.25 * t, Accuracy::Default);
             let mut pin = made.expect("a pin");
             pin.press(Drive::PenetrationMm(0.2 * t), 0.0).expect("a contact");
             let stand = Stand { x_mm: 0.1, y_mm: -0.2, rot_rad: 0.3 };

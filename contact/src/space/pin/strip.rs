@@ -6,10 +6,10 @@
 //! Lengths are in thicknesses. It refuses contacts beyond its bounds; a row once made cannot fail.
 
 use super::super::super::Invalid;
-use super::super::super::interpolation::cubic;
 use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Transfer;
-use super::super::super::triangle::{factor, solve};
+use crate::numeric::cholesky::{factor, solve};
+use crate::numeric::interpolation::cubic;
 use core::f64::consts::{LN_2, PI};
 
 /// Rows of the table over the half-width.

@@ -2,16 +2,17 @@
 //! same scene at another level.
 
 use super::super::jacobian::Motion;
-use super::{Invalid, Level, Scene, Shape, Solver};
+use super::{Invalid, Scene, Shape, Solver};
+use crate::Accuracy;
 
 impl Scene {
     /// The same at the level beside which this one's errors are judged, without contact: a finer
     /// one; the fast one for a pin, of which a finer one takes longer than all the rest.
     pub(crate) fn at_other_level(&self) -> Result<Self, Invalid> {
         let level = match self.level {
-            Level::Fast | Level::Fine => Level::Default,
-            Level::Default if self.is_pin() => Level::Fast,
-            Level::Default => Level::Fine,
+            Accuracy::Fast | Accuracy::Fine => Accuracy::Default,
+            Accuracy::Default if self.is_pin() => Accuracy::Fast,
+            Accuracy::Default => Accuracy::Fine,
         };
         let made = Self::new(&self.layer, self.shape, &self.array, self.sampling, level)?;
         Ok(Self { cut: self.cut, ..made })
@@ -22,9 +23,9 @@ impl Scene {
     pub(crate) fn accuracy(&self) -> f64 {
         match self.level {
             _ if !self.is_pin() => 0.0,
-            Level::Fast => 1e-2,
-            Level::Default => 3e-3,
-            Level::Fine => 6e-4,
+            Accuracy::Fast => 1e-2,
+            Accuracy::Default => 3e-3,
+            Accuracy::Fine => 6e-4,
         }
     }
 

@@ -2,7 +2,8 @@
 //! ones do not hold.
 
 use super::super::pin::Pin;
-use super::{Drive, Invalid, Level, Scene, Solver, Touch};
+use super::{Drive, Invalid, Scene, Solver, Touch};
+use crate::Accuracy;
 
 /// Largest part of the thickness that tables are made for.
 const DEEPEST: f64 = 0.98;
@@ -70,12 +71,12 @@ impl Scene {
     /// A force that is surely beyond all tables.
     fn needed(&self, drive: Drive, ends: [f64; 2]) -> Result<f64, Invalid> {
         let (Drive::ForceN(force), Solver::Pin(_)) = (drive, &self.solver) else { return Ok(0.0) };
-        if self.level == Level::Fast {
+        if self.level == Accuracy::Fast {
             return Ok(0.0);
         }
         let deepest = DEEPEST * self.layer.thickness_mm;
         // A small indenter, or a thin layer, has no contacts so deep.
-        let made = Pin::new(&self.layer, self.profile(), ends, deepest, Level::Fast);
+        let made = Pin::new(&self.layer, self.profile(), ends, deepest, Accuracy::Fast);
         let Ok(mut pin) = made else { return Ok(0.0) };
         let slope = libm::tan(self.pose.tilt_rad);
         match pin.press(Drive::ForceN(SURELY * force), self.pose.tilt_rad).map_err(Invalid::from) {
@@ -109,9 +110,10 @@ fn renamed(error: Invalid, drive: Drive) -> Invalid {
 mod tests {
     use super::super::super::super::layer::Layer;
     use super::super::super::tactels::{Array, Sampling};
-    use super::super::{Drive, Invalid, Level, Pose, Scene, Shape, Touch};
+    use super::super::{Drive, Invalid, Pose, Scene, Shape, Touch};
+    use crate::Accuracy;
 
-    fn scene(level: Level) -> Scene {
+    fn scene(level: Accuracy) -> Scene {
         let layer = Layer::new(0.8, 27.58, 0.49).expect("a layer");
         let shape = Shape::Cylinder { radius_mm: 6.0, length_mm: Some(5.0) };
         Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, level).expect("a scene")
@@ -120,7 +122,7 @@ mod tests {
     /// No table but the first is made of the level asked for.
     #[test]
     fn a_force_far_beyond_is_refused_by_the_fast_level() {
-        for level in [Level::Default, Level::Fine] {
+        for level in [Accuracy::Default, Accuracy::Fine] {
             let mut scene = scene(level);
             let refused = scene.press(Drive::ForceN(1e6), Pose::default()).expect_err("too much");
             assert_eq!(refused.place, "force_n");
@@ -132,11 +134,11 @@ mod tests {
     #[test]
     fn a_force_gets_the_tables_that_hold_it() {
         for tilt_rad in [0.0, 0.03, -0.1] {
-            let mut direct = scene(Level::Default);
+            let mut direct = scene(Accuracy::Default);
             let pose = Pose { tilt_rad, ..Pose::default() };
             let delta = 0.2 - 2.5 * libm::tan(f64::abs(tilt_rad));
             let deep = direct.press(Drive::PenetrationMm(delta), pose).expect("a contact");
-            let mut by_force = scene(Level::Default);
+            let mut by_force = scene(Accuracy::Default);
             let found = by_force.press(Drive::ForceN(deep.force_n), pose).expect("the same");
             assert!((0.2..0.24).contains(&by_force.room.0), "{tilt_rad}: {}", by_force.room.0);
             let off = found.penetration_mm.expect("a depth") - delta;
@@ -162,7 +164,7 @@ mod tests {
                 let shape = Shape::Cylinder { radius_mm, length_mm: Some(5.0) };
                 let made = || {
                     let array = Array::THESIS;
-                    Scene::new(&layer, shape, &array, Sampling::Area, Level::Default)
+                    Scene::new(&layer, shape, &array, Sampling::Area, Accuracy::Default)
                 };
                 let pose = Pose { tilt_rad, ..Pose::default() };
                 let delta = part * t - 2.5 * libm::tan(f64::abs(tilt_rad));
@@ -182,8 +184,11 @@ mod tests {
         let mut tried = Vec::new();
         let mut grown = |enough_mm: f64| {
             tried.clear();
-            let found =
-                scene(Level::Default).grow(Drive::ForceN(1.0), 0.08, [-2.5, 2.5], |_, most, _| {
+            let found = scene(Accuracy::Default).grow(
+                Drive::ForceN(1.0),
+                0.08,
+                [-2.5, 2.5],
+                |_, most, _| {
                     tried.push(most);
                     if most > 0.3 {
                         Err(Invalid::new("penetration_max_mm", String::new(), ""))
@@ -196,7 +201,8 @@ mod tests {
                     } else {
                         Ok(Touch::default())
                     }
-                });
+                },
+            );
             (found.is_ok(), tried.len())
         };
         let (found, count) = grown(0.297);

@@ -2,10 +2,10 @@
 //! projection is a plane problem: the sum of what line loads at the points of the rule do; the
 //! pressure is its inverse Abel transform. It refuses nothing.
 
-use super::super::super::interpolation::Stencil;
-use super::super::super::wide::wide;
 use super::super::radial::Radial;
 use super::{Grid, Sphere};
+use crate::numeric::interpolation::Stencil;
+use crate::numeric::wide::wide;
 use core::f64::consts::PI;
 
 /// Values beside each other that one read takes.

@@ -7,8 +7,8 @@
 //! It covers contacts up to a radius of [`WIDEST`] thicknesses; who asks for more gets nothing, and
 //! solves.
 
-use super::super::super::interpolation::Stencil;
 use super::{Drive, ENOUGH, Refusal, Sphere, rule_for};
+use crate::numeric::interpolation::Stencil;
 use core::f64::consts::PI;
 
 /// Largest contact radius of a chart, in thicknesses.

@@ -2,9 +2,9 @@
 //! refuses nothing; beyond its table stands the asymptote.
 
 use super::super::super::layer::Transfer;
-use super::super::quadrature::legendre;
 use super::super::radial::REACH;
 use super::super::table::Even;
+use crate::numeric::quadrature::legendre;
 
 /// Points per thickness of the table.
 const DENSITY: f64 = 32.0;

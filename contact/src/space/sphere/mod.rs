@@ -6,14 +6,14 @@
 //! 1 - M; phi vanishes at the edge of the contact. Gauss's rule converges exponentially. The base
 //! pressure is the inverse Abel transform of a plane problem's. A tactel's mean is the flux of the
 //! radial field whose divergence is that pressure, so the image of a sphere well inside the array
-//! sums to the force but for the table's last flux: 9e-4 of it are left out at [`Level::Fast`],
-//! 9e-6 at [`Level::Default`].
+//! sums to the force but for the table's last flux: 9e-4 of it are left out at [`Accuracy::Fast`],
+//! 9e-6 at [`Accuracy::Default`].
 //!
 //! Measured against exact solutions: force and penetration 1e-6, image 5e-6 of the peak at
-//! [`Level::Default`], 1e-8 at [`Level::Fine`]. A solved contact is the guess of the next one;
-//! solving allocates nothing. [`Level::Fast`] solves a chart of contacts when the sphere is made
-//! (`chart.rs`) and reads it afterwards: force, penetration and radius to 1e-5, images, by cubics
-//! over the distance from the axis, to 6e-4 of the peak.
+//! [`Accuracy::Default`], 1e-8 at [`Accuracy::Fine`]. A solved contact is the guess of the next
+//! one; solving allocates nothing. [`Accuracy::Fast`] solves a chart of contacts when the sphere is
+//! made (`chart.rs`) and reads it afterwards: force, penetration and radius to 1e-5, images, by
+//! cubics over the distance from the axis, to 6e-4 of the peak.
 //!
 //! It refuses penetrations of the thickness or more, contacts wider than 0.95 of the diameter or
 //! with a radius above 120 thicknesses, and forces that would need those.
@@ -24,13 +24,14 @@ mod image;
 mod kernel;
 
 use super::super::layer::Layer;
-use super::super::triangle::{factor, solve};
-use super::super::{Invalid, LARGEST, positive};
+use super::super::{Invalid, MAGNITUDE_MAX, positive};
 use super::ground::Ground;
-use super::quadrature::legendre;
 use super::radial::Radial;
 use super::table::{Even, Pieces};
-use super::{Drive, Level, Refusal, Why};
+use super::{Drive, Refusal, Why};
+use crate::Accuracy;
+use crate::numeric::cholesky::{factor, solve};
+use crate::numeric::quadrature::legendre;
 use base::Line;
 use chart::Chart;
 use core::f64::consts::PI;
@@ -41,7 +42,7 @@ const STEEPEST: f64 = 0.95;
 /// Largest contact radius in thicknesses.
 const WIDEST: f64 = 120.0;
 /// Forces (N) and penetrations (mm) below this are no contact.
-const NOTHING: f64 = 1.0 / LARGEST;
+const NOTHING: f64 = 1.0 / MAGNITUDE_MAX;
 /// Solutions that one search may take.
 const SEARCH: usize = 60;
 /// Largest contact radius, in thicknesses, that a search from no contact begins with: a wide
@@ -85,15 +86,15 @@ struct Grid {
 }
 
 impl Grid {
-    fn of(level: Level) -> Self {
+    fn of(level: Accuracy) -> Self {
         match level {
-            Level::Fast => {
+            Accuracy::Fast => {
                 Self { per_thickness: 8.0, reach: 9.0, sight: 0.33, panel: 2.0, points: 4 }
             }
-            Level::Default => {
+            Accuracy::Default => {
                 Self { per_thickness: 16.0, reach: 16.0, sight: 0.33, panel: 1.5, points: 6 }
             }
-            Level::Fine => {
+            Accuracy::Fine => {
                 Self { per_thickness: 32.0, reach: 32.0, sight: 0.25, panel: 1.0, points: 8 }
             }
         }
@@ -148,7 +149,7 @@ impl Sphere {
     ///
     /// # Errors
     /// A layer that [`Layer::check`] refuses; a radius that is not finite and above zero.
-    pub fn new(layer: &Layer, radius_mm: f64, level: Level) -> Result<Self, Invalid> {
+    pub fn new(layer: &Layer, radius_mm: f64, level: Accuracy) -> Result<Self, Invalid> {
         layer.check()?;
         positive("radius_mm", radius_mm)?;
         let transfer = layer.transfer();
@@ -176,7 +177,7 @@ impl Sphere {
             state: SphereState::default(),
             chart: None,
         };
-        if level == Level::Fast {
+        if level == Accuracy::Fast {
             sphere.chart = Chart::new(&mut sphere).ok().map(Box::new);
             let pieces = || Pieces::with_room(room);
             sphere.pieces = Some(Box::new([pieces(), pieces()]));

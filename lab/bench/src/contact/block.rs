@@ -57,10 +57,10 @@ fn edges(thickness_mm: f64) -> anyhow::Result<[Vec<f64>; 3]> {
 pub(super) fn ends(thickness_mm: f64) -> anyhow::Result<Ends> {
     let layer = layer(thickness_mm, 0.49)?;
     let [x, y, z] = edges(thickness_mm)?;
-    let flat = Mesh::over([&x, &z], 2).map_err(plainly)?.on_rollers(0, 0);
+    let flat = Mesh::from_edges([&x, &z], 2).map_err(plainly)?.with_rollers(0, 0);
     let flat = Elements::new(&layer, flat, Kind::MeanDilatation).map_err(plainly)?;
     let block = Mesh::block(&x, &y, &z, 2).map_err(plainly)?;
-    let block = block.on_rollers(0, 0).on_rollers(1, 0);
+    let block = block.with_rollers(0, 0).with_rollers(1, 0);
     let block = Elements::new(&layer, block, Kind::MeanDilatation).map_err(plainly)?;
     // Half of the load: the other half is beyond the plane of symmetry.
     let half = 0.25 * LB_PER_IN;
@@ -70,7 +70,7 @@ pub(super) fn ends(thickness_mm: f64) -> anyhow::Result<Ends> {
     let rows = block.mesh().counts()[1];
     // Shares along y alone.
     let sliver = x[1] / 6.0;
-    let shares = block.mesh().shares();
+    let shares = block.mesh().base_weights();
     let forces: Vec<[f64; 3]> =
         shares.iter().take(rows).map(|share| [0.0, 0.0, -half * share / sliver]).collect();
     block.solve(&forces, &mut space);

@@ -4,11 +4,12 @@
 use std::fmt::Write;
 use std::hint::black_box;
 
-use taktil_contact::fem::{Elements, Kind, Mesh, Press, graded_edges};
+use taktil_contact::Accuracy;
+use taktil_contact::fem::{Elements, Kind, Mesh, MeshContact, graded_edges};
 use taktil_contact::layer::Layer;
+use taktil_contact::space::Drive;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Drive, Level};
 
 use super::statements::{layer, plainly};
 use super::work::best_us;
@@ -28,8 +29,8 @@ pub(super) fn table(out: &mut String) -> anyhow::Result<()> {
         method | error/peak | error of force | us warm | us cold | us tables or factor"
     )?;
     let layer = layer(0.8, 0.49)?;
-    let (exact, force) = by_scene(&layer, Level::Fine)?;
-    for level in [Level::Fast, Level::Default, Level::Fine] {
+    let (exact, force) = by_scene(&layer, Accuracy::Fine)?;
+    for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
         let shape = Shape::Sphere { radius_mm: RADIUS };
         let (image, found) = by_scene(&layer, level)?;
         let mut scene = Scene::new(&layer, shape, &POINTS, Sampling::Centre, level)?;
@@ -62,7 +63,7 @@ fn near(round: u32) -> Drive {
     Drive::PenetrationMm(0.0501 + 1e-4 * f64::from(round % 3))
 }
 
-fn by_scene(layer: &Layer, level: Level) -> anyhow::Result<(Vec<f64>, f64)> {
+fn by_scene(layer: &Layer, level: Accuracy) -> anyhow::Result<(Vec<f64>, f64)> {
     let shape = Shape::Sphere { radius_mm: RADIUS };
     let mut scene = Scene::new(layer, shape, &POINTS, Sampling::Centre, level)?;
     let touch = scene.press(DEPTH, Pose::default())?;
@@ -80,19 +81,19 @@ fn on_bricks(
     let x = graded_edges(HALF_MM, n, 0.0).map_err(plainly)?;
     let z = graded_edges(layer.thickness_mm, nz, 0.0).map_err(plainly)?;
     let mesh = Mesh::block(&x, &x, &z, order).map_err(plainly)?;
-    let mesh = mesh.on_rollers(0, 0).on_rollers(1, 0);
+    let mesh = mesh.with_rollers(0, 0).with_rollers(1, 0);
     let mut bodies = Vec::new();
     let factor = best_us(1, |_| {
         bodies.push(Elements::new(layer, mesh.clone(), Kind::MeanDilatation));
     });
     let body = bodies.pop().ok_or_else(|| anyhow::anyhow!("no body"))?.map_err(plainly)?;
     let height = |column: usize| {
-        let [x, y, _] = mesh.nodes[mesh.surface(column)];
+        let [x, y, _] = mesh.nodes[mesh.surface_node(column)];
         let square = x * x + y * y;
         square / (RADIUS + (RADIUS * RADIUS - square).max(0.0).sqrt())
     };
     let heights = (0..mesh.columns()).map(height).collect();
-    let mut press = Press::new(body, heights).map_err(plainly)?;
+    let mut press = MeshContact::new(body, heights).map_err(plainly)?;
     let mut found = f64::NAN;
     let mut szz = Vec::new();
     let cold = best_us(1, |_| {

@@ -2,12 +2,13 @@
 //! flat bar (3.8, 3.9) and a cylinder (3.10, 3.11) at several thicknesses. Refuses what the contact
 //! modules refuse.
 
+use taktil_contact::Accuracy;
 use taktil_contact::field::{LineLoad, LinePoint, line, line_half_plane};
 use taktil_contact::half_plane::{
     cylinder_half_width_mm, cylinder_pressure_mpa, cylinder_stresses, punch_pressure_mpa,
     punch_stresses,
 };
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
+use taktil_contact::plane::{Friction, Indenter, Load, Shape, Spectrum};
 
 use super::curves::{Chart, Curve, stacked};
 use super::statements::{LB_PER_IN, layer, plainly};
@@ -97,7 +98,7 @@ fn down(thin: bool, curves: &[Curve]) -> String {
 /// Normal stress in kPa at the surface or at the depth of the sensor.
 fn stress(t: f64, shape: Shape, p_n_mm: f64, x: &[f64], top: bool) -> anyhow::Result<Vec<f64>> {
     let layer = layer(t, 0.49)?;
-    let mut body = Indenter::new(&layer, shape, Friction::None, Level::Fine).map_err(plainly)?;
+    let mut body = Indenter::new(&layer, shape, Friction::None, Accuracy::Fine).map_err(plainly)?;
     body.press(&Load { p_n_mm, q_n_mm: 0.0 })?;
     if top {
         return Ok(x.iter().map(|x| -1e3 * body.pressure_mpa(*x)).collect());

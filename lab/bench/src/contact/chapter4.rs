@@ -4,11 +4,12 @@
 
 use core::f64::consts::PI;
 
+use taktil_contact::Accuracy;
 use taktil_contact::field::{LineLoad, line};
-use taktil_contact::plane::bed::Bed;
+use taktil_contact::plane::compliance::SurfaceCompliance;
 use taktil_contact::plane::features::{Compressive, Moments, compressive, moments};
-use taktil_contact::plane::grip::{Drive, Grip, Law};
-use taktil_contact::plane::{Friction, Indenter, Level, Load, PointForce, Shape, Spectrum};
+use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact, LoadStep};
+use taktil_contact::plane::{Friction, Indenter, Load, PointForce, Shape, Spectrum};
 
 use super::chapter3::places;
 use super::curves::{Chart, Curve, stacked};
@@ -160,7 +161,7 @@ pub(super) fn bar(
     let layer = layer(THICK, 0.49)?;
     let shape = Shape::Flat { width_mm, height_mm };
     let mut body =
-        Indenter::new(&layer, shape, Friction::Proportional, Level::Default).map_err(plainly)?;
+        Indenter::new(&layer, shape, Friction::Proportional, Accuracy::Default).map_err(plainly)?;
     if body.press(&Load { p_n_mm, q_n_mm }).is_err() {
         return Ok(None);
     }
@@ -192,17 +193,18 @@ fn friction() -> anyhow::Result<Chart> {
     let edges: Vec<f64> = (0..=cells).map(edge).collect();
     let mut curves = Vec::new();
     let laws = [
-        ("in proportion to the pressure", Law::Proportional(load.q_n_mm / load.p_n_mm)),
-        ("held along x, no slip", Law::Coulomb(f64::INFINITY)),
-        ("none", Law::Free),
+        ("in proportion to the pressure", FrictionLaw::Proportional(load.q_n_mm / load.p_n_mm)),
+        ("held along x, no slip", FrictionLaw::Coulomb(f64::INFINITY)),
+        ("none", FrictionLaw::Free),
     ];
     for (name, law) in laws {
-        let bed = Bed::of_layer(&layer, &edges).map_err(plainly)?;
-        let mut grip = Grip::new(bed, vec![0.0; cells as usize], law).map_err(plainly)?;
-        grip.step(&Drive::Loads { load, height_mm: 6.35 })?;
+        let bed = SurfaceCompliance::of_layer(&layer, &edges).map_err(plainly)?;
+        let mut grip =
+            FrictionalContact::new(bed, vec![0.0; cells as usize], law).map_err(plainly)?;
+        grip.step(&LoadStep::Loads { load, height_mm: 6.35 })?;
         let parts = grip.normal_n_mm().iter().zip(grip.tangential_n_mm());
         let forces: Vec<PointForce> =
-            grip.bed().x_mm.iter().zip(parts).map(|(x, (p, q))| [*x, *p, *q]).collect();
+            grip.compliance().x_mm.iter().zip(parts).map(|(x, (p, q))| [*x, *p, *q]).collect();
         let stress = Spectrum::new(&layer, &forces, THICK, 40.0);
         curves.push(Curve::new(name, &x, x.iter().map(|x| 1e3 * stress.szz(*x))));
     }

@@ -5,15 +5,16 @@
 
 use core::f64::consts::PI;
 
+use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
-use taktil_contact::plane::bed::Bed;
+use taktil_contact::plane::compliance::SurfaceCompliance;
 use taktil_contact::plane::features::moments;
-use taktil_contact::plane::grip::{Drive, Grip, Law};
+use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact, LoadStep};
 use taktil_contact::plane::noslip::NoSlip;
+use taktil_contact::space;
 use taktil_contact::space::pin::Stand;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{self, Level};
 
 use super::chapter4::THICK;
 use super::curves::{Chart, Curve, stacked};
@@ -57,13 +58,13 @@ fn strip(width_mm: f64) -> anyhow::Result<[f64; 4]> {
     let cells = 32_u32;
     let edge = |i: u32| -0.5 * width_mm * libm::cos(PI * f64::from(i) / f64::from(cells));
     let edges: Vec<f64> = (0..=cells).map(edge).collect();
-    let bed = Bed::of_layer(&layer, &edges).map_err(plainly)?;
-    let law = Law::Coulomb(f64::INFINITY);
-    let mut grip = Grip::new(bed, vec![0.0; cells as usize], law).map_err(plainly)?;
+    let bed = SurfaceCompliance::of_layer(&layer, &edges).map_err(plainly)?;
+    let law = FrictionLaw::Coulomb(f64::INFINITY);
+    let mut grip = FrictionalContact::new(bed, vec![0.0; cells as usize], law).map_err(plainly)?;
     let mut at = |dz_mm: f64, dx_mm: f64| -> anyhow::Result<[f64; 2]> {
-        grip.step(&Drive::Move { dz_mm, dx_mm })?;
+        grip.step(&LoadStep::Move { dz_mm, dx_mm })?;
         let parts = grip.normal_n_mm().iter().zip(grip.tangential_n_mm());
-        let places = grip.bed().x_mm.iter().zip(parts);
+        let places = grip.compliance().x_mm.iter().zip(parts);
         let forces: Vec<[f64; 3]> = places.map(|(x, (p, q))| [*x, *p, *q]).collect();
         let m = moments(&layer, &forces, THICK).m;
         Ok([m[0], m[1]])
@@ -168,7 +169,8 @@ fn cylinder() -> anyhow::Result<Figure> {
 fn image() -> anyhow::Result<Figure> {
     let array = Array::THESIS;
     let pin = Shape::Cylinder { radius_mm: PIN_MM, length_mm: Some(20.0) };
-    let mut scene = Scene::new(&layer(THICK, 0.49)?, pin, &array, Sampling::Area, Level::Default)?;
+    let mut scene =
+        Scene::new(&layer(THICK, 0.49)?, pin, &array, Sampling::Area, Accuracy::Default)?;
     let mut picture = vec![0.0; array.len()];
     let mut at = |force: f64, tilt_rad: f64| -> anyhow::Result<[f64; 2]> {
         let pose = Pose { stand: Stand::default(), tilt_rad };

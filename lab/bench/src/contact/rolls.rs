@@ -4,10 +4,11 @@
 use std::fmt::Write;
 use std::hint::black_box;
 
+use taktil_contact::Accuracy;
 use taktil_contact::cylinder::LineContact;
-use taktil_contact::plane::bed::Bed;
-use taktil_contact::plane::grip::Drive;
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
+use taktil_contact::plane::compliance::SurfaceCompliance;
+use taktil_contact::plane::frictional::LoadStep;
+use taktil_contact::plane::{Friction, Indenter, Load, Shape, Spectrum};
 
 use super::statements::{layer, plainly};
 use super::work::{Meshed, Truth, best_us, grip_of, timed};
@@ -31,11 +32,11 @@ pub(super) fn table(out: &mut String) -> anyhow::Result<()> {
         method | error/peak | error of b | us warm | us cold | us tables"
     )?;
     let layer = layer(0.8, 0.49)?;
-    let mut fine = Indenter::new(&layer, ROLL, Friction::None, Level::Fine).map_err(plainly)?;
+    let mut fine = Indenter::new(&layer, ROLL, Friction::None, Accuracy::Fine).map_err(plainly)?;
     let exact = fine.press(&LOAD)?.x_right_mm;
     let forces = fine.point_forces(0.8);
     let truth = Truth::of(&layer, &forces);
-    for level in [Level::Fast, Level::Default, Level::Fine] {
+    for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
         spectral(out, level, (&truth, exact))?;
     }
     tabled(out, &Spectrum::new(&layer, &forces, 0.8, 30.0), (truth.peak, exact))?;
@@ -53,7 +54,11 @@ fn near(round: u32) -> Load {
     Load { p_n_mm: 2.02 + 0.02 * f64::from(round % 5), ..LOAD }
 }
 
-fn spectral(out: &mut String, level: Level, (truth, exact): (&Truth, f64)) -> anyhow::Result<()> {
+fn spectral(
+    out: &mut String,
+    level: Accuracy,
+    (truth, exact): (&Truth, f64),
+) -> anyhow::Result<()> {
     let layer = layer(0.8, 0.49)?;
     let tables = best_us(3, |_| {
         black_box(Indenter::new(&layer, ROLL, Friction::None, level).is_ok());
@@ -127,8 +132,8 @@ fn circle(x: f64) -> f64 {
     }
 }
 
-fn pressed(round: Option<u32>) -> Drive {
-    Drive::Upright(round.map_or(LOAD, near))
+fn pressed(round: Option<u32>) -> LoadStep {
+    LoadStep::Upright(round.map_or(LOAD, near))
 }
 
 fn on_cells(out: &mut String, n: u32, (truth, exact): (&Truth, f64)) -> anyhow::Result<()> {
@@ -136,12 +141,12 @@ fn on_cells(out: &mut String, n: u32, (truth, exact): (&Truth, f64)) -> anyhow::
     let edges: Vec<f64> =
         (0..=n).map(|i| 1.5 * exact * (2.0 * f64::from(i) / f64::from(n) - 1.0)).collect();
     let tables = best_us(2, |_| {
-        black_box(Bed::of_layer(&layer, &edges).is_ok());
+        black_box(SurfaceCompliance::of_layer(&layer, &edges).is_ok());
     });
-    let mut grip = grip_of(Bed::of_layer(&layer, &edges).map_err(plainly)?, circle)?;
+    let mut grip = grip_of(SurfaceCompliance::of_layer(&layer, &edges).map_err(plainly)?, circle)?;
     let [warm, cold] = timed(&mut grip, pressed)?;
     let forces: Vec<[f64; 3]> =
-        grip.bed().x_mm.iter().zip(grip.normal_n_mm()).map(|(x, p)| [*x, *p, 0.0]).collect();
+        grip.compliance().x_mm.iter().zip(grip.normal_n_mm()).map(|(x, p)| [*x, *p, 0.0]).collect();
     let stress = Spectrum::new(&layer, &forces, 0.8, 30.0);
     let error = truth.error(|x| stress.szz(x));
     writeln!(out, "cells {n} | {error:.1e} | | {warm:.0} | {cold:.0} | {tables:.0}")?;
@@ -150,10 +155,10 @@ fn on_cells(out: &mut String, n: u32, (truth, exact): (&Truth, f64)) -> anyhow::
 
 fn on_mesh(out: &mut String, cut: [usize; 3], (truth, exact): (&Truth, f64)) -> anyhow::Result<()> {
     let meshed = Meshed::new(cut)?;
-    let mut grip = grip_of(meshed.body.bed().map_err(plainly)?, circle)?;
+    let mut grip = grip_of(meshed.body.compliance().map_err(plainly)?, circle)?;
     let [warm, cold] = timed(&mut grip, pressed)?;
     let error = meshed.error(&grip, truth)?;
-    let touching = grip.bed().x_mm.iter().zip(grip.normal_n_mm()).filter(|(_, p)| **p > 0.0);
+    let touching = grip.compliance().x_mm.iter().zip(grip.normal_n_mm()).filter(|(_, p)| **p > 0.0);
     let b = touching.fold(0.0_f64, |most, (x, _)| most.max(*x));
     let (miss, tables) = ((b / exact - 1.0).abs(), meshed.tables_us);
     let name = &meshed.name;

@@ -3,13 +3,14 @@
 
 use std::fmt::Write;
 
+use taktil_contact::Accuracy;
 use taktil_contact::Invalid;
 use taktil_contact::field::{LineLoad, line};
 use taktil_contact::half_plane::line_stresses;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::features::moments;
 use taktil_contact::plane::noslip::NoSlip;
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape, Spectrum};
+use taktil_contact::plane::{Friction, Indenter, Load, Shape, Spectrum};
 use taktil_contact::stack::Stack;
 
 /// One pound a inch in N/mm: the loads of the thesis are whole parts of it.
@@ -78,7 +79,7 @@ fn knife() -> anyhow::Result<String> {
 
 fn pressed(t: f64, nu: f64, shape: Shape, load: Load) -> anyhow::Result<(Indenter, f64)> {
     let mut body =
-        Indenter::new(&layer(t, nu)?, shape, Friction::None, Level::Fine).map_err(plainly)?;
+        Indenter::new(&layer(t, nu)?, shape, Friction::None, Accuracy::Fine).map_err(plainly)?;
     let contact = body.press(&load)?;
     Ok((body, contact.delta_mm))
 }
@@ -129,7 +130,7 @@ fn superposition() -> anyhow::Result<String> {
         for (p, q, thesis) in [(0.53, 0.09, "holds"), (0.53, 0.16, "is off"), (0.18, 0.14, "fails")]
         {
             let at = |q: f64| -> anyhow::Result<Vec<f64>> {
-                let mut body = Indenter::new(&layer, shape, Friction::Proportional, Level::Fine)
+                let mut body = Indenter::new(&layer, shape, Friction::Proportional, Accuracy::Fine)
                     .map_err(plainly)?;
                 body.press(&Load { p_n_mm: p, q_n_mm: q })?;
                 let stress = Spectrum::new(&layer, &body.point_forces(0.8), 0.8, 40.0);
@@ -157,7 +158,7 @@ fn superposition() -> anyhow::Result<String> {
 fn second(layer: &Layer, width_mm: f64, height_mm: f64, load: Load) -> anyhow::Result<f64> {
     let shape = Shape::Flat { width_mm, height_mm };
     let mut body =
-        Indenter::new(layer, shape, Friction::Proportional, Level::Default).map_err(plainly)?;
+        Indenter::new(layer, shape, Friction::Proportional, Accuracy::Default).map_err(plainly)?;
     body.press(&load)?;
     Ok(moments(layer, &body.point_forces(0.8), 0.8).m[2])
 }
@@ -242,7 +243,7 @@ fn further() -> anyhow::Result<String> {
         let layers = [Layer { youngs_mpa: skin, ..layer(0.3, 0.49)? }, layer(0.5, 0.49)?];
         let stack = Stack::new(&layers).map_err(plainly)?;
         let mut body =
-            Indenter::on_stack(&stack, shape, Friction::None, Level::Fine).map_err(plainly)?;
+            Indenter::on_stack(&stack, shape, Friction::None, Accuracy::Fine).map_err(plainly)?;
         let part = body.press(&load)?.delta_mm / whole;
         writeln!(out, "C12 bar's descent, upper 0.3 of 0.8 mm {name} | later work | {part:.6}")?;
     }
@@ -254,7 +255,7 @@ fn ratios() -> anyhow::Result<String> {
     let mut out = String::new();
     for width in [6.35, 7.9, 12.7, 15.1] {
         let shape = Shape::Flat { width_mm: width, height_mm: 6.35 };
-        let mut body = Indenter::new(&layer(0.8, 0.49)?, shape, Friction::None, Level::Default)
+        let mut body = Indenter::new(&layer(0.8, 0.49)?, shape, Friction::None, Accuracy::Default)
             .map_err(plainly)?;
         let (mut low, mut high) = (0.0, 0.499 * width / 6.35);
         for _ in 0..40 {

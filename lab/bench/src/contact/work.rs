@@ -4,13 +4,14 @@
 use std::fmt::Write;
 use std::hint::black_box;
 
+use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh};
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::bed::Bed;
-use taktil_contact::plane::chart::Chart;
+use taktil_contact::plane::compliance::SurfaceCompliance;
+use taktil_contact::plane::contact_table::ContactTable;
 use taktil_contact::plane::features::moments;
-use taktil_contact::plane::grip::{Drive, Grip, Law};
-use taktil_contact::plane::{Friction, Indenter, Level, Load, PointForce, Shape, Spectrum};
+use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact, LoadStep};
+use taktil_contact::plane::{Friction, Indenter, Load, PointForce, Shape, Spectrum};
 
 use super::statements::{layer, plainly};
 use super::{bricks, rolls};
@@ -66,10 +67,10 @@ pub(super) fn table() -> anyhow::Result<String> {
          method | error/peak | us warm | us cold | us tables\n",
     );
     let layer = layer(0.8, 0.49)?;
-    let mut fine = Indenter::new(&layer, SHAPE, Friction::None, Level::Fine).map_err(plainly)?;
+    let mut fine = Indenter::new(&layer, SHAPE, Friction::None, Accuracy::Fine).map_err(plainly)?;
     fine.press(&LOAD)?;
     let truth = Truth::of(&layer, &fine.point_forces(0.8));
-    for level in [Level::Fast, Level::Default, Level::Fine] {
+    for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
         spectral(&mut out, level, &truth)?;
     }
     charted(&mut out, &truth)?;
@@ -92,7 +93,7 @@ fn nudged(round: u32) -> Load {
     Load { p_n_mm: LOAD.p_n_mm, q_n_mm: LOAD.q_n_mm * f }
 }
 
-fn spectral(out: &mut String, level: Level, truth: &Truth) -> anyhow::Result<()> {
+fn spectral(out: &mut String, level: Accuracy, truth: &Truth) -> anyhow::Result<()> {
     let layer = layer(0.8, 0.49)?;
     let tables = best_us(3, |_| {
         black_box(Indenter::new(&layer, SHAPE, Friction::None, level).is_ok());
@@ -115,8 +116,8 @@ fn spectral(out: &mut String, level: Level, truth: &Truth) -> anyhow::Result<()>
 /// The bar's chart: no warm and no cold start, so one time; then with the stress at all places.
 fn charted(out: &mut String, truth: &Truth) -> anyhow::Result<()> {
     const CALLS: u32 = 1000;
-    let (layer, size) = (layer(0.8, 0.49)?, (WIDTH, 6.35));
-    let make = |x: &[f64]| Chart::new(&layer, size, Friction::None, x);
+    let layer = layer(0.8, 0.49)?;
+    let make = |x: &[f64]| ContactTable::new(&layer, WIDTH, 6.35, Friction::None, x);
     let tables = best_us(1, |_| {
         black_box(make(&truth.x).is_ok());
     });
@@ -152,15 +153,18 @@ fn face(x: f64) -> f64 {
 }
 
 /// A profile on a bed, nothing touching.
-pub(super) fn grip_of(bed: Bed, height_mm: impl Fn(f64) -> f64) -> anyhow::Result<Grip> {
+pub(super) fn grip_of(
+    bed: SurfaceCompliance,
+    height_mm: impl Fn(f64) -> f64,
+) -> anyhow::Result<FrictionalContact> {
     let heights = bed.x_mm.iter().map(|x| height_mm(*x)).collect();
-    Grip::new(bed, heights, Law::Free).map_err(plainly)
+    FrictionalContact::new(bed, heights, FrictionLaw::Free).map_err(plainly)
 }
 
 /// Times from the contact before and from none, the last step under a drive without a round.
 pub(super) fn timed(
-    grip: &mut Grip,
-    drive: impl Fn(Option<u32>) -> Drive,
+    grip: &mut FrictionalContact,
+    drive: impl Fn(Option<u32>) -> LoadStep,
 ) -> anyhow::Result<[f64; 2]> {
     let fresh = grip.clone();
     let cold = best_us(3, |_| {
@@ -175,8 +179,8 @@ pub(super) fn timed(
     Ok([warm, cold])
 }
 
-fn pushed(round: Option<u32>) -> Drive {
-    Drive::Loads { load: round.map_or(LOAD, nudged), height_mm: 6.35 }
+fn pushed(round: Option<u32>) -> LoadStep {
+    LoadStep::Loads { load: round.map_or(LOAD, nudged), height_mm: 6.35 }
 }
 
 fn on_cells(out: &mut String, n: u32, truth: &Truth) -> anyhow::Result<()> {
@@ -184,12 +188,12 @@ fn on_cells(out: &mut String, n: u32, truth: &Truth) -> anyhow::Result<()> {
     let angle = |i: u32| core::f64::consts::PI * f64::from(i) / f64::from(n);
     let edges: Vec<f64> = (0..=n).map(|i| -0.5 * WIDTH * libm::cos(angle(i))).collect();
     let tables = best_us(2, |_| {
-        black_box(Bed::of_layer(&layer, &edges).is_ok());
+        black_box(SurfaceCompliance::of_layer(&layer, &edges).is_ok());
     });
-    let mut grip = grip_of(Bed::of_layer(&layer, &edges).map_err(plainly)?, face)?;
+    let mut grip = grip_of(SurfaceCompliance::of_layer(&layer, &edges).map_err(plainly)?, face)?;
     let [warm, cold] = timed(&mut grip, pushed)?;
     let forces: Vec<[f64; 3]> =
-        grip.bed().x_mm.iter().zip(grip.normal_n_mm()).map(|(x, p)| [*x, *p, 0.0]).collect();
+        grip.compliance().x_mm.iter().zip(grip.normal_n_mm()).map(|(x, p)| [*x, *p, 0.0]).collect();
     let stress = Spectrum::new(&layer, &forces, 0.8, 30.0);
     let error = truth.error(|x| stress.szz(x));
     let m1 = moments(&layer, &forces, 0.8).m[1] + 6.35 * LOAD.q_n_mm;
@@ -202,7 +206,7 @@ fn on_cells(out: &mut String, n: u32, truth: &Truth) -> anyhow::Result<()> {
 
 fn on_mesh(out: &mut String, cut: [usize; 3], truth: &Truth) -> anyhow::Result<()> {
     let meshed = Meshed::new(cut)?;
-    let mut grip = grip_of(meshed.body.bed().map_err(plainly)?, face)?;
+    let mut grip = grip_of(meshed.body.compliance().map_err(plainly)?, face)?;
     let [warm, cold] = timed(&mut grip, pushed)?;
     let error = meshed.error(&grip, truth)?;
     let forces = vec![[0.0, -0.01]; meshed.body.mesh().columns()];
@@ -229,11 +233,12 @@ impl Meshed {
     pub(super) fn new([nx, nz, order]: [usize; 3]) -> anyhow::Result<Self> {
         let layer = layer(0.8, 0.49)?;
         let equal = Mesh::uniform(25.4, 0.8, nx, nz).map_err(plainly)?;
-        let mesh = Mesh::over([&equal.line_mm(0), &equal.line_mm(1)], order).map_err(plainly)?;
+        let mesh =
+            Mesh::from_edges([&equal.line_mm(0), &equal.line_mm(1)], order).map_err(plainly)?;
         let kind = Kind::MeanDilatation;
         let body = Elements::new(&layer, mesh.clone(), kind).map_err(plainly)?;
         let tables_us = best_us(1, |_| {
-            let made = Elements::new(&layer, mesh.clone(), kind).and_then(|body| body.bed());
+            let made = Elements::new(&layer, mesh.clone(), kind).and_then(|body| body.compliance());
             black_box(made.is_ok());
         });
         let name = format!("elements {nx} x {nz}, order {order}");
@@ -241,9 +246,9 @@ impl Meshed {
     }
 
     /// Of the base stress under what a grip carries.
-    pub(super) fn error(&self, grip: &Grip, truth: &Truth) -> anyhow::Result<f64> {
+    pub(super) fn error(&self, grip: &FrictionalContact, truth: &Truth) -> anyhow::Result<f64> {
         let forces = (grip.normal_n_mm(), grip.tangential_n_mm());
-        let response = self.body.under(forces.0, forces.1).map_err(plainly)?;
+        let response = self.body.response_to_contact(forces.0, forces.1).map_err(plainly)?;
         let (places, szz) = (self.body.mesh().row_mm(0), self.body.base_szz_mpa(&response));
         Ok(truth.error(|x| {
             let right = places.partition_point(|place| *place < x).clamp(1, places.len() - 1);

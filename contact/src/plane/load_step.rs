@@ -1,12 +1,12 @@
-//! What drives the general contact solver and what each place of it may do. Refuses loads that
-//! topple an indenter; all else that it is given the solver in [`super::grip`] checks.
+//! The input of the solver in [`super::frictional`]: load steps and the friction law, and the
+//! status that a place may have. Loads that topple an indenter are refused here.
 
-use super::bed::Bed;
+use super::compliance::SurfaceCompliance;
 use super::{Load, Refusal};
 
-/// The law along x.
+/// FrictionLaw of the traction along x.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Law {
+pub enum FrictionLaw {
     /// No shear.
     Free,
     /// Shear in proportion to pressure, by this factor, everywhere.
@@ -15,21 +15,21 @@ pub enum Law {
     Coulomb(f64),
 }
 
-impl Law {
+impl FrictionLaw {
     /// Shear per pressure where it slips, or is prescribed.
-    pub(super) fn shear(self, status: Status) -> f64 {
+    pub(super) fn shear_ratio(self, status: ContactStatus) -> f64 {
         match (self, status) {
             (Self::Proportional(factor), _) => factor,
-            (Self::Coulomb(mu), Status::SlipForward) => mu,
-            (Self::Coulomb(mu), Status::SlipBack) => -mu,
+            (Self::Coulomb(mu), ContactStatus::SlipForward) => mu,
+            (Self::Coulomb(mu), ContactStatus::SlipBack) => -mu,
             _ => 0.0,
         }
     }
 }
 
-/// What is prescribed.
+/// What is prescribed of the indenter in one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Drive {
+pub enum LoadStep {
     /// Loads at `height_mm` above the surface at x = 0; the indenter tilts as it must.
     Loads {
         /// P and Q.
@@ -57,8 +57,8 @@ pub enum Drive {
     },
 }
 
-impl Drive {
-    /// Descent, tilt and place along x, where they are what is prescribed.
+impl LoadStep {
+    /// Descent, tilt and place along x, if they are prescribed.
     pub(super) fn pose(&self) -> Option<[f64; 3]> {
         match *self {
             Self::Move { dz_mm, dx_mm } => Some([dz_mm, 0.0, dx_mm]),
@@ -68,14 +68,24 @@ impl Drive {
     }
 }
 
-/// Refuses loads whose resultant is not between the outermost places under an indenter.
-pub(super) fn stands(drive: &Drive, bed: &Bed, height_mm: &[f64]) -> Result<(), Refusal> {
-    let Drive::Loads { load, height_mm: above } = drive else { return Ok(()) };
+/// Refuses loads whose resultant is not between the outermost places under an indenter, since no
+/// pressure balances their moment.
+pub(super) fn check_resultant(
+    step: &LoadStep,
+    compliance: &SurfaceCompliance,
+    height_mm: &[f64],
+) -> Result<(), Refusal> {
+    let LoadStep::Loads { load, height_mm: above } = step else { return Ok(()) };
     let lever = load.q_n_mm * above / load.p_n_mm.max(f64::MIN_POSITIVE);
     let mut places = [f64::INFINITY, f64::NEG_INFINITY];
-    // What the outermost stand for.
+    // The outer ends of the cells at the outermost places.
     let mut ends = places;
-    let under = bed.x_mm.iter().zip(&bed.width_mm).zip(height_mm).filter(|(_, h)| h.is_finite());
+    let under = compliance
+        .x_mm
+        .iter()
+        .zip(&compliance.width_mm)
+        .zip(height_mm)
+        .filter(|(_, h)| h.is_finite());
     for ((x, width), _) in under {
         places = [places[0].min(*x), places[1].max(*x)];
         ends = [ends[0].min(x - 0.5 * width), ends[1].max(x + 0.5 * width)];
@@ -83,39 +93,41 @@ pub(super) fn stands(drive: &Drive, bed: &Bed, height_mm: &[f64]) -> Result<(), 
     let within = |[low, high]: [f64; 2]| lever > low && lever < high;
     match (within(places), within(ends)) {
         (true, _) => Ok(()),
-        (false, true) => Err(Refusal::OnCorner),
-        (false, false) => Err(Refusal::Topples),
+        (false, true) => Err(Refusal::OnLastNode),
+        (false, false) => Err(Refusal::Toppling),
     }
 }
 
-/// A drive part of the way from another of its kind, or from nothing.
-pub(super) fn between(start: Option<Drive>, drive: &Drive, f: f64) -> Drive {
+/// The step a part of the way from another one of its kind, or from no load.
+pub(super) fn interpolate(start: Option<LoadStep>, step: &LoadStep, f: f64) -> LoadStep {
     let mix = |a: f64, b: f64| a + f * (b - a);
     let mean = |a: Load, b: Load| Load {
         p_n_mm: mix(a.p_n_mm, b.p_n_mm),
         q_n_mm: mix(a.q_n_mm, b.q_n_mm),
     };
-    match (*drive, start) {
-        (Drive::Loads { load, height_mm }, Some(Drive::Loads { load: from, .. })) => {
-            Drive::Loads { load: mean(from, load), height_mm }
+    match (*step, start) {
+        (LoadStep::Loads { load, height_mm }, Some(LoadStep::Loads { load: from, .. })) => {
+            LoadStep::Loads { load: mean(from, load), height_mm }
         }
-        (Drive::Loads { load, height_mm }, _) => {
-            Drive::Loads { load: mean(Load::default(), load), height_mm }
+        (LoadStep::Loads { load, height_mm }, _) => {
+            LoadStep::Loads { load: mean(Load::default(), load), height_mm }
         }
-        (Drive::Upright(load), Some(Drive::Upright(from))) => Drive::Upright(mean(from, load)),
-        (Drive::Upright(load), _) => Drive::Upright(mean(Load::default(), load)),
-        (Drive::Move { .. } | Drive::Pose { .. }, _) => {
-            let to = drive.pose().unwrap_or_default();
+        (LoadStep::Upright(load), Some(LoadStep::Upright(from))) => {
+            LoadStep::Upright(mean(from, load))
+        }
+        (LoadStep::Upright(load), _) => LoadStep::Upright(mean(Load::default(), load)),
+        (LoadStep::Move { .. } | LoadStep::Pose { .. }, _) => {
+            let to = step.pose().unwrap_or_default();
             let from = start.and_then(|start| start.pose()).unwrap_or_default();
             let [dz_mm, slope, dx_mm] = [0, 1, 2].map(|i| mix(from[i], to[i]));
-            Drive::Pose { dz_mm, slope, dx_mm }
+            LoadStep::Pose { dz_mm, slope, dx_mm }
         }
     }
 }
 
-/// What a place does.
+/// ContactStatus of a place of the surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Status {
+pub enum ContactStatus {
     /// Does not touch.
     Apart,
     /// Touches and sticks (or slides freely, without a law along x).
@@ -126,12 +138,12 @@ pub enum Status {
     SlipBack,
 }
 
-/// A place that comes to touch first does as its neighbour: a stick of its own, beside slip, would
-/// be torn off again.
-pub(super) fn entering(status: &[Status], i: usize) -> Status {
+/// ContactStatus of a place that comes into contact: that of its nearest neighbour in contact,
+/// since a place that sticks alone beside slipping ones would open again.
+pub(super) fn status_on_contact(status: &[ContactStatus], i: usize) -> ContactStatus {
     let beside = |d: usize| [i.checked_sub(d), Some(i + d)];
     let of = |j: Option<usize>| j.and_then(|j| status.get(j)).copied();
     let mut near = (1..status.len()).flat_map(beside).filter_map(of);
-    let touching = near.find(|s| *s != Status::Apart);
-    touching.unwrap_or(Status::Stick)
+    let touching = near.find(|s| *s != ContactStatus::Apart);
+    touching.unwrap_or(ContactStatus::Stick)
 }

@@ -1,43 +1,24 @@
-//! Symmetric systems of which only the lower triangle is there, in memory of the caller's. It
-//! refuses nothing but a system that is not positive definite.
+//! Cholesky factors of symmetric positive definite matrices of which only the lower triangle is
+//! stored, in memory that the caller owns.
 
+pub(crate) use super::product::dot;
 use super::wide::wide;
-
-/// Terms of a dot product that are taken side by side.
-const LANES: usize = 8;
 
 wide! {
     /// Cholesky's factor of a lower triangle of `size` rows in place; false when it is not
     /// positive.
-    pub(crate) fn factor(matrix: &mut [f64], size: usize) -> bool = factored;
+    pub(crate) fn factor(matrix: &mut [f64], size: usize) -> bool = factor_in_place;
 
     /// Solves in place with the triangle of [`factor`].
-    pub(crate) fn solve(triangle: &[f64], size: usize, side: &mut [f64]) = solved;
+    pub(crate) fn solve(triangle: &[f64], size: usize, side: &mut [f64]) = solve_in_place;
 
     /// The same for a side that is zero before `from`.
     pub(crate) fn solve_from(triangle: &[f64], size: usize, side: &mut [f64], from: usize)
-        = solved_from;
-}
-
-/// Dot product, a long one in eight sums.
-#[inline(always)]
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let plain = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    if a.len() < LANES {
-        return plain(a, b);
-    }
-    let ((a, rest_a), (b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
-    let mut sums = [0.0; LANES];
-    for (a, b) in a.iter().zip(b) {
-        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
-            *sum += a * b;
-        }
-    }
-    sums.iter().sum::<f64>() + plain(rest_a, rest_b)
+        = solve_from_in_place;
 }
 
 #[inline(always)]
-fn factored(matrix: &mut [f64], size: usize) -> bool {
+fn factor_in_place(matrix: &mut [f64], size: usize) -> bool {
     for i in 0..size {
         let (above, row) = matrix.split_at_mut(i * size);
         for j in 0..i {
@@ -54,12 +35,12 @@ fn factored(matrix: &mut [f64], size: usize) -> bool {
 }
 
 #[inline(always)]
-fn solved(triangle: &[f64], size: usize, side: &mut [f64]) {
-    solved_from(triangle, size, side, 0);
+fn solve_in_place(triangle: &[f64], size: usize, side: &mut [f64]) {
+    solve_from_in_place(triangle, size, side, 0);
 }
 
 #[inline(always)]
-fn solved_from(triangle: &[f64], size: usize, side: &mut [f64], from: usize) {
+fn solve_from_in_place(triangle: &[f64], size: usize, side: &mut [f64], from: usize) {
     for i in from..size {
         let row = &triangle[i * size..=i * size + i];
         side[i] = (side[i] - dot(&row[from..i], &side[from..i])) / row[i];
@@ -72,6 +53,32 @@ fn solved_from(triangle: &[f64], size: usize, side: &mut [f64], from: usize) {
             *value -= known * entry;
         }
     }
+}
+
+/// Inverse of the Cholesky factor of the leading `count` rows of a small matrix.
+pub(crate) fn inverse_factor<const N: usize>(
+    products: &[[f64; N]; N],
+    count: usize,
+) -> [[f64; N]; N] {
+    let mut lower = [[0.0_f64; N]; N];
+    let mut out = [[0.0; N]; N];
+    for i in 0..count {
+        for j in 0..=i {
+            let known: f64 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
+            let rest = products[i][j] - known;
+            lower[i][j] = if i == j { rest.sqrt() } else { rest / lower[j][j] };
+        }
+    }
+    for row in 0..count {
+        let mut line = [0.0; N];
+        for (column, slot) in line.iter_mut().enumerate().take(row + 1) {
+            let known: f64 = (column..row).map(|k| lower[row][k] * out[k][column]).sum();
+            let one = if row == column { 1.0 } else { 0.0 };
+            *slot = (one - known) / lower[row][row];
+        }
+        out[row] = line;
+    }
+    out
 }
 
 #[cfg(test)]
@@ -89,13 +96,13 @@ mod tests {
         let side: Vec<f64> = (0..size).map(|i| if i < 4 { 0.0 } else { i as f64 - 9.0 }).collect();
         let (mut found, mut narrow) = (side.clone(), side.clone());
         let mut other = matrix.clone();
-        assert!(factor(&mut matrix, size) && factored(&mut other, size));
+        assert!(factor(&mut matrix, size) && factor_in_place(&mut other, size));
         solve_from(&matrix, size, &mut found, 4);
-        solved_from(&other, size, &mut narrow, 4);
+        solve_from_in_place(&other, size, &mut narrow, 4);
         assert!(matrix == other && found == narrow, "to the last bit in registers of any width");
         solve(&matrix, size, &mut narrow);
         let mut again = found.clone();
-        solved(&matrix, size, &mut again);
+        solve_in_place(&matrix, size, &mut again);
         assert!(narrow == again && narrow != found);
         for (i, wanted) in side.iter().enumerate() {
             let back: f64 = found.iter().enumerate().map(|(j, x)| entry(i, j) * x).sum();

@@ -1,37 +1,36 @@
-//! Cholesky's factors of a symmetric positive definite band matrix, lower half, row by row. It
-//! refuses what is not positive definite by `false`.
+//! Cholesky factors of symmetric positive definite band matrices, lower half, row by row.
 
-/// Right sides that are solved at once: the factor is read once for all of them.
-pub(super) const LANES: usize = 8;
+/// Right sides that are solved together: the factor is read once for all of them.
+pub(crate) const SIDES_AT_ONCE: usize = 8;
 
 /// The lower band of a matrix, then of its factor.
 #[derive(Clone, Debug)]
-pub(super) struct Band {
+pub(crate) struct Band {
     size: usize,
     half: usize,
-    /// Row i holds columns i - half to i; what lies left of column 0 stays 0.
+    /// Row i holds columns i - half to i; entries left of column 0 stay 0.
     rows: Vec<f64>,
 }
 
 impl Band {
-    pub(super) fn new(size: usize, half: usize) -> Self {
+    pub(crate) fn new(size: usize, half: usize) -> Self {
         Self { size, half, rows: vec![0.0; size * (half + 1)] }
     }
 
-    /// Numbers kept.
-    pub(super) fn entries(&self) -> usize {
+    /// Number of stored entries.
+    pub(crate) fn entries(&self) -> usize {
         self.rows.len()
     }
 
     /// Adds to an entry and, by symmetry, to its mirror image.
-    pub(super) fn add(&mut self, row: usize, column: usize, value: f64) {
+    pub(crate) fn add(&mut self, row: usize, column: usize, value: f64) {
         if column <= row {
             self.rows[row * (self.half + 1) + self.half + column - row] += value;
         }
     }
 
     /// Factors in place; whether the matrix was positive definite.
-    pub(super) fn factor(&mut self) -> bool {
+    pub(crate) fn factor(&mut self) -> bool {
         let (n, w) = (self.size, self.half + 1);
         for i in 0..n {
             let first = i.saturating_sub(self.half);
@@ -52,14 +51,14 @@ impl Band {
             if rest.is_nan() || rest <= 0.0 {
                 return false;
             }
-            // The diagonal is kept as its inverse.
+            // The diagonal stores its inverse, so that solving multiplies.
             row[self.half] = 1.0 / rest.sqrt();
         }
         true
     }
 
     /// Solves in place after [`Self::factor`].
-    pub(super) fn solve(&self, side: &mut [f64]) {
+    pub(crate) fn solve(&self, side: &mut [f64]) {
         let (n, w) = (self.size, self.half + 1);
         for i in 0..n {
             let first = i.saturating_sub(self.half);
@@ -81,12 +80,12 @@ impl Band {
     }
 
     /// [`Self::solve`] for several right sides, each with the same bits as alone.
-    pub(super) fn solve_lanes(&self, side: &mut [[f64; LANES]]) {
+    pub(crate) fn solve_many(&self, side: &mut [[f64; SIDES_AT_ONCE]]) {
         let (n, w) = (self.size, self.half + 1);
         for i in 0..n {
             let first = i.saturating_sub(self.half);
             let row = &self.rows[i * w..][..w];
-            let mut known = [0.0; LANES];
+            let mut known = [0.0; SIDES_AT_ONCE];
             for (a, s) in row[self.half + first - i..self.half].iter().zip(&side[first..i]) {
                 known.iter_mut().zip(s).for_each(|(known, s)| *known += a * s);
             }
@@ -131,13 +130,13 @@ mod tests {
         let row = |i: usize| (0..n).map(|j| entry(i, j) * x[j]).sum::<f64>();
         let mut side: Vec<f64> = (0..n).map(row).collect();
         assert!(band.factor());
-        let mut lanes: Vec<[f64; LANES]> =
-            side.iter().map(|s| core::array::from_fn(|lane| s * (1.0 + lane as f64))).collect();
-        band.solve_lanes(&mut lanes);
-        for lane in 0..LANES {
-            let mut alone: Vec<f64> = side.iter().map(|s| s * (1.0 + lane as f64)).collect();
+        let mut lanes: Vec<[f64; SIDES_AT_ONCE]> =
+            side.iter().map(|s| core::array::from_fn(|index| s * (1.0 + index as f64))).collect();
+        band.solve_many(&mut lanes);
+        for index in 0..SIDES_AT_ONCE {
+            let mut alone: Vec<f64> = side.iter().map(|s| s * (1.0 + index as f64)).collect();
             band.solve(&mut alone);
-            assert!(alone.iter().zip(&lanes).all(|(a, b)| a.to_bits() == b[lane].to_bits()));
+            assert!(alone.iter().zip(&lanes).all(|(a, b)| a.to_bits() == b[index].to_bits()));
         }
         band.solve(&mut side);
         assert!(side.iter().zip(&x).all(|(a, b)| (a - b).abs() < 1e-14));

@@ -1,7 +1,8 @@
 //! What the levels promise, over drawn bars and cylinders: fast and default against fine.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::{Contact, Friction, Indenter, Level, Load, Shape, Spectrum};
+use taktil_contact::plane::{Contact, Friction, Indenter, Load, Shape, Spectrum};
 
 struct Draws(u64);
 
@@ -17,7 +18,7 @@ fn solved(
     layer: &Layer,
     shape: Shape,
     friction: Friction,
-    level: Level,
+    level: Accuracy,
     load: &Load,
 ) -> (Contact, Vec<f64>) {
     let mut body = Indenter::new(layer, shape, friction, level).expect("a sound indenter");
@@ -44,10 +45,10 @@ fn fast_is_half_a_percent_and_default_a_hundred_thousandth() {
         };
         let p_n_mm = draws.between(0.1, 2.0);
         let load = Load { p_n_mm, q_n_mm: p_n_mm * draws.between(-most, most) };
-        let (fine, exact) = solved(&layer, shape, friction, Level::Fine, &load);
+        let (fine, exact) = solved(&layer, shape, friction, Accuracy::Fine, &load);
         let peak = exact.iter().fold(0.0_f64, |most, s| most.max(s.abs()));
         let width = fine.x_right_mm - fine.x_left_mm;
-        for (k, level) in [Level::Fast, Level::Default].into_iter().enumerate() {
+        for (k, level) in [Accuracy::Fast, Accuracy::Default].into_iter().enumerate() {
             let (contact, szz) = solved(&layer, shape, friction, level, &load);
             let miss =
                 szz.iter().zip(&exact).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs())) / peak;
@@ -83,9 +84,9 @@ fn levels_keep_their_word_on_wide_soft_and_steep_contacts() {
     for (t, nu, shape, friction, [p_n_mm, q_n_mm]) in cases {
         let layer = Layer::new(t, 27.58, nu).expect("a sound layer");
         let load = Load { p_n_mm, q_n_mm };
-        let (fine, _) = solved(&layer, shape, friction, Level::Fine, &load);
+        let (fine, _) = solved(&layer, shape, friction, Accuracy::Fine, &load);
         let width = fine.x_right_mm - fine.x_left_mm;
-        for (level, bar) in [(Level::Fast, 5e-3), (Level::Default, 1e-5)] {
+        for (level, bar) in [(Accuracy::Fast, 5e-3), (Accuracy::Default, 1e-5)] {
             let (found, _) = solved(&layer, shape, friction, level, &load);
             let miss = [
                 (found.delta_mm - fine.delta_mm) / fine.delta_mm,

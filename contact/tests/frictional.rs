@@ -1,10 +1,11 @@
 //! The general contact solver: against the spectral one, Coulomb's law, paths of loads.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::bed::Bed;
-use taktil_contact::plane::grip::{Drive, Grip, Law, Status};
+use taktil_contact::plane::compliance::SurfaceCompliance;
+use taktil_contact::plane::frictional::{ContactStatus, FrictionLaw, FrictionalContact, LoadStep};
 use taktil_contact::plane::noslip::NoSlip;
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Refusal, Shape};
+use taktil_contact::plane::{Friction, Indenter, Load, Refusal, Shape};
 
 const E_MPA: f64 = 27.58;
 
@@ -22,21 +23,21 @@ fn even(half: f64, n: u32) -> Vec<f64> {
     (0..=n).map(|i| half * (2.0 * f64::from(i) / f64::from(n) - 1.0)).collect()
 }
 
-fn bar(nu: f64, n: u32, law: Law) -> Grip {
-    let bed = Bed::of_layer(&layer(nu), &face(12.7, n)).expect("a bed");
+fn bar(nu: f64, n: u32, law: FrictionLaw) -> FrictionalContact {
+    let bed = SurfaceCompliance::of_layer(&layer(nu), &face(12.7, n)).expect("a bed");
     let heights = vec![0.0; bed.count()];
-    Grip::new(bed, heights, law).expect("a grip")
+    FrictionalContact::new(bed, heights, law).expect("a grip")
 }
 
-fn roll(nu: f64, radius: f64, half: f64, n: u32, law: Law) -> Grip {
-    let bed = Bed::of_layer(&layer(nu), &even(half, n)).expect("a bed");
+fn roll(nu: f64, radius: f64, half: f64, n: u32, law: FrictionLaw) -> FrictionalContact {
+    let bed = SurfaceCompliance::of_layer(&layer(nu), &even(half, n)).expect("a bed");
     let round = |x: &f64| x * x / (radius + (radius * radius - x * x).sqrt());
     let heights = bed.x_mm.iter().map(round).collect();
-    Grip::new(bed, heights, law).expect("a grip")
+    FrictionalContact::new(bed, heights, law).expect("a grip")
 }
 
-fn loads(p_n_mm: f64, q_n_mm: f64) -> Drive {
-    Drive::Loads { load: Load { p_n_mm, q_n_mm }, height_mm: 6.35 }
+fn loads(p_n_mm: f64, q_n_mm: f64) -> LoadStep {
+    LoadStep::Loads { load: Load { p_n_mm, q_n_mm }, height_mm: 6.35 }
 }
 
 #[test]
@@ -49,12 +50,13 @@ fn bars_agree_with_the_spectral_solver() {
         (-0.7, Friction::None),
     ] {
         let shape = Shape::Flat { width_mm: 12.7, height_mm: 6.35 };
-        let mut exact = Indenter::new(&layer(0.49), shape, friction, Level::Fine).expect("sound");
+        let mut exact =
+            Indenter::new(&layer(0.49), shape, friction, Accuracy::Fine).expect("sound");
         let load = Load { p_n_mm: 0.7, q_n_mm: 0.7 * ratio };
         let contact = exact.press(&load).expect("a contact");
         let law = match friction {
-            Friction::None => Law::Free,
-            Friction::Proportional => Law::Proportional(ratio),
+            Friction::None => FrictionLaw::Free,
+            Friction::Proportional => FrictionLaw::Proportional(ratio),
         };
         let mut last = f64::INFINITY;
         for n in [48, 96] {
@@ -62,7 +64,7 @@ fn bars_agree_with_the_spectral_solver() {
             grip.step(&loads(load.p_n_mm, load.q_n_mm)).expect("a contact");
             assert!(grip.residual() < 1e-11);
             let peak = 0.7 / 12.7 * 1.7;
-            let bed = grip.bed();
+            let bed = grip.compliance();
             let miss = (0..bed.count())
                 .filter(|i| bed.x_mm[*i].abs() < 5.5)
                 .map(|i| {
@@ -82,11 +84,12 @@ fn bars_agree_with_the_spectral_solver() {
 #[test]
 fn cylinders_agree_with_the_spectral_solver_at_second_order() {
     let shape = Shape::Cylinder { radius_mm: 25.4 };
-    let mut exact = Indenter::new(&layer(0.49), shape, Friction::None, Level::Fine).expect("sound");
+    let mut exact =
+        Indenter::new(&layer(0.49), shape, Friction::None, Accuracy::Fine).expect("sound");
     let contact = exact.descend(0.03).expect("a contact");
     let miss = |n: u32| {
-        let mut grip = roll(0.49, 25.4, 2.0, n, Law::Free);
-        grip.step(&Drive::Move { dz_mm: 0.03, dx_mm: 0.0 }).expect("a contact");
+        let mut grip = roll(0.49, 25.4, 2.0, n, FrictionLaw::Free);
+        grip.step(&LoadStep::Move { dz_mm: 0.03, dx_mm: 0.0 }).expect("a contact");
         (grip.load().p_n_mm / contact.p_n_mm - 1.0).abs()
     };
     let (coarse, fine) = (miss(40), miss(160));
@@ -98,10 +101,10 @@ fn growth_in_steps_without_slip_tends_to_the_volterra_solution() {
     let shape = Shape::Cylinder { radius_mm: 25.4 };
     let exact = NoSlip::descend(&layer(0.49), shape, 0.0326).expect("a contact");
     let load = |steps: u32| {
-        let mut grip = roll(0.49, 25.4, 1.8, 90, Law::Coulomb(f64::INFINITY));
+        let mut grip = roll(0.49, 25.4, 1.8, 90, FrictionLaw::Coulomb(f64::INFINITY));
         for k in 1..=steps {
             let dz_mm = 0.0326 * f64::from(k) / f64::from(steps);
-            grip.step(&Drive::Move { dz_mm, dx_mm: 0.0 }).expect("a contact");
+            grip.step(&LoadStep::Move { dz_mm, dx_mm: 0.0 }).expect("a contact");
         }
         grip.load().p_n_mm / exact.p_n_mm - 1.0
     };
@@ -112,21 +115,21 @@ fn growth_in_steps_without_slip_tends_to_the_volterra_solution() {
 #[test]
 fn coulomb_holds_everywhere_and_the_zones_are_those_of_the_law() {
     // A bar under P, then Q: slips nowhere or at the rear edge first, and slides at mu P.
-    let mut grip = bar(0.49, 64, Law::Coulomb(0.3));
-    grip.step(&Drive::Upright(Load { p_n_mm: 1.0, q_n_mm: 0.0 })).expect("pressed");
+    let mut grip = bar(0.49, 64, FrictionLaw::Coulomb(0.3));
+    grip.step(&LoadStep::Upright(Load { p_n_mm: 1.0, q_n_mm: 0.0 })).expect("pressed");
     for k in 1..=9 {
         let q_n_mm = 0.033 * f64::from(k);
-        grip.step(&Drive::Upright(Load { p_n_mm: 1.0, q_n_mm })).expect("held");
+        grip.step(&LoadStep::Upright(Load { p_n_mm: 1.0, q_n_mm })).expect("held");
         for (p, q) in grip.normal_n_mm().iter().zip(grip.tangential_n_mm()) {
             assert!(*p >= -1e-12 && q.abs() <= 0.3 * p + 1e-12, "{p} {q}");
         }
         let load = grip.load();
         assert!((load.p_n_mm - 1.0).abs() < 1e-12 && (load.q_n_mm - q_n_mm).abs() < 1e-12);
     }
-    assert!(grip.status().contains(&Status::SlipForward));
-    assert!(grip.status().contains(&Status::Stick));
-    let slide = Drive::Upright(Load { p_n_mm: 1.0, q_n_mm: 0.31 });
-    assert_eq!(grip.step(&slide), Err(Refusal::Slides));
+    assert!(grip.status().contains(&ContactStatus::SlipForward));
+    assert!(grip.status().contains(&ContactStatus::Stick));
+    let slide = LoadStep::Upright(Load { p_n_mm: 1.0, q_n_mm: 0.31 });
+    assert_eq!(grip.step(&slide), Err(Refusal::Sliding));
 }
 
 /// Cattaneo and Mindlin: without coupling (nu = 0.5, contact small against the layer) the shear is
@@ -134,16 +137,16 @@ fn coulomb_holds_everywhere_and_the_zones_are_those_of_the_law() {
 #[test]
 fn partial_slip_of_a_cylinder_is_that_of_cattaneo() {
     let thick = Layer::new(200.0, E_MPA, 0.5).expect("a layer");
-    let bed = Bed::of_layer(&thick, &even(1.2, 240)).expect("a bed");
+    let bed = SurfaceCompliance::of_layer(&thick, &even(1.2, 240)).expect("a bed");
     let heights = bed.x_mm.iter().map(|x| x * x / 20.0).collect();
-    let mut grip = Grip::new(bed, heights, Law::Coulomb(0.4)).expect("a grip");
+    let mut grip = FrictionalContact::new(bed, heights, FrictionLaw::Coulomb(0.4)).expect("a grip");
     let a = 1.0;
     let p_n_mm = core::f64::consts::PI * E_MPA * a * a / (4.0 * 10.0 * 0.75);
-    grip.step(&Drive::Upright(Load { p_n_mm, q_n_mm: 0.0 })).expect("pressed");
+    grip.step(&LoadStep::Upright(Load { p_n_mm, q_n_mm: 0.0 })).expect("pressed");
     let part = 0.6;
     let load = Load { p_n_mm, q_n_mm: part * 0.4 * p_n_mm };
-    grip.step(&Drive::Upright(load)).expect("held");
-    let stuck = grip.status().iter().filter(|s| **s == Status::Stick).count();
+    grip.step(&LoadStep::Upright(load)).expect("held");
+    let stuck = grip.status().iter().filter(|s| **s == ContactStatus::Stick).count();
     let half = 0.5 * stuck as f64 * 0.01;
     assert!((half - (1.0_f64 - part).sqrt()).abs() < 0.02, "stick zone {half}");
     // Reversed to -Q the shear is even again: the law has no favourite direction.
@@ -151,7 +154,7 @@ fn partial_slip_of_a_cylinder_is_that_of_cattaneo() {
     for k in 1..=20 {
         let f = f64::from(k) / 20.0;
         let q_n_mm = load.q_n_mm * (1.0 - 2.0 * f);
-        grip.step(&Drive::Upright(Load { p_n_mm, q_n_mm })).expect("held");
+        grip.step(&LoadStep::Upright(Load { p_n_mm, q_n_mm })).expect("held");
     }
     assert!((grip.load().q_n_mm - back.q_n_mm).abs() < 1e-9);
     let q = grip.tangential_n_mm();
@@ -161,7 +164,7 @@ fn partial_slip_of_a_cylinder_is_that_of_cattaneo() {
 
 #[test]
 fn a_thousand_steps_of_make_and_break() {
-    let mut grip = bar(0.49, 32, Law::Coulomb(0.5));
+    let mut grip = bar(0.49, 32, FrictionLaw::Coulomb(0.5));
     let mut state: u64 = 11;
     let mut unit = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -190,13 +193,13 @@ fn a_thousand_steps_of_make_and_break() {
 #[test]
 fn a_thousand_jumps_near_sliding_settle() {
     for (law, nu, part, height_mm) in [
-        (Law::Coulomb(0.5), 0.49, 0.999, 6.35),
-        (Law::Coulomb(0.5), 0.3, 0.999, 1.0),
-        (Law::Coulomb(3.0), 0.49, 0.3, 6.35),
-        (Law::Coulomb(f64::INFINITY), 0.49, 0.9, 6.35),
+        (FrictionLaw::Coulomb(0.5), 0.49, 0.999, 6.35),
+        (FrictionLaw::Coulomb(0.5), 0.3, 0.999, 1.0),
+        (FrictionLaw::Coulomb(3.0), 0.49, 0.3, 6.35),
+        (FrictionLaw::Coulomb(f64::INFINITY), 0.49, 0.9, 6.35),
     ] {
         let limit = match law {
-            Law::Coulomb(mu) if mu.is_finite() => mu * part,
+            FrictionLaw::Coulomb(mu) if mu.is_finite() => mu * part,
             _ => part,
         };
         let mut grip = bar(nu, 32, law);
@@ -207,14 +210,16 @@ fn a_thousand_jumps_near_sliding_settle() {
         };
         let mut lost = Vec::new();
         let mut torn = 0;
-        let jumps = if law == Law::Coulomb(f64::INFINITY) { 40 } else { 1000 };
+        let jumps = if law == FrictionLaw::Coulomb(f64::INFINITY) { 40 } else { 1000 };
         for i in 0..jumps {
             let p_n_mm = if i % 7 == 6 { 0.0 } else { 0.1 + unit() };
             let ratio = limit * (2.0 * unit() - 1.0);
             let load = Load { p_n_mm, q_n_mm: ratio * p_n_mm };
-            match grip.step(&Drive::Loads { load, height_mm }) {
+            match grip.step(&LoadStep::Loads { load, height_mm }) {
                 Ok(()) => assert!(grip.residual() < 1e-9),
-                Err(Refusal::Tears) if law == Law::Coulomb(f64::INFINITY) => torn += 1,
+                Err(Refusal::EdgeSeparation) if law == FrictionLaw::Coulomb(f64::INFINITY) => {
+                    torn += 1
+                }
                 Err(refusal) => lost.push((i, refusal, ratio)),
             }
         }
@@ -233,7 +238,7 @@ fn a_thousand_jumps_near_sliding_settle() {
 #[test]
 fn friction_far_above_one_settles_or_is_refused() {
     for mu in [10.0, 30.0, 1000.0] {
-        let mut grip = bar(0.49, 16, Law::Coulomb(mu));
+        let mut grip = bar(0.49, 16, FrictionLaw::Coulomb(mu));
         let mut state: u64 = 9;
         let mut unit = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -243,7 +248,7 @@ fn friction_far_above_one_settles_or_is_refused() {
         for _ in 0..40 {
             let p_n_mm = 0.1 + unit();
             let load = Load { p_n_mm, q_n_mm: 0.9 * p_n_mm * (2.0 * unit() - 1.0) };
-            match grip.step(&Drive::Loads { load, height_mm: 6.35 }) {
+            match grip.step(&LoadStep::Loads { load, height_mm: 6.35 }) {
                 Ok(()) => {
                     settled += 1;
                     let got = grip.load();
@@ -251,7 +256,7 @@ fn friction_far_above_one_settles_or_is_refused() {
                     assert!((got.p_n_mm - load.p_n_mm).abs() < 1e-9, "{mu}: {got:?} {load:?}");
                     assert!((got.q_n_mm - load.q_n_mm).abs() < 1e-9, "{mu}: {got:?} {load:?}");
                 }
-                Err(Refusal::Unsettled) => assert_eq!(grip.load(), before, "{mu}"),
+                Err(Refusal::NotConverged) => assert_eq!(grip.load(), before, "{mu}"),
                 Err(other) => panic!("{mu}: {other}"),
             }
             before = grip.load();
@@ -263,14 +268,14 @@ fn friction_far_above_one_settles_or_is_refused() {
 /// A search that finds no state ends after one budget of systems, fewer where they are larger.
 #[test]
 fn a_step_without_a_state_is_refused_within_its_budget() {
-    let mut grip = bar(0.49, 192, Law::Coulomb(1000.0));
+    let mut grip = bar(0.49, 192, FrictionLaw::Coulomb(1000.0));
     let mut outcome = Ok(());
     for k in 1..=16 {
         let f = f64::from(k) / 16.0;
         outcome = outcome.and_then(|()| grip.step(&loads(0.7 * f, 0.5 * f)));
         assert!(grip.solves() <= 4000, "{}", grip.solves());
     }
-    assert_eq!(outcome, Err(Refusal::Unsettled));
+    assert_eq!(outcome, Err(Refusal::NotConverged));
     assert_eq!(grip.solves(), 4000, "all of it was tried");
 }
 
@@ -278,36 +283,36 @@ fn a_step_without_a_state_is_refused_within_its_budget() {
 /// and does not topple.
 #[test]
 fn a_bar_on_its_last_cell_is_not_said_to_topple() {
-    let mut grip = bar(0.49, 32, Law::Free);
-    assert_eq!(grip.step(&loads(1.0, 0.9999)), Err(Refusal::OnCorner));
-    assert_eq!(grip.step(&loads(1.0, -0.9999)), Err(Refusal::OnCorner));
-    assert_eq!(grip.step(&loads(1.0, 1.0001)), Err(Refusal::Topples));
+    let mut grip = bar(0.49, 32, FrictionLaw::Free);
+    assert_eq!(grip.step(&loads(1.0, 0.9999)), Err(Refusal::OnLastNode));
+    assert_eq!(grip.step(&loads(1.0, -0.9999)), Err(Refusal::OnLastNode));
+    assert_eq!(grip.step(&loads(1.0, 1.0001)), Err(Refusal::Toppling));
     grip.step(&loads(1.0, 0.99)).expect("it stands");
 }
 
 #[test]
 fn friction_of_zero_and_of_three() {
-    let mut slick = bar(0.49, 32, Law::Coulomb(0.0));
+    let mut slick = bar(0.49, 32, FrictionLaw::Coulomb(0.0));
     slick.step(&loads(1.0, 0.0)).expect("pressed");
     assert!(slick.tangential_n_mm().iter().all(|q| q.abs() < 1e-12));
-    assert_eq!(slick.step(&loads(1.0, 0.1)), Err(Refusal::Slides));
-    let mut rough = bar(0.3, 32, Law::Coulomb(3.0));
-    rough.step(&Drive::Upright(Load { p_n_mm: 1.0, q_n_mm: 2.0 })).expect("held");
+    assert_eq!(slick.step(&loads(1.0, 0.1)), Err(Refusal::Sliding));
+    let mut rough = bar(0.3, 32, FrictionLaw::Coulomb(3.0));
+    rough.step(&LoadStep::Upright(Load { p_n_mm: 1.0, q_n_mm: 2.0 })).expect("held");
     assert!((rough.load().q_n_mm - 2.0).abs() < 1e-10);
-    assert_eq!(rough.step(&loads(1.0, 1.1)), Err(Refusal::Topples));
+    assert_eq!(rough.step(&loads(1.0, 1.1)), Err(Refusal::Toppling));
 }
 
 #[test]
 fn what_is_no_bed_is_refused() {
     let layer = layer(0.49);
     for edges in [vec![], vec![0.0, 1.0], vec![0.0, 0.0, 1.0], vec![0.0, f64::NAN, 1.0]] {
-        assert!(Bed::of_layer(&layer, &edges).is_err(), "{edges:?}");
+        assert!(SurfaceCompliance::of_layer(&layer, &edges).is_err(), "{edges:?}");
     }
-    let bed = Bed::of_layer(&layer, &[0.0, 0.5, 1.0]).expect("a bed");
-    assert!(Grip::new(bed.clone(), vec![0.0], Law::Free).is_err());
-    assert!(Grip::new(bed.clone(), vec![0.0, -1.0], Law::Free).is_err());
-    assert!(Grip::new(bed.clone(), vec![0.0; 2], Law::Coulomb(-0.1)).is_err());
-    let mut grip = Grip::new(bed, vec![0.0; 2], Law::Free).expect("a grip");
+    let bed = SurfaceCompliance::of_layer(&layer, &[0.0, 0.5, 1.0]).expect("a bed");
+    assert!(FrictionalContact::new(bed.clone(), vec![0.0], FrictionLaw::Free).is_err());
+    assert!(FrictionalContact::new(bed.clone(), vec![0.0, -1.0], FrictionLaw::Free).is_err());
+    assert!(FrictionalContact::new(bed.clone(), vec![0.0; 2], FrictionLaw::Coulomb(-0.1)).is_err());
+    let mut grip = FrictionalContact::new(bed, vec![0.0; 2], FrictionLaw::Free).expect("a grip");
     assert_eq!(grip.step(&loads(f64::NAN, 0.0)), Err(Refusal::NotFinite));
-    assert_eq!(grip.step(&loads(-1.0, 0.0)), Err(Refusal::Pulls));
+    assert_eq!(grip.step(&loads(-1.0, 0.0)), Err(Refusal::Tension));
 }

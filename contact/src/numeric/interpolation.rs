@@ -1,5 +1,5 @@
-//! Interpolation on a uniform grid with four and with six points, for the tables of this folder.
-//! It refuses nothing: callers stay inside their tables.
+//! Lagrange interpolation on a uniform grid with four and with six points. Callers stay inside
+//! their tables: places outside are extrapolated.
 
 /// Weights of the cubic through the values at -1, 0, 1, 2.
 #[inline]
@@ -33,20 +33,20 @@ impl Stencil {
     /// from -2 on are between the first values, as the ones up to `len - 3` are between the last.
     #[inline]
     pub(crate) fn new(len: usize, place: f64) -> Self {
-        const OUTER: f64 = 1.0 / 120.0;
-        const NEXT: f64 = 1.0 / 24.0;
-        const INNER: f64 = 1.0 / 12.0;
+        const OUTER_WEIGHT: f64 = 1.0 / 120.0;
+        const NEXT_WEIGHT: f64 = 1.0 / 24.0;
+        const INNER_WEIGHT: f64 = 1.0 / 12.0;
         let cell = (place as usize).min(len - 6);
         let x = place - cell as f64;
         let (d0, d1, d2, d3, d4, d5) = (x + 2.0, x + 1.0, x, x - 1.0, x - 2.0, x - 3.0);
         let (low, high) = (d0 * d1 * d2, d3 * d4 * d5);
         let weights = [
-            -OUTER * high * (d1 * d2),
-            NEXT * high * (d0 * d2),
-            -INNER * high * (d0 * d1),
-            INNER * low * (d4 * d5),
-            -NEXT * low * (d3 * d5),
-            OUTER * low * (d3 * d4),
+            -OUTER_WEIGHT * high * (d1 * d2),
+            NEXT_WEIGHT * high * (d0 * d2),
+            -INNER_WEIGHT * high * (d0 * d1),
+            INNER_WEIGHT * low * (d4 * d5),
+            -NEXT_WEIGHT * low * (d3 * d5),
+            OUTER_WEIGHT * low * (d3 * d4),
         ];
         Self { cell, weights }
     }

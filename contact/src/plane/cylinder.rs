@@ -1,12 +1,15 @@
-//! The cylinder and its parabola: two free edges, found from a pressure that vanishes at both.
+//! Solves the cylinder and its parabola, whose two free edges are found from a pressure that
+//! vanishes at both.
 
-use super::{Contact, Indenter, Level, Load, Mode, Refusal, Search, Shape};
+use super::{Contact, Indenter, Load, Mode, Refusal, Shape};
+use crate::Accuracy;
+use crate::numeric::roots::BracketedSearch;
 
-/// Searches for the half-width and, under friction, for the offset end after so many solutions.
-const SEARCH: usize = 60;
-const OFFSETS: usize = 30;
+/// Most solutions of the search for the half-width and, under friction, for the offset.
+const WIDTH_ITERATIONS_MAX: usize = 60;
+const OFFSET_ITERATIONS_MAX: usize = 30;
 /// Widest contact in radii of the circle.
-const STEEPEST: f64 = 0.98;
+const HALF_WIDTH_MAX_RADII: f64 = 0.98;
 
 /// The profile in thicknesses.
 #[derive(Clone, Copy)]
@@ -31,14 +34,14 @@ impl Profile {
     }
 }
 
-/// What is prescribed, in units of the solver.
+/// The prescribed quantity, in units of the solver.
 #[derive(Clone, Copy)]
-enum Wanted {
+enum Target {
     Force(f64),
     Descent(f64),
 }
 
-/// One trial half-width.
+/// The contact of a half-width that the search tries.
 struct Trial {
     force: f64,
     descent: f64,
@@ -57,25 +60,25 @@ impl Indenter {
         }
     }
 
-    pub(super) fn roller(&mut self, load: &Load) -> Result<Contact, Refusal> {
+    pub(super) fn solve_cylinder(&mut self, load: &Load) -> Result<Contact, Refusal> {
         let force = load.p_n_mm / (self.modulus_mpa() * self.layer.thickness_mm);
         let ratio = self.ratio(load);
         let radius = self.profile().radius;
         // Hertz: a^2 = 2 P R/pi in these units.
         let cold = 0.5 * libm::log(2.0 * force * radius);
-        let trial = self.seek(Wanted::Force(force), ratio, cold)?;
-        Ok(self.round_contact(load, &trial))
+        let trial = self.find_half_width(Target::Force(force), ratio, cold)?;
+        Ok(self.cylinder_contact(load, &trial))
     }
 
-    pub(super) fn roller_descent(&mut self, dz_mm: f64) -> Result<Contact, Refusal> {
+    pub(super) fn solve_cylinder_descent(&mut self, dz_mm: f64) -> Result<Contact, Refusal> {
         let t = self.layer.thickness_mm;
         let cold = 0.5 * libm::log(1.5 * self.profile().radius * dz_mm / t);
-        let trial = self.seek(Wanted::Descent(dz_mm / t), 0.0, cold)?;
+        let trial = self.find_half_width(Target::Descent(dz_mm / t), 0.0, cold)?;
         let load = Load { p_n_mm: trial.force * self.modulus_mpa() * t, q_n_mm: 0.0 };
-        Ok(self.round_contact(&load, &trial))
+        Ok(self.cylinder_contact(&load, &trial))
     }
 
-    fn round_contact(&self, load: &Load, trial: &Trial) -> Contact {
+    fn cylinder_contact(&self, load: &Load, trial: &Trial) -> Contact {
         let t = self.layer.thickness_mm;
         let half = self.interval.half();
         let force = load.p_n_mm / (self.modulus_mpa() * t);
@@ -92,27 +95,28 @@ impl Indenter {
         }
     }
 
-    fn seek(&mut self, wanted: Wanted, ratio: f64, cold: f64) -> Result<Trial, Refusal> {
+    fn find_half_width(&mut self, target: Target, ratio: f64, cold: f64) -> Result<Trial, Refusal> {
         let profile = self.profile();
-        let steepest = if profile.round { STEEPEST * profile.radius } else { f64::INFINITY };
-        let widest = libm::log(self.density.widest().min(steepest));
+        let steepest =
+            if profile.round { HALF_WIDTH_MAX_RADII * profile.radius } else { f64::INFINITY };
+        let widest = libm::log(self.point_counts.half_width_max().min(steepest));
         let [mut y, mut slope] = self.guess.unwrap_or([cold.min(widest), 2.0]);
-        let tolerance = match self.level {
-            Level::Fast => 1e-4,
-            Level::Default => 1e-8,
-            Level::Fine => 1e-12,
+        let tolerance = match self.accuracy {
+            Accuracy::Fast => 1e-4,
+            Accuracy::Default => 1e-8,
+            Accuracy::Fine => 1e-12,
         };
-        let mut search = Search::new();
+        let mut search = BracketedSearch::new();
         let mut before: Option<[f64; 2]> = None;
-        for _ in 0..SEARCH {
+        for _ in 0..WIDTH_ITERATIONS_MAX {
             let mut trial =
-                self.width(libm::exp(y), ratio, matches!(wanted, Wanted::Descent(_)))?;
-            let miss = match wanted {
-                Wanted::Force(force) => libm::log(trial.force / force),
-                Wanted::Descent(descent) => libm::log(trial.descent / descent),
+                self.solve_half_width(libm::exp(y), ratio, matches!(target, Target::Descent(_)))?;
+            let miss = match target {
+                Target::Force(force) => libm::log(trial.force / force),
+                Target::Descent(descent) => libm::log(trial.descent / descent),
             };
             if !miss.is_finite() {
-                return Err(Refusal::Unsettled);
+                return Err(Refusal::NotConverged);
             }
             if let Some([y0, miss0]) = before
                 && (y - y0).abs() > 1e-13
@@ -122,8 +126,8 @@ impl Indenter {
             let stuck = before.is_some_and(|[y0, _]| (y - y0).abs() <= 2e-15 * y.abs().max(1.0));
             if miss.abs() < tolerance || stuck {
                 self.guess = Some([y, slope]);
-                if let Wanted::Force(force) = wanted {
-                    // What the tolerance left open goes into the height of the pressure.
+                if let Target::Force(force) = target {
+                    // The remaining error of the force, within the tolerance, scales the pressure.
                     self.phi.iter_mut().for_each(|p| *p *= force / trial.force);
                     trial.descent = self.descent(&profile, &trial);
                 }
@@ -135,11 +139,11 @@ impl Indenter {
             before = Some([y, miss]);
             y = search.next(y, miss, (y - miss / slope).clamp(y - 2.0, y + 2.0)).min(widest);
         }
-        Err(Refusal::Unsettled)
+        Err(Refusal::NotConverged)
     }
 
     /// The contact of a half-width in thicknesses.
-    fn width(&mut self, half: f64, ratio: f64, descend: bool) -> Result<Trial, Refusal> {
+    fn solve_half_width(&mut self, half: f64, ratio: f64, descend: bool) -> Result<Trial, Refusal> {
         let profile = self.profile();
         self.assemble(half, ratio)?;
         let (interval, [punch, tilted]) = (&self.interval, &mut self.work);
@@ -147,10 +151,11 @@ impl Indenter {
         let ends = [-1.0, 1.0].map(|xi| interval.at(punch, xi));
         let mut centre = 0.0;
         let (mut before, mut force) = (None, 0.0);
-        for _ in 0..OFFSETS {
+        for _ in 0..OFFSET_ITERATIONS_MAX {
             interval.solve(0.0, |xi| -profile.slope(centre + half * xi), &mut self.phi);
             let shape = [-1.0, 1.0].map(|xi| interval.at(&self.phi, xi));
-            // The force that both edges together ask for, and what then is left at the left one.
+            // The force at which the strengths of both edges cancel, and the strength then left at
+            // the left edge, which the offset has to remove.
             force = -(shape[0] + shape[1]) / (ends[0] + ends[1]);
             let rest = shape[0] + force * ends[0];
             if ratio == 0.0 {

@@ -1,29 +1,30 @@
 //! A rigid body on the bricks of a layer, without friction: an active set over the surface's nodes.
-//! The forces of a guess of touching nodes are solved for; nodes that pull are let go, nodes that
-//! overlap are taken in; it ends when none does, so complementarity holds to rounding. What a force
-//! on a node moves is one solution of the mesh, made when the node is first touched and kept.
+//! The forces of a guess of touching nodes are solved for; nodes in tension leave the contact,
+//! nodes that overlap enter it. The method ends when none does, so that complementarity holds to
+//! rounding. The displacements per force on a node are one solution of the mesh, made when the node
+//! first touches and kept.
 //!
-//! It refuses heights that are no profile, forces without a body underneath, and what its rounds do
-//! not settle. It allocates.
+//! Heights that are no profile, forces without a body underneath, and contacts that do not converge
+//! in [`ROUNDS_MAX`] rounds are refused. Pressing allocates.
 
-use super::band::Band;
 use super::layer::{Elements, Response};
+use crate::numeric::band::Band;
 use crate::space::Drive;
 use crate::{Invalid, finite};
 
-/// Rounds of the active set, and how many of them may change many nodes at once.
-const ROUNDS: usize = 200;
-const BOLD: usize = 60;
-/// What counts as a violation, in parts of the largest force and of the penetration.
-const SLACK: f64 = 1e-11;
+/// Most rounds of the active set, and how many of them may change many nodes at once.
+const ROUNDS_MAX: usize = 200;
+const SIMULTANEOUS_ROUNDS: usize = 60;
+/// Violation above which a node changes, in parts of the largest force and of the penetration.
+const VIOLATION_TOLERANCE: f64 = 1e-11;
 
 /// A rigid profile over a mesh.
 #[derive(Clone, Debug)]
-pub struct Press {
+pub struct MeshContact {
     body: Elements<3>,
     heights_mm: Vec<f64>,
-    /// Descent of every node of the surface under a unit force on one, where it was asked for.
-    known: Vec<Option<Vec<f64>>>,
+    /// Descent of every node of the surface under a unit force on one, where it was computed.
+    influence: Vec<Option<Vec<f64>>>,
     touching: Vec<bool>,
     forces_n: Vec<f64>,
     penetration_mm: f64,
@@ -31,7 +32,7 @@ pub struct Press {
     response: Response<3>,
 }
 
-impl Press {
+impl MeshContact {
     /// A profile over a body: heights over its lowest point at each column of the mesh, infinite
     /// where there is none.
     ///
@@ -45,7 +46,7 @@ impl Press {
             return Err(Invalid::new("heights_mm", what, "give one height, 0 or more, a column"));
         }
         Ok(Self {
-            known: vec![None; count],
+            influence: vec![None; count],
             touching: vec![false; count],
             forces_n: vec![0.0; count],
             penetration_mm: 0.0,
@@ -56,14 +57,14 @@ impl Press {
         })
     }
 
-    /// The same body under another profile, with what is known of it kept.
+    /// The same body under another profile, with the influences that are computed kept.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn under(mut self, heights_mm: Vec<f64>) -> Result<Self, Invalid> {
-        let known = core::mem::take(&mut self.known);
+    pub fn with_profile(mut self, heights_mm: Vec<f64>) -> Result<Self, Invalid> {
+        let influence = core::mem::take(&mut self.influence);
         let mut next = Self::new(self.body, heights_mm)?;
-        next.known = known;
+        next.influence = influence;
         Ok(next)
     }
 
@@ -85,8 +86,8 @@ impl Press {
         self.penetration_mm
     }
 
-    /// Largest violation in the last step of: no pull, no overlap; in parts of the largest force
-    /// and of the penetration.
+    /// Largest violation in the last step of no tension and no overlap, in parts of the largest
+    /// force and of the penetration.
     #[must_use]
     pub fn residual(&self) -> f64 {
         self.residual
@@ -97,7 +98,7 @@ impl Press {
     ///
     /// # Errors
     /// A drive that is not finite, a force below 0 or without a profile over the mesh, a contact
-    /// that does not settle.
+    /// that does not converge.
     pub fn press(&mut self, drive: Drive) -> Result<f64, Invalid> {
         let (Drive::ForceN(value) | Drive::PenetrationMm(value)) = drive;
         let by_force = matches!(drive, Drive::ForceN(_));
@@ -113,24 +114,24 @@ impl Press {
             self.residual = 0.0;
             return Ok(0.0);
         }
-        let Some(lowest) = self.lowest() else {
+        let Some(lowest) = self.lowest_column() else {
             let what = format!("{value} with no body over the layer");
             return Err(Invalid::new(place, what, "move the indenter over the layer"));
         };
         if !self.touching.iter().any(|t| *t) {
             self.touching[lowest] = true;
         }
-        for round in 0..ROUNDS {
+        for round in 0..ROUNDS_MAX {
             if !self.solve(by_force, value)? {
                 self.touching.fill(false);
                 self.touching[lowest] = true;
                 continue;
             }
-            if self.revise(round) == 0 {
+            if self.update_contact(round) == 0 {
                 return Ok(self.forces_n.iter().sum());
             }
             if !self.touching.iter().any(|t| *t) {
-                // By penetration a body that is not deep enough touches nothing.
+                // A body whose prescribed penetration is smaller than its height touches nothing.
                 if !by_force && self.heights_mm[lowest] >= value {
                     self.forces_n.fill(0.0);
                     return Ok(0.0);
@@ -142,7 +143,7 @@ impl Press {
         Err(Invalid::new(place, what, "press in smaller steps"))
     }
 
-    fn lowest(&self) -> Option<usize> {
+    fn lowest_column(&self) -> Option<usize> {
         let with = self.heights_mm.iter().enumerate().filter(|(_, h)| h.is_finite());
         with.min_by(|a, b| a.1.total_cmp(b.1)).map(|(column, _)| column)
     }
@@ -150,12 +151,12 @@ impl Press {
     /// Forces and penetration of the present guess; false where it has no solution.
     fn solve(&mut self, by_force: bool, value: f64) -> Result<bool, Invalid> {
         let set: Vec<usize> = (0..self.touching.len()).filter(|i| self.touching[*i]).collect();
-        set.iter().for_each(|column| self.learn(*column));
+        set.iter().for_each(|column| self.compute_influence(*column));
         let mut matrix = Band::new(set.len(), set.len());
         let mut one = vec![1.0; set.len()];
         let mut high: Vec<f64> = set.iter().map(|i| self.heights_mm[*i]).collect();
         for (c, j) in set.iter().enumerate() {
-            let Some(column) = &self.known[*j] else { continue };
+            let Some(column) = &self.influence[*j] else { continue };
             for (r, i) in set.iter().enumerate().skip(c) {
                 matrix.add(r, c, column[*i]);
             }
@@ -175,24 +176,25 @@ impl Press {
         Ok(self.penetration_mm > 0.0)
     }
 
-    /// The mesh's answer to a unit force on a column.
-    fn learn(&mut self, column: usize) {
-        if self.known[column].is_some() {
+    /// Computes the descent of the surface under a unit force on a column, once.
+    fn compute_influence(&mut self, column: usize) {
+        if self.influence[column].is_some() {
             return;
         }
         let mut forces = vec![[0.0; 3]; self.heights_mm.len()];
         forces[column] = [0.0, 0.0, -1.0];
         self.body.solve(&forces, &mut self.response);
         let mesh = self.body.mesh();
-        let down = |i: usize| -self.response.nodes_mm[mesh.surface(i)][2];
-        self.known[column] = Some((0..forces.len()).map(down).collect());
+        let down = |i: usize| -self.response.nodes_mm[mesh.surface_node(i)][2];
+        self.influence[column] = Some((0..forces.len()).map(down).collect());
     }
 
-    /// Lets go and takes in; how many nodes changed.
-    fn revise(&mut self, round: usize) -> usize {
+    /// Removes nodes in tension from the contact and adds overlapping ones; returns how many
+    /// changed.
+    fn update_contact(&mut self, round: usize) -> usize {
         let most = self.forces_n.iter().fold(0.0_f64, |most, f| most.max(f.abs()));
         let mut surface = vec![0.0; self.touching.len()];
-        for (force, column) in self.forces_n.iter().zip(&self.known) {
+        for (force, column) in self.forces_n.iter().zip(&self.influence) {
             if let (true, Some(column)) = (*force != 0.0, column) {
                 surface.iter_mut().zip(column).for_each(|(s, c)| *s += force * c);
             }
@@ -205,20 +207,20 @@ impl Press {
             } else {
                 (deep - self.heights_mm[i] - moved) / deep
             };
-            if by > SLACK {
+            if by > VIOLATION_TOLERANCE {
                 wrong.push((by, i));
             }
         }
         self.residual = wrong.iter().fold(0.0, |worst, (by, _)| by.max(worst));
-        if round >= BOLD {
-            // One at a time, the first: then it cannot go round in circles for ever.
+        if round >= SIMULTANEOUS_ROUNDS {
+            // Late rounds change only the first violating node, which cannot cycle (Murty's rule).
             wrong.truncate(1);
         }
         wrong.iter().for_each(|(_, i)| self.touching[*i] = !self.touching[*i]);
         wrong.len()
     }
 
-    /// What the last contact does to the mesh.
+    /// The response of the mesh to the last contact.
     #[must_use]
     pub fn response(&self) -> Response<3> {
         let forces: Vec<[f64; 3]> = self.forces_n.iter().map(|f| [0.0, 0.0, -*f]).collect();

@@ -1,12 +1,13 @@
 //! Charts of bars against the solver that they were made with, at loads between their rows; what
 //! they refuse.
 
+use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::chart::Chart;
+use taktil_contact::plane::contact_table::ContactTable;
 use taktil_contact::plane::features::moments;
-use taktil_contact::plane::{Friction, Indenter, Level, Load, Mode, Refusal, Shape, Spectrum};
+use taktil_contact::plane::{Friction, Indenter, Load, Mode, Refusal, Shape, Spectrum};
 
-const PLACES: [f64; 9] = [-9.0, -6.0, -3.0, -1.0, 0.3, 1.0, 2.7, 5.9, 8.0];
+const PLACES_MM: [f64; 9] = [-9.0, -6.0, -3.0, -1.0, 0.3, 1.0, 2.7, 5.9, 8.0];
 
 #[test]
 fn charts_read_what_the_solver_says() {
@@ -18,8 +19,9 @@ fn charts_read_what_the_solver_says() {
     ] {
         let layer = Layer::new(t, 27.58, nu).unwrap();
         let shape = Shape::Flat { width_mm, height_mm };
-        let mut solver = Indenter::new(&layer, shape, friction, Level::Fine).unwrap();
-        let mut chart = Chart::new(&layer, (width_mm, height_mm), friction, &PLACES).unwrap();
+        let mut solver = Indenter::new(&layer, shape, friction, Accuracy::Fine).unwrap();
+        let mut chart =
+            ContactTable::new(&layer, width_mm, height_mm, friction, &PLACES_MM).unwrap();
         let mut modes = [0, 0, 0];
         for i in 0..60 {
             // Places of the resultant on both sides, out to nearly the corner.
@@ -30,7 +32,7 @@ fn charts_read_what_the_solver_says() {
             assert_eq!(got.mode, wanted.mode, "{i}");
             modes[match got.mode {
                 Mode::Full => 0,
-                Mode::Left => 1,
+                Mode::LeftLifted => 1,
                 _ => 2,
             }] += 1;
             let near = |a: f64, b: f64, size: f64| {
@@ -47,7 +49,7 @@ fn charts_read_what_the_solver_says() {
                 near(m.m[k], wanted_m.m[k], p_n_mm * size);
             }
             let stress = Spectrum::new(&layer, &forces, t, 10.0);
-            let exact = PLACES.map(|x| stress.szz(x));
+            let exact = PLACES_MM.map(|x| stress.szz(x));
             let peak = (-40..=40).map(|i| -stress.szz(0.2 * f64::from(i))).fold(0.0, f64::max);
             let mut szz = [0.0; 9];
             chart.base_szz_mpa(&mut szz);
@@ -62,21 +64,23 @@ fn charts_read_what_the_solver_says() {
 #[test]
 fn charts_refuse_what_is_not_on_them() {
     let layer = Layer::new(0.8, 27.58, 0.49).unwrap();
-    let mut chart = Chart::new(&layer, (12.7, 6.35), Friction::None, &[]).unwrap();
+    let mut chart = ContactTable::new(&layer, 12.7, 6.35, Friction::None, &[]).unwrap();
     let mut press = |p_n_mm, q_n_mm| chart.press(&Load { p_n_mm, q_n_mm });
     assert_eq!(press(0.0, 0.0).unwrap().mode, Mode::Open);
     assert_eq!(press(f64::NAN, 0.0), Err(Refusal::NotFinite));
     assert_eq!(press(1.0, f64::INFINITY), Err(Refusal::NotFinite));
-    assert_eq!(press(-1.0, 0.0), Err(Refusal::Pulls));
-    assert_eq!(press(0.0, 0.1), Err(Refusal::Pulls));
-    assert_eq!(press(1.0, 1.0), Err(Refusal::Topples));
-    assert_eq!(press(1.0, -1.5), Err(Refusal::Topples));
-    assert_eq!(press(1.0, 0.999), Err(Refusal::OffChart));
+    assert_eq!(press(-1.0, 0.0), Err(Refusal::Tension));
+    assert_eq!(press(0.0, 0.1), Err(Refusal::Tension));
+    assert_eq!(press(1.0, 1.0), Err(Refusal::Toppling));
+    assert_eq!(press(1.0, -1.5), Err(Refusal::Toppling));
+    assert_eq!(press(1.0, 0.999), Err(Refusal::OutsideTable));
     assert!(press(1.0, 0.97).is_ok());
-    let new = |size, x: &[f64]| Chart::new(&layer, size, Friction::None, x).expect_err("").place;
-    assert_eq!(new((0.0, 1.0), &[]), "width_mm");
-    assert_eq!(new((1.0, 0.0), &[]), "height_mm");
-    assert_eq!(new((1.0, f64::NAN), &[]), "height_mm");
-    assert_eq!(new((1.0, 1.0), &[f64::NAN]), "x_mm");
-    assert_eq!(new((1e9, 1.0), &[]), "width_mm");
+    let new = |[width_mm, height_mm]: [f64; 2], x: &[f64]| {
+        ContactTable::new(&layer, width_mm, height_mm, Friction::None, x).expect_err("").place
+    };
+    assert_eq!(new([0.0, 1.0], &[]), "width_mm");
+    assert_eq!(new([1.0, 0.0], &[]), "height_mm");
+    assert_eq!(new([1.0, f64::NAN], &[]), "height_mm");
+    assert_eq!(new([1.0, 1.0], &[f64::NAN]), "x_mm");
+    assert_eq!(new([1e9, 1.0], &[]), "width_mm");
 }

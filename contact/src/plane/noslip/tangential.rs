@@ -1,21 +1,22 @@
 //! A cylinder without slip that was pressed on and then moved along x at fixed contact: the
-//! tractions of that move, how they change with the descent, and what the glued edges pull. A real
-//! contact cannot pull and would open there; this one holds, and says how much. Refuses nothing.
+//! tractions of that move, how they change with the descent, and the tension at the glued edges. A
+//! real contact transmits no tension and would open there; this one holds and tells how much.
 
 use super::super::Shape;
 use super::super::glued::Chebyshev;
-use super::super::panels::SurfaceKernels;
-use super::super::rates::{Motion, Rate};
+use super::super::rates::{Motion, TractionRate};
 use super::super::spectrum::PointForce;
+use super::super::surface_kernels::SurfaceKernels;
 use super::{NoSlip, moved_points};
 use crate::layer::Layer;
 use core::f64::consts::PI;
 
-/// Step in half the width, in parts of it, by which its influence is differenced.
-const STEP: f64 = 2e-3;
+/// Step of the half-width, in parts of it, with which derivatives by the half-width are
+/// differenced.
+const WIDTH_STEP: f64 = 2e-3;
 
 /// Forces per mm that a glued strip of half-width `b` thicknesses is moved along x.
-pub(super) fn unit(
+pub(super) fn unit_move_forces(
     layer: &Layer,
     kernels: &SurfaceKernels,
     b: f64,
@@ -35,7 +36,13 @@ impl NoSlip {
     /// one is a wider one that was moved along as far. `more` refines points and steps, to tell the
     /// error.
     #[must_use]
-    pub fn rate_moved(&self, shape: Shape, motion: Motion, dx_mm: f64, more: usize) -> Rate {
+    pub fn rate_moved(
+        &self,
+        shape: Shape,
+        motion: Motion,
+        dx_mm: f64,
+        more: usize,
+    ) -> TractionRate {
         let mut rate = self.rate(shape, motion, more);
         if motion != Motion::Z || dx_mm == 0.0 {
             return rate;
@@ -43,16 +50,17 @@ impl NoSlip {
         let kernels = SurfaceKernels::new(&self.layer.transfer());
         let (more, t) = (more.max(1), self.layer.thickness_mm);
         let b = self.half_width_mm / t;
-        let step = STEP / more as f64 * b;
+        let step = WIDTH_STEP / more as f64 * b;
         for side in [1.0, -1.0] {
             let scale = side * dx_mm * self.widening / (2.0 * step * t);
-            let forces = unit(&self.layer, &kernels, b + side * step, more * moved_points(b));
+            let forces =
+                unit_move_forces(&self.layer, &kernels, b + side * step, more * moved_points(b));
             rate.forces.extend(forces.iter().map(|[x, p, q]| [*x, scale * p, scale * q]));
         }
         rate
     }
 
-    /// What the edges of the contact pull after a move of `dx_mm` along x, in N/mm: the largest
+    /// Tension at the edges of the contact after a move of `dx_mm` along x, in N/mm: the largest
     /// tension that the outermost part on either side carries in sum.
     #[must_use]
     pub fn pull_n_mm(&self, dx_mm: f64) -> f64 {

@@ -4,47 +4,49 @@
 //! The contact's size goes with P, and its form with Q/P alone: with the place of the loads'
 //! resultant over half the width, s = 2 Q h/(P W). The whole face touches up to some s, one edge is
 //! lifted beyond it; each part is smooth and read by cubics, the lifted one over the logarithm of
-//! 1 - s. What a chart says is right to 1e-5 (relative; stresses to 2e-5 of the peak). Reading
+//! 1 - s. The table is right to 1e-5 (relative; stresses to 2e-5 of the peak). Reading
 //! neither allocates nor panics, and there is no cold start.
 //!
-//! It refuses what the solver refuses, and bars that stand nearly on their corner
-//! ([`Refusal::OffChart`]).
+//! Refused is what the solver refuses, and bars that stand nearly on their corner
+//! ([`Refusal::OutsideTable`]).
 
 use super::features::{Moments, moments};
-use super::{Contact, Friction, Indenter, Level, Load, Mode, NOTHING, Refusal, Shape, Spectrum};
+use super::{Contact, Friction, Indenter, Load, Mode, NO_CONTACT, Refusal, Shape, Spectrum};
+use crate::Accuracy;
 use crate::layer::Layer;
+use crate::numeric::interpolation::cubic;
 use crate::{Invalid, positive};
 
 /// Cells of the table while the whole face touches, and while an edge is lifted.
-const CELLS: [usize; 2] = [32, 384];
+const TABLE_CELLS: [usize; 2] = [32, 384];
 /// Smallest tabulated distance of the resultant from the corner, as a part of the largest.
-const NARROWEST: f64 = 0.02;
+const CORNER_DISTANCE_MIN: f64 = 0.02;
 /// Halvings by which the first lifted contact is found.
-const HALVINGS: usize = 40;
+const BISECTION_COUNT: usize = 40;
 /// How far on its own side of that contact each table begins.
-const ASIDE: f64 = 1e-9;
+const TRANSITION_MARGIN: f64 = 1e-9;
 /// Places of a row, in mm and N: descent, slope, the edge that may lift, moments 0 to 3; stresses
 /// follow.
-const STRESSES: usize = 7;
+const FIRST_STRESS_COLUMN: usize = 7;
 
-/// The contacts of a bar, read by load.
+/// The contacts of a bar, tabulated over the load.
 #[derive(Clone, Debug)]
-pub struct Chart {
+pub struct ContactTable {
     half_mm: f64,
     height_mm: f64,
-    /// The resultant's place over half the width at which an edge lifts.
-    lifts: f64,
+    /// The resultant's place over half the width at which an edge lift_off.
+    lift_off: f64,
     /// Rows per unit load while the whole face touches, and while the left edge is lifted.
     rows: [Vec<f64>; 2],
     points: usize,
     width: usize,
-    /// Where the last contact stands: which table, first row, weights; what was read there.
+    /// Place of the last contact (which table, first row, weights) and the values read there.
     place: (usize, usize, [f64; 4]),
-    read: [f64; STRESSES],
+    read: [f64; FIRST_STRESS_COLUMN],
     contact: Contact,
 }
 
-impl Chart {
+impl ContactTable {
     /// Solves the contacts of a bar (some tenths of a second) with their base stress at `x_mm`;
     /// allocates.
     ///
@@ -53,7 +55,8 @@ impl Chart {
     /// that are not finite.
     pub fn new(
         layer: &Layer,
-        (width_mm, height_mm): (f64, f64),
+        width_mm: f64,
+        height_mm: f64,
         friction: Friction,
         x_mm: &[f64],
     ) -> Result<Self, Invalid> {
@@ -62,32 +65,34 @@ impl Chart {
             crate::finite("x_mm", *x)?;
         }
         let shape = Shape::Flat { width_mm, height_mm };
-        let solver = Indenter::new(layer, shape, friction, Level::Fine)?;
+        let solver = Indenter::new(layer, shape, friction, Accuracy::Fine)?;
         let half_mm = 0.5 * width_mm;
         let reach = x_mm.iter().fold(half_mm, |most, x| most.max(x.abs()));
-        let mut maker = Maker { solver, half_mm, height_mm, reach, x_mm };
-        let lifts = maker.first_lifted()?;
-        let width = STRESSES + 2 * x_mm.len();
+        let mut builder = TableBuilder { solver, half_mm, height_mm, reach, x_mm };
+        let lift_off = builder.lift_off_resultant()?;
+        let width = FIRST_STRESS_COLUMN + 2 * x_mm.len();
         let mut rows = [Vec::new(), Vec::new()];
-        for i in 0..=CELLS[0] {
-            let s = lifts * (1.0 - ASIDE) * i as f64 / CELLS[0] as f64;
-            maker.push(s, &mut rows[0])?;
+        for i in 0..=TABLE_CELLS[0] {
+            let s = lift_off * (1.0 - TRANSITION_MARGIN) * i as f64 / TABLE_CELLS[0] as f64;
+            builder.push(s, &mut rows[0])?;
         }
-        for i in 0..=CELLS[1] {
-            let part = i as f64 / CELLS[1] as f64;
-            let left = (1.0 - lifts) * (1.0 - ASIDE) * libm::exp(part * libm::log(NARROWEST));
-            maker.push(1.0 - left, &mut rows[1])?;
+        for i in 0..=TABLE_CELLS[1] {
+            let part = i as f64 / TABLE_CELLS[1] as f64;
+            let left = (1.0 - lift_off)
+                * (1.0 - TRANSITION_MARGIN)
+                * libm::exp(part * libm::log(CORNER_DISTANCE_MIN));
+            builder.push(1.0 - left, &mut rows[1])?;
         }
         Ok(Self {
             half_mm,
             height_mm,
-            lifts,
+            lift_off,
             rows,
             points: x_mm.len(),
             width,
             place: (0, 0, [0.0; 4]),
-            read: [0.0; STRESSES],
-            contact: NOTHING,
+            read: [0.0; FIRST_STRESS_COLUMN],
+            contact: NO_CONTACT,
         })
     }
 
@@ -96,35 +101,35 @@ impl Chart {
     /// # Errors
     /// See [`Refusal`]; the contact is then that of no load.
     pub fn press(&mut self, load: &Load) -> Result<Contact, Refusal> {
-        self.contact = NOTHING;
+        self.contact = NO_CONTACT;
         let Load { p_n_mm: p, q_n_mm: q } = *load;
-        if !load.presses()? {
-            return Ok(NOTHING);
+        if !load.is_pressing()? {
+            return Ok(NO_CONTACT);
         }
         let s = (q / p * self.height_mm / self.half_mm).abs();
         if s >= 1.0 {
-            return Err(Refusal::Topples);
+            return Err(Refusal::Toppling);
         }
-        let (part, place) = if s <= self.lifts {
-            (0, s / self.lifts)
+        let (part, place) = if s <= self.lift_off {
+            (0, s / self.lift_off)
         } else {
-            let left = (1.0 - s) / (1.0 - self.lifts);
-            if left < NARROWEST {
-                return Err(Refusal::OffChart);
+            let left = (1.0 - s) / (1.0 - self.lift_off);
+            if left < CORNER_DISTANCE_MIN {
+                return Err(Refusal::OutsideTable);
             }
-            (1, libm::log(left) / libm::log(NARROWEST))
+            (1, libm::log(left) / libm::log(CORNER_DISTANCE_MIN))
         };
-        let (first, weights) = cubic(CELLS[part], place);
+        let (first, weights) = rows_and_weights(TABLE_CELLS[part], place);
         self.place = (part, first, weights);
-        let mut read = [0.0; STRESSES];
+        let mut read = [0.0; FIRST_STRESS_COLUMN];
         self.gather(0, &mut read);
         self.read = read;
         let sign = if q < 0.0 { -1.0 } else { 1.0 };
         let free = read[2].clamp(-self.half_mm, self.half_mm);
         let (x_left_mm, x_right_mm, mode) = match (part, q < 0.0) {
             (0, _) => (-self.half_mm, self.half_mm, Mode::Full),
-            (_, false) => (free, self.half_mm, Mode::Left),
-            (_, true) => (-self.half_mm, -free, Mode::Right),
+            (_, false) => (free, self.half_mm, Mode::LeftLifted),
+            (_, true) => (-self.half_mm, -free, Mode::RightLifted),
         };
         self.contact = Contact {
             p_n_mm: p,
@@ -147,13 +152,13 @@ impl Chart {
         Moments { m }
     }
 
-    /// Writes the base stress (MPa) of the last contact at the chart's places; nothing unless there
+    /// Writes the base stress (MPa) of the last contact at the table's places; nothing unless there
     /// is one value a place.
     pub fn base_szz_mpa(&self, out: &mut [f64]) {
         if out.len() != self.points {
             return;
         }
-        self.gather(STRESSES + if self.sign() < 0.0 { self.points } else { 0 }, out);
+        self.gather(FIRST_STRESS_COLUMN + if self.sign() < 0.0 { self.points } else { 0 }, out);
         out.iter_mut().for_each(|value| *value *= self.contact.p_n_mm);
     }
 
@@ -175,16 +180,14 @@ impl Chart {
 
 /// First row and weights of the cubic through the four rows nearest to a part of the way along a
 /// table of `cells` cells.
-fn cubic(cells: usize, part: f64) -> (usize, [f64; 4]) {
+fn rows_and_weights(cells: usize, part: f64) -> (usize, [f64; 4]) {
     let place = part.clamp(0.0, 1.0) * cells as f64;
     let first = (place as usize).clamp(1, cells - 2) - 1;
-    let s = place - (first + 1) as f64;
-    let (a, b, c) = (s + 1.0, s - 1.0, s - 2.0);
-    (first, [-s * b * c / 6.0, a * b * c / 2.0, -a * s * c / 2.0, a * s * b / 6.0])
+    (first, cubic(place - (first + 1) as f64))
 }
 
-/// What makes the rows.
-struct Maker<'a> {
+/// Computes the rows.
+struct TableBuilder<'a> {
     solver: Indenter,
     half_mm: f64,
     height_mm: f64,
@@ -192,7 +195,7 @@ struct Maker<'a> {
     x_mm: &'a [f64],
 }
 
-impl Maker<'_> {
+impl TableBuilder<'_> {
     fn contact(&mut self, s: f64) -> Result<Contact, Invalid> {
         let q_n_mm = s * self.half_mm / self.height_mm;
         self.solver.press(&Load { p_n_mm: 1.0, q_n_mm }).map_err(|refusal| {
@@ -202,10 +205,10 @@ impl Maker<'_> {
         })
     }
 
-    /// The place of the resultant at which an edge lifts.
-    fn first_lifted(&mut self) -> Result<f64, Invalid> {
+    /// The place of the resultant at which an edge lift_off.
+    fn lift_off_resultant(&mut self) -> Result<f64, Invalid> {
         let (mut low, mut high) = (0.0, 1.0 - 1e-3);
-        for _ in 0..HALVINGS {
+        for _ in 0..BISECTION_COUNT {
             let middle = 0.5 * (low + high);
             if self.contact(middle)?.mode == Mode::Full { low = middle } else { high = middle }
         }

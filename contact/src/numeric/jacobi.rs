@@ -5,43 +5,43 @@
 
 use core::f64::consts::{LN_2, PI};
 
-/// Newton steps for one block of nodes; from the asymptotic guess four are enough.
-const STEPS: usize = 12;
-/// A step under this part of the distance from the ends is the last one: the next would be of the
-/// order of its square. The second is that of rules for coarse work.
-const NEARLY: [f64; 2] = [1e-8, 1e-4];
-/// Nodes treated at once.
-const BLOCK: usize = 4;
+/// Most Newton steps for one block of nodes; from the asymptotic guess four are enough.
+const NEWTON_STEPS_MAX: usize = 12;
+/// A Newton step shorter than this part of the node's distance from the ends is the last one, since
+/// the next would be of the order of its square. The second value is that of coarse rules.
+const STEP_TOLERANCE: [f64; 2] = [1e-8, 1e-4];
+/// Nodes that are iterated together, side by side in registers.
+const NODES_AT_ONCE: usize = 4;
 
 /// Nodes, descending, with weights for (1 - x)^alpha (1 + x)^beta.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Rule {
+pub(crate) struct JacobiRule {
     /// Zeros of the Jacobi polynomial.
     pub(crate) nodes: Vec<f64>,
     /// Their weights; the sum is the integral of the weight function.
     pub(crate) weights: Vec<f64>,
     /// Barycentric weights of the interpolation through the nodes.
     barycentric: Vec<f64>,
-    recurrence: Recurrence,
+    recurrence: JacobiRecurrence,
     alpha: f64,
     beta: f64,
 }
 
 /// P_k = (a x + b) P_{k-1} - c P_{k-2} for k = 2, 3 ...
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Recurrence {
+pub(crate) struct JacobiRecurrence {
     steps: Vec<[f64; 3]>,
     exponents: [f64; 2],
     coarse: bool,
 }
 
-impl Recurrence {
+impl JacobiRecurrence {
     pub(crate) fn with_capacity(capacity: usize) -> Self {
         Self { steps: Vec::with_capacity(capacity), exponents: [0.0; 2], coarse: false }
     }
 
-    /// Zeros to about 1e-8 are good enough.
-    pub(crate) fn coarse(self) -> Self {
+    /// The same with zeros right to about 1e-8.
+    pub(crate) fn with_coarse_tolerance(self) -> Self {
         Self { coarse: true, ..self }
     }
 
@@ -64,12 +64,12 @@ impl Recurrence {
     }
 
     /// P_n and (1 - x^2) P_n' at some places.
-    fn evaluate(&self, n: usize, x: &[f64; BLOCK]) -> [[f64; BLOCK]; 2] {
+    fn evaluate(&self, n: usize, x: &[f64; NODES_AT_ONCE]) -> [[f64; NODES_AT_ONCE]; 2] {
         let [alpha, beta] = self.exponents;
-        let mut before = [1.0; BLOCK];
+        let mut before = [1.0; NODES_AT_ONCE];
         let mut here = x.map(|x| (alpha + 1.0) + 0.5 * (alpha + beta + 2.0) * (x - 1.0));
         for [a, b, c] in &self.steps[..n.saturating_sub(1)] {
-            for i in 0..BLOCK {
+            for i in 0..NODES_AT_ONCE {
                 let next = (a * x[i] + b) * here[i] - c * before[i];
                 (before[i], here[i]) = (here[i], next);
             }
@@ -83,9 +83,9 @@ impl Recurrence {
         [here, scaled]
     }
 
-    /// Fills `zeros` with the n >= 1 zeros of P_n, descending, and hands each block with its
-    /// (1 - x^2) P_n' to `note`. Zeros of the same number and nearly the same exponents that stand
-    /// there already are the guess.
+    /// Fills `zeros` with the n >= 1 zeros of P_n, descending, and passes each zero with its
+    /// (1 - x^2) P_n' to `note`. If `zeros` already holds n zeros for nearly the same exponents,
+    /// Newton's method starts from them.
     pub(crate) fn zeros(
         &mut self,
         n: usize,
@@ -102,16 +102,16 @@ impl Recurrence {
             zeros.clear();
             zeros.extend((0..n).map(guess));
         }
-        for block in zeros.chunks_mut(BLOCK) {
-            // Places that the last block does not need repeat its first.
-            let mut x: [f64; BLOCK] =
+        for block in zeros.chunks_mut(NODES_AT_ONCE) {
+            // A last block with fewer nodes repeats its first one.
+            let mut x: [f64; NODES_AT_ONCE] =
                 core::array::from_fn(|i| block.get(i).copied().unwrap_or(block[0]));
-            let mut slopes = [1.0; BLOCK];
-            for _ in 0..STEPS {
+            let mut slopes = [1.0; NODES_AT_ONCE];
+            for _ in 0..NEWTON_STEPS_MAX {
                 let [value, scaled] = self.evaluate(n, &x);
                 slopes = scaled;
                 let mut largest: f64 = 0.0;
-                for i in 0..BLOCK {
+                for i in 0..NODES_AT_ONCE {
                     let inside = 1.0 - x[i] * x[i];
                     let step = value[i] * inside / scaled[i];
                     // The slope at the new place, from the polynomial's differential equation.
@@ -120,7 +120,7 @@ impl Recurrence {
                     x[i] -= step;
                     largest = largest.max(step.abs() / inside);
                 }
-                if largest < NEARLY[usize::from(self.coarse)] {
+                if largest < STEP_TOLERANCE[usize::from(self.coarse)] {
                     break;
                 }
             }
@@ -132,18 +132,18 @@ impl Recurrence {
     }
 }
 
-impl Rule {
+impl JacobiRule {
     /// An empty rule with room for `capacity` nodes.
     pub(crate) fn with_capacity(capacity: usize) -> Self {
         let room = || Vec::with_capacity(capacity);
-        let recurrence = Recurrence::with_capacity(capacity);
+        let recurrence = JacobiRecurrence::with_capacity(capacity);
         let (nodes, weights, barycentric) = (room(), room(), room());
         Self { nodes, weights, barycentric, recurrence, alpha: 0.0, beta: 0.0 }
     }
 
-    /// Nodes to about 1e-8 are good enough.
-    pub(crate) fn coarse(self) -> Self {
-        Self { recurrence: self.recurrence.coarse(), ..self }
+    /// The same with nodes right to about 1e-8.
+    pub(crate) fn with_coarse_tolerance(self) -> Self {
+        Self { recurrence: self.recurrence.with_coarse_tolerance(), ..self }
     }
 
     /// Makes this the rule of `n` nodes for exponents with alpha + beta = -1.
@@ -168,7 +168,7 @@ impl Rule {
         recurrence.zeros(n, [alpha, beta], nodes, |x, slope| {
             weights.push((1.0 - x * x) / (slope * slope));
         });
-        let scale = mass(alpha) / weights.iter().sum::<f64>();
+        let scale = weight_integral(alpha) / weights.iter().sum::<f64>();
         let mut sign = 1.0;
         for (x, weight) in nodes.iter().zip(weights) {
             *weight *= scale;
@@ -203,7 +203,7 @@ impl Rule {
 }
 
 /// Integral of (1 - x)^alpha (1 + x)^(-1 - alpha) over (-1, 1).
-pub(crate) fn mass(alpha: f64) -> f64 {
+pub(crate) fn weight_integral(alpha: f64) -> f64 {
     PI / libm::sin(PI * (alpha + 1.0))
 }
 
@@ -236,10 +236,10 @@ mod tests {
         for alpha in [-0.5, -0.3, -0.72, -0.49] {
             let beta = -1.0 - alpha;
             for n in [1, 2, 5, 12, 45, 120] {
-                let mut rule = Rule::default();
+                let mut rule = JacobiRule::default();
                 rule.fill(n, alpha, beta);
                 assert!(rule.nodes.windows(2).all(|w| w[0] > w[1]), "{alpha} {n}");
-                let mut exact = mass(alpha);
+                let mut exact = weight_integral(alpha);
                 for j in 0..(2 * n).min(30) {
                     let sum: f64 = (rule.nodes.iter().zip(&rule.weights))
                         .map(|(x, w)| {
@@ -257,7 +257,7 @@ mod tests {
 
     #[test]
     fn interpolation_reaches_the_ends() {
-        let mut rule = Rule::default();
+        let mut rule = JacobiRule::default();
         rule.fill(9, -0.4, -0.6);
         let cubic = |x: f64| 2.0 - x + 3.0 * x * x * x;
         let values: Vec<f64> = rule.nodes.iter().map(|x| cubic(*x)).collect();

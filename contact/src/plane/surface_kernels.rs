@@ -5,25 +5,26 @@
 //! by 1/m times that of J(x - s) q(s): K(X) = int M(a)/a cos(a X) da = S(X) - ln|X|, J(X) =
 //! int N(a)/a sin(a X) da = J0(X) + n pi/2 sign X. S, S', J0 and J0' are smooth; they are kept.
 
-use super::super::kernel::{REACH, SURFACE_CUTOFF};
-use super::super::layer::Transfer;
-use super::super::stack::Stack;
-use super::cubics::Coarse;
+use super::coarse_kernels::CoarseKernels;
 use crate::Invalid;
+use crate::kernel::SURFACE_CUTOFF;
+use crate::layer::Transfer;
+use crate::stack::Stack;
+use crate::wave_grid::FIELD_REACH;
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 /// Width of a panel, and the coefficients in each: nearest singularities at +-2i, so the
 /// interpolation's error is under (1/64)^9.
 const PANELS_PER_THICKNESS: f64 = 8.0;
-const TERMS: usize = 9;
+const COEFFICIENT_COUNT: usize = 9;
 
 /// A function from 0 on as a polynomial in the place inside each panel (-1 to 1).
 #[derive(Clone, Debug)]
-pub(crate) struct Panels {
-    coefficients: Vec<[f64; TERMS]>,
+pub(crate) struct PiecewisePolynomial {
+    coefficients: Vec<[f64; COEFFICIENT_COUNT]>,
 }
 
-impl Panels {
+impl PiecewisePolynomial {
     fn new(count: usize, value: impl Fn(usize, usize) -> f64) -> Self {
         let inverse = Vandermonde::new();
         let panel = |i: usize| inverse.coefficients(core::array::from_fn(|j| value(i, j)));
@@ -45,7 +46,7 @@ impl Panels {
     }
 
     #[inline]
-    fn polynomial(c: &[f64; TERMS], u: f64) -> f64 {
+    fn polynomial(c: &[f64; COEFFICIENT_COUNT], u: f64) -> f64 {
         let (u2, u4) = (u * u, u * u * (u * u));
         let low = (c[0] + c[1] * u) + (c[2] + c[3] * u) * u2;
         let high = (c[4] + c[5] * u) + (c[6] + c[7] * u) * u2;
@@ -55,26 +56,26 @@ impl Panels {
 
 /// From values at Chebyshev points of (-1, 1) to coefficients of powers.
 struct Vandermonde {
-    points: [f64; TERMS],
+    points: [f64; COEFFICIENT_COUNT],
 }
 
 impl Vandermonde {
     fn new() -> Self {
-        let angle = |j: usize| PI * (2 * j + 1) as f64 / (2 * TERMS) as f64;
+        let angle = |j: usize| PI * (2 * j + 1) as f64 / (2 * COEFFICIENT_COUNT) as f64;
         Self { points: core::array::from_fn(|j| libm::cos(angle(j))) }
     }
 
-    fn coefficients(&self, mut values: [f64; TERMS]) -> [f64; TERMS] {
+    fn coefficients(&self, mut values: [f64; COEFFICIENT_COUNT]) -> [f64; COEFFICIENT_COUNT] {
         // Newton's divided differences, then their product form multiplied out.
-        for order in 1..TERMS {
-            for j in (order..TERMS).rev() {
+        for order in 1..COEFFICIENT_COUNT {
+            for j in (order..COEFFICIENT_COUNT).rev() {
                 let run = self.points[j] - self.points[j - order];
                 values[j] = (values[j] - values[j - 1]) / run;
             }
         }
-        let mut powers = [0.0; TERMS];
-        for j in (0..TERMS).rev() {
-            for k in (1..TERMS).rev() {
+        let mut powers = [0.0; COEFFICIENT_COUNT];
+        for j in (0..COEFFICIENT_COUNT).rev() {
+            for k in (1..COEFFICIENT_COUNT).rev() {
                 powers[k] = powers[k - 1] - self.points[j] * powers[k];
             }
             powers[0] = values[j] - self.points[j] * powers[0];
@@ -86,16 +87,16 @@ impl Vandermonde {
 /// The four smooth parts.
 #[derive(Clone, Debug)]
 pub(crate) struct SurfaceKernels {
-    normal: Panels,
-    normal_slope: Panels,
-    along: Panels,
-    coupling: Panels,
-    coupling_slope: Panels,
+    normal: PiecewisePolynomial,
+    normal_slope: PiecewisePolynomial,
+    along: PiecewisePolynomial,
+    coupling: PiecewisePolynomial,
+    coupling_slope: PiecewisePolynomial,
     /// Where the tables end.
     reach: f64,
     pub(crate) transfer: Transfer,
     /// The same, less exact.
-    pub(crate) coarse: Coarse,
+    pub(crate) coarse: CoarseKernels,
 }
 
 impl SurfaceKernels {
@@ -105,7 +106,7 @@ impl SurfaceKernels {
             let normal = transfer.normal_compliance(a);
             [normal, transfer.tangential_compliance(a), transfer.coupling(a)]
         };
-        Self::tabulate(transfer, &functions, REACH)
+        Self::tabulate(transfer, &functions, FIELD_REACH)
     }
 
     /// The kernels of a stack, in units of its surface layer: up to a second.
@@ -121,7 +122,7 @@ impl SurfaceKernels {
     fn tabulate(transfer: &Transfer, functions: &dyn Fn(f64) -> [f64; 3], reach: f64) -> Self {
         let count = (reach * PANELS_PER_THICKNESS) as usize;
         let points = Vandermonde::new().points;
-        let sums = Sums::new(transfer, functions, count, &points);
+        let sums = FourierSums::new(transfer, functions, count, &points);
         let x = |i: usize, j: usize| (i as f64 + 0.5 * (1.0 + points[j])) / PANELS_PER_THICKNESS;
         let log_part = |x: f64| {
             // ln coth(pi x/4) + ln x, the integral of tanh(a)/a cos(a x) with its logarithm out.
@@ -146,14 +147,15 @@ impl SurfaceKernels {
                 1.0 / x - FRAC_PI_2 / libm::sinh(y)
             }
         };
-        let at = |i: usize, j: usize| &sums.values[i * TERMS + j];
-        let normal = Panels::new(count, |i, j| at(i, j)[0] + log_part(x(i, j)));
-        let normal_slope = Panels::new(count, |i, j| at(i, j)[1] + slope_part(x(i, j)));
-        let coupling = Panels::new(count, |i, j| at(i, j)[2]);
-        let coupling_slope = Panels::new(count, |i, j| at(i, j)[3]);
+        let at = |i: usize, j: usize| &sums.values[i * COEFFICIENT_COUNT + j];
+        let normal = PiecewisePolynomial::new(count, |i, j| at(i, j)[0] + log_part(x(i, j)));
+        let normal_slope =
+            PiecewisePolynomial::new(count, |i, j| at(i, j)[1] + slope_part(x(i, j)));
+        let coupling = PiecewisePolynomial::new(count, |i, j| at(i, j)[2]);
+        let coupling_slope = PiecewisePolynomial::new(count, |i, j| at(i, j)[3]);
         let odd = |x: f64, value: f64| if x < 0.0 { -value } else { value };
-        let coarse = Coarse::new(
-            REACH.min(reach),
+        let coarse = CoarseKernels::new(
+            FIELD_REACH.min(reach),
             [
                 &|x| odd(x, normal_slope.at(x.abs())),
                 &|x| coupling_slope.at(x.abs()),
@@ -161,7 +163,7 @@ impl SurfaceKernels {
                 &|x| odd(x, coupling.at(x.abs())),
             ],
         );
-        let along = Panels::new(count, |i, j| at(i, j)[4] + log_part(x(i, j)));
+        let along = PiecewisePolynomial::new(count, |i, j| at(i, j)[4] + log_part(x(i, j)));
         let transfer = *transfer;
         Self { normal, normal_slope, along, coupling, coupling_slope, reach, transfer, coarse }
     }
@@ -208,7 +210,8 @@ impl SurfaceKernels {
         let (panel, u) = self.normal.place(distance);
         let g = if x < 0.0 { -g } else { g };
         let (normal, coupling) = (&self.normal.coefficients, &self.coupling.coefficients);
-        Panels::polynomial(&normal[panel], u) + g * Panels::polynomial(&coupling[panel], u)
+        PiecewisePolynomial::polynomial(&normal[panel], u)
+            + g * PiecewisePolynomial::polynomial(&coupling[panel], u)
     }
 
     /// S' + g J0' at a distance of either sign.
@@ -219,27 +222,27 @@ impl SurfaceKernels {
             return 1.0 / x;
         }
         let (panel, u) = self.normal_slope.place(distance);
-        let slope = Panels::polynomial(&self.normal_slope.coefficients[panel], u);
-        let coupled = Panels::polynomial(&self.coupling_slope.coefficients[panel], u);
+        let slope = PiecewisePolynomial::polynomial(&self.normal_slope.coefficients[panel], u);
+        let coupled = PiecewisePolynomial::polynomial(&self.coupling_slope.coefficients[panel], u);
         g * coupled + if x < 0.0 { -slope } else { slope }
     }
 }
 
 /// The five Fourier integrals at every point of every panel.
-struct Sums {
+struct FourierSums {
     values: Vec<[f64; 5]>,
 }
 
-impl Sums {
+impl FourierSums {
     fn new(
         transfer: &Transfer,
         functions: &dyn Fn(f64) -> [f64; 3],
         count: usize,
-        points: &[f64; TERMS],
+        points: &[f64; COEFFICIENT_COUNT],
     ) -> Self {
         let step = 2.0 * PI / (2.2 * count as f64 / PANELS_PER_THICKNESS);
         let waves = libm::ceil(SURFACE_CUTOFF / step) as usize;
-        let mut values = vec![[0.0; 5]; count * TERMS];
+        let mut values = vec![[0.0; 5]; count * COEFFICIENT_COUNT];
         let width = 1.0 / PANELS_PER_THICKNESS;
         for wave in 0..=waves {
             let a = wave as f64 * step;
@@ -256,7 +259,7 @@ impl Sums {
                 for panel in 0..count {
                     let x = panel as f64 * width + start;
                     let over = if a > 0.0 { s / a } else { x };
-                    let sums = &mut values[panel * TERMS + j];
+                    let sums = &mut values[panel * COEFFICIENT_COUNT + j];
                     sums[0] += normal * c;
                     sums[1] -= normal * a * s;
                     sums[2] += coupling * over;
@@ -272,8 +275,8 @@ impl Sums {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::kernel::{CouplingKernel, SurfaceKernel};
     use super::*;
+    use crate::kernel::{CouplingKernel, SurfaceKernel};
 
     #[test]
     fn the_panels_join_and_their_slopes_are_slopes() {
@@ -328,7 +331,7 @@ mod tests {
         for nu in [0.3, 0.49, 0.5] {
             let transfer = Transfer::new(nu);
             let kernels = SurfaceKernels::new(&transfer);
-            let rule = super::super::spectrum::legendre();
+            let rule = crate::numeric::quadrature::legendre_array::<10>();
             let integral = |kernel: &dyn Fn(f64) -> f64| -> f64 {
                 let cells = (0..320).flat_map(|i| {
                     rule.map(|[x, w]| {

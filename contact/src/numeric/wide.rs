@@ -1,9 +1,9 @@
-//! Loops compiled a second time for processors with wider registers (AVX on x86-64), and called so
-//! where there are any. Both forms give the same bits: registers only take more numbers side by
-//! side, no sum changes its order, and nothing is fused. It refuses nothing.
+//! Compiles loops a second time for processors with wider registers (AVX on x86-64) and calls that
+//! version where the processor has them. Both versions give the same bits: the registers only hold
+//! more numbers side by side, no sum changes its order, and no operations are fused.
 
-/// Declares functions that call another one, which has to be `#[inline(always)]` as all that it
-/// spends its time in, compiled for the registers that the processor has.
+/// Declares functions that call another one, compiled for the registers that the processor has.
+/// The called function and everything in which it spends its time have to be `#[inline(always)]`.
 macro_rules! wide {
     ($(
         $(#[$about:meta])*
@@ -29,8 +29,9 @@ macro_rules! wide {
 }
 pub(crate) use wide;
 
-/// Has the processor asked, which takes it some microseconds once, so that no lane does.
-pub(crate) fn ask() {
+/// Detects the processor's registers once, which takes some microseconds, so that no control period
+/// pays for it.
+pub(crate) fn detect_wide_registers() {
     #[cfg(target_arch = "x86_64")]
     let _ = std::arch::is_x86_feature_detected!("avx");
 }
